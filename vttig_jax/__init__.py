@@ -1,0 +1,1 @@
+"""Transmission error and backlash."""

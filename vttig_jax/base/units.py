@@ -1,0 +1,16 @@
+"""Units at the borders. Inside, angles are radians, lengths millimetres, times seconds."""
+
+import math
+from typing import Final
+
+DEG: Final = math.pi / 180.0
+"""One degree in radians."""
+
+ARCSEC: Final = DEG / 3600.0
+"""One second of arc in radians."""
+
+REV: Final = 2.0 * math.pi
+"""One revolution in radians."""
+
+ANGLE_UNITS: Final = {"deg": DEG, "rad": 1.0, "rev": REV, "arcsec": ARCSEC, "urad": 1e-6}
+"""Radians per unit, for every angle unit a column name can end with (counts need an encoder)."""

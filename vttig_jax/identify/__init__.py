@@ -1,0 +1,1 @@
+"""From the log to parameters: harmonic summary, noise, least squares, rank in words."""

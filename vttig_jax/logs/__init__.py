@@ -1,0 +1,1 @@
+"""Encoder logs: reading, unwrapping, segments, inspection. Needs no jax."""

@@ -1,0 +1,268 @@
+"""The pair file as its author wrote it: validated fields, nothing derived. Needs no jax.
+
+`PairSpec` is the TOML of a rig, one `msgspec` struct a table. Unknown keys, wrong types and
+impossible values are `PairError`s whose `where` names file and key.
+"""
+
+import difflib
+import re
+import tomllib
+from fractions import Fraction
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import msgspec
+from msgspec import Meta, Struct
+
+from ..base.errors import PairError
+from .check import check_geometry
+
+Positive = Annotated[float, Meta(gt=0)]
+Angle = Annotated[float, Meta(gt=0, lt=45)]
+Helix = Annotated[float, Meta(gt=-45, lt=45)]
+Order = Annotated[int, Meta(ge=1, le=1000)]
+AngleUnit = Literal["counts", "deg", "rad", "rev", "arcsec", "urad"]
+
+
+class _Table(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    pass
+
+
+class Encoder(_Table):
+    """Encoder on one shaft; `modulus` is where a wrapping counter starts again."""
+
+    counts_per_rev: Annotated[int, Meta(ge=1)] | None = None
+    accuracy_arcsec: Positive | None = None
+    modulus: Annotated[int, Meta(ge=2)] | None = None
+    sign: Literal[1, -1] = 1
+
+
+class GearTable(_Table):
+    """One gear as written: `[driving]` or `[driven]`."""
+
+    teeth: Annotated[int, Meta(ge=1)] | None = None
+    face_width_mm: Positive | None = None
+    helix_angle_deg: Helix | None = None
+    helix_left_deg: Helix | None = None
+    helix_right_deg: Helix | None = None
+    encoder: Encoder = Encoder()
+
+    @property
+    def helix_deg(self) -> tuple[float, float]:
+        """Helix angles of the left and the right flank in degrees."""
+        both = self.helix_angle_deg or 0.0
+        left = both if self.helix_left_deg is None else self.helix_left_deg
+        right = both if self.helix_right_deg is None else self.helix_right_deg
+        return left, right
+
+
+class PairTable(_Table):
+    """`[pair]`: what both gears share."""
+
+    module_mm: Positive | None = None
+    normal_module_mm: Positive | None = None
+    pressure_angle_deg: Angle | None = None
+    normal_pressure_angle_deg: Angle | None = None
+    centre_distance_mm: Positive | None = None
+
+
+class DriveTable(_Table):
+    """`[drive]`: a two-shaft drive of which only the ratio (driven over driving speed) is known."""
+
+    ratio: str | float
+
+
+class LogLayout(_Table):
+    """`[log]`: where the channels are and how they are written."""
+
+    time: str | None = None
+    sample_rate_hz: Positive | None = None
+    driving: str | None = None
+    driven: str | None = None
+    transmission_error: str | None = None
+    zero: Literal["start", "reading"] = "start"
+    driving_scale: str | float = 1
+    driven_scale: str | float = 1
+    direction: str | None = None
+    axial_mm: str | None = None
+    torque: str | None = None
+    decimal: Literal[".", ","] | None = None
+    delimiter: str | None = None
+    encoding: str | None = None
+
+
+class UnitTable(_Table):
+    """`[unit]`: units of columns whose names do not end with one."""
+
+    driving: AngleUnit | None = None
+    driven: AngleUnit | None = None
+    transmission_error: AngleUnit | None = None
+
+
+class FitOptions(_Table):
+    """`[fit]`: which orders of each shaft, and how many tooth-mesh orders, the fit models."""
+
+    driving_orders: tuple[Order, ...] = tuple(range(1, 9))
+    driven_orders: tuple[Order, ...] = tuple(range(1, 9))
+    mesh_orders: Annotated[int, Meta(ge=0, le=20)] = 1
+
+
+class PairSpec(_Table):
+    """A whole pair file. Either `pair` with both tooth counts, or `drive`."""
+
+    name: str = ""
+    pair: PairTable | None = None
+    drive: DriveTable | None = None
+    driving: GearTable = GearTable()
+    driven: GearTable = GearTable()
+    log: LogLayout = LogLayout()
+    unit: UnitTable = UnitTable()
+    fit: FitOptions = FitOptions()
+
+    @property
+    def ratio(self) -> Fraction:
+        """Speed of the driven shaft over that of the driving one, z₁/z₂."""
+        if self.drive is not None:
+            return as_fraction(self.drive.ratio, "drive.ratio")
+        assert self.driving.teeth and self.driven.teeth  # held by `_check_tables`
+        return Fraction(self.driving.teeth, self.driven.teeth)
+
+
+def as_fraction(value: str | float, where: str) -> Fraction:
+    """A positive rational from `"7/1798"`, `"0.5625"` or a number; else `PairError` at `where`.
+
+    A number goes through its shortest decimal form, so 0.1 is 1/10.
+    """
+    try:
+        fraction = Fraction(str(value).replace(" ", ""))
+    except (ValueError, ZeroDivisionError):
+        fraction = Fraction(0)
+    if fraction <= 0:
+        raise PairError(
+            f'{value!r} is not a positive ratio; write a number or a quotient such as "7/1798".',
+            where=where,
+        )
+    return fraction
+
+
+def parse_pair_spec(table: dict[str, Any], source: str = "") -> PairSpec:
+    """Validate a parsed TOML table; `source` is the file name for messages."""
+    try:
+        spec = msgspec.convert(table, PairSpec)
+        _check_tables(spec)
+        return spec
+    except msgspec.ValidationError as error:
+        message, key = _sentence(str(error), table)
+        raise PairError(message, where=_place(source, key)) from None
+    except PairError as error:
+        raise PairError(error.message, where=_place(source, error.where)) from None
+
+
+def load_pair_spec(path: str | Path) -> PairSpec:
+    """Read and validate a pair file (TOML)."""
+    path = Path(path)
+    try:
+        table = tomllib.loads(path.read_bytes().decode("utf-8-sig"))
+    except FileNotFoundError:
+        raise PairError(
+            "no such file; --pair takes the TOML of the rig.", where=str(path)
+        ) from None
+    except IsADirectoryError:
+        raise PairError(
+            "this is a folder; --pair takes the TOML of the rig.", where=str(path)
+        ) from None
+    except PermissionError:
+        raise PairError("no permission to read this file.", where=str(path)) from None
+    except UnicodeDecodeError as error:
+        raise PairError(
+            f"not a text file (byte {error.start} is no UTF-8); a pair file is TOML in UTF-8.",
+            where=str(path),
+        ) from None
+    except tomllib.TOMLDecodeError as error:
+        raise PairError(f"not valid TOML: {error}.", where=str(path)) from None
+    except OSError as error:
+        raise PairError(f"cannot be read: {error.strerror}.", where=str(path)) from None
+    return parse_pair_spec(table, str(path))
+
+
+def _place(source: str, key: str) -> str:
+    return f"{source}: {key}" if source and key else source or key
+
+
+def _sentence(error: str, table: dict[str, Any]) -> tuple[str, str]:
+    """Turn msgspec's message into ours: the sentence and the dotted key."""
+    text, _, path = error.partition(" - at `$")
+    key = path.rstrip("`").lstrip(".")
+    if unknown := re.match(r"Object contains unknown field `(.*)`", text):
+        name = unknown[1]
+        dotted = f"{key}.{name}" if key else name
+        known = _known_keys(key)
+        close = difflib.get_close_matches(name, known, 1)
+        hint = f"did you mean `{close[0]}`?" if close else f"known keys here: {', '.join(known)}."
+        return f"unknown key `{name}`; {hint}", dotted
+    value: Any = table
+    for part in re.findall(r"[^.\[\]]+", key):
+        try:
+            value = value[int(part)] if isinstance(value, list) else value[part]
+        except (KeyError, IndexError, ValueError, TypeError):
+            break
+    return f"{text[0].lower()}{text[1:]}, but it is {value!r}.".replace("`", ""), key
+
+
+def _known_keys(key: str) -> list[str]:
+    struct: Any = PairSpec
+    for part in key.split(".") if key else ():
+        kinds = {
+            "pair": PairTable,
+            "drive": DriveTable,
+            "driving": GearTable,
+            "driven": GearTable,
+            "log": LogLayout,
+            "unit": UnitTable,
+            "fit": FitOptions,
+            "encoder": Encoder,
+        }
+        struct = kinds[part]
+    return [field.encode_name for field in msgspec.structs.fields(struct)]
+
+
+def _check_tables(spec: PairSpec) -> None:
+    """Refuse combinations of keys that contradict each other or leave the ratio open."""
+    if (spec.pair is None) == (spec.drive is None):
+        seen = "neither" if spec.pair is None else "both"
+        raise PairError(
+            f"{seen} of [pair] and [drive] given; write [pair] with both tooth counts, or [drive]"
+            " ratio for a drive without gear geometry.",
+            where="pair",
+        )
+    as_fraction(spec.log.driving_scale, "log.driving_scale")
+    as_fraction(spec.log.driven_scale, "log.driven_scale")
+    if spec.log.time is not None and spec.log.sample_rate_hz is not None:
+        raise PairError(
+            "both `time` and `sample_rate_hz` given; keep the one the log has.",
+            where="log.sample_rate_hz",
+        )
+    if spec.log.driven is not None and spec.log.transmission_error is not None:
+        raise PairError(
+            "both `driven` and `transmission_error` given; a log has the second shaft"
+            " or the curve.",
+            where="log.transmission_error",
+        )
+    if spec.drive is not None:
+        as_fraction(spec.drive.ratio, "drive.ratio")
+        for shaft, gear in (("driving", spec.driving), ("driven", spec.driven)):
+            for key in (
+                "teeth",
+                "face_width_mm",
+                "helix_angle_deg",
+                "helix_left_deg",
+                "helix_right_deg",
+            ):
+                if getattr(gear, key) is not None:
+                    raise PairError(
+                        "a [drive] has no gear geometry; remove this key, or replace [drive] by"
+                        " [pair] and both tooth counts.",
+                        where=f"{shaft}.{key}",
+                    )
+    else:
+        check_geometry(spec)

@@ -1,0 +1,1 @@
+"""A synthetic rig: motion, exact kinematics, play and encoders, to an encoder log."""
