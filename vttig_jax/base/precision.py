@@ -23,7 +23,7 @@ def enable_x64() -> None:
 
 def require_x64(who: str) -> None:
     """Raise `ValueError` with the cure when 64-bit floats are off; `who` is the public function."""
-    if not jax.config.jax_enable_x64:
+    if not jax.config.read("jax_enable_x64"):
         raise ValueError(
             f"`{who}` needs 64-bit floats, but JAX is in 32-bit mode: call"
             " `vttig_jax.enable_x64()` once, before any other JAX code."

@@ -28,7 +28,7 @@ class _Table(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     pass
 
 
-class Encoder(_Table):
+class Encoder(_Table, frozen=True):
     """Encoder on one shaft; `modulus` is where a wrapping counter starts again."""
 
     counts_per_rev: Annotated[int, Meta(ge=1)] | None = None
@@ -37,7 +37,7 @@ class Encoder(_Table):
     sign: Literal[1, -1] = 1
 
 
-class GearTable(_Table):
+class GearTable(_Table, frozen=True):
     """One gear as written: `[driving]` or `[driven]`."""
 
     teeth: Annotated[int, Meta(ge=1)] | None = None
@@ -56,7 +56,7 @@ class GearTable(_Table):
         return left, right
 
 
-class PairTable(_Table):
+class PairTable(_Table, frozen=True):
     """`[pair]`: what both gears share."""
 
     module_mm: Positive | None = None
@@ -66,13 +66,13 @@ class PairTable(_Table):
     centre_distance_mm: Positive | None = None
 
 
-class DriveTable(_Table):
+class DriveTable(_Table, frozen=True):
     """`[drive]`: a two-shaft drive of which only the ratio (driven over driving speed) is known."""
 
     ratio: str | float
 
 
-class LogLayout(_Table):
+class LogLayout(_Table, frozen=True):
     """`[log]`: where the channels are and how they are written."""
 
     time: str | None = None
@@ -91,7 +91,7 @@ class LogLayout(_Table):
     encoding: str | None = None
 
 
-class UnitTable(_Table):
+class UnitTable(_Table, frozen=True):
     """`[unit]`: units of columns whose names do not end with one."""
 
     driving: AngleUnit | None = None
@@ -99,7 +99,7 @@ class UnitTable(_Table):
     transmission_error: AngleUnit | None = None
 
 
-class FitOptions(_Table):
+class FitOptions(_Table, frozen=True):
     """`[fit]`: which orders of each shaft, and how many tooth-mesh orders, the fit models."""
 
     driving_orders: tuple[Order, ...] = tuple(range(1, 9))
@@ -107,7 +107,7 @@ class FitOptions(_Table):
     mesh_orders: Annotated[int, Meta(ge=0, le=20)] = 1
 
 
-class PairSpec(_Table):
+class PairSpec(_Table, frozen=True):
     """A whole pair file. Either `pair` with both tooth counts, or `drive`."""
 
     name: str = ""
@@ -183,6 +183,19 @@ def load_pair_spec(path: str | Path) -> PairSpec:
     except OSError as error:
         raise PairError(f"cannot be read: {error.strerror}.", where=str(path)) from None
     return parse_pair_spec(table, str(path))
+
+
+def spec_table(spec: PairSpec) -> dict[str, Any]:
+    """The TOML table of a spec: `parse_pair_spec(spec_table(spec)) == spec`."""
+    return _without_none(msgspec.to_builtins(spec))
+
+
+def _without_none(table: dict[str, Any]) -> dict[str, Any]:
+    return {
+        key: _without_none(value) if isinstance(value, dict) else value
+        for key, value in table.items()
+        if value is not None
+    }
 
 
 def _place(source: str, key: str) -> str:

@@ -1,0 +1,64 @@
+# ruff: noqa: E402 -- threads, import hook and 64-bit mode are set before what they govern
+"""What every test shares: double precision, checked annotations, quiet threads, the paper's rig."""
+
+import os
+
+# The linear algebra pools read these once, when numpy is imported.
+for _pool in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(_pool, "1")
+os.environ.setdefault("MPLBACKEND", "Agg")
+
+from pathlib import Path
+
+import jaxtyping
+import pytest
+from hypothesis import settings
+
+# Before the first import of the package: its annotations are checked at run time from here on.
+jaxtyping.install_import_hook("vttig_jax", "beartype.beartype")
+
+import vttig_jax
+
+vttig_jax.enable_x64()
+
+from vttig_jax.pair.eccentricities import Eccentricities
+from vttig_jax.pair.gears import Gear, GearPair
+
+settings.register_profile(
+    "vttig", derandomize=True, deadline=None, max_examples=25, database=None, print_blob=False
+)
+settings.load_profile("vttig")
+
+
+@pytest.fixture(scope="session")
+def paper_pair() -> GearPair:
+    """Table 1 of the paper."""
+    return GearPair(
+        Gear(45, 3.0, 3.0, 20.0),
+        Gear(80, 3.0, 3.0, 20.0),
+        module_mm=2.0,
+        pressure_angles_deg=20.0,
+        centre_distance_mm=125.12,
+        name="VTTIG rig",
+    )
+
+
+@pytest.fixture(scope="session")
+def paper_rig() -> Eccentricities:
+    """Table 2 of the paper with its constant backlash."""
+    return Eccentricities(
+        driving_mm=0.0226,
+        driving_phase_deg=49.5,
+        driven_mm=0.0273,
+        driven_phase_deg=79.3,
+        constant_backlash_deg=0.038,
+    )
+
+
+@pytest.fixture(scope="session")
+def data_dir() -> Path:
+    """The folder of measured logs beside the repository; the test is skipped where it is absent."""
+    folder = Path(__file__).resolve().parents[2] / "shared" / "data"
+    if not folder.is_dir():
+        pytest.skip(f"the measured logs are not on this machine (looked for {folder})")
+    return folder

@@ -1,0 +1,19 @@
+"""A canary: annotations of the package are checked while the tests run."""
+
+import jax.numpy as jnp
+import pytest
+from jaxtyping import TypeCheckError
+
+from vttig_jax.kinematics.orders import OrderModel
+from vttig_jax.pair.gears import involute
+
+
+def test_a_wrong_kind_of_argument_is_caught():
+    with pytest.raises(TypeCheckError):
+        involute("twenty degrees")  # pyright: ignore[reportArgumentType]
+
+
+def test_shapes_that_disagree_are_caught():
+    two, three = jnp.zeros((2, 2)), jnp.zeros((2, 3))
+    with pytest.raises(TypeCheckError):
+        OrderModel(jnp.asarray(0.5), ((1, 0), (0, 1)), jnp.zeros(2), two, three)

@@ -1,0 +1,63 @@
+"""Angles for people: degrees in one turn, signed differences, amplitude and phase. NumPy only."""
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .units import DEG
+
+Numbers = np.ndarray | np.float64
+"""Float64 of any shape; plain numbers give a NumPy scalar."""
+
+
+def wrap_deg(angle_deg: ArrayLike) -> Numbers:
+    """Bring angles in degrees into [0, 360).
+
+    **Example**
+    ```python
+    >>> from vttig_jax.base.angles import wrap_deg
+    >>> wrap_deg([-90, 360, 765]).tolist()
+    [270.0, 0.0, 45.0]
+
+    ```
+    """
+    wrapped = np.mod(np.asarray(angle_deg, np.float64), 360.0)
+    # A tiny negative angle rounds up to 360 itself.
+    return np.where(wrapped == 360.0, 0.0, wrapped)[()]
+
+
+def difference_deg(angle_deg: ArrayLike, other_deg: ArrayLike) -> Numbers:
+    """Return the signed way from `other_deg` to `angle_deg` in degrees, in [−180, 180).
+
+    **Example**
+    ```python
+    >>> from vttig_jax.base.angles import difference_deg
+    >>> difference_deg(1.0, 359.0).item(), difference_deg(359.0, 1.0).item()
+    (2.0, -2.0)
+
+    ```
+    """
+    way = np.asarray(angle_deg, np.float64) - np.asarray(other_deg, np.float64)
+    return wrap_deg(way + 180.0) - 180.0
+
+
+def amplitude_phase(cosine: ArrayLike, sine: ArrayLike) -> tuple[Numbers, Numbers]:
+    """Amplitude and phase of an order given by its cosine and sine coefficient.
+
+        cosine · cos(kφ) + sine · sin(kφ) = a sin(kφ + p)
+
+    **Returns** a ≥ 0 in the unit of the coefficients and p in degrees, in [0, 360); p is 0 where a
+    is.
+
+    **Example**
+    ```python
+    >>> from vttig_jax.base.angles import amplitude_phase
+    >>> amplitude, phase_deg = amplitude_phase(3.0, 0.0)
+    >>> amplitude.item(), phase_deg.item()
+    (3.0, 90.0)
+
+    ```
+    """
+    c, s = np.asarray(cosine, np.float64), np.asarray(sine, np.float64)
+    amplitude = np.hypot(c, s)
+    phase_deg = np.where(amplitude == 0.0, 0.0, np.arctan2(c, s) / DEG)
+    return amplitude, wrap_deg(phase_deg)

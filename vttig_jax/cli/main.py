@@ -1,0 +1,179 @@
+"""The command `vttig`: finds the verb, and turns every end into an exit code and one sentence.
+
+Exit codes: 0 done, 1 a defect of ours, 2 usage, 3 input, 4 no trustworthy answer, 130 interrupted,
+143 terminated. Importing this module imports neither numpy nor jax; a verb's module is imported
+when it is called.
+"""
+
+import os
+import signal
+import sys
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from importlib import import_module
+
+import click
+
+from ..base.errors import InputError, VttigError
+from ..base.jsonio import dumps
+from .output import LOGGER, Narrator, print_result
+
+VERBS = {
+    "inspect": (
+        "vttig_jax.cli.inspect_verb:command",
+        "Say what a log holds and what is wrong with it.",
+    ),
+    "fit": (
+        "vttig_jax.cli.fit_verb:command",
+        "Identify eccentricities and backlash from a log.",
+    ),
+    "map": (
+        "vttig_jax.cli.map_verb:command",
+        "Write the backlash at every angle from a fit.",
+    ),
+    "demo": (
+        "vttig_jax.cli.demo_verb:command",
+        "Simulate the paper's rig, fit it and show the result.",
+    ),
+}
+"""Verb → ("module:command", short help)."""
+
+
+class _Terminated(BaseException):
+    """SIGTERM arrived; raised so that unfinished files are cleaned up on the way out."""
+
+
+class _LazyGroup(click.Group):
+    """A group that knows its verbs' names and help without importing them."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return list(VERBS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        if cmd_name not in VERBS:
+            return None
+        module, _, attribute = VERBS[cmd_name][0].partition(":")
+        return getattr(import_module(module), attribute)
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, help_) for name, (_, help_) in VERBS.items()])
+
+
+@click.group(
+    cls=_LazyGroup,
+    context_settings={"help_option_names": ["-h", "--help"]},
+    epilog="`vttig COMMAND --help` shows the options of a command and an example.",
+)
+@click.version_option(package_name="vttig-jax", message="%(prog)s %(version)s")
+def vttig() -> None:
+    """Transmission error and backlash of gear pairs, from the logs of two encoders."""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run `vttig` with `argv` (those of the process when absent) and return the exit code."""
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    _tolerate_encodings()
+    with Narrator() as narrator, _sigterm_raises():
+        try:
+            code = _invoke(arguments, narrator)
+            sys.stdout.flush()
+            return code
+        except BrokenPipeError:
+            # The reader has seen enough (`vttig … | head`): nothing went wrong.
+            _silence_stdout()
+            return 0
+        except BaseException as error:
+            code, message, where = _explain(error, narrator)
+            _report(code, message, where, error, as_json=_wants_json(arguments))
+            return code
+
+
+def _invoke(arguments: list[str], narrator: Narrator) -> int:
+    # Not `Group.main`: it would turn Ctrl-C and closed pipes into endings of its own.
+    try:
+        with vttig.make_context("vttig", arguments, obj=narrator) as context:
+            vttig.invoke(context)
+    except click.exceptions.Exit as ended:
+        return ended.exit_code
+    return 0
+
+
+def _explain(error: BaseException, narrator: Narrator) -> tuple[int, str, str]:
+    """Exit code, sentence, and the place it concerns."""
+    if isinstance(error, VttigError):
+        return error.exit_code, error.message, error.where
+    if isinstance(error, click.ClickException):
+        return _explain_usage(error)
+    if isinstance(error, KeyboardInterrupt):
+        return 130, "interrupted; nothing unfinished was left behind.", ""
+    if isinstance(error, _Terminated):
+        return 143, "terminated; nothing unfinished was left behind.", ""
+    if isinstance(error, OSError) and error.strerror:
+        return InputError.exit_code, f"{error.strerror}.", str(error.filename or "")
+    if narrator.log_file is None:
+        cure = "run it again with --log-file FILE and report the traceback in that file"
+    else:
+        cure = f"report the traceback in {narrator.log_file}"
+    seen = " ".join(f"{type(error).__name__}: {error}".split())
+    return 1, f"this is a defect of vttig ({seen}); {cure}.", ""
+
+
+def _explain_usage(error: click.ClickException) -> tuple[int, str, str]:
+    context = error.ctx if isinstance(error, click.UsageError) else None
+    command = context.command_path if context else "vttig"
+    if isinstance(error, click.exceptions.NoArgsIsHelpError):
+        sentence = "a command is missing"
+    else:
+        sentence = " ".join(error.format_message().split()).rstrip(".")
+    return 2, f"{sentence}; see `{command} --help`.", command
+
+
+def _report(code: int, message: str, where: str, error: BaseException, *, as_json: bool) -> None:
+    # One line whatever was quoted in it.
+    message = " ".join(message.split())
+    defect = None if isinstance(error, (VttigError, click.ClickException)) else error
+    LOGGER.error("%s", f"{where}: {message}" if where else message, exc_info=defect)
+    if as_json:
+        failure = {"schema": "vttig.error/1", "exit": code, "message": message, "where": where}
+        with suppress(OSError, VttigError):  # stdout may be what failed
+            print_result(dumps(failure, ascii_only=True))
+
+
+def _wants_json(arguments: list[str]) -> bool:
+    """True where `--json` is among the options, even if the rest could not be understood."""
+    options = arguments[: arguments.index("--")] if "--" in arguments else arguments
+    return "--json" in options
+
+
+def _tolerate_encodings() -> None:
+    """Let a terminal that knows no ″ or Greek show a mark instead of failing."""
+    for stream in (sys.stdout, sys.stderr):
+        reconfigure = getattr(stream, "reconfigure", None)
+        if reconfigure is not None:
+            reconfigure(errors="replace")
+
+
+def _silence_stdout() -> None:
+    """Point stdout at nothing, so that the interpreter's last flush cannot fail."""
+    with suppress(OSError):
+        nothing = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nothing, sys.stdout.fileno())
+        os.close(nothing)
+
+
+@contextmanager
+def _sigterm_raises() -> Iterator[None]:
+    if threading.current_thread() is not threading.main_thread():
+        yield  # only the main thread may set handlers
+        return
+
+    def handler(*_: object) -> None:
+        raise _Terminated
+
+    previous = signal.signal(signal.SIGTERM, handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, previous)

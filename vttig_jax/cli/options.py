@@ -1,0 +1,56 @@
+"""What all verbs share: `--json`, `-v`, `-q`, `--log-file`, and an example under the help."""
+
+import functools
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import click
+
+from .output import Narrator, Output
+
+
+def verb(name: str, *, example: str) -> Callable[[Callable[..., None]], click.Command]:
+    """Make a function a command of `vttig` with the shared options.
+
+    The function gets an `Output` as its first argument, then its own options by name; its
+    docstring is the help. `example` is one command line a line, shown below the options.
+    """
+
+    def decorate(function: Callable[..., None]) -> click.Command:
+        lines = "\n".join(f"  {line}" for line in example.strip().splitlines())
+        return click.command(
+            name,
+            epilog=f"\b\nExample:\n{lines}",
+            context_settings={"help_option_names": ["-h", "--help"]},
+        )(_with_shared_options(function))
+
+    return decorate
+
+
+def _with_shared_options(function: Callable[..., None]) -> Callable[..., None]:
+    @click.option("--json", "as_json", is_flag=True, help="Print one JSON object to stdout.")
+    @click.option("-v", "--verbose", count=True, help="Say more on stderr; -vv says all.")
+    @click.option("-q", "--quiet", is_flag=True, help="Errors only, no progress bar.")
+    @click.option(
+        "--log-file",
+        type=click.Path(dir_okay=False, path_type=Path),
+        help="Append all messages, and the traceback of a defect, to this file.",
+    )
+    @functools.wraps(function)
+    def wrapper(
+        as_json: bool, verbose: int, quiet: bool, log_file: Path | None, **own: Any
+    ) -> None:
+        if verbose and quiet:
+            raise click.UsageError("Options -v and -q exclude each other; give one of them.")
+        output = Output(json=as_json, quiet=quiet)
+        with ExitStack() as stack:
+            narrator = click.get_current_context().find_object(Narrator)
+            if narrator is None:
+                narrator = stack.enter_context(Narrator())
+            narrator.tune(verbose, quiet, log_file)
+            function(output, **own)
+            output.finish()
+
+    return wrapper

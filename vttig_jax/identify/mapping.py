@@ -1,0 +1,70 @@
+"""From a fit to the backlash at every angle."""
+
+import equinox as eqx
+import jax.numpy as jnp
+
+from ..base.errors import NoAnswerError
+from ..base.precision import require_x64
+from ..base.units import DEG
+from ..kinematics.backlash_map import BacklashMap
+from ..kinematics.closed import closed_model
+from ..kinematics.exact import exact_model
+from ..kinematics.flank_model import FlankModel
+from ..pair.gears import Drive
+from .result import Fit
+
+
+def backlash_map(fit: Fit, *, constant_backlash_deg: float | None = None) -> BacklashMap:
+    """Backlash at every driving angle over the hunting period, from a fit.
+
+    With both flanks measured the map is order-complete: j = TE_B − TE_A with every fitted order of
+    each flank, which needs no split into gear and encoder errors. With one flank the other follows
+    from the eccentricities through the exact relation, as in the paper, once the constant backlash
+    is given. The closed form (21) + (22) stands beside it as `first_order`.
+
+    **Arguments**
+    - `fit`: the result of `fit`.
+    - `constant_backlash_deg`: replaces the fitted constant backlash; needed with one flank only.
+
+    **Raises** `NoAnswerError` where the gap cannot be known.
+
+    **Example**
+    ```python
+    >>> import numpy as np, vttig_jax
+    >>> from vttig_jax.rig.paper import paper_rig
+    >>> vttig_jax.enable_x64()
+    >>> rig = paper_rig()
+    >>> grid = vttig_jax.backlash_map(vttig_jax.fit(rig.log(), rig.pair))
+    >>> round(float(np.degrees(grid.at(np.radians(7560.0)))), 3)
+
+    ```
+    """
+    require_x64("backlash_map")
+    gap = fit.parameters["constant_backlash_deg"]
+    if constant_backlash_deg is None and not gap.determined:
+        raise NoAnswerError(
+            f"the constant backlash is undetermined ({gap.reason}); record both directions, or give"
+            " the constant backlash measured in another way (--constant-backlash-deg).",
+            where=fit.source,
+        )
+    both = len(fit.flanks) == 2
+    if isinstance(fit.pair, Drive):
+        if not both:
+            raise NoAnswerError(
+                "one flank of a drive without gear geometry says nothing about the other; record"
+                " both directions.",
+                where=fit.source,
+            )
+        return BacklashMap(_shifted(fit, constant_backlash_deg), None, fit.pair)
+    rig = fit.eccentricities(constant_backlash_deg)
+    model = _shifted(fit, constant_backlash_deg) if both else exact_model(fit.pair, rig)
+    return BacklashMap(model, closed_model(fit.pair, rig), fit.pair)
+
+
+def _shifted(fit: Fit, constant_backlash_deg: float | None) -> FlankModel:
+    """The fitted model with flank B moved from the fitted constant backlash to the one given."""
+    if constant_backlash_deg is None:
+        return fit.model
+    move = constant_backlash_deg - fit.value("constant_backlash_deg")
+    offset = fit.model.offset + jnp.array([0.0, move * DEG])
+    return eqx.tree_at(lambda model: model.offset, fit.model, offset)

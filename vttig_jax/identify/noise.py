@@ -1,0 +1,154 @@
+"""Correlated noise of the block rows: an autoregression, and least squares that knows it."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from .summary import FlankSummary, HarmonicSummary
+
+_RIDGE = 1e-13
+"""Relative to every column's own square: keeps a singular Gram factorable, moves nothing else."""
+
+
+@dataclass(frozen=True)
+class NoiseModel:
+    """AR(p) noise of block means, ε_t = Σ_j coefficients_j ε_{t−j} + innovation.
+
+    **Arguments**
+    - `coefficients`: shape (p,).
+    - `innovation_std`: rad.
+    - `std`: of the block means, rad.
+    - `block_s`: duration of a block.
+    """
+
+    coefficients: Float[np.ndarray, " p"]
+    innovation_std: float
+    std: float
+    block_s: float
+
+    @property
+    def filter(self) -> Float[np.ndarray, " taps"]:
+        """Whitening filter (1, −a₁, …, −a_p)."""
+        return np.concatenate([[1.0], -self.coefficients])
+
+    @property
+    def correlation_s(self) -> float:
+        """Integrated correlation time of the blocks, half the two-sided sum of correlations."""
+        gain = self.innovation_std / np.sum(self.filter)
+        return 0.5 * self.block_s * float((gain / self.std) ** 2) if self.std else 0.0
+
+
+@dataclass(frozen=True)
+class WhitenedFlank:
+    """Upper Cholesky factor of the whitened normal matrix of one flank, in units of the innovation.
+
+    Columns keep the order of the block plan: free, tied, y. The squared length of
+    R_tt h − R_ty is the misfit of tied coefficients h once the free ones are at their best.
+    """
+
+    factor: Float[np.ndarray, "q q"]
+    free: int
+
+    @property
+    def tied(self) -> tuple[Float[np.ndarray, "t t"], Float[np.ndarray, " t"]]:
+        """R_tt and R_ty."""
+        return self.factor[self.free : -1, self.free : -1], self.factor[self.free : -1, -1]
+
+    def free_given(self, tied: Float[np.ndarray, " t"]) -> Float[np.ndarray, " f"]:
+        """Best free coefficients for given tied ones."""
+        right = self.factor[: self.free, -1] - self.factor[: self.free, self.free : -1] @ tied
+        return np.linalg.solve(self.factor[: self.free, : self.free], right)
+
+    def covariance(self, of_tied: Float[np.ndarray, "t t"]) -> Float[np.ndarray, "c c"]:
+        """Covariance of (free, tied) coefficients when the tied ones have covariance `of_tied`."""
+        inverse = np.linalg.inv(self.factor[: self.free, : self.free])
+        follow = -inverse @ self.factor[: self.free, self.free : -1]
+        spread = np.vstack([follow, np.eye(len(of_tied))])
+        total = spread @ of_tied @ spread.T
+        total[: self.free, : self.free] += inverse @ inverse.T
+        return total
+
+
+def whiten(
+    summary: HarmonicSummary, rounds: int = 3
+) -> tuple[NoiseModel, tuple[WhitenedFlank, ...]]:
+    """Estimate the noise and factor the normal matrices it whitens.
+
+    Starts from ordinary least squares; then the autoregression of the residual, with its order by
+    BIC, and generalised least squares take turns.
+    """
+    columns = summary.plan.width - 1
+    filter_ = np.ones(1)
+    for _ in range(rounds):
+        solved = [_least_squares(flank.whitened(filter_)) for flank in summary.flanks]
+        filter_ = _autoregression(summary.flanks, solved)
+    order = len(filter_) - 1
+    factors = [_cholesky(flank.whitened(filter_)) for flank in summary.flanks]
+    rows = sum(flank.whitened_rows(order) for flank in summary.flanks)
+    left = sum(factor[-1, -1] ** 2 for factor in factors)
+    variance = left / max(rows - columns * len(summary.flanks), 1)
+    scale = 1 / np.sqrt(variance) if variance > 0 else 1.0
+    free = 2 * len(summary.plan.free)
+    noise = NoiseModel(
+        -filter_[1:],
+        float(np.sqrt(variance)),
+        float(np.sqrt(_autocovariance(summary.flanks, solved)[0])),
+        summary.block_s,
+    )
+    return noise, tuple(WhitenedFlank(factor * scale, free) for factor in factors)
+
+
+def misfit(summary: HarmonicSummary, filter_: Float[np.ndarray, " taps"]) -> float:
+    """Sum of squared innovations that a linear fit leaves under a given whitening filter."""
+    factors = [_cholesky(flank.whitened(filter_)) for flank in summary.flanks]
+    return float(sum(factor[-1, -1] ** 2 for factor in factors))
+
+
+def _least_squares(gram: Float[np.ndarray, "q q"]) -> Float[np.ndarray, " q"]:
+    """Coefficients β of y on the other columns, as the row (−β, 1) that makes residuals."""
+    factor = _cholesky(gram)
+    return np.append(-np.linalg.solve(factor[:-1, :-1], factor[:-1, -1]), 1.0)
+
+
+def _cholesky(gram: Float[np.ndarray, "q q"]) -> Float[np.ndarray, "q q"]:
+    """Upper factor R with RᵀR = gram, after scaling every column to one."""
+    size = np.sqrt(np.maximum(np.diag(gram), 0.0))
+    size[size == 0] = 1.0
+    scaled = gram / np.outer(size, size) + _RIDGE * np.eye(len(gram))
+    return np.linalg.cholesky(scaled).T * size
+
+
+def _autocovariance(
+    flanks: tuple[FlankSummary, ...], residuals: list[Float[np.ndarray, " q"]]
+) -> Float[np.ndarray, " lags"]:
+    """Autocovariance of the residual rows at every lag, all flanks together."""
+    lags = min(len(flank.lag_products) for flank in flanks)
+    total, count = np.zeros(lags), np.zeros(lags)
+    for flank, residual in zip(flanks, residuals, strict=True):
+        total += np.einsum("i,lij,j->l", residual, flank.lag_products[:lags], residual)
+        count += flank.rows - len(flank.heads) * np.arange(lags)
+    return total / count
+
+
+def _autoregression(
+    flanks: tuple[FlankSummary, ...], residuals: list[Float[np.ndarray, " q"]]
+) -> Float[np.ndarray, " taps"]:
+    """Whitening filter by Levinson's recursion, its order by AIC."""
+    covariance = _autocovariance(flanks, residuals)
+    rows = sum(flank.rows for flank in flanks)
+    filter_, variance = np.ones(1), covariance[0]
+    if variance <= 0:
+        return filter_
+    best, lowest = filter_, rows * np.log(variance)
+    for order in range(1, len(covariance)):
+        partial = filter_ @ covariance[order:0:-1] / variance
+        extended = np.append(filter_, 0.0)
+        filter_ = extended - partial * extended[::-1]
+        variance *= 1 - partial**2
+        if variance <= 0:
+            break
+        score = rows * np.log(variance) + 2 * order
+        if score < lowest:
+            best, lowest = filter_, score
+    return best

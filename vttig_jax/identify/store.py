@@ -1,0 +1,113 @@
+"""A fit on disk: `fit.json` for readers, `summary.npz` for the next step. No pickles."""
+
+import io
+import json
+from pathlib import Path
+
+import jax.numpy as jnp
+import numpy as np
+
+from ..base.errors import InputError, UsageError
+from ..kinematics.orders import OrderModel
+from ..kinematics.te_curve import TECurve
+from ..pair.gears import Drive, GearPair
+from .noise import NoiseModel
+from .order_table import Order
+from .parameters import Parameter
+from .result import Fit
+
+
+def fit_arrays(fit: Fit) -> dict[str, np.ndarray]:
+    """Everything of a fit that is an array: its model, curves, residuals and covariance."""
+    curves = fit.curves
+    return {
+        "terms": np.asarray(fit.model.terms, np.int64).reshape(-1, 2),
+        "offset": np.asarray(fit.model.offset),
+        "cosine": np.asarray(fit.model.cosine),
+        "sine": np.asarray(fit.model.sine),
+        "names": np.asarray(fit.covariance_names),
+        "values": fit.values,
+        "covariance": fit.covariance,
+        "noise_coefficients": fit.noise.coefficients,
+        "noise": np.array([fit.noise.innovation_std, fit.noise.std, fit.noise.block_s]),
+        "curve_flanks": np.asarray([curve.flank for curve in curves]),
+        "curve_lengths": np.asarray([len(curve) for curve in curves], np.int64),
+        "driving_angle": _joined([curve.driving_angle for curve in curves]),
+        "transmission_error": _joined([curve.transmission_error for curve in curves]),
+        "time": _joined([curve.time for curve in curves]),
+        "residual": _joined(list(fit.residuals)),
+    }
+
+
+def read_fit(folder: str | Path, pair: GearPair | Drive) -> Fit:
+    """Read back the fit of a run folder; `pair` is the pair its `run.toml` holds.
+
+    **Raises** `UsageError` where the folder holds no fit, `InputError` where it is damaged.
+    """
+    folder = Path(folder)
+    missing = [name for name in ("fit.json", "summary.npz") if not (folder / name).is_file()]
+    if missing:
+        raise UsageError(
+            f"no fit here ({' and '.join(missing)} missing); make one with `vttig fit LOG --pair"
+            f" PAIR --out {folder}`.",
+            where=str(folder),
+        )
+    try:
+        record = json.loads((folder / "fit.json").read_text(encoding="utf-8"))
+        archive = np.load(io.BytesIO((folder / "summary.npz").read_bytes()), allow_pickle=False)
+        return _assembled(record, dict(archive), pair)
+    except PermissionError:
+        raise InputError("no permission to read this fit.", where=str(folder)) from None
+    except Exception as error:
+        raise InputError(
+            f"the fit in this folder is damaged ({type(error).__name__}: {error}); make it again"
+            " with --overwrite.",
+            where=str(folder),
+        ) from None
+
+
+def _assembled(record: dict, arrays: dict[str, np.ndarray], pair: GearPair | Drive) -> Fit:
+    ends = np.cumsum(arrays["curve_lengths"])[:-1]
+    pieces = [
+        np.split(arrays[name], ends)
+        for name in ("driving_angle", "transmission_error", "time", "residual")
+    ]
+    curves = tuple(
+        TECurve(flank.item(), angle, error, time)
+        for flank, angle, error, time in zip(arrays["curve_flanks"], *pieces[:3], strict=True)
+    )
+    return Fit(
+        pair=pair,
+        source=record["source"],
+        sha256=record["sha256"],
+        outcome=record["outcome"],
+        flanks=tuple(record["flanks"]),
+        samples=record["samples"],
+        zero=record["zero"],
+        zero_readings=record["zero_readings"],
+        conditional_on=tuple(record["conditional_on"]),
+        parameters={
+            name: Parameter(name=name, **fields) for name, fields in record["parameters"].items()
+        },
+        orders=tuple(Order(**fields) for fields in record["orders"]),
+        model=OrderModel(
+            ratio=jnp.asarray(float(pair.ratio)),
+            terms=tuple((int(first), int(second)) for first, second in arrays["terms"]),
+            offset=jnp.asarray(arrays["offset"]),
+            cosine=jnp.asarray(arrays["cosine"]),
+            sine=jnp.asarray(arrays["sine"]),
+        ),
+        noise=NoiseModel(arrays["noise_coefficients"], *map(float, arrays["noise"])),
+        residual_rms_deg=record["residual_rms_deg"],
+        curves=curves,
+        residuals=tuple(pieces[3]),
+        covariance=arrays["covariance"],
+        covariance_names=tuple(str(name) for name in arrays["names"]),
+        values=arrays["values"],
+        checks=record["checks"],
+        notes=tuple(record["notes"]),
+    )
+
+
+def _joined(pieces: list[np.ndarray]) -> np.ndarray:
+    return np.concatenate(pieces) if pieces else np.empty(0)

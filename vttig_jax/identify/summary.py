@@ -1,0 +1,165 @@
+"""The harmonic summary: everything a fit needs to know of a log, in a few dozen numbers a lag.
+
+With z_t the block rows [regressors, y] of one flank, the summary keeps the lag products
+Γ_l = Σ z_t z_{t−l}ᵀ of every uninterrupted run and its first and last rows. From those the normal
+equations under any autoregressive noise follow in O(L p²), however long the log was.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from scipy.signal import lfilter
+
+from ..base.units import REV
+from ..kinematics.te_curve import TECurve
+from ..logs.encoder_log import EncoderLog
+from ..logs.segments import Segment
+from ..pair.gears import Flank
+from .blocks import BlockPlan, block_rows, block_size
+from .terms import TermPlan
+
+HIGHEST_LAG = 16
+"""Highest autoregressive order the summary can whiten."""
+
+
+@dataclass(frozen=True)
+class FlankSummary:
+    """Lag products of the block rows of one flank, summed over its runs.
+
+    **Arguments**
+    - `lag_products`: Γ_0 … Γ_L, shape (L + 1, q, q); y is the last of the q columns.
+    - `heads`, `tails`: the first and last L rows of every run, shape (runs, L, q).
+    - `rows`: number of block rows in all runs together.
+    """
+
+    flank: Flank
+    lag_products: Float[np.ndarray, "lags q q"]
+    heads: Float[np.ndarray, "runs lag q"]
+    tails: Float[np.ndarray, "runs lag q"]
+    rows: int
+
+    def whitened(self, filter_: Float[np.ndarray, " taps"]) -> Float[np.ndarray, "q q"]:
+        """Σ w_t w_tᵀ with w_t = Σ_j filter_j z_{t−j}, over all rows that have a full history.
+
+        Filtering every run between zeros gives Σ_{jk} filter_j filter_k Γ_{k−j}; the rows that
+        reach over either end of a run are then taken away again.
+        """
+        order = len(filter_) - 1
+        products = np.correlate(filter_, filter_, "full")[order:]
+        total = products[0] * self.lag_products[0]
+        for product, gram in zip(products[1:], self.lag_products[1:], strict=False):
+            total = total + product * (gram + gram.T)
+        if order == 0:
+            return total
+        starting = lfilter(filter_, [1.0], self.heads[:, :order], axis=1)
+        ended = np.concatenate([self.tails[:, -order:], np.zeros_like(starting)], axis=1)
+        ending = lfilter(filter_, [1.0], ended, axis=1)[:, order:]
+        ends = np.concatenate([starting, ending], axis=1).reshape(-1, total.shape[0])
+        return total - ends.T @ ends
+
+    def whitened_rows(self, order: int) -> int:
+        """Rows that have a full history under a filter of this order."""
+        return self.rows - order * len(self.heads)
+
+
+@dataclass(frozen=True)
+class HarmonicSummary:
+    """Summary of a whole log.
+
+    **Arguments**
+    - `flanks`: one summary a flank that has certain samples.
+    - `terms`, `plan`: what the columns of the rows are.
+    - `block_s`: duration of a block.
+    - `time_origin_s`, `time_scale_s`: drift columns are powers of (t − origin)/scale.
+    - `segments`: the runs that were long enough, in the order of `curves`.
+    - `curves`: the block-averaged transmission error, for pictures and checks.
+    - `samples_used`: by flank.
+    """
+
+    flanks: tuple[FlankSummary, ...]
+    terms: TermPlan
+    plan: BlockPlan
+    block_s: float
+    time_origin_s: float
+    time_scale_s: float
+    segments: tuple[Segment, ...]
+    curves: tuple[TECurve, ...]
+    samples_used: dict[str, int]
+
+    @property
+    def rows(self) -> int:
+        """Number of block rows of all flanks."""
+        return sum(flank.rows for flank in self.flanks)
+
+
+def compress(
+    log: EncoderLog,
+    segments: tuple[Segment, ...],
+    terms: TermPlan,
+    drift_order: int,
+    correction: dict[str, Float[np.ndarray, " n"]],
+) -> HarmonicSummary:
+    """Pass once over the certain segments of a log.
+
+    `correction` is subtracted from the transmission error, flank by flank (rad, one value a
+    sample): the known effect of a logged axial position.
+    """
+    driving, driven = log.driving_angle, log.driven_angle
+    error = log.transmission_error
+    sample_s = float(np.median(np.diff(log.time)))
+    travelled = sum(abs(driving[s.stop - 1] - driving[s.start]) for s in segments)
+    samples = sum(s.stop - s.start for s in segments)
+    highest = float(max((terms.frequency(term) for term in terms.terms), default=1))
+    size = block_size(samples * REV / max(travelled, 1e-9), highest)
+    plan = BlockPlan(
+        tuple(h.term for h in terms.free), tuple(h.term for h in terms.tied), drift_order, size
+    )
+    origin, scale = (log.time[0] + log.time[-1]) / 2, (log.time[-1] - log.time[0]) / 2
+    longest = max((s.stop - s.start for s in segments), default=0) // size
+    lags = int(np.clip(longest // 8, 1, HIGHEST_LAG))
+    runs: dict[Flank, list[np.ndarray]] = {"A": [], "B": []}
+    kept = tuple(s for s in segments if (s.stop - s.start) // size > 2 * lags)
+    curves = []
+    for segment in kept:
+        part = slice(segment.start, segment.stop)
+        y = error[part]
+        if segment.flank in correction:
+            y = y - correction[segment.flank][part]
+        time = log.time[part]
+        rows = block_rows(plan, driving[part], driven[part], (time - origin) / scale, y)
+        runs[segment.flank].append(rows)
+        means = (_block_means(channel, size) for channel in (driving[part], y, time))
+        curves.append(TECurve(segment.flank, *means))
+    return HarmonicSummary(
+        tuple(_summarise(flank, rows, lags) for flank, rows in runs.items() if rows),
+        terms,
+        plan,
+        size * sample_s,
+        float(origin),
+        float(scale),
+        kept,
+        tuple(curves),
+        {flank: size * sum(map(len, rows)) for flank, rows in runs.items()},
+    )
+
+
+def _summarise(flank: Flank, runs: list[Float[np.ndarray, "n q"]], lags: int) -> FlankSummary:
+    products = np.stack(
+        [
+            np.sum([rows[lag:].T @ rows[: len(rows) - lag] for rows in runs], axis=0)
+            for lag in range(lags + 1)
+        ]
+    )
+    return FlankSummary(
+        flank,
+        products,
+        np.stack([rows[:lags] for rows in runs]),
+        np.stack([rows[-lags:] for rows in runs]),
+        sum(map(len, runs)),
+    )
+
+
+def _block_means(channel: Float[np.ndarray, " n"], size: int) -> Float[np.ndarray, " blocks"]:
+    blocks = len(channel) // size
+    return channel[: blocks * size].reshape(blocks, size).mean(axis=1)

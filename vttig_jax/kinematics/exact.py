@@ -1,0 +1,78 @@
+"""The exact relation of two eccentric involutes: no small-angle step anywhere."""
+
+import jax.numpy as jnp
+from jax.typing import ArrayLike
+from jaxtyping import Array, Complex, Float, Real
+
+from ..pair.eccentricities import Eccentricities
+from ..pair.gears import Flank, GearPair, involute
+from .closed import flank_offsets
+from .fixed_point import solve_contact
+from .flank_model import FlankModel, flank_index
+
+
+class ExactModel(FlankModel):
+    """Common tangent of the two moving base circles.
+
+    C₁, C₂ are the base-circle centres, a = |C₂ − C₁|, δ the angle of C₁→C₂ and
+    Δinv = inv α_w(a) − inv α_w(a₀) with cos α_w(a) = (r_b1 + r_b2)/a. Then
+
+        TE_A = −(1 + i)(δ + Δinv) + s tan β_L / R₂
+        TE_B = −(1 + i)(δ − Δinv) − s tan β_R / R₂ + j_c
+
+    with both centres at the angles the gears really have: C₂ turns with φ₂ = i φ₁ + TE, which makes
+    the relation implicit.
+    """
+
+    ratio: Float[Array, ""]
+    centre_distance: Float[Array, ""]
+    base_sum: Float[Array, "2"]
+    driving_offset: Complex[Array, ""]
+    driven_offset: Complex[Array, ""]
+    offset: Float[Array, "2"]
+
+    def transmission_error(
+        self, driving_angle: Real[ArrayLike, "*shape"], flank: Flank
+    ) -> Float[Array, "*shape"]:
+        """TE of `flank`, rad; see the class."""
+        return solve_contact(self, jnp.asarray(driving_angle, float), flank)
+
+    def at_both_angles(
+        self,
+        driving_angle: Float[Array, "*shape"],
+        driven_angle: Float[Array, "*shape"],
+        flank: Flank,
+    ) -> Float[Array, "*shape"]:
+        """TE of `flank` where both shaft angles are known, rad."""
+        side = flank_index(flank)
+        driving = _turned(self.driving_offset, driving_angle)
+        driven = _turned(self.driven_offset, driven_angle)
+        along = self.centre_distance + driven[0] - driving[0]
+        across = -driven[1] - driving[1]
+        cosine = self.base_sum[side] / jnp.hypot(along, across)
+        opening = involute(jnp.arccos(cosine)) - involute(
+            jnp.arccos(self.base_sum[side] / self.centre_distance)
+        )
+        sense = 1.0 if side == 0 else -1.0
+        turned = jnp.arctan2(across, along) + sense * opening
+        return self.offset[side] - (1 + self.ratio) * turned
+
+
+def exact_model(pair: GearPair, eccentricities: Eccentricities) -> ExactModel:
+    """Exact flank model of a rig."""
+    driving, driven = eccentricities.cartesian
+    return ExactModel(
+        ratio=jnp.asarray(float(pair.ratio), float),
+        centre_distance=jnp.asarray(pair.centre_distance_mm),
+        base_sum=pair.base_radii.sum(axis=0),
+        driving_offset=driving,
+        driven_offset=driven,
+        offset=flank_offsets(pair, eccentricities),
+    )
+
+
+def _turned(offset: Complex[Array, ""], angle: Float[Array, "*shape"]):
+    """Real and imaginary part of offset · exp(j angle)."""
+    cosine, sine = jnp.cos(angle), jnp.sin(angle)
+    real, imaginary = jnp.real(offset), jnp.imag(offset)
+    return real * cosine - imaginary * sine, real * sine + imaginary * cosine

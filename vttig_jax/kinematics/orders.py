@@ -1,0 +1,60 @@
+"""The order-complete flank model: any harmonics of both shafts and of the mesh, flank by flank."""
+
+import equinox as eqx
+import jax.numpy as jnp
+from jax.typing import ArrayLike
+from jaxtyping import Array, Float, Real
+
+from ..base.sincos import sincos
+from ..pair.gears import Flank
+from .fixed_point import solve_contact
+from .flank_model import FlankModel, flank_index
+
+Term = tuple[int, int]
+"""Orders (n₁, n₂) of one harmonic: it turns with n₁ φ₁ + n₂ φ₂. Tooth mesh k is (k z₁, 0)."""
+
+
+class OrderModel(FlankModel):
+    """Harmonics of both shaft angles on each flank.
+
+        TE_f = offset_f + Σ_t [cosine_ft cos(n₁ φ₁ + n₂ φ₂) + sine_ft sin(n₁ φ₁ + n₂ φ₂)]
+
+    **Arguments**
+    - `ratio`: i = z₁/z₂.
+    - `terms`: the orders (n₁, n₂) of every harmonic.
+    - `offset`: rad, shape (2,), flanks A and B.
+    - `cosine`, `sine`: rad, shape (2, len(terms)).
+    """
+
+    ratio: Float[Array, ""]
+    terms: tuple[Term, ...] = eqx.field(static=True)
+    offset: Float[Array, "2"]
+    cosine: Float[Array, "2 terms"]
+    sine: Float[Array, "2 terms"]
+
+    @property
+    def highest_order(self) -> float:
+        """Fastest harmonic, in cycles per driving turn."""
+        ratio = float(self.ratio)
+        return max((abs(driving + driven * ratio) for driving, driven in self.terms), default=1.0)
+
+    def transmission_error(
+        self, driving_angle: Real[ArrayLike, "*shape"], flank: Flank
+    ) -> Float[Array, "*shape"]:
+        """TE of `flank`, rad; see the class."""
+        return solve_contact(self, jnp.asarray(driving_angle, float), flank)
+
+    def at_both_angles(
+        self,
+        driving_angle: Float[Array, "*shape"],
+        driven_angle: Float[Array, "*shape"],
+        flank: Flank,
+    ) -> Float[Array, "*shape"]:
+        """TE of `flank` where both shaft angles are known, rad."""
+        side = flank_index(flank)
+        if not self.terms:
+            return self.offset[side] + 0.0 * driven_angle
+        orders = jnp.asarray(self.terms, driven_angle.dtype)
+        phase = driving_angle[..., None] * orders[:, 0] + driven_angle[..., None] * orders[:, 1]
+        sine, cosine = sincos(phase)
+        return self.offset[side] + cosine @ self.cosine[side] + sine @ self.sine[side]

@@ -1,0 +1,47 @@
+"""Transmission error against driving angle, as measured or as computed, one flank at a time."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from ..base.tables import key_values
+from ..base.units import DEG, REV
+from ..pair.gears import Flank
+
+Samples = Float[np.ndarray, " n"]
+
+
+@dataclass(frozen=True)
+class TECurve:
+    """One uninterrupted run of transmission error on one flank.
+
+    **Arguments**
+    - `flank`: "A" (driving angle increasing) or "B".
+    - `driving_angle`: φ₁ in rad, shape (n,).
+    - `transmission_error`: TE = φ₂ − i φ₁ in rad, shape (n,).
+    - `time`: s, shape (n,).
+    """
+
+    flank: Flank
+    driving_angle: Samples
+    transmission_error: Samples
+    time: Samples
+
+    def __len__(self) -> int:
+        return len(self.driving_angle)
+
+    @property
+    def peak_to_peak(self) -> float:
+        """Largest minus smallest TE, rad; noise biases it upwards."""
+        return float(np.ptp(self.transmission_error))
+
+    def __str__(self) -> str:
+        first, last = self.driving_angle[0], self.driving_angle[-1]
+        rows = [
+            ("points", f"{len(self)}"),
+            ("driving angle", f"{first / DEG:.3f}° … {last / DEG:.3f}°"),
+            ("turns", f"{abs(last - first) / REV:.3f}"),
+            ("peak to peak", f"{self.peak_to_peak / DEG:.5f}°"),
+        ]
+        return key_values(rows, title=f"transmission error, flank {self.flank}")

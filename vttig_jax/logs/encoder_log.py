@@ -1,0 +1,228 @@
+"""`EncoderLog`: two shafts over time, or one shaft and its transmission error."""
+
+from dataclasses import dataclass, field
+from fractions import Fraction
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float, Int8
+from numpy.typing import ArrayLike
+
+from ..base.errors import LogError
+from ..base.tables import key_values
+from ..base.units import ANGLE_UNITS, ARCSEC, DEG, REV
+from .channel import Channel, RawChannel, make_channel
+from .checks import as_column, check_direction, check_finite, check_time
+from .shafts import TwoShafts
+from .source import Source
+
+STANDSTILL = DEG
+"""A driving shaft that never leaves one degree has not moved."""
+
+
+@dataclass(frozen=True)
+class RawLog:
+    """Columns with units, before unwrapping; all of one length, time in s, error in rad."""
+
+    time: Float[np.ndarray, " n"]
+    driving: RawChannel
+    driven: RawChannel | None
+    error: Float[np.ndarray, " n"] | None
+    direction: np.ndarray | None
+    axial_mm: Float[np.ndarray, " n"] | None
+    torque: Float[np.ndarray, " n"] | None
+    source: Source
+    sha256: str = ""
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class EncoderLog:
+    """A validated log. Exactly one of `driven` and `error` is present.
+
+    **Arguments**
+    - `time`: s, never running backwards.
+    - `driving`, `driven`: the encoder channels.
+    - `error`: transmission error of a TE-curve log, rad of the driven shaft, as read.
+    - `direction`: +1, 0, −1 per sample where the log has such a column; `axial_mm`: axial position
+      of the driven gear; `torque`: in the column's unit, positive where it pushes φ₁ forward.
+    - `ratio`: driven over driving speed, i.
+    - `zero`: where angles are zero: at the first sample ("start"), where channels read 0 ("reading").
+    - `source`, `sha256`: file name and digest of its bytes ("" for arrays).
+    - `notes`: sentences on what was detected or assumed.
+    """
+
+    time: Float[np.ndarray, " n"]
+    driving: Channel
+    driven: Channel | None
+    error: Float[np.ndarray, " n"] | None
+    direction: Int8[np.ndarray, " n"] | None
+    axial_mm: Float[np.ndarray, " n"] | None
+    torque: Float[np.ndarray, " n"] | None
+    ratio: Fraction
+    zero: Literal["start", "reading"]
+    source: str
+    sha256: str = ""
+    notes: tuple[str, ...] = ()
+    place: Source = field(default_factory=lambda: Source("log"), repr=False)
+
+    @property
+    def driving_angle(self) -> Float[np.ndarray, " n"]:
+        """φ₁ in rad."""
+        return self.driving.angle
+
+    @cached_property
+    def driven_angle(self) -> Float[np.ndarray, " n"]:
+        """φ₂ in rad; of a TE-curve log i φ₁ + TE."""
+        if self.driven is not None:
+            return self.driven.angle
+        return float(self.ratio) * self.driving_angle + self.transmission_error
+
+    @cached_property
+    def transmission_error(self) -> Float[np.ndarray, " n"]:
+        """TE = φ₂ − i φ₁ in rad of the driven shaft.
+
+        Whole turns of counts are combined as integers, so that long logs lose no digits.
+        """
+        if self.driven is None:
+            assert self.error is not None  # held by `from_raw`
+            return self.error
+        (turns1, rest1), (turns2, rest2) = self.driving.turns_and_rest, self.driven.turns_and_rest
+        i = self.ratio
+        turns = i.denominator * turns2 - i.numerator * turns1
+        return (REV / i.denominator) * turns + (rest2 - float(i) * rest1)
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    def __str__(self) -> str:
+        rows = [
+            ("samples", f"{len(self)} in {np.ptp(self.time):.6g} s"),
+            ("driving shaft", f"{self.driving.turns:.4g} turns, in {self.driving.unit}"),
+            (
+                "driven shaft",
+                f"{self.driven.turns:.4g} turns, in {self.driven.unit}"
+                if self.driven is not None
+                else f"transmission error, {np.ptp(self.transmission_error) / ARCSEC:.4g}″ wide",
+            ),
+            ("ratio i", f"{self.ratio} = {float(self.ratio):.6g}"),
+            ("angle zero", "first sample" if self.zero == "start" else "reading zero"),
+        ]
+        return "\n".join([key_values(rows, title=self.source), *self.notes])
+
+    @classmethod
+    def from_arrays(
+        cls,
+        time_s: ArrayLike,
+        driving: ArrayLike,
+        driven: ArrayLike | None = None,
+        *,
+        pair: TwoShafts,
+        unit: str | tuple[str, str] = "counts",
+        transmission_error: ArrayLike | None = None,
+        transmission_error_unit: str = "arcsec",
+        direction: ArrayLike | None = None,
+        axial_mm: ArrayLike | None = None,
+        torque: ArrayLike | None = None,
+        source: str = "arrays",
+    ) -> "EncoderLog":
+        """A log from arrays of shape (n,), validated like a file.
+
+        **Arguments**
+        - `time_s`: s. `driving`, `driven`: readings in `unit` (one unit, or one for each shaft):
+          "counts" (with the encoder of `pair`), "deg", "rad", "rev", "arcsec" or "urad".
+        - `transmission_error`: instead of `driven`, in `transmission_error_unit`.
+        - `pair`: ratio, encoders and, in its `log`, the zero and the scales.
+        - `direction` (+1, 0, −1), `axial_mm`, `torque`: as in `EncoderLog`.
+
+        **Raises** `ValueError` for wrong arguments, `LogError` for data that is no log.
+        """
+        if (driven is None) == (transmission_error is None):
+            seen = "neither is" if driven is None else "both are"
+            raise ValueError(
+                "Argument `driven` must be given, or `transmission_error` instead, but"
+                f" {seen} given."
+            )
+        units = (unit, unit) if isinstance(unit, str) else unit
+        for one in units:
+            if one not in ("counts", *ANGLE_UNITS):
+                raise ValueError(
+                    f"Argument `unit` must be counts, {', '.join(ANGLE_UNITS)}, but is {one!r}."
+                )
+        if transmission_error_unit not in ANGLE_UNITS:
+            raise ValueError(
+                f"Argument `transmission_error_unit` must be one of {', '.join(ANGLE_UNITS)}, but"
+                f" is {transmission_error_unit!r}."
+            )
+        time = as_column("time_s", time_s, None).astype(np.float64)
+        size = len(time)
+        error = None
+        if transmission_error is not None:
+            error = as_column("transmission_error", transmission_error, size)
+            error = ANGLE_UNITS[transmission_error_unit] * error
+        others = {"direction": direction, "axial_mm": axial_mm, "torque": torque}
+        optional = {
+            name: None if one is None else as_column(name, one, size).astype(np.float64)
+            for name, one in others.items()
+        }
+        raw = RawLog(
+            time,
+            RawChannel(as_column("driving", driving, size), units[0], pair.log.driving_scale),
+            None
+            if driven is None
+            else RawChannel(as_column("driven", driven, size), units[1], pair.log.driven_scale),
+            error,
+            optional["direction"],
+            optional["axial_mm"],
+            optional["torque"],
+            Source(source, {"time": "time_s"}),
+        )
+        return cls.from_raw(raw, pair)
+
+    @classmethod
+    def from_raw(cls, raw: RawLog, pair: TwoShafts) -> "EncoderLog":
+        """Validate columns, unwrap the channels and put the angles at the pair's zero."""
+        check_finite(raw)
+        notes = [*raw.notes, *check_time(raw.time, raw.source)]
+        zero = pair.log.zero
+        driving, found = make_channel(
+            "driving", raw.driving, pair.driving.encoder, raw.time, zero, raw.source
+        )
+        notes += found
+        driven = None
+        if raw.driven is not None:
+            driven, found = make_channel(
+                "driven", raw.driven, pair.driven.encoder, raw.time, zero, raw.source
+            )
+            notes += found
+        elif pair.log.driven_scale != 1:
+            raise LogError(
+                "a scale for a log without a driven channel; remove it.", where="log.driven_scale"
+            )
+        elif raw.error is not None and np.ptp(raw.error) == 0:
+            raise LogError(
+                "the transmission error is constant; log one that was measured.",
+                where=raw.source.at("transmission_error"),
+            )
+        if driving.turns * REV < STANDSTILL:
+            raise LogError(
+                f"standstill: the driving shaft moves by only {driving.turns * 360:.3g}° in the"
+                " whole log; log a shaft that turns, or correct the unit or counts_per_rev.",
+                where=raw.source.at("driving"),
+            )
+        return cls(
+            raw.time,
+            driving,
+            driven,
+            raw.error,
+            None if raw.direction is None else check_direction(raw.direction, raw.source),
+            raw.axial_mm,
+            raw.torque,
+            pair.ratio,
+            zero,
+            raw.source.name,
+            raw.sha256,
+            tuple(notes),
+            raw.source,
+        )

@@ -1,0 +1,39 @@
+"""Eccentricities of both gears and the constant backlash: what a rig adds to its drawing."""
+
+from __future__ import annotations
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Complex, Float
+
+from ..base.arrays import float64
+from ..base.units import DEG
+
+Scalar = Float[Array, ""]
+
+
+class Eccentricities(eqx.Module):
+    """Offsets of the base-circle centres from the rotation axes, and the constant backlash j_c.
+
+    **Arguments**
+    - `driving_mm`, `driven_mm`: eccentricities e₁, e₂ in mm.
+    - `driving_phase_deg`, `driven_phase_deg`: angles θ₁, θ₂ of the offsets from the line of
+      centres at φ = 0, each in the sense in which its gear turns for positive φ.
+    - `constant_backlash_deg`: j_c, the backlash with e₁ = e₂ = 0, an angle of the driven gear.
+    - `axial_mm`: axial displacement s of the driven gear towards the driving gear's thick end.
+    """
+
+    driving_mm: Scalar = eqx.field(converter=float64, default=0.0)
+    driving_phase_deg: Scalar = eqx.field(converter=float64, default=0.0)
+    driven_mm: Scalar = eqx.field(converter=float64, default=0.0)
+    driven_phase_deg: Scalar = eqx.field(converter=float64, default=0.0)
+    constant_backlash_deg: Scalar = eqx.field(converter=float64, default=0.0)
+    axial_mm: Scalar = eqx.field(converter=float64, default=0.0)
+
+    @property
+    def cartesian(self) -> tuple[Complex[Array, ""], Complex[Array, ""]]:
+        """Offsets e·exp(jθ) of the driving and the driven gear in mm."""
+        return (
+            self.driving_mm * jnp.exp(1j * DEG * self.driving_phase_deg),
+            self.driven_mm * jnp.exp(1j * DEG * self.driven_phase_deg),
+        )

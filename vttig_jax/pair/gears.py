@@ -1,0 +1,286 @@
+"""Gear, gear pair and drive: the drawing in transverse quantities, with everything derived from it.
+
+Lengths are millimetres, angles radians unless a suffix says otherwise. Flank A is the left flank of
+both gears, flank B the right one; arrays with a flank axis are ordered (A, B). Objects are frozen
+pytrees whose leaves are NumPy float64, so new values never recompile a jitted function.
+"""
+
+import math
+from fractions import Fraction
+from pathlib import Path
+from typing import Literal
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ..base.arrays import float64
+from ..base.tables import key_values
+from ..base.units import DEG
+from .check import transverse_module_mm, transverse_pressure_angles_deg
+from .spec import (
+    Encoder,
+    FitOptions,
+    GearTable,
+    LogLayout,
+    PairSpec,
+    PairTable,
+    UnitTable,
+    load_pair_spec,
+)
+
+Flank = Literal["A", "B"]
+Scalar = Float[Array, ""]
+
+
+class Gear(eqx.Module):
+    """One involute gear whose tooth thickness falls by tan β_L + tan β_R per unit of +z.
+
+    **Arguments**
+    - `teeth`: number of teeth z.
+    - `helix_left_deg`, `helix_right_deg`: helix angles of the two flanks, positive where the flank
+      thins the tooth towards +z.
+    - `face_width_mm`: width b, or NaN when not given.
+    - `encoder`: the encoder on this gear's shaft.
+    """
+
+    teeth: int = eqx.field(static=True)
+    helix_left_deg: Scalar = eqx.field(converter=float64, default=0.0)
+    helix_right_deg: Scalar = eqx.field(converter=float64, default=0.0)
+    face_width_mm: Scalar = eqx.field(converter=float64, default=math.nan)
+    encoder: Encoder = eqx.field(static=True, default=Encoder())
+
+
+class GearPair(eqx.Module):
+    """A driving and a driven gear on parallel axes.
+
+    **Arguments**
+    - `driving`, `driven`: the gears, with the same helix angles flank by flank.
+    - `module_mm`: transverse module m.
+    - `pressure_angles_deg`: transverse pressure angles of flank A and B, shape (2,); one number
+      serves both.
+    - `centre_distance_mm`: nominal centre distance a; the sum of the reference radii when absent.
+
+    **Example**
+    ```python
+    >>> from vttig_jax import Gear, GearPair
+    >>> pair = GearPair(Gear(45), Gear(80), module_mm=2.0, pressure_angles_deg=20.0)
+    >>> pair.ratio, pair.hunting_turns
+    (Fraction(9, 16), 16)
+
+    ```
+    """
+
+    driving: Gear
+    driven: Gear
+    module_mm: Scalar
+    pressure_angles_deg: Float[Array, "2"]
+    centre_distance_mm: Scalar
+    name: str = eqx.field(static=True)
+    log: LogLayout = eqx.field(static=True)
+    unit: UnitTable = eqx.field(static=True)
+    fit: FitOptions = eqx.field(static=True)
+
+    def __init__(
+        self,
+        driving: Gear,
+        driven: Gear,
+        *,
+        module_mm: float | Array,
+        pressure_angles_deg: float | tuple[float, float] | Array,
+        centre_distance_mm: float | Array | None = None,
+        name: str = "",
+        log: LogLayout = LogLayout(),
+        unit: UnitTable = UnitTable(),
+        fit: FitOptions = FitOptions(),
+    ):
+        self.driving, self.driven = driving, driven
+        self.module_mm = float64(module_mm)
+        angles = float64(pressure_angles_deg)
+        self.pressure_angles_deg = angles + float64([0.0, 0.0])
+        reference = self.module_mm * (driving.teeth + driven.teeth) / 2
+        self.centre_distance_mm = (
+            reference if centre_distance_mm is None else float64(centre_distance_mm)
+        )
+        self.name, self.log, self.unit, self.fit = name, log, unit, fit
+
+    @property
+    def ratio(self) -> Fraction:
+        """Driven over driving speed, i = z₁/z₂."""
+        return Fraction(self.driving.teeth, self.driven.teeth)
+
+    @property
+    def hunting_turns(self) -> int:
+        """Turns of the driving gear until the same teeth meet again in the same phase."""
+        return self.ratio.denominator
+
+    @property
+    def reference_radii(self) -> Float[Array, "2"]:
+        """Reference radii R = m z/2 of the driving and the driven gear, mm."""
+        return jnp.asarray(self.module_mm) * jnp.array([self.driving.teeth, self.driven.teeth]) / 2
+
+    @property
+    def base_radii(self) -> Float[Array, "gear=2 flank=2"]:
+        """Base radii r_b = R cos αₜ, mm; rows driving and driven, columns flank A and B."""
+        cosines = jnp.cos(jnp.asarray(self.pressure_angles_deg) * DEG)
+        return self.reference_radii[:, None] * cosines[None, :]
+
+    @property
+    def working_pressure_angles(self) -> Float[Array, "2"]:
+        """α_w of flank A and B at the nominal centre distance, cos α_w = (r_b1 + r_b2)/a."""
+        return jnp.arccos(self.base_radii.sum(axis=0) / jnp.asarray(self.centre_distance_mm))
+
+    @property
+    def working_radii(self) -> Float[Array, "2"]:
+        """Working pitch radii of the driving and the driven gear, mm."""
+        share = float(1 / (1 + 1 / self.ratio))
+        return jnp.asarray(self.centre_distance_mm) * jnp.array([share, 1 - share])
+
+    @property
+    def thinning(self) -> Scalar:
+        """tan β_L + tan β_R: backlash at the reference circle per unit of axial displacement."""
+        left = jnp.asarray(self.driven.helix_left_deg) * DEG
+        right = jnp.asarray(self.driven.helix_right_deg) * DEG
+        return jnp.tan(left) + jnp.tan(right)
+
+    @property
+    def contact_ratios(self) -> Float[Array, "2"]:
+        """Transverse contact ratio of flank A and B for the standard addendum h_a = m.
+
+        ε = [√(r_a1² − r_b1²) + √(r_a2² − r_b2²) − a sin α_w] / (π m cos αₜ)
+        """
+        tips = (self.reference_radii + self.module_mm)[:, None]
+        paths = jnp.sqrt(tips**2 - self.base_radii**2).sum(axis=0)
+        paths = paths - self.centre_distance_mm * jnp.sin(self.working_pressure_angles)
+        pitch = math.pi * self.module_mm * jnp.cos(jnp.asarray(self.pressure_angles_deg) * DEG)
+        return paths / pitch
+
+    @property
+    def drawing_backlash(self) -> Scalar:
+        """Backlash of standard thickness at the nominal centre distance, rad of the driven gear.
+
+        Σ over the flanks of (r_b1 + r_b2)(inv α_w − inv αₜ)/r_b2.
+        """
+        angles = jnp.asarray(self.pressure_angles_deg) * DEG
+        opening = involute(self.working_pressure_angles) - involute(angles)
+        return jnp.sum(opening) * float(1 + self.ratio)
+
+    def __str__(self) -> str:
+        flanks = "{:.4f}° / {:.4f}°".format
+        rows = [
+            ("teeth", f"{self.driving.teeth} / {self.driven.teeth}"),
+            ("ratio i", f"{self.ratio} = {float(self.ratio):.6g}"),
+            ("module", f"{self.module_mm:g} mm"),
+            ("pressure angle A / B", flanks(*self.pressure_angles_deg)),
+            ("working pressure angle A / B", flanks(*(self.working_pressure_angles / DEG))),
+            ("helix angle left / right", flanks(*_helix(self.driven))),
+            ("centre distance", f"{self.centre_distance_mm:g} mm"),
+            ("reference radii", "{:g} / {:g} mm".format(*self.reference_radii)),
+            ("contact ratio A / B", "{:.3f} / {:.3f}".format(*self.contact_ratios)),
+            ("hunting period", f"{self.hunting_turns} turns = {360 * self.hunting_turns}°"),
+            ("drawing backlash", f"{self.drawing_backlash / DEG:.4f}°"),
+        ]
+        return key_values(rows, title=self.name or "gear pair")
+
+
+class Drive(eqx.Module):
+    """A two-shaft drive of which only the ratio is known; everything about it is an angle."""
+
+    ratio: Fraction = eqx.field(static=True)
+    driving: GearTable = eqx.field(static=True, default=GearTable())
+    driven: GearTable = eqx.field(static=True, default=GearTable())
+    name: str = eqx.field(static=True, default="")
+    log: LogLayout = eqx.field(static=True, default=LogLayout())
+    unit: UnitTable = eqx.field(static=True, default=UnitTable())
+    fit: FitOptions = eqx.field(static=True, default=FitOptions())
+
+    @property
+    def hunting_turns(self) -> int:
+        """Turns of the driving shaft after which both shafts are back."""
+        return self.ratio.denominator
+
+    def __str__(self) -> str:
+        rows = [
+            ("ratio i", f"{self.ratio} = {float(self.ratio):.6g}"),
+            ("hunting period", f"{self.hunting_turns} turns"),
+        ]
+        return key_values(rows, title=self.name or "drive")
+
+
+def involute(angle: Float[Array, "..."]) -> Float[Array, "..."]:
+    """Involute function inv α = tan α − α, rad."""
+    return jnp.tan(angle) - angle
+
+
+def pair_from_spec(spec: PairSpec) -> GearPair | Drive:
+    """Build the computed object from a validated pair file."""
+    sections = {"name": spec.name, "log": spec.log, "unit": spec.unit, "fit": spec.fit}
+    if spec.drive is not None:
+        return Drive(spec.ratio, spec.driving, spec.driven, **sections)
+    assert spec.pair is not None
+    driving, driven = (_gear(table) for table in (spec.driving, spec.driven))
+    return GearPair(
+        driving,
+        driven,
+        module_mm=transverse_module_mm(spec),
+        pressure_angles_deg=transverse_pressure_angles_deg(spec),
+        centre_distance_mm=spec.pair.centre_distance_mm,
+        **sections,
+    )
+
+
+def pair_spec(pair: GearPair) -> PairSpec:
+    """The pair file of a gear pair with equal flanks.
+
+    **Raises** `ValueError` for pressure angles that differ: the file has no key for them.
+    """
+    left, right = (float(angle) for angle in pair.pressure_angles_deg)
+    if left != right:
+        raise ValueError(
+            "Argument `pair` must have one pressure angle, but flanks A and B have"
+            f" {left:g}° and {right:g}°."
+        )
+    return PairSpec(
+        name=pair.name,
+        pair=PairTable(
+            module_mm=float(pair.module_mm),
+            pressure_angle_deg=left,
+            centre_distance_mm=float(pair.centre_distance_mm),
+        ),
+        driving=_table(pair.driving),
+        driven=_table(pair.driven),
+        log=pair.log,
+        unit=pair.unit,
+        fit=pair.fit,
+    )
+
+
+def load_pair(path: str | Path) -> GearPair | Drive:
+    """Read a pair file (TOML): a `GearPair` from `[pair]`, a `Drive` from `[drive]`.
+
+    **Raises** `PairError` naming file and key for anything missing, unknown or impossible.
+    """
+    return pair_from_spec(load_pair_spec(path))
+
+
+def _gear(table: GearTable) -> Gear:
+    assert table.teeth is not None
+    left, right = table.helix_deg
+    width = math.nan if table.face_width_mm is None else table.face_width_mm
+    return Gear(table.teeth, left, right, width, table.encoder)
+
+
+def _table(gear: Gear) -> GearTable:
+    left, right = _helix(gear)
+    width = float(gear.face_width_mm)
+    return GearTable(
+        teeth=gear.teeth,
+        face_width_mm=None if math.isnan(width) else width,
+        helix_left_deg=left,
+        helix_right_deg=right,
+        encoder=gear.encoder,
+    )
+
+
+def _helix(gear: Gear) -> tuple[float, float]:
+    return float(gear.helix_left_deg), float(gear.helix_right_deg)

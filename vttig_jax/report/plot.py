@@ -1,0 +1,50 @@
+"""`plot`: the picture of an object, whatever the object is."""
+
+from functools import singledispatch
+from typing import Any
+
+from matplotlib.figure import Figure
+
+from ..identify.result import Fit
+from ..kinematics.backlash_map import BacklashMap
+from ..kinematics.te_curve import TECurve
+from .fit_picture import plot_fit
+from .map_picture import plot_map
+from .te_picture import plot_te
+
+
+@singledispatch
+def plot(obj: object, **options: Any) -> Figure:
+    """Draw an object; the figure is matplotlib's own and belongs to no pyplot window.
+
+    | object        | picture                                     | options            |
+    |---------------|---------------------------------------------|--------------------|
+    | `TECurve`     | transmission error over driving angle       | `ax`, `unit`       |
+    | `Fit`         | measured, fitted and residual, flank by flank | `unit`, `span_deg` |
+    | `BacklashMap` | backlash over the hunting period            | `ax`, `turns`      |
+
+    The options are those of `plot_te`, `plot_fit` and `plot_map`.
+
+    **Raises** `ValueError` for an object without a picture.
+
+    **Example**
+    ```python
+    >>> import numpy as np
+    >>> from vttig_jax.kinematics.te_curve import TECurve
+    >>> from vttig_jax.report.plot import plot
+    >>> angle = np.linspace(0.0, 10.0, 200)
+    >>> figure = plot(TECurve("A", angle, 1e-4 * np.sin(angle), angle), unit="deg")
+    >>> figure.axes[0].get_ylabel()
+    'transmission error [°]'
+
+    ```
+    """
+    raise ValueError(
+        "Argument `obj` must be a TECurve, Fit or BacklashMap, but is"
+        f" {type(obj).__name__}{' with options' if options else ''}."
+    )
+
+
+plot.register(TECurve, plot_te)
+plot.register(Fit, plot_fit)
+plot.register(BacklashMap, plot_map)

@@ -1,0 +1,50 @@
+"""The pictures of a fit as PNG files."""
+
+from io import BytesIO
+from pathlib import Path
+
+from matplotlib.figure import Figure
+
+from ..base.runfolder import RunFolder
+from ..identify.result import Fit
+from ..kinematics.backlash_map import BacklashMap
+from .fit_picture import plot_fit
+from .map_picture import plot_map
+from .spectrum import plot_orders
+
+_DPI = 150
+
+
+def png(figure: Figure) -> bytes:
+    """A figure as PNG at 150 dpi: the same figure gives the same bytes."""
+    buffer = BytesIO()
+    figure.savefig(buffer, format="png", dpi=_DPI, metadata={"Software": "vttig_jax"})
+    return buffer.getvalue()
+
+
+def figures(fit: Fit, grid: BacklashMap | None) -> dict[str, bytes]:
+    """PNG of every picture of a fit by file name: `te_fit.png`, `orders.png`, `backlash_map.png`.
+
+    **Arguments**
+    - `fit`: the result of a fit.
+    - `grid`: its backlash map; None leaves that picture out.
+    """
+    drawn = {"te_fit.png": plot_fit(fit), "orders.png": plot_orders(fit)}
+    if grid is not None:
+        drawn["backlash_map.png"] = plot_map(grid)
+    return {name: png(figure) for name, figure in drawn.items()}
+
+
+def save_figures(
+    fit: Fit, grid: BacklashMap | None, folder: str | Path, *, overwrite: bool = False
+) -> list[str]:
+    """Write `figures(fit, grid)` into a folder, all of them or none, and return their names.
+
+    **Raises** `UsageError` for files that exist unless `overwrite`, `InputError` where the folder
+    cannot be written.
+    """
+    drawn = figures(fit, grid)
+    with RunFolder(folder, overwrite=overwrite) as run:
+        for name, data in drawn.items():
+            run.write_bytes(name, data)
+    return list(drawn)

@@ -1,0 +1,125 @@
+"""A synthetic rig: exact kinematics, play at every reversal, imperfect encoders, one seed."""
+
+from dataclasses import dataclass
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jax.typing import ArrayLike
+from jaxtyping import Float, Real
+
+from ..base.precision import require_x64
+from ..base.units import DEG
+from ..kinematics.chunked import chunked
+from ..kinematics.combined import CombinedModel
+from ..kinematics.exact import exact_model
+from ..kinematics.flank_model import FlankModel
+from ..kinematics.orders import OrderModel
+from ..logs.encoder_log import EncoderLog
+from ..pair.eccentricities import Eccentricities
+from ..pair.gears import Flank, GearPair
+from .imperfections import EncoderError, Noise, OrderError, quantised
+from .motion import Motion
+from .play import play
+
+
+@dataclass(frozen=True)
+class SyntheticRig:
+    """A gear pair with known errors, driven through a known motion.
+
+    **Arguments**
+    - `pair`, `eccentricities`: the truth a fit should find. Both angles are zero at the start, on
+      flank A.
+    - `motion`: what the driving shaft does.
+    - `orders`: further harmonics of the transmission error.
+    - `driving_encoder`, `driven_encoder`: once-per-turn errors; counts come from the pair's
+      encoders (readings in degrees where it has none).
+    - `noise`: of the transmission error.
+    - `delay_s`: the driven reading stamped t shows the angle at t − `delay_s`.
+    - `rate_hz`: sampling rate.
+    """
+
+    pair: GearPair
+    eccentricities: Eccentricities
+    motion: Motion = Motion()
+    orders: tuple[OrderError, ...] = ()
+    driving_encoder: EncoderError = EncoderError()
+    driven_encoder: EncoderError = EncoderError()
+    noise: Noise = Noise()
+    delay_s: float = 0.0
+    rate_hz: float = 1987.0
+
+    def flank_model(self) -> FlankModel:
+        """The true contact: exact eccentricities plus `orders`, zero at φ₁ = φ₂ = 0 on flank A."""
+        exact = exact_model(self.pair, self.eccentricities)
+        harmonics = order_model(self.pair, self.orders)
+        zero = jnp.asarray(0.0)
+        start = exact.at_both_angles(zero, zero, "A") + harmonics.at_both_angles(zero, zero, "A")
+        harmonics = eqx.tree_at(lambda m: m.offset, harmonics, harmonics.offset - start)
+        return CombinedModel(exact.ratio, exact, harmonics)
+
+    def log(self, seed: int = 0) -> EncoderLog:
+        """Run the rig and return what its encoders logged; the same seed gives the same log.
+
+        **Raises** `ValueError` where the backlash is negative somewhere on the way: rigid gears
+        cannot turn through it.
+        """
+        require_x64("SyntheticRig.log")
+        time = np.arange(int(self.motion.duration_s * self.rate_hz) + 1) / self.rate_hz
+        generator = np.random.default_rng(seed)
+        driving = self.driving_encoder.reading(self.motion.driving_angle(time))
+        driven = self._driven_angle(self.motion.driving_angle(time - self.delay_s))
+        driven = self.driven_encoder.reading(driven)
+        driven = driven + self.noise.draw(len(time), self.rate_hz, generator)
+        counts = [g.encoder.counts_per_rev for g in (self.pair.driving, self.pair.driven)]
+        unit = "deg" if None in counts else "counts"
+        driving, driven = (
+            quantised(angle, per_rev) if per_rev and unit == "counts" else angle / DEG
+            for angle, per_rev in zip((driving, driven), counts, strict=True)
+        )
+        source = f"synthetic rig, seed {seed}"
+        return EncoderLog.from_arrays(
+            time, driving, driven, pair=self.pair, unit=unit, source=source
+        )
+
+    def _driven_angle(self, driving_angle: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+        model, ratio = self.flank_model(), float(self.pair.ratio)
+        lower, upper = (
+            ratio * driving_angle
+            + chunked(lambda piece, side=flank: _error(model, piece, side), driving_angle)
+            for flank in ("A", "B")
+        )
+        if np.any(upper < lower):
+            worst = int(np.argmin(upper - lower))
+            raise ValueError(
+                "Argument `constant_backlash_deg` must keep the gap open, but the backlash is"
+                f" {(upper - lower)[worst] / DEG:.5f}° at {driving_angle[worst] / DEG:.1f}°."
+            )
+        return np.asarray(play(jnp.asarray(lower), jnp.asarray(upper), jnp.asarray(lower[0])))
+
+
+def order_model(pair: GearPair, errors: tuple[OrderError, ...]) -> OrderModel:
+    """`OrderModel` of a list of harmonics, a sin(kφ + p) = a sin p cos kφ + a cos p sin kφ."""
+    places = {
+        "driving": lambda k: (k, 0),
+        "driven": lambda k: (0, k),
+        "mesh": lambda k: (k * pair.driving.teeth, 0),
+    }
+    terms = tuple(dict.fromkeys(places[e.shaft](e.order) for e in errors))
+    cosine, sine = np.zeros((2, 2, len(terms)))
+    for error in errors:
+        cell = ("AB".index(error.flank), terms.index(places[error.shaft](error.order)))
+        cosine[cell] += error.amplitude_deg * DEG * np.sin(error.phase_deg * DEG)
+        sine[cell] += error.amplitude_deg * DEG * np.cos(error.phase_deg * DEG)
+    return OrderModel(
+        ratio=jnp.asarray(float(pair.ratio)),
+        terms=terms,
+        offset=jnp.zeros(2),
+        cosine=jnp.asarray(cosine),
+        sine=jnp.asarray(sine),
+    )
+
+
+@eqx.filter_jit
+def _error(model: FlankModel, driving_angle: Real[ArrayLike, " n"], flank: Flank):
+    return model.transmission_error(driving_angle, flank)
