@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from .base.precision import enable_x64 as enable_x64
-    from .identify.fit import backlash_map as backlash_map
     from .identify.fit import fit as fit
+    from .identify.mapping import backlash_map as backlash_map
     from .kinematics.functions import axial_displacement as axial_displacement
     from .kinematics.functions import backlash as backlash
     from .kinematics.functions import exact_backlash as exact_backlash
@@ -33,7 +33,7 @@ _HOMES = {
     "GearPair": "pair.gears",
     "axial_displacement": "kinematics.functions",
     "backlash": "kinematics.functions",
-    "backlash_map": "identify.fit",
+    "backlash_map": "identify.mapping",
     "enable_x64": "base.precision",
     "exact_backlash": "kinematics.functions",
     "exact_transmission_error": "kinematics.functions",

@@ -7,6 +7,7 @@ element by element on the first.
 import logging
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import cache
 from typing import Any
 
 import equinox as eqx
@@ -23,23 +24,32 @@ def as_arrays(tree: Any) -> Any:
     return jax.tree.map(jnp.asarray, tree)
 
 
+@cache
+def _modes(function: Function) -> Function:
+    """Value, forward and reverse derivative of `function`, compiled once."""
+
+    @jax.jit
+    def modes(arguments, direction, weights):
+        value, forward = jax.jvp(function, arguments, direction)
+        return value, forward, jax.vjp(function, *arguments)[1](weights)
+
+    return modes
+
+
 def check_double(function: Function, arguments: Arguments) -> None:
+    """Double precision out, also where whole numbers or single precision go in."""
     assert function(*arguments).dtype == np.float64
-    narrow = jnp.asarray(arguments[0], jnp.float32)
-    assert function(narrow, *arguments[1:]).dtype == np.float64
-    assert np.allclose(
-        function(narrow, *arguments[1:]),
-        function(jnp.asarray(narrow, jnp.float64), *arguments[1:]),
-        rtol=1e-13,
-        atol=1e-17,
-    )
+    for kind in (np.float32, np.int64):
+        angles = jnp.asarray(arguments[0]).astype(kind)
+        traced = jax.make_jaxpr(function)(angles, *as_arrays(arguments[1:]))
+        assert traced.out_avals[0].dtype == np.float64
+        assert not _single(traced.jaxpr), "computed in single precision"
 
 
 def check_jit_is_eager(function: Function, arguments: Arguments) -> None:
-    compiled = eqx.filter_jit(function)(*arguments)
     with jax.disable_jit():
         eager = function(*arguments)
-    np.testing.assert_allclose(compiled, eager, rtol=1e-11, atol=1e-15)
+    np.testing.assert_allclose(eqx.filter_jit(function)(*arguments), eager, rtol=1e-11, atol=1e-15)
 
 
 def check_vmap_is_loop(function: Function, arguments: Arguments) -> None:
@@ -53,8 +63,9 @@ def check_vmap_is_loop(function: Function, arguments: Arguments) -> None:
     ]
     batch = jax.tree.map(lambda *leaves: jnp.stack(leaves), *moved)
     loop = np.array([function(angle, *other) for angle, other in zip(angles, moved, strict=True)])
-    assert not np.allclose(loop, alone, rtol=1e-6, atol=0) or not others
-    np.testing.assert_allclose(jax.vmap(function)(angles, *batch), loop, rtol=1e-11, atol=1e-15)
+    assert not np.allclose(loop, alone, rtol=1e-6, atol=0), "the other arguments do nothing"
+    batched = jax.jit(jax.vmap(function))(angles, *batch)
+    np.testing.assert_allclose(batched, loop, rtol=1e-11, atol=1e-15)
 
 
 def check_derivatives(function: Function, arguments: Arguments) -> None:
@@ -62,18 +73,12 @@ def check_derivatives(function: Function, arguments: Arguments) -> None:
     arguments = as_arrays(arguments)
     draw = np.random.default_rng(0)
     leaves, tree = jax.tree.flatten(arguments)
-    direction = [jnp.asarray(_scale(leaf) * draw.normal(size=leaf.shape)) for leaf in leaves]
-    direction = [d.astype(leaf.dtype) for d, leaf in zip(direction, leaves, strict=True)]
-    compiled = jax.jit(function)
-
-    @jax.jit
-    def both(arguments, direction, weights):
-        value, forward = jax.jvp(function, arguments, direction)
-        backward = jax.vjp(function, *arguments)[1](jnp.broadcast_to(weights, value.shape))
-        return forward, backward
-
+    direction = [
+        jnp.asarray(_step(leaf) * draw.normal(size=leaf.shape)).astype(leaf.dtype)
+        for leaf in leaves
+    ]
     weights = jnp.asarray(draw.normal(size=arguments[0].shape))
-    forward, backward = both(arguments, jax.tree.unflatten(tree, direction), weights)
+    _, forward, backward = _modes(function)(arguments, jax.tree.unflatten(tree, direction), weights)
     through = sum(
         jnp.sum(jnp.real(gradient * d))
         for gradient, d in zip(jax.tree.leaves(backward), direction, strict=True)
@@ -81,46 +86,38 @@ def check_derivatives(function: Function, arguments: Arguments) -> None:
 
     def difference(step):
         ends = [
-            compiled(
-                *jax.tree.unflatten(
-                    tree, [x + way * step * d for x, d in zip(leaves, direction, strict=True)]
-                )
-            )
-            for way in (1, -1)
+            [x + way * step * d for x, d in zip(leaves, direction, strict=True)] for way in (1, -1)
         ]
-        return (ends[0] - ends[1]) / (2 * step)
+        above, below = (function(*jax.tree.unflatten(tree, end)) for end in ends)
+        return (above - below) / (2 * step)
 
     fine, coarse = difference(1e-3), difference(2e-3)
-    central = (4 * fine - coarse) / 3
     size = float(jnp.max(jnp.abs(forward)))
     assert size > 0
-    np.testing.assert_allclose(forward, central, rtol=0, atol=1e-8 * size)
-    np.testing.assert_allclose(through, jnp.sum(weights * forward), rtol=1e-9, atol=1e-12 * size)
+    np.testing.assert_allclose(forward, (4 * fine - coarse) / 3, rtol=0, atol=1e-8 * size)
+    np.testing.assert_allclose(through, jnp.sum(weights * forward), rtol=0, atol=1e-11 * size)
 
 
 def check_finite_gradient(function: Function, arguments: Arguments) -> None:
     """At a kink the value and every entry of the gradient, in both modes, stay finite."""
     arguments = as_arrays(arguments)
-
-    @jax.jit
-    def modes(arguments):
-        value, pull = jax.vjp(function, *arguments)
-        ones = jax.tree.map(jnp.ones_like, arguments)
-        return value, pull(jnp.ones_like(value)), jax.jvp(function, arguments, ones)[1]
-
-    for leaf in jax.tree.leaves(modes(arguments)):
+    ones = jax.tree.map(jnp.ones_like, arguments)
+    for leaf in jax.tree.leaves(_modes(function)(arguments, ones, ones[0])):
         assert np.all(np.isfinite(leaf))
 
 
 def check_one_trace(function: Function, arguments: Arguments) -> None:
     """New values of any number, as arrays or as plain Python numbers, compile nothing."""
+    _, *others = arguments
     function(*arguments)
-    function(0.25, *arguments[1:])
+    function(0.25, *others)
     with compilations() as seen:
         for factor in (1.01, 1.02):
-            moved = jax.tree.map(lambda leaf, factor=factor: leaf * factor, arguments)
-            function(*jax.tree.map(_like_before, moved, arguments))
-            function(0.25 * factor, *jax.tree.map(_like_before, moved, arguments)[1:])
+            first, *moved = jax.tree.map(
+                lambda leaf, factor=factor: np.asarray(leaf * factor), arguments
+            )
+            function(first, *moved)
+            function(0.25 * factor, *moved)
     assert not seen, f"compiled again for new values: {seen}"
 
 
@@ -157,10 +154,22 @@ def compilations() -> Iterator[list[str]]:
         logger.propagate = propagate
 
 
-def _scale(leaf: Any) -> float:
-    """A step for the central difference: a percent of the number, never less than 1e-3."""
-    return 1e-2 * max(float(jnp.max(jnp.abs(leaf))), 0.1) if leaf.size else 0.0
+def _step(leaf: Any) -> float:
+    """Length of a move for the central difference: a percent of the largest number."""
+    return 1e-2 * max(float(jnp.max(jnp.abs(leaf), initial=0.0)), 0.1)
 
 
-def _like_before(new: Any, old: Any) -> Any:
-    return np.asarray(new) if isinstance(old, np.ndarray) else jnp.asarray(new)
+def _single(jaxpr: Any) -> bool:
+    """Whether anything but a conversion works on float32, inner functions included."""
+    for equation in jaxpr.eqns:
+        inner = [p for v in equation.params.values() for p in jax.tree.leaves(v, is_leaf=_nested)]
+        if any(_single(getattr(p, "jaxpr", p)) for p in inner if _nested(p)):
+            return True
+        kinds = {getattr(v.aval, "dtype", None) for v in equation.outvars}
+        if np.dtype(np.float32) in kinds and not any(_nested(p) for p in inner):
+            return True
+    return False
+
+
+def _nested(value: Any) -> bool:
+    return hasattr(value, "eqns") or hasattr(value, "jaxpr")

@@ -1,15 +1,20 @@
 """Angles for people: degrees in one turn, signed differences, amplitude and phase. NumPy only."""
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
-from numpy.typing import ArrayLike
 
 from .units import DEG
+
+Values = float | int | np.number | np.ndarray | Sequence[Any]
+"""Numbers to start from: one, a (nested) list, an array."""
 
 Numbers = np.ndarray | np.float64
 """Float64 of any shape; plain numbers give a NumPy scalar."""
 
 
-def wrap_deg(angle_deg: ArrayLike) -> Numbers:
+def wrap_deg(angle_deg: Values) -> Numbers:
     """Bring angles in degrees into [0, 360).
 
     **Example**
@@ -25,7 +30,7 @@ def wrap_deg(angle_deg: ArrayLike) -> Numbers:
     return np.where(wrapped == 360.0, 0.0, wrapped)[()]
 
 
-def difference_deg(angle_deg: ArrayLike, other_deg: ArrayLike) -> Numbers:
+def difference_deg(angle_deg: Values, other_deg: Values) -> Numbers:
     """Return the signed way from `other_deg` to `angle_deg` in degrees, in [−180, 180).
 
     **Example**
@@ -40,7 +45,7 @@ def difference_deg(angle_deg: ArrayLike, other_deg: ArrayLike) -> Numbers:
     return wrap_deg(way + 180.0) - 180.0
 
 
-def amplitude_phase(cosine: ArrayLike, sine: ArrayLike) -> tuple[Numbers, Numbers]:
+def amplitude_phase(cosine: Values, sine: Values) -> tuple[Numbers, Numbers]:
     """Amplitude and phase of an order given by its cosine and sine coefficient.
 
         cosine · cos(kφ) + sine · sin(kφ) = a sin(kφ + p)

@@ -1,9 +1,16 @@
-"""Field converter of the frozen objects: user numbers stay NumPy float64 until compiled."""
+"""User numbers stay NumPy float64 until they are compiled: field converter and namespace."""
 
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
+
+Numbers = jax.Array | np.ndarray
+"""Array type of everything that is NumPy outside a compiled function and JAX inside."""
+
+Number = Numbers | np.float64
+"""The same for scalars, which NumPy reduces to its own kind."""
 
 
 def float64(value: Any) -> Any:
@@ -13,3 +20,12 @@ def float64(value: Any) -> Any:
     `jnp.asarray` at construction would be cut to float32 while 64-bit mode is still off.
     """
     return value if isinstance(value, jax.Array) else np.asarray(value, np.float64)
+
+
+def namespace(*values: Any) -> Any:
+    """`jax.numpy` where a value is a JAX array (or tracer), else `numpy`.
+
+    Formulas of derived quantities written over it keep all digits of user numbers in 32-bit mode
+    and cost no compilation outside a compiled function.
+    """
+    return jnp if any(isinstance(leaf, jax.Array) for leaf in jax.tree.leaves(values)) else np

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from io import BytesIO
 from pathlib import Path, PurePosixPath
-from typing import Any, Self
+from typing import Any
 
 from .errors import InputError, UsageError
 
@@ -58,7 +58,7 @@ class RunFolder:
         self._made: list[Path] = []
         self._lock: Any = None
 
-    def __enter__(self) -> Self:
+    def __enter__(self) -> "RunFolder":
         try:
             with _in_a_sentence(self.path):
                 self._make(self.path)
@@ -179,6 +179,8 @@ class RunFolder:
         for folder in reversed(self._made):
             with suppress(OSError):
                 folder.rmdir()  # succeeds only where nothing was written
+        self._pending.clear()
+        self._made.clear()
 
 
 def write_file(path: str | Path, data: bytes | str, *, overwrite: bool = False) -> None:

@@ -11,8 +11,8 @@ t = r²,
     sin r = r + r t S(t)          cos r = 1 − t/2 + t² C(t)
 
 S and C interpolate the rest of the series at the n Chebyshev nodes of [0, (π/4)²],
-t_i = (π/4)²/2 · (1 − cos((2i + 1)π/2n)), solved with 60 digits: n = 6 leaves 1e-17 and 5e-19 in sine
-and cosine, n = 3 (float32) 1e-8 and 8e-10; a test derives them again.
+t_i = (π/4)²/2 · (1 − cos((2i + 1)π/2n)), solved with 60 digits: n = 6 leaves 1e-17 in sine and
+5e-19 in cosine, n = 3 (float32) 1e-8 and 8e-10; a test derives them again.
 The leading terms stay exact, which keeps sin r = r for small r.
 """
 
@@ -64,8 +64,10 @@ def sincos(x: Real[ArrayLike, "*shape"]) -> tuple[Float[Array, "*shape"], Float[
     """Return (sin x, cos x) of angles in rad.
 
     The absolute error is at most 5e-16 in float64 and 1.5e-7 in float32 for |x| ≤ 1e5 (of the
-    number as stored); beyond, it may grow in proportion to |x|. Infinities and NaN give NaN. The
-    derivative is exactly (cos x, −sin x). Integers become the default float.
+    number as stored). Beyond, it is at most ε|x| with the dtype's machine epsilon ε, as much as the
+    rounding of x itself may cost; from |x| = 1/ε on, where neighbouring numbers lie a radian apart,
+    and for infinities, the result is NaN. The derivative is exactly (cos x, −sin x). Integers
+    become the default float.
 
     **Raises** `ValueError` for dtypes other than float32, float64 and integers.
 
@@ -94,7 +96,7 @@ def sincos(x: Real[ArrayLike, "*shape"]) -> tuple[Float[Array, "*shape"], Float[
 def _sincos(x: Array) -> tuple[Array, Array]:
     numbers = _NUMBERS[x.dtype.name]
     turns = jnp.round(x * _QUADRANTS_PER_RADIAN)
-    r = x
+    r = jnp.where(jnp.abs(x) * float(jnp.finfo(x.dtype).eps) < 1.0, x, jnp.nan)
     for part in numbers.half_pi:
         r = r - turns * part
     t = r * r

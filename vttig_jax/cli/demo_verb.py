@@ -163,7 +163,7 @@ def _write(
     from ..pair.spec import spec_table
 
     spec = pair_spec(rig.pair)
-    data = _log_csv(log)
+    data = log_csv(log)
     run = Run(out / "log.csv", spec, {}, hashlib.sha256(data.encode()).hexdigest())
     with RunFolder(out, overwrite=overwrite, results=("fit.json",)) as folder:
         folder.write_text("log.csv", data)
@@ -177,7 +177,8 @@ def _write(
         folder.write_text("fit.json", dumps(result.to_json()) + "\n")
 
 
-def _log_csv(log: "EncoderLog") -> str:
+def log_csv(log: "EncoderLog") -> str:
+    """A log of two counting encoders as CSV."""
     import numpy as np
 
     assert log.driven is not None  # a synthetic rig logs both shafts

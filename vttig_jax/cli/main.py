@@ -93,7 +93,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _invoke(arguments: list[str], narrator: Narrator) -> int:
     # Not `Group.main`: it would turn Ctrl-C and closed pipes into endings of its own.
     try:
-        with vttig.make_context("vttig", arguments, obj=narrator) as context:
+        # A copy, because click eats what it parses.
+        with vttig.make_context("vttig", list(arguments), obj=narrator) as context:
             vttig.invoke(context)
     except click.exceptions.Exit as ended:
         return ended.exit_code
@@ -107,9 +108,9 @@ def _explain(error: BaseException, narrator: Narrator) -> tuple[int, str, str]:
     if isinstance(error, click.ClickException):
         return _explain_usage(error)
     if isinstance(error, KeyboardInterrupt):
-        return 130, "interrupted; nothing unfinished was left behind.", ""
+        return 130, "interrupted before it was done.", ""
     if isinstance(error, _Terminated):
-        return 143, "terminated; nothing unfinished was left behind.", ""
+        return 143, "terminated before it was done.", ""
     if isinstance(error, OSError) and error.strerror:
         return InputError.exit_code, f"{error.strerror}.", str(error.filename or "")
     if narrator.log_file is None:
@@ -127,7 +128,8 @@ def _explain_usage(error: click.ClickException) -> tuple[int, str, str]:
         sentence = "a command is missing"
     else:
         sentence = " ".join(error.format_message().split()).rstrip(".")
-    return 2, f"{sentence}; see `{command} --help`.", command
+    joint = " See" if sentence.endswith("?") else "; see"
+    return 2, f"{sentence}{joint} `{command} --help`.", command
 
 
 def _report(code: int, message: str, where: str, error: BaseException, *, as_json: bool) -> None:

@@ -5,7 +5,7 @@ import sys
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -84,7 +84,7 @@ class Narrator(AbstractContextManager["Narrator"]):
         self._stderr = logging.StreamHandler(sys.stderr)
         self._handlers: list[logging.Handler] = [self._stderr]
 
-    def __enter__(self) -> Self:
+    def __enter__(self) -> "Narrator":
         self._stderr.setFormatter(_Sentence())
         self._stderr.setLevel(logging.WARNING)
         LOGGER.setLevel(logging.DEBUG)

@@ -8,6 +8,7 @@ block rate, shortens the log and whitens its noise.
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -72,13 +73,23 @@ def block_rows(
     """
     blocks = len(error) // plan.size
     per_chunk = max(1, _CHUNK_SAMPLES // plan.size)
+    free = 2 * len(plan.free)
     rows = np.empty((blocks, plan.width))
-    for start, channels in _chunks(
-        plan.size, per_chunk, blocks, driving_angle, driven_angle, time, error
-    ):
-        means = np.asarray(_chunk_means(plan, *channels))
-        rows[start : start + per_chunk] = means[: blocks - start]
+    harmonics = np.delete(np.arange(plan.width - 1), slice(free, free + plan.drift_order + 1))
+    terms = plan.free + plan.tied
+    for start, channels in _chunks(plan.size, per_chunk, blocks, driving_angle, driven_angle):
+        means = np.asarray(_chunk_means(terms, *channels))
+        rows[start : start + per_chunk, harmonics] = means[: blocks - start]
+    for power in range(plan.drift_order + 1):
+        rows[:, free + power] = block_means(time**power, plan.size)
+    rows[:, -1] = block_means(error, plan.size)
     return rows
+
+
+def block_means(channel: Samples, size: int) -> Float[np.ndarray, " blocks"]:
+    """Mean of every `size` samples; a last incomplete block is dropped."""
+    blocks = len(channel) // size
+    return channel[: blocks * size].reshape(blocks, size).mean(axis=1)
 
 
 def _chunks(
@@ -97,29 +108,21 @@ def _chunks(
 
 @partial(jax.jit, static_argnums=0)
 def _chunk_means(
-    plan: BlockPlan,
-    driving: Float[Array, "rows size"],
-    driven: Float[Array, "rows size"],
-    time: Float[Array, "rows size"],
-    error: Float[Array, "rows size"],
+    terms: tuple[Term, ...], driving: Float[Array, "rows size"], driven: Float[Array, "rows size"]
 ) -> Float[Array, "rows columns"]:
-    highest = [max((abs(t[k]) for t in plan.free + plan.tied), default=0) for k in (0, 1)]
-    needed = [{abs(t[k]) for t in plan.free + plan.tied} for k in (0, 1)]
-    driving_powers = _powers(driving, needed[0]) if highest[0] else {0: None}
-    driven_powers = _powers(driven, needed[1]) if highest[1] else {0: None}
-
-    def columns(terms: tuple[Term, ...]):
-        for first, second in terms:
-            cosine, sine = _product(
-                _signed(driving_powers[abs(first)], first),
-                _signed(driven_powers[abs(second)], second),
-            )
-            yield cosine
-            yield sine
-
-    drift = [time**power for power in range(plan.drift_order + 1)]
-    everything = [*columns(plan.free), *drift, *columns(plan.tied), error]
-    return jnp.stack([column.mean(axis=1) for column in everything], axis=1)
+    """Block means of cosine and sine of every term."""
+    driving_powers, driven_powers = (
+        _powers(angle, {abs(term[shaft]) for term in terms})
+        for shaft, angle in enumerate((driving, driven))
+    )
+    columns = []
+    for first, second in terms:
+        columns += _product(
+            _signed(driving_powers[abs(first)], first), _signed(driven_powers[abs(second)], second)
+        )
+    if not columns:
+        return jnp.zeros((driving.shape[0], 0))
+    return jnp.stack([column.mean(axis=1) for column in columns], axis=1)
 
 
 def _powers(angle, needed: set[int]):
@@ -143,7 +146,7 @@ def _signed(pair, order: int):
     return pair if pair is None or order >= 0 else (pair[0], -pair[1])
 
 
-def _product(first, second):
+def _product(first: Any, second: Any) -> Any:
     """Product of two unit phasors given as (cosine, sine); None is 1."""
     if first is None or second is None:
         return first if second is None else second

@@ -73,6 +73,8 @@ def fit(
     ```
     """
     require_x64("fit")
+    if flank not in (None, "A", "B"):
+        raise ValueError(f'Argument `flank` must be "A", "B" or None, but is {flank!r}.')
     if drift_order is not None and not 0 <= drift_order <= HIGHEST_DRIFT:
         raise ValueError(
             f"Argument `drift_order` must be 0 … {HIGHEST_DRIFT}, but is {drift_order!r}."
@@ -171,8 +173,7 @@ def _axial_correction(
     """What a logged axial position s adds to each flank: + s tan β_L/R₂ and − s tan β_R/R₂."""
     if log.axial_mm is None or isinstance(pair, Drive):
         return {}
-    gear, radius = pair.driven, float(pair.reference_radii[1])
-    left, right = (np.tan(float(b) * DEG) for b in (gear.helix_left_deg, gear.helix_right_deg))
+    (left, right), radius = pair.taper, pair.reference_radii[1]
     return {"A": log.axial_mm * left / radius, "B": -log.axial_mm * right / radius}
 
 

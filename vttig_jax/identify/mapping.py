@@ -41,13 +41,18 @@ def backlash_map(fit: Fit, *, constant_backlash_deg: float | None = None) -> Bac
     """
     require_x64("backlash_map")
     gap = fit.parameters["constant_backlash_deg"]
+    both = len(fit.flanks) == 2
+    if both and not gap.determined:
+        raise NoAnswerError(
+            f"the constant backlash is undetermined ({gap.reason}); record more turns.",
+            where=fit.source,
+        )
     if constant_backlash_deg is None and not gap.determined:
         raise NoAnswerError(
             f"the constant backlash is undetermined ({gap.reason}); record both directions, or give"
             " the constant backlash measured in another way (--constant-backlash-deg).",
             where=fit.source,
         )
-    both = len(fit.flanks) == 2
     if isinstance(fit.pair, Drive):
         if not both:
             raise NoAnswerError(
@@ -56,6 +61,14 @@ def backlash_map(fit: Fit, *, constant_backlash_deg: float | None = None) -> Bac
                 where=fit.source,
             )
         return BacklashMap(_shifted(fit, constant_backlash_deg), None, fit.pair)
+    for shaft in () if both else ("driving", "driven"):
+        eccentricity = fit.parameters[f"{shaft}_eccentricity_mm"]
+        if not eccentricity.determined:
+            raise NoAnswerError(
+                f"one flank says nothing about the other, because {eccentricity.name} is"
+                f" undetermined ({eccentricity.reason}); record both directions.",
+                where=fit.source,
+            )
     rig = fit.eccentricities(constant_backlash_deg)
     model = _shifted(fit, constant_backlash_deg) if both else exact_model(fit.pair, rig)
     return BacklashMap(model, closed_model(fit.pair, rig), fit.pair)

@@ -10,6 +10,9 @@ from .summary import FlankSummary, HarmonicSummary
 _RIDGE = 1e-13
 """Relative to every column's own square: keeps a singular Gram factorable, moves nothing else."""
 
+_REPEATS = 2
+"""Further rounds of autoregression and generalised least squares; the second moves nothing."""
+
 
 @dataclass(frozen=True)
 class NoiseModel:
@@ -70,18 +73,17 @@ class WhitenedFlank:
         return total
 
 
-def whiten(
-    summary: HarmonicSummary, rounds: int = 3
-) -> tuple[NoiseModel, tuple[WhitenedFlank, ...]]:
+def whiten(summary: HarmonicSummary) -> tuple[NoiseModel, tuple[WhitenedFlank, ...]]:
     """Estimate the noise and factor the normal matrices it whitens.
 
     Starts from ordinary least squares; then the autoregression of the residual, with its order by
-    BIC, and generalised least squares take turns.
+    AIC, and generalised least squares take turns.
     """
     columns = summary.plan.width - 1
-    filter_ = np.ones(1)
-    for _ in range(rounds):
-        solved = [_least_squares(flank.whitened(filter_)) for flank in summary.flanks]
+    solved = _solved(summary, np.ones(1))
+    filter_ = _autoregression(summary.flanks, solved)
+    for _ in range(_REPEATS):
+        solved = _solved(summary, filter_)
         filter_ = _autoregression(summary.flanks, solved)
     order = len(filter_) - 1
     factors = [_cholesky(flank.whitened(filter_)) for flank in summary.flanks]
@@ -97,6 +99,13 @@ def whiten(
         summary.block_s,
     )
     return noise, tuple(WhitenedFlank(factor * scale, free) for factor in factors)
+
+
+def _solved(
+    summary: HarmonicSummary, filter_: Float[np.ndarray, " taps"]
+) -> list[Float[np.ndarray, " q"]]:
+    """The row of every flank that makes residuals, by generalised least squares."""
+    return [_least_squares(flank.whitened(filter_)) for flank in summary.flanks]
 
 
 def misfit(summary: HarmonicSummary, filter_: Float[np.ndarray, " taps"]) -> float:

@@ -79,7 +79,7 @@ def fitted_model(
         cosine[side] = values[columns]
         sine[side] = values[[column + 1 for column in columns]]
     return OrderModel(
-        ratio=np.asarray(float(summary.terms.ratio)),
+        ratio=jnp.asarray(float(summary.terms.ratio)),
         terms=tuple(h.term for h in harmonics),
         offset=jnp.asarray(offset),
         cosine=jnp.asarray(cosine),

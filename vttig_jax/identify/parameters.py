@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
-from scipy.stats import ncx2
 
 from ..base.units import ARCSEC, DEG
 from .solve import Solution
@@ -138,7 +137,9 @@ def _upper_limit(amplitude: float, spread: Float[np.ndarray, "2 2"]) -> float:
     variance = float(np.trace(spread)) / 2
     if variance == 0:
         return amplitude
-    return math.sqrt(variance * float(ncx2.ppf(0.95, 2, amplitude**2 / variance)))
+    from scipy.special import chndtrix  # slow to import, and seldom needed
+
+    return math.sqrt(variance * float(chndtrix(0.95, 2, amplitude**2 / variance)))
 
 
 UNITS = {"mm": 1.0, "deg": DEG, "arcsec": ARCSEC}

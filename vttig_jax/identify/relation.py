@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ..base.arrays import Numbers
 from ..kinematics.exact import ExactModel
 from ..pair.gears import Flank, GearPair
 from .terms import SECOND_ORDER, TermPlan
@@ -38,12 +39,12 @@ class PairRelation(Relation):
 
     names: tuple[str, ...] = eqx.field(static=True)
     flanks: tuple[Flank, ...] = eqx.field(static=True)
-    ratio: Float[Array, ""]
-    centre_distance: Float[Array, ""]
-    base_sum: Float[Array, "2"]
-    basis: Float[Array, "tied grid"]
-    encoder_columns: Float[Array, "4 tied"]
-    drift_columns: Float[Array, "drift tied"]
+    ratio: Float[Numbers, ""]
+    centre_distance: Float[Numbers, ""]
+    base_sum: Float[Numbers, "2"]
+    basis: Float[Numbers, "tied grid"]
+    encoder_columns: Float[Numbers, "4 tied"]
+    drift_columns: Float[Numbers, "drift tied"]
 
     def coefficients(self, parameters: Float[Array, " p"]) -> Float[Array, "flanks tied"]:
         """Tied coefficients of every measured flank, rad."""
@@ -51,14 +52,14 @@ class PairRelation(Relation):
         zero = jnp.zeros(())
         get = lambda name: value.get(name, zero)  # noqa: E731
         model = ExactModel(
-            ratio=self.ratio,
-            centre_distance=self.centre_distance,
+            ratio=jnp.asarray(self.ratio),
+            centre_distance=jnp.asarray(self.centre_distance),
             base_sum=self.base_sum,
             driving_offset=get("driving_x") + 1j * get("driving_y"),
             driven_offset=get("driven_x") + 1j * get("driven_y"),
-            offset=get("offset") + jnp.stack([zero, get("constant_backlash")]),
+            offset=jnp.zeros(2),
         )
-        driving, driven = torus()
+        driving, driven = (jnp.asarray(angle) for angle in torus())
         encoders = jnp.stack(
             [
                 -self.ratio * get("driving_encoder_y"),
@@ -68,8 +69,11 @@ class PairRelation(Relation):
             ]
         )
         common = encoders @ self.encoder_columns + drift_part(value, self.drift_columns)
-        grids = [model.at_both_angles(driving, driven, flank) for flank in self.flanks]
-        return jnp.stack([self.basis @ grid + common for grid in grids])
+        sides = np.array(["AB".index(flank) for flank in self.flanks])
+        senses = np.where(sides == 0, 1.0, -1.0)[:, None]
+        turned = model.turned(driving, driven, self.base_sum[sides][:, None], senses)
+        offset = get("offset") + sides * get("constant_backlash")
+        return (turned + offset[:, None]) @ self.basis.T + common
 
 
 class DriveRelation(Relation):
@@ -81,8 +85,8 @@ class DriveRelation(Relation):
 
     names: tuple[str, ...] = eqx.field(static=True)
     flanks: tuple[Flank, ...] = eqx.field(static=True)
-    first_columns: Float[Array, "4 tied"]
-    drift_columns: Float[Array, "drift tied"]
+    first_columns: Float[Numbers, "4 tied"]
+    drift_columns: Float[Numbers, "drift tied"]
 
     def coefficients(self, parameters: Float[Array, " p"]) -> Float[Array, "flanks tied"]:
         """Tied coefficients of every measured flank, rad."""
@@ -150,7 +154,7 @@ def torus() -> tuple[Float[np.ndarray, " grid"], Float[np.ndarray, " grid"]]:
     return driving.ravel(), driven.ravel()
 
 
-def drift_part(value: dict, columns: Float[Array, "drift tied"]):
+def drift_part(value: dict, columns: Float[Numbers, "drift tied"]):
     """Drift coefficients in their columns."""
     if columns.shape[0] == 0:
         return jnp.zeros(columns.shape[1])

@@ -30,7 +30,7 @@ def parameters_of(
         )
         names = (name, f"{shaft}_phase_deg")
         found += _polar_or_reason(solution, shaft, names, unit, scale, scope.reasons.get(shaft))
-    found.append(_constant_backlash(solution))
+    found.append(_constant_backlash(solution, () if drive else scope.short))
     for shaft in SHAFTS:
         reason = scope.reasons.get(shaft)
         if drive:
@@ -86,10 +86,13 @@ def _companions(solution: Solution, index: list[int]) -> str:
     return "it cannot be told from " + ", ".join(others) if others else "no sample depends on it"
 
 
-def _constant_backlash(solution: Solution) -> Parameter:
+def _constant_backlash(solution: Solution, short: tuple[str, ...]) -> Parameter:
     name = "constant_backlash_deg"
     if "constant_backlash" not in solution.names:
         return undetermined(name, "deg", "one direction: one flank alone shows no gap")
+    if short:
+        reason = f"the variable backlash of the {' and the '.join(short)} shaft is not resolved"
+        return undetermined(name, "deg", reason)
     index = solution.names.index("constant_backlash")
     if not solution.determined[index]:
         reason = "the data leave it open: " + _companions(solution, [index])

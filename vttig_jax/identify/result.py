@@ -68,7 +68,9 @@ class Fit:
         """
         cartesian = dict(zip(self.covariance_names, self.values, strict=True))
         driving, driven = (
-            complex(cartesian.get(f"{shaft}_x", 0.0), cartesian.get(f"{shaft}_y", 0.0))
+            complex(cartesian[f"{shaft}_x"], cartesian[f"{shaft}_y"])
+            if self.parameters[f"{shaft}_eccentricity_mm"].determined
+            else 0.0
             for shaft in ("driving", "driven")
         )
         if constant_backlash_deg is None:

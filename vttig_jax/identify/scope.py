@@ -12,6 +12,10 @@ from ..pair.gears import Drive, Flank, GearPair
 from ..pair.spec import FitOptions
 from .terms import TermPlan, plan_terms
 
+_FLANKS: tuple[Flank, ...] = ("A", "B")
+_LIKE_DRIFT = 0.25
+"""Turns below which the first order of a shaft is a parabola to 2 % of its amplitude."""
+
 
 @dataclass(frozen=True)
 class Scope:
@@ -20,7 +24,8 @@ class Scope:
     **Arguments**
     - `flanks`, `segments`: what is used.
     - `terms`: the harmonics.
-    - `reasons`: shaft → why its first order is not fitted.
+    - `reasons`: shaft → why its first order is not reported.
+    - `short`: shafts among them that turned too little.
     - `turns`: shaft → turns covered on the flank that covers least.
     - `notes`: sentences for the reader.
     """
@@ -29,6 +34,7 @@ class Scope:
     segments: tuple[Segment, ...]
     terms: TermPlan
     reasons: dict[str, str]
+    short: tuple[str, ...]
     turns: dict[str, float]
     notes: tuple[str, ...] = field(default=())
 
@@ -45,12 +51,12 @@ def find_scope(
     **Raises** `NoAnswerError` where no flank covers a revolution of either shaft.
     """
     notes = []
-    covered = {
+    covered: dict[Flank, tuple[float, float]] = {
         flank: _coverage(log, [s for s in segments if s.flank == flank])
-        for flank in ("A", "B")
+        for flank in _FLANKS
         if only in (None, flank)
     }
-    flanks = tuple(flank for flank, turns in covered.items() if max(turns) >= 1.0)
+    flanks: tuple[Flank, ...] = tuple(f for f, turns in covered.items() if max(turns) >= 1.0)
     if not flanks:
         most = max((max(turns) for turns in covered.values()), default=0.0)
         which = "" if only is None else f" on flank {only}"
@@ -69,23 +75,24 @@ def find_scope(
         for k, shaft in enumerate(("driving", "driven"))
     }
     orders = {"driving": options.driving_orders, "driven": options.driven_orders}
-    reasons = {}
-    for shaft, seen in turns.items():
-        if seen < 1.0:
-            reasons[shaft] = f"the {shaft} shaft turned {seen:.2f} of a revolution"
-            orders[shaft] = ()
-        elif 1 not in orders[shaft]:
-            reasons[shaft] = f"order 1 is not among {shaft}_orders of [fit]"
-    reasons |= _unresolved(pair, turns, reasons)
+    reasons = {
+        shaft: f"order 1 is not among {shaft}_orders of [fit]"
+        for shaft, wanted in orders.items()
+        if 1 not in wanted
+    }
+    short = _short(pair, turns, both=not reasons)
+    reasons |= short
+    for shaft, wanted in orders.items():
+        if shaft in short:
+            orders[shaft] = _nuisance(turns[shaft], wanted) if len(short) == 1 else ()
     teeth = pair.driving.teeth if isinstance(pair, GearPair) else None
-    fitted = {s: () if "neither" in reasons.get(s, "") else orders[s] for s in orders}
-    terms = plan_terms(pair.ratio, fitted["driving"], fitted["driven"], options.mesh_orders, teeth)
+    terms = plan_terms(pair.ratio, orders["driving"], orders["driven"], options.mesh_orders, teeth)
     tied = {h.shaft for h in terms.tied}
     for shaft in ("driving", "driven"):
         if shaft not in tied and shaft not in reasons:
             reasons[shaft] = "driving order 1 and driven order 1 are the same frequency"
     used = tuple(s for s in segments if s.flank in flanks)
-    return Scope(flanks, used, terms, reasons, turns, (*notes, *terms.dropped))
+    return Scope(flanks, used, terms, reasons, tuple(short), turns, (*notes, *terms.dropped))
 
 
 def _coverage(log: EncoderLog, segments: list[Segment]) -> tuple[float, float]:
@@ -99,17 +106,35 @@ def _coverage(log: EncoderLog, segments: list[Segment]) -> tuple[float, float]:
     )
 
 
-def _unresolved(
-    pair: GearPair | Drive, turns: dict[str, float], reasons: dict[str, str]
-) -> dict[str, str]:
-    """Both first orders drop out where the log is too short to hold them apart."""
-    if reasons or pair.ratio == 1:
-        return {}
-    needed = float(1 / abs(1 / pair.ratio - 1))
+def _short(pair: GearPair | Drive, turns: dict[str, float], *, both: bool) -> dict[str, str]:
+    """Shafts that turned too little for their first order, and why; `both` are to be fitted.
+
+    Neither is resolved where the log is too short to hold the two apart: below 1/(1/i − 1) driving
+    turns, or where one shaft turned less than once and no beat of the two is complete.
+    """
+    short = {
+        shaft: f"the {shaft} shaft turned {seen:.2f} of a revolution"
+        for shaft, seen in turns.items()
+        if seen < 1.0
+    }
+    if not both or pair.ratio == 1:
+        return short
+    needed = 1 / abs(1 / pair.ratio - 1)
+    if short:
+        needed = max(needed, 1 / abs(1 - pair.ratio))
     if turns["driving"] >= needed:
-        return {}
+        return short
     sentence = (
-        f"the driving shaft turned {turns['driving']:.2f} revolutions; below {needed:.2f} neither"
-        " shaft's first order is resolved"
+        f"the driving shaft turned {turns['driving']:.2f} revolutions; below {float(needed):.2f}"
+        " neither shaft's first order is resolved"
     )
     return {"driving": sentence, "driven": sentence}
+
+
+def _nuisance(turns: float, orders: tuple[int, ...]) -> tuple[int, ...]:
+    """Orders of a shaft that turned less than once.
+
+    Its first order is fitted without being reported, or it would bias the other shaft's; below a
+    quarter turn it passes for drift.
+    """
+    return (1,) if 1 in orders and turns >= _LIKE_DRIFT else ()

@@ -9,14 +9,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
-from scipy.signal import lfilter
 
 from ..base.units import REV
 from ..kinematics.te_curve import TECurve
 from ..logs.encoder_log import EncoderLog
 from ..logs.segments import Segment
 from ..pair.gears import Flank
-from .blocks import BlockPlan, block_rows, block_size
+from .blocks import BlockPlan, block_means, block_rows, block_size
 from .terms import TermPlan
 
 HIGHEST_LAG = 16
@@ -52,9 +51,9 @@ class FlankSummary:
             total = total + product * (gram + gram.T)
         if order == 0:
             return total
-        starting = lfilter(filter_, [1.0], self.heads[:, :order], axis=1)
+        starting = _filtered(filter_, self.heads[:, :order])
         ended = np.concatenate([self.tails[:, -order:], np.zeros_like(starting)], axis=1)
-        ending = lfilter(filter_, [1.0], ended, axis=1)[:, order:]
+        ending = _filtered(filter_, ended)[:, order:]
         ends = np.concatenate([starting, ending], axis=1).reshape(-1, total.shape[0])
         return total - ends.T @ ends
 
@@ -129,7 +128,7 @@ def compress(
         time = log.time[part]
         rows = block_rows(plan, driving[part], driven[part], (time - origin) / scale, y)
         runs[segment.flank].append(rows)
-        means = (_block_means(channel, size) for channel in (driving[part], y, time))
+        means = (block_means(channel, size) for channel in (driving[part], y, time))
         curves.append(TECurve(segment.flank, *means))
     return HarmonicSummary(
         tuple(_summarise(flank, rows, lags) for flank, rows in runs.items() if rows),
@@ -160,6 +159,11 @@ def _summarise(flank: Flank, runs: list[Float[np.ndarray, "n q"]], lags: int) ->
     )
 
 
-def _block_means(channel: Float[np.ndarray, " n"], size: int) -> Float[np.ndarray, " blocks"]:
-    blocks = len(channel) // size
-    return channel[: blocks * size].reshape(blocks, size).mean(axis=1)
+def _filtered(
+    filter_: Float[np.ndarray, " taps"], rows: Float[np.ndarray, "runs n q"]
+) -> Float[np.ndarray, "runs n q"]:
+    """w_t = Σ_j filter_j z_{t−j} with zeros before the first row."""
+    result = np.zeros_like(rows)
+    for lag, weight in enumerate(filter_[: rows.shape[1]]):
+        result[:, lag:] += weight * rows[:, : rows.shape[1] - lag]
+    return result

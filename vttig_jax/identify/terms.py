@@ -84,11 +84,10 @@ def plan_terms(
     if driving_teeth:
         shafts = {h.term for h in tied}
         absent = [k for k, first in enumerate([(1, 0), (0, 1)]) if first not in shafts]
-        tied += tuple(
-            Harmonic("both", 2, term)
-            for term in SECOND_ORDER
-            if not any(term[k] for k in absent)
-            and (frequency := abs(term[0] + term[1] * ratio)) not in kept
-            and frequency != 0
-        )
+        for term in SECOND_ORDER:
+            frequency = abs(term[0] + term[1] * ratio)
+            if frequency in kept or frequency == 0 or any(term[k] for k in absent):
+                continue
+            kept[frequency] = Harmonic("both", 2, term)
+            tied += (kept[frequency],)
     return TermPlan(ratio, free, tied, tuple(dropped))

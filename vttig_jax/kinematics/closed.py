@@ -3,9 +3,11 @@
 from typing import Literal
 
 import jax.numpy as jnp
+import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Complex, Float, Real
 
+from ..base.arrays import Numbers
 from ..base.units import DEG
 from ..pair.eccentricities import Eccentricities
 from ..pair.gears import Flank, GearPair
@@ -28,7 +30,7 @@ class ClosedModel(FlankModel):
     ratio: Float[Array, ""]
     driving_phasor: Complex[Array, "2"]
     driven_phasor: Complex[Array, "2"]
-    offset: Float[Array, "2"]
+    offset: Float[Numbers, "2"]
 
     def transmission_error(
         self, driving_angle: Real[ArrayLike, "*shape"], flank: Flank
@@ -62,7 +64,7 @@ def closed_model(
     alpha = (
         pair.working_pressure_angles
         if pressure_angle == "working"
-        else jnp.asarray(pair.pressure_angles_deg) * DEG
+        else pair.pressure_angles_deg * DEG
     )
     driving, driven = eccentricities.cartesian
     turn = jnp.exp(1j * alpha * jnp.array([1.0, -1.0]))
@@ -75,18 +77,11 @@ def closed_model(
     )
 
 
-def flank_offsets(pair: GearPair, eccentricities: Eccentricities) -> Float[Array, "2"]:
+def flank_offsets(pair: GearPair, eccentricities: Eccentricities) -> Float[Numbers, "2"]:
     """What constant backlash and axial displacement add to TE_A and TE_B, rad."""
-    slopes = jnp.tan(
-        jnp.stack(
-            [
-                jnp.asarray(pair.driven.helix_left_deg) * DEG,
-                -jnp.asarray(pair.driven.helix_right_deg) * DEG,
-            ]
-        )
-    )
+    slopes = pair.taper * np.array([1.0, -1.0])
     shift = eccentricities.axial_mm * slopes / pair.reference_radii[1]
-    return shift + jnp.array([0.0, 1.0]) * (eccentricities.constant_backlash_deg * DEG)
+    return shift + np.array([0.0, 1.0]) * (eccentricities.constant_backlash_deg * DEG)
 
 
 def _imaginary(phasor: Complex[Array, ""], angle: Float[Array, "*shape"]) -> Float[Array, "*shape"]:

@@ -4,8 +4,9 @@ import jax.numpy as jnp
 from jax.typing import ArrayLike
 from jaxtyping import Array, Complex, Float, Real
 
+from ..base.arrays import Numbers
 from ..pair.eccentricities import Eccentricities
-from ..pair.gears import Flank, GearPair, involute
+from ..pair.gears import Flank, GearPair
 from .closed import flank_offsets
 from .fixed_point import solve_contact
 from .flank_model import FlankModel, flank_index
@@ -26,10 +27,10 @@ class ExactModel(FlankModel):
 
     ratio: Float[Array, ""]
     centre_distance: Float[Array, ""]
-    base_sum: Float[Array, "2"]
+    base_sum: Float[Numbers, "2"]
     driving_offset: Complex[Array, ""]
     driven_offset: Complex[Array, ""]
-    offset: Float[Array, "2"]
+    offset: Float[Numbers, "2"]
 
     def transmission_error(
         self, driving_angle: Real[ArrayLike, "*shape"], flank: Flank
@@ -45,17 +46,21 @@ class ExactModel(FlankModel):
     ) -> Float[Array, "*shape"]:
         """TE of `flank` where both shaft angles are known, rad."""
         side = flank_index(flank)
+        sense = 1.0 if side == 0 else -1.0
+        return self.offset[side] + self.turned(
+            driving_angle, driven_angle, self.base_sum[side], sense
+        )
+
+    def turned(self, driving_angle, driven_angle, base_sum, sense):
+        """−(1 + i)(δ + sense·Δinv) for a flank with this r_b1 + r_b2; all arguments broadcast."""
         driving = _turned(self.driving_offset, driving_angle)
         driven = _turned(self.driven_offset, driven_angle)
         along = self.centre_distance + driven[0] - driving[0]
         across = -driven[1] - driving[1]
-        cosine = self.base_sum[side] / jnp.hypot(along, across)
-        opening = involute(jnp.arccos(cosine)) - involute(
-            jnp.arccos(self.base_sum[side] / self.centre_distance)
+        opening = _involute(along**2 + across**2, base_sum) - _involute(
+            self.centre_distance**2, base_sum
         )
-        sense = 1.0 if side == 0 else -1.0
-        turned = jnp.arctan2(across, along) + sense * opening
-        return self.offset[side] - (1 + self.ratio) * turned
+        return -(1 + self.ratio) * (jnp.arctan2(across, along) + sense * opening)
 
 
 def exact_model(pair: GearPair, eccentricities: Eccentricities) -> ExactModel:
@@ -76,3 +81,9 @@ def _turned(offset: Complex[Array, ""], angle: Float[Array, "*shape"]):
     cosine, sine = jnp.cos(angle), jnp.sin(angle)
     real, imaginary = jnp.real(offset), jnp.imag(offset)
     return real * cosine - imaginary * sine, real * sine + imaginary * cosine
+
+
+def _involute(squared_distance, base_sum):
+    """inv α_w = tan α_w − α_w from a² and r_b1 + r_b2, tan α_w = √(a²/(r_b1 + r_b2)² − 1)."""
+    tangent = jnp.sqrt(squared_distance / base_sum**2 - 1)
+    return tangent - jnp.arctan(tangent)

@@ -25,7 +25,7 @@ class RawChannel:
 
     values: Real[np.ndarray, " n"]
     unit: str
-    scale: str | float = 1
+    scale: str | int | float = 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,7 +133,7 @@ def make_channel(
     if encoder.modulus is not None and given is None:
         notes.append(f"{role}: `modulus` counts do not apply to a column in {raw.unit}")
     values, modulus, wraps, note = _continuous(role, values, time, given, per_turn, raw, source)
-    scale = as_fraction(raw.scale, f"log.{role}_scale")
+    scale = as_fraction(str(raw.scale), f"log.{role}_scale")
     channel = Channel(
         values,
         encoder.sign * radians * scale.numerator / scale.denominator,
@@ -169,7 +169,7 @@ def _continuous(
     values: np.ndarray,
     time: np.ndarray,
     given: int | None,
-    per_turn: float,
+    per_turn: int | float,
     raw: RawChannel,
     source: Source,
 ) -> tuple[np.ndarray, int | float | None, int, list[str]]:
@@ -206,7 +206,7 @@ def _continuous(
 
 
 def _refuse_blind_pause(
-    role: str, smooth: np.ndarray, time: np.ndarray, modulus: float, unit: str, source: Source
+    role: str, smooth: np.ndarray, time: np.ndarray, modulus: int | float, unit: str, source: Source
 ) -> None:
     """A counter that may have turned by half its modulus during a pause has lost its turns."""
     interval = np.diff(time)

@@ -144,7 +144,7 @@ def index_of(name: str, role: str, names: Sequence[str], source: str) -> int:
     tests = (
         lambda one: one == name,
         lambda one: one.lower() == name.lower(),
-        lambda one: name_and_unit(one, units_of(role), source)[0].lower() == name.lower(),
+        lambda one: str(name_and_unit(one, units_of(role), source)[0]).lower() == name.lower(),
         lambda one: re.split(r"[/\\.]", one)[-1] == name,
     )
     for test in tests:
@@ -162,7 +162,7 @@ def index_of(name: str, role: str, names: Sequence[str], source: str) -> int:
 
 def default_column(role: str, names: Sequence[str], source: str) -> int | None:
     """Column a role has by its default name, None where there is none; two are an error."""
-    hits = []
+    hits: list[int] = []
     for k, name in enumerate(names):
         stem, unit = name_and_unit(name, units_of(role), f"{source}: column `{name}`")
         if stem.lower() == role and (unit is not None or role == "time" or stem == name):

@@ -48,7 +48,8 @@ class EncoderLog:
     - `direction`: +1, 0, −1 per sample where the log has such a column; `axial_mm`: axial position
       of the driven gear; `torque`: in the column's unit, positive where it pushes φ₁ forward.
     - `ratio`: driven over driving speed, i.
-    - `zero`: where angles are zero: at the first sample ("start"), where channels read 0 ("reading").
+    - `zero`: where angles are zero: at the first sample ("start") or where the channels read 0
+      ("reading").
     - `source`, `sha256`: file name and digest of its bytes ("" for arrays).
     - `notes`: sentences on what was detected or assumed.
     """

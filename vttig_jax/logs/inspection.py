@@ -37,7 +37,7 @@ class ColumnReport:
     high: float
     resolution_arcsec: float | None = None
     turns: float | None = None
-    modulus: float | None = None
+    modulus: int | float | None = None
     wraps: int = 0
 
 

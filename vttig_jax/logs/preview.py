@@ -69,7 +69,7 @@ def preview_log(
     *,
     columns: Mapping[str, str] | None = None,
     decimal: str | None = None,
-    sample_rate_hz: float | None = None,
+    sample_rate_hz: int | float | None = None,
 ) -> Preview:
     """Look at a log without knowing the pair; arguments as `read_log`.
 
@@ -178,7 +178,7 @@ def _time(
     roles: Mapping[int, str],
     arrays: Mapping[int, np.ndarray],
     size: int,
-    sample_rate_hz: float | None,
+    sample_rate_hz: int | float | None,
 ) -> np.ndarray | None:
     if sample_rate_hz is not None:
         return np.arange(size) / sample_rate_hz
@@ -190,7 +190,7 @@ def _time(
 
 
 def _hints(
-    roles: Mapping[int, str], sample_rate_hz: float | None, reports: list[ColumnReport]
+    roles: Mapping[int, str], sample_rate_hz: int | float | None, reports: list[ColumnReport]
 ) -> list[str]:
     """What is still missing for a fit, and how to name it."""
     taken = set(roles.values())

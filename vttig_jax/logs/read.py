@@ -26,7 +26,7 @@ def read_log(
     *,
     columns: Mapping[str, str] | None = None,
     decimal: str | None = None,
-    sample_rate_hz: float | None = None,
+    sample_rate_hz: int | float | None = None,
 ) -> EncoderLog:
     """Read a CSV, TSV or TXT log of two encoders, or of one and the transmission error.
 
@@ -62,7 +62,7 @@ def read_raw(
     *,
     columns: Mapping[str, str],
     decimal: str | None,
-    sample_rate_hz: float | None,
+    sample_rate_hz: int | float | None,
 ) -> RawLog:
     """The columns of a log with their units, before unwrapping; arguments as `read_log`."""
     check_arguments(columns, decimal, sample_rate_hz)
@@ -99,12 +99,14 @@ def read_raw(
     )
 
 
-def _channel(column: Column, values: Mapping[str, np.ndarray], scale: str | float) -> RawChannel:
+def _channel(
+    column: Column, values: Mapping[str, np.ndarray], scale: str | int | float
+) -> RawChannel:
     return RawChannel(values[column.role], column.unit, scale)
 
 
 def check_arguments(
-    columns: Mapping[str, str], decimal: str | None, sample_rate_hz: float | None
+    columns: Mapping[str, str], decimal: str | None, sample_rate_hz: int | float | None
 ) -> None:
     """Raise `UsageError` for keywords that cannot be followed."""
     for role in columns:

@@ -97,7 +97,7 @@ def find_segments(log: EncoderLog) -> Segments:
     speed = smooth_speed(time, angle, log.driving.resolution)
     sense = _sense(speed, angle, cut)
     spans = runs(sense, cut)
-    motion = tuple(_motion(a, b, sense[a], time, angle) for a, b in spans)
+    motion = tuple(_motion(a, b, int(sense[a]), time, angle) for a, b in spans)
     moving = [(m.start, m.stop) for m in motion if m.kind != "dwell"]
     certain, ragged = _certain(log, speed, moving, cut)
     flank = _flank(log, sense)
@@ -138,7 +138,7 @@ def _motion(
     start: int, stop: int, sense: int, time: Float[np.ndarray, " n"], angle: Float[np.ndarray, " n"]
 ) -> Motion:
     kinds: dict[int, Kind] = {1: "forward", 0: "dwell", -1: "backward"}
-    return Motion(start, stop, kinds[int(sense)], _mean_speed(start, stop, time, angle))
+    return Motion(start, stop, kinds[sense], _mean_speed(start, stop, time, angle))
 
 
 def _mean_speed(
@@ -209,4 +209,5 @@ def _crossing(
 def _starts_at_rest(angle: Float[np.ndarray, " n"], run: tuple[int, int]) -> bool:
     """Whether the log begins with a run that only gathers speed."""
     steps = np.abs(np.diff(angle[run[0] : run[1]]))
-    return len(steps) > 0 and steps[: max(1, len(steps) // 100)].mean() < 0.5 * np.median(steps)
+    first = steps[: max(1, len(steps) // 100)]
+    return len(steps) > 0 and bool(first.mean() < 0.5 * np.median(steps))

@@ -1,11 +1,13 @@
 """What the log readers need to know of a gear pair or drive."""
 
 from fractions import Fraction
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from ..pair.spec import Encoder, FitOptions, LogLayout, UnitTable
 
 
+@runtime_checkable
+@runtime_checkable
 class Shaft(Protocol):
     """One shaft: the tooth count of its gear, where it has one, and its encoder."""
 
@@ -16,6 +18,8 @@ class Shaft(Protocol):
     def encoder(self) -> Encoder: ...  # noqa: D102
 
 
+@runtime_checkable
+@runtime_checkable
 class TwoShafts(Protocol):
     """A pair file, a `GearPair` or a `Drive`: how the two columns of a log belong together."""
 

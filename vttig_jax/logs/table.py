@@ -20,6 +20,9 @@ DELIMITERS = ("\t", ";", ",", "|", None)
 
 NAMED = {"tab": "\t", "\\t": "\t", "space": None, " ": None, "semicolon": ";", "comma": ","}
 
+PREAMBLE = 1000
+"""Lines among which the first row of numbers is looked for."""
+
 COMMENTS = ("#", "%", "//")
 
 
@@ -56,13 +59,13 @@ class Table:
         **Raises** `LogError` naming the line and column of a field that is no number.
         """
         lines, decimal = self._prepared(indices)
-        if decimal is not None:
+        if lines is None:
             return _by_field(self, indices, decimal)
         options = {"delimiter": self.delimiter, "comments": "#", "quotechar": '"', "ndmin": 2}
         try:
             array = np.loadtxt(lines, usecols=indices, **options)
         except ValueError:
-            return _by_field(self, indices, self.decimal or ".")
+            return _by_field(self, indices, decimal)
         columns: list[np.ndarray] = list(np.ascontiguousarray(array.T))
         for k, index in enumerate(indices):
             if np.nanmax(np.abs(columns[k]), initial=0) >= EXACT_FLOAT:
@@ -73,22 +76,22 @@ class Table:
                 columns[k] = whole[:, 0]
         return columns
 
-    def _prepared(self, indices: Sequence[int]) -> tuple[list[str], str | None]:
-        """Lines with decimal points, or the mark under which only single fields can be read."""
+    def _prepared(self, indices: Sequence[int]) -> tuple[list[str] | None, str]:
+        """Lines with decimal points, None where the C parser is no use, and the mark they had."""
         body = self.body
         if self.delimiter == ",":
             commas = any('"' in line for line in body)
         else:
             commas = any("," in line for line in body)
-        if not commas:
-            return (body, None) if self.decimal != "," else (body, ",")
-        if self.decimal is not None:
-            return body, self.decimal
-        fields = [row[k] for _, row in self.rows() for k in indices if k < len(row)]
-        decimal = choose_decimal(fields, self.delimiter, self.source)
-        if decimal == "," and self.delimiter != ",":
-            return [line.replace(",", ".") for line in body], None
-        return body, decimal
+        if not commas and self.decimal != ",":
+            return body, "."
+        decimal = self.decimal
+        if decimal is None:
+            fields = [row[k] for _, row in self.rows() for k in indices if k < len(row)]
+            decimal = choose_decimal(fields, self.delimiter, self.source)
+        if decimal == "," and self.delimiter != "," and not any("." in line for line in body):
+            return [line.replace(",", ".") for line in body], decimal
+        return None, decimal
 
 
 def find_table(
@@ -149,12 +152,11 @@ def _names(line: str, delimiter: str | None) -> list[str]:
 
 def _first_row(lines: list[str], delimiter: str | None) -> int | None:
     """First line of at least two fields of which at least half are numbers."""
-    for k, line in enumerate(lines):
+    for k, line in enumerate(lines[:PREAMBLE]):
         if line.lstrip().startswith(COMMENTS):
             continue
         fields = split(line, delimiter)
-        numbers = sum(map(looks_like_number, fields))
-        if len(fields) >= 2 and 2 * numbers >= len(fields):
+        if len(fields) >= 2 and 2 * sum(map(looks_like_number, fields)) >= len(fields):
             return k
     return None
 

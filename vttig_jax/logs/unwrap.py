@@ -9,8 +9,11 @@ from jaxtyping import Float, Int, Real
 
 SMALLEST_COUNTER = 2**8
 
+EXPLAINED = 0.15
+"""Share of the unrest at its jumps that a modulus may leave."""
 
-def wrap_steps(reading: Real[np.ndarray, " n"], modulus: float) -> Int[np.ndarray, " steps"]:
+
+def wrap_steps(reading: Real[np.ndarray, " n"], modulus: int | float) -> Int[np.ndarray, " steps"]:
     """Wraps between neighbouring samples: +1 where the counter passed its top, −1 its bottom."""
     step = np.diff(reading)
     if np.issubdtype(reading.dtype, np.integer):
@@ -19,7 +22,7 @@ def wrap_steps(reading: Real[np.ndarray, " n"], modulus: float) -> Int[np.ndarra
     return -np.rint(step / modulus).astype(np.int64)
 
 
-def unwrap(reading: Real[np.ndarray, " n"], modulus: float) -> Real[np.ndarray, " n"]:
+def unwrap(reading: Real[np.ndarray, " n"], modulus: int | float) -> Real[np.ndarray, " n"]:
     """Return `reading` + kM, continuous, starting at the first reading; int64 stays exact.
 
     **Arguments**
@@ -32,12 +35,15 @@ def unwrap(reading: Real[np.ndarray, " n"], modulus: float) -> Real[np.ndarray, 
     return reading + float(modulus) * turns
 
 
-def find_modulus(reading: Real[np.ndarray, " n"], per_turn: float | None) -> float | None:
+def find_modulus(
+    reading: Real[np.ndarray, " n"], per_turn: int | float | None
+) -> int | float | None:
     """The modulus at which a channel wraps, from the size of its jumps; None where it does not.
 
     Integer counts may wrap at a power of two or at `per_turn` (counts per revolution), angles only
     at `per_turn` (one revolution in their unit). Of the candidates that exceed the range of the
-    readings, the one wins that leaves the steadiest steps, if it at least halves their unrest.
+    readings, the one wins that leaves the steadiest steps where it wraps, if hardly any unrest is
+    left there.
     """
     low, high = reading.min(), reading.max()
     span = high - low
@@ -49,18 +55,20 @@ def find_modulus(reading: Real[np.ndarray, " n"], per_turn: float | None) -> flo
             candidates.append(int(per_turn))
     elif per_turn is not None and span <= per_turn:
         candidates.append(per_turn)
-    best, unrest = None, 0.5 * _unrest(step)
+    best, unrest = None, EXPLAINED
     for candidate in candidates:
-        if 2 * np.abs(step).max() <= candidate:
+        wraps = wrap_steps(reading, candidate)
+        at = np.flatnonzero(wraps)
+        if len(at) == 0:
             continue
-        left = _unrest(step + candidate * wrap_steps(reading, candidate))
+        left = _unrest(step + candidate * wraps, at) / _unrest(step, at)
         if left < unrest:
             best, unrest = candidate, left
     return best
 
 
 def stray_jump(
-    reading: Real[np.ndarray, " n"], time: Float[np.ndarray, " n"], quantum: float
+    reading: Real[np.ndarray, " n"], time: Float[np.ndarray, " n"], quantum: int | float
 ) -> int | None:
     """Row of the first step no motion explains, or None.
 
@@ -93,5 +101,8 @@ def steps_per_interval(
     return np.diff(reading) / weight
 
 
-def _unrest(step: Real[np.ndarray, " steps"]) -> float:
-    return float(np.abs(np.diff(step.astype(np.float64))).sum())
+def _unrest(step: Real[np.ndarray, " steps"], at: Int[np.ndarray, " wraps"]) -> float:
+    """Change of step before and after the steps `at`; 1 is added so that none divides by 0."""
+    change = np.abs(np.diff(step.astype(np.float64)))
+    before, after = at[at > 0] - 1, at[at < len(change)]
+    return 1.0 + float(change[before].sum() + change[after].sum())

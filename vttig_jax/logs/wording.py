@@ -1,13 +1,17 @@
 """The report of an inspection, laid out to be read from top to bottom."""
 
 from collections.abc import Sequence
+from textwrap import fill
 from typing import TYPE_CHECKING
 
 from ..base.tables import key_values, text_table
+from ..base.units import REV
 from .sampling import Sampling
 
 if TYPE_CHECKING:
     from .inspection import ColumnReport, Inspection
+
+WIDTH = 100
 
 MOST_LINES = 12
 """Rows of a table before it is cut short."""
@@ -23,7 +27,7 @@ def inspection_text(report: "Inspection") -> str:
             [
                 *sampling_rows(report.sampling, segments.read),
                 ("angle zero", "first sample" if report.zero == "start" else "reading zero"),
-                ("ratio", report.ratio.sentence),
+                ("ratio", report.ratio.short),
             ]
         ),
         key_values(
@@ -79,13 +83,15 @@ def sampling_rows(sampling: Sampling, rows: int) -> list[tuple[str, str]]:
 
 
 def bullets(title: str, sentences: Sequence[str]) -> str:
-    """Sentences as a list, one "title:" each."""
-    return "\n".join(f"{title}: {sentence}" for sentence in sentences)
+    """Sentences as a list, one "title:" each, wrapped."""
+    indent = " " * (len(title) + 2)
+    return "\n".join(
+        fill(f"{title}: {s}", WIDTH, subsequent_indent=indent, break_long_words=False)
+        for s in sentences
+    )
 
 
 def _motion_table(report: "Inspection") -> str:
-    from ..base.units import REV
-
     motion = report.segments.motion
     rows = [
         (m.kind, str(m.start), str(m.stop), f"{60 * m.speed / REV:.4g}")
@@ -121,6 +127,8 @@ def _spectrum_table(report: "Inspection") -> str:
 
 def _remarks(report: "Inspection") -> list[str]:
     remarks = list(report.notes)
+    if report.ratio.verdict not in ("agrees", "none"):
+        remarks.insert(0, report.ratio.sentence)
     for one in report.commensurate:
         remarks.append(
             f"at {one.speed_rpm:.5g} rpm the {one.shaft} encoder passes"

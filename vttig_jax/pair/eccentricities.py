@@ -6,10 +6,10 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Complex, Float
 
-from ..base.arrays import float64
+from ..base.arrays import Number, float64
 from ..base.units import DEG
 
-Scalar = Float[Array, ""]
+Scalar = Float[Number, ""]
 
 
 class Eccentricities(eqx.Module):

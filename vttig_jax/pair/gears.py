@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import Literal
 
 import equinox as eqx
-import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
-from ..base.arrays import float64
+from ..base.arrays import Number, Numbers, float64, namespace
 from ..base.tables import key_values
 from ..base.units import DEG
 from .check import transverse_module_mm, transverse_pressure_angles_deg
@@ -30,7 +30,7 @@ from .spec import (
 )
 
 Flank = Literal["A", "B"]
-Scalar = Float[Array, ""]
+Scalar = Float[Number, ""]
 
 
 class Gear(eqx.Module):
@@ -74,7 +74,7 @@ class GearPair(eqx.Module):
     driving: Gear
     driven: Gear
     module_mm: Scalar
-    pressure_angles_deg: Float[Array, "2"]
+    pressure_angles_deg: Float[Numbers, "2"]
     centre_distance_mm: Scalar
     name: str = eqx.field(static=True)
     log: LogLayout = eqx.field(static=True)
@@ -97,7 +97,7 @@ class GearPair(eqx.Module):
         self.driving, self.driven = driving, driven
         self.module_mm = float64(module_mm)
         angles = float64(pressure_angles_deg)
-        self.pressure_angles_deg = angles + float64([0.0, 0.0])
+        self.pressure_angles_deg = angles + np.zeros(2)
         reference = self.module_mm * (driving.teeth + driven.teeth) / 2
         self.centre_distance_mm = (
             reference if centre_distance_mm is None else float64(centre_distance_mm)
@@ -115,45 +115,52 @@ class GearPair(eqx.Module):
         return self.ratio.denominator
 
     @property
-    def reference_radii(self) -> Float[Array, "2"]:
+    def reference_radii(self) -> Float[Numbers, "2"]:
         """Reference radii R = m z/2 of the driving and the driven gear, mm."""
-        return jnp.asarray(self.module_mm) * jnp.array([self.driving.teeth, self.driven.teeth]) / 2
+        return self.module_mm * np.array([self.driving.teeth, self.driven.teeth]) / 2
 
     @property
-    def base_radii(self) -> Float[Array, "gear=2 flank=2"]:
+    def base_radii(self) -> Float[Numbers, "gear=2 flank=2"]:
         """Base radii r_b = R cos αₜ, mm; rows driving and driven, columns flank A and B."""
-        cosines = jnp.cos(jnp.asarray(self.pressure_angles_deg) * DEG)
+        xp = namespace(self.pressure_angles_deg)
+        cosines = xp.cos(self.pressure_angles_deg * DEG)
         return self.reference_radii[:, None] * cosines[None, :]
 
     @property
-    def working_pressure_angles(self) -> Float[Array, "2"]:
+    def working_pressure_angles(self) -> Float[Numbers, "2"]:
         """α_w of flank A and B at the nominal centre distance, cos α_w = (r_b1 + r_b2)/a."""
-        return jnp.arccos(self.base_radii.sum(axis=0) / jnp.asarray(self.centre_distance_mm))
+        cosines = self.base_radii.sum(axis=0) / self.centre_distance_mm
+        return namespace(cosines).arccos(cosines)
 
     @property
-    def working_radii(self) -> Float[Array, "2"]:
+    def working_radii(self) -> Float[Numbers, "2"]:
         """Working pitch radii of the driving and the driven gear, mm."""
         share = float(1 / (1 + 1 / self.ratio))
-        return jnp.asarray(self.centre_distance_mm) * jnp.array([share, 1 - share])
+        return self.centre_distance_mm * np.array([share, 1 - share])
+
+    @property
+    def taper(self) -> Float[Numbers, "2"]:
+        """tan β_L and tan β_R of the driven gear: by how much s moves flank A and flank B."""
+        left, right = self.driven.helix_left_deg, self.driven.helix_right_deg
+        xp = namespace(left, right)
+        return xp.tan(xp.stack([left, right]) * DEG)
 
     @property
     def thinning(self) -> Scalar:
         """tan β_L + tan β_R: backlash at the reference circle per unit of axial displacement."""
-        left = jnp.asarray(self.driven.helix_left_deg) * DEG
-        right = jnp.asarray(self.driven.helix_right_deg) * DEG
-        return jnp.tan(left) + jnp.tan(right)
+        return self.taper.sum()
 
     @property
-    def contact_ratios(self) -> Float[Array, "2"]:
+    def contact_ratios(self) -> Float[Numbers, "2"]:
         """Transverse contact ratio of flank A and B for the standard addendum h_a = m.
 
         ε = [√(r_a1² − r_b1²) + √(r_a2² − r_b2²) − a sin α_w] / (π m cos αₜ)
         """
         tips = (self.reference_radii + self.module_mm)[:, None]
-        paths = jnp.sqrt(tips**2 - self.base_radii**2).sum(axis=0)
-        paths = paths - self.centre_distance_mm * jnp.sin(self.working_pressure_angles)
-        pitch = math.pi * self.module_mm * jnp.cos(jnp.asarray(self.pressure_angles_deg) * DEG)
-        return paths / pitch
+        xp = namespace(self)
+        paths = xp.sqrt(tips**2 - self.base_radii**2).sum(axis=0)
+        paths = paths - self.centre_distance_mm * xp.sin(self.working_pressure_angles)
+        return paths / (math.pi * self.module_mm * xp.cos(self.pressure_angles_deg * DEG))
 
     @property
     def drawing_backlash(self) -> Scalar:
@@ -161,9 +168,9 @@ class GearPair(eqx.Module):
 
         Σ over the flanks of (r_b1 + r_b2)(inv α_w − inv αₜ)/r_b2.
         """
-        angles = jnp.asarray(self.pressure_angles_deg) * DEG
+        angles = self.pressure_angles_deg * DEG
         opening = involute(self.working_pressure_angles) - involute(angles)
-        return jnp.sum(opening) * float(1 + self.ratio)
+        return opening.sum() * float(1 + self.ratio)
 
     def __str__(self) -> str:
         flanks = "{:.4f}° / {:.4f}°".format
@@ -207,9 +214,9 @@ class Drive(eqx.Module):
         return key_values(rows, title=self.name or "drive")
 
 
-def involute(angle: Float[Array, "..."]) -> Float[Array, "..."]:
+def involute(angle: Float[Numbers, "..."]) -> Float[Numbers, "..."]:
     """Involute function inv α = tan α − α, rad."""
-    return jnp.tan(angle) - angle
+    return namespace(angle).tan(angle) - angle
 
 
 def pair_from_spec(spec: PairSpec) -> GearPair | Drive:

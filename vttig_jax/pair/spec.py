@@ -81,8 +81,8 @@ class LogLayout(_Table, frozen=True):
     driven: str | None = None
     transmission_error: str | None = None
     zero: Literal["start", "reading"] = "start"
-    driving_scale: str | float = 1
-    driven_scale: str | float = 1
+    driving_scale: str | float | int = 1
+    driven_scale: str | float | int = 1
     direction: str | None = None
     axial_mm: str | None = None
     torque: str | None = None
@@ -128,7 +128,7 @@ class PairSpec(_Table, frozen=True):
         return Fraction(self.driving.teeth, self.driven.teeth)
 
 
-def as_fraction(value: str | float, where: str) -> Fraction:
+def as_fraction(value: str | float | int, where: str) -> Fraction:
     """A positive rational from `"7/1798"`, `"0.5625"` or a number; else `PairError` at `where`.
 
     A number goes through its shortest decimal form, so 0.1 is 1/10.

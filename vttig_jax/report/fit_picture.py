@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from ..base.units import ARCSEC, DEG
 from ..identify.result import Fit
@@ -17,6 +18,7 @@ from .style import (
     Unit,
     driving_axis,
     grid,
+    heading,
     legend,
     new_figure,
     title,
@@ -46,13 +48,12 @@ def plot_fit(
     flanks = [flank for flank in ("A", "B") if any(curve.flank == flank for curve, _ in runs)]
     figure = new_figure(2.3 * (len(flanks) + 1))
     axes = figure.subplots(len(flanks) + 1, 1, sharex=True)
-    for ax, flank in zip(axes, flanks, strict=False):
+    for ax, flank in zip(axes[:-1], flanks, strict=True):
         _draw_flank(ax, [run for run in runs if run[0].flank == flank], size)
         ax.set_ylabel(f"TE, flank {flank} [{SIGNS[unit]}]")
-        legend(ax)
-    title(axes[0], "transmission error", fit.pair.name, PurePath(fit.source).name)
+    heading(figure, "transmission error", fit.pair.name, PurePath(fit.source).name)
     _draw_residuals(axes[-1], runs, flanks)
-    title(axes[-1], f"residual; single samples {fit.residual_rms_deg * DEG / ARCSEC:.3g}″ rms")
+    title(axes[-1], f"residual (single samples: {fit.residual_rms_deg * DEG / ARCSEC:.3g}″ rms)")
     for ax in axes:
         grid(ax)
     if span_deg is not None:
@@ -63,41 +64,48 @@ def plot_fit(
 
 def _draw_flank(ax: Axes, runs: list[Run], size: float) -> None:
     most = MOST_POINTS // len(runs)
-    for number, (curve, residual) in enumerate(runs):
+    keys = []
+    for curve, residual in runs:
         angle, error = curve.driving_angle / DEG, curve.transmission_error / size
-        names = ("", "") if number else ("measured", "fitted")
-        ax.plot(
-            *thinned(angle, error, most),
-            ".",
-            color=FLANK_COLOURS[curve.flank],
-            markersize=2.5,
-            markeredgewidth=0,
-            label=names[0],
-        )
-        ax.plot(
+        keys = _dots(ax, *thinned(angle, error, most), curve.flank, "measured")
+        keys += ax.plot(
             *thinned(angle, error - residual / size, most),
             color=MODEL_COLOUR,
-            linewidth=0.6,
-            label=names[1],
+            linewidth=0.5,
+            label="fitted",
         )
+    legend(ax, keys)
 
 
 def _draw_residuals(ax: Axes, runs: list[Run], flanks: list[str]) -> None:
     most = MOST_POINTS // len(runs)
+    keys = []
     for flank in flanks:
         own = [run for run in runs if run[0].flank == flank]
         rms = np.sqrt(np.mean(np.concatenate([residual for _, residual in own]) ** 2))
         label = f"flank {flank}: {rms / ARCSEC:.3g}″ rms"
-        for number, (curve, residual) in enumerate(own):
-            ax.plot(
-                *thinned(curve.driving_angle / DEG, residual / ARCSEC, most),
-                color=FLANK_COLOURS[flank],
-                linewidth=0.5,
-                alpha=0.8,
-                label="" if number else label,
-            )
+        lines = [
+            _dots(ax, *thinned(curve.driving_angle / DEG, residual / ARCSEC, most), flank, label)
+            for curve, residual in own
+        ]
+        keys += lines[0]
     ax.set_ylabel("residual [arcsec]")
-    legend(ax)
+    legend(ax, keys)
+
+
+def _dots(
+    ax: Axes, x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"], flank: str, label: str
+) -> list[Line2D]:
+    return ax.plot(
+        x,
+        y,
+        ".",
+        color=FLANK_COLOURS[flank],
+        markersize=4,
+        markeredgewidth=0,
+        alpha=0.6,
+        label=label,
+    )
 
 
 def _within(fit: Fit, span_deg: tuple[float, float] | None) -> list[Run]:

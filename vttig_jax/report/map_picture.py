@@ -5,6 +5,7 @@ import math
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from ..base.errors import NoAnswerError
 from ..base.units import DEG, REV
@@ -39,41 +40,45 @@ def plot_map(backlash: BacklashMap, *, ax: Axes | None = None, turns: int = 16) 
     gap = backlash.over(angle)
     if not np.isfinite(gap).all():
         raise NoAnswerError(
-            "a map with one flank only has no backlash to show; record both directions."
+            "the backlash map is not a number: one of its flanks was not measured; record both"
+            " directions."
         )
     if ax is None:
         ax = new_figure(4.2).add_subplot()
     x, y = thinned(angle / DEG, gap / DEG)
-    ax.plot(x, y, color=COLOURS[0], linewidth=0.6, label="all orders")
+    lines = ax.plot(x, y, color=COLOURS[0], linewidth=0.8, label="backlash map")
     if backlash.first_order is not None:
         first = backlash.first_order_over(angle)
         x, y = thinned(angle / DEG, first / DEG)
-        ax.plot(x, y, color=COLOURS[1], linewidth=1.4, label="first order only")
-    _mark(ax, backlash.smallest, "v", "smallest", shown)
-    _mark(ax, backlash.largest, "^", "largest", shown)
+        lines += ax.plot(x, y, "--", color=COLOURS[1], linewidth=1.3, label="first order only")
+    marks = _mark(ax, backlash.smallest, "v", "smallest", shown)
+    marks += _mark(ax, backlash.largest, "^", "largest", shown)
     ax.set_ylabel("backlash, angle of the driven gear [°]")
     ax.set_xlim(0.0, 360.0 * shown)
     _millimetres(ax, backlash)
-    span = f"hunting period of {period} turns" if shown == period else (
-        f"first {shown} of the {period} turns of the hunting period"
-    )
-    title(ax, "backlash", backlash.pair.name, span)
+    title(ax, "backlash", backlash.pair.name, _span(shown, period), legend_rows=2)
     grid(ax)
     driving_axis(ax)
-    legend(ax)
+    legend(ax, marks + lines)
     return figure_of(ax)
 
 
-def _mark(ax: Axes, extreme: Extreme, marker: str, word: str, shown: int) -> None:
+def _span(shown: int, period: int) -> str:
+    if shown < period:
+        return f"first {shown} of the {period} turns of the hunting period"
+    return f"hunting period of {period} turn{'s' if period > 1 else ''}"
+
+
+def _mark(ax: Axes, extreme: Extreme, marker: str, word: str, shown: int) -> list[Line2D]:
     """Mark an extreme; one outside the turns shown stands in the legend alone."""
     seen = extreme.driving_angle <= shown * REV
     place = ([extreme.driving_angle / DEG], [extreme.backlash / DEG]) if seen else ([], [])
-    ax.plot(
+    return ax.plot(
         *place,
         marker,
         color=MODEL_COLOUR,
         markersize=7,
-        markerfacecolor="white",
+        markerfacecolor="none",
         label=f"{word}: {extreme}" + ("" if seen else ", not shown"),
     )
 
@@ -86,5 +91,8 @@ def _millimetres(ax: Axes, backlash: BacklashMap) -> None:
     size, label = float(pair.reference_radii[1]) * DEG, "at the reference circle [mm]"
     if thinning := float(pair.thinning):
         size, label = size / thinning, "axial displacement that closes it [mm]"
-    right = ax.secondary_yaxis("right", functions=(lambda deg: deg * size, lambda mm: mm / size))
+    right = ax.secondary_yaxis(
+        "right",
+        functions=(lambda deg: np.asarray(deg) * size, lambda mm: np.asarray(mm) / size),
+    )
     right.set_ylabel(label)

@@ -17,11 +17,9 @@ from .te_picture import plot_te
 def plot(obj: object, **options: Any) -> Figure:
     """Draw an object; the figure is matplotlib's own and belongs to no pyplot window.
 
-    | object        | picture                                     | options            |
-    |---------------|---------------------------------------------|--------------------|
-    | `TECurve`     | transmission error over driving angle       | `ax`, `unit`       |
-    | `Fit`         | measured, fitted and residual, flank by flank | `unit`, `span_deg` |
-    | `BacklashMap` | backlash over the hunting period            | `ax`, `turns`      |
+    - a `TECurve`: transmission error over driving angle; options `ax`, `unit`.
+    - a `Fit`: measured and fitted, flank by flank, and the residual; `unit`, `span_deg`.
+    - a `BacklashMap`: backlash over the hunting period; `ax`, `turns`.
 
     The options are those of `plot_te`, `plot_fit` and `plot_map`.
 
@@ -40,8 +38,7 @@ def plot(obj: object, **options: Any) -> Figure:
     ```
     """
     raise ValueError(
-        "Argument `obj` must be a TECurve, Fit or BacklashMap, but is"
-        f" {type(obj).__name__}{' with options' if options else ''}."
+        f"Argument `obj` must be a TECurve, Fit or BacklashMap, but is {type(obj).__name__}."
     )
 
 

@@ -6,9 +6,9 @@ from matplotlib.patches import Patch
 
 from ..identify.order_table import Order
 from ..identify.result import Fit
-from .style import FLANK_COLOURS, grid, new_figure, title
+from .style import FLANK_COLOURS, grid, heading, new_figure
 
-_SHAFTS = {"driving": "driving order", "driven": "driven order", "mesh": "tooth-mesh order"}
+_SHAFTS = {"driving": "driving order", "driven": "driven order", "mesh": "mesh order"}
 _SIGNIFICANT = 3.0
 _WIDTH = 0.38
 _SHIFT = {"A": -_WIDTH / 2, "B": _WIDTH / 2}
@@ -45,17 +45,18 @@ def plot_orders(fit: Fit, *, log: bool = True) -> Figure:
         ax.set_xlabel(_SHAFTS[shaft])
     _scale(axes[0], fit.orders, log)
     axes[0].set_ylabel("amplitude at the driven gear [arcsec]")
-    title(axes[0], "order spectrum", fit.pair.name)
-    _name_bars(figure, axes[-1], fit.orders)
+    heading(figure, "order spectrum", fit.pair.name)
+    _name_bars(figure, fit.orders)
     return figure
 
 
 def _draw(ax: Axes, orders: list[Order]) -> None:
     numbers = sorted({o.order for o in orders})
+    shift = _SHIFT if len({o.flank for o in orders}) == 2 else {"A": 0.0, "B": 0.0}
     for o in orders:
         colour = FLANK_COLOURS[o.flank]
         ax.bar(
-            numbers.index(o.order) + _SHIFT[o.flank],
+            numbers.index(o.order) + shift[o.flank],
             o.amplitude_arcsec,
             _WIDTH * 0.9,
             yerr=o.std_arcsec,
@@ -86,8 +87,8 @@ def _scale(ax: Axes, orders: tuple[Order, ...], log: bool) -> None:
     ax.yaxis.set_major_formatter("{x:g}")
 
 
-def _name_bars(figure: Figure, ax: Axes, orders: tuple[Order, ...]) -> None:
-    """One legend for all panels, on top of the last one."""
+def _name_bars(figure: Figure, orders: tuple[Order, ...]) -> None:
+    """One legend for all panels, below them."""
     keys = [
         Patch(color=colour, label=f"flank {flank}")
         for flank, colour in FLANK_COLOURS.items()
@@ -97,7 +98,7 @@ def _name_bars(figure: Figure, ax: Axes, orders: tuple[Order, ...]) -> None:
         keys.append(Patch(facecolor="none", edgecolor="0.4", label="below three standard errors"))
     figure.legend(
         handles=keys,
-        loc="outside upper right",
+        loc="outside lower center",
         ncols=len(keys),
         frameon=False,
         fontsize="small",

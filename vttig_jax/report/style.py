@@ -1,9 +1,11 @@
 """What all pictures share: size, colours, units of the axes, ticks at whole turns, legends."""
 
 import math
+from collections.abc import Sequence
 from typing import Final, Literal
 
 from matplotlib import color_sequences
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MultipleLocator
@@ -21,6 +23,7 @@ SIGNS: Final = {"arcsec": "arcsec", "deg": "°"}
 
 _WIDTH_IN = 8.0
 _MOST_TICKS = 9
+_LEGEND_ROW_PT = 15.0
 
 
 def new_figure(height_in: float) -> Figure:
@@ -35,25 +38,38 @@ def figure_of(ax: Axes) -> Figure:
     return figure
 
 
-def unit_size(unit: Unit) -> float:
+def unit_size(unit: str) -> float:
     """Radians per `unit`."""
     if unit not in SIGNS:
         raise ValueError(f"Argument `unit` must be {' or '.join(SIGNS)}, but is {unit!r}.")
     return ANGLE_UNITS[unit]
 
 
-def title(ax: Axes, *parts: str) -> None:
-    """What is shown, left above the axes; a `$` in a file name stays a `$`."""
-    text = " · ".join(part for part in parts if part)
-    ax.set_title(text, loc="left", fontsize="medium", parse_math=False)
+def heading(figure: Figure, *parts: str) -> None:
+    """What a figure shows, in its first line; a `$` in a file name stays a `$`."""
+    figure.suptitle(
+        _joined(parts), x=0.01, horizontalalignment="left", fontsize="medium", parse_math=False
+    )
 
 
-def legend(ax: Axes, columns: int = 2) -> None:
-    """A legend on top of the axes, where it covers no data."""
+def title(ax: Axes, *parts: str, legend_rows: int = 0) -> None:
+    """What axes show, left above them and above the rows of a legend that needs the width."""
+    ax.set_title(
+        _joined(parts),
+        loc="left",
+        fontsize="medium",
+        pad=6.0 + _LEGEND_ROW_PT * legend_rows,
+        parse_math=False,
+    )
+
+
+def legend(ax: Axes, handles: Sequence[Artist]) -> None:
+    """A legend of two columns on top of the axes, where it covers no data."""
     ax.legend(
+        handles=handles,
         loc="lower right",
         bbox_to_anchor=(1.0, 1.0),
-        ncols=columns,
+        ncols=2,
         frameon=False,
         fontsize="small",
         borderaxespad=0.2,
@@ -76,3 +92,7 @@ def driving_axis(ax: Axes) -> None:
     turns = (high - low) / 360.0
     if turns >= 3:
         ax.xaxis.set_major_locator(MultipleLocator(360.0 * math.ceil(turns / _MOST_TICKS)))
+
+
+def _joined(parts: tuple[str, ...]) -> str:
+    return " · ".join(part for part in parts if part)

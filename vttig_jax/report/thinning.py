@@ -30,12 +30,11 @@ def thinned(
         raise ValueError(f"Argument `most` must be at least 4, but is {most}.")
     if len(y) <= most:
         return x, y
-    edges = np.linspace(0, len(y), (most - 2) // 2 + 1).astype(np.int64)
-    kept = [0, len(y) - 1]
-    for start, stop in zip(edges[:-1], edges[1:], strict=True):
-        piece = y[start:stop]
-        hole = np.isnan(piece)
-        kept.append(start + int(np.argmin(np.where(hole, np.inf, piece))))
-        kept.append(start + int(np.argmax(np.where(hole, -np.inf, piece))))
-    order = np.unique(kept)
-    return x[order], y[order]
+    width = -(-len(y) // ((most - 2) // 2))
+    pieces = np.pad(y, (0, -len(y) % width), constant_values=np.nan).reshape(-1, width)
+    hole = np.isnan(pieces)
+    starts = np.arange(len(pieces)) * width
+    lowest = starts + np.where(hole, np.inf, pieces).argmin(axis=1)
+    highest = starts + np.where(hole, -np.inf, pieces).argmax(axis=1)
+    kept = np.unique(np.concatenate([lowest, highest, [0, len(y) - 1]]))
+    return x[kept], y[kept]

@@ -1,6 +1,7 @@
 """What a rig adds to two perfect eccentric gears: other orders, encoder errors, noise."""
 
 from dataclasses import dataclass
+from itertools import product
 from typing import Literal
 
 import numpy as np
@@ -11,6 +12,9 @@ from ..base.units import ARCSEC, DEG, REV
 from ..pair.gears import Flank
 
 Shaft = Literal["driving", "driven", "mesh"]
+
+_SHAFTS: tuple[Shaft, ...] = ("driving", "driven")
+_FLANKS: tuple[Flank, ...] = ("A", "B")
 
 
 @dataclass(frozen=True)
@@ -54,7 +58,7 @@ class Noise:
         if self.correlation_s > 0:
             rho = np.exp(-1.0 / (rate_hz * self.correlation_s))
             shocks[1:] *= np.sqrt(1 - rho**2)
-            shocks = lfilter([1.0], [1.0, -rho], shocks)
+            shocks = np.asarray(lfilter([1.0], [1.0, -rho], shocks))
         return self.std_deg * DEG * shocks
 
 
@@ -77,13 +81,13 @@ def random_orders(
     Amplitudes and phases are random; on each flank the orders of both shafts together have the rms
     `pitch_rms_deg`, and the mesh order has the amplitude `mesh_amplitude_deg`.
     """
-    errors = []
-    for flank in ("A", "B"):
+    errors: list[OrderError] = []
+    for flank in _FLANKS:
         size = 2 * (highest - 1)
         amplitudes = generator.rayleigh(size=size)
         amplitudes *= pitch_rms_deg * np.sqrt(2 / np.sum(amplitudes**2))
         phases = generator.uniform(0, 360, size + 1)
-        places = [(s, k) for s in ("driving", "driven") for k in range(2, highest + 1)]
+        places = product(_SHAFTS, range(2, highest + 1))
         errors += [
             OrderError(shaft, order, flank, float(amplitude), float(phase))
             for (shaft, order), amplitude, phase in zip(places, amplitudes, phases, strict=False)

@@ -1,0 +1,116 @@
+"""How long it takes from 10⁶ samples to the parameters, in units of four NumPy columns."""
+
+import os
+import statistics
+
+import numpy as np
+import pytest
+
+from . import peers
+from .environment import write
+from .problem import FIRST, FULL, Problem, make_problem
+
+CASES = {
+    "first orders": (FIRST, True),
+    "first orders, perfect encoders": (FIRST, False),
+    "orders 1-8 and mesh": (FULL, True),
+}
+UNIT = "four NumPy columns"
+FROM_COUNTS = "vttig_jax from counts: angles, TE, compress, whiten, solve"
+ROWS = {
+    peers.numpy_gram: "NumPy columns, Gram, solve",
+    peers.vttig: "vttig_jax compress, whiten, solve",
+    peers.scipy_cartesian: "SciPy, precomputed columns, exact Jacobian",
+    peers.scipy_polar: "SciPy, amplitude and phase, defaults",
+    peers.lmfit_polar: "lmfit, amplitude and phase, defaults",
+}
+_LARGEST_Z = 4.5
+
+
+@pytest.fixture(scope="module", params=CASES)
+def case(request) -> tuple[str, Problem]:
+    if os.environ.get("OPENBLAS_NUM_THREADS") != "1":
+        pytest.exit("Set OPENBLAS_NUM_THREADS=1: peers are compared on one BLAS thread.", 2)
+    orders, encoders = CASES[request.param]
+    problem = make_problem(orders, encoders=encoders)
+    _ = problem.angles, problem.error
+    return request.param, problem
+
+
+@pytest.fixture(scope="module")
+def table():
+    """Case → row → seconds; written as JSON when the module is through."""
+    found: dict[str, dict[str, dict[str, float]]] = {}
+    yield found
+    complete = {name: rows for name, rows in found.items() if UNIT in rows}
+    for rows in complete.values():
+        for row in rows.values():
+            row["ratio"] = round(row["median_s"] / rows[UNIT]["median_s"], 3)
+    if complete:
+        cores = len(os.sched_getaffinity(0))
+        write(f"fit_speed_{cores}_core.json", {"cases": complete})
+
+
+@pytest.fixture
+def timed(benchmark, table, case):
+    """Time a function of the problem after it has passed the gate."""
+    name, problem = case
+
+    def run(row, function, rounds):
+        _require_truth(problem, function)
+        benchmark.pedantic(function, (problem,), rounds=rounds, warmup_rounds=int(rounds > 1))
+        _book(benchmark, table.setdefault(name, {}), row)
+
+    return run
+
+
+def _book(benchmark, rows: dict, row: str) -> None:
+    if benchmark.stats is None:  # --benchmark-disable
+        return
+    times = benchmark.stats.stats.data
+    rows[row] = {
+        "median_s": round(statistics.median(times), 5),
+        "least_s": round(min(times), 5),
+        "rounds": len(times),
+    }
+
+
+def _require_truth(problem: Problem, function) -> None:
+    """The gate before any time is taken: every parameter within its error of the truth."""
+    _, std = peers.parameters(problem, peers.vttig_solution(problem))
+    z = (function(problem) - problem.truth) / std
+    assert np.abs(z).max() < _LARGEST_Z, f"off by {z.round(1)} std"
+
+
+def test_gate_refuses_wrong_parameters(case):
+    with pytest.raises(AssertionError, match="off by"):
+        _require_truth(case[1], lambda problem: 0.98 * problem.truth)
+
+
+def test_unit(benchmark, table, case):
+    name, problem = case
+    benchmark.pedantic(peers.four_columns, (problem,), rounds=15, warmup_rounds=1)
+    _book(benchmark, table.setdefault(name, {}), UNIT)
+
+
+@pytest.mark.parametrize("function", [peers.numpy_gram, peers.vttig], ids=lambda f: f.__name__)
+def test_one_pass(timed, function):
+    timed(ROWS[function], function, 15)
+
+
+def test_vttig_from_counts(timed):
+    timed(FROM_COUNTS, lambda problem: peers.vttig(problem, problem.without_caches()), 15)
+
+
+def test_scipy_cartesian(timed, case):
+    rounds = 1 if case[1].free else 5
+    timed(ROWS[peers.scipy_cartesian], peers.scipy_cartesian, rounds)
+
+
+@pytest.mark.parametrize(
+    "function", [peers.scipy_polar, peers.lmfit_polar], ids=lambda f: f.__name__
+)
+def test_amplitude_and_phase(timed, case, function):
+    if case[1].free:
+        pytest.skip("70 parameters with a numeric Jacobian on 10⁶ samples take many minutes")
+    timed(ROWS[function], function, 3)

@@ -1,0 +1,62 @@
+import json
+from pathlib import Path
+
+import jsonschema
+import pytest
+import tomli_w
+
+from vttig_jax.base.jsonio import load_schema
+from vttig_jax.cli.demo_verb import log_csv
+from vttig_jax.cli.main import main
+from vttig_jax.pair.gears import pair_spec
+from vttig_jax.pair.spec import spec_table
+from vttig_jax.rig.motion import Motion
+from vttig_jax.rig.paper import paper_rig
+
+
+@pytest.fixture(scope="session")
+def rig_folder(tmp_path_factory) -> Path:
+    """A folder with the log of six turns of the paper's rig and back, and its pair file."""
+    folder = tmp_path_factory.mktemp("rig")
+    rig = paper_rig(1, Motion(reversal_deg=2160.0))
+    (folder / "log.csv").write_text(log_csv(rig.log(1)))
+    (folder / "pair.toml").write_text(tomli_w.dumps(spec_table(pair_spec(rig.pair))))
+    return folder
+
+
+@pytest.fixture(scope="session")
+def run_folder(rig_folder) -> Path:
+    """The run folder of a fit of that log."""
+    out = rig_folder / "run"
+    log, pair = str(rig_folder / "log.csv"), str(rig_folder / "pair.toml")
+    assert main(["fit", log, "--pair", pair, "--out", str(out), "--no-figures"]) == 0
+    return out
+
+
+@pytest.fixture
+def vttig(capsys):
+    """Run `vttig` in this process: exit code, stdout, stderr."""
+
+    def run(*arguments) -> tuple[int, str, str]:
+        capsys.readouterr()
+        code = main([str(argument) for argument in arguments])
+        return code, *capsys.readouterr()
+
+    return run
+
+
+@pytest.fixture
+def vttig_json(vttig):
+    """Run `vttig --json`: exit code and the one object on stdout, valid under its schema."""
+
+    def run(*arguments) -> tuple[int, dict]:
+        code, out, _ = vttig(*arguments, "--json")
+        record = json.loads(out, parse_constant=_refuse)
+        jsonschema.validate(record, load_schema(record["schema"]))
+        return code, record
+
+    return run
+
+
+def _refuse(constant: str):
+    raise AssertionError(f"{constant} is no strict JSON")

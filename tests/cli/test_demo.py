@@ -1,0 +1,63 @@
+import json
+
+import pytest
+
+
+@pytest.fixture(scope="module")
+def demo(tmp_path_factory):
+    from vttig_jax.cli.main import main
+
+    out = tmp_path_factory.mktemp("demo") / "demo"
+    assert main(["demo", "--out", str(out), "--quiet"]) == 0
+    return out
+
+
+def test_leaves_a_folder_the_other_verbs_go_on_with(demo, vttig_json):
+    assert {p.name for p in demo.iterdir()} == {
+        "log.csv",
+        "pair.toml",
+        "run.toml",
+        "fit.json",
+        "summary.npz",
+        "map.csv",
+        "map.json",
+        "figures",
+    }
+    assert len(list((demo / "figures").iterdir())) == 3
+    before = json.loads((demo / "fit.json").read_text())
+    code, record = vttig_json("fit", "--run", demo)
+    assert code == 0
+    for name, parameter in before["parameters"].items():
+        again = record["parameters"][name]["value"]
+        assert again == (parameter["value"] and pytest.approx(parameter["value"], rel=1e-6))
+    code, again = vttig_json("map", demo)
+    saved = json.loads((demo / "map.json").read_text())
+    assert again["smallest"] == saved["smallest"]
+
+
+def test_prints_the_truth_beside_the_fit(vttig):
+    code, out, err = vttig("demo", "--seed", "3")
+    assert code == 0
+    assert "never published" in out
+    row = next(line for line in out.splitlines() if line.startswith("driven_eccentricity_mm"))
+    _, truth, found, std, off, unit = row.split()
+    assert (float(truth), unit) == (0.0273, "mm")
+    assert (float(found) - float(truth)) / float(std) == pytest.approx(float(off), abs=0.6)
+    assert "order-complete map" in out
+    assert err == ""
+
+
+def test_seed_changes_the_log(vttig_json):
+    values = [
+        vttig_json("demo", "--seed", seed)[1]["parameters"]["constant_backlash_deg"]["value"]
+        for seed in (3, 4)
+    ]
+    assert values[0] != values[1]
+
+
+def test_an_existing_demo_is_refused(demo, vttig):
+    before = (demo / "fit.json").read_bytes()
+    code, _, err = vttig("demo", "--out", demo)
+    assert code == 2
+    assert "--overwrite" in err
+    assert (demo / "fit.json").read_bytes() == before

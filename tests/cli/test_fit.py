@@ -1,0 +1,202 @@
+import json
+import tomllib
+
+import numpy as np
+import pytest
+
+
+def fit_arguments(folder, *more):
+    return ["fit", folder / "log.csv", "--pair", folder / "pair.toml", *more]
+
+
+def test_prints_parameters_with_errors_and_writes_nothing(vttig, rig_folder, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    code, out, err = vttig(*fit_arguments(rig_folder))
+    assert code == 0
+    assert "driving_eccentricity_mm" in out
+    assert "constant_backlash_deg" in out
+    assert "delay_s: not fitted" in out
+    assert err == ""
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_json_is_one_valid_object(vttig_json, rig_folder):
+    code, record = vttig_json(*fit_arguments(rig_folder))
+    assert code == 0
+    assert record["schema"] == "vttig.fit/1"
+    assert record["outcome"] == "ok"
+    assert record["flanks"] == ["A", "B"]
+    samples = record["samples"]
+    assert samples["used"] == samples["forward"] + samples["backward"]
+    assert samples["read"] == samples["used"] + samples["masked"]
+    truth = {"driving_eccentricity_mm": 0.0226, "constant_backlash_deg": 0.038}
+    for name, true in truth.items():
+        found = record["parameters"][name]
+        assert abs(found["value"] - true) < 4 * found["std"]
+        assert found["low95"] < found["value"] < found["high95"]
+
+
+@pytest.mark.parametrize(
+    ("option", "changed"),
+    [
+        (["--flank", "A"], lambda r: r["flanks"] == ["A"]),
+        (["--flank", "B"], lambda r: r["flanks"] == ["B"]),
+        (
+            ["--perfect-encoders"],
+            lambda r: r["conditional_on"] == ["perfect_encoders"] and r["flanks"] == ["A", "B"],
+        ),
+        (["--drift-order", "3"], lambda r: r["checks"]["drift_order"] == 3),
+    ],
+)
+def test_every_option_of_the_model_changes_the_result(vttig_json, rig_folder, option, changed):
+    _, plain = vttig_json(*fit_arguments(rig_folder))
+    code, record = vttig_json(*fit_arguments(rig_folder), *option)
+    assert code == 0
+    assert changed(record)
+    assert not changed(plain)
+
+
+def test_column_decimal_and_sample_rate_reach_the_reader(vttig_json, rig_folder, tmp_path):
+    lines = (rig_folder / "log.csv").read_text().splitlines()
+    rows = [line.split(",") for line in lines[1:]]
+    renamed = tmp_path / "renamed.csv"
+    body = [f"{float(a) / 90000:.9f};{float(b) / 90000:.9f}".replace(".", ",") for _, a, b in rows]
+    renamed.write_text("\n".join(["motor_rev;table_rev", *body]))
+    names = ["--column", "driving=motor_rev", "--column", "driven=table_rev"]
+    pair = ["--pair", rig_folder / "pair.toml", "--decimal", ",", "--sample-rate", "1987"]
+    _, plain = vttig_json(*fit_arguments(rig_folder))
+    code, record = vttig_json("fit", renamed, *pair, *names)
+    assert code == 0
+    for name in ("driving_eccentricity_mm", "constant_backlash_deg"):
+        first, second = (r["parameters"][name]["value"] for r in (plain, record))
+        assert second == pytest.approx(first, rel=1e-3)
+    code, record = vttig_json("fit", renamed, *pair)
+    assert code == 3
+
+
+def test_run_folder_holds_what_the_next_steps_need(run_folder):
+    assert {p.name for p in run_folder.iterdir()} == {"fit.json", "summary.npz", "run.toml"}
+    run = tomllib.loads((run_folder / "run.toml").read_text())
+    assert run["schema"] == "vttig.run/1"
+    assert run["data"]["log"] == "../log.csv"
+    assert len(run["data"]["sha256"]) == 64
+    assert run["pair_file"]["driving"]["teeth"] == 45
+    assert {"vttig-jax", "jax", "optimistix"} <= set(run["versions"])
+    with np.load(run_folder / "summary.npz", allow_pickle=False) as arrays:
+        assert arrays["covariance"].shape == (len(arrays["names"]),) * 2
+
+
+def test_figures_are_written_unless_left_out(vttig, rig_folder, tmp_path):
+    code, *_ = vttig(*fit_arguments(rig_folder), "--out", tmp_path / "run")
+    assert code == 0
+    pictures = sorted(p.name for p in (tmp_path / "run" / "figures").iterdir())
+    assert pictures == ["backlash_map.png", "orders.png", "te_fit.png"]
+
+
+def test_run_toml_repeats_the_run_bit_for_bit(vttig_json, run_folder):
+    code, record = vttig_json("fit", "--run", run_folder / "run.toml")
+    assert code == 0
+    before = json.loads((run_folder / "fit.json").read_text())
+    assert record["parameters"] == before["parameters"]
+    assert record["orders"] == before["orders"]
+
+
+def test_a_changed_log_is_not_repeated(vttig, rig_folder, tmp_path):
+    for name in ("log.csv", "pair.toml"):
+        (tmp_path / name).write_bytes((rig_folder / name).read_bytes())
+    assert vttig(*fit_arguments(tmp_path), "--out", tmp_path / "run", "--no-figures")[0] == 0
+    with (tmp_path / "log.csv").open("a") as log:
+        log.write("99,1,1\n")
+    code, _, err = vttig("fit", "--run", tmp_path / "run")
+    assert code == 3
+    assert "has changed since the run" in err
+
+
+def test_an_existing_result_is_refused_and_kept(vttig, vttig_json, rig_folder, tmp_path):
+    out = tmp_path / "run"
+    options = ["--out", out, "--no-figures"]
+    assert vttig(*fit_arguments(rig_folder), *options)[0] == 0
+    before = (out / "fit.json").read_bytes()
+    code, record = vttig_json(*fit_arguments(rig_folder), *options, "--flank", "A")
+    assert code == 2
+    assert record["schema"] == "vttig.error/1"
+    assert "--overwrite" in record["message"]
+    assert (out / "fit.json").read_bytes() == before
+    code, *_ = vttig(*fit_arguments(rig_folder), *options, "--flank", "A", "--overwrite")
+    assert code == 0
+    assert (out / "fit.json").read_bytes() != before
+
+
+def test_require_fails_only_for_what_is_undetermined(vttig, rig_folder):
+    arguments = fit_arguments(rig_folder, "--require", "constant_backlash_deg")
+    assert vttig(*arguments)[0] == 0
+    code, out, err = vttig(*arguments, "--flank", "A")
+    assert code == 4
+    assert "driving_eccentricity_mm" in out
+    assert "constant_backlash_deg is required but undetermined: one direction" in err
+    code, _, err = vttig(*fit_arguments(rig_folder), "--require", "backlash")
+    assert code == 2
+    assert "there are driving_eccentricity_mm" in err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "words"),
+    [
+        (["fit"], 2, "LOG is missing"),
+        (["fit", "log.csv"], 2, "--pair is missing"),
+        (["fit", "absent.csv", "--pair", "pair.toml"], 3, "absent.csv"),
+        (["fit", "log.csv", "--pair", "absent.toml"], 3, "absent.toml: no such file"),
+        (["fit", "log.csv", "--pair", "pair.toml", "--column", "driving"], 2, "ROLE=NAME"),
+        (["fit", "log.csv", "--pair", "pair.toml", "--flank", "C"], 2, "--flank"),
+        (["fit", "log.csv", "--run", "run"], 2, "--run repeats a run as it was"),
+        (["fit", "--run", "nothing"], 2, "no such run"),
+        (["fit", ".", "--pair", "pair.toml"], 3, "folder"),
+    ],
+)
+def test_bad_calls_end_in_one_sentence(
+    vttig, vttig_json, rig_folder, monkeypatch, arguments, code, words
+):
+    monkeypatch.chdir(rig_folder)
+    found, out, err = vttig(*arguments)
+    assert found == code
+    assert out == ""
+    assert words in err
+    assert err.count("\n") == 1
+    assert "Traceback" not in err
+    found, record = vttig_json(*arguments)
+    assert (found, record["exit"]) == (code, code)
+
+
+@pytest.mark.parametrize(
+    ("damage", "code", "words"),
+    [
+        (lambda rows: rows[:1], 3, "header"),
+        (lambda rows: rows[:400], 4, "steady contact"),
+        (lambda rows: [rows[0].replace("driven", "table"), *rows[1:]], 3, "driven"),
+        (lambda rows: [*rows[:50], rows[50].replace(",", ",x", 1), *rows[51:]], 3, "line 51"),
+        (lambda rows: [rows[0], *(",".join((t, d, d)) for t, d, _ in split(rows))], 3, "ratio"),
+        (
+            lambda rows: [rows[0], *(",".join((t, d, "7")) for t, d, _ in split(rows))],
+            3,
+            "constant",
+        ),
+        (lambda rows: [rows[0], *(",".join((t, b, a)) for t, a, b in split(rows))], 3, "swapped"),
+        (lambda rows: [rows[0], *reversed(rows[1:])], 3, "backwards"),
+    ],
+)
+def test_bad_logs_end_in_one_sentence(vttig, rig_folder, tmp_path, damage, code, words):
+    rows = (rig_folder / "log.csv").read_text().splitlines()
+    path = tmp_path / "damaged.csv"
+    path.write_text("\n".join(damage(rows)) + "\n")
+    found, out, err = vttig(
+        "fit", path, "--pair", rig_folder / "pair.toml", "--out", tmp_path / "o"
+    )
+    assert found == code, err
+    assert out == ""
+    assert words in err
+    assert err.count("\n") == 1
+    assert not (tmp_path / "o").exists()
+
+
+def split(rows):
+    return (row.split(",") for row in rows[1:])

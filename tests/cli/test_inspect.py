@@ -1,0 +1,120 @@
+import json
+import subprocess
+import sys
+
+import jsonschema
+import numpy as np
+import pytest
+
+from vttig_jax.base.jsonio import load_schema
+from vttig_jax.cli.main import main
+
+PAIR = """
+[pair]
+module_mm = 2.0
+pressure_angle_deg = 20.0
+[driving]
+teeth = 45
+encoder = { counts_per_rev = 90000 }
+[driven]
+teeth = 80
+encoder = { counts_per_rev = 90000 }
+"""
+
+
+@pytest.fixture
+def files(tmp_path):
+    pair, log = tmp_path / "pair.toml", tmp_path / "log.csv"
+    pair.write_text(PAIR)
+    first = 450 * np.arange(2000)
+    rows = (f"{k / 100:.2f},{a},{a * 9 // 16}\n" for k, a in enumerate(first))
+    log.write_text("time_s,driving_counts,driven_counts\n" + "".join(rows))
+    return log, pair
+
+
+def run(capsys, *arguments):
+    code = main(["inspect", *map(str, arguments)])
+    streams = capsys.readouterr()
+    return code, streams.out, streams.err
+
+
+def test_with_a_pair(files, capsys):
+    log, pair = files
+    code, out, err = run(capsys, log, "--pair", pair)
+    assert code == 0 and err == ""
+    assert "ratio" in out and "flank A (forward)" in out and "driving_counts" in out
+
+
+def test_json(files, capsys):
+    log, pair = files
+    for extra in ([], ["--pair", pair]):
+        code, out, _ = run(capsys, log, "--json", *extra)
+        found = json.loads(out)
+        jsonschema.validate(found, load_schema("vttig.inspect/1"))
+        assert code == 0 and found["samples"]["read"] == 2000
+        assert ("segments" in found) == bool(extra)
+
+
+def test_without_a_pair(files, capsys):
+    code, out, _ = run(capsys, files[0])
+    assert code == 0 and "first look" in out and "(9/16)" in out
+
+
+def test_options_reach_the_reader(files, capsys):
+    log, pair = files
+    swapped = ["--column", "driving=driven_counts", "--column", "driven=driving_counts"]
+    code, out, _ = run(capsys, log, "--pair", pair, *swapped)
+    assert code == 0 and "exchange them" in out
+    _, out, _ = run(capsys, log, "--pair", pair, "--sample-rate", 50, "--json")
+    assert json.loads(out)["sampling"]["rate_hz"] == pytest.approx(50.0)
+    log.write_text(log.read_text().replace(",", ";").replace(".", ","))
+    code, _, err = run(capsys, log, "--decimal", ".", "--pair", pair)
+    assert code == 3 and "is no number" in err
+    assert run(capsys, log, "--decimal", ",", "--pair", pair)[0] == 0
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--column", "driving"], "ROLE=NAME"),
+        (["--column", "speed=x"], "ROLE=NAME"),
+        (["--column", "time=a", "--column", "time=b"], "named twice"),
+        (["--column", "time=time_s", "--sample-rate", "5"], "keep the one"),
+        (["--sample-rate", "0"], "sample-rate"),
+        (["--decimal", ";"], "decimal"),
+    ],
+)
+def test_usage(files, capsys, options, words):
+    code, out, err = run(capsys, files[0], *options)
+    assert code == 2 and words in err and out == ""
+
+
+@pytest.mark.parametrize("extra", [[], ["--json"]])
+def test_unreadable_logs_are_one_sentence(files, tmp_path, capsys, extra):
+    log, pair = files
+    log.write_text("time_s,driving_counts,driven_counts\n")
+    for target, words in ((log, "header"), (tmp_path, "folder"), (tmp_path / "no.csv", "no such")):
+        code, out, err = run(capsys, target, "--pair", pair, *extra)
+        assert code == 3 and words in err and err.count("\n") == 1 and "Traceback" not in err
+        if extra:
+            found = json.loads(out)
+            jsonschema.validate(found, load_schema("vttig.error/1"))
+            assert found["exit"] == 3
+        else:
+            assert out == ""
+
+
+def test_help_has_an_example(capsys):
+    code, out, _ = run(capsys, "--help")
+    assert code == 0 and "vttig inspect log.csv --pair pair.toml" in out
+
+
+def test_inspect_imports_no_jax(files):
+    log, pair = files
+    script = (
+        "import sys; from vttig_jax.cli.main import main;"
+        f"code = main(['inspect', {str(log)!r}, '--pair', {str(pair)!r}]);"
+        "sys.exit(code or 9 * ('jax' in sys.modules))"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, check=False)
+    assert done.returncode == 0, done.stderr

@@ -1,0 +1,102 @@
+import json
+
+import jsonschema
+import numpy as np
+import pytest
+
+from vttig_jax.base.jsonio import load_schema
+from vttig_jax.cli.map_verb import COLUMNS
+
+
+def rows_of(path):
+    return np.genfromtxt(path, delimiter=",", names=True)
+
+
+def test_prints_the_extremes_and_writes_nothing(vttig, run_folder, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    code, out, err = vttig("map", run_folder)
+    assert code == 0
+    assert "smallest" in out
+    assert "safe axial closing" in out
+    assert err == ""
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_csv_and_json_agree_with_each_other(vttig_json, run_folder, tmp_path):
+    code, record = vttig_json("map", run_folder, "--out", tmp_path / "map.csv", "--step-deg", "0.5")
+    assert code == 0
+    table = rows_of(tmp_path / "map.csv")
+    assert table.dtype.names == COLUMNS
+    assert len(table) == record["rows"] == 16 * 720
+    beside = json.loads((tmp_path / "map.json").read_text())
+    assert beside == record
+    jsonschema.validate(beside, load_schema("vttig.map/1"))
+    assert table["backlash_deg"].min() >= record["smallest"]["backlash_deg"] - 1e-9
+    assert table["backlash_deg"].min() == pytest.approx(
+        record["smallest"]["backlash_deg"], abs=1e-4
+    )
+    radius = 80.0
+    np.testing.assert_allclose(table["backlash_mm"], np.radians(table["backlash_deg"]) * radius)
+    slope = 2 * np.tan(np.radians(3.0))
+    np.testing.assert_allclose(table["axial_mm"], table["backlash_mm"] / slope, rtol=1e-7)
+    assert record["safe_closing_mm"] == pytest.approx(
+        np.radians(record["smallest"]["backlash_deg"]) * radius / slope
+    )
+    near = abs(table["backlash_first_order_deg"] - table["backlash_deg"])
+    assert 0 < near.max() < 0.02
+
+
+def test_step_span_and_constant_backlash_change_the_map(vttig_json, run_folder):
+    _, plain = vttig_json("map", run_folder)
+    assert vttig_json("map", run_folder, "--step-deg", "2")[1]["rows"] == plain["rows"] / 2
+    assert vttig_json("map", run_folder, "--span-rev", "2")[1]["rows"] == 720
+    moved = plain["constant_backlash_deg"] + 0.01
+    shifted = vttig_json("map", run_folder, "--constant-backlash-deg", moved)[1]
+    before, after = (r["smallest"]["backlash_deg"] for r in (plain, shifted))
+    assert after - before == pytest.approx(0.01, abs=1e-5)
+
+
+def test_one_flank_needs_the_constant_backlash(vttig, vttig_json, rig_folder, tmp_path):
+    log, pair = rig_folder / "log.csv", rig_folder / "pair.toml"
+    out = tmp_path / "run"
+    vttig("fit", log, "--pair", pair, "--flank", "A", "--out", out, "--no-figures")
+    code, _, err = vttig("map", out)
+    assert code == 4
+    assert "--constant-backlash-deg" in err
+    code, record = vttig_json("map", out, "--constant-backlash-deg", "0.038")
+    assert code == 0
+    assert record["conditional_on"] == ["perfect_encoders"]
+
+
+def test_a_long_hunting_period_is_cut_and_said(vttig, run_folder):
+    code, _, err = vttig("map", run_folder, "--step-deg", "0.01")
+    assert code == 0
+    assert "200000 rows" in err
+    assert "--span-rev 16" in err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "words"),
+    [
+        (["map", "nothing"], 2, "vttig fit LOG"),
+        (["map", "run", "--step-deg", "0"], 2, "--step-deg"),
+        (["map", "run", "--out", "run/fit.json"], 2, "already exists"),
+    ],
+)
+def test_bad_calls_end_in_one_sentence(vttig, run_folder, monkeypatch, arguments, code, words):
+    monkeypatch.chdir(run_folder.parent)
+    found, out, err = vttig(*arguments)
+    assert found == code
+    assert out == ""
+    assert words in err
+
+
+def test_a_damaged_fit_is_refused(vttig, run_folder, tmp_path):
+    for name in ("fit.json", "run.toml"):
+        (tmp_path / name).write_bytes((run_folder / name).read_bytes())
+    code, _, err = vttig("map", tmp_path)
+    assert (code, "summary.npz missing" in err) == (2, True)
+    (tmp_path / "summary.npz").write_bytes((run_folder / "summary.npz").read_bytes()[:1000])
+    code, _, err = vttig("map", tmp_path)
+    assert code == 3
+    assert "damaged" in err

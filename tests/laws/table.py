@@ -1,0 +1,193 @@
+"""One row for every public function and model method of the kinematics, with what it promises."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from vttig_jax.kinematics import functions as kin
+from vttig_jax.kinematics.closed import ClosedModel, closed_model
+from vttig_jax.kinematics.combined import CombinedModel
+from vttig_jax.kinematics.exact import ExactModel, exact_model
+from vttig_jax.kinematics.orders import OrderModel
+from vttig_jax.pair.eccentricities import Eccentricities
+from vttig_jax.pair.gears import Gear, GearPair
+
+POWER = {"rad": 0, "mm": 1}
+"""Power of the length scale by unit."""
+
+MODEL_LENGTHS = {"centre_distance", "base_sum", "driving_offset", "driven_offset"}
+"""Fields in mm whose names do not end with `_mm`."""
+
+
+@dataclass(frozen=True)
+class Law:
+    """`function(*arguments)` covers `covers`; `kinks` are further arguments to stand on."""
+
+    covers: str
+    function: Callable[..., Any]
+    arguments: tuple[Any, ...]
+    unit: str
+    kinks: dict[str, tuple[Any, ...]]
+    variant: str = ""
+    first_is_length: bool = False
+
+    def __str__(self) -> str:
+        return f"{self.covers}-{self.variant}" if self.variant else self.covers
+
+    def scale(self, arguments: tuple[Any, ...], factor: float) -> tuple[Any, ...]:
+        """Multiply every length among the arguments by `factor`."""
+        first, *others = arguments
+        return (first * factor if self.first_is_length else first, *scaled(others, factor))
+
+
+def scaled(tree: Any, factor: float) -> Any:
+    """Multiply the leaves that are lengths by their field names."""
+
+    def one(path, leaf):
+        name = getattr(path[-1], "name", "")
+        return leaf * factor if name.endswith("_mm") or name in MODEL_LENGTHS else leaf
+
+    return jax.tree_util.tree_map_with_path(one, tree)
+
+
+ANGLES = np.array([0.3, -2.0, 41.7])
+PAIR = GearPair(
+    Gear(45, 3.0, 2.0, 20.0),
+    Gear(80, 3.0, 2.0, 20.0),
+    module_mm=2.0,
+    pressure_angles_deg=(20.0, 22.0),
+    centre_distance_mm=125.12,
+)
+RIG = Eccentricities(0.0226, 49.5, 0.0273, 79.3, 0.038, 0.2)
+CENTRED = Eccentricities(constant_backlash_deg=0.038)
+SPUR = GearPair(
+    Gear(45, face_width_mm=20.0),
+    Gear(80, face_width_mm=20.0),
+    module_mm=2.0,
+    pressure_angles_deg=20.0,
+)
+
+KINKS = {
+    "e = 0": (ANGLES, PAIR, CENTRED),
+    "phi = 0": (np.zeros(3), PAIR, RIG),
+    "everything zero": (np.zeros(3), SPUR, Eccentricities()),
+    "spur, nominal distance": (ANGLES, SPUR, RIG),
+}
+ORDERS = OrderModel(
+    ratio=jnp.asarray(0.5625, float),
+    terms=((1, 0), (0, 1), (0, 2), (45, 0), (1, 1)),
+    offset=jnp.array([1e-4, 7e-4]),
+    cosine=jnp.array([[4e-5, -3e-5, 2e-5, 1e-5, 1e-6], [1e-5, 3e-5, -2e-5, 2e-5, 2e-6]]),
+    sine=jnp.array([[-1e-5, 5e-5, 3e-5, -1e-5, 3e-6], [2e-5, -3e-5, 1e-5, 3e-5, -4e-6]]),
+)
+
+
+def _orders(_: GearPair, rig: Eccentricities) -> OrderModel:
+    return jax.tree.map(jnp.zeros_like, ORDERS) if rig is CENTRED else ORDERS
+
+
+def _combined(pair: GearPair, rig: Eccentricities) -> CombinedModel:
+    orders = _orders(pair, rig)
+    return CombinedModel(ratio=ORDERS.ratio, exact=exact_model(pair, rig), orders=orders)
+
+
+def _of_rig(name: str, variant: str = "", **options: Any) -> Law:
+    function = partial(getattr(kin, name), **options)
+    return Law(name, function, (ANGLES, PAIR, RIG), "rad", KINKS, variant)
+
+
+@eqx.filter_jit
+def _error(angle, model):
+    return model.transmission_error(angle, "A")
+
+
+@eqx.filter_jit
+def _gap(angle, model):
+    return model.backlash(angle)
+
+
+@eqx.filter_jit
+def _both(angle, model):
+    angle = jnp.asarray(angle, float)
+    return model.at_both_angles(angle, 0.5 * angle, "B")
+
+
+@eqx.filter_jit
+def _turned(angle, model):
+    angle = jnp.asarray(angle, float)
+    return model.turned(angle, 0.5 * angle, model.base_sum[0], 1.0)
+
+
+METHODS = {
+    "transmission_error": _error,
+    "backlash": _gap,
+    "at_both_angles": _both,
+    "turned": _turned,
+}
+
+
+def _of_model(kind: type, make: Callable[[GearPair, Eccentricities], Any], *methods: str):
+    kinks = {label: (angle, make(pair, rig)) for label, (angle, pair, rig) in KINKS.items()}
+    for method in methods:
+        arguments = (ANGLES, make(PAIR, RIG))
+        yield Law(f"{kind.__name__}.{method}", METHODS[method], arguments, "rad", kinks)
+
+
+FUNCTIONS = (
+    _of_rig("transmission_error", "A"),
+    _of_rig("transmission_error", "B", flank="B", reference="start", pressure_angle="reference"),
+    _of_rig("exact_transmission_error", "A"),
+    _of_rig("exact_transmission_error", "B", flank="B", reference="start"),
+    _of_rig("backlash"),
+    _of_rig("backlash", "reference", pressure_angle="reference"),
+    _of_rig("exact_backlash"),
+    Law(
+        "axial_displacement",
+        kin.axial_displacement,
+        (np.array([0.05, -0.01, 0.3]), PAIR),
+        "mm",
+        {"no backlash": (np.zeros(3), PAIR)},
+        first_is_length=True,
+    ),
+)
+MODELS = (
+    *_of_model(ClosedModel, closed_model, "transmission_error", "backlash"),
+    *_of_model(
+        ExactModel, exact_model, "transmission_error", "backlash", "at_both_angles", "turned"
+    ),
+    *_of_model(OrderModel, _orders, "transmission_error", "backlash", "at_both_angles"),
+    *_of_model(CombinedModel, _combined, "transmission_error", "backlash", "at_both_angles"),
+)
+LAWS = (*FUNCTIONS, *MODELS)
+MODEL_CLASSES = (ClosedModel, ExactModel, OrderModel, CombinedModel)
+
+
+def public_functions(module: Any) -> set[str]:
+    """Names of the functions a module defines and offers."""
+    return {
+        name
+        for name, value in vars(module).items()
+        if callable(value)
+        and not isinstance(value, type)
+        and not name.startswith("_")
+        and getattr(value, "__module__", "") == module.__name__
+    }
+
+
+def public_methods(kind: type) -> set[str]:
+    """Names of the methods a flank model offers, its own and inherited."""
+    found = set()
+    for base in kind.__mro__:
+        if base.__module__.startswith("vttig_jax."):
+            found |= {
+                f"{kind.__name__}.{name}"
+                for name, value in vars(base).items()
+                if not name.startswith("_") and callable(value) and not isinstance(value, type)
+            }
+    return found

@@ -1,0 +1,71 @@
+"""Motions and gear pairs made in NumPy for the tests of the logs; angles in degrees."""
+
+import numpy as np
+
+from vttig_jax.pair.spec import PairSpec, parse_pair_spec
+
+DEG = np.pi / 180
+
+
+def spec(**log) -> PairSpec:
+    """45/80 teeth, 90 000 counts on both shafts; `log` fills [log], `unit` fills [unit]."""
+    unit = log.pop("unit", {})
+    encoder = {"counts_per_rev": 90_000}
+    encoders = [{**encoder, **log.pop(f"{shaft}_encoder", {})} for shaft in ("driving", "driven")]
+    return parse_pair_spec(
+        {
+            "pair": {"module_mm": 2.0, "pressure_angle_deg": 20.0},
+            "driving": {"teeth": 45, "encoder": encoders[0]},
+            "driven": {"teeth": log.pop("driven_teeth", 80), "encoder": encoders[1]},
+            "log": log,
+            "unit": unit,
+        }
+    )
+
+
+def drive(ratio: str, **log) -> PairSpec:
+    """A drive without gear geometry."""
+    return parse_pair_spec({"drive": {"ratio": ratio}, "log": log})
+
+
+def trapezoid(
+    rate=1987.0, rpm=60.0, reversal=7560.0, ramp=0.5, dwell=2.0, passes=2, ripple=0.001, order=6
+):
+    """Time in s, driving angle in degrees and its steady mask: to and fro with ramps and dwell."""
+    speed = 6 * rpm
+    length = reversal / speed + ramp
+    time = np.arange(int(passes * (length + dwell) * rate)) / rate
+    index, inside = time // (length + dwell), np.minimum(time % (length + dwell), length)
+    up, down = np.minimum(inside, ramp), np.minimum(length - inside, ramp)
+    travelled = speed * (up**2 / (2 * ramp) + np.clip(inside - ramp, 0, length - 2 * ramp))
+    travelled += np.where(inside > length - ramp, speed * (ramp**2 - down**2) / (2 * ramp), 0)
+    angle = np.where(index % 2 == 0, travelled, reversal - travelled)
+    angle += ripple / order / DEG * np.sin(order * angle * DEG)
+    steady = (inside > ramp) & (inside < length - ramp)
+    return time, angle, steady
+
+
+def geared(angle, ratio=45 / 80, gap=0.04, first=0.02, driven=0.015, noise=0.0, seed=0):
+    """Driven angle in degrees of a pair with play, and the sense whose flank is certain (±1, 0).
+
+    On flank A TE = `first` sin(φ₁ + 0.3) + `driven` sin(φ₂ − 0.3), on B the signs of 0.3 change and
+    `gap` is added.
+    """
+
+    def error(shift):
+        wheel = ratio * angle * DEG
+        return first * np.sin(angle * DEG + shift) + driven * np.sin(wheel - shift)
+
+    low, high = ratio * angle + error(0.3), ratio * angle + error(-0.3) + gap
+    reached = np.empty_like(angle)
+    place = low[0]
+    for k, bounds in enumerate(zip(low, high, strict=True)):
+        place = min(max(place, bounds[0]), bounds[1])
+        reached[k] = place
+    flank = np.where(reached <= low, 1, np.where(reached >= high, -1, 0))
+    return reached + noise * np.random.default_rng(seed).standard_normal(len(angle)), flank
+
+
+def counts(angle, per_rev=90_000):
+    """Whole counts passed at an angle in degrees."""
+    return np.floor(angle * (per_rev / 360)).astype(np.int64)

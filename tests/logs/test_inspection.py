@@ -1,0 +1,252 @@
+import json
+
+import jsonschema
+import numpy as np
+import pytest
+
+from tests.logs.profiles import counts, drive, geared, spec, trapezoid
+from vttig_jax.base.errors import LogError
+from vttig_jax.base.jsonio import dumps, load_schema
+from vttig_jax.logs.encoder_log import EncoderLog
+from vttig_jax.logs.inspection import inspect_log
+from vttig_jax.logs.preview import preview_log
+from vttig_jax.logs.read import read_log
+from vttig_jax.logs.sampling import Plateau, aliased, plateaus_of, sampling_of
+from vttig_jax.logs.segments import Segment, find_segments
+from vttig_jax.logs.spectrum import order_spectrum
+
+
+def rig(rate=500.0, pair=None, **motion):
+    time, angle, _ = trapezoid(rate=rate, **motion)
+    driven, _ = geared(angle)
+    return EncoderLog.from_arrays(time, counts(angle) % 65_536, counts(driven), pair=pair or spec())
+
+
+def flat(report):
+    return " ".join(str(report).split())
+
+
+def checked(report):
+    found = json.loads(dumps(report.to_json()))
+    jsonschema.validate(found, load_schema("vttig.inspect/1"))
+    return found
+
+
+@pytest.fixture(scope="module")
+def report():
+    return inspect_log(rig(), spec())
+
+
+def test_json_keeps_the_schema(report):
+    found = checked(report)
+    assert found["samples"]["read"] == sum(
+        found["samples"][name] for name in ("forward", "backward", "masked")
+    )
+    driving = found["columns"][1]
+    assert driving["role"] == "driving" and driving["modulus"] == 65_536
+    assert driving["wraps"] == pytest.approx(2 * 1_890_000 // 65_536, abs=1)
+    assert driving["turns"] == pytest.approx(21.0, abs=0.01)
+    assert driving["resolution_arcsec"] == pytest.approx(14.4)
+    assert found["ratio"]["verdict"] == "agrees"
+    assert [p["flank"] for p in found["plateaus"]] == ["A", "B"]
+    assert found["support"]["driving_resolved"] and found["support"]["driven_resolved"]
+
+
+def test_schema_refuses_what_is_wrong(report):
+    schema = load_schema("vttig.inspect/1")
+    for spoil in ({"schema": "vttig.inspect/2"}, {"extra": 1}, {"plateaus": [{"flank": "C"}]}):
+        with pytest.raises(jsonschema.ValidationError):
+            jsonschema.validate({**report.to_json(), **spoil}, schema)
+
+
+def test_text(report):
+    text = str(report)
+    for words in (
+        "65536",
+        "500 Hz",
+        "9/16 = 0.5625 given",
+        "flank A (forward)",
+        "backward",
+        "driven 1",
+        "[″]",
+    ):
+        assert words in text, text
+    assert max(map(len, text.splitlines())) <= 100
+
+
+def test_spectrum_finds_the_eccentricities(report):
+    size = {(s.shaft, s.order, s.flank): s.amplitude_arcsec for s in report.spectrum}
+    assert size["driving", 1, "A"] == pytest.approx(72.0, abs=1.0)
+    assert size["driven", 1, "B"] == pytest.approx(54.0, abs=1.0)
+    assert all(value < 1.0 for (_, order, _), value in size.items() if order > 1)
+    assert len(size) == 32
+
+
+def test_short_logs_tell_fewer_orders_apart():
+    log = rig(reversal=1000.0)
+    lines, notes = order_spectrum(log, find_segments(log).segments)
+    assert 0 < max(line.order for line in lines) < 8
+    assert "only orders 1 to" in notes[0]
+
+
+def test_shafts_that_turned_less_than_once_have_no_spectrum():
+    log = rig(reversal=600.0)
+    lines, _ = order_spectrum(log, find_segments(log).segments)
+    assert {line.shaft for line in lines} == {"driving"}
+    assert order_spectrum(log, ()) == ((), ())
+
+
+def test_orders_shared_by_both_shafts_are_listed_once():
+    time, angle, _ = trapezoid(rate=500.0)
+    log = EncoderLog.from_arrays(
+        time, angle, 0.5 * angle + 0.01 * np.sin(angle), pair=drive("1/2"), unit="deg"
+    )
+    lines, _ = order_spectrum(log, find_segments(log).segments)
+    named = {(line.shaft, line.order) for line in lines}
+    assert ("driving", 1) in named and ("driven", 1) in named and ("driven", 2) not in named
+
+
+def test_commensurate_sampling_is_told():
+    frozen = inspect_log(rig(rate=500.0, ripple=0.0))
+    assert [(c.shaft, round(c.counts_per_sample)) for c in frozen.commensurate] == [
+        ("driving", 180)
+    ]
+    assert "a whole number" in flat(frozen)
+    free = inspect_log(rig(rate=501.3, ripple=0.0))
+    assert free.commensurate == () and "a whole number" not in flat(free)
+
+
+def test_aliased_orders():
+    slow = inspect_log(rig(rate=70.0), spec())
+    named = {a.shaft: (a.order, a.highest) for a in slow.aliased}
+    assert named == {"mesh": (1, 1)}
+    assert "tooth-mesh order 1" in flat(slow) and "alias" in flat(slow)
+    assert inspect_log(rig(rate=70.0)).aliased == ()
+    plateau = Plateau(60.0, "A", 1, 100)
+    (found,) = aliased([plateau], 10.0, {"driving": (1.0, range(1, 9))})
+    assert (found.order, found.highest) == (5, 8)
+    assert aliased([plateau], 10.0, {"driven": (0.5, range(1, 10))}) == ()
+
+
+def test_sampling():
+    time = np.array([0.0, 1.0, 2.0, 2.0, 3.0, 10.0, 11.0, 12.1])
+    sampling = sampling_of(time)
+    assert (sampling.gaps, sampling.duplicates) == (1, 1)
+    assert sampling.longest_s == 7.0 and sampling.shortest_s == 0.0
+    assert sampling.rate_hz == pytest.approx(6 / 5.1) and sampling.jitter_s > 0.3
+
+
+def test_plateaus_join_equal_speeds_of_one_flank():
+    pieces = [Segment(0, 10, "A", 6.0), Segment(10, 20, "B", -6.0), Segment(20, 50, "A", 6.1)]
+    assert [(p.flank, p.segments, p.samples) for p in plateaus_of(pieces)] == [
+        ("A", 2, 40),
+        ("B", 1, 10),
+    ]
+    pieces[2] = Segment(20, 50, "A", 7.0)
+    assert len(plateaus_of(pieces)) == 3
+
+
+@pytest.mark.parametrize(
+    ("log", "words"),
+    [
+        (lambda: rig(reversal=500.0), "the driven shaft turns only"),
+        (lambda: rig(reversal=400.0), "neither shaft's eccentricity"),
+        (lambda: rig(passes=1), "one direction only (flank A)"),
+    ],
+)
+def test_support(log, words):
+    text = flat(inspect_log(log()))
+    assert words in text
+    assert words not in flat(inspect_log(rig()))
+
+
+def test_ratio_one_has_no_separate_orders():
+    time = np.arange(3000) / 100.0
+    log = EncoderLog.from_arrays(
+        time, 90 * time, 90 * time + 0.1 * np.sin(time), pair=drive("1"), unit="deg"
+    )
+    support = inspect_log(log).support
+    assert not support.driving_resolved and "share order 1" in support.sentences[0]
+
+
+def test_wrong_ratio_is_told_not_raised():
+    found = inspect_log(rig(pair=spec(driven_teeth=60)))
+    assert found.ratio.verdict == "differs" and "the log shows a ratio of" in flat(found)
+    checked(found)
+
+
+def test_curve_logs():
+    time = np.arange(3000) / 10.0
+    curve = 5 * np.sin(np.radians(20 * time)) + 0.01 * time
+    log = EncoderLog.from_arrays(
+        time, 20 * time, pair=drive("1/225"), unit="deg", transmission_error=curve
+    )
+    found = inspect_log(log)
+    checked(found)
+    (first,) = [s for s in found.spectrum if s.order == 1]
+    assert first.shaft == "driving" and first.amplitude_arcsec == pytest.approx(5.0, abs=0.01)
+
+
+def test_measured_worm(data_dir):
+    log = read_log(data_dir / "worm_mount" / "ap_gt1100.csv", drive("1/225"))
+    found = inspect_log(log)
+    checked(found)
+    size = {s.order: s.amplitude_arcsec for s in found.spectrum}
+    assert size[1] == pytest.approx(3.78, abs=0.1) and size[2] == pytest.approx(0.38, abs=0.1)
+    assert found.columns[1].resolution_arcsec == pytest.approx(0.036)
+
+
+def write(tmp_path, header, rows):
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join([header, *(",".join(map(str, row)) for row in rows)]) + "\n")
+    return path
+
+
+def test_preview(tmp_path):
+    time, angle, _ = trapezoid(rate=100.0, reversal=1080.0)
+    rows = zip(
+        time.round(4),
+        counts(angle) % 65_536,
+        counts(angle) * 9 // 16,
+        ["ok"] * len(time),
+        strict=True,
+    )
+    path = write(tmp_path, "time_s,driving_counts,driven_counts,state", rows)
+    seen = preview_log(path)
+    found = checked(seen)
+    assert [c["role"] for c in found["columns"]] == ["time", "driving", "driven"]
+    assert found["columns"][1]["wraps"] == 8 and found["columns"][1]["turns"] is None
+    assert found["ratio"]["seen"] == pytest.approx(0.5625, rel=1e-4)
+    assert found["samples"] == {"read": len(time)}
+    text = flat(seen)
+    assert "(9/16)" in text and "100 Hz" in text and "`state` is not read" in text
+    assert "counts_per_rev" in text
+
+
+def test_preview_names_what_is_missing(tmp_path):
+    path = write(tmp_path, "t_s,mot_deg,se_deg", [(k / 10, k % 360, k / 2) for k in range(800)])
+    seen = preview_log(path)
+    text = flat(seen)
+    for words in ("--column time=NAME", "--column driving=NAME", "driven=NAME", "--pair"):
+        assert words in text
+    assert seen.sampling is None and seen.ratio is None
+    assert [c.turns for c in seen.columns][1] == pytest.approx(799 / 360)
+    named = preview_log(path, columns={"driving": "mot_deg", "driven": "se_deg"}, sample_rate_hz=5)
+    assert named.ratio is not None and named.ratio[0] == pytest.approx(0.5)
+    assert named.sampling is not None and named.sampling.rate_hz == pytest.approx(5.0)
+    assert preview_log(path, columns={"time": "t_s"}).sampling is not None
+    with pytest.raises(LogError, match="no column x"):
+        preview_log(path, columns={"time": "x"})
+
+
+def test_preview_of_mixed_units_has_no_ratio(tmp_path):
+    path = write(tmp_path, "time_s,driving_deg,driven_counts", [(k, k, 2 * k) for k in range(9)])
+    assert preview_log(path).ratio is None
+
+
+def test_preview_decimal(tmp_path):
+    path = tmp_path / "log.txt"
+    path.write_text("time_s driving_deg\n" + "".join(f"{k} {k},500\n" for k in range(9)))
+    assert "`0,500` is 0.500 or 0500; give --decimal" in flat(preview_log(path))
+    assert preview_log(path, decimal=",").columns[1].high == 8.5
+    assert preview_log(path, decimal=".").columns[1].high == 8500

@@ -1,0 +1,230 @@
+"""The worked identifications: their numbers, and that their READMEs say what the commands print."""
+
+import importlib.util
+import json
+import re
+import subprocess
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+
+import vttig_jax
+from vttig_jax.cli.main import main
+
+REPOSITORY = Path(__file__).resolve().parents[1]
+FITS = REPOSITORY / "fits"
+WORM = FITS / "worm_mount"
+
+
+@pytest.fixture(scope="module")
+def compare() -> ModuleType:
+    """The script `fits/paper/compare.py`."""
+    spec = importlib.util.spec_from_file_location("compare", FITS / "paper" / "compare.py")
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.parametrize("relation", ["closed, α", "closed, α_w", "exact"])
+def test_te_of_table_2(compare: ModuleType, relation: str):
+    flanks = compare.flank_statistics()
+    forward, backward = flanks["A", relation], flanks["B", relation]
+    assert forward["min"] == pytest.approx(-0.0719, abs=1e-4)
+    assert forward["max"] == pytest.approx(0.0040, abs=1e-4)
+    assert forward["mean"] == pytest.approx(-0.0340, abs=1e-4)
+    assert forward["range"] == pytest.approx(forward["max"] - forward["min"], abs=1e-12)
+    assert backward["range"] == pytest.approx(0.0758, abs=1e-4)
+    assert max(forward["range"], backward["range"]) < compare.range_bound()
+
+
+def test_table_3_is_out_of_reach(compare: ModuleType):
+    assert compare.range_bound() == pytest.approx(0.0761, abs=5e-5)
+    printed = [
+        high - low
+        for run in compare.PRINTED["table_3"]
+        for control in ("with_control", "without_control")
+        for _, high, low in run[control].values()
+    ]
+    assert sorted(printed)[0] == pytest.approx(0.0957, abs=1e-9)  # the row without its minus sign
+    assert sorted(printed)[1] == pytest.approx(0.1253, abs=1e-9)
+    assert max(printed) == pytest.approx(0.1594, abs=1e-9)
+    runs = [compare.run_statistics(angle) for angle in (1080, 3600, 7560)]
+    assert max(run["A and B"]["range"] for run in runs) == pytest.approx(0.1139, abs=1e-4)
+    assert runs[-1]["A"]["mean"] == pytest.approx(-0.0342, abs=5e-5)
+    assert runs[-1]["A and B"]["mean"] == pytest.approx(-0.0152, abs=5e-5)
+    means = [
+        mean
+        for run in compare.PRINTED["table_3"]
+        for control in ("with_control", "without_control")
+        for mean, _, _ in run[control].values()
+    ]
+    assert (min(means), max(means)) == (0.0331, 0.0437)
+
+
+def test_backlash_at_the_reversals(compare: ModuleType):
+    expected = {1080: 0.0043, 3600: 0.0004, 7560: 0.0063, 7524: 0.0026}
+    for angle, value in expected.items():
+        for relation, found in compare.variable_backlash(angle).items():
+            assert found == pytest.approx(value, abs=6e-5), (angle, relation)
+    closed = compare.variable_backlash(7560)
+    assert closed["closed, α"] != pytest.approx(closed["closed, α_w"], abs=1e-5)
+
+
+def test_span_between_1080_and_3600(compare: ModuleType):
+    for relation in compare.RELATIONS:
+        assert compare.explained_span(relation) == pytest.approx(0.0056, abs=6e-5)
+    # By hand: 2 K sin α e₂ |cos χ − cos(χ + 337.5°)| is largest at 2 sin 11.25°.
+    largest = 2 * np.sin(np.radians(20)) * 0.0273 * 2 * np.sin(np.radians(11.25))
+    largest /= 80 * np.cos(np.radians(20))
+    assert compare.explained_span("closed, α") == pytest.approx(np.degrees(largest), rel=1e-4)
+    assert compare.printed_span("experiment") == pytest.approx(0.0129, abs=1e-12)
+    assert compare.printed_span("simulation") == pytest.approx(0.0181, abs=1e-12)
+
+
+def test_relations_differ_by_less_than_the_readme_says(compare: ModuleType):
+    angle = compare.way(5760)
+    largest = []
+    for flank in ("A", "B"):
+        exact = compare.te("exact", angle, flank)
+        for relation in ("closed, α", "closed, α_w"):
+            largest.append(np.abs(compare.te(relation, angle, flank) - exact).max())
+    gaps = {
+        name: compare.te(name, angle, "B", "absolute") - compare.te(name, angle, "A", "absolute")
+        for name in compare.RELATIONS
+    }
+    largest += [np.abs(gap - gaps["exact"]).max() for gap in gaps.values()]
+    assert 0.0001 < np.degrees(max(largest)) < 0.0003
+
+
+def test_dimensions_of_table_1(compare: ModuleType):
+    rows = {name: (value, printed) for name, value, printed in compare.dimensions()}
+    assert rows["tooth thickness, thick end"] == (pytest.approx(4.1897, abs=5e-5), 4.195)
+    assert rows["tooth thickness, thin end"] == (pytest.approx(2.0934, abs=5e-5), 2.093)
+    assert rows["tip diameter, driving"] == (pytest.approx(94), 94)
+    assert rows["tip diameter, driven"] == (pytest.approx(164), 164)
+    assert rows["root diameter, driving"] == (pytest.approx(85), 85)
+    assert rows["root diameter, driven"] == (pytest.approx(155), 155)
+    assert rows["transmission ratio 1/i"] == (pytest.approx(16 / 9), 1.778)
+
+
+def test_paper_readme_shows_what_the_script_prints(
+    compare: ModuleType, capsys: pytest.CaptureFixture[str]
+):
+    readme = (FITS / "paper" / "README.md").read_text(encoding="utf-8")
+    shown = readme.split(compare.BEGIN)[1].split(compare.END)[0]
+    compare.main([])
+    assert shown.strip() == capsys.readouterr().out.strip()
+
+
+def test_write_renews_readme_and_pictures(
+    compare: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(compare, "HERE", tmp_path)
+    readme = tmp_path / "README.md"
+    readme.write_text(f"before\n{compare.BEGIN}old\n{compare.END}after\n", encoding="utf-8")
+    compare.main(["--write"])
+    text = readme.read_text(encoding="utf-8")
+    assert text.startswith("before\n") and text.endswith("after\n")
+    assert "old" not in text and "0.0761" in text
+    for name in ("transmission_error.png", "backlash_map.png"):
+        assert (tmp_path / name).read_bytes().startswith(b"\x89PNG")
+        assert (FITS / "paper" / name).is_file()
+
+
+def worm_arguments(data_dir: Path) -> list[str]:
+    log = data_dir / "worm_mount" / "ap_gt1100.csv"
+    if not log.is_file():
+        pytest.skip(f"the log of the worm drive is not on this machine (looked for {log})")
+    return ["fit", str(log), "--pair", str(WORM / "pair.toml")]
+
+
+def differences(one: Any, other: Any, place: str = "") -> list[str]:
+    """Where two JSON values differ: numbers by more than 1e-6 relative, the rest at all."""
+    if isinstance(one, dict) and isinstance(other, dict) and set(one) == set(other):
+        return [d for key in one for d in differences(one[key], other[key], f"{place}.{key}")]
+    if isinstance(one, list) and isinstance(other, list) and len(one) == len(other):
+        pairs = enumerate(zip(one, other, strict=True))
+        return [d for i, (a, b) in pairs for d in differences(a, b, f"{place}[{i}]")]
+    if type(one) is float and type(other) is float:
+        same = one == pytest.approx(other, rel=1e-6, abs=1e-15)
+    else:
+        same = type(one) is type(other) and one == other
+    return [] if same else [f"{place}: {one!r} is not {other!r}"]
+
+
+def test_worm_drive(data_dir: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    arguments = worm_arguments(data_dir)
+    assert main([*arguments, "--out", str(tmp_path / "run"), "--no-figures"]) == 0
+    printed = capsys.readouterr().out.strip()
+    fresh = json.loads((tmp_path / "run" / "fit.json").read_text(encoding="utf-8"))
+    kept = json.loads((WORM / "ap_gt1100" / "fit.json").read_text(encoding="utf-8"))
+    assert fresh["parameters"]["driving_amplitude_arcsec"]["value"] == pytest.approx(3.77, abs=0.15)
+    source = "../shared/data/worm_mount/ap_gt1100.csv"
+    assert kept["source"] == source
+    assert differences(kept, fresh | {"source": source}) == []
+    shown = re.findall(
+        r"```text\n(.*?)\n```", (WORM / "README.md").read_text(encoding="utf-8"), re.S
+    )
+    assert shown == [printed.replace(arguments[1], source)]
+    with np.load(tmp_path / "run" / "summary.npz", allow_pickle=False) as arrays:
+        residual = arrays["residual"]
+    spread = 1.4826 * np.median(np.abs(residual - np.median(residual)))
+    assert np.degrees(spread) * 3600 == pytest.approx(0.46, abs=0.05)
+
+
+def test_worm_drive_with_a_curved_drift(data_dir: Path, capsys: pytest.CaptureFixture[str]):
+    assert main([*worm_arguments(data_dir), "--drift-order", "2", "--json"]) == 0
+    fit = json.loads(capsys.readouterr().out)
+    assert fit["parameters"]["driving_amplitude_arcsec"]["value"] == pytest.approx(3.787, abs=0.02)
+    assert fit["residual_rms_deg"] * 3600 == pytest.approx(0.44, abs=0.01)
+
+
+def test_worm_readme_gives_the_fitted_orders():
+    kept = json.loads((WORM / "ap_gt1100" / "fit.json").read_text(encoding="utf-8"))
+    readme = (WORM / "README.md").read_text(encoding="utf-8")
+    for order in kept["orders"][:3]:
+        assert f"{order['amplitude_arcsec']:.3f}″ ± {order['std_arcsec']:.3f}″" in readme
+    strong = [o["order"] for o in kept["orders"] if o["amplitude_arcsec"] > 3 * o["std_arcsec"]]
+    assert strong == [1, 2, 3, 4, 8]
+
+
+def test_differences_are_seen():
+    kept = {"a": [1.0, {"b": None}], "n": 3}
+    assert differences(kept, {"a": [1.0 + 1e-9, {"b": None}], "n": 3}) == []
+    assert differences(kept, {"a": [1.00001, {"b": None}], "n": 3}) == [".a[0]: 1.0 is not 1.00001"]
+    assert len(differences(kept, {"a": [1.0, {"b": 0.0}], "n": 4})) == 2
+    assert differences(kept, {"a": [1.0], "n": 3}) != []
+
+
+def kept_files() -> list[Path]:
+    """Files under `fits/` that git keeps or would keep."""
+    listed = subprocess.run(
+        ["git", "ls-files", "--cached", "--others", "--exclude-standard", "fits"],
+        cwd=REPOSITORY,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    if listed.returncode != 0:
+        pytest.skip("this is no git checkout")
+    return [REPOSITORY / name for name in listed.stdout.splitlines()]
+
+
+def test_no_measured_data_and_no_absolute_path_is_kept():
+    files = kept_files()
+    assert WORM / "ap_gt1100" / "fit.json" in files
+    assert {path.suffix for path in files} <= {".md", ".py", ".toml", ".json", ".png", ""}
+    for path in files:
+        if path.suffix in {".md", ".toml", ".json"}:
+            text = path.read_text(encoding="utf-8")
+            assert not re.search(r"[\"\s=]/(work|home|tmp|Users|root)\b|[A-Z]:\\", text), path
+
+
+def test_worm_pair_file():
+    pair = vttig_jax.load_pair(WORM / "pair.toml")
+    assert isinstance(pair, vttig_jax.Drive)
+    assert float(pair.ratio) == 1 / 225 and pair.log.zero == "reading"
