@@ -150,7 +150,8 @@ def lmfit_polar(problem: Problem) -> np.ndarray:
         return _polar_residual(problem, np.array([found[name].value for name in start]))
 
     found = lmfit.minimize(residual, start)
-    return _cartesian(np.array([found.params[name].value for name in start]))
+    best = found.params  # pyright: ignore[reportAttributeAccessIssue]
+    return _cartesian(np.array([best[name].value for name in start]))
 
 
 def scipy_cartesian(problem: Problem) -> np.ndarray:
@@ -160,7 +161,9 @@ def scipy_cartesian(problem: Problem) -> np.ndarray:
     start = np.zeros(jacobian.shape[1])
     start[:physical] = _cartesian(_guess(problem))
     found = least_squares(
-        lambda values: jacobian @ values - problem.error, start, jac=lambda values: jacobian
+        lambda values: jacobian @ values - problem.error,
+        start,
+        jac=lambda values: jacobian,  # pyright: ignore[reportArgumentType]
     )
     return found.x[:physical]
 

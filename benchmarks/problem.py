@@ -71,7 +71,7 @@ class Problem:
 
 
 def first_order(pair: GearPair, side: int, *, encoders: bool) -> np.ndarray:
-    """From parameters to coefficients of (cos φ₁, sin φ₁, cos φ₂, sin φ₂, 1) on one flank, arcsec."""
+    """From parameters to coefficients of (cos φ₁, sin φ₁, cos φ₂, sin φ₂, 1) on a flank, arcsec."""
     gain, alpha = polar_geometry(pair, side)
     cosine, sine = gain * np.cos(alpha), gain * np.sin(alpha)
     matrix = np.zeros((5, 10 if encoders else 6))
@@ -144,9 +144,9 @@ def _pair() -> GearPair:
     return GearPair(
         pair.driving,
         pair.driven,
-        module_mm=pair.module_mm,
-        pressure_angles_deg=pair.pressure_angles_deg,
-        centre_distance_mm=pair.centre_distance_mm,
+        module_mm=float(pair.module_mm),
+        pressure_angles_deg=float(pair.pressure_angles_deg[0]),
+        centre_distance_mm=float(pair.centre_distance_mm),
         name=pair.name,
         log=LogLayout(zero="reading"),
     )

@@ -1,6 +1,6 @@
-"""`vttig fit` on a 90 000-line CSV beside the imports it cannot do without, in processes of their own.
+"""`vttig fit` on a 90 000-line CSV beside the imports it cannot do without, each in a process.
 
-    python benchmarks/startup.py [--rounds 7]
+    python -m benchmarks.startup [--rounds 7]
 
 Rounds alternate between the commands, so that whatever else the machine does meets all of them.
 Writes results/startup.json.
@@ -17,12 +17,13 @@ from pathlib import Path
 
 import numpy as np
 import tomli_w
-from environment import write
 
 import vttig_jax
 from vttig_jax.pair.gears import pair_spec
 from vttig_jax.pair.spec import spec_table
 from vttig_jax.rig.paper import paper_rig
+
+from .environment import write
 
 LINES = 90_000
 IMPORT = "import jax, optimistix"

@@ -13,7 +13,7 @@ import pytest
 
 from vttig_jax.base import runfolder
 from vttig_jax.base.errors import InputError, UsageError
-from vttig_jax.base.runfolder import RunFolder, data_sha256, write_file
+from vttig_jax.base.runfolder import RunFolder, data_sha256
 
 
 def contents(folder: Path) -> dict[str, bytes]:
@@ -88,6 +88,24 @@ def test_nothing_appears_before_the_end(tmp_path):
         run.write_text("fit.json", "{}")
         assert not (tmp_path / "fit.json").exists()
     assert (tmp_path / "fit.json").exists()
+
+
+def test_a_file_is_on_disk_before_it_gets_its_name(tmp_path, monkeypatch):
+    steps = []
+    real_sync, real_replace = os.fsync, os.replace
+
+    def sync(descriptor: int) -> None:
+        steps.append("folder" if stat.S_ISDIR(os.fstat(descriptor).st_mode) else "file")
+        real_sync(descriptor)
+
+    def replace(source: Path, target: Path) -> None:
+        steps.append("move")
+        real_replace(source, target)
+
+    monkeypatch.setattr(os, "fsync", sync)
+    monkeypatch.setattr(os, "replace", replace)
+    write_run(tmp_path, {"fit.json": "{}"})
+    assert steps == ["file", "move", "folder"]
 
 
 def test_an_existing_result_is_refused_on_entry_unless_overwritten(tmp_path):
@@ -251,30 +269,22 @@ def test_equal_arrays_give_equal_bytes(tmp_path):
     assert found["a/summary.npz"] == found["b/summary.npz"]
 
 
-def test_one_file_is_written_and_refused_like_a_run(tmp_path):
-    path = tmp_path / "map.csv"
-    write_file(path, "a,°\n")
-    assert path.read_bytes() == "a,°\n".encode()
-    with pytest.raises(UsageError, match="already exists"):
-        write_file(path, "new")
-    write_file(path, b"new", overwrite=True)
-    assert contents(tmp_path) == {"map.csv": b"new"}
-
-
-def test_one_file_on_a_full_disk_leaves_the_old_one(tmp_path, monkeypatch):
-    path = tmp_path / "map.csv"
-    path.write_text("old")
-    fill_disk(monkeypatch)
-    with pytest.raises(InputError, match="no space left"):
-        write_file(path, "new and longer", overwrite=True)
-    assert contents(tmp_path) == {"map.csv": b"old"}
-
-
-def test_one_file_in_a_wrong_place(tmp_path):
-    with pytest.raises(InputError, match="this is a folder; name a file"):
-        write_file(tmp_path, "")
-    with pytest.raises(InputError, match="does not exist; make it first"):
-        write_file(tmp_path / "none" / "map.csv", "")
+def test_discarded_files_go_with_the_old_result_only(tmp_path):
+    with RunFolder(tmp_path) as run:
+        for name in ("fit.json", "map.csv", "map.json"):
+            run.write_text(name, "old")
+    with (
+        pytest.raises(ValueError, match="inside the run"),
+        RunFolder(tmp_path, overwrite=True) as run,
+    ):
+        run.write_text("../fit.json", run.discard("map.csv") or "new")
+    assert contents(tmp_path)["map.csv"] == b"old"
+    with RunFolder(tmp_path, overwrite=True) as run:
+        for name in ("map.csv", "map.json", "never_there"):
+            run.discard(name)
+        for name in ("fit.json", "map.json"):
+            run.write_text(name, "new")
+    assert contents(tmp_path) == {"fit.json": b"new", "map.json": b"new"}
 
 
 def test_hashes_come_in_the_order_of_the_files(tmp_path):

@@ -122,8 +122,10 @@ def test_an_existing_result_is_refused_and_kept(vttig, vttig_json, rig_folder, t
     assert record["schema"] == "vttig.error/1"
     assert "--overwrite" in record["message"]
     assert (out / "fit.json").read_bytes() == before
+    assert vttig("map", out, "--out", out / "map.csv")[0] == 0
     code, *_ = vttig(*fit_arguments(rig_folder), *options, "--flank", "A", "--overwrite")
     assert code == 0
+    assert not (out / "map.csv").exists()
     assert (out / "fit.json").read_bytes() != before
 
 

@@ -1,7 +1,7 @@
 """What every public function must keep, as checks that raise AssertionError where it does not.
 
-A function under test takes arrays or pytrees of arrays, the first of them one-dimensional, and works
-element by element on the first.
+A function under test takes arrays or pytrees of arrays, the first of them one-dimensional, and
+works element by element on the first.
 """
 
 import logging

@@ -1,3 +1,5 @@
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -11,7 +13,7 @@ ENCODER = Encoder(counts_per_rev=90_000)
 SOURCE = Source("log.csv", {"driving": "a_counts"}, lambda row: row + 2)
 
 
-def channel(values, unit="counts", encoder=ENCODER, zero="start", scale=1, time=None):
+def channel(values, unit="counts", encoder=ENCODER, zero="start", scale: Any = 1, time=None):
     values = np.asarray(values)
     time = np.arange(len(values)) / 1000.0 if time is None else time
     return make_channel("driving", RawChannel(values, unit, scale), encoder, time, zero, SOURCE)

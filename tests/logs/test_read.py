@@ -141,15 +141,21 @@ def test_wrong_options(tmp_path, options, words):
         read_log(write(tmp_path), PAIR, **options)
 
 
-def test_ninety_thousand_lines_in_well_under_half_a_second(tmp_path):
+def test_ninety_thousand_lines_cost_little_more_than_their_parsing(tmp_path):
     rows = [f"{k / 2000:.4f},{45 * k},{45 * k * 9 // 16}" for k in range(90_000)]
     path = write(tmp_path, rows=rows)
-    spent = []
-    for _ in range(3):
-        begin = clock.perf_counter()
-        assert len(read_log(path, PAIR)) == 90_000
-        spent.append(clock.perf_counter() - begin)
-    assert min(spent) < 0.4
+
+    def seconds(work):
+        spent = []
+        for _ in range(3):
+            begin = clock.perf_counter()
+            work()
+            spent.append(clock.perf_counter() - begin)
+        return min(spent)
+
+    parsing = seconds(lambda: np.loadtxt(path, delimiter=",", skiprows=1))
+    assert len(read_log(path, PAIR)) == 90_000
+    assert seconds(lambda: read_log(path, PAIR)) < 4 * parsing
 
 
 def test_measured_logs(data_dir):

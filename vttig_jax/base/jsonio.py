@@ -72,9 +72,10 @@ def _plain(value: Any, place: str) -> Any:
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         fields = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
         return _plain(fields, place)
-    if hasattr(value, "tolist"):
-        # Arrays and array scalars, recognised by what they can do so that numpy stays unimported.
-        listed = value.tolist()
+    # Arrays and array scalars, recognised by what they can do so that numpy stays unimported.
+    tolist = getattr(value, "tolist", None)
+    if callable(tolist):
+        listed = tolist()
         if not hasattr(listed, "tolist"):
             return _plain(listed, place)
     raise ValueError(

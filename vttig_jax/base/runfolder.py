@@ -1,4 +1,4 @@
-"""Files that are there whole or not at all: run folders and single output files.
+"""Files that are there whole or not at all: run folders.
 
 Everything is written to a temporary name beside its place, synced to disk and moved with
 `os.replace`. Whatever the operating system refuses is an `InputError` of one sentence.
@@ -56,6 +56,7 @@ class RunFolder:
         self.results = results
         self._pending: dict[str, Path] = {}
         self._made: list[Path] = []
+        self._discarded: list[str] = []
         self._lock: Any = None
 
     def __enter__(self) -> "RunFolder":
@@ -96,6 +97,10 @@ class RunFolder:
             self._make(target.parent)
             self._pending[name] = temporary
             _write_synced(temporary, data)
+
+    def discard(self, name: str) -> None:
+        """Remove an older file when the block ends well, unless it was written anew."""
+        self._discarded.append(name)
 
     def write_text(self, name: str, text: str) -> None:
         """Write a text file in UTF-8."""
@@ -164,6 +169,10 @@ class RunFolder:
                 for target in moved:
                     target.unlink(missing_ok=True)
             raise
+        for name in self._discarded:
+            if name not in self._pending:
+                with _in_a_sentence(self.path / name):
+                    (self.path / name).unlink(missing_ok=True)
 
     def _leave(self) -> None:
         """Remove what is left of an unfinished run, then let the next writer in."""
@@ -181,28 +190,6 @@ class RunFolder:
                 folder.rmdir()  # succeeds only where nothing was written
         self._pending.clear()
         self._made.clear()
-
-
-def write_file(path: str | Path, data: bytes | str, *, overwrite: bool = False) -> None:
-    """Write one output file whole or not at all; text in UTF-8.
-
-    **Raises** `UsageError` where it exists and `overwrite` is false, `InputError` for no space, no
-    permission, no such folder.
-    """
-    path = Path(path)
-    if path.is_dir():
-        raise InputError("this is a folder; name a file.", where=str(path))
-    if path.exists() and not overwrite:
-        raise UsageError(_REFUSED, where=str(path))
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        with _in_a_sentence(path):
-            _write_synced(temporary, data.encode("utf-8") if isinstance(data, str) else data)
-            _move(temporary, path)
-    except BaseException:
-        with suppress(OSError):
-            temporary.unlink(missing_ok=True)
-        raise
 
 
 def data_sha256(paths: Iterable[str | Path]) -> list[str]:

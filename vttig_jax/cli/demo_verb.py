@@ -78,6 +78,7 @@ def _report(rig: "SyntheticRig", result: "Fit", grid: "BacklashMap", truth: "Bac
     """Table of truth and fit, and the map's error against the true map."""
     import numpy as np
 
+    from ..base.angles import difference_deg
     from ..base.tables import key_values, text_table
     from ..base.units import DEG, REV
 
@@ -90,7 +91,7 @@ def _report(rig: "SyntheticRig", result: "Fit", grid: "BacklashMap", truth: "Bac
             continue
         off = value - true
         if parameter.unit == "deg" and "phase" in name:
-            off = (off + 180.0) % 360.0 - 180.0
+            off = float(difference_deg(value, true))
         places = max(0, int(1 - np.floor(np.log10(std))))
         rows.append(
             [

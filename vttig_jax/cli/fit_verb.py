@@ -69,6 +69,9 @@ def command(
         raise NoAnswerError(_FAILURES[result.outcome], where=result.source)
 
 
+_FOLLOWING = ("map.csv", "map.json", "figures/backlash_map.png")
+"""What an older fit may have left that a new one makes untrue."""
+
 _FAILURES = {
     "not_converged": "the fit did not converge; its numbers are not to be trusted.",
     "not_determined": "the log determines no parameter; the reasons are listed above.",
@@ -112,6 +115,8 @@ def write_run(result: "Fit", run: Run, out: Path, *, overwrite: bool, with_figur
     from ..identify.store import fit_arrays
 
     with RunFolder(out, overwrite=overwrite, results=("fit.json",)) as folder:
+        for name in _FOLLOWING:
+            folder.discard(name)
         folder.write_toml("run.toml", run.table(out))
         folder.write_npz("summary.npz", **fit_arrays(result))
         if with_figures:

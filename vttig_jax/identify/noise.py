@@ -131,13 +131,15 @@ def _cholesky(gram: Float[np.ndarray, "q q"]) -> Float[np.ndarray, "q q"]:
 def _autocovariance(
     flanks: tuple[FlankSummary, ...], residuals: list[Float[np.ndarray, " q"]]
 ) -> Float[np.ndarray, " lags"]:
-    """Autocovariance of the residual rows at every lag, all flanks together."""
+    """Autocovariance of the residual rows at every lag, all flanks together.
+
+    Divided by all rows at every lag: that keeps it positive, and the autoregression stationary.
+    """
     lags = min(len(flank.lag_products) for flank in flanks)
-    total, count = np.zeros(lags), np.zeros(lags)
+    total = np.zeros(lags)
     for flank, residual in zip(flanks, residuals, strict=True):
         total += np.einsum("i,lij,j->l", residual, flank.lag_products[:lags], residual)
-        count += flank.rows - len(flank.heads) * np.arange(lags)
-    return total / count
+    return total / sum(flank.rows for flank in flanks)
 
 
 def _autoregression(

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import jax.numpy as jnp
 import numpy as np
 
-from ..base.units import ARCSEC, DEG
+from ..base.units import ARCSEC
 from ..kinematics.orders import OrderModel
 from ..pair.gears import Flank
 from .noise import WhitenedFlank
@@ -46,7 +46,7 @@ def order_table(
             cosine = _cosine_column(summary, position)
             # a sin(kφ + p): the sine column holds a cos p, the cosine column a sin p.
             cells = [cosine + 1, cosine]
-            amplitude, std, phase, _ = polar_spread(
+            amplitude, std, phase_deg, _ = polar_spread(
                 values[cells] / ARCSEC, covariance[np.ix_(cells, cells)] / ARCSEC**2
             )
             table.append(
@@ -56,7 +56,7 @@ def order_table(
                     flank.flank,
                     amplitude,
                     std,
-                    float(phase / DEG % 360.0),
+                    phase_deg,
                 )
             )
     ranks = {"driving": 0, "driven": 1, "mesh": 2}

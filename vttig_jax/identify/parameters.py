@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from ..base.angles import amplitude_phase
 from ..base.units import ARCSEC, DEG
 from .solve import Solution
 
@@ -83,7 +84,7 @@ def polar(
     index = [solution.names.index(f"{source}_{axis}") for axis in "xy"]
     offset = solution.values[index] / scale
     spread = solution.covariance[np.ix_(index, index)] / scale**2
-    amplitude, amplitude_std, phase, phase_std = polar_spread(offset, spread)
+    amplitude, amplitude_std, phase_deg, phase_std_deg = polar_spread(offset, spread)
     significant = amplitude >= _SIGNIFICANT * amplitude_std
     if not significant:
         reason = f"{names[0]} is below three standard errors"
@@ -104,25 +105,21 @@ def polar(
         )
     return (
         _interval(names[0], unit, amplitude, amplitude_std),
-        _interval(names[1], "deg", math.degrees(phase) % 360.0, math.degrees(phase_std)),
+        _interval(names[1], "deg", phase_deg, phase_std_deg),
     )
 
 
 def polar_spread(
     offset: Float[np.ndarray, "2"], spread: Float[np.ndarray, "2 2"]
 ) -> tuple[float, float, float, float]:
-    """Amplitude, its standard error, phase in rad and its standard error, to first order."""
-    amplitude = float(np.hypot(*offset))
+    """Amplitude and its standard error, phase in degrees and its standard error, to first order."""
+    amplitude, phase_deg = (float(part) for part in amplitude_phase(offset[1], offset[0]))
     if amplitude == 0:
-        return 0.0, float(np.sqrt(np.max(np.linalg.eigvalsh(spread)))), 0.0, math.pi
+        return 0.0, float(np.sqrt(np.max(np.linalg.eigvalsh(spread)))), 0.0, 180.0
     along = offset / amplitude
     across = np.array([-along[1], along[0]])
-    return (
-        amplitude,
-        float(np.sqrt(along @ spread @ along)),
-        float(np.arctan2(offset[1], offset[0])),
-        float(np.sqrt(across @ spread @ across)) / amplitude,
-    )
+    phase_std = float(np.sqrt(across @ spread @ across)) / amplitude
+    return amplitude, float(np.sqrt(along @ spread @ along)), phase_deg, phase_std / DEG
 
 
 def _interval(name: str, unit: str, value: float, std: float) -> Parameter:

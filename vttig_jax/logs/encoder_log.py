@@ -1,6 +1,6 @@
 """`EncoderLog`: two shafts over time, or one shaft and its transmission error."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import cached_property
 from typing import Literal
@@ -138,6 +138,19 @@ class EncoderLog:
         - `direction` (+1, 0, −1), `axial_mm`, `torque`: as in `EncoderLog`.
 
         **Raises** `ValueError` for wrong arguments, `LogError` for data that is no log.
+
+        **Example**
+        ```python
+        >>> import numpy as np
+        >>> from vttig_jax.logs.encoder_log import EncoderLog
+        >>> from vttig_jax.pair.spec import parse_pair_spec
+        >>> drive = parse_pair_spec({"drive": {"ratio": "9/16"}})
+        >>> turns = np.linspace(0.0, 4.0, 801)
+        >>> log = EncoderLog.from_arrays(turns, turns, 9 / 16 * turns, pair=drive, unit="rev")
+        >>> len(log), log.ratio, log.driven.turns
+        (801, Fraction(9, 16), 2.25)
+
+        ```
         """
         if (driven is None) == (transmission_error is None):
             seen = "neither is" if driven is None else "both are"
@@ -177,7 +190,7 @@ class EncoderLog:
             optional["direction"],
             optional["axial_mm"],
             optional["torque"],
-            Source(source, {"time": "time_s"}),
+            Source(source, {"time": "time_s"}, kind="argument"),
         )
         return cls.from_raw(raw, pair)
 
@@ -225,5 +238,5 @@ class EncoderLog:
             raw.source.name,
             raw.sha256,
             tuple(notes),
-            raw.source,
+            replace(raw.source, line_of=None),  # it would keep the whole text alive
         )

@@ -17,7 +17,6 @@ from jaxtyping import Float
 from ..base.errors import LogError
 from ..base.units import REV
 from .encoder_log import EncoderLog
-from .source import Source
 
 TOLERANCE = 0.005
 """Relative deviation below which a ratio is never doubted."""
@@ -91,7 +90,7 @@ def check_ratio(log: EncoderLog) -> SeenRatio:
     """
     ratio = seen_ratio(log)
     if ratio.verdict not in ("agrees", "none"):
-        raise LogError(ratio.sentence, where=Source(log.source).at())
+        raise LogError(ratio.sentence, where=log.place.at("driven"))
     return ratio
 
 

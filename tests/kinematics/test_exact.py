@@ -1,0 +1,135 @@
+"""The exact relation against brute-force contact of sampled involutes, and its derivatives."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from tests.oracles import involute_contact as oracle
+from vttig_jax.kinematics.exact import exact_model
+from vttig_jax.kinematics.functions import exact_transmission_error, transmission_error
+from vttig_jax.pair.eccentricities import Eccentricities
+from vttig_jax.pair.gears import Gear, GearPair
+
+ANGLES = np.array([0.0, 1.0, 6.1, 33.3, 50.3, 77.7, 100.0, -7.0])
+"""Over the hunting period of 100.5 rad, and before it."""
+
+
+def make(
+    teeth=(45, 80),
+    pressure=(20.0, 20.0),
+    helix=(3.0, 3.0),
+    distance=125.12,
+    e=(0.0226, 0.0273),
+    backlash=0.038,
+    axial=0.0,
+):
+    """The same rig for the package and for the oracle."""
+    pair = GearPair(
+        Gear(teeth[0], *helix),
+        Gear(teeth[1], *helix),
+        module_mm=2.0,
+        pressure_angles_deg=pressure,
+        centre_distance_mm=distance,
+    )
+    rig = Eccentricities(e[0], 49.5, e[1], 79.3, backlash, axial)
+    brute = oracle.Rig(
+        teeth,
+        2.0,
+        tuple(np.radians(pressure)),
+        distance,
+        ((e[0], np.radians(49.5)), (e[1], np.radians(79.3))),
+        np.radians(backlash),
+        axial,
+        tuple(np.tan(np.radians(helix))),
+    )
+    return pair, rig, brute
+
+
+RIGS = {
+    "paper": {},
+    "no backlash": {"backlash": 0.0},
+    "driving only": {"e": (0.0226, 0.0)},
+    "driven only": {"e": (0.0, 0.0273)},
+    "axial shift": {"axial": 0.35},
+    "large": {"e": (0.2, 0.2), "axial": -0.5},
+    "unequal flanks": {"e": (0.2, 0.15), "pressure": (20.0, 25.0), "helix": (3.0, 2.0)},
+    "speeding up": {"teeth": (80, 45), "e": (0.2, 0.1), "axial": 0.2},
+    "close": {"distance": 125.0, "e": (0.05, 0.1)},
+}
+
+
+@pytest.mark.parametrize("flank", ["A", "B"])
+@pytest.mark.parametrize("name", RIGS)
+def test_exact_relation_is_contact_of_sampled_involutes(name, flank):
+    pair, rig, brute = make(**RIGS[name])
+    touched = [oracle.transmission_error(brute, angle, flank) for angle in ANGLES]
+    found = exact_transmission_error(ANGLES, pair, rig, flank)
+    np.testing.assert_allclose(found, touched, rtol=0, atol=1e-11)
+
+
+@pytest.mark.parametrize("flank", ["A", "B"])
+def test_the_oracle_rejects_the_closed_form(flank):
+    pair, rig, brute = make()
+    touched = [oracle.transmission_error(brute, angle, flank) for angle in ANGLES]
+    apart = np.abs(transmission_error(ANGLES, pair, rig, flank) - np.array(touched))
+    assert apart.max() > 1e-7
+
+
+@pytest.mark.parametrize(
+    "changed", [{"backlash": 0.04}, {"axial": 0.01}, {"e": (0.0226, 0.0274)}, {"distance": 125.13}]
+)
+def test_the_oracle_tells_neighbouring_rigs_apart(changed):
+    pair, rig, _ = make()
+    _, _, brute = make(**changed)
+    found = exact_transmission_error(ANGLES[1], pair, rig, "B")
+    assert abs(float(found) - oracle.transmission_error(brute, ANGLES[1], "B")) > 1e-8
+
+
+def test_backlash_and_shift_stand_inside_the_relation():
+    """Adding them afterwards is off by up to 4e-7 rad (physics.md §3): they turn C₂."""
+    angles = np.linspace(0.0, 32 * np.pi, 2001)
+    pair, rig, _ = make(axial=0.35, e=(0.0226, 0.0273))
+    _, bare, _ = make(backlash=0.0, e=(0.0226, 0.0273))
+    offsets = exact_model(pair, rig).offset
+    for side, flank in enumerate("AB"):
+        after = exact_transmission_error(angles, pair, bare, flank) + offsets[side]
+        apart = np.abs(exact_transmission_error(angles, pair, rig, flank) - after).max()
+        assert 1e-8 < apart < 4e-7
+
+
+@pytest.mark.parametrize("flank", ["A", "B"])
+def test_gradient_with_respect_to_every_number_of_the_rig(flank):
+    """Each float of pair and eccentricities by itself, against a central difference."""
+    pair, rig, _ = make(pressure=(20.0, 22.0), helix=(3.0, 2.0), axial=0.2)
+    pair = jax.tree.map(lambda leaf: jnp.nan_to_num(jnp.asarray(leaf), nan=20.0), pair)
+    rig = jax.tree.map(jnp.asarray, rig)
+
+    @jax.jit
+    def total(pair, rig):
+        return jnp.sum(
+            jnp.array([1.0, -0.3]) * exact_transmission_error(ANGLES[:2], pair, rig, flank)
+        )
+
+    gradient = jax.tree.leaves(jax.jit(jax.grad(total, argnums=(0, 1)))(pair, rig))
+    leaves, tree = jax.tree.flatten((pair, rig))
+    moved_something = 0
+    for place, (leaf, slope) in enumerate(zip(leaves, gradient, strict=True)):
+        for entry in np.ndindex(leaf.shape):
+            step = 1e-4
+            ends = [
+                total(*jax.tree.unflatten(tree, _moved(leaves, place, entry, way * step)))
+                for way in (1, -1)
+            ]
+            central = float(ends[0] - ends[1]) / (2 * step)
+            assert float(slope[entry]) == pytest.approx(central, rel=2e-6, abs=1e-11)
+            moved_something += central != 0.0
+    # Face widths, the driving helix (equal to the driven by decree) and the other flank's helix
+    # and pressure angle do not enter; A has no constant backlash.
+    assert moved_something == {"A": 9, "B": 10}[flank]
+
+
+def _moved(leaves, place, entry, step):
+    return [
+        leaf.at[entry].add(step) if number == place else leaf for number, leaf in enumerate(leaves)
+    ]

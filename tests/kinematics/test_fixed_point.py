@@ -1,0 +1,77 @@
+"""The implicit solver on a contraction whose solution and derivatives are known otherwise."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from vttig_jax.kinematics.fixed_point import fixed_point
+
+GAIN = 0.5
+SHIFTS = np.array([-2.0, -0.3, 0.0, 0.7, 3.1])
+
+
+def step(value, shift):
+    """Kepler's equation t = shift + 0.5 sin t: contracts by 0.5 at worst."""
+    return shift + GAIN * jnp.sin(value)
+
+
+def solve(shift):
+    return fixed_point(step, shift)
+
+
+def slope(shift):
+    return 1 / (1 - GAIN * np.cos(np.asarray(solve(shift))))
+
+
+def test_solution_keeps_its_equation():
+    found = np.asarray(solve(SHIFTS))
+    np.testing.assert_allclose(found, SHIFTS + GAIN * np.sin(found), rtol=0, atol=2e-15)
+    assert np.abs(found - SHIFTS).max() > 0.1
+
+
+def test_derivative_is_that_of_the_implicit_function():
+    found = jax.vmap(jax.grad(solve))(SHIFTS)
+    np.testing.assert_allclose(found, slope(SHIFTS), rtol=1e-13)
+    central = (solve(SHIFTS + 1e-5) - solve(SHIFTS - 1e-5)) / 2e-5
+    np.testing.assert_allclose(found, central, rtol=1e-9)
+    assert np.abs(np.asarray(found) - 1).max() > 0.2
+
+
+def test_second_derivative():
+    """d²t/dx² = −0.5 sin t · (dt/dx)³."""
+    found = jax.vmap(jax.grad(jax.grad(solve)))(SHIFTS)
+    expected = -GAIN * np.sin(np.asarray(solve(SHIFTS))) * slope(SHIFTS) ** 3
+    np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-14)
+    forward = jax.vmap(jax.jacfwd(jax.jacrev(solve)))(SHIFTS)
+    np.testing.assert_allclose(forward, expected, rtol=1e-12, atol=1e-14)
+
+
+def test_elements_do_not_know_of_each_other():
+    together = np.asarray(jax.vmap(solve)(SHIFTS))
+    alone = np.array([float(solve(shift)) for shift in SHIFTS])
+    np.testing.assert_allclose(together, alone, rtol=0, atol=2e-15)
+    jacobian = np.asarray(jax.jacrev(solve)(SHIFTS))
+    np.testing.assert_allclose(jacobian, np.diag(slope(SHIFTS)), rtol=1e-13, atol=0)
+
+
+def test_arguments_may_be_any_pytree():
+    def scaled(value, args):
+        return args["shift"] + args["gain"] * jnp.sin(value)
+
+    args = {"shift": jnp.asarray(0.7), "gain": jnp.asarray(0.5)}
+    gradient = jax.grad(lambda a: fixed_point(scaled, a))(args)
+    value = float(solve(0.7))
+    assert float(gradient["gain"]) == pytest.approx(np.sin(value) * slope(0.7), rel=1e-12)
+    assert float(gradient["shift"]) == pytest.approx(slope(0.7), rel=1e-12)
+
+
+def test_a_relation_that_does_not_settle_ends():
+    """An expansion is iterated a limited number of times and not forever."""
+    found = fixed_point(lambda value, shift: shift - 1.5 * value, jnp.asarray(1.0))
+    assert abs(float(found)) > 1e6
+
+
+def test_nan_stays_nan():
+    found = np.asarray(solve(jnp.array([0.3, jnp.nan])))
+    assert np.isfinite(found[0]) and np.isnan(found[1])

@@ -1,0 +1,262 @@
+"""The public functions: identities, what each argument does, and refusals."""
+
+from dataclasses import replace
+from functools import partial
+
+import jax
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from vttig_jax.kinematics.functions import (
+    axial_displacement,
+    backlash,
+    exact_backlash,
+    exact_transmission_error,
+    transmission_error,
+)
+from vttig_jax.pair.eccentricities import Eccentricities
+from vttig_jax.pair.gears import Gear, GearPair
+
+ANGLES = np.linspace(-3.0, 40.0, 97)
+PERIOD = np.linspace(0.0, 32 * np.pi, 720, endpoint=False)
+
+phases = st.floats(0.0, 360.0)
+sizes = st.floats(0.005, 0.05)
+
+
+@st.composite
+def pairs(draw):
+    """Any proportion of 45/80 teeth: one compilation serves all of them."""
+    module = draw(st.floats(0.5, 4.0))
+    left, right = draw(st.floats(14.5, 28.0)), draw(st.floats(14.5, 28.0))
+    distance = 62.5 * module * (1 + draw(st.floats(0.0, 0.003)))
+    helix = draw(st.floats(-5.0, 5.0)), draw(st.floats(-5.0, 5.0))
+    return GearPair(
+        Gear(45, *helix),
+        Gear(80, *helix),
+        module_mm=module,
+        pressure_angles_deg=(left, right),
+        centre_distance_mm=distance,
+    )
+
+
+@st.composite
+def rigs(draw, pair):
+    module = float(pair.module_mm)
+    return Eccentricities(
+        draw(sizes) * module,
+        draw(phases),
+        draw(sizes) * module,
+        draw(phases),
+        draw(st.floats(0.0, 0.1)),
+        draw(st.floats(-0.2, 0.2)),
+    )
+
+
+@given(st.data())
+def test_error_of_the_closed_form_grows_with_the_square(data):
+    pair = data.draw(pairs())
+    rig = replace(data.draw(rigs(pair)), constant_backlash_deg=0.0, axial_mm=0.0)
+    twice = replace(rig, driving_mm=2 * rig.driving_mm, driven_mm=2 * rig.driven_mm)
+
+    def worst(one, flank):
+        closed = transmission_error(PERIOD, pair, one, flank)
+        return np.abs(closed - exact_transmission_error(PERIOD, pair, one, flank)).max()
+
+    for flank in "AB":
+        assert worst(twice, flank) / worst(rig, flank) == pytest.approx(4.0, rel=0.03)
+
+
+@given(st.data())
+def test_backlash_is_the_difference_of_the_flanks(data):
+    pair = data.draw(pairs())
+    rig = data.draw(rigs(pair))
+    for te, gap in (
+        (transmission_error, backlash),
+        (
+            partial(transmission_error, pressure_angle="reference"),
+            partial(backlash, pressure_angle="reference"),
+        ),
+        (exact_transmission_error, exact_backlash),
+    ):
+        apart = te(ANGLES, pair, rig, "B") - te(ANGLES, pair, rig, "A")
+        np.testing.assert_allclose(gap(ANGLES, pair, rig), apart, rtol=0, atol=1e-12)
+
+
+@given(phases, sizes, phases, sizes)
+def test_printed_backlash_formula(first, e1, second, e2):
+    """(21) written out: j_v = 2 tan α/R₂ [e₂ cos χ₂ − e₁ cos ψ₁], with j_c and s beside it."""
+    pair = GearPair(Gear(45, 3.0, 2.0), Gear(80, 3.0, 2.0), module_mm=2.0, pressure_angles_deg=20.0)
+    rig = Eccentricities(e1, first, e2, second, 0.038, 0.3)
+    cosines = e2 * np.cos(0.5625 * ANGLES + np.radians(second)) - e1 * np.cos(
+        ANGLES + np.radians(first)
+    )
+    printed = np.radians(0.038) + 2 * np.tan(np.radians(20.0)) / 80 * cosines
+    printed -= 0.3 * (np.tan(np.radians(3.0)) + np.tan(np.radians(2.0))) / 80
+    found = backlash(ANGLES, pair, rig, pressure_angle="reference")
+    np.testing.assert_allclose(found, printed, rtol=0, atol=1e-15)
+
+
+@given(st.data())
+def test_everything_repeats_after_the_hunting_period(data):
+    pair = data.draw(pairs())
+    rig = data.draw(rigs(pair))
+    period = 2 * np.pi * pair.hunting_turns
+    for flank in "AB":
+        for te in (transmission_error, exact_transmission_error):
+            here, later = te(ANGLES, pair, rig, flank), te(ANGLES + period, pair, rig, flank)
+            np.testing.assert_allclose(later, here, rtol=0, atol=1e-15 + 1e-14 * 0.05)
+    whole_turn = exact_transmission_error(ANGLES + 2 * np.pi, pair, rig)
+    assert np.abs(whole_turn - exact_transmission_error(ANGLES, pair, rig)).max() > 1e-6
+
+
+@given(st.data())
+def test_mirror_symmetry_swaps_the_flanks(data):
+    """Reversing both shafts and mirroring the offsets turns flank A into flank B."""
+    pair = data.draw(pairs())
+    rig = replace(data.draw(rigs(pair)), constant_backlash_deg=0.0, axial_mm=0.0)
+    mirrored = replace(
+        rig, driving_phase_deg=-rig.driving_phase_deg, driven_phase_deg=-rig.driven_phase_deg
+    )
+    angles = pair.pressure_angles_deg
+    other = GearPair(
+        pair.driving,
+        pair.driven,
+        module_mm=float(pair.module_mm),
+        pressure_angles_deg=(float(angles[1]), float(angles[0])),
+        centre_distance_mm=float(pair.centre_distance_mm),
+    )
+    for te in (transmission_error, exact_transmission_error):
+        np.testing.assert_allclose(
+            te(-ANGLES, other, mirrored, "B"), -te(ANGLES, pair, rig, "A"), rtol=0, atol=1e-14
+        )
+
+
+def test_axial_displacement_both_ways(paper_pair, paper_rig):
+    """(16): j = 2 s tan β at the reference circle; shifting by s(j) takes up exactly j."""
+    assert axial_displacement(0.05, paper_pair) == pytest.approx(
+        0.05 / (2 * np.tan(np.radians(3.0))), rel=1e-14
+    )
+    gaps = np.asarray(backlash(ANGLES, paper_pair, paper_rig))
+    for angle, gap in zip(ANGLES[::24], gaps[::24], strict=True):
+        shift = axial_displacement(gap * 80.0, paper_pair)
+        closed = replace(paper_rig, axial_mm=shift)
+        assert abs(float(backlash(angle, paper_pair, closed))) < 1e-15
+        assert abs(float(exact_backlash(angle, paper_pair, closed))) < 1e-6
+
+
+def test_unequal_helix_angles_move_each_flank_by_its_own():
+    pair = GearPair(Gear(45, 3.0, 1.0), Gear(80, 3.0, 1.0), module_mm=2.0, pressure_angles_deg=20.0)
+    shift = {"A": np.tan(np.radians(3.0)) / 80, "B": -np.tan(np.radians(1.0)) / 80}
+    for flank, slope in shift.items():
+        for te in (transmission_error, exact_transmission_error):
+            moved = te(1.0, pair, Eccentricities(axial_mm=0.5), flank)
+            assert float(moved) == pytest.approx(0.5 * slope, rel=1e-12)
+    thinning = np.tan(np.radians(3.0)) + np.tan(np.radians(1.0))
+    assert axial_displacement(0.1, pair) == pytest.approx(0.1 / thinning, rel=1e-14)
+
+
+def test_untapered_gears_cannot_close():
+    pair = GearPair(Gear(45), Gear(80), module_mm=2.0, pressure_angles_deg=20.0)
+    assert np.isposinf(axial_displacement(0.05, pair))
+
+
+RIG_CHANGES = {
+    "driving_mm": 0.03,
+    "driving_phase_deg": 60.0,
+    "driven_mm": 0.03,
+    "driven_phase_deg": 60.0,
+    "constant_backlash_deg": 0.05,
+    "axial_mm": 0.1,
+}
+PAIR_CHANGES = {
+    "module_mm": {"module_mm": 2.0005},
+    "pressure_angles_deg": {"pressure_angles_deg": (20.1, 20.1)},
+    "centre_distance_mm": {"centre_distance_mm": 125.2},
+    "driving.teeth": {"driving": Gear(46, 3.0, 3.0)},
+    "driven.teeth": {"driven": Gear(79, 3.0, 3.0)},
+    "driven.helix": {"driven": Gear(80, 4.0, 4.0)},
+}
+WITH_RIG = (
+    partial(transmission_error, flank="B"),
+    partial(exact_transmission_error, flank="B"),
+    backlash,
+    exact_backlash,
+)
+
+
+@pytest.fixture(scope="module")
+def shifted(paper_rig):
+    return replace(paper_rig, axial_mm=0.3)
+
+
+@pytest.mark.parametrize("function", WITH_RIG)
+@pytest.mark.parametrize("name", RIG_CHANGES)
+def test_every_eccentricity_argument_changes_the_result(function, name, paper_pair, shifted):
+    before = function(ANGLES, paper_pair, shifted)
+    after = function(ANGLES, paper_pair, replace(shifted, **{name: RIG_CHANGES[name]}))
+    assert np.abs(after - before).max() > 1e-6
+
+
+@pytest.mark.parametrize("function", WITH_RIG)
+@pytest.mark.parametrize("name", PAIR_CHANGES)
+def test_every_pair_argument_changes_the_result(function, name, paper_pair, shifted):
+    given_pair = {
+        "driving": paper_pair.driving,
+        "driven": paper_pair.driven,
+        "module_mm": 2.0,
+        "pressure_angles_deg": (20.0, 20.0),
+        "centre_distance_mm": 125.12,
+    }
+    before = function(ANGLES, GearPair(**given_pair), shifted)
+    after = function(ANGLES, GearPair(**{**given_pair, **PAIR_CHANGES[name]}), shifted)
+    assert np.abs(after - before).max() > 1e-8
+
+
+@pytest.mark.parametrize("function", [transmission_error, exact_transmission_error])
+def test_reference_start_is_zero_at_zero_and_differs_by_a_constant(function, paper_pair, paper_rig):
+    absolute = np.asarray(function(ANGLES, paper_pair, paper_rig, "B"))
+    started = np.asarray(function(ANGLES, paper_pair, paper_rig, "B", reference="start"))
+    at_zero = float(function(0.0, paper_pair, paper_rig, "B"))
+    assert float(function(0.0, paper_pair, paper_rig, "B", reference="start")) == 0.0
+    assert abs(at_zero) > 1e-4
+    np.testing.assert_allclose(absolute - started, at_zero, rtol=0, atol=1e-17)
+
+
+def test_pressure_angle_changes_the_closed_forms(paper_pair, paper_rig):
+    for function in (transmission_error, backlash):
+        working = function(ANGLES, paper_pair, paper_rig, pressure_angle="working")
+        reference = function(ANGLES, paper_pair, paper_rig, pressure_angle="reference")
+        assert np.abs(working - reference).max() > 1e-7
+
+
+@pytest.mark.parametrize("function", WITH_RIG)
+def test_shape_and_whole_numbers(function, paper_pair, paper_rig):
+    grid = ANGLES[:96].reshape(8, 12)
+    assert function(grid, paper_pair, paper_rig).shape == (8, 12)
+    assert function(np.zeros((0,)), paper_pair, paper_rig).shape == (0,)
+    assert function(3, paper_pair, paper_rig) == function(3.0, paper_pair, paper_rig)
+    lists = function(np.float32(0.1), paper_pair, paper_rig)
+    assert lists == function(float(np.float32(0.1)), paper_pair, paper_rig)
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        ({"reference": "zero"}, 'Argument `reference` must be "absolute" or "start", but is'),
+        ({"pressure_angle": "normal"}, 'Argument `pressure_angle` must be "working" or "refere'),
+        ({"flank": "C"}, 'Argument `flank` must be "A" or "B", but is'),
+    ],
+)
+def test_unknown_choices_are_refused_by_name(options, sentence, paper_pair, paper_rig, unchecked):
+    with pytest.raises(ValueError, match=sentence):
+        transmission_error(0.0, paper_pair, paper_rig, **options)
+
+
+def test_gradient_passes_through_plain_python_numbers(paper_pair, paper_rig):
+    slope = jax.grad(lambda x: exact_transmission_error(x, paper_pair, paper_rig))(0.4)
+    step = 1e-4
+    ends = [exact_transmission_error(0.4 + way * step, paper_pair, paper_rig) for way in (1, -1)]
+    assert float(slope) == pytest.approx(float(ends[0] - ends[1]) / (2 * step), rel=1e-7)

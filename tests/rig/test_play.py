@@ -1,0 +1,65 @@
+"""The play operator against a plain loop, and its properties."""
+
+import jax.numpy as jnp
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from vttig_jax.rig.play import play
+
+NUMBER = st.floats(-10, 10, allow_nan=False)
+PATH = st.lists(st.tuples(NUMBER, st.floats(0, 3)), min_size=40, max_size=40)
+
+
+def _play(lower, upper, start: float) -> np.ndarray:
+    return np.asarray(play(jnp.asarray(lower), jnp.asarray(upper), jnp.asarray(start)))
+
+
+def _loop(lower, upper, start: float) -> np.ndarray:
+    path, position = [], start
+    for low, high in zip(lower, upper, strict=True):
+        position = min(max(position, low), high)
+        path.append(position)
+    return np.array(path)
+
+
+def _bounds(path) -> tuple[np.ndarray, np.ndarray]:
+    low, gap = np.array(path).T
+    return low, low + gap
+
+
+@given(PATH, NUMBER)
+def test_equals_the_loop(path, start):
+    lower, upper = _bounds(path)
+    np.testing.assert_array_equal(_play(lower, upper, start), _loop(lower, upper, start))
+
+
+@given(PATH, NUMBER)
+def test_bounds_are_kept(path, start):
+    lower, upper = _bounds(path)
+    moved = _play(lower, upper, start)
+    assert np.all((moved >= lower) & (moved <= upper))
+
+
+@given(PATH, NUMBER)
+def test_nothing_moves_inside_the_gap(path, start):
+    lower, upper = _bounds(path)
+    moved = _play(lower, upper, start)
+    before = np.concatenate([[start], moved[:-1]])
+    changed = moved != before
+    on_bound = (moved == lower) | (moved == upper)
+    assert np.all(on_bound[changed])
+
+
+@given(PATH, NUMBER)
+def test_playing_the_result_again_changes_nothing(path, start):
+    lower, upper = _bounds(path)
+    once = _play(lower, upper, start)
+    np.testing.assert_array_equal(_play(once, once, start), once)
+    np.testing.assert_array_equal(_play(lower, upper, float(once[0])), once)
+
+
+def test_start_matters_only_until_the_first_push():
+    lower, upper = np.array([0.0, 0.0, 2.0, 1.0]), np.array([1.0, 1.0, 3.0, 3.0])
+    np.testing.assert_array_equal(_play(lower, upper, 0.25), [0.25, 0.25, 2.0, 2.0])
+    np.testing.assert_array_equal(_play(lower, upper, 0.75), [0.75, 0.75, 2.0, 2.0])
