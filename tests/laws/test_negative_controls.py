@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from jax.core import Tracer
 
 from tests.laws import checks, table
 
@@ -46,7 +47,7 @@ def test_single_precision_inside_is_caught():
 
 def test_a_result_that_depends_on_tracing_is_caught():
     def peeking(angle, gain):
-        return gain * angle + (1e-9 if isinstance(angle, jax.core.Tracer) else 0.0)
+        return gain * angle + (1e-9 if isinstance(angle, Tracer) else 0.0)
 
     with caught():
         checks.check_jit_is_eager(peeking, HERE)

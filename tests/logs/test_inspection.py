@@ -11,7 +11,7 @@ from vttig_jax.logs.encoder_log import EncoderLog
 from vttig_jax.logs.inspection import inspect_log
 from vttig_jax.logs.preview import preview_log
 from vttig_jax.logs.read import read_log
-from vttig_jax.logs.sampling import Plateau, aliased, plateaus_of, sampling_of
+from vttig_jax.logs.sampling import Plateau, aliased, commensurate, plateaus_of, sampling_of
 from vttig_jax.logs.segments import Segment, find_segments
 from vttig_jax.logs.spectrum import order_spectrum
 
@@ -114,6 +114,16 @@ def test_commensurate_sampling_is_told():
     assert "a whole number" in flat(frozen)
     free = inspect_log(rig(rate=501.3, ripple=0.0))
     assert free.commensurate == () and "a whole number" not in flat(free)
+
+
+@pytest.mark.parametrize(("counts_per_sample", "told"), [(45.0004, 1), (45.004, 0), (0.0004, 0)])
+def test_commensurate_within_a_thousandth(counts_per_sample, told):
+    index = np.arange(20_000)
+    reading = np.rint(counts_per_sample * index).astype(np.int64)
+    log = EncoderLog.from_arrays(
+        index / 100, 31 * index / 250, reading, pair=spec(), unit=("deg", "counts")
+    )
+    assert len(commensurate(log, find_segments(log).segments)) == told
 
 
 def test_aliased_orders():

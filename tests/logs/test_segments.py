@@ -206,8 +206,10 @@ def test_speed_is_free_of_counts():
     speed = smooth_speed(time, angle, 360 / 90_000 * DEG)
     np.testing.assert_allclose(speed.value[500:-500] / DEG, 6.0, rtol=0.02)
     assert speed.window > 100 and speed.dwell < 0.1 * 6 * DEG
-    raw = smooth_speed(time, angle, 1e-9)
-    assert raw.window < speed.window
+    fine = smooth_speed(time, 6.0 * time * DEG, 1e-9)
+    assert fine.window == 2
+    noise = 1e-4 * np.random.default_rng(0).standard_normal(len(time))
+    assert smooth_speed(time, 6.0 * time * DEG + noise, 1e-9).window > 50
 
 
 def test_runs():

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -81,7 +82,9 @@ def test_a_late_driven_channel_lowers_the_error_by_its_speed(bare):
     for segment in find_segments(log).segments:
         part = slice(segment.start + 5, segment.stop - 5)
         moved = late.transmission_error[part] - log.transmission_error[part]
-        np.testing.assert_allclose(moved, -delay * speed[part], atol=2e-3 * delay * abs(speed).max())
+        np.testing.assert_allclose(
+            moved, -delay * speed[part], atol=2e-3 * delay * abs(speed).max()
+        )
         assert np.sign(moved.mean()) == (-1 if segment.flank == "A" else 1)
 
 
@@ -101,9 +104,12 @@ CHANGES = {
 def test_every_field_changes_the_log(bare, field):
     before, after = bare.log(), replace(bare, **{field: CHANGES[field]}).log()
     size = min(len(before), len(after))
-    # A segment on flank A: an order of that flank must show, the crossing of the gap need not.
+    # On flank A: an order of that flank must show, the crossing of the gap need not.
     part = slice(size // 8, size // 3)
-    moved = np.abs(before.transmission_error[part] - after.transmission_error[part]).max()
+    moved = max(
+        np.abs(getattr(before, name)[part] - getattr(after, name)[part]).max()
+        for name in ("driving_angle", "transmission_error")
+    )
     assert moved > 0.1 * ARCSEC
 
 
@@ -155,7 +161,7 @@ def test_counts_come_from_the_encoders_of_the_pair(bare):
 
 
 def test_a_gap_that_closes_is_refused(bare):
-    tight = eqx.tree_at(lambda e: e.constant_backlash_deg, bare.eccentricities, np.asarray(0.02))
+    tight = eqx.tree_at(lambda e: e.constant_backlash_deg, bare.eccentricities, np.asarray(0.005))
     with pytest.raises(ValueError, match=r"must keep the gap open, but the backlash is -0\.0"):
         replace(bare, eccentricities=tight).log()
 
@@ -178,7 +184,7 @@ def test_orders_of_the_model():
             for e in errors
             if e.flank == flank
         )
-        seen = model.at_both_angles(first, second, flank)
+        seen = model.at_both_angles(jnp.asarray(first), jnp.asarray(second), flank)
         np.testing.assert_allclose(np.asarray(seen), expected, atol=1e-15)
 
 
@@ -189,4 +195,5 @@ def test_orders_share_the_start(bare):
     part = slice(100, 900)
     angle = rig.log().driving_angle[part]
     expected = 0.002 * DEG * (np.cos(2 * angle) - 1)
-    np.testing.assert_allclose(moved[part], expected, atol=1e-8)
+    # The order turns gear 2 a little further: 3e-4 of it comes back through e₂.
+    np.testing.assert_allclose(moved[part], expected, atol=1e-7)

@@ -36,6 +36,7 @@ def backlash_map(fit: Fit, *, constant_backlash_deg: float | None = None) -> Bac
     >>> rig = paper_rig()
     >>> grid = vttig_jax.backlash_map(vttig_jax.fit(rig.log(), rig.pair))
     >>> round(float(np.degrees(grid.at(np.radians(7560.0)))), 3)
+    0.045
 
     ```
     """

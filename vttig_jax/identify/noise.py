@@ -5,10 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from .autoregression import whitening_filter
+from .normal_equations import cholesky, residual_weights
 from .summary import FlankSummary, HarmonicSummary
-
-_RIDGE = 1e-13
-"""Relative to every column's own square: keeps a singular Gram factorable, moves nothing else."""
 
 _REPEATS = 2
 """Further rounds of autoregression and generalised least squares; the second moves nothing."""
@@ -86,7 +85,7 @@ def whiten(summary: HarmonicSummary) -> tuple[NoiseModel, tuple[WhitenedFlank, .
         solved = _solved(summary, filter_)
         filter_ = _autoregression(summary.flanks, solved)
     order = len(filter_) - 1
-    factors = [_cholesky(flank.whitened(filter_)) for flank in summary.flanks]
+    factors = [cholesky(flank.whitened(filter_)) for flank in summary.flanks]
     rows = sum(flank.whitened_rows(order) for flank in summary.flanks)
     left = sum(factor[-1, -1] ** 2 for factor in factors)
     variance = left / max(rows - columns * len(summary.flanks), 1)
@@ -105,27 +104,13 @@ def _solved(
     summary: HarmonicSummary, filter_: Float[np.ndarray, " taps"]
 ) -> list[Float[np.ndarray, " q"]]:
     """The row of every flank that makes residuals, by generalised least squares."""
-    return [_least_squares(flank.whitened(filter_)) for flank in summary.flanks]
+    return [residual_weights(flank.whitened(filter_)) for flank in summary.flanks]
 
 
 def misfit(summary: HarmonicSummary, filter_: Float[np.ndarray, " taps"]) -> float:
     """Sum of squared innovations that a linear fit leaves under a given whitening filter."""
-    factors = [_cholesky(flank.whitened(filter_)) for flank in summary.flanks]
+    factors = [cholesky(flank.whitened(filter_)) for flank in summary.flanks]
     return float(sum(factor[-1, -1] ** 2 for factor in factors))
-
-
-def _least_squares(gram: Float[np.ndarray, "q q"]) -> Float[np.ndarray, " q"]:
-    """Coefficients β of y on the other columns, as the row (−β, 1) that makes residuals."""
-    factor = _cholesky(gram)
-    return np.append(-np.linalg.solve(factor[:-1, :-1], factor[:-1, -1]), 1.0)
-
-
-def _cholesky(gram: Float[np.ndarray, "q q"]) -> Float[np.ndarray, "q q"]:
-    """Upper factor R with RᵀR = gram, after scaling every column to one."""
-    size = np.sqrt(np.maximum(np.diag(gram), 0.0))
-    size[size == 0] = 1.0
-    scaled = gram / np.outer(size, size) + _RIDGE * np.eye(len(gram))
-    return np.linalg.cholesky(scaled).T * size
 
 
 def _autocovariance(
@@ -145,21 +130,6 @@ def _autocovariance(
 def _autoregression(
     flanks: tuple[FlankSummary, ...], residuals: list[Float[np.ndarray, " q"]]
 ) -> Float[np.ndarray, " taps"]:
-    """Whitening filter by Levinson's recursion, its order by AIC."""
-    covariance = _autocovariance(flanks, residuals)
+    """Whitening filter of the residual rows."""
     rows = sum(flank.rows for flank in flanks)
-    filter_, variance = np.ones(1), covariance[0]
-    if variance <= 0:
-        return filter_
-    best, lowest = filter_, rows * np.log(variance)
-    for order in range(1, len(covariance)):
-        partial = filter_ @ covariance[order:0:-1] / variance
-        extended = np.append(filter_, 0.0)
-        filter_ = extended - partial * extended[::-1]
-        variance *= 1 - partial**2
-        if variance <= 0:
-            break
-        score = rows * np.log(variance) + 2 * order
-        if score < lowest:
-            best, lowest = filter_, score
-    return best
+    return whitening_filter(_autocovariance(flanks, residuals), rows)

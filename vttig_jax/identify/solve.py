@@ -14,8 +14,11 @@ from .noise import WhitenedFlank
 from .relation import Relation
 
 _MOST_STEPS = 100
-_RANK_TOLERANCE = 1e-7
-"""Smallest singular value of the column-scaled Jacobian, relative to the largest, that counts."""
+_RANK_TOLERANCE = 1e-6
+"""Smallest singular value of the column-scaled Jacobian, relative to the largest, that counts.
+
+Above what the ridge of the normal matrices leaves of a direction without data, 3e-7.
+"""
 
 
 @dataclass(frozen=True)

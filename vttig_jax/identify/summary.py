@@ -15,7 +15,9 @@ from ..kinematics.te_curve import TECurve
 from ..logs.encoder_log import EncoderLog
 from ..logs.segments import Segment
 from ..pair.gears import Flank
+from .autoregression import whitening_filter
 from .blocks import BlockPlan, block_means, block_rows, block_size
+from .normal_equations import residual_weights
 from .terms import TermPlan
 
 HIGHEST_LAG = 16
@@ -27,7 +29,8 @@ class FlankSummary:
     """Lag products of the block rows of one flank, summed over its runs.
 
     **Arguments**
-    - `lag_products`: Γ_0 … Γ_L, shape (L + 1, q, q); y is the last of the q columns.
+    - `lag_products`: Γ_0 … Γ_L, shape (L + 1, q, q); y is the last of the q columns. L is what
+      the noise of the log asks for, 16 at most.
     - `heads`, `tails`: the first and last L rows of every run, shape (runs, L, q).
     - `rows`: number of block rows in all runs together.
     """
@@ -116,9 +119,9 @@ def compress(
     )
     origin, scale = (log.time[0] + log.time[-1]) / 2, (log.time[-1] - log.time[0]) / 2
     longest = max((s.stop - s.start for s in segments), default=0) // size
-    lags = int(np.clip(longest // 8, 1, HIGHEST_LAG))
+    most = int(np.clip(longest // 8, 1, HIGHEST_LAG))
     runs: dict[Flank, list[np.ndarray]] = {"A": [], "B": []}
-    kept = tuple(s for s in segments if (s.stop - s.start) // size > 2 * lags)
+    kept = tuple(s for s in segments if (s.stop - s.start) // size > 2 * most)
     curves = []
     for segment in kept:
         part = slice(segment.start, segment.stop)
@@ -130,6 +133,7 @@ def compress(
         runs[segment.flank].append(rows)
         means = (block_means(channel, size) for channel in (driving[part], y, time))
         curves.append(TECurve(segment.flank, *means))
+    lags = max((_needed_lags(rows, most) for rows in runs.values() if rows), default=1)
     return HarmonicSummary(
         tuple(_summarise(flank, rows, lags) for flank, rows in runs.items() if rows),
         terms,
@@ -141,6 +145,18 @@ def compress(
         tuple(curves),
         {flank: size * sum(map(len, rows)) for flank, rows in runs.items()},
     )
+
+
+def _needed_lags(runs: list[Float[np.ndarray, "n q"]], most: int) -> int:
+    """Lags the noise asks for: the order of the ordinary residual's autoregression and two more."""
+    weights = residual_weights(np.sum([rows.T @ rows for rows in runs], axis=0))
+    residuals = [rows @ weights for rows in runs]
+    count = sum(map(len, residuals))
+    covariance = [
+        sum(float(r[lag:] @ r[: len(r) - lag]) for r in residuals) / count
+        for lag in range(most + 1)
+    ]
+    return min(len(whitening_filter(np.array(covariance), count)) + 1, most)
 
 
 def _summarise(flank: Flank, runs: list[Float[np.ndarray, "n q"]], lags: int) -> FlankSummary:

@@ -62,8 +62,9 @@ class BacklashMap:
     ... )
     >>> grid = BacklashMap(exact_model(pair, Eccentricities(0.02, 50, 0.03, 80, 0.04)), None, pair)
     >>> np.degrees(grid.at(np.radians(7560.0))).round(5).item()
-    0.04773
+    0.04865
     >>> print(grid.smallest)
+    0.01386° at 2106.06° (teeth 39 and 24)
 
     ```
     """

@@ -24,6 +24,21 @@ def fixed_point(step: Callable[[Any, Any], Any], args: Any) -> Float[Array, "...
 
     and never from the iterations, so it is exact in forward and reverse mode to any order.
     """
+    return _iterated(step, args)
+
+
+@fixed_point.defjvp
+def _(step, primals, tangents):
+    (args,), (moving,) = primals, tangents
+    value = fixed_point(step, args)
+    _, forced = jax.jvp(lambda inputs: step(value, inputs), (args,), (moving,))
+    _, slope = jax.jvp(lambda guess: step(guess, args), (value,), (jnp.ones_like(value),))
+    return value, forced / (1 - slope)
+
+
+@partial(jax.jit, static_argnums=0)
+def _iterated(step: Callable[[Any, Any], Any], args: Any) -> Float[Array, "..."]:
+    """The iteration, compiled once for each `step`: also outside a compiled function."""
 
     def unsettled(state):
         value, previous, iteration = state
@@ -38,15 +53,6 @@ def fixed_point(step: Callable[[Any, Any], Any], args: Any) -> Float[Array, "...
     first = jax.eval_shape(step, 0.0, args)
     zero = jnp.zeros(first.shape, first.dtype)
     return jax.lax.while_loop(unsettled, iterate, (step(zero, args), zero, 1))[0]
-
-
-@fixed_point.defjvp
-def _(step, primals, tangents):
-    (args,), (moving,) = primals, tangents
-    value = fixed_point(step, args)
-    _, forced = jax.jvp(lambda inputs: step(value, inputs), (args,), (moving,))
-    _, slope = jax.jvp(lambda guess: step(guess, args), (value,), (jnp.ones_like(value),))
-    return value, forced / (1 - slope)
 
 
 @runtime_checkable

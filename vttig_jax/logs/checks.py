@@ -7,6 +7,7 @@ from jaxtyping import Float, Int8, Real
 from numpy.typing import ArrayLike
 
 from ..base.errors import LogError
+from ..base.units import ANGLE_UNITS
 from .source import Source
 
 if TYPE_CHECKING:
@@ -27,6 +28,27 @@ def as_column(name: str, values: ArrayLike, size: int | None) -> Real[np.ndarray
     if column.dtype.kind not in "iuf":
         raise ValueError(f"Argument `{name}` must hold numbers, but holds {column.dtype}.")
     return column.astype(np.int64) if column.dtype.kind in "iu" else column.astype(np.float64)
+
+
+def check_arguments(
+    with_driven: bool, with_error: bool, units: tuple[str, str], error_unit: str
+) -> None:
+    """Raise `ValueError` unless exactly one of both is given, in units there are."""
+    if with_driven == with_error:
+        seen = "both are" if with_driven else "neither is"
+        raise ValueError(
+            f"Argument `driven` must be given, or `transmission_error` instead, but {seen} given."
+        )
+    for unit in units:
+        if unit not in ("counts", *ANGLE_UNITS):
+            raise ValueError(
+                f"Argument `unit` must be counts, {', '.join(ANGLE_UNITS)}, but is {unit!r}."
+            )
+    if error_unit not in ANGLE_UNITS:
+        raise ValueError(
+            f"Argument `transmission_error_unit` must be one of {', '.join(ANGLE_UNITS)}, but is"
+            f" {error_unit!r}."
+        )
 
 
 def check_finite(raw: "RawLog") -> None:

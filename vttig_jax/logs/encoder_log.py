@@ -13,7 +13,7 @@ from ..base.errors import LogError
 from ..base.tables import key_values
 from ..base.units import ANGLE_UNITS, ARCSEC, DEG, REV
 from .channel import Channel, RawChannel, make_channel
-from .checks import as_column, check_direction, check_finite, check_time
+from .checks import as_column, check_arguments, check_direction, check_finite, check_time
 from .shafts import TwoShafts
 from .source import Source
 
@@ -152,44 +152,23 @@ class EncoderLog:
 
         ```
         """
-        if (driven is None) == (transmission_error is None):
-            seen = "neither is" if driven is None else "both are"
-            raise ValueError(
-                "Argument `driven` must be given, or `transmission_error` instead, but"
-                f" {seen} given."
-            )
         units = (unit, unit) if isinstance(unit, str) else unit
-        for one in units:
-            if one not in ("counts", *ANGLE_UNITS):
-                raise ValueError(
-                    f"Argument `unit` must be counts, {', '.join(ANGLE_UNITS)}, but is {one!r}."
-                )
-        if transmission_error_unit not in ANGLE_UNITS:
-            raise ValueError(
-                f"Argument `transmission_error_unit` must be one of {', '.join(ANGLE_UNITS)}, but"
-                f" is {transmission_error_unit!r}."
-            )
+        given = driven is not None, transmission_error is not None
+        check_arguments(*given, units, transmission_error_unit)
         time = as_column("time_s", time_s, None).astype(np.float64)
-        size = len(time)
-        error = None
-        if transmission_error is not None:
-            error = as_column("transmission_error", transmission_error, size)
-            error = ANGLE_UNITS[transmission_error_unit] * error
-        others = {"direction": direction, "axial_mm": axial_mm, "torque": torque}
-        optional = {
-            name: None if one is None else as_column(name, one, size).astype(np.float64)
-            for name, one in others.items()
-        }
+
+        def column(name: str, values: ArrayLike | None, size: float = 1.0):
+            return None if values is None else size * as_column(name, values, len(time))
+
+        second = None if driven is None else as_column("driven", driven, len(time))
         raw = RawLog(
             time,
-            RawChannel(as_column("driving", driving, size), units[0], pair.log.driving_scale),
-            None
-            if driven is None
-            else RawChannel(as_column("driven", driven, size), units[1], pair.log.driven_scale),
-            error,
-            optional["direction"],
-            optional["axial_mm"],
-            optional["torque"],
+            RawChannel(as_column("driving", driving, len(time)), units[0], pair.log.driving_scale),
+            None if second is None else RawChannel(second, units[1], pair.log.driven_scale),
+            column("transmission_error", transmission_error, ANGLE_UNITS[transmission_error_unit]),
+            column("direction", direction),
+            column("axial_mm", axial_mm),
+            column("torque", torque),
             Source(source, {"time": "time_s"}, kind="argument"),
         )
         return cls.from_raw(raw, pair)

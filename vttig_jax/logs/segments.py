@@ -196,18 +196,9 @@ def _crossing(
     decided = np.flatnonzero(flank)
     flips = np.flatnonzero(np.diff(flank[decided]))
     starts.update(decided[flips + 1].tolist())
-    if moving and moving[0][0] == 0 and _starts_at_rest(angle, moving[0]):
-        starts.add(0)
     masked = np.zeros(len(angle), bool)
     ordered = sorted(starts)
     for start, stop in zip(ordered, [*ordered[1:], len(angle)], strict=False):
         beyond = np.abs(angle[start:stop] - angle[start]) >= AFTER_REVERSAL
         masked[start : start + int(np.argmax(beyond)) if beyond.any() else stop] = True
     return masked
-
-
-def _starts_at_rest(angle: Float[np.ndarray, " n"], run: tuple[int, int]) -> bool:
-    """Whether the log begins with a run that only gathers speed."""
-    steps = np.abs(np.diff(angle[run[0] : run[1]]))
-    first = steps[: max(1, len(steps) // 100)]
-    return len(steps) > 0 and bool(first.mean() < 0.5 * np.median(steps))

@@ -34,6 +34,6 @@ class Eccentricities(eqx.Module):
     def cartesian(self) -> tuple[Complex[Array, ""], Complex[Array, ""]]:
         """Offsets e·exp(jθ) of the driving and the driven gear in mm."""
         return (
-            self.driving_mm * jnp.exp(1j * DEG * self.driving_phase_deg),
-            self.driven_mm * jnp.exp(1j * DEG * self.driven_phase_deg),
+            jnp.asarray(self.driving_mm) * jnp.exp(1j * DEG * self.driving_phase_deg),
+            jnp.asarray(self.driven_mm) * jnp.exp(1j * DEG * self.driven_phase_deg),
         )

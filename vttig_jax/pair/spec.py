@@ -17,7 +17,7 @@ from msgspec import Meta, Struct
 from ..base.errors import PairError
 from .check import check_geometry
 
-Positive = Annotated[float, Meta(gt=0)]
+Positive = Annotated[float, Meta(gt=0, le=1e9)]  # the bound keeps infinity out
 Angle = Annotated[float, Meta(gt=0, lt=45)]
 Helix = Annotated[float, Meta(gt=-45, lt=45)]
 Order = Annotated[int, Meta(ge=1, le=1000)]
@@ -40,7 +40,7 @@ class Encoder(_Table, frozen=True):
 class GearTable(_Table, frozen=True):
     """One gear as written: `[driving]` or `[driven]`."""
 
-    teeth: Annotated[int, Meta(ge=1)] | None = None
+    teeth: Annotated[int, Meta(ge=1, le=100_000)] | None = None
     face_width_mm: Positive | None = None
     helix_angle_deg: Helix | None = None
     helix_left_deg: Helix | None = None
@@ -133,11 +133,14 @@ def as_fraction(value: str | float | int, where: str) -> Fraction:
 
     A number goes through its shortest decimal form, so 0.1 is 1/10.
     """
+    text = str(value).replace(" ", "")
     try:
-        fraction = Fraction(str(value).replace(" ", ""))
+        # A quotient has no exponent; without this look "1e999999999" would be written out.
+        usual = "/" in text or 1e-9 <= float(text) <= 1e9
+        fraction = Fraction(text) if usual else Fraction(0)
     except (ValueError, ZeroDivisionError):
         fraction = Fraction(0)
-    if fraction <= 0:
+    if not 1e-9 <= fraction <= 1e9:
         raise PairError(
             f'{value!r} is not a positive ratio; write a number or a quotient such as "7/1798".',
             where=where,
@@ -209,7 +212,7 @@ def _sentence(error: str, table: dict[str, Any]) -> tuple[str, str]:
     if unknown := re.match(r"Object contains unknown field `(.*)`", text):
         name = unknown[1]
         dotted = f"{key}.{name}" if key else name
-        known = _known_keys(key)
+        known = [field.encode_name for field in _type_at(key).fields]
         close = difflib.get_close_matches(name, known, 1)
         hint = f"did you mean `{close[0]}`?" if close else f"known keys here: {', '.join(known)}."
         return f"unknown key `{name}`; {hint}", dotted
@@ -219,24 +222,20 @@ def _sentence(error: str, table: dict[str, Any]) -> tuple[str, str]:
             value = value[int(part)] if isinstance(value, list) else value[part]
         except (KeyError, IndexError, ValueError, TypeError):
             break
-    return f"{text[0].lower()}{text[1:]}, but it is {value!r}.".replace("`", ""), key
+    if text.startswith("Invalid enum value"):
+        text = "Expected " + " or ".join(repr(choice) for choice in _type_at(key).values)
+    text = f"{text[0].lower()}{text[1:]}".replace("object", "table").replace(" | null", "")
+    return f"{text}, but it is {value!r}.".replace("`", ""), key
 
 
-def _known_keys(key: str) -> list[str]:
-    struct: Any = PairSpec
+def _type_at(key: str) -> Any:
+    """The description of the table or value at a dotted key, as msgspec gives it."""
+    kind: Any = msgspec.inspect.type_info(PairSpec)
     for part in key.split(".") if key else ():
-        kinds = {
-            "pair": PairTable,
-            "drive": DriveTable,
-            "driving": GearTable,
-            "driven": GearTable,
-            "log": LogLayout,
-            "unit": UnitTable,
-            "fit": FitOptions,
-            "encoder": Encoder,
-        }
-        struct = kinds[part]
-    return [field.encode_name for field in msgspec.structs.fields(struct)]
+        kind = next(field.type for field in kind.fields if field.encode_name == part)
+        if isinstance(kind, msgspec.inspect.UnionType):
+            kind = next(one for one in kind.types if not isinstance(one, msgspec.inspect.NoneType))
+    return kind
 
 
 def _check_tables(spec: PairSpec) -> None:

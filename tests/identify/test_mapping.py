@@ -1,0 +1,91 @@
+"""From a fit to the backlash map."""
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+
+import vttig_jax
+from vttig_jax.base.errors import NoAnswerError
+from vttig_jax.base.units import DEG, REV
+from vttig_jax.identify.fit import fit
+from vttig_jax.identify.mapping import backlash_map
+from vttig_jax.kinematics.backlash_map import BacklashMap
+from vttig_jax.logs.encoder_log import EncoderLog
+from vttig_jax.pair.gears import Drive
+
+GRID = np.linspace(0, 16 * REV, 1001)
+
+
+@pytest.fixture(scope="module")
+def one_flank(noisy_log, noisy_rig):
+    return fit(noisy_log, noisy_rig.pair, flank="A")
+
+
+def test_two_flanks_give_the_order_complete_map(noisy_fit, noisy_rig):
+    found = backlash_map(noisy_fit)
+    assert found.model is noisy_fit.model
+    true = BacklashMap(noisy_rig.flank_model(), None, noisy_rig.pair).over(GRID)
+    assert np.std(found.over(GRID) - true) / DEG < 0.0012
+    # The first-order map beside it misses the pitch orders.
+    assert np.std(found.first_order_over(GRID) - true) / DEG > 0.0015
+
+
+def test_without_noise_the_map_is_exact(clean_fit, clean_rig):
+    true = BacklashMap(clean_rig.flank_model(), None, clean_rig.pair).over(GRID)
+    np.testing.assert_allclose(backlash_map(clean_fit).over(GRID), true, atol=1e-6 * DEG)
+
+
+def test_one_flank_needs_the_constant_backlash(one_flank):
+    with pytest.raises(NoAnswerError, match="constant backlash is undetermined") as caught:
+        backlash_map(one_flank)
+    assert caught.value.exit_code == 4
+    found = backlash_map(one_flank, constant_backlash_deg=0.05)
+    expected = vttig_jax.exact_backlash(GRID, one_flank.pair, one_flank.eccentricities(0.05))
+    np.testing.assert_allclose(found.over(GRID), np.asarray(expected), atol=1e-12)
+
+
+@pytest.mark.parametrize("constant", [0.03, 0.05])
+def test_another_constant_backlash_shifts_the_map(noisy_fit, constant):
+    plain = backlash_map(noisy_fit)
+    moved = backlash_map(noisy_fit, constant_backlash_deg=constant)
+    shift = (constant - noisy_fit.value("constant_backlash_deg")) * DEG
+    # The extra angle of gear 2 on flank B moves its orders by 1e-7 rad.
+    np.testing.assert_allclose(moved.over(GRID) - plain.over(GRID), shift, atol=3e-7)
+    first = moved.first_order_over(GRID) - plain.first_order_over(GRID)
+    np.testing.assert_allclose(first, shift, atol=1e-12)
+
+
+def _drive_fit(noisy_log, noisy_rig, flank):
+    drive = Drive(Fraction(45, 80), fit=noisy_rig.pair.fit)
+    log = EncoderLog.from_arrays(
+        noisy_log.time,
+        noisy_log.driving_angle / DEG,
+        noisy_log.driven_angle / DEG,
+        pair=drive,
+        unit="deg",
+    )
+    return fit(log, drive, flank=flank)
+
+
+def test_a_drive_maps_from_two_flanks_only(noisy_log, noisy_rig, noisy_fit):
+    found = backlash_map(_drive_fit(noisy_log, noisy_rig, None))
+    assert found.first_order is None
+    pair_map = backlash_map(noisy_fit).over(GRID)
+    assert np.std(found.over(GRID) - pair_map) / DEG < 5e-4
+    for constant in (None, 0.05):
+        with pytest.raises(NoAnswerError):
+            backlash_map(_drive_fit(noisy_log, noisy_rig, "A"), constant_backlash_deg=constant)
+
+
+def test_unresolved_shafts_have_no_map(noisy_rig):
+    from dataclasses import replace
+
+    from vttig_jax.rig.motion import Motion
+
+    rig = replace(noisy_rig, motion=Motion(reversal_deg=450.0, ramp_s=0.1))
+    for flank in (None, "A"):
+        result = fit(rig.log(), rig.pair, flank=flank)
+        for constant in (None, 0.05):
+            with pytest.raises(NoAnswerError, match="undetermined"):
+                backlash_map(result, constant_backlash_deg=constant)

@@ -1,0 +1,122 @@
+"""Noise recovered from made-up rows, and least squares under it against dense algebra."""
+
+import numpy as np
+import pytest
+from scipy.linalg import toeplitz
+from scipy.signal import lfilter
+
+from tests.identify.summaries import columns, summary_of
+from vttig_jax.identify.noise import misfit, whiten
+
+BETA = np.array([0.3, -0.2, 1.0, 0.5, -0.4, 0.1, 0.7])
+
+
+def _ar1(count: int, rho: float, seed: int) -> np.ndarray:
+    """Stationary AR(1) with innovations of one."""
+    shocks = np.random.default_rng(seed).standard_normal(count)
+    shocks[0] /= np.sqrt(1 - rho**2)
+    return np.asarray(lfilter([1.0], [1.0, -rho], shocks))
+
+
+def _rows(noise: np.ndarray) -> np.ndarray:
+    x = columns(len(noise), 0)
+    return np.column_stack([x, x @ BETA + noise])
+
+
+def test_first_order_autoregression_is_found():
+    noise, _ = whiten(summary_of({"A": [_rows(0.01 * _ar1(6000, 0.8, 1))]}))
+    assert noise.coefficients[0] == pytest.approx(0.8, abs=0.05)
+    assert noise.innovation_std == pytest.approx(0.01, rel=0.03)
+    assert noise.std == pytest.approx(0.01 / 0.6, rel=0.08)
+    # Half the two-sided sum of ρ^|k|, times the block.
+    assert noise.correlation_s == pytest.approx(0.5 * 0.01 * 1.8 / 0.2, rel=0.15)
+
+
+def test_white_noise_on_top_is_seen_in_the_spectrum():
+    """AR(1) plus white is no AR(1): the filter must still leave its innovations white."""
+    path = _ar1(8000, 0.9, 2) + np.random.default_rng(3).standard_normal(8000)
+    noise, _ = whiten(summary_of({"A": [_rows(path)]}, lags=16))
+    assert len(noise.coefficients) >= 2
+    assert noise.std == pytest.approx(np.sqrt(1 / (1 - 0.81) + 1), rel=0.08)
+    rest = np.asarray(lfilter(noise.filter, [1.0], path))[16:]
+    assert noise.innovation_std == pytest.approx(rest.std(), rel=0.02)
+    for lag in (1, 2, 3):
+        assert abs(rest[lag:] @ rest[:-lag]) / (rest @ rest) < 0.03
+    plain = np.asarray(lfilter([1.0, -0.9], [1.0], path))[16:]
+    assert abs(plain[1:] @ plain[:-1]) / (plain @ plain) > 0.2
+
+
+def test_white_noise_needs_no_filter():
+    path = np.random.default_rng(4).standard_normal(4000)
+    noise, _ = whiten(summary_of({"A": [_rows(path)]}))
+    assert np.all(np.abs(noise.coefficients) < 0.06)
+    assert noise.innovation_std == pytest.approx(1.0, rel=0.03)
+
+
+def test_flanks_share_one_noise_but_not_their_coefficients():
+    first, second = (0.1 * _ar1(3000, 0.7, seed) for seed in (5, 6))
+    moved = _rows(second)
+    moved[:, -1] += 5.0
+    noise, flanks = whiten(summary_of({"A": [_rows(first)], "B": [moved]}))
+    assert noise.coefficients[0] == pytest.approx(0.7, abs=0.06)
+    assert noise.innovation_std == pytest.approx(0.1, rel=0.04)
+    levels = [np.linalg.solve(*flank.tied)[0] for flank in flanks]
+    assert levels[1] - levels[0] == pytest.approx(5.0, abs=0.1)
+
+
+def test_zero_noise_is_no_trouble():
+    noise, flanks = whiten(summary_of({"A": [_rows(np.zeros(500))]}))
+    assert noise.std < 1e-6
+    assert np.all(np.isfinite(noise.coefficients))
+    np.testing.assert_allclose(np.linalg.solve(*flanks[0].tied), BETA[2:], atol=1e-6)
+
+
+def _dense(rows: list[np.ndarray], filter_: np.ndarray):
+    """Least squares on the filtered rows themselves: coefficients and (XᵀX)⁻¹."""
+    order = len(filter_) - 1
+    kept = np.concatenate([lfilter(filter_, [1.0], r, axis=0)[order:] for r in rows])
+    x, y = kept[:, :-1], kept[:, -1]
+    inverse = np.linalg.inv(x.T @ x)
+    return inverse @ x.T @ y, inverse, y
+
+
+def test_coefficients_equal_least_squares_on_the_filtered_rows():
+    runs = [_rows(_ar1(300, 0.6, 7)), _rows(_ar1(250, 0.6, 8))]
+    noise, (flank,) = whiten(summary_of({"A": runs}))
+    beta, inverse, _ = _dense(runs, noise.filter)
+    tied = np.linalg.solve(*flank.tied)
+    np.testing.assert_allclose(np.append(flank.free_given(tied), tied), beta, atol=1e-8)
+    r, _ = flank.tied
+    of_tied = np.linalg.inv(r.T @ r)
+    covariance = noise.innovation_std**2 * inverse
+    np.testing.assert_allclose(flank.covariance(of_tied), covariance, rtol=1e-6, atol=1e-9)
+
+
+def test_coefficients_follow_generalised_least_squares():
+    """Against the dense covariance of the same autoregression, both ends included."""
+    run = _rows(_ar1(400, 0.7, 9))
+    noise, (flank,) = whiten(summary_of({"A": [run]}, lags=1))
+    rho = noise.coefficients[0]
+    precision = np.linalg.inv(toeplitz(rho ** np.arange(400)) / (1 - rho**2))
+    x, y = run[:, :-1], run[:, -1]
+    inverse = np.linalg.inv(x.T @ precision @ x)
+    beta = inverse @ x.T @ precision @ y
+    std = noise.innovation_std * np.sqrt(np.diag(inverse))
+    tied = np.linalg.solve(*flank.tied)
+    found = np.append(flank.free_given(tied), tied)
+    # They differ by what the first row adds.
+    assert np.all(np.abs(found - beta) < 0.15 * std)
+    r, _ = flank.tied
+    ours = np.sqrt(np.diag(flank.covariance(np.linalg.inv(r.T @ r))))
+    np.testing.assert_allclose(ours, std, rtol=0.03)
+    ordinary = noise.std * np.sqrt(np.diag(np.linalg.inv(x.T @ x)))
+    assert np.abs(ordinary / std - 1).max() > 0.3
+
+
+def test_misfit_is_the_sum_of_squared_innovations():
+    run = _rows(_ar1(300, 0.6, 10))
+    filter_ = np.array([1.0, -0.6])
+    beta, _, y = _dense([run], filter_)
+    kept = lfilter(filter_, [1.0], run, axis=0)[1:]
+    left = np.sum((y - kept[:, :-1] @ beta) ** 2)
+    assert misfit(summary_of({"A": [run]}), filter_) == pytest.approx(left, rel=1e-8)

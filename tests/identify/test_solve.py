@@ -1,0 +1,79 @@
+"""Levenberg–Marquardt against scipy on the same residuals, and the rank of what it finds."""
+
+import equinox as eqx
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+
+from tests.identify.summaries import TERMS, columns, summary_of
+from vttig_jax.identify.noise import whiten
+from vttig_jax.identify.relation import pair_relation
+from vttig_jax.identify.scope import find_scope
+from vttig_jax.identify.solve import solve
+from vttig_jax.identify.summary import compress
+from vttig_jax.logs.segments import find_segments
+
+
+@pytest.fixture(scope="module")
+def problem(noisy_rig, noisy_log):
+    pair = noisy_rig.pair
+    scope = find_scope(noisy_log, find_segments(noisy_log).segments, pair, pair.fit, None)
+    summary = compress(noisy_log, scope.segments, scope.terms, 0, {})
+    relation = pair_relation(pair, scope.terms, scope.flanks, 0, encoder_terms=True)
+    return pair, scope, relation, whiten(summary)[1]
+
+
+def test_same_minimum_as_scipy(problem):
+    _, _, relation, whitened = problem
+    solution = solve(relation, whitened)
+    coefficients = eqx.filter_jit(relation.coefficients)
+
+    def residual(parameters):
+        tied = np.asarray(coefficients(parameters))
+        parts = []
+        for flank, h in zip(whitened, tied, strict=True):
+            matrix, target = flank.tied
+            parts.append(matrix @ h - target)
+        return np.concatenate(parts)
+
+    scale = np.where(
+        ["backlash" in n or "offset" in n or "encoder" in n for n in relation.names], 1e-4, 1e-2
+    )
+    other = least_squares(
+        residual, np.zeros(len(relation.names)), x_scale=scale, xtol=1e-15, ftol=1e-15, gtol=1e-15
+    )
+    std = np.sqrt(np.diag(solution.covariance))
+    assert solution.converged
+    assert solution.steps > 0
+    assert np.all(np.abs(solution.values - other.x) < 1e-3 * std)
+    covariance = np.linalg.inv(other.jac.T @ other.jac)
+    np.testing.assert_allclose(std, np.sqrt(np.diag(covariance)), rtol=1e-4)
+    np.testing.assert_allclose(solution.tied, np.asarray(coefficients(solution.values)), atol=1e-15)
+    assert np.all(solution.determined)
+
+
+def test_one_flank_leaves_encoder_and_gear_open(problem):
+    """With encoder terms a single flank sees only their sum; what is left stays determined."""
+    pair, scope, _, whitened = problem
+    relation = pair_relation(pair, scope.terms, ("A",), 0, encoder_terms=True)
+    solution = solve(relation, whitened[:1])
+    by_name = dict(zip(solution.names, solution.determined, strict=True))
+    assert by_name.pop("offset")
+    assert not any(by_name.values())
+    assert np.all(np.isfinite(solution.covariance))
+
+
+@pytest.mark.parametrize("apart", [0.0, 0.05])
+def test_a_direction_without_data_is_flagged(paper_pair, apart):
+    """Both shafts' columns alike: rank says so; a little apart and both are determined."""
+    x = columns(2000, 0)
+    x[:, 5:7] = x[:, 3:5] + apart * x[:, 5:7]
+    noise = 1e-5 * np.random.default_rng(0).standard_normal(2000)
+    y = 1e-3 + 3e-4 * x[:, 3] + noise
+    whitened = whiten(summary_of({"A": [np.column_stack([x, y])]}))[1]
+    relation = pair_relation(paper_pair, TERMS, ("A",), 0, encoder_terms=False)
+    solution = solve(relation, whitened)
+    by_name = dict(zip(solution.names, solution.determined.tolist(), strict=True))
+    assert by_name.pop("offset")
+    assert set(by_name.values()) == {apart > 0}
+    assert solution.values[0] == pytest.approx(1e-3, abs=1e-5)

@@ -1,0 +1,119 @@
+"""The pair file read: the contract's example word for word, and every other key."""
+
+import subprocess
+import sys
+import tomllib
+from fractions import Fraction
+
+import pytest
+
+from tests.pair.texts import CONTRACT, DRIVE, MINIMAL, OTHER_KEYS
+from vttig_jax.pair.gears import Drive, GearPair, load_pair
+from vttig_jax.pair.spec import (
+    Encoder,
+    FitOptions,
+    GearTable,
+    LogLayout,
+    PairTable,
+    UnitTable,
+    as_fraction,
+    load_pair_spec,
+    parse_pair_spec,
+    spec_table,
+)
+
+
+@pytest.fixture
+def write(tmp_path):
+    def write(text, name="pair.toml"):
+        path = tmp_path / name
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    return write
+
+
+def test_the_contracts_example(write):
+    spec = load_pair_spec(write(CONTRACT))
+    encoder = Encoder(counts_per_rev=90000, accuracy_arcsec=18.0)
+    gear = {"face_width_mm": 20.0, "helix_angle_deg": 3.0, "encoder": encoder}
+    assert spec.name == "VTTIG rig"
+    assert spec.pair == PairTable(module_mm=2.0, pressure_angle_deg=20.0, centre_distance_mm=125.12)
+    assert spec.driving == GearTable(teeth=45, **gear)
+    assert spec.driven == GearTable(teeth=80, **gear)
+    assert spec.log == LogLayout(time="time_s", driving="driving_counts", driven="driven_counts")
+    assert spec.fit == FitOptions()
+    assert spec.fit.driving_orders == spec.fit.driven_orders == (1, 2, 3, 4, 5, 6, 7, 8)
+    assert spec.drive is None and spec.unit == UnitTable()
+    assert spec.ratio == Fraction(9, 16)
+    assert encoder.sign == 1 and encoder.modulus is None
+
+
+def test_every_other_key(write):
+    spec = load_pair_spec(write(OTHER_KEYS))
+    assert spec.pair == PairTable(normal_module_mm=2.0, normal_pressure_angle_deg=20.0)
+    assert spec.driving.encoder == Encoder(counts_per_rev=90000, modulus=65536, sign=-1)
+    assert spec.driving.helix_deg == (3.0, -3.0)
+    assert spec.log == LogLayout(
+        sample_rate_hz=2000.0,
+        driving="a/motor",
+        transmission_error="error",
+        zero="reading",
+        driving_scale="7/1798",
+        driven_scale=0.5,
+        direction="way",
+        axial_mm="shift",
+        torque="torque",
+        decimal=",",
+        delimiter=";",
+        encoding="latin-1",
+    )
+    assert spec.unit == UnitTable(driving="rev", transmission_error="urad")
+    assert spec.fit == FitOptions(driving_orders=(), driven_orders=(3,), mesh_orders=0)
+
+
+@pytest.mark.parametrize("text", [CONTRACT, OTHER_KEYS, MINIMAL, DRIVE])
+def test_a_spec_goes_back_to_the_table_it_came_from(text):
+    spec = parse_pair_spec(tomllib.loads(text))
+    table = spec_table(spec)
+    assert parse_pair_spec(table) == spec
+    assert "None" not in str(table)
+
+
+def test_sections_reach_the_computed_objects(write):
+    pair = load_pair(write(OTHER_KEYS))
+    assert isinstance(pair, GearPair)
+    assert pair.log.driving == "a/motor" and pair.unit.driving == "rev"
+    assert pair.fit.mesh_orders == 0 and pair.driving.encoder.modulus == 65536
+    drive = load_pair(write(DRIVE + '[log]\nzero = "reading"\n[unit]\ndriving = "deg"\n'))
+    assert isinstance(drive, Drive)
+    assert drive.log.zero == "reading" and drive.unit.driving == "deg"
+
+
+@pytest.mark.parametrize(
+    ("value", "fraction"),
+    [
+        ("7/1798", Fraction(7, 1798)),
+        (" 7 / 1798 ", Fraction(7, 1798)),
+        ("0.5625", Fraction(9, 16)),
+        (0.1, Fraction(1, 10)),
+        (1e-05, Fraction(1, 100000)),
+        (2, Fraction(2)),
+    ],
+)
+def test_ratios_are_read_as_written(value, fraction):
+    assert as_fraction(value, "drive.ratio") == fraction
+
+
+def test_reading_a_spec_needs_no_jax():
+    code = (
+        "import sys; from vttig_jax.pair.spec import parse_pair_spec;"
+        "parse_pair_spec({'drive': {'ratio': '1/2'}}); sys.exit('jax' in sys.modules)"
+    )
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_a_byte_order_mark_is_no_fault(tmp_path):
+    path = tmp_path / "pair.toml"
+    path.write_bytes(b"\xef\xbb\xbf" + MINIMAL.encode())
+    assert load_pair_spec(path).ratio == Fraction(9, 16)

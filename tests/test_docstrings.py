@@ -1,0 +1,96 @@
+"""Every example in a docstring of the package runs and prints what stands below it."""
+
+import ast
+import doctest
+import re
+import textwrap
+from pathlib import Path
+
+import pytest
+
+import vttig_jax
+
+PACKAGE = Path(vttig_jax.__file__).parent
+_FENCE = re.compile(r"^( *)```python\n(.*?)^\1```", re.MULTILINE | re.DOTALL)
+
+
+def examples(source: str) -> dict[str, str]:
+    """Fenced examples of all docstrings in a module's source, by name of what they document."""
+    found = {}
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, (ast.Module, ast.ClassDef, ast.FunctionDef)):
+            name = getattr(node, "name", "module")
+            text = ast.get_docstring(node) or ""
+            for number, block in enumerate(_FENCE.finditer(text), 1):
+                found[f"{name}-{number}"] = textwrap.dedent(block[2])
+    return found
+
+
+def run(name: str, text: str) -> str:
+    """What a run of the example finds wrong: nothing, or doctest's report."""
+    test = doctest.DocTestParser().get_doctest(text, {}, name, None, 0)
+    report: list[str] = []
+    outcome = doctest.DocTestRunner(optionflags=doctest.NORMALIZE_WHITESPACE).run(
+        test, out=report.append
+    )
+    if outcome.attempted == 0:
+        return "no example inside the fence"
+    silent = [
+        example.source for example in test.examples if not example.want and _prints(example.source)
+    ]
+    return "".join(report) + "".join(f"prints nothing to compare: {source}" for source in silent)
+
+
+def _prints(source: str) -> bool:
+    """Whether a line is an expression, so that a reader expects to see its value."""
+    return isinstance(ast.parse(source).body[0], ast.Expr) and "enable_x64" not in source
+
+
+FOUND = [
+    pytest.param(path, name, text, id=f"{path.relative_to(PACKAGE)}-{name}")
+    for path in sorted(PACKAGE.rglob("*.py"))
+    for name, text in examples(path.read_text(encoding="utf-8")).items()
+]
+
+
+@pytest.mark.parametrize(("path", "name", "text"), FOUND)
+def test_example(path, name, text, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    problem = run(f"{path.name}:{name}", text)
+    assert not problem, problem
+
+
+def test_public_kinematics_have_examples():
+    named = {str(parameter.values[1]) for parameter in FOUND}
+    assert {"transmission_error-1", "exact_backlash-1", "GearPair-1", "BacklashMap-1"} <= named
+
+
+SOURCE = '''
+def area(r):
+    """Area.
+
+    **Example**
+    ```python
+    >>> {line}
+    {want}
+
+    ```
+    """
+'''
+
+
+@pytest.mark.parametrize(
+    ("line", "want", "words"),
+    [
+        ("1 + 1", "2", ""),
+        ("1 + 1", "3", "Expected:"),
+        ("1 / 0", "0", "ZeroDivisionError"),
+        ("1 + 1", "", "Got:"),
+        ("None", "", "prints nothing to compare"),
+    ],
+)
+def test_the_runner_sees_what_is_wrong(line, want, words):
+    found = examples(SOURCE.format(line=line, want=want))
+    assert list(found) == ["area-1"]
+    problem = run("area", found["area-1"])
+    assert words in problem and bool(words) == bool(problem)

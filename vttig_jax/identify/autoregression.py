@@ -1,0 +1,29 @@
+"""Autoregressive noise from its autocovariance."""
+
+import numpy as np
+from jaxtyping import Float
+
+
+def whitening_filter(
+    autocovariance: Float[np.ndarray, " lags"], rows: int
+) -> Float[np.ndarray, " taps"]:
+    """Filter (1, −a₁, …, −a_p) of the autoregression with this autocovariance.
+
+    Levinson's recursion, its order p < lags by AIC for `rows` samples. A positive autocovariance
+    (divided by all rows at every lag) gives a stationary autoregression.
+    """
+    filter_, variance = np.ones(1), autocovariance[0]
+    if variance <= 0:
+        return filter_
+    best, lowest = filter_, rows * np.log(variance)
+    for order in range(1, len(autocovariance)):
+        partial = filter_ @ autocovariance[order:0:-1] / variance
+        extended = np.append(filter_, 0.0)
+        filter_ = extended - partial * extended[::-1]
+        variance *= 1 - partial**2
+        if variance <= 0:
+            break
+        score = rows * np.log(variance) + 2 * order
+        if score < lowest:
+            best, lowest = filter_, score
+    return best
