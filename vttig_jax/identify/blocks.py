@@ -1,14 +1,14 @@
 """Averages of a log over short blocks: what a linear model of the transmission error needs to see.
 
-A block mean of y = Xβ + ε is the mean of X times β plus the mean of ε, whatever the motion inside
-the block was. So averaging the regressors themselves loses nothing but frequencies above the block
-rate, shortens the log and whitens its noise.
+A block mean of y = Xβ + ε is the mean of X times β plus the mean of ε, exactly, whatever the motion
+inside the block was. So averaging the regressors themselves loses nothing but frequencies above the
+block rate, shortens the log and whitens its noise.
 """
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -16,14 +16,12 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..base.sincos import sincos
+from ..base.units import REV
 from ..kinematics.orders import Term
 
 Samples = Float[np.ndarray, " n"]
 
 _CHUNK_SAMPLES = 8192
-
-_MOMENTS = 10
-"""Powers of the angle inside a block that its mean takes into account."""
 
 
 @dataclass(frozen=True)
@@ -115,55 +113,46 @@ def _chunks(
 def _chunk_means(
     terms: tuple[Term, ...], driving: Float[Array, "size rows"], driven: Float[Array, "size rows"]
 ) -> Float[Array, "rows columns"]:
-    """Block means of cosine and sine of every term.
-
-    With ψ the angle of a term, ψ̄ its block mean and d = ψ − ψ̄, the mean of exp(jkψ) is
-    exp(jkψ̄) Σ_n (jk)ⁿ mean(dⁿ)/n!. The powers of d serve every multiple k of an angle, and the
-    series ends below 1e-8 where a block is a quarter of the highest cycle.
-    """
-    multiples: dict[Term, list[int]] = {}
-    for term in terms:
-        base, multiple = _base(term)
-        multiples.setdefault(base, []).append(multiple)
-    found = {}
-    for base, orders in multiples.items():
-        angle = base[0] * driving + base[1] * driven
-        middle = angle.mean(axis=0)
-        moments = _moments(angle - middle)
-        for order in orders:
-            sine, cosine = sincos(order * middle)
-            real, imaginary = _characteristic(moments, order)
-            found[base, order] = (
-                cosine * real - sine * imaginary,
-                sine * real + cosine * imaginary,
-            )
-    columns = [column for term in terms for column in found[_base(term)]]
-    return jnp.stack(columns, axis=1) if columns else jnp.zeros((driving.shape[1], 0))
+    """Block means of cosine and sine of every term."""
+    driving_powers, driven_powers = (
+        _powers(angle, {abs(term[shaft]) for term in terms})
+        for shaft, angle in enumerate((driving, driven))
+    )
+    columns = []
+    for first, second in terms:
+        columns += _product(
+            _signed(driving_powers[abs(first)], first), _signed(driven_powers[abs(second)], second)
+        )
+    if not columns:
+        return jnp.zeros((driving.shape[1], 0))
+    return jnp.stack([column.mean(axis=0) for column in columns], axis=1)
 
 
-def _base(term: Term) -> tuple[Term, int]:
-    """The angle a term is a multiple of: that of one shaft, or its own."""
-    first, second = term
-    if second == 0:
-        return (1, 0), first
-    return ((0, 1), second) if first == 0 else (term, 1)
+def _powers(angle, needed: set[int]):
+    """(cos kφ, sin kφ) for the orders needed, by products of earlier ones; 0 is None."""
+    turns = jnp.round(angle * (1 / REV))
+    sine, cosine = sincos(angle - turns * REV)
+    powers = {0: None, 1: jax.lax.optimization_barrier((cosine, sine))}
+
+    def power(order: int):
+        if order not in powers:
+            half = order // 2
+            product = _product(power(half), power(order - half))
+            # Without the barrier XLA computes every power anew for each column that uses it.
+            powers[order] = jax.lax.optimization_barrier(product)
+        return powers[order]
+
+    for order in sorted(needed):
+        power(order)
+    return powers
 
 
-def _moments(deviation: Float[Array, "size rows"]) -> list[Float[Array, " rows"]]:
-    """mean(dⁿ) for n = 2 … `_MOMENTS`."""
-    moments, power = [], deviation
-    for _ in range(2, _MOMENTS + 1):
-        power = power * deviation
-        moments.append(power.mean(axis=0))
-    return moments
+def _signed(pair, order: int):
+    return pair if pair is None or order >= 0 else (pair[0], -pair[1])
 
 
-def _characteristic(
-    moments: list[Float[Array, " rows"]], order: int
-) -> tuple[Float[Array, " rows"], Float[Array, " rows"]]:
-    """Real and imaginary part of Σ_n (j·order)ⁿ mean(dⁿ)/n!."""
-    parts = [jnp.ones_like(moments[0]), jnp.zeros_like(moments[0])]
-    for n, moment in enumerate(moments, start=2):
-        sign = 1.0 if n % 4 < 2 else -1.0
-        parts[n % 2] = parts[n % 2] + sign * (float(order) ** n / math.factorial(n)) * moment
-    return parts[0], parts[1]
+def _product(first: Any, second: Any) -> Any:
+    """Product of two unit phasors given as (cosine, sine); None is 1."""
+    if first is None or second is None:
+        return first if second is None else second
+    return first[0] * second[0] - first[1] * second[1], first[0] * second[1] + first[1] * second[0]

@@ -8,6 +8,7 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Complex, Float, Real
 
 from ..base.arrays import Numbers
+from ..base.sincos import sincos
 from ..base.units import DEG
 from ..pair.eccentricities import Eccentricities
 from ..pair.gears import Flank, GearPair
@@ -86,4 +87,5 @@ def flank_offsets(pair: GearPair, eccentricities: Eccentricities) -> Float[Numbe
 
 def _imaginary(phasor: Complex[Array, ""], angle: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
     """Im[phasor · exp(j angle)]."""
-    return jnp.real(phasor) * jnp.sin(angle) + jnp.imag(phasor) * jnp.cos(angle)
+    sine, cosine = sincos(angle)
+    return jnp.real(phasor) * sine + jnp.imag(phasor) * cosine

@@ -5,6 +5,7 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Complex, Float, Real
 
 from ..base.arrays import Numbers
+from ..base.sincos import sincos
 from ..pair.eccentricities import Eccentricities
 from ..pair.gears import Flank, GearPair
 from .closed import flank_offsets
@@ -78,7 +79,7 @@ def exact_model(pair: GearPair, eccentricities: Eccentricities) -> ExactModel:
 
 def _turned(offset: Complex[Array, ""], angle: Float[Array, "*shape"]):
     """Real and imaginary part of offset · exp(j angle)."""
-    cosine, sine = jnp.cos(angle), jnp.sin(angle)
+    sine, cosine = sincos(angle)
     real, imaginary = jnp.real(offset), jnp.imag(offset)
     return real * cosine - imaginary * sine, real * sine + imaginary * cosine
 

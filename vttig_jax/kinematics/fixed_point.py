@@ -31,8 +31,9 @@ def fixed_point(step: Callable[[Any, Any], Any], args: Any) -> Float[Array, "...
 def _(step, primals, tangents):
     (args,), (moving,) = primals, tangents
     value = fixed_point(step, args)
-    _, forced = jax.jvp(lambda inputs: step(value, inputs), (args,), (moving,))
-    _, slope = jax.jvp(lambda guess: step(guess, args), (value,), (jnp.ones_like(value),))
+    _, push = jax.linearize(step, value, args)
+    forced = push(jnp.zeros_like(value), moving)
+    slope = push(jnp.ones_like(value), jax.tree.map(jnp.zeros_like, moving))
     return value, forced / (1 - slope)
 
 
@@ -52,7 +53,7 @@ def _iterated(step: Callable[[Any, Any], Any], args: Any) -> Float[Array, "..."]
 
     first = jax.eval_shape(step, 0.0, args)
     zero = jnp.zeros(first.shape, first.dtype)
-    return jax.lax.while_loop(unsettled, iterate, (step(zero, args), zero, 1))[0]
+    return jax.lax.while_loop(unsettled, iterate, (zero, zero + jnp.inf, 0))[0]
 
 
 @runtime_checkable
