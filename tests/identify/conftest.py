@@ -29,7 +29,7 @@ def noisy_fit(noisy_rig, noisy_log) -> Fit:
 @pytest.fixture(scope="session")
 def clean_rig(paper_pair, paper_rig) -> SyntheticRig:
     """Two eccentric gears and nothing else, no counts; a little over one hunting period."""
-    motion = Motion(speed_rpm=180.0, reversal_deg=6300.0, dwell_s=0.5)
+    motion = Motion(speed_rpm=180.0, reversal_deg=6600.0, dwell_s=0.5)
     return SyntheticRig(paper_pair, paper_rig, motion, rate_hz=900.0)
 
 

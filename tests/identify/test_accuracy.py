@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from tests.identify.accuracy import complaints, judged, rms_errors, study
+from vttig_jax.base.units import DEG
 from vttig_jax.identify.fit import fit
 from vttig_jax.logs.read import read_log
 from vttig_jax.pair.gears import load_pair
@@ -27,6 +28,14 @@ def test_forty_seeds_keep_every_bound():
     judgements = study(range(40))
     print(rms_errors(judgements))
     assert complaints(judgements) == []
+
+
+def test_the_noise_is_that_of_the_rig(first):
+    """4.75 ms of correlation, averaged over blocks of 5.5 ms, with the counts on top."""
+    rig, log = first
+    noise = fit(log, rig.pair).noise
+    assert noise.correlation_s == pytest.approx(0.006, rel=0.2)
+    assert noise.std / DEG == pytest.approx(0.0017, rel=0.1)
 
 
 def test_leaving_orders_out_fails_the_judge(first):

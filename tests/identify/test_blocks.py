@@ -7,10 +7,13 @@ from vttig_jax.identify import blocks
 from vttig_jax.identify.blocks import BlockPlan, block_rows, block_size
 
 
-def _channels(count: int):
+def _channels(plan: BlockPlan, count: int = 5003):
+    """Ragged motion, to and fro, that covers a quarter of the highest cycle in a block at most."""
     generator = np.random.default_rng(3)
-    driving = np.cumsum(generator.uniform(-0.05, 0.3, count)) - 40.0
-    driven = 0.5625 * driving + 0.01 * np.sin(driving)
+    highest = max([1.0, *(abs(a) + abs(b) for a, b in plan.free + plan.tied)])
+    step = np.pi / 2 / (highest * plan.size)
+    driving = np.cumsum(generator.uniform(-0.3, 0.99, count)) * step - 40.0
+    driven = 0.5625 * driving + 1e-3 * np.sin(driving)
     time = np.linspace(-1, 1, count)
     return driving, driven, time, generator.standard_normal(count)
 
@@ -42,26 +45,26 @@ PLANS = {
 
 @pytest.mark.parametrize("plan", PLANS.values(), ids=list(PLANS))
 def test_rows_are_plain_means(plan):
-    channels = _channels(5003)
+    channels = _channels(plan)
     rows = block_rows(plan, *channels)
     expected = _direct(plan, *channels)
     assert rows.shape == expected.shape == (5003 // plan.size, plan.width)
-    np.testing.assert_allclose(rows, expected, atol=1e-12)
+    np.testing.assert_allclose(rows, expected, atol=1e-8)
     # The tolerance tells neighbouring samples apart.
     shifted = _direct(plan, *(np.roll(c, 1) for c in channels))
-    assert np.abs(rows - shifted).max() > 1e-3
+    assert np.abs(rows - shifted).max() > 1e-4
 
 
 @pytest.mark.parametrize("count", [16_383, 16_384, 16_385, 40_000])
 def test_chunks_leave_no_seam(count):
     plan = BlockPlan(((2, 0),), ((1, 0),), 1, 7)
-    channels = _channels(count)
-    np.testing.assert_allclose(block_rows(plan, *channels), _direct(plan, *channels), atol=1e-12)
+    channels = _channels(plan, count)
+    np.testing.assert_allclose(block_rows(plan, *channels), _direct(plan, *channels), atol=1e-8)
 
 
 def test_small_chunks_give_the_same(monkeypatch):
     plan = BlockPlan(((2, 0),), ((1, 0), (0, 1)), 1, 10)
-    channels = _channels(1000)
+    channels = _channels(plan, 1000)
     whole = block_rows(plan, *channels)
     monkeypatch.setattr(blocks, "_CHUNK_SAMPLES", 37)
     np.testing.assert_allclose(block_rows(plan, *channels), whole, atol=1e-14)
@@ -69,7 +72,7 @@ def test_small_chunks_give_the_same(monkeypatch):
 
 def test_an_incomplete_block_is_dropped():
     plan = BlockPlan((), ((1, 0),), 0, 10)
-    channels = _channels(95)
+    channels = _channels(plan, 95)
     rows = block_rows(plan, *channels)
     assert len(rows) == 9
     np.testing.assert_array_equal(rows, block_rows(plan, *(c[:90] for c in channels)))

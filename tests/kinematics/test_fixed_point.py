@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from vttig_jax.kinematics.exact import exact_model
 from vttig_jax.kinematics.fixed_point import fixed_point
 
 GAIN = 0.5
@@ -70,6 +71,24 @@ def test_a_relation_that_does_not_settle_ends():
     """An expansion is iterated a limited number of times and not forever."""
     found = fixed_point(lambda value, shift: shift - 1.5 * value, jnp.asarray(1.0))
     assert abs(float(found)) > 1e6
+
+
+def test_lanes_that_swing_by_a_last_bit_do_not_hold_up_the_others(paper_pair, paper_rig):
+    """Rounding makes a few of many angles swing between two neighbouring numbers for ever."""
+    model = exact_model(paper_pair, paper_rig)
+    evaluations = []
+
+    def counted(error, args):
+        jax.debug.callback(lambda: evaluations.append(1))
+        model, angle = args
+        return model.at_both_angles(angle, model.ratio * angle + error, "A")
+
+    angles = jnp.linspace(0.0, 100.0, 100_000)
+    found = fixed_point(counted, (model, angles))
+    jax.effects_barrier()
+    assert 3 <= len(evaluations) <= 8
+    again = model.at_both_angles(angles, model.ratio * angles + found, "A")
+    np.testing.assert_allclose(found, again, rtol=0, atol=1e-15)
 
 
 def test_nan_stays_nan():

@@ -74,6 +74,9 @@ def vttig() -> None:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run `vttig` with `argv` (those of the process when absent) and return the exit code."""
     arguments = list(sys.argv[1:] if argv is None else argv)
+    # The linear algebra here is small: pools of threads cost more than they bring.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
     _tolerate_encodings()
     with Narrator() as narrator, _sigterm_raises():
         try:

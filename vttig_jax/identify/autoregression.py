@@ -3,6 +3,11 @@
 import numpy as np
 from jaxtyping import Float
 
+_WHITE = 1e-5
+"""Share of the variance that is taken to be white: a filter that gains more than its inverse loses
+the digits of the products it is applied to. Only noise-free logs would ask for one.
+"""
+
 
 def whitening_filter(
     autocovariance: Float[np.ndarray, " lags"], rows: int
@@ -12,7 +17,7 @@ def whitening_filter(
     Levinson's recursion, its order p < lags by AIC for `rows` samples. A positive autocovariance
     (divided by all rows at every lag) gives a stationary autoregression.
     """
-    filter_, variance = np.ones(1), autocovariance[0]
+    filter_, variance = np.ones(1), autocovariance[0] * (1 + _WHITE)
     if variance <= 0:
         return filter_
     best, lowest = filter_, rows * np.log(variance)

@@ -7,8 +7,6 @@ block rate, shortens the log and whitens its noise.
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import partial
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -21,7 +19,7 @@ from ..kinematics.orders import Term
 
 Samples = Float[np.ndarray, " n"]
 
-_CHUNK_SAMPLES = 8192
+_CHUNK_SAMPLES = 16_384
 
 
 @dataclass(frozen=True)
@@ -76,9 +74,9 @@ def block_rows(
     free = 2 * len(plan.free)
     rows = np.empty((blocks, plan.width))
     harmonics = np.delete(np.arange(plan.width - 1), slice(free, free + plan.drift_order + 1))
-    terms = plan.free + plan.tied
+    orders = np.asarray(plan.free + plan.tied, np.float64).reshape(-1, 2)
     for start, channels in _chunks(plan.size, per_chunk, blocks, driving_angle, driven_angle):
-        means = np.asarray(_chunk_means(terms, *channels))
+        means = np.asarray(_chunk_means(orders, *channels)).T
         rows[start : start + per_chunk, harmonics] = means[: blocks - start]
     for power in range(plan.drift_order + 1):
         rows[:, free + power] = block_means(time**power, plan.size)
@@ -109,50 +107,25 @@ def _chunks(
         yield start, tables
 
 
-@partial(jax.jit, static_argnums=0)
+@jax.jit
 def _chunk_means(
-    terms: tuple[Term, ...], driving: Float[Array, "size rows"], driven: Float[Array, "size rows"]
-) -> Float[Array, "rows columns"]:
-    """Block means of cosine and sine of every term."""
-    driving_powers, driven_powers = (
-        _powers(angle, {abs(term[shaft]) for term in terms})
-        for shaft, angle in enumerate((driving, driven))
-    )
-    columns = []
-    for first, second in terms:
-        columns += _product(
-            _signed(driving_powers[abs(first)], first), _signed(driven_powers[abs(second)], second)
-        )
-    if not columns:
-        return jnp.zeros((driving.shape[1], 0))
-    return jnp.stack([column.mean(axis=0) for column in columns], axis=1)
+    orders: Float[Array, "terms 2"],
+    driving: Float[Array, "size rows"],
+    driven: Float[Array, "size rows"],
+) -> Float[Array, "columns rows"]:
+    """Block means of cosine and sine of every term, the two of a term beside each other.
 
+    A loop over the samples of a block keeps the sums of all terms in cache and the blocks in vector
+    lanes; XLA's own reductions take half as long again and three times as long to compile.
+    """
+    # Whole turns go first, so that a multiple of the angle loses no digits to them.
+    driving, driven = (angle - REV * jnp.round(angle / REV) for angle in (driving, driven))
 
-def _powers(angle, needed: set[int]):
-    """(cos kφ, sin kφ) for the orders needed, by products of earlier ones; 0 is None."""
-    turns = jnp.round(angle * (1 / REV))
-    sine, cosine = sincos(angle - turns * REV)
-    powers = {0: None, 1: jax.lax.optimization_barrier((cosine, sine))}
+    def add(index, sums):
+        phase = orders[:, :1] * driving[index] + orders[:, 1:] * driven[index]
+        sine, cosine = sincos(phase)
+        return sums[0] + cosine, sums[1] + sine
 
-    def power(order: int):
-        if order not in powers:
-            half = order // 2
-            product = _product(power(half), power(order - half))
-            # Without the barrier XLA computes every power anew for each column that uses it.
-            powers[order] = jax.lax.optimization_barrier(product)
-        return powers[order]
-
-    for order in sorted(needed):
-        power(order)
-    return powers
-
-
-def _signed(pair, order: int):
-    return pair if pair is None or order >= 0 else (pair[0], -pair[1])
-
-
-def _product(first: Any, second: Any) -> Any:
-    """Product of two unit phasors given as (cosine, sine); None is 1."""
-    if first is None or second is None:
-        return first if second is None else second
-    return first[0] * second[0] - first[1] * second[1], first[0] * second[1] + first[1] * second[0]
+    zero = jnp.zeros((orders.shape[0], driving.shape[1]))
+    sums = jax.lax.fori_loop(0, driving.shape[0], add, (zero, zero))
+    return jnp.stack(sums, axis=1).reshape(-1, driving.shape[1]) / driving.shape[0]

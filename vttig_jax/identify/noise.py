@@ -9,6 +9,9 @@ from .autoregression import whitening_filter
 from .normal_equations import cholesky, residual_weights
 from .summary import FlankSummary, HarmonicSummary
 
+_ROUNDING = 1e-14
+"""Share of y² below which a residual is rounding."""
+
 _REPEATS = 2
 """Further rounds of autoregression and generalised least squares; the second moves nothing."""
 
@@ -119,11 +122,14 @@ def _autocovariance(
     """Autocovariance of the residual rows at every lag, all flanks together.
 
     Divided by all rows at every lag: that keeps it positive, and the autoregression stationary.
+    What rounding leaves of y counts as white, or a log without noise would be whitened by digits
+    that mean nothing.
     """
     lags = min(len(flank.lag_products) for flank in flanks)
     total = np.zeros(lags)
     for flank, residual in zip(flanks, residuals, strict=True):
         total += np.einsum("i,lij,j->l", residual, flank.lag_products[:lags], residual)
+        total[0] += _ROUNDING * flank.lag_products[0, -1, -1]
     return total / sum(flank.rows for flank in flanks)
 
 

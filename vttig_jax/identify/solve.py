@@ -100,6 +100,8 @@ def _minimise(
         jnp.zeros(len(relation.names)),
         max_steps=_MOST_STEPS,
         throw=False,
+        # Nobody differentiates through the solution, and the implicit adjoint doubles the tracing.
+        adjoint=optx.RecursiveCheckpointAdjoint(),
     )
     converged = solution.result == optx.RESULTS.successful
     return scale * solution.value, converged, solution.stats["num_steps"]

@@ -110,10 +110,8 @@ def compress(
     driving, driven = log.driving_angle, log.driven_angle
     error = log.transmission_error
     sample_s = float(np.median(np.diff(log.time)))
-    travelled = sum(abs(driving[s.stop - 1] - driving[s.start]) for s in segments)
-    samples = sum(s.stop - s.start for s in segments)
     highest = float(max((terms.frequency(term) for term in terms.terms), default=1))
-    size = block_size(samples * REV / max(travelled, 1e-9), highest)
+    size = block_size(_samples_per_turn(driving, segments), highest)
     plan = BlockPlan(
         tuple(h.term for h in terms.free), tuple(h.term for h in terms.tied), drift_order, size
     )
@@ -157,6 +155,19 @@ def _needed_lags(runs: list[Float[np.ndarray, "n q"]], most: int) -> int:
         for lag in range(most + 1)
     ]
     return min(len(whitening_filter(np.array(covariance), count)) + 1, most)
+
+
+def _samples_per_turn(driving: Float[np.ndarray, " n"], segments: tuple[Segment, ...]) -> float:
+    """Samples a driving turn where it is fastest, seen over a 64th of a turn at mean speed.
+
+    The fastest place decides: no block may cover more of a cycle than its series stands for.
+    """
+    travelled = sum(abs(driving[s.stop - 1] - driving[s.start]) for s in segments)
+    samples = sum(s.stop - s.start for s in segments)
+    window = max(1, int(samples * REV / max(travelled, 1e-9) / 64))
+    steps = [np.abs(np.diff(driving[s.start : s.stop : window])) for s in segments]
+    fastest = max((float(step.max(initial=0.0)) for step in steps), default=0.0)
+    return window * REV / max(fastest, 1e-9)
 
 
 def _summarise(flank: Flank, runs: list[Float[np.ndarray, "n q"]], lags: int) -> FlankSummary:

@@ -43,7 +43,7 @@ def _iterated(step: Callable[[Any, Any], Any], args: Any) -> Float[Array, "..."]
 
     def unsettled(state):
         value, previous, iteration = state
-        scale = jnp.maximum(jnp.abs(value), 1e-3)
+        scale = jnp.maximum(jnp.abs(value), 1.0)
         moved = jnp.abs(value - previous) > 2 * jnp.finfo(value.dtype).eps * scale
         return (iteration < _MOST_ITERATIONS) & jnp.any(moved)
 
