@@ -33,7 +33,7 @@ _GRID = np.linspace(0, 16 * REV, 5761)[:-1]
 
 @dataclass(frozen=True)
 class Judgement:
-    """One fit: errors in the units of the parameters, the same in standard errors, rms of the map."""
+    """One fit: errors in the units of the parameters and in standard errors, rms of the map."""
 
     errors: dict[str, float]
     scores: dict[str, float]

@@ -74,7 +74,7 @@ def test_zero_noise_is_no_trouble():
 def _dense(rows: list[np.ndarray], filter_: np.ndarray):
     """Least squares on the filtered rows themselves: coefficients and (XᵀX)⁻¹."""
     order = len(filter_) - 1
-    kept = np.concatenate([lfilter(filter_, [1.0], r, axis=0)[order:] for r in rows])
+    kept = np.concatenate([np.asarray(lfilter(filter_, [1.0], r, axis=0))[order:] for r in rows])
     x, y = kept[:, :-1], kept[:, -1]
     inverse = np.linalg.inv(x.T @ x)
     return inverse @ x.T @ y, inverse, y
@@ -117,6 +117,6 @@ def test_misfit_is_the_sum_of_squared_innovations():
     run = _rows(_ar1(300, 0.6, 10))
     filter_ = np.array([1.0, -0.6])
     beta, _, y = _dense([run], filter_)
-    kept = lfilter(filter_, [1.0], run, axis=0)[1:]
+    kept = np.asarray(lfilter(filter_, [1.0], run, axis=0))[1:]
     left = np.sum((y - kept[:, :-1] @ beta) ** 2)
     assert misfit(summary_of({"A": [run]}), filter_) == pytest.approx(left, rel=1e-8)

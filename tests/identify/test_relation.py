@@ -1,4 +1,4 @@
-"""Harmonics of the exact relation: against projection of a dense curve, differences, closed form."""
+"""Harmonics of the exact relation against a dense curve, differences and the closed form."""
 
 from fractions import Fraction
 
@@ -13,9 +13,10 @@ from vttig_jax.base.units import ARCSEC, DEG
 from vttig_jax.identify.relation import drive_relation, pair_relation
 from vttig_jax.identify.terms import plan_terms
 from vttig_jax.pair.eccentricities import Eccentricities
+from vttig_jax.pair.gears import Flank
 
 PLAN = plan_terms(Fraction(45, 80), (1,), (1,), 0, 45)
-BOTH = ("A", "B")
+BOTH: tuple[Flank, ...] = ("A", "B")
 
 
 def _cartesian(amplitude: float, phase_deg: float) -> tuple[float, float]:
@@ -38,8 +39,8 @@ def _of_rig(rig: Eccentricities) -> dict[str, float]:
     }
 
 
-def _projected(pair, rig, flank: str) -> np.ndarray:
-    """Least squares of the exact transmission error on the tied harmonics, over a hunting period."""
+def _projected(pair, rig, flank: Flank) -> np.ndarray:
+    """Least squares of the exact transmission error on the tied harmonics."""
     driving = np.linspace(0, 32 * np.pi, 20_000, endpoint=False)
     error = np.asarray(vttig_jax.exact_transmission_error(driving, pair, rig, flank))
     driven = float(pair.ratio) * driving + error

@@ -1,6 +1,5 @@
 """A fit on disk and back."""
 
-import io
 import json
 
 import jax
@@ -17,9 +16,11 @@ from vttig_jax.identify.store import fit_arrays, read_fit
 
 def _write(result: Fit, folder) -> None:
     (folder / "fit.json").write_text(dumps(result.to_json()), encoding="utf-8")
-    buffer = io.BytesIO()
-    np.savez(buffer, **fit_arrays(result))
-    (folder / "summary.npz").write_bytes(buffer.getvalue())
+    _write_arrays(fit_arrays(result), folder)
+
+
+def _write_arrays(arrays: dict[str, np.ndarray], folder) -> None:
+    np.savez(folder / "summary.npz", allow_pickle=False, **arrays)
 
 
 @pytest.mark.parametrize("flank", [None, "A"])
@@ -46,7 +47,7 @@ def test_round_trip(noisy_log, noisy_rig, flank, tmp_path):
         np.testing.assert_array_equal(one, other)
     grid = np.linspace(0, 30, 50)
     maps = [backlash_map(f, constant_backlash_deg=0.04).over(grid) for f in (result, again)]
-    np.testing.assert_array_equal(*maps)
+    np.testing.assert_array_equal(maps[0], maps[1])
 
 
 def test_no_pickle_is_written(noisy_fit):
@@ -82,7 +83,7 @@ def test_a_damaged_fit_is_one_sentence(noisy_fit, noisy_rig, tmp_path, damage):
     else:
         arrays = fit_arrays(noisy_fit)
         del arrays["cosine"]
-        np.savez(archive, **arrays)
+        _write_arrays(arrays, tmp_path)
     with pytest.raises(InputError, match="is damaged") as caught:
         read_fit(tmp_path, noisy_rig.pair)
     assert caught.value.exit_code == 3

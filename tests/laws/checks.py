@@ -53,16 +53,20 @@ def check_jit_is_eager(function: Function, arguments: Arguments) -> None:
 
 
 def check_vmap_is_loop(function: Function, arguments: Arguments) -> None:
-    """The whole array, `vmap` over all arguments moved together, and a loop agree."""
+    """Elements do not know of each other, and `vmap` over all arguments equals a loop."""
     angles, *others = arguments
-    alone = np.array([function(angle, *others) for angle in angles])
-    np.testing.assert_allclose(function(*arguments), alone, rtol=1e-11, atol=1e-15)
+    alone = np.asarray(function(*arguments))
+    for place in range(len(angles)):
+        company = angles + 1.0
+        company[place] = angles[place]
+        found = function(company, *others)[place]
+        np.testing.assert_allclose(found, alone[place], rtol=1e-11, atol=1e-15)
     moved = [
         jax.tree.map(lambda leaf, k=k: leaf * (1 + 1e-3 * k), tuple(others))
         for k in range(len(angles))
     ]
     batch = jax.tree.map(lambda *leaves: jnp.stack(leaves), *moved)
-    loop = np.array([function(angle, *other) for angle, other in zip(angles, moved, strict=True)])
+    loop = np.array([function(angles, *other)[place] for place, other in enumerate(moved)])
     assert not np.allclose(loop, alone, rtol=1e-6, atol=0), "the other arguments do nothing"
     batched = jax.jit(jax.vmap(function))(angles, *batch)
     np.testing.assert_allclose(batched, loop, rtol=1e-11, atol=1e-15)

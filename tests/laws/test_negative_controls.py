@@ -164,7 +164,7 @@ def test_a_method_without_a_row_is_seen():
         def runout(self):
             return 0.0
 
-    Model.__module__ = "vttig_jax.kinematics.made_up"
+    Model.__module__ = "vttig_jax.made_up"
     assert "Model.runout" in table.public_methods(Model)
 
 

@@ -80,9 +80,13 @@ def test_no_noise_is_none():
     assert not Noise().draw(100, RATE, np.random.default_rng(0)).any()
 
 
-def _orders(**changes):
-    options = {"pitch_rms_deg": 0.002, "mesh_amplitude_deg": 0.003} | changes
-    return random_orders(np.random.default_rng(5), **options)
+def _orders(seed: int = 5, pitch_rms_deg: float = 0.002, mesh_deg: float = 0.003, highest: int = 8):
+    return random_orders(
+        np.random.default_rng(seed),
+        pitch_rms_deg=pitch_rms_deg,
+        mesh_amplitude_deg=mesh_deg,
+        highest=highest,
+    )
 
 
 @pytest.mark.parametrize("flank", ["A", "B"])
@@ -96,7 +100,7 @@ def test_pitch_orders_have_the_rms(flank, rms_deg):
 
 
 def test_highest_and_mesh_are_obeyed():
-    errors = _orders(highest=3, mesh_amplitude_deg=0.004)
+    errors = _orders(highest=3, mesh_deg=0.004)
     assert max(e.order for e in errors if e.shaft != "mesh") == 3
     mesh = [e for e in errors if e.shaft == "mesh"]
     assert [(e.flank, e.order, e.amplitude_deg) for e in mesh] == [("A", 1, 0.004), ("B", 1, 0.004)]
@@ -107,5 +111,4 @@ def test_the_flanks_differ_and_the_seed_repeats():
     sides = [[(e.amplitude_deg, e.phase_deg) for e in errors if e.flank == f] for f in "AB"]
     assert sides[0] != sides[1]
     assert errors == _orders()
-    other = random_orders(np.random.default_rng(6), pitch_rms_deg=0.002, mesh_amplitude_deg=0.003)
-    assert errors != other
+    assert errors != _orders(seed=6)

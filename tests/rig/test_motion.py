@@ -1,5 +1,7 @@
 """The prescribed motion against a numerical derivative and a plain description of the trapezoid."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -90,20 +92,20 @@ def test_speed_sets_the_time_and_reversal_the_way():
 @pytest.mark.parametrize("value", [0.0, -1.0, float("nan")])
 def test_positive_arguments(name, value):
     with pytest.raises(ValueError, match=f"Argument `{name}` must be positive, but is"):
-        Motion(**{name: value})
+        replace(MOTION, **{name: value})
 
 
 @pytest.mark.parametrize("name", ["passes", "ripple_order"])
 def test_positive_whole_arguments(name):
     with pytest.raises(ValueError, match=f"Argument `{name}` must be positive, but is 0"):
-        Motion(**{name: 0})
+        replace(MOTION, **{name: 0})
 
 
 @pytest.mark.parametrize("name", ["dwell_s", "ramp_s", "ripple"])
 def test_arguments_that_may_be_zero(name):
-    Motion(**{name: 0.0})
+    replace(MOTION, **{name: 0.0})
     with pytest.raises(ValueError, match=f"Argument `{name}` must not be negative, but is -0.1"):
-        Motion(**{name: -0.1})
+        replace(MOTION, **{name: -0.1})
 
 
 def test_reversal_inside_the_ramps_is_refused():

@@ -33,7 +33,7 @@ def _shifted(pair: GearPair, rig: Eccentricities) -> tuple[Eccentricities, float
     Where flank A touches at φ₁ = 0 with an absolute φ₂ = c, the log calls that angle zero; the
     absolute phase of the same gear is then θ₂ − c.
     """
-    start = 0.0
+    start, moved = 0.0, rig
     for _ in range(20):
         moved = eqx.tree_at(
             lambda e: e.driven_phase_deg, rig, rig.driven_phase_deg - np.asarray(start / DEG)

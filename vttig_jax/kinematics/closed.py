@@ -33,6 +33,11 @@ class ClosedModel(FlankModel):
     driven_phasor: Complex[Array, "2"]
     offset: Float[Numbers, "2"]
 
+    @property
+    def highest_order(self) -> float:
+        """Of the first orders, in cycles per driving turn."""
+        return max(1.0, float(self.ratio))
+
     def transmission_error(
         self, driving_angle: Real[ArrayLike, "*shape"], flank: Flank
     ) -> Float[Array, "*shape"]:

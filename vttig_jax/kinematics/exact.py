@@ -1,19 +1,18 @@
 """The exact relation of two eccentric involutes: no small-angle step anywhere."""
 
 import jax.numpy as jnp
-from jax.typing import ArrayLike
-from jaxtyping import Array, Complex, Float, Real
+from jaxtyping import Array, Complex, Float
 
 from ..base.arrays import Numbers
 from ..base.sincos import sincos
 from ..pair.eccentricities import Eccentricities
 from ..pair.gears import Flank, GearPair
 from .closed import flank_offsets
-from .fixed_point import solve_contact
-from .flank_model import FlankModel, flank_index
+from .flank_model import flank_index
+from .implicit_model import ImplicitModel
 
 
-class ExactModel(FlankModel):
+class ExactModel(ImplicitModel):
     """Common tangent of the two moving base circles.
 
     C₁, C₂ are the base-circle centres, a = |C₂ − C₁|, δ the angle of C₁→C₂ and
@@ -33,11 +32,10 @@ class ExactModel(FlankModel):
     driven_offset: Complex[Array, ""]
     offset: Float[Numbers, "2"]
 
-    def transmission_error(
-        self, driving_angle: Real[ArrayLike, "*shape"], flank: Flank
-    ) -> Float[Array, "*shape"]:
-        """TE of `flank`, rad; see the class."""
-        return solve_contact(self, jnp.asarray(driving_angle, float), flank)
+    @property
+    def highest_order(self) -> float:
+        """Of the first orders, in cycles per driving turn."""
+        return max(1.0, float(self.ratio))
 
     def at_both_angles(
         self,

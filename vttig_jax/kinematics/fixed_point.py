@@ -1,14 +1,12 @@
-"""Contact angles of implicit flank models: elementwise fixed points, differentiated implicitly."""
+"""Elementwise fixed points, differentiated implicitly."""
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
-
-from ..pair.gears import Flank
 
 _MOST_ITERATIONS = 60
 
@@ -54,32 +52,3 @@ def _iterated(step: Callable[[Any, Any], Any], args: Any) -> Float[Array, "..."]
     first = jax.eval_shape(step, 0.0, args)
     zero = jnp.zeros(first.shape, first.dtype)
     return jax.lax.while_loop(unsettled, iterate, (zero, zero + jnp.inf, 0))[0]
-
-
-@runtime_checkable
-class ImplicitModel(Protocol):
-    """A relation between both shaft angles in contact."""
-
-    ratio: Float[Array, ""]
-
-    def at_both_angles(self, driving_angle: Any, driven_angle: Any, flank: Flank) -> Any:
-        """TE of `flank` where both shaft angles are known, rad."""
-        ...
-
-
-def solve_contact(
-    model: ImplicitModel, driving_angle: Float[Array, "*shape"], flank: Flank
-) -> Float[Array, "*shape"]:
-    """Solve TE = model.at_both_angles(φ₁, i φ₁ + TE, flank)."""
-    return fixed_point(_CONTACT[flank], (model, driving_angle))
-
-
-def _contact_step(flank: Flank):
-    def step(error, args):
-        model, driving_angle = args
-        return model.at_both_angles(driving_angle, model.ratio * driving_angle + error, flank)
-
-    return step
-
-
-_CONTACT = {"A": _contact_step("A"), "B": _contact_step("B")}

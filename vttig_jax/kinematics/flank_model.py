@@ -19,9 +19,9 @@ class FlankModel(eqx.Module):
     ratio: eqx.AbstractVar[Float[Array, ""]]
 
     @property
+    @abstractmethod
     def highest_order(self) -> float:
         """Fastest harmonic that matters, in cycles per driving turn: what a grid must resolve."""
-        return max(1.0, float(self.ratio))
 
     @abstractmethod
     def transmission_error(

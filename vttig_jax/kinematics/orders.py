@@ -2,19 +2,18 @@
 
 import equinox as eqx
 import jax.numpy as jnp
-from jax.typing import ArrayLike
-from jaxtyping import Array, Float, Real
+from jaxtyping import Array, Float
 
 from ..base.sincos import sincos
 from ..pair.gears import Flank
-from .fixed_point import solve_contact
-from .flank_model import FlankModel, flank_index
+from .flank_model import flank_index
+from .implicit_model import ImplicitModel
 
 Term = tuple[int, int]
 """Orders (n₁, n₂) of one harmonic: it turns with n₁ φ₁ + n₂ φ₂. Tooth mesh k is (k z₁, 0)."""
 
 
-class OrderModel(FlankModel):
+class OrderModel(ImplicitModel):
     """Harmonics of both shaft angles on each flank.
 
         TE_f = offset_f + Σ_t [cosine_ft cos(n₁ φ₁ + n₂ φ₂) + sine_ft sin(n₁ φ₁ + n₂ φ₂)]
@@ -37,12 +36,6 @@ class OrderModel(FlankModel):
         """Fastest harmonic, in cycles per driving turn."""
         ratio = float(self.ratio)
         return max((abs(driving + driven * ratio) for driving, driven in self.terms), default=1.0)
-
-    def transmission_error(
-        self, driving_angle: Real[ArrayLike, "*shape"], flank: Flank
-    ) -> Float[Array, "*shape"]:
-        """TE of `flank`, rad; see the class."""
-        return solve_contact(self, jnp.asarray(driving_angle, float), flank)
 
     def at_both_angles(
         self,
