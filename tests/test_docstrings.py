@@ -53,6 +53,16 @@ FOUND = [
 ]
 
 
+README = PACKAGE.parent / "README.md"
+
+
+def test_the_example_of_the_readme():
+    texts = [block[2] for block in _FENCE.finditer(README.read_text(encoding="utf-8"))]
+    assert len(texts) == 1
+    problem = run("README.md", texts[0])
+    assert not problem, problem
+
+
 @pytest.mark.parametrize(("path", "name", "text"), FOUND)
 def test_example(path, name, text, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

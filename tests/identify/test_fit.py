@@ -189,7 +189,7 @@ def test_a_drift_is_found_and_taken_away(noisy_log, noisy_rig, noisy_fit):
     )
     result = fit(drifting, noisy_rig.pair)
     assert result.checks["drift_order"] >= 1
-    assert result.checks["drift_arcsec"][0] == pytest.approx(30.0, abs=2.0)
+    assert result.checks["drift_arcsec"][0] == pytest.approx(30.0, abs=4.0)
     ignored = fit(drifting, noisy_rig.pair, drift_order=0)
     scores = [
         abs(one.value("constant_backlash_deg") - 0.038)

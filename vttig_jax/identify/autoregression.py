@@ -3,21 +3,18 @@
 import numpy as np
 from jaxtyping import Float
 
-_WHITE = 1e-5
-"""Share of the variance that is taken to be white: a filter that gains more than its inverse loses
-the digits of the products it is applied to. Only noise-free logs would ask for one.
-"""
-
 
 def whitening_filter(
     autocovariance: Float[np.ndarray, " lags"], rows: int
 ) -> Float[np.ndarray, " taps"]:
     """Filter (1, −a₁, …, −a_p) of the autoregression with this autocovariance.
 
-    Levinson's recursion, its order p < lags by AIC for `rows` samples. A positive autocovariance
+    Levinson's recursion, its order p < lags by BIC for `rows` samples: in a short log AIC asks for
+    orders that follow the hole which the fitted harmonics leave in the spectrum of the residual,
+    and standard errors come out two to three times too small. A positive autocovariance
     (divided by all rows at every lag) gives a stationary autoregression.
     """
-    filter_, variance = np.ones(1), autocovariance[0] * (1 + _WHITE)
+    filter_, variance = np.ones(1), autocovariance[0]
     if variance <= 0:
         return filter_
     best, lowest = filter_, rows * np.log(variance)
@@ -28,7 +25,7 @@ def whitening_filter(
         variance *= 1 - partial**2
         if variance <= 0:
             break
-        score = rows * np.log(variance) + 2 * order
+        score = rows * np.log(variance) + np.log(rows) * order
         if score < lowest:
             best, lowest = filter_, score
     return best

@@ -79,7 +79,7 @@ def whiten(summary: HarmonicSummary) -> tuple[NoiseModel, tuple[WhitenedFlank, .
     """Estimate the noise and factor the normal matrices it whitens.
 
     Starts from ordinary least squares; then the autoregression of the residual, with its order by
-    AIC, and generalised least squares take turns.
+    BIC, and generalised least squares take turns.
     """
     columns = summary.plan.width - 1
     solved = _solved(summary, np.ones(1))

@@ -132,8 +132,6 @@ def _interval(name: str, unit: str, value: float, std: float) -> Parameter:
 def _upper_limit(amplitude: float, spread: Float[np.ndarray, "2 2"]) -> float:
     """95 % quantile of the length of a plane Gaussian vector, its spread taken as a circle."""
     variance = float(np.trace(spread)) / 2
-    if variance == 0:
-        return amplitude
     from scipy.special import chndtrix  # slow to import, and seldom needed
 
     return math.sqrt(variance * float(chndtrix(0.95, 2, amplitude**2 / variance)))

@@ -103,12 +103,13 @@ def _constant_backlash(solution: Solution, short: tuple[str, ...]) -> Parameter:
 def variable_backlash_deg(
     pair: GearPair, parameters: dict[str, Parameter], driving_angle_deg: float
 ) -> float:
-    """First-order variable backlash (21) of the fitted eccentricities, degrees."""
+    """First-order variable backlash (21) of the fitted eccentricities that have a phase, degrees."""
     total = 0.0
     for shaft, sign, speed in (("driven", 1.0, float(pair.ratio)), ("driving", -1.0, 1.0)):
-        eccentricity = parameters[f"{shaft}_eccentricity_mm"].value or 0.0
-        phase = parameters[f"{shaft}_phase_deg"].value or 0.0
-        total += sign * eccentricity * math.cos((speed * driving_angle_deg + phase) * DEG)
+        eccentricity = parameters[f"{shaft}_eccentricity_mm"].value
+        phase = parameters[f"{shaft}_phase_deg"].value
+        if eccentricity is not None and phase is not None:
+            total += sign * eccentricity * math.cos((speed * driving_angle_deg + phase) * DEG)
     alphas = [float(alpha) for alpha in pair.working_pressure_angles]
     radii = [float(radius) for radius in pair.base_radii[1]]
     gain = sum(math.sin(a) / r for a, r in zip(alphas, radii, strict=True))

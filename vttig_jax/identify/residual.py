@@ -28,7 +28,7 @@ def curve_residuals(
     segments: tuple[Segment, ...],
     model: OrderModel,
     drift: list[float],
-) -> tuple[Float[np.ndarray, " n"], ...]:
+) -> tuple[Float[np.ndarray, " _"], ...]:
     """Block means of TE less the model, rad, one array for every curve of the summary."""
     residuals = []
     for curve, segment in zip(summary.curves, segments, strict=True):

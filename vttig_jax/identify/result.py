@@ -49,7 +49,7 @@ class Fit:
     noise: NoiseModel
     residual_rms_deg: float
     curves: tuple[TECurve, ...]
-    residuals: tuple[Float[np.ndarray, " n"], ...]
+    residuals: tuple[Float[np.ndarray, " _"], ...]
     covariance: Float[np.ndarray, "p p"]
     covariance_names: tuple[str, ...]
     values: Float[np.ndarray, " p"]

@@ -145,7 +145,7 @@ def compress(
     )
 
 
-def _needed_lags(runs: list[Float[np.ndarray, "n q"]], most: int) -> int:
+def _needed_lags(runs: list[Float[np.ndarray, "_ q"]], most: int) -> int:
     """Lags the noise asks for: the order of the ordinary residual's autoregression and two more."""
     weights = residual_weights(np.sum([rows.T @ rows for rows in runs], axis=0))
     residuals = [rows @ weights for rows in runs]
@@ -170,7 +170,7 @@ def _samples_per_turn(driving: Float[np.ndarray, " n"], segments: tuple[Segment,
     return window * REV / max(fastest, 1e-9)
 
 
-def _summarise(flank: Flank, runs: list[Float[np.ndarray, "n q"]], lags: int) -> FlankSummary:
+def _summarise(flank: Flank, runs: list[Float[np.ndarray, "_ q"]], lags: int) -> FlankSummary:
     products = np.stack(
         [
             np.sum([rows[lag:].T @ rows[: len(rows) - lag] for rows in runs], axis=0)

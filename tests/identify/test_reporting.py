@@ -1,0 +1,56 @@
+"""From parameters to one word, and to the variable backlash they mean."""
+
+import pytest
+
+import vttig_jax
+from vttig_jax.base.units import DEG
+from vttig_jax.identify.parameters import Parameter, undetermined
+from vttig_jax.identify.reporting import outcome_of, variable_backlash_deg
+
+
+def _known(name: str, value: float | None, unit: str = "mm") -> Parameter:
+    return Parameter(name, unit, value, determined=True, significant=value is not None)
+
+
+def _parameters(driving_phase: float | None = 49.5) -> dict[str, Parameter]:
+    return {
+        p.name: p
+        for p in (
+            _known("driving_eccentricity_mm", 0.0226),
+            _known("driving_phase_deg", driving_phase, "deg"),
+            _known("driven_eccentricity_mm", 0.0273),
+            _known("driven_phase_deg", 79.3, "deg"),
+        )
+    }
+
+
+@pytest.mark.parametrize("angle_deg", [0.0, 100.0, 7560.0])
+def test_variable_backlash_is_the_closed_form(paper_pair, angle_deg):
+    bare = vttig_jax.Eccentricities(0.0226, 49.5, 0.0273, 79.3, 0.0)
+    expected = float(vttig_jax.backlash(angle_deg * DEG, paper_pair, bare)) / DEG
+    found = variable_backlash_deg(paper_pair, _parameters(), angle_deg)
+    assert found == pytest.approx(expected, abs=1e-12)
+
+
+def test_an_amplitude_without_a_phase_adds_nothing(paper_pair):
+    alone = vttig_jax.Eccentricities(0.0, 0.0, 0.0273, 79.3, 0.0)
+    expected = float(vttig_jax.backlash(0.3, paper_pair, alone)) / DEG
+    found = variable_backlash_deg(paper_pair, _parameters(driving_phase=None), 0.3 / DEG)
+    assert found == pytest.approx(expected, abs=1e-12)
+
+
+def test_outcome_in_one_word():
+    known = _known("driving_eccentricity_mm", 0.02)
+    gap, delay = (undetermined(name, "deg", "") for name in ("constant_backlash_deg", "delay_s"))
+    encoder = undetermined("driving_encoder_arcsec", "arcsec", "")
+
+    def outcome(*parameters: Parameter, converged: bool = True, encoder_terms: bool = True) -> str:
+        return outcome_of({p.name: p for p in parameters}, converged, encoder_terms)
+
+    assert outcome(known, delay) == "ok"
+    assert outcome(known, gap, delay) == "partly_determined"
+    assert outcome(gap, delay) == "not_determined"
+    assert outcome(known, delay, converged=False) == "not_converged"
+    # What was not asked for does not count.
+    assert outcome(known, encoder) == "partly_determined"
+    assert outcome(known, encoder, encoder_terms=False) == "ok"
