@@ -5,12 +5,10 @@ import sys
 from dataclasses import replace
 from fractions import Fraction
 
-import equinox as eqx
 import jsonschema
 import numpy as np
 import pytest
 
-from vttig_jax.base.errors import NoAnswerError
 from vttig_jax.base.jsonio import load_schema
 from vttig_jax.base.units import ARCSEC, DEG
 from vttig_jax.identify.fit import fit
@@ -46,15 +44,14 @@ def _as_drive(rig) -> Drive:
     return Drive(Fraction(45, 80), fit=rig.pair.fit)
 
 
-def _copy(log: EncoderLog, pair, **columns) -> EncoderLog:
-    """The same readings with further columns, or for another pair."""
+def _copy(log: EncoderLog, pair) -> EncoderLog:
+    """The same readings for another pair."""
     return EncoderLog.from_arrays(
         log.time,
         np.asarray(log.driving_angle) / DEG,
         np.asarray(log.driven_angle) / DEG,
         pair=pair,
         unit="deg",
-        **columns,
     )
 
 
@@ -223,153 +220,15 @@ def test_drift_beyond_its_range_is_refused(noisy_log, noisy_rig, order):
         fit(noisy_log, noisy_rig.pair, drift_order=order)
 
 
-def _turns(rig, turns: float, **changes) -> EncoderLog:
-    motion = Motion(reversal_deg=360.0 * turns, ramp_s=0.1, **changes)
-    return replace(rig, motion=motion).log()
-
-
-def test_under_one_turn_there_is_no_answer(noisy_rig):
-    with pytest.raises(NoAnswerError, match="no shaft turned a full revolution") as caught:
-        fit(_turns(noisy_rig, 0.8), noisy_rig.pair)
-    assert caught.value.exit_code == 4
-
-
-@pytest.mark.parametrize("turns", [1.2, 1.7])
-def test_too_short_to_hold_the_shafts_apart(noisy_rig, turns):
-    """Nothing is reported rather than a wrong number with a small error."""
-    result = fit(_turns(noisy_rig, turns), noisy_rig.pair)
-    assert result.outcome == "not_determined"
-    for shaft in ("driving", "driven"):
-        reason = result.parameters[f"{shaft}_eccentricity_mm"].reason or ""
-        assert "neither shaft's first order is resolved" in reason
-    assert "is not resolved" in (result.parameters["constant_backlash_deg"].reason or "")
-
-
-def test_a_slow_shaft_that_turned_too_little_does_not_bias_the_fast_one(clean_rig):
-    """1/5: the driving gear turns four times, the driven one 0.7 times steadily."""
-    pair = eqx.tree_at(
-        lambda p: (p.driving, p.driven, p.centre_distance_mm),
-        clean_rig.pair,
-        (
-            replace(clean_rig.pair.driving, teeth=20),
-            replace(clean_rig.pair.driven, teeth=100),
-            np.asarray(120.1),
-        ),
-    )
-    rig = replace(clean_rig, pair=pair, motion=Motion(reversal_deg=1460.0))
-    result = fit(rig.log(), pair)
-    short = result.parameters["driven_eccentricity_mm"]
-    assert not short.determined and "turned 0.7" in (short.reason or "")
-    assert not result.parameters["constant_backlash_deg"].determined
-    assert result.value("driving_eccentricity_mm") == pytest.approx(0.0226, rel=1e-3)
-    assert result.value("driving_phase_deg") == pytest.approx(49.5, abs=0.1)
-    assert float(result.eccentricities().driven_mm) == 0.0
-
-
-def test_more_coefficients_than_rows_is_no_answer(noisy_rig):
-    orders = tuple(range(1, 9))
-    options = FitOptions(driving_orders=orders, driven_orders=orders, mesh_orders=1)
-    log = replace(noisy_rig, rate_hz=11.0, motion=Motion(reversal_deg=1000.0)).log()
-    with pytest.raises(NoAnswerError, match=r"are too few for \d+ coefficients") as caught:
-        fit(log, noisy_rig.pair, options=options)
-    assert caught.value.exit_code == 4
-
-
-def test_64_bit_floats_are_required():
-    program = (
-        "import numpy as np, vttig_jax\n"
-        "from vttig_jax.logs.encoder_log import EncoderLog\n"
-        "from vttig_jax.rig.paper import paper_pair\n"
-        "pair = paper_pair()\n"
-        "angle = np.linspace(0, 1e6, 2000).astype(np.int64)\n"
-        "log = EncoderLog.from_arrays(np.arange(2000.0), angle, angle * 9 // 16, pair=pair)\n"
-        "try:\n"
-        "    vttig_jax.fit(log, pair)\n"
-        "except ValueError as error:\n"
-        "    print(error)\n"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, check=True
-    )
-    assert done.stdout.startswith("`fit` needs 64-bit floats")
-    assert "enable_x64()" in done.stdout
-
-
-SHIFT_MM = 0.05
-
-
-def test_a_logged_axial_position_is_taken_out(clean_rig):
-    """The constant backlash is that of s = 0 with the column, of the position without it."""
-    tapered = eqx.tree_at(
-        lambda p: (p.driving.helix_right_deg, p.driven.helix_right_deg),
-        clean_rig.pair,
-        (np.asarray(2.0), np.asarray(2.0)),
-    )
-    moved = eqx.tree_at(lambda e: e.axial_mm, clean_rig.eccentricities, np.asarray(SHIFT_MM))
-    rig = replace(
-        clean_rig,
-        pair=tapered,
-        eccentricities=moved,
-        motion=Motion(speed_rpm=180.0, reversal_deg=3600.0),
-    )
-    log = rig.log()
-    closed = SHIFT_MM * (np.tan(3 * DEG) + np.tan(2 * DEG)) / 80.0 / DEG
-    assert fit(log, tapered).value("constant_backlash_deg") == pytest.approx(
-        0.038 - closed, abs=1e-7
-    )
-    column = _copy(log, tapered, axial_mm=np.full(len(log), SHIFT_MM))
-    assert fit(column, tapered).value("constant_backlash_deg") == pytest.approx(0.038, abs=1e-7)
-    assert closed > 1e-4
-
-
-def test_an_axial_position_that_changes_is_followed(clean_rig):
-    """Each flank by its own helix: s moves flank A up by s tan β_L/R₂, flank B down."""
-    log = replace(clean_rig, motion=Motion(speed_rpm=180.0, reversal_deg=3600.0)).log()
-    axial = 0.05 * np.sin(np.linspace(0, 20, len(log)))
-    slope = np.tan(3 * DEG) / 80.0
-    turning_back = np.arange(len(log)) > np.argmax(log.driving_angle)
-    driven = log.driven_angle + np.where(turning_back, -slope, slope) * axial
-    shaken = EncoderLog.from_arrays(
-        log.time,
-        log.driving_angle / DEG,
-        driven / DEG,
-        pair=clean_rig.pair,
-        unit="deg",
-        axial_mm=axial,
-    )
-    result = fit(shaken, clean_rig.pair)
-    assert result.residual_rms_deg < 1e-6
-    # Gear 2's offset turns a little further with s: 1e-6° in the gap.
-    assert result.value("constant_backlash_deg") == pytest.approx(0.038, abs=3e-6)
-    unaware = fit(replace(shaken, axial_mm=None), clean_rig.pair)
-    assert unaware.residual_rms_deg > 1e-4
-
-
-def test_a_curve_of_transmission_error_gives_the_same_fit(noisy_log, noisy_rig, noisy_fit):
-    curve = EncoderLog.from_arrays(
-        noisy_log.time,
-        noisy_log.driving_angle / DEG,
-        pair=noisy_rig.pair,
-        unit="deg",
-        transmission_error=noisy_log.transmission_error / ARCSEC,
-    )
-    result = fit(curve, noisy_rig.pair)
-    assert result.flanks == ("A", "B")
-    for name in TRUTH:
-        parameter, other = result.parameters[name], noisy_fit.parameters[name]
-        assert parameter.value is not None and other.value is not None and other.std is not None
-        assert abs(parameter.value - other.value) < 0.5 * other.std, name
-    assert result.zero_readings["driven"] is None
-
-
 def test_json_keeps_the_schema(noisy_fit, noisy_log, noisy_rig):
     validator = jsonschema.Draft202012Validator(load_schema("vttig.fit/1"))
     drive = _as_drive(noisy_rig)
+    short = replace(noisy_rig, motion=Motion(reversal_deg=450.0, ramp_s=0.1))
     results = (
         noisy_fit,
         fit(noisy_log, noisy_rig.pair, flank="A"),
         fit(_copy(noisy_log, drive), drive),
-        fit(_turns(noisy_rig, 1.2), noisy_rig.pair),
+        fit(short.log(), noisy_rig.pair),
     )
     for result in results:
         record = result.to_json()
@@ -397,3 +256,23 @@ def test_residuals_stand_beside_their_curves(noisy_fit):
     for residual, curve in zip(noisy_fit.residuals, noisy_fit.curves, strict=True):
         assert residual.std() < 0.3 * curve.transmission_error.std()
         assert residual.std() / DEG == pytest.approx(noisy_fit.noise.std / DEG, rel=0.1)
+
+
+def test_64_bit_floats_are_required():
+    program = (
+        "import numpy as np, vttig_jax\n"
+        "from vttig_jax.logs.encoder_log import EncoderLog\n"
+        "from vttig_jax.rig.paper import paper_pair\n"
+        "pair = paper_pair()\n"
+        "angle = np.linspace(0, 1e6, 2000).astype(np.int64)\n"
+        "log = EncoderLog.from_arrays(np.arange(2000.0), angle, angle * 9 // 16, pair=pair)\n"
+        "try:\n"
+        "    vttig_jax.fit(log, pair)\n"
+        "except ValueError as error:\n"
+        "    print(error)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True
+    )
+    assert done.stdout.startswith("`fit` needs 64-bit floats")
+    assert "enable_x64()" in done.stdout

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from vttig_jax.base.errors import PairError
 from vttig_jax.kinematics.backlash_map import BacklashMap
 from vttig_jax.kinematics.closed import closed_model
 from vttig_jax.kinematics.combined import CombinedModel
@@ -179,3 +180,10 @@ def test_text_says_where_and_how_far(grid, paper_rig):
         Gear(45), Gear(80), module_mm=2.0, pressure_angles_deg=20.0, centre_distance_mm=125.12
     )
     assert "safe axial closing" not in str(BacklashMap(exact_model(spur, paper_rig), None, spur))
+
+
+def test_a_hunting_period_beyond_search_is_said(grid):
+    endless = BacklashMap(grid.model, None, Drive(Fraction("0.562500001")))
+    with pytest.raises(PairError, match="too long to search") as caught:
+        _ = endless.smallest
+    assert caught.value.where == "drive.ratio"

@@ -103,7 +103,7 @@ def _constant_backlash(solution: Solution, short: tuple[str, ...]) -> Parameter:
 def variable_backlash_deg(
     pair: GearPair, parameters: dict[str, Parameter], driving_angle_deg: float
 ) -> float:
-    """First-order variable backlash (21) of the fitted eccentricities that have a phase, degrees."""
+    """Variable backlash (21) of the fitted eccentricities that have a phase, degrees."""
     total = 0.0
     for shaft, sign, speed in (("driven", 1.0, float(pair.ratio)), ("driving", -1.0, 1.0)):
         eccentricity = parameters[f"{shaft}_eccentricity_mm"].value

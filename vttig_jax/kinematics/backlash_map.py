@@ -10,6 +10,7 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float, Real
 
+from ..base.errors import PairError
 from ..base.tables import key_values
 from ..base.units import DEG, REV
 from ..pair.gears import Drive, GearPair
@@ -19,6 +20,10 @@ from .flank_model import FlankModel
 _PER_PERIOD = 32
 _CANDIDATES = 64
 _ZOOMS = 6
+
+
+_MOST_POINTS = 2**24
+"""Of the grid on which extremes are searched."""
 
 
 @dataclass(frozen=True)
@@ -117,6 +122,12 @@ class BacklashMap:
         """
         per_turn = _PER_PERIOD * math.ceil(max(self.model.highest_order, 1.0))
         width = REV / per_turn
+        if self.pair.hunting_turns * per_turn > _MOST_POINTS:
+            raise PairError(
+                f"a hunting period of {self.pair.hunting_turns} turns is too long to search for the"
+                ' smallest gap; give the ratio as a quotient of tooth numbers, such as "7/1798".',
+                where="drive.ratio" if isinstance(self.pair, Drive) else "driven.teeth",
+            )
         grid = np.arange(self.pair.hunting_turns * per_turn) * width
         height = sense * self.over(grid)
         peaks = np.flatnonzero((height >= np.roll(height, 1)) & (height >= np.roll(height, -1)))
