@@ -24,7 +24,7 @@ def test_under_one_turn_there_is_no_answer(noisy_rig):
     assert caught.value.exit_code == 4
 
 
-@pytest.mark.parametrize("turns", [1.2, 1.7])
+@pytest.mark.parametrize("turns", [1.2, 1.7, 2.2])
 def test_too_short_to_hold_the_shafts_apart(noisy_rig, turns):
     """Nothing is reported rather than a wrong number with a small error."""
     result = fit(_turns(noisy_rig, turns), noisy_rig.pair)
@@ -59,7 +59,7 @@ def test_a_slow_shaft_that_turned_too_little_does_not_bias_the_fast_one(clean_ri
 def test_more_coefficients_than_rows_is_no_answer(noisy_rig):
     orders = tuple(range(1, 9))
     options = FitOptions(driving_orders=orders, driven_orders=orders, mesh_orders=1)
-    log = replace(noisy_rig, rate_hz=11.0, motion=Motion(reversal_deg=1000.0)).log()
+    log = replace(noisy_rig, rate_hz=11.0, motion=Motion(reversal_deg=1100.0)).log()
     with pytest.raises(NoAnswerError, match=r"are too few for \d+ coefficients") as caught:
         fit(log, noisy_rig.pair, options=options)
     assert caught.value.exit_code == 4

@@ -109,8 +109,8 @@ def _coverage(log: EncoderLog, segments: list[Segment]) -> tuple[float, float]:
 def _short(pair: GearPair | Drive, turns: dict[str, float], *, both: bool) -> dict[str, str]:
     """Shafts that turned too little for their first order, and why; `both` are to be fitted.
 
-    Neither is resolved where the log is too short to hold the two apart: below 1/(1/i − 1) driving
-    turns, or where one shaft turned less than once and no beat of the two is complete.
+    Neither is resolved where the log is too short to hold the two apart: below one beat of both
+    orders, 1/|1 − i| driving turns.
     """
     short = {
         shaft: f"the {shaft} shaft turned {seen:.2f} of a revolution"
@@ -119,9 +119,7 @@ def _short(pair: GearPair | Drive, turns: dict[str, float], *, both: bool) -> di
     }
     if not both or pair.ratio == 1:
         return short
-    needed = 1 / abs(1 / pair.ratio - 1)
-    if short:
-        needed = max(needed, 1 / abs(1 - pair.ratio))
+    needed = 1 / abs(1 - pair.ratio)
     if turns["driving"] >= needed:
         return short
     sentence = (

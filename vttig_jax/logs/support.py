@@ -27,10 +27,10 @@ def support_of(log: EncoderLog, segments: Sequence[Segment]) -> Support:
     """Judge the certain segments of a log.
 
     A shaft is resolved when it turned once. Both orders are told apart only after
-    |1/(1/i − 1)| driving turns; with i = 1 they never are.
+    1/|1 − i| driving turns, one beat of the two; with i = 1 they never are.
     """
     driving, driven = (_turns(angle, segments) for angle in (log.driving_angle, log.driven_angle))
-    apart = abs(log.ratio / (1 - log.ratio)) if log.ratio != 1 else None
+    apart = 1 / abs(1 - log.ratio) if log.ratio != 1 else None
     told = apart is not None and driving >= apart
     flanks = tuple(sorted({segment.flank for segment in segments}))
     sentences = []
