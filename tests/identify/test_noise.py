@@ -6,7 +6,9 @@ from scipy.linalg import toeplitz
 from scipy.signal import lfilter
 
 from tests.identify.summaries import columns, summary_of
+from vttig_jax.base.errors import NoAnswerError
 from vttig_jax.identify.noise import misfit, whiten
+from vttig_jax.identify.normal_equations import cholesky
 
 BETA = np.array([0.3, -0.2, 1.0, 0.5, -0.4, 0.1, 0.7])
 
@@ -120,3 +122,8 @@ def test_misfit_is_the_sum_of_squared_innovations():
     kept = np.asarray(lfilter(filter_, [1.0], run, axis=0))[1:]
     left = np.sum((y - kept[:, :-1] @ beta) ** 2)
     assert misfit(summary_of({"A": [run]}), filter_) == pytest.approx(left, rel=1e-8)
+
+
+def test_a_gram_that_cannot_be_factored_is_no_answer():
+    with pytest.raises(NoAnswerError, match="do not tell the fitted orders apart"):
+        cholesky(np.array([[1.0, 2.0], [2.0, 1.0]]))

@@ -56,10 +56,11 @@ def test_a_slow_shaft_that_turned_too_little_does_not_bias_the_fast_one(clean_ri
     assert float(result.eccentricities().driven_mm) == 0.0
 
 
-def test_more_coefficients_than_rows_is_no_answer(noisy_rig):
+@pytest.mark.parametrize("rate_hz", [11.0, 15.0])
+def test_more_coefficients_than_rows_is_no_answer(noisy_rig, rate_hz):
     orders = tuple(range(1, 9))
     options = FitOptions(driving_orders=orders, driven_orders=orders, mesh_orders=1)
-    log = replace(noisy_rig, rate_hz=11.0, motion=Motion(reversal_deg=1100.0)).log()
+    log = replace(noisy_rig, rate_hz=rate_hz, motion=Motion(reversal_deg=1300.0)).log()
     with pytest.raises(NoAnswerError, match=r"are too few for \d+ coefficients") as caught:
         fit(log, noisy_rig.pair, options=options)
     assert caught.value.exit_code == 4

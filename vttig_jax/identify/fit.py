@@ -180,11 +180,13 @@ def _axial_correction(
 def _require_rows(summary: HarmonicSummary, log: EncoderLog) -> None:
     columns = summary.plan.width - 1
     for flank in ("A", "B"):
-        rows = sum(f.rows for f in summary.flanks if f.flank == flank)
-        if 0 < rows <= columns or not summary.flanks:
+        found = [f for f in summary.flanks if f.flank == flank]
+        rows = sum(f.rows for f in found)
+        usable = sum(f.whitened_rows(f.heads.shape[1]) for f in found)
+        if (found and usable <= columns) or not summary.flanks:
             raise NoAnswerError(
-                f"{rows} averaged samples on flank {flank} are too few for {columns} coefficients;"
-                " record more turns, or list fewer orders in [fit].",
+                f"{rows} averaged samples on flank {flank} are too few for {columns} coefficients"
+                " and their noise; record more turns, or list fewer orders in [fit].",
                 where=log.source,
             )
 
