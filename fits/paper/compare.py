@@ -21,7 +21,7 @@ from matplotlib.figure import Figure
 
 import vttig_jax
 from vttig_jax import Eccentricities
-from vttig_jax.base.runfolder import write_file
+from vttig_jax.base.runfolder import RunFolder
 from vttig_jax.base.tables import text_table
 from vttig_jax.kinematics.backlash_map import BacklashMap
 from vttig_jax.kinematics.chunked import chunked
@@ -287,9 +287,10 @@ def main(argv: list[str] | None = None) -> None:
         readme = HERE / "README.md"
         before, rest = readme.read_text(encoding="utf-8").split(BEGIN)
         after = rest.split(END)[1]
-        write_file(readme, before + BEGIN + "\n" + text + "\n" + END + after, overwrite=True)
-        for name, data in pictures().items():
-            write_file(HERE / name, data, overwrite=True)
+        with RunFolder(HERE, overwrite=True) as folder:
+            folder.write_text("README.md", before + BEGIN + "\n" + text + "\n" + END + after)
+            for name, data in pictures().items():
+                folder.write_bytes(name, data)
     print(text)
 
 
