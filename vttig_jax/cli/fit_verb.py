@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..base.errors import NoAnswerError, UsageError
-from .options import verb
+from .options import POSITIVE, verb
 from .output import LOGGER, Output
 from .run_file import Run, read_run, require_same_data
 
@@ -32,7 +32,7 @@ vttig fit --run run/run.toml
 @click.option("--no-figures", is_flag=True, help="Leave the pictures out of the run folder.")
 @click.option("--column", "columns", multiple=True, help="ROLE=NAME of a column; repeatable.")
 @click.option("--decimal", type=click.Choice([".", ","]), help="Decimal mark of the log.")
-@click.option("--sample-rate", type=float, help="Sampling rate in Hz of a log without time.")
+@click.option("--sample-rate", type=POSITIVE, help="Sampling rate in Hz of a log without time.")
 @click.option("--flank", type=click.Choice(["A", "B"]), help="Use one flank only.")
 @click.option("--perfect-encoders", is_flag=True, help="Fit no encoder eccentricity.")
 @click.option(

@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from ..logs.columns import ROLES
-from .options import verb
+from .options import POSITIVE, verb
 from .output import Output
 
 
@@ -30,7 +30,7 @@ from .output import Output
 @click.option("--decimal", type=click.Choice([".", ","]), help="Decimal mark of the log.")
 @click.option(
     "--sample-rate",
-    type=click.FloatRange(min=0, min_open=True),
+    type=POSITIVE,
     metavar="HZ",
     help="Samples per second of a log without a time column.",
 )

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .options import verb
+from .options import POSITIVE, Finite, verb
 from .output import LOGGER, Output
 from .run_file import read_run
 
@@ -20,13 +20,13 @@ COLUMNS = ("driving_deg", "backlash_deg", "backlash_mm", "axial_mm", "backlash_f
 
 @verb("map", example="vttig map run --step-deg 0.5 --out map.csv")
 @click.argument("run_folder", metavar="D", type=click.Path(path_type=Path))
-@click.option("--step-deg", type=click.FloatRange(min=0, min_open=True), default=1.0)
+@click.option("--step-deg", type=POSITIVE, default=1.0)
 @click.option(
     "--span-rev",
-    type=click.FloatRange(min=0, min_open=True),
+    type=POSITIVE,
     help="Driving turns to cover; the hunting period by default, 200 000 rows at most.",
 )
-@click.option("--constant-backlash-deg", type=float, help="Replaces the fitted one.")
+@click.option("--constant-backlash-deg", type=Finite(), help="Replaces the fitted one.")
 @click.option("--out", type=click.Path(path_type=Path), help="CSV to write, with a JSON beside it.")
 @click.option("--overwrite", is_flag=True, help="Replace files that exist.")
 def command(

@@ -1,6 +1,7 @@
 """What all verbs share: `--json`, `-v`, `-q`, `--log-file`, and an example under the help."""
 
 import functools
+import math
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
@@ -9,6 +10,22 @@ from typing import Any
 import click
 
 from .output import Narrator, Output
+
+
+class Finite(click.FloatRange):
+    """A number that is neither NaN nor infinite, with the bounds of `click.FloatRange`."""
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> float:
+        """Number or usage error."""
+        number = super().convert(value, param, ctx)
+        if not math.isfinite(number):
+            self.fail(f"{value!r} is not a finite number.", param, ctx)
+        return number
+
+
+POSITIVE = Finite(min=0, min_open=True)
 
 
 def verb(name: str, *, example: str) -> Callable[[Callable[..., None]], click.Command]:

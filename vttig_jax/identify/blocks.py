@@ -78,7 +78,8 @@ def block_rows(
     for start, channels in _chunks(plan.size, per_chunk, blocks, driving_angle, driven_angle):
         means = np.asarray(_chunk_means(orders, *channels)).T
         rows[start : start + per_chunk, harmonics] = means[: blocks - start]
-    for power in range(plan.drift_order + 1):
+    rows[:, free] = 1.0
+    for power in range(1, plan.drift_order + 1):
         rows[:, free + power] = block_means(time**power, plan.size)
     rows[:, -1] = block_means(error, plan.size)
     return rows

@@ -1,12 +1,15 @@
 """Normal equations of rows [regressors, y], safe where regressors coincide."""
 
+from contextlib import suppress
+
 import numpy as np
 from jaxtyping import Float
 
 from ..base.errors import NoAnswerError
 
-_RIDGE = 1e-13
-"""Relative to every column's own square: keeps a singular Gram factorable, moves nothing else."""
+_RIDGES = (1e-13, 1e-11, 1e-9)
+"""Relative to every column's own square, the first that keeps the Gram factorable: rounding leaves
+more of a log without noise than of any other. Even the last moves no coefficient visibly."""
 
 
 def cholesky(gram: Float[np.ndarray, "q q"]) -> Float[np.ndarray, "q q"]:
@@ -16,14 +19,14 @@ def cholesky(gram: Float[np.ndarray, "q q"]) -> Float[np.ndarray, "q q"]:
     """
     size = np.sqrt(np.maximum(np.diag(gram), 0.0))
     size[size == 0] = 1.0
-    scaled = gram / np.outer(size, size) + _RIDGE * np.eye(len(gram))
-    try:
-        return np.linalg.cholesky(scaled).T * size
-    except np.linalg.LinAlgError:
-        raise NoAnswerError(
-            "the samples do not tell the fitted orders apart; record more turns, or list fewer"
-            " orders in [fit]."
-        ) from None
+    scaled = gram / np.outer(size, size)
+    for ridge in _RIDGES:
+        with suppress(np.linalg.LinAlgError):
+            return np.linalg.cholesky(scaled + ridge * np.eye(len(gram))).T * size
+    raise NoAnswerError(
+        "the samples do not tell the fitted orders apart; record more turns, or list fewer orders"
+        " in [fit]."
+    )
 
 
 def residual_weights(gram: Float[np.ndarray, "q q"]) -> Float[np.ndarray, " q"]:

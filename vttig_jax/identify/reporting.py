@@ -30,7 +30,7 @@ def parameters_of(
         )
         names = (name, f"{shaft}_phase_deg")
         found += _polar_or_reason(solution, shaft, names, unit, scale, scope.reasons.get(shaft))
-    found.append(_constant_backlash(solution, () if drive else scope.short))
+    found.append(_constant_backlash(solution, scope.short))
     for shaft in SHAFTS:
         reason = scope.reasons.get(shaft)
         if drive:

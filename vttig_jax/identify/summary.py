@@ -23,6 +23,8 @@ from .terms import TermPlan
 HIGHEST_LAG = 16
 """Highest autoregressive order the summary can whiten."""
 
+_CACHED_ROWS = 512
+
 
 @dataclass(frozen=True)
 class FlankSummary:
@@ -160,7 +162,7 @@ def _needed_lags(runs: list[Float[np.ndarray, "_ q"]], most: int) -> int:
 def _samples_per_turn(driving: Float[np.ndarray, " n"], segments: tuple[Segment, ...]) -> float:
     """Samples a driving turn where it is fastest, seen over a 64th of a turn at mean speed.
 
-    The fastest place decides: no block may cover more of a cycle than its series stands for.
+    The fastest place decides: no block may cover more of a cycle than planned.
     """
     travelled = sum(abs(driving[s.stop - 1] - driving[s.start]) for s in segments)
     samples = sum(s.stop - s.start for s in segments)
@@ -171,12 +173,7 @@ def _samples_per_turn(driving: Float[np.ndarray, " n"], segments: tuple[Segment,
 
 
 def _summarise(flank: Flank, runs: list[Float[np.ndarray, "_ q"]], lags: int) -> FlankSummary:
-    products = np.stack(
-        [
-            np.sum([rows[lag:].T @ rows[: len(rows) - lag] for rows in runs], axis=0)
-            for lag in range(lags + 1)
-        ]
-    )
+    products = np.sum([_lag_products(rows, lags) for rows in runs], axis=0)
     return FlankSummary(
         flank,
         products,
@@ -184,6 +181,18 @@ def _summarise(flank: Flank, runs: list[Float[np.ndarray, "_ q"]], lags: int) ->
         np.stack([rows[-lags:] for rows in runs]),
         sum(map(len, runs)),
     )
+
+
+def _lag_products(rows: Float[np.ndarray, "n q"], lags: int) -> Float[np.ndarray, "lags q q"]:
+    """Σ_t z_t z_{t−l}ᵀ of one run for l = 0 … lags, in pieces that stay in cache for all lags."""
+    products = np.zeros((lags + 1, rows.shape[1], rows.shape[1]))
+    for start in range(0, len(rows), _CACHED_ROWS):
+        now = rows[start : start + _CACHED_ROWS]
+        for lag in range(lags + 1):
+            skip = max(lag - start, 0)
+            past = rows[start - lag + skip : start - lag + len(now)]
+            products[lag] += now[skip:].T @ past
+    return products
 
 
 def _filtered(
