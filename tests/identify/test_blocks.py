@@ -66,7 +66,7 @@ def test_small_chunks_give_the_same(monkeypatch):
     plan = BlockPlan(((2, 0),), ((1, 0), (0, 1)), 1, 10)
     channels = _channels(plan, 1000)
     whole = block_rows(plan, *channels)
-    monkeypatch.setattr(blocks, "_CHUNK_SAMPLES", 37)
+    monkeypatch.setattr(blocks, "_CHUNK_CELLS", 37)
     np.testing.assert_allclose(block_rows(plan, *channels), whole, atol=1e-14)
 
 

@@ -19,7 +19,10 @@ from ..kinematics.orders import Term
 
 Samples = Float[np.ndarray, " n"]
 
-_CHUNK_SAMPLES = 16_384
+_CHUNK_CELLS = 32_768
+"""Terms times rows of a chunk: the sums of a chunk stay in cache."""
+
+_MOST_ROWS = 2048
 
 
 @dataclass(frozen=True)
@@ -70,11 +73,11 @@ def block_rows(
     Angles in rad, `time` scaled to O(1), `error` in any unit.
     """
     blocks = len(error) // plan.size
-    per_chunk = max(1, _CHUNK_SAMPLES // plan.size)
     free = 2 * len(plan.free)
     rows = np.empty((blocks, plan.width))
     harmonics = np.delete(np.arange(plan.width - 1), slice(free, free + plan.drift_order + 1))
     orders = np.asarray(plan.free + plan.tied, np.float64).reshape(-1, 2)
+    per_chunk = max(1, min(_CHUNK_CELLS // max(len(orders), 1), _MOST_ROWS))
     for start, channels in _chunks(plan.size, per_chunk, blocks, driving_angle, driven_angle):
         means = np.asarray(_chunk_means(orders, *channels)).T
         rows[start : start + per_chunk, harmonics] = means[: blocks - start]
