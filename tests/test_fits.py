@@ -3,6 +3,7 @@
 import importlib.util
 import json
 import re
+import shlex
 import subprocess
 from pathlib import Path
 from types import ModuleType
@@ -135,13 +136,6 @@ def test_write_renews_readme_and_pictures(
         assert (FITS / "paper" / name).is_file()
 
 
-def worm_arguments(data_dir: Path) -> list[str]:
-    log = data_dir / "worm_mount" / "ap_gt1100.csv"
-    if not log.is_file():
-        pytest.skip(f"the log of the worm drive is not on this machine (looked for {log})")
-    return ["fit", str(log), "--pair", str(WORM / "pair.toml")]
-
-
 def differences(one: Any, other: Any, place: str = "") -> list[str]:
     """Where two JSON values differ: numbers by more than 1e-6 relative, the rest at all."""
     if isinstance(one, dict) and isinstance(other, dict) and set(one) == set(other):
@@ -156,40 +150,96 @@ def differences(one: Any, other: Any, place: str = "") -> list[str]:
     return [] if same else [f"{place}: {one!r} is not {other!r}"]
 
 
-def test_worm_drive(data_dir: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    arguments = worm_arguments(data_dir)
-    assert main([*arguments, "--out", str(tmp_path / "run"), "--no-figures"]) == 0
-    printed = capsys.readouterr().out.strip()
-    fresh = json.loads((tmp_path / "run" / "fit.json").read_text(encoding="utf-8"))
-    kept = json.loads((WORM / "ap_gt1100" / "fit.json").read_text(encoding="utf-8"))
-    assert fresh["parameters"]["driving_amplitude_arcsec"]["value"] == pytest.approx(3.77, abs=0.15)
-    source = "../shared/data/worm_mount/ap_gt1100.csv"
-    assert kept["source"] == source
-    assert differences(kept, fresh | {"source": source}) == []
-    shown = re.findall(
-        r"```text\n(.*?)\n```", (WORM / "README.md").read_text(encoding="utf-8"), re.S
+MEASURED = ("kuka_kr300", "worm_mount", "as5047")
+"""Folders whose READMEs show what commands make of logs that are not kept here."""
+
+BLOCKS = re.compile(
+    r"(?ms)^```python\n(.*?)^```\n|^    ((?:vttig|python) .*?)\n|^```text\n(.*?)^```\n"
+)
+
+
+def shown_runs(readme: str) -> list[tuple[str, str, str]]:
+    """What a README shows: (kind, source, printed); kind is "python" for code, else "command"."""
+    found, before = [], None
+    for match in BLOCKS.finditer(readme):
+        code, command, printed = match.groups()
+        if printed is None:
+            before = ("python", code) if code is not None else ("command", command)
+        else:
+            assert before is not None, "a text block without the command that prints it"
+            found.append((*before, printed.strip()))
+            before = None
+    return found
+
+
+def shown(kind: str) -> list[Any]:
+    """Runs of one kind in the READMEs, as parameters of a test."""
+    return [
+        pytest.param(source, printed, id=f"{rig}-{number}")
+        for rig in MEASURED
+        for number, (found, source, printed) in enumerate(
+            shown_runs((FITS / rig / "README.md").read_text(encoding="utf-8"))
+        )
+        if found == kind and not source.startswith("python")
+    ]
+
+
+@pytest.fixture
+def in_repository(data_dir: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The working folder of the READMEs' commands, where the logs are on this machine."""
+    assert data_dir == REPOSITORY.parent / "shared" / "data"
+    monkeypatch.chdir(REPOSITORY)
+    return REPOSITORY
+
+
+@pytest.mark.parametrize(("command", "printed"), shown("command"))
+def test_readme_shows_what_the_command_prints(
+    command: str,
+    printed: str,
+    in_repository: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+):
+    """Word for word; and the run folder that is kept holds what the command writes."""
+    program, *arguments = shlex.split(command)
+    kept = None
+    if "--out" in arguments:
+        place = arguments.index("--out") + 1
+        kept = in_repository / arguments[place]
+        arguments[place] = str(tmp_path / "run")
+        arguments.append("--no-figures")
+    assert program == "vttig" and main(arguments) == 0
+    assert capsys.readouterr().out.strip() == printed
+    if kept is not None:
+        fresh = json.loads((tmp_path / "run" / "fit.json").read_text(encoding="utf-8"))
+        assert differences(json.loads((kept / "fit.json").read_text("utf-8")), fresh) == []
+
+
+@pytest.mark.parametrize(("code", "printed"), shown("python"))
+def test_readme_shows_what_the_code_prints(
+    code: str, printed: str, in_repository: Path, capsys: pytest.CaptureFixture[str]
+):
+    exec(compile(code, "README.md", "exec"), {})
+    assert capsys.readouterr().out.strip() == printed
+
+
+def test_shown_runs_are_found():
+    readme = (
+        "a\n\n    vttig fit x\n\n```text\n1\n```\n\n```python\nprint(2)\n```\n\n```text\n2\n```\n"
     )
-    assert shown == [printed.replace(arguments[1], source)]
-    with np.load(tmp_path / "run" / "summary.npz", allow_pickle=False) as arrays:
-        residual = arrays["residual"]
-    spread = 1.4826 * np.median(np.abs(residual - np.median(residual)))
-    assert np.degrees(spread) * 3600 == pytest.approx(0.35, abs=0.01)
+    assert shown_runs(readme) == [("command", "vttig fit x", "1"), ("python", "print(2)\n", "2")]
+    with pytest.raises(AssertionError, match="without the command"):
+        shown_runs("```text\n1\n```\n")
+    assert len(shown("command")) == 7 and len(shown("python")) == 2
 
 
-def test_worm_drive_with_a_straight_drift(data_dir: Path, capsys: pytest.CaptureFixture[str]):
-    assert main([*worm_arguments(data_dir), "--drift-order", "1", "--json"]) == 0
-    fit = json.loads(capsys.readouterr().out)
-    assert fit["parameters"]["driving_amplitude_arcsec"]["value"] == pytest.approx(3.758, abs=0.001)
-    assert fit["residual_rms_deg"] * 3600 == pytest.approx(0.49, abs=0.01)
-
-
-def test_worm_readme_gives_the_fitted_orders():
-    kept = json.loads((WORM / "ap_gt1100" / "fit.json").read_text(encoding="utf-8"))
-    readme = (WORM / "README.md").read_text(encoding="utf-8")
-    for order in kept["orders"][:3]:
-        assert f"{order['amplitude_arcsec']:.3f}″ ± {order['std_arcsec']:.3f}″" in readme
-    strong = [o["order"] for o in kept["orders"] if o["amplitude_arcsec"] > 3 * o["std_arcsec"]]
-    assert strong == [1, 2, 4, 8]
+@pytest.mark.parametrize("rig", MEASURED)
+def test_readme_shows_the_pictures_that_are_kept(rig: str):
+    readme = (FITS / rig / "README.md").read_text(encoding="utf-8")
+    named = set(re.findall(r"!\[[^]]+\]\(([^)]+\.png)\)", readme))
+    kept = {path.relative_to(FITS / rig).as_posix() for path in (FITS / rig).rglob("*.png")}
+    assert named == kept and named
+    assert sum(path.stat().st_size for path in (FITS / rig).rglob("*.png")) < 1_200_000
 
 
 def test_differences_are_seen():

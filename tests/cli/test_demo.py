@@ -23,13 +23,14 @@ def test_leaves_a_folder_the_other_verbs_go_on_with(demo, vttig_json):
         "map.json",
         "figures",
     }
-    assert len(list((demo / "figures").iterdir())) == 3
+    assert {p.name for p in (demo / "figures").iterdir()} >= {"te_fit.png", "backlash_map.png"}
     before = json.loads((demo / "fit.json").read_text())
     code, record = vttig_json("fit", "--run", demo)
     assert code == 0
     for name, parameter in before["parameters"].items():
-        again = record["parameters"][name]["value"]
-        assert again == (parameter["value"] and pytest.approx(parameter["value"], rel=1e-6))
+        again, value = record["parameters"][name]["value"], parameter["value"]
+        near = 1e-3 * (parameter["std"] or 0.0)  # time stamps are written to 0.1 µs
+        assert again == (value and pytest.approx(value, rel=1e-6, abs=near))
     code, again = vttig_json("map", demo)
     saved = json.loads((demo / "map.json").read_text())
     assert again["smallest"] == saved["smallest"]

@@ -5,6 +5,7 @@ import sys
 import jsonschema
 import numpy as np
 import pytest
+from scipy.io import savemat
 
 from vttig_jax.base.jsonio import load_schema
 from vttig_jax.cli.main import main
@@ -77,7 +78,7 @@ def test_options_reach_the_reader(files, capsys):
     ("options", "words"),
     [
         (["--column", "driving"], "ROLE=NAME"),
-        (["--column", "speed=x"], "ROLE=NAME"),
+        (["--column", "load=x"], "ROLE=NAME"),
         (["--column", "time=a", "--column", "time=b"], "named twice"),
         (["--column", "time=time_s", "--sample-rate", "5"], "keep the one"),
         (["--sample-rate", "0"], "sample-rate"),
@@ -87,6 +88,41 @@ def test_options_reach_the_reader(files, capsys):
 def test_usage(files, capsys, options, words):
     code, out, err = run(capsys, files[0], *options)
     assert code == 2 and words in err and out == ""
+
+
+def test_nested_files_and_numbered_columns_need_no_pair(tmp_path, capsys):
+    path = tmp_path / "log.mat"
+    angles = np.outer([1.0, 0.5], np.linspace(0, 3600, 400))
+    savemat(path, {"rec": {"pos_deg": angles, "gains": np.arange(3.0)}})
+    named = ["--column", "driving=pos_deg(1,:)", "--column", "driven=pos_deg(2,:)"]
+    code, out, err = run(capsys, path, *named, "--sample-rate", "20", "--json")
+    found = json.loads(out)
+    jsonschema.validate(found, load_schema("vttig.inspect/1"))
+    assert (code, err) == (0, "")
+    assert found["other_arrays"] == [{"name": "rec.gains", "values": 3}]
+    assert found["ratio"]["seen"] == pytest.approx(0.5)
+    plain = tmp_path / "log.csv"
+    plain.write_text("".join(f"{k},{k / 2}\n" for k in range(40)))
+    code, out, _ = run(capsys, plain, "--column", "driving=#1", "--column", "driven=#2")
+    assert code == 0 and "driven   #2" in out
+    code, _, err = run(capsys, path, "--column", "driving=#1")
+    assert code == 3 and "arrays are asked for by name" in err
+
+
+def test_further_roles_are_read(files, capsys):
+    log, pair = files
+    rows = log.read_text().splitlines()
+    log.write_text("\n".join(f"{row},{'w_rpm' if k == 0 else 60}" for k, row in enumerate(rows)))
+    assert run(capsys, log, "--pair", pair, "--column", "speed=w_rpm")[0] == 0
+    code, _, err = run(capsys, log, "--pair", pair, "--column", "acceleration=w_rpm")
+    assert code == 3 and "_rad_per_s2" in err
+
+
+def test_the_schema_refuses_mangled_records(files, capsys):
+    found = json.loads(run(capsys, files[0], "--json")[1])
+    for wrong in ({"other_arrays": []}, {"other_arrays": [{"name": "a"}]}, {"rows": 3}):
+        with pytest.raises(jsonschema.ValidationError):
+            jsonschema.validate(found | wrong, load_schema("vttig.inspect/1"))
 
 
 @pytest.mark.parametrize("extra", [[], ["--json"]])

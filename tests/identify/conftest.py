@@ -1,5 +1,7 @@
 """Short runs of the paper's rig that many tests look at."""
 
+from dataclasses import replace
+
 import pytest
 
 from vttig_jax.identify.fit import fit
@@ -41,3 +43,19 @@ def clean_log(clean_rig) -> EncoderLog:
 @pytest.fixture(scope="session")
 def clean_fit(clean_rig, clean_log) -> Fit:
     return fit(clean_log, clean_rig.pair)
+
+
+@pytest.fixture(scope="session")
+def quick_rig() -> SyntheticRig:
+    """The noisy rig sampled as coarsely as its tooth mesh allows: fits in a tenth of a second."""
+    return replace(make_paper_rig(0, Motion(reversal_deg=1800.0, dwell_s=0.5)), rate_hz=700.0)
+
+
+@pytest.fixture(scope="session")
+def quick_log(quick_rig) -> EncoderLog:
+    return quick_rig.log(0)
+
+
+@pytest.fixture(scope="session")
+def quick_fit(quick_rig, quick_log) -> Fit:
+    return fit(quick_log, quick_rig.pair)

@@ -1,12 +1,22 @@
-"""Summaries of made-up block rows, lag products summed row by row."""
+"""Summaries of made-up block rows, lag products summed row by row, and views of a log."""
 
+from collections.abc import Sequence
 from fractions import Fraction
 
 import numpy as np
 
-from vttig_jax.identify.blocks import BlockPlan
+from vttig_jax.identify.channels import Drift
+from vttig_jax.identify.columns import OFFSET, Columns
+from vttig_jax.identify.rows import LogRows, Run
+from vttig_jax.identify.scope import Scope, find_scope
 from vttig_jax.identify.summary import FlankSummary, HarmonicSummary
 from vttig_jax.identify.terms import Harmonic, TermPlan
+from vttig_jax.identify.view import Input, Model, View, look
+from vttig_jax.kinematics.te_curve import TECurve
+from vttig_jax.logs.encoder_log import EncoderLog
+from vttig_jax.logs.ramps import find_ramps
+from vttig_jax.logs.segments import Segment, find_segments
+from vttig_jax.pair.gears import Flank, GearPair
 
 TERMS = TermPlan(
     Fraction(9, 16),
@@ -29,8 +39,13 @@ def flank_summary(flank, runs: list[np.ndarray], lags: int) -> FlankSummary:
     return FlankSummary(flank, products, heads, tails, sum(map(len, runs)))
 
 
+def own_of_powers(order: int) -> tuple[str, ...]:
+    """Names of the own columns of one log with powers of time up to `order`."""
+    return (OFFSET, *(f"drift_{power}" for power in range(1, order + 1)))
+
+
 def columns(count: int, drift_order: int) -> np.ndarray:
-    """Regressors of `TERMS` over `count` blocks, without y."""
+    """Regressors of `TERMS` over `count` blocks, without y: ones and powers of time are own."""
     angle = np.linspace(0, 40 * np.pi, count)
     time = np.linspace(-1, 1, count)
     driven = angle * 9 / 16
@@ -41,15 +56,54 @@ def columns(count: int, drift_order: int) -> np.ndarray:
 
 def summary_of(flanks: dict, drift_order: int = 0, lags: int = 8) -> HarmonicSummary:
     """A summary of {flank: [rows, …]}, rows in the order of `columns` with y behind."""
-    free, tied = (tuple(h.term for h in part) for part in (TERMS.free, TERMS.tied))
     return HarmonicSummary(
         flanks=tuple(flank_summary(flank, runs, lags) for flank, runs in flanks.items()),
         terms=TERMS,
-        plan=BlockPlan(free, tied, drift_order, 1),
+        columns=layout_of(TERMS, drift_order),
         block_s=0.01,
-        time_origin_s=0.0,
-        time_scale_s=1.0,
-        segments=(),
-        curves=(),
-        samples_used={},
     )
+
+
+def layout_of(terms: TermPlan, drift_order: int = 0) -> Columns:
+    """Layout of one log with powers of time."""
+    free, tied = (tuple(h.term for h in part) for part in (terms.free, terms.tied))
+    return Columns(free, tied, (own_of_powers(drift_order),))
+
+
+def looked(
+    log: EncoderLog,
+    pair: GearPair,
+    *,
+    drift: Drift = Drift(),
+    regressors: tuple[str, ...] = (),
+    segments: Sequence[Segment] | None = None,
+) -> tuple[Scope, View]:
+    """The certain segments of one log, or those given, and one pass over them."""
+    found = find_segments(log)
+    scope = find_scope([log], [found.segments], pair, pair.fit, None)
+    used = scope.segments[0] if segments is None else tuple(segments)
+    ramps = tuple(r for r in find_ramps(log, found) if r.segment.flank in scope.flanks)
+    model = Model(pair, scope.terms, regressors, drift)
+    return scope, look([Input(log, found, used, ramps)], model)
+
+
+def made_log(runs: list[np.ndarray], own: tuple[str, ...], flanks: str) -> LogRows:
+    """Made-up rows as if they came from a log; `flanks` has a letter for every run."""
+    free, tied = (tuple(h.term for h in part) for part in (TERMS.free, TERMS.tied))
+    made = []
+    for rows, letter in zip(runs, flanks, strict=True):
+        flank: Flank = "A" if letter == "A" else "B"
+        place = np.arange(float(len(rows)))
+        segment = Segment(0, len(rows), flank, 1.0)
+        made.append(Run(segment, rows, TECurve(flank, place, rows[:, -1], place)))
+    return LogRows(Columns(free, tied, (own,)), tuple(made), 1, 0.01)
+
+
+def random_log(seed: int, own: tuple[str, ...], flanks: str, count: int = 300) -> LogRows:
+    """Rows without any structure but the ones of the offset, each run longer than the last."""
+    generator = np.random.default_rng(seed)
+    width = 2 * len(TERMS.free + TERMS.tied) + len(own) + 1
+    runs = [generator.standard_normal((count + 40 * k, width)) for k in range(len(flanks))]
+    for rows in runs:
+        rows[:, 2 * len(TERMS.free)] = 1.0
+    return made_log(runs, own, flanks)

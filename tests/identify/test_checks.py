@@ -9,7 +9,13 @@ import vttig_jax
 from vttig_jax.base.units import DEG, REV
 from vttig_jax.identify.checks import closure, reversal_jumps
 from vttig_jax.kinematics.te_curve import TECurve
+from vttig_jax.logs.encoder_log import EncoderLog
 from vttig_jax.logs.segments import find_segments
+
+
+def _jumps(log: EncoderLog) -> list[dict]:
+    segments = find_segments(log).segments
+    return reversal_jumps(log.driving_angle, log.transmission_error, segments)
 
 
 def _curve(turns: float, function) -> TECurve:
@@ -45,7 +51,7 @@ def test_no_closure_below_one_period(paper_pair):
 
 
 def test_jump_is_the_true_backlash_before_the_turn(clean_rig, clean_log):
-    (jump,) = reversal_jumps(clean_log, find_segments(clean_log).segments)
+    (jump,) = _jumps(clean_log)
     assert jump["turn_deg"] == pytest.approx(6600.0, abs=0.5)
     assert jump["driving_deg"] == pytest.approx(6600.0 - 3.5, abs=0.5)
     grid = np.linspace(-2.5, 2.5, 11) + jump["driving_deg"]
@@ -58,7 +64,7 @@ def test_jump_is_the_true_backlash_before_the_turn(clean_rig, clean_log):
 def test_every_reversal_has_its_jump(clean_rig):
     motion = replace(clean_rig.motion, passes=4, reversal_deg=2000.0)
     log = replace(clean_rig, motion=motion).log()
-    jumps = reversal_jumps(log, find_segments(log).segments)
+    jumps = _jumps(log)
     np.testing.assert_allclose([j["turn_deg"] for j in jumps], [2000, 0, 2000], atol=0.5)
     true = [float(clean_rig.flank_model().backlash(j["driving_deg"] * DEG)) / DEG for j in jumps]
     np.testing.assert_allclose([j["jump_deg"] for j in jumps], true, atol=5e-5)

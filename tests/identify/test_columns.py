@@ -1,85 +1,76 @@
-"""Further columns of a log: an axial position, and a transmission error instead of an angle."""
+"""The layout of block rows: places, widths, and one log put among several."""
 
-from dataclasses import replace
-
-import equinox as eqx
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from vttig_jax.base.units import ARCSEC, DEG
-from vttig_jax.identify.fit import fit
-from vttig_jax.logs.encoder_log import EncoderLog
-from vttig_jax.rig.motion import Motion
+from vttig_jax.identify.columns import OFFSET, Columns
 
-SHIFT_MM = 0.05
+FREE, TIED = ((2, 0), (0, 2), (45, 0)), ((1, 0), (0, 1))
+OWN = ((OFFSET, "drift_1", "delay"), (OFFSET,), (OFFSET, "delay"))
+THREE = Columns(FREE, TIED, OWN)
 
-
-def test_a_logged_axial_position_is_taken_out(clean_rig):
-    """The constant backlash is that of s = 0 with the column, of the position without it."""
-    tapered = eqx.tree_at(
-        lambda p: (p.driving.helix_right_deg, p.driven.helix_right_deg),
-        clean_rig.pair,
-        (np.asarray(2.0), np.asarray(2.0)),
-    )
-    moved = eqx.tree_at(lambda e: e.axial_mm, clean_rig.eccentricities, np.asarray(SHIFT_MM))
-    rig = replace(
-        clean_rig,
-        pair=tapered,
-        eccentricities=moved,
-        motion=Motion(speed_rpm=180.0, reversal_deg=3600.0),
-    )
-    log = rig.log()
-    closed = SHIFT_MM * (np.tan(3 * DEG) + np.tan(2 * DEG)) / 80.0 / DEG
-    assert fit(log, tapered).value("constant_backlash_deg") == pytest.approx(
-        0.038 - closed, abs=1e-7
-    )
-    column = EncoderLog.from_arrays(
-        log.time,
-        log.driving_angle / DEG,
-        log.driven_angle / DEG,
-        pair=tapered,
-        unit="deg",
-        axial_mm=np.full(len(log), SHIFT_MM),
-    )
-    assert fit(column, tapered).value("constant_backlash_deg") == pytest.approx(0.038, abs=1e-7)
-    assert closed > 1e-4
+_NAMES = ["drift_1", "drift_2", "delay", "ratio", "torque_0"]
+_OWN = st.lists(
+    st.lists(st.sampled_from(_NAMES), unique=True).map(lambda names: (OFFSET, *names)),
+    min_size=1,
+    max_size=4,
+).map(tuple)
 
 
-def test_an_axial_position_that_changes_is_followed(clean_rig):
-    """Each flank by its own helix: s moves flank A up by s tan β_L/R₂, flank B down."""
-    log = replace(clean_rig, motion=Motion(speed_rpm=180.0, reversal_deg=3600.0)).log()
-    axial = 0.05 * np.sin(np.linspace(0, 20, len(log)))
-    slope = np.tan(3 * DEG) / 80.0
-    turning_back = np.arange(len(log)) > np.argmax(log.driving_angle)
-    driven = log.driven_angle + np.where(turning_back, -slope, slope) * axial
-    shaken = EncoderLog.from_arrays(
-        log.time,
-        log.driving_angle / DEG,
-        driven / DEG,
-        pair=clean_rig.pair,
-        unit="deg",
-        axial_mm=axial,
-    )
-    result = fit(shaken, clean_rig.pair)
-    assert result.residual_rms_deg < 1e-6
-    # Gear 2's offset turns a little further with s: 1e-6° in the gap.
-    assert result.value("constant_backlash_deg") == pytest.approx(0.038, abs=3e-6)
-    unaware = fit(replace(shaken, axial_mm=None), clean_rig.pair)
-    assert unaware.residual_rms_deg > 1e-4
+def _labels(columns: Columns) -> list:
+    """What stands in every column, spelled out in the documented order."""
+    harmonics = lambda terms: [(axis, term) for term in terms for axis in "cs"]  # noqa: E731
+    own = [(name, log) for log, names in enumerate(columns.own) for name in names]
+    return [*harmonics(columns.free), *own, *harmonics(columns.tied), "y"]
 
 
-def test_a_curve_of_transmission_error_gives_the_same_fit(noisy_log, noisy_rig, noisy_fit):
-    curve = EncoderLog.from_arrays(
-        noisy_log.time,
-        noisy_log.driving_angle / DEG,
-        pair=noisy_rig.pair,
-        unit="deg",
-        transmission_error=noisy_log.transmission_error / ARCSEC,
-    )
-    result = fit(curve, noisy_rig.pair)
-    assert result.flanks == ("A", "B")
-    for name in ("driving_eccentricity_mm", "driven_phase_deg", "constant_backlash_deg"):
-        parameter, other = result.parameters[name], noisy_fit.parameters[name]
-        assert parameter.value is not None and other.value is not None and other.std is not None
-        assert abs(parameter.value - other.value) < 0.5 * other.std, name
-    assert result.zero_readings["driven"] is None
+def test_widths_of_three_logs():
+    assert THREE.width == 6 + 6 + 4 + 1 == len(_labels(THREE))
+    assert (THREE.free_width, THREE.own_width) == (6, 6)
+    assert THREE.own_slice == slice(6, 12)
+    assert Columns(FREE, TIED).own == ((OFFSET,),)
+
+
+@given(own=_OWN)
+def test_places_are_where_the_labels_say(own):
+    columns = Columns(FREE, TIED, own)
+    labels = _labels(columns)
+    assert len(labels) == columns.width
+    for position, term in enumerate(FREE + TIED):
+        place = columns.cosine(position)
+        assert labels[place : place + 2] == [("c", term), ("s", term)]
+    for name, log in columns.names:
+        assert labels[columns.index(name, log)] == (name, log)
+    assert labels[columns.own_slice] == columns.names
+
+
+@given(own=_OWN)
+def test_embedding_puts_every_column_of_a_log_in_its_place(own):
+    columns = Columns(FREE, TIED, own)
+    wide = _labels(columns)
+    for log in range(len(own)):
+        narrow = _labels(columns.of_log(log))
+        matrix = columns.embedding(log)
+        assert matrix.shape == (len(wide), len(narrow))
+        # Alone, a log is number 0.
+        own = columns.of_log(log).names
+        expected = [(x[0], log) if x in own else x for x in narrow]
+        rows, cells = np.nonzero(matrix)
+        assert [wide[row] for row in rows] == [expected[cell] for cell in cells]
+        np.testing.assert_array_equal(matrix.T @ matrix, np.eye(len(narrow)))
+
+
+def test_columns_of_other_logs_are_zero():
+    row = np.arange(1.0, THREE.of_log(1).width + 1)
+    wide = THREE.embedding(1) @ row
+    others = [THREE.index(name, log) for name, log in THREE.names if log != 1]
+    np.testing.assert_array_equal(wide[others], 0.0)
+    assert wide[THREE.index(OFFSET, 1)] == 7.0
+    np.testing.assert_array_equal(THREE.embedding(1).T @ wide, row)
+
+
+def test_a_column_that_is_not_there_is_refused():
+    with pytest.raises(ValueError, match="not in list"):
+        THREE.index("drift_1", 1)

@@ -4,11 +4,14 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from tests.identify.summaries import columns, summary_of
-from vttig_jax.identify.drift import choose_drift, with_drift
+from tests.identify.summaries import columns, own_of_powers, summary_of
+from vttig_jax.identify.drift import choose_drift, drift_names
+from vttig_jax.identify.noise import autoregression
+from vttig_jax.identify.own_terms import OwnTerms, own_terms
+from vttig_jax.identify.summary import HarmonicSummary
 
 
-def _summary(slope: float, bend: float, seed: int):
+def _summary(slope: float, bend: float, seed: int) -> HarmonicSummary:
     flanks = {}
     for flank, side in (("A", 0), ("B", 1)):
         x = columns(800, 2)
@@ -19,24 +22,46 @@ def _summary(slope: float, bend: float, seed: int):
     return summary_of(flanks, drift_order=2)
 
 
+def _own(summary: HarmonicSummary) -> OwnTerms:
+    return own_terms(summary, autoregression(summary))
+
+
 @pytest.mark.parametrize("seed", range(5))
 @pytest.mark.parametrize(("slope", "bend", "order"), [(0, 0, 0), (0.05, 0, 1), (0.02, 0.05, 2)])
 def test_the_drift_that_is_there_is_chosen(slope, bend, order, seed):
-    assert choose_drift(_summary(slope, bend, seed)) == order
+    assert choose_drift(_own(_summary(slope, bend, seed))) == order
 
 
 def test_a_drift_far_below_the_noise_is_left_alone():
-    assert choose_drift(_summary(1e-5, 1e-5, 0)) == 0
+    assert choose_drift(_own(_summary(1e-5, 1e-5, 0))) == 0
+
+
+def test_rounding_is_no_drift():
+    """Without noise BIC would take any power that mends the last digit."""
+    x = columns(800, 2)
+    y = x @ np.array([0.3, -0.2, 1.0, 0.0, 0.0, 0.5, -0.4, 0.1, 0.7])
+    own = _own(summary_of({"A": [np.column_stack([x, y])]}, drift_order=2))
+    assert own.misfit(own.names) < 1e-12 * own.total
+    assert choose_drift(own) == 0
+
+
+def test_names_of_the_powers_up_to_an_order():
+    names = ("drift_1_of_1", "drift_2_of_1", "delay", "drift_1_of_2", "drift_2_of_2")
+    assert drift_names(names, 1) == ["drift_1_of_1", "drift_1_of_2"]
+    assert drift_names(names, 2) == [n for n in names if n != "delay"]
+    assert drift_names(names, 0) == []
 
 
 @pytest.mark.parametrize("order", [0, 1, 2])
-def test_with_drift_leaves_the_columns_of_higher_powers_out(order):
+def test_a_summary_without_the_columns_of_higher_powers(order):
     whole = _summary(0.05, 0.01, 0)
-    reduced = with_drift(whole, order)
-    assert reduced.plan.drift_order == order
-    assert reduced.plan.width == whole.plan.width - (2 - order)
+    reduced = whole.without([f"drift_{power}" for power in range(order + 1, 3)])
+    assert reduced.columns.own == (own_of_powers(order),)
+    assert reduced.columns.width == whole.columns.width - (2 - order)
     keep = [0, 1, *range(2, 3 + order), *range(5, 10)]
     for before, after in zip(whole.flanks, reduced.flanks, strict=True):
         np.testing.assert_array_equal(after.lag_products, before.lag_products[:, keep][:, :, keep])
         np.testing.assert_array_equal(after.heads, before.heads[:, :, keep])
         np.testing.assert_array_equal(after.tails, before.tails[:, :, keep])
+    same = whole.keeping(reduced.columns.own)
+    np.testing.assert_array_equal(same.flanks[0].lag_products, reduced.flanks[0].lag_products)

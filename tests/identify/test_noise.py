@@ -7,8 +7,9 @@ from scipy.signal import lfilter
 
 from tests.identify.summaries import columns, summary_of
 from vttig_jax.base.errors import NoAnswerError
-from vttig_jax.identify.noise import misfit, whiten
+from vttig_jax.identify.noise import counted_share, whiten
 from vttig_jax.identify.normal_equations import cholesky
+from vttig_jax.identify.own_terms import own_terms
 
 BETA = np.array([0.3, -0.2, 1.0, 0.5, -0.4, 0.1, 0.7])
 
@@ -121,9 +122,27 @@ def test_misfit_is_the_sum_of_squared_innovations():
     beta, _, y = _dense([run], filter_)
     kept = np.asarray(lfilter(filter_, [1.0], run, axis=0))[1:]
     left = np.sum((y - kept[:, :-1] @ beta) ** 2)
-    assert misfit(summary_of({"A": [run]}), filter_) == pytest.approx(left, rel=1e-8)
+    own = own_terms(summary_of({"A": [run]}), filter_)
+    assert own.misfit(own.names) == pytest.approx(left, rel=1e-8)
 
 
 def test_a_gram_that_cannot_be_factored_is_no_answer():
     with pytest.raises(NoAnswerError, match="do not tell the fitted orders apart"):
         cholesky(np.array([[1.0, 2.0], [2.0, 1.0]]))
+
+
+def test_weights_count_by_the_squares_of_their_ones():
+    """A block of which a loss leaves a share s holds √s where others hold 1."""
+    rows = _rows(_ar1(500, 0.5, 11))
+    share = np.random.default_rng(12).uniform(0, 1, 500)
+    weighted = rows * np.sqrt(share)[:, None]
+    assert counted_share(summary_of({"A": [rows]})) == pytest.approx(1.0)
+    counted = counted_share(summary_of({"A": [weighted, rows]}))
+    assert counted == pytest.approx((share.sum() + 500) / 1000)
+
+
+def test_a_variance_factor_widens_every_error():
+    summary = summary_of({"A": [_rows(_ar1(500, 0.5, 13))]})
+    (plain_noise, (plain,)), (noise, (wide,)) = whiten(summary), whiten(summary, 4.0)
+    assert noise.innovation_std == pytest.approx(2 * plain_noise.innovation_std)
+    np.testing.assert_allclose(2 * wide.factor, plain.factor, atol=1e-12)

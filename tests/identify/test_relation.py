@@ -9,14 +9,15 @@ import numpy as np
 import pytest
 
 import vttig_jax
+from tests.identify.summaries import layout_of
 from vttig_jax.base.units import ARCSEC, DEG
-from vttig_jax.identify.relation import drive_relation, pair_relation
+from vttig_jax.identify.relation import drive_relation, encoder_relation, pair_relation
 from vttig_jax.identify.terms import plan_terms
 from vttig_jax.pair.eccentricities import Eccentricities
 from vttig_jax.pair.gears import Flank
 
-PLAN = plan_terms(Fraction(45, 80), (1,), (1,), 0, 45)
 BOTH: tuple[Flank, ...] = ("A", "B")
+PLAN = plan_terms(Fraction(45, 80), (1,), (1,), 0, 45)
 
 
 def _cartesian(amplitude: float, phase_deg: float) -> tuple[float, float]:
@@ -53,7 +54,7 @@ def _projected(pair, rig, flank: Flank) -> np.ndarray:
 
 @pytest.mark.parametrize("flank", BOTH)
 def test_coefficients_are_those_of_the_exact_curve(paper_pair, paper_rig, flank):
-    relation = pair_relation(paper_pair, PLAN, (flank,), 0, encoder_terms=False)
+    relation = pair_relation(paper_pair, PLAN, layout_of(PLAN), (flank,), encoder_terms=False)
     value = _of_rig(paper_rig)
     value["offset"] = 0.0 if flank == "A" else value["constant_backlash"]
     found = np.asarray(relation.coefficients(_vector(relation, **value)))[0]
@@ -63,7 +64,7 @@ def test_coefficients_are_those_of_the_exact_curve(paper_pair, paper_rig, flank)
 
 
 def test_the_constant_backlash_stands_on_flank_b(paper_pair, paper_rig):
-    relation = pair_relation(paper_pair, PLAN, BOTH, 0, encoder_terms=True)
+    relation = pair_relation(paper_pair, PLAN, layout_of(PLAN), BOTH, encoder_terms=True)
     found = np.asarray(relation.coefficients(_vector(relation, **_of_rig(paper_rig))))
     for side, flank in enumerate(BOTH):
         expected = _projected(paper_pair, paper_rig, flank)
@@ -80,7 +81,7 @@ def test_coinciding_second_orders_go_to_the_first(paper_rig):
         centre_distance_mm=60.1,
     )
     plan = plan_terms(pair.ratio, (1,), (1,), 0, 20)
-    relation = pair_relation(pair, plan, ("A",), 0, encoder_terms=False)
+    relation = pair_relation(pair, plan, layout_of(plan), ("A",), encoder_terms=False)
     found = np.asarray(relation.coefficients(_vector(relation, **_of_rig(paper_rig))))[0]
     driving = np.linspace(0, 4 * np.pi, 20_000, endpoint=False)
     error = np.asarray(vttig_jax.exact_transmission_error(driving, pair, paper_rig, "A"))
@@ -99,7 +100,7 @@ def test_small_eccentricities_follow_the_closed_form(paper_pair, size_mm):
     """F₁ = K e₁ exp j(θ₁+α) + c_E, B₁ with −α, driven with α and −α exchanged."""
     alpha = float(paper_pair.working_pressure_angles[0])
     gain = 1 / float(paper_pair.base_radii[1, 0])
-    relation = pair_relation(paper_pair, PLAN, BOTH, 0, encoder_terms=True)
+    relation = pair_relation(paper_pair, PLAN, layout_of(PLAN), BOTH, encoder_terms=True)
     theta, encoder = (50 * DEG, 80 * DEG), (2e-6, 3e-6)
     value = {}
     for shaft, phase, error in zip(("driving", "driven"), theta, encoder, strict=True):
@@ -121,7 +122,7 @@ def test_small_eccentricities_follow_the_closed_form(paper_pair, size_mm):
 
 
 def test_encoder_terms_have_the_signs_of_the_contract(paper_pair):
-    relation = pair_relation(paper_pair, PLAN, BOTH, 1, encoder_terms=True)
+    relation = pair_relation(paper_pair, PLAN, layout_of(PLAN, 1), BOTH, encoder_terms=True)
     size, phase = 20 * ARCSEC, 0.7
     still = relation.coefficients(_vector(relation))
     for shaft, gain, column in (("driving", -45 / 80, 2), ("driven", 1.0, 4)):
@@ -138,9 +139,9 @@ def test_encoder_terms_have_the_signs_of_the_contract(paper_pair):
 @pytest.mark.parametrize("kind", ["pair", "drive"])
 def test_drift_and_offset_columns(paper_pair, kind):
     relation = (
-        pair_relation(paper_pair, PLAN, BOTH, 2, encoder_terms=False)
+        pair_relation(paper_pair, PLAN, layout_of(PLAN, 2), BOTH, encoder_terms=False)
         if kind == "pair"
-        else drive_relation(PLAN, BOTH, 2)
+        else drive_relation(PLAN, layout_of(PLAN, 2), BOTH)
     )
     value = {"offset": 0.3, "constant_backlash": 0.02, "drift_1": 0.5, "drift_2": -0.7}
     found = np.asarray(relation.coefficients(_vector(relation, **value)))
@@ -148,7 +149,7 @@ def test_drift_and_offset_columns(paper_pair, kind):
 
 
 def test_gradient_agrees_with_differences(paper_pair, paper_rig):
-    relation = pair_relation(paper_pair, PLAN, BOTH, 1, encoder_terms=True)
+    relation = pair_relation(paper_pair, PLAN, layout_of(PLAN, 1), BOTH, encoder_terms=True)
     point = _vector(relation, **_of_rig(paper_rig))
     coefficients = eqx.filter_jit(relation.coefficients)
     forward = np.asarray(jax.jacfwd(coefficients)(point))
@@ -162,30 +163,54 @@ def test_gradient_agrees_with_differences(paper_pair, paper_rig):
 
 
 def test_names_follow_flanks_drift_and_encoders(paper_pair):
-    full = pair_relation(paper_pair, PLAN, BOTH, 1, encoder_terms=True)
+    full = pair_relation(paper_pair, PLAN, layout_of(PLAN, 1), BOTH, encoder_terms=True)
     assert full.names[:3] == ("offset", "constant_backlash", "drift_1")
     assert len(full.names) == 3 + 8
-    one = pair_relation(paper_pair, PLAN, ("B",), 0, encoder_terms=False)
+    one = pair_relation(paper_pair, PLAN, layout_of(PLAN), ("B",), encoder_terms=False)
     assert one.names == ("offset", "driving_x", "driving_y", "driven_x", "driven_y")
     half = plan_terms(Fraction(45, 80), (1,), (), 0, 45)
-    assert pair_relation(paper_pair, half, ("A",), 0, encoder_terms=True).names == (
+    gear = pair_relation(paper_pair, half, layout_of(half), ("A",), encoder_terms=True)
+    assert gear.names == (
         "offset",
-        "driving_x",
-        "driving_y",
         "driving_encoder_x",
         "driving_encoder_y",
+        "driving_x",
+        "driving_y",
     )
 
 
 def test_drive_splits_common_and_different_parts():
     plan = plan_terms(Fraction(1, 225), (1,), (1,), 0, None)
-    relation = drive_relation(plan, BOTH, 0)
+    relation = drive_relation(plan, layout_of(plan), BOTH)
     value = {"driving_x": 1.0, "driving_y": 2.0, "driven_x": 3.0, "driven_y": 4.0}
     value |= {f"{name}_difference": 0.1 * v for name, v in value.items()}
     found = np.asarray(relation.coefficients(_vector(relation, **value)))
     common = np.array([0, 2.0, 1.0, 4.0, 3.0])
     np.testing.assert_allclose(found, [0.95 * common, 1.05 * common], atol=1e-15)
-    alone = drive_relation(plan, ("B",), 0)
+    alone = drive_relation(plan, layout_of(plan), ("B",))
     assert not any("difference" in name for name in alone.names)
     one = np.asarray(alone.coefficients(_vector(alone, **value)))
     np.testing.assert_allclose(one, [common], atol=1e-15)
+
+
+def test_encoders_on_perfect_gears_take_the_first_orders():
+    """E₂ as it is, E₁ through the ratio and with the other sign, the same on both flanks."""
+    relation = encoder_relation(PLAN, layout_of(PLAN), BOTH, 0.5625)
+    driving, driven = _cartesian(2e-4, 30.0), _cartesian(1e-4, 200.0)
+    vector = _vector(
+        relation,
+        driving_encoder_x=driving[0],
+        driving_encoder_y=driving[1],
+        driven_encoder_x=driven[0],
+        driven_encoder_y=driven[1],
+    )
+    found = np.asarray(relation.coefficients(vector))
+    angle = np.linspace(0, 32 * np.pi, 500)
+    expected = 1e-4 * np.sin(0.5625 * angle + 200.0 * DEG)
+    expected = expected - 0.5625 * 2e-4 * np.sin(angle + 30.0 * DEG)
+    for row in found:
+        curve = row[0] + sum(
+            row[1 + 2 * k] * np.cos(phase) + row[2 + 2 * k] * np.sin(phase)
+            for k, phase in enumerate((angle, 0.5625 * angle))
+        )
+        np.testing.assert_allclose(curve, expected, atol=1e-12)

@@ -4,6 +4,7 @@ import pytest
 
 import vttig_jax
 from vttig_jax.base.units import DEG
+from vttig_jax.identify.choices import Choices
 from vttig_jax.identify.parameters import Parameter, undetermined
 from vttig_jax.identify.reporting import outcome_of, variable_backlash_deg
 
@@ -45,7 +46,8 @@ def test_outcome_in_one_word():
     encoder = undetermined("driving_encoder_arcsec", "arcsec", "")
 
     def outcome(*parameters: Parameter, converged: bool = True, encoder_terms: bool = True) -> str:
-        return outcome_of({p.name: p for p in parameters}, converged, encoder_terms)
+        choices = Choices(encoder_terms=encoder_terms)
+        return outcome_of({p.name: p for p in parameters}, converged, choices)
 
     assert outcome(known, delay) == "ok"
     assert outcome(known, gap, delay) == "partly_determined"

@@ -5,21 +5,18 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from tests.identify.summaries import TERMS, columns, summary_of
+from tests.identify.summaries import TERMS, columns, layout_of, looked, summary_of
 from vttig_jax.identify.noise import whiten
 from vttig_jax.identify.relation import pair_relation
-from vttig_jax.identify.scope import find_scope
 from vttig_jax.identify.solve import solve
-from vttig_jax.identify.summary import compress
-from vttig_jax.logs.segments import find_segments
 
 
 @pytest.fixture(scope="module")
 def problem(noisy_rig, noisy_log):
     pair = noisy_rig.pair
-    scope = find_scope(noisy_log, find_segments(noisy_log).segments, pair, pair.fit, None)
-    summary = compress(noisy_log, scope.segments, scope.terms, 0, {})
-    relation = pair_relation(pair, scope.terms, scope.flanks, 0, encoder_terms=True)
+    scope, view = looked(noisy_log, pair)
+    summary = view.summary
+    relation = pair_relation(pair, scope.terms, summary.columns, scope.flanks, encoder_terms=True)
     return pair, scope, relation, whiten(summary)[1]
 
 
@@ -55,7 +52,8 @@ def test_same_minimum_as_scipy(problem):
 def test_one_flank_leaves_encoder_and_gear_open(problem):
     """With encoder terms a single flank sees only their sum; what is left stays determined."""
     pair, scope, _, whitened = problem
-    relation = pair_relation(pair, scope.terms, ("A",), 0, encoder_terms=True)
+    layout = layout_of(scope.terms)
+    relation = pair_relation(pair, scope.terms, layout, ("A",), encoder_terms=True)
     solution = solve(relation, whitened[:1])
     by_name = dict(zip(solution.names, solution.determined, strict=True))
     assert by_name.pop("offset")
@@ -71,7 +69,7 @@ def test_a_direction_without_data_is_flagged(paper_pair, apart):
     noise = 1e-5 * np.random.default_rng(0).standard_normal(2000)
     y = 1e-3 + 3e-4 * x[:, 3] + noise
     whitened = whiten(summary_of({"A": [np.column_stack([x, y])]}))[1]
-    relation = pair_relation(paper_pair, TERMS, ("A",), 0, encoder_terms=False)
+    relation = pair_relation(paper_pair, TERMS, layout_of(TERMS), ("A",), encoder_terms=False)
     solution = solve(relation, whitened)
     by_name = dict(zip(solution.names, solution.determined.tolist(), strict=True))
     assert by_name.pop("offset")

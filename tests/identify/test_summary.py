@@ -4,14 +4,10 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from tests.identify.summaries import flank_summary
-from vttig_jax.base.units import ARCSEC, DEG
-from vttig_jax.identify.blocks import block_size
-from vttig_jax.identify.fit import fit
-from vttig_jax.identify.scope import find_scope
-from vttig_jax.identify.summary import HIGHEST_LAG, compress
-from vttig_jax.logs.encoder_log import EncoderLog
-from vttig_jax.logs.segments import find_segments
+from tests.identify.summaries import TERMS, flank_summary, looked, made_log, random_log
+from vttig_jax.identify.channels import Drift
+from vttig_jax.identify.summary import HIGHEST_LAG, needed_lags, summarise
+from vttig_jax.logs.segments import Segment
 
 
 def _filtered(filter_: np.ndarray, runs: list[np.ndarray]) -> np.ndarray:
@@ -49,100 +45,85 @@ def test_forgetting_an_end_would_be_seen():
 
 
 @pytest.fixture(scope="module")
-def compressed(noisy_rig, noisy_log):
-    segments = find_segments(noisy_log).segments
-    scope = find_scope(noisy_log, segments, noisy_rig.pair, noisy_rig.pair.fit, None)
-    return scope, compress(noisy_log, scope.segments, scope.terms, 1, {})
+def view(noisy_log, noisy_rig):
+    return looked(noisy_log, noisy_rig.pair, drift=Drift(1))[1]
 
 
-def test_compress_counts_what_it_used(compressed, noisy_log):
-    scope, summary = compressed
-    size = summary.plan.size
-    assert summary.segments == scope.segments
-    assert [curve.flank for curve in summary.curves] == [s.flank for s in scope.segments]
-    for segment, curve in zip(summary.segments, summary.curves, strict=True):
-        assert len(curve) == (segment.stop - segment.start) // size
-    assert summary.rows == sum(map(len, summary.curves))
-    assert sum(summary.samples_used.values()) == size * summary.rows <= len(noisy_log)
-    assert summary.block_s == pytest.approx(size / 1987, rel=1e-6)
+def test_a_summary_counts_the_rows_of_its_runs(view):
+    summary = view.summary
+    assert summary.rows == sum(len(run.rows) for run in view.rows[0].runs)
+    assert [f.flank for f in summary.flanks] == ["A", "B"]
+    assert summary.columns == view.rows[0].columns
     lags = {f.lag_products.shape[0] - 1 for f in summary.flanks}
     assert len(lags) == 1 and 1 <= lags.pop() <= HIGHEST_LAG
 
 
-def test_curves_are_block_means(compressed, noisy_log):
-    _, summary = compressed
-    size = summary.plan.size
-    for segment, curve in zip(summary.segments, summary.curves, strict=True):
-        part = slice(segment.start, segment.start + size * len(curve))
-        for name, channel in (
-            ("driving_angle", noisy_log.driving_angle),
-            ("transmission_error", noisy_log.transmission_error),
-            ("time", noisy_log.time),
-        ):
-            means = channel[part].reshape(-1, size).mean(axis=1)
-            np.testing.assert_allclose(getattr(curve, name), means, atol=1e-12)
-
-
-def test_lag_products_are_those_of_the_runs(compressed):
+def test_lag_products_are_those_of_the_runs(view):
     """y is the last column and 1 stands behind the free ones: both are known from the curves."""
-    _, summary = compressed
-    one = 2 * len(summary.plan.free)
-    for flank in summary.flanks:
-        curves = [c.transmission_error for c in summary.curves if c.flank == flank.flank]
+    one = view.summary.columns.index("offset")
+    for flank in view.summary.flanks:
+        runs = [run for run in view.rows[0].runs if run.segment.flank == flank.flank]
         for lag in range(len(flank.lag_products)):
+            curves = [run.curve.transmission_error for run in runs]
             own = sum(float(y[lag:] @ y[: len(y) - lag]) for y in curves)
             assert flank.lag_products[lag, -1, -1] == pytest.approx(own, rel=1e-9)
             level = sum(float(y[lag:].sum()) for y in curves)
             assert flank.lag_products[lag, -1, one] == pytest.approx(level, rel=1e-9)
 
 
-def test_correction_is_taken_away_on_its_flank(compressed, noisy_log):
-    scope, summary = compressed
-    moved = compress(
-        noisy_log, scope.segments, scope.terms, 1, {"B": np.full(len(noisy_log), 1e-3)}
-    )
-    for before, after in zip(summary.curves, moved.curves, strict=True):
-        expected = 1e-3 if before.flank == "B" else 0.0
-        gone = before.transmission_error - after.transmission_error
-        np.testing.assert_allclose(gone, expected, atol=1e-15)
-
-
-def test_drift_columns_are_as_many_as_asked(compressed, noisy_log):
-    scope, summary = compressed
-    other = compress(noisy_log, scope.segments, scope.terms, 4, {})
-    assert other.plan.width == summary.plan.width + 3
-    time = (noisy_log.time[0] + noisy_log.time[-1]) / 2
-    assert other.time_origin_s == pytest.approx(time)
-    assert other.time_scale_s == pytest.approx(np.ptp(noisy_log.time) / 2)
-
-
-def test_a_run_too_short_to_filter_is_left_out(noisy_rig, noisy_log, compressed):
+def test_a_run_too_short_to_filter_is_left_out(noisy_rig, noisy_log, view):
     """Only whole runs are summarised; the fit then says which flanks remain."""
-    scope, _ = compressed
-    short = tuple(
-        s if s.flank == "A" else type(s)(s.start, s.start + 5, s.flank, s.speed)
-        for s in scope.segments
-    )
-    left = compress(noisy_log, short, scope.terms, 1, {})
-    assert [f.flank for f in left.flanks] == ["A"]
-    assert left.samples_used["B"] == 0
-    assert fit(noisy_log, noisy_rig.pair).flanks == ("A", "B")
+    lags = view.summary.flanks[0].lag_products.shape[0] - 1
+    size = view.rows[0].size
+    for rows, flanks in ((2 * lags, ["A"]), (2 * HIGHEST_LAG + 9, ["A", "B"])):
+        short = [
+            s if s.flank == "A" else Segment(s.start, s.start + rows * size, s.flank, s.speed)
+            for s in view.inputs[0].segments
+        ]
+        _, left = looked(noisy_log, noisy_rig.pair, drift=Drift(1), segments=short)
+        assert [f.flank for f in left.summary.flanks] == flanks
 
 
-def test_the_fastest_plateau_sets_the_block(noisy_rig):
-    """60 and then 180 rpm: no block may cover more of a cycle than at one speed."""
-    time = np.arange(40_000) / 2000.0
-    speed = np.where(time < 12, 60.0, 180.0) * np.pi / 30
-    driving = np.cumsum(speed) / 2000.0
-    driven = 0.5625 * driving + 1e-4 * np.sin(driving + 0.5)
-    log = EncoderLog.from_arrays(time, driving / DEG, driven / DEG, pair=noisy_rig.pair, unit="deg")
-    pair = noisy_rig.pair
-    scope = find_scope(log, find_segments(log).segments, pair, pair.fit, None)
-    assert len(scope.segments) == 2
-    summary = compress(log, scope.segments, scope.terms, 0, {})
-    per_turn = 2000.0 * 60 / 180
-    assert summary.plan.size == block_size(per_turn, 45.0) < block_size(2 * per_turn, 45.0)
-    result = fit(log, pair)
-    shaft = {(o.shaft, o.order): o for o in result.orders}
-    assert shaft["driving", 1].amplitude_arcsec * ARCSEC == pytest.approx(1e-4, rel=1e-6)
-    assert result.residual_rms_deg * DEG < 1e-9
+def test_logs_add_up_each_with_columns_of_its_own():
+    """Against the rows of both logs written into one wide table by hand."""
+    first = random_log(0, ("offset", "drift_1"), "AB")
+    second = random_log(1, ("offset",), "ABA")
+    summary = summarise([first, second], TERMS)
+    assert summary.columns.own == (("offset", "drift_1"), ("offset",))
+    filter_ = np.array([1.0, -0.3])
+    for flank in summary.flanks:
+        wide = []
+        for log, own in ((first, [2, 3]), (second, [4])):
+            for run in log.runs:
+                if run.segment.flank != flank.flank:
+                    continue
+                rows = np.zeros((len(run.rows), 10))
+                rows[:, :2], rows[:, -5:] = run.rows[:, :2], run.rows[:, -5:]
+                rows[:, own] = run.rows[:, 2 : 2 + len(own)]
+                wide.append(rows)
+        expected = _filtered(filter_, wide)
+        np.testing.assert_allclose(flank.whitened(filter_), expected, atol=1e-9)
+        assert flank.rows == sum(map(len, wide))
+        # One offset for both logs would be another table.
+        assert flank.whitened(filter_)[2, 4] == 0.0 < abs(flank.whitened(filter_)[2, 2])
+
+
+def test_a_flank_of_the_second_log_alone_counts():
+    summary = summarise([random_log(0, ("offset",), "A"), random_log(1, ("offset",), "B")], TERMS)
+    assert [f.flank for f in summary.flanks] == ["A", "B"]
+    assert summary.flanks[1].lag_products[0, 3, 3] > 0 == summary.flanks[1].lag_products[0, 2, 2]
+
+
+@pytest.mark.parametrize(
+    ("poles", "least", "most"), [([], 2, 3), ([0.8], 2, 5), ([0.6, -0.5, 0.3, 0.3], 5, 8)]
+)
+def test_lags_follow_the_order_of_the_noise(poles, least, most):
+    """The order of the autoregression and two more."""
+    rows = random_log(2, ("offset",), "A", 6000).runs[0].rows.copy()
+    rows[:, -1] = lfilter([1.0], np.append(1.0, -np.asarray(poles)), rows[:, -1])
+    assert least <= needed_lags(made_log([rows], ("offset",), "A")) <= most
+
+
+def test_short_logs_have_few_lags():
+    assert needed_lags(random_log(3, ("offset",), "A", 20)) <= 2
+    assert needed_lags(made_log([], ("offset",), "")) == 1

@@ -3,8 +3,10 @@ from typing import Any
 import pytest
 
 from vttig_jax.base.errors import LogError
-from vttig_jax.logs.columns import ANGLES, find_columns, name_and_unit
+from vttig_jax.logs.columns import ROLES, ROW_INDEX, find_columns, names_asked
 from vttig_jax.pair.spec import LogLayout, UnitTable
+
+COUNTED = {"driving": "deg", "driven": "counts"}
 
 
 def find(names, *, timed=True, unit=None, override=None, **layout: Any):
@@ -17,26 +19,6 @@ def find(names, *, timed=True, unit=None, override=None, **layout: Any):
         timed=timed,
     )
     return {role: (column.index, column.unit) for role, column in found.items()}
-
-
-@pytest.mark.parametrize(
-    ("name", "split"),
-    [
-        ("driving_deg", ("driving", "deg")),
-        ("driving_counts", ("driving", "counts")),
-        ("driving [rad]", ("driving", "rad")),
-        ("driving (rev)", ("driving", "rev")),
-        ("driving[°]", ("driving", "deg")),
-        ("driving_deg [deg]", ("driving", "deg")),
-        ("Motor Angle_DEG", ("Motor Angle", "deg")),
-        ("driving", ("driving", None)),
-        ("driving [left]", ("driving", None)),
-        ("shaft_two", ("shaft_two", None)),
-        ("deg", ("deg", None)),
-    ],
-)
-def test_units_in_names(name, split):
-    assert name_and_unit(name, ANGLES, "log.csv") == split
 
 
 def test_defaults():
@@ -92,6 +74,32 @@ def test_curve_or_second_shaft():
     assert "transmission_error" not in found
 
 
+def test_speed_and_acceleration_of_the_driving_shaft():
+    names = "time_s,driving_deg,driven_deg,w_rpm,a [rad/s²],speed_deg_per_s"
+    assert set(find(names)) == {"time", "driving", "driven"}
+    found = find(names, speed="w", acceleration="a")
+    assert found["speed"] == (3, "rpm") and found["acceleration"] == (4, "rad_per_s2")
+    assert find(names, speed="speed")["speed"] == (5, "deg_per_s")
+
+
+def test_columns_by_number():
+    found = find("time_s,a_deg,b", driving="#2", driven="#3", unit={"driven": "rad"})
+    assert found == {"time": (0, "s"), "driving": (1, "deg"), "driven": (2, "rad")}
+    found = find("#1", timed=False, driving="#1", driven="#row", unit=COUNTED)
+    assert found == {"driving": (0, "deg"), "driven": (ROW_INDEX, "counts")}
+    override = {"driving": "#2"}
+    found = find("a_deg,b_deg,driven_deg", timed=False, driving="#1", override=override)
+    assert found["driving"] == (1, "deg")
+
+
+def test_names_asked():
+    layout = LogLayout(driving="a", driven="b", speed="c")
+    named = names_asked(layout, {"driving": "#2", "transmission_error": "te"})
+    assert tuple(named) == ROLES
+    assert named["driving"] == "#2" and named["speed"] == "c" and named["torque"] is None
+    assert named["driven"] is None and named["transmission_error"] == "te"
+
+
 def test_sample_rate_instead_of_time():
     assert "time" not in find("time_s,driving_deg,driven_deg", timed=False)
     assert "time" not in find("driving_deg,driven_deg", timed=False)
@@ -120,6 +128,18 @@ def test_sample_rate_instead_of_time():
             {"override": {"driven": "driven_deg", "transmission_error": "te_deg"}},
             ["the second shaft or the curve"],
         ),
+        ("time_s,driving_deg,driven_deg,w", {"speed": "w"}, ["no unit", "_rpm", "`w`"]),
+        ("time_s,driving_deg,driven_deg,w_deg", {"speed": "w_deg"}, ["no unit", "_rad_per_s"]),
+        (
+            "time_s,driving_deg,driven_deg,w_rad_per_s",
+            {"acceleration": "w_rad_per_s"},
+            ["no unit", "_rad_per_s2"],
+        ),
+        ("time_s,driving_deg,driven_deg", {"driving": "#4"}, ["no column #4", "the log has 3"]),
+        ("time_s,driving_deg,driven_deg", {"driving": "#0"}, ["no column #0"]),
+        ("#2,#1,driven_deg", {"driving": "#1"}, ["column 1 or the one with that name"]),
+        ("time_s,a", {"driving": "#row", "unit": COUNTED, "driven": "#row"}, ["at once"]),
+        ("time_s,driving_deg", {"driven": "#row"}, ["no unit", "`#row`", "[unit]"]),
     ],
 )
 def test_refused(names, options, words):

@@ -25,6 +25,13 @@ from vttig_jax.logs.numbers import choose_decimal, looks_like_number, to_number
         ("", ".", None),
         ("1 000", ".", None),
         ("12,34,567", ".", None),
+        ("1'234'567.5", ".", 1234567.5),
+        ("-1’234,5", ",", -1234.5),
+        ("1\u00a0234,5", ",", 1234.5),
+        ("12\u202f345\u202f678", ".", 12345678.0),
+        ("1\u20091234", ".", None),
+        ("1'23", ".", None),
+        ("'123", ".", None),
     ],
 )
 def test_to_number(field, decimal, value):
@@ -32,6 +39,7 @@ def test_to_number(field, decimal, value):
 
 
 def test_values_that_are_not_finite_are_numbers():
+    assert looks_like_number("1\u00a0234,5") and not looks_like_number("1\u00a02345")
     assert looks_like_number("NaN") and looks_like_number("-inf")
     assert not looks_like_number("name") and not looks_like_number("")
     assert to_number("-Inf", ",") == -float("inf")
@@ -51,6 +59,7 @@ def test_every_float_comes_back(value, decimal):
         (["1,234", "2,345"], "\t", ","),
         (["1,234", "0,5"], None, ","),
         (["0,5"], ",", ","),
+        (["1'234,5"], ";", ","),
     ],
 )
 def test_decimal_mark(fields, delimiter, decimal):

@@ -1,12 +1,14 @@
 import hashlib
-import time as clock
 
 import numpy as np
 import pytest
+from scipy.io import savemat
 
 from tests.logs.profiles import DEG, drive, spec
 from vttig_jax.base.errors import LogError, UsageError
+from vttig_jax.logs import delimited
 from vttig_jax.logs.read import read_log
+from vttig_jax.pair.spec import parse_pair_spec
 
 PAIR = spec()
 COUNT = 200
@@ -95,6 +97,16 @@ def test_curve_with_further_columns(tmp_path):
     assert read_log(write(tmp_path, header, rows), drive("1/225")).torque is None
 
 
+def test_speed_and_acceleration(tmp_path):
+    rows = [f"{k / 100:.2f},{FIRST[k]},{SECOND[k]},{k},{-k}" for k in range(COUNT)]
+    path = write(tmp_path, "time_s,driving_counts,driven_counts,w_rpm,a_deg_per_s2", rows)
+    log = read_log(path, spec(speed="w_rpm"), columns={"acceleration": "a_deg_per_s2"})
+    assert log.speed is not None and log.acceleration is not None
+    np.testing.assert_allclose(log.speed, np.arange(COUNT) * 2 * np.pi / 60, rtol=1e-14)
+    np.testing.assert_allclose(log.acceleration, -np.arange(COUNT) * DEG, rtol=1e-14)
+    assert read_log(path, PAIR).speed is None
+
+
 def test_time_without_a_unit_is_noted(tmp_path):
     log = read_log(write(tmp_path, "time,driving_counts,driven_counts"), PAIR)
     assert "taken as seconds" in log.notes[0]
@@ -130,7 +142,7 @@ def test_bad_rows(tmp_path, edit, where, words):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"columns": {"speed": "x"}}, "`speed` is no role"),
+        ({"columns": {"load": "x"}}, "`load` is no role"),
         ({"decimal": ";"}, "decimal must be"),
         ({"sample_rate_hz": 0.0}, "positive"),
         ({"sample_rate_hz": 9, "columns": {"time": "t"}}, "both a sample rate and a time column"),
@@ -141,21 +153,156 @@ def test_wrong_options(tmp_path, options, words):
         read_log(write(tmp_path), PAIR, **options)
 
 
-def test_ninety_thousand_lines_cost_little_more_than_their_parsing(tmp_path):
-    rows = [f"{k / 2000:.4f},{45 * k},{45 * k * 9 // 16}" for k in range(90_000)]
-    path = write(tmp_path, rows=rows)
+def test_plain_numbers_are_not_read_field_by_field(tmp_path, monkeypatch):
+    def refuse(*_):
+        raise AssertionError("read field by field, which is twenty times slower")
 
-    def seconds(work):
-        spent = []
-        for _ in range(3):
-            begin = clock.perf_counter()
-            work()
-            spent.append(clock.perf_counter() - begin)
-        return min(spent)
+    monkeypatch.setattr(delimited, "_by_field", refuse)
+    plain = read_log(write(tmp_path), PAIR)
+    rows = [f"{k / 100:.2f};{FIRST[k]};{SECOND[k]}".replace(".", ",") for k in range(COUNT)]
+    comma = read_log(write(tmp_path, "time_s;driving_counts;driven_counts", rows), PAIR)
+    np.testing.assert_array_equal(comma.time, plain.time)
+    with pytest.raises(AssertionError, match="field by field"):
+        read_log(write(tmp_path, rows=['"0,00",0,0', '"0,01",1,1', '"0,02",2,2']), PAIR)
 
-    parsing = seconds(lambda: np.loadtxt(path, delimiter=",", skiprows=1))
-    assert len(read_log(path, PAIR)) == 90_000
-    assert seconds(lambda: read_log(path, PAIR)) < 4 * parsing
+
+def test_a_cut_last_line_is_noted(tmp_path):
+    path = write(tmp_path)
+    path.write_bytes(path.read_bytes()[:-8])
+    log = read_log(path, PAIR)
+    assert len(log) == COUNT - 1
+    assert log.notes == (f"the last line ({COUNT + 1}) is cut off and left out",)
+    path.write_text(path.read_text()[: -len("1.98")])
+    assert read_log(path, PAIR).notes == log.notes
+
+
+def test_mixed_line_ends_marks_and_blank_ends(tmp_path):
+    plain = read_log(write(tmp_path), PAIR)
+    lines = (tmp_path / "log.csv").read_text().splitlines()
+    ends = ["\r\n", "\n", "\r"]
+    text = "".join(line + ends[k % 3] for k, line in enumerate(lines)) + "\r\n \r\n"
+    for encoding in ("utf-8", "utf-8-sig", "cp1252", "utf-16", "utf-16-le"):
+        path = tmp_path / f"{encoding}.csv"
+        path.write_bytes(text.encode(encoding))
+        log = read_log(path, PAIR)
+        np.testing.assert_array_equal(log.driving.reading, plain.driving.reading)
+        assert len(log.notes) == (encoding == "utf-16-le")
+
+
+def test_thousands(tmp_path):
+    plain = read_log(write(tmp_path), PAIR)
+    for mark, decimal in ((",", "."), (".", ","), ("'", None), ("\u202f", None)):
+        rows = [f"0,{k:03d};{f'{FIRST[k]:,}'.replace(',', mark)};{SECOND[k]}" for k in range(COUNT)]
+        if decimal == ".":
+            rows = [row.replace("0,", "0.", 1) for row in rows]
+        path = write(tmp_path, "time_s;driving_counts;driven_counts", rows)
+        log = read_log(path, PAIR, decimal=decimal)
+        np.testing.assert_array_equal(log.driving.reading, plain.driving.reading)
+
+
+def test_numbers_of_columns_without_a_header(tmp_path):
+    rows = [f"{k / 100:.2f},{FIRST[k]},{SECOND[k]}" for k in range(1, COUNT)]
+    path = write(tmp_path, f"0.00,{FIRST[0]},{SECOND[0]}", rows)
+    pair = spec(time="#1", driving="#2", unit={"driving": "counts", "driven": "counts"})
+    log = read_log(path, pair, columns={"driven": "#3"})
+    np.testing.assert_array_equal(log.driving.reading, FIRST)
+    assert log.time[1] == 0.01
+    with pytest.raises(LogError, match="without a header"):
+        read_log(path, PAIR)
+    with pytest.raises(LogError, match="no column driven_"):
+        read_log(path, pair)
+
+
+def test_row_numbers(tmp_path):
+    path = write(tmp_path)
+    pair = spec(driving="#row", driving_encoder={"counts_per_rev": 200}, unit={"driving": "counts"})
+    log = read_log(path, pair)
+    assert log.driving.reading.dtype == np.int64
+    np.testing.assert_array_equal(log.driving.reading, np.arange(COUNT))
+    assert read_log(path, PAIR, columns={"time": "#row"}).time[-1] == COUNT - 1
+
+
+def nested(tmp_path, **arrays):
+    path = tmp_path / "log.mat"
+    counts = {"driving_counts": FIRST, "driven_counts": SECOND, "time_s": np.arange(COUNT) / 100}
+    savemat(path, {"rec": counts | arrays})
+    return path
+
+
+def test_nested_file(tmp_path):
+    log = read_log(nested(tmp_path), PAIR)
+    np.testing.assert_array_equal(log.driving.reading, FIRST)
+    assert log.driving.reading.dtype == np.int64
+    assert log.time[1] == 0.01 and log.notes == ()
+    assert log.sha256 == hashlib.sha256((tmp_path / "log.mat").read_bytes()).hexdigest()
+
+
+@pytest.mark.parametrize(
+    ("arrays", "columns", "where", "words"),
+    [
+        (
+            {"driven_counts": SECOND[:-1]},
+            {},
+            "column `rec.driven_counts`",
+            "199 values, but column `rec.driving_counts` has 200",
+        ),
+        (
+            {"time_s": np.append(np.arange(COUNT - 1.0), np.nan)},
+            {},
+            "sample 199, column `rec.time_s`",
+            "nan",
+        ),
+        ({}, {"driving": "motor_deg"}, "log.mat", "no column motor_deg; the log has rec."),
+        ({}, {"driving": "#1"}, "log.mat", "no column #1; arrays are asked for by name"),
+    ],
+)
+def test_bad_nested_files(tmp_path, arrays, columns, where, words):
+    with pytest.raises(LogError) as caught:
+        read_log(nested(tmp_path, **arrays), PAIR, columns=columns)
+    assert where in caught.value.where and words in caught.value.message, caught.value
+
+
+def test_matlab_log_of_a_robot_is_the_table_made_of_it(data_dir):
+    folder = data_dir / "kuka_kr300"
+    exact, printed = "7/1798", {"time": "t_s", "driving_scale": "1798/7"}
+    text = drive(exact, driving="mot1_deg", driven="se1_deg", torque="tau1_Nm", **printed)
+    names = {"driving": "act_pos_mot_deg(1,:)", "driven": "rec.act_pos_se_deg(1, :)"}
+    layout = names | {"torque": "act_torque_abs_nm(1,:)", "driving_scale": "1798/7"}
+    csv = read_log(folder / "kr300_A_axes123.csv", text)
+    for time in ({"time": "rec.time_cont"}, {"sample_rate_hz": 250.0}):
+        mat = read_log(folder / "kr300_A.mat", drive(exact, **layout, **time))
+        np.testing.assert_allclose(mat.time, csv.time, rtol=0, atol=5e-4)
+        assert mat.driven is not None and csv.driven is not None
+        assert mat.torque is not None and csv.torque is not None
+        np.testing.assert_allclose(mat.driving.reading, csv.driving.reading, rtol=0, atol=5.1e-8)
+        np.testing.assert_allclose(mat.driven.reading, csv.driven.reading, rtol=0, atol=5.1e-8)
+        np.testing.assert_allclose(mat.torque, csv.torque, rtol=0, atol=5.1e-5)
+    with pytest.raises(
+        LogError, match=r"6 columns fit `act_pos_mot_deg` \(rec.act_pos_mot_deg\(1…6"
+    ):
+        read_log(folder / "kr300_A.mat", drive(exact, **layout | {"driving": "act_pos_mot_deg"}))
+
+
+def test_calibration_table_of_an_encoder(data_dir):
+    layout = {"driving": "#1", "driven": "#row", "sample_rate_hz": 1000.0}
+    pair = parse_pair_spec(
+        {
+            "drive": {"ratio": "1"},
+            "driven": {"encoder": {"counts_per_rev": 16384}},
+            "log": layout,
+            "unit": {"driving": "deg", "driven": "counts"},
+        }
+    )
+    log = read_log(data_dir / "as5047" / "lookup_01.csv", pair)
+    assert len(log) == 16384 and log.driving.wraps == 1
+    # By hand: unwrap, take the mean off, and the first order of what is left.
+    angle = np.loadtxt(data_dir / "as5047" / "lookup_01.csv")
+    wave = np.exp(-2j * np.pi * np.arange(16384) / 16384)
+    error = np.unwrap(angle, period=360) - np.arange(16384) * 360 / 16384
+    first = 2 * abs(np.mean((error - error.mean()) * wave))
+    found = -log.transmission_error / DEG
+    assert 2 * abs(np.mean((found - found.mean()) * wave)) == pytest.approx(first, rel=1e-9)
+    assert 0.008 < first < 0.47
 
 
 def test_measured_logs(data_dir):

@@ -35,6 +35,28 @@ def test_encodings_given_and_assumed(tmp_path):
         read_text(path, "klingon")
 
 
+@pytest.mark.parametrize("encoding", ["utf-16-le", "utf-16-be"])
+def test_utf_16_without_a_mark(tmp_path, encoding):
+    data = "time_s,a\n0,1\n".encode(encoding)
+    text, _, notes = read_text(write(tmp_path, data), None)
+    assert text == "time_s,a\n0,1\n"
+    assert notes == (f"UTF-16 without a byte-order mark, read as {encoding}",)
+    assert read_text(write(tmp_path, data), encoding)[2] == ()
+
+
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le"])
+def test_utf_16_cut_off_within_a_character(tmp_path, encoding):
+    path = write(tmp_path, "a\n12".encode(encoding)[:-1])
+    assert read_text(path, encoding)[0] == "a\n1"
+    assert read_text(path, None)[0] == "a\n1"
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-16-le", "utf-16-be"])
+def test_a_mark_the_given_encoding_keeps_is_taken_off(tmp_path, encoding):
+    path = write(tmp_path, ("\ufeff" + TEXT).encode(encoding))
+    assert read_text(path, encoding)[0] == TEXT
+
+
 def test_line_endings(tmp_path):
     assert read_text(write(tmp_path, b"a\r\nb\rc\n"), None)[0] == "a\nb\nc\n"
 
@@ -46,8 +68,8 @@ def test_line_endings(tmp_path):
         ("log.csv", b" \n\n", "empty"),
         ("log.csv", b"time\0\1\2", "binary"),
         ("log.csv", b"\x81\x8d\x8f", "binary"),
-        ("log.mat", b"MATLAB", "only text logs"),
-        ("log.h5", b"HDF", "only text logs"),
+        ("log.csv", b"t\0,\0a\0\0\0", "binary"),
+        ("log.csv", bytes(range(256)), "binary"),
         ("log.TDMS", b"TDSm", "only text logs"),
     ],
 )

@@ -91,6 +91,12 @@ def test_no_modulus_in_continuous_counts(reading):
     assert find_modulus(reading, 90_000) is None
 
 
+def test_a_wild_reading_feigns_no_huge_counter():
+    reading = np.arange(0, 500_000, 45)
+    reading[70] = -(2**60)
+    assert find_modulus(reading, 90_000) is None
+
+
 def test_single_turn_angles():
     true = np.arange(0, 2000, 7.3)
     assert find_modulus(true % 360, 360.0) == 360.0

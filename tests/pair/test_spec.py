@@ -64,6 +64,8 @@ def test_every_other_key(write):
         direction="way",
         axial_mm="shift",
         torque="torque",
+        speed="motor_rpm",
+        acceleration="motor_rad_per_s2",
         decimal=",",
         delimiter=";",
         encoding="latin-1",

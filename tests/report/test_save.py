@@ -9,7 +9,7 @@ from vttig_jax.kinematics.backlash_map import BacklashMap
 from vttig_jax.report.plot import plot
 from vttig_jax.report.save import figures, png, save_figures
 
-NAMES = ["te_fit.png", "orders.png", "backlash_map.png"]
+NAMES = ["te_fit.png", "orders.png", "residual.png", "backlash_map.png"]
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +43,7 @@ def test_the_bytes_hold_no_date_and_no_version(make_curve):
 
 
 def test_without_a_map_its_picture_is_left_out(worm_fit):
-    assert list(figures(worm_fit, None)) == NAMES[:2]
+    assert list(figures(worm_fit, None)) == NAMES[:3]
 
 
 def test_files_are_what_was_drawn(make_fit, grid, drawn, tmp_path):
@@ -77,4 +77,4 @@ def test_a_real_log_of_one_direction_can_be_drawn(data_dir, tmp_path):
     fit = vttig_jax.fit(log, pair)
     with pytest.raises(NoAnswerError):
         backlash_map(fit)
-    assert list(figures(fit, None)) == NAMES[:2]
+    assert list(figures(fit, None)) == NAMES[:3]

@@ -165,7 +165,8 @@ def _write(
 
     spec = pair_spec(rig.pair)
     data = log_csv(log)
-    run = Run(out / "log.csv", spec, {}, hashlib.sha256(data.encode()).hexdigest())
+    digest = hashlib.sha256(data.encode()).hexdigest()
+    run = Run((out / "log.csv",), spec, sha256=(digest,))
     with RunFolder(out, overwrite=overwrite, results=("fit.json",)) as folder:
         folder.write_text("log.csv", data)
         folder.write_toml("pair.toml", spec_table(spec))

@@ -1,16 +1,22 @@
-"""`vttig fit`: from a log to parameters, and to a run folder."""
+"""`vttig fit`: from logs to parameters, and to a run folder."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+from click.core import ParameterSource
 
 from ..base.errors import NoAnswerError, UsageError
-from .options import POSITIVE, verb
+from .log_options import log_options
+from .model_options import model_options
+from .options import verb
 from .output import LOGGER, Output
 from .run_file import Run, read_run, require_same_data
+from .run_options import RunOptions
 
 if TYPE_CHECKING:
+    from ..identify.parameters import Parameter
     from ..identify.result import Fit
 
 
@@ -19,10 +25,12 @@ if TYPE_CHECKING:
     example="""
 vttig fit log.csv --pair pair.toml
 vttig fit log.csv --pair pair.toml --out run --require constant_backlash_deg
+vttig fit monday.csv friday.csv --pair pair.toml --loss bisquare --regressor torque
+vttig fit log.mat --pair pair.toml --column "driving=rec.pos_deg(1,:)" --sample-rate 250
 vttig fit --run run/run.toml
 """,
 )
-@click.argument("log", required=False, type=click.Path(path_type=Path))
+@click.argument("logs", metavar="[LOG]...", nargs=-1, type=click.Path(path_type=Path))
 @click.option("--pair", type=click.Path(path_type=Path), help="TOML file of the gear pair.")
 @click.option(
     "--run", "run_path", type=click.Path(path_type=Path), help="Repeat the run of this run.toml."
@@ -30,35 +38,43 @@ vttig fit --run run/run.toml
 @click.option("--out", type=click.Path(path_type=Path), help="Run folder to write.")
 @click.option("--overwrite", is_flag=True, help="Replace the fit that is in --out.")
 @click.option("--no-figures", is_flag=True, help="Leave the pictures out of the run folder.")
-@click.option("--column", "columns", multiple=True, help="ROLE=NAME of a column; repeatable.")
-@click.option("--decimal", type=click.Choice([".", ","]), help="Decimal mark of the log.")
-@click.option("--sample-rate", type=POSITIVE, help="Sampling rate in Hz of a log without time.")
-@click.option("--flank", type=click.Choice(["A", "B"]), help="Use one flank only.")
-@click.option("--perfect-encoders", is_flag=True, help="Fit no encoder eccentricity.")
 @click.option(
-    "--drift-order",
-    type=click.IntRange(0, 6),
-    help="Highest power of time; by default 0, 1 or 2, whichever the log asks for.",
+    "--backlash-readings",
+    "readings",
+    type=click.Path(path_type=Path),
+    help="CSV of driving_deg,backlash_deg (gear 1 held, gear 2 rocked) to check the fit against.",
 )
 @click.option("--require", multiple=True, help="Exit with 4 unless this parameter is determined.")
+@log_options
+@model_options
 def command(
     output: Output,
-    log: Path | None,
+    logs: tuple[Path, ...],
     pair: Path | None,
     run_path: Path | None,
     out: Path | None,
     overwrite: bool,
     no_figures: bool,
+    readings: Path | None,
     require: tuple[str, ...],
     **options: Any,
 ) -> None:
     """Identify the eccentricity and phase of both gears and the backlash from LOG.
 
-    LOG is a text file (CSV, TSV) with time and two encoder channels, or with one angle and the
-    transmission error. Nothing is written without --out.
+    LOG is a text file (CSV, TSV), a MATLAB file or an HDF5 file with time and two encoder channels,
+    or with one angle and the transmission error. Several logs of one rig are fitted together: they
+    share eccentricities, orders, backlash and delay. Nothing is written without --out.
     """
-    run = _resolve(log, pair, run_path, options)
-    result, run = perform(run, output)
+    if out is None and (overwrite or no_figures):
+        name = "--overwrite" if overwrite else "--no-figures"
+        raise UsageError(
+            f"{name} says how to write a run folder; give one with --out, or leave it."
+        )
+    if run_path is None:
+        run = _resolve(logs, pair, readings, RunOptions(**options))
+    else:
+        run = _repeated(run_path, options)
+    result, run = perform(run)
     _check_names(result, require)
     if out is not None:
         write_run(result, run, out, overwrite=overwrite, with_figures=not no_figures)
@@ -69,7 +85,11 @@ def command(
         raise NoAnswerError(_FAILURES[result.outcome], where=result.source)
 
 
-_FOLLOWING = ("map.csv", "map.json", "figures/backlash_map.png")
+_FOLLOWING = (
+    "map.csv",
+    "map.json",
+    *(f"figures/{name}.png" for name in ("te_fit", "orders", "residual", "backlash_map")),
+)
 """What an older fit may have left that a new one makes untrue."""
 
 _FAILURES = {
@@ -77,35 +97,44 @@ _FAILURES = {
     "not_determined": "the log determines no parameter; the reasons are listed above.",
 }
 
+ON_REQUEST = {
+    "torque_arcsec_per_unit": "--regressor torque",
+    "acceleration_arcsec_s2_per_rad": "--regressor acceleration",
+    "speed_s": "--regressor speed",
+    "ratio": "--free-ratio",
+}
+"""Parameters that are certain to be fitted only with an option."""
 
-def perform(run: Run, output: Output) -> tuple["Fit", Run]:
-    """Fit the log of a run; returns the fit and the run with the hash of its log."""
+
+def perform(run: Run) -> tuple["Fit", Run]:
+    """Fit the logs of a run; returns the fit and the run with the hashes of its logs.
+
+    **Raises** `UsageError` where two logs are the same file or copies of one.
+    """
     import vttig_jax
 
     from ..identify.fit import fit
     from ..logs.read import read_log
+    from ..logs.readings import read_backlash_readings
     from ..pair.gears import pair_from_spec
 
     vttig_jax.enable_x64()
-    o = run.options
-    columns = dict(_role_and_name(text) for text in o.get("columns") or ())
     pair = pair_from_spec(run.spec)
-    log = read_log(
-        run.log,
-        pair,
-        columns=columns,
-        decimal=o.get("decimal"),
-        sample_rate_hz=o.get("sample_rate"),
-    )
-    LOGGER.info("read %d samples from %s", len(log), run.log)
-    result = fit(
-        log,
-        pair,
-        flank=o.get("flank"),
-        encoder_terms=not o.get("perfect_encoders", False),
-        drift_order=o.get("drift_order"),
-    )
-    return result, Run(run.log, run.spec, run.options, log.sha256)
+    logs = []
+    first: dict[str, Path] = {}
+    for path in run.logs:
+        log = read_log(path, pair, **run.options.reading())
+        if (other := first.setdefault(log.sha256, path)) is not path:
+            seen = "given twice" if other == path else f"the same data as {other}"
+            raise UsageError(f"{seen}; give every log once.", where=str(path))
+        run.options.check_drift(log)
+        logs.append(log)
+    readings = None
+    if run.readings is not None:
+        readings = read_backlash_readings(run.readings, decimal=run.options.decimal)
+    result = fit(logs, pair, readings=readings, **run.options.fitting())
+    digest = "" if readings is None else readings.sha256
+    return result, replace(run, sha256=tuple(first), readings_sha256=digest)
 
 
 def write_run(result: "Fit", run: Run, out: Path, *, overwrite: bool, with_figures: bool) -> None:
@@ -135,44 +164,56 @@ def run_figures(result: "Fit") -> dict[str, bytes]:
 
 
 def _resolve(
-    log: Path | None, pair: Path | None, run_path: Path | None, options: dict[str, Any]
+    logs: tuple[Path, ...], pair: Path | None, readings: Path | None, options: RunOptions
 ) -> Run:
+    """The run that the command line asks for."""
     from ..pair.spec import load_pair_spec
 
-    if run_path is not None:
-        given = [name for name, value in options.items() if value]
-        if log is not None or pair is not None or given:
-            raise UsageError(
-                "--run repeats a run as it was: give no LOG, no --pair and no option of the fit"
-                " beside it."
-            )
-        run = read_run(run_path)
-        require_same_data(run)
-        return run
-    if log is None or pair is None:
-        missing = "LOG" if log is None else "--pair"
+    if not logs or pair is None:
+        missing = "--pair" if logs else "LOG"
         raise UsageError(f"{missing} is missing; see `vttig fit --help`.")
-    return Run(log, load_pair_spec(pair), options | {"columns": list(options["columns"])})
+    options.check(len(logs), readings=readings is not None)
+    return Run(logs, load_pair_spec(pair), options, readings=readings)
 
 
-def _role_and_name(text: str) -> tuple[str, str]:
-    role, equals, name = text.partition("=")
-    if not equals or not name:
-        raise UsageError(f"--column takes ROLE=NAME, but got {text!r}.")
-    return role, name
+def _repeated(path: Path, options: dict[str, Any]) -> Run:
+    """The run of a `run.toml`, if nothing else is asked for beside it."""
+    context = click.get_current_context()
+    given = [
+        "LOG"
+        if parameter.name == "logs"
+        else "/".join([parameter.opts[0], *parameter.secondary_opts])
+        for parameter in context.command.params
+        if parameter.name in {"logs", "pair", "readings", *options}
+        and context.get_parameter_source(parameter.name) is not ParameterSource.DEFAULT
+    ]
+    if given:
+        raise UsageError(
+            f"--run repeats a run as it was; leave out {' and '.join(given)}, or leave out --run."
+        )
+    run = read_run(path)
+    require_same_data(run)
+    return run
 
 
 def _check_names(result: "Fit", names: tuple[str, ...]) -> None:
     for name in names:
-        if name not in result.parameters:
-            known = ", ".join(result.parameters)
+        if name in ON_REQUEST and name not in _named(result):
+            raise UsageError(f"--require {name}: it was not fitted; add {ON_REQUEST[name]}.")
+        if name not in _named(result):
+            known = ", ".join(_named(result))
             raise UsageError(f"--require {name}: no such parameter; there are {known}.")
 
 
 def _check_required(result: "Fit", names: tuple[str, ...]) -> None:
     for name in names:
-        parameter = result.parameters[name]
+        parameter = _named(result)[name]
         if not parameter.determined:
             raise NoAnswerError(
                 f"{name} is required but undetermined: {parameter.reason}.", where=result.source
             )
+
+
+def _named(result: "Fit") -> dict[str, "Parameter"]:
+    """Parameters and regressors by name."""
+    return result.parameters | {one.name: one for one in result.regressors}

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import click
 
-from ..logs.columns import ROLES
-from .options import POSITIVE, verb
+from .log_options import log_options, roles_of
+from .options import verb
 from .output import Output
 
 
@@ -20,20 +20,7 @@ from .output import Output
     type=click.Path(path_type=Path),
     help="TOML of the pair or drive; without it only what the columns show by themselves.",
 )
-@click.option(
-    "--column",
-    "columns",
-    multiple=True,
-    metavar="ROLE=NAME",
-    help=f"Name the column of a role ({', '.join(ROLES)}); may be repeated.",
-)
-@click.option("--decimal", type=click.Choice([".", ","]), help="Decimal mark of the log.")
-@click.option(
-    "--sample-rate",
-    type=POSITIVE,
-    metavar="HZ",
-    help="Samples per second of a log without a time column.",
-)
+@log_options
 def command(
     output: Output,
     log: Path,
@@ -48,7 +35,7 @@ def command(
     from ..logs.read import read_log
     from ..pair.spec import load_pair_spec
 
-    named = _roles(columns)
+    named = roles_of(columns)
     if pair is None:
         report = preview_log(log, columns=named, decimal=decimal, sample_rate_hz=sample_rate)
     else:
@@ -56,19 +43,3 @@ def command(
         read = read_log(log, spec, columns=named, decimal=decimal, sample_rate_hz=sample_rate)
         report = inspect_log(read, spec)
     output.emit(report.to_json(), report)
-
-
-def _roles(columns: tuple[str, ...]) -> dict[str, str]:
-    """`role=name` options as a mapping."""
-    named: dict[str, str] = {}
-    for option in columns:
-        role, equals, name = option.partition("=")
-        if not equals or not name or role not in ROLES:
-            raise click.BadParameter(
-                f"{option!r} must be ROLE=NAME with a role of {', '.join(ROLES)}.",
-                param_hint="--column",
-            )
-        if role in named:
-            raise click.BadParameter(f"`{role}` is named twice.", param_hint="--column")
-        named[role] = name
-    return named

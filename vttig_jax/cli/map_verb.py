@@ -26,7 +26,7 @@ COLUMNS = ("driving_deg", "backlash_deg", "backlash_mm", "axial_mm", "backlash_f
     type=POSITIVE,
     help="Driving turns to cover; the hunting period by default, 200 000 rows at most.",
 )
-@click.option("--constant-backlash-deg", type=Finite(), help="Replaces the fitted one.")
+@click.option("--constant-backlash-deg", type=Finite(min=0), help="Replaces the fitted one.")
 @click.option("--out", type=click.Path(path_type=Path), help="CSV to write, with a JSON beside it.")
 @click.option("--overwrite", is_flag=True, help="Replace files that exist.")
 def command(

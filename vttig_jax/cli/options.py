@@ -24,6 +24,10 @@ class Finite(click.FloatRange):
             self.fail(f"{value!r} is not a finite number.", param, ctx)
         return number
 
+    def _describe_range(self) -> str:
+        """Nothing where any finite number will do; click would print `x<=None`."""
+        return "" if self.min is None and self.max is None else super()._describe_range()
+
 
 POSITIVE = Finite(min=0, min_open=True)
 

@@ -7,9 +7,12 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+import msgspec
+
 from ..base.errors import InputError, UsageError
 from ..base.runfolder import data_sha256
 from ..pair.spec import PairSpec, parse_pair_spec, spec_table
+from .run_options import RunOptions
 
 SCHEMA = "vttig.run/1"
 _PACKAGES = ("vttig-jax", "jax", "jaxlib", "equinox", "optimistix", "numpy", "scipy")
@@ -20,26 +23,34 @@ class Run:
     """One call of `vttig fit`, resolved.
 
     **Arguments**
-    - `log`: the log file; `spec`: the pair file it was read with.
-    - `options`: the options of the fit, all of them, by name.
-    - `sha256`: of the log; empty before it was read.
+    - `logs`: the log files; `spec`: the pair file they were read with.
+    - `options`: the options of the fit.
+    - `sha256`: of every log; empty before they were read.
+    - `readings`, `readings_sha256`: file of backlash readings, where there is one.
     """
 
-    log: Path
+    logs: tuple[Path, ...]
     spec: PairSpec
-    options: dict[str, Any] = field(default_factory=dict)
-    sha256: str = ""
+    options: RunOptions = field(default_factory=RunOptions)
+    sha256: tuple[str, ...] = ()
+    readings: Path | None = None
+    readings_sha256: str = ""
 
     def table(self, folder: Path) -> dict[str, Any]:
-        """The TOML table; the log is named relative to the run folder."""
+        """The TOML table; the logs are named relative to the run folder."""
+        base = folder.resolve()
+        data: dict[str, Any] = {
+            "logs": [_relative(log, base) for log in self.logs],
+            "sha256": list(self.sha256),
+        }
+        if self.readings is not None:
+            data["readings"] = _relative(self.readings, base)
+            data["readings_sha256"] = self.readings_sha256
         return {
             "schema": SCHEMA,
             "versions": {name: version(name) for name in _PACKAGES},
-            "data": {
-                "log": Path(os.path.relpath(self.log.resolve(), folder.resolve())).as_posix(),
-                "sha256": self.sha256,
-            },
-            "options": {name: value for name, value in self.options.items() if value is not None},
+            "data": data,
+            "options": self.options.table(),
             "pair_file": spec_table(self.spec),
         }
 
@@ -64,19 +75,59 @@ def read_run(path: Path) -> Run:
             where=str(path),
         )
     try:
-        data = table["data"]
+        logs, digests = _data(table["data"])
         spec = parse_pair_spec(table["pair_file"], f"{path}: pair_file")
-        return Run(path.parent / data["log"], spec, table["options"], data["sha256"])
+        options = msgspec.convert(table["options"], RunOptions)
+        readings = table["data"].get("readings")
+        options.check(len(logs), readings=readings is not None)
     except (KeyError, TypeError) as error:
         raise InputError(f"the entry {error} is missing or damaged.", where=str(path)) from None
+    except msgspec.ValidationError as error:
+        raise InputError(f"its options are damaged: {error}.", where=str(path)) from None
+    except UsageError as error:
+        raise InputError(f"its options are damaged: {error.message}", where=str(path)) from None
+    places = tuple(_place(path.parent / log) for log in logs)
+    if readings is None:
+        return Run(places, spec, options, digests)
+    digest = str(table["data"].get("readings_sha256", ""))
+    return Run(places, spec, options, digests, _place(path.parent / str(readings)), digest)
 
 
 def require_same_data(run: Run) -> None:
-    """Refuse to repeat a run whose log has changed since."""
-    if not run.log.is_file():
-        raise InputError("the log of this run is no longer there.", where=str(run.log))
-    if run.sha256 != data_sha256([run.log])[0]:
-        raise InputError(
-            "this log has changed since the run (its SHA-256 differs); fit it anew with --pair.",
-            where=str(run.log),
-        )
+    """Refuse to repeat a run of which a log or the readings have changed since."""
+    files = [("log", log, digest) for log, digest in zip(run.logs, run.sha256, strict=True)]
+    if run.readings is not None:
+        files.append(("file of readings", run.readings, run.readings_sha256))
+    for kind, path, digest in files:
+        if not path.is_file():
+            raise InputError(f"the {kind} of this run is no longer there.", where=str(path))
+        if digest != data_sha256([path])[0]:
+            raise InputError(
+                f"this {kind} has changed since the run (its SHA-256 differs); fit it anew with"
+                " --pair.",
+                where=str(path),
+            )
+
+
+def _relative(path: Path, base: Path) -> str:
+    return Path(os.path.relpath(path.resolve(), base)).as_posix()
+
+
+def _place(log: Path) -> Path:
+    """The path without its detours, from the working folder where it lies below that."""
+    whole, here = log.resolve(), Path.cwd()
+    return whole.relative_to(here) if whole.is_relative_to(here) else whole
+
+
+def _data(table: dict[str, Any]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Names and digests of the logs.
+
+    **Raises** `KeyError` or `TypeError` naming what is missing or damaged.
+    """
+    for name in ("logs", "sha256"):
+        texts = table[name]
+        if not isinstance(texts, list) or not all(isinstance(text, str) for text in texts):
+            raise TypeError(f"data.{name}")
+    if not table["logs"] or len(table["logs"]) != len(table["sha256"]):
+        raise TypeError("data.sha256")
+    return tuple(table["logs"]), tuple(table["sha256"])

@@ -2,20 +2,20 @@
 
 A block mean of y = Xβ + ε is the mean of X times β plus the mean of ε, exactly, whatever the motion
 inside the block was. So averaging the regressors themselves loses nothing but frequencies above the
-block rate, shortens the log and whitens its noise.
+block rate, shortens the log and whitens its noise. The same holds for weighted means; a block of
+which the weights leave a share s counts with √s.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from ..base.sincos import sincos
 from ..base.units import REV
-from ..kinematics.orders import Term
+from .columns import Columns
 
 Samples = Float[np.ndarray, " n"]
 
@@ -23,32 +23,6 @@ _CHUNK_CELLS = 32_768
 """Terms times rows of a chunk: the sums of a chunk stay in cache."""
 
 _MOST_ROWS = 2048
-
-
-@dataclass(frozen=True)
-class BlockPlan:
-    """Columns of a block row: the free terms, 1, powers of time, the tied terms, and y.
-
-    **Arguments**
-    - `free`, `tied`: orders (n₁, n₂) of the harmonics, a cosine and a sine column each.
-    - `drift_order`: highest power of the scaled time (0: the constant only).
-    - `size`: samples in a block.
-    """
-
-    free: tuple[Term, ...]
-    tied: tuple[Term, ...]
-    drift_order: int
-    size: int
-
-    @property
-    def width(self) -> int:
-        """Number of columns, y included."""
-        return 2 * len(self.free) + 2 * len(self.tied) + self.drift_order + 2
-
-    @property
-    def tied_columns(self) -> int:
-        """Number of columns between the free ones and y."""
-        return self.width - 2 * len(self.free) - 1
 
 
 def block_size(samples_per_turn: float, highest_order: float) -> int:
@@ -62,29 +36,42 @@ def block_size(samples_per_turn: float, highest_order: float) -> int:
 
 
 def block_rows(
-    plan: BlockPlan,
+    columns: Columns,
+    size: int,
     driving_angle: Samples,
     driven_angle: Samples,
-    time: Samples,
+    own: Float[np.ndarray, "own n"],
     error: Samples,
+    weight: Samples | None = None,
 ) -> Float[np.ndarray, "blocks columns"]:
     """Block means of every column over one uninterrupted run; a last incomplete block is dropped.
 
-    Angles in rad, `time` scaled to O(1), `error` in any unit.
+    **Arguments**
+    - `columns`: the layout, of one log.
+    - `size`: samples in a block.
+    - `driving_angle`, `driven_angle`: rad.
+    - `own`: values of the log's own columns, the offset left out.
+    - `error`: y, in any unit.
+    - `weight`: of every sample, 0 … 1; all 1 when None.
     """
-    blocks = len(error) // plan.size
-    free = 2 * len(plan.free)
-    rows = np.empty((blocks, plan.width))
-    harmonics = np.delete(np.arange(plan.width - 1), slice(free, free + plan.drift_order + 1))
-    orders = np.asarray(plan.free + plan.tied, np.float64).reshape(-1, 2)
+    blocks = len(error) // size
+    rows = np.empty((blocks, columns.width))
+    own_columns = columns.own_slice
+    harmonics = np.delete(np.arange(columns.width - 1), own_columns)
+    orders = np.asarray(columns.free + columns.tied, np.float64).reshape(-1, 2)
     per_chunk = max(1, min(_CHUNK_CELLS // max(len(orders), 1), _MOST_ROWS))
-    for start, channels in _chunks(plan.size, per_chunk, blocks, driving_angle, driven_angle):
-        means = np.asarray(_chunk_means(orders, *channels)).T
-        rows[start : start + per_chunk, harmonics] = means[: blocks - start]
-    rows[:, free] = 1.0
-    for power in range(1, plan.drift_order + 1):
-        rows[:, free + power] = block_means(time**power, plan.size)
-    rows[:, -1] = block_means(error, plan.size)
+    channels = [driving_angle, driven_angle] + ([] if weight is None else [weight])
+    for start, tables in _chunks(size, per_chunk, blocks, channels):
+        sums = np.asarray(_chunk_sums(orders, size, *tables)).T
+        rows[start : start + per_chunk, harmonics] = sums[: blocks - start] / size
+    weighted = (lambda values: values) if weight is None else (lambda values: weight * values)
+    rows[:, own_columns.start] = 1.0 if weight is None else block_means(weight, size)
+    for place, values in enumerate(own, own_columns.start + 1):
+        rows[:, place] = block_means(weighted(values), size)
+    rows[:, -1] = block_means(weighted(error), size)
+    if weight is not None:
+        share = rows[:, own_columns.start].copy()
+        rows /= np.sqrt(np.where(share > 0, share, 1.0))[:, None]
     return rows
 
 
@@ -95,32 +82,39 @@ def block_means(channel: Samples, size: int) -> Float[np.ndarray, " blocks"]:
 
 
 def _chunks(
-    size: int, per_chunk: int, blocks: int, *channels: Samples
+    size: int, per_chunk: int, blocks: int, channels: list[Samples]
 ) -> Iterator[tuple[int, list[np.ndarray]]]:
-    """Cut channels into (size, per_chunk) tables, the last one padded with zeros.
+    """Cut channels into tables with a column a block, padded with zeros.
 
-    A block is a column: sums over it then run in vector lanes.
+    Sums over a column then run in vector lanes. The height is rounded up to a power of two, so that
+    logs of any speed share a few compilations.
     """
+    height = 1 << (size - 1).bit_length()
     for start in range(0, blocks, per_chunk):
         used = min(per_chunk, blocks - start)
         tables = []
         for channel in channels:
-            table = np.zeros((size, per_chunk))
-            table[:, :used] = channel[start * size : (start + used) * size].reshape(used, size).T
+            table = np.zeros((height, per_chunk))
+            table[:size, :used] = (
+                channel[start * size : (start + used) * size].reshape(used, size).T
+            )
             tables.append(table)
         yield start, tables
 
 
 @jax.jit
-def _chunk_means(
+def _chunk_sums(
     orders: Float[Array, "terms 2"],
-    driving: Float[Array, "size rows"],
-    driven: Float[Array, "size rows"],
+    size: int | Int[Array, ""],
+    driving: Float[Array, "height rows"],
+    driven: Float[Array, "height rows"],
+    weight: Float[Array, "height rows"] | None = None,
 ) -> Float[Array, "columns rows"]:
-    """Block means of cosine and sine of every term, the two of a term beside each other.
+    """Sums of cosine and sine of every term over the first `size` rows of the tables.
 
-    A loop over the samples of a block keeps the sums of all terms in cache and the blocks in vector
-    lanes; XLA's own reductions take half as long again and three times as long to compile.
+    The two of a term stand beside each other. A loop over the samples of a block keeps the sums of
+    all terms in cache and the blocks in vector lanes; XLA's own reductions take half as long again
+    and three times as long to compile.
     """
     # Whole turns go first, so that a multiple of the angle loses no digits to them.
     driving, driven = (angle - REV * jnp.round(angle / REV) for angle in (driving, driven))
@@ -128,8 +122,10 @@ def _chunk_means(
     def add(index, sums):
         phase = orders[:, :1] * driving[index] + orders[:, 1:] * driven[index]
         sine, cosine = sincos(phase)
+        if weight is not None:
+            sine, cosine = weight[index] * sine, weight[index] * cosine
         return sums[0] + cosine, sums[1] + sine
 
     zero = jnp.zeros((orders.shape[0], driving.shape[1]))
-    sums = jax.lax.fori_loop(0, driving.shape[0], add, (zero, zero))
-    return jnp.stack(sums, axis=1).reshape(-1, driving.shape[1]) / driving.shape[0]
+    sums = jax.lax.fori_loop(0, size, add, (zero, zero))
+    return jnp.stack(sums, axis=1).reshape(-1, driving.shape[1])

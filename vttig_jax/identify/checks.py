@@ -7,7 +7,6 @@ from jaxtyping import Float
 
 from ..base.units import DEG, REV
 from ..kinematics.te_curve import TECurve
-from ..logs.encoder_log import EncoderLog
 from ..logs.segments import Segment
 from ..pair.gears import Drive, GearPair
 
@@ -42,13 +41,17 @@ def closure(curves: tuple[TECurve, ...], pair: GearPair | Drive) -> dict | None:
     }
 
 
-def reversal_jumps(log: EncoderLog, segments: tuple[Segment, ...]) -> list[dict]:
+def reversal_jumps(
+    driving: Float[np.ndarray, " n"],
+    error: Float[np.ndarray, " n"],
+    segments: tuple[Segment, ...],
+) -> list[dict]:
     """Backlash seen at every reversal: TE on flank B less TE on flank A at the same driving angles.
 
-    Taken 1° to 6° before the turning point, where both passes are in contact on their own flank; in
-    degrees, with the driving angle at the middle of the window.
+    `driving` and `error` in rad, free of delay and wind-up: both turn with the motion and would
+    pass for a jump. Taken 1° to 6° before the turning point, where both passes are in contact on
+    their own flank; in degrees, with the driving angle at the middle of the window.
     """
-    driving, error = log.driving_angle, log.transmission_error
     jumps = []
     for before, after in pairwise(segments):
         if before.flank == after.flank:

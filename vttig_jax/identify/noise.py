@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from .autoregression import whitening_filter
+from ..base.autoregression import whitening_filter
+from .columns import OFFSET
 from .normal_equations import cholesky, residual_weights
 from .summary import FlankSummary, HarmonicSummary
 
@@ -75,25 +76,25 @@ class WhitenedFlank:
         return total
 
 
-def whiten(summary: HarmonicSummary) -> tuple[NoiseModel, tuple[WhitenedFlank, ...]]:
+def whiten(
+    summary: HarmonicSummary, variance_factor: float = 1.0
+) -> tuple[NoiseModel, tuple[WhitenedFlank, ...]]:
     """Estimate the noise and factor the normal matrices it whitens.
 
     Starts from ordinary least squares; then the autoregression of the residual, with its order by
-    BIC, and generalised least squares take turns.
+    BIC, and generalised least squares take turns. `variance_factor` is what a robust loss adds to
+    the variance.
     """
-    columns = summary.plan.width - 1
-    solved = _solved(summary, np.ones(1))
-    filter_ = _autoregression(summary.flanks, solved)
-    for _ in range(_REPEATS):
-        solved = _solved(summary, filter_)
-        filter_ = _autoregression(summary.flanks, solved)
+    columns = summary.columns.width - 1
+    filter_ = autoregression(summary)
+    solved = residual_rows(summary, filter_)
     order = len(filter_) - 1
     factors = [cholesky(flank.whitened(filter_)) for flank in summary.flanks]
-    rows = sum(flank.whitened_rows(order) for flank in summary.flanks)
+    rows = counted_share(summary) * sum(flank.whitened_rows(order) for flank in summary.flanks)
     left = sum(factor[-1, -1] ** 2 for factor in factors)
-    variance = left / max(rows - columns * len(summary.flanks), 1)
+    variance = variance_factor * left / max(rows - columns * len(summary.flanks), 1)
     scale = 1 / np.sqrt(variance) if variance > 0 else 1.0
-    free = 2 * len(summary.plan.free)
+    free = summary.columns.free_width
     noise = NoiseModel(
         -filter_[1:],
         float(np.sqrt(variance)),
@@ -103,17 +104,28 @@ def whiten(summary: HarmonicSummary) -> tuple[NoiseModel, tuple[WhitenedFlank, .
     return noise, tuple(WhitenedFlank(factor * scale, free) for factor in factors)
 
 
-def _solved(
+def autoregression(summary: HarmonicSummary) -> Float[np.ndarray, " taps"]:
+    """Whitening filter of what a linear fit leaves."""
+    filter_ = np.ones(1)
+    for _ in range(1 + _REPEATS):
+        solved = residual_rows(summary, filter_)
+        rows = sum(flank.rows for flank in summary.flanks)
+        filter_ = whitening_filter(_autocovariance(summary.flanks, solved), rows)
+    return filter_
+
+
+def residual_rows(
     summary: HarmonicSummary, filter_: Float[np.ndarray, " taps"]
 ) -> list[Float[np.ndarray, " q"]]:
     """The row of every flank that makes residuals, by generalised least squares."""
     return [residual_weights(flank.whitened(filter_)) for flank in summary.flanks]
 
 
-def misfit(summary: HarmonicSummary, filter_: Float[np.ndarray, " taps"]) -> float:
-    """Sum of squared innovations that a linear fit leaves under a given whitening filter."""
-    factors = [cholesky(flank.whitened(filter_)) for flank in summary.flanks]
-    return float(sum(factor[-1, -1] ** 2 for factor in factors))
+def counted_share(summary: HarmonicSummary) -> float:
+    """Share of the rows that the weights of a robust loss leave; 1 without weights."""
+    offsets = [summary.columns.index(OFFSET, log) for log in range(len(summary.columns.own))]
+    counted = sum(float(f.lag_products[0][k, k]) for f in summary.flanks for k in offsets)
+    return counted / max(summary.rows, 1)
 
 
 def _autocovariance(
@@ -131,11 +143,3 @@ def _autocovariance(
         total += np.einsum("i,lij,j->l", residual, flank.lag_products[:lags], residual)
         total[0] += _ROUNDING * flank.lag_products[0, -1, -1]
     return total / sum(flank.rows for flank in flanks)
-
-
-def _autoregression(
-    flanks: tuple[FlankSummary, ...], residuals: list[Float[np.ndarray, " q"]]
-) -> Float[np.ndarray, " taps"]:
-    """Whitening filter of the residual rows."""
-    rows = sum(flank.rows for flank in flanks)
-    return whitening_filter(_autocovariance(flanks, residuals), rows)

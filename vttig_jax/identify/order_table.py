@@ -4,10 +4,12 @@ from dataclasses import dataclass
 
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float
 
 from ..base.units import ARCSEC
 from ..kinematics.orders import OrderModel
 from ..pair.gears import Flank
+from .columns import OFFSET
 from .noise import WhitenedFlank
 from .parameters import polar_spread
 from .solve import Solution
@@ -31,7 +33,10 @@ class Order:
 
 
 def order_table(
-    summary: HarmonicSummary, whitened: tuple[WhitenedFlank, ...], solution: Solution
+    summary: HarmonicSummary,
+    whitened: tuple[WhitenedFlank, ...],
+    solution: Solution,
+    coefficients: list[Float[np.ndarray, " columns"]],
 ) -> tuple[Order, ...]:
     """Amplitude, standard error and phase of every harmonic of both shafts and of the mesh."""
     table = []
@@ -39,11 +44,11 @@ def order_table(
     for index, (flank, factor) in enumerate(zip(summary.flanks, whitened, strict=True)):
         jacobian = solution.jacobian[index]
         covariance = factor.covariance(jacobian @ solution.covariance @ jacobian.T)
-        values = np.concatenate([factor.free_given(solution.tied[index]), solution.tied[index]])
+        values = coefficients[index]
         for position, harmonic in enumerate(harmonics):
             if harmonic.shaft == "both":
                 continue
-            cosine = _cosine_column(summary, position)
+            cosine = summary.columns.cosine(position)
             # a sin(kφ + p): the sine column holds a cos p, the cosine column a sin p.
             cells = [cosine + 1, cosine]
             amplitude, std, phase_deg, _ = polar_spread(
@@ -64,18 +69,20 @@ def order_table(
 
 
 def fitted_model(
-    summary: HarmonicSummary, whitened: tuple[WhitenedFlank, ...], solution: Solution
+    summary: HarmonicSummary, coefficients: list[Float[np.ndarray, " columns"]]
 ) -> OrderModel:
-    """The order-complete flank model; a flank that was not measured holds NaN."""
+    """The order-complete flank model, with the offset of the first log.
+
+    A flank that was not measured holds NaN.
+    """
     harmonics = summary.terms.free + summary.terms.tied
     offset, cosine, sine = (
         np.full(shape, np.nan) for shape in ((2,), (2, len(harmonics)), (2, len(harmonics)))
     )
-    for index, (flank, factor) in enumerate(zip(summary.flanks, whitened, strict=True)):
+    for flank, values in zip(summary.flanks, coefficients, strict=True):
         side = "AB".index(flank.flank)
-        values = np.concatenate([factor.free_given(solution.tied[index]), solution.tied[index]])
-        columns = [_cosine_column(summary, position) for position in range(len(harmonics))]
-        offset[side] = values[2 * len(summary.terms.free)]
+        columns = [summary.columns.cosine(position) for position in range(len(harmonics))]
+        offset[side] = values[summary.columns.index(OFFSET)]
         cosine[side] = values[columns]
         sine[side] = values[[column + 1 for column in columns]]
     return OrderModel(
@@ -85,9 +92,3 @@ def fitted_model(
         cosine=jnp.asarray(cosine),
         sine=jnp.asarray(sine),
     )
-
-
-def _cosine_column(summary: HarmonicSummary, position: int) -> int:
-    """Column of a harmonic's cosine among (free, 1, drift, tied)."""
-    free = len(summary.terms.free)
-    return 2 * position + (0 if position < free else 1 + summary.plan.drift_order)

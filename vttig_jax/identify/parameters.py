@@ -1,7 +1,7 @@
 """From Cartesian parameters to what people quote: amplitudes, phases, intervals, upper limits."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -10,8 +10,11 @@ from ..base.angles import amplitude_phase
 from ..base.units import ARCSEC, DEG
 from .solve import Solution
 
-_NORMAL_95 = 1.959963984540054
-_SIGNIFICANT = 3.0
+NORMAL_95 = 1.959963984540054
+SIGNIFICANT = 3.0
+BELOW = "below three standard errors"
+ROUNDING = 1e-11
+"""Angles below this, rad, are rounding and never significant."""
 
 
 @dataclass(frozen=True)
@@ -34,6 +37,12 @@ class Parameter:
     significant: bool = False
     reason: str | None = None
     upper95: float | None = None
+
+    def moved(self, by: float) -> "Parameter":
+        """The same with `by` added to value and interval."""
+        if self.value is None or self.low95 is None or self.high95 is None:
+            return self
+        return replace(self, value=self.value + by, low95=self.low95 + by, high95=self.high95 + by)
 
     def to_json(self) -> dict:
         """Fields of the contract; `upper95` only where there is one."""
@@ -63,17 +72,17 @@ def scalar(solution: Solution, source: str, name: str, unit: str, scale: float) 
     index = solution.names.index(source)
     value = float(solution.values[index]) / scale
     std = math.sqrt(float(solution.covariance[index, index])) / scale
-    significant = abs(value) >= _SIGNIFICANT * std
+    significant = abs(value) >= max(SIGNIFICANT * std, ROUNDING / scale)
     return Parameter(
         name,
         unit,
         value,
         std,
-        value - _NORMAL_95 * std,
-        value + _NORMAL_95 * std,
+        value - NORMAL_95 * std,
+        value + NORMAL_95 * std,
         determined=True,
         significant=significant,
-        reason=None if significant else "below three standard errors",
+        reason=None if significant else BELOW,
     )
 
 
@@ -85,7 +94,7 @@ def polar(
     offset = solution.values[index] / scale
     spread = solution.covariance[np.ix_(index, index)] / scale**2
     amplitude, amplitude_std, phase_deg, phase_std_deg = polar_spread(offset, spread)
-    significant = amplitude >= _SIGNIFICANT * amplitude_std
+    significant = amplitude >= SIGNIFICANT * amplitude_std
     if not significant:
         reason = f"{names[0]} is below three standard errors"
         upper = _upper_limit(amplitude, spread)
@@ -123,7 +132,7 @@ def polar_spread(
 
 
 def _interval(name: str, unit: str, value: float, std: float) -> Parameter:
-    margin = _NORMAL_95 * std
+    margin = NORMAL_95 * std
     return Parameter(
         name, unit, value, std, value - margin, value + margin, determined=True, significant=True
     )

@@ -10,24 +10,34 @@ from jaxtyping import Array, Float
 from ..base.arrays import Numbers
 from ..kinematics.exact import ExactModel
 from ..pair.gears import Flank, GearPair
+from .columns import OFFSET, Columns
+from .own_terms import own_parameters
 from .terms import SECOND_ORDER, TermPlan
+
+_FIRST = ((1, 0), (0, 1))
 
 _GRID = 8
 """Points a turn on the torus of both shaft angles: exact for orders below 4, e⁶ alias."""
 
 
 class Relation(eqx.Module):
-    """Coefficients of the tied columns (1, time, …, cosines and sines) as a function of parameters.
+    """Coefficients of the tied columns (own and tied of every flank) as a function of parameters.
 
     Parameters are a flat vector named by `names`: lengths in mm, angles in rad, eccentricities and
-    encoder errors in Cartesian form (x + jy = amplitude · exp(j phase)).
+    encoder errors in Cartesian form (x + jy = amplitude · exp(j phase)). Those in front are linear:
+    coefficients = `linear` · parameters + what a subclass adds.
     """
 
     names: eqx.AbstractVar[tuple[str, ...]]
+    linear: eqx.AbstractVar[Float[Numbers, "p flanks tied"]]
 
     @abstractmethod
     def coefficients(self, parameters: Float[Array, " p"]) -> Float[Array, "flanks tied"]:
         """Tied coefficients of every measured flank, rad."""
+
+    def linear_part(self, parameters: Float[Array, " p"]) -> Float[Array, "flanks tied"]:
+        """Offsets, drift, delay, regressors, and everything else that only scales a column."""
+        return jnp.einsum("p,pft->ft", parameters[: self.linear.shape[0]], self.linear)
 
 
 class PairRelation(Relation):
@@ -39,12 +49,11 @@ class PairRelation(Relation):
 
     names: tuple[str, ...] = eqx.field(static=True)
     flanks: tuple[Flank, ...] = eqx.field(static=True)
+    linear: Float[Numbers, "p flanks tied"]
     ratio: Float[Numbers, ""]
     centre_distance: Float[Numbers, ""]
     base_sum: Float[Numbers, "2"]
     basis: Float[Numbers, "tied grid"]
-    encoder_columns: Float[Numbers, "4 tied"]
-    drift_columns: Float[Numbers, "drift tied"]
 
     def coefficients(self, parameters: Float[Array, " p"]) -> Float[Array, "flanks tied"]:
         """Tied coefficients of every measured flank, rad."""
@@ -60,91 +69,75 @@ class PairRelation(Relation):
             offset=jnp.zeros(2),
         )
         driving, driven = (jnp.asarray(angle) for angle in torus())
-        encoders = jnp.stack(
-            [
-                -self.ratio * get("driving_encoder_y"),
-                -self.ratio * get("driving_encoder_x"),
-                get("driven_encoder_y"),
-                get("driven_encoder_x"),
-            ]
-        )
-        common = encoders @ self.encoder_columns + drift_part(value, self.drift_columns)
         sides = np.array(["AB".index(flank) for flank in self.flanks])
         senses = np.where(sides == 0, 1.0, -1.0)[:, None]
         turned = model.turned(driving, driven, self.base_sum[sides][:, None], senses)
-        offset = get("offset") + sides * get("constant_backlash")
-        return (turned + offset[:, None]) @ self.basis.T + common
+        return turned @ self.basis.T + self.linear_part(parameters)
 
 
-class DriveRelation(Relation):
-    """First orders of a drive without geometry: a part common to both flanks and one that differs.
-
-    The common part is what the amplitudes of a drive state; half the difference is added on flank B
-    and taken away on flank A, so that it is the variable backlash.
-    """
+class LinearRelation(Relation):
+    """Every parameter scales a column: a drive without geometry, or encoders on perfect gears."""
 
     names: tuple[str, ...] = eqx.field(static=True)
-    flanks: tuple[Flank, ...] = eqx.field(static=True)
-    first_columns: Float[Numbers, "4 tied"]
-    drift_columns: Float[Numbers, "drift tied"]
+    linear: Float[Numbers, "p flanks tied"]
 
     def coefficients(self, parameters: Float[Array, " p"]) -> Float[Array, "flanks tied"]:
         """Tied coefficients of every measured flank, rad."""
-        value = dict(zip(self.names, parameters, strict=True))
-        zero = jnp.zeros(())
-        get = lambda name: value.get(name, zero)  # noqa: E731
-        axes = ("driving_y", "driving_x", "driven_y", "driven_x")
-        shared = jnp.stack([get(name) for name in axes])
-        difference = jnp.stack([get(f"{name}_difference") for name in axes])
-        constant = jnp.zeros(self.first_columns.shape[1]).at[0].set(1.0)
-        drift = drift_part(value, self.drift_columns)
-        offsets = {"A": get("offset"), "B": get("offset") + get("constant_backlash")}
-        signs = {"A": -0.5, "B": 0.5}
-        return jnp.stack(
-            [
-                offsets[flank] * constant
-                + (shared + signs[flank] * difference) @ self.first_columns
-                + drift
-                for flank in self.flanks
-            ]
-        )
+        return self.linear_part(parameters)
 
 
 def pair_relation(
     pair: GearPair,
     terms: TermPlan,
+    columns: Columns,
     flanks: tuple[Flank, ...],
-    drift_order: int,
     *,
     encoder_terms: bool,
 ) -> PairRelation:
     """Relation of a gear pair; parameters of a shaft whose first order is not tied are left out."""
-    shafts = _tied_shafts(terms)
-    kinds = ("", "_encoder") if encoder_terms else ("",)
-    axes = [f"{shaft}{kind}_{axis}" for kind in kinds for shaft in shafts for axis in "xy"]
+    names, linear = _common(columns, flanks)
+    ratio = float(pair.ratio)
+    if encoder_terms:
+        _add_encoders(names, linear, terms, columns, len(flanks), ratio)
+    gears = tuple(f"{shaft}_{axis}" for shaft in _tied_shafts(terms) for axis in "xy")
     return PairRelation(
-        names=(*_common_names(flanks, drift_order), *axes),
+        names=(*names, *gears),
         flanks=flanks,
-        ratio=np.asarray(float(pair.ratio)),
+        linear=np.stack(linear),
+        ratio=np.asarray(ratio),
         centre_distance=np.asarray(pair.centre_distance_mm),
         base_sum=np.asarray(pair.base_radii.sum(axis=0)),
-        basis=_projection(terms, drift_order),
-        encoder_columns=_first_order_columns(terms, drift_order),
-        drift_columns=_drift_columns(terms, drift_order),
+        basis=_projection(terms, columns),
     )
 
 
-def drive_relation(terms: TermPlan, flanks: tuple[Flank, ...], drift_order: int) -> DriveRelation:
-    """Relation of a drive; the difference of the flanks is a parameter where both were measured."""
-    shafts = _tied_shafts(terms)
-    kinds = ("", "_difference") if len(flanks) == 2 else ("",)
-    axes = [f"{shaft}_{axis}{kind}" for kind in kinds for shaft in shafts for axis in "xy"]
-    return DriveRelation(
-        names=(*_common_names(flanks, drift_order), *axes),
-        flanks=flanks,
-        first_columns=_first_order_columns(terms, drift_order),
-        drift_columns=_drift_columns(terms, drift_order),
-    )
+def drive_relation(terms: TermPlan, columns: Columns, flanks: tuple[Flank, ...]) -> LinearRelation:
+    """First orders of a drive without geometry: a part common to both flanks and one that differs.
+
+    The common part is what the amplitudes of a drive state; half the difference is added on flank B
+    and taken away on flank A, so that it is the variable backlash.
+    """
+    names, linear = _common(columns, flanks)
+    halves = np.array([-0.5 if flank == "A" else 0.5 for flank in flanks])
+    kinds = {"": np.ones(len(flanks))}
+    if len(flanks) == 2:
+        kinds["_difference"] = halves
+    first = _first_order_columns(terms, columns)
+    for kind, sides in kinds.items():
+        for shaft in _tied_shafts(terms):
+            cosine, sine = first[shaft]
+            names += [f"{shaft}_x{kind}", f"{shaft}_y{kind}"]
+            linear += [np.outer(sides, column) for column in (sine, cosine)]
+    return LinearRelation(names=tuple(names), linear=np.stack(linear))
+
+
+def encoder_relation(
+    terms: TermPlan, columns: Columns, flanks: tuple[Flank, ...], ratio: float
+) -> LinearRelation:
+    """First orders of two encoders on perfect gears, the same on both flanks."""
+    names, linear = _common(columns, flanks)
+    _add_encoders(names, linear, terms, columns, len(flanks), ratio)
+    return LinearRelation(names=tuple(names), linear=np.stack(linear))
 
 
 def torus() -> tuple[Float[np.ndarray, " grid"], Float[np.ndarray, " grid"]]:
@@ -154,63 +147,86 @@ def torus() -> tuple[Float[np.ndarray, " grid"], Float[np.ndarray, " grid"]]:
     return driving.ravel(), driven.ravel()
 
 
-def drift_part(value: dict, columns: Float[Numbers, "drift tied"]):
-    """Drift coefficients in their columns."""
-    if columns.shape[0] == 0:
-        return jnp.zeros(columns.shape[1])
-    return jnp.stack([value[f"drift_{k + 1}"] for k in range(columns.shape[0])]) @ columns
+def _common(
+    columns: Columns, flanks: tuple[Flank, ...]
+) -> tuple[list[str], list[Float[np.ndarray, "flanks tied"]]]:
+    """Offsets, the constant backlash and the other own columns: names, and where each one goes."""
+    width = columns.own_width + 2 * len(columns.tied)
+    several = len(columns.own) > 1
+    names: list[str] = []
+    linear: list[np.ndarray] = []
+    constant = np.zeros(width)
+    for place, (name, log) in enumerate(columns.names):
+        if name == OFFSET:
+            constant[place] = 1.0
+            names.append(f"{OFFSET}_of_{log + 1}" if several else OFFSET)
+            linear.append(np.stack([np.eye(width)[place]] * len(flanks)))
+    if len(flanks) == 2:
+        names.append("constant_backlash")
+        linear.append(np.stack([constant if flank == "B" else 0 * constant for flank in flanks]))
+    own, matrix = own_parameters(columns)
+    rows = [k for k, (name, _) in enumerate(columns.names) if name != OFFSET]
+    for column, name in enumerate(own):
+        spread = np.zeros(width)
+        spread[rows] = matrix[:, column]
+        names.append(name)
+        linear.append(np.stack([spread] * len(flanks)))
+    return names, linear
 
 
-def _common_names(flanks: tuple[Flank, ...], drift_order: int) -> tuple[str, ...]:
-    drift = tuple(f"drift_{power}" for power in range(1, drift_order + 1))
-    return ("offset", *(("constant_backlash",) if len(flanks) == 2 else ()), *drift)
+def _add_encoders(
+    names: list[str],
+    linear: list[Float[np.ndarray, "flanks tied"]],
+    terms: TermPlan,
+    columns: Columns,
+    flanks: int,
+    ratio: float,
+) -> None:
+    """Append E₂ sin(φ₂ + ε₂) = E₂ₓ sin φ₂ + E₂ᵧ cos φ₂, and the driving one times −i."""
+    first = _first_order_columns(terms, columns)
+    for shaft in _tied_shafts(terms):
+        gain = -ratio if shaft == "driving" else 1.0
+        cosine, sine = first[shaft]
+        names += [f"{shaft}_encoder_x", f"{shaft}_encoder_y"]
+        linear += [np.stack([gain * column] * flanks) for column in (sine, cosine)]
 
 
 def _tied_shafts(terms: TermPlan) -> list[str]:
-    return [h.shaft for h in terms.tied if h.term in ((1, 0), (0, 1))]
+    return [h.shaft for h in terms.tied if h.term in _FIRST]
 
 
-def _cosine_column(terms: TermPlan, drift_order: int, index: int) -> int:
-    """Column of the cosine of tied harmonic `index`; its sine is the next one."""
-    return 1 + drift_order + 2 * index
+def _first_order_columns(
+    terms: TermPlan, columns: Columns
+) -> dict[str, tuple[Float[np.ndarray, " tied"], Float[np.ndarray, " tied"]]]:
+    """Shaft → unit vectors of the cosine and the sine of its first order among tied columns."""
+    unit = np.eye(columns.own_width + 2 * len(columns.tied))
+    places = {
+        harmonic.shaft: columns.own_width + 2 * index
+        for index, harmonic in enumerate(terms.tied)
+        if harmonic.term in _FIRST
+    }
+    return {shaft: (unit[place], unit[place + 1]) for shaft, place in places.items()}
 
 
-def _width(terms: TermPlan, drift_order: int) -> int:
-    return 1 + drift_order + 2 * len(terms.tied)
-
-
-def _first_order_columns(terms: TermPlan, drift_order: int) -> Float[np.ndarray, "4 tied"]:
-    """Where (driving cos, driving sin, driven cos, driven sin) go among the tied columns."""
-    columns = np.zeros((4, _width(terms, drift_order)))
-    for index, harmonic in enumerate(terms.tied):
-        for shaft, first in enumerate([(1, 0), (0, 1)]):
-            if harmonic.term == first:
-                place = _cosine_column(terms, drift_order, index)
-                columns[2 * shaft, place] = columns[2 * shaft + 1, place + 1] = 1.0
-    return columns
-
-
-def _drift_columns(terms: TermPlan, drift_order: int) -> Float[np.ndarray, "drift tied"]:
-    return np.eye(drift_order, _width(terms, drift_order), k=1)
-
-
-def _projection(terms: TermPlan, drift_order: int) -> Float[np.ndarray, "tied grid"]:
+def _projection(terms: TermPlan, columns: Columns) -> Float[np.ndarray, "tied grid"]:
     """Matrix from values on the torus to tied coefficients.
 
-    A harmonic of the relation goes to the tied column of the same frequency: where the tooth counts
-    let two of them coincide, the log cannot tell them apart either.
+    The mean goes to the offset of every log, a harmonic to the tied column of the same frequency:
+    where the tooth counts let two of them coincide, the log cannot tell them apart either.
     """
     driving, driven = torus()
     points = len(driving)
-    matrix = np.zeros((_width(terms, drift_order), points))
-    matrix[0] = 1.0 / points
+    matrix = np.zeros((columns.own_width + 2 * len(columns.tied), points))
+    for place, (name, _) in enumerate(columns.names):
+        if name == OFFSET:
+            matrix[place] = 1.0 / points
     signed = lambda term: term[0] + term[1] * terms.ratio  # noqa: E731
-    for term in ((1, 0), (0, 1), *SECOND_ORDER):
+    for term in (*_FIRST, *SECOND_ORDER):
         phase = term[0] * driving + term[1] * driven
         for index, harmonic in enumerate(terms.tied):
             if terms.frequency(term) == terms.frequency(harmonic.term) != 0:
                 sense = 1.0 if signed(term) == signed(harmonic.term) else -1.0
-                place = _cosine_column(terms, drift_order, index)
+                place = columns.own_width + 2 * index
                 matrix[place] += 2 / points * np.cos(phase)
                 matrix[place + 1] += sense * 2 / points * np.sin(phase)
     return matrix

@@ -1,74 +1,91 @@
 """What the model leaves: residuals of block means, and the rms of single samples."""
 
+from collections.abc import Mapping
+
 import numpy as np
 from jaxtyping import Float
 
-from ..kinematics.orders import OrderModel
-from ..logs.encoder_log import EncoderLog
-from ..logs.segments import Segment
-from .blocks import block_rows
+from ..kinematics.te_curve import TECurve
+from ..pair.gears import Flank
+from .columns import OFFSET
+from .noise import WhitenedFlank
+from .prediction import residual_of
+from .solve import Solution
 from .summary import HarmonicSummary
+from .view import View
 
 _MOST_SAMPLES = 20_000
 
-
-def coefficients_of(
-    model: OrderModel, drift: list[float], flank: str, free: int
-) -> Float[np.ndarray, " columns"]:
-    """Coefficients of one flank in the order of the block columns, y left out."""
-    side = "AB".index(flank)
-    harmonics = np.stack([model.cosine[side], model.sine[side]], axis=1)
-    constant = [float(model.offset[side]), *drift]
-    return np.concatenate([harmonics[:free].ravel(), constant, harmonics[free:].ravel()])
+Weights = Mapping[Flank, Float[np.ndarray, " q"]]
+"""Flank → row (−β, 1) that makes residuals of rows."""
 
 
-def curve_residuals(
-    summary: HarmonicSummary,
-    log: EncoderLog,
-    segments: tuple[Segment, ...],
-    model: OrderModel,
-    drift: list[float],
-) -> tuple[Float[np.ndarray, " _"], ...]:
-    """Block means of TE less the model, rad, one array for every curve of the summary."""
-    residuals = []
-    for curve, segment in zip(summary.curves, segments, strict=True):
-        part = slice(segment.start, segment.stop)
-        time = (log.time[part] - summary.time_origin_s) / summary.time_scale_s
-        driving, driven = log.driving_angle[part], log.driven_angle[part]
-        rows = block_rows(summary.plan, driving, driven, time, np.zeros_like(time))
-        weights = coefficients_of(model, drift, segment.flank, len(summary.plan.free))
-        residuals.append(curve.transmission_error - rows[:, :-1] @ weights)
-    return tuple(residuals)
+def flank_coefficients(
+    whitened: tuple[WhitenedFlank, ...], solution: Solution
+) -> list[Float[np.ndarray, " columns"]]:
+    """Coefficients of every column but y, flank by flank: the free ones at their best."""
+    return [
+        np.concatenate([factor.free_given(tied), tied])
+        for factor, tied in zip(whitened, solution.tied, strict=True)
+    ]
 
 
-def sample_residual_rms(
-    summary: HarmonicSummary,
-    log: EncoderLog,
-    segments: tuple[Segment, ...],
-    error: dict[str, Float[np.ndarray, " n"]],
-    model: OrderModel,
-    drift: list[float],
-) -> float:
+def weights_of_logs(
+    summary: HarmonicSummary, coefficients: list[Float[np.ndarray, " columns"]]
+) -> list[Weights]:
+    """Log by log: flank → row that makes residuals of the rows of that log alone."""
+    rows: dict[Flank, np.ndarray] = {
+        flank.flank: np.append(-values, 1.0)
+        for flank, values in zip(summary.flanks, coefficients, strict=True)
+    }
+    return [
+        {flank: embedding[flank].T @ row for flank, row in rows.items()}
+        for embedding in summary.embeddings
+    ]
+
+
+def curves_and_residuals(
+    view: View, weights: list[Weights]
+) -> tuple[tuple[TECurve, ...], tuple[Float[np.ndarray, " _"], ...]]:
+    """Block means of the transmission error of every run, and what the model leaves of them, rad.
+
+    A mean, or a run, of which a robust loss left no sample is left out.
+    """
+    curves, residuals = [], []
+    for rows, own in zip(view.rows, weights, strict=True):
+        place = rows.columns.index(OFFSET)
+        for run in rows.runs:
+            share = run.rows[:, place]
+            counted = share > 0
+            if not counted.any():
+                continue
+            share, curve = share[counted], run.curve
+            curves.append(
+                TECurve(
+                    curve.flank,
+                    curve.driving_angle[counted],
+                    run.rows[counted, -1] / share,
+                    curve.time[counted],
+                )
+            )
+            residuals.append(run.rows[counted] @ own[run.segment.flank] / share)
+    return tuple(curves), tuple(residuals)
+
+
+def sample_residual_rms(view: View, weights: list[Weights]) -> float:
     """Rms of single samples less the model, rad, over at most 20 000 evenly spaced samples.
 
-    `error` is the (corrected) transmission error of each flank.
+    Samples count by their weight where a robust loss gave them one.
     """
-    total = sum(s.stop - s.start for s in segments)
-    stride = max(1, total // _MOST_SAMPLES)
-    orders = np.asarray(model.terms, float).reshape(-1, 2)
-    powers = np.arange(1, len(drift) + 1)
-    squares = []
-    for segment in segments:
-        part = slice(segment.start, segment.stop, stride)
-        side = "AB".index(segment.flank)
-        angles = np.stack([log.driving_angle[part], log.driven_angle[part]], axis=1)
-        phase = angles @ orders.T
-        time = (log.time[part] - summary.time_origin_s) / summary.time_scale_s
-        predicted = (
-            float(model.offset[side])
-            + np.cos(phase) @ np.asarray(model.cosine[side])
-            + np.sin(phase) @ np.asarray(model.sine[side])
-            + time[:, None] ** powers @ np.asarray(drift, float)
-        )
-        squares.append((error[segment.flank][part] - predicted) ** 2)
-    return float(np.sqrt(np.mean(np.concatenate(squares))))
+    segments = [run.segment for rows in view.rows for run in rows.runs]
+    stride = max(1, sum(s.stop - s.start for s in segments) // _MOST_SAMPLES)
+    square, count = 0.0, 0.0
+    for channels, rows, own in zip(view.channels, view.rows, weights, strict=True):
+        for run in rows.runs:
+            segment = run.segment
+            residual = residual_of(channels, segment, rows.columns, own[segment.flank], stride)
+            part = slice(segment.start, segment.stop, stride)
+            weight = np.ones_like(residual) if channels.weight is None else channels.weight[part]
+            square += float(weight @ residual**2)
+            count += float(weight.sum())
+    return float(np.sqrt(square / max(count, 1e-300)))

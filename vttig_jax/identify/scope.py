@@ -1,5 +1,6 @@
 """What a log can fix: which flanks and which shafts it covers, and why the rest is left out."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -13,6 +14,9 @@ from ..pair.spec import FitOptions
 from .terms import TermPlan, plan_terms
 
 _FLANKS: tuple[Flank, ...] = ("A", "B")
+FULL_TURN = 0.99
+"""A table of one turn lacks its last sample, and a log its first degree."""
+
 _LIKE_DRIFT = 0.25
 """Turns below which the first order of a shaft is a parabola to 2 % of its amplitude."""
 
@@ -22,16 +26,16 @@ class Scope:
     """Flanks, segments and harmonics of a fit.
 
     **Arguments**
-    - `flanks`, `segments`: what is used.
+    - `flanks`, `segments`: what is used; segments log by log.
     - `terms`: the harmonics.
     - `reasons`: shaft → why its first order is not reported.
     - `short`: shafts among them that turned too little.
-    - `turns`: shaft → turns covered on the flank that covers least.
+    - `turns`: shaft → turns covered on the flank that covers least, in the log that covers most.
     - `notes`: sentences for the reader.
     """
 
     flanks: tuple[Flank, ...]
-    segments: tuple[Segment, ...]
+    segments: tuple[tuple[Segment, ...], ...]
     terms: TermPlan
     reasons: dict[str, str]
     short: tuple[str, ...]
@@ -40,8 +44,8 @@ class Scope:
 
 
 def find_scope(
-    log: EncoderLog,
-    segments: tuple[Segment, ...],
+    logs: Sequence[EncoderLog],
+    segments: Sequence[tuple[Segment, ...]],
     pair: GearPair | Drive,
     options: FitOptions,
     only: Flank | None,
@@ -52,18 +56,17 @@ def find_scope(
     """
     notes = []
     covered: dict[Flank, tuple[float, float]] = {
-        flank: _coverage(log, [s for s in segments if s.flank == flank])
-        for flank in _FLANKS
-        if only in (None, flank)
+        flank: _coverage(logs, segments, flank) for flank in _FLANKS if only in (None, flank)
     }
-    flanks: tuple[Flank, ...] = tuple(f for f, turns in covered.items() if max(turns) >= 1.0)
+    flanks: tuple[Flank, ...] = tuple(f for f, turns in covered.items() if max(turns) >= FULL_TURN)
     if not flanks:
         most = max((max(turns) for turns in covered.values()), default=0.0)
         which = "" if only is None else f" on flank {only}"
         raise NoAnswerError(
             f"no shaft turned a full revolution in steady contact{which} ({most:.2f} at most);"
-            " record at least one turn at constant speed, better a whole hunting period.",
-            where=log.source,
+            " record at least one turn at constant speed, better a whole hunting period, or correct"
+            " the unit or counts_per_rev.",
+            where=", ".join(log.source for log in logs),
         )
     for flank, turns in covered.items():
         if flank not in flanks and max(turns) > 0:
@@ -91,19 +94,22 @@ def find_scope(
     for shaft in ("driving", "driven"):
         if shaft not in tied and shaft not in reasons:
             reasons[shaft] = "driving order 1 and driven order 1 are the same frequency"
-    used = tuple(s for s in segments if s.flank in flanks)
+    used = tuple(tuple(s for s in own if s.flank in flanks) for own in segments)
     return Scope(flanks, used, terms, reasons, tuple(short), turns, (*notes, *terms.dropped))
 
 
-def _coverage(log: EncoderLog, segments: list[Segment]) -> tuple[float, float]:
-    """Turns of the driving and the driven shaft between the outermost angles of the segments."""
-    if not segments:
-        return 0.0, 0.0
-    ends = np.array([index for s in segments for index in (s.start, s.stop - 1)])
-    return (
-        float(np.ptp(log.driving_angle[ends])) / REV,
-        float(np.ptp(log.driven_angle[ends])) / REV,
-    )
+def _coverage(
+    logs: Sequence[EncoderLog], segments: Sequence[tuple[Segment, ...]], flank: Flank
+) -> tuple[float, float]:
+    """Turns of the driving and the driven shaft on a flank, in the log where they turn most."""
+    most = (0.0, 0.0)
+    for log, every in zip(logs, segments, strict=True):
+        ends = np.array([k for s in every if s.flank == flank for k in (s.start, s.stop - 1)])
+        if len(ends):
+            angles = (log.driving_angle[ends], log.driven_angle[ends])
+            turns = [float(np.ptp(angle)) / REV for angle in angles]
+            most = (max(most[0], turns[0]), max(most[1], turns[1]))
+    return most
 
 
 def _short(pair: GearPair | Drive, turns: dict[str, float], *, both: bool) -> dict[str, str]:
@@ -115,7 +121,7 @@ def _short(pair: GearPair | Drive, turns: dict[str, float], *, both: bool) -> di
     short = {
         shaft: f"the {shaft} shaft turned {seen:.2f} of a revolution"
         for shaft, seen in turns.items()
-        if seen < 1.0
+        if seen < FULL_TURN
     }
     if not both or pair.ratio == 1:
         return short

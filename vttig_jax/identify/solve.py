@@ -20,6 +20,9 @@ _RANK_TOLERANCE = 1e-6
 Above what the ridge of the normal matrices leaves of a direction without data, 3e-7.
 """
 
+_NAMED = 0.2
+"""Share of a direction from which a parameter is named."""
+
 
 @dataclass(frozen=True)
 class Solution:
@@ -30,6 +33,7 @@ class Solution:
     - `determined`: False where the data leave a direction open that moves this parameter.
     - `tied`: tied coefficients of every flank, and their `jacobian`, shape (flanks, tied, p).
     - `converged`, `steps`: of the solver.
+    - `weakest`: the direction among the determined ones that the data fix worst.
     """
 
     names: tuple[str, ...]
@@ -40,6 +44,29 @@ class Solution:
     jacobian: Float[np.ndarray, "flanks tied p"]
     converged: bool
     steps: int
+    weakest: "Direction | None" = None
+
+
+@dataclass(frozen=True)
+class Direction:
+    """A direction in parameter space that the data hardly fix.
+
+    **Arguments**
+    - `names`, `shares`: parameters that take part, with signed shares of the direction when every
+      parameter is scaled to the same effect on the data.
+    - `inflation`: how many times larger its standard error is than that of a parameter on its own.
+    """
+
+    names: tuple[str, ...]
+    shares: tuple[float, ...]
+    inflation: float
+
+    def to_json(self) -> dict:
+        """Fields under `checks.weakest_direction`."""
+        return {
+            "parameters": dict(zip(self.names, self.shares, strict=True)),
+            "inflation": self.inflation,
+        }
 
 
 def solve(relation: Relation, flanks: tuple[WhitenedFlank, ...]) -> Solution:
@@ -54,7 +81,7 @@ def solve(relation: Relation, flanks: tuple[WhitenedFlank, ...]) -> Solution:
     scale = 1 / np.where(size > 0, size, 1.0)
     values, converged, steps = _minimise(relation, matrices, targets, scale)
     tied, jacobian = (np.asarray(part) for part in _linearised(relation, np.asarray(values)))
-    covariance, determined = _covariance(_whitened(matrices, jacobian))
+    covariance, determined, weakest = _covariance(_whitened(matrices, jacobian), relation.names)
     return Solution(
         relation.names,
         np.asarray(values),
@@ -64,6 +91,7 @@ def solve(relation: Relation, flanks: tuple[WhitenedFlank, ...]) -> Solution:
         jacobian,
         bool(converged),
         int(steps),
+        weakest,
     )
 
 
@@ -108,9 +136,9 @@ def _minimise(
 
 
 def _covariance(
-    jacobian: Float[np.ndarray, "r p"],
-) -> tuple[Float[np.ndarray, "p p"], np.ndarray]:
-    """(JᵀJ)⁻¹ on the directions the data fix, and which parameters lie wholly in those."""
+    jacobian: Float[np.ndarray, "r p"], names: tuple[str, ...]
+) -> tuple[Float[np.ndarray, "p p"], np.ndarray, Direction | None]:
+    """(JᵀJ)⁻¹ on the directions the data fix, which parameters lie wholly in those, the weakest."""
     size = np.linalg.norm(jacobian, axis=0)
     size[size == 0] = 1.0
     _, singular, directions = np.linalg.svd(jacobian / size, full_matrices=True)
@@ -118,4 +146,19 @@ def _covariance(
     fixed = singular > _RANK_TOLERANCE * singular[0]
     open_part = np.abs(directions[~fixed]).max(axis=0, initial=0.0)
     inverse = directions[fixed].T / singular[fixed] ** 2 @ directions[fixed]
-    return inverse / np.outer(size, size), open_part < 1e-3
+    weakest = _weakest(singular[fixed], directions[fixed], names) if fixed.any() else None
+    return inverse / np.outer(size, size), open_part < 1e-3, weakest
+
+
+def _weakest(
+    singular: Float[np.ndarray, " d"], directions: Float[np.ndarray, "d p"], names: tuple[str, ...]
+) -> Direction:
+    """The direction of the smallest singular value, by its largest parameters."""
+    direction = directions[np.argmin(singular)]
+    order = [k for k in np.argsort(-np.abs(direction)) if abs(direction[k]) > _NAMED][:4]
+    sign = np.sign(direction[order[0]])
+    return Direction(
+        tuple(names[k] for k in order),
+        tuple(float(sign * direction[k]) for k in order),
+        float(1 / singular.min()),
+    )

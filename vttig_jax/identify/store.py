@@ -106,6 +106,10 @@ def _assembled(record: dict, arrays: dict[str, np.ndarray], pair: GearPair | Dri
         values=arrays["values"],
         checks=record["checks"],
         notes=tuple(record["notes"]),
+        regressors=tuple(
+            Parameter(name=name, **fields) for name, fields in record["regressors"].items()
+        ),
+        logs=tuple(record["logs"]),
     )
 
 

@@ -1,24 +1,24 @@
-"""The harmonic summary: everything a fit needs to know of a log, in a few dozen numbers a lag.
+"""The harmonic summary: everything a fit needs to know of its logs, in a few dozen numbers a lag.
 
 With z_t the block rows [regressors, y] of one flank, the summary keeps the lag products
 Γ_l = Σ z_t z_{t−l}ᵀ of every uninterrupted run and its first and last rows. From those the normal
-equations under any autoregressive noise follow in O(L p²), however long the log was.
+equations under any autoregressive noise follow in O(L p²), however long the logs were.
 """
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
 
-from ..base.units import REV
-from ..kinematics.te_curve import TECurve
-from ..logs.encoder_log import EncoderLog
-from ..logs.segments import Segment
+from ..base.autoregression import whitening_filter
 from ..pair.gears import Flank
-from .autoregression import whitening_filter
-from .blocks import BlockPlan, block_means, block_rows, block_size
+from .columns import Columns
 from .normal_equations import residual_weights
+from .rows import LogRows
 from .terms import TermPlan
+
+FLANKS: tuple[Flank, ...] = ("A", "B")
 
 HIGHEST_LAG = 16
 """Highest autoregressive order the summary can whiten."""
@@ -32,7 +32,7 @@ class FlankSummary:
 
     **Arguments**
     - `lag_products`: Γ_0 … Γ_L, shape (L + 1, q, q); y is the last of the q columns. L is what
-      the noise of the log asks for, 16 at most.
+      the noise of the logs asks for, 16 at most.
     - `heads`, `tails`: the first and last L rows of every run, shape (runs, L, q).
     - `rows`: number of block rows in all runs together.
     """
@@ -42,6 +42,25 @@ class FlankSummary:
     heads: Float[np.ndarray, "runs lag q"]
     tails: Float[np.ndarray, "runs lag q"]
     rows: int
+
+    def __add__(self, other: "FlankSummary") -> "FlankSummary":
+        """Both together: nothing reaches from a run of one into a run of the other."""
+        return FlankSummary(
+            self.flank,
+            self.lag_products + other.lag_products,
+            np.concatenate([self.heads, other.heads]),
+            np.concatenate([self.tails, other.tails]),
+            self.rows + other.rows,
+        )
+
+    def transformed(self, matrix: Float[np.ndarray, "new q"]) -> "FlankSummary":
+        """The summary of rows z ↦ `matrix` z."""
+        return replace(
+            self,
+            lag_products=matrix @ self.lag_products @ matrix.T,
+            heads=self.heads @ matrix.T,
+            tails=self.tails @ matrix.T,
+        )
 
     def whitened(self, filter_: Float[np.ndarray, " taps"]) -> Float[np.ndarray, "q q"]:
         """Σ w_t w_tᵀ with w_t = Σ_j filter_j z_{t−j}, over all rows that have a full history.
@@ -69,110 +88,112 @@ class FlankSummary:
 
 @dataclass(frozen=True)
 class HarmonicSummary:
-    """Summary of a whole log.
+    """Summary of all logs of a fit.
 
     **Arguments**
     - `flanks`: one summary a flank that has certain samples.
-    - `terms`, `plan`: what the columns of the rows are.
+    - `terms`, `columns`: what the columns of the rows are.
     - `block_s`: duration of a block.
-    - `time_origin_s`, `time_scale_s`: drift columns are powers of (t − origin)/scale.
-    - `segments`: the runs that were long enough, in the order of `curves`.
-    - `curves`: the block-averaged transmission error, for pictures and checks.
-    - `samples_used`: by flank.
+    - `embeddings`: log by log, how the rows of that log alone become rows of all.
     """
 
     flanks: tuple[FlankSummary, ...]
     terms: TermPlan
-    plan: BlockPlan
+    columns: Columns
     block_s: float
-    time_origin_s: float
-    time_scale_s: float
-    segments: tuple[Segment, ...]
-    curves: tuple[TECurve, ...]
-    samples_used: dict[str, int]
+    embeddings: tuple["Embedding", ...] = ()
 
     @property
     def rows(self) -> int:
         """Number of block rows of all flanks."""
         return sum(flank.rows for flank in self.flanks)
 
+    def keeping(self, own: Sequence[tuple[str, ...]]) -> "HarmonicSummary":
+        """The same summary with only these own columns of every log."""
+        columns = Columns(self.columns.free, self.columns.tied, tuple(own))
+        dropped = [
+            self.columns.index(name, log)
+            for name, log in self.columns.names
+            if name not in own[log]
+        ]
+        keep = np.delete(np.arange(self.columns.width), dropped)
+        flanks = tuple(
+            replace(
+                flank,
+                lag_products=flank.lag_products[:, keep][:, :, keep],
+                heads=flank.heads[:, :, keep],
+                tails=flank.tails[:, :, keep],
+            )
+            for flank in self.flanks
+        )
+        embeddings = tuple(
+            {flank: matrix[keep] for flank, matrix in one.items()} for one in self.embeddings
+        )
+        return replace(self, columns=columns, flanks=flanks, embeddings=embeddings)
 
-def compress(
-    log: EncoderLog,
-    segments: tuple[Segment, ...],
+    def without(self, names: Sequence[str]) -> "HarmonicSummary":
+        """The same summary with own columns of these names left out of every log."""
+        return self.keeping(
+            [tuple(name for name in own if name not in names) for own in self.columns.own]
+        )
+
+
+Embedding = dict[Flank, Float[np.ndarray, "wide narrow"]]
+"""Flank → matrix from a row of one log alone to a row of all logs."""
+
+
+def summarise(
+    logs: Sequence[LogRows],
     terms: TermPlan,
-    drift_order: int,
-    correction: dict[str, Float[np.ndarray, " n"]],
+    layout: tuple[Columns, tuple[Embedding, ...]] | None = None,
 ) -> HarmonicSummary:
-    """Pass once over the certain segments of a log.
+    """Add up the rows of several logs of one rig.
 
-    `correction` is subtracted from the transmission error, flank by flank (rad, one value a
-    sample): the known effect of a logged axial position.
+    Free and tied harmonics are shared; every log keeps its own columns. The lags are those the
+    noise asks for. `layout` says where the columns of every log go; by default side by side.
     """
-    driving, driven = log.driving_angle, log.driven_angle
-    error = log.transmission_error
-    sample_s = float(np.median(np.diff(log.time)))
-    highest = float(max((terms.frequency(term) for term in terms.terms), default=1))
-    size = block_size(_samples_per_turn(driving, segments), highest)
-    plan = BlockPlan(
-        tuple(h.term for h in terms.free), tuple(h.term for h in terms.tied), drift_order, size
-    )
-    origin, scale = (log.time[0] + log.time[-1]) / 2, (log.time[-1] - log.time[0]) / 2
-    longest = max((s.stop - s.start for s in segments), default=0) // size
-    most = int(np.clip(longest // 8, 1, HIGHEST_LAG))
-    runs: dict[Flank, list[np.ndarray]] = {"A": [], "B": []}
-    kept = tuple(s for s in segments if (s.stop - s.start) // size > 2 * most)
-    curves = []
-    for segment in kept:
-        part = slice(segment.start, segment.stop)
-        y = error[part]
-        if segment.flank in correction:
-            y = y - correction[segment.flank][part]
-        time = log.time[part]
-        rows = block_rows(plan, driving[part], driven[part], (time - origin) / scale, y)
-        runs[segment.flank].append(rows)
-        means = (block_means(channel, size) for channel in (driving[part], y, time))
-        curves.append(TECurve(segment.flank, *means))
-    lags = max((_needed_lags(rows, most) for rows in runs.values() if rows), default=1)
-    return HarmonicSummary(
-        tuple(_summarise(flank, rows, lags) for flank, rows in runs.items() if rows),
-        terms,
-        plan,
-        size * sample_s,
-        float(origin),
-        float(scale),
-        kept,
-        tuple(curves),
-        {flank: size * sum(map(len, rows)) for flank, rows in runs.items()},
-    )
+    columns, embeddings = _side_by_side(logs) if layout is None else layout
+    lags = max((needed_lags(log) for log in logs), default=1)
+    flanks: dict[Flank, FlankSummary] = {}
+    for log, embedding in zip(logs, embeddings, strict=True):
+        for flank, runs in log.by_flank(longer_than=2 * lags).items():
+            part = summarise_flank(flank, runs, lags)
+            if len(logs) > 1:
+                part = part.transformed(embedding[flank])
+            flanks[flank] = flanks[flank] + part if flank in flanks else part
+    ordered = tuple(flanks[flank] for flank in FLANKS if flank in flanks)
+    return HarmonicSummary(ordered, terms, columns, logs[0].block_s, embeddings)
 
 
-def _needed_lags(runs: list[Float[np.ndarray, "_ q"]], most: int) -> int:
+def _side_by_side(logs: Sequence[LogRows]) -> tuple[Columns, tuple[Embedding, ...]]:
+    """Logs whose angles have one zero: each has its own columns, and shares the harmonics."""
+    columns = Columns(
+        logs[0].columns.free, logs[0].columns.tied, tuple(log.columns.own[0] for log in logs)
+    )
+    return columns, tuple(dict.fromkeys(FLANKS, columns.embedding(log)) for log in range(len(logs)))
+
+
+def needed_lags(log: LogRows) -> int:
     """Lags the noise asks for: the order of the ordinary residual's autoregression and two more."""
-    weights = residual_weights(np.sum([rows.T @ rows for rows in runs], axis=0))
-    residuals = [rows @ weights for rows in runs]
-    count = sum(map(len, residuals))
-    covariance = [
-        sum(float(r[lag:] @ r[: len(r) - lag]) for r in residuals) / count
-        for lag in range(most + 1)
-    ]
-    return min(len(whitening_filter(np.array(covariance), count)) + 1, most)
+    longest = max((len(run.rows) for run in log.runs), default=0)
+    most = int(np.clip(longest // 8, 1, HIGHEST_LAG))
+    needed = 1
+    for runs in log.by_flank(longer_than=2 * most).values():
+        weights = residual_weights(np.sum([rows.T @ rows for rows in runs], axis=0))
+        residuals = [rows @ weights for rows in runs]
+        count = sum(map(len, residuals))
+        covariance = [
+            sum(float(r[lag:] @ r[: len(r) - lag]) for r in residuals) / count
+            for lag in range(most + 1)
+        ]
+        needed = max(needed, len(whitening_filter(np.array(covariance), count)) + 1)
+    return min(needed, most)
 
 
-def _samples_per_turn(driving: Float[np.ndarray, " n"], segments: tuple[Segment, ...]) -> float:
-    """Samples a driving turn where it is fastest, seen over a 64th of a turn at mean speed.
-
-    The fastest place decides: no block may cover more of a cycle than planned.
-    """
-    travelled = sum(abs(driving[s.stop - 1] - driving[s.start]) for s in segments)
-    samples = sum(s.stop - s.start for s in segments)
-    window = max(1, int(samples * REV / max(travelled, 1e-9) / 64))
-    steps = [np.abs(np.diff(driving[s.start : s.stop : window])) for s in segments]
-    fastest = max((float(step.max(initial=0.0)) for step in steps), default=0.0)
-    return window * REV / max(fastest, 1e-9)
-
-
-def _summarise(flank: Flank, runs: list[Float[np.ndarray, "_ q"]], lags: int) -> FlankSummary:
+def summarise_flank(
+    flank: Flank, runs: Sequence[Float[np.ndarray, "_ q"]], lags: int
+) -> FlankSummary:
+    """Lag products and ends of runs that are all longer than `lags`."""
     products = np.sum([_lag_products(rows, lags) for rows in runs], axis=0)
     return FlankSummary(
         flank,

@@ -4,19 +4,25 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float, Int, Real
+from jaxtyping import Bool, Float, Int, Real
 
 from ..base.errors import LogError
 from ..base.units import ANGLE_UNITS, REV
 from ..pair.spec import Encoder, as_fraction
+from .continuous import GAP as GAP
+from .continuous import Continuous, Origin, make_continuous
 from .source import Source
-from .unwrap import find_modulus, stray_jump, unwrap, wrap_steps
+from .spikes import without_spikes
 
 EXACT_FLOAT = 2**53
 """Whole numbers beyond it are no longer all floats."""
 
-GAP = 5.0
-"""Sampling intervals longer than this many median ones are gaps."""
+WIDEST = 2**61
+"""Counts beyond it overflow when differences are taken."""
+
+
+_FAR_OFF = 3.0
+"""A first reading stands far off where it differs by more than this many of the steps after it."""
 
 
 @dataclass(frozen=True)
@@ -39,6 +45,7 @@ class Channel:
     - `per_turn`: counts per revolution where whole turns can be split off exactly, else None.
     - `modulus`: where the readings wrapped, in `unit`; None where they did not.
     - `wraps`: how often they did.
+    - `spikes`: true where a reading stands off its neighbours (`logs.spikes`); None for none.
     """
 
     reading: Real[np.ndarray, " n"]
@@ -48,6 +55,7 @@ class Channel:
     per_turn: int | None = None
     modulus: int | float | None = None
     wraps: int = 0
+    spikes: Bool[np.ndarray, " n"] | None = None
 
     @cached_property
     def turns_and_rest(self) -> tuple[Int[np.ndarray, " n"], Float[np.ndarray, " n"]]:
@@ -68,6 +76,12 @@ class Channel:
         """φ in rad, not wrapped."""
         turns, rest = self.turns_and_rest
         return REV * turns + rest
+
+    def steady_angle(self, time: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+        """φ in rad with the spikes interpolated in `time` (s): for the motion, not for a fit."""
+        if self.spikes is None:
+            return self.angle
+        return without_spikes(self.angle, time, self.spikes)
 
     @cached_property
     def resolution(self) -> float:
@@ -132,18 +146,30 @@ def make_channel(
     given = encoder.modulus if raw.unit == "counts" else None
     if encoder.modulus is not None and given is None:
         notes.append(f"{role}: `modulus` counts do not apply to a column in {raw.unit}")
-    values, modulus, wraps, note = _continuous(role, values, time, given, per_turn, raw, source)
     scale = as_fraction(str(raw.scale), f"log.{role}_scale")
+    radians = encoder.sign * radians * scale.numerator / scale.denominator
+    made = make_continuous(values, time, Origin(role, raw.unit, source, given, per_turn, radians))
     channel = Channel(
-        values,
-        encoder.sign * radians * scale.numerator / scale.denominator,
-        values[0].item() if zero == "start" else 0,
+        made.readings,
+        radians,
+        _start(made) if zero == "start" else 0,
         raw.unit,
         encoder.counts_per_rev if whole and raw.unit == "counts" and scale == 1 else None,
-        modulus,
-        wraps,
+        made.modulus,
+        made.wraps,
+        made.spikes if made.spikes.any() else None,
     )
-    return channel, (*notes, *note)
+    return channel, (*notes, *made.notes)
+
+
+def _start(made: Continuous) -> int | float:
+    """The first reading, or the next good one where it is far off: it would turn every phase."""
+    good = np.flatnonzero(~made.spikes)[:2]
+    if made.spikes[0] and len(good) == 2:
+        first, second = made.readings[good].astype(np.float64)
+        if abs(made.readings[0] - first) > _FAR_OFF * abs(second - first):
+            return made.readings[good[0]].item()
+    return made.readings[0].item()
 
 
 def _exact(role: str, raw: RawChannel, source: Source) -> tuple[np.ndarray, list[str]]:
@@ -152,7 +178,16 @@ def _exact(role: str, raw: RawChannel, source: Source) -> tuple[np.ndarray, list
     if raw.unit != "counts":
         return values.astype(np.float64), []
     if np.issubdtype(values.dtype, np.integer):
-        return values.astype(np.int64), []
+        values = values.astype(np.int64)
+        wide = (values >= WIDEST) | (values <= -WIDEST)
+        if wide.any():
+            row = int(np.argmax(wide))
+            raise LogError(
+                f"{values[row]} counts are beyond any encoder; correct the reading or remove the"
+                " line.",
+                where=source.at(role, row),
+            )
+        return values, []
     if np.abs(values).max() >= EXACT_FLOAT:
         raise LogError(
             "counts beyond 2^53 lose their last digits as floating-point numbers; give them as"
@@ -162,61 +197,3 @@ def _exact(role: str, raw: RawChannel, source: Source) -> tuple[np.ndarray, list
     if np.all(values == np.rint(values)):
         return values.astype(np.int64), []
     return values, [f"{role}: counts are not whole numbers, read as interpolated counts"]
-
-
-def _continuous(
-    role: str,
-    values: np.ndarray,
-    time: np.ndarray,
-    given: int | None,
-    per_turn: int | float,
-    raw: RawChannel,
-    source: Source,
-) -> tuple[np.ndarray, int | float | None, int, list[str]]:
-    """Unwrap with the modulus given or found; refuse what no wrap explains."""
-    if given is not None and np.ptp(values) >= given:
-        raise LogError(
-            f"readings span {np.ptp(values)} counts, more than the modulus {given} of the pair"
-            " file; correct or remove `modulus`.",
-            where=source.at(role),
-        )
-    modulus = given if given is not None else find_modulus(values, per_turn)
-    steps = np.zeros(len(values) - 1, np.int64)
-    if modulus is not None:
-        steps = wrap_steps(values, modulus)
-    wraps = int(np.count_nonzero(steps))
-    smooth = unwrap(values, modulus) if modulus is not None and wraps else values
-    quantum = 1.0 if raw.unit == "counts" else 0.0
-    row = stray_jump(smooth, time, quantum)
-    if row is not None:
-        raise LogError(
-            f"a jump of {(values[row] - values[row - 1]).item():g} {raw.unit} from one sample to"
-            " the next is neither motion nor a wrap"
-            + (f" of {modulus:g}" if modulus is not None else "")
-            + "; cut the log there"
-            + (f", or give `modulus` in [{role}] encoder." if raw.unit == "counts" else "."),
-            where=source.at(role, row),
-        )
-    if modulus is None or not wraps:
-        return values, None, 0, []
-    _refuse_blind_pause(role, smooth, time, modulus, raw.unit, source)
-    origin = "as given" if given is not None else "detected from the jumps"
-    note = f"{role}: wraps at {modulus:g} {raw.unit} ({origin}), unwrapped {wraps} times"
-    return smooth, modulus, wraps, [note]
-
-
-def _refuse_blind_pause(
-    role: str, smooth: np.ndarray, time: np.ndarray, modulus: int | float, unit: str, source: Source
-) -> None:
-    """A counter that may have turned by half its modulus during a pause has lost its turns."""
-    interval = np.diff(time)
-    step = np.abs(np.diff(smooth)).astype(np.float64)
-    for k in np.flatnonzero(interval > GAP * np.median(interval)):
-        beside = slice(max(0, k - 5), k), slice(k + 1, k + 6)
-        before, after = (step[s].sum() / max(interval[s].sum(), 1e-300) for s in beside)
-        if max(before, after) * interval[k] > 0.4 * modulus:
-            raise LogError(
-                f"the log pauses for {interval[k]:.4g} s while the {role} channel wraps at"
-                f" {modulus:g} {unit}, so whole turns are lost; cut the log there.",
-                where=source.at(role, int(k) + 1),
-            )

@@ -15,6 +15,9 @@ if TYPE_CHECKING:
 
 FEWEST_SAMPLES = 4
 
+PAUSE = 5.0
+"""Sampling intervals longer than this many median ones are pauses."""
+
 
 def as_column(name: str, values: ArrayLike, size: int | None) -> Real[np.ndarray, " n"]:
     """A copy as a one-dimensional array of numbers of length `size` (any length for None).
@@ -96,7 +99,13 @@ def check_time(time: Float[np.ndarray, " n"], source: Source) -> list[str]:
             " give --sample-rate.",
             where=source.at("time"),
         )
-    return [f"time: {same} stamps repeat the one before"] if same else []
+    notes = [f"time: {same} stamps repeat the one before"] if same else []
+    long = interval > PAUSE * np.median(interval)
+    if long.any():
+        count = int(long.sum())
+        pauses = "pause" if count == 1 else "pauses"
+        notes.append(f"time: {count} {pauses}, the longest of {interval.max():.4g} s")
+    return notes
 
 
 def check_direction(direction: Real[np.ndarray, " n"], source: Source) -> Int8[np.ndarray, " n"]:

@@ -6,7 +6,7 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Float, Int8
+from jaxtyping import Bool, Float, Int8
 from numpy.typing import ArrayLike
 
 from ..base.errors import LogError
@@ -16,6 +16,7 @@ from .channel import Channel, RawChannel, make_channel
 from .checks import as_column, check_arguments, check_direction, check_finite, check_time
 from .shafts import TwoShafts
 from .source import Source
+from .stuck import refuse_stuck
 
 STANDSTILL = DEG
 """A driving shaft that never leaves one degree has not moved."""
@@ -35,6 +36,8 @@ class RawLog:
     source: Source
     sha256: str = ""
     notes: tuple[str, ...] = ()
+    speed: Float[np.ndarray, " n"] | None = None
+    acceleration: Float[np.ndarray, " n"] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +49,8 @@ class EncoderLog:
     - `driving`, `driven`: the encoder channels.
     - `error`: transmission error of a TE-curve log, rad of the driven shaft, as read.
     - `direction`: +1, 0, −1 per sample where the log has such a column; `axial_mm`: axial position
-      of the driven gear; `torque`: in the column's unit, positive where it pushes φ₁ forward.
+      of the driven gear; `torque`: in the column's unit, positive where it pushes φ₁ forward;
+      `speed` (rad/s), `acceleration` (rad/s²): of the driving shaft, where they were logged.
     - `ratio`: driven over driving speed, i.
     - `zero`: where angles are zero: at the first sample ("start") or where the channels read 0
       ("reading").
@@ -67,6 +71,8 @@ class EncoderLog:
     sha256: str = ""
     notes: tuple[str, ...] = ()
     place: Source = field(default_factory=lambda: Source("log"), repr=False)
+    speed: Float[np.ndarray, " n"] | None = None
+    acceleration: Float[np.ndarray, " n"] | None = None
 
     @property
     def driving_angle(self) -> Float[np.ndarray, " n"]:
@@ -93,6 +99,15 @@ class EncoderLog:
         i = self.ratio
         turns = i.denominator * turns2 - i.numerator * turns1
         return (REV / i.denominator) * turns + (rest2 - float(i) * rest1)
+
+    @cached_property
+    def spikes(self) -> Bool[np.ndarray, " n"]:
+        """Samples at which a channel stands off its neighbours and comes back."""
+        apart = np.zeros(len(self), bool)
+        for channel in (self.driving, self.driven):
+            if channel is not None and channel.spikes is not None:
+                apart |= channel.spikes
+        return apart
 
     def __len__(self) -> int:
         return len(self.time)
@@ -126,6 +141,8 @@ class EncoderLog:
         direction: ArrayLike | None = None,
         axial_mm: ArrayLike | None = None,
         torque: ArrayLike | None = None,
+        speed: ArrayLike | None = None,
+        acceleration: ArrayLike | None = None,
         source: str = "arrays",
     ) -> "EncoderLog":
         """A log from arrays of shape (n,), validated like a file.
@@ -135,7 +152,8 @@ class EncoderLog:
           "counts" (with the encoder of `pair`), "deg", "rad", "rev", "arcsec" or "urad".
         - `transmission_error`: instead of `driven`, in `transmission_error_unit`.
         - `pair`: ratio, encoders and, in its `log`, the zero and the scales.
-        - `direction` (+1, 0, −1), `axial_mm`, `torque`: as in `EncoderLog`.
+        - `direction` (+1, 0, −1), `axial_mm`, `torque`, `speed` (rad/s), `acceleration` (rad/s²):
+          as in `EncoderLog`.
 
         **Raises** `ValueError` for wrong arguments, `LogError` for data that is no log.
 
@@ -170,6 +188,8 @@ class EncoderLog:
             column("axial_mm", axial_mm),
             column("torque", torque),
             Source(source, {"time": "time_s"}, kind="argument"),
+            speed=column("speed", speed),
+            acceleration=column("acceleration", acceleration),
         )
         return cls.from_raw(raw, pair)
 
@@ -204,6 +224,8 @@ class EncoderLog:
                 " whole log; log a shaft that turns, or correct the unit or counts_per_rev.",
                 where=raw.source.at("driving"),
             )
+        if driven is not None:
+            refuse_stuck(driving, driven, pair.ratio, raw.time, raw.source)
         return cls(
             raw.time,
             driving,
@@ -218,4 +240,6 @@ class EncoderLog:
             raw.sha256,
             tuple(notes),
             replace(raw.source, line_of=None),  # it would keep the whole text alive
+            raw.speed,
+            raw.acceleration,
         )

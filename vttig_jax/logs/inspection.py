@@ -7,8 +7,11 @@ import numpy as np
 
 from ..base.units import ARCSEC, REV
 from ..pair.spec import FitOptions
+from .blind_lines import blind_lines
 from .channel import Channel
 from .encoder_log import EncoderLog
+from .flank_evidence import assigned_segments
+from .line_search import Line
 from .ratio import SeenRatio, seen_ratio
 from .sampling import (
     Aliased,
@@ -20,8 +23,9 @@ from .sampling import (
     plateaus_of,
     sampling_of,
 )
-from .segments import Segments, find_segments
+from .segments import Segments
 from .shafts import TwoShafts
+from .slip import find_slip
 from .spectrum import OrderLine, order_spectrum
 from .support import Support, support_of
 
@@ -58,6 +62,7 @@ class Inspection:
     spectrum: tuple[OrderLine, ...]
     support: Support
     notes: tuple[str, ...]
+    lines: tuple[Line, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         """The report as `vttig.inspect/1`."""
@@ -96,6 +101,7 @@ class Inspection:
             "commensurate": [asdict(one) for one in self.commensurate],
             "aliased": [asdict(one) for one in self.aliased],
             "spectrum": [asdict(line) for line in self.spectrum],
+            "lines": [asdict(line) for line in self.lines],
             "support": asdict(self.support),
             "notes": list(self.notes),
         }
@@ -113,10 +119,12 @@ def inspect_log(log: EncoderLog, pair: TwoShafts | None = None) -> Inspection:
     - `pair`: its fit orders and tooth counts decide which orders may alias; the default orders
       without tooth mesh where absent.
     """
-    segments = find_segments(log)
+    segments = assigned_segments(log)
     sampling = sampling_of(log.time)
     plateaus = plateaus_of(segments.segments)
     spectrum, lost = order_spectrum(log, segments.segments)
+    slip = find_slip(log, segments)
+    slipped = () if slip is None else (slip.sentence,)
     return Inspection(
         log.source,
         log.sha256,
@@ -130,7 +138,8 @@ def inspect_log(log: EncoderLog, pair: TwoShafts | None = None) -> Inspection:
         aliased(plateaus, sampling.rate_hz, _fit_orders(log, pair)),
         spectrum,
         support_of(log, segments.segments),
-        (*log.notes, *segments.notes, *lost),
+        (*log.notes, *slipped, *segments.notes, *lost),
+        blind_lines(log, segments.segments),
     )
 
 
@@ -160,6 +169,8 @@ def _columns(log: EncoderLog) -> tuple[ColumnReport, ...]:
         "direction": (None, log.direction),
         "axial_mm": ("mm", log.axial_mm),
         "torque": (None, log.torque),
+        "speed": ("rad/s", log.speed),
+        "acceleration": ("rad/s²", log.acceleration),
     }
     for role, (unit, values) in others.items():
         if values is not None:

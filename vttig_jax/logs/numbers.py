@@ -1,5 +1,6 @@
 """Numbers as people write them: decimal point or comma, thousands marks, and when to refuse.
 
+Thousands marks are the other mark, apostrophes and fixed blanks: 1,234.5, 1'234.5 and 1 234.5.
 `1,234` is 1.234 or 1234. Between tabs or semicolons it is a decimal comma; elsewhere it is refused
 until `decimal` is given, unless another number of the log settles it.
 """
@@ -14,6 +15,8 @@ _NUMBER = {mark: re.compile(_PLAIN.format(re.escape(mark))) for mark in ".,"}
 _GROUPED = {
     mark: re.compile(rf"[+-]?\d{{1,3}}(?:{re.escape(mark)}\d{{3}})+(?!\d)") for mark in ".,"
 }
+_BLANKS = re.compile("['\u2019\u00a0\u2009\u202f]")
+_BLANK_GROUPED = re.compile(rf"[+-]?\d{{1,3}}(?:{_BLANKS.pattern}\d{{3}})+(?!\d)")
 _NOT_FINITE = re.compile(r"[+-]?(?:nan|inf|infinity)", re.IGNORECASE)
 
 CURE = 'give --decimal "." or --decimal ","'
@@ -21,7 +24,7 @@ CURE = 'give --decimal "." or --decimal ","'
 
 def looks_like_number(field: str) -> bool:
     """Whether a field is a number under either decimal mark (also nan and inf)."""
-    text = field.strip()
+    text = _without_blanks(field)
     return bool(
         any(number.fullmatch(text) for number in _NUMBER.values())
         or any(_thousands(text, mark) is not None for mark in ".,")
@@ -34,7 +37,7 @@ def to_number(field: str, decimal: str) -> float | None:
 
     The other mark may group thousands (`1,234.5` with a decimal point).
     """
-    text = field.strip()
+    text = _without_blanks(field)
     if _NOT_FINITE.fullmatch(text):
         return float(text)
     if not _NUMBER[decimal].fullmatch(text):
@@ -50,7 +53,7 @@ def choose_decimal(fields: Iterable[str], delimiter: str | None, where: str) -> 
 
     **Raises** `LogError` where two readings remain.
     """
-    with_comma = [field.strip() for field in fields if "," in field]
+    with_comma = [_without_blanks(field) for field in fields if "," in field]
     with_point = any("." in field for field in fields)
     if not with_comma:
         return "."
@@ -68,6 +71,15 @@ def choose_decimal(fields: Iterable[str], delimiter: str | None, where: str) -> 
             where=where,
         )
     return ","
+
+
+def _without_blanks(field: str) -> str:
+    """The field without apostrophes and fixed blanks where they part thousands."""
+    text = field.strip()
+    head = _BLANK_GROUPED.match(text)
+    if head is None:
+        return text
+    return _BLANKS.sub("", head[0]) + text[head.end() :]
 
 
 def _thousands(text: str, mark: str) -> str | None:

@@ -1,7 +1,9 @@
 """A first look at a log without a pair file: columns, units by their names, rate, turns, ratio."""
 
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -13,21 +15,30 @@ from ..base.tables import key_values
 from ..base.units import ANGLE_UNITS, ARCSEC, REV
 from .channel import step_of
 from .checks import check_time
-from .columns import ROLES, SOUGHT, TIME_UNITS, default_column, index_of, name_and_unit, units_of
+from .columns import ROLES, ROW_INDEX, SOUGHT
+from .delimited import Table
 from .inspection import ColumnReport
+from .naming import ROW, TIME_UNITS, default_column, index_of, listed, name_and_unit, units_of
+from .nested import NestedTable
+from .opening import open_table
 from .ratio import simple_fraction, slope
 from .read import check_arguments
 from .sampling import Sampling, sampling_of
 from .source import Source
-from .table import Table, find_table
-from .text import read_text
+from .text import NESTED
 from .unwrap import find_modulus, unwrap, wrap_steps
 from .wording import bullets, column_table, sampling_rows
+
+SHAFTS = ("driving", "driven", "transmission_error")
+"""Roles whose column tells how long the record is, in this order."""
+
+MOST_COLUMNS = 30
+"""With more columns than this, those of one matrix are shown as one."""
 
 
 @dataclass(frozen=True)
 class Preview:
-    """What a log shows by itself."""
+    """What a log shows by itself; `columns` are those of the record, all of one length."""
 
     source: str
     sha256: str
@@ -36,16 +47,20 @@ class Preview:
     sampling: Sampling | None
     ratio: tuple[float, float] | None
     notes: tuple[str, ...]
+    others: tuple[tuple[str, int], ...] = ()
+    """Name and length of arrays that are not as long as the record."""
 
     def to_json(self) -> dict[str, Any]:
         """The report as `vttig.inspect/1`; what needs a pair file is absent."""
         seen, std = self.ratio or (None, None)
+        others = [{"name": name, "values": length} for name, length in self.others]
         return {
             "schema": "vttig.inspect/1",
             "source": self.source,
             "sha256": self.sha256,
             "samples": {"read": self.rows},
             "columns": [asdict(column) for column in self.columns],
+            **({"other_arrays": others} if others else {}),
             "sampling": None if self.sampling is None else asdict(self.sampling),
             "ratio": {"given": None, "seen": seen, "std": std},
             "notes": list(self.notes),
@@ -59,8 +74,8 @@ class Preview:
             seen, std = self.ratio
             near = simple_fraction(seen, std)
             rows.append(("ratio seen", f"{seen:.6g} ± {std:.1g}, driven over driving ({near})"))
-        parts = [self.source, column_table(self.columns), key_values(rows)]
-        parts.append(bullets("note", self.notes))
+        parts = [self.source, column_table(_shortened(self.columns)), key_values(rows)]
+        parts.append(bullets("note", (*_lengths(self.others, self.rows), *self.notes)))
         return "\n\n".join(part for part in parts if part)
 
 
@@ -73,25 +88,34 @@ def preview_log(
 ) -> Preview:
     """Look at a log without knowing the pair; arguments as `read_log`.
 
+    Text without a header has the columns #1, #2, …. Of a nested file the arrays as long as the
+    driving one, else as most are, make up the record.
+
     **Raises** `LogError` for files that hold no table, and for names that are not there.
     """
     columns = columns or {}
     check_arguments(columns, decimal, sample_rate_hz)
-    text, digest, notes = read_text(path, None)
-    table = find_table(text, str(path), decimal=decimal)
-    roles = _roles(table, columns)
+    nested = Path(path).suffix.lower() in NESTED
+    asked = columns.values() if nested else (*columns.values(), "#1")
+    table, digest, notes = open_table(path, decimal=decimal, asked=asked)
+    table, cut = table.without_cut_line(range(len(table.names)))
+    roles = _roles(table.names, str(path), columns)
     arrays, broken = _readable(table)
-    source = Source(str(path), {r: table.names[k] for k, r in roles.items()}, table.line_of)
+    size = _size(arrays, roles)
+    others = [(table.names[k], len(a)) for k, a in arrays.items() if len(a) != size]
+    names = dict(enumerate(table.names)) | {ROW_INDEX: ROW}
+    rows = {ROW_INDEX: np.arange(size)} if ROW_INDEX in roles else {}
+    arrays = {k: a for k, a in (arrays | rows).items() if len(a) == size}
+    source = Source(str(path), {r: names[k] for k, r in roles.items()}, table.line_of)
     angles: dict[str, np.ndarray] = {}
     reports = []
     for k, values in arrays.items():
-        report, angle = _report(table.names[k], roles.get(k), values)
+        report, angle = _report(names[k], roles.get(k), values)
         reports.append(report)
         if angle is not None and report.role is not None:
             angles[report.role] = angle
-    size = len(next(iter(arrays.values())))
-    hints = [*notes, *broken]
-    time = _time(table, roles, arrays, size, sample_rate_hz)
+    hints = [*notes, *cut, *broken, *_of_another_length(roles, arrays, source, size)]
+    time = _time(roles, names, arrays, size, sample_rate_hz)
     sampling = None
     if time is not None:
         hints += check_time(time, source)
@@ -101,23 +125,27 @@ def preview_log(
     counts = {r.unit == "counts" for r in reports if r.role in ("driving", "driven")}
     if {"driving", "driven"} <= set(angles) and len(counts) == 1:
         ratio = slope(angles["driving"], angles["driven"])
-    return Preview(str(path), digest, size, tuple(reports), sampling, ratio, tuple(hints))
+    return Preview(
+        str(path), digest, size, tuple(reports), sampling, ratio, tuple(hints), tuple(others)
+    )
 
 
-def _roles(table: Table, columns: Mapping[str, str]) -> dict[int, str]:
+def _roles(names: Sequence[str], source: str, columns: Mapping[str, str]) -> dict[int, str]:
     """Column index to role: as named, else by the default names."""
     roles = {}
     for role in ROLES:
-        if role in columns:
-            index = index_of(columns[role], role, table.names, table.source)
+        if columns.get(role) == ROW:
+            index = ROW_INDEX
+        elif role in columns:
+            index = index_of(columns[role], role, names, source)
         else:
-            index = default_column(role, table.names, table.source) if role in SOUGHT else None
+            index = default_column(role, names, source) if role in SOUGHT else None
         if index is not None:
             roles[index] = role
     return roles
 
 
-def _readable(table: Table) -> tuple[dict[int, np.ndarray], list[str]]:
+def _readable(table: Table | NestedTable) -> tuple[dict[int, np.ndarray], list[str]]:
     """All columns of numbers, and a note on each of the others."""
     every = range(len(table.names))
     try:
@@ -136,6 +164,58 @@ def _readable(table: Table) -> tuple[dict[int, np.ndarray], list[str]]:
         f"column `{table.names[k]}` is not read: {error.message}" for k, error in errors.items()
     ]
     return arrays, notes
+
+
+def _size(arrays: Mapping[int, np.ndarray], roles: Mapping[int, str]) -> int:
+    """Length of the record: that of the first shaft there is, else the one most arrays have."""
+    found = {role: len(arrays[k]) for k, role in roles.items() if k in arrays}
+    for role in SHAFTS:
+        if role in found:
+            return found[role]
+    return Counter(map(len, arrays.values())).most_common(1)[0][0]
+
+
+def _of_another_length(
+    roles: Mapping[int, str], arrays: Mapping[int, np.ndarray], source: Source, size: int
+) -> list[str]:
+    return [
+        f"column `{source.columns[role]}` cannot be the {role} of this record of {size} samples:"
+        " it differs in length"
+        for k, role in roles.items()
+        if k not in arrays
+    ]
+
+
+def _shortened(columns: Sequence[ColumnReport]) -> list[ColumnReport]:
+    """The columns, those of one matrix that play no part as one where there are many."""
+    if len(columns) <= MOST_COLUMNS:
+        return list(columns)
+    shown = []
+    for (role, _), group in groupby(columns, lambda c: (c.role, _matrix(c.name))):
+        members = list(group)
+        if role is not None or len(members) == 1 or len({c.unit for c in members}) > 1:
+            shown += members
+            continue
+        low, high = min(c.low for c in members), max(c.high for c in members)
+        name = listed([c.name for c in members])
+        shown.append(ColumnReport(None, name, members[0].unit, low, high))
+    return shown
+
+
+def _matrix(name: str) -> str:
+    """`x` for `x(3,:)` and `x(:,3)`; any other name is its own."""
+    whole, bracket, index = name.rpartition("(")
+    return whole if bracket and (index.endswith(",:)") or index.startswith(":,")) else name
+
+
+def _lengths(others: Sequence[tuple[str, int]], size: int) -> list[str]:
+    """The arrays that are no part of the record, by length."""
+    lengths = sorted({length for _, length in others}, reverse=True)
+    return [
+        f"arrays of {length} values are no part of this record of {size}: "
+        + listed([name for name, own in others if own == length])
+        for length in lengths
+    ]
 
 
 def _report(
@@ -174,8 +254,8 @@ def _report(
 
 
 def _time(
-    table: Table,
     roles: Mapping[int, str],
+    names: Mapping[int, str],
     arrays: Mapping[int, np.ndarray],
     size: int,
     sample_rate_hz: int | float | None,
@@ -184,7 +264,7 @@ def _time(
         return np.arange(size) / sample_rate_hz
     for k, role in roles.items():
         if role == "time" and k in arrays:
-            unit = name_and_unit(table.names[k], tuple(TIME_UNITS), table.names[k])[1]
+            unit = name_and_unit(names[k], tuple(TIME_UNITS), names[k])[1]
             return arrays[k] * TIME_UNITS[unit or "s"]
     return None
 

@@ -24,6 +24,9 @@ TOLERANCE = 0.005
 DEVIATIONS = 5.0
 """Standard errors below which it is not either."""
 
+APART = 0.05
+"""Share of the driven travel, rms, that may not follow the driving shaft at any ratio."""
+
 BLOCKS = 10
 
 MOST_ROWS = 20_000
@@ -64,11 +67,11 @@ class SeenRatio:
         cure = {
             "swapped": "the inverse: driving and driven are swapped; exchange them in [log] or with"
             " --column driving=NAME --column driven=NAME",
-            "sign": "the negative: one encoder counts backwards; set `sign = -1` in [driven]"
-            " encoder",
+            "sign": "the negative: one encoder counts backwards; set `sign = -1` for the one that"
+            " does ([driving] or [driven] encoder), or take it away where it is set",
             "swapped_sign": "the negative inverse: driving and driven are swapped and one encoder"
-            " counts backwards; exchange them with --column and set `sign = -1` in [driven]"
-            " encoder",
+            " counts backwards; exchange them with --column and set `sign = -1` for the encoder"
+            " that does",
             "differs": f"about {simple_fraction(self.seen, self.std or 0.0)}; correct the teeth (or"
             " [drive] ratio), counts_per_rev or the scale in the pair file",
         }[self.verdict]
@@ -89,6 +92,16 @@ def check_ratio(log: EncoderLog) -> SeenRatio:
     Doubted is a ratio that is off by more than 0.5 % and by more than 5 standard errors.
     """
     ratio = seen_ratio(log)
+    if log.driven is not None and ratio.seen is not None:
+        off = log.driven_angle - ratio.seen * log.driving_angle
+        apart, travel = float(np.std(off)), float(np.ptp(log.driven_angle))
+        if apart > APART * travel:
+            raise LogError(
+                f"the two channels do not turn together: {np.degrees(apart):.3g}° rms of the driven"
+                f" shaft's {np.degrees(travel):.3g}° of travel do not follow the driving one; name"
+                " the right columns with --column driving=NAME --column driven=NAME.",
+                where=log.place.at("driven"),
+            )
     if ratio.verdict not in ("agrees", "none"):
         raise LogError(ratio.sentence, where=log.place.at("driven"))
     return ratio

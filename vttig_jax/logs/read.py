@@ -1,4 +1,4 @@
-"""From a text file to an `EncoderLog`."""
+"""From a file to an `EncoderLog`."""
 
 import logging
 from collections.abc import Mapping
@@ -6,18 +6,26 @@ from pathlib import Path
 
 import numpy as np
 
-from ..base.errors import UsageError
+from ..base.errors import LogError, UsageError
 from ..base.units import ANGLE_UNITS
 from ..pair.spec import LogLayout, UnitTable
 from .channel import RawChannel
-from .columns import LENGTH_UNITS, ROLES, TIME_UNITS, Column, find_columns, name_and_unit
+from .columns import ROLES, ROW_INDEX, Column, find_columns, names_asked
 from .encoder_log import EncoderLog, RawLog
+from .naming import ACCELERATION_UNITS, LENGTH_UNITS, SPEED_UNITS, TIME_UNITS, name_and_unit
+from .opening import open_table
 from .shafts import TwoShafts
 from .source import Source
-from .table import find_table
-from .text import read_text
 
 logger = logging.getLogger("vttig_jax")
+
+UNITS = {
+    "transmission_error": ANGLE_UNITS,
+    "axial_mm": LENGTH_UNITS,
+    "speed": SPEED_UNITS,
+    "acceleration": ACCELERATION_UNITS,
+}
+"""What a unit of a column is inside (rad, mm, rad/s, rad/s²); channels keep theirs."""
 
 
 def read_log(
@@ -28,17 +36,40 @@ def read_log(
     decimal: str | None = None,
     sample_rate_hz: int | float | None = None,
 ) -> EncoderLog:
-    """Read a CSV, TSV or TXT log of two encoders, or of one and the transmission error.
+    """Read a log of two encoders, or of one and the transmission error.
+
+    The file is delimited text (CSV, TSV, TXT), or MATLAB (.mat) or HDF5 (.h5, .hdf5), whose
+    columns are named by their path or its last part: `rec.pos_deg(1,:)` or `pos_deg(1,:)`. In text
+    `#1` is the first column, with or without a header, and everywhere `#row` is 0, 1, 2, ….
 
     **Arguments**
     - `pair`: the pair file or what `load_pair` makes of it: encoders, ratio, and in `log` and
       `unit` the names and units of the columns.
     - `columns`: role ("time", "driving", "driven", "transmission_error", "direction", "axial_mm",
-      "torque") to column name; wins over `pair.log`.
+      "torque", "speed" and "acceleration" of the driving shaft) to column name; wins over
+      `pair.log`.
     - `decimal`: "." or ","; wins over `pair.log`.
     - `sample_rate_hz`: samples per second instead of a time column; wins over `pair.log`.
 
-    **Raises** `LogError` naming file, line or channel and the cure.
+    **Raises** `LogError` naming file, line or channel and the cure; `UsageError` for HDF5 without
+    the package h5py.
+
+    **Example**
+    ```python
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> from vttig_jax.logs.read import read_log
+    >>> from vttig_jax.pair.spec import parse_pair_spec
+    >>> unit = {"driving": "deg", "driven": "deg"}
+    >>> pair = parse_pair_spec({"drive": {"ratio": "1/2"}, "unit": unit})
+    >>> with TemporaryDirectory() as folder:
+    ...     path = Path(folder) / "log.csv"
+    ...     _ = path.write_text("".join(f"{k}.0,{k / 2:.1f}\\n" for k in range(9)))
+    ...     log = read_log(path, pair, columns={"driving": "#1", "driven": "#2"}, sample_rate_hz=50)
+    >>> len(log), round(float(log.time[-1]), 2)
+    (9, 0.16)
+
+    ```
     """
     raw = read_raw(
         path,
@@ -69,34 +100,61 @@ def read_raw(
     rate = sample_rate_hz
     if rate is None and "time" not in columns:
         rate = layout.sample_rate_hz
-    text, digest, notes = read_text(path, layout.encoding)
     name = str(path)
-    table = find_table(text, name, delimiter=layout.delimiter, decimal=decimal or layout.decimal)
+    table, digest, notes = open_table(
+        path,
+        encoding=layout.encoding,
+        delimiter=layout.delimiter,
+        decimal=decimal or layout.decimal,
+        asked=names_asked(layout, columns).values(),
+    )
     found = find_columns(table.names, layout, units, columns, name, timed=rate is None)
+    held = [column.index for column in found.values() if column.index != ROW_INDEX]
+    table, cut = table.without_cut_line(held)
     source = Source(name, {role: c.name for role, c in found.items()}, table.line_of)
-    arrays = table.columns([column.index for column in found.values()])
-    values = dict(zip(found, arrays, strict=True))
-    size = len(values["driving"])
+    values = _values(found, dict(zip(held, table.columns(held), strict=True)), source)
     if rate is None:
         time = values["time"] * TIME_UNITS[found["time"].unit]
     else:
-        time = np.arange(size) / rate
+        time = np.arange(len(values["driving"])) / rate
     if rate is None and name_and_unit(found["time"].name, tuple(TIME_UNITS), name)[1] is None:
         notes = (*notes, f"time: column `{found['time'].name}` names no unit, taken as seconds")
-    error = values.get("transmission_error")
-    axial = values.get("axial_mm")
+    sizes = {role: units_in[found[role].unit] for role, units_in in UNITS.items() if role in found}
+    in_units = {role: size * values[role] for role, size in sizes.items()}
     return RawLog(
         time,
         _channel(found["driving"], values, layout.driving_scale),
         _channel(found["driven"], values, layout.driven_scale) if "driven" in found else None,
-        None if error is None else ANGLE_UNITS[found["transmission_error"].unit] * error,
+        in_units.get("transmission_error"),
         values.get("direction"),
-        None if axial is None else LENGTH_UNITS[found["axial_mm"].unit] * axial,
+        in_units.get("axial_mm"),
         values.get("torque"),
         source,
         digest,
-        notes,
+        (*notes, *cut),
+        speed=in_units.get("speed"),
+        acceleration=in_units.get("acceleration"),
     )
+
+
+def _values(
+    found: Mapping[str, Column], arrays: Mapping[int, np.ndarray], source: Source
+) -> dict[str, np.ndarray]:
+    """The values of every role, all of the length of the driving column."""
+    sized = found["driving"].index
+    if sized == ROW_INDEX:
+        sized = next(iter(arrays))
+    size = len(arrays[sized])
+    for role, column in found.items():
+        length = len(arrays.get(column.index, arrays[sized]))
+        if length != size:
+            first = next(c.name for c in found.values() if c.index == sized)
+            raise LogError(
+                f"{length} values, but column `{first}` has {size}; name columns of one record.",
+                where=source.at(role),
+            )
+    rows = np.arange(size, dtype=np.int64)
+    return {role: arrays.get(column.index, rows) for role, column in found.items()}
 
 
 def _channel(

@@ -91,7 +91,8 @@ def find_segments(log: EncoderLog) -> Segments:
       |torque| is at least 5 % of its 95th percentile, ramps included. With both, they must agree.
     - Gaps in time (more than 5 median intervals) and changes of plateau separate segments.
     """
-    time, angle = log.time, log.driving_angle
+    time = log.time
+    angle = log.driving.steady_angle(time)
     interval = np.diff(time)
     cut = np.concatenate([[True], interval > GAP * np.median(interval)])
     speed = smooth_speed(time, angle, log.driving.resolution)
@@ -99,7 +100,7 @@ def find_segments(log: EncoderLog) -> Segments:
     spans = runs(sense, cut)
     motion = tuple(_motion(a, b, int(sense[a]), time, angle) for a, b in spans)
     moving = [(m.start, m.stop) for m in motion if m.kind != "dwell"]
-    certain, ragged = _certain(log, speed, moving, cut)
+    certain, ragged = _certain(log, angle, speed, moving)
     flank = _flank(log, sense)
     certain &= (flank != 0) & (sense != 0)
     certain &= ~_crossing(flank, sense, angle, cut, moving)
@@ -149,7 +150,7 @@ def _mean_speed(
 
 
 def _certain(
-    log: EncoderLog, speed: Speed, moving: list[tuple[int, int]], cut: Bool[np.ndarray, " n"]
+    log: EncoderLog, angle: Float[np.ndarray, " n"], speed: Speed, moving: list[tuple[int, int]]
 ) -> tuple[Bool[np.ndarray, " n"], int]:
     """Samples whose motion leaves no doubt about the flank, and the number of ragged runs."""
     certain = np.zeros(len(log), bool)
@@ -157,7 +158,7 @@ def _certain(
         for start, stop in moving:
             certain[start:stop] = True
         return certain, 0
-    travel = np.abs(np.gradient(log.driving_angle))
+    travel = np.abs(np.gradient(angle))
     fast = np.abs(speed.value)
     median = np.median(np.diff(log.time))
     ragged = 0

@@ -6,6 +6,8 @@ from itertools import pairwise
 import numpy as np
 from jaxtyping import Bool, Float, Shaped
 
+from .spikes import spikes, without_spikes
+
 TRAVEL = 200.0
 """A speed is taken over a travel of this many quanta at top speed: 0.5 % of quantisation."""
 
@@ -30,8 +32,9 @@ def smooth_speed(
 
     The window w is as short as quantisation and noise allow: at the top speed it covers `TRAVEL`
     quanta (the larger of `resolution` in rad and twice the noise), but never more than a
-    twentieth of the log.
+    twentieth of the log. Spikes (`logs.spikes`) are interpolated first.
     """
+    angle = without_spikes(angle, time, spikes(angle, time, resolution))
     count = len(time)
     lag = max(1, count // 100)
     interval = np.median(np.diff(time))

@@ -1,19 +1,11 @@
-"""Delimited text as a table: where the header is, and the columns as arrays.
+"""Delimited text as a table: which delimiter, and where the header is, if there is one."""
 
-Columns are read by NumPy's C parser; only what it refuses is read again field by field, which
-either understands the field (quotes, thousands) or names line and column.
-"""
-
-import csv
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-
-import numpy as np
-from jaxtyping import Real
+from collections.abc import Sequence
+from itertools import islice
 
 from ..base.errors import LogError
-from .channel import EXACT_FLOAT
-from .numbers import choose_decimal, looks_like_number, to_number
+from .delimited import Table, split
+from .numbers import CURE, looks_like_number
 
 DELIMITERS = ("\t", ";", ",", "|", None)
 """Tried in this order; None is any run of blanks."""
@@ -26,81 +18,19 @@ PREAMBLE = 1000
 COMMENTS = ("#", "%", "//")
 
 
-@dataclass(frozen=True)
-class Table:
-    """A table found in text. `lines` are all lines of the file; rows start after `header`."""
-
-    names: tuple[str, ...]
-    lines: list[str]
-    header: int
-    delimiter: str | None
-    decimal: str | None
-    source: str
-
-    @property
-    def body(self) -> list[str]:
-        """The lines below the header."""
-        return self.lines[self.header + 1 :]
-
-    def line_of(self, row: int) -> int:
-        """Line number in the file, from 1, of a row."""
-        return next(n for k, (n, _) in enumerate(self.rows()) if k == row)
-
-    def rows(self) -> Iterator[tuple[int, list[str]]]:
-        """Line number and fields of every row; blank and comment lines are none."""
-        for number, line in enumerate(self.body, self.header + 2):
-            content = line.split("#", 1)[0]
-            if content.strip():
-                yield number, split(content, self.delimiter)
-
-    def columns(self, indices: Sequence[int]) -> list[Real[np.ndarray, " n"]]:
-        """Columns as float64, or int64 where a float could not hold their whole numbers.
-
-        **Raises** `LogError` naming the line and column of a field that is no number.
-        """
-        lines, decimal = self._prepared(indices)
-        if lines is None:
-            return _by_field(self, indices, decimal)
-        options = {"delimiter": self.delimiter, "comments": "#", "quotechar": '"', "ndmin": 2}
-        try:
-            array = np.loadtxt(lines, usecols=indices, **options)
-        except ValueError:
-            return _by_field(self, indices, decimal)
-        columns: list[np.ndarray] = list(np.ascontiguousarray(array.T))
-        for k, index in enumerate(indices):
-            if np.nanmax(np.abs(columns[k]), initial=0) >= EXACT_FLOAT:
-                try:
-                    whole = np.loadtxt(lines, usecols=index, dtype=np.int64, **options)
-                except (ValueError, OverflowError):
-                    continue
-                columns[k] = whole[:, 0]
-        return columns
-
-    def _prepared(self, indices: Sequence[int]) -> tuple[list[str] | None, str]:
-        """Lines with decimal points, None where the C parser is no use, and the mark they had."""
-        body = self.body
-        if self.delimiter == ",":
-            commas = any('"' in line for line in body)
-        else:
-            commas = any("," in line for line in body)
-        if not commas and self.decimal != ",":
-            return body, "."
-        decimal = self.decimal
-        if decimal is None:
-            fields = [row[k] for _, row in self.rows() for k in indices if k < len(row)]
-            decimal = choose_decimal(fields, self.delimiter, self.source)
-        if decimal == "," and self.delimiter != "," and not any("." in line for line in body):
-            return [line.replace(",", ".") for line in body], decimal
-        return None, decimal
-
-
 def find_table(
-    text: str, source: str, *, delimiter: str | None = None, decimal: str | None = None
+    text: str,
+    source: str,
+    *,
+    delimiter: str | None = None,
+    decimal: str | None = None,
+    highest: int = 0,
 ) -> Table:
     """Find header and delimiter of a delimited table; lines before the header are skipped.
 
     The header is the last line before the first row of numbers that has as many fields; it may be
-    a comment.
+    a comment. With `highest`, the highest number among columns asked for by number (`#2`), a table
+    needs no header and one column will do; without a header the columns are called #1, #2, ….
 
     **Raises** `LogError` where there is no header, or nothing below it.
     """
@@ -124,21 +54,11 @@ def find_table(
         names = _names(lines[header], candidate)
         _check_width(lines[start], start, names, candidate, source)
         return Table(tuple(names), lines, header, candidate, decimal, source)
+    if highest:
+        table = _headerless(lines, tried, source, decimal, highest, sure=delimiter is not None)
+        if table is not None:
+            return table
     raise _no_table(lines, tried, source)
-
-
-def split(line: str, delimiter: str | None) -> list[str]:
-    """Fields of a line without blanks around them and without empty ones at its end."""
-    if delimiter is None:
-        fields = line.split()
-    elif '"' in line:
-        fields = next(csv.reader([line], delimiter=delimiter, skipinitialspace=True))
-    else:
-        fields = line.split(delimiter)
-    fields = [field.strip() for field in fields]
-    while fields and not fields[-1]:
-        fields.pop()
-    return fields
 
 
 def _names(line: str, delimiter: str | None) -> list[str]:
@@ -189,13 +109,82 @@ def _check_width(
         )
 
 
+def _headerless(
+    lines: list[str],
+    tried: Sequence[str | None],
+    source: str,
+    decimal: str | None,
+    highest: int,
+    *,
+    sure: bool,
+) -> Table | None:
+    """The rows of numbers as a table with columns #1, #2, …; None where there are none.
+
+    `sure`: the delimiter was given, so that a comma between digits is that.
+    """
+    quoted = any('"' in line for line in lines[:PREAMBLE])
+    if decimal == "," and not sure and not quoted:
+        tried = [one for one in tried if one != ","]
+    starts = {one: _first_row(lines, one) for one in tried}
+    rows = {one: split(lines[k], one) for one, k in starts.items() if k is not None}
+    whole = [one for one, fields in rows.items() if all(map(looks_like_number, fields))]
+    for delimiter in (*whole, *rows):
+        start = starts[delimiter]
+        assert start is not None  # `rows` has no others
+        names = tuple(f"#{k + 1}" for k in range(len(rows[delimiter])))
+        table = Table(names, lines, start - 1, delimiter, decimal, source)
+        if delimiter == "," and decimal is None and not sure:
+            _refuse_doubtful_commas(table, highest)
+        return table
+    return _single_column(lines, tried, source, decimal)
+
+
+def _refuse_doubtful_commas(table: Table, highest: int) -> None:
+    """`147,31` is two columns or one number, unless a column beyond the first half is asked for."""
+    width = len(table.names)
+    if width % 2 or 2 * highest > width:
+        return
+    rows = list(islice(table.rows(), 100))
+    lines = [table.lines[number - 1].strip() for number, _ in rows]
+    for line, (_, fields) in zip(lines, rows, strict=True):
+        behind = fields[1::2]
+        fronts = [field.lstrip("+-") for field in fields[::2]]
+        if " " in line or len(fields) != width or not all(map(str.isdigit, fronts + behind)):
+            return
+    numbers = "one number" if width == 2 else f"{width // 2} numbers"
+    raise LogError(
+        f"`{lines[0]}` is {width} columns, or {numbers} with a decimal comma; {CURE}.",
+        where=f"{table.source}: line {rows[0][0]}",
+    )
+
+
+def _single_column(
+    lines: list[str], tried: Sequence[str | None], source: str, decimal: str | None
+) -> Table | None:
+    """A column of numbers, below its name or without one; each may end with a delimiter."""
+    for delimiter in tried:
+        for k, line in enumerate(lines[:PREAMBLE]):
+            if not line.strip() or line.lstrip().startswith(COMMENTS):
+                continue
+            fields = split(line, delimiter)
+            if (delimiter is not None and delimiter not in line) or len(fields) != 1:
+                continue
+            if not looks_like_number(fields[0]):
+                continue
+            above = _names(lines[k - 1], delimiter) if k else []
+            names = tuple(above) if len(above) == 1 else ("#1",)
+            return Table(names, lines, k - 1, delimiter, decimal, source)
+    return None
+
+
 def _no_table(lines: list[str], tried: Sequence[str | None], source: str) -> LogError:
     for delimiter in tried:
         start = _first_row(lines, delimiter)
         if start is not None:
             return LogError(
                 "numbers without a header; put a line with column names such as"
-                " time_s,driving_counts,driven_counts above them.",
+                " time_s,driving_counts,driven_counts above them, or name the columns by number"
+                " (--column driving=#1).",
                 where=f"{source}: line {start + 1}",
             )
     content = [k for k, line in enumerate(lines) if line.strip()]
@@ -206,23 +195,6 @@ def _no_table(lines: list[str], tried: Sequence[str | None], source: str) -> Log
         )
     return LogError(
         "no table of numbers with at least two columns; a log is CSV, TSV or TXT with one header"
-        " line.",
+        " line (a single column of numbers is read with driving=#1 and driven=#row).",
         where=source,
     )
-
-
-def _by_field(table: Table, indices: Sequence[int], decimal: str) -> list[np.ndarray]:
-    """Read field by field; slow, used only where the C parser cannot."""
-    values: list[list[float]] = [[] for _ in indices]
-    for number, fields in table.rows():
-        for column, index in zip(values, indices, strict=True):
-            where = f"{table.source}: line {number}, column `{table.names[index]}`"
-            if index >= len(fields) or not fields[index]:
-                raise LogError("empty; fill in the value or remove the line.", where=where)
-            value = to_number(fields[index], decimal)
-            if value is None:
-                comma = "," in fields[index] or decimal == ","
-                cure = f'decimal is "{decimal}"; correct it or --decimal' if comma else "correct it"
-                raise LogError(f"`{fields[index]}` is no number; {cure}.", where=where)
-            column.append(value)
-    return [np.array(column) for column in values]

@@ -9,6 +9,9 @@ from jaxtyping import Float, Int, Real
 
 SMALLEST_COUNTER = 2**8
 
+LARGEST_COUNTER = 2**53
+"""Wider readings hold a wild one; no counter wraps there."""
+
 EXPLAINED = 0.15
 """Share of the unrest at its jumps that a modulus may leave."""
 
@@ -46,11 +49,13 @@ def find_modulus(
     left there.
     """
     low, high = reading.min(), reading.max()
-    span = high - low
+    span = high - low if isinstance(high, np.floating) else int(high) - int(low)
     step = np.diff(reading)
     candidates = []
     if np.issubdtype(reading.dtype, np.integer):
-        candidates.append(max(SMALLEST_COUNTER, 1 << int(span).bit_length()))
+        power = max(SMALLEST_COUNTER, 1 << int(span).bit_length())
+        if power <= LARGEST_COUNTER:
+            candidates.append(power)
         if per_turn is not None and per_turn > span:
             candidates.append(int(per_turn))
     elif per_turn is not None and span <= per_turn:

@@ -41,6 +41,7 @@ def inspection_text(report: "Inspection") -> str:
         _motion_table(report),
         _plateau_table(report),
         _spectrum_table(report),
+        _lines(report),
         bullets("note", _remarks(report)),
     ]
     return "\n\n".join(part.rstrip() for part in parts if part)
@@ -123,6 +124,34 @@ def _spectrum_table(report: "Inspection") -> str:
         return ""
     rows = [(f"{s} {k}", row.get("A"), row.get("B")) for (s, k), row in cells.items()]
     return text_table(rows, ["order", ("flank A", "″"), ("flank B", "″")])
+
+
+def _lines(report: "Inspection") -> str:
+    """Lines of the blind search; with their period where there is one steady speed."""
+    if not report.lines:
+        return ""
+    speeds = [abs(plateau.speed_rpm) for plateau in report.plateaus]
+    steady = max(speeds) <= 1.05 * min(speeds)
+    rows = [
+        (
+            f"{line.cycles_per_rev:.5g}",
+            f"{line.cycles_std:.1g}",
+            f"{60 / (max(speeds) * line.cycles_per_rev):.4g}" if steady else None,
+            f"{line.amplitude_arcsec:.3g}",
+            f"{line.amplitude_std_arcsec:.1g}",
+            f"{line.false_alarm:.1g}",
+        )
+        for line in report.lines
+    ]
+    head = [
+        ("line found blind", "cycles/rev"),
+        ("std", "cycles/rev"),
+        ("period", "s"),
+        ("amplitude", "″"),
+        ("std", "″"),
+        "false alarm",
+    ]
+    return text_table(rows, head)
 
 
 def _remarks(report: "Inspection") -> list[str]:

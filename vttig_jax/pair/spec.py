@@ -86,6 +86,8 @@ class LogLayout(_Table, frozen=True):
     direction: str | None = None
     axial_mm: str | None = None
     torque: str | None = None
+    speed: str | None = None
+    acceleration: str | None = None
     decimal: Literal[".", ","] | None = None
     delimiter: str | None = None
     encoding: str | None = None
@@ -182,7 +184,11 @@ def load_pair_spec(path: str | Path) -> PairSpec:
             where=str(path),
         ) from None
     except tomllib.TOMLDecodeError as error:
-        raise PairError(f"not valid TOML: {error}.", where=str(path)) from None
+        raise PairError(
+            f"not valid TOML: {error}; a pair file names the rig in [pair] and two gears, or in"
+            " [drive].",
+            where=str(path),
+        ) from None
     except OSError as error:
         raise PairError(f"cannot be read: {error.strerror}.", where=str(path)) from None
     return parse_pair_spec(table, str(path))

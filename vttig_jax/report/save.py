@@ -10,6 +10,7 @@ from ..identify.result import Fit
 from ..kinematics.backlash_map import BacklashMap
 from .fit_picture import plot_fit
 from .map_picture import plot_map
+from .residual_picture import plot_residual
 from .spectrum import plot_orders
 
 _DPI = 150
@@ -23,13 +24,19 @@ def png(figure: Figure) -> bytes:
 
 
 def figures(fit: Fit, grid: BacklashMap | None) -> dict[str, bytes]:
-    """PNG of every picture of a fit by file name: `te_fit.png`, `orders.png`, `backlash_map.png`.
+    """PNG of every picture of a fit by file name.
+
+    `te_fit.png`, `orders.png`, `residual.png`, and `backlash_map.png` where there is a map.
 
     **Arguments**
     - `fit`: the result of a fit.
     - `grid`: its backlash map; None leaves that picture out.
     """
-    drawn = {"te_fit.png": plot_fit(fit), "orders.png": plot_orders(fit)}
+    drawn = {
+        "te_fit.png": plot_fit(fit),
+        "orders.png": plot_orders(fit),
+        "residual.png": plot_residual(fit),
+    }
     if grid is not None:
         drawn["backlash_map.png"] = plot_map(grid)
     return {name: png(figure) for name, figure in drawn.items()}

@@ -5,7 +5,7 @@ import pytest
 from scipy.linalg import solve_toeplitz
 from scipy.signal import lfilter
 
-from vttig_jax.identify.autoregression import whitening_filter
+from vttig_jax.base.autoregression import whitening_filter
 
 
 def _autocovariance(path: np.ndarray, lags: int) -> np.ndarray:

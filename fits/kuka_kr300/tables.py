@@ -1,0 +1,92 @@
+"""Three axes of a robot, two logs, fitted in three ways: the tables of README.md.
+
+    python fits/kuka_kr300/tables.py
+
+Angles are arcseconds of the output.
+"""
+
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import vttig_jax
+from vttig_jax.base.tables import text_table
+from vttig_jax.identify.parameters import Parameter
+from vttig_jax.identify.result import Fit
+
+vttig_jax.enable_x64()
+
+HERE = Path(__file__).resolve().parent
+LOGS = HERE.parents[2] / "shared" / "data" / "kuka_kr300"
+
+PLAIN, OFF, MORE = "no options", "--delay off", "--regressor acceleration --free-ratio"
+WAYS: dict[str, dict[str, Any]] = {
+    PLAIN: {},
+    OFF: {"delay": "off"},
+    MORE: {"regressors": ("acceleration",), "free_ratio": True},
+}
+"""Options of the command, and what they are in Python."""
+
+_HEADERS = {
+    PLAIN: ["delay [ms]", "residual", "B above A", "motor order 1", "strongest line left"],
+    OFF: ["residual", "B above A"],
+    MORE: ["delay [ms]", "residual", "B above A", "per rad/s²", "ratio [ppm off]"],
+}
+
+
+@cache
+def fitted(axis: int, logs: str, way: str = PLAIN) -> Fit:
+    """Fit one axis to log "A" or "B", or to both, "AB", in one fit."""
+    pair = vttig_jax.load_pair(HERE / f"axis{axis}.toml")
+    read = [vttig_jax.read_log(LOGS / f"kr300_{name}_axes123.csv", pair) for name in logs]
+    return vttig_jax.fit(read, pair, **WAYS[way])
+
+
+def row(axis: int, logs: str, way: str) -> list[str]:
+    """Cells of one fit in the table of `way`."""
+    fit = fitted(axis, logs, way)
+    gap = fit.checks["apparent_gap"]
+    cells = {
+        "delay [ms]": _with_std(fit.parameters["delay_s"], 1e3, ".2f"),
+        "residual": f"{3600 * fit.residual_rms_deg:.1f}",
+        "B above A": f"{3600 * gap['value_deg']:+.1f} ± {3600 * gap['std_deg']:.1f}",
+        "motor order 1": _limit(fit.parameters["driving_amplitude_arcsec"]),
+        "strongest line left": _line(fit),
+    }
+    for found in fit.regressors:
+        if found.name == "ratio":
+            cells["ratio [ppm off]"] = _with_std(found, 1e6 / float(fit.pair.ratio), ".0f", 1e6)
+        elif found.name.startswith("acceleration"):
+            cells["per rad/s²"] = _with_std(found, 1.0, ".1f")
+    return [str(axis), " and ".join(logs), *(cells[name] for name in _HEADERS[way])]
+
+
+def _with_std(found: Parameter, scale: float, places: str, less: float = 0.0) -> str:
+    if found.value is None or found.std is None:
+        return "–"
+    sign = "+" if less else ""
+    value = format(scale * found.value - less, sign + places)
+    return f"{value} ± {format(scale * found.std, places)}"
+
+
+def _limit(found: Parameter) -> str:
+    return f"< {found.upper95:.1f}" if found.upper95 is not None else f"{found.value:.1f}"
+
+
+def _line(fit: Fit) -> str:
+    """The strongest of the lines that are left in the residual."""
+    lines = sorted(fit.checks["lines"], key=lambda line: -line["amplitude_arcsec"])
+    if not lines:
+        return "none"
+    return f"{lines[0]['amplitude_arcsec']:.1f} at {lines[0]['cycles_per_rev']:.2f}"
+
+
+def table(way: str) -> str:
+    """All axes and logs fitted in one way."""
+    logs = ("A", "B", "AB") if way == PLAIN else ("A", "B")
+    rows = [row(axis, each, way) for axis in (1, 2, 3) for each in logs]
+    return f"{way}\n" + text_table(rows, ["axis", "log", *_HEADERS[way]])
+
+
+if __name__ == "__main__":
+    print("\n\n".join(table(way) for way in WAYS))

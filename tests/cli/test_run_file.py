@@ -1,0 +1,123 @@
+"""`run.toml` there and back, the older form, and damaged ones."""
+
+import tomllib
+
+import pytest
+import tomli_w
+
+from tests.cli.drive import write_drive, write_pair
+from vttig_jax.base.errors import InputError, UsageError
+from vttig_jax.base.runfolder import data_sha256
+from vttig_jax.cli.run_file import Run, read_run, require_same_data
+from vttig_jax.cli.run_options import RunOptions
+from vttig_jax.pair.spec import load_pair_spec
+
+OPTIONS = RunOptions(
+    columns=("time=time_s",),
+    decimal=".",
+    sample_rate=50.0,
+    flank="A",
+    perfect_encoders=True,
+    delay=-0.002,
+    loss="huber",
+    regressors=("torque", "speed"),
+    free_ratio=True,
+    drift_order=0,
+    same_zero=False,
+)
+
+
+@pytest.fixture
+def run(tmp_path) -> Run:
+    """A run of two logs."""
+    logs = tuple(write_drive(tmp_path / f"{k}.csv", seed=k) for k in range(2))
+    spec = load_pair_spec(write_pair(tmp_path / "pair.toml"))
+    return Run(logs, spec, RunOptions(delay=0.004), tuple(data_sha256(logs)))
+
+
+def write(tmp_path, table):
+    folder = tmp_path / "run"
+    folder.mkdir(exist_ok=True)
+    (folder / "run.toml").write_text(tomli_w.dumps(table))
+    return folder
+
+
+def test_there_and_back(run, tmp_path, monkeypatch):
+    folder = write(tmp_path, run.table(tmp_path / "run"))
+    assert tomllib.loads((folder / "run.toml").read_text())["data"]["logs"] == [
+        "../0.csv",
+        "../1.csv",
+    ]
+    assert read_run(folder) == read_run(folder / "run.toml") == run
+    require_same_data(read_run(folder))
+    monkeypatch.chdir(tmp_path)
+    assert [str(log) for log in read_run(folder).logs] == ["0.csv", "1.csv"]
+
+
+def test_every_option_comes_back(run, tmp_path):
+    full = Run(run.logs, run.spec, OPTIONS, run.sha256)
+    folder = tmp_path / "run"
+    table = full.table(folder)
+    with pytest.raises(InputError, match="--regressor speed"):
+        read_run(write(tmp_path, table))
+    table["options"]["regressors"] = ["torque"]
+    assert read_run(write(tmp_path, table)).options.table() == table["options"]
+    given = {name for name in RunOptions.__struct_fields__ if name != "drift_knots"}
+    assert set(table["options"]) == given
+
+
+@pytest.mark.parametrize(
+    ("damage", "words"),
+    [
+        (lambda t: t.update(schema="vttig.run/9"), "vttig.run/9"),
+        (lambda t: t.pop("data"), "'data'"),
+        (lambda t: t["data"].pop("sha256"), "'sha256'"),
+        (lambda t: t["data"].update(logs=[]), "data.sha256"),
+        (lambda t: t["data"].update(logs="0.csv"), "data.logs"),
+        (lambda t: t["data"].update(logs=[1, 2]), "data.logs"),
+        (lambda t: t["data"].update(sha256=["0"]), "data.sha256"),
+        (lambda t: t.pop("options"), "'options'"),
+        (lambda t: t["options"].update(delay=7.5), "delay"),
+        (lambda t: t["options"].update(delay=float("nan")), "delay"),
+        (lambda t: t["options"].update(delay="late"), "delay"),
+        (lambda t: t["options"].update(loss=1), "loss"),
+        (lambda t: t["options"].update(regressors=["load"]), "regressors"),
+        (lambda t: t["options"].update(sample_rate=float("inf")), "sample_rate"),
+        (lambda t: t["options"].update(sample_rate=float("nan")), "sample_rate"),
+        (lambda t: t["options"].update(drift_order=7), "drift_order"),
+        (lambda t: t["options"].update(drift_order=1, drift_knots=5.0), "exclude each other"),
+        (lambda t: t["options"].update(columns=["load=x"]), "ROLE=NAME"),
+        (lambda t: t["options"].update(columns="time=x"), "columns"),
+        (lambda t: t["options"].update(colour="red"), "colour"),
+        (lambda t: t.update(options=3), "options"),
+        (lambda t: t.pop("pair_file"), "'pair_file'"),
+        (lambda t: t["pair_file"].pop("drive"), "pair_file"),
+    ],
+)
+def test_damaged_files(run, tmp_path, damage, words):
+    table = run.table(tmp_path / "run")
+    assert read_run(write(tmp_path, table)) == run
+    damage(table)
+    with pytest.raises(InputError) as caught:
+        read_run(write(tmp_path, table))
+    assert words in str(caught.value)
+    assert "run.toml" in caught.value.where
+
+
+def test_missing_and_unreadable(tmp_path):
+    with pytest.raises(UsageError, match="no such run"):
+        read_run(tmp_path)
+    (tmp_path / "run.toml").write_bytes(b"\xff")
+    with pytest.raises(InputError, match="not a run file"):
+        read_run(tmp_path)
+
+
+def test_changed_and_missing_logs(run):
+    with run.logs[1].open("a") as log:
+        log.write("1,2,3,4,5,6\n")
+    with pytest.raises(InputError, match="has changed since the run") as caught:
+        require_same_data(run)
+    assert caught.value.where == str(run.logs[1])
+    run.logs[1].unlink()
+    with pytest.raises(InputError, match="no longer there"):
+        require_same_data(run)

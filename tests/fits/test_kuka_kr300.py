@@ -1,0 +1,189 @@
+"""Robot axes: a delay that looks like backlash, what stays undetermined, and a line at 3.09."""
+
+import importlib.util
+import itertools
+import re
+from fractions import Fraction
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+import vttig_jax
+
+KUKA = Path(__file__).resolve().parents[2] / "fits" / "kuka_kr300"
+
+
+@pytest.fixture(scope="module")
+def kuka(data_dir: Path) -> ModuleType:
+    """The script `fits/kuka_kr300/tables.py`; its fits of 2 s are shared by the tests below."""
+    spec = importlib.util.spec_from_file_location("tables", KUKA / "tables.py")
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    assert data_dir / "kuka_kr300" == module.LOGS
+    return module
+
+
+KNOWN_DELAY_S = {1: 2.95e-3, 2: 2.84e-3, 3: 2.71e-3}
+EACH = pytest.mark.parametrize(("axis", "log"), list(itertools.product((1, 2, 3), "AB")))
+
+
+@EACH
+def test_kuka_delay_and_what_is_left(kuka: ModuleType, axis: int, log: str):
+    fit = kuka.fitted(axis, log)
+    assert fit.value("delay_s") == pytest.approx(KNOWN_DELAY_S[axis], abs=0.3e-3)
+    assert 3600 * fit.residual_rms_deg <= (15.0 if axis == 2 else 9.0)
+    gap = fit.checks["apparent_gap"]
+    assert gap["value_deg"] < 5 / 3600  # nothing that a gap could be: at most a few arcseconds
+    assert gap["significant"] == (gap["value_deg"] >= 3 * gap["std_deg"])
+
+
+@EACH
+def test_kuka_undetermined(kuka: ModuleType, axis: int, log: str):
+    fit = kuka.fitted(axis, log)
+    output, motor = (fit.parameters[f"{s}_amplitude_arcsec"] for s in ("driven", "driving"))
+    assert not output.determined and "of a revolution" in (output.reason or "")
+    assert not fit.parameters["constant_backlash_deg"].determined
+    assert motor.determined and not motor.significant
+    assert motor.upper95 is not None and motor.upper95 < 2.4
+    assert fit.parameters["driving_phase_deg"].value is None
+    assert all(abs(line["cycles_per_rev"] - 1) > 0.1 for line in fit.checks["lines"])
+
+
+@pytest.mark.parametrize("axis", [1, 2, 3])
+def test_kuka_without_delay_looks_like_backlash(kuka: ModuleType, axis: int):
+    naive, fit = kuka.fitted(axis, "A", kuka.OFF), kuka.fitted(axis, "A")
+    gap = naive.checks["apparent_gap"]
+    assert gap["significant"] and 3600 * gap["value_deg"] > 250
+    assert naive.residual_rms_deg > 5 * fit.residual_rms_deg
+    assert max(jump["jump_deg"] for jump in naive.checks["reversals"]) < 0.005
+
+
+def kuka_channels(data_dir: Path, axis: int, log: str, delay_s: float) -> dict[str, np.ndarray]:
+    """Motor angle in revolutions, TE in arcsec and five regressors, from the file alone."""
+    path = data_dir / "kuka_kr300" / f"kr300_{log}_axes123.csv"
+    table = np.genfromtxt(path, delimiter=",", names=True)
+    time, motor = table["t_s"], table[f"mot{axis}_deg"]
+    ratio = {1: 7 / 1798, 2: 7 / 1872, 3: 3 / 757}[axis]
+    late = np.interp(time - delay_s, time, motor)
+    speed = np.gradient(motor, time)
+    columns = [np.ones_like(time), speed, table[f"tau{axis}_Nm"], motor, np.gradient(speed, time)]
+    return {
+        "turns": late / ratio / 360.0,
+        "error": 3600 * (table[f"se{axis}_deg"] - late),
+        "columns": np.stack(columns, axis=1),
+        "share": np.abs(speed) / np.abs(speed).max(),
+    }
+
+
+def ripple(channels: dict[str, np.ndarray], slowest: float) -> tuple[float, float]:
+    """Cycles a turn and amplitude of the sinusoid that helps plain least squares most near 3.1."""
+    used = channels["share"] > slowest
+    error, found = channels["error"][used], []
+    for cycles in np.arange(3.0, 3.2, 0.002):
+        phase = 2 * np.pi * cycles * channels["turns"]
+        pair = np.stack([np.cos(phase), np.sin(phase)], axis=1)
+        design = np.concatenate([channels["columns"], pair], axis=1)[used]
+        coefficients, *_ = np.linalg.lstsq(design, error, rcond=None)
+        left = np.sum((error - design @ coefficients) ** 2)
+        found.append((left, cycles, np.hypot(*coefficients[-2:])))
+    return min(found)[1:]
+
+
+@pytest.mark.parametrize("axis", [1, 2, 3])
+def test_kuka_delay_by_plain_least_squares(data_dir: Path, axis: int):
+    channels = kuka_channels(data_dir, axis, "A", 0.0)
+    coefficients, *_ = np.linalg.lstsq(channels["columns"], channels["error"], rcond=None)
+    assert -coefficients[1] / 3600 == pytest.approx(KNOWN_DELAY_S[axis], abs=5e-6)
+
+
+@pytest.mark.parametrize(("slowest", "least", "most"), [(0.1, 242, 337), (0.0, 150, 239)])
+def test_kuka_raw_gap_grows_with_speed(data_dir: Path, slowest: float, least: int, most: int):
+    gaps = []
+    for axis, log in itertools.product((1, 2, 3), "AB"):
+        channels = kuka_channels(data_dir, axis, log, 0.0)
+        used, speed = channels["share"] > slowest, channels["columns"][:, 1]
+        back, forth = (channels["error"][used & (sign * speed > 0)].mean() for sign in (-1, 1))
+        gaps.append(back - forth)
+    assert (round(min(gaps)), round(max(gaps))) == (least, most)
+
+
+@pytest.mark.parametrize(
+    ("log", "above_a_tenth", "above_half", "everywhere"),
+    [("A", 16.2, 14.2, 19.3), ("B", 17.5, 14.4, 18.3)],
+)
+def test_kuka_ripple_of_axis_2(
+    kuka: ModuleType,
+    data_dir: Path,
+    log: str,
+    above_a_tenth: float,
+    above_half: float,
+    everywhere: float,
+):
+    channels = kuka_channels(data_dir, 2, log, 0.00293)
+    line = kuka.fitted(2, log).checks["lines"][0]
+    cycles, amplitude = ripple(channels, 0.1)
+    assert line["cycles_per_rev"] == pytest.approx(cycles, abs=0.004)
+    assert line["amplitude_arcsec"] == pytest.approx(amplitude, abs=1.0)
+    assert line["false_alarm"] < 1e-100
+    for slowest, stated in ((0.1, above_a_tenth), (0.5, above_half), (-1.0, everywhere)):
+        assert ripple(channels, slowest)[1] == pytest.approx(stated, abs=0.06)
+
+
+def test_ripple_is_recovered():
+    turns = np.linspace(0.0, 20.0, 2000)
+    channels = {
+        "turns": turns,
+        "error": 5.0 + 12.0 * np.sin(2 * np.pi * 3.1 * turns + 1.0),
+        "columns": np.ones((2000, 1)),
+        "share": np.ones(2000),
+    }
+    cycles, amplitude = ripple(channels, 0.1)
+    assert cycles == pytest.approx(3.1, abs=1e-9) and amplitude == pytest.approx(12.0)
+    elsewhere = 12.0 * np.sin(2 * np.pi * 4.1 * turns)
+    assert ripple(channels | {"error": elsewhere}, 0.1)[1] < 1.0
+
+
+def kuka_rows() -> list[tuple[int, str, str]]:
+    """Rows of the README's tables that are fitted anew: all of them would take a minute."""
+    rows = [(axis, log, "PLAIN") for axis in (1, 2, 3) for log in "AB"]
+    return [
+        *rows,
+        *((axis, "A", "OFF") for axis in (1, 2, 3)),
+        (2, "AB", "PLAIN"),
+        (2, "A", "MORE"),
+    ]
+
+
+@pytest.mark.parametrize(("axis", "log", "way"), kuka_rows())
+def test_kuka_readme_has_the_rows_of_the_script(kuka: ModuleType, axis: int, log: str, way: str):
+    name = getattr(kuka, way)
+    readme = (KUKA / "README.md").read_text(encoding="utf-8")
+    printed = readme.split("    python fits/kuka_kr300/tables.py\n")[1]
+    printed = printed.split("```text\n")[1].split("\n```")[0]
+    tables = {table.splitlines()[0]: table.splitlines()[2:] for table in printed.split("\n\n")}
+    assert set(tables) == set(kuka.WAYS)
+    rows = {tuple(re.split(r"\s{2,}", line)) for line in tables[name]}
+    assert tuple(kuka.row(axis, log, name)) in rows
+    assert ("9", *kuka.row(axis, log, name)[1:]) not in rows
+
+
+@pytest.mark.parametrize("axis", [1, 2, 3])
+def test_kuka_pair_files(axis: int):
+    pair = vttig_jax.load_pair(KUKA / f"axis{axis}.toml")
+    assert isinstance(pair, vttig_jax.Drive)
+    assert pair.ratio == {1: Fraction(7, 1798), 2: Fraction(7, 1872), 3: Fraction(3, 757)}[axis]
+    assert pair.ratio * Fraction(pair.log.driving_scale) == 1
+
+
+def test_kuka_original_record(kuka: ModuleType, data_dir: Path):
+    pair = vttig_jax.load_pair(KUKA / "axis1_mat.toml")
+    log = vttig_jax.read_log(data_dir / "kuka_kr300" / "kr300_A.mat", pair)
+    fit, same = vttig_jax.fit(log, pair), kuka.fitted(1, "A")
+    for name, parameter in fit.parameters.items():
+        other = same.parameters[name]
+        assert parameter.determined == other.determined and parameter.reason == other.reason
+        for one, two in ((parameter.value, other.value), (parameter.upper95, other.upper95)):
+            assert one == two if one is None else one == pytest.approx(two, rel=1e-3), name

@@ -1,0 +1,75 @@
+"""Worm drives of telescopes: their first orders, and their period found blind."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import vttig_jax
+from vttig_jax.base.units import ARCSEC
+from vttig_jax.cli.main import main
+from vttig_jax.logs.line_search import Run, find_lines
+
+WORM = Path(__file__).resolve().parents[2] / "fits" / "worm_mount"
+
+
+@pytest.mark.parametrize(
+    ("name", "known", "within"),
+    [("ap_gt1100", 3.77, 0.15), ("ap_24turns", 1.6, 0.3), ("cge", 7.9, 0.8)],
+)
+def test_worm_drives(data_dir: Path, name: str, known: float, within: float):
+    pair = vttig_jax.load_pair(WORM / ("cge.toml" if name == "cge" else "pair.toml"))
+    fit = vttig_jax.fit(vttig_jax.read_log(data_dir / "worm_mount" / f"{name}.csv", pair), pair)
+    first = fit.parameters["driving_amplitude_arcsec"]
+    assert first.value == pytest.approx(known, abs=within)
+    assert first.std is not None and 0 < first.std < within
+    assert first.low95 is not None and first.low95 < known + within
+    assert fit.checks["drift_order"] == 2
+    kept = json.loads((WORM / name / "fit.json").read_text(encoding="utf-8"))
+    assert kept["parameters"]["driving_amplitude_arcsec"]["value"] == pytest.approx(first.value)
+    assert fit.parameters["driven_amplitude_arcsec"].determined is False
+
+
+def test_worm_period_found_blind(data_dir: Path):
+    """Nothing is given but time and error; the period is that of a sidereal day over 225."""
+    periods = {}
+    for name in ("ap_gt1100", "ap_24turns"):
+        path = data_dir / "worm_mount" / f"{name}.csv"
+        time, _, error = np.loadtxt(path, delimiter=",", skiprows=1, unpack=True)
+        drift = np.vander((time - time.mean()) / np.ptp(time), 3)
+        found = find_lines([Run(2 * np.pi * time, error * ARCSEC, drift)], highest=0.02)
+        periods[name] = [1 / line.cycles_per_rev for line in found]
+    assert periods["ap_gt1100"][0] == pytest.approx(383.0, rel=0.003)
+    assert 2 * periods["ap_gt1100"][1] == pytest.approx(383.0, rel=0.003)
+    assert periods["ap_24turns"][0] == pytest.approx(383.0, rel=0.005)
+    assert 5 * periods["ap_24turns"][1] == pytest.approx(383.0, rel=0.001)
+    assert pytest.approx(383.0, rel=0.0002) == 86164.1 / 225
+
+
+def test_worm_drive_with_a_straight_drift(data_dir: Path, capsys: pytest.CaptureFixture[str]):
+    log = str(data_dir / "worm_mount" / "ap_gt1100.csv")
+    arguments = ["fit", log, "--pair", str(WORM / "pair.toml"), "--drift-order", "1", "--json"]
+    assert main(arguments) == 0
+    fit = json.loads(capsys.readouterr().out)
+    assert fit["parameters"]["driving_amplitude_arcsec"]["value"] == pytest.approx(3.758, abs=0.001)
+    assert fit["residual_rms_deg"] * 3600 == pytest.approx(0.49, abs=0.01)
+
+
+def test_worm_readme_gives_the_fitted_orders():
+    readme = (WORM / "README.md").read_text(encoding="utf-8")
+    strong = {}
+    for name, many in (("ap_gt1100", 3), ("ap_24turns", 1), ("cge", 1)):
+        orders = json.loads((WORM / name / "fit.json").read_text(encoding="utf-8"))["orders"]
+        for order in orders[:many]:
+            assert f"{order['amplitude_arcsec']:.3f}″ ± {order['std_arcsec']:.3f}″" in readme
+        strong[name] = [o["order"] for o in orders if o["amplitude_arcsec"] > 3 * o["std_arcsec"]]
+    assert strong == {"ap_gt1100": [1, 2, 4, 8], "ap_24turns": [1, 2, 3, 4, 5, 6, 8], "cge": [1]}
+
+
+def test_worm_residual_is_robustly_small(data_dir: Path):
+    pair = vttig_jax.load_pair(WORM / "pair.toml")
+    log = vttig_jax.read_log(data_dir / "worm_mount" / "ap_gt1100.csv", pair)
+    residual = np.concatenate(vttig_jax.fit(log, pair).residuals)
+    spread = 1.4826 * np.median(np.abs(residual - np.median(residual)))
+    assert np.degrees(spread) * 3600 == pytest.approx(0.35, abs=0.01)

@@ -1,0 +1,59 @@
+"""A log of two eccentric shafts with neither backlash nor delay: none may be reported."""
+
+import numpy as np
+import pytest
+
+from vttig_jax.base.units import DEG
+from vttig_jax.identify.fit import fit
+from vttig_jax.logs.encoder_log import EncoderLog
+from vttig_jax.rig.motion import Motion
+from vttig_jax.rig.paper import ERN180, paper_pair
+
+RATE = 500.0
+COUNTS = ERN180.counts_per_rev / 360 if ERN180.counts_per_rev else 0.0
+KINDS = ["angles", "counts", "noise", "noisy counts"]
+
+
+def _log(kind: str, gap_deg: float = 0.0, seed: int = 0) -> EncoderLog:
+    """Nineteen reversals; the same transmission error both ways but for `gap_deg`."""
+    motion = Motion(reversal_deg=1200.0, dwell_s=0.2, ramp_s=0.2, passes=20)
+    time = np.arange(int(motion.duration_s * RATE) + 1) / RATE
+    driving = motion.driving_angle(time)
+    driven = 45 / 80 * driving
+    driven = driven + 3e-4 * np.sin(driving + 0.5) + 2e-4 * np.sin(45 / 80 * driving + 1.0)
+    backward = np.gradient(driving) < 0
+    driven = driven + np.where(backward, gap_deg * DEG, 0.0)
+    if kind.startswith("nois"):
+        driven = driven + 2e-5 * np.random.default_rng(seed).standard_normal(len(time))
+    angles = [(angle - angle[0]) / DEG for angle in (driving, driven)]
+    if "counts" in kind:
+        counts = [np.floor(angle * COUNTS).astype(np.int64) for angle in angles]
+        return EncoderLog.from_arrays(time, *counts, pair=paper_pair())
+    return EncoderLog.from_arrays(time, *angles, pair=paper_pair(), unit="deg")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_no_gap_is_reported_where_there_is_none(kind):
+    result = fit(_log(kind), paper_pair())
+    for name in ("constant_backlash_deg", "delay_s"):
+        parameter = result.parameters[name]
+        assert parameter.determined and not parameter.significant, name
+    gap = result.parameters["constant_backlash_deg"]
+    assert abs(gap.value or 0.0) < 2e-4
+    assert result.checks["drift_order"] == 0
+    assert len(result.checks["reversals"]) == 19
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_gap_below_a_count_would_be(kind):
+    """A count is 0.004°; without noise its rounding repeats, and errors with it."""
+    gap = fit(_log(kind, 3e-3), paper_pair()).parameters["constant_backlash_deg"]
+    assert gap.significant
+    bound = 6e-4 if kind == "counts" else max(4 * (gap.std or 0.0), 1e-6)
+    assert gap.value == pytest.approx(3e-3, abs=bound)
+
+
+def test_noise_shows_no_gap_in_two_more_logs():
+    found = [fit(_log("noisy counts", seed=k), paper_pair()).parameters for k in range(1, 3)]
+    assert not any(each["constant_backlash_deg"].significant for each in found)
+    assert not any(each["delay_s"].significant for each in found)

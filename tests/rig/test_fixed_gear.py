@@ -1,0 +1,196 @@
+"""Readings with gear 1 held against the exact backlash and against rocking gear 2 step by step."""
+
+from dataclasses import replace
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from numpy.typing import ArrayLike
+from scipy.interpolate import CubicSpline
+
+import vttig_jax
+from tests.oracles import involute_contact as oracle
+from vttig_jax.base.units import DEG
+from vttig_jax.kinematics.backlash_map import BacklashMap
+from vttig_jax.kinematics.combined import CombinedModel
+from vttig_jax.logs.readings import read_backlash_readings
+from vttig_jax.logs.segments import find_segments
+from vttig_jax.pair.eccentricities import Eccentricities
+from vttig_jax.pair.gears import GearPair
+from vttig_jax.rig.fixed_gear import fixed_gear_readings
+from vttig_jax.rig.imperfections import EncoderError
+from vttig_jax.rig.motion import Motion
+from vttig_jax.rig.paper import paper_rig as rig_of_the_paper
+from vttig_jax.rig.synthetic import SyntheticRig
+
+ANGLES = np.array([0.0, 90.0, 1080.0, 2106.0, 3600.0, 5761.3, 7560.0, -45.0])
+COUNT_DEG = 360.0 / 90_000
+
+
+@pytest.fixture(scope="module")
+def bare(paper_pair, paper_rig) -> SyntheticRig:
+    """Nothing but two eccentric gears: no counts, perfect encoders."""
+    return SyntheticRig(paper_pair, paper_rig)
+
+
+@pytest.fixture(scope="module")
+def full() -> SyntheticRig:
+    """The paper's rig with orders, encoder errors and counts."""
+    return rig_of_the_paper(3)
+
+
+def read_deg(rig: SyntheticRig, angles: ArrayLike = ANGLES, **options) -> np.ndarray:
+    return fixed_gear_readings(rig, angles, **options).backlash / DEG
+
+
+def true_deg(rig: SyntheticRig, angles=ANGLES) -> np.ndarray:
+    return np.asarray(BacklashMap(rig.flank_model(), None, rig.pair).at(angles * DEG)) / DEG
+
+
+def absolute(pair: GearPair, rig: Eccentricities) -> Eccentricities:
+    """The same gears with φ₂ = 0 where gear 2 is centred on gear 1's tooth, not where flank A
+    touches at φ₁ = 0: θ₂ is smaller by φ₂ of that touch."""
+    start, moved = 0.0, rig
+    for _ in range(20):
+        phase = rig.driven_phase_deg - np.asarray(start / DEG)
+        moved = eqx.tree_at(lambda e: e.driven_phase_deg, rig, phase)
+        start = float(vttig_jax.exact_transmission_error(0.0, pair, moved, "A"))
+    return moved
+
+
+def rocked_deg(rig: SyntheticRig, angle_deg: float, steps: int = 20_001) -> float:
+    """Path of gear 2 rocked from inside the gap in small steps until either flank stops it.
+
+    Every position of gear 2 is asked whether it cuts into flank A or B; nothing is solved for.
+    """
+    model, held = rig.flank_model(), angle_deg * DEG
+    assert isinstance(model, CombinedModel)
+    error = jnp.linspace(-0.15, 0.15, steps) * DEG
+    driving, driven = jnp.full(steps, held), float(rig.pair.ratio) * held + error
+    clear_of_a = error >= model.at_both_angles(driving, driven, "A")
+    clear_of_b = error <= model.at_both_angles(driving, driven, "B")
+    free = np.asarray(clear_of_a & clear_of_b)
+    assert free.any() and not free[0] and not free[-1]
+    return float(np.ptp(np.asarray(error)[free])) / DEG
+
+
+def test_is_the_exact_backlash(bare):
+    moved = absolute(bare.pair, bare.eccentricities)
+    expected = np.asarray(vttig_jax.exact_backlash(ANGLES * DEG, bare.pair, moved)) / DEG
+    np.testing.assert_allclose(read_deg(bare), expected, atol=1e-9)
+    forgotten = vttig_jax.exact_backlash(ANGLES * DEG, bare.pair, bare.eccentricities)
+    assert np.abs(read_deg(bare) - np.asarray(forgotten) / DEG).max() > 1e-6
+
+
+def test_is_the_contact_of_sampled_involutes(bare):
+    moved = absolute(bare.pair, bare.eccentricities)
+    rig = oracle.Rig(
+        teeth=(45, 80),
+        module=2.0,
+        pressure_angles=(20.0 * DEG, 20.0 * DEG),
+        centre_distance=125.12,
+        offsets=(
+            (float(moved.driving_mm), float(moved.driving_phase_deg) * DEG),
+            (float(moved.driven_mm), float(moved.driven_phase_deg) * DEG),
+        ),
+        constant_backlash=float(moved.constant_backlash_deg) * DEG,
+    )
+    angles = ANGLES[1:4]
+    gap = [
+        oracle.transmission_error(rig, angle * DEG, "B")
+        - oracle.transmission_error(rig, angle * DEG, "A")
+        for angle in angles
+    ]
+    np.testing.assert_allclose(read_deg(bare, angles), np.array(gap) / DEG, atol=1e-9)
+
+
+@pytest.mark.parametrize("angle_deg", [0.0, 2106.0, 5761.3])
+def test_is_what_rocking_gear_2_by_hand_finds(full, paper_pair, angle_deg):
+    """With all orders, but an encoder that shows the angle itself."""
+    perfect = replace(
+        full, pair=paper_pair, driving_encoder=EncoderError(), driven_encoder=EncoderError()
+    )
+    seen, step = read_deg(perfect, [angle_deg])[0], 0.3 / 20_000
+    assert 0 <= seen - rocked_deg(perfect, angle_deg) < 2 * step
+    assert abs(seen - rocked_deg(perfect, angle_deg + 90.0)) > 20 * step
+
+
+def test_is_the_gap_between_the_two_passes_of_a_log(bare):
+    """At one shown driving angle, whatever both encoders add; the two share their zero."""
+    rig = replace(
+        bare,
+        motion=Motion(reversal_deg=1200.0, dwell_s=0.3, ramp_s=0.25),
+        driving_encoder=EncoderError(3600.0, 70.0),
+        driven_encoder=EncoderError(3600.0, 200.0),
+    )
+    log = rig.log()
+    angle, error = log.driving_angle / DEG, log.transmission_error / DEG
+    passes = {segment.flank: segment for segment in find_segments(log).segments}
+    shown = np.array([250.0, 333.3, 700.0, 1000.0])
+    at = {}
+    for flank, run in passes.items():
+        order = slice(run.start, run.stop)
+        upwards = np.argsort(angle[order])
+        at[flank] = CubicSpline(angle[order][upwards], error[order][upwards])(shown)
+    gap = at["B"] - at["A"]
+    np.testing.assert_allclose(read_deg(rig, shown), gap, rtol=0, atol=1e-8)
+    assert np.abs(read_deg(bare, shown) - gap).max() > 1e-4
+
+
+def test_counts_are_whole_and_at_most_one_away(full):
+    gap = read_deg(full)
+    counts = gap / COUNT_DEG
+    np.testing.assert_allclose(counts, np.round(counts), atol=1e-9)
+    miss = np.abs(gap - true_deg(full))
+    assert 1e-5 < miss.max() < COUNT_DEG + 1e-5  # beside the count: both encoders' own errors
+
+
+def test_noise_has_the_stated_width(bare):
+    angles = np.full(4000, 90.0)
+    gap = read_deg(bare, angles, std_deg=0.002, seed=1)
+    assert np.std(gap) == pytest.approx(0.002, rel=0.05)
+    assert abs(np.mean(gap) - true_deg(bare, angles[:1])[0]) < 4 * 0.002 / np.sqrt(4000)
+
+
+def test_the_same_seed_gives_the_same_readings(bare):
+    first, again, other = (read_deg(bare, std_deg=0.001, seed=seed) for seed in (5, 5, 6))
+    np.testing.assert_array_equal(first, again)
+    assert np.all(first != other)
+    np.testing.assert_array_equal(read_deg(bare, seed=5), read_deg(bare, seed=6))
+
+
+def test_the_file_of_the_readings_is_read_back(full, tmp_path):
+    readings = fixed_gear_readings(full, ANGLES, std_deg=0.001, seed=2)
+    path = tmp_path / "readings.csv"
+    path.write_text(readings.to_csv())
+    back = read_backlash_readings(path)
+    np.testing.assert_allclose(back.driving_angle, ANGLES * DEG, rtol=1e-11)
+    np.testing.assert_allclose(back.backlash, readings.backlash, rtol=1e-11)
+    np.testing.assert_array_equal(back.lines, readings.lines)
+    assert readings.source == "synthetic rig, gear 1 held, seed 2"
+
+
+@pytest.mark.parametrize(
+    ("angles", "options", "sentence"),
+    [
+        ([], {}, "Argument `driving_deg` must be finite angles"),
+        ([[0.0]], {}, "Argument `driving_deg` must be finite angles"),
+        ([0.0, np.nan], {}, "Argument `driving_deg` must be finite angles"),
+        ([0.0], {"std_deg": -0.001}, "Argument `std_deg` must not be negative"),
+        ([0.0], {"std_deg": np.nan}, "Argument `std_deg` must not be negative"),
+        (np.zeros(50), {"std_deg": 0.1}, "Argument `std_deg` must leave the readings positive"),
+    ],
+)
+def test_arguments_out_of_range(bare, angles, options, sentence):
+    with pytest.raises(ValueError, match=sentence):
+        fixed_gear_readings(bare, angles, **options)
+
+
+def test_a_closed_gap_is_refused(bare):
+    """Table 2 with 0.02°: closed near 2106°, open at 0°."""
+    tight = eqx.tree_at(lambda e: e.constant_backlash_deg, bare.eccentricities, np.asarray(0.02))
+    rig = replace(bare, eccentricities=tight)
+    assert read_deg(rig, [0.0])[0] > 0
+    with pytest.raises(ValueError, match=r"keep the gap open, .* -0\.0\d+° at 2106\.0°"):
+        fixed_gear_readings(rig, [0.0, 2106.0])

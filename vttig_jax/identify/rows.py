@@ -1,0 +1,95 @@
+"""Block rows of one log: its certain segments, averaged, with everything the fit models."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from ..base.units import REV
+from ..kinematics.te_curve import TECurve
+from ..logs.segments import Segment
+from ..pair.gears import Flank
+from .blocks import block_means, block_rows, block_size
+from .channels import Channels, trimmed
+from .columns import OFFSET, Columns
+from .terms import TermPlan
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """Rows of one segment, and the block means of its curve for pictures and checks."""
+
+    segment: Segment
+    rows: Float[np.ndarray, "n q"]
+    curve: TECurve
+
+
+@dataclass(frozen=True, eq=False)
+class LogRows:
+    """All rows of one log. `size` samples and `block_s` seconds make a row."""
+
+    columns: Columns
+    runs: tuple[Run, ...]
+    size: int
+    block_s: float
+
+    def by_flank(self, longer_than: int = 0) -> dict[Flank, list[Float[np.ndarray, "_ q"]]]:
+        """Rows of every run that has more than `longer_than` of them, flank by flank."""
+        found: dict[Flank, list[np.ndarray]] = {}
+        for run in self.runs:
+            if len(run.rows) > longer_than:
+                found.setdefault(run.segment.flank, []).append(run.rows)
+        return found
+
+
+def block_seconds(
+    channels: Sequence[Channels], segments: Sequence[Sequence[Segment]], terms: TermPlan
+) -> float:
+    """Duration of a block: what the fastest log needs, so that one noise model serves all."""
+    highest = float(max((terms.frequency(term) for term in terms.terms), default=1))
+    return min(
+        c.sample_s * block_size(_samples_per_turn(c.driving, own), highest)
+        for c, own in zip(channels, segments, strict=True)
+        if own
+    )
+
+
+def log_rows(
+    channels: Channels, segments: Sequence[Segment], terms: TermPlan, block_s: float
+) -> LogRows:
+    """Pass once over the segments of a log."""
+    columns = Columns(
+        tuple(h.term for h in terms.free),
+        tuple(h.term for h in terms.tied),
+        ((OFFSET, *channels.own),),
+    )
+    size = max(1, round(block_s / channels.sample_s))
+    runs = []
+    for whole in segments:
+        segment = trimmed(whole, channels)
+        if segment.stop - segment.start < size:
+            continue
+        part = slice(segment.start, segment.stop)
+        driving, driven = channels.driving[part], channels.driven[part]
+        error = channels.error[segment.flank][part]
+        own = np.stack([values[part] for values in channels.own.values()] or [error])
+        weight = None if channels.weight is None else channels.weight[part]
+        own = own[: len(channels.own)]
+        rows = block_rows(columns, size, driving, driven, own, error, weight)
+        curve = (block_means(c, size) for c in (driving, error, channels.time[part]))
+        runs.append(Run(segment, rows, TECurve(segment.flank, *curve)))
+    return LogRows(columns, tuple(runs), size, size * channels.sample_s)
+
+
+def _samples_per_turn(driving: Float[np.ndarray, " n"], segments: Sequence[Segment]) -> float:
+    """Samples a driving turn where it is fastest, seen over a 64th of a turn at mean speed.
+
+    The fastest place decides: no block may cover more of a cycle than planned.
+    """
+    travelled = sum(abs(driving[s.stop - 1] - driving[s.start]) for s in segments)
+    samples = sum(s.stop - s.start for s in segments)
+    window = max(1, int(samples * REV / max(travelled, 1e-9) / 64))
+    steps = [np.abs(np.diff(driving[s.start : s.stop : window])) for s in segments]
+    fastest = max((float(step.max(initial=0.0)) for step in steps), default=0.0)
+    return window * REV / max(fastest, 1e-9)

@@ -1,0 +1,144 @@
+"""One pass over the logs: their rows, and what the linear model makes of them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float
+
+from ..logs.encoder_log import EncoderLog
+from ..logs.ramps import Ramp
+from ..logs.segments import Segment, Segments
+from ..pair.gears import Drive, Flank, GearPair
+from .channels import Channels, Drift, Samples, read_channels
+from .noise import autoregression, residual_rows
+from .own_terms import OwnTerms, own_terms
+from .prediction import residual_of
+from .rows import LogRows, block_seconds, log_rows
+from .starts import Start, aligned
+from .summary import HarmonicSummary, summarise
+from .terms import TermPlan
+
+_FINER = 8.0
+"""Most times that short ramps make the rows shorter than the orders ask for."""
+
+
+@dataclass(frozen=True, eq=False)
+class Input:
+    """One log with what is known of its motion; `segments` are those the fit uses."""
+
+    log: EncoderLog
+    found: Segments
+    segments: tuple[Segment, ...]
+    ramps: tuple[Ramp, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """What every pass shares: the rig, its harmonics, the columns beside them, and the zero."""
+
+    pair: GearPair | Drive
+    terms: TermPlan
+    regressors: tuple[str, ...]
+    drift: Drift
+    same_zero: bool = True
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """Rows of every log under one delay and one set of weights.
+
+    **Arguments**
+    - `inputs`, `model`: what is looked at, and how.
+    - `channels`, `rows`: of every log.
+    - `block_s`: duration of a row.
+    - `segments`: looked at, log by log.
+    """
+
+    inputs: tuple[Input, ...]
+    model: Model
+    channels: tuple[Channels, ...]
+    rows: tuple[LogRows, ...]
+    block_s: float
+    segments: tuple[tuple[Segment, ...], ...]
+
+    @cached_property
+    def _aligned(self) -> tuple[HarmonicSummary, tuple[Start, ...]]:
+        if self.model.same_zero or len(self.rows) == 1:
+            return summarise(self.rows, self.model.terms), (Start(),) * len(self.rows)
+        return aligned(self.rows, self.model.terms)
+
+    @property
+    def summary(self) -> HarmonicSummary:
+        """Of all logs, with every own column."""
+        return self._aligned[0]
+
+    @property
+    def starts(self) -> tuple[Start, ...]:
+        """Angles of every log at its zero, in the angles of the first log."""
+        return self._aligned[1]
+
+    @cached_property
+    def filter(self) -> Float[np.ndarray, " taps"]:
+        """Whitening filter of what the linear model leaves."""
+        return autoregression(self.summary)
+
+    @cached_property
+    def own(self) -> OwnTerms:
+        """Normal equations of drift, delay and regressors."""
+        return own_terms(self.summary, self.filter)
+
+    @cached_property
+    def residual_rows(self) -> tuple[dict[Flank, Float[np.ndarray, " q"]], ...]:
+        """Log by log: flank → row (−β, 1) of the linear model in the layout of that log alone."""
+        solved = residual_rows(self.summary, self.filter)
+        flanks: list[Flank] = [f.flank for f in self.summary.flanks]
+        return tuple(
+            {
+                flank: embedding[flank].T @ weights
+                for flank, weights in zip(flanks, solved, strict=True)
+            }
+            for embedding in self.summary.embeddings
+        )
+
+    def residuals(self, log: int, stride: int = 1) -> list[Samples]:
+        """Residuals of the samples of every run of a log, by the linear model, as measured."""
+        weights, channels, rows = self.residual_rows[log], self.channels[log], self.rows[log]
+        found = []
+        for run in rows.runs:
+            segment = run.segment
+            left = residual_of(channels, segment, rows.columns, weights[segment.flank], stride)
+            if channels.pull is not None:
+                left = left + channels.pull[segment.start : segment.stop : stride]
+            found.append(left)
+        return found
+
+
+def look(
+    inputs: Sequence[Input],
+    model: Model,
+    delay_s: float = 0.0,
+    weights: Sequence[Samples | None] | None = None,
+    block_s: float | None = None,
+    finest_s: float = np.inf,
+    segments: Sequence[tuple[Segment, ...]] | None = None,
+    pulls: Sequence[Samples | None] | None = None,
+) -> View:
+    """Pass over the certain segments of all logs, or those given.
+
+    A row lasts `block_s`, or as long as the orders allow but no longer than `finest_s`.
+    """
+    none: list[Samples | None] = [None] * len(inputs)
+    channels = tuple(
+        read_channels(one.log, model.pair, model.regressors, model.drift, delay_s, weight, pull)
+        for one, weight, pull in zip(inputs, weights or none, pulls or none, strict=True)
+    )
+    if block_s is None:
+        block_s = block_seconds(channels, [one.segments for one in inputs], model.terms)
+        block_s = max(min(block_s, finest_s), block_s / _FINER, min(c.sample_s for c in channels))
+    used = tuple(one.segments for one in inputs) if segments is None else tuple(segments)
+    rows = tuple(
+        log_rows(c, own, model.terms, block_s) for c, own in zip(channels, used, strict=True)
+    )
+    return View(tuple(inputs), model, channels, rows, block_s, used)

@@ -1,0 +1,82 @@
+"""The numeric arrays of an HDF5 file, also of MATLAB's v7.3, which is HDF5."""
+
+import importlib
+import io
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from ..base.errors import UsageError
+from .matlab import DEEPEST, MOST_CELLS
+
+HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
+"""First bytes of the file, or at 512 where MATLAB's header stands before them."""
+
+
+def hdf5_leaves(data: bytes) -> Iterator[tuple[str, np.ndarray]]:
+    """Name and values of every array of numbers in the bytes of a file.
+
+    Names are `group/array`, of the fields of a compound `group/array.field`; in MATLAB's files
+    they are as in `matlab_leaves`, and rows and columns as in MATLAB. Links and data kept in other
+    files are not followed. Damaged bytes raise whatever h5py stumbles over.
+
+    **Raises** `UsageError` without the package h5py.
+    """
+    try:
+        h5py: Any = importlib.import_module("h5py")
+    except ImportError:
+        raise UsageError(
+            "HDF5 files, and MATLAB's v7.3 with them, need the package h5py; install"
+            " `vttig-jax[hdf5]`, or save with `-v7` in MATLAB."
+        ) from None
+    with h5py.File(io.BytesIO(data), "r") as file:
+        yield from _Walk(h5py, file, data.startswith(b"MATLAB")).members(file, "", 0)
+
+
+class _Walk:
+    """A walk through one open file."""
+
+    def __init__(self, h5py: Any, file: Any, matlab: bool):
+        self.h5py, self.file, self.matlab = h5py, file, matlab
+
+    def members(self, group: Any, path: str, depth: int) -> Iterator[tuple[str, np.ndarray]]:
+        for name in group:
+            hard = isinstance(group.get(name, getlink=True), self.h5py.HardLink)
+            if not hard or (self.matlab and name.startswith("#")):  # MATLAB's own bookkeeping
+                continue
+            yield from self.leaves(group[name], path, name, depth)
+
+    def leaves(self, item: Any, path: str, name: str, depth: int) -> Iterator[tuple[str, Any]]:
+        """Arrays of a member `name` of the group at `path`."""
+        full = f"{path}{'.' if self.matlab else '/'}{name}" if path else name
+        if depth > DEEPEST:
+            return
+        if isinstance(item, self.h5py.Group):
+            yield from self.members(item, full, depth + 1)
+        if not isinstance(item, self.h5py.Dataset) or item.is_virtual or item.external:
+            return
+        if self.matlab:
+            yield from self.matlab_leaves(item, path, name, full, depth)
+        elif item.dtype.kind in "biuf":
+            yield full, item[()]
+        elif item.dtype.names:
+            for field in item.dtype.names:
+                if item.dtype[field].kind in "biuf":
+                    yield f"{full}.{field}", item[field]
+
+    def matlab_leaves(
+        self, item: Any, path: str, name: str, full: str, depth: int
+    ) -> Iterator[tuple[str, Any]]:
+        """MATLAB writes columns first; cells and arrays of structs are references."""
+        kind = item.attrs.get("MATLAB_class", b"")
+        if {"MATLAB_object_decode", "MATLAB_empty"} & set(item.attrs) or kind == b"char":
+            return
+        if item.dtype.kind in "biuf":
+            yield full, item[()].T
+        elif self.h5py.check_ref_dtype(item.dtype) and item.size <= MOST_CELLS:
+            for k, reference in enumerate(item[()].T.ravel(order="F"), 1):
+                if kind == b"cell":
+                    yield from self.leaves(self.file[reference], path, f"{name}{{{k}}}", depth + 1)
+                elif path:
+                    yield from self.leaves(self.file[reference], f"{path}({k})", name, depth + 1)
