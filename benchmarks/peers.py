@@ -10,11 +10,13 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from vttig_jax.base.units import ARCSEC
+from vttig_jax.identify.channels import Drift
 from vttig_jax.identify.noise import whiten
 from vttig_jax.identify.relation import pair_relation
 from vttig_jax.identify.solve import Solution, solve
-from vttig_jax.identify.summary import compress
+from vttig_jax.identify.view import Input, Model, look
 from vttig_jax.logs.encoder_log import EncoderLog
+from vttig_jax.logs.segments import Segments
 
 from .problem import HALVES, PER_FLANK, Problem, polar_geometry
 
@@ -65,17 +67,20 @@ def _gram(problem: Problem, half: slice) -> np.ndarray:
 
 
 def vttig(problem: Problem, log: EncoderLog | None = None) -> np.ndarray:
-    """compress, whiten, solve: what `vttig_jax.fit` does, with its exact relation and AR noise."""
+    """look, whiten, solve: what `vttig_jax.fit` does, with its exact relation and AR noise."""
     return parameters(problem, vttig_solution(problem, log))[0]
 
 
 def vttig_solution(problem: Problem, log: EncoderLog | None = None) -> Solution:
     """The same with everything the solver says; `log` takes the place of the problem's own."""
     log = problem.log if log is None else log
-    summary = compress(log, problem.segments, problem.terms, 0, {})
+    model = Model(problem.pair, problem.terms, (), Drift())
+    summary = look([Input(log, Segments((), (), len(log)), problem.segments)], model).summary
     _, whitened = whiten(summary)
     flanks = ("A", "B")
-    relation = pair_relation(problem.pair, problem.terms, flanks, 0, encoder_terms=problem.encoders)
+    relation = pair_relation(
+        problem.pair, problem.terms, summary.columns, flanks, encoder_terms=problem.encoders
+    )
     return solve(relation, whitened)
 
 

@@ -16,10 +16,10 @@ CASES = {
     "first orders, perfect encoders": (FIRST, False),
     "orders 1-8 and mesh": (FULL, True),
 }
-FROM_COUNTS = "vttig_jax from counts: angles, TE, compress, whiten, solve"
+FROM_COUNTS = "vttig_jax from counts: angles, TE, look, whiten, solve"
 ROWS = {
     peers.numpy_gram: "NumPy columns, Gram, solve",
-    peers.vttig: "vttig_jax compress, whiten, solve",
+    peers.vttig: "vttig_jax look, whiten, solve",
     peers.scipy_cartesian: "SciPy, precomputed columns, exact Jacobian",
     peers.scipy_polar: "SciPy, amplitude and phase, defaults",
     peers.lmfit_polar: "lmfit, amplitude and phase, defaults",

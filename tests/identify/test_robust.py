@@ -132,13 +132,23 @@ def test_variance_factor_mends_weighted_least_squares(loss, spoiled, size):
 def test_outliers_are_suspected_by_their_share(share, distance, expected):
     noise = np.random.default_rng(2).standard_normal(20_000)
     noise[: int(share * 20_000)] += distance
-    assert has_outliers(noise) is expected
+    assert has_outliers([noise]) is expected
 
 
 def test_broad_tails_are_no_outliers():
     generator = np.random.default_rng(3)
-    assert not has_outliers(generator.laplace(size=20_000))
-    assert has_outliers(generator.standard_cauchy(20_000))
+    assert not has_outliers([generator.laplace(size=20_000)])
+    assert has_outliers([generator.standard_cauchy(20_000)])
+
+
+def test_a_wrong_model_is_no_outlier():
+    """Far residuals side by side, as a missed delay leaves them, are none; the same alone are."""
+    generator = np.random.default_rng(5)
+    noise = generator.standard_normal(4000)
+    wave = np.where(np.arange(4000) % 1000 < 100, 20.0, 0.0)
+    assert not has_outliers([noise + wave])
+    assert has_outliers([noise + generator.permutation(wave)])
+    assert not has_outliers([]) and not has_outliers([np.zeros(0)])
 
 
 def _outliers(**changes) -> Outliers:

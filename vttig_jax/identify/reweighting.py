@@ -64,7 +64,7 @@ def reweighted(
     weights to `start` from, readings that stand off their neighbours begin without any.
     """
     if loss == "auto":
-        suspected = any(_suspected(view, log) for log in range(len(view.inputs)))
+        suspected = any(has_outliers(_pieces(view, log)) for log in range(len(view.inputs)))
         loss = "bisquare" if suspected else "square"
     if loss == "square":
         return Reweighted(view, loss)
@@ -131,12 +131,6 @@ def _pull(view: View, log: int, weight: Samples) -> Samples:
         part = slice(run.segment.start, run.segment.stop)
         pull[part] = (1 - weight[part]) * residual
     return pull
-
-
-def _suspected(view: View, log: int) -> bool:
-    """Outliers in a log: pass by pass, so that two flanks off to either side hide none."""
-    pieces = [piece - np.median(piece) for piece in _pieces(view, log) if len(piece)]
-    return bool(pieces) and has_outliers(np.concatenate(pieces))
 
 
 def _pieces(view: View, log: int) -> list[Samples]:

@@ -10,17 +10,21 @@ Both keep 95 % of the efficiency of least squares under Gaussian noise (P. J. Hu
 Ronchetti, Robust Statistics, 2nd ed. 2009).
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
+from scipy.ndimage import median_filter
 
 Loss = Literal["square", "huber", "bisquare"]
 
 HUBER, BISQUARE = 1.345, 4.685
 FAR, FAR_SHARE = 8.0, 2e-3
 """A log with more than this share of residuals beyond this many robust scales has outliers."""
+
+_AROUND = 9
 
 DROPPED = 0.5
 """A sample with less weight counts as down-weighted in the report."""
@@ -35,10 +39,20 @@ def scale_of(residual: Float[np.ndarray, " n"]) -> tuple[float, float]:
     return middle, max(1.4826 * float(np.median(np.abs(residual - middle))), _ROUNDING)
 
 
-def has_outliers(residual: Float[np.ndarray, " n"]) -> bool:
-    """Far more residuals beyond eight robust scales than any bell curve has."""
-    middle, scale = scale_of(residual)
-    return float(np.mean(np.abs(residual - middle) > FAR * scale)) > FAR_SHARE
+def has_outliers(pieces: Sequence[Float[np.ndarray, " _"]]) -> bool:
+    """Far more residuals beyond eight robust scales than any bell curve has, each on its own.
+
+    A model that is wrong leaves far residuals too, but side by side: an outlier also stands far off
+    the median of the nine samples around it. Every piece counts from its own median, so that two
+    flanks off to either side hide none.
+    """
+    pieces = [piece - np.median(piece) for piece in pieces if len(piece)]
+    if not pieces:
+        return False
+    residual = np.concatenate(pieces)
+    lonely = np.concatenate([p - median_filter(p, _AROUND, mode="nearest") for p in pieces])
+    far = [np.abs(part) > FAR * scale_of(part)[1] for part in (residual, lonely)]
+    return float(np.mean(far[0] & far[1])) > FAR_SHARE
 
 
 def weights_of(
