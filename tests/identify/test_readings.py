@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from vttig_jax.base.errors import UsageError
+from vttig_jax.base.errors import LogError, UsageError
 from vttig_jax.base.units import DEG
 from vttig_jax.identify.fit import fit
 from vttig_jax.identify.mapping import backlash_map
@@ -95,6 +95,15 @@ def test_readings_without_a_gap_to_compare_are_refused(noisy_log, noisy_rig, rea
         fit(noisy_log, noisy_rig.pair, flank="A", readings=readings)
     with pytest.raises(ValueError, match="`readings` must be given"):
         fit(noisy_log, noisy_rig.pair, use_readings=True)
+
+
+def test_readings_in_another_unit_are_told_and_refused_as_data(noisy_log, noisy_rig, readings):
+    wrong = replace(readings, backlash=30.0 * readings.backlash)
+    checked = fit(noisy_log, noisy_rig.pair, readings=wrong)
+    assert checked.checks["readings"]["contradicts"]
+    assert "they contradict it" in str(checked)
+    with pytest.raises(LogError, match="check their unit"):
+        fit(noisy_log, noisy_rig.pair, readings=wrong, use_readings=True)
 
 
 def _std(result: Fit, name: str) -> float:

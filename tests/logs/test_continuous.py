@@ -121,3 +121,11 @@ def test_a_slower_channel_is_noted(times):
 def test_slow_motion_is_no_slower_channel():
     slow = np.arange(5000) // 2
     assert made(slow, time=np.arange(5000) / 500.0).notes == ()
+
+
+def test_a_channel_that_freezes_and_goes_on_is_called_frozen():
+    frozen = READINGS.copy()
+    start = len(frozen) // 3
+    frozen[start : start + len(frozen) // 4] = frozen[start]
+    with pytest.raises(LogError, match=r"stands still for \d+ samples .* it froze"):
+        made(frozen)

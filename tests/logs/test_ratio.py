@@ -5,6 +5,7 @@ from tests.logs.profiles import counts, drive, geared, spec, trapezoid
 from vttig_jax.base.errors import LogError
 from vttig_jax.logs.encoder_log import EncoderLog
 from vttig_jax.logs.ratio import check_ratio, seen_ratio, simple_fraction, slope
+from vttig_jax.pair.spec import parse_pair_spec
 
 TIME, ANGLE, _ = trapezoid(rate=400.0, reversal=1800.0)
 WHEEL, _ = geared(ANGLE, noise=0.001)
@@ -89,3 +90,17 @@ def test_curve_has_no_ratio():
 )
 def test_simple_fraction(value, std, text):
     assert simple_fraction(value, std) == text
+
+
+def test_channels_that_do_not_turn_together_are_refused():
+    """Two shafts of different axes: no ratio is right, so none can be called wrong."""
+    time = np.arange(2000) / 100.0
+    driving, other = 400 * np.sin(0.9 * time), 30 * np.sin(1.7 * time + 1.0)
+    pair = parse_pair_spec({"drive": {"ratio": "1/10"}})
+    apart = EncoderLog.from_arrays(time, driving, other, pair=pair, unit="deg")
+    with pytest.raises(LogError, match="do not turn together"):
+        check_ratio(apart)
+    together = EncoderLog.from_arrays(
+        time, driving, driving / 10 + 0.3 * np.sin(0.1 * driving), pair=pair, unit="deg"
+    )
+    assert check_ratio(together).verdict == "agrees"

@@ -1,0 +1,163 @@
+"""A fit in words and tables, laid out to be read from top to bottom."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..base.tables import key_values, text_table
+from ..base.units import ARCSEC, DEG
+from .check_sentences import check_sentences
+from .noise import NoiseModel
+from .order_table import Order
+from .parameters import Parameter
+
+if TYPE_CHECKING:
+    from .result import Fit
+
+_CLEAR, _MOST_ORDERS = 4.0, 8
+"""Standard errors from which a further order is printed, and how many of them."""
+
+_UNKNOWN_DEG = 60.0
+"""Standard error from which a start angle is called unknown."""
+
+_ZEROS = {"start": "the first sample", "reading": "where the channel reads zero"}
+
+
+def fit_text(fit: "Fit") -> str:
+    """All a reader needs, from the log to the notes."""
+    shown = [p for p in (*fit.parameters.values(), *fit.regressors) if p.determined]
+    rms = fit.residual_rms_deg
+    noise = (
+        f"AR({len(fit.noise.coefficients)}) of blocks of {_duration(fit.noise.block_s)},"
+        f" {_memory(fit.noise)}"
+    )
+    head = key_values(
+        [
+            *(("log", one["source"]) for one in fit.logs[1:] and fit.logs),
+            *([] if fit.logs[1:] else [("log", fit.source)]),
+            ("outcome", fit.outcome.replace("_", " ")),
+            ("flanks", " and ".join(fit.flanks)),
+            ("samples", _samples(fit.samples)),
+            ("zero of both angles", _ZEROS[fit.zero]),
+            *_starts(fit.logs),
+            ("residual", f"{rms:.5f}° rms ({rms * DEG / ARCSEC:.2f}″)"),
+            ("noise", noise),
+            ("drift", _drift(fit.checks)),
+        ],
+        title=fit.pair.name or "fit",
+    )
+    table = text_table(
+        [_row(p) for p in shown], ["parameter", "value", "std", "95 % interval", "unit"]
+    )
+    parts = [head, table, *_orders(fit.orders)]
+    if fit.conditional_on:
+        parts.append("conditional on: " + ", ".join(fit.conditional_on).replace("_", " "))
+    parts += _listed("undetermined", _open_reasons(fit))
+    parts += _listed("checks", check_sentences(fit))
+    parts += _listed("notes", list(fit.notes))
+    return "\n\n".join(parts)
+
+
+def _open_reasons(fit: "Fit") -> list[str]:
+    """Undetermined parameters, those of one reason together."""
+    together: dict[str, list[str]] = {}
+    for parameter in (*fit.parameters.values(), *fit.regressors):
+        if not parameter.determined:
+            together.setdefault(parameter.reason or "", []).append(parameter.name)
+    return [f"{', '.join(names)}: {reason}" for reason, names in together.items()]
+
+
+def _memory(noise: NoiseModel) -> str:
+    if noise.correlation_s < noise.block_s:
+        return "correlated over less than a block"
+    return f"correlation time {_duration(noise.correlation_s)}"
+
+
+def _orders(orders: tuple[Order, ...]) -> list[str]:
+    """Higher orders that stand out, the largest first, with both flanks beside each other."""
+    found: dict[tuple[str, int], dict[str, Order]] = {}
+    for one in orders:
+        if one.order > 1 or one.shaft == "mesh":
+            found.setdefault((one.shaft, one.order), {})[one.flank] = one
+    clear = [
+        (name, flanks)
+        for name, flanks in found.items()
+        if any(o.amplitude_arcsec > _CLEAR * o.std_arcsec for o in flanks.values())
+    ]
+    clear.sort(key=lambda item: -max(o.amplitude_arcsec for o in item[1].values()))
+    if not clear:
+        return []
+    rows = [
+        [f"{shaft} {order}", *(_amplitude(flanks.get(flank)) for flank in ("A", "B"))]
+        for (shaft, order), flanks in clear[:_MOST_ORDERS]
+    ]
+    table = text_table(rows, ["further orders", "flank A [″]", "flank B [″]"])
+    left = len(clear) - _MOST_ORDERS
+    return [table + (f"\n… and {left} more in fit.json" if left > 0 else "")]
+
+
+def _amplitude(order: Order | None) -> str:
+    return "" if order is None else f"{order.amplitude_arcsec:.3g} ± {order.std_arcsec:.2g}"
+
+
+def _starts(logs: tuple[dict, ...]) -> list[tuple[str, str]]:
+    """Start angles of further logs that have their own."""
+    return [
+        (
+            f"start of log {number}",
+            ", ".join(_start(shaft, one["start"]) for shaft in ("driving", "driven")),
+        )
+        for number, one in enumerate(logs[1:], 2)
+        if one["start"]["driving_std_deg"] > 0
+    ]
+
+
+def _start(shaft: str, start: dict) -> str:
+    value, std = start[f"{shaft}_deg"], start[f"{shaft}_std_deg"]
+    return f"{shaft} {value:.3f}° ± {std:.2g}°" if 0 < std < _UNKNOWN_DEG else f"{shaft} unknown"
+
+
+def _samples(samples: dict[str, int]) -> str:
+    return (
+        f"{samples['read']} read, {samples['used']} used ({samples['forward']} forward,"
+        f" {samples['backward']} backward)"
+    )
+
+
+def _listed(title: str, lines: list[str]) -> list[str]:
+    return ["\n".join([f"{title}:", *(f"  {line}" for line in lines)])] if lines else []
+
+
+def _duration(seconds: float) -> str:
+    return f"{seconds:.3g} s" if seconds >= 1 else f"{1e3 * seconds:.3g} ms"
+
+
+def _drift(checks: dict) -> str:
+    if knots_s := checks.get("drift_knots_s"):
+        what = f"cubic spline with knots every {_duration(knots_s)}"
+    elif checks["drift_order"]:
+        what = f"power {checks['drift_order']} of time"
+    else:
+        return "none"
+    stiffness = checks.get("drift_stiffness_s")
+    return what + (f", follows nothing faster than {_duration(stiffness)}" if stiffness else "")
+
+
+def _row(parameter: Parameter) -> list[str]:
+    p = parameter
+    if p.value is None:
+        return [p.name, "—", "", "", p.unit]
+    places = _places(p.std or 0.0, p.value)
+    number = lambda x: f"{x:.{places}f}"  # noqa: E731
+    if p.upper95 is not None:
+        return [p.name, f"< {number(p.upper95)}", number(p.std), "upper limit", p.unit]
+    span = f"{number(p.low95)} … {number(p.high95)}"
+    unlike = " (as given)" if p.name == "ratio" else " (not significant)"
+    mark = "" if p.significant else unlike
+    return [p.name, number(p.value) + mark, number(p.std), span, p.unit]
+
+
+def _places(std: float, value: float) -> int:
+    """Decimals that show two digits of the standard error."""
+    size = std if std > 0 else abs(value) * 1e-6
+    return 3 if size == 0 else int(np.clip(1 - np.floor(np.log10(size)), 0, 12))
