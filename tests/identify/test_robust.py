@@ -130,8 +130,9 @@ def test_variance_factor_mends_weighted_least_squares(loss, spoiled, size):
     ("share", "distance", "expected"), [(0.0, 0, False), (0.01, 30, True), (5e-4, 30, False)]
 )
 def test_outliers_are_suspected_by_their_share(share, distance, expected):
-    noise = np.random.default_rng(2).standard_normal(20_000)
-    noise[: int(share * 20_000)] += distance
+    generator = np.random.default_rng(2)
+    noise = generator.standard_normal(20_000)
+    noise[generator.permutation(20_000)[: int(share * 20_000)]] += distance
     assert has_outliers([noise]) is expected
 
 

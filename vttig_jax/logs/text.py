@@ -63,8 +63,8 @@ def read_text(path: str | Path, encoding: str | None) -> tuple[str, str, tuple[s
             text = data.decode("cp1252")
         except UnicodeDecodeError:
             raise LogError(
-                "a binary file, or text in an unknown encoding; only text logs (CSV, TSV, TXT) are"
-                " read.",
+                "a binary file, or text in an unknown encoding; logs are text (CSV, TSV, TXT),"
+                " MATLAB (.mat) or HDF5 (.h5).",
                 where=where,
             ) from None
         notes = ("not UTF-8, read as Windows-1252 (cp1252)",)
@@ -75,6 +75,8 @@ def read_text(path: str | Path, encoding: str | None) -> tuple[str, str, tuple[s
 def _utf16_without_mark(data: bytes) -> str | None:
     """The UTF-16 in which digits and separators have their zero byte where `data` has them."""
     head = np.frombuffer(data[:65536], np.uint8)
+    if len(head) < 2:
+        return None
     low, high = np.mean(head[::2] == 0), np.mean(head[1::2] == 0)
     if low == 0 and high > 0.9:
         return "utf-16-le"
