@@ -22,6 +22,17 @@ if TYPE_CHECKING:
     from .pair.gears import Gear as Gear
     from .pair.gears import GearPair as GearPair
     from .pair.gears import load_pair as load_pair
+    from .posterior.agreement import agreement as agreement
+    from .posterior.bands import band_map as band_map
+    from .posterior.plan import plan as plan
+    from .posterior.planned_noise import PlannedNoise as PlannedNoise
+    from .posterior.posterior import Posterior as Posterior
+    from .posterior.predictive import predictive as predictive
+    from .posterior.prior import Prior as Prior
+    from .posterior.sample import read_posterior as read_posterior
+    from .posterior.sample import sample as sample
+    from .posterior.shortest import shortest_run as shortest_run
+    from .posterior.stopping import Until as Until
 
     __version__: str
 
@@ -31,15 +42,26 @@ _HOMES = {
     "EncoderLog": "logs.encoder_log",
     "Gear": "pair.gears",
     "GearPair": "pair.gears",
+    "PlannedNoise": "posterior.planned_noise",
+    "Posterior": "posterior.posterior",
+    "Prior": "posterior.prior",
+    "Until": "posterior.stopping",
+    "agreement": "posterior.agreement",
     "axial_displacement": "kinematics.functions",
     "backlash": "kinematics.functions",
     "backlash_map": "identify.mapping",
+    "band_map": "posterior.bands",
     "enable_x64": "base.precision",
     "exact_backlash": "kinematics.functions",
     "exact_transmission_error": "kinematics.functions",
     "fit": "identify.fit",
     "load_pair": "pair.gears",
+    "plan": "posterior.plan",
+    "predictive": "posterior.predictive",
     "read_log": "logs.read",
+    "read_posterior": "posterior.sample",
+    "sample": "posterior.sample",
+    "shortest_run": "posterior.shortest",
     "transmission_error": "kinematics.functions",
 }
 """The module of each public name, below the package."""

@@ -19,10 +19,14 @@ vttig_jax.enable_x64()
 HERE = Path(__file__).resolve().parent
 LOGS = HERE.parents[2] / "shared" / "data" / "kuka_kr300"
 
-PLAIN, OFF, MORE = "no options", "--delay off", "--regressor acceleration --free-ratio"
+PLAIN, OFF, MORE = (
+    "no options",
+    "--delay off --noise white",
+    "--regressor acceleration --free-ratio",
+)
 WAYS: dict[str, dict[str, Any]] = {
     PLAIN: {},
-    OFF: {"delay": "off"},
+    OFF: {"delay": "off", "noise": "white"},
     MORE: {"regressors": ("acceleration",), "free_ratio": True},
 }
 """Options of the command, and what they are in Python."""

@@ -2,13 +2,16 @@ import json
 
 import pytest
 
+STEPS = "200"
+"""Far from converged, but quick."""
+
 
 @pytest.fixture(scope="module")
 def demo(tmp_path_factory):
     from vttig_jax.cli.main import main
 
     out = tmp_path_factory.mktemp("demo") / "demo"
-    assert main(["demo", "--out", str(out), "--quiet"]) == 0
+    assert main(["demo", "--out", str(out), "--quiet", "--steps", STEPS]) == 0
     return out
 
 
@@ -21,9 +24,11 @@ def test_leaves_a_folder_the_other_verbs_go_on_with(demo, vttig_json):
         "summary.npz",
         "map.csv",
         "map.json",
+        "posterior.h5",
+        "posterior.json",
         "figures",
     }
-    assert {p.name for p in (demo / "figures").iterdir()} >= {"te_fit.png", "backlash_map.png"}
+    assert {p.name for p in (demo / "figures").iterdir()} >= {"te_fit.png", "band.png"}
     before = json.loads((demo / "fit.json").read_text())
     code, record = vttig_json("fit", "--run", demo)
     assert code == 0
@@ -37,20 +42,24 @@ def test_leaves_a_folder_the_other_verbs_go_on_with(demo, vttig_json):
 
 
 def test_prints_the_truth_beside_the_fit(vttig):
-    code, out, err = vttig("demo", "--seed", "3")
+    code, out, err = vttig("demo", "--seed", "3", "--steps", STEPS)
     assert code == 0
     assert "never published" in out
     row = next(line for line in out.splitlines() if line.startswith("driven_eccentricity_mm"))
-    _, truth, found, std, off, unit = row.split()
+    _, truth, found, std, off, low, _, high, unit = row.split()
+    assert float(low) < float(found) < float(high)
     assert (float(truth), unit) == (0.0273, "mm")
     assert (float(found) - float(truth)) / float(std) == pytest.approx(float(off), abs=0.6)
-    assert "order-complete map" in out
+    assert "order-complete map" in out and "95 % band of the whole map" in out
+    assert "converged: no" in out
     assert err == ""
 
 
 def test_seed_changes_the_log(vttig_json):
     values = [
-        vttig_json("demo", "--seed", seed)[1]["parameters"]["constant_backlash_deg"]["value"]
+        vttig_json("demo", "--seed", seed, "--steps", STEPS)[1]["parameters"][
+            "constant_backlash_deg"
+        ]["value"]
         for seed in (3, 4)
     ]
     assert values[0] != values[1]

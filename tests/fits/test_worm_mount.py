@@ -52,7 +52,7 @@ def test_worm_drive_with_a_straight_drift(data_dir: Path, capsys: pytest.Capture
     arguments = ["fit", log, "--pair", str(WORM / "pair.toml"), "--drift-order", "1", "--json"]
     assert main(arguments) == 0
     fit = json.loads(capsys.readouterr().out)
-    assert fit["parameters"]["driving_amplitude_arcsec"]["value"] == pytest.approx(3.758, abs=0.001)
+    assert fit["parameters"]["driving_amplitude_arcsec"]["value"] == pytest.approx(3.805, abs=0.001)
     assert fit["residual_rms_deg"] * 3600 == pytest.approx(0.49, abs=0.01)
 
 
@@ -64,7 +64,7 @@ def test_worm_readme_gives_the_fitted_orders():
         for order in orders[:many]:
             assert f"{order['amplitude_arcsec']:.3f}″ ± {order['std_arcsec']:.3f}″" in readme
         strong[name] = [o["order"] for o in orders if o["amplitude_arcsec"] > 3 * o["std_arcsec"]]
-    assert strong == {"ap_gt1100": [1, 2, 4, 8], "ap_24turns": [1, 2, 3, 4, 5, 6, 8], "cge": [1]}
+    assert strong == {"ap_gt1100": [1, 2, 8], "ap_24turns": [1, 2, 3, 4, 5, 6, 8], "cge": [1]}
 
 
 def test_worm_residual_is_robustly_small(data_dir: Path):

@@ -157,7 +157,7 @@ def test_block_sizes_up_to_a_power_of_two_share_one_compilation():
     for size in (5, 6, 7, 8, 9):
         channels = _channels(Case(columns, size), 1001)
         block_rows(columns, size, *channels)
-        compiled.append(blocks._chunk_sums._cache_size())  # pyright: ignore[reportAttributeAccessIssue]
+        compiled.append(blocks.chunk_sums._cache_size())  # pyright: ignore[reportAttributeAccessIssue]
     assert compiled[0] == compiled[1] == compiled[2] == compiled[3]
     assert compiled[4] == compiled[3] + 1
 

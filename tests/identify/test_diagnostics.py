@@ -25,8 +25,12 @@ def _coloured(seed: int, count: int = 2000) -> np.ndarray:
     return np.asarray(lfilter([1.0], [1.0, -0.7], shocks))
 
 
+def _tested(residual: np.ndarray, noise: NoiseModel) -> dict | None:
+    return whiteness([residual], [np.arange(len(residual)) * noise.block_s], [noise])
+
+
 def test_the_right_noise_model_leaves_white_innovations():
-    seen = [whiteness([_coloured(seed)], COLOURED) for seed in range(40)]
+    seen = [_tested(_coloured(seed), COLOURED) for seed in range(40)]
     chances = np.array([one["probability"] for one in seen if one is not None])
     assert len(chances) == 40
     assert 0.2 < np.median(chances) < 0.8
@@ -34,14 +38,14 @@ def test_the_right_noise_model_leaves_white_innovations():
 
 
 def test_a_noise_model_without_memory_is_found_out():
-    found = whiteness([_coloured(0)], WHITE)
+    found = _tested(_coloured(0), WHITE)
     assert found is not None and found["probability"] < 1e-12
     assert found["autocorrelation"][0] == pytest.approx(0.7, abs=0.06)
 
 
 def test_too_few_rows_say_nothing():
-    assert whiteness([_coloured(0, 60)], COLOURED) is None
-    assert whiteness([], COLOURED) is None
+    assert _tested(_coloured(0, 60), COLOURED) is None
+    assert whiteness([], [], []) is None
 
 
 def test_a_line_that_no_order_explains_is_found(noisy_rig, noisy_fit, noisy_log):

@@ -1,12 +1,13 @@
-"""Coefficients of the own columns against least squares on the filtered rows themselves."""
+"""Coefficients of the own columns against least squares on whitened rows."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.signal import lfilter
+from scipy.linalg import cholesky, solve_triangular
 
 from tests.identify.summaries import TERMS, made_log, random_log
+from tests.oracles.stationary_noise import covariance
 from vttig_jax.identify.columns import Columns
 from vttig_jax.identify.own_terms import OwnTerms, own_parameters, own_terms
 from vttig_jax.identify.rows import LogRows
@@ -32,7 +33,7 @@ KINDS = ("one log", "one flank", "two logs", "two kinds", "a flank each")
 
 
 class Dense:
-    """The same model written out row by row: fixed columns, named columns and y, filtered."""
+    """The same model written out row by row: fixed columns, named columns and y, whitened."""
 
     def __init__(self, logs: list[LogRows]):
         present = sorted({run.segment.flank for log in logs for run in log.runs})
@@ -47,7 +48,9 @@ class Dense:
         for number, log in enumerate(logs):
             own = log.columns.own[0]
             for run in log.runs:
-                kept = np.asarray(lfilter(FILTER, [1.0], run.rows, axis=0))[1:]
+                kept = solve_triangular(
+                    cholesky(covariance(FILTER, len(run.rows)), lower=True), run.rows, lower=True
+                )
                 harmonics = np.delete(kept[:, :-1], range(FREE, FREE + len(own)), axis=1)
                 side = present.index(run.segment.flank)
                 places = np.zeros((len(kept), len(present), harmonics.shape[1]))

@@ -5,17 +5,11 @@ import pytest
 from scipy.signal import lfilter
 
 from tests.identify.summaries import TERMS, flank_summary, looked, made_log, random_log
+from tests.oracles.stationary_noise import quadratic
+from vttig_jax.base.autoregression import filter_of
 from vttig_jax.identify.channels import Drift
 from vttig_jax.identify.summary import HIGHEST_LAG, needed_lags, summarise
 from vttig_jax.logs.segments import Segment
-
-
-def _filtered(filter_: np.ndarray, runs: list[np.ndarray]) -> np.ndarray:
-    """Σ w wᵀ over the rows with a full history, by filtering the rows themselves."""
-    order = len(filter_) - 1
-    kept = [lfilter(filter_, [1.0], rows, axis=0)[order:] for rows in runs]
-    rows = np.concatenate(kept)
-    return rows.T @ rows
 
 
 def _runs(seed: int, *lengths: int) -> list[np.ndarray]:
@@ -25,13 +19,23 @@ def _runs(seed: int, *lengths: int) -> list[np.ndarray]:
 
 @pytest.mark.parametrize("lengths", [(40,), (17, 60), (33, 21, 90)])
 @pytest.mark.parametrize("order", [0, 1, 2, 5, 8])
-def test_whitened_equals_filtering_the_rows(lengths, order):
+def test_whitened_equals_the_inverse_covariance(lengths, order):
+    """Both ends included: against the dense covariance of the same autoregression."""
     runs = _runs(order, *lengths)
     summary = flank_summary("A", runs, 8)
-    filter_ = np.append(1.0, np.random.default_rng(order + 1).uniform(-0.6, 0.6, order))
-    expected = _filtered(filter_, runs)
-    np.testing.assert_allclose(summary.whitened(filter_), expected, rtol=1e-10, atol=1e-10)
-    assert summary.whitened_rows(order) == sum(lengths) - order * len(lengths)
+    filter_ = filter_of(np.random.default_rng(order + 1).uniform(-0.8, 0.8, order))
+    expected = quadratic(filter_, runs)
+    scale = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
+    assert np.abs(summary.whitened(filter_) - expected).max() <= 1e-10 * scale.max()
+    np.testing.assert_allclose(summary.whitened(filter_) / scale, expected / scale, atol=1e-9)
+
+
+def test_rows_with_a_full_history_alone_are_something_else():
+    """The conditional likelihood drops the first rows of every run."""
+    runs, filter_ = _runs(3, 40, 50), filter_of(np.array([0.6, -0.3]))
+    kept = np.concatenate([lfilter(filter_, [1.0], rows, axis=0)[2:] for rows in runs])
+    exact = flank_summary("A", runs, 8).whitened(filter_)
+    assert np.abs(exact - kept.T @ kept).max() > 1e-2
 
 
 def test_forgetting_an_end_would_be_seen():
@@ -101,7 +105,7 @@ def test_logs_add_up_each_with_columns_of_its_own():
                 rows[:, :2], rows[:, -5:] = run.rows[:, :2], run.rows[:, -5:]
                 rows[:, own] = run.rows[:, 2 : 2 + len(own)]
                 wide.append(rows)
-        expected = _filtered(filter_, wide)
+        expected = quadratic(filter_, wide)
         np.testing.assert_allclose(flank.whitened(filter_), expected, atol=1e-9)
         assert flank.rows == sum(map(len, wide))
         # One offset for both logs would be another table.

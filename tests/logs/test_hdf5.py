@@ -1,26 +1,15 @@
 import io
 
+import h5py
 import numpy as np
 import pytest
 
-from vttig_jax.base.errors import UsageError
-from vttig_jax.logs import hdf5
-from vttig_jax.logs.hdf5 import HDF5_SIGNATURE, hdf5_leaves
-
-
-def test_without_h5py(monkeypatch):
-    def refuse(name):
-        raise ImportError(name)
-
-    monkeypatch.setattr(hdf5.importlib, "import_module", refuse)
-    with pytest.raises(UsageError, match=r"need the package h5py; install `vttig-jax\[hdf5\]`"):
-        list(hdf5_leaves(HDF5_SIGNATURE))
+from vttig_jax.logs.hdf5 import hdf5_leaves
 
 
 @pytest.fixture
 def leaves():
     """What is found in a file that a function has filled."""
-    h5py = pytest.importorskip("h5py", reason="the extra hdf5 is not installed")
 
     def run(fill, **options):
         file = io.BytesIO()

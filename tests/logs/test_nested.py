@@ -1,6 +1,7 @@
 import contextlib
 import hashlib
 
+import h5py
 import numpy as np
 import pytest
 from hypothesis import given
@@ -129,7 +130,6 @@ def test_a_file_cut_off(tmp_path, stored, share):
 
 
 def test_hdf5(tmp_path):
-    h5py = pytest.importorskip("h5py", reason="the extra hdf5 is not installed")
     path = tmp_path / "log.h5"
     with h5py.File(path, "w") as root:
         root["rec/t"] = np.arange(5)

@@ -16,7 +16,6 @@ from vttig_jax.report.residual_picture import (
 ANGLE = REV * np.linspace(0.0, 10.0, 1000)
 NOISE = np.random.default_rng(0).standard_normal(1000) * ARCSEC
 LINE = Line(3.09, 0.001, 5.0, 0.1, 0.0, 1e-9)
-WHITE = np.ones(1)
 
 
 def test_three_panels_and_their_words():
@@ -24,7 +23,8 @@ def test_three_panels_and_their_words():
         [ANGLE, ANGLE],
         [NOISE, -NOISE],
         highest=8.0,
-        filter_=WHITE,
+        whitened=[NOISE, -NOISE],
+        order=0,
         lines=[LINE],
         labels=["A", "B"],
         name="rig",
@@ -54,7 +54,9 @@ def test_three_panels_and_their_words():
 
 
 def test_without_lines_and_names():
-    figure = residual_picture([ANGLE], [np.zeros(1000)], highest=8.0, filter_=WHITE)
+    figure = residual_picture(
+        [ANGLE], [np.zeros(1000)], highest=8.0, whitened=[np.zeros(1000)], order=0
+    )
     figure.draw_without_rendering()
     assert figure.axes[2].get_title(loc="left") == "no line found"
     assert figure.axes[0].get_legend() is None
@@ -63,16 +65,17 @@ def test_without_lines_and_names():
 def test_the_correlation_of_whitened_rows_stays_in_the_band():
     """And leaves it where the rows are not whitened."""
     path = np.asarray(lfilter([1.0], [1.0, -0.9], np.random.default_rng(1).standard_normal(4000)))
-    found, pairs = autocorrelation([path[:1500], path[1500:]], np.array([1.0, -0.9]), 60)
+    white = [np.convolve(part, [1.0, -0.9], "valid") for part in (path[:1500], path[1500:])]
+    found, pairs = autocorrelation(white, 60)
     assert found[0] == 1 and len(found) == 61
     assert np.mean(np.abs(found[1:]) < 1.96 / np.sqrt(pairs[1:])) > 0.85
     assert pairs[5] == 1499 - 5 + 2499 - 5
-    raw, _ = autocorrelation([path], WHITE, 60)
+    raw, _ = autocorrelation([path], 60)
     np.testing.assert_allclose(raw[1:4], [0.9, 0.81, 0.729], atol=0.04)
 
 
 def test_runs_too_short_to_correlate():
-    found, _ = autocorrelation([np.ones(3)], np.ones(9), 10)
+    found, _ = autocorrelation([], 10)
     np.testing.assert_array_equal(found, [0.0])
 
 
@@ -92,14 +95,14 @@ def test_the_spectrum_is_least_squares_beside_the_means_of_the_runs():
 def test_no_spectrum_below_one_cycle():
     cycles, amplitude = amplitude_spectrum([ANGLE / 100], [NOISE], 8.0)
     assert len(cycles) == len(amplitude) == 0
-    figure = residual_picture([ANGLE / 100], [NOISE], highest=8.0, filter_=WHITE)
+    figure = residual_picture([ANGLE / 100], [NOISE], highest=8.0, whitened=[NOISE], order=0)
     figure.draw_without_rendering()
 
 
 @pytest.mark.parametrize(("angles", "residuals"), [([], []), ([ANGLE], [NOISE, NOISE])])
 def test_arrays_that_do_not_match(angles, residuals):
     with pytest.raises(ValueError, match=r"`residuals` must hold one array for each"):
-        residual_picture(angles, residuals, highest=8.0, filter_=WHITE)
+        residual_picture(angles, residuals, highest=8.0, whitened=residuals, order=0)
 
 
 def test_no_pyplot():

@@ -46,3 +46,9 @@ class NoAnswerError(VttigError):
     """The input is readable but holds no trustworthy answer."""
 
     exit_code = 4
+
+
+class NotConvergedError(VttigError):
+    """A sampler that has to go on; what it has is kept."""
+
+    exit_code = 5

@@ -7,12 +7,16 @@ Everything is written to a temporary name beside its place, synced to disk and m
 import errno
 import hashlib
 import os
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Iterable
+from contextlib import suppress
 from io import BytesIO
 from pathlib import Path, PurePosixPath
 from typing import Any
 
+from .atomic import beside
+from .atomic import in_a_sentence as _in_a_sentence
+from .atomic import move as _move
+from .atomic import write_synced as _write_synced
 from .errors import InputError, UsageError
 
 _LOCK = ".lock"
@@ -92,7 +96,7 @@ class RunFolder:
             )
         self._refuse_existing(name)
         target = self.path / name
-        temporary = target.with_name(f".{target.name}.tmp")
+        temporary = beside(target)
         with _in_a_sentence(target):
             self._make(target.parent)
             self._pending[name] = temporary
@@ -202,43 +206,3 @@ def data_sha256(paths: Iterable[str | Path]) -> list[str]:
         except OSError as error:
             raise InputError(f"cannot be read: {error.strerror}.", where=str(path)) from None
     return digests
-
-
-def _write_synced(path: Path, data: bytes) -> None:
-    with open(path, "wb") as file:
-        file.write(data)
-        file.flush()
-        os.fsync(file.fileno())
-
-
-def _move(temporary: Path, target: Path) -> None:
-    os.replace(temporary, target)
-    if os.name == "posix":  # only there can a folder be synced, which makes the new name last
-        folder = os.open(target.parent, os.O_RDONLY)
-        try:
-            os.fsync(folder)
-        finally:
-            os.close(folder)
-
-
-@contextmanager
-def _in_a_sentence(path: Path) -> Iterator[None]:
-    """Turn what the operating system refuses into an `InputError` at `path`."""
-    try:
-        yield
-    except OSError as error:
-        raise InputError(_sentence(error), where=str(path)) from error
-
-
-def _sentence(error: OSError) -> str:
-    if error.errno in (errno.ENOSPC, errno.EDQUOT):
-        return "no space left to write it; free some or choose another disk."
-    if error.errno in (errno.EACCES, errno.EPERM, errno.EROFS):
-        return "no permission to write here; choose another place."
-    if error.errno in (errno.ENOTDIR, errno.EEXIST):
-        return "a file is in the way of this folder; choose another name."
-    if error.errno == errno.EISDIR:
-        return "a folder is in the way of this file; choose another name."
-    if error.errno == errno.ENOENT:
-        return "the folder to write it to does not exist; make it first."
-    return f"cannot be written: {error.strerror}."

@@ -1,32 +1,38 @@
-"""`vttig demo`: the paper's rig, simulated, fitted and mapped, beside the truth."""
+"""`vttig demo`: the paper's rig, simulated, fitted, sampled and mapped, beside the truth."""
 
 import io
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
-from .fit_verb import run_figures
-from .map_verb import csv_text, map_record, map_table
+from .fit_verb import CHECKPOINT, write_fit
 from .options import verb
 from .output import Output
 from .run_file import Run
+from .sample_verb import judged, refuse_existing, sampling_bar, write_posterior
 
 if TYPE_CHECKING:
     from ..identify.result import Fit
-    from ..kinematics.backlash_map import BacklashMap
     from ..logs.encoder_log import EncoderLog
+    from ..posterior.bands import BandedMap
     from ..rig.synthetic import SyntheticRig
-
-_STEPS = ("simulate", "fit", "map", "draw and write")
+    from .sample_verb import Judged
 
 
 @verb("demo", example="vttig demo --out demo")
 @click.option("--out", type=click.Path(path_type=Path), help="Folder for log, fit, map, pictures.")
 @click.option("--overwrite", is_flag=True, help="Replace the demo that is in --out.")
 @click.option("--seed", type=click.IntRange(min=0), default=0, help="Of orders, phases and noise.")
-def command(output: Output, out: Path | None, overwrite: bool, seed: int) -> None:
-    """Simulate the rig of the paper, fit it, map it, and show the result beside its Table 2.
+@click.option(
+    "--steps",
+    type=click.IntRange(min=1),
+    help="Sample exactly so many steps; by default until the sampler has converged.",
+)
+def command(
+    output: Output, out: Path | None, overwrite: bool, seed: int, steps: int | None
+) -> None:
+    """Simulate the rig of the paper, fit it, sample it, map it, and show the result beside Table 2.
 
     60 rpm to 7560° and back with a dwell of 2 s, 90 000 counts a turn, 0.1 % speed ripple. The
     measured logs of the paper were never published, so the log is simulated through the exact
@@ -36,98 +42,117 @@ def command(output: Output, out: Path | None, overwrite: bool, seed: int) -> Non
     import vttig_jax
 
     from ..identify.fit import fit
-    from ..identify.mapping import backlash_map
-    from ..kinematics.backlash_map import BacklashMap
+    from ..posterior.bands import band_map
+    from ..posterior.prior import Prior
+    from ..posterior.sample import sample
     from ..rig.paper import paper_rig
 
     vttig_jax.enable_x64()
-    with output.progress(len(_STEPS), "simulate") as bar:
+    refuse_existing(out, overwrite=overwrite)
+    with output.progress(2, "simulate") as bar:
         rig = paper_rig(seed)
         log = rig.log(seed)
-        _next(bar, "fit")
-        result = fit(log, rig.pair)
-        _next(bar, "map")
-        grid = backlash_map(result)
-        truth = BacklashMap(rig.flank_model(), None, rig.pair)
-        table, record = _map(result, grid)
-        text = _report(rig, result, grid, truth)
-        _next(bar, "draw and write")
-        if out is not None:
-            _write(out, overwrite, log, rig, result, table, record)
         bar.update(1)
+        bar.set_description("fit")
+        result = fit(log, rig.pair)
+        if out is not None:
+            _write_fit(out, overwrite, log, rig, result)
+    with sampling_bar(output) as follow:
+        posterior = sample(
+            result,
+            seed=seed,
+            steps=steps,
+            checkpoint=None if out is None else out / CHECKPOINT,
+            overwrite=overwrite,
+            progress=follow,
+        )
+    found, banded = judged(posterior, Prior()), band_map(posterior)
+    if out is not None:
+        write_posterior(out, found, banded)
     hint = (
         f"written to {out}; try `vttig inspect {out / 'log.csv'} --pair {out / 'pair.toml'}`."
         if out is not None
-        else "`vttig demo --out DIR` keeps the log, the fit, the map and the pictures."
+        else "`vttig demo --out DIR` keeps the log, the fit, the draws, the map and the pictures."
     )
-    output.emit(result.to_json(), f"{text}\n\n{hint}")
+    output.emit(found.to_json(), f"{_report(rig, found, banded)}\n\n{hint}")
 
 
-def _next(bar: Any, step: str) -> None:
-    bar.update(1)
-    bar.set_description(step)
-
-
-def _map(result: "Fit", grid: "BacklashMap") -> tuple[Any, dict[str, Any]]:
-    turns = float(grid.pair.hunting_turns)
-    table = map_table(grid, 1.0, turns)
-    return table, map_record(result, grid, 1.0, turns, len(table), Path("map.csv"))
-
-
-def _report(rig: "SyntheticRig", result: "Fit", grid: "BacklashMap", truth: "BacklashMap") -> str:
-    """Table of truth and fit, and the map's error against the true map."""
-    import numpy as np
-
-    from ..base.angles import difference_deg
+def _report(rig: "SyntheticRig", found: "Judged", banded: "BandedMap") -> str:
+    """Table of truth, fit and posterior, and the map with its band against the true map."""
     from ..base.tables import key_values, text_table
-    from ..base.units import DEG, REV
 
-    rows = []
-    for name, true in _truths(rig).items():
-        parameter = result.parameters[name]
-        value, std = parameter.value, parameter.std
-        if value is None or not std:
-            rows.append([name, f"{true:g}", "–", "", "", parameter.unit])
-            continue
-        off = value - true
-        if parameter.unit == "deg" and "phase" in name:
-            off = float(difference_deg(value, true))
-        places = max(0, int(1 - np.floor(np.log10(std))))
-        rows.append(
-            [
-                name,
-                f"{true:g}",
-                f"{value:.{places}f}",
-                f"{std:.{places}f}",
-                f"{off / std:+.1f}",
-                parameter.unit,
-            ]
-        )
-    table = text_table(rows, ["parameter", "truth", "fit", "std", "off in std", "unit"])
-    angles = np.linspace(0, rig.pair.hunting_turns * REV, 16_001)[:-1]
-    true_map = truth.over(angles)
-    error = np.sqrt(np.mean((grid.over(angles) - true_map) ** 2)) / DEG
-    first = np.sqrt(np.mean((grid.first_order_over(angles) - true_map) ** 2)) / DEG
-    maps = key_values(
-        [
-            ("order-complete map", f"{error:.5f}° rms from the true one"),
-            ("first-order map", f"{first:.5f}° rms from the true one"),
-            ("smallest gap", f"{grid.smallest}; true {truth.smallest.backlash / DEG:.5f}°"),
-            ("largest gap", f"{grid.largest}; true {truth.largest.backlash / DEG:.5f}°"),
-            ("safe axial closing", f"{grid.safe_closing_mm:.4f} mm"),
-        ],
-        title="backlash over the hunting period of 5760°",
-    )
+    result = found.posterior.fit
+    rows = [_row(name, true, found) for name, true in _truths(rig).items()]
+    heading = ["parameter", "truth", "fit", "std", "off in std", "sampled 95 %", "unit"]
     head = key_values(
         [
             ("log", f"{result.source} (simulated: the paper's logs were never published)"),
             ("samples", f"{result.samples['read']} at {rig.rate_hz:g} Hz"),
             ("outcome", result.outcome),
             ("residual", f"{result.residual_rms_deg:.5f}° rms"),
+            ("sampler", str(found.posterior.diagnosis)),
+            ("fit, profile and draws", " ".join(found.routes.sentences) or "agree"),
         ],
         title="the paper's rig (Tables 1 and 2)",
     )
-    return f"{head}\n\n{table}\n\n{maps}"
+    return f"{head}\n\n{text_table(rows, heading)}\n\n{_map_text(rig, banded)}"
+
+
+def _row(name: str, true: float, found: "Judged") -> list[str]:
+    import numpy as np
+
+    from ..base.angles import difference_deg
+
+    parameter, drawn = found.posterior.fit.parameters[name], found.posterior.parameters[name]
+    value, std = parameter.value, parameter.std
+    if value is None or not std or drawn.low95 is None:
+        return [name, f"{true:g}", "–", "", "", "", parameter.unit]
+    off = value - true
+    if parameter.unit == "deg" and "phase" in name:
+        off = float(difference_deg(value, true))
+    places = max(0, int(1 - np.floor(np.log10(std))))
+    number = f"{{:.{places}f}}".format
+    span = f"{number(drawn.low95)} … {number(drawn.high95)}"
+    return [
+        name,
+        f"{true:g}",
+        number(value),
+        number(std),
+        f"{off / std:+.1f}",
+        span,
+        parameter.unit,
+    ]
+
+
+def _map_text(rig: "SyntheticRig", banded: "BandedMap") -> str:
+    """The map of the draws beside the true one."""
+    import numpy as np
+
+    from ..base.tables import key_values
+    from ..base.units import DEG
+    from ..kinematics.backlash_map import BacklashMap
+
+    grid, truth = banded.map, BacklashMap(rig.flank_model(), None, rig.pair)
+    angles, band = banded.driving_angle, banded.band
+    true_map = truth.over(angles)
+    error = np.sqrt(np.mean((band.centre - true_map) ** 2)) / DEG
+    first = np.sqrt(np.mean((banded.first_order - true_map) ** 2)) / DEG
+    inside = (true_map >= band.low_simultaneous) & (true_map <= band.high_simultaneous)
+    width = np.median(band.high_simultaneous - band.low_simultaneous) / 2 / DEG
+    return key_values(
+        [
+            ("order-complete map", f"{error:.5f}° rms from the true one"),
+            ("first-order map", f"{first:.5f}° rms from the true one"),
+            (
+                "95 % band of the whole map",
+                f"± {width:.4f}°, {'holds' if inside.all() else 'does not hold'} the true map",
+            ),
+            ("largest gap", f"{grid.largest}; true {truth.largest.backlash / DEG:.5f}°"),
+            *banded.smallest.rows(),
+            ("true smallest gap", f"{truth.smallest}"),
+        ],
+        title="backlash over the hunting period of 5760°",
+    )
 
 
 def _truths(rig: "SyntheticRig") -> dict[str, float]:
@@ -145,21 +170,13 @@ def _truths(rig: "SyntheticRig") -> dict[str, float]:
     }
 
 
-def _write(
-    out: Path,
-    overwrite: bool,
-    log: "EncoderLog",
-    rig: "SyntheticRig",
-    result: "Fit",
-    table: Any,
-    record: dict[str, Any],
+def _write_fit(
+    out: Path, overwrite: bool, log: "EncoderLog", rig: "SyntheticRig", result: "Fit"
 ) -> None:
     """A run folder that the other verbs can go on with."""
     import hashlib
 
-    from ..base.jsonio import dumps
     from ..base.runfolder import RunFolder
-    from ..identify.store import fit_arrays
     from ..pair.gears import pair_spec
     from ..pair.spec import spec_table
 
@@ -170,13 +187,7 @@ def _write(
     with RunFolder(out, overwrite=overwrite, results=("fit.json",)) as folder:
         folder.write_text("log.csv", data)
         folder.write_toml("pair.toml", spec_table(spec))
-        folder.write_toml("run.toml", run.table(out))
-        folder.write_npz("summary.npz", **fit_arrays(result))
-        folder.write_text("map.csv", csv_text(table))
-        folder.write_text("map.json", dumps(record) + "\n")
-        for name, picture in run_figures(result).items():
-            folder.write_bytes(f"figures/{name}", picture)
-        folder.write_text("fit.json", dumps(result.to_json()) + "\n")
+        write_fit(folder, result, run, out, with_figures=True)
 
 
 def log_csv(log: "EncoderLog") -> str:

@@ -5,17 +5,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-from click.core import ParameterSource
 
 from ..base.errors import NoAnswerError, UsageError
 from .log_options import log_options
 from .model_options import model_options
-from .options import verb
+from .options import given, verb
 from .output import LOGGER, Output
 from .run_file import Run, read_run, require_same_data
 from .run_options import RunOptions
 
 if TYPE_CHECKING:
+    from ..base.runfolder import RunFolder
     from ..identify.parameters import Parameter
     from ..identify.result import Fit
 
@@ -71,7 +71,7 @@ def command(
             f"{name} says how to write a run folder; give one with --out, or leave it."
         )
     if run_path is None:
-        run = _resolve(logs, pair, readings, RunOptions(**options))
+        run = resolve(logs, pair, readings, RunOptions(**options))
     else:
         run = _repeated(run_path, options)
     result, run = perform(run)
@@ -85,10 +85,14 @@ def command(
         raise NoAnswerError(_FAILURES[result.outcome], where=result.source)
 
 
+CHECKPOINT = "posterior.h5"
 _FOLLOWING = (
     "map.csv",
     "map.json",
+    CHECKPOINT,
+    "posterior.json",
     *(f"figures/{name}.png" for name in ("te_fit", "orders", "residual", "backlash_map")),
+    *(f"figures/{name}.png" for name in ("corner", "trace", "band", "predictive")),
 )
 """What an older fit may have left that a new one makes untrue."""
 
@@ -138,20 +142,48 @@ def perform(run: Run) -> tuple["Fit", Run]:
 
 
 def write_run(result: "Fit", run: Run, out: Path, *, overwrite: bool, with_figures: bool) -> None:
-    """Write `run.toml`, `fit.json`, `summary.npz` and the pictures."""
-    from ..base.jsonio import dumps
+    """Write a run folder: `run.toml`, `fit.json`, `summary.npz` and the pictures."""
     from ..base.runfolder import RunFolder
+
+    refuse_while_sampled(out)
+    with RunFolder(out, overwrite=overwrite, results=("fit.json",)) as folder:
+        if (out / CHECKPOINT).exists():
+            LOGGER.warning("the draws in %s were those of the fit it replaces, and go", out)
+        write_fit(folder, result, run, out, with_figures=with_figures)
+
+
+def refuse_while_sampled(out: Path) -> None:
+    """Refuse to replace the fit of a folder that a sampler is writing to."""
+    lock = out / f".{CHECKPOINT}.lock"
+    if not lock.exists():
+        return
+    from filelock import FileLock, Timeout
+
+    try:
+        with FileLock(lock).acquire(timeout=0):
+            pass
+    except Timeout:
+        raise UsageError(
+            "a sampler is writing to this folder; wait for it or choose another folder.",
+            where=str(out),
+        ) from None
+
+
+def write_fit(
+    folder: "RunFolder", result: "Fit", run: Run, out: Path, *, with_figures: bool
+) -> None:
+    """Write a fit into an open run folder, and take away what it makes untrue."""
+    from ..base.jsonio import dumps
     from ..identify.store import fit_arrays
 
-    with RunFolder(out, overwrite=overwrite, results=("fit.json",)) as folder:
-        for name in _FOLLOWING:
-            folder.discard(name)
-        folder.write_toml("run.toml", run.table(out))
-        folder.write_npz("summary.npz", **fit_arrays(result))
-        if with_figures:
-            for name, data in run_figures(result).items():
-                folder.write_bytes(f"figures/{name}", data)
-        folder.write_text("fit.json", dumps(result.to_json()) + "\n")
+    for name in _FOLLOWING:
+        folder.discard(name)
+    folder.write_toml("run.toml", run.table(out))
+    folder.write_npz("summary.npz", **fit_arrays(result))
+    if with_figures:
+        for name, data in run_figures(result).items():
+            folder.write_bytes(f"figures/{name}", data)
+    folder.write_text("fit.json", dumps(result.to_json()) + "\n")
 
 
 def run_figures(result: "Fit") -> dict[str, bytes]:
@@ -163,7 +195,7 @@ def run_figures(result: "Fit") -> dict[str, bytes]:
     return figures(result, grid)
 
 
-def _resolve(
+def resolve(
     logs: tuple[Path, ...], pair: Path | None, readings: Path | None, options: RunOptions
 ) -> Run:
     """The run that the command line asks for."""
@@ -178,18 +210,9 @@ def _resolve(
 
 def _repeated(path: Path, options: dict[str, Any]) -> Run:
     """The run of a `run.toml`, if nothing else is asked for beside it."""
-    context = click.get_current_context()
-    given = [
-        "LOG"
-        if parameter.name == "logs"
-        else "/".join([parameter.opts[0], *parameter.secondary_opts])
-        for parameter in context.command.params
-        if parameter.name in {"logs", "pair", "readings", *options}
-        and context.get_parameter_source(parameter.name) is not ParameterSource.DEFAULT
-    ]
-    if given:
+    if asked := given({"logs", "pair", "readings", *options}):
         raise UsageError(
-            f"--run repeats a run as it was; leave out {' and '.join(given)}, or leave out --run."
+            f"--run repeats a run as it was; leave out {' and '.join(asked)}, or leave out --run."
         )
     run = read_run(path)
     require_same_data(run)

@@ -1,8 +1,8 @@
 """The command `vttig`: finds the verb, and turns every end into an exit code and one sentence.
 
-Exit codes: 0 done, 1 a defect of ours, 2 usage, 3 input, 4 no trustworthy answer, 130 interrupted,
-143 terminated. Importing this module imports neither numpy nor jax; a verb's module is imported
-when it is called.
+Exit codes: 0 done, 1 a defect of ours, 2 usage, 3 input, 4 no trustworthy answer, 5 sampler not
+converged, 130 interrupted, 143 terminated. Importing this module imports neither numpy nor jax; a
+verb's module is imported when it is called.
 """
 
 import os
@@ -31,6 +31,18 @@ VERBS = {
     "map": (
         "vttig_jax.cli.map_verb:command",
         "Write the backlash at every angle from a fit.",
+    ),
+    "sample": (
+        "vttig_jax.cli.sample_verb:command",
+        "Sample the posterior of a fit, with checkpoints.",
+    ),
+    "calibrate": (
+        "vttig_jax.cli.calibrate_verb:command",
+        "Check on simulated rigs that stated uncertainties hold.",
+    ),
+    "plan": (
+        "vttig_jax.cli.plan_verb:command",
+        "Say how well a run would tell every parameter.",
     ),
     "demo": (
         "vttig_jax.cli.demo_verb:command",

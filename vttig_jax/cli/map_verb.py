@@ -1,11 +1,14 @@
 """`vttig map`: the backlash at every angle, from a run folder."""
 
 import io
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from ..base.errors import UsageError
+from .fit_verb import CHECKPOINT
 from .options import POSITIVE, Finite, verb
 from .output import LOGGER, Output
 from .run_file import read_run
@@ -13,8 +16,10 @@ from .run_file import read_run
 if TYPE_CHECKING:
     from ..identify.result import Fit
     from ..kinematics.backlash_map import BacklashMap, Extreme
+    from ..posterior.bands import BandedMap
 
 MOST_ROWS = 200_000
+_MOST_ASKED = 20_000_000
 COLUMNS = ("driving_deg", "backlash_deg", "backlash_mm", "axial_mm", "backlash_first_order_deg")
 
 
@@ -27,6 +32,18 @@ COLUMNS = ("driving_deg", "backlash_deg", "backlash_mm", "axial_mm", "backlash_f
     help="Driving turns to cover; the hunting period by default, 200 000 rows at most.",
 )
 @click.option("--constant-backlash-deg", type=Finite(min=0), help="Replaces the fitted one.")
+@click.option(
+    "--probability",
+    type=Finite(min=0, max=1, min_open=True, max_open=True),
+    default=0.95,
+    help="Of the bands that draws of `vttig sample` in D give; 0.95 by default.",
+)
+@click.option(
+    "--closing-mm",
+    type=POSITIVE,
+    multiple=True,
+    help="With draws: say how probable it is that this axial closing binds somewhere; repeatable.",
+)
 @click.option("--out", type=click.Path(path_type=Path), help="CSV to write, with a JSON beside it.")
 @click.option("--overwrite", is_flag=True, help="Replace files that exist.")
 def command(
@@ -35,13 +52,16 @@ def command(
     step_deg: float,
     span_rev: float | None,
     constant_backlash_deg: float | None,
+    probability: float,
+    closing_mm: tuple[float, ...],
     out: Path | None,
     overwrite: bool,
 ) -> None:
     """Show the backlash over the hunting period of the fit in run folder D, and write it.
 
     The CSV has the order-complete backlash in degrees of the driven gear, in mm at its reference
-    circle and in mm of axial displacement, and the first-order backlash beside it.
+    circle and in mm of axial displacement, and the first-order backlash beside it. Where D holds
+    draws of `vttig sample`, bands stand beside them: for one angle, and for the whole map at once.
     """
     import vttig_jax
 
@@ -52,13 +72,80 @@ def command(
     vttig_jax.enable_x64()
     pair = pair_from_spec(read_run(run_folder).spec)
     fit = read_fit(run_folder, pair)
-    grid = backlash_map(fit, constant_backlash_deg=constant_backlash_deg)
     turns = _span(pair.hunting_turns, step_deg, span_rev)
-    table = map_table(grid, step_deg, turns)
-    record = map_record(fit, grid, step_deg, turns, len(table), out)
+    if (run_folder / CHECKPOINT).exists() and constant_backlash_deg is None:
+        banded = banded_map(run_folder, fit, step_deg, turns, probability)
+        table, columns = banded.table(), banded.columns
+        record = banded_record(fit, banded, len(table), out, closing_mm)
+        shown: object = f"{banded}{_bindings(record)}"
+    else:
+        _need_draws(run_folder, constant_backlash_deg, closing_mm)
+        grid = backlash_map(fit, constant_backlash_deg=constant_backlash_deg)
+        table, columns = map_table(grid, step_deg, turns), COLUMNS
+        record = map_record(fit, grid, step_deg, turns, len(table), out)
+        shown = grid
     if out is not None:
-        _write(out, table, record, overwrite)
-    output.emit(record, grid)
+        _write(out, csv_text(table, columns), record, overwrite)
+    output.emit(record, shown)
+
+
+def banded_map(
+    folder: Path, fit: "Fit", step_deg: float, turns: float, probability: float
+) -> "BandedMap":
+    """The map of the draws in a run folder, with its bands."""
+    from ..posterior.bands import band_map
+    from ..posterior.sample import read_posterior
+
+    posterior = read_posterior(folder / CHECKPOINT, fit)
+    if not posterior.diagnosis.converged:
+        LOGGER.warning(
+            "the draws have not converged, so the bands may be too narrow: %s", posterior.diagnosis
+        )
+    return band_map(posterior, step_deg, turns, probability)
+
+
+def banded_record(
+    fit: "Fit",
+    banded: "BandedMap",
+    rows: int,
+    out: Path | None,
+    closing_mm: tuple[float, ...] = (),
+) -> dict[str, Any]:
+    """The object of schema `vttig.map/1` with what the draws add."""
+    chances = [(closing, banded.smallest.probability_of_binding(closing)) for closing in closing_mm]
+    return map_record(fit, banded.map, banded.step_deg, banded.turns, rows, out) | {
+        "probability": banded.band.probability,
+        "critical": banded.band.critical,
+        "smallest_gap": banded.smallest.to_json(),
+        "binding": [
+            {"closing_mm": closing, "probability": chance.value, "std_error": chance.std_error}
+            for closing, chance in chances
+        ],
+    }
+
+
+def _bindings(record: dict[str, Any]) -> str:
+    lines = [
+        f"  a closing of {one['closing_mm']:g} mm binds with probability"
+        f" {one['probability']:.3g} ± {one['std_error']:.1g}"
+        for one in record["binding"]
+    ]
+    return "\n" + "\n".join(lines) if lines else ""
+
+
+def _need_draws(folder: Path, constant: float | None, closing_mm: tuple[float, ...]) -> None:
+    """Refuse what only draws can answer."""
+    if not closing_mm:
+        return
+    if constant is not None:
+        raise UsageError(
+            "--closing-mm asks the draws, which hold a constant backlash of their own; leave out"
+            " --constant-backlash-deg."
+        )
+    raise UsageError(
+        f"--closing-mm needs draws; make them with `vttig sample --out {folder}`.",
+        where=str(folder),
+    )
 
 
 def map_table(grid: "BacklashMap", step_deg: float, turns: float) -> Any:
@@ -102,9 +189,14 @@ def map_record(
 
 
 def _span(hunting_turns: int, step_deg: float, span_rev: float | None) -> float:
-    if span_rev is not None:
-        return span_rev
     limit = MOST_ROWS * step_deg / 360.0
+    if span_rev is not None:
+        if span_rev * 360.0 / step_deg > _MOST_ASKED:
+            raise UsageError(
+                f"--span-rev {span_rev:g} in steps of {step_deg:g}° are more than {_MOST_ASKED}"
+                " rows; ask for a shorter span or a longer step."
+            )
+        return span_rev
     if hunting_turns > limit:
         LOGGER.warning(
             "the hunting period of %d turns is cut to %.4g turns (%d rows); --span-rev %d covers it"
@@ -127,19 +219,19 @@ def _extreme(extreme: "Extreme") -> dict[str, Any]:
     }
 
 
-def csv_text(table: Any) -> str:
+def csv_text(table: Any, columns: Sequence[str] = COLUMNS) -> str:
     """The map as CSV, empty where there is no geometry."""
     import numpy as np
 
     buffer = io.StringIO()
-    np.savetxt(buffer, table, fmt="%.9g", delimiter=",", header=",".join(COLUMNS), comments="")
+    np.savetxt(buffer, table, fmt="%.9g", delimiter=",", header=",".join(columns), comments="")
     return buffer.getvalue().replace("nan", "")
 
 
-def _write(out: Path, table: Any, record: dict[str, Any], overwrite: bool) -> None:
+def _write(out: Path, text: str, record: dict[str, Any], overwrite: bool) -> None:
     from ..base.jsonio import dumps
     from ..base.runfolder import RunFolder
 
     with RunFolder(out.parent, overwrite=overwrite, results=(out.name,)) as folder:
         folder.write_text(out.with_suffix(".json").name, dumps(record) + "\n")
-        folder.write_text(out.name, csv_text(table))
+        folder.write_text(out.name, text)

@@ -14,6 +14,9 @@ DelayWord = Literal["auto", "free", "off"]
 LossName = Literal["auto", "square", "huber", "bisquare"]
 RegressorName = Literal["torque", "acceleration", "speed"]
 FlankName = Literal["A", "B"]
+NoiseKind = Literal["ar", "white", "ou"]
+NoiseIn = Literal["time", "angle"]
+NoiseOf = Literal["rig", "plateau"]
 
 
 class Delay(click.ParamType):
@@ -92,6 +95,25 @@ _OPTIONS = (
         default=None,
         help="Do the angles of several logs count from the same zero? By default they do where the"
         ' pair file says zero = "reading".',
+    ),
+    click.option(
+        "--noise",
+        type=_choice(NoiseKind),
+        default="ar",
+        help="Autoregressive (the default); Ornstein–Uhlenbeck, for samples at unequal times; or"
+        " white, which real noise never is.",
+    ),
+    click.option(
+        "--noise-in",
+        type=_choice(NoiseIn),
+        default="time",
+        help="Is the noise stationary in time (the default) or in driving angle?",
+    ),
+    click.option(
+        "--noise-of",
+        type=_choice(NoiseOf),
+        default="rig",
+        help="One noise for the rig (the default), or one for every speed plateau.",
     ),
     click.option(
         "--use-readings",

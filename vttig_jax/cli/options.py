@@ -2,12 +2,14 @@
 
 import functools
 import math
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Collection
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
 import click
+from click.core import ParameterSource
 
 from .output import Narrator, Output
 
@@ -48,6 +50,19 @@ def verb(name: str, *, example: str) -> Callable[[Callable[..., None]], click.Co
         )(_with_shared_options(function))
 
     return decorate
+
+
+def given(names: Collection[str]) -> list[str]:
+    """What of these parameters the user gave, as it is written: `LOG`, `--pair` …"""
+    context = click.get_current_context()
+    return [
+        re.sub(r"\W", "", parameter.metavar or "")
+        if isinstance(parameter, click.Argument)
+        else "/".join([parameter.opts[0], *parameter.secondary_opts])
+        for parameter in context.command.params
+        if parameter.name in names
+        and context.get_parameter_source(parameter.name) is not ParameterSource.DEFAULT
+    ]
 
 
 def _with_shared_options(function: Callable[..., None]) -> Callable[..., None]:

@@ -14,6 +14,9 @@ from .model_options import (
     DelayWord,
     FlankName,
     LossName,
+    NoiseIn,
+    NoiseKind,
+    NoiseOf,
     RegressorName,
 )
 
@@ -49,6 +52,9 @@ class RunOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     drift_knots: _Positive | None = None
     same_zero: bool | None = None
     use_readings: bool = False
+    noise: NoiseKind = "ar"
+    noise_in: NoiseIn = "time"
+    noise_of: NoiseOf = "rig"
 
     def check(self, logs: int, *, readings: bool) -> None:
         """Refuse options that contradict each other or say nothing about this many logs."""
@@ -107,6 +113,9 @@ class RunOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
             "drift_knots_s": self.drift_knots,
             "same_zero": self.same_zero,
             "use_readings": self.use_readings,
+            "noise": self.noise,
+            "noise_in": self.noise_in,
+            "noise_of": self.noise_of,
         }
 
     def table(self) -> dict[str, Any]:

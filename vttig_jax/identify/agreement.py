@@ -78,7 +78,7 @@ def first_orders(rows: LogRows, terms: TermPlan, start: Start) -> Phasors:
         factor = cholesky(flank.whitened(filter_))
         spread = np.linalg.inv(factor[:-1, :-1])
         values = spread @ factor[:-1, -1]
-        count = max(flank.whitened_rows(len(filter_) - 1) - len(values), 1)
+        count = max(flank.rows - len(values), 1)
         covariance = spread @ spread.T * factor[-1, -1] ** 2 / count
         for place, harmonic in enumerate(terms.free + terms.tied):
             if harmonic.term not in ((1, 0), (0, 1)):

@@ -35,7 +35,7 @@ def log_alone(view: View, log: int) -> dict:
             factor = cholesky(flank.whitened(filter_))
             inverse = np.linalg.inv(factor[:-1, :-1])
             place = known.columns.index("offset")
-            rows = max(flank.whitened_rows(len(filter_) - 1) - len(inverse), 1)
+            rows = max(flank.rows - len(inverse), 1)
             offsets.append(float(inverse[place] @ factor[:-1, -1]))
             variances.append(float(inverse[place] @ inverse[place]) * factor[-1, -1] ** 2 / rows)
         found |= {

@@ -11,6 +11,7 @@ from .alone import log_alone
 from .checks import closure
 from .choices import Choices
 from .diagnostics import lines_left, whiteness
+from .evidence import Evidence
 from .gather import Gathered
 from .noise import NoiseModel, WhitenedFlank, whiten
 from .notes import conditions_of, notes_of
@@ -25,7 +26,7 @@ from .readings import (
     with_constant_backlash,
 )
 from .records import checks_of, log_record
-from .relation import Relation, drive_relation, encoder_relation, pair_relation
+from .relation import relation_of
 from .reporting import outcome_of, parameters_of, regressors_of
 from .residual import (
     curves_and_residuals,
@@ -55,7 +56,15 @@ def assembled(
     summary, view = gathered.summary, gathered.view
     split = choices.encoder_terms and choices.gear_terms and len(scope.flanks) == 2
     noise, whitened = whiten(summary, gathered.weights.variance_factor)
-    solution = solve(_relation(pair, scope, summary, choices, split=split), whitened)
+    relation = relation_of(
+        pair,
+        scope.terms,
+        summary.columns,
+        scope.flanks,
+        encoder_terms=split,
+        gear_terms=choices.gear_terms,
+    )
+    solution = solve(relation, whitened)
     solution, white = _with_blocks(view, summary, noise, whitened, solution)
     compared = None
     if readings is not None:
@@ -101,24 +110,17 @@ def assembled(
         },
         notes=notes_of(gathered, scope, solution, regressors, alone),
         logs=tuple(record | {"alone": one} for record, one in zip(records, alone, strict=True)),
+        evidence=Evidence(
+            summary,
+            split,
+            choices.gear_terms,
+            tuple(n for n, good in zip(solution.names, solution.determined, strict=True) if good),
+            solution.jacobian,
+            noise.partial,
+            gathered.weights.variance_factor,
+            view.channels[0].delay_s,
+        ),
     )
-
-
-def _relation(
-    pair: GearPair | Drive,
-    scope: Scope,
-    summary: HarmonicSummary,
-    choices: Choices,
-    *,
-    split: bool,
-) -> Relation:
-    """The relation the choices ask for; `split` tells encoders from gears."""
-    terms, columns, flanks = scope.terms, summary.columns, scope.flanks
-    if not choices.gear_terms:
-        return encoder_relation(terms, columns, flanks, float(pair.ratio))
-    if isinstance(pair, Drive):
-        return drive_relation(terms, columns, flanks)
-    return pair_relation(pair, terms, columns, flanks, encoder_terms=split)
 
 
 def _with_blocks(
@@ -133,8 +135,9 @@ def _with_blocks(
     **Returns** the solution and the record of the test of the residual.
     """
     coefficients = flank_coefficients(whitened, solution)
-    _, residuals = curves_and_residuals(view, weights_of_logs(summary, coefficients))
-    white = whiteness(residuals, noise)
+    curves, residuals = curves_and_residuals(view, weights_of_logs(summary, coefficients))
+    noises = [noise.at(curve.mean_speed) for curve in curves]
+    white = whiteness(residuals, [curve.time for curve in curves], noises)
     if white is None or white["probability"] >= REMEMBERS:
         return solution, None if white is None else white | {"widening": 1.0}
     widening = widened(view, summary, noise, whitened, solution, coefficients)

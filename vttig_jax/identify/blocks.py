@@ -62,7 +62,7 @@ def block_rows(
     per_chunk = max(1, min(_CHUNK_CELLS // max(len(orders), 1), _MOST_ROWS))
     channels = [driving_angle, driven_angle] + ([] if weight is None else [weight])
     for start, tables in _chunks(size, per_chunk, blocks, channels):
-        sums = np.asarray(_chunk_sums(orders, size, *tables)).T
+        sums = np.asarray(chunk_sums(orders, size, *tables)).T
         rows[start : start + per_chunk, harmonics] = sums[: blocks - start] / size
     weighted = (lambda values: values) if weight is None else (lambda values: weight * values)
     rows[:, own_columns.start] = 1.0 if weight is None else block_means(weight, size)
@@ -103,7 +103,7 @@ def _chunks(
 
 
 @jax.jit
-def _chunk_sums(
+def chunk_sums(
     orders: Float[Array, "terms 2"],
     size: int | Int[Array, ""],
     driving: Float[Array, "height rows"],

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from .channels import REGRESSORS
+from .noise_choice import NoiseChoice
 from .robust import Loss
 
 HIGHEST_DRIFT = 6
@@ -27,6 +28,7 @@ class Choices:
     same_zero: bool | None = None
     use_readings: bool = False
     gear_terms: bool = True
+    noise: NoiseChoice = NoiseChoice()
 
     def __post_init__(self):
         if not (self.encoder_terms or self.gear_terms):

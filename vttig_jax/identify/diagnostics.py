@@ -26,16 +26,20 @@ _MOST_CELLS = 50_000
 _MOST_LINES = 3
 
 
-def whiteness(residuals: Sequence[Float[np.ndarray, " _"]], noise: NoiseModel) -> dict | None:
+def whiteness(
+    residuals: Sequence[Float[np.ndarray, " _"]],
+    times: Sequence[Float[np.ndarray, " _"]],
+    noises: Sequence[NoiseModel],
+) -> dict | None:
     """Autocorrelation of the whitened residual, and the Ljung–Box test of it.
 
     G. M. Ljung, G. E. P. Box, Biometrika 65 (1978) 297. A small probability says that the residual
-    remembers more than the noise model allows for. None where there are too few rows.
+    remembers more than the noise model of its run allows for. None where there are too few rows.
     """
     innovations = [
-        np.convolve(residual, noise.filter, "valid")
-        for residual in residuals
-        if len(residual) > len(noise.filter) + _LAGS
+        noise.whitened(residual, time)
+        for residual, time, noise in zip(residuals, times, noises, strict=True)
+        if len(residual) > len(noise.coefficients) + 1 + _LAGS
     ]
     count = sum(map(len, innovations))
     if count < _LEAST_ROWS:
@@ -52,7 +56,8 @@ def whiteness(residuals: Sequence[Float[np.ndarray, " _"]], noise: NoiseModel) -
     statistic = (
         count * (count + 2) * float(np.sum(correlation**2 / (count - np.arange(1, _LAGS + 1))))
     )
-    freedom = max(_LAGS - len(noise.coefficients), 1)
+    order = max(len(noise.coefficients) for noise in noises)
+    freedom = max(_LAGS - order, 1)
     return {
         "autocorrelation": correlation.tolist(),
         "ljung_box": statistic,

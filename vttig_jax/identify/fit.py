@@ -17,6 +17,7 @@ from ..pair.spec import FitOptions
 from .assemble import assembled
 from .choices import Choices
 from .gather import gather
+from .noise_choice import NoiseChoice
 from .result import Fit
 from .robust import Loss
 from .scope import find_scope
@@ -41,6 +42,9 @@ def fit(
     same_zero: bool | None = None,
     readings: BacklashReadings | None = None,
     use_readings: bool = False,
+    noise: Literal["ar", "white", "ou"] = "ar",
+    noise_in: Literal["time", "angle"] = "time",
+    noise_of: Literal["rig", "plateau"] = "rig",
 ) -> Fit:
     """Identify eccentricities, encoder errors and constant backlash from the logs of one rig.
 
@@ -75,6 +79,11 @@ def fit(
       that of the reading; otherwise each log has start angles of its own.
     - `readings`: backlash read at single angles of the first log, to check the fit against.
     - `use_readings`: let the readings join the fit as data.
+    - `noise`: "ar", an autoregression estimated by restricted maximum likelihood, its order by BIC;
+      "ou", an Ornstein–Uhlenbeck process for samples at unequal times; "white" takes the rows
+      to be independent, which real ones never are.
+    - `noise_in`: the noise is stationary in "time" or in driving "angle".
+    - `noise_of`: one noise for the whole "rig", or one for every speed "plateau".
 
     **Returns** a `Fit`.
 
@@ -108,6 +117,7 @@ def fit(
         same_zero,
         use_readings,
         gear_terms,
+        NoiseChoice(noise, noise_in, noise_of),
     )
     if use_readings and readings is None:
         raise ValueError("Argument `readings` must be given to be used, but is None.")
@@ -141,7 +151,7 @@ def _require_rows(summary: HarmonicSummary, where: str) -> None:
     for flank in ("A", "B"):
         found = [f for f in summary.flanks if f.flank == flank]
         rows = sum(f.rows for f in found)
-        usable = sum(f.whitened_rows(f.heads.shape[1]) for f in found)
+        usable = rows - sum(f.heads.shape[0] * f.heads.shape[1] for f in found)
         if (found and usable <= columns) or not summary.flanks:
             raise NoAnswerError(
                 f"{rows} averaged samples on flank {flank} are too few for {columns} coefficients"

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..base.tables import key_values, text_table
-from ..base.units import ARCSEC, DEG
+from ..base.units import ARCSEC, DEG, REV
 from .check_sentences import check_sentences
 from .noise import NoiseModel
 from .order_table import Order
@@ -27,10 +27,6 @@ def fit_text(fit: "Fit") -> str:
     """All a reader needs, from the log to the notes."""
     shown = [p for p in (*fit.parameters.values(), *fit.regressors) if p.determined]
     rms = fit.residual_rms_deg
-    noise = (
-        f"AR({len(fit.noise.coefficients)}) of blocks of {_duration(fit.noise.block_s)},"
-        f" {_memory(fit.noise)}"
-    )
     head = key_values(
         [
             *(("log", one["source"]) for one in fit.logs[1:] and fit.logs),
@@ -41,7 +37,7 @@ def fit_text(fit: "Fit") -> str:
             ("zero of both angles", _ZEROS[fit.zero]),
             *_starts(fit.logs),
             ("residual", f"{rms:.5f}° rms ({rms * DEG / ARCSEC:.2f}″)"),
-            ("noise", noise),
+            *_noise(fit.noise),
             ("drift", _drift(fit.checks)),
         ],
         title=fit.pair.name or "fit",
@@ -65,6 +61,25 @@ def _open_reasons(fit: "Fit") -> list[str]:
         if not parameter.determined:
             together.setdefault(parameter.reason or "", []).append(parameter.name)
     return [f"{', '.join(names)}: {reason}" for reason, names in together.items()]
+
+
+def _noise(noise: NoiseModel) -> list[tuple[str, str]]:
+    """The noise of the rows, or that of every speed."""
+    if noise.plateaus:
+        return [
+            (f"noise at {speed * 60 / REV:.4g} rpm", _one_noise(own))
+            for speed, own in noise.plateaus
+        ]
+    return [("noise", _one_noise(noise))]
+
+
+def _one_noise(noise: NoiseModel) -> str:
+    model = noise.name
+    if noise.choice.stationary_in == "angle":
+        model += ", stationary in angle,"
+    memory = "" if noise.choice.kind == "white" else f", {_memory(noise)}"
+    slow = "" if noise.by == "likelihood" else "; by moments: the model misses slow structure"
+    return f"{model} of blocks of {_duration(noise.block_s)}{memory}{slow}"
 
 
 def _memory(noise: NoiseModel) -> str:

@@ -18,7 +18,6 @@ from .drift import AUTOMATIC_DRIFT, choose_drift, drift_names
 from .noise import whiten
 from .own_terms import OwnTerms
 from .reweighting import Reweighted, reweighted
-from .rows import log_rows
 from .scope import Scope
 from .summary import HarmonicSummary
 from .view import Input, Model, View, look
@@ -60,7 +59,8 @@ def gather(
     same_zero = choices.same_zero
     if same_zero is None:
         same_zero = all(one.log.zero == "reading" for one in inputs)
-    model = Model(pair, scope.terms, names, _widest_drift(choices, scope), same_zero)
+    drift = _widest_drift(choices, scope)
+    model = Model(pair, scope.terms, names, drift, same_zero, choices.noise)
     delay_tried = "delay" in names
     plain = look(inputs, model, delay.seconds, finest_s=_finest(inputs) if delay_tried else np.inf)
     weights = reweighted(plain, choices.loss)
@@ -182,7 +182,7 @@ def _ramp_rows(view: View, log: int):
     """Rows of every ramp of a log, empty where it is shorter than a row."""
     found = []
     for ramp in view.inputs[log].ramps:
-        runs = log_rows(view.channels[log], [ramp.segment], view.model.terms, view.block_s).runs
+        runs = view.rows_of(log, [ramp.segment]).runs
         found.append(runs[0].rows if runs else [])
     return found
 
@@ -192,7 +192,7 @@ def _joined(view: View, keep: Sequence[Sequence[bool]]) -> View:
     for log, chosen in enumerate(keep):
         ramps = view.inputs[log].ramps
         segments = [ramp.segment for ramp, good in zip(ramps, chosen, strict=True) if good]
-        more = log_rows(view.channels[log], segments, view.model.terms, view.block_s)
+        more = view.rows_of(log, segments)
         rows.append(replace(view.rows[log], runs=view.rows[log].runs + more.runs))
         used.append((*view.segments[log], *segments))
     return replace(view, rows=tuple(rows), segments=tuple(used))

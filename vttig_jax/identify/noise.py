@@ -1,20 +1,27 @@
 """Correlated noise of the block rows: an autoregression, and least squares that knows it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
 
-from ..base.autoregression import whitening_filter
-from .columns import OFFSET
+from ..base.autoregression import filter_of, partial_of, whitening_filter
+from ..base.units import DEG, REV
+from ..pair.gears import Flank
+from .irregular import whitened_run
+from .noise_choice import NoiseChoice
 from .normal_equations import cholesky, residual_weights
-from .summary import FlankSummary, HarmonicSummary
-
-_ROUNDING = 1e-14
-"""Share of y² below which a residual is rounding."""
+from .reml import ROUNDING, restricted_partial
+from .summary import HarmonicSummary
 
 _REPEATS = 2
 """Further rounds of autoregression and generalised least squares; the second moves nothing."""
+
+_FORGOTTEN = 20.0
+"""Correlation times a run must be long for the likelihood to tell noise from what is missing."""
+
+_ROWS_A_COEFFICIENT = 3
+"""Rows a coefficient from which a speed tells its own noise."""
 
 
 @dataclass(frozen=True)
@@ -26,17 +33,74 @@ class NoiseModel:
     - `innovation_std`: rad.
     - `std`: of the block means, rad.
     - `block_s`: duration of a block.
+    - `choice`: what was assumed of it; `by`: estimated by "likelihood" or by "moments".
+    - `plateaus`: (speed in rad/s, noise) of every speed, where each has its own; this one is then
+      that of all speeds together.
     """
 
     coefficients: Float[np.ndarray, " p"]
     innovation_std: float
     std: float
     block_s: float
+    plateaus: tuple[tuple[float, "NoiseModel"], ...] = ()
+    choice: NoiseChoice = NoiseChoice()
+    by: str = "likelihood"
+
+    def at(self, speed: float) -> "NoiseModel":
+        """The noise at a speed of the driving shaft, rad/s, in either direction."""
+        if not self.plateaus:
+            return self
+        return min(self.plateaus, key=lambda one: abs(one[0] - abs(speed)))[1]
+
+    def whitened(
+        self, rows: Float[np.ndarray, "n ..."], time: Float[np.ndarray, " n"]
+    ) -> Float[np.ndarray, "m ..."]:
+        """Innovations of a run of rows at mean times in s, in units of their std.
+
+        Those with a full history: as many as the order are missing.
+        """
+        order, count = len(self.coefficients), len(rows)
+        if self.choice.kind == "ou" and order:
+            rho = float(self.coefficients[0])
+            table = rows.reshape(count, -1)
+            white = whitened_run(table, time, rho, self.block_s)[0][1:].reshape(rows[1:].shape)
+        else:
+            white = np.zeros_like(rows[order:])
+            for lag, weight in enumerate(self.filter):
+                white += weight * rows[order - lag : count - lag]
+        return white / (self.innovation_std or 1.0)
+
+    def to_json(self) -> dict:
+        """Fields under `noise` of a fit."""
+        record = {
+            "model": self.name,
+            "coefficients": self.coefficients.tolist(),
+            "block_s": self.block_s,
+            "std_deg": self.std / DEG,
+            "innovation_std_deg": self.innovation_std / DEG,
+            "correlation_s": self.correlation_s,
+            "stationary_in": self.choice.stationary_in,
+            "of": self.choice.of,
+            "by": self.by,
+        }
+        own = [{"speed_rpm": speed * 60 / REV} | model.to_json() for speed, model in self.plateaus]
+        return record | ({"plateaus": own} if own else {})
+
+    @property
+    def name(self) -> str:
+        """For example "AR(3)"."""
+        words = {"ou": "Ornstein–Uhlenbeck", "white": "white"}
+        return words.get(self.choice.kind, f"AR({len(self.coefficients)})")
 
     @property
     def filter(self) -> Float[np.ndarray, " taps"]:
         """Whitening filter (1, −a₁, …, −a_p)."""
         return np.concatenate([[1.0], -self.coefficients])
+
+    @property
+    def partial(self) -> Float[np.ndarray, " p"]:
+        """Partial autocorrelations."""
+        return partial_of(self.filter)
 
     @property
     def correlation_s(self) -> float:
@@ -81,37 +145,90 @@ def whiten(
 ) -> tuple[NoiseModel, tuple[WhitenedFlank, ...]]:
     """Estimate the noise and factor the normal matrices it whitens.
 
-    Starts from ordinary least squares; then the autoregression of the residual, with its order by
-    BIC, and generalised least squares take turns. `variance_factor` is what a robust loss adds to
-    the variance.
+    `variance_factor` is what a robust loss adds to the variance. Where every speed has noise of its
+    own, a speed with too few rows to tell it takes that of all together.
     """
-    columns = summary.columns.width - 1
-    filter_ = autoregression(summary)
-    solved = residual_rows(summary, filter_)
-    order = len(filter_) - 1
-    factors = [cholesky(flank.whitened(filter_)) for flank in summary.flanks]
-    rows = counted_share(summary) * sum(flank.whitened_rows(order) for flank in summary.flanks)
-    left = sum(factor[-1, -1] ** 2 for factor in factors)
-    variance = variance_factor * left / max(rows - columns * len(summary.flanks), 1)
-    scale = 1 / np.sqrt(variance) if variance > 0 else 1.0
+    noise = _noise_of(summary, variance_factor)
+    parts = [(summary, noise)]
+    if summary.plateaus:
+        least = _ROWS_A_COEFFICIENT * summary.columns.width
+        own = [
+            (p, _noise_of(p.summary, variance_factor) if p.summary.rows > least else noise)
+            for p in summary.plateaus
+        ]
+        noise = replace(noise, plateaus=tuple((p.speed, model) for p, model in own))
+        parts = [(p.summary, model) for p, model in own]
+    grams = dict[Flank, np.ndarray]()
+    for part, model in parts:
+        for flank in part.flanks:
+            gram = flank.whitened(model.filter) / (model.innovation_std or 1.0) ** 2
+            grams[flank.flank] = grams.get(flank.flank, 0.0) + gram
     free = summary.columns.free_width
-    noise = NoiseModel(
+    whitened = (WhitenedFlank(cholesky(grams[f.flank]), free) for f in summary.flanks)
+    return noise, tuple(whitened)
+
+
+def _noise_of(summary: HarmonicSummary, variance_factor: float) -> NoiseModel:
+    """The noise by restricted likelihood, or by moments where it would not forget within a run.
+
+    Noise with a memory as long as a run cannot be told from slow structure that the model misses;
+    the likelihood then takes that for noise and fits what is fast alone.
+    """
+    found = _model(summary, filter_of(restricted_partial(summary)), variance_factor, "likelihood")
+    runs = sum(len(flank.heads) for flank in summary.flanks)
+    run_s = summary.block_s * summary.rows / max(runs, 1)
+    if found.correlation_s <= run_s / _FORGOTTEN:
+        return found
+    return _model(summary, autoregression(summary), variance_factor, "moments")
+
+
+def _model(
+    summary: HarmonicSummary, filter_: Float[np.ndarray, " taps"], variance_factor: float, by: str
+) -> NoiseModel:
+    left = sum(cholesky(flank.whitened(filter_))[-1, -1] ** 2 for flank in summary.flanks)
+    coefficients = len(summary.flanks) * (summary.columns.width - 1)
+    variance = variance_factor * left / max(summary.counted_rows - coefficients, 1)
+    return NoiseModel(
         -filter_[1:],
         float(np.sqrt(variance)),
-        float(np.sqrt(_autocovariance(summary.flanks, solved)[0])),
+        _std(summary, filter_),
         summary.block_s,
+        choice=summary.noise,
+        by=by,
     )
-    return noise, tuple(WhitenedFlank(factor * scale, free) for factor in factors)
 
 
 def autoregression(summary: HarmonicSummary) -> Float[np.ndarray, " taps"]:
-    """Whitening filter of what a linear fit leaves."""
+    """Whitening filter of what a linear fit leaves, by moments: for models still being chosen.
+
+    What such a model misses has a memory as long as the log. A likelihood takes that for the noise
+    and whitens it away, and with it what would tell of it; moments, divided by all rows at every
+    lag, do not.
+    """
+    if summary.noise.kind == "ou":
+        return filter_of(restricted_partial(summary))
     filter_ = np.ones(1)
     for _ in range(1 + _REPEATS):
         solved = residual_rows(summary, filter_)
-        rows = sum(flank.rows for flank in summary.flanks)
-        filter_ = whitening_filter(_autocovariance(summary.flanks, solved), rows)
+        filter_ = whitening_filter(_autocovariance(summary, solved), summary.rows)
     return filter_
+
+
+def _autocovariance(
+    summary: HarmonicSummary, residuals: list[Float[np.ndarray, " q"]]
+) -> Float[np.ndarray, " lags"]:
+    """Autocovariance of the residual rows at every lag, all flanks together.
+
+    Divided by all rows at every lag: that keeps it positive, and the autoregression stationary.
+    What rounding leaves of y counts as white.
+    """
+    flanks = summary.flanks
+    lags = min(len(flank.lag_products) for flank in flanks)
+    total = np.zeros(lags)
+    for flank, residual in zip(flanks, residuals, strict=True):
+        total += np.einsum("i,lij,j->l", residual, flank.lag_products[:lags], residual)
+        total[0] += ROUNDING * flank.lag_products[0, -1, -1]
+    return total / summary.rows
 
 
 def residual_rows(
@@ -121,25 +238,11 @@ def residual_rows(
     return [residual_weights(flank.whitened(filter_)) for flank in summary.flanks]
 
 
-def counted_share(summary: HarmonicSummary) -> float:
-    """Share of the rows that the weights of a robust loss leave; 1 without weights."""
-    offsets = [summary.columns.index(OFFSET, log) for log in range(len(summary.columns.own))]
-    counted = sum(float(f.lag_products[0][k, k]) for f in summary.flanks for k in offsets)
-    return counted / max(summary.rows, 1)
-
-
-def _autocovariance(
-    flanks: tuple[FlankSummary, ...], residuals: list[Float[np.ndarray, " q"]]
-) -> Float[np.ndarray, " lags"]:
-    """Autocovariance of the residual rows at every lag, all flanks together.
-
-    Divided by all rows at every lag: that keeps it positive, and the autoregression stationary.
-    What rounding leaves of y counts as white, or a log without noise would be whitened by digits
-    that mean nothing.
-    """
-    lags = min(len(flank.lag_products) for flank in flanks)
-    total = np.zeros(lags)
-    for flank, residual in zip(flanks, residuals, strict=True):
-        total += np.einsum("i,lij,j->l", residual, flank.lag_products[:lags], residual)
-        total[0] += _ROUNDING * flank.lag_products[0, -1, -1]
-    return total / sum(flank.rows for flank in flanks)
+def _std(summary: HarmonicSummary, filter_: Float[np.ndarray, " taps"]) -> float:
+    """Rms of what generalised least squares leaves of the rows."""
+    solved = residual_rows(summary, filter_)
+    square = sum(
+        float(row @ flank.lag_products[0] @ row)
+        for flank, row in zip(summary.flanks, solved, strict=True)
+    )
+    return float(np.sqrt(max(square, 0.0) / max(summary.rows, 1)))

@@ -97,8 +97,7 @@ def own_terms(summary: HarmonicSummary, filter_: Float[np.ndarray, " taps"]) -> 
         raw += np.diag(widened.T @ products[len(harmonics) :, len(harmonics) :] @ widened)
     left = cholesky(gram)[fixed:, fixed:]
     left = left.T @ left
-    rows = sum(flank.whitened_rows(len(filter_) - 1) for flank in summary.flanks)
-    rows -= len(harmonics) * len(summary.flanks) + fixed
+    rows = summary.rows - len(harmonics) * len(summary.flanks) - fixed
     return OwnTerms(
         names,
         left[:-1, :-1],

@@ -9,7 +9,7 @@ from jaxtyping import Array, Float
 
 from ..base.arrays import Numbers
 from ..kinematics.exact import ExactModel
-from ..pair.gears import Flank, GearPair
+from ..pair.gears import Drive, Flank, GearPair
 from .columns import OFFSET, Columns
 from .own_terms import own_parameters
 from .terms import SECOND_ORDER, TermPlan
@@ -84,6 +84,23 @@ class LinearRelation(Relation):
     def coefficients(self, parameters: Float[Array, " p"]) -> Float[Array, "flanks tied"]:
         """Tied coefficients of every measured flank, rad."""
         return self.linear_part(parameters)
+
+
+def relation_of(
+    pair: GearPair | Drive,
+    terms: TermPlan,
+    columns: Columns,
+    flanks: tuple[Flank, ...],
+    *,
+    encoder_terms: bool,
+    gear_terms: bool,
+) -> Relation:
+    """The relation of a pair or drive: gears, encoders, or both."""
+    if not gear_terms:
+        return encoder_relation(terms, columns, flanks, float(pair.ratio))
+    if isinstance(pair, Drive):
+        return drive_relation(terms, columns, flanks)
+    return pair_relation(pair, terms, columns, flanks, encoder_terms=encoder_terms)
 
 
 def pair_relation(

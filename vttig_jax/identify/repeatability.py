@@ -79,7 +79,7 @@ def _half(rows: LogRows, *, late: bool) -> LogRows:
     for run in rows.runs:
         middle = len(run.rows) // 2
         part = slice(middle, None) if late else slice(middle)
-        runs.append(Run(run.segment, run.rows[part], run.curve))
+        runs.append(Run(run.segment, run.rows[part], run.curve.part(part)))
     return replace(rows, runs=tuple(runs))
 
 

@@ -11,6 +11,7 @@ from ..kinematics.orders import OrderModel
 from ..kinematics.te_curve import TECurve
 from ..pair.eccentricities import Eccentricities
 from ..pair.gears import Drive, GearPair
+from .evidence import Evidence
 from .noise import NoiseModel
 from .order_table import Order
 from .parameters import Parameter
@@ -33,6 +34,7 @@ class Fit:
     - `notes`: sentences on what was left out and why.
     - `regressors`: coefficients of torque, acceleration, speed and ratio that were fitted.
     - `logs`: file, digest, zero and samples of every log.
+    - `evidence`: the compressed logs; what `sample` works on.
     """
 
     pair: GearPair | Drive
@@ -58,6 +60,7 @@ class Fit:
     notes: tuple[str, ...]
     regressors: tuple[Parameter, ...] = ()
     logs: tuple[dict, ...] = ()
+    evidence: Evidence | None = None
 
     def value(self, name: str) -> float:
         """Value of a parameter; NaN where it has none."""
@@ -99,14 +102,7 @@ class Fit:
             "zero": self.zero,
             "zero_readings": self.zero_readings,
             "conditional_on": list(self.conditional_on),
-            "noise": {
-                "model": f"AR({len(self.noise.coefficients)})",
-                "coefficients": self.noise.coefficients.tolist(),
-                "block_s": self.noise.block_s,
-                "std_deg": self.noise.std / DEG,
-                "innovation_std_deg": self.noise.innovation_std / DEG,
-                "correlation_s": self.noise.correlation_s,
-            },
+            "noise": self.noise.to_json(),
             "residual_rms_deg": self.residual_rms_deg,
             "parameters": {name: p.to_json() for name, p in self.parameters.items()},
             "regressors": {p.name: p.to_json() for p in self.regressors},

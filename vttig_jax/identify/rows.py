@@ -13,6 +13,7 @@ from ..pair.gears import Flank
 from .blocks import block_means, block_rows, block_size
 from .channels import Channels, trimmed
 from .columns import OFFSET, Columns
+from .noise_choice import NoiseChoice
 from .terms import TermPlan
 
 
@@ -27,20 +28,26 @@ class Run:
 
 @dataclass(frozen=True, eq=False)
 class LogRows:
-    """All rows of one log. `size` samples and `block_s` seconds make a row."""
+    """All rows of one log. `size` samples and `block_s` seconds make a row of the fastest run."""
 
     columns: Columns
     runs: tuple[Run, ...]
     size: int
     block_s: float
+    noise: NoiseChoice = NoiseChoice()
+
+    def runs_by_flank(self, longer_than: int = 0) -> dict[Flank, list[Run]]:
+        """Every run that has more than `longer_than` rows, flank by flank."""
+        found: dict[Flank, list[Run]] = {}
+        for run in self.runs:
+            if len(run.rows) > longer_than:
+                found.setdefault(run.segment.flank, []).append(run)
+        return found
 
     def by_flank(self, longer_than: int = 0) -> dict[Flank, list[Float[np.ndarray, "_ q"]]]:
         """Rows of every run that has more than `longer_than` of them, flank by flank."""
-        found: dict[Flank, list[np.ndarray]] = {}
-        for run in self.runs:
-            if len(run.rows) > longer_than:
-                found.setdefault(run.segment.flank, []).append(run.rows)
-        return found
+        runs = self.runs_by_flank(longer_than)
+        return {flank: [run.rows for run in own] for flank, own in runs.items()}
 
 
 def block_seconds(
@@ -56,18 +63,30 @@ def block_seconds(
 
 
 def log_rows(
-    channels: Channels, segments: Sequence[Segment], terms: TermPlan, block_s: float
+    channels: Channels,
+    segments: Sequence[Segment],
+    terms: TermPlan,
+    block_s: float,
+    noise: NoiseChoice = NoiseChoice(),
+    fastest: float = 0.0,
 ) -> LogRows:
-    """Pass once over the segments of a log."""
+    """Pass once over the segments of a log.
+
+    Where the noise is stationary in angle, every row covers the angle that a segment of speed
+    `fastest` covers in `block_s`.
+    """
     columns = Columns(
         tuple(h.term for h in terms.free),
         tuple(h.term for h in terms.tied),
         ((OFFSET, *channels.own),),
     )
-    size = max(1, round(block_s / channels.sample_s))
+    shortest = max(1, round(block_s / channels.sample_s))
     runs = []
     for whole in segments:
         segment = trimmed(whole, channels)
+        size = shortest
+        if noise.stationary_in == "angle" and whole.speed:
+            size = max(1, round(shortest * fastest / abs(whole.speed)))
         if segment.stop - segment.start < size:
             continue
         part = slice(segment.start, segment.stop)
@@ -79,7 +98,7 @@ def log_rows(
         rows = block_rows(columns, size, driving, driven, own, error, weight)
         curve = (block_means(c, size) for c in (driving, error, channels.time[part]))
         runs.append(Run(segment, rows, TECurve(segment.flank, *curve)))
-    return LogRows(columns, tuple(runs), size, size * channels.sample_s)
+    return LogRows(columns, tuple(runs), shortest, shortest * channels.sample_s, noise)
 
 
 def _samples_per_turn(driving: Float[np.ndarray, " n"], segments: Sequence[Segment]) -> float:

@@ -64,10 +64,11 @@ def _block_scores(
     for rows, embedding in zip(view.rows, summary.embeddings, strict=True):
         for run in rows.runs:
             flank = run.segment.flank
-            if flank not in sides or len(run.rows) < len(noise.filter) + _SHORTEST:
+            own = noise.at(run.segment.speed)
+            if flank not in sides or len(run.rows) < len(own.filter) + _SHORTEST:
                 continue
             factor, place = whitened[sides[flank]], sides[flank]
-            white = _filtered(run.rows @ embedding[flank].T, noise.filter)
+            white = own.whitened(run.rows @ embedding[flank].T, run.curve.time)
             free = factor.free
             follow = np.linalg.solve(factor.factor[:free, :free], factor.factor[:free, free:-1])
             regressors = white[:, free:-1] - white[:, :free] @ follow
@@ -75,15 +76,4 @@ def _block_scores(
             score = (regressors * left[:, None]) @ solution.jacobian[place]
             pieces = np.array_split(score, max(1, round(len(score) / length)))
             scores += [piece.sum(axis=0) for piece in pieces]
-    return np.array(scores).reshape(len(scores), len(solution.names)) / noise.innovation_std**2
-
-
-def _filtered(
-    rows: Float[np.ndarray, "n q"], filter_: Float[np.ndarray, " taps"]
-) -> Float[np.ndarray, "m q"]:
-    """Rows whitened, those with a full history only."""
-    order = len(filter_) - 1
-    white = np.zeros((len(rows) - order, rows.shape[1]))
-    for lag, weight in enumerate(filter_):
-        white += weight * rows[order - lag : len(rows) - lag]
-    return white
+    return np.array(scores).reshape(len(scores), len(solution.names))

@@ -2,6 +2,7 @@
 
 import io
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import jax.numpy as jnp
@@ -11,16 +12,22 @@ from ..base.errors import InputError, UsageError
 from ..kinematics.orders import OrderModel
 from ..kinematics.te_curve import TECurve
 from ..pair.gears import Drive, GearPair
+from .evidence import evidence_from
 from .noise import NoiseModel
+from .noise_choice import NoiseChoice
 from .order_table import Order
 from .parameters import Parameter
 from .result import Fit
+
+_EVIDENCE = "evidence_"
 
 
 def fit_arrays(fit: Fit) -> dict[str, np.ndarray]:
     """Everything of a fit that is an array: its model, curves, residuals and covariance."""
     curves = fit.curves
+    evidence = {} if fit.evidence is None else fit.evidence.to_arrays()
     return {
+        **{_EVIDENCE + name: array for name, array in evidence.items()},
         "terms": np.asarray(fit.model.terms, np.int64).reshape(-1, 2),
         "offset": np.asarray(fit.model.offset),
         "cosine": np.asarray(fit.model.cosine),
@@ -28,8 +35,7 @@ def fit_arrays(fit: Fit) -> dict[str, np.ndarray]:
         "names": np.asarray(fit.covariance_names),
         "values": fit.values,
         "covariance": fit.covariance,
-        "noise_coefficients": fit.noise.coefficients,
-        "noise": np.array([fit.noise.innovation_std, fit.noise.std, fit.noise.block_s]),
+        **_noise_arrays(fit.noise),
         "curve_flanks": np.asarray([curve.flank for curve in curves]),
         "curve_lengths": np.asarray([len(curve) for curve in curves], np.int64),
         "driving_angle": _joined([curve.driving_angle for curve in curves]),
@@ -76,6 +82,11 @@ def _assembled(record: dict, arrays: dict[str, np.ndarray], pair: GearPair | Dri
         TECurve(flank.item(), angle, error, time)
         for flank, angle, error, time in zip(arrays["curve_flanks"], *pieces[:3], strict=True)
     )
+    kept = {
+        name.removeprefix(_EVIDENCE): array
+        for name, array in arrays.items()
+        if name.startswith(_EVIDENCE)
+    }
     return Fit(
         pair=pair,
         source=record["source"],
@@ -97,7 +108,7 @@ def _assembled(record: dict, arrays: dict[str, np.ndarray], pair: GearPair | Dri
             cosine=jnp.asarray(arrays["cosine"]),
             sine=jnp.asarray(arrays["sine"]),
         ),
-        noise=NoiseModel(arrays["noise_coefficients"], *map(float, arrays["noise"])),
+        noise=_noise_from(arrays),
         residual_rms_deg=record["residual_rms_deg"],
         curves=curves,
         residuals=tuple(pieces[3]),
@@ -110,7 +121,37 @@ def _assembled(record: dict, arrays: dict[str, np.ndarray], pair: GearPair | Dri
             Parameter(name=name, **fields) for name, fields in record["regressors"].items()
         ),
         logs=tuple(record["logs"]),
+        evidence=evidence_from(kept, pair.ratio) if kept else None,
     )
+
+
+def _noise_arrays(noise: NoiseModel) -> dict[str, np.ndarray]:
+    """One row for the noise of all speeds together, one more for every plateau with its own."""
+    models, choice = [noise, *(own for _, own in noise.plateaus)], noise.choice
+    coefficients = np.full((len(models), max(len(m.coefficients) for m in models)), np.nan)
+    for row, model in zip(coefficients, models, strict=True):
+        row[: len(model.coefficients)] = model.coefficients
+    return {
+        "noise_coefficients": coefficients,
+        "noise": np.array([(m.innovation_std, m.std, m.block_s) for m in models]),
+        "noise_by": np.array([m.by for m in models]),
+        "noise_choice": np.array([choice.kind, choice.stationary_in, choice.of]),
+        "noise_speeds": np.array([speed for speed, _ in noise.plateaus], float),
+    }
+
+
+def _noise_from(arrays: dict[str, np.ndarray]) -> NoiseModel:
+    choice = NoiseChoice(*(str(word) for word in arrays["noise_choice"]))  # pyright: ignore
+    models = [
+        NoiseModel(
+            row[np.isfinite(row)], float(shock), float(std), float(block_s), (), choice, str(by)
+        )
+        for row, (shock, std, block_s), by in zip(
+            arrays["noise_coefficients"], arrays["noise"], arrays["noise_by"], strict=True
+        )
+    ]
+    speeds = (float(speed) for speed in arrays["noise_speeds"])
+    return replace(models[0], plateaus=tuple(zip(speeds, models[1:], strict=True)))
 
 
 def _joined(pieces: list[np.ndarray]) -> np.ndarray:

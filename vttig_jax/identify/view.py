@@ -1,7 +1,7 @@
 """One pass over the logs: their rows, and what the linear model makes of them."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -13,12 +13,16 @@ from ..logs.segments import Segment, Segments
 from ..pair.gears import Drive, Flank, GearPair
 from .channels import Channels, Drift, Samples, read_channels
 from .noise import autoregression, residual_rows
+from .noise_choice import NoiseChoice
 from .own_terms import OwnTerms, own_terms
 from .prediction import residual_of
 from .rows import LogRows, block_seconds, log_rows
 from .starts import Start, aligned
 from .summary import HarmonicSummary, summarise
 from .terms import TermPlan
+
+AnySamples = Float[np.ndarray, " _"]
+"""Samples of logs that differ in length."""
 
 _FINER = 8.0
 """Most times that short ramps make the rows shorter than the orders ask for."""
@@ -43,6 +47,7 @@ class Model:
     regressors: tuple[str, ...]
     drift: Drift
     same_zero: bool = True
+    noise: NoiseChoice = NoiseChoice()
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,6 +73,18 @@ class View:
         if self.model.same_zero or len(self.rows) == 1:
             return summarise(self.rows, self.model.terms), (Start(),) * len(self.rows)
         return aligned(self.rows, self.model.terms)
+
+    def rows_of(self, log: int, segments: Sequence[Segment]) -> LogRows:
+        """Rows of segments of a log, as long as those of the view."""
+        speeds = [abs(s.speed) for one in self.segments for s in one]
+        return log_rows(
+            self.channels[log],
+            segments,
+            self.model.terms,
+            self.block_s,
+            self.model.noise,
+            max(speeds, default=0.0),
+        )
 
     @property
     def summary(self) -> HarmonicSummary:
@@ -119,11 +136,11 @@ def look(
     inputs: Sequence[Input],
     model: Model,
     delay_s: float = 0.0,
-    weights: Sequence[Samples | None] | None = None,
+    weights: Sequence[AnySamples | None] | None = None,
     block_s: float | None = None,
     finest_s: float = np.inf,
     segments: Sequence[tuple[Segment, ...]] | None = None,
-    pulls: Sequence[Samples | None] | None = None,
+    pulls: Sequence[AnySamples | None] | None = None,
 ) -> View:
     """Pass over the certain segments of all logs, or those given.
 
@@ -138,7 +155,6 @@ def look(
         block_s = block_seconds(channels, [one.segments for one in inputs], model.terms)
         block_s = max(min(block_s, finest_s), block_s / _FINER, min(c.sample_s for c in channels))
     used = tuple(one.segments for one in inputs) if segments is None else tuple(segments)
-    rows = tuple(
-        log_rows(c, own, model.terms, block_s) for c, own in zip(channels, used, strict=True)
-    )
-    return View(tuple(inputs), model, channels, rows, block_s, used)
+    view = View(tuple(inputs), model, channels, (), block_s, used)
+    rows = tuple(view.rows_of(log, segments) for log, segments in enumerate(used))
+    return replace(view, rows=rows)

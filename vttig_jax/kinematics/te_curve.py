@@ -31,10 +31,21 @@ class TECurve:
     def __len__(self) -> int:
         return len(self.driving_angle)
 
+    def part(self, points: slice) -> "TECurve":
+        """Some consecutive points of the run."""
+        arrays = (self.driving_angle, self.transmission_error, self.time)
+        return TECurve(self.flank, *(values[points] for values in arrays))
+
     @property
     def peak_to_peak(self) -> float:
         """Largest minus smallest TE, rad; noise biases it upwards."""
         return float(np.ptp(self.transmission_error))
+
+    @property
+    def mean_speed(self) -> float:
+        """Mean speed of the driving shaft, rad/s, without its sense; 0 for a single point."""
+        duration = float(self.time[-1] - self.time[0]) if len(self) else 0.0
+        return abs(float(self.driving_angle[-1] - self.driving_angle[0])) / (duration or np.inf)
 
     def __str__(self) -> str:
         first, last = self.driving_angle[0], self.driving_angle[-1]

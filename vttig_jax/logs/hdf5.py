@@ -1,13 +1,11 @@
 """The numeric arrays of an HDF5 file, also of MATLAB's v7.3, which is HDF5."""
 
-import importlib
 import io
 from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
-from ..base.errors import UsageError
 from .matlab import DEEPEST, MOST_CELLS
 
 HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
@@ -20,16 +18,9 @@ def hdf5_leaves(data: bytes) -> Iterator[tuple[str, np.ndarray]]:
     Names are `group/array`, of the fields of a compound `group/array.field`; in MATLAB's files
     they are as in `matlab_leaves`, and rows and columns as in MATLAB. Links and data kept in other
     files are not followed. Damaged bytes raise whatever h5py stumbles over.
-
-    **Raises** `UsageError` without the package h5py.
     """
-    try:
-        h5py: Any = importlib.import_module("h5py")
-    except ImportError:
-        raise UsageError(
-            "HDF5 files, and MATLAB's v7.3 with them, need the package h5py; install"
-            " `vttig-jax[hdf5]`, or save with `-v7` in MATLAB."
-        ) from None
+    import h5py
+
     with h5py.File(io.BytesIO(data), "r") as file:
         yield from _Walk(h5py, file, data.startswith(b"MATLAB")).members(file, "", 0)
 

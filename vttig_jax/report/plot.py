@@ -8,8 +8,14 @@ from matplotlib.figure import Figure
 from ..identify.result import Fit
 from ..kinematics.backlash_map import BacklashMap
 from ..kinematics.te_curve import TECurve
+from ..posterior.bands import BandedMap
+from ..posterior.posterior import Posterior
+from ..posterior.predictive import Predictive
+from .band_picture import plot_band_map
+from .corner_picture import plot_corner
 from .fit_picture import plot_fit
 from .map_picture import plot_map
+from .predictive_picture import plot_predictive
 from .te_picture import plot_te
 
 
@@ -20,8 +26,12 @@ def plot(obj: object, **options: Any) -> Figure:
     - a `TECurve`: transmission error over driving angle; options `ax`, `unit`.
     - a `Fit`: measured and fitted, flank by flank, and the residual; `unit`, `span_deg`.
     - a `BacklashMap`: backlash over the hunting period; `ax`, `turns`.
+    - a `Posterior`: every pair of coordinates (`plot_trace` draws them step by step); `names`.
+    - a `BandedMap`: backlash with its bands; `ax`, `turns`.
+    - a `Predictive`: a log beside what its posterior predicts; `unit`, `turns`.
 
-    The options are those of `plot_te`, `plot_fit` and `plot_map`.
+    The options are those of `plot_te`, `plot_fit`, `plot_map`, `plot_corner`, `plot_band_map` and
+    `plot_predictive`.
 
     **Raises** `ValueError` for an object without a picture.
 
@@ -38,10 +48,14 @@ def plot(obj: object, **options: Any) -> Figure:
     ```
     """
     raise ValueError(
-        f"Argument `obj` must be a TECurve, Fit or BacklashMap, but is {type(obj).__name__}."
+        f"Argument `obj` must be a TECurve, Fit or BacklashMap, but is {type(obj).__name__}; what a"
+        " Posterior, BandedMap or Predictive says has a picture too."
     )
 
 
 plot.register(TECurve, plot_te)
 plot.register(Fit, plot_fit)
 plot.register(BacklashMap, plot_map)
+plot.register(Posterior, plot_corner)
+plot.register(BandedMap, plot_band_map)
+plot.register(Predictive, plot_predictive)

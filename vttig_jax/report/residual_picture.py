@@ -27,12 +27,18 @@ def plot_residual(fit: Fit) -> Figure:
     """The residual picture of a fit: block means, whitened as the fit's noise asks for."""
     angles = [curve.driving_angle for curve in fit.curves]
     turns = [max(float(np.ptp(angle)) / REV, 1e-9) for angle in angles]
+    noises = [fit.noise.at(curve.mean_speed) for curve in fit.curves]
     rows = min(len(angle) / span for angle, span in zip(angles, turns, strict=True))
     return residual_picture(
         angles,
         fit.residuals,
         highest=float(np.clip(rows / 3, 1.5, 20.0)),
-        filter_=fit.noise.filter,
+        whitened=[
+            noise.whitened(residual, curve.time)
+            for residual, curve, noise in zip(fit.residuals, fit.curves, noises, strict=True)
+            if len(residual) > len(noise.coefficients)
+        ],
+        order=max(len(noise.coefficients) for noise in noises),
         lines=[_line(line) for line in fit.checks.get("lines", [])],
         labels=[curve.flank for curve in fit.curves],
         name=fit.pair.name,
@@ -49,7 +55,8 @@ def residual_picture(
     residuals: Runs,
     *,
     highest: float,
-    filter_: Float[np.ndarray, " taps"],
+    whitened: Runs,
+    order: int,
     lines: Sequence[Line] = (),
     labels: Sequence[str] | None = None,
     name: str = "",
@@ -66,7 +73,7 @@ def residual_picture(
     **Arguments**
     - `angles`, `residuals`: rad, run by run, rows in time order.
     - `highest`: cycles per revolution up to which to draw the spectrum.
-    - `filter_`: the whitening filter (1, −a₁, …) of the rows; (1,) for white noise.
+    - `whitened`: the residuals whitened by an autoregression of this `order`, run by run.
     - `lines`: to mark, from `find_lines`.
     - `labels`: of the runs; equal ones share a colour ("A" and "B" those of the flanks).
     - `name`, `source`: for the heading.
@@ -81,7 +88,7 @@ def residual_picture(
     top, middle, bottom = figure.subplots(3, 1)
     heading(figure, "residual", name, source)
     _draw_residual(top, angles, residuals, labels)
-    _draw_correlation(middle, residuals, filter_)
+    _draw_correlation(middle, whitened, order)
     _draw_spectrum(bottom, angles, residuals, highest, lines)
     for ax in (top, middle, bottom):
         grid(ax)
@@ -106,15 +113,14 @@ def _draw_residual(ax: Axes, angles: Runs, residuals: Runs, labels: Sequence[str
         legend(ax, [key for label, key in keys.items() if label])
 
 
-def _draw_correlation(ax: Axes, residuals: Runs, filter_: Float[np.ndarray, " taps"]) -> None:
-    correlation, pairs = autocorrelation(residuals, filter_, _LAGS)
+def _draw_correlation(ax: Axes, whitened: Runs, order: int) -> None:
+    correlation, pairs = autocorrelation(whitened, _LAGS)
     lags = np.arange(1, len(correlation))
     band = 1.96 / np.sqrt(np.maximum(pairs[1:], 1))
     ax.fill_between(lags, -band, band, color="0.85", linewidth=0, label="95 % of white noise")
     ax.vlines(lags, 0.0, correlation[1:], color=FLANK_COLOURS["A"], linewidth=1.2)
     ax.axhline(0.0, color="0.1", linewidth=0.6)
     outside = int(np.count_nonzero(np.abs(correlation[1:]) > band))
-    order = len(filter_) - 1
     title(
         ax, f"whitened by an autoregression of order {order}: {outside} of {len(lags)} lags outside"
     )
@@ -162,11 +168,9 @@ _MARK = {
 
 
 def autocorrelation(
-    residuals: Runs, filter_: Float[np.ndarray, " taps"], lags: int
+    white: Runs, lags: int
 ) -> tuple[Float[np.ndarray, " lags"], Float[np.ndarray, " lags"]]:
     """Correlation of whitened rows at lags 0 … `lags` inside runs, and the number of pairs."""
-    order = len(filter_) - 1
-    white = [np.convolve(run, filter_, "valid") for run in residuals if len(run) > order]
     lags = min(lags, max((len(run) for run in white), default=1) - 1)
     products, pairs = np.zeros(lags + 1), np.zeros(lags + 1)
     for run in white:

@@ -8,10 +8,17 @@ from matplotlib.figure import Figure
 from ..base.runfolder import RunFolder
 from ..identify.result import Fit
 from ..kinematics.backlash_map import BacklashMap
+from ..posterior.bands import BandedMap
+from ..posterior.posterior import Posterior
+from ..posterior.predictive import Predictive
+from .band_picture import plot_band_map
+from .corner_picture import plot_corner
 from .fit_picture import plot_fit
 from .map_picture import plot_map
+from .predictive_picture import plot_predictive
 from .residual_picture import plot_residual
 from .spectrum import plot_orders
+from .trace_picture import plot_trace
 
 _DPI = 150
 
@@ -39,6 +46,23 @@ def figures(fit: Fit, grid: BacklashMap | None) -> dict[str, bytes]:
     }
     if grid is not None:
         drawn["backlash_map.png"] = plot_map(grid)
+    return {name: png(figure) for name, figure in drawn.items()}
+
+
+def posterior_figures(
+    posterior: Posterior, predicted: Predictive, banded: BandedMap | None
+) -> dict[str, bytes]:
+    """PNG of every picture of a posterior by file name.
+
+    `corner.png`, `trace.png`, `predictive.png`, and `band.png` where there is a map.
+    """
+    drawn = {
+        "corner.png": plot_corner(posterior),
+        "trace.png": plot_trace(posterior),
+        "predictive.png": plot_predictive(predicted),
+    }
+    if banded is not None:
+        drawn["band.png"] = plot_band_map(banded)
     return {name: png(figure) for name, figure in drawn.items()}
 
 

@@ -1,0 +1,130 @@
+"""Kills a sampler with SIGKILL at many moments and goes on; run as a program, prints JSON.
+
+Its own process, so that it can fork cheaply: no jax and no threads are in it.
+"""
+
+import json
+import os
+import signal
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from tests.posterior.densities import Gaussian, plain
+from vttig_jax.base import atomic
+from vttig_jax.posterior import checkpoint
+from vttig_jax.posterior.ensembles import Chains, read_chains, run_ensembles
+
+STEPS = 2400
+
+
+def kill() -> None:
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def run(path: Path | None, target: Gaussian | None = None) -> Chains:
+    resume = path is not None and path.exists()
+    return run_ensembles(
+        target or plain(3), steps=STEPS, walkers=16, checkpoint=path, resume=resume
+    )
+
+
+class Doomed(Gaussian):
+    """A density that is killed in its `left`-th call."""
+
+    left = 0
+
+    def log_density(self, points: np.ndarray) -> np.ndarray:
+        self.left -= 1
+        if self.left == 0:
+            kill()
+        return super().log_density(points)
+
+
+def in_a_call(path: Path) -> None:
+    target = Doomed(np.zeros(3), np.eye(3))
+    target.left = 5000
+    run(path, target)
+
+
+def in_the_writing(path: Path) -> None:
+    real, done = checkpoint._Disk.write, []
+
+    def write(self: checkpoint._Disk, data: bytes) -> int:
+        done.append(len(data))
+        if sum(done) > 400_000:
+            real(self, bytes(data)[: len(data) // 2])
+            kill()
+        return real(self, data)
+
+    checkpoint._Disk.write = write
+    run(path)
+
+
+def around_the_move(path: Path, *, after: bool) -> None:
+    moves = []
+
+    def move(temporary: Path, target: Path) -> None:
+        moves.append(target)
+        if after or len(moves) < 3:
+            atomic.move(temporary, target)
+        if len(moves) == 3:
+            kill()
+
+    checkpoint.move = move
+    run(path)
+
+
+def forked(work: Callable[[], object], delay_s: float | None = None) -> int:
+    """Do the work in a process of its own, killed after a while; the signal that ended it."""
+    pid = os.fork()
+    if pid == 0:
+        work()
+        os._exit(0)
+    if delay_s is not None:
+        time.sleep(delay_s)
+        os.kill(pid, signal.SIGKILL)
+    return os.WTERMSIG(os.waitpid(pid, 0)[1])
+
+
+def main(folder: Path) -> None:
+    checkpoint.SAVE_S = checkpoint._SHARE = 0.0  # a generation every block
+    whole = run(None)
+    path = folder / "posterior.h5"
+    moments: list[tuple[Callable[[], object], float | None]] = [
+        (lambda: in_a_call(path), None),
+        (lambda: in_the_writing(path), None),
+        (lambda: around_the_move(path, after=False), None),
+        (lambda: around_the_move(path, after=True), None),
+    ]
+    generator = np.random.default_rng()  # another time of day every time
+    moments += [(lambda: run(path), delay) for delay in generator.uniform(0.02, 0.4, 6)]
+    signals, steps, left_over = [], [], 0
+    for work, delay_s in moments:
+        signals.append(forked(work, delay_s))
+        left_over += (folder / ".posterior.h5.tmp").exists()
+        steps.append(read_chains(path).steps if path.exists() else 0)
+    last = run(path)
+    kept = read_chains(path)
+    print(
+        json.dumps(
+            {
+                "signals": signals,
+                "steps": steps,
+                "left_over": left_over,
+                "same": all(
+                    np.array_equal(getattr(chains, name), getattr(whole, name))
+                    for chains in (last, kept)
+                    for name in ("draws", "log_density", "acceptance")
+                ),
+                "files": sorted(item.name for item in folder.iterdir()),
+            }
+        )
+    )
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))

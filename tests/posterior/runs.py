@@ -1,0 +1,34 @@
+"""Short runs of the sampler on a checkpoint, and what is asked of every one."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tests.posterior.densities import Gaussian, plain
+from vttig_jax.posterior.ensembles import Chains, run_ensembles
+
+REPOSITORY = Path(__file__).parents[2]
+
+
+def sample(path: Path | None, target: Gaussian | None = None, **options: Any) -> Chains:
+    settings: dict[str, Any] = {"steps": 200, "walkers": 16} | options
+    return run_ensembles(target or plain(), checkpoint=path, **settings)
+
+
+def same(one: Chains, other: Chains) -> bool:
+    arrays = ("draws", "log_density", "acceptance")
+    return (one.steps, one.seed) == (other.steps, other.seed) and all(
+        np.array_equal(getattr(one, name), getattr(other, name)) for name in arrays
+    )
+
+
+def sentence(error: BaseException) -> str:
+    text = str(error)
+    assert "\n" not in text and text.endswith(".")
+    return text
+
+
+def only(path: Path) -> bool:
+    """No lock and no temporary file is left."""
+    return [item.name for item in path.parent.iterdir()] == [path.name]

@@ -1,0 +1,134 @@
+"""The compressed logs of a fit, kept so that they can be asked again without the logs."""
+
+from dataclasses import astuple, dataclass
+from fractions import Fraction
+
+import numpy as np
+from jaxtyping import Float
+
+from ..pair.gears import Drive, Flank, GearPair
+from .columns import Columns
+from .flank_summary import FlankSummary
+from .irregular import IrregularFlank
+from .noise_choice import NoiseChoice
+from .relation import Relation, relation_of
+from .summary import HarmonicSummary
+from .terms import Harmonic, TermPlan
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """Everything the likelihood of a fit needs.
+
+    **Arguments**
+    - `summary`: lag products and ends of the block rows, with the columns that were chosen.
+    - `encoder_terms`, `gear_terms`: what the first orders were split into.
+    - `determined`: names of the parameters that the logs fix.
+    - `jacobian`: of the tied coefficients at the fit, shape (flanks, tied, p).
+    - `partial`: partial autocorrelations of the noise.
+    - `variance_factor`: what a robust loss adds to the variance.
+    - `delay_s`: delay already taken out of the angles; the parameter `delay` adds to it.
+    """
+
+    summary: HarmonicSummary
+    encoder_terms: bool
+    gear_terms: bool
+    determined: tuple[str, ...]
+    jacobian: Float[np.ndarray, "flanks tied p"]
+    partial: Float[np.ndarray, " order"]
+    variance_factor: float
+    delay_s: float
+
+    def relation(self, pair: GearPair | Drive) -> Relation:
+        """From parameters to tied coefficients."""
+        return relation_of(
+            pair,
+            self.summary.terms,
+            self.summary.columns,
+            tuple(flank.flank for flank in self.summary.flanks),
+            encoder_terms=self.encoder_terms,
+            gear_terms=self.gear_terms,
+        )
+
+    def to_arrays(self) -> dict[str, np.ndarray]:
+        """The evidence as named arrays of numbers and text."""
+        terms, columns = self.summary.terms, self.summary.columns
+        harmonics = terms.free + terms.tied
+        own = [(name, str(log)) for name, log in columns.names]
+        arrays = {
+            "harmonics": np.array([h.shaft for h in harmonics]),
+            "harmonic_orders": np.array([(h.order, *h.term) for h in harmonics]).reshape(-1, 3),
+            "own": np.array(own),
+            "counts": np.array([len(terms.free), len(columns.own)]),
+            "flags": np.array([self.encoder_terms, self.gear_terms]),
+            "numbers": np.array([self.summary.block_s, self.variance_factor, self.delay_s]),
+            "determined": np.array(self.determined, str),
+            "noise": np.array(astuple(self.summary.noise)),
+            "jacobian": self.jacobian,
+            "partial": self.partial,
+        }
+        for flank in self.summary.flanks:
+            arrays |= {
+                f"{flank.flank}_lag_products": flank.lag_products,
+                f"{flank.flank}_heads": flank.heads,
+                f"{flank.flank}_tails": flank.tails,
+                f"{flank.flank}_rows": np.array(flank.rows),
+            }
+            if isinstance(flank, IrregularFlank):
+                arrays |= {
+                    f"{flank.flank}_matrices": flank.matrices,
+                    f"{flank.flank}_determinants": flank.determinants,
+                }
+        return arrays
+
+
+def evidence_from(arrays: dict[str, np.ndarray], ratio: Fraction) -> Evidence:
+    """Read back what `Evidence.to_arrays` gave."""
+    free, logs = (int(count) for count in arrays["counts"])
+    harmonics = tuple(
+        Harmonic(str(shaft), int(order), (int(first), int(second)))
+        for shaft, (order, first, second) in zip(
+            arrays["harmonics"], arrays["harmonic_orders"], strict=True
+        )
+    )
+    own = tuple(
+        tuple(str(name) for name, log in arrays["own"] if int(log) == number)
+        for number in range(logs)
+    )
+    flanks: tuple[Flank, ...] = ("A", "B")
+    summary = HarmonicSummary(
+        flanks=tuple(_flank_from(arrays, flank) for flank in flanks if f"{flank}_rows" in arrays),
+        terms=TermPlan(ratio, harmonics[:free], harmonics[free:], ()),
+        columns=Columns(
+            tuple(h.term for h in harmonics[:free]), tuple(h.term for h in harmonics[free:]), own
+        ),
+        block_s=float(arrays["numbers"][0]),
+        noise=NoiseChoice(*(str(word) for word in arrays["noise"])),  # pyright: ignore
+    )
+    return Evidence(
+        summary,
+        encoder_terms=bool(arrays["flags"][0]),
+        gear_terms=bool(arrays["flags"][1]),
+        determined=tuple(str(name) for name in arrays["determined"]),
+        jacobian=arrays["jacobian"],
+        partial=arrays["partial"],
+        variance_factor=float(arrays["numbers"][1]),
+        delay_s=float(arrays["numbers"][2]),
+    )
+
+
+def _flank_from(arrays: dict[str, np.ndarray], flank: Flank) -> FlankSummary:
+    plain = FlankSummary(
+        flank,
+        arrays[f"{flank}_lag_products"],
+        arrays[f"{flank}_heads"],
+        arrays[f"{flank}_tails"],
+        int(arrays[f"{flank}_rows"]),
+    )
+    if f"{flank}_matrices" not in arrays:
+        return plain
+    return IrregularFlank(
+        **vars(plain),
+        matrices=arrays[f"{flank}_matrices"],
+        determinants=arrays[f"{flank}_determinants"],
+    )

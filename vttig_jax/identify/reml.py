@@ -1,0 +1,191 @@
+"""The autoregression of the noise by restricted maximum likelihood, from lag products alone.
+
+With the coefficients of every column integrated out, −2 log-likelihood is, up to a constant,
+
+    F(π) = (N − Q) log S + Σ_f log|X_fᵀ Σ⁻¹ X_f| − R Σ_k k log(1 − π_k²),
+
+S the whitened misfit, N rows in R runs, Q coefficients. Maximum likelihood without the second term
+takes what the fitted columns swallow for whiteness, and intervals come out too short.
+
+Both logarithms are concave in the quadratic forms of the whitening filter f. Their tangents turn F
+into fᵀ T f − R Σ_k k log(1 − π_k²), which lies above F and touches it: every step down that bound
+is a step down F. The filter is linear in each single π_k, so that its best value is the root of a
+cubic (S. M. Kay, IEEE Trans. ASSP 31 (1983) 56, for the plain likelihood).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from scipy.optimize import brentq, minimize_scalar
+
+from ..base.autoregression import filter_of, log_initial_determinant
+from ..base.errors import NoAnswerError
+from .normal_equations import cholesky
+from .summary import FlankSummary, HarmonicSummary
+
+ROUNDING = 1e-14
+"""Share of y² below which a residual is rounding."""
+
+_SEARCHES = 2
+"""Times the order is chosen: from ordinary residuals, then from whitened ones."""
+
+_MOST_STEPS = 40
+_SETTLED = 1e-7
+_SWEEPS = 3
+_SHORTER, _SMALL = 0.95, 0.05
+_FINE = {"xatol": 1e-8}
+
+LARGEST = 0.999
+"""Bound of a partial autocorrelation: beyond it noise is drift, and the whitened offset drowns in
+the rounding of the lag products."""
+
+Partial = Float[np.ndarray, " p"]
+
+
+@dataclass(frozen=True)
+class _Bound:
+    """fᵀ `form` f − `runs` Σ_k k log(1 − π_k²), an upper bound of F."""
+
+    form: Float[np.ndarray, "taps taps"]
+    runs: int
+
+    def at(self, partial: Partial) -> float:
+        filter_ = filter_of(partial)
+        taps = len(filter_)
+        misfit = filter_ @ self.form[:taps, :taps] @ filter_
+        return float(misfit + self.runs * log_initial_determinant(partial))
+
+    def lowered(self, partial: Partial) -> Partial:
+        """Every π_k in turn at its best, the last one first: it knows least yet."""
+        partial = partial.copy()
+        taps = len(partial) + 1
+        form = self.form[:taps, :taps]
+        for k in reversed(range(len(partial))):
+            partial[k] = 0.0
+            without = filter_of(partial)
+            partial[k] = 1.0
+            slope = filter_of(partial) - without
+            partial[k] = _lowest(
+                float(slope @ form @ slope), float(slope @ form @ without), self.runs * (k + 1)
+            )
+        return partial
+
+
+def restricted_partial(summary: HarmonicSummary) -> Partial:
+    """Partial autocorrelations of the noise; their number by BIC.
+
+    One for Ornstein–Uhlenbeck noise, that of rows at the median distance.
+    """
+    if summary.noise.kind == "ou":
+        return _correlation(summary)
+    partial = np.zeros(0)
+    for _ in range(_SEARCHES):
+        bound, partial = _touching(summary, partial)
+        partial = _of_best_order(bound, summary.rows)
+    for _ in range(_MOST_STEPS):
+        bound, before = _touching(summary, partial)
+        if before is not partial:
+            return before
+        partial = bound.lowered(before)
+        if np.abs(partial - before).max(initial=0.0) < _SETTLED:
+            break
+    return _touching(summary, partial)[1]
+
+
+def _touching(summary: HarmonicSummary, partial: Partial) -> tuple[_Bound, Partial]:
+    """The bound at `partial`, or as near to it as rounding lets the normal matrices be factored.
+
+    What a wrong model leaves may be so smooth that its whitening takes all digits of slow columns.
+    """
+    while True:
+        try:
+            return _bound(summary, partial), partial
+        except NoAnswerError:
+            if np.abs(partial).max(initial=0.0) < _SMALL:
+                raise
+            partial = _SHORTER * partial
+
+
+def _correlation(summary: HarmonicSummary) -> Partial:
+    """The one correlation of Ornstein–Uhlenbeck noise; none where white noise does as well."""
+
+    def height(rho: float) -> float:
+        partial = np.array([rho])
+        factors = [cholesky(flank.whitened(filter_of(partial))) for flank in summary.flanks]
+        misfit = sum(float(factor[-1, -1] ** 2) for factor in factors)
+        value = _freedom(summary) * np.log(max(misfit, 1e-300))
+        value += sum(flank.log_determinant(partial) for flank in summary.flanks)
+        return value + sum(2 * float(np.sum(np.log(np.diag(factor)[:-1]))) for factor in factors)
+
+    found = minimize_scalar(height, bounds=(0.0, LARGEST), method="bounded", options=_FINE)
+    better = height(0.0) - float(found.fun) > np.log(max(summary.rows, 2))
+    return np.array([float(found.x)] if better else [])
+
+
+def _freedom(summary: HarmonicSummary) -> float:
+    """Counted rows less coefficients."""
+    coefficients = len(summary.flanks) * (summary.columns.width - 1)
+    return max(summary.counted_rows - coefficients, 1.0)
+
+
+def _of_best_order(bound: _Bound, rows: int) -> Partial:
+    """The order with the lowest BIC, each begun from the one before."""
+    partial = best = np.zeros(0)
+    lowest = bound.at(partial)
+    for order in range(1, len(bound.form)):
+        partial = np.append(partial, 0.0)
+        for _ in range(_SWEEPS):
+            partial = bound.lowered(partial)
+        score = bound.at(partial) + order * np.log(max(rows, 2))
+        if score < lowest:
+            best, lowest = partial, score
+    return best
+
+
+def _bound(summary: HarmonicSummary, partial: Partial) -> _Bound:
+    """The bound that touches F at `partial`."""
+    filter_ = filter_of(partial)
+    flanks = summary.flanks
+    lags = min(len(flank.lag_products) for flank in flanks)
+    misfit, white = 0.0, 0.0
+    residual, swallowed = np.zeros((2, lags, lags))
+    for flank in flanks:
+        factor = cholesky(flank.whitened(filter_))
+        misfit += float(factor[-1, -1] ** 2)
+        white += ROUNDING * float(flank.lag_products[0, -1, -1])
+        inverse = np.linalg.inv(factor[:-1, :-1])
+        weights = np.append(-inverse @ factor[:-1, -1], 1.0)
+        residual += _form(flank, lags, weights[:, None])
+        swallowed += _form(flank, lags, np.vstack([inverse, np.zeros(len(inverse))]))
+    # What rounding leaves of y counts as white: its digits mean nothing.
+    residual += white * np.eye(lags)
+    scale = _freedom(summary) / max(misfit + white, 1e-300)
+    return _Bound(scale * residual + swallowed, sum(len(flank.heads) for flank in flanks))
+
+
+def _form(
+    flank: FlankSummary, lags: int, weights: Float[np.ndarray, "q d"]
+) -> Float[np.ndarray, "taps taps"]:
+    """Matrix T with fᵀTf = tr(weightsᵀ Zᵀ Σ⁻¹ Z weights): what `whitened` sums, one for any f."""
+    spread = weights @ weights.T
+    lagged = np.tensordot(flank.lag_products[:lags], spread, 2)
+    form = lagged[np.abs(np.subtract.outer(np.arange(lags), np.arange(lags)))]
+    ends = flank.ends[:, : lags - 1] @ weights
+    products = np.einsum("rad,rbd->ab", ends, ends)
+    for shift in range(lags - 1):
+        form[shift + 1 :, shift + 1 :] -= products[: lags - 1 - shift, : lags - 1 - shift]
+    return form
+
+
+def _lowest(curvature: float, slope: float, count: int) -> float:
+    """π with the lowest curvature π² + 2 slope π − count log(1 − π²), convex, within the bound."""
+
+    def rising(p: float) -> float:
+        return (curvature * p + slope) * (1 - p**2) + count * p
+
+    if rising(-LARGEST) >= 0:
+        return -LARGEST
+    if rising(LARGEST) <= 0:
+        return LARGEST
+    return float(np.asarray(brentq(rising, -LARGEST, LARGEST)))

@@ -1,0 +1,204 @@
+"""Draw rigs, fit them all, and count how often the intervals hold the truth."""
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ...base.precision import require_x64
+from ...base.units import ARCSEC
+from .calibration_text import calibration_text
+from .case import CaseResult
+from .coverage import Disc, amplitude_ranks, normal_ranks
+from .judgement import Cell, rejected
+from .layout import judged
+from .program import Batch, Program
+from .rigs import LARGEST_ECCENTRICITY_MM
+from .sampled import sampled_coverage
+from .scenarios import Scenario
+from .vmapped_fit import Estimate
+
+Progress = Callable[[str, int], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """Coverages of all cases.
+
+    **Arguments**
+    - `cases`: in the order asked for.
+    - `seed`: of the rigs.
+    """
+
+    cases: tuple[CaseResult, ...]
+    seed: int
+
+    @cached_property
+    def failed(self) -> tuple[Cell, ...]:
+        """Cells of right scenarios that are outside of what is allowed.
+
+        Coverages, sampled coverages and rank histograms of amplitudes are three families, each with
+        its own 1 %.
+        """
+        right = [case for case in self.cases if case.scenario.holds]
+        families = (CaseResult.cells, CaseResult.sampled_cells, CaseResult.amplitude_cells)
+        return tuple(
+            cell for of in families for cell in rejected([c for case in right for c in of(case)])
+        )
+
+    @cached_property
+    def unseen(self) -> tuple[str, ...]:
+        """Wrong scenarios whose intervals nevertheless hold."""
+        wrong = [case for case in self.cases if not case.scenario.holds]
+        return tuple(case.scenario.case for case in wrong if not rejected(case.cells()))
+
+    @property
+    def is_calibrated(self) -> bool:
+        """Right scenarios hold, wrong ones are seen to fail."""
+        return not (self.failed or self.unseen)
+
+    @property
+    def sentence(self) -> str:
+        """What is wrong with the calibration, "" where nothing is."""
+        wrong = []
+        if self.failed:
+            cases = ", ".join(dict.fromkeys(cell.case for cell in self.failed))
+            wrong.append(f"intervals do not hold in {cases}")
+        if self.unseen:
+            wrong.append(f"wrong models pass unseen in {', '.join(self.unseen)}")
+        return f"{'; '.join(wrong)}." if wrong else ""
+
+    def verdict(self, case: CaseResult) -> str:
+        """One word or two on a case."""
+        if not case.scenario.holds:
+            return "NOT SEEN" if case.scenario.case in self.unseen else "seen to fail"
+        return "FAILS" if any(c.case == case.scenario.case for c in self.failed) else "holds"
+
+    def to_json(self) -> dict:
+        """`vttig.calibrate/1`."""
+        return {
+            "schema": "vttig.calibrate/1",
+            "calibrated": self.is_calibrated,
+            "seed": self.seed,
+            "failed": [
+                {"case": c.case, "name": c.name, "what": c.what, "probability": c.probability}
+                for c in self.failed
+            ],
+            "unseen": list(self.unseen),
+            "cases": [case.to_json() | {"verdict": self.verdict(case)} for case in self.cases],
+        }
+
+    def __str__(self) -> str:
+        return calibration_text(self)
+
+
+def calibrate(
+    scenarios: Sequence[Scenario],
+    *,
+    rigs: int = 2000,
+    seed: int = 0,
+    posterior: int = 0,
+    progress: Progress = lambda case, rigs: None,
+) -> Calibration:
+    """Coverage of the intervals of `vttig_jax.fit` in every scenario.
+
+    **Arguments**
+    - `scenarios`: those of `SCENARIOS`, at the length wanted (`Scenario.of_length`).
+    - `rigs`: drawn and fitted in each.
+    - `seed`: of the rigs.
+    - `posterior`: how many of them are sampled too.
+    - `progress`: called with the case and the number of rigs that were drawn, fitted or sampled.
+
+    **Raises** `ValueError` for wrong arguments and without 64-bit floats.
+
+    **Example**
+    ```python
+    >>> import vttig_jax
+    >>> from vttig_jax.posterior.calibration.calibrate import calibrate
+    >>> from vttig_jax.posterior.calibration.scenarios import SCENARIOS
+    >>> vttig_jax.enable_x64()
+    >>> found = calibrate([SCENARIOS["encoders_left_out"].of_length("short")], rigs=50)
+    >>> found.is_calibrated, found.verdict(found.cases[0])
+    (True, 'seen to fail')
+
+    ```
+    """
+    require_x64("calibrate")
+    if rigs < 1:
+        raise ValueError(f"Argument `rigs` must be at least 1, but is {rigs!r}.")
+    if not 0 <= posterior <= rigs:
+        raise ValueError(f"Argument `posterior` must be 0 … {rigs} (rigs), but is {posterior!r}.")
+    cases = [run_case(Program(one), rigs, seed, posterior, progress) for one in scenarios]
+    return Calibration(tuple(cases), seed)
+
+
+def run_case(
+    program: Program, rigs: int, seed: int, posterior: int, progress: Progress
+) -> CaseResult:
+    """Draw, fit and, for some, sample the rigs of one case."""
+    start, scenario = time.perf_counter(), program.scenario
+    batches: list[Batch] = []
+    for step in program.batches(rigs, seed):
+        if isinstance(step, int):
+            progress(scenario.case, step)
+        else:
+            batches.append(step)
+    names = program.relation.names
+    places = list(judged(names))
+    truth, orders = _joined([b.truth for b in batches]), _joined([b.fitted.order for b in batches])
+    modelled = _estimates([b.fitted.modelled for b in batches])
+    ranks = {
+        "ranks": _ranks(truth, modelled)[:, places],
+        "white_rows": _ranks(truth, _estimates([b.fitted.white_rows for b in batches]))[:, places],
+        "white_samples": _ranks(truth, _estimates([b.fitted.white_samples for b in batches]))[
+            :, places
+        ],
+    }
+    amplitudes = amplitude_ranks(
+        truth,
+        np.asarray(modelled.values),
+        np.asarray(modelled.covariance),
+        _discs(scenario, names),
+        seed,
+    )
+    sampled = None
+    if posterior:
+        sampled = sampled_coverage(program, batches, posterior, seed, progress)
+    return CaseResult(
+        scenario=scenario,
+        names=tuple(names[k] for k in places),
+        rows=program.rows * len(scenario.flanks),
+        row_s=program.size / scenario.rate_hz,
+        **ranks,
+        amplitudes=amplitudes,
+        orders=orders,
+        std=np.sqrt(np.diagonal(modelled.covariance, axis1=1, axis2=2)).mean(axis=0)[places],
+        seconds=time.perf_counter() - start,
+        sampled=sampled,
+    )
+
+
+def _joined(parts: list) -> np.ndarray:
+    return np.concatenate([np.asarray(part) for part in parts])
+
+
+def _estimates(parts: list[Estimate]) -> Estimate:
+    return Estimate(*(_joined(list(pieces)) for pieces in zip(*parts, strict=True)))
+
+
+def _ranks(truth: np.ndarray, estimate: Estimate) -> np.ndarray:
+    std = np.sqrt(np.diagonal(np.asarray(estimate.covariance), axis1=1, axis2=2))
+    return normal_ranks(truth, np.asarray(estimate.values), std)
+
+
+def _discs(scenario: Scenario, names: tuple[str, ...]) -> list[Disc]:
+    """Vectors of a rig that are drawn flat in a disc, and fitted."""
+    radii = {"driving": LARGEST_ECCENTRICITY_MM, "driven": LARGEST_ECCENTRICITY_MM}
+    if scenario.encoders == "disc" and scenario.encoder_terms:
+        radii |= {f"{shaft}_encoder": scenario.encoder_arcsec * ARCSEC for shaft in list(radii)}
+    return [
+        Disc(name, names.index(f"{name}_x"), names.index(f"{name}_y"), radius)
+        for name, radius in radii.items()
+    ]

@@ -1,0 +1,169 @@
+"""The compiled programs of a scenario: draw and compress a few rigs, fit many."""
+
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int, Key, PRNGKeyArray
+
+from ...base.units import ARCSEC, DEG
+from ...identify.columns import Columns
+from ...identify.relation import PairRelation
+from .compress import Compressed, compress
+from .layout import columns_of, planned, relation_of_scenario
+from .missing import missing_amplitude
+from .motion import driving_angles, row_size
+from .rigs import Readings, Rig, Sizes, draw_rig, read, truth_of
+from .scenarios import Scenario
+from .vmapped_fit import Fitted, fit_compressed
+
+_SAMPLES_AT_ONCE = 1_500_000
+"""Samples a compiled call draws: about a second, after which Ctrl-C lands."""
+
+_RIGS_AT_ONCE = 128
+"""Rigs a compiled call fits."""
+
+
+class Batch(NamedTuple):
+    """Rigs, their true parameters, their compressed logs and their fits, along a leading axis."""
+
+    rigs: Rig
+    truth: Float[np.ndarray, "rigs p"]
+    logs: Compressed
+    fitted: Fitted
+
+
+@dataclass(frozen=True, eq=False)
+class Program:
+    """Everything of a scenario that all its rigs share."""
+
+    scenario: Scenario
+
+    @cached_property
+    def columns(self) -> Columns:
+        """Layout of the rows."""
+        return columns_of(planned(self.scenario))
+
+    @cached_property
+    def relation(self) -> PairRelation:
+        """From parameters to tied coefficients."""
+        return relation_of_scenario(self.scenario)
+
+    @cached_property
+    def size(self) -> int:
+        """Samples a row."""
+        return row_size(self.scenario)
+
+    @property
+    def rows(self) -> int:
+        """Rows a flank."""
+        return self.scenario.samples // self.size
+
+    @cached_property
+    def motion(self) -> Float[np.ndarray, "flanks n"]:
+        """True driving angles."""
+        return driving_angles(self.scenario)
+
+    @cached_property
+    def sizes(self) -> Sizes:
+        """Noise, encoder errors and the missing order."""
+        s = self.scenario
+        memory = s.rate_hz * s.correlation_s
+        correlation = np.exp(-1 / memory) if memory > 0 else 0.0
+        numbers = s.noise_std_deg * DEG, correlation, s.encoder_arcsec * ARCSEC
+        return Sizes(*(jnp.asarray(float(x)) for x in (*numbers, missing_amplitude(s))))
+
+    def keys(self, seed: int, rigs: Int[np.ndarray, " n"]) -> Key[Array, " n"]:
+        """Keys of rigs by their numbers; others in every case, so that cases are independent."""
+        case = zlib.crc32(self.scenario.case.encode())
+        base = jax.random.fold_in(jax.random.key(seed), np.uint32(case))
+        return jax.vmap(partial(jax.random.fold_in, base))(jnp.asarray(rigs))
+
+    def simulated(self, key: PRNGKeyArray) -> tuple[Rig, Readings]:
+        """One rig and its readings."""
+        return _compiled_simulation(key, self.scenario, self.sizes, jnp.asarray(self.motion))
+
+    def batches(self, rigs: int, seed: int) -> Iterator[Batch | int]:
+        """Fit `rigs` rigs: yields the number of rigs each time some are drawn, then their batch."""
+        # A power of two divides the batch, whose shape every case then shares.
+        most = min(_RIGS_AT_ONCE, max(1, _SAMPLES_AT_ONCE // self.motion.size))
+        per_call, per_batch = 1 << (most.bit_length() - 1), _RIGS_AT_ONCE
+        fit = _fitting(self)
+        for start in range(0, rigs, per_batch):
+            parts = []
+            for low in range(start, min(start + per_batch, rigs), per_call):
+                keys = self.keys(seed, np.arange(low, low + per_call))
+                parts.append(jax.block_until_ready(_drawn(self, keys)))
+                yield min(low + per_call, rigs) - low
+            yield _batch(parts, fit, per_batch, min(per_batch, rigs - start))
+
+
+def _batch(parts: list, fit, per_batch: int, wanted: int) -> Batch:
+    """Fit what was drawn, padded to the one shape that is compiled."""
+    joined = jax.tree.map(lambda *piece: np.concatenate([np.asarray(p) for p in piece]), *parts)
+    have = len(joined[1])
+    padded = jax.tree.map(
+        lambda piece: np.concatenate([piece, np.repeat(piece[-1:], per_batch - have, axis=0)]),
+        joined,
+    )
+    fitted = jax.tree.map(np.asarray, fit(padded[2]))
+    return Batch(*jax.tree.map(lambda piece: piece[:wanted], (*joined, fitted)))
+
+
+def _simulated(
+    key: PRNGKeyArray, scenario: Scenario, sizes: Sizes, motion: Float[Array, "flanks n"]
+) -> tuple[Rig, Readings]:
+    own, noise = jax.random.split(key)
+    rig = draw_rig(own, scenario, sizes)
+    return rig, read(rig, noise, scenario, sizes, motion)
+
+
+_compiled_simulation = jax.jit(_simulated, static_argnums=1)
+
+
+def _drawn(
+    program: Program, keys: Key[Array, " n"]
+) -> tuple[Rig, Float[Array, "rigs p"], Compressed]:
+    # What `Sizes` holds or nobody computes with is left out of what the compilation depends on.
+    shape = replace(
+        program.scenario,
+        name="",
+        words="",
+        holds=True,
+        noise_std_deg=0.0,
+        correlation_s=0.0,
+        encoder_arcsec=0.0,
+        missing=float(program.scenario.missing > 0),
+    )
+    motion, names = jnp.asarray(program.motion), program.relation.names
+    return _compiled_draw(keys, motion, program.sizes, shape, program.columns, program.size, names)
+
+
+@partial(jax.jit, static_argnums=(3, 4, 5, 6))
+def _compiled_draw(keys, motion, sizes, scenario, columns, size, names):
+    ratio = float(scenario.pair.ratio)
+
+    def one(key):
+        rig, readings = _simulated(key, scenario, sizes, motion)
+        return rig, truth_of(rig, names), compress(readings, columns, size, ratio)
+
+    return jax.lax.map(one, keys)
+
+
+@eqx.filter_jit
+def _compiled_fit(
+    logs: Compressed, relation: PairRelation, free: int, rows: Array, size: Array
+) -> Fitted:
+    return jax.vmap(lambda log: fit_compressed(log, relation, free, rows, size))(logs)
+
+
+def _fitting(program: Program):
+    free = program.columns.free_width
+    rows, size = jnp.asarray(program.rows), jnp.asarray(program.size)
+    return lambda logs: _compiled_fit(logs, program.relation, free, rows, size)

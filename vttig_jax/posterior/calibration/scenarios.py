@@ -1,0 +1,129 @@
+"""What is tried: rigs, noise and models, each as a short and as a long run."""
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from ...pair.gears import Flank, GearPair
+from ...pair.spec import FitOptions
+from ...rig.paper import paper_pair
+
+Length = Literal["short", "long"]
+
+DRIVING_TURNS: dict[Length, float] = {"short": 2 * 80 / 45, "long": 21.0}
+"""Turns of the driving shaft in each direction.
+
+Two turns of the driving shaft cannot tell its first order from that of the driven one (one beat of
+the two is 2.29 turns of it); the short run is two turns of the *driven* shaft.
+"""
+
+_FIRST = FitOptions(driving_orders=(1,), driven_orders=(1,), mesh_orders=1)
+"""First orders and the tooth mesh, which asks for rows of 5.5 ms at 60 rpm."""
+
+_ALL = FitOptions()
+_SHORT_PITCH = FitOptions(driving_orders=tuple(range(1, 5)), driven_orders=tuple(range(1, 5)))
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """One kind of rig, log and fit.
+
+    **Arguments**
+    - `name`, `words`: for the table.
+    - `holds`: the model of the fit is right, so that its intervals must hold.
+    - `length`, `turns`: of the run; driving turns in each direction.
+    - `rate_hz`, `speed_rpm`: of sampling, and of the driving shaft.
+    - `noise_std_deg`, `correlation_s`: of a sample of the transmission error.
+    - `counts_per_rev`: of both encoders; None for readings without steps.
+    - `encoder_arcsec`: size of the encoder errors. `encoders` "disc" draws them flat in the disc of
+      that radius, "ring" with that size and any phase.
+    - `options`: orders that are modelled, and that the rig has; `pitch_rms_deg` and `mesh_deg` are
+      their sizes.
+    - `missing`: amplitude, in standard errors, of a second order of the driven gear that the rig
+      has and the fit leaves out.
+    - `encoder_terms`, `flanks`: of the fit.
+    """
+
+    name: str
+    words: str
+    holds: bool = True
+    length: Length = "long"
+    rate_hz: float = 2000.0
+    speed_rpm: float = 60.0
+    noise_std_deg: float = 0.002
+    correlation_s: float = 0.00475
+    counts_per_rev: int | None = None
+    encoder_arcsec: float = 18.0
+    encoders: Literal["disc", "ring"] = "disc"
+    options: FitOptions = _FIRST
+    pitch_rms_deg: float = 0.002
+    mesh_deg: float = 0.003
+    missing: float = 0.0
+    encoder_terms: bool = True
+    flanks: tuple[Flank, ...] = ("A", "B")
+
+    @property
+    def turns(self) -> float:
+        """Driving turns in each direction."""
+        return DRIVING_TURNS[self.length]
+
+    @property
+    def samples(self) -> int:
+        """Samples in each direction."""
+        return int(self.turns * 60.0 / self.speed_rpm * self.rate_hz)
+
+    @property
+    def pair(self) -> GearPair:
+        """The gears, those of the paper's rig."""
+        return paper_pair()
+
+    @property
+    def case(self) -> str:
+        """Name and length."""
+        return f"{self.name} ({self.length})"
+
+    def of_length(self, length: Length) -> "Scenario":
+        """The same with a short or long run.
+
+        A short run cannot tell orders 5 to 8 of one shaft from those of the other.
+        """
+        options = self.options
+        if options == _ALL and length == "short":
+            options = _SHORT_PITCH
+        return replace(self, length=length, options=options)
+
+
+_SCENARIOS = (
+    Scenario("white", "white noise", correlation_s=0.0),
+    Scenario("ar_1ms4", "noise with a memory of 1.4 ms", correlation_s=0.0014),
+    Scenario("ar_4ms75", "noise with a memory of 4.75 ms"),
+    Scenario("ar_25ms", "noise with a memory of 25 ms", correlation_s=0.025),
+    Scenario("orders", "mesh and pitch orders, modelled", options=_ALL),
+    Scenario("encoders", "18″ encoders, modelled", encoders="ring"),
+    Scenario(
+        "counts",
+        "counting dominates, 43.38 counts a sample",
+        rate_hz=1987.0,
+        speed_rpm=57.466,  # 2074.62 samples a turn: whole numbers of them repeat the same errors
+        noise_std_deg=0.0005,
+        correlation_s=0.0,
+        counts_per_rev=90_000,
+    ),
+    Scenario(
+        "one_direction",
+        "one direction, perfect encoders",
+        encoder_arcsec=0.0,
+        encoder_terms=False,
+        flanks=("A",),
+    ),
+    Scenario("missing_order", "driven order 2 of 10 s.e. left out", holds=False, missing=10.0),
+    Scenario(
+        "encoders_left_out",
+        "18″ encoders left out",
+        holds=False,
+        encoders="ring",
+        encoder_terms=False,
+    ),
+)
+
+SCENARIOS: dict[str, Scenario] = {one.name: one for one in _SCENARIOS}
+"""Scenarios by name, in the order of the table."""

@@ -1,0 +1,190 @@
+"""Block rows of a run that was never made, as a fit of its log would see them, made white."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from ..base.errors import LogError, NoAnswerError
+from ..identify.channels import Drift
+from ..identify.columns import Columns
+from ..identify.delay import one_speed
+from ..identify.noise import WhitenedFlank
+from ..identify.normal_equations import cholesky
+from ..identify.rows import LogRows, log_rows
+from ..identify.scope import Scope, find_scope
+from ..identify.solve import Solution
+from ..identify.view import Input, Model, look
+from ..logs.encoder_log import EncoderLog
+from ..logs.ramps import find_ramps
+from ..logs.segments import find_segments
+from ..pair.gears import Drive, GearPair
+from ..pair.spec import FitOptions
+from .planned_counts import counting_std
+from .planned_noise import BlockNoise, PlannedNoise
+from .planned_run import PlannedRun
+
+DELAY = "delay"
+
+_ROWS_A_RAMP = 40
+"""Rows of a ramp, as in a fit."""
+
+Grams = dict[str, Float[np.ndarray, "c c"]]
+"""Flank → normal matrix of the regressors in units of the innovation."""
+
+
+@dataclass(frozen=True, eq=False)
+class PlannedRows:
+    """What a fit would make of the run.
+
+    **Arguments**
+    - `scope`: flanks, shafts and harmonics.
+    - `columns`: of the rows, the delay among them.
+    - `steady`, `ramps`: normal matrices of the steady runs, and of the ramps that speed up.
+    - `rows`: flank → rows of the steady runs.
+    - `told`: what tells a delay: "speeds", "ramps" or "" for nothing.
+    - `noise`: of the blocks; `used`: samples of the steady runs.
+    - `missed`: passes without a steady run.
+    """
+
+    scope: Scope
+    columns: Columns
+    steady: Grams
+    ramps: Grams
+    rows: dict[str, int]
+    told: str
+    noise: BlockNoise
+    used: int
+    missed: int
+
+
+def planned_rows(
+    run: PlannedRun, pair: GearPair | Drive, options: FitOptions, noise: PlannedNoise
+) -> PlannedRows:
+    """Look at the noise-free motion as a fit would, and whiten its rows with the known noise.
+
+    **Raises** `NoAnswerError` where no shaft turns once, or the rows are too few to fit.
+    """
+    counting = counting_std(pair)
+    _require_noise(noise, counting)
+    log = _motion(run, pair)
+    found = find_segments(log)
+    scope = find_scope([log], [found.segments], pair, options, None)
+    ramps = tuple(
+        ramp
+        for ramp in find_ramps(log, found)
+        if ramp.segment.flank in scope.flanks and ramp.speeding_up
+    )
+    segments = scope.segments[0]
+    steady = one_speed(segments)
+    finest_s = run.ramp_s / _ROWS_A_RAMP if steady and ramps else np.inf
+    model = Model(pair, scope.terms, (DELAY,), Drift())
+    view = look([Input(log, found, segments, ramps)], model, finest_s=finest_s)
+    rows = view.rows[0]
+    shortest = min((len(one.rows) for one in rows.runs), default=1)
+    blocks = noise.of_blocks(rows.size, run.rate_hz, counting, most=shortest - 1)
+    more = log_rows(view.channels[0], [ramp.segment for ramp in ramps], scope.terms, view.block_s)
+    counted = {flank: sum(map(len, runs)) for flank, runs in rows.by_flank().items()}
+    _require_rows(counted, rows.columns.width - 2)
+    return PlannedRows(
+        scope,
+        rows.columns,
+        _grams(rows, blocks),
+        _grams(more, blocks),
+        counted,
+        "speeds" if not steady else "ramps" if ramps and more.runs else "",
+        blocks,
+        sum(counted.values()) * rows.size,
+        run.each * len(run.speeds_rpm) - len(segments),
+    )
+
+
+def columns_of(planned: PlannedRows, *, with_delay: bool) -> Columns:
+    """Columns of the rows with the delay or without it."""
+    own = [name for name in planned.columns.own[0] if with_delay or name != DELAY]
+    return Columns(planned.columns.free, planned.columns.tied, (tuple(own),))
+
+
+def whitened_flanks(
+    planned: PlannedRows,
+    columns: Columns,
+    tied: Float[np.ndarray, "flanks tied"],
+    *,
+    with_ramps: bool,
+) -> tuple[WhitenedFlank, ...]:
+    """What the solver gets: the normal matrices, and y as the tied coefficients make it.
+
+    **Arguments**
+    - `columns`: see `columns_of`.
+    """
+    wide = planned.columns
+    kept = [p for p in range(wide.width - 1) if DELAY in columns.own[0] or p != wide.index(DELAY)]
+    flanks = []
+    for flank, coefficients in zip(planned.scope.flanks, tied, strict=True):
+        gram = planned.steady[flank]
+        if with_ramps and flank in planned.ramps:
+            gram = gram + planned.ramps[flank]
+        gram = gram[np.ix_(kept, kept)]
+        made = gram[:, columns.free_width :] @ coefficients
+        # What the noise leaves keeps the last pivot positive.
+        square = coefficients @ made[columns.free_width :] + planned.rows[flank]
+        whole = np.block([[gram, made[:, None]], [made[None, :], np.array([[square]])]])
+        flanks.append(WhitenedFlank(cholesky(whole), columns.free_width))
+    return tuple(flanks)
+
+
+def delay_std(planned: PlannedRows, without: Solution) -> float:
+    """Standard error in s of a delay fitted beside the parameters of a solution without it.
+
+    What the Jacobian of those leaves of the delay's own column, ramps included, is its information.
+    """
+    columns = columns_of(planned, with_delay=True)
+    place = columns.index(DELAY) - columns.free_width
+    beside = np.insert(without.jacobian, place, 0.0, axis=1)
+    flanks = whitened_flanks(planned, columns, 0.0 * beside[:, :, 0], with_ramps=True)
+    matrices = np.stack([flank.tied[0] for flank in flanks])
+    known = np.einsum("fij,fjp->fip", matrices, beside).reshape(-1, beside.shape[-1])
+    column = matrices[:, :, place].ravel()
+    size = np.linalg.norm(known, axis=0)
+    known = known / np.where(size > 0, size, 1.0)
+    left = column - known @ np.linalg.lstsq(known, column, rcond=1e-9)[0]
+    return float(1 / np.linalg.norm(left))
+
+
+def _grams(rows: LogRows, noise: BlockNoise) -> Grams:
+    """Normal matrices of the regressors, flank by flank; nothing reaches from run to run."""
+    found: Grams = {}
+    for flank, runs in rows.by_flank().items():
+        for one in runs:
+            white = noise.whitened(one[:, :-1])
+            found[flank] = found.get(flank, 0.0) + white.T @ white
+    return found
+
+
+def _motion(run: PlannedRun, pair: GearPair | Drive) -> EncoderLog:
+    try:
+        return run.log(pair)
+    except LogError:
+        raise NoAnswerError(
+            f"passes of {run.turns:g} turns at {run.rate_hz:g} Hz make no log that a fit takes;"
+            " plan more turns or a higher rate.",
+            where="planned run",
+        ) from None
+
+
+def _require_noise(noise: PlannedNoise, counting: float) -> None:
+    if not (noise.std_deg or noise.white_std_deg or counting):
+        raise ValueError(
+            "Argument `noise` must not be zero where the pair file gives no counts of the encoders,"
+            " but it is: every standard error would be zero."
+        )
+
+
+def _require_rows(rows: dict[str, int], columns: int) -> None:
+    for flank, count in rows.items():
+        if count <= columns:
+            raise NoAnswerError(
+                f"{count} averaged samples on flank {flank} are too few for {columns} coefficients;"
+                " plan more turns or a higher rate, or list fewer orders in [fit].",
+                where="planned run",
+            )
