@@ -60,10 +60,6 @@ def test_one_phase_on_both_flanks_is_told():
     assert told(0, 10.0, 0.0).line
 
 
-@pytest.mark.xfail(
-    strict=True,
-    reason="a line is searched with one phase on both flanks, so that opposite ones cancel",
-)
 def test_opposite_phases_on_both_flanks_are_told():
     assert told(0, 10.0, 180.0).flagged
 

@@ -104,7 +104,9 @@ def assembled(
             "order_spectrum": [o.to_json() for o in orders if o.order == 1 and o.shaft != "mesh"],
             "closure": closure(curves, pair),
             "whiteness": white,
-            "lines": lines_left(view.rows, weights, same_zero=view.model.same_zero),
+            "lines": lines_left(
+                view.rows, weights, view.model.terms, same_zero=view.model.same_zero
+            ),
             "readings": compared,
             **checks_of(gathered, solution, pair, parameters),
         },

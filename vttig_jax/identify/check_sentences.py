@@ -26,6 +26,7 @@ def _repeatability(fit: "Fit") -> list[str]:
     sentences += [_half(one) for one in fit.checks.get("halves", []) if _differs(one)]
     for line in fit.checks.get("lines", []):
         place = f" of log {line['log']}" if line["log"] else ""
+        place += f" on flank {line['flank']}" if line.get("flank") else ""
         sentences.append(
             f"line left in the residual{place}: {line['amplitude_arcsec']:.3g}″ ±"
             f" {line['amplitude_std_arcsec']:.1g}″ at {line['cycles_per_rev']:.5g} cycles per"

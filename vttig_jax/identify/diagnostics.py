@@ -7,13 +7,16 @@ from jaxtyping import Float
 from scipy.stats import chi2
 
 from ..base.units import REV
+from ..kinematics.orders import Term
 from ..logs.line_search import Line, find_lines
 from ..logs.line_search import Run as LineRun
+from ..pair.gears import Flank
 from .blocks import block_means
 from .columns import OFFSET
 from .noise import NoiseModel
 from .residual import Weights
 from .rows import LogRows
+from .terms import SECOND_ORDER, TermPlan
 
 _LAGS = 20
 _HIGHEST = 12.0
@@ -24,6 +27,7 @@ _ROWS_KEPT = 4.0
 _LEAST_ROWS = 100
 _MOST_CELLS = 50_000
 _MOST_LINES = 3
+_FALSE_ALARM = 1e-3
 
 
 def whiteness(
@@ -66,30 +70,50 @@ def whiteness(
 
 
 def lines_left(
-    rows: Sequence[LogRows], weights: Sequence[Weights], *, same_zero: bool
+    rows: Sequence[LogRows], weights: Sequence[Weights], terms: TermPlan, *, same_zero: bool
 ) -> list[dict]:
     """Significant lines of the residual, in cycles per driving revolution.
 
+    Both flanks are searched together and each by itself (`flank` is then "A" or "B", else None): a
+    missing order has a phase of its own on each flank, and opposite ones hide it from the first.
     Logs with a zero of their own are searched one by one: the phase of a line that is no order of
     a shaft differs between them. `log` then counts them from 1; it is 0 for all logs together.
     """
     if same_zero or len(rows) == 1:
-        return [{"log": 0, **vars(line)} for line in _lines(rows, weights)]
+        return _lines(rows, weights, terms, 0)
     return [
-        {"log": number, **vars(line)}
-        for number, pair in enumerate(zip(rows, weights, strict=True), 1)
-        for line in _lines(pair[:1], pair[1:])
+        line
+        for number, (log, own) in enumerate(zip(rows, weights, strict=True), 1)
+        for line in _lines([log], [own], terms, number)
     ]
 
 
-def _lines(rows: Sequence[LogRows], weights: Sequence[Weights]) -> tuple[Line, ...]:
-    """Lines of the residual of logs with one zero.
+def _lines(
+    rows: Sequence[LogRows], weights: Sequence[Weights], terms: TermPlan, number: int
+) -> list[dict]:
+    """Lines of logs with one zero, those of single flanks where both together did not show them."""
+    logs = enumerate(zip(rows, weights, strict=True))
+    runs = [run for place, (log, own) in logs for run in _runs(log, own, place)]
+    flanks = sorted({flank for flank, _ in runs})
+    turns = max((float(np.ptp(run.angle)) / REV for _, run in runs), default=0.0)
+    fixed = [h.term for h in terms.free + terms.tied if _is_beside(h.term, terms)]
+    known = [float(terms.frequency(term)) for term in fixed]
+    found: list[dict] = []
+    for flank in [None, *(flanks if len(flanks) == 2 else [])]:
+        part = [run for own, run in runs if flank in (None, own)]
+        for line in _searched(part, _FALSE_ALARM if flank is None else _FALSE_ALARM / 2):
+            near = [*known, *(other["cycles_per_rev"] for other in found)]
+            if all(abs(line.cycles_per_rev - cycles) * turns > 0.5 for cycles in near):
+                found.append({"log": number, "flank": flank, **vars(line)})
+    return found
 
-    The regressors of the fit stand beside every trial line, so that none of them passes for one;
-    in long logs, where that costs more than the fit itself, a constant stands for them: the
+
+def _searched(runs: list[LineRun], false_alarm: float) -> tuple[Line, ...]:
+    """Lines beside the regressors of the fit, so that none of them passes for one.
+
+    In long logs, where that costs more than the fit itself, a constant stands for them: the
     residual has nothing of them left.
     """
-    runs = [run for number, log in enumerate(rows) for run in _runs(log, weights[number], number)]
     if not runs:
         return ()
     step = max(float(np.quantile(np.abs(np.diff(run.angle)), 0.9)) for run in runs)
@@ -98,12 +122,28 @@ def _lines(rows: Sequence[LogRows], weights: Sequence[Weights]) -> tuple[Line, .
         return ()
     if sum(run.nuisance.size for run in runs) > _MOST_CELLS:
         runs = [_short(run, highest) for run in runs]
-    return find_lines(runs, highest=highest, most=_MOST_LINES)
+    return find_lines(runs, highest=highest, false_alarm=false_alarm, most=_MOST_LINES)
 
 
-def _runs(log: LogRows, weights: Weights, number: int) -> list[LineRun]:
+def _is_beside(term: Term, terms: TermPlan) -> bool:
+    """Is a harmonic one that the log fixes?
+
+    The second-order terms of the exact relation follow from the first orders: beside a trial line
+    they would take a missing second order for their own.
+    """
+    return term not in SECOND_ORDER or term in [h.term for h in terms.free]
+
+
+def _runs(log: LogRows, weights: Weights, number: int) -> list[tuple[Flank, LineRun]]:
     """Rows of a log with what the model leaves of them; rows without weight are left out."""
-    place = log.columns.index(OFFSET)
+    columns = log.columns
+    place = columns.index(OFFSET)
+    dropped = [
+        columns.cosine(len(columns.free) + k) + part
+        for k, term in enumerate(columns.tied)
+        if term in SECOND_ORDER
+        for part in (0, 1)
+    ]
     runs = []
     for run in log.runs:
         share = run.rows[:, place]
@@ -113,7 +153,8 @@ def _runs(log: LogRows, weights: Weights, number: int) -> list[LineRun]:
             residual = rows @ weights[run.segment.flank]
             group = f"{run.segment.flank} of log {number}"
             angle = run.curve.driving_angle[counted]
-            runs.append(LineRun(angle, residual, rows[:, :-1], group))
+            nuisance = np.delete(rows[:, :-1], dropped, axis=1)
+            runs.append((run.segment.flank, LineRun(angle, residual, nuisance, group)))
     return runs
 
 

@@ -1,5 +1,6 @@
 """The draws for arviz, whichever of its two data models is installed."""
 
+import importlib
 from typing import Any
 
 import numpy as np
@@ -21,7 +22,7 @@ def to_arviz(posterior: Posterior) -> Any:
     **Raises** `UsageError` where arviz is not installed.
     """
     try:
-        import arviz
+        arviz: Any = importlib.import_module("arviz")
     except ImportError:
         raise UsageError(
             "handing draws to arviz needs the package arviz: pip install `vttig-jax[arviz]`."

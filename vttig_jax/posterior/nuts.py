@@ -1,5 +1,6 @@
 """A second sampler on the same density: Hamiltonian trajectories of blackjax instead of walkers."""
 
+import importlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -157,12 +158,11 @@ def whitened_of(target: FitTarget) -> Whitened:
 
 def _blackjax() -> Any:
     try:
-        import blackjax
+        return importlib.import_module("blackjax")
     except ImportError:
         raise UsageError(
             "sampling by NUTS needs the package blackjax: pip install `vttig-jax[nuts]`."
         ) from None
-    return blackjax
 
 
 def _starts(whitened: Whitened, key: PRNGKeyArray, chains: int) -> Float[Array, "chains d"]:

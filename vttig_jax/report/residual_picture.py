@@ -47,7 +47,7 @@ def plot_residual(fit: Fit) -> Figure:
 
 
 def _line(record: dict) -> Line:
-    return Line(**{name: value for name, value in record.items() if name != "log"})
+    return Line(**{name: value for name, value in record.items() if name not in ("log", "flank")})
 
 
 def residual_picture(
