@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.signal import lfilter
 
-from vttig_jax.base.autoregression import filter_of
+from vttig_jax.base.partial import filter_of
 from vttig_jax.identify.columns import OFFSET, Columns
 from vttig_jax.identify.flank_summary import summarise_flank
 from vttig_jax.identify.relation import Relation, pair_relation

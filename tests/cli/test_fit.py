@@ -68,8 +68,9 @@ def test_column_decimal_and_sample_rate_reach_the_reader(vttig_json, rig_folder,
     code, record = vttig_json("fit", renamed, *pair, *names)
     assert code == 0
     for name in ("driving_eccentricity_mm", "constant_backlash_deg"):
-        first, second = (r["parameters"][name]["value"] for r in (plain, record))
-        assert second == pytest.approx(first, rel=1e-3)
+        first, second = (r["parameters"][name] for r in (plain, record))
+        # The times differ by 0.1 µs, which may tip the order of the noise.
+        assert second["value"] == pytest.approx(first["value"], abs=0.2 * first["std"])
     code, record = vttig_json("fit", renamed, *pair)
     assert code == 3
 

@@ -56,6 +56,11 @@ def test_step_span_and_constant_backlash_change_the_map(vttig_json, run_folder):
     assert after - before == pytest.approx(0.01, abs=1e-5)
 
 
+def test_a_span_beyond_any_memory_is_refused(vttig, run_folder):
+    code, _, err = vttig("map", run_folder, "--span-rev", "1e9")
+    assert code == 2 and "rows" in err
+
+
 def test_one_flank_needs_the_constant_backlash(vttig, vttig_json, rig_folder, tmp_path):
     log, pair = rig_folder / "log.csv", rig_folder / "pair.toml"
     out = tmp_path / "run"

@@ -12,6 +12,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from filelock import FileLock
 
 from tests.cli.drive import write_drive, write_pair
 from vttig_jax.cli.main import main
@@ -111,7 +112,8 @@ def test_the_map_has_bands_after_it(vttig, vttig_json, run, tmp_path):
 
 def test_a_new_fit_takes_old_draws_away(vttig, folder, run):
     log, pair = folder / "other.csv", folder / "pair.toml"
-    vttig("fit", log, "--pair", pair, "--out", run, "--overwrite", "--no-figures")
+    _, _, err = vttig("fit", log, "--pair", pair, "--out", run, "--overwrite", "--no-figures")
+    assert "draws" in err
     assert not (run / "posterior.h5").exists() and not (run / "posterior.json").exists()
 
 
@@ -128,6 +130,36 @@ def test_what_is_there_is_not_replaced_unasked(vttig, folder, run):
     assert _same(run, before)
     code, *_ = vttig("sample", "--out", run, "--overwrite", "--steps", 200, "--no-figures")
     assert code == 5 and not _same(run, before)
+
+
+def test_seed_and_prior_are_those_of_the_draws_unless_given(vttig, folder, tmp_path):
+    out = tmp_path / "run"
+    log, pair = folder / "log.csv", folder / "pair.toml"
+    chosen = ("--seed", 7, "--walkers", 24, "--prior", "amplitude", "--steps", 200)
+    vttig("sample", log, "--pair", pair, "--out", out, "--no-figures", *chosen)
+    code, _, err = vttig("sample", "--out", out, "--resume", "--no-figures", "--steps", STEPS)
+    assert code == 5, err
+    chains = read_chains(out / "posterior.h5")
+    assert (chains.seed, chains.draws.shape[2], chains.steps) == (7, 24, STEPS)
+    assert chains.identity["prior"]["flat_in"] == "amplitude"
+
+
+def test_walkers_and_bounds_in_words(vttig, run):
+    for odd in ("5", "4"):
+        code, _, err = vttig("sample", "--out", run, "--overwrite", "--walkers", odd)
+        assert code == 2 and "--walkers must be even and at least" in err
+    code, _, err = vttig("sample", "--out", run, "--overwrite", "--largest-eccentricity-mm", 0.1)
+    assert code == 2 and "this is a drive" in err
+    assert vttig("sample", "--out", run, "--resume", "--steps", 10)[0] == 2
+
+
+def test_a_fit_is_not_replaced_under_a_sampler(vttig, folder, run):
+    before = (run / "fit.json").read_bytes()
+    with FileLock(run / ".posterior.h5.lock"):
+        log, pair = folder / "other.csv", folder / "pair.toml"
+        code, _, err = vttig("fit", log, "--pair", pair, "--out", run, "--overwrite")
+    assert code == 2 and "a sampler is writing" in err
+    assert (run / "fit.json").read_bytes() == before and (run / "posterior.h5").exists()
 
 
 def test_a_checkpoint_of_another_log_is_refused(vttig, folder, run):
@@ -159,7 +191,7 @@ def test_usage(vttig, folder, run, tmp_path):
     assert code == 2 and "vttig fit" in err
     code, _, err = vttig("sample", log, "--out", empty)
     assert code == 2 and "--pair" in err
-    for wrong in (("--resume", "--overwrite"), ("--steps", "10", "--until", "5")):
+    for wrong in (("--resume", "--overwrite"), ("--steps", "100", "--until", "5")):
         code, _, err = vttig("sample", "--out", run, *wrong)
         assert code == 2 and "exclude each other" in err
     code, _, err = vttig("sample", "--out", run, "--resume", "--loss", "huber")

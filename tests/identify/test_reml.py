@@ -8,7 +8,7 @@ from scipy.optimize import minimize
 
 from tests.identify.summaries import columns, summary_of
 from tests.oracles.stationary_noise import covariance, path
-from vttig_jax.base.autoregression import filter_of
+from vttig_jax.base.partial import filter_of
 from vttig_jax.identify.reml import _bound, restricted_partial
 from vttig_jax.identify.summary import HarmonicSummary
 

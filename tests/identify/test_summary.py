@@ -6,7 +6,7 @@ from scipy.signal import lfilter
 
 from tests.identify.summaries import TERMS, flank_summary, looked, made_log, random_log
 from tests.oracles.stationary_noise import quadratic
-from vttig_jax.base.autoregression import filter_of
+from vttig_jax.base.partial import filter_of
 from vttig_jax.identify.channels import Drift
 from vttig_jax.identify.summary import HIGHEST_LAG, needed_lags, summarise
 from vttig_jax.logs.segments import Segment

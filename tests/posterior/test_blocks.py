@@ -51,7 +51,7 @@ def test_the_parts_a_run_is_made_of_do_not_matter(parts):
     assert whole.record.draws.shape == (4, 12, 16, 2)
 
 
-def test_the_state_of_a_twister_is_kept_with_half_a_pair_of_normal_numbers():
+def test_the_state_of_a_twister_is_kept_with_half_a_pair_of_normal_numbers(unchecked):
     twister = np.random.RandomState(8)
     twister.standard_normal(3)
     state = emcee.State(np.zeros((4, 2)), log_prob=np.zeros(4), random_state=twister.get_state())

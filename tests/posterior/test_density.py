@@ -9,8 +9,6 @@ import pytest
 from tests.posterior import quick_fits
 from vttig_jax.base.errors import NoAnswerError, UsageError
 from vttig_jax.base.units import ARCSEC
-from vttig_jax.identify.noise_choice import NoiseChoice
-from vttig_jax.identify.summary import Plateau
 from vttig_jax.posterior.density import NOISE_STD, FitTarget, fit_target
 from vttig_jax.posterior.prior import Prior
 from vttig_jax.posterior.target import Target
@@ -121,18 +119,11 @@ def test_a_robust_loss_has_its_maximum_at_the_scatter_of_the_fit():
     assert values[1] > max(values[0], values[2])
 
 
-@pytest.mark.parametrize("noise", [NoiseChoice(kind="ou"), None])
-def test_other_noise_is_refused(noise):
+def test_noise_of_every_speed_is_refused():
     result = quick_fits.one_flank()
-    assert result.evidence is not None
-    summary = result.evidence.summary
-    if noise is None:
-        other = replace(summary, plateaus=(Plateau(6.3, summary),))
-    else:
-        other = replace(summary, noise=noise)
-    result = replace(result, evidence=replace(result.evidence, summary=other))
-    with pytest.raises(UsageError, match="this fit has noise of"):
-        fit_target(result)
+    noise = replace(result.noise, plateaus=((6.3, result.noise),))
+    with pytest.raises(UsageError, match="every speed of this fit has its own"):
+        fit_target(replace(result, noise=noise))
 
 
 def test_one_flank_has_no_constant_backlash():

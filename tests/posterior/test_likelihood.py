@@ -15,7 +15,7 @@ from scipy.linalg import block_diag
 
 from tests.identify.summaries import TERMS, columns, summary_of
 from tests.oracles.stationary_noise import covariance, path
-from vttig_jax.base.autoregression import filter_of
+from vttig_jax.base.partial import filter_of
 from vttig_jax.identify.relation import Relation, pair_relation
 from vttig_jax.identify.summary import HarmonicSummary
 from vttig_jax.posterior.likelihood import Likelihood, likelihood_of

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.posterior.made import made_posterior, quick_fit
-from vttig_jax.base.autoregression import filter_of
+from vttig_jax.base.partial import filter_of
 from vttig_jax.base.units import ARCSEC, DEG
 from vttig_jax.posterior.predictive import Statistic, autocorrelation, autoregressive, predictive
 

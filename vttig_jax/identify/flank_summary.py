@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float, Int
 
-from ..base.autoregression import log_initial_determinant
+from ..base.partial import log_initial_determinant
 from ..pair.gears import Flank
 
 _CACHED_ROWS = 512

@@ -5,7 +5,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from ..base.autoregression import filter_of, partial_of, whitening_filter
+from ..base.autoregression import whitening_filter
+from ..base.partial import filter_of, partial_of
 from ..base.units import DEG, REV
 from ..pair.gears import Flank
 from .irregular import whitened_run

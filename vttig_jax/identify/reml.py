@@ -19,8 +19,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.optimize import brentq, minimize_scalar
 
-from ..base.autoregression import filter_of, log_initial_determinant
 from ..base.errors import NoAnswerError
+from ..base.partial import filter_of, log_initial_determinant
 from .normal_equations import cholesky
 from .summary import FlankSummary, HarmonicSummary
 

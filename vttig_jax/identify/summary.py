@@ -91,7 +91,7 @@ class Plateau:
     summary: HarmonicSummary
 
 
-Embedding = dict[Flank, Float[np.ndarray, "wide narrow"]]
+Embedding = dict[Flank, Float[np.ndarray, "_ _"]]
 """Flank → matrix from a row of one log alone to a row of all logs."""
 
 

@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from ..base.arrays import Numbers, float64
-from ..base.autoregression import filter_of, log_initial_determinant
+from ..base.partial import filter_of, log_initial_determinant
 from ..identify.flank_summary import FlankSummary
 from ..identify.irregular import IrregularFlank, node_weights
 from ..identify.relation import Relation

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
-from ..base.autoregression import filter_of
 from ..base.errors import NoAnswerError
+from ..base.partial import filter_of
 from ..identify.result import Fit
 from .draws import PosteriorParameter, Share, SmallestGap, border, parameters_of_draws
 
