@@ -24,6 +24,8 @@ from vttig_jax.posterior.calibration.rigs import Rig, order_terms
 from vttig_jax.posterior.calibration.sampled import RigEvidence
 from vttig_jax.posterior.calibration.scenarios import SCENARIOS
 
+pytestmark = pytest.mark.slow
+
 RIGS, DRAWS = 64, 300
 
 SCENARIO = replace(

@@ -16,6 +16,8 @@ from vttig_jax.posterior.posterior import Posterior
 from vttig_jax.posterior.sample import sample
 from vttig_jax.posterior.stopping import Until
 
+pytestmark = pytest.mark.slow
+
 pytest.importorskip("blackjax")
 
 
