@@ -247,15 +247,20 @@ class _Path:
 
     def end(self, side: float, quantile: float) -> tuple[float | None, str | None]:
         """Where twice the log-density has fallen by `quantile`, and what is special about it."""
-        far = np.sqrt(quantile)
-        while self.fall(side * far) < quantile:
+        # Each place once: from a nearer start the others may do a little better the second time.
+        seen = {0.0: -quantile}
+
+        def above(steps: float) -> float:
+            if steps not in seen:
+                seen[steps] = min(self.fall(side * steps), 4 * quantile) - quantile
+            return seen[steps]
+
+        far = float(np.sqrt(quantile))
+        while above(far) < 0:
             far *= 2.0
             if far > _FARTHEST:
                 return None, _UNBOUNDED
-        inside, outside = 0.0, far
-        found = brentq(
-            lambda t: min(self.fall(side * t), 4 * quantile) - quantile, inside, outside, xtol=1e-5
-        )
+        found = brentq(above, 0.0, far, xtol=1e-5)
         assert isinstance(found, float)
         at_bound = self.fall(side * found * (1 - 1e-4)) < 0.9 * quantile
         value = float(self.top[self.place] + side * found * self.along[self.place])
