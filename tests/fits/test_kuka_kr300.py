@@ -34,10 +34,39 @@ EACH = pytest.mark.parametrize(("axis", "log"), list(itertools.product((1, 2, 3)
 def test_kuka_delay_and_what_is_left(kuka: ModuleType, axis: int, log: str):
     fit = kuka.fitted(axis, log)
     assert fit.value("delay_s") == pytest.approx(KNOWN_DELAY_S[axis], abs=0.3e-3)
-    assert round(3600 * fit.residual_rms_deg) <= (15 if axis == 2 else 9)
     gap = fit.checks["apparent_gap"]
     assert gap["value_deg"] < 5 / 3600  # nothing that a gap could be: at most a few arcseconds
     assert gap["significant"] == (gap["value_deg"] >= 3 * gap["std_deg"])
+
+
+LEAVES_MORE = pytest.mark.xfail(
+    strict=True,
+    reason="15.04″ under the exact restricted likelihood: 0.04″ above what is asked for",
+)
+WIDER = pytest.mark.xfail(
+    strict=True, reason="an upper limit of 2.47″ in log B of axis 2: above the largest known order"
+)
+
+
+def _each_but(mark: pytest.MarkDecorator) -> pytest.MarkDecorator:
+    """Every axis and log; log B of axis 2 with a mark."""
+    cases = [
+        pytest.param(axis, log, marks=[mark] if (axis, log) == (2, "B") else [])
+        for axis, log in itertools.product((1, 2, 3), "AB")
+    ]
+    return pytest.mark.parametrize(("axis", "log"), cases)
+
+
+@_each_but(LEAVES_MORE)
+def test_kuka_residual(kuka: ModuleType, axis: int, log: str):
+    fit = kuka.fitted(axis, log)
+    assert 3600 * fit.residual_rms_deg <= (15.0 if axis == 2 else 9.0)
+
+
+@_each_but(WIDER)
+def test_kuka_motor_order_is_within_the_known_ones(kuka: ModuleType, axis: int, log: str):
+    motor = kuka.fitted(axis, log).parameters["driving_amplitude_arcsec"]
+    assert motor.upper95 is not None and motor.upper95 < 2.4
 
 
 @EACH
@@ -47,17 +76,23 @@ def test_kuka_undetermined(kuka: ModuleType, axis: int, log: str):
     assert not output.determined and "of a revolution" in (output.reason or "")
     assert not fit.parameters["constant_backlash_deg"].determined
     assert motor.determined and not motor.significant
-    assert motor.upper95 is not None and motor.upper95 < 2.5
+    assert motor.upper95 is not None
     assert fit.parameters["driving_phase_deg"].value is None
     assert all(abs(line["cycles_per_rev"] - 1) > 0.1 for line in fit.checks["lines"])
 
 
-@pytest.mark.parametrize("axis", [1, 2, 3])
-def test_kuka_without_delay_looks_like_backlash(kuka: ModuleType, axis: int):
+@pytest.mark.parametrize(
+    ("axis", "gap_arcsec", "left_arcsec"), [(1, 299.8, 65.0), (2, 305.7, 67.7), (3, 222.0, 58.2)]
+)
+def test_kuka_without_delay_looks_like_backlash(
+    kuka: ModuleType, axis: int, gap_arcsec: float, left_arcsec: float
+):
+    """To plain least squares, which what it leaves does not warn."""
     naive, fit = kuka.fitted(axis, "A", kuka.OFF), kuka.fitted(axis, "A")
     gap = naive.checks["apparent_gap"]
-    assert gap["significant"] and 3600 * gap["value_deg"] > 200
-    assert naive.residual_rms_deg > 4 * fit.residual_rms_deg
+    assert gap["significant"] and 3600 * gap["value_deg"] == pytest.approx(gap_arcsec, abs=3.0)
+    assert 3600 * naive.residual_rms_deg == pytest.approx(left_arcsec, abs=0.5)
+    assert naive.residual_rms_deg > 4.5 * fit.residual_rms_deg
     jumps = [jump["jump_deg"] for jump in naive.checks["reversals"]]
     assert max(jumps) < 0.1 * gap["value_deg"]
 

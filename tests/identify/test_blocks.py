@@ -154,6 +154,7 @@ def test_block_sizes_up_to_a_power_of_two_share_one_compilation():
     """5 … 8 samples make tables of 8; 9 need tables of 16."""
     columns = Columns(((6, 1), (7, 2), (8, 3)), ((1, 0),), ((OFFSET,),))
     compiled = []
+    blocks.chunk_sums.clear_cache()  # pyright: ignore[reportAttributeAccessIssue]
     for size in (5, 6, 7, 8, 9):
         channels = _channels(Case(columns, size), 1001)
         block_rows(columns, size, *channels)

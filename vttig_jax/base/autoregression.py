@@ -1,5 +1,8 @@
 """Autoregressive noise from its autocovariance. Imports no jax: `inspect` needs it too."""
 
+from types import ModuleType
+from typing import Any
+
 import numpy as np
 from jaxtyping import Float
 
@@ -30,9 +33,10 @@ def whitening_filter(
     return best
 
 
-def longer(
-    filter_: Float[np.ndarray, " taps"], partial: float | np.floating
-) -> Float[np.ndarray, " more"]:
-    """The filter of one order more, with this last partial autocorrelation (Levinson)."""
-    extended = np.append(filter_, 0.0)
+def longer(filter_: Any, partial: Any, xp: ModuleType = np) -> Any:
+    """The filter of one order more, with this last partial autocorrelation (Levinson).
+
+    `xp` is the namespace of both, numpy or jax.numpy.
+    """
+    extended = xp.concatenate([filter_, xp.zeros(1)])
     return extended - partial * extended[::-1]

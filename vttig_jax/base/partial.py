@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .arrays import Number, Numbers, namespace
+from .autoregression import longer
 
 
 @overload
@@ -29,9 +30,10 @@ def filter_of(partial: Float[Numbers, " p"]) -> Float[Numbers, " taps"]:
 
     ```
     """
-    filter_ = namespace(partial).ones(1)
+    xp = namespace(partial)
+    filter_ = xp.ones(1)
     for order in range(partial.shape[0]):
-        filter_ = _longer(filter_, partial[order])
+        filter_ = longer(filter_, partial[order], xp)
     return filter_
 
 
@@ -51,9 +53,3 @@ def log_initial_determinant(partial: Float[Numbers, " p"]) -> Float[Number, ""]:
     """
     xp = namespace(partial)
     return -xp.sum(xp.arange(1, partial.shape[0] + 1) * xp.log1p(-(partial**2)))
-
-
-def _longer(filter_, partial):
-    xp = namespace(filter_, partial)
-    extended = xp.concatenate([filter_, xp.zeros(1)])
-    return extended - partial * extended[::-1]

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 @click.option("--seed", type=click.IntRange(min=0), default=0, help="Of orders, phases and noise.")
 @click.option(
     "--steps",
-    type=click.IntRange(min=1),
+    type=click.IntRange(min=40),
     help="Sample exactly so many steps; by default until the sampler has converged.",
 )
 def command(

@@ -21,6 +21,10 @@ _REPEATS = 2
 _FORGOTTEN = 20.0
 """Correlation times a run must be long for the likelihood to tell noise from what is missing."""
 
+_WHITE_SHARE = 1e-6
+"""Of the variance by moments, counted as white: what a model misses of a log without noise is so
+predictable that whitening it would leave the rounding of everything else."""
+
 _ROWS_A_COEFFICIENT = 3
 """Rows a coefficient from which a speed tells its own noise."""
 
@@ -229,6 +233,7 @@ def _autocovariance(
     for flank, residual in zip(flanks, residuals, strict=True):
         total += np.einsum("i,lij,j->l", residual, flank.lag_products[:lags], residual)
         total[0] += ROUNDING * flank.lag_products[0, -1, -1]
+    total[0] *= 1 + _WHITE_SHARE
     return total / summary.rows
 
 
