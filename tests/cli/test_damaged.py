@@ -45,13 +45,13 @@ def attempt(capsys, folder: Path, verb: str, content: bytes) -> tuple[int, str, 
     return code, *capsys.readouterr()
 
 
-@settings(max_examples=300, suppress_health_check=RELAXED)
+@settings(max_examples=150, suppress_health_check=RELAXED)
 @given(case=damage.damaged_logs())
 def test_inspect(folder, capsys, case):
     check(*attempt(capsys, folder, "inspect", case.content))
 
 
-@settings(max_examples=30, suppress_health_check=RELAXED)
+@settings(max_examples=20, suppress_health_check=RELAXED)
 @given(case=damage.damaged_logs())
 def test_fit(folder, capsys, case):
     check(*attempt(capsys, folder, "fit", case.content))

@@ -91,7 +91,7 @@ def _report(rig: "SyntheticRig", found: "Judged", banded: "BandedMap") -> str:
             ("outcome", result.outcome),
             ("residual", f"{result.residual_rms_deg:.5f}° rms"),
             ("sampler", str(found.posterior.diagnosis)),
-            ("fit, profile and draws", " ".join(found.routes.sentences) or "agree"),
+            ("fit, profile and draws", found.verdict),
         ],
         title="the paper's rig (Tables 1 and 2)",
     )

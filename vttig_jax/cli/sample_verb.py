@@ -196,25 +196,37 @@ class Judged:
 
     posterior: "Posterior"
     predicted: "Predictive"
-    routes: "Agreement"
+    routes: "Agreement | None"
 
     def to_json(self) -> dict[str, Any]:
         """The object of schema `vttig.posterior/1`."""
         return self.posterior.to_json() | {
-            "agreement": self.routes.to_json(),
+            "agreement": self.routes.to_json() if self.routes else None,
             "predictive": self.predicted.to_json(),
         }
 
     def __str__(self) -> str:
-        return f"{self.posterior}\n\n{self.predicted}\n\n{self.routes}"
+        routes = self.routes or f"fit, profile and draws: {self.verdict}"
+        return f"{self.posterior}\n\n{self.predicted}\n\n{routes}"
+
+    @property
+    def verdict(self) -> str:
+        """Whether the routes agree, in words."""
+        if self.routes is None:
+            return "not compared, because the draws have not converged"
+        return " ".join(self.routes.sentences) or "agree"
 
 
 def judged(posterior: "Posterior", prior: "Prior") -> Judged:
-    """Ask the posterior whether it would have made the log, and the other routes for theirs."""
+    """Ask the posterior whether it would have made the log, and the other routes for theirs.
+
+    Draws that have not converged are a route to nothing yet, and are not compared.
+    """
     from ..posterior.agreement import agreement
     from ..posterior.predictive import predictive
 
-    return Judged(posterior, predictive(posterior), agreement(posterior, prior))
+    routes = agreement(posterior, prior) if posterior.diagnosis.converged else None
+    return Judged(posterior, predictive(posterior), routes)
 
 
 def refuse_existing(

@@ -19,6 +19,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.optimize import brentq, minimize_scalar
 
+from ..base.autoregression import longer
 from ..base.errors import NoAnswerError
 from ..base.partial import filter_of, log_initial_determinant
 from .normal_equations import cholesky
@@ -57,17 +58,28 @@ class _Bound:
         return float(misfit + self.runs * log_initial_determinant(partial))
 
     def lowered(self, partial: Partial) -> Partial:
-        """Every π_k in turn at its best, the last one first: it knows least yet."""
+        """Every π_k in turn at its best, the last one first: it knows least yet.
+
+        With f_k the filter of the first k and f_k* its reverse, the whole filter is the polynomial
+        A f_k + B f_k*; one step back makes A − π_k B of A and z (B − π_k A) of B (Szegő).
+        """
         partial = partial.copy()
         taps = len(partial) + 1
         form = self.form[:taps, :taps]
+        prefixes = [np.ones(1)]
+        for value in partial[:-1]:
+            prefixes.append(longer(prefixes[-1], value))
+        ahead, back = np.ones(1), np.zeros(1)
         for k in reversed(range(len(partial))):
-            partial[k] = 0.0
-            without = filter_of(partial)
-            partial[k] = 1.0
-            slope = filter_of(partial) - without
+            own = np.append(prefixes[k], 0.0)
+            without = np.convolve(ahead, own) + np.convolve(back, own[::-1])
+            slope = -np.convolve(ahead, own[::-1]) - np.convolve(back, own)
             partial[k] = _lowest(
                 float(slope @ form @ slope), float(slope @ form @ without), self.runs * (k + 1)
+            )
+            ahead, back = (
+                np.append(ahead - partial[k] * back, 0.0),
+                np.append(0.0, back - partial[k] * ahead),
             )
         return partial
 
@@ -180,12 +192,5 @@ def _form(
 
 def _lowest(curvature: float, slope: float, count: int) -> float:
     """π with the lowest curvature π² + 2 slope π − count log(1 − π²), convex, within the bound."""
-
-    def rising(p: float) -> float:
-        return (curvature * p + slope) * (1 - p**2) + count * p
-
-    if rising(-LARGEST) >= 0:
-        return -LARGEST
-    if rising(LARGEST) <= 0:
-        return LARGEST
-    return float(np.asarray(brentq(rising, -LARGEST, LARGEST)))
+    found = brentq(lambda p: (curvature * p + slope) * (1 - p**2) + count * p, -1.0, 1.0)
+    return float(np.clip(np.asarray(found), -LARGEST, LARGEST))
