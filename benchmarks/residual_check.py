@@ -23,7 +23,6 @@ import vttig_jax
 from vttig_jax.base.units import ARCSEC, DEG
 from vttig_jax.identify.fit import fit
 from vttig_jax.identify.result import Fit
-from vttig_jax.logs.line_search import Run, find_lines
 from vttig_jax.pair.eccentricities import Eccentricities
 from vttig_jax.pair.spec import FitOptions
 from vttig_jax.rig.imperfections import EncoderError, Noise, OrderError, Shaft
@@ -48,18 +47,15 @@ HEIGHT = 10.0
 
 MODELLED = FitOptions(driving_orders=(1,), driven_orders=(1,), mesh_orders=1)
 _REFERENCES = 2
-_HIGHEST = 12.0
 
 
 @dataclass(frozen=True)
 class Seen:
-    """What one fit says, and what two other searches would add.
+    """What one fit says.
 
     **Arguments**
     - `line`, `any_line`: a line at the right cycles, or anywhere.
     - `ljung_box`: the sentence on the residual's memory.
-    - `with_free_neighbours`, `with_single_flanks`: flagged by the fit, or found by a search beside
-      free harmonics only: of both flanks together, or flank by flank.
     - `apart_deg`: phase on flank B less phase on flank A.
     """
 
@@ -69,8 +65,6 @@ class Seen:
     line: bool
     any_line: bool
     ljung_box: bool
-    with_free_neighbours: bool
-    with_single_flanks: bool
     apart_deg: float | None
 
     @property
@@ -167,8 +161,6 @@ def seen(result: Fit, case: Case, orders: Sequence[OrderError], place: Place, tu
         return bool(near) if case == "none" else any(near)
 
     memory = white is not None and white["widening"] > 1
-    flagged = right(lines) or memory
-    together, apart = (False, False) if flagged else map(right, searched(result))
     phases = [order.phase_deg for order in orders]
     return Seen(
         case=case,
@@ -177,33 +169,8 @@ def seen(result: Fit, case: Case, orders: Sequence[OrderError], place: Place, tu
         line=right(lines),
         any_line=bool(lines),
         ljung_box=memory,
-        with_free_neighbours=flagged or together,
-        with_single_flanks=flagged or apart,
         apart_deg=(phases[1] - phases[0]) % 360.0 if len(phases) == 2 else None,
     )
-
-
-def searched(result: Fit) -> tuple[list[float], list[float]]:
-    """Lines beside the harmonics that are fitted freely only; of both flanks, and one by one.
-
-    The fit lets all its columns stand beside a trial line, the second-order ones too, whose
-    coefficients follow from the eccentricities and so take up nothing of the log.
-    """
-    ratio, terms = float(result.pair.ratio), ((1, 0), (0, 1), (45, 0))
-    runs = []
-    for curve, residual in zip(result.curves, result.residuals, strict=True):
-        phases = [curve.driving_angle * (a + b * ratio) for a, b in terms]
-        columns = [np.ones(len(residual))]
-        columns += [wave(phase) for phase in phases for wave in (np.cos, np.sin)]
-        runs.append(Run(curve.driving_angle, residual, np.stack(columns, axis=1), curve.flank))
-    together = find_lines(runs, highest=_HIGHEST, most=3)
-    # Two searches share one probability of a false alarm.
-    apart = [
-        line
-        for run in runs
-        for line in find_lines([run], highest=_HIGHEST, false_alarm=5e-4, most=3)
-    ]
-    return [line.cycles_per_rev for line in together], [line.cycles_per_rev for line in apart]
 
 
 def one_rig(number: int, turns: float, seed: int, cases: Sequence[Case]) -> list[Seen]:
@@ -234,7 +201,7 @@ def share(hits: Sequence[bool]) -> dict[str, float]:
     }
 
 
-WAYS = ("flagged", "line", "ljung_box", "any_line", "with_free_neighbours", "with_single_flanks")
+WAYS = ("flagged", "line", "ljung_box", "any_line")
 
 
 def table(found: Sequence[Seen]) -> dict[str, Any]:
