@@ -17,7 +17,7 @@ from hypothesis import settings
 
 # Before the first import of the package: its annotations are checked at run time from here on.
 # The command line names types it imports only when a verb runs, which beartype cannot resolve.
-ROOMS = ("base", "pair", "kinematics", "logs", "rig", "identify", "posterior", "report")
+ROOMS = ("base", "pair", "kinematics", "logs", "rig", "identify", "posterior", "control", "report")
 jaxtyping.install_import_hook([f"vttig_jax.{room}" for room in ROOMS], "beartype.beartype")
 
 import vttig_jax

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from .base.precision import enable_x64 as enable_x64
+    from .control.simulate import simulate as simulate
     from .identify.fit import fit as fit
     from .identify.mapping import backlash_map as backlash_map
     from .kinematics.functions import axial_displacement as axial_displacement
@@ -62,6 +63,7 @@ _HOMES = {
     "read_posterior": "posterior.sample",
     "sample": "posterior.sample",
     "shortest_run": "posterior.shortest",
+    "simulate": "control.simulate",
     "transmission_error": "kinematics.functions",
 }
 """The module of each public name, below the package."""

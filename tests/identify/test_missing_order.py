@@ -64,10 +64,6 @@ def test_opposite_phases_on_both_flanks_are_told():
     assert told(0, 10.0, 180.0).flagged
 
 
-def test_a_search_of_single_flanks_tells_opposite_phases():
-    assert told(0, 10.0, 180.0).with_single_flanks
-
-
 def test_the_standard_error_falls_with_the_length_of_the_log():
     """As the root of the turns, and near that of white noise of the same strength at low frequency.
 

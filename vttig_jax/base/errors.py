@@ -42,6 +42,10 @@ class LogError(InputError):
     """An encoder log is unreadable or invalid; `where` names the file, line or channel."""
 
 
+class ScenarioError(InputError):
+    """A scenario or sweep file is invalid; `where` names the file and the key."""
+
+
 class NoAnswerError(VttigError):
     """The input is readable but holds no trustworthy answer."""
 

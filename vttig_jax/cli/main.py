@@ -44,6 +44,10 @@ VERBS = {
         "vttig_jax.cli.plan_verb:command",
         "Say how well a run would tell every parameter.",
     ),
+    "simulate": (
+        "vttig_jax.cli.simulate_verb:command",
+        "Simulate a reversal with an anti-backlash controller.",
+    ),
     "demo": (
         "vttig_jax.cli.demo_verb:command",
         "Simulate the paper's rig, fit it and show the result.",

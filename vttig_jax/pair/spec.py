@@ -4,17 +4,14 @@
 impossible values are `PairError`s whose `where` names file and key.
 """
 
-import difflib
-import re
-import tomllib
 from fractions import Fraction
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import msgspec
-from msgspec import Meta, Struct
+from msgspec import Meta
 
 from ..base.errors import PairError
+from ..base.toml_file import Table, TomlFile, plain_table
 from .check import check_geometry
 
 Positive = Annotated[float, Meta(gt=0, le=1e9)]  # the bound keeps infinity out
@@ -24,11 +21,15 @@ Order = Annotated[int, Meta(ge=1, le=1000)]
 AngleUnit = Literal["counts", "deg", "rad", "rev", "arcsec", "urad"]
 
 
-class _Table(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    pass
+PAIR_FILE = TomlFile(
+    PairError,
+    noun="a pair file",
+    cure="--pair takes the TOML of the rig",
+    content="names the rig in [pair] and two gears, or in [drive]",
+)
 
 
-class Encoder(_Table, frozen=True):
+class Encoder(Table, frozen=True):
     """Encoder on one shaft; `modulus` is where a wrapping counter starts again."""
 
     counts_per_rev: Annotated[int, Meta(ge=1)] | None = None
@@ -37,7 +38,7 @@ class Encoder(_Table, frozen=True):
     sign: Literal[1, -1] = 1
 
 
-class GearTable(_Table, frozen=True):
+class GearTable(Table, frozen=True):
     """One gear as written: `[driving]` or `[driven]`."""
 
     teeth: Annotated[int, Meta(ge=1, le=100_000)] | None = None
@@ -56,7 +57,7 @@ class GearTable(_Table, frozen=True):
         return left, right
 
 
-class PairTable(_Table, frozen=True):
+class PairTable(Table, frozen=True):
     """`[pair]`: what both gears share."""
 
     module_mm: Positive | None = None
@@ -66,13 +67,13 @@ class PairTable(_Table, frozen=True):
     centre_distance_mm: Positive | None = None
 
 
-class DriveTable(_Table, frozen=True):
+class DriveTable(Table, frozen=True):
     """`[drive]`: a two-shaft drive of which only the ratio (driven over driving speed) is known."""
 
     ratio: str | float
 
 
-class LogLayout(_Table, frozen=True):
+class LogLayout(Table, frozen=True):
     """`[log]`: where the channels are and how they are written."""
 
     time: str | None = None
@@ -93,7 +94,7 @@ class LogLayout(_Table, frozen=True):
     encoding: str | None = None
 
 
-class UnitTable(_Table, frozen=True):
+class UnitTable(Table, frozen=True):
     """`[unit]`: units of columns whose names do not end with one."""
 
     driving: AngleUnit | None = None
@@ -101,7 +102,7 @@ class UnitTable(_Table, frozen=True):
     transmission_error: AngleUnit | None = None
 
 
-class FitOptions(_Table, frozen=True):
+class FitOptions(Table, frozen=True):
     """`[fit]`: which orders of each shaft, and how many tooth-mesh orders, the fit models."""
 
     driving_orders: tuple[Order, ...] = tuple(range(1, 9))
@@ -109,7 +110,7 @@ class FitOptions(_Table, frozen=True):
     mesh_orders: Annotated[int, Meta(ge=0, le=20)] = 1
 
 
-class PairSpec(_Table, frozen=True):
+class PairSpec(Table, frozen=True):
     """A whole pair file. Either `pair` with both tooth counts, or `drive`."""
 
     name: str = ""
@@ -152,96 +153,20 @@ def as_fraction(value: str | float | int, where: str) -> Fraction:
 
 def parse_pair_spec(table: dict[str, Any], source: str = "") -> PairSpec:
     """Validate a parsed TOML table; `source` is the file name for messages."""
-    try:
-        spec = msgspec.convert(table, PairSpec)
+    with PAIR_FILE.placed(source):
+        spec: PairSpec = PAIR_FILE.convert(table, PairSpec)
         _check_tables(spec)
-        return spec
-    except msgspec.ValidationError as error:
-        message, key = _sentence(str(error), table)
-        raise PairError(message, where=_place(source, key)) from None
-    except PairError as error:
-        raise PairError(error.message, where=_place(source, error.where)) from None
+    return spec
 
 
 def load_pair_spec(path: str | Path) -> PairSpec:
     """Read and validate a pair file (TOML)."""
-    path = Path(path)
-    try:
-        table = tomllib.loads(path.read_bytes().decode("utf-8-sig"))
-    except FileNotFoundError:
-        raise PairError(
-            "no such file; --pair takes the TOML of the rig.", where=str(path)
-        ) from None
-    except IsADirectoryError:
-        raise PairError(
-            "this is a folder; --pair takes the TOML of the rig.", where=str(path)
-        ) from None
-    except PermissionError:
-        raise PairError("no permission to read this file.", where=str(path)) from None
-    except UnicodeDecodeError as error:
-        raise PairError(
-            f"not a text file (byte {error.start} is no UTF-8); a pair file is TOML in UTF-8.",
-            where=str(path),
-        ) from None
-    except tomllib.TOMLDecodeError as error:
-        raise PairError(
-            f"not valid TOML: {error}; a pair file names the rig in [pair] and two gears, or in"
-            " [drive].",
-            where=str(path),
-        ) from None
-    except OSError as error:
-        raise PairError(f"cannot be read: {error.strerror}.", where=str(path)) from None
-    return parse_pair_spec(table, str(path))
+    return parse_pair_spec(PAIR_FILE.read(path), str(path))
 
 
 def spec_table(spec: PairSpec) -> dict[str, Any]:
     """The TOML table of a spec: `parse_pair_spec(spec_table(spec)) == spec`."""
-    return _without_none(msgspec.to_builtins(spec))
-
-
-def _without_none(table: dict[str, Any]) -> dict[str, Any]:
-    return {
-        key: _without_none(value) if isinstance(value, dict) else value
-        for key, value in table.items()
-        if value is not None
-    }
-
-
-def _place(source: str, key: str) -> str:
-    return f"{source}: {key}" if source and key else source or key
-
-
-def _sentence(error: str, table: dict[str, Any]) -> tuple[str, str]:
-    """Turn msgspec's message into ours: the sentence and the dotted key."""
-    text, _, path = error.partition(" - at `$")
-    key = path.rstrip("`").lstrip(".")
-    if unknown := re.match(r"Object contains unknown field `(.*)`", text):
-        name = unknown[1]
-        dotted = f"{key}.{name}" if key else name
-        known = [field.encode_name for field in _type_at(key).fields]
-        close = difflib.get_close_matches(name, known, 1)
-        hint = f"did you mean `{close[0]}`?" if close else f"known keys here: {', '.join(known)}."
-        return f"unknown key `{name}`; {hint}", dotted
-    value: Any = table
-    for part in re.findall(r"[^.\[\]]+", key):
-        try:
-            value = value[int(part)] if isinstance(value, list) else value[part]
-        except (KeyError, IndexError, ValueError, TypeError):
-            break
-    if text.startswith("Invalid enum value"):
-        text = "Expected " + " or ".join(repr(choice) for choice in _type_at(key).values)
-    text = f"{text[0].lower()}{text[1:]}".replace("object", "table").replace(" | null", "")
-    return f"{text}, but it is {value!r}.".replace("`", ""), key
-
-
-def _type_at(key: str) -> Any:
-    """The description of the table or value at a dotted key, as msgspec gives it."""
-    kind: Any = msgspec.inspect.type_info(PairSpec)
-    for part in key.split(".") if key else ():
-        kind = next(field.type for field in kind.fields if field.encode_name == part)
-        if isinstance(kind, msgspec.inspect.UnionType):
-            kind = next(one for one in kind.types if not isinstance(one, msgspec.inspect.NoneType))
-    return kind
+    return plain_table(spec)
 
 
 def _check_tables(spec: PairSpec) -> None:

@@ -5,6 +5,7 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
+from ..control.simulation import Simulation
 from ..identify.result import Fit
 from ..kinematics.backlash_map import BacklashMap
 from ..kinematics.te_curve import TECurve
@@ -16,6 +17,7 @@ from .corner_picture import plot_corner
 from .fit_picture import plot_fit
 from .map_picture import plot_map
 from .predictive_picture import plot_predictive
+from .simulation_picture import plot_simulation
 from .te_picture import plot_te
 
 
@@ -29,9 +31,10 @@ def plot(obj: object, **options: Any) -> Figure:
     - a `Posterior`: every pair of coordinates (`plot_trace` draws them step by step); `names`.
     - a `BandedMap`: backlash with its bands; `ax`, `turns`.
     - a `Predictive`: a log beside what its posterior predicts; `unit`, `turns`.
+    - a `Simulation` with a trace: the run, and its reversal close up; `unit`, `span_s`.
 
-    The options are those of `plot_te`, `plot_fit`, `plot_map`, `plot_corner`, `plot_band_map` and
-    `plot_predictive`.
+    The options are those of `plot_te`, `plot_fit`, `plot_map`, `plot_corner`, `plot_band_map`,
+    `plot_predictive` and `plot_simulation`.
 
     **Raises** `ValueError` for an object without a picture.
 
@@ -49,7 +52,7 @@ def plot(obj: object, **options: Any) -> Figure:
     """
     raise ValueError(
         f"Argument `obj` must be a TECurve, Fit or BacklashMap, but is {type(obj).__name__}; what a"
-        " Posterior, BandedMap or Predictive says has a picture too."
+        " Posterior, BandedMap, Predictive or Simulation says has a picture too."
     )
 
 
@@ -59,3 +62,4 @@ plot.register(BacklashMap, plot_map)
 plot.register(Posterior, plot_corner)
 plot.register(BandedMap, plot_band_map)
 plot.register(Predictive, plot_predictive)
+plot.register(Simulation, plot_simulation)

@@ -1,0 +1,327 @@
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import jsonschema
+import numpy as np
+import pytest
+import tomli_w
+
+import vttig_jax
+from vttig_jax.base.errors import UsageError
+from vttig_jax.base.jsonio import dumps, load_schema
+from vttig_jax.cli.simulate_verb import _stride, _toml_value
+from vttig_jax.control import simulate as simulate_module
+from vttig_jax.control.spec_defaults import default_toml
+from vttig_jax.pair.gears import pair_spec
+from vttig_jax.pair.spec import spec_table
+from vttig_jax.rig.paper import paper_pair
+
+README = Path(__file__).parents[2] / "README.md"
+SCENARIO = """
+pair = "gears/pair.toml"
+[eccentricities]
+driving_mm = 0.0226
+driving_phase_deg = 49.5
+driven_mm = 0.0273
+driven_phase_deg = 79.3
+constant_backlash_deg = 0.038
+[motion]
+reversal_deg = 720.0
+dwell_s = 0.2
+"""
+COLUMNS = (
+    *("time_s", "driving_deg", "te_deg", "te_shown_deg", "flank_a_deg", "flank_b_deg"),
+    *("speed_rad_s", "acceleration_rad_s2", "command_mm", "axial_mm"),
+)
+
+
+@pytest.fixture
+def scenario(tmp_path) -> Path:
+    """A scenario of the paper's rig; its pair file lies in a folder beside it."""
+    (tmp_path / "gears").mkdir()
+    table = spec_table(pair_spec(paper_pair()))
+    (tmp_path / "gears" / "pair.toml").write_text(tomli_w.dumps(table))
+    path = tmp_path / "scenario.toml"
+    path.write_text(SCENARIO)
+    return path
+
+
+@pytest.fixture
+def elsewhere(tmp_path, monkeypatch) -> Path:
+    """An empty folder to work in, so that paths relative to the scenario are seen to be."""
+    folder = tmp_path / "elsewhere"
+    folder.mkdir()
+    monkeypatch.chdir(folder)
+    return folder
+
+
+def names(folder: Path) -> set[str]:
+    return {path.name for path in folder.iterdir()}
+
+
+def rows_of(path: Path) -> np.ndarray:
+    return np.genfromtxt(path, delimiter=",", names=True)
+
+
+def test_prints_the_run_and_writes_nothing(vttig, scenario, elsewhere):
+    before = names(scenario.parent)
+    code, out, err = vttig("simulate", scenario)
+    assert (code, err) == (0, "")
+    assert out.startswith("VTTIG rig of the paper\n")
+    assert "rigid plant, exact flanks, controller acceleration" in out
+    assert "reversal at 720°, trapezoid of 60 rpm, 5.4 s at 1000 Hz" in out
+    assert "8 ms after the motor brakes, at 632.857°, 87.143° before the turn" in out
+    assert "further than the gap allows" in out
+    assert names(elsewhere) == set() and names(scenario.parent) == before
+
+
+def test_text_and_object_are_those_of_the_library(vttig, vttig_json, scenario):
+    found = vttig_jax.simulate(scenario)
+    code, record = vttig_json("simulate", scenario)
+    assert code == 0
+    assert record == json.loads(dumps(found.to_json()))
+    assert vttig("simulate", scenario)[1] == f"{found}\n"
+    assert record["metrics"]["interference_mm"] > 0.1
+    assert record["turn"]["driving_deg"] == pytest.approx(720.0)
+    assert record["turn"]["time_s"] == pytest.approx(2.7)
+    assert record["scenario"]["motion"]["dwell_s"] == 0.2
+
+
+def test_the_readme_shows_what_is_printed(vttig, tmp_path, monkeypatch):
+    text = README.read_text("utf-8")
+    section = text.partition("**6. Simulate a reversal.**")[2]
+    for name, part in (("pair.toml", text), ("scenario.toml", section)):
+        (tmp_path / name).write_text(part.partition("```toml\n")[2].partition("```")[0])
+    monkeypatch.chdir(tmp_path)
+    printed = section.partition("```\n\n```\n")[2].partition("\n```")[0]
+    assert "jump" in printed
+    assert vttig("simulate", "scenario.toml") == (0, f"{printed}\n", "")
+
+
+def test_the_schema_refuses_what_is_no_result(vttig_json, scenario):
+    _, record = vttig_json("simulate", scenario)
+    schema = load_schema("vttig.simulate/1")
+    metrics = record["metrics"]
+    for damaged in (
+        record | {"metrics": {**metrics, "outcome": "good"}},
+        record | {"metrics": {name: metrics[name] for name in metrics if name != "jump_deg"}},
+        {name: record[name] for name in record if name != "scenario"},
+    ):
+        with pytest.raises(jsonschema.ValidationError):
+            jsonschema.validate(damaged, schema)
+
+
+def test_settings_are_those_of_a_file(vttig_json, scenario):
+    settings = {
+        "motion.event": "emergency_stop",
+        "motion.reversal_deg": "1080",
+        "actuator.stroke_mm": "0.5",
+        "judgement.threshold_rad_s2": "1e9",
+    }
+    arguments = [part for item in settings.items() for part in ("--set", "=".join(item))]
+    _, record = vttig_json("simulate", scenario, *arguments)
+    text = SCENARIO.replace("720.0", '1080\nevent = "emergency_stop"')
+    scenario.write_text(f"{text}[actuator]\nstroke_mm = 0.5\n[judgement]\nthreshold_rad_s2 = 1e9\n")
+    _, other = vttig_json("simulate", scenario)
+    assert record == other
+    assert record["metrics"]["detection_deg"] is None
+    # Left open, the flanks change while the shaft still turns forward.
+    jump, gap = record["metrics"]["jump_deg"], record["turn"]["backlash_deg"]
+    assert jump == pytest.approx(gap, abs=2e-3)
+    assert record["crossing_deg"] < 1079
+
+
+@pytest.mark.parametrize(
+    ("setting", "outcome", "words"),
+    [
+        ("actuator.stroke_mm=0.2", "stroke", "actuator.stroke_mm is 0.2"),
+        ("actuator.speed_mm_s=0.1", "slow", "still lacks"),
+        ("judgement.threshold_rad_s2=30", "missed", "lower judgement.threshold_rad_s2"),
+        ("mesh.friction_coefficient=0.1", "bound", "The drive blocks after 2.0"),
+    ],
+)
+def test_whatever_comes_of_a_run_is_a_result(vttig, vttig_json, scenario, setting, outcome, words):
+    code, out, err = vttig("simulate", scenario, "--set", setting)
+    assert (code, err) == (0, "")
+    assert words in out and "nan" not in out
+    code, record = vttig_json("simulate", scenario, "--set", setting)
+    assert (code, record["metrics"]["outcome"]) == (0, outcome)
+    assert words in record["remarks"][0]
+
+
+def test_trace_and_figure_of_one_run(vttig, vttig_json, scenario, elsewhere):
+    files = ("--trace", "new/trace.csv", "--figure", "run.png")
+    code, record = vttig_json("simulate", scenario, *files)
+    assert code == 0
+    assert Path("run.png").read_bytes().startswith(b"\x89PNG")
+    table = rows_of(Path("new/trace.csv"))
+    assert table.dtype.names == COLUMNS
+    assert len(table) == record["samples"] == 5401
+    shown = table["te_shown_deg"] - table["te_shown_deg"][0]
+    assert shown.max() == pytest.approx(record["metrics"]["te_max_deg"], abs=1e-8)
+    assert shown.mean() == pytest.approx(record["metrics"]["te_mean_deg"], abs=1e-8)
+    first = table[table["command_mm"] > 0][0]
+    assert first["driving_deg"] == pytest.approx(record["metrics"]["detection_deg"], abs=1e-6)
+    assert (table["te_deg"] >= table["flank_a_deg"] - 1e-9).all()
+    assert (table["te_deg"] <= table["flank_b_deg"] + 1e-9).all()
+
+    code, _, err = vttig("simulate", scenario, *files)
+    assert code == 2 and "new/trace.csv: already exists; add --overwrite" in err
+    assert vttig("simulate", scenario, *files[:2], "--every", 7, "--overwrite")[0] == 0
+    np.testing.assert_array_equal(rows_of(Path("new/trace.csv")), table[::7])
+
+
+def test_the_trace_ends_where_the_drive_blocks(vttig_json, scenario, elsewhere):
+    blocks = ("--set", "mesh.friction_coefficient=0.1")
+    _, record = vttig_json("simulate", scenario, *blocks, "--trace", "trace.csv")
+    last = rows_of(Path("trace.csv"))["time_s"][-1]
+    assert 0 <= record["blocked_s"] - last < 0.002
+    assert record["blocked_s"] < record["duration_s"] / 2
+
+
+def test_a_recorded_motion_lies_beside_the_scenario(vttig, scenario, elsewhere, monkeypatch):
+    built = []
+
+    def run(case, *_):
+        built.append(case)
+        raise KeyboardInterrupt  # what a run costs is spared
+
+    monkeypatch.setattr(simulate_module, "run", run)
+    motion = scenario.parent / "gears" / "motion.csv"
+    motion.write_text("time_s,driving_deg\n0,0\n1,90\n2,180\n3,90\n4,0\n")
+    settings = ("motion.kind=recorded", "motion.file=gears/motion.csv")
+    assert vttig("simulate", scenario, "--set", settings[0], "--set", settings[1])[0] == 130
+    (case,) = built
+    assert case.motion.duration_s == 4.0
+    assert float(case.motion.at(2.0).angle) == pytest.approx(np.pi)
+
+
+def test_print_defaults_is_a_scenario_of_all_keys_and_needs_no_jax(vttig):
+    assert vttig("simulate", "--print-defaults") == (0, default_toml(), "")
+    code = "import sys\nfrom vttig_jax.cli.main import main\nmain(['simulate', {}])\n"
+    code += "print('jax' in sys.modules)"
+    for options, loaded in (("'--print-defaults'", "False"), ("'none.toml'", "False")):
+        command = [sys.executable, "-c", code.format(options)]
+        done = subprocess.run(command, capture_output=True, text=True, check=True)
+        assert done.stdout.splitlines()[-1] == loaded
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("720", 720),
+        ("7.2e2", 720.0),
+        ("none", "none"),
+        ('"none"', "none"),
+        ("true", True),
+        ("[1, 2]", [1, 2]),
+        ("my motion.csv", "my motion.csv"),
+        ("../a.csv", "../a.csv"),
+        ("1,5", "1,5"),
+        ("9" * 5000, "9" * 5000),
+    ],
+)
+def test_a_value_is_toml_or_a_bare_word(text, value):
+    found = _toml_value(text)
+    assert found == value and type(found) is type(value)
+
+
+@pytest.mark.parametrize("text", ['"none', "[1, 2", "{a = 1", "1\nother = 2", "a\nb"])
+def test_what_is_neither_is_refused(text):
+    with pytest.raises(ValueError, match=r".+"):
+        _toml_value(text)
+
+
+@pytest.mark.parametrize(
+    ("periods", "every", "draws", "kept"),
+    [
+        (5e3, 0, False, 0),
+        (5e3, 0, True, 1),
+        (5e3, 7, False, 7),
+        (5e3, 7, True, 1),
+        (6e6, 0, True, 6),
+        (6e6, 4, True, 2),
+        (6e9, 600, False, 600),
+    ],
+)
+def test_one_run_serves_trace_and_figure(periods, every, draws, kept):
+    assert _stride(periods, every, draws) == kept
+
+
+def test_a_trace_beyond_any_disk_is_refused():
+    with pytest.raises(UsageError, match="thin it out with --every 300"):
+        _stride(6e9, 299, False)
+
+
+@pytest.mark.parametrize(
+    ("options", "code", "words"),
+    [
+        ("", 2, "SCENARIO is missing; --print-defaults prints one"),
+        ("none.toml", 3, "none.toml: no such file"),
+        ("gears", 3, "gears: this is a folder"),
+        ("S --print-defaults --json", 2, "leave out --json, SCENARIO"),
+        ("S --set reversal_deg=9", 2, "did you mean `motion.reversal_deg`?"),
+        ("S --set motion.reversal_deg=20", 2, "--set motion.reversal_deg: 20 lies inside"),
+        ("S --set motion.speed_rpm=6e4", 2, "with --set: motion.reversal_deg: 720 lies inside"),
+        ("S --set motion.reversal_deg=nan", 2, "--set motion.reversal_deg: expected float"),
+        ("S --set controller=acc", 2, "--set controller: expected 'acceleration' or"),
+        ("S --set seed=1.5", 2, "--set seed: expected int"),
+        ("S --set seed", 2, "'seed' is not of the form key=value"),
+        ("S --set seed=", 2, "not of the form key=value"),
+        ("S --set controller=[none", 2, "the value of 'controller' is no TOML"),
+        ("S --set seed=1 --set seed=2", 2, "--set seed is given twice"),
+        ("S --set pair=no.toml", 3, "pair: there is no file no.toml"),
+        ("S --set motion.kind=recorded --set motion.file=no.csv", 3, "no.csv: no such file"),
+        ("S --set motion.kind=recorded --set motion.file=gears", 3, "gears: this is a folder"),
+        ("S --every 3", 2, "--every thins out the rows of --trace"),
+        ("S --trace gears", 2, "gears: --trace is a folder"),
+        ("S --trace trace.txt", 2, "choose a name that ends with .csv"),
+        ("S --figure run.pdf", 2, "choose a name that ends with .png"),
+        ("S --trace S/trace.csv", 3, "a file is in the way of this folder"),
+    ],
+)
+def test_bad_calls_end_in_one_sentence(vttig, scenario, monkeypatch, options, code, words):
+    monkeypatch.chdir(scenario.parent)
+    before = names(scenario.parent)
+    arguments = [part.replace("S", "scenario.toml") for part in options.split()]
+    found, out, err = vttig("simulate", *arguments)
+    assert found == code
+    assert words in err
+    assert len(err.strip().splitlines()) == 1
+    assert out == "" or json.loads(out)["exit"] == code
+    assert names(scenario.parent) == before
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("reversal_deg", "reversal_dg", "scenario.toml: motion.reversal_dg: unknown key"),
+        ("720.0", "nan", "scenario.toml: motion.reversal_deg: expected float"),
+        ("720.0", "20", "scenario.toml: motion.reversal_deg: 20 lies inside the ramps"),
+        ("0.2\n", "0.2\n[sweep]\nseed = [1, 2]", "scenario.toml: sweep: this file holds many"),
+        ("gears/pair", "drive", "scenario.toml: pair: names a [drive] without gears"),
+        ("gears/pair", "spur", "scenario.toml: pair: the helix angles of flank A and B add up"),
+    ],
+)
+def test_a_bad_scenario_is_named_with_its_key(vttig, scenario, monkeypatch, old, new, words):
+    folder = scenario.parent
+    monkeypatch.chdir(folder)
+    (folder / "drive.toml").write_text('[drive]\nratio = "1/2"\n')
+    gears = (folder / "gears" / "pair.toml").read_text()
+    (folder / "spur.toml").write_text(gears.replace("_deg = 3.0", "_deg = 0.0"))
+    scenario.write_text(SCENARIO.replace(old, new))
+    code, out, err = vttig("simulate", "scenario.toml")
+    assert (code, out) == (3, "")
+    assert words in err
+
+
+def test_interrupted_it_writes_nothing(vttig, scenario, elsewhere, monkeypatch):
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(simulate_module, "run", interrupted)
+    code, out, err = vttig("simulate", scenario, "--trace", "trace.csv")
+    assert (code, out) == (130, "") and "interrupted" in err
+    assert names(elsewhere) == set()

@@ -1,0 +1,22 @@
+"""Points of a motion for many tests at one price."""
+
+from typing import Any
+
+import numpy as np
+
+from vttig_jax.control.motion import MotionPoint
+
+ROOM = 4096
+
+
+def at(motion: Any, time: Any) -> MotionPoint:
+    """Point of a motion at any times as NumPy arrays.
+
+    JAX always sees the same shape, so that every operation is compiled once for all motions.
+    """
+    time = np.asarray(time, float)
+    flat = time.ravel()
+    blocks = [flat[start : start + ROOM] for start in range(0, flat.size, ROOM)]
+    points = [motion.at(np.pad(block, (0, ROOM - block.size))) for block in blocks]
+    joined = (np.concatenate(parts)[: flat.size] for parts in zip(*points, strict=True))
+    return MotionPoint(*(part.reshape(time.shape) for part in joined))  # pyright: ignore

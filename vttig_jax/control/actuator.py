@@ -1,0 +1,106 @@
+"""The linear actuator that slides gear 2: it follows its command within speed, force and stroke."""
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+from jax.typing import ArrayLike
+from jaxtyping import Array, Bool, Float
+
+from ..base.arrays import Number, Numbers, float64
+from .plant import Slide
+
+
+class Carriage(NamedTuple):
+    """Where the actuator is.
+
+    - `wanted`, `rate`: where it would be with nothing in its way, mm and mm/s.
+    - `reached`: where it is; the closed gap may hold it back, mm.
+    - `queue`: commands on their way, the oldest first, mm.
+    """
+
+    wanted: Float[Array, ""]
+    rate: Float[Array, ""]
+    reached: Float[Array, ""]
+    queue: Float[Array, " periods"]
+
+
+class Actuator(eqx.Module):
+    """Trapezoidal positioning with a transport delay.
+
+    It speeds up and brakes with one acceleration and stops on the command, rounded to its
+    resolution. Where the gap is closed it stalls, and is pushed back as the gap shrinks: `wanted`
+    goes on, `reached` does not. Where the teeth cannot push it back the drive blocks instead.
+
+    **Arguments**
+    - `speed`, `acceleration`: mm/s, mm/s². - `resolution`: mm; 0 for none. - `stroke`: mm.
+    - `yields`: whether the drive can push it back; see `pushed_back`.
+    - `delay`: in whole periods of the controller.
+    - `periods`: length of the queue, at least `delay` and 1.
+    """
+
+    speed: Float[Number, ""] = eqx.field(converter=float64)
+    acceleration: Float[Number, ""] = eqx.field(converter=float64)
+    stroke: Float[Number, ""] = eqx.field(converter=float64)
+    resolution: Float[Number, ""] = eqx.field(converter=float64)
+    delay: Float[Number, ""] = eqx.field(converter=float64)
+    yields: Bool[Numbers, ""]
+    periods: int = eqx.field(static=True)
+
+    def at_rest(self) -> Carriage:
+        """Fully open, no command given."""
+        zero = jnp.zeros(())
+        return Carriage(zero, zero, zero, jnp.zeros(self.periods))
+
+    def commanded(
+        self, carriage: Carriage, command: Float[Array, ""]
+    ) -> tuple[Carriage, Float[Array, ""]]:
+        """Take a command in mm and give the one that arrives now, within stroke and resolution."""
+        queue = jnp.append(carriage.queue, command)
+        # The queue ends with the newest.
+        ripe = jnp.arange(self.periods + 1) == self.periods - jnp.asarray(self.delay)
+        arrived = jnp.clip(jnp.sum(jnp.where(ripe, queue, 0.0)), 0.0, self.stroke)
+        fine = jnp.asarray(self.resolution)
+        rounded = jnp.floor(arrived / jnp.where(fine > 0, fine, 1.0)) * fine
+        return carriage._replace(queue=queue[1:]), jnp.where(fine > 0, rounded, arrived)
+
+    def step(
+        self,
+        carriage: Carriage,
+        target: Float[Array, ""],
+        closed: Float[Array, ""],
+        step: Float[Array, ""],
+    ) -> tuple[Carriage, Slide, Bool[Array, ""]]:
+        """Slide for a step of s towards a target in mm, up to where the gap is `closed` after it.
+
+        **Returns** the carriage, its way, and whether the drive is blocked: the gap has shrunk
+        below what the carriage holds, and it does not yield.
+        """
+        ahead = target - carriage.wanted
+        # The speed from which it stops on the target, braking fully from the next step on: m more
+        # steps bring it from v to zero over step (v + (v − b) + … + (v − m b)).
+        brake = self.acceleration * step
+        more = jnp.floor(0.5 * (jnp.sqrt(1 + 8 * jnp.abs(ahead) / (brake * step)) - 1))
+        stops = (jnp.abs(ahead) / step + 0.5 * brake * more * (more + 1)) / (more + 1)
+        fastest = jnp.minimum(self.speed, stops)
+        rate = carriage.rate + jnp.clip(jnp.sign(ahead) * fastest - carriage.rate, -brake, brake)
+        wanted = carriage.wanted + step * rate
+        reached = jnp.minimum(wanted, jnp.maximum(closed, 0.0))
+        blocked = ~jnp.asarray(self.yields) & (reached < jnp.minimum(carriage.reached, wanted))
+        moved = (reached - carriage.reached) / step
+        slide = Slide(carriage.reached, reached, moved, moved)
+        return Carriage(wanted, rate, reached, carriage.queue), slide, blocked
+
+
+def pushed_back(
+    taper: Float[ArrayLike, "*shape 2"], friction: Float[ArrayLike, "*shape"]
+) -> Bool[Array, "*shape"]:
+    """Can the teeth, wedged between both flanks, push the actuator back?
+
+    A flank pressed with F leaves F (tan β − μ) along the axis: with μ ≥ tan β the wedge locks
+    itself. A shaft that follows its motion whatever it takes overcomes any actuator otherwise.
+
+    **Arguments**
+    - `taper`: tan β of both flanks. - `friction`: coefficient μ of the flanks.
+    """
+    return jnp.max(jnp.abs(jnp.asarray(taper)), axis=-1) > jnp.asarray(friction)

@@ -1,0 +1,197 @@
+"""Where the driven gear may stand: the two flanks as harmonics of both shafts, with their slopes.
+
+A reversal is simulated in the offset x = φ₂ − i φ₁, bounded by flank A from below, by B from above:
+
+    TE_A(φ₁) + s tan β_L/R₂  ≤  x  ≤  TE_B(φ₁) − s tan β_R/R₂
+
+An exact flank model is implicit in φ₂ and too slow for the inside of a scan. In contact it is a
+function of φ₁ alone whose spectrum is known, n₁ + n₂ i cycles a turn, so it is written once as
+
+    TE_f(φ₁) = Re Σ_t c_ft exp(j (n₁ φ₁ + n₂ i φ₁))
+
+and from then on costs one sincos of φ₁ and one of i φ₁, whatever the number of harmonics.
+"""
+
+import itertools
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Complex, Float
+
+from ..base.arrays import Numbers, float64
+from ..base.sincos import sincos
+from ..kinematics.closed import ClosedModel
+from ..kinematics.fixed_point import fixed_point
+from ..kinematics.flank_model import FlankModel
+from ..kinematics.implicit_model import ImplicitModel
+from ..kinematics.orders import Term
+
+_LEAST = 1e-12
+"""rad below which a harmonic is left out."""
+
+_MIXED = 3
+"""Sum of the orders of both shafts from which on eccentricities leave less than 1e-12 rad."""
+
+
+class Flanks(NamedTuple):
+    """TE of flank A and B in rad, and their slopes dTE/dφ₁."""
+
+    lower: Float[Array, "*shape"]
+    upper: Float[Array, "*shape"]
+    lower_slope: Float[Array, "*shape"]
+    upper_slope: Float[Array, "*shape"]
+
+
+class Bounds(eqx.Module):
+    """Both flanks as harmonics of the driving angle.
+
+    **Arguments**
+    - `ratio`: i.
+    - `offset`: mean TE of flank A and B, rad.
+    - `cosine`, `sine`: rad, shape (2, terms), of cos and sin (n₁ φ₁ + n₂ i φ₁).
+    - `closing`: rad of TE by which a mm of axial displacement moves flank A up and flank B down,
+      tan β_L/R₂ and tan β_R/R₂.
+    - `terms`: (n₁, n₂) of every harmonic.
+    """
+
+    ratio: Float[Numbers, ""] = eqx.field(converter=float64)
+    offset: Float[Numbers, "2"] = eqx.field(converter=float64)
+    cosine: Float[Numbers, "2 terms"] = eqx.field(converter=float64)
+    sine: Float[Numbers, "2 terms"] = eqx.field(converter=float64)
+    closing: Float[Numbers, "2"] = eqx.field(converter=float64)
+    terms: tuple[Term, ...] = eqx.field(static=True)
+
+    def at(self, driving_angle: Float[Array, "*shape"]) -> Flanks:
+        """Both flanks at a driving angle, axial displacement zero."""
+        ratio = jnp.asarray(self.ratio)
+        cosine, sine, offset = (jnp.asarray(c) for c in (self.cosine, self.sine, self.offset))
+        waves = _waves(self.terms, driving_angle, ratio * driving_angle)
+        lower, upper = offset[0] + 0 * driving_angle, offset[1] + 0 * driving_angle
+        lower_slope = upper_slope = 0 * driving_angle
+        for place, (term, (wave_sine, wave_cosine)) in enumerate(
+            zip(self.terms, waves, strict=True)
+        ):
+            cycles = term[0] + term[1] * ratio
+            lower += cosine[0, place] * wave_cosine + sine[0, place] * wave_sine
+            upper += cosine[1, place] * wave_cosine + sine[1, place] * wave_sine
+            lower_slope += cycles * (sine[0, place] * wave_cosine - cosine[0, place] * wave_sine)
+            upper_slope += cycles * (sine[1, place] * wave_cosine - cosine[1, place] * wave_sine)
+        return Flanks(lower, upper, lower_slope, upper_slope)
+
+    def gap(self, driving_angle: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
+        """Backlash j = TE_B − TE_A, rad, axial displacement zero."""
+        flanks = self.at(driving_angle)
+        return flanks.upper - flanks.lower
+
+    @property
+    def closing_sum(self) -> Float[Array, ""]:
+        """rad of backlash that a mm of axial displacement takes up, (16)."""
+        return jnp.sum(jnp.asarray(self.closing))
+
+
+def bounds_of(
+    model: FlankModel,
+    closing: Float[Numbers, "2"],
+    highest: tuple[int, int] | None = None,
+) -> Bounds:
+    """The harmonics of a closed or implicit flank model.
+
+    On a torus of both angles the relation is periodic in each; its two-dimensional Fourier series
+    on enough points is exact to rounding.
+
+    **Arguments**
+    - `highest`: order of each shaft up to which harmonics above 1e-12 rad are taken. By default
+      all with |n₁| + |n₂| ≤ 3 are, what two eccentricities make of each other: the same for any
+      eccentricities, so that rigs share one compiled program.
+
+    **Raises** `ValueError` for a model that is neither closed nor implicit.
+    """
+    if isinstance(model, ClosedModel):
+        phasors: Any = np.stack([model.driving_phasor, model.driven_phasor], axis=1)
+        return Bounds(
+            model.ratio, model.offset, phasors.imag, phasors.real, closing, ((1, 0), (0, 1))
+        )
+    if not isinstance(model, ImplicitModel):
+        raise ValueError(
+            f"Argument `model` must be a closed or implicit flank model, but is {type(model)}."
+        )
+    most = highest or (_MIXED, _MIXED)
+    spectrum: Any = _spectrum(model, most)
+    terms = tuple(
+        (first, second)
+        for first, second in _half_plane(most)
+        if (
+            np.abs(spectrum[:, first, second]).max() > _LEAST
+            if highest
+            else abs(first) + abs(second) <= _MIXED
+        )
+    )
+    kept: Any = np.stack([spectrum[:, first, second] for first, second in terms], axis=1)
+    return Bounds(
+        model.ratio, spectrum[:, 0, 0].real, 2 * kept.real, -2 * kept.imag, closing, terms
+    )
+
+
+def _spectrum(model: ImplicitModel, most: tuple[int, int]) -> Complex[np.ndarray, "2 n1 n2"]:
+    """Fourier coefficients over both angles, flank by flank; negative orders wrap around."""
+    counts = [4 * order + 4 for order in most]
+    first, second = np.meshgrid(
+        *(2 * np.pi * np.arange(count) / count for count in counts), indexing="ij"
+    )
+    values = [np.asarray(step((model, first, second))) for step in (_on_torus_a, _on_torus_b)]
+    return np.fft.fft2(np.stack(values)) / (counts[0] * counts[1])
+
+
+def _half_plane(most: tuple[int, int]) -> list[Term]:
+    """Orders of both shafts, without the constant and without those that only change the sign."""
+    orders = itertools.product(range(most[0] + 1), range(-most[1], most[1] + 1))
+    return [(first, second) for first, second in orders if first > 0 or second > 0]
+
+
+@jax.jit
+def _on_torus_a(args):
+    return fixed_point(_step_a, args)
+
+
+@jax.jit
+def _on_torus_b(args):
+    return fixed_point(_step_b, args)
+
+
+def _step_a(error, args):
+    model, driving, ideal = args
+    return model.at_both_angles(driving, ideal + error, "A")
+
+
+def _step_b(error, args):
+    model, driving, ideal = args
+    return model.at_both_angles(driving, ideal + error, "B")
+
+
+def _waves(terms: tuple[Term, ...], driving: Array, driven: Array) -> list[Any]:
+    """(sin, cos) of every n₁ driving + n₂ driven from one sincos of each, by angle addition."""
+    powers = ({0: None, 1: sincos(driving)}, {0: None, 1: sincos(driven)})
+    return [_times(_power(powers[0], first), _power(powers[1], second)) for first, second in terms]
+
+
+def _power(known: dict, order: int):
+    """(sin, cos) of `order` times the angle of known[1]; None for order 0, a turn by nothing."""
+    if order < 0:
+        sine, cosine = _power(known, -order)
+        return -sine, cosine
+    if order not in known:
+        known[order] = _times(_power(known, order // 2), _power(known, order - order // 2))
+    return known[order]
+
+
+def _times(first, second):
+    """(sin, cos) of a sum of two angles."""
+    if first is None or second is None:
+        return first or second
+    return (
+        first[0] * second[1] + first[1] * second[0],
+        first[1] * second[1] - first[0] * second[0],
+    )

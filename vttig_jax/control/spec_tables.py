@@ -1,0 +1,208 @@
+"""The tables of a scenario file: every key with its default, bounds, unit and meaning.
+
+Needs no jax. Bounds keep infinity and not-a-number out. Meanings and units are ASCII: they are
+printed into a file that is read back as UTF-8 whatever the terminal writes.
+"""
+
+from typing import Annotated, Literal
+
+from ..base.toml_file import Table
+from ..base.toml_keys import key
+
+Plant = Literal["play", "rigid", "elastic"]
+Controller = Literal["none", "acceleration", "predictive"]
+Flanks = Literal["exact", "closed"]
+MotionKind = Literal["trapezoid", "s_curve", "sine", "recorded"]
+Event = Literal["reversal", "slow_down", "aborted", "emergency_stop"]
+Observer = Literal["alpha_beta_gamma", "difference"]
+
+_ANY = {"ge": -1e6, "le": 1e6}
+_POSITIVE = {"gt": 0, "le": 1e9}
+_NOT_NEGATIVE = {"ge": 0, "le": 1e9}
+
+
+class EccentricityTable(Table, frozen=True):
+    """`[eccentricities]`: the rig; no defaults, the examples are Table 2 of the paper."""
+
+    driving_mm: Annotated[
+        float, key("eccentricity of the driving gear", "mm", ge=0, le=1e3, examples=[0.0226])
+    ]
+    driving_phase_deg: Annotated[
+        float,
+        key("its angle from the line of centres at angle 0", "deg", **_ANY, examples=[49.5]),
+    ]
+    driven_mm: Annotated[
+        float, key("eccentricity of the driven gear", "mm", ge=0, le=1e3, examples=[0.0273])
+    ]
+    driven_phase_deg: Annotated[
+        float,
+        key("its angle from the line of centres at angle 0", "deg", **_ANY, examples=[79.3]),
+    ]
+    constant_backlash_deg: Annotated[
+        float,
+        key(
+            "backlash without eccentricities, angle of the driven gear",
+            "deg",
+            ge=0,
+            le=90,
+            examples=[0.038],
+        ),
+    ]
+
+
+class MotionTable(Table, frozen=True):
+    """`[motion]`: what the driving shaft is to do."""
+
+    kind: Annotated[MotionKind, key("shape of the speed; recorded: that of `file`")] = "trapezoid"
+    event: Annotated[Event, key("a turn, or what comes instead of it or before it")] = "reversal"
+    speed_rpm: Annotated[
+        float, key("steady speed of the driving shaft; sine: its highest", "rpm", gt=0, le=1e6)
+    ] = 60.0
+    reversal_deg: Annotated[
+        float, key("driving angle of the turn; slow_down: of the end", "deg", **_POSITIVE)
+    ] = 7560.0
+    dwell_s: Annotated[
+        float,
+        key("standstill at both ends; slow_down: time at the slow speed too", "s", ge=0, le=1e6),
+    ] = 2.0
+    ramp_s: Annotated[float, key("time between standstill and steady speed", "s", gt=0, le=1e6)] = (
+        0.5
+    )
+    slow_share: Annotated[
+        float, key("slow_down, aborted: share of the speed that is kept", "1", gt=0, lt=1)
+    ] = 0.3
+    stop_s: Annotated[float, key("emergency_stop: time of the stop", "s", gt=0, le=1e6)] = 0.05
+    file: Annotated[
+        str, key("recorded: CSV with time_s and driving_deg, relative to the scenario")
+    ] = ""
+
+
+class InertiaTable(Table, frozen=True):
+    """`[inertia]`: moment of inertia of the driven shaft with all that turns with it."""
+
+    driven_kgm2: Annotated[float, key("of the driven shaft", "kg m^2", **_POSITIVE)] = 0.01
+
+
+class FrictionTable(Table, frozen=True):
+    """`[friction]`: of the driven shaft."""
+
+    coulomb_Nm: Annotated[float, key("dry friction while it turns", "N m", **_NOT_NEGATIVE)] = 0.1
+    viscous_Nms: Annotated[
+        float, key("torque per speed of the driven shaft", "N m s/rad", **_NOT_NEGATIVE)
+    ] = 0.0
+    stribeck_Nm: Annotated[
+        float, key("excess of the dry friction at standstill", "N m", **_NOT_NEGATIVE)
+    ] = 0.0
+    stribeck_rad_s: Annotated[
+        float, key("speed over which the excess fades", "rad/s", **_POSITIVE)
+    ] = 0.1
+
+
+class LoadTable(Table, frozen=True):
+    """`[load]`: what the driven shaft has to move besides itself."""
+
+    torque_Nm: Annotated[
+        float,
+        key("constant drag on the driven shaft; positive opposes forward motion", "N m", **_ANY),
+    ] = 0.0
+
+
+class MeshTable(Table, frozen=True):
+    """`[mesh]`: contact of the flanks."""
+
+    restitution: Annotated[
+        float, key("rigid: speed after an impact over that before", "1", ge=0, le=1)
+    ] = 0.3
+    stiffness_N_mm_um: Annotated[
+        float,
+        key("elastic: mesh stiffness per face width, ISO 6336", "N/(mm um)", **_POSITIVE),
+    ] = 20.0
+    damping_ratio: Annotated[
+        float, key("elastic: damping over critical damping", "1", ge=0, le=100)
+    ] = 0.1
+    friction_coefficient: Annotated[
+        float, key("coefficient of friction between the flanks", "1", ge=0, le=10)
+    ] = 0.0
+
+
+class EncoderTable(Table, frozen=True):
+    """`[driving_encoder]`, `[driven_encoder]`: how a shaft's angle is read."""
+
+    counts_per_rev: (
+        Annotated[
+            int,
+            key(
+                "left out: that of the pair file; 0: not quantised",
+                "counts",
+                ge=0,
+                le=2**40,
+                examples=[90000],
+            ),
+        ]
+        | None
+    ) = None
+    amplitude_arcsec: Annotated[
+        float, key("error once per revolution", "arcsec", ge=0, le=648_000)
+    ] = 0.0
+    phase_deg: Annotated[float, key("phase of that error", "deg", **_ANY)] = 0.0
+    noise_arcsec: Annotated[
+        float, key("standard deviation of white noise", "arcsec", ge=0, le=648_000)
+    ] = 0.0
+
+
+class ActuatorTable(Table, frozen=True):
+    """`[actuator]`: what shifts the driven gear along its axis."""
+
+    speed_mm_s: Annotated[float, key("largest speed", "mm/s", **_POSITIVE)] = 20.0
+    acceleration_mm_s2: Annotated[float, key("largest acceleration", "mm/s^2", **_POSITIVE)] = (
+        2000.0
+    )
+    resolution_mm: Annotated[float, key("smallest step; 0: continuous", "mm", ge=0, le=1e3)] = 0.0
+    delay_s: Annotated[
+        float, key("dead time before it moves, whole periods", "s", ge=0, le=1e3)
+    ] = 0.0
+    stroke_mm: Annotated[float, key("largest shift", "mm", gt=0, le=1e5)] = 10.0
+
+
+class JudgementTable(Table, frozen=True):
+    """`[judgement]`: how the controller sees that a reversal begins."""
+
+    observer: Annotated[Observer, key("how speed and acceleration are got from the encoder")] = (
+        "alpha_beta_gamma"
+    )
+    bandwidth_hz: Annotated[float, key("of the observer", "Hz", **_POSITIVE)] = 20.0
+    threshold_rad_s2: Annotated[
+        float, key("acceleration: deceleration that counts as a reversal", "rad/s^2", **_POSITIVE)
+    ] = 1.0
+    least_rpm: Annotated[
+        float,
+        key(
+            "below it acceleration judges nothing, predictive closes",
+            "rpm",
+            **_POSITIVE,
+        ),
+    ] = 3.0
+    horizon_s: Annotated[
+        float, key("predictive: closes when the shaft is to stop within it", "s", **_POSITIVE)
+    ] = 0.3
+    margin_mm: Annotated[
+        float, key("part of the closing shift that is left open", "mm", ge=-1e3, le=1e3)
+    ] = 0.01
+
+
+class SamplingTable(Table, frozen=True):
+    """`[sampling]`: rates of controller and plant."""
+
+    controller_hz: Annotated[float, key("steps of the controller", "Hz", gt=0, le=1e7)] = 1000.0
+    plant_hz: Annotated[
+        float,
+        key("steps of the plant, a whole multiple; 0: those of the controller", "Hz", ge=0, le=1e9),
+    ] = 0.0
+
+
+class RigDraws(Table, frozen=True, rename={"run": "from"}):
+    """`rig` of a sweep file: rigs drawn from a posterior, instead of `[eccentricities]`."""
+
+    run: Annotated[str, key("run folder that holds posterior.h5", min_length=1, examples=["RUN"])]
+    draws: Annotated[int, key("number of draws", "1", ge=1, le=10**7)] = 200
+    seed: Annotated[int, key("which draws", "1", ge=0, le=2**32 - 1)] = 0
