@@ -7,6 +7,8 @@ The law has four pieces: `free` (p < 0), `stiff` (2 c p: the damper at its limit
 `both` (c p + d ṗ) and `loose` (0: the damper at its limit, on the way out). Friction adds two
 senses of slip and `stick`. Within a piece everything is smooth; its ends are events of the solver,
 which works in x and ẋ: small numbers keep its relative tolerance meaningful.
+
+A damper without limit, F = max(0, c p + d ṗ) where p > 0, is the law that MuJoCo's limits come to.
 """
 
 from collections.abc import Sequence
@@ -29,7 +31,10 @@ _FIRST = 1e-6
 
 @dataclass(frozen=True)
 class Contact:
-    """What the driven shaft feels; torques N m, inertia kg m², stiffness N m/rad."""
+    """What the driven shaft feels; torques N m, inertia kg m², stiffness N m/rad.
+
+    `limited`: the damper gives at most what the spring does.
+    """
 
     walls: tuple[Wall, Wall]
     motion: Corners
@@ -40,6 +45,7 @@ class Contact:
     coulomb: float = 0.0
     viscous: float = 0.0
     load: float = 0.0
+    limited: bool = True
 
     def depth(self, side: int, time: float, place: Place) -> tuple[float, float]:
         """(p, ṗ) of flank A (0) or B (1); place: (x, ẋ)."""
@@ -99,7 +105,7 @@ def integrate(
     start: tuple[float, float],
     times: np.ndarray,
     rtol: float = 1e-10,
-    atol: float = 1e-15,
+    atol: tuple[float, float] = (1e-15, 1e-12),
 ) -> Path:
     """Follow the driven shaft from (x, ẋ) at times[0]; corners of the motion are waited for."""
     stops = [t for t in contact.motion.times if times[0] < t < times[-1]] + [float(times[-1])]
@@ -134,8 +140,9 @@ def integrate(
                 path = np.concatenate(found, axis=1)
                 assert path.shape[1] == len(times)
                 return Path(path[0], path[1], pieces)
-            if mode.slip == 0:
-                mode = Mode(mode.a, mode.b, _slip(contact, mode, time, place))
+        if mode.slip == 0:
+            # What has changed may tear it loose.
+            mode = Mode(mode.a, mode.b, _slip(contact, mode, time, place))
         if mode.slip == 0:
             place = np.array([place[0], place[1] - contact.turning(time, place)])
         pieces.append((time, mode))
@@ -170,7 +177,7 @@ def _first_mode(contact: Contact, time: float, place: np.ndarray) -> Mode:
             sides.append("free")
         else:
             near = "both" if damper > -spring else "loose"
-            sides.append("stiff" if damper > spring else near)
+            sides.append("stiff" if contact.limited and damper > spring else near)
     a, b = sides
     turning = contact.turning(time, place)
     return Mode(a, b, int(np.sign(turning)) or _slip(contact, Mode(a, b, 1), time, place))
@@ -232,10 +239,11 @@ def _ends(contact: Contact, side: int, piece: str):
         p, w = contact.depth(side, time, place)
         return c * p - d * w
 
-    damped = d > 0
+    damped, limited = d > 0, d > 0 and contact.limited
+    limit = [(most, -1, "stiff")] if limited else []
     return {
-        "free": [(depth, 1, "stiff" if damped else "both")],
+        "free": [(depth, 1, "stiff" if limited else "both")],
         "stiff": [(most, 1, "both")],
-        "both": [(most, -1, "stiff"), (least, -1, "loose")] if damped else [(depth, -1, "free")],
+        "both": [*limit, (least, -1, "loose")] if damped else [(depth, -1, "free")],
         "loose": [(depth, -1, "free"), (least, 1, "both")],
     }[piece]

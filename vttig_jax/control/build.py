@@ -18,7 +18,7 @@ from .actuator import Actuator, pushed_back
 from .bounds import Bounds, bounds_of
 from .case import Case
 from .controller import Controller, NoController
-from .elastic_teeth import ElasticPlant, largest_step, mesh_stiffness
+from .elastic_plant import ElasticPlant, largest_step, mesh_stiffness
 from .motion import Motion
 from .observer import AlphaBetaGamma, FilteredDifference, Observer
 from .pieces import motion_of
