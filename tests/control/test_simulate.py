@@ -130,7 +130,7 @@ def test_the_way_of_the_actuator_is_that_of_the_trace(values):
 def test_the_flanks_of_the_trace_are_as_far_apart_as_the_gap_less_the_shift(traced):
     samples = samples_of(traced)
     left = exact_gap(samples.driving) - CLOSING * samples.reached
-    np.testing.assert_allclose(samples.upper - samples.lower, left, atol=1e-10)
+    np.testing.assert_allclose(samples.upper - samples.lower, left, atol=5e-10)
     assert np.all(samples.error >= samples.lower - 1e-15)
     assert np.all(samples.error <= samples.upper + 1e-15)
 

@@ -47,6 +47,6 @@ class AccelerationController(Controller):
         along = jnp.sign(seen.speed) * seen.acceleration
         slows, gains = moving & (along < -self.threshold), moving & (along > self.threshold)
         closing = slows | (state.closing & ~gains)
-        asked = self.bounds.gap(seen.driving) / self.bounds.closing_sum - self.margin
+        asked = self.bounds.gap(seen.driving) * (1.0 / self.bounds.closing_sum) - self.margin
         shift = jnp.where(closing & ~state.closing, jnp.maximum(asked, 0.0), state.shift)
         return Judged(closing, shift), jnp.where(closing, shift, 0.0)

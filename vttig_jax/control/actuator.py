@@ -79,17 +79,18 @@ class Actuator(eqx.Module):
         ahead = target - carriage.wanted
         # The speed from which it stops on the target, braking fully from the next step on: m more
         # steps bring it from v to zero over step (v + (v − b) + … + (v − m b)).
-        brake = self.acceleration * step
-        more = jnp.floor(0.5 * (jnp.sqrt(1 + 8 * jnp.abs(ahead) / (brake * step)) - 1))
-        stops = (jnp.abs(ahead) / step + 0.5 * brake * more * (more + 1)) / (more + 1)
+        brake, rate = self.acceleration * step, 1.0 / step
+        more = jnp.floor(0.5 * (jnp.sqrt(1 + jnp.abs(ahead) * (8 * rate / brake)) - 1))
+        stops = jnp.abs(ahead) * rate / (more + 1) + 0.5 * brake * more
         fastest = jnp.minimum(self.speed, stops)
-        rate = carriage.rate + jnp.clip(jnp.sign(ahead) * fastest - carriage.rate, -brake, brake)
-        wanted = carriage.wanted + step * rate
+        change = jnp.sign(ahead) * fastest - carriage.rate
+        speed = carriage.rate + jnp.clip(change, -brake, brake)
+        wanted = carriage.wanted + step * speed
         reached = jnp.minimum(wanted, jnp.maximum(closed, 0.0))
         blocked = ~jnp.asarray(self.yields) & (reached < jnp.minimum(carriage.reached, wanted))
-        moved = (reached - carriage.reached) / step
+        moved = (reached - carriage.reached) * rate
         slide = Slide(carriage.reached, reached, moved, moved)
-        return Carriage(wanted, rate, reached, carriage.queue), slide, blocked
+        return Carriage(wanted, speed, reached, carriage.queue), slide, blocked
 
 
 def pushed_back(

@@ -32,8 +32,11 @@ from ..kinematics.orders import Term
 _LEAST = 1e-12
 """rad below which a harmonic is left out."""
 
-_MIXED = 3
-"""Sum of the orders of both shafts from which on eccentricities leave less than 1e-12 rad."""
+_LEFT = 5e-10
+"""rad that all harmonics left out by default may add up to."""
+
+_HIGHEST = 6
+"""Order of each shaft that is looked at by default: eccentricities of a gear reach no further."""
 
 
 class Flanks(NamedTuple):
@@ -67,24 +70,21 @@ class Bounds(eqx.Module):
     def at(self, driving_angle: Float[Array, "*shape"]) -> Flanks:
         """Both flanks at a driving angle, axial displacement zero."""
         ratio = jnp.asarray(self.ratio)
-        cosine, sine, offset = (jnp.asarray(c) for c in (self.cosine, self.sine, self.offset))
         waves = _waves(self.terms, driving_angle, ratio * driving_angle)
-        lower, upper = offset[0] + 0 * driving_angle, offset[1] + 0 * driving_angle
-        lower_slope = upper_slope = 0 * driving_angle
-        for place, (term, (wave_sine, wave_cosine)) in enumerate(
-            zip(self.terms, waves, strict=True)
-        ):
-            cycles = term[0] + term[1] * ratio
-            lower += cosine[0, place] * wave_cosine + sine[0, place] * wave_sine
-            upper += cosine[1, place] * wave_cosine + sine[1, place] * wave_sine
-            lower_slope += cycles * (sine[0, place] * wave_cosine - cosine[0, place] * wave_sine)
-            upper_slope += cycles * (sine[1, place] * wave_cosine - cosine[1, place] * wave_sine)
-        return Flanks(lower, upper, lower_slope, upper_slope)
+        cosine, sine, offset = (jnp.asarray(c) for c in (self.cosine, self.sine, self.offset))
+        cycles = jnp.asarray([first + second * ratio for first, second in self.terms])
+        return Flanks(
+            *(flank + _sum(c, s, waves) for flank, c, s in zip(offset, cosine, sine, strict=True)),
+            *(_sum(cycles * s, -cycles * c, waves) for c, s in zip(cosine, sine, strict=True)),
+        )
 
     def gap(self, driving_angle: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
         """Backlash j = TE_B − TE_A, rad, axial displacement zero."""
-        flanks = self.at(driving_angle)
-        return flanks.upper - flanks.lower
+        waves = _waves(self.terms, driving_angle, jnp.asarray(self.ratio) * driving_angle)
+        cosine, sine, offset = (
+            jnp.asarray(c)[1] - jnp.asarray(c)[0] for c in (self.cosine, self.sine, self.offset)
+        )
+        return offset + _sum(cosine, sine, waves)
 
     @property
     def closing_sum(self) -> Float[Array, ""]:
@@ -104,8 +104,8 @@ def bounds_of(
 
     **Arguments**
     - `highest`: order of each shaft up to which harmonics above 1e-12 rad are taken. By default
-      all with |n₁| + |n₂| ≤ 3 are, what two eccentricities make of each other: the same for any
-      eccentricities, so that rigs share one compiled program.
+      all with |n₁| + |n₂| ≤ n are, n the least that leaves out 5e-10 rad at most: 2 for rigs as
+      the paper's, so that such rigs share one compiled program.
 
     **Raises** `ValueError` for a model that is neither closed nor implicit.
     """
@@ -118,17 +118,12 @@ def bounds_of(
         raise ValueError(
             f"Argument `model` must be a closed or implicit flank model, but is {type(model)}."
         )
-    most = highest or (_MIXED, _MIXED)
-    spectrum: Any = _spectrum(model, most)
-    terms = tuple(
-        (first, second)
-        for first, second in _half_plane(most)
-        if (
-            np.abs(spectrum[:, first, second]).max() > _LEAST
-            if highest
-            else abs(first) + abs(second) <= _MIXED
-        )
-    )
+    spectrum: Any = _spectrum(model, highest or (_HIGHEST, _HIGHEST))
+    if highest:
+        strong = [term for term in _half_plane(highest) if _strength(spectrum, term) > _LEAST]
+        terms = tuple(strong)
+    else:
+        terms = _mixed(spectrum)
     kept: Any = np.stack([spectrum[:, first, second] for first, second in terms], axis=1)
     return Bounds(
         model.ratio, spectrum[:, 0, 0].real, 2 * kept.real, -2 * kept.imag, closing, terms
@@ -149,6 +144,21 @@ def _half_plane(most: tuple[int, int]) -> list[Term]:
     """Orders of both shafts, without the constant and without those that only change the sign."""
     orders = itertools.product(range(most[0] + 1), range(-most[1], most[1] + 1))
     return [(first, second) for first, second in orders if first > 0 or second > 0]
+
+
+def _mixed(spectrum: Any) -> tuple[Term, ...]:
+    """All harmonics up to the least sum of both orders that leaves out little enough."""
+    every = _half_plane((_HIGHEST, _HIGHEST))
+    for highest in range(1, 2 * _HIGHEST):
+        beyond = [term for term in every if abs(term[0]) + abs(term[1]) > highest]
+        if 2 * sum(_strength(spectrum, term) for term in beyond) <= _LEFT:
+            return tuple(term for term in every if term not in beyond)
+    return tuple(every)
+
+
+def _strength(spectrum: Any, term: Term) -> float:
+    """Largest coefficient of a harmonic on either flank, half its amplitude, rad."""
+    return float(np.abs(spectrum[:, term[0], term[1]]).max())
 
 
 @jax.jit
@@ -175,6 +185,14 @@ def _waves(terms: tuple[Term, ...], driving: Array, driven: Array) -> list[Any]:
     """(sin, cos) of every n₁ driving + n₂ driven from one sincos of each, by angle addition."""
     powers = ({0: None, 1: sincos(driving)}, {0: None, 1: sincos(driven)})
     return [_times(_power(powers[0], first), _power(powers[1], second)) for first, second in terms]
+
+
+def _sum(cosine: Array, sine: Array, waves: list[Any]) -> Array:
+    """Σ cosine cos + sine sin over the harmonics."""
+    return sum(
+        cosine[place] * wave_cosine + sine[place] * wave_sine
+        for place, (wave_sine, wave_cosine) in enumerate(waves)
+    )
 
 
 def _power(known: dict, order: int):

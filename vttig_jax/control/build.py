@@ -131,6 +131,7 @@ def _plant(spec: ScenarioSpec, pair: GearPair, step: float) -> Plant:
         spec.friction.stribeck_Nm,
         spec.friction.stribeck_rad_s,
         spec.load.torque_Nm,
+        sticky=spec.friction.stribeck_Nm > 0,
     )
     if spec.plant == "play":
         return PlayPlant()
@@ -202,4 +203,5 @@ def _sensor(table: EncoderTable, drawn: int | None) -> Sensor:
         table.amplitude_arcsec * ARCSEC,
         table.phase_deg * DEG,
         table.noise_arcsec * ARCSEC,
+        eccentric=table.amplitude_arcsec > 0,
     )

@@ -178,7 +178,7 @@ def _moved(
     step = jnp.asarray(case.period) / case.substeps
     then = time + place * step
     ahead = case.motion.at(then)
-    closed = case.bounds.gap(ahead.angle) / case.bounds.closing_sum
+    closed = case.bounds.gap(ahead.angle) * (1.0 / case.bounds.closing_sum)
     carriage, slide, blocked = case.actuator.step(moving.carriage, target, closed, step)
     shafts, touch = case.plant.step(moving.shafts, ahead, slide, case.bounds, step)
     way = slide.end - slide.start

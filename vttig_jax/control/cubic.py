@@ -5,7 +5,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-_NEWTON = 4
+_HALLEY = 2
 
 
 class Cubic(NamedTuple):
@@ -36,15 +36,17 @@ def cubic(start, end, start_rate, end_rate, step) -> Cubic:
 
 
 def first_root(curve: Cubic) -> Float[Array, "*shape"]:
-    """Where a curve that starts at or above zero and ends below it crosses zero, by Newton.
+    """Where a curve that starts at or above zero and ends below it crosses zero, by Halley.
 
-    Curves of one short step are nearly straight: from the chord a few iterations reach the last
-    bit. For any other curve the result is some share of the step in [0, 1].
+    Curves of one short step are nearly straight: from the chord two iterations reach the last bit.
+    For any other curve the result is some share of the step in [0, 1].
     """
     end = curve.at(jnp.ones_like(curve.c0))
     share = _within(curve.c0 / _away_from_zero(curve.c0 - end))
-    for _ in range(_NEWTON):
-        share = _within(share - curve.at(share) / _away_from_zero(curve.slope(share)))
+    for _ in range(_HALLEY):
+        value, slope, bend = curve.at(share), curve.slope(share), curve.bend(share)
+        below = slope * slope - 0.5 * value * bend
+        share = _within(share - value * slope / _away_from_zero(below))
     return share
 
 

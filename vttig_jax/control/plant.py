@@ -62,7 +62,7 @@ class Drag(eqx.Module):
 
     **Arguments**
     - `inertia`: kg m². - `coulomb`, `stribeck`, `load`: N m. - `viscous`: N m s/rad.
-    - `stribeck_speed`: ω_s, rad/s.
+    - `stribeck_speed`: ω_s, rad/s. - `sticky`: whether T_s counts at all.
     """
 
     inertia: Float[Number, ""] = eqx.field(converter=float64)
@@ -71,17 +71,20 @@ class Drag(eqx.Module):
     stribeck: Float[Number, ""] = eqx.field(converter=float64, default=0.0)
     stribeck_speed: Float[Number, ""] = eqx.field(converter=float64, default=1.0)
     load: Float[Number, ""] = eqx.field(converter=float64, default=0.0)
+    sticky: bool = eqx.field(static=True, default=True)
 
     def acceleration(
         self, speed: Float[Array, ""], torque: Float[Array, ""] | float, step: Float[Array, ""]
     ) -> Float[Array, ""]:
         """Of a shaft under another torque over a step of s, rad/s²; friction stops it at most."""
         # Viscous friction alone lets the speed fade exponentially; it never turns the shaft round.
-        fading = jnp.expm1(-self.viscous * step / self.inertia) * self.inertia / step
+        inertia, most = jnp.asarray(self.inertia), jnp.asarray(self.coulomb)
+        fading = jnp.expm1(-self.viscous * step / inertia) * (inertia / step)
         push = jnp.asarray(torque) - self.load + fading * speed
-        most = self.coulomb + self.stribeck / (1 + (speed / self.stribeck_speed) ** 2)
-        stop = push + self.inertia * speed / step
-        return (push - jnp.clip(stop, -most, most)) / self.inertia
+        if self.sticky:
+            most += self.stribeck / (1 + (speed * (1.0 / self.stribeck_speed)) ** 2)
+        stop = push + (inertia / step) * speed
+        return (push - jnp.clip(stop, -most, most)) * (1.0 / inertia)
 
 
 class Plant(eqx.Module):

@@ -55,7 +55,8 @@ class PredictiveController(Controller):
         way = jnp.where(
             stops, 0.5 * seen.speed * speed / jnp.where(stops, slowing, 1.0), jnp.zeros(())
         )
-        ahead = jnp.stack([jnp.zeros(()), seen.speed * self.lead, way])
-        least = jnp.min(self.bounds.gap(seen.driving + ahead))
-        shift = jnp.maximum(least / self.bounds.closing_sum - self.margin, 0.0)
+        ahead = (jnp.zeros(()), seen.speed * self.lead, way)
+        gaps = [self.bounds.gap(seen.driving + one) for one in ahead]
+        least = jnp.minimum(jnp.minimum(gaps[0], gaps[1]), gaps[2])
+        shift = jnp.maximum(least * (1.0 / self.bounds.closing_sum) - self.margin, 0.0)
         return Watch(moved), jnp.where(moved & (stands | stops), shift, 0.0)

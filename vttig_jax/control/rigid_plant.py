@@ -31,11 +31,12 @@ class RigidPlant(Plant):
     ) -> tuple[Shafts, Touch]:
         """See `Plant.step`."""
         ratio, closing = jnp.asarray(bounds.ratio), jnp.asarray(bounds.closing)
+        step = jnp.asarray(step)
         flanks = bounds.at(ahead.angle)
         now = walls(shafts.flanks, shafts.speed, closing, slide.start, slide.start_rate)
         then = walls(flanks, ahead.speed, closing, slide.end, slide.end_rate)
         turning = ratio * shafts.speed + shafts.drift
-        slowing = self.drag.acceleration(turning, 0.0, jnp.asarray(step))
+        slowing = self.drag.acceleration(turning, 0.0, step)
         turned = step * (turning + 0.5 * step * slowing)
         free = shafts.offset + turned - ratio * (ahead.angle - shafts.angle)
         drift = shafts.drift + step * slowing - ratio * (ahead.speed - shafts.speed)
@@ -49,12 +50,12 @@ class RigidPlant(Plant):
         flight = cubic(shafts.offset, free, shafts.drift, drift, step)
         away = Cubic(*(inwards * (f - w) for f, w in zip(flight, wall, strict=True)))
         share = first_root(away)
-        rest = (1 - share) * step
-        bounced = wall.slope(share) / step - inwards * self.restitution * away.slope(share) / step
-        pull = (drift - shafts.drift) / step
+        rest, rate = (1 - share) * step, 1.0 / step
+        bounced = (wall.slope(share) - inwards * self.restitution * away.slope(share)) * rate
+        pull = (drift - shafts.drift) * rate
         offset = wall.at(share) + rest * (bounced + 0.5 * rest * pull)
         reached = jnp.where(below, then.lower, then.upper)
-        rate = jnp.where(below, then.lower_rate, then.upper_rate)
+        reached_rate = jnp.where(below, then.lower_rate, then.upper_rate)
         side = touching(below, above, shafts.side)
         stays = hit & ((shafts.side == side) | (inwards * (offset - reached) <= 0))
 
@@ -62,7 +63,7 @@ class RigidPlant(Plant):
         way = cubic(shafts.angle, ahead.angle, shafts.speed, ahead.speed, step)
         touch = Touch(met, way.at(share), high.at(share) - low.at(share))
         offset = jnp.where(stays, reached, jnp.where(hit, offset, free))
-        drift = jnp.where(stays, rate, jnp.where(hit, bounced + rest * pull, drift))
+        drift = jnp.where(stays, reached_rate, jnp.where(hit, bounced + rest * pull, drift))
         return (
             Shafts(
                 ahead.angle,

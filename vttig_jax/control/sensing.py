@@ -15,19 +15,23 @@ class Sensor(eqx.Module):
     **Arguments**
     - `count`: rad; 0 for a reading that is not quantised.
     - `amplitude`, `phase`: E and ε, rad. - `noise`: standard deviation, rad.
+    - `eccentric`: whether E counts at all; without it no sine is computed.
     """
 
     count: Float[Number, ""] = eqx.field(converter=float64)
     amplitude: Float[Number, ""] = eqx.field(converter=float64)
     phase: Float[Number, ""] = eqx.field(converter=float64)
     noise: Float[Number, ""] = eqx.field(converter=float64)
+    eccentric: bool = eqx.field(static=True, default=True)
 
     def read(self, angle: Float[Array, ""], shock: Float[Array, ""]) -> Float[Array, ""]:
         """Reading in rad at a true angle; `shock` is a draw of the standard normal."""
-        sine, _ = sincos(angle + self.phase)
-        shown = angle + self.amplitude * sine + self.noise * shock
-        count = jnp.where(jnp.asarray(self.count) > 0, self.count, 1.0)
-        return jnp.where(jnp.asarray(self.count) > 0, jnp.floor(shown / count) * count, shown)
+        shown = angle + self.noise * shock
+        if self.eccentric:
+            shown += self.amplitude * sincos(angle + self.phase)[0]
+        count = jnp.asarray(self.count)
+        per_rad = 1.0 / jnp.where(count > 0, count, 1.0)
+        return jnp.where(count > 0, jnp.floor(shown * per_rad) * count, shown)
 
 
 def shocks(key: PRNGKeyArray, period: Array) -> Float[Array, "2"]:
