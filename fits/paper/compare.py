@@ -42,17 +42,10 @@ PRINTED: dict[str, Any] = tomllib.loads((HERE / "printed.toml").read_text(encodi
 PAIR, RIG = paper_pair(), paper_eccentricities()
 """Tables 1 and 2; the constant backlash is the simulated jump at 7560° less j_v there."""
 
+_CLOSED = vttig_jax.transmission_error, vttig_jax.backlash
 RELATIONS: dict[str, tuple[Callable[..., Any], Callable[..., Any], dict[str, Any]]] = {
-    "closed, α": (
-        vttig_jax.transmission_error,
-        vttig_jax.backlash,
-        {"pressure_angle": "reference"},
-    ),
-    "closed, α_w": (
-        vttig_jax.transmission_error,
-        vttig_jax.backlash,
-        {"pressure_angle": "working"},
-    ),
+    "closed, α": (*_CLOSED, {"pressure_angle": "reference"}),
+    "closed, α_w": (*_CLOSED, {"pressure_angle": "working"}),
     "exact": (vttig_jax.exact_transmission_error, vttig_jax.exact_backlash, {}),
 }
 """(19)–(21) as printed, (19)–(21) with the working pressure angle, and the exact relation."""
@@ -160,13 +153,17 @@ def dimensions() -> list[tuple[str, float, float]]:
 
 def tables() -> str:
     """All tables as Markdown, as the script prints them and the README shows them."""
-    parts = [
+    return markdown(
         ("Table 1: dimensions in mm", _dimension_table()),
         ("TE of each flank over one hunting period, zero at the start, in degrees", _flank_table()),
         ("TE of whole runs, in degrees", _run_table()),
         ("Backlash at the reversals, in degrees", _backlash_table()),
         ("How far the backlash differs between 1080° and 3600°, in degrees", _span_table()),
-    ]
+    )
+
+
+def markdown(*parts: tuple[str, str]) -> str:
+    """Titles and text tables, one below the other."""
     return "\n".join(f"**{title}**\n\n```text\n{table}\n```\n" for title, table in parts)
 
 
@@ -278,19 +275,24 @@ def _map_picture() -> Figure:
     return figure
 
 
+def renew(folder: Path, marks: tuple[str, str], text: str, drawn: dict[str, bytes]) -> None:
+    """Put `text` between the two marks of the folder's README.md, and pictures beside it."""
+    begin, end = marks
+    before, rest = (folder / "README.md").read_text(encoding="utf-8").split(begin)
+    after = rest.split(end)[1]
+    with RunFolder(folder, overwrite=True) as run:
+        run.write_text("README.md", f"{before}{begin}\n{text}\n{end}{after}")
+        for name, data in drawn.items():
+            run.write_bytes(name, data)
+
+
 def main(argv: list[str] | None = None) -> None:
     """Print the tables; with `--write` renew README.md and the pictures as well."""
     parser = argparse.ArgumentParser(description="Table 2 of the paper beside its Tables 1 and 3.")
     parser.add_argument("--write", action="store_true", help="renew README.md and the pictures")
     text = tables()
     if parser.parse_args(argv).write:
-        readme = HERE / "README.md"
-        before, rest = readme.read_text(encoding="utf-8").split(BEGIN)
-        after = rest.split(END)[1]
-        with RunFolder(HERE, overwrite=True) as folder:
-            folder.write_text("README.md", before + BEGIN + "\n" + text + "\n" + END + after)
-            for name, data in pictures().items():
-                folder.write_bytes(name, data)
+        renew(HERE, (BEGIN, END), text, pictures())
     print(text)
 
 

@@ -58,7 +58,7 @@ def readings(run: Simulation) -> np.ndarray:
         angle + ARCSEC * (size * np.sin(angle + phase * DEG) + spread * shock)
         for angle, shock, (size, phase, spread) in zip(true, noise, ENCODERS.values(), strict=True)
     ]
-    return np.floor(np.array(shown) / count) * count
+    return np.floor(np.array(shown) / count + 0.5) * count
 
 
 def test_the_transmission_error_shown_is_that_of_both_readings(traced):

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from functools import lru_cache
 from pathlib import Path
 
 import jax.numpy as jnp
@@ -29,12 +30,23 @@ from .recorded_motion import read_motion
 from .rigid_plant import RigidPlant
 from .sensing import Sensor
 from .spec import ScenarioSpec
-from .spec_tables import EncoderTable
+from .spec_tables import (
+    ActuatorTable,
+    EccentricityTable,
+    EncoderTable,
+    FrictionTable,
+    InertiaTable,
+    LoadTable,
+    MeshTable,
+    MotionTable,
+)
 
 _OBSERVERS: dict[str, Callable[[float], Observer]] = {
     "alpha_beta_gamma": AlphaBetaGamma,
     "difference": FilteredDifference,
 }
+_REMEMBERED = 4096
+"""Parts that a builder keeps."""
 _SHORTEST_QUEUE = 1
 _PERIODS_BEHIND = 3.0
 """Periods from a reading to the place that the actuator takes by it."""
@@ -46,53 +58,178 @@ def case_of(
     folder: Path = Path(),
     controller: Controller | None = None,
 ) -> Case:
-    """Build the case of a validated scenario.
+    """Build the case of a validated scenario; see `Builder`."""
+    return Builder(pair, folder, controller).case(spec)
+
+
+class Builder:
+    """Builds cases of one pair; parts that cases have in common are built once.
 
     **Arguments**
-    - `pair`: what its `pair` names. - `folder`: where a recorded motion lies.
-    - `controller`: one of your own instead of that of the scenario.
-
-    **Raises** `ScenarioError` for what only shows with the pair at hand: helix angles that close
-    nothing, a step of the plant too long for the stiffness, a drive without gears.
+    - `pair`: what the `pair` of the scenarios names. - `folder`: where a recorded motion lies.
+    - `controller`: one of your own instead of those of the scenarios.
     """
-    motion = _motion(spec, folder)
-    bounds = _bounds(spec, pair)
-    period = 1.0 / spec.sampling.controller_hz
-    substeps = round(spec.sampling.plant_hz / spec.sampling.controller_hz) or 1
-    encoders = (spec.driving_encoder, pair.driving), (spec.driven_encoder, pair.driven)
-    sensors = [_sensor(table, gear.encoder.counts_per_rev) for table, gear in encoders]
-    observer = _OBSERVERS[spec.judgement.observer]
-    return Case(
-        motion=motion,
-        bounds=bounds,
-        plant=_plant(spec, pair, period / substeps),
-        actuator=_actuator(spec, pair),
-        observer=observer(spec.judgement.bandwidth_hz),
-        controller=controller or _controller(spec, bounds),
-        driving_sensor=sensors[0],
-        driven_sensor=sensors[1],
-        period=period,
-        sense=_sense(motion),
-        seed=np.asarray(spec.seed),
-        substeps=substeps,
-        noisy=any(table.noise_arcsec > 0 for table, _ in encoders),
-    )
 
+    def __init__(
+        self, pair: GearPair, folder: Path = Path(), controller: Controller | None = None
+    ) -> None:
+        self.pair = pair
+        self.folder = folder
+        self.controller = controller
+        self._part = lru_cache(_REMEMBERED)(lambda make, *given: make(*given))
 
-def _motion(spec: ScenarioSpec, folder: Path) -> Motion:
-    table = spec.motion
-    if table.kind == "recorded":
-        return read_motion(folder / table.file)
-    return motion_of(
-        table.kind,
-        table.event,
-        table.speed_rpm,
-        table.reversal_deg,
-        table.dwell_s,
-        table.ramp_s,
-        table.slow_share,
-        table.stop_s,
-    )
+    def case(self, spec: ScenarioSpec) -> Case:
+        """The case of a validated scenario.
+
+        **Raises** `ScenarioError` for what only shows with the pair at hand: helix angles that
+        close nothing, a step of the plant too long for the stiffness.
+        """
+        motion, sense = self._part(self._motion, spec.motion)
+        bounds = self._part(self._bounds, spec.eccentricities, spec.flanks)
+        hertz = spec.sampling.controller_hz
+        substeps = round(spec.sampling.plant_hz / hertz) or 1
+        sensors = (spec.driving_encoder, False), (spec.driven_encoder, True)
+        tables = spec.inertia, spec.friction, spec.load, spec.mesh
+        return Case(
+            motion=motion,
+            bounds=bounds,
+            plant=self._part(self._plant, spec.plant, *tables, hertz, substeps),
+            actuator=self._part(
+                self._actuator, spec.actuator, spec.mesh.friction_coefficient, hertz
+            ),
+            observer=self._part(_OBSERVERS[spec.judgement.observer], spec.judgement.bandwidth_hz),
+            controller=self.controller or self._controller(spec, bounds),
+            driving_sensor=self._part(self._sensor, *sensors[0]),
+            driven_sensor=self._part(self._sensor, *sensors[1]),
+            period=1.0 / hertz,
+            sense=sense,
+            seed=np.asarray(spec.seed),
+            substeps=substeps,
+            noisy=any(table.noise_arcsec > 0 for table, _ in sensors),
+        )
+
+    def _motion(self, table: MotionTable) -> tuple[Motion, float]:
+        """The motion, and in which sense it begins."""
+        if table.kind == "recorded":
+            motion = read_motion(self.folder / table.file)
+            return motion, _sense(motion)
+        return motion_of(
+            table.kind,
+            table.event,
+            table.speed_rpm,
+            table.reversal_deg,
+            table.dwell_s,
+            table.ramp_s,
+            table.slow_share,
+            table.stop_s,
+        ), 1.0
+
+    def _bounds(self, rig: EccentricityTable | None, flanks: str) -> Bounds:
+        assert rig is not None  # held by the readers of a scenario
+        pair = self.pair
+        eccentricities = Eccentricities(
+            rig.driving_mm,
+            rig.driving_phase_deg,
+            rig.driven_mm,
+            rig.driven_phase_deg,
+            rig.constant_backlash_deg,
+        )
+        closing = pair.taper / pair.reference_radii[1]
+        if not float(closing.sum()) > 0:
+            raise ScenarioError(
+                f"the helix angles of flank A and B add up to {float(pair.taper.sum()):g} in tan β,"
+                " so that no axial displacement closes the gap; give gears that thin along the axis"
+                " (`helix_angle_deg`).",
+                where="pair",
+            )
+        build = exact_model if flanks == "exact" else closed_model
+        return bounds_of(build(pair, eccentricities), closing)
+
+    def _plant(
+        self,
+        kind: str,
+        inertia: InertiaTable,
+        friction: FrictionTable,
+        load: LoadTable,
+        mesh: MeshTable,
+        controller_hz: float,
+        substeps: int,
+    ) -> Plant:
+        drag = Drag(
+            inertia.driven_kgm2,
+            friction.coulomb_Nm,
+            friction.viscous_Nms,
+            friction.stribeck_Nm,
+            friction.stribeck_rad_s,
+            load.torque_Nm,
+            sticky=friction.stribeck_Nm > 0,
+        )
+        if kind == "play":
+            return PlayPlant()
+        if kind == "rigid":
+            return RigidPlant(drag, mesh.restitution)
+        stiffness = self._stiffness(mesh)
+        step = 1.0 / (controller_hz * substeps)
+        longest = largest_step(stiffness, mesh.damping_ratio, inertia.driven_kgm2)
+        if step > longest:
+            enough = controller_hz * math.ceil(1.0 / (controller_hz * longest))
+            raise ScenarioError(
+                f"a step of {step:.3g} s is too long for a mesh of {stiffness:.3g} N m/rad on"
+                f" {inertia.driven_kgm2:g} kg m²; the longest is {longest:.3g} s: take plant_hz ="
+                f" {enough:g}.",
+                where="sampling.plant_hz",
+            )
+        return ElasticPlant(drag, stiffness, mesh.damping_ratio)
+
+    def _stiffness(self, mesh: MeshTable) -> float:
+        """Of the mesh, N m/rad at the driven shaft."""
+        width = float(self.pair.driven.face_width_mm)
+        if math.isnan(width):
+            raise ScenarioError(
+                "the elastic plant needs the face width of the driven gear; add `face_width_mm` to"
+                " [driven] of the pair file.",
+                where="plant",
+            )
+        radius = float(self.pair.base_radii[1].mean())
+        return mesh_stiffness(mesh.stiffness_N_mm_um, width, radius)
+
+    def _actuator(self, table: ActuatorTable, friction: float, controller_hz: float) -> Actuator:
+        delay = _delay(table, controller_hz)
+        # Powers of two, so that most new delays find a compiled program.
+        periods = 1 << max(math.ceil(math.log2(max(delay, _SHORTEST_QUEUE))), 0)
+        return Actuator(
+            table.speed_mm_s,
+            table.acceleration_mm_s2,
+            table.stroke_mm,
+            table.resolution_mm,
+            delay,
+            pushed_back(self.pair.taper, friction),
+            periods,
+        )
+
+    def _controller(self, spec: ScenarioSpec, bounds: Bounds) -> Controller:
+        if spec.controller == "none":
+            return NoController()
+        judgement, hertz = spec.judgement, spec.sampling.controller_hz
+        least_speed = judgement.least_rpm * REV / 60.0
+        if spec.controller == "acceleration":
+            threshold = judgement.threshold_rad_s2
+            return AccelerationController(bounds, threshold, least_speed, judgement.margin_mm)
+        lead = (_delay(spec.actuator, hertz) + _PERIODS_BEHIND) / hertz
+        return PredictiveController(
+            bounds, judgement.horizon_s, least_speed, judgement.margin_mm, lead
+        )
+
+    def _sensor(self, table: EncoderTable, driven: bool) -> Sensor:
+        drawn = (self.pair.driven if driven else self.pair.driving).encoder.counts_per_rev
+        per_rev = drawn if table.counts_per_rev is None else table.counts_per_rev
+        return Sensor(
+            REV / per_rev if per_rev else 0.0,
+            table.amplitude_arcsec * ARCSEC,
+            table.phase_deg * DEG,
+            table.noise_arcsec * ARCSEC,
+            eccentric=table.amplitude_arcsec > 0,
+        )
 
 
 def _sense(motion: Motion) -> float:
@@ -101,107 +238,6 @@ def _sense(motion: Motion) -> float:
     return -1.0 if float(way) < 0 else 1.0
 
 
-def _bounds(spec: ScenarioSpec, pair: GearPair) -> Bounds:
-    rig = spec.eccentricities
-    assert rig is not None  # held by the readers of a scenario
-    eccentricities = Eccentricities(
-        rig.driving_mm,
-        rig.driving_phase_deg,
-        rig.driven_mm,
-        rig.driven_phase_deg,
-        rig.constant_backlash_deg,
-    )
-    closing = pair.taper / pair.reference_radii[1]
-    if not float(closing.sum()) > 0:
-        raise ScenarioError(
-            f"the helix angles of flank A and B add up to {float(pair.taper.sum()):g} in tan β, so"
-            " that no axial displacement closes the gap; give gears that thin along the axis"
-            " (`helix_angle_deg`).",
-            where="pair",
-        )
-    build = exact_model if spec.flanks == "exact" else closed_model
-    return bounds_of(build(pair, eccentricities), closing)
-
-
-def _plant(spec: ScenarioSpec, pair: GearPair, step: float) -> Plant:
-    drag = Drag(
-        spec.inertia.driven_kgm2,
-        spec.friction.coulomb_Nm,
-        spec.friction.viscous_Nms,
-        spec.friction.stribeck_Nm,
-        spec.friction.stribeck_rad_s,
-        spec.load.torque_Nm,
-        sticky=spec.friction.stribeck_Nm > 0,
-    )
-    if spec.plant == "play":
-        return PlayPlant()
-    if spec.plant == "rigid":
-        return RigidPlant(drag, spec.mesh.restitution)
-    width = float(pair.driven.face_width_mm)
-    if math.isnan(width):
-        raise ScenarioError(
-            "the elastic plant needs the face width of the driven gear; add `face_width_mm` to"
-            " [driven] of the pair file.",
-            where="plant",
-        )
-    radius = float(pair.base_radii[1].mean())
-    stiffness = mesh_stiffness(spec.mesh.stiffness_N_mm_um, width, radius)
-    ratio, inertia = spec.mesh.damping_ratio, spec.inertia.driven_kgm2
-    longest = largest_step(stiffness, ratio, inertia)
-    if step > longest:
-        raise ScenarioError(
-            f"a step of {step:.3g} s is too long for a mesh of {stiffness:.3g} N m/rad on"
-            f" {inertia:g} kg m²; the longest is {longest:.3g} s: take plant_hz ="
-            f" {_multiple(spec.sampling.controller_hz, longest):g}.",
-            where="sampling.plant_hz",
-        )
-    return ElasticPlant(drag, stiffness, ratio)
-
-
-def _multiple(controller_hz: float, longest: float) -> float:
-    """Lowest multiple of a rate in Hz whose period is at most `longest`."""
-    return controller_hz * math.ceil(1.0 / (controller_hz * longest))
-
-
-def _actuator(spec: ScenarioSpec, pair: GearPair) -> Actuator:
-    table = spec.actuator
-    delay = _delay(spec)
-    # Powers of two, so that most new delays find a compiled program.
-    periods = 1 << max(math.ceil(math.log2(max(delay, _SHORTEST_QUEUE))), 0)
-    return Actuator(
-        table.speed_mm_s,
-        table.acceleration_mm_s2,
-        table.stroke_mm,
-        table.resolution_mm,
-        delay,
-        pushed_back(pair.taper, spec.mesh.friction_coefficient),
-        periods,
-    )
-
-
-def _delay(spec: ScenarioSpec) -> int:
+def _delay(table: ActuatorTable, controller_hz: float) -> int:
     """Dead time of the actuator in whole periods of the controller."""
-    return math.ceil(spec.actuator.delay_s * spec.sampling.controller_hz * (1 - 1e-12))
-
-
-def _controller(spec: ScenarioSpec, bounds: Bounds) -> Controller:
-    if spec.controller == "none":
-        return NoController()
-    judgement = spec.judgement
-    least_speed = judgement.least_rpm * REV / 60.0
-    if spec.controller == "acceleration":
-        threshold = judgement.threshold_rad_s2
-        return AccelerationController(bounds, threshold, least_speed, judgement.margin_mm)
-    lead = (_delay(spec) + _PERIODS_BEHIND) / spec.sampling.controller_hz
-    return PredictiveController(bounds, judgement.horizon_s, least_speed, judgement.margin_mm, lead)
-
-
-def _sensor(table: EncoderTable, drawn: int | None) -> Sensor:
-    per_rev = drawn if table.counts_per_rev is None else table.counts_per_rev
-    return Sensor(
-        REV / per_rev if per_rev else 0.0,
-        table.amplitude_arcsec * ARCSEC,
-        table.phase_deg * DEG,
-        table.noise_arcsec * ARCSEC,
-        eccentric=table.amplitude_arcsec > 0,
-    )
+    return math.ceil(table.delay_s * controller_hz * (1 - 1e-12))

@@ -10,7 +10,10 @@ from ..base.sincos import sincos
 
 
 class Sensor(eqx.Module):
-    """An encoder, read as floor((φ + E sin(φ + ε) + noise)/count) count.
+    """An encoder, read as floor((φ + E sin(φ + ε) + noise)/count + 1/2) count.
+
+    Its zero lies in the middle of a count, so that a shaft that stands still at a whole number of
+    counts does not flicker.
 
     **Arguments**
     - `count`: rad; 0 for a reading that is not quantised.
@@ -31,7 +34,7 @@ class Sensor(eqx.Module):
             shown += self.amplitude * sincos(angle + self.phase)[0]
         count = jnp.asarray(self.count)
         per_rad = 1.0 / jnp.where(count > 0, count, 1.0)
-        return jnp.where(count > 0, jnp.floor(shown * per_rad) * count, shown)
+        return jnp.where(count > 0, jnp.floor(shown * per_rad + 0.5) * count, shown)
 
 
 def shocks(key: PRNGKeyArray, period: Array) -> Float[Array, "2"]:

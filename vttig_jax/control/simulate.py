@@ -81,11 +81,15 @@ def prepared(
     """The gears of a scenario and the case to run; `source` is its file name for messages."""
     with SCENARIO_FILE.placed(source):
         if pair is None:
-            pair = _gears(folder / spec.pair)
+            pair = gears(folder / spec.pair)
         return pair, case_of(spec, pair, folder, controller)
 
 
-def _gears(path: Path) -> GearPair:
+def gears(path: Path) -> GearPair:
+    """The gears of a pair file.
+
+    **Raises** `ScenarioError` for no file and for a drive without gears.
+    """
     if not path.exists():
         raise ScenarioError(
             f"there is no file {path}; name the pair file, relative to the scenario.", where="pair"
@@ -99,6 +103,11 @@ def _gears(path: Path) -> GearPair:
     return found
 
 
+def periods_of(case: Case) -> int:
+    """Periods of the controller in a run."""
+    return int(np.floor(float(case.motion.duration_s) / float(case.period) * (1 + 1e-12))) + 1
+
+
 def run(
     case: Case, trace_every: int = 0, progress: Callable[[int, int], None] | None = None
 ) -> tuple[State, Trace | None]:
@@ -106,7 +115,7 @@ def run(
 
     `progress` is told the periods done and those there are.
     """
-    periods = int(np.floor(float(case.motion.duration_s) / float(case.period) * (1 + 1e-12))) + 1
+    periods = periods_of(case)
     state, kept = started(case), list[Sample]()
     chunk = max(CHUNK // case.substeps, 1)
     for first in range(0, periods, chunk):

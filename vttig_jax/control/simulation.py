@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -11,18 +10,10 @@ from ..base.arrays import Number
 from ..base.units import DEG
 from ..pair.gears import GearPair
 from .case import Case, Sample
-from .controller import NoController
+from .metrics import Outcome, facts_of, metrics_of, outcomes_of
 from .simulation_text import sentences, simulation_text
 from .spec import ScenarioSpec, spec_table
 from .tally import Tally
-
-Outcome = Literal["ok", "bound", "missed", "stroke", "slow"]
-"""`bound`: the drive stands between both flanks. `missed`: the controller did not see the motor
-brake. `stroke`: the actuator was asked for more than it has. `slow`: it was still on its way when
-the motion turned."""
-
-_NEAR_MM = 1e-4
-"""mm within which the actuator has arrived."""
 
 
 @dataclass(frozen=True)
@@ -70,51 +61,19 @@ class Simulation:
 
     @property
     def metrics(self) -> dict[str, float | str | None]:
-        """The metrics of the contract; None for what did not happen.
+        """The metrics of the contract and the outcome; None for what did not happen.
 
-        - `te_mean_deg`, `te_max_deg`, `te_min_deg`: of the transmission error the encoders show.
-        - `jump_deg`: TE at the first contact of the other flank less that of the old flank at the
-          same driving angle; `jump_paper_deg`: last sample on the old flank less the first after
-          that contact, as the paper reads its curves.
-        - `axial_step_deg`: TE by which closing pushes the driven gear on the flank that carries.
-        - `detection_deg`, `detection_delay_s`: driving angle of the first command to close, and
-          the time since the motor began to brake.
-        - `residual_gap_deg`: backlash left when the motion turns.
-        - `interference_mm`: most by which the actuator wanted further than the closed gap let it.
-        - `actuator_travel_mm`: its way to and fro.
-
-        The last two and the axial step are those of the reversal: they end when the gap is opened
-        again after it. Of a motion that never turns back they are those of the whole run.
+        See `metrics_of` for what each is.
         """
-        t = self.tally
-        carrying = 0 if float(self.case.sense) > 0 else 1
-        values = {
-            "te_mean_deg": float(t.total / t.samples) / DEG,
-            "te_max_deg": float(t.highest) / DEG,
-            "te_min_deg": float(t.lowest) / DEG,
-            "jump_deg": float(self.case.sense * t.gap) / DEG,
-            "jump_paper_deg": float(t.before - t.after) / DEG,
-            "axial_step_deg": float(t.farthest * self.case.bounds.closing[carrying]) / DEG,
-            "detection_deg": float(t.detection) / DEG,
-            "detection_delay_s": float(t.detection_s - self.case.motion.braking_s),
-            "residual_gap_deg": float(t.left) / DEG,
-            "interference_mm": float(t.interference),
-            "actuator_travel_mm": float(t.travel),
+        found = metrics_of(facts_of(self.case), self.tally)
+        return {name: _finite(float(value)) for name, value in found.items()} | {
+            "outcome": self.outcome
         }
-        return {name: _finite(value) for name, value in values.items()} | {"outcome": self.outcome}
 
     @property
     def outcome(self) -> Outcome:
         """How it ended; the first that holds of bound, missed, stroke, slow, ok."""
-        t = self.tally
-        if bool(t.blocked):
-            return "bound"
-        idle = isinstance(self.case.controller, NoController)
-        if self.turns and not idle and np.isnan(t.detection):
-            return "missed"
-        if float(t.asked) > float(self.case.actuator.stroke) + _NEAR_MM:
-            return "stroke"
-        return "slow" if float(t.short) > _NEAR_MM else "ok"
+        return outcomes_of(facts_of(self.case), self.tally).item()
 
     @property
     def remarks(self) -> tuple[str, ...]:

@@ -5,6 +5,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from ..base.arrays import Numbers
 from .actuator import Carriage
 from .plant import Shafts, Touch
 
@@ -43,29 +44,29 @@ class Tally(NamedTuple):
     - `commanded`: the command of the last period. - `blocked`: the drive stands, at `blocked_s`.
     """
 
-    samples: Float[Array, ""]
-    total: Float[Array, ""]
-    highest: Float[Array, ""]
-    lowest: Float[Array, ""]
-    first: Float[Array, ""]
-    before: Float[Array, ""]
-    after: Float[Array, ""]
-    gap: Float[Array, ""]
-    crossing: Float[Array, ""]
-    detection: Float[Array, ""]
-    detection_s: Float[Array, ""]
-    false_closings: Float[Array, ""]
-    left: Float[Array, ""]
-    short: Float[Array, ""]
-    opened: Bool[Array, ""]
-    retracted: Bool[Array, ""]
-    asked: Float[Array, ""]
-    interference: Float[Array, ""]
-    travel: Float[Array, ""]
-    farthest: Float[Array, ""]
-    commanded: Float[Array, ""]
-    blocked: Bool[Array, ""]
-    blocked_s: Float[Array, ""]
+    samples: Float[Numbers, "*shape"]
+    total: Float[Numbers, "*shape"]
+    highest: Float[Numbers, "*shape"]
+    lowest: Float[Numbers, "*shape"]
+    first: Float[Numbers, "*shape"]
+    before: Float[Numbers, "*shape"]
+    after: Float[Numbers, "*shape"]
+    gap: Float[Numbers, "*shape"]
+    crossing: Float[Numbers, "*shape"]
+    detection: Float[Numbers, "*shape"]
+    detection_s: Float[Numbers, "*shape"]
+    false_closings: Float[Numbers, "*shape"]
+    left: Float[Numbers, "*shape"]
+    short: Float[Numbers, "*shape"]
+    opened: Bool[Numbers, "*shape"]
+    retracted: Bool[Numbers, "*shape"]
+    asked: Float[Numbers, "*shape"]
+    interference: Float[Numbers, "*shape"]
+    travel: Float[Numbers, "*shape"]
+    farthest: Float[Numbers, "*shape"]
+    commanded: Float[Numbers, "*shape"]
+    blocked: Bool[Numbers, "*shape"]
+    blocked_s: Float[Numbers, "*shape"]
 
 
 def empty() -> Tally:
