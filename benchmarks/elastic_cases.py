@@ -98,7 +98,7 @@ class SampledPlant(Plant):
 
         place, speed = self.advanced(force, shafts.drift + base[0], jnp.asarray(step))
         offset = shafts.offset + place - turned
-        none = Touch(*[jnp.zeros_like(offset)] * 3)
+        none = Touch(*[jnp.zeros_like(offset)] * len(Touch._fields))
         ended = Shafts(ahead.angle, ahead.speed, offset, speed - base[1], none.side + FREE, flanks)
         return ended, none
 

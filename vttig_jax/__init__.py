@@ -7,8 +7,11 @@ imports neither jax nor numpy and configures nothing.
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from .base.cpu import prepare_cpu as prepare_cpu
     from .base.precision import enable_x64 as enable_x64
     from .control.simulate import simulate as simulate
+    from .control.sweep import sweep as sweep
+    from .control.tune import tune as tune
     from .identify.fit import fit as fit
     from .identify.mapping import backlash_map as backlash_map
     from .kinematics.functions import axial_displacement as axial_displacement
@@ -30,6 +33,7 @@ if TYPE_CHECKING:
     from .posterior.posterior import Posterior as Posterior
     from .posterior.predictive import predictive as predictive
     from .posterior.prior import Prior as Prior
+    from .posterior.rig_draws import rig_draws as rig_draws
     from .posterior.sample import read_posterior as read_posterior
     from .posterior.sample import sample as sample
     from .posterior.shortest import shortest_run as shortest_run
@@ -59,11 +63,15 @@ _HOMES = {
     "load_pair": "pair.gears",
     "plan": "posterior.plan",
     "predictive": "posterior.predictive",
+    "prepare_cpu": "base.cpu",
     "read_log": "logs.read",
     "read_posterior": "posterior.sample",
+    "rig_draws": "posterior.rig_draws",
     "sample": "posterior.sample",
     "shortest_run": "posterior.shortest",
     "simulate": "control.simulate",
+    "sweep": "control.sweep",
+    "tune": "control.tune",
     "transmission_error": "kinematics.functions",
 }
 """The module of each public name, below the package."""

@@ -63,7 +63,7 @@ def commands(controller: Controller, *sequence: Seen) -> np.ndarray:
 @eqx.filter_jit
 def _commands(controller, table):
     def one(state, row):
-        seen = Measurement(jnp.zeros(()), row[0], 0.5625 * row[0], row[1], row[2])
+        seen = Measurement(jnp.zeros(()), row[0], 0.5625 * row[0], row[1], row[2], row[0], row[1])
         return controller.step(state, seen)
 
     return jax.lax.scan(one, controller.start(), table)[1]

@@ -19,7 +19,7 @@ STEPS = 4096
 INERTIA = 0.01
 
 
-def drag(**values: float) -> Drag:
+def drag(**values: Any) -> Drag:
     return Drag(**({"inertia": INERTIA} | values))
 
 

@@ -46,6 +46,7 @@ BASE: Table = {
     "driven_encoder.phase_deg": 60.0,
 }
 PLAY: Table = {"plant": "play"}
+PI: Table = {**PLAY, "servo.motor": "pi"}
 NOISY: Table = {**PLAY, **NOISE}
 ELASTIC: Table = {"plant": "elastic", "mesh.stiffness_N_mm_um": 2.0, "sampling.plant_hz": 5000.0}
 """Soft enough for few steps, whatever the plant needs."""
@@ -82,11 +83,18 @@ ROWS = (
     Row("motion.slow_share", 0.5, {"motion.event": "aborted"}),
     Row("motion.stop_s", 0.1, {"motion.event": "emergency_stop"}),
     Row("motion.file", "later.csv", {"motion.kind": "recorded", "motion.file": "first.csv"}),
+    Row("servo.motor", "pi", PLAY),
+    Row("servo.speed_gain_Nms", 0.8, PI),
+    Row("servo.integral_gain_Nm", 10.0, PI),
+    Row("servo.position_gain_1_s", 10.0, PI),
+    Row("servo.torque_limit_Nm", 0.2, PI),
     Row("inertia.driven_kgm2", 0.02),
+    Row("inertia.driving_kgm2", 0.003, PI),
     Row("friction.coulomb_Nm", 0.15),
     Row("friction.viscous_Nms", 0.02),
     Row("friction.stribeck_Nm", 0.05),
     Row("friction.stribeck_rad_s", 1.0, {"friction.stribeck_Nm": 0.05}),
+    Row("friction.driving_Nm", 0.1, PI),
     Row("load.torque_Nm", 0.05),
     Row("mesh.restitution", 0.6),
     Row("mesh.stiffness_N_mm_um", 1.0, ELASTIC),
@@ -105,12 +113,14 @@ ROWS = (
     Row("actuator.resolution_mm", 0.03),
     Row("actuator.delay_s", 0.0007, INSTANT),
     Row("actuator.stroke_mm", 0.2),
+    Row("actuator.force_limit_N", 0.01, PLAY),
     Row("judgement.observer", "difference", PLAY),
     Row("judgement.bandwidth_hz", 10.0),
     Row("judgement.threshold_rad_s2", 20.0),
     Row("judgement.least_rpm", 58.0),
     Row("judgement.horizon_s", 0.1, {**PLAY, "controller": "predictive"}),
     Row("judgement.margin_mm", 0.05),
+    Row("judgement.jump_s", 0.02, {**PLAY, "controller": "feedforward"}),
     Row("sampling.controller_hz", 900.0),
     Row("sampling.plant_hz", 2000.0, PLAY),
 )
@@ -124,6 +134,10 @@ IDLE = (
     Row("mesh.damping_ratio", 0.3),
     Row("friction.stribeck_rad_s", 1.0),
     Row("actuator.stroke_mm", 9.0),
+    Row("judgement.jump_s", 0.02),
+    Row("servo.torque_limit_Nm", 0.2),
+    Row("inertia.driving_kgm2", 0.003),
+    Row("friction.driving_Nm", 0.1),
 )
 
 # Cases whose values many at once and one alone must agree on. Not quantised: the rounding of the
@@ -133,6 +147,9 @@ ALONE = (
     Row("motion.dwell_s", 0.13, UNQUANTISED),
     Row("eccentricities.driven_mm", 0.026, UNQUANTISED),
     Row("judgement.margin_mm", 0.05, UNQUANTISED),
+    Row("servo.integral_gain_Nm", 10.0, {**UNQUANTISED, **PI}),
+    Row("judgement.jump_s", 0.01, {**UNQUANTISED, **PI, "controller": "feedforward"}),
+    Row("actuator.force_limit_N", 0.02, {**UNQUANTISED, **PLAY, "actuator.force_limit_N": 0.01}),
 )
 
 
@@ -228,6 +245,27 @@ def compiled(caplog: pytest.LogCaptureFixture, run: Callable[[], Any]) -> int:
     return sum("Compiling" in record.getMessage() for record in caplog.records)
 
 
+SERVO_OR_FORCE: Table = {
+    "servo.motor": "pi",
+    "controller": "feedforward",
+    "actuator.force_limit_N": 1.0,
+}
+NEW_THERE: Table = {
+    "servo.speed_gain_Nms": 0.7,
+    "servo.torque_limit_Nm": 3.0,
+    "inertia.driving_kgm2": 0.003,
+    "friction.driving_Nm": 0.02,
+    "actuator.force_limit_N": 0.1,
+    "judgement.jump_s": 0.01,
+}
+
+
+def test_new_values_of_a_servo_compile_nothing(caplog):
+    simulate(spec_of(BASE, SERVO_OR_FORCE), PAIR)
+    other = spec_of(BASE, SERVO_OR_FORCE, NEW, NEW_THERE)
+    assert compiled(caplog, lambda: simulate(other, PAIR)) == 0
+
+
 def test_new_values_compile_nothing(caplog):
     simulate(spec_of(BASE), PAIR)
     assert compiled(caplog, lambda: simulate(spec_of(BASE, NEW), PAIR)) == 0
@@ -270,7 +308,7 @@ def left(constant_backlash: Any, case: Case, periods: int) -> jax.Array:
 
     bounds = eqx.tree_at(lambda b: b.offset, case.bounds, moved(case.bounds))
     changed = eqx.tree_at(lambda c: c.bounds, case, bounds)
-    return finished(changed, started(changed), jnp.arange(periods)).tally.left
+    return jnp.asarray(finished(changed, started(changed), jnp.arange(periods)).tally.left)
 
 
 _left_and_slope = eqx.filter_jit(eqx.filter_value_and_grad(left))

@@ -49,7 +49,6 @@ def test_the_contracts_example(tmp_path):
     angles = np.array(sweep.values("motion.reversal_deg"))
     assert (len(angles), angles[0], angles[-1]) == (1000, 360.0, 5760.0)
     np.testing.assert_allclose(np.diff(angles), 5400 / 999, rtol=1e-9)
-    assert sweep.first_case == {"motion.reversal_deg": 360.0, "controller": "none"}
     assert spec.motion.reversal_deg == 7560.0  # the scenario itself keeps its value
 
 
@@ -59,7 +58,7 @@ def test_rigs_from_a_posterior_need_no_axis(tmp_path):
     spec = load_sweep_spec(path)
     assert spec.rig is not None and spec.sweep is not None and spec.eccentricities is None
     assert (spec.rig.run, spec.rig.draws, spec.rig.seed) == ("RUN", 200, 0)
-    assert spec.sweep.groups == () and spec.sweep.first_case == {}
+    assert spec.sweep.groups == () and spec.sweep.axes == {}
 
 
 @pytest.mark.parametrize(("start", "also"), [(SCENARIO, False), (DRAWS, True)])
@@ -192,11 +191,3 @@ def test_drawn_rigs_and_given_ones_exclude_each_other():
         sweep_of('"eccentricities.driving_mm" = [0.1]', DRAWS)
     assert caught.value.where == 'sweep."eccentricities.driving_mm"'
     assert sweep_of('"eccentricities.driving_mm" = [0.1]').values("eccentricities.driving_mm")
-
-
-def test_the_first_case_is_validated_as_a_whole():
-    """Not the scenario alone: what the axes replace need not fit the rest."""
-    start = SCENARIO + "[motion]\nreversal_deg = 100.0\n"
-    assert sweep_of('"motion.ramp_s" = [0.1, 0.2]', start).axes
-    with pytest.raises(ScenarioError, match=r"motion.reversal_deg: 100 lies inside the ramps"):
-        sweep_of('"motion.dwell_s" = [0.1, 0.2]', start)

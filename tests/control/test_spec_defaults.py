@@ -68,7 +68,7 @@ def test_every_key_is_there_with_its_unit_and_meaning():
 
 
 def test_choices_are_listed():
-    assert "# none | acceleration | predictive: " in TEXT
+    assert "# none | acceleration | predictive | feedforward: " in TEXT
     assert "# alpha_beta_gamma | difference: " in TEXT
 
 

@@ -73,9 +73,14 @@ def test_every_reversal_has_its_jump(clean_rig):
 
 def test_the_papers_way_to_the_constant_backlash(clean_fit, clean_rig):
     (jump,) = clean_fit.checks["reversals"]
-    bare = vttig_jax.Eccentricities(0.0226, 49.5, 0.0273, 79.3, 0.0)
-    variable = vttig_jax.backlash(jump["driving_deg"] * DEG, clean_rig.pair, bare)
-    assert jump["variable_backlash_deg"] == pytest.approx(float(variable) / DEG, abs=1e-6)
+    start = vttig_jax.exact_transmission_error(0.0, clean_rig.pair, clean_rig.eccentricities)
+    variable = []
+    for mounting_deg in (-float(start) / DEG, 0.0):  # e₂ stands at φ₂ + θ₂, not at i φ₁ + θ₂
+        rig = vttig_jax.Eccentricities(0.0226, 49.5, 0.0273, 79.3 + mounting_deg, 0.0)
+        gap = vttig_jax.backlash(jump["driving_deg"] * DEG, clean_rig.pair, rig)
+        variable.append(float(gap) / DEG)
+    assert jump["variable_backlash_deg"] == pytest.approx(variable[0], abs=3e-7)
+    assert abs(jump["variable_backlash_deg"] - variable[1]) > 1.2e-6
     assert jump["constant_backlash_deg"] == pytest.approx(0.038, abs=1e-4)
 
 

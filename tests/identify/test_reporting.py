@@ -29,15 +29,28 @@ def _parameters(driving_phase: float | None = 49.5) -> dict[str, Parameter]:
 def test_variable_backlash_is_the_closed_form(paper_pair, angle_deg):
     bare = vttig_jax.Eccentricities(0.0226, 49.5, 0.0273, 79.3, 0.0)
     expected = float(vttig_jax.backlash(angle_deg * DEG, paper_pair, bare)) / DEG
-    found = variable_backlash_deg(paper_pair, _parameters(), angle_deg)
+    driven_deg = float(paper_pair.ratio) * angle_deg
+    found = variable_backlash_deg(paper_pair, _parameters(), angle_deg, driven_deg)
     assert found == pytest.approx(expected, abs=1e-12)
 
 
 def test_an_amplitude_without_a_phase_adds_nothing(paper_pair):
     alone = vttig_jax.Eccentricities(0.0, 0.0, 0.0273, 79.3, 0.0)
     expected = float(vttig_jax.backlash(0.3, paper_pair, alone)) / DEG
-    found = variable_backlash_deg(paper_pair, _parameters(driving_phase=None), 0.3 / DEG)
+    driven_deg = float(paper_pair.ratio) * 0.3 / DEG
+    found = variable_backlash_deg(
+        paper_pair, _parameters(driving_phase=None), 0.3 / DEG, driven_deg
+    )
     assert found == pytest.approx(expected, abs=1e-12)
+
+
+def test_a_driven_gear_mounted_elsewhere_has_its_phase_there(paper_pair):
+    angles_deg = (100.0, float(paper_pair.ratio) * 100.0)
+    bare = vttig_jax.Eccentricities(0.0226, 49.5, 0.0273, 79.3 + 120.0, 0.0)
+    expected = float(vttig_jax.backlash(100.0 * DEG, paper_pair, bare)) / DEG
+    found = variable_backlash_deg(paper_pair, _parameters(), angles_deg[0], angles_deg[1] + 120.0)
+    assert found == pytest.approx(expected, abs=1e-12)
+    assert abs(variable_backlash_deg(paper_pair, _parameters(), *angles_deg) - found) > 0.005
 
 
 def test_outcome_in_one_word():

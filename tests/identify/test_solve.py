@@ -1,12 +1,16 @@
 """Levenberg–Marquardt against scipy on the same residuals, and the rank of what it finds."""
 
+from dataclasses import replace
+
 import equinox as eqx
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
 from tests.identify.summaries import TERMS, columns, layout_of, looked, summary_of
-from vttig_jax.identify.noise import whiten
+from vttig_jax.identify import solve as solver
+from vttig_jax.identify.noise import WhitenedFlank, whiten
+from vttig_jax.identify.notes import solver_notes
 from vttig_jax.identify.relation import pair_relation
 from vttig_jax.identify.solve import solve
 
@@ -75,3 +79,44 @@ def test_a_direction_without_data_is_flagged(paper_pair, apart):
     assert by_name.pop("offset")
     assert set(by_name.values()) == {apart > 0}
     assert solution.values[0] == pytest.approx(1e-3, abs=1e-5)
+
+
+def _farther(problem, offset: float) -> tuple[WhitenedFlank, ...]:
+    """The same flanks with a constant added to the transmission error of both."""
+    _, _, relation, whitened = problem
+    spread = relation.linear[relation.names.index("offset")]
+    found = []
+    for flank, tied in zip(whitened, spread, strict=True):
+        factor = flank.factor.copy()
+        factor[: flank.free, -1] += offset * factor[: flank.free, flank.free : -1] @ tied
+        factor[flank.free : -1, -1] += offset * flank.tied[0] @ tied
+        found.append(replace(flank, factor=factor))
+    return tuple(found)
+
+
+def test_a_large_offset_leads_nowhere_else(problem):
+    """Two radians: the first damped step would spread them over eccentricities of metres."""
+    _, _, relation, whitened = problem
+    near, far = solve(relation, whitened), solve(relation, _farther(problem, 2.0))
+    assert far.converged and far.steps > near.steps
+    moved = far.values - near.values
+    moved[relation.names.index("offset")] -= 2.0
+    assert np.all(np.abs(moved) < 0.01 * np.sqrt(np.diag(near.covariance)))
+    assert far.misfit == pytest.approx(near.misfit, rel=0.01)
+
+
+def test_what_is_no_minimum_has_not_converged(problem, monkeypatch):
+    """The negative control: a solver that says it is done where it is not."""
+    _, _, relation, whitened = problem
+    honest = solve(relation, whitened)
+    assert honest.converged and solver_notes(honest) == []
+    wrong = honest.values.copy()
+    wrong[relation.names.index("driven_x")] += 4.0
+    monkeypatch.setattr(solver, "_minimise", lambda *_: (wrong, True, 67))
+    found = solve(relation, whitened)
+    assert not found.converged and found.misfit > 1000 * found.linear_misfit
+    (note,) = solver_notes(found)
+    assert "134 steps" in note and "[fit]" in note
+    assert f"{found.misfit:.3g} standard deviations" in note
+    monkeypatch.setattr(solver, "_minimise", lambda *_: (np.nan * wrong, True, 67))
+    assert not solve(relation, whitened).converged

@@ -48,6 +48,22 @@ VERBS = {
         "vttig_jax.cli.simulate_verb:command",
         "Simulate a reversal with an anti-backlash controller.",
     ),
+    "sweep": (
+        "vttig_jax.cli.sweep_verb:command",
+        "Simulate thousands of cases: axes, controllers, drawn rigs.",
+    ),
+    "tune": (
+        "vttig_jax.cli.tune_verb:command",
+        "Tune the settings of a controller over all cases of a sweep.",
+    ),
+    "locate": (
+        "vttig_jax.cli.locate_verb:command",
+        "Find the turn in the hunting period from two readings.",
+    ),
+    "export": (
+        "vttig_jax.cli.export_verb:command",
+        "Write the compensation as CSV, JSON or a C header.",
+    ),
     "demo": (
         "vttig_jax.cli.demo_verb:command",
         "Simulate the paper's rig, fit it and show the result.",

@@ -9,6 +9,7 @@ from jaxtyping import Array, Bool, Float
 
 from ..base.arrays import Number, Numbers, float64
 from .plant import Slide
+from .thrust import Push, Thrust
 
 
 class Carriage(NamedTuple):
@@ -17,12 +18,14 @@ class Carriage(NamedTuple):
     - `wanted`, `rate`: where it would be with nothing in its way, mm and mm/s.
     - `reached`: where it is; the closed gap may hold it back, mm.
     - `queue`: commands on their way, the oldest first, mm.
+    - `stalled`: the teeth are stronger than it, where its force has a limit.
     """
 
     wanted: Float[Array, ""]
     rate: Float[Array, ""]
     reached: Float[Array, ""]
     queue: Float[Array, " periods"]
+    stalled: Bool[Array, ""] | None = None
 
 
 class Actuator(eqx.Module):
@@ -32,11 +35,16 @@ class Actuator(eqx.Module):
     resolution. Where the gap is closed it stalls, and is pushed back as the gap shrinks: `wanted`
     goes on, `reached` does not. Where the teeth cannot push it back the drive blocks instead.
 
+    With a limited force it stops, as fast as it brakes, where the flank that carries resists more
+    than that, and is driven back, at its speed and to its end stop at most, where that flank pushes
+    with more.
+
     **Arguments**
     - `speed`, `acceleration`: mm/s, mm/s². - `resolution`: mm; 0 for none. - `stroke`: mm.
     - `yields`: whether the drive can push it back; see `pushed_back`.
     - `delay`: in whole periods of the controller.
     - `periods`: length of the queue, at least `delay` and 1.
+    - `force_limit`: N; None for none. - `thrust`: forces of the teeth, where there is a limit.
     """
 
     speed: Float[Number, ""] = eqx.field(converter=float64)
@@ -46,11 +54,14 @@ class Actuator(eqx.Module):
     delay: Float[Number, ""] = eqx.field(converter=float64)
     yields: Bool[Numbers, ""]
     periods: int = eqx.field(static=True)
+    force_limit: Float[Number, ""] | None = None
+    thrust: Thrust | None = None
 
     def at_rest(self) -> Carriage:
         """Fully open, no command given."""
         zero = jnp.zeros(())
-        return Carriage(zero, zero, zero, jnp.zeros(self.periods))
+        stalled = None if self.force_limit is None else jnp.zeros((), bool)
+        return Carriage(zero, zero, zero, jnp.zeros(self.periods), stalled)
 
     def commanded(
         self, carriage: Carriage, command: Float[Array, ""]
@@ -70,8 +81,11 @@ class Actuator(eqx.Module):
         target: Float[Array, ""],
         closed: Float[Array, ""],
         step: Float[Array, ""],
+        push: Push | None = None,
     ) -> tuple[Carriage, Slide, Bool[Array, ""]]:
         """Slide for a step of s towards a target in mm, up to where the gap is `closed` after it.
+
+        `push`: what the teeth do, where the force is limited.
 
         **Returns** the carriage, its way, and whether the drive is blocked: the gap has shrunk
         below what the carriage holds, and it does not yield.
@@ -83,14 +97,24 @@ class Actuator(eqx.Module):
         more = jnp.floor(0.5 * (jnp.sqrt(1 + jnp.abs(ahead) * (8 * rate / brake)) - 1))
         stops = jnp.abs(ahead) * rate / (more + 1) + 0.5 * brake * more
         fastest = jnp.minimum(self.speed, stops)
-        change = jnp.sign(ahead) * fastest - carriage.rate
+        wish, stalled = jnp.sign(ahead) * fastest, None
+        if self.force_limit is not None and push is not None:
+            least = jnp.asarray(self.force_limit)
+            driven = push.back > least
+            stopped = ((ahead > 0) & (push.against > least)) | ((ahead < 0) & (-push.back > least))
+            wish = jnp.where(driven, -self.speed, jnp.where(stopped, 0.0, wish))
+            stalled = stopped | (driven & (carriage.wanted > 0))
+        change = wish - carriage.rate
         speed = carriage.rate + jnp.clip(change, -brake, brake)
         wanted = carriage.wanted + step * speed
+        if stalled is not None:
+            wanted = jnp.maximum(wanted, 0.0)
+            speed = jnp.where(wanted > 0, speed, jnp.maximum(speed, 0.0))
         reached = jnp.minimum(wanted, jnp.maximum(closed, 0.0))
         blocked = ~jnp.asarray(self.yields) & (reached < jnp.minimum(carriage.reached, wanted))
         moved = (reached - carriage.reached) * rate
         slide = Slide(carriage.reached, reached, moved, moved)
-        return Carriage(wanted, speed, reached, carriage.queue), slide, blocked
+        return Carriage(wanted, speed, reached, carriage.queue, stalled), slide, blocked
 
 
 def pushed_back(

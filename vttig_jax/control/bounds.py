@@ -86,6 +86,12 @@ class Bounds(eqx.Module):
         )
         return offset + _sum(cosine, sine, waves)
 
+    def turned(self, turns: int) -> "Bounds":
+        """The flanks as they are so many turns of the driving shaft later."""
+        cycles = np.array([first + second * float(self.ratio) for first, second in self.terms])
+        phasor: Any = (self.cosine - 1j * self.sine) * np.exp(2j * np.pi * cycles * turns)
+        return Bounds(self.ratio, self.offset, phasor.real, -phasor.imag, self.closing, self.terms)
+
     @property
     def closing_sum(self) -> Float[Array, ""]:
         """rad of backlash that a mm of axial displacement takes up, (16)."""
@@ -189,10 +195,10 @@ def _waves(terms: tuple[Term, ...], driving: Array, driven: Array) -> list[Any]:
 
 def _sum(cosine: Array, sine: Array, waves: list[Any]) -> Array:
     """Σ cosine cos + sine sin over the harmonics."""
-    return sum(
-        cosine[place] * wave_cosine + sine[place] * wave_sine
-        for place, (wave_sine, wave_cosine) in enumerate(waves)
-    )
+    found = jnp.zeros(())
+    for place, (wave_sine, wave_cosine) in enumerate(waves):
+        found = found + (cosine[place] * wave_cosine + sine[place] * wave_sine)
+    return found
 
 
 def _power(known: dict, order: int):

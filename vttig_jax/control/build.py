@@ -4,26 +4,32 @@ import math
 from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
+from msgspec import structs
 
 from ..base.errors import ScenarioError
+from ..base.toml_file import plain_table
 from ..base.units import ARCSEC, DEG, REV
 from ..kinematics.closed import closed_model
 from ..kinematics.exact import exact_model
+from ..kinematics.flank_model import FlankModel
 from ..pair.eccentricities import Eccentricities
 from ..pair.gears import GearPair
 from .acceleration_controller import AccelerationController
-from .actuator import Actuator, pushed_back
+from .actuator import Actuator
 from .bounds import Bounds, bounds_of
+from .build_motion import actuator_of, delay_of, drag_of, drive_of
 from .case import Case
 from .controller import Controller, NoController
 from .elastic_plant import ElasticPlant, largest_step, mesh_stiffness
+from .feedforward_controller import FeedforwardController
 from .motion import Motion
 from .observer import AlphaBetaGamma, FilteredDifference, Observer
 from .pieces import motion_of
-from .plant import Drag, Plant
+from .plant import Plant
 from .play_plant import PlayPlant
 from .predictive_controller import PredictiveController
 from .recorded_motion import read_motion
@@ -31,7 +37,6 @@ from .rigid_plant import RigidPlant
 from .sensing import Sensor
 from .spec import ScenarioSpec
 from .spec_tables import (
-    ActuatorTable,
     EccentricityTable,
     EncoderTable,
     FrictionTable,
@@ -40,6 +45,7 @@ from .spec_tables import (
     MeshTable,
     MotionTable,
 )
+from .turn_finding import LostController, turns_off
 
 _OBSERVERS: dict[str, Callable[[float], Observer]] = {
     "alpha_beta_gamma": AlphaBetaGamma,
@@ -47,7 +53,6 @@ _OBSERVERS: dict[str, Callable[[float], Observer]] = {
 }
 _REMEMBERED = 4096
 """Parts that a builder keeps."""
-_SHORTEST_QUEUE = 1
 _PERIODS_BEHIND = 3.0
 """Periods from a reading to the place that the actuator takes by it."""
 
@@ -86,6 +91,7 @@ class Builder:
         """
         motion, sense = self._part(self._motion, spec.motion)
         bounds = self._part(self._bounds, spec.eccentricities, spec.flanks)
+        believed = self._part(self._bounds, _believed(spec), spec.flanks)
         hertz = spec.sampling.controller_hz
         substeps = round(spec.sampling.plant_hz / hertz) or 1
         sensors = (spec.driving_encoder, False), (spec.driven_encoder, True)
@@ -94,11 +100,12 @@ class Builder:
             motion=motion,
             bounds=bounds,
             plant=self._part(self._plant, spec.plant, *tables, hertz, substeps),
+            drive=self._part(drive_of, spec.servo, spec.plant, *tables[:3], hertz * substeps),
             actuator=self._part(
-                self._actuator, spec.actuator, spec.mesh.friction_coefficient, hertz
+                self._actuator, spec.actuator, spec.servo, spec.plant, *tables, hertz
             ),
             observer=self._part(_OBSERVERS[spec.judgement.observer], spec.judgement.bandwidth_hz),
-            controller=self.controller or self._controller(spec, bounds),
+            controller=self._located(spec, bounds, believed, motion),
             driving_sensor=self._part(self._sensor, *sensors[0]),
             driven_sensor=self._part(self._sensor, *sensors[1]),
             period=1.0 / hertz,
@@ -124,9 +131,8 @@ class Builder:
             table.stop_s,
         ), 1.0
 
-    def _bounds(self, rig: EccentricityTable | None, flanks: str) -> Bounds:
+    def _model(self, rig: EccentricityTable | None, flanks: str) -> FlankModel:
         assert rig is not None  # held by the readers of a scenario
-        pair = self.pair
         eccentricities = Eccentricities(
             rig.driving_mm,
             rig.driving_phase_deg,
@@ -134,6 +140,11 @@ class Builder:
             rig.driven_phase_deg,
             rig.constant_backlash_deg,
         )
+        build = exact_model if flanks == "exact" else closed_model
+        return build(self.pair, eccentricities)
+
+    def _bounds(self, rig: EccentricityTable | None, flanks: str) -> Bounds:
+        pair = self.pair
         closing = pair.taper / pair.reference_radii[1]
         if not float(closing.sum()) > 0:
             raise ScenarioError(
@@ -142,8 +153,7 @@ class Builder:
                 " (`helix_angle_deg`).",
                 where="pair",
             )
-        build = exact_model if flanks == "exact" else closed_model
-        return bounds_of(build(pair, eccentricities), closing)
+        return bounds_of(self._model(rig, flanks), closing)
 
     def _plant(
         self,
@@ -155,15 +165,7 @@ class Builder:
         controller_hz: float,
         substeps: int,
     ) -> Plant:
-        drag = Drag(
-            inertia.driven_kgm2,
-            friction.coulomb_Nm,
-            friction.viscous_Nms,
-            friction.stribeck_Nm,
-            friction.stribeck_rad_s,
-            load.torque_Nm,
-            sticky=friction.stribeck_Nm > 0,
-        )
+        drag = drag_of(inertia.driven_kgm2, friction, load)
         if kind == "play":
             return PlayPlant()
         if kind == "rigid":
@@ -193,29 +195,40 @@ class Builder:
         radius = float(self.pair.base_radii[1].mean())
         return mesh_stiffness(mesh.stiffness_N_mm_um, width, radius)
 
-    def _actuator(self, table: ActuatorTable, friction: float, controller_hz: float) -> Actuator:
-        delay = _delay(table, controller_hz)
-        # Powers of two, so that most new delays find a compiled program.
-        periods = 1 << max(math.ceil(math.log2(max(delay, _SHORTEST_QUEUE))), 0)
-        return Actuator(
-            table.speed_mm_s,
-            table.acceleration_mm_s2,
-            table.stroke_mm,
-            table.resolution_mm,
-            delay,
-            pushed_back(self.pair.taper, friction),
-            periods,
-        )
+    def _actuator(self, *given: Any) -> Actuator:
+        return actuator_of(self.pair, *given)
+
+    def _located(
+        self, spec: ScenarioSpec, bounds: Bounds, believed: Bounds, motion: Motion
+    ) -> Controller:
+        """The controller, with its map at the turn it takes for the present one."""
+        source = spec.judgement.turn
+        if source == "known" or spec.controller == "none":
+            return self.controller or self._controller(spec, believed)
+        turns = None
+        if source == "located":
+            sensors = tuple(
+                self._part(self._sensor, table, driven)
+                for table, driven in ((spec.driving_encoder, False), (spec.driven_encoder, True))
+            )
+            model = self._part(self._model, _believed(spec), spec.flanks)
+            start = float(motion.at(jnp.zeros(())).angle)
+            turns = turns_off(self.pair, model, bounds, sensors, start, spec.seed)
+        if turns is None:
+            return LostController()
+        return self.controller or self._controller(spec, believed.turned(turns))
 
     def _controller(self, spec: ScenarioSpec, bounds: Bounds) -> Controller:
         if spec.controller == "none":
             return NoController()
         judgement, hertz = spec.judgement, spec.sampling.controller_hz
+        if spec.controller == "feedforward":
+            return FeedforwardController(bounds, judgement.jump_s)
         least_speed = judgement.least_rpm * REV / 60.0
         if spec.controller == "acceleration":
             threshold = judgement.threshold_rad_s2
             return AccelerationController(bounds, threshold, least_speed, judgement.margin_mm)
-        lead = (_delay(spec.actuator, hertz) + _PERIODS_BEHIND) / hertz
+        lead = (delay_of(spec.actuator, hertz) + _PERIODS_BEHIND) / hertz
         return PredictiveController(
             bounds, judgement.horizon_s, least_speed, judgement.margin_mm, lead
         )
@@ -232,12 +245,14 @@ class Builder:
         )
 
 
+def _believed(spec: ScenarioSpec) -> EccentricityTable:
+    """The rig whose map the controller has."""
+    assert spec.eccentricities is not None  # held by the readers of a scenario
+    said = {name: value for name, value in plain_table(spec.map).items() if value is not None}
+    return structs.replace(spec.eccentricities, **said)
+
+
 def _sense(motion: Motion) -> float:
     """Of the way made before the brakes: the run begins in this sense."""
     way = motion.at(jnp.asarray(motion.braking_s)).angle - motion.at(jnp.zeros(())).angle
     return -1.0 if float(way) < 0 else 1.0
-
-
-def _delay(table: ActuatorTable, controller_hz: float) -> int:
-    """Dead time of the actuator in whole periods of the controller."""
-    return math.ceil(table.delay_s * controller_hz * (1 - 1e-12))

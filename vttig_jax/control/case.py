@@ -11,7 +11,10 @@ from ..base.arrays import Number, Numbers, float64
 from .actuator import Actuator, Carriage
 from .bounds import Bounds
 from .controller import Controller, Measurement
-from .motion import Motion
+from .cubic import cubic
+from .drive import Drive, Prescribed
+from .lead import Lead, led, next_lead, no_lead
+from .motion import Motion, MotionPoint
 from .observer import Estimate, Observer
 from .plant import ON_A, ON_B, Plant, Shafts
 from .sensing import Sensor, shocks
@@ -28,6 +31,7 @@ class Case(eqx.Module):
     - `sense`: 1 for a run that begins forwards, −1 backwards.
     - `substeps`: steps of the plant in a period.
     - `noisy`: whether the encoders have noise at all; without it no random numbers are drawn.
+    - `drive`: how the driving shaft follows the motion.
     """
 
     motion: Motion
@@ -43,16 +47,25 @@ class Case(eqx.Module):
     seed: Int[Numbers, ""]
     substeps: int = eqx.field(static=True, default=1)
     noisy: bool = eqx.field(static=True, default=False)
+    drive: Drive = Prescribed()
 
 
 class State(NamedTuple):
-    """Everything that one period hands to the next."""
+    """Everything that one period hands to the next.
+
+    - `lead`: of the driving shaft over its motion, where the controller moves the motor at all.
+    - `asked`: the motion at this time; None where the driving shaft is exactly there.
+    - `motor`: state of the drive.
+    """
 
     shafts: Shafts
     carriage: Carriage
     estimate: Estimate
     controller: Any
     tally: Tally
+    lead: Lead | None = None
+    asked: MotionPoint | None = None
+    motor: Any = ()
 
 
 class Sample(NamedTuple):
@@ -89,7 +102,15 @@ def started(case: Case) -> State:
         Estimate(driving, still, still),
         case.controller.start(),
         empty(),
+        no_lead() if case.controller.advances else None,
+        point if _apart(case) else None,
+        case.drive.start(point),
     )
+
+
+def _apart(case: Case) -> bool:
+    """Whether the driving shaft is ever anywhere else than its motion has it."""
+    return case.controller.advances or not isinstance(case.drive, Prescribed)
 
 
 def advance(case: Case, state: State, periods: Int[Array, " n"]) -> tuple[State, Sample]:
@@ -116,8 +137,13 @@ def _period(case: Case, state: State, number: Int[Array, ""]) -> tuple[State, Sa
     shafts, carriage = state.shafts, state.carriage
     driving, driven = _read(case, shafts, number)
     estimate = case.observer.step(state.estimate, driving, jnp.asarray(case.period))
-    seen = Measurement(time, driving, driven, estimate.speed, estimate.acceleration)
-    controller, command = case.controller.step(state.controller, seen)
+    asked = shafts if state.asked is None else state.asked
+    known = estimate.speed, estimate.acceleration, asked.angle, asked.speed
+    seen = Measurement(time, driving, driven, *known)
+    controller, found = case.controller.step(state.controller, seen)
+    order = case.controller.ordered(found)
+    command, period = jnp.asarray(order.shift), jnp.asarray(case.period)
+    lead = state.lead and next_lead(state.lead, jnp.asarray(order.advance), period)
     carriage, target = case.actuator.commanded(carriage, command)
     shown = driven - case.bounds.ratio * driving
     gap = shafts.flanks.upper - shafts.flanks.lower
@@ -145,17 +171,18 @@ def _period(case: Case, state: State, number: Int[Array, ""]) -> tuple[State, Sa
         command,
         carriage.reached,
     )
-    moving = _Moving(shafts, carriage, tally)
+    moving = _Moving(shafts, carriage, tally, state.asked, state.motor)
+    told = _Told(target, time, state.lead, lead)
     if case.substeps == 1:
-        moving = _moved(case, run, target, time, moving, jnp.ones(()))
+        moving = _moved(case, run, told, moving, jnp.ones(()))
     else:
 
         def one(moving: _Moving, place: Float[Array, ""]) -> tuple[_Moving, None]:
-            return _moved(case, run, target, time, moving, place), None
+            return _moved(case, run, told, moving, place), None
 
         moving, _ = jax.lax.scan(one, moving, jnp.arange(1.0, case.substeps + 1))
-    state = State(moving.shafts, moving.carriage, estimate, controller, moving.tally)
-    return state, sample
+    shafts, carriage, tally, asked, motor = moving
+    return State(shafts, carriage, estimate, controller, tally, lead, asked, motor), sample
 
 
 class _Moving(NamedTuple):
@@ -164,26 +191,55 @@ class _Moving(NamedTuple):
     shafts: Shafts
     carriage: Carriage
     tally: Tally
+    asked: MotionPoint | None
+    motor: Any
+
+
+class _Told(NamedTuple):
+    """What holds over one period.
+
+    - `target`: of the actuator, mm. - `time`: of its start, s.
+    - `before`, `after`: lead of the driving shaft at both ends, if there is any.
+    """
+
+    target: Float[Array, ""]
+    time: Float[Array, ""]
+    before: Lead | None
+    after: Lead | None
 
 
 def _moved(
     case: Case,
     run: Run,
-    target: Float[Array, ""],
-    time: Float[Array, ""],
+    told: _Told,
     moving: _Moving,
     place: Float[Array, ""],
 ) -> _Moving:
-    """One step of the plant, the `place`-th of a period that began at `time`."""
+    """One step of the plant, the `place`-th of a period."""
     step = jnp.asarray(case.period) / case.substeps
-    then = time + place * step
-    ahead = case.motion.at(then)
-    closed = case.bounds.gap(ahead.angle) * (1.0 / case.bounds.closing_sum)
-    carriage, slide, blocked = case.actuator.step(moving.carriage, target, closed, step)
-    shafts, touch = case.plant.step(moving.shafts, ahead, slide, case.bounds, step)
+    then = told.time + place * step
+    ahead = asked = case.motion.at(then)
+    if told.before is not None and told.after is not None:
+        share = place / case.substeps
+        ahead = led(asked, told.before, told.after, share, jnp.asarray(case.period))
+    expected = case.drive.expected(moving.shafts, ahead, step)
+    closed = case.bounds.gap(expected) * (1.0 / case.bounds.closing_sum)
+    push, thrust = None, case.actuator.thrust
+    if thrust is not None:
+        push = thrust.at(moving.shafts.side, moving.shafts.speed, ahead.acceleration)
+    carriage, slide, blocked = case.actuator.step(moving.carriage, told.target, closed, step, push)
+    motor, shafts, touch = case.drive.step(
+        moving.motor, case.plant, moving.shafts, ahead, slide, case.bounds, step
+    )
     way = slide.end - slide.start
-    tally = moved(moving.tally, run, then, shafts, touch, carriage, way, blocked)
-    return _Moving(shafts, carriage, tally)
+    behind = None
+    if moving.asked is not None:
+        was = moving.asked
+        course = cubic(was.angle, asked.angle, was.speed, asked.speed, step)
+        behind = course.at(touch.share) - touch.angle
+    gone = shafts, touch, carriage, way, blocked, behind, case.drive.missed(motor, shafts)
+    tally = moved(moving.tally, run, then, step, *gone)
+    return _Moving(shafts, carriage, tally, asked if _apart(case) else None, motor)
 
 
 def _run(case: Case) -> Run:

@@ -33,12 +33,37 @@ class ElasticPlant(Plant):
     **Arguments**
     - `drag`: inertia and friction of the driven shaft.
     - `stiffness`: c, N m/rad at the driven shaft; see `mesh_stiffness`.
-    - `damping_ratio`: ζ. It refers to J₂ alone, because the driving motion is prescribed.
+    - `damping_ratio`: ζ. It refers to J₂ alone where the driving motion is prescribed.
+    - `effective`: inertia of both shafts against each other, kg m², where the driving one gives way
+      (`against`); it stands for J₂ in all that the flank does, and ζ refers to it.
     """
 
     drag: Drag
     stiffness: Float[Number, ""] = eqx.field(converter=float64)
     damping_ratio: Float[Number, ""] = eqx.field(converter=float64)
+    effective: Float[Number, ""] | None = None
+
+    def against(self, effective: Float[Number, ""]) -> "ElasticPlant":
+        """The same teeth between two shafts that move each other.
+
+        Friction is then constant over a whole step, an impact in it included, so that what differs
+        from `slowing` is the flank's doing alone.
+        """
+        return ElasticPlant(self.drag, self.stiffness, self.damping_ratio, effective)
+
+    def torque(self, shafts: Shafts, now: Walls) -> Scalar:
+        """Of the flanks on the driven shaft, N m: positive that of A."""
+        depths = _depths(now, shafts.offset, shafts.drift)
+        return self._torque(depths.a) - self._torque(depths.b)
+
+    def slowing(self, shafts: Shafts, now: Walls, ratio: Scalar, step: Scalar) -> Scalar:
+        """What friction and load do to a driven shaft that the flanks press, rad/s²."""
+        force = self.torque(shafts, now)
+        hold = jnp.asarray(self.drag.coulomb) + self.drag.stribeck
+        push = jnp.clip(force, self.drag.load - hold, self.drag.load + hold)
+        push = jnp.where(force == 0, 0.0, push)
+        turning = ratio * shafts.speed + shafts.drift
+        return self.drag.acceleration(turning, push, step) - push / self.drag.inertia
 
     def step(
         self, shafts: Shafts, ahead: MotionPoint, slide: Slide, bounds: Bounds, step: Number
@@ -50,7 +75,10 @@ class ElasticPlant(Plant):
         now = walls(shafts.flanks, shafts.speed, closing, slide.start, slide.start_rate)
         then = walls(flanks, ahead.speed, closing, slide.end, slide.end_rate)
         turning = ratio * shafts.speed + shafts.drift
-        slowing = self.drag.acceleration(turning, 0.0, step)
+        if self.effective is None:
+            slowing = self.drag.acceleration(turning, 0.0, step)
+        else:
+            slowing = self.slowing(shafts, now, ratio, step)
         free = shafts.offset + step * (turning + 0.5 * step * slowing)
         free -= ratio * (ahead.angle - shafts.angle)
         drift = shafts.drift + step * slowing - ratio * (ahead.speed - shafts.speed)
@@ -65,12 +93,12 @@ class ElasticPlant(Plant):
         low = cubic(now.lower, then.lower, now.lower_rate, then.lower_rate, step)
         high = cubic(now.upper, then.upper, now.upper_rate, then.upper_rate, step)
         way = cubic(shafts.angle, ahead.angle, shafts.speed, ahead.speed, step)
-        touch = Touch(met, way.at(share), high.at(share) - low.at(share))
+        touch = Touch(met, way.at(share), high.at(share) - low.at(share), share)
         return Shafts(ahead.angle, ahead.speed, offset, landing.drift, side, flanks), touch
 
     def _landing(self, now: Walls, then: Walls, flight: "_Flight", step: Scalar) -> "_Landing":
         """Where a flight leads once the flanks have their say."""
-        rate = jnp.sqrt(jnp.asarray(self.stiffness) / self.drag.inertia)
+        rate = jnp.sqrt(jnp.asarray(self.stiffness) / self._inertia)
         starts = _depths(now, flight.start, flight.start_rate)
         ends = _depths(then, flight.end, flight.end_rate)
         nearer_a = (starts.b.depth <= 0) & (ends.a.depth > ends.b.depth)
@@ -80,8 +108,9 @@ class ElasticPlant(Plant):
             Press(*(jnp.where(on_a, a, b) for a, b in zip(*both, strict=True)))
             for both in (starts, ends)
         )
-        free = (end.rate - start.rate) / step
-        held = free - sense * self._held(flight, start, sense * end.rate, sense, step)
+        free = held = (end.rate - start.rate) / step
+        if self.effective is None:
+            held = free - sense * self._held(flight, start, sense * end.rate, sense, step)
         pulls = Pulls(free, held, jnp.where(start.depth > 0, free, held))
         one = impact(
             Press(start.depth, start.rate / rate),
@@ -122,8 +151,12 @@ class ElasticPlant(Plant):
     def _torque(self, press: Press) -> Scalar:
         stiffness = jnp.asarray(self.stiffness)
         spring = stiffness * jnp.maximum(press.depth, 0.0)
-        damping = 2 * self.damping_ratio * jnp.sqrt(stiffness * self.drag.inertia)
+        damping = 2 * self.damping_ratio * jnp.sqrt(stiffness * self._inertia)
         return spring + jnp.clip(damping * press.rate, -spring, spring)
+
+    @property
+    def _inertia(self) -> Float[Number, ""]:
+        return self.drag.inertia if self.effective is None else self.effective
 
 
 def mesh_stiffness(c_gamma_N_mm_um: float, face_width_mm: float, base_radius_mm: float) -> float:

@@ -9,13 +9,14 @@ from jaxtyping import Bool, Float
 from ..base.arrays import Numbers
 from ..base.units import DEG
 from .case import Case
-from .controller import NoController
 from .tally import Tally
+from .turn_finding import LostController
 
-Outcome = Literal["ok", "bound", "missed", "stroke", "slow"]
-"""`bound`: the drive stands between both flanks. `missed`: the controller did not see the motor
-brake. `stroke`: the actuator was asked for more than it has. `slow`: it was still on its way when
-the motion turned."""
+Outcome = Literal["ok", "unlocated", "bound", "missed", "stroke", "force", "slow"]
+"""`unlocated`: the controller did not know the turn of the hunting period and refused to start.
+`bound`: the drive stands between both flanks. `missed`: the controller did not see the motor brake.
+`stroke`: the actuator was asked for more than it has. `force`: the teeth were stronger than it.
+`slow`: it was still on its way when the motion turned."""
 
 METRICS = (
     "te_mean_deg",
@@ -29,6 +30,7 @@ METRICS = (
     "residual_gap_deg",
     "interference_mm",
     "actuator_travel_mm",
+    "lost_motion_deg",
 )
 
 NEAR_MM = 1e-4
@@ -41,7 +43,10 @@ class Facts(NamedTuple):
     - `sense`: 1 for a run that begins forwards, −1 backwards.
     - `closing`: rad by which a mm of axial displacement moves the flank that carries at first.
     - `braking_s`, `turns`: when the motion brakes, and whether it turns back.
-    - `idle`: nobody closes the gap. - `stroke`: of the actuator, mm.
+    - `idle`: nobody closes the gap. - `lost`: the controller refused to start.
+    - `stroke`: of the actuator, mm.
+    - `turn_s`, `turn`: when and where the motion turns, s and rad of the driving shaft.
+    - `ratio`: i.
     """
 
     sense: Float[Numbers, "*shape"]
@@ -49,7 +54,11 @@ class Facts(NamedTuple):
     braking_s: Float[Numbers, "*shape"]
     turns: Bool[Numbers, "*shape"]
     idle: Bool[Numbers, "*shape"]
+    lost: Bool[Numbers, "*shape"]
     stroke: Float[Numbers, "*shape"]
+    turn_s: Float[Numbers, "*shape"]
+    turn: Float[Numbers, "*shape"]
+    ratio: Float[Numbers, "*shape"]
 
 
 def facts_of(case: Case) -> Facts:
@@ -60,8 +69,12 @@ def facts_of(case: Case) -> Facts:
         jnp.where(sense > 0, closing[0], closing[1]),
         jnp.asarray(case.motion.braking_s),
         jnp.asarray(case.motion.turn_s) < case.motion.duration_s,
-        jnp.full((), isinstance(case.controller, NoController)),
+        jnp.full((), not case.controller.closes),
+        jnp.full((), isinstance(case.controller, LostController)),
         jnp.asarray(case.actuator.stroke),
+        jnp.asarray(case.motion.turn_s),
+        case.motion.at(jnp.asarray(case.motion.turn_s)).angle,
+        jnp.asarray(case.bounds.ratio),
     )
 
 
@@ -78,11 +91,15 @@ def metrics_of(facts: Facts, tally: Tally) -> dict[str, Float[np.ndarray, "*shap
     - `residual_gap_deg`: backlash left when the motion turns.
     - `interference_mm`: most by which the actuator wanted further than the closed gap let it.
     - `actuator_travel_mm`: its way to and fro.
+    - `lost_motion_deg`: how far the motion has gone back, at the driven gear, when the other flank
+      is first met; 0 where that is before the turn.
 
-    The last two and the axial step are those of the reversal: they end when the gap is opened again
-    after it. Of a motion that never turns back they are those of the whole run.
+    Interference, travel and the axial step are those of the reversal: they end when the gap is
+    opened again after it. Of a motion that never turns back they are those of the whole run.
     """
     f, t = Facts(*map(np.asarray, facts)), Tally(*map(np.asarray, tally))
+    back = f.sense * f.ratio * (f.turn - t.crossing - t.behind)
+    lost = np.where(t.crossing_s <= f.turn_s, 0.0, back)
     values = (
         t.total / t.samples / DEG,
         t.highest / DEG,
@@ -95,20 +112,23 @@ def metrics_of(facts: Facts, tally: Tally) -> dict[str, Float[np.ndarray, "*shap
         t.left / DEG,
         t.interference,
         t.travel,
+        np.where(f.turns, lost, np.nan) / DEG,
     )
     return {name: np.asarray(value) for name, value in zip(METRICS, values, strict=True)}
 
 
 def outcomes_of(facts: Facts, tally: Tally) -> Any:
-    """How each ended; the first that holds of bound, missed, stroke, slow, ok."""
+    """How each ended: the first that holds, in the order of `Outcome` behind ok."""
     f, t = Facts(*map(np.asarray, facts)), Tally(*map(np.asarray, tally))
     return np.select(
         [
+            f.lost,
             t.blocked,
             f.turns & ~f.idle & np.isnan(t.detection),
             t.asked > f.stroke + NEAR_MM,
+            t.forced,
             t.short > NEAR_MM,
         ],
-        ["bound", "missed", "stroke", "slow"],
+        ["unlocated", "bound", "missed", "stroke", "force", "slow"],
         "ok",
     )

@@ -45,11 +45,13 @@ class Touch(NamedTuple):
 
     - `side`: which, `FREE` where none was.
     - `angle`: driving angle there, rad. - `gap`: backlash left there, rad.
+    - `share`: of the step until then.
     """
 
     side: Float[Array, ""]
     angle: Float[Array, ""]
     gap: Float[Array, ""]
+    share: Float[Array, ""]
 
 
 class Drag(eqx.Module):

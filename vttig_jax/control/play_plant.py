@@ -33,7 +33,7 @@ class PlayPlant(Plant):
         share = first_root(type(held)(*depth))
         way = cubic(shafts.angle, ahead.angle, shafts.speed, ahead.speed, step)
         met = newly_met(below, above, side, shafts.side)
-        touch = Touch(met, way.at(share), high.at(share) - low.at(share))
+        touch = Touch(met, way.at(share), high.at(share) - low.at(share), share)
         offset = jnp.clip(free, then.lower, then.upper)
         rate = jnp.where(
             below, then.lower_rate, jnp.where(above, then.upper_rate, -ratio * ahead.speed)

@@ -61,7 +61,7 @@ class RigidPlant(Plant):
 
         met = newly_met(below, above, side, shafts.side)
         way = cubic(shafts.angle, ahead.angle, shafts.speed, ahead.speed, step)
-        touch = Touch(met, way.at(share), high.at(share) - low.at(share))
+        touch = Touch(met, way.at(share), high.at(share) - low.at(share), share)
         offset = jnp.where(stays, reached, jnp.where(hit, offset, free))
         drift = jnp.where(stays, reached_rate, jnp.where(hit, bounced + rest * pull, drift))
         return (

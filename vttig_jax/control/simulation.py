@@ -10,6 +10,7 @@ from ..base.arrays import Number
 from ..base.units import DEG
 from ..pair.gears import GearPair
 from .case import Case, Sample
+from .drive import Prescribed
 from .metrics import Outcome, facts_of, metrics_of, outcomes_of
 from .simulation_text import sentences, simulation_text
 from .spec import ScenarioSpec, spec_table
@@ -72,7 +73,7 @@ class Simulation:
 
     @property
     def outcome(self) -> Outcome:
-        """How it ended; the first that holds of bound, missed, stroke, slow, ok."""
+        """How it ended: the first that holds, in the order of `Outcome` behind ok."""
         return outcomes_of(facts_of(self.case), self.tally).item()
 
     @property
@@ -86,6 +87,11 @@ class Simulation:
         own = type(self.case.controller)
         ours = own.__module__.rpartition(".")[0] == __name__.rpartition(".")[0]
         return self.spec.controller if ours else own.__name__
+
+    @property
+    def servo(self) -> bool:
+        """Whether a servo motor moves the driving shaft, which may be elsewhere than it is told."""
+        return not isinstance(self.case.drive, Prescribed)
 
     @property
     def turns(self) -> bool:
@@ -127,6 +133,8 @@ class Simulation:
             "duration_s": float(motion.duration_s),
             "turn": turn if self.turns else None,
             "crossing_deg": _finite(float(t.crossing) / DEG),
+            "crossing_s": _finite(float(t.crossing_s)),
+            "following_error_deg": float(t.astray) / DEG if self.servo else None,
             "false_closings": int(t.false_closings),
             "blocked_s": _finite(float(t.blocked_s)),
             "samples": int(t.samples),

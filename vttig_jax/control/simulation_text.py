@@ -53,9 +53,14 @@ def sentences(found: "Simulation") -> Iterator[str]:
         )
     if not found.turns and not np.isnan(t.detection):
         yield "The controller closes although the motion never turns back."
+    if float(t.limited_s) > 0:
+        yield (
+            f"The motor is at servo.torque_limit_Nm for {float(t.limited_s):.3g} s; the driving"
+            f" shaft is up to {_angle(float(t.astray))} from where it is told to be."
+        )
     margin = found.spec.judgement.margin_mm * float(found.case.bounds.closing_sum)
     meant = _NEAR_DEG * DEG + 1.01 * max(margin, 0.0)
-    if outcome == "ok" and found.controller != "none" and float(t.left) > meant:
+    if outcome == "ok" and found.case.controller.closes and float(t.left) > meant:
         yield (
             f"The motion turns with {_angle(float(t.left))} of backlash left, more than"
             " judgement.margin_mm means to leave."
@@ -69,9 +74,15 @@ def _ending(found: "Simulation") -> str:
         "bound": f"The drive blocks after {float(t.blocked_s):.3f} s: the gap has shrunk below what"
         " the actuator holds, and the teeth cannot push it back; a larger judgement.margin_mm, or a"
         " smaller mesh.friction_coefficient, keeps it going.",
+        "unlocated": "The controller does not know in which turn of the hunting period it is, and"
+        " refuses to start; encoders good enough to tell the turns apart (judgement.turn ="
+        ' "located"), or a reference (judgement.turn = "known"), let it.',
         "missed": f"The controller never sees the motor brake{_MISSED.get(found.controller, '')}.",
         "stroke": f"The controller asks for {float(t.asked):.3f} mm, but actuator.stroke_mm is"
         f" {float(found.case.actuator.stroke):g}.",
+        "force": "The teeth are stronger than actuator.force_limit_N ="
+        f" {found.spec.actuator.force_limit_N:g}: the actuator stalls or is pushed back; a higher"
+        " limit, or less torque on the drive while it moves, lets it pass.",
         "slow": f"When the motion turns the actuator still lacks {float(t.short):.3f} mm; a faster"
         " actuator or a longer standstill gives it the time.",
     }[found.outcome]
@@ -85,13 +96,19 @@ def _rows(found: "Simulation") -> Iterator[tuple[str, str]]:
     mean, most, least = (metrics[f"te_{name}_deg"] for name in ("mean", "max", "min"))
     shown = f"{least:+.5f}° … {most:+.5f}°, mean {mean:+.5f}°"
     yield "transmission error", f"{shown}, as the encoders show it"
-    yield "closing begins", _detection(found)
+    if found.servo:
+        yield "following error", f"{_angle(float(t.astray))} of the driving shaft at most"
+    moves, closes = found.case.controller.advances, found.case.controller.closes
+    if closes or not moves:
+        yield "closing begins", _detection(found)
     if found.turns:
         _, open_gap = found.place(found.case.motion.turn_s)
         left = "–" if np.isnan(t.left) else _angle(float(t.left))
         yield "backlash at the turn", f"{left} left of {open_gap / DEG:.5f}°"
     yield "jump", _jump(found)
-    if found.controller != "none":
+    if (moves or found.servo) and "lost_motion_deg" in metrics:
+        yield "lost motion", _lost(found)
+    if closes:
         yield "axial step", _angle(metrics["axial_step_deg"] * DEG)
         yield "interference", f"{float(t.interference):.4f} mm at most"
         yield (
@@ -134,12 +151,19 @@ def _jump(found: "Simulation") -> str:
     return said if paper is None else f"{said}; reading before less reading after {paper:+.5f}°"
 
 
+def _lost(found: "Simulation") -> str:
+    """How far the motion goes back until the driven shaft follows, and for how long."""
+    since = max(float(found.tally.crossing_s - found.case.motion.turn_s), 0.0)
+    said = _angle(_numbers(found)["lost_motion_deg"] * DEG)
+    return f"{said}, the other flank carries {1e3 * since:.3g} ms after the turn"
+
+
 def _numbers(found: "Simulation") -> dict[str, float]:
     """The metrics that are there."""
     return {name: value for name, value in found.metrics.items() if isinstance(value, float)}
 
 
 def _angle(value: float) -> str:
-    """An angle of the driven gear in rad."""
+    """An angle in rad."""
     shown = max(value, 0.0) if value > -_NEAR_DEG * DEG else value  # no −0
     return f"{shown / DEG:.5f}° ({shown / ARCSEC:.1f}″)"

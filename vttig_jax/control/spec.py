@@ -14,7 +14,7 @@ from ..base.errors import ScenarioError
 from ..base.toml_file import Table, plain_table
 from ..base.toml_keys import key, value_keys
 from .spec_axes import SCENARIO_FILE, Sweep, parse_sweep, unknown_key
-from .spec_check import check_scenario
+from .spec_check import check_rig, check_scenario
 from .spec_tables import (
     ActuatorTable,
     Controller,
@@ -25,11 +25,13 @@ from .spec_tables import (
     InertiaTable,
     JudgementTable,
     LoadTable,
+    MapTable,
     MeshTable,
     MotionTable,
     Plant,
     RigDraws,
     SamplingTable,
+    ServoTable,
 )
 
 
@@ -46,11 +48,15 @@ class ScenarioSpec(Table, frozen=True):
     eccentricities: Annotated[
         EccentricityTable | None, key("offsets of the gears from their axes, and the gap")
     ] = None
+    map: Annotated[MapTable, key("what the controller believes instead of the rig itself")] = (
+        MapTable()
+    )
     motion: Annotated[MotionTable, key("what the driving shaft is to do")] = MotionTable()
-    inertia: Annotated[InertiaTable, key("of the driven shaft, with all that turns with it")] = (
+    servo: Annotated[ServoTable, key("motor of the driving shaft")] = ServoTable()
+    inertia: Annotated[InertiaTable, key("of both shafts, with all that turns with them")] = (
         InertiaTable()
     )
-    friction: Annotated[FrictionTable, key("of the driven shaft")] = FrictionTable()
+    friction: Annotated[FrictionTable, key("of both shafts")] = FrictionTable()
     load: Annotated[LoadTable, key("of the driven shaft")] = LoadTable()
     mesh: Annotated[MeshTable, key("contact of the flanks")] = MeshTable()
     driving_encoder: Annotated[
@@ -75,8 +81,7 @@ KEYS = {
 def parse_scenario_spec(table: Mapping[str, Any], source: str = "") -> ScenarioSpec:
     """Validate a parsed TOML table; `source` is the file name for messages.
 
-    Of a sweep, each axis is validated by itself and the first case as a whole; `with_values`
-    validates the others.
+    Of a sweep, each axis is validated by itself; `with_values` validates each case as a whole.
     """
     with SCENARIO_FILE.placed(source):
         _check_places(table)
@@ -87,7 +92,7 @@ def parse_scenario_spec(table: Mapping[str, Any], source: str = "") -> ScenarioS
             return spec
         sweep = parse_sweep(table["sweep"], KEYS)
         _check_axes(sweep, spec)
-        check_scenario(_with_values(spec, sweep.first_case))
+        check_rig(spec)
     return replace(spec, sweep=sweep)
 
 

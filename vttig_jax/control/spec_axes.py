@@ -74,11 +74,6 @@ class Sweep(Struct, frozen=True, kw_only=True):
         return tuple(map(round, axis.values)) if name in self.whole else axis.values
 
     @property
-    def first_case(self) -> dict[str, Value]:
-        """The first value of every axis."""
-        return {name: self.values(name)[0] for name in self.axes}
-
-    @property
     def table(self) -> dict[str, Any]:
         """The table as a file holds it.
 

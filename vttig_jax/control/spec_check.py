@@ -12,6 +12,13 @@ if TYPE_CHECKING:
 
 def check_scenario(spec: "ScenarioSpec") -> None:
     """Raise `ScenarioError` whose `where` is the dotted key at fault."""
+    check_rig(spec)
+    _check_motion(spec.motion)
+    _check_rates(spec.sampling)
+
+
+def check_rig(spec: "ScenarioSpec") -> None:
+    """Raise `ScenarioError` unless there is one rig, or a posterior of them."""
     if (spec.eccentricities is None) == (spec.rig is None):
         seen = "neither" if spec.rig is None else "both"
         raise ScenarioError(
@@ -19,8 +26,6 @@ def check_scenario(spec: "ScenarioSpec") -> None:
             " may have rigs from a posterior instead.",
             where="eccentricities",
         )
-    _check_motion(spec.motion)
-    _check_rates(spec.sampling)
 
 
 def smallest_reversal_deg(motion: "MotionTable") -> float:

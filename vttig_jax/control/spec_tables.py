@@ -10,11 +10,13 @@ from ..base.toml_file import Table
 from ..base.toml_keys import key
 
 Plant = Literal["play", "rigid", "elastic"]
-Controller = Literal["none", "acceleration", "predictive"]
+Controller = Literal["none", "acceleration", "predictive", "feedforward"]
+Motor = Literal["prescribed", "pi"]
 Flanks = Literal["exact", "closed"]
 MotionKind = Literal["trapezoid", "s_curve", "sine", "recorded"]
 Event = Literal["reversal", "slow_down", "aborted", "emergency_stop"]
 Observer = Literal["alpha_beta_gamma", "difference"]
+TurnSource = Literal["known", "located", "unknown"]
 
 _ANY = {"ge": -1e6, "le": 1e6}
 _POSITIVE = {"gt": 0, "le": 1e9}
@@ -50,6 +52,35 @@ class EccentricityTable(Table, frozen=True):
     ]
 
 
+class MapTable(Table, frozen=True):
+    """`[map]`: the rig that the controller believes in; what is left out it knows."""
+
+    driving_mm: (
+        Annotated[
+            float, key("eccentricity of the driving gear", "mm", ge=0, le=1e3, examples=[0.0226])
+        ]
+        | None
+    ) = None
+    driving_phase_deg: Annotated[float, key("its angle", "deg", **_ANY, examples=[49.5])] | None = (
+        None
+    )
+    driven_mm: (
+        Annotated[
+            float, key("eccentricity of the driven gear", "mm", ge=0, le=1e3, examples=[0.0273])
+        ]
+        | None
+    ) = None
+    driven_phase_deg: Annotated[float, key("its angle", "deg", **_ANY, examples=[79.3])] | None = (
+        None
+    )
+    constant_backlash_deg: (
+        Annotated[
+            float, key("backlash without eccentricities", "deg", ge=0, le=90, examples=[0.038])
+        ]
+        | None
+    ) = None
+
+
 class MotionTable(Table, frozen=True):
     """`[motion]`: what the driving shaft is to do."""
 
@@ -78,13 +109,16 @@ class MotionTable(Table, frozen=True):
 
 
 class InertiaTable(Table, frozen=True):
-    """`[inertia]`: moment of inertia of the driven shaft with all that turns with it."""
+    """`[inertia]`: moment of inertia of each shaft with all that turns with it."""
 
     driven_kgm2: Annotated[float, key("of the driven shaft", "kg m^2", **_POSITIVE)] = 0.01
+    driving_kgm2: Annotated[
+        float, key("of the driving shaft; only a servo motor feels it", "kg m^2", **_POSITIVE)
+    ] = 0.002
 
 
 class FrictionTable(Table, frozen=True):
-    """`[friction]`: of the driven shaft."""
+    """`[friction]`: of the driven shaft, and dry friction of the driving one."""
 
     coulomb_Nm: Annotated[float, key("dry friction while it turns", "N m", **_NOT_NEGATIVE)] = 0.1
     viscous_Nms: Annotated[
@@ -96,6 +130,27 @@ class FrictionTable(Table, frozen=True):
     stribeck_rad_s: Annotated[
         float, key("speed over which the excess fades", "rad/s", **_POSITIVE)
     ] = 0.1
+    driving_Nm: Annotated[
+        float, key("dry friction of the driving shaft; servo motor only", "N m", **_NOT_NEGATIVE)
+    ] = 0.05
+
+
+class ServoTable(Table, frozen=True):
+    """`[servo]`: the motor of the driving shaft."""
+
+    motor: Annotated[
+        Motor, key("prescribed: follows the motion whatever it takes; pi: a servo motor")
+    ] = "prescribed"
+    speed_gain_Nms: Annotated[
+        float, key("pi: torque per error of the speed", "N m s/rad", **_POSITIVE)
+    ] = 1.0
+    integral_gain_Nm: Annotated[
+        float, key("pi: torque per integral of that error", "N m/rad", **_NOT_NEGATIVE)
+    ] = 20.0
+    position_gain_1_s: Annotated[
+        float, key("pi: speed per error of the angle; 0: none", "1/s", **_NOT_NEGATIVE)
+    ] = 20.0
+    torque_limit_Nm: Annotated[float, key("pi: largest torque", "N m", **_POSITIVE)] = 5.0
 
 
 class LoadTable(Table, frozen=True):
@@ -162,11 +217,18 @@ class ActuatorTable(Table, frozen=True):
         float, key("dead time before it moves, whole periods", "s", ge=0, le=1e3)
     ] = 0.0
     stroke_mm: Annotated[float, key("largest shift", "mm", gt=0, le=1e5)] = 10.0
+    force_limit_N: Annotated[
+        float, key("largest force along the axis; 0: no limit", "N", **_NOT_NEGATIVE)
+    ] = 0.0
 
 
 class JudgementTable(Table, frozen=True):
     """`[judgement]`: how the controller sees that a reversal begins."""
 
+    turn: Annotated[
+        TurnSource,
+        key("how the turn of the hunting period is known; located: by one reading of both shafts"),
+    ] = "known"
     observer: Annotated[Observer, key("how speed and acceleration are got from the encoder")] = (
         "alpha_beta_gamma"
     )
@@ -188,6 +250,9 @@ class JudgementTable(Table, frozen=True):
     margin_mm: Annotated[
         float, key("part of the closing shift that is left open", "mm", ge=-1e3, le=1e3)
     ] = 0.01
+    jump_s: Annotated[
+        float, key("feedforward: time in which the motor crosses the gap", "s", gt=0, le=1e3)
+    ] = 0.005
 
 
 class SamplingTable(Table, frozen=True):

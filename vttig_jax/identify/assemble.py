@@ -13,6 +13,7 @@ from .choices import Choices
 from .diagnostics import lines_left, whiteness
 from .evidence import Evidence
 from .gather import Gathered
+from .level import lifted, restored
 from .noise import NoiseModel, WhitenedFlank, whiten
 from .notes import conditions_of, notes_of
 from .order_table import fitted_model, order_table
@@ -64,12 +65,14 @@ def assembled(
         encoder_terms=split,
         gear_terms=choices.gear_terms,
     )
-    solution = solve(relation, whitened)
+    solution = restored(solve(relation, whitened), view.levels)
     solution, white = _with_blocks(view, summary, noise, whitened, solution)
     compared = None
     if readings is not None:
         as_data = choices.use_readings
-        solution, compared = _with_readings(readings, pair, summary, whitened, solution, as_data)
+        solution, compared = _with_readings(
+            readings, pair, view, summary, whitened, solution, as_data
+        )
     coefficients = flank_coefficients(whitened, solution)
     weights = weights_of_logs(summary, coefficients)
     parameters = parameters_of(pair, scope, solution, choices, gathered.delay)
@@ -91,7 +94,7 @@ def assembled(
         conditional_on=conditions_of(pair, split, choices, gathered),
         parameters=parameters,
         orders=orders,
-        model=fitted_model(summary, coefficients),
+        model=fitted_model(summary, coefficients, view.levels[0]),
         noise=noise,
         residual_rms_deg=sample_residual_rms(view, weights) / DEG,
         curves=curves,
@@ -113,7 +116,7 @@ def assembled(
         notes=notes_of(gathered, scope, solution, regressors, alone),
         logs=tuple(record | {"alone": one} for record, one in zip(records, alone, strict=True)),
         evidence=Evidence(
-            summary,
+            lifted(summary, view.levels),
             split,
             choices.gear_terms,
             tuple(n for n, good in zip(solution.names, solution.determined, strict=True) if good),
@@ -150,6 +153,7 @@ def _with_blocks(
 def _with_readings(
     readings: BacklashReadings,
     pair: GearPair | Drive,
+    view: View,
     summary: HarmonicSummary,
     whitened: tuple[WhitenedFlank, ...],
     solution: Solution,
@@ -161,12 +165,12 @@ def _with_readings(
     driving = readings.driving_angle
     if len(flanks) == 2:
         coefficients = flank_coefficients(whitened, solution)
-        model = fitted_model(summary, coefficients)
+        model = fitted_model(summary, coefficients, view.levels[0])
         gap = gap_of_both_flanks(driving, model, summary, whitened, solution, coefficients)
     else:
         assert isinstance(pair, GearPair)  # held by `require_gap`
         solution = with_constant_backlash(solution)
-        gap = gap_of_one_flank(driving, pair, solution)
+        gap = gap_of_one_flank(driving, pair, solution, summary.flanks[0].flank)
     compared = comparison(readings, gap, solution) | {"used": as_data}
     if len(flanks) == 2:
         require_plausible(readings, gap, compared, as_data)

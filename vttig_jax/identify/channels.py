@@ -10,6 +10,7 @@ from scipy.interpolate import BSpline, CubicHermiteSpline
 from scipy.ndimage import uniform_filter1d
 
 from ..base.errors import UsageError
+from ..base.units import DEG
 from ..logs.encoder_log import EncoderLog
 from ..logs.segments import Segment
 from ..logs.speed import smooth_speed
@@ -26,6 +27,10 @@ PER_RIG = ("delay", "ratio", *REGRESSORS)
 TORQUE_WINDOWS_S = (0.0, 0.05, 0.1, 0.2, 0.4, 0.8)
 """Averages of the torque that are tried as wind-up. A motor's torque reading is rough, and noise in
 a regressor pulls its coefficient to zero; the average that explains most is kept."""
+
+
+_LEVELLED = 4096
+"""Samples, evenly spaced, that tell the level of a log."""
 
 
 def torque_column(number: int) -> str:
@@ -71,10 +76,11 @@ class Channels:
     **Arguments**
     - `driving`: φ₁ at the instant the driven reading stands for, t − `delay_s`.
     - `driven`: φ₂ as read.
-    - `error`: flank → φ₂ − i φ₁, less the effect of a logged axial position.
+    - `error`: flank → φ₂ − i φ₁ less `level`, less the effect of a logged axial position.
     - `own`: name → values of the log's own columns, the offset left out.
     - `weight`: of every sample; None where all count alike.
     - `pull`: what was taken off `error` to bound the influence of far samples; None for nothing.
+    - `level`: rad; see `level_of`.
     """
 
     log: EncoderLog
@@ -87,6 +93,19 @@ class Channels:
     weight: Samples | None = None
     sample_s: float = 0.0
     pull: Samples | None = None
+    level: float = 0.0
+
+
+def level_of(log: EncoderLog) -> float:
+    """Whole degrees, in rad, about which the transmission error of a log lies.
+
+    Between encoders of which one reads any angle where the other reads zero it lies radians off,
+    and its noise is microradians: squared together, the constant takes the digits of the noise, and
+    the solver's first step spreads it over eccentricities of metres. So it is taken off before any
+    product is formed, and added to the offset again. Where the zero is common it is 0.
+    """
+    error = log.transmission_error
+    return float(np.rint(np.median(error[:: max(1, len(error) // _LEVELLED)]) / DEG)) * DEG
 
 
 def read_channels(
@@ -104,7 +123,8 @@ def read_channels(
     """
     driving = shifted(log, delay_s)
     ratio = float(log.ratio)
-    error = log.transmission_error + ratio * (log.driving_angle - driving)
+    level = level_of(log)
+    error = (log.transmission_error - level) + ratio * (log.driving_angle - driving)
     if pull is not None:
         error = error - pull
     own = _drift_columns(log.time, drift)
@@ -126,6 +146,7 @@ def read_channels(
         weight,
         float(np.median(np.diff(log.time))),
         pull,
+        level,
     )
 
 

@@ -7,10 +7,9 @@ from ..base.errors import NoAnswerError
 from ..base.precision import require_x64
 from ..base.units import DEG
 from ..kinematics.backlash_map import BacklashMap
-from ..kinematics.closed import closed_model
-from ..kinematics.exact import exact_model
 from ..kinematics.flank_model import FlankModel
 from ..pair.gears import Drive
+from .mounting import mounted_closed, mounted_exact, mounting_of
 from .result import Fit
 
 
@@ -20,7 +19,9 @@ def backlash_map(fit: Fit, *, constant_backlash_deg: float | None = None) -> Bac
     With both flanks measured the map is order-complete: j = TE_B − TE_A with every fitted order of
     each flank, which needs no split into gear and encoder errors. With one flank the other follows
     from the eccentricities through the exact relation, as in the paper, once the constant backlash
-    is given. The closed form (21) + (22) stands beside it as `first_order`.
+    is given. The closed form (21) + (22) stands beside it as `first_order`. In both, e₂ stands at
+    φ₂ + θ₂ with φ₂ = i φ₁ + offset as the driven encoder reads it: far from i φ₁ where the encoders
+    are absolute, and off it by the TE of the start where they count from the first sample.
 
     **Arguments**
     - `fit`: the result of `fit`.
@@ -41,19 +42,8 @@ def backlash_map(fit: Fit, *, constant_backlash_deg: float | None = None) -> Bac
     ```
     """
     require_x64("backlash_map")
-    gap = fit.parameters["constant_backlash_deg"]
     both = len(fit.flanks) == 2
-    if both and not gap.determined:
-        raise NoAnswerError(
-            f"the constant backlash is undetermined ({gap.reason}); record more turns.",
-            where=fit.source,
-        )
-    if constant_backlash_deg is None and not gap.determined:
-        raise NoAnswerError(
-            f"the constant backlash is undetermined ({gap.reason}); record both directions, or give"
-            " the constant backlash measured in another way (--constant-backlash-deg).",
-            where=fit.source,
-        )
+    _refuse_unknown_gap(fit, given=not both and constant_backlash_deg is not None)
     if isinstance(fit.pair, Drive):
         if not both:
             raise NoAnswerError(
@@ -71,8 +61,27 @@ def backlash_map(fit: Fit, *, constant_backlash_deg: float | None = None) -> Bac
                 where=fit.source,
             )
     rig = fit.eccentricities(constant_backlash_deg)
-    model = _shifted(fit, constant_backlash_deg) if both else exact_model(fit.pair, rig)
-    return BacklashMap(model, closed_model(fit.pair, rig), fit.pair)
+    gap_rad = float(rig.constant_backlash_deg) * DEG
+    mounting = mounting_of(fit.covariance_names, fit.values, fit.flanks, gap_rad)
+    first_order = mounted_closed(fit.pair, rig, mounting)
+    if both:
+        return BacklashMap(_shifted(fit, constant_backlash_deg), first_order, fit.pair)
+    return BacklashMap(mounted_exact(fit.pair, rig, mounting), first_order, fit.pair)
+
+
+def _refuse_unknown_gap(fit: Fit, *, given: bool) -> None:
+    gap = fit.parameters["constant_backlash_deg"]
+    if gap.determined or given:
+        return
+    cure = "record more turns."
+    if len(fit.flanks) != 2:
+        cure = (
+            "record both directions, or give the constant backlash measured in another way"
+            " (--constant-backlash-deg)."
+        )
+    raise NoAnswerError(
+        f"the constant backlash is undetermined ({gap.reason}); {cure}", where=fit.source
+    )
 
 
 def _shifted(fit: Fit, constant_backlash_deg: float | None) -> FlankModel:

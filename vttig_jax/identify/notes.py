@@ -31,6 +31,7 @@ def notes_of(
         *_seen(gathered, scope),
         *_delay_notes(gathered, scope, solution),
         *_ratio_notes(regressors, gathered.view.inputs[0].log),
+        *solver_notes(solution),
         *differences(list(alone)),
     )
 
@@ -88,6 +89,18 @@ def _delay_notes(gathered: Gathered, scope: Scope, solution: Solution) -> list[s
                 + (", and a second speed would separate them" if steady else "")
             ]
     return []
+
+
+def solver_notes(solution: Solution) -> list[str]:
+    """Say so where the solver found no minimum."""
+    if solution.converged:
+        return []
+    return [
+        f"the solver stopped after {solution.steps} steps, {solution.misfit:.3g} standard"
+        " deviations off the harmonics of the log; the relation made linear is"
+        f" {solution.linear_misfit:.3g} off. The numbers say nothing: correct teeth and module"
+        " of the pair file, list fewer orders in [fit], or record more turns"
+    ]
 
 
 def _ratio_notes(regressors: tuple[Parameter, ...], log: EncoderLog) -> list[str]:

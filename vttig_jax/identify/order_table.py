@@ -69,9 +69,11 @@ def order_table(
 
 
 def fitted_model(
-    summary: HarmonicSummary, coefficients: list[Float[np.ndarray, " columns"]]
+    summary: HarmonicSummary,
+    coefficients: list[Float[np.ndarray, " columns"]],
+    level: float = 0.0,
 ) -> OrderModel:
-    """The order-complete flank model, with the offset of the first log.
+    """The order-complete flank model, with the offset of the first log, `level` added to it.
 
     A flank that was not measured holds NaN.
     """
@@ -82,7 +84,7 @@ def fitted_model(
     for flank, values in zip(summary.flanks, coefficients, strict=True):
         side = "AB".index(flank.flank)
         columns = [summary.columns.cosine(position) for position in range(len(harmonics))]
-        offset[side] = values[summary.columns.index(OFFSET)]
+        offset[side] = values[summary.columns.index(OFFSET)] + level
         cosine[side] = values[columns]
         sine[side] = values[[column + 1 for column in columns]]
     return OrderModel(

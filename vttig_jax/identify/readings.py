@@ -12,17 +12,21 @@ harmonics leave open at fixed p, and σ the scatter of the readings about the fi
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
+from jax.typing import ArrayLike
 from jaxtyping import Float
 
 from ..base.errors import LogError, UsageError
 from ..base.units import DEG
-from ..kinematics.functions import exact_backlash
+from ..kinematics.exact import ExactModel
 from ..kinematics.orders import OrderModel
 from ..logs.readings import BacklashReadings
 from ..pair.eccentricities import Eccentricities
 from ..pair.gears import Drive, Flank, GearPair
 from .columns import OFFSET
+from .mounting import mounted_exact, mounting_of, offset_name
 from .noise import WhitenedFlank
 from .solve import Solution
 from .summary import HarmonicSummary
@@ -81,9 +85,15 @@ def gap_of_both_flanks(
     return Gap(value, slope, open_)
 
 
-def gap_of_one_flank(driving: Float[np.ndarray, " n"], pair: GearPair, solution: Solution) -> Gap:
-    """The exact gap of the fitted eccentricities; `solution` holds a constant backlash too."""
-    names = ("driving_x", "driving_y", "driven_x", "driven_y", "constant_backlash")
+def gap_of_one_flank(
+    driving: Float[np.ndarray, " n"], pair: GearPair, solution: Solution, flank: Flank
+) -> Gap:
+    """The exact gap of the fitted eccentricities; `solution` holds a constant backlash too.
+
+    The offset of the first log says where the driven gear stood: see `mounting`.
+    """
+    offset = next(n for n in (OFFSET, offset_name(0, 2)) if n in solution.names)
+    names = ("driving_x", "driving_y", "driven_x", "driven_y", "constant_backlash", offset)
     at = {n: float(solution.values[solution.names.index(n)]) for n in names if n in solution.names}
 
     def gap(**moved: float) -> np.ndarray:
@@ -96,13 +106,21 @@ def gap_of_one_flank(driving: Float[np.ndarray, " n"], pair: GearPair, solution:
             float(np.angle(polar[1], deg=True)),
             now["constant_backlash"] / DEG,
         )
-        return np.asarray(exact_backlash(driving, pair, rig))
+        mounting = mounting_of(
+            (offset,), np.array([now[offset]]), (flank,), now["constant_backlash"]
+        )
+        return np.asarray(_backlash(mounted_exact(pair, rig, mounting), driving))
 
     slope = np.zeros((len(driving), len(solution.names)))
     for name, value in at.items():
         up, down = gap(**{name: value + _STEP}), gap(**{name: value - _STEP})
         slope[:, solution.names.index(name)] = (up - down) / (2 * _STEP)
     return Gap(gap(), slope, np.zeros((len(driving), len(driving))))
+
+
+@eqx.filter_jit
+def _backlash(model: ExactModel, driving: Float[ArrayLike, " n"]):
+    return model.backlash(jnp.asarray(driving))
 
 
 def with_constant_backlash(solution: Solution) -> Solution:

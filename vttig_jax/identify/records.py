@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..base.units import ARCSEC, DEG
+from ..logs.channel import Channel
 from ..logs.encoder_log import EncoderLog
 from ..logs.ratio import seen_ratio
 from ..logs.spikes import without_spikes
@@ -13,6 +14,7 @@ from .agreement import disagreements, refuse_different_rigs
 from .channels import is_shared
 from .checks import reversal_jumps
 from .gather import Gathered
+from .mounting import mounting_of
 from .parameters import Parameter
 from .repeatability import halves, passes
 from .reporting import apparent_gap, variable_backlash_deg
@@ -65,8 +67,8 @@ def log_record(view: View, solution: Solution, log: int) -> dict:
         "zero": one.zero,
         "start": _start(view, solution, log),
         "zero_readings": {
-            "driving": one.driving.reading[0].item(),
-            "driven": None if one.driven is None else one.driven.reading[0].item(),
+            shaft: None if channel is None else _zero_reading(channel, one.zero)
+            for shaft, channel in (("driving", one.driving), ("driven", one.driven))
         },
         "samples": {
             "read": len(one),
@@ -76,6 +78,14 @@ def log_record(view: View, solution: Solution, log: int) -> dict:
             "masked": len(one) - total,
         },
     }
+
+
+def _zero_reading(channel: Channel, zero: str) -> int | float:
+    """The reading that is angle zero: the first one, unless it is a spike.
+
+    Where angles are zero at the reading zero, the first reading: it tells where the log began.
+    """
+    return channel.origin if zero == "start" else channel.reading[0].item()
 
 
 def _start(view: View, solution: Solution, log: int) -> dict[str, float | None]:
@@ -123,8 +133,17 @@ def _reversals(
     error = without_spikes(error, one.time, one.spikes)
     jumps = reversal_jumps(channels.driving, error, view.inputs[log].found.segments)
     if isinstance(pair, GearPair):
+        start = _start(view, solution, log)
+        gap = (solution.names, solution.values, [f.flank for f in view.summary.flanks])
+        mounting_deg = mounting_of(*gap, 0.0, log) / DEG
         for jump in jumps:
-            variable = variable_backlash_deg(pair, parameters, jump["driving_deg"])
+            driven_deg = float(pair.ratio) * jump["driving_deg"] + mounting_deg
+            variable = variable_backlash_deg(
+                pair,
+                parameters,
+                jump["driving_deg"] + (start["driving_deg"] or 0.0),
+                driven_deg + (start["driven_deg"] or 0.0),
+            )
             jump["variable_backlash_deg"] = variable
             jump["constant_backlash_deg"] = jump["jump_deg"] - variable
     return jumps

@@ -206,15 +206,18 @@ def _constant_backlash(solution: Solution, short: tuple[str, ...], delay: Delay)
 
 
 def variable_backlash_deg(
-    pair: GearPair, parameters: dict[str, Parameter], driving_angle_deg: float
+    pair: GearPair, parameters: dict[str, Parameter], driving_deg: float, driven_deg: float
 ) -> float:
-    """Variable backlash (21) of the fitted eccentricities that have a phase, degrees."""
+    """Variable backlash (21) of the fitted eccentricities that have a phase, degrees.
+
+    `driving_deg`, `driven_deg`: angles of both shafts, from the zeros of their phases.
+    """
     total = 0.0
-    for shaft, sign, speed in (("driven", 1.0, float(pair.ratio)), ("driving", -1.0, 1.0)):
+    for shaft, sign, angle_deg in (("driven", 1.0, driven_deg), ("driving", -1.0, driving_deg)):
         eccentricity = parameters[f"{shaft}_eccentricity_mm"].value
         phase = parameters[f"{shaft}_phase_deg"].value
         if eccentricity is not None and phase is not None:
-            total += sign * eccentricity * math.cos((speed * driving_angle_deg + phase) * DEG)
+            total += sign * eccentricity * math.cos((angle_deg + phase) * DEG)
     alphas = [float(alpha) for alpha in pair.working_pressure_angles]
     radii = [float(radius) for radius in pair.base_radii[1]]
     gain = sum(math.sin(a) / r for a, r in zip(alphas, radii, strict=True))

@@ -52,7 +52,7 @@ def curves_and_residuals(
     A mean, or a run, of which a robust loss left no sample is left out.
     """
     curves, residuals = [], []
-    for rows, own in zip(view.rows, weights, strict=True):
+    for rows, level, own in zip(view.rows, view.levels, weights, strict=True):
         place = rows.columns.index(OFFSET)
         for run in rows.runs:
             share = run.rows[:, place]
@@ -64,7 +64,7 @@ def curves_and_residuals(
                 TECurve(
                     curve.flank,
                     curve.driving_angle[counted],
-                    run.rows[counted, -1] / share,
+                    run.rows[counted, -1] / share + level,
                     curve.time[counted],
                 )
             )

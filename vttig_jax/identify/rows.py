@@ -96,7 +96,8 @@ def log_rows(
         weight = None if channels.weight is None else channels.weight[part]
         own = own[: len(channels.own)]
         rows = block_rows(columns, size, driving, driven, own, error, weight)
-        curve = (block_means(c, size) for c in (driving, error, channels.time[part]))
+        seen = (driving, error + channels.level, channels.time[part])
+        curve = (block_means(c, size) for c in seen)
         runs.append(Run(segment, rows, TECurve(segment.flank, *curve)))
     return LogRows(columns, tuple(runs), shortest, shortest * channels.sample_s, noise)
 

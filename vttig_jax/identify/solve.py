@@ -20,6 +20,10 @@ _RANK_TOLERANCE = 1e-6
 Above what the ridge of the normal matrices leaves of a direction without data, 3e-7.
 """
 
+_NOT_ABOVE, _ROUNDING = 0.01, 1e-6
+"""A minimum lies above the linear solution by no more than a hundredth of that or of a standard
+deviation, or a millionth of the whole."""
+
 _NAMED = 0.2
 """Share of a direction from which a parameter is named."""
 
@@ -32,8 +36,10 @@ class Solution:
     - `names`, `values`, `covariance`: Cartesian parameters in mm and rad.
     - `determined`: False where the data leave a direction open that moves this parameter.
     - `tied`: tied coefficients of every flank, and their `jacobian`, shape (flanks, tied, p).
-    - `converged`, `steps`: of the solver.
+    - `converged`, `steps`: of the solver; what is no minimum has not converged.
     - `weakest`: the direction among the determined ones that the data fix worst.
+    - `misfit`, `linear_misfit`: standard deviations by which the relation misses the harmonics of
+      the logs, at the solution and at that of the linear relation.
     """
 
     names: tuple[str, ...]
@@ -45,6 +51,8 @@ class Solution:
     converged: bool
     steps: int
     weakest: "Direction | None" = None
+    misfit: float = 0.0
+    linear_misfit: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -73,13 +81,33 @@ def solve(relation: Relation, flanks: tuple[WhitenedFlank, ...]) -> Solution:
     """Minimise Σ_f |R_tt h_f(p) − R_ty|² over the parameters.
 
     The residuals are in standard deviations; the parameters are scaled to O(1) by the Jacobian at
-    zero eccentricity, where the relation is already within 1e-3 of linear.
+    zero eccentricity, where the relation is already within 1e-3 of linear. A damped step from there
+    may spread a large offset or drift over eccentricities of metres, where the relation has minima
+    of its own: what ends above the linear solution starts again from that.
     """
     matrices, targets = (np.stack([flank.tied[part] for flank in flanks]) for part in (0, 1))
     start = np.zeros(len(relation.names))
-    size = np.linalg.norm(_whitened(matrices, _linearised(relation, start)[1]), axis=0)
+    slopes = _whitened(matrices, _linearised(relation, start)[1])
+    size = np.linalg.norm(slopes, axis=0)
     scale = 1 / np.where(size > 0, size, 1.0)
-    values, converged, steps = _minimise(relation, matrices, targets, scale)
+    linear = np.linalg.lstsq(slopes * scale, targets.ravel(), rcond=_RANK_TOLERANCE)[0]
+
+    def misfit(values: Float[ArrayLike, " p"]) -> float:
+        tied = np.asarray(_linearised(relation, np.asarray(values))[0])
+        return float(np.linalg.norm(np.einsum("fij,fj->fi", matrices, tied) - targets))
+
+    linear_misfit = misfit(scale * linear)
+    if not np.isfinite(linear_misfit):  # outside the geometry: nothing to compare with
+        linear_misfit = float(np.linalg.norm(targets))
+    bound = linear_misfit + _NOT_ABOVE * max(linear_misfit, 1.0)
+    bound += _ROUNDING * float(np.linalg.norm(targets))
+    values, converged, steps = _minimise(relation, matrices, targets, scale, start)
+    if not misfit(values) <= bound:
+        values, converged, more = _minimise(relation, matrices, targets, scale, linear)
+        steps = steps + more
+    reached = misfit(values)
+    if not np.isfinite(reached):
+        values, reached = start, np.inf
     tied, jacobian = (np.asarray(part) for part in _linearised(relation, np.asarray(values)))
     covariance, determined, weakest = _covariance(_whitened(matrices, jacobian), relation.names)
     return Solution(
@@ -89,9 +117,11 @@ def solve(relation: Relation, flanks: tuple[WhitenedFlank, ...]) -> Solution:
         determined,
         tied,
         jacobian,
-        bool(converged),
+        bool(converged) and reached <= bound,
         int(steps),
         weakest,
+        reached,
+        linear_misfit,
     )
 
 
@@ -117,6 +147,7 @@ def _minimise(
     matrices: Float[ArrayLike, "flanks tied tied"],
     targets: Float[ArrayLike, "flanks tied"],
     scale: Float[ArrayLike, " p"],
+    start: Float[ArrayLike, " p"],
 ):
     def misfit(scaled, _):
         predicted = relation.coefficients(jnp.asarray(scale) * scaled)
@@ -125,7 +156,7 @@ def _minimise(
     solution = optx.least_squares(
         misfit,
         optx.LevenbergMarquardt(rtol=1e-9, atol=1e-9),
-        jnp.zeros(len(relation.names)),
+        jnp.asarray(start),
         max_steps=_MOST_STEPS,
         throw=False,
         # Nobody differentiates through the solution, and the implicit adjoint doubles the tracing.

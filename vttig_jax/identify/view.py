@@ -87,6 +87,11 @@ class View:
         )
 
     @property
+    def levels(self) -> tuple[float, ...]:
+        """What was taken off the transmission error of every log, rad."""
+        return tuple(one.level for one in self.channels)
+
+    @property
     def summary(self) -> HarmonicSummary:
         """Of all logs, with every own column."""
         return self._aligned[0]

@@ -6,6 +6,7 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from ..control.simulation import Simulation
+from ..control.sweep_table import SweepTable
 from ..identify.result import Fit
 from ..kinematics.backlash_map import BacklashMap
 from ..kinematics.te_curve import TECurve
@@ -18,6 +19,7 @@ from .fit_picture import plot_fit
 from .map_picture import plot_map
 from .predictive_picture import plot_predictive
 from .simulation_picture import plot_simulation
+from .sweep_picture import plot_sweep
 from .te_picture import plot_te
 
 
@@ -32,9 +34,10 @@ def plot(obj: object, **options: Any) -> Figure:
     - a `BandedMap`: backlash with its bands; `ax`, `turns`.
     - a `Predictive`: a log beside what its posterior predicts; `unit`, `turns`.
     - a `Simulation` with a trace: the run, and its reversal close up; `unit`, `span_s`.
+    - a `SweepTable`: what is left and closed too far, over one of its axes; `axis`, `by`.
 
     The options are those of `plot_te`, `plot_fit`, `plot_map`, `plot_corner`, `plot_band_map`,
-    `plot_predictive` and `plot_simulation`.
+    `plot_predictive`, `plot_simulation` and `plot_sweep`.
 
     **Raises** `ValueError` for an object without a picture.
 
@@ -52,7 +55,7 @@ def plot(obj: object, **options: Any) -> Figure:
     """
     raise ValueError(
         f"Argument `obj` must be a TECurve, Fit or BacklashMap, but is {type(obj).__name__}; what a"
-        " Posterior, BandedMap, Predictive or Simulation says has a picture too."
+        " Posterior, BandedMap, Predictive, Simulation or SweepTable says has a picture too."
     )
 
 
@@ -63,3 +66,4 @@ plot.register(Posterior, plot_corner)
 plot.register(BandedMap, plot_band_map)
 plot.register(Predictive, plot_predictive)
 plot.register(Simulation, plot_simulation)
+plot.register(SweepTable, plot_sweep)

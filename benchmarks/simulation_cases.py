@@ -1,0 +1,90 @@
+"""The base case of the simulator's benchmark, lanes of it, and what else is measured beside it."""
+
+import statistics
+import time
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from vttig_jax.control.build import Builder
+from vttig_jax.control.case import Case
+from vttig_jax.control.lanes import Lanes, Stack, numbers_of, stacked, varying
+from vttig_jax.control.simulate import periods_of
+from vttig_jax.control.spec import ScenarioSpec, parse_scenario_spec, with_values
+from vttig_jax.control.sweep_cases import rig_table
+from vttig_jax.rig.paper import paper_eccentricities, paper_pair
+
+LANES = 512
+CLOSE = 1e-9
+"""Numbers that are compared before anything is timed differ by this at most."""
+
+SPEED_RPM = 57.4637129
+"""A speed at which no reading of steady running falls on the border of two counts, as many do at
+round speeds: there the last bit of a sum decides, and two programs add in two orders."""
+
+BASE: Mapping[str, Any] = {
+    "flanks": "closed",
+    "motion.speed_rpm": SPEED_RPM,
+    "motion.dwell_s": 0.3,
+}
+PAIR = paper_pair()
+
+
+def spec_of(values: Mapping[str, Any]) -> ScenarioSpec:
+    """The base case with other values for dotted keys."""
+    table = {"pair": "pair.toml", "eccentricities": rig_table(paper_eccentricities())}
+    return with_values(parse_scenario_spec(table), {**BASE, **values})
+
+
+def cases_of(
+    lanes: int, values: Mapping[str, Any] = BASE, turns: tuple[float, float] = (360.0, 720.0)
+) -> list[Case]:
+    """Cases that differ in the angle where they turn, from the first to the last of `turns` deg."""
+    builder = Builder(PAIR)
+    places = np.linspace(*turns, lanes)
+    return [builder.case(spec_of({**values, "motion.reversal_deg": float(x)})) for x in places]
+
+
+def stack_of(cases: Sequence[Case], apart: bool = False) -> Stack:
+    """Cases side by side as `sweep` has them; `apart`: every number is a lane's own."""
+    numbers = [numbers_of(case) for case in cases]
+    own = varying([numbers[0], numbers[-1]])
+    return stacked(numbers, (True,) * len(own) if apart else own, len(cases))
+
+
+def periods_for(cases: Sequence[Case]) -> int:
+    """Periods of the longest run."""
+    return max(map(periods_of, cases))
+
+
+def ns_per_lane_step(
+    lanes: Lanes, stack: Stack, substeps: int, periods: int, rounds: int
+) -> list[float]:
+    """ns of each round; compiled before."""
+    lanes.run(stack, max(1024 // substeps, 1), substeps)
+    steps = stack.lanes * periods * substeps
+    return [
+        1e9 * seconds(lambda: lanes.run(stack, periods, substeps)) / steps for _ in range(rounds)
+    ]
+
+
+def seconds(function: Callable[[], Any]) -> float:
+    """Wall time of a call."""
+    clock = time.perf_counter()
+    function()
+    return time.perf_counter() - clock
+
+
+def summary(values: Sequence[float]) -> dict[str, float]:
+    """Median, least and number of some measurements."""
+    return {
+        "median": round(statistics.median(values), 3),
+        "least": round(min(values), 3),
+        "rounds": len(values),
+    }
+
+
+def ratio(one: Sequence[float], other: Sequence[float]) -> float:
+    """Median of the ratios of paired rounds."""
+    return round(statistics.median(a / b for a, b in zip(one, other, strict=True)), 3)

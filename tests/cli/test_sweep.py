@@ -1,0 +1,137 @@
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+import tomli_w
+
+from tests.control.texts import RIG
+from vttig_jax.cli.main import main
+from vttig_jax.control.metrics import METRICS
+from vttig_jax.pair.gears import pair_spec
+from vttig_jax.pair.spec import spec_table
+from vttig_jax.rig.paper import paper_pair
+
+SWEEP = """
+pair = "pair.toml"
+[eccentricities]
+{rig}
+[motion]
+dwell_s = 0.2
+ramp_s = 0.2
+[sweep]
+"motion.reversal_deg" = {{ from = 200, to = 360, num = 5 }}
+"controller" = ["none", "predictive"]
+"""
+
+
+@pytest.fixture
+def sweep(tmp_path) -> Path:
+    (tmp_path / "pair.toml").write_text(tomli_w.dumps(spec_table(pair_spec(paper_pair()))))
+    path = tmp_path / "sweep.toml"
+    path.write_text(SWEEP.format(rig=tomli_w.dumps(RIG)))
+    return path
+
+
+@pytest.fixture(scope="module")
+def sampled_folder(run_folder, tmp_path_factory) -> Path:
+    """A run folder with draws, too few to converge."""
+    out = Path(shutil.copytree(run_folder, tmp_path_factory.mktemp("sampled") / "run"))
+    assert main(["sample", "--out", str(out), "--steps", "60", "--no-figures"]) == 5
+    return out
+
+
+def test_without_a_folder_it_prints_and_writes_nothing(vttig, vttig_json, sweep):
+    before = set(sweep.parent.iterdir())
+    code, out, err = vttig("sweep", sweep)
+    assert code == 0 and err.startswith("to run: 10 cases, ") and err.count("\n") == 1
+    assert "10: 5 motion.reversal_deg, 2 controller" in out and "predictive      5" in out
+    code, record = vttig_json("sweep", sweep, "-q")
+    assert code == 0 and record["cases"] == 10 and record["table"] is None
+    assert {"cases", "lane_steps", "run_s", "compile_s", "devices"} <= set(record)
+    assert record["outcomes"] == {"ok": 10} and set(sweep.parent.iterdir()) == before
+
+
+def test_a_folder_gets_the_table_and_a_picture(vttig, sweep, tmp_path):
+    out = tmp_path / "swept"
+    code, text, _ = vttig("sweep", sweep, "--out", out, "--devices", 1)
+    assert code == 0 and "sweep.parquet" in text
+    assert {path.name for path in out.iterdir()} == {"sweep.parquet", "sweep.json", "figures"}
+    table = pq.read_table(out / "sweep.parquet")
+    axes = ["motion.reversal_deg", "controller"]
+    assert table.column_names == ["case", *axes, *METRICS, "outcome"]
+    assert (out / "figures" / "sweep.png").read_bytes().startswith(b"\x89PNG")
+    assert vttig("sweep", sweep, "--out", out)[0] == 2
+    assert vttig("sweep", sweep, "--out", out, "--overwrite", "--no-figures")[0] == 0
+
+
+def test_rigs_of_a_posterior(vttig, vttig_json, sampled_folder, tmp_path):
+    path = tmp_path / "sweep.toml"
+    text = SWEEP.format(rig="").replace("[eccentricities]\n", "").replace("pair.toml", "rig.toml")
+    run = f'rig = {{ from = "{sampled_folder}", draws = 3, seed = 1 }}\n'
+    path.write_text(run + text)
+    (tmp_path / "rig.toml").write_text(tomli_w.dumps(spec_table(pair_spec(paper_pair()))))
+    out = tmp_path / "swept"
+    code, record = vttig_json("sweep", path, "--out", out, "-q")
+    assert code == 0 and record["cases"] == 30 and record["axes"][0] == "draw"
+    rows = pq.read_table(out / "sweep.parquet").to_pydict()
+    assert rows["draw"] == [0] * 10 + [1] * 10 + [2] * 10
+    assert len(set(rows["eccentricities.driving_mm"])) == 3
+    believed = record["scenario"]["map"]
+    drawn = np.mean(rows["eccentricities.driving_mm"])
+    assert believed["driving_mm"] == pytest.approx(drawn, rel=0.2)
+    header = json.loads((out / "sweep.json").read_text())
+    assert header["scenario"]["map"] == believed
+    # The map the controller has is not that of the rigs: what it leaves differs from draw to draw.
+    left = np.array(rows["residual_gap_deg"])[np.array(rows["controller"]) == "predictive"]
+    assert np.ptp(left.reshape(3, 5), axis=0).min() > 1e-6
+
+
+def test_a_run_without_draws(vttig, run_folder, tmp_path):
+    path = tmp_path / "sweep.toml"
+    text = SWEEP.format(rig="").replace("[eccentricities]\n", "")
+    path.write_text(f'rig = {{ from = "{run_folder}" }}\n' + text)
+    code, out, err = vttig("sweep", path)
+    assert (code, out) == (3, "") and "vttig sample --out" in err and "rig.from" in err
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "code", "words"),
+    [
+        ("motion.reversal_deg", "motion.reversl_deg", 3, "no key of a scenario"),
+        ("num = 5", "num = 10000000", 3, "of memory, but there are 100 MB"),
+        ("pair.toml", "other.toml", 3, "there is no file"),
+        ('controller" = ["none", "predictive"]', 'inertia.driven_kgm2" = [-1.0]', 3, "driven_kgm2"),
+        ("[sweep]", "[swep]", 3, "swep"),
+        ("to = 360", "to = 1e99", 3, "sweep"),
+        ("num = 5", "num = 10000000000", 3, "sweep"),
+    ],
+)
+def test_bad_files_are_one_sentence(vttig, sweep, old, new, code, words, monkeypatch):
+    from vttig_jax.control import sweep_estimate
+
+    monkeypatch.setattr(sweep_estimate, "_memory", lambda: 10**8)
+    sweep.write_text(sweep.read_text().replace(old, new))
+    found, out, err = vttig("sweep", sweep)
+    assert (found, out) == (code, "") and words in err and err.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        ["--resume"],
+        ["--overwrite"],
+        ["--no-figures"],
+        ["--out", "swept", "--resume", "--overwrite"],
+        ["--devices", "0"],
+        ["--devices", "4000"],
+        ["--out", "swept", "--resume"],
+    ],
+)
+def test_wrong_options_are_usage_errors(vttig, sweep, options, monkeypatch):
+    monkeypatch.chdir(sweep.parent)
+    code, out, err = vttig("sweep", sweep, *options)
+    assert (code, out) == (2, "") and err.count("\n") == 1
+    assert not (sweep.parent / "swept").exists()

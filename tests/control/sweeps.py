@@ -1,0 +1,25 @@
+"""Short sweeps of the paper's rig."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from tests.control.scenarios import SHORT
+from tests.control.texts import MINIMAL
+from vttig_jax.control.spec import ScenarioSpec, parse_scenario_spec
+
+CONTROLLERS = ("none", "acceleration", "predictive")
+AXES: Mapping[str, Any] = {
+    "motion.reversal_deg": [200.0, 250.0, 300.0, 360.0],
+    "controller": list(CONTROLLERS),
+}
+
+
+def sweep_spec(axes: Mapping[str, Any] = AXES, **settings: Any) -> ScenarioSpec:
+    """The short motion with these axes, and other values for dotted keys (with __ for the dot)."""
+    table: dict[str, Any] = {**MINIMAL, "sweep": dict(axes)}
+    values = {**SHORT, **{name.replace("__", "."): value for name, value in settings.items()}}
+    for name, value in values.items():
+        above, _, last = name.rpartition(".")
+        place = table.setdefault(above, {}) if above else table
+        place[last] = value
+    return parse_scenario_spec(table)

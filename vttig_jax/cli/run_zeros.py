@@ -1,0 +1,76 @@
+"""Where the angles of a run are zero, so that a reading taken today finds its place in the fit."""
+
+from typing import TYPE_CHECKING
+
+from ..base.errors import InputError, NoAnswerError
+from ..base.runfolder import data_sha256
+from ..base.units import ANGLE_UNITS, REV
+from ..logs.columns import names_asked
+from ..logs.naming import name_and_unit, units_of
+from ..pair.reading import ShaftReading, shaft_reading
+from ..pair.spec import Encoder, as_fraction
+from .log_options import roles_of
+from .run_file import Run
+
+if TYPE_CHECKING:
+    from ..identify.result import Fit
+
+SHAFTS = ("driving", "driven")
+
+
+def shaft_readings(run: Run, fit: "Fit") -> tuple[ShaftReading, ShaftReading]:
+    """How readings of both encoders become the angles φ₁ and φ₂ of a fit.
+
+    Where the fit counts from the reading zero, a reading is the angle but for its sign. Where it
+    counts from the first sample, what the encoders read there is taken off.
+
+    **Raises** `NoAnswerError` for a log with a transmission error in place of the driven channel,
+    `InputError` where the first reading has no unit that is known.
+    """
+    if fit.zero_readings["driven"] is None:
+        raise NoAnswerError(
+            "its log holds a transmission error in place of the driven channel, so that no reading"
+            " of a driven encoder belongs to this fit; fit a log of both encoders.",
+            where=fit.source,
+        )
+    first, second = (_shaft_reading(run, fit, shaft) for shaft in SHAFTS)
+    return first, second
+
+
+def _shaft_reading(run: Run, fit: "Fit", shaft: str) -> ShaftReading:
+    encoder: Encoder = getattr(run.spec, shaft).encoder
+    scale = as_fraction(getattr(run.spec.log, f"{shaft}_scale"), f"log.{shaft}_scale")
+    factor = scale.numerator / scale.denominator
+    first = fit.zero_readings[shaft]
+    if fit.zero == "reading" or not first:
+        return shaft_reading(encoder, 0.0, factor)
+    unit = _unit(run, fit, shaft)
+    if unit != "counts":
+        return shaft_reading(encoder, first * ANGLE_UNITS[unit], factor)
+    assert encoder.counts_per_rev is not None  # held by the reader of the log
+    return shaft_reading(encoder, first * REV / encoder.counts_per_rev, factor)
+
+
+def _unit(run: Run, fit: "Fit", shaft: str) -> str:
+    """Unit of a shaft's column: whole readings are counts; else by its name, else from the log."""
+    if isinstance(fit.zero_readings[shaft], int):
+        return "counts"
+    name = names_asked(run.spec.log, roles_of(run.options.columns))[shaft]
+    written = name_and_unit(name, units_of(shaft), str(name))[1] if name else None
+    return written or getattr(run.spec.unit, shaft) or _unit_of_log(run, fit, shaft)
+
+
+def _unit_of_log(run: Run, fit: "Fit", shaft: str) -> str:
+    from ..logs.read import read_log
+
+    log = run.logs[0]
+    if not log.is_file() or data_sha256([log])[0] != run.sha256[0]:
+        raise InputError(
+            f"the angles of this fit count from the first sample, where the {shaft} encoder read"
+            f" {fit.zero_readings[shaft]:g}, but in which unit only the log says, and that is gone"
+            f" or has changed; put it back, or name the column with its unit in [log] of the pair"
+            " file and fit again.",
+            where=str(log),
+        )
+    channel = getattr(read_log(log, run.spec, **run.options.reading()), shaft)
+    return channel.unit
