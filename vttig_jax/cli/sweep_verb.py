@@ -61,7 +61,7 @@ def command(
         raise UsageError("--resume, --overwrite and --no-figures are for the folder of --out.")
     if resume and overwrite:
         raise UsageError("--resume and --overwrite exclude each other; give one of them.")
-    _prepare(devices)
+    prepare(devices)
     from ..control.sweep import sweep
 
     with output.progress(1, "lane-steps") as bar:
@@ -76,7 +76,7 @@ def command(
             bar.total = max(done, all_)
             bar.update(done - bar.n)
 
-        rigs, believed = _rigs(scenario)
+        rigs, believed = rigs_of(scenario)
         found = sweep(
             scenario,
             rigs=rigs,
@@ -94,7 +94,7 @@ def command(
     output.emit(found.to_json(), found)
 
 
-def _prepare(devices: int | None) -> None:
+def prepare(devices: int | None) -> None:
     """Make devices of the cores, where JAX has not begun."""
     import vttig_jax
 
@@ -117,7 +117,7 @@ def _cores() -> int:
     return os.cpu_count() or 1
 
 
-def _rigs(scenario: Path) -> tuple[tuple["Eccentricities", ...], "Eccentricities | None"]:
+def rigs_of(scenario: Path) -> tuple[tuple["Eccentricities", ...], "Eccentricities | None"]:
     """Draws of the posterior that the sweep file names, and the rig in their middle."""
     from ..control.spec import load_sweep_spec
 

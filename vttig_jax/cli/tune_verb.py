@@ -9,7 +9,7 @@ import click
 from ..base.errors import UsageError
 from .options import Finite, verb
 from .output import Output
-from .sweep_verb import _prepare, _rigs
+from .sweep_verb import prepare, rigs_of
 
 if TYPE_CHECKING:
     from ..control.tuned import Tuned
@@ -94,7 +94,7 @@ def command(
     keys = [key for key, _ in free] or None
     limits = {key: ends for key, ends in free if ends is not None}
     _check_keys(scenario, keys, limits)
-    _prepare(None)
+    prepare(None)
     from ..control.tune import tune
     from ..control.tune_search import WIDTHS
 
@@ -104,7 +104,7 @@ def command(
             bar.total = all_
             bar.update(done - bar.n)
 
-        rigs, believed = _rigs(scenario)
+        rigs, believed = rigs_of(scenario)
         found = tune(
             scenario,
             rigs=rigs,

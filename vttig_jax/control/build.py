@@ -41,6 +41,7 @@ from .spec_tables import (
     EncoderTable,
     FrictionTable,
     InertiaTable,
+    JudgementTable,
     LoadTable,
     MeshTable,
     MotionTable,
@@ -91,7 +92,6 @@ class Builder:
         """
         motion, sense = self._part(self._motion, spec.motion)
         bounds = self._part(self._bounds, spec.eccentricities, spec.flanks)
-        believed = self._part(self._bounds, _believed(spec), spec.flanks)
         hertz = spec.sampling.controller_hz
         substeps = round(spec.sampling.plant_hz / hertz) or 1
         sensors = (spec.driving_encoder, False), (spec.driven_encoder, True)
@@ -105,7 +105,7 @@ class Builder:
                 self._actuator, spec.actuator, spec.servo, spec.plant, *tables, hertz
             ),
             observer=self._part(_OBSERVERS[spec.judgement.observer], spec.judgement.bandwidth_hz),
-            controller=self._located(spec, bounds, believed, motion),
+            controller=self._located(spec, bounds, motion),
             driving_sensor=self._part(self._sensor, *sensors[0]),
             driven_sensor=self._part(self._sensor, *sensors[1]),
             period=1.0 / hertz,
@@ -198,15 +198,12 @@ class Builder:
     def _actuator(self, *given: Any) -> Actuator:
         return actuator_of(self.pair, *given)
 
-    def _located(
-        self, spec: ScenarioSpec, bounds: Bounds, believed: Bounds, motion: Motion
-    ) -> Controller:
+    def _located(self, spec: ScenarioSpec, bounds: Bounds, motion: Motion) -> Controller:
         """The controller, with its map at the turn it takes for the present one."""
-        source = spec.judgement.turn
+        source, turns = spec.judgement.turn, None
         if source == "known" or spec.controller == "none":
-            return self.controller or self._controller(spec, believed)
-        turns = None
-        if source == "located":
+            turns = 0
+        elif source == "located":
             sensors = tuple(
                 self._part(self._sensor, table, driven)
                 for table, driven in ((spec.driving_encoder, False), (spec.driven_encoder, True))
@@ -216,19 +213,32 @@ class Builder:
             turns = turns_off(self.pair, model, bounds, sensors, start, spec.seed)
         if turns is None:
             return LostController()
-        return self.controller or self._controller(spec, believed.turned(turns))
+        hertz = spec.sampling.controller_hz
+        lead = (delay_of(spec.actuator, hertz) + _PERIODS_BEHIND) / hertz
+        believed = _believed(spec), spec.flanks, turns
+        return self.controller or self._part(
+            self._controller, spec.controller, spec.judgement, lead, *believed
+        )
 
-    def _controller(self, spec: ScenarioSpec, bounds: Bounds) -> Controller:
-        if spec.controller == "none":
+    def _controller(
+        self,
+        name: str,
+        judgement: JudgementTable,
+        lead: float,
+        rig: EccentricityTable,
+        flanks: str,
+        turns: int,
+    ) -> Controller:
+        if name == "none":
             return NoController()
-        judgement, hertz = spec.judgement, spec.sampling.controller_hz
-        if spec.controller == "feedforward":
+        bounds = self._part(self._bounds, rig, flanks)
+        bounds = bounds.turned(turns) if turns else bounds
+        if name == "feedforward":
             return FeedforwardController(bounds, judgement.jump_s)
         least_speed = judgement.least_rpm * REV / 60.0
-        if spec.controller == "acceleration":
+        if name == "acceleration":
             threshold = judgement.threshold_rad_s2
             return AccelerationController(bounds, threshold, least_speed, judgement.margin_mm)
-        lead = (delay_of(spec.actuator, hertz) + _PERIODS_BEHIND) / hertz
         return PredictiveController(
             bounds, judgement.horizon_s, least_speed, judgement.margin_mm, lead
         )
