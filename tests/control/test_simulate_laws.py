@@ -74,6 +74,11 @@ ROWS = (
     Row("eccentricities.driven_mm", 0.025),
     Row("eccentricities.driven_phase_deg", 60.0),
     Row("eccentricities.constant_backlash_deg", 0.04),
+    Row("map.driving_mm", 0.03),
+    Row("map.driving_phase_deg", 90.0),
+    Row("map.driven_mm", 0.02),
+    Row("map.driven_phase_deg", 30.0),
+    Row("map.constant_backlash_deg", 0.03),
     Row("motion.kind", "s_curve"),
     Row("motion.event", "slow_down"),
     Row("motion.speed_rpm", 50.0),
@@ -114,6 +119,7 @@ ROWS = (
     Row("actuator.delay_s", 0.0007, INSTANT),
     Row("actuator.stroke_mm", 0.2),
     Row("actuator.force_limit_N", 0.01, PLAY),
+    Row("judgement.turn", "unknown", PLAY),
     Row("judgement.observer", "difference", PLAY),
     Row("judgement.bandwidth_hz", 10.0),
     Row("judgement.threshold_rad_s2", 20.0),
@@ -128,6 +134,8 @@ ROWS = (
 # What must not show, so that the comparison can fail: the same value, and keys of other choices.
 IDLE = (
     Row("seed", 1),
+    Row("map.constant_backlash_deg", 0.038),
+    Row("judgement.turn", "located"),
     Row("motion.speed_rpm", 60.0),
     Row("judgement.horizon_s", 0.1),
     Row("motion.stop_s", 0.1),
@@ -149,7 +157,7 @@ ALONE = (
     Row("judgement.margin_mm", 0.05, UNQUANTISED),
     Row("servo.integral_gain_Nm", 10.0, {**UNQUANTISED, **PI}),
     Row("judgement.jump_s", 0.01, {**UNQUANTISED, **PI, "controller": "feedforward"}),
-    Row("actuator.force_limit_N", 0.02, {**UNQUANTISED, **PLAY, "actuator.force_limit_N": 0.01}),
+    Row("actuator.force_limit_N", 0.2, {**UNQUANTISED, **PLAY, "actuator.force_limit_N": 0.01}),
 )
 
 

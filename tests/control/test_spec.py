@@ -54,6 +54,7 @@ plant = "rigid"
 controller = "acceleration"
 flanks = "exact"
 seed = 0
+map = {}
 motion = { kind = "trapezoid", event = "reversal", speed_rpm = 60.0, reversal_deg = 7560.0, dwell_s = 2.0, ramp_s = 0.5, slow_share = 0.3, stop_s = 0.05, file = "" }
 servo = { motor = "prescribed", speed_gain_Nms = 1.0, integral_gain_Nm = 20.0, position_gain_1_s = 20.0, torque_limit_Nm = 5.0 }
 inertia = { driven_kgm2 = 0.01, driving_kgm2 = 0.002 }
@@ -63,7 +64,7 @@ mesh = { restitution = 0.3, stiffness_N_mm_um = 20.0, damping_ratio = 0.1, frict
 driving_encoder = { amplitude_arcsec = 0.0, phase_deg = 0.0, noise_arcsec = 0.0 }
 driven_encoder = { amplitude_arcsec = 0.0, phase_deg = 0.0, noise_arcsec = 0.0 }
 actuator = { speed_mm_s = 20.0, acceleration_mm_s2 = 2000.0, resolution_mm = 0.0, delay_s = 0.0, stroke_mm = 10.0, force_limit_N = 0.0 }
-judgement = { observer = "alpha_beta_gamma", bandwidth_hz = 20.0, threshold_rad_s2 = 1.0, least_rpm = 3.0, horizon_s = 0.3, margin_mm = 0.01, jump_s = 0.005 }
+judgement = { turn = "known", observer = "alpha_beta_gamma", bandwidth_hz = 20.0, threshold_rad_s2 = 1.0, least_rpm = 3.0, horizon_s = 0.3, margin_mm = 0.01, jump_s = 0.005 }
 sampling = { controller_hz = 1000.0, plant_hz = 0.0 }
 """  # noqa: E501
 

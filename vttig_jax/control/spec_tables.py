@@ -227,7 +227,7 @@ class JudgementTable(Table, frozen=True):
 
     turn: Annotated[
         TurnSource,
-        key("how the turn of the hunting period is known; located: by one reading of both shafts"),
+        key("of the hunting period; located: by one reading of both shafts"),
     ] = "known"
     observer: Annotated[Observer, key("how speed and acceleration are got from the encoder")] = (
         "alpha_beta_gamma"

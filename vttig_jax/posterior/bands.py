@@ -9,8 +9,8 @@ from jaxtyping import Float
 
 from ..base.tables import key_values
 from ..base.units import DEG
+from ..identify.mounting import mounted_closed, mounting_of
 from ..kinematics.backlash_map import BacklashMap
-from ..kinematics.closed import closed_model
 from ..pair.gears import Drive, GearPair
 from .draws import SmallestGap
 from .gap_draws import gap_draws
@@ -216,7 +216,11 @@ def band_map(
     angle = np.arange(rows) * step_deg * DEG
     first = None
     if isinstance(pair, GearPair):
-        first = closed_model(pair, posterior.centred_fit.eccentricities())
+        centre = posterior.centred_fit
+        rig = centre.eccentricities()
+        gap_rad = float(rig.constant_backlash_deg) * DEG
+        mounting = mounting_of(centre.covariance_names, centre.values, centre.flanks, gap_rad)
+        first = mounted_closed(pair, rig, mounting)
     grid = BacklashMap(draws.mean_model, first, pair)
     found = streamed_band(draws.pieces(angle), probability)
     return BandedMap(
