@@ -20,7 +20,8 @@ INERTIA = 0.01
 
 
 def drag(**values: Any) -> Drag:
-    return Drag(**({"inertia": INERTIA} | values))
+    given: dict[str, Any] = {"inertia": INERTIA, **values}
+    return Drag(**given)
 
 
 def gained(which: Drag, speed: float, torque: float = 0.0, step: float = STEP) -> float:
