@@ -45,4 +45,3 @@ def prepare_cpu(devices: int = 1) -> None:
     flags = os.environ.get("XLA_FLAGS", "")
     if _EXTRA not in flags:
         os.environ["XLA_FLAGS"] = f"{flags} {_EXTRA}{','.join(_OPTIONS)}".strip()
-
