@@ -45,11 +45,8 @@ from .simulation_cases import (
 from .simulation_worker import asked
 
 _SIZES = (64, 128, 256, 512, 1024, 2048, 4096, 8192)
-_ONE_CALL = (
-    "--xla_backend_extra_options=xla_cpu_use_multi_output_fusion,"
-    "xla_cpu_small_while_loop_byte_threshold=1000000000"
-)
-"""For XLA every loop is a small one then, which it compiles into one function, not one a kernel."""
+_CALLS = "--xla_backend_extra_options=xla_cpu_use_multi_output_fusion"
+"""Without the option that makes XLA compile a loop into one function, not one a kernel."""
 _OPTIONS: Mapping[str, Mapping[str, Any]] = {
     "flanks exact": {"flanks": "exact"},
     "plant play": {"plant": "play"},
@@ -222,8 +219,8 @@ def lanes(rounds: int) -> dict[str, Any]:
         "without prepare_cpu": {"prepared": False},
         "without vectors of 512 bits": {"wide": False},
         "without either": {"prepared": False, "wide": False},
-        "the whole loop in one call": {"flags": _ONE_CALL},
-        "the whole loop in one call, 64 lanes": {"flags": _ONE_CALL, "sizes": [64]},
+        "a call for every kernel": {"flags": _CALLS},
+        "a call for every kernel, 64 lanes": {"flags": _CALLS, "sizes": [64]},
     }
     record["options_of_xla_ns"] = {
         name: summary(*asked("lanes", **{"sizes": [LANES], "rounds": rounds, **kind}).values())

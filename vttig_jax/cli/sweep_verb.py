@@ -98,6 +98,8 @@ def prepare(devices: int | None) -> None:
     """Make devices of the cores, where JAX has not begun."""
     import vttig_jax
 
+    if devices is not None and devices > _cores():
+        raise UsageError(f"--devices {devices} is more than the {_cores()} cores there are.")
     try:
         vttig_jax.prepare_cpu(devices or _cores())
     except ValueError as error:
