@@ -26,12 +26,7 @@ def prepare_cpu(devices: int = 1) -> None:
 
     **Raises** `ValueError` for less than one device and where JAX has run already.
 
-    **Example**
-    ```python
-    import vttig_jax
-    vttig_jax.prepare_cpu(devices=2)
-    vttig_jax.enable_x64()
-    ```
+    Call it as `vttig_jax.prepare_cpu(devices=2)` right after `import vttig_jax`.
     """
     if devices < 1:
         raise ValueError(f"Argument `devices` must be at least 1, but is {devices}.")

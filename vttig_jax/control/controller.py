@@ -60,7 +60,8 @@ class Controller(eqx.Module):
     One that moves the motor too says so and returns a `Command`:
 
     ```python
-    >>> from vttig_jax.control.controller import Command
+    >>> import jax.numpy as jnp
+    >>> from vttig_jax.control.controller import Command, Controller
     >>> class Ahead(Controller):
     ...     advances = True
     ...     closes = False

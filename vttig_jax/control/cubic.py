@@ -5,7 +5,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-_HALLEY = 2
+_HALLEY = 3
 
 
 class Cubic(NamedTuple):
@@ -38,8 +38,8 @@ def cubic(start, end, start_rate, end_rate, step) -> Cubic:
 def first_root(curve: Cubic) -> Float[Array, "*shape"]:
     """Where a curve that starts at or above zero and ends below it crosses zero, by Halley.
 
-    Curves of one short step are nearly straight: from the chord two iterations reach the last bit.
-    For any other curve the result is some share of the step in [0, 1].
+    Curves of one short step are nearly straight: from the chord three iterations reach the last
+    bit. For any other curve the result is some share of the step in [0, 1].
     """
     end = curve.at(jnp.ones_like(curve.c0))
     share = _within(curve.c0 / _away_from_zero(curve.c0 - end))

@@ -77,7 +77,7 @@ def sweep(
     >>> spec = parse_scenario_spec(given | {"sweep": axes})
     >>> table = vttig_jax.sweep(spec, paper_pair())
     >>> table.columns["residual_gap_deg"].round(4).tolist()
-    [0.0257, 0.0008, 0.0563, 0.0008]
+    [0.0332, 0.0008, 0.0589, 0.0008]
 
     ```
     """

@@ -20,11 +20,7 @@ def rig_draws(posterior: Posterior, draws: int = 200, seed: int = 0) -> tuple[Ec
 
     **Raises** `NoAnswerError` where there is no gear geometry, no constant backlash, fewer draws.
 
-    **Example**
-    ```python
-    rigs = vttig_jax.rig_draws(vttig_jax.sample(fit), 200)
-    table = vttig_jax.sweep("sweep.toml", rigs=rigs, believed=fit.eccentricities())
-    ```
+    For `sweep(…, rigs=rig_draws(posterior, 200), believed=fit.eccentricities())`.
     """
     fit = posterior.fit
     gap = fit.parameters["constant_backlash_deg"]
