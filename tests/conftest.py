@@ -1,6 +1,8 @@
 # ruff: noqa: E402 -- threads, import hook and 64-bit mode are set before what they govern
 """What every test shares: double precision, checked annotations, quiet threads, the paper's rig."""
 
+import ctypes
+import gc
 import os
 
 # The linear algebra pools read these once, when numpy is imported.
@@ -9,15 +11,28 @@ for _pool in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 os.environ.setdefault("MPLBACKEND", "Agg")
 
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
+import jax
 import jaxtyping
 import pytest
 from hypothesis import settings
 
 # Before the first import of the package: its annotations are checked at run time from here on.
 # The command line names types it imports only when a verb runs, which beartype cannot resolve.
-ROOMS = ("base", "pair", "kinematics", "logs", "rig", "identify", "posterior", "control", "report")
+ROOMS = (
+    "base",
+    "pair",
+    "kinematics",
+    "geometry",
+    "logs",
+    "rig",
+    "identify",
+    "posterior",
+    "control",
+    "report",
+)
 jaxtyping.install_import_hook([f"vttig_jax.{room}" for room in ROOMS], "beartype.beartype")
 
 import vttig_jax
@@ -31,6 +46,24 @@ settings.register_profile(
     "vttig", derandomize=True, deadline=None, max_examples=25, database=None, print_blob=False
 )
 settings.load_profile("vttig")
+
+
+_MOST_BYTES = 3 << 30
+"""Memory beyond which a worker of the tests lets go of the programs it has compiled."""
+
+
+@pytest.fixture(scope="module", autouse=True)
+def bounded_memory() -> Iterator[None]:
+    """Forget compiled programs, some megabytes each, when they have become many."""
+    yield
+    usage = Path("/proc/self/statm")
+    if not usage.exists():  # not Linux: a worker grows to some 6 GB
+        return
+    if int(usage.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") > _MOST_BYTES:
+        jax.clear_caches()
+        gc.collect()
+        with suppress(AttributeError):  # a C library that gives memory back by itself
+            ctypes.CDLL(None).malloc_trim(0)
 
 
 @pytest.fixture(scope="session")

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from .pair.gears import Drive as Drive
     from .pair.gears import Gear as Gear
     from .pair.gears import GearPair as GearPair
-    from .pair.gears import load_pair as load_pair
+    from .pair.load import load_pair as load_pair
     from .posterior.agreement import agreement as agreement
     from .posterior.bands import band_map as band_map
     from .posterior.plan import plan as plan
@@ -60,7 +60,7 @@ _HOMES = {
     "exact_backlash": "kinematics.functions",
     "exact_transmission_error": "kinematics.functions",
     "fit": "identify.fit",
-    "load_pair": "pair.gears",
+    "load_pair": "pair.load",
     "plan": "posterior.plan",
     "predictive": "posterior.predictive",
     "prepare_cpu": "base.cpu",

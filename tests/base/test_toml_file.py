@@ -59,18 +59,18 @@ RECIPE = TomlFile(
             "oven.fan",
             "expected 'off' or 'on', but it is 'maybe'.",
         ),
-        ({"oven": {"heat_degC": 0}}, "oven.heat_degC", "expected float > 0.0, but it is 0."),
+        ({"oven": {"heat_degC": 0}}, "oven.heat_degC", "expected a number > 0.0, but it is 0."),
         (
             {"oven": {"heat_degC": 1, "shelf": "top"}},
             "oven.shelf",
-            "expected int, got str, but it is 'top'.",
+            "expected a whole number, but it is 'top'.",
         ),
         (
             {"steps": [{"minutes": 1}, {"minutes": 2, "minute": 1}]},
             "steps[1].minute",
             "unknown key `minute`; did you mean `minutes`?",
         ),
-        ({"oven": 3}, "oven", "expected table, got int, but it is 3."),
+        ({"oven": 3}, "oven", "expected a table, but it is 3."),
     ],
 )
 def test_what_is_wrong_is_a_sentence_and_a_key(table, where, message):

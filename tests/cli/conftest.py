@@ -8,7 +8,7 @@ import tomli_w
 from vttig_jax.base.jsonio import load_schema
 from vttig_jax.cli.demo_verb import log_csv
 from vttig_jax.cli.main import main
-from vttig_jax.pair.gears import pair_spec
+from vttig_jax.pair.load import pair_spec
 from vttig_jax.pair.spec import spec_table
 from vttig_jax.rig.motion import Motion
 from vttig_jax.rig.paper import paper_rig

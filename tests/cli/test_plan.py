@@ -4,7 +4,7 @@ import pytest
 import tomli_w
 
 from vttig_jax.cli.main import VERBS
-from vttig_jax.pair.gears import pair_spec
+from vttig_jax.pair.load import pair_spec
 from vttig_jax.pair.spec import spec_table
 from vttig_jax.rig.paper import paper_pair
 

@@ -2,6 +2,7 @@ import json
 import re
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import jsonschema
@@ -15,7 +16,7 @@ from vttig_jax.base.jsonio import dumps, load_schema
 from vttig_jax.cli.simulate_verb import _stride, _toml_value
 from vttig_jax.control import simulate as simulate_module
 from vttig_jax.control.spec_defaults import default_toml
-from vttig_jax.pair.gears import pair_spec
+from vttig_jax.pair.load import pair_spec
 from vttig_jax.pair.spec import spec_table
 from vttig_jax.rig.paper import paper_pair
 
@@ -199,6 +200,46 @@ def test_a_recorded_motion_lies_beside_the_scenario(vttig, scenario, elsewhere, 
     assert float(case.motion.at(2.0).angle) == pytest.approx(np.pi)
 
 
+def with_rig(folder: Path, run: str) -> Path:
+    """A scenario whose rig is that of a run folder."""
+    kept = tomllib.loads(SCENARIO)
+    del kept["eccentricities"]
+    path = folder / "fitted.toml"
+    path.write_text(tomli_w.dumps(kept | {"rig": {"from": run}}))
+    return path
+
+
+def test_the_rig_of_a_run_folder(vttig, vttig_json, scenario, run_folder):
+    path = with_rig(scenario.parent, str(run_folder))
+    code, found = vttig_json("simulate", path, "-q")
+    fit = json.loads((run_folder / "fit.json").read_text())["parameters"]
+    rig = found["scenario"]["eccentricities"]
+    assert code == 0 and "rig" not in found["scenario"]
+    for shaft in ("driving", "driven"):
+        fitted = fit[f"{shaft}_eccentricity_mm"]["value"]
+        assert rig[f"{shaft}_mm"] == pytest.approx(fitted, rel=1e-9)
+    gap = fit["constant_backlash_deg"]["value"]
+    assert rig["constant_backlash_deg"] == pytest.approx(gap, rel=1e-9)
+    _, other = vttig_json("simulate", path, "-q", "--set", "eccentricities.driven_mm=0.05")
+    assert other["scenario"]["eccentricities"] == {**rig, "driven_mm": 0.05}
+    assert other["metrics"]["jump_deg"] != found["metrics"]["jump_deg"]
+
+
+@pytest.mark.parametrize(
+    ("more", "code", "words"),
+    [
+        ("", 2, "no such run"),
+        ("draws = 3", 3, "rig.draws: one case runs with the fitted rig; remove this key"),
+        ("seed = 3", 3, "rig.seed"),
+    ],
+)
+def test_a_rig_that_one_case_cannot_have(vttig, scenario, more, code, words):
+    path = with_rig(scenario.parent, "nowhere")
+    path.write_text(path.read_text().replace("[rig]\n", f"[rig]\n{more}\n"))
+    got, out, err = vttig("simulate", path)
+    assert (got, out) == (code, "") and words in err
+
+
 def test_print_defaults_is_a_scenario_of_all_keys_and_needs_no_jax(vttig):
     assert vttig("simulate", "--print-defaults") == (0, default_toml(), "")
     code = "import sys\nfrom vttig_jax.cli.main import main\nmain(['simulate', {}])\n"
@@ -266,9 +307,9 @@ def test_a_trace_beyond_any_disk_is_refused():
         ("S --set reversal_deg=9", 2, "did you mean `motion.reversal_deg`?"),
         ("S --set motion.reversal_deg=20", 2, "--set motion.reversal_deg: 20 lies inside"),
         ("S --set motion.speed_rpm=6e4", 2, "with --set: motion.reversal_deg: 720 lies inside"),
-        ("S --set motion.reversal_deg=nan", 2, "--set motion.reversal_deg: expected float"),
+        ("S --set motion.reversal_deg=nan", 2, "--set motion.reversal_deg: expected a number"),
         ("S --set controller=acc", 2, "--set controller: expected 'acceleration' or"),
-        ("S --set seed=1.5", 2, "--set seed: expected int"),
+        ("S --set seed=1.5", 2, "--set seed: expected a whole number"),
         ("S --set seed", 2, "'seed' is not of the form key=value"),
         ("S --set seed=", 2, "not of the form key=value"),
         ("S --set controller=[none", 2, "the value of 'controller' is no TOML"),
@@ -299,7 +340,7 @@ def test_bad_calls_end_in_one_sentence(vttig, scenario, monkeypatch, options, co
     ("old", "new", "words"),
     [
         ("reversal_deg", "reversal_dg", "scenario.toml: motion.reversal_dg: unknown key"),
-        ("720.0", "nan", "scenario.toml: motion.reversal_deg: expected float"),
+        ("720.0", "nan", "scenario.toml: motion.reversal_deg: expected a number"),
         ("720.0", "20", "scenario.toml: motion.reversal_deg: 20 lies inside the ramps"),
         ("0.2\n", "0.2\n[sweep]\nseed = [1, 2]", "scenario.toml: sweep: this file holds many"),
         ("gears/pair", "drive", "scenario.toml: pair: names a [drive] without gears"),

@@ -8,10 +8,15 @@ import pytest
 import tomli_w
 
 from tests.control.texts import RIG
+from vttig_jax import enable_x64
 from vttig_jax.cli.main import main
+from vttig_jax.cli.rigs import fitted_rig
+from vttig_jax.cli.run_file import read_run
 from vttig_jax.control.metrics import METRICS
-from vttig_jax.pair.gears import pair_spec
+from vttig_jax.identify.store import read_fit
+from vttig_jax.pair.load import pair_from_spec, pair_spec
 from vttig_jax.pair.spec import spec_table
+from vttig_jax.posterior.sample import read_posterior
 from vttig_jax.rig.paper import paper_pair
 
 SWEEP = """
@@ -87,6 +92,17 @@ def test_rigs_of_a_posterior(vttig, vttig_json, sampled_folder, tmp_path):
     # The map the controller has is not that of the rigs: what it leaves differs from draw to draw.
     left = np.array(rows["residual_gap_deg"])[np.array(rows["controller"]) == "predictive"]
     assert np.ptp(left.reshape(3, 5), axis=0).min() > 1e-6
+
+
+def test_the_posterior_comes_before_the_fit(sampled_folder):
+    enable_x64()
+    posterior = read_posterior(
+        sampled_folder / "posterior.h5",
+        read_fit(sampled_folder, pair_from_spec(read_run(sampled_folder).spec)),
+    )
+    found = fitted_rig(sampled_folder)
+    assert found.driving_mm == posterior.centred_fit.eccentricities().driving_mm
+    assert found.driving_mm != posterior.fit.eccentricities().driving_mm
 
 
 def test_a_run_without_draws(vttig, run_folder, tmp_path):

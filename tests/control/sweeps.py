@@ -5,6 +5,7 @@ from typing import Any
 
 from tests.control.scenarios import SHORT
 from tests.control.texts import MINIMAL
+from vttig_jax.control import sweep_work
 from vttig_jax.control.spec import ScenarioSpec, parse_scenario_spec
 
 CONTROLLERS = ("none", "acceleration", "predictive")
@@ -23,3 +24,10 @@ def sweep_spec(axes: Mapping[str, Any] = AXES, **settings: Any) -> ScenarioSpec:
         place = table.setdefault(above, {}) if above else table
         place[last] = value
     return parse_scenario_spec(table)
+
+
+def small_blocks(cases: int, monkeypatch: Any = None) -> None:
+    """Blocks of so many cases of each program; for good where nothing undoes it."""
+    change = setattr if monkeypatch is None else monkeypatch.setattr
+    change(sweep_work, "_LEAST", cases)
+    change(sweep_work, "_MOST", cases)

@@ -30,25 +30,25 @@ BAD_VALUES = [
     ("plants", "rigid", "unknown key `plants`; did you mean `plant`?"),
     ("motion.reversal", 1.0, "unknown key `reversal`; did you mean `reversal_deg`?"),
     ("plant", "rigd", "expected 'elastic' or 'play' or 'rigid', but it is 'rigd'."),
-    ("pair", 3, "expected str, got int, but it is 3."),
-    ("pair", "", "expected str of length >= 1, but it is ''."),
-    ("eccentricities.driving_mm", -0.01, "expected float >= 0.0, but it is -0.01."),
+    ("pair", 3, "expected text, but it is 3."),
+    ("pair", "", "expected text of length >= 1, but it is ''."),
+    ("eccentricities.driving_mm", -0.01, "expected a number >= 0.0, but it is -0.01."),
     ("eccentricities.driven_mm", float("inf"), "but it is inf."),
     ("eccentricities.constant_backlash_deg", -0.01, "but it is -0.01."),
-    ("inertia.driven_kgm2", -0.01, "expected float > 0.0, but it is -0.01."),
+    ("inertia.driven_kgm2", -0.01, "expected a number > 0.0, but it is -0.01."),
     ("inertia.driven_kgm2", 0.0, "but it is 0.0."),
-    ("inertia.driving_kgm2", -0.002, "expected float > 0.0, but it is -0.002."),
-    ("friction.driving_Nm", -0.1, "expected float >= 0.0, but it is -0.1."),
+    ("inertia.driving_kgm2", -0.002, "expected a number > 0.0, but it is -0.002."),
+    ("friction.driving_Nm", -0.1, "expected a number >= 0.0, but it is -0.1."),
     ("servo.motor", "pid", "expected 'pi' or 'prescribed', but it is 'pid'."),
-    ("servo.torque_limit_Nm", 0.0, "expected float > 0.0, but it is 0.0."),
-    ("servo.position_gain_1_s", -1.0, "expected float >= 0.0, but it is -1.0."),
-    ("actuator.force_limit_N", -1.0, "expected float >= 0.0, but it is -1.0."),
-    ("judgement.jump_s", 0.0, "expected float > 0.0, but it is 0.0."),
-    ("mesh.restitution", 1.5, "expected float <= 1.0, but it is 1.5."),
-    ("motion.ramp_s", 0.0, "expected float > 0.0"),
-    ("motion.slow_share", 1.0, "expected float < 1.0"),
-    ("driven_encoder.counts_per_rev", 2.5, "expected int, got float, but it is 2.5."),
-    ("seed", True, "expected int, got bool, but it is True."),
+    ("servo.torque_limit_Nm", 0.0, "expected a number > 0.0, but it is 0.0."),
+    ("servo.position_gain_1_s", -1.0, "expected a number >= 0.0, but it is -1.0."),
+    ("actuator.force_limit_N", -1.0, "expected a number >= 0.0, but it is -1.0."),
+    ("judgement.jump_s", 0.0, "expected a number > 0.0, but it is 0.0."),
+    ("mesh.restitution", 1.5, "expected a number <= 1.0, but it is 1.5."),
+    ("motion.ramp_s", 0.0, "expected a number > 0.0"),
+    ("motion.slow_share", 1.0, "expected a number < 1.0"),
+    ("driven_encoder.counts_per_rev", 2.5, "expected a whole number, but it is 2.5."),
+    ("seed", True, "expected a whole number, but it is True."),
     ("load.torque_Nm", float("nan"), "but it is nan."),
     ("zip", [["a", "b"]], "belongs into [sweep], beside the axes it names."),
 ]
@@ -187,7 +187,7 @@ def test_the_rig_is_given_once(table, seen):
     ("table", "where", "words"),
     [
         ({**MINIMAL, "sweep": {"seed": [1]}}, "sweep", "run it with `vttig sweep`"),
-        ({"pair": "p", "rig": {"from": "RUN"}}, "rig", "run them with `vttig sweep`"),
+        ({"pair": "p", "rig": {"from": "R", "draws": 9}}, "rig.draws", "with `vttig sweep`"),
     ],
 )
 def test_one_case_is_no_sweep(table, where, words, write):
@@ -199,7 +199,7 @@ def test_one_case_is_no_sweep(table, where, words, write):
 
 @pytest.mark.parametrize("load", [load_scenario_spec, load_sweep_spec])
 def test_what_is_no_scenario_file_is_refused(load, tmp_path, write):
-    with pytest.raises(ScenarioError, match="no such file; SCENARIO is the TOML"):
+    with pytest.raises(ScenarioError, match="no such file; `vttig simulate"):
         load(tmp_path / "none.toml")
     with pytest.raises(ScenarioError, match=r"not valid TOML: .*; a scenario names the pair file"):
         load(write("pair = \n"))

@@ -30,7 +30,8 @@ from vttig_jax.control.case import Case, advance, finished, started
 from vttig_jax.control.simulate import simulate
 from vttig_jax.control.spec import KEYS
 from vttig_jax.control.tally import Tally
-from vttig_jax.pair.gears import GearPair, load_pair
+from vttig_jax.pair.gears import GearPair
+from vttig_jax.pair.load import load_pair
 
 Table = Mapping[str, Any]
 

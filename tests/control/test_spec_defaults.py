@@ -13,7 +13,7 @@ from vttig_jax.control.spec_defaults import default_toml
 TEXT = default_toml()
 HIDDEN = re.compile(r'^# (?=\[|"?[\w.]+"? = )', re.MULTILINE)
 REQUIRED = re.compile(r"^# (?=.*# required: )", re.MULTILINE)
-DRAWS, SWEEP = "# Only in a sweep file, instead", "# Only in a sweep file: "
+DRAWS, SWEEP = "# Instead of [eccentricities]", "# Only in a sweep file: "
 
 
 def one_case():

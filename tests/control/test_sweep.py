@@ -9,7 +9,7 @@ import pytest
 
 import vttig_jax
 from tests.control.scenarios import PAIR
-from tests.control.sweeps import AXES, CONTROLLERS, sweep_spec
+from tests.control.sweeps import AXES, CONTROLLERS, small_blocks, sweep_spec
 from vttig_jax.base.errors import InputError, ScenarioError
 from vttig_jax.control import sweep_estimate, sweep_work
 from vttig_jax.control.case import Case
@@ -100,7 +100,7 @@ def test_a_case_that_cannot_run_stops_nothing(table):
     for name in METRICS:
         np.testing.assert_array_equal(found.columns[name][good], table.columns[name][good])
     assert found.outcomes["refused"] == bad.sum() == 3
-    assert [case for case, _ in found.refusals] == [3, 4, 5]
+    assert [case for case, _ in found.refusals] == [3]  # 4 and 5 for the same reason
     assert "10 lies inside the ramps" in found.refusals[0][1] and "refused" in str(found)
 
 
@@ -110,7 +110,7 @@ def test_where_no_case_can_run_the_first_says_why():
 
 
 def test_blocks_and_lanes_leave_no_trace(table, monkeypatch):
-    monkeypatch.setattr(sweep_work, "_BLOCK", 1)
+    small_blocks(1, monkeypatch)
     monkeypatch.setattr(sweep_work, "LANES", 8)
     found = vttig_jax.sweep(sweep_spec(), PAIR)
     for name, values in table.columns.items():
@@ -274,3 +274,19 @@ def test_groups_are_those_of_the_texts(table):
     assert shares["none"] == shares["predictive"] == 0.0 < shares["acceleration"]
     text = str(table)
     assert "12: 4 motion.reversal_deg, 3 controller" in text and "-0.0000" not in text
+
+
+@pytest.mark.parametrize(("dwell_s", "cases"), [(0.1, 2048), (400.0, 256), (1e5, 64)])
+def test_long_runs_come_in_small_blocks(dwell_s, cases):
+    """What an interruption loses is bounded by time, not by cases."""
+    spec = sweep_spec({"motion.reversal_deg": [200.0, 250.0]}, motion__dwell_s=dwell_s)
+    work = SweepWork(SweepCases(spec, PAIR), Lanes())
+    assert work.block == cases
+
+
+def test_the_estimate_counts_programs_that_are_not_compiled():
+    spec = sweep_spec({"motion.reversal_deg": [200.0], "controller": ["none", "acceleration"]})
+    work = SweepWork(SweepCases(spec, PAIR), Lanes())
+    first, again = sweep_estimate.estimate(work, None), sweep_estimate.estimate(work, None)
+    assert first.compile_s == pytest.approx(work.lanes.compile_s) and again.compile_s == 0
+    assert str(dataclasses.replace(again, run_s=3.0, compile_s=7.0)).count("about 10 s") == 1

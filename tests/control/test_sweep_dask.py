@@ -4,6 +4,7 @@ import os
 import signal
 import threading
 import time
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -11,9 +12,9 @@ import pytest
 
 import vttig_jax
 from tests.control.scenarios import PAIR
-from tests.control.sweeps import sweep_spec
+from tests.control.sweeps import small_blocks, sweep_spec
 from vttig_jax.base.errors import InputError, UsageError
-from vttig_jax.control import sweep_dask, sweep_work
+from vttig_jax.control import sweep_dask
 from vttig_jax.control.metrics import METRICS
 from vttig_jax.control.sweep_folder import PARTS
 
@@ -23,14 +24,9 @@ AXES = {"motion.reversal_deg": {"from": 200, "to": 350, "num": 32}}
 SMALL = 4
 
 
-def small_blocks():
-    """In every worker: blocks as small as here."""
-    sweep_work._BLOCK = SMALL
-
-
 def test_a_lost_worker_costs_nothing_but_time(tmp_path, monkeypatch):
     """Two processes that import JAX and compile, one of them twice: that takes its time."""
-    monkeypatch.setattr(sweep_work, "_BLOCK", SMALL)
+    small_blocks(SMALL, monkeypatch)
     spec = sweep_spec(AXES, controller="none")
     expected = vttig_jax.sweep(spec, PAIR)
     root = str(Path(__file__).parents[2])
@@ -39,7 +35,7 @@ def test_a_lost_worker_costs_nothing_but_time(tmp_path, monkeypatch):
         n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=50
     ) as cluster:
         with distributed.Client(cluster, set_as_default=False) as client:
-            client.register_worker_callbacks(small_blocks)
+            client.register_worker_callbacks(partial(small_blocks, SMALL))
             victim = next(iter(client.run(os.getpid).values()))
         killed: list[int] = []
 

@@ -12,10 +12,10 @@ import pyarrow.parquet as pq
 import pytest
 
 import vttig_jax
+from tests.control import sweeps
 from tests.control.scenarios import PAIR
 from tests.control.sweeps import sweep_spec
 from vttig_jax.base.errors import InputError, UsageError
-from vttig_jax.control import sweep_work
 from vttig_jax.control.sweep_folder import HEADER, PARTS, TABLE, SweepFolder, read_table
 
 AXES = {"motion.reversal_deg": {"from": 200, "to": 350, "num": 24}}
@@ -23,7 +23,7 @@ AXES = {"motion.reversal_deg": {"from": 200, "to": 350, "num": 24}}
 
 @pytest.fixture(autouse=True)
 def small_blocks(monkeypatch):
-    monkeypatch.setattr(sweep_work, "_BLOCK", 4)
+    sweeps.small_blocks(4, monkeypatch)
 
 
 def swept(out: Path, axes=AXES, **options):
@@ -173,10 +173,12 @@ import os, signal, sys
 import vttig_jax
 vttig_jax.enable_x64()
 from tests.control.scenarios import PAIR
+from tests.control import sweeps
 from tests.control.sweeps import sweep_spec
 from tests.control.test_sweep_folder import AXES
-from vttig_jax.control import sweep_folder, sweep_work
-sweep_work._BLOCK = 4
+from tests.control import sweeps
+from vttig_jax.control import sweep_folder
+sweeps.small_blocks(4)
 original = sweep_folder.write_synced
 
 def killing(path, data):

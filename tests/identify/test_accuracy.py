@@ -8,7 +8,7 @@ from tests.identify.accuracy import complaints, judged, rms_errors, study
 from vttig_jax.base.units import DEG
 from vttig_jax.identify.fit import fit
 from vttig_jax.logs.read import read_log
-from vttig_jax.pair.gears import load_pair
+from vttig_jax.pair.load import load_pair
 from vttig_jax.pair.spec import FitOptions
 from vttig_jax.rig.paper import paper_rig
 

@@ -14,7 +14,7 @@ from vttig_jax.identify.fit import fit
 from vttig_jax.identify.mapping import backlash_map
 from vttig_jax.identify.parameters import Parameter
 from vttig_jax.logs.encoder_log import EncoderLog
-from vttig_jax.pair.gears import pair_from_spec, pair_spec
+from vttig_jax.pair.load import pair_from_spec, pair_spec
 
 ANGLES = np.linspace(0.0, 16 * REV, 500)
 GAP_DEG = 0.038

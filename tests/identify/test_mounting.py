@@ -19,7 +19,7 @@ from vttig_jax.identify.result import Fit
 from vttig_jax.kinematics.closed import closed_model
 from vttig_jax.kinematics.exact import exact_model
 from vttig_jax.logs.encoder_log import EncoderLog
-from vttig_jax.pair.gears import pair_from_spec, pair_spec
+from vttig_jax.pair.load import pair_from_spec, pair_spec
 from vttig_jax.rig.fixed_gear import fixed_gear_readings
 
 ANGLES = np.linspace(0.0, 16 * REV, 500)

@@ -6,7 +6,7 @@ import pytest
 
 from tests.pair.texts import CONTRACT, DRIVE, MINIMAL, OTHER_KEYS
 from vttig_jax.base.errors import PairError
-from vttig_jax.pair.gears import load_pair
+from vttig_jax.pair.load import load_pair
 from vttig_jax.pair.spec import parse_pair_spec
 
 
@@ -57,14 +57,14 @@ BAD_TABLES = {
     "teeth fractional": (
         replaced("teeth = 45", "teeth = 45.5"),
         "driving.teeth",
-        "expected int, got float, but it is 45.5.",
+        "expected a whole number, but it is 45.5.",
     ),
     "wrong type": (
         replaced("module_mm = 2.0", 'module_mm = "2.0"'),
         "pair.module_mm",
-        "expected float, got str, but it is '2.0'.",
+        "expected a number, but it is '2.0'.",
     ),
-    "table expected": ("pair = 3\n", "pair", "expected table, got int, but it is 3."),
+    "table expected": ("pair = 3\n", "pair", "expected a table, but it is 3."),
     "both modules": (
         replaced("module_mm = 2.0", "module_mm = 2.0\nnormal_module_mm = 2.0"),
         "pair.module_mm",
@@ -152,7 +152,7 @@ BAD_TABLES = {
     "ratio negative": ("[drive]\nratio = -0.5\n", "drive.ratio", "-0.5 is not a positive ratio"),
     "ratio nan": ("[drive]\nratio = nan\n", "drive.ratio", "nan is not a positive ratio"),
     "ratio beyond numbers": ('[drive]\nratio = "1e99999999999"\n', "drive.ratio", "not a positive"),
-    "ratio truth": ("[drive]\nratio = true\n", "drive.ratio", "got bool"),
+    "ratio truth": ("[drive]\nratio = true\n", "drive.ratio", "but it is True"),
     "scale text": (
         MINIMAL + '[log]\ndriving_scale = "x"\n',
         "log.driving_scale",
@@ -185,6 +185,91 @@ BAD_TABLES = {
         ">= 1, but it is 0.",
     ),
     "mesh orders": (MINIMAL + "[fit]\nmesh_orders = -1\n", "fit.mesh_orders", "but it is -1."),
+    "shift without centre distance": (
+        replaced("teeth = 45", "teeth = 45\nprofile_shift = 0.3", MINIMAL),
+        "pair.centre_distance_mm",
+        "missing; profile shifts move the axes apart, so the drawing has to say how far.",
+    ),
+    "shift beyond the centre distance": (
+        replaced("face_width_mm = 20.0\nhelix", "face_width_mm = 20.0\nprofile_shift=0.5\nhelix"),
+        "pair.centre_distance_mm",
+        "below contact: tips reach the roots at 126.5 mm",
+    ),
+    "shift out of range": (
+        replaced("teeth = 45", "teeth = 45\nprofile_shift = 5.5", MINIMAL),
+        "driving.profile_shift",
+        "<= 5.0, but it is 5.5.",
+    ),
+    "crowning without face width": (
+        replaced("teeth = 80", "teeth = 80\ncrowning_um = 5.0", MINIMAL),
+        "driven.face_width_mm",
+        "missing; a crowned flank recedes towards the ends of the face.",
+    ),
+    "hollow crowning": (
+        replaced("teeth = 45", "teeth = 45\ncrowning_um = -5.0", CONTRACT),
+        "driving.crowning_um",
+        ">= 0.0, but it is -5.0.",
+    ),
+    "rack without depth": (
+        MINIMAL + "[rack]\naddendum = 0.0\n",
+        "rack.addendum",
+        "> 0.0, but it is 0.0.",
+    ),
+    "rack with an unknown key": (
+        MINIMAL + "[rack]\ndedendum = 1.25\n",
+        "rack.dedendum",
+        "did you mean `addendum`?",
+    ),
+    "rack with clearance below zero": (
+        MINIMAL + "[rack]\nclearance = -0.1\n",
+        "rack.clearance",
+        ">= 0.0, but it is -0.1.",
+    ),
+    "clearance that the centre distance needs": (
+        replaced("125.12", "124.9") + "[rack]\nclearance = 0.02\n",
+        "pair.centre_distance_mm",
+        "tips reach the roots at 124.96 mm",
+    ),
+    "drive with a rack": (
+        DRIVE + "[rack]\naddendum = 0.9\n",
+        "rack",
+        "a [drive] has no teeth; remove this table.",
+    ),
+    "drive with a profile shift": (
+        DRIVE + "[driving]\nprofile_shift = 0.1\n",
+        "driving.profile_shift",
+        "a [drive] has no gear geometry",
+    ),
+    "drive with a crowning": (
+        DRIVE + "[driven]\ncrowning_um = 3.0\n",
+        "driven.crowning_um",
+        "a [drive] has no gear geometry",
+    ),
+    "drive with stated measures": (
+        DRIVE + "[driven.stated]\ntip_diameter_mm = 94.0\n",
+        "driven.stated",
+        "a [drive] has no gear geometry",
+    ),
+    "stated over balls of no size": (
+        MINIMAL + "[driven.stated]\nover_balls_mm = 165.0\n",
+        "driven.stated.ball_diameter_mm",
+        "missing; over_balls_mm does not say over balls of which diameter.",
+    ),
+    "stated span of no teeth": (
+        CONTRACT + "[driving.stated]\nspan_mm = 27.8\n",
+        "driving.stated.span_teeth",
+        "missing; span_mm does not say over how many teeth.",
+    ),
+    "stated thickness below zero": (
+        MINIMAL + "[driven.stated]\ntooth_thickness_thin_mm = -1.0\n",
+        "driven.stated.tooth_thickness_thin_mm",
+        "> 0.0, but it is -1.0.",
+    ),
+    "stated by another name": (
+        MINIMAL + "[driven.stated]\ntip_diameter = 164.0\n",
+        "driven.stated.tip_diameter",
+        "did you mean `tip_diameter_mm`?",
+    ),
 }
 
 

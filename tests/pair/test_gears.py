@@ -14,7 +14,9 @@ import pytest
 
 from vttig_jax.base.units import DEG
 from vttig_jax.pair.eccentricities import Eccentricities
-from vttig_jax.pair.gears import Drive, Gear, GearPair, involute, load_pair, pair_from_spec
+from vttig_jax.pair.gears import Drive, Gear, GearPair, involute
+from vttig_jax.pair.load import load_pair, pair_from_spec
+from vttig_jax.pair.rack import Rack
 from vttig_jax.pair.spec import parse_pair_spec
 
 
@@ -52,6 +54,41 @@ def test_drawing_backlash_is_the_gap_of_standard_teeth(paper_pair):
     gap = 2 * math.pi * radii[1] / 80 - thickness.sum()
     assert reference.sum() == 125
     assert paper_pair.drawing_backlash == pytest.approx(gap / radii[1], rel=1e-10)
+
+
+def test_drawing_backlash_of_shifted_teeth():
+    """The same with the thickness m (π/2 + 2 x tan α) of each gear."""
+    gears = Gear(45, profile_shift=0.3), Gear(80, profile_shift=-0.1)
+    pair = GearPair(*gears, module_mm=2.0, pressure_angles_deg=20.0, centre_distance_mm=125.6)
+    alpha = math.radians(20)
+    working = math.acos(125 * math.cos(alpha) / 125.6)
+    radii, reference = 125.6 * np.array([45, 80]) / 125, np.array([45.0, 80.0])
+    grown = math.tan(alpha) - alpha - (math.tan(working) - working)
+    thickness = 2 * (math.pi / 2 + 2 * np.array([0.3, -0.1]) * math.tan(alpha))
+    at_working = 2 * radii * (thickness / 2 / reference + grown)
+    gap = 2 * math.pi * radii[1] / 80 - at_working.sum()
+    assert pair.drawing_backlash == pytest.approx(gap / radii[1], rel=1e-10)
+    unshifted = GearPair(
+        Gear(45), Gear(80), module_mm=2.0, pressure_angles_deg=20.0, centre_distance_mm=125.6
+    )
+    assert unshifted.drawing_backlash > 1.5 * pair.drawing_backlash
+
+
+def test_addendum_and_shift_move_the_tips_that_end_the_contact():
+    plain = GearPair(Gear(45), Gear(80), module_mm=2.0, pressure_angles_deg=20.0)
+    stub = GearPair(
+        Gear(45), Gear(80), module_mm=2.0, pressure_angles_deg=20.0, rack=Rack(addendum=0.8)
+    )
+    assert stub.contact_ratios[0] < plain.contact_ratios[0]
+    np.testing.assert_allclose(stub.tip_radii, plain.tip_radii - 0.4, rtol=1e-14)
+    gears = Gear(45, profile_shift=0.2), Gear(80, profile_shift=-0.2)
+    shifted = GearPair(*gears, module_mm=2.0, pressure_angles_deg=20.0)
+    np.testing.assert_allclose(
+        shifted.tip_radii, plain.tip_radii + np.array([0.4, -0.4]), rtol=1e-14
+    )
+    np.testing.assert_allclose(
+        shifted.root_radii, plain.root_radii + np.array([0.4, -0.4]), rtol=1e-14
+    )
 
 
 def test_contact_ratio_by_walking_along_the_line_of_action(paper_pair):

@@ -8,13 +8,16 @@ from fractions import Fraction
 import pytest
 
 from tests.pair.texts import CONTRACT, DRIVE, MINIMAL, OTHER_KEYS
-from vttig_jax.pair.gears import Drive, GearPair, load_pair
+from vttig_jax.pair.gears import Drive, GearPair
+from vttig_jax.pair.load import load_pair
 from vttig_jax.pair.spec import (
     Encoder,
     FitOptions,
     GearTable,
     LogLayout,
     PairTable,
+    RackTable,
+    StatedTable,
     UnitTable,
     as_fraction,
     load_pair_spec,
@@ -74,7 +77,53 @@ def test_every_other_key(write):
     assert spec.fit == FitOptions(driving_orders=(), driven_orders=(3,), mesh_orders=0)
 
 
-@pytest.mark.parametrize("text", [CONTRACT, OTHER_KEYS, MINIMAL, DRIVE])
+TOOTH_KEYS = """
+[pair]
+module_mm = 2.0
+pressure_angle_deg = 20.0
+centre_distance_mm = 125.9
+[rack]
+addendum = 0.9
+clearance = 0.3
+tip_radius = 0.25
+[driving]
+teeth = 45
+face_width_mm = 20.0
+profile_shift = 0.4
+crowning_um = 8.0
+stated = { tooth_thickness_thin_mm = 2.5, tooth_thickness_thick_mm = 4.7, tip_diameter_mm = 94.8 }
+[driven]
+teeth = 80
+[driven.stated]
+root_diameter_mm = 154.9
+span_mm = 52.4
+span_teeth = 9
+over_balls_mm = 165.1
+ball_diameter_mm = 3.5
+"""
+
+
+def test_keys_of_the_teeth(write):
+    spec = load_pair_spec(write(TOOTH_KEYS))
+    assert spec.rack == RackTable(addendum=0.9, clearance=0.3, tip_radius=0.25)
+    assert (spec.driving.profile_shift, spec.driving.crowning_um) == (0.4, 8.0)
+    assert spec.driving.stated == StatedTable(
+        tooth_thickness_thin_mm=2.5, tooth_thickness_thick_mm=4.7, tip_diameter_mm=94.8
+    )
+    assert spec.driven.stated == StatedTable(
+        root_diameter_mm=154.9,
+        span_mm=52.4,
+        span_teeth=9,
+        over_balls_mm=165.1,
+        ball_diameter_mm=3.5,
+    )
+    plain = load_pair_spec(write(CONTRACT))
+    assert plain.rack == RackTable(addendum=1.0, clearance=0.25, tip_radius=None)
+    assert plain.driving.stated is None and "stated" not in str(spec_table(plain))
+    assert (plain.driving.profile_shift, plain.driven.crowning_um) == (0.0, 0.0)
+
+
+@pytest.mark.parametrize("text", [CONTRACT, OTHER_KEYS, TOOTH_KEYS, MINIMAL, DRIVE])
 def test_a_spec_goes_back_to_the_table_it_came_from(text):
     spec = parse_pair_spec(tomllib.loads(text))
     table = spec_table(spec)

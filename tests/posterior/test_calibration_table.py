@@ -22,7 +22,7 @@ from vttig_jax.identify.solve import Solution, solve
 from vttig_jax.identify.summary import summarise
 from vttig_jax.logs.encoder_log import EncoderLog
 from vttig_jax.logs.segments import Segment
-from vttig_jax.pair.gears import pair_from_spec, pair_spec
+from vttig_jax.pair.load import pair_from_spec, pair_spec
 from vttig_jax.pair.spec import LogLayout
 from vttig_jax.posterior.calibration.calibrate import Calibration, calibrate
 from vttig_jax.posterior.calibration.case import CaseResult

@@ -66,9 +66,10 @@ def marks(ax: Axes) -> list[float]:
     return sorted({float(x[0]) for x in found if len(x) == 2 and x[0] == x[1]})
 
 
-def words(figure: Any) -> list[str]:
-    (legend,) = figure.legends
-    return [text.get_text() for text in legend.get_texts() if text.get_text()]
+def words(figure: Any) -> list[list[str]]:
+    """Those of the legends, a list a row."""
+    found = [ax.get_legend() for ax in figure.axes]
+    return [[text.get_text() for text in one.get_texts()] for one in found if one]
 
 
 def test_transmission_error_lies_between_the_flanks_and_jumps_from_one_to_the_other(run, panels):
@@ -140,10 +141,12 @@ def test_the_words(run):
     assert figure.axes[1].get_ylabel() == "transmission error [°]"
     assert figure.axes[3].get_ylabel() == "axial shift [mm]"
     assert words(figure) == [
-        *("flank B", "flank A", "transmission error", "as the encoders show it"),
-        *("closes the gap", "commanded", "reached", "commanded beyond the gap"),
-        *("speed of the driving shaft", "as observed"),
-        *("motor brakes", "controller closes", "motor turns"),
+        [
+            *("flank B", "flank A", "transmission error", "as encoders show it"),
+            *("motor brakes", "controller closes", "motor turns"),
+        ],
+        ["closes the gap", "commanded", "reached", "commanded too far"],
+        ["driving shaft", "as observed"],
     ]
 
 
@@ -177,7 +180,7 @@ def test_where_the_drive_blocks_the_picture_ends(run):
     assert len(figure.axes) == 4
     assert figure.axes[1].get_xlim() == pytest.approx((1.9, 2.4), abs=0.01)
     assert marks(figure.axes[1])[-1] == 2.4
-    assert "drive blocks" in words(figure) and "outcome bound" in figure.get_suptitle()
+    assert "drive blocks" in words(figure)[0] and "outcome bound" in figure.get_suptitle()
 
 
 def test_the_picture_follows_the_object(run):

@@ -25,6 +25,16 @@ class Table(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Base of the structs that stand for TOML tables; subclasses say `frozen=True` again."""
 
 
+_WORDS = {
+    "float": "a number",
+    "int": "a whole number",
+    "str": "text",
+    "bool": "true or false",
+    "array": "a list",
+    "object": "a table",
+}
+"""Types of TOML as `msgspec` calls them → for people."""
+
 _SHORT = reprlib.Repr()
 """What was seen, cut where it would no longer fit a sentence."""
 _SHORT.maxstring = _SHORT.maxother = _SHORT.maxlong = 120
@@ -138,8 +148,15 @@ def _sentence(error: str, value: Any, kind: Any) -> tuple[str, str]:
         text = "Expected " + " or ".join(repr(choice) for choice in values)
     elif missing := re.match(r"Object missing required field `(.*)`", text):
         seen = _example(_kind_at(kind, parts), missing[1]) or seen
-    text = f"{text[0].lower()}{text[1:]}".replace("object", "table").replace(" | null", "")
-    return f"{text}{seen}.".replace("`", ""), dotted
+    return f"{_plain(text)}{seen}.", dotted
+
+
+def _plain(text: str) -> str:
+    """A message of `msgspec` in words for people, without the type of what follows it anyway."""
+    text = re.sub(r"(, got `?\w+`?| \| null|`)", "", text)
+    text = f"{text[0].lower()}{text[1:]}".replace("object missing", "table missing")
+    text = re.sub(r"^expected (\w+)", lambda kind: f"expected {_WORDS.get(kind[1], kind[1])}", text)
+    return re.sub(r" \| (\w+)", lambda kind: f" or {_WORDS.get(kind[1], kind[1])}", text)
 
 
 def _example(kind: Any, name: str) -> str:

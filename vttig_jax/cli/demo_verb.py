@@ -177,7 +177,7 @@ def _write_fit(
     import hashlib
 
     from ..base.runfolder import RunFolder
-    from ..pair.gears import pair_spec
+    from ..pair.load import pair_spec
     from ..pair.spec import spec_table
 
     spec = pair_spec(rig.pair)

@@ -101,7 +101,7 @@ def command(
     from ..control.map_harmonics import compensation_of
     from ..identify.contact import contact_map
     from ..identify.store import read_fit
-    from ..pair.gears import pair_from_spec
+    from ..pair.load import pair_from_spec
 
     vttig_jax.enable_x64()
     run = read_run(run_folder)

@@ -120,7 +120,7 @@ def perform(run: Run) -> tuple["Fit", Run]:
     from ..identify.fit import fit
     from ..logs.read import read_log
     from ..logs.readings import read_backlash_readings
-    from ..pair.gears import pair_from_spec
+    from ..pair.load import pair_from_spec
 
     vttig_jax.enable_x64()
     pair = pair_from_spec(run.spec)

@@ -113,7 +113,7 @@ def command(
     from ..identify.contact import contact_map
     from ..identify.store import read_fit
     from ..kinematics.locate import locate
-    from ..pair.gears import pair_from_spec
+    from ..pair.load import pair_from_spec
 
     vttig_jax.enable_x64()
     run = read_run(run_folder)

@@ -67,7 +67,7 @@ def command(
 
     from ..identify.mapping import backlash_map
     from ..identify.store import read_fit
-    from ..pair.gears import pair_from_spec
+    from ..pair.load import pair_from_spec
 
     vttig_jax.enable_x64()
     pair = pair_from_spec(read_run(run_folder).spec)

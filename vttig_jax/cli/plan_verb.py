@@ -104,7 +104,7 @@ def command(
     """
     import vttig_jax
 
-    from ..pair.gears import load_pair
+    from ..pair.load import load_pair
 
     vttig_jax.enable_x64()
     rig = load_pair(pair)

@@ -250,7 +250,7 @@ def refuse_existing(
 def _fit_in(out: Path, names: list[str]) -> "Fit":
     """The fit of a run folder, which has its own options."""
     from ..identify.store import read_fit
-    from ..pair.gears import pair_from_spec
+    from ..pair.load import pair_from_spec
 
     if asked := given(names):
         raise UsageError(

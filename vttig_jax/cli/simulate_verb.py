@@ -12,6 +12,7 @@ from ..base.errors import ScenarioError, UsageError
 from .map_verb import csv_text
 from .options import given, verb
 from .output import Output
+from .rigs import fitted_rig
 
 if TYPE_CHECKING:
     from ..control.simulation import Simulation
@@ -89,7 +90,8 @@ def command(
 
     Says what the transmission error does, how far it jumps where the flanks change, when the
     controller saw the reversal, what it left open and where it closed too far. Paths in SCENARIO
-    are relative to it. Whatever comes of the run is a result; the outcome names it.
+    are relative to it; rig = { from = "RUN" } instead of [eccentricities] takes the rig that a run
+    folder has fitted. Whatever comes of the run is a result; the outcome names it.
     """
     if print_defaults:
         _print_defaults()
@@ -99,7 +101,7 @@ def command(
     _check_files(trace, figure, overwrite=overwrite)
     from ..control.spec import load_scenario_spec
 
-    spec = _with_settings(load_scenario_spec(scenario), settings)
+    spec = _with_settings(_with_rig(load_scenario_spec(scenario), scenario), settings)
     thinned = every if trace else 0
     found, kept = _simulated(spec, scenario, thinned, output, draws=figure is not None)
     if trace is not None:
@@ -156,6 +158,20 @@ def _with_settings(spec: "ScenarioSpec", settings: tuple[tuple[str, Any], ...]) 
     except ScenarioError as error:
         where = f"--set {error.where}" if error.where in values else f"with --set: {error.where}"
         raise UsageError(error.message, where=where) from None
+
+
+def _with_rig(spec: "ScenarioSpec", path: Path) -> "ScenarioSpec":
+    """The scenario with the rig of the run folder that it names."""
+    if spec.rig is None:
+        return spec
+    import vttig_jax
+
+    from ..control.spec import with_values
+    from ..control.sweep_cases import rig_table
+
+    vttig_jax.enable_x64()
+    rig = rig_table(fitted_rig(path.parent / spec.rig.run))
+    return with_values(spec, {f"eccentricities.{name}": value for name, value in rig.items()})
 
 
 def _simulated(

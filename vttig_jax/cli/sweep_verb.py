@@ -6,16 +6,14 @@ from typing import TYPE_CHECKING
 
 import click
 
-from ..base.errors import InputError, UsageError
-from .fit_verb import CHECKPOINT
+from ..base.errors import UsageError
 from .options import verb
 from .output import LOGGER, Output
-from .run_file import read_run
+from .rigs import drawn_rigs
 
 if TYPE_CHECKING:
     from ..control.sweep_estimate import Estimate
     from ..control.sweep_table import SweepTable
-    from ..pair.eccentricities import Eccentricities
 
 FIGURE = "figures/sweep.png"
 
@@ -76,7 +74,7 @@ def command(
             bar.total = max(done, all_)
             bar.update(done - bar.n)
 
-        rigs, believed = rigs_of(scenario)
+        rigs, believed = drawn_rigs(scenario)
         found = sweep(
             scenario,
             rigs=rigs,
@@ -117,33 +115,6 @@ def _cores() -> int:
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
-
-
-def rigs_of(scenario: Path) -> tuple[tuple["Eccentricities", ...], "Eccentricities | None"]:
-    """Draws of the posterior that the sweep file names, and the rig in their middle."""
-    from ..control.spec import load_sweep_spec
-
-    table = load_sweep_spec(scenario).rig
-    if table is None:
-        return (), None
-    from ..identify.store import read_fit
-    from ..pair.gears import pair_from_spec
-    from ..posterior.rig_draws import rig_draws
-    from ..posterior.sample import read_posterior
-
-    folder = scenario.parent / table.run
-    if not (folder / CHECKPOINT).exists():
-        raise InputError(
-            f"there is no {CHECKPOINT} in {folder}; make it with `vttig sample --out {folder}`.",
-            where=f"{scenario}: rig.from",
-        )
-    posterior = read_posterior(
-        folder / CHECKPOINT, read_fit(folder, pair_from_spec(read_run(folder).spec))
-    )
-    if not posterior.diagnosis.converged:
-        LOGGER.warning("the draws have not converged: %s", posterior.diagnosis)
-    believed = posterior.centred_fit.eccentricities()
-    return rig_draws(posterior, table.draws, table.seed), believed
 
 
 def _draw(found: "SweepTable", out: Path) -> None:

@@ -9,7 +9,8 @@ import click
 from ..base.errors import UsageError
 from .options import Finite, verb
 from .output import Output
-from .sweep_verb import prepare, rigs_of
+from .rigs import drawn_rigs
+from .sweep_verb import prepare
 
 if TYPE_CHECKING:
     from ..control.tuned import Tuned
@@ -104,7 +105,7 @@ def command(
             bar.total = all_
             bar.update(done - bar.n)
 
-        rigs, believed = rigs_of(scenario)
+        rigs, believed = drawn_rigs(scenario)
         found = tune(
             scenario,
             rigs=rigs,

@@ -10,7 +10,8 @@ from jaxtyping import Array, Int
 
 from ..base.errors import ScenarioError
 from ..base.precision import require_x64
-from ..pair.gears import GearPair, load_pair
+from ..pair.gears import GearPair
+from ..pair.load import load_pair
 from .build import case_of
 from .case import Case, Sample, State, advance, finished, started
 from .controller import Controller
@@ -80,6 +81,12 @@ def prepared(
 ) -> tuple[GearPair, Case]:
     """The gears of a scenario and the case to run; `source` is its file name for messages."""
     with SCENARIO_FILE.placed(source):
+        if spec.rig is not None:
+            raise ScenarioError(
+                "names a run folder, which `vttig simulate` reads; in Python give [eccentricities],"
+                " such as those of fit.eccentricities().",
+                where="rig",
+            )
         if pair is None:
             pair = gears(folder / spec.pair)
         return pair, case_of(spec, pair, folder, controller)

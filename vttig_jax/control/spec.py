@@ -29,14 +29,14 @@ from .spec_tables import (
     MeshTable,
     MotionTable,
     Plant,
-    RigDraws,
+    RigTable,
     SamplingTable,
     ServoTable,
 )
 
 
 class ScenarioSpec(Table, frozen=True):
-    """A whole scenario or sweep file. Either `eccentricities` or, in a sweep, `rig`."""
+    """A whole scenario or sweep file. Either `eccentricities` or `rig`."""
 
     pair: Annotated[
         str, key("pair file, relative to this file", min_length=1, examples=["pair.toml"])
@@ -68,7 +68,7 @@ class ScenarioSpec(Table, frozen=True):
     actuator: Annotated[ActuatorTable, key("shifts the driven gear axially")] = ActuatorTable()
     judgement: Annotated[JudgementTable, key("how a reversal is noticed")] = JudgementTable()
     sampling: Annotated[SamplingTable, key("rates of controller and plant")] = SamplingTable()
-    rig: Annotated[RigDraws | None, key("rigs drawn from a posterior")] = None
+    rig: Annotated[RigTable | None, key("the rig of a run folder")] = None
     sweep: Annotated[Sweep | None, key("axes of a sweep")] = None
 
 
@@ -105,12 +105,13 @@ def load_scenario_spec(path: str | Path) -> ScenarioSpec:
                 "this file holds many cases; run it with `vttig sweep`, or remove [sweep].",
                 where="sweep",
             )
-        if spec.rig is not None:
-            raise ScenarioError(
-                "rigs from a posterior are many cases; run them with `vttig sweep`, or give"
-                " [eccentricities] instead.",
-                where="rig",
-            )
+        for name in ("draws", "seed"):
+            if spec.rig is not None and getattr(spec.rig, name) is not None:
+                raise ScenarioError(
+                    "one case runs with the fitted rig; remove this key, or run the draws of the"
+                    " posterior with `vttig sweep`.",
+                    where=f"rig.{name}",
+                )
     return spec
 
 

@@ -13,7 +13,7 @@ from ..base.toml_keys import Key, key
 SCENARIO_FILE = TomlFile(
     ScenarioError,
     noun="a scenario",
-    cure="SCENARIO is the TOML that `vttig simulate --print-defaults` prints",
+    cure="`vttig simulate --print-defaults` prints one to start from",
     content="names the pair file and the tables that `vttig simulate --print-defaults` prints",
 )
 

@@ -18,12 +18,12 @@ def check_scenario(spec: "ScenarioSpec") -> None:
 
 
 def check_rig(spec: "ScenarioSpec") -> None:
-    """Raise `ScenarioError` unless there is one rig, or a posterior of them."""
+    """Raise `ScenarioError` unless the rig is given in one way."""
     if (spec.eccentricities is None) == (spec.rig is None):
         seen = "neither" if spec.rig is None else "both"
         raise ScenarioError(
-            f"{seen} of [eccentricities] and `rig` given; a scenario has [eccentricities], a sweep"
-            " may have rigs from a posterior instead.",
+            f"{seen} of [eccentricities] and `rig` given; write [eccentricities], or"
+            ' rig = { from = "RUN" } for those of a run folder.',
             where="eccentricities",
         )
 

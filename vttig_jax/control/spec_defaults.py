@@ -22,14 +22,14 @@ _SWEEP = """\
 # "motion.ramp_s" = [1.0, 0.5]
 # zip = [["motion.speed_rpm", "motion.ramp_s"]]
 """
-_ONLY_IN_SWEEP = ("rig", "sweep")
+_AT_THE_END = ("rig", "sweep")
 
 
 def default_toml() -> str:
     """A scenario file with every key, its default, unit and meaning.
 
     It is valid TOML; with the keys marked as required uncommented it is a whole scenario. What
-    belongs to a sweep file stands at the end, behind #.
+    stands instead of [eccentricities] and what belongs to a sweep file follow at the end, behind #.
 
     **Example**
     ```python
@@ -42,12 +42,12 @@ def default_toml() -> str:
     top = list(keys(ScenarioSpec))
     parts = [_HEAD + _lines([one for one in top if one.table is None])]
     for one in top:
-        if one.table is not None and one.name not in _ONLY_IN_SWEEP:
+        if one.table is not None and one.name not in _AT_THE_END:
             header = f"[{one.name}]  # {one.meaning}\n"
             parts.append(header + _lines(list(keys(one.table))))
     rig = next(one for one in top if one.name == "rig")
     assert rig.table is not None
-    header = f"# Only in a sweep file, instead of [eccentricities]: {rig.meaning}.\n# [rig]\n"
+    header = f"# Instead of [eccentricities]: {rig.meaning}.\n# [rig]\n"
     parts.append(header + _lines(list(keys(rig.table)), hidden=True))
     return "\n".join([*parts, _SWEEP])
 

@@ -265,9 +265,26 @@ class SamplingTable(Table, frozen=True):
     ] = 0.0
 
 
-class RigDraws(Table, frozen=True, rename={"run": "from"}):
-    """`rig` of a sweep file: rigs drawn from a posterior, instead of `[eccentricities]`."""
+class RigTable(Table, frozen=True, rename={"run": "from"}):
+    """`rig`: what a run found out, instead of `[eccentricities]`.
 
-    run: Annotated[str, key("run folder that holds posterior.h5", min_length=1, examples=["RUN"])]
-    draws: Annotated[int, key("number of draws", "1", ge=1, le=10**7)] = 200
-    seed: Annotated[int, key("which draws", "1", ge=0, le=2**32 - 1)] = 0
+    One case has the fitted rig, in the mean of the posterior where there is one; a sweep has rigs
+    drawn from the posterior.
+    """
+
+    run: Annotated[str, key("run folder of `vttig fit`", min_length=1, examples=["RUN"])]
+    draws: (
+        Annotated[
+            int, key("only in a sweep: draws of the posterior", "1", ge=1, le=10**7, examples=[200])
+        ]
+        | None
+    ) = None
+    seed: (
+        Annotated[int, key("only in a sweep: which draws", "1", ge=0, le=2**32 - 1, examples=[0])]
+        | None
+    ) = None
+
+    @property
+    def chosen(self) -> tuple[int, int]:
+        """Number and seed of the draws, 200 and 0 where the file does not say."""
+        return 200 if self.draws is None else self.draws, self.seed or 0

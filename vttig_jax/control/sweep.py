@@ -7,6 +7,7 @@ from functools import lru_cache
 from pathlib import Path
 
 import jax
+import numpy as np
 
 from ..base.precision import require_x64
 from ..pair.eccentricities import Eccentricities
@@ -21,8 +22,8 @@ from .sweep_recipe import Recipe, recipe_of
 from .sweep_table import SweepTable
 from .sweep_work import REFUSED, Rows, SweepWork
 
-_REASONS = 5
-"""Refused cases that are quoted."""
+_REASONS, _ASKED = 5, 500
+"""Different reasons of refused cases that are quoted, and how many cases are asked for theirs."""
 
 
 def sweep(
@@ -162,6 +163,12 @@ def _lanes(devices: int | None) -> Lanes:
 
 
 def _refusals(work: SweepWork, columns: Rows) -> tuple[tuple[int, str], ...]:
-    """Why the first refused cases were."""
-    refused = columns["case"][columns["outcome"] == REFUSED][:_REASONS]
-    return tuple((int(number), str(work.cases.case(int(number)))) for number in refused)
+    """The first refused case of each reason, and the reason."""
+    refused = columns["case"][columns["outcome"] == REFUSED]
+    asked = refused[np.linspace(0, len(refused) - 1, min(len(refused), _ASKED)).astype(int)]
+    found: dict[str, int] = {}
+    for number in asked.tolist():
+        found.setdefault(str(work.cases.case(number)), number)
+        if len(found) == _REASONS:
+            break
+    return tuple((number, why) for why, number in found.items())

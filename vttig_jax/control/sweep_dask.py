@@ -42,8 +42,12 @@ def on_cluster(
             "a cluster needs dask.distributed; install it with `pip install vttig-jax[dask]`."
         )
     from distributed import Client, as_completed
+    from distributed.comm.addressing import get_address_host_port
 
     try:
+        with suppress(NotImplementedError):  # of a scheduler in this process
+            # A `Client` that is refused its address would complain once more when it is collected.
+            get_address_host_port(address)
         client = Client(address, timeout=_WAIT_S, set_as_default=False)
     except (OSError, ValueError) as error:
         raise InputError(

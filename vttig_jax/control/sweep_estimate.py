@@ -31,20 +31,23 @@ _SHARE = 0.8
 class Estimate:
     """What a sweep will take.
 
-    - `cases`, `lane_steps`: how many. - `run_s`: time, compilation left out.
+    - `cases`, `lane_steps`: how many. - `run_s`: time to run them.
+    - `compile_s`: time to compile the programs that are not yet.
     - `memory_bytes`, `disk_bytes`: at most.
     """
 
     cases: int
     lane_steps: float
     run_s: float
+    compile_s: float
     memory_bytes: int
     disk_bytes: int
 
     def __str__(self) -> str:
         disk = f", {_size(self.disk_bytes)} on disk" if self.disk_bytes else ""
+        time = _time(self.run_s + self.compile_s)
         return (
-            f"{self.cases} cases, {self.lane_steps:.3g} lane-steps: about {_time(self.run_s)},"
+            f"{self.cases} cases, {self.lane_steps:.3g} lane-steps: about {time},"
             f" {_size(self.memory_bytes)} of memory{disk}"
         )
 
@@ -72,8 +75,10 @@ def estimate(work: SweepWork, folder: Path | None) -> Estimate:
     lanes = lanes_for(math.ceil(wanted), len(work.lanes.devices))
     calls = cases.kinds * work.blocks * math.ceil(wanted / lanes)
     longest = max(lengths, default=0) if wanted <= lanes else sum(lengths) / max(len(lengths), 1)
+    compiled = work.lanes.compile_s
     run_s = calls * lanes * longest * work.trial(lanes) + count * _BUILD_S
-    return Estimate(count, steps, run_s, memory, 2 * rows if folder else 0)
+    compile_s = (cases.kinds - 1) * (work.lanes.compile_s - compiled)
+    return Estimate(count, steps, run_s, compile_s, memory, 2 * rows if folder else 0)
 
 
 def _refuse(what: str, needed: int, there: int, count: int, cure: str) -> None:

@@ -72,6 +72,8 @@ class SweepFolder:
         if kind is not None and self.done:
             _LOGGER.warning("%s keeps %d blocks; go on with --resume", self.path, len(self.done))
         elif kind is not None and self._began:
+            if not issubclass(kind, Exception):  # Ctrl-C and its like
+                _LOGGER.warning("%s keeps nothing: no block of cases was done yet", self.path)
             self._undo()
         self._leave()
 

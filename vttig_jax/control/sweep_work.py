@@ -20,7 +20,12 @@ Rows = dict[str, np.ndarray]
 REFUSED = "refused"
 """Outcome of a case whose values do not go together: it is not simulated."""
 
-_BLOCK = 4 * LANES
+_BLOCK_STEPS = 1 << 28
+"""Lane-steps of a block at most, some ten seconds: what an interruption loses."""
+
+_LEAST, _MOST = 64, 4 * LANES
+"""Cases of one program in a block."""
+
 _MOST_KINDS = 16
 _CALLS = 4
 
@@ -51,11 +56,8 @@ class SweepWork:
         if not self._samples:
             raise refused[0]
         self._own = _varying(self._samples)
-
-    @property
-    def block(self) -> int:
+        self.block = _block(self._samples, min(cases.kinds, _MOST_KINDS))
         """Cases of a block: the same for any number of devices, so that a sweep can be resumed."""
-        return _BLOCK * min(self.cases.kinds, _MOST_KINDS)
 
     @property
     def blocks(self) -> int:
@@ -134,6 +136,13 @@ class SweepWork:
                 f"eccentricities.{name}": np.array([rig[name] for rig in rigs]) for name in rigs[0]
             }
         return columns
+
+
+def _block(samples: Sequence[Case], kinds: int) -> int:
+    """Cases of a block: a power of two of each program, fewer where runs are long."""
+    steps = float(np.mean([periods_of(case) * case.substeps for case in samples]))
+    wanted = int(np.clip(_BLOCK_STEPS / (kinds * steps), _LEAST, _MOST))
+    return kinds << (wanted.bit_length() - 1)
 
 
 def _varying(samples: Sequence[Case]) -> dict[Program, tuple[bool, ...]]:

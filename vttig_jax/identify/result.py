@@ -6,6 +6,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
+from ..base.errors import NoAnswerError
 from ..base.units import DEG
 from ..kinematics.orders import OrderModel
 from ..kinematics.te_curve import TECurve
@@ -116,3 +117,22 @@ class Fit:
         from .fit_text import fit_text
 
         return fit_text(self)
+
+
+def require_rig(fit: Fit) -> None:
+    """Refuse a fit that leaves open which rig it is, for a simulation.
+
+    **Raises** `NoAnswerError` for a drive without gears, and without a constant backlash.
+    """
+    if isinstance(fit.pair, Drive):
+        raise NoAnswerError(
+            "a drive without gear geometry has no eccentricities to simulate; give [pair].",
+            where=fit.source,
+        )
+    gap = fit.parameters["constant_backlash_deg"]
+    if not gap.determined:
+        raise NoAnswerError(
+            f"the constant backlash is undetermined ({gap.reason}), so that there is no gap to"
+            " simulate; record both directions.",
+            where=fit.source,
+        )

@@ -46,9 +46,10 @@ class Located:
     - `probability`: of that turn among all, which are equally probable beforehand.
     - `driving_rad`: φ₁ in [0, 2π hunting turns).
     - `runner_up`, `runner_up_probability`: the next probable turn; None and 0 for a period of one.
-    - `misfit_rad`: how far the driven shaft is off the nearer flank, 0 inside the gap.
+    - `misfit_rad`: how far the driven shaft is outside the gap, or off the flank that is known.
     - `std_rad`: standard deviation of φ₂ − i φ₁ that was reckoned with.
     - `probabilities`: of every turn, shape (hunting turns,).
+    - `flank`: the one in contact, where that is known.
     """
 
     turn: int
@@ -59,6 +60,7 @@ class Located:
     misfit_rad: float
     std_rad: float
     probabilities: Float[np.ndarray, " turns"]
+    flank: Flank | None = None
 
     @property
     def hunting_turns(self) -> int:
@@ -88,8 +90,11 @@ class Located:
                     f"turn {self.runner_up}, probability {self.runner_up_probability:.2g}",
                 )
             )
-        off = f"{self.misfit_rad / ARCSEC:.4g}″ off the nearer flank"
-        found = off if self.misfit_rad else "within the gap"
+        off = f"{self.misfit_rad / ARCSEC:.4g}″"
+        if self.flank is not None:
+            found = f"{off} off flank {self.flank}"
+        else:
+            found = f"{off} outside the gap" if self.misfit_rad else "within the gap"
         rows.append(("driven shaft", f"{found}; readings good to {self.std_rad / ARCSEC:.3g}″"))
         if not self.fits:
             rows.append(("verdict", "these readings fit no turn"))
@@ -171,6 +176,7 @@ def locate(
         misfit_rad=max(0.0, low - place, place - high),
         std_rad=float(std_rad),
         probabilities=chance,
+        flank=flank,
     )
 
 

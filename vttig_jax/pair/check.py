@@ -1,7 +1,4 @@
-"""Geometry no gear pair can have, each with the key that says it.
-
-Standard addendum m and dedendum 1.25 m.
-"""
+"""Geometry no gear pair can have, each with the key that says it."""
 
 import math
 from typing import TYPE_CHECKING
@@ -51,6 +48,17 @@ def check_geometry(spec: "PairSpec") -> None:
             " module_mm.",
             where="pair.normal_module_mm",
         )
+    if spec.driving.profile_shift + spec.driven.profile_shift and pair.centre_distance_mm is None:
+        raise PairError(
+            "missing; profile shifts move the axes apart, so the drawing has to say how far.",
+            where="pair.centre_distance_mm",
+        )
+    for shaft, gear in (("driving", driving), ("driven", driven)):
+        if gear.crowning_um and gear.face_width_mm is None:
+            raise PairError(
+                "missing; a crowned flank recedes towards the ends of the face.",
+                where=f"{shaft}.face_width_mm",
+            )
     if pair.centre_distance_mm is not None:
         _check_centre_distance(spec, pair.centre_distance_mm)
 
@@ -75,13 +83,23 @@ def transverse_pressure_angles_deg(spec: "PairSpec") -> tuple[float, float]:
     return left, right
 
 
+def depth_ratio(spec: "PairSpec") -> float:
+    """The module that counts depths and profile shifts over the transverse one."""
+    assert spec.pair is not None
+    given_normal = spec.pair.normal_module_mm is not None
+    return math.cos(spec.driving.helix_deg[0] * DEG) if given_normal else 1.0
+
+
 def _check_centre_distance(spec: "PairSpec", distance: float) -> None:
     assert spec.driving.teeth and spec.driven.teeth
     where = "pair.centre_distance_mm"
     module = transverse_module_mm(spec)
     reference = module * (spec.driving.teeth + spec.driven.teeth) / 2
     base = reference * math.cos(min(transverse_pressure_angles_deg(spec)) * DEG)
-    contact, apart = reference - 0.25 * module, reference + 2.0 * module
+    depth = module * depth_ratio(spec)
+    shifted = reference + depth * (spec.driving.profile_shift + spec.driven.profile_shift)
+    contact = shifted - depth * spec.rack.clearance
+    apart = shifted + depth * 2 * spec.rack.addendum
     if distance <= base:
         raise PairError(
             f"{distance:g} mm lets the base circles overlap (their radii sum to {base:.3f} mm);"

@@ -7,7 +7,6 @@ pytrees whose leaves are NumPy float64, so new values never recompile a jitted f
 
 import math
 from fractions import Fraction
-from pathlib import Path
 from typing import Literal
 
 import equinox as eqx
@@ -17,17 +16,8 @@ from jaxtyping import Array, Float
 from ..base.arrays import Number, Numbers, float64, namespace
 from ..base.tables import key_values
 from ..base.units import DEG
-from .check import transverse_module_mm, transverse_pressure_angles_deg
-from .spec import (
-    Encoder,
-    FitOptions,
-    GearTable,
-    LogLayout,
-    PairSpec,
-    PairTable,
-    UnitTable,
-    load_pair_spec,
-)
+from .rack import Rack
+from .spec import Encoder, FitOptions, GearTable, LogLayout, UnitTable
 
 Flank = Literal["A", "B"]
 Scalar = Float[Number, ""]
@@ -42,6 +32,9 @@ class Gear(eqx.Module):
       thins the tooth towards +z.
     - `face_width_mm`: width b, or NaN when not given.
     - `encoder`: the encoder on this gear's shaft.
+    - `profile_shift`: x, the radial modification, in the module that counts depths.
+    - `crowning_um`: by how much each flank recedes at either end of the face, along the reference
+      circle.
     """
 
     teeth: int = eqx.field(static=True)
@@ -49,6 +42,13 @@ class Gear(eqx.Module):
     helix_right_deg: Scalar = eqx.field(converter=float64, default=0.0)
     face_width_mm: Scalar = eqx.field(converter=float64, default=math.nan)
     encoder: Encoder = eqx.field(static=True, default=Encoder())
+    profile_shift: Scalar = eqx.field(converter=float64, default=0.0)
+    crowning_um: Scalar = eqx.field(converter=float64, default=0.0)
+
+    @property
+    def helix_deg(self) -> tuple[float, float]:
+        """Helix angles of the left and the right flank in degrees."""
+        return float(self.helix_left_deg), float(self.helix_right_deg)
 
 
 class GearPair(eqx.Module):
@@ -60,6 +60,7 @@ class GearPair(eqx.Module):
     - `pressure_angles_deg`: transverse pressure angles of flank A and B, shape (2,); one number
       serves both.
     - `centre_distance_mm`: nominal centre distance a; the sum of the reference radii when absent.
+    - `rack`: the basic rack of both gears.
 
     **Example**
     ```python
@@ -76,6 +77,7 @@ class GearPair(eqx.Module):
     module_mm: Scalar
     pressure_angles_deg: Float[Numbers, "2"]
     centre_distance_mm: Scalar
+    rack: Rack
     name: str = eqx.field(static=True)
     log: LogLayout = eqx.field(static=True)
     unit: UnitTable = eqx.field(static=True)
@@ -89,6 +91,7 @@ class GearPair(eqx.Module):
         module_mm: float | Array,
         pressure_angles_deg: float | tuple[float, float] | Array,
         centre_distance_mm: float | Array | None = None,
+        rack: Rack = Rack(),
         name: str = "",
         log: LogLayout = LogLayout(),
         unit: UnitTable = UnitTable(),
@@ -102,6 +105,7 @@ class GearPair(eqx.Module):
         self.centre_distance_mm = (
             reference if centre_distance_mm is None else float64(centre_distance_mm)
         )
+        self.rack = rack
         self.name, self.log, self.unit, self.fit = name, log, unit, fit
 
     @property
@@ -151,12 +155,33 @@ class GearPair(eqx.Module):
         return self.taper.sum()
 
     @property
+    def depth_module_mm(self) -> Scalar:
+        """The module that counts depths and profile shifts: the normal one where that is given."""
+        return self.module_mm * self.rack.depth_ratio
+
+    @property
+    def tip_radii(self) -> Float[Numbers, "2"]:
+        """Tip radii R + (h_ap + x) m of the driving and the driven gear, mm."""
+        return self.reference_radii + self.depth_module_mm * (self.rack.addendum + self._shifts)
+
+    @property
+    def root_radii(self) -> Float[Numbers, "2"]:
+        """Root radii R − (h_ap + c_p − x) m of the driving and the driven gear, mm."""
+        depth = self.rack.addendum + self.rack.clearance
+        return self.reference_radii - self.depth_module_mm * (depth - self._shifts)
+
+    @property
+    def _shifts(self) -> Float[Numbers, "2"]:
+        shifts = self.driving.profile_shift, self.driven.profile_shift
+        return namespace(shifts).stack(shifts)
+
+    @property
     def contact_ratios(self) -> Float[Numbers, "2"]:
-        """Transverse contact ratio of flank A and B for the standard addendum h_a = m.
+        """Transverse contact ratio of flank A and B.
 
         ε = [√(r_a1² − r_b1²) + √(r_a2² − r_b2²) − a sin α_w] / (π m cos αₜ)
         """
-        tips = (self.reference_radii + self.module_mm)[:, None]
+        tips = self.tip_radii[:, None]
         xp = namespace(self)
         paths = xp.sqrt(tips**2 - self.base_radii**2).sum(axis=0)
         paths = paths - self.centre_distance_mm * xp.sin(self.working_pressure_angles)
@@ -164,13 +189,15 @@ class GearPair(eqx.Module):
 
     @property
     def drawing_backlash(self) -> Scalar:
-        """Backlash of standard thickness at the nominal centre distance, rad of the driven gear.
+        """Backlash of the drawn thickness at the nominal centre distance, rad of the driven gear.
 
-        Σ over the flanks of (r_b1 + r_b2)(inv α_w − inv αₜ)/r_b2.
+        Σ over the flanks of [(r_b1 + r_b2)(inv α_w − inv αₜ) − (x₁ + x₂) m sin αₜ]/r_b2.
         """
         angles = self.pressure_angles_deg * DEG
         opening = involute(self.working_pressure_angles) - involute(angles)
-        return opening.sum() * float(1 + self.ratio)
+        thickening = self._shifts.sum() * self.depth_module_mm / self.reference_radii[1]
+        filled = thickening * namespace(angles).tan(angles).sum()
+        return opening.sum() * float(1 + self.ratio) - filled
 
     def __str__(self) -> str:
         flanks = "{:.4f}° / {:.4f}°".format
@@ -180,7 +207,7 @@ class GearPair(eqx.Module):
             ("module", f"{self.module_mm:g} mm"),
             ("pressure angle A / B", flanks(*self.pressure_angles_deg)),
             ("working pressure angle A / B", flanks(*(self.working_pressure_angles / DEG))),
-            ("helix angle left / right", flanks(*_helix(self.driven))),
+            ("helix angle left / right", flanks(*self.driven.helix_deg)),
             ("centre distance", f"{self.centre_distance_mm:g} mm"),
             ("reference radii", "{:g} / {:g} mm".format(*self.reference_radii)),
             ("contact ratio A / B", "{:.3f} / {:.3f}".format(*self.contact_ratios)),
@@ -217,77 +244,3 @@ class Drive(eqx.Module):
 def involute(angle: Float[Numbers, "..."]) -> Float[Numbers, "..."]:
     """Involute function inv α = tan α − α, rad."""
     return namespace(angle).tan(angle) - angle
-
-
-def pair_from_spec(spec: PairSpec) -> GearPair | Drive:
-    """Build the computed object from a validated pair file."""
-    sections = {"name": spec.name, "log": spec.log, "unit": spec.unit, "fit": spec.fit}
-    if spec.drive is not None:
-        return Drive(spec.ratio, spec.driving, spec.driven, **sections)
-    assert spec.pair is not None
-    driving, driven = (_gear(table) for table in (spec.driving, spec.driven))
-    return GearPair(
-        driving,
-        driven,
-        module_mm=transverse_module_mm(spec),
-        pressure_angles_deg=transverse_pressure_angles_deg(spec),
-        centre_distance_mm=spec.pair.centre_distance_mm,
-        **sections,
-    )
-
-
-def pair_spec(pair: GearPair) -> PairSpec:
-    """The pair file of a gear pair with equal flanks.
-
-    **Raises** `ValueError` for pressure angles that differ: the file has no key for them.
-    """
-    left, right = (float(angle) for angle in pair.pressure_angles_deg)
-    if left != right:
-        raise ValueError(
-            "Argument `pair` must have one pressure angle, but flanks A and B have"
-            f" {left:g}° and {right:g}°."
-        )
-    return PairSpec(
-        name=pair.name,
-        pair=PairTable(
-            module_mm=float(pair.module_mm),
-            pressure_angle_deg=left,
-            centre_distance_mm=float(pair.centre_distance_mm),
-        ),
-        driving=_table(pair.driving),
-        driven=_table(pair.driven),
-        log=pair.log,
-        unit=pair.unit,
-        fit=pair.fit,
-    )
-
-
-def load_pair(path: str | Path) -> GearPair | Drive:
-    """Read a pair file (TOML): a `GearPair` from `[pair]`, a `Drive` from `[drive]`.
-
-    **Raises** `PairError` naming file and key for anything missing, unknown or impossible.
-    """
-    return pair_from_spec(load_pair_spec(path))
-
-
-def _gear(table: GearTable) -> Gear:
-    assert table.teeth is not None
-    left, right = table.helix_deg
-    width = math.nan if table.face_width_mm is None else table.face_width_mm
-    return Gear(table.teeth, left, right, width, table.encoder)
-
-
-def _table(gear: Gear) -> GearTable:
-    left, right = _helix(gear)
-    width = float(gear.face_width_mm)
-    return GearTable(
-        teeth=gear.teeth,
-        face_width_mm=None if math.isnan(width) else width,
-        helix_left_deg=left,
-        helix_right_deg=right,
-        encoder=gear.encoder,
-    )
-
-
-def _helix(gear: Gear) -> tuple[float, float]:
-    return float(gear.helix_left_deg), float(gear.helix_right_deg)

@@ -17,6 +17,9 @@ from .check import check_geometry
 Positive = Annotated[float, Meta(gt=0, le=1e9)]  # the bound keeps infinity out
 Angle = Annotated[float, Meta(gt=0, lt=45)]
 Helix = Annotated[float, Meta(gt=-45, lt=45)]
+Depth = Annotated[float, Meta(gt=0, le=5)]
+Shift = Annotated[float, Meta(ge=-5, le=5)]
+Crowning = Annotated[float, Meta(ge=0, le=1e6)]
 Order = Annotated[int, Meta(ge=1, le=1000)]
 AngleUnit = Literal["counts", "deg", "rad", "rev", "arcsec", "urad"]
 
@@ -38,6 +41,22 @@ class Encoder(Table, frozen=True):
     sign: Literal[1, -1] = 1
 
 
+class StatedTable(Table, frozen=True):
+    """`stated` of a gear: what the drawing prints or the shop has measured, in mm.
+
+    Span and measurement over balls are those of the middle of the face.
+    """
+
+    tooth_thickness_thin_mm: Positive | None = None
+    tooth_thickness_thick_mm: Positive | None = None
+    tip_diameter_mm: Positive | None = None
+    root_diameter_mm: Positive | None = None
+    span_mm: Positive | None = None
+    span_teeth: Annotated[int, Meta(ge=1, le=100_000)] | None = None
+    over_balls_mm: Positive | None = None
+    ball_diameter_mm: Positive | None = None
+
+
 class GearTable(Table, frozen=True):
     """One gear as written: `[driving]` or `[driven]`."""
 
@@ -46,6 +65,9 @@ class GearTable(Table, frozen=True):
     helix_angle_deg: Helix | None = None
     helix_left_deg: Helix | None = None
     helix_right_deg: Helix | None = None
+    profile_shift: Shift = 0.0
+    crowning_um: Crowning = 0.0
+    stated: StatedTable | None = None
     encoder: Encoder = Encoder()
 
     @property
@@ -55,6 +77,14 @@ class GearTable(Table, frozen=True):
         left = both if self.helix_left_deg is None else self.helix_left_deg
         right = both if self.helix_right_deg is None else self.helix_right_deg
         return left, right
+
+
+class RackTable(Table, frozen=True):
+    """`[rack]`: basic rack of both gears in modules (of the normal module where that is given)."""
+
+    addendum: Depth = 1.0
+    clearance: Annotated[float, Meta(ge=0, le=2)] = 0.25
+    tip_radius: Annotated[float, Meta(ge=0, le=2)] | None = None
 
 
 class PairTable(Table, frozen=True):
@@ -116,6 +146,7 @@ class PairSpec(Table, frozen=True):
     name: str = ""
     pair: PairTable | None = None
     drive: DriveTable | None = None
+    rack: RackTable = RackTable()
     driving: GearTable = GearTable()
     driven: GearTable = GearTable()
     log: LogLayout = LogLayout()
@@ -193,6 +224,8 @@ def _check_tables(spec: PairSpec) -> None:
         )
     if spec.drive is not None:
         as_fraction(spec.drive.ratio, "drive.ratio")
+        if spec.rack != RackTable():
+            raise PairError("a [drive] has no teeth; remove this table.", where="rack")
         for shaft, gear in (("driving", spec.driving), ("driven", spec.driven)):
             for key in (
                 "teeth",
@@ -200,8 +233,11 @@ def _check_tables(spec: PairSpec) -> None:
                 "helix_angle_deg",
                 "helix_left_deg",
                 "helix_right_deg",
+                "profile_shift",
+                "crowning_um",
+                "stated",
             ):
-                if getattr(gear, key) is not None:
+                if getattr(gear, key):
                     raise PairError(
                         "a [drive] has no gear geometry; remove this key, or replace [drive] by"
                         " [pair] and both tooth counts.",
@@ -209,3 +245,18 @@ def _check_tables(spec: PairSpec) -> None:
                     )
     else:
         check_geometry(spec)
+        _check_stated(spec)
+
+
+def _check_stated(spec: PairSpec) -> None:
+    """Refuse what says nothing without a second number."""
+    for shaft, gear in (("driving", spec.driving), ("driven", spec.driven)):
+        for value, needed, what in (
+            ("span_mm", "span_teeth", "over how many teeth"),
+            ("over_balls_mm", "ball_diameter_mm", "over balls of which diameter"),
+        ):
+            stated = gear.stated or StatedTable()
+            if getattr(stated, value) is not None and getattr(stated, needed) is None:
+                raise PairError(
+                    f"missing; {value} does not say {what}.", where=f"{shaft}.stated.{needed}"
+                )

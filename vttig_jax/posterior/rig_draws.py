@@ -4,8 +4,8 @@ import numpy as np
 
 from ..base.errors import NoAnswerError
 from ..base.units import DEG
+from ..identify.result import require_rig
 from ..pair.eccentricities import Eccentricities
-from ..pair.gears import Drive
 from .posterior import Posterior
 
 
@@ -23,18 +23,7 @@ def rig_draws(posterior: Posterior, draws: int = 200, seed: int = 0) -> tuple[Ec
     For `sweep(…, rigs=rig_draws(posterior, 200), believed=fit.eccentricities())`.
     """
     fit = posterior.fit
-    gap = fit.parameters["constant_backlash_deg"]
-    if isinstance(fit.pair, Drive):
-        raise NoAnswerError(
-            "a drive without gear geometry has no eccentricities to simulate; give [pair].",
-            where=fit.source,
-        )
-    if not gap.determined:
-        raise NoAnswerError(
-            f"the constant backlash is undetermined ({gap.reason}), so that there is no gap to"
-            " simulate; record both directions.",
-            where=fit.source,
-        )
+    require_rig(fit)
     there = len(posterior.flat)
     if draws > there:
         raise NoAnswerError(

@@ -8,7 +8,6 @@ from jaxtyping import Float
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from matplotlib.typing import ColorType
 
 from ..base.units import DEG, REV
@@ -111,7 +110,9 @@ def plot_simulation(found: Simulation, *, unit: Unit = "deg", span_s: Span | Non
         own[-1].set_xlabel("time [s]")
     name = f"{found.spec.plant} plant, controller {found.controller}, outcome {found.outcome}"
     heading(figure, "simulation", found.pair.name, name)
-    _legend(figure, [*keys, found_marks])
+    keys[0] |= found_marks
+    for row, words in zip(axes, keys, strict=True):
+        _legend(row[-1], words)
     return figure
 
 
@@ -197,7 +198,8 @@ def _draw_whole(ax: Axes, rows: _Rows, whole: Span, spans: list[Span], label: st
         ax.axvspan(*span, color=COLOURS[9], alpha=0.3, linewidth=0, zorder=0.5)
     ax.set_xlim(*whole)
     ax.set_ylabel(label)
-    title(ax, "whole run; below, close up")
+    ax.set_xlabel("time [s]")
+    title(ax, "whole run; what is shaded stands below, close up")
     grid(ax)
 
 
@@ -213,7 +215,7 @@ def _draw_row(
     for ax, span in zip(axes, spans, strict=True):
         if ax is not axes[0]:
             ax.sharey(axes[0])
-        keys = draw(ax, rows.within(span))
+        keys |= draw(ax, rows.within(span))
         ax.set_xlim(*span)
         grid(ax)
     axes[0].set_ylabel(label)
@@ -227,33 +229,35 @@ def _draw_error(ax: Axes, rows: _Rows) -> Keys:
         "flank B": _line(ax, rows.time, rows.upper, FLANK_COLOURS["B"], 1.0),
         "flank A": _line(ax, rows.time, rows.lower, FLANK_COLOURS["A"], 1.0),
         "transmission error": _line(ax, rows.time, rows.error, MODEL_COLOUR, 1.0),
-        "as the encoders show it": shown,
+        "as encoders show it": shown,
     }
 
 
 def _draw_displacement(ax: Axes, rows: _Rows) -> Keys:
-    beyond = ax.fill_between(
-        rows.time,
-        rows.closed,
-        rows.command,
-        where=(rows.command > rows.closed).tolist(),
-        color=_CLOSED,
-        alpha=0.3,
-        linewidth=0,
-        zorder=1,
-    )
-    return {
+    keys: Keys = {
         "closes the gap": _line(ax, rows.time, rows.closed, _CLOSED, 1.0),
         "commanded": _line(ax, rows.time, rows.command, _COMMAND, 1.2),
         "reached": _line(ax, rows.time, rows.reached, MODEL_COLOUR, 1.2),
-        "commanded beyond the gap": beyond,
     }
+    beyond = rows.command > rows.closed
+    if beyond.any():
+        keys["commanded too far"] = ax.fill_between(
+            rows.time,
+            rows.closed,
+            rows.command,
+            where=beyond.tolist(),
+            color=_CLOSED,
+            alpha=0.3,
+            linewidth=0,
+            zorder=1,
+        )
+    return keys
 
 
 def _draw_speed(ax: Axes, rows: _Rows) -> Keys:
     observed = _line(ax, rows.time, rows.seen, _SEEN, 0.8)
     return {
-        "speed of the driving shaft": _line(ax, rows.time, rows.speed, MODEL_COLOUR, 1.0),
+        "driving shaft": _line(ax, rows.time, rows.speed, MODEL_COLOUR, 1.0),
         "as observed": observed,
     }
 
@@ -284,19 +288,14 @@ def _mark(axes: list[Axes], span: Span, marks: dict[str, Mark]) -> Keys:
     return keys
 
 
-def _legend(figure: Figure, groups: list[Keys]) -> None:
-    """A legend below, one column a group; columns are filled one after the other."""
-    rows = max(map(len, groups))
-    handles, words = [], []
-    for group in groups:
-        blank = rows - len(group)
-        handles += [*group.values(), *(Line2D([], [], alpha=0.0) for _ in range(blank))]
-        words += [*group, *[""] * blank]
-    figure.legend(
-        handles,
-        words,
-        loc="outside lower center",
-        ncols=len(groups),
+def _legend(ax: Axes, keys: Keys) -> None:
+    """A legend at the right of a row."""
+    ax.legend(
+        list(keys.values()),
+        list(keys),
+        loc="upper left",
+        bbox_to_anchor=(1.0, 1.0),
         frameon=False,
         fontsize="small",
+        handlelength=1.5,
     )

@@ -19,6 +19,9 @@ _MOST_POINTS = 400
 
 _MOST_COLOURS = 8
 
+_MARKED = 40
+"""Places that are few enough to mark each."""
+
 _NAMES = {
     "motion.reversal_deg": "driving angle of the turn [°]",
     "motion.speed_rpm": "speed [rpm]",
@@ -109,6 +112,7 @@ def _banded(ax: Axes, places: np.ndarray, values: np.ndarray, colour, name: str)
     groups = np.split(values[order], np.cumsum(np.bincount(inverse))[:-1])
     low, middle, high = np.array([np.quantile(g, (_BAND[0], 0.5, _BAND[1])) for g in groups]).T
     if max(len(group) for group in groups) > 1:
-        ax.fill_between(known, low, high, color=colour, alpha=0.25, linewidth=0)
-    (line,) = ax.plot(known, middle, color=colour, linewidth=1.1, label=name)
+        ax.fill_between(known, low, high, color=colour, alpha=0.3, linewidth=0)
+    marker = "." if len(known) <= _MARKED else ""
+    (line,) = ax.plot(known, middle, color=colour, linewidth=1.1, marker=marker, label=name)
     return line

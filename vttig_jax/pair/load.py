@@ -1,0 +1,99 @@
+"""From the pair file to the computed pair, and back."""
+
+import math
+from pathlib import Path
+
+from .check import depth_ratio, transverse_module_mm, transverse_pressure_angles_deg
+from .gears import Drive, Gear, GearPair
+from .rack import Rack
+from .spec import GearTable, PairSpec, PairTable, RackTable, load_pair_spec
+
+
+def pair_from_spec(spec: PairSpec) -> GearPair | Drive:
+    """Build the computed object from a validated pair file."""
+    sections = {"name": spec.name, "log": spec.log, "unit": spec.unit, "fit": spec.fit}
+    if spec.drive is not None:
+        return Drive(spec.ratio, spec.driving, spec.driven, **sections)
+    assert spec.pair is not None
+    driving, driven = (_gear(table) for table in (spec.driving, spec.driven))
+    return GearPair(
+        driving,
+        driven,
+        module_mm=transverse_module_mm(spec),
+        pressure_angles_deg=transverse_pressure_angles_deg(spec),
+        centre_distance_mm=spec.pair.centre_distance_mm,
+        rack=_rack(spec),
+        **sections,
+    )
+
+
+def pair_spec(pair: GearPair) -> PairSpec:
+    """The pair file of a gear pair with equal flanks.
+
+    **Raises** `ValueError` for pressure angles that differ: the file has no key for them.
+    """
+    left, right = (float(angle) for angle in pair.pressure_angles_deg)
+    if left != right:
+        raise ValueError(
+            "Argument `pair` must have one pressure angle, but flanks A and B have"
+            f" {left:g}° and {right:g}°."
+        )
+    return PairSpec(
+        name=pair.name,
+        pair=PairTable(
+            module_mm=float(pair.module_mm),
+            pressure_angle_deg=left,
+            centre_distance_mm=float(pair.centre_distance_mm),
+        ),
+        rack=_rack_table(pair.rack),
+        driving=_table(pair.driving, pair.rack),
+        driven=_table(pair.driven, pair.rack),
+        log=pair.log,
+        unit=pair.unit,
+        fit=pair.fit,
+    )
+
+
+def load_pair(path: str | Path) -> GearPair | Drive:
+    """Read a pair file (TOML): a `GearPair` from `[pair]`, a `Drive` from `[drive]`.
+
+    **Raises** `PairError` naming file and key for anything missing, unknown or impossible.
+    """
+    return pair_from_spec(load_pair_spec(path))
+
+
+def _gear(table: GearTable) -> Gear:
+    assert table.teeth is not None
+    left, right = table.helix_deg
+    width = math.nan if table.face_width_mm is None else table.face_width_mm
+    return Gear(
+        table.teeth, left, right, width, table.encoder, table.profile_shift, table.crowning_um
+    )
+
+
+def _rack(spec: PairSpec) -> Rack:
+    radius = math.nan if spec.rack.tip_radius is None else spec.rack.tip_radius
+    return Rack(spec.rack.addendum, spec.rack.clearance, radius, depth_ratio(spec))
+
+
+def _rack_table(rack: Rack) -> RackTable:
+    """Depths in transverse modules, which is what the file of a computed pair states."""
+    addendum, clearance, radius = (
+        float(depth * rack.depth_ratio)
+        for depth in (rack.addendum, rack.clearance, rack.tip_radius)
+    )
+    return RackTable(addendum, clearance, None if math.isnan(radius) else radius)
+
+
+def _table(gear: Gear, rack: Rack) -> GearTable:
+    left, right = gear.helix_deg
+    width = float(gear.face_width_mm)
+    return GearTable(
+        teeth=gear.teeth,
+        face_width_mm=None if math.isnan(width) else width,
+        helix_left_deg=left,
+        helix_right_deg=right,
+        profile_shift=float(gear.profile_shift * rack.depth_ratio),
+        crowning_um=float(gear.crowning_um),
+        encoder=gear.encoder,
+    )
