@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from .control.simulate import simulate as simulate
     from .control.sweep import sweep as sweep
     from .control.tune import tune as tune
+    from .geometry.surface import tooth_surface as tooth_surface
     from .identify.fit import fit as fit
     from .identify.mapping import backlash_map as backlash_map
     from .kinematics.functions import axial_displacement as axial_displacement
@@ -72,6 +73,7 @@ _HOMES = {
     "simulate": "control.simulate",
     "sweep": "control.sweep",
     "tune": "control.tune",
+    "tooth_surface": "geometry.surface",
     "transmission_error": "kinematics.functions",
 }
 """The module of each public name, below the package."""

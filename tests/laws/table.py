@@ -1,7 +1,6 @@
-"""One row for every public function and model method of the kinematics, with what it promises."""
+"""One row for every public function and model method, with what it promises."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -10,6 +9,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from tests.laws.law import POWER as POWER
+from tests.laws.law import Law
+from tests.laws.law import scaled as scaled
+from tests.laws.surfaces import SURFACES
 from vttig_jax.kinematics import functions as kin
 from vttig_jax.kinematics.closed import ClosedModel, closed_model
 from vttig_jax.kinematics.combined import CombinedModel
@@ -17,44 +20,7 @@ from vttig_jax.kinematics.exact import ExactModel, exact_model
 from vttig_jax.kinematics.orders import OrderModel
 from vttig_jax.pair.eccentricities import Eccentricities
 from vttig_jax.pair.gears import Gear, GearPair
-
-POWER = {"rad": 0, "mm": 1}
-"""Power of the length scale by unit."""
-
-MODEL_LENGTHS = {"centre_distance", "base_sum", "driving_offset", "driven_offset"}
-"""Fields in mm whose names do not end with `_mm`."""
-
-
-@dataclass(frozen=True)
-class Law:
-    """`function(*arguments)` covers `covers`; `kinks` are further arguments to stand on."""
-
-    covers: str
-    function: Callable[..., Any]
-    arguments: tuple[Any, ...]
-    unit: str
-    kinks: dict[str, tuple[Any, ...]]
-    variant: str = ""
-    first_is_length: bool = False
-
-    def __str__(self) -> str:
-        return f"{self.covers}-{self.variant}" if self.variant else self.covers
-
-    def scale(self, arguments: tuple[Any, ...], factor: float) -> tuple[Any, ...]:
-        """Multiply every length among the arguments by `factor`."""
-        first, *others = arguments
-        return (first * factor if self.first_is_length else first, *scaled(others, factor))
-
-
-def scaled(tree: Any, factor: float) -> Any:
-    """Multiply the leaves that are lengths by their field names."""
-
-    def one(path, leaf):
-        name = getattr(path[-1], "name", "")
-        return leaf * factor if name.endswith("_mm") or name in MODEL_LENGTHS else leaf
-
-    return jax.tree_util.tree_map_with_path(one, tree)
-
+from vttig_jax.pair.rack import Rack
 
 ANGLES = np.array([0.3, -2.0, 41.7])
 PAIR = GearPair(
@@ -63,6 +29,7 @@ PAIR = GearPair(
     module_mm=2.0,
     pressure_angles_deg=(20.0, 22.0),
     centre_distance_mm=125.12,
+    rack=Rack(tip_radius=0.38),
 )
 RIG = Eccentricities(0.0226, 49.5, 0.0273, 79.3, 0.038, 0.2)
 CENTRED = Eccentricities(constant_backlash_deg=0.038)
@@ -164,7 +131,7 @@ MODELS = (
     *_of_model(OrderModel, _orders, "transmission_error", "backlash", "at_both_angles"),
     *_of_model(CombinedModel, _combined, "transmission_error", "backlash", "at_both_angles"),
 )
-LAWS = (*FUNCTIONS, *MODELS)
+LAWS = (*FUNCTIONS, *MODELS, *SURFACES)
 MODEL_CLASSES = (ClosedModel, ExactModel, OrderModel, CombinedModel)
 
 

@@ -60,6 +60,10 @@ VERBS = {
         "vttig_jax.cli.locate_verb:command",
         "Find the turn in the hunting period from two readings.",
     ),
+    "measure": (
+        "vttig_jax.cli.measure_verb:command",
+        "Say what a shop measures on the gears of a pair.",
+    ),
     "export": (
         "vttig_jax.cli.export_verb:command",
         "Write the compensation as CSV, JSON or a C header.",

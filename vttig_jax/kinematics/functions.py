@@ -4,17 +4,13 @@ All of them can be jitted, batched and differentiated with respect to every numb
 inside `GearPair` and `Eccentricities`, and need 64-bit floats for angles over many turns.
 """
 
-from collections.abc import Callable
-from functools import wraps
-from typing import Any, Literal, ParamSpec, TypeVar
+from typing import Literal
 
-import equinox as eqx
-import jax
 import jax.numpy as jnp
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float, Real
 
-from ..base.arrays import float64
+from ..base.compiled import compiled
 from ..pair.eccentricities import Eccentricities
 from ..pair.gears import Flank, GearPair
 from .closed import PressureAngle, closed_model
@@ -22,26 +18,9 @@ from .exact import exact_model
 from .flank_model import FlankModel
 
 Reference = Literal["absolute", "start"]
-_Arguments = ParamSpec("_Arguments")
-_Result = TypeVar("_Result")
 
 
-def _compiled(function: Callable[_Arguments, _Result]) -> Callable[_Arguments, _Result]:
-    """Jit `function` with plain numbers traced like arrays: new values never recompile it."""
-    jitted = eqx.filter_jit(function)
-
-    def traced(leaf: Any) -> Any:
-        return float64(leaf) if isinstance(leaf, (int, float)) else leaf
-
-    @wraps(function)
-    def call(*args: _Arguments.args, **kwargs: _Arguments.kwargs) -> _Result:
-        args, kwargs = jax.tree.map(traced, (args, kwargs))
-        return jitted(*args, **kwargs)
-
-    return call
-
-
-@_compiled
+@compiled
 def transmission_error(
     driving_angle: Real[ArrayLike, "*shape"],
     pair: GearPair,
@@ -82,7 +61,7 @@ def transmission_error(
     return _referenced(model, driving_angle, flank, reference)
 
 
-@_compiled
+@compiled
 def exact_transmission_error(
     driving_angle: Real[ArrayLike, "*shape"],
     pair: GearPair,
@@ -112,7 +91,7 @@ def exact_transmission_error(
     return _referenced(exact_model(pair, eccentricities), driving_angle, flank, reference)
 
 
-@_compiled
+@compiled
 def backlash(
     driving_angle: Real[ArrayLike, "*shape"],
     pair: GearPair,
@@ -142,7 +121,7 @@ def backlash(
     return model.backlash(driving_angle)
 
 
-@_compiled
+@compiled
 def exact_backlash(
     driving_angle: Real[ArrayLike, "*shape"],
     pair: GearPair,
@@ -167,7 +146,7 @@ def exact_backlash(
     return exact_model(pair, eccentricities).backlash(driving_angle)
 
 
-@_compiled
+@compiled
 def axial_displacement(
     backlash_mm: Real[ArrayLike, "*shape"], pair: GearPair
 ) -> Float[Array, "*shape"]:

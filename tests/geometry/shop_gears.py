@@ -1,0 +1,93 @@
+"""Gears for the tests of shop measures, and their flanks written down without the package."""
+
+import math
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+import equinox as eqx
+import numpy as np
+
+from vttig_jax.geometry.tooth import Tooth, tooth_of
+from vttig_jax.pair.gears import GearPair
+from vttig_jax.pair.load import pair_from_spec
+from vttig_jax.pair.spec import parse_pair_spec
+
+T = TypeVar("T")
+
+
+def known(value: T | None) -> T:
+    """A value that has to be there."""
+    assert value is not None
+    return value
+
+
+def shop_gear(
+    teeth: int = 45,
+    *,
+    helix: tuple[float, float] = (0.0, 0.0),
+    shift: float = 0.0,
+    crowning_um: float = 0.0,
+    width: float | None = 20.0,
+    rack: dict[str, float] | None = None,
+    **pair: Any,
+) -> Tooth:
+    """The driving gear of a pair file: m = 2 mm and 20° unless `pair` says otherwise."""
+    if not pair.keys() & {"module_mm", "normal_module_mm"}:
+        pair["module_mm"] = 2.0
+    if not pair.keys() & {"pressure_angle_deg", "normal_pressure_angle_deg"}:
+        pair["pressure_angle_deg"] = 20.0
+    gear: dict[str, float] = {"helix_left_deg": helix[0], "helix_right_deg": helix[1]}
+    if width is not None:
+        gear |= {"face_width_mm": width}
+    driving = {"teeth": teeth, "profile_shift": shift, "crowning_um": crowning_um, **gear}
+    # The mate has the opposite shift, which leaves the centre distance as it is.
+    driven = {"teeth": 100, "profile_shift": -shift, **gear}
+    table = {"pair": pair, "driving": driving, "driven": driven, "rack": rack or {}}
+    found = pair_from_spec(parse_pair_spec(table))
+    assert isinstance(found, GearPair)
+    return tooth_of(found, "driving")
+
+
+def scaled(tooth: Tooth, factor: float) -> Tooth:
+    """The same gear `factor` times as large in all directions; straight or crowned flanks."""
+    names = ("module_mm", "addendum_mm", "dedendum_mm", "fillet_radius_mm", "profile_shift_mm")
+    tooth = eqx.tree_at(
+        lambda t: [getattr(t, name) for name in (*names, "face_width_mm")],
+        tooth,
+        [getattr(tooth, name) * factor for name in (*names, "face_width_mm")],
+    )
+    return eqx.tree_at(
+        lambda t: [getattr(f, n) for f in t.recession for n in ("crowning_mm", "face_width_mm")],
+        tooth,
+        [
+            getattr(flank, name) * factor
+            for flank in tooth.recession
+            for name in ("crowning_mm", "face_width_mm")
+        ],
+    )
+
+
+Recedes = Callable[[Any], Any]
+
+
+def flank_points(
+    *,
+    radius: float,
+    angle: float,
+    half_thickness: float,
+    recedes: Recedes,
+    roll: np.ndarray,
+    z: np.ndarray,
+) -> np.ndarray:
+    """Points of a left flank from the string that unwinds from the base circle, shape (..., 3).
+
+    `half_thickness` is that at the reference circle of `radius` where nothing has receded; the
+    tooth points along y.
+    """
+    base = radius * math.cos(angle)
+    # From the foot of the involute to the middle of the tooth, clockwise.
+    foot = (half_thickness - recedes(z)) / radius + math.tan(angle) - angle
+    tangency = math.pi / 2 + foot - roll  # where the string leaves the circle
+    x = base * (np.cos(tangency) - roll * np.sin(tangency))
+    y = base * (np.sin(tangency) + roll * np.cos(tangency))
+    return np.stack(np.broadcast_arrays(x, y, z), axis=-1)

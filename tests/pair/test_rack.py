@@ -1,0 +1,129 @@
+"""`[rack]`, profile_shift and crowning_um: each changes what it says, in the module it is in."""
+
+import math
+
+import numpy as np
+import pytest
+
+from vttig_jax.geometry.tooth import tooth_of
+from vttig_jax.pair.gears import GearPair
+from vttig_jax.pair.load import pair_from_spec, pair_spec
+from vttig_jax.pair.rack import Rack
+from vttig_jax.pair.spec import RackTable, parse_pair_spec, spec_table
+
+
+def pair_of(
+    rack: dict | None = None, *, driving: dict | None = None, driven: dict | None = None, **pair
+) -> GearPair:
+    width = {"face_width_mm": 20.0}
+    table = {
+        "pair": {"module_mm": 2.0, "pressure_angle_deg": 20.0, **pair},
+        "driving": {"teeth": 45, **width, **(driving or {})},
+        "driven": {"teeth": 80, **width, **(driven or {})},
+        "rack": rack or {},
+    }
+    if "normal_module_mm" in pair:
+        del table["pair"]["module_mm"]
+    found = pair_from_spec(parse_pair_spec(table))
+    assert isinstance(found, GearPair)
+    return found
+
+
+def test_the_usual_rack():
+    pair = pair_of()
+    np.testing.assert_array_equal(pair.tip_radii, [47.0, 82.0])
+    np.testing.assert_array_equal(pair.root_radii, [42.5, 77.5])
+    usual = 0.25 * 2.0 / (1 - math.sin(math.radians(20)))
+    assert tooth_of(pair, "driving").fillet_radius_mm == pytest.approx(usual, rel=1e-14)
+    assert parse_pair_spec(spec_table(pair_spec(pair))).rack == RackTable()
+
+
+@pytest.mark.parametrize(
+    ("rack", "tips", "roots", "fillet"),
+    [
+        ({"addendum": 0.8}, [46.6, 81.6], [42.9, 77.9], 0.25),
+        ({"clearance": 0.4}, [47.0, 82.0], [42.2, 77.2], 0.4),
+        ({"tip_radius": 0.3}, [47.0, 82.0], [42.5, 77.5], 0.3 * (1 - math.sin(math.radians(20)))),
+        ({"tip_radius": 0.0}, [47.0, 82.0], [42.5, 77.5], 0.0),
+    ],
+)
+def test_each_key_of_the_rack(rack, tips, roots, fillet):
+    pair = pair_of(rack)
+    np.testing.assert_allclose(pair.tip_radii, tips, rtol=1e-14)
+    np.testing.assert_allclose(pair.root_radii, roots, rtol=1e-14)
+    radius = 2.0 * fillet / (1 - math.sin(math.radians(20)))
+    for shaft in ("driving", "driven"):
+        tooth = tooth_of(pair, shaft)
+        assert tooth.fillet_radius_mm == pytest.approx(radius, abs=1e-15)
+        index = ("driving", "driven").index(shaft)
+        assert tooth.tip_radius == pytest.approx(tips[index], rel=1e-14)
+        assert tooth.root_radius == pytest.approx(roots[index], rel=1e-14)
+    assert pair_spec(pair).rack.tip_radius == rack.get("tip_radius")
+
+
+def test_profile_shift_moves_tip_root_and_flank():
+    shifts = {"driving": {"profile_shift": 0.3}, "driven": {"profile_shift": -0.1}}
+    pair = pair_of(**shifts, centre_distance_mm=125.4)
+    np.testing.assert_allclose(pair.tip_radii, [47.6, 81.8], rtol=1e-14)
+    np.testing.assert_allclose(pair.root_radii, [43.1, 77.3], rtol=1e-14)
+    plain = pair_of(centre_distance_mm=125.4)
+    grown = [tooth_of(p, "driving").thickness(np.array([45.0]), np.zeros(1)) for p in (plain, pair)]
+    assert grown[1] - grown[0] == pytest.approx(2 * 0.3 * 2.0 * math.tan(math.radians(20)))
+    assert pair.drawing_backlash < plain.drawing_backlash
+
+
+def test_crowning_thins_both_ends():
+    pair = pair_of(driving={"crowning_um": 12.0})
+    tooth, mate = tooth_of(pair, "driving"), tooth_of(pair, "driven")
+    z = np.array([-10.0, 0.0, 5.0, 10.0])
+    np.testing.assert_allclose(tooth.recessions(z)[:, 0], [0.012, 0.0, 0.003, 0.012], atol=1e-15)
+    np.testing.assert_array_equal(mate.recessions(z), 0.0)
+
+
+HELICAL = {"helix_left_deg": 15.0, "helix_right_deg": -15.0}
+
+
+def test_depths_and_shifts_count_in_normal_modules_where_that_is_given():
+    """m_n = 2, β = 15°, x = +0.3: the tip is 1.3 m_n above the reference circle, not 1.3 m_t."""
+    shifted, against = {"profile_shift": 0.3, **HELICAL}, {"profile_shift": -0.3, **HELICAL}
+    pair = pair_of(
+        {"tip_radius": 0.3},
+        driving=shifted,
+        driven=against,
+        normal_module_mm=2.0,
+        centre_distance_mm=129.409522551,
+    )
+    reference = 45.0 / math.cos(math.radians(15))
+    assert reference == pytest.approx(46.5874, abs=5e-5)
+    assert pair.tip_radii[0] == pytest.approx(reference + 2.6, rel=1e-14)
+    assert pair.root_radii[0] == pytest.approx(reference + 0.6 - 2.5, rel=1e-14)
+    tooth = tooth_of(pair, "driving")
+    assert tooth.fillet_radius_mm == pytest.approx(0.6, rel=1e-14)
+    assert tooth.profile_shift_mm == pytest.approx(0.6, rel=1e-14)
+    thickness = tooth.thickness(np.array([reference]), np.zeros(1))[0]
+    normal = thickness * math.cos(math.radians(15))
+    # s_n = m_n (π/2 + 2 x tan α_n), with the transverse angle given here
+    tangent = math.tan(math.radians(20)) * math.cos(math.radians(15))
+    assert normal == pytest.approx(2.0 * (math.pi / 2 + 0.6 * tangent), rel=1e-13)
+
+
+def test_a_pair_with_a_normal_module_goes_back_to_a_file_of_the_same_gears():
+    shifted, against = {"profile_shift": 0.3, **HELICAL}, {"profile_shift": -0.3, **HELICAL}
+    options = {"normal_module_mm": 2.0, "centre_distance_mm": 129.409522551}
+    pair = pair_of({"tip_radius": 0.3}, driving=shifted, driven=against, **options)
+    again = pair_from_spec(pair_spec(pair))
+    assert isinstance(again, GearPair)
+    np.testing.assert_allclose(again.tip_radii, pair.tip_radii, rtol=1e-14)
+    np.testing.assert_allclose(again.root_radii, pair.root_radii, rtol=1e-14)
+    for shaft in ("driving", "driven"):
+        one, other = tooth_of(pair, shaft), tooth_of(again, shaft)
+        assert other.fillet_radius_mm == pytest.approx(one.fillet_radius_mm, rel=1e-14)
+        assert other.profile_shift_mm == pytest.approx(one.profile_shift_mm, rel=1e-14)
+        z = np.array([-3.0, 4.0])
+        np.testing.assert_allclose(other.recessions(z), one.recessions(z), rtol=1e-13)
+
+
+def test_a_rack_is_numpy_doubles():
+    rack = Rack(1.0, 0.25)
+    assert math.isnan(rack.tip_radius) and rack.depth_ratio == 1.0
+    assert all(isinstance(value, np.ndarray) for value in (rack.addendum, rack.clearance))
