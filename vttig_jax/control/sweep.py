@@ -47,7 +47,7 @@ def sweep(
     Cases that share a program run side by side, a few hundred on every device at a time, in blocks
     of a few thousand. A case whose values do not go together has the outcome `refused` and stops
     nothing. Call `vttig_jax.prepare_cpu(devices=…)` first to use several cores, and because a step
-    takes a quarter of the time then.
+    takes half of the time then.
 
     **Arguments**
     - `spec`: a sweep file (TOML), or what was read from one.
