@@ -18,8 +18,8 @@ def prepare_cpu(devices: int = 1) -> None:
     Sets `jax_num_cpu_devices` and two options of XLA that its CPU compiler leaves off by default:
     results that share operands are computed in one loop, and a `lax.scan` becomes one function
     instead of a call for each of its kernels. A simulated step takes half of the time with them,
-    and keeping traces of many runs at once far more. They hold for the process and only before JAX has run anything. Options that are in
-    `XLA_FLAGS` already are kept.
+    keeping traces of many runs at once far more. They hold for the process and only before JAX has
+    run anything. Options that are in `XLA_FLAGS` already are kept.
 
     **Arguments**
     - `devices`: cores, each of which becomes a device that `sweep` uses.
