@@ -10,6 +10,7 @@ Half of the cutter is enough for one side of the tooth; right flanks are handed 
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.optimize import minimize_scalar
@@ -35,7 +36,7 @@ class Cutter:
         turns = np.linspace(-_REACH, _REACH, _POSITIONS)
         found = self._distance(turns, x, y)
         best, step = turns[np.argmin(found)], turns[1] - turns[0]
-        fine = minimize_scalar(
+        fine: Any = minimize_scalar(
             lambda turn: self._distance(np.array([turn]), x, y)[0],
             bounds=(best - step, best + step),
             method="bounded",

@@ -14,6 +14,7 @@ cubic (S. M. Kay, IEEE Trans. ASSP 31 (1983) 56, for the plain likelihood).
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -130,7 +131,7 @@ def _correlation(summary: HarmonicSummary) -> Partial:
         value += sum(flank.log_determinant(partial) for flank in summary.flanks)
         return value + sum(2 * float(np.sum(np.log(np.diag(factor)[:-1]))) for factor in factors)
 
-    found = minimize_scalar(height, bounds=(0.0, LARGEST), method="bounded", options=_FINE)
+    found: Any = minimize_scalar(height, bounds=(0.0, LARGEST), method="bounded", options=_FINE)
     better = height(0.0) - float(found.fun) > np.log(max(summary.rows, 2))
     return np.array([float(found.x)] if better else [])
 
