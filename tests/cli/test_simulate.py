@@ -240,6 +240,26 @@ def test_a_rig_that_one_case_cannot_have(vttig, scenario, more, code, words):
     assert (got, out) == (code, "") and words in err
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("teeth = 45", "teeth = 44", "teeth 44/80 here, 45/80 there"),
+        ("module_mm = 2.0", "module_mm = 1.99", "module 1.99 mm here, 2 mm there"),
+    ],
+)
+def test_a_rig_of_other_gears_is_refused(vttig, scenario, run_folder, old, new, words):
+    path = with_rig(scenario.parent, str(run_folder))
+    gears = scenario.parent / "gears" / "pair.toml"
+    text = gears.read_text()
+    assert old in text
+    gears.write_text(text.replace(old, new))
+    code, out, err = vttig("simulate", path)
+    assert (code, out) == (3, "") and words in err and "pair.toml" in err
+    gears.write_text(text)
+    (scenario.parent / "other.toml").write_text(text.replace(old, new))
+    assert vttig("simulate", path, "--set", "pair=other.toml")[0] == 3
+
+
 def test_print_defaults_is_a_scenario_of_all_keys_and_needs_no_jax(vttig):
     assert vttig("simulate", "--print-defaults") == (0, default_toml(), "")
     code = "import sys\nfrom vttig_jax.cli.main import main\nmain(['simulate', {}])\n"

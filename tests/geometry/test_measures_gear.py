@@ -26,9 +26,15 @@ def test_table_1_of_the_paper(paper_pair, shaft, tip, root):
     assert not found.undercut and not found.span.measurable
 
 
+@pytest.mark.parametrize("section", [-8.0, 0.0, 4.0, 8.0])
+def test_the_usual_ball_stands_above_the_tip_in_every_section(section):
+    found = measure_gear(shop_gear(helix=(3.0, 3.0)), section_mm=section)
+    assert known(found.over_balls.value_mm) > found.tip_diameter_mm
+
+
 def test_the_section_moves_and_the_ends_stay():
     tooth = shop_gear(helix=(3.0, 3.0))
-    middle, off = measure_gear(tooth), measure_gear(tooth, section_mm=5.0)
+    middle, off = measure_gear(tooth, ball_mm=3.5), measure_gear(tooth, section_mm=5.0, ball_mm=3.5)
     assert (off.thickness.thin, off.thickness.thick) == (
         middle.thickness.thin,
         middle.thickness.thick,

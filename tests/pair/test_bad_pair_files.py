@@ -308,7 +308,7 @@ def test_a_folder_is_refused(tmp_path):
 
 
 def test_a_missing_file_is_refused(tmp_path):
-    with pytest.raises(PairError, match=r"no_such\.toml: no such file; --pair takes the TOML"):
+    with pytest.raises(PairError, match=r"no_such\.toml: no such file; name the TOML"):
         load_pair(tmp_path / "no_such.toml")
 
 

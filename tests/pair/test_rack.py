@@ -1,10 +1,12 @@
 """`[rack]`, profile_shift and crowning_um: each changes what it says, in the module it is in."""
 
 import math
+import tomllib
 
 import numpy as np
 import pytest
 
+from vttig_jax.base.errors import PairError
 from vttig_jax.geometry.tooth import tooth_of
 from vttig_jax.pair.gears import GearPair
 from vttig_jax.pair.load import pair_from_spec, pair_spec
@@ -127,3 +129,31 @@ def test_a_rack_is_numpy_doubles():
     rack = Rack(1.0, 0.25)
     assert math.isnan(rack.tip_radius) and rack.depth_ratio == 1.0
     assert all(isinstance(value, np.ndarray) for value in (rack.addendum, rack.clearance))
+
+
+@pytest.mark.parametrize(
+    ("shifts", "expected"), [((0.0, 0.0), 75.0), ((1.0, 0.6), 79.1), ((-0.2, -0.1), 74.06)]
+)
+def test_the_hint_for_the_centre_distance_knows_profile_shifts(shifts, expected):
+    """Against the same equation solved by bisection."""
+    alpha, low, high = math.radians(20), 1e-6, 1.4
+    wanted = math.tan(alpha) - alpha + 2 * math.tan(alpha) * sum(shifts) / 50
+    for _ in range(200):
+        middle = (low + high) / 2
+        low, high = (middle, high) if math.tan(middle) - middle < wanted else (low, middle)
+    exact = 75 * math.cos(alpha) / math.cos(low)
+    assert exact == pytest.approx(expected, abs=0.2)
+    text = f"""
+    [pair]
+    module_mm = 3.0
+    pressure_angle_deg = 20.0
+    centre_distance_mm = 200.0
+    [driving]
+    teeth = 17
+    profile_shift = {shifts[0]}
+    [driven]
+    teeth = 33
+    profile_shift = {shifts[1]}
+    """
+    with pytest.raises(PairError, match=f"ask for about {exact:.6g} mm"):
+        parse_pair_spec(tomllib.loads(text))

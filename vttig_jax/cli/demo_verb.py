@@ -48,7 +48,7 @@ def command(
     from ..rig.paper import paper_rig
 
     vttig_jax.enable_x64()
-    refuse_existing(out, overwrite=overwrite)
+    refuse_existing(out, overwrite=overwrite, resumes=False)
     with output.progress(2, "simulate") as bar:
         rig = paper_rig(seed)
         log = rig.log(seed)

@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING, Any, Literal
 import click
 
 from ..base.errors import UsageError
+from .fit_verb import CHECKPOINT
 from .map_verb import COLUMNS, MOST_ROWS, csv_text, map_record, map_table
 from .options import POSITIVE, Finite, given, verb
-from .output import Output
+from .output import LOGGER, Output
 from .run_file import Run, read_run
 from .run_zeros import shaft_readings
 
@@ -107,6 +108,12 @@ def command(
     run = read_run(run_folder)
     fit = read_fit(run_folder, pair_from_spec(run.spec))
     grid, contact = contact_map(fit, constant_backlash_deg=constant_backlash_deg)
+    if (run_folder / CHECKPOINT).exists():
+        LOGGER.warning(
+            "this is the map of the fit; its draws know how far it may be wrong: `vttig map %s` has"
+            " bands and the closing that is safe with them",
+            run_folder,
+        )
     if suffix == ".csv":
         text, record = _table(fit, grid, step_deg, out)
         _write(out, text, overwrite)

@@ -23,31 +23,64 @@ def drawn_rigs(scenario: Path) -> tuple[tuple["Eccentricities", ...], "Eccentric
     if table is None:
         return (), None
     folder = scenario.parent / table.run
+    fit = _fit(folder, scenario.parent / load_sweep_spec(scenario).pair)
     if not (folder / CHECKPOINT).exists():
         raise InputError(
             f"there is no {CHECKPOINT} in {folder}; make it with `vttig sample --out {folder}`.",
             where=f"{scenario}: rig.from",
         )
-    posterior = _posterior(folder, _fit(folder))
+    posterior = _posterior(folder, fit)
     return rig_draws(posterior, *table.chosen), posterior.centred_fit.eccentricities()
 
 
-def fitted_rig(folder: Path) -> "Eccentricities":
-    """The rig of a run folder: the mean of its posterior, without one its fit."""
+def fitted_rig(folder: Path, pair: Path) -> "Eccentricities":
+    """The rig of a run folder: the mean of its posterior, without one its fit.
+
+    **Raises** `InputError` where the run is of other gears than those in the pair file.
+    """
     from ..identify.result import require_rig
 
-    fit = _fit(folder)
+    fit = _fit(folder, pair)
     if (folder / CHECKPOINT).exists():
         fit = _posterior(folder, fit).centred_fit
     require_rig(fit)
     return fit.eccentricities()
 
 
-def _fit(folder: Path) -> "Fit":
+def _fit(folder: Path, pair: Path) -> "Fit":
     from ..identify.store import read_fit
     from ..pair.load import pair_from_spec
 
-    return read_fit(folder, pair_from_spec(read_run(folder).spec))
+    fit = read_fit(folder, pair_from_spec(read_run(folder).spec))
+    if pair.exists():  # what is wrong with it is said where it is used
+        _require_same_gears(fit, pair, folder)
+    return fit
+
+
+def _require_same_gears(fit: "Fit", path: Path, folder: Path) -> None:
+    """Eccentricities and gap of other gears would give numbers that only look right."""
+    import numpy as np
+
+    from ..pair.gears import GearPair
+    from ..pair.load import load_pair
+
+    pair = load_pair(path)
+    if not (isinstance(pair, GearPair) and isinstance(fit.pair, GearPair)):
+        return
+    for what, unit, of in (
+        ("teeth", "", lambda one: (one.driving.teeth, one.driven.teeth)),
+        ("module", " mm", lambda one: one.module_mm),
+        ("pressure angles", "°", lambda one: one.pressure_angles_deg),
+        ("centre distance", " mm", lambda one: one.centre_distance_mm),
+    ):
+        here, there = (np.ravel(np.asarray(of(one), float)) for one in (pair, fit.pair))
+        if not np.allclose(here, there, rtol=1e-9):
+            seen, fitted = ("/".join(f"{x:g}" for x in dict.fromkeys(v)) for v in (here, there))
+            raise InputError(
+                f"not the gears of the run in {folder}: {what} {seen}{unit} here, {fitted}{unit}"
+                " there; name the pair file of that run, or give eccentricities of these gears.",
+                where=str(path),
+            )
 
 
 def _posterior(folder: Path, fit: "Fit") -> "Posterior":

@@ -230,16 +230,26 @@ def judged(posterior: "Posterior", prior: "Prior") -> Judged:
 
 
 def refuse_existing(
-    out: Path | None, *, overwrite: bool, resume: bool = False, fits: bool = True
+    out: Path | None,
+    *,
+    overwrite: bool,
+    resume: bool = False,
+    fits: bool = True,
+    resumes: bool = True,
 ) -> None:
-    """Say before the work what would be replaced: draws, and where it `fits`, a fit."""
+    """Say before the work what would be replaced: draws, and where it `fits`, a fit.
+
+    `resumes`: whether the verb has --resume.
+    """
     if out is None or resume or overwrite:
         return
     if out.exists() and not out.is_dir():
         raise InputError("a file is in the way; choose another name.", where=str(out))
-    cures = {CHECKPOINT: "add --resume to go on with it, --overwrite to replace it"}
+    go_on = "add --resume to go on with it, --overwrite to replace it"
+    cures = {CHECKPOINT: go_on if resumes else "add --overwrite to replace it"}
     if fits:
-        cures["fit.json"] = "sample it without LOG and --pair, add --overwrite to replace it"
+        sample = "sample it without LOG and --pair, add --overwrite to replace it"
+        cures["fit.json"] = sample if resumes else cures[CHECKPOINT]
     for name, cure in cures.items():
         if (out / name).exists():
             raise UsageError(

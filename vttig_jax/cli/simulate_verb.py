@@ -11,7 +11,7 @@ import click
 from ..base.errors import ScenarioError, UsageError
 from .map_verb import csv_text
 from .options import given, verb
-from .output import Output
+from .output import LOGGER, Output
 from .rigs import fitted_rig
 
 if TYPE_CHECKING:
@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 
 _MOST_ROWS, _MOST_SHOWN = 20_000_000, 1_000_000
 """Rows that a trace may have, and those that a picture is made of."""
+
+_LONG, _STEPS_PER_MIN = 2e7, 2e7
+"""Steps of the plant from which on a run is announced, and how many a minute does, about."""
 
 _QUOTED = ('"', "'", "[", "{")
 """What begins a value that is TOML or a mistake, never a bare word."""
@@ -101,7 +104,7 @@ def command(
     _check_files(trace, figure, overwrite=overwrite)
     from ..control.spec import load_scenario_spec
 
-    spec = _with_settings(_with_rig(load_scenario_spec(scenario), scenario), settings)
+    spec = _with_settings(_with_rig(load_scenario_spec(scenario), scenario, settings), settings)
     thinned = every if trace else 0
     found, kept = _simulated(spec, scenario, thinned, output, draws=figure is not None)
     if trace is not None:
@@ -160,8 +163,10 @@ def _with_settings(spec: "ScenarioSpec", settings: tuple[tuple[str, Any], ...]) 
         raise UsageError(error.message, where=where) from None
 
 
-def _with_rig(spec: "ScenarioSpec", path: Path) -> "ScenarioSpec":
-    """The scenario with the rig of the run folder that it names."""
+def _with_rig(
+    spec: "ScenarioSpec", path: Path, settings: tuple[tuple[str, Any], ...]
+) -> "ScenarioSpec":
+    """The scenario with the rig of the run folder that it names; `--set` may name the gears."""
     if spec.rig is None:
         return spec
     import vttig_jax
@@ -170,7 +175,11 @@ def _with_rig(spec: "ScenarioSpec", path: Path) -> "ScenarioSpec":
     from ..control.sweep_cases import rig_table
 
     vttig_jax.enable_x64()
-    rig = rig_table(fitted_rig(path.parent / spec.rig.run))
+    rig = rig_table(
+        fitted_rig(
+            path.parent / spec.rig.run, path.parent / str(dict(settings).get("pair", spec.pair))
+        )
+    )
     return with_values(spec, {f"eccentricities.{name}": value for name, value in rig.items()})
 
 
@@ -185,7 +194,14 @@ def _simulated(
 
     vttig_jax.enable_x64()
     pair, case = prepared(spec, path.parent, str(path))
-    kept = _stride(float(case.motion.duration_s) * spec.sampling.controller_hz, every, draws)
+    periods = float(case.motion.duration_s) * spec.sampling.controller_hz
+    kept = _stride(periods, every, draws)
+    if periods * case.substeps > _LONG:
+        LOGGER.warning(
+            "to run: %.3g steps, some %.0f min; Ctrl-C ends it and writes nothing",
+            periods * case.substeps,
+            max(periods * case.substeps / _STEPS_PER_MIN, 1.0),
+        )
     with output.progress(1, "simulate") as bar:
 
         def follow(done: int, all_: int) -> None:

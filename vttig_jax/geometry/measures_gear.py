@@ -177,7 +177,9 @@ def measure_gear(
     here = np.array([section_mm])
     radius = np.array([float(tooth.reference_radius)])
     helix = base_helix_angles(tooth, here)[0] / DEG
-    ball = over_balls(tooth, usual_ball(tooth) if ball_mm is None else ball_mm, section_mm)
+    ball = over_balls(
+        tooth, usual_ball(tooth, section_mm) if ball_mm is None else ball_mm, section_mm
+    )
     return GearMeasures(
         teeth=tooth.teeth,
         section_mm=section_mm,

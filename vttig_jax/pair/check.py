@@ -97,24 +97,38 @@ def _check_centre_distance(spec: "PairSpec", distance: float) -> None:
     reference = module * (spec.driving.teeth + spec.driven.teeth) / 2
     base = reference * math.cos(min(transverse_pressure_angles_deg(spec)) * DEG)
     depth = module * depth_ratio(spec)
-    shifted = reference + depth * (spec.driving.profile_shift + spec.driven.profile_shift)
+    shift = spec.driving.profile_shift + spec.driven.profile_shift
+    shifted = reference + depth * shift
+    about = _without_backlash(spec, reference, depth * shift)
     contact = shifted - depth * spec.rack.clearance
     apart = shifted + depth * 2 * spec.rack.addendum
     if distance <= base:
         raise PairError(
             f"{distance:g} mm lets the base circles overlap (their radii sum to {base:.3f} mm);"
-            f" these tooth counts and this module ask for about {reference:g} mm.",
+            f" these tooth counts and this module ask for about {about:.6g} mm.",
             where=where,
         )
     if distance < contact:
         raise PairError(
             f"{distance:g} mm is below contact: tips reach the roots at {contact:g} mm; these tooth"
-            f" counts and this module ask for about {reference:g} mm.",
+            f" counts and this module ask for about {about:.6g} mm.",
             where=where,
         )
     if distance >= apart:
         raise PairError(
             f"{distance:g} mm is too far: the tips no longer meet at {apart:g} mm; these tooth"
-            f" counts and this module ask for about {reference:g} mm.",
+            f" counts and this module ask for about {about:.6g} mm.",
             where=where,
         )
+
+
+def _without_backlash(spec: "PairSpec", reference: float, shift_mm: float) -> float:
+    """Centre distance at which shifted teeth would just fit, inv α_w = inv α + x m tan α/a₀."""
+    alpha = sum(transverse_pressure_angles_deg(spec)) / 2 * DEG
+    wanted = math.tan(alpha) - alpha + shift_mm * math.tan(alpha) / reference
+    if wanted <= 0:
+        return reference + shift_mm
+    working = math.atan((3 * wanted) ** (1 / 3))
+    for _ in range(20):
+        working -= (math.tan(working) - working - wanted) / math.tan(working) ** 2
+    return reference * math.cos(alpha) / math.cos(working)

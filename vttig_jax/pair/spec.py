@@ -27,7 +27,7 @@ AngleUnit = Literal["counts", "deg", "rad", "rev", "arcsec", "urad"]
 PAIR_FILE = TomlFile(
     PairError,
     noun="a pair file",
-    cure="--pair takes the TOML of the rig",
+    cure="name the TOML of the rig",
     content="names the rig in [pair] and two gears, or in [drive]",
 )
 
