@@ -127,7 +127,7 @@ def test_a_pair_with_a_normal_module_goes_back_to_a_file_of_the_same_gears():
 
 def test_a_rack_is_numpy_doubles():
     rack = Rack(1.0, 0.25)
-    assert math.isnan(rack.tip_radius) and rack.depth_ratio == 1.0
+    assert rack.tip_radius is None and rack.depth_ratio == 1.0
     assert all(isinstance(value, np.ndarray) for value in (rack.addendum, rack.clearance))
 
 

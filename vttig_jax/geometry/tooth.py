@@ -130,4 +130,4 @@ def _fillet_radius(pair: GearPair) -> Scalar:
     xp, rack = namespace(pair), pair.rack
     smallest = xp.sin(pair.pressure_angles_deg * DEG).min()
     usual = rack.clearance / (1 - smallest)
-    return xp.where(xp.isnan(rack.tip_radius), usual, rack.tip_radius) * pair.depth_module_mm
+    return (usual if rack.tip_radius is None else rack.tip_radius) * pair.depth_module_mm

@@ -72,17 +72,17 @@ def _gear(table: GearTable) -> Gear:
 
 
 def _rack(spec: PairSpec) -> Rack:
-    radius = math.nan if spec.rack.tip_radius is None else spec.rack.tip_radius
-    return Rack(spec.rack.addendum, spec.rack.clearance, radius, depth_ratio(spec))
+    rack = spec.rack
+    return Rack(rack.addendum, rack.clearance, rack.tip_radius, depth_ratio(spec))
 
 
 def _rack_table(rack: Rack) -> RackTable:
     """Depths in transverse modules, which is what the file of a computed pair states."""
-    addendum, clearance, radius = (
-        float(depth * rack.depth_ratio)
-        for depth in (rack.addendum, rack.clearance, rack.tip_radius)
+    addendum, clearance = (
+        float(depth * rack.depth_ratio) for depth in (rack.addendum, rack.clearance)
     )
-    return RackTable(addendum, clearance, None if math.isnan(radius) else radius)
+    radius = None if rack.tip_radius is None else float(rack.tip_radius * rack.depth_ratio)
+    return RackTable(addendum=addendum, clearance=clearance, tip_radius=radius)
 
 
 def _table(gear: Gear, rack: Rack) -> GearTable:
