@@ -138,7 +138,12 @@ def test_foreign_readings_and_doubtful_turns_are_no_answer(vttig, run_folder, lo
         (["locate", "run", "--driving-deg", "1,5", "--driven-deg", "1"], "is not a number"),
         (["locate", "run", "--driving-deg", "nan", "--driven-deg", "1"], "not a finite number"),
         (["locate", "run", "--driving-deg", "1e999", "--driven-deg", "1"], "not a finite number"),
+        (["locate", "run", "--driving-deg", "1e30", "--driven-deg", "1"], "is no reading"),
         (["locate", "run", "--driving-counts", "1.5", "--driven-deg", "1"], "valid integer"),
+        (
+            ["locate", "run", "--driving-counts", "9" * 400, "--driven-deg", "1"],
+            "--driving-counts is no reading of an encoder",
+        ),
         (["locate", "run", "--certainty", "1"], "--certainty"),
         (["locate", "nothing", "--driving-deg", "1", "--driven-deg", "1"], "vttig fit LOG"),
     ],

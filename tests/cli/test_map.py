@@ -85,6 +85,7 @@ def test_a_long_hunting_period_is_cut_and_said(vttig, run_folder):
     [
         (["map", "nothing"], 2, "vttig fit LOG"),
         (["map", "run", "--step-deg", "0"], 2, "--step-deg"),
+        (["map", "run", "--step-deg", "1e9"], 2, "--step-deg"),
         (["map", "run", "--step-deg", "nan"], 2, "not a finite number"),
         (["map", "run", "--span-rev", "inf"], 2, "not a finite number"),
         (["map", "run", "--constant-backlash-deg", "nan"], 2, "not a finite number"),

@@ -3,10 +3,13 @@
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
 from tests.control.scenarios import SHORT
 from tests.control.texts import MINIMAL
 from vttig_jax.control import sweep_work
 from vttig_jax.control.spec import ScenarioSpec, parse_scenario_spec
+from vttig_jax.control.sweep_table import SweepTable
 
 CONTROLLERS = ("none", "acceleration", "predictive")
 AXES: Mapping[str, Any] = {
@@ -31,3 +34,17 @@ def small_blocks(cases: int, monkeypatch: Any = None) -> None:
     change = setattr if monkeypatch is None else monkeypatch.setattr
     change(sweep_work, "_LEAST", cases)
     change(sweep_work, "_MOST", cases)
+
+
+def table_of(**columns: np.ndarray) -> SweepTable:
+    """A table of these axes whose metrics are made from the case number."""
+    count = len(next(iter(columns.values())))
+    case = np.arange(count)
+    metrics = {
+        "residual_gap_deg": 0.01 + 1e-4 * case,
+        "interference_mm": 1e-3 * case,
+        "lost_motion_deg": 0.02 + 1e-5 * case,
+    }
+    outcome = np.full(count, "ok")
+    everything = {"case": case, **columns, **metrics, "outcome": outcome}
+    return SweepTable(sweep_spec(), "rig", everything, tuple(columns), 1, 1.0, 1.0, 1)

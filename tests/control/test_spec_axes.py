@@ -164,6 +164,11 @@ BAD = [
         "expected a number <= 1.0, but it is 2.0.",
     ),
     ("seed = { values = [] }", "seed", "an axis is a list of values"),
+    (
+        '"motion.speed_rpm" = { from = 10, to = 60, num = 1 }',
+        '"motion.speed_rpm".num',
+        "one value cannot be both 10 and 60; give num = 2 or more",
+    ),
     ("seed = { values = [1], num = 1 }", "seed.num", "unknown key `num`"),
     ("", "", "names no axis; write for example"),
     ("seed = [1]\nzip = 3", "zip", "expected a list"),

@@ -6,20 +6,9 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from tests.control.sweeps import sweep_spec
-from vttig_jax.control.sweep_table import SweepTable
+from tests.control.sweeps import table_of
 from vttig_jax.report.plot import plot
 from vttig_jax.report.sweep_picture import plot_sweep
-
-
-def table_of(**columns: np.ndarray) -> SweepTable:
-    """A table of these axes whose metrics are made from the case number."""
-    count = len(next(iter(columns.values())))
-    case = np.arange(count)
-    metrics = {"residual_gap_deg": 0.01 + 1e-4 * case, "interference_mm": 1e-3 * case}
-    outcome = np.full(count, "ok")
-    everything = {"case": case, **columns, **metrics, "outcome": outcome}
-    return SweepTable(sweep_spec(), "rig", everything, tuple(columns), 1, 1.0, 1.0, 1)
 
 
 def lines(figure: Figure, row: int) -> Mapping[str, np.ndarray]:
@@ -95,3 +84,22 @@ def test_a_long_axis_is_taken_together():
     found = lines(plot_sweep(table), 0)["all"]
     assert len(found) == 400
     assert np.all(np.diff(found[:, 0]) > 0) and np.all(np.diff(found[:, 1]) > 0)
+
+
+def test_a_feedforward_controller_has_the_motion_it_lost_below():
+    names = np.tile(["none", "feedforward"], 6)
+    table = table_of(**{"motion.reversal_deg": turns(6, 2), "controller": names})
+    table.columns["lost_motion_deg"][names == "none"] += 1.0
+    figure = plot_sweep(table)
+    assert len(figure.axes) == 3
+    found = lines(figure, 2)
+    np.testing.assert_allclose(found["none"][:, 1] - found["feedforward"][:, 1], 1 - 1e-5)
+    table.columns["controller"] = np.tile(["none", "predictive"], 6)
+    assert len(plot_sweep(table).axes) == 2
+
+
+def test_a_curve_on_another_one_is_seen():
+    names = np.repeat(["none", "feedforward"], 6)
+    figure = plot_sweep(table_of(**{"motion.reversal_deg": turns(6, 2), "controller": names}))
+    styles = [line.get_linestyle() for line in figure.axes[0].get_lines()]
+    assert len(set(styles)) == 2

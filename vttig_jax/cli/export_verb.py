@@ -9,7 +9,7 @@ import click
 from ..base.errors import UsageError
 from .fit_verb import CHECKPOINT
 from .map_verb import COLUMNS, MOST_ROWS, csv_text, map_record, map_table
-from .options import POSITIVE, Finite, given, verb
+from .options import STEP_DEG, Finite, given, verb
 from .output import LOGGER, Output
 from .run_file import Run, read_run
 from .run_zeros import shaft_readings
@@ -72,7 +72,7 @@ vttig export run --out compensation.csv --step-deg 0.5
     help="Backlash that the harmonics left out may add up to; more leaves fewer to evaluate. By"
     " default only those below 1e-12 rad are left out.",
 )
-@click.option("--step-deg", type=POSITIVE, default=1.0, help="With .csv: distance of the rows.")
+@click.option("--step-deg", type=STEP_DEG, default=1.0, help="With .csv: distance of the rows.")
 @click.option("--constant-backlash-deg", type=Finite(min=0), help="Replaces the fitted one.")
 @click.option("--overwrite", is_flag=True, help="Replace a file that exists.")
 def command(

@@ -21,6 +21,10 @@ if TYPE_CHECKING:
     from ..pair.reading import ShaftReading
 
 
+_LARGEST_DEG, _LARGEST_COUNT = 1e9, 2**53
+"""Beyond these a float no longer tells an angle within one turn."""
+
+
 class Reading(NamedTuple):
     """A number and the step of its last digit: 123.4 is known to 0.1."""
 
@@ -45,6 +49,8 @@ class WrittenNumber(click.ParamType):
             self.fail(f"{value!r} is not a number.", param, ctx)
         if not number.is_finite() or not math.isfinite(float(number)):
             self.fail(f"{value!r} is not a finite number.", param, ctx)
+        if abs(number) > _LARGEST_DEG:
+            self.fail(f"{value!r} is no reading; it is at most {_LARGEST_DEG:g}°.", param, ctx)
         exponent = number.as_tuple().exponent
         assert isinstance(exponent, int)  # of a finite number
         return Reading(float(number), 10.0 ** min(exponent, 0))
@@ -63,7 +69,9 @@ vttig locate run --driving-counts 76243 --driven-counts 31627 --flank A
 )
 @click.option("--driven-deg", type=WrittenNumber(), help="Reading of the driven encoder, degrees.")
 @click.option(
-    "--driving-counts", type=int, help="The same in counts, where the pair file has them."
+    "--driving-counts",
+    type=int,
+    help="The same in counts, where the pair file has them.",
 )
 @click.option("--driven-counts", type=int, help="The same in counts, where the pair file has them.")
 @click.option(
@@ -155,6 +163,10 @@ def _angle(
         raise UsageError(
             f"the pair file of this run does not say how many counts make a revolution of the"
             f" {shaft} shaft; give --{shaft}-deg."
+        )
+    if abs(counts) > _LARGEST_COUNT:
+        raise UsageError(
+            f"--{shaft}-counts is no reading of an encoder; give the counts of some turns."
         )
     return how.angle(counts), abs(how.radians_per_unit)
 

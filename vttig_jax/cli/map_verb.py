@@ -9,7 +9,7 @@ import click
 
 from ..base.errors import UsageError
 from .fit_verb import CHECKPOINT
-from .options import POSITIVE, Finite, verb
+from .options import POSITIVE, STEP_DEG, Finite, verb
 from .output import LOGGER, Output
 from .run_file import read_run
 
@@ -25,7 +25,7 @@ COLUMNS = ("driving_deg", "backlash_deg", "backlash_mm", "axial_mm", "backlash_f
 
 @verb("map", example="vttig map run --step-deg 0.5 --out map.csv")
 @click.argument("run_folder", metavar="D", type=click.Path(path_type=Path))
-@click.option("--step-deg", type=POSITIVE, default=1.0)
+@click.option("--step-deg", type=STEP_DEG, default=1.0)
 @click.option(
     "--span-rev",
     type=POSITIVE,

@@ -32,6 +32,8 @@ class Finite(click.FloatRange):
 
 
 POSITIVE = Finite(min=0, min_open=True)
+STEP_DEG = Finite(min=0, min_open=True, max=360)
+"""Distance of the rows of a table over the driving angle."""
 
 
 def verb(name: str, *, example: str) -> Callable[[Callable[..., None]], click.Command]:

@@ -22,7 +22,7 @@ _Bound = Annotated[float, key("an end of the range, included", ge=-1e12, le=1e12
 
 
 class Range(Table, frozen=True, rename={"first": "from", "last": "to"}):
-    """`{ from, to, num }`: evenly spaced values, both ends included; one value is `from`."""
+    """`{ from, to, num }`: evenly spaced values, both ends included."""
 
     first: _Bound
     last: _Bound
@@ -149,6 +149,12 @@ def _range(given: dict[str, Any], known: Key, where: str) -> Range:
             f"`{known.name}` takes no numbers, so that its axis is a list of values.", where=where
         )
     axis: Range = SCENARIO_FILE.convert(given, Range, where)
+    if axis.num == 1 and axis.first != axis.last:
+        raise ScenarioError(
+            f"one value cannot be both {axis.first:g} and {axis.last:g}; give num = 2 or more, or"
+            " a list of one value.",
+            where=f"{where}.num",
+        )
     ends: tuple[float, ...] = (axis.first, axis.last)
     if int in known.types:
         if broken := [value for value in axis.values if not value.is_integer()]:

@@ -72,13 +72,15 @@ class SweepTable:
     def _group(self, name: str, mask: np.ndarray) -> dict[str, Any]:
         gap = _there(self.columns["residual_gap_deg"][mask])
         interference = _there(self.columns["interference_mm"][mask])
+        lost = _there(self.columns["lost_motion_deg"][mask])
         return {
             "name": name,
             "cases": int(mask.sum()),
             "outcomes": dict(Counter(self.columns["outcome"][mask].tolist()).most_common()),
             "residual_gap_deg": _spread(gap),
             "interference_mm": _spread(interference),
-            "interfering_share": float(np.mean(interference > NEAR_MM)) if len(gap) else None,
+            "interfering_share": _share(interference > NEAR_MM),
+            "lost_motion_deg": _spread(lost),
         }
 
     def __str__(self) -> str:
@@ -87,6 +89,10 @@ class SweepTable:
 
 def _there(values: np.ndarray) -> np.ndarray:
     return values[~np.isnan(values)]
+
+
+def _share(which: np.ndarray) -> float | None:
+    return float(which.mean()) if len(which) else None
 
 
 def _spread(values: np.ndarray) -> dict[str, float] | None:
@@ -127,6 +133,7 @@ def _text(table: SweepTable) -> str:
             if group["interfering_share"] is None
             else f"{100 * group['interfering_share']:.1f} %",
             *_cells(group["interference_mm"], ".4f")[2:],
+            *_cells(group["lost_motion_deg"], ".5f")[:1],
         )
         for group in record["groups"]
     ]
@@ -138,6 +145,7 @@ def _text(table: SweepTable) -> str:
         "max",
         "interfere",
         ("by at most", "mm"),
+        ("motion lost: mean", "deg"),
     ]
     lines = [key_values(head, title=table.pair), "", text_table(rows, headers)]
     if table.refusals:

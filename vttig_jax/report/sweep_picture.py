@@ -13,6 +13,12 @@ _ROWS = (
     ("residual_gap_deg", "backlash left\nat the turn [°]"),
     ("interference_mm", "closed too\nfar by [mm]"),
 )
+_LOST = ("lost_motion_deg", "motion lost\nin the turn [°]")
+"""What a feedforward controller makes up for, and no other."""
+
+_LINES = ("-", "--", "-.", ":")
+"""So that a curve on another one is seen."""
+
 _BAND = (0.025, 0.975)
 _MOST_POINTS = 400
 """Places along the axis; more of them are taken together."""
@@ -45,13 +51,16 @@ def plot_sweep(table: SweepTable, *, axis: str | None = None, by: str | None = N
     """
     name = _axis(table, axis)
     groups = _groups(table, name, by)
-    figure = new_figure(5.6)
-    rows = figure.subplots(len(_ROWS), 1, sharex=True)
+    metrics = (*_ROWS, _LOST) if _feeds_forward(table) else _ROWS
+    figure = new_figure(2.8 * len(metrics))
+    rows = figure.subplots(len(metrics), 1, sharex=True)
     handles = []
-    for ax, (metric, label) in zip(rows, _ROWS, strict=True):
+    for ax, (metric, label) in zip(rows, metrics, strict=True):
         handles = [
-            _banded(ax, table.columns[name][mask], table.columns[metric][mask], colour, group)
-            for (group, mask), colour in zip(groups, cycle(COLOURS), strict=False)
+            _banded(ax, table.columns[name][mask], table.columns[metric][mask], style, group)
+            for (group, mask), style in zip(
+                groups, zip(cycle(COLOURS), cycle(_LINES), strict=False), strict=False
+            )
         ]
         ax.set_ylabel(label)
         grid(ax)
@@ -97,12 +106,19 @@ def _axis(table: SweepTable, asked: str | None) -> str:
     return asked or max(rigless, key=lambda one: rigless[one])
 
 
-def _banded(ax: Axes, places: np.ndarray, values: np.ndarray, colour, name: str):
+def _feeds_forward(table: SweepTable) -> bool:
+    """Whether a case has this controller."""
+    chosen = table.columns.get("controller", np.array([table.spec.controller]))
+    return "feedforward" in chosen
+
+
+def _banded(ax: Axes, places: np.ndarray, values: np.ndarray, style: tuple, name: str):
     """Median and band of the values at every place, drawn."""
+    colour, dashes = style
     there = ~np.isnan(values)
     places, values = places[there], values[there]
     if not len(places):
-        return ax.plot([], [], color=colour, label=name)[0]
+        return ax.plot([], [], dashes, color=colour, label=name)[0]
     known, inverse = np.unique(places, return_inverse=True)
     if len(known) > _MOST_POINTS:
         together = np.arange(len(known)) * _MOST_POINTS // len(known)
@@ -114,5 +130,5 @@ def _banded(ax: Axes, places: np.ndarray, values: np.ndarray, colour, name: str)
     if max(len(group) for group in groups) > 1:
         ax.fill_between(known, low, high, color=colour, alpha=0.3, linewidth=0)
     marker = "." if len(known) <= _MARKED else ""
-    (line,) = ax.plot(known, middle, color=colour, linewidth=1.1, marker=marker, label=name)
+    (line,) = ax.plot(known, middle, dashes, color=colour, linewidth=1.1, marker=marker, label=name)
     return line
