@@ -63,6 +63,8 @@ def plot_sweep(table: SweepTable, *, axis: str | None = None, by: str | None = N
             )
         ]
         ax.set_ylabel(label)
+        low, high = ax.get_ylim()
+        ax.set_ylim(max(low, -0.04 * high), high)  # none of these is below 0
         grid(ax)
     legend(rows[0], handles)
     rows[-1].set_xlabel(_NAMES.get(name, name))
