@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from tests.laws.contacts import CONTACTS
 from tests.laws.law import POWER as POWER
 from tests.laws.law import Law
 from tests.laws.law import scaled as scaled
@@ -131,7 +132,7 @@ MODELS = (
     *_of_model(OrderModel, _orders, "transmission_error", "backlash", "at_both_angles"),
     *_of_model(CombinedModel, _combined, "transmission_error", "backlash", "at_both_angles"),
 )
-LAWS = (*FUNCTIONS, *MODELS, *SURFACES)
+LAWS = (*FUNCTIONS, *MODELS, *SURFACES, *CONTACTS)
 MODEL_CLASSES = (ClosedModel, ExactModel, OrderModel, CombinedModel)
 
 

@@ -4,7 +4,12 @@ import sys
 import numpy as np
 import pytest
 
+from vttig_jax.geometry.contact_report import Contacts
+from vttig_jax.geometry.deviations import Deviations
+from vttig_jax.geometry.tooth import tooth_of
 from vttig_jax.kinematics.backlash_map import BacklashMap
+from vttig_jax.report.contact_picture import plot_contact
+from vttig_jax.report.deviation_picture import plot_deviations
 from vttig_jax.report.map_picture import plot_map
 from vttig_jax.report.plot import plot
 
@@ -22,6 +27,13 @@ def test_the_picture_follows_the_object(make_curve, make_fit, paper_pair):
     assert plot(fit).axes[-1].get_ylabel() == "residual [arcsec]"
     (ax,), (direct,) = plot(grid, turns=3).axes, plot_map(grid, turns=3).axes
     np.testing.assert_array_equal(ax.lines[0].get_ydata(), direct.lines[0].get_ydata())
+
+
+def test_gears_have_pictures_too(paper_pair):
+    figure = plot(tooth_of(paper_pair, "driving"), name="of the paper")
+    assert figure.get_suptitle() == "tooth of 45 · of the paper"
+    assert plot.dispatch(Contacts) is plot_contact
+    assert plot.dispatch(Deviations) is plot_deviations
 
 
 def test_options_reach_the_picture(make_curve, make_fit):

@@ -64,6 +64,14 @@ VERBS = {
         "vttig_jax.cli.measure_verb:command",
         "Say what a shop measures on the gears of a pair.",
     ),
+    "surface": (
+        "vttig_jax.cli.surface_verb:command",
+        "Write a gear as a mesh, a CAD solid or a section.",
+    ),
+    "contact": (
+        "vttig_jax.cli.contact_verb:command",
+        "Find where the teeth of a pair touch, from their surfaces.",
+    ),
     "export": (
         "vttig_jax.cli.export_verb:command",
         "Write the compensation as CSV, JSON or a C header.",

@@ -185,7 +185,8 @@ def read(path: Path) -> tuple[Header, Record, Until]:
     except Exception as error:
         reason = " ".join(str(error).split()) or type(error).__name__
         raise InputError(
-            f"no whole checkpoint of vttig ({reason}); make it anew with `vttig sample --overwrite`.",
+            f"no whole checkpoint of vttig ({reason}); make it anew with `vttig sample"
+            " --overwrite`.",
             where=str(path),
         ) from None
 

@@ -7,6 +7,9 @@ from matplotlib.figure import Figure
 
 from ..control.simulation import Simulation
 from ..control.sweep_table import SweepTable
+from ..geometry.contact_report import Contacts
+from ..geometry.deviations import Deviations
+from ..geometry.tooth import Tooth
 from ..identify.result import Fit
 from ..kinematics.backlash_map import BacklashMap
 from ..kinematics.te_curve import TECurve
@@ -14,13 +17,16 @@ from ..posterior.bands import BandedMap
 from ..posterior.posterior import Posterior
 from ..posterior.predictive import Predictive
 from .band_picture import plot_band_map
+from .contact_picture import plot_contact
 from .corner_picture import plot_corner
+from .deviation_picture import plot_deviations
 from .fit_picture import plot_fit
 from .map_picture import plot_map
 from .predictive_picture import plot_predictive
 from .simulation_picture import plot_simulation
 from .sweep_picture import plot_sweep
 from .te_picture import plot_te
+from .tooth_picture import plot_tooth
 
 
 @singledispatch
@@ -35,9 +41,13 @@ def plot(obj: object, **options: Any) -> Figure:
     - a `Predictive`: a log beside what its posterior predicts; `unit`, `turns`.
     - a `Simulation` with a trace: the run, and its reversal close up; `unit`, `span_s`.
     - a `SweepTable`: what is left and closed too far, over one of its axes; `axis`, `by`.
+    - a `Tooth`: its sections at both ends and in the middle, its thickness between; `name`.
+    - `Contacts`: the gears in mesh and the lines in which they touch; `pair`, `place`.
+    - `Deviations`: profile, helix and pitch of measured flanks; `pair`.
 
     The options are those of `plot_te`, `plot_fit`, `plot_map`, `plot_corner`, `plot_band_map`,
-    `plot_predictive`, `plot_simulation` and `plot_sweep`.
+    `plot_predictive`, `plot_simulation`, `plot_sweep`, `plot_tooth`, `plot_contact` and
+    `plot_deviations`.
 
     **Raises** `ValueError` for an object without a picture.
 
@@ -55,7 +65,8 @@ def plot(obj: object, **options: Any) -> Figure:
     """
     raise ValueError(
         f"Argument `obj` must be a TECurve, Fit or BacklashMap, but is {type(obj).__name__}; what a"
-        " Posterior, BandedMap, Predictive, Simulation or SweepTable says has a picture too."
+        " Posterior, BandedMap, Predictive, Simulation or SweepTable says has a picture too, and so"
+        " have a Tooth, Contacts and Deviations."
     )
 
 
@@ -67,3 +78,6 @@ plot.register(BandedMap, plot_band_map)
 plot.register(Predictive, plot_predictive)
 plot.register(Simulation, plot_simulation)
 plot.register(SweepTable, plot_sweep)
+plot.register(Tooth, plot_tooth)
+plot.register(Contacts, plot_contact)
+plot.register(Deviations, plot_deviations)
