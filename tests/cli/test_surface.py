@@ -158,6 +158,8 @@ def test_gears_without_a_solid(vttig, pair_file, tmp_path, name):
         ("gear.stl", ["--teeth", "46"], "has 45 teeth"),
         ("gear.stl", ["--teeth", "0"], "--teeth"),
         ("gear.stl", ["--bore-mm", "85"], "leaves no rim"),
+        ("gear.step", ["--bore-mm", "1e-9"], "give --bore-mm 0 for a gear without"),
+        ("gear.svg", ["--bore-mm", "0.05"], "give --bore-mm 0 for a gear without"),
         ("gear.stl", ["--bore-mm", "-1"], "--bore-mm"),
         ("gear.stl", ["--tolerance-um", "0"], "--tolerance-um"),
         ("gear.stl", ["--tolerance-um", "0.01"], "write .ply or .obj"),

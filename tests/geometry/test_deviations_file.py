@@ -49,6 +49,7 @@ def test_pitches_of_one_flank_leave_the_other_as_drawn(tmp_path):
     assert found.maps == () and found.driven_pitch_um is None
     expected = [[0.1, 0.2, 0.3, 0.4], [0.0, 0.0, 0.0, 0.0]]
     np.testing.assert_array_equal(found.driving_pitch_um, expected)
+    assert "driving pitch A  4 teeth, 0.10 … 0.40 µm" in str(found) and "pitch B" not in str(found)
 
 
 def test_nothing_is_nothing():
@@ -79,6 +80,7 @@ BAD = {
     "diameter": (changed(6, "driven,B,94,-9,1"), 6, r"roll length 94 mm is not on the driven fl"),
     "negative": (changed(6, "driven,B,-1,-9,1"), 6, "roll length -1 mm is not on the driven flank"),
     "from an end": (changed(6, "driven,B,12.5,20,1"), 6, r"off the driven face \(-10 to 10 mm\)"),
+    "nanometres": (changed(3, "driven,B,8,9,5001"), 3, r"more than a quarter of the module \(5000"),
     "a field too long": ((HEAD, "x" * 200_000), 2, "no CSV"),
 }
 
@@ -97,6 +99,7 @@ BAD_PITCHES = {
     "no such tooth": ((*TEETH, "driving,A,5,1"), 6, "5 is no tooth of the driving gear; count th"),
     "half a tooth": ((*TEETH[:3], "driving,A,3.5,1"), 5, r"3\.5 is no tooth"),
     "missing tooth": ((*TEETH[:1], *TEETH[2:]), 4, "driving flank A has no tooth 2; give all 4"),
+    "metres": (("driving,A,1,2e6", *TEETH[1:]), 2, "a deviation of 2e\\+06 µm is more than"),
     "doubled": ((*TEETH, TEETH[0]), 6, "tooth 1 in line 2 already"),
 }
 

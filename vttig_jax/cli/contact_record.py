@@ -92,6 +92,8 @@ def contact_text(
     ]
     if (without := record["rows"] - record["rows_with_backlash"]) or not rows:
         rows.append(("undefined", f"at {without} of {record['rows']} angles: no tooth in reach"))
+    if record["rig"] is not None:
+        rows.append(("of the run", "eccentricities, not its constant backlash and higher orders"))
     if out is not None:
         rows.append(("table", str(out / TABLE)))
     over = f"backlash of the surfaces over {record['span_turns']:g} turns"

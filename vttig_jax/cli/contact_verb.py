@@ -66,7 +66,7 @@ vttig contact pair.toml --deviations measured.csv --span-rev 1 --out contact
     "--pitch",
     type=click.Path(path_type=Path),
     metavar="CSV",
-    help="Measured pitches: gear,flank,tooth,deviation_um, every tooth of each flank.",
+    help="Where single teeth stand: gear,flank,tooth,deviation_um, all teeth of each flank.",
 )
 @click.option("--step-deg", type=POSITIVE, default=1.0, help="Of the driving angle; 1 by default.")
 @click.option("--span-rev", type=POSITIVE, help="Driving turns; the hunting period by default.")

@@ -168,7 +168,6 @@ def contact_at(
     >>> from vttig_jax import Gear, GearPair
     >>> from vttig_jax.geometry.contact_model import contact_model
     >>> from vttig_jax.geometry.contact_report import contact_at
-    >>> from vttig_jax.geometry.mounted import Misalignment
     >>> vttig_jax.enable_x64()
     >>> gears = Gear(45, 3, 3, 20), Gear(80, 3, 3, 20)
     >>> pair = GearPair(*gears, module_mm=2.0, pressure_angles_deg=20.0)
@@ -180,9 +179,6 @@ def contact_at(
       pairs in contact    1.950 on average
       largest misfit      0.00000° of a section
       line, flank         40 of 40
-    >>> tilted = contact_model(pair, misalignment=Misalignment(deviation_rad=2e-4))
-    >>> contact_at(tilted, angles[:1], "A").kind(0)
-    'point, flank, lower end of the face'
 
     ```
     """

@@ -102,8 +102,10 @@ class Deviations(eqx.Module):
     **Arguments**
     - `driving`, `driven`: maps of flank A and flank B of each gear, or None.
     - `driving_pitch_um`, `driven_pitch_um`: by how much flank A and flank B of each single tooth
-      stand out, shape (2, teeth), positive for extra material, along the base circle. Teeth count
-      from the one that is between the axes at φ = 0, in the order in which they come into mesh.
+      stand out from their place, shape (2, teeth), positive for extra material, along the base
+      circle as a deviation of the profile: the total (cumulative) deviation of the pitches, that at
+      a measuring circle r_M times r_b/r_M. Teeth count from the one that is between the axes at
+      φ = 0, in the order in which they come into mesh.
     """
 
     driving: tuple[FlankMap | None, FlankMap | None] = (None, None)
@@ -128,8 +130,7 @@ class Deviations(eqx.Module):
                 if (drawn := getattr(self, gear)[side]) is not None:
                     count = f"{len(drawn.roll_mm)} × {len(drawn.z_mm)} points"
                     rows.append((f"{gear} flank {flank}", f"{count}, {_span(drawn.deviation_um)}"))
-                if pitches is not None:
-                    row = pitches[side]
+                if pitches is not None and np.any(row := pitches[side]):
                     rows.append((f"{gear} pitch {flank}", f"{len(row)} teeth, {_span(row)}"))
         return key_values(rows or [("none", None)], title="deviations of the flanks")
 

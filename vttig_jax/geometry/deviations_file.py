@@ -18,6 +18,9 @@ FLANKS = "A", "B"
 MAP_COLUMNS = "roll_mm", "z_mm", "deviation_um"
 PITCH_COLUMNS = "tooth", "deviation_um"
 
+_MOST_MODULES = 0.25
+"""A deviation, in modules."""
+
 Place = tuple[int, int]
 """Numbers of gear and flank in `GEARS` and `FLANKS`."""
 
@@ -46,11 +49,13 @@ def read_deviations(
       complete grid: every roll length √(r² − r_b²) at every height, two or more of each. Heights
       are those of the gear's own frame, counted from the middle of its face to its thin end.
     - `pitches`: columns gear, flank, tooth, deviation_um, for every tooth of each flank that is in
-      it. Teeth count from 1, the one between the axes at φ = 0, as they come into mesh.
+      it: where the flank stands, along the base circle; see `Deviations`. Teeth count from 1, the
+      one between the axes at φ = 0, as they come into mesh.
     - `pair`: the gears, on which all of it has to lie.
 
     **Raises** `InputError` naming file and line for a file that is none: fields that are missing,
-    no number or no gear, a doubled point, a hole in a grid, a point off the flank.
+    no number or no gear, a doubled point, a hole in a grid, a point off the flank, a deviation
+    of more than a quarter of the module.
 
     **Example**
     ```python
@@ -86,6 +91,7 @@ def read_deviations(
 def _map(path: str, rows: list[Row], pair: GearPair) -> FlankMap:
     for row in rows:
         _check_on_flank(path, row, pair)
+        _check_size(path, row, pair)
     points = _unlike(path, rows, 2, "the point at roll length {:g} mm and z = {:g} mm".format)
     rolls, heights = (sorted({point[k] for point in points}) for k in (0, 1))
     for name, knots in (("roll length", rolls), ("height", heights)):
@@ -129,6 +135,17 @@ def _check_on_flank(path: str, row: Row, pair: GearPair) -> None:
         )
 
 
+def _check_size(path: str, row: Row, pair: GearPair) -> None:
+    """Another unit, or a value in the wrong column, is most of a tooth."""
+    most = _MOST_MODULES * 1e3 * float(pair.module_mm)
+    if abs(row.values[-1]) > most:
+        raise InputError(
+            f"a deviation of {row.values[-1]:g} µm is more than a quarter of the module"
+            f" ({most:g} µm); give µm.",
+            where=f"{path}: line {row.line}",
+        )
+
+
 def _pitch(path: str, rows: list[Row], pair: GearPair) -> Float[np.ndarray, " teeth"]:
     count = (pair.driving, pair.driven)[rows[0].flank[0]].teeth
     for row in rows:
@@ -138,6 +155,7 @@ def _pitch(path: str, rows: list[Row], pair: GearPair) -> Float[np.ndarray, " te
                 f" 1 to {count}.",
                 where=f"{path}: line {row.line}",
             )
+        _check_size(path, row, pair)
     teeth = _unlike(path, rows, 1, "tooth {:g}".format)
     missing = next((tooth for tooth in range(1, count + 1) if (tooth,) not in teeth), None)
     if missing is not None:

@@ -15,6 +15,7 @@ from .sections import section_report
 from .tooth import Tooth
 
 _BORE_SHARE = 0.3
+_LEAST_BORE_MM = 0.1
 _SECTIONS = 41
 
 _FINEST_MM = 1e-8
@@ -94,6 +95,11 @@ def _check_bore(profile: GearProfile, heights: Float[np.ndarray, " n"], bore: fl
     root, turned = float(profile.tooth.root_radius), profile.turned(heights).sum(axis=-1)
     widest = min(profile.feet - float(turned.min()), profile.pitch)
     rim = 2 * root * math.cos(widest / 2)
+    if 0 < bore < _LEAST_BORE_MM:
+        raise UsageError(
+            f"a bore of {bore:g} mm is none; give --bore-mm 0 for a gear without,"
+            f" {_LEAST_BORE_MM:g} or more for one with it."
+        )
     if not 0 <= bore < 0.99 * rim:
         raise UsageError(
             f"a bore of {bore:g} mm leaves no rim below the teeth, whose root diameter is"
