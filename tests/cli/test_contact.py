@@ -168,11 +168,26 @@ def test_help_says_what_the_files_hold(vttig):
     assert "gear,flank,roll_mm,z_mm,deviation_um" in text and "gear,flank,tooth,deviation" in text
 
 
+def test_teeth_that_interfere_are_named(vttig):
+    _, closed, _ = vttig("contact", PAPER, *SHORT, "--axial-mm", "2")
+    assert closed.count("where the teeth interfere") == 2
+    assert "where the teeth interfere" not in vttig("contact", PAPER, *SHORT)[1]
+
+
+def test_an_existing_result_is_refused_before_anything_is_computed(vttig, tmp_path, monkeypatch):
+    monkeypatch.setattr("vttig_jax.cli.contact_verb._contacts", None)
+    (tmp_path / "contact.csv").write_text("mine")
+    code, _, err = vttig("contact", PAPER, *SHORT, "--out", tmp_path)
+    assert code == 2 and "already exists" in err
+    assert {path.name for path in tmp_path.iterdir()} == {"contact.csv"}
+
+
 @pytest.mark.parametrize(
     ("text", "options", "code", "words"),
     [
         (DRIVE, (), 3, "a drive without gears has no teeth to touch"),
-        (CONTRACT, ("--axial-mm", "30"), 2, "--axial-mm"),
+        (CONTRACT, ("--axial-mm", "30"), 2, "--axial-mm: 30 mm leaves the faces of the gears no"),
+        (CONTRACT, ("--step-deg", "400"), 2, "--step-deg"),
         (CONTRACT, ("--step-deg", "1e-6"), 2, "more than 200000 angles"),
         (CONTRACT, ("--centre-distance-mm", "140"), 3, "--centre-distance-mm: 140 mm is too far"),
         (CONTRACT, ("--centre-distance-mm", "117"), 3, "lets the base circles overlap"),

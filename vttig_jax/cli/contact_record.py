@@ -86,7 +86,7 @@ def contact_text(
     from ..base.tables import key_values
 
     rows = [
-        (word, f"{one['backlash_deg']:.5f}° at {one['driving_deg']:g}°")
+        (word, f"{one['backlash_deg']:.5f}° at {one['driving_deg']:g}°{_warning(one)}")
         for word in ("smallest", "largest")
         if (one := record[word])["backlash_deg"] is not None
     ]
@@ -100,6 +100,10 @@ def contact_text(
     measured = [] if deviations is None else [str(deviations)]
     parts = [str(found) for found in flanks.values()]
     return "\n".join([*measured, *parts, key_values(rows, title=over), str(gap)])
+
+
+def _warning(place: dict[str, float]) -> str:
+    return ", where the teeth interfere" if place["backlash_deg"] < 0 else ""
 
 
 def contact_table(flanks: Flanks) -> str:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..base.errors import PairError, UsageError
-from .options import POSITIVE, Finite, verb
+from .options import POSITIVE, STEP_DEG, Finite, verb
 from .output import Output
 from .rigs import fitted_rig
 
@@ -68,7 +68,7 @@ vttig contact pair.toml --deviations measured.csv --span-rev 1 --out contact
     metavar="CSV",
     help="Where single teeth stand: gear,flank,tooth,deviation_um, all teeth of each flank.",
 )
-@click.option("--step-deg", type=POSITIVE, default=1.0, help="Of the driving angle; 1 by default.")
+@click.option("--step-deg", type=STEP_DEG, default=1.0, help="Of the driving angle; 1 by default.")
 @click.option("--span-rev", type=POSITIVE, help="Driving turns; the hunting period by default.")
 @click.option("--out", type=click.Path(path_type=Path), help="Folder for table and pictures.")
 @click.option("--overwrite", is_flag=True, help="Replace the results in --out.")
@@ -116,8 +116,11 @@ def command(
         asked = centre_distance_mm is not None and error.where == "centre_distance_mm"
         where = "--centre-distance-mm" if asked else f"{pair}: {error.where}"
         raise PairError(error.message, where=where) from None
-    except ValueError as error:  # faces that do not overlap
-        raise UsageError(str(error), where="--axial-mm") from None
+    except ValueError:
+        raise UsageError(
+            f"{axial_mm:g} mm leaves the faces of the gears no overlap; shift less.",
+            where="--axial-mm",
+        ) from None
     driving = np.arange(int(np.ceil(turns * 360.0 / step_deg - 1e-9))) * step_deg * DEG
     said = {
         "source": str(pair),

@@ -153,7 +153,7 @@ def _draw_flank(ax: Axes, contacts: Contacts, place: int) -> None:
         ax.axhline(radius, color=MODEL_COLOUR, linewidth=0.6, linestyle="--")
         ax.annotate(
             word,
-            (1.0, radius),
+            (0.98, radius),
             xycoords=("axes fraction", "data"),
             ha="right",
             va="bottom" if word == "base" else "top",
@@ -163,7 +163,8 @@ def _draw_flank(ax: Axes, contacts: Contacts, place: int) -> None:
         ax.set_xlim(-1.25 * half, 1.25 * half)
     ax.set_xlabel("z [mm]")
     ax.set_ylabel("radius on the driving gear [mm]")
-    title(ax, f"where it touches within a pitch, {len(chosen)} angles")
+    several = f"{len(chosen)} angles, light to dark" if len(chosen) > 1 else "one angle"
+    title(ax, f"where it touches within a pitch, {several}")
     grid(ax)
 
 
