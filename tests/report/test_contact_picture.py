@@ -86,7 +86,7 @@ def test_the_other_flank_has_its_gap(contacts):
 
 def test_lines_on_the_flank(contacts):
     ax = plot_contact(contacts["A"], place=1).axes[1]
-    assert ax.get_title(loc="left") == "where it touches within a pitch, 4 angles, light to dark"
+    assert ax.get_title(loc="left") == "4 angles within a pitch, light to dark"
     drawn = [line for line in ax.get_lines() if len(np.asarray(line.get_xdata())) > 2]
     assert len(drawn) == sum(len(contacts["A"].contact_lines(row)) for row in range(1, 5))
     radius = np.concatenate([np.asarray(line.get_ydata()) for line in drawn])

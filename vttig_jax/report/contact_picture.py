@@ -163,8 +163,8 @@ def _draw_flank(ax: Axes, contacts: Contacts, place: int) -> None:
         ax.set_xlim(-1.25 * half, 1.25 * half)
     ax.set_xlabel("z [mm]")
     ax.set_ylabel("radius on the driving gear [mm]")
-    several = f"{len(chosen)} angles, light to dark" if len(chosen) > 1 else "one angle"
-    title(ax, f"where it touches within a pitch, {several}")
+    several = f"{len(chosen)} angles within a pitch, light to dark"
+    title(ax, several if len(chosen) > 1 else "one angle")
     grid(ax)
 
 
