@@ -34,6 +34,18 @@ def run_folder(rig_folder) -> Path:
 
 
 @pytest.fixture
+def pair_file(tmp_path):
+    """Write a pair file with this text."""
+
+    def write(text, name="pair.toml"):
+        path = tmp_path / name
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    return write
+
+
+@pytest.fixture
 def vttig(capsys):
     """Run `vttig` in this process: exit code, stdout, stderr."""
 

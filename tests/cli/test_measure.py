@@ -27,16 +27,6 @@ helix_right_deg = -25.0
 """
 
 
-@pytest.fixture
-def pair_file(tmp_path):
-    def write(text, name="pair.toml"):
-        path = tmp_path / name
-        path.write_text(text, encoding="utf-8")
-        return path
-
-    return write
-
-
 def row(text: str, label: str) -> list[str]:
     (line,) = [line for line in text.splitlines() if line.startswith(f"  {label}  ")]
     return line.removeprefix(f"  {label}").split()

@@ -12,16 +12,6 @@ PAPER = Path(__file__).parents[2] / "fits" / "paper" / "pair.toml"
 COARSE = ["--tolerance-um", "50"]
 
 
-@pytest.fixture
-def pair_file(tmp_path):
-    def write(text, name="pair.toml"):
-        path = tmp_path / name
-        path.write_text(text, encoding="utf-8")
-        return path
-
-    return write
-
-
 def row(text: str, label: str) -> str:
     (line,) = [line for line in text.splitlines() if line.startswith(f"  {label}  ")]
     return line.removeprefix(f"  {label}").strip()

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
@@ -22,6 +22,21 @@ _STAGES = 4
 
 Written = tuple[bytes, dict[str, Any], tuple[str, ...]]
 """The file, what is said of it beside file and size, and notes."""
+
+
+class _Wanted(NamedTuple):
+    """What is to be written.
+
+    - `tooth`, `name`: of the gear. - `suffix`: of the file. - `section_mm`: height of a drawing.
+    - `build`: options that meshes, solids and drawings share. - `bar`: to tell progress.
+    """
+
+    tooth: "Tooth"
+    name: str
+    suffix: str
+    section_mm: float
+    build: dict[str, Any]
+    bar: "tqdm[Any]"
 
 
 @verb(
@@ -106,7 +121,8 @@ def command(
     build = {"tolerance_mm": tolerance_um * 1e-3, "teeth": teeth, "bore_mm": bore_mm}
     with output.progress(_STAGES, "surface") as bar:
         try:
-            data, found, notes = _builder(suffix)(tooth, name, suffix, section_mm, build, bar)
+            wanted = _Wanted(tooth, name, suffix, section_mm, build, bar)
+            data, found, notes = _builder(suffix)(wanted)
         except PairError as error:
             raise PairError(error.message, where=f"{pair}: {gear}: {error.where}") from None
         with RunFolder(out.parent, overwrite=overwrite, results=(out.name,)) as folder:
@@ -159,9 +175,7 @@ def _tooth(spec: Any, path: Path, gear: "Shaft") -> "Tooth":
     return tooth_of(pair, gear)
 
 
-def _builder(
-    suffix: str,
-) -> Callable[["Tooth", str, str, float, dict[str, Any], "tqdm[Any]"], Written]:
+def _builder(suffix: str) -> Callable[[_Wanted], Written]:
     if suffix in _MESHES:
         return _mesh
     if suffix in _SOLIDS:
@@ -169,19 +183,12 @@ def _builder(
     return _drawing if suffix in _DRAWINGS else _picture
 
 
-def _mesh(
-    tooth: "Tooth",
-    name: str,
-    suffix: str,
-    section_mm: float,
-    build: dict[str, Any],
-    bar: "tqdm[Any]",
-) -> Written:
+def _mesh(wanted: _Wanted) -> Written:
     from ..geometry.mesh import gear_mesh
     from ..geometry.mesh_files import MESH_FILES
 
-    write, rounding = MESH_FILES[suffix]
-    mesh = gear_mesh(tooth, rounding=rounding, progress=bar.update, **build)
+    write, rounding = MESH_FILES[wanted.suffix]
+    mesh = gear_mesh(wanted.tooth, rounding=rounding, progress=wanted.bar.update, **wanted.build)
     found = {
         "error_um": mesh.error_mm * 1e3,
         "triangles": len(mesh.triangles),
@@ -189,64 +196,44 @@ def _mesh(
         "sections": mesh.sections,
         "volume_mm3": mesh.volume_mm3,
     }
-    return write(mesh, name), found, mesh.notes
+    return write(mesh, wanted.name), found, mesh.notes
 
 
-def _solid(
-    tooth: "Tooth",
-    name: str,
-    suffix: str,
-    section_mm: float,
-    build: dict[str, Any],
-    bar: "tqdm[Any]",
-) -> Written:
+def _solid(wanted: _Wanted) -> Written:
     from ..geometry.solid import gear_solid, step_bytes
 
-    solid = gear_solid(tooth, progress=bar.update, **build)
+    solid = gear_solid(wanted.tooth, progress=wanted.bar.update, **wanted.build)
     found = {
         "error_um": solid.error_mm * 1e3,
         "faces": solid.faces,
         "sections": solid.sections,
         "volume_mm3": solid.volume_mm3,
     }
-    return step_bytes(solid, name), found, solid.notes
+    return step_bytes(solid, wanted.name), found, solid.notes
 
 
-def _drawing(
-    tooth: "Tooth",
-    name: str,
-    suffix: str,
-    section_mm: float,
-    build: dict[str, Any],
-    bar: "tqdm[Any]",
-) -> Written:
+def _drawing(wanted: _Wanted) -> Written:
     from ..geometry.section_drawing import dxf_bytes, section_drawing, svg_bytes
 
-    drawing = section_drawing(tooth, section_mm, **build)
+    drawing = section_drawing(wanted.tooth, wanted.section_mm, **wanted.build)
     found = {
         "error_um": drawing.error_mm * 1e3,
         "points": len(drawing.points),
-        "section_mm": section_mm,
+        "section_mm": wanted.section_mm,
         "area_mm2": drawing.area_mm2,
     }
-    write = svg_bytes if suffix == ".svg" else dxf_bytes
-    return write(drawing, name), found, drawing.notes
+    write = svg_bytes if wanted.suffix == ".svg" else dxf_bytes
+    return write(drawing, wanted.name), found, drawing.notes
 
 
-def _picture(
-    tooth: "Tooth",
-    name: str,
-    suffix: str,
-    section_mm: float,
-    build: dict[str, Any],
-    bar: "tqdm[Any]",
-) -> Written:
+def _picture(wanted: _Wanted) -> Written:
     from ..geometry.solid_check import blank_of
     from ..report.save import png
     from ..report.tooth_picture import plot_tooth
 
-    blank = blank_of(tooth, teeth=None, bore_mm=0.0, tolerance_mm=build["tolerance_mm"])
-    return png(plot_tooth(tooth, name=name)), {}, blank.notes
+    tolerance = wanted.build["tolerance_mm"]
+    blank = blank_of(wanted.tooth, teeth=None, bore_mm=0.0, tolerance_mm=tolerance)
+    return png(plot_tooth(wanted.tooth, name=wanted.name)), {}, blank.notes
 
 
 def _text(record: dict[str, Any], name: str) -> str:
