@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from ..base.units import REV
 from ..kinematics.orders import Term
@@ -65,7 +65,7 @@ def whiteness(
     return {
         "autocorrelation": correlation.tolist(),
         "ljung_box": statistic,
-        "probability": float(chi2.sf(statistic, freedom)),
+        "probability": float(chdtrc(freedom, statistic)),
     }
 
 
