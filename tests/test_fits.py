@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import vttig_jax
+from tests.same_answer import differences
 from vttig_jax.cli.main import main
 
 REPOSITORY = Path(__file__).resolve().parents[1]
@@ -136,20 +137,6 @@ def test_write_renews_readme_and_pictures(
         assert (FITS / "paper" / name).is_file()
 
 
-def differences(one: Any, other: Any, place: str = "") -> list[str]:
-    """Where two JSON values differ: numbers by more than 1e-6 relative, the rest at all."""
-    if isinstance(one, dict) and isinstance(other, dict) and set(one) == set(other):
-        return [d for key in one for d in differences(one[key], other[key], f"{place}.{key}")]
-    if isinstance(one, list) and isinstance(other, list) and len(one) == len(other):
-        pairs = enumerate(zip(one, other, strict=True))
-        return [d for i, (a, b) in pairs for d in differences(a, b, f"{place}[{i}]")]
-    if type(one) is float and type(other) is float:
-        same = one == pytest.approx(other, rel=1e-6, abs=1e-15)
-    else:
-        same = type(one) is type(other) and one == other
-    return [] if same else [f"{place}: {one!r} is not {other!r}"]
-
-
 MEASURED = ("kuka_kr300", "worm_mount", "as5047")
 """Folders whose READMEs show what commands make of logs that are not kept here."""
 
@@ -200,7 +187,7 @@ def test_readme_shows_what_the_command_prints(
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
 ):
-    """Word for word; and the run folder that is kept holds what the command writes."""
+    """Word for word; and the run folder that is kept holds the same answer."""
     program, *arguments = shlex.split(command)
     kept = None
     if "--out" in arguments:
@@ -240,14 +227,6 @@ def test_readme_shows_the_pictures_that_are_kept(rig: str):
     kept = {path.relative_to(FITS / rig).as_posix() for path in (FITS / rig).rglob("*.png")}
     assert named == kept and named
     assert sum(path.stat().st_size for path in (FITS / rig).rglob("*.png")) < 1_200_000
-
-
-def test_differences_are_seen():
-    kept = {"a": [1.0, {"b": None}], "n": 3}
-    assert differences(kept, {"a": [1.0 + 1e-9, {"b": None}], "n": 3}) == []
-    assert differences(kept, {"a": [1.00001, {"b": None}], "n": 3}) == [".a[0]: 1.0 is not 1.00001"]
-    assert len(differences(kept, {"a": [1.0, {"b": 0.0}], "n": 4})) == 2
-    assert differences(kept, {"a": [1.0], "n": 3}) != []
 
 
 def kept_files() -> list[Path]:

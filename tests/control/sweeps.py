@@ -48,3 +48,12 @@ def table_of(**columns: np.ndarray) -> SweepTable:
     outcome = np.full(count, "ok")
     everything = {"case": case, **columns, **metrics, "outcome": outcome}
     return SweepTable(sweep_spec(), "rig", everything, tuple(columns), 1, 1.0, 1.0, 1)
+
+
+def assert_close(found: np.ndarray, expected: np.ndarray) -> None:
+    """Equal as other blocks, lanes and devices promise it: numbers to 1e-9, the rest exactly."""
+    if np.issubdtype(expected.dtype, np.floating):
+        largest = float(np.nanmax(np.abs(expected), initial=0.0))
+        np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9 * largest)
+    else:
+        np.testing.assert_array_equal(found, expected)

@@ -12,7 +12,7 @@ import pytest
 
 import vttig_jax
 from tests.control.scenarios import PAIR
-from tests.control.sweeps import small_blocks, sweep_spec
+from tests.control.sweeps import assert_close, small_blocks, sweep_spec
 from vttig_jax.base.errors import InputError, UsageError
 from vttig_jax.control import sweep_dask
 from vttig_jax.control.metrics import METRICS
@@ -51,7 +51,7 @@ def test_a_lost_worker_costs_nothing_but_time(tmp_path, monkeypatch):
         killer.join()
     assert killed == [victim]
     for name in METRICS:  # workers compile with other options of XLA
-        np.testing.assert_allclose(table.columns[name], expected.columns[name], atol=1e-12)
+        assert_close(table.columns[name], expected.columns[name])
     for name in ("case", "motion.reversal_deg", "outcome"):
         np.testing.assert_array_equal(table.columns[name], expected.columns[name])
     assert table.lane_steps == expected.lane_steps and table.devices == 2

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tests.control.sweeps import table_of
+from tests.control.sweeps import assert_close, table_of
 
 
 def summary(names: np.ndarray, **changed: np.ndarray):
@@ -41,3 +41,13 @@ def test_refused_cases_take_no_part():
     assert groups["none"]["cases"] == 4 and groups["none"]["outcomes"] == {"ok": 3, "refused": 1}
     assert groups["predictive"]["interfering_share"] is None
     assert lines["predictive"].split() == ["predictive", "4", *"–––––", "–"]
+
+
+def test_columns_that_differ_are_not_close():
+    values = np.array([0.1, np.nan, 0.3])
+    assert_close(values * (1 + 1e-11), values)
+    for other in (values * (1 + 1e-7), np.array([0.1, 0.2, 0.3])):
+        with pytest.raises(AssertionError):
+            assert_close(other, values)
+    with pytest.raises(AssertionError):
+        assert_close(np.array(["ok", "bound"]), np.array(["ok", "ok"]))

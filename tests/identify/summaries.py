@@ -1,4 +1,4 @@
-"""Summaries of made-up block rows, lag products summed row by row, and views of a log."""
+"""Summaries of made-up block rows, and views of a log."""
 
 from collections.abc import Sequence
 from fractions import Fraction
@@ -7,6 +7,7 @@ import numpy as np
 
 from vttig_jax.identify.channels import Drift
 from vttig_jax.identify.columns import OFFSET, Columns
+from vttig_jax.identify.flank_summary import summarise_flank
 from vttig_jax.identify.rows import LogRows, Run
 from vttig_jax.identify.scope import Scope, find_scope
 from vttig_jax.identify.summary import FlankSummary, HarmonicSummary
@@ -26,17 +27,15 @@ TERMS = TermPlan(
 )
 
 
-def flank_summary(flank, runs: list[np.ndarray], lags: int) -> FlankSummary:
-    width = runs[0].shape[1]
-    products = np.zeros((lags + 1, width, width))
-    for rows in runs:
-        for t in range(len(rows)):
-            for lag in range(min(lags, t) + 1):
-                products[lag] += np.outer(rows[t], rows[t - lag])
-    heads, tails = (
-        np.stack([rows[part] for rows in runs]) for part in (slice(lags), slice(-lags, None))
-    )
-    return FlankSummary(flank, products, heads, tails, sum(map(len, runs)))
+def normal_matrix(flank: FlankSummary, filter_: np.ndarray) -> np.ndarray:
+    """Zᵀ Σ⁻¹ Z of the rows a summary stands for."""
+    factor = flank.factor(filter_)
+    return factor.T @ factor
+
+
+def lag_products_of(flank: FlankSummary) -> np.ndarray:
+    """Γ_0, Γ_1, … of the rows themselves."""
+    return flank.triangle.T @ flank.lag_products @ flank.triangle
 
 
 def own_of_powers(order: int) -> tuple[str, ...]:
@@ -57,7 +56,7 @@ def columns(count: int, drift_order: int) -> np.ndarray:
 def summary_of(flanks: dict, drift_order: int = 0, lags: int = 8) -> HarmonicSummary:
     """A summary of {flank: [rows, …]}, rows in the order of `columns` with y behind."""
     return HarmonicSummary(
-        flanks=tuple(flank_summary(flank, runs, lags) for flank, runs in flanks.items()),
+        flanks=tuple(summarise_flank(flank, runs, lags) for flank, runs in flanks.items()),
         terms=TERMS,
         columns=layout_of(TERMS, drift_order),
         block_s=0.01,

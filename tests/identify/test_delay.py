@@ -188,15 +188,8 @@ def test_a_ramp_that_changes_flank_is_left_out(delay_s, monkeypatch):
 
 def _own(gram: float = 1.0, right: float = 0.0, raw: float = 1.0) -> OwnTerms:
     """One coefficient, `right`/`gram`, with a standard error of √(1/gram)."""
-    return OwnTerms(
-        ("delay",),
-        np.array([[gram]]),
-        np.array([right]),
-        100.0 + right**2 / gram,
-        101.0,
-        1e4,
-        np.array([raw]),
-    )
+    triangle = np.array([[np.sqrt(gram), right / np.sqrt(gram)], [0.0, 10.0]])
+    return OwnTerms(("delay",), triangle, 101.0, 1e4, np.array([raw]))
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.signal import lfilter
 
-from tests.identify.summaries import TERMS
+from tests.identify.summaries import TERMS, normal_matrix
 from vttig_jax.identify.columns import OFFSET, Columns
 from vttig_jax.identify.fit import fit
 from vttig_jax.identify.flank_summary import summarise_flank
@@ -44,7 +44,7 @@ def test_the_nodes_give_every_correlation_time(rho, seed):
         dense = _dense(time, rho)
         expected += one.T @ np.linalg.solve(dense, one)
         determinant += np.linalg.slogdet(dense)[1]
-    found = flank.whitened(np.array([1.0, -rho]))
+    found = normal_matrix(flank, np.array([1.0, -rho]))
     assert np.abs(found - expected).max() <= 1e-9 * np.abs(expected).max()
     assert flank.log_determinant(np.array([rho])) == pytest.approx(determinant, abs=1e-7)
 
@@ -55,14 +55,16 @@ def test_equal_times_make_it_an_autoregression():
     irregular = irregular_flank("A", rows, times, DISTANCE_S)
     regular = summarise_flank("A", rows, 1)
     filter_ = np.array([1.0, -0.7])
-    np.testing.assert_allclose(irregular.whitened(filter_), regular.whitened(filter_), atol=1e-9)
+    np.testing.assert_allclose(
+        normal_matrix(irregular, filter_), normal_matrix(regular, filter_), atol=1e-9
+    )
     assert irregular.log_determinant(np.array([0.7])) == pytest.approx(
         regular.log_determinant(np.array([0.7]))
     )
     # Unequal times are another thing.
     times = [time**1.2 for time in times]
     other = irregular_flank("A", rows, times, DISTANCE_S)
-    assert np.abs(other.whitened(filter_) - regular.whitened(filter_)).max() > 0.1
+    assert np.abs(normal_matrix(other, filter_) - normal_matrix(regular, filter_)).max() > 0.1
 
 
 def test_sums_selections_and_transformations():
@@ -73,17 +75,19 @@ def test_sums_selections_and_transformations():
         for one, time in zip(rows, times, strict=True)
     ]
     filter_ = np.array([1.0, -0.8])
-    np.testing.assert_allclose((parts[0] + parts[1]).whitened(filter_), both.whitened(filter_))
+    np.testing.assert_allclose(
+        normal_matrix(parts[0] + parts[1], filter_), normal_matrix(both, filter_)
+    )
     keep = np.array([0, 3, 4])
     selected = both.selected(keep)
     np.testing.assert_allclose(
-        selected.whitened(filter_), both.whitened(filter_)[np.ix_(keep, keep)]
+        normal_matrix(selected, filter_), normal_matrix(both, filter_)[np.ix_(keep, keep)]
     )
     matrix = np.random.default_rng(0).standard_normal((7, 5))
     turned = both.transformed(matrix)
     assert isinstance(turned, IrregularFlank)
     np.testing.assert_allclose(
-        turned.whitened(filter_), matrix @ both.whitened(filter_) @ matrix.T, atol=1e-9
+        normal_matrix(turned, filter_), matrix @ normal_matrix(both, filter_) @ matrix.T, atol=1e-9
     )
 
 

@@ -1,5 +1,7 @@
 """Noise recovered from made-up rows, and least squares under it against dense algebra."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter
@@ -8,7 +10,6 @@ from tests.identify.summaries import columns, summary_of
 from tests.oracles.stationary_noise import quadratic
 from vttig_jax.base.errors import NoAnswerError
 from vttig_jax.identify.noise import whiten
-from vttig_jax.identify.normal_equations import cholesky
 from vttig_jax.identify.own_terms import own_terms
 
 BETA = np.array([0.3, -0.2, 1.0, 0.5, -0.4, 0.1, 0.7])
@@ -111,9 +112,11 @@ def test_misfit_is_that_of_the_dense_covariance():
     assert own.misfit(own.names) == pytest.approx(_dense([run], filter_)[2], rel=1e-8)
 
 
-def test_a_gram_that_cannot_be_factored_is_no_answer():
-    with pytest.raises(NoAnswerError, match="do not tell the fitted orders apart"):
-        cholesky(np.array([[1.0, 2.0], [2.0, 1.0]]))
+def test_products_that_cannot_be_factored_are_no_answer():
+    flank = summary_of({"A": [_rows(_ar1(300, 0.6, 10))]}).flanks[0]
+    assert np.isfinite(flank.inner(np.ones(1))).all()
+    with pytest.raises(NoAnswerError, match="so smooth that its noise"):
+        replace(flank, lag_products=-flank.lag_products).inner(np.ones(1))
 
 
 def test_weights_count_by_the_squares_of_their_ones():

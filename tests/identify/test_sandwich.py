@@ -28,10 +28,9 @@ def _widening(view, *, white: bool) -> np.ndarray:
     noise, whitened = whiten(seen.summary)
     if white:
         noise = NoiseModel(np.empty(0), noise.std, noise.std, noise.block_s)
-        gram = [flank.whitened(np.ones(1)) / noise.std**2 for flank in seen.summary.flanks]
         whitened = tuple(
-            replace(own, factor=np.linalg.cholesky(g).T)
-            for own, g in zip(whitened, gram, strict=True)
+            replace(own, factor=flank.factor(np.ones(1)) / noise.std)
+            for own, flank in zip(whitened, seen.summary.flanks, strict=True)
         )
     relation = pair_relation(
         pair, scope.terms, seen.summary.columns, scope.flanks, encoder_terms=True

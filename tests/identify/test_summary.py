@@ -4,10 +4,18 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from tests.identify.summaries import TERMS, flank_summary, looked, made_log, random_log
+from tests.identify.summaries import (
+    TERMS,
+    lag_products_of,
+    looked,
+    made_log,
+    normal_matrix,
+    random_log,
+)
 from tests.oracles.stationary_noise import quadratic
 from vttig_jax.base.partial import filter_of
 from vttig_jax.identify.channels import Drift
+from vttig_jax.identify.flank_summary import summarise_flank
 from vttig_jax.identify.summary import HIGHEST_LAG, needed_lags, summarise
 from vttig_jax.logs.segments import Segment
 
@@ -22,30 +30,30 @@ def _runs(seed: int, *lengths: int) -> list[np.ndarray]:
 def test_whitened_equals_the_inverse_covariance(lengths, order):
     """Both ends included: against the dense covariance of the same autoregression."""
     runs = _runs(order, *lengths)
-    summary = flank_summary("A", runs, 8)
+    summary = summarise_flank("A", runs, 8)
     filter_ = filter_of(np.random.default_rng(order + 1).uniform(-0.8, 0.8, order))
     expected = quadratic(filter_, runs)
     scale = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
-    assert np.abs(summary.whitened(filter_) - expected).max() <= 1e-10 * scale.max()
-    np.testing.assert_allclose(summary.whitened(filter_) / scale, expected / scale, atol=1e-9)
+    assert np.abs(normal_matrix(summary, filter_) - expected).max() <= 1e-10 * scale.max()
+    np.testing.assert_allclose(normal_matrix(summary, filter_) / scale, expected / scale, atol=1e-9)
 
 
 def test_rows_with_a_full_history_alone_are_something_else():
     """The conditional likelihood drops the first rows of every run."""
     runs, filter_ = _runs(3, 40, 50), filter_of(np.array([0.6, -0.3]))
     kept = np.concatenate([lfilter(filter_, [1.0], rows, axis=0)[2:] for rows in runs])
-    exact = flank_summary("A", runs, 8).whitened(filter_)
+    exact = normal_matrix(summarise_flank("A", runs, 8), filter_)
     assert np.abs(exact - kept.T @ kept).max() > 1e-2
 
 
 def test_forgetting_an_end_would_be_seen():
     runs = _runs(1, 40, 50)
     filter_ = np.array([1.0, -0.7, 0.1])
-    summary = flank_summary("A", runs, 8)
-    ended = flank_summary("A", [rows[:-1] for rows in runs], 8)
-    assert np.abs(summary.whitened(filter_) - ended.whitened(filter_)).max() > 1e-3
-    started = flank_summary("A", [rows[1:] for rows in runs], 8)
-    assert np.abs(summary.whitened(filter_) - started.whitened(filter_)).max() > 1e-3
+    summary = summarise_flank("A", runs, 8)
+    ended = summarise_flank("A", [rows[:-1] for rows in runs], 8)
+    assert np.abs(normal_matrix(summary, filter_) - normal_matrix(ended, filter_)).max() > 1e-3
+    started = summarise_flank("A", [rows[1:] for rows in runs], 8)
+    assert np.abs(normal_matrix(summary, filter_) - normal_matrix(started, filter_)).max() > 1e-3
 
 
 @pytest.fixture(scope="module")
@@ -67,12 +75,13 @@ def test_lag_products_are_those_of_the_runs(view):
     one = view.summary.columns.index("offset")
     for flank in view.summary.flanks:
         runs = [run for run in view.rows[0].runs if run.segment.flank == flank.flank]
-        for lag in range(len(flank.lag_products)):
+        products = lag_products_of(flank)
+        for lag in range(len(products)):
             curves = [run.curve.transmission_error for run in runs]
             own = sum(float(y[lag:] @ y[: len(y) - lag]) for y in curves)
-            assert flank.lag_products[lag, -1, -1] == pytest.approx(own, rel=1e-9)
+            assert products[lag, -1, -1] == pytest.approx(own, rel=1e-9)
             level = sum(float(y[lag:].sum()) for y in curves)
-            assert flank.lag_products[lag, -1, one] == pytest.approx(level, rel=1e-9)
+            assert products[lag, -1, one] == pytest.approx(level, rel=1e-9)
 
 
 def test_a_run_too_short_to_filter_is_left_out(noisy_rig, noisy_log, view):
@@ -106,16 +115,18 @@ def test_logs_add_up_each_with_columns_of_its_own():
                 rows[:, own] = run.rows[:, 2 : 2 + len(own)]
                 wide.append(rows)
         expected = quadratic(filter_, wide)
-        np.testing.assert_allclose(flank.whitened(filter_), expected, atol=1e-9)
+        np.testing.assert_allclose(normal_matrix(flank, filter_), expected, atol=1e-9)
         assert flank.rows == sum(map(len, wide))
         # One offset for both logs would be another table.
-        assert flank.whitened(filter_)[2, 4] == 0.0 < abs(flank.whitened(filter_)[2, 2])
+        found = normal_matrix(flank, filter_)
+        assert abs(found[2, 4]) < 1e-12 < abs(found[2, 2])
 
 
 def test_a_flank_of_the_second_log_alone_counts():
     summary = summarise([random_log(0, ("offset",), "A"), random_log(1, ("offset",), "B")], TERMS)
     assert [f.flank for f in summary.flanks] == ["A", "B"]
-    assert summary.flanks[1].lag_products[0, 3, 3] > 0 == summary.flanks[1].lag_products[0, 2, 2]
+    empty, own = (summary.flanks[1].square(column) for column in (2, 3))
+    assert empty < 1e-18 < 1.0 < own
 
 
 @pytest.mark.parametrize(

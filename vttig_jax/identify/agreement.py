@@ -8,7 +8,6 @@ from jaxtyping import Float
 from ..base.errors import LogError
 from ..base.units import ARCSEC
 from .noise import autoregression
-from .normal_equations import cholesky
 from .rows import LogRows
 from .starts import Start
 from .summary import summarise
@@ -70,12 +69,14 @@ def refuse_different_rigs(found: Sequence[dict], sources: list[str]) -> None:
 
 
 def first_orders(rows: LogRows, terms: TermPlan, start: Start) -> Phasors:
-    """First orders of one log by itself, in the angles of the first log."""
+    """First orders of one log by itself, in the angles of the first log, where it can tell them."""
     summary = summarise([rows], terms)
     filter_ = autoregression(summary)
     result = {}
     for flank in summary.flanks:
-        factor = cholesky(flank.whitened(filter_))
+        if flank.rows < summary.columns.width:
+            continue  # too few rows: any values of the orders would do
+        factor = flank.factor(filter_)
         spread = np.linalg.inv(factor[:-1, :-1])
         values = spread @ factor[:-1, -1]
         count = max(flank.rows - len(values), 1)

@@ -5,7 +5,6 @@ import numpy as np
 from ..base.units import DEG
 from .delay import TOLD
 from .noise import autoregression
-from .normal_equations import cholesky
 from .own_terms import own_terms
 from .summary import summarise
 from .view import View
@@ -32,7 +31,7 @@ def log_alone(view: View, log: int) -> dict:
         known = summary.without(["delay"])
         offsets, variances = [], []
         for flank in known.flanks:
-            factor = cholesky(flank.whitened(filter_))
+            factor = flank.factor(filter_)
             inverse = np.linalg.inv(factor[:-1, :-1])
             place = known.columns.index("offset")
             rows = max(flank.rows - len(inverse), 1)

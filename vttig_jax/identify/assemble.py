@@ -30,6 +30,7 @@ from .records import checks_of, log_record
 from .relation import relation_of
 from .reporting import outcome_of, parameters_of, regressors_of
 from .residual import (
+    Weights,
     curves_and_residuals,
     flank_coefficients,
     sample_residual_rms,
@@ -107,13 +108,11 @@ def assembled(
             "order_spectrum": [o.to_json() for o in orders if o.order == 1 and o.shaft != "mesh"],
             "closure": closure(curves, pair),
             "whiteness": white,
-            "lines": lines_left(
-                view.rows, weights, view.model.terms, same_zero=view.model.same_zero
-            ),
+            "lines": [] if noise.is_rounding else _lines(view, weights),
             "readings": compared,
             **checks_of(gathered, solution, pair, parameters),
         },
-        notes=notes_of(gathered, scope, solution, regressors, alone),
+        notes=notes_of(gathered, scope, solution, noise, regressors, alone),
         logs=tuple(record | {"alone": one} for record, one in zip(records, alone, strict=True)),
         evidence=Evidence(
             lifted(summary, view.levels),
@@ -128,6 +127,11 @@ def assembled(
     )
 
 
+def _lines(view: View, weights: list[Weights]) -> list[dict]:
+    model = view.model
+    return lines_left(view.rows, weights, model.terms, same_zero=model.same_zero)
+
+
 def _with_blocks(
     view: View,
     summary: HarmonicSummary,
@@ -137,8 +141,11 @@ def _with_blocks(
 ) -> tuple[Solution, dict | None]:
     """Standard errors from blocks of the log where the residual is not what the noise model says.
 
-    **Returns** the solution and the record of the test of the residual.
+    **Returns** the solution and the record of the test of the residual. Rounding is not tested: it
+    follows the digits of the readings, not a noise model.
     """
+    if noise.is_rounding:
+        return solution, None
     coefficients = flank_coefficients(whitened, solution)
     curves, residuals = curves_and_residuals(view, weights_of_logs(summary, coefficients))
     noises = [noise.at(curve.mean_speed) for curve in curves]

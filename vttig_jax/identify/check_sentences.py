@@ -23,7 +23,8 @@ def _repeatability(fit: "Fit") -> list[str]:
             f" ({found['mean_deg']:+.5f}° mean) over {found['overlap_deg']:.0f}°"
         )
     sentences += [_pass(one, several=len(fit.logs) > 1) for one in fit.checks.get("passes", [])[:3]]
-    sentences += [_half(one) for one in fit.checks.get("halves", []) if _differs(one)]
+    if not fit.noise.is_rounding:
+        sentences += [_half(one) for one in fit.checks.get("halves", []) if _differs(one)]
     for line in fit.checks.get("lines", []):
         place = f" of log {line['log']}" if line["log"] else ""
         place += f" on flank {line['flank']}" if line.get("flank") else ""

@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from ..pair.gears import Drive, Flank, GearPair
 from .columns import Columns
-from .flank_summary import FlankSummary
+from .flank_summary import FlankSummary, flank_of_products
 from .irregular import IrregularFlank
 from .noise_choice import NoiseChoice
 from .relation import Relation, relation_of
@@ -69,6 +69,7 @@ class Evidence:
         }
         for flank in self.summary.flanks:
             arrays |= {
+                f"{flank.flank}_triangle": flank.triangle,
                 f"{flank.flank}_lag_products": flank.lag_products,
                 f"{flank.flank}_heads": flank.heads,
                 f"{flank.flank}_tails": flank.tails,
@@ -118,8 +119,11 @@ def evidence_from(arrays: dict[str, np.ndarray], ratio: Fraction) -> Evidence:
 
 
 def _flank_from(arrays: dict[str, np.ndarray], flank: Flank) -> FlankSummary:
+    if f"{flank}_triangle" not in arrays:
+        return _flank_of_products(arrays, flank)
     plain = FlankSummary(
         flank,
+        arrays[f"{flank}_triangle"],
         arrays[f"{flank}_lag_products"],
         arrays[f"{flank}_heads"],
         arrays[f"{flank}_tails"],
@@ -131,4 +135,20 @@ def _flank_from(arrays: dict[str, np.ndarray], flank: Flank) -> FlankSummary:
         **vars(plain),
         matrices=arrays[f"{flank}_matrices"],
         determinants=arrays[f"{flank}_determinants"],
+    )
+
+
+def _flank_of_products(arrays: dict[str, np.ndarray], flank: Flank) -> FlankSummary:
+    """A flank of which only the products of the rows were kept."""
+    products, heads, tails, rows = (
+        arrays[f"{flank}_{part}"] for part in ("lag_products", "heads", "tails", "rows")
+    )
+    plain = flank_of_products(flank, products, heads, tails, int(rows))
+    if f"{flank}_matrices" not in arrays:
+        return plain
+    inverse = np.linalg.inv(plain.triangle)
+    matrices = inverse.T @ arrays[f"{flank}_matrices"] @ inverse
+    matrices[0] += np.eye(len(inverse)) - inverse.T @ products[0] @ inverse
+    return IrregularFlank(
+        **vars(plain), matrices=matrices, determinants=arrays[f"{flank}_determinants"]
     )

@@ -74,11 +74,13 @@ def _noise(noise: NoiseModel) -> list[tuple[str, str]]:
 
 
 def _one_noise(noise: NoiseModel) -> str:
+    if noise.is_rounding:
+        return "none: what is left is below a millionth of the transmission error"
     model = noise.name
     if noise.choice.stationary_in == "angle":
         model += ", stationary in angle,"
     memory = "" if noise.choice.kind == "white" else f", {_memory(noise)}"
-    slow = "" if noise.by == "likelihood" else "; by moments: the model misses slow structure"
+    slow = "; by moments: the model misses slow structure" if noise.by == "moments" else ""
     return f"{model} of blocks of {_duration(noise.block_s)}{memory}{slow}"
 
 

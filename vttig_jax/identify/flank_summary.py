@@ -1,15 +1,26 @@
-"""Lag products of one flank: its normal equations under any autoregressive noise, in O(L p²)."""
+"""Lag products of one flank: its least squares under any autoregressive noise, in O(L p²).
+
+The rows Z = [regressors, y] are kept as Z = U F with orthonormal columns U and an upper triangle F.
+Only rows of U are multiplied with each other, so that the condition of the regressors is never
+squared; what is squared is the spread of the noise spectrum alone, which is known beforehand.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float, Int
+from scipy.linalg import solve_triangular
 
+from ..base.errors import NoAnswerError
 from ..base.partial import log_initial_determinant
 from ..pair.gears import Flank
+from .orthogonal import orthonormal, triangle_of
 
 _CACHED_ROWS = 512
+
+_LOST_DIGITS = 1e-13
+"""Share of the square of a column that the rounding of products (1e-16) does not reach."""
 
 
 @dataclass(frozen=True)
@@ -17,13 +28,15 @@ class FlankSummary:
     """Lag products of the block rows of one flank, summed over its runs.
 
     **Arguments**
-    - `lag_products`: Γ_0 … Γ_L, shape (L + 1, q, q); y is the last of the q columns. L is what
-      the noise of the logs asks for, 16 at most.
-    - `heads`, `tails`: the first and last L rows of every run, shape (runs, L, q).
+    - `triangle`: F, shape (q, q); y is the last of the q columns of the rows Z = U F.
+    - `lag_products`: Γ_0 … Γ_L of the orthonormal rows u of U, shape (L + 1, q, q). L is what
+      the noise of the logs asks for, 16 at most. Γ_0, pseudo-observations included, is one.
+    - `heads`, `tails`: the first and last L rows of U of every run, shape (runs, L, q).
     - `rows`: number of block rows in all runs together.
     """
 
     flank: Flank
+    triangle: Float[np.ndarray, "q q"]
     lag_products: Float[np.ndarray, "lags q q"]
     heads: Float[np.ndarray, "runs lag q"]
     tails: Float[np.ndarray, "runs lag q"]
@@ -31,34 +44,58 @@ class FlankSummary:
 
     def __add__(self, other: "FlankSummary") -> "FlankSummary":
         """Both together: nothing reaches from a run of one into a run of the other."""
-        return FlankSummary(
-            self.flank,
-            self.lag_products + other.lag_products,
-            np.concatenate([self.heads, other.heads]),
-            np.concatenate([self.tails, other.tails]),
-            self.rows + other.rows,
-        )
+        upper, lower, pseudo, triangle = _stacked(self.triangle, other.triangle)
+        one, two = self._turned(upper, triangle), other._turned(lower, triangle)
+        return one._joined(two)._observed(pseudo)
 
     def transformed(self, matrix: Float[np.ndarray, "new q"]) -> "FlankSummary":
         """The summary of rows z ↦ `matrix` z."""
-        return replace(
-            self,
-            lag_products=matrix @ self.lag_products @ matrix.T,
-            heads=self.heads @ matrix.T,
-            tails=self.tails @ matrix.T,
-        )
+        turn, _, pseudo, triangle = _stacked(self.triangle @ matrix.T)
+        return self._turned(turn, triangle)._observed(pseudo)
 
     def selected(self, keep: Int[np.ndarray, " kept"]) -> "FlankSummary":
-        """The summary of rows with these columns only."""
-        return replace(
-            self,
-            lag_products=self.lag_products[:, keep][:, :, keep],
-            heads=self.heads[:, :, keep],
-            tails=self.tails[:, :, keep],
-        )
+        """The summary of rows with these columns only, in this order."""
+        return self.transformed(np.eye(len(self.triangle))[keep])
 
-    def whitened(self, filter_: Float[np.ndarray, " taps"]) -> Float[np.ndarray, "q q"]:
-        """Zᵀ Σ⁻¹ Z of the rows Z under autoregressive noise whose innovations have variance one.
+    def inner(self, filter_: Float[np.ndarray, " taps"]) -> Float[np.ndarray, "q q"]:
+        """Upper triangle C with CᵀC = Uᵀ Σ⁻¹ U under noise with innovations of variance one.
+
+        **Raises** `NoAnswerError` where the noise spectrum spans more than the digits of a float.
+        """
+        try:
+            return np.linalg.cholesky(self._inner_products(filter_)).T
+        except np.linalg.LinAlgError:
+            raise NoAnswerError(
+                "the residual is so smooth that its noise cannot be told from slow structure;"
+                " record more turns, or list fewer orders in [fit]."
+            ) from None
+
+    def factor(self, filter_: Float[np.ndarray, " taps"]) -> Float[np.ndarray, "q q"]:
+        """Upper triangle R with RᵀR = Zᵀ Σ⁻¹ Z."""
+        return self.inner(filter_) @ self.triangle
+
+    def residual(self, filter_: Float[np.ndarray, " taps"]) -> Float[np.ndarray, " q"]:
+        """w of the residual rows u · w that generalised least squares leaves of y."""
+        inner = self.inner(filter_)
+        last = np.zeros(len(inner))
+        last[-1] = inner[-1, -1] * self.triangle[-1, -1]
+        return solve_triangular(inner, last, check_finite=False)
+
+    def square(self, column: int) -> float:
+        """Sum of squares of one column of the rows."""
+        return float(self.triangle[:, column] @ self.triangle[:, column])
+
+    def log_determinant(self, partial: Float[np.ndarray, " p"]) -> float:
+        """Log-determinant of the covariance of all rows, innovations of variance one."""
+        return len(self.heads) * float(log_initial_determinant(partial))
+
+    @property
+    def ends(self) -> Float[np.ndarray, "ends lag q"]:
+        """The L rows of U next to both ends of every run, the outermost first."""
+        return np.concatenate([self.heads, self.tails[:, ::-1]])
+
+    def _inner_products(self, filter_: Float[np.ndarray, " taps"]) -> Float[np.ndarray, "q q"]:
+        """Uᵀ Σ⁻¹ U.
 
         Filtering every run between zeros gives Σ_{jk} filter_j filter_k Γ_{k−j}. What then still
         rings after the end is taken away, and the same before the start with time reversed: that
@@ -80,32 +117,90 @@ class FlankSummary:
         rings = rings.reshape(-1, total.shape[0])
         return total - rings.T @ rings
 
-    def log_determinant(self, partial: Float[np.ndarray, " p"]) -> float:
-        """Log-determinant of the covariance of all rows, innovations of variance one."""
-        return len(self.heads) * float(log_initial_determinant(partial))
+    def _turned(
+        self, matrix: Float[np.ndarray, "q new"], triangle: Float[np.ndarray, "new new"]
+    ) -> "FlankSummary":
+        """The same runs with the rows u ↦ `matrix`ᵀ u, which have another triangle."""
+        return replace(
+            self,
+            triangle=triangle,
+            lag_products=matrix.T @ self.lag_products @ matrix,
+            heads=self.heads @ matrix,
+            tails=self.tails @ matrix,
+        )
 
-    @property
-    def ends(self) -> Float[np.ndarray, "ends lag q"]:
-        """The L rows next to both ends of every run, the outermost first."""
-        return np.concatenate([self.heads, self.tails[:, ::-1]])
+    def _joined(self, other: "FlankSummary") -> "FlankSummary":
+        """The runs of both; the rows of both have one triangle."""
+        return replace(
+            self,
+            lag_products=self.lag_products + other.lag_products,
+            heads=np.concatenate([self.heads, other.heads]),
+            tails=np.concatenate([self.tails, other.tails]),
+            rows=self.rows + other.rows,
+        )
+
+    def _observed(self, pseudo: Float[np.ndarray, "q q"]) -> "FlankSummary":
+        """With pseudo-observations, which are uncorrelated, counted."""
+        products = self.lag_products.copy()
+        products[0] += pseudo.T @ pseudo
+        return replace(self, lag_products=products)
 
 
 def summarise_flank(
     flank: Flank, runs: Sequence[Float[np.ndarray, "_ q"]], lags: int
 ) -> FlankSummary:
     """Lag products and ends of runs that are all longer than `lags`."""
-    products = np.sum([_lag_products(rows, lags) for rows in runs], axis=0)
+    pieces, pseudo, triangle = orthonormal_runs(runs)
     return FlankSummary(
         flank,
-        products,
-        np.stack([rows[:lags] for rows in runs]),
-        np.stack([rows[len(rows) - lags :] for rows in runs]),
+        triangle,
+        np.sum([_lag_products(rows, lags) for rows in pieces], axis=0),
+        np.stack([rows[:lags] for rows in pieces]),
+        np.stack([rows[len(rows) - lags :] for rows in pieces]),
         sum(map(len, runs)),
-    )
+    )._observed(pseudo)
+
+
+def orthonormal_runs(
+    runs: Sequence[Float[np.ndarray, "_ q"]],
+) -> tuple[list[Float[np.ndarray, "_ q"]], Float[np.ndarray, "q q"], Float[np.ndarray, "q q"]]:
+    """Runs of orthonormal rows, the pseudo-observations, and the common triangle."""
+    whole = orthonormal(np.concatenate(runs))
+    return np.split(whole.rows, np.cumsum([len(rows) for rows in runs])[:-1]), *whole[1:]
+
+
+def flank_of_products(
+    flank: Flank,
+    lag_products: Float[np.ndarray, "lags q q"],
+    heads: Float[np.ndarray, "runs lag q"],
+    tails: Float[np.ndarray, "runs lag q"],
+    rows: int,
+) -> FlankSummary:
+    """The summary where only the lag products of the rows Z themselves are known.
+
+    Half the digits of the rows are gone with their products; what the others leave open is filled
+    up with `_LOST_DIGITS` of every column.
+    """
+    size = np.sqrt(np.maximum(np.diag(lag_products[0]), 0.0))
+    size[size == 0] = 1.0
+    values, vectors = np.linalg.eigh(lag_products[0] / np.outer(size, size))
+    root = np.sqrt(np.maximum(values, 0.0) + _LOST_DIGITS)[:, None] * vectors.T * size
+    triangle = triangle_of(root)
+    plain = FlankSummary(flank, np.eye(len(triangle)), lag_products, heads, tails, rows)
+    turned = plain._turned(np.linalg.inv(triangle), triangle)
+    turned.lag_products[0] = np.eye(len(triangle))
+    return turned
+
+
+def _stacked(*triangles: Float[np.ndarray, "_ q"]):
+    """Turns of the rows of one or two triangles, pseudo-observations, and the common triangle."""
+    whole = orthonormal(np.vstack(triangles))
+    first = len(triangles[0])
+    return whole.rows[:first], whole.rows[first:], whole.pseudo, whole.triangle
 
 
 def _lag_products(rows: Float[np.ndarray, "n q"], lags: int) -> Float[np.ndarray, "lags q q"]:
-    """Σ_t z_t z_{t−l}ᵀ of one run for l = 0 … lags, in pieces that stay in cache for all lags."""
+    """Σ_t u_t u_{t−l}ᵀ of one run for l = 0 … lags, in pieces that stay in cache for all lags."""
     products = np.zeros((lags + 1, rows.shape[1], rows.shape[1]))
     for start in range(0, len(rows), _CACHED_ROWS):
         now = rows[start : start + _CACHED_ROWS]

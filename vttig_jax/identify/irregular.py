@@ -1,8 +1,8 @@
 """Rows at unequal times: Ornstein–Uhlenbeck noise, compressed at nodes of its correlation time.
 
 Noise with correlation exp(−|t|/τ) is whitened by (z_t − ρ_t z_{t−1})/√(1 − ρ_t²), ρ_t = exp(−Δt/τ).
-Its normal matrix is a smooth function of log τ, so that its values at the Chebyshev nodes of log τ
-give it at every other τ without touching the rows again.
+The products of the whitened rows are a smooth function of log τ, so that their values at the
+Chebyshev nodes of log τ give them at every other τ without touching the rows again.
 
 τ is stated by the partial autocorrelation ρ = exp(−Δ/τ) of rows at the median distance Δ, so that
 everything made for an autoregression of first order serves it too: at equal distances they agree.
@@ -12,12 +12,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from numpy.polynomial import chebyshev
 
 from ..base.arrays import Number, Numbers, namespace
 from ..pair.gears import Flank
-from .flank_summary import FlankSummary
+from .flank_summary import FlankSummary, orthonormal_runs
 
 NODES = 64
 _SMALLEST, _LARGEST = 0.01, 0.999
@@ -28,61 +28,58 @@ Times = Float[np.ndarray, " n"]
 
 @dataclass(frozen=True)
 class IrregularFlank(FlankSummary):
-    """Normal matrices of one flank at the nodes; `lag_products` holds Γ_0 alone.
+    """Products of the whitened orthonormal rows of one flank at the nodes.
+
+    `lag_products` holds Γ_0 alone.
 
     **Arguments**
-    - `matrices`: Zᵀ Σ⁻¹ Z at every node as Chebyshev coefficients, shape (nodes, q, q).
+    - `matrices`: Uᵀ Σ⁻¹ U at every node as Chebyshev coefficients, shape (nodes, q, q).
     - `determinants`: the same of the log-determinant of Σ, innovations of variance one.
     """
 
     matrices: Float[np.ndarray, "nodes q q"] = field(kw_only=True)
     determinants: Float[np.ndarray, " nodes"] = field(kw_only=True)
 
-    def __add__(self, other: FlankSummary) -> "IrregularFlank":
-        """Both together: nothing reaches from a run of one into a run of the other."""
-        assert isinstance(other, IrregularFlank)
-        return replace(
-            self,
-            lag_products=self.lag_products + other.lag_products,
-            heads=np.concatenate([self.heads, other.heads]),
-            tails=np.concatenate([self.tails, other.tails]),
-            rows=self.rows + other.rows,
-            matrices=self.matrices + other.matrices,
-            determinants=self.determinants + other.determinants,
-        )
-
-    def transformed(self, matrix: Float[np.ndarray, "new q"]) -> "IrregularFlank":
-        """The summary of rows z ↦ `matrix` z."""
-        return replace(
-            self,
-            lag_products=matrix @ self.lag_products @ matrix.T,
-            heads=self.heads @ matrix.T,
-            tails=self.tails @ matrix.T,
-            matrices=matrix @ self.matrices @ matrix.T,
-        )
-
-    def selected(self, keep: Int[np.ndarray, " kept"]) -> "IrregularFlank":
-        """The summary of rows with these columns only."""
-        return replace(
-            self,
-            lag_products=self.lag_products[:, keep][:, :, keep],
-            heads=self.heads[:, :, keep],
-            tails=self.tails[:, :, keep],
-            matrices=self.matrices[:, keep][:, :, keep],
-        )
-
-    def whitened(self, filter_: Float[np.ndarray, " taps"]) -> Float[np.ndarray, "q q"]:
-        """Zᵀ Σ⁻¹ Z for the filter (1, −ρ); the white one has ρ at the first node or below."""
-        rho = -filter_[1] if len(filter_) > 1 else 0.0
-        if rho < _SMALLEST:
-            return self.lag_products[0]
-        return np.tensordot(node_weights(rho), self.matrices, 1)
-
     def log_determinant(self, partial: Float[np.ndarray, " p"]) -> float:
         """Log-determinant of the covariance of all rows, innovations of variance one."""
         if len(partial) == 0 or partial[0] < _SMALLEST:
             return 0.0
         return float(node_weights(partial[0]) @ self.determinants)
+
+    def _inner_products(self, filter_: Float[np.ndarray, " taps"]) -> Float[np.ndarray, "q q"]:
+        """Uᵀ Σ⁻¹ U for the filter (1, −ρ); the white one has ρ at the first node or below."""
+        rho = -filter_[1] if len(filter_) > 1 else 0.0
+        if rho < _SMALLEST:
+            return self.lag_products[0]
+        return np.tensordot(node_weights(rho), self.matrices, 1)
+
+    def _turned(
+        self, matrix: Float[np.ndarray, "q new"], triangle: Float[np.ndarray, "new new"]
+    ) -> "IrregularFlank":
+        return replace(
+            self,
+            triangle=triangle,
+            lag_products=matrix.T @ self.lag_products @ matrix,
+            heads=self.heads @ matrix,
+            tails=self.tails @ matrix,
+            matrices=matrix.T @ self.matrices @ matrix,
+        )
+
+    def _joined(self, other: FlankSummary) -> "IrregularFlank":
+        joined = super()._joined(other)
+        assert isinstance(joined, IrregularFlank) and isinstance(other, IrregularFlank)
+        return replace(
+            joined,
+            matrices=self.matrices + other.matrices,
+            determinants=self.determinants + other.determinants,
+        )
+
+    def _observed(self, pseudo: Float[np.ndarray, "q q"]) -> "IrregularFlank":
+        observed = super()._observed(pseudo)
+        assert isinstance(observed, IrregularFlank)
+        matrices = self.matrices.copy()
+        matrices[0] += pseudo.T @ pseudo
+        return replace(observed, matrices=matrices)
 
 
 def node_weights(rho: float | Number) -> Float[Numbers, " nodes"]:
@@ -101,6 +98,7 @@ def irregular_flank(
     distance_s: float,
 ) -> IrregularFlank:
     """Compress runs of rows at the given mean times; ρ is stated at `distance_s`."""
+    pieces, pseudo, triangle = orthonormal_runs(runs)
     width = runs[0].shape[1]
     nodes = chebyshev.chebpts1(NODES)
     ends = [-np.log(-np.log(end)) for end in (_SMALLEST, _LARGEST)]
@@ -108,7 +106,7 @@ def irregular_flank(
     matrices, determinants = [], []
     for rho in np.exp(-np.exp(-places)):
         matrix, determinant = np.zeros((width, width)), 0.0
-        for rows, time in zip(runs, times, strict=True):
+        for rows, time in zip(pieces, times, strict=True):
             white, own = whitened_run(rows, time, float(rho), distance_s)
             matrix += white.T @ white
             determinant += own
@@ -118,13 +116,14 @@ def irregular_flank(
     none = np.empty((len(runs), 0, width))
     return IrregularFlank(
         flank,
-        np.sum([rows.T @ rows for rows in runs], axis=0)[None],
+        triangle,
+        np.sum([rows.T @ rows for rows in pieces], axis=0)[None],
         none,
         none,
         sum(map(len, runs)),
         matrices=np.tensordot(inverse, np.array(matrices), 1),
         determinants=inverse @ np.array(determinants),
-    )
+    )._observed(pseudo)
 
 
 def whitened_run(

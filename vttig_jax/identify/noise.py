@@ -11,8 +11,8 @@ from ..base.units import DEG, REV
 from ..pair.gears import Flank
 from .irregular import whitened_run
 from .noise_choice import NoiseChoice
-from .normal_equations import cholesky, residual_weights
-from .reml import ROUNDING, restricted_partial
+from .orthogonal import residual_weights, triangle_of
+from .reml import restricted_partial
 from .summary import HarmonicSummary
 
 _REPEATS = 2
@@ -38,7 +38,8 @@ class NoiseModel:
     - `innovation_std`: rad.
     - `std`: of the block means, rad.
     - `block_s`: duration of a block.
-    - `choice`: what was assumed of it; `by`: estimated by "likelihood" or by "moments".
+    - `choice`: what was assumed of it; `by`: estimated by "likelihood" or by "moments", or
+      "rounding" where a log without noise leaves nothing else.
     - `plateaus`: (speed in rad/s, noise) of every speed, where each has its own; this one is then
       that of all speeds together.
     """
@@ -98,6 +99,11 @@ class NoiseModel:
         return words.get(self.choice.kind, f"AR({len(self.coefficients)})")
 
     @property
+    def is_rounding(self) -> bool:
+        """True for a log without noise, of which the model leaves rounding alone."""
+        return self.by == "rounding"
+
+    @property
     def filter(self) -> Float[np.ndarray, " taps"]:
         """Whitening filter (1, −a₁, …, −a_p)."""
         return np.concatenate([[1.0], -self.coefficients])
@@ -116,7 +122,7 @@ class NoiseModel:
 
 @dataclass(frozen=True)
 class WhitenedFlank:
-    """Upper Cholesky factor of the whitened normal matrix of one flank, in units of the innovation.
+    """Upper triangle of the whitened rows of one flank, in units of the innovation.
 
     Columns keep the order of the block plan: free, tied, y. The squared length of
     R_tt h − R_ty is the misfit of tied coefficients h once the free ones are at their best.
@@ -148,7 +154,7 @@ class WhitenedFlank:
 def whiten(
     summary: HarmonicSummary, variance_factor: float = 1.0
 ) -> tuple[NoiseModel, tuple[WhitenedFlank, ...]]:
-    """Estimate the noise and factor the normal matrices it whitens.
+    """Estimate the noise and factor the rows that it whitens.
 
     `variance_factor` is what a robust loss adds to the variance. Where every speed has noise of its
     own, a speed with too few rows to tell it takes that of all together.
@@ -163,14 +169,15 @@ def whiten(
         ]
         noise = replace(noise, plateaus=tuple((p.speed, model) for p, model in own))
         parts = [(p.summary, model) for p, model in own]
-    grams = dict[Flank, np.ndarray]()
+    factors: dict[Flank, list[np.ndarray]] = {flank.flank: [] for flank in summary.flanks}
     for part, model in parts:
         for flank in part.flanks:
-            gram = flank.whitened(model.filter) / (model.innovation_std or 1.0) ** 2
-            grams[flank.flank] = grams.get(flank.flank, 0.0) + gram
+            factors[flank.flank].append(flank.factor(model.filter) / (model.innovation_std or 1.0))
     free = summary.columns.free_width
-    whitened = (WhitenedFlank(cholesky(grams[f.flank]), free) for f in summary.flanks)
-    return noise, tuple(whitened)
+    return noise, tuple(
+        WhitenedFlank(triangle_of(np.concatenate(several)) if several[1:] else several[0], free)
+        for several in factors.values()
+    )
 
 
 def _noise_of(summary: HarmonicSummary, variance_factor: float) -> NoiseModel:
@@ -190,16 +197,18 @@ def _noise_of(summary: HarmonicSummary, variance_factor: float) -> NoiseModel:
 def _model(
     summary: HarmonicSummary, filter_: Float[np.ndarray, " taps"], variance_factor: float, by: str
 ) -> NoiseModel:
-    left = sum(cholesky(flank.whitened(filter_))[-1, -1] ** 2 for flank in summary.flanks)
+    """The noise of a filter; where rounding is all that is left, the noise that rounding leaves."""
+    left = sum(flank.factor(filter_)[-1, -1] ** 2 for flank in summary.flanks)
     coefficients = len(summary.flanks) * (summary.columns.width - 1)
-    variance = variance_factor * left / max(summary.counted_rows - coefficients, 1)
+    variance = variance_factor * max(left, summary.rounding)
+    variance /= max(summary.counted_rows - coefficients, 1)
     return NoiseModel(
         -filter_[1:],
         float(np.sqrt(variance)),
         _std(summary, filter_),
         summary.block_s,
         choice=summary.noise,
-        by=by,
+        by="rounding" if left <= summary.rounding else by,
     )
 
 
@@ -214,15 +223,14 @@ def autoregression(summary: HarmonicSummary) -> Float[np.ndarray, " taps"]:
         return filter_of(restricted_partial(summary))
     filter_ = np.ones(1)
     for _ in range(1 + _REPEATS):
-        solved = residual_rows(summary, filter_)
-        filter_ = whitening_filter(_autocovariance(summary, solved), summary.rows)
+        filter_ = whitening_filter(_autocovariance(summary, filter_), summary.rows)
     return filter_
 
 
 def _autocovariance(
-    summary: HarmonicSummary, residuals: list[Float[np.ndarray, " q"]]
+    summary: HarmonicSummary, filter_: Float[np.ndarray, " taps"]
 ) -> Float[np.ndarray, " lags"]:
-    """Autocovariance of the residual rows at every lag, all flanks together.
+    """Autocovariance at every lag of what least squares under a filter leaves, all flanks together.
 
     Divided by all rows at every lag: that keeps it positive, and the autoregression stationary.
     What rounding leaves of y counts as white.
@@ -230,10 +238,10 @@ def _autocovariance(
     flanks = summary.flanks
     lags = min(len(flank.lag_products) for flank in flanks)
     total = np.zeros(lags)
-    for flank, residual in zip(flanks, residuals, strict=True):
+    for flank in flanks:
+        residual = flank.residual(filter_)
         total += np.einsum("i,lij,j->l", residual, flank.lag_products[:lags], residual)
-        total[0] += ROUNDING * flank.lag_products[0, -1, -1]
-    total[0] *= 1 + _WHITE_SHARE
+    total[0] = total[0] * (1 + _WHITE_SHARE) + summary.rounding
     return total / summary.rows
 
 
@@ -241,14 +249,10 @@ def residual_rows(
     summary: HarmonicSummary, filter_: Float[np.ndarray, " taps"]
 ) -> list[Float[np.ndarray, " q"]]:
     """The row of every flank that makes residuals, by generalised least squares."""
-    return [residual_weights(flank.whitened(filter_)) for flank in summary.flanks]
+    return [residual_weights(flank.factor(filter_)) for flank in summary.flanks]
 
 
 def _std(summary: HarmonicSummary, filter_: Float[np.ndarray, " taps"]) -> float:
-    """Rms of what generalised least squares leaves of the rows."""
-    solved = residual_rows(summary, filter_)
-    square = sum(
-        float(row @ flank.lag_products[0] @ row)
-        for flank, row in zip(summary.flanks, solved, strict=True)
-    )
-    return float(np.sqrt(max(square, 0.0) / max(summary.rows, 1)))
+    """Rms of what generalised least squares leaves of the rows; at least that of rounding."""
+    square = sum(float(np.sum(flank.residual(filter_) ** 2)) for flank in summary.flanks)
+    return float(np.sqrt(max(square, summary.rounding) / max(summary.rows, 1)))

@@ -12,6 +12,7 @@ from .alone import differences
 from .choices import Choices
 from .delay import one_speed
 from .gather import Gathered
+from .noise import NoiseModel
 from .parameters import Parameter
 from .scope import Scope
 from .solve import Solution
@@ -23,17 +24,30 @@ def notes_of(
     gathered: Gathered,
     scope: Scope,
     solution: Solution,
+    noise: NoiseModel,
     regressors: tuple[Parameter, ...],
     alone: Sequence[dict],
 ) -> tuple[str, ...]:
-    """All notes of a fit, those on the logs first."""
+    """All notes of a fit: a log without noise first, then what was seen in the logs."""
     return (
+        *_noise_notes(noise),
         *_seen(gathered, scope),
         *_delay_notes(gathered, scope, solution),
         *_ratio_notes(regressors, gathered.view.inputs[0].log),
         *solver_notes(solution),
         *differences(list(alone)),
     )
+
+
+def _noise_notes(noise: NoiseModel) -> list[str]:
+    """Say so where a log holds no noise, as a simulated one may."""
+    if not noise.is_rounding:
+        return []
+    return [
+        "the log holds no noise: the model leaves less than a millionth of the transmission error"
+        f" ({noise.std / DEG:.1g}°); the standard errors are those of a noise of that millionth,"
+        " and not those of a measurement"
+    ]
 
 
 def conditions_of(

@@ -13,28 +13,24 @@ from jaxtyping import Float
 
 from .channels import is_shared
 from .columns import OFFSET, Columns
-from .normal_equations import cholesky
-from .summary import HarmonicSummary
-
-_ROUNDING = 1e-12
-"""Share of y² below which a misfit is rounding, and the ridge of the normal equations."""
+from .orthogonal import EMPTY, triangle_of
+from .summary import ROUNDING, HarmonicSummary
 
 
 @dataclass(frozen=True)
 class OwnTerms:
-    """Normal equations of the own coefficients, in the units of the innovations' sum of squares.
+    """Least squares of the own coefficients, in the units of the innovations.
 
     **Arguments**
     - `names`: of the coefficients.
-    - `gram`, `right`: of the normal equations; `square`: y² that the harmonics leave.
+    - `triangle`: upper triangle of the columns of the coefficients and of y, the last column, less
+      what the harmonics and offsets explain of them.
     - `rows`: block rows with a full history, less the coefficients of harmonics and offsets.
     - `total`: y² itself; `raw`: squares of the own columns themselves.
     """
 
     names: tuple[str, ...]
-    gram: Float[np.ndarray, "p p"]
-    right: Float[np.ndarray, " p"]
-    square: float
+    triangle: Float[np.ndarray, "q q"]
     rows: float
     total: float
     raw: Float[np.ndarray, " p"]
@@ -42,34 +38,34 @@ class OwnTerms:
     @property
     def is_exact(self) -> bool:
         """True where rounding is all that the model leaves."""
-        return self.misfit(self.names) <= _ROUNDING * self.total
+        return self.misfit(self.names) <= ROUNDING * self.total
 
     def left(self, name: str) -> float:
         """Share of a regressor, squared, that the harmonics and offsets do not explain."""
         place = self.names.index(name)
-        return float(self.gram[place, place] / self.raw[place]) if self.raw[place] > 0 else 0.0
+        square = float(self.triangle[:, place] @ self.triangle[:, place])
+        return square / float(self.raw[place]) if self.raw[place] > EMPTY else 0.0
 
     def misfit(self, names: Sequence[str]) -> float:
-        """Sum of squared innovations with only these coefficients."""
-        keep = [self.names.index(name) for name in names]
-        if not keep:
-            return self.square
-        gram, right = self.gram[np.ix_(keep, keep)], self.right[keep]
-        return self.square - float(right @ _solve(gram, right))
+        """Sum of squared innovations with only these coefficients; at least that of rounding."""
+        return max(float(self._among(names)[-1, -1] ** 2), ROUNDING * self.total)
 
     def estimate(self, name: str, among: Sequence[str]) -> tuple[float, float]:
         """A coefficient and its standard error when `among` are fitted together."""
-        keep = [self.names.index(other) for other in among]
-        gram, right = self.gram[np.ix_(keep, keep)], self.right[keep]
-        place = list(among).index(name)
-        inverse = _solve(gram, np.eye(len(keep)))
-        variance = self.misfit(among) / max(self.rows - len(keep), 1.0)
-        return float((inverse @ right)[place]), float(np.sqrt(inverse[place, place] * variance))
+        triangle = self._among(among)
+        inverse = np.linalg.inv(triangle[:-1, :-1])[list(among).index(name)]
+        variance = self.misfit(among) / max(self.rows - len(among), 1.0)
+        std = float(np.sqrt(inverse @ inverse * variance))
+        return float(inverse @ triangle[:-1, -1]), std
 
     def bic(self, names: Sequence[str]) -> float:
         """Bayesian information criterion of a model with only these coefficients."""
         left = max(self.misfit(names), 1e-300)
         return self.rows * np.log(left) + len(names) * np.log(max(self.rows, 2.0))
+
+    def _among(self, names: Sequence[str]) -> Float[np.ndarray, "r r"]:
+        """Triangle of these coefficients and y."""
+        return triangle_of(self.triangle[:, [*(self.names.index(n) for n in names), -1]])
 
 
 def own_terms(summary: HarmonicSummary, filter_: Float[np.ndarray, " taps"]) -> OwnTerms:
@@ -86,27 +82,17 @@ def own_terms(summary: HarmonicSummary, filter_: Float[np.ndarray, " taps"]) -> 
     spread = np.zeros((len(own), fixed + len(names)))
     spread[:, : offsets.shape[1]] = offsets
     spread[:, fixed:][[name != OFFSET for name, _ in columns.names]] = places
-    gram, raw = np.zeros((spread.shape[1] + 1,) * 2), np.zeros(spread.shape[1] + 1)
+    kept, raw = [], np.zeros(spread.shape[1] + 1)
     for flank in summary.flanks:
-        products = flank.whitened(filter_)[np.ix_(order, order)]
         if gap:
             spread[:, fixed - 1] = offsets.sum(axis=1) * (flank.flank != first)
         widened = np.block([[spread, np.zeros((len(own), 1))], [np.zeros(spread.shape[1]), 1.0]])
-        kept = cholesky(products)[len(harmonics) :, len(harmonics) :] @ widened
-        gram += kept.T @ kept
-        raw += np.diag(widened.T @ products[len(harmonics) :, len(harmonics) :] @ widened)
-    left = cholesky(gram)[fixed:, fixed:]
-    left = left.T @ left
+        triangle = triangle_of(flank.factor(filter_)[:, order])
+        kept.append(triangle[len(harmonics) :, len(harmonics) :] @ widened)
+        raw += np.sum((triangle[:, len(harmonics) :] @ widened) ** 2, axis=0)
+    left = triangle_of(np.concatenate(kept))[fixed:, fixed:]
     rows = summary.rows - len(harmonics) * len(summary.flanks) - fixed
-    return OwnTerms(
-        names,
-        left[:-1, :-1],
-        left[:-1, -1],
-        float(left[-1, -1]),
-        float(max(rows, 1)),
-        float(raw[-1]),
-        raw[fixed:-1],
-    )
+    return OwnTerms(names, left, float(max(rows, 1)), float(raw[-1]), raw[fixed:-1])
 
 
 def own_parameters(
@@ -127,12 +113,3 @@ def own_parameters(
     for row, label in enumerate(labels):
         matrix[row, names.index(label)] = 1.0
     return names, matrix
-
-
-def _solve(gram: Float[np.ndarray, "p p"], right: np.ndarray) -> np.ndarray:
-    """Solve after scaling to one; a direction without data costs a ridge of 1e-12."""
-    size = np.sqrt(np.maximum(np.diag(gram), 0.0))
-    size[size == 0] = 1.0
-    scaled = gram / np.outer(size, size) + 1e-12 * np.eye(len(gram))
-    spread = size[:, None] if right.ndim == 2 else size
-    return np.linalg.solve(scaled, right / spread) / spread

@@ -18,16 +18,12 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float
+from scipy.linalg import solve_triangular
 from scipy.optimize import brentq, minimize_scalar
 
 from ..base.autoregression import longer
-from ..base.errors import NoAnswerError
 from ..base.partial import filter_of, log_initial_determinant
-from .normal_equations import cholesky
 from .summary import FlankSummary, HarmonicSummary
-
-ROUNDING = 1e-14
-"""Share of y² below which a residual is rounding."""
 
 _SEARCHES = 2
 """Times the order is chosen: from ordinary residuals, then from whitened ones."""
@@ -35,7 +31,14 @@ _SEARCHES = 2
 _MOST_STEPS = 40
 _SETTLED = 1e-7
 _SWEEPS = 3
-_SHORTER, _SMALL = 0.95, 0.05
+_SHORTER = 0.95
+_FREQUENCIES = 4096
+"""Points of the noise spectrum: a partial autocorrelation of 0.999 makes no narrower peak."""
+
+_WIDEST_GAIN = 1e5
+"""Largest ratio of the gains of a whitening filter. Its square, 1e10, is the condition of what is
+factored, which leaves six of the sixteen digits of a float."""
+
 _FINE = {"xatol": 1e-8}
 
 LARGEST = 0.999
@@ -94,30 +97,28 @@ def restricted_partial(summary: HarmonicSummary) -> Partial:
         return _correlation(summary)
     partial = np.zeros(0)
     for _ in range(_SEARCHES):
-        bound, partial = _touching(summary, partial)
+        bound = _bound(summary, _representable(partial))
         partial = _of_best_order(bound, summary.rows)
     for _ in range(_MOST_STEPS):
-        bound, before = _touching(summary, partial)
+        before = _representable(partial)
         if before is not partial:
             return before
-        partial = bound.lowered(before)
+        partial = _bound(summary, before).lowered(before)
         if np.abs(partial - before).max(initial=0.0) < _SETTLED:
             break
-    return _touching(summary, partial)[1]
+    return _representable(partial)
 
 
-def _touching(summary: HarmonicSummary, partial: Partial) -> tuple[_Bound, Partial]:
-    """The bound at `partial`, or as near to it as rounding lets the normal matrices be factored.
+def _representable(partial: Partial) -> Partial:
+    """`partial`, or as near to it as the digits of a float can follow the noise spectrum.
 
     What a wrong model leaves may be so smooth that its whitening takes all digits of slow columns.
     """
     while True:
-        try:
-            return _bound(summary, partial), partial
-        except NoAnswerError:
-            if np.abs(partial).max(initial=0.0) < _SMALL:
-                raise
-            partial = _SHORTER * partial
+        gain = np.abs(np.fft.rfft(filter_of(partial), _FREQUENCIES))
+        if gain.min() * _WIDEST_GAIN >= gain.max():
+            return partial
+        partial = _SHORTER * partial
 
 
 def _correlation(summary: HarmonicSummary) -> Partial:
@@ -125,7 +126,7 @@ def _correlation(summary: HarmonicSummary) -> Partial:
 
     def height(rho: float) -> float:
         partial = np.array([rho])
-        factors = [cholesky(flank.whitened(filter_of(partial))) for flank in summary.flanks]
+        factors = [flank.factor(filter_of(partial)) for flank in summary.flanks]
         misfit = sum(float(factor[-1, -1] ** 2) for factor in factors)
         value = _freedom(summary) * np.log(max(misfit, 1e-300))
         value += sum(flank.log_determinant(partial) for flank in summary.flanks)
@@ -161,26 +162,25 @@ def _bound(summary: HarmonicSummary, partial: Partial) -> _Bound:
     filter_ = filter_of(partial)
     flanks = summary.flanks
     lags = min(len(flank.lag_products) for flank in flanks)
-    misfit, white = 0.0, 0.0
+    misfit = 0.0
     residual, swallowed = np.zeros((2, lags, lags))
     for flank in flanks:
-        factor = cholesky(flank.whitened(filter_))
-        misfit += float(factor[-1, -1] ** 2)
-        white += ROUNDING * float(flank.lag_products[0, -1, -1])
-        inverse = np.linalg.inv(factor[:-1, :-1])
-        weights = np.append(-inverse @ factor[:-1, -1], 1.0)
-        residual += _form(flank, lags, weights[:, None])
-        swallowed += _form(flank, lags, np.vstack([inverse, np.zeros(len(inverse))]))
+        inner = flank.inner(filter_)
+        inverse = solve_triangular(inner, np.eye(len(inner)), check_finite=False)
+        left = float(inner[-1, -1] * flank.triangle[-1, -1])
+        misfit += left**2
+        residual += _form(flank, lags, left * inverse[:, -1:])
+        swallowed += _form(flank, lags, inverse[:, :-1])
     # What rounding leaves of y counts as white: its digits mean nothing.
-    residual += white * np.eye(lags)
-    scale = _freedom(summary) / max(misfit + white, 1e-300)
+    residual += summary.rounding * np.eye(lags)
+    scale = _freedom(summary) / max(misfit + summary.rounding, 1e-300)
     return _Bound(scale * residual + swallowed, sum(len(flank.heads) for flank in flanks))
 
 
 def _form(
     flank: FlankSummary, lags: int, weights: Float[np.ndarray, "q d"]
 ) -> Float[np.ndarray, "taps taps"]:
-    """Matrix T with fᵀTf = tr(weightsᵀ Zᵀ Σ⁻¹ Z weights): what `whitened` sums, one for any f."""
+    """Matrix T with fᵀTf = tr(weightsᵀ Uᵀ Σ⁻¹ U weights), one for any filter f."""
     spread = weights @ weights.T
     lagged = np.tensordot(flank.lag_products[:lags], spread, 2)
     form = lagged[np.abs(np.subtract.outer(np.arange(lags), np.arange(lags)))]

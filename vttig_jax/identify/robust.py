@@ -29,8 +29,8 @@ _AROUND = 9
 DROPPED = 0.5
 """A sample with less weight counts as down-weighted in the report."""
 
-_ROUNDING = 1e-14
-"""Scale, rad, below which residuals are rounding."""
+_ROUNDING = 1e-10
+"""Scale, rad, below which residuals are rounding: 2e-5″, a tenth of a count of 36 bits a turn."""
 
 
 def scale_of(residual: Float[np.ndarray, " n"]) -> tuple[float, float]:

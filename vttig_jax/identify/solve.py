@@ -17,7 +17,7 @@ _MOST_STEPS = 100
 _RANK_TOLERANCE = 1e-6
 """Smallest singular value of the column-scaled Jacobian, relative to the largest, that counts.
 
-Above what the ridge of the normal matrices leaves of a direction without data, 3e-7.
+A direction without data keeps 1e-10, the weight of the pseudo-observations (`orthogonal`).
 """
 
 _NOT_ABOVE, _ROUNDING = 0.01, 1e-6

@@ -1,8 +1,9 @@
 """The harmonic summary: everything a fit needs to know of its logs, in a few dozen numbers a lag.
 
-With z_t the block rows [regressors, y] of one flank, the summary keeps the lag products
-Γ_l = Σ z_t z_{t−l}ᵀ of every uninterrupted run and its first and last rows. From those the normal
-equations under any autoregressive noise follow in O(L p²), however long the logs were.
+With z_t the block rows [regressors, y] of one flank, the summary keeps their triangular factor F,
+the lag products Γ_l = Σ u_t u_{t−l}ᵀ of the orthonormal rows u_t = F⁻ᵀ z_t of every uninterrupted
+run, and its first and last rows. From those the least squares under any autoregressive noise follow
+in O(L p²), however long the logs were.
 """
 
 from collections.abc import Sequence
@@ -17,11 +18,15 @@ from .columns import OFFSET, Columns
 from .flank_summary import FlankSummary, summarise_flank
 from .irregular import irregular_flank
 from .noise_choice import HIGHEST_LAG, NoiseChoice
-from .normal_equations import residual_weights
+from .orthogonal import residual_weights, triangle_of
 from .rows import LogRows
 from .terms import TermPlan
 
 FLANKS: tuple[Flank, ...] = ("A", "B")
+
+ROUNDING = 1e-12
+"""Share of y² below which residuals are rounding: a millionth of the transmission error, which no
+encoder resolves. Readings of 1e4 rad at 16 digits round by a hundredth of that."""
 
 _SAME_SPEED = 0.05
 
@@ -56,7 +61,12 @@ class HarmonicSummary:
     def counted_rows(self) -> float:
         """The same, rows that a robust loss weighs down counted by their weight."""
         offsets = [self.columns.index(OFFSET, log) for log in range(len(self.columns.own))]
-        return sum(float(f.lag_products[0][k, k]) for f in self.flanks for k in offsets)
+        return sum(flank.square(k) for flank in self.flanks for k in offsets)
+
+    @property
+    def rounding(self) -> float:
+        """Sum of squared residuals below which there is no noise, in rad²."""
+        return ROUNDING * sum(flank.square(-1) for flank in self.flanks)
 
     def keeping(self, own: Sequence[tuple[str, ...]]) -> "HarmonicSummary":
         """The same summary with only these own columns of every log."""
@@ -179,7 +189,7 @@ def needed_lags(log: LogRows) -> int:
     most = int(np.clip(longest // 8, 1, HIGHEST_LAG))
     needed = 1
     for runs in log.by_flank(longer_than=2 * most).values():
-        weights = residual_weights(np.sum([rows.T @ rows for rows in runs], axis=0))
+        weights = residual_weights(triangle_of(np.concatenate(runs)))
         residuals = [rows @ weights for rows in runs]
         count = sum(map(len, residuals))
         covariance = [

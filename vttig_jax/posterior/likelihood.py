@@ -1,12 +1,13 @@
 """The likelihood of parameters and noise, from lag products: it never touches a sample again.
 
-With f the whitening filter of the noise and W_f = Σ_{jk} f_j f_k (Γ_{k−j} − end terms) the normal
-matrix of flank f, the free harmonics are integrated out by the leading part of its Cholesky factor,
-the other coefficients nobody asked for (offsets, drift, wind-up) by that of their own normal matrix
-K. What is left of n rows in R runs is
+The rows of a flank are Z = U F with orthonormal columns U. With f the whitening filter of the
+noise, Uᵀ Σ⁻¹ U = Σ_{jk} f_j f_k (Γ_{k−j} − end terms) = CᵀC, and R = C F is the triangular factor
+of the whitened rows. The free harmonics are integrated out by the leading part of R, the other
+coefficients nobody asked for (offsets, drift, wind-up) by their own normal matrix K. What is left
+of n rows in r runs is
 
-    −2 log p = (n − coefficients) log σ² + Σ_f log|W_f,free| + log|K| − R Σ_k k log(1 − π_k²)
-               + misfit / σ².
+    −2 log p = (n − coefficients) log σ² + Σ_f log|R_f,freeᵀ R_f,free| + log|K|
+               − r Σ_k k log(1 − π_k²) + misfit / σ².
 """
 
 from collections.abc import Sequence
@@ -25,7 +26,8 @@ from ..identify.relation import Relation
 from ..identify.summary import HarmonicSummary
 
 _RIDGE = 1e-13
-"""Relative to the square of every column: keeps a matrix with coinciding columns factorable."""
+"""Relative to the square of every column: what keeps the normal matrix of the nuisance parameters
+factorable where two of them coincide, and Uᵀ Σ⁻¹ U under the most extreme noise that is tried."""
 
 
 class Likelihood(eqx.Module):
@@ -34,6 +36,7 @@ class Likelihood(eqx.Module):
     **Arguments**
     - `relation`: from parameters to tied coefficients.
     - `products`: Γ_l and end terms of every flank, one product of filter coefficients a row.
+    - `triangles`: F of every flank.
     - `spread`: (nuisance, flanks, tied): tied coefficients of every nuisance parameter.
     - `determinants`: of Ornstein–Uhlenbeck noise at the nodes of its correlation time, which are
       then the products too; empty for an autoregression.
@@ -45,6 +48,7 @@ class Likelihood(eqx.Module):
 
     relation: Relation
     products: Float[Numbers, "products flanks q q"] = eqx.field(converter=float64)
+    triangles: Float[Numbers, "flanks q q"] = eqx.field(converter=float64)
     determinants: Float[Numbers, " nodes"] = eqx.field(converter=float64)
     spread: Float[Numbers, "nuisance flanks tied"] = eqx.field(converter=float64)
     fixed: Float[Numbers, " p"] = eqx.field(converter=float64)
@@ -60,13 +64,17 @@ class Likelihood(eqx.Module):
         return self.spread.shape[0] + self.products.shape[1] * self.free
 
     def factors(self, partial: Float[Array, " order"]) -> Float[Array, "flanks q q"]:
-        """Lower Cholesky factor of every flank's normal matrix, innovations of variance one."""
+        """Cᵀ of every flank, lower triangular, innovations of variance one."""
         if self.determinants.shape[0]:
             weights = node_weights(partial[0])
         else:
             weights = _products(jnp.asarray(filter_of(partial)))
         gram = jnp.tensordot(weights, jnp.asarray(self.products), 1)
         return jax.lax.linalg.cholesky(gram, symmetrize_input=False)
+
+    def diagonal(self, factors: Float[Array, "flanks q q"]) -> Float[Array, "flanks q"]:
+        """Diagonal of R of every flank: what each column leaves of the next, y as the last."""
+        return jnp.diagonal(factors * jnp.asarray(self.triangles), axis1=1, axis2=2)
 
     def log_determinant(self, partial: Float[Array, " order"]) -> Float[Array, ""]:
         """Log-determinant of the covariance of all rows, innovations of variance one."""
@@ -79,8 +87,9 @@ class Likelihood(eqx.Module):
     ) -> tuple[Float[Array, " r"], Float[Array, "r nuisance"]]:
         """Whitened misfit of the tied coefficients, and what a nuisance parameter adds to it."""
         parameters = jnp.asarray(self.fixed).at[jnp.asarray(self.asked)].set(asked)
-        tied = jnp.swapaxes(factors[:, self.free : -1, self.free : -1], 1, 2)
-        target = factors[:, -1, self.free : -1]
+        inner = jnp.swapaxes(factors[:, self.free :, self.free :], 1, 2)
+        factor = inner @ jnp.asarray(self.triangles)[:, self.free :, self.free :]
+        tied, target = factor[:, :-1, :-1], factor[:, :-1, -1]
         predicted = self.relation.coefficients(parameters)
         residual = jnp.einsum("fij,fj->fi", tied, predicted) - target
         nuisance = jnp.einsum("fij,nfj->fin", tied, jnp.asarray(self.spread))
@@ -95,9 +104,10 @@ class Likelihood(eqx.Module):
         """Log-likelihood, the coefficients nobody asked for integrated out."""
         factors = self.factors(partial)
         residual, nuisance = self.left(asked, factors)
-        misfit = jnp.asarray(self.variance_factor) * jnp.sum(factors[:, -1, -1] ** 2)
+        diagonal = self.diagonal(factors)
+        misfit = jnp.asarray(self.variance_factor) * jnp.sum(diagonal[:, -1] ** 2)
         misfit += residual @ residual
-        determinant = jnp.sum(jnp.log(jnp.diagonal(factors, axis1=1, axis2=2)[:, : self.free]))
+        determinant = jnp.sum(jnp.log(diagonal[:, : self.free]))
         if nuisance.shape[1]:
             factor = jnp.linalg.cholesky(_ridged(nuisance.T @ nuisance))
             taken = jax.scipy.linalg.solve_triangular(factor, nuisance.T @ residual, lower=True)
@@ -131,7 +141,7 @@ class Likelihood(eqx.Module):
             shock = jax.random.normal(own, middle.shape)
             spread = jax.scipy.linalg.solve_triangular(factor, std * shock)
             tied = tied + jnp.einsum("n,nft->ft", middle + spread, jnp.asarray(self.spread))
-        upper = jnp.swapaxes(factors, 1, 2)[:, : self.free]
+        upper = (jnp.swapaxes(factors, 1, 2) @ jnp.asarray(self.triangles))[:, : self.free]
         right = upper[:, :, -1] - jnp.einsum("fij,fj->fi", upper[:, :, self.free : -1], tied)
         right += std * jax.random.normal(free, right.shape)
         solved = jax.vmap(jax.scipy.linalg.solve_triangular)(upper[:, :, : self.free], right)
@@ -158,6 +168,7 @@ def likelihood_of(
     return Likelihood(
         relation=relation,
         products=np.stack([_products_of(flank, order) for flank in summary.flanks], axis=1),
+        triangles=np.stack([flank.triangle for flank in summary.flanks]),
         determinants=np.sum([_determinants_of(flank, order) for flank in summary.flanks], axis=0),
         spread=np.moveaxis(jacobian[:, :, nuisance], 2, 0),
         fixed=fixed,
@@ -173,10 +184,10 @@ def _products_of(flank: FlankSummary, order: int) -> Float[np.ndarray, "products
     """Matrices that belong to the products of filter coefficients, in the order of `_products`."""
     if order and isinstance(flank, IrregularFlank):
         matrices = flank.matrices.copy()
-        matrices[0] += _RIDGE * np.diag(np.diag(flank.lag_products[0]))
+        matrices[0] += _RIDGE * np.eye(len(flank.triangle))
         return matrices
     lagged = flank.lag_products[: order + 1].copy()
-    lagged[0] += _RIDGE * np.diag(np.diag(lagged[0]))
+    lagged[0] += _RIDGE * np.eye(len(flank.triangle))
     lagged = [gram + gram.T if lag else gram for lag, gram in enumerate(lagged)]
     ends = flank.ends[:, :order]
     rings = np.einsum("rai,rbj->abij", ends, ends)

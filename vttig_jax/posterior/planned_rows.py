@@ -10,7 +10,7 @@ from ..identify.channels import Drift
 from ..identify.columns import Columns
 from ..identify.delay import one_speed
 from ..identify.noise import WhitenedFlank
-from ..identify.normal_equations import cholesky
+from ..identify.orthogonal import triangle_of
 from ..identify.rows import LogRows, log_rows
 from ..identify.scope import Scope, find_scope
 from ..identify.solve import Solution
@@ -29,8 +29,8 @@ DELAY = "delay"
 _ROWS_A_RAMP = 40
 """Rows of a ramp, as in a fit."""
 
-Grams = dict[str, Float[np.ndarray, "c c"]]
-"""Flank → normal matrix of the regressors in units of the innovation."""
+Triangles = dict[str, Float[np.ndarray, "c c"]]
+"""Flank → triangular factor of the whitened regressors in units of the innovation."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +40,7 @@ class PlannedRows:
     **Arguments**
     - `scope`: flanks, shafts and harmonics.
     - `columns`: of the rows, the delay among them.
-    - `steady`, `ramps`: normal matrices of the steady runs, and of the ramps that speed up.
+    - `steady`, `ramps`: triangular factors of the steady runs, and of the ramps that speed up.
     - `rows`: flank → rows of the steady runs.
     - `told`: what tells a delay: "speeds", "ramps" or "" for nothing.
     - `noise`: of the blocks; `used`: samples of the steady runs.
@@ -49,8 +49,8 @@ class PlannedRows:
 
     scope: Scope
     columns: Columns
-    steady: Grams
-    ramps: Grams
+    steady: Triangles
+    ramps: Triangles
     rows: dict[str, int]
     told: str
     noise: BlockNoise
@@ -89,8 +89,8 @@ def planned_rows(
     return PlannedRows(
         scope,
         rows.columns,
-        _grams(rows, blocks),
-        _grams(more, blocks),
+        _triangles(rows, blocks),
+        _triangles(more, blocks),
         counted,
         "speeds" if not steady else "ramps" if ramps and more.runs else "",
         blocks,
@@ -112,7 +112,7 @@ def whitened_flanks(
     *,
     with_ramps: bool,
 ) -> tuple[WhitenedFlank, ...]:
-    """What the solver gets: the normal matrices, and y as the tied coefficients make it.
+    """What the solver gets: the triangular factors, and y as the tied coefficients make it.
 
     **Arguments**
     - `columns`: see `columns_of`.
@@ -121,15 +121,16 @@ def whitened_flanks(
     kept = [p for p in range(wide.width - 1) if DELAY in columns.own[0] or p != wide.index(DELAY)]
     flanks = []
     for flank, coefficients in zip(planned.scope.flanks, tied, strict=True):
-        gram = planned.steady[flank]
+        parts = [planned.steady[flank][:, kept]]
         if with_ramps and flank in planned.ramps:
-            gram = gram + planned.ramps[flank]
-        gram = gram[np.ix_(kept, kept)]
-        made = gram[:, columns.free_width :] @ coefficients
-        # What the noise leaves keeps the last pivot positive.
-        square = coefficients @ made[columns.free_width :] + planned.rows[flank]
-        whole = np.block([[gram, made[:, None]], [made[None, :], np.array([[square]])]])
-        flanks.append(WhitenedFlank(cholesky(whole), columns.free_width))
+            parts.append(planned.ramps[flank][:, kept])
+        triangle = triangle_of(np.concatenate(parts))
+        made = triangle[:, columns.free_width :] @ coefficients
+        # y is exactly what the coefficients make, plus noise that no regressor explains.
+        noise = np.zeros((1, len(kept) + 1))
+        noise[0, -1] = np.sqrt(planned.rows[flank])
+        factor = np.vstack([np.column_stack([triangle, made]), noise])
+        flanks.append(WhitenedFlank(factor, columns.free_width))
     return tuple(flanks)
 
 
@@ -151,14 +152,12 @@ def delay_std(planned: PlannedRows, without: Solution) -> float:
     return float(1 / np.linalg.norm(left))
 
 
-def _grams(rows: LogRows, noise: BlockNoise) -> Grams:
-    """Normal matrices of the regressors, flank by flank; nothing reaches from run to run."""
-    found: Grams = {}
-    for flank, runs in rows.by_flank().items():
-        for one in runs:
-            white = noise.whitened(one[:, :-1])
-            found[flank] = found.get(flank, 0.0) + white.T @ white
-    return found
+def _triangles(rows: LogRows, noise: BlockNoise) -> Triangles:
+    """Factors of the whitened regressors, flank by flank; nothing reaches from run to run."""
+    return {
+        flank: triangle_of(np.concatenate([noise.whitened(one[:, :-1]) for one in runs]))
+        for flank, runs in rows.by_flank().items()
+    }
 
 
 def _motion(run: PlannedRun, pair: GearPair | Drive) -> EncoderLog:

@@ -10,8 +10,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ...identify.flank_summary import flank_of_products
 from ...identify.relation import Relation
-from ...identify.summary import FlankSummary, HarmonicSummary
+from ...identify.summary import HarmonicSummary
 from ..density import NOISE_STD, Density, FitTarget
 from ..likelihood import likelihood_of
 from ..prior import Prior, StatedPrior, stated
@@ -106,7 +107,7 @@ def _one(batch: Batch, place: int) -> RigEvidence:
 
 def _summary(program: Program, log: Compressed) -> HarmonicSummary:
     flanks = tuple(
-        FlankSummary(
+        flank_of_products(
             flank,
             np.asarray(log.lag_products[k]),
             np.asarray(log.ends[k, :1]),

@@ -1,0 +1,72 @@
+"""Least squares by orthogonal factors: no row is squared before it is factored.
+
+Squaring rows squares their condition, so that the last digits, which differ between processors,
+would decide whether a normal matrix has a Cholesky factor at all. A QR factor always exists.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+from scipy.linalg import qr, solve_triangular
+
+PSEUDO_OBSERVATION = 1e-10
+"""Weight of the observation "this coefficient is zero" that every column takes part in, relative to
+the length of the column. It decides the coefficients of columns that the data leave open, such as a
+column of zeros or the second of two equal ones. Such a column then keeps 1e-10 of its length, which
+rounding (1e-15) does not reach, and which lies a factor of 1e4 below what counts as determined
+(`solve`). Every other coefficient moves by less than 1e-14 of itself for a condition of 1e3."""
+
+EMPTY = 1e-16
+"""Sum of squares below which a column holds zeros only: its pseudo-observations sum to 1e-20."""
+
+
+class Orthonormal(NamedTuple):
+    """Rows Z = U F with FᵀF = ZᵀZ + pseudo-observations.
+
+    **Arguments**
+    - `rows`: U, orthonormal columns together with `pseudo`.
+    - `pseudo`: the part of the orthonormal columns that belongs to the pseudo-observations.
+    - `triangle`: F, upper triangular, no negative number on its diagonal.
+    """
+
+    rows: Float[np.ndarray, "n q"]
+    pseudo: Float[np.ndarray, "q q"]
+    triangle: Float[np.ndarray, "q q"]
+
+
+def orthonormal(rows: Float[np.ndarray, "n q"]) -> Orthonormal:
+    """Orthonormal columns for rows, one pseudo-observation a column among them."""
+    factored: Any = qr(_observed(rows), mode="economic", check_finite=False, overwrite_a=True)
+    full, triangle = factored
+    sign = _signs(triangle)
+    full *= sign
+    return Orthonormal(full[: len(rows)], full[len(rows) :], triangle * sign[:, None])
+
+
+def triangle_of(rows: Float[np.ndarray, "n q"]) -> Float[np.ndarray, "q q"]:
+    """Upper triangle R with RᵀR = rowsᵀ rows + pseudo-observations, its diagonal positive."""
+    factored: Any = qr(_observed(rows), mode="r", check_finite=False, overwrite_a=True)
+    triangle = factored[0][: rows.shape[1]]
+    return triangle * _signs(triangle)[:, None]
+
+
+def least_squares(triangle: Float[np.ndarray, "q q"]) -> Float[np.ndarray, " c"]:
+    """Coefficients of y, the last column, on the columns before it."""
+    return solve_triangular(triangle[:-1, :-1], triangle[:-1, -1], check_finite=False)
+
+
+def residual_weights(triangle: Float[np.ndarray, "q q"]) -> Float[np.ndarray, " q"]:
+    """(−β, 1) with β the least-squares coefficients of y: rows @ weights are the residuals."""
+    return np.append(-least_squares(triangle), 1.0)
+
+
+def _observed(rows: Float[np.ndarray, "n q"]) -> Float[np.ndarray, "m q"]:
+    """The rows with the pseudo-observations below them."""
+    size = np.linalg.norm(rows, axis=0)
+    size[size == 0] = 1.0
+    return np.vstack([rows, PSEUDO_OBSERVATION * np.diag(size)])
+
+
+def _signs(triangle: Float[np.ndarray, "q q"]) -> Float[np.ndarray, " q"]:
+    return np.where(np.diag(triangle) < 0, -1.0, 1.0)
