@@ -179,6 +179,7 @@ def in_repository(data_dir: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return REPOSITORY
 
 
+@pytest.mark.portable
 @pytest.mark.parametrize(("command", "printed"), shown("command"))
 def test_readme_shows_what_the_command_prints(
     command: str,

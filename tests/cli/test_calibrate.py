@@ -23,6 +23,7 @@ def test_names_are_those_of_the_scenarios():
     assert isinstance(scenario.type, click.Choice)
 
 
+@pytest.mark.portable
 def test_a_wrong_model_is_seen_to_fail(vttig_json):
     code, record = vttig_json(*QUICK)
     assert code == 0

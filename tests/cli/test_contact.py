@@ -127,6 +127,7 @@ def test_measured_flanks_move_the_contact(vttig, vttig_json, measured, tmp_path)
     assert not (out / "figures" / "deviations.png").exists()  # nothing is measured any more
 
 
+@pytest.mark.portable
 def test_where_only_part_of_a_turn_has_contact(vttig, vttig_json, tmp_path):
     """Tips that only just reach each other leave angles without a touch: empty, null, counted."""
     out = tmp_path / "contact"

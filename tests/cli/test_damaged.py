@@ -63,6 +63,7 @@ def test_any_bytes(folder, capsys, content):
     check(*attempt(capsys, folder, "inspect", content))
 
 
+@pytest.mark.portable
 def test_undamaged(folder, capsys):
     content = damage.clean_log().to_bytes()
     for verb in ("inspect", "fit"):
@@ -121,6 +122,7 @@ def test_refused(folder, capsys, role, change, words):
         assert code == 3 and all(word in err for word in words), err
 
 
+@pytest.mark.portable
 def test_a_ratio_three_percent_off(folder, capsys):
     content = _changed("driven", lambda r: np.rint(1.03 * r).astype(np.int64))
     code, out, err = attempt(capsys, folder, "inspect", content)
@@ -131,6 +133,7 @@ def test_a_ratio_three_percent_off(folder, capsys):
     assert code == 3 and "the log shows a ratio of 0.579" in err
 
 
+@pytest.mark.portable
 def test_less_than_one_turn(folder, capsys):
     text = damage.clean_log()
     rows = slice(60, 200)

@@ -91,6 +91,7 @@ def test_accuracy_and_tolerance_change_what_is_kept_and_known(vttig_json, run_fo
     assert np.degrees(moved["constant_rad"]) == pytest.approx(0.05, abs=1e-3)
 
 
+@pytest.mark.portable
 def test_csv_is_the_table_of_the_map(vttig, vttig_json, run_folder, tmp_path, table):
     code, record = vttig_json("export", run_folder, "--out", tmp_path / "compensation.csv")
     assert (code, record["schema"], record["rows"]) == (0, "vttig.map/1", 5760)
@@ -137,6 +138,7 @@ def test_bad_calls_end_in_one_sentence(vttig, run_folder, monkeypatch, arguments
     assert not list(run_folder.parent.glob("x.*"))
 
 
+@pytest.mark.portable
 def test_a_tolerance_as_wide_as_the_turns_is_no_answer(vttig, run_folder, tmp_path):
     code, _, err = vttig(
         "export", run_folder, "--out", tmp_path / "x.h", "--tolerance-arcsec", "41000"

@@ -20,6 +20,7 @@ def test_prints_parameters_with_errors_and_writes_nothing(vttig, rig_folder, tmp
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.portable
 def test_json_is_one_valid_object(vttig_json, rig_folder):
     code, record = vttig_json(*fit_arguments(rig_folder))
     assert code == 0
@@ -97,6 +98,7 @@ def test_figures_are_written_unless_left_out(vttig, rig_folder, tmp_path):
     assert list((tmp_path / "run" / "figures").iterdir()) == []  # those of the older fit
 
 
+@pytest.mark.portable
 def test_run_toml_repeats_the_run_bit_for_bit(vttig_json, run_folder):
     code, record = vttig_json("fit", "--run", run_folder / "run.toml")
     assert code == 0
@@ -133,6 +135,7 @@ def test_an_existing_result_is_refused_and_kept(vttig, vttig_json, rig_folder, t
     assert (out / "fit.json").read_bytes() != before
 
 
+@pytest.mark.portable
 def test_require_fails_only_for_what_is_undetermined(vttig, rig_folder):
     arguments = fit_arguments(rig_folder, "--require", "constant_backlash_deg")
     assert vttig(*arguments)[0] == 0
@@ -173,6 +176,7 @@ def test_bad_calls_end_in_one_sentence(
     assert (found, record["exit"]) == (code, code)
 
 
+@pytest.mark.portable
 @pytest.mark.parametrize(
     ("damage", "code", "words"),
     [

@@ -39,6 +39,7 @@ def run(capsys, *arguments):
     return code, streams.out, streams.err
 
 
+@pytest.mark.portable
 def test_with_a_pair(files, capsys):
     log, pair = files
     code, out, err = run(capsys, log, "--pair", pair)
@@ -46,6 +47,7 @@ def test_with_a_pair(files, capsys):
     assert "ratio" in out and "flank A (forward)" in out and "driving_counts" in out
 
 
+@pytest.mark.portable
 def test_json(files, capsys):
     log, pair = files
     for extra in ([], ["--pair", pair]):

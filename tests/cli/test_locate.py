@@ -66,6 +66,7 @@ def test_backlash_and_shift_are_those_of_the_map(vttig, vttig_json, run_folder, 
     assert "first sample of the log" in out
 
 
+@pytest.mark.portable
 def test_the_flank_that_carries_is_taken_at_its_word(vttig_json, run_folder, log):
     forward = log[int(0.2 * len(log))]
     counts = [within_turn(forward[name]) for name in ("driving_counts", "driven_counts")]
@@ -104,6 +105,7 @@ def test_digits_say_how_good_a_reading_is(vttig, vttig_json, run_folder, log):
     assert code == 0
 
 
+@pytest.mark.portable
 def test_foreign_readings_and_doubtful_turns_are_no_answer(vttig, run_folder, log):
     row = log[20_000]
     counts = [within_turn(row[name]) for name in ("driving_counts", "driven_counts")]

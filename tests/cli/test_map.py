@@ -22,6 +22,7 @@ def test_prints_the_extremes_and_writes_nothing(vttig, run_folder, tmp_path, mon
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.portable
 def test_csv_and_json_agree_with_each_other(vttig_json, run_folder, tmp_path):
     code, record = vttig_json("map", run_folder, "--out", tmp_path / "map.csv", "--step-deg", "0.5")
     assert code == 0

@@ -32,6 +32,7 @@ def row(text: str, label: str) -> list[str]:
     return line.removeprefix(f"  {label}").split()
 
 
+@pytest.mark.portable
 def test_prints_table_1_of_the_paper_beside_its_own_numbers(vttig):
     code, out, err = vttig("measure", PAPER)
     assert (code, err) == (0, "")
@@ -43,6 +44,7 @@ def test_prints_table_1_of_the_paper_beside_its_own_numbers(vttig):
     assert "z = 0 mm in the middle of the face" in out
 
 
+@pytest.mark.portable
 def test_numbers_of_the_contract(vttig_json):
     code, record = vttig_json("measure", PAPER)
     assert code == 0

@@ -40,6 +40,7 @@ def planned(vttig_json, pair):
     return run
 
 
+@pytest.mark.portable
 def test_prints_a_table_and_writes_nothing(vttig, pair, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     before = list(tmp_path.iterdir())

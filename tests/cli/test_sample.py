@@ -71,6 +71,7 @@ def test_the_json_holds_what_the_folder_holds(vttig_json, run):
     assert kept["agreement"] is None  # of draws that have not converged
 
 
+@pytest.mark.portable
 def test_going_on_ends_as_if_never_stopped(vttig, folder, run, tmp_path):
     vttig("sample", "--out", run, "--resume", "--no-figures", "--steps", 2 * STEPS)
     whole = tmp_path / "whole"

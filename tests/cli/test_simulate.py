@@ -79,6 +79,7 @@ def test_prints_the_run_and_writes_nothing(vttig, scenario, elsewhere):
     assert names(elsewhere) == set() and names(scenario.parent) == before
 
 
+@pytest.mark.portable
 def test_text_and_object_are_those_of_the_library(vttig, vttig_json, scenario):
     found = vttig_jax.simulate(scenario)
     code, record = vttig_json("simulate", scenario)

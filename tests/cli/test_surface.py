@@ -46,6 +46,7 @@ def test_the_table(vttig, tmp_path):
     assert text.rstrip().endswith(f"written to {out}")
 
 
+@pytest.mark.portable
 def test_a_sector_with_a_bore(vttig_json, tmp_path):
     options = ["--teeth", "9", "--bore-mm", "0", *COARSE]
     found = {}

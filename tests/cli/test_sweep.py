@@ -59,6 +59,7 @@ def test_without_a_folder_it_prints_and_writes_nothing(vttig, vttig_json, sweep)
     assert record["outcomes"] == {"ok": 10} and set(sweep.parent.iterdir()) == before
 
 
+@pytest.mark.portable
 def test_a_folder_gets_the_table_and_a_picture(vttig, sweep, tmp_path):
     out = tmp_path / "swept"
     code, text, _ = vttig("sweep", sweep, "--out", out, "--devices", 1)

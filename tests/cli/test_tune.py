@@ -34,6 +34,7 @@ def sweep(tmp_path) -> Path:
     return path
 
 
+@pytest.mark.portable
 def test_it_tunes_prints_and_writes_a_sweep_that_runs(vttig, vttig_json, sweep):
     before = set(sweep.parent.iterdir())
     code, record = vttig_json("tune", sweep, "--free", MARGIN, "-q")

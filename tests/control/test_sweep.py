@@ -109,6 +109,7 @@ def test_where_no_case_can_run_the_first_says_why():
         vttig_jax.sweep(sweep_spec({"motion.reversal_deg": [1.0, 2.0]}), PAIR)
 
 
+@pytest.mark.portable
 def test_blocks_and_lanes_leave_no_trace(table, monkeypatch):
     small_blocks(1, monkeypatch)
     monkeypatch.setattr(sweep_work, "LANES", 8)

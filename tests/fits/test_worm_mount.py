@@ -14,6 +14,7 @@ from vttig_jax.logs.line_search import Run, find_lines
 WORM = Path(__file__).resolve().parents[2] / "fits" / "worm_mount"
 
 
+@pytest.mark.portable
 @pytest.mark.parametrize(
     ("name", "known", "within"),
     [("ap_gt1100", 3.77, 0.15), ("ap_24turns", 1.6, 0.3), ("cge", 7.9, 0.8)],

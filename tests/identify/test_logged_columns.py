@@ -45,6 +45,7 @@ def test_a_logged_axial_position_is_taken_out(clean_rig):
     assert closed > 1e-4
 
 
+@pytest.mark.portable
 def test_an_axial_position_that_changes_is_followed(clean_rig):
     """Each flank by its own helix: s moves flank A up by s tan β_L/R₂, flank B down."""
     log = replace(clean_rig, motion=Motion(speed_rpm=180.0, reversal_deg=3600.0)).log()

@@ -32,6 +32,7 @@ def _log(kind: str, gap_deg: float = 0.0, seed: int = 0) -> EncoderLog:
     return EncoderLog.from_arrays(time, *angles, pair=paper_pair(), unit="deg")
 
 
+@pytest.mark.portable
 @pytest.mark.parametrize("kind", KINDS)
 def test_no_gap_is_reported_where_there_is_none(kind):
     result = fit(_log(kind), paper_pair())

@@ -23,6 +23,7 @@ def _near(angle: float, count: int = 200) -> np.ndarray:
     return np.column_stack([first, second, 2.0 * first + 3e10 * second])
 
 
+@pytest.mark.portable
 def test_factors_are_orthonormal_and_give_the_rows_back():
     rows = np.random.default_rng(0).standard_normal((50, 4)) * [1.0, 1e-8, 1e8, 1.0]
     found = orthonormal(rows)
@@ -33,6 +34,7 @@ def test_factors_are_orthonormal_and_give_the_rows_back():
     assert np.all(np.tril(found.triangle, -1) == 0) and np.all(np.diag(found.triangle) > 0)
 
 
+@pytest.mark.portable
 @pytest.mark.parametrize("angle", [1e-2, 1e-4])
 def test_coefficients_of_nearly_equal_columns_are_those_of_arbitrary_precision(angle: float):
     rows = _near(angle)
@@ -46,6 +48,7 @@ def test_coefficients_of_nearly_equal_columns_are_those_of_arbitrary_precision(a
     np.testing.assert_allclose(residual_weights(triangle_of(rows)), [*-found, 1.0])
 
 
+@pytest.mark.portable
 def test_squares_of_nearly_equal_columns_would_lose_them():
     """The negative control: what the factors are for."""
     rows = _near(1e-9)
@@ -56,6 +59,7 @@ def test_squares_of_nearly_equal_columns_would_lose_them():
     assert 5e-10 < pivot < 2e-9
 
 
+@pytest.mark.portable
 def test_what_the_data_leave_open_is_decided_by_a_pseudo_observation():
     place = np.linspace(0, 6, 100)
     equal, none = np.cos(place), np.zeros(100)
@@ -68,6 +72,7 @@ def test_what_the_data_leave_open_is_decided_by_a_pseudo_observation():
     assert found[0] + found[1] == pytest.approx(2.0, abs=1e-9) and abs(found[2]) < 1e-6
 
 
+@pytest.mark.portable
 def test_an_exact_y_leaves_rounding():
     rows = _near(1e-2)
     assert triangle_of(rows)[-1, -1] < 1e-9 * np.linalg.norm(rows[:, -1])
@@ -75,6 +80,7 @@ def test_an_exact_y_leaves_rounding():
     assert triangle_of(rows)[-1, -1] > 1e-6
 
 
+@pytest.mark.portable
 @pytest.mark.parametrize("order", [0, 1, 3])
 def test_a_summary_of_products_is_that_of_the_rows(order: int):
     generator = np.random.default_rng(order)

@@ -105,6 +105,19 @@ def test_a_large_offset_leads_nowhere_else(problem):
     assert far.misfit == pytest.approx(near.misfit, rel=0.01)
 
 
+@pytest.mark.parametrize(("off", "settled"), [(0.0, True), (1e-3, True), (0.1, False)])
+def test_a_solver_that_ran_out_of_steps_is_judged_by_where_it_stands(
+    problem, monkeypatch, off, settled
+):
+    """At a minimum, to a hundredth of a standard deviation, it has converged all the same."""
+    _, _, relation, whitened = problem
+    best = solve(relation, whitened)
+    values = best.values.copy()
+    values[0] += off / np.sqrt(np.linalg.inv(best.covariance)[0, 0])
+    monkeypatch.setattr(solver, "_minimise", lambda *_: (values, np.asarray(False), 100))
+    assert solve(relation, whitened).converged is settled
+
+
 def test_what_is_no_minimum_has_not_converged(problem, monkeypatch):
     """The negative control: a solver that says it is done where it is not."""
     _, _, relation, whitened = problem

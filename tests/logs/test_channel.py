@@ -146,6 +146,8 @@ def test_whole_floats_become_integers():
         (np.array([0.012, 0.004, 0.4, 0.408, 0.404]), 0.004),
         (np.array([3.11256, 6.20162, 9.22864, 12.32334]), 1e-5),
         (np.sqrt(np.arange(2, 50.0)), 0.0),
+        (360 / 16384 * np.arange(90000.0), 360 / 16384),
+        (0.004 * np.arange(9e5) * (1 + 1e-12 * np.sin(1e6 * np.arange(9e5))), 0.004),
     ],
 )
 def test_step(values, step):

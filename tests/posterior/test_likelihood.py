@@ -137,6 +137,7 @@ def highest(flanks: str) -> Likelihood:
     return case(1, flanks, encoders=len(flanks) == 2).likelihood(HIGHEST)
 
 
+@pytest.mark.portable
 @settings(max_examples=30)
 @given(PARTIALS, st.sampled_from(["AB", "A"]))
 def test_it_is_the_dense_restricted_likelihood(noise, flanks):

@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from ..base.counting import whole_below
 from ..base.sincos import sincos
 from ..base.units import REV
 from .columns import Columns
@@ -32,7 +33,7 @@ def block_size(samples_per_turn: float, highest_order: float) -> int:
     away.
     """
     blocks = max(min(4.0 * highest_order, 256.0), 32.0, 2.5 * highest_order)
-    return max(1, int(samples_per_turn / blocks))
+    return max(1, whole_below(samples_per_turn / blocks))
 
 
 def block_rows(

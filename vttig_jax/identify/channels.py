@@ -9,6 +9,7 @@ from jaxtyping import Float
 from scipy.interpolate import BSpline, CubicHermiteSpline
 from scipy.ndimage import uniform_filter1d
 
+from ..base.counting import nearest_whole, whole_above
 from ..base.errors import UsageError
 from ..base.units import DEG
 from ..logs.encoder_log import EncoderLog
@@ -58,14 +59,14 @@ class Drift:
     def names(self, duration_s: float) -> tuple[str, ...]:
         """Names of the columns over a log of this duration."""
         if self.knots_s:
-            count = max(1, round(duration_s / self.knots_s)) + 2
+            count = max(1, nearest_whole(duration_s / self.knots_s)) + 2
             return tuple(f"spline_{k}" for k in range(1, count + 1))
         return tuple(f"drift_{k}" for k in range(1, self.order + 1))
 
     def stiffness_s(self, duration_s: float) -> float | None:
         """Shortest period this drift can follow: two extremes a piece; None without drift."""
         if self.knots_s:
-            return 2 * duration_s / max(1, round(duration_s / self.knots_s))
+            return 2 * duration_s / max(1, nearest_whole(duration_s / self.knots_s))
         return 2 * duration_s / self.order if self.order else None
 
 
@@ -166,7 +167,7 @@ def shifted(log: EncoderLog, delay_s: float) -> Samples:
 
 def trimmed(segment: Segment, channels: Channels) -> Segment:
     """The segment without the samples whose shifted instant lies before or behind it."""
-    lost = int(np.ceil(abs(channels.delay_s) / channels.sample_s)) if channels.delay_s else 0
+    lost = whole_above(abs(channels.delay_s) / channels.sample_s) if channels.delay_s else 0
     start = segment.start + (lost if channels.delay_s > 0 else 0)
     stop = segment.stop - (lost if channels.delay_s < 0 else 0)
     return Segment(start, max(start, stop), segment.flank, segment.speed)
@@ -236,7 +237,7 @@ def _torque_columns(log: EncoderLog) -> dict[str, Samples]:
     columns = {}
     interval, duration = np.median(np.diff(log.time)), np.ptp(log.time)
     for number, window_s in enumerate(TORQUE_WINDOWS_S):
-        samples = round(window_s / interval)
+        samples = nearest_whole(window_s / interval)
         if window_s == 0 or (samples >= 3 and window_s <= duration / 20):
             smooth = uniform_filter1d(log.torque, max(samples, 1), mode="nearest")
             columns[torque_column(number)] = smooth

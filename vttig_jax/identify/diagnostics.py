@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import chdtrc
 
+from ..base.counting import whole_below
 from ..base.units import REV
 from ..kinematics.orders import Term
 from ..logs.line_search import Line, find_lines
@@ -161,6 +162,6 @@ def _runs(log: LogRows, weights: Weights, number: int) -> list[tuple[Flank, Line
 def _short(run: LineRun, highest: float) -> LineRun:
     """The run in block means of a quarter of the shortest cycle, beside a constant."""
     turns = max(float(np.ptp(run.angle)) / REV, 1e-9)
-    size = max(1, int(len(run.angle) / turns / (_ROWS_KEPT * highest)))
+    size = max(1, whole_below(len(run.angle) / turns / (_ROWS_KEPT * highest)))
     angle, value = (block_means(values, size) for values in (run.angle, run.value))
     return LineRun(angle, value, np.ones((len(angle), 1)), run.group)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from ..base.counting import nearest_whole, whole_below
 from ..base.units import REV
 from ..kinematics.te_curve import TECurve
 from ..logs.segments import Segment
@@ -80,13 +81,13 @@ def log_rows(
         tuple(h.term for h in terms.tied),
         ((OFFSET, *channels.own),),
     )
-    shortest = max(1, round(block_s / channels.sample_s))
+    shortest = max(1, nearest_whole(block_s / channels.sample_s))
     runs = []
     for whole in segments:
         segment = trimmed(whole, channels)
         size = shortest
         if noise.stationary_in == "angle" and whole.speed:
-            size = max(1, round(shortest * fastest / abs(whole.speed)))
+            size = max(1, nearest_whole(shortest * fastest / abs(whole.speed)))
         if segment.stop - segment.start < size:
             continue
         part = slice(segment.start, segment.stop)
@@ -109,7 +110,7 @@ def _samples_per_turn(driving: Float[np.ndarray, " n"], segments: Sequence[Segme
     """
     travelled = sum(abs(driving[s.stop - 1] - driving[s.start]) for s in segments)
     samples = sum(s.stop - s.start for s in segments)
-    window = max(1, int(samples * REV / max(travelled, 1e-9) / 64))
+    window = max(1, whole_below(samples * REV / max(travelled, 1e-9) / 64))
     steps = [np.abs(np.diff(driving[s.start : s.stop : window])) for s in segments]
     fastest = max((float(step.max(initial=0.0)) for step in steps), default=0.0)
     return window * REV / max(fastest, 1e-9)

@@ -24,6 +24,10 @@ _NOT_ABOVE, _ROUNDING = 0.01, 1e-6
 """A minimum lies above the linear solution by no more than a hundredth of that or of a standard
 deviation, or a millionth of the whole."""
 
+_SETTLED = 0.01
+"""Standard deviations by which another Gauss–Newton step would lower the misfit, at a minimum. How
+many steps the solver took before it stopped hangs on rounding and decides nothing."""
+
 _NAMED = 0.2
 """Share of a direction from which a parameter is named."""
 
@@ -109,7 +113,10 @@ def solve(relation: Relation, flanks: tuple[WhitenedFlank, ...]) -> Solution:
     if not np.isfinite(reached):
         values, reached = start, np.inf
     tied, jacobian = (np.asarray(part) for part in _linearised(relation, np.asarray(values)))
-    covariance, determined, weakest = _covariance(_whitened(matrices, jacobian), relation.names)
+    slopes = _whitened(matrices, jacobian)
+    covariance, determined, weakest = _covariance(slopes, relation.names)
+    left = np.einsum("fij,fj->fi", matrices, tied) - targets
+    settled = bool(converged) or _gain(slopes * scale, left.ravel()) <= _SETTLED
     return Solution(
         relation.names,
         np.asarray(values),
@@ -117,12 +124,18 @@ def solve(relation: Relation, flanks: tuple[WhitenedFlank, ...]) -> Solution:
         determined,
         tied,
         jacobian,
-        bool(converged) and reached <= bound,
+        settled and reached <= bound,
         int(steps),
         weakest,
         reached,
         linear_misfit,
     )
+
+
+def _gain(slopes: Float[np.ndarray, "r p"], left: Float[np.ndarray, " r"]) -> float:
+    """Length of what a Gauss–Newton step would take off the residuals, in standard deviations."""
+    step = np.linalg.lstsq(slopes, left, rcond=_RANK_TOLERANCE)[0]
+    return float(np.linalg.norm(slopes @ step))
 
 
 def _whitened(

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
+from ..base.counting import whole_below
 from ..base.units import REV
 from .encoder_log import EncoderLog
 from .line_search import Line, Run, find_lines
@@ -36,7 +37,7 @@ def blind_lines(log: EncoderLog, segments: Sequence[Segment]) -> tuple[Line, ...
     steps = np.concatenate([np.abs(np.diff(angle[s.start : s.stop])) for s in segments])
     per_turn = REV / max(float(np.quantile(steps, _FASTEST)), 1e-12)
     highest = min(HIGHEST, per_turn / _ALIAS)
-    size = max(1, int(per_turn / (_ROWS_PER_CYCLE * highest)))
+    size = max(1, whole_below(per_turn / (_ROWS_PER_CYCLE * highest)))
     time = (log.time - log.time.mean()) / max(float(np.ptp(log.time)), 1e-300)
     columns = [np.ones(len(log)), time, time**2, _scaled(speed.value)]
     if log.torque is not None:

@@ -21,6 +21,12 @@ WIDEST = 2**61
 """Counts beyond it overflow when differences are taken."""
 
 
+_SAME = 1e-10
+"""Share of the largest reading by which readings of one value may differ: that is rounding."""
+
+_WHOLE = 0.01
+"""Share of a step by which a reading may lie beside a multiple of it."""
+
 _FAR_OFF = 3.0
 """A first reading stands far off where it differs by more than this many of the steps after it."""
 
@@ -101,14 +107,26 @@ def step_of(values: Real[np.ndarray, " n"]) -> float:
     """
     if np.issubdtype(values.dtype, np.integer):
         return 1.0
-    gaps = np.diff(np.unique(values))
-    steps = [float(gaps.min(initial=np.inf)), *(10.0**-k for k in range(10))]
-    for step in steps:
-        if np.isfinite(step) and step > 1e-12 * np.abs(values).max():
+    for step in (_least_step(values), *(10.0**-k for k in range(10))):
+        if step > _SAME * np.abs(values).max():
             multiples = (values - values[0]) / step
-            if np.abs(multiples - np.rint(multiples)).max() < 0.01:
+            if np.abs(multiples - np.rint(multiples)).max() < _WHOLE:
                 return step
     return 0.0
+
+
+def _least_step(values: Real[np.ndarray, " n"]) -> float:
+    """The least difference of two readings, as exact as their whole range; 0 where there is none.
+
+    Readings that differ by rounding alone are one reading.
+    """
+    gaps = np.diff(np.unique(values))
+    gaps = gaps[gaps > _SAME * np.abs(values).max()]
+    if len(gaps) == 0:
+        return 0.0
+    steps = np.rint(gaps / gaps.min())
+    whole = np.abs(gaps / gaps.min() - steps).max() < _WHOLE
+    return float(np.ptp(values) / steps.sum()) if whole else 0.0
 
 
 def make_channel(

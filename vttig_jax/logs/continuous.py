@@ -12,7 +12,7 @@ from .spikes import spikes, without_spikes
 from .stalls import repeats, stalls
 from .unwrap import find_modulus, stray_jump, unwrap, wrap_steps
 
-GAP = 5.0
+GAP = 5.001
 """Sampling intervals longer than this many median ones are gaps."""
 
 

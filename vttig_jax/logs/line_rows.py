@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.linalg import block_diag
 
+from ..base.counting import whole_below
 from ..base.units import REV
 
 MOST_ROWS = 10_000
@@ -95,7 +96,7 @@ def stack(runs: Sequence[Run], highest: float) -> Rows:
         )
     block = -(-sum(len(run.value) for run in runs) // MOST_ROWS)
     if block > 1 and step > 0:
-        block = max(min(block, int(1 / (_ROWS_PER_CYCLE * highest * step))), 1)
+        block = max(min(block, whole_below(1 / (_ROWS_PER_CYCLE * highest * step))), 1)
     groups: dict[str, list[Run]] = {}
     for run in runs:
         groups.setdefault(run.group, []).append(run)

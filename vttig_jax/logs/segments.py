@@ -20,13 +20,17 @@ from .speed import Speed, runs, smooth_speed
 Flank = Literal["A", "B"]
 Kind = Literal["forward", "dwell", "backward"]
 
-AFTER_REVERSAL = DEG
-"""Driving angle masked after a reversal, and after a start from standstill."""
+AFTER_REVERSAL = (1 - 1e-6) * DEG
+"""Driving angle masked after a reversal, and after a start from standstill: a degree, less so much
+that no whole count and no printed decimal lies on the edge, where rounding would decide."""
 
-RAGGED = 0.1
+SHORTEST_RUN = 15.5
+"""A run that travels fewer quanta than this is noise around standstill."""
+
+RAGGED = 0.100_01
 """Without a plateau, samples faster than this share of their run's top speed count as certain."""
 
-TORQUE = 0.05
+TORQUE = 0.049_99
 """Share of its 95th percentile above which the torque decides the flank."""
 
 SHORTEST = 8
@@ -130,7 +134,7 @@ def _sense(
     """+1, 0, −1 per sample; a run that goes no further than its noise is dwell."""
     sense = np.where(np.abs(speed.value) > speed.dwell, np.sign(speed.value), 0).astype(np.int8)
     for start, stop in runs(sense, cut):
-        if sense[start] and abs(angle[stop - 1] - angle[start]) < 16 * speed.quantum:
+        if sense[start] and abs(angle[stop - 1] - angle[start]) < SHORTEST_RUN * speed.quantum:
             sense[start:stop] = 0
     return sense
 

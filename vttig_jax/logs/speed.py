@@ -8,11 +8,17 @@ from jaxtyping import Bool, Float, Shaped
 
 from .spikes import spikes, without_spikes
 
-TRAVEL = 200.0
-"""A speed is taken over a travel of this many quanta at top speed: 0.5 % of quantisation."""
+TRAVEL = 199.9
+"""A speed is taken over a travel of this many quanta at top speed: 0.5 % of quantisation.
 
-DWELL = 0.01
+This limit and those below are no whole numbers and no round shares: speeds and travels of counters
+are whole numbers of counts, and one that lies on a limit would be judged by rounding."""
+
+DWELL = 0.010_001
 """Slower than this share of the top speed is standstill."""
+
+STILL = 4.5
+"""Slower than this many quanta in the window of a speed is standstill."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +54,7 @@ def smooth_speed(
     high = np.minimum(np.arange(count) + half, count - 1)
     elapsed = np.maximum(time[high] - time[low], 1e-3 * interval)
     value = (angle[high] - angle[low]) / elapsed
-    dwell = max(DWELL * top, 4.0 * quantum / (2 * half * interval))
+    dwell = max(DWELL * top, STILL * quantum / (2 * half * interval))
     return Speed(value, 2 * half, quantum, float(dwell))
 
 

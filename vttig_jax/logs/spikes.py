@@ -18,9 +18,10 @@ REACH = 10
 LAG = 2
 """A slope is taken between the samples this far before and behind."""
 
-QUANTA = 8.0
+QUANTA = 8.01
 DEVIATIONS = 10.0
-"""A spike is further off than this many steps of the encoder and this many robust deviations."""
+"""A spike is further off than this many steps of the encoder, a number between two whole steps, and
+this many robust deviations."""
 
 LOCAL = 8.0
 """… and further than this many times the median deviation of its neighbours: kinks are smooth."""
