@@ -7,7 +7,7 @@ import ctypes
 import shutil
 import subprocess
 from collections.abc import Sequence
-from functools import partial
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +23,8 @@ from vttig_jax.control.piece_motion import PieceMotion
 from vttig_jax.control.plant import ON_B, Shafts
 from vttig_jax.control.rigid_plant import RigidPlant
 from vttig_jax.control.tally import Tally, empty
+
+from .compiler import fast_to_compile
 
 CC = shutil.which("cc")
 SOURCE = Path(__file__).with_name("simulation_step.c")
@@ -105,7 +107,7 @@ class Prepared:
 
 def scanned(cases: Sequence[Case], periods: int) -> np.ndarray:
     """The same state by the simulator: one scan, vmapped over the cases."""
-    state = jax.tree.map(np.asarray, _scan(_stacked(cases), periods))
+    state = jax.tree.map(np.asarray, _scan()(_stacked(cases), periods))
     start = empty()
     for name in set(Tally._fields) - set(METRICS):
         there, at_first = getattr(state.tally, name), np.asarray(getattr(start, name))
@@ -124,16 +126,16 @@ def difference(one: np.ndarray, other: np.ndarray) -> dict[str, float]:
     return found
 
 
-@partial(
-    jax.jit,
-    static_argnums=1,
-    compiler_options={"xla_cpu_use_fusion_emitters": False},  # half the time to compile
-)
-def _scan(cases: Any, periods: int) -> Any:
+def _scan_all(cases: Any, periods: int) -> Any:
     def one(case: Case) -> State:
         return finished(case, started(case), jnp.arange(periods))
 
     return jax.vmap(one)(cases)
+
+
+@cache
+def _scan() -> Any:
+    return jax.jit(_scan_all, static_argnums=1, **fast_to_compile())
 
 
 _start = jax.jit(jax.vmap(started))

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 
+from benchmarks.compiler import fast_to_compile
 from tests.control.motion_points import at
 from tests.control.texts import MINIMAL
 from vttig_jax.base.units import DEG
@@ -183,6 +184,5 @@ def _advance_all(cases, states, numbers):
     return eqx.filter_vmap(advance, in_axes=(0, 0, None))(cases, states, numbers)
 
 
-# Half the time to compile; the programs that users run are those of `simulate`.
-_FAST_TO_COMPILE: Any = {"compiler_options": {"xla_cpu_use_fusion_emitters": False}}
-_advanced = eqx.filter_jit(_advance_all, **_FAST_TO_COMPILE)
+# The programs that users run are those of `simulate`.
+_advanced = eqx.filter_jit(_advance_all, **fast_to_compile())

@@ -58,7 +58,16 @@ def test_every_row_is_what_simulate_says(table):
             {"mesh.damping_ratio": [0.1, 0.5], "actuator.delay_s": [0.002, 0.003]},
         ),
         (
-            {"plant": "play", "judgement__observer": "difference", "motion__kind": "s_curve"},
+            {
+                "plant": "play",
+                "judgement__observer": "difference",
+                "motion__kind": "s_curve",
+                # Angles of a ramp are halves of counts at many samples of 1 ms; these are not.
+                "driving_encoder__amplitude_arcsec": 5.0,
+                "driving_encoder__phase_deg": 60.0,
+                "driven_encoder__amplitude_arcsec": 5.0,
+                "driven_encoder__phase_deg": 60.0,
+            },
             {"seed": [0, 3], "driving_encoder.noise_arcsec": [0.0, 20.0]},
         ),
     ],

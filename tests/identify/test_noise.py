@@ -69,8 +69,10 @@ def test_flanks_share_one_noise_but_not_their_coefficients():
 
 
 def test_zero_noise_is_no_trouble():
-    noise, flanks = whiten(summary_of({"A": [_rows(np.zeros(500))]}))
-    assert noise.std < 1e-6
+    rows = _rows(np.zeros(500))
+    noise, flanks = whiten(summary_of({"A": [rows]}))
+    assert noise.is_rounding
+    assert noise.std == pytest.approx(1e-6 * np.sqrt(np.mean(rows[:, -1] ** 2)))
     assert np.all(np.isfinite(noise.coefficients))
     np.testing.assert_allclose(np.linalg.solve(*flanks[0].tied), BETA[2:], atol=1e-6)
 

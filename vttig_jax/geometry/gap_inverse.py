@@ -22,6 +22,9 @@ _POSITIONS = 257
 _STEP = 1e-13
 """Of the position, mm, at which a search stops."""
 
+_ROUNDING = 1e-12
+"""Backlash, rad, that rounding may make of none: the end of a stroke gives what it is asked for."""
+
 
 def axial_for_backlash(
     pair: GearPair,
@@ -83,6 +86,7 @@ def axial_for_backlash(
             "not defined: the working pitch circle lies below a base circle; move the axes apart.",
             where="centre_distance_mm",
         )
+    over = np.where(np.abs(over) <= _ROUNDING, 0.0, over)
     crossings = np.flatnonzero(over[:-1] * over[1:] <= 0)
     if not len(crossings):
         low, high = (float(end + backlash_rad) / DEG for end in (over.min(), over.max()))

@@ -2,7 +2,8 @@
 
 import io
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from inspect import signature
 from typing import Any
 
 import numpy as np
@@ -30,10 +31,15 @@ def matlab_leaves(data: bytes) -> Iterator[tuple[str, np.ndarray]]:
         check_tags(data)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", MatReadWarning)  # objects share the name "None"
-        variables = loadmat(io.BytesIO(data))
+        variables = loadmat(io.BytesIO(data), **_sparse_as(loadmat))
     for name, value in variables.items():
         if not name.startswith("__"):
             yield from _leaves(name, value, 0)
+
+
+def _sparse_as(loadmat: Callable[..., dict]) -> dict[str, bool]:
+    """What newer versions of SciPy want to be told of sparse arrays, which are passed over."""
+    return {"spmatrix": False} if "spmatrix" in signature(loadmat).parameters else {}
 
 
 def _leaves(path: str, value: Any, depth: int) -> Iterator[tuple[str, np.ndarray]]:
