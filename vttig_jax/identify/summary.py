@@ -30,6 +30,9 @@ encoder resolves. Readings of 1e4 rad at 16 digits round by a hundredth of that.
 
 _SAME_SPEED = 0.05
 
+Embedding = dict[Flank, Float[np.ndarray, "_ _"]]
+"""Flank → matrix from a row of one log alone to a row of all logs."""
+
 
 @dataclass(frozen=True)
 class HarmonicSummary:
@@ -48,7 +51,7 @@ class HarmonicSummary:
     terms: TermPlan
     columns: Columns
     block_s: float
-    embeddings: tuple["Embedding", ...] = ()
+    embeddings: tuple[Embedding, ...] = ()
     plateaus: tuple["Plateau", ...] = ()
     noise: NoiseChoice = NoiseChoice()
 
@@ -101,10 +104,6 @@ class Plateau:
     summary: HarmonicSummary
 
 
-Embedding = dict[Flank, Float[np.ndarray, "_ _"]]
-"""Flank → matrix from a row of one log alone to a row of all logs."""
-
-
 def summarise(
     logs: Sequence[LogRows],
     terms: TermPlan,
@@ -132,7 +131,7 @@ def summarise(
 
 
 def _summarised(
-    logs: Sequence[LogRows], terms: TermPlan, layout: tuple[Columns, tuple["Embedding", ...]]
+    logs: Sequence[LogRows], terms: TermPlan, layout: tuple[Columns, tuple[Embedding, ...]]
 ) -> HarmonicSummary:
     columns, embeddings = layout
     noise = logs[0].noise
