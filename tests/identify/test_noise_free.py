@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from vttig_jax.base.errors import LogError
 from vttig_jax.base.units import DEG
 from vttig_jax.identify.fit import fit
 from vttig_jax.logs.encoder_log import EncoderLog
@@ -84,3 +85,16 @@ def test_readings_of_many_digits_are_a_log_without_noise(clean_rig):
     ]
     printed = EncoderLog.from_arrays(log.time, *angles, pair=clean_rig.pair, unit="deg")
     assert fit(printed, clean_rig.pair).noise.is_rounding
+
+
+def test_a_perfect_gear_has_a_transmission_error_of_rounding_alone(paper_pair):
+    """No slip is seen in the last digits, and nothing is significant."""
+    time = np.arange(9000) / 500.0
+    driving = 360.0 * np.concatenate([time[:4500], time[4500] - (time[4500:] - time[4500])])
+    log = EncoderLog.from_arrays(time, driving, 9 / 16 * driving, pair=paper_pair, unit="deg")
+    result = fit(log, paper_pair)
+    assert result.noise.is_rounding
+    assert not any(one.significant for one in result.parameters.values())
+    stepped = 9 / 16 * driving + 1e-6 * (time > 5.0)
+    with pytest.raises(LogError, match="slipped"):
+        fit(EncoderLog.from_arrays(time, driving, stepped, pair=paper_pair, unit="deg"), paper_pair)

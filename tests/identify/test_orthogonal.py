@@ -8,6 +8,7 @@ from tests.identify.summaries import normal_matrix
 from vttig_jax.identify.flank_summary import flank_of_products, summarise_flank
 from vttig_jax.identify.orthogonal import (
     PSEUDO_OBSERVATION,
+    conditioned,
     least_squares,
     orthonormal,
     residual_weights,
@@ -32,6 +33,23 @@ def test_factors_are_orthonormal_and_give_the_rows_back():
     np.testing.assert_allclose(found.rows @ found.triangle, rows, rtol=1e-12, atol=1e-12)
     np.testing.assert_allclose(found.triangle, triangle_of(rows), rtol=1e-12)
     assert np.all(np.tril(found.triangle, -1) == 0) and np.all(np.diag(found.triangle) > 0)
+
+
+@pytest.mark.portable
+@pytest.mark.parametrize("angle", [1.0, 1e-4, 1e-8, 0.0])
+def test_conditioned_rows_are_well_conditioned_and_give_the_rows_back(angle: float):
+    """Whatever the rows are: with two equal columns, and with a y that they explain exactly."""
+    rows = _near(angle)
+    found = conditioned(rows)
+    whole = np.vstack([found.rows, found.pseudo])
+    singular = np.linalg.svd(whole, compute_uv=False)
+    assert singular[-1] > 0.5e-4 and singular[0] < 1 + 1e-9
+    size = np.linalg.norm(rows, axis=0)
+    assert np.all(np.abs(found.rows @ found.triangle - rows).max(axis=0) <= 1e-15 * size)
+    assert np.all(np.tril(found.triangle, -1) == 0) and np.all(np.diag(found.triangle) > 0)
+    # The factors of the conditioned rows are those of the rows.
+    again, expected = triangle_of(whole) @ found.triangle, triangle_of(rows)
+    np.testing.assert_allclose(again / size, expected / size, atol=3e-10)
 
 
 @pytest.mark.portable

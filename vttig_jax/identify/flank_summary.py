@@ -1,8 +1,8 @@
 """Lag products of one flank: its least squares under any autoregressive noise, in O(L p²).
 
-The rows Z = [regressors, y] are kept as Z = U F with orthonormal columns U and an upper triangle F.
-Only rows of U are multiplied with each other, so that the condition of the regressors is never
-squared; what is squared is the spread of the noise spectrum alone, which is known beforehand.
+The rows Z = [regressors, y] are kept as Z = U F with nearly orthonormal columns U and an upper
+triangle F. Only rows of U are multiplied with each other, so that the condition of the regressors
+is never squared; what is squared is the spread of the noise spectrum, which is known beforehand.
 """
 
 from collections.abc import Sequence
@@ -15,12 +15,16 @@ from scipy.linalg import solve_triangular
 from ..base.errors import NoAnswerError
 from ..base.partial import log_initial_determinant
 from ..pair.gears import Flank
-from .orthogonal import orthonormal, triangle_of
+from .orthogonal import conditioned, orthonormal, triangle_of
 
 _CACHED_ROWS = 512
 
 _LOST_DIGITS = 1e-13
 """Share of the square of a column that the rounding of products (1e-16) does not reach."""
+
+
+Runs = tuple[list[Float[np.ndarray, "_ q"]], Float[np.ndarray, "q q"], Float[np.ndarray, "q q"]]
+"""Rows U of every run, the pseudo-observations, and the common triangle F."""
 
 
 @dataclass(frozen=True)
@@ -29,8 +33,8 @@ class FlankSummary:
 
     **Arguments**
     - `triangle`: F, shape (q, q); y is the last of the q columns of the rows Z = U F.
-    - `lag_products`: Γ_0 … Γ_L of the orthonormal rows u of U, shape (L + 1, q, q). L is what
-      the noise of the logs asks for, 16 at most. Γ_0, pseudo-observations included, is one.
+    - `lag_products`: Γ_0 … Γ_L of the rows u of U, shape (L + 1, q, q). L is what the noise of
+      the logs asks for, 16 at most. Γ_0 holds the pseudo-observations too.
     - `heads`, `tails`: the first and last L rows of U of every run, shape (runs, L, q).
     - `rows`: number of block rows in all runs together.
     """
@@ -75,7 +79,7 @@ class FlankSummary:
         return self.inner(filter_) @ self.triangle
 
     def residual(self, filter_: Float[np.ndarray, " taps"]) -> Float[np.ndarray, " q"]:
-        """w of the residual rows u · w that generalised least squares leaves of y."""
+        """w of the residuals u · w that generalised least squares leaves of y."""
         inner = self.inner(filter_)
         last = np.zeros(len(inner))
         last[-1] = inner[-1, -1] * self.triangle[-1, -1]
@@ -83,7 +87,8 @@ class FlankSummary:
 
     def square(self, column: int) -> float:
         """Sum of squares of one column of the rows."""
-        return float(self.triangle[:, column] @ self.triangle[:, column])
+        own = self.triangle[:, column]
+        return float(own @ self.lag_products[0] @ own)
 
     def log_determinant(self, partial: Float[np.ndarray, " p"]) -> float:
         """Log-determinant of the covariance of all rows, innovations of variance one."""
@@ -150,22 +155,25 @@ def summarise_flank(
     flank: Flank, runs: Sequence[Float[np.ndarray, "_ q"]], lags: int
 ) -> FlankSummary:
     """Lag products and ends of runs that are all longer than `lags`."""
-    pieces, pseudo, triangle = orthonormal_runs(runs)
+    return summarise_conditioned(flank, conditioned_runs(runs), lags)
+
+
+def summarise_conditioned(flank: Flank, factored: Runs, lags: int) -> FlankSummary:
+    """The same of runs that are conditioned already."""
+    pieces, pseudo, triangle = factored
     return FlankSummary(
         flank,
         triangle,
         np.sum([_lag_products(rows, lags) for rows in pieces], axis=0),
         np.stack([rows[:lags] for rows in pieces]),
         np.stack([rows[len(rows) - lags :] for rows in pieces]),
-        sum(map(len, runs)),
+        sum(map(len, pieces)),
     )._observed(pseudo)
 
 
-def orthonormal_runs(
-    runs: Sequence[Float[np.ndarray, "_ q"]],
-) -> tuple[list[Float[np.ndarray, "_ q"]], Float[np.ndarray, "q q"], Float[np.ndarray, "q q"]]:
-    """Runs of orthonormal rows, the pseudo-observations, and the common triangle."""
-    whole = orthonormal(np.concatenate(runs))
+def conditioned_runs(runs: Sequence[Float[np.ndarray, "_ q"]]) -> Runs:
+    """Condition all runs together."""
+    whole = conditioned(np.concatenate(runs))
     return np.split(whole.rows, np.cumsum([len(rows) for rows in runs])[:-1]), *whole[1:]
 
 

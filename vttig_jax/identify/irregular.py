@@ -17,7 +17,7 @@ from numpy.polynomial import chebyshev
 
 from ..base.arrays import Number, Numbers, namespace
 from ..pair.gears import Flank
-from .flank_summary import FlankSummary, orthonormal_runs
+from .flank_summary import FlankSummary, conditioned_runs
 
 NODES = 64
 _SMALLEST, _LARGEST = 0.01, 0.999
@@ -28,7 +28,7 @@ Times = Float[np.ndarray, " n"]
 
 @dataclass(frozen=True)
 class IrregularFlank(FlankSummary):
-    """Products of the whitened orthonormal rows of one flank at the nodes.
+    """Products of the whitened rows U of one flank at the nodes.
 
     `lag_products` holds Γ_0 alone.
 
@@ -98,7 +98,7 @@ def irregular_flank(
     distance_s: float,
 ) -> IrregularFlank:
     """Compress runs of rows at the given mean times; ρ is stated at `distance_s`."""
-    pieces, pseudo, triangle = orthonormal_runs(runs)
+    pieces, pseudo, triangle = conditioned_runs(runs)
     width = runs[0].shape[1]
     nodes = chebyshev.chebpts1(NODES)
     ends = [-np.log(-np.log(end)) for end in (_SMALLEST, _LARGEST)]

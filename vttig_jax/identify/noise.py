@@ -254,5 +254,8 @@ def residual_rows(
 
 def _std(summary: HarmonicSummary, filter_: Float[np.ndarray, " taps"]) -> float:
     """Rms of what generalised least squares leaves of the rows; at least that of rounding."""
-    square = sum(float(np.sum(flank.residual(filter_) ** 2)) for flank in summary.flanks)
+    square = 0.0
+    for flank in summary.flanks:
+        residual = flank.residual(filter_)
+        square += float(residual @ flank.lag_products[0] @ residual)
     return float(np.sqrt(max(square, summary.rounding) / max(summary.rows, 1)))

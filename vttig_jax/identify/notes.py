@@ -44,9 +44,10 @@ def _noise_notes(noise: NoiseModel) -> list[str]:
     if not noise.is_rounding:
         return []
     return [
-        "the log holds no noise: the model leaves less than a millionth of the transmission error"
-        f" ({noise.std / DEG:.1g}°); the standard errors are those of a noise of that millionth,"
-        " and not those of a measurement"
+        "the log holds no noise: its harmonics leave less than a millionth of the transmission"
+        f" error ({noise.std / DEG:.1g}°); the standard errors are those of a noise of that"
+        " millionth and not those of a measurement, so a value that lies many of them off the truth"
+        " may still be right to all digits that matter"
     ]
 
 

@@ -21,12 +21,17 @@ EMPTY = 1e-16
 """Sum of squares below which a column holds zeros only: its pseudo-observations sum to 1e-20."""
 
 
-class Orthonormal(NamedTuple):
-    """Rows Z = U F with FᵀF = ZᵀZ + pseudo-observations.
+_SHIFT = 1e-12
+"""Share of every squared column that is added before rows are conditioned: a hundred times what
+rounding makes of a sum of 10⁵ squares, so that the Cholesky factor exists on every processor."""
+
+
+class Factored(NamedTuple):
+    """Rows Z = U F, pseudo-observations below them.
 
     **Arguments**
-    - `rows`: U, orthonormal columns together with `pseudo`.
-    - `pseudo`: the part of the orthonormal columns that belongs to the pseudo-observations.
+    - `rows`: U.
+    - `pseudo`: the rows of U that belong to the pseudo-observations.
     - `triangle`: F, upper triangular, no negative number on its diagonal.
     """
 
@@ -35,13 +40,32 @@ class Orthonormal(NamedTuple):
     triangle: Float[np.ndarray, "q q"]
 
 
-def orthonormal(rows: Float[np.ndarray, "n q"]) -> Orthonormal:
-    """Orthonormal columns for rows, one pseudo-observation a column among them."""
+def orthonormal(rows: Float[np.ndarray, "n q"]) -> Factored:
+    """Rows with orthonormal columns U, pseudo-observations counted."""
     factored: Any = qr(_observed(rows), mode="economic", check_finite=False, overwrite_a=True)
     full, triangle = factored
     sign = _signs(triangle)
     full *= sign
-    return Orthonormal(full[: len(rows)], full[len(rows) :], triangle * sign[:, None])
+    return Factored(full[: len(rows)], full[len(rows) :], triangle * sign[:, None])
+
+
+def conditioned(rows: Float[np.ndarray, "n q"]) -> Factored:
+    """Rows U with nearly orthonormal columns, for many rows: far faster than a QR factor.
+
+    F is the Cholesky factor of ZᵀZ + 1e-12 of its diagonal, and U = Z F⁻¹ by substitution, which is
+    exact to the last digits of Z. With pseudo-observations no singular value of U lies below 1e-4:
+    products of its rows keep eight digits in the worst direction (shifted CholeskyQR, T. Fukaya et
+    al., SIAM J. Sci. Comput. 42 (2020) A477). The condition of ZᵀZ decides nothing.
+    """
+    size = _sizes(rows)
+    scaled = rows / size
+    gram = scaled.T @ scaled
+    gram[np.diag_indices(len(gram))] += _SHIFT
+    triangle = np.linalg.cholesky(gram).T
+    white = _substituted(triangle, scaled)
+    return Factored(
+        white, _substituted(triangle, PSEUDO_OBSERVATION * np.eye(len(gram))), triangle * size
+    )
 
 
 def triangle_of(rows: Float[np.ndarray, "n q"]) -> Float[np.ndarray, "q q"]:
@@ -63,9 +87,22 @@ def residual_weights(triangle: Float[np.ndarray, "q q"]) -> Float[np.ndarray, " 
 
 def _observed(rows: Float[np.ndarray, "n q"]) -> Float[np.ndarray, "m q"]:
     """The rows with the pseudo-observations below them."""
+    return np.vstack([rows, PSEUDO_OBSERVATION * np.diag(_sizes(rows))])
+
+
+def _sizes(rows: Float[np.ndarray, "n q"]) -> Float[np.ndarray, " q"]:
+    """Lengths of the columns; 1 for a column of zeros."""
     size = np.linalg.norm(rows, axis=0)
     size[size == 0] = 1.0
-    return np.vstack([rows, PSEUDO_OBSERVATION * np.diag(size)])
+    return size
+
+
+def _substituted(
+    triangle: Float[np.ndarray, "q q"], rows: Float[np.ndarray, "n q"]
+) -> Float[np.ndarray, "n q"]:
+    """`rows` times the inverse of an upper triangle."""
+    solved: Any = solve_triangular(triangle, rows.T, trans="T", check_finite=False)
+    return solved.T
 
 
 def _signs(triangle: Float[np.ndarray, "q q"]) -> Float[np.ndarray, " q"]:

@@ -29,13 +29,17 @@ class Run:
 
 @dataclass(frozen=True, eq=False)
 class LogRows:
-    """All rows of one log. `size` samples and `block_s` seconds make a row of the fastest run."""
+    """All rows of one log. `size` samples and `block_s` seconds make a row of the fastest run.
+
+    `rounding` is what the last digit of the readings makes of y, rad.
+    """
 
     columns: Columns
     runs: tuple[Run, ...]
     size: int
     block_s: float
     noise: NoiseChoice = NoiseChoice()
+    rounding: float = 0.0
 
     def runs_by_flank(self, longer_than: int = 0) -> dict[Flank, list[Run]]:
         """Every run that has more than `longer_than` rows, flank by flank."""
@@ -100,7 +104,8 @@ def log_rows(
         seen = (driving, error + channels.level, channels.time[part])
         curve = (block_means(c, size) for c in seen)
         runs.append(Run(segment, rows, TECurve(segment.flank, *curve)))
-    return LogRows(columns, tuple(runs), shortest, shortest * channels.sample_s, noise)
+    row_s = shortest * channels.sample_s
+    return LogRows(columns, tuple(runs), shortest, row_s, noise, channels.log.rounding)
 
 
 def _samples_per_turn(driving: Float[np.ndarray, " n"], segments: Sequence[Segment]) -> float:

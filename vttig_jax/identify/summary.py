@@ -1,7 +1,7 @@
 """The harmonic summary: everything a fit needs to know of its logs, in a few dozen numbers a lag.
 
 With z_t the block rows [regressors, y] of one flank, the summary keeps their triangular factor F,
-the lag products Γ_l = Σ u_t u_{t−l}ᵀ of the orthonormal rows u_t = F⁻ᵀ z_t of every uninterrupted
+the lag products Γ_l = Σ u_t u_{t−l}ᵀ of the conditioned rows u_t = F⁻ᵀ z_t of every uninterrupted
 run, and its first and last rows. From those the least squares under any autoregressive noise follow
 in O(L p²), however long the logs were.
 """
@@ -15,10 +15,9 @@ from jaxtyping import Float
 from ..base.autoregression import whitening_filter
 from ..pair.gears import Flank
 from .columns import OFFSET, Columns
-from .flank_summary import FlankSummary, summarise_flank
+from .flank_summary import FlankSummary, Runs, conditioned_runs, summarise_conditioned
 from .irregular import irregular_flank
 from .noise_choice import HIGHEST_LAG, NoiseChoice
-from .orthogonal import residual_weights, triangle_of
 from .rows import LogRows
 from .terms import TermPlan
 
@@ -45,6 +44,7 @@ class HarmonicSummary:
     - `embeddings`: log by log, how the rows of that log alone become rows of all.
     - `plateaus`: the summary of every speed by itself, where each has noise of its own.
     - `noise`: what is assumed of the noise.
+    - `last_digit`: what the last digit of the readings makes of y, rad.
     """
 
     flanks: tuple[FlankSummary, ...]
@@ -54,6 +54,7 @@ class HarmonicSummary:
     embeddings: tuple[Embedding, ...] = ()
     plateaus: tuple["Plateau", ...] = ()
     noise: NoiseChoice = NoiseChoice()
+    last_digit: float = 0.0
 
     @property
     def rows(self) -> int:
@@ -69,7 +70,8 @@ class HarmonicSummary:
     @property
     def rounding(self) -> float:
         """Sum of squared residuals below which there is no noise, in rad²."""
-        return ROUNDING * sum(flank.square(-1) for flank in self.flanks)
+        share = ROUNDING * sum(flank.square(-1) for flank in self.flanks)
+        return share + self.rows * self.last_digit**2
 
     def keeping(self, own: Sequence[tuple[str, ...]]) -> "HarmonicSummary":
         """The same summary with only these own columns of every log."""
@@ -135,21 +137,28 @@ def _summarised(
 ) -> HarmonicSummary:
     columns, embeddings = layout
     noise = logs[0].noise
-    lags = max((needed_lags(log) for log in logs), default=1)
+    conditioned = [_conditioned(log) for log in logs]
+    lags = max((_needed(*found) for found in conditioned), default=1)
     flanks: dict[Flank, FlankSummary] = {}
-    for log, embedding in zip(logs, embeddings, strict=True):
+    for log, embedding, (known, _) in zip(logs, embeddings, conditioned, strict=True):
         for flank, runs in log.runs_by_flank(longer_than=2 * lags).items():
             rows = [run.rows for run in runs]
             if noise.kind == "ou":
                 times = [run.curve.time for run in runs]
                 part = irregular_flank(flank, rows, times, logs[0].block_s)
             else:
-                part = summarise_flank(flank, rows, lags)
+                seen = known.get(flank)
+                if seen is None or len(seen[0]) != len(rows):
+                    seen = conditioned_runs(rows)
+                part = summarise_conditioned(flank, seen, lags)
             if len(logs) > 1:
                 part = part.transformed(embedding[flank])
             flanks[flank] = flanks[flank] + part if flank in flanks else part
     ordered = tuple(flanks[flank] for flank in FLANKS if flank in flanks)
-    return HarmonicSummary(ordered, terms, columns, logs[0].block_s, embeddings, (), noise)
+    last_digit = max(log.rounding for log in logs)
+    return HarmonicSummary(
+        ordered, terms, columns, logs[0].block_s, embeddings, (), noise, last_digit
+    )
 
 
 def plateau_speeds(speeds: Sequence[float]) -> tuple[float, ...]:
@@ -182,14 +191,24 @@ def _side_by_side(logs: Sequence[LogRows]) -> tuple[Columns, tuple[Embedding, ..
 
 def needed_lags(log: LogRows) -> int:
     """Lags the noise asks for: the order of the ordinary residual's autoregression and two more."""
+    return _needed(*_conditioned(log))
+
+
+def _conditioned(log: LogRows) -> tuple[dict[Flank, Runs], int]:
+    """Conditioned rows of the runs that tell how many lags the noise asks for, and the most."""
     if log.noise.kind != "ar":
-        return 0
+        return {}, 0
     longest = max((len(run.rows) for run in log.runs), default=0)
     most = int(np.clip(longest // 8, 1, HIGHEST_LAG))
+    by_flank = log.by_flank(longer_than=2 * most)
+    return {flank: conditioned_runs(runs) for flank, runs in by_flank.items()}, most
+
+
+def _needed(conditioned: dict[Flank, Runs], most: int) -> int:
     needed = 1
-    for runs in log.by_flank(longer_than=2 * most).values():
-        weights = residual_weights(triangle_of(np.concatenate(runs)))
-        residuals = [rows @ weights for rows in runs]
+    for pieces, *_ in conditioned.values():
+        # The last column of conditioned rows is what the others leave of y.
+        residuals = [rows[:, -1] for rows in pieces]
         count = sum(map(len, residuals))
         covariance = [
             sum(float(r[lag:] @ r[: len(r) - lag]) for r in residuals) / count

@@ -101,6 +101,11 @@ class EncoderLog:
         return (REV / i.denominator) * turns + (rest2 - float(i) * rest1)
 
     @cached_property
+    def rounding(self) -> float:
+        """Rad by which the last digit of the readings may change a transmission error."""
+        return float(np.finfo(np.float64).eps * np.abs(self.driven_angle).max())
+
+    @cached_property
     def spikes(self) -> Bool[np.ndarray, " n"]:
         """Samples at which a channel stands off its neighbours and comes back."""
         apart = np.zeros(len(self), bool)

@@ -112,6 +112,10 @@ def refuse_slip(log: EncoderLog, segments: Segments) -> None:
         raise LogError(slip.sentence, where=log.place.at(row=slip.row))
 
 
+_DIGITS = 100.0
+"""Units of the last digit of the readings up to which a step is rounding."""
+
+
 def _rows(
     log: EncoderLog, segments: Segments
 ) -> tuple[
@@ -156,9 +160,10 @@ def _groups(segments: list[Segment]) -> list[int]:
 def _least(log: EncoderLog, rest: Float[np.ndarray, " m"]) -> float:
     """Smallest step told, rad: half the scatter of the readings, and one count of either encoder.
 
-    The step of readings in degrees is no measure: steady motion makes it as large as itself.
+    The step of readings in degrees is no measure: steady motion makes it as large as itself. Steps
+    of the last digit of a log without noise are none.
     """
-    found = [0.5 * float(np.median(np.abs(rest))) / 0.6745]
+    found = [0.5 * float(np.median(np.abs(rest))) / 0.6745, _DIGITS * log.rounding]
     for channel, size in ((log.driving, abs(float(log.ratio))), (log.driven, 1.0)):
         if channel is not None and channel.unit == "counts":
             found.append(size * channel.resolution)
