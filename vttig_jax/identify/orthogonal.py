@@ -101,7 +101,7 @@ def _substituted(
     triangle: Float[np.ndarray, "q q"], rows: Float[np.ndarray, "n q"]
 ) -> Float[np.ndarray, "n q"]:
     """`rows` times the inverse of an upper triangle."""
-    solved: Any = solve_triangular(triangle, rows.T, trans="T", check_finite=False)
+    solved: Any = solve_triangular(triangle, rows.T, trans=1, check_finite=False)
     return solved.T
 
 

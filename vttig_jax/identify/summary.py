@@ -18,6 +18,7 @@ from .columns import OFFSET, Columns
 from .flank_summary import FlankSummary, Runs, conditioned_runs, summarise_conditioned
 from .irregular import irregular_flank
 from .noise_choice import HIGHEST_LAG, NoiseChoice
+from .orthogonal import residual_weights
 from .rows import LogRows
 from .terms import TermPlan
 
@@ -206,9 +207,10 @@ def _conditioned(log: LogRows) -> tuple[dict[Flank, Runs], int]:
 
 def _needed(conditioned: dict[Flank, Runs], most: int) -> int:
     needed = 1
-    for pieces, *_ in conditioned.values():
-        # The last column of conditioned rows is what the others leave of y.
-        residuals = [rows[:, -1] for rows in pieces]
+    for pieces, pseudo, _ in conditioned.values():
+        gram = sum((rows.T @ rows for rows in pieces), pseudo.T @ pseudo)
+        weights = residual_weights(np.linalg.cholesky(gram).T)
+        residuals = [rows @ weights for rows in pieces]
         count = sum(map(len, residuals))
         covariance = [
             sum(float(r[lag:] @ r[: len(r) - lag]) for r in residuals) / count
