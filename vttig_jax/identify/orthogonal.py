@@ -1,7 +1,8 @@
-"""Least squares by orthogonal factors: no row is squared before it is factored.
+"""Least squares by triangular factors that exist whatever the rows are.
 
-Squaring rows squares their condition, so that the last digits, which differ between processors,
-would decide whether a normal matrix has a Cholesky factor at all. A QR factor always exists.
+Squares of rows have the square of their condition, so that the last digits, which differ between
+processors, would decide whether a normal matrix has a Cholesky factor. A QR factor always exists;
+where there are many rows, they are conditioned first, with a shift that decides nothing.
 """
 
 from typing import Any, NamedTuple
@@ -19,7 +20,6 @@ rounding (1e-15) does not reach, and which lies a factor of 1e4 below what count
 
 EMPTY = 1e-16
 """Sum of squares below which a column holds zeros only: its pseudo-observations sum to 1e-20."""
-
 
 _SHIFT = 1e-12
 """Share of every squared column that is added before rows are conditioned: a hundred times what
