@@ -207,6 +207,7 @@ def test_what_the_hard_judgement_finds_worse_is_not_taken(monkeypatch):
         yield Stage(0.5, (0.5,), 1.0, 0.0, 1)
 
     monkeypatch.setattr(Search, "stages", stages)
+    monkeypatch.setattr(Search, "neighbours", lambda self, values: [])
     tuned = scattered()
     assert not tuned.improved and tuned.values == {MARGIN: 0.01}
     assert tuned.after == tuned.before and tuned.spec.judgement.margin_mm == 0.01

@@ -47,6 +47,10 @@ class FreeKey:
         free = self.start * math.exp(u) if self.positive else self.start + u * step
         return min(max(free, self.low), self.high)
 
+    def scaled(self, value: float, step: float) -> float:
+        """The u at which the number has this value."""
+        return math.log(value / self.start) if self.positive else (value - self.start) / step
+
     def slope(self, u: float, step: float) -> float:
         """Its derivative with respect to u."""
         return self.start * math.exp(u) if self.positive else step

@@ -60,7 +60,8 @@ def tune(
     prescribed motion; what a controller does before, such as closing too early because of the
     counts of an encoder, only the hard judgement sees. That one runs every case of the sweep as
     `vttig_jax.sweep` does, at the start and after every stage, and decides: what it finds no better
-    than the start is not taken, and a setting that brings less than a thousandth is left alone.
+    than the start is not taken, and a setting that brings less than a thousandth is left alone. If
+    it finds no stage better, it also tries places beside the last one.
 
     **Arguments**
     - `spec`, `pair`, `folder`, `rigs`, `believed`: as of `vttig_jax.sweep`; the axes are the cases
@@ -138,6 +139,8 @@ def _tuned(given: ScenarioSpec, judge: Judge, progress: Callable[[int, int], Non
             best = stage.values
         if progress is not None:
             progress(len(stages), len(WIDTHS))
+    if best == judge.start and stages:
+        best = _nearby(judge, search, stages[-1])
     best = _frugal(judge, best)
     values = dict(zip((key.name for key in judge.keys), best, strict=True))
     return Tuned(
@@ -154,6 +157,16 @@ def _tuned(given: ScenarioSpec, judge: Judge, progress: Callable[[int, int], Non
         stages=tuple(stages),
         notes=tuple(_notes(given, judge, values)),
     )
+
+
+def _nearby(judge: Judge, search: Search, last: Stage) -> tuple[float, ...]:
+    """The best place beside the end of the search, or the start if the start is better.
+
+    The smooth objective can end on the far side of an edge, such as a threshold that lies just
+    above the largest deceleration; there the controller misses every reversal.
+    """
+    places = [judge.start, *search.neighbours(last.values)]
+    return min(places, key=lambda values: judge.score(values).rank)
 
 
 def _frugal(judge: Judge, best: tuple[float, ...]) -> tuple[float, ...]:

@@ -147,6 +147,12 @@ class Search:
             costs = before.cost * self._unit, after.cost * self._unit
             yield Stage(width, self._values(after.u), *costs, calls)
 
+    def neighbours(self, values: Sequence[float]) -> list[tuple[float, ...]]:
+        """Values where one key differs from those given, by the steps that every stage tries."""
+        ends = np.array([key.ends(self.step_mm) for key in self.keys])
+        place = [key.scaled(x, self.step_mm) for key, x in zip(self.keys, values, strict=True)]
+        return [self._values(u) for u in self._around([np.array(place)], ends)]
+
     @property
     def _unit(self) -> float:
         """Cost that counts as 1, deg."""
