@@ -1,14 +1,24 @@
 # ruff: noqa: E402 -- threads, import hook and 64-bit mode are set before what they govern
 """What every test shares: double precision, checked annotations, quiet threads, the paper's rig."""
 
+import atexit
 import ctypes
 import gc
 import os
+import shutil
+import tempfile
 
 # The linear algebra pools read these once, when numpy is imported.
 for _pool in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_pool, "1")
 os.environ.setdefault("MPLBACKEND", "Agg")
+
+# Workers, notebooks and commands in processes of their own share what one of them has compiled.
+if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
+    _programs = tempfile.mkdtemp(prefix="vttig-tests-")
+    atexit.register(shutil.rmtree, _programs, ignore_errors=True)
+    os.environ["JAX_COMPILATION_CACHE_DIR"] = _programs
+    os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.1"
 
 from collections.abc import Iterator
 from contextlib import suppress
@@ -35,8 +45,13 @@ ROOMS = (
 )
 jaxtyping.install_import_hook([f"vttig_jax.{room}" for room in ROOMS], "beartype.beartype")
 
+import scipy.linalg  # noqa: F401 -- its BLAS is there before the threads are limited
+from threadpoolctl import threadpool_limits
+
 import vttig_jax
 
+# In a single process, plugins import numpy before the variables above are set.
+threadpool_limits(int(os.environ["OPENBLAS_NUM_THREADS"]), user_api="blas")
 vttig_jax.enable_x64()
 
 from vttig_jax.pair.eccentricities import Eccentricities

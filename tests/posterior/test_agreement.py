@@ -49,7 +49,7 @@ def test_standard_errors_from_blocks_are_named(posterior):
     wide = replace(
         result,
         covariance=2.3**2 * result.covariance,
-        checks=result.checks | {"whiteness": {"widening": 2.3}},
+        checks=dict(result.checks) | {"whiteness": {"widening": 2.3}},
     )
     found = agreement(replace(posterior, fit=wide))
     assert "2.3 times the sampled one" in found.sentences[0]

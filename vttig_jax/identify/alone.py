@@ -18,12 +18,15 @@ def log_alone(view: View, log: int) -> dict:
 
     The gap is that under the common delay. None where the log alone cannot tell.
     """
-    summary = summarise([view.rows[log]], view.model.terms)
     found: dict[str, float | None] = dict.fromkeys(
         ("delay_s", "delay_std_s", "gap_deg", "gap_std_deg")
     )
-    filter_ = autoregression(summary)
-    own = own_terms(summary, filter_)
+    if len(view.rows) == 1:
+        summary, filter_, own = view.summary, view.filter, view.own
+    else:
+        summary = summarise([view.rows[log]], view.model.terms)
+        filter_ = autoregression(summary)
+        own = own_terms(summary, filter_)
     if "delay" in own.names and own.left("delay") > TOLD:
         step, std = own.estimate("delay", own.names)
         found |= {"delay_s": view.channels[log].delay_s + step, "delay_std_s": std}

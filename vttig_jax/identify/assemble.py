@@ -1,6 +1,8 @@
 """From the compressed logs to the result: solve, name, check."""
 
+from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -13,6 +15,7 @@ from .choices import Choices
 from .diagnostics import lines_left, whiteness
 from .evidence import Evidence
 from .gather import Gathered
+from .lazy_checks import Checks
 from .level import lifted, restored
 from .noise import NoiseModel, WhitenedFlank, whiten
 from .notes import conditions_of, notes_of
@@ -26,7 +29,7 @@ from .readings import (
     updated,
     with_constant_backlash,
 )
-from .records import checks_of, log_record
+from .records import checks_of, log_record, repetitions_of
 from .relation import relation_of
 from .reporting import outcome_of, parameters_of, regressors_of
 from .residual import (
@@ -104,14 +107,18 @@ def assembled(
         covariance_names=solution.names,
         values=solution.values,
         regressors=regressors,
-        checks={
-            "order_spectrum": [o.to_json() for o in orders if o.order == 1 and o.shaft != "mesh"],
-            "closure": closure(curves, pair),
-            "whiteness": white,
-            "lines": [] if noise.is_rounding else _lines(view, weights),
-            "readings": compared,
-            **checks_of(gathered, solution, pair, parameters),
-        },
+        checks=Checks(
+            {
+                "order_spectrum": [
+                    o.to_json() for o in orders if o.order == 1 and o.shaft != "mesh"
+                ],
+                "closure": closure(curves, pair),
+                "whiteness": white,
+                "readings": compared,
+                **checks_of(gathered, solution, pair, parameters),
+            },
+            repetitions_of(view) | {"lines": _lines(view, weights, noise)},
+        ),
         notes=notes_of(gathered, scope, solution, noise, regressors, alone),
         logs=tuple(record | {"alone": one} for record, one in zip(records, alone, strict=True)),
         evidence=Evidence(
@@ -127,9 +134,14 @@ def assembled(
     )
 
 
-def _lines(view: View, weights: list[Weights]) -> list[dict]:
-    model = view.model
-    return lines_left(view.rows, weights, model.terms, same_zero=model.same_zero)
+def _lines(
+    view: View, weights: list[Weights], noise: NoiseModel
+) -> Callable[[], list[dict[str, Any]]]:
+    """The search for lines, to be carried out later; it keeps the rows but not the samples."""
+    if noise.is_rounding:
+        return list
+    rows, terms, same_zero = view.rows, view.model.terms, view.model.same_zero
+    return lambda: lines_left(rows, weights, terms, same_zero=same_zero)
 
 
 def _with_blocks(

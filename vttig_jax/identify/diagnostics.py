@@ -7,6 +7,7 @@ from jaxtyping import Float
 from scipy.special import chdtrc
 
 from ..base.counting import whole_below
+from ..base.threads import one_blas_thread
 from ..base.units import REV
 from ..kinematics.orders import Term
 from ..logs.line_search import Line, find_lines
@@ -70,6 +71,7 @@ def whiteness(
     }
 
 
+@one_blas_thread
 def lines_left(
     rows: Sequence[LogRows], weights: Sequence[Weights], terms: TermPlan, *, same_zero: bool
 ) -> list[dict]:

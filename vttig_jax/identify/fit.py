@@ -6,6 +6,7 @@ from typing import Literal
 
 from ..base.errors import NoAnswerError
 from ..base.precision import require_x64
+from ..base.threads import one_blas_thread
 from ..logs.encoder_log import EncoderLog
 from ..logs.flank_evidence import assigned_segments
 from ..logs.ramps import find_ramps
@@ -25,6 +26,7 @@ from .summary import HarmonicSummary
 from .view import Input
 
 
+@one_blas_thread
 def fit(
     log: EncoderLog | Sequence[EncoderLog],
     pair: GearPair | Drive,

@@ -1,6 +1,7 @@
 """A fit in words and tables, laid out to be read from top to bottom."""
 
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -149,7 +150,7 @@ def _duration(seconds: float) -> str:
     return f"{seconds:.3g} s" if seconds >= 1 else f"{1e3 * seconds:.3g} ms"
 
 
-def _drift(checks: dict) -> str:
+def _drift(checks: Mapping[str, Any]) -> str:
     if knots_s := checks.get("drift_knots_s"):
         what = f"cubic spline with knots every {_duration(knots_s)}"
     elif checks["drift_order"]:

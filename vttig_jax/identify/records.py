@@ -1,6 +1,6 @@
 """Checks and records of a fit as they stand in its JSON."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -31,10 +31,7 @@ def checks_of(
 ) -> dict:
     """Checks that need the logs and the solution, by name."""
     view = gathered.view
-    terms = view.model.terms
     return {
-        "passes": _numbered([passes([run.curve for run in rows.runs]) for rows in view.rows]),
-        "halves": _numbered([halves(rows, terms) for rows in view.rows]),
         "reversals": _numbered(
             [_reversals(view, log, solution, pair, parameters) for log in range(len(view.inputs))]
         ),
@@ -46,6 +43,15 @@ def checks_of(
         "outliers": [found.to_json() for found in gathered.weights.outliers],
         "weakest_direction": solution.weakest.to_json() if solution.weakest else None,
         "solver_steps": solution.steps,
+    }
+
+
+def repetitions_of(view: View) -> dict[str, Callable[[], list[dict]]]:
+    """Comparisons inside every log, to be carried out later; they keep rows but not samples."""
+    logs, terms = view.rows, view.model.terms
+    return {
+        "passes": lambda: _numbered([passes([run.curve for run in one.runs]) for one in logs]),
+        "halves": lambda: _numbered([halves(one, terms) for one in logs]),
     }
 
 

@@ -7,6 +7,7 @@ from itertools import pairwise
 import numpy as np
 
 from ..base.errors import NoAnswerError
+from ..base.threads import one_blas_thread
 from ..base.units import ARCSEC, DEG, REV
 from ..kinematics.te_curve import TECurve
 from .agreement import Phasors, first_orders
@@ -44,6 +45,7 @@ def passes(curves: Sequence[TECurve]) -> list[dict]:
     return found
 
 
+@one_blas_thread
 def halves(rows: LogRows, terms: TermPlan) -> list[dict]:
     """First orders of the first half of every pass against those of the second half.
 

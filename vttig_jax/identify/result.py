@@ -1,7 +1,8 @@
 """The result of a fit: parameters, orders, checks, and the flank model they make."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -31,7 +32,8 @@ class Fit:
     - `curves`: block-averaged transmission error, one a certain run; `residuals` beside them, rad.
     - `noise`, `residual_rms_deg`: of block means, and of single samples.
     - `covariance`, `covariance_names`: of the Cartesian parameters, mm and rad.
-    - `checks`: closure, reversal jumps, order amplitudes, ratio, drift.
+    - `checks`: closure, reversal jumps, order amplitudes, ratio, drift; the search for lines and
+      the comparisons inside the log are carried out when they are first read.
     - `notes`: sentences on what was left out and why.
     - `regressors`: coefficients of torque, acceleration, speed and ratio that were fitted.
     - `logs`: file, digest, zero and samples of every log.
@@ -57,7 +59,7 @@ class Fit:
     covariance: Float[np.ndarray, "p p"]
     covariance_names: tuple[str, ...]
     values: Float[np.ndarray, " p"]
-    checks: dict
+    checks: Mapping[str, Any]
     notes: tuple[str, ...]
     regressors: tuple[Parameter, ...] = ()
     logs: tuple[dict, ...] = ()
@@ -109,7 +111,7 @@ class Fit:
             "regressors": {p.name: p.to_json() for p in self.regressors},
             "orders": [order.to_json() for order in self.orders],
             "logs": list(self.logs),
-            "checks": self.checks,
+            "checks": dict(self.checks),
             "notes": list(self.notes),
         }
 

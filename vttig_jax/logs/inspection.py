@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from ..base.threads import one_blas_thread
 from ..base.units import ARCSEC, REV
 from ..pair.spec import FitOptions
 from .blind_lines import blind_lines
@@ -112,6 +113,7 @@ class Inspection:
         return inspection_text(self)
 
 
+@one_blas_thread
 def inspect_log(log: EncoderLog, pair: TwoShafts | None = None) -> Inspection:
     """Look at a log from all sides; raises nothing a validated log could cause.
 

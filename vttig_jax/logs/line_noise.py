@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Inexact
 from numpy.lib.stride_tricks import sliding_window_view
-from scipy.linalg import qr
-from scipy.ndimage import uniform_filter1d
+from scipy.linalg import qr, qr_multiply, solve_triangular
+from scipy.ndimage import correlate1d, uniform_filter1d
 
 from ..base.autoregression import whitening_filter
 from .line_rows import Rows
@@ -44,10 +44,11 @@ class Whitening:
 
     def __call__(self, columns: Inexact[np.ndarray, "*k n"]) -> Inexact[np.ndarray, "*k n"]:
         """Filter and weigh along the last axis."""
-        filtered = columns * self.weight
-        for lag, tap in enumerate(self.filter[1:], 1):
-            filtered[..., lag:] += (tap * self.weight[lag:]) * columns[..., :-lag]
-        return filtered
+        taps = self.filter[::-1]
+        if len(taps) == 1:
+            return columns * self.weight
+        shift = len(taps) - 1 - len(taps) // 2  # the last tap meets the row itself
+        return correlate1d(columns, taps, mode="constant", origin=shift) * self.weight
 
 
 def plain(rows: Rows) -> Whitening:
@@ -95,15 +96,18 @@ def left(
     rows: Rows, columns: Float[np.ndarray, "n q"], whitening: Whitening
 ) -> Float[np.ndarray, " n"]:
     """Value less its best combination of columns, not whitened."""
-    basis, mixing = orthonormal(columns, whitening)
-    return rows.value - columns @ (mixing @ (basis.T @ whitening(rows.value)))
+    whitened, size = scaled(columns, whitening)
+    factors: Any = qr_multiply(whitened, whitening(rows.value), mode="right", pivoting=True)
+    projected, upper, order = factors
+    rank = _rank(upper)
+    found = np.zeros(columns.shape[1])
+    found[order[:rank]] = solve_triangular(upper[:rank, :rank], projected[:rank])
+    return rows.value - columns @ (found / size)
 
 
 def misfit(rows: Rows, columns: Float[np.ndarray, "n q"], whitening: Whitening) -> float:
     """Sum of squared innovations beside the columns."""
-    basis, _ = orthonormal(columns, whitening)
-    value = whitening(rows.value)
-    rest = value - basis @ (basis.T @ value)
+    rest = whitening(left(rows, columns, whitening))
     return float(rest @ rest)
 
 
@@ -114,16 +118,36 @@ def orthonormal(
 
     Columns that others explain (the constant of a run that the filter has used up) are left out.
     """
+    whitened, size = scaled(columns, whitening)
+    basis, mixing = factored(whitened)
+    return basis, mixing / size[:, None]
+
+
+def factored(
+    columns: Float[np.ndarray, "n q"],
+) -> tuple[Float[np.ndarray, "n r"], Float[np.ndarray, "q r"]]:
+    """Orthonormal basis of columns of size 1 or less, and what makes it of them."""
+    factors: Any = qr(columns, mode="economic", pivoting=True, check_finite=False)
+    basis, upper, order = factors
+    rank = _rank(upper)
+    mixing = np.zeros((columns.shape[1], rank))
+    mixing[order[:rank]] = np.linalg.inv(upper[:rank, :rank])
+    return basis[:, :rank], mixing
+
+
+def scaled(
+    columns: Float[np.ndarray, "n q"], whitening: Whitening
+) -> tuple[Float[np.ndarray, "n q"], Float[np.ndarray, " q"]]:
+    """Whitened columns of size 1, and the sizes they had."""
     whitened = whitening(columns.T).T
     size = np.linalg.norm(whitened, axis=0)
     size[size == 0] = 1.0
-    factors: Any = qr(whitened / size, mode="economic", pivoting=True)
-    basis, upper, order = factors
-    diagonal = np.abs(np.diag(upper))
-    rank = int(np.count_nonzero(diagonal > 1e-10 * max(diagonal.max(initial=0.0), 1e-300)))
-    mixing = np.zeros((columns.shape[1], rank))
-    mixing[order[:rank]] = np.linalg.inv(upper[:rank, :rank])
-    return basis[:, :rank], mixing / size[:, None]
+    return whitened / size, size
+
+
+def _rank(upper: Float[np.ndarray, "r q"]) -> int:
+    """Columns of size 1 or less that a pivoted triangle tells apart."""
+    return int(np.count_nonzero(np.abs(np.diag(upper)) > 1e-10))
 
 
 def _order(rows: Rows, residual: Float[np.ndarray, " n"]) -> int:

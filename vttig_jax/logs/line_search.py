@@ -12,8 +12,9 @@ from jaxtyping import Float
 from scipy.ndimage import median_filter
 
 from ..base.angles import amplitude_phase, wrap_deg
+from ..base.threads import one_blas_thread
 from ..base.units import ARCSEC
-from .line_fit import APART, LEAST_CYCLES, columns, refined, solved
+from .line_fit import APART, LEAST_CYCLES, Regressed, columns, refined
 from .line_noise import Whitening, estimate, mean_square, of_order, plain
 from .line_rows import Rows, Run, stack
 from .line_scan import Scan, chance, degrees_of_freedom, scan
@@ -68,6 +69,7 @@ class _State:
     rest: float
 
 
+@one_blas_thread
 def find_lines(
     runs: Sequence[Run], *, highest: float, false_alarm: float = 1e-3, most: int = 5
 ) -> tuple[Line, ...]:
@@ -245,17 +247,16 @@ def _lines(
     found, noise = state.found, state.noise
     if len(found) == 0:
         return ()
-    first = rows.nuisance.shape[1]
-    coefficients, covariance = solved(rows, found, noise)
-    variance = state.rest / degrees_of_freedom(noise, len(coefficients))
+    coefficients, covariance = Regressed.of(rows, noise).solved(found)
+    variance = state.rest / degrees_of_freedom(noise, rows.nuisance.shape[1] + 3 * len(found))
     lines = []
     for number, (cycles, alarm) in enumerate(zip(found, chances, strict=True)):
-        own = slice(first + 2 * number, first + 2 * number + 2)
+        own = slice(2 * number, 2 * number + 2)
         pair = coefficients[own]
         amplitude, phase_deg = amplitude_phase(*pair)
         slope = pair / amplitude if amplitude > 0 else np.array([1.0, 0.0])
         scale = variance * _floor(seen, cycles, rows.span)
-        change = len(coefficients) - len(found) + number
+        change = 2 * len(found) + number
         lines.append(
             Line(
                 float(cycles),

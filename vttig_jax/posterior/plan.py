@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..base.precision import require_x64
+from ..base.threads import one_blas_thread
 from ..base.units import DEG
 from ..identify.choices import Choices
 from ..identify.delay import Delay
@@ -57,6 +58,7 @@ class Assumptions:
             )
 
 
+@one_blas_thread
 def plan(
     pair: GearPair | Drive,
     *,

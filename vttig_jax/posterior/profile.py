@@ -23,6 +23,7 @@ from scipy.stats import chi2
 from ..base.arrays import Numbers
 from ..base.errors import NoAnswerError
 from ..base.precision import require_x64
+from ..base.threads import one_blas_thread
 from ..identify.reml import LARGEST
 from ..identify.result import Fit
 from .density import NOISE_STD, Density, FitTarget, fit_target
@@ -80,6 +81,7 @@ class ProfileInterval:
         return f"{self.name} = {self.best:.6g}, {percent} {low} … {high} {self.unit}{why}"
 
 
+@one_blas_thread
 def profile(of: Fit | FitTarget, name: str, probability: float = 0.95) -> ProfileInterval:
     """Profile interval of one coordinate of the posterior of a fit.
 
@@ -107,6 +109,7 @@ def profile(of: Fit | FitTarget, name: str, probability: float = 0.95) -> Profil
     return Profiler(_target(of)).interval(name, probability)
 
 
+@one_blas_thread
 def profiles(
     of: Fit | FitTarget, names: Sequence[str] | None = None, probability: float = 0.95
 ) -> dict[str, ProfileInterval]:

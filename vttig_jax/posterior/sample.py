@@ -13,6 +13,7 @@ from jaxtyping import Array, Float, Key
 
 from ..base.errors import InputError
 from ..base.precision import require_x64
+from ..base.threads import one_blas_thread
 from ..identify.columns import OFFSET
 from ..identify.evidence import Evidence
 from ..identify.result import Fit
@@ -31,6 +32,7 @@ MODEL_DRAWS = 2000
 _CHUNK = 250
 
 
+@one_blas_thread
 def sample(
     fit: Fit,
     *,

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 from ..base.errors import NoAnswerError
 from ..base.precision import require_x64
+from ..base.threads import one_blas_thread
 from ..pair.eccentricities import Eccentricities
 from ..pair.gears import Drive, GearPair
 from ..pair.spec import FitOptions
@@ -18,6 +19,7 @@ from .planned_values import assumed_values
 MOST_TURNS = 1000.0
 
 
+@one_blas_thread
 def shortest_run(
     pair: GearPair | Drive,
     target: Mapping[str, float],

@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from ...base.precision import require_x64
+from ...base.threads import one_blas_thread
 from ...base.units import ARCSEC
 from .calibration_text import calibration_text
 from .case import CaseResult
@@ -94,6 +95,7 @@ class Calibration:
         return calibration_text(self)
 
 
+@one_blas_thread
 def calibrate(
     scenarios: Sequence[Scenario],
     *,

@@ -1,0 +1,67 @@
+"""Functions on small matrices run with one BLAS thread, and leave the process as it was."""
+
+import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
+
+import vttig_jax
+from vttig_jax.base.threads import one_blas_thread
+from vttig_jax.logs import line_search
+
+
+def threads() -> set[int]:
+    return {pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"}
+
+
+@pytest.fixture
+def two_threads():
+    with threadpool_limits(2, user_api="blas"):
+        yield
+
+
+@pytest.mark.usefixtures("two_threads")
+def test_threads_are_limited_inside_and_given_back():
+    @one_blas_thread
+    def seen(given: int) -> tuple[int, set[int]]:
+        """Text."""
+        return given, threads()
+
+    assert seen(5) == (5, {1}) and threads() == {2}
+    assert seen.__name__ == "seen" and seen.__doc__ == "Text."
+
+
+@pytest.mark.usefixtures("two_threads")
+def test_threads_are_given_back_after_an_error():
+    @one_blas_thread
+    def fails() -> None:
+        assert threads() == {1}
+        raise KeyError
+
+    with pytest.raises(KeyError):
+        fails()
+    assert threads() == {2}
+
+
+@pytest.mark.usefixtures("two_threads")
+def test_a_fit_and_its_checks_use_one(monkeypatch):
+    from vttig_jax.identify import assemble, diagnostics
+    from vttig_jax.rig.motion import Motion
+    from vttig_jax.rig.paper import paper_rig
+
+    found: dict[str, set[int]] = {}
+    solve, search = assemble.solve, line_search.find_lines
+
+    def solving(*args):
+        found["fit"] = threads()
+        return solve(*args)
+
+    def searching(*args, **kwargs):
+        found["lines"] = threads()
+        return search(*args, **kwargs)
+
+    monkeypatch.setattr(assemble, "solve", solving)
+    monkeypatch.setattr(diagnostics, "find_lines", searching)
+    rig = paper_rig(0, Motion(reversal_deg=900.0, dwell_s=0.5))
+    result = vttig_jax.fit(rig.log(0), rig.pair)
+    assert found == {"fit": {1}} and threads() == {2}
+    assert result.checks["lines"] is not None
+    assert found["lines"] == {1} and threads() == {2}
