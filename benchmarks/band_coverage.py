@@ -24,14 +24,14 @@ from scipy.stats import binomtest
 
 import vttig_jax
 from vttig_jax.base.units import ARCSEC, DEG
-from vttig_jax.identify.columns import OFFSET
-from vttig_jax.posterior.bands import Band, streamed_band
+from vttig_jax.identify.model.column_layout import OFFSET
 from vttig_jax.posterior.calibration.program import Batch, Program
 from vttig_jax.posterior.calibration.rigs import Rig, Sizes, read
-from vttig_jax.posterior.calibration.sampled import RigEvidence, rig_target
+from vttig_jax.posterior.calibration.sampled_subset import RigEvidence, rig_target
 from vttig_jax.posterior.calibration.scenarios import SCENARIOS, Scenario
-from vttig_jax.posterior.gap_draws import GapDraws
-from vttig_jax.posterior.sample import coefficient_draws
+from vttig_jax.posterior.sampler import coefficient_draws
+from vttig_jax.posterior.summary.bands import Band, streamed_band
+from vttig_jax.posterior.summary.gap_draws import GapDraws
 
 from .environment import write
 

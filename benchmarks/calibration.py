@@ -14,9 +14,9 @@ import time
 from typing import get_args
 
 import vttig_jax
-from vttig_jax.base.jsonio import dumps
+from vttig_jax.base.files.json_io import dumps
 from vttig_jax.posterior.calibration.calibrate import Calibration, run_case
-from vttig_jax.posterior.calibration.case import CaseResult
+from vttig_jax.posterior.calibration.case_result import CaseResult
 from vttig_jax.posterior.calibration.program import Program
 from vttig_jax.posterior.calibration.scenarios import SCENARIOS, Length
 

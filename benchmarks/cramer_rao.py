@@ -9,7 +9,7 @@ import numpy as np
 from scipy.signal import lfilter
 
 from vttig_jax.base.units import ARCSEC, DEG, REV
-from vttig_jax.logs.segments import find_segments
+from vttig_jax.logs.motion.segments import find_segments
 from vttig_jax.rig.synthetic import SyntheticRig
 
 from .problem import first_order

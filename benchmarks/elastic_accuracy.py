@@ -36,10 +36,10 @@ import vttig_jax
 from tests.oracles.elastic_contact import integrate
 from tests.oracles.flank_formulas import PAPER
 from vttig_jax.base.units import ARCSEC
-from vttig_jax.control.bounds import Bounds
-from vttig_jax.control.elastic_plant import ElasticPlant
-from vttig_jax.control.pieces import trapezoid
-from vttig_jax.control.plant import Drag, Plant, Shafts
+from vttig_jax.control.motion.profiles import trapezoid
+from vttig_jax.control.plants.elastic import ElasticPlant
+from vttig_jax.control.plants.flank_bounds import Bounds
+from vttig_jax.control.plants.plant import Drag, Plant, Shafts
 
 from .elastic_cases import OPEN, SAMPLE, Case, EulerPlant, RungeKuttaPlant, random_rigs, started
 from .environment import write

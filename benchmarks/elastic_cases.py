@@ -12,11 +12,11 @@ from tests.oracles.elastic_contact import Contact
 from tests.oracles.flank_formulas import PAPER, closed, steady
 from tests.oracles.trapezoid_corners import Corners
 from vttig_jax.base.arrays import Number
-from vttig_jax.control.bounds import Bounds, bounds_of
-from vttig_jax.control.cubic import cubic
-from vttig_jax.control.motion import MotionPoint
-from vttig_jax.control.plant import FREE, ON_A, Drag, Plant, Shafts, Slide, Touch, walls
-from vttig_jax.kinematics.closed import closed_model
+from vttig_jax.control.hermite import cubic
+from vttig_jax.control.motion.motion import MotionPoint
+from vttig_jax.control.plants.flank_bounds import Bounds, bounds_of
+from vttig_jax.control.plants.plant import FREE, ON_A, Drag, Plant, Shafts, Slide, Touch, walls
+from vttig_jax.kinematics.first_order import closed_model
 from vttig_jax.rig.paper import paper_eccentricities, paper_pair
 
 SPEED, SAMPLE = 2 * math.pi, 1e-3

@@ -10,13 +10,13 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from vttig_jax.base.units import ARCSEC
-from vttig_jax.identify.channels import Drift
-from vttig_jax.identify.noise import whiten
-from vttig_jax.identify.relation import pair_relation
-from vttig_jax.identify.solve import Solution, solve
-from vttig_jax.identify.view import Input, Model, look
+from vttig_jax.identify.compress.regressors import Drift
+from vttig_jax.identify.model.forward_model import pair_relation
+from vttig_jax.identify.noise.noise_model import whiten
+from vttig_jax.identify.preliminary.linear_fit import Input, Model, look
+from vttig_jax.identify.solve.least_squares import Solution, solve
 from vttig_jax.logs.encoder_log import EncoderLog
-from vttig_jax.logs.segments import Segments
+from vttig_jax.logs.motion.segments import Segments
 
 from .problem import HALVES, PER_FLANK, Problem, polar_geometry
 

@@ -7,11 +7,11 @@ import numpy as np
 
 import vttig_jax
 from vttig_jax.base.units import ARCSEC, DEG
-from vttig_jax.identify.terms import TermPlan, plan_terms
+from vttig_jax.identify.model.harmonics import TermPlan, plan_terms
 from vttig_jax.logs.encoder_log import EncoderLog
-from vttig_jax.logs.segments import Segment
-from vttig_jax.pair.gears import GearPair
-from vttig_jax.pair.spec import LogLayout
+from vttig_jax.logs.motion.segments import Segment
+from vttig_jax.pair.gear_pair import GearPair
+from vttig_jax.pair.schema import LogLayout
 from vttig_jax.rig.imperfections import Noise, quantised
 from vttig_jax.rig.paper import paper_eccentricities, paper_pair
 

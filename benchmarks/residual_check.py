@@ -21,10 +21,10 @@ from scipy.stats import binomtest
 
 import vttig_jax
 from vttig_jax.base.units import ARCSEC, DEG
-from vttig_jax.identify.fit import fit
-from vttig_jax.identify.result import Fit
+from vttig_jax.identify.fit_result import Fit
+from vttig_jax.identify.fitting import fit
 from vttig_jax.pair.eccentricities import Eccentricities
-from vttig_jax.pair.spec import FitOptions
+from vttig_jax.pair.schema import FitOptions
 from vttig_jax.rig.imperfections import EncoderError, Noise, OrderError, Shaft
 from vttig_jax.rig.motion import Motion
 from vttig_jax.rig.paper import paper_pair

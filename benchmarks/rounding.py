@@ -24,12 +24,12 @@ from jaxtyping import Float
 import vttig_jax
 from vttig_jax.base.errors import VttigError
 from vttig_jax.base.units import DEG
-from vttig_jax.identify.fit import fit
-from vttig_jax.identify.result import Fit
-from vttig_jax.logs.channel import Channel
+from vttig_jax.identify.fit_result import Fit
+from vttig_jax.identify.fitting import fit
+from vttig_jax.logs.channel.channel import Channel
 from vttig_jax.logs.encoder_log import EncoderLog
-from vttig_jax.pair.gears import Drive, GearPair
-from vttig_jax.pair.spec import Encoder
+from vttig_jax.pair.gear_pair import Drive, GearPair
+from vttig_jax.pair.schema import Encoder
 from vttig_jax.rig.imperfections import EncoderError, Noise
 from vttig_jax.rig.motion import Motion
 from vttig_jax.rig.paper import paper_rig

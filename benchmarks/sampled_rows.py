@@ -9,13 +9,13 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.signal import lfilter
 
-from vttig_jax.base.partial import filter_of
-from vttig_jax.identify.columns import OFFSET, Columns
-from vttig_jax.identify.flank_summary import summarise_flank
-from vttig_jax.identify.relation import Relation, pair_relation
-from vttig_jax.identify.summary import HarmonicSummary
-from vttig_jax.identify.terms import Harmonic, TermPlan
-from vttig_jax.posterior.likelihood import Likelihood, likelihood_of
+from vttig_jax.base.numerics.partial_autocorrelation import filter_of
+from vttig_jax.identify.compress.flank_summary import summarise_flank
+from vttig_jax.identify.compress.harmonic_summary import HarmonicSummary
+from vttig_jax.identify.model.column_layout import OFFSET, Columns
+from vttig_jax.identify.model.forward_model import Relation, pair_relation
+from vttig_jax.identify.model.harmonics import Harmonic, TermPlan
+from vttig_jax.posterior.density.likelihood import Likelihood, likelihood_of
 from vttig_jax.rig.paper import paper_pair
 
 FREE = tuple((n, 0) for n in range(2, 9)) + tuple((0, n) for n in range(2, 9))

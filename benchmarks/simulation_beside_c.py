@@ -9,8 +9,8 @@ from typing import Any
 import jax
 import numpy as np
 
-from vttig_jax.control.lanes import Lanes
-from vttig_jax.control.tally import Tally
+from vttig_jax.control.simulation.accumulators import Tally
+from vttig_jax.control.sweeps.batching import Lanes
 
 from . import step_in_c
 from .simulation_cases import (

@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from vttig_jax.control.build import Builder
-from vttig_jax.control.case import Case
-from vttig_jax.control.lanes import Lanes, Stack, numbers_of, stacked, varying
-from vttig_jax.control.simulate import periods_of
-from vttig_jax.control.spec import ScenarioSpec, parse_scenario_spec, with_values
-from vttig_jax.control.sweep_cases import rig_table
+from vttig_jax.control.scenario.spec import ScenarioSpec, parse_scenario_spec, with_values
+from vttig_jax.control.simulation.build import Builder
+from vttig_jax.control.simulation.case import Case
+from vttig_jax.control.simulation.simulate import periods_of
+from vttig_jax.control.sweeps.batching import Lanes, Stack, numbers_of, stacked, varying
+from vttig_jax.control.sweeps.cases import rig_table
 from vttig_jax.rig.paper import paper_eccentricities, paper_pair
 
 LANES = 512

@@ -24,10 +24,11 @@ import jax.numpy as jnp
 import numpy as np
 
 import vttig_jax
-from vttig_jax.control import bounds, sensing
-from vttig_jax.control.case import advance, finished, started
-from vttig_jax.control.lanes import Lanes
-from vttig_jax.control.tally import Tally
+from vttig_jax.control.hardware import encoder as sensing
+from vttig_jax.control.plants import flank_bounds as bounds
+from vttig_jax.control.simulation.accumulators import Tally
+from vttig_jax.control.simulation.case import advance, finished, started
+from vttig_jax.control.sweeps.batching import Lanes
 
 from .environment import write
 from .simulation_beside_c import base_and_c

@@ -1,4 +1,4 @@
-/* One step of the simulator in C: what `vttig_jax.control.case` does in a period of the controller
+/* One step of the simulator in C: what `vttig_jax.control.simulation.case` does in a period of the controller
  * for the rigid plant with prescribed motion in straight lines, two quantised encoders, the
  * tracking filter and the paper's controller, all metrics included. Same arithmetic, line by line;
  * see the Python for what it means.

@@ -19,11 +19,12 @@ import jax.numpy as jnp
 import numpy as np
 
 import vttig_jax
-from vttig_jax.control import bounds, sensing
-from vttig_jax.control import lanes as lanes_module
-from vttig_jax.control.lanes import Lanes
-from vttig_jax.control.spec import ScenarioSpec, parse_scenario_spec, spec_table
-from vttig_jax.control.sweep import _lanes
+from vttig_jax.control.hardware import encoder as sensing
+from vttig_jax.control.plants import flank_bounds as bounds
+from vttig_jax.control.scenario.spec import ScenarioSpec, parse_scenario_spec, spec_table
+from vttig_jax.control.sweeps import batching as lanes_module
+from vttig_jax.control.sweeps.batching import Lanes
+from vttig_jax.control.sweeps.sweep import _lanes
 
 from .simulation_cases import BASE, PAIR, cases_of, ns_per_lane_step, seconds, spec_of, stack_of
 

@@ -20,7 +20,7 @@ import tomli_w
 
 import vttig_jax
 from vttig_jax.pair.load import pair_spec
-from vttig_jax.pair.spec import spec_table
+from vttig_jax.pair.pair_file import spec_table
 from vttig_jax.rig.paper import paper_rig
 
 from .environment import write

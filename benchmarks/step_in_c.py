@@ -16,13 +16,13 @@ import jax.numpy as jnp
 import numpy as np
 
 from vttig_jax.base.units import REV
-from vttig_jax.control.acceleration_controller import AccelerationController
-from vttig_jax.control.case import Case, State, finished, started
-from vttig_jax.control.observer import AlphaBetaGamma
-from vttig_jax.control.piece_motion import PieceMotion
-from vttig_jax.control.plant import ON_B, Shafts
-from vttig_jax.control.rigid_plant import RigidPlant
-from vttig_jax.control.tally import Tally, empty
+from vttig_jax.control.controllers.acceleration import AccelerationController
+from vttig_jax.control.hardware.observer import AlphaBetaGamma
+from vttig_jax.control.motion.piecewise import PieceMotion
+from vttig_jax.control.plants.plant import ON_B, Shafts
+from vttig_jax.control.plants.rigid import RigidPlant
+from vttig_jax.control.simulation.accumulators import Tally, empty
+from vttig_jax.control.simulation.case import Case, State, finished, started
 
 from .compiler import fast_to_compile
 

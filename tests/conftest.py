@@ -41,7 +41,7 @@ ROOMS = (
     "identify",
     "posterior",
     "control",
-    "report",
+    "plotting",
 )
 jaxtyping.install_import_hook([f"vttig_jax.{room}" for room in ROOMS], "beartype.beartype")
 
@@ -55,7 +55,18 @@ threadpool_limits(int(os.environ["OPENBLAS_NUM_THREADS"]), user_api="blas")
 vttig_jax.enable_x64()
 
 from vttig_jax.pair.eccentricities import Eccentricities
-from vttig_jax.pair.gears import Gear, GearPair
+from vttig_jax.pair.gear_pair import Gear, GearPair
+
+SELECTIONS = ("smoke", "portable")
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Do not import test files that have no test of the selection that is asked for."""
+    marker = config.option.markexpr
+    if marker not in SELECTIONS or not collection_path.match("test_*.py"):
+        return None
+    return f"pytest.mark.{marker}" not in collection_path.read_text(encoding="utf-8") or None
+
 
 settings.register_profile(
     "vttig", derandomize=True, deadline=None, max_examples=25, database=None, print_blob=False

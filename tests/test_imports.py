@@ -2,11 +2,14 @@
 
 import ast
 import json
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
+from importlib import import_module
 from pathlib import Path
 
+import nbformat
 import pytest
 
 import vttig_jax
@@ -23,10 +26,88 @@ FLOORS = (
     "identify",
     "posterior",
     "control",
-    "report",
+    "plotting",
     "cli",
 )
 """From the ground up; a module imports from its own floor and those below."""
+
+INNER_FLOORS = {
+    "base": (
+        "facade",
+        "errors",
+        "units",
+        "angles",
+        "arrays",
+        "runtime",
+        "threads",
+        "numerics",
+        "files",
+    ),
+    "geometry": ("tooth", "mounting", "measures", "backlash", "contact", "solids"),
+    "logs": (
+        "source",
+        "protocols",
+        "channel",
+        "readers",
+        "encoder_log",
+        "read",
+        "motion",
+        "lines",
+        "checks",
+        "inspection",
+        "preview",
+    ),
+    "identify": (
+        "settings",
+        "model",
+        "compress",
+        "noise",
+        "preliminary",
+        "solve",
+        "report",
+        "evidence",
+        "fit_result",
+        "store",
+        "build_result",
+        "fitting",
+        "backlash",
+    ),
+    "posterior": (
+        "density",
+        "sampling",
+        "summary",
+        "sampler",
+        "nuts",
+        "planning",
+        "calibration",
+    ),
+    "control": (
+        "hermite",
+        "scenario",
+        "motion",
+        "plants",
+        "hardware",
+        "controllers",
+        "compensation",
+        "simulation",
+        "sweeps",
+        "tuning",
+    ),
+    "cli": (
+        "output",
+        "options",
+        "fit_options",
+        "run_options",
+        "run_file",
+        "run_zeros",
+        "rigs",
+        "verbs",
+        "main",
+    ),
+}
+"""Floors inside a room, from the ground up: its sub-rooms and its own modules."""
+
+MOST_FILES, MOST_LINES, MOST_LINES_OF_A_FUNCTION = 15, 400, 60
 
 FORBIDDEN_BELOW = {("control", "identify"), ("control", "posterior")}
 
@@ -54,18 +135,20 @@ def test_the_command_starts_without_numpy_and_jax():
 
 
 @pytest.mark.parametrize(
-    "module", ["pair.spec", "logs.encoder_log", "logs.read", "cli.inspect_verb"]
+    "module", ["pair.pair_file", "logs.encoder_log", "logs.read", "cli.verbs.inspect"]
 )
 def test_what_inspect_needs_imports_no_jax(module):
     assert imported(f"import vttig_jax.{module}") & {"jax", "equinox"} == set()
 
 
-def public_names() -> dict[str, str]:
-    """Public name → module, as the TYPE_CHECKING block of the package says it."""
-    tree = ast.parse((PACKAGE / "__init__.py").read_text("utf-8"))
+def public_names(package: str = "") -> dict[str, str]:
+    """Public name → module, as the TYPE_CHECKING block of the package or of a room says it."""
+    tree = ast.parse((PACKAGE / package / "__init__.py").read_text("utf-8"))
     return {
         alias.name: node.module
-        for node in ast.walk(tree)
+        for block in tree.body
+        if isinstance(block, ast.If)
+        for node in block.body
         if isinstance(node, ast.ImportFrom) and node.level == 1 and node.module
         for alias in node.names
     }
@@ -73,7 +156,7 @@ def public_names() -> dict[str, str]:
 
 def test_the_names_for_type_checkers_are_those_found_at_run_time():
     assert public_names() == vttig_jax._HOMES
-    assert dir(vttig_jax) == sorted([*public_names(), "__version__"])
+    assert dir(vttig_jax) == sorted([*public_names(), "__version__"]) == sorted(vttig_jax.__all__)
 
 
 @pytest.mark.parametrize("name", public_names())
@@ -82,6 +165,44 @@ def test_each_public_name_is_the_one_of_its_module(name):
     assert callable(value)
     assert value.__name__ == name
     assert vars(vttig_jax)[name] is value  # found directly from now on
+
+
+@pytest.mark.parametrize("room", [room for room in FLOORS if room != "cli"])
+def test_a_room_has_a_front_door(room):
+    package = import_module(f"vttig_jax.{room}")
+    homes = public_names(room)
+    assert homes == package._HOMES
+    assert dir(package) == sorted(package.__all__) == sorted(homes)
+    for name, home in homes.items():
+        assert getattr(package, name) is getattr(import_module(f"vttig_jax.{room}.{home}"), name)
+    with pytest.raises(AttributeError, match="no attribute 'nonesuch'"):
+        package.nonesuch  # noqa: B018
+    modules_there = {path.stem for path in (PACKAGE / room).iterdir()}
+    assert modules_there & set(homes) == set()
+
+
+def texts() -> Iterator[tuple[Path, str]]:
+    """README, guides and notebooks."""
+    root = PACKAGE.parent
+    for path in (root / "README.md", *(root / "docs").glob("*.md")):
+        yield path, path.read_text("utf-8")
+    for path in (root / "notebooks").glob("*.ipynb"):
+        yield path, "".join(line for cell in nbformat.read(path, 4).cells for line in cell.source)
+
+
+def deep_imports(text: str) -> list[str]:
+    """Modules that a text imports from and that are neither the package nor a room."""
+    found = re.findall(r"from (vttig_jax[\w.]*) import|import (vttig_jax[\w.]*)", text)
+    return [name for pair in found for name in pair if name.count(".") > 1]
+
+
+def test_what_a_user_reads_imports_from_front_doors_only():
+    assert {str(path): deep_imports(text) for path, text in texts() if deep_imports(text)} == {}
+
+
+def test_a_deep_import_is_seen():
+    assert deep_imports("x\n>>> from vttig_jax.pair.load import load_pair") != []
+    assert deep_imports("from vttig_jax.pair import load_pair\nimport vttig_jax") == []
 
 
 def test_the_version_is_that_of_the_distribution():
@@ -102,7 +223,7 @@ def test_no_submodule_shadows_a_public_name():
 
 
 def imports(source: str, module: str) -> Iterator[str]:
-    """Absolute names of what a module (`vttig_jax.pair.spec`) imports, at any depth of its code."""
+    """Absolute names of what a module (`vttig_jax.pair.schema`) imports, anywhere in its code."""
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
@@ -113,7 +234,7 @@ def imports(source: str, module: str) -> Iterator[str]:
 
 
 def violations(source: str, module: str) -> list[str]:
-    """Imports of a module that point upwards in the house, or to its front door."""
+    """Imports of a module that point upwards in the house or in its room, or to the front door."""
     floor = module.split(".")[1]
     found = []
     for name in imports(source, module):
@@ -123,11 +244,23 @@ def violations(source: str, module: str) -> list[str]:
         target = rest.partition(".")[0]
         if target not in FLOORS:
             upwards = floor != "cli"  # the public names: they reach every floor
+        elif target == floor:
+            upwards = is_upwards_inside(module, name)
         else:
             upwards = FLOORS.index(target) > FLOORS.index(floor)
         if upwards or (floor, target) in FORBIDDEN_BELOW:
             found.append(name)
     return found
+
+
+def is_upwards_inside(module: str, name: str) -> bool:
+    """Does an import of a module of the same room point to a higher floor of it?"""
+    room, own = module.split(".")[1:3]
+    floors = INNER_FLOORS.get(room, ())
+    target = name.split(".")[2]
+    if not floors or own in (target, "__init__"):
+        return False
+    return target not in floors or floors.index(target) > floors.index(own)
 
 
 def modules() -> dict[str, Path]:
@@ -149,19 +282,84 @@ def test_every_folder_with_code_is_a_floor():
     assert {module.split(".")[1] for module in modules()} <= set(FLOORS)
 
 
+def test_every_module_of_a_room_stands_on_an_inner_floor():
+    for room, floors in INNER_FLOORS.items():
+        own = {name.split(".")[2] for name in modules() if name.split(".")[1] == room}
+        assert own - {"__init__"} == set(floors), room
+
+
+def cycles(graph: dict[str, set[str]]) -> list[list[str]]:
+    """Groups of nodes that reach one another."""
+    groups = connected(graph)
+    return [sorted(group) for group in groups if len(group) > 1]
+
+
+def connected(graph: dict[str, set[str]]) -> list[set[str]]:
+    """Strongly connected components, by closing the graph under reachability."""
+    reached = {node: reachable(graph, node) for node in graph}
+    groups: list[set[str]] = []
+    for node in graph:
+        if not any(node in group for group in groups):
+            groups.append({node} | {other for other in reached[node] if node in reached[other]})
+    return groups
+
+
+def reachable(graph: dict[str, set[str]], start: str) -> set[str]:
+    """Nodes that can be reached in one step or more."""
+    seen: set[str] = set()
+    ahead = [*graph[start]]
+    while ahead:
+        node = ahead.pop()
+        if node not in seen:
+            seen.add(node)
+            ahead += graph[node]
+    return seen
+
+
+def import_graph() -> dict[str, set[str]]:
+    """Module → modules it imports at any depth of its code."""
+    known = modules()
+    graph: dict[str, set[str]] = {}
+    for module, path in known.items():
+        names = set(imports(path.read_text("utf-8"), module))
+        names |= {name.rpartition(".")[0] for name in names}
+        graph[module] = {name for name in names if name in known and name != module}
+    return graph
+
+
+def test_no_module_imports_itself_through_others():
+    assert cycles(import_graph()) == []
+
+
+def test_a_cycle_is_seen():
+    assert cycles({"a": {"b"}, "b": {"c"}, "c": {"a"}, "d": {"a"}}) == [["a", "b", "c"]]
+
+
+def test_folders_and_files_have_a_size_one_can_read():
+    folders: dict[Path, int] = {}
+    for path in modules().values():
+        if path.name != "__init__.py":
+            folders[path.parent] = folders.get(path.parent, 0) + 1
+        assert len(path.read_text("utf-8").splitlines()) <= MOST_LINES, path
+    assert {str(folder): count for folder, count in folders.items() if count > MOST_FILES} == {}
+
+
 @pytest.mark.parametrize(
     ("module", "source"),
     [
-        ("vttig_jax.base.tables", "from ..pair.gears import Gear"),
-        ("vttig_jax.base.tables", "from .. import pair"),
-        ("vttig_jax.pair.gears", "import vttig_jax.kinematics.closed"),
-        ("vttig_jax.kinematics.closed", "from vttig_jax.cli import main"),
+        ("vttig_jax.base.files.text_tables", "from ...pair.gear_pair import Gear"),
+        ("vttig_jax.base.files.text_tables", "from ... import pair"),
+        ("vttig_jax.pair.gear_pair", "import vttig_jax.kinematics.first_order"),
+        ("vttig_jax.kinematics.first_order", "from vttig_jax.cli import main"),
         ("vttig_jax.logs.read", "def f():\n    from ..rig.synthetic import SyntheticRig"),
         ("vttig_jax.rig.synthetic", "import vttig_jax"),
         ("vttig_jax.rig.synthetic", "from vttig_jax import fit"),
-        ("vttig_jax.control.plants", "from ..identify.fit import fit"),
-        ("vttig_jax.control.plants", "from ..posterior import maps"),
-        ("vttig_jax.report.plot", "if True:\n    from ..cli.output import progress"),
+        ("vttig_jax.control.plants.plant", "from ...identify.fitting import fit"),
+        ("vttig_jax.control.plants.plant", "from ...posterior import summary"),
+        ("vttig_jax.plotting.dispatch", "if True:\n    from ..cli.output import progress"),
+        ("vttig_jax.control.motion.motion", "from ..plants.plant import Plant"),
+        ("vttig_jax.identify.noise.reml", "from .. import fitting"),
+        ("vttig_jax.identify.noise.reml", "from ..nonesuch import fitting"),
     ],
 )
 def test_the_floor_check_sees_an_upward_import(module, source):
@@ -171,13 +369,12 @@ def test_the_floor_check_sees_an_upward_import(module, source):
 @pytest.mark.parametrize(
     ("module", "source"),
     [
-        (
-            "vttig_jax.pair.gears",
-            "from ..base.tables import key_values\nfrom .spec import PairSpec",
-        ),
-        ("vttig_jax.report.plot", "from ..posterior import maps\nfrom ..control import sweep"),
-        ("vttig_jax.cli.fit_verb", "import vttig_jax\nimport numpy"),
-        ("vttig_jax.base.tables", "from vttig_jax_extra import x\nimport tabulate"),
+        ("vttig_jax.pair.gear_pair", "from ..base.units import DEG\nfrom .schema import PairSpec"),
+        ("vttig_jax.plotting.dispatch", "from ..posterior import summary"),
+        ("vttig_jax.plotting.dispatch", "from ..control.sweeps.table import SweepTable"),
+        ("vttig_jax.cli.verbs.fit", "import vttig_jax\nimport numpy"),
+        ("vttig_jax.base.files.text_tables", "from vttig_jax_extra import x\nimport tabulate"),
+        ("vttig_jax.control.plants.plant", "from ..motion.motion import Motion"),
     ],
 )
 def test_the_floor_check_passes_a_downward_import(module, source):

@@ -4,8 +4,8 @@ import jax.numpy as jnp
 import pytest
 from jaxtyping import TypeCheckError
 
-from vttig_jax.kinematics.orders import OrderModel
-from vttig_jax.pair.gears import involute
+from vttig_jax.kinematics.harmonic import OrderModel
+from vttig_jax.pair.gear_pair import involute
 
 
 def test_a_wrong_kind_of_argument_is_caught():

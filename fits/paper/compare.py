@@ -21,16 +21,15 @@ from matplotlib.figure import Figure
 
 import vttig_jax
 from vttig_jax import Eccentricities
-from vttig_jax.base.runfolder import RunFolder
-from vttig_jax.base.tables import text_table
-from vttig_jax.kinematics.backlash_map import BacklashMap
-from vttig_jax.kinematics.chunked import chunked
-from vttig_jax.kinematics.closed import closed_model
+from vttig_jax.base.files.run_folder import RunFolder
+from vttig_jax.base.files.text_tables import text_table
+from vttig_jax.kinematics.backlash_map import BacklashMap, chunked
 from vttig_jax.kinematics.exact import exact_model
+from vttig_jax.kinematics.first_order import closed_model
 from vttig_jax.kinematics.te_curve import TECurve
-from vttig_jax.report.map_picture import plot_map
-from vttig_jax.report.save import png
-from vttig_jax.report.te_picture import plot_te
+from vttig_jax.plotting.backlash_map import plot_map
+from vttig_jax.plotting.fit import plot_te
+from vttig_jax.plotting.save import png
 from vttig_jax.rig.paper import paper_eccentricities, paper_pair
 
 vttig_jax.enable_x64()

@@ -13,9 +13,9 @@ from jaxtyping import Float
 
 import vttig_jax
 from vttig_jax.base.units import DEG
-from vttig_jax.control.simulation import Simulation
-from vttig_jax.control.spec import load_scenario_spec, with_values
-from vttig_jax.kinematics.chunked import chunked
+from vttig_jax.control.scenario.spec import load_scenario_spec, with_values
+from vttig_jax.control.simulation.result import Simulation
+from vttig_jax.kinematics.backlash_map import chunked
 
 SCENARIO = load_scenario_spec(HERE / "scenario.toml")
 

@@ -16,7 +16,7 @@ from reversal_pictures import (
     line,
 )
 
-from vttig_jax.report.style import (
+from vttig_jax.plotting.style import (
     COLOURS,
     MODEL_COLOUR,
     driving_axis,

@@ -13,9 +13,9 @@ from matplotlib.typing import ColorType
 from PIL import Image
 
 from vttig_jax.base.units import DEG
-from vttig_jax.control.simulation import Simulation
-from vttig_jax.report.save import png
-from vttig_jax.report.style import (
+from vttig_jax.control.simulation.result import Simulation
+from vttig_jax.plotting.save import png
+from vttig_jax.plotting.style import (
     COLOURS,
     MODEL_COLOUR,
     figure_of,
@@ -23,9 +23,9 @@ from vttig_jax.report.style import (
     heading,
     legend,
     new_figure,
+    thinned,
     title,
 )
-from vttig_jax.report.thinning import thinned
 
 CONTROLLER_COLOURS = {"none": MODEL_COLOUR, "acceleration": COLOURS[1], "predictive": COLOURS[4]}
 _WIDTHS = {"none": 1.6, "acceleration": 2.4, "predictive": 1.1}

@@ -29,8 +29,8 @@ from judged_picture import plot_judged
 from matplotlib.figure import Figure
 from reversal_pictures import plot_run, small_png
 
-from vttig_jax.base.tables import text_table
-from vttig_jax.control.simulation import Simulation
+from vttig_jax.base.files.text_tables import text_table
+from vttig_jax.control.simulation.result import Simulation
 
 BEGIN, END = "<!-- reversals: begin -->\n", "<!-- reversals: end -->\n"
 

@@ -5,7 +5,7 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 import vttig_jax
 from vttig_jax.base.threads import one_blas_thread
-from vttig_jax.logs import line_search
+from vttig_jax.logs.lines import search as line_search
 
 
 def threads() -> set[int]:
@@ -43,7 +43,8 @@ def test_threads_are_given_back_after_an_error():
 
 @pytest.mark.usefixtures("two_threads")
 def test_a_fit_and_its_checks_use_one(monkeypatch):
-    from vttig_jax.identify import assemble, diagnostics
+    from vttig_jax.identify import build_result as assemble
+    from vttig_jax.identify.report import residual_tests as diagnostics
     from vttig_jax.rig.motion import Motion
     from vttig_jax.rig.paper import paper_rig
 

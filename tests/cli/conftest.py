@@ -5,11 +5,11 @@ import jsonschema
 import pytest
 import tomli_w
 
-from vttig_jax.base.jsonio import load_schema
-from vttig_jax.cli.demo_verb import log_csv
+from vttig_jax.base.files.json_io import load_schema
 from vttig_jax.cli.main import main
+from vttig_jax.cli.verbs.demo import log_csv
 from vttig_jax.pair.load import pair_spec
-from vttig_jax.pair.spec import spec_table
+from vttig_jax.pair.pair_file import spec_table
 from vttig_jax.rig.motion import Motion
 from vttig_jax.rig.paper import paper_rig
 

@@ -5,8 +5,8 @@ import json
 import click
 import pytest
 
-from vttig_jax.cli.calibrate_verb import _NAMES, command
 from vttig_jax.cli.main import VERBS
+from vttig_jax.cli.verbs.calibrate import _NAMES, command
 from vttig_jax.posterior.calibration.scenarios import SCENARIOS
 
 QUICK = ("calibrate", "--scenario", "encoders_left_out", "--short", "--rigs", "60")
@@ -14,7 +14,7 @@ QUICK = ("calibrate", "--scenario", "encoders_left_out", "--short", "--rigs", "6
 
 @pytest.fixture(autouse=True)
 def _verb(monkeypatch):
-    monkeypatch.setitem(VERBS, "calibrate", ("vttig_jax.cli.calibrate_verb:command", "Check."))
+    monkeypatch.setitem(VERBS, "calibrate", ("vttig_jax.cli.verbs.calibrate:command", "Check."))
 
 
 def test_names_are_those_of_the_scenarios():

@@ -13,8 +13,8 @@ import jsonschema
 import pytest
 
 from vttig_jax.base.errors import InputError, LogError, NoAnswerError, UsageError
-from vttig_jax.base.jsonio import load_schema
-from vttig_jax.base.runfolder import RunFolder
+from vttig_jax.base.files.json_io import load_schema
+from vttig_jax.base.files.run_folder import RunFolder
 from vttig_jax.cli import output as output_module
 from vttig_jax.cli.main import VERBS, main
 from vttig_jax.cli.options import verb

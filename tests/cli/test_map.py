@@ -4,8 +4,8 @@ import jsonschema
 import numpy as np
 import pytest
 
-from vttig_jax.base.jsonio import load_schema
-from vttig_jax.cli.map_verb import COLUMNS
+from vttig_jax.base.files.json_io import load_schema
+from vttig_jax.cli.verbs.map import COLUMNS
 
 
 def rows_of(path):

@@ -5,7 +5,7 @@ import tomli_w
 
 from vttig_jax.cli.main import VERBS
 from vttig_jax.pair.load import pair_spec
-from vttig_jax.pair.spec import spec_table
+from vttig_jax.pair.pair_file import spec_table
 from vttig_jax.rig.paper import paper_pair
 
 from .drive import write_pair
@@ -16,7 +16,7 @@ NAME = "driven_amplitude_arcsec"
 @pytest.fixture(autouse=True)
 def _registered(monkeypatch):
     """The verb, whether or not `main` knows it."""
-    monkeypatch.setitem(VERBS, "plan", ("vttig_jax.cli.plan_verb:command", "Plan a run."))
+    monkeypatch.setitem(VERBS, "plan", ("vttig_jax.cli.verbs.plan:command", "Plan a run."))
 
 
 @pytest.fixture

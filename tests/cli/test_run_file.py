@@ -7,10 +7,10 @@ import tomli_w
 
 from tests.cli.drive import write_drive, write_pair
 from vttig_jax.base.errors import InputError, UsageError
-from vttig_jax.base.runfolder import data_sha256
+from vttig_jax.base.files.run_folder import data_sha256
 from vttig_jax.cli.run_file import Run, read_run, require_same_data
 from vttig_jax.cli.run_options import RunOptions
-from vttig_jax.pair.spec import load_pair_spec
+from vttig_jax.pair.pair_file import load_pair_spec
 
 OPTIONS = RunOptions(
     columns=("time=time_s",),

@@ -16,7 +16,7 @@ from filelock import FileLock
 
 from tests.cli.drive import write_drive, write_pair
 from vttig_jax.cli.main import main
-from vttig_jax.posterior.ensembles import read_chains
+from vttig_jax.posterior.sampling.ensembles import read_chains
 
 STEPS = 400
 

@@ -12,12 +12,12 @@ import tomli_w
 
 import vttig_jax
 from vttig_jax.base.errors import UsageError
-from vttig_jax.base.jsonio import dumps, load_schema
-from vttig_jax.cli.simulate_verb import _stride, _toml_value
-from vttig_jax.control import simulate as simulate_module
-from vttig_jax.control.spec_defaults import default_toml
+from vttig_jax.base.files.json_io import dumps, load_schema
+from vttig_jax.cli.verbs.simulate import _stride, _toml_value
+from vttig_jax.control.scenario.defaults import default_toml
+from vttig_jax.control.simulation import simulate as simulate_module
 from vttig_jax.pair.load import pair_spec
-from vttig_jax.pair.spec import spec_table
+from vttig_jax.pair.pair_file import spec_table
 from vttig_jax.rig.paper import paper_pair
 
 README = Path(__file__).parents[2] / "README.md"

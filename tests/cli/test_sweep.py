@@ -12,11 +12,11 @@ from vttig_jax import enable_x64
 from vttig_jax.cli.main import main
 from vttig_jax.cli.rigs import fitted_rig
 from vttig_jax.cli.run_file import read_run
-from vttig_jax.control.metrics import METRICS
+from vttig_jax.control.simulation.metrics import METRICS
 from vttig_jax.identify.store import read_fit
 from vttig_jax.pair.load import pair_from_spec, pair_spec
-from vttig_jax.pair.spec import spec_table
-from vttig_jax.posterior.sample import read_posterior
+from vttig_jax.pair.pair_file import spec_table
+from vttig_jax.posterior.sampler import read_posterior
 from vttig_jax.rig.paper import paper_pair
 
 SWEEP = """
@@ -127,7 +127,7 @@ def test_a_run_without_draws(vttig, run_folder, tmp_path):
     ],
 )
 def test_bad_files_are_one_sentence(vttig, sweep, old, new, code, words, monkeypatch):
-    from vttig_jax.control import sweep_estimate
+    from vttig_jax.control.sweeps import estimate as sweep_estimate
 
     monkeypatch.setattr(sweep_estimate, "_memory", lambda: 10**8)
     sweep.write_text(sweep.read_text().replace(old, new))

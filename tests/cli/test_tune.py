@@ -4,9 +4,9 @@ import pytest
 import tomli_w
 
 from tests.control.texts import RIG
-from vttig_jax.control.spec import load_sweep_spec
+from vttig_jax.control.scenario.spec import load_sweep_spec
 from vttig_jax.pair.load import pair_spec
-from vttig_jax.pair.spec import spec_table
+from vttig_jax.pair.pair_file import spec_table
 from vttig_jax.rig.paper import paper_pair
 
 SWEEP = """

@@ -8,12 +8,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from tests.control.followed import OPEN
-from vttig_jax.control.bounds import Bounds
-from vttig_jax.control.drive import Drive
-from vttig_jax.control.motion import MotionPoint
-from vttig_jax.control.plant import FREE, Drag, Plant, Shafts
-from vttig_jax.control.servo import Motor, Servo
-from vttig_jax.control.servo_drive import ServoDrive
+from vttig_jax.control.hardware.servo import Motor, Servo, ServoDrive
+from vttig_jax.control.hardware.shaft_drive import Drive
+from vttig_jax.control.motion.motion import MotionPoint
+from vttig_jax.control.plants.flank_bounds import Bounds
+from vttig_jax.control.plants.plant import FREE, Drag, Plant, Shafts
 
 RATIO = 0.5625
 IDLE = Servo(0.0, 0.0, 0.0, 1.0)

@@ -7,9 +7,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from vttig_jax.control.bounds import Bounds, Flanks
-from vttig_jax.control.motion import Motion
-from vttig_jax.control.plant import Plant, Shafts, Slide, Touch
+from vttig_jax.control.motion.motion import Motion
+from vttig_jax.control.plants.flank_bounds import Bounds, Flanks
+from vttig_jax.control.plants.plant import Plant, Shafts, Slide, Touch
 
 
 class Still(NamedTuple):

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from vttig_jax.control.motion import MotionPoint
+from vttig_jax.control.motion.motion import MotionPoint
 
 ROOM = 4096
 

@@ -15,11 +15,11 @@ from benchmarks.compiler import fast_to_compile
 from tests.control.motion_points import at
 from tests.control.texts import MINIMAL
 from vttig_jax.base.units import DEG
-from vttig_jax.control.build import case_of
-from vttig_jax.control.case import Case, Sample, advance, started
-from vttig_jax.control.controller import Controller
-from vttig_jax.control.motion import Motion, MotionPoint
-from vttig_jax.control.spec import ScenarioSpec, parse_scenario_spec, with_values
+from vttig_jax.control.controllers.controller import Controller
+from vttig_jax.control.motion.motion import Motion, MotionPoint
+from vttig_jax.control.scenario.spec import ScenarioSpec, parse_scenario_spec, with_values
+from vttig_jax.control.simulation.build import case_of
+from vttig_jax.control.simulation.case import Case, Sample, advance, started
 from vttig_jax.kinematics.exact import exact_model
 from vttig_jax.rig.paper import paper_eccentricities, paper_pair
 

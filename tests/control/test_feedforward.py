@@ -13,13 +13,13 @@ from scipy.optimize import brentq
 from tests.control.motion_points import at
 from tests.control.scenarios import CLOSING, INSTANT, PAIR, Run, spec_of, together
 from vttig_jax.base.units import DEG
-from vttig_jax.control.bounds import Bounds
-from vttig_jax.control.controller import Command, Controller, Measurement, NoController
-from vttig_jax.control.feedforward_controller import FeedforwardController
-from vttig_jax.control.lead import Lead, led, next_lead
-from vttig_jax.control.metrics import facts_of, metrics_of
-from vttig_jax.control.motion import MotionPoint
-from vttig_jax.control.simulate import simulate
+from vttig_jax.control.controllers.controller import Command, Controller, Measurement, NoController
+from vttig_jax.control.controllers.feedforward import FeedforwardController
+from vttig_jax.control.hardware.shaft_drive import Lead, led, next_lead
+from vttig_jax.control.motion.motion import MotionPoint
+from vttig_jax.control.plants.flank_bounds import Bounds
+from vttig_jax.control.simulation.metrics import facts_of, metrics_of
+from vttig_jax.control.simulation.simulate import simulate
 from vttig_jax.kinematics.exact import exact_model
 from vttig_jax.rig.paper import paper_eccentricities
 

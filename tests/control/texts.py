@@ -1,6 +1,6 @@
 """Scenarios to start from: the contract's example word for word, and the shortest."""
 
-from vttig_jax.control.spec import parse_scenario_spec
+from vttig_jax.control.scenario.spec import parse_scenario_spec
 
 CONTRACT = """
 pair = "pair.toml"                 # relative to this file

@@ -13,7 +13,7 @@ import pytest
 
 import vttig_jax
 from tests.oracles.flank_formulas import exact
-from vttig_jax.control.spec import parse_scenario_spec
+from vttig_jax.control.scenario.spec import parse_scenario_spec
 from vttig_jax.rig.paper import paper_eccentricities
 from vttig_jax.rig.paper import paper_pair as paper_gears
 

@@ -9,7 +9,7 @@ import pytest
 import vttig_jax
 from vttig_jax.base.units import ARCSEC
 from vttig_jax.cli.main import main
-from vttig_jax.logs.line_search import Run, find_lines
+from vttig_jax.logs.lines.search import Run, find_lines
 
 WORM = Path(__file__).resolve().parents[2] / "fits" / "worm_mount"
 

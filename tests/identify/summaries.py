@@ -5,19 +5,19 @@ from fractions import Fraction
 
 import numpy as np
 
-from vttig_jax.identify.channels import Drift
-from vttig_jax.identify.columns import OFFSET, Columns
-from vttig_jax.identify.flank_summary import summarise_flank
-from vttig_jax.identify.rows import LogRows, Run
-from vttig_jax.identify.scope import Scope, find_scope
-from vttig_jax.identify.summary import FlankSummary, HarmonicSummary
-from vttig_jax.identify.terms import Harmonic, TermPlan
-from vttig_jax.identify.view import Input, Model, View, look
+from vttig_jax.identify.compress.block_rows import LogRows, Run
+from vttig_jax.identify.compress.flank_summary import summarise_flank
+from vttig_jax.identify.compress.harmonic_summary import FlankSummary, HarmonicSummary
+from vttig_jax.identify.compress.regressors import Drift
+from vttig_jax.identify.model.column_layout import OFFSET, Columns
+from vttig_jax.identify.model.harmonics import Harmonic, TermPlan
+from vttig_jax.identify.model.identifiability import Scope, find_scope
+from vttig_jax.identify.preliminary.linear_fit import Input, Model, View, look
 from vttig_jax.kinematics.te_curve import TECurve
 from vttig_jax.logs.encoder_log import EncoderLog
-from vttig_jax.logs.ramps import find_ramps
-from vttig_jax.logs.segments import Segment, find_segments
-from vttig_jax.pair.gears import Flank, GearPair
+from vttig_jax.logs.motion.flank_assignment import find_ramps
+from vttig_jax.logs.motion.segments import Segment, find_segments
+from vttig_jax.pair.gear_pair import Flank, GearPair
 
 TERMS = TermPlan(
     Fraction(9, 16),

@@ -6,10 +6,10 @@ import pytest
 
 from tests.identify.accuracy import complaints, judged, rms_errors, study
 from vttig_jax.base.units import DEG
-from vttig_jax.identify.fit import fit
+from vttig_jax.identify.fitting import fit
 from vttig_jax.logs.read import read_log
 from vttig_jax.pair.load import load_pair
-from vttig_jax.pair.spec import FitOptions
+from vttig_jax.pair.schema import FitOptions
 from vttig_jax.rig.paper import paper_rig
 
 

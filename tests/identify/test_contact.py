@@ -9,10 +9,9 @@ import pytest
 from tests.identify.quick import quick_rig
 from vttig_jax.base.errors import NoAnswerError
 from vttig_jax.base.units import DEG, REV
-from vttig_jax.identify.contact import contact_map
-from vttig_jax.identify.fit import fit
-from vttig_jax.identify.mapping import backlash_map
-from vttig_jax.identify.parameters import Parameter
+from vttig_jax.identify.backlash import backlash_map, contact_map
+from vttig_jax.identify.fitting import fit
+from vttig_jax.identify.report.parameters import Parameter
 from vttig_jax.logs.encoder_log import EncoderLog
 from vttig_jax.pair.load import pair_from_spec, pair_spec
 

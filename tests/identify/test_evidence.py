@@ -8,7 +8,7 @@ import pytest
 from tests.identify.summaries import lag_products_of
 from tests.posterior import quick_fits
 from vttig_jax.identify.evidence import Evidence, evidence_from
-from vttig_jax.posterior.density import fit_target
+from vttig_jax.posterior.density.density import fit_target
 
 
 def again(evidence: Evidence) -> Evidence:

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from tests.logs.profiles import geared, trapezoid
-from vttig_jax.identify.fit import fit
+from vttig_jax.identify.fitting import fit
 from vttig_jax.logs.encoder_log import EncoderLog
-from vttig_jax.logs.flank_evidence import assigned_segments
-from vttig_jax.logs.segments import Segments
+from vttig_jax.logs.motion.flank_assignment import assigned_segments
+from vttig_jax.logs.motion.segments import Segments
 
 RATE, GAP = 500.0, 0.04
 NOTE = "flanks assigned by the motion"

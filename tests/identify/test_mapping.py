@@ -9,12 +9,12 @@ import pytest
 import vttig_jax
 from vttig_jax.base.errors import NoAnswerError
 from vttig_jax.base.units import DEG, REV
-from vttig_jax.identify.fit import fit
-from vttig_jax.identify.mapping import backlash_map
+from vttig_jax.identify.backlash import backlash_map
+from vttig_jax.identify.fitting import fit
 from vttig_jax.kinematics.backlash_map import BacklashMap
 from vttig_jax.logs.encoder_log import EncoderLog
-from vttig_jax.pair.gears import Drive
-from vttig_jax.pair.spec import FitOptions
+from vttig_jax.pair.gear_pair import Drive
+from vttig_jax.pair.schema import FitOptions
 from vttig_jax.rig.motion import Motion
 
 GRID = np.linspace(0, 16 * REV, 1001)

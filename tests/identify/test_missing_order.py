@@ -20,7 +20,7 @@ from benchmarks.residual_check import (
     standard_error_deg,
     with_orders,
 )
-from vttig_jax.identify.fit import fit
+from vttig_jax.identify.fitting import fit
 
 TURNS = 6.0
 PLACE = ("driving", 3)

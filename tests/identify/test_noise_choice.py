@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from vttig_jax.base.units import REV
-from vttig_jax.identify.fit import fit
-from vttig_jax.identify.noise_choice import NoiseChoice
+from vttig_jax.identify.compress.harmonic_summary import plateau_speeds
+from vttig_jax.identify.fitting import fit
+from vttig_jax.identify.settings import NoiseChoice
 from vttig_jax.identify.store import fit_arrays, read_fit
-from vttig_jax.identify.summary import plateau_speeds
 from vttig_jax.rig.imperfections import Noise
 from vttig_jax.rig.motion import Motion
 from vttig_jax.rig.paper import paper_rig

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from vttig_jax.base.errors import InputError, UsageError
-from vttig_jax.base.jsonio import dumps
-from vttig_jax.identify.fit import fit
-from vttig_jax.identify.mapping import backlash_map
-from vttig_jax.identify.result import Fit
+from vttig_jax.base.files.json_io import dumps
+from vttig_jax.identify.backlash import backlash_map
+from vttig_jax.identify.fit_result import Fit
+from vttig_jax.identify.fitting import fit
 from vttig_jax.identify.store import fit_arrays, read_fit
 
 

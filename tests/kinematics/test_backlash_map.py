@@ -9,13 +9,12 @@ import pytest
 
 from vttig_jax.base.errors import PairError
 from vttig_jax.kinematics.backlash_map import BacklashMap
-from vttig_jax.kinematics.closed import closed_model
-from vttig_jax.kinematics.combined import CombinedModel
 from vttig_jax.kinematics.exact import exact_model
+from vttig_jax.kinematics.first_order import closed_model
 from vttig_jax.kinematics.functions import backlash, exact_backlash
-from vttig_jax.kinematics.orders import OrderModel
+from vttig_jax.kinematics.harmonic import CombinedModel, OrderModel
 from vttig_jax.pair.eccentricities import Eccentricities
-from vttig_jax.pair.gears import Drive, Gear, GearPair
+from vttig_jax.pair.gear_pair import Drive, Gear, GearPair
 
 TURN = 2 * np.pi
 

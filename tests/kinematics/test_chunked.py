@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from vttig_jax.kinematics.chunked import chunked
+from vttig_jax.kinematics.backlash_map import chunked
 
 
 @pytest.mark.parametrize("length", [0, 1, 8191, 8192, 8193, 20000])

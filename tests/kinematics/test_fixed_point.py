@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from vttig_jax.kinematics.exact import exact_model
-from vttig_jax.kinematics.fixed_point import fixed_point
+from vttig_jax.kinematics.flank_model import fixed_point
 
 GAIN = 0.5
 SHIFTS = np.array([-2.0, -0.3, 0.0, 0.7, 3.1])

@@ -4,11 +4,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from vttig_jax.kinematics.closed import closed_model
-from vttig_jax.kinematics.combined import CombinedModel
 from vttig_jax.kinematics.exact import exact_model
-from vttig_jax.kinematics.orders import OrderModel
-from vttig_jax.pair.gears import Flank
+from vttig_jax.kinematics.first_order import closed_model
+from vttig_jax.kinematics.harmonic import CombinedModel, OrderModel
+from vttig_jax.pair.gear_pair import Flank
 
 FLANKS: tuple[Flank, Flank] = ("A", "B")
 ANGLES = np.linspace(-30.0, 200.0, 501)

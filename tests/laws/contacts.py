@@ -8,10 +8,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from tests.laws.law import Law
-from vttig_jax.geometry.contact_model import contact_model
-from vttig_jax.geometry.gap import geometric_backlash, section_backlash
+from vttig_jax.geometry.backlash.drawn_backlash import geometric_backlash, section_backlash
+from vttig_jax.geometry.contact.contact_model import contact_model
 from vttig_jax.pair.eccentricities import Eccentricities
-from vttig_jax.pair.gears import Gear, GearPair
+from vttig_jax.pair.gear_pair import Gear, GearPair
 
 
 class Axes(NamedTuple):

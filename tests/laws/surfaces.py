@@ -9,14 +9,20 @@ import jax.numpy as jnp
 import numpy as np
 
 from tests.laws.law import Law
-from vttig_jax.base.compiled import compiled
-from vttig_jax.geometry.curvature import surface_curvatures
-from vttig_jax.geometry.limits import fillet_span, flank_roll, flank_span, root_span, tip_span
-from vttig_jax.geometry.outline import tooth_section
-from vttig_jax.geometry.rack import SIDES, Side
-from vttig_jax.geometry.surface import Part, surface_normal, tooth_surface
-from vttig_jax.geometry.thinning import Taper
-from vttig_jax.geometry.tooth import Tooth
+from vttig_jax.base.arrays import compiled
+from vttig_jax.geometry.tooth.curvature import surface_curvatures
+from vttig_jax.geometry.tooth.rack_cutter import SIDES, Side
+from vttig_jax.geometry.tooth.recession import Taper
+from vttig_jax.geometry.tooth.roll_limits import (
+    fillet_span,
+    flank_roll,
+    flank_span,
+    root_span,
+    tip_span,
+)
+from vttig_jax.geometry.tooth.section_outline import tooth_section
+from vttig_jax.geometry.tooth.surface import Part, surface_normal, tooth_surface
+from vttig_jax.geometry.tooth.tooth import Tooth
 
 
 class Roll(NamedTuple):

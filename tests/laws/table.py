@@ -15,12 +15,11 @@ from tests.laws.law import Law
 from tests.laws.law import scaled as scaled
 from tests.laws.surfaces import SURFACES
 from vttig_jax.kinematics import functions as kin
-from vttig_jax.kinematics.closed import ClosedModel, closed_model
-from vttig_jax.kinematics.combined import CombinedModel
 from vttig_jax.kinematics.exact import ExactModel, exact_model
-from vttig_jax.kinematics.orders import OrderModel
+from vttig_jax.kinematics.first_order import ClosedModel, closed_model
+from vttig_jax.kinematics.harmonic import CombinedModel, OrderModel
 from vttig_jax.pair.eccentricities import Eccentricities
-from vttig_jax.pair.gears import Gear, GearPair
+from vttig_jax.pair.gear_pair import Gear, GearPair
 from vttig_jax.pair.rack import Rack
 
 ANGLES = np.array([0.3, -2.0, 41.7])

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from vttig_jax.pair.spec import PairSpec, parse_pair_spec
+from vttig_jax.pair.pair_file import parse_pair_spec
+from vttig_jax.pair.schema import PairSpec
 
 DEG = np.pi / 180
 

@@ -6,14 +6,20 @@ import pytest
 
 from tests.logs.profiles import counts, drive, geared, spec, trapezoid
 from vttig_jax.base.errors import LogError
-from vttig_jax.base.jsonio import dumps, load_schema
+from vttig_jax.base.files.json_io import dumps, load_schema
+from vttig_jax.logs.checks.order_spectrum import order_spectrum
+from vttig_jax.logs.checks.sampling import (
+    Plateau,
+    aliased,
+    commensurate,
+    plateaus_of,
+    sampling_of,
+)
 from vttig_jax.logs.encoder_log import EncoderLog
 from vttig_jax.logs.inspection import inspect_log
+from vttig_jax.logs.motion.segments import Segment, find_segments
 from vttig_jax.logs.preview import preview_log
 from vttig_jax.logs.read import read_log
-from vttig_jax.logs.sampling import Plateau, aliased, commensurate, plateaus_of, sampling_of
-from vttig_jax.logs.segments import Segment, find_segments
-from vttig_jax.logs.spectrum import order_spectrum
 
 
 def rig(rate=500.0, pair=None, **motion):

@@ -6,7 +6,7 @@ import pytest
 from scipy.io import savemat
 
 from vttig_jax.base.errors import LogError
-from vttig_jax.base.jsonio import load_schema
+from vttig_jax.base.files.json_io import load_schema
 from vttig_jax.logs.preview import MOST_COLUMNS, preview_log
 
 COUNT = 50

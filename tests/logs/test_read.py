@@ -6,9 +6,9 @@ from scipy.io import savemat
 
 from tests.logs.profiles import DEG, drive, spec
 from vttig_jax.base.errors import LogError, UsageError
-from vttig_jax.logs import delimited
 from vttig_jax.logs.read import read_log
-from vttig_jax.pair.spec import parse_pair_spec
+from vttig_jax.logs.readers import delimited
+from vttig_jax.pair.pair_file import parse_pair_spec
 
 PAIR = spec()
 COUNT = 200

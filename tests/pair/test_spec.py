@@ -8,9 +8,10 @@ from fractions import Fraction
 import pytest
 
 from tests.pair.texts import CONTRACT, DRIVE, MINIMAL, OTHER_KEYS
-from vttig_jax.pair.gears import Drive, GearPair
+from vttig_jax.pair.gear_pair import Drive, GearPair
 from vttig_jax.pair.load import load_pair
-from vttig_jax.pair.spec import (
+from vttig_jax.pair.pair_file import load_pair_spec, parse_pair_spec, spec_table
+from vttig_jax.pair.schema import (
     Encoder,
     FitOptions,
     GearTable,
@@ -20,9 +21,6 @@ from vttig_jax.pair.spec import (
     StatedTable,
     UnitTable,
     as_fraction,
-    load_pair_spec,
-    parse_pair_spec,
-    spec_table,
 )
 
 
@@ -158,7 +156,7 @@ def test_ratios_are_read_as_written(value, fraction):
 
 def test_reading_a_spec_needs_no_jax():
     code = (
-        "import sys; from vttig_jax.pair.spec import parse_pair_spec;"
+        "import sys; from vttig_jax.pair import parse_pair_spec;"
         "parse_pair_spec({'drive': {'ratio': '1/2'}}); sys.exit('jax' in sys.modules)"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

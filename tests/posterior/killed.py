@@ -14,9 +14,9 @@ from pathlib import Path
 import numpy as np
 
 from tests.posterior.densities import Gaussian, plain
-from vttig_jax.base import atomic
-from vttig_jax.posterior import checkpoint
-from vttig_jax.posterior.ensembles import Chains, read_chains, run_ensembles
+from vttig_jax.base.files import atomic_write as atomic
+from vttig_jax.posterior.sampling import checkpoint
+from vttig_jax.posterior.sampling.ensembles import Chains, read_chains, run_ensembles
 
 STEPS = 2400
 

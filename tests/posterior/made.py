@@ -7,9 +7,9 @@ import numpy as np
 from jaxtyping import Float
 
 from tests.identify.quick import quick_rig
-from vttig_jax.identify.fit import fit
-from vttig_jax.identify.result import Fit
-from vttig_jax.posterior.posterior import Posterior
+from vttig_jax.identify.fit_result import Fit
+from vttig_jax.identify.fitting import fit
+from vttig_jax.posterior.summary.posterior import Posterior
 
 PARTIALS = (0.43, -0.067)
 

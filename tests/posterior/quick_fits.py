@@ -5,10 +5,10 @@ from fractions import Fraction
 from functools import cache
 
 from tests.identify.quick import quick_rig
-from vttig_jax.identify.fit import fit
-from vttig_jax.identify.parameters import undetermined
-from vttig_jax.identify.result import Fit
-from vttig_jax.pair.gears import Drive
+from vttig_jax.identify.fit_result import Fit
+from vttig_jax.identify.fitting import fit
+from vttig_jax.identify.report.parameters import undetermined
+from vttig_jax.pair.gear_pair import Drive
 
 
 @cache

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from tests.posterior.densities import Gaussian, plain
-from vttig_jax.posterior.ensembles import Chains, run_ensembles
+from vttig_jax.posterior.sampling.ensembles import Chains, run_ensembles
 
 REPOSITORY = Path(__file__).parents[2]
 

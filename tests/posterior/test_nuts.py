@@ -10,11 +10,11 @@ import pytest
 
 from tests.posterior import quick_fits
 from vttig_jax.base.errors import UsageError
-from vttig_jax.posterior.density import fit_target
+from vttig_jax.posterior.density.density import fit_target
 from vttig_jax.posterior.nuts import NutsDiagnosis, sample_nuts, whitened_of
-from vttig_jax.posterior.posterior import Posterior
-from vttig_jax.posterior.sample import sample
-from vttig_jax.posterior.stopping import Until
+from vttig_jax.posterior.sampler import sample
+from vttig_jax.posterior.sampling.stop_rule import Until
+from vttig_jax.posterior.summary.posterior import Posterior
 
 pytestmark = pytest.mark.slow
 

@@ -13,11 +13,11 @@ import vttig_jax
 from tests.oracles import involute_contact as oracle
 from vttig_jax.base.units import DEG
 from vttig_jax.kinematics.backlash_map import BacklashMap
-from vttig_jax.kinematics.combined import CombinedModel
-from vttig_jax.logs.readings import read_backlash_readings
-from vttig_jax.logs.segments import find_segments
+from vttig_jax.kinematics.harmonic import CombinedModel
+from vttig_jax.logs.motion.segments import find_segments
+from vttig_jax.logs.readers.backlash_readings import read_backlash_readings
 from vttig_jax.pair.eccentricities import Eccentricities
-from vttig_jax.pair.gears import GearPair
+from vttig_jax.pair.gear_pair import GearPair
 from vttig_jax.rig.fixed_gear import fixed_gear_readings
 from vttig_jax.rig.imperfections import EncoderError
 from vttig_jax.rig.motion import Motion

@@ -5,7 +5,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vttig_jax.rig.play import play
+from vttig_jax.rig.synthetic import play
 
 # Multiples of 1/64: numbers so small that XLA takes them for zero are no angles.
 NUMBER = st.integers(-640, 640).map(lambda n: n / 64)

@@ -9,10 +9,10 @@ import pytest
 
 import vttig_jax
 from vttig_jax.base.units import ARCSEC, DEG
-from vttig_jax.logs.segments import find_segments
+from vttig_jax.logs.motion.segments import find_segments
 from vttig_jax.pair.eccentricities import Eccentricities
-from vttig_jax.pair.gears import GearPair
-from vttig_jax.pair.spec import Encoder
+from vttig_jax.pair.gear_pair import GearPair
+from vttig_jax.pair.schema import Encoder
 from vttig_jax.rig.imperfections import EncoderError, Noise, OrderError
 from vttig_jax.rig.motion import Motion
 from vttig_jax.rig.paper import paper_rig

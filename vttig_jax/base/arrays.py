@@ -1,7 +1,10 @@
-"""User numbers stay NumPy float64 until they are compiled: field converter and namespace."""
+"""Fields that keep NumPy float64 numbers, and public functions that are compiled once."""
 
-from typing import Any
+from collections.abc import Callable
+from functools import wraps
+from typing import Any, ParamSpec, TypeVar
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -29,3 +32,22 @@ def namespace(*values: Any) -> Any:
     and cost no compilation outside a compiled function.
     """
     return jnp if any(isinstance(leaf, jax.Array) for leaf in jax.tree.leaves(values)) else np
+
+
+_Arguments = ParamSpec("_Arguments")
+_Result = TypeVar("_Result")
+
+
+def compiled(function: Callable[_Arguments, _Result]) -> Callable[_Arguments, _Result]:
+    """Jit `function` with plain numbers traced like arrays: new values never recompile it."""
+    jitted = eqx.filter_jit(function)
+
+    def traced(leaf: Any) -> Any:
+        return float64(leaf) if isinstance(leaf, (int, float)) else leaf
+
+    @wraps(function)
+    def call(*args: _Arguments.args, **kwargs: _Arguments.kwargs) -> _Result:
+        args, kwargs = jax.tree.map(traced, (args, kwargs))
+        return jitted(*args, **kwargs)
+
+    return call

@@ -16,68 +16,68 @@ from importlib import import_module
 import click
 
 from ..base.errors import InputError, VttigError
-from ..base.jsonio import dumps
+from ..base.files.json_io import dumps
 from .output import LOGGER, Narrator, print_result
 
 VERBS = {
     "inspect": (
-        "vttig_jax.cli.inspect_verb:command",
+        "vttig_jax.cli.verbs.inspect:command",
         "Say what a log holds and what is wrong with it.",
     ),
     "fit": (
-        "vttig_jax.cli.fit_verb:command",
+        "vttig_jax.cli.verbs.fit:command",
         "Identify eccentricities and backlash from a log.",
     ),
     "map": (
-        "vttig_jax.cli.map_verb:command",
+        "vttig_jax.cli.verbs.map:command",
         "Write the backlash at every angle from a fit.",
     ),
     "sample": (
-        "vttig_jax.cli.sample_verb:command",
+        "vttig_jax.cli.verbs.sample:command",
         "Sample the posterior of a fit, with checkpoints.",
     ),
     "calibrate": (
-        "vttig_jax.cli.calibrate_verb:command",
+        "vttig_jax.cli.verbs.calibrate:command",
         "Check on simulated rigs that stated uncertainties hold.",
     ),
     "plan": (
-        "vttig_jax.cli.plan_verb:command",
+        "vttig_jax.cli.verbs.plan:command",
         "Say how well a run would tell every parameter.",
     ),
     "simulate": (
-        "vttig_jax.cli.simulate_verb:command",
+        "vttig_jax.cli.verbs.simulate:command",
         "Simulate a reversal with an anti-backlash controller.",
     ),
     "sweep": (
-        "vttig_jax.cli.sweep_verb:command",
+        "vttig_jax.cli.verbs.sweep:command",
         "Simulate thousands of cases: axes, controllers, drawn rigs.",
     ),
     "tune": (
-        "vttig_jax.cli.tune_verb:command",
+        "vttig_jax.cli.verbs.tune:command",
         "Tune the settings of a controller over all cases of a sweep.",
     ),
     "locate": (
-        "vttig_jax.cli.locate_verb:command",
+        "vttig_jax.cli.verbs.locate:command",
         "Find the turn in the hunting period from two readings.",
     ),
     "measure": (
-        "vttig_jax.cli.measure_verb:command",
+        "vttig_jax.cli.verbs.measure:command",
         "Say what a shop measures on the gears of a pair.",
     ),
     "surface": (
-        "vttig_jax.cli.surface_verb:command",
+        "vttig_jax.cli.verbs.surface:command",
         "Write a gear as a mesh, a CAD solid or a section.",
     ),
     "contact": (
-        "vttig_jax.cli.contact_verb:command",
+        "vttig_jax.cli.verbs.contact:command",
         "Find where the teeth of a pair touch, from their surfaces.",
     ),
     "export": (
-        "vttig_jax.cli.export_verb:command",
+        "vttig_jax.cli.verbs.export:command",
         "Write the compensation as CSV, JSON or a C header.",
     ),
     "demo": (
-        "vttig_jax.cli.demo_verb:command",
+        "vttig_jax.cli.verbs.demo:command",
         "Simulate the paper's rig, fit it and show the result.",
     ),
 }

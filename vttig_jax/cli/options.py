@@ -1,9 +1,9 @@
-"""What all verbs share: `--json`, `-v`, `-q`, `--log-file`, and an example under the help."""
+"""Options that all verbs share, and those that say how a log is read."""
 
 import functools
 import math
 import re
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterable
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -11,6 +11,8 @@ from typing import Any
 import click
 from click.core import ParameterSource
 
+from ..base.errors import UsageError
+from ..logs.readers.column_roles import ROLES
 from .output import Narrator, Output
 
 
@@ -93,3 +95,54 @@ def _with_shared_options(function: Callable[..., None]) -> Callable[..., None]:
             output.finish()
 
     return wrapper
+
+
+def log_options(function: Callable[..., None]) -> Callable[..., None]:
+    """Give a verb the options `columns` (texts ROLE=NAME), `decimal` and `sample_rate`."""
+    for option in reversed(
+        [
+            click.option(
+                "--column",
+                "columns",
+                multiple=True,
+                metavar="ROLE=NAME",
+                callback=_checked,
+                help=f"Name the column of a role ({', '.join(ROLES)}); may be repeated. #1 is the"
+                " first column of a text file, #row the number 0, 1, 2, … of the row.",
+            ),
+            click.option("--decimal", type=click.Choice([".", ","]), help="Decimal mark."),
+            click.option(
+                "--sample-rate",
+                type=POSITIVE,
+                metavar="HZ",
+                help="Samples per second, in place of a time column.",
+            ),
+        ]
+    ):
+        function = option(function)
+    return function
+
+
+def roles_of(columns: Iterable[str]) -> dict[str, str]:
+    """Role → name of the column, from texts ROLE=NAME.
+
+    **Raises** `UsageError` for another form, a role there is not and one that is named twice.
+    """
+    named: dict[str, str] = {}
+    for text in columns:
+        role, equals, name = text.partition("=")
+        if not equals or not name or role not in ROLES:
+            raise UsageError(
+                f"--column {text!r} must be ROLE=NAME with a role of {', '.join(ROLES)}."
+            )
+        if role in named:
+            raise UsageError(f"--column: `{role}` is named twice; keep one of the two.")
+        named[role] = name
+    return named
+
+
+def _checked(
+    context: click.Context, parameter: click.Parameter, columns: tuple[str, ...]
+) -> tuple[str, ...]:
+    roles_of(columns)
+    return columns

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..base.errors import InputError
-from ..base.jsonio import dumps
+from ..base.files.json_io import dumps
 
 if TYPE_CHECKING:
     from tqdm import tqdm

@@ -4,20 +4,19 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..base.errors import InputError
-from .fit_verb import CHECKPOINT
 from .output import LOGGER
-from .run_file import read_run
+from .run_file import CHECKPOINT, read_run
 
 if TYPE_CHECKING:
-    from ..identify.result import Fit
+    from ..identify.fit_result import Fit
     from ..pair.eccentricities import Eccentricities
-    from ..posterior.posterior import Posterior
+    from ..posterior.summary.posterior import Posterior
 
 
 def drawn_rigs(scenario: Path) -> tuple[tuple["Eccentricities", ...], "Eccentricities | None"]:
     """Draws of the posterior that a sweep file names, and the rig in their middle."""
-    from ..control.spec import load_sweep_spec
-    from ..posterior.rig_draws import rig_draws
+    from ..control.scenario.spec import load_sweep_spec
+    from ..posterior.summary.rig_draws import rig_draws
 
     table = load_sweep_spec(scenario).rig
     if table is None:
@@ -38,7 +37,7 @@ def fitted_rig(folder: Path, pair: Path) -> "Eccentricities":
 
     **Raises** `InputError` where the run is of other gears than those in the pair file.
     """
-    from ..identify.result import require_rig
+    from ..identify.fit_result import require_rig
 
     fit = _fit(folder, pair)
     if (folder / CHECKPOINT).exists():
@@ -61,7 +60,7 @@ def _require_same_gears(fit: "Fit", path: Path, folder: Path) -> None:
     """Eccentricities and gap of other gears would give numbers that only look right."""
     import numpy as np
 
-    from ..pair.gears import GearPair
+    from ..pair.gear_pair import GearPair
     from ..pair.load import load_pair
 
     pair = load_pair(path)
@@ -84,7 +83,7 @@ def _require_same_gears(fit: "Fit", path: Path, folder: Path) -> None:
 
 
 def _posterior(folder: Path, fit: "Fit") -> "Posterior":
-    from ..posterior.sample import read_posterior
+    from ..posterior.sampler import read_posterior
 
     posterior = read_posterior(folder / CHECKPOINT, fit)
     if not posterior.diagnosis.converged:

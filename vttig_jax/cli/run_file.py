@@ -10,9 +10,13 @@ from typing import Any
 import msgspec
 
 from ..base.errors import InputError, UsageError
-from ..base.runfolder import data_sha256
-from ..pair.spec import PairSpec, parse_pair_spec, spec_table
+from ..base.files.run_folder import data_sha256
+from ..pair.pair_file import parse_pair_spec, spec_table
+from ..pair.schema import PairSpec
 from .run_options import RunOptions
+
+CHECKPOINT = "posterior.h5"
+
 
 SCHEMA = "vttig.run/1"
 _PACKAGES = ("vttig-jax", "jax", "jaxlib", "equinox", "optimistix", "numpy", "scipy")

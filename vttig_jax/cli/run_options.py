@@ -7,8 +7,7 @@ import msgspec
 from msgspec import Meta
 
 from ..base.errors import UsageError
-from .log_options import roles_of
-from .model_options import (
+from .fit_options import (
     HIGHEST_DRIFT,
     LONGEST_DELAY_S,
     DelayWord,
@@ -19,6 +18,7 @@ from .model_options import (
     NoiseOf,
     RegressorName,
 )
+from .options import roles_of
 
 if TYPE_CHECKING:
     from ..logs.encoder_log import EncoderLog

@@ -3,17 +3,17 @@
 from typing import TYPE_CHECKING
 
 from ..base.errors import InputError, NoAnswerError
-from ..base.runfolder import data_sha256
+from ..base.files.run_folder import data_sha256
 from ..base.units import ANGLE_UNITS, REV
-from ..logs.columns import names_asked
-from ..logs.naming import name_and_unit, units_of
-from ..pair.reading import ShaftReading, shaft_reading
-from ..pair.spec import Encoder, as_fraction
-from .log_options import roles_of
+from ..logs.readers.column_names import name_and_unit, units_of
+from ..logs.readers.column_roles import names_asked
+from ..pair.encoder_reading import ShaftReading, shaft_reading
+from ..pair.schema import Encoder, as_fraction
+from .options import roles_of
 from .run_file import Run
 
 if TYPE_CHECKING:
-    from ..identify.result import Fit
+    from ..identify.fit_result import Fit
 
 SHAFTS = ("driving", "driven")
 

@@ -6,14 +6,13 @@ from fractions import Fraction
 import numpy as np
 from jaxtyping import Float
 
-from ..pair.gears import Drive, Flank, GearPair
-from .columns import Columns
-from .flank_summary import FlankSummary, flank_of_products
-from .irregular import IrregularFlank
-from .noise_choice import NoiseChoice
-from .relation import Relation, relation_of
-from .summary import HarmonicSummary
-from .terms import Harmonic, TermPlan
+from ..pair.gear_pair import Drive, Flank, GearPair
+from .compress.flank_summary import FlankSummary, IrregularFlank, flank_of_products
+from .compress.harmonic_summary import HarmonicSummary
+from .model.column_layout import Columns
+from .model.forward_model import Relation, relation_of
+from .model.harmonics import Harmonic, TermPlan
+from .settings import NoiseChoice
 
 
 @dataclass(frozen=True, eq=False)

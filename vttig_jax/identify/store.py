@@ -9,15 +9,15 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..base.errors import InputError, UsageError
-from ..kinematics.orders import OrderModel
+from ..kinematics.harmonic import OrderModel
 from ..kinematics.te_curve import TECurve
-from ..pair.gears import Drive, GearPair
+from ..pair.gear_pair import Drive, GearPair
 from .evidence import evidence_from
-from .noise import NoiseModel
-from .noise_choice import NoiseChoice
-from .order_table import Order
-from .parameters import Parameter
-from .result import Fit
+from .fit_result import Fit
+from .noise.noise_model import NoiseModel
+from .report.order_table import Order
+from .report.parameters import Parameter
+from .settings import NoiseChoice
 
 _EVIDENCE = "evidence_"
 

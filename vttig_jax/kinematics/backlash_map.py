@@ -1,6 +1,7 @@
-"""Backlash at every driving angle, where it is smallest and largest, and the safe axial closing."""
+"""The backlash at every driving angle, its extremes, and the safe axial displacement."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -11,11 +12,28 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Float, Real
 
 from ..base.errors import PairError
-from ..base.tables import key_values
+from ..base.files.text_tables import key_values
 from ..base.units import DEG, REV
-from ..pair.gears import Drive, GearPair
-from .chunked import chunked
+from ..pair.gear_pair import Drive, GearPair
 from .flank_model import FlankModel
+
+_CHUNK = 8192
+
+
+def chunked(
+    function: Callable[[np.ndarray], object], grid: Float[np.ndarray, " n"]
+) -> Float[np.ndarray, " n"]:
+    """Return `function(grid)` computed in chunks of one fixed size, the last one padded.
+
+    Memory stays that of one chunk and grids of different length share one compilation.
+    """
+    pieces = []
+    for start in range(0, len(grid), _CHUNK):
+        piece = grid[start : start + _CHUNK]
+        padded = np.pad(piece, (0, _CHUNK - len(piece)), mode="edge")
+        pieces.append(np.asarray(function(padded))[: len(piece)])
+    return np.concatenate(pieces) if pieces else np.empty(0)
+
 
 _PER_PERIOD = 32
 _CANDIDATES = 64
@@ -58,8 +76,8 @@ class BacklashMap:
     ```python
     >>> import numpy as np, vttig_jax
     >>> from vttig_jax import Eccentricities, Gear, GearPair
-    >>> from vttig_jax.kinematics.backlash_map import BacklashMap
-    >>> from vttig_jax.kinematics.exact import exact_model
+    >>> from vttig_jax.kinematics import BacklashMap
+    >>> from vttig_jax.kinematics import exact_model
     >>> vttig_jax.enable_x64()
     >>> pair = GearPair(
     ...     Gear(45, 3, 3), Gear(80, 3, 3),

@@ -4,12 +4,11 @@ import jax.numpy as jnp
 from jaxtyping import Array, Complex, Float
 
 from ..base.arrays import Numbers
-from ..base.sincos import sincos
+from ..base.numerics.sincos import sincos
 from ..pair.eccentricities import Eccentricities
-from ..pair.gears import Flank, GearPair
-from .closed import flank_offsets
-from .flank_model import flank_index
-from .implicit_model import ImplicitModel
+from ..pair.gear_pair import Flank, GearPair
+from .first_order import flank_offsets
+from .flank_model import ImplicitModel, flank_index
 
 
 class ExactModel(ImplicitModel):

@@ -10,11 +10,11 @@ import jax.numpy as jnp
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float, Real
 
-from ..base.compiled import compiled
+from ..base.arrays import compiled
 from ..pair.eccentricities import Eccentricities
-from ..pair.gears import Flank, GearPair
-from .closed import PressureAngle, closed_model
+from ..pair.gear_pair import Flank, GearPair
 from .exact import exact_model
+from .first_order import PressureAngle, closed_model
 from .flank_model import FlankModel
 
 Reference = Literal["absolute", "start"]

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from ..base.tables import key_values
+from ..base.files.text_tables import key_values
 from ..base.units import DEG, REV
-from ..pair.gears import Flank
+from ..pair.gear_pair import Flank
 
 Samples = Float[np.ndarray, " n"]
 

@@ -11,23 +11,30 @@ import numpy as np
 from jaxtyping import Real
 
 from ..base.errors import LogError
-from ..base.tables import key_values
+from ..base.files.text_tables import key_values
 from ..base.units import ANGLE_UNITS, ARCSEC, REV
-from .channel import step_of
-from .checks import check_time
-from .columns import ROLES, ROW_INDEX, SOUGHT
-from .delimited import Table
-from .inspection import ColumnReport
-from .naming import ROW, TIME_UNITS, default_column, index_of, listed, name_and_unit, units_of
-from .nested import NestedTable
-from .opening import open_table
-from .ratio import simple_fraction, slope
+from .channel.channel import step_of
+from .channel.unwrap import find_modulus, unwrap, wrap_steps
+from .checks.ratio import simple_fraction, slope
+from .checks.sampling import Sampling, sampling_of
+from .encoder_log import check_time
+from .inspection import ColumnReport, bullets, column_table, sampling_rows
 from .read import check_arguments
-from .sampling import Sampling, sampling_of
+from .readers.column_names import (
+    ROW,
+    TIME_UNITS,
+    default_column,
+    index_of,
+    listed,
+    name_and_unit,
+    units_of,
+)
+from .readers.column_roles import ROLES, ROW_INDEX, SOUGHT
+from .readers.delimited import Table
+from .readers.nested import NestedTable
+from .readers.open_table import open_table
+from .readers.text import NESTED
 from .source import Source
-from .text import NESTED
-from .unwrap import find_modulus, unwrap, wrap_steps
-from .wording import bullets, column_table, sampling_rows
 
 SHAFTS = ("driving", "driven", "transmission_error")
 """Roles whose column tells how long the record is, in this order."""

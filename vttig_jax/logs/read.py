@@ -8,13 +8,19 @@ import numpy as np
 
 from ..base.errors import LogError, UsageError
 from ..base.units import ANGLE_UNITS
-from ..pair.spec import LogLayout, UnitTable
-from .channel import RawChannel
-from .columns import ROLES, ROW_INDEX, Column, find_columns, names_asked
+from ..pair.schema import LogLayout, UnitTable
+from .channel.channel import RawChannel
 from .encoder_log import EncoderLog, RawLog
-from .naming import ACCELERATION_UNITS, LENGTH_UNITS, SPEED_UNITS, TIME_UNITS, name_and_unit
-from .opening import open_table
-from .shafts import TwoShafts
+from .protocols import TwoShafts
+from .readers.column_names import (
+    ACCELERATION_UNITS,
+    LENGTH_UNITS,
+    SPEED_UNITS,
+    TIME_UNITS,
+    name_and_unit,
+)
+from .readers.column_roles import ROLES, ROW_INDEX, Column, find_columns, names_asked
+from .readers.open_table import open_table
 from .source import Source
 
 logger = logging.getLogger("vttig_jax")
@@ -58,8 +64,8 @@ def read_log(
     ```python
     >>> from pathlib import Path
     >>> from tempfile import TemporaryDirectory
-    >>> from vttig_jax.logs.read import read_log
-    >>> from vttig_jax.pair.spec import parse_pair_spec
+    >>> from vttig_jax.logs import read_log
+    >>> from vttig_jax.pair import parse_pair_spec
     >>> unit = {"driving": "deg", "driven": "deg"}
     >>> pair = parse_pair_spec({"drive": {"ratio": "1/2"}, "unit": unit})
     >>> with TemporaryDirectory() as folder:

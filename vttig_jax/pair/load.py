@@ -3,10 +3,15 @@
 import math
 from pathlib import Path
 
-from .check import depth_ratio, transverse_module_mm, transverse_pressure_angles_deg
-from .gears import Drive, Gear, GearPair
+from .gear_pair import Drive, Gear, GearPair
+from .pair_file import (
+    depth_ratio,
+    load_pair_spec,
+    transverse_module_mm,
+    transverse_pressure_angles_deg,
+)
 from .rack import Rack
-from .spec import GearTable, PairSpec, PairTable, RackTable, load_pair_spec
+from .schema import GearTable, PairSpec, PairTable, RackTable
 
 
 def pair_from_spec(spec: PairSpec) -> GearPair | Drive:

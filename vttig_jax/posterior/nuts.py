@@ -13,19 +13,16 @@ from jaxtyping import Array, Float, PRNGKeyArray
 
 from ..base.arrays import Numbers, float64
 from ..base.errors import NoAnswerError, UsageError
-from ..base.precision import require_x64
-from ..identify.reml import LARGEST
-from ..identify.result import Fit
-from .autocorrelation import autocorrelation_time
-from .density import NOISE_STD, Density, FitTarget, fit_target
-from .diagnosis import Diagnosis
-from .ensembles import FEWEST_ENSEMBLES, Chains
-from .posterior import Posterior
-from .prior import Prior
-from .progress import Progress
-from .r_hat import r_hat
-from .sample import posterior_of
-from .stopping import Until
+from ..base.runtime import require_x64
+from ..identify.fit_result import Fit
+from ..identify.noise.reml import LARGEST
+from .density.density import NOISE_STD, Density, FitTarget, fit_target
+from .density.prior import Prior
+from .sampler import posterior_of
+from .sampling.convergence import Diagnosis, autocorrelation_time, r_hat
+from .sampling.ensembles import FEWEST_ENSEMBLES, Chains, Progress
+from .sampling.stop_rule import Until
+from .summary.posterior import Posterior
 
 _CHUNK = 100
 """Draws between two looks at the interrupts."""

@@ -5,12 +5,12 @@ import numpy as np
 from jaxtyping import Array, Float, Real
 from numpy.typing import ArrayLike
 
-from ..base.precision import require_x64
+from ..base.runtime import require_x64
 from ..base.units import DEG, REV
-from ..kinematics.chunked import chunked
+from ..kinematics.backlash_map import chunked
 from ..kinematics.flank_model import FlankModel
-from ..logs.readings import BacklashReadings
-from ..pair.gears import Flank
+from ..logs.readers.backlash_readings import BacklashReadings
+from ..pair.gear_pair import Flank
 from .imperfections import EncoderError, quantised
 from .synthetic import SyntheticRig
 
@@ -40,8 +40,8 @@ def fixed_gear_readings(
     **Example**
     ```python
     >>> import numpy as np, vttig_jax
-    >>> from vttig_jax.rig.fixed_gear import fixed_gear_readings
-    >>> from vttig_jax.rig.paper import paper_rig
+    >>> from vttig_jax.rig import fixed_gear_readings
+    >>> from vttig_jax.rig import paper_rig
     >>> vttig_jax.enable_x64()
     >>> readings = fixed_gear_readings(paper_rig(), [1080.0, 3600.0, 7560.0])
     >>> np.degrees(readings.backlash).round(3)

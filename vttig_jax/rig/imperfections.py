@@ -9,7 +9,7 @@ from jaxtyping import Float
 from scipy.signal import lfilter
 
 from ..base.units import ARCSEC, DEG, REV
-from ..pair.gears import Flank
+from ..pair.gear_pair import Flank
 
 Shaft = Literal["driving", "driven", "mesh"]
 

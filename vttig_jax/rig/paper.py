@@ -4,8 +4,8 @@ import numpy as np
 
 from ..kinematics.backlash_map import BacklashMap
 from ..pair.eccentricities import Eccentricities
-from ..pair.gears import Gear, GearPair
-from ..pair.spec import Encoder
+from ..pair.gear_pair import Gear, GearPair
+from ..pair.schema import Encoder
 from .imperfections import EncoderError, Noise, random_orders
 from .motion import Motion
 from .synthetic import SyntheticRig

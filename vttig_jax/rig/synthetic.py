@@ -3,24 +3,41 @@
 from dataclasses import dataclass
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
-from jaxtyping import Float, Real
+from jaxtyping import Array, Float, Real
 
-from ..base.precision import require_x64
+from ..base.runtime import require_x64
 from ..base.units import DEG
-from ..kinematics.chunked import chunked
-from ..kinematics.combined import CombinedModel
+from ..kinematics.backlash_map import chunked
 from ..kinematics.exact import exact_model
 from ..kinematics.flank_model import FlankModel
-from ..kinematics.orders import OrderModel
+from ..kinematics.harmonic import CombinedModel, OrderModel
 from ..logs.encoder_log import EncoderLog
 from ..pair.eccentricities import Eccentricities
-from ..pair.gears import Flank, GearPair
+from ..pair.gear_pair import Flank, GearPair
 from .imperfections import EncoderError, Noise, OrderError, quantised
 from .motion import Motion
-from .play import play
+
+
+@jax.jit
+def play(
+    lower: Float[Array, " n"], upper: Float[Array, " n"], start: Float[Array, ""]
+) -> Float[Array, " n"]:
+    """Follow x_t = min(max(x_{t−1}, lower_t), upper_t) from x_{−1} = `start`.
+
+    **Arguments**
+    - `lower`, `upper`: bounds with lower ≤ upper, shape (n,): the driven angle on flank A and B.
+    - `start`: position before the first sample.
+    """
+
+    def follow(position, bounds):
+        position = jnp.clip(position, *bounds)
+        return position, position
+
+    return jax.lax.scan(follow, start, (lower, upper))[1]
 
 
 @dataclass(frozen=True)

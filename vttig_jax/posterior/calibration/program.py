@@ -13,15 +13,12 @@ import numpy as np
 from jaxtyping import Array, Float, Int, Key, PRNGKeyArray
 
 from ...base.units import ARCSEC, DEG
-from ...identify.columns import Columns
-from ...identify.relation import PairRelation
-from .compress import Compressed, compress
-from .layout import columns_of, planned, relation_of_scenario
-from .missing import missing_amplitude
-from .motion import driving_angles, row_size
-from .rigs import Readings, Rig, Sizes, draw_rig, read, truth_of
-from .scenarios import Scenario
-from .vmapped_fit import Fitted, fit_compressed
+from ...identify.model.column_layout import Columns
+from ...identify.model.forward_model import PairRelation
+from .batched_fit import Fitted, fit_compressed
+from .compressed import Compressed, compress
+from .rigs import Readings, Rig, Sizes, draw_rig, missing_amplitude, read, truth_of
+from .scenarios import Scenario, columns_of, driving_angles, planned, relation_of_scenario, row_size
 
 _SAMPLES_AT_ONCE = 1_500_000
 """Samples a compiled call draws: about a second, after which Ctrl-C lands."""

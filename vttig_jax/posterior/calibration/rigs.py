@@ -1,4 +1,4 @@
-"""Rigs drawn from the prior of a scenario, and what their encoders read."""
+"""Rigs drawn from the prior of a scenario, their stationary noise, and what their encoders read."""
 
 from typing import NamedTuple
 
@@ -7,14 +7,37 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float, PRNGKeyArray
 
-from ...base.sincos import sincos
+from ...base.numerics.sincos import sincos
 from ...base.units import DEG, REV
-from ...kinematics.combined import CombinedModel
 from ...kinematics.exact import ExactModel
-from ...kinematics.orders import OrderModel, Term
-from .ar_noise import ar_noise
-from .layout import planned
-from .scenarios import Scenario
+from ...kinematics.harmonic import CombinedModel, OrderModel, Term
+from ..planning.noise import PlannedNoise
+from .scenarios import Scenario, columns_of, driving_angles, planned, row_size
+
+
+def ar_noise(
+    key: PRNGKeyArray, count: int, correlation: Float[Array, ""]
+) -> Float[Array, " count"]:
+    """x_t = ρ x_{t−1} + √(1 − ρ²) w_t of unit variance, from its stationary start.
+
+    The recursion is linear: within pieces of m ≈ √n samples it is one product with the triangle
+    of the powers of ρ, and the ends of the pieces follow from each other the same way with ρᵐ.
+    """
+    size = int(np.ceil(np.sqrt(count)))
+    shocks = jax.random.normal(key, (size, size))
+    scale = jnp.full((size, size), jnp.sqrt(1 - correlation**2)).at[0, 0].set(1.0)
+    inside = (scale * shocks) @ _powers(correlation, size).T
+    ends = _powers(correlation**size, size) @ inside[:, -1]
+    before = jnp.concatenate([jnp.zeros(1), ends[:-1]])
+    carried = before[:, None] * correlation ** np.arange(1, size + 1)
+    return (inside + carried).ravel()[:count]
+
+
+def _powers(base: Float[Array, ""], size: int) -> Float[Array, "size size"]:
+    """Lower triangle of base^(row − column)."""
+    distance = np.subtract.outer(np.arange(size), np.arange(size))
+    return jnp.where(distance >= 0, base ** np.maximum(distance, 0.0), 0.0)
+
 
 LARGEST_ECCENTRICITY_MM = 0.03
 BACKLASH_DEG = (0.065, 0.12)
@@ -192,3 +215,27 @@ def _kind(term: Term, scenario: Scenario) -> str:
     if scenario.missing and term == MISSING:
         return "missing"
     return "mesh" if term[0] and term[0] % scenario.pair.driving.teeth == 0 else "pitch"
+
+
+def missing_amplitude(scenario: Scenario) -> float:
+    """Amplitude of the order the fit leaves out, rad: `missing` standard errors of one quadrature.
+
+    The standard error is the one it would have if it were fitted along, every harmonic with a
+    coefficient of its own on each flank, which is what two eccentricities and two encoders come to.
+    """
+    if not scenario.missing:
+        return 0.0
+    size, columns = row_size(scenario), columns_of(planned(scenario))
+    noise = PlannedNoise(scenario.noise_std_deg, scenario.correlation_s)
+    blocks = noise.of_blocks(size, scenario.rate_hz)
+    driving = driving_angles(scenario)[0]
+    orders = np.array([*columns.free, *columns.tied[:2], MISSING], np.float64)
+    driven = float(scenario.pair.ratio) * driving
+    phase = orders[:, :1] * driving + orders[:, 1:] * driven
+    samples = np.concatenate([np.ones((1, len(driving))), np.cos(phase), np.sin(phase)])
+    count = samples.shape[1] // size
+    rows = samples[:, : count * size].reshape(len(samples), count, size).mean(axis=2).T
+    white = blocks.whitened(rows)
+    covariance = np.linalg.inv(white.T @ white)
+    places = [len(orders), 2 * len(orders)]
+    return scenario.missing * float(np.sqrt(np.mean(covariance[places, places])))

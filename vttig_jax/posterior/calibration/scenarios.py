@@ -1,10 +1,18 @@
-"""What is tried: rigs, noise and models, each as a short and as a long run."""
+"""The scenarios of a calibration: rigs, noise, motion and model, each as a short and a long run."""
 
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from ...pair.gears import Flank, GearPair
-from ...pair.spec import FitOptions
+import numpy as np
+from jaxtyping import Float
+
+from ...base.units import REV
+from ...identify.compress.block_means import block_size
+from ...identify.model.column_layout import Columns
+from ...identify.model.forward_model import PairRelation, pair_relation
+from ...identify.model.harmonics import TermPlan, plan_terms
+from ...pair.gear_pair import Flank, GearPair
+from ...pair.schema import FitOptions
 from ...rig.paper import paper_pair
 
 Length = Literal["short", "long"]
@@ -127,3 +135,61 @@ _SCENARIOS = (
 
 SCENARIOS: dict[str, Scenario] = {one.name: one for one in _SCENARIOS}
 """Scenarios by name, in the order of the table."""
+
+
+JUDGED = ("constant_backlash", "driving_", "driven_")
+"""Beginnings of the names of parameters whose intervals are judged."""
+
+
+def planned(scenario: Scenario) -> TermPlan:
+    """The harmonics the fit models."""
+    pair, options = scenario.pair, scenario.options
+    return plan_terms(
+        pair.ratio,
+        options.driving_orders,
+        options.driven_orders,
+        options.mesh_orders,
+        pair.driving.teeth,
+    )
+
+
+def columns_of(terms: TermPlan) -> Columns:
+    """Layout of the rows of one log without drift."""
+    return Columns(tuple(h.term for h in terms.free), tuple(h.term for h in terms.tied))
+
+
+def relation_of_scenario(scenario: Scenario) -> PairRelation:
+    """From parameters to tied coefficients."""
+    terms = planned(scenario)
+    return pair_relation(
+        scenario.pair,
+        terms,
+        columns_of(terms),
+        scenario.flanks,
+        encoder_terms=scenario.encoder_terms,
+    )
+
+
+def judged(names: tuple[str, ...]) -> tuple[int, ...]:
+    """Places of the parameters that are judged among all."""
+    return tuple(k for k, name in enumerate(names) if name.startswith(JUDGED))
+
+
+_RIPPLE, _RIPPLE_ORDER = 0.001, 6
+
+
+def driving_angles(scenario: Scenario) -> Float[np.ndarray, "flanks n"]:
+    """True driving angle on the way there (flank A) and on the way back (flank B), rad."""
+    time = np.arange(scenario.samples) / scenario.rate_hz
+    there = REV * scenario.speed_rpm / 60.0 * time
+    passes = {"A": there, "B": REV * scenario.turns - there}
+    angle = np.stack([passes[flank] for flank in scenario.flanks])
+    return angle + _RIPPLE / _RIPPLE_ORDER * np.sin(_RIPPLE_ORDER * angle)
+
+
+def row_size(scenario: Scenario) -> int:
+    """Samples a row, as the fit chooses them for this motion."""
+    terms = planned(scenario)
+    highest = float(max(terms.frequency(term) for term in terms.terms))
+    steps = np.abs(np.diff(driving_angles(scenario)[0]))
+    return block_size(REV / float(steps.max()), highest)

@@ -1,0 +1,333 @@
+"""Every option of the model does something, on its own, to the fit of a cheap log."""
+
+import copy
+import inspect
+import json
+from pathlib import Path
+from typing import get_args
+
+import jsonschema
+import numpy as np
+import pytest
+
+from tests.cli.drive import DELAY_S, FIRST_ARCSEC, TORQUE_ARCSEC, write_drive, write_pair
+from vttig_jax.base.files.json_io import load_schema
+from vttig_jax.cli import fit_options as model_options
+from vttig_jax.cli.run_options import RunOptions
+from vttig_jax.cli.verbs.fit import ON_REQUEST
+from vttig_jax.identify import settings
+from vttig_jax.identify.fitting import fit
+from vttig_jax.identify.report import parameters
+from vttig_jax.identify.settings import REGRESSORS
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("drive")
+    write_pair(folder / "pair.toml")
+    write_pair(folder / "off.toml", "500001/1000000")
+    write_drive(folder / "late.csv")
+    write_drive(folder / "prompt.csv", delay_s=0.0, seed=1)
+    write_drive(folder / "wild.csv", outliers=15)
+    write_drive(folder / "wound.csv", torque_arcsec=TORQUE_ARCSEC)
+    write_drive(folder / "again.csv", seed=2)
+    write_drive(folder / "later.csv", seed=3, start_deg=40.0)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def known() -> dict:
+    """Records by arguments."""
+    return {}
+
+
+@pytest.fixture
+def fitted(folder, known, vttig_json, monkeypatch):
+    """The record of a fit of logs by name, which is valid under its schema."""
+    monkeypatch.chdir(folder)
+
+    def run(*arguments, pair="pair.toml") -> dict:
+        key = (*arguments, pair)
+        if key not in known:
+            code, known[key] = vttig_json("fit", *arguments, "--pair", pair)
+            assert code == 0, known[key]
+        return known[key]
+
+    return run
+
+
+def delay(record: dict) -> dict:
+    return record["parameters"]["delay_s"]
+
+
+def why(record: dict) -> str:
+    return delay(record)["reason"] or ""
+
+
+def loss(record: dict) -> str:
+    return next((found["loss"] for found in record["checks"]["outliers"]), "square")
+
+
+def torque(record: dict) -> dict | None:
+    return record["regressors"].get("torque_arcsec_per_unit")
+
+
+def near(parameter: dict | None, truth: float) -> bool:
+    return parameter is not None and abs(parameter["value"] - truth) < 4 * parameter["std"]
+
+
+def ratio(record: dict) -> dict | None:
+    return record["regressors"].get("ratio")
+
+
+def acceleration(record: dict) -> dict | None:
+    return record["regressors"].get("acceleration_arcsec_s2_per_rad")
+
+
+def speed_s(record: dict) -> float:
+    return record["regressors"].get("speed_s", {"value": 0.0})["value"]
+
+
+# Options that do not touch each other share a fit, which has to show each of them.
+CASES = [
+    (
+        "late.csv",
+        {
+            "--delay off": lambda r: "sampled at the same instant" in why(r),
+            "--loss huber": lambda r: loss(r) == "huber",
+        },
+    ),
+    (
+        "late.csv",
+        {
+            "--delay 0.004": lambda r: r["conditional_on"] == ["given_delay"],
+            "--loss bisquare": lambda r: loss(r) == "bisquare",
+            "--regressor torque": lambda r: near(torque(r), 0.0),
+            "--regressor acceleration": lambda r: near(acceleration(r), 0.0),
+            "--free-ratio": lambda r: near(ratio(r), 0.5),
+        },
+    ),
+    (
+        "late.csv",
+        {
+            "--drift-knots 6": lambda r: r["checks"]["drift_knots_s"] == 6,
+            "--delay -0.002": lambda r: why(r).startswith("given as -0.002"),
+            "--flank B": lambda r: r["flanks"] == ["B"],
+        },
+    ),
+    (
+        "late.csv",
+        {
+            # A reading that is d late lacks d ω₂.
+            "--regressor speed": lambda r: speed_s(r) == pytest.approx(-DELAY_S, rel=0.05),
+            "--drift-order 2": lambda r: r["checks"]["drift_order"] == 2,
+        },
+    ),
+    ("prompt.csv", {"--delay free": lambda r: "take it as zero" not in why(r)}),
+    ("wild.csv", {"--loss square": lambda r: loss(r) == "square"}),
+]
+
+
+@pytest.mark.parametrize(("log", "options"), CASES)
+def test_every_option_changes_the_result(fitted, log, options):
+    record, plain = fitted(log, *" ".join(options).split()), fitted(log)
+    for option, changed in options.items():
+        assert changed(record), option
+        assert not changed(plain), option
+
+
+def test_what_is_found_is_the_truth(fitted):
+    record = fitted("late.csv")
+    assert near(delay(record), DELAY_S)
+    for shaft, truth in FIRST_ARCSEC.items():
+        assert near(record["parameters"][f"{shaft}_amplitude_arcsec"], truth)
+    assert near(torque(fitted("wound.csv")), TORQUE_ARCSEC)
+    assert torque(record) is None
+    assert near(fitted("late.csv", "--free-ratio", pair="off.toml")["regressors"]["ratio"], 0.5)
+    wild = fitted("wild.csv")["checks"]["outliers"][0]
+    assert wild["loss"] == "bisquare" and wild["share"] < 0.05
+    assert wild["largest_deg"] == pytest.approx(0.1, abs=0.005)
+
+
+TOGETHER = [
+    *("--delay", "0.004", "--loss", "huber", "--drift-knots", "6", "--free-ratio", "--own-zero"),
+    *("--regressor", "torque", "--regressor", "acceleration", "--column", "time=time_s"),
+    *("--decimal", ".", "--no-figures", "--out", "all"),
+]
+
+
+def test_all_together_and_again(fitted, folder, vttig_json):
+    out = folder / "all"
+    first = fitted("late.csv", "later.csv", *TOGETHER)
+    assert set(first["regressors"]) >= {"torque_arcsec_per_unit", "ratio"}
+    code, again = vttig_json("fit", "--run", out)
+    assert code == 0
+    assert again == json.loads((out / "fit.json").read_text())
+
+
+def test_several_logs_share_the_rig(fitted):
+    one, two = fitted("late.csv"), fitted("late.csv", "again.csv")
+    assert [log["source"] for log in two["logs"]] == ["late.csv", "again.csv"]
+    assert len(one["logs"]) == 1
+    for name in ("driving_amplitude_arcsec", "delay_s"):
+        assert two["parameters"][name]["std"] < 0.85 * one["parameters"][name]["std"]
+    assert two["samples"]["read"] == sum(log["samples"]["read"] for log in two["logs"])
+
+
+def test_zeros_of_several_logs(fitted, vttig):
+    free = fitted("late.csv", "later.csv", "--own-zero")["logs"][1]["start"]
+    assert free["driving_deg"] == pytest.approx(40.0, abs=4 * free["driving_std_deg"])
+    assert fitted("late.csv", "later.csv")["logs"][1]["start"] == free
+    code, _, err = vttig("fit", "late.csv", "later.csv", "--same-zero", "--pair", "pair.toml")
+    assert code == 3 and "not with the same zero" in err
+    held = fitted("late.csv", "again.csv", "--same-zero")["logs"][1]["start"]
+    assert (held["driving_deg"], held["driving_std_deg"]) == (0, 0)
+    assert fitted("late.csv", "again.csv")["logs"][1]["start"]["driving_std_deg"] > 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["late.csv", "--delay", "soon"], "neither auto, free, off nor a number of seconds"),
+        (["late.csv", "--delay", "1.5"], "within ±1"),
+        (["late.csv", "--delay", "nan"], "within ±1"),
+        (["late.csv", "--loss", "cauchy"], "--loss"),
+        (["late.csv", "--regressor", "load"], "--regressor"),
+        (["late.csv", "--regressor", "speed", "--delay", "free"], "the same term"),
+        (["late.csv", "--regressor", "speed", "--delay", "0"], "the same term"),
+        (["late.csv", "--drift-order", "1", "--drift-knots", "5"], "exclude each other"),
+        (["late.csv", "--drift-knots", "0"], "--drift-knots"),
+        (["late.csv", "--drift-knots", "inf"], "not a finite number"),
+        (["late.csv", "--drift-knots", "0.01"], "more than 300 pieces"),
+        (["late.csv", "--same-zero"], "--same-zero compares several logs"),
+        (["late.csv", "--own-zero"], "--own-zero compares several logs"),
+        (["late.csv", "late.csv"], "late.csv: given twice"),
+        (["late.csv", "copy.csv"], "copy.csv: the same data as late.csv"),
+        (["late.csv", "--column", "driving=driving_deg", "--column", "driving=x"], "named twice"),
+        (["late.csv", "--column", "load=torque_nm"], "ROLE=NAME"),
+        (["late.csv", "--require", "ratio"], "add --free-ratio"),
+    ],
+)
+def test_options_that_cannot_be_followed(folder, vttig, monkeypatch, arguments, words):
+    monkeypatch.chdir(folder)
+    (folder / "copy.csv").write_bytes((folder / "late.csv").read_bytes())
+    code, out, err = vttig("fit", *arguments, "--pair", "pair.toml")
+    assert (code, out) == (2, "")
+    assert words in err
+    assert err.count("\n") == 1
+    assert "defect" not in err
+
+
+def test_a_regressor_can_be_required(fitted):
+    assert "ratio" in fitted("late.csv", "--free-ratio", "--require", "ratio")["regressors"]
+
+
+def test_the_command_line_knows_what_the_library_knows():
+    assert model_options.LONGEST_DELAY_S == settings.LONGEST_DELAY_S
+    assert model_options.HIGHEST_DRIFT == settings.HIGHEST_DRIFT
+    assert get_args(model_options.RegressorName) == REGRESSORS
+    assert set(ON_REQUEST) == {name for name, *_ in parameters._REGRESSORS.values()}
+    keywords = inspect.signature(fit).parameters
+    for name, value in RunOptions().fitting().items():
+        default = keywords[name].default
+        assert value == default, name
+
+
+MANGLED = [
+    lambda r: r["logs"].clear(),
+    lambda r: r["logs"][0].pop("sha256"),
+    lambda r: r["logs"][0]["samples"].pop("masked"),
+    lambda r: r["logs"][0].update(zero="end"),
+    lambda r: r["regressors"]["ratio"].pop("unit"),
+    lambda r: r["regressors"].update(ratio=0.5),
+    lambda r: r["parameters"]["delay_s"].update(determined="yes"),
+    lambda r: r["checks"]["outliers"][0].update(share=2.0),
+    lambda r: r["checks"]["outliers"][0].update(loss="square"),
+    lambda r: r["checks"]["ratio"][0].update(verdict="fine"),
+    lambda r: r["checks"]["agreement"][0].update(log=1),
+    lambda r: r["checks"].update(drift_knots_s=0),
+    lambda r: r["checks"].update(weakest_direction={}),
+    lambda r: r["checks"].update(apparent_gap={"value_deg": 1.0}),
+    lambda r: r["checks"].update(whiteness={"probability": 2.0}),
+    lambda r: r["checks"].update(lines=[{"cycles_per_rev": 3.0}]),
+    lambda r: r["checks"].update(passes=[{}], halves=[{}]),
+]
+
+
+def test_the_schema_refuses_mangled_records(fitted):
+    record = fitted("late.csv", "later.csv", *TOGETHER)
+    schema = load_schema("vttig.fit/1")
+    for mangle in MANGLED:
+        broken = copy.deepcopy(record)
+        mangle(broken)
+        with pytest.raises(jsonschema.ValidationError):
+            jsonschema.validate(broken, schema)
+
+
+@pytest.fixture
+def calibration(folder) -> Path:
+    """A table of one encoder without a header: the true angle at every count."""
+    count = np.arange(4000)
+    true = count * 0.09 - 0.2 * np.sin(np.radians(count * 0.09 + 40.0))
+    path = folder / "table.csv"
+    path.write_text("".join(f"{value % 360:.4f}\n" for value in true))
+    (folder / "encoder.toml").write_text(
+        '[drive]\nratio = "1"\n[driven]\nencoder = { counts_per_rev = 4000 }\n'
+        '[log]\ndriving = "#1"\ndriven = "#row"\nsample_rate_hz = 1000\n'
+        '[unit]\ndriving = "deg"\ndriven = "counts"\n'
+        "[fit]\ndriving_orders = []\ndriven_orders = [1, 2]\n"
+    )
+    return path
+
+
+def test_perfect_gears_leave_the_encoder(calibration, fitted):
+    record = fitted("table.csv", "--perfect-gears", "--drift-order", "0", pair="encoder.toml")
+    found = record["parameters"]["driven_encoder_arcsec"]
+    assert found["value"] == pytest.approx(720.0, abs=5.0)
+    assert record["conditional_on"] == ["perfect_gears"]
+    plain = fitted("table.csv", "--drift-order", "0", pair="encoder.toml")
+    assert not plain["parameters"]["driven_encoder_arcsec"]["determined"]
+
+
+def test_perfect_gears_and_encoders_leave_nothing(calibration, vttig):
+    code, _, said = vttig(
+        "fit", "table.csv", "--pair", "encoder.toml", "--perfect-gears", "--perfect-encoders"
+    )
+    assert code == 2 and "leave nothing to fit" in said
+
+
+@pytest.fixture
+def readings(folder) -> Path:
+    """The gap of the drive, 100″ everywhere, read with 1″ of noise."""
+    angle = np.arange(0.0, 3000.0, 37.0)
+    gap = (100.0 + np.random.default_rng(0).standard_normal(len(angle))) / 3600
+    path = folder / "readings.csv"
+    rows = "".join(f"{a},{g:.7f}\n" for a, g in zip(angle, gap, strict=True))
+    path.write_text("driving_deg,backlash_deg\n" + rows)
+    return path
+
+
+def test_readings_check_the_fit_and_join_it(readings, fitted):
+    plain = fitted("prompt.csv")
+    checked = fitted("prompt.csv", "--backlash-readings", "readings.csv")
+    assert plain["checks"]["readings"] is None
+    assert checked["checks"]["readings"]["count"] == 82
+    assert abs(checked["checks"]["readings"]["mean_deg"]) < 1e-3
+    assert checked["parameters"] == plain["parameters"]
+    joined = fitted("prompt.csv", "--backlash-readings", "readings.csv", "--use-readings")
+    name = "constant_backlash_deg"
+    assert joined["parameters"][name]["std"] < plain["parameters"][name]["std"]
+
+
+def test_readings_are_kept_in_the_run_and_guarded(readings, vttig, folder, monkeypatch):
+    monkeypatch.chdir(folder)
+    arguments = ("--backlash-readings", "readings.csv", "--use-readings", "--no-figures")
+    code, _, said = vttig("fit", "prompt.csv", "--pair", "pair.toml", *arguments, "--out", "run")
+    assert code == 0, said
+    code, _, said = vttig("fit", "--run", "run/run.toml")
+    assert code == 0, said
+    readings.write_text(readings.read_text() + "5,0.02\n")
+    code, _, said = vttig("fit", "--run", "run/run.toml")
+    assert code == 3 and "file of readings has changed" in said
+    code, _, said = vttig("fit", "prompt.csv", "--pair", "pair.toml", "--use-readings")
+    assert code == 2 and "--backlash-readings" in said

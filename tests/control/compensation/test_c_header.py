@@ -1,0 +1,286 @@
+"""The C header compiled and run, beside the Python of the same harmonics and the map itself."""
+
+import dataclasses
+import math
+import re
+import subprocess
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tests.control import headers
+from tests.control.compensation.test_compensation import (
+    ALLOWED,
+    ANGLES,
+    drive_map,
+    readings,
+    wrapped,
+)
+from tests.control.headers import called, compiled, needs_cc
+from vttig_jax.base.errors import NoAnswerError, UsageError
+from vttig_jax.base.units import DEG, REV
+from vttig_jax.control.compensation import c_header as module
+from vttig_jax.control.compensation.c_header import (
+    Origin,
+    c_header,
+    check_identifier,
+    identifier_of,
+)
+from vttig_jax.control.compensation.compensation import Compensation
+from vttig_jax.control.compensation.map_harmonics import compensation_of
+from vttig_jax.kinematics.backlash_map import BacklashMap
+from vttig_jax.kinematics.exact import exact_model
+from vttig_jax.pair.eccentricities import Eccentricities
+from vttig_jax.pair.encoder_reading import ShaftReading
+from vttig_jax.rig.paper import paper_pair, paper_rig
+
+ORIGIN = Origin("VTTIG rig", "0.1.0", "start")
+
+
+@pytest.fixture(scope="module")
+def grid() -> BacklashMap:
+    return BacklashMap(paper_rig(1).flank_model(), None, paper_pair())
+
+
+@pytest.fixture(scope="module")
+def compensation(grid) -> Compensation:
+    return compensation_of(grid, allowed_rad=ALLOWED)
+
+
+@pytest.fixture(scope="module")
+def text(compensation) -> str:
+    return c_header(compensation, ORIGIN, name="rig")
+
+
+@pytest.fixture(scope="module")
+def program(text, tmp_path_factory):
+    return compiled(tmp_path_factory.mktemp("header"), text, "rig")
+
+
+@needs_cc
+@pytest.mark.parametrize("margin", [0.0, 0.2])
+def test_over_the_hunting_period_it_is_the_map(grid, compensation, program, margin):
+    first, second = readings(grid, np.linspace(0, 1, len(ANGLES)))
+    backlash, slope, shift, per_rad, status = called(
+        program, wrapped(first), wrapped(second), margin
+    )
+    assert not status.any()
+    closing = compensation.closing_rad_per_mm
+    np.testing.assert_allclose(backlash, grid.over(ANGLES), atol=1e-10)
+    np.testing.assert_allclose(
+        shift, np.maximum(0, grid.over(ANGLES) / closing - margin), atol=5e-8
+    )
+    # The same harmonics in Python: rounding alone is left.
+    expected = compensation.shift(wrapped(first), wrapped(second), margin)
+    np.testing.assert_allclose(shift, expected.shift_mm, atol=1e-11)
+    np.testing.assert_allclose(per_rad, expected.slope_mm_per_rad, atol=1e-10)
+    assert (margin > 0) == bool((shift == 0).any())
+    # The slope along the motion against differences of the map.
+    step = 1e-5
+    differences = (grid.over(ANGLES + step) - grid.over(ANGLES - step)) / (2 * step)
+    np.testing.assert_allclose(slope, differences, atol=1e-8)
+
+
+@needs_cc
+def test_whole_turns_of_either_shaft_change_nothing(grid, program):
+    first, second = readings(grid)
+    plain = called(program, first, second, 0.0)
+    turns = np.random.default_rng(5).integers(-1000, 1000, (2, len(first)))
+    wound = called(program, first + REV * turns[0], second + REV * turns[1], 0.0)
+    np.testing.assert_allclose(wound, plain, atol=1e-8)
+    far = called(program, first + REV * 100_000_000, second - REV * 100_000_000, 0.0)
+    np.testing.assert_allclose(far[2], plain[2], atol=1e-5)  # the reading itself is rounded to 1e-7
+
+
+NONSENSE = [math.nan, math.inf, -math.inf, 1.1e9, -1e300]
+
+
+@needs_cc
+@pytest.mark.parametrize("bad", NONSENSE)
+def test_readings_that_are_no_angles_are_unknown(program, bad):
+    found = called(program, [bad, 0.0, bad], [0.0, bad, bad], 0.0)
+    np.testing.assert_array_equal(found[:4], 0)
+    np.testing.assert_array_equal(found[4], 11)
+
+
+@needs_cc
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -1e-9])
+def test_a_margin_that_is_none_is_unknown_for_the_shift_alone(program, bad):
+    found = called(program, 0.0, 0.0, bad)
+    assert found[4, 0] == 1 and not found[2:4].any()
+    assert found[0, 0] > 0
+
+
+@needs_cc
+def test_it_knows_what_python_knows(grid, compensation, program):
+    generator = np.random.default_rng(2)
+    first, second = generator.uniform(-50, 50, (2, 20_000))
+    near = readings(grid, angles=first)[1] + generator.uniform(-2, 2, len(first)) * (
+        compensation.tolerance_rad
+    )
+    for driven in (second, near):
+        known = compensation.backlash(first, driven).known
+        found = called(program, first, driven, 0.0)
+        np.testing.assert_array_equal(found[4] == 0, known)
+        assert 0.001 < known.mean() < 0.999
+        assert not found[:4, ~known].any()
+
+
+@needs_cc
+def test_its_sine_and_its_turns_are_those_of_the_library(tmp_path, text):
+    program = compiled(tmp_path, text, "rig", headers.ARITHMETIC)
+    angles = np.concatenate([np.linspace(-1e5, 1e5, 50_001), np.linspace(-8, 8, 50_001)])
+    wound = 1e4 * angles
+    sine, cosine, within, *_ = called(program, angles, wound, 0.0)
+    np.testing.assert_allclose(sine, np.sin(angles), atol=1e-15)
+    np.testing.assert_allclose(cosine, np.cos(angles), atol=1e-15)
+    assert np.abs(within).max() <= np.pi * (1 + 1e-9)
+    np.testing.assert_allclose(np.sin(within), np.sin(wound), atol=1e-14)
+    np.testing.assert_allclose(np.cos(within), np.cos(wound), atol=1e-14)
+
+
+def test_the_parts_of_a_turn_are_exact_for_the_turns_they_meet():
+    most = 2**28 - 1
+    for part in module._TURN[:2]:
+        assert Fraction(most * part) == most * Fraction(part)
+    assert float(sum(map(Fraction, module._TURN))) == REV
+
+
+@needs_cc
+def test_mounted_and_perfect_pairs(tmp_path):
+    rig = Eccentricities(constant_backlash_deg=0.04)
+    perfect = BacklashMap(exact_model(paper_pair(), rig), None, paper_pair())
+    found = compensation_of(perfect, allowed_rad=ALLOWED)
+    found = dataclasses.replace(found, offset_rad=found.offset_rad + 40.0)
+    program = compiled(tmp_path, c_header(found, ORIGIN, name="perfect"), "perfect")
+    first = ANGLES
+    backlash, slope, _, _, status = called(program, first, 45 / 80 * first + 40.0, 0.0)
+    assert not status.any() and not slope.any()
+    np.testing.assert_allclose(backlash, 0.04 * DEG, rtol=1e-12)
+
+
+@needs_cc
+def test_the_backlash_of_a_drive_alone(tmp_path):
+    grid = drive_map(Fraction(255, 2))  # the driven shaft is fast
+    found = compensation_of(grid, allowed_rad=ALLOWED)
+    with pytest.raises(UsageError, match="--quantity backlash"):
+        c_header(found, ORIGIN, name="drive")
+    text = c_header(found, ORIGIN, name="drive", quantity="backlash")
+    assert "shift" not in text and "_mm" not in text
+    program = compiled(tmp_path, text, "drive", headers.BACKLASH)
+    first, second = readings(grid)
+    backlash, slope, *_, status = called(program, wrapped(first), wrapped(second), 0.0)
+    assert not status.any()
+    np.testing.assert_allclose(backlash, grid.over(first), atol=1e-10)
+    expected = found.backlash(wrapped(first), wrapped(second))
+    np.testing.assert_allclose(slope, expected.slope, atol=1e-10)
+
+
+@needs_cc
+def test_readings_of_encoders_become_angles(tmp_path, compensation):
+    shafts = ShaftReading("counts", -REV / 90_000, 1234.5), ShaftReading("rad", 1.0, -0.25)
+    origin = dataclasses.replace(ORIGIN, readings=shafts)
+    text = c_header(compensation, origin, name="rig")
+    found = called(compiled(tmp_path, text, "rig", headers.READINGS), 90_000, 1.0, 0.0)
+    np.testing.assert_allclose(found[:2, 0], [-REV * (90_000 - 1234.5) / 90_000, 1.25])
+    assert "_driven_rad" not in c_header(compensation, ORIGIN, name="rig")
+
+
+@needs_cc
+def test_fast_math_is_refused(tmp_path, text):
+    with pytest.raises(subprocess.CalledProcessError) as refused:
+        compiled(tmp_path, text, "rig", flags=("-std=c99", "-ffast-math"))
+    assert "compile without it" in refused.value.stderr
+
+
+@needs_cc
+def test_the_compiler_is_asked_for_every_warning(tmp_path, text):
+    broken = text.replace("int k;", "int k, unused;")
+    assert broken != text
+    with pytest.raises(subprocess.CalledProcessError) as refused:
+        compiled(tmp_path, broken, "rig")
+    assert "unused" in refused.value.stderr
+
+
+@needs_cc
+@pytest.mark.skipif(headers.CXX is None, reason="no C++ compiler (`c++`) on this machine")
+def test_two_of_them_in_one_program_of_c_or_cxx(tmp_path, compensation, text):
+    name = "other_rig_with_a_longer_name_31"
+    (tmp_path / "rig.h").write_text(text)
+    (tmp_path / "other.h").write_text(c_header(compensation, ORIGIN, name=name))
+    source = '#include "rig.h"\n#include "other.h"\n#include "rig.h"\n'
+    source += f"int main() {{ return rig_backlash(0, 0).status + {name}_shift(0, 0, 0).status; }}\n"
+    (tmp_path / "both.cpp").write_text(source)
+    for compiler, standard, language in (
+        (headers.CXX, "-std=c++11", "c++"),
+        (headers.CC, "-std=c99", "c"),
+    ):
+        flags = [standard, "-Wall", "-Wextra", "-Werror", "-pedantic", "-x", language]
+        program = tmp_path / "both.out"
+        command = [str(compiler), *flags, str(tmp_path / "both.cpp"), "-o", str(program)]
+        if language == "c":
+            source = source.replace("main()", "main(void)")
+            (tmp_path / "both.cpp").write_text(source)
+        subprocess.run(command, check=True, capture_output=True)
+        subprocess.run([str(program)], check=True)
+
+
+def test_it_needs_nothing_keeps_nothing_and_repeats_itself(compensation, text):
+    assert text.isascii()
+    assert "#include" not in text and "alloc" not in text.split("*/", 1)[1]
+    assert c_header(compensation, ORIGIN, name="rig") == text
+    code = re.sub(r"/\*.*?\*/", "", text, flags=re.DOTALL)
+    statics = re.findall(r"^\s*static (\w+)", code, flags=re.MULTILINE)
+    assert set(statics) == {"inline", "const"}
+    loops = re.findall(r"for \((.*?)\)", code)
+    assert loops and all(re.fullmatch(r"k = 0; k < \d+; \+\+k", loop) for loop in loops)
+    assert "while" not in code
+    names = set(re.findall(r"(?:struct|double|void) (\w+?)(?: \{|\()", code))
+    assert names and all(name.startswith("rig_") for name in names)
+    assert max(map(len, text.splitlines())) < 140
+
+
+def test_the_head_says_what_it_is(compensation):
+    origin = Origin("rig", "1.2.3", "reading", ("perfect_encoders",), "ab12")
+    head = " ".join(c_header(compensation, origin, name="rig").split("*/")[0].split(" *"))
+    words = " ".join(head.split())
+    for said in (
+        "vttig-jax 1.2.3",
+        "ratio 9/16",
+        "hunting period 16 driving turns",
+        "zero where the encoders read zero",
+        "RIG_UNKNOWN",
+        f"{compensation.tolerance_rad / DEG:.6f} deg",
+        "leaves margin_mm of displacement open",
+        "Never below 0",
+        "perfect_encoders",
+        "SHA-256 of the logs: ab12",
+    ):
+        assert said in words
+
+
+@given(st.text(max_size=60))
+def test_no_name_of_a_pair_leaves_its_comment_or_ascii(name):
+    one = np.array([1e-4])
+    small = Compensation(Fraction(9, 16), 7e-4, ((1, 0),), one, one, 1e-3, 0.0, 1e-3, 0.0)
+    prefix = identifier_of(name)
+    assert check_identifier(prefix) == prefix and prefix.islower()
+    text = c_header(small, dataclasses.replace(ORIGIN, pair=name), name=prefix)
+    assert text.isascii() and text.isprintable() == ("\n" not in text)
+    head, _, rest = text.partition("*/")
+    assert head.count("/*") == 1 and rest.lstrip().startswith("#if")
+
+
+@pytest.mark.parametrize("name", ["", "2x", "_x", "a-b", "ä", "a b", "x" * 32])
+def test_names_c_does_not_have_are_refused(compensation, name):
+    with pytest.raises(UsageError, match="cannot begin the names of a C header"):
+        c_header(compensation, ORIGIN, name=name)
+
+
+def test_a_pair_whose_turn_no_reading_tells_has_no_header():
+    found = compensation_of(drive_map(Fraction(7, 1798)), allowed_rad=0.1 * DEG)
+    with pytest.raises(NoAnswerError, match="do not tell the turn"):
+        c_header(found, ORIGIN, name="axis", quantity="backlash")

@@ -1,0 +1,266 @@
+"""Motions in pieces and the sine against corners worked out by hand and numerical integration."""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tests.control.motion_points import at
+from vttig_jax.base.units import DEG, REV
+from vttig_jax.control.motion.profiles import motion_of, s_curve, trapezoid
+from vttig_jax.control.motion.sine import sine
+from vttig_jax.rig.motion import Motion as RigMotion
+
+EVENTS = ("reversal", "slow_down", "aborted", "emergency_stop")
+TURNS = 3.0
+NUMBERS: dict[str, float] = {
+    "speed_rpm": 60.0,
+    "reversal_deg": 1080.0,
+    "dwell_s": 0.75,
+    "ramp_s": 0.5,
+    "slow_share": 0.25,
+    "stop_s": 0.1,
+}
+
+# Corners of the speed, (s, turns/s), of a run to 3 turns at 1 turn/s. A ramp covers 1/4 turn, the
+# stop 1/20, one of the slow-down 15/64 in 3/8 s, the slow running 3/16.
+CORNERS = {
+    "reversal": [
+        *[(0, 0), (0.5, 1), (3, 1), (3.5, 0)],
+        *[(4.25, 0), (4.75, -1), (7.25, -1), (7.75, 0), (8.5, 0)],
+    ],
+    "slow_down": [
+        *[(0, 0), (0.5, 1), (1.421875, 1), (1.796875, 0.25), (2.546875, 0.25)],
+        *[(2.921875, 1), (3.84375, 1), (4.34375, 0), (5.09375, 0)],
+    ],
+    "aborted": [
+        *[(0, 0), (0.5, 1), (1.515625, 1), (1.890625, 0.25), (2.265625, 1), (3.28125, 1)],
+        *[(3.78125, 0), (4.53125, 0), (5.03125, -1), (7.53125, -1), (8.03125, 0), (8.78125, 0)],
+    ],
+    "emergency_stop": [
+        *[(0, 0), (0.5, 1), (3.2, 1), (3.3, 0)],
+        *[(4.05, 0), (4.55, -1), (7.05, -1), (7.55, 0), (8.3, 0)],
+    ],
+}
+LANDMARKS = {
+    "reversal": (3.0, 4.25),
+    "slow_down": (1.421875, 5.09375),
+    "aborted": (3.28125, 4.53125),
+    "emergency_stop": (3.2, 4.05),
+}
+"""`braking_s` and `turn_s`."""
+
+each_event = pytest.mark.parametrize("event", EVENTS)
+each_kind = pytest.mark.parametrize("kind", ["trapezoid", "s_curve"])
+
+
+def made(kind: Any, event: Any, **numbers: float) -> Any:
+    return motion_of(kind, event, **{**NUMBERS, **numbers})
+
+
+def by_hand(kind: str, event: str, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Speed in rad/s and acceleration in rad/s² from the corners."""
+    corners, speeds = np.array(CORNERS[event], float).T * [[1.0], [REV]]
+    place = np.clip(np.searchsorted(corners, time, side="right") - 1, 0, len(corners) - 2)
+    length = np.diff(corners)[place]
+    change = np.diff(speeds)[place]
+    share = (time - corners[place]) / length
+    if kind == "trapezoid":
+        return speeds[place] + change * share, change / length
+    first = share < 0.5
+    rise = np.where(first, 2 * share**2, 1 - 2 * (1 - share) ** 2)
+    slope = 4 * np.where(first, share, 1 - share) / length
+    return speeds[place] + change * rise, change * slope
+
+
+def halves(event: str) -> np.ndarray:
+    """Corners and the middles between them, in order."""
+    corners = np.array(CORNERS[event], float)[:, 0]
+    return np.sort(np.concatenate([corners, 0.5 * (corners[1:] + corners[:-1])]))
+
+
+def between_corners(event: str, nodes: int = 4) -> tuple[np.ndarray, np.ndarray]:
+    """Gauss–Legendre times and weights in both halves of every stretch: exact for the pieces."""
+    edges = halves(event)
+    x, w = np.polynomial.legendre.leggauss(nodes)
+    half = 0.5 * np.diff(edges)[:, None]
+    return edges[:-1, None] + half * (1 + x), half * w
+
+
+@each_kind
+@each_event
+def test_speed_and_acceleration_are_those_worked_out_by_hand(kind, event):
+    time, _ = between_corners(event)
+    speed, acceleration = by_hand(kind, event, time)
+    point = at(made(kind, event), time)
+    np.testing.assert_allclose(point.speed, speed, atol=1e-12)
+    np.testing.assert_allclose(point.acceleration, acceleration, atol=1e-10)
+
+
+@each_kind
+@each_event
+@pytest.mark.parametrize("sense", [1.0, -1.0])
+def test_the_integrals_of_acceleration_and_speed_are_speed_and_angle(kind, event, sense):
+    """By quadrature that is exact on polynomials of degree 7."""
+    motion = made(kind, event, reversal_deg=sense * TURNS * 360)
+    time, weight = between_corners(event)
+    inside, edges = at(motion, time), at(motion, halves(event))
+    gained = np.sum(weight * inside.acceleration, axis=1)
+    np.testing.assert_allclose(gained, np.diff(edges.speed), atol=1e-12)
+    covered = np.sum(weight * inside.speed, axis=1)
+    np.testing.assert_allclose(covered, np.diff(edges.angle), atol=1e-12)
+    assert np.abs(covered).max() > 1
+    speed, _ = by_hand(kind, event, time)
+    angle = sense * np.cumsum(np.sum(weight * speed, axis=1))
+    np.testing.assert_allclose(edges.angle[1:], angle, atol=1e-11)
+
+
+@pytest.mark.parametrize("name", [name for name in NUMBERS if name != "reversal_deg"])
+def test_another_number_would_be_seen(name):
+    event = {"slow_share": "slow_down", "stop_s": "emergency_stop"}.get(name, "reversal")
+    time, _ = between_corners(event)
+    speed, _ = by_hand("trapezoid", event, time)
+    wrong = at(made("trapezoid", event, **{name: 1.02 * NUMBERS[name]}), time).speed
+    assert np.abs(wrong - speed).max() > 1e-2
+
+
+@each_kind
+@each_event
+def test_braking_turn_and_end(kind, event):
+    motion = made(kind, event)
+    braking, turn = LANDMARKS[event]
+    assert motion.braking_s == pytest.approx(braking, abs=1e-14)
+    assert motion.turn_s == pytest.approx(turn, abs=1e-14)
+    assert motion.duration_s == pytest.approx(CORNERS[event][-1][0], abs=1e-14)
+
+
+@pytest.mark.parametrize("ramp_s", [0.5, 0.31, 1e-6])
+@pytest.mark.parametrize("reversal_deg", [7560.0, 360.0, 7524.0])
+@pytest.mark.parametrize("dwell_s", [2.0, 0.0])
+def test_the_trapezoid_is_that_of_the_synthetic_rig(ramp_s, reversal_deg, dwell_s):
+    rig = RigMotion(60.0, reversal_deg, dwell_s, ramp_s, ripple=0.0)
+    motion = trapezoid(60.0, reversal_deg, dwell_s, ramp_s)
+    time = np.linspace(-1.0, rig.duration_s + 1.0, 2001)
+    np.testing.assert_allclose(at(motion, time).angle, rig.driving_angle(time), rtol=0, atol=1e-12)
+    assert float(motion.duration_s) == pytest.approx(rig.duration_s, abs=1e-12)
+    other = trapezoid(60.0, reversal_deg, dwell_s, ramp_s * (1 + 1e-3))
+    assert np.abs(at(other, time).angle - rig.driving_angle(time)).max() > 1e-9
+
+
+def test_the_s_curve_peaks_at_twice_the_mean():
+    straight, smooth = (build(60.0, 1080.0, 0.75, 0.5) for build in (trapezoid, s_curve))
+    time = np.linspace(0.0, 0.5, 1001)
+    assert float(at(straight, time[:-1]).acceleration.max()) == pytest.approx(REV / 0.5)
+    assert float(at(smooth, time).acceleration.max()) == pytest.approx(2 * REV / 0.5)
+    for name in ("duration_s", "braking_s", "turn_s"):
+        assert getattr(straight, name) == getattr(smooth, name)
+
+
+positive = st.floats(0.02, 50.0)
+
+
+@given(
+    kind=st.sampled_from(["trapezoid", "s_curve"]),
+    event=st.sampled_from(EVENTS),
+    speed_rpm=st.floats(0.1, 3000.0),
+    times=st.tuples(positive, positive, positive | st.just(0.0), positive | st.just(0.0)),
+    share=st.floats(0.01, 0.99),
+    sense=st.sampled_from([1.0, -1.0]),
+)
+def test_every_motion_keeps_its_promises(kind, event, speed_rpm, times, share, sense):
+    ramp_s, stop_s, dwell_s, steady_s = times
+    rate = speed_rpm * 6.0  # deg/s
+    least = max(2 * ramp_s, ramp_s + stop_s) + share * dwell_s
+    reversal_deg = sense * rate * (least + steady_s)
+    motion = motion_of(kind, event, speed_rpm, reversal_deg, dwell_s, ramp_s, share, stop_s)
+    end = float(motion.duration_s)
+    braking, turn = float(motion.braking_s), float(motion.turn_s)
+    special = [-1.0, end, 2 * end + 1.0, turn, braking + 1e-6 * end]
+    point = at(motion, np.concatenate([special, np.linspace(0.0, end, 2000)]))
+    there = abs(reversal_deg * DEG)
+    final = reversal_deg * DEG if event == "slow_down" else 0.0
+    np.testing.assert_allclose(point.angle[:3], [0.0, final, final], rtol=0, atol=1e-13 * there)
+    assert not np.any(point.speed[:4]) and not np.any(point.acceleration[:3])
+
+    assert 0 < braking < turn <= end and (turn == end) == (event == "slow_down")
+    assert point.angle[3] == pytest.approx(reversal_deg * DEG, rel=1e-13)
+    assert point.acceleration[4] * sense < 0
+
+    assert np.all(sense * point.angle >= -1e-13 * there)
+    assert np.all(sense * point.angle <= (1 + 1e-13) * there)
+    assert np.abs(point.speed).max() <= rate * DEG * (1 + 1e-12)
+
+
+@each_kind
+@each_event
+def test_neither_speed_nor_angle_steps_anywhere(kind, event):
+    """Not even for one rounding of the time, where one piece hands over to the next."""
+    for dwell_s in (0.75, 0.0, 0.1234567):
+        motion = made(kind, event, dwell_s=dwell_s, speed_rpm=57.3)
+        edges = np.concatenate([motion.start, motion.start + motion.duration])
+        ulp = np.spacing(edges)
+        times = edges + ulp * np.arange(-4, 5)[:, None]
+        point = at(motion, times)
+        assert np.ptp(point.speed, axis=0).max() < 1e-11
+        assert np.ptp(point.angle, axis=0).max() < 1e-11
+
+
+def test_a_step_of_the_speed_would_be_seen():
+    motion = made("trapezoid", "reversal")
+    times = motion.start + np.spacing(motion.start) * np.arange(-4, 5)[:, None]
+    shifted = eqx.tree_at(lambda m: m.acceleration, motion, motion.acceleration * (1 + 1e-9))
+    assert np.ptp(at(shifted, times).speed, axis=0).max() > 1e-9
+    paused = eqx.tree_at(lambda m: m.duration, motion, motion.duration * (1 - 1e-9))
+    assert np.ptp(at(paused, times).angle, axis=0).max() < 1e-7
+
+
+@each_kind
+@each_event
+def test_speed_and_acceleration_are_derivatives_also_at_the_corners(kind, event):
+    """From the side of what begins."""
+    motion = made(kind, event)
+    corners = np.append(motion.start, motion.start + 0.5 * motion.duration)
+    time = jnp.asarray(np.resize(np.append(corners, np.linspace(-0.5, 9.0, 72)), 96))
+
+    (_, speed), (moved, gained) = jax.jvp(
+        lambda t: motion.at(t)[:2], (time,), (jnp.ones_like(time),)
+    )
+    np.testing.assert_allclose(moved, speed, atol=1e-12)
+    np.testing.assert_allclose(gained, at(motion, time).acceleration, atol=1e-10)
+
+
+def test_at_a_corner_the_acceleration_is_that_of_what_begins():
+    motion = made("trapezoid", "reversal")
+    steep = REV / 0.5
+    corners = np.array([time for time, _ in CORNERS["reversal"]], float)
+    expected = [steep, 0.0, -steep, 0.0, -steep, 0.0, steep, 0.0, 0.0]
+    np.testing.assert_allclose(motion.at(corners).acceleration, expected, atol=1e-10)
+
+
+@pytest.mark.parametrize("reversal_deg", [720.0, -360.0])
+def test_the_sine_against_its_formula(reversal_deg):
+    motion = sine(60.0, reversal_deg)
+    size, frequency = reversal_deg * DEG, 60 / 60 * REV / (np.pi * abs(reversal_deg) * DEG)
+    time = np.linspace(0.0, 1 / frequency, 400, endpoint=False)
+    turn = 2 * np.pi * frequency
+    point = at(motion, time)
+    np.testing.assert_allclose(point.angle, size * (1 - np.cos(turn * time)) / 2, atol=1e-13)
+    np.testing.assert_allclose(point.speed, size * turn * np.sin(turn * time) / 2, atol=1e-13)
+    expected = size * turn**2 * np.cos(turn * time) / 2
+    np.testing.assert_allclose(point.acceleration, expected, atol=1e-12)
+    assert float(np.abs(point.speed).max()) == pytest.approx(REV)  # 60 rpm
+    assert motion.duration_s == pytest.approx(1 / frequency)
+    braking, turned = (
+        at(motion, np.asarray(motion.braking_s)),
+        at(motion, np.asarray(motion.turn_s)),
+    )
+    assert abs(float(braking.speed)) == pytest.approx(REV)
+    assert float(turned.angle) == pytest.approx(size) and abs(float(turned.speed)) < 1e-12
+    outside = at(motion, np.array([-1.0, 1 / frequency, 99.0]))
+    assert not np.any(outside.speed) and not np.any(outside.acceleration)
+    np.testing.assert_allclose(outside.angle, 0.0, atol=1e-13)

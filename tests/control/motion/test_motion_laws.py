@@ -1,0 +1,169 @@
+"""Motions keep the laws of all functions: as modules, and as functions of a scenario's numbers."""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from tests.laws import checks
+from vttig_jax.control.motion.piecewise import PieceMotion
+from vttig_jax.control.motion.profiles import motion_of
+from vttig_jax.control.motion.recorded import recorded
+from vttig_jax.control.motion.sine import sine
+
+EVENTS: tuple[Any, ...] = ("reversal", "slow_down", "aborted", "emergency_stop")
+CASES: list[Any] = [
+    *[("s_curve", event) for event in EVENTS],
+    ("trapezoid", "reversal"),  # the other events are laid out as those of the S-curve
+    ("sine", "reversal"),
+]
+NUMBERS = tuple(np.asarray(x) for x in (60.0, 1080.0, 0.75, 0.5, 0.25, 0.1))
+NAMES = ("speed_rpm", "reversal_deg", "dwell_s", "ramp_s", "slow_share", "stop_s")
+TIMES = np.array([0.31, 0.72, 1.37])  # in three pieces of every motion below
+ROWS = np.arange(9) * 0.2
+each_case = pytest.mark.parametrize(("kind", "event"), CASES)
+
+
+@eqx.filter_jit
+def _mixed(time, motion):
+    """All three quantities, so that one law covers them."""
+    angle, speed, acceleration = motion.at(time)
+    return angle + 0.3 * speed + 0.1 * acceleration
+
+
+def _small(jerky: bool) -> PieceMotion:
+    """Three pieces, the last of them after a pause."""
+    return PieceMotion(
+        start=np.array([0.0, 0.5, 1.2]),
+        duration=np.array([0.5, 0.4, 0.7]),
+        speed=np.array([1.0, 2.5, -0.3]),
+        acceleration=np.array([3.0, -2.0, 0.7]),
+        jerk=jerky * np.array([4.0, -7.0, 2.0]),
+        duration_s=2.0,
+        braking_s=0.5,
+        turn_s=1.2,
+        pauses=(1,),
+        jerky=jerky,
+    )
+
+
+MODULES = {
+    "straight": _small(False),
+    "jerky": _small(True),
+    "sine": sine(60.0, 360.0),
+    "recorded": recorded(ROWS, 3.0 * np.sin(ROWS) ** 2),
+}
+each_module = pytest.mark.parametrize("name", MODULES)
+
+
+@each_module
+def test_a_motion_keeps_every_law(name):
+    arguments = (TIMES, MODULES[name])
+    checks.check_derivatives(_mixed, arguments)
+    if name != "recorded":  # a search one step at a time is slow; SciPy is its oracle
+        checks.check_jit_is_eager(_mixed, arguments)
+    if name != "straight":  # the jerky one without its cubic
+        checks.check_double(_mixed, arguments)
+        checks.check_vmap_is_loop(_mixed, arguments)
+
+
+@each_module
+def test_gradients_are_finite_at_every_corner(name):
+    motion = MODULES[name]
+    corners = motion.start if isinstance(motion, PieceMotion) else ROWS[:3]
+    checks.check_finite_gradient(_mixed, (jnp.asarray(corners), motion))
+
+
+def arrays_of(motion: Any) -> dict[str, Any]:
+    """What is computed from the numbers, by name; the rest of a motion is static."""
+    return {name: value for name, value in vars(motion).items() if hasattr(value, "dtype")}
+
+
+@each_case
+def test_a_motion_differs_smoothly_with_every_number_of_a_scenario(kind, event):
+    """Forward derivative through JAX against Richardson's central difference through NumPy."""
+
+    def made(*numbers):
+        return arrays_of(motion_of(kind, event, *numbers))
+
+    primals, felt = tuple(map(jnp.asarray, NUMBERS)), set()
+    for place, name in enumerate(NAMES):
+        tangents = tuple(jnp.full_like(x, k == place) for k, x in enumerate(primals))
+        _, slopes = jax.jvp(made, primals, tangents)  # not compiled: cheaper for one use
+
+        def difference(step, place=place):
+            moved = np.array(NUMBERS) * (1 + step * np.array([[1], [-1]]) * (np.arange(6) == place))
+            above, below = (made(*end) for end in moved)
+            return {key: (above[key] - below[key]) / (2 * step * NUMBERS[place]) for key in above}
+
+        fine, coarse = difference(1e-4), difference(2e-4)
+        for key, slope in slopes.items():
+            assert np.all(np.isfinite(slope))
+            expected = (4 * fine[key] - coarse[key]) / 3
+            scale = max(1.0, np.abs(slope).max())
+            np.testing.assert_allclose(slope, expected, rtol=0, atol=1e-8 * scale)
+            felt |= {name} if np.any(slope) else set()
+    idle = set(NAMES) - felt
+    assert idle == IDLE[event] | ({"dwell_s", "ramp_s"} if kind == "sine" else set())
+
+
+IDLE = {
+    "reversal": {"slow_share", "stop_s"},
+    "slow_down": {"stop_s"},
+    "aborted": {"stop_s"},
+    "emergency_stop": {"slow_share"},
+}
+
+
+@pytest.mark.parametrize(("kind", "event"), [CASES[1], *CASES[-2:]])
+def test_traced_numbers_give_the_same_motion_alone_and_in_a_batch(kind, event):
+    def made(*numbers):
+        return arrays_of(motion_of(kind, event, *numbers))
+
+    factors = np.array([1.0, 1.01, 0.98])
+    batch = jax.vmap(made)(*(jnp.asarray(factors * x) for x in NUMBERS))
+    for place, factor in enumerate(factors):
+        alone = made(*(factor * x for x in NUMBERS))
+        for key, value in alone.items():
+            assert isinstance(value, np.ndarray), "user numbers stay NumPy"
+            np.testing.assert_allclose(batch[key][place], value, rtol=1e-12, atol=1e-13)
+
+
+@eqx.filter_jit
+def _built(time, *numbers):
+    return _mixed(time, motion_of("trapezoid", "slow_down", *numbers))
+
+
+def test_new_numbers_of_a_scenario_compile_nothing():
+    def built(time, *numbers):
+        return _built(np.asarray(time), *numbers)
+
+    checks.check_one_trace(built, (TIMES, *NUMBERS))
+
+
+@pytest.mark.parametrize(("name", "value"), [("dwell_s", 0.0), ("reversal_deg", 180.0)])
+def test_gradients_are_finite_where_a_stretch_vanishes(name, value):
+    numbers = [value if other == name else x for other, x in zip(NAMES, NUMBERS, strict=True)]
+
+    def angle(time, *numbers):
+        return motion_of("trapezoid", "reversal", *numbers).at(time).angle
+
+    slopes = jax.jit(jax.jacfwd(angle, argnums=tuple(range(7))))(1.0, *numbers)
+    assert np.all(np.isfinite(slopes)) and np.any(slopes)
+
+
+def test_another_recording_of_the_same_length_compiles_nothing():
+    at = eqx.filter_jit(lambda motion, time: motion.at(time))
+    rows = [ROWS, ROWS**1.1, 2.0 * ROWS]
+    motions = [recorded(time, np.sin(0.5 * time)) for time in rows]
+    at(motions[0], TIMES)
+    with checks.compilations() as seen:
+        for motion in motions[1:]:
+            at(motion, 1.1 * TIMES)
+    assert not seen
+    with checks.compilations() as seen:
+        at(recorded(ROWS[:-1], np.sin(ROWS[:-1])), TIMES)
+    assert seen, "another length compiles: the check can fail"

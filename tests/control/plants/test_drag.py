@@ -1,0 +1,143 @@
+"""Friction of a shaft: its law, its standstill, and coasting against closed forms and DOP853."""
+
+import math
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+
+from vttig_jax.control.plants.plant import Drag
+
+STEP = 1e-4
+STEPS = 4096
+INERTIA = 0.01
+
+
+def drag(**values: Any) -> Drag:
+    given: dict[str, Any] = {"inertia": INERTIA, **values}
+    return Drag(**given)
+
+
+def gained(which: Drag, speed: float, torque: float = 0.0, step: float = STEP) -> float:
+    return float(_gained(which, *map(jnp.asarray, (float(speed), float(torque), step))))
+
+
+@eqx.filter_jit
+def _gained(which, speed, torque, step):
+    return which.acceleration(speed, torque, step)
+
+
+def coasted(which: Drag, speed: float) -> np.ndarray:
+    """Speed after each of `STEPS` steps of nothing but drag."""
+    return np.asarray(_coasted(which, jnp.asarray(speed)))
+
+
+@eqx.filter_jit
+def _coasted(which, speed):
+    def one(speed, _):
+        speed = speed + STEP * which.acceleration(speed, 0.0, jnp.asarray(STEP))
+        return speed, speed
+
+    return jax.lax.scan(one, speed, None, length=STEPS)[1]
+
+
+def law(which: Any, speed: float, torque: float) -> float:
+    """J dω/dt of a shaft that turns."""
+    dry = which.coulomb + which.stribeck / (1 + (speed / which.stribeck_speed) ** 2)
+    return float(
+        torque - which.load - which.viscous * speed - math.copysign(1, speed) * dry
+    )  # fmt: skip
+
+
+_TORQUES = st.floats(0.0, 2.0)
+
+
+@given(
+    coulomb=_TORQUES, stribeck=_TORQUES, viscous=st.floats(0.0, 1.0), torque=st.floats(-5.0, 5.0),
+    load=st.floats(-2.0, 2.0), speed=st.floats(0.5, 50.0), sense=st.sampled_from([1, -1]),
+)  # fmt: skip
+def test_a_shaft_that_turns_obeys_the_law_term_by_term(
+    coulomb, stribeck, viscous, torque, load, speed, sense
+):
+    which = drag(
+        coulomb=coulomb, stribeck=stribeck, stribeck_speed=0.3, viscous=viscous, load=load
+    )  # fmt: skip
+    found = gained(which, sense * speed, torque, step=1e-9)
+    expected = law(which, sense * speed, torque) / INERTIA
+    assert found == pytest.approx(expected, rel=1e-6, abs=1e-6)
+
+
+@pytest.mark.parametrize("name", ["coulomb", "stribeck", "viscous", "load"])
+def test_every_term_brakes_a_shaft_that_turns_forwards(name):
+    assert gained(drag(**{name: 0.2}), 2.0) < gained(drag(**{name: 0.1}), 2.0) < 0.0
+    assert gained(drag(), 2.0) == 0.0
+
+
+@given(torque=st.floats(-3.0, 3.0), load=st.floats(-3.0, 3.0))
+def test_at_standstill_it_takes_any_torque_up_to_both_dry_terms(torque, load):
+    which = drag(coulomb=0.5, stribeck=0.25, load=load)
+    push = torque - load
+    expected = math.copysign(max(abs(push) - 0.75, 0.0), push) / INERTIA
+    assert gained(which, 0.0, torque) == pytest.approx(expected, abs=1e-10)
+
+
+@given(
+    coulomb=_TORQUES, stribeck=_TORQUES, viscous=st.floats(0.0, 1e3),
+    speed=st.floats(-10.0, 10.0), step=st.floats(1e-6, 1e-2),
+)  # fmt: skip
+def test_friction_stops_a_shaft_at_most(coulomb, stribeck, viscous, speed, step):
+    """Whatever the step: it neither turns the shaft round nor speeds it up."""
+    which = drag(coulomb=coulomb, stribeck=stribeck, stribeck_speed=0.3, viscous=viscous)
+    after = speed + step * gained(which, speed, step=step)
+    assert abs(after) <= abs(speed) * (1 + 1e-12)
+    assert after * speed >= -1e-12 * speed**2
+
+
+def test_a_slow_shaft_stops_within_the_step_and_stays():
+    which = drag(coulomb=1.0)
+    assert gained(which, 1e-3) == pytest.approx(-1e-3 / STEP)
+    assert gained(which, 0.1) == pytest.approx(-1.0 / INERTIA)  # a fast one does not
+    speeds = coasted(which, 0.05)
+    assert abs(speeds[-1]) < 1e-15 and np.all(np.diff(speeds) <= 1e-15)
+
+
+def test_dry_friction_brakes_evenly():
+    time = STEP * np.arange(1, STEPS + 1)
+    expected = np.maximum(3.0 - 0.1 / INERTIA * time, 0.0)
+    np.testing.assert_allclose(coasted(drag(coulomb=0.1), 3.0), expected, atol=1e-9)
+
+
+def test_viscous_friction_decays_exponentially():
+    viscous = 0.05
+    time = STEP * np.arange(1, STEPS + 1)
+    expected = 3.0 * np.exp(-viscous / INERTIA * time)
+    found = coasted(drag(viscous=viscous), 3.0)
+    np.testing.assert_allclose(found, expected, atol=3.0 * viscous / INERTIA * STEP)
+
+
+def test_all_terms_together_coast_as_dop853_does():
+    which = drag(coulomb=0.05, stribeck=0.1, stribeck_speed=0.4, viscous=0.02, load=0.03)
+    ends = STEP * STEPS
+
+    def slope(_, speed):
+        return [law(which, speed[0], 0.0) / INERTIA]
+
+    def stops(_, speed):
+        return speed[0] - 1e-3
+
+    stops.terminal = True  # pyright: ignore[reportFunctionMemberAccess]
+    exact = solve_ivp(
+        slope, (0, ends), [3.0], "DOP853", rtol=1e-10, dense_output=True, events=stops
+    )
+    time = STEP * np.arange(1, STEPS + 1)
+    turning = time < exact.t[-1]
+    assert turning.sum() > 500
+    found = coasted(which, 3.0)[turning]
+    assert np.abs(found - exact.sol(time[turning])[0]).max() < 10 * STEP
+    assert np.abs(coasted(drag(coulomb=0.05), 3.0)[turning] - found).max() > 0.1  # can fail

@@ -1,0 +1,258 @@
+"""Elastic teeth against DOP853 of the same law, rigid teeth, and what a mesh may do with energy."""
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tests.control.followed import OPEN, Still, follow, shafts_at
+from tests.oracles.elastic_contact import Contact, Path, integrate
+from tests.oracles.flank_formulas import PAPER, closed
+from tests.oracles.trapezoid_corners import Corners
+from vttig_jax.base.units import ARCSEC
+from vttig_jax.control.motion.profiles import trapezoid
+from vttig_jax.control.plants.elastic import ElasticPlant, largest_step, mesh_stiffness
+from vttig_jax.control.plants.flank_bounds import bounds_of
+from vttig_jax.control.plants.plant import FREE, ON_A, ON_B, Drag
+from vttig_jax.control.plants.rigid import RigidPlant
+from vttig_jax.kinematics.first_order import closed_model
+from vttig_jax.rig.paper import paper_pair
+
+SPEED = 2 * math.pi
+STIFFNESS, RATIO, INERTIA, COULOMB = 2.3e6, 0.1, 0.01, 0.05
+SAMPLE = 1e-3
+TURN = 2.0
+"""s: 60 rpm to 540°, where the shaft turns without standing still."""
+
+CORNERS = Corners([0, 0.5, 1.5, 2, 2.5, 3.5, 4], [0, SPEED, SPEED, 0, -SPEED, -SPEED, 0])
+DWELL = Corners([0, 0.5, 1.5, 2, 2.05, 2.55, 3.55], [0, SPEED, SPEED, 0, 0, -SPEED, -SPEED])
+"""The same with 0.05 s of standstill, where friction holds the driven shaft."""
+
+
+def contact(motion: Corners, stiffness=STIFFNESS, damping_ratio=RATIO, **values: Any) -> Contact:
+    damping = 2 * damping_ratio * math.sqrt(stiffness * INERTIA)
+    drag: dict[str, Any] = {"coulomb": COULOMB} | values
+    return Contact(closed(), motion, PAPER.ratio, INERTIA, stiffness, damping, **drag)
+
+
+def sampled(begin: float, end: float) -> np.ndarray:
+    return begin + SAMPLE * np.arange(round((end - begin) / SAMPLE) + 1)
+
+
+@pytest.fixture(scope="module")
+def bounds(paper_rig):
+    pair = paper_pair()
+    return bounds_of(closed_model(pair, paper_rig), pair.taper / pair.reference_radii[1])
+
+
+@pytest.fixture(scope="module")
+def reversal() -> Path:
+    """One reversal ± 0.5 s: seconds of DOP853, for all tests of this file."""
+    oracle, times = contact(CORNERS), sampled(TURN - 0.5, TURN + 0.5)
+    return integrate(oracle, oracle.resting(times[0]), times)
+
+
+def run(bounds, oracle: Contact, times: np.ndarray, step: float, plant=None):
+    """Shafts at the times of the oracle, from steady contact on flank A; touches of all steps."""
+    dwell = 0.05 if oracle.motion is DWELL else 0.0
+    motion = trapezoid(60.0, 540.0, dwell, 0.5)
+    start = shafts_at(motion, bounds, times[0], *oracle.resting(times[0]), ON_A)
+    if plant is None:
+        drag = Drag(INERTIA, oracle.coulomb, oracle.viscous, load=oracle.load)
+        ratio = oracle.damping / (2 * math.sqrt(oracle.stiffness * INERTIA))
+        plant = ElasticPlant(drag, oracle.stiffness, ratio)
+    each = round(SAMPLE / step)
+    return follow(plant, motion, bounds, start, times[0], step, each * (len(times) - 1), each)
+
+
+def arcsec(shafts, path: Path) -> float:
+    """Largest difference at the samples of a run that may be shorter than the path."""
+    return float(np.abs(shafts.offset - path.offset[1:][: len(shafts.offset)]).max() / ARCSEC)
+
+
+def test_one_reversal_is_that_of_dop853(bounds, reversal):
+    """In arcsec; the steps are 15, 1.5 and 0.15 radians of the contact's oscillation."""
+    oracle, found = contact(CORNERS), []
+    for step, end, bound in ((1e-3, 0.5, 0.01), (1e-4, 0.5, 0.002), (1e-5, -0.36, 1e-5)):
+        shafts, _ = run(bounds, oracle, sampled(TURN - 0.5, TURN + end), step)
+        assert arcsec(shafts, reversal) < bound
+        found.append(np.abs(shafts.offset[:140] - reversal.offset[1:141]).max())
+    # Over the first five impacts the error falls with the step, at least in proportion.
+    assert found[0] > 5 * found[1] > 25 * found[2]
+
+
+def test_steps_of_many_contacts_keep_to_an_arcsec(bounds, reversal):
+    """At 5 ms, 75 radians a step, an impact takes less than a tenth of a step."""
+    oracle, begin = contact(CORNERS), TURN - 0.5
+    motion = trapezoid(60.0, 540.0, 0.0, 0.5)
+    start = shafts_at(motion, bounds, begin, *oracle.resting(begin), ON_A)
+    plant = ElasticPlant(Drag(INERTIA, COULOMB), STIFFNESS, RATIO)
+    shafts, _ = follow(plant, motion, bounds, start, begin, 5e-3, 200)
+    assert np.abs(shafts.offset - reversal.offset[5::5]).max() < 1.0 * ARCSEC
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"damping_ratio": 1.01 * RATIO},
+        {"stiffness": 0.9 * STIFFNESS},
+        {"coulomb": 1.01 * COULOMB},
+        {"viscous": 1e-4},
+        {"load": 5e-4},
+    ],
+    ids=lambda change: next(iter(change)),
+)
+def test_another_rig_would_be_seen(bounds, reversal, change):
+    oracle = contact(CORNERS, **change)
+    shafts, _ = run(bounds, oracle, sampled(TURN - 0.5, TURN + 0.5), SAMPLE)
+    assert arcsec(shafts, reversal) > 0.1
+
+
+def test_impacts_are_located(bounds, reversal):
+    times = sampled(TURN - 0.5, TURN + 0.5)
+    shafts, touches = run(bounds, contact(CORNERS), times, SAMPLE)
+    entries = [
+        time
+        for (time, mode), (_, before) in zip(reversal.pieces[1:], reversal.pieces, strict=False)
+        if mode.b == "stiff" and before.b == "free"
+    ]
+    met = np.flatnonzero(touches.side)
+    assert np.all(touches.side[met] == ON_B)
+    for place, time in list(zip(met, entries, strict=False))[:8]:
+        assert times[place] <= time <= times[place + 1]
+        assert touches.angle[place] == pytest.approx(CORNERS.at(time)[0], abs=1e-5)
+        low, high = (wall(float(touches.angle[place]))[0] for wall in closed())
+        assert touches.gap[place] == pytest.approx(high - low, abs=1e-12)
+    first = touches.angle[met[0]]
+    assert first == pytest.approx(CORNERS.at(entries[0])[0], abs=1e-8)
+    depth = np.maximum(shafts.flanks.lower - shafts.offset, shafts.offset - shafts.flanks.upper)
+    np.testing.assert_array_equal(shafts.side != FREE, depth > 0)
+
+
+def test_standstill_load_and_viscous_friction(bounds):
+    """Friction takes over in the dwell and gives way after it."""
+    oracle = contact(DWELL, viscous=5e-3, load=0.02)
+    times = sampled(TURN - 0.12, TURN + 0.13)
+    path = integrate(oracle, oracle.resting(times[0]), times)
+    assert any(mode.slip == 0 for _, mode in path.pieces)
+    for step, bound in ((1e-3, 0.2), (1e-4, 0.1)):
+        shafts, _ = run(bounds, oracle, times, step)
+        assert arcsec(shafts, path) < bound
+    without = replace(oracle, load=0.0)
+    assert arcsec(run(bounds, without, times, SAMPLE)[0], path) > 1.0
+
+
+@pytest.mark.parametrize(
+    ("damping_ratio", "restitution"), [(0.05, 0.863), (0.1, 0.759), (0.5, 0.404)]
+)
+def test_rigid_teeth_are_the_limit_of_growing_stiffness(bounds, damping_ratio, restitution):
+    times = sampled(TURN - 0.5, TURN + 0.5)
+    rigid = RigidPlant(Drag(INERTIA, COULOMB), restitution)
+    limit, _ = run(bounds, contact(CORNERS), times, SAMPLE, rigid)
+    found = []
+    for stiffness in (1e4, 1e6, 1e8, 1e10):
+        shafts, _ = run(bounds, contact(CORNERS, stiffness, damping_ratio), times, SAMPLE)
+        found.append(np.abs(shafts.offset - limit.offset).max() / ARCSEC)
+    assert found[0] > 5 * found[1] > 5 * found[2]
+    # What is left is the third digit of the table.
+    assert found[3] < 1.0
+
+
+REST = 2.02
+
+
+@given(
+    damping_ratio=st.sampled_from([0.0, 0.02, 0.3, 1.0, 3.0]) | st.floats(0.0, 100.0),
+    stiffness=st.sampled_from([1e3, 1e5, 2.3e6, 1e9]),
+    step=st.sampled_from([1e-6, 3e-5, 2e-4, 1e-3, 5e-3]),
+    width=st.sampled_from([0.0, 1e-6, 6e-4, 1e-2]),
+    place=st.floats(-0.2, 1.2),
+    speed=st.floats(-1.0, 1.0),
+)
+def test_a_mesh_without_drive_gains_no_energy(damping_ratio, stiffness, step, width, place, speed):
+    """The driving shaft stands still: kinetic energy and that of both springs never grow."""
+    walls, motion = Still(0.0, width).bounds(), trapezoid(60.0, 540.0, 9.0, 0.5)
+    plant = ElasticPlant(Drag(INERTIA), stiffness, damping_ratio)
+    offset = width * place + 1e-6 * (place - 0.5)
+    start = shafts_at(motion, walls, REST, offset, speed, FREE)
+    shafts, _ = follow(plant, motion, walls, start, REST, step, 256)
+    energy = 0.5 * INERTIA * np.append(speed, shafts.drift) ** 2
+    for inside in (lambda x: -x, lambda x: x - width):
+        depth = np.maximum(inside(np.append(offset, shafts.offset)), 0.0)
+        energy += 0.5 * stiffness * depth**2
+    assert np.all(np.diff(energy) <= 1e-7 * energy[0] + 1e-24)
+    if damping_ratio == 0 and width == 1e-2 and step <= 2e-4 and energy[0] > 1e-9:
+        assert energy[-1] > 0.999 * energy[0]
+
+
+def _after(bounds):
+    """x and its rate a step later: of time, place above flank A, rate, stiffness and damping."""
+    motion = trapezoid(60.0, 540.0, 0.05, 0.5)
+
+    @eqx.filter_jit
+    def after(numbers):
+        begin, above, drift, stiffness, damping_ratio = numbers
+        start = shafts_at(motion, bounds, begin, 0.0, 0.0, FREE)
+        start = start._replace(offset=start.flanks.lower + above, drift=drift)
+        plant = ElasticPlant(Drag(INERTIA, COULOMB), stiffness, damping_ratio)
+        ahead = motion.at(begin + SAMPLE)
+        ended, _ = plant.step(start, ahead, OPEN, bounds, jnp.asarray(SAMPLE))
+        return jnp.stack([ended.offset, ended.drift])
+
+    return after
+
+
+CASES = np.array(
+    [
+        [0.3, 1e-4, 0.02, STIFFNESS, 0.1],
+        [0.3, 1e-5, -0.05, STIFFNESS, 0.1],
+        [2.4, 4e-4, 0.01, STIFFNESS, 0.3],
+        [2.4, 5e-4, 0.5, 1e5, 0.2],
+    ]
+)
+"""Flight; an impact on A; flight; an impact on B that is not over at the end of the step."""
+
+
+def test_one_step_is_the_same_compiled_and_batched(bounds):
+    after = _after(bounds)
+    with jax.disable_jit():
+        single = np.array([np.asarray(after(jnp.asarray(case))) for case in CASES[1::2]])
+    batch = jax.vmap(after)(jnp.asarray(CASES))[1::2]
+    np.testing.assert_allclose(batch, single, rtol=1e-9, atol=1e-15)
+    assert np.ptp(single[:, 0]) > 1e-5
+
+
+def test_gradients_are_those_of_differences_in_flight_and_through_an_impact(bounds):
+    after = _after(bounds)
+    batch = jax.vmap(after)
+    along = jax.jit(lambda cases, moves: jax.jvp(batch, (cases,), (moves,))[1])
+    for place, step in ((1, 1e-9), (2, 1e-6), (3, 10.0), (4, 1e-5)):
+        move = np.broadcast_to(step * np.eye(5)[place], CASES.shape)
+        ahead, behind = (np.asarray(batch(jnp.asarray(CASES + s * move))) for s in (1, -1))
+        difference = (ahead - behind) / 2
+        scale = np.abs(difference).max(axis=0)
+        slopes = np.asarray(along(jnp.asarray(CASES), jnp.asarray(move)))
+        np.testing.assert_allclose(slopes / scale, difference / scale, atol=1e-3)
+        if place > 2:
+            assert np.all(slopes[[0, 2]] == 0.0)  # in flight the teeth do not matter
+
+
+def test_stiffness_of_the_paper():
+    assert mesh_stiffness(20.0, 20.0, 75.18) == pytest.approx(2.26e6, rel=1e-3)
+    metres = 20.0e9 * 20.0e-3 * 75.18e-3**2  # 20 N/(mm µm) = 20e9 N/m²
+    assert mesh_stiffness(20.0, 20.0, 75.18) == pytest.approx(metres, rel=1e-12)
+
+
+def test_the_longest_step_outlasts_a_contact():
+    natural = math.sqrt(INERTIA / STIFFNESS)
+    base = largest_step(STIFFNESS, RATIO, INERTIA)
+    assert math.pi < base / natural < 2 * math.pi
+    assert largest_step(4 * STIFFNESS, RATIO, INERTIA) == pytest.approx(base / 2)
+    assert largest_step(STIFFNESS, 3.0, INERTIA) < base

@@ -1,0 +1,188 @@
+"""Play against the closed form of the play operator, and the flank it meets against brentq."""
+
+import math
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.optimize import brentq
+
+from tests.control.followed import OPEN, Still, follow, shafts_at
+from tests.oracles.flank_formulas import PAPER, closed
+from tests.oracles.play_operator import by_samples, by_turns
+from tests.oracles.trapezoid_corners import Corners
+from vttig_jax.control.motion.profiles import trapezoid
+from vttig_jax.control.plants.flank_bounds import bounds_of
+from vttig_jax.control.plants.plant import FREE, ON_A, ON_B, Slide
+from vttig_jax.control.plants.play import PlayPlant
+from vttig_jax.kinematics.first_order import closed_model
+from vttig_jax.rig.paper import paper_pair
+
+SPEED = 2 * math.pi
+TURN = math.radians(540.0)
+CORNERS = Corners([0, 0.5, 1.5, 2, 2.1, 2.6, 3.6, 4.1], [0, SPEED, SPEED, 0, 0, -SPEED, -SPEED, 0])
+"""60 rpm to 540° and back, ramps of 0.5 s, 0.1 s of standstill."""
+WALLS = closed()
+STEP = 1e-3
+
+
+@pytest.fixture(scope="module")
+def rig(paper_rig):
+    pair = paper_pair()
+    model = closed_model(pair, paper_rig)
+    bounds = bounds_of(model, pair.taper / pair.reference_radii[1])
+    return bounds, trapezoid(60.0, 540.0, 0.1, 0.5)
+
+
+def run(rig, step: float, above: float = 0.0, end: float = 4.1):
+    """From rest at zero, `above` flank A by that."""
+    bounds, motion = rig
+    start = shafts_at(motion, bounds, 0.0, WALLS[0](0.0)[0] + above, 0.0, FREE if above else ON_A)
+    steps = round(end / step)
+    shafts, touches = follow(PlayPlant(), motion, bounds, start, 0.0, step, steps)
+    return step * np.arange(1, steps + 1), shafts, touches
+
+
+def closed_form(time: np.ndarray, above: float = 0.0, walls=WALLS) -> np.ndarray:
+    """x from the turns of the motion alone."""
+    begin = walls[0](0.0)[0] + above
+    angles = [CORNERS.at(float(t))[0] for t in time]
+    turned = [
+        by_turns(walls, PAPER.ratio, [0.0] if t <= 2.0 else [0.0, TURN], angle, begin)
+        for t, angle in zip(time, angles, strict=True)
+    ]
+    return np.array(turned) - PAPER.ratio * np.array(angles)
+
+
+@pytest.mark.parametrize("above", [0.0, 2e-4])
+@pytest.mark.parametrize("step", [1e-3, 2.5e-2])
+def test_it_is_the_closed_form_at_the_samples(rig, step, above):
+    time, shafts, _ = run(rig, step, above)
+    np.testing.assert_allclose(shafts.offset, closed_form(time, above), rtol=0, atol=2e-14)
+
+
+def test_the_closed_form_is_the_operator_on_a_fine_grid():
+    time = np.linspace(0.0, 4.1, 20_001)
+    angles = np.array([CORNERS.at(float(t))[0] for t in time])
+    begin = WALLS[0](0.0)[0] + 2e-4
+    fine = by_samples(WALLS, PAPER.ratio, angles, begin) - PAPER.ratio * angles
+    # The turn lies between two samples of the grid: a speed of 0.05 rad/s at most is missed there.
+    np.testing.assert_allclose(closed_form(time, 2e-4), fine, rtol=0, atol=1e-7)
+
+
+def test_a_wrong_wall_is_seen(rig):
+    time, shafts, _ = run(rig, STEP)
+    wrong = WALLS[0], (lambda angle: (WALLS[1](angle)[0] + 1e-12, WALLS[1](angle)[1]))
+    assert np.abs(shafts.offset - closed_form(time, walls=wrong)).max() > 5e-13
+
+
+def crossing(walls=WALLS) -> float:
+    """Driving angle at which flank B is met after the turn."""
+    held = PAPER.ratio * TURN + walls[0](TURN)[0]
+    found = brentq(
+        lambda angle: PAPER.ratio * angle + walls[1](angle)[0] - held, TURN - 0.02, TURN, xtol=1e-15
+    )
+    return float(np.asarray(found))
+
+
+@pytest.mark.parametrize("step", [1e-3, 1e-2])
+def test_flank_b_is_met_where_brentq_finds_it(rig, step):
+    _, _, touches = run(rig, step)
+    met = np.flatnonzero(touches.side)
+    assert [touches.side[place] for place in met] == [ON_B]
+    angle = crossing()
+    assert touches.angle[met[0]] == pytest.approx(angle, abs=1e-9)
+    gap = WALLS[1](angle)[0] - WALLS[0](angle)[0]
+    assert touches.gap[met[0]] == pytest.approx(gap, abs=1e-9)
+    farther = WALLS[0], (lambda other: (WALLS[1](other)[0] + 1e-8, WALLS[1](other)[1]))
+    assert abs(touches.angle[met[0]] - crossing(farther)) > 1e-9
+
+
+def test_flank_a_is_met_from_inside_the_gap(rig):
+    """The driving shaft takes up 2e-4 rad first."""
+    _, shafts, touches = run(rig, STEP, above=2e-4, end=1.0)
+    begin = WALLS[0](0.0)[0] + 2e-4
+    angle = brentq(lambda a: PAPER.ratio * a + WALLS[0](a)[0] - begin, 0, 0.01, xtol=1e-15)
+    met = np.flatnonzero(touches.side)
+    assert len(met) == 1 and touches.side[met[0]] == ON_A
+    assert touches.angle[met[0]] == pytest.approx(angle, abs=1e-9)
+    assert np.all(shafts.side[met[0] :] == ON_A) and np.all(shafts.side[: met[0]] == FREE)
+
+
+def test_the_wedge_closes_the_gap_and_takes_the_shaft_along(rig):
+    """At rest; s moves flank A up by s tan β_L/R₂ and flank B down by s tan β_R/R₂."""
+    bounds, motion = rig
+    begin = 2.05
+    low, high = (wall(TURN)[0] for wall in WALLS)
+    start = shafts_at(motion, bounds, begin, low, 0.0, ON_A)
+    mm = 0.9 * (high - low) / float(bounds.closing_sum)
+    slide = Slide(*map(jnp.asarray, (0.0, mm, mm / STEP, mm / STEP)))
+    ahead = motion.at(jnp.asarray(begin + STEP))
+    shafts, touch = PlayPlant().step(start, ahead, slide, bounds, np.float64(STEP))
+    assert float(shafts.offset) == pytest.approx(low + mm * float(bounds.closing[0]), abs=1e-14)
+    assert float(shafts.side) == ON_A and float(touch.side) == FREE
+    rate = float(bounds.closing[0]) * mm / STEP
+    assert float(shafts.drift) == pytest.approx(rate, rel=1e-9)
+
+
+walk = st.lists(st.integers(-64, 64).map(lambda n: n / 1024), min_size=30, max_size=30)
+
+
+@eqx.filter_jit
+def _walked(bounds, angles, offset):
+    """x on a walk from angle to angle, a step each."""
+
+    def one(shafts, angle):
+        rate = (angle - shafts.angle) / STEP
+        ahead = trapezoid(60.0, 540.0, 0.1, 0.5).at(0.0)._replace(angle=angle, speed=rate)
+        shafts, _ = PlayPlant().step(shafts, ahead, OPEN, bounds, jnp.asarray(STEP))
+        return shafts, (shafts.offset, shafts.flanks)
+
+    motion = trapezoid(60.0, 540.0, 0.1, 0.5)
+    start = shafts_at(motion, bounds, 0.0, offset, 0.0, FREE)
+    return jax.lax.scan(one, start, angles)[1]
+
+
+@given(walk, st.integers(0, 64))
+def test_any_walk_is_clipped_and_never_moved_without_a_push(rig, moves, place):
+    bounds, _ = rig
+    low, high = (wall(0.0)[0] for wall in WALLS)
+    begin = low + (high - low) * place / 64
+    angles = np.cumsum(moves)
+    offset, flanks = _walked(bounds, jnp.asarray(angles), jnp.asarray(begin))
+    expected = by_samples(WALLS, PAPER.ratio, angles, begin) - PAPER.ratio * angles
+    np.testing.assert_allclose(offset, expected, rtol=0, atol=1e-14)
+    assert np.all((offset >= flanks.lower) & (offset <= flanks.upper))
+
+
+def test_one_step_is_the_same_compiled_batched_and_differentiable(rig):
+    bounds, motion = rig
+    begins = jnp.asarray([0.3, 2.3, 2.0505])
+    offsets = jnp.asarray([WALLS[0](CORNERS.at(float(t))[0])[0] + 1e-4 for t in begins])
+
+    def after(begin, offset):
+        start = shafts_at(motion, bounds, begin, offset, 0.0, FREE)
+        ahead = motion.at(begin + STEP)
+        return PlayPlant().step(start, ahead, OPEN, bounds, jnp.asarray(STEP))[0].offset
+
+    single = [float(after(*both)) for both in zip(begins, offsets, strict=True)]
+    np.testing.assert_allclose(jax.jit(jax.vmap(after))(begins, offsets), single, atol=1e-15)
+    slopes = jax.jit(jax.vmap(jax.grad(after, argnums=1)))(begins, offsets)
+    # Pushed by a flank it forgets where it was; in the gap it does not.
+    np.testing.assert_array_equal(slopes, [0.0, 0.0, 1.0])
+
+
+def test_a_closed_gap_hands_over_where_the_motion_turns():
+    walls, motion = Still(0.0, 0.0).bounds(), trapezoid(60.0, 540.0, 0.1, 0.5)
+    start = shafts_at(motion, walls, 1.9, 0.0, 0.0, ON_A)
+    shafts, touches = follow(PlayPlant(), motion, walls, start, 1.9, STEP, 300)
+    assert np.all(shafts.offset == 0.0)
+    backwards = shafts.speed < 0
+    assert np.all(shafts.side[backwards] == ON_B) and np.all(shafts.side[:99] == ON_A)
+    met = np.flatnonzero(touches.side == ON_B)
+    assert np.all(touches.gap[met] == 0.0)
+    np.testing.assert_allclose(touches.angle[met], TURN, rtol=0, atol=1e-4)

@@ -1,0 +1,233 @@
+"""Every way to get the scenario file wrong: one sentence that names file and key, exit 3."""
+
+import pytest
+import tomli_w
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tests.control.texts import MINIMAL, put, scenario
+from vttig_jax.base.errors import InputError, ScenarioError
+from vttig_jax.control.scenario.spec import (
+    load_scenario_spec,
+    load_sweep_spec,
+    parse_scenario_spec,
+    spec_table,
+)
+from vttig_jax.control.scenario.tables import MotionTable
+
+
+@pytest.fixture
+def write(tmp_path):
+    def write(table):
+        path = tmp_path / "scenario.toml"
+        path.write_text(table if isinstance(table, str) else tomli_w.dumps(table), "utf-8")
+        return path
+
+    return write
+
+
+BAD_VALUES = [
+    ("plants", "rigid", "unknown key `plants`; did you mean `plant`?"),
+    ("motion.reversal", 1.0, "unknown key `reversal`; did you mean `reversal_deg`?"),
+    ("plant", "rigd", "expected 'elastic' or 'play' or 'rigid', but it is 'rigd'."),
+    ("pair", 3, "expected text, but it is 3."),
+    ("pair", "", "expected text of length >= 1, but it is ''."),
+    ("eccentricities.driving_mm", -0.01, "expected a number >= 0.0, but it is -0.01."),
+    ("eccentricities.driven_mm", float("inf"), "but it is inf."),
+    ("eccentricities.constant_backlash_deg", -0.01, "but it is -0.01."),
+    ("inertia.driven_kgm2", -0.01, "expected a number > 0.0, but it is -0.01."),
+    ("inertia.driven_kgm2", 0.0, "but it is 0.0."),
+    ("inertia.driving_kgm2", -0.002, "expected a number > 0.0, but it is -0.002."),
+    ("friction.driving_Nm", -0.1, "expected a number >= 0.0, but it is -0.1."),
+    ("servo.motor", "pid", "expected 'pi' or 'prescribed', but it is 'pid'."),
+    ("servo.torque_limit_Nm", 0.0, "expected a number > 0.0, but it is 0.0."),
+    ("servo.position_gain_1_s", -1.0, "expected a number >= 0.0, but it is -1.0."),
+    ("actuator.force_limit_N", -1.0, "expected a number >= 0.0, but it is -1.0."),
+    ("judgement.jump_s", 0.0, "expected a number > 0.0, but it is 0.0."),
+    ("mesh.restitution", 1.5, "expected a number <= 1.0, but it is 1.5."),
+    ("motion.ramp_s", 0.0, "expected a number > 0.0"),
+    ("motion.slow_share", 1.0, "expected a number < 1.0"),
+    ("driven_encoder.counts_per_rev", 2.5, "expected a whole number, but it is 2.5."),
+    ("seed", True, "expected a whole number, but it is True."),
+    ("load.torque_Nm", float("nan"), "but it is nan."),
+    ("zip", [["a", "b"]], "belongs into [sweep], beside the axes it names."),
+]
+
+
+@pytest.mark.parametrize(("name", "value", "words"), BAD_VALUES)
+def test_a_bad_value_is_one_sentence_that_names_file_and_key(name, value, words, write):
+    path = write(put(MINIMAL, name, value))
+    with pytest.raises(ScenarioError) as caught:
+        load_scenario_spec(path)
+    assert caught.value.where == f"{path}: {name}"
+    assert words in caught.value.message and "\n" not in str(caught.value)
+    assert isinstance(caught.value, InputError) and caught.value.exit_code == 3
+
+
+def test_a_missing_key_is_named_with_an_example(write):
+    path = write(put(MINIMAL, "eccentricities.driven_mm", None))
+    with pytest.raises(ScenarioError, match=r"field driven_mm; write for example driven_mm = 0\.0"):
+        load_scenario_spec(path)
+    with pytest.raises(ScenarioError, match=r'field pair; write for example pair = "pair\.toml"'):
+        parse_scenario_spec({})
+
+
+CONTRADICTIONS = [
+    ({"kind": "recorded"}, "file", 'missing; kind = "recorded" follows a CSV'),
+    ({"file": "a.csv"}, "file", 'given, but kind is "trapezoid"; write kind = "recorded"'),
+    (
+        {"kind": "sine", "event": "aborted"},
+        "event",
+        '"aborted" needs kind = "trapezoid" or "s_curve", but kind is "sine".',
+    ),
+    ({"kind": "recorded", "file": "a", "event": "slow_down"}, "event", '"slow_down" needs'),
+    (
+        {"reversal_deg": 179.9},
+        "reversal_deg",
+        "179.9 lies inside the ramps of this reversal; at 60 rpm with ramp_s = 0.5 it must be at"
+        " least 180.",
+    ),
+    ({"kind": "s_curve", "reversal_deg": 100}, "reversal_deg", "at least 180."),
+    ({"event": "slow_down", "reversal_deg": 550}, "reversal_deg", "at least 559.8."),
+    ({"event": "aborted", "reversal_deg": 340}, "reversal_deg", "at least 343.8."),
+    (
+        {"event": "emergency_stop", "stop_s": 0.7, "reversal_deg": 200},
+        "reversal_deg",
+        "at least 216.",
+    ),
+]
+
+
+@pytest.mark.parametrize(("motion", "key", "words"), CONTRADICTIONS)
+def test_a_contradiction_names_its_key(motion, key, words, write):
+    path = write({**MINIMAL, "motion": motion})
+    with pytest.raises(ScenarioError) as caught:
+        load_scenario_spec(path)
+    assert caught.value.where == f"{path}: motion.{key}"
+    assert words in caught.value.message
+
+
+@pytest.mark.parametrize(
+    "motion",
+    [
+        {"kind": "recorded", "file": "a.csv"},
+        {"kind": "recorded", "file": "a.csv", "reversal_deg": 1.0},
+        {"kind": "sine", "reversal_deg": 1.0},
+        {"kind": "s_curve", "event": "aborted", "reversal_deg": 343.8},
+        {"reversal_deg": 180.0},
+        {"event": "emergency_stop", "reversal_deg": 180.0},
+        {"event": "slow_down", "reversal_deg": 559.8},
+    ],
+)
+def test_what_does_not_contradict_is_read(motion):
+    assert scenario(motion=motion).motion == MotionTable(**motion)
+
+
+@given(
+    st.sampled_from(["reversal", "slow_down", "aborted", "emergency_stop"]),
+    st.floats(1, 1000),
+    st.floats(0.01, 3),
+    st.floats(0.05, 0.95),
+    st.floats(0.01, 3),
+    st.floats(0, 5),
+)
+def test_the_smallest_reversal_named_is_allowed_and_the_motions_own(
+    event, speed_rpm, ramp_s, slow_share, stop_s, dwell_s
+):
+    """The motion lays out the same ramps by itself; it is the independent opinion here."""
+    from vttig_jax.control.motion.profiles import trapezoid
+
+    numbers = {"speed_rpm": speed_rpm, "ramp_s": ramp_s, "dwell_s": dwell_s}
+    numbers |= {"event": event, "slow_share": slow_share, "stop_s": stop_s}
+    with pytest.raises(ScenarioError) as caught:
+        scenario(motion={**numbers, "reversal_deg": 1e-3})
+    smallest = float(caught.value.message.rpartition(" ")[2].rstrip("."))
+    assert scenario(motion={**numbers, "reversal_deg": smallest}).motion.reversal_deg == smallest
+    trapezoid(reversal_deg=smallest, **numbers)
+    inside = smallest * (1 - 2e-5)  # the sentence rounds up in the sixth digit
+    with pytest.raises(ScenarioError, match="inside the ramps"):
+        scenario(motion={**numbers, "reversal_deg": inside})
+    with pytest.raises(ValueError, match="must be at least"):
+        trapezoid(reversal_deg=inside, **numbers)
+
+
+@pytest.mark.parametrize("plant_hz", [0, 1000, 3000.0, 1e5])
+def test_plant_steps_that_fit(plant_hz):
+    assert scenario(sampling={"plant_hz": plant_hz}).sampling.plant_hz == plant_hz
+
+
+@pytest.mark.parametrize(
+    ("plant_hz", "words"),
+    [
+        (1500, "1500 Hz is 1.5 times controller_hz; write a whole multiple such as 2000, or 0"),
+        (10, "such as 1000, or 0 for controller_hz itself."),
+        (2000.01, "such as 2000"),
+    ],
+)
+def test_plant_steps_that_do_not_fit(plant_hz, words):
+    with pytest.raises(ScenarioError) as caught:
+        scenario(sampling={"plant_hz": plant_hz})
+    assert caught.value.where == "sampling.plant_hz" and words in caught.value.message
+
+
+def test_rates_that_are_no_exact_multiple_in_binary():
+    assert scenario(sampling={"controller_hz": 0.1, "plant_hz": 0.3}).sampling.plant_hz == 0.3
+
+
+@pytest.mark.parametrize(
+    ("table", "seen"),
+    [({"pair": "p"}, "neither"), ({**MINIMAL, "rig": {"from": "RUN"}}, "both")],
+)
+def test_the_rig_is_given_once(table, seen):
+    with pytest.raises(ScenarioError, match=f"^eccentricities: {seen} of"):
+        parse_scenario_spec(table)
+
+
+@pytest.mark.parametrize(
+    ("table", "where", "words"),
+    [
+        ({**MINIMAL, "sweep": {"seed": [1]}}, "sweep", "run it with `vttig sweep`"),
+        ({"pair": "p", "rig": {"from": "R", "draws": 9}}, "rig.draws", "with `vttig sweep`"),
+    ],
+)
+def test_one_case_is_no_sweep(table, where, words, write):
+    path = write(table)
+    with pytest.raises(ScenarioError) as caught:
+        load_scenario_spec(path)
+    assert caught.value.where == f"{path}: {where}" and words in caught.value.message
+
+
+@pytest.mark.parametrize("load", [load_scenario_spec, load_sweep_spec])
+def test_what_is_no_scenario_file_is_refused(load, tmp_path, write):
+    with pytest.raises(ScenarioError, match="no such file; `vttig simulate"):
+        load(tmp_path / "none.toml")
+    with pytest.raises(ScenarioError, match=r"not valid TOML: .*; a scenario names the pair file"):
+        load(write("pair = \n"))
+
+
+leaves = st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5)
+NAMES = "pair plant motion eccentricities rig sweep zip from to num motion.ramp_s kind seed values"
+names = st.sampled_from(NAMES.split()) | st.text(max_size=4)
+anything = st.recursive(
+    leaves | st.lists(names, max_size=2),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(names, inner, max_size=4),
+    max_leaves=8,
+)
+
+
+@given(st.dictionaries(names, anything, max_size=3), st.booleans())
+def test_any_table_is_a_scenario_or_our_error(table, whole):
+    try:
+        spec = parse_scenario_spec({**MINIMAL, **table} if whole else table)
+    except ScenarioError:
+        return
+    assert parse_scenario_spec(spec_table(spec)) == spec
+
+
+@given(st.dictionaries(names, anything, min_size=1, max_size=3))
+def test_any_sweep_is_one_or_our_error(table):
+    try:
+        spec = parse_scenario_spec({**MINIMAL, "sweep": table})
+    except ScenarioError:
+        return
+    assert parse_scenario_spec(spec_table(spec)) == spec

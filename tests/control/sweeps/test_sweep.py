@@ -1,0 +1,304 @@
+"""Sweeps against `simulate`, case by case."""
+
+import dataclasses
+import itertools
+from typing import Any
+
+import numpy as np
+import pytest
+
+import vttig_jax
+from tests.control.scenarios import PAIR
+from tests.control.sweep_files import AXES, CONTROLLERS, assert_close, small_blocks, sweep_spec
+from vttig_jax.base.errors import InputError, ScenarioError
+from vttig_jax.control.controllers.controller import Controller
+from vttig_jax.control.simulation.case import Case
+from vttig_jax.control.simulation.metrics import METRICS
+from vttig_jax.control.sweeps import blocks as sweep_work
+from vttig_jax.control.sweeps import estimate as sweep_estimate
+from vttig_jax.control.sweeps.batching import Lanes, lanes_for, numbers_of, stacked, varying
+from vttig_jax.control.sweeps.blocks import SweepWork
+from vttig_jax.control.sweeps.cases import SweepCases
+from vttig_jax.control.sweeps.table import SweepTable
+from vttig_jax.pair.eccentricities import Eccentricities
+from vttig_jax.rig.paper import paper_eccentricities
+
+
+@pytest.fixture(scope="module")
+def table() -> SweepTable:
+    return vttig_jax.sweep(sweep_spec(), PAIR)
+
+
+def row(table: SweepTable, case: int) -> dict[str, Any]:
+    return {name: values[case].item() for name, values in table.columns.items()}
+
+
+def assert_as_simulated(table: SweepTable, cases: SweepCases, number: int) -> None:
+    """A row is what `simulate` says of its case."""
+    found: dict[str, Any] = vttig_jax.simulate(cases.spec_of(number), PAIR).metrics
+    seen = row(table, number)
+    assert seen["case"] == number and seen["outcome"] == found["outcome"]
+    for name in METRICS:
+        expected = np.nan if found[name] is None else found[name]
+        np.testing.assert_allclose(seen[name], expected, rtol=0, atol=1e-9, err_msg=name)
+
+
+def test_every_row_is_what_simulate_says(table):
+    cases = SweepCases(sweep_spec(), PAIR)
+    for number in range(len(cases)):
+        assert_as_simulated(table, cases, number)
+    with pytest.raises(AssertionError):  # the check can fail
+        assert_as_simulated(table, SweepCases(sweep_spec(motion__speed_rpm=55.0), PAIR), 4)
+
+
+@pytest.mark.parametrize(
+    ("settings", "axes"),
+    [
+        (
+            {"plant": "elastic", "sampling__plant_hz": 4000.0, "flanks": "closed"},
+            {"mesh.damping_ratio": [0.1, 0.5], "actuator.delay_s": [0.002, 0.003]},
+        ),
+        (
+            {
+                "plant": "play",
+                "judgement__observer": "difference",
+                "motion__kind": "s_curve",
+                # Angles of a ramp are halves of counts at many samples of 1 ms; these are not.
+                "driving_encoder__amplitude_arcsec": 5.0,
+                "driving_encoder__phase_deg": 60.0,
+                "driven_encoder__amplitude_arcsec": 5.0,
+                "driven_encoder__phase_deg": 60.0,
+            },
+            {"seed": [0, 3], "driving_encoder.noise_arcsec": [0.0, 20.0]},
+        ),
+    ],
+)
+def test_other_options_are_those_of_simulate_too(settings, axes):
+    spec = sweep_spec(axes, **settings)
+    table, cases = vttig_jax.sweep(spec, PAIR), SweepCases(spec, PAIR)
+    for number in range(len(cases)):
+        assert_as_simulated(table, cases, number)
+
+
+def test_axes_combine_with_the_first_one_slowest(table):
+    expected = itertools.product(AXES["motion.reversal_deg"], AXES["controller"])
+    seen = zip(table.columns["motion.reversal_deg"], table.columns["controller"], strict=True)
+    assert list(seen) == list(expected)
+    assert table.axes == tuple(AXES)
+    assert list(table.columns) == ["case", *AXES, *METRICS, "outcome"]
+
+
+def test_zipped_axes_advance_together():
+    axes = {"motion.ramp_s": [0.1, 0.2], "controller": ["none", "predictive"], "seed": [0, 1]}
+    cases = SweepCases(sweep_spec(axes | {"zip": [["motion.ramp_s", "seed"]]}), PAIR)
+    seen = [tuple(cases.values(number).values()) for number in range(len(cases))]
+    assert seen == [
+        (0.1, "none", 0),
+        (0.1, "predictive", 0),
+        (0.2, "none", 1),
+        (0.2, "predictive", 1),
+    ]
+
+
+def test_a_case_that_cannot_run_stops_nothing(table):
+    axes = {**AXES, "motion.reversal_deg": [200.0, 10.0, 300.0, 360.0]}
+    found = vttig_jax.sweep(sweep_spec(axes), PAIR)
+    bad = found.columns["motion.reversal_deg"] == 10.0
+    assert set(found.columns["outcome"][bad]) == {"refused"}
+    assert all(np.isnan(found.columns[name][bad]).all() for name in METRICS)
+    good = ~bad & (found.columns["motion.reversal_deg"] != 250.0)
+    for name in METRICS:
+        assert_close(found.columns[name][good], table.columns[name][good])
+    assert found.outcomes["refused"] == bad.sum() == 3
+    assert [case for case, _ in found.refusals] == [3]  # 4 and 5 for the same reason
+    assert "10 lies inside the ramps" in found.refusals[0][1] and "refused" in str(found)
+
+
+def test_where_no_case_can_run_the_first_says_why():
+    with pytest.raises(ScenarioError, match="lies inside the ramps"):
+        vttig_jax.sweep(sweep_spec({"motion.reversal_deg": [1.0, 2.0]}), PAIR)
+
+
+@pytest.mark.portable
+def test_blocks_and_lanes_leave_no_trace(table, monkeypatch):
+    small_blocks(1, monkeypatch)
+    monkeypatch.setattr(sweep_work, "LANES", 8)
+    found = vttig_jax.sweep(sweep_spec(), PAIR)
+    assert list(found.columns) == list(table.columns)
+    for name, values in table.columns.items():
+        assert_close(found.columns[name], values)
+
+
+TURNS = {"motion.reversal_deg": [200.0, 300.0]}
+
+
+def test_drawn_rigs_run_through_all_other_cases():
+    other = Eccentricities(0.01, 20.0, 0.02, 100.0, 0.05)
+    spec = sweep_spec(TURNS, controller="predictive")
+    found = vttig_jax.sweep(spec, PAIR, rigs=[paper_eccentricities(), other])
+    assert found.axes == ("draw", *TURNS)
+    np.testing.assert_array_equal(found.columns["draw"], [0, 0, 1, 1])
+    drawn = found.columns["eccentricities.driven_mm"]
+    np.testing.assert_array_equal(drawn, [0.0273, 0.0273, 0.02, 0.02])
+    cases = SweepCases(spec, PAIR, rigs=[paper_eccentricities(), other])
+    for number in range(4):
+        assert cases.spec_of(number).rig is None
+        assert_as_simulated(found, cases, number)
+
+
+def test_controllers_have_the_map_they_are_given():
+    rigs = [paper_eccentricities()]
+    wrong = dataclasses.replace(rigs[0], constant_backlash_deg=0.036)
+    spec = sweep_spec(TURNS, controller="predictive")
+    left = [
+        vttig_jax.sweep(spec, PAIR, rigs=rigs, believed=one).columns["residual_gap_deg"]
+        for one in (None, rigs[0], wrong)
+    ]
+    np.testing.assert_array_equal(left[0], left[1])
+    np.testing.assert_allclose(left[2] - left[0], 0.002, atol=1e-6)
+
+
+def test_a_controller_of_your_own():
+    class Half(Controller):
+        shift_mm: float
+
+        def start(self):
+            return ()
+
+        def step(self, state, seen):
+            import jax.numpy as jnp
+
+            return state, jnp.where(seen.time > 0.5, self.shift_mm, 0.0)
+
+    axes = {"motion.reversal_deg": [300.0, 360.0]}
+    found = vttig_jax.sweep(sweep_spec(axes), PAIR, controller=Half(0.1))
+    np.testing.assert_allclose(found.columns["actuator_travel_mm"], 0.1, atol=1e-9)
+    with pytest.raises(ScenarioError, match="controller of your own"):
+        vttig_jax.sweep(sweep_spec(), PAIR, controller=Half(0.1))
+
+
+def test_new_values_compile_nothing():
+    def work(first: float) -> SweepWork:
+        axes = {"motion.reversal_deg": [first, 300.0], "judgement.margin_mm": [0.0, 0.1 * first]}
+        return SweepWork(SweepCases(sweep_spec(axes), PAIR), lanes)
+
+    lanes = Lanes()
+    work(200.0).run(0, lambda steps: None)
+    before = lanes.compile_s
+    assert before > 0
+    work(222.0).run(0, lambda steps: None)
+    assert lanes.compile_s == before
+
+
+def test_lane_steps_are_those_of_the_cases_alone(table):
+    runs = [vttig_jax.simulate(SweepCases(sweep_spec(), PAIR).spec_of(n), PAIR) for n in range(12)]
+    assert table.lane_steps == sum(run.to_json()["samples"] for run in runs)
+
+
+def test_what_differs_gets_lanes_of_its_own_even_if_no_sample_showed_it():
+    cases = SweepCases(sweep_spec({"motion.dwell_s": [0.1, 0.2], "seed": [0, 1]}), PAIR)
+    made = [cases.case(number) for number in range(4)]
+    numbers = [numbers_of(case) for case in made if isinstance(case, Case)]
+    own = varying(numbers)
+    assert 0 < sum(own) < len(own)
+    nothing = stacked(numbers, (False,) * len(own), 8)
+    assert nothing.own == own and nothing.lanes == 8
+    assert stacked(numbers[:1], (False,) * len(own), 8).own == (False,) * len(own)
+    assert all(len(leaf) == 8 for leaf, apart in zip(nothing.leaves, own, strict=True) if apart)
+
+
+@pytest.mark.parametrize(("cases", "devices", "lanes"), [(1, 1, 8), (9, 1, 16), (9, 2, 16)])
+def test_lanes_are_powers_of_two_a_device(cases, devices, lanes):
+    assert lanes_for(cases, devices) == lanes
+    assert lanes_for(10**9, devices) == 512 * devices
+
+
+# What is too large.
+
+
+def test_a_sweep_larger_than_memory_is_refused_before_it_begins():
+    axes = {
+        "motion.reversal_deg": {"from": 200, "to": 300, "num": 10**7},
+        "motion.ramp_s": {"from": 0.1, "to": 0.2, "num": 10**4},
+    }
+    with pytest.raises(InputError, match=r"100000000000 cases need .* of memory, but there are"):
+        vttig_jax.sweep(sweep_spec(axes), PAIR)
+
+
+def test_a_sweep_larger_than_the_disk_is_refused_and_leaves_nothing(tmp_path, monkeypatch):
+    monkeypatch.setattr(sweep_estimate, "_disk", lambda folder: 1000)
+    with pytest.raises(InputError, match="of disk, but there are 1 kB"):
+        vttig_jax.sweep(sweep_spec(), PAIR, out=tmp_path / "new" / "swept")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_estimate_is_told_before_the_first_block():
+    told: list[Any] = []
+    done: list[tuple[float, ...]] = []
+    table = vttig_jax.sweep(
+        sweep_spec(),
+        PAIR,
+        announce=told.append,
+        progress=lambda *now: done.append((len(told), *now)),
+    )
+    (expected,) = told
+    assert expected.cases == 12 and expected.disk_bytes == 0 and expected.memory_bytes > 0
+    assert expected.lane_steps == pytest.approx(table.lane_steps, rel=0.01)
+    assert 0 < expected.run_s < 100 and "12 cases" in str(expected)
+    assert {now[0] for now in done} == {1} and done[-1][1] == table.lane_steps
+
+
+# Wrong arguments.
+
+
+@pytest.mark.parametrize("given", [{"resume": True}, {"overwrite": True}])
+def test_what_is_for_a_folder_needs_one(given):
+    with pytest.raises(ValueError, match="`out` must name a folder"):
+        vttig_jax.sweep(sweep_spec(), PAIR, **given)
+
+
+def test_more_devices_than_there_are():
+    with pytest.raises(ValueError, match=r"`devices` must be 1 … \d+.*prepare_cpu"):
+        vttig_jax.sweep(sweep_spec(), PAIR, devices=1000)
+
+
+def test_a_scenario_without_axes_is_no_sweep():
+    from tests.control.scenarios import spec_of
+
+    with pytest.raises(ScenarioError, match="names its axes"):
+        vttig_jax.sweep(spec_of(), PAIR)
+
+
+def test_a_posterior_is_drawn_from_by_its_own_room():
+    from tests.control.texts import MINIMAL
+    from vttig_jax.control.scenario.spec import parse_scenario_spec
+
+    table = {name: value for name, value in MINIMAL.items() if name != "eccentricities"}
+    spec = parse_scenario_spec(table | {"rig": {"from": "RUN"}, "sweep": dict(AXES)})
+    with pytest.raises(ScenarioError, match="rig_draws"):
+        vttig_jax.sweep(spec, PAIR)
+
+
+def test_groups_are_those_of_the_texts(table):
+    names = [name for name, _ in table.groups()]
+    assert names == list(CONTROLLERS)
+    shares = {group["name"]: group["interfering_share"] for group in table.to_json()["groups"]}
+    assert shares["none"] == shares["predictive"] == 0.0 < shares["acceleration"]
+    text = str(table)
+    assert "12: 4 motion.reversal_deg, 3 controller" in text and "-0.0000" not in text
+
+
+@pytest.mark.parametrize(("dwell_s", "cases"), [(0.1, 2048), (400.0, 256), (1e5, 64)])
+def test_long_runs_come_in_small_blocks(dwell_s, cases):
+    """What an interruption loses is bounded by time, not by cases."""
+    spec = sweep_spec({"motion.reversal_deg": [200.0, 250.0]}, motion__dwell_s=dwell_s)
+    work = SweepWork(SweepCases(spec, PAIR), Lanes())
+    assert work.block == cases
+
+
+def test_the_estimate_counts_programs_that_are_not_compiled():
+    spec = sweep_spec({"motion.reversal_deg": [200.0], "controller": ["none", "acceleration"]})
+    work = SweepWork(SweepCases(spec, PAIR), Lanes())
+    first, again = sweep_estimate.estimate(work, None), sweep_estimate.estimate(work, None)
+    assert first.compile_s == pytest.approx(work.lanes.compile_s) and again.compile_s == 0
+    assert str(dataclasses.replace(again, run_s=3.0, compile_s=7.0)).count("about 10 s") == 1

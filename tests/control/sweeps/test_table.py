@@ -1,0 +1,53 @@
+"""The summary of a sweep, group by group."""
+
+import numpy as np
+import pytest
+
+from tests.control.sweep_files import assert_close, table_of
+
+
+def summary(names: np.ndarray, **changed: np.ndarray):
+    table = table_of(controller=names)
+    table.columns.update(changed)
+    groups = {group["name"]: group for group in table.to_json()["groups"]}
+    lines = {line.split()[0]: line for line in str(table).splitlines() if line}
+    return groups, lines
+
+
+def test_the_motion_lost_tells_a_feedforward_controller_from_none():
+    names = np.repeat(["none", "feedforward"], 4)
+    groups, lines = summary(
+        names,
+        residual_gap_deg=np.full(8, 0.03),
+        interference_mm=np.zeros(8),
+        lost_motion_deg=np.repeat([0.03, 0.002], 4),
+    )
+    assert groups["feedforward"]["lost_motion_deg"]["mean"] == pytest.approx(0.002)
+    assert lines["none"].endswith("0.03000") and lines["feedforward"].endswith("0.00200")
+
+
+def test_refused_cases_take_no_part():
+    names = np.repeat(["none", "predictive"], 4)
+    refused = np.array([1, 0, 0, 0, 1, 1, 1, 1], bool)
+    gone = np.where(refused, np.nan, 1.0)
+    groups, lines = summary(
+        names,
+        residual_gap_deg=0.01 * gone,
+        interference_mm=np.array([0, 1, 0, 0, 0, 0, 0, 0]) * gone,
+        lost_motion_deg=0.02 * gone,
+        outcome=np.where(refused, "refused", "ok"),
+    )
+    assert groups["none"]["interfering_share"] == pytest.approx(1 / 3)
+    assert groups["none"]["cases"] == 4 and groups["none"]["outcomes"] == {"ok": 3, "refused": 1}
+    assert groups["predictive"]["interfering_share"] is None
+    assert lines["predictive"].split() == ["predictive", "4", *"–––––", "–"]
+
+
+def test_columns_that_differ_are_not_close():
+    values = np.array([0.1, np.nan, 0.3])
+    assert_close(values * (1 + 1e-11), values)
+    for other in (values * (1 + 1e-7), np.array([0.1, 0.2, 0.3])):
+        with pytest.raises(AssertionError):
+            assert_close(other, values)
+    with pytest.raises(AssertionError):
+        assert_close(np.array(["ok", "bound"]), np.array(["ok", "ok"]))

@@ -1,0 +1,288 @@
+"""Tuning by gradient: slopes, the limit of sharp judgements, and problems with a known optimum."""
+
+from typing import Any, cast
+
+import numpy as np
+import pytest
+from scipy.stats import norm
+
+import vttig_jax
+from tests.control.scenarios import CLOSING, PAIR
+from tests.control.sweep_files import sweep_spec
+from tests.control.texts import RIG
+from vttig_jax.base.errors import ScenarioError
+from vttig_jax.base.units import DEG
+from vttig_jax.control.scenario.spec import ScenarioSpec
+from vttig_jax.control.sweeps.cases import Recipe
+from vttig_jax.control.sweeps.sweep import recipe_of
+from vttig_jax.control.tuning.free_keys import SETTINGS, free_keys
+from vttig_jax.control.tuning.judge import Judge
+from vttig_jax.control.tuning.result import Tuned
+from vttig_jax.control.tuning.search import Search, Stage
+from vttig_jax.pair.eccentricities import Eccentricities
+
+MARGIN = "judgement.margin_mm"
+BELIEVED = Eccentricities(**RIG)
+PER_MM = CLOSING / DEG
+"""deg of backlash a mm."""
+
+OFF_DEG = 0.004 * norm.ppf((np.arange(21) + 0.5) / 21)
+"""What the constant backlash of 21 rigs is beside that of the map: strata of a normal."""
+OFF_MM = OFF_DEG / PER_MM
+RIGS = tuple(
+    Eccentricities(**{**RIG, "constant_backlash_deg": RIG["constant_backlash_deg"] + off})
+    for off in OFF_DEG
+)
+PLAIN = {
+    "plant": "play",
+    "flanks": "closed",
+    "driving_encoder__counts_per_rev": 0,
+    "driven_encoder__counts_per_rev": 0,
+}
+
+
+def spec_of(controller: str, turns: Any = (300.0,), **settings: Any) -> ScenarioSpec:
+    axes = {"motion.reversal_deg": list(turns)}
+    return sweep_spec(axes, controller=controller, **{**PLAIN, **settings})
+
+
+SCATTERED = spec_of("predictive")
+
+
+def scattered(**given: Any) -> Tuned:
+    """The margin against a map whose constant backlash is uncertain."""
+    options: dict[str, Any] = {"rigs": RIGS, "believed": BELIEVED, "free": [MARGIN]}
+    return vttig_jax.tune(SCATTERED, PAIR, **{**options, **given})
+
+
+# Slopes, and the limit.
+
+TURNS = (300.0, 360.0, 540.0, 620.0, 700.0)
+
+
+def recipe(controller: str, **settings: Any) -> Recipe:
+    """The rigs of `scattered` for one controller, the turns for the other: few programs."""
+    if controller == "predictive":
+        spec = spec_of(controller, **settings)
+        return recipe_of(spec, PAIR, rigs=RIGS, believed=BELIEVED)
+    return recipe_of(spec_of(controller, TURNS, **settings), PAIR)
+
+
+def search_of(recipe: Recipe) -> Search:
+    cases = recipe.cases()
+    built: Any = [cases.case(place) for place in range(len(cases))]
+    return Search(built, free_keys(recipe.spec), "expected", 10.0)
+
+
+@pytest.fixture(scope="module", params=["acceleration", "predictive"])
+def search(request) -> Search:
+    # A speed of 60 rpm that is hardly one for `acceleration`, so that it matters.
+    least = 55.0 if request.param == "acceleration" else 3.0
+    return search_of(recipe(request.param, judgement__bandwidth_hz=8.0, judgement__least_rpm=least))
+
+
+def differences(search: Search, values: list[float], width: float) -> np.ndarray:
+    """Central differences of every case's cost with respect to every key."""
+    found = []
+    for place, value in enumerate(values):
+        step = 1e-6 * value
+        ends = [[*values[:place], value + sign * step, *values[place + 1 :]] for sign in (1, -1)]
+        high, low = (search.costs(end, width)[0] for end in ends)
+        found.append((high - low) / (2 * step))
+    return np.stack(found, axis=1)
+
+
+def test_slopes_are_those_of_central_differences(search):
+    start = [key.start for key in search.keys]
+    slopes = search.costs(start, 0.3)[1]
+    expected = differences(search, start, 0.3)
+    np.testing.assert_allclose(slopes, expected, rtol=2e-4, atol=1e-7 * np.abs(expected).max())
+    assert (np.abs(slopes).max(axis=0) > 0).all()  # there is a slope in every key
+    sharper = differences(search, start, 0.25)
+    assert not np.allclose(slopes, sharper, rtol=2e-4, atol=1e-7 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("controller", SETTINGS)
+def test_sharp_judgements_are_the_hard_ones(controller):
+    # Counts as they are; the whole run beside its part around the brakes.
+    made = recipe(controller, driving_encoder__counts_per_rev=90_000)
+    search = search_of(made)
+    start = tuple(key.start for key in search.keys)
+    hard = Judge(made, search.keys, "expected", 10.0).costs
+    errors = [np.abs(search.costs(start, width)[0] - hard).max() for width in (0.1, 1e-2, 1e-6)]
+    assert errors[0] > errors[1] > errors[2] and errors[2] < 1e-6
+    assert hard.max() > 1e-2
+
+
+# Known optima.
+
+
+def test_the_expected_margin_is_a_quantile_of_the_scatter():
+    # Cost of margin m: Σ max(0, δ + m) + w max(0, −δ − m). Its slope n − k − w k, k the number of
+    # δ < −m, changes sign at the k-th smallest δ with k = ⌈n/(1 + w)⌉: −m is the quantile
+    # 1/(1 + w), as in the newsvendor problem.
+    for weight in (1.0, 9.0):
+        tuned = scattered(interference_weight=weight)
+        rank = int(np.ceil(len(OFF_MM) / (1 + weight)))
+        assert tuned.values[MARGIN] == pytest.approx(-np.sort(OFF_MM)[rank - 1], abs=1.5e-3)
+        quantile = -norm.ppf(1 / (1 + weight)) * 0.004 / PER_MM
+        assert abs(tuned.values[MARGIN] - quantile) < np.diff(OFF_MM).max()
+        share = (rank - 1) / len(OFF_MM)
+        assert tuned.after.interfering_share == pytest.approx(share, abs=1.01 / len(OFF_MM))
+        best = tuned.values[MARGIN] + OFF_MM
+        cost = np.mean(np.maximum(best, 0) + weight * np.maximum(-best, 0)) * PER_MM
+        assert tuned.after.cost_deg == pytest.approx(cost, abs=2e-5)
+        assert tuned.improved and tuned.after.cost_deg < tuned.before.cost_deg
+
+
+def test_the_worst_margin_balances_both_ends():
+    # max{δ_max + m, w (−δ_min − m)} is least where both are equal.
+    for weight in (2.0, 1000.0):
+        tuned = scattered(objective="worst", interference_weight=weight)
+        margin = (-weight * OFF_MM.min() - OFF_MM.max()) / (1 + weight)
+        assert tuned.values[MARGIN] == pytest.approx(margin, abs=1.5e-3)
+        assert tuned.before.cost_deg > tuned.after.cost_deg
+    # With a heavy weight: the largest over-estimate of the map.
+    assert tuned.values[MARGIN] == pytest.approx(-OFF_MM.min(), abs=1.5e-3)
+
+
+# What the arguments do.
+
+
+@pytest.fixture(scope="module")
+def base() -> Tuned:
+    return scattered()
+
+
+CHANGES: dict[str, Any] = {
+    "rigs": (*RIGS[1:], RIGS[-1]),
+    "believed": Eccentricities(**{**RIG, "constant_backlash_deg": 0.04}),
+    "limits": {MARGIN: (0.0, 0.02)},
+    "objective": "worst",
+    "interference_weight": 3.0,
+}
+
+
+@pytest.mark.parametrize("name", CHANGES)
+def test_every_argument_changes_what_is_found(base, name):
+    other = scattered(**{name: CHANGES[name]})
+    moved = abs(other.values[MARGIN] - base.values[MARGIN])
+    assert moved > 2e-3
+
+
+def test_a_limit_that_is_reached_is_said():
+    tuned = scattered(limits={MARGIN: (0.0, 0.02)})
+    assert tuned.values[MARGIN] == 0.02
+    assert any("ends at its limit" in note for note in tuned.notes)
+    assert tuned.to_json()["values"][MARGIN]["at_limit"]
+
+
+def test_progress_and_the_scenario_with_the_values(base):
+    told: list[tuple[int, int]] = []
+    tuned = scattered(progress=lambda done, all_: told.append((done, all_)))
+    assert tuned.values == base.values  # nothing changes by itself
+    assert told == [(stage + 1, len(tuned.stages)) for stage in range(len(tuned.stages))]
+    assert tuned.spec.judgement.margin_mm == tuned.values[MARGIN] != 0.01
+    assert tuned.spec.sweep == SCATTERED.sweep and tuned.spec.map == SCATTERED.map
+    # What it says of the values is what a sweep says of them.
+    table = vttig_jax.sweep(tuned.spec, PAIR, rigs=RIGS, believed=BELIEVED)
+    gap = table.columns["residual_gap_deg"]
+    assert tuned.after.gap_mean_deg == pytest.approx(gap.mean(), rel=1e-12)
+    assert tuned.after.gap_high95_deg == pytest.approx(np.quantile(gap, 0.95), rel=1e-12)
+    assert tuned.after.gap_max_deg == pytest.approx(gap.max(), rel=1e-12)
+    worst = table.columns["interference_mm"].max()
+    assert tuned.after.interference_max_mm == pytest.approx(worst, rel=1e-9)
+    travel = table.columns["actuator_travel_mm"].mean()
+    assert tuned.after.travel_mean_mm == pytest.approx(travel, rel=1e-9)
+    text = str(tuned)
+    assert "confirmed by the hard judgement" in text and "21 ok" in text
+    assert f"{tuned.values[MARGIN]:.4g}" in text and f"{tuned.after.cost_deg:.5f}" in text
+
+
+# Never worse.
+
+
+def test_what_the_hard_judgement_finds_worse_is_not_taken(monkeypatch):
+    def stages(self: Search):
+        yield Stage(0.5, (0.5,), 1.0, 0.0, 1)
+
+    monkeypatch.setattr(Search, "stages", stages)
+    monkeypatch.setattr(Search, "neighbours", lambda self, values: [])
+    tuned = scattered()
+    assert not tuned.improved and tuned.values == {MARGIN: 0.01}
+    assert tuned.after == tuned.before and tuned.spec.judgement.margin_mm == 0.01
+    assert "nothing better" in str(tuned) and "they stay" in tuned.notes[0]
+
+
+def test_a_setting_that_does_not_matter_is_left_alone():
+    tuned = scattered(free=None)
+    assert tuple(tuned.values) == SETTINGS["predictive"]  # by default all are free
+    moved = [key.name for key in tuned.keys if tuned.values[key.name] != key.start]
+    assert moved == [MARGIN]
+
+
+def test_a_threshold_above_every_deceleration_is_found_all_the_same():
+    # 31 rad/s² is what the motor makes: nothing is seen, and there is no slope.
+    spec = spec_of("acceleration", TURNS, judgement__threshold_rad_s2=60.0)
+    tuned = vttig_jax.tune(spec, PAIR, interference_weight=1.0)
+    assert tuned.before.outcomes == {"missed": 5}
+    assert tuned.values["judgement.threshold_rad_s2"] < 35 and tuned.improved
+
+
+def test_the_papers_controller_gets_a_margin_and_is_not_cured():
+    spec = spec_of("acceleration", TURNS)
+    start = spec.judgement
+    held = {
+        "judgement.threshold_rad_s2": start.threshold_rad_s2,
+        "judgement.bandwidth_hz": start.bandwidth_hz,
+        "judgement.least_rpm": start.least_rpm,
+    }
+    limits = {name: (0.999 * value, 1.001 * value) for name, value in held.items()}
+    tuned = vttig_jax.tune(spec, PAIR, limits=limits)
+    assert tuned.values[MARGIN] > 0.02 and tuned.improved
+    assert tuned.before.interfering_share > 0.3
+    assert tuned.after.interference_max_mm < 0.5 * tuned.before.interference_max_mm
+    # Paid for with a gap that is left, many times what a margin against its own error would be.
+    assert tuned.after.gap_mean_deg > 2 * tuned.before.gap_mean_deg > 1e-3
+
+
+# Bad input.
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"free": []}, "must name a key to tune"),
+        ({"free": MARGIN}, "is one text"),
+        ({"free": ["judgement.margn_mm"]}, "did you mean `judgement.margin_mm`"),
+        ({"free": ["judgement.observer"]}, "takes none"),
+        ({"free": ["motion.speed_rpm"]}, "none of predictive"),
+        ({"free": ["judgement.threshold_rad_s2"]}, "none of predictive"),
+        ({"free": [MARGIN, MARGIN]}, "does so twice"),
+        ({"limits": {"judgement.horizon_s": (0.1, 0.5)}}, "is not; free are"),
+        ({"limits": {MARGIN: (0.02, 0.03)}}, "a range around its value 0.01"),
+        ({"limits": {MARGIN: (-1e4, 1.0)}}, "within -1000 … 1000"),
+        ({"interference_weight": -1.0}, "at least 0"),
+        ({"interference_weight": float("nan")}, "at least 0"),
+    ],
+)
+def test_bad_arguments_are_one_sentence(given, words):
+    with pytest.raises(ValueError, match=words) as caught:
+        scattered(**cast(Any, given))
+    assert str(caught.value).count("\n") == 0
+
+
+@pytest.mark.parametrize("controller", ["none", "feedforward"])
+def test_a_controller_without_settings_is_refused(controller):
+    with pytest.raises(ScenarioError, match="nothing to tune") as caught:
+        vttig_jax.tune(spec_of(controller), PAIR)
+    assert caught.value.where == "controller"
+
+
+def test_axes_that_cannot_be_tuned_over():
+    both = sweep_spec({"controller": ["acceleration", "predictive"]})
+    with pytest.raises(ScenarioError, match="one controller"):
+        vttig_jax.tune(both, PAIR)
+    margins = sweep_spec({MARGIN: [0.0, 0.1]}, controller="predictive")
+    with pytest.raises(ValueError, match="is an axis"):
+        vttig_jax.tune(margins, PAIR, free=[MARGIN])

@@ -1,0 +1,102 @@
+"""Axial positions for a wanted backlash: there and back, and what no position gives."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tests.geometry.backlash.test_drawn_backlash import UNEQUAL, make
+from vttig_jax.base.errors import PairError
+from vttig_jax.geometry.backlash.drawn_backlash import geometric_backlash
+from vttig_jax.geometry.backlash.inverse import axial_for_backlash
+from vttig_jax.geometry.tooth.tooth import tooth_of
+
+
+@given(
+    helix=st.floats(0.5, 4.0),
+    crowning=st.floats(0.0, 20.0),
+    distance=st.floats(124.8, 125.6),
+    share=st.floats(-0.95, 0.95),
+)
+def test_there_and_back(helix, crowning, distance, share):
+    """The position found has the backlash, and is no farther from s = 0 than the one asked with."""
+    pair = make((helix, helix), (crowning, crowning / 2), (20.0, 16.0))
+    asked = 18.0 * share
+    wanted = float(geometric_backlash(pair, distance, asked))
+    found = axial_for_backlash(pair, wanted, distance)
+    assert float(geometric_backlash(pair, distance, found)) == pytest.approx(wanted, abs=1e-14)
+    assert abs(found) <= abs(asked) + 18.0 / 128
+
+
+@pytest.mark.parametrize("backlash_deg", [-0.3, 0.0, 0.02, 0.0627, 0.4])
+def test_linear_teeth_by_equation_16(backlash_deg):
+    """s = (j₀ − j) R₂/(tan β_L + tan β_R), face widths or none."""
+    for width in (20.0, math.nan):
+        pair = make((3.0, 2.0), widths=(width, width))
+        tapers = math.tan(math.radians(3.0)) + math.tan(math.radians(2.0))
+        left = float(pair.drawing_backlash) - math.radians(backlash_deg)
+        found = axial_for_backlash(pair, math.radians(backlash_deg))
+        assert found == pytest.approx(left * 80.0 / tapers, abs=1e-9)
+
+
+def test_measured_gears_need_another_position():
+    drawn, thin = make(), make(crowning=(20.0, 20.0))
+    gears = tooth_of(thin, "driving"), tooth_of(thin, "driven")
+    found = axial_for_backlash(drawn, 1e-4, teeth=gears)
+    assert found == axial_for_backlash(thin, 1e-4)
+    assert abs(found - axial_for_backlash(drawn, 1e-4)) > 1e-4
+
+
+def test_of_two_positions_the_nearer_one():
+    """Spur gears, crowned: shifted either way the thickest sections part."""
+    pair = make((0.0, 0.0), (20.0, 20.0))
+    wanted = float(geometric_backlash(pair, None, 3.0))
+    assert abs(axial_for_backlash(pair, wanted)) == pytest.approx(3.0, abs=1e-6)
+
+
+IMPOSSIBLE = {
+    "beyond the stroke": (
+        {},
+        (math.radians(1.0),),
+        {"least_overlap_mm": 15.0},
+        r"backlash: 1° is not to be had; with 15 mm of common face or more \(s from -5 to 5 mm\)"
+        r" it is -0\.\d+° to 0\.\d+°\.",
+    ),
+    "more face than there is": (
+        {},
+        (0.0,),
+        {"least_overlap_mm": 21.0},
+        "least_overlap_mm: 21 mm is more than the narrower face has",
+    ),
+    "spur gears": (
+        {"helix": (0.0, 0.0), "widths": (math.nan, math.nan)},
+        (1e-3,),
+        {},
+        "do not thin along the axis",
+    ),
+    "base circles that overlap": ({}, (0.0, 115.0), {}, "lies below a base circle"),
+    "crowned the wrong way": (
+        {"helix": (0.0, 0.0), "crowning": (20.0, 20.0)},
+        (-0.01,),
+        {},
+        "is not to be had",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", IMPOSSIBLE)
+def test_what_no_position_gives(name):
+    gears, values, options, sentence = IMPOSSIBLE[name]
+    with pytest.raises(PairError, match=sentence):
+        axial_for_backlash(make(**gears), *values, **options)
+
+
+def test_what_the_stroke_gives_is_what_its_ends_give():
+    """The limits in the sentence can be had, a little more can not."""
+    pair = make(**UNEQUAL)
+    low, high = np.asarray(geometric_backlash(pair, None, np.array([5.0, -5.0])))
+    assert axial_for_backlash(pair, float(low), least_overlap_mm=15.0) == pytest.approx(5.0)
+    with pytest.raises(PairError, match=f"{math.degrees(low):.4f}° to {math.degrees(high):.4f}°"):
+        axial_for_backlash(pair, float(low) - 1e-6, least_overlap_mm=15.0)

@@ -1,0 +1,236 @@
+"""Derivatives of first touch: the envelope theorem against central differences, ties and kinks."""
+
+import math
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from tests.laws import checks
+from vttig_jax.geometry.contact.contact_model import contact_model
+from vttig_jax.geometry.contact.deviations import Deviations, FlankMap
+from vttig_jax.geometry.mounting import Misalignment
+from vttig_jax.kinematics.exact import exact_model
+from vttig_jax.pair.eccentricities import Eccentricities
+from vttig_jax.pair.gear_pair import Flank, Gear, GearPair
+from vttig_jax.pair.rack import Rack
+
+FLANKS: tuple[Flank, Flank] = ("A", "B")
+ANGLES = np.array([0.013, 0.094])
+WEIGHTS = np.array([1.0, -0.3])
+
+
+def gears(crowning=(12.0, 8.0), addendum=1.0, helix=(3.0, 2.0), widths=(20.0, 18.0)):
+    first, second = (
+        Gear(count, helix[0], helix[1], width, crowning_um=crown)
+        for count, width, crown in zip((45, 80), widths, crowning, strict=True)
+    )
+    return GearPair(
+        first,
+        second,
+        module_mm=2.0,
+        pressure_angles_deg=(20.0, 22.0),
+        centre_distance_mm=125.4,
+        rack=Rack(addendum=addendum, tip_radius=0.38),
+    )
+
+
+def flank_map(sign: float) -> FlankMap:
+    roll, z = np.linspace(12.0, 24.0, 4), np.linspace(-9.0, 9.0, 3)
+    wave = np.sin(0.4 * roll)[:, None] + 0.3 * np.cos(0.2 * z) * roll[:, None] / 20
+    return FlankMap(roll, z, sign * 1.5 * wave)
+
+
+DEVIATIONS = Deviations(
+    driving=(flank_map(1.0), flank_map(-1.0)),
+    driving_pitch_um=np.linspace(-1.0, 1.0, 90).reshape(2, 45),
+)
+RIG = Eccentricities(0.0226, 49.5, 0.0273, 79.3, 0.04, 0.2)
+TILT = Misalignment(1e-4, -2e-4)
+NO_TILT = Misalignment(0.0, 0.0)
+
+
+def total(arguments, flank: Flank):
+    pair, rig, tilt, deviations = arguments
+    model = contact_model(pair, rig, misalignment=tilt, deviations=deviations)
+    return jnp.sum(WEIGHTS * model.transmission_error(ANGLES, flank))
+
+
+def known(tree):
+    """Every number as an array, so that all can be moved."""
+    return jax.tree.map(jnp.asarray, tree)
+
+
+def compare(arguments, flank: Flank, steps: dict[str, float]) -> int:
+    """Every entry of the gradient against a central difference; how many are not zero."""
+    arguments = known(arguments)
+    slopes = jax.tree.leaves(eqx.filter_grad(total)(arguments, flank))
+    paths, tree = jax.tree_util.tree_flatten_with_path(arguments)
+    leaves = [leaf for _, leaf in paths]
+    alive = 0
+    for place, (path, leaf) in enumerate(paths):
+        name = getattr(path[-1], "name", "")
+        if "along_" in name or "roll_mm" in name or name == "z_mm":
+            continue  # made from the points of a map, which are no free numbers
+        step = steps.get(name, 1e-4)
+        entries = list(np.ndindex(leaf.shape))
+        for entry in entries[:: max(len(entries) // 4, 1)]:
+            ends = [
+                total(jax.tree.unflatten(tree, moved(leaves, place, entry, way * step)), flank)
+                for way in (1, -1)
+            ]
+            central = float(ends[0] - ends[1]) / (2 * step)
+            slope = float(slopes[place][entry])
+            # Rounding leaves the section of first touch uncertain by some 1e-5 of its height.
+            assert slope == pytest.approx(central, rel=5e-5, abs=1e-10), (name, entry)
+            alive += abs(central) > 1e-9
+    return alive
+
+
+def moved(leaves, place, entry, step):
+    return [leaf.at[entry].add(step) if k == place else leaf for k, leaf in enumerate(leaves)]
+
+
+SMALL = {"inclination_rad": 1e-7, "deviation_rad": 1e-7, "driving_mm": 1e-5, "driven_mm": 1e-5}
+
+
+@pytest.mark.parametrize("flank", FLANKS)
+def test_every_number_of_a_rig_that_has_everything(flank):
+    """Crowned, tilted, deviating, eccentric, shifted: first touch is a single point."""
+    alive = compare((gears(), RIG, TILT, DEVIATIONS), flank, SMALL)
+    assert alive >= 18
+
+
+def model_of(pair: GearPair, rig: Eccentricities = RIG, tilt: Misalignment = NO_TILT):
+    """All of one shape, so that they are compiled once."""
+    return contact_model(pair, rig, misalignment=tilt, sections=3)
+
+
+UNTAPERED = {"addendum": 1.0, "width": 18.0, "tilt": 0.0}
+STEPS = {"addendum": 1e-6, "width": 1e-3, "tilt": 1e-7}
+EDGES = {"A": np.array([0.0279, 0.0489]), "B": np.array([0.1082, 0.0873])}
+"""Where first the driving, then the driven tip of the short teeth carries."""
+
+
+def error(numbers, angles, flank: Flank):
+    """Of flanks that do not taper; all tests take the derivative in all of these numbers."""
+    pair = gears((0.0, 0.0), helix=(0.0, 0.0))
+    places = lambda pair: (pair.rack.addendum, pair.driven.face_width_mm)  # noqa: E731
+    moved = eqx.tree_at(places, pair, (numbers["addendum"], numbers["width"]))
+    tilt = Misalignment(0.0, numbers["tilt"])
+    return model_of(moved, tilt=tilt).transmission_error(angles, flank)
+
+
+def slopes_of(angles, flank: Flank = "A", **changed: float):
+    """Derivatives at two angles, and central differences."""
+    numbers = {name: jnp.asarray(value) for name, value in (UNTAPERED | changed).items()}
+    found = jax.jacfwd(error)(numbers, angles, flank)
+    differences = {}
+    for name in changed:
+        step = STEPS[name]
+        above, below = (
+            error(numbers | {name: numbers[name] + way * step}, angles, flank) for way in (1, -1)
+        )
+        differences[name] = (above - below) / (2 * step)
+    return found, differences
+
+
+@pytest.mark.parametrize("flank", FLANKS)
+def test_tip_edges_move_with_the_addendum(flank):
+    """And so does the transmission error, which knows nothing of it on the flanks."""
+    slopes, differences = slopes_of(EDGES[flank], flank, addendum=0.5)
+    np.testing.assert_allclose(slopes["addendum"], differences["addendum"], rtol=1e-6)
+    assert np.abs(slopes["addendum"]).min() > 1e-5
+    on_flank, _ = slopes_of(EDGES[flank] + 0.07, flank, addendum=0.5)
+    np.testing.assert_allclose(on_flank["addendum"], 0.0, atol=1e-15)
+
+
+def test_contact_at_the_end_of_the_face_moves_with_the_width():
+    slopes, differences = slopes_of(ANGLES, width=18.0, tilt=2e-4)
+    np.testing.assert_allclose(slopes["width"], differences["width"], rtol=1e-6)
+    pair = gears((0.0, 0.0), helix=(0.0, 0.0))
+    alpha = pair.working_pressure_angles[0]
+    lever = 1e-4 * math.cos(alpha) / pair.base_radii[1, 0]
+    np.testing.assert_allclose(slopes["width"], lever, rtol=2e-3)
+
+
+def test_at_a_kink_the_derivative_is_that_of_one_side():
+    """A tilt of nought: the flank may touch at either end of the face."""
+    left, kink, right = (slopes_of(ANGLES, tilt=x)[0]["tilt"][0] for x in (-1e-6, 0.0, 1e-6))
+    assert left < -0.1 < 0.1 < right
+    assert left <= kink <= right
+
+
+def test_where_everything_ties_the_derivatives_are_those_of_the_exact_relation():
+    """All sections and two pairs of teeth touch at once: any of them gives the same."""
+    pair, rig = gears((0.0, 0.0), helix=(3.0, 3.0)), known(RIG)
+
+    def contact(rig, flank):
+        model = contact_model(
+            pair, rig, misalignment=NO_TILT, sections=3, constant_backlash="given"
+        )
+        return model.transmission_error(ANGLES, flank)
+
+    def exact(rig, flank):
+        return exact_model(pair, rig).transmission_error(ANGLES, flank)
+
+    for flank in FLANKS:
+        found = jax.tree.leaves(jax.jacfwd(contact)(rig, flank))
+        expected = jax.tree.leaves(jax.jacfwd(exact)(rig, flank))
+        for one, other in zip(found, expected, strict=True):
+            np.testing.assert_allclose(one, other, rtol=1e-8, atol=1e-13)
+
+
+def test_new_values_compile_nothing():
+    def touch(scale):
+        rig = jax.tree.map(lambda leaf: leaf * scale, RIG)
+        pair = gears((12.0 * scale, 8.0), helix=(3.0 * scale, 2.0))
+        model = model_of(pair, rig, Misalignment(1e-4 * scale, -2e-4))
+        return model.transmission_error(ANGLES * scale, "A"), model.backlash(ANGLES)
+
+    touch(1.0)
+    with checks.compilations() as seen:
+        touch(1.01)
+    assert not seen
+
+
+def test_a_batch_of_rigs_is_a_loop():
+    pair = gears()
+
+    def error(e, tilt):
+        rig = Eccentricities(e, 49.5, 0.0273, 79.3)
+        return model_of(pair, rig, Misalignment(0.0, tilt)).transmission_error(ANGLES, "A")
+
+    sizes, tilts = jnp.array([0.0, 0.02, 0.1]), jnp.array([1e-4, 0.0, -3e-4])
+    batch = jax.vmap(error)(sizes, tilts)
+    loop = [error(*one) for one in zip(sizes, tilts, strict=True)]
+    np.testing.assert_allclose(batch, np.stack(loop), rtol=0, atol=1e-15)
+    assert np.ptp(batch, axis=0).min() > 1e-6
+
+
+def test_many_angles_are_a_few():
+    """Longer rows are searched in pieces; an angle does not know of its company."""
+    model = contact_model(gears((0.0, 0.0), helix=(3.0, 3.0)), RIG)
+    assert 4000 < model.effort.at_once < 5000
+    angles = np.linspace(-50.0, 50.0, 9001)
+    some = [0, 4543, 4544, 9000]
+    found = np.asarray(model.transmission_error(angles, "A"))[some]
+    np.testing.assert_allclose(
+        found, model.transmission_error(angles[some], "A"), rtol=0, atol=1e-15
+    )
+    assert np.ptp(found) > 1e-5
+
+
+def test_a_few_lengths_serve_all():
+    """So that another number of angles compiles nothing."""
+    model = contact_model(gears((0.0, 0.0), helix=(3.0, 3.0)), RIG)
+    lengths = {len(model.effort.filled_up(jnp.zeros(n))[0]) for n in (1, 64, 65, 129, 1000, 4000)}
+    assert lengths == {64, 128, 256, 1024, 4096}
+    for count in (4700, 5000, 9700, 20_000, 123_457):
+        (row,) = model.effort.filled_up(jnp.arange(count, dtype=float))
+        pieces = -(-len(row) // model.effort.at_once)
+        assert count <= len(row) < 1.1 * count and len(row) % pieces == 0
+        np.testing.assert_array_equal(row[count - 1 :], count - 1)
+    assert model.transmission_error(np.zeros((0, 2)), "A").shape == (0, 2)

@@ -1,0 +1,151 @@
+"""Flanks that deviate: by a constant, along the profile, on a single tooth."""
+
+import math
+
+import numpy as np
+import pytest
+
+from vttig_jax.geometry.contact.contact_model import contact_model
+from vttig_jax.geometry.contact.deviations import Deviations, FlankMap
+from vttig_jax.geometry.contact.report import contact_at
+from vttig_jax.kinematics.exact import exact_model
+from vttig_jax.pair.eccentricities import Eccentricities
+from vttig_jax.pair.gear_pair import Flank, Gear, GearPair
+
+FLANKS: tuple[Flank, Flank] = ("A", "B")
+PAIR = GearPair(
+    Gear(45, 3.0, 3.0, 20.0),
+    Gear(80, 3.0, 3.0, 20.0),
+    module_mm=2.0,
+    pressure_angles_deg=20.0,
+    centre_distance_mm=125.12,
+)
+SPUR = GearPair(
+    Gear(45, face_width_mm=20.0),
+    Gear(80, face_width_mm=20.0),
+    module_mm=2.0,
+    pressure_angles_deg=20.0,
+    centre_distance_mm=125.12,
+)
+BASE = np.asarray(PAIR.base_radii)[:, 0]
+PITCH = 2 * math.pi / 45
+ANGLES = np.linspace(-2.0, 2.0, 33) * PITCH
+SHIFTED = Eccentricities(axial_mm=0.2)
+FLAT = np.array([5.0, 35.0]), np.array([-10.0, 10.0]), np.ones((2, 2))
+
+
+def flat(um: float) -> FlankMap:
+    return FlankMap(FLAT[0], FLAT[1], um * FLAT[2])
+
+
+def deviations(driving=(0.0, 0.0), driven=(0.0, 0.0), pitches=None) -> Deviations:
+    """Constant deviations of flank A and B in µm: always every part, which is compiled once."""
+    own = {"driving": np.zeros((2, 45)), "driven": np.zeros((2, 80))} | (pitches or {})
+    return Deviations(
+        driving=(flat(driving[0]), flat(driving[1])),
+        driven=(flat(driven[0]), flat(driven[1])),
+        driving_pitch_um=own["driving"],
+        driven_pitch_um=own["driven"],
+    )
+
+
+def errors(flank: Flank, given: Deviations, pair=PAIR, rig=SHIFTED) -> np.ndarray:
+    model = contact_model(pair, rig, deviations=given, sections=3)
+    return np.asarray(model.transmission_error(ANGLES, flank))
+
+
+@pytest.mark.parametrize("flank", FLANKS)
+@pytest.mark.parametrize("gear", ["driving", "driven"])
+def test_a_constant_deviation_turns_the_contact_by_itself_over_the_base_radius(gear, flank):
+    """Material on either gear pushes the driven one on, on its own flank alone."""
+    maps = (7.0, 0.0) if flank == "A" else (0.0, 7.0)
+    moved = errors(flank, deviations(**{gear: maps})) - errors(flank, deviations())
+    sense = 1 if flank == "A" else -1
+    np.testing.assert_allclose(moved, sense * 7e-3 / BASE[1], rtol=0, atol=1e-15)
+    other: Flank = "B" if flank == "A" else "A"
+    np.testing.assert_array_equal(
+        errors(other, deviations(**{gear: maps})), errors(other, deviations())
+    )
+
+
+def test_no_deviation_is_the_exact_relation_and_an_eccentric_gear_feels_one():
+    """The driven centre moves on with φ₂: the step is not the same all around, by e/R."""
+    drawn = math.degrees(float(PAIR.drawing_backlash))
+    rig = Eccentricities(0.0226, 49.5, 0.0273, 79.3, drawn, axial_mm=0.2)
+    for flank in FLANKS:
+        found = errors(flank, deviations(), rig=rig)
+        exact = exact_model(PAIR, rig).transmission_error(ANGLES, flank)
+        np.testing.assert_allclose(found, exact, rtol=0, atol=1e-14)
+    step = errors("A", deviations((7.0, 0.0)), rig=rig) - errors("A", deviations(), rig=rig)
+    apart = np.abs(step / (7e-3 / BASE[1]) - 1).max()
+    assert 1e-5 < apart < 2 * 0.0273 / BASE[1]
+
+
+def test_deviations_of_both_gears_add():
+    both = deviations((4.0, 2.0), (3.0, 1.0))
+    for flank, total in zip(FLANKS, (7e-3, -3e-3), strict=True):
+        moved = errors(flank, both) - errors(flank, deviations())
+        np.testing.assert_allclose(moved, total / BASE[1], rtol=0, atol=1e-15)
+
+
+@pytest.mark.parametrize("flank", FLANKS)
+@pytest.mark.parametrize("gear", ["driving", "driven"])
+def test_a_single_tooth_shows_where_it_is_in_mesh(gear, flank):
+    """Tooth 1 is between the axes at φ = 0; it carries alone while it stands out."""
+    pitch = np.zeros((2, 45 if gear == "driving" else 80))
+    tooth = 0 if gear == "driving" or flank == "A" else 1  # flank B meets the driven tooth ahead
+    pitch[:, tooth] = 5.0
+    true = errors(flank, deviations(), SPUR)
+    rise = (errors(flank, deviations(pitches={gear: pitch}), SPUR) - true) * BASE[1] * 1e3
+    rise *= 1 if flank == "A" else -1
+    ratio = float(SPUR.contact_ratios[0])
+    full = np.abs(rise - 5.0) < 1e-9
+    assert full.sum() == pytest.approx(ratio * 8, abs=1)  # 8 angles a pitch
+    assert rise.min() > -1e-9  # before and after, its tip edge still carries
+    assert np.abs(ANGLES[full]).max() < 1.2 * PITCH
+    far = np.abs(ANGLES) > 1.7 * PITCH
+    np.testing.assert_allclose(rise[far], 0.0, atol=1e-9)
+    # One that stays behind leaves the load to its neighbours where they are in mesh, or nearly.
+    fall = errors(flank, deviations(pitches={gear: -pitch}), SPUR) - true
+    fall *= BASE[1] * 1e3 * (1 if flank == "A" else -1)
+    assert 1 <= (np.abs(fall + 5.0) < 1e-9).sum() <= (fall < -1e-9).sum() <= (2 - ratio) * 8 + 1
+    assert np.abs(fall).max() < 5.0 + 1e-9
+
+
+def test_tip_relief_hands_over_at_the_middle():
+    """A parabola off both ends of the driving flank: contact of one pair in its middle only."""
+    roll, middle = np.linspace(10.0, 22.0, 13), 15.6
+    crown = -0.6 * (roll[:, None] - middle) ** 2 * np.ones(2)
+    model = contact_model(
+        SPUR, deviations=Deviations(driving=(FlankMap(roll, FLAT[1], crown), None)), sections=3
+    )
+    contacts = contact_at(model, ANGLES, "A")
+    error = contacts.transmission_error * BASE[1] * 1e3
+    base_pitch = PITCH * BASE[0]
+    strings = np.sqrt(contacts.radius_mm[:, 0] ** 2 - BASE[0] ** 2)
+    assert np.abs(strings - middle).max() < 0.5 * base_pitch + 0.15
+    # Where a slope f' over the arc of the flank meets another one on a gap that bends by κ, first
+    # touch has moved from the line of action by f'/κ, which costs f'²/(2 κ).
+    along = math.sqrt(125.12**2 - BASE.sum() ** 2)
+    bend = 1 / strings + 1 / (along - strings)
+    slope = 1.2e-3 * (middle - strings) * BASE[0] / strings
+    straight = -0.6 * (strings - middle) ** 2
+    expected = straight - 1e3 * slope**2 / (2 * bend)
+    np.testing.assert_allclose(error, expected, rtol=0, atol=4e-3)
+    assert np.abs(error - straight).max() > 0.2  # the comparison can fail
+    assert error.min() == pytest.approx(-0.6 * (base_pitch / 2) ** 2, rel=0.2)
+    assert model.highest_order == 45.0
+
+
+def test_a_bump_is_found_by_the_grid_of_roll_angles():
+    """Of 3 µm on one spot of flank and face, against a search of it by brute force."""
+    roll, z = np.linspace(8.0, 22.0, 15), np.linspace(-10.0, 10.0, 11)
+    spot = 3.0 * np.exp(-(((roll - 15.0) / 1.5) ** 2))[:, None] * np.exp(-((z / 4.0) ** 2))
+    bump = Deviations(driving=(FlankMap(roll, z, spot), None))
+    model = contact_model(PAIR, deviations=bump)
+    assert model.effort.points == 30 and model.effort.sections == 11
+    fine = contact_model(PAIR, deviations=bump, points=121, sections=41)
+    few = np.linspace(0.0, PITCH, 64)
+    found, expected = (np.asarray(m.transmission_error(few, "A")) for m in (model, fine))
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-10)
+    assert expected.max() * BASE[1] * 1e3 == pytest.approx(3.0, abs=0.02)

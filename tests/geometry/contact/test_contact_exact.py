@@ -1,0 +1,142 @@
+"""First touch of unmodified surfaces against the exact relation, which the search does not know."""
+
+import math
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from vttig_jax.geometry.contact.contact_model import contact_model
+from vttig_jax.kinematics.exact import exact_model
+from vttig_jax.kinematics.first_order import closed_model
+from vttig_jax.pair.eccentricities import Eccentricities
+from vttig_jax.pair.gear_pair import Flank, Gear, GearPair
+
+FLANKS: tuple[Flank, Flank] = ("A", "B")
+TABLE_2 = (0.0226, 49.5, 0.0273, 79.3)
+HUNTING = np.linspace(0.0, 32 * math.pi, 1201)
+"""Over the hunting period, about 1.7 pitches apart."""
+
+SOME = np.array([0.0, 1.0, 6.1, 33.3, 50.3, 77.7, 100.0, -7.0])
+
+
+def make(teeth=(45, 80), helix=(3.0, 3.0), distance=125.12, pressure=(20.0, 20.0), width=20.0):
+    gears = (Gear(count, helix[0], helix[1], width) for count in teeth)
+    return GearPair(
+        *gears, module_mm=2.0, pressure_angles_deg=pressure, centre_distance_mm=distance
+    )
+
+
+def rig(e=TABLE_2, backlash_deg=0.0, axial=0.0):
+    return Eccentricities(e[0], e[1], e[2], e[3], backlash_deg, axial)
+
+
+def drawn(pair: GearPair, e=TABLE_2, axial=0.0):
+    """With the backlash that the drawn teeth have, as the exact relation takes it."""
+    return rig(e, math.degrees(float(pair.drawing_backlash)), axial)
+
+
+def apart(pair, eccentricities, angles=HUNTING, exact=None, **options):
+    """Largest difference on both flanks, rad."""
+    contact = contact_model(pair, eccentricities, **options)
+    relation = exact_model(pair, exact or eccentricities)
+    return max(
+        np.abs(
+            np.asarray(contact.transmission_error(angles, flank))
+            - np.asarray(relation.transmission_error(angles, flank))
+        ).max()
+        for flank in FLANKS
+    )
+
+
+@pytest.mark.parametrize("axial", [0.0, 0.1, 0.3])
+def test_the_rig_of_the_paper_over_its_hunting_period(paper_pair, axial):
+    assert apart(paper_pair, drawn(paper_pair, axial=axial)) < 1e-14
+
+
+RIGS = {
+    "speeding up": (make((80, 45)), (0.2, 10.0, 0.1, 200.0), 0.2),
+    "large eccentricities": (make(), (0.2, 49.5, 0.2, 79.3), -0.5),
+    "unequal flanks": (make(helix=(3.0, 2.0), pressure=(20.0, 25.0)), (0.1, 0.0, 0.05, 90.0), 0.4),
+    "untapered": (make(helix=(0.0, 0.0)), TABLE_2, 3.0),
+    "no face widths": (make(width=math.nan), TABLE_2, 0.3),
+    "interfering": (make(distance=125.0), (0.05, 0.0, 0.05, 0.0), 0.3),
+    "tapered the other way": (make(helix=(-2.0, -2.0)), TABLE_2, 0.2),
+}
+
+
+@pytest.mark.parametrize("name", RIGS)
+def test_other_rigs(name):
+    pair, e, axial = RIGS[name]
+    assert apart(pair, drawn(pair, e, axial), SOME) < 1e-13
+
+
+def test_sections_that_touch_at_once_add_nothing(paper_pair):
+    assert apart(paper_pair, drawn(paper_pair, axial=0.3), SOME, sections=9) < 1e-14
+
+
+def test_profile_shifted_gears():
+    gears = (
+        Gear(20, face_width_mm=10.0, profile_shift=0.4),
+        Gear(33, face_width_mm=10.0, profile_shift=0.3),
+    )
+    pair = GearPair(*gears, module_mm=2.0, pressure_angles_deg=20.0, centre_distance_mm=54.3)
+    assert apart(pair, drawn(pair, (0.03, 10.0, 0.02, 70.0)), SOME) < 1e-13
+
+
+def test_an_apparent_backlash_turns_flank_b(paper_pair):
+    """In the place of the drawn one: j_c of a fit, and nothing else changes."""
+    fitted = rig(backlash_deg=0.038, axial=0.1)
+    assert apart(paper_pair, fitted, SOME, constant_backlash="given") < 1e-14
+    assert apart(paper_pair, fitted, SOME) > 1e-4  # by default the teeth are as drawn
+
+
+def test_axes_that_are_not_where_the_drawing_has_them(paper_pair):
+    """The zero of φ₂ stays that of the nominal centre distance."""
+    moved = make(distance=125.3)
+    nominal, now = (p.working_pressure_angles[0] for p in (paper_pair, moved))
+    opened = (math.tan(now) - now - math.tan(nominal) + nominal) * float(1 + paper_pair.ratio)
+    contact = contact_model(paper_pair, rig(), centre_distance_mm=125.3)
+    # Zero of φ₂ where it is with the axes apart: the driven offset stands elsewhere at φ₂ = 0.
+    there = exact_model(moved, drawn(moved, (*TABLE_2[:3], TABLE_2[3] - math.degrees(opened))))
+    for flank in FLANKS:
+        found = np.asarray(contact.transmission_error(SOME, flank)) + opened
+        np.testing.assert_allclose(found, there.transmission_error(SOME, flank), atol=1e-13)
+
+
+def test_the_driven_centre_can_be_held():
+    """As the harmonics over both angles need it."""
+    pair = make()
+    eccentric = drawn(pair, (0.2, 49.5, 0.2, 79.3), 0.1)
+    contact, relation = contact_model(pair, eccentric), exact_model(pair, eccentric)
+    driving, driven = jnp.meshgrid(jnp.linspace(0, 6, 5), jnp.linspace(0, 6, 7), indexing="ij")
+    for flank in FLANKS:
+        np.testing.assert_allclose(
+            contact.at_both_angles(driving, driven, flank),
+            relation.at_both_angles(driving, driven, flank),
+            rtol=0,
+            atol=1e-13,
+        )
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        {"e": (0.0227, *TABLE_2[1:])},
+        {"e": (*TABLE_2[:3], 79.4)},
+        {"axial": 0.1001},
+        {"backlash_deg": 0.0629},
+    ],
+)
+def test_neighbouring_rigs_are_told_apart(paper_pair, changed):
+    other = drawn(paper_pair, axial=0.1)
+    values = {"axial": 0.1, "backlash_deg": float(other.constant_backlash_deg)}
+    assert apart(paper_pair, other, SOME, rig(**(values | changed))) > 5e-8
+
+
+def test_the_closed_form_is_told_from_contact(paper_pair):
+    contact, closed = (
+        make(paper_pair, drawn(paper_pair)) for make in (contact_model, closed_model)
+    )
+    difference = contact.transmission_error(SOME, "A") - closed.transmission_error(SOME, "A")
+    assert np.abs(np.asarray(difference)).max() > 1e-7

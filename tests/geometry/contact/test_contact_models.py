@@ -1,0 +1,105 @@
+"""Contact as any other flank model: maps, TE curves, harmonics for the simulator, fits."""
+
+import math
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from vttig_jax.control.plants.flank_bounds import bounds_of
+from vttig_jax.geometry.contact.contact_model import contact_model
+from vttig_jax.geometry.mounting import Misalignment
+from vttig_jax.kinematics.backlash_map import BacklashMap
+from vttig_jax.kinematics.exact import exact_model
+from vttig_jax.kinematics.flank_model import FlankModel
+from vttig_jax.kinematics.te_curve import TECurve
+from vttig_jax.pair.eccentricities import Eccentricities
+from vttig_jax.pair.gear_pair import Flank
+
+FLANKS: tuple[Flank, Flank] = ("A", "B")
+TABLE_2 = (0.0226, 49.5, 0.0273, 79.3)
+ANGLES = np.array([0.0, 1.0, 6.1, 33.3, 50.3, 77.7, 100.0, -7.0])
+
+
+@pytest.fixture(scope="module")
+def rig(paper_pair):
+    return Eccentricities(*TABLE_2, math.degrees(float(paper_pair.drawing_backlash)))
+
+
+def test_the_backlash_map_of_the_surfaces_is_the_exact_one(paper_pair, rig):
+    contact = contact_model(paper_pair, rig)
+    assert isinstance(contact, FlankModel)
+    found = BacklashMap(contact, None, paper_pair)
+    exact = BacklashMap(exact_model(paper_pair, rig), None, paper_pair)
+    np.testing.assert_allclose(found.at(ANGLES), exact.at(ANGLES), rtol=0, atol=1e-14)
+    for one, other in ((found.smallest, exact.smallest), (found.largest, exact.largest)):
+        assert one.backlash == pytest.approx(other.backlash, abs=1e-13)
+        assert one.tooth_pair == other.tooth_pair
+    assert found.safe_closing_mm == pytest.approx(exact.safe_closing_mm, abs=1e-9)
+
+
+def test_harmonics_for_the_simulator(paper_pair, rig):
+    """`bounds_of` takes them from both angles, as from the exact relation."""
+    closing = np.zeros(2)
+    found = bounds_of(contact_model(paper_pair, rig), closing)
+    exact = bounds_of(exact_model(paper_pair, rig), closing)
+    assert found.terms == exact.terms
+    for name in ("offset", "cosine", "sine"):
+        np.testing.assert_allclose(getattr(found, name), getattr(exact, name), rtol=0, atol=1e-13)
+
+
+def test_harmonics_of_tooth_mesh_are_found_where_they_are_asked_for(paper_pair):
+    """A tilted axis: the transmission error has the period of the teeth."""
+    model = contact_model(paper_pair, misalignment=Misalignment(0.0, 3e-4), sections=3)
+    assert model.highest_order == 45.0
+    bounds = bounds_of(model, np.zeros(2), highest=(180, 0))
+    strength = np.hypot(bounds.cosine[0], bounds.sine[0])
+    strongest = [bounds.terms[place][0] for place in np.argsort(-strength)[:3]]
+    assert sorted(strongest) == [45, 90, 135]
+    angles = np.linspace(0.0, 0.3, 33)
+    found = np.asarray(bounds.at(jnp.asarray(angles)).lower)
+    error = np.asarray(model.transmission_error(angles, "A"))
+    # Its corners, where one pair of teeth takes over from another, need more harmonics.
+    assert np.median(np.abs(found - error)) < 0.05 * np.ptp(error)
+
+
+def test_the_period_of_contact_is_that_of_the_hunting_tooth(paper_pair, rig):
+    model = contact_model(paper_pair, rig)
+    assert model.highest_order == 1.0
+    period = paper_pair.hunting_turns * 2 * math.pi
+    for flank in FLANKS:
+        np.testing.assert_allclose(
+            model.transmission_error(ANGLES, flank),
+            model.transmission_error(ANGLES + period, flank),
+            rtol=0,
+            atol=1e-14,
+        )
+
+
+def test_curves_of_the_surfaces(paper_pair, rig):
+    """A TE curve that a fit or a metrologist's number can take."""
+    angles = np.linspace(0.0, 4 * math.pi, 8)
+    error = np.asarray(contact_model(paper_pair, rig).transmission_error(angles, "A"))
+    curve = TECurve("A", angles, error, angles / (2 * math.pi))
+    span = exact_model(paper_pair, rig).transmission_error(angles, "A")
+    assert curve.peak_to_peak == pytest.approx(float(np.ptp(span)), abs=1e-14)
+
+
+def test_eccentricities_come_back_from_contact(paper_pair, rig):
+    """Gauss–Newton on the contact itself, from half of the truth."""
+    import jax
+
+    angles = np.linspace(0.0, 32 * math.pi, 8, endpoint=False)
+    truth = np.array(TABLE_2)
+    model = exact_model(paper_pair, rig)
+    wanted = [np.asarray(model.transmission_error(angles, flank)) for flank in FLANKS]
+
+    def left(values):
+        found = contact_model(paper_pair, Eccentricities(*values))
+        errors = [found.transmission_error(angles, flank) for flank in FLANKS]
+        return jax.numpy.concatenate(errors) - np.concatenate(wanted)
+
+    values = truth * np.array([0.6, 1.2, 0.7, 0.9])
+    for _ in range(6):
+        values = values - np.linalg.lstsq(jax.jacfwd(left)(values), left(values))[0]
+    np.testing.assert_allclose(values, truth, rtol=1e-9)

@@ -1,0 +1,140 @@
+"""Pairs that cannot be brought into contact, and wrong options: one sentence each."""
+
+import math
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from vttig_jax.base.errors import PairError
+from vttig_jax.geometry.contact.contact_model import contact_model
+from vttig_jax.geometry.contact.deviations import Deviations
+from vttig_jax.geometry.mounting import Misalignment
+from vttig_jax.geometry.tooth.form_circle import form_radius
+from vttig_jax.geometry.tooth.recession import Tabulated
+from vttig_jax.geometry.tooth.tooth import Tooth, tooth_of
+from vttig_jax.pair.eccentricities import Eccentricities
+from vttig_jax.pair.gear_pair import Gear, GearPair
+from vttig_jax.pair.rack import Rack
+
+
+def make(teeth=(45, 80), width=20.0, helix=(3.0, 3.0), shift=0.0, **pair):
+    gears = (Gear(n, helix[0], helix[1], width, profile_shift=shift) for n in teeth)
+    values = {"module_mm": 2.0, "pressure_angles_deg": 20.0} | pair
+    return GearPair(*gears, **values)
+
+
+BAD = {
+    "base circles": ({}, {"centre_distance_mm": 117.0}, "lets the base circles overlap"),
+    "no width": ({"width": math.nan}, {"misalignment": Misalignment(1e-4)}, "has to have ends"),
+    "pointed": ({"width": 36.0}, {}, "cross below the tip circle at z = 18 mm"),
+    "gone": ({"width": 80.0}, {}, "mm thick on the reference circle"),
+    "long teeth": (
+        {"rack": Rack(addendum=1.5, clearance=0.1), "helix": (0.0, 0.0)},
+        {"tooth_pairs": 2},
+        "2 pairs of teeth are too few to look at where the contact ratio is",
+    ),
+    "pitches": (
+        {},
+        {"deviations": Deviations(driving_pitch_um=np.zeros((2, 80)))},
+        r"of shape \(2, 80\); give one value for each flank and tooth, shape \(2, 45\)",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_gears_that_do_not_meet(name):
+    gears, options, sentence = BAD[name]
+    with pytest.raises(PairError, match=sentence):
+        contact_model(make(**gears), **options)
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        ({"constant_backlash": "fitted"}, "`constant_backlash` must be"),
+        ({"sections": 0}, "`sections` must be 1 or more, but is 0"),
+        ({"tooth_pairs": 0}, "`tooth_pairs` must be 1 or more"),
+        ({"points": 2}, "`points` must be 3 or more, but is 2"),
+    ],
+)
+def test_options_that_are_none(unchecked, options, sentence):
+    with pytest.raises(ValueError, match=sentence):
+        contact_model(make(), **options)
+
+
+def test_a_wrong_flank(unchecked):
+    with pytest.raises(ValueError, match='`flank` must be "A" or "B"'):
+        contact_model(make()).transmission_error(0.0, "left")  # pyright: ignore
+
+
+def test_long_teeth_are_searched_when_asked():
+    pair = make(rack=Rack(addendum=1.5, clearance=0.1), helix=(0.0, 0.0))
+    model = contact_model(pair, tooth_pairs=4)
+    np.testing.assert_allclose(model.transmission_error(np.linspace(0, 1, 5), "A"), 0, atol=1e-15)
+
+
+def test_the_flank_of_an_undercut_tooth_begins_at_its_fillet():
+    pair = make((12, 80), helix=(0.0, 0.0))
+    model = contact_model(pair, sections=1)
+    radius = form_radius(tooth_of(pair, "driving"), "left")
+    base = float(pair.base_radii[0, 0])
+    np.testing.assert_allclose(model.starts[0], math.sqrt((radius / base) ** 2 - 1), rtol=1e-12)
+    traced = jax.jit(lambda x: contact_model(x, sections=1).starts)(pair)
+    np.testing.assert_allclose(traced[1], model.starts[1], rtol=1e-12)
+    assert traced[0, 0] == 0.0  # on the base circle while nothing is known
+
+
+def test_sections_are_one_where_all_touch_at_once():
+    assert contact_model(make()).effort.sections == 1
+    assert contact_model(make(shift=0.0, helix=(0.0, 0.0))).effort.sections == 1
+    assert contact_model(make(rack=Rack(addendum=0.6))).effort.sections == 9  # tips may carry
+    assert contact_model(make(), misalignment=Misalignment(1e-5)).effort.sections == 9
+    assert contact_model(make(), deviations=Deviations()).effort.sections == 9
+    first, second = Gear(45, 3.0, 3.0, 20.0), Gear(80, 3.1, 3.0, 20.0)
+    unlike = GearPair(first, second, module_mm=2.0, pressure_angles_deg=20.0)
+    assert contact_model(unlike).effort.sections == 9
+
+
+def recessed(pair: GearPair, change) -> tuple[Tooth, Tooth]:
+    """The drawn gears with another recession on the driving one's left flank."""
+    driving = tooth_of(pair, "driving")
+    changed = replace(driving, recession=(change, driving.recession[1]))
+    return changed, tooth_of(pair, "driven")
+
+
+def test_measured_and_general_recessions_take_the_place_of_the_drawing():
+    """A helix measurement, and a plain function: A touches where the gears are thickest."""
+    pair, taper = make(), math.tan(math.radians(3.0))
+
+    def wave(z):
+        return z * taper + 0.004 * (1 - jnp.cos(0.5 * (z - 3.0)))
+
+    heights = np.linspace(-10.0, 10.0, 41)
+    table = Tabulated(heights, np.asarray(wave(heights)))
+    for change, close in ((wave, 1e-12), (table, 5e-8)):
+        model = contact_model(pair, teeth=recessed(pair, change), sections=17)
+        found = np.asarray(model.transmission_error(np.array([0.01, 0.05]), "A"))
+        np.testing.assert_allclose(found, 0.004 * (1 - math.cos(1.5)) / 80, atol=close)
+
+
+def test_half_of_the_numbers_may_be_traced():
+    """A pair in which one number is traced and the others are not."""
+    pair = make()
+
+    @jax.jit
+    def error(distance):
+        moved = GearPair(
+            pair.driving,
+            pair.driven,
+            module_mm=2.0,
+            pressure_angles_deg=20.0,
+            centre_distance_mm=distance,
+        )
+        return contact_model(moved, Eccentricities(), sections=1).backlash(0.1)
+
+    assert float(error(jnp.asarray(125.12))) == pytest.approx(
+        float(contact_model(make(centre_distance_mm=125.12)).backlash(0.1)), abs=1e-15
+    )

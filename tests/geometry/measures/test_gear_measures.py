@@ -1,0 +1,148 @@
+"""All measures of a gear at once: Table 1, ends and sections, and what is said beside them."""
+
+import math
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tests.geometry.shop_gears import known, shop_gear
+from vttig_jax.geometry.measures.gear_measures import measure_gear
+from vttig_jax.geometry.measures.over_balls import over_balls
+from vttig_jax.geometry.tooth.tooth import tooth_of
+
+
+@pytest.mark.parametrize(("shaft", "tip", "root"), [("driving", 94, 85), ("driven", 164, 155)])
+def test_table_1_of_the_paper(paper_pair, shaft, tip, root):
+    found = measure_gear(tooth_of(paper_pair, shaft))
+    assert (found.tip_diameter_mm, found.root_diameter_mm) == (tip, root)
+    assert found.thickness.thin == pytest.approx(2.0934, abs=5e-5)
+    assert found.thickness.section == pytest.approx(math.pi)
+    assert found.thickness.thick == pytest.approx(4.1897, abs=5e-5)
+    assert found.base_helix_deg == pytest.approx((2.8194, 2.8194), abs=5e-5)
+    assert not found.undercut and not found.span.measurable
+
+
+@pytest.mark.parametrize("section", [-8.0, 0.0, 4.0, 8.0])
+def test_the_usual_ball_stands_above_the_tip_in_every_section(section):
+    found = measure_gear(shop_gear(helix=(3.0, 3.0)), section_mm=section)
+    assert known(found.over_balls.value_mm) > found.tip_diameter_mm
+
+
+def test_the_section_moves_and_the_ends_stay():
+    tooth = shop_gear(helix=(3.0, 3.0))
+    middle, off = measure_gear(tooth, ball_mm=3.5), measure_gear(tooth, section_mm=5.0, ball_mm=3.5)
+    assert (off.thickness.thin, off.thickness.thick) == (
+        middle.thickness.thin,
+        middle.thickness.thick,
+    )
+    thinner = 10.0 * math.tan(math.radians(3.0))
+    assert off.thickness.section == pytest.approx(known(middle.thickness.section) - thinner)
+    assert off.chordal_thickness_mm < middle.chordal_thickness_mm
+    assert known(off.span.value_mm) < known(middle.span.value_mm)
+    assert known(off.over_balls.value_mm) < known(middle.over_balls.value_mm)
+
+
+def test_the_thin_end_is_the_thin_one_whichever_way_the_gear_tapers():
+    up, down = (measure_gear(shop_gear(helix=(b, b))) for b in (3.0, -3.0))
+    assert up.thickness == down.thickness
+    thin, here, thick = known(up.thickness.thin), known(up.thickness.section), up.thickness.thick
+    assert thin < here < known(thick)
+    helical = measure_gear(shop_gear(helix=(15.0, -15.0)))
+    assert helical.thickness.thin == pytest.approx(helical.thickness.thick, rel=1e-12)
+
+
+def test_an_end_of_a_crowned_gear_is_thinner_than_its_middle():
+    found = measure_gear(shop_gear(crowning_um=20.0))
+    assert found.thickness.thick == pytest.approx(known(found.thickness.section) - 0.04)
+
+
+def test_thickness_at_radii_asked_for():
+    tooth = shop_gear(helix=(3.0, 3.0))
+    found = measure_gear(tooth, radii_mm=(46.0, 43.0, 48.0))
+    inside, below, above = found.thickness_at
+    ends = tooth.thickness(np.full(3, 46.0), np.array([10.0, 0.0, -10.0]))
+    assert (inside.thin, inside.section, inside.thick) == pytest.approx(tuple(ends), rel=1e-14)
+    assert below.section is None and above.section is None
+    assert "no involute at a radius of 43 mm: it reaches from 43.3497 to 47.0000" in known(
+        below.reason
+    )
+    assert below.reason in found.notes and above.reason in found.notes
+
+
+@given(
+    helix=st.tuples(st.floats(-8, 8), st.floats(-8, 8)),
+    z=st.floats(-3, 3),
+    teeth=st.sampled_from([44, 45]),
+    crowning=st.sampled_from([0.0, 30.0]),
+)
+def test_the_slope_of_the_measure_over_balls_is_its_derivative(helix, z, teeth, crowning):
+    tooth = shop_gear(teeth, helix=helix, crowning_um=crowning)
+    found = measure_gear(tooth, section_mm=z, ball_mm=3.5)
+    step = 1e-4
+    ahead, behind = (known(over_balls(tooth, 3.5, z + sign * step).value_mm) for sign in (1, -1))
+    assert found.over_balls_slope == pytest.approx((ahead - behind) / (2 * step), abs=2e-6)
+
+
+def test_balls_and_teeth_that_are_asked_for_are_taken():
+    found = measure_gear(shop_gear(), span_teeth=6, ball_mm=3.4)
+    assert (found.span.teeth, found.over_balls.ball_diameter_mm) == (6, 3.4)
+
+
+NOTES = {
+    "taper": (shop_gear(helix=(3.0, 3.0)), {}, "Hold the centres of the balls at z = 0 mm"),
+    "span": (shop_gear(helix=(3.0, 3.0)), {}, "no micrometer can take it"),
+    "no seat": (shop_gear(), {"ball_mm": 1.0}, "A ball of 1 mm lies below the base circle"),
+    "not proud": (shop_gear(), {"ball_mm": 3.0}, "Balls of 3 mm do not stand above the tip circle"),
+    "undercut": (shop_gear(12), {}, "undercut: their involute begins at a diameter of 22.6054 mm"),
+    "shifted out": (shop_gear(60, shift=1.2), {}, "reference circle lies outside of the involute"),
+    "shifted in": (shop_gear(60, shift=-1.2), {}, "reference circle lies outside of the involute"),
+    "no ends": (shop_gear(width=None), {}, "gives no face_width_mm"),
+}
+
+
+@pytest.mark.parametrize("name", NOTES)
+def test_what_is_said_beside_the_numbers(name):
+    tooth, options, words = NOTES[name]
+    notes = measure_gear(tooth, **options).notes
+    assert sum(words in note for note in notes) == 1
+    assert all(note.endswith(".") and "\n" not in note for note in notes)
+
+
+@pytest.mark.parametrize("tooth", [shop_gear(), shop_gear(30, helix=(15.0, -15.0), width=40.0)])
+def test_of_an_ordinary_gear_nothing_has_to_be_said(tooth):
+    assert measure_gear(tooth).notes == []
+
+
+def test_without_face_width_the_ends_are_open_and_the_section_is_not():
+    wide, found = (measure_gear(shop_gear(helix=(3.0, 3.0), width=width)) for width in (20.0, None))
+    assert found.thickness.thin is None and found.tip_thickness.thick is None
+    assert found.thickness.section == wide.thickness.section
+    assert found.over_balls == wide.over_balls
+
+
+def test_a_section_beyond_the_face_is_refused():
+    with pytest.raises(ValueError, match=r"within the face, ±10 mm, but is 10\.5"):
+        measure_gear(shop_gear(), section_mm=10.5)
+
+
+def test_measuring_compiles_nothing():
+    """A verb that only measures starts as fast as its imports allow."""
+    code = """
+import sys, jax
+compiled = []
+jax.monitoring.register_event_duration_secs_listener(lambda name, *_, **__: compiled.append(name))
+from vttig_jax.geometry.measures.gear_measures import measure_gear
+from vttig_jax.geometry.tooth.tooth import tooth_of
+from vttig_jax.rig.paper import paper_pair
+for shaft in ("driving", "driven"):
+    measure_gear(tooth_of(paper_pair(), shaft), radii_mm=(46.0, 80.0))
+print([name for name in compiled if "compile" in name])
+jax.numpy.zeros(3) + 1
+print(any("compile" in name for name in compiled))
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines() == ["[]", "True"]

@@ -1,0 +1,340 @@
+"""Measurement over balls: handbook values, and the distance of a ball from the flanks themselves.
+
+The handbook values are worked examples of the KHK gear handbook, the table of Machinery's Handbook
+for wires of 1.728 in at a diametral pitch of 1, and the example of the MESYS calculator.
+"""
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.optimize import minimize, root_scalar
+
+from tests.geometry.shop_gears import flank_points, known, scaled, shop_gear
+from vttig_jax.base.arrays import namespace
+from vttig_jax.geometry.measures.over_balls import (
+    SIZES_MM,
+    _farthest,
+    _ideal_ball,
+    _stand_off,
+    over_balls,
+    usual_ball,
+)
+from vttig_jax.geometry.tooth.tooth import Tooth
+
+KHK_HELICAL: dict[str, Any] = {"normal_module_mm": 1.0, "normal_pressure_angle_deg": 20.0}
+
+
+@pytest.mark.parametrize(
+    ("teeth", "module", "ball", "value"),
+    [(20, 1.0, 1.7, 22.2941), (32, 1.0, 1.728, 34.4130)],
+)
+def test_spur_gears_of_the_handbooks(teeth, module, ball, value):
+    found = over_balls(shop_gear(teeth, module_mm=module), ball)
+    assert found.value_mm == pytest.approx(value, abs=6e-5)
+    assert found.reason is None
+
+
+def test_where_the_ball_touches_is_that_of_the_handbook():
+    found = over_balls(shop_gear(20, module_mm=1.0), 1.7)
+    assert found.contact_diameters_mm == pytest.approx((19.9594, 19.9594), abs=5e-5)
+    assert known(found.centre_diameter_mm) / 2 + 1.7 / 2 == pytest.approx(
+        11.1471, abs=6e-5
+    )  # one ball
+
+
+def test_helical_gear_of_the_handbook_counts_its_shift_in_normal_modules():
+    """m_n = 1, 20°, z = 20, β = 15°, x_n = +0.4, balls of 2 mm."""
+    tooth = shop_gear(20, helix=(15.0, -15.0), shift=0.4, **KHK_HELICAL)
+    assert over_balls(tooth, 2.0).value_mm == pytest.approx(24.5696, abs=6e-5)
+    transverse = 0.4 / math.cos(math.radians(15))
+    wrong = shop_gear(20, helix=(15.0, -15.0), shift=transverse, **KHK_HELICAL)
+    assert abs(known(over_balls(wrong, 2.0).value_mm) - 24.5696) > 0.015
+
+
+def involute(angle):
+    return math.tan(angle) - angle
+
+
+def root(function: Callable[[float], float], low: float, high: float) -> float:
+    return root_scalar(function, bracket=(low, high), xtol=1e-14).root
+
+
+@pytest.mark.parametrize("teeth", [44, 45])
+@pytest.mark.parametrize("helix", [0.0, 3.0])
+@pytest.mark.parametrize("z", [-6.0, 0.0, 7.5])
+def test_the_formula_of_equal_flanks(teeth, helix, z):
+    """inv α_M = s_t(z)/d + inv αₜ + D/(d_b cos β_b) − π/z, with an odd number seen askew."""
+    ball, alpha, beta = 3.4, math.radians(20), math.radians(helix)
+    d = 2.0 * teeth
+    thickness = math.pi - 2 * z * math.tan(beta)
+    base_helix = math.atan(math.tan(beta) * math.cos(alpha))
+    base = d * math.cos(alpha)
+    wanted = thickness / d + involute(alpha) + ball / (base * math.cos(base_helix))
+    at_centre = root(lambda a: involute(a) - wanted + math.pi / teeth, 0.0, 1.5)
+    centre = base / math.cos(at_centre)
+    across = centre * (math.cos(math.pi / 2 / teeth) if teeth % 2 else 1.0)
+    found = over_balls(shop_gear(teeth, helix=(helix, helix)), ball, z)
+    assert found.centre_diameter_mm == pytest.approx(centre, rel=1e-13)
+    assert found.value_mm == pytest.approx(across + ball, rel=1e-13)
+
+
+# The ball beside the flanks themselves.
+
+
+class Wave(eqx.Module):
+    """A recession that is neither straight nor a parabola."""
+
+    slope: float
+    height_mm: float
+
+    def __call__(self, z):
+        xp = namespace(z)
+        return self.slope * z + self.height_mm * xp.sin(z / 1.3)
+
+
+class Flanks:
+    """Both flanks that bound the space to the left of a tooth, from strings and nothing else."""
+
+    def __init__(self, tooth: Tooth, recedes: tuple[Callable, Callable]):
+        self.tooth, self.recedes = tooth, recedes
+        self.rolls = np.linspace(0.0, 1.1, 121)
+
+    def distance(self, side: int, centre: np.ndarray, reach: float) -> tuple[float, np.ndarray]:
+        """Distance of a point from a flank, and the point of the flank that is nearest."""
+        if side == 1:  # the right flank of the next tooth to the left is a mirrored left flank
+            pitch = 2 * math.pi / self.tooth.teeth
+            x, y, z = centre
+            x, y = (
+                math.cos(pitch) * x + math.sin(pitch) * y,
+                math.cos(pitch) * y - math.sin(pitch) * x,
+            )
+            centre = np.array([-x, y, z])
+
+        def away(at: np.ndarray) -> float:
+            return float(np.linalg.norm(self._points(side, at[0], at[1]) - centre))
+
+        heights = centre[2] + np.linspace(-reach, reach, 81)
+        grid = self._points(side, self.rolls[:, None], heights[None, :])
+        row, column = np.unravel_index(
+            np.argmin(np.linalg.norm(grid - centre, axis=-1)), grid.shape[:2]
+        )
+        start = np.array([self.rolls[row], heights[column]])
+        found = minimize(
+            away, start, method="Nelder-Mead", options={"xatol": 1e-11, "fatol": 1e-13}
+        )
+        return float(found.fun), self._points(side, found.x[0], found.x[1])
+
+    def _points(self, side: int, roll, z) -> np.ndarray:
+        radius = float(self.tooth.reference_radius)
+        angle = math.radians(float(self.tooth.pressure_angles_deg[side]))
+        half = math.pi * float(self.tooth.module_mm) / 4
+        half += float(self.tooth.profile_shift_mm) * math.tan(angle)
+        return flank_points(
+            radius=radius,
+            angle=angle,
+            half_thickness=half,
+            recedes=self.recedes[side],
+            roll=np.asarray(roll),
+            z=np.asarray(z),
+        )
+
+
+def seat(flanks: Flanks, radius: float, z: float, ball: float):
+    """Distances of a ball, put between the flanks at a radius so that both are alike."""
+
+    def centre(turn: float) -> np.ndarray:
+        return np.array([-radius * math.sin(turn), radius * math.cos(turn), z])
+
+    def unlike(turn: float) -> float:
+        left, right = (flanks.distance(side, centre(turn), ball)[0] for side in (0, 1))
+        return left - right
+
+    half = math.pi / flanks.tooth.teeth
+    turn = root(unlike, 0.6 * half, 1.4 * half)
+    return [flanks.distance(side, centre(turn), ball) for side in (0, 1)]
+
+
+def straight(helix: float, crowning: float = 0.0, width: float = 20.0) -> Callable:
+    slope = math.tan(math.radians(helix))
+    return lambda z: slope * z + crowning * (2 * z / width) ** 2
+
+
+WAVES = Wave(0.05, 0.03), Wave(-0.02, 0.02)
+CASES = {
+    "spur": (shop_gear(), (straight(0.0), straight(0.0)), 0.0),
+    "helical": (
+        shop_gear(20, helix=(25.0, -25.0), shift=0.3),
+        (straight(25.0), straight(-25.0)),
+        1.5,
+    ),
+    "tapered": (shop_gear(helix=(3.0, 3.0)), (straight(3.0), straight(3.0)), 5.0),
+    "unequal taper": (
+        shop_gear(helix=(2.0, 14.0), normal_pressure_angle_deg=20.0),
+        (straight(2.0), straight(14.0)),
+        -2.0,
+    ),
+    "crowned": (
+        shop_gear(31, helix=(3.0, -8.0), crowning_um=150.0),
+        (straight(3.0, 0.15), straight(-8.0, 0.15)),
+        4.0,
+    ),
+    "any function": (
+        eqx.tree_at(lambda t: t.recession, shop_gear(), WAVES),
+        WAVES,
+        -3.0,
+    ),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_a_ball_there_touches_both_flanks_and_nothing_less(name):
+    tooth, recedes, z = CASES[name]
+    ball = 3.5
+    found = over_balls(tooth, ball, z)
+    assert found.reason is None
+    flanks, centre = Flanks(tooth, recedes), known(found.centre_diameter_mm) / 2
+    touches = seat(flanks, centre, z, ball)
+    for side, (distance, point) in enumerate(touches):
+        assert distance == pytest.approx(ball / 2, abs=2e-9)
+        contact = 2 * math.hypot(point[0], point[1])
+        assert contact == pytest.approx(known(found.contact_diameters_mm)[side], abs=2e-4)
+        assert point[2] == pytest.approx(known(found.contact_z_mm)[side], abs=2e-4)
+    # A centre 1 µm farther out is seen, and so is one that forgets the helix.
+    for radius in (centre + 1e-3, centre - 1e-3):
+        distance = seat(flanks, radius, z, ball)[0][0]
+        assert abs(distance - ball / 2) > 1e-4
+
+
+def test_the_helix_is_not_forgotten():
+    tooth, recedes, z = CASES["helical"]
+    flat = over_balls(shop_gear(20, shift=0.3), 3.5, z)
+    distance = seat(Flanks(tooth, recedes), known(flat.centre_diameter_mm) / 2, z, 3.5)[0][0]
+    assert abs(distance - 1.75) > 1e-2
+
+
+@given(
+    helix=st.floats(-40, 40),
+    half=st.floats(0.1, 20),
+    z=st.floats(-50, 50),
+    teeth=st.integers(3, 99),
+)
+def test_the_search_finds_what_the_formula_says_of_straight_flanks(helix, half, z, teeth):
+    tooth = shop_gear(teeth, helix=(helix, 0.0), width=200.0)
+    searched, formula = _farthest(tooth, 0, half, z), _stand_off(tooth, 0, half, z)
+    assert searched[0] == pytest.approx(formula[0], rel=1e-12, abs=1e-12)
+    assert searched[1] == pytest.approx(formula[1], abs=1e-6 * half)
+
+
+def test_the_highest_of_two_hills_is_found():
+    """The flank stands out twice under the ball; the larger hill holds it."""
+
+    class Hills(eqx.Module):
+        def __call__(self, z):
+            xp = namespace(z)
+            return -0.4 * xp.exp(-((z - 0.8) ** 2) / 0.01) - 0.39 * xp.exp(-((z + 0.8) ** 2) / 0.01)
+
+    tooth = eqx.tree_at(lambda t: t.recession, shop_gear(), (Hills(), Hills()))
+    assert _farthest(tooth, 0, 1.75, 0.0)[1] == pytest.approx(0.8, abs=0.02)
+
+
+# What has to hold for any gear.
+
+
+@given(factor=st.floats(0.05, 40.0), ball=st.floats(3.2, 3.8), z=st.floats(-8, 8))
+def test_values_scale_with_the_gear(factor, ball, z):
+    tooth = shop_gear(helix=(3.0, 2.0), shift=0.1, crowning_um=30.0)
+    small, large = (
+        over_balls(tooth, ball, z),
+        over_balls(scaled(tooth, factor), factor * ball, factor * z),
+    )
+    assert small.value_mm is not None
+    assert large.value_mm == pytest.approx(factor * small.value_mm, rel=1e-11)
+    assert large.contact_z_mm == pytest.approx(
+        tuple(factor * height for height in known(small.contact_z_mm)), abs=1e-6 * factor
+    )
+
+
+@given(shift=st.floats(-0.2, 0.35), step=st.floats(0.001, 0.1), ball=st.floats(3.2, 3.8))
+def test_more_shift_and_larger_balls_measure_more(shift, step, ball):
+    def measured(shift: float, ball: float) -> float:
+        return known(over_balls(shop_gear(shift=shift), ball).value_mm)
+
+    assert measured(shift + step, ball) > measured(shift, ball)
+    assert measured(shift, ball + step) > measured(shift, ball) + step
+
+
+def test_a_tapered_gear_measures_less_towards_its_thin_end():
+    tooth = shop_gear(helix=(3.0, 3.0))
+    values = [known(over_balls(tooth, 3.5, float(z)).value_mm) for z in np.linspace(-9, 9, 7)]
+    assert np.all(np.diff(values) < 0)
+
+
+# Where no ball seats.
+
+
+@pytest.mark.parametrize(
+    ("tooth", "ball", "z", "words"),
+    [
+        (shop_gear(), 1.2, 0.0, "lies below the base circle; take a larger one"),
+        (shop_gear(), 2.0, 0.0, "below the form circle of 86.6994 mm; take a larger one"),
+        (shop_gear(), 6.0, 0.0, "above the tip circle of 94.0000 mm; take a smaller one"),
+        (shop_gear(rack={"clearance": 0.0}), 2.3, 0.0, "rest on the root circle of 86.0000 mm"),
+        (shop_gear(helix=(3.0, 3.0)), 3.5, -9.95, "beyond the end of the face"),
+        (shop_gear(1, rack={"addendum": 0.4}), 3.0, 0.0, "One tooth has no opposite space"),
+    ],
+)
+def test_a_ball_that_cannot_seat_is_told(tooth, ball, z, words):
+    found = over_balls(tooth, ball, z)
+    assert found.value_mm is None and found.contact_diameters_mm is None
+    assert found.reason is not None and words in found.reason
+    assert found.reason.endswith(".") and "\n" not in found.reason
+
+
+def test_without_face_width_no_end_is_in_the_way():
+    tooth = shop_gear(helix=(3.0, 3.0), width=None)
+    assert over_balls(tooth, 3.5, -9.95).reason is None
+
+
+# The ball that is chosen.
+
+
+@pytest.mark.parametrize(
+    "tooth",
+    [
+        *(shop_gear(teeth) for teeth in (12, 17, 20, 45, 80, 300)),
+        *(shop_gear(module_mm=module) for module in (0.3, 1.0, 5.0, 20.0)),
+        shop_gear(24, helix=(25.0, -25.0), shift=0.4),
+        shop_gear(helix=(3.0, 3.0)),
+        shop_gear(helix=(2.0, 14.0), normal_pressure_angle_deg=20.0),
+    ],
+)
+def test_the_chosen_ball_is_on_sale_and_touches_near_the_v_circle(tooth):
+    ball = usual_ball(tooth)
+    found = over_balls(tooth, ball)
+    assert ball in SIZES_MM
+    assert known(found.value_mm) > 2 * tooth.tip_radius
+    contact = np.mean(known(found.contact_diameters_mm)) / 2
+    circle = tooth.reference_radius + tooth.profile_shift_mm
+    assert abs(contact - circle) < 0.75 * tooth.addendum_mm
+
+
+@pytest.mark.parametrize("module", [0.05, 100.0])
+def test_sizes_beyond_those_on_sale_have_two_digits(module):
+    tooth = shop_gear(module_mm=module, width=10 * module)
+    ball = usual_ball(tooth)
+    assert ball not in SIZES_MM and float(f"{ball:.2g}") == ball
+    assert over_balls(tooth, ball).value_mm is not None
+
+
+@pytest.mark.parametrize(
+    "tooth", [shop_gear(20), shop_gear(24, helix=(25.0, -25.0)), shop_gear(helix=(3.0, 3.0))]
+)
+def test_the_ideal_ball_touches_at_the_reference_circle(tooth):
+    found = over_balls(tooth, _ideal_ball(tooth, 0.0))
+    assert found.contact_diameters_mm == pytest.approx([2 * float(tooth.reference_radius)] * 2)

@@ -1,0 +1,218 @@
+"""Span: handbook values, and parallel jaws laid against the flanks themselves.
+
+The handbook values are from the usual table of W for m = 1 and 20°, and worked examples of the KHK
+gear handbook.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tests.geometry.shop_gears import flank_points, known, scaled, shop_gear
+from vttig_jax.geometry.measures.span import Span, span
+from vttig_jax.geometry.tooth.tooth import Tooth
+
+KHK: dict[str, Any] = {"normal_module_mm": 3.0, "normal_pressure_angle_deg": 20.0}
+
+
+@pytest.mark.parametrize(
+    ("teeth", "spanned", "value"), [(30, 4, 10.7526), (20, 3, 7.6604), (17, 2, 4.6663)]
+)
+def test_table_of_spur_gears(teeth, spanned, value):
+    found = span(shop_gear(teeth, module_mm=1.0))
+    assert found.teeth == spanned
+    assert found.value_mm == pytest.approx(value, abs=6e-5)
+    assert found.measurable and found.reason is None
+    assert found.transverse_mm == found.value_mm
+
+
+def test_the_contact_of_two_teeth_is_that_of_the_calculator():
+    """MESYS: m = 1, z = 20, k = 2: 4.7083 mm, touching at 19.3746 mm."""
+    found = span(shop_gear(20, module_mm=1.0), teeth=2)
+    assert found.value_mm == pytest.approx(4.7083, abs=6e-5)
+    assert found.contact_diameter_mm == pytest.approx(19.3746, abs=6e-5)
+
+
+@pytest.mark.parametrize(("helix", "spanned", "value"), [(0.0, 4, 32.8266), (25.0, 5, 42.0085)])
+def test_shifted_gears_of_the_handbook(helix, spanned, value):
+    """m_n = 3, 20°, z = 24, x_n = +0.4: spur, and helical in the normal plane."""
+    found = span(shop_gear(24, helix=(helix, -helix), shift=0.4, **KHK))
+    assert (found.teeth, found.measurable) == (spanned, True)
+    assert found.value_mm == pytest.approx(value, abs=6e-5)
+    transverse = 0.4 / math.cos(math.radians(25.0))
+    wrong = span(shop_gear(24, helix=(25.0, -25.0), shift=transverse, **KHK), teeth=5)
+    assert abs(known(wrong.value_mm) - 42.0085) > 0.05
+
+
+# Jaws laid against the flanks.
+
+
+def supports(tooth: Tooth, teeth: int, normal: np.ndarray, z: float, reach: float):
+    """How far the outermost flanks over some teeth reach along a direction and against it."""
+    roll = np.linspace(0.0, 1.2, 1201)[:, None]
+    height = z + np.linspace(-reach, reach, 401)[None, :]
+    pitch = 2 * math.pi / tooth.teeth
+    found = []
+    for side, turn in ((0, (teeth - 1) * pitch / 2), (1, -(teeth - 1) * pitch / 2)):
+        angle = math.radians(float(tooth.pressure_angles_deg[side]))
+        half = math.pi * float(tooth.module_mm) / 4
+        half += float(tooth.profile_shift_mm) * math.tan(angle)
+        points = flank_points(
+            radius=float(tooth.reference_radius),
+            angle=angle,
+            half_thickness=half,
+            recedes=tooth.recession[side],
+            roll=roll,
+            z=height,
+        )
+        if side:
+            points = points * np.array([-1.0, 1.0, 1.0])
+        rotation = np.array([[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]])
+        across = np.einsum("ij,...j->...i", rotation, points[..., :2])
+        along = across @ normal[:2] + points[..., 2] * normal[2]
+        found.append(float((along if side else -along).max()))
+    return found
+
+
+@pytest.mark.parametrize("turn", [-0.04, 0.0, 0.03])
+def test_parallel_jaws_on_a_helical_gear_stand_that_far_apart_however_it_is_turned(turn):
+    """The jaws are square to the base helix; the outermost flanks have a common normal."""
+    tooth = shop_gear(24, helix=(25.0, -25.0), shift=0.4, width=60.0, **KHK)
+    found = span(tooth)
+    base_helix = math.atan(
+        float(tooth.base_radii[0] / tooth.reference_radius) * math.tan(math.radians(25.0))
+    )
+    normal = np.array(
+        [
+            math.cos(base_helix) * math.cos(turn),
+            math.cos(base_helix) * math.sin(turn),
+            -math.sin(base_helix),
+        ]
+    )
+    apart = sum(supports(tooth, known(found.teeth), normal, 0.0, 25.0))
+    assert apart == pytest.approx(found.value_mm, abs=2e-4)
+    assert (
+        abs(sum(supports(tooth, known(found.teeth), normal * [1, 1, -1], 0.0, 25.0)) - apart) > 1.0
+    )
+
+
+@pytest.mark.parametrize("turn", [-0.04, 0.0, 0.03])
+def test_in_a_section_of_a_tapered_gear_jaws_stand_that_far_apart(turn):
+    tooth = shop_gear(helix=(3.0, 3.0))
+    found = span(tooth, 4.0)
+    normal = np.array([math.cos(turn), math.sin(turn), 0.0])
+    assert sum(supports(tooth, known(found.teeth), normal, 4.0, 0.0)) == pytest.approx(
+        found.value_mm, abs=1e-4
+    )
+
+
+def test_jaws_rock_on_flanks_with_different_base_circles():
+    tooth = shop_gear(helix=(2.0, 14.0), normal_pressure_angle_deg=20.0)
+    found = span(tooth)
+    assert found.value_mm is None and not found.measurable
+    assert "parallel jaws rock" in known(found.reason)
+    apart = [
+        sum(supports(tooth, 5, np.array([math.cos(turn), math.sin(turn), 0.0]), 0.0, 0.0))
+        for turn in (-0.04, 0.0, 0.04)
+    ]
+    rocking = float(np.diff(tooth.base_radii)[0]) * 0.04  # by what the arms differ, per turn
+    steps = np.diff(apart)
+    assert np.abs(steps) == pytest.approx([abs(rocking)] * 2, rel=1e-3)
+    assert steps[0] * steps[1] > 0
+
+
+# Who can take it.
+
+
+@pytest.mark.parametrize(
+    ("helix", "crowning", "z", "words"),
+    [
+        ((3.0, 3.0), 0.0, 0.0, "opposite hands (2.8194° left-handed, 2.8194° right-handed)"),
+        ((-3.0, -3.0), 0.0, 0.0, "opposite hands (2.8194° right-handed, 2.8194° left-handed)"),
+        ((3.0, 0.0), 0.0, 0.0, "base helix angles of 2.8194° and 0.0000°"),
+        ((5.0, -3.0), 0.0, 0.0, "base helix angles of"),
+        ((15.0, -15.0), 20.0, 0.0, "its helical flanks are crowned"),
+        ((0.0, 0.0), 20.0, 5.0, "opposite hands"),
+        ((0.0, 0.0), 20.0, 0.0, None),
+        ((0.0, 0.0), 0.0, 5.0, None),
+        ((15.0, -15.0), 0.0, 5.0, None),
+        ((25.0, -25.0), 0.0, 0.0, "stand 14.57 mm apart on the axis, more than the face of 10 mm"),
+    ],
+)
+def test_no_micrometer_takes_it_where_no_line_is_square_to_both_flanks(helix, crowning, z, words):
+    width = 10.0 if helix[0] == 25.0 else 20.0
+    found = span(shop_gear(helix=helix, crowning_um=crowning, width=width), z)
+    assert found.value_mm is not None
+    assert found.measurable == (words is None)
+    if words is None:
+        assert found.reason is None
+    else:
+        reason = known(found.reason)
+        assert words in reason and "no micrometer can take" in reason.lower()
+
+
+@pytest.mark.parametrize(
+    ("teeth", "words"),
+    [
+        (2, "below the form circle of 86.6994 mm; span more teeth"),
+        (9, "above the tip circle of 94.0000 mm; span fewer teeth"),
+        (60, "above the tip circle"),
+    ],
+)
+def test_jaws_that_miss_the_flanks_are_told(teeth, words):
+    found = span(shop_gear(), teeth=teeth)
+    assert found.value_mm is None and found.teeth == teeth
+    assert f"Over {teeth} teeth" in known(found.reason) and words in known(found.reason)
+
+
+@pytest.mark.parametrize("tooth", [shop_gear(3), shop_gear(2), shop_gear(rack={"addendum": 0.05})])
+def test_where_no_number_of_teeth_serves_there_is_none(tooth):
+    found = span(tooth)
+    assert found.teeth is None and found.value_mm is None
+    assert known(found.reason).startswith("Over ")
+
+
+# What has to hold for any gear.
+
+
+@given(factor=st.floats(0.05, 40.0), z=st.floats(-8, 8))
+def test_values_scale_with_the_gear(factor, z):
+    tooth = shop_gear(helix=(3.0, 3.0), shift=0.1, crowning_um=30.0)
+    small, large = span(tooth, z), span(scaled(tooth, factor), factor * z)
+    assert large.teeth == small.teeth
+    assert large.value_mm == pytest.approx(factor * known(small.value_mm), rel=1e-12)
+
+
+@given(teeth=st.integers(12, 200), shift=st.floats(-0.2, 0.5), helix=st.floats(0, 35))
+def test_chosen_teeth_are_the_nearest_to_the_v_circle(teeth, shift, helix):
+    tooth = shop_gear(teeth, helix=(helix, -helix), shift=shift)
+    chosen = span(tooth)
+    if chosen.value_mm is None:
+        return
+    circle = 2 * float(tooth.reference_radius + tooth.profile_shift_mm)
+    base = 2 * float(tooth.base_radii[0])
+
+    def off(found: Span) -> float:
+        """Distance from the V-circle in roll lengths."""
+        contact = known(found.contact_diameter_mm)
+        return abs(math.sqrt(contact**2 - base**2) - math.sqrt(circle**2 - base**2))
+
+    pitch = math.pi * base / teeth * chosen.value_mm / known(chosen.transverse_mm)
+    for spanned in (known(chosen.teeth) - 1, known(chosen.teeth) + 1):
+        other = span(tooth, teeth=spanned)
+        if other.value_mm is not None and spanned >= 2:
+            assert off(other) >= off(chosen) - 1e-9
+            assert abs(other.value_mm - chosen.value_mm) == pytest.approx(pitch)
+
+
+@given(shift=st.floats(-0.3, 0.4), step=st.floats(0.001, 0.1))
+def test_more_shift_spans_more(shift, step):
+    """By 2 x m sin α, whatever the teeth."""
+    first, second = (
+        known(span(shop_gear(shift=x), teeth=5).value_mm) for x in (shift, shift + step)
+    )
+    assert second - first == pytest.approx(2 * step * 2.0 * math.sin(math.radians(20)))

@@ -1,0 +1,151 @@
+"""The fillet against the brute-force envelope of the rack, and where it joins flank and root."""
+
+import jax
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tests.geometry.surface_teeth import (
+    any_tooth,
+    between,
+    clearances,
+    crowned,
+    cutter,
+    tooth,
+    wave,
+)
+from vttig_jax.geometry.tooth.form_circle import form_radius, undercut_depth
+from vttig_jax.geometry.tooth.rack_cutter import SIDES
+from vttig_jax.geometry.tooth.roll_limits import (
+    fillet_span,
+    flank_roll,
+    flank_span,
+    root_span,
+    tip_span,
+)
+from vttig_jax.geometry.tooth.surface import surface_normal, tooth_surface
+
+each_side = pytest.mark.parametrize("side", SIDES)
+
+TEETH = {
+    "taper": tooth(),
+    "crowned": tooth(recession=(crowned(0.05, 0.03), crowned(0.02, 0.01))),
+    "wave": tooth(recession=(wave, wave)),
+    "shifted in": tooth(30, profile_shift_mm=-0.6),
+    "shifted out": tooth(20, profile_shift_mm=1.0),
+    "sharp cutter": tooth(fillet_radius_mm=0.0),
+    "arc centre above the pitch line": tooth(profile_shift_mm=2.4),
+}
+TOLERANCE = 1e-8
+"""Of the brute force, mm: a sharp cutter's distance has a kink at its minimum."""
+
+each_tooth = pytest.mark.parametrize("gear", TEETH.values(), ids=TEETH)
+
+
+@each_side
+@each_tooth
+@pytest.mark.parametrize("z", [-10.0, 3.0, 10.0])
+def test_fillet_is_the_envelope_of_the_rack(gear, side, z):
+    rolls = between(fillet_span(gear, side), 9)
+    assert np.abs(clearances(gear, side, "fillet", rolls, z)).max() < TOLERANCE
+
+
+@each_side
+@each_tooth
+def test_flank_is_the_envelope_of_the_rack(gear, side):
+    rolls = between(flank_span(gear, side), 9)
+    assert np.abs(clearances(gear, side, "flank", rolls, -4.0)).max() < TOLERANCE
+
+
+@given(any_tooth(), st.sampled_from(SIDES), st.floats(-10.0, 10.0), st.floats(0.0, 1.0))
+def test_any_fillet_is_the_envelope_of_the_rack(gear, side, z, share):
+    """An undercut one only up to where it cuts the flank."""
+    root, joint = fillet_span(gear, side)
+    with jax.disable_jit():
+        roll = np.array([root + share * (joint - root)])
+        point = np.asarray(tooth_surface(gear, roll, z, side=side, part="fillet"))[0]
+        found = clearances(gear, side, "fillet", roll, z)
+    if undercut_depth(gear, side) > 0 and np.hypot(*point[:2]) > form_radius(gear, side):
+        assert found < TOLERANCE
+    else:
+        assert np.abs(found).max() < TOLERANCE
+
+
+def test_brute_force_sees_a_hundredth_of_a_micrometre():
+    gear, side = TEETH["taper"], "left"
+    roll = np.mean(fillet_span(gear, side))
+    point = np.asarray(tooth_surface(gear, roll, 0.0, side=side, part="fillet"))
+    outward = np.asarray(surface_normal(gear, roll, 0.0, side=side, part="fillet"))
+    beside = cutter(gear, side, 0.0)
+    for step in (1e-5, -1e-5):
+        moved = point + step * outward / np.hypot(*outward[:2])
+        # Out of the tooth is towards the cutter: a point there has been cut.
+        assert beside.clearance(moved[0], moved[1]) == pytest.approx(-step, rel=1e-3)
+    other = cutter(tooth(fillet_radius_mm=0.61), side, 0.0)
+    assert abs(other.clearance(point[0], point[1])) > 1e-4
+
+
+@each_side
+@each_tooth
+def test_fillet_joins_flank_and_root_smoothly(gear, side):
+    z = np.linspace(-10, 10, 5)
+    root, joint = fillet_span(gear, side)
+    lower = tooth_surface(gear, joint, z, side=side, part="fillet")
+    upper = tooth_surface(gear, flank_span(gear, side)[0], z, side=side, part="flank")
+    np.testing.assert_allclose(lower, upper, rtol=0, atol=1e-12)
+    normals = [surface_normal(gear, joint, z, side=side, part=p) for p in ("fillet", "flank")]
+    np.testing.assert_allclose(*normals, rtol=0, atol=1e-12)
+    deepest = tooth_surface(gear, root, z, side=side, part="fillet")
+    land = tooth_surface(gear, root_span(gear, z, side)[:, 1], z, side=side, part="root")
+    np.testing.assert_allclose(deepest, land, rtol=0, atol=1e-12)
+    normals = [surface_normal(gear, root, z, side=side, part=p) for p in ("fillet", "root")]
+    np.testing.assert_allclose(*normals, rtol=0, atol=1e-12)
+
+
+@each_side
+@each_tooth
+def test_flank_ends_on_the_tip_circle(gear, side):
+    z = np.linspace(-10, 10, 5)
+    end = tooth_surface(gear, flank_span(gear, side)[1], z, side=side)
+    np.testing.assert_allclose(np.hypot(end[:, 0], end[:, 1]), float(gear.tip_radius), rtol=1e-14)
+    land = tooth_surface(gear, tip_span(gear, z, side)[:, 0], z, side=side, part="tip")
+    np.testing.assert_allclose(end, land, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("part", ["root", "tip"])
+@pytest.mark.parametrize("gear", [TEETH["taper"], TEETH["crowned"]], ids=["taper", "crowned"])
+def test_lands_of_both_sides_meet_in_the_middle(gear, part):
+    z = np.linspace(-10, 10, 5)
+    place = 1 if part == "tip" else 0
+    span = tip_span if part == "tip" else root_span
+    left, right = (
+        np.asarray(tooth_surface(gear, span(gear, z, side)[:, place], z, side=side, part=part))
+        for side in SIDES
+    )
+    pitch = 2 * np.pi / gear.teeth if part == "root" else 0.0
+    turned = np.cos(pitch) * right[:, 0] - np.sin(pitch) * right[:, 1]
+    np.testing.assert_allclose(turned, left[:, 0], rtol=0, atol=1e-12)
+    radius = float(gear.tip_radius if part == "tip" else gear.root_radius)
+    np.testing.assert_allclose(np.hypot(left[:, 0], left[:, 1]), radius, rtol=1e-14)
+
+
+@each_side
+def test_where_nothing_is_left_of_the_flank_there_is_no_form_radius(side):
+    assert np.isnan(form_radius(tooth(4, profile_shift_mm=-1.8), side))
+
+
+@each_side
+@settings(max_examples=10)
+@given(teeth=st.integers(7, 14), shift=st.floats(-0.5, 0.0), radius=st.floats(0.0, 0.7))
+def test_where_undercut_begins_the_cutter_has_been(teeth, shift, radius, side):
+    """Just above the form circle the flank stands; just below it is cut away."""
+    gear = tooth(teeth, profile_shift_mm=shift, fillet_radius_mm=radius)
+    assert undercut_depth(gear, side) > 0
+    form, base = form_radius(gear, side), float(gear.base_radii[SIDES.index(side)])
+    around = np.array([form + 1e-3, (form + base) / 2])
+    with jax.disable_jit():
+        rolls = np.asarray(flank_roll(gear, around, side))
+        above, below = clearances(gear, side, "flank", rolls, 0.0)
+    assert abs(above) < TOLERANCE
+    assert below < -TOLERANCE

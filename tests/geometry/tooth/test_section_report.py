@@ -1,0 +1,181 @@
+"""What the report by section says, against the classical limits and the surface itself."""
+
+import math
+from dataclasses import replace
+
+import jax
+import numpy as np
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+from tests.geometry.surface_teeth import any_tooth, crowned, tooth
+from vttig_jax.base.errors import PairError
+from vttig_jax.geometry.tooth.form_circle import form_radius, undercut_depth
+from vttig_jax.geometry.tooth.rack_cutter import SIDES
+from vttig_jax.geometry.tooth.recession import Taper
+from vttig_jax.geometry.tooth.roll_limits import fillet_span, flank_roll, root_span, tip_span
+from vttig_jax.geometry.tooth.section_report import section_report
+from vttig_jax.geometry.tooth.surface import tooth_surface
+
+PAPER = tooth(
+    pressure_angles_deg=np.array([20.0, 20.0]),
+    recession=(Taper(math.tan(math.radians(3.0))),) * 2,
+    fillet_radius_mm=0.5 / (1 - math.sin(math.radians(20.0))),
+)
+NARROW = np.array([-10.0, -2.0, 10.0])
+
+
+def spur(teeth, alpha_deg, shift_modules):
+    """Module 2 with the usual arc, so that the straight flank reaches the addendum deep."""
+    arc = 0.5 / (1 - math.sin(math.radians(alpha_deg)))
+    return tooth(
+        teeth,
+        pressure_angles_deg=np.array([alpha_deg, alpha_deg]),
+        recession=(Taper(0.0), Taper(0.0)),
+        profile_shift_mm=2.0 * shift_modules,
+        fillet_radius_mm=arc,
+    )
+
+
+@given(st.floats(14.5, 30.0), st.floats(-0.5, 0.6))
+def test_undercut_begins_at_the_classical_number_of_teeth(alpha_deg, shift):
+    """z = 2 (h_a − x)/sin² α."""
+    limit = 2 * (1.0 - shift) / math.sin(math.radians(alpha_deg)) ** 2
+    below, above = math.floor(limit), math.ceil(limit)
+    assume(below >= 4 and min(limit - below, above - limit) > 1e-6)
+    assert section_report(spur(below, alpha_deg, shift), [0.0]).undercut.all()
+    assert not section_report(spur(above, alpha_deg, shift), [0.0]).undercut.any()
+
+
+def test_seventeen_teeth_are_undercut_and_eighteen_are_not():
+    assert undercut_depth(spur(17, 20.0, 0.0), "left") == pytest.approx(
+        2.0 - 17 * math.sin(math.radians(20.0)) ** 2
+    )
+    assert not section_report(spur(18, 20.0, 0.0), [0.0]).undercut.any()
+
+
+@pytest.mark.parametrize("gear", [spur(10, 20.0, 0.0), spur(30, 20.0, 0.0)], ids=["yes", "no"])
+def test_an_undercut_flank_turns_back(gear):
+    """The rack's straight flank starts where the surface has a cusp behind it, or not."""
+    start = fillet_span(gear, "left")[1]
+    rolls = np.linspace(start, flank_roll(gear, gear.tip_radius, "left"), 400)
+    points = np.asarray(tooth_surface(gear, rolls, 0.0))
+    rises = np.diff(np.hypot(points[:, 0], points[:, 1])) > 0
+    assert rises.all() != section_report(gear, [0.0]).undercut.all()
+    assert np.all(np.isfinite(points))
+
+
+def test_thickness_of_the_paper():
+    found = section_report(PAPER, [-10.0, 0.0, 10.0])
+    np.testing.assert_allclose(found.thickness_mm, [4.1897, math.pi, 2.0934], atol=5e-5)
+
+
+@given(any_tooth())
+def test_flanks_meet_at_the_end_radius(gear):
+    """Both flanks taken to that radius are at the same point; the tip is thin just where it is."""
+    z = np.array([-8.0, 6.0])
+    found = section_report(gear, z)
+    assume(np.all(np.isfinite(found.end_radius_mm)))
+    with jax.disable_jit():
+        left, right = (
+            tooth_surface(gear, flank_roll(gear, found.end_radius_mm, side), z, side=side)
+            for side in SIDES
+        )
+    np.testing.assert_allclose(left, right, rtol=0, atol=1e-9)
+    np.testing.assert_array_equal(found.pointed, found.end_radius_mm <= gear.tip_radius)
+
+
+def test_a_pointed_tooth_is_told_and_not_clipped():
+    gear = replace(PAPER, profile_shift_mm=np.float64(2.5))
+    found = section_report(gear, NARROW)
+    np.testing.assert_array_equal(found.pointed, [False, False, True])
+    assert found.tip_thickness_mm[2] < 0 < found.end_radius_mm[2] < gear.tip_radius
+    assert f"pointed at radius {found.end_radius_mm[2]:.3f} mm" in found.remarks(2)
+    edges = [
+        tooth_surface(gear, tip_span(gear, NARROW, side)[:, 0], NARROW, side=side, part="tip")
+        for side in SIDES
+    ]
+    crossed = np.asarray(edges[0][:, 0] > edges[1][:, 0])
+    np.testing.assert_array_equal(crossed, found.pointed)
+
+
+def test_flanks_that_never_stood_have_no_end():
+    gear = tooth(recession=(Taper(0.5), Taper(0.5)))
+    found = section_report(gear, [10.0])
+    assert found.gone.all() and np.isnan(found.end_radius_mm).all()
+    assert "no tooth at the reference circle" in found.remarks(0)
+
+
+@given(any_tooth(), st.floats(-10.0, 10.0))
+def test_root_land_is_the_arc_between_the_fillets(gear, z):
+    """From the lowest point of a left fillet to that of the right one of the tooth before."""
+    with jax.disable_jit():
+        left, right = (
+            np.asarray(tooth_surface(gear, fillet_span(gear, side)[0], z, side=side, part="fillet"))
+            for side in SIDES
+        )
+    ends = [math.atan2(x, y) for x, y, _ in (left, right)]
+    land = float(gear.root_radius) * (2 * math.pi / gear.teeth - (ends[1] - ends[0]))
+    found = section_report(gear, [z])
+    np.testing.assert_allclose(found.root_land_mm, land, rtol=0, atol=1e-10)
+    np.testing.assert_array_equal(found.fillet_overlap, [land < 0])
+
+
+def test_largest_fillet_radius_fills_the_tip_of_the_cutter():
+    gear = tooth()
+    found = section_report(gear, NARROW)
+    for z, radius in zip(NARROW, found.largest_fillet_radius_mm, strict=True):
+        full = section_report(replace(gear, fillet_radius_mm=radius), [z])
+        assert full.root_land_mm[0] == pytest.approx(0.0, abs=1e-12)
+        span = root_span(replace(gear, fillet_radius_mm=radius), np.array([z]), "left")[0]
+        assert span[0] == pytest.approx(span[1], abs=1e-13)
+
+
+def test_fillets_of_the_paper_overlap_at_the_thick_end():
+    found = section_report(PAPER, np.linspace(-10, 10, 5))
+    np.testing.assert_array_equal(found.fillet_overlap, [True, True, False, False, False])
+    assert not found.undercut.any() and not found.pointed.any()
+    np.testing.assert_array_equal(found.sound, ~found.fillet_overlap)
+
+
+def test_report_reads_well():
+    text = str(section_report(PAPER, [-10.0, 0.0, 10.0]))
+    assert text.splitlines() == [
+        "1 of 3 sections is not sound",
+        " z [mm]  thickness [mm]  at the tip [mm]  root land [mm]",
+        "-10.000          4.1897           2.6323         -0.7467  fillets overlap, radius 0.195 mm"
+        " fits",
+        "  0.000          3.1416           1.5376          0.2433  sound",
+        " 10.000          2.0934           0.4428          1.2332  sound",
+    ]
+    whole = str(section_report(PAPER)).splitlines()
+    assert whole[0] == "16 of 41 sections are not sound"
+    assert (
+        len(whole) == 13 and whole[2].split()[0] == "-10.000" and whole[-1].split()[0] == "10.000"
+    )
+    assert str(section_report(spur(30, 20.0, 0.0))).startswith("none of 41 sections are not sound")
+
+
+def test_remarks_name_the_flank():
+    gear = tooth(15, pressure_angles_deg=np.array([20.0, 25.0]), recession=(Taper(0.0),) * 2)
+    found = section_report(gear, [0.0])
+    assert found.remarks(0).startswith("undercut by") and "left flank" in found.remarks(0)
+    assert form_radius(gear, "right") > gear.base_radii[1]
+    both = section_report(tooth(8, recession=(Taper(0.0),) * 2), [0.0])
+    assert "both flanks" in both.remarks(0)
+
+
+def test_sections_without_a_face_width():
+    gear = tooth(face_width_mm=math.nan)
+    with pytest.raises(ValueError, match="`z` must be given for a gear without a face width"):
+        section_report(gear)
+    assert len(section_report(gear, [1.0, 2.0]).z_mm) == 2
+    with pytest.raises(ValueError, match="`z` must be finite heights in mm"):
+        section_report(gear, [math.nan])
+
+
+def test_a_recession_that_is_not_finite_is_refused():
+    gear = tooth(recession=(Taper(0.0), crowned(0.0, math.nan)))
+    with pytest.raises(PairError, match="recession of the right flank: not finite at z = -3 mm"):
+        section_report(gear, [-3.0])

@@ -1,0 +1,95 @@
+"""Gears that have no tooth surface are refused with one sentence and a cure."""
+
+import math
+from dataclasses import replace
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from tests.geometry.surface_teeth import crowned, tooth, wave
+from vttig_jax.base.errors import PairError
+from vttig_jax.geometry.tooth.recession import Tabulated, Taper
+from vttig_jax.geometry.tooth.validation import check_tooth
+
+TABLE = Tabulated([-10.0, 0.0, 10.0], [-0.5, 0.0, 0.5])
+FOLDED = eqx.tree_at(lambda t: t.z_mm, TABLE, np.array([-10.0, 11.0, 10.0]))
+
+
+@pytest.mark.parametrize(
+    "gear",
+    [
+        tooth(),
+        tooth(recession=(TABLE, wave)),
+        tooth(recession=(crowned(0.05, 0.02), lambda z: 0.01 + 0.0 * z)),
+        tooth(12, fillet_radius_mm=0.0),
+    ],
+    ids=["taper", "table and function", "crowned and constant", "undercut"],
+)
+def test_what_has_a_surface_passes(gear):
+    check_tooth(gear)
+    check_tooth(gear, [-5.0, 5.0])
+
+
+def test_thin_end_names_the_section():
+    steep = Taper(math.tan(math.radians(12.0)))
+    with pytest.raises(PairError) as caught:
+        check_tooth(tooth(recession=(steep, steep)))
+    assert str(caught.value) == (
+        "thickness: the tooth is -1.110 mm thick on the reference circle at z = 10 mm; make the"
+        " face narrower (nothing is left at z = 7.5 mm), the helix angles smaller or the profile"
+        " shift larger."
+    )
+    check_tooth(tooth(recession=(steep, steep)), [-10.0, 7.0])
+
+
+@pytest.mark.parametrize(
+    ("recession", "words"),
+    [
+        (Taper(math.nan), "recession of the left flank: not finite at z = -10 mm (nan)"),
+        (lambda z: 1 / z, "recession of the left flank: not finite at z = 0 mm (inf)"),
+        (
+            lambda z: 0.1,
+            "recession of the left flank: gives values of shape () for heights of shape (41,)",
+        ),
+        (lambda z: np.sin(z), "recession of the left flank: cannot be differentiated by JAX"),
+        (lambda z: z if z[0] > 0 else -z, "recession of the left flank: cannot be differentiated"),
+        (FOLDED, "recession of the left flank: folded: z goes from 11 to 10 mm in rows 2 and 3"),
+    ],
+    ids=["nan", "infinite", "bare number", "numpy", "if on z", "folded"],
+)
+def test_recessions_that_are_none(recession, words):
+    with np.errstate(divide="ignore"), pytest.raises(PairError) as caught:
+        check_tooth(tooth(recession=(recession, Taper(0.0))))
+    assert words in str(caught.value)
+    assert caught.value.exit_code == 3
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"module_mm": 0.0}, "module_mm: 0 is no gear; it has to be above 0."),
+        ({"module_mm": math.nan}, "module_mm: nan is no gear"),
+        (
+            {"pressure_angles_deg": np.array([20.0, 95.0])},
+            "pressure_angles_deg: 95 is no gear; it has to be between 0 and 90.",
+        ),
+        ({"addendum_mm": -1.0}, "addendum_mm: -1 is no gear"),
+        ({"dedendum_mm": math.inf}, "dedendum_mm: inf is no gear"),
+        ({"fillet_radius_mm": -0.1}, "fillet_radius_mm: -0.1 mm is no radius"),
+        ({"fillet_radius_mm": math.nan}, "fillet_radius_mm: nan mm is no radius"),
+        ({"dedendum_mm": 46.0}, "root radius: -1 is no gear"),
+        ({"profile_shift_mm": -5.0}, "tip radius: the tip circle (42.000 mm) lies inside the base"),
+    ],
+)
+def test_numbers_that_are_no_gear(changes, words):
+    gear = tooth()
+    changes = {key: np.asarray(value, float) for key, value in changes.items()}
+    with pytest.raises(PairError) as caught:
+        check_tooth(replace(gear, **changes))
+    assert words in str(caught.value)
+
+
+def test_a_gear_of_traced_numbers_is_checked_by_value():
+    check_tooth(tooth(module_mm=jnp.asarray(2.0)))

@@ -1,0 +1,66 @@
+"""Logs too short for what is asked of them: no answer, or undetermined with a reason."""
+
+from dataclasses import replace
+
+import equinox as eqx
+import numpy as np
+import pytest
+
+from vttig_jax.base.errors import NoAnswerError
+from vttig_jax.identify.fitting import fit
+from vttig_jax.logs.encoder_log import EncoderLog
+from vttig_jax.pair.schema import FitOptions
+from vttig_jax.rig.motion import Motion
+
+
+def _turns(rig, turns: float, **changes) -> EncoderLog:
+    motion = Motion(reversal_deg=360.0 * turns, ramp_s=0.1, **changes)
+    return replace(rig, motion=motion).log()
+
+
+def test_under_one_turn_there_is_no_answer(noisy_rig):
+    with pytest.raises(NoAnswerError, match="no shaft turned a full revolution") as caught:
+        fit(_turns(noisy_rig, 0.8), noisy_rig.pair)
+    assert caught.value.exit_code == 4
+
+
+@pytest.mark.parametrize("turns", [1.2, 1.7, 2.2])
+def test_too_short_to_hold_the_shafts_apart(noisy_rig, turns):
+    """Nothing is reported rather than a wrong number with a small error."""
+    result = fit(_turns(noisy_rig, turns), noisy_rig.pair)
+    assert result.outcome == "not_determined"
+    for shaft in ("driving", "driven"):
+        reason = result.parameters[f"{shaft}_eccentricity_mm"].reason or ""
+        assert "neither shaft's first order is resolved" in reason
+    assert "turned too little to tell" in (result.parameters["constant_backlash_deg"].reason or "")
+
+
+def test_a_slow_shaft_that_turned_too_little_does_not_bias_the_fast_one(clean_rig):
+    """1/5: the driving gear turns four times, the driven one 0.7 times steadily."""
+    pair = eqx.tree_at(
+        lambda p: (p.driving, p.driven, p.centre_distance_mm),
+        clean_rig.pair,
+        (
+            replace(clean_rig.pair.driving, teeth=20),
+            replace(clean_rig.pair.driven, teeth=100),
+            np.asarray(120.1),
+        ),
+    )
+    rig = replace(clean_rig, pair=pair, motion=Motion(reversal_deg=1460.0))
+    result = fit(rig.log(), pair)
+    short = result.parameters["driven_eccentricity_mm"]
+    assert not short.determined and "turned 0.7" in (short.reason or "")
+    assert not result.parameters["constant_backlash_deg"].determined
+    assert result.value("driving_eccentricity_mm") == pytest.approx(0.0226, rel=1e-3)
+    assert result.value("driving_phase_deg") == pytest.approx(49.5, abs=0.1)
+    assert float(result.eccentricities().driven_mm) == 0.0
+
+
+@pytest.mark.parametrize("rate_hz", [11.0, 15.0])
+def test_more_coefficients_than_rows_is_no_answer(noisy_rig, rate_hz):
+    orders = tuple(range(1, 9))
+    options = FitOptions(driving_orders=orders, driven_orders=orders, mesh_orders=1)
+    log = replace(noisy_rig, rate_hz=rate_hz, motion=Motion(reversal_deg=1300.0)).log()
+    with pytest.raises(NoAnswerError, match=r"are too few for \d+ coefficients") as caught:
+        fit(log, noisy_rig.pair, options=options)
+    assert caught.value.exit_code == 4

@@ -1,0 +1,112 @@
+"""Backlash readings beside a fit: as a check, and as data."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from vttig_jax.base.errors import LogError, UsageError
+from vttig_jax.base.units import DEG
+from vttig_jax.identify.backlash import backlash_map
+from vttig_jax.identify.fit_result import Fit
+from vttig_jax.identify.fitting import fit
+from vttig_jax.logs.readers.backlash_readings import BacklashReadings
+from vttig_jax.rig.fixed_gear import fixed_gear_readings
+from vttig_jax.rig.imperfections import EncoderError
+
+ANGLES_DEG = np.arange(0.0, 1800.0, 7.3)
+
+
+@pytest.fixture(scope="module")
+def readings(noisy_rig) -> BacklashReadings:
+    return fixed_gear_readings(noisy_rig, ANGLES_DEG, std_deg=0.0005)
+
+
+def test_as_a_check_they_change_nothing(noisy_fit, noisy_log, noisy_rig, readings):
+    checked = fit(noisy_log, noisy_rig.pair, readings=readings)
+    assert checked.to_json()["parameters"] == noisy_fit.to_json()["parameters"]
+    found = checked.checks["readings"]
+    grid = backlash_map(noisy_fit)
+    expected = (readings.backlash - np.asarray(grid.at(readings.driving_angle))) / DEG
+    assert found["mean_deg"] == pytest.approx(expected.mean(), abs=1e-9)
+    assert found["rms_deg"] == pytest.approx(np.sqrt(np.mean(expected**2)), rel=1e-6)
+    assert found["count"] == len(ANGLES_DEG) and not found["used"]
+    assert "backlash readings (check only)" in str(checked)
+
+
+def test_wrong_readings_are_seen(noisy_log, noisy_rig, readings):
+    shifted = replace(readings, backlash=readings.backlash + 0.01 * DEG)
+    found = fit(noisy_log, noisy_rig.pair, readings=shifted).checks["readings"]
+    assert found["mean_deg"] == pytest.approx(0.01, abs=0.002)
+
+
+def test_as_data_they_narrow_the_fit(noisy_fit, noisy_log, noisy_rig, readings):
+    joined = fit(noisy_log, noisy_rig.pair, readings=readings, use_readings=True)
+    for name in ("constant_backlash_deg", "driving_eccentricity_mm", "driven_eccentricity_mm"):
+        assert _std(joined, name) < _std(noisy_fit, name)
+        truth = {
+            "constant_backlash_deg": 0.038,
+            "driving_eccentricity_mm": 0.0226,
+            "driven_eccentricity_mm": 0.0273,
+        }[name]
+        assert abs(joined.value(name) - truth) < 5 * _std(joined, name)
+    assert joined.checks["readings"]["used"]
+
+
+def test_many_readings_pull_the_backlash_to_theirs(noisy_log, noisy_rig, readings):
+    many = 200
+    heavy = BacklashReadings.from_arrays(
+        np.tile(ANGLES_DEG, many), np.tile(readings.backlash / DEG + 0.002, many)
+    )
+    plain = fit(noisy_log, noisy_rig.pair)
+    pulled = fit(noisy_log, noisy_rig.pair, readings=_thin(heavy), use_readings=True)
+    moved = pulled.value("constant_backlash_deg") - plain.value("constant_backlash_deg")
+    assert 0 < moved < 0.0025
+
+
+def _thin(readings: BacklashReadings) -> BacklashReadings:
+    return BacklashReadings.from_arrays(
+        readings.driving_angle[:800] / DEG, readings.backlash[:800] / DEG
+    )
+
+
+def test_one_flank_gets_its_constant_backlash_from_readings(noisy_rig):
+    clean = replace(
+        noisy_rig,
+        orders=(),
+        driving_encoder=EncoderError(),
+        driven_encoder=EncoderError(),
+    )
+    readings = fixed_gear_readings(clean, ANGLES_DEG, std_deg=0.0005)
+    options = {"flank": "A", "encoder_terms": False}
+    alone = fit(clean.log(0), clean.pair, **options)
+    assert not alone.parameters["constant_backlash_deg"].determined
+    joined = fit(clean.log(0), clean.pair, **options, readings=readings, use_readings=True)
+    name = "constant_backlash_deg"
+    assert joined.parameters[name].determined
+    assert abs(joined.value(name) - 0.038) < 4 * _std(joined, name) < 0.004
+    truth = np.asarray(clean.flank_model().backlash(ANGLES_DEG * DEG))
+    error = np.asarray(backlash_map(joined).at(ANGLES_DEG * DEG)) - truth
+    assert np.sqrt(np.mean(error**2)) < 0.001 * DEG
+
+
+def test_readings_without_a_gap_to_compare_are_refused(noisy_log, noisy_rig, readings):
+    with pytest.raises(UsageError, match="one flank alone expects no backlash"):
+        fit(noisy_log, noisy_rig.pair, flank="A", readings=readings)
+    with pytest.raises(ValueError, match="`readings` must be given"):
+        fit(noisy_log, noisy_rig.pair, use_readings=True)
+
+
+def test_readings_in_another_unit_are_told_and_refused_as_data(noisy_log, noisy_rig, readings):
+    wrong = replace(readings, backlash=30.0 * readings.backlash)
+    checked = fit(noisy_log, noisy_rig.pair, readings=wrong)
+    assert checked.checks["readings"]["contradicts"]
+    assert "they contradict it" in str(checked)
+    with pytest.raises(LogError, match="check their unit"):
+        fit(noisy_log, noisy_rig.pair, readings=wrong, use_readings=True)
+
+
+def _std(result: Fit, name: str) -> float:
+    std = result.parameters[name].std
+    assert std is not None
+    return std

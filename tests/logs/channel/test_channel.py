@@ -1,0 +1,154 @@
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.logs.profiles import DEG
+from vttig_jax.base.errors import LogError
+from vttig_jax.logs.channel.channel import RawChannel, make_channel, step_of
+from vttig_jax.logs.source import Source
+from vttig_jax.pair.schema import Encoder
+
+ENCODER = Encoder(counts_per_rev=90_000)
+SOURCE = Source("log.csv", {"driving": "a_counts"}, lambda row: row + 2)
+
+
+def channel(values, unit="counts", encoder=ENCODER, zero="start", scale: Any = 1, time=None):
+    values = np.asarray(values)
+    time = np.arange(len(values)) / 1000.0 if time is None else time
+    return make_channel("driving", RawChannel(values, unit, scale), encoder, time, zero, SOURCE)
+
+
+RAMP = np.arange(0, 1_000_000, 45)
+
+
+def test_angle_of_counts():
+    made, notes = channel(RAMP)
+    np.testing.assert_allclose(made.angle, RAMP * (360 / 90_000) * DEG, rtol=1e-15)
+    assert made.reading.dtype == np.int64 and made.per_turn == 90_000 and notes == ()
+    assert made.resolution == pytest.approx(14.4 / 3600 * DEG)
+    assert made.turns == pytest.approx(RAMP[-1] / 90_000)
+
+
+def test_counts_beyond_2_to_the_40_lose_nothing():
+    far, _ = channel(RAMP + 2**50)
+    near, _ = channel(RAMP)
+    np.testing.assert_array_equal(far.angle, near.angle)
+    np.testing.assert_array_equal(far.reading - 2**50, RAMP)
+    zero, _ = channel(RAMP + 2**42, zero="reading")
+    turns, rest = zero.turns_and_rest
+    np.testing.assert_array_equal(turns, (RAMP + 2**42) // 90_000)
+    np.testing.assert_allclose(rest, (RAMP + 2**42) % 90_000 * (2 * np.pi / 90_000), rtol=1e-15)
+
+
+def test_zero():
+    start, _ = channel(RAMP + 500)
+    reading, _ = channel(RAMP + 500, zero="reading")
+    assert start.angle[0] == 0.0 and start.origin == 500
+    assert reading.angle[0] == pytest.approx(500 * 360 / 90_000 * DEG) and reading.origin == 0
+
+
+def test_sign_and_scale():
+    plain, _ = channel(RAMP)
+    turned, _ = channel(RAMP, encoder=Encoder(counts_per_rev=90_000, sign=-1))
+    scaled, _ = channel(RAMP, scale="7/3")
+    np.testing.assert_allclose(turned.angle, -plain.angle, rtol=1e-15)
+    np.testing.assert_allclose(scaled.angle, 7 / 3 * plain.angle, rtol=1e-14)
+    assert scaled.per_turn is None
+    np.testing.assert_array_equal(scaled.reading, RAMP)
+
+
+@pytest.mark.parametrize(
+    ("unit", "size"),
+    [("deg", DEG), ("rad", 1.0), ("rev", 2 * np.pi), ("arcsec", DEG / 3600), ("urad", 1e-6)],
+)
+def test_units(unit, size):
+    values = np.linspace(0, 100, 50) ** 1.1
+    made, _ = channel(values, unit=unit, encoder=Encoder())
+    np.testing.assert_allclose(made.angle, values * size, rtol=1e-14)
+
+
+def test_modulus_given_and_detected():
+    wrapped = RAMP % 36_000
+    given, notes = channel(wrapped, encoder=Encoder(counts_per_rev=90_000, modulus=36_000))
+    np.testing.assert_array_equal(given.reading, RAMP)
+    assert given.modulus == 36_000 and given.wraps == RAMP[-1] // 36_000
+    assert "as given" in notes[0]
+    found, notes = channel(RAMP % 65_536)
+    np.testing.assert_array_equal(found.reading, RAMP)
+    assert found.modulus == 65_536 and "65536" in notes[0] and "detected" in notes[0]
+
+
+def test_modulus_that_never_wraps_is_not_reported():
+    made, notes = channel(RAMP[:100], encoder=Encoder(counts_per_rev=90_000, modulus=36_000))
+    assert made.modulus is None and made.wraps == 0 and notes == ()
+
+
+def test_single_turn_degrees():
+    true = np.arange(0, 3000, 1.7)
+    made, notes = channel(true % 360, unit="deg", encoder=Encoder())
+    np.testing.assert_allclose(made.angle, true * DEG, atol=1e-10)
+    assert made.wraps == 8 and "360 deg" in notes[0]
+
+
+def test_modulus_counts_do_not_apply_to_degrees():
+    _, notes = channel(np.arange(90.0), unit="deg", encoder=Encoder(modulus=1000))
+    assert "do not apply" in notes[0]
+
+
+@pytest.mark.parametrize(
+    ("values", "options", "words"),
+    [
+        (RAMP % 36_000, {}, ["-35955 counts", "line 802", "`a_counts`", "modulus"]),
+        (RAMP, {"encoder": Encoder(counts_per_rev=90_000, modulus=65_536)}, ["65536", "span"]),
+        (RAMP, {"encoder": Encoder()}, ["counts_per_rev", "[driving]"]),
+        (np.full(50, 7), {}, ["constant at 7"]),
+        (np.arange(90.0) + 217 * (np.arange(90) >= 44), {"unit": "deg"}, ["line 46", "218"]),
+        (RAMP + 2.0**53, {}, ["2^53"]),
+        (np.where(RAMP == 900, 2**62, RAMP), {}, ["line 22", "4611686018427387904", "beyond"]),
+    ],
+)
+def test_refused(values, options, words):
+    with pytest.raises(LogError) as caught:
+        channel(values, **options)
+    assert all(word in str(caught.value) for word in words), caught.value
+
+
+def test_a_pause_hides_wraps():
+    time = np.arange(len(RAMP)) / 1000.0
+    time[10_000:] += 0.3
+    values = (45_000 * time).astype(np.int64)
+    made, _ = channel(values % 65_536, time=time)
+    np.testing.assert_array_equal(made.reading, values)
+    time[10_000:] += 2.0
+    values = (45_000 * time).astype(np.int64)
+    with pytest.raises(LogError, match=r"pauses for 2\.301 s"):
+        channel(values % 65_536, time=time)
+    assert channel(values, time=time)[0].wraps == 0
+
+
+def test_interpolated_counts_are_read_and_noted():
+    made, notes = channel(RAMP[:1000] + 0.25)
+    assert made.reading.dtype == np.float64 and made.per_turn is None
+    assert "interpolated" in notes[0]
+    np.testing.assert_allclose(made.angle, RAMP[:1000] * (2 * np.pi / 90_000), atol=1e-9)
+
+
+def test_whole_floats_become_integers():
+    made, notes = channel(RAMP.astype(np.float64))
+    assert made.reading.dtype == np.int64 and notes == ()
+
+
+@pytest.mark.parametrize(
+    ("values", "step"),
+    [
+        (np.array([3, 9, 12]), 1.0),
+        (np.array([0.012, 0.004, 0.4, 0.408, 0.404]), 0.004),
+        (np.array([3.11256, 6.20162, 9.22864, 12.32334]), 1e-5),
+        (np.sqrt(np.arange(2, 50.0)), 0.0),
+        (360 / 16384 * np.arange(90000.0), 360 / 16384),
+        (0.004 * np.arange(9e5) * (1 + 1e-12 * np.sin(1e6 * np.arange(9e5))), 0.004),
+    ],
+)
+def test_step(values, step):
+    assert step_of(values) == pytest.approx(step)

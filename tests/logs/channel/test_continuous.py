@@ -1,0 +1,131 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tests.logs.channel.test_spikes import late
+from tests.logs.profiles import counts, geared, trapezoid
+from vttig_jax.base.errors import LogError
+from vttig_jax.logs.channel.continuous import Origin, make_continuous
+from vttig_jax.logs.source import Source
+
+TIME, ANGLE, _ = trapezoid(rate=500.0, reversal=1440.0, dwell=0.3)
+READINGS = counts(geared(ANGLE, noise=0.001)[0])
+RADIANS = 2 * np.pi / 90_000
+
+
+def origin(modulus=None, unit="counts", per_turn=90_000, radians=RADIANS):
+    source = Source("log.csv", {"driven": "b"}, lambda row: row + 2)
+    return Origin("driven", unit, source, modulus, per_turn, radians)
+
+
+def made(readings, modulus=None, time=TIME):
+    return make_continuous(readings, time, origin(modulus))
+
+
+def test_clean_readings_stay():
+    found = made(READINGS)
+    assert found.readings is READINGS and not found.spikes.any()
+    assert found.notes == () and found.modulus is None and found.wraps == 0
+
+
+@given(
+    st.sampled_from([2**12, 2**16, 90_000, 2**32]),
+    st.integers(0, 2**32),
+    st.sampled_from([0.0, 0.05, 0.1]),
+    st.booleans(),
+    st.booleans(),
+)
+def test_wraps_survive_spikes(modulus, start, share, wild, given_modulus):
+    late_counts = counts(late(TIME, geared(ANGLE)[0], seed=start % 7, share=share)[0])
+    true = late_counts + start % modulus
+    wrapped = true % modulus
+    if wild:
+        wrapped[1234] = 1_000_000 if modulus < 10**6 else -1
+    if given_modulus and np.ptp(wrapped) >= modulus:
+        wrapped[1234] = true[1234] % modulus
+        wild = False
+    found = made(wrapped, modulus if given_modulus else None)
+    off = found.readings - true
+    rows = np.arange(len(TIME)) != 1234 if wild else slice(None)
+    if found.wraps:
+        assert found.modulus == modulus
+    assert np.ptp(off[rows]) == 0
+    assert found.spikes[1234] or not wild
+
+
+def test_the_modulus_may_be_given_beside_a_wild_reading():
+    wrapped = READINGS % 36_000
+    wrapped[50] = 10**6
+    found = made(wrapped, 36_000)
+    assert np.ptp(np.delete(found.readings - READINGS, 50)) == 0
+    assert np.flatnonzero(found.spikes).tolist() == [50]
+    wrapped[60:90] = 40_000
+    with pytest.raises(LogError, match="more than the modulus 36000"):
+        made(wrapped, 36_000)
+
+
+def test_a_counter_that_dithers_at_its_wrap():
+    reading = np.concatenate([READINGS + 1, np.tile([0, -1, 0, 0, -1], 200), READINGS])
+    time = np.arange(len(reading)) / 500.0
+    found = made(reading % 65_536, time=time)
+    np.testing.assert_array_equal(np.diff(found.readings), np.diff(reading))
+    assert found.modulus == 65_536
+
+
+def test_spikes_are_noted_and_kept():
+    disturbed = READINGS.copy()
+    disturbed[[700, 900, 901]] -= 1000
+    found = made(disturbed)
+    np.testing.assert_array_equal(found.readings, disturbed)
+    (note,) = found.notes
+    assert f"driven: 3 of {len(TIME)} readings" in note and "up to 4°" in note
+
+
+@pytest.mark.parametrize("size", [-40_000, 5_000, 2_000])
+def test_a_step_is_refused_with_and_without_spikes(size):
+    for share in (0.0, 0.1):
+        stepped = counts(late(TIME, geared(ANGLE)[0], share=share)[0])
+        stepped[1200:] += size
+        with pytest.raises(LogError) as caught:
+            made(stepped)
+        text = str(caught.value)
+        assert "line 1202, column `b`" in text and "stays" in text and "at 2.4 s" in text, text
+        assert "cut the log there" in text and "modulus" in text
+
+
+def test_an_index_reload_is_refused():
+    reloaded = np.where(READINGS >= 90_000, READINGS - 90_000 + 7_777, READINGS)
+    with pytest.raises(LogError, match="a jump of -"):
+        made(reloaded)
+
+
+def test_a_stall_that_is_made_up_for_is_no_step():
+    stalled = READINGS.copy()
+    stalled[1000:1012] = stalled[1000]
+    found = made(stalled)
+    assert np.flatnonzero(found.spikes).tolist() == list(range(1001, 1012))
+    stalled[1012:] -= 2500
+    with pytest.raises(LogError, match="stays"):
+        made(stalled)
+
+
+@pytest.mark.parametrize("times", [2, 3, 5])
+def test_a_slower_channel_is_noted(times):
+    held = READINGS[np.arange(len(TIME)) // times * times]
+    (note,) = made(held).notes
+    assert f"sampled at 1/{times} of the rate" in note
+    assert f"by {(times - 1) / 2:g} samples" in note and f"({(times - 1):g} ms)" in note
+
+
+def test_slow_motion_is_no_slower_channel():
+    slow = np.arange(5000) // 2
+    assert made(slow, time=np.arange(5000) / 500.0).notes == ()
+
+
+def test_a_channel_that_freezes_and_goes_on_is_called_frozen():
+    frozen = READINGS.copy()
+    start = len(frozen) // 3
+    frozen[start : start + len(frozen) // 4] = frozen[start]
+    with pytest.raises(LogError, match=r"stands still for \d+ samples .* it froze"):
+        made(frozen)

@@ -1,0 +1,106 @@
+import numpy as np
+import pytest
+
+from tests.logs.profiles import counts, drive, geared, spec, trapezoid
+from vttig_jax.base.errors import LogError
+from vttig_jax.logs.checks.ratio import check_ratio, seen_ratio, simple_fraction, slope
+from vttig_jax.logs.encoder_log import EncoderLog
+from vttig_jax.pair.pair_file import parse_pair_spec
+
+TIME, ANGLE, _ = trapezoid(rate=400.0, reversal=1800.0)
+WHEEL, _ = geared(ANGLE, noise=0.001)
+
+
+def log(driving=ANGLE, driven=WHEEL, pair=None):
+    return EncoderLog.from_arrays(TIME, counts(driving), counts(driven), pair=pair or spec())
+
+
+def test_right_ratio():
+    ratio = check_ratio(log())
+    assert ratio.verdict == "agrees" and ratio.given == spec().ratio
+    assert ratio.seen is not None and ratio.std is not None
+    assert abs(ratio.seen - 0.5625) < 4 * ratio.std
+    assert ratio.seen == pytest.approx(0.5625, rel=1e-4)
+    assert "as given" in ratio.sentence and "9/16 = 0.5625 given" in ratio.short
+
+
+@pytest.mark.parametrize(
+    ("made", "verdict", "cure"),
+    [
+        (lambda: log(pair=spec(driven_teeth=81)), "differs", "correct the teeth"),
+        (lambda: log(driven=-WHEEL), "sign", "`sign = -1`"),
+        (lambda: log(driving=WHEEL, driven=ANGLE), "swapped", "--column driving=NAME"),
+        (lambda: log(driving=WHEEL, driven=-ANGLE), "swapped_sign", "exchange them"),
+    ],
+)
+def test_contradictions(made, verdict, cure):
+    ratio = seen_ratio(made())
+    assert ratio.verdict == verdict
+    with pytest.raises(LogError) as caught:
+        check_ratio(made())
+    assert cure in caught.value.message and "arrays" in caught.value.where
+    assert f"{ratio.seen:.6g}" in caught.value.message
+
+
+def test_half_a_percent_is_never_doubted():
+    assert seen_ratio(log(driven=WHEEL * 1.0045)).verdict == "agrees"
+    assert seen_ratio(log(driven=WHEEL * 1.0055)).verdict == "differs"
+
+
+@pytest.mark.parametrize("turns", [0.5, 1.0, 1.5, 2.5])
+@pytest.mark.parametrize("order", [1.0, 0.5625])
+def test_an_eccentricity_over_few_turns_is_no_wrong_ratio(turns, order):
+    """A huge eccentricity puts the slope off by per cents; a wrong tooth count is still seen."""
+    time = np.arange(400) / 100.0
+    angle = np.linspace(0, 2 * np.pi * turns, 400)
+    off = []
+    for phase in np.linspace(0, 2 * np.pi, 8):
+        driven = 0.5625 * angle + 0.015 * np.sin(order * angle + phase)
+        made = EncoderLog.from_arrays(time, angle, driven, pair=spec(), unit="rad")
+        ratio = seen_ratio(made)
+        assert ratio.verdict == "agrees" and ratio.seen is not None
+        off.append(abs(ratio.seen / 0.5625 - 1))
+        teeth = spec(driven_teeth=60)
+        wrong = EncoderLog.from_arrays(time, angle, driven, pair=teeth, unit="rad")
+        assert seen_ratio(wrong).verdict == "differs"
+    assert max(off) > 0.005 or turns > 1
+
+
+def test_standard_error_covers_independent_noise():
+    draws = []
+    for seed in range(40):
+        noise = np.random.default_rng(seed).standard_normal(400)
+        x = np.linspace(0, 200, 400)
+        value, std = slope(x, 2 * x + 0.1 * noise)
+        draws.append((value - 2) / std)
+    assert np.abs(draws).max() < 4.5 and np.std(draws) > 0.05
+
+
+def test_curve_has_no_ratio():
+    curve = EncoderLog.from_arrays(
+        TIME, ANGLE, pair=drive("9/16"), unit="deg", transmission_error=WHEEL
+    )
+    ratio = check_ratio(curve)
+    assert ratio.seen is None and ratio.verdict == "none" and "no ratio to check" in ratio.sentence
+
+
+@pytest.mark.parametrize(
+    ("value", "std", "text"),
+    [(0.5625001, 1e-5, "9/16"), (-0.5, 0.0, "-1/2"), (2**0.5 / 3, 1e-9, "0.471405")],
+)
+def test_simple_fraction(value, std, text):
+    assert simple_fraction(value, std) == text
+
+
+def test_channels_that_do_not_turn_together_are_refused():
+    """Two shafts of different axes: no ratio is right, so none can be called wrong."""
+    time = np.arange(2000) / 100.0
+    driving, other = 400 * np.sin(0.9 * time), 30 * np.sin(1.7 * time + 1.0)
+    pair = parse_pair_spec({"drive": {"ratio": "1/10"}})
+    apart = EncoderLog.from_arrays(time, driving, other, pair=pair, unit="deg")
+    with pytest.raises(LogError, match="do not turn together"):
+        check_ratio(apart)
+    together = EncoderLog.from_arrays(
+        time, driving, driving / 10 + 0.3 * np.sin(0.1 * driving), pair=pair, unit="deg"
+    )
+    assert check_ratio(together).verdict == "agrees"

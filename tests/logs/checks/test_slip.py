@@ -1,0 +1,170 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tests.logs.channel.test_spikes import late
+from tests.logs.profiles import counts, drive, geared, spec, trapezoid
+from vttig_jax.base.errors import LogError
+from vttig_jax.logs.checks.slip import Slip, find_slip, find_steps, refuse_slip
+from vttig_jax.logs.encoder_log import EncoderLog
+from vttig_jax.logs.inspection import inspect_log
+from vttig_jax.logs.motion.segments import find_segments
+from vttig_jax.rig.motion import Motion
+from vttig_jax.rig.paper import paper_rig
+
+RATE = 250.0
+
+
+def rig(slip=0.0, at=0.0, length=0.0, share=0.0, delay=0.0, pair=None, **motion):
+    """A log whose driven encoder slips by `slip` degrees within `length` s, from `at` s on."""
+    options = {"reversal": 2160.0, "dwell": 0.5, "passes": 3, **motion}
+    time, angle, _ = trapezoid(rate=RATE, **options)
+    driven, _ = geared(angle, noise=0.002)
+    driven = np.interp(time - delay, time, driven)
+    driven = driven + slip * np.clip((time - at) / max(length, 1e-9), 0, 1)
+    if share:
+        driven, _ = late(time, driven, share=share)
+    return EncoderLog.from_arrays(time, counts(angle), counts(driven), pair=pair or spec())
+
+
+def found(log) -> Slip | None:
+    return find_slip(log, find_segments(log))
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {},
+        {"delay": 3e-3},
+        {"share": 0.1},
+        {"share": 0.1, "delay": 3e-3},
+        {"passes": 16, "reversal": 400.0, "dwell": 0.1, "ramp": 0.1},
+        {"passes": 1},
+        {"reversal": 300.0},
+        {"ripple": 0.05},
+    ],
+)
+def test_silent_without_a_slip(options):
+    assert found(rig(**options)) is None
+
+
+@settings(max_examples=10)
+@given(
+    st.sampled_from([0.1, -0.1, 0.03, -0.5]),
+    st.sampled_from([1.7, 3.3, 9.1, 12.8, 17.0]),
+    st.sampled_from([0.0, 0.03]),
+    st.sampled_from([0.0, 0.1]),
+)
+def test_a_slip_is_found(slip, at, length, share):
+    seen = found(rig(slip, at, length, share))
+    assert seen is not None
+    assert seen.size_deg == pytest.approx(slip, rel=0.15, abs=0.015)
+    assert at - 0.06 <= seen.time_s <= at + length + 0.06
+    assert 0 < seen.std_deg < 0.2 * abs(slip)
+
+
+def test_the_rig_of_the_paper():
+    rig_ = paper_rig(0, Motion(reversal_deg=3600.0))
+    log = rig_.log(0)
+    assert log.driven is not None and found(log) is None
+    counted = log.driven.reading + 25 * (np.arange(len(log)) >= 13_000)
+    slipped = EncoderLog.from_arrays(log.time, log.driving.reading, counted, pair=rig_.pair)
+    seen = found(slipped)
+    assert seen is not None and abs(seen.row - 13_000) < 20
+    assert seen.size_deg == pytest.approx(0.1, abs=0.005)
+
+
+def test_slips_of_both_shafts_and_two_in_a_row():
+    time, angle, _ = trapezoid(rate=RATE, reversal=2160.0, passes=3)
+    driven = geared(angle)[0]
+    for second in (0.1, -0.1, 0.3):
+        twice = driven + 0.1 * (time > 4.0) + second * (time > 10.5)
+        log = EncoderLog.from_arrays(time, angle, twice, pair=spec(), unit="deg")
+        assert found(log) is not None
+    log = EncoderLog.from_arrays(time, angle + 0.2 * (time > 4.0), driven, pair=spec(), unit="deg")
+    seen = found(log)
+    assert seen is not None and seen.size_deg == pytest.approx(-0.2 * 45 / 80, abs=0.01)
+
+
+def test_what_could_be_something_else_is_not_told():
+    # At the only reversal the level changes by the backlash anyway.
+    assert found(rig(0.1, 6.7, passes=2)) is None
+    # Slow, then fast for good: the load changed.
+    time = np.arange(8000) / RATE
+    angle = np.where(time < 10.0, 200.0 * time, 2000.0 + 400.0 * (time - 10.0))
+    driven = geared(angle)[0] + 0.1 * (time > 10.0)
+    log = EncoderLog.from_arrays(time, angle, driven, pair=spec(), unit="deg")
+    assert found(log) is None
+
+
+def test_changes_that_are_not_sharp_are_none():
+    time, angle, _ = trapezoid(rate=RATE, reversal=4320.0, passes=1)
+    for change in (
+        0.2 * (1 - np.exp(-time / 3.0)),  # warming up
+        0.1 * np.tanh((time - 6.0) / 2.0),
+        0.05 * np.sin(0.3 * np.radians(angle)),
+    ):
+        driven = geared(angle, noise=0.001)[0] + change
+        log = EncoderLog.from_arrays(time, angle, driven, pair=spec(), unit="deg")
+        assert found(log) is None
+
+
+def test_measured_logs_have_none(data_dir):
+    ratios = {1: "7/1798", 2: "7/1872", 3: "3/757"}
+    for run in "AB":
+        path = data_dir / "kuka_kr300" / f"kr300_{run}_axes123.csv"
+        table = np.genfromtxt(path, delimiter=",", names=True)
+        for axis, ratio in ratios.items():
+            upper, lower = ratio.split("/")
+            pair = drive(ratio, driving_scale=f"{lower}/{upper}")
+            columns = table["t_s"], table[f"mot{axis}_deg"], table[f"se{axis}_deg"]
+            for torque in (None, table[f"tau{axis}_Nm"]):
+                log = EncoderLog.from_arrays(*columns, pair=pair, unit="deg", torque=torque)
+                assert found(log) is None, (run, axis, torque is None)
+    for name, ratio in (("ap_gt1100", "1/225"), ("ap_24turns", "1/225"), ("cge", "1/180")):
+        table = np.genfromtxt(data_dir / "worm_mount" / f"{name}.csv", delimiter=",", names=True)
+        error = table["transmission_error_arcsec"]
+        log = EncoderLog.from_arrays(
+            table["time_s"],
+            table["driving_deg"],
+            pair=drive(ratio),
+            unit="deg",
+            transmission_error=error,
+        )
+        assert found(log) is None, name
+
+
+def test_the_sentence():
+    log = rig(0.1, 9.1)
+    with pytest.raises(LogError) as caught:
+        refuse_slip(log, find_segments(log))
+    text = str(caught.value)
+    for words in ("steps by 0.", "° at 9.", "stays", "an encoder slipped", "cut the log at"):
+        assert words in text, text
+    assert "sample 22" in str(caught.value.where)
+    assert any("steps by 0." in note for note in inspect_log(log).notes)
+    clean = rig()
+    refuse_slip(clean, find_segments(clean))
+    assert not any("steps by" in note for note in inspect_log(clean).notes)
+
+
+def test_too_little_to_tell():
+    log = rig(reversal=200.0, passes=1)
+    assert find_slip(log, find_segments(log)) is None
+    still = find_segments(log)
+    assert find_slip(log, type(still)((), (), still.read)) is None
+
+
+def test_steps_beside_columns():
+    generator = np.random.default_rng(0)
+    place = np.arange(200.0)
+    columns = np.stack([np.ones(200), place, np.sin(place / 9)], axis=1)
+    values = columns @ [1.0, 0.01, 2.0] + 0.01 * generator.standard_normal(200)
+    assert find_steps(values, columns) == []
+    (step,) = find_steps(values + 0.3 * (place >= 80), columns)
+    assert step.window == 80 and step.size == pytest.approx(0.3, abs=5 * step.std)
+    assert step.coefficients == pytest.approx([1.0, 0.01, 2.0], abs=0.02)
+    assert find_steps(values + 0.05 * (place >= 80), columns) == []
+    spans = np.stack([np.ones(200), place >= 80], axis=1).astype(float)
+    assert find_steps(values + 5.0 * (place >= 80), spans) == []

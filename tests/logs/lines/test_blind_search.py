@@ -1,0 +1,61 @@
+"""The blind search on whole logs: periods that nobody named are found, and none without one."""
+
+import numpy as np
+import pytest
+
+from vttig_jax.logs.encoder_log import EncoderLog
+from vttig_jax.logs.inspection import inspect_log
+from vttig_jax.logs.lines.blind_search import blind_lines
+from vttig_jax.logs.motion.segments import find_segments
+from vttig_jax.logs.read import read_log
+from vttig_jax.pair.pair_file import parse_pair_spec
+
+DRIVE = parse_pair_spec({"drive": {"ratio": "1/2"}})
+ARCSEC = 1 / 3600
+
+
+def _log(amplitude_arcsec: float, *, delay_s: float = 0.0, drift_arcsec: float = 0.0) -> EncoderLog:
+    """Twelve turns forth and back at two speeds, a line at 2.37 cycles a revolution."""
+    time = np.arange(3000) / 100.0
+    speed = np.where(time < 15.0, 1.0, -1.0) * np.where((time % 15.0) < 7.0, 360.0, 220.0)
+    driving = np.cumsum(speed) / 100.0
+    line = amplitude_arcsec * np.sin(np.radians(2.37 * driving) + 0.3)
+    noise = np.random.default_rng(0).normal(0.0, 1.0, len(time))
+    slow = drift_arcsec * (time / 30.0) ** 2
+    driven = driving / 2 + ARCSEC * (line + noise + slow) - delay_s * speed / 2
+    return EncoderLog.from_arrays(time, driving, driven, pair=DRIVE, unit="deg")
+
+
+def test_a_line_is_found_beside_delay_and_drift():
+    log = _log(4.0, delay_s=2e-3, drift_arcsec=50.0)
+    [line] = blind_lines(log, find_segments(log).segments)
+    assert line.cycles_per_rev == pytest.approx(2.37, abs=0.01)
+    assert line.amplitude_arcsec == pytest.approx(4.0, abs=0.5)
+    assert line.false_alarm < 1e-9
+
+
+def test_delay_and_drift_alone_are_no_line():
+    log = _log(0.0, delay_s=2e-3, drift_arcsec=50.0)
+    assert blind_lines(log, find_segments(log).segments) == ()
+
+
+def test_nothing_certain_shows_nothing():
+    assert blind_lines(_log(4.0), ()) == ()
+
+
+def test_the_report_names_the_line():
+    report = inspect_log(_log(4.0), DRIVE)
+    assert "line found blind" in str(report)
+    [line] = report.to_json()["lines"]
+    assert line["cycles_per_rev"] == pytest.approx(2.37, abs=0.01)
+
+
+def test_the_period_of_a_telescope_worm(data_dir):
+    """383.0 s within 0.3 %, and its amplitude, without knowing either."""
+    spec = parse_pair_spec({"drive": {"ratio": "1/225"}, "log": {"zero": "reading"}})
+    log = read_log(data_dir / "worm_mount" / "ap_gt1100.csv", spec)
+    segments = find_segments(log).segments
+    line = blind_lines(log, segments)[0]
+    period_s = 2 * np.pi / (segments[0].speed * line.cycles_per_rev)
+    assert period_s == pytest.approx(383.0, rel=0.003)
+    assert line.amplitude_arcsec == pytest.approx(3.77, abs=0.15)

@@ -1,0 +1,398 @@
+"""Lines found blind: planted ones with their numbers, none in noise, and those of measured logs."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.signal import lfilter
+
+from vttig_jax.base.angles import difference_deg
+from vttig_jax.base.units import ARCSEC, DEG, REV
+from vttig_jax.logs.lines.noise import orthonormal, plain
+from vttig_jax.logs.lines.periodogram import APART, chance, scan
+from vttig_jax.logs.lines.rows import MOST_ROWS, Run, stack
+from vttig_jax.logs.lines.search import Line, find_lines
+
+
+def powers(rows: int, highest: int = 2) -> np.ndarray:
+    return np.vander(np.linspace(-1, 1, rows), highest + 1)
+
+
+def coloured(rows: int, poles: list[float], seed: int) -> np.ndarray:
+    noise = np.random.default_rng(seed).standard_normal(rows + 500)
+    return np.asarray(lfilter([1.0], poles, noise))[500:]
+
+
+def run_of(
+    angle: np.ndarray, arcsec: np.ndarray, nuisance: np.ndarray | None = None, group: str = ""
+) -> Run:
+    columns = powers(len(angle)) if nuisance is None else nuisance
+    return Run(angle, arcsec * ARCSEC, columns, group)
+
+
+def sine(angle: np.ndarray, cycles: float, amplitude: float, phase_deg: float) -> np.ndarray:
+    return amplitude * np.sin(cycles * angle + phase_deg * DEG)
+
+
+def assert_is(line: Line, cycles: float, amplitude: float, phase_deg: float) -> None:
+    """Within four standard errors, the phase at driving angle zero roughly."""
+    assert abs(line.cycles_per_rev - cycles) < 4 * line.cycles_std
+    assert abs(line.amplitude_arcsec - amplitude) < 4 * line.amplitude_std_arcsec
+    assert abs(difference_deg(line.phase_deg, phase_deg)) < 30.0
+
+
+STEADY = REV * np.linspace(3.0, 23.0, 1500)
+
+
+@pytest.mark.parametrize("poles", [[1.0], [1.0, -0.8], [1.0, -1.6, 0.7]])
+@pytest.mark.parametrize("cycles", [0.37, 3.09, 17.3])
+def test_a_planted_line_is_found_with_its_numbers(poles, cycles):
+    noise = coloured(1500, poles, 1)
+    gain = abs(1 / np.polyval(poles[::-1], np.exp(-1j * REV * cycles * 20.0 / 1499)))
+    amplitude = 0.4 * gain
+    [line] = find_lines(
+        [run_of(STEADY, sine(STEADY, cycles, amplitude, 40.0) + noise)], highest=25.0
+    )
+    assert_is(line, cycles, amplitude, 40.0)
+    # The bound for white noise of the same density: σ_a = σ √(2/n), σ_f = √6 σ/(π a T √n).
+    assert line.amplitude_std_arcsec == pytest.approx(gain * np.sqrt(2 / 1500), rel=0.25)
+    expected = np.sqrt(6 / 1500) * gain / (np.pi * amplitude * 20.0)
+    assert line.cycles_std == pytest.approx(expected, rel=0.3)
+    assert line.false_alarm < 1e-6
+
+
+def test_standard_errors_are_those_of_many_draws():
+    """Amplitude and frequency over their standard errors have unit spread."""
+    scores = []
+    for seed in range(40):
+        noise = coloured(600, [1.0, -0.7], seed)
+        angle = STEADY[:600]
+        [line] = find_lines(
+            [run_of(angle, sine(angle, 3.3, 3.0, 10.0) + noise)], highest=12.0, most=1
+        )
+        scores.append(
+            (
+                (line.amplitude_arcsec - 3.0) / line.amplitude_std_arcsec,
+                (line.cycles_per_rev - 3.3) / line.cycles_std,
+            )
+        )
+    assert np.all(np.abs(np.mean(scores, axis=0)) < 0.5)
+    assert np.all(np.abs(np.std(scores, axis=0) - 1) < 0.35)
+
+
+@pytest.mark.parametrize("ratio", [2.0, 20.0, 2000.0])
+def test_a_strong_line_is_not_taken_for_colour(ratio):
+    """The autoregression beside no line turns it into noise; the plain scan does not."""
+    noise = coloured(1500, [1.0], 2)
+    [line] = find_lines([run_of(STEADY, sine(STEADY, 3.09, ratio, 300.0) + noise)], highest=20.0)
+    assert_is(line, 3.09, ratio, 300.0)
+
+
+@pytest.mark.parametrize("poles", [[1.0], [1.0, -0.9], [1.0, -0.98], [1.0, -1.76, 0.94]])
+def test_noise_alone_shows_no_line(poles):
+    """At one false alarm in a hundred, 40 logs of each kind show one at most."""
+    angle = STEADY[:400]
+    alarms = sum(
+        bool(
+            find_lines(
+                [run_of(angle, coloured(400, poles, seed))], highest=15.0, false_alarm=0.01, most=1
+            )
+        )
+        for seed in range(40)
+    )
+    assert alarms <= 2
+
+
+def test_noise_that_grows_with_speed_shows_no_line():
+    rows = 800
+    angle = REV * 5 * (1 - np.cos(np.linspace(0, 3 * np.pi, rows)))
+    speed = np.abs(np.gradient(angle))
+    alarms = sum(
+        bool(
+            find_lines(
+                [run_of(angle, coloured(rows, [1.0, -0.6], seed) * (0.2 + speed / speed.max()))],
+                highest=8.0,
+                false_alarm=0.01,
+                most=1,
+            )
+        )
+        for seed in range(40)
+    )
+    assert alarms <= 2
+
+
+@pytest.mark.parametrize("share", [1e-3, 1e-1])
+def test_the_probability_is_that_of_noise(share):
+    """Independent check: the maximum of the scan over many draws of white noise."""
+    angle = REV * np.linspace(0.0, 10.0, 120)
+    columns = np.ones((120, 1))
+    cycles = np.arange(0.15, 5.0, 0.02)
+    generator = np.random.default_rng(0)
+    chances = []
+    for _ in range(400):
+        rows = stack([Run(angle, generator.standard_normal(120), columns)], 5.0)
+        height = float(scan(rows, columns, plain(rows), cycles).height.max())
+        chances.append(chance(height, rows, 117, float(np.ptp(cycles))))
+    assert np.mean(np.array(chances) < share) <= share + 3 * np.sqrt(share / 400)
+    # Sharp for small probabilities, a bound elsewhere.
+    assert share < 0.05 or np.mean(np.array(chances) < share) > 0.4 * share
+
+
+def test_the_scan_is_a_least_squares_fit_at_every_frequency():
+    angle = np.sort(np.random.default_rng(0).uniform(0, 30, 200))
+    columns = np.column_stack([np.ones(200), angle])
+    value = np.sin(2.2 * angle) + np.random.default_rng(1).standard_normal(200)
+    rows = stack([Run(angle, value, columns)], 3.0)
+    cycles = np.linspace(0.5, 3.0, 37)
+    found = scan(rows, rows.nuisance, plain(rows), cycles)
+
+    def rss(*more: np.ndarray) -> float:
+        design = np.column_stack([columns, *more])
+        return float(np.linalg.lstsq(design, value, rcond=None)[1][0])
+
+    expected = [
+        0.5 * 196 * np.log(rss() / rss(np.cos(c * angle), np.sin(c * angle))) for c in cycles
+    ]
+    np.testing.assert_allclose(found.height, expected, rtol=1e-8)
+
+
+def test_two_close_lines():
+    """Two resolutions apart, of unequal strength."""
+    truth = [(5.0, 3.0, 20.0), (5.1, 1.5, 200.0)]
+    values = sum(sine(STEADY, *line) for line in truth) + coloured(1500, [1.0, -0.5], 3)
+    lines = sorted(
+        find_lines([run_of(STEADY, values)], highest=20.0), key=lambda line: line.cycles_per_rev
+    )
+    assert len(lines) == 2
+    for line, expected in zip(lines, truth, strict=True):
+        assert_is(line, *expected)
+
+
+def test_lines_do_not_merge():
+    """A line that comes and goes: neighbours, but none of absurd amplitude."""
+    envelope = np.cos(np.linspace(-1, 1, 1500) * 3.0)
+    values = envelope * sine(STEADY, 3.1, 6.0, 0.0) + coloured(1500, [1.0], 4)
+    lines = find_lines([run_of(STEADY, values)], highest=10.0, most=4)
+    found = np.sort([line.cycles_per_rev for line in lines])
+    assert len(found) > 1 and np.min(np.diff(found)) > 0.999 * APART / 20.0
+    assert max(line.amplitude_arcsec for line in lines) < 6.0
+
+
+def test_drift_is_no_line_and_hides_none():
+    u = np.linspace(-1, 1, 1500)
+    drift = 300 * u + 200 * u**2 + np.cumsum(np.random.default_rng(5).standard_normal(1500)) * 0.5
+    noise = coloured(1500, [1.0], 5) + drift
+    assert find_lines([run_of(STEADY, noise)], highest=20.0) == ()
+    line, *more = find_lines([run_of(STEADY, noise + sine(STEADY, 0.4, 30.0, 120.0))], highest=20.0)
+    assert more == []
+    assert_is(line, 0.4, 30.0, 120.0)
+
+
+def test_gaps_runs_and_groups():
+    """Runs of two groups share the line; each group has a drift of its own."""
+    pieces = [
+        (0.0, 5.0, "A"),
+        (5.5, 6.0, "B"),
+        (9.0, 15.0, "B"),
+        (15.2, 22.0, "A"),
+        (22.1, 22.2, "B"),
+    ]
+    runs = []
+    for number, (first, last, group) in enumerate(pieces):
+        angle = REV * np.arange(first, last, 0.01)
+        noise = coloured(len(angle), [1.0, -0.7], number)
+        drift = {"A": 100 + 2 * angle, "B": -50 - 3 * angle}[group]
+        columns = np.column_stack([np.ones(len(angle)), angle])
+        runs.append(run_of(angle, sine(angle, 2.71, 2.0, 70.0) + noise + drift, columns, group))
+    [line] = find_lines(runs, highest=10.0)
+    assert_is(line, 2.71, 2.0, 70.0)
+
+
+def test_groups_may_have_different_columns():
+    angle = REV * np.arange(0.0, 8.0, 0.01)
+    values = sine(angle, 2.71, 2.0, 70.0) + coloured(800, [1.0], 0)
+    runs = [run_of(angle, values, np.ones((800, 1)), "A"), run_of(-angle, values, powers(800), "B")]
+    assert len(find_lines(runs, highest=4.0)) >= 1
+
+
+def test_reversing_motion_counts_cycles_of_the_angle():
+    """The line is no line in time, where nothing periodic is left at constant frequency."""
+    phase = np.linspace(0.0, 2 * np.pi, 3000)
+    angle = REV * 10 * np.sin(phase)
+    time = np.linspace(0.0, 6.0, 3000)
+    columns = np.column_stack([np.ones(3000), np.cos(phase), np.sin(phase)])
+    values = sine(angle, 3.09, 1.0, 250.0) + coloured(3000, [1.0, -0.6], 7)
+    [line] = find_lines([run_of(angle, values, columns)], highest=8.0)
+    assert_is(line, 3.09, 1.0, 250.0)
+    wrong = find_lines([run_of(REV * time, values, columns)], highest=60.0, most=1)
+    assert not wrong or wrong[0].false_alarm > line.false_alarm
+
+
+def test_irregular_sampling():
+    generator = np.random.default_rng(8)
+    angle = REV * np.sort(generator.uniform(0.0, 20.0, 1500))
+    values = sine(angle, 9.4, 0.5, 90.0) + generator.standard_normal(1500)
+    [line] = find_lines([run_of(angle, values)], highest=20.0)
+    assert_is(line, 9.4, 0.5, 90.0)
+
+
+def test_long_logs_are_averaged_and_amplitudes_keep_their_size():
+    rows = 7 * MOST_ROWS
+    angle = REV * np.linspace(0.0, 60.0, rows)
+    noise = np.random.default_rng(9).standard_normal(rows)
+    runs = [run_of(angle, sine(angle, 5.3, 1.0, 30.0) + noise, powers(rows, 1))]
+    [line] = find_lines(runs, highest=6.0)
+    assert stack(runs, 6.0).starts[-1] <= MOST_ROWS
+    assert_is(line, 5.3, 1.0, 30.0)
+
+
+def test_thinning_keeps_the_highest_frequency():
+    rows = 5 * MOST_ROWS
+    run = run_of(REV * np.linspace(0.0, 100.0, rows), np.zeros(rows), np.ones((rows, 1)))
+    for highest in (1.0, 60.0, 125.0):
+        kept = stack([run], highest)
+        assert len(kept.value) >= min(4 * 100 * highest * 0.999, MOST_ROWS)
+    assert len(stack([run], 125.0).value) > MOST_ROWS
+
+
+@settings(max_examples=6)
+@given(
+    cycles=st.floats(0.5, 9.0),
+    phase_deg=st.floats(0.0, 359.0),
+    start=st.floats(-1e4, 1e4),
+    sign=st.sampled_from([-1.0, 1.0]),
+)
+def test_any_line_without_noise(cycles, phase_deg, start, sign):
+    """Numbers of a clean line are those planted, wherever the angle starts and however it runs."""
+    angle = sign * REV * (start + np.linspace(0.0, 12.0, 400))
+    noise = 1e-4 * coloured(400, [1.0], 0)
+    values = sine(angle, cycles, 5.0, phase_deg) + noise
+    line = find_lines([run_of(angle, values)], highest=10.0, most=1)[0]
+    assert line.cycles_per_rev == pytest.approx(cycles, abs=1e-5)
+    assert line.amplitude_arcsec == pytest.approx(5.0, rel=1e-3)
+    error_deg = float(difference_deg(line.phase_deg, phase_deg))
+    assert abs(error_deg) < 0.1 + 4 * 360 * line.cycles_std * (abs(start) + 12.0)
+
+
+def test_nothing_to_find():
+    angle = STEADY
+    assert find_lines([run_of(angle, np.zeros(1500))], highest=20.0) == ()
+    assert find_lines([run_of(angle, 1e3 * powers(1500)[:, 0])], highest=20.0) == ()
+    assert find_lines([run_of(np.zeros(1500), coloured(1500, [1.0], 0))], highest=20.0) == ()
+    assert find_lines([run_of(angle[:10], np.ones(10), np.ones((10, 1)))], highest=2.0) == ()
+    assert find_lines([run_of(angle, coloured(1500, [1.0], 0))], highest=0.01) == ()
+    assert find_lines([run_of(angle, sine(angle, 3.0, 9.0, 0.0))], highest=20.0, most=0) == ()
+
+
+def test_columns_that_repeat_each_other_count_once():
+    doubled = np.column_stack([powers(1500), powers(1500), np.zeros(1500)])
+    rows = stack([run_of(STEADY, np.ones(1500), doubled)], 20.0)
+    basis, mixing = orthonormal(rows.nuisance, plain(rows))
+    assert basis.shape == (1500, 3) and mixing.shape == (7, 3)
+    np.testing.assert_allclose(rows.nuisance @ mixing, basis, atol=1e-12)
+    values = sine(STEADY, 3.0, 2.0, 0.0) + coloured(1500, [1.0], 0)
+    assert len(find_lines([run_of(STEADY, values, doubled)], highest=20.0)) == 1
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (
+            {"highest": 40.0},
+            r"`highest` must be at most 37\.\d+ cycles .* 0\.0133 revolutions apart",
+        ),
+        ({"highest": 20.0, "false_alarm": 0.0}, r"`false_alarm` must lie between 0 and 1"),
+        ({"highest": 20.0, "most": -1}, r"`most` must be at least 0"),
+    ],
+)
+def test_wrong_arguments(options, words):
+    with pytest.raises(ValueError, match=words):
+        find_lines([run_of(STEADY, np.ones(1500))], **options)
+
+
+def test_wrong_runs():
+    with pytest.raises(ValueError, match=r"`runs` must hold at least one run"):
+        find_lines([], highest=1.0)
+    far = REV * np.concatenate([np.linspace(0, 10, 500), 1e6 + np.linspace(0, 10, 500)])
+    halves = [run_of(far[:500], np.ones(500)), run_of(far[500:], np.ones(500))]
+    with pytest.raises(ValueError, match=r"at most 0\.05 cycles .* search fewer runs at once"):
+        find_lines(halves, highest=5.0)
+    mixed = [run_of(STEADY, np.ones(1500)), run_of(STEADY, np.ones(1500), np.ones((1500, 1)))]
+    with pytest.raises(ValueError, match=r"same columns in all runs of a group, but group ''"):
+        find_lines(mixed, highest=5.0)
+    with pytest.raises(ValueError, match=r"at least one column"):
+        Run(np.zeros(3), np.zeros(3), np.zeros((3, 0)))
+    with pytest.raises(ValueError, match=r"`value` must be finite in every row"):
+        Run(np.zeros(3), np.full(3, np.nan), np.ones((3, 1)))
+
+
+def test_a_line_in_words():
+    line = Line(3.0901, 0.0004, 4.138, 0.06, 12.0, 2e-9)
+    assert str(line) == "4.14 ± 0.06″ at 3.0901 ± 0.0004 cycles per revolution (false alarm 2e-09)"
+
+
+@pytest.fixture(scope="module")
+def guide_log(data_dir) -> np.ndarray:
+    return np.genfromtxt(data_dir / "worm_mount" / "ap_gt1100.csv", delimiter=",", names=True)
+
+
+def test_the_worm_of_a_measured_mount(guide_log):
+    error = guide_log["transmission_error_arcsec"]
+    angle = guide_log["driving_deg"] * DEG
+    line, *more = find_lines([run_of(angle, error, powers(len(error), 3))], highest=8.0)
+    assert line.cycles_per_rev == pytest.approx(1.0, abs=0.003)
+    assert line.amplitude_arcsec == pytest.approx(3.77, abs=0.15)
+    # Its second order is known as 0.38″; what else there is are harmonics as well.
+    second = more[0]
+    assert all(abs(li.cycles_per_rev - round(li.cycles_per_rev)) < 4 * li.cycles_std for li in more)
+    assert second.cycles_per_rev == pytest.approx(2.0, abs=4 * second.cycles_std)
+    assert second.amplitude_arcsec == pytest.approx(0.38, abs=0.15)
+
+
+def test_the_same_worm_against_time(guide_log):
+    error, time = guide_log["transmission_error_arcsec"], guide_log["time_s"]
+    line = find_lines([run_of(REV * time, error, powers(len(error), 3))], highest=0.02, most=1)[0]
+    assert 1 / line.cycles_per_rev == pytest.approx(383.0, rel=0.003)
+
+
+def kuka(data_dir, log: str, axis: int) -> Run:
+    """TE of one axis beside speed (delay), torque (compliance), position and acceleration."""
+    table = np.genfromtxt(
+        data_dir / "kuka_kr300" / f"kr300_{log}_axes123.csv", delimiter=",", names=True
+    )
+    motor, ratio = table[f"mot{axis}_deg"], {1: 1798 / 7, 2: 1872 / 7, 3: 757 / 3}[axis]
+    speed = np.gradient(motor)
+    columns = [np.ones_like(motor), speed, table[f"tau{axis}_Nm"], motor, np.gradient(speed)]
+    error = (table[f"se{axis}_deg"] - motor) * 3600
+    return run_of(motor * ratio * DEG, error, np.column_stack(columns))
+
+
+@pytest.mark.parametrize("log", ["A", "B"])
+def test_the_ripple_of_a_robot_axis(data_dir, log):
+    """The ripple at 3.09 a motor turn, and its half and its double; nothing at the first order."""
+    lines = find_lines([kuka(data_dir, log, 2)], highest=8.0)
+    strongest = max(lines, key=lambda line: line.amplitude_arcsec)
+    assert strongest.cycles_per_rev == pytest.approx(3.09, abs=0.005)
+    assert 15.0 < strongest.amplitude_arcsec < 20.5
+    for multiple in (1.5, 2.0):
+        assert min(abs(li.cycles_per_rev - 3.09 * multiple) for li in lines) < 0.01
+
+
+@pytest.mark.parametrize("log", ["A", "B"])
+@pytest.mark.parametrize("axis", [1, 2, 3])
+def test_no_first_order_of_a_robot_motor(data_dir, log, axis):
+    lines = find_lines([kuka(data_dir, log, axis)], highest=8.0)
+    assert [line for line in lines if 0.9 < line.cycles_per_rev < 1.1] == []
+
+
+def test_regressors_that_hide_low_frequencies_hide_no_line_above():
+    """Where most trials of a stretch coincide with regressors their usual power is unknown."""
+    turns = np.linspace(0.0, 4.4, 300)
+    angle = 2 * np.pi * turns
+    orders = (0.4375, 0.5625, 1.0, 1.125, 1.5625, 2.0)
+    harmonics = [wave(order * angle) for order in orders for wave in (np.cos, np.sin)]
+    nuisance = np.stack([np.ones(300), turns, turns**2, *harmonics], axis=1)
+    noise = np.random.default_rng(4).normal(0.0, 1e-5, 300)
+    run = Run(angle, 1e-4 * np.sin(3.0 * angle) + noise, nuisance)
+    [line] = find_lines([run], highest=10.0)
+    assert line.cycles_per_rev == pytest.approx(3.0, abs=0.01)

@@ -1,0 +1,98 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from vttig_jax.base.errors import LogError
+from vttig_jax.logs.readers.delimited import split
+from vttig_jax.logs.readers.table import find_table
+
+
+def read(text, indices=(0, 1), **options):
+    table = find_table(text, "log.csv", **options)
+    return [column.tolist() for column in table.columns(indices)]
+
+
+def cut(text, indices=(0, 1), **options):
+    """Values after the last line was looked at, and the notes on it."""
+    table, notes = find_table(text, "log.csv", **options).without_cut_line(indices)
+    return [column.tolist() for column in table.columns(indices)], notes
+
+
+def test_large_counts_stay_integers():
+    table = find_table(f"t,a\n0.5,{2**60 + 1}\n0.6,{2**60 + 3}\n", "log.csv")
+    time, counts = table.columns([0, 1])
+    assert time.dtype == np.float64 and counts.dtype == np.int64
+    assert counts.tolist() == [2**60 + 1, 2**60 + 3]
+
+
+def test_columns_in_the_order_asked():
+    assert read("a,b,c\n1,2,3\n", (2, 0)) == [[3.0], [1.0]]
+
+
+def test_split():
+    assert split("a, b ,,", ",") == ["a", "b"]
+    assert split('"x, y",2', ",") == ["x, y", "2"]
+    assert split("  1   2 ", None) == ["1", "2"]
+    assert split("a, b ,,", ",", trim=False) == ["a", "b", "", ""]
+
+
+NOTE = ("the last line (4) is cut off and left out",)
+START = "t,a,b\n0,1,5\n1,2,6\n"
+
+
+@pytest.mark.parametrize("end", ["2,", "2", "2,3e", "2,-", "2,x,7", "2,,7", "2,,", ",3,7"])
+@pytest.mark.parametrize("newline", ["", "\n", "\n\n# stopped\n"])
+def test_a_cut_last_line_is_left_out(end, newline):
+    assert cut(START + end + newline) == ([[0.0, 1.0], [1.0, 2.0]], NOTE)
+
+
+@pytest.mark.parametrize("end", ["2,3,7", "2,3,7\n", "2,3,", "2,3,x", "2,3\n", "2,3,7 # us", "\n"])
+def test_a_complete_last_line_is_kept(end):
+    values, notes = cut(START + end)
+    assert notes == () and values == read(START + end)
+
+
+def test_a_column_nobody_asked_for_is_missed_only_without_a_line_end():
+    assert cut(START + "2,3") == ([[0.0, 1.0], [1.0, 2.0]], NOTE)
+    assert cut(START + "2,3\n") == ([[0.0, 1.0, 2.0], [1.0, 2.0, 3.0]], ())
+
+
+def test_cut_lines_with_other_delimiters():
+    assert cut("t a\n0 1\n1 2\n2")[0] == [[0.0, 1.0], [1.0, 2.0]]
+    assert cut("t;a\n0,5;1\n1,5;2\n2,")[0] == [[0.5, 1.5], [1.0, 2.0]]
+    assert cut('t,a\n"0,5","1"\n"1,5","2"\n"2,')[0] == [[0.5, 1.5], [1.0, 2.0]]
+    assert cut("0,1\n1,2\n2", highest=2)[1] == ("the last line (3) is cut off and left out",)
+
+
+def test_the_only_row_is_never_left_out():
+    with pytest.raises(LogError, match="line 2, column `a`: `x` is no number"):
+        cut("t,a\n0,x")
+
+
+def test_what_is_broken_above_stays_an_error():
+    with pytest.raises(LogError, match="line 3, column `a`: empty"):
+        cut("t,a\n0,1\n1,\n2,3\n3")
+    with pytest.raises(LogError, match="line 3, column `a`: empty"):
+        cut("t,a\n0,1\n1,\n2,\n")
+    with pytest.raises(LogError, match=r'decimal is "\."'):
+        cut("t;a\n0.5;1\n1.5;2\n2,5;3\n", decimal=".")
+
+
+def test_optional_last_fields_are_no_cut():
+    text = "t,a,remark\n0,1,ok\n1,2\n2,3\n"
+    assert cut(text) == (read(text), ())
+    assert cut("t,a,remark\n0,1\n1,2\n2,3") == ([[0.0, 1.0, 2.0], [1.0, 2.0, 3.0]], ())
+
+
+@given(st.integers(0, 12), st.integers(2, 6))
+def test_cut_anywhere_in_the_last_line(kept, rows):
+    lines = [f"{k / 4:.2f},{1000 + k},{k % 2}.50" for k in range(rows)]
+    whole = "t,a,b\n" + "\n".join(lines) + "\n"
+    kept = min(kept, len(lines[-1]))
+    text = whole[: len(whole) - 1 - len(lines[-1]) + kept]
+    values, notes = cut(text, (0, 1, 2))
+    expected = read(whole, (0, 1, 2))
+    size = rows if kept > len("0.00,1000,") else rows - 1
+    np.testing.assert_array_equal(values[:2], np.array(expected[:2])[:, :size])
+    assert bool(notes) == (size < rows and kept > 0)

@@ -1,0 +1,278 @@
+"""Derived numbers of gear pairs, and how the objects behave."""
+
+import math
+import subprocess
+import sys
+from dataclasses import FrozenInstanceError, replace
+from fractions import Fraction
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from vttig_jax.base.units import DEG
+from vttig_jax.pair.eccentricities import Eccentricities
+from vttig_jax.pair.gear_pair import Drive, Gear, GearPair, involute
+from vttig_jax.pair.load import load_pair, pair_from_spec
+from vttig_jax.pair.pair_file import parse_pair_spec
+from vttig_jax.pair.rack import Rack
+
+
+def test_the_papers_rig(paper_pair):
+    assert paper_pair.ratio == Fraction(9, 16)
+    assert paper_pair.hunting_turns == 16
+    np.testing.assert_allclose(paper_pair.reference_radii, [45.0, 80.0], rtol=1e-15)
+    base = np.array([45.0, 80.0]) * math.cos(math.radians(20.0))
+    np.testing.assert_allclose(paper_pair.base_radii, np.stack([base, base], axis=1), rtol=1e-15)
+    np.testing.assert_allclose(paper_pair.working_pressure_angles / DEG, 20.1504, atol=5e-5)
+    assert paper_pair.drawing_backlash / DEG == pytest.approx(0.0628, abs=5e-5)
+    assert paper_pair.thinning == pytest.approx(2 * math.tan(math.radians(3.0)), rel=1e-15)
+    np.testing.assert_allclose(paper_pair.taper, math.tan(math.radians(3.0)), rtol=1e-15)
+
+
+def test_working_radii_share_the_centre_distance_by_the_ratio(paper_pair):
+    first, second = paper_pair.working_radii
+    assert first + second == pytest.approx(125.12, rel=1e-15)
+    assert first / second == pytest.approx(45 / 80, rel=1e-14)
+    # The base circles seen under the working pressure angle.
+    np.testing.assert_allclose(
+        paper_pair.working_radii * np.cos(paper_pair.working_pressure_angles[0]),
+        paper_pair.base_radii[:, 0],
+        rtol=1e-14,
+    )
+
+
+def test_drawing_backlash_is_the_gap_of_standard_teeth(paper_pair):
+    """At the working circles: pitch less both tooth thicknesses, from the involute of each."""
+    working = math.acos(125 * math.cos(math.radians(20)) / 125.12)
+    radii = 125.12 * np.array([45, 80]) / 125
+    reference = np.array([45.0, 80.0])
+    grown = math.tan(math.radians(20)) - math.radians(20) - (math.tan(working) - working)
+    thickness = 2 * radii * (math.pi / 2 / np.array([45, 80]) + grown)
+    gap = 2 * math.pi * radii[1] / 80 - thickness.sum()
+    assert reference.sum() == 125
+    assert paper_pair.drawing_backlash == pytest.approx(gap / radii[1], rel=1e-10)
+
+
+def test_drawing_backlash_of_shifted_teeth():
+    """The same with the thickness m (π/2 + 2 x tan α) of each gear."""
+    gears = Gear(45, profile_shift=0.3), Gear(80, profile_shift=-0.1)
+    pair = GearPair(*gears, module_mm=2.0, pressure_angles_deg=20.0, centre_distance_mm=125.6)
+    alpha = math.radians(20)
+    working = math.acos(125 * math.cos(alpha) / 125.6)
+    radii, reference = 125.6 * np.array([45, 80]) / 125, np.array([45.0, 80.0])
+    grown = math.tan(alpha) - alpha - (math.tan(working) - working)
+    thickness = 2 * (math.pi / 2 + 2 * np.array([0.3, -0.1]) * math.tan(alpha))
+    at_working = 2 * radii * (thickness / 2 / reference + grown)
+    gap = 2 * math.pi * radii[1] / 80 - at_working.sum()
+    assert pair.drawing_backlash == pytest.approx(gap / radii[1], rel=1e-10)
+    unshifted = GearPair(
+        Gear(45), Gear(80), module_mm=2.0, pressure_angles_deg=20.0, centre_distance_mm=125.6
+    )
+    assert unshifted.drawing_backlash > 1.5 * pair.drawing_backlash
+
+
+def test_addendum_and_shift_move_the_tips_that_end_the_contact():
+    plain = GearPair(Gear(45), Gear(80), module_mm=2.0, pressure_angles_deg=20.0)
+    stub = GearPair(
+        Gear(45), Gear(80), module_mm=2.0, pressure_angles_deg=20.0, rack=Rack(addendum=0.8)
+    )
+    assert stub.contact_ratios[0] < plain.contact_ratios[0]
+    np.testing.assert_allclose(stub.tip_radii, plain.tip_radii - 0.4, rtol=1e-14)
+    gears = Gear(45, profile_shift=0.2), Gear(80, profile_shift=-0.2)
+    shifted = GearPair(*gears, module_mm=2.0, pressure_angles_deg=20.0)
+    np.testing.assert_allclose(
+        shifted.tip_radii, plain.tip_radii + np.array([0.4, -0.4]), rtol=1e-14
+    )
+    np.testing.assert_allclose(
+        shifted.root_radii, plain.root_radii + np.array([0.4, -0.4]), rtol=1e-14
+    )
+
+
+def test_contact_ratio_by_walking_along_the_line_of_action(paper_pair):
+    """Points of the common tangent that lie inside both tip circles, counted in base pitches."""
+    rb1, rb2 = (125.0 * share * math.cos(math.radians(20)) for share in (0.36, 0.64))
+    working = math.acos((rb1 + rb2) / 125.12)
+    whole = 125.12 * math.sin(working)
+    along = np.linspace(0.0, whole, 2_000_001)
+    inside = (np.hypot(rb1, along) <= 47.0) & (np.hypot(rb2, whole - along) <= 82.0)
+    length = np.ptp(along[inside])
+    pitch = 2 * math.pi * rb1 / 45
+    np.testing.assert_allclose(paper_pair.contact_ratios, length / pitch, rtol=1e-5)
+    assert paper_pair.contact_ratios[0] == pytest.approx(1.722, abs=5e-4)
+
+
+def test_flanks_keep_their_own_pressure_angle():
+    pair = GearPair(Gear(45), Gear(80), module_mm=2.0, pressure_angles_deg=(20.0, 25.0))
+    np.testing.assert_allclose(pair.working_pressure_angles / DEG, [20.0, 25.0], rtol=1e-12)
+    assert pair.base_radii[0, 0] > pair.base_radii[0, 1]
+    assert pair.contact_ratios[0] > pair.contact_ratios[1]
+
+
+def test_without_centre_distance_the_reference_circles_touch():
+    pair = GearPair(Gear(45), Gear(80), module_mm=2.0, pressure_angles_deg=20.0)
+    assert pair.centre_distance_mm == 125.0
+    assert abs(float(pair.drawing_backlash)) < 1e-15
+
+
+@pytest.mark.parametrize(
+    ("teeth", "turns"),
+    [((45, 80), 16), ((20, 40), 2), ((30, 30), 1), ((41, 80), 80), ((80, 45), 9)],
+)
+def test_hunting_period(teeth, turns):
+    pair = GearPair(Gear(teeth[0]), Gear(teeth[1]), module_mm=2.0, pressure_angles_deg=20.0)
+    assert pair.hunting_turns == turns
+
+
+def spec_pair(pair, gear=None):
+    gear = gear or {}
+    table = {"pair": pair, "driving": {"teeth": 45, **gear}, "driven": {"teeth": 80, **gear}}
+    pair = pair_from_spec(parse_pair_spec(table))
+    assert isinstance(pair, GearPair)
+    return pair
+
+
+def test_normal_quantities_become_transverse():
+    """20° normal at 3° is 20.0253° transverse; the module grows by 1/cos β."""
+    normal = {"normal_module_mm": 2.0, "normal_pressure_angle_deg": 20.0}
+    pair = spec_pair(normal, {"helix_angle_deg": 3.0})
+    np.testing.assert_allclose(pair.pressure_angles_deg, 20.0253, atol=5e-5)
+    tangent = math.tan(math.radians(20.0)) / math.cos(math.radians(3.0))
+    np.testing.assert_allclose(pair.pressure_angles_deg * DEG, math.atan(tangent), rtol=1e-14)
+    assert pair.module_mm == pytest.approx(2.0 / math.cos(math.radians(3.0)), rel=1e-15)
+
+
+def test_normal_pressure_angle_is_converted_flank_by_flank():
+    table = {"module_mm": 2.0, "normal_pressure_angle_deg": 20.0}
+    pair = spec_pair(table, {"helix_left_deg": 3.0, "helix_right_deg": 10.0})
+    expected = [
+        math.degrees(math.atan(math.tan(math.radians(20)) / math.cos(math.radians(helix))))
+        for helix in (3.0, 10.0)
+    ]
+    np.testing.assert_allclose(pair.pressure_angles_deg, expected, rtol=1e-14)
+    assert pair.taper[1] == pytest.approx(math.tan(math.radians(10.0)), rel=1e-14)
+
+
+def test_a_spec_keeps_every_number(tmp_path):
+    path = tmp_path / "pair.toml"
+    path.write_text(
+        'name = "rig"\n[pair]\nmodule_mm = 1.5\npressure_angle_deg = 21.0\n'
+        "centre_distance_mm = 94.0\n[driving]\nteeth = 45\nface_width_mm = 12.0\n"
+        "[driven]\nteeth = 80\nface_width_mm = 13.0\n"
+    )
+    pair = load_pair(path)
+    assert isinstance(pair, GearPair)
+    assert (pair.name, pair.driving.teeth, pair.driven.teeth) == ("rig", 45, 80)
+    assert (pair.module_mm, pair.centre_distance_mm) == (1.5, 94.0)
+    assert (pair.driving.face_width_mm, pair.driven.face_width_mm) == (12.0, 13.0)
+    np.testing.assert_array_equal(pair.pressure_angles_deg, [21.0, 21.0])
+
+
+def test_a_drive_knows_its_ratio_only(tmp_path):
+    path = tmp_path / "drive.toml"
+    path.write_text('name = "robot axis"\n[drive]\nratio = "7/1798"\n')
+    drive = load_pair(path)
+    assert isinstance(drive, Drive)
+    assert drive.ratio == Fraction(7, 1798) and drive.hunting_turns == 1798
+    assert "robot axis" in str(drive) and "7/1798" in str(drive) and "1798 turns" in str(drive)
+    assert str(Drive(Fraction(1, 2))).splitlines()[0] == "drive"
+
+
+def test_objects_cannot_be_changed(paper_pair, paper_rig):
+    for thing, field in (
+        (paper_pair, "module_mm"),
+        (paper_pair.driving, "teeth"),
+        (paper_rig, "driving_mm"),
+        (Drive(Fraction(1, 2)), "ratio"),
+    ):
+        with pytest.raises(FrozenInstanceError):
+            setattr(thing, field, 1)
+
+
+def test_numbers_are_traced_and_tooth_counts_are_not(paper_pair, paper_rig):
+    traces = []
+
+    @eqx.filter_jit
+    def first_radius(pair, rig):
+        traces.append(1)
+        return pair.reference_radii[0] + rig.driving_mm
+
+    def changed(module, teeth=45):
+        return GearPair(
+            Gear(teeth, 3.0, 3.0, 20.0),
+            paper_pair.driven,
+            module_mm=module,
+            pressure_angles_deg=20.0,
+            centre_distance_mm=125.12,
+        )
+
+    assert first_radius(changed(2.0), paper_rig) == pytest.approx(45.0226)
+    assert first_radius(changed(2.1), replace(paper_rig, driving_mm=0.5)) == pytest.approx(47.75)
+    assert len(traces) == 1
+    assert first_radius(changed(2.0, teeth=46), paper_rig) == pytest.approx(46.0226)
+    assert len(traces) == 2
+
+
+def test_leaves_are_numpy_doubles_until_compiled(paper_pair, paper_rig):
+    for leaf in jax.tree.leaves((paper_pair, paper_rig)):
+        assert isinstance(leaf, np.ndarray) and leaf.dtype == np.float64
+    moved = jax.tree.map(jnp.asarray, paper_pair)
+    assert isinstance(moved.base_radii, jax.Array)
+    assert isinstance(paper_pair.base_radii, np.ndarray)
+    np.testing.assert_allclose(moved.base_radii, paper_pair.base_radii, rtol=1e-15)
+
+
+def test_numbers_keep_their_digits_while_64_bit_mode_is_off():
+    code = """
+import jax, numpy as np
+from vttig_jax.pair.eccentricities import Eccentricities
+from vttig_jax.pair.gear_pair import Gear, GearPair
+assert not jax.config.read("jax_enable_x64")
+pair = GearPair(Gear(45), Gear(80), module_mm=2.000000001, pressure_angles_deg=20.000000001,
+                centre_distance_mm=125.120000001)
+rig = Eccentricities(0.0226000000001, 49.5000000001)
+assert pair.module_mm == 2.000000001 and pair.centre_distance_mm == 125.120000001
+assert pair.pressure_angles_deg[1] == 20.000000001
+assert rig.driving_mm == 0.0226000000001 and rig.driving_phase_deg == 49.5000000001
+assert pair.base_radii.dtype == np.float64 and pair.drawing_backlash.dtype == np.float64
+jax.config.update("jax_enable_x64", True)
+assert jax.numpy.asarray(pair.module_mm) == 2.000000001
+"""
+    done = subprocess.run([sys.executable, "-c", code], check=False, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
+def test_text_of_a_pair(paper_pair):
+    text = str(paper_pair)
+    for piece in (
+        "VTTIG rig",
+        "45 / 80",
+        "9/16 = 0.5625",
+        "20.0000° / 20.0000°",
+        "20.1504° / 20.1504°",
+        "3.0000° / 3.0000°",
+        "125.12 mm",
+        "45 / 80 mm",
+        "1.722 / 1.722",
+        "16 turns = 5760°",
+        "0.0628°",
+    ):
+        assert piece in text
+    nameless = GearPair(Gear(45), Gear(80), module_mm=2.0, pressure_angles_deg=20.0)
+    assert str(nameless).splitlines()[0] == "gear pair"
+
+
+def test_eccentricities_as_complex_numbers():
+    first, second = Eccentricities(0.02, 90.0, 0.03, -60.0).cartesian
+    np.testing.assert_allclose(first, 0.02j, atol=1e-17)
+    np.testing.assert_allclose(second, 0.03 * np.exp(-1j * np.pi / 3), atol=1e-17)
+
+
+def test_involute_function():
+    """inv α is the bearing of the involute's point where the string stands at pressure angle α."""
+    alpha = np.radians(np.array([0.0, 14.5, 20.0, 35.0]))
+    roll = np.tan(alpha)
+    point = np.exp(1j * roll) * (1 - 1j * roll)
+    np.testing.assert_allclose(involute(alpha), np.angle(point), atol=1e-15)

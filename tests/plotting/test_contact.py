@@ -1,0 +1,117 @@
+"""The gears in mesh are drawn where they are: no flank crosses another, and touches lie on both."""
+
+import math
+
+import numpy as np
+import pytest
+from matplotlib.colors import to_rgba
+
+from vttig_jax.geometry.contact.contact_model import contact_model
+from vttig_jax.geometry.contact.report import contact_at
+from vttig_jax.geometry.mounting import Misalignment
+from vttig_jax.pair.eccentricities import Eccentricities
+from vttig_jax.plotting.contact import plot_contact
+from vttig_jax.plotting.style import COLOURS, FLANK_COLOURS
+
+ANGLES = np.array([0.3, 0.33, 0.36, 0.39, 0.42, 0.5])
+RIG = Eccentricities(0.3, 20.0, 0.25, 200.0, axial_mm=-1.0)
+"""Eccentricities that a picture shows."""
+
+
+@pytest.fixture(scope="module")
+def contacts(paper_pair):
+    """Of both flanks, axes 0.48 mm farther apart than drawn."""
+    model = contact_model(paper_pair, RIG, centre_distance_mm=125.6, sections=9)
+    return {flank: contact_at(model, ANGLES, flank) for flank in ("A", "B")}
+
+
+def outlines(ax, number):
+    colour = to_rgba(COLOURS[6 + number])
+    lines = [line for line in ax.get_lines() if to_rgba(line.get_color()) == colour]
+    return [np.asarray(line.get_xydata()) for line in lines]
+
+
+def touches(ax, flank):
+    colour = to_rgba(FLANK_COLOURS[flank])
+    dots = [line for line in ax.get_lines() if to_rgba(line.get_color()) == colour]
+    return np.array([np.asarray(line.get_xydata())[0] for line in dots])
+
+
+def nearest(points, curves):
+    """Distances of points from polygons."""
+    found = []
+    for point in points:
+        far = math.inf
+        for curve in curves:
+            start, along = curve[:-1], np.diff(curve, axis=0)
+            length = np.maximum((along**2).sum(axis=1), 1e-30)
+            share = np.clip(((point - start) * along).sum(axis=1) / length, 0, 1)
+            far = min(far, np.hypot(*(start + share[:, None] * along - point).T).min())
+        found.append(far)
+    return np.array(found)
+
+
+@pytest.mark.parametrize("flank", ["A", "B"])
+def test_touches_lie_on_both_gears(contacts, flank):
+    """To a tenth of a µm or so of the polygons, on eccentric bodies and shifted axes."""
+    for place in (0, 3):
+        ax = plot_contact(contacts[flank], place=place).axes[0]
+        dots = touches(ax, flank)
+        assert 1 <= len(dots) <= contacts[flank].pairs_in_contact[place]
+        for number in (0, 1):
+            assert nearest(dots, outlines(ax, number)).max() < 2e-3
+            assert nearest(dots + 0.01, outlines(ax, number)).max() > 3e-3
+        first = contacts[flank].radius_mm[place, 0]
+        centre = 0.3 * np.exp(1j * (ANGLES[place] + math.radians(20.0)))
+        far = np.abs(dots[:, 0] + 1j * dots[:, 1] - centre)
+        assert np.abs(far - first).min() < 1e-9
+
+
+def test_the_other_flank_has_its_gap(contacts):
+    """What is left between the gears beside flank A is their backlash, in the picture too."""
+    ax = plot_contact(contacts["A"]).axes[0]
+    low, high = ax.get_xlim()
+    driving, driven = (
+        [curve for curve in outlines(ax, number) if (np.abs(curve[:, 1]) < 2.5).any()]
+        for number in (0, 1)
+    )
+    points = np.concatenate(driving)
+    inside = points[(points[:, 0] > low + 3.2) & (points[:, 0] < high - 3.2)]
+    gaps = nearest(inside[np.abs(inside[:, 1]) < 4.0], driven)
+    assert gaps.min() < 1e-3
+    backlash = contacts["B"].transmission_error[0] - contacts["A"].transmission_error[0]
+    wide = backlash * 80.0 * math.cos(math.radians(20.0))
+    assert wide > 0.1 and gaps.max() > 0.9 * wide
+
+
+def test_lines_on_the_flank(contacts):
+    ax = plot_contact(contacts["A"], place=1).axes[1]
+    assert ax.get_title(loc="left") == "4 angles within a pitch, light to dark"
+    drawn = [line for line in ax.get_lines() if len(np.asarray(line.get_xdata())) > 2]
+    assert len(drawn) == sum(len(contacts["A"].contact_lines(row)) for row in range(1, 5))
+    radius = np.concatenate([np.asarray(line.get_ydata()) for line in drawn])
+    assert radius.min() > 42.2 and radius.max() < 47.0 + 1e-9
+
+
+def test_the_words(contacts, paper_pair, tmp_path):
+    figure = plot_contact(contacts["B"], paper_pair)
+    assert figure.get_suptitle() == f"contact · VTTIG rig · flank B at {math.degrees(0.3):g}°"
+    assert plot_contact(contacts["B"]).get_suptitle().startswith("contact · gear pair · ")
+    left, right = figure.axes
+    assert left.get_xlabel() == "x, from axis to axis [mm]"
+    assert right.get_ylabel() == "radius on the driving gear [mm]"
+    assert {word.get_text() for word in right.texts} == {"tip", "base"}
+    figure.savefig(tmp_path / "contact.png", dpi=50)
+
+
+def test_points_of_tilted_gears_are_dots(paper_pair):
+    model = contact_model(paper_pair, misalignment=Misalignment(0.0, 3e-4), sections=9)
+    ax = plot_contact(contact_at(model, ANGLES, "A")).axes[1]
+    markers = [line.get_marker() for line in ax.get_lines()]
+    assert "." in markers
+
+
+def test_where_nothing_touches_there_is_no_picture(paper_pair):
+    model = contact_model(paper_pair, Eccentricities(axial_mm=21.0), sections=9)
+    with pytest.raises(ValueError, match="`place` must be an angle with contact, but at 2 is none"):
+        plot_contact(contact_at(model, ANGLES, "A"), place=2)

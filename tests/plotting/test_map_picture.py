@@ -1,0 +1,150 @@
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.text import Text
+
+from vttig_jax.base.errors import NoAnswerError
+from vttig_jax.kinematics.backlash_map import BacklashMap
+from vttig_jax.kinematics.exact import exact_model
+from vttig_jax.kinematics.first_order import closed_model
+from vttig_jax.pair.gear_pair import Drive, Gear, GearPair
+from vttig_jax.plotting.backlash_map import plot_map
+from vttig_jax.plotting.style import MOST_POINTS
+
+
+@pytest.fixture
+def grid(paper_pair, paper_rig) -> BacklashMap:
+    model = exact_model(paper_pair, paper_rig)
+    return BacklashMap(model, closed_model(paper_pair, paper_rig), paper_pair)
+
+
+def data(ax: Axes, line: int) -> tuple[np.ndarray, np.ndarray]:
+    x, y = ax.lines[line].get_data()
+    return np.asarray(x), np.asarray(y)
+
+
+def right_axis(ax: Axes):
+    return next(iter(ax.child_axes), None)
+
+
+def legend_texts(ax: Axes) -> list[str]:
+    legend = ax.get_legend()
+    assert legend is not None
+    return [text.get_text() for text in legend.get_texts()]
+
+
+def test_lines_are_the_map_over_the_hunting_period(grid):
+    (ax,) = plot_map(grid).axes
+    x, y = data(ax, 0)
+    assert x[0] == 0 and x[-1] == pytest.approx(5760) and len(x) <= MOST_POINTS
+    np.testing.assert_allclose(y, np.degrees(grid.over(np.radians(x))), atol=1e-12)
+    x, y = data(ax, 1)
+    np.testing.assert_allclose(y, np.degrees(grid.first_order_over(np.radians(x))), atol=1e-12)
+    assert np.abs(data(ax, 0)[1] - data(ax, 1)[1]).max() > 1e-6
+
+
+def test_the_extremes_are_marked(grid):
+    (ax,) = plot_map(grid).axes
+    assert len(ax.lines) == 4
+    for line, extreme in ((2, grid.smallest), (3, grid.largest)):
+        x, y = data(ax, line)
+        assert x == pytest.approx(np.degrees(extreme.driving_angle))
+        assert y == pytest.approx(np.degrees(extreme.backlash))
+    assert legend_texts(ax) == [
+        f"smallest: {grid.smallest}",
+        f"largest: {grid.largest}",
+        "backlash map",
+        "first order only",
+    ]
+    assert "teeth" in legend_texts(ax)[0]
+
+
+def test_the_words(grid):
+    (ax,) = plot_map(grid).axes
+    assert ax.get_xlabel() == "driving angle [°]"
+    assert ax.get_ylabel() == "backlash, angle of the driven gear [°]"
+    assert ax.get_title(loc="left") == "backlash · VTTIG rig · hunting period of 16 turns"
+
+
+def test_the_right_axis_of_a_tapered_pair_is_the_axial_displacement(grid, paper_pair):
+    figure = plot_map(grid)
+    figure.draw_without_rendering()
+    right = right_axis(figure.axes[0])
+    assert right is not None
+    assert right.get_ylabel() == "axial displacement that closes it [mm]"
+    per_deg = np.radians(1) * 80 / (2 * np.tan(np.radians(3)))
+    assert right.get_ylim() == pytest.approx(np.array(figure.axes[0].get_ylim()) * per_deg)
+
+
+def test_the_right_axis_of_spur_gears_is_at_the_reference_circle(paper_rig):
+    pair = GearPair(Gear(45), Gear(80), module_mm=2.0, pressure_angles_deg=20.0)
+    figure = plot_map(BacklashMap(exact_model(pair, paper_rig), None, pair))
+    figure.draw_without_rendering()
+    right = right_axis(figure.axes[0])
+    assert right is not None
+    assert right.get_ylabel() == "at the reference circle [mm]"
+    per_deg = np.radians(1) * 80
+    assert right.get_ylim() == pytest.approx(np.array(figure.axes[0].get_ylim()) * per_deg)
+
+
+def test_a_drive_is_in_degrees_only(make_fit):
+    drive = Drive(Fraction(9, 16), name="drive")
+    (ax,) = plot_map(BacklashMap(make_fit().model, None, drive)).axes
+    assert right_axis(ax) is None
+    assert len(ax.lines) == 3 and "teeth" not in legend_texts(ax)[0]
+
+
+def test_a_long_hunting_period_is_cut_and_says_so(paper_rig):
+    pair = GearPair(Gear(45, 3, 3), Gear(83, 3, 3), module_mm=2.0, pressure_angles_deg=20.0)
+    grid = BacklashMap(exact_model(pair, paper_rig), None, pair)
+    (ax,) = plot_map(grid).axes
+    assert ax.get_xlim() == (0, 5760) and data(ax, 0)[0].max() == pytest.approx(5760)
+    assert "first 16 of the 83 turns" in ax.get_title(loc="left")
+    for line, extreme in ((1, grid.smallest), (2, grid.largest)):
+        outside = np.degrees(extreme.driving_angle) > 5760
+        assert len(data(ax, line)[0]) == (0 if outside else 1)
+        assert legend_texts(ax)[line - 1].endswith("not shown") == outside
+    (whole,) = plot_map(grid, turns=100).axes
+    assert whole.get_xlim() == (0, 360 * 83)
+    assert "hunting period of 83 turns" in whole.get_title(loc="left")
+    assert not any(text.endswith("not shown") for text in legend_texts(whole))
+
+
+def test_the_turns_can_be_fewer(grid):
+    (ax,) = plot_map(grid, turns=1).axes
+    assert ax.get_xlim() == (0, 360)
+    assert "first 1 of the 16 turns" in ax.get_title(loc="left")
+    assert legend_texts(ax)[0].endswith("not shown")
+
+
+def test_no_turns_are_refused(grid):
+    with pytest.raises(ValueError, match="`turns` must be at least 1, but is 0"):
+        plot_map(grid, turns=0)
+
+
+def test_it_draws_on_given_axes(grid):
+    figure = Figure()
+    upper, lower = figure.subplots(2)
+    assert plot_map(grid, ax=lower, turns=1) is figure
+    assert lower.lines and not upper.lines
+
+
+def test_a_flank_that_was_not_measured_is_a_sentence(worm_fit):
+    with pytest.raises(NoAnswerError, match="one of its flanks was not measured; record both"):
+        plot_map(BacklashMap(worm_fit.model, None, Drive(Fraction(1, 2))))
+
+
+def test_legend_and_title_cover_nothing(grid):
+    figure = plot_map(grid)
+    figure.draw_without_rendering()
+    (ax,) = figure.axes
+    legend = ax.get_legend()
+    assert legend is not None
+    box = legend.get_window_extent()
+    assert box.y0 >= ax.get_window_extent().y1 - 1
+    words = ax.get_title(loc="left")
+    (title,) = [c for c in ax.get_children() if isinstance(c, Text) and c.get_text() == words]
+    assert title.get_window_extent().y0 >= box.y1 - 1

@@ -1,0 +1,87 @@
+import numpy as np
+import pytest
+from matplotlib.axes import Axes
+from matplotlib.colors import to_rgba
+from matplotlib.container import BarContainer
+from matplotlib.patches import Rectangle
+
+from vttig_jax.identify.report.order_table import Order
+from vttig_jax.plotting.order_spectrum import plot_orders
+
+
+def bars(ax: Axes) -> list[tuple[float, float, float, bool]]:
+    """Place, height, standard error and whether it is filled, of every bar from the left."""
+    found = []
+    for container in ax.containers:
+        if not isinstance(container, BarContainer):
+            continue
+        bar = container.patches[0]
+        assert isinstance(bar, Rectangle) and container.errorbar is not None
+        segment = container.errorbar.lines[2][0].get_segments()[0]
+        place = bar.get_x() + bar.get_width() / 2
+        filled = to_rgba(bar.get_facecolor())[3] > 0
+        found.append((place, bar.get_height(), np.ptp(segment[:, 1]) / 2, filled))
+    return sorted(found)
+
+
+@pytest.mark.parametrize("log", [True, False])
+def test_bars_are_the_orders(make_fit, log):
+    fit = make_fit()
+    axes = plot_orders(fit, log=log).axes
+    for ax, shaft in zip(axes, ("driving", "driven", "mesh"), strict=True):
+        orders = [o for o in fit.orders if o.shaft == shaft]
+        drawn = bars(ax)
+        assert [bar[1] for bar in drawn] == [o.amplitude_arcsec for o in orders]
+        assert [bar[2] for bar in drawn] == pytest.approx([o.std_arcsec for o in orders])
+        assert [bar[3] for bar in drawn] == [o.amplitude_arcsec >= 3 * o.std_arcsec for o in orders]
+
+
+def test_the_words(make_fit):
+    figure = plot_orders(make_fit())
+    axes = figure.axes
+    assert axes[0].get_ylabel() == "amplitude at the driven gear [arcsec]"
+    assert [ax.get_xlabel() for ax in axes] == ["driving order", "driven order", "mesh order"]
+    assert [text.get_text() for text in axes[0].get_xticklabels()] == ["1", "3"]
+    assert figure.get_suptitle() == "order spectrum · VTTIG rig"
+    texts = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert texts == ["flank A", "flank B", "below three standard errors"]
+
+
+def test_flanks_stand_side_by_side(make_fit):
+    places = [bar[0] for bar in bars(plot_orders(make_fit()).axes[0])]
+    assert places == pytest.approx([-0.19, 0.19, 0.81, 1.19])
+
+
+def test_the_scale_is_an_option(make_fit):
+    fit = make_fit()
+    assert plot_orders(fit).axes[0].get_yscale() == "log"
+    linear = plot_orders(fit, log=False).axes[0]
+    assert linear.get_yscale() == "linear" and linear.get_ylim()[0] == 0
+
+
+@pytest.mark.parametrize("log", [True, False])
+def test_every_bar_is_in_view(make_fit, log):
+    fit = make_fit()
+    low, high = plot_orders(fit, log=log).axes[-1].get_ylim()
+    assert low < min(o.amplitude_arcsec for o in fit.orders)
+    assert high > max(o.amplitude_arcsec + o.std_arcsec for o in fit.orders)
+
+
+def test_one_flank_stands_on_its_tick(worm_fit):
+    figure = plot_orders(worm_fit)
+    figure.draw_without_rendering()
+    (ax,) = figure.axes
+    assert bars(ax) == [(pytest.approx(0.0), 3.8, pytest.approx(0.05), True)]
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["flank A"]
+
+
+def test_nothing_fitted_is_said(make_fit):
+    (ax,) = plot_orders(make_fit(orders=())).axes
+    assert [text.get_text() for text in ax.texts] == ["no order was fitted"]
+
+
+def test_amplitudes_of_zero_can_be_drawn(make_fit):
+    fit = make_fit(orders=(Order("driving", 1, "A", 0.0, 0.1, 0.0),))
+    figure = plot_orders(fit)
+    figure.draw_without_rendering()
+    assert figure.axes[0].get_yscale() == "linear"

@@ -1,0 +1,80 @@
+import struct
+
+import pytest
+
+import vttig_jax
+from vttig_jax.base.errors import NoAnswerError, UsageError
+from vttig_jax.identify.backlash import backlash_map
+from vttig_jax.kinematics.backlash_map import BacklashMap
+from vttig_jax.plotting.dispatch import plot
+from vttig_jax.plotting.save import figures, png, save_figures
+
+NAMES = ["te_fit.png", "orders.png", "residual.png", "backlash_map.png"]
+
+
+@pytest.fixture(scope="module")
+def grid(make_fit, paper_pair) -> BacklashMap:
+    return BacklashMap(make_fit().model, None, paper_pair)
+
+
+@pytest.fixture(scope="module")
+def drawn(make_fit, grid) -> dict[str, bytes]:
+    return figures(make_fit(), grid)
+
+
+def test_pictures_are_1200_pixels_wide(drawn):
+    assert list(drawn) == NAMES
+    for data in drawn.values():
+        assert data.startswith(b"\x89PNG\r\n\x1a\n")
+        assert struct.unpack(">I", data[16:20]) == (1200,)
+
+
+def test_the_same_fit_gives_the_same_bytes(make_fit, grid, drawn):
+    assert figures(make_fit(), grid) == drawn
+    other = figures(make_fit(residual_arcsec=5.0), None)
+    assert other["te_fit.png"] != drawn["te_fit.png"]
+    assert other["orders.png"] == drawn["orders.png"]
+
+
+def test_the_bytes_hold_no_date_and_no_version(make_curve):
+    data = png(plot(make_curve("A")))
+    assert b"vttig_jax" in data
+    assert b"Matplotlib" not in data and b"tIME" not in data
+
+
+def test_without_a_map_its_picture_is_left_out(worm_fit):
+    assert list(figures(worm_fit, None)) == NAMES[:3]
+
+
+def test_files_are_what_was_drawn(make_fit, grid, drawn, tmp_path):
+    names = save_figures(make_fit(), grid, tmp_path / "figures")
+    assert names == NAMES
+    assert sorted(path.name for path in (tmp_path / "figures").iterdir()) == sorted(NAMES)
+    for name, data in drawn.items():
+        assert (tmp_path / "figures" / name).read_bytes() == data
+
+
+def test_existing_files_are_kept_unless_told(make_fit, tmp_path):
+    old = tmp_path / "te_fit.png"
+    old.write_bytes(b"older")
+    with pytest.raises(UsageError, match="--overwrite"):
+        save_figures(make_fit(), None, tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["te_fit.png"]
+    assert old.read_bytes() == b"older"
+    save_figures(make_fit(), None, tmp_path, overwrite=True)
+    assert old.read_bytes() != b"older"
+
+
+def test_a_real_log_of_one_direction_can_be_drawn(data_dir, tmp_path):
+    table = tmp_path / "worm.toml"
+    table.write_text(
+        '[drive]\nratio = "1/225"\n[log]\ndriving = "driving_deg"\n'
+        'transmission_error = "transmission_error_arcsec"\n'
+        "[fit]\ndriving_orders = [1, 2, 3]\ndriven_orders = []\n"
+    )
+    pair = vttig_jax.load_pair(table)
+    log = vttig_jax.read_log(data_dir / "worm_mount" / "ap_gt1100.csv", pair)
+    fit = vttig_jax.fit(log, pair)
+    with pytest.raises(NoAnswerError):
+        backlash_map(fit)
+    assert list(figures(fit, None)) == NAMES[:3]

@@ -1,0 +1,58 @@
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from vttig_jax.plotting.fit import plot_te
+from vttig_jax.plotting.style import FLANK_COLOURS, MOST_POINTS, unit_size
+
+
+@pytest.mark.parametrize(("unit", "per_rad"), [("arcsec", 648000 / np.pi), ("deg", 180 / np.pi)])
+def test_the_line_is_the_curve(make_curve, unit, per_rad):
+    curve = make_curve("B")
+    (ax,) = plot_te(curve, unit=unit).axes
+    (line,) = ax.lines
+    x, y = np.asarray(line.get_xdata()), np.asarray(line.get_ydata())
+    np.testing.assert_allclose(x, np.degrees(curve.driving_angle), rtol=1e-13)
+    np.testing.assert_allclose(y, curve.transmission_error * per_rad, rtol=1e-13)
+
+
+@pytest.mark.parametrize("flank", ["A", "B"])
+def test_the_words(make_curve, flank):
+    (ax,) = plot_te(make_curve(flank)).axes
+    assert ax.get_xlabel() == "driving angle [°]"
+    assert ax.get_ylabel() == "transmission error [arcsec]"
+    assert ax.get_title(loc="left") == f"transmission error, flank {flank}"
+    assert ax.lines[0].get_color() == FLANK_COLOURS[flank]
+    (ax,) = plot_te(make_curve(flank), unit="deg").axes
+    assert ax.get_ylabel() == "transmission error [°]"
+
+
+def test_the_flanks_differ_in_colour():
+    assert FLANK_COLOURS["A"] != FLANK_COLOURS["B"]
+
+
+def test_several_turns_have_ticks_at_whole_turns(make_curve):
+    (ax,) = plot_te(make_curve("A", 0.0, 7560.0)).axes
+    assert np.all(np.asarray(ax.get_xticks()) % 360 == 0)
+    assert 5 <= len(ax.get_xticks()) <= 12
+    (ax,) = plot_te(make_curve("A", 0.0, 90.0)).axes
+    assert np.any(np.asarray(ax.get_xticks()) % 360 != 0)
+
+
+def test_it_draws_on_given_axes(make_curve):
+    figure = Figure()
+    upper, lower = figure.subplots(2)
+    assert plot_te(make_curve("A"), ax=lower) is figure
+    assert len(lower.lines) == 1 and not upper.lines
+
+
+def test_long_curves_are_thinned(make_curve):
+    curve = make_curve("A", points=3 * MOST_POINTS)
+    y = np.asarray(plot_te(curve, unit="deg").axes[0].lines[0].get_ydata())
+    assert len(y) <= MOST_POINTS
+    assert np.ptp(y) == pytest.approx(np.degrees(curve.peak_to_peak), rel=1e-14)
+
+
+def test_an_unknown_unit_is_refused():
+    with pytest.raises(ValueError, match="`unit` must be arcsec or deg, but is 'mm'"):
+        unit_size("mm")

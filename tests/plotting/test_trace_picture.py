@@ -1,0 +1,67 @@
+import numpy as np
+import pytest
+
+from tests.posterior.made import made_posterior, quick_fit
+from vttig_jax.plotting.style import COLOURS
+from vttig_jax.plotting.trace_picture import plot_trace
+
+
+@pytest.fixture(scope="module")
+def posterior():
+    return made_posterior(quick_fit(), ensembles=3)
+
+
+@pytest.fixture(scope="module")
+def figure(posterior):
+    return plot_trace(posterior)
+
+
+def thick(ax) -> list:
+    return [line for line in ax.lines if line.get_linewidth() > 1]
+
+
+def test_every_coordinate_and_the_log_density_has_a_panel(figure, posterior):
+    words = [ax.get_title(loc="left") for ax in figure.axes if ax.axison]
+    assert len(words) == len(posterior.names) + 1
+    assert words[0] == "constant backlash [°]"
+    assert {"driving x [µm]", "partial 2", "log density"} <= set(words)
+
+
+def test_each_ensemble_has_its_colour_and_its_mean(figure, posterior):
+    place = posterior.names.index("driving_x")
+    (ax,) = [ax for ax in figure.axes if ax.get_title(loc="left") == "driving x [µm]"]
+    lines = thick(ax)
+    assert [line.get_color() for line in lines] == list(COLOURS[:3])
+    for ensemble, line in enumerate(lines):
+        expected = posterior.draws[ensemble, :, :, place].mean(axis=1) / 1e-3
+        np.testing.assert_allclose(line.get_ydata(), expected)
+    assert len(ax.lines) - 3 == 3 * 12  # walkers, at most twelve an ensemble
+
+
+def test_an_ensemble_that_stands_apart_is_seen(posterior):
+    from dataclasses import replace
+
+    draws = posterior.draws.copy()
+    draws[2, ..., 0] += 0.01
+    ax = plot_trace(replace(posterior, draws=draws), names=posterior.names[:1]).axes[0]
+    levels = [np.mean(line.get_ydata()) for line in thick(ax)]
+    assert abs(levels[1] - levels[0]) < 1e-3 < levels[2] - levels[0]
+
+
+def test_long_traces_are_thinned(posterior):
+    long = made_posterior(posterior.fit, ensembles=2, steps=2500, walkers=2)
+    ax = plot_trace(long, names=("driving_x",)).axes[0]
+    assert len(thick(ax)[0].get_xdata()) == 1250 and thick(ax)[0].get_xdata()[-1] == 2498
+
+
+def test_the_legend_stands_below_everything(figure):
+    figure.draw_without_rendering()
+    (legend,) = figure.legends
+    assert [text.get_text() for text in legend.get_texts()] == [f"ensemble {k}" for k in (1, 2, 3)]
+    top = legend.get_window_extent().y1
+    assert all(ax.get_tightbbox().y0 >= top - 1 for ax in figure.axes if ax.axison)
+
+
+def test_an_unknown_name_is_refused(posterior):
+    with pytest.raises(ValueError, match="must be one of"):
+        plot_trace(posterior, names=("nonesuch",))

@@ -1,0 +1,130 @@
+"""Planned noise against brute force: its averages, its whitening, and counting that is frozen."""
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.linalg import solve, toeplitz
+
+from vttig_jax.base.units import DEG, REV
+from vttig_jax.pair.gear_pair import Drive
+from vttig_jax.pair.schema import Encoder, GearTable
+from vttig_jax.posterior.planning.noise import PlannedNoise, counting_std, frozen_counts
+from vttig_jax.rig.imperfections import Noise
+from vttig_jax.rig.paper import paper_pair
+
+
+def block_averages(noise: PlannedNoise, size: int, rate_hz: float, blocks: int) -> np.ndarray:
+    """Covariance of means of `size` samples from the full covariance of all samples."""
+    lag_s = np.arange(size * blocks) / rate_hz
+    samples = (noise.std_deg * DEG) ** 2 * np.exp(-lag_s / max(noise.correlation_s, 1e-300))
+    samples[0] += (noise.white_std_deg * DEG) ** 2
+    mean = np.kron(np.eye(blocks), np.full((1, size), 1 / size))
+    return mean @ toeplitz(samples) @ mean.T
+
+
+@given(
+    st.integers(1, 12),
+    st.sampled_from([0.0, 1e-4, 2e-3, 0.05, 10.0, 1e6]),
+    st.floats(0.0, 0.01),
+)
+def test_averages_of_the_noise_are_those_of_its_samples(size, correlation_s, white_std_deg):
+    noise = PlannedNoise(0.003, correlation_s, white_std_deg)
+    expected = block_averages(noise, size, 1000.0, 5)
+    found = noise.autocovariance(size, 1000.0, 4)
+    np.testing.assert_allclose(found, expected[0], rtol=1e-9, atol=1e-9 * expected[0, 0])
+
+
+def test_counting_joins_the_white_part():
+    counting = PlannedNoise(0.003, 0.01).autocovariance(7, 500.0, 3, 0.004 * DEG)
+    white = PlannedNoise(0.003, 0.01, 0.004).autocovariance(7, 500.0, 3)
+    np.testing.assert_allclose(counting, white, rtol=1e-14)
+
+
+@pytest.mark.parametrize("correlation_s", [0.0, 0.005, 0.5])
+def test_whitened_rows_have_the_information_of_the_full_covariance(correlation_s):
+    noise = PlannedNoise(0.002, correlation_s, 0.001)
+    blocks = noise.of_blocks(5, 1000.0)
+    phase = np.linspace(0, 9, 400)
+    rows = np.stack([np.ones(400), np.cos(phase), np.sin(7 * phase), phase], axis=1)
+    known = toeplitz(noise.autocovariance(5, 1000.0, 399))
+    expected = rows.T @ solve(known, rows, assume_a="pos")
+    white = blocks.whitened(rows)
+    np.testing.assert_allclose(white.T @ white, expected, rtol=1e-5, atol=1e-6 * expected[0, 0])
+    if correlation_s:
+        # Without the first rows' own covariance the information is another one.
+        late = white[len(blocks.filter) - 1 :]
+        assert abs((late.T @ late)[0, 0] / expected[0, 0] - 1) > 1e-3
+
+
+def test_a_higher_order_changes_nothing():
+    noise = PlannedNoise(0.002, 0.00475)
+    chosen = noise.of_blocks(11, 1987.0, counting_std(paper_pair()))
+    higher = noise.of_blocks(11, 1987.0, counting_std(paper_pair()), order=200)
+    assert 8 <= len(chosen.filter) - 1 <= 64
+    assert chosen.innovation_std == pytest.approx(higher.innovation_std, rel=1e-9)
+    assert chosen.filter.sum() == pytest.approx(higher.filter.sum(), rel=1e-4)
+    lower = noise.of_blocks(11, 1987.0, counting_std(paper_pair()), order=1)
+    assert abs(lower.filter.sum() / higher.filter.sum() - 1) > 0.02
+
+
+def test_white_noise_needs_no_autoregression():
+    blocks = PlannedNoise(0.002).of_blocks(4, 1000.0)
+    assert len(blocks.filter) == 1
+    assert blocks.innovation_std == pytest.approx(0.001 * DEG)
+
+
+def test_whitened_noise_of_the_rig_is_white():
+    noise = Noise(0.002, 0.00475)
+    path = noise.draw(400_000, 1987.0, np.random.default_rng(0))
+    means = path.reshape(-1, 10).mean(axis=1)[:, None]
+    white = PlannedNoise(0.002, 0.00475).of_blocks(10, 1987.0).whitened(means)[:, 0]
+    assert white.var() == pytest.approx(1.0, abs=0.04)
+    lagged = [white[k:] @ white[:-k] / len(white) for k in (1, 2, 3)]
+    np.testing.assert_allclose(lagged, 0.0, atol=0.02)
+    other = PlannedNoise(0.002, 0.02).of_blocks(10, 1987.0).whitened(means)[:, 0]
+    assert abs(other[1:] @ other[:-1] / len(other)) > 0.1  # the check can fail
+
+
+@pytest.mark.parametrize("name", ["std_deg", "correlation_s", "white_std_deg"])
+@pytest.mark.parametrize("value", [-1.0, np.nan, np.inf])
+def test_noise_that_cannot_be_is_refused(name, value):
+    with pytest.raises(ValueError, match=name):
+        PlannedNoise(**{name: value})
+
+
+def test_counting_error_is_that_of_both_encoders():
+    generator = np.random.default_rng(1)
+    step = REV / 90_000
+    errors = step * (generator.uniform(size=200_000) - 9 / 16 * generator.uniform(size=200_000))
+    assert counting_std(paper_pair()) == pytest.approx(errors.std(), rel=0.01)
+    assert counting_std(Drive(Fraction(1, 2))) == 0.0
+
+
+def test_the_frozen_counts_of_the_paper_are_told_with_a_better_rate():
+    (sentence,) = frozen_counts(paper_pair(), [60.0], 2000.0)
+    assert "45 counts of the driving encoder" in sentence
+    assert "1987 Hz" in sentence
+    assert frozen_counts(paper_pair(), [60.0], 1987.0) == []
+    assert frozen_counts(paper_pair(), [59.3], 2000.0) == []
+    assert frozen_counts(paper_pair(), [60.0, 40.0], 2000.0)[1:] == [
+        sentence.replace("60 rpm", "40 rpm").replace(" 45 counts", " 30 counts")
+    ]
+
+
+def frozen_bias(rate_hz: float, counts: int) -> float:
+    """What counting at 60 rpm leaves of a wobble of 0.3 counts once a turn, in counts."""
+    angle = REV * np.arange(int(10 * rate_hz)) / rate_hz
+    wobble = 0.3 * np.sin(angle)
+    off = np.floor(angle / REV * counts + 0.5 + wobble) - angle / REV * counts - wobble
+    design = np.stack([np.ones_like(angle), np.cos(angle), np.sin(angle)], axis=1)
+    return float(np.hypot(*np.linalg.lstsq(design, off, rcond=None)[0][1:]))
+
+
+def test_what_is_called_frozen_does_bias_the_first_order():
+    drive = Drive(ratio=Fraction(1), driving=GearTable(encoder=Encoder(counts_per_rev=3600)))
+    for rate_hz, frozen in ((1200.0, True), (900.0, True), (1193.0, False), (877.0, False)):
+        assert bool(frozen_counts(drive, [60.0], rate_hz)) == frozen
+        assert (frozen_bias(rate_hz, 3600) > 0.05) == frozen

@@ -1,0 +1,75 @@
+"""The shortest run: enough, no longer than needed, or refused with the reason."""
+
+from fractions import Fraction
+from typing import Any
+
+import pytest
+
+from vttig_jax.base.errors import NoAnswerError
+from vttig_jax.pair.gear_pair import Drive
+from vttig_jax.pair.schema import FitOptions
+from vttig_jax.posterior.planning.noise import PlannedNoise
+from vttig_jax.posterior.planning.plan import plan
+from vttig_jax.posterior.planning.shortest_run import shortest_run
+
+FEW = FitOptions(driving_orders=(1, 2), driven_orders=(1, 2), mesh_orders=0)
+HOW: dict[str, Any] = {"rate_hz": 200.0, "noise": PlannedNoise(0.003, 0.01), "options": FEW}
+DRIVE = Drive(Fraction(9, 16))
+NAME = "driven_amplitude_arcsec"
+
+
+@pytest.mark.parametrize("wanted", [1.0, 0.2])
+def test_it_is_enough_and_one_turn_less_is_not(wanted):
+    found = shortest_run(DRIVE, {NAME: wanted}, **HOW)
+    assert found.std(NAME) <= wanted
+    less = plan(DRIVE, turns=found.run.turns - 1, **HOW)
+    assert less.std(NAME) > wanted
+    assert found.parameters[NAME].wanted == wanted
+    assert "wanted" in str(found)
+    assert found.std(NAME) == plan(DRIVE, turns=found.run.turns, **HOW).std(NAME)
+
+
+def test_the_hardest_of_several_wishes_decides():
+    easy, hard = {NAME: 1.0}, {"driving_phase_deg": 0.3}
+    turns = [shortest_run(DRIVE, w, **HOW).run.turns for w in (easy, hard, easy | hard)]
+    assert turns[0] < turns[1] == turns[2]
+
+
+def test_a_wish_that_any_run_grants_takes_the_least_that_can_be_fitted():
+    found = shortest_run(DRIVE, {NAME: 1e6}, **HOW)
+    assert found.short == ()
+    few = plan(DRIVE, turns=found.run.turns - 1, **HOW)
+    assert not few.parameters[NAME].determined
+
+
+def test_what_turns_cannot_tell_is_refused_at_once_with_the_reason():
+    with pytest.raises(NoAnswerError, match=r"no number of turns .* one flank alone"):
+        shortest_run(DRIVE, {"constant_backlash_deg": 1.0}, **HOW, directions="forward")
+    with pytest.raises(NoAnswerError, match="no gear geometry"):
+        shortest_run(DRIVE, {"driving_encoder_arcsec": 1.0}, **HOW)
+
+
+def test_the_upper_bound_is_stated(monkeypatch):
+    monkeypatch.setattr("vttig_jax.posterior.planning.shortest_run.MOST_SAMPLES", 50_000)
+    with pytest.raises(
+        NoAnswerError, match=r"30 turns a pass, as asked, .* instead of 0.01 arcsec"
+    ):
+        shortest_run(DRIVE, {NAME: 0.01}, most_turns=30.0, **HOW)
+    with pytest.raises(NoAnswerError, match="fit in memory"):
+        shortest_run(DRIVE, {NAME: 1e-9}, most_turns=1e9, **HOW)
+    with pytest.raises(NoAnswerError, match="full revolution"):
+        shortest_run(DRIVE, {NAME: 1.0}, most_turns=1.0, **HOW)
+
+
+@pytest.mark.parametrize(
+    ("target", "words"),
+    [
+        ({}, "empty"),
+        ({NAME: 0.0}, NAME),
+        ({NAME: float("nan")}, NAME),
+        ({"nonesuch": 1.0}, "nonesuch"),
+    ],
+)
+def test_wrong_targets_are_named(target, words):
+    with pytest.raises(ValueError, match=words):
+        shortest_run(DRIVE, target, **HOW)

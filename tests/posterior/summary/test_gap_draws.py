@@ -1,0 +1,146 @@
+"""Draws of the gap: against the flank model itself, its smallest value, and what binds."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.posterior.made import made_posterior, quick_fit
+from vttig_jax.base.errors import NoAnswerError
+from vttig_jax.base.units import DEG, REV
+from vttig_jax.identify.report.parameters import undetermined
+from vttig_jax.kinematics.backlash_map import BacklashMap
+from vttig_jax.pair.gear_pair import Drive, Gear, GearPair
+from vttig_jax.posterior.summary.draws import SmallestGap, batches
+from vttig_jax.posterior.summary.posterior import gap_draws
+
+ANGLES = np.linspace(0, 16 * REV, 301)
+
+
+@pytest.fixture(scope="module")
+def posterior():
+    return made_posterior(quick_fit(), chosen=400)
+
+
+@pytest.fixture(scope="module")
+def draws(posterior):
+    return gap_draws(posterior)
+
+
+@pytest.mark.parametrize("draw", [0, 17, 399])
+def test_a_draw_is_its_own_flank_model(draws, draw):
+    model = draws.model(draw)
+    np.testing.assert_allclose(draws.over(ANGLES)[:, draw], model.backlash(ANGLES), atol=3e-9)
+    for flank in ("A", "B"):
+        exact = model.transmission_error(ANGLES, flank)
+        np.testing.assert_allclose(draws.errors(ANGLES, flank)[:, draw], exact, atol=3e-9)
+
+
+def test_the_driven_angle_is_that_of_the_draw_and_not_of_the_ideal_gear(draws):
+    """Without the Newton step around the mean TE the error is thirty times larger."""
+    model, orders = draws.model(3), np.asarray(draws.terms)
+    phase = np.outer(ANGLES, orders @ [1.0, float(draws.pair.ratio)])
+    naive = [
+        draws.offset[3, side]
+        + np.cos(phase) @ draws.cosine[3, side]
+        + np.sin(phase) @ draws.sine[3, side]
+        for side in (0, 1)
+    ]
+    exact = np.asarray(model.backlash(ANGLES))
+    assert np.abs(naive[1] - naive[0] - exact).max() > 30 * 3e-9
+
+
+def test_pieces_are_the_whole(draws):
+    np.testing.assert_allclose(np.concatenate(list(draws.pieces(ANGLES))), draws.over(ANGLES))
+
+
+@pytest.mark.parametrize("draw", [0, 5, 123, 398])
+def test_the_smallest_gap_of_a_draw_is_that_of_its_map(draws, draw):
+    found, expected = draws.smallest, BacklashMap(draws.model(draw), None, draws.pair).smallest
+    assert found.gap[draw] == pytest.approx(expected.backlash, abs=1e-12)
+    assert found.driving_angle[draw] == pytest.approx(expected.driving_angle, abs=1e-5)
+
+
+def test_no_angle_lies_below_the_smallest_gap_and_a_grid_alone_stays_above(draws):
+    angle = np.arange(0, 16 * 360, 0.5) * DEG
+    lowest = np.min([piece.min(axis=0) for piece in draws.pieces(angle)], axis=0)
+    assert (draws.smallest.gap <= lowest + 3e-9).all()
+    coarse = draws.over(np.arange(0, 16 * 360, 4.0) * DEG).min(axis=0)
+    assert np.median(coarse - draws.smallest.gap) > 1e-6
+
+
+def test_places_that_were_left_out_cannot_win(draws):
+    """The pruned grid has the smallest gap of every draw although most of it is gone."""
+    _, width = draws._candidates()
+    kept = draws._worth_a_look(5760, width)
+    assert len(kept) < 0.3 * 5760
+    gaps = draws.over(np.arange(5760) * width)
+    assert set(gaps.argmin(axis=0)) <= set(kept)
+
+
+def test_a_wide_posterior_keeps_the_whole_period(posterior):
+    wide = replace(posterior, offset=posterior.offset * [1.0, -30.0])
+    found = gap_draws(wide)
+    _, width = found._candidates()
+    assert len(found._worth_a_look(5760, width)) == 5760
+
+
+def test_safe_closing_and_the_chance_to_bind(draws, posterior):
+    closing = draws.smallest.safe_closing_mm
+    taper = 2 * np.tan(3 * DEG)
+    np.testing.assert_allclose(closing, draws.smallest.gap * 80 / taper)
+    middle = float(np.median(closing))
+    share = posterior.probability_of_binding(middle)
+    assert share.value == pytest.approx(0.5, abs=0.01)
+    assert 0.5 / np.sqrt(400) <= share.std_error + 1e-4 < 0.08
+    never = posterior.probability_of_binding(float(closing.min()) - 1e-6)
+    always = posterior.probability_of_binding(float(closing.max()) + 1e-6)
+    assert (never.value, always.value) == (0.0, 1.0)
+    assert 0 < never.std_error < 0.01 and 0 < always.std_error < 0.01
+
+
+def test_the_error_of_a_share_sees_batches_that_disagree(draws):
+    count = len(draws.smallest.gap)
+    low = np.arange(count) < count // 2
+    gap = np.where(low, 0.001, 0.002)
+    mixed = replace(draws.smallest, gap=gap, batch=np.random.default_rng(0).integers(0, 8, count))
+    split = replace(draws.smallest, gap=gap, batch=low.astype(int))
+    closing = float(np.mean(mixed.safe_closing_mm))
+    assert mixed.probability_of_binding(closing).std_error < 0.06
+    assert split.probability_of_binding(closing).std_error > 0.4
+
+
+def test_batches_are_ensembles_and_stretches_of_steps():
+    chosen = np.arange(2 * 6 * 3)
+    found = batches(chosen, (2, 6, 3), 2)
+    np.testing.assert_array_equal(found, np.repeat([0, 1, 2, 3], 9))
+    assert len(set(batches(chosen, (2, 6, 3), 100))) == 12
+
+
+def test_the_place_of_most_draws(paper_pair):
+    angle = np.array([1.0] * 6 + [50.0] * 4)
+    found = SmallestGap(paper_pair, np.full(10, 1e-4), angle, np.zeros(10, int))
+    assert found.place == (1.0, 0.6)
+    # One place on both sides of the zero of the period.
+    round_zero = replace(found, driving_angle=np.array([1e-3] * 6 + [16 * REV - 1e-3] * 4))
+    assert round_zero.place[1] == 1.0
+
+
+def test_one_flank_or_no_gap_has_no_answer(posterior):
+    fit = posterior.fit
+    with pytest.raises(NoAnswerError, match="only flank B was measured"):
+        gap_draws(replace(posterior, fit=replace(fit, flanks=("B",))))
+    unknown = undetermined("constant_backlash_deg", "deg", "turned too little")
+    open_fit = replace(fit, parameters=fit.parameters | {"constant_backlash_deg": unknown})
+    with pytest.raises(NoAnswerError, match=r"undetermined \(turned too little\)"):
+        gap_draws(replace(posterior, fit=open_fit))
+
+
+def test_no_closing_without_taper(draws):
+    spur = GearPair(Gear(45), Gear(80), module_mm=2.0, pressure_angles_deg=20.0)
+    for pair, words in ((spur, "gears without taper"), (Drive(spur.ratio), "a drive without")):
+        found = replace(draws.smallest, pair=pair)
+        with pytest.raises(NoAnswerError, match=words):
+            found.probability_of_binding(0.1)
+        assert found.to_json()["safe_closing_mm"] is None
+        assert [name for name, _ in found.rows()] == ["smallest gap"]

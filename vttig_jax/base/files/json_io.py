@@ -1,0 +1,83 @@
+"""Strict JSON out, and the schemas it keeps. Imports neither numpy nor jax.
+
+Every object the program writes carries `schema`, a name and a number such as `vttig.error/1`; the
+JSON Schema (draft 2020-12) of that name ships in `vttig_jax/schemas/vttig.error-1.json`. Additions
+keep the number.
+"""
+
+import dataclasses
+import json
+import math
+from importlib.resources import files
+from typing import Any
+
+
+def dumps(obj: Any, *, ascii_only: bool = False) -> str:
+    """Write an object as strict JSON, indented, keys in the order given.
+
+    NaN and infinities become null. Dataclasses become objects; NumPy and JAX arrays and scalars
+    become lists and numbers. `ascii_only` escapes everything else, for streams of unknown encoding.
+
+    **Raises** `ValueError` naming the place of anything that has no JSON form.
+
+    **Example**
+    ```python
+    >>> from vttig_jax.base.files.json_io import dumps
+    >>> print(dumps({"unit": "°", "value": float("nan")}))
+    {
+      "unit": "°",
+      "value": null
+    }
+
+    ```
+    """
+    plain = _plain(obj, "obj")
+    return json.dumps(plain, ensure_ascii=ascii_only, allow_nan=False, indent=2)
+
+
+def schema_names() -> list[str]:
+    """Names of all shipped schemas, for example `vttig.error/1`."""
+    stems = (entry.name.removesuffix(".json") for entry in _folder().iterdir())
+    return sorted("/".join(stem.rsplit("-", 1)) for stem in stems if stem.startswith("vttig."))
+
+
+def load_schema(name: str) -> dict[str, Any]:
+    """Return the JSON Schema of `name`, for example `vttig.error/1`."""
+    if name not in schema_names():
+        raise ValueError(
+            f"Argument `name` must be one of {', '.join(schema_names())}, but it is {name!r}."
+        )
+    return json.loads((_folder() / f"{name.replace('/', '-')}.json").read_text("utf-8"))
+
+
+def _folder() -> Any:
+    return files("vttig_jax") / "schemas"
+
+
+def _plain(value: Any, place: str) -> Any:
+    if value is None or isinstance(value, (str, bool, int)):
+        return value
+    if isinstance(value, float):
+        # float() because a NumPy float64 is a float that prints as itself.
+        return float(value) if math.isfinite(value) else None
+    if isinstance(value, dict):
+        for key in value:
+            if not isinstance(key, str):
+                raise ValueError(
+                    f"Argument `obj` must have text as keys, but `{place}` has the key {key!r}."
+                )
+        return {key: _plain(item, f"{place}.{key}") for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(item, f"{place}[{index}]") for index, item in enumerate(value)]
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        fields = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
+        return _plain(fields, place)
+    # Arrays and array scalars, recognised by what they can do so that numpy stays unimported.
+    tolist = getattr(value, "tolist", None)
+    if callable(tolist):
+        listed = tolist()
+        if not hasattr(listed, "tolist"):
+            return _plain(listed, place)
+    raise ValueError(
+        f"Argument `obj` must hold only what JSON can, but `{place}` is a {type(value).__name__}."
+    )

@@ -1,0 +1,81 @@
+"""Plain text tables for `__str__` and the command line: two spaces between columns, no lines."""
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+_ALIGNMENTS = {"l": "left", "r": "right", "c": "center"}
+
+
+def text_table(
+    rows: Iterable[Sequence[Any]],
+    headers: Sequence[str | tuple[str, str]],
+    *,
+    align: str | None = None,
+) -> str:
+    """Lay out rows under headers.
+
+    **Arguments**
+    - `rows`: cells as they shall appear; None appears as "–".
+    - `headers`: text, or (text, unit), which appears as "text [unit]".
+    - `align`: one letter a column, `l`, `r` or `c`; the first column left and the rest right when
+      absent.
+
+    **Example**
+    ```python
+    >>> from vttig_jax.base import text_table
+    >>> print(text_table([("driving", "0.0226"), ("driven", None)], ["gear", ("e", "mm")]))
+    gear     e [mm]
+    driving  0.0226
+    driven        –
+
+    ```
+    """
+    from tabulate import tabulate
+
+    letters = "l" + "r" * (len(headers) - 1) if align is None else align
+    if len(letters) != len(headers) or not set(letters) <= set(_ALIGNMENTS):
+        raise ValueError(
+            f"Argument `align` must have one letter of l, r, c for each of the {len(headers)}"
+            f" headers, but it is {align!r}."
+        )
+    titles = [name if isinstance(name, str) else f"{name[0]} [{name[1]}]" for name in headers]
+    # The titles go in as a first row: tabulate would align them by rules of its own.
+    cells = [titles, *([_cell(value) for value in row] for row in rows)]
+    return _lines(
+        tabulate(
+            cells,
+            tablefmt="plain",
+            disable_numparse=True,
+            colalign=[_ALIGNMENTS[letter] for letter in letters],
+        )
+    )
+
+
+def key_values(pairs: Iterable[tuple[str, Any]], *, title: str | None = None) -> str:
+    """Lay out names and values, one pair a line, indented below a title where there is one.
+
+    **Example**
+    ```python
+    >>> from vttig_jax.base.files.text_tables import key_values
+    >>> print(key_values([("teeth", "45 / 80"), ("module", "2 mm")], title="gear pair"))
+    gear pair
+      teeth   45 / 80
+      module  2 mm
+
+    ```
+    """
+    from tabulate import tabulate
+
+    cells = [(name, _cell(value)) for name, value in pairs]
+    table = _lines(tabulate(cells, tablefmt="plain", disable_numparse=True))
+    if title is None:
+        return table
+    return "\n".join([title, *(f"  {line}" for line in table.splitlines())])
+
+
+def _cell(value: Any) -> str:
+    return "–" if value is None else str(value)
+
+
+def _lines(table: str) -> str:
+    return "\n".join(line.rstrip() for line in table.splitlines())

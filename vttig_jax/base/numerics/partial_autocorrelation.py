@@ -1,0 +1,55 @@
+"""Partial autocorrelations: coordinates of all stationary autoregressions, and of no other.
+
+ε_t = Σ_j a_j ε_{t−j} + innovation is stationary exactly where its partial autocorrelations
+π_1 … π_p all lie within ±1 (O. Barndorff-Nielsen, G. Schou, J. Multivariate Anal. 3 (1973) 408).
+Its whitening filter (1, −a₁, …, −a_p) follows from them by Levinson's recursion.
+"""
+
+from typing import overload
+
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..arrays import Number, Numbers, namespace
+from .autoregression import longer
+
+
+@overload
+def filter_of(partial: Float[np.ndarray, " p"]) -> Float[np.ndarray, " taps"]: ...
+@overload
+def filter_of(partial: Float[Array, " p"]) -> Float[Array, " taps"]: ...
+def filter_of(partial: Float[Numbers, " p"]) -> Float[Numbers, " taps"]:
+    """Whitening filter with these partial autocorrelations.
+
+    **Example**
+    ```python
+    >>> import numpy as np
+    >>> from vttig_jax.base.numerics.partial_autocorrelation import filter_of
+    >>> filter_of(np.array([0.5, -0.2])).tolist()
+    [1.0, -0.6, 0.2]
+
+    ```
+    """
+    xp = namespace(partial)
+    filter_ = xp.ones(1)
+    for order in range(partial.shape[0]):
+        filter_ = longer(filter_, partial[order], xp)
+    return filter_
+
+
+def partial_of(filter_: Float[np.ndarray, " taps"]) -> Float[np.ndarray, " p"]:
+    """Partial autocorrelations of a whitening filter: `filter_of` backwards."""
+    partial = np.empty(len(filter_) - 1)
+    for order in range(len(partial), 0, -1):
+        last = partial[order - 1] = -filter_[-1]
+        filter_ = ((filter_ + last * filter_[::-1]) / (1 - last**2))[:-1]
+    return partial
+
+
+def log_initial_determinant(partial: Float[Numbers, " p"]) -> Float[Number, ""]:
+    """Log-determinant of the covariance of p successive samples, innovations of variance one.
+
+    −Σ_k k log(1 − π_k²); the samples after them only add log-variances of innovations.
+    """
+    xp = namespace(partial)
+    return -xp.sum(xp.arange(1, partial.shape[0] + 1) * xp.log1p(-(partial**2)))

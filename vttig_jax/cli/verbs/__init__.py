@@ -1,0 +1,1 @@
+"""The verbs of `vttig`, one module each."""

@@ -1,0 +1,377 @@
+"""`vttig contact`: first contact of the tooth surfaces over the hunting period."""
+
+from contextlib import AbstractContextManager, nullcontext
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from ...base.errors import PairError, UsageError
+from ..options import POSITIVE, STEP_DEG, Finite, verb
+from ..output import Output
+from ..rigs import fitted_rig
+from .map import csv_text
+
+if TYPE_CHECKING:
+    from ...base.files.run_folder import RunFolder
+    from ...geometry.backlash.report import GapReport
+    from ...geometry.contact.contact_model import ContactModel
+    from ...geometry.contact.deviations import Deviations
+    from ...geometry.contact.report import Contacts
+    from ...geometry.mounting import Misalignment
+    from ...pair.eccentricities import Eccentricities
+    from ...pair.gear_pair import GearPair
+
+
+_MOST_ROWS = 200_000
+_RECORD = "contact.json"
+_FIGURE, _DEVIATIONS = "figures/contact_{}.png", "figures/deviations.png"
+
+_STEEPEST = Finite(min=-1e5, max=1e5)
+"""Tilts in µrad; beyond them no pair of gears is one."""
+
+
+@verb(
+    "contact",
+    example="""
+vttig contact pair.toml --out contact
+vttig contact pair.toml --rig run --axial-mm 0.2 --out contact
+vttig contact pair.toml --deviation-urad 100 --step-deg 0.5
+vttig contact pair.toml --deviations measured.csv --span-rev 1 --out contact
+""",
+)
+@click.argument("pair", metavar="PAIR", type=click.Path(path_type=Path))
+@click.option(
+    "--rig",
+    type=click.Path(path_type=Path),
+    help="Run folder whose eccentricities the gears have; without it they run true.",
+)
+@click.option(
+    "--axial-mm", type=Finite(), default=0.0, help="Displacement of the driven gear; closes if > 0."
+)
+@click.option("--centre-distance-mm", type=POSITIVE, help="In the place of that of PAIR.")
+@click.option(
+    "--inclination-urad",
+    type=_STEEPEST,
+    default=0.0,
+    help="Of the driven axis in the plane of both; positive where they part towards +z.",
+)
+@click.option(
+    "--deviation-urad", type=_STEEPEST, default=0.0, help="Of the driven axis out of that plane."
+)
+@click.option(
+    "--deviations",
+    type=click.Path(path_type=Path),
+    metavar="CSV",
+    help="Measured flanks: gear,flank,roll_mm,z_mm,deviation_um, a full grid for each flank.",
+)
+@click.option(
+    "--pitch",
+    type=click.Path(path_type=Path),
+    metavar="CSV",
+    help="Where single teeth stand: gear,flank,tooth,deviation_um, all teeth of each flank.",
+)
+@click.option("--step-deg", type=STEP_DEG, default=1.0, help="Of the driving angle; 1 by default.")
+@click.option("--span-rev", type=POSITIVE, help="Driving turns; the hunting period by default.")
+@click.option("--out", type=click.Path(path_type=Path), help="Folder for table and pictures.")
+@click.option("--overwrite", is_flag=True, help="Replace the results in --out.")
+def command(
+    output: Output,
+    pair: Path,
+    rig: Path | None,
+    axial_mm: float,
+    centre_distance_mm: float | None,
+    inclination_urad: float,
+    deviation_urad: float,
+    deviations: Path | None,
+    pitch: Path | None,
+    step_deg: float,
+    span_rev: float | None,
+    out: Path | None,
+    overwrite: bool,
+) -> None:
+    """Find where the teeth of the gears in PAIR touch, from their surfaces alone.
+
+    At every driving angle the driven gear is turned until flank A, then flank B touches: which
+    teeth do, in which section, on the flank or on the edge of a tip, along a line or in a point.
+    Prints transmission error and backlash of the surfaces as drawn, beside the backlash of their
+    tooth thickness. Nothing is loaded.
+    """
+    import numpy as np
+
+    import vttig_jax
+
+    from ...base.units import DEG
+    from ...geometry.backlash.report import gap_report
+
+    vttig_jax.enable_x64()
+    gears = _gears(pair)
+    turns = _turns(gears.hunting_turns, step_deg, span_rev)
+    eccentricities = _mounted(rig, pair, axial_mm)
+    apparent = None if rig is None else float(eccentricities.constant_backlash_deg)
+    measured = _measured(deviations, pitch, gears)
+    tilt = _misalignment(inclination_urad, deviation_urad)
+    try:
+        model = _model(gears, eccentricities, tilt, measured, centre_distance_mm)
+        gap = gap_report(gears, centre_distance_mm, axial_mm, apparent_deg=apparent)
+    except PairError as error:
+        asked = centre_distance_mm is not None and error.where == "centre_distance_mm"
+        where = "--centre-distance-mm" if asked else f"{pair}: {error.where}"
+        raise PairError(error.message, where=where) from None
+    except ValueError:
+        raise UsageError(
+            f"{axial_mm:g} mm leaves the faces of the gears no overlap; shift less.",
+            where="--axial-mm",
+        ) from None
+    driving = np.arange(int(np.ceil(turns * 360.0 / step_deg - 1e-9))) * step_deg * DEG
+    said = {
+        "source": str(pair),
+        "rig": None if rig is None else str(rig),
+        "deviations": None if deviations is None else str(deviations),
+        "pitch": None if pitch is None else str(pitch),
+        "span_turns": turns,
+        "step_deg": step_deg,
+    }
+    with _folder(out, overwrite) as folder:
+        flanks = _contacts(model, driving, output)
+        record = contact_record(gears, said, flanks, gap, out)
+        if folder is not None:
+            _write(folder, gears, flanks, record)
+    output.emit(record, contact_text(flanks, record, gap, measured, out))
+
+
+def _gears(path: Path) -> "GearPair":
+    from ...pair.gear_pair import GearPair
+    from ...pair.load import load_pair
+
+    pair = load_pair(path)
+    if not isinstance(pair, GearPair):
+        raise PairError(
+            "a drive without gears has no teeth to touch; give [pair] and both tooth counts.",
+            where=f"{path}: drive",
+        )
+    return pair
+
+
+def _turns(hunting_turns: int, step_deg: float, span_rev: float | None) -> float:
+    turns = float(hunting_turns) if span_rev is None else span_rev
+    if turns * 360.0 / step_deg > _MOST_ROWS:
+        raise UsageError(
+            f"{turns:g} turns in steps of {step_deg:g}° are more than {_MOST_ROWS} angles; ask for"
+            " a longer --step-deg or fewer turns (--span-rev)."
+        )
+    return turns
+
+
+def _mounted(rig: Path | None, pair: Path, axial_mm: float) -> "Eccentricities":
+    import equinox as eqx
+    import numpy as np
+
+    from ...pair.eccentricities import Eccentricities
+
+    found = Eccentricities() if rig is None else fitted_rig(rig, pair)
+    return eqx.tree_at(lambda one: one.axial_mm, found, np.float64(axial_mm))
+
+
+def _measured(maps: Path | None, pitches: Path | None, pair: "GearPair") -> "Deviations | None":
+    if maps is None and pitches is None:
+        return None
+    from ...geometry.contact.deviations_file import read_deviations
+
+    return read_deviations(maps, pitches, pair=pair)
+
+
+def _misalignment(inclination_urad: float, deviation_urad: float) -> "Misalignment | None":
+    if not (inclination_urad or deviation_urad):
+        return None
+    from ...geometry.mounting import Misalignment
+
+    return Misalignment(inclination_urad * 1e-6, deviation_urad * 1e-6)
+
+
+def _model(
+    pair: "GearPair",
+    eccentricities: "Eccentricities",
+    misalignment: "Misalignment | None",
+    deviations: "Deviations | None",
+    centre_distance_mm: float | None,
+) -> "ContactModel":
+    from ...geometry.contact.contact_model import contact_model
+
+    return contact_model(
+        pair,
+        eccentricities,
+        misalignment=misalignment,
+        deviations=deviations,
+        centre_distance_mm=centre_distance_mm,
+    )
+
+
+def _contacts(model: "ContactModel", driving: Any, output: Output) -> "dict[str, Contacts]":
+    from ...geometry.contact.report import contact_at
+
+    found = {}
+    with output.progress(2, "flanks") as bar:
+        for flank in ("A", "B"):
+            found[flank] = contact_at(model, driving, flank)
+            bar.update(1)
+    return found
+
+
+def _folder(out: Path | None, overwrite: bool) -> "AbstractContextManager[RunFolder | None]":
+    """Opened before anything is computed, so that a refusal comes first."""
+    from ...base.files.run_folder import RunFolder
+
+    if out is None:
+        return nullcontext()
+    return RunFolder(out, overwrite=overwrite, results=(TABLE, _RECORD))
+
+
+def _write(
+    folder: "RunFolder", gears: "GearPair", flanks: "dict[str, Contacts]", record: dict[str, Any]
+) -> None:
+    from ...base.files.json_io import dumps
+
+    for name in (_FIGURE.format("A"), _FIGURE.format("B"), _DEVIATIONS):
+        folder.discard(name)
+    for name, data in _figures(gears, flanks).items():
+        folder.write_bytes(name, data)
+    folder.write_text(_RECORD, dumps(record) + "\n")
+    folder.write_text(TABLE, contact_table(flanks))
+
+
+def _figures(gears: "GearPair", flanks: "dict[str, Contacts]") -> dict[str, bytes]:
+    """PNG of each flank at the first angle at which it touches, and of what was measured."""
+    import numpy as np
+
+    from ...plotting.contact import plot_contact
+    from ...plotting.deviations import plot_deviations
+    from ...plotting.save import png
+
+    drawn = {}
+    for name, found in flanks.items():
+        if found.found.any():
+            place = int(np.argmax(found.found))
+            drawn[_FIGURE.format(name)] = png(plot_contact(found, gears, place=place))
+    deviations = flanks["A"].model.deviations
+    if deviations is not None:
+        drawn[_DEVIATIONS] = png(plot_deviations(deviations, gears))
+    return drawn
+
+
+TABLE = "contact.csv"
+
+Flanks = dict[str, "Contacts"]
+"""Contact of flank A and of flank B at the same driving angles."""
+
+
+def contact_record(
+    gears: "GearPair",
+    said: dict[str, Any],
+    flanks: Flanks,
+    gap: "GapReport",
+    out: Path | None,
+) -> dict[str, Any]:
+    """The object of schema `vttig.contact/1`; `said` is what was asked for, by its keys."""
+    import numpy as np
+
+    from ...base.units import DEG
+
+    left, angle = _backlash(flanks) / DEG, flanks["A"].driving_angle / DEG
+    known = np.flatnonzero(np.isfinite(left))
+    return {
+        "schema": "vttig.contact/1",
+        "pair": gears.name,
+        **said,
+        "centre_distance_mm": gap.centre_distance_mm,
+        "axial_mm": gap.axial_mm,
+        "rows": len(left),
+        "rows_with_backlash": len(known),
+        "flanks": {name: _flank(found) for name, found in flanks.items()},
+        "smallest": _extreme(left, angle, known[np.argmin(left[known])] if len(known) else None),
+        "largest": _extreme(left, angle, known[np.argmax(left[known])] if len(known) else None),
+        "drawn_backlash_deg": gap.backlash / DEG,
+        "apparent_backlash_deg": None if gap.apparent is None else gap.apparent / DEG,
+        "csv": None if out is None else TABLE,
+    }
+
+
+def _extreme(backlash_deg: Any, driving_deg: Any, row: int | None) -> dict[str, float | None]:
+    if row is None:
+        return {"backlash_deg": None, "driving_deg": None}
+    return {"backlash_deg": float(backlash_deg[row]), "driving_deg": float(driving_deg[row])}
+
+
+def _backlash(flanks: Flanks) -> Any:
+    """TE_B − TE_A in rad, NaN where one of the flanks touches nothing."""
+    return flanks["B"].transmission_error - flanks["A"].transmission_error
+
+
+def _flank(found: "Contacts") -> dict[str, Any]:
+    from collections import Counter
+
+    from ...base.units import DEG
+
+    kinds = Counter(found.kind(place) for place in range(len(found.driving_angle)))
+    error = found.transmission_error[found.found] / DEG
+    return {
+        "transmission_error_min_deg": error.min() if len(error) else None,
+        "transmission_error_max_deg": error.max() if len(error) else None,
+        "pairs_in_contact": float(found.pairs_in_contact.mean()),
+        "largest_misfit_deg": found.largest_misfit / DEG,
+        "kinds": dict(kinds.most_common()),
+    }
+
+
+def contact_text(
+    flanks: Flanks,
+    record: dict[str, Any],
+    gap: "GapReport",
+    deviations: "Deviations | None",
+    out: Path | None,
+) -> str:
+    """What is printed without `--json`."""
+    from ...base.files.text_tables import key_values
+
+    rows = [
+        (word, f"{one['backlash_deg']:.5f}° at {one['driving_deg']:g}°{_warning(one)}")
+        for word in ("smallest", "largest")
+        if (one := record[word])["backlash_deg"] is not None
+    ]
+    if (without := record["rows"] - record["rows_with_backlash"]) or not rows:
+        rows.append(("undefined", f"at {without} of {record['rows']} angles: no tooth in reach"))
+    if record["rig"] is not None:
+        rows.append(("of the run", "eccentricities, not its constant backlash and higher orders"))
+    if out is not None:
+        rows.append(("table", str(out / TABLE)))
+    over = f"backlash of the surfaces over {record['span_turns']:g} turns"
+    measured = [] if deviations is None else [str(deviations)]
+    parts = [str(found) for found in flanks.values()]
+    return "\n".join([*measured, *parts, key_values(rows, title=over), str(gap)])
+
+
+def _warning(place: dict[str, float]) -> str:
+    return ", where the teeth interfere" if place["backlash_deg"] < 0 else ""
+
+
+def contact_table(flanks: Flanks) -> str:
+    """CSV, a driving angle a line; fields are empty where nothing touches."""
+    import numpy as np
+
+    from ...base.units import DEG
+
+    left, angle = _backlash(flanks), flanks["A"].driving_angle
+    columns = {"driving_deg": angle / DEG, "backlash_deg": left / DEG}
+    for name, found in flanks.items():
+        end = f"_{name.lower()}"
+        teeth = np.where(found.found[:, None], found.tooth_pair, np.nan)
+        columns |= {
+            f"transmission_error{end}_deg": found.transmission_error / DEG,
+            f"driving_tooth{end}": teeth[:, 0],
+            f"driven_tooth{end}": teeth[:, 1],
+            f"z{end}_mm": found.z_mm,
+            f"driving_radius{end}_mm": found.radius_mm[:, 0],
+            f"driven_radius{end}_mm": found.radius_mm[:, 1],
+            f"line{end}_mm": found.length_mm,
+        }
+    return csv_text(np.stack(list(columns.values()), axis=1), tuple(columns))

@@ -1,0 +1,207 @@
+"""`vttig export`: the compensation for a controller, as CSV, JSON or a C header."""
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import click
+
+from ...base.errors import UsageError
+from ..options import STEP_DEG, Finite, given, verb
+from ..output import LOGGER, Output
+from ..run_file import CHECKPOINT, Run, read_run
+from ..run_zeros import shaft_readings
+from .map import COLUMNS, MOST_ROWS, csv_text, map_record, map_table
+
+if TYPE_CHECKING:
+    from ...control.compensation.c_header import Origin
+    from ...control.compensation.compensation import Compensation
+    from ...identify.fit_result import Fit
+    from ...kinematics.backlash_map import BacklashMap
+
+QuantityName = Literal["shift", "backlash"]
+
+_OPTIONS = {
+    ".csv": ("step_deg",),
+    ".json": ("tolerance_arcsec", "accuracy_arcsec"),
+    ".h": ("tolerance_arcsec", "accuracy_arcsec", "name", "quantity"),
+}
+"""Suffix of the file → options it knows beside those all know."""
+
+_DEVIATIONS, _LEAST_DEG = 6.0, 0.1
+"""Residuals of the fit that readings may be off, and degrees at least: what two readings 0.3 ms
+apart differ by at 100 rpm."""
+
+
+@verb(
+    "export",
+    example="""
+vttig export run --out compensation.h --name axis_2
+vttig export run --out compensation.json
+vttig export run --out compensation.csv --step-deg 0.5
+""",
+)
+@click.argument("run_folder", metavar="RUN", type=click.Path(path_type=Path))
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    required=True,
+    help="File to write: .csv the map as a table, .json its harmonics, .h C that evaluates them.",
+)
+@click.option(
+    "--name",
+    help="With .h: what all names in C begin with; made from the name of the pair by default.",
+)
+@click.option(
+    "--quantity",
+    type=click.Choice(QuantityName.__args__),
+    default="shift",
+    help="With .h: axial shift and backlash (the default), or the backlash alone.",
+)
+@click.option(
+    "--tolerance-arcsec",
+    type=Finite(min=0),
+    help="How far readings may put the driven shaft off its flanks, its speed times the time"
+    " between both readings included; by default six times the residual of the fit, 360 at least.",
+)
+@click.option(
+    "--accuracy-arcsec",
+    type=Finite(min=0),
+    default=0.0,
+    help="Backlash that the harmonics left out may add up to; more leaves fewer to evaluate. By"
+    " default only those below 1e-12 rad are left out.",
+)
+@click.option("--step-deg", type=STEP_DEG, default=1.0, help="With .csv: distance of the rows.")
+@click.option("--constant-backlash-deg", type=Finite(min=0), help="Replaces the fitted one.")
+@click.option("--overwrite", is_flag=True, help="Replace a file that exists.")
+def command(
+    output: Output,
+    run_folder: Path,
+    out: Path,
+    name: str | None,
+    quantity: QuantityName,
+    tolerance_arcsec: float | None,
+    accuracy_arcsec: float,
+    step_deg: float,
+    constant_backlash_deg: float | None,
+    overwrite: bool,
+) -> None:
+    """Write the backlash map of the fit in RUN for a controller.
+
+    The C header needs nothing, not even math.h, and takes both shafts' single-turn angles, which
+    tell the turn within the hunting period by themselves; it answers "unknown" where they cannot
+    both be readings of this pair. The JSON holds the same harmonics, the CSV the table of `vttig
+    map`.
+    """
+    suffix = out.suffix.lower()
+    _check_options(out, suffix, overwrite=overwrite)
+    import vttig_jax
+
+    from ...base.units import ARCSEC, DEG
+    from ...control.compensation.map_harmonics import compensation_of
+    from ...identify.backlash import contact_map
+    from ...identify.store import read_fit
+    from ...pair.load import pair_from_spec
+
+    vttig_jax.enable_x64()
+    run = read_run(run_folder)
+    fit = read_fit(run_folder, pair_from_spec(run.spec))
+    grid, contact = contact_map(fit, constant_backlash_deg=constant_backlash_deg)
+    if (run_folder / CHECKPOINT).exists():
+        LOGGER.warning(
+            "this is the map of the fit; its draws know how far it may be wrong: `vttig map %s` has"
+            " bands and the closing that is safe with them",
+            run_folder,
+        )
+    if suffix == ".csv":
+        text, record = _table(fit, grid, step_deg, out)
+        _write(out, text, overwrite)
+        output.emit(record, f"{grid}\nwritten to {out}")
+        return
+    allowed_deg = max(_DEVIATIONS * fit.residual_rms_deg, _LEAST_DEG)
+    allowed = allowed_deg * DEG if tolerance_arcsec is None else tolerance_arcsec * ARCSEC
+    compensation = compensation_of(
+        grid, contact, allowed_rad=allowed, left_out_rad=accuracy_arcsec * ARCSEC
+    )
+    record = _record(fit, compensation, out)
+    if suffix == ".json":
+        from ...base.files.json_io import dumps
+
+        text = dumps(record) + "\n"
+    else:
+        text = _header(run, fit, compensation, name, quantity)
+    _write(out, text, overwrite)
+    output.emit(record, f"{compensation}\nwritten to {out}")
+
+
+def _check_options(out: Path, suffix: str, *, overwrite: bool) -> None:
+    if suffix not in _OPTIONS:
+        raise UsageError(
+            "--out writes .csv, .json or .h; choose a name that ends with one.", where=str(out)
+        )
+    others = {option for options in _OPTIONS.values() for option in options} - set(_OPTIONS[suffix])
+    if wrong := given(sorted(others)):
+        raise UsageError(f"a {suffix} file takes no {' and no '.join(wrong)}; leave it out.")
+    if out.exists() and not overwrite:
+        raise UsageError("already exists; add --overwrite or choose another name.", where=str(out))
+
+
+def _table(
+    fit: "Fit", grid: "BacklashMap", step_deg: float, out: Path
+) -> tuple[str, dict[str, Any]]:
+    """The table of the map over its hunting period, and the object of schema `vttig.map/1`."""
+    turns = float(grid.pair.hunting_turns)
+    if turns * 360.0 / step_deg > MOST_ROWS:
+        raise UsageError(
+            f"a hunting period of {turns:g} turns in steps of {step_deg:g}° is more than"
+            f" {MOST_ROWS} rows; give --step-deg {math.ceil(turns * 360 / MOST_ROWS * 100) / 100:g}"
+            " or more."
+        )
+    table = map_table(grid, step_deg, turns)
+    return csv_text(table, COLUMNS), map_record(fit, grid, step_deg, turns, len(table), out)
+
+
+def _record(fit: "Fit", compensation: "Compensation", out: Path) -> dict[str, Any]:
+    """The object of schema `vttig.compensation/1`."""
+    return {
+        "schema": "vttig.compensation/1",
+        "pair": fit.pair.name,
+        "source": fit.source,
+        "sha256": fit.sha256,
+        "conditional_on": list(fit.conditional_on),
+        "zero": fit.zero,
+        "zero_readings": fit.zero_readings,
+        "file": out.name,
+        **compensation.to_json(),
+    }
+
+
+def _header(
+    run: Run, fit: "Fit", compensation: "Compensation", name: str | None, quantity: QuantityName
+) -> str:
+    from ...control.compensation.c_header import c_header, identifier_of
+
+    prefix = identifier_of(fit.pair.name) if name is None else name
+    return c_header(compensation, _origin(run, fit), name=prefix, quantity=quantity)
+
+
+def _origin(run: Run, fit: "Fit") -> "Origin":
+    import vttig_jax
+
+    from ...control.compensation.c_header import Origin
+
+    return Origin(
+        fit.pair.name,
+        vttig_jax.__version__,
+        fit.zero,
+        fit.conditional_on,
+        fit.sha256,
+        shaft_readings(run, fit),
+    )
+
+
+def _write(out: Path, text: str, overwrite: bool) -> None:
+    from ...base.files.run_folder import RunFolder
+
+    with RunFolder(out.parent, overwrite=overwrite, results=(out.name,)) as folder:
+        folder.write_text(out.name, text)

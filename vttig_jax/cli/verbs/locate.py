@@ -1,0 +1,251 @@
+"""`vttig locate`: the turn within the hunting period, from one reading of each shaft."""
+
+import math
+from decimal import Decimal, InvalidOperation
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import click
+
+from ...base.errors import NoAnswerError, UsageError
+from ..fit_options import FlankName
+from ..options import POSITIVE, Finite, verb
+from ..output import Output
+from ..run_file import Run, read_run
+from ..run_zeros import SHAFTS, shaft_readings
+
+if TYPE_CHECKING:
+    from ...identify.fit_result import Fit
+    from ...kinematics.backlash_map import BacklashMap
+    from ...kinematics.turn_location import Located
+    from ...pair.encoder_reading import ShaftReading
+
+
+_LARGEST_DEG, _LARGEST_COUNT = 1e9, 2**53
+"""Beyond these a float no longer tells an angle within one turn."""
+
+
+class Reading(NamedTuple):
+    """A number and the step of its last digit: 123.4 is known to 0.1."""
+
+    value: float
+    step: float
+
+
+class WrittenNumber(click.ParamType):
+    """A finite number, with the step of the last digit that was given."""
+
+    name = "number"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> Reading:
+        """The number and its step, or a usage error."""
+        if isinstance(value, Reading):
+            return value
+        try:
+            number = Decimal(value.strip())
+        except InvalidOperation:
+            self.fail(f"{value!r} is not a number.", param, ctx)
+        if not number.is_finite() or not math.isfinite(float(number)):
+            self.fail(f"{value!r} is not a finite number.", param, ctx)
+        if abs(number) > _LARGEST_DEG:
+            self.fail(f"{value!r} is no reading; it is at most {_LARGEST_DEG:g}°.", param, ctx)
+        exponent = number.as_tuple().exponent
+        assert isinstance(exponent, int)  # of a finite number
+        return Reading(float(number), 10.0 ** min(exponent, 0))
+
+
+@verb(
+    "locate",
+    example="""
+vttig locate run --driving-deg 304.97 --driven-deg 126.51
+vttig locate run --driving-counts 76243 --driven-counts 31627 --flank A
+""",
+)
+@click.argument("run_folder", metavar="RUN", type=click.Path(path_type=Path))
+@click.option(
+    "--driving-deg", type=WrittenNumber(), help="Reading of the driving encoder, degrees."
+)
+@click.option("--driven-deg", type=WrittenNumber(), help="Reading of the driven encoder, degrees.")
+@click.option(
+    "--driving-counts",
+    type=int,
+    help="The same in counts, where the pair file has them.",
+)
+@click.option("--driven-counts", type=int, help="The same in counts, where the pair file has them.")
+@click.option(
+    "--reading-std-arcsec",
+    type=POSITIVE,
+    help="Standard deviation of either reading, beside the residual of the fit; by default that of"
+    " rounding to the last digit given.",
+)
+@click.option(
+    "--flank",
+    type=click.Choice(FlankName.__args__),
+    help="The flank that carries; by default the driven shaft may lie anywhere in the gap.",
+)
+@click.option(
+    "--certainty",
+    type=Finite(min=0, max=1, max_open=True),
+    default=0.999,
+    help="Probability the turn must have; 0.999 by default.",
+)
+@click.option("--constant-backlash-deg", type=Finite(min=0), help="Replaces the fitted one.")
+def command(
+    output: Output,
+    run_folder: Path,
+    driving_deg: Reading | None,
+    driven_deg: Reading | None,
+    driving_counts: int | None,
+    driven_counts: int | None,
+    reading_std_arcsec: float | None,
+    flank: FlankName | None,
+    certainty: float,
+    constant_backlash_deg: float | None,
+) -> None:
+    """Find where in the hunting period of the fit in RUN both shafts stand.
+
+    The readings are those of the encoders of the log, within one turn or not; in degrees of the
+    shaft, or in counts. Whether the fit counts its angles from the reading zero or from the first
+    sample of its log is taken from RUN. Prints the turn with its probability, the angle in the
+    hunting period, and backlash and axial displacement there. Exit 4 where the turn is not certain.
+    """
+    given = {"driving": (driving_deg, driving_counts), "driven": (driven_deg, driven_counts)}
+    for shaft, (degrees, counts) in given.items():
+        if (degrees is None) == (counts is None):
+            raise UsageError(f"give one of --{shaft}-deg and --{shaft}-counts.")
+    import vttig_jax
+
+    from ...base.units import ARCSEC, DEG
+    from ...identify.backlash import contact_map
+    from ...identify.store import read_fit
+    from ...kinematics.turn_location import locate
+    from ...pair.load import pair_from_spec
+
+    vttig_jax.enable_x64()
+    run = read_run(run_folder)
+    pair = pair_from_spec(run.spec)
+    fit = read_fit(run_folder, pair)
+    grid, contact = contact_map(fit, constant_backlash_deg=constant_backlash_deg)
+    angles, steps = _angles(run, fit, given)
+    spread = [step / math.sqrt(12) for step in steps]
+    if reading_std_arcsec is not None:
+        spread = [reading_std_arcsec * ARCSEC] * 2
+    std = math.hypot(fit.residual_rms_deg * DEG, float(pair.ratio) * spread[0], spread[1])
+    found = locate(*angles, pair.ratio, contact, std_rad=std, flank=flank)
+    _require_certain(found, certainty, flank, fit.source)
+    record = _record(fit, grid, found, flank, certainty)
+    output.emit(record, _text(found, record))
+
+
+def _angles(
+    run: Run, fit: "Fit", given: dict[str, tuple[Reading | None, int | None]]
+) -> tuple[tuple[float, float], tuple[float, float]]:
+    """φ₁ and φ₂, and the steps in which they were read, rad."""
+    found = [
+        _angle(shaft, how, *given[shaft])
+        for shaft, how in zip(SHAFTS, shaft_readings(run, fit), strict=True)
+    ]
+    (first, first_step), (second, second_step) = found
+    return (first, second), (first_step, second_step)
+
+
+def _angle(
+    shaft: str, how: "ShaftReading", degrees: Reading | None, counts: int | None
+) -> tuple[float, float]:
+    from ...base.units import DEG
+
+    if degrees is not None:
+        return how.angle_of_deg(degrees.value), degrees.step * DEG
+    assert counts is not None  # held by the verb
+    if how.unit != "counts":
+        raise UsageError(
+            f"the pair file of this run does not say how many counts make a revolution of the"
+            f" {shaft} shaft; give --{shaft}-deg."
+        )
+    if abs(counts) > _LARGEST_COUNT:
+        raise UsageError(
+            f"--{shaft}-counts is no reading of an encoder; give the counts of some turns."
+        )
+    return how.angle(counts), abs(how.radians_per_unit)
+
+
+def _require_certain(
+    found: "Located", certainty: float, flank: FlankName | None, source: str
+) -> None:
+    from ...base.units import ARCSEC
+
+    if not found.fits:
+        raise NoAnswerError(
+            f"these readings fit no turn: even at the nearest the driven shaft would stand"
+            f" {found.misfit_rad / ARCSEC:.4g}″ off its flank,"
+            f" {found.misfit_rad / found.std_rad:.3g} times the"
+            f" {found.std_rad / ARCSEC:.3g}″ that readings are taken to be good to; check that both"
+            " are of the encoders and zeros of this run and were read at once, or say how good they"
+            " are with --reading-std-arcsec.",
+            where=source,
+        )
+    if found.probability < certainty:
+        more = ", or say with --flank which flank carries" if flank is None else ""
+        raise NoAnswerError(
+            f"the turn is not certain: turn {found.turn} has a probability of"
+            f" {found.probability:.4g}, turn {found.runner_up} of"
+            f" {found.runner_up_probability:.4g}, and --certainty asks for {certainty:g}; read both"
+            f" shafts finer than the {found.std_rad / ARCSEC:.3g}″ reckoned with{more}.",
+            where=source,
+        )
+
+
+def _record(
+    fit: "Fit",
+    grid: "BacklashMap",
+    found: "Located",
+    flank: FlankName | None,
+    certainty: float,
+) -> dict[str, Any]:
+    """The object of schema `vttig.locate/1`."""
+    from ...base.units import ARCSEC, DEG
+    from ...pair.gear_pair import GearPair
+
+    backlash = float(grid.at(found.driving_rad))
+    millimetres = axial = None
+    if isinstance(grid.pair, GearPair):
+        millimetres = backlash * float(grid.pair.reference_radii[1])
+        if thinning := float(grid.pair.thinning):
+            axial = millimetres / thinning
+    runner_up = {"turn": found.runner_up, "probability": found.runner_up_probability}
+    return {
+        "schema": "vttig.locate/1",
+        "pair": fit.pair.name,
+        "source": fit.source,
+        "conditional_on": list(fit.conditional_on),
+        "zero": fit.zero,
+        "hunting_turns": found.hunting_turns,
+        "turn": found.turn,
+        "driving_deg": found.driving_rad / DEG,
+        "probability": found.probability,
+        "certainty": certainty,
+        "runner_up": None if found.runner_up is None else runner_up,
+        "flank": flank,
+        "std_arcsec": found.std_rad / ARCSEC,
+        "misfit_arcsec": found.misfit_rad / ARCSEC,
+        "backlash_deg": backlash / DEG,
+        "backlash_mm": millimetres,
+        "axial_mm": axial,
+    }
+
+
+def _text(found: "Located", record: dict[str, Any]) -> str:
+    from ...base.files.text_tables import key_values
+    from ...kinematics.turn_location import TITLE
+
+    gap = f"{record['backlash_deg']:.5f}°"
+    if record["backlash_mm"] is not None:
+        gap += f", {record['backlash_mm']:.5f} mm at the reference circle"
+    rows = [*found.rows(), ("backlash there", gap)]
+    if record["axial_mm"] is not None:
+        rows.append(("axial closing", f"{record['axial_mm']:.4f} mm"))
+    zero = "first sample of the log" if record["zero"] == "start" else "reading zero"
+    rows.append(("angles from", zero))
+    return key_values(rows, title=TITLE)

@@ -1,0 +1,236 @@
+"""`vttig map`: the backlash at every angle, from a run folder."""
+
+import io
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from ...base.errors import UsageError
+from ..options import POSITIVE, STEP_DEG, Finite, verb
+from ..output import LOGGER, Output
+from ..run_file import CHECKPOINT, read_run
+
+if TYPE_CHECKING:
+    from ...identify.fit_result import Fit
+    from ...kinematics.backlash_map import BacklashMap, Extreme
+    from ...posterior.summary.bands import BandedMap
+
+MOST_ROWS = 200_000
+_MOST_ASKED = 20_000_000
+COLUMNS = ("driving_deg", "backlash_deg", "backlash_mm", "axial_mm", "backlash_first_order_deg")
+
+
+@verb("map", example="vttig map run --step-deg 0.5 --out map.csv")
+@click.argument("run_folder", metavar="D", type=click.Path(path_type=Path))
+@click.option("--step-deg", type=STEP_DEG, default=1.0)
+@click.option(
+    "--span-rev",
+    type=POSITIVE,
+    help="Driving turns to cover; the hunting period by default, 200 000 rows at most.",
+)
+@click.option("--constant-backlash-deg", type=Finite(min=0), help="Replaces the fitted one.")
+@click.option(
+    "--probability",
+    type=Finite(min=0, max=1, min_open=True, max_open=True),
+    default=0.95,
+    help="Of the bands that draws of `vttig sample` in D give; 0.95 by default.",
+)
+@click.option(
+    "--closing-mm",
+    type=POSITIVE,
+    multiple=True,
+    help="With draws: say how probable it is that this axial closing binds somewhere; repeatable.",
+)
+@click.option("--out", type=click.Path(path_type=Path), help="CSV to write, with a JSON beside it.")
+@click.option("--overwrite", is_flag=True, help="Replace files that exist.")
+def command(
+    output: Output,
+    run_folder: Path,
+    step_deg: float,
+    span_rev: float | None,
+    constant_backlash_deg: float | None,
+    probability: float,
+    closing_mm: tuple[float, ...],
+    out: Path | None,
+    overwrite: bool,
+) -> None:
+    """Show the backlash over the hunting period of the fit in run folder D, and write it.
+
+    The CSV has the order-complete backlash in degrees of the driven gear, in mm at its reference
+    circle and in mm of axial displacement, and the first-order backlash beside it. Where D holds
+    draws of `vttig sample`, bands stand beside them: for one angle, and for the whole map at once.
+    """
+    import vttig_jax
+
+    from ...identify.backlash import backlash_map
+    from ...identify.store import read_fit
+    from ...pair.load import pair_from_spec
+
+    vttig_jax.enable_x64()
+    pair = pair_from_spec(read_run(run_folder).spec)
+    fit = read_fit(run_folder, pair)
+    turns = _span(pair.hunting_turns, step_deg, span_rev)
+    if (run_folder / CHECKPOINT).exists() and constant_backlash_deg is None:
+        banded = banded_map(run_folder, fit, step_deg, turns, probability)
+        table, columns = banded.table(), banded.columns
+        record = banded_record(fit, banded, len(table), out, closing_mm)
+        shown: object = f"{banded}{_bindings(record)}"
+    else:
+        _need_draws(run_folder, constant_backlash_deg, closing_mm)
+        grid = backlash_map(fit, constant_backlash_deg=constant_backlash_deg)
+        table, columns = map_table(grid, step_deg, turns), COLUMNS
+        record = map_record(fit, grid, step_deg, turns, len(table), out)
+        shown = grid
+    if out is not None:
+        _write(out, csv_text(table, columns), record, overwrite)
+    output.emit(record, shown)
+
+
+def banded_map(
+    folder: Path, fit: "Fit", step_deg: float, turns: float, probability: float
+) -> "BandedMap":
+    """The map of the draws in a run folder, with its bands."""
+    from ...posterior.sampler import read_posterior
+    from ...posterior.summary.bands import band_map
+
+    posterior = read_posterior(folder / CHECKPOINT, fit)
+    if not posterior.diagnosis.converged:
+        LOGGER.warning(
+            "the draws have not converged, so the bands may be too narrow: %s", posterior.diagnosis
+        )
+    return band_map(posterior, step_deg, turns, probability)
+
+
+def banded_record(
+    fit: "Fit",
+    banded: "BandedMap",
+    rows: int,
+    out: Path | None,
+    closing_mm: tuple[float, ...] = (),
+) -> dict[str, Any]:
+    """The object of schema `vttig.map/1` with what the draws add."""
+    chances = [(closing, banded.smallest.probability_of_binding(closing)) for closing in closing_mm]
+    return map_record(fit, banded.map, banded.step_deg, banded.turns, rows, out) | {
+        "probability": banded.band.probability,
+        "critical": banded.band.critical,
+        "smallest_gap": banded.smallest.to_json(),
+        "binding": [
+            {"closing_mm": closing, "probability": chance.value, "std_error": chance.std_error}
+            for closing, chance in chances
+        ],
+    }
+
+
+def _bindings(record: dict[str, Any]) -> str:
+    lines = [
+        f"  a closing of {one['closing_mm']:g} mm binds with probability"
+        f" {one['probability']:.3g} ± {one['std_error']:.1g}"
+        for one in record["binding"]
+    ]
+    return "\n" + "\n".join(lines) if lines else ""
+
+
+def _need_draws(folder: Path, constant: float | None, closing_mm: tuple[float, ...]) -> None:
+    """Refuse what only draws can answer."""
+    if not closing_mm:
+        return
+    if constant is not None:
+        raise UsageError(
+            "--closing-mm asks the draws, which hold a constant backlash of their own; leave out"
+            " --constant-backlash-deg."
+        )
+    raise UsageError(
+        f"--closing-mm needs draws; make them with `vttig sample --out {folder}`.",
+        where=str(folder),
+    )
+
+
+def map_table(grid: "BacklashMap", step_deg: float, turns: float) -> Any:
+    """Rows of the contract's columns, shape (rows, 5); NaN where there is no geometry."""
+    import numpy as np
+
+    from ...base.units import DEG
+    from ...pair.gear_pair import GearPair
+
+    driving_deg = np.arange(int(np.ceil(turns * 360.0 / step_deg - 1e-9))) * step_deg
+    backlash = grid.over(driving_deg * DEG)
+    millimetres = axial = np.full(len(driving_deg), np.nan)
+    if isinstance(grid.pair, GearPair):
+        millimetres = backlash * float(grid.pair.reference_radii[1])
+        if thinning := float(grid.pair.thinning):
+            axial = millimetres / thinning
+    first = grid.first_order_over(driving_deg * DEG)
+    return np.stack([driving_deg, backlash / DEG, millimetres, axial, first / DEG], axis=1)
+
+
+def map_record(
+    fit: "Fit", grid: "BacklashMap", step_deg: float, turns: float, rows: int, out: Path | None
+) -> dict[str, Any]:
+    """The object of schema `vttig.map/1`."""
+    return {
+        "schema": "vttig.map/1",
+        "pair": fit.pair.name,
+        "source": fit.source,
+        "conditional_on": list(fit.conditional_on),
+        "zero": fit.zero,
+        "hunting_turns": grid.pair.hunting_turns,
+        "span_turns": turns,
+        "step_deg": step_deg,
+        "rows": rows,
+        "smallest": _extreme(grid.smallest),
+        "largest": _extreme(grid.largest),
+        "safe_closing_mm": grid.safe_closing_mm,
+        "constant_backlash_deg": fit.parameters["constant_backlash_deg"].value,
+        "csv": None if out is None else out.name,
+    }
+
+
+def _span(hunting_turns: int, step_deg: float, span_rev: float | None) -> float:
+    limit = MOST_ROWS * step_deg / 360.0
+    if span_rev is not None:
+        if span_rev * 360.0 / step_deg > _MOST_ASKED:
+            raise UsageError(
+                f"--span-rev {span_rev:g} in steps of {step_deg:g}° are more than {_MOST_ASKED}"
+                " rows; ask for a shorter span or a longer step."
+            )
+        return span_rev
+    if hunting_turns > limit:
+        LOGGER.warning(
+            "the hunting period of %d turns is cut to %.4g turns (%d rows); --span-rev %d covers it"
+            " all",
+            hunting_turns,
+            limit,
+            MOST_ROWS,
+            hunting_turns,
+        )
+    return min(float(hunting_turns), limit)
+
+
+def _extreme(extreme: "Extreme") -> dict[str, Any]:
+    from ...base.units import DEG
+
+    return {
+        "backlash_deg": extreme.backlash / DEG,
+        "driving_deg": extreme.driving_angle / DEG,
+        "tooth_pair": None if extreme.tooth_pair is None else list(extreme.tooth_pair),
+    }
+
+
+def csv_text(table: Any, columns: Sequence[str] = COLUMNS) -> str:
+    """The map as CSV, empty where there is no geometry."""
+    import numpy as np
+
+    buffer = io.StringIO()
+    np.savetxt(buffer, table, fmt="%.9g", delimiter=",", header=",".join(columns), comments="")
+    return buffer.getvalue().replace("nan", "")
+
+
+def _write(out: Path, text: str, record: dict[str, Any], overwrite: bool) -> None:
+    from ...base.files.json_io import dumps
+    from ...base.files.run_folder import RunFolder
+
+    with RunFolder(out.parent, overwrite=overwrite, results=(out.name,)) as folder:
+        folder.write_text(out.with_suffix(".json").name, dumps(record) + "\n")
+        folder.write_text(out.name, text)

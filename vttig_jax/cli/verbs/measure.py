@@ -1,0 +1,184 @@
+"""`vttig measure`: what a shop can check with caliper, micrometer and balls, from the drawing."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from ...base.errors import PairError, UsageError
+from ..options import POSITIVE, Finite, verb
+from ..output import Output
+
+if TYPE_CHECKING:
+    from ...geometry.measures.comparison import Stated
+    from ...geometry.measures.gear_measures import GearMeasures
+    from ...geometry.tooth.tooth import Tooth
+    from ...pair.schema import PairSpec, StatedTable
+
+
+@verb(
+    "measure",
+    example="""
+vttig measure pair.toml
+vttig measure pair.toml --section-mm 5 --ball-mm 3.5
+vttig measure pair.toml --thickness-at-mm 44 --thickness-at-mm 46 --span-teeth 6
+""",
+)
+@click.argument("pair", metavar="PAIR", type=click.Path(path_type=Path))
+@click.option(
+    "--section-mm",
+    type=Finite(),
+    default=0.0,
+    help="Height of the section along the axis of each gear, whose teeth thin towards +z; 0, the"
+    " middle of the face, by default.",
+)
+@click.option(
+    "--thickness-at-mm",
+    type=POSITIVE,
+    multiple=True,
+    help="Radius at which the thickness is wanted as well; repeatable.",
+)
+@click.option(
+    "--span-teeth",
+    type=click.IntRange(min=1, max=100_000),
+    help="Teeth to span; by default those stated, or those the jaws touch nearest to R + x m.",
+)
+@click.option(
+    "--ball-mm",
+    type=POSITIVE,
+    help="Diameter of the balls; by default that stated, or one on sale that touches near there.",
+)
+def command(
+    output: Output,
+    pair: Path,
+    section_mm: float,
+    thickness_at_mm: tuple[float, ...],
+    span_teeth: int | None,
+    ball_mm: float | None,
+) -> None:
+    """Measure the gears of the pair file PAIR as a shop would.
+
+    Prints diameters, tooth thickness at both ends of the face and in the section, the chord of the
+    tooth caliper, the span over several teeth, the measurement over balls whose centres are held in
+    the section, and the base helix angles, in mm and degrees. What the pair file states of a gear
+    (`stated = { tip_diameter_mm = 94.0 }` in [driving] or [driven]) stands beside it.
+    """
+    import vttig_jax
+
+    from ...geometry.measures.comparison import compare_stated, measures_text
+    from ...pair.pair_file import load_pair_spec
+
+    vttig_jax.enable_x64()
+    spec = load_pair_spec(pair)
+    teeth = _teeth(spec, pair, section_mm)
+    gears, stated, notes = {}, {}, {}
+    for shaft, tooth in teeth.items():
+        table = _stated(spec, shaft)
+        found = _measured(tooth, table, section_mm, thickness_at_mm, span_teeth, ball_mm)
+        stated[shaft], beside = compare_stated(table, found)
+        gears[shaft], notes[shaft] = found, [*found.notes, *beside]
+    _require_some(gears, thickness_at_mm)
+    place = "in" if section_mm == 0 else "from"
+    title = (
+        f"{spec.name or 'gear pair'}: section z = {section_mm:g} mm {place} the middle of the face;"
+        " lengths in mm"
+    )
+    record = _record(spec, pair, section_mm, gears, stated, notes)
+    output.emit(record, measures_text(gears, stated, notes, title))
+
+
+def _teeth(spec: "PairSpec", path: Path, section_mm: float) -> "dict[str, Tooth]":
+    """Both gears in their own frames, each of which can be measured."""
+    from ...geometry.measures.validation import check_measurable
+    from ...geometry.tooth.tooth import tooth_of
+    from ...pair.gear_pair import GearPair
+    from ...pair.load import pair_from_spec
+
+    pair = pair_from_spec(spec)
+    if not isinstance(pair, GearPair):
+        raise PairError(
+            "a drive without gears has nothing to measure; give [pair] and both tooth counts.",
+            where=f"{path}: drive",
+        )
+    teeth = {"driving": tooth_of(pair, "driving"), "driven": tooth_of(pair, "driven")}
+    for shaft, tooth in teeth.items():
+        half = float(tooth.face_width_mm) / 2
+        if abs(section_mm) > half:
+            raise UsageError(
+                f"--section-mm {section_mm:g} lies outside of the {shaft} gear, whose face ends at"
+                f" ±{half:g} mm."
+            )
+        try:
+            check_measurable(tooth, section_mm)
+        except PairError as error:
+            raise PairError(error.message, where=f"{path}: {shaft}: {error.where}") from None
+    return teeth
+
+
+def _stated(spec: "PairSpec", shaft: str) -> "StatedTable":
+    from ...pair.schema import StatedTable
+
+    return getattr(spec, shaft).stated or StatedTable()
+
+
+def _measured(
+    tooth: "Tooth",
+    stated: "StatedTable",
+    section_mm: float,
+    radii_mm: tuple[float, ...],
+    span_teeth: int | None,
+    ball_mm: float | None,
+) -> "GearMeasures":
+    """The gear measured as asked, else as stated, else as is usual."""
+    from ...geometry.measures.gear_measures import measure_gear
+
+    return measure_gear(
+        tooth,
+        section_mm=section_mm,
+        radii_mm=radii_mm,
+        span_teeth=span_teeth or stated.span_teeth,
+        ball_mm=ball_mm or stated.ball_diameter_mm,
+    )
+
+
+def _require_some(gears: "dict[str, GearMeasures]", radii_mm: tuple[float, ...]) -> None:
+    """Refuse a radius at which neither gear has a tooth."""
+    for at, radius in enumerate(radii_mm):
+        missing = [found.thickness_at[at].section is None for found in gears.values()]
+        if all(missing):
+            reaches = " and ".join(
+                f"{max(found.form_diameters_mm) / 2:.4f} to {found.tip_diameter_mm / 2:.4f} mm"
+                for found in gears.values()
+            )
+            raise UsageError(
+                f"--thickness-at-mm {radius:g} lies on neither gear: their involutes reach from"
+                f" {reaches}."
+            )
+
+
+def _record(
+    spec: "PairSpec",
+    path: Path,
+    section_mm: float,
+    gears: "dict[str, GearMeasures]",
+    stated: "dict[str, dict[str, Stated]]",
+    notes: dict[str, list[str]],
+) -> dict[str, Any]:
+    """The object of schema `vttig.measure/1`."""
+    return {
+        "schema": "vttig.measure/1",
+        "pair": spec.name,
+        "source": str(path),
+        "section_mm": section_mm,
+        **{
+            shaft: {
+                **found.to_json(),
+                "stated": {
+                    name: {"value": one.value, "difference": one.difference}
+                    for name, one in stated[shaft].items()
+                },
+                "notes": notes[shaft],
+            }
+            for shaft, found in gears.items()
+        },
+    }

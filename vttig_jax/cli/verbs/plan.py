@@ -1,0 +1,187 @@
+"""`vttig plan`: expected standard errors before anything is measured."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+import click
+
+from ...base.errors import UsageError
+from ..options import POSITIVE, Finite, verb
+from ..output import Output
+
+DirectionName = Literal["both", "forward", "backward"]
+DelayName = Literal["auto", "free", "off"]
+NOT_NEGATIVE = Finite(min=0)
+
+
+class Named(click.ParamType):
+    """NAME=NUMBER."""
+
+    name = "name=number"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[str, float]:
+        """Name and finite number, or a usage error."""
+        if isinstance(value, tuple):
+            return value
+        name, equals, number = value.partition("=")
+        if not (name and equals):
+            self.fail(f"{value!r} is not of the form name=number.", param, ctx)
+        return name, Finite().convert(number, param, ctx)
+
+
+@verb(
+    "plan",
+    example="""
+vttig plan --pair pair.toml --turns 21 --rate-hz 1987 --noise-std-deg 0.002
+vttig plan --pair pair.toml --turns 21 --noise-std-deg 0.002 --speed-rpm 20 --speed-rpm 60
+vttig plan --pair pair.toml --noise-std-deg 0.002 --want driving_eccentricity_mm=0.0001
+""",
+)
+@click.option("--pair", type=click.Path(path_type=Path), required=True, help="TOML of the pair.")
+@click.option(
+    "--turns",
+    type=POSITIVE,
+    help="Of the driving shaft in every pass, ramps included; with --want the most to be spent,"
+    " 1000 by default.",
+)
+@click.option(
+    "--speed-rpm",
+    "speeds_rpm",
+    type=POSITIVE,
+    multiple=True,
+    help="Of the driving shaft, 60 by default; repeat it for passes at several speeds in one"
+    " recording, which tell a delay.",
+)
+@click.option("--directions", type=click.Choice(get_args(DirectionName)), default="both")
+@click.option("--passes", type=click.IntRange(min=1), help="At every speed; 2 for both directions.")
+@click.option("--rate-hz", type=POSITIVE, help="Of sampling; that of the pair file by default.")
+@click.option("--dwell-s", type=NOT_NEGATIVE, default=2.0, help="Standstill after every pass.")
+@click.option("--ramp-s", type=NOT_NEGATIVE, default=0.5, help="From standstill to speed.")
+@click.option(
+    "--noise-std-deg",
+    type=Finite(min=0, max=360),
+    required=True,
+    help="Noise of one sample of the transmission error; counting is added from the pair.",
+)
+@click.option("--noise-correlation-s", type=NOT_NEGATIVE, default=0.0, help="Its memory.")
+@click.option("--white-std-deg", type=NOT_NEGATIVE, default=0.0, help="White noise beside it.")
+@click.option(
+    "--assume",
+    type=Named(),
+    multiple=True,
+    help="Amplitude or phase to expect, such as driving_eccentricity_mm=0.03; decides what a phase"
+    " costs.",
+)
+@click.option("--perfect-encoders", is_flag=True, help="Fit no encoder eccentricity.")
+@click.option(
+    "--delay",
+    type=click.Choice(get_args(DelayName)),
+    default="auto",
+    help="Fit a delay with several speeds (auto, the default), in any case, or never.",
+)
+@click.option(
+    "--want",
+    type=Named(),
+    multiple=True,
+    help="Standard error to reach, such as driving_eccentricity_mm=0.0001; repeatable. Finds the"
+    " fewest turns.",
+)
+def command(
+    output: Output,
+    pair: Path,
+    turns: float | None,
+    rate_hz: float | None,
+    want: tuple[tuple[str, float], ...],
+    **options: Any,
+) -> None:
+    """Say how well a fit of a run would know every parameter, before the run is made.
+
+    The standard errors follow from the motion, the sampling and the noise assumed: those of the
+    best unbiased fit, which `vttig fit` comes close to. With --want the shortest run is looked for.
+    """
+    import vttig_jax
+
+    from ...pair.load import load_pair
+
+    vttig_jax.enable_x64()
+    rig = load_pair(pair)
+    rate_hz = rate_hz or rig.log.sample_rate_hz
+    if rate_hz is None:
+        raise UsageError("--rate-hz is missing, and the pair file has no sample_rate_hz.")
+    if turns is None and not want:
+        raise UsageError("--turns is missing; give it, or what to reach with --want.")
+    wanted = _once("--want", want)
+    found = _checked(_planned, rig, turns, wanted, _keywords(rate_hz, **options))
+    output.emit(found.to_json(), found)
+
+
+def _planned(rig: Any, turns: float | None, wanted: dict[str, float], keywords: dict) -> Any:
+    from ...posterior.planning.plan import plan
+    from ...posterior.planning.shortest_run import MOST_TURNS, shortest_run
+
+    if wanted:
+        return shortest_run(rig, wanted, most_turns=turns or MOST_TURNS, **keywords)
+    assert turns is not None  # held by the caller
+    return plan(rig, turns=turns, **keywords)
+
+
+def _keywords(
+    rate_hz: float,
+    *,
+    speeds_rpm: tuple[float, ...],
+    noise_std_deg: float,
+    noise_correlation_s: float,
+    white_std_deg: float,
+    assume: tuple[tuple[str, float], ...],
+    perfect_encoders: bool,
+    **same: Any,
+) -> dict[str, Any]:
+    """The keywords of `plan` that the options stand for; `same` are those of the same name."""
+    from ...posterior.planning.noise import PlannedNoise
+
+    if noise_correlation_s and not noise_std_deg:
+        raise UsageError(
+            "--noise-correlation-s is the memory of --noise-std-deg, which is 0; give it a size."
+        )
+    return {
+        "rate_hz": rate_hz,
+        "speed_rpm": speeds_rpm or (60.0,),
+        "noise": PlannedNoise(noise_std_deg, noise_correlation_s, white_std_deg),
+        "assumed": _once("--assume", assume),
+        "encoder_terms": not perfect_encoders,
+        **same,
+    }
+
+
+def _once(option: str, pairs: tuple[tuple[str, float], ...]) -> dict[str, float]:
+    found: dict[str, float] = {}
+    for name, number in pairs:
+        if name in found:
+            raise UsageError(f"{option} {name} is given twice; give it once.")
+        found[name] = number
+    return found
+
+
+_OPTIONS = {
+    "speed_rpm": "--speed-rpm",
+    "target": "--want",
+    "assumed": "--assume",
+    "noise": "--noise-std-deg",
+}
+"""Argument → option, where they differ by more than their dashes."""
+
+
+def _checked(function: Callable[..., Any], *arguments: Any) -> Any:
+    """Call a function of the library; what it says of an argument is said of the option."""
+    try:
+        return function(*arguments)
+    except ValueError as error:
+        sentence = str(error)
+        if not sentence.startswith("Argument `"):
+            raise
+        name, _, rest = sentence.removeprefix("Argument `").partition("`")
+        option = _OPTIONS.get(name, "--" + name.replace("_", "-"))
+        raise UsageError(option + rest) from error

@@ -1,0 +1,304 @@
+"""`vttig sample`: from logs, or the fit in a run folder, to the posterior."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import click
+
+from ...base.errors import InputError, NotConvergedError, UsageError
+from ..fit_options import model_options
+from ..options import POSITIVE, given, log_options, verb
+from ..output import LOGGER, Output
+from ..run_file import CHECKPOINT, read_run
+from ..run_options import RunOptions
+from .fit import perform, resolve, write_run
+from .map import banded_record, csv_text
+
+if TYPE_CHECKING:
+    from ...identify.fit_result import Fit
+    from ...posterior.density.prior import Prior
+    from ...posterior.sampling.ensembles import Progress
+    from ...posterior.summary.bands import BandedMap
+    from ...posterior.summary.posterior import Posterior
+    from ...posterior.summary.predictive import Predictive
+    from ...posterior.summary.route_agreement import Agreement
+
+
+@verb(
+    "sample",
+    example="""
+vttig sample log.csv --pair pair.toml --out run
+vttig sample --out run --resume --until 100
+vttig fit log.csv --pair pair.toml --out run && vttig sample --out run --steps 5000 --seed 1
+""",
+)
+@click.argument("logs", metavar="[LOG]...", nargs=-1, type=click.Path(path_type=Path))
+@click.option("--pair", type=click.Path(path_type=Path), help="TOML file of the gear pair.")
+@click.option(
+    "--out",
+    required=True,
+    type=click.Path(path_type=Path),
+    help="Run folder: keeps fit, draws and pictures. Without LOG the fit in it is sampled.",
+)
+@click.option("--resume", is_flag=True, help="Go on with the draws that are in --out.")
+@click.option("--overwrite", is_flag=True, help="Replace the fit and the draws that are in --out.")
+@click.option("--no-figures", is_flag=True, help="Leave the pictures out of the run folder.")
+@click.option(
+    "--seed", type=click.IntRange(0, 2**63 - 1), help="Of the sampler; 0, or that of the draws."
+)
+@click.option("--steps", type=click.IntRange(min=40), help="Make exactly so many steps in all.")
+@click.option(
+    "--until",
+    type=POSITIVE,
+    help="Sample until every chain is so many autocorrelation times long (50 by default) and the"
+    " ensembles agree (R-hat 1.01), 50 000 steps at most.",
+)
+@click.option("--ensembles", type=click.IntRange(min=4), help="Independent ones; 4 by default.")
+@click.option(
+    "--walkers",
+    type=click.IntRange(min=4),
+    help="Of each ensemble, even and at least twice the coordinates; 64 by default.",
+)
+@click.option(
+    "--prior",
+    type=click.Choice(["plane", "amplitude"]),
+    help="Eccentricities: flat in the plane (∝ e in the amplitude; the default), or flat in the"
+    " amplitude.",
+)
+@click.option(
+    "--largest-eccentricity-mm", type=POSITIVE, help="Bound of the prior; half the module."
+)
+@click.option(
+    "--encoder-arcsec",
+    type=POSITIVE,
+    help="Std of both components of an encoder's error; accuracy_arcsec of the pair by default.",
+)
+@click.option(
+    "--backlash-readings",
+    "readings",
+    type=click.Path(path_type=Path),
+    help="CSV of driving_deg,backlash_deg to check the fit against.",
+)
+@log_options
+@model_options
+def command(
+    output: Output,
+    logs: tuple[Path, ...],
+    pair: Path | None,
+    out: Path,
+    resume: bool,
+    overwrite: bool,
+    no_figures: bool,
+    seed: int | None,
+    steps: int | None,
+    until: float | None,
+    ensembles: int | None,
+    walkers: int | None,
+    prior: Literal["plane", "amplitude"] | None,
+    largest_eccentricity_mm: float | None,
+    encoder_arcsec: float | None,
+    readings: Path | None,
+    **options: Any,
+) -> None:
+    """Sample the posterior of the fit of LOG, or of the fit that is in --out.
+
+    Several independent ensembles run until their chains are long enough and agree. The draws are
+    brought up to date in posterior.h5 every 5 s: after an interrupt or a kill, --resume goes on and
+    ends with the same draws as a run that was never stopped; seed, walkers, ensembles and prior are
+    then those of the draws unless given. Exit code 5 where the sampler has not converged.
+    """
+    if resume and overwrite:
+        raise UsageError("--resume and --overwrite exclude each other; give one of them.")
+    if steps is not None and until is not None:
+        raise UsageError("--steps and --until exclude each other; give one of them.")
+    import vttig_jax
+
+    from ...pair.gear_pair import Drive
+    from ...posterior.sampler import sample
+    from ...posterior.sampling.stop_rule import Until
+    from ...posterior.summary.bands import band_map
+
+    vttig_jax.enable_x64()
+    refuse_existing(out, resume=resume, overwrite=overwrite, fits=bool(logs))
+    if logs:
+        run = resolve(logs, pair, readings, RunOptions(**options))
+        fit, run = perform(run)
+        if not resume:
+            write_run(fit, run, out, overwrite=overwrite, with_figures=not no_figures)
+    else:
+        fit = _fit_in(out, [*options, "pair", "readings"])
+    if largest_eccentricity_mm is not None and isinstance(fit.pair, Drive):
+        raise UsageError(
+            "--largest-eccentricity-mm needs gears, but this is a drive; leave it out."
+        )
+    beliefs = {
+        "eccentricity_mm": largest_eccentricity_mm,
+        "flat_in": prior,
+        "encoder_arcsec": encoder_arcsec,
+    }
+    asked = {"seed": seed, "ensembles": ensembles, "walkers": walkers}
+    settings = _settings(out / CHECKPOINT if resume else None, asked, beliefs)
+    with sampling_bar(output) as follow, _walkers_in_words():
+        posterior = sample(
+            fit,
+            **settings,
+            steps=steps,
+            until=None if until is None else Until(autocorrelation_times=until),
+            checkpoint=out / CHECKPOINT,
+            resume=resume,
+            overwrite=overwrite,
+            progress=follow,
+        )
+    found = judged(posterior, settings["prior"])
+    gap = fit.parameters["constant_backlash_deg"].determined
+    write_posterior(out, found, band_map(posterior) if gap else None, with_figures=not no_figures)
+    LOGGER.info("written to %s", out)
+    output.emit(found.to_json(), found)
+    if not posterior.diagnosis.converged:
+        raise NotConvergedError(
+            f"{posterior.diagnosis}.".replace("converged: no; ", "the sampler has not converged: "),
+            where=str(out / CHECKPOINT),
+        )
+
+
+def _settings(
+    resumed: Path | None, asked: dict[str, Any], beliefs: dict[str, Any]
+) -> dict[str, Any]:
+    """Keywords of `sample`: what was asked for, then what a resumed run has, then the defaults."""
+    from ...posterior.density.prior import Prior
+    from ...posterior.sampler import settings_of
+
+    known = {} if resumed is None or not resumed.exists() else settings_of(resumed)
+    believed = {name: value for name, value in beliefs.items() if value is not None}
+    if believed or "prior" not in known:
+        known["prior"] = Prior(**believed)
+    return known | {name: value for name, value in asked.items() if value is not None}
+
+
+@contextmanager
+def _walkers_in_words() -> Iterator[None]:
+    """How many walkers there must be is known only with the fit."""
+    try:
+        yield
+    except ValueError as error:
+        if "`walkers`" not in str(error):
+            raise
+        raise UsageError(str(error).replace("Argument `walkers`", "--walkers")) from None
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A posterior with its predictive check and the comparison of the routes to it."""
+
+    posterior: "Posterior"
+    predicted: "Predictive"
+    routes: "Agreement | None"
+
+    def to_json(self) -> dict[str, Any]:
+        """The object of schema `vttig.posterior/1`."""
+        return self.posterior.to_json() | {
+            "agreement": self.routes.to_json() if self.routes else None,
+            "predictive": self.predicted.to_json(),
+        }
+
+    def __str__(self) -> str:
+        routes = self.routes or f"fit, profile and draws: {self.verdict}"
+        return f"{self.posterior}\n\n{self.predicted}\n\n{routes}"
+
+    @property
+    def verdict(self) -> str:
+        """Whether the routes agree, in words."""
+        if self.routes is None:
+            return "not compared, because the draws have not converged"
+        return " ".join(self.routes.sentences) or "agree"
+
+
+def judged(posterior: "Posterior", prior: "Prior") -> Judged:
+    """Ask the posterior whether it would have made the log, and the other routes for theirs.
+
+    Draws that have not converged are a route to nothing yet, and are not compared.
+    """
+    from ...posterior.summary.predictive import predictive
+    from ...posterior.summary.route_agreement import agreement
+
+    routes = agreement(posterior, prior) if posterior.diagnosis.converged else None
+    return Judged(posterior, predictive(posterior), routes)
+
+
+def refuse_existing(
+    out: Path | None,
+    *,
+    overwrite: bool,
+    resume: bool = False,
+    fits: bool = True,
+    resumes: bool = True,
+) -> None:
+    """Say before the work what would be replaced: draws, and where it `fits`, a fit.
+
+    `resumes`: whether the verb has --resume.
+    """
+    if out is None or resume or overwrite:
+        return
+    if out.exists() and not out.is_dir():
+        raise InputError("a file is in the way; choose another name.", where=str(out))
+    go_on = "add --resume to go on with it, --overwrite to replace it"
+    cures = {CHECKPOINT: go_on if resumes else "add --overwrite to replace it"}
+    if fits:
+        sample = "sample it without LOG and --pair, add --overwrite to replace it"
+        cures["fit.json"] = sample if resumes else cures[CHECKPOINT]
+    for name, cure in cures.items():
+        if (out / name).exists():
+            raise UsageError(
+                f"already exists; {cure}, or choose another folder.", where=str(out / name)
+            )
+
+
+def _fit_in(out: Path, names: list[str]) -> "Fit":
+    """The fit of a run folder, which has its own options."""
+    from ...identify.store import read_fit
+    from ...pair.load import pair_from_spec
+
+    if asked := given(names):
+        raise UsageError(
+            f"{' and '.join(asked)} belong to a fit, but without LOG the fit in {out} is sampled;"
+            " give LOG too, or leave it out."
+        )
+    return read_fit(out, pair_from_spec(read_run(out).spec))
+
+
+def write_posterior(
+    out: Path, found: Judged, banded: "BandedMap | None", *, with_figures: bool = True
+) -> None:
+    """Write `posterior.json`, the map with its bands where the log fixes one, and the pictures."""
+    from ...base.files.json_io import dumps
+    from ...base.files.run_folder import RunFolder
+    from ...plotting.save import posterior_figures
+
+    with RunFolder(out, overwrite=True) as folder:
+        if with_figures:
+            drawn = posterior_figures(found.posterior, found.predicted, banded)
+            for name, data in drawn.items():
+                folder.write_bytes(f"figures/{name}", data)
+        if banded is not None:
+            table = banded.table()
+            record = banded_record(found.posterior.fit, banded, len(table), Path("map.csv"))
+            folder.write_text("map.csv", csv_text(table, banded.columns))
+            folder.write_text("map.json", dumps(record) + "\n")
+        folder.write_text("posterior.json", dumps(found.to_json()) + "\n")
+
+
+@contextmanager
+def sampling_bar(output: Output) -> "Iterator[Callable[[Progress], None]]":
+    """A bar over the steps, its end moving where the stop rule decides."""
+    with output.progress(1000, "sample") as bar:
+
+        def follow(progress: "Progress") -> None:
+            ahead = (progress.remaining_s or 0.0) * progress.steps_per_s
+            bar.total = progress.total or max(int(progress.steps + ahead), bar.total)
+            bar.update(progress.steps - bar.n)
+            bar.set_postfix_str(progress.diagnosis)
+
+        yield follow

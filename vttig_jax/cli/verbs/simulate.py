@@ -1,0 +1,258 @@
+"""`vttig simulate`: one drive through its motion, with its controller."""
+
+import math
+import re
+import tomllib
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from ...base.errors import ScenarioError, UsageError
+from ..options import given, verb
+from ..output import LOGGER, Output
+from ..rigs import fitted_rig
+from .map import csv_text
+
+if TYPE_CHECKING:
+    from ...control.scenario.spec import ScenarioSpec
+    from ...control.simulation.result import Simulation
+
+_MOST_ROWS, _MOST_SHOWN = 20_000_000, 1_000_000
+"""Rows that a trace may have, and those that a picture is made of."""
+
+_LONG, _STEPS_PER_MIN = 2e7, 2e7
+"""Steps of the plant from which on a run is announced, and how many a minute does, about."""
+
+_QUOTED = ('"', "'", "[", "{")
+"""What begins a value that is TOML or a mistake, never a bare word."""
+
+
+class Setting(click.ParamType):
+    """KEY=VALUE, the value as TOML; a bare word is text."""
+
+    name = "key=value"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[str, Any]:
+        """Dotted key and what the value says, or a usage error."""
+        if isinstance(value, tuple):
+            return value
+        key, equals, text = (part.strip() for part in value.partition("="))
+        if not (key and equals and text):
+            self.fail(f"{value!r} is not of the form key=value.", param, ctx)
+        try:
+            return key, _toml_value(text)
+        except ValueError:
+            self.fail(
+                f"the value of {key!r} is no TOML: {text}; close its quotes and brackets.",
+                param,
+                ctx,
+            )
+
+
+@verb(
+    "simulate",
+    example="""
+vttig simulate --print-defaults > scenario.toml
+vttig simulate scenario.toml --figure reversal.png
+vttig simulate scenario.toml --set controller=none --set motion.reversal_deg=1080
+vttig simulate scenario.toml --trace trace.csv --every 10
+""",
+)
+@click.argument("scenario", metavar="[SCENARIO]", required=False, type=click.Path(path_type=Path))
+@click.option("--print-defaults", is_flag=True, help="Print a scenario of all keys, and stop.")
+@click.option(
+    "--set",
+    "settings",
+    type=Setting(),
+    multiple=True,
+    help="Another value for a key of SCENARIO, such as motion.reversal_deg=720; repeatable.",
+)
+@click.option("--trace", type=click.Path(path_type=Path), help="CSV of the run to write.")
+@click.option(
+    "--every",
+    type=click.IntRange(min=1),
+    default=1,
+    help="With --trace: keep one of so many periods of the controller; all by default.",
+)
+@click.option("--figure", type=click.Path(path_type=Path), help="PNG of the run to write.")
+@click.option("--overwrite", is_flag=True, help="Replace files that exist.")
+def command(
+    output: Output,
+    scenario: Path | None,
+    print_defaults: bool,
+    settings: tuple[tuple[str, Any], ...],
+    trace: Path | None,
+    every: int,
+    figure: Path | None,
+    overwrite: bool,
+) -> None:
+    """Simulate the drive in SCENARIO (TOML) through its motion, usually one reversal.
+
+    Says what the transmission error does, how far it jumps where the flanks change, when the
+    controller saw the reversal, what it left open and where it closed too far. Paths in SCENARIO
+    are relative to it; rig = { from = "RUN" } instead of [eccentricities] takes the rig that a run
+    folder has fitted. Whatever comes of the run is a result; the outcome names it.
+    """
+    if print_defaults:
+        _print_defaults()
+        return
+    if scenario is None:
+        raise UsageError("SCENARIO is missing; --print-defaults prints one to start from.")
+    _check_files(trace, figure, overwrite=overwrite)
+    from ...control.scenario.spec import load_scenario_spec
+
+    spec = _with_settings(_with_rig(load_scenario_spec(scenario), scenario, settings), settings)
+    thinned = every if trace else 0
+    found, kept = _simulated(spec, scenario, thinned, output, draws=figure is not None)
+    if trace is not None:
+        _write(trace, _csv(found, every // kept), overwrite)
+    if figure is not None:
+        from ...plotting.save import png
+        from ...plotting.simulation import plot_simulation
+
+        _write(figure, png(plot_simulation(found)), overwrite)
+    output.emit(found.to_json(), found)
+
+
+def _print_defaults() -> None:
+    others = given(("scenario", "settings", "trace", "every", "figure", "overwrite", "as_json"))
+    if others:
+        raise UsageError(
+            f"--print-defaults prints TOML and does nothing else; leave out {', '.join(others)}."
+        )
+    from ...control.scenario.defaults import default_toml
+    from ..output import print_result
+
+    print_result(default_toml().rstrip("\n"))
+
+
+def _toml_value(text: str) -> Any:
+    """What a value says in TOML, else the text itself.
+
+    **Raises** `ValueError` for one that is quoted or bracketed and yet no TOML.
+    """
+    try:
+        table = tomllib.loads(f"value = {text}")
+    except (ValueError, RecursionError):  # no TOML, too long a number, too deep a list
+        table = {}
+    if list(table) == ["value"]:
+        return table["value"]
+    if text.startswith(_QUOTED) or re.search(r"[\r\n]", text):
+        raise ValueError(text)
+    return text
+
+
+def _with_settings(spec: "ScenarioSpec", settings: tuple[tuple[str, Any], ...]) -> "ScenarioSpec":
+    """The scenario with what `--set` says; what is wrong then is wrong on the command line."""
+    from ...control.scenario.spec import with_values
+
+    values: dict[str, Any] = {}
+    for key, value in settings:
+        if key in values:
+            raise UsageError(f"--set {key} is given twice; give it once.")
+        values[key] = value
+    if not values:
+        return spec
+    try:
+        return with_values(spec, values)
+    except ScenarioError as error:
+        where = f"--set {error.where}" if error.where in values else f"with --set: {error.where}"
+        raise UsageError(error.message, where=where) from None
+
+
+def _with_rig(
+    spec: "ScenarioSpec", path: Path, settings: tuple[tuple[str, Any], ...]
+) -> "ScenarioSpec":
+    """The scenario with the rig of the run folder that it names; `--set` may name the gears."""
+    if spec.rig is None:
+        return spec
+    import vttig_jax
+
+    from ...control.scenario.spec import with_values
+    from ...control.sweeps.cases import rig_table
+
+    vttig_jax.enable_x64()
+    rig = rig_table(
+        fitted_rig(
+            path.parent / spec.rig.run, path.parent / str(dict(settings).get("pair", spec.pair))
+        )
+    )
+    return with_values(spec, {f"eccentricities.{name}": value for name, value in rig.items()})
+
+
+def _simulated(
+    spec: "ScenarioSpec", path: Path, every: int, output: Output, *, draws: bool
+) -> tuple["Simulation", int]:
+    """Run a scenario whose paths are relative to its file; keep one of how many periods."""
+    import vttig_jax
+
+    from ...control.simulation.result import Simulation
+    from ...control.simulation.simulate import prepared, run
+
+    vttig_jax.enable_x64()
+    pair, case = prepared(spec, path.parent, str(path))
+    periods = float(case.motion.duration_s) * spec.sampling.controller_hz
+    kept = _stride(periods, every, draws)
+    if periods * case.substeps > _LONG:
+        LOGGER.warning(
+            "to run: %.3g steps, some %.0f min; Ctrl-C ends it and writes nothing",
+            periods * case.substeps,
+            max(periods * case.substeps / _STEPS_PER_MIN, 1.0),
+        )
+    with output.progress(1, "simulate") as bar:
+
+        def follow(done: int, all_: int) -> None:
+            bar.total = all_
+            bar.update(done - bar.n)
+
+        state, trace = run(case, kept, follow)
+    return Simulation(spec, pair, case, state.tally, trace), kept
+
+
+def _stride(periods: float, every: int, draws: bool) -> int:
+    """Keep one of how many periods for a trace of one of `every` and for a picture; 0: none."""
+    if every and periods / every > _MOST_ROWS:
+        raise UsageError(
+            f"--trace of {periods:.3g} periods is more than {_MOST_ROWS} rows; thin it out with"
+            f" --every {math.ceil(periods / _MOST_ROWS)}."
+        )
+    # A divisor of `every`, so that one run serves both.
+    return math.gcd(every, math.ceil(periods / _MOST_SHOWN)) if draws else every
+
+
+def _check_files(trace: Path | None, figure: Path | None, *, overwrite: bool) -> None:
+    """Refuse before the run what could not be written after it."""
+    if trace is None and given(("every",)):
+        raise UsageError("--every thins out the rows of --trace; give that as well.")
+    for option, path, suffix in (("--trace", trace, ".csv"), ("--figure", figure, ".png")):
+        if path is None:
+            continue
+        if path.is_dir():
+            raise UsageError(f"{option} is a folder; name a file in it.", where=str(path))
+        if path.suffix.lower() != suffix:
+            raise UsageError(
+                f"{option} writes {suffix[1:].upper()}; choose a name that ends with {suffix}.",
+                where=str(path),
+            )
+        if path.exists() and not overwrite:
+            raise UsageError(
+                "already exists; add --overwrite or choose another name.", where=str(path)
+            )
+
+
+def _csv(found: "Simulation", every: int) -> str:
+    import numpy as np
+
+    columns = found.columns()
+    return csv_text(np.stack(list(columns.values()), axis=1)[::every], tuple(columns))
+
+
+def _write(path: Path, data: str | bytes, overwrite: bool) -> None:
+    from ...base.files.run_folder import RunFolder
+
+    content = data.encode() if isinstance(data, str) else data
+    with RunFolder(path.parent, overwrite=overwrite, results=(path.name,)) as folder:
+        folder.write_bytes(path.name, content)

@@ -1,0 +1,262 @@
+"""`vttig surface`: a gear as a mesh, a CAD solid, the drawing of a section or a picture."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import click
+
+from ...base.errors import PairError, UsageError
+from ..options import POSITIVE, Finite, given, verb
+from ..output import Output
+
+if TYPE_CHECKING:
+    from tqdm import tqdm
+
+    from ...geometry.tooth.tooth import Shaft, Tooth
+
+_MESHES, _SOLIDS, _DRAWINGS = (".stl", ".ply", ".obj"), (".step", ".stp"), (".svg", ".dxf")
+_PICTURES = (".png",)
+_STAGES = 4
+"""At most: of a solid surfaces, sewing, volume and the file."""
+
+Written = tuple[bytes, dict[str, Any], tuple[str, ...]]
+"""The file, what is said of it beside file and size, and notes."""
+
+
+class _Wanted(NamedTuple):
+    """What is to be written.
+
+    - `tooth`, `name`: of the gear. - `suffix`: of the file. - `section_mm`: height of a drawing.
+    - `build`: options that meshes, solids and drawings share. - `bar`: to tell progress.
+    """
+
+    tooth: "Tooth"
+    name: str
+    suffix: str
+    section_mm: float
+    build: dict[str, Any]
+    bar: "tqdm[Any]"
+
+
+@verb(
+    "surface",
+    example="""
+vttig surface pair.toml --gear driving --out gear.stl
+vttig surface pair.toml --gear driven --out gear.step --bore-mm 40
+vttig surface pair.toml --gear driving --out tooth.ply --teeth 1 --tolerance-um 0.5
+vttig surface pair.toml --gear driving --out section.svg --section-mm -10
+vttig surface pair.toml --gear driving --out tooth.png
+""",
+)
+@click.argument("pair", metavar="PAIR", type=click.Path(path_type=Path))
+@click.option(
+    "--gear",
+    type=click.Choice(["driving", "driven"]),
+    required=True,
+    help="Which gear of the pair.",
+)
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    required=True,
+    help="File to write: .stl, .ply, .obj a closed mesh; .step, .stp a solid with B-spline flanks;"
+    " .svg, .dxf a section; .png a picture of one tooth, which takes none of the options below but"
+    " --overwrite.",
+)
+@click.option(
+    "--teeth",
+    type=click.IntRange(min=1),
+    help="Only as many teeth, as a closed sector cut in the middle of its outer spaces.",
+)
+@click.option(
+    "--tolerance-um",
+    type=POSITIVE,
+    default=1.0,
+    show_default=True,
+    help="Largest distance of the true surface from what is written; it is measured.",
+)
+@click.option(
+    "--bore-mm",
+    type=Finite(min=0),
+    help="Diameter of the bore, 0 for none; by default 0.3 of the root diameter.",
+)
+@click.option(
+    "--section-mm",
+    type=Finite(),
+    default=0.0,
+    help="With .svg and .dxf: height of the section along the axis of the gear, whose teeth thin"
+    " towards +z; 0, the middle of the face, by default.",
+)
+@click.option("--overwrite", is_flag=True, help="Replace a file that exists.")
+def command(
+    output: Output,
+    pair: Path,
+    gear: "Shaft",
+    out: Path,
+    teeth: int | None,
+    tolerance_um: float,
+    bore_mm: float | None,
+    section_mm: float,
+    overwrite: bool,
+) -> None:
+    """Write a gear of the pair file PAIR as a mesh, a CAD solid, a section or a picture.
+
+    All teeth with their fillets, the end faces and the bore, closed, in the frame of the gear: its
+    axis is z with the middle of the face at 0, the teeth thin towards +z, lengths are mm. Where the
+    fillets of neighbouring teeth overlap, the bottom of the space is where they cross. The picture
+    shows a tooth at both ends and in the middle, and how thick it is between them.
+    """
+    suffix = out.suffix.lower()
+    _check_out(out, suffix, overwrite)
+    import vttig_jax
+
+    from ...base.files.run_folder import RunFolder
+    from ...pair.pair_file import load_pair_spec
+
+    vttig_jax.enable_x64()
+    spec = load_pair_spec(pair)
+    tooth = _tooth(spec, pair, gear)
+    name = f"{spec.name}, {gear} gear" if spec.name else f"{gear} gear"
+    build = {"tolerance_mm": tolerance_um * 1e-3, "teeth": teeth, "bore_mm": bore_mm}
+    with output.progress(_STAGES, "surface") as bar:
+        try:
+            wanted = _Wanted(tooth, name, suffix, section_mm, build, bar)
+            data, found, notes = _builder(suffix)(wanted)
+        except PairError as error:
+            raise PairError(error.message, where=f"{pair}: {gear}: {error.where}") from None
+        with RunFolder(out.parent, overwrite=overwrite, results=(out.name,)) as folder:
+            folder.write_bytes(out.name, data)
+        bar.update(bar.total - bar.n)
+    record = {
+        "schema": "vttig.surface/1",
+        "pair": spec.name,
+        "source": str(pair),
+        "gear": gear,
+        "file": str(out),
+        "format": suffix[1:].replace("stp", "step"),
+        "bytes": len(data),
+        "teeth": teeth or tooth.teeth,
+        **({} if suffix in _PICTURES else {"tolerance_um": tolerance_um}),
+        **found,
+        "notes": list(notes),
+    }
+    output.emit(record, _text(record, name))
+
+
+def _check_out(out: Path, suffix: str, overwrite: bool) -> None:
+    """Refuse what cannot be written before anything is computed."""
+    known = (*_MESHES, *_SOLIDS, *_DRAWINGS, *_PICTURES)
+    if suffix not in known:
+        raise UsageError(
+            f"--out writes {', '.join(known[:-1])} or {known[-1]}; choose a name that ends with"
+            " one.",
+            where=str(out),
+        )
+    refused = given([] if suffix in _DRAWINGS else ["section_mm"])
+    refused += given(["teeth", "tolerance_um", "bore_mm"] if suffix in _PICTURES else [])
+    if refused:
+        raise UsageError(f"a {suffix} file takes no {' and no '.join(refused)}; leave it out.")
+    if out.exists() and not overwrite:
+        raise UsageError("already exists; add --overwrite or choose another name.", where=str(out))
+
+
+def _tooth(spec: Any, path: Path, gear: "Shaft") -> "Tooth":
+    from ...geometry.tooth.tooth import tooth_of
+    from ...pair.gear_pair import GearPair
+    from ...pair.load import pair_from_spec
+
+    pair = pair_from_spec(spec)
+    if not isinstance(pair, GearPair):
+        raise PairError(
+            "a drive without gears has no surface; give [pair] and both tooth counts.",
+            where=f"{path}: drive",
+        )
+    return tooth_of(pair, gear)
+
+
+def _builder(suffix: str) -> Callable[[_Wanted], Written]:
+    if suffix in _MESHES:
+        return _mesh
+    if suffix in _SOLIDS:
+        return _solid
+    return _drawing if suffix in _DRAWINGS else _picture
+
+
+def _mesh(wanted: _Wanted) -> Written:
+    from ...geometry.solids.mesh import MESH_FILES, gear_mesh
+
+    write, rounding = MESH_FILES[wanted.suffix]
+    mesh = gear_mesh(wanted.tooth, rounding=rounding, progress=wanted.bar.update, **wanted.build)
+    found = {
+        "error_um": mesh.error_mm * 1e3,
+        "triangles": len(mesh.triangles),
+        "points": len(mesh.vertices),
+        "sections": mesh.sections,
+        "volume_mm3": mesh.volume_mm3,
+    }
+    return write(mesh, wanted.name), found, mesh.notes
+
+
+def _solid(wanted: _Wanted) -> Written:
+    from ...geometry.solids.solid import gear_solid, step_bytes
+
+    solid = gear_solid(wanted.tooth, progress=wanted.bar.update, **wanted.build)
+    found = {
+        "error_um": solid.error_mm * 1e3,
+        "faces": solid.faces,
+        "sections": solid.sections,
+        "volume_mm3": solid.volume_mm3,
+    }
+    return step_bytes(solid, wanted.name), found, solid.notes
+
+
+def _drawing(wanted: _Wanted) -> Written:
+    from ...geometry.solids.section_drawing import dxf_bytes, section_drawing, svg_bytes
+
+    drawing = section_drawing(wanted.tooth, wanted.section_mm, **wanted.build)
+    found = {
+        "error_um": drawing.error_mm * 1e3,
+        "points": len(drawing.points),
+        "section_mm": wanted.section_mm,
+        "area_mm2": drawing.area_mm2,
+    }
+    write = svg_bytes if wanted.suffix == ".svg" else dxf_bytes
+    return write(drawing, wanted.name), found, drawing.notes
+
+
+def _picture(wanted: _Wanted) -> Written:
+    from ...geometry.solids.blank import blank_of
+    from ...plotting.save import png
+    from ...plotting.tooth import plot_tooth
+
+    tolerance = wanted.build["tolerance_mm"]
+    blank = blank_of(wanted.tooth, teeth=None, bore_mm=0.0, tolerance_mm=tolerance)
+    return png(plot_tooth(wanted.tooth, name=wanted.name)), {}, blank.notes
+
+
+def _text(record: dict[str, Any], name: str) -> str:
+    from ...base.files.text_tables import key_values
+
+    rows: list[tuple[str, str]] = [
+        ("format", str(record["format"]).upper()),
+        ("teeth", str(record["teeth"])),
+    ]
+    labels = {
+        "triangles": ("triangles", "d", ""),
+        "faces": ("faces", "d", ""),
+        "points": ("points", "d", ""),
+        "sections": ("sections", "d", ""),
+        "section_mm": ("section at z", "g", " mm"),
+        "volume_mm3": ("volume", ".1f", " mm³"),
+        "area_mm2": ("area", ".3f", " mm²"),
+    }
+    for key, (label, form, unit) in labels.items():
+        if key in record:
+            rows.append((label, f"{record[key]:{form}}{unit}"))
+    if "error_um" in record:
+        measured = f"{record['error_um']:.3g} µm of {record['tolerance_um']:g} µm allowed"
+        rows.append(("measured error", measured))
+    rows.append(("file size", f"{record['bytes']} bytes"))
+    lines = [key_values(rows, title=name), *(f"  {note}" for note in record["notes"])]
+    return "\n".join([*lines, f"written to {record['file']}"])

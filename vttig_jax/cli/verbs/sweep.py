@@ -1,0 +1,130 @@
+"""`vttig sweep`: thousands of simulated cases, the product of named axes."""
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from ...base.errors import UsageError
+from ..options import verb
+from ..output import LOGGER, Output
+from ..rigs import drawn_rigs
+
+if TYPE_CHECKING:
+    from ...control.sweeps.estimate import Estimate
+    from ...control.sweeps.table import SweepTable
+
+FIGURE = "figures/sweep.png"
+
+
+@verb(
+    "sweep",
+    example="""
+vttig sweep sweep.toml --out swept
+vttig sweep sweep.toml --out swept --resume
+vttig sweep sweep.toml --out swept --dask tcp://127.0.0.1:8786
+""",
+)
+@click.argument("scenario", metavar="SWEEP", type=click.Path(path_type=Path))
+@click.option("--out", type=click.Path(path_type=Path), help="Folder for sweep.parquet.")
+@click.option("--resume", is_flag=True, help="Go on with the sweep that is unfinished in --out.")
+@click.option("--overwrite", is_flag=True, help="Replace the sweep in --out.")
+@click.option(
+    "--devices",
+    type=click.IntRange(min=1, max=4096),
+    help="Cores, or GPUs, to use; all by default.",
+)
+@click.option("--dask", metavar="ADDRESS", help="Scheduler of dask.distributed to send blocks to.")
+@click.option("--no-figures", is_flag=True, help="Leave the picture out of --out.")
+def command(
+    output: Output,
+    scenario: Path,
+    out: Path | None,
+    resume: bool,
+    overwrite: bool,
+    devices: int | None,
+    dask: str | None,
+    no_figures: bool,
+) -> None:
+    """Simulate every case of SWEEP (TOML): a scenario with [sweep], whose axes are combined.
+
+    Each row of sweep.parquet is a case: its number, the axes, the metrics of `vttig simulate`, its
+    outcome. With rig = { from = "RUN", draws = 200 } every case runs with rigs drawn from the
+    posterior in the run folder RUN, while the controllers have the map of its mean. Blocks of cases
+    are written as they are done: after Ctrl-C or a kill --resume goes on and ends with the same
+    table.
+    """
+    if out is None and (resume or overwrite or no_figures):
+        raise UsageError("--resume, --overwrite and --no-figures are for the folder of --out.")
+    if resume and overwrite:
+        raise UsageError("--resume and --overwrite exclude each other; give one of them.")
+    prepare(devices)
+    from ...control.sweeps.sweep import sweep
+
+    with output.progress(1, "lane-steps") as bar:
+
+        def announce(expected: "Estimate") -> None:
+            if not output.quiet:
+                click.echo(f"to run: {expected}", err=True)
+            bar.total = max(expected.lane_steps, 1)
+            bar.unit_scale = True
+
+        def follow(done: float, all_: float) -> None:
+            bar.total = max(done, all_)
+            bar.update(done - bar.n)
+
+        rigs, believed = drawn_rigs(scenario)
+        found = sweep(
+            scenario,
+            rigs=rigs,
+            believed=believed,
+            out=out,
+            resume=resume,
+            overwrite=overwrite,
+            devices=devices,
+            dask=dask,
+            announce=announce,
+            progress=follow,
+        )
+    if out is not None and not no_figures:
+        _draw(found, out)
+    output.emit(found.to_json(), found)
+
+
+def prepare(devices: int | None) -> None:
+    """Make devices of the cores, where JAX has not begun."""
+    import vttig_jax
+
+    if devices is not None and devices > _cores():
+        raise UsageError(f"--devices {devices} is more than the {_cores()} cores there are.")
+    try:
+        vttig_jax.prepare_cpu(devices or _cores())
+    except ValueError as error:
+        # JAX runs already: what it has must do.
+        import jax
+
+        there = len(jax.devices())
+        if devices is not None and devices > there:
+            raise UsageError(f"--devices {devices} is more than the {there} of JAX.") from error
+    vttig_jax.enable_x64()
+
+
+def _cores() -> int:
+    """Cores that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def _draw(found: "SweepTable", out: Path) -> None:
+    """The picture, where there is an axis of numbers to draw it over."""
+    from ...base.files.run_folder import RunFolder
+    from ...plotting.save import png
+    from ...plotting.sweep import numeric_axes, plot_sweep
+
+    if not numeric_axes(found):
+        LOGGER.info("no axis of numbers: no picture")
+        return
+    with RunFolder(out, overwrite=True) as folder:
+        folder.write_bytes(FIGURE, png(plot_sweep(found)))

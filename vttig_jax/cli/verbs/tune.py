@@ -1,0 +1,165 @@
+"""`vttig tune`: settings of a controller by gradient, over all cases of a sweep."""
+
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import click
+
+from ...base.errors import UsageError
+from ..options import Finite, verb
+from ..output import Output
+from ..rigs import drawn_rigs
+from .sweep import prepare
+
+if TYPE_CHECKING:
+    from ...control.tuning.result import Tuned
+
+ObjectiveName = Literal["expected", "worst"]
+
+
+class FreeSetting(click.ParamType):
+    """KEY or KEY=LOW:HIGH."""
+
+    name = "key[=low:high]"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[str, tuple[float, float] | None]:
+        """Dotted key and its limits, or a usage error."""
+        if isinstance(value, tuple):
+            return value
+        key, equals, text = (part.strip() for part in value.partition("="))
+        if not equals:
+            return key, None
+        try:
+            low, high = (float(part) for part in text.split(":"))
+        except ValueError:
+            self.fail(f"{value!r} is not of the form key=low:high, two numbers.", param, ctx)
+        return key, (low, high)
+
+
+@verb(
+    "tune",
+    example="""
+vttig tune sweep.toml
+vttig tune sweep.toml --free judgement.margin_mm --free judgement.bandwidth_hz=5:60
+vttig tune sweep.toml --objective worst --out tuned.toml
+""",
+)
+@click.argument("scenario", metavar="SWEEP", type=click.Path(path_type=Path))
+@click.option(
+    "--free",
+    "free",
+    type=FreeSetting(),
+    multiple=True,
+    help="Key to tune, such as judgement.margin_mm, with limits if need be; repeatable. By default"
+    " all that the controller of SWEEP is set by.",
+)
+@click.option(
+    "--objective",
+    type=click.Choice(ObjectiveName.__args__),
+    default="expected",
+    help="Mean over the cases (the default), or the worst of them.",
+)
+@click.option(
+    "--interference-weight",
+    type=Finite(min=0),
+    default=10.0,
+    show_default=True,
+    help="Degrees of gap left that one degree of closing too far is worth.",
+)
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    help="TOML to write beside SWEEP, with the new values.",
+)
+@click.option("--overwrite", is_flag=True, help="Replace a file that exists.")
+def command(
+    output: Output,
+    scenario: Path,
+    free: tuple[tuple[str, tuple[float, float] | None], ...],
+    objective: ObjectiveName,
+    interference_weight: float,
+    out: Path | None,
+    overwrite: bool,
+) -> None:
+    """Tune the controller of SWEEP (TOML) for all cases of its axes.
+
+    Minimises the backlash left at the turn plus the weighted interference over speeds, turns, and
+    rigs drawn from a posterior where SWEEP has rig = { from = "RUN", draws = 200 }. The slopes come
+    from smoothed judgements; what is printed, before and after, is the hard judgement of every case
+    as `vttig sweep` has it, and values that it does not find better are not taken.
+    """
+    _check_out(scenario, out, overwrite=overwrite)
+    keys = [key for key, _ in free] or None
+    limits = {key: ends for key, ends in free if ends is not None}
+    _check_keys(scenario, keys, limits)
+    prepare(None)
+    from ...control.tuning.search import WIDTHS
+    from ...control.tuning.tune import tune
+
+    with output.progress(len(WIDTHS), "tune") as bar:
+
+        def follow(done: int, all_: int) -> None:
+            bar.total = all_
+            bar.update(done - bar.n)
+
+        rigs, believed = drawn_rigs(scenario)
+        found = tune(
+            scenario,
+            rigs=rigs,
+            believed=believed,
+            free=keys,
+            limits=limits,
+            objective=objective,
+            interference_weight=interference_weight,
+            progress=follow,
+        )
+    if out is not None:
+        _write(found, out, overwrite)
+    output.emit(found.to_json(), found if out is None else f"{found}\nwritten to {out}")
+
+
+def _check_out(scenario: Path, out: Path | None, *, overwrite: bool) -> None:
+    """Refuse before the search what could not be written after it."""
+    if out is None:
+        if overwrite:
+            raise UsageError("--overwrite is for the file of --out.")
+        return
+    if out.suffix.lower() != ".toml":
+        raise UsageError("--out writes TOML; choose a name that ends with .toml.", where=str(out))
+    if out.resolve().parent != scenario.resolve().parent:
+        raise UsageError(
+            "the paths in SWEEP are relative to its folder; name an --out in that folder.",
+            where=str(out),
+        )
+    if out.exists() and not overwrite:
+        raise UsageError("already exists; add --overwrite or choose another name.", where=str(out))
+
+
+def _check_keys(
+    scenario: Path, keys: list[str] | None, limits: dict[str, tuple[float, float]]
+) -> None:
+    """What is wrong with the keys is wrong on the command line."""
+    from ...control.scenario.spec import load_sweep_spec
+    from ...control.tuning.free_keys import SETTINGS, free_keys
+
+    spec = load_sweep_spec(scenario)
+    if spec.controller not in SETTINGS:
+        return  # `tune` says so, with the file
+    try:
+        free_keys(spec, keys, limits)
+    except ValueError as error:
+        said = re.sub(r"^Argument `(free|limits)`:? ?", "", str(error))
+        raise UsageError(said, where="--free") from None
+
+
+def _write(found: "Tuned", out: Path, overwrite: bool) -> None:
+    import tomli_w
+
+    from ...base.files.run_folder import RunFolder
+    from ...control.scenario.spec import spec_table
+
+    with RunFolder(out.parent, overwrite=overwrite, results=(out.name,)) as folder:
+        folder.write_text(out.name, tomli_w.dumps(spec_table(found.spec)))

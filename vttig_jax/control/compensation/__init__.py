@@ -1,0 +1,1 @@
+"""Compensation tables and the C header."""

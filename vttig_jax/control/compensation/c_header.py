@@ -1,0 +1,394 @@
+"""A backlash map as a C header: no library, no loop of varying length, no state."""
+
+import math
+import re
+import unicodedata
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from string import Template
+from textwrap import wrap
+from typing import Literal
+
+from ...base.errors import UsageError
+from ...base.units import ARCSEC, DEG, REV
+from ...pair.encoder_reading import ShaftReading
+from .compensation import Compensation
+
+COMMENT = """\
+#ifndef ${NAME}_COMPENSATION_H
+#define ${NAME}_COMPENSATION_H
+
+/*
+$about
+ */
+
+#if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__)
+#error "-ffast-math removes the tests for readings that are no numbers; compile without it"
+#endif
+"""
+
+FUNCTION_NOTES = {
+    "backlash": (
+        "{name}_backlash(phi1, phi2): backlash in rad of the driven gear and its slope by phi1;"
+        " negative where the map says that the pair binds.",
+    ),
+    "shift": (
+        "{name}_shift(phi1, phi2, margin_mm): axial displacement of the driven gear towards the"
+        " thick end of the driving one that leaves margin_mm of displacement open, mm, and its"
+        " slope by phi1 in mm/rad. Never below 0; where the margin leaves nothing to close both are"
+        " 0. A margin that is negative or no number makes it {NAME}_UNKNOWN.",
+        "The slope is along the motion: times the driving speed in rad/s it is the speed of the"
+        " actuator in mm/s.",
+    ),
+}
+
+ARITHMETIC = """\
+enum { ${NAME}_KNOWN = 0, ${NAME}_UNKNOWN = 1 };
+
+/* Next whole number, for less than 2^31. */
+static inline double ${name}_nearest_(double x)
+{
+    return (double)(long)(x < 0.0 ? x - 0.5 : x + 0.5);
+}
+
+/* Sine and cosine, for angles up to 1e5 rad, within 1e-15. */
+static inline void ${name}_sincos_(double x, double *sine, double *cosine)
+{
+    const double quarters = ${name}_nearest_(x * 0.6366197723675814);
+    const double r = x - quarters * 1.5707963267923333 - quarters * 2.563344151594519e-12;
+    const double t = r * r;
+    const double s = r + r * t * (-0.16666666666666666 + t * (0.008333333333330948
+        + t * (-0.00019841269836758574 + t * (2.755731610255244e-06
+        + t * (-2.5051131845003624e-08 + t * 1.5918129294866608e-10)))));
+    const double c = 1.0 - 0.5 * t + t * t * (0.041666666666666664
+        + t * (-0.0013888888888887398 + t * (2.480158729876569e-05
+        + t * (-2.7557317271729793e-07 + t * (2.08761462684032e-09
+        + t * -1.1382632425521717e-11)))));
+    switch ((int)((long)quarters & 3)) {
+    case 0: *sine = s; *cosine = c; break;
+    case 1: *sine = c; *cosine = -s; break;
+    case 2: *sine = -s; *cosine = -c; break;
+    default: *sine = -c; *cosine = s; break;
+    }
+}
+
+/* An angle without its whole turns; 2 pi in three parts, the first two short. */
+static inline double ${name}_within_turn_(double x)
+{
+    const double turns = ${name}_nearest_(x * 0.15915494309189535);
+    return x - turns * $turn_0 - turns * $turn_1 - turns * $turn_2;
+}
+"""
+
+BACKLASH = """\
+struct ${name}_gap {
+    double backlash_rad;
+    double slope;
+    int status;
+};
+
+static inline struct ${name}_gap ${name}_backlash(double driving_rad, double driven_rad)
+{
+    static const double driving_orders[$driving_count] = {
+$driving_orders
+    };
+    static const double driven_orders[$driven_count] = {
+$driven_orders
+    };
+    /* Of every harmonic: places of its orders above, then cosine and sine in rad. */
+    static const $place_type places[$terms][2] = {
+$places
+    };
+    static const double waves[$terms][2] = {
+$waves
+    };
+    struct ${name}_gap found = { 0.0, 0.0, ${NAME}_UNKNOWN };
+    double sine1[$driving_count], cosine1[$driving_count];
+    double sine2[$driven_count], cosine2[$driven_count];
+    double phi1, turn, apart, ideal, value, slope;
+    int k;
+
+    if (!(driving_rad >= -1e9 && driving_rad <= 1e9 && driven_rad >= -1e9 && driven_rad <= 1e9))
+        return found;
+    /* The driven angle without its transmission error: one of those the pair can have. */
+    phi1 = ${name}_within_turn_(driving_rad);
+    apart = ${name}_within_turn_(driven_rad) - $ratio * phi1 - ($offset);
+    turn = ${name}_nearest_(apart / $spacing);
+    apart -= turn * $spacing;
+    if (!(apart >= -$tolerance && apart <= $tolerance))
+        return found;
+    ideal = ${name}_within_turn_($ratio * phi1 + turn * $spacing);
+
+    for (k = 0; k < $driving_count; ++k)
+        ${name}_sincos_(driving_orders[k] * phi1, &sine1[k], &cosine1[k]);
+    for (k = 0; k < $driven_count; ++k)
+        ${name}_sincos_(driven_orders[k] * ideal, &sine2[k], &cosine2[k]);
+    value = $constant;
+    slope = 0.0;
+    for (k = 0; k < $terms; ++k) {
+        const int p = places[k][0], q = places[k][1];
+        const double sine = sine1[p] * cosine2[q] + cosine1[p] * sine2[q];
+        const double cosine = cosine1[p] * cosine2[q] - sine1[p] * sine2[q];
+        value += waves[k][0] * cosine + waves[k][1] * sine;
+        slope += (driving_orders[p] + $ratio * driven_orders[q])
+            * (waves[k][1] * cosine - waves[k][0] * sine);
+    }
+    found.backlash_rad = value;
+    found.slope = slope;
+    found.status = ${NAME}_KNOWN;
+    return found;
+}
+"""
+
+SHIFT = """\
+struct ${name}_displacement {
+    double shift_mm;
+    double slope_mm_per_rad;
+    int status;
+};
+
+static inline struct ${name}_displacement ${name}_shift(
+    double driving_rad, double driven_rad, double margin_mm)
+{
+    const struct ${name}_gap gap = ${name}_backlash(driving_rad, driven_rad);
+    struct ${name}_displacement found = { 0.0, 0.0, ${NAME}_UNKNOWN };
+
+    if (gap.status != ${NAME}_KNOWN || !(margin_mm >= 0.0 && margin_mm <= 1e9))
+        return found;
+    found.status = ${NAME}_KNOWN;
+    if (gap.backlash_rad > margin_mm * $closing) {
+        found.shift_mm = gap.backlash_rad / $closing - margin_mm;
+        found.slope_mm_per_rad = gap.slope / $closing;
+    }
+    return found;
+}
+"""
+
+READING = """\
+/* The $shaft angle in rad from a reading of its encoder in $unit. */
+static inline double ${name}_${shaft}_rad(double reading)
+{
+    return $size * (reading - ($origin));
+}
+"""
+
+
+Quantity = Literal["shift", "backlash"]
+
+_IDENTIFIER = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+_LONGEST = 31
+"""Characters of a prefix; names longer than 63 need not differ for a C99 compiler."""
+
+_WIDTH = 88
+
+_JOINED = "\x1f"
+"""Stands for a blank at which no line is broken."""
+
+_TURN = (6.283185005187988, 3.0199157663446385e-07, 2.1561211432632476e-14)
+"""2π in three parts, of which the first two times a whole number below 2²⁸ are exact."""
+
+
+@dataclass(frozen=True)
+class Origin:
+    """What a header says about where it comes from.
+
+    **Arguments**
+    - `pair`: its name. - `version`: of this package.
+    - `zero`: where both angles are zero, "start" (first sample of the log) or "reading".
+    - `conditional_on`: assumptions of the fit. - `sha256`: of the logs, "" for none.
+    - `readings`: how the encoders' readings become angles; None where that is not known.
+    """
+
+    pair: str
+    version: str
+    zero: str
+    conditional_on: tuple[str, ...] = ()
+    sha256: str = ""
+    readings: tuple[ShaftReading, ShaftReading] | None = None
+
+
+def identifier_of(name: str) -> str:
+    """A prefix for C names from the name of a pair: ASCII, small letters, at most 31 characters.
+
+    **Example**
+    ```python
+    >>> from vttig_jax.control.compensation.c_header import identifier_of
+    >>> identifier_of("VTTIG rig (Prüfstand 2)"), identifier_of("2:1"), identifier_of("")
+    ('vttig_rig_prufstand_2', 'pair_2_1', 'pair')
+
+    ```
+    """
+    plain = unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode()
+    found = re.sub(r"[^a-z0-9]+", "_", plain.lower()).strip("_")
+    if not found or not found[0].isalpha():
+        found = f"pair_{found}".strip("_")
+    return found[:_LONGEST].strip("_")
+
+
+def check_identifier(name: str) -> str:
+    """The prefix itself.
+
+    **Raises** `UsageError` where C names cannot begin with it.
+    """
+    if not _IDENTIFIER.fullmatch(name) or len(name) > _LONGEST:
+        raise UsageError(
+            f"{name!r} cannot begin the names of a C header; give a letter, then letters, digits"
+            f" and _, {_LONGEST} characters at most.",
+            where="--name",
+        )
+    return name
+
+
+def c_header(
+    compensation: Compensation, origin: Origin, *, name: str, quantity: Quantity = "shift"
+) -> str:
+    """The text of a C99 header that evaluates a compensation at single-turn readings.
+
+    It defines `NAME_backlash` and, for a `quantity` of "shift", `NAME_shift`; where the readings of
+    the encoders are known, `NAME_driving_rad` and `NAME_driven_rad` make angles of them. It is
+    plain ASCII, valid C++ too, and the same for the same compensation and origin.
+
+    **Arguments**
+    - `name`: what all names begin with; see `identifier_of`.
+
+    **Raises** `UsageError` for a name C does not have and for a shift where no displacement closes
+    the gap, `NoAnswerError` where single-turn readings leave the turn open.
+
+    **Example**
+    ```python
+    >>> import numpy as np
+    >>> from fractions import Fraction
+    >>> from vttig_jax.control.compensation.c_header import Origin, c_header
+    >>> from vttig_jax.control import Compensation
+    >>> one = np.array([1e-4])
+    >>> compensation = Compensation(
+    ...     Fraction(9, 16), 7e-4, ((1, 0),), one, one, 1.3e-3, 0.0, 1e-3, 0.0
+    ... )
+    >>> text = c_header(compensation, Origin("rig", "0.1.0", "start"), name="rig")
+    >>> text.splitlines()[0], text.isascii(), "rig_shift(" in text
+    ('#ifndef RIG_COMPENSATION_H', True, True)
+
+    ```
+    """
+    check_identifier(name)
+    compensation.require_locating()
+    if quantity == "shift":
+        compensation.require_closing()
+    parts = [COMMENT, ARITHMETIC, BACKLASH]
+    if quantity == "shift":
+        parts.append(SHIFT)
+    values = {
+        "name": name,
+        "NAME": name.upper(),
+        "about": _about(compensation, origin, name, quantity),
+        **_numbers(compensation),
+    }
+    text = "\n".join(Template(part).substitute(values) for part in parts)
+    if origin.readings is not None:
+        for shaft, reading in zip(("driving", "driven"), origin.readings, strict=True):
+            text += "\n" + Template(READING).substitute(
+                name=name,
+                shaft=shaft,
+                unit=reading.unit,
+                size=_number(reading.radians_per_unit),
+                origin=_number(reading.origin),
+            )
+    return f"{text}\n#endif /* {name.upper()}_COMPENSATION_H */\n"
+
+
+def _numbers(compensation: Compensation) -> dict[str, str]:
+    """Constants and tables of the code."""
+    # A table of no rows is no C.
+    terms = compensation.terms or ((1, 0),)
+    cosine, sine = (
+        list(map(float, values)) if compensation.terms else [0.0]
+        for values in (compensation.cosine_rad, compensation.sine_rad)
+    )
+    driving, driven = (sorted({term[side] for term in terms}) for side in (0, 1))
+    places = [f"{{{driving.index(first)}, {driven.index(second)}}}" for first, second in terms]
+    waves = [f"{{{_number(c)}, {_number(s)}}}" for c, s in zip(cosine, sine, strict=True)]
+    return {
+        "terms": str(len(terms)),
+        "driving_count": str(len(driving)),
+        "driven_count": str(len(driven)),
+        "driving_orders": _rows(map(_number, driving)),
+        "driven_orders": _rows(map(_number, driven)),
+        "places": _rows(places),
+        "waves": _rows(waves),
+        "place_type": _place_type(max(len(driving), len(driven))),
+        "ratio": _number(float(compensation.ratio)),
+        "spacing": _number(compensation.spacing_rad),
+        "offset": _number(math.remainder(compensation.offset_rad, REV)),
+        "tolerance": _number(compensation.tolerance_rad),
+        "constant": _number(compensation.constant_rad),
+        "closing": _number(compensation.closing_rad_per_mm),
+        **{f"turn_{place}": _number(part) for place, part in enumerate(_TURN)},
+    }
+
+
+def _place_type(count: int) -> str:
+    return "unsigned char" if count <= 256 else "unsigned short"
+
+
+def _number(value: float | int) -> str:
+    """A double constant of C that is the same number."""
+    text = repr(float(value))
+    return text if any(mark in text for mark in ".en") else f"{text}.0"
+
+
+def _rows(items: Iterable[str]) -> str:
+    """Initialisers on lines of fixed width, none of them broken."""
+    text = ", ".join(item.replace(" ", _JOINED) for item in items)
+    lines = wrap(text, _WIDTH, initial_indent=" " * 8, subsequent_indent=" " * 8)
+    return "\n".join(lines).replace(_JOINED, " ")
+
+
+def _about(compensation: Compensation, origin: Origin, name: str, quantity: Quantity) -> str:
+    """The comment at the head of the file."""
+    zero = {
+        "start": "where the encoders stood at the first sample of the log",
+        "reading": "where the encoders read zero",
+    }[origin.zero]
+    ratio, turns = compensation.ratio, compensation.hunting_turns
+    upper = name.upper()
+    paragraphs = [
+        f"Backlash of: {_plain(origin.pair) or 'a gear pair without a name'}. Made by vttig-jax"
+        f" {_plain(origin.version)}; do not edit.",
+        f"It holds {len(compensation.terms)} harmonics of the driving angle phi1 and the driven"
+        f" angle phi2 of a fitted backlash map; ratio {ratio} (driven over driving speed), hunting"
+        f" period {turns} driving turns. They are within {compensation.error_rad / ARCSEC:.1e}"
+        " arcsec of the map. Mean backlash"
+        f" {compensation.constant_rad / DEG:.6f} deg of the driven gear.",
+        f"Angles: rad of each shaft, wrapped or not, up to 1e9; zero {zero}; both positive for"
+        " positive motion of the log.",
+        "Cost of a call: sines and cosines of"
+        f" {len({t[0] for t in compensation.terms})} + {len({t[1] for t in compensation.terms})}"
+        " angles and two products a harmonic, the same for every argument; no state, no"
+        " allocation, nothing included.",
+        f"Unknown ({upper}_UNKNOWN): an angle that is no finite number, or readings that fit no"
+        " turn of the hunting period: phi2 - ratio phi1 farther than"
+        f" {compensation.tolerance_rad / DEG:.6f} deg from the {turns} angles"
+        f" {compensation.spacing_rad / DEG:.6g} deg apart that the pair can have. Then value and"
+        " slope are 0, which closes nothing.",
+    ]
+    paragraphs += [one.format(NAME=upper, name=name) for one in FUNCTION_NOTES["backlash"]]
+    if quantity == "shift":
+        paragraphs += [one.format(NAME=upper, name=name) for one in FUNCTION_NOTES["shift"]]
+    if origin.conditional_on:
+        assumed = ", ".join(_plain(one) for one in origin.conditional_on)
+        paragraphs.append(f"Holds under the assumptions of the fit: {assumed}.")
+    if origin.sha256:
+        paragraphs.append(f"SHA-256 of the logs: {_plain(origin.sha256)}.")
+    return "\n *\n".join(_paragraph(one) for one in paragraphs)
+
+
+def _paragraph(text: str) -> str:
+    lines: Sequence[str] = wrap(text, _WIDTH, break_long_words=False, break_on_hyphens=False)
+    return "\n".join(f" * {line}" for line in lines)
+
+
+def _plain(text: str) -> str:
+    """Printable ASCII on one line that neither opens nor ends a comment."""
+    folded = unicodedata.normalize("NFKD", " ".join(text.split()))
+    letters = "".join(one for one in folded if not unicodedata.combining(one))
+    return re.sub(r"[^ -~]", "_", letters).replace("*/", "*|").replace("/*", "|*")

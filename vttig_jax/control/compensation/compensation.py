@@ -1,0 +1,217 @@
+"""The backlash map as harmonics of both shaft angles: what a controller evaluates at every step.
+
+    j(φ₁, ξ) = c₀ + Σ_t [cosine_t cos(n₁ φ₁ + n₂ ξ) + sine_t sin(n₁ φ₁ + n₂ ξ)],    ξ = i φ₁
+
+Both angles enter modulo one turn, so that the harmonics need no turn of the hunting period, and ξ
+is the reading φ₂ less the transmission error. That error need not be known: at a given φ₁ the pair
+can only have one of as many ξ as the hunting period has turns, 2π/turns apart, and the reading lies
+next to the right one. Where it lies too far from any, the readings are not those of this pair at
+these zeros, and the gap is unknown.
+"""
+
+import math
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any, NamedTuple
+
+import numpy as np
+from jax.typing import ArrayLike
+from jaxtyping import Bool, Float, Real
+
+from ...base.errors import NoAnswerError, UsageError
+from ...base.files.text_tables import key_values
+from ...base.units import ARCSEC, DEG, REV
+from ...kinematics.harmonic import Term
+
+Readings = Real[ArrayLike, "..."]
+Numbers = Float[np.ndarray, "..."] | np.float64
+Truths = Bool[np.ndarray, "..."] | np.bool_
+
+
+class Gap(NamedTuple):
+    """Backlash in rad of the driven gear, its slope by φ₁, and whether the readings tell it.
+
+    Value and slope are 0 where it is unknown.
+    """
+
+    backlash_rad: Numbers
+    slope: Numbers
+    known: Truths
+
+
+class Shift(NamedTuple):
+    """Axial displacement that closes the gap, mm, its slope by φ₁ in mm/rad, and whether known.
+
+    Value and slope are 0 where it is unknown.
+    """
+
+    shift_mm: Numbers
+    slope_mm_per_rad: Numbers
+    known: Truths
+
+
+@dataclass(frozen=True)
+class Compensation:
+    """Backlash and axial displacement as a function of both shaft angles.
+
+    **Arguments**
+    - `ratio`: i, driven over driving speed.
+    - `constant_rad`: mean backlash over the hunting period, rad of the driven gear.
+    - `terms`: (n₁, n₂) of every harmonic; `cosine_rad`, `sine_rad`: shape (terms,).
+    - `closing_rad_per_mm`: backlash that a mm of axial displacement takes up,
+      (tan β_L + tan β_R)/R₂; NaN where none does.
+    - `offset_rad`: middle of the range of the transmission error, gap included.
+    - `tolerance_rad`: how far φ₂ − i φ₁ may be from it by whole turns: half that range, and what is
+      allowed to the readings.
+    - `error_rad`: largest difference from the map at 8192 angles of the hunting period.
+    """
+
+    ratio: Fraction
+    constant_rad: float
+    terms: tuple[Term, ...]
+    cosine_rad: Float[np.ndarray, " terms"]
+    sine_rad: Float[np.ndarray, " terms"]
+    closing_rad_per_mm: float
+    offset_rad: float
+    tolerance_rad: float
+    error_rad: float
+
+    @property
+    def hunting_turns(self) -> int:
+        """Turns of the driving shaft in the hunting period."""
+        return self.ratio.denominator
+
+    @property
+    def spacing_rad(self) -> float:
+        """Distance of the driven angles that belong to one driving angle, 2π/turns."""
+        return REV / self.hunting_turns
+
+    @property
+    def is_locating(self) -> bool:
+        """Whether the tolerance tells each of these angles from the next."""
+        return self.tolerance_rad < self.spacing_rad / 2
+
+    def backlash(self, driving_rad: Readings, driven_rad: Readings) -> Gap:
+        """Backlash at single-turn readings of both shafts, rad from the zeros of the fit.
+
+        Unknown where a reading is not finite, or farther than the tolerance from every place that
+        the pair can have. Negative where the map is: the gap is closed.
+
+        **Raises** `NoAnswerError` where no reading could tell.
+        """
+        self.require_locating()
+        first, second = np.broadcast_arrays(
+            np.asarray(driving_rad, np.float64), np.asarray(driven_rad, np.float64)
+        )
+        finite = np.isfinite(first) & np.isfinite(second)
+        first, second = (np.where(finite, angle, 0.0) for angle in (first, second))
+        first, second = (angle - REV * np.rint(angle / REV) for angle in (first, second))
+        ideal = float(self.ratio) * first
+        apart = second - ideal - self.offset_rad
+        turn = np.rint(apart / self.spacing_rad)
+        known = finite & (np.abs(apart - turn * self.spacing_rad) <= self.tolerance_rad)
+        value, slope = self.at_both_angles(first, ideal + turn * self.spacing_rad)
+        return Gap(np.where(known, value, 0.0)[()], np.where(known, slope, 0.0)[()], known)
+
+    def shift(self, driving_rad: Readings, driven_rad: Readings, margin_mm: float = 0.0) -> Shift:
+        """Axial displacement that closes the gap but for `margin_mm`, never below 0.
+
+        **Raises** `NoAnswerError` where no displacement closes it or no reading could tell,
+        `ValueError` for a margin that is negative or no number.
+        """
+        self.require_closing()
+        if not (margin_mm >= 0 and math.isfinite(margin_mm)):
+            raise ValueError(f"Argument `margin_mm` must be 0 or more, but is {margin_mm}.")
+        gap = self.backlash(driving_rad, driven_rad)
+        shift = gap.backlash_rad / self.closing_rad_per_mm - margin_mm
+        closes = gap.known & (shift > 0)
+        return Shift(
+            np.where(closes, shift, 0.0)[()],
+            np.where(closes, gap.slope / self.closing_rad_per_mm, 0.0)[()],
+            gap.known,
+        )
+
+    def at_both_angles(
+        self, driving_rad: Numbers | float, ideal_rad: Numbers | float
+    ) -> tuple[Numbers, Numbers]:
+        """j(φ₁, ξ) in rad and dj/dφ₁ along ξ = i φ₁."""
+        value = np.full(np.shape(driving_rad), self.constant_rad)
+        slope = np.zeros(np.shape(driving_rad))
+        ratio = float(self.ratio)
+        for (first, second), cosine, sine in zip(
+            self.terms, self.cosine_rad, self.sine_rad, strict=True
+        ):
+            phase = first * np.asarray(driving_rad) + second * np.asarray(ideal_rad)
+            wave = np.cos(phase), np.sin(phase)
+            value += cosine * wave[0] + sine * wave[1]
+            slope += (first + second * ratio) * (sine * wave[0] - cosine * wave[1])
+        return value[()], slope[()]
+
+    def require_locating(self) -> None:
+        """Raise `NoAnswerError` where single-turn readings leave the turn open."""
+        if not self.is_locating:
+            raise NoAnswerError(
+                f"the driven angles of the {self.hunting_turns} turns of the hunting period are"
+                f" {self.spacing_rad / DEG:.3g}° apart, but a reading may lie"
+                f" {self.tolerance_rad / DEG:.3g}° off: single-turn readings do not tell the turn;"
+                " allow the readings less (--tolerance-arcsec), or count the turns and use the"
+                " harmonics in JSON or the table in CSV."
+            )
+
+    def require_closing(self) -> None:
+        """Raise `UsageError` where no axial displacement takes up the gap."""
+        if math.isnan(self.closing_rad_per_mm):
+            raise UsageError(
+                "no axial displacement closes this gap: the teeth do not thin towards +z, or the"
+                " drive has no gear geometry; export the backlash alone (--quantity backlash), or"
+                " give the helix angles of the pair (`helix_angle_deg`) and fit again."
+            )
+
+    def to_json(self) -> dict[str, Any]:
+        """The part of schema `vttig.compensation/1` that is known here."""
+        harmonics = zip(self.terms, self.cosine_rad, self.sine_rad, strict=True)
+        closing = self.closing_rad_per_mm
+        return {
+            "meaning": "backlash_rad = constant_rad + sum of cos_rad cos(p) + sin_rad sin(p) with p"
+            " = driving_order phi1 + driven_order xi and xi = ratio phi1; phi1: driving angle from"
+            " the zero of the fit, turns counted within the hunting period; xi is also the driven"
+            " reading less its transmission error. rad of the driven gear. axial_mm = backlash_rad"
+            " / closing_rad_per_mm. Readings phi1, phi2 of single turns belong to this pair where"
+            " phi2 - ratio phi1 - offset_rad is within tolerance_rad of a multiple of spacing_rad;"
+            " xi = ratio phi1 + that multiple.",
+            "ratio": str(self.ratio),
+            "ratio_value": float(self.ratio),
+            "hunting_turns": self.hunting_turns,
+            "constant_rad": self.constant_rad,
+            "harmonics": [
+                {
+                    "driving_order": first,
+                    "driven_order": second,
+                    "cos_rad": float(cosine),
+                    "sin_rad": float(sine),
+                }
+                for (first, second), cosine, sine in harmonics
+            ],
+            "closing_rad_per_mm": closing if math.isfinite(closing) else None,
+            "offset_rad": self.offset_rad,
+            "tolerance_rad": self.tolerance_rad,
+            "spacing_rad": self.spacing_rad,
+            "locating": self.is_locating,
+            "error_rad": self.error_rad,
+        }
+
+    def __str__(self) -> str:
+        closing = self.closing_rad_per_mm
+        rows = [
+            ("harmonics", f"{len(self.terms)}, within {self.error_rad / ARCSEC:.2g}″ of the map"),
+            ("hunting period", f"{self.hunting_turns} driving turns"),
+            ("mean backlash", f"{self.constant_rad / DEG:.5f}°"),
+            (
+                "readings known",
+                f"within {self.tolerance_rad / DEG:.4f}° of angles {self.spacing_rad / DEG:.4g}°"
+                " apart",
+            ),
+        ]
+        if math.isfinite(closing):
+            rows.append(("mean axial shift", f"{self.constant_rad / closing:.4f} mm"))
+        return key_values(rows, title="compensation")

@@ -1,0 +1,1 @@
+"""Controllers that close the gap before a reversal."""

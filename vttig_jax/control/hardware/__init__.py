@@ -1,0 +1,1 @@
+"""Encoders, observer, actuator and servo drive."""

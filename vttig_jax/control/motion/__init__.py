@@ -1,0 +1,1 @@
+"""Commanded and recorded motions of the driving shaft."""

@@ -1,0 +1,1 @@
+"""Plants: how the driven gear follows between both flanks."""

@@ -1,0 +1,41 @@
+"""The play operator: a driven shaft that stands still unless a flank pushes it."""
+
+import jax.numpy as jnp
+
+from ...base.arrays import Number
+from ..hermite import cubic, first_root
+from ..motion.motion import MotionPoint
+from .flank_bounds import Bounds
+from .plant import Plant, Shafts, Slide, Touch, newly_met, touching, walls
+
+
+class PlayPlant(Plant):
+    """Friction holds the driven shaft in the gap, and no flank throws it.
+
+    x ← min(max(x − i Δφ₁, lower wall), upper wall)
+    """
+
+    def step(
+        self, shafts: Shafts, ahead: MotionPoint, slide: Slide, bounds: Bounds, step: Number
+    ) -> tuple[Shafts, Touch]:
+        """See `Plant.step`."""
+        ratio, closing = jnp.asarray(bounds.ratio), jnp.asarray(bounds.closing)
+        flanks = bounds.at(ahead.angle)
+        now = walls(shafts.flanks, shafts.speed, closing, slide.start, slide.start_rate)
+        then = walls(flanks, ahead.speed, closing, slide.end, slide.end_rate)
+        free = shafts.offset - ratio * (ahead.angle - shafts.angle)
+        below, above = free <= then.lower, free >= then.upper
+        side = touching(below, above, shafts.side)
+        held = cubic(shafts.offset, free, -ratio * shafts.speed, -ratio * ahead.speed, step)
+        low = cubic(now.lower, then.lower, now.lower_rate, then.lower_rate, step)
+        high = cubic(now.upper, then.upper, now.upper_rate, then.upper_rate, step)
+        depth = [jnp.where(below, h - a, b - h) for h, a, b in zip(held, low, high, strict=True)]
+        share = first_root(type(held)(*depth))
+        way = cubic(shafts.angle, ahead.angle, shafts.speed, ahead.speed, step)
+        met = newly_met(below, above, side, shafts.side)
+        touch = Touch(met, way.at(share), high.at(share) - low.at(share), share)
+        offset = jnp.clip(free, then.lower, then.upper)
+        rate = jnp.where(
+            below, then.lower_rate, jnp.where(above, then.upper_rate, -ratio * ahead.speed)
+        )
+        return Shafts(ahead.angle, ahead.speed, offset, rate, side, flanks), touch

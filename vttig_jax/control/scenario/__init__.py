@@ -1,0 +1,1 @@
+"""The scenario file: keys, defaults and axes of a sweep."""

@@ -1,0 +1,280 @@
+"""The scenario file: validated fields, and combinations of keys that no scenario can have.
+
+Needs no jax.
+"""
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from msgspec.structs import replace
+
+from ...base.errors import ScenarioError
+from ...base.files.toml_io import Table, key, plain_table, value_keys
+from .axes import SCENARIO_FILE, Sweep, parse_sweep, unknown_key
+from .tables import (
+    ActuatorTable,
+    Controller,
+    EccentricityTable,
+    EncoderTable,
+    Flanks,
+    FrictionTable,
+    InertiaTable,
+    JudgementTable,
+    LoadTable,
+    MapTable,
+    MeshTable,
+    MotionTable,
+    Plant,
+    RigTable,
+    SamplingTable,
+    ServoTable,
+)
+
+if TYPE_CHECKING:
+    from .tables import MotionTable, SamplingTable
+
+
+def check_scenario(spec: "ScenarioSpec") -> None:
+    """Raise `ScenarioError` whose `where` is the dotted key at fault."""
+    check_rig(spec)
+    _check_motion(spec.motion)
+    _check_rates(spec.sampling)
+
+
+def check_rig(spec: "ScenarioSpec") -> None:
+    """Raise `ScenarioError` unless the rig is given in one way."""
+    if (spec.eccentricities is None) == (spec.rig is None):
+        seen = "neither" if spec.rig is None else "both"
+        raise ScenarioError(
+            f"{seen} of [eccentricities] and `rig` given; write [eccentricities], or"
+            ' rig = { from = "RUN" } for those of a run folder.',
+            where="eccentricities",
+        )
+
+
+def smallest_reversal_deg(motion: "MotionTable") -> float:
+    """Driving angle that a trapezoid or S-curve needs for its ramps, in deg.
+
+    A ramp covers half of what the steady speed would in its time. A slow-down to the share s and
+    back adds two ramps of (1 − s) the time between speeds 1 and s, and the time at s.
+    """
+    ramps, share = motion.ramp_s, motion.slow_share
+    if motion.event in ("slow_down", "aborted"):
+        ramps += motion.ramp_s * (1 - share) * (1 + share)
+    if motion.event == "slow_down":
+        ramps += share * motion.dwell_s
+    if motion.event == "emergency_stop":
+        ramps = max(ramps, (motion.ramp_s + motion.stop_s) / 2)
+    return motion.speed_rpm * 6.0 * ramps
+
+
+def _check_motion(motion: "MotionTable") -> None:
+    if motion.kind == "recorded" and not motion.file:
+        raise ScenarioError(
+            'missing; kind = "recorded" follows a CSV with time_s and driving_deg.',
+            where="motion.file",
+        )
+    if motion.kind != "recorded" and motion.file:
+        raise ScenarioError(
+            f'given, but kind is "{motion.kind}"; write kind = "recorded" to follow this file, or'
+            " remove it.",
+            where="motion.file",
+        )
+    if motion.kind not in ("trapezoid", "s_curve"):
+        if motion.event != "reversal":
+            raise ScenarioError(
+                f'"{motion.event}" needs kind = "trapezoid" or "s_curve", but kind is'
+                f' "{motion.kind}".',
+                where="motion.event",
+            )
+        return
+    smallest = smallest_reversal_deg(motion)
+    if motion.reversal_deg < smallest * (1 - 1e-12):
+        raise ScenarioError(
+            f"{motion.reversal_deg:g} lies inside the ramps of this {motion.event}; at"
+            f" {motion.speed_rpm:g} rpm with ramp_s = {motion.ramp_s:g} it must be at least"
+            f" {_up(smallest)}.",
+            where="motion.reversal_deg",
+        )
+
+
+def _up(value: float) -> str:
+    """A number of six digits that is not below the value."""
+    step = 10.0 ** (math.floor(math.log10(value)) - 5)
+    return f"{math.ceil(value / step * (1 - 1e-12)) * step:.6g}"
+
+
+def _check_rates(sampling: "SamplingTable") -> None:
+    plant, controller = sampling.plant_hz, sampling.controller_hz
+    steps = plant / controller
+    whole = max(1, round(steps))
+    if plant and abs(steps - whole) > 1e-9 * whole:
+        raise ScenarioError(
+            f"{plant:g} Hz is {steps:g} times controller_hz; write a whole multiple such as"
+            f" {whole * controller:g}, or 0 for controller_hz itself.",
+            where="sampling.plant_hz",
+        )
+
+
+class ScenarioSpec(Table, frozen=True):
+    """A whole scenario or sweep file. Either `eccentricities` or `rig`."""
+
+    pair: Annotated[
+        str, key("pair file, relative to this file", min_length=1, examples=["pair.toml"])
+    ]
+    plant: Annotated[Plant, key("what the driven shaft does inside the gap")] = "rigid"
+    controller: Annotated[Controller, key("who shifts the driven gear, and when")] = "acceleration"
+    flanks: Annotated[Flanks, key("kinematics of the eccentric pair")] = "exact"
+    seed: Annotated[int, key("of the encoder noise", "1", ge=0, le=2**32 - 1)] = 0
+    eccentricities: Annotated[
+        EccentricityTable | None, key("offsets of the gears from their axes, and the gap")
+    ] = None
+    map: Annotated[MapTable, key("what the controller believes instead of the rig itself")] = (
+        MapTable()
+    )
+    motion: Annotated[MotionTable, key("what the driving shaft is to do")] = MotionTable()
+    servo: Annotated[ServoTable, key("motor of the driving shaft")] = ServoTable()
+    inertia: Annotated[InertiaTable, key("of both shafts, with all that turns with them")] = (
+        InertiaTable()
+    )
+    friction: Annotated[FrictionTable, key("of both shafts")] = FrictionTable()
+    load: Annotated[LoadTable, key("of the driven shaft")] = LoadTable()
+    mesh: Annotated[MeshTable, key("contact of the flanks")] = MeshTable()
+    driving_encoder: Annotated[
+        EncoderTable, key("of the driving shaft, as the controller reads it")
+    ] = EncoderTable()
+    driven_encoder: Annotated[
+        EncoderTable, key("of the driven shaft, as the controller reads it")
+    ] = EncoderTable()
+    actuator: Annotated[ActuatorTable, key("shifts the driven gear axially")] = ActuatorTable()
+    judgement: Annotated[JudgementTable, key("how a reversal is noticed")] = JudgementTable()
+    sampling: Annotated[SamplingTable, key("rates of controller and plant")] = SamplingTable()
+    rig: Annotated[RigTable | None, key("the rig of a run folder")] = None
+    sweep: Annotated[Sweep | None, key("axes of a sweep")] = None
+
+
+KEYS = {
+    one.name: one for one in value_keys(ScenarioSpec) if not one.name.startswith(("rig.", "sweep."))
+}
+"""Every key of one case by its dotted name; these an axis of a sweep may name."""
+
+
+def parse_scenario_spec(table: Mapping[str, Any], source: str = "") -> ScenarioSpec:
+    """Validate a parsed TOML table; `source` is the file name for messages.
+
+    Of a sweep, each axis is validated by itself; `with_values` validates each case as a whole.
+    """
+    with SCENARIO_FILE.placed(source):
+        _check_places(table)
+        plain = {name: value for name, value in table.items() if name != "sweep"}
+        spec: ScenarioSpec = SCENARIO_FILE.convert(plain, ScenarioSpec)
+        if "sweep" not in table:
+            check_scenario(spec)
+            return spec
+        sweep = parse_sweep(table["sweep"], KEYS)
+        _check_axes(sweep, spec)
+        check_rig(spec)
+    return replace(spec, sweep=sweep)
+
+
+def load_scenario_spec(path: str | Path) -> ScenarioSpec:
+    """Read and validate a scenario file (TOML) of one case."""
+    spec = parse_scenario_spec(SCENARIO_FILE.read(path), str(path))
+    with SCENARIO_FILE.placed(str(path)):
+        if spec.sweep is not None:
+            raise ScenarioError(
+                "this file holds many cases; run it with `vttig sweep`, or remove [sweep].",
+                where="sweep",
+            )
+        for name in ("draws", "seed"):
+            if spec.rig is not None and getattr(spec.rig, name) is not None:
+                raise ScenarioError(
+                    "one case runs with the fitted rig; remove this key, or run the draws of the"
+                    " posterior with `vttig sweep`.",
+                    where=f"rig.{name}",
+                )
+    return spec
+
+
+def load_sweep_spec(path: str | Path) -> ScenarioSpec:
+    """Read and validate a sweep file (TOML): a scenario with `[sweep]`."""
+    spec = parse_scenario_spec(SCENARIO_FILE.read(path), str(path))
+    if spec.sweep is None:
+        also = "" if spec.rig is None else "; an empty [sweep] runs the draws of `rig` alone"
+        raise ScenarioError(
+            f"missing; a sweep names its axes in [sweep], one case is run with `vttig simulate`"
+            f"{also}.",
+            where=f"{path}: sweep",
+        )
+    return spec
+
+
+def spec_table(spec: ScenarioSpec) -> dict[str, Any]:
+    """The TOML table of a spec: `parse_scenario_spec(spec_table(spec)) == spec`."""
+    table = plain_table(replace(spec, sweep=None))
+    return table if spec.sweep is None else {**table, "sweep": spec.sweep.table}
+
+
+def with_values(spec: ScenarioSpec, values: Mapping[str, Any]) -> ScenarioSpec:
+    """One case: the scenario with other values, validated again.
+
+    **Arguments**
+    - `spec`: the scenario or sweep; its `[sweep]` is left out of the result, its `rig` where
+      `values` names eccentricities.
+    - `values`: dotted key → value, a Python number or text.
+
+    **Raises** `ScenarioError` for an unknown key, a value out of bounds and a contradiction.
+
+    **Example**
+    ```python
+    >>> from vttig_jax.control import parse_scenario_spec, with_values
+    >>> spec = parse_scenario_spec({"pair": "p.toml", "rig": {"from": "RUN"}})
+    >>> with_values(spec, {"motion.reversal_deg": 720.0, "controller": "none"}).motion.reversal_deg
+    720.0
+
+    ```
+    """
+    case = _with_values(spec, values)
+    check_scenario(case)
+    return case
+
+
+def _with_values(spec: ScenarioSpec, values: Mapping[str, Any]) -> ScenarioSpec:
+    table = spec_table(replace(spec, sweep=None))
+    if any(name.startswith("eccentricities.") for name in values):
+        table.pop("rig", None)
+    for name, value in values.items():
+        if name not in KEYS:
+            raise ScenarioError(unknown_key(name, KEYS), where=name)
+        above, _, last = name.rpartition(".")
+        (table.setdefault(above, {}) if above else table)[last] = value
+    return SCENARIO_FILE.convert(table, ScenarioSpec)
+
+
+def _check_places(table: Mapping[str, Any]) -> None:
+    """Refuse what belongs to a sweep where it stands in the wrong table."""
+    if "zip" in table:
+        raise ScenarioError("belongs into [sweep], beside the axes it names.", where="zip")
+    sweep = table.get("sweep")
+    if isinstance(sweep, dict) and "rig" in sweep:
+        raise ScenarioError(
+            "no axis; `rig` stands at the top of the file, before the first table.",
+            where="sweep.rig",
+        )
+
+
+def _check_axes(sweep: Sweep, spec: ScenarioSpec) -> None:
+    if spec.rig is None and not sweep.axes:
+        raise ScenarioError(
+            'names no axis; write for example "motion.reversal_deg" = { from = 360, to = 5760,'
+            " num = 1000 }.",
+            where="sweep",
+        )
+    for name in sweep.axes:
+        if spec.rig is not None and name.startswith("eccentricities."):
+            raise ScenarioError(
+                "given beside `rig`, which draws all eccentricities; keep one of them.",
+                where=f'sweep."{name}"',
+            )

@@ -1,0 +1,1 @@
+"""One simulated run: build, scan and result."""

@@ -1,0 +1,362 @@
+"""Builds the case that runs from a scenario file: motion, motor, plant, actuator and controller."""
+
+import math
+from collections.abc import Callable
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from msgspec import structs
+
+from ...base.errors import ScenarioError
+from ...base.files.toml_io import plain_table
+from ...base.units import ARCSEC, DEG, REV
+from ...kinematics.exact import exact_model
+from ...kinematics.first_order import closed_model
+from ...kinematics.flank_model import FlankModel
+from ...pair.eccentricities import Eccentricities
+from ...pair.gear_pair import GearPair
+from ..controllers.acceleration import AccelerationController
+from ..controllers.controller import Controller, NoController
+from ..controllers.feedforward import FeedforwardController
+from ..controllers.predictive import PredictiveController
+from ..controllers.turn_location import LostController, turns_off
+from ..hardware.actuator import Actuator, Thrust, pushed_back
+from ..hardware.encoder import Sensor
+from ..hardware.observer import AlphaBetaGamma, FilteredDifference, Observer
+from ..hardware.servo import Servo, ServoDrive
+from ..hardware.shaft_drive import Drive, Prescribed
+from ..motion.motion import Motion
+from ..motion.profiles import motion_of
+from ..motion.recorded import read_motion
+from ..plants.elastic import ElasticPlant, largest_step, mesh_stiffness
+from ..plants.flank_bounds import Bounds, bounds_of
+from ..plants.plant import Drag, Plant
+from ..plants.play import PlayPlant
+from ..plants.rigid import RigidPlant
+from ..scenario.spec import ScenarioSpec
+from ..scenario.tables import (
+    ActuatorTable,
+    EccentricityTable,
+    EncoderTable,
+    FrictionTable,
+    InertiaTable,
+    JudgementTable,
+    LoadTable,
+    MeshTable,
+    MotionTable,
+    ServoTable,
+)
+from .case import Case
+
+_SHORTEST_QUEUE = 1
+
+
+def drag_of(inertia_kgm2: float, friction: FrictionTable, load: LoadTable) -> Drag:
+    """Of the driven shaft."""
+    return Drag(
+        inertia_kgm2,
+        friction.coulomb_Nm,
+        friction.viscous_Nms,
+        friction.stribeck_Nm,
+        friction.stribeck_rad_s,
+        load.torque_Nm,
+        sticky=friction.stribeck_Nm > 0,
+    )
+
+
+def drive_of(
+    servo: ServoTable,
+    plant: str,
+    inertia: InertiaTable,
+    friction: FrictionTable,
+    load: LoadTable,
+    plant_hz: float,
+) -> Drive:
+    """How the driving shaft follows its motion.
+
+    **Raises** `ScenarioError` for a step of the plant too long for the gain of the servo.
+    """
+    if servo.motor == "prescribed":
+        return Prescribed()
+    fastest = servo.speed_gain_Nms / inertia.driving_kgm2
+    if plant_hz < fastest * (1 - 1e-12):
+        raise ScenarioError(
+            f"steps of {1 / plant_hz:.3g} s are too long for a servo of"
+            f" {servo.speed_gain_Nms:g} N m s/rad on {inertia.driving_kgm2:g} kg m²; take"
+            f" {math.ceil(fastest):g} Hz or more, or lower servo.speed_gain_Nms.",
+            where="sampling.plant_hz",
+        )
+    law = Servo(
+        servo.speed_gain_Nms,
+        servo.integral_gain_Nm,
+        servo.position_gain_1_s,
+        servo.torque_limit_Nm,
+    )
+    driven = drag_of(0.0 if plant == "play" else inertia.driven_kgm2, friction, load)
+    return ServoDrive(law, Drag(inertia.driving_kgm2, friction.driving_Nm), driven)
+
+
+def actuator_of(
+    pair: GearPair,
+    table: ActuatorTable,
+    servo: ServoTable,
+    plant: str,
+    inertia: InertiaTable,
+    friction: FrictionTable,
+    load: LoadTable,
+    mesh: MeshTable,
+    controller_hz: float,
+) -> Actuator:
+    """What slides the driven gear."""
+    thrust, yields = None, pushed_back(pair.taper, mesh.friction_coefficient)
+    if table.force_limit_N > 0:
+        drag = drag_of(0.0 if plant == "play" else inertia.driven_kgm2, friction, load)
+        radius_m = 1e-3 * float(pair.reference_radii[1])
+        ratio, sliding = float(pair.ratio), mesh.friction_coefficient
+        thrust = Thrust(drag, pair.taper, sliding, radius_m, ratio)
+        if servo.motor == "pi":
+            most = servo.torque_limit_Nm / (ratio * radius_m)
+            spare = float(pair.taper.max()) - sliding
+            yields = yields & (most * spare >= table.force_limit_N)
+    delay = delay_of(table, controller_hz)
+    # Powers of two, so that most new delays find a compiled program.
+    periods = 1 << max(math.ceil(math.log2(max(delay, _SHORTEST_QUEUE))), 0)
+    return Actuator(
+        table.speed_mm_s,
+        table.acceleration_mm_s2,
+        table.stroke_mm,
+        table.resolution_mm,
+        delay,
+        yields,
+        periods,
+        np.asarray(table.force_limit_N) if thrust is not None else None,
+        thrust,
+    )
+
+
+def delay_of(table: ActuatorTable, controller_hz: float) -> int:
+    """Dead time of the actuator in whole periods of the controller."""
+    return math.ceil(table.delay_s * controller_hz * (1 - 1e-12))
+
+
+_OBSERVERS: dict[str, Callable[[float], Observer]] = {
+    "alpha_beta_gamma": AlphaBetaGamma,
+    "difference": FilteredDifference,
+}
+_REMEMBERED = 4096
+"""Parts that a builder keeps."""
+_PERIODS_BEHIND = 3.0
+"""Periods from a reading to the place that the actuator takes by it."""
+
+
+def case_of(
+    spec: ScenarioSpec,
+    pair: GearPair,
+    folder: Path = Path(),
+    controller: Controller | None = None,
+) -> Case:
+    """Build the case of a validated scenario; see `Builder`."""
+    return Builder(pair, folder, controller).case(spec)
+
+
+class Builder:
+    """Builds cases of one pair; parts that cases have in common are built once.
+
+    **Arguments**
+    - `pair`: what the `pair` of the scenarios names. - `folder`: where a recorded motion lies.
+    - `controller`: one of your own instead of those of the scenarios.
+    """
+
+    def __init__(
+        self, pair: GearPair, folder: Path = Path(), controller: Controller | None = None
+    ) -> None:
+        self.pair = pair
+        self.folder = folder
+        self.controller = controller
+        self._part = lru_cache(_REMEMBERED)(lambda make, *given: make(*given))
+
+    def case(self, spec: ScenarioSpec) -> Case:
+        """The case of a validated scenario.
+
+        **Raises** `ScenarioError` for what only shows with the pair at hand: helix angles that
+        close nothing, a step of the plant too long for the stiffness.
+        """
+        motion, sense = self._part(self._motion, spec.motion)
+        bounds = self._part(self._bounds, spec.eccentricities, spec.flanks)
+        hertz = spec.sampling.controller_hz
+        substeps = round(spec.sampling.plant_hz / hertz) or 1
+        sensors = (spec.driving_encoder, False), (spec.driven_encoder, True)
+        tables = spec.inertia, spec.friction, spec.load, spec.mesh
+        return Case(
+            motion=motion,
+            bounds=bounds,
+            plant=self._part(self._plant, spec.plant, *tables, hertz, substeps),
+            drive=self._part(drive_of, spec.servo, spec.plant, *tables[:3], hertz * substeps),
+            actuator=self._part(
+                self._actuator, spec.actuator, spec.servo, spec.plant, *tables, hertz
+            ),
+            observer=self._part(_OBSERVERS[spec.judgement.observer], spec.judgement.bandwidth_hz),
+            controller=self._located(spec, bounds, motion),
+            driving_sensor=self._part(self._sensor, *sensors[0]),
+            driven_sensor=self._part(self._sensor, *sensors[1]),
+            period=1.0 / hertz,
+            sense=sense,
+            seed=np.asarray(spec.seed),
+            substeps=substeps,
+            noisy=any(table.noise_arcsec > 0 for table, _ in sensors),
+        )
+
+    def _motion(self, table: MotionTable) -> tuple[Motion, float]:
+        """The motion, and in which sense it begins."""
+        if table.kind == "recorded":
+            motion = read_motion(self.folder / table.file)
+            return motion, _sense(motion)
+        return motion_of(
+            table.kind,
+            table.event,
+            table.speed_rpm,
+            table.reversal_deg,
+            table.dwell_s,
+            table.ramp_s,
+            table.slow_share,
+            table.stop_s,
+        ), 1.0
+
+    def _model(self, rig: EccentricityTable | None, flanks: str) -> FlankModel:
+        assert rig is not None  # held by the readers of a scenario
+        eccentricities = Eccentricities(
+            rig.driving_mm,
+            rig.driving_phase_deg,
+            rig.driven_mm,
+            rig.driven_phase_deg,
+            rig.constant_backlash_deg,
+        )
+        build = exact_model if flanks == "exact" else closed_model
+        return build(self.pair, eccentricities)
+
+    def _bounds(self, rig: EccentricityTable | None, flanks: str) -> Bounds:
+        pair = self.pair
+        closing = pair.taper / pair.reference_radii[1]
+        if not float(closing.sum()) > 0:
+            raise ScenarioError(
+                f"the helix angles of flank A and B add up to {float(pair.taper.sum()):g} in tan β,"
+                " so that no axial displacement closes the gap; give gears that thin along the axis"
+                " (`helix_angle_deg`).",
+                where="pair",
+            )
+        return bounds_of(self._model(rig, flanks), closing)
+
+    def _plant(
+        self,
+        kind: str,
+        inertia: InertiaTable,
+        friction: FrictionTable,
+        load: LoadTable,
+        mesh: MeshTable,
+        controller_hz: float,
+        substeps: int,
+    ) -> Plant:
+        drag = drag_of(inertia.driven_kgm2, friction, load)
+        if kind == "play":
+            return PlayPlant()
+        if kind == "rigid":
+            return RigidPlant(drag, mesh.restitution)
+        stiffness = self._stiffness(mesh)
+        step = 1.0 / (controller_hz * substeps)
+        longest = largest_step(stiffness, mesh.damping_ratio, inertia.driven_kgm2)
+        if step > longest:
+            enough = controller_hz * math.ceil(1.0 / (controller_hz * longest))
+            raise ScenarioError(
+                f"a step of {step:.3g} s is too long for a mesh of {stiffness:.3g} N m/rad on"
+                f" {inertia.driven_kgm2:g} kg m²; the longest is {longest:.3g} s: take plant_hz ="
+                f" {enough:g}.",
+                where="sampling.plant_hz",
+            )
+        return ElasticPlant(drag, stiffness, mesh.damping_ratio)
+
+    def _stiffness(self, mesh: MeshTable) -> float:
+        """Of the mesh, N m/rad at the driven shaft."""
+        width = float(self.pair.driven.face_width_mm)
+        if math.isnan(width):
+            raise ScenarioError(
+                "the elastic plant needs the face width of the driven gear; add `face_width_mm` to"
+                " [driven] of the pair file.",
+                where="plant",
+            )
+        radius = float(self.pair.base_radii[1].mean())
+        return mesh_stiffness(mesh.stiffness_N_mm_um, width, radius)
+
+    def _actuator(self, *given: Any) -> Actuator:
+        return actuator_of(self.pair, *given)
+
+    def _located(self, spec: ScenarioSpec, bounds: Bounds, motion: Motion) -> Controller:
+        """The controller, with its map at the turn it takes for the present one."""
+        source, turns = spec.judgement.turn, None
+        if source == "known" or spec.controller == "none":
+            turns = 0
+        elif source == "located":
+            sensors = tuple(
+                self._part(self._sensor, table, driven)
+                for table, driven in ((spec.driving_encoder, False), (spec.driven_encoder, True))
+            )
+            model = self._part(self._model, _believed(spec), spec.flanks)
+            start = float(motion.at(jnp.zeros(())).angle)
+            turns = turns_off(self.pair, model, bounds, sensors, start, spec.seed)
+        if turns is None:
+            return LostController()
+        hertz = spec.sampling.controller_hz
+        lead = (delay_of(spec.actuator, hertz) + _PERIODS_BEHIND) / hertz
+        believed = _believed(spec), spec.flanks, turns
+        return self.controller or self._part(
+            self._controller, spec.controller, spec.judgement, lead, *believed
+        )
+
+    def _controller(
+        self,
+        name: str,
+        judgement: JudgementTable,
+        lead: float,
+        rig: EccentricityTable,
+        flanks: str,
+        turns: int,
+    ) -> Controller:
+        if name == "none":
+            return NoController()
+        bounds = self._part(self._bounds, rig, flanks)
+        bounds = bounds.turned(turns) if turns else bounds
+        if name == "feedforward":
+            return FeedforwardController(bounds, judgement.jump_s)
+        least_speed = judgement.least_rpm * REV / 60.0
+        if name == "acceleration":
+            threshold = judgement.threshold_rad_s2
+            return AccelerationController(bounds, threshold, least_speed, judgement.margin_mm)
+        return PredictiveController(
+            bounds, judgement.horizon_s, least_speed, judgement.margin_mm, lead
+        )
+
+    def _sensor(self, table: EncoderTable, driven: bool) -> Sensor:
+        drawn = (self.pair.driven if driven else self.pair.driving).encoder.counts_per_rev
+        per_rev = drawn if table.counts_per_rev is None else table.counts_per_rev
+        return Sensor(
+            REV / per_rev if per_rev else 0.0,
+            table.amplitude_arcsec * ARCSEC,
+            table.phase_deg * DEG,
+            table.noise_arcsec * ARCSEC,
+            eccentric=table.amplitude_arcsec > 0,
+        )
+
+
+def _believed(spec: ScenarioSpec) -> EccentricityTable:
+    """The rig whose map the controller has."""
+    assert spec.eccentricities is not None  # held by the readers of a scenario
+    said = {name: value for name, value in plain_table(spec.map).items() if value is not None}
+    return structs.replace(spec.eccentricities, **said)
+
+
+def _sense(motion: Motion) -> float:
+    """Of the way made before the brakes: the run begins in this sense."""
+    way = motion.at(jnp.asarray(motion.braking_s)).angle - motion.at(jnp.zeros(())).angle
+    return -1.0 if float(way) < 0 else 1.0

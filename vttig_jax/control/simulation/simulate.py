@@ -1,0 +1,149 @@
+"""`simulate`: one case from its first period to its last."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Int
+
+from ...base.errors import ScenarioError
+from ...base.runtime import require_x64
+from ...pair.gear_pair import GearPair
+from ...pair.load import load_pair
+from ..controllers.controller import Controller
+from ..scenario.axes import SCENARIO_FILE
+from ..scenario.spec import ScenarioSpec, load_scenario_spec
+from .build import case_of
+from .case import Case, Sample, State, advance, finished, started
+from .result import Simulation, Trace
+
+CHUNK = 1024
+"""Steps of the plant in one compiled call: short enough for Ctrl-C, long enough to cost nothing."""
+
+
+def simulate(
+    scenario: str | Path | ScenarioSpec,
+    pair: GearPair | None = None,
+    *,
+    folder: str | Path | None = None,
+    controller: Controller | None = None,
+    trace_every: int = 0,
+) -> Simulation:
+    """Simulate one drive through its motion, with the controller of the scenario.
+
+    **Arguments**
+    - `scenario`: a file (TOML), or what was read from one.
+    - `pair`: instead of the pair file that the scenario names.
+    - `folder`: to which its paths are relative; that of the file, or the working folder.
+    - `controller`: one of your own instead of that of the scenario; see `Controller`.
+    - `trace_every`: keep a sample of every so many periods; 0 keeps none.
+
+    **Raises** `ScenarioError` naming file and key, `PairError`, and `ValueError` without 64-bit
+    floats or for a `trace_every` below 0.
+
+    **Example**
+    ```python
+    >>> import vttig_jax
+    >>> from vttig_jax.control import parse_scenario_spec
+    >>> from vttig_jax.rig import paper_pair
+    >>> vttig_jax.enable_x64()
+    >>> rig = {"driving_mm": 0.0226, "driving_phase_deg": 49.5, "driven_mm": 0.0273}
+    >>> rig |= {"driven_phase_deg": 79.3, "constant_backlash_deg": 0.038}
+    >>> motion = {"reversal_deg": 720.0, "dwell_s": 0.2}
+    >>> scenario = {"pair": "pair.toml", "eccentricities": rig, "motion": motion}
+    >>> spec = parse_scenario_spec(scenario | {"controller": "predictive"})
+    >>> found = vttig_jax.simulate(spec, paper_pair())
+    >>> found.outcome, round(found.metrics["residual_gap_deg"], 5)
+    ('ok', 0.00075)
+
+    ```
+    """
+    require_x64("simulate")
+    if trace_every < 0:
+        raise ValueError(f"Argument `trace_every` must be at least 0, but is {trace_every}.")
+    source = "" if isinstance(scenario, ScenarioSpec) else str(scenario)
+    if folder is None:
+        folder = Path(source).parent
+    spec = scenario if isinstance(scenario, ScenarioSpec) else load_scenario_spec(scenario)
+    pair, case = prepared(spec, Path(folder), source, pair, controller)
+    state, trace = run(case, trace_every)
+    return Simulation(spec, pair, case, state.tally, trace)
+
+
+def prepared(
+    spec: ScenarioSpec,
+    folder: Path,
+    source: str = "",
+    pair: GearPair | None = None,
+    controller: Controller | None = None,
+) -> tuple[GearPair, Case]:
+    """The gears of a scenario and the case to run; `source` is its file name for messages."""
+    with SCENARIO_FILE.placed(source):
+        if spec.rig is not None:
+            raise ScenarioError(
+                "names a run folder, which `vttig simulate` reads; in Python give [eccentricities],"
+                " such as those of fit.eccentricities().",
+                where="rig",
+            )
+        if pair is None:
+            pair = gears(folder / spec.pair)
+        return pair, case_of(spec, pair, folder, controller)
+
+
+def gears(path: Path) -> GearPair:
+    """The gears of a pair file.
+
+    **Raises** `ScenarioError` for no file and for a drive without gears.
+    """
+    if not path.exists():
+        raise ScenarioError(
+            f"there is no file {path}; name the pair file, relative to the scenario.", where="pair"
+        )
+    found = load_pair(path)
+    if not isinstance(found, GearPair):
+        raise ScenarioError(
+            "names a [drive] without gears; a simulation needs the geometry of [pair].",
+            where="pair",
+        )
+    return found
+
+
+def periods_of(case: Case) -> int:
+    """Periods of the controller in a run."""
+    return int(np.floor(float(case.motion.duration_s) / float(case.period) * (1 + 1e-12))) + 1
+
+
+def run(
+    case: Case, trace_every: int = 0, progress: Callable[[int, int], None] | None = None
+) -> tuple[State, Trace | None]:
+    """The last state of a case, and what was asked of its trace.
+
+    `progress` is told the periods done and those there are.
+    """
+    periods = periods_of(case)
+    state, kept = started(case), list[Sample]()
+    chunk = max(CHUNK // case.substeps, 1)
+    for first in range(0, periods, chunk):
+        numbers = first + jnp.arange(chunk)
+        if trace_every:
+            state, sample = _advance(case, state, numbers)
+            chosen = np.flatnonzero((np.arange(first, first + chunk) % trace_every) == 0)
+            chosen = chosen[first + chosen < periods]
+            kept.append(Sample(*(np.asarray(values)[chosen] for values in sample)))
+        else:
+            state = _finished(case, state, numbers)
+        if progress is not None:
+            progress(min(first + chunk, periods), periods)
+    return state, Trace.of(kept) if trace_every else None
+
+
+@eqx.filter_jit
+def _advance(case: Case, state: State, numbers: Int[Array, " n"]) -> tuple[State, Sample]:
+    return advance(case, state, numbers)
+
+
+@eqx.filter_jit
+def _finished(case: Case, state: State, numbers: Int[Array, " n"]) -> State:
+    return finished(case, state, numbers)

@@ -1,0 +1,1 @@
+"""Many cases in batches: a sweep, its folder and its table."""

@@ -1,0 +1,174 @@
+"""`sweep`: thousands of cases, the product of named axes, block by block."""
+
+import dataclasses
+import time
+from collections.abc import Callable, Sequence
+from functools import lru_cache
+from pathlib import Path
+
+import jax
+import numpy as np
+
+from ...base.runtime import require_x64
+from ...pair.eccentricities import Eccentricities
+from ...pair.gear_pair import GearPair
+from ..controllers.controller import Controller
+from ..scenario.axes import SCENARIO_FILE
+from ..scenario.spec import ScenarioSpec
+from .batching import Lanes
+from .blocks import REFUSED, Rows, SweepWork
+from .cases import Recipe, recipe_of
+from .estimate import Estimate, estimate
+from .store import TABLE, Memory, SweepFolder
+from .table import SweepTable
+
+_REASONS, _ASKED = 5, 500
+"""Different reasons of refused cases that are quoted, and how many cases are asked for theirs."""
+
+
+def sweep(
+    spec: str | Path | ScenarioSpec,
+    pair: GearPair | None = None,
+    *,
+    folder: str | Path | None = None,
+    rigs: Sequence[Eccentricities] = (),
+    believed: Eccentricities | None = None,
+    controller: Controller | None = None,
+    out: str | Path | None = None,
+    resume: bool = False,
+    overwrite: bool = False,
+    devices: int | None = None,
+    dask: str | None = None,
+    announce: Callable[[Estimate], None] | None = None,
+    progress: Callable[[float, float], None] | None = None,
+) -> SweepTable:
+    """Simulate every case of a sweep: the Cartesian product of its axes.
+
+    Cases that share a program run side by side, a few hundred on every device at a time, in blocks
+    of a few thousand. A case whose values do not go together has the outcome `refused` and stops
+    nothing. Call `vttig_jax.prepare_cpu(devices=…)` first to use several cores, and because a step
+    takes half of the time then.
+
+    **Arguments**
+    - `spec`: a sweep file (TOML), or what was read from one.
+    - `pair`, `folder`, `controller`: as of `simulate`.
+    - `rigs`: draws of a rig, instead of its eccentricities; each runs through all other cases.
+    - `believed`: the rig whose map the controllers have, such as the fit that the draws surround;
+      by default, and where [map] of the file says nothing, they know each rig itself.
+    - `out`: folder for `sweep.parquet`, written block by block.
+    - `resume`: go on with the blocks that are missing in `out`. - `overwrite`: begin anew.
+    - `devices`: how many of JAX's devices to use; all by default.
+    - `dask`: address of a dask.distributed scheduler, whose workers get the blocks.
+    - `announce`: is told what the sweep will take before it starts.
+    - `progress`: is told lane-steps done and all of them.
+
+    **Raises** `ScenarioError`, `PairError`, `InputError` for a sweep that is larger than memory or
+    disk, `UsageError` for a folder that may not be written, and `ValueError` without 64-bit floats.
+
+    **Example**
+    ```python
+    >>> import vttig_jax
+    >>> from vttig_jax.control import parse_scenario_spec
+    >>> from vttig_jax.rig import paper_pair
+    >>> vttig_jax.enable_x64()
+    >>> rig = {"driving_mm": 0.0226, "driving_phase_deg": 49.5, "driven_mm": 0.0273}
+    >>> rig |= {"driven_phase_deg": 79.3, "constant_backlash_deg": 0.038}
+    >>> axes = {"motion.reversal_deg": [360.0, 540.0], "controller": ["none", "predictive"]}
+    >>> given = {"pair": "pair.toml", "eccentricities": rig, "motion": {"dwell_s": 0.1}}
+    >>> spec = parse_scenario_spec(given | {"sweep": axes})
+    >>> table = vttig_jax.sweep(spec, paper_pair())
+    >>> table.columns["residual_gap_deg"].round(4).tolist()
+    [0.0332, 0.0008, 0.0589, 0.0008]
+
+    ```
+    """
+    require_x64("sweep")
+    if (resume or overwrite) and out is None:
+        raise ValueError("Argument `out` must name a folder for `resume` and `overwrite`.")
+    recipe = recipe_of(spec, pair, folder, rigs, believed, controller)
+    with SCENARIO_FILE.placed("" if isinstance(spec, ScenarioSpec) else str(spec)):
+        work = SweepWork(recipe.cases(), _lanes(devices))
+    return _swept(recipe, work, out, resume, overwrite, dask, announce, progress)
+
+
+def _swept(
+    recipe: Recipe,
+    work: SweepWork,
+    out: str | Path | None,
+    resume: bool,
+    overwrite: bool,
+    dask: str | None,
+    announce: Callable[[Estimate], None] | None,
+    progress: Callable[[float, float], None] | None,
+) -> SweepTable:
+    path = None if out is None else Path(out)
+    compiled = work.lanes.compile_s
+    header = recipe.header | {"block": work.block}
+    store = Memory() if path is None else SweepFolder(path, header, resume, overwrite)
+    with store:
+        expected = estimate(work, path)
+        todo = [number for number in range(work.blocks) if number not in store.done]
+        share = len(todo) / work.blocks
+        expected = dataclasses.replace(
+            expected, lane_steps=share * expected.lane_steps, run_s=share * expected.run_s
+        )
+        if announce is not None:
+            announce(expected)
+        done = 0
+
+        def tick(steps: int) -> None:
+            nonlocal done
+            done += steps
+            if progress is not None:
+                progress(done, expected.lane_steps)
+
+        began, before = time.perf_counter(), work.lanes.compile_s
+        devices = len(work.lanes.devices)
+        if dask is None:
+            for number in todo:
+                store.write(number, work.run(number, tick))
+        else:
+            from .cluster import on_cluster
+
+            devices = on_cluster(dask, recipe, todo, store.write, tick)
+        spent = time.perf_counter() - began - (work.lanes.compile_s - before)
+        columns = store.finish(work.blocks)
+    return SweepTable(
+        spec=recipe.spec,
+        pair=recipe.pair.name,
+        columns=columns,
+        axes=work.cases.axes,
+        lane_steps=done,
+        run_s=spent,
+        compile_s=work.lanes.compile_s - compiled,
+        devices=devices,
+        refusals=_refusals(work, columns),
+        path=None if path is None else path / TABLE,
+    )
+
+
+@lru_cache
+def _lanes(devices: int | None) -> Lanes:
+    """The first devices of JAX, or all; with what they have compiled before.
+
+    **Raises** `ValueError` for more than there are.
+    """
+    there = jax.devices()
+    if devices is not None and not 1 <= devices <= len(there):
+        raise ValueError(
+            f"Argument `devices` must be 1 … {len(there)}, what JAX has here, but is {devices}; for"
+            " more cores call `vttig_jax.prepare_cpu(devices=…)` before JAX runs anything."
+        )
+    return Lanes(there[:devices])
+
+
+def _refusals(work: SweepWork, columns: Rows) -> tuple[tuple[int, str], ...]:
+    """The first refused case of each reason, and the reason."""
+    refused = columns["case"][columns["outcome"] == REFUSED]
+    asked = refused[np.linspace(0, len(refused) - 1, min(len(refused), _ASKED)).astype(int)]
+    found: dict[str, int] = {}
+    for number in asked.tolist():
+        found.setdefault(str(work.cases.case(number)), number)
+        if len(found) == _REASONS:
+            break
+    return tuple((number, why) for why, number in found.items())

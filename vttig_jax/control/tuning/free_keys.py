@@ -1,0 +1,136 @@
+"""Which settings of a controller may be tuned, within which bounds. Needs no jax."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import get_args
+
+from msgspec import Meta
+
+from ...base.files.toml_io import Key
+from ..scenario.axes import unknown_key
+from ..scenario.spec import KEYS, ScenarioSpec
+
+_BOTH = ("judgement.bandwidth_hz", "judgement.least_rpm", "judgement.margin_mm")
+SETTINGS: Mapping[str, tuple[str, ...]] = {
+    "acceleration": ("judgement.threshold_rad_s2", *_BOTH),
+    "predictive": ("judgement.horizon_s", *_BOTH),
+}
+"""Controller → the numbers it is set by."""
+
+REACH = 1000.0
+"""Factor from its start within which a positive number is looked for."""
+
+Limits = Mapping[str, tuple[float, float]]
+
+
+@dataclass(frozen=True)
+class FreeKey:
+    """A number that is tuned, as a function of a scaled one u that starts at 0.
+
+    A positive number is start·exp(u), any other start + u·step.
+
+    **Arguments**
+    - `name`, `unit`: of the key. - `start`: what the scenario says. - `low`, `high`: its bounds.
+    - `positive`: whether it must be above 0.
+    """
+
+    name: str
+    unit: str
+    start: float
+    low: float
+    high: float
+    positive: bool
+
+    def value(self, u: float, step: float) -> float:
+        """The number at u, never outside its bounds."""
+        free = self.start * math.exp(u) if self.positive else self.start + u * step
+        return min(max(free, self.low), self.high)
+
+    def scaled(self, value: float, step: float) -> float:
+        """The u at which the number has this value."""
+        return math.log(value / self.start) if self.positive else (value - self.start) / step
+
+    def slope(self, u: float, step: float) -> float:
+        """Its derivative with respect to u."""
+        return self.start * math.exp(u) if self.positive else step
+
+    def ends(self, step: float) -> tuple[float, float]:
+        """u at both bounds."""
+        if self.positive:
+            return math.log(self.low / self.start), math.log(self.high / self.start)
+        return (self.low - self.start) / step, (self.high - self.start) / step
+
+    def at_limit(self, value: float) -> bool:
+        """Whether a value has run into a bound."""
+        near = 1e-6 * (self.high - self.low if not self.positive else value)
+        return value - self.low < near or self.high - value < near
+
+
+def free_keys(
+    spec: ScenarioSpec, free: Sequence[str] | None = None, limits: Limits | None = None
+) -> tuple[FreeKey, ...]:
+    """The keys to tune; by default all that the controller of the scenario is set by.
+
+    **Raises** `ValueError` for nothing, a key twice, one that is unknown, takes no number, is no
+    setting of this controller or an axis of the sweep, and for limits that do not hold its value.
+    """
+    settings = SETTINGS[spec.controller]
+    axes = () if spec.sweep is None else tuple(spec.sweep.axes)
+    if isinstance(free, str):
+        raise ValueError(f"Argument `free` must be a list of keys, but is one text: {free!r}.")
+    names = [one for one in settings if one not in axes] if free is None else list(free)
+    if not names:
+        raise ValueError(f"Argument `free` must name a key to tune: {', '.join(settings)}.")
+    for name in names:
+        _check(name, spec.controller, axes)
+        if names.count(name) > 1:
+            raise ValueError(f"Argument `free` must name `{name}` once, but does so twice.")
+    ends = dict(limits or {})
+    if stray := [name for name in ends if name not in names]:
+        raise ValueError(
+            f"Argument `limits` must be for keys that are free, but `{stray[0]}` is not; free are"
+            f" {', '.join(names)}."
+        )
+    return tuple(_free(KEYS[name], _start(spec, name), ends.get(name)) for name in names)
+
+
+def _check(name: str, controller: str, axes: Sequence[str]) -> None:
+    if name not in KEYS:
+        raise ValueError(f"Argument `free`: {unknown_key(name, KEYS)}")
+    if float not in KEYS[name].types and int not in KEYS[name].types:
+        raise ValueError(
+            f"Argument `free` must name keys that take a number, but `{name}` takes none."
+        )
+    if name not in SETTINGS[controller]:
+        raise ValueError(
+            f"Argument `free` must name settings of the controller, but `{name}` is none of"
+            f" {controller}; it is set by {', '.join(SETTINGS[controller])}."
+        )
+    if name in axes:
+        raise ValueError(
+            f"Argument `free` must name keys that the sweep leaves alone, but `{name}` is an axis"
+            " of it; remove one of them."
+        )
+
+
+def _start(spec: ScenarioSpec, name: str) -> float:
+    return float(getattr(spec.judgement, name.rpartition(".")[2]))
+
+
+def _free(key: Key, start: float, limits: tuple[float, float] | None) -> FreeKey:
+    meta = next(one for one in get_args(key.kind) if isinstance(one, Meta))
+    positive = meta.gt is not None and meta.gt >= 0
+    low, high = float(meta.gt if meta.ge is None else meta.ge), float(meta.le)  # type: ignore[arg-type]
+    if limits is not None:
+        first, last = limits
+        inside = (low < first if positive else low <= first) and last <= high
+        if not (inside and first <= start <= last and first < last):
+            raise ValueError(
+                f"Argument `limits` of `{key.name}` must be a range around its value {start:g}"
+                f" within {low:g} … {high:g}, but is {first:g} … {last:g}."
+            )
+        low, high = float(first), float(last)
+    elif positive:
+        low, high = max(low, start / REACH), min(high, start * REACH)
+    return FreeKey(key.name, key.unit, start, low, high, positive)

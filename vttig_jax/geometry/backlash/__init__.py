@@ -1,0 +1,1 @@
+"""Backlash from the tooth thickness of both gears."""

@@ -1,0 +1,175 @@
+"""Backlash from the drawing, section by section, beside the apparent one of a fit."""
+
+from dataclasses import dataclass
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Float
+
+from ...base.errors import PairError
+from ...base.files.text_tables import key_values, text_table
+from ...base.units import DEG
+from ...pair.gear_pair import GearPair
+from ..mounting import common_face
+from ..tooth.tooth import tooth_of
+from .drawn_backlash import Teeth, least_room, section_backlash
+
+_SECTIONS = 11
+
+
+@dataclass(frozen=True)
+class GapReport:
+    """Backlash at one centre distance and axial position, gears running true.
+
+    **Arguments**
+    - `centre_distance_mm`, `axial_mm`: where the gears are.
+    - `backlash`: of the pair, rad of the driven gear; negative where the teeth interfere.
+    - `reference_radius_mm`: R₂, which makes millimetres of it.
+    - `contact_z_mm`: heights at which flank A and flank B have least room.
+    - `z_mm`: sections over the common face.
+    - `section_backlash`: what each section would have alone, rad.
+    - `apparent`: constant backlash that a fit found, rad, or None.
+    - `logged_axial_mm`, `logged_backlash`: where the gears were then, and what is drawn there, rad.
+    - `opening_mm`: by how much backlash at the reference circle grows for a mm of −s.
+    """
+
+    centre_distance_mm: float
+    axial_mm: float
+    backlash: float
+    reference_radius_mm: float
+    contact_z_mm: Float[np.ndarray, "2"]
+    z_mm: Float[np.ndarray, " n"]
+    section_backlash: Float[np.ndarray, " n"]
+    apparent: float | None
+    logged_axial_mm: float
+    logged_backlash: float
+    opening_mm: float
+
+    @property
+    def backlash_mm(self) -> float:
+        """Backlash at the reference circle of the driven gear, mm."""
+        return self.backlash * self.reference_radius_mm
+
+    @property
+    def interferes(self) -> Bool[np.ndarray, " n"]:
+        """Sections in which the teeth are thicker than the space."""
+        return self.section_backlash < 0
+
+    @property
+    def difference(self) -> float | None:
+        """Apparent minus drawn backlash, rad: teeth cut thinner, axes apart, wind-up, bearings."""
+        return None if self.apparent is None else self.apparent - self.logged_backlash
+
+    def __str__(self) -> str:
+        pairs = [
+            ("centre distance", f"{self.centre_distance_mm:g} mm"),
+            ("axial position", f"{self.axial_mm:g} mm"),
+            ("backlash", f"{self.backlash / DEG:.4f}° = {self.backlash_mm:.4f} mm"),
+            (
+                "least room at z",
+                "A {:.3f} mm, B {:.3f} mm".format(*(self.contact_z_mm.round(3) + 0.0)),
+            ),
+        ]
+        if self.difference is not None and self.apparent is not None:
+            pairs.append(("apparent, of the fit", f"{self.apparent / DEG:.4f}°"))
+            thinner = self.difference * self.reference_radius_mm
+            text = f"{self.difference / DEG:+.4f}° = {thinner:+.4f} mm of tooth thickness"
+            if self.opening_mm:
+                text += f" or {-thinner / self.opening_mm:+.3f} mm of s"
+            pairs.append((f"less that drawn at s = {self.logged_axial_mm:g}", text))
+        rows = [
+            (
+                f"{z:.3f}",
+                f"{gap / DEG:.4f}",
+                f"{gap * self.reference_radius_mm:.4f}",
+                "interferes" if gap < 0 else "",
+            )
+            for z, gap in zip(self.z_mm, self.section_backlash, strict=True)
+        ]
+        headers = [("z", "mm"), ("backlash", "°"), ("backlash", "mm"), ""]
+        table = text_table(rows, headers, align="rrrl")
+        return f"{key_values(pairs, title='backlash from the teeth')}\n{table}"
+
+
+def gap_report(
+    pair: GearPair,
+    centre_distance_mm: float | None = None,
+    axial_mm: float = 0.0,
+    *,
+    apparent_deg: float | None = None,
+    logged_axial_mm: float = 0.0,
+    sections: int = _SECTIONS,
+    teeth: Teeth | None = None,
+) -> GapReport:
+    """Look at the backlash of a pair at one position, section by section.
+
+    **Arguments**
+    - `pair`: the gears.
+    - `centre_distance_mm`: a; that of the drawing when absent.
+    - `axial_mm`: s, positive towards the driving gear's thick end.
+    - `apparent_deg`: j_c of a fit, to stand beside what is drawn where the log was taken.
+    - `logged_axial_mm`: s there.
+    - `sections`: how many of the common face.
+    - `teeth`: gears that differ from their drawing (driving, driven).
+
+    **Raises** `ValueError` where the faces do not overlap, `PairError` where the axes are too near.
+
+    **Example**
+    ```python
+    >>> import vttig_jax
+    >>> from vttig_jax import Gear, GearPair
+    >>> from vttig_jax.geometry import gap_report
+    >>> vttig_jax.enable_x64()
+    >>> gears = Gear(45, 3, 3, 20, crowning_um=10), Gear(80, 3, 3, 20)
+    >>> pair = GearPair(
+    ...     *gears, module_mm=2.0, pressure_angles_deg=20.0, centre_distance_mm=125.12
+    ... )
+    >>> print(gap_report(pair, axial_mm=0.9, apparent_deg=0.038, sections=3))
+    backlash from the teeth
+      centre distance           125.12 mm
+      axial position            0.9 mm
+      backlash                  -0.0048° = -0.0067 mm
+      least room at z           A 0.000 mm, B 0.000 mm
+      apparent, of the fit      0.0380°
+      less that drawn at s = 0  -0.0248° = -0.0346 mm of tooth thickness or +0.330 mm of s
+     z [mm]  backlash [°]  backlash [mm]
+    -10.000        0.0095         0.0133
+     -0.450       -0.0047        -0.0066  interferes
+      9.100        0.0071         0.0099
+
+    ```
+    """
+    gears = teeth or (tooth_of(pair, "driving"), tooth_of(pair, "driven"))
+    distance = float(pair.centre_distance_mm if centre_distance_mm is None else centre_distance_mm)
+    low, high = (float(end) for end in common_face(gears, jnp.asarray(axial_mm, float)))
+    if not low <= high:
+        raise ValueError(
+            f"Argument `axial_mm` must leave the faces some overlap, but is {axial_mm:g}, at which"
+            f" they are {low - high:g} mm apart."
+        )
+    heights = np.linspace(low, high, sections if high > low else 1)
+    # One shape: compiled once.
+    beside = np.append(axial_mm + np.array([0.0, -1e-3, 1e-3]), logged_axial_mm)
+    here, contact = (np.asarray(one) for one in least_room(pair, distance, beside, teeth=gears))
+    backlash, opened, closed, logged = (float(one) for one in here)
+    if np.isnan(backlash):
+        raise PairError(
+            f"{distance:g} mm puts a working pitch circle below a base circle; move the axes"
+            " apart.",
+            where="centre_distance_mm",
+        )
+    return GapReport(
+        centre_distance_mm=distance,
+        axial_mm=axial_mm,
+        backlash=backlash,
+        reference_radius_mm=float(pair.reference_radii[1]),
+        contact_z_mm=contact[0],
+        z_mm=heights,
+        section_backlash=np.asarray(
+            section_backlash(pair, heights, distance, axial_mm, teeth=gears)
+        ),
+        apparent=None if apparent_deg is None else apparent_deg * DEG,
+        logged_axial_mm=logged_axial_mm,
+        logged_backlash=logged,
+        opening_mm=(opened - closed) / 2e-3 * float(pair.reference_radii[1]),
+    )

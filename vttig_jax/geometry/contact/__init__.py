@@ -1,0 +1,1 @@
+"""First contact of two toothed surfaces, with deviations and misalignment."""

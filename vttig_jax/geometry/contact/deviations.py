@@ -1,0 +1,179 @@
+"""Flank deviations as a gear measuring machine gives them, and errors of pitch, tooth by tooth."""
+
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+from jaxtyping import Array, Float
+from scipy.interpolate import CubicSpline
+
+from ...base.arrays import Numbers, float64
+from ...base.errors import PairError
+from ...base.files.text_tables import key_values
+
+
+class FlankMap(eqx.Module):
+    """Deviation of one flank over profile and face: the bicubic spline through measured points.
+
+    A deviation f moves a point of the flank round the axis of its gear by f/r_b, which is f along
+    the normal in the transverse plane, as a profile tester reads it. Positive is extra material.
+    Splines are those of `scipy.interpolate.CubicSpline` (not-a-knot), one direction after the
+    other; beyond the measured points the map keeps its value at their edge. All teeth have it.
+
+    **Arguments**
+    - `roll_mm`: roll lengths √(r² − r_b²) of the rows, two or more, increasing, shape (n,).
+    - `z_mm`: heights of the columns in the gear's own frame, where the tooth thins towards +z, two
+      or more, increasing, shape (m,).
+    - `deviation_um`: shape (n, m); can be a traced array, which rows and columns can not.
+
+    **Raises** `PairError` for points that do not increase or are not finite, and for other shapes.
+
+    **Example**
+    ```python
+    >>> import numpy as np, vttig_jax
+    >>> from vttig_jax.geometry import FlankMap
+    >>> vttig_jax.enable_x64()
+    >>> roll, z = np.linspace(8.0, 22.0, 5), np.array([-8.0, 0.0, 8.0])
+    >>> relief = FlankMap(roll, z, -0.1 * (roll[:, None] - 15.0) ** 2 + 0.2 * z)
+    >>> relief.prepared()(np.array([15.0, 20.0]), np.array([0.0, 4.0])).round(4)
+    Array([ 0. , -1.7], dtype=float64)
+
+    ```
+    """
+
+    roll_mm: Float[Numbers, " n"]
+    z_mm: Float[Numbers, " m"]
+    deviation_um: Float[Numbers, "n m"]
+    along_roll: Float[Numbers, "4 pieces n"]
+    along_z: Float[Numbers, "4 strips m"]
+
+    def __init__(self, roll_mm: Any, z_mm: Any, deviation_um: Any):
+        self.roll_mm = _knots(roll_mm, "roll_mm")
+        self.z_mm = _knots(z_mm, "z_mm")
+        self.deviation_um = float64(deviation_um)
+        shape = len(self.roll_mm), len(self.z_mm)
+        if self.deviation_um.shape != shape:
+            raise PairError(
+                f"a map of shape {self.deviation_um.shape} over {shape[0]} roll lengths and"
+                f" {shape[1]} heights; give shape {shape}.",
+                where="deviation_um",
+            )
+        if not isinstance(self.deviation_um, Tracer):
+            _check_finite(np.asarray(self.deviation_um), "deviation_um")
+        self.along_roll, self.along_z = _pieces(self.roll_mm), _pieces(self.z_mm)
+
+    def prepared(self) -> "Bicubic":
+        """The map as polynomials of its patches."""
+        polynomials = jnp.einsum(
+            "aip,bjq,pq->ijab", self.along_roll, self.along_z, jnp.asarray(self.deviation_um)
+        )
+        knots = jnp.asarray(self.roll_mm), jnp.asarray(self.z_mm)
+        return Bicubic(*knots, polynomials.reshape(-1, 16))
+
+
+class Bicubic(eqx.Module):
+    """A `FlankMap` ready to be evaluated: cubic in both directions, patch by patch."""
+
+    roll: Float[Array, " n"]
+    z: Float[Array, " m"]
+    polynomials: Float[Array, "patches 16"]
+
+    def __call__(
+        self, roll: Float[Numbers, "*shape"], z: Float[Numbers, "*shape"]
+    ) -> Float[Array, "*shape"]:
+        """Deviation in µm at roll lengths and heights in mm."""
+        row, across = _place(self.roll, roll)
+        column, along = _place(self.z, z)
+        powers = self.polynomials[row * (len(self.z) - 1) + column]
+        value = jnp.zeros_like(across)
+        for first in range(4):
+            inner = jnp.zeros_like(along)
+            for second in range(4):
+                inner = inner * along + powers[..., 4 * first + second]
+            value = value * across + inner
+        return value
+
+
+class Deviations(eqx.Module):
+    """What both gears of a pair deviate from their drawing; absent parts do not.
+
+    **Arguments**
+    - `driving`, `driven`: maps of flank A and flank B of each gear, or None.
+    - `driving_pitch_um`, `driven_pitch_um`: by how much flank A and flank B of each single tooth
+      stand out from their place, shape (2, teeth), positive for extra material, along the base
+      circle as a deviation of the profile: the total (cumulative) deviation of the pitches, that at
+      a measuring circle r_M times r_b/r_M. Teeth count from the one that is between the axes at
+      φ = 0, in the order in which they come into mesh.
+    """
+
+    driving: tuple[FlankMap | None, FlankMap | None] = (None, None)
+    driven: tuple[FlankMap | None, FlankMap | None] = (None, None)
+    driving_pitch_um: Float[Numbers, "2 z1"] | None = eqx.field(
+        converter=lambda value: None if value is None else float64(value), default=None
+    )
+    driven_pitch_um: Float[Numbers, "2 z2"] | None = eqx.field(
+        converter=lambda value: None if value is None else float64(value), default=None
+    )
+
+    @property
+    def maps(self) -> tuple[FlankMap, ...]:
+        """All that are given."""
+        return tuple(one for one in (*self.driving, *self.driven) if one is not None)
+
+    def __str__(self) -> str:
+        rows = []
+        for gear in ("driving", "driven"):
+            pitches = getattr(self, f"{gear}_pitch_um")
+            for side, flank in enumerate("AB"):
+                if (drawn := getattr(self, gear)[side]) is not None:
+                    count = f"{len(drawn.roll_mm)} × {len(drawn.z_mm)} points"
+                    rows.append((f"{gear} flank {flank}", f"{count}, {_span(drawn.deviation_um)}"))
+                if pitches is not None and np.any(row := pitches[side]):
+                    rows.append((f"{gear} pitch {flank}", f"{len(row)} teeth, {_span(row)}"))
+        return key_values(rows or [("none", None)], title="deviations of the flanks")
+
+
+def _span(values: Numbers) -> str:
+    return f"{np.min(values):.2f} … {np.max(values):.2f} µm"
+
+
+def _knots(values: Any, name: str) -> np.ndarray:
+    if isinstance(values, Tracer):
+        raise ValueError(f"Argument `{name}` must be known numbers, but is traced.")
+    knots = np.asarray(values, np.float64)
+    if knots.ndim != 1 or len(knots) < 2:
+        raise PairError(f"of shape {knots.shape}; give two points or more in a row.", where=name)
+    _check_finite(knots, name)
+    if not np.all(np.diff(knots) > 0):
+        place = int(np.argmax(np.diff(knots) <= 0))
+        raise PairError(
+            f"goes from {knots[place]:g} to {knots[place + 1]:g} mm at points {place + 1} and"
+            f" {place + 2}; sort them and keep one of each.",
+            where=name,
+        )
+    return knots
+
+
+def _check_finite(values: np.ndarray, name: str) -> None:
+    if not np.all(np.isfinite(values)):
+        place = tuple(int(i) + 1 for i in np.argwhere(~np.isfinite(values))[0])
+        raise PairError(f"point {place} is not a number; remove or repair it.", where=name)
+
+
+def _pieces(knots: np.ndarray) -> np.ndarray:
+    """Coefficients of each piece, highest power first, as linear maps of the values at the knots.
+
+    Two points make a line and three a parabola, each written as a cubic.
+    """
+    found = CubicSpline(knots, np.eye(len(knots))).c
+    return np.concatenate([np.zeros((4 - len(found), *found.shape[1:])), found])
+
+
+def _place(knots: Array, values: Numbers) -> tuple[Array, Array]:
+    """Number of the piece a value lies in, and its distance from the start of that piece."""
+    inside = jnp.clip(values, knots[0], knots[-1])
+    # A sum over the few knots runs in vector lanes, a search does not.
+    piece = sum((inside >= knot).astype(int) for knot in knots[1:-1]) + jnp.zeros_like(inside, int)
+    return piece, inside - knots[piece]

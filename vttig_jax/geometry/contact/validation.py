@@ -1,0 +1,171 @@
+"""Pairs whose contact cannot be computed, each as one sentence with a cure; where flanks begin."""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+from jaxtyping import Float
+
+from ...base.arrays import Number, Numbers
+from ...base.errors import PairError
+from ..mounting import Mounting
+from ..tooth.form_circle import form_radius, undercut_depth
+from ..tooth.rack_cutter import SIDES, rack_side
+from ..tooth.recession import Taper
+from ..tooth.tooth import Tooth
+from ..tooth.validation import check_tooth
+from .deviations import Deviations
+from .first_contact import Effort
+
+Scalar = Float[Number, ""]
+_SHAFTS = "driving", "driven"
+_MARGIN = 1.2
+"""Of the contact ratio: eccentricities may take the rest over 1 without a tip edge carrying."""
+
+_SPARE = 0.2
+"""By how much the pairs of teeth that are looked at exceed the contact ratio."""
+
+
+def known(*trees: Any) -> bool:
+    """Whether all numbers have values now: nothing of it is being traced."""
+    return not any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(trees))
+
+
+def flank_starts(teeth: tuple[Tooth, Tooth]) -> Float[Numbers, "gear=2 flank=2"]:
+    """Roll angles √(r²/r_b² − 1) at the form circles; rows gears, columns flank A and B.
+
+    An undercut begins where the fillet cuts the flank; while the numbers are traced, on the base
+    circle.
+
+    **Raises** `PairError` where an undercut leaves nothing of a flank.
+    """
+    rows = []
+    for gear, tooth in enumerate(teeth):
+        order = (0, 1) if gear == 0 else (1, 0)
+        rows.append([_start(tooth, index, _SHAFTS[gear]) for index in order])
+    if known(teeth):
+        return np.array(rows, float)
+    return jnp.stack([jnp.stack([jnp.asarray(one) for one in row]) for row in rows])
+
+
+def _start(tooth: Tooth, index: int, shaft: str) -> Any:
+    side, base = SIDES[index], tooth.base_radii[index]
+    if known(tooth) and undercut_depth(tooth, side) > 0:
+        radius = form_radius(tooth, side)
+        if np.isnan(radius):
+            raise PairError(
+                f"undercut leaves nothing of the {side} flank; give more teeth or profile shift.",
+                where=shaft,
+            )
+        return np.sqrt(max((radius / float(base)) ** 2 - 1, 0.0))
+    rack = rack_side(tooth, side)
+    xp = np if known(tooth) else jnp
+    sine = xp.sin(rack.pressure_angle)
+    length = tooth.reference_radius * sine + rack.flank_start / sine
+    return xp.maximum(length, 0.0) / base
+
+
+def check_contact(
+    teeth: tuple[Tooth, Tooth],
+    mounting: Mounting,
+    effort: Effort,
+    deviations: Deviations | None,
+) -> None:
+    """Raise `PairError` for gears that cannot be brought into contact; numbers must be known."""
+    _check_distance(teeth, mounting)
+    distance = float(mounting.centre_distance)
+    if (needed := least_tooth_pairs(teeth, distance)) > effort.tooth_pairs:
+        raise PairError(
+            f"{effort.tooth_pairs} pairs of teeth are too few to look at where the contact ratio is"
+            f" {_contact_ratios(teeth, distance).max():.2f}; give tooth_pairs={needed}.",
+            where="contact ratio",
+        )
+    if effort.sections > 1 and all(np.isnan(float(tooth.face_width_mm)) for tooth in teeth):
+        raise PairError(
+            "missing; contact differs along the face, which has to have ends.",
+            where="driving.face_width_mm",
+        )
+    for shaft, tooth in zip(_SHAFTS, teeth, strict=True):
+        _check_solid(tooth, shaft, float(tooth.face_width_mm))
+    if deviations is not None:
+        _check_pitches(teeth, deviations)
+
+
+def _check_distance(teeth: tuple[Tooth, Tooth], mounting: Mounting) -> None:
+    """The teeth have to reach each other, and the base circles must not, at every angle."""
+    distance, sway = float(mounting.centre_distance), 0.0
+    if known(mounting):
+        offsets = mounting.driving_offset, mounting.driven_offset
+        sway = float(sum(abs(np.asarray(offset)) for offset in offsets))
+    swaying = f", eccentricities take or give {sway:.3f} mm" if sway else ""
+    base = max(float(teeth[0].base_radii[k] + teeth[1].base_radii[1 - k]) for k in (0, 1))
+    if not distance - sway > base:
+        raise PairError(
+            f"{distance:g} mm lets the base circles overlap (their radii sum to {base:.3f}"
+            f" mm{swaying}); move the axes apart.",
+            where="centre_distance_mm",
+        )
+    tips = sum(float(tooth.tip_radius) for tooth in teeth)
+    if not distance + sway < tips:
+        raise PairError(
+            f"{distance:g} mm is too far for the teeth to meet (the tip radii sum to {tips:.3f}"
+            f" mm{swaying}); move the axes together.",
+            where="centre_distance_mm",
+        )
+
+
+def _check_solid(tooth: Tooth, shaft: str, width: float) -> None:
+    """No pointed tooth: its flanks would end below the tip circle."""
+    heights = np.zeros(1) if np.isnan(width) else np.linspace(-width / 2, width / 2, 41)
+    check_tooth(tooth, heights)
+    tips = np.asarray(tooth.thickness(np.full(heights.shape, float(tooth.tip_radius)), heights))
+    if tips.min() <= 0:
+        place = heights[int(np.argmin(tips))]
+        raise PairError(
+            f"the flanks cross below the tip circle at z = {place:g} mm; make the face narrower,"
+            " the addendum shorter or the profile shift smaller.",
+            where=f"{shaft} tooth",
+        )
+
+
+def _check_pitches(teeth: tuple[Tooth, Tooth], deviations: Deviations) -> None:
+    for shaft, tooth in zip(_SHAFTS, teeth, strict=True):
+        pitch = getattr(deviations, f"{shaft}_pitch_um")
+        if pitch is not None and pitch.shape != (2, tooth.teeth):
+            raise PairError(
+                f"of shape {pitch.shape}; give one value for each flank and tooth, shape (2,"
+                f" {tooth.teeth}).",
+                where=f"{shaft}_pitch_um",
+            )
+
+
+def same_everywhere(teeth: tuple[Tooth, Tooth], distance: Scalar) -> bool:
+    """Whether every section touches at once, by flanks that recede alike and linearly.
+
+    And never by a tip edge alone, which comes in one section later than in the next.
+    """
+    if not known(teeth, distance):
+        return False
+    for index in (0, 1):
+        one, other = teeth[0].recession[index], teeth[1].recession[1 - index]
+        if not (isinstance(one, Taper) and isinstance(other, Taper)):
+            return False
+        if np.any(one.crowning_mm) or np.any(other.crowning_mm) or one.slope != other.slope:
+            return False
+    return bool(_contact_ratios(teeth, float(distance)).min() > _MARGIN)
+
+
+def least_tooth_pairs(teeth: tuple[Tooth, Tooth], distance: Scalar | float) -> int:
+    """How many pairs of teeth have to be looked at for the first touch to be among them."""
+    return int(np.ceil(_contact_ratios(teeth, float(distance)).max() + _SPARE))
+
+
+def _contact_ratios(teeth: tuple[Tooth, Tooth], distance: float) -> Float[np.ndarray, "2"]:
+    """Of flank A and B at a centre distance; see `GearPair.contact_ratios`."""
+    base = np.stack([teeth[0].base_radii, teeth[1].base_radii[::-1]])
+    tips = np.array([[float(tooth.tip_radius)] for tooth in teeth])
+    line = np.sqrt(np.maximum(distance**2 - base.sum(axis=0) ** 2, 0.0))
+    path = np.sqrt(np.maximum(tips**2 - base**2, 0.0)).sum(axis=0) - line
+    return path / base[0] * teeth[0].teeth / (2 * np.pi)

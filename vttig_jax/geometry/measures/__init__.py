@@ -1,0 +1,1 @@
+"""What a shop measures on one gear: thickness, span, measure over balls."""

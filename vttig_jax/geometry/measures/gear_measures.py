@@ -1,0 +1,274 @@
+"""All shop measures of one gear, ready to be printed beside those of its mate."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ...base.units import DEG
+from ..tooth.form_circle import form_radius, undercut_depth
+from ..tooth.rack_cutter import SIDES
+from ..tooth.tooth import Tooth
+from .over_balls import OverBalls, over_balls, usual_ball
+from .span import Span, span
+from .thickness import base_helix_angles, chordal_height, chordal_thickness, recession_slopes
+
+
+@dataclass(frozen=True)
+class Across:
+    """Thickness at one radius across the face, arcs in mm; the ends are None without face width.
+
+    **Arguments**
+    - `radius_mm`: radius of the circle.
+    - `thin`, `thick`: at the two ends of the face; `section`: at the section measured.
+    - `reason`: a sentence on why there is no thickness there.
+    """
+
+    radius_mm: float
+    thin: float | None = None
+    section: float | None = None
+    thick: float | None = None
+    reason: str | None = None
+
+
+@dataclass(frozen=True)
+class GearMeasures:
+    """Shop measures of one gear, mm and degrees; pairs of flanks are (left, right).
+
+    **Arguments**
+    - `teeth`: number of teeth; `section_mm`: height of the section measured.
+    - `reference_diameter_mm` … `form_diameters_mm`: of the circles; the involute of a flank begins
+      at its form circle. `undercut`: whether the fillet has cut some of it away.
+    - `base_helix_deg`: at the section, positive where the flank thins the tooth towards +z.
+    - `thickness`, `tip_thickness`: at the reference and the tip circle; `thickness_at`: at further
+      radii asked for.
+    - `chordal_thickness_mm`, `chordal_height_mm`: of the reference circle, in the transverse plane.
+    - `span`, `over_balls`: see there; `over_balls_slope`: mm by which the measurement over balls
+      grows for every mm the balls stand nearer to the +z end; None where it has no value.
+    """
+
+    teeth: int
+    section_mm: float
+    reference_diameter_mm: float
+    tip_diameter_mm: float
+    root_diameter_mm: float
+    base_diameters_mm: tuple[float, float]
+    form_diameters_mm: tuple[float, float]
+    undercut: bool
+    base_helix_deg: tuple[float, float]
+    thickness: Across
+    tip_thickness: Across
+    thickness_at: tuple[Across, ...]
+    chordal_thickness_mm: float
+    chordal_height_mm: float
+    span: Span
+    over_balls: OverBalls
+    over_balls_slope: float | None
+
+    @property
+    def notes(self) -> list[str]:
+        """What a reader should know beside the numbers, as sentences."""
+        notes = [one.reason for one in (*self.thickness_at, self.span, self.over_balls)]
+        if self.thickness.thin is None:
+            notes.append("The drawing gives no face_width_mm, so that its teeth have no ends.")
+        if self.undercut:
+            notes.append(
+                "The teeth are undercut: their involute begins at a diameter of"
+                f" {max(self.form_diameters_mm):.4f} mm."
+            )
+        if not max(self.form_diameters_mm) <= self.reference_diameter_mm <= self.tip_diameter_mm:
+            notes.append(
+                "The reference circle lies outside of the involute; the thickness on it is a"
+                " computed figure."
+            )
+        return [note for note in (*notes, *self._notes_on_balls()) if note is not None]
+
+    @property
+    def tapered(self) -> bool:
+        """Whether the measurement over balls depends on where along the axis it is taken."""
+        return abs(self.over_balls_slope or 0.0) > 1e-6
+
+    def _notes_on_balls(self) -> list[str]:
+        notes, value = [], self.over_balls.value_mm
+        if value is not None and value <= self.tip_diameter_mm:
+            notes.append(
+                f"Balls of {self.over_balls.ball_diameter_mm:g} mm do not stand above the tip"
+                " circle; a micrometer needs larger ones."
+            )
+        if self.tapered:
+            notes.append(
+                f"Hold the centres of the balls at z = {self.section_mm:g} mm: where teeth taper,"
+                " the measure changes along the axis."
+            )
+        return notes
+
+    def to_json(self) -> dict[str, Any]:
+        """One gear in an object of schema `vttig.measure/1`."""
+        ends = {"tooth_thickness": self.thickness, "tip_thickness": self.tip_thickness}
+        thickness = {
+            f"{name}_{place}mm": value
+            for name, one in ends.items()
+            for place, value in (("thin_", one.thin), ("", one.section), ("thick_", one.thick))
+        }
+        return {
+            "teeth": self.teeth,
+            **thickness,
+            "tip_diameter_mm": self.tip_diameter_mm,
+            "root_diameter_mm": self.root_diameter_mm,
+            "reference_diameter_mm": self.reference_diameter_mm,
+            "base_diameter_mm": _sides(self.base_diameters_mm),
+            "form_diameter_mm": _sides(self.form_diameters_mm),
+            "base_helix_deg": _sides(self.base_helix_deg),
+            "chordal_thickness_mm": self.chordal_thickness_mm,
+            "chordal_height_mm": self.chordal_height_mm,
+            "span_mm": _span_json(self.span),
+            "over_balls_mm": {
+                **_balls_json(self.over_balls),
+                "per_axial_mm": self.over_balls_slope,
+            },
+            "thickness_at": [
+                {
+                    "radius_mm": one.radius_mm,
+                    "thin_mm": one.thin,
+                    "section_mm": one.section,
+                    "thick_mm": one.thick,
+                }
+                for one in self.thickness_at
+            ],
+            "notes": self.notes,
+        }
+
+
+def measure_gear(
+    tooth: Tooth,
+    *,
+    section_mm: float = 0.0,
+    radii_mm: tuple[float, ...] = (),
+    span_teeth: int | None = None,
+    ball_mm: float | None = None,
+) -> GearMeasures:
+    """Measure a gear in the section at a height; `check_measurable` says which gears have measures.
+
+    **Arguments**
+    - `tooth`: the gear; `tooth_of` takes it from a pair.
+    - `section_mm`: height along its axis from the middle of the face.
+    - `radii_mm`: further radii at which the thickness is wanted.
+    - `span_teeth`, `ball_mm`: teeth to span and diameter of the balls; when absent those that suit
+      the middle of the face, in every section.
+
+    **Raises** `ValueError` for a section beyond the face.
+
+    **Example**
+    ```python
+    >>> from vttig_jax import Gear, GearPair
+    >>> from vttig_jax.geometry import measure_gear
+    >>> from vttig_jax.geometry import tooth_of
+    >>> gears = Gear(45, 3.0, 3.0, 20.0), Gear(80, 3.0, 3.0, 20.0)
+    >>> pair = GearPair(*gears, module_mm=2.0, pressure_angles_deg=20.0)
+    >>> found = measure_gear(tooth_of(pair, "driving"))
+    >>> print(f"{found.thickness.thin:.4f} … {found.thickness.thick:.4f} mm")
+    2.0934 … 4.1897 mm
+    >>> print(f"{found.over_balls.value_mm:.4f} mm over {found.over_balls.ball_diameter_mm} mm")
+    94.9666 mm over 3.5 mm
+
+    ```
+    """
+    _check_section(tooth, section_mm)
+    here = np.array([section_mm])
+    radius = np.array([float(tooth.reference_radius)])
+    helix = base_helix_angles(tooth, here)[0] / DEG
+    ball = over_balls(
+        tooth, usual_ball(tooth, section_mm) if ball_mm is None else ball_mm, section_mm
+    )
+    return GearMeasures(
+        teeth=tooth.teeth,
+        section_mm=section_mm,
+        reference_diameter_mm=2 * float(tooth.reference_radius),
+        tip_diameter_mm=2 * float(tooth.tip_radius),
+        root_diameter_mm=2 * float(tooth.root_radius),
+        base_diameters_mm=_pair(2 * tooth.base_radii),
+        form_diameters_mm=_pair([2 * form_radius(tooth, side) for side in SIDES]),
+        undercut=any(undercut_depth(tooth, side) > 0 for side in SIDES),
+        base_helix_deg=_pair(helix),
+        thickness=_across(tooth, float(radius[0]), section_mm),
+        tip_thickness=_across(tooth, float(tooth.tip_radius), section_mm),
+        thickness_at=tuple(_asked(tooth, wanted, section_mm) for wanted in radii_mm),
+        chordal_thickness_mm=float(chordal_thickness(tooth, radius, here)[0]),
+        chordal_height_mm=float(chordal_height(tooth, radius, here)[0]),
+        span=span(tooth, section_mm, span_teeth or span(tooth).teeth),
+        over_balls=ball,
+        over_balls_slope=_slope(tooth, ball, section_mm),
+    )
+
+
+def _check_section(tooth: Tooth, section: float) -> None:
+    half = float(tooth.face_width_mm) / 2
+    if abs(section) > half:
+        raise ValueError(
+            f"Argument `section_mm` must lie within the face, ±{half:g} mm, but is {section:g}."
+        )
+
+
+def _pair(values: Any) -> tuple[float, float]:
+    left, right = values
+    return float(left), float(right)
+
+
+def _across(tooth: Tooth, radius: float, section: float) -> Across:
+    width = float(tooth.face_width_mm)
+    heights = np.array([section] if np.isnan(width) else [section, -width / 2, width / 2])
+    here, *ends = map(float, tooth.thickness(np.full_like(heights, radius), heights))
+    return Across(radius, min(ends, default=None), here, max(ends, default=None))
+
+
+def _asked(tooth: Tooth, radius: float, section: float) -> Across:
+    """Thickness at a radius somebody asked for, where the tooth has its involute."""
+    low, high = max(form_radius(tooth, side) for side in SIDES), float(tooth.tip_radius)
+    if low <= radius <= high:
+        return _across(tooth, radius, section)
+    reason = (
+        f"There is no involute at a radius of {radius:g} mm: it reaches from {low:.4f} to"
+        f" {high:.4f} mm."
+    )
+    return Across(radius, reason=reason)
+
+
+def _slope(tooth: Tooth, ball: OverBalls, section: float) -> float | None:
+    """dM/dz from the derivative of Σ inv α(r_M) = … − (δ_L + δ_R)/R at the heights of contact."""
+    if ball.centre_diameter_mm is None or ball.contact_z_mm is None:
+        return None
+    heights = np.array(ball.contact_z_mm)
+    slopes = recession_slopes(tooth, heights)
+    thinning = float(slopes[0, 0] + slopes[1, 1]) / float(tooth.reference_radius)
+    centre = ball.centre_diameter_mm / 2
+    # d(inv α)/dr = tan α / r for either flank
+    tangents = np.sqrt((centre / tooth.base_radii) ** 2 - 1)
+    odd = np.cos(np.pi / 2 / tooth.teeth) if tooth.teeth % 2 else 1.0
+    return float(-2 * odd * thinning * centre / tangents.sum())
+
+
+def _sides(values: tuple[float, float]) -> dict[str, float]:
+    return dict(zip(SIDES, values, strict=True))
+
+
+def _span_json(found: Span) -> dict[str, Any]:
+    return {
+        "teeth": found.teeth,
+        "value": found.value_mm,
+        "transverse": found.transverse_mm,
+        "contact_diameter_mm": found.contact_diameter_mm,
+        "measurable": found.measurable,
+        "reason": found.reason,
+    }
+
+
+def _balls_json(found: OverBalls) -> dict[str, Any]:
+    contacts, heights = found.contact_diameters_mm, found.contact_z_mm
+    return {
+        "ball_diameter_mm": found.ball_diameter_mm,
+        "value": found.value_mm,
+        "centre_diameter_mm": found.centre_diameter_mm,
+        "contact_diameter_mm": None if contacts is None else _sides(contacts),
+        "contact_z_mm": None if heights is None else _sides(heights),
+        "reason": found.reason,
+    }

@@ -1,0 +1,1 @@
+"""Meshes, CAD solids and section drawings of a gear."""

@@ -1,0 +1,133 @@
+"""One gear as its drawing shows it: the section of a tooth at every height along the axis.
+
+The frame of a gear has its axis as z with the middle of the face at 0, and the centre line of one
+tooth (where both flanks are alike) along y; x is to the right. Seen from +z the tooth points up,
+its left flank lies at negative x. A tapered tooth thins towards +z.
+
+Flank A of a driving gear is its left flank. The driven gear is mounted the other way round, its own
+z against that of the driving gear, so its flank A is the right one of its own drawing: each gear
+has its thick end where the mate has its thin one.
+"""
+
+import math
+from typing import Literal
+
+import equinox as eqx
+from jaxtyping import Float
+
+from ...base.arrays import Number, Numbers, float64, namespace
+from ...base.units import DEG
+from ...pair.gear_pair import GearPair, involute
+from .recession import Recession, Taper
+
+Shaft = Literal["driving", "driven"]
+Scalar = Float[Number, ""]
+
+
+class Tooth(eqx.Module):
+    """A gear with constant radial and varying tangential modification; sides are (left, right).
+
+    **Arguments**
+    - `teeth`: number of teeth.
+    - `module_mm`: transverse module.
+    - `pressure_angles_deg`: transverse pressure angles of the left and the right flank, shape (2,).
+    - `recession`: by how much the left and the right flank recede at height z; see `Recession`.
+    - `addendum_mm`, `dedendum_mm`: tip above and root below the profile reference line, which the
+      profile shift has moved.
+    - `fillet_radius_mm`: radius of the arcs at the tip of the rack cutter.
+    - `profile_shift_mm`: distance of the profile reference line from the reference circle.
+    - `face_width_mm`: width of the face, NaN where the drawing does not say.
+    """
+
+    teeth: int = eqx.field(static=True)
+    module_mm: Scalar = eqx.field(converter=float64)
+    pressure_angles_deg: Float[Numbers, "2"] = eqx.field(converter=float64)
+    recession: tuple[Recession, Recession]
+    addendum_mm: Scalar = eqx.field(converter=float64)
+    dedendum_mm: Scalar = eqx.field(converter=float64)
+    fillet_radius_mm: Scalar = eqx.field(converter=float64)
+    profile_shift_mm: Scalar = eqx.field(converter=float64, default=0.0)
+    face_width_mm: Scalar = eqx.field(converter=float64, default=math.nan)
+
+    @property
+    def pressure_angles(self) -> Float[Numbers, "2"]:
+        """Transverse pressure angles of the left and the right flank, rad."""
+        return self.pressure_angles_deg * DEG
+
+    @property
+    def reference_radius(self) -> Scalar:
+        """R = m z/2, mm."""
+        return self.module_mm * self.teeth / 2
+
+    @property
+    def base_radii(self) -> Float[Numbers, "2"]:
+        """R cos αₜ of the left and the right flank, mm."""
+        return self.reference_radius * namespace(self).cos(self.pressure_angles)
+
+    @property
+    def tip_radius(self) -> Scalar:
+        """R + x m + h_ap, mm."""
+        return self.reference_radius + self.profile_shift_mm + self.addendum_mm
+
+    @property
+    def root_radius(self) -> Scalar:
+        """R + x m − h_ap − c_p, mm."""
+        return self.reference_radius + self.profile_shift_mm - self.dedendum_mm
+
+    def recessions(self, z: Float[Numbers, "*shape"]) -> Float[Numbers, "*shape 2"]:
+        """δ of the left and the right flank at height z, mm along the reference circle."""
+        left, right = (flank(z) for flank in self.recession)
+        return namespace(left, right).stack([left, right], axis=-1)
+
+    def half_angles(
+        self, radius: Float[Numbers, "*shape"], z: Float[Numbers, "*shape"]
+    ) -> Float[Numbers, "*shape 2"]:
+        """Angles from the centre line of the tooth to its left and right flank, rad.
+
+            ψ(r, z) = (π m/4 + x m tan αₜ − δ(z))/R + inv αₜ − inv α(r),    cos α(r) = r_b/r
+
+        A negative sum of both is a tooth that ended below r. NaN below the base circle.
+        """
+        xp = namespace(self, radius, z)
+        shift = self.profile_shift_mm * xp.tan(self.pressure_angles)
+        arc = math.pi * self.module_mm / 4 + shift - self.recessions(z)
+        at_radius = xp.arccos(self.base_radii / xp.asarray(radius)[..., None])
+        reference = involute(self.pressure_angles)
+        return arc / self.reference_radius + reference - involute(at_radius)
+
+    def thickness(
+        self, radius: Float[Numbers, "*shape"], z: Float[Numbers, "*shape"]
+    ) -> Float[Numbers, "*shape"]:
+        """Arc of the circle of a radius inside the tooth at height z, mm."""
+        return radius * self.half_angles(radius, z).sum(axis=-1)
+
+
+def tooth_of(pair: GearPair, shaft: Shaft) -> Tooth:
+    """The gear of one shaft of a pair, in its own frame."""
+    gear = pair.driving if shaft == "driving" else pair.driven
+    order = [0, 1] if shaft == "driving" else [1, 0]
+    xp = namespace(pair)
+    angles = pair.pressure_angles_deg[xp.asarray(order)]
+    slopes = xp.tan(xp.stack([gear.helix_left_deg, gear.helix_right_deg]) * DEG)
+    width = xp.where(xp.isnan(gear.face_width_mm), 1.0, gear.face_width_mm)  # no crowning then
+    taper = [Taper(slopes[side], gear.crowning_um * 1e-3, width) for side in order]
+    rack, depth = pair.rack, pair.depth_module_mm
+    return Tooth(
+        teeth=gear.teeth,
+        module_mm=pair.module_mm,
+        pressure_angles_deg=angles,
+        recession=(taper[0], taper[1]),
+        addendum_mm=rack.addendum * depth,
+        dedendum_mm=(rack.addendum + rack.clearance) * depth,
+        fillet_radius_mm=_fillet_radius(pair),
+        profile_shift_mm=gear.profile_shift * depth,
+        face_width_mm=gear.face_width_mm,
+    )
+
+
+def _fillet_radius(pair: GearPair) -> Scalar:
+    """The stated radius, or c_p/(1 − sin αₜ) of the smaller angle, which fits both flanks."""
+    xp, rack = namespace(pair), pair.rack
+    smallest = xp.sin(pair.pressure_angles_deg * DEG).min()
+    usual = rack.clearance / (1 - smallest)
+    return (usual if rack.tip_radius is None else rack.tip_radius) * pair.depth_module_mm

@@ -1,0 +1,197 @@
+"""From the compressed logs to the result: solve, name, check."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ..base.units import DEG
+from ..logs.readers.backlash_readings import BacklashReadings
+from ..pair.gear_pair import Drive, GearPair
+from .compress.harmonic_summary import HarmonicSummary
+from .evidence import Evidence
+from .fit_result import Fit
+from .model.forward_model import relation_of
+from .model.identifiability import Scope
+from .noise.noise_model import NoiseModel, WhitenedFlank, whiten
+from .preliminary.linear_fit import View
+from .preliminary.model_selection import Gathered
+from .report.backlash_readings import (
+    comparison,
+    gap_of_both_flanks,
+    gap_of_one_flank,
+    require_gap,
+    require_plausible,
+    updated,
+    with_constant_backlash,
+)
+from .report.check_records import checks_of, log_record, repetitions_of
+from .report.closure import closure
+from .report.lazy_checks import Checks
+from .report.notes import conditions_of, notes_of
+from .report.order_table import fitted_model, order_table
+from .report.parameters import outcome_of, parameters_of, regressors_of
+from .report.per_log import log_alone
+from .report.residual_tests import lines_left, whiteness
+from .settings import Choices
+from .solve.least_squares import Solution, solve
+from .solve.residuals import (
+    Weights,
+    curves_and_residuals,
+    flank_coefficients,
+    lifted,
+    restored,
+    sample_residual_rms,
+    weights_of_logs,
+)
+from .solve.sandwich import widened
+
+REMEMBERS = 1e-3
+"""Ljung–Box probability below which standard errors are taken from blocks."""
+
+
+def assembled(
+    gathered: Gathered,
+    pair: GearPair | Drive,
+    scope: Scope,
+    choices: Choices,
+    readings: BacklashReadings | None,
+) -> Fit:
+    """Solve for the parameters and gather everything a reader wants to see beside them."""
+    summary, view = gathered.summary, gathered.view
+    split = choices.encoder_terms and choices.gear_terms and len(scope.flanks) == 2
+    noise, whitened = whiten(summary, gathered.weights.variance_factor)
+    relation = relation_of(
+        pair,
+        scope.terms,
+        summary.columns,
+        scope.flanks,
+        encoder_terms=split,
+        gear_terms=choices.gear_terms,
+    )
+    solution = restored(solve(relation, whitened), view.levels)
+    solution, white = _with_blocks(view, summary, noise, whitened, solution)
+    compared = None
+    if readings is not None:
+        as_data = choices.use_readings
+        solution, compared = _with_readings(
+            readings, pair, view, summary, whitened, solution, as_data
+        )
+    coefficients = flank_coefficients(whitened, solution)
+    weights = weights_of_logs(summary, coefficients)
+    parameters = parameters_of(pair, scope, solution, choices, gathered.delay)
+    first = view.inputs[0].log
+    regressors = regressors_of(solution, first)
+    orders = order_table(summary, whitened, solution, coefficients)
+    curves, residuals = curves_and_residuals(view, weights)
+    alone = [log_alone(view, log) for log in range(len(view.inputs))]
+    records = [log_record(view, solution, log) for log in range(len(view.inputs))]
+    return Fit(
+        pair=pair,
+        source=", ".join(one.log.source for one in view.inputs),
+        sha256=" ".join(one.log.sha256 for one in view.inputs),
+        outcome=outcome_of(parameters, solution.converged, choices),
+        flanks=scope.flanks,
+        samples={key: sum(r["samples"][key] for r in records) for key in records[0]["samples"]},
+        zero=first.zero,
+        zero_readings=records[0]["zero_readings"],
+        conditional_on=conditions_of(pair, split, choices, gathered),
+        parameters=parameters,
+        orders=orders,
+        model=fitted_model(summary, coefficients, view.levels[0]),
+        noise=noise,
+        residual_rms_deg=sample_residual_rms(view, weights) / DEG,
+        curves=curves,
+        residuals=residuals,
+        covariance=solution.covariance,
+        covariance_names=solution.names,
+        values=solution.values,
+        regressors=regressors,
+        checks=Checks(
+            {
+                "order_spectrum": [
+                    o.to_json() for o in orders if o.order == 1 and o.shaft != "mesh"
+                ],
+                "closure": closure(curves, pair),
+                "whiteness": white,
+                "readings": compared,
+                **checks_of(gathered, solution, pair, parameters),
+            },
+            repetitions_of(view) | {"lines": _lines(view, weights, noise)},
+        ),
+        notes=notes_of(gathered, scope, solution, noise, regressors, alone),
+        logs=tuple(record | {"alone": one} for record, one in zip(records, alone, strict=True)),
+        evidence=Evidence(
+            lifted(summary, view.levels),
+            split,
+            choices.gear_terms,
+            tuple(n for n, good in zip(solution.names, solution.determined, strict=True) if good),
+            solution.jacobian,
+            noise.partial,
+            gathered.weights.variance_factor,
+            view.channels[0].delay_s,
+        ),
+    )
+
+
+def _lines(
+    view: View, weights: list[Weights], noise: NoiseModel
+) -> Callable[[], list[dict[str, Any]]]:
+    """The search for lines, to be carried out later; it keeps the rows but not the samples."""
+    if noise.is_rounding:
+        return list
+    rows, terms, same_zero = view.rows, view.model.terms, view.model.same_zero
+    return lambda: lines_left(rows, weights, terms, same_zero=same_zero)
+
+
+def _with_blocks(
+    view: View,
+    summary: HarmonicSummary,
+    noise: NoiseModel,
+    whitened: tuple[WhitenedFlank, ...],
+    solution: Solution,
+) -> tuple[Solution, dict | None]:
+    """Standard errors from blocks of the log where the residual is not what the noise model says.
+
+    **Returns** the solution and the record of the test of the residual. Rounding is not tested: it
+    follows the digits of the readings, not a noise model.
+    """
+    if noise.is_rounding:
+        return solution, None
+    coefficients = flank_coefficients(whitened, solution)
+    curves, residuals = curves_and_residuals(view, weights_of_logs(summary, coefficients))
+    noises = [noise.at(curve.mean_speed) for curve in curves]
+    white = whiteness(residuals, [curve.time for curve in curves], noises)
+    if white is None or white["probability"] >= REMEMBERS:
+        return solution, None if white is None else white | {"widening": 1.0}
+    widening = widened(view, summary, noise, whitened, solution, coefficients)
+    covariance = solution.covariance * np.outer(widening, widening)
+    return replace(solution, covariance=covariance), white | {"widening": float(widening.max())}
+
+
+def _with_readings(
+    readings: BacklashReadings,
+    pair: GearPair | Drive,
+    view: View,
+    summary: HarmonicSummary,
+    whitened: tuple[WhitenedFlank, ...],
+    solution: Solution,
+    as_data: bool,
+) -> tuple[Solution, dict]:
+    """Compare readings with the gap the fit expects and, on request, let them join it."""
+    flanks = [flank.flank for flank in summary.flanks]
+    require_gap(pair, flanks, as_data, readings.source)
+    driving = readings.driving_angle
+    if len(flanks) == 2:
+        coefficients = flank_coefficients(whitened, solution)
+        model = fitted_model(summary, coefficients, view.levels[0])
+        gap = gap_of_both_flanks(driving, model, summary, whitened, solution, coefficients)
+    else:
+        assert isinstance(pair, GearPair)  # held by `require_gap`
+        solution = with_constant_backlash(solution)
+        gap = gap_of_one_flank(driving, pair, solution, summary.flanks[0].flank)
+    compared = comparison(readings, gap, solution) | {"used": as_data}
+    if len(flanks) == 2:
+        require_plausible(readings, gap, compared, as_data)
+    return (updated(solution, gap, readings) if as_data else solution), compared

@@ -1,0 +1,1 @@
+"""Logs compressed to block rows and to summaries of both flanks."""

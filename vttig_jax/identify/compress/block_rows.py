@@ -1,0 +1,121 @@
+"""Block rows of one log: its certain segments, averaged, with everything the fit models."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from ...base.numerics.counting import nearest_whole, whole_below
+from ...base.units import REV
+from ...kinematics.te_curve import TECurve
+from ...logs.motion.segments import Segment
+from ...pair.gear_pair import Flank
+from ..model.column_layout import OFFSET, Columns
+from ..model.harmonics import TermPlan
+from ..settings import NoiseChoice
+from .block_means import block_means, block_rows, block_size
+from .regressors import Channels, trimmed
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """Rows of one segment, and the block means of its curve for pictures and checks."""
+
+    segment: Segment
+    rows: Float[np.ndarray, "n q"]
+    curve: TECurve
+
+
+@dataclass(frozen=True, eq=False)
+class LogRows:
+    """All rows of one log. `size` samples and `block_s` seconds make a row of the fastest run.
+
+    `rounding` is what the last digit of the readings makes of y, rad.
+    """
+
+    columns: Columns
+    runs: tuple[Run, ...]
+    size: int
+    block_s: float
+    noise: NoiseChoice = NoiseChoice()
+    rounding: float = 0.0
+
+    def runs_by_flank(self, longer_than: int = 0) -> dict[Flank, list[Run]]:
+        """Every run that has more than `longer_than` rows, flank by flank."""
+        found: dict[Flank, list[Run]] = {}
+        for run in self.runs:
+            if len(run.rows) > longer_than:
+                found.setdefault(run.segment.flank, []).append(run)
+        return found
+
+    def by_flank(self, longer_than: int = 0) -> dict[Flank, list[Float[np.ndarray, "_ q"]]]:
+        """Rows of every run that has more than `longer_than` of them, flank by flank."""
+        runs = self.runs_by_flank(longer_than)
+        return {flank: [run.rows for run in own] for flank, own in runs.items()}
+
+
+def block_seconds(
+    channels: Sequence[Channels], segments: Sequence[Sequence[Segment]], terms: TermPlan
+) -> float:
+    """Duration of a block: what the fastest log needs, so that one noise model serves all."""
+    highest = float(max((terms.frequency(term) for term in terms.terms), default=1))
+    return min(
+        c.sample_s * block_size(_samples_per_turn(c.driving, own), highest)
+        for c, own in zip(channels, segments, strict=True)
+        if own
+    )
+
+
+def log_rows(
+    channels: Channels,
+    segments: Sequence[Segment],
+    terms: TermPlan,
+    block_s: float,
+    noise: NoiseChoice = NoiseChoice(),
+    fastest: float = 0.0,
+) -> LogRows:
+    """Pass once over the segments of a log.
+
+    Where the noise is stationary in angle, every row covers the angle that a segment of speed
+    `fastest` covers in `block_s`.
+    """
+    columns = Columns(
+        tuple(h.term for h in terms.free),
+        tuple(h.term for h in terms.tied),
+        ((OFFSET, *channels.own),),
+    )
+    shortest = max(1, nearest_whole(block_s / channels.sample_s))
+    runs = []
+    for whole in segments:
+        segment = trimmed(whole, channels)
+        size = shortest
+        if noise.stationary_in == "angle" and whole.speed:
+            size = max(1, nearest_whole(shortest * fastest / abs(whole.speed)))
+        if segment.stop - segment.start < size:
+            continue
+        part = slice(segment.start, segment.stop)
+        driving, driven = channels.driving[part], channels.driven[part]
+        error = channels.error[segment.flank][part]
+        own = np.stack([values[part] for values in channels.own.values()] or [error])
+        weight = None if channels.weight is None else channels.weight[part]
+        own = own[: len(channels.own)]
+        rows = block_rows(columns, size, driving, driven, own, error, weight)
+        seen = (driving, error + channels.level, channels.time[part])
+        curve = (block_means(c, size) for c in seen)
+        runs.append(Run(segment, rows, TECurve(segment.flank, *curve)))
+    row_s = shortest * channels.sample_s
+    return LogRows(columns, tuple(runs), shortest, row_s, noise, channels.log.rounding)
+
+
+def _samples_per_turn(driving: Float[np.ndarray, " n"], segments: Sequence[Segment]) -> float:
+    """Samples a driving turn where it is fastest, seen over a 64th of a turn at mean speed.
+
+    The fastest place decides: no block may cover more of a cycle than planned.
+    """
+    travelled = sum(abs(driving[s.stop - 1] - driving[s.start]) for s in segments)
+    samples = sum(s.stop - s.start for s in segments)
+    window = max(1, whole_below(samples * REV / max(travelled, 1e-9) / 64))
+    steps = [np.abs(np.diff(driving[s.start : s.stop : window])) for s in segments]
+    fastest = max((float(step.max(initial=0.0)) for step in steps), default=0.0)
+    return window * REV / max(fastest, 1e-9)

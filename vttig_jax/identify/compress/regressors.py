@@ -1,0 +1,246 @@
+"""A log as the fit sees it: the driving angle at the instant of the driven reading, and what may
+stand beside the harmonics: drift, delay, torque and their kin."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from scipy.interpolate import BSpline, CubicHermiteSpline
+from scipy.ndimage import uniform_filter1d
+
+from ...base.errors import UsageError
+from ...base.numerics.counting import nearest_whole, whole_above
+from ...base.units import DEG
+from ...logs.channel.speed import smooth_speed
+from ...logs.encoder_log import EncoderLog
+from ...logs.motion.segments import Segment
+from ...pair.gear_pair import Drive, Flank, GearPair
+
+Samples = Float[np.ndarray, " n"]
+
+
+TORQUE_WINDOWS_S = (0.0, 0.05, 0.1, 0.2, 0.4, 0.8)
+"""Averages of the torque that are tried as wind-up. A motor's torque reading is rough, and noise in
+a regressor pulls its coefficient to zero; the average that explains most is kept."""
+
+
+_LEVELLED = 4096
+"""Samples, evenly spaced, that tell the level of a log."""
+
+
+def torque_column(number: int) -> str:
+    """Name of the column of the torque averaged over `TORQUE_WINDOWS_S[number]`."""
+    return f"torque_{number}"
+
+
+@dataclass(frozen=True)
+class Drift:
+    """A slow change of the transmission error: powers of time, or B-splines.
+
+    **Arguments**
+    - `order`: highest power of the scaled time.
+    - `knots_s`: distance of the knots of a cubic B-spline instead; 0 for powers.
+    """
+
+    order: int = 0
+    knots_s: float = 0.0
+
+    def names(self, duration_s: float) -> tuple[str, ...]:
+        """Names of the columns over a log of this duration."""
+        if self.knots_s:
+            count = max(1, nearest_whole(duration_s / self.knots_s)) + 2
+            return tuple(f"spline_{k}" for k in range(1, count + 1))
+        return tuple(f"drift_{k}" for k in range(1, self.order + 1))
+
+    def stiffness_s(self, duration_s: float) -> float | None:
+        """Shortest period this drift can follow: two extremes a piece; None without drift."""
+        if self.knots_s:
+            return 2 * duration_s / max(1, nearest_whole(duration_s / self.knots_s))
+        return 2 * duration_s / self.order if self.order else None
+
+
+@dataclass(frozen=True, eq=False)
+class Channels:
+    """Samples of one log; rad, s.
+
+    **Arguments**
+    - `driving`: φ₁ at the instant the driven reading stands for, t − `delay_s`.
+    - `driven`: φ₂ as read.
+    - `error`: flank → φ₂ − i φ₁ less `level`, less the effect of a logged axial position.
+    - `own`: name → values of the log's own columns, the offset left out.
+    - `weight`: of every sample; None where all count alike.
+    - `pull`: what was taken off `error` to bound the influence of far samples; None for nothing.
+    - `level`: rad; see `level_of`.
+    """
+
+    log: EncoderLog
+    time: Samples
+    driving: Samples
+    driven: Samples
+    error: dict[Flank, Samples]
+    own: dict[str, Samples]
+    delay_s: float = 0.0
+    weight: Samples | None = None
+    sample_s: float = 0.0
+    pull: Samples | None = None
+    level: float = 0.0
+
+
+def level_of(log: EncoderLog) -> float:
+    """Whole degrees, in rad, about which the transmission error of a log lies.
+
+    Between encoders of which one reads any angle where the other reads zero it lies radians off,
+    and its noise is microradians: squared together, the constant takes the digits of the noise, and
+    the solver's first step spreads it over eccentricities of metres. So it is taken off before any
+    product is formed, and added to the offset again. Where the zero is common it is 0.
+    """
+    error = log.transmission_error
+    return float(np.rint(np.median(error[:: max(1, len(error) // _LEVELLED)]) / DEG)) * DEG
+
+
+def read_channels(
+    log: EncoderLog,
+    pair: GearPair | Drive,
+    regressors: Sequence[str],
+    drift: Drift,
+    delay_s: float = 0.0,
+    weight: Samples | None = None,
+    pull: Samples | None = None,
+) -> Channels:
+    """Shift the driving angle to t − `delay_s` and work out the columns of `regressors`.
+
+    **Raises** `UsageError` for a torque the log does not hold.
+    """
+    driving = shifted(log, delay_s)
+    ratio = float(log.ratio)
+    level = level_of(log)
+    error = (log.transmission_error - level) + ratio * (log.driving_angle - driving)
+    if pull is not None:
+        error = error - pull
+    own = _drift_columns(log.time, drift)
+    for name in regressors:
+        if name == "torque":
+            own |= _torque_columns(log)
+        else:
+            own[name] = _COLUMNS[name](log, driving, ratio)
+    correction = _axial_correction(log, pair)
+    flanks: tuple[Flank, ...] = ("A", "B")
+    return Channels(
+        log,
+        log.time,
+        driving,
+        log.driven_angle,
+        {flank: error - correction.get(flank, 0.0) for flank in flanks},
+        own,
+        delay_s,
+        weight,
+        float(np.median(np.diff(log.time))),
+        pull,
+        level,
+    )
+
+
+def shifted(log: EncoderLog, delay_s: float) -> Samples:
+    """φ₁ at t − `delay_s`, by a cubic through the samples beside it that are no spikes."""
+    if delay_s == 0:
+        return log.driving.steady_angle(log.time)
+    time, first = np.unique(log.time, return_index=True)
+    if log.driving.spikes is not None:
+        good = ~log.driving.spikes[first]
+        time, first = time[good], first[good]
+    angle = log.driving_angle[first]
+    slope = np.gradient(angle, time)
+    inside = np.clip(log.time - delay_s, time[0], time[-1])
+    return np.asarray(CubicHermiteSpline(time, angle, slope)(inside))
+
+
+def trimmed(segment: Segment, channels: Channels) -> Segment:
+    """The segment without the samples whose shifted instant lies before or behind it."""
+    lost = whole_above(abs(channels.delay_s) / channels.sample_s) if channels.delay_s else 0
+    start = segment.start + (lost if channels.delay_s > 0 else 0)
+    stop = segment.stop - (lost if channels.delay_s < 0 else 0)
+    return Segment(start, max(start, stop), segment.flank, segment.speed)
+
+
+def _drift_columns(time: Samples, drift: Drift) -> dict[str, Samples]:
+    origin, half = (time[0] + time[-1]) / 2, (time[-1] - time[0]) / 2
+    names = drift.names(2 * half)
+    if not drift.knots_s:
+        scaled = (time - origin) / half
+        return {name: scaled**power for power, name in enumerate(names, 1)}
+    pieces = len(names) - 2
+    inner = np.linspace(time[0], time[-1], pieces + 1)
+    step = (time[-1] - time[0]) / pieces
+    knots = np.concatenate(
+        [inner[0] - step * np.arange(3, 0, -1), inner, inner[-1] + step * np.arange(1, 4)]
+    )
+    basis = BSpline.design_matrix(time, knots, 3).toarray()
+    # The basis sums to one, which is the offset: one of it would be counted twice.
+    return {name: basis[:, k + 1] for k, name in enumerate(names)}
+
+
+def _axial_correction(log: EncoderLog, pair: GearPair | Drive) -> dict[str, Samples]:
+    """What a logged axial position s adds to each flank: + s tan β_L/R₂ and − s tan β_R/R₂."""
+    if log.axial_mm is None or isinstance(pair, Drive):
+        return {}
+    (left, right), radius = pair.taper, pair.reference_radii[1]
+    return {"A": log.axial_mm * left / radius, "B": -log.axial_mm * right / radius}
+
+
+def _speed(log: EncoderLog, driving: Samples) -> Samples:
+    """ω₁, rad/s, as logged or by differences over as few samples as the counts allow."""
+    if log.speed is not None:
+        return log.speed
+    return smooth_speed(log.time, driving, log.driving.resolution).value
+
+
+def _delay(log: EncoderLog, driving: Samples, ratio: float) -> Samples:
+    """−ω₂: what a late driven channel adds for every second of delay."""
+    return -ratio * smooth_speed(log.time, driving, log.driving.resolution).value
+
+
+def _driven_speed(log: EncoderLog, driving: Samples, ratio: float) -> Samples:
+    return ratio * _speed(log, driving)
+
+
+def _driven_acceleration(log: EncoderLog, driving: Samples, ratio: float) -> Samples:
+    if log.acceleration is not None:
+        return ratio * log.acceleration
+    smooth = smooth_speed(log.time, driving, log.driving.resolution)
+    half = max(1, smooth.window // 2)
+    place = np.arange(len(log.time))
+    low, high = np.maximum(place - half, 0), np.minimum(place + half, len(place) - 1)
+    elapsed = log.time[high] - log.time[low]
+    usual = np.median(elapsed)
+    return ratio * (smooth.value[high] - smooth.value[low]) / np.maximum(elapsed, 1e-3 * usual)
+
+
+def _torque_columns(log: EncoderLog) -> dict[str, Samples]:
+    """The torque averaged over every window that has three samples and a twentieth of the log."""
+    if log.torque is None:
+        raise UsageError(
+            "the torque is asked for, but the log has no torque column; name it with --column"
+            " torque=NAME or in [log].",
+            where=log.source,
+        )
+    columns = {}
+    interval, duration = np.median(np.diff(log.time)), np.ptp(log.time)
+    for number, window_s in enumerate(TORQUE_WINDOWS_S):
+        samples = nearest_whole(window_s / interval)
+        if window_s == 0 or (samples >= 3 and window_s <= duration / 20):
+            smooth = uniform_filter1d(log.torque, max(samples, 1), mode="nearest")
+            columns[torque_column(number)] = smooth
+    return columns
+
+
+def _ratio(log: EncoderLog, driving: Samples, ratio: float) -> Samples:
+    return driving - driving.mean()
+
+
+_COLUMNS: dict[str, Callable[[EncoderLog, Samples, float], Samples]] = {
+    "delay": _delay,
+    "ratio": _ratio,
+    "acceleration": _driven_acceleration,
+    "speed": _driven_speed,
+}

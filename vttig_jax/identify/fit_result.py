@@ -1,0 +1,310 @@
+"""The result of a fit: parameters, orders, checks, flank model, and its report."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from ..base.errors import NoAnswerError
+from ..base.files.text_tables import key_values, text_table
+from ..base.units import ARCSEC, DEG, REV
+from ..kinematics.harmonic import OrderModel
+from ..kinematics.te_curve import TECurve
+from ..pair.eccentricities import Eccentricities
+from ..pair.gear_pair import Drive, GearPair
+from .evidence import Evidence
+from .noise.noise_model import NoiseModel
+from .report.check_sentences import check_sentences
+from .report.order_table import Order
+from .report.parameters import Outcome, Parameter
+
+
+@dataclass(frozen=True)
+class Fit:
+    """What a log says about a gear pair or drive.
+
+    **Arguments**
+    - `parameters`: every name of the contract → `Parameter`.
+    - `orders`: every fitted harmonic, flank by flank.
+    - `model`: the order-complete flank model, absolute, as measured (encoder errors included).
+    - `curves`: block-averaged transmission error, one a certain run; `residuals` beside them, rad.
+    - `noise`, `residual_rms_deg`: of block means, and of single samples.
+    - `covariance`, `covariance_names`: of the Cartesian parameters, mm and rad.
+    - `checks`: closure, reversal jumps, order amplitudes, ratio, drift; the search for lines and
+      the comparisons inside the log are carried out when they are first read.
+    - `notes`: sentences on what was left out and why.
+    - `regressors`: coefficients of torque, acceleration, speed and ratio that were fitted.
+    - `logs`: file, digest, zero and samples of every log.
+    - `evidence`: the compressed logs; what `sample` works on.
+    """
+
+    pair: GearPair | Drive
+    source: str
+    sha256: str
+    outcome: Outcome
+    flanks: tuple[str, ...]
+    samples: dict[str, int]
+    zero: str
+    zero_readings: dict[str, float | int | None]
+    conditional_on: tuple[str, ...]
+    parameters: dict[str, Parameter]
+    orders: tuple[Order, ...]
+    model: OrderModel
+    noise: NoiseModel
+    residual_rms_deg: float
+    curves: tuple[TECurve, ...]
+    residuals: tuple[Float[np.ndarray, " _"], ...]
+    covariance: Float[np.ndarray, "p p"]
+    covariance_names: tuple[str, ...]
+    values: Float[np.ndarray, " p"]
+    checks: Mapping[str, Any]
+    notes: tuple[str, ...]
+    regressors: tuple[Parameter, ...] = ()
+    logs: tuple[dict, ...] = ()
+    evidence: Evidence | None = None
+
+    def value(self, name: str) -> float:
+        """Value of a parameter; NaN where it has none."""
+        value = self.parameters[name].value
+        return float("nan") if value is None else value
+
+    def eccentricities(self, constant_backlash_deg: float | None = None) -> Eccentricities:
+        """The fitted rig; amplitudes that are undetermined count as zero.
+
+        `constant_backlash_deg` replaces the fitted value.
+        """
+        cartesian = dict(zip(self.covariance_names, self.values, strict=True))
+        driving, driven = (
+            complex(cartesian[f"{shaft}_x"], cartesian[f"{shaft}_y"])
+            if self.parameters[f"{shaft}_eccentricity_mm"].determined
+            else 0.0
+            for shaft in ("driving", "driven")
+        )
+        if constant_backlash_deg is None:
+            constant_backlash_deg = cartesian.get("constant_backlash", 0.0) / DEG
+        return Eccentricities(
+            abs(driving),
+            np.angle(driving, deg=True),
+            abs(driven),
+            np.angle(driven, deg=True),
+            constant_backlash_deg,
+        )
+
+    def to_json(self) -> dict:
+        """The object of schema `vttig.fit/1`."""
+        return {
+            "schema": "vttig.fit/1",
+            "outcome": self.outcome,
+            "source": self.source,
+            "sha256": self.sha256,
+            "pair": self.pair.name,
+            "flanks": list(self.flanks),
+            "samples": self.samples,
+            "zero": self.zero,
+            "zero_readings": self.zero_readings,
+            "conditional_on": list(self.conditional_on),
+            "noise": self.noise.to_json(),
+            "residual_rms_deg": self.residual_rms_deg,
+            "parameters": {name: p.to_json() for name, p in self.parameters.items()},
+            "regressors": {p.name: p.to_json() for p in self.regressors},
+            "orders": [order.to_json() for order in self.orders],
+            "logs": list(self.logs),
+            "checks": dict(self.checks),
+            "notes": list(self.notes),
+        }
+
+    def __str__(self) -> str:
+        return fit_text(self)
+
+
+def require_rig(fit: Fit) -> None:
+    """Refuse a fit that leaves open which rig it is, for a simulation.
+
+    **Raises** `NoAnswerError` for a drive without gears, and without a constant backlash.
+    """
+    if isinstance(fit.pair, Drive):
+        raise NoAnswerError(
+            "a drive without gear geometry has no eccentricities to simulate; give [pair].",
+            where=fit.source,
+        )
+    gap = fit.parameters["constant_backlash_deg"]
+    if not gap.determined:
+        raise NoAnswerError(
+            f"the constant backlash is undetermined ({gap.reason}), so that there is no gap to"
+            " simulate; record both directions.",
+            where=fit.source,
+        )
+
+
+_CLEAR, _MOST_ORDERS = 4.0, 8
+"""Standard errors from which a further order is printed, and how many of them."""
+
+_UNKNOWN_DEG = 60.0
+"""Standard error from which a start angle is called unknown."""
+
+_ZEROS = {"start": "the first sample", "reading": "where the channel reads zero"}
+
+
+def fit_text(fit: "Fit") -> str:
+    """All a reader needs, from the log to the notes."""
+    shown = [p for p in (*fit.parameters.values(), *fit.regressors) if p.determined]
+    rms = fit.residual_rms_deg
+    head = key_values(
+        [
+            *(("log", one["source"]) for one in fit.logs[1:] and fit.logs),
+            *([] if fit.logs[1:] else [("log", fit.source)]),
+            ("outcome", fit.outcome.replace("_", " ")),
+            ("flanks", " and ".join(fit.flanks)),
+            ("samples", _samples(fit.samples)),
+            ("zero of both angles", _ZEROS[fit.zero]),
+            *_starts(fit.logs),
+            ("residual", f"{rms:.5f}° rms ({rms * DEG / ARCSEC:.2f}″)"),
+            *_noise(fit.noise),
+            ("drift", _drift(fit.checks)),
+        ],
+        title=fit.pair.name or "fit",
+    )
+    table = text_table(
+        [_row(p) for p in shown], ["parameter", "value", "std", "95 % interval", "unit"]
+    )
+    parts = [head, table, *_orders(fit.orders)]
+    if fit.conditional_on:
+        parts.append("conditional on: " + ", ".join(fit.conditional_on).replace("_", " "))
+    parts += _listed("undetermined", _open_reasons(fit))
+    sentences = check_sentences(
+        fit.checks,
+        several_logs=len(fit.logs) > 1,
+        has_noise=not fit.noise.is_rounding,
+        gap_determined=fit.parameters["constant_backlash_deg"].determined,
+    )
+    parts += _listed("checks", sentences)
+    parts += _listed("notes", list(fit.notes))
+    return "\n\n".join(parts)
+
+
+def _open_reasons(fit: "Fit") -> list[str]:
+    """Undetermined parameters, those of one reason together."""
+    together: dict[str, list[str]] = {}
+    for parameter in (*fit.parameters.values(), *fit.regressors):
+        if not parameter.determined:
+            together.setdefault(parameter.reason or "", []).append(parameter.name)
+    return [f"{', '.join(names)}: {reason}" for reason, names in together.items()]
+
+
+def _noise(noise: NoiseModel) -> list[tuple[str, str]]:
+    """The noise of the rows, or that of every speed."""
+    if noise.plateaus:
+        return [
+            (f"noise at {speed * 60 / REV:.4g} rpm", _one_noise(own))
+            for speed, own in noise.plateaus
+        ]
+    return [("noise", _one_noise(noise))]
+
+
+def _one_noise(noise: NoiseModel) -> str:
+    if noise.is_rounding:
+        return "none: what is left is below a millionth of the transmission error"
+    model = noise.name
+    if noise.choice.stationary_in == "angle":
+        model += ", stationary in angle,"
+    memory = "" if noise.choice.kind == "white" else f", {_memory(noise)}"
+    slow = "; by moments: the model misses slow structure" if noise.by == "moments" else ""
+    return f"{model} of blocks of {_duration(noise.block_s)}{memory}{slow}"
+
+
+def _memory(noise: NoiseModel) -> str:
+    if noise.correlation_s < noise.block_s:
+        return "correlated over less than a block"
+    return f"correlation time {_duration(noise.correlation_s)}"
+
+
+def _orders(orders: tuple[Order, ...]) -> list[str]:
+    """Higher orders that stand out, the largest first, with both flanks beside each other."""
+    found: dict[tuple[str, int], dict[str, Order]] = {}
+    for one in orders:
+        if one.order > 1 or one.shaft == "mesh":
+            found.setdefault((one.shaft, one.order), {})[one.flank] = one
+    clear = [
+        (name, flanks)
+        for name, flanks in found.items()
+        if any(o.amplitude_arcsec > _CLEAR * o.std_arcsec for o in flanks.values())
+    ]
+    clear.sort(key=lambda item: -max(o.amplitude_arcsec for o in item[1].values()))
+    if not clear:
+        return []
+    rows = [
+        [f"{shaft} {order}", *(_amplitude(flanks.get(flank)) for flank in ("A", "B"))]
+        for (shaft, order), flanks in clear[:_MOST_ORDERS]
+    ]
+    table = text_table(rows, ["further orders", "flank A [″]", "flank B [″]"])
+    left = len(clear) - _MOST_ORDERS
+    return [table + (f"\n… and {left} more in fit.json" if left > 0 else "")]
+
+
+def _amplitude(order: Order | None) -> str:
+    return "" if order is None else f"{order.amplitude_arcsec:.3g} ± {order.std_arcsec:.2g}"
+
+
+def _starts(logs: tuple[dict, ...]) -> list[tuple[str, str]]:
+    """Start angles of further logs that have their own."""
+    return [
+        (
+            f"start of log {number}",
+            ", ".join(_start(shaft, one["start"]) for shaft in ("driving", "driven")),
+        )
+        for number, one in enumerate(logs[1:], 2)
+        if one["start"]["driving_std_deg"] > 0
+    ]
+
+
+def _start(shaft: str, start: dict) -> str:
+    value, std = start[f"{shaft}_deg"], start[f"{shaft}_std_deg"]
+    return f"{shaft} {value:.3f}° ± {std:.2g}°" if 0 < std < _UNKNOWN_DEG else f"{shaft} unknown"
+
+
+def _samples(samples: dict[str, int]) -> str:
+    return (
+        f"{samples['read']} read, {samples['used']} used ({samples['forward']} forward,"
+        f" {samples['backward']} backward)"
+    )
+
+
+def _listed(title: str, lines: list[str]) -> list[str]:
+    return ["\n".join([f"{title}:", *(f"  {line}" for line in lines)])] if lines else []
+
+
+def _duration(seconds: float) -> str:
+    return f"{seconds:.3g} s" if seconds >= 1 else f"{1e3 * seconds:.3g} ms"
+
+
+def _drift(checks: Mapping[str, Any]) -> str:
+    if knots_s := checks.get("drift_knots_s"):
+        what = f"cubic spline with knots every {_duration(knots_s)}"
+    elif checks["drift_order"]:
+        what = f"power {checks['drift_order']} of time"
+    else:
+        return "none"
+    stiffness = checks.get("drift_stiffness_s")
+    return what + (f", follows nothing faster than {_duration(stiffness)}" if stiffness else "")
+
+
+def _row(parameter: Parameter) -> list[str]:
+    p = parameter
+    if p.value is None:
+        return [p.name, "—", "", "", p.unit]
+    places = _places(p.std or 0.0, p.value)
+    number = lambda x: f"{x:.{places}f}"  # noqa: E731
+    if p.upper95 is not None:
+        return [p.name, f"< {number(p.upper95)}", number(p.std), "upper limit", p.unit]
+    span = f"{number(p.low95)} … {number(p.high95)}"
+    unlike = " (as given)" if p.name == "ratio" else " (not significant)"
+    mark = "" if p.significant else unlike
+    return [p.name, number(p.value) + mark, number(p.std), span, p.unit]
+
+
+def _places(std: float, value: float) -> int:
+    """Decimals that show two digits of the standard error."""
+    size = std if std > 0 else abs(value) * 1e-6
+    return 3 if size == 0 else int(np.clip(1 - np.floor(np.log10(size)), 0, 12))

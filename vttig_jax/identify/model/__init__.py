@@ -1,0 +1,1 @@
+"""The model of a fit: harmonics, columns, and the forward model of the pair."""

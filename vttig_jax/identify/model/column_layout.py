@@ -1,0 +1,104 @@
+"""Columns of a block row: free harmonics, what is each log's own, tied harmonics, y."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from ...kinematics.harmonic import Term
+from ..settings import REGRESSORS
+
+PER_RIG = ("delay", "ratio", *REGRESSORS)
+"""Own columns of which all logs of a rig share the coefficient."""
+
+
+OFFSET = "offset"
+"""First of a log's own columns: ones."""
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Layout [free | own columns of log 1 | of log 2 | … | tied | y] of the rows of a fit.
+
+    **Arguments**
+    - `free`, `tied`: orders (n₁, n₂) of the harmonics, a cosine and a sine column each.
+    - `own`: names of the columns that belong to one log, "offset" first; zero in all other logs.
+    """
+
+    free: tuple[Term, ...]
+    tied: tuple[Term, ...]
+    own: tuple[tuple[str, ...], ...] = ((OFFSET,),)
+
+    @property
+    def width(self) -> int:
+        """Number of columns, y included."""
+        return self.free_width + self.own_width + 2 * len(self.tied) + 1
+
+    @property
+    def free_width(self) -> int:
+        """Number of columns of free harmonics."""
+        return 2 * len(self.free)
+
+    @property
+    def own_width(self) -> int:
+        """Number of own columns of all logs."""
+        return sum(map(len, self.own))
+
+    @property
+    def names(self) -> list[tuple[str, int]]:
+        """(name, log) of every own column, in order."""
+        return [(name, log) for log, own in enumerate(self.own) for name in own]
+
+    @property
+    def own_slice(self) -> slice:
+        """Where the own columns are."""
+        return slice(self.free_width, self.free_width + self.own_width)
+
+    def index(self, name: str, log: int = 0) -> int:
+        """Place of an own column of a log."""
+        return self.free_width + self.names.index((name, log))
+
+    def cosine(self, position: int) -> int:
+        """Place of the cosine of harmonic `position` of (free, tied); its sine is the next one."""
+        return 2 * position + (0 if position < len(self.free) else self.own_width)
+
+    def of_log(self, log: int) -> "Columns":
+        """The layout of the rows of one log alone."""
+        return Columns(self.free, self.tied, (self.own[log],))
+
+    def embedding(self, log: int) -> Float[np.ndarray, "wide narrow"]:
+        """Matrix that puts a row of one log alone into this layout."""
+        narrow = self.of_log(log)
+        matrix = np.zeros((self.width, narrow.width))
+        places = [
+            *range(self.free_width),
+            *(self.index(name, log) for name in self.own[log]),
+            *range(self.own_slice.stop, self.width),
+        ]
+        matrix[places, np.arange(narrow.width)] = 1.0
+        return matrix
+
+
+def is_shared(name: str) -> bool:
+    """True for an own column whose coefficient all logs of a rig share."""
+    return name.split("_")[0] in PER_RIG
+
+
+def own_parameters(
+    columns: Columns,
+) -> tuple[tuple[str, ...], Float[np.ndarray, "own p"]]:
+    """Coefficients of the own columns other than offsets, and which column has which.
+
+    A coefficient that all logs share has the name of its columns, another one the number of its log
+    behind it where there are several.
+    """
+    several = len(columns.own) > 1
+    entries = [entry for entry in columns.names if entry[0] != OFFSET]
+    labels = [
+        f"{name}_of_{log + 1}" if several and not is_shared(name) else name for name, log in entries
+    ]
+    names = tuple(dict.fromkeys(labels))
+    matrix = np.zeros((len(entries), len(names)))
+    for row, label in enumerate(labels):
+        matrix[row, names.index(label)] = 1.0
+    return names, matrix

@@ -1,0 +1,248 @@
+"""From physical parameters to the harmonics a log shows: what ties the first orders together."""
+
+from abc import abstractmethod
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ...base.arrays import Numbers
+from ...kinematics.exact import ExactModel
+from ...pair.gear_pair import Drive, Flank, GearPair
+from .column_layout import OFFSET, Columns, own_parameters
+from .harmonics import SECOND_ORDER, TermPlan
+
+_FIRST = ((1, 0), (0, 1))
+
+_GRID = 8
+"""Points a turn on the torus of both shaft angles: exact for orders below 4, e⁶ alias."""
+
+
+class Relation(eqx.Module):
+    """Coefficients of the tied columns (own and tied of every flank) as a function of parameters.
+
+    Parameters are a flat vector named by `names`: lengths in mm, angles in rad, eccentricities and
+    encoder errors in Cartesian form (x + jy = amplitude · exp(j phase)). Those in front are linear:
+    coefficients = `linear` · parameters + what a subclass adds.
+    """
+
+    names: eqx.AbstractVar[tuple[str, ...]]
+    linear: eqx.AbstractVar[Float[Numbers, "p flanks tied"]]
+
+    @abstractmethod
+    def coefficients(self, parameters: Float[Array, " p"]) -> Float[Array, "flanks tied"]:
+        """Tied coefficients of every measured flank, rad."""
+
+    def linear_part(self, parameters: Float[Array, " p"]) -> Float[Array, "flanks tied"]:
+        """Offsets, drift, delay, regressors, and everything else that only scales a column."""
+        return jnp.einsum("p,pft->ft", parameters[: self.linear.shape[0]], self.linear)
+
+
+class PairRelation(Relation):
+    """Two eccentric gears through the exact relation, and encoders that are off centre.
+
+    The relation is evaluated where it is explicit, on a grid of both shaft angles, and projected on
+    the tied harmonics. Encoder errors add + E₂ sin(φ₂ + ε₂) − i E₁ sin(φ₁ + ε₁) on both flanks.
+    """
+
+    names: tuple[str, ...] = eqx.field(static=True)
+    flanks: tuple[Flank, ...] = eqx.field(static=True)
+    linear: Float[Numbers, "p flanks tied"]
+    ratio: Float[Numbers, ""]
+    centre_distance: Float[Numbers, ""]
+    base_sum: Float[Numbers, "2"]
+    basis: Float[Numbers, "tied grid"]
+
+    def coefficients(self, parameters: Float[Array, " p"]) -> Float[Array, "flanks tied"]:
+        """Tied coefficients of every measured flank, rad."""
+        value = dict(zip(self.names, parameters, strict=True))
+        zero = jnp.zeros(())
+        get = lambda name: value.get(name, zero)  # noqa: E731
+        model = ExactModel(
+            ratio=jnp.asarray(self.ratio),
+            centre_distance=jnp.asarray(self.centre_distance),
+            base_sum=self.base_sum,
+            driving_offset=get("driving_x") + 1j * get("driving_y"),
+            driven_offset=get("driven_x") + 1j * get("driven_y"),
+            offset=jnp.zeros(2),
+        )
+        driving, driven = (jnp.asarray(angle) for angle in torus())
+        sides = np.array(["AB".index(flank) for flank in self.flanks])
+        senses = np.where(sides == 0, 1.0, -1.0)[:, None]
+        turned = model.turned(driving, driven, self.base_sum[sides][:, None], senses)
+        return turned @ self.basis.T + self.linear_part(parameters)
+
+
+class LinearRelation(Relation):
+    """Every parameter scales a column: a drive without geometry, or encoders on perfect gears."""
+
+    names: tuple[str, ...] = eqx.field(static=True)
+    linear: Float[Numbers, "p flanks tied"]
+
+    def coefficients(self, parameters: Float[Array, " p"]) -> Float[Array, "flanks tied"]:
+        """Tied coefficients of every measured flank, rad."""
+        return self.linear_part(parameters)
+
+
+def relation_of(
+    pair: GearPair | Drive,
+    terms: TermPlan,
+    columns: Columns,
+    flanks: tuple[Flank, ...],
+    *,
+    encoder_terms: bool,
+    gear_terms: bool,
+) -> Relation:
+    """The relation of a pair or drive: gears, encoders, or both."""
+    if not gear_terms:
+        return encoder_relation(terms, columns, flanks, float(pair.ratio))
+    if isinstance(pair, Drive):
+        return drive_relation(terms, columns, flanks)
+    return pair_relation(pair, terms, columns, flanks, encoder_terms=encoder_terms)
+
+
+def pair_relation(
+    pair: GearPair,
+    terms: TermPlan,
+    columns: Columns,
+    flanks: tuple[Flank, ...],
+    *,
+    encoder_terms: bool,
+) -> PairRelation:
+    """Relation of a gear pair; parameters of a shaft whose first order is not tied are left out."""
+    names, linear = _common(columns, flanks)
+    ratio = float(pair.ratio)
+    if encoder_terms:
+        _add_encoders(names, linear, terms, columns, len(flanks), ratio)
+    gears = tuple(f"{shaft}_{axis}" for shaft in _tied_shafts(terms) for axis in "xy")
+    return PairRelation(
+        names=(*names, *gears),
+        flanks=flanks,
+        linear=np.stack(linear),
+        ratio=np.asarray(ratio),
+        centre_distance=np.asarray(pair.centre_distance_mm),
+        base_sum=np.asarray(pair.base_radii.sum(axis=0)),
+        basis=_projection(terms, columns),
+    )
+
+
+def drive_relation(terms: TermPlan, columns: Columns, flanks: tuple[Flank, ...]) -> LinearRelation:
+    """First orders of a drive without geometry: a part common to both flanks and one that differs.
+
+    The common part is what the amplitudes of a drive state; half the difference is added on flank B
+    and taken away on flank A, so that it is the variable backlash.
+    """
+    names, linear = _common(columns, flanks)
+    halves = np.array([-0.5 if flank == "A" else 0.5 for flank in flanks])
+    kinds = {"": np.ones(len(flanks))}
+    if len(flanks) == 2:
+        kinds["_difference"] = halves
+    first = _first_order_columns(terms, columns)
+    for kind, sides in kinds.items():
+        for shaft in _tied_shafts(terms):
+            cosine, sine = first[shaft]
+            names += [f"{shaft}_x{kind}", f"{shaft}_y{kind}"]
+            linear += [np.outer(sides, column) for column in (sine, cosine)]
+    return LinearRelation(names=tuple(names), linear=np.stack(linear))
+
+
+def encoder_relation(
+    terms: TermPlan, columns: Columns, flanks: tuple[Flank, ...], ratio: float
+) -> LinearRelation:
+    """First orders of two encoders on perfect gears, the same on both flanks."""
+    names, linear = _common(columns, flanks)
+    _add_encoders(names, linear, terms, columns, len(flanks), ratio)
+    return LinearRelation(names=tuple(names), linear=np.stack(linear))
+
+
+def torus() -> tuple[Float[np.ndarray, " grid"], Float[np.ndarray, " grid"]]:
+    """Driving and driven angles of the grid the exact relation is sampled on."""
+    angles = 2 * np.pi * np.arange(_GRID) / _GRID
+    driving, driven = np.meshgrid(angles, angles, indexing="ij")
+    return driving.ravel(), driven.ravel()
+
+
+def _common(
+    columns: Columns, flanks: tuple[Flank, ...]
+) -> tuple[list[str], list[Float[np.ndarray, "flanks tied"]]]:
+    """Offsets, the constant backlash and the other own columns: names, and where each one goes."""
+    width = columns.own_width + 2 * len(columns.tied)
+    several = len(columns.own) > 1
+    names: list[str] = []
+    linear: list[np.ndarray] = []
+    constant = np.zeros(width)
+    for place, (name, log) in enumerate(columns.names):
+        if name == OFFSET:
+            constant[place] = 1.0
+            names.append(f"{OFFSET}_of_{log + 1}" if several else OFFSET)
+            linear.append(np.stack([np.eye(width)[place]] * len(flanks)))
+    if len(flanks) == 2:
+        names.append("constant_backlash")
+        linear.append(np.stack([constant if flank == "B" else 0 * constant for flank in flanks]))
+    own, matrix = own_parameters(columns)
+    rows = [k for k, (name, _) in enumerate(columns.names) if name != OFFSET]
+    for column, name in enumerate(own):
+        spread = np.zeros(width)
+        spread[rows] = matrix[:, column]
+        names.append(name)
+        linear.append(np.stack([spread] * len(flanks)))
+    return names, linear
+
+
+def _add_encoders(
+    names: list[str],
+    linear: list[Float[np.ndarray, "flanks tied"]],
+    terms: TermPlan,
+    columns: Columns,
+    flanks: int,
+    ratio: float,
+) -> None:
+    """Append E₂ sin(φ₂ + ε₂) = E₂ₓ sin φ₂ + E₂ᵧ cos φ₂, and the driving one times −i."""
+    first = _first_order_columns(terms, columns)
+    for shaft in _tied_shafts(terms):
+        gain = -ratio if shaft == "driving" else 1.0
+        cosine, sine = first[shaft]
+        names += [f"{shaft}_encoder_x", f"{shaft}_encoder_y"]
+        linear += [np.stack([gain * column] * flanks) for column in (sine, cosine)]
+
+
+def _tied_shafts(terms: TermPlan) -> list[str]:
+    return [h.shaft for h in terms.tied if h.term in _FIRST]
+
+
+def _first_order_columns(
+    terms: TermPlan, columns: Columns
+) -> dict[str, tuple[Float[np.ndarray, " tied"], Float[np.ndarray, " tied"]]]:
+    """Shaft → unit vectors of the cosine and the sine of its first order among tied columns."""
+    unit = np.eye(columns.own_width + 2 * len(columns.tied))
+    places = {
+        harmonic.shaft: columns.own_width + 2 * index
+        for index, harmonic in enumerate(terms.tied)
+        if harmonic.term in _FIRST
+    }
+    return {shaft: (unit[place], unit[place + 1]) for shaft, place in places.items()}
+
+
+def _projection(terms: TermPlan, columns: Columns) -> Float[np.ndarray, "tied grid"]:
+    """Matrix from values on the torus to tied coefficients.
+
+    The mean goes to the offset of every log, a harmonic to the tied column of the same frequency:
+    where the tooth counts let two of them coincide, the log cannot tell them apart either.
+    """
+    driving, driven = torus()
+    points = len(driving)
+    matrix = np.zeros((columns.own_width + 2 * len(columns.tied), points))
+    for place, (name, _) in enumerate(columns.names):
+        if name == OFFSET:
+            matrix[place] = 1.0 / points
+    signed = lambda term: term[0] + term[1] * terms.ratio  # noqa: E731
+    for term in (*_FIRST, *SECOND_ORDER):
+        phase = term[0] * driving + term[1] * driven
+        for index, harmonic in enumerate(terms.tied):
+            if terms.frequency(term) == terms.frequency(harmonic.term) != 0:
+                sense = 1.0 if signed(term) == signed(harmonic.term) else -1.0
+                place = columns.own_width + 2 * index
+                matrix[place] += 2 / points * np.cos(phase)
+                matrix[place + 1] += sense * 2 / points * np.sin(phase)
+    return matrix

@@ -1,0 +1,93 @@
+"""Which harmonics a fit models: the orders of both shafts and of the mesh, each frequency once."""
+
+from dataclasses import dataclass
+from fractions import Fraction
+
+from ...kinematics.harmonic import Term
+
+SECOND_ORDER: tuple[Term, ...] = ((2, 0), (0, 2), (1, 1), (1, -1))
+"""What two eccentricities excite together: the exact relation has e² there."""
+
+
+@dataclass(frozen=True)
+class Harmonic:
+    """One harmonic of the transmission error with the name people know it by."""
+
+    shaft: str
+    order: int
+    term: Term
+
+    @property
+    def name(self) -> str:
+        """For example "driving order 3"."""
+        return f"{self.shaft} order {self.order}"
+
+
+@dataclass(frozen=True)
+class TermPlan:
+    """The harmonics of a fit, in the order of the columns of its summary.
+
+    **Arguments**
+    - `ratio`: i, the driven over the driving speed.
+    - `free`: harmonics with a coefficient of their own on each flank.
+    - `tied`: harmonics that follow from the physical parameters alone: both first orders and the
+      second-order ones of the exact relation that are not free.
+    - `dropped`: sentences on orders left out because another one has the same frequency.
+    """
+
+    ratio: Fraction
+    free: tuple[Harmonic, ...]
+    tied: tuple[Harmonic, ...]
+    dropped: tuple[str, ...]
+
+    @property
+    def terms(self) -> tuple[Term, ...]:
+        """(n₁, n₂) of every harmonic, free ones first."""
+        return tuple(h.term for h in self.free + self.tied)
+
+    def frequency(self, term: Term) -> Fraction:
+        """Cycles per driving revolution, |n₁ + n₂ i|."""
+        return abs(term[0] + term[1] * self.ratio)
+
+
+def plan_terms(
+    ratio: Fraction,
+    driving_orders: tuple[int, ...],
+    driven_orders: tuple[int, ...],
+    mesh_orders: int,
+    driving_teeth: int | None,
+) -> TermPlan:
+    """Name the harmonics of a fit and drop those whose frequency another one already has.
+
+    First orders are tied to the physical parameters where they are listed; with tooth counts the
+    second-order terms of the exact relation are tied as well. `driving_teeth` is None for a drive,
+    which has no tooth-mesh order.
+    """
+    mesh = range(1, mesh_orders + 1) if driving_teeth else ()
+    wanted = [Harmonic("driving", k, (k, 0)) for k in sorted(set(driving_orders))]
+    wanted += [Harmonic("driven", k, (0, k)) for k in sorted(set(driven_orders))]
+    wanted += [Harmonic("mesh", k, (k * (driving_teeth or 0), 0)) for k in mesh]
+    wanted.sort(key=lambda h: h.term not in ((1, 0), (0, 1)))
+    kept: dict[Fraction, Harmonic] = {}
+    dropped = []
+    for harmonic in wanted:
+        frequency = abs(harmonic.term[0] + harmonic.term[1] * ratio)
+        if other := kept.get(frequency):
+            dropped.append(
+                f"{harmonic.name} and {other.name} are the same frequency"
+                f" ({frequency} per driving revolution); {other.name} stands for both."
+            )
+        else:
+            kept[frequency] = harmonic
+    free = tuple(h for h in kept.values() if h.term not in ((1, 0), (0, 1)))
+    tied = tuple(h for h in kept.values() if h.term in ((1, 0), (0, 1)))
+    if driving_teeth:
+        shafts = {h.term for h in tied}
+        absent = [k for k, first in enumerate([(1, 0), (0, 1)]) if first not in shafts]
+        for term in SECOND_ORDER:
+            frequency = abs(term[0] + term[1] * ratio)
+            if frequency in kept or frequency == 0 or any(term[k] for k in absent):
+                continue
+            kept[frequency] = Harmonic("both", 2, term)
+            tied += (kept[frequency],)
+    return TermPlan(ratio, free, tied, tuple(dropped))

@@ -1,0 +1,144 @@
+"""What a log can fix: which flanks and which shafts it covers, and why the rest is left out."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ...base.errors import NoAnswerError
+from ...base.units import REV
+from ...logs.encoder_log import EncoderLog
+from ...logs.motion.segments import Segment
+from ...pair.gear_pair import Drive, Flank, GearPair
+from ...pair.schema import FitOptions
+from .harmonics import TermPlan, plan_terms
+
+_FLANKS: tuple[Flank, ...] = ("A", "B")
+FULL_TURN = 0.99
+"""A table of one turn lacks its last sample, and a log its first degree."""
+
+_LIKE_DRIFT = 0.25
+"""Turns below which the first order of a shaft is a parabola to 2 % of its amplitude."""
+
+
+@dataclass(frozen=True)
+class Scope:
+    """Flanks, segments and harmonics of a fit.
+
+    **Arguments**
+    - `flanks`, `segments`: what is used; segments log by log.
+    - `terms`: the harmonics.
+    - `reasons`: shaft → why its first order is not reported.
+    - `short`: shafts among them that turned too little.
+    - `turns`: shaft → turns covered on the flank that covers least, in the log that covers most.
+    - `notes`: sentences for the reader.
+    """
+
+    flanks: tuple[Flank, ...]
+    segments: tuple[tuple[Segment, ...], ...]
+    terms: TermPlan
+    reasons: dict[str, str]
+    short: tuple[str, ...]
+    turns: dict[str, float]
+    notes: tuple[str, ...] = field(default=())
+
+
+def find_scope(
+    logs: Sequence[EncoderLog],
+    segments: Sequence[tuple[Segment, ...]],
+    pair: GearPair | Drive,
+    options: FitOptions,
+    only: Flank | None,
+) -> Scope:
+    """Decide what can be fitted; `only` restricts it to one flank.
+
+    **Raises** `NoAnswerError` where no flank covers a revolution of either shaft.
+    """
+    notes = []
+    covered: dict[Flank, tuple[float, float]] = {
+        flank: _coverage(logs, segments, flank) for flank in _FLANKS if only in (None, flank)
+    }
+    flanks: tuple[Flank, ...] = tuple(f for f, turns in covered.items() if max(turns) >= FULL_TURN)
+    if not flanks:
+        most = max((max(turns) for turns in covered.values()), default=0.0)
+        which = "" if only is None else f" on flank {only}"
+        raise NoAnswerError(
+            f"no shaft turned a full revolution in steady contact{which} ({most:.2f} at most);"
+            " record at least one turn at constant speed, better a whole hunting period, or correct"
+            " the unit or counts_per_rev.",
+            where=", ".join(log.source for log in logs),
+        )
+    for flank, turns in covered.items():
+        if flank not in flanks and max(turns) > 0:
+            notes.append(
+                f"flank {flank} is left out: it covers {max(turns):.2f} of a revolution only."
+            )
+    turns = {
+        shaft: min(covered[flank][k] for flank in flanks)
+        for k, shaft in enumerate(("driving", "driven"))
+    }
+    orders = {"driving": options.driving_orders, "driven": options.driven_orders}
+    reasons = {
+        shaft: f"order 1 is not among {shaft}_orders of [fit]"
+        for shaft, wanted in orders.items()
+        if 1 not in wanted
+    }
+    short = _short(pair, turns, both=not reasons)
+    reasons |= short
+    for shaft, wanted in orders.items():
+        if shaft in short:
+            orders[shaft] = _nuisance(turns[shaft], wanted) if len(short) == 1 else ()
+    teeth = pair.driving.teeth if isinstance(pair, GearPair) else None
+    terms = plan_terms(pair.ratio, orders["driving"], orders["driven"], options.mesh_orders, teeth)
+    tied = {h.shaft for h in terms.tied}
+    for shaft in ("driving", "driven"):
+        if shaft not in tied and shaft not in reasons:
+            reasons[shaft] = "driving order 1 and driven order 1 are the same frequency"
+    used = tuple(tuple(s for s in own if s.flank in flanks) for own in segments)
+    return Scope(flanks, used, terms, reasons, tuple(short), turns, (*notes, *terms.dropped))
+
+
+def _coverage(
+    logs: Sequence[EncoderLog], segments: Sequence[tuple[Segment, ...]], flank: Flank
+) -> tuple[float, float]:
+    """Turns of the driving and the driven shaft on a flank, in the log where they turn most."""
+    most = (0.0, 0.0)
+    for log, every in zip(logs, segments, strict=True):
+        ends = np.array([k for s in every if s.flank == flank for k in (s.start, s.stop - 1)])
+        if len(ends):
+            angles = (log.driving_angle[ends], log.driven_angle[ends])
+            turns = [float(np.ptp(angle)) / REV for angle in angles]
+            most = (max(most[0], turns[0]), max(most[1], turns[1]))
+    return most
+
+
+def _short(pair: GearPair | Drive, turns: dict[str, float], *, both: bool) -> dict[str, str]:
+    """Shafts that turned too little for their first order, and why; `both` are to be fitted.
+
+    Neither is resolved where the log is too short to hold the two apart: below one beat of both
+    orders, 1/|1 − i| driving turns.
+    """
+    short = {
+        shaft: f"the {shaft} shaft turned {seen:.2f} of a revolution"
+        for shaft, seen in turns.items()
+        if seen < FULL_TURN
+    }
+    if not both or pair.ratio == 1:
+        return short
+    needed = 1 / abs(1 - pair.ratio)
+    if turns["driving"] >= needed:
+        return short
+    sentence = (
+        f"the driving shaft turned {turns['driving']:.2f} revolutions; below {float(needed):.2f}"
+        " neither shaft's first order is resolved"
+    )
+    return {"driving": sentence, "driven": sentence}
+
+
+def _nuisance(turns: float, orders: tuple[int, ...]) -> tuple[int, ...]:
+    """Orders of a shaft that turned less than once.
+
+    Its first order is fitted without being reported, or it would bias the other shaft's; below a
+    quarter turn it passes for drift.
+    """
+    return (1,) if 1 in orders and turns >= _LIKE_DRIFT else ()

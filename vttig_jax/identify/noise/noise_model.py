@@ -1,0 +1,261 @@
+"""Correlated noise of the block rows: an autoregression, and least squares that knows it."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from ...base.numerics.autoregression import whitening_filter
+from ...base.numerics.partial_autocorrelation import filter_of, partial_of
+from ...base.units import DEG, REV
+from ...pair.gear_pair import Flank
+from ..compress.flank_summary import whitened_run
+from ..compress.harmonic_summary import HarmonicSummary
+from ..compress.orthogonal import residual_weights, triangle_of
+from ..settings import NoiseChoice
+from .reml import restricted_partial
+
+_REPEATS = 2
+"""Further rounds of autoregression and generalised least squares; the second moves nothing."""
+
+_FORGOTTEN = 20.0
+"""Correlation times a run must be long for the likelihood to tell noise from what is missing."""
+
+_WHITE_SHARE = 1e-6
+"""Of the variance by moments, counted as white: what a model misses of a log without noise is so
+predictable that whitening it would leave the rounding of everything else."""
+
+_ROWS_A_COEFFICIENT = 3
+"""Rows a coefficient from which a speed tells its own noise."""
+
+
+@dataclass(frozen=True)
+class NoiseModel:
+    """AR(p) noise of block means, ε_t = Σ_j coefficients_j ε_{t−j} + innovation.
+
+    **Arguments**
+    - `coefficients`: shape (p,).
+    - `innovation_std`: rad.
+    - `std`: of the block means, rad.
+    - `block_s`: duration of a block.
+    - `choice`: what was assumed of it; `by`: estimated by "likelihood" or by "moments", or
+      "rounding" where a log without noise leaves nothing else.
+    - `plateaus`: (speed in rad/s, noise) of every speed, where each has its own; this one is then
+      that of all speeds together.
+    """
+
+    coefficients: Float[np.ndarray, " p"]
+    innovation_std: float
+    std: float
+    block_s: float
+    plateaus: tuple[tuple[float, "NoiseModel"], ...] = ()
+    choice: NoiseChoice = NoiseChoice()
+    by: str = "likelihood"
+
+    def at(self, speed: float) -> "NoiseModel":
+        """The noise at a speed of the driving shaft, rad/s, in either direction."""
+        if not self.plateaus:
+            return self
+        return min(self.plateaus, key=lambda one: abs(one[0] - abs(speed)))[1]
+
+    def whitened(
+        self, rows: Float[np.ndarray, "n ..."], time: Float[np.ndarray, " n"]
+    ) -> Float[np.ndarray, "m ..."]:
+        """Innovations of a run of rows at mean times in s, in units of their std.
+
+        Those with a full history: as many as the order are missing.
+        """
+        order, count = len(self.coefficients), len(rows)
+        if self.choice.kind == "ou" and order:
+            rho = float(self.coefficients[0])
+            table = rows.reshape(count, -1)
+            white = whitened_run(table, time, rho, self.block_s)[0][1:].reshape(rows[1:].shape)
+        else:
+            white = np.zeros_like(rows[order:])
+            for lag, weight in enumerate(self.filter):
+                white += weight * rows[order - lag : count - lag]
+        return white / (self.innovation_std or 1.0)
+
+    def to_json(self) -> dict:
+        """Fields under `noise` of a fit."""
+        record = {
+            "model": self.name,
+            "coefficients": self.coefficients.tolist(),
+            "block_s": self.block_s,
+            "std_deg": self.std / DEG,
+            "innovation_std_deg": self.innovation_std / DEG,
+            "correlation_s": self.correlation_s,
+            "stationary_in": self.choice.stationary_in,
+            "of": self.choice.of,
+            "by": self.by,
+        }
+        own = [{"speed_rpm": speed * 60 / REV} | model.to_json() for speed, model in self.plateaus]
+        return record | ({"plateaus": own} if own else {})
+
+    @property
+    def name(self) -> str:
+        """For example "AR(3)"."""
+        words = {"ou": "Ornstein–Uhlenbeck", "white": "white"}
+        return words.get(self.choice.kind, f"AR({len(self.coefficients)})")
+
+    @property
+    def is_rounding(self) -> bool:
+        """True for a log without noise, of which the model leaves rounding alone."""
+        return self.by == "rounding"
+
+    @property
+    def filter(self) -> Float[np.ndarray, " taps"]:
+        """Whitening filter (1, −a₁, …, −a_p)."""
+        return np.concatenate([[1.0], -self.coefficients])
+
+    @property
+    def partial(self) -> Float[np.ndarray, " p"]:
+        """Partial autocorrelations."""
+        return partial_of(self.filter)
+
+    @property
+    def correlation_s(self) -> float:
+        """Integrated correlation time of the blocks, half the two-sided sum of correlations."""
+        gain = self.innovation_std / np.sum(self.filter)
+        return 0.5 * self.block_s * float((gain / self.std) ** 2) if self.std else 0.0
+
+
+@dataclass(frozen=True)
+class WhitenedFlank:
+    """Upper triangle of the whitened rows of one flank, in units of the innovation.
+
+    Columns keep the order of the block plan: free, tied, y. The squared length of
+    R_tt h − R_ty is the misfit of tied coefficients h once the free ones are at their best.
+    """
+
+    factor: Float[np.ndarray, "q q"]
+    free: int
+
+    @property
+    def tied(self) -> tuple[Float[np.ndarray, "t t"], Float[np.ndarray, " t"]]:
+        """R_tt and R_ty."""
+        return self.factor[self.free : -1, self.free : -1], self.factor[self.free : -1, -1]
+
+    def free_given(self, tied: Float[np.ndarray, " t"]) -> Float[np.ndarray, " f"]:
+        """Best free coefficients for given tied ones."""
+        right = self.factor[: self.free, -1] - self.factor[: self.free, self.free : -1] @ tied
+        return np.linalg.solve(self.factor[: self.free, : self.free], right)
+
+    def covariance(self, of_tied: Float[np.ndarray, "t t"]) -> Float[np.ndarray, "c c"]:
+        """Covariance of (free, tied) coefficients when the tied ones have covariance `of_tied`."""
+        inverse = np.linalg.inv(self.factor[: self.free, : self.free])
+        follow = -inverse @ self.factor[: self.free, self.free : -1]
+        spread = np.vstack([follow, np.eye(len(of_tied))])
+        total = spread @ of_tied @ spread.T
+        total[: self.free, : self.free] += inverse @ inverse.T
+        return total
+
+
+def whiten(
+    summary: HarmonicSummary, variance_factor: float = 1.0
+) -> tuple[NoiseModel, tuple[WhitenedFlank, ...]]:
+    """Estimate the noise and factor the rows that it whitens.
+
+    `variance_factor` is what a robust loss adds to the variance. Where every speed has noise of its
+    own, a speed with too few rows to tell it takes that of all together.
+    """
+    noise = _noise_of(summary, variance_factor)
+    parts = [(summary, noise)]
+    if summary.plateaus:
+        least = _ROWS_A_COEFFICIENT * summary.columns.width
+        own = [
+            (p, _noise_of(p.summary, variance_factor) if p.summary.rows > least else noise)
+            for p in summary.plateaus
+        ]
+        noise = replace(noise, plateaus=tuple((p.speed, model) for p, model in own))
+        parts = [(p.summary, model) for p, model in own]
+    factors: dict[Flank, list[np.ndarray]] = {flank.flank: [] for flank in summary.flanks}
+    for part, model in parts:
+        for flank in part.flanks:
+            factors[flank.flank].append(flank.factor(model.filter) / (model.innovation_std or 1.0))
+    free = summary.columns.free_width
+    return noise, tuple(
+        WhitenedFlank(triangle_of(np.concatenate(several)) if several[1:] else several[0], free)
+        for several in factors.values()
+    )
+
+
+def _noise_of(summary: HarmonicSummary, variance_factor: float) -> NoiseModel:
+    """The noise by restricted likelihood, or by moments where it would not forget within a run.
+
+    Noise with a memory as long as a run cannot be told from slow structure that the model misses;
+    the likelihood then takes that for noise and fits what is fast alone.
+    """
+    found = _model(summary, filter_of(restricted_partial(summary)), variance_factor, "likelihood")
+    runs = sum(len(flank.heads) for flank in summary.flanks)
+    run_s = summary.block_s * summary.rows / max(runs, 1)
+    if found.correlation_s <= run_s / _FORGOTTEN:
+        return found
+    return _model(summary, autoregression(summary), variance_factor, "moments")
+
+
+def _model(
+    summary: HarmonicSummary, filter_: Float[np.ndarray, " taps"], variance_factor: float, by: str
+) -> NoiseModel:
+    """The noise of a filter; where rounding is all that is left, the noise that rounding leaves."""
+    left = sum(flank.factor(filter_)[-1, -1] ** 2 for flank in summary.flanks)
+    coefficients = len(summary.flanks) * (summary.columns.width - 1)
+    variance = variance_factor * max(left, summary.rounding)
+    variance /= max(summary.counted_rows - coefficients, 1)
+    return NoiseModel(
+        -filter_[1:],
+        float(np.sqrt(variance)),
+        _std(summary, filter_),
+        summary.block_s,
+        choice=summary.noise,
+        by="rounding" if left <= summary.rounding else by,
+    )
+
+
+def autoregression(summary: HarmonicSummary) -> Float[np.ndarray, " taps"]:
+    """Whitening filter of what a linear fit leaves, by moments: for models still being chosen.
+
+    What such a model misses has a memory as long as the log. A likelihood takes that for the noise
+    and whitens it away, and with it what would tell of it; moments, divided by all rows at every
+    lag, do not.
+    """
+    if summary.noise.kind == "ou":
+        return filter_of(restricted_partial(summary))
+    filter_ = np.ones(1)
+    for _ in range(1 + _REPEATS):
+        filter_ = whitening_filter(_autocovariance(summary, filter_), summary.rows)
+    return filter_
+
+
+def _autocovariance(
+    summary: HarmonicSummary, filter_: Float[np.ndarray, " taps"]
+) -> Float[np.ndarray, " lags"]:
+    """Autocovariance at every lag of what least squares under a filter leaves, all flanks together.
+
+    Divided by all rows at every lag: that keeps it positive, and the autoregression stationary.
+    What rounding leaves of y counts as white.
+    """
+    flanks = summary.flanks
+    lags = min(len(flank.lag_products) for flank in flanks)
+    total = np.zeros(lags)
+    for flank in flanks:
+        residual = flank.residual(filter_)
+        total += np.einsum("i,lij,j->l", residual, flank.lag_products[:lags], residual)
+    total[0] = total[0] * (1 + _WHITE_SHARE) + summary.rounding
+    return total / summary.rows
+
+
+def residual_rows(
+    summary: HarmonicSummary, filter_: Float[np.ndarray, " taps"]
+) -> list[Float[np.ndarray, " q"]]:
+    """The row of every flank that makes residuals, by generalised least squares."""
+    return [residual_weights(flank.factor(filter_)) for flank in summary.flanks]
+
+
+def _std(summary: HarmonicSummary, filter_: Float[np.ndarray, " taps"]) -> float:
+    """Rms of what generalised least squares leaves of the rows; at least that of rounding."""
+    square = 0.0
+    for flank in summary.flanks:
+        residual = flank.residual(filter_)
+        square += float(residual @ flank.lag_products[0] @ residual)
+    return float(np.sqrt(max(square, summary.rounding) / max(summary.rows, 1)))

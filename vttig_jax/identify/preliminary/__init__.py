@@ -1,0 +1,1 @@
+"""The linear fit that comes first: alignment, delay, drift and outliers."""

@@ -1,0 +1,164 @@
+"""Start angles of further logs: where their zeros lie in the angles of the first log.
+
+A free counter starts at zero wherever the shaft stands. In the angles φ + a of a log that starts
+at a, the harmonic n₁φ₁ + n₂φ₂ is turned by n₁a₁ + n₂a₂, which turns two columns of its rows into
+each other: no second pass is needed to move a log. The angle is found from the orders that both
+logs show, and stays in the fit as a parameter through its derivative, again a sum of columns.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from ...pair.gear_pair import Flank
+from ..compress.block_rows import LogRows
+from ..compress.harmonic_summary import Embedding, HarmonicSummary, summarise
+from ..model.column_layout import Columns
+from ..model.harmonics import TermPlan
+from ..noise.noise_model import autoregression, residual_rows
+from .nuisance import own_terms
+
+SHAFTS = ("driving", "driven")
+START = {shaft: f"{shaft}_start" for shaft in SHAFTS}
+"""Own column of a log: derivative of the model by its start angle."""
+
+_GRID = 1440
+_MOST_STEPS = 20
+_STILL = 0.01
+_LONGEST = np.radians(20.0)
+
+Coefficients = Mapping[Flank, Float[np.ndarray, " q"]]
+"""Flank → coefficients of every column but y."""
+
+
+@dataclass(frozen=True)
+class Start:
+    """Angles of both shafts at the zero of a log, in the angles of the first log, rad."""
+
+    driving: float = 0.0
+    driven: float = 0.0
+
+    def turned(self, term: tuple[int, int]) -> float:
+        """By how much a harmonic is turned."""
+        return term[0] * self.driving + term[1] * self.driven
+
+
+def aligned(rows: Sequence[LogRows], terms: TermPlan) -> tuple[HarmonicSummary, tuple[Start, ...]]:
+    """Find the start angles of every log but the first, and sum the logs up in its angles."""
+    alone = [_alone(own, terms) for own in rows]
+    starts = [Start(), *(_first_guess(alone[0], one, terms) for one in alone[1:])]
+    model: Coefficients = alone[0]
+    summary = summarise(rows, terms, _embeddings(rows, terms, starts, model))
+    for _ in range(_MOST_STEPS):
+        filter_ = autoregression(summary)
+        solved = residual_rows(summary, filter_)
+        model = {
+            flank.flank: _harmonics(-row[:-1], summary.columns)
+            for flank, row in zip(summary.flanks, solved, strict=True)
+        }
+        summary = summarise(rows, terms, _embeddings(rows, terms, starts, model))
+        own = own_terms(summary, filter_)
+        small = True
+        for log in range(1, len(rows)):
+            step = dict.fromkeys(SHAFTS, 0.0)
+            for shaft in SHAFTS:
+                name = f"{START[shaft]}_of_{log + 1}"
+                value, std = own.estimate(name, own.names)
+                step[shaft] = float(np.clip(value, -_LONGEST, _LONGEST)) if std < 1.0 else 0.0
+                small &= abs(step[shaft]) <= _STILL * std
+            old = starts[log]
+            starts[log] = Start(old.driving + step["driving"], old.driven + step["driven"])
+        summary = summarise(rows, terms, _embeddings(rows, terms, starts, model))
+        if small:
+            break
+    return summary, tuple(starts)
+
+
+def _alone(rows: LogRows, terms: TermPlan) -> Coefficients:
+    """Harmonics of one log by itself: free and tied ones, a cosine and a sine each."""
+    summary = summarise([rows], terms)
+    solved = residual_rows(summary, autoregression(summary))
+    return {
+        flank.flank: _harmonics(-row[:-1], summary.columns)
+        for flank, row in zip(summary.flanks, solved, strict=True)
+    }
+
+
+def _harmonics(coefficients: Float[np.ndarray, " c"], columns: Columns) -> Float[np.ndarray, " h"]:
+    return np.delete(coefficients, columns.own_slice)
+
+
+def _first_guess(first: Coefficients, other: Coefficients, terms: TermPlan) -> Start:
+    """Start angles at which the orders of two logs agree best, shaft by shaft."""
+    found = []
+    for shaft in range(2):
+        agreement = np.zeros(_GRID)
+        angles = np.arange(_GRID) * 2 * np.pi / _GRID
+        for place, term in enumerate(terms.terms):
+            if term[1 - shaft] != 0:
+                continue
+            for flank in first.keys() & other.keys():
+                product = np.conj(_phasor(first[flank], place)) * _phasor(other[flank], place)
+                agreement += np.real(product * np.exp(-1j * term[shaft] * angles))
+        found.append(float(angles[np.argmax(agreement)]))
+    return Start(*found)
+
+
+def _phasor(harmonics: Float[np.ndarray, " h"], place: int) -> complex:
+    """a exp(jp) of a sin(kφ + p), which has a sin p at the cosine and a cos p at the sine."""
+    return complex(harmonics[2 * place + 1], harmonics[2 * place])
+
+
+def _embeddings(
+    rows: Sequence[LogRows], terms: TermPlan, starts: Sequence[Start], model: Coefficients
+) -> tuple[Columns, tuple[Embedding, ...]]:
+    """Where the columns of every log go once its harmonics are turned, flank by flank."""
+    extra = tuple(START.values())
+    columns = Columns(
+        rows[0].columns.free,
+        rows[0].columns.tied,
+        tuple((*log.columns.own[0], *(extra if k else ())) for k, log in enumerate(rows)),
+    )
+    embeddings = []
+    for log, (own, start) in enumerate(zip(rows, starts, strict=True)):
+        narrow = own.columns
+        turn = np.eye(narrow.width)
+        for place, term in enumerate(terms.terms):
+            cell, angle = narrow.cosine(place), start.turned(term)
+            cosine, sine = np.cos(angle), np.sin(angle)
+            turn[cell : cell + 2, cell : cell + 2] = [[cosine, -sine], [sine, cosine]]
+        plain = _placed(columns, log, narrow) @ turn
+        by_flank: dict[Flank, np.ndarray] = {}
+        for flank, harmonics in model.items():
+            by_flank[flank] = plain.copy()
+            for shaft in range(2 if log else 0):
+                slope = _slope(harmonics, terms, columns, shaft)
+                by_flank[flank][columns.index(extra[shaft], log)] = slope @ plain
+        embeddings.append(by_flank)
+    return columns, tuple(embeddings)
+
+
+def _placed(columns: Columns, log: int, narrow: Columns) -> Float[np.ndarray, "wide narrow"]:
+    """Rows of one log put into the common layout; its start columns stay empty."""
+    matrix = np.zeros((columns.width, narrow.width))
+    places = [
+        *range(narrow.free_width),
+        *(columns.index(name, log) for name in narrow.own[0]),
+        *range(columns.own_slice.stop, columns.width),
+    ]
+    matrix[places, np.arange(narrow.width)] = 1.0
+    return matrix
+
+
+def _slope(
+    harmonics: Float[np.ndarray, " h"], terms: TermPlan, columns: Columns, shaft: int
+) -> Float[np.ndarray, " wide"]:
+    """Derivative of the model by the angle of a shaft, as a sum of columns."""
+    slope = np.zeros(columns.width)
+    for place, term in enumerate(terms.terms):
+        cell = columns.cosine(place)
+        slope[cell] = term[shaft] * harmonics[2 * place + 1]
+        slope[cell + 1] = -term[shaft] * harmonics[2 * place]
+    return slope

@@ -1,0 +1,219 @@
+"""The linear fit of the block rows of all logs, and its prediction of single samples."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ...base.numerics.sincos import sincos
+from ...base.units import REV
+from ...logs.encoder_log import EncoderLog
+from ...logs.motion.flank_assignment import Ramp
+from ...logs.motion.segments import Segment, Segments
+from ...pair.gear_pair import Drive, Flank, GearPair
+from ..compress.block_rows import LogRows, block_seconds, log_rows
+from ..compress.harmonic_summary import HarmonicSummary, summarise
+from ..compress.regressors import Channels, Drift, Samples, read_channels
+from ..model.column_layout import Columns
+from ..model.harmonics import TermPlan
+from ..noise.noise_model import autoregression, residual_rows
+from ..settings import NoiseChoice
+from .alignment import Start, aligned
+from .nuisance import OwnTerms, own_terms
+
+_CHUNK = 8192
+
+
+def residual_of(
+    channels: Channels,
+    segment: Segment,
+    columns: Columns,
+    weights: Float[np.ndarray, " columns"],
+    stride: int = 1,
+) -> Float[np.ndarray, " n"]:
+    """Transmission error less the model at every `stride`-th sample of a segment, rad.
+
+    `columns` is the layout of this log alone, `weights` its row (−β, 1) that makes residuals.
+    """
+    part = slice(segment.start, segment.stop, stride)
+    own = columns.own_slice
+    coefficients = -weights[:-1]
+    harmonics = np.delete(coefficients, own)
+    orders = np.asarray(columns.free + columns.tied, np.float64).reshape(-1, 2)
+    values = np.full(len(channels.time[part]), coefficients[own.start])
+    for place, name in enumerate(columns.own[0][1:], own.start + 1):
+        values += coefficients[place] * channels.own[name][part]
+    if len(orders):
+        driving, driven = channels.driving[part], channels.driven[part]
+        for start in range(0, len(values), _CHUNK):
+            piece = slice(start, start + _CHUNK)
+            count = len(values[piece])
+            angles = [np.pad(a[piece], (0, _CHUNK - count)) for a in (driving, driven)]
+            values[piece] += np.asarray(_harmonics(orders, harmonics, *angles))[:count]
+    return channels.error[segment.flank][part] - values
+
+
+@jax.jit
+def _harmonics(
+    orders: Float[Array, "terms 2"],
+    coefficients: Float[Array, " cells"],
+    driving: Float[Array, " n"],
+    driven: Float[Array, " n"],
+) -> Float[Array, " n"]:
+    """Σ of the harmonics; coefficients of cosine and sine of a term stand beside each other."""
+    driving, driven = (angle - REV * jnp.round(angle / REV) for angle in (driving, driven))
+
+    def add(term, total):
+        order = orders[term]
+        sine, cosine = sincos(order[0] * driving + order[1] * driven)
+        return total + coefficients[2 * term] * cosine + coefficients[2 * term + 1] * sine
+
+    return jax.lax.fori_loop(0, orders.shape[0], add, jnp.zeros_like(driving))
+
+
+AnySamples = Float[np.ndarray, " _"]
+"""Samples of logs that differ in length."""
+
+_FINER = 8.0
+"""Most times that short ramps make the rows shorter than the orders ask for."""
+
+
+@dataclass(frozen=True, eq=False)
+class Input:
+    """One log with what is known of its motion; `segments` are those the fit uses."""
+
+    log: EncoderLog
+    found: Segments
+    segments: tuple[Segment, ...]
+    ramps: tuple[Ramp, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """What every pass shares: the rig, its harmonics, the columns beside them, and the zero."""
+
+    pair: GearPair | Drive
+    terms: TermPlan
+    regressors: tuple[str, ...]
+    drift: Drift
+    same_zero: bool = True
+    noise: NoiseChoice = NoiseChoice()
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """Rows of every log under one delay and one set of weights.
+
+    **Arguments**
+    - `inputs`, `model`: what is looked at, and how.
+    - `channels`, `rows`: of every log.
+    - `block_s`: duration of a row.
+    - `segments`: looked at, log by log.
+    """
+
+    inputs: tuple[Input, ...]
+    model: Model
+    channels: tuple[Channels, ...]
+    rows: tuple[LogRows, ...]
+    block_s: float
+    segments: tuple[tuple[Segment, ...], ...]
+
+    @cached_property
+    def _aligned(self) -> tuple[HarmonicSummary, tuple[Start, ...]]:
+        if self.model.same_zero or len(self.rows) == 1:
+            return summarise(self.rows, self.model.terms), (Start(),) * len(self.rows)
+        return aligned(self.rows, self.model.terms)
+
+    def rows_of(self, log: int, segments: Sequence[Segment]) -> LogRows:
+        """Rows of segments of a log, as long as those of the view."""
+        speeds = [abs(s.speed) for one in self.segments for s in one]
+        return log_rows(
+            self.channels[log],
+            segments,
+            self.model.terms,
+            self.block_s,
+            self.model.noise,
+            max(speeds, default=0.0),
+        )
+
+    @property
+    def levels(self) -> tuple[float, ...]:
+        """What was taken off the transmission error of every log, rad."""
+        return tuple(one.level for one in self.channels)
+
+    @property
+    def summary(self) -> HarmonicSummary:
+        """Of all logs, with every own column."""
+        return self._aligned[0]
+
+    @property
+    def starts(self) -> tuple[Start, ...]:
+        """Angles of every log at its zero, in the angles of the first log."""
+        return self._aligned[1]
+
+    @cached_property
+    def filter(self) -> Float[np.ndarray, " taps"]:
+        """Whitening filter of what the linear model leaves."""
+        return autoregression(self.summary)
+
+    @cached_property
+    def own(self) -> OwnTerms:
+        """Normal equations of drift, delay and regressors."""
+        return own_terms(self.summary, self.filter)
+
+    @cached_property
+    def residual_rows(self) -> tuple[dict[Flank, Float[np.ndarray, " q"]], ...]:
+        """Log by log: flank → row (−β, 1) of the linear model in the layout of that log alone."""
+        solved = residual_rows(self.summary, self.filter)
+        flanks: list[Flank] = [f.flank for f in self.summary.flanks]
+        return tuple(
+            {
+                flank: embedding[flank].T @ weights
+                for flank, weights in zip(flanks, solved, strict=True)
+            }
+            for embedding in self.summary.embeddings
+        )
+
+    def residuals(self, log: int, stride: int = 1) -> list[Samples]:
+        """Residuals of the samples of every run of a log, by the linear model, as measured."""
+        weights, channels, rows = self.residual_rows[log], self.channels[log], self.rows[log]
+        found = []
+        for run in rows.runs:
+            segment = run.segment
+            left = residual_of(channels, segment, rows.columns, weights[segment.flank], stride)
+            if channels.pull is not None:
+                left = left + channels.pull[segment.start : segment.stop : stride]
+            found.append(left)
+        return found
+
+
+def look(
+    inputs: Sequence[Input],
+    model: Model,
+    delay_s: float = 0.0,
+    weights: Sequence[AnySamples | None] | None = None,
+    block_s: float | None = None,
+    finest_s: float = np.inf,
+    segments: Sequence[tuple[Segment, ...]] | None = None,
+    pulls: Sequence[AnySamples | None] | None = None,
+) -> View:
+    """Pass over the certain segments of all logs, or those given.
+
+    A row lasts `block_s`, or as long as the orders allow but no longer than `finest_s`.
+    """
+    none: list[Samples | None] = [None] * len(inputs)
+    channels = tuple(
+        read_channels(one.log, model.pair, model.regressors, model.drift, delay_s, weight, pull)
+        for one, weight, pull in zip(inputs, weights or none, pulls or none, strict=True)
+    )
+    if block_s is None:
+        block_s = block_seconds(channels, [one.segments for one in inputs], model.terms)
+        block_s = max(min(block_s, finest_s), block_s / _FINER, min(c.sample_s for c in channels))
+    used = tuple(one.segments for one in inputs) if segments is None else tuple(segments)
+    view = View(tuple(inputs), model, channels, (), block_s, used)
+    rows = tuple(view.rows_of(log, segments) for log, segments in enumerate(used))
+    return replace(view, rows=rows)

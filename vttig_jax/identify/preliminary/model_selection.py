@@ -1,0 +1,262 @@
+"""The selection of delay, drift and regressors, by passes over the logs."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...pair.gear_pair import Drive, GearPair
+from ..compress.harmonic_summary import HarmonicSummary
+from ..compress.regressors import Drift
+from ..model.identifiability import Scope
+from ..noise.noise_model import whiten
+from ..settings import Choices
+from .delay import Delay, judge_delay, on_its_branch, one_speed
+from .linear_fit import Input, Model, View, look
+from .nuisance import OwnTerms
+from .robust import Reweighted, reweighted
+
+AUTOMATIC_DRIFT = 2
+"""Highest power of time that is chosen without being asked for."""
+
+
+def drift_names(names: Sequence[str], order: int) -> list[str]:
+    """Coefficients of the powers of time up to `order` among those of the own columns."""
+    powers = {f"drift_{power}" for power in range(1, order + 1)}
+    return [name for name in names if name.split("_of_")[0] in powers]
+
+
+def choose_drift(own: OwnTerms, beside: Sequence[str] = ()) -> int:
+    """Power of time, 0 to 2, by BIC with the coefficients `beside` in the model.
+
+    All powers are judged under one noise, that of the highest: each with its own would trade drift
+    for correlation.
+    """
+    if own.is_exact:
+        return 0
+    scores = [
+        own.bic([*drift_names(own.names, order), *beside]) for order in range(AUTOMATIC_DRIFT + 1)
+    ]
+    return scores.index(min(scores))
+
+
+_MOST_STEPS = 10
+_ROWS_A_RAMP = 40
+"""Rows of a ramp: more than twice the highest order of the noise."""
+
+_TURNS_FOR_DRIFT = 2.0
+"""Turns of a shaft below which its first order passes for the bend of a drift."""
+
+_SIGNIFICANT = 4.0
+"""Standard errors a torque coefficient must differ from zero by to be kept unasked."""
+
+
+@dataclass(frozen=True, eq=False)
+class Gathered:
+    """Everything the logs say, ready for the solver.
+
+    **Arguments**
+    - `view`: the last pass; `summary`: of all logs, with the own columns that were chosen.
+    - `delay`, `drift`: what became of them; `weights`: what a robust loss did, if any.
+    - `notes`: sentences for the reader.
+    """
+
+    view: View
+    summary: HarmonicSummary
+    delay: Delay
+    drift: Drift
+    weights: Reweighted
+    notes: tuple[str, ...]
+
+
+def gather(
+    inputs: tuple[Input, ...], pair: GearPair | Drive, scope: Scope, choices: Choices
+) -> Gathered:
+    """Pass over the logs as often as delay and weights need."""
+    names, delay, notes = _candidates(inputs, choices)
+    same_zero = choices.same_zero
+    if same_zero is None:
+        same_zero = all(one.log.zero == "reading" for one in inputs)
+    drift = _widest_drift(choices, scope)
+    model = Model(pair, scope.terms, names, drift, same_zero, choices.noise)
+    delay_tried = "delay" in names
+    plain = look(inputs, model, delay.seconds, finest_s=_finest(inputs) if delay_tried else np.inf)
+    weights = reweighted(plain, choices.loss)
+    view = weights.view
+    if delay_tried:
+        view, delay, told = _with_delay(weights, choices)
+        if weights.loss != "square" and delay.state == "fitted":
+            # Outliers were judged before the delay was known, and in the ramps by neighbours only.
+            weights = reweighted(
+                view, weights.loss, weights.values if weights.loss == "bisquare" else None
+            )
+            plain = weights.look(inputs, model, delay.seconds, view.block_s)
+            view, delay, told = _with_delay(replace(weights, view=plain), choices)
+        notes += told
+    own, told = _chosen(view, choices, delay)
+    notes += told
+    kept = [
+        tuple(n for n in each if n in own or n == "offset") for each in view.summary.columns.own
+    ]
+    return Gathered(
+        view, view.summary.keeping(kept), delay, _drift_of(own, model.drift), weights, tuple(notes)
+    )
+
+
+def _candidates(
+    inputs: Sequence[Input], choices: Choices
+) -> tuple[tuple[str, ...], Delay, list[str]]:
+    """Columns beside offset and drift that are tried, and what is known of the delay before."""
+    names = list(choices.regressors)
+    notes: list[str] = []
+    if all(one.log.torque is not None for one in inputs) and "torque" not in names:
+        names.append("torque")
+    if choices.free_ratio:
+        names.append("ratio")
+    if "speed" in names:
+        reason = "a delay and a regressor proportional to speed are the same"
+        return tuple(names), Delay("open", reason=reason), notes
+    if not isinstance(choices.delay, str):
+        reason = f"given as {choices.delay:g} s, not fitted"
+        return tuple(names), Delay("given", choices.delay, reason=reason), notes
+    if choices.delay == "off":
+        reason = "not fitted: both channels are taken to be sampled at the same instant"
+        return tuple(names), Delay("off", reason=reason), notes
+    return (*names, "delay"), Delay("open"), notes
+
+
+def _finest(inputs: Sequence[Input]) -> float:
+    """Longest row with which a ramp still has rows enough for its noise; only ramps ask for one."""
+    if not one_speed([s for one in inputs for s in one.segments]):
+        return np.inf
+    ramps = [
+        float(one.log.time[ramp.segment.stop - 1] - one.log.time[ramp.segment.start])
+        for one in inputs
+        for ramp in one.ramps
+    ]
+    return float(np.median(ramps)) / _ROWS_A_RAMP if ramps else np.inf
+
+
+def _widest_drift(choices: Choices, scope: Scope) -> Drift:
+    """The drift asked for, or the highest that is tried: none where an order looks like one."""
+    if choices.drift_knots_s is not None:
+        return Drift(knots_s=choices.drift_knots_s)
+    if choices.drift_order is not None:
+        return Drift(choices.drift_order)
+    tied = [scope.turns[shaft] for shaft in scope.turns if shaft not in scope.reasons]
+    return Drift(AUTOMATIC_DRIFT if min(tied, default=0.0) >= _TURNS_FOR_DRIFT else 0)
+
+
+def _with_delay(weights: Reweighted, choices: Choices) -> tuple[View, Delay, list[str]]:
+    """Judge the delay, with the ramps where the speed is steady, and step until it stands still."""
+    plain = weights.view
+    inputs, model, block_s = plain.inputs, plain.model, plain.block_s
+    steady = one_speed([s for one in inputs for s in one.segments])
+    steps = 0
+    while True:
+        steps += 1
+        view, notes = _with_ramps(plain) if steady else (plain, [])
+        delay = judge_delay(
+            view.own,
+            _beside(view.own, choices),
+            plain.channels[0].delay_s,
+            forced=choices.delay == "free",
+            two_flanks=len(view.summary.flanks) == 2,
+        )
+        if delay.is_settled or steps == _MOST_STEPS:
+            break
+        delay = delay.stepped()
+        plain = weights.look(inputs, model, delay.seconds, block_s)
+    if delay.state == "fitted":
+        return view, delay, notes
+    if plain.channels[0].delay_s != 0:
+        plain = weights.look(inputs, model, 0.0, block_s)
+    return plain, delay, []
+
+
+def _with_ramps(view: View) -> tuple[View, list[str]]:
+    """The view with ramps added: those that speed up, then those that keep to the same flank.
+
+    Speeding up, the driving gear pushes; slowing down, the driven side may run ahead.
+    """
+    total = sum(len(one.ramps) for one in view.inputs)
+    up = _joined(view, [[ramp.speeding_up for ramp in one.ramps] for one in view.inputs])
+    noise, _ = whiten(up.summary)
+    keep: list[list[bool]] = []
+    for log, one in enumerate(view.inputs):
+        rows = _ramp_rows(view, log)
+        keep.append(
+            [
+                on_its_branch(ramp, found, up.residual_rows[log], noise.std)
+                for ramp, found in zip(one.ramps, rows, strict=True)
+            ]
+        )
+    used = sum(map(sum, keep))
+    note = f"{used} of {total} ramps keep to the flank of their motion and count for the delay"
+    return _joined(view, keep), [note] if total else []
+
+
+def _ramp_rows(view: View, log: int):
+    """Rows of every ramp of a log, empty where it is shorter than a row."""
+    found = []
+    for ramp in view.inputs[log].ramps:
+        runs = view.rows_of(log, [ramp.segment]).runs
+        found.append(runs[0].rows if runs else [])
+    return found
+
+
+def _joined(view: View, keep: Sequence[Sequence[bool]]) -> View:
+    rows, used = [], []
+    for log, chosen in enumerate(keep):
+        ramps = view.inputs[log].ramps
+        segments = [ramp.segment for ramp, good in zip(ramps, chosen, strict=True) if good]
+        more = view.rows_of(log, segments)
+        rows.append(replace(view.rows[log], runs=view.rows[log].runs + more.runs))
+        used.append((*view.segments[log], *segments))
+    return replace(view, rows=tuple(rows), segments=tuple(used))
+
+
+def _beside(own: OwnTerms, choices: Choices) -> list[str]:
+    """Own coefficients other than the delay that the logs ask for, or the user did."""
+    slow = ("drift_", "spline_", "torque_")
+    others = [n for n in own.names if n != "delay" and not n.startswith(slow)]
+    splines = [n for n in own.names if n.startswith("spline_")]
+    if choices.drift_order is not None or splines:
+        drift = [n for n in own.names if n.startswith(("drift_", "spline_"))]
+    else:
+        windows = [n for n in own.names if n.startswith("torque_")][:1]
+        asked = [*others, *windows, *(["delay"] if "delay" in own.names else [])]
+        drift = drift_names(own.names, choose_drift(own, asked))
+    known = [*drift, *others]
+    return [*known, *_best_torque(own, known)]
+
+
+def _best_torque(own: OwnTerms, known: list[str]) -> list[str]:
+    """The average of the torque that explains most beside `known` and the delay."""
+    windows = [n for n in own.names if n.startswith("torque_")]
+    beside = [*known, *(["delay"] if "delay" in own.names else [])]
+    return [min(windows, key=lambda name: own.misfit([*beside, name]))] if windows else []
+
+
+def _chosen(view: View, choices: Choices, delay: Delay) -> tuple[set[str], list[str]]:
+    """Names of the own columns that stay, and sentences on those that do not."""
+    own = view.own
+    fitted = ["delay"] if delay.state == "fitted" else []
+    names = [*_beside(own, choices), *fitted]
+    notes = []
+    for torque in [n for n in names if n.startswith("torque_")]:
+        value, std = own.estimate(torque, names)
+        if abs(value) <= _SIGNIFICANT * std and "torque" not in choices.regressors:
+            names.remove(torque)
+            notes.append(
+                "the torque column shows no wind-up that counts"
+                f" ({abs(value) / std:.1f} standard errors, {_SIGNIFICANT:g} are asked for);"
+                " wind-up under a steady torque is part of the apparent backlash"
+            )
+    return {name.split("_of_")[0] for name in names}, notes
+
+
+def _drift_of(names: set[str], widest: Drift) -> Drift:
+    if widest.knots_s:
+        return widest
+    return Drift(sum(name.startswith("drift_") for name in names))

@@ -1,0 +1,94 @@
+"""Coefficients of the own columns of the logs in the linear model: what is in a log, and how sure.
+
+The harmonics, free and tied alike, count as free on each flank; offsets, drift, delay and the other
+regressors have one coefficient for both flanks, the gap between the flanks one for all logs. That
+needs no relation and no iteration, so it serves to choose among them and to step towards the delay.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from ..compress.harmonic_summary import ROUNDING, HarmonicSummary
+from ..compress.orthogonal import EMPTY, triangle_of
+from ..model.column_layout import OFFSET, own_parameters
+
+
+@dataclass(frozen=True)
+class OwnTerms:
+    """Least squares of the own coefficients, in the units of the innovations.
+
+    **Arguments**
+    - `names`: of the coefficients.
+    - `triangle`: upper triangle of the columns of the coefficients and of y, the last column, less
+      what the harmonics and offsets explain of them.
+    - `rows`: block rows with a full history, less the coefficients of harmonics and offsets.
+    - `total`: y² itself; `raw`: squares of the own columns themselves.
+    """
+
+    names: tuple[str, ...]
+    triangle: Float[np.ndarray, "q q"]
+    rows: float
+    total: float
+    raw: Float[np.ndarray, " p"]
+
+    @property
+    def is_exact(self) -> bool:
+        """True where rounding is all that the model leaves."""
+        return self.misfit(self.names) <= ROUNDING * self.total
+
+    def left(self, name: str) -> float:
+        """Share of a regressor, squared, that the harmonics and offsets do not explain."""
+        place = self.names.index(name)
+        square = float(self.triangle[:, place] @ self.triangle[:, place])
+        return square / float(self.raw[place]) if self.raw[place] > EMPTY else 0.0
+
+    def misfit(self, names: Sequence[str]) -> float:
+        """Sum of squared innovations with only these coefficients; at least that of rounding."""
+        return max(float(self._among(names)[-1, -1] ** 2), ROUNDING * self.total)
+
+    def estimate(self, name: str, among: Sequence[str]) -> tuple[float, float]:
+        """A coefficient and its standard error when `among` are fitted together."""
+        triangle = self._among(among)
+        inverse = np.linalg.inv(triangle[:-1, :-1])[list(among).index(name)]
+        variance = self.misfit(among) / max(self.rows - len(among), 1.0)
+        std = float(np.sqrt(inverse @ inverse * variance))
+        return float(inverse @ triangle[:-1, -1]), std
+
+    def bic(self, names: Sequence[str]) -> float:
+        """Bayesian information criterion of a model with only these coefficients."""
+        left = max(self.misfit(names), 1e-300)
+        return self.rows * np.log(left) + len(names) * np.log(max(self.rows, 2.0))
+
+    def _among(self, names: Sequence[str]) -> Float[np.ndarray, "r r"]:
+        """Triangle of these coefficients and y."""
+        return triangle_of(self.triangle[:, [*(self.names.index(n) for n in names), -1]])
+
+
+def own_terms(summary: HarmonicSummary, filter_: Float[np.ndarray, " taps"]) -> OwnTerms:
+    """Eliminate the harmonics of every flank, the offsets and the gap under a whitening filter."""
+    columns = summary.columns
+    names, places = own_parameters(columns)
+    own = np.arange(columns.own_slice.start, columns.own_slice.stop)
+    harmonics = np.delete(np.arange(columns.width - 1), own)
+    order = np.array([*harmonics, *own, columns.width - 1], np.int64)
+    offsets = np.eye(len(own))[:, [name == OFFSET for name, _ in columns.names]]
+    first = summary.flanks[0].flank if summary.flanks else "A"
+    gap = len(summary.flanks) == 2
+    fixed = offsets.shape[1] + gap
+    spread = np.zeros((len(own), fixed + len(names)))
+    spread[:, : offsets.shape[1]] = offsets
+    spread[:, fixed:][[name != OFFSET for name, _ in columns.names]] = places
+    kept, raw = [], np.zeros(spread.shape[1] + 1)
+    for flank in summary.flanks:
+        if gap:
+            spread[:, fixed - 1] = offsets.sum(axis=1) * (flank.flank != first)
+        widened = np.block([[spread, np.zeros((len(own), 1))], [np.zeros(spread.shape[1]), 1.0]])
+        triangle = triangle_of(flank.factor(filter_)[:, order])
+        kept.append(triangle[len(harmonics) :, len(harmonics) :] @ widened)
+        raw += np.sum((triangle[:, len(harmonics) :] @ widened) ** 2, axis=0)
+    left = triangle_of(np.concatenate(kept))[fixed:, fixed:]
+    rows = summary.rows - len(harmonics) * len(summary.flanks) - fixed
+    return OwnTerms(names, left, float(max(rows, 1)), float(raw[-1]), raw[fixed:-1])

@@ -1,0 +1,1 @@
+"""Parameters, orders, checks and notes of a fit."""

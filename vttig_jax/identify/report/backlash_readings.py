@@ -1,0 +1,226 @@
+"""Readings of the backlash at single angles: a check of a fit, or further data for it.
+
+Gear 1 is held, gear 2 is rocked from flank to flank: the reading is TE_B − TE_A at that angle. As
+data the readings join the fit by the update of a Gaussian estimate,
+
+    G = P Hᵀ (H P Hᵀ + V + σ² 1)⁻¹,    p ← p + G (readings − gap),    P ← P − G H P,
+
+with P the covariance of the parameters p, H the derivative of the gap by them, V what the free
+harmonics leave open at fixed p, and σ the scatter of the readings about the fit.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jax.typing import ArrayLike
+from jaxtyping import Float
+
+from ...base.errors import LogError, UsageError
+from ...base.units import DEG
+from ...kinematics.exact import ExactModel
+from ...kinematics.harmonic import OrderModel
+from ...logs.readers.backlash_readings import BacklashReadings
+from ...pair.eccentricities import Eccentricities
+from ...pair.gear_pair import Drive, Flank, GearPair
+from ..compress.harmonic_summary import HarmonicSummary
+from ..model.column_layout import OFFSET
+from ..model.mounting import mounted_exact, mounting_of, offset_name
+from ..noise.noise_model import WhitenedFlank
+from ..solve.least_squares import Solution
+
+_UNKNOWN = 1.0
+"""Standard error, rad, of a constant backlash no log shows."""
+
+_FAR, _SHARE = 10.0, 0.5
+"""Readings contradict a fit that are off by more than ten standard errors and half the gap."""
+
+_STEP = 1e-6
+"""Of the differences by eccentricities, mm, and constant backlash, rad."""
+
+
+@dataclass(frozen=True)
+class Gap:
+    """The gap a fit expects at the angles of readings.
+
+    **Arguments**
+    - `value`: rad, shape (n,).
+    - `slope`: by every parameter, shape (n, p).
+    - `open_`: covariance left by the free harmonics, shape (n, n).
+    """
+
+    value: Float[np.ndarray, " n"]
+    slope: Float[np.ndarray, "n p"]
+    open_: Float[np.ndarray, "n n"]
+
+    def deviation(self, covariance: Float[np.ndarray, "p p"]) -> Float[np.ndarray, "n n"]:
+        """Covariance of the expected gap."""
+        return self.slope @ covariance @ self.slope.T + self.open_
+
+
+def gap_of_both_flanks(
+    driving: Float[np.ndarray, " n"],
+    model: OrderModel,
+    summary: HarmonicSummary,
+    whitened: Sequence[WhitenedFlank],
+    solution: Solution,
+    coefficients: Sequence[Float[np.ndarray, " columns"]],
+) -> Gap:
+    """The order-complete gap, TE_B − TE_A, where both flanks were measured."""
+    count = len(driving)
+    value, slope = np.zeros(count), np.zeros((count, len(solution.names)))
+    open_ = np.zeros((count, count))
+    for place, (flank, factor) in enumerate(zip(summary.flanks, whitened, strict=True)):
+        sign = 1.0 if flank.flank == "B" else -1.0
+        rows = _rows(driving, model, flank.flank, summary)
+        free = factor.free
+        inverse = np.linalg.inv(factor.factor[:free, :free])
+        follow = -inverse @ factor.factor[:free, free:-1]
+        value += sign * rows @ coefficients[place]
+        slope += sign * (rows[:, free:] + rows[:, :free] @ follow) @ solution.jacobian[place]
+        left = rows[:, :free] @ inverse
+        open_ += left @ left.T
+    return Gap(value, slope, open_)
+
+
+def gap_of_one_flank(
+    driving: Float[np.ndarray, " n"], pair: GearPair, solution: Solution, flank: Flank
+) -> Gap:
+    """The exact gap of the fitted eccentricities; `solution` holds a constant backlash too.
+
+    The offset of the first log says where the driven gear stood: see `mounting`.
+    """
+    offset = next(n for n in (OFFSET, offset_name(0, 2)) if n in solution.names)
+    names = ("driving_x", "driving_y", "driven_x", "driven_y", "constant_backlash", offset)
+    at = {n: float(solution.values[solution.names.index(n)]) for n in names if n in solution.names}
+
+    def gap(**moved: float) -> np.ndarray:
+        now = dict.fromkeys(names, 0.0) | at | moved
+        polar = [complex(now[f"{shaft}_x"], now[f"{shaft}_y"]) for shaft in ("driving", "driven")]
+        rig = Eccentricities(
+            abs(polar[0]),
+            float(np.angle(polar[0], deg=True)),
+            abs(polar[1]),
+            float(np.angle(polar[1], deg=True)),
+            now["constant_backlash"] / DEG,
+        )
+        mounting = mounting_of(
+            (offset,), np.array([now[offset]]), (flank,), now["constant_backlash"]
+        )
+        return np.asarray(_backlash(mounted_exact(pair, rig, mounting), driving))
+
+    slope = np.zeros((len(driving), len(solution.names)))
+    for name, value in at.items():
+        up, down = gap(**{name: value + _STEP}), gap(**{name: value - _STEP})
+        slope[:, solution.names.index(name)] = (up - down) / (2 * _STEP)
+    return Gap(gap(), slope, np.zeros((len(driving), len(driving))))
+
+
+@eqx.filter_jit
+def _backlash(model: ExactModel, driving: Float[ArrayLike, " n"]):
+    return model.backlash(jnp.asarray(driving))
+
+
+def with_constant_backlash(solution: Solution) -> Solution:
+    """The solution of one flank with a constant backlash that is still unknown."""
+    count = len(solution.names)
+    covariance = np.zeros((count + 1, count + 1))
+    covariance[:count, :count] = solution.covariance
+    covariance[count, count] = _UNKNOWN**2
+    return replace(
+        solution,
+        names=(*solution.names, "constant_backlash"),
+        values=np.append(solution.values, 0.0),
+        covariance=covariance,
+        determined=np.append(solution.determined, True),
+        jacobian=np.pad(solution.jacobian, ((0, 0), (0, 0), (0, 1))),
+    )
+
+
+def updated(solution: Solution, gap: Gap, readings: BacklashReadings) -> Solution:
+    """The solution with the readings as further data."""
+    off = readings.backlash - gap.value
+    scatter = scatter_of(readings, gap)
+    total = gap.deviation(solution.covariance) + scatter**2 * np.eye(len(off))
+    gain = np.linalg.solve(total, gap.slope @ solution.covariance).T
+    step = gain @ off
+    covariance = solution.covariance - gain @ gap.slope @ solution.covariance
+    return replace(
+        solution,
+        values=solution.values + step,
+        covariance=(covariance + covariance.T) / 2,
+        tied=solution.tied + solution.jacobian @ step,
+    )
+
+
+def scatter_of(readings: BacklashReadings, gap: Gap) -> float:
+    """Standard deviation of single readings about the fit and a common shift, rad."""
+    off = readings.backlash - gap.value
+    return float(np.std(off, ddof=1)) if len(off) > 1 else float(np.abs(off[0]) or _UNKNOWN)
+
+
+def comparison(readings: BacklashReadings, gap: Gap, solution: Solution) -> dict:
+    """Readings less the gap the fit expects, in degrees; before they join it."""
+    off = (readings.backlash - gap.value) / DEG
+    spread = np.sqrt(np.mean(np.diag(gap.deviation(solution.covariance)))) / DEG
+    return {
+        "source": readings.source,
+        "sha256": readings.sha256,
+        "count": len(readings),
+        "rms_deg": float(np.sqrt(np.mean(off**2))),
+        "mean_deg": float(np.mean(off)),
+        "scatter_deg": scatter_of(readings, gap) / DEG,
+        "largest_deg": float(off[np.argmax(np.abs(off))]),
+        "largest_at_deg": float(readings.driving_angle[np.argmax(np.abs(off))] / DEG),
+        "expected_std_deg": float(spread),
+    }
+
+
+def require_plausible(readings: BacklashReadings, gap: Gap, compared: dict, as_data: bool) -> None:
+    """Refuse as data what is off the fit by half the gap: another unit, zero or rig."""
+    usual = float(np.mean(np.abs(gap.value))) / DEG
+    doubt = compared["scatter_deg"] / np.sqrt(len(readings)) + compared["expected_std_deg"]
+    off = abs(compared["mean_deg"])
+    compared["contradicts"] = bool(off > _FAR * doubt and off > _SHARE * usual)
+    if as_data and compared["contradicts"]:
+        raise LogError(
+            f"the readings stand {compared['mean_deg']:+.3g}° off the gap of the fit, which is"
+            f" {usual:.3g}° on average; check their unit, or leave --use-readings out.",
+            where=readings.source,
+        )
+
+
+def require_gap(pair: GearPair | Drive, flanks: Sequence[str], as_data: bool, where: str) -> None:
+    """Refuse readings for a fit that expects no gap to compare them with."""
+    if len(flanks) == 2:
+        return
+    if isinstance(pair, Drive):
+        raise UsageError(
+            "backlash readings need both flanks of a drive without gear geometry; record both"
+            " directions.",
+            where=where,
+        )
+    if not as_data:
+        raise UsageError(
+            "one flank alone expects no backlash to check the readings against; use them as data"
+            " (--use-readings), or record both directions.",
+            where=where,
+        )
+
+
+def _rows(
+    driving: Float[np.ndarray, " n"], model: OrderModel, flank: Flank, summary: HarmonicSummary
+) -> Float[np.ndarray, "n columns"]:
+    """Rows of the fit, y left out, at angles of the first log."""
+    columns = summary.columns
+    error = np.asarray(model.transmission_error(driving, flank))
+    driven = float(model.ratio) * driving + error
+    rows = np.zeros((len(driving), columns.width - 1))
+    rows[:, columns.index(OFFSET)] = 1.0
+    for place, term in enumerate(columns.free + columns.tied):
+        phase = term[0] * driving + term[1] * driven
+        cell = columns.cosine(place)
+        rows[:, cell], rows[:, cell + 1] = np.cos(phase), np.sin(phase)
+    return rows

@@ -1,0 +1,177 @@
+"""Checks and records of a fit as they stand in its JSON."""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from ...base.units import ARCSEC, DEG
+from ...logs.channel.channel import Channel
+from ...logs.channel.spikes import without_spikes
+from ...logs.checks.ratio import seen_ratio
+from ...logs.encoder_log import EncoderLog
+from ...pair.gear_pair import Drive, GearPair
+from ..model.column_layout import is_shared
+from ..model.mounting import mounting_of
+from ..preliminary.alignment import SHAFTS, START
+from ..preliminary.linear_fit import View
+from ..preliminary.model_selection import Gathered
+from ..solve.least_squares import Solution
+from .closure import reversal_jumps
+from .parameters import Parameter, apparent_gap, variable_backlash_deg
+from .repeatability import halves, passes
+from .same_rig import disagreements, refuse_different_rigs
+
+
+def checks_of(
+    gathered: Gathered,
+    solution: Solution,
+    pair: GearPair | Drive,
+    parameters: dict[str, Parameter],
+) -> dict:
+    """Checks that need the logs and the solution, by name."""
+    view = gathered.view
+    return {
+        "reversals": _numbered(
+            [_reversals(view, log, solution, pair, parameters) for log in range(len(view.inputs))]
+        ),
+        "drawing_backlash_deg": _drawing_backlash_deg(pair),
+        "ratio": [_ratio(one.log) for one in view.inputs],
+        "agreement": _agreement(view),
+        "apparent_gap": apparent_gap(solution),
+        **_drift(gathered, solution),
+        "outliers": [found.to_json() for found in gathered.weights.outliers],
+        "weakest_direction": solution.weakest.to_json() if solution.weakest else None,
+        "solver_steps": solution.steps,
+    }
+
+
+def repetitions_of(view: View) -> dict[str, Callable[[], list[dict]]]:
+    """Comparisons inside every log, to be carried out later; they keep rows but not samples."""
+    logs, terms = view.rows, view.model.terms
+    return {
+        "passes": lambda: _numbered([passes([run.curve for run in one.runs]) for one in logs]),
+        "halves": lambda: _numbered([halves(one, terms) for one in logs]),
+    }
+
+
+def _numbered(found: Sequence[list[dict]]) -> list[dict]:
+    """Entries of all logs with the number of their log, from 1."""
+    return [{"log": log, **one} for log, own in enumerate(found, 1) for one in own]
+
+
+def log_record(view: View, solution: Solution, log: int) -> dict:
+    """What one log brought: file, samples by flank, where its angles are zero."""
+    one, rows = view.inputs[log].log, view.rows[log]
+    used = dict.fromkeys("AB", 0)
+    for run in rows.runs:
+        used[run.segment.flank] += rows.size * len(run.rows)
+    total = sum(used.values())
+    return {
+        "source": one.source,
+        "sha256": one.sha256,
+        "zero": one.zero,
+        "start": _start(view, solution, log),
+        "zero_readings": {
+            shaft: None if channel is None else _zero_reading(channel, one.zero)
+            for shaft, channel in (("driving", one.driving), ("driven", one.driven))
+        },
+        "samples": {
+            "read": len(one),
+            "used": total,
+            "forward": used["A"],
+            "backward": used["B"],
+            "masked": len(one) - total,
+        },
+    }
+
+
+def _zero_reading(channel: Channel, zero: str) -> int | float:
+    """The reading that is angle zero: the first one, unless it is a spike.
+
+    Where angles are zero at the reading zero, the first reading: it tells where the log began.
+    """
+    return channel.origin if zero == "start" else channel.reading[0].item()
+
+
+def _start(view: View, solution: Solution, log: int) -> dict[str, float | None]:
+    """Angles of a log at its zero in the angles of the first, degrees, with standard errors."""
+    found: dict[str, float | None] = {}
+    for shaft in SHAFTS:
+        value, std = getattr(view.starts[log], shaft), 0.0
+        name = f"{START[shaft]}_of_{log + 1}"
+        if name in solution.names:
+            place = solution.names.index(name)
+            value += float(solution.values[place])
+            std = float(np.sqrt(solution.covariance[place, place]))
+        found |= {f"{shaft}_deg": value / DEG % 360, f"{shaft}_std_deg": std / DEG}
+    return found
+
+
+def _drift(gathered: Gathered, solution: Solution) -> dict:
+    drift = gathered.drift
+    longest = max(float(c.time[-1] - c.time[0]) for c in gathered.view.channels)
+    return {
+        "drift_order": drift.order,
+        "drift_knots_s": drift.knots_s or None,
+        "drift_stiffness_s": drift.stiffness_s(longest),
+        "drift_arcsec": [
+            float(value) / ARCSEC
+            for name, value in zip(solution.names, solution.values, strict=True)
+            if name.startswith(("drift_", "spline_"))
+        ],
+    }
+
+
+def _reversals(
+    view: View,
+    log: int,
+    solution: Solution,
+    pair: GearPair | Drive,
+    parameters: dict[str, Parameter],
+) -> list[dict]:
+    """The paper's way to the constant backlash: the jump at a reversal less j_v there."""
+    channels, one = view.channels[log], view.inputs[log].log
+    error = one.transmission_error + float(one.ratio) * (one.driving_angle - channels.driving)
+    for name, values in channels.own.items():
+        if is_shared(name) and name in solution.names:
+            error -= solution.values[solution.names.index(name)] * values
+    error = without_spikes(error, one.time, one.spikes)
+    jumps = reversal_jumps(channels.driving, error, view.inputs[log].found.segments)
+    if isinstance(pair, GearPair):
+        start = _start(view, solution, log)
+        gap = (solution.names, solution.values, [f.flank for f in view.summary.flanks])
+        mounting_deg = mounting_of(*gap, 0.0, log) / DEG
+        for jump in jumps:
+            driven_deg = float(pair.ratio) * jump["driving_deg"] + mounting_deg
+            variable = variable_backlash_deg(
+                pair,
+                parameters,
+                jump["driving_deg"] + (start["driving_deg"] or 0.0),
+                driven_deg + (start["driven_deg"] or 0.0),
+            )
+            jump["variable_backlash_deg"] = variable
+            jump["constant_backlash_deg"] = jump["jump_deg"] - variable
+    return jumps
+
+
+def _ratio(log: EncoderLog) -> dict:
+    ratio = seen_ratio(log)
+    return {
+        "given": f"{ratio.given}",
+        "seen": ratio.seen,
+        "std": ratio.std,
+        "verdict": ratio.verdict,
+    }
+
+
+def _agreement(view: View) -> list[dict]:
+    """First orders of every log against the first log's; refuses logs of different rigs."""
+    if len(view.rows) == 1:
+        return []
+    found = disagreements(view.rows, view.model.terms, view.starts, same_zero=view.model.same_zero)
+    refuse_different_rigs(found, [one.log.source for one in view.inputs])
+    return found
+
+
+def _drawing_backlash_deg(pair: GearPair | Drive) -> float | None:
+    return None if isinstance(pair, Drive) else float(pair.drawing_backlash) / DEG

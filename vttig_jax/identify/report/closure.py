@@ -1,0 +1,83 @@
+"""Checks that do not use the fit's model: closure, order amplitudes, and the jump at a reversal."""
+
+from itertools import pairwise
+
+import numpy as np
+from jaxtyping import Float
+
+from ...base.units import DEG, REV
+from ...kinematics.te_curve import TECurve
+from ...logs.motion.segments import Segment
+from ...pair.gear_pair import Drive, GearPair
+
+_NEAR_DEG, _FAR_DEG = 1.0, 6.0
+"""Window of driving angle before the turn in which both passes are compared."""
+
+
+def closure(curves: tuple[TECurve, ...], pair: GearPair | Drive) -> dict | None:
+    """Does the transmission error come back after one hunting period (Fig. 12)?
+
+    Compares every run with itself one period later: rms and mean of the difference in degrees, and
+    the angle over which it could be compared. None where no run is longer than the period.
+    """
+    period = pair.hunting_turns * REV
+    differences = []
+    for curve in curves:
+        order = np.argsort(curve.driving_angle)
+        angle, error = curve.driving_angle[order], curve.transmission_error[order]
+        early = angle[angle + period <= angle[-1]]
+        if len(early) > 1:
+            late = np.interp(early + period, angle, error)
+            differences.append(late - error[: len(early)])
+    if not differences:
+        return None
+    difference = np.concatenate(differences)
+    overlap = sum(max(0.0, float(np.ptp(c.driving_angle)) - period) for c in curves)
+    return {
+        "period_deg": period / DEG,
+        "overlap_deg": overlap / DEG,
+        "rms_deg": float(np.sqrt(np.mean(difference**2))) / DEG,
+        "mean_deg": float(np.mean(difference)) / DEG,
+    }
+
+
+def reversal_jumps(
+    driving: Float[np.ndarray, " n"],
+    error: Float[np.ndarray, " n"],
+    segments: tuple[Segment, ...],
+) -> list[dict]:
+    """Backlash seen at every reversal: TE on flank B less TE on flank A at the same driving angles.
+
+    `driving` and `error` in rad, free of delay and wind-up: both turn with the motion and would
+    pass for a jump. Taken 1° to 6° before the turning point, where both passes are in contact on
+    their own flank; in degrees, with the driving angle at the middle of the window.
+    """
+    jumps = []
+    for before, after in pairwise(segments):
+        if before.flank == after.flank:
+            continue
+        window = slice(before.start, after.stop)
+        angle, te = driving[window], error[window]
+        sense = 1.0 if before.flank == "A" else -1.0
+        turn = int(np.argmax(sense * angle))
+        left = sense * (angle[turn] - angle) / DEG
+        near = (left >= _NEAR_DEG) & (left <= _FAR_DEG)
+        place = np.arange(len(angle))
+        first, second = near & (place < turn), near & (place > turn)
+        if first.sum() < 3 or second.sum() < 3:
+            continue
+        jump = _level(left[second], te[second]) - _level(left[first], te[first])
+        jumps.append(
+            {
+                "driving_deg": float(angle[turn] / DEG - sense * (_NEAR_DEG + _FAR_DEG) / 2),
+                "turn_deg": float(angle[turn] / DEG),
+                "jump_deg": sense * jump / DEG,
+            }
+        )
+    return jumps
+
+
+def _level(left: Float[np.ndarray, " n"], error: Float[np.ndarray, " n"]) -> float:
+    """Transmission error in the middle of the window, by a straight line through it."""
+    middle = (_NEAR_DEG + _FAR_DEG) / 2
+    return float(np.polyval(np.polyfit(left - middle, error, 1), 0.0))

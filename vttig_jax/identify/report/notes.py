@@ -1,0 +1,130 @@
+"""What a reader should know beside the numbers of a fit: notes and conditions."""
+
+from collections.abc import Sequence
+from pathlib import PurePath
+
+import numpy as np
+
+from ...base.units import DEG
+from ...logs.encoder_log import EncoderLog
+from ...pair.gear_pair import Drive, GearPair
+from ..model.identifiability import Scope
+from ..noise.noise_model import NoiseModel
+from ..preliminary.delay import one_speed
+from ..preliminary.model_selection import Gathered
+from ..settings import Choices
+from ..solve.least_squares import Solution
+from .parameters import Parameter
+from .per_log import differences
+
+_CORRELATED = 0.9
+
+
+def notes_of(
+    gathered: Gathered,
+    scope: Scope,
+    solution: Solution,
+    noise: NoiseModel,
+    regressors: tuple[Parameter, ...],
+    alone: Sequence[dict],
+) -> tuple[str, ...]:
+    """All notes of a fit: a log without noise first, then what was seen in the logs."""
+    return (
+        *_noise_notes(noise),
+        *_seen(gathered, scope),
+        *_delay_notes(gathered, scope, solution),
+        *_ratio_notes(regressors, gathered.view.inputs[0].log),
+        *solver_notes(solution),
+        *differences(list(alone)),
+    )
+
+
+def _noise_notes(noise: NoiseModel) -> list[str]:
+    """Say so where a log holds no noise, as a simulated one may."""
+    if not noise.is_rounding:
+        return []
+    return [
+        "the log holds no noise: its harmonics leave less than a millionth of the transmission"
+        f" error ({noise.std / DEG:.1g}°); the standard errors are those of a noise of that"
+        " millionth and not those of a measurement, so a value that lies many of them off the truth"
+        " may still be right to all digits that matter"
+    ]
+
+
+def conditions_of(
+    pair: GearPair | Drive, split: bool, choices: Choices, gathered: Gathered
+) -> tuple[str, ...]:
+    """What the numbers take for granted."""
+    conditions: tuple[str, ...] = ()
+    if not choices.gear_terms:
+        conditions = ("perfect_gears",)
+    elif not (isinstance(pair, Drive) or split):
+        conditions = ("perfect_encoders",)
+    if gathered.delay.state == "given":
+        conditions += ("given_delay",)
+    unsure = gathered.delay.state == "open" and not gathered.delay.forced
+    if unsure and len(gathered.summary.flanks) == 2:
+        conditions += ("no_delay",)
+    return conditions
+
+
+def _seen(gathered: Gathered, scope: Scope) -> tuple[str, ...]:
+    """What was seen in the logs; a note that all of them have stands once."""
+    inputs = gathered.view.inputs
+    own = [[*one.log.notes, *one.found.notes] for one in inputs]
+    for notes, outliers in zip(own, gathered.weights.outliers, strict=False):
+        notes.append(outliers.sentence)
+    shared = [note for note in own[0] if all(note in notes for notes in own)]
+    notes = list(shared)
+    for one, each in zip(inputs, own, strict=True):
+        front = f"{PurePath(one.log.source).name}: " if len(inputs) > 1 else ""
+        notes += [front + note for note in each if note not in shared]
+    return (*notes, *scope.notes, *gathered.notes)
+
+
+def _delay_notes(gathered: Gathered, scope: Scope, solution: Solution) -> list[str]:
+    """What a delay and the constant backlash do to each other."""
+    state = gathered.delay.state
+    if state == "open" and len(scope.flanks) == 2 and not gathered.delay.forced:
+        speeds = [abs(s.speed) for own in scope.segments for s in own]
+        shift = 2 * float(scope.terms.ratio) * max(speeds) * 1e-6 / DEG
+        return [
+            f"no delay is assumed: every microsecond of it would pass for {shift:.2g}° of constant"
+            " backlash, and the speed is too steady to tell; log a second speed"
+        ]
+    steady = one_speed([s for own in scope.segments for s in own])
+    if state == "fitted" and {"delay", "constant_backlash"} <= set(solution.names):
+        pair = [solution.names.index(name) for name in ("delay", "constant_backlash")]
+        spread = solution.covariance[np.ix_(pair, pair)]
+        correlation = spread[0, 1] / np.sqrt(spread[0, 0] * spread[1, 1])
+        if abs(correlation) > _CORRELATED:
+            return [
+                "delay and constant backlash are hardly told apart (correlation"
+                f" {correlation:+.3f}); their standard errors hold that"
+                + (", and a second speed would separate them" if steady else "")
+            ]
+    return []
+
+
+def solver_notes(solution: Solution) -> list[str]:
+    """Say so where the solver found no minimum."""
+    if solution.converged:
+        return []
+    return [
+        f"the solver stopped after {solution.steps} steps, {solution.misfit:.3g} standard"
+        " deviations off the harmonics of the log; the relation made linear is"
+        f" {solution.linear_misfit:.3g} off. The numbers say nothing: correct teeth and module"
+        " of the pair file, list fewer orders in [fit], or record more turns"
+    ]
+
+
+def _ratio_notes(regressors: tuple[Parameter, ...], log: EncoderLog) -> list[str]:
+    """Say so where a free ratio comes out otherwise than given."""
+    for one in regressors:
+        if one.name == "ratio" and one.significant and one.value is not None:
+            off, std = (1e6 * part / float(log.ratio) for part in (one.value, one.std or 0.0))
+            return [
+                f"the ratio comes out {off - 1e6:+.0f} ± {std:.0f} ppm off {log.ratio} as given;"
+                " over a fraction of a turn a slow error or wind-up looks the same"
+            ]
+    return []

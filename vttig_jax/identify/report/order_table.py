@@ -1,0 +1,96 @@
+"""Every fitted harmonic, flank by flank, with its standard error; and the flank model they make."""
+
+from dataclasses import dataclass
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from ...base.units import ARCSEC
+from ...kinematics.harmonic import OrderModel
+from ...pair.gear_pair import Flank
+from ..compress.harmonic_summary import HarmonicSummary
+from ..model.column_layout import OFFSET
+from ..noise.noise_model import WhitenedFlank
+from ..solve.least_squares import Solution
+from .parameters import polar_spread
+
+
+@dataclass(frozen=True)
+class Order:
+    """a sin(k φ_shaft + p) in the transmission error of one flank; a at the driven gear."""
+
+    shaft: str
+    order: int
+    flank: Flank
+    amplitude_arcsec: float
+    std_arcsec: float
+    phase_deg: float
+
+    def to_json(self) -> dict:
+        """Fields of the contract."""
+        return dict(vars(self))
+
+
+def order_table(
+    summary: HarmonicSummary,
+    whitened: tuple[WhitenedFlank, ...],
+    solution: Solution,
+    coefficients: list[Float[np.ndarray, " columns"]],
+) -> tuple[Order, ...]:
+    """Amplitude, standard error and phase of every harmonic of both shafts and of the mesh."""
+    table = []
+    harmonics = summary.terms.free + summary.terms.tied
+    for index, (flank, factor) in enumerate(zip(summary.flanks, whitened, strict=True)):
+        jacobian = solution.jacobian[index]
+        covariance = factor.covariance(jacobian @ solution.covariance @ jacobian.T)
+        values = coefficients[index]
+        for position, harmonic in enumerate(harmonics):
+            if harmonic.shaft == "both":
+                continue
+            cosine = summary.columns.cosine(position)
+            # a sin(kφ + p): the sine column holds a cos p, the cosine column a sin p.
+            cells = [cosine + 1, cosine]
+            amplitude, std, phase_deg, _ = polar_spread(
+                values[cells] / ARCSEC, covariance[np.ix_(cells, cells)] / ARCSEC**2
+            )
+            table.append(
+                Order(
+                    harmonic.shaft,
+                    harmonic.order,
+                    flank.flank,
+                    amplitude,
+                    std,
+                    phase_deg,
+                )
+            )
+    ranks = {"driving": 0, "driven": 1, "mesh": 2}
+    return tuple(sorted(table, key=lambda o: (ranks[o.shaft], o.order, o.flank)))
+
+
+def fitted_model(
+    summary: HarmonicSummary,
+    coefficients: list[Float[np.ndarray, " columns"]],
+    level: float = 0.0,
+) -> OrderModel:
+    """The order-complete flank model, with the offset of the first log, `level` added to it.
+
+    A flank that was not measured holds NaN.
+    """
+    harmonics = summary.terms.free + summary.terms.tied
+    offset, cosine, sine = (
+        np.full(shape, np.nan) for shape in ((2,), (2, len(harmonics)), (2, len(harmonics)))
+    )
+    for flank, values in zip(summary.flanks, coefficients, strict=True):
+        side = "AB".index(flank.flank)
+        columns = [summary.columns.cosine(position) for position in range(len(harmonics))]
+        offset[side] = values[summary.columns.index(OFFSET)] + level
+        cosine[side] = values[columns]
+        sine[side] = values[[column + 1 for column in columns]]
+    return OrderModel(
+        ratio=jnp.asarray(float(summary.terms.ratio)),
+        terms=tuple(h.term for h in harmonics),
+        offset=jnp.asarray(offset),
+        cosine=jnp.asarray(cosine),
+        sine=jnp.asarray(sine),
+    )

@@ -1,0 +1,361 @@
+"""All parameters of a fit, each with its value and interval or the reason why it has none."""
+
+import math
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float
+
+from ...base.angles import amplitude_phase
+from ...base.units import ARCSEC, DEG
+from ...logs.encoder_log import EncoderLog
+from ...pair.gear_pair import Drive, GearPair
+from ..model.identifiability import Scope
+from ..preliminary.delay import Delay
+from ..settings import Choices
+from ..solve.least_squares import Solution
+
+Outcome = Literal["ok", "partly_determined", "not_determined", "not_converged"]
+
+
+NORMAL_95 = 1.959963984540054
+SIGNIFICANT = 3.0
+BELOW = "below three standard errors"
+ROUNDING = 1e-11
+"""Angles below this, rad, are rounding and never significant."""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One number of the result, with everything needed to trust it or not.
+
+    `determined` is False where the data cannot fix it; then `value` is None and `reason` says
+    why. An amplitude or backlash below three standard errors is not `significant`: an amplitude
+    then has an upper limit `upper95` and its phase no value. `low95` and `high95` are equal-tailed
+    (Laplace); those of a phase lie around the value and may leave [0°, 360°).
+    """
+
+    name: str
+    unit: str
+    value: float | None = None
+    std: float | None = None
+    low95: float | None = None
+    high95: float | None = None
+    determined: bool = False
+    significant: bool = False
+    reason: str | None = None
+    upper95: float | None = None
+
+    def moved(self, by: float) -> "Parameter":
+        """The same with `by` added to value and interval."""
+        if self.value is None or self.low95 is None or self.high95 is None:
+            return self
+        return replace(self, value=self.value + by, low95=self.low95 + by, high95=self.high95 + by)
+
+    def to_json(self) -> dict:
+        """Fields of the contract; `upper95` only where there is one."""
+        record = {
+            key: getattr(self, key)
+            for key in (
+                "value",
+                "std",
+                "low95",
+                "high95",
+                "unit",
+                "determined",
+                "significant",
+                "reason",
+            )
+        }
+        return record | ({} if self.upper95 is None else {"upper95": self.upper95})
+
+
+def undetermined(name: str, unit: str, reason: str) -> Parameter:
+    """A parameter the data cannot fix."""
+    return Parameter(name, unit, reason=reason)
+
+
+def scalar(solution: Solution, source: str, name: str, unit: str, scale: float) -> Parameter:
+    """A parameter that is one Cartesian coordinate; `scale` is internal units per `unit`."""
+    index = solution.names.index(source)
+    value = float(solution.values[index]) / scale
+    std = math.sqrt(float(solution.covariance[index, index])) / scale
+    significant = abs(value) >= max(SIGNIFICANT * std, ROUNDING / scale)
+    return Parameter(
+        name,
+        unit,
+        value,
+        std,
+        value - NORMAL_95 * std,
+        value + NORMAL_95 * std,
+        determined=True,
+        significant=significant,
+        reason=None if significant else BELOW,
+    )
+
+
+def polar(
+    solution: Solution, source: str, names: tuple[str, str], unit: str, scale: float
+) -> tuple[Parameter, Parameter]:
+    """Amplitude and phase of the Cartesian pair `source`_x, `source`_y."""
+    index = [solution.names.index(f"{source}_{axis}") for axis in "xy"]
+    offset = solution.values[index] / scale
+    spread = solution.covariance[np.ix_(index, index)] / scale**2
+    amplitude, amplitude_std, phase_deg, phase_std_deg = polar_spread(offset, spread)
+    significant = amplitude >= SIGNIFICANT * amplitude_std
+    if not significant:
+        reason = f"{names[0]} is below three standard errors"
+        upper = _upper_limit(amplitude, spread)
+        return (
+            Parameter(
+                names[0],
+                unit,
+                amplitude,
+                amplitude_std,
+                0.0,
+                upper,
+                determined=True,
+                reason="below three standard errors: an upper limit only",
+                upper95=upper,
+            ),
+            Parameter(names[1], "deg", determined=True, reason=reason),
+        )
+    return (
+        _interval(names[0], unit, amplitude, amplitude_std),
+        _interval(names[1], "deg", phase_deg, phase_std_deg),
+    )
+
+
+def polar_spread(
+    offset: Float[np.ndarray, "2"], spread: Float[np.ndarray, "2 2"]
+) -> tuple[float, float, float, float]:
+    """Amplitude and its standard error, phase in degrees and its standard error, to first order."""
+    amplitude, phase_deg = (float(part) for part in amplitude_phase(offset[1], offset[0]))
+    if amplitude == 0:
+        return 0.0, float(np.sqrt(np.max(np.linalg.eigvalsh(spread)))), 0.0, 180.0
+    along = offset / amplitude
+    across = np.array([-along[1], along[0]])
+    phase_std = float(np.sqrt(across @ spread @ across)) / amplitude
+    return amplitude, float(np.sqrt(along @ spread @ along)), phase_deg, phase_std / DEG
+
+
+def _interval(name: str, unit: str, value: float, std: float) -> Parameter:
+    margin = NORMAL_95 * std
+    return Parameter(
+        name, unit, value, std, value - margin, value + margin, determined=True, significant=True
+    )
+
+
+def _upper_limit(amplitude: float, spread: Float[np.ndarray, "2 2"]) -> float:
+    """95 % quantile of the length of a plane Gaussian vector, its spread taken as a circle."""
+    variance = float(np.trace(spread)) / 2
+    from scipy.special import chndtrix  # slow to import, and seldom needed
+
+    return math.sqrt(variance * float(chndtrix(0.95, 2, amplitude**2 / variance)))
+
+
+UNITS = {"mm": 1.0, "deg": DEG, "arcsec": ARCSEC}
+"""Internal units (mm, rad) per unit at the border."""
+
+
+SHAFTS = ("driving", "driven")
+_ONE_DIRECTION = "one direction: encoder and gear eccentricity are one number"
+_PERFECT = "not fitted: the encoders are taken to be perfect"
+_PERFECT_GEARS = "not fitted: the gears are taken to be perfect"
+_NO_GEOMETRY = "a drive has no gear geometry that could tell encoder from gear"
+_REGRESSORS = {
+    "torque": ("torque_arcsec_per_unit", "arcsec/unit of torque", ARCSEC),
+    "acceleration": ("acceleration_arcsec_s2_per_rad", "arcsec/(rad/s²)", ARCSEC),
+    "speed": ("speed_s", "s", 1.0),
+    "ratio": ("ratio", "1", 1.0),
+}
+"""Own column → name, unit, and internal units per unit of its coefficient."""
+
+
+def parameters_of(
+    pair: GearPair | Drive,
+    scope: Scope,
+    solution: Solution,
+    choices: Choices,
+    delay: Delay,
+) -> dict[str, Parameter]:
+    """Every name of the contract → `Parameter`, in its order."""
+    drive = isinstance(pair, Drive)
+    found: list[Parameter] = []
+    for shaft in SHAFTS:
+        name, unit, scale = (
+            (f"{shaft}_amplitude_arcsec", "arcsec", ARCSEC)
+            if drive
+            else (f"{shaft}_eccentricity_mm", "mm", 1.0)
+        )
+        names = (name, f"{shaft}_phase_deg")
+        reason = scope.reasons.get(shaft) if choices.gear_terms else _PERFECT_GEARS
+        found += _polar_or_reason(solution, shaft, names, unit, scale, reason)
+    found.append(_constant_backlash(solution, scope.short, delay))
+    for shaft in SHAFTS:
+        reason = scope.reasons.get(shaft)
+        if not choices.gear_terms:
+            pass
+        elif drive:
+            reason = _NO_GEOMETRY
+        elif not choices.encoder_terms:
+            reason = _PERFECT
+        elif len(scope.flanks) == 1:
+            reason = _ONE_DIRECTION
+        names = (f"{shaft}_encoder_arcsec", f"{shaft}_encoder_phase_deg")
+        found += _polar_or_reason(solution, f"{shaft}_encoder", names, "arcsec", ARCSEC, reason)
+    found.append(_delay(solution, delay))
+    return {parameter.name: parameter for parameter in found}
+
+
+def outcome_of(parameters: dict[str, Parameter], converged: bool, choices: Choices) -> Outcome:
+    """One word for the whole fit; parameters that were not asked for do not count."""
+    if not converged:
+        return "not_converged"
+    left_out = (_NO_GEOMETRY, _PERFECT, _PERFECT_GEARS)
+    asked = [
+        p
+        for p in parameters.values()
+        if p.name != "delay_s"
+        and p.reason not in left_out
+        and (choices.encoder_terms or "encoder" not in p.name)
+        and (choices.gear_terms or p.name != "constant_backlash_deg")
+    ]
+    if not any(p.determined for p in asked):
+        return "not_determined"
+    return "ok" if all(p.determined for p in asked) else "partly_determined"
+
+
+def _polar_or_reason(
+    solution: Solution,
+    source: str,
+    names: tuple[str, str],
+    unit: str,
+    scale: float,
+    reason: str | None,
+) -> tuple[Parameter, Parameter]:
+    if reason is None:
+        index = [solution.names.index(f"{source}_{axis}") for axis in "xy"]
+        if all(solution.determined[index]):
+            return polar(solution, source, names, unit, scale)
+        reason = "the data leave it open: " + _companions(solution, index)
+    return undetermined(names[0], unit, reason), undetermined(names[1], "deg", reason)
+
+
+def _companions(solution: Solution, index: list[int]) -> str:
+    others = [
+        name.replace("_", " ")
+        for place, name in enumerate(solution.names)
+        if not solution.determined[place] and place not in index
+    ]
+    return "it cannot be told from " + ", ".join(others) if others else "no sample depends on it"
+
+
+def apparent_gap(solution: Solution) -> dict | None:
+    """By how much flank B stands above flank A on average over the angles covered.
+
+    Equal to the constant backlash where that is determined; where a shaft turned too little to tell
+    its variable part it is all that is known. A gap below zero is no backlash.
+    """
+    if "constant_backlash" not in solution.names:
+        return None
+    place = solution.names.index("constant_backlash")
+    if not solution.determined[place]:
+        return None
+    value = float(solution.values[place])
+    std = math.sqrt(float(solution.covariance[place, place]))
+    return {
+        "value_deg": value / DEG,
+        "std_deg": std / DEG,
+        "significant": value >= max(SIGNIFICANT * std, ROUNDING),
+    }
+
+
+def regressors_of(solution: Solution, log: EncoderLog) -> tuple[Parameter, ...]:
+    """Coefficients of torque, acceleration, speed and ratio, as far as they were fitted."""
+    found = []
+    for source in solution.names:
+        if source.split("_")[0] in _REGRESSORS:
+            name, unit, scale = _REGRESSORS[source.split("_")[0]]
+            if not solution.determined[solution.names.index(source)]:
+                index = [solution.names.index(source)]
+                reason = "the data leave it open: " + _companions(solution, index)
+                found.append(undetermined(name, unit, reason))
+                continue
+            one = scalar(solution, source, name, unit, scale)
+            if source == "ratio":
+                agrees = f"within three standard errors of {log.ratio} as given"
+                reason = None if one.significant else agrees
+                one = replace(one.moved(float(log.ratio)), reason=reason)
+            found.append(one)
+    return tuple(found)
+
+
+def _delay(solution: Solution, delay: Delay) -> Parameter:
+    """The delay: shift of the driving angle and what the last step added to it."""
+    if delay.state == "fitted":
+        place = solution.names.index("delay")
+        if not solution.determined[place]:
+            reason = "the data leave it open: " + _companions(solution, [place])
+            return undetermined("delay_s", "s", reason)
+        found = scalar(solution, "delay", "delay_s", "s", 1.0).moved(delay.seconds)
+        if abs(found.value or 0.0) >= SIGNIFICANT * (found.std or 0.0):
+            return replace(found, significant=True, reason=None)
+        return replace(found, significant=False, reason=BELOW)
+    if delay.state == "insignificant":
+        margin = NORMAL_95 * delay.std_s
+        return Parameter(
+            "delay_s",
+            "s",
+            delay.step_s,
+            delay.std_s,
+            delay.step_s - margin,
+            delay.step_s + margin,
+            determined=True,
+            reason=delay.reason,
+        )
+    return undetermined("delay_s", "s", delay.reason)
+
+
+def _constant_backlash(solution: Solution, short: tuple[str, ...], delay: Delay) -> Parameter:
+    name = "constant_backlash_deg"
+    if "constant_backlash" not in solution.names:
+        return undetermined(name, "deg", "one direction: one flank alone shows no gap")
+    if short:
+        reason = (
+            f"the {' and the '.join(short)} shaft turned too little to tell its variable backlash"
+            " from the constant one"
+        )
+        return undetermined(name, "deg", reason)
+    if delay.state == "open" and delay.forced:
+        reason = "at one steady speed it cannot be told from the delay that is free"
+        return undetermined(name, "deg", reason)
+    index = solution.names.index("constant_backlash")
+    if not solution.determined[index]:
+        reason = "the data leave it open: " + _companions(solution, [index])
+        return undetermined(name, "deg", reason)
+    found = scalar(solution, "constant_backlash", name, "deg", DEG)
+    if found.significant and (found.value or 0.0) < 0:
+        reason = "negative, which no gap is: friction or wind-up ahead of the gap, or a wrong sign"
+        return replace(found, significant=False, reason=reason)
+    return found
+
+
+def variable_backlash_deg(
+    pair: GearPair, parameters: dict[str, Parameter], driving_deg: float, driven_deg: float
+) -> float:
+    """Variable backlash (21) of the fitted eccentricities that have a phase, degrees.
+
+    `driving_deg`, `driven_deg`: angles of both shafts, from the zeros of their phases.
+    """
+    total = 0.0
+    for shaft, sign, angle_deg in (("driven", 1.0, driven_deg), ("driving", -1.0, driving_deg)):
+        eccentricity = parameters[f"{shaft}_eccentricity_mm"].value
+        phase = parameters[f"{shaft}_phase_deg"].value
+        if eccentricity is not None and phase is not None:
+            total += sign * eccentricity * math.cos((angle_deg + phase) * DEG)
+    alphas = [float(alpha) for alpha in pair.working_pressure_angles]
+    radii = [float(radius) for radius in pair.base_radii[1]]
+    gain = sum(math.sin(a) / r for a, r in zip(alphas, radii, strict=True))
+    return gain * total / DEG

@@ -1,0 +1,90 @@
+"""Does the log repeat itself? Passes of one flank against each other, first half against second."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+
+from ...base.errors import NoAnswerError
+from ...base.threads import one_blas_thread
+from ...base.units import ARCSEC, DEG, REV
+from ...kinematics.te_curve import TECurve
+from ..compress.block_rows import LogRows, Run
+from ..model.harmonics import TermPlan
+from ..preliminary.alignment import Start
+from .same_rig import Phasors, first_orders
+
+_LEAST_OVERLAP = 10 * DEG
+
+
+def passes(curves: Sequence[TECurve]) -> list[dict]:
+    """Difference of neighbouring passes over the same angles on one flank, in degrees.
+
+    One entry a pair of passes that share at least 10°: the later less the earlier one.
+    """
+    found = []
+    for flank in ("A", "B"):
+        own = [curve for curve in curves if curve.flank == flank and len(curve) > 1]
+        for number, (before, after) in enumerate(pairwise(own), 1):
+            (x, y), (u, v) = _ordered(before), _ordered(after)
+            inside = (u >= x[0]) & (u <= x[-1])
+            if not inside.any() or np.ptp(u[inside]) < _LEAST_OVERLAP:
+                continue
+            difference = (v[inside] - np.interp(u[inside], x, y)) / DEG
+            found.append(
+                {
+                    "flank": flank,
+                    "passes": [number, number + 1],
+                    "overlap_deg": float(np.ptp(u[inside])) / DEG,
+                    "mean_deg": float(difference.mean()),
+                    "rms_deg": float(np.sqrt(np.mean(difference**2))),
+                    "scatter_deg": float(difference.std()),
+                }
+            )
+    return found
+
+
+@one_blas_thread
+def halves(rows: LogRows, terms: TermPlan) -> list[dict]:
+    """First orders of the first half of every pass against those of the second half.
+
+    Empty where half a log is too short to tell them.
+    """
+    turns = max((float(np.ptp(run.curve.driving_angle)) / REV for run in rows.runs), default=0.0)
+    apart = abs(1 - terms.ratio)
+    if turns / 2 < max(1.0, 1 / float(apart) if apart else 1.0):
+        return []
+    first, second = (_half(rows, late=late) for late in (False, True))
+    try:
+        one, other = (first_orders(half, terms, Start()) for half in (first, second))
+    except NoAnswerError:
+        return []
+    return [_compared(key, one, other) for key in one if key in other]
+
+
+def _compared(key: tuple[str, str], one: Phasors, other: Phasors) -> dict:
+    (first, first_std), (second, second_std) = one[key], other[key]
+    return {
+        "shaft": key[0],
+        "flank": key[1],
+        "first_arcsec": float(abs(first)) / ARCSEC,
+        "second_arcsec": float(abs(second)) / ARCSEC,
+        "difference_arcsec": float(abs(second - first)) / ARCSEC,
+        "std_arcsec": float(np.hypot(first_std, second_std)) / ARCSEC,
+    }
+
+
+def _half(rows: LogRows, *, late: bool) -> LogRows:
+    """The first or the second half of every run."""
+    runs = []
+    for run in rows.runs:
+        middle = len(run.rows) // 2
+        part = slice(middle, None) if late else slice(middle)
+        runs.append(Run(run.segment, run.rows[part], run.curve.part(part)))
+    return replace(rows, runs=tuple(runs))
+
+
+def _ordered(curve: TECurve) -> tuple[np.ndarray, np.ndarray]:
+    order = np.argsort(curve.driving_angle)
+    return curve.driving_angle[order], curve.transmission_error[order]

@@ -1,0 +1,169 @@
+"""What a residual still holds: memory the noise model missed, and lines no order explains."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float
+from scipy.special import chdtrc
+
+from ...base.numerics.counting import whole_below
+from ...base.threads import one_blas_thread
+from ...base.units import REV
+from ...kinematics.harmonic import Term
+from ...logs.lines.search import Line, find_lines
+from ...logs.lines.search import Run as LineRun
+from ...pair.gear_pair import Flank
+from ..compress.block_means import block_means
+from ..compress.block_rows import LogRows
+from ..model.column_layout import OFFSET
+from ..model.harmonics import SECOND_ORDER, TermPlan
+from ..noise.noise_model import NoiseModel
+from ..solve.residuals import Weights
+
+_LAGS = 20
+_HIGHEST = 12.0
+"""Cycles per driving revolution up to which lines are looked for."""
+
+_ROWS_PER_CYCLE = 3.0
+_ROWS_KEPT = 4.0
+_LEAST_ROWS = 100
+_MOST_CELLS = 50_000
+_MOST_LINES = 3
+_FALSE_ALARM = 1e-3
+
+
+def whiteness(
+    residuals: Sequence[Float[np.ndarray, " _"]],
+    times: Sequence[Float[np.ndarray, " _"]],
+    noises: Sequence[NoiseModel],
+) -> dict | None:
+    """Autocorrelation of the whitened residual, and the Ljung–Box test of it.
+
+    G. M. Ljung, G. E. P. Box, Biometrika 65 (1978) 297. A small probability says that the residual
+    remembers more than the noise model of its run allows for. None where there are too few rows.
+    """
+    innovations = [
+        noise.whitened(residual, time)
+        for residual, time, noise in zip(residuals, times, noises, strict=True)
+        if len(residual) > len(noise.coefficients) + 1 + _LAGS
+    ]
+    count = sum(map(len, innovations))
+    if count < _LEAST_ROWS:
+        return None
+    square = sum(float(part @ part) for part in innovations)
+    if square == 0:
+        return None
+    correlation = np.array(
+        [
+            sum(float(part[lag:] @ part[:-lag]) for part in innovations) / square
+            for lag in range(1, _LAGS + 1)
+        ]
+    )
+    statistic = (
+        count * (count + 2) * float(np.sum(correlation**2 / (count - np.arange(1, _LAGS + 1))))
+    )
+    order = max(len(noise.coefficients) for noise in noises)
+    freedom = max(_LAGS - order, 1)
+    return {
+        "autocorrelation": correlation.tolist(),
+        "ljung_box": statistic,
+        "probability": float(chdtrc(freedom, statistic)),
+    }
+
+
+@one_blas_thread
+def lines_left(
+    rows: Sequence[LogRows], weights: Sequence[Weights], terms: TermPlan, *, same_zero: bool
+) -> list[dict]:
+    """Significant lines of the residual, in cycles per driving revolution.
+
+    Both flanks are searched together and each by itself (`flank` is then "A" or "B", else None): a
+    missing order has a phase of its own on each flank, and opposite ones hide it from the first.
+    Logs with a zero of their own are searched one by one: the phase of a line that is no order of
+    a shaft differs between them. `log` then counts them from 1; it is 0 for all logs together.
+    """
+    if same_zero or len(rows) == 1:
+        return _lines(rows, weights, terms, 0)
+    return [
+        line
+        for number, (log, own) in enumerate(zip(rows, weights, strict=True), 1)
+        for line in _lines([log], [own], terms, number)
+    ]
+
+
+def _lines(
+    rows: Sequence[LogRows], weights: Sequence[Weights], terms: TermPlan, number: int
+) -> list[dict]:
+    """Lines of logs with one zero, those of single flanks where both together did not show them."""
+    logs = enumerate(zip(rows, weights, strict=True))
+    runs = [run for place, (log, own) in logs for run in _runs(log, own, place)]
+    flanks = sorted({flank for flank, _ in runs})
+    turns = max((float(np.ptp(run.angle)) / REV for _, run in runs), default=0.0)
+    fixed = [h.term for h in terms.free + terms.tied if _is_beside(h.term, terms)]
+    known = [float(terms.frequency(term)) for term in fixed]
+    found: list[dict] = []
+    for flank in [None, *(flanks if len(flanks) == 2 else [])]:
+        part = [run for own, run in runs if flank in (None, own)]
+        for line in _searched(part, _FALSE_ALARM if flank is None else _FALSE_ALARM / 2):
+            near = [*known, *(other["cycles_per_rev"] for other in found)]
+            if all(abs(line.cycles_per_rev - cycles) * turns > 0.5 for cycles in near):
+                found.append({"log": number, "flank": flank, **vars(line)})
+    return found
+
+
+def _searched(runs: list[LineRun], false_alarm: float) -> tuple[Line, ...]:
+    """Lines beside the regressors of the fit, so that none of them passes for one.
+
+    In long logs, where that costs more than the fit itself, a constant stands for them: the
+    residual has nothing of them left.
+    """
+    if not runs:
+        return ()
+    step = max(float(np.quantile(np.abs(np.diff(run.angle)), 0.9)) for run in runs)
+    highest = min(_HIGHEST, REV / step / _ROWS_PER_CYCLE)
+    if highest < 1:
+        return ()
+    if sum(run.nuisance.size for run in runs) > _MOST_CELLS:
+        runs = [_short(run, highest) for run in runs]
+    return find_lines(runs, highest=highest, false_alarm=false_alarm, most=_MOST_LINES)
+
+
+def _is_beside(term: Term, terms: TermPlan) -> bool:
+    """Is a harmonic one that the log fixes?
+
+    The second-order terms of the exact relation follow from the first orders: beside a trial line
+    they would take a missing second order for their own.
+    """
+    return term not in SECOND_ORDER or term in [h.term for h in terms.free]
+
+
+def _runs(log: LogRows, weights: Weights, number: int) -> list[tuple[Flank, LineRun]]:
+    """Rows of a log with what the model leaves of them; rows without weight are left out."""
+    columns = log.columns
+    place = columns.index(OFFSET)
+    dropped = [
+        columns.cosine(len(columns.free) + k) + part
+        for k, term in enumerate(columns.tied)
+        if term in SECOND_ORDER
+        for part in (0, 1)
+    ]
+    runs = []
+    for run in log.runs:
+        share = run.rows[:, place]
+        counted = share > 0
+        if counted.sum() >= _LAGS:
+            rows = run.rows[counted] / share[counted, None]
+            residual = rows @ weights[run.segment.flank]
+            group = f"{run.segment.flank} of log {number}"
+            angle = run.curve.driving_angle[counted]
+            nuisance = np.delete(rows[:, :-1], dropped, axis=1)
+            runs.append((run.segment.flank, LineRun(angle, residual, nuisance, group)))
+    return runs
+
+
+def _short(run: LineRun, highest: float) -> LineRun:
+    """The run in block means of a quarter of the shortest cycle, beside a constant."""
+    turns = max(float(np.ptp(run.angle)) / REV, 1e-9)
+    size = max(1, whole_below(len(run.angle) / turns / (_ROWS_KEPT * highest)))
+    angle, value = (block_means(values, size) for values in (run.angle, run.value))
+    return LineRun(angle, value, np.ones((len(angle), 1)), run.group)

@@ -1,0 +1,97 @@
+"""Are several logs of one rig? First orders of every log by itself, against those of the first."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+from ...base.errors import LogError
+from ...base.units import ARCSEC
+from ..compress.block_rows import LogRows
+from ..compress.harmonic_summary import summarise
+from ..model.harmonics import TermPlan
+from ..noise.noise_model import autoregression
+from ..preliminary.alignment import Start
+
+Phasors = dict[tuple[str, str], tuple[complex, float]]
+"""(shaft, flank) → a exp(jp) of its first order, rad, and its standard error."""
+
+_DEVIATIONS = 8.0
+_SHARE = 0.2
+"""First orders of two logs contradict each other where they differ by more than this share of the
+larger one, and by more than eight standard errors."""
+
+
+def disagreements(
+    rows: Sequence[LogRows], terms: TermPlan, starts: Sequence[Start], *, same_zero: bool
+) -> list[dict]:
+    """Difference of every tied first order from the first log's, flank by flank.
+
+    Where the zeros are not common the phases are free and amplitudes are compared.
+    """
+    first = first_orders(rows[0], terms, starts[0])
+    found = []
+    for log, (own, start) in enumerate(zip(rows[1:], starts[1:], strict=True), 2):
+        for key, (value, std) in first_orders(own, terms, start).items():
+            if key not in first:
+                continue
+            other, other_std = first[key]
+            difference = abs(value - other) if same_zero else abs(abs(value) - abs(other))
+            found.append(
+                {
+                    "log": log,
+                    "shaft": key[0],
+                    "flank": key[1],
+                    "first_arcsec": float(abs(other)) / ARCSEC,
+                    "this_arcsec": float(abs(value)) / ARCSEC,
+                    "difference_arcsec": float(difference) / ARCSEC,
+                    "std_arcsec": float(np.hypot(std, other_std)) / ARCSEC,
+                }
+            )
+    return found
+
+
+def refuse_different_rigs(found: Sequence[dict], sources: list[str]) -> None:
+    """Raise `LogError` for logs whose first orders cannot be those of one rig."""
+    for one in found:
+        largest = max(one["first_arcsec"], one["this_arcsec"])
+        far = one["difference_arcsec"] > _DEVIATIONS * one["std_arcsec"]
+        if far and one["difference_arcsec"] > _SHARE * largest:
+            seen = (
+                f"the {one['shaft']} shaft has a first order of {one['this_arcsec']:.3g}″ on flank"
+                f" {one['flank']}, but {one['first_arcsec']:.3g}″ in {sources[0]}"
+            )
+            raise LogError(
+                f"{seen} (difference {one['difference_arcsec']:.3g}″ ± {one['std_arcsec']:.2g}″);"
+                " these are not logs of one rig, or not with the same zero: fit them one by one.",
+                where=sources[one["log"] - 1],
+            )
+
+
+def first_orders(rows: LogRows, terms: TermPlan, start: Start) -> Phasors:
+    """First orders of one log by itself, in the angles of the first log, where it can tell them."""
+    summary = summarise([rows], terms)
+    filter_ = autoregression(summary)
+    result = {}
+    for flank in summary.flanks:
+        if flank.rows < summary.columns.width:
+            continue  # too few rows: any values of the orders would do
+        factor = flank.factor(filter_)
+        spread = np.linalg.inv(factor[:-1, :-1])
+        values = spread @ factor[:-1, -1]
+        count = max(flank.rows - len(values), 1)
+        covariance = spread @ spread.T * factor[-1, -1] ** 2 / count
+        for place, harmonic in enumerate(terms.free + terms.tied):
+            if harmonic.term not in ((1, 0), (0, 1)):
+                continue
+            cell = summary.columns.cosine(place)
+            phasor = complex(values[cell + 1], values[cell])
+            turned = phasor * np.exp(-1j * start.turned(harmonic.term))
+            result[harmonic.shaft, flank.flank] = turned, _std(covariance, cell)
+    return result
+
+
+def _std(covariance: Float[np.ndarray, "c c"], cell: int) -> float:
+    """Standard error of a phasor in its worse direction."""
+    pair = covariance[cell : cell + 2, cell : cell + 2]
+    return float(np.sqrt(np.linalg.eigvalsh(pair)[-1]))

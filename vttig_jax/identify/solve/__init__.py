@@ -1,0 +1,1 @@
+"""The nonlinear least-squares solution, its residuals and standard errors."""

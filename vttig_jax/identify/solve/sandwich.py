@@ -1,0 +1,79 @@
+"""Standard errors that hold where the noise model does not.
+
+With g_b the score of the parameters p summed over an uninterrupted block of rows b, the covariance
+
+    C (Σ_b g_b g_bᵀ) C,    C = (JᵀJ)⁻¹,
+
+needs the residual neither of one size everywhere nor free of memory shorter than a block (P. J.
+Huber 1967, H. White 1980). It agrees with C where the noise model is right.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+from ..compress.harmonic_summary import HarmonicSummary
+from ..noise.noise_model import NoiseModel, WhitenedFlank
+from ..preliminary.linear_fit import View
+from .least_squares import Solution
+
+_BLOCKS = 28
+"""About as many blocks: each as long as that allows."""
+
+_FEWEST = 12
+_SHORTEST = 10
+
+
+def widened(
+    view: View,
+    summary: HarmonicSummary,
+    noise: NoiseModel,
+    whitened: Sequence[WhitenedFlank],
+    solution: Solution,
+    coefficients: Sequence[Float[np.ndarray, " columns"]],
+) -> Float[np.ndarray, " p"]:
+    """How many times larger the standard error of every parameter is by blocks; at least 1.
+
+    All 1 where there are too few rows for a dozen blocks.
+    """
+    scores = _block_scores(view, summary, noise, whitened, solution, coefficients)
+    plain = np.sqrt(np.diag(solution.covariance))
+    if len(scores) < _FEWEST:
+        return np.ones(len(plain))
+    correction = len(scores) / (len(scores) - 1)
+    spread = solution.covariance @ scores.T
+    robust = np.sqrt(correction * np.sum(spread**2, axis=1))
+    ratio = np.divide(robust, plain, out=np.ones_like(plain), where=plain > 0)
+    return np.maximum(ratio, 1.0)
+
+
+def _block_scores(
+    view: View,
+    summary: HarmonicSummary,
+    noise: NoiseModel,
+    whitened: Sequence[WhitenedFlank],
+    solution: Solution,
+    coefficients: Sequence[Float[np.ndarray, " columns"]],
+) -> Float[np.ndarray, "blocks p"]:
+    """Score of the parameters over every block, the free harmonics at their best."""
+    sides = {flank.flank: place for place, flank in enumerate(summary.flanks)}
+    total = sum(len(run.rows) for rows in view.rows for run in rows.runs)
+    length = max(_SHORTEST, total // _BLOCKS)
+    scores = []
+    for rows, embedding in zip(view.rows, summary.embeddings, strict=True):
+        for run in rows.runs:
+            flank = run.segment.flank
+            own = noise.at(run.segment.speed)
+            if flank not in sides or len(run.rows) < len(own.filter) + _SHORTEST:
+                continue
+            factor, place = whitened[sides[flank]], sides[flank]
+            white = own.whitened(run.rows @ embedding[flank].T, run.curve.time)
+            free = factor.free
+            follow = np.linalg.solve(factor.factor[:free, :free], factor.factor[:free, free:-1])
+            regressors = white[:, free:-1] - white[:, :free] @ follow
+            left = white[:, -1] - white[:, :-1] @ coefficients[place]
+            score = (regressors * left[:, None]) @ solution.jacobian[place]
+            pieces = np.array_split(score, max(1, round(len(score) / length)))
+            scores += [piece.sum(axis=0) for piece in pieces]
+    return np.array(scores).reshape(len(scores), len(solution.names))

@@ -1,0 +1,96 @@
+"""Closed forms of transmission error and backlash of an eccentric pair, (17)–(22) of the paper."""
+
+from typing import Literal
+
+import jax.numpy as jnp
+import numpy as np
+from jax.typing import ArrayLike
+from jaxtyping import Array, Complex, Float, Real
+
+from ..base.arrays import Numbers
+from ..base.numerics.sincos import sincos
+from ..base.units import DEG
+from ..pair.eccentricities import Eccentricities
+from ..pair.gear_pair import Flank, GearPair
+from .flank_model import FlankModel, flank_index
+
+PressureAngle = Literal["working", "reference"]
+
+
+class ClosedModel(FlankModel):
+    """First order in the eccentricities.
+
+    With K = 1/r_b2, ψ₁ = φ₁ + θ₁ and χ₂ = i φ₁ + θ₂:
+
+        TE_A = K [e₁ sin(ψ₁ + α) + e₂ sin(χ₂ − α)] + s tan β_L / R₂
+        TE_B = K [e₁ sin(ψ₁ − α) + e₂ sin(χ₂ + α)] − s tan β_R / R₂ + j_c
+
+    Each flank is a constant plus the imaginary parts of one phasor turning with each shaft.
+    """
+
+    ratio: Float[Array, ""]
+    driving_phasor: Complex[Array, "2"]
+    driven_phasor: Complex[Array, "2"]
+    offset: Float[Numbers, "2"]
+
+    @property
+    def highest_order(self) -> float:
+        """Of the first orders, in cycles per driving turn."""
+        return max(1.0, float(self.ratio))
+
+    def transmission_error(
+        self, driving_angle: Real[ArrayLike, "*shape"], flank: Flank
+    ) -> Float[Array, "*shape"]:
+        """TE of `flank`, rad; see the class."""
+        side = flank_index(flank)
+        angle = jnp.asarray(driving_angle, float)
+        return (
+            _imaginary(self.driving_phasor[side], angle)
+            + _imaginary(self.driven_phasor[side], self.ratio * angle)
+            + self.offset[side]
+        )
+
+
+def closed_model(
+    pair: GearPair,
+    eccentricities: Eccentricities,
+    *,
+    pressure_angle: PressureAngle = "working",
+) -> ClosedModel:
+    """First-order flank model of a rig.
+
+    `pressure_angle` takes α_w of the nominal centre distance ("working", five times closer to the
+    exact relation) or αₜ of the drawing ("reference", as the paper prints it). K stays 1/r_b2.
+    """
+    if pressure_angle not in ("working", "reference"):
+        raise ValueError(
+            'Argument `pressure_angle` must be "working" or "reference", but is'
+            f" {pressure_angle!r}."
+        )
+    alpha = (
+        pair.working_pressure_angles
+        if pressure_angle == "working"
+        else pair.pressure_angles_deg * DEG
+    )
+    driving, driven = eccentricities.cartesian
+    turn = jnp.exp(1j * alpha * jnp.array([1.0, -1.0]))
+    scale = 1 / pair.base_radii[1]
+    return ClosedModel(
+        ratio=jnp.asarray(float(pair.ratio), float),
+        driving_phasor=scale * driving * turn,
+        driven_phasor=scale * driven / turn,
+        offset=flank_offsets(pair, eccentricities),
+    )
+
+
+def flank_offsets(pair: GearPair, eccentricities: Eccentricities) -> Float[Numbers, "2"]:
+    """What constant backlash and axial displacement add to TE_A and TE_B, rad."""
+    slopes = pair.taper * np.array([1.0, -1.0])
+    shift = eccentricities.axial_mm * slopes / pair.reference_radii[1]
+    return shift + np.array([0.0, 1.0]) * (eccentricities.constant_backlash_deg * DEG)
+
+
+def _imaginary(phasor: Complex[Array, ""], angle: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
+    """Im[phasor · exp(j angle)]."""
+    sine, cosine = sincos(angle)
+    return jnp.real(phasor) * sine + jnp.imag(phasor) * cosine

@@ -1,0 +1,1 @@
+"""One encoder channel: readings, wraps, spikes and stalls."""

@@ -1,0 +1,1 @@
+"""Tests of a log before any fit: sampling, ratio, slips and orders."""

@@ -1,0 +1,121 @@
+"""Order spectrum of the transmission error: least squares on the samples of certain flanks."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Complex, Float
+
+from ...base.units import ARCSEC, REV
+from ..encoder_log import EncoderLog
+from ..motion.segments import Segment
+
+HIGHEST = 8
+CHUNK = 65536
+
+SEPARABLE = 0.02
+"""Least eigenvalue of the normalised Gram matrix at which orders still count as told apart."""
+
+
+@dataclass(frozen=True)
+class OrderLine:
+    """Amplitude of one order of one shaft on one flank, at the driven shaft."""
+
+    shaft: str
+    order: int
+    flank: str
+    amplitude_arcsec: float
+
+
+def order_spectrum(
+    log: EncoderLog, segments: Sequence[Segment]
+) -> tuple[tuple[OrderLine, ...], tuple[str, ...]]:
+    """Amplitudes of orders 1 … 8 of both shafts, flank by flank, and notes on what was left out.
+
+    On each flank TE = c₀ + c₁ t + Σ (a cos kφ + b sin kφ) over the orders k of each shaft that
+    turned at least once there. Driven orders that coincide with a driving order are dropped; where
+    the log is too short to tell neighbouring orders apart, the highest are.
+    """
+    lines: list[OrderLine] = []
+    notes: list[str] = []
+    for flank in ("A", "B"):
+        own = [s for s in segments if s.flank == flank]
+        shafts = [
+            shaft
+            for shaft, angle in (("driving", log.driving_angle), ("driven", log.driven_angle))
+            if _turns(angle, own) >= 1
+        ]
+        if not shafts:
+            continue
+        found, highest = _flank_spectrum(log, own, shafts)
+        lines += [OrderLine(*term, flank, value) for term, value in found]
+        if highest < HIGHEST:
+            told = f"only orders 1 to {highest}" if highest else "no orders"
+            notes.append(f"flank {flank}: {told} can be told apart over its few turns")
+    return tuple(lines), tuple(notes)
+
+
+def _turns(angle: Float[np.ndarray, " n"], segments: Sequence[Segment]) -> float:
+    ends = [angle[k] for s in segments for k in (s.start, s.stop - 1)]
+    return (max(ends) - min(ends)) / REV if ends else 0.0
+
+
+def _flank_spectrum(
+    log: EncoderLog, segments: Sequence[Segment], shafts: Sequence[str]
+) -> tuple[list[tuple[tuple[str, int], float]], int]:
+    relative = {"driving": 1, "driven": log.ratio}
+    terms: dict[object, tuple[str, int]] = {}
+    for shaft in shafts:
+        for order in range(1, HIGHEST + 1):
+            terms.setdefault(order * relative[shaft], (shaft, order))
+    wanted = list(terms.values())
+    gram = _gram(log, segments, shafts, wanted)
+    for highest in range(HIGHEST, 0, -1):
+        chosen = [k for k, (_, order) in enumerate(wanted) if order <= highest]
+        columns = [0, 1, *(c for k in chosen for c in (2 + 2 * k, 3 + 2 * k))]
+        matrix, right = gram[np.ix_(columns, columns)], gram[columns, -1]
+        size = np.sqrt(np.diag(matrix))
+        size[size == 0] = 1.0
+        matrix = matrix / np.outer(size, size)
+        if np.linalg.eigvalsh(matrix)[0] < SEPARABLE:
+            continue
+        solution = np.linalg.solve(matrix, right / size) / size
+        amplitudes = np.hypot(solution[2::2], solution[3::2]) / ARCSEC
+        return [(wanted[k], float(a)) for k, a in zip(chosen, amplitudes, strict=True)], highest
+    return [], 0
+
+
+def _gram(
+    log: EncoderLog,
+    segments: Sequence[Segment],
+    shafts: Sequence[str],
+    terms: Sequence[tuple[str, int]],
+) -> Float[np.ndarray, "p p"]:
+    """Gram matrix of the columns 1, t, cos and sin of every term, and the error."""
+    index = np.concatenate([np.arange(s.start, s.stop) for s in segments])
+    time = log.time[index]
+    time = (time - time.mean()) / max(np.ptp(time) / 2, 1e-300)
+    error = log.transmission_error[index]
+    error = error - error.mean()
+    angles = {"driving": log.driving_angle, "driven": log.driven_angle}
+    size = 3 + 2 * len(terms)
+    gram = np.zeros((size, size))
+    for start in range(0, len(index), CHUNK):
+        part = slice(start, start + CHUNK)
+        rows = np.empty((size, len(index[part])))
+        rows[0], rows[1], rows[-1] = 1.0, time[part], error[part]
+        powers = {shaft: _powers(angles[shaft][index[part]]) for shaft in shafts}
+        for k, (shaft, order) in enumerate(terms):
+            power = powers[shaft][order]
+            rows[2 + 2 * k], rows[3 + 2 * k] = np.real(power), np.imag(power)
+        gram += rows @ rows.T
+    return gram
+
+
+def _powers(angle: Float[np.ndarray, " n"]) -> list[Complex[np.ndarray, " n"]]:
+    """exp(jkφ) for k = 0 … `HIGHEST`; one sine and cosine, the rest by multiplication."""
+    first = np.exp(1j * angle)
+    powers = [np.ones_like(first)]
+    for _ in range(HIGHEST):
+        powers.append(powers[-1] * first)
+    return powers

@@ -1,0 +1,177 @@
+"""The ratio a log shows, against the one the pair file states.
+
+The slope of driven over driving angle. A periodic transmission error is no noise. The standard
+error is the largest of three: the residual, taken as independent only from one driven turn to the
+next; a block jackknife; and the change of the slope when first orders of both shafts are fitted
+beside it, which is what an eccentricity seen over less than a turn can do.
+"""
+
+import math
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float
+
+from ...base.errors import LogError
+from ...base.units import REV
+from ..encoder_log import EncoderLog
+
+TOLERANCE = 0.005
+"""Relative deviation below which a ratio is never doubted."""
+
+DEVIATIONS = 5.0
+"""Standard errors below which it is not either."""
+
+APART = 0.05
+"""Share of the driven travel, rms, that may not follow the driving shaft at any ratio."""
+
+BLOCKS = 10
+
+MOST_ROWS = 20_000
+"""Rows of the regression beside first orders; longer logs are thinned."""
+
+LARGEST_ORDER = 0.02
+"""Amplitude in rad of the largest first order a gear is credited with (1.5 mm at 80 mm)."""
+
+Verdict = Literal["agrees", "swapped", "sign", "swapped_sign", "differs", "none"]
+
+
+@dataclass(frozen=True)
+class SeenRatio:
+    """Ratio seen in a log with its standard error (None in a TE-curve log), and the one given."""
+
+    seen: float | None
+    std: float | None
+    given: Fraction
+    verdict: Verdict
+
+    @property
+    def short(self) -> str:
+        """Seen and given ratio in a few words."""
+        given = f"{self.given} = {float(self.given):.6g} given"
+        if self.seen is None:
+            return f"{given}, a TE-curve log has none to check"
+        return f"{self.seen:.6g} ± {self.std:.1g} seen, {given}"
+
+    @property
+    def sentence(self) -> str:
+        """What was seen and, where it disagrees, which option settles it."""
+        given = f"{self.given} = {float(self.given):.6g}"
+        if self.seen is None:
+            return f"a TE-curve log has no ratio to check; {given} is taken as given."
+        seen = f"the log shows a ratio of {self.seen:.6g} ± {self.std:.1g}"
+        if self.verdict == "agrees":
+            return f"{seen}, as given ({given})."
+        cure = {
+            "swapped": "the inverse: driving and driven are swapped; exchange them in [log] or with"
+            " --column driving=NAME --column driven=NAME",
+            "sign": "the negative: one encoder counts backwards; set `sign = -1` for the one that"
+            " does ([driving] or [driven] encoder), or take it away where it is set",
+            "swapped_sign": "the negative inverse: driving and driven are swapped and one encoder"
+            " counts backwards; exchange them with --column and set `sign = -1` for the encoder"
+            " that does",
+            "differs": f"about {simple_fraction(self.seen, self.std or 0.0)}; correct the teeth (or"
+            " [drive] ratio), counts_per_rev or the scale in the pair file",
+        }[self.verdict]
+        return f"{seen}, the pair file says {given}; the log's is {cure}."
+
+
+def seen_ratio(log: EncoderLog) -> SeenRatio:
+    """Ratio of driven over driving speed by regression over the whole log, and the verdict."""
+    if log.driven is None:
+        return SeenRatio(None, None, log.ratio, "none")
+    seen, std = slope(log.driving_angle, log.driven_angle)
+    return SeenRatio(seen, std, log.ratio, _verdict(seen, std, float(log.ratio)))
+
+
+def check_ratio(log: EncoderLog) -> SeenRatio:
+    """`seen_ratio`, but raise `LogError` where the log contradicts the pair file.
+
+    Doubted is a ratio that is off by more than 0.5 % and by more than 5 standard errors.
+    """
+    ratio = seen_ratio(log)
+    if log.driven is not None and ratio.seen is not None:
+        off = log.driven_angle - ratio.seen * log.driving_angle
+        apart, travel = float(np.std(off)), float(np.ptp(log.driven_angle))
+        if apart > APART * travel:
+            raise LogError(
+                f"the two channels do not turn together: {np.degrees(apart):.3g}° rms of the driven"
+                f" shaft's {np.degrees(travel):.3g}° of travel do not follow the driving one; name"
+                " the right columns with --column driving=NAME --column driven=NAME.",
+                where=log.place.at("driven"),
+            )
+    if ratio.verdict not in ("agrees", "none"):
+        raise LogError(ratio.sentence, where=log.place.at("driven"))
+    return ratio
+
+
+def slope(driving: Float[np.ndarray, " n"], driven: Float[np.ndarray, " n"]) -> tuple[float, float]:
+    """Slope of `driven` over `driving` (rad) and its standard error, as the module says."""
+    x, y = driving - driving.mean(), driven - driven.mean()
+    value = float(x @ y / (x @ x))
+    residual = y - value * x
+    turns = max(1.0, float(np.abs(np.diff(driven)).sum()) / REV)
+    independent = min(float(len(x)), turns)
+    by_residual = math.sqrt(float(residual @ residual) / float(x @ x) / independent)
+    by_orders = _change_by_orders(driving, driven, value)
+    return value, max(by_residual, _jackknife(x, y), by_orders)
+
+
+def _change_by_orders(
+    driving: Float[np.ndarray, " n"], driven: Float[np.ndarray, " n"], value: float
+) -> float:
+    """Change of the slope `value` when first orders of both shafts stand beside it.
+
+    Where they come out larger than `LARGEST_ORDER` they are shrunk to it, and the change with them.
+    """
+    thin = slice(None, None, max(1, len(driving) // MOST_ROWS))
+    x, y = driving[thin], driven[thin]
+    columns = [np.ones_like(x), x - x.mean(), np.cos(x), np.sin(x), np.cos(y), np.sin(y)]
+    found = np.linalg.lstsq(np.stack(columns, axis=1), y, rcond=None)[0]
+    amplitude = max(math.hypot(*found[2:4]), math.hypot(*found[4:6]))
+    return abs(float(found[1]) - value) * min(1.0, LARGEST_ORDER / max(amplitude, 1e-300))
+
+
+def _jackknife(x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"]) -> float:
+    """Delete-a-block standard error of the slope, over contiguous blocks."""
+    blocks = min(BLOCKS, len(x) // 2)
+    edges = np.linspace(0, len(x), blocks + 1).astype(np.int64)[:-1]
+    size, sx, sy, sxx, sxy = (
+        np.add.reduceat(column, edges) for column in (np.ones(len(x)), x, y, x * x, x * y)
+    )
+    n, mx, my, mxx, mxy = (part.sum() - part for part in (size, sx, sy, sxx, sxy))
+    spread = n * mxx - mx * mx
+    usable = spread > 0
+    slopes = (n * mxy - mx * my)[usable] / spread[usable]
+    if len(slopes) < 2:
+        return 0.0
+    scatter = np.sum((slopes - slopes.mean()) ** 2)
+    return float(np.sqrt((len(slopes) - 1) / len(slopes) * scatter))
+
+
+def _verdict(seen: float, std: float, given: float) -> Verdict:
+    def fits(value: float) -> bool:
+        off = abs(seen - value)
+        return off <= TOLERANCE * abs(value) or off <= DEVIATIONS * std
+
+    candidates: dict[Verdict, float] = {
+        "agrees": given,
+        "sign": -given,
+        "swapped": 1 / given,
+        "swapped_sign": -1 / given,
+    }
+    for verdict, value in candidates.items():
+        if fits(value):
+            return verdict
+    return "differs"
+
+
+def simple_fraction(value: float, std: float) -> str:
+    """The simplest fraction within one standard error, or the number."""
+    for limit in (10, 20, 50, 100, 200, 500):
+        fraction = Fraction(value).limit_denominator(limit)
+        if fraction and abs(float(fraction) - value) <= max(std, 1e-6 * abs(value)):
+            return f"{fraction}"
+    return f"{value:.6g}"

@@ -1,0 +1,131 @@
+"""How a log was sampled: rate, jitter, gaps, and what the rate does to counts and orders."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from ...base.units import REV
+from ..channel.channel import GAP
+from ..encoder_log import EncoderLog
+from ..motion.segments import Segment
+
+COMMENSURATE = 1e-3
+"""Counts per sample this close to a whole number freeze the quantisation error."""
+
+SAME_SPEED = 0.03
+"""Segments whose speeds differ by less belong to one plateau."""
+
+
+@dataclass(frozen=True)
+class Sampling:
+    """Time stamps of a log; intervals in s."""
+
+    duration_s: float
+    rate_hz: float
+    jitter_s: float
+    shortest_s: float
+    longest_s: float
+    gaps: int
+    duplicates: int
+
+
+@dataclass(frozen=True)
+class Plateau:
+    """Samples at one speed on one flank; `speed_rpm` is that of the driving shaft, signed."""
+
+    speed_rpm: float
+    flank: str
+    segments: int
+    samples: int
+
+
+@dataclass(frozen=True)
+class Commensurate:
+    """A plateau at which a shaft passes a whole number of counts from sample to sample."""
+
+    shaft: str
+    speed_rpm: float
+    counts_per_sample: float
+
+
+@dataclass(frozen=True)
+class Aliased:
+    """Orders of a shaft from `order` to `highest` lie above half the sampling rate."""
+
+    shaft: str
+    order: int
+    highest: int
+    speed_rpm: float
+
+
+def sampling_of(time: Float[np.ndarray, " n"]) -> Sampling:
+    """Rate from the mean interval; jitter is the standard deviation; both without the gaps."""
+    interval = np.diff(time)
+    median = float(np.median(interval))
+    usual = interval[interval <= GAP * median]
+    return Sampling(
+        float(time[-1] - time[0]),
+        1.0 / float(usual.mean()),
+        float(usual.std()),
+        float(interval.min()),
+        float(interval.max()),
+        int(np.count_nonzero(interval > GAP * median)),
+        int(np.count_nonzero(interval == 0)),
+    )
+
+
+def plateaus_of(segments: Sequence[Segment]) -> tuple[Plateau, ...]:
+    """Segments of one flank and nearly one speed taken together, in the order they appear."""
+    groups: list[list[Segment]] = []
+    for segment in segments:
+        for group in groups:
+            same = abs(segment.speed / group[0].speed - 1) < SAME_SPEED if group[0].speed else False
+            if segment.flank == group[0].flank and same:
+                group.append(segment)
+                break
+        else:
+            groups.append([segment])
+    return tuple(_plateau(group) for group in groups)
+
+
+def _plateau(group: Sequence[Segment]) -> Plateau:
+    sizes = [s.stop - s.start for s in group]
+    speed = float(np.average([s.speed for s in group], weights=sizes))
+    return Plateau(60 * speed / REV, group[0].flank, len(group), sum(sizes))
+
+
+def commensurate(log: EncoderLog, segments: Sequence[Segment]) -> tuple[Commensurate, ...]:
+    """Shafts in counts that pass a whole number of counts a sample in some segment."""
+    found = {}
+    for shaft, channel in (("driving", log.driving), ("driven", log.driven)):
+        if channel is None or not np.issubdtype(channel.reading.dtype, np.integer):
+            continue
+        for segment in segments:
+            last = segment.stop - 1
+            moved = int(channel.reading[last] - channel.reading[segment.start])
+            per_sample = abs(moved) / (last - segment.start)
+            whole = round(per_sample)
+            if whole >= 1 and abs(per_sample - whole) < COMMENSURATE:
+                speed = 60 * segment.speed / REV
+                found.setdefault((shaft, whole), Commensurate(shaft, speed, per_sample))
+    return tuple(found.values())
+
+
+def aliased(
+    plateaus: Sequence[Plateau], rate_hz: float, orders: Mapping[str, tuple[float, Sequence[int]]]
+) -> tuple[Aliased, ...]:
+    """Fit orders above half the sampling rate at some plateau.
+
+    **Arguments**
+    - `orders`: shaft to (its speed over the driving shaft's, the orders the fit uses).
+    """
+    found: dict[str, Aliased] = {}
+    for plateau in sorted(plateaus, key=lambda p: -abs(p.speed_rpm)):
+        for shaft, (relative, used) in orders.items():
+            turns = abs(plateau.speed_rpm * relative) / 60
+            above = [order for order in used if order * turns >= rate_hz / 2]
+            if above and shaft not in found:
+                found[shaft] = Aliased(shaft, min(above), max(above), plateau.speed_rpm)
+    return tuple(found.values())

@@ -1,0 +1,1 @@
+"""The search for periodic lines in a residual."""

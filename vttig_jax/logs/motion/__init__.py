@@ -1,0 +1,1 @@
+"""What the shafts did: constant-speed segments, flanks in contact, ramps."""

@@ -1,0 +1,206 @@
+"""Backlash read at single angles: gear 1 held, gear 2 rocked to both flanks. Needs no jax."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float, Int64
+from numpy.typing import ArrayLike
+
+from ...base.errors import LogError
+from ...base.files.text_tables import key_values
+from ...base.units import ANGLE_UNITS, DEG
+from .column_roles import name_and_unit
+from .table import Table, find_table
+from .text import read_text
+
+UNITS = {"driving": ("deg", "rad", "rev"), "backlash": ("deg", "arcsec", "urad", "rad")}
+"""Columns of a file of readings, and the units their names can end with."""
+
+
+@dataclass(frozen=True, eq=False)
+class BacklashReadings:
+    """Backlash j = TE_B − TE_A read at single driving angles, the paper's mechanical return method.
+
+    **Arguments**
+    - `driving_angle`: φ₁ at which gear 1 was held, rad, shape (n,), on the zero of the log.
+    - `backlash`: angle of the driven gear between its two flanks, rad, shape (n,).
+    - `source`, `sha256`: file name and digest of its bytes ("" where there is no file).
+    - `lines`: line of each reading in the file, from 1.
+    """
+
+    driving_angle: Float[np.ndarray, " n"]
+    backlash: Float[np.ndarray, " n"]
+    source: str
+    sha256: str
+    lines: Int64[np.ndarray, " n"]
+
+    @classmethod
+    def from_arrays(
+        cls, driving_deg: ArrayLike, backlash_deg: ArrayLike, *, source: str = "arrays"
+    ) -> "BacklashReadings":
+        """Readings from arrays of shape (n,) in degrees, checked like a file.
+
+        **Raises** `ValueError` for arrays of other shapes, `LogError` for a reading that is not a
+        finite number or is negative.
+
+        **Example**
+        ```python
+        >>> from vttig_jax.logs import BacklashReadings
+        >>> print(BacklashReadings.from_arrays([0.0, 90.0], [0.036, 0.021], source="bench"))
+        bench
+          readings       2
+          driving angle  0° … 90°
+          backlash       0.02100° … 0.03600°, mean 0.02850°
+
+        ```
+        """
+        driving, backlash = (np.asarray(a, np.float64) for a in (driving_deg, backlash_deg))
+        if driving.ndim != 1 or driving.shape != backlash.shape or not driving.size:
+            raise ValueError(
+                "Argument `backlash_deg` must have one reading for each of `driving_deg`, both of"
+                f" shape (n,), but the shapes are {driving.shape} and {backlash.shape}."
+            )
+        # Where `to_csv` puts them: the header is line 1.
+        lines = np.arange(2, 2 + driving.size, dtype=np.int64)
+        names = {"driving": "driving_deg", "backlash": "backlash_deg"}
+        _check(driving, backlash, names, lines, source)
+        return cls(driving * DEG, backlash * DEG, source, "", lines)
+
+    def to_csv(self) -> str:
+        """The text of a file that `read_backlash_readings` reads: driving_deg,backlash_deg."""
+        rows = zip(self.driving_angle / DEG, self.backlash / DEG, strict=True)
+        body = "".join(f"{angle:.12g},{gap:.12g}\n" for angle, gap in rows)
+        return "driving_deg,backlash_deg\n" + body
+
+    def __len__(self) -> int:
+        return len(self.driving_angle)
+
+    def __str__(self) -> str:
+        angle, gap = self.driving_angle / DEG, self.backlash / DEG
+        rows = [
+            ("readings", f"{len(self)}"),
+            ("driving angle", f"{angle.min():.6g}° … {angle.max():.6g}°"),
+            ("backlash", f"{gap.min():.5f}° … {gap.max():.5f}°, mean {gap.mean():.5f}°"),
+        ]
+        return key_values(rows, title=self.source)
+
+
+def read_backlash_readings(path: str | Path, *, decimal: str | None = None) -> BacklashReadings:
+    """Read a text file (CSV, TSV, TXT) of backlash readings.
+
+    One header line, then a reading a line: a column `driving_deg` (or `_rad`, `_rev`) and a column
+    `backlash_deg` (or `_arcsec`, `_urad`, `_rad`), the angle of the driven gear. Further columns
+    are left alone; an angle may be read many times.
+
+    **Arguments**
+    - `path`: the file.
+    - `decimal`: "." or ","; needed only where the file leaves it open.
+
+    **Raises** `LogError` for a file that cannot be read, a missing or doubled column, an empty or
+    non-finite field, and for a negative backlash: a gap has no sign, so the two positions of that
+    reading were subtracted the wrong way round.
+
+    **Example**
+    ```python
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> from vttig_jax.logs import read_backlash_readings
+    >>> with TemporaryDirectory() as folder:
+    ...     path = Path(folder) / "readings.csv"
+    ...     _ = path.write_text("driving_deg,backlash_arcsec\\n0,126\\n90,72\\n")
+    ...     readings = read_backlash_readings(path)
+    >>> print(readings.to_csv(), end="")
+    driving_deg,backlash_deg
+    0,0.035
+    90,0.02
+
+    ```
+    """
+    source = str(path)
+    text, digest, _ = read_text(path, None)
+    table = _find_table(text, source, decimal)
+    found = {role: _column(table, role) for role in UNITS}
+    values = table.columns([index for index, _ in found.values()])
+    driving, backlash = (np.asarray(column, np.float64) for column in values)
+    lines = np.array([number for number, _ in table.rows()], np.int64)
+    names = {role: table.names[index] for role, (index, _) in found.items()}
+    _check(driving, backlash, names, lines, source)
+    sizes = {role: ANGLE_UNITS[unit] for role, (_, unit) in found.items()}
+    return BacklashReadings(
+        driving * sizes["driving"], backlash * sizes["backlash"], source, digest, lines
+    )
+
+
+def _find_table(text: str, source: str, decimal: str | None) -> Table:
+    try:
+        return find_table(text, source, decimal=decimal)
+    except LogError as error:
+        # The sentences of `find_table` are about encoder logs.
+        raise LogError(
+            "no header with rows of as many numbers below it; write a line"
+            " driving_deg,backlash_deg and one reading a line (semicolons between numbers with"
+            " decimal commas).",
+            where=error.where,
+        ) from None
+
+
+def _column(table: Table, role: str) -> tuple[int, str]:
+    """Index and unit of the column of a role."""
+    units = UNITS[role]
+    hits: list[tuple[int, str]] = []
+    for index, name in enumerate(table.names):
+        stem, unit = name_and_unit(name, units, f"{table.source}: column `{name}`")
+        if stem.lower() != role:
+            continue
+        if unit is None:
+            raise LogError(
+                f"no unit; rename it {_listed(role, units)}.",
+                where=f"{table.source}: column `{name}`",
+            )
+        hits.append((index, unit))
+    if len(hits) > 1:
+        names = ", ".join(table.names[index] for index, _ in hits)
+        raise LogError(
+            f"{len(hits)} columns could be `{role}` ({names}); leave one of them.",
+            where=table.source,
+        )
+    if not hits:
+        raise LogError(
+            f"no column {_listed(role, units)}; the file has {', '.join(table.names)}: rename or"
+            " convert the one meant.",
+            where=table.source,
+        )
+    return hits[0]
+
+
+def _listed(role: str, units: Sequence[str]) -> str:
+    first, *others, last = units
+    rest = "".join(f", _{unit}" for unit in others)
+    return f"{role}_{first}{rest} or _{last}"
+
+
+def _check(
+    driving: Float[np.ndarray, " n"],
+    backlash: Float[np.ndarray, " n"],
+    names: dict[str, str],
+    lines: Int64[np.ndarray, " n"],
+    source: str,
+) -> None:
+    """Refuse values that are no readings; the values still have the units of the file."""
+    for role, values in (("driving", driving), ("backlash", backlash)):
+        bad = np.flatnonzero(~np.isfinite(values))
+        if bad.size:
+            raise LogError(
+                f"{values[bad[0]]:g} is no reading; fill in the value or remove the line.",
+                where=f"{source}: line {lines[bad[0]]}, column `{names[role]}`",
+            )
+    negative = np.flatnonzero(backlash < 0)
+    if negative.size:
+        raise LogError(
+            f"a negative backlash ({backlash[negative[0]]:g}, {negative.size} of"
+            f" {len(backlash)} readings); subtract the position on flank A from that on flank B"
+            " so that a gap is positive.",
+            where=f"{source}: line {lines[negative[0]]}, column `{names['backlash']}`",
+        )

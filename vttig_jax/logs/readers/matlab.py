@@ -1,0 +1,127 @@
+"""Numeric arrays of a MATLAB file (v4 to v7), after a check of its elements."""
+
+import io
+import struct
+import warnings
+from collections.abc import Callable, Iterator
+from inspect import signature
+from typing import Any
+
+import numpy as np
+
+MATRIX, COMPRESSED = 14, 15
+FLAGS, SIZE, NAME = {6}, {5, 6}, {1, 16}
+COMPLEX = 0x800
+NUMBERS = frozenset((1, 2, 3, 4, 5, 6, 7, 9, 12, 13))
+TEXT = frozenset((16, 17, 18))
+FIRST_NUMERIC_CLASS, LAST_NUMERIC_CLASS, LAST_CLASS = 6, 15, 17
+
+HEADER = 128
+"""Bytes before the first element; the last two tell the byte order."""
+
+
+def check_tags(data: bytes) -> None:
+    """Raise `ValueError` where an element has no type there is, or ends beyond what holds it."""
+    order = "<" if data[HEADER - 2 : HEADER] == b"IM" else ">"
+    place = HEADER
+    while place < len(data):
+        kind, start, stop = _element(data, place, len(data), order)
+        if kind == MATRIX:
+            _check_matrix(data, start, stop, order)
+        elif kind != COMPRESSED:
+            raise ValueError(f"type {kind} at byte {place}")
+        place = stop
+
+
+def _check_matrix(data: bytes, start: int, stop: int, order: str) -> None:
+    """An array: flags, for most classes its size and name, then numbers, text or more arrays."""
+    if start == stop:  # how an empty array within a struct is written
+        return
+    parts = []
+    place = start
+    while place < stop:
+        kind, begin, end = _element(data, place, stop, order)
+        parts.append((kind, begin, end))
+        place += 8 + (0 if begin - place == 4 else -(-(end - begin) // 8) * 8)
+    kind, begin, end = parts[0]
+    if kind not in FLAGS or end - begin != 8:
+        raise ValueError(f"no flags at byte {start}")
+    flags = struct.unpack_from(f"{order}I", data, begin)[0]
+    group = flags & 0xFF
+    if not 1 <= group <= LAST_CLASS:
+        raise ValueError(f"class {group} at byte {begin}")
+    if FIRST_NUMERIC_CLASS <= group <= LAST_NUMERIC_CLASS:
+        wanted = (FLAGS, SIZE, NAME, NUMBERS) + (NUMBERS,) * bool(flags & COMPLEX)
+        if len(parts) != len(wanted) or any(
+            kind not in kinds for (kind, _, _), kinds in zip(parts, wanted, strict=True)
+        ):
+            raise ValueError(f"no array of numbers at byte {start}")
+        return
+    for kind, begin, end in parts:
+        if kind not in NUMBERS | TEXT | {MATRIX}:
+            raise ValueError(f"type {kind} at byte {begin}")
+        if kind == MATRIX:
+            _check_matrix(data, begin, end, order)
+
+
+def _element(data: bytes, place: int, stop: int, order: str) -> tuple[int, int, int]:
+    """Type of the element at `place`, and where its content begins and ends."""
+    if place + 8 > stop:
+        raise ValueError(f"no room for an element at byte {place}")
+    kind, length = struct.unpack_from(f"{order}II", data, place)
+    begin = place + 8
+    if kind >> 16:  # a short element, in the last four bytes of its tag
+        kind, length, begin = kind & 0xFFFF, kind >> 16, place + 4
+        if length > 4:
+            raise ValueError(f"a short element of {length} bytes at byte {place}")
+    if begin + length > stop:
+        raise ValueError(f"an element beyond the end at byte {place}")
+    return kind, begin, begin + length
+
+
+DEEPEST = 16
+"""Levels of structs and cells that are looked into."""
+
+MOST_CELLS = 1000
+"""Cells and structs of one array that are looked into."""
+
+
+def matlab_leaves(data: bytes) -> Iterator[tuple[str, np.ndarray]]:
+    """Name and values of every array of numbers in the bytes of a file.
+
+    Fields of structs are `s.f`, of arrays of structs `s(2).f`, cells `c{2}`. Objects (tables,
+    time series, functions), text, complex and sparse arrays are passed over. Damaged bytes raise
+    whatever `scipy.io.loadmat` stumbles over.
+    """
+    from scipy.io import loadmat
+    from scipy.io.matlab import MatReadWarning, matfile_version
+
+    if matfile_version(io.BytesIO(data))[0] == 1:  # 0 is v4, which has no tags
+        check_tags(data)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", MatReadWarning)  # objects share the name "None"
+        variables = loadmat(io.BytesIO(data), **_sparse_as(loadmat))
+    for name, value in variables.items():
+        if not name.startswith("__"):
+            yield from _leaves(name, value, 0)
+
+
+def _sparse_as(loadmat: Callable[..., dict]) -> dict[str, bool]:
+    """What newer versions of SciPy want to be told of sparse arrays, which are passed over."""
+    return {"spmatrix": False} if "spmatrix" in signature(loadmat).parameters else {}
+
+
+def _leaves(path: str, value: Any, depth: int) -> Iterator[tuple[str, np.ndarray]]:
+    # Objects and functions are subclasses of `ndarray`.
+    if type(value) is not np.ndarray or depth > DEEPEST:
+        return
+    if value.dtype.kind in "biuf":
+        yield path, value
+    elif value.dtype.names and value.size <= MOST_CELLS:
+        for k, record in enumerate(value.ravel(order="F"), 1):
+            here = path if value.size == 1 else f"{path}({k})"
+            for field in value.dtype.names:
+                yield from _leaves(f"{here}.{field}", record[field], depth + 1)
+    elif value.dtype == object and value.size <= MOST_CELLS:
+        for k, cell in enumerate(value.ravel(order="F"), 1):
+            yield from _leaves(f"{path}{{{k}}}", cell, depth + 1)

@@ -1,0 +1,91 @@
+"""Numbers as people write them: decimal point or comma, thousands marks, and when to refuse.
+
+Thousands marks are the other mark, apostrophes and fixed blanks: 1,234.5, 1'234.5 and 1 234.5.
+`1,234` is 1.234 or 1234. Between tabs or semicolons it is a decimal comma; elsewhere it is refused
+until `decimal` is given, unless another number of the log settles it.
+"""
+
+import re
+from collections.abc import Iterable
+
+from ...base.errors import LogError
+
+_PLAIN = r"[+-]?(?:\d+{0}?\d*|{0}\d+)(?:[eE][+-]?\d+)?"
+_NUMBER = {mark: re.compile(_PLAIN.format(re.escape(mark))) for mark in ".,"}
+_GROUPED = {
+    mark: re.compile(rf"[+-]?\d{{1,3}}(?:{re.escape(mark)}\d{{3}})+(?!\d)") for mark in ".,"
+}
+_BLANKS = re.compile("['\u2019\u00a0\u2009\u202f]")
+_BLANK_GROUPED = re.compile(rf"[+-]?\d{{1,3}}(?:{_BLANKS.pattern}\d{{3}})+(?!\d)")
+_NOT_FINITE = re.compile(r"[+-]?(?:nan|inf|infinity)", re.IGNORECASE)
+
+CURE = 'give --decimal "." or --decimal ","'
+
+
+def looks_like_number(field: str) -> bool:
+    """Whether a field is a number under either decimal mark (also nan and inf)."""
+    text = _without_blanks(field)
+    return bool(
+        any(number.fullmatch(text) for number in _NUMBER.values())
+        or any(_thousands(text, mark) is not None for mark in ".,")
+        or _NOT_FINITE.fullmatch(text)
+    )
+
+
+def to_number(field: str, decimal: str) -> float | None:
+    """The value of a field under a known decimal mark; None where it is no number.
+
+    The other mark may group thousands (`1,234.5` with a decimal point).
+    """
+    text = _without_blanks(field)
+    if _NOT_FINITE.fullmatch(text):
+        return float(text)
+    if not _NUMBER[decimal].fullmatch(text):
+        grouped = _thousands(text, "," if decimal == "." else ".")
+        if grouped is None:
+            return None
+        text = grouped
+    return float(text.replace(decimal, "."))
+
+
+def choose_decimal(fields: Iterable[str], delimiter: str | None, where: str) -> str:
+    """The decimal mark of number fields, some of which hold a comma.
+
+    **Raises** `LogError` where two readings remain.
+    """
+    with_comma = [_without_blanks(field) for field in fields if "," in field]
+    with_point = any("." in field for field in fields)
+    if not with_comma:
+        return "."
+    example = with_comma[0]
+    if any("." in field for field in with_comma) or with_point:
+        raise LogError(
+            f"numbers with commas (`{example}`) and with points stand side by side; {CURE}.",
+            where=where,
+        )
+    if delimiter in (";", "\t"):
+        return ","
+    if all(_GROUPED[","].fullmatch(field) for field in with_comma):
+        raise LogError(
+            f"`{example}` is {example.replace(',', '.')} or {example.replace(',', '')}; {CURE}.",
+            where=where,
+        )
+    return ","
+
+
+def _without_blanks(field: str) -> str:
+    """The field without apostrophes and fixed blanks where they part thousands."""
+    text = field.strip()
+    head = _BLANK_GROUPED.match(text)
+    if head is None:
+        return text
+    return _BLANKS.sub("", head[0]) + text[head.end() :]
+
+
+def _thousands(text: str, mark: str) -> str | None:
+    """`text` without its thousands marks, or None where they do not stand like that."""
+    head = _GROUPED[mark].match(text)
+    if head is None or mark in text[head.end() :]:
+        return None
+    rest = text.replace(mark, "")
+    return rest if _NUMBER["." if mark == "," else ","].fullmatch(rest) else None

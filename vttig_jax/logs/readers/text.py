@@ -1,0 +1,119 @@
+"""From a path to bytes and text: what kind of file it is, its encoding and its digest."""
+
+import codecs
+import hashlib
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from ...base.errors import LogError
+
+ENDINGS = ("", ".csv", ".tsv", ".txt", ".dat", ".asc", ".log")
+"""File endings read as delimited text."""
+
+NESTED = (".mat", ".h5", ".hdf5")
+"""File endings read as nested arrays."""
+
+BOMS = (
+    (codecs.BOM_UTF8, "utf-8-sig"),
+    (codecs.BOM_UTF16_LE, "utf-16"),
+    (codecs.BOM_UTF16_BE, "utf-16"),
+)
+
+
+def read_text(path: str | Path, encoding: str | None) -> tuple[str, str, tuple[str, ...]]:
+    """Return the text, the SHA-256 of its bytes, and notes on an encoding that was assumed.
+
+    A byte-order mark decides; without one it is UTF-8, UTF-16 where every other byte is zero, or,
+    failing those, Windows-1252.
+
+    **Raises** `LogError` for a missing, empty, binary or unreadable file, a folder, an unknown
+    ending, or bytes the encoding does not have.
+    """
+    data = read_bytes(path, ENDINGS)
+    digest = hashlib.sha256(data).hexdigest()
+    where = str(path)
+    found = encoding or next((name for bom, name in BOMS if data.startswith(bom)), None)
+    notes: tuple[str, ...] = ()
+    if found is None and b"\0" in data[:65536]:
+        found = _utf16_without_mark(data)
+        if found is None:
+            raise LogError(
+                "a binary file; logs are text (CSV, TSV, TXT), MATLAB (.mat) or HDF5 (.h5).",
+                where=where,
+            )
+        notes = (f"UTF-16 without a byte-order mark, read as {found}",)
+    try:
+        if found is not None and codecs.lookup(found).name.startswith("utf-16"):
+            data = data[: len(data) // 2 * 2]  # a log cut off within a character
+        text = data.decode(found or "utf-8")
+    except LookupError:
+        raise LogError(
+            f"unknown encoding {encoding!r}; write utf-8, utf-16 or cp1252.",
+            where="log.encoding",
+        ) from None
+    except UnicodeDecodeError as error:
+        if found is not None:
+            raise LogError(
+                f"byte {error.start} is not {found}; give the file's `encoding` in [log].",
+                where=where,
+            ) from None
+        try:
+            text = data.decode("cp1252")
+        except UnicodeDecodeError:
+            raise LogError(
+                "a binary file, or text in an unknown encoding; logs are text (CSV, TSV, TXT),"
+                " MATLAB (.mat) or HDF5 (.h5).",
+                where=where,
+            ) from None
+        notes = ("not UTF-8, read as Windows-1252 (cp1252)",)
+    text = text.removeprefix("\ufeff")  # left by encodings that do not take the mark off
+    return text.replace("\r\n", "\n").replace("\r", "\n"), digest, notes
+
+
+def _utf16_without_mark(data: bytes) -> str | None:
+    """The UTF-16 in which digits and separators have their zero byte where `data` has them."""
+    head = np.frombuffer(data[:65536], np.uint8)
+    if len(head) < 2:
+        return None
+    low, high = np.mean(head[::2] == 0), np.mean(head[1::2] == 0)
+    if low == 0 and high > 0.9:
+        return "utf-16-le"
+    return "utf-16-be" if high == 0 and low > 0.9 else None
+
+
+def read_bytes(path: str | Path, endings: Sequence[str]) -> bytes:
+    """The content of a file with one of `endings`.
+
+    **Raises** `LogError` for a missing, empty or unreadable file, a folder and another ending.
+    """
+    path = Path(path)
+    where = str(path)
+    try:
+        if path.is_dir():
+            raise LogError("this is a folder; name the log file in it.", where=where)
+        if path.suffix.lower() not in endings and path.exists():
+            raise _unknown_ending(path)
+        data = path.read_bytes()
+    except FileNotFoundError:
+        raise LogError("no such file; check the path of the log.", where=where) from None
+    except PermissionError:
+        raise LogError(
+            "no permission to read this file; change its access rights.", where=where
+        ) from None
+    except OSError as error:
+        raise LogError(
+            f"cannot be read ({error.strerror or error}); check the path and the disk.", where=where
+        ) from None
+    if not data or data.isspace():
+        raise LogError("the file is empty; export the log again.", where=where)
+    return data
+
+
+def _unknown_ending(path: Path) -> LogError:
+    return LogError(
+        f"`{path.suffix}` files are not read, only text logs (CSV, TSV, TXT), MATLAB (.mat) and"
+        " HDF5 (.h5, .hdf5) files; export the log as CSV.",
+        where=str(path),
+    )

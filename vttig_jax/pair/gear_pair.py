@@ -1,0 +1,246 @@
+"""Gear, gear pair and drive: the drawing in transverse quantities, with everything derived from it.
+
+Lengths are millimetres, angles radians unless a suffix says otherwise. Flank A is the left flank of
+both gears, flank B the right one; arrays with a flank axis are ordered (A, B). Objects are frozen
+pytrees whose leaves are NumPy float64, so new values never recompile a jitted function.
+"""
+
+import math
+from fractions import Fraction
+from typing import Literal
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..base.arrays import Number, Numbers, float64, namespace
+from ..base.files.text_tables import key_values
+from ..base.units import DEG
+from .rack import Rack
+from .schema import Encoder, FitOptions, GearTable, LogLayout, UnitTable
+
+Flank = Literal["A", "B"]
+Scalar = Float[Number, ""]
+
+
+class Gear(eqx.Module):
+    """One involute gear whose tooth thickness falls by tan β_L + tan β_R per unit of +z.
+
+    **Arguments**
+    - `teeth`: number of teeth z.
+    - `helix_left_deg`, `helix_right_deg`: helix angles of the two flanks, positive where the flank
+      thins the tooth towards +z.
+    - `face_width_mm`: width b, or NaN when not given.
+    - `encoder`: the encoder on this gear's shaft.
+    - `profile_shift`: x, the radial modification, in the module that counts depths.
+    - `crowning_um`: by how much each flank recedes at either end of the face, along the reference
+      circle.
+    """
+
+    teeth: int = eqx.field(static=True)
+    helix_left_deg: Scalar = eqx.field(converter=float64, default=0.0)
+    helix_right_deg: Scalar = eqx.field(converter=float64, default=0.0)
+    face_width_mm: Scalar = eqx.field(converter=float64, default=math.nan)
+    encoder: Encoder = eqx.field(static=True, default=Encoder())
+    profile_shift: Scalar = eqx.field(converter=float64, default=0.0)
+    crowning_um: Scalar = eqx.field(converter=float64, default=0.0)
+
+    @property
+    def helix_deg(self) -> tuple[float, float]:
+        """Helix angles of the left and the right flank in degrees."""
+        return float(self.helix_left_deg), float(self.helix_right_deg)
+
+
+class GearPair(eqx.Module):
+    """A driving and a driven gear on parallel axes.
+
+    **Arguments**
+    - `driving`, `driven`: the gears, with the same helix angles flank by flank.
+    - `module_mm`: transverse module m.
+    - `pressure_angles_deg`: transverse pressure angles of flank A and B, shape (2,); one number
+      serves both.
+    - `centre_distance_mm`: nominal centre distance a; the sum of the reference radii when absent.
+    - `rack`: the basic rack of both gears.
+
+    **Example**
+    ```python
+    >>> from vttig_jax import Gear, GearPair
+    >>> pair = GearPair(Gear(45), Gear(80), module_mm=2.0, pressure_angles_deg=20.0)
+    >>> pair.ratio, pair.hunting_turns
+    (Fraction(9, 16), 16)
+
+    ```
+    """
+
+    driving: Gear
+    driven: Gear
+    module_mm: Scalar
+    pressure_angles_deg: Float[Numbers, "2"]
+    centre_distance_mm: Scalar
+    rack: Rack
+    name: str = eqx.field(static=True)
+    log: LogLayout = eqx.field(static=True)
+    unit: UnitTable = eqx.field(static=True)
+    fit: FitOptions = eqx.field(static=True)
+
+    def __init__(
+        self,
+        driving: Gear,
+        driven: Gear,
+        *,
+        module_mm: float | Array,
+        pressure_angles_deg: float | tuple[float, float] | Array,
+        centre_distance_mm: float | Array | None = None,
+        rack: Rack = Rack(),
+        name: str = "",
+        log: LogLayout = LogLayout(),
+        unit: UnitTable = UnitTable(),
+        fit: FitOptions = FitOptions(),
+    ):
+        self.driving, self.driven = driving, driven
+        self.module_mm = float64(module_mm)
+        angles = float64(pressure_angles_deg)
+        self.pressure_angles_deg = angles + np.zeros(2)
+        reference = self.module_mm * (driving.teeth + driven.teeth) / 2
+        self.centre_distance_mm = (
+            reference if centre_distance_mm is None else float64(centre_distance_mm)
+        )
+        self.rack = rack
+        self.name, self.log, self.unit, self.fit = name, log, unit, fit
+
+    @property
+    def ratio(self) -> Fraction:
+        """Driven over driving speed, i = z₁/z₂."""
+        return Fraction(self.driving.teeth, self.driven.teeth)
+
+    @property
+    def hunting_turns(self) -> int:
+        """Turns of the driving gear until the same teeth meet again in the same phase."""
+        return self.ratio.denominator
+
+    @property
+    def reference_radii(self) -> Float[Numbers, "2"]:
+        """Reference radii R = m z/2 of the driving and the driven gear, mm."""
+        return self.module_mm * np.array([self.driving.teeth, self.driven.teeth]) / 2
+
+    @property
+    def base_radii(self) -> Float[Numbers, "gear=2 flank=2"]:
+        """Base radii r_b = R cos αₜ, mm; rows driving and driven, columns flank A and B."""
+        xp = namespace(self.pressure_angles_deg)
+        cosines = xp.cos(self.pressure_angles_deg * DEG)
+        return self.reference_radii[:, None] * cosines[None, :]
+
+    @property
+    def working_pressure_angles(self) -> Float[Numbers, "2"]:
+        """α_w of flank A and B at the nominal centre distance, cos α_w = (r_b1 + r_b2)/a."""
+        cosines = self.base_radii.sum(axis=0) / self.centre_distance_mm
+        return namespace(cosines).arccos(cosines)
+
+    @property
+    def working_radii(self) -> Float[Numbers, "2"]:
+        """Working pitch radii of the driving and the driven gear, mm."""
+        share = float(1 / (1 + 1 / self.ratio))
+        return self.centre_distance_mm * np.array([share, 1 - share])
+
+    @property
+    def taper(self) -> Float[Numbers, "2"]:
+        """tan β_L and tan β_R of the driven gear: by how much s moves flank A and flank B."""
+        left, right = self.driven.helix_left_deg, self.driven.helix_right_deg
+        xp = namespace(left, right)
+        return xp.tan(xp.stack([left, right]) * DEG)
+
+    @property
+    def thinning(self) -> Scalar:
+        """tan β_L + tan β_R: backlash at the reference circle per unit of axial displacement."""
+        return self.taper.sum()
+
+    @property
+    def depth_module_mm(self) -> Scalar:
+        """The module that counts depths and profile shifts: the normal one where that is given."""
+        return self.module_mm * self.rack.depth_ratio
+
+    @property
+    def tip_radii(self) -> Float[Numbers, "2"]:
+        """Tip radii R + (h_ap + x) m of the driving and the driven gear, mm."""
+        return self.reference_radii + self.depth_module_mm * (self.rack.addendum + self._shifts)
+
+    @property
+    def root_radii(self) -> Float[Numbers, "2"]:
+        """Root radii R − (h_ap + c_p − x) m of the driving and the driven gear, mm."""
+        depth = self.rack.addendum + self.rack.clearance
+        return self.reference_radii - self.depth_module_mm * (depth - self._shifts)
+
+    @property
+    def _shifts(self) -> Float[Numbers, "2"]:
+        shifts = self.driving.profile_shift, self.driven.profile_shift
+        return namespace(shifts).stack(shifts)
+
+    @property
+    def contact_ratios(self) -> Float[Numbers, "2"]:
+        """Transverse contact ratio of flank A and B.
+
+        ε = [√(r_a1² − r_b1²) + √(r_a2² − r_b2²) − a sin α_w] / (π m cos αₜ)
+        """
+        tips = self.tip_radii[:, None]
+        xp = namespace(self)
+        paths = xp.sqrt(tips**2 - self.base_radii**2).sum(axis=0)
+        paths = paths - self.centre_distance_mm * xp.sin(self.working_pressure_angles)
+        return paths / (math.pi * self.module_mm * xp.cos(self.pressure_angles_deg * DEG))
+
+    @property
+    def drawing_backlash(self) -> Scalar:
+        """Backlash of the drawn thickness at the nominal centre distance, rad of the driven gear.
+
+        Σ over the flanks of [(r_b1 + r_b2)(inv α_w − inv αₜ) − (x₁ + x₂) m sin αₜ]/r_b2.
+        """
+        angles = self.pressure_angles_deg * DEG
+        opening = involute(self.working_pressure_angles) - involute(angles)
+        thickening = self._shifts.sum() * self.depth_module_mm / self.reference_radii[1]
+        filled = thickening * namespace(angles).tan(angles).sum()
+        return opening.sum() * float(1 + self.ratio) - filled
+
+    def __str__(self) -> str:
+        flanks = "{:.4f}° / {:.4f}°".format
+        rows = [
+            ("teeth", f"{self.driving.teeth} / {self.driven.teeth}"),
+            ("ratio i", f"{self.ratio} = {float(self.ratio):.6g}"),
+            ("module", f"{self.module_mm:g} mm"),
+            ("pressure angle A / B", flanks(*self.pressure_angles_deg)),
+            ("working pressure angle A / B", flanks(*(self.working_pressure_angles / DEG))),
+            ("helix angle left / right", flanks(*self.driven.helix_deg)),
+            ("centre distance", f"{self.centre_distance_mm:g} mm"),
+            ("reference radii", "{:g} / {:g} mm".format(*self.reference_radii)),
+            ("contact ratio A / B", "{:.3f} / {:.3f}".format(*self.contact_ratios)),
+            ("hunting period", f"{self.hunting_turns} turns = {360 * self.hunting_turns}°"),
+            ("drawing backlash", f"{self.drawing_backlash / DEG:.4f}°"),
+        ]
+        return key_values(rows, title=self.name or "gear pair")
+
+
+class Drive(eqx.Module):
+    """A two-shaft drive of which only the ratio is known; everything about it is an angle."""
+
+    ratio: Fraction = eqx.field(static=True)
+    driving: GearTable = eqx.field(static=True, default=GearTable())
+    driven: GearTable = eqx.field(static=True, default=GearTable())
+    name: str = eqx.field(static=True, default="")
+    log: LogLayout = eqx.field(static=True, default=LogLayout())
+    unit: UnitTable = eqx.field(static=True, default=UnitTable())
+    fit: FitOptions = eqx.field(static=True, default=FitOptions())
+
+    @property
+    def hunting_turns(self) -> int:
+        """Turns of the driving shaft after which both shafts are back."""
+        return self.ratio.denominator
+
+    def __str__(self) -> str:
+        rows = [
+            ("ratio i", f"{self.ratio} = {float(self.ratio):.6g}"),
+            ("hunting period", f"{self.hunting_turns} turns"),
+        ]
+        return key_values(rows, title=self.name or "drive")
+
+
+def involute(angle: Float[Numbers, "..."]) -> Float[Numbers, "..."]:
+    """Involute function inv α = tan α − α, rad."""
+    return namespace(angle).tan(angle) - angle

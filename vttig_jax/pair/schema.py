@@ -1,0 +1,172 @@
+"""The pair file as its author wrote it: validated fields, nothing derived. Needs no jax.
+
+`PairSpec` is the TOML of a rig, one `msgspec` struct a table. Unknown keys, wrong types and
+impossible values are `PairError`s whose `where` names file and key.
+"""
+
+from fractions import Fraction
+from typing import Annotated, Literal
+
+from msgspec import Meta
+
+from ..base.errors import PairError
+from ..base.files.toml_io import Table
+
+Positive = Annotated[float, Meta(gt=0, le=1e9)]  # the bound keeps infinity out
+Angle = Annotated[float, Meta(gt=0, lt=45)]
+Helix = Annotated[float, Meta(gt=-45, lt=45)]
+Depth = Annotated[float, Meta(gt=0, le=5)]
+Shift = Annotated[float, Meta(ge=-5, le=5)]
+Crowning = Annotated[float, Meta(ge=0, le=1e6)]
+Order = Annotated[int, Meta(ge=1, le=1000)]
+AngleUnit = Literal["counts", "deg", "rad", "rev", "arcsec", "urad"]
+
+
+class Encoder(Table, frozen=True):
+    """Encoder on one shaft; `modulus` is where a wrapping counter starts again."""
+
+    counts_per_rev: Annotated[int, Meta(ge=1)] | None = None
+    accuracy_arcsec: Positive | None = None
+    modulus: Annotated[int, Meta(ge=2)] | None = None
+    sign: Literal[1, -1] = 1
+
+
+class StatedTable(Table, frozen=True):
+    """`stated` of a gear: what the drawing prints or the shop has measured, in mm.
+
+    Span and measurement over balls are those of the middle of the face.
+    """
+
+    tooth_thickness_thin_mm: Positive | None = None
+    tooth_thickness_thick_mm: Positive | None = None
+    tip_diameter_mm: Positive | None = None
+    root_diameter_mm: Positive | None = None
+    span_mm: Positive | None = None
+    span_teeth: Annotated[int, Meta(ge=1, le=100_000)] | None = None
+    over_balls_mm: Positive | None = None
+    ball_diameter_mm: Positive | None = None
+
+
+class GearTable(Table, frozen=True):
+    """One gear as written: `[driving]` or `[driven]`."""
+
+    teeth: Annotated[int, Meta(ge=1, le=100_000)] | None = None
+    face_width_mm: Positive | None = None
+    helix_angle_deg: Helix | None = None
+    helix_left_deg: Helix | None = None
+    helix_right_deg: Helix | None = None
+    profile_shift: Shift = 0.0
+    crowning_um: Crowning = 0.0
+    stated: StatedTable | None = None
+    encoder: Encoder = Encoder()
+
+    @property
+    def helix_deg(self) -> tuple[float, float]:
+        """Helix angles of the left and the right flank in degrees."""
+        both = self.helix_angle_deg or 0.0
+        left = both if self.helix_left_deg is None else self.helix_left_deg
+        right = both if self.helix_right_deg is None else self.helix_right_deg
+        return left, right
+
+
+class RackTable(Table, frozen=True):
+    """`[rack]`: basic rack of both gears in modules (of the normal module where that is given)."""
+
+    addendum: Depth = 1.0
+    clearance: Annotated[float, Meta(ge=0, le=2)] = 0.25
+    tip_radius: Annotated[float, Meta(ge=0, le=2)] | None = None
+
+
+class PairTable(Table, frozen=True):
+    """`[pair]`: what both gears share."""
+
+    module_mm: Positive | None = None
+    normal_module_mm: Positive | None = None
+    pressure_angle_deg: Angle | None = None
+    normal_pressure_angle_deg: Angle | None = None
+    centre_distance_mm: Positive | None = None
+
+
+class DriveTable(Table, frozen=True):
+    """`[drive]`: a two-shaft drive of which only the ratio (driven over driving speed) is known."""
+
+    ratio: str | float
+
+
+class LogLayout(Table, frozen=True):
+    """`[log]`: where the channels are and how they are written."""
+
+    time: str | None = None
+    sample_rate_hz: Positive | None = None
+    driving: str | None = None
+    driven: str | None = None
+    transmission_error: str | None = None
+    zero: Literal["start", "reading"] = "start"
+    driving_scale: str | float | int = 1
+    driven_scale: str | float | int = 1
+    direction: str | None = None
+    axial_mm: str | None = None
+    torque: str | None = None
+    speed: str | None = None
+    acceleration: str | None = None
+    decimal: Literal[".", ","] | None = None
+    delimiter: str | None = None
+    encoding: str | None = None
+
+
+class UnitTable(Table, frozen=True):
+    """`[unit]`: units of columns whose names do not end with one."""
+
+    driving: AngleUnit | None = None
+    driven: AngleUnit | None = None
+    transmission_error: AngleUnit | None = None
+
+
+class FitOptions(Table, frozen=True):
+    """`[fit]`: which orders of each shaft, and how many tooth-mesh orders, the fit models."""
+
+    driving_orders: tuple[Order, ...] = tuple(range(1, 9))
+    driven_orders: tuple[Order, ...] = tuple(range(1, 9))
+    mesh_orders: Annotated[int, Meta(ge=0, le=20)] = 1
+
+
+class PairSpec(Table, frozen=True):
+    """A whole pair file. Either `pair` with both tooth counts, or `drive`."""
+
+    name: str = ""
+    pair: PairTable | None = None
+    drive: DriveTable | None = None
+    rack: RackTable = RackTable()
+    driving: GearTable = GearTable()
+    driven: GearTable = GearTable()
+    log: LogLayout = LogLayout()
+    unit: UnitTable = UnitTable()
+    fit: FitOptions = FitOptions()
+
+    @property
+    def ratio(self) -> Fraction:
+        """Speed of the driven shaft over that of the driving one, z₁/z₂."""
+        if self.drive is not None:
+            return as_fraction(self.drive.ratio, "drive.ratio")
+        assert self.driving.teeth and self.driven.teeth  # held by `_check_tables`
+        return Fraction(self.driving.teeth, self.driven.teeth)
+
+
+def as_fraction(value: str | float | int, where: str) -> Fraction:
+    """A positive rational from `"7/1798"`, `"0.5625"` or a number; else `PairError` at `where`.
+
+    A number goes through its shortest decimal form, so 0.1 is 1/10.
+    """
+    text = str(value).replace(" ", "")
+    try:
+        # A quotient has no exponent; without this look "1e999999999" would be written out.
+        usual = "/" in text or 1e-9 <= float(text) <= 1e9
+        fraction = Fraction(text) if usual else Fraction(0)
+    except (ValueError, ZeroDivisionError):
+        fraction = Fraction(0)
+    if not 1e-9 <= fraction <= 1e9:
+        raise PairError(
+            f'{value!r} is not a positive ratio; write a number or a quotient such as "7/1798".',
+            where=where,
+        )
+    return fraction

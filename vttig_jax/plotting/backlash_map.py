@@ -1,0 +1,213 @@
+"""Picture of a backlash map, with its bands where there are some."""
+
+import math
+
+import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from ..base.errors import NoAnswerError
+from ..base.units import DEG, REV
+from ..kinematics.backlash_map import BacklashMap, Extreme
+from ..pair.gear_pair import Drive
+from ..posterior.summary.bands import BandedMap, millimetres
+from .style import (
+    COLOURS,
+    MODEL_COLOUR,
+    driving_axis,
+    figure_of,
+    grid,
+    legend,
+    new_figure,
+    thinned,
+    title,
+)
+
+_PER_PERIOD = 24
+
+
+def plot_map(backlash: BacklashMap, *, ax: Axes | None = None, turns: int = 16) -> Figure:
+    """Backlash over the hunting period, the first-order map beside it, both extremes marked.
+
+    The axis at the right reads millimetres: of axial displacement where the pair has taper, else
+    at the reference circle; a drive has none.
+
+    **Arguments**
+    - `backlash`: the map.
+    - `ax`: axes to draw on; a new figure when absent.
+    - `turns`: driving turns shown at most. The title says so where the hunting period is longer;
+      the extremes are those of the whole period.
+
+    **Raises** `NoAnswerError` where the backlash is not a number: one flank was not measured.
+    """
+    if turns < 1:
+        raise ValueError(f"Argument `turns` must be at least 1, but is {turns}.")
+    period = backlash.pair.hunting_turns
+    shown = min(turns, period)
+    per_turn = _PER_PERIOD * math.ceil(max(backlash.model.highest_order, 1.0))
+    angle = np.linspace(0.0, shown * REV, shown * per_turn + 1)
+    gap = backlash.over(angle)
+    if not np.isfinite(gap).all():
+        raise NoAnswerError(
+            "the backlash map is not a number: one of its flanks was not measured; record both"
+            " directions."
+        )
+    if ax is None:
+        ax = new_figure(4.2).add_subplot()
+    x, y = thinned(angle / DEG, gap / DEG)
+    lines = ax.plot(x, y, color=COLOURS[0], linewidth=0.8, label="backlash map")
+    if backlash.first_order is not None:
+        first = backlash.first_order_over(angle)
+        x, y = thinned(angle / DEG, first / DEG)
+        lines += ax.plot(x, y, "--", color=COLOURS[1], linewidth=1.3, label="first order only")
+    marks = _mark(ax, backlash.smallest, "v", "smallest", shown)
+    marks += _mark(ax, backlash.largest, "^", "largest", shown)
+    ax.set_ylabel("backlash, angle of the driven gear [°]")
+    ax.set_xlim(0.0, 360.0 * shown)
+    _millimetres(ax, backlash)
+    title(ax, "backlash", backlash.pair.name, _span(shown, period), legend_rows=2)
+    grid(ax)
+    driving_axis(ax)
+    legend(ax, marks + lines)
+    return figure_of(ax)
+
+
+def _span(shown: int, period: int) -> str:
+    if shown < period:
+        return f"first {shown} of the {period} turns of the hunting period"
+    return f"hunting period of {period} turn{'s' if period > 1 else ''}"
+
+
+def _mark(ax: Axes, extreme: Extreme, marker: str, word: str, shown: int) -> list[Line2D]:
+    """Mark an extreme; one outside the turns shown stands in the legend alone."""
+    seen = extreme.driving_angle <= shown * REV
+    place = ([extreme.driving_angle / DEG], [extreme.backlash / DEG]) if seen else ([], [])
+    return ax.plot(
+        *place,
+        marker,
+        color=MODEL_COLOUR,
+        markersize=7,
+        markerfacecolor="none",
+        label=f"{word}: {extreme}" + ("" if seen else ", not shown"),
+    )
+
+
+def _millimetres(ax: Axes, backlash: BacklashMap) -> None:
+    """Axis at the right: j_mm = j R₂, or s = j R₂/(tan β_L + tan β_R)."""
+    pair = backlash.pair
+    if isinstance(pair, Drive):
+        return
+    size, label = float(pair.reference_radii[1]) * DEG, "at the reference circle [mm]"
+    if thinning := float(pair.thinning):
+        size, label = size / thinning, "axial displacement that closes it [mm]"
+    right = ax.secondary_yaxis(
+        "right",
+        functions=(lambda deg: np.asarray(deg) * size, lambda mm: np.asarray(mm) / size),
+    )
+    right.set_ylabel(label)
+
+
+_NEAR_DEG = 90.0
+
+
+def plot_band_map(
+    banded: BandedMap, *, ax: Axes | None = None, turns: float | None = None
+) -> Figure:
+    """Backlash with its pointwise and its simultaneous band, and where the gap is smallest.
+
+    The inner band holds the gap at one angle, the outer one the whole map, each with the
+    probability in the legend. Below, a quarter of a turn around the smallest gap.
+
+    **Arguments**
+    - `banded`: the map with its bands.
+    - `ax`: axes to draw on; a new figure with a second panel around the smallest gap when absent.
+    - `turns`: driving turns shown; all of the map when absent.
+    """
+    if turns is not None and not turns > 0:
+        raise ValueError(f"Argument `turns` must be positive, but is {turns:g}.")
+    last = min(turns or np.inf, banded.turns) * 360.0
+    if ax is not None:
+        _words(ax, banded, _draw(ax, banded, (0.0, last)))
+        return figure_of(ax)
+    figure = new_figure(6.6)
+    whole, near = figure.subplots(2, 1)
+    _words(whole, banded, _draw(whole, banded, (0.0, last)))
+    middle = banded.smallest.place[0] / DEG
+    span = min(_NEAR_DEG, 360.0 * banded.turns)
+    start = float(np.clip(middle - span / 2, 0.0, max(360.0 * banded.turns - span, 0.0)))
+    _draw(near, banded, (start, start + span))
+    around = start <= middle <= start + span
+    title(near, "around the smallest gap" if around else "a part of it")
+    return figure
+
+
+def _draw(ax: Axes, banded: BandedMap, span_deg: tuple[float, float]) -> list[Artist]:
+    band, percent = banded.band, f"{100 * banded.band.probability:.6g} %"
+    angle = banded.driving_angle / DEG
+    shown = (angle >= span_deg[0] - 1e-9) & (angle <= span_deg[1] + 1e-9)
+    angle = angle[shown]
+    edges = [
+        (band.low_simultaneous, band.high_simultaneous, "0.80", f"{percent} of the whole map"),
+        (band.low, band.high, COLOURS[1], f"{percent} at one angle"),
+    ]
+    keys: list[Artist] = []
+    for low, high, colour, label in edges:
+        keys.append(
+            ax.fill_between(
+                angle, low[shown] / DEG, high[shown] / DEG, color=colour, linewidth=0, label=label
+            )
+        )
+    x, y = thinned(angle, band.centre[shown] / DEG)
+    keys += ax.plot(x, y, color=COLOURS[0], linewidth=0.8, label="mean of the draws")
+    place, share = banded.smallest.place
+    low, median, high = np.quantile(banded.smallest.gap, [0.025, 0.5, 0.975]) / DEG
+    inside = span_deg[0] <= place / DEG <= span_deg[1]
+    label = f"smallest gap {median:.5f}° ({low:.5f}° … {high:.5f}°), {100 * share:.0f} % here"
+    x = [place / DEG] if inside else [np.nan]
+    ends = [[median - low], [high - median]]
+    ax.errorbar(x, [median], yerr=ends, fmt="none", ecolor=MODEL_COLOUR, capsize=3, zorder=3)
+    keys += ax.plot(
+        x,
+        [median],
+        "o",
+        color=MODEL_COLOUR,
+        markersize=4,
+        markerfacecolor="none",
+        label=label if inside else label.replace("here", "not shown"),
+        zorder=3,
+    )
+    if low < 0:
+        ax.axhline(0.0, color=MODEL_COLOUR, linewidth=0.6)
+    ax.set_xlim(*span_deg)
+    ax.set_ylabel("backlash [° of the driven gear]")
+    _axial(ax, banded)
+    grid(ax)
+    driving_axis(ax)
+    return keys
+
+
+def _words(ax: Axes, banded: BandedMap, keys: list[Artist]) -> None:
+    turns = banded.turns
+    period = banded.map.pair.hunting_turns
+    words = f"{turns:.6g} of the {period} turns of the hunting period"
+    if turns == period:
+        words = f"hunting period of {period} turn{'s' if period > 1 else ''}"
+    title(ax, "backlash", banded.map.pair.name, words, legend_rows=2)
+    legend(ax, keys)
+
+
+def _axial(ax: Axes, banded: BandedMap) -> None:
+    """Axis at the right: millimetres of axial displacement, or at the reference circle."""
+    radius, axial = millimetres(banded.map.pair)
+    if not np.isfinite(radius):
+        return
+    tapered = np.isfinite(axial)
+    size = (axial if tapered else radius) * DEG
+    right = ax.secondary_yaxis(
+        "right",
+        functions=(lambda deg: np.asarray(deg) * size, lambda mm: np.asarray(mm) / size),
+    )
+    label = "axial displacement that closes it [mm]" if tapered else "at the reference circle [mm]"
+    right.set_ylabel(label, fontsize="small")

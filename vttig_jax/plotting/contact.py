@@ -1,0 +1,174 @@
+"""Picture of the contact of two gears: the teeth in mesh, and where their flanks touch."""
+
+import math
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Complex, Float
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from ..base.units import DEG
+from ..geometry.contact.contact_model import mates_on
+from ..geometry.contact.report import Contacts
+from ..geometry.mounting import Plane
+from ..geometry.solids.gear_profile import gear_profile
+from ..geometry.solids.tooth_grid import Counts, section_curve
+from ..geometry.tooth.tooth import Tooth
+from ..kinematics.flank_model import flank_index
+from ..pair.gear_pair import GearPair
+from .style import COLOURS, FLANK_COLOURS, MODEL_COLOUR, grid, heading, legend, new_figure, title
+
+_TEETH = 3
+"""Teeth of each gear to either side of the line of centres."""
+
+_COUNTS = Counts(root=8, fillet=16, flank=32, tip=8, sections=(1,))
+
+_LINES = 12
+"""Driving angles whose contact lines are drawn."""
+
+
+def plot_contact(contacts: Contacts, pair: GearPair | None = None, *, place: int = 0) -> Figure:
+    """The gears in mesh at one driving angle, and the contact lines of the angles from there on.
+
+    On the left stands the section of the first touch with both gears where they are then, on
+    eccentric bodies and shifted axes alike, and the points in which flanks touch; a tilt of the
+    driven axis is too small to be seen and left out. On the right lies the flank of the driving
+    gear: radius over height, with a line or point for each of up to twelve driving angles within
+    a pitch.
+
+    **Arguments**
+    - `contacts`: from `contact_at`.
+    - `pair`: the gears, whose name the first line then has.
+    - `place`: which of the driving angles.
+
+    **Raises** `ValueError` where nothing touches at this angle.
+
+    **Example**
+    ```python
+    >>> import numpy as np, vttig_jax
+    >>> from vttig_jax import Gear, GearPair
+    >>> from vttig_jax.geometry import contact_model
+    >>> from vttig_jax.geometry import contact_at
+    >>> from vttig_jax.plotting import plot_contact
+    >>> vttig_jax.enable_x64()
+    >>> gears = Gear(45, 3, 3, 20), Gear(80, 3, 3, 20)
+    >>> model = contact_model(GearPair(*gears, module_mm=2.0, pressure_angles_deg=20.0))
+    >>> figure = plot_contact(contact_at(model, np.zeros(1), "A"))
+    >>> [axes.get_xlabel() for axes in figure.axes]
+    ['x, from axis to axis [mm]', 'z [mm]']
+
+    ```
+    """
+    if not contacts.contact_lines(place):
+        raise ValueError(f"Argument `place` must be an angle with contact, but at {place} is none.")
+    figure = new_figure(4.6)
+    left, right = figure.subplots(1, 2, width_ratios=[1.25, 1.0])
+    _draw_mesh(left, contacts, place)
+    _draw_flank(right, contacts, place)
+    angle = contacts.driving_angle[place] / DEG
+    name = "" if pair is None else pair.name
+    heading(figure, "contact", name or "gear pair", f"flank {contacts.flank} at {angle:g}°")
+    return figure
+
+
+def _draw_mesh(ax: Axes, contacts: Contacts, place: int) -> None:
+    """Both gears in the section of the first touch, around the line of centres."""
+    model = contacts.model
+    driving, driven = model.teeth
+    mounting, z = model.mounting, float(contacts.z_mm[place])
+    angle = float(contacts.driving_angle[place])
+    follows = float(model.ratio) * angle + float(contacts.transmission_error[place])
+    distance = float(mounting.centre_distance)
+    middle = _complex(mounting.driving_centre(jnp.asarray(angle)))
+    other = distance + _complex(mounting.driven_centre(jnp.asarray(follows)))
+    standing = float(mates_on(model, flank_index(contacts.flank)).standing)
+    outlines = (
+        (driving, middle, angle, False, z, "driving"),
+        (driven, other, math.pi + standing - follows, True, -(z + float(mounting.axial)), "driven"),
+    )
+    for number, (tooth, centre, turn, flipped, height, word) in enumerate(outlines):
+        outline = _outline(tooth, height, flipped)
+        pitch = 2 * math.pi / tooth.teeth
+        near = round(((math.pi if flipped else 0.0) - turn) / pitch)
+        for step in range(near - _TEETH, near + _TEETH + 1):
+            drawn = centre + outline * np.exp(1j * (turn + step * pitch))
+            label = f"{word} gear" if step == near else None
+            ax.plot(drawn.real, drawn.imag, color=COLOURS[6 + number], linewidth=1.0, label=label)
+    for point in _touches(driving, contacts, place, middle):
+        ax.plot(point.real, point.imag, ".", color=FLANK_COLOURS[contacts.flank], markersize=9)
+    pitch_point = distance * driving.teeth / (driving.teeth + driven.teeth)
+    half = 2.6 * float(driving.module_mm)
+    ax.set_xlim(pitch_point - half, pitch_point + half)
+    ax.set_ylim(-1.5 * half, 1.5 * half)
+    ax.set_aspect("equal")
+    ax.set_xlabel("x, from axis to axis [mm]")
+    ax.set_ylabel("y [mm]")
+    title(ax, f"section z = {z:.4g} mm", legend_rows=1)
+    legend(ax, ax.get_legend_handles_labels()[0])
+
+
+def _complex(point: Plane) -> complex:
+    return complex(float(point[0]), float(point[1]))
+
+
+def _touches(driving: Tooth, contacts: Contacts, place: int, centre: complex) -> list[complex]:
+    """Where pairs of teeth touch in the section of the first touch, or as good as in it."""
+    sign, side = (1.0, 0) if contacts.flank == "A" else (-1.0, 1)
+    near = 0.01 * float(np.ptp(contacts.section_z_mm[place]))
+    found = []
+    for number, line in contacts.contact_lines(place).items():
+        apart = np.abs(line[:, 0] - contacts.z_mm[place])
+        if apart.min() > near:
+            continue
+        z, radius = line[np.argmin(apart)]
+        half = np.asarray(driving.half_angles(np.array(radius), np.array(z)))[side].item()
+        middle = contacts.driving_angle[place] - (number - 1) * 2 * math.pi / driving.teeth
+        found.append(centre + radius * np.exp(1j * (middle + sign * half)))
+    return found
+
+
+def _outline(tooth: Tooth, z: float, flipped: bool) -> Complex[np.ndarray, " n"]:
+    """A tooth along x; `flipped` as seen from the other side."""
+    radius, clockwise = section_curve(gear_profile(tooth), _COUNTS, np.array([z]))
+    sense = 1.0 if flipped else -1.0
+    return radius[0] * np.exp(1j * sense * clockwise[0])
+
+
+def _draw_flank(ax: Axes, contacts: Contacts, place: int) -> None:
+    """Contact lines on the driving flank."""
+    driving = contacts.model.teeth[0]
+    pitch = 2 * math.pi / driving.teeth
+    ahead = contacts.driving_angle - contacts.driving_angle[place]
+    within = np.flatnonzero((ahead >= 0) & (ahead < pitch))
+    chosen = within[:: max(len(within) // _LINES, 1)][:_LINES]
+    for row in chosen:
+        share = float(ahead[row] / pitch)
+        for line in contacts.contact_lines(int(row)).values():
+            line = line[np.argsort(line[:, 0])]
+            style = "-" if contacts.line[row] else "."
+            ax.plot(line[:, 0], line[:, 1], style, color=_shade(share), linewidth=1.0)
+    tip, root = float(driving.tip_radius), float(np.min(driving.base_radii))
+    for radius, word in ((tip, "tip"), (root, "base")):
+        ax.axhline(radius, color=MODEL_COLOUR, linewidth=0.6, linestyle="--")
+        ax.annotate(
+            word,
+            (0.98, radius),
+            xycoords=("axes fraction", "data"),
+            ha="right",
+            va="bottom" if word == "base" else "top",
+            fontsize="small",
+        )
+    if not math.isnan(half := float(driving.face_width_mm) / 2):
+        ax.set_xlim(-1.25 * half, 1.25 * half)
+    ax.set_xlabel("z [mm]")
+    ax.set_ylabel("radius on the driving gear [mm]")
+    several = f"{len(chosen)} angles within a pitch, light to dark"
+    title(ax, several if len(chosen) > 1 else "one angle")
+    grid(ax)
+
+
+def _shade(share: float) -> Float[np.ndarray, "3"]:
+    """From blue to dark, with the angle."""
+    start, end = np.array([0.25, 0.55, 0.85]), np.array([0.05, 0.1, 0.2])
+    return start + share * (end - start)

@@ -1,0 +1,173 @@
+"""Profile and helix diagrams of measured flanks, and the pitch deviation of every tooth."""
+
+from collections.abc import Iterator
+
+import numpy as np
+from jaxtyping import Float
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from ..geometry.contact.deviations import Deviations, FlankMap
+from ..geometry.contact.validation import flank_starts
+from ..geometry.tooth.tooth import tooth_of
+from ..pair.gear_pair import GearPair
+from .style import COLOURS, FLANK_COLOURS, grid, heading, legend, new_figure, title
+
+_GEARS = "driving", "driven"
+_FLANKS = "A", "B"
+_TRACES = 3
+_SMOOTH = 201
+_ROW_IN = 2.3
+
+Drawn = tuple[str, str, FlankMap]
+"""Gear, flank and its map."""
+
+
+def plot_deviations(deviations: Deviations, pair: GearPair | None = None) -> Figure:
+    """What a gear measuring machine prints: profile, helix and pitch of every measured flank.
+
+    A row for each map: on the left the deviation over roll length at up to three heights, on the
+    right over height at up to three roll lengths, in µm, positive for extra material. Dots are the
+    measured points, lines the spline through them. A row for each gear with pitches: by how much
+    every tooth stands out. All rows have one scale.
+
+    **Arguments**
+    - `deviations`: maps, pitches or both.
+    - `pair`: the gears, whose flanks (from the form circle to the tip) and faces are then marked by
+      dashed lines.
+
+    **Raises** `ValueError` where nothing deviates.
+
+    **Example**
+    ```python
+    >>> import numpy as np, vttig_jax
+    >>> from vttig_jax.geometry import Deviations, FlankMap
+    >>> from vttig_jax.plotting import plot_deviations
+    >>> vttig_jax.enable_x64()
+    >>> roll, z = np.linspace(8.0, 20.0, 7), np.array([-8.0, 0.0, 8.0])
+    >>> relief = FlankMap(roll, z, -0.1 * (roll[:, None] - 14.0) ** 2 + 0.2 * z)
+    >>> figure = plot_deviations(Deviations(driving=(relief, None)))
+    >>> [axes.get_xlabel() for axes in figure.axes]
+    ['roll length [mm]', 'z [mm]']
+
+    ```
+    """
+    maps = list(_maps(deviations))
+    pitches = [
+        (gear, np.asarray(values))
+        for gear in _GEARS
+        if (values := getattr(deviations, f"{gear}_pitch_um")) is not None
+    ]
+    count = len(maps) + len(pitches)
+    if not count:
+        raise ValueError("Argument `deviations` must hold a map or pitches, but is empty.")
+    figure = new_figure(0.5 + _ROW_IN * count)
+    layout = figure.add_gridspec(count, 2)
+    shown: Axes | None = None
+    for row, (gear, flank, drawn) in enumerate(maps):
+        profile = figure.add_subplot(layout[row, 0], sharey=shown)
+        shown = shown or profile
+        helix = figure.add_subplot(layout[row, 1], sharey=shown)
+        _draw_map(profile, helix, drawn, f"{gear} flank {flank}")
+        if pair is not None:
+            _mark(profile, helix, pair, gear, flank)
+    for row, (gear, values) in enumerate(pitches, start=len(maps)):
+        ax = figure.add_subplot(layout[row, :], sharey=shown)
+        shown = shown or ax
+        _draw_pitch(ax, values, gear)
+    name = "" if pair is None else pair.name
+    heading(figure, "deviations of the flanks", name)
+    return figure
+
+
+def _maps(deviations: Deviations) -> Iterator[Drawn]:
+    for gear in _GEARS:
+        for flank, drawn in zip(_FLANKS, getattr(deviations, gear), strict=True):
+            if drawn is not None:
+                yield gear, flank, drawn
+
+
+def _draw_map(profile: Axes, helix: Axes, drawn: FlankMap, name: str) -> None:
+    roll, z = np.asarray(drawn.roll_mm), np.asarray(drawn.z_mm)
+    measured, spline = np.asarray(drawn.deviation_um), drawn.prepared()
+    fine_roll, fine_z = (np.linspace(v[0], v[-1], _SMOOTH) for v in (roll, z))
+    for k, column in enumerate(_chosen(len(z))):
+        smooth = np.asarray(spline(fine_roll, np.full(_SMOOTH, z[column])))
+        _trace(profile, k, (fine_roll, smooth), (roll, measured[:, column]), f"z = {z[column]:g}")
+    for k, row in enumerate(_chosen(len(roll))):
+        smooth = np.asarray(spline(np.full(_SMOOTH, roll[row]), fine_z))
+        _trace(helix, k, (fine_z, smooth), (z, measured[row]), f"roll {roll[row]:.4g}")
+    for ax, word, along in ((profile, "profile", "roll length [mm]"), (helix, "helix", "z [mm]")):
+        _dress(ax, along)
+        title(ax, f"{name}, {word}", legend_rows=1)
+        ax.legend(
+            handles=ax.get_legend_handles_labels()[0],
+            loc="lower left",
+            bbox_to_anchor=(-0.02, 1.0),
+            ncols=_TRACES,
+            frameon=False,
+            fontsize="small",
+            borderaxespad=0.2,
+            handlelength=1.2,
+            columnspacing=1.0,
+        )
+
+
+def _trace(
+    ax: Axes,
+    number: int,
+    smooth: tuple[Float[np.ndarray, " m"], Float[np.ndarray, " m"]],
+    points: tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]],
+    label: str,
+) -> None:
+    colour = COLOURS[6 + number]
+    ax.plot(*smooth, color=colour, linewidth=1.1, label=f"{label} mm")
+    ax.plot(*points, ".", color=colour, markersize=5)
+
+
+def _chosen(count: int) -> list[int]:
+    """The first, the middle and the last, or what there is of them."""
+    return sorted({0, count // 2, count - 1})[:_TRACES]
+
+
+def _draw_pitch(ax: Axes, values: Float[np.ndarray, "2 teeth"], gear: str) -> None:
+    teeth = np.arange(1, values.shape[1] + 1)
+    lines = []
+    for row, flank in enumerate(_FLANKS):
+        shift = (row - 0.5) * 0.3
+        colour = FLANK_COLOURS[flank]
+        ax.vlines(teeth + shift, 0.0, values[row], color=colour, linewidth=1.5)
+        lines += ax.plot(
+            teeth + shift,
+            values[row],
+            ".",
+            color=colour,
+            markersize=4,
+            label=f"flank {flank}",
+        )
+    _dress(ax, "tooth")
+    ax.xaxis.set_major_locator(MaxNLocator(integer=True))
+    ax.set_xlim(0.0, values.shape[1] + 1.0)
+    title(ax, f"{gear} gear, single teeth")
+    legend(ax, lines)
+
+
+def _dress(ax: Axes, along: str) -> None:
+    ax.axhline(0.0, color="0.6", linewidth=0.7)
+    ax.set_xlabel(along)
+    ax.set_ylabel("deviation [µm]")
+    grid(ax)
+
+
+def _mark(profile: Axes, helix: Axes, pair: GearPair, gear: str, flank: str) -> None:
+    """Where the flank begins and ends, and the ends of the face."""
+    number, side = _GEARS.index(gear), _FLANKS.index(flank)
+    teeth = tooth_of(pair, "driving"), tooth_of(pair, "driven")
+    base, tip = float(pair.base_radii[number, side]), float(pair.tip_radii[number])
+    start = float(flank_starts(teeth)[number, side]) * base
+    half = float((pair.driving, pair.driven)[number].face_width_mm) / 2
+    for ax, ends in ((profile, (start, np.sqrt(tip**2 - base**2))), (helix, (-half, half))):
+        for end in ends:
+            if np.isfinite(end):
+                ax.axvline(end, color="0.6", linewidth=0.8, linestyle="--")

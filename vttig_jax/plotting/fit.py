@@ -1,0 +1,156 @@
+"""Pictures of a fit and of a single transmission error curve."""
+
+from pathlib import PurePath
+
+import numpy as np
+from jaxtyping import Float
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from ..base.units import ARCSEC, DEG
+from ..identify.fit_result import Fit
+from ..kinematics.te_curve import TECurve
+from .style import (
+    FLANK_COLOURS,
+    MODEL_COLOUR,
+    MOST_POINTS,
+    SIGNS,
+    Unit,
+    driving_axis,
+    figure_of,
+    grid,
+    heading,
+    legend,
+    new_figure,
+    thinned,
+    title,
+    unit_size,
+)
+
+Run = tuple[TECurve, Float[np.ndarray, " n"]]
+"""A curve with its residual, rad."""
+
+
+def plot_fit(
+    fit: Fit, *, unit: Unit = "arcsec", span_deg: tuple[float, float] | None = None
+) -> Figure:
+    """Measured transmission error with the fitted model, one panel a flank, and the residual below.
+
+    Points are block means of the samples. The line is what the fit says at those points, drift and
+    encoder errors included: measured less residual. The panels share the angle axis.
+
+    **Arguments**
+    - `fit`: the result of a fit.
+    - `unit`: of the transmission error, "arcsec" or "deg"; the residual stays in arcsec.
+    - `span_deg`: show these driving angles only.
+    """
+    size = unit_size(unit)
+    runs = _within(fit, span_deg)
+    flanks = [flank for flank in ("A", "B") if any(curve.flank == flank for curve, _ in runs)]
+    figure = new_figure(2.3 * (len(flanks) + 1))
+    axes = figure.subplots(len(flanks) + 1, 1, sharex=True)
+    for ax, flank in zip(axes[:-1], flanks, strict=True):
+        _draw_flank(ax, [run for run in runs if run[0].flank == flank], size)
+        ax.set_ylabel(f"TE, flank {flank} [{SIGNS[unit]}]")
+    heading(figure, "transmission error", fit.pair.name, PurePath(fit.source).name)
+    _draw_residuals(axes[-1], runs, flanks)
+    title(axes[-1], f"residual (single samples: {fit.residual_rms_deg * DEG / ARCSEC:.3g}″ rms)")
+    for ax in axes:
+        grid(ax)
+    if span_deg is not None:
+        axes[-1].set_xlim(*span_deg)
+    driving_axis(axes[-1])
+    return figure
+
+
+def _draw_flank(ax: Axes, runs: list[Run], size: float) -> None:
+    most = MOST_POINTS // len(runs)
+    keys = []
+    for curve, residual in runs:
+        angle, error = curve.driving_angle / DEG, curve.transmission_error / size
+        keys = _dots(ax, *thinned(angle, error, most), curve.flank, "measured")
+        keys += ax.plot(
+            *thinned(angle, error - residual / size, most),
+            color=MODEL_COLOUR,
+            linewidth=0.5,
+            label="fitted",
+        )
+    legend(ax, keys)
+
+
+def _draw_residuals(ax: Axes, runs: list[Run], flanks: list[str]) -> None:
+    most = MOST_POINTS // len(runs)
+    keys = []
+    for flank in flanks:
+        own = [run for run in runs if run[0].flank == flank]
+        rms = np.sqrt(np.mean(np.concatenate([residual for _, residual in own]) ** 2))
+        label = f"flank {flank}: {rms / ARCSEC:.3g}″ rms"
+        lines = [
+            _dots(ax, *thinned(curve.driving_angle / DEG, residual / ARCSEC, most), flank, label)
+            for curve, residual in own
+        ]
+        keys += lines[0]
+    ax.set_ylabel("residual [arcsec]")
+    legend(ax, keys)
+
+
+def _dots(
+    ax: Axes, x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"], flank: str, label: str
+) -> list[Line2D]:
+    return ax.plot(
+        x,
+        y,
+        ".",
+        color=FLANK_COLOURS[flank],
+        markersize=4,
+        markeredgewidth=0,
+        alpha=0.6,
+        label=label,
+    )
+
+
+def _within(fit: Fit, span_deg: tuple[float, float] | None) -> list[Run]:
+    """The runs, or their parts between two driving angles."""
+    runs = list(zip(fit.curves, fit.residuals, strict=True))
+    if span_deg is None:
+        return runs
+    low, high = span_deg
+    parts = []
+    for curve, residual in runs:
+        inside = (curve.driving_angle >= low * DEG) & (curve.driving_angle <= high * DEG)
+        if inside.any():
+            part = TECurve(
+                curve.flank,
+                curve.driving_angle[inside],
+                curve.transmission_error[inside],
+                curve.time[inside],
+            )
+            parts.append((part, residual[inside]))
+    if not parts:
+        angles = np.concatenate([curve.driving_angle for curve, _ in runs]) / DEG
+        raise ValueError(
+            f"Argument `span_deg` must overlap the fitted {angles.min():.6g}° …"
+            f" {angles.max():.6g}°, but is {low:g}° … {high:g}°."
+        )
+    return parts
+
+
+def plot_te(curve: TECurve, *, ax: Axes | None = None, unit: Unit = "arcsec") -> Figure:
+    """Transmission error over driving angle.
+
+    **Arguments**
+    - `curve`: one run on one flank.
+    - `ax`: axes to draw on; a new figure when absent.
+    - `unit`: of the transmission error, "arcsec" or "deg".
+    """
+    size = unit_size(unit)
+    if ax is None:
+        ax = new_figure(3.6).add_subplot()
+    x, y = thinned(curve.driving_angle / DEG, curve.transmission_error / size)
+    ax.plot(x, y, color=FLANK_COLOURS[curve.flank], linewidth=0.8, label=f"flank {curve.flank}")
+    ax.set_ylabel(f"transmission error [{SIGNS[unit]}]")
+    title(ax, f"transmission error, flank {curve.flank}")
+    grid(ax)
+    driving_axis(ax)
+    return figure_of(ax)

@@ -1,0 +1,105 @@
+"""Picture of the fitted orders: amplitudes of both shafts and of the mesh, flank by flank."""
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+
+from ..identify.fit_result import Fit
+from ..identify.report.order_table import Order
+from .style import FLANK_COLOURS, grid, heading, new_figure
+
+_SHAFTS = {"driving": "driving order", "driven": "driven order", "mesh": "mesh order"}
+_SIGNIFICANT = 3.0
+_WIDTH = 0.38
+_SHIFT = {"A": -_WIDTH / 2, "B": _WIDTH / 2}
+
+
+def plot_orders(fit: Fit, *, log: bool = True) -> Figure:
+    """Amplitude of every fitted order with its standard error, flank A and B side by side.
+
+    Amplitudes below three standard errors are hollow: the log does not show that order.
+
+    **Arguments**
+    - `fit`: the result of a fit.
+    - `log`: logarithmic amplitudes, so that pitch orders can be read beside the first ones.
+    """
+    figure = new_figure(3.8)
+    shafts = [shaft for shaft in _SHAFTS if any(o.shaft == shaft for o in fit.orders)]
+    if not shafts:
+        ax = figure.add_subplot()
+        ax.set_axis_off()
+        ax.text(0.5, 0.5, "no order was fitted", ha="center", transform=ax.transAxes)
+        return figure
+    own = {shaft: [o for o in fit.orders if o.shaft == shaft] for shaft in shafts}
+    counts = [len({o.order for o in own[shaft]}) for shaft in shafts]
+    axes = figure.subplots(
+        1,
+        len(shafts),
+        sharey=True,
+        squeeze=False,
+        # A panel with one order still has room for its name.
+        width_ratios=[max(count, 2.5) for count in counts],
+    )[0]
+    for ax, shaft in zip(axes, shafts, strict=True):
+        _draw(ax, own[shaft])
+        ax.set_xlabel(_SHAFTS[shaft])
+    _scale(axes[0], fit.orders, log)
+    axes[0].set_ylabel("amplitude at the driven gear [arcsec]")
+    heading(figure, "order spectrum", fit.pair.name)
+    _name_bars(figure, fit.orders)
+    return figure
+
+
+def _draw(ax: Axes, orders: list[Order]) -> None:
+    numbers = sorted({o.order for o in orders})
+    shift = _SHIFT if len({o.flank for o in orders}) == 2 else {"A": 0.0, "B": 0.0}
+    for o in orders:
+        colour = FLANK_COLOURS[o.flank]
+        ax.bar(
+            numbers.index(o.order) + shift[o.flank],
+            o.amplitude_arcsec,
+            _WIDTH * 0.9,
+            yerr=o.std_arcsec,
+            facecolor=colour if _significant(o) else "none",
+            edgecolor=colour,
+            ecolor="0.1",
+            capsize=2,
+            error_kw={"elinewidth": 0.9, "capthick": 0.9},
+        )
+    ax.set_xticks(range(len(numbers)), [f"{number}" for number in numbers])
+    ax.set_xlim(-0.75, len(numbers) - 0.25)
+    grid(ax)
+    ax.grid(False, axis="x")
+
+
+def _significant(order: Order) -> bool:
+    return order.amplitude_arcsec >= _SIGNIFICANT * order.std_arcsec
+
+
+def _scale(ax: Axes, orders: tuple[Order, ...], log: bool) -> None:
+    """Logarithmic from a third of the smallest amplitude on, or linear from zero."""
+    positive = [o.amplitude_arcsec for o in orders if o.amplitude_arcsec > 0]
+    if not log or not positive:
+        ax.set_ylim(bottom=0.0)
+        return
+    ax.set_yscale("log", nonpositive="clip")
+    ax.set_ylim(min(positive) / 3, 1.5 * max(o.amplitude_arcsec + o.std_arcsec for o in orders))
+    ax.yaxis.set_major_formatter("{x:g}")
+
+
+def _name_bars(figure: Figure, orders: tuple[Order, ...]) -> None:
+    """One legend for all panels, below them."""
+    keys = [
+        Patch(color=colour, label=f"flank {flank}")
+        for flank, colour in FLANK_COLOURS.items()
+        if any(o.flank == flank for o in orders)
+    ]
+    if not all(_significant(o) for o in orders):
+        keys.append(Patch(facecolor="none", edgecolor="0.4", label="below three standard errors"))
+    figure.legend(
+        handles=keys,
+        loc="outside lower center",
+        ncols=len(keys),
+        frameon=False,
+        fontsize="small",
+    )

@@ -1,0 +1,234 @@
+"""Picture of a residual: over the angle, its correlation, and its spectrum with the lines found."""
+
+from collections.abc import Sequence
+from pathlib import PurePath
+from typing import Any
+
+import numpy as np
+from jaxtyping import Complex, Float, Int
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from ..base.units import ARCSEC, DEG, REV
+from ..identify.fit_result import Fit
+from ..logs.lines.search import Line
+from .style import (
+    COLOURS,
+    FLANK_COLOURS,
+    MOST_POINTS,
+    driving_axis,
+    grid,
+    heading,
+    legend,
+    new_figure,
+    thinned,
+    title,
+)
+
+_LAGS = 60
+_MOST_TRIALS = 20_000
+_CHUNK = 64
+
+Runs = Sequence[Float[np.ndarray, " _"]]
+"""One array a run, of any length."""
+
+
+def plot_residual(fit: Fit) -> Figure:
+    """The residual picture of a fit: block means, whitened as the fit's noise asks for."""
+    angles = [curve.driving_angle for curve in fit.curves]
+    turns = [max(float(np.ptp(angle)) / REV, 1e-9) for angle in angles]
+    noises = [fit.noise.at(curve.mean_speed) for curve in fit.curves]
+    rows = min(len(angle) / span for angle, span in zip(angles, turns, strict=True))
+    return residual_picture(
+        angles,
+        fit.residuals,
+        highest=float(np.clip(rows / 3, 1.5, 20.0)),
+        whitened=[
+            noise.whitened(residual, curve.time)
+            for residual, curve, noise in zip(fit.residuals, fit.curves, noises, strict=True)
+            if len(residual) > len(noise.coefficients)
+        ],
+        order=max(len(noise.coefficients) for noise in noises),
+        lines=[_line(line) for line in fit.checks.get("lines", [])],
+        labels=[curve.flank for curve in fit.curves],
+        name=fit.pair.name,
+        source=PurePath(fit.source.split(", ")[0]).name,
+    )
+
+
+def _line(record: dict) -> Line:
+    return Line(**{name: value for name, value in record.items() if name not in ("log", "flank")})
+
+
+def residual_picture(
+    angles: Runs,
+    residuals: Runs,
+    *,
+    highest: float,
+    whitened: Runs,
+    order: int,
+    lines: Sequence[Line] = (),
+    labels: Sequence[str] | None = None,
+    name: str = "",
+    source: str = "",
+) -> Figure:
+    """What a fit leaves: a residual should be featureless, without memory and without lines.
+
+    Three panels: the residual over the driving angle; the autocorrelation of the whitened residual
+    with the band 95 % of white noise keeps to at each lag; the amplitude spectrum in cycles per
+    driving revolution with the lines marked. A spectrum at unequal steps of angle is a
+    least-squares one: amplitude of a sine and cosine fitted at each frequency beside the means of
+    the runs.
+
+    **Arguments**
+    - `angles`, `residuals`: rad, run by run, rows in time order.
+    - `highest`: cycles per revolution up to which to draw the spectrum.
+    - `whitened`: the residuals whitened by an autoregression of this `order`, run by run.
+    - `lines`: to mark, from `find_lines`.
+    - `labels`: of the runs; equal ones share a colour ("A" and "B" those of the flanks).
+    - `name`, `source`: for the heading.
+    """
+    labels = [""] * len(angles) if labels is None else labels
+    if not angles or not len(angles) == len(residuals) == len(labels):
+        raise ValueError(
+            "Argument `residuals` must hold one array for each of at least one run, but there are"
+            f" {len(angles)} angles, {len(residuals)} residuals and {len(labels)} labels."
+        )
+    figure = new_figure(7.6)
+    top, middle, bottom = figure.subplots(3, 1)
+    heading(figure, "residual", name, source)
+    _draw_residual(top, angles, residuals, labels)
+    _draw_correlation(middle, whitened, order)
+    _draw_spectrum(bottom, angles, residuals, highest, lines)
+    for ax in (top, middle, bottom):
+        grid(ax)
+    return figure
+
+
+def _draw_residual(ax: Axes, angles: Runs, residuals: Runs, labels: Sequence[str]) -> None:
+    spare = iter(COLOURS[3:])
+    colours = {
+        label: FLANK_COLOURS.get(label) or next(spare, "0.4") for label in dict.fromkeys(labels)
+    }
+    keys = {}
+    for angle, residual, label in zip(angles, residuals, labels, strict=True):
+        points = thinned(angle / DEG, residual / ARCSEC, max(MOST_POINTS // len(angles), 4))
+        style = {"color": colours[label], "markersize": 3, "markeredgewidth": 0, "alpha": 0.6}
+        [keys[label]] = ax.plot(*points, ".", label=label, **style)
+    rms = np.sqrt(np.mean(np.concatenate(list(residuals)) ** 2)) / ARCSEC
+    title(ax, f"{rms:.3g}″ rms")
+    ax.set_ylabel("residual [arcsec]")
+    driving_axis(ax)
+    if any(keys):
+        legend(ax, [key for label, key in keys.items() if label])
+
+
+def _draw_correlation(ax: Axes, whitened: Runs, order: int) -> None:
+    correlation, pairs = autocorrelation(whitened, _LAGS)
+    lags = np.arange(1, len(correlation))
+    band = 1.96 / np.sqrt(np.maximum(pairs[1:], 1))
+    ax.fill_between(lags, -band, band, color="0.85", linewidth=0, label="95 % of white noise")
+    ax.vlines(lags, 0.0, correlation[1:], color=FLANK_COLOURS["A"], linewidth=1.2)
+    ax.axhline(0.0, color="0.1", linewidth=0.6)
+    outside = int(np.count_nonzero(np.abs(correlation[1:]) > band))
+    title(
+        ax, f"whitened by an autoregression of order {order}: {outside} of {len(lags)} lags outside"
+    )
+    reach = max(0.1, 1.15 * float(np.max(np.abs(correlation[1:]), initial=0.0)))
+    ax.set_ylim(-reach, reach)
+    ax.set_xlim(0.0, len(lags) + 1.0)
+    ax.set_ylabel("autocorrelation")
+    ax.set_xlabel("lag [rows]")
+    legend(ax, ax.collections[:1])
+
+
+def _draw_spectrum(
+    ax: Axes, angles: Runs, residuals: Runs, highest: float, lines: Sequence[Line]
+) -> None:
+    cycles, amplitude = amplitude_spectrum(angles, residuals, highest)
+    ax.plot(*thinned(cycles, amplitude / ARCSEC), color=FLANK_COLOURS["A"], linewidth=0.8)
+    top = float(np.max(amplitude / ARCSEC, initial=0.0))
+    for line in lines:
+        place = (line.cycles_per_rev, line.amplitude_arcsec)
+        ax.errorbar(*place, yerr=line.amplitude_std_arcsec, fmt="o", **_MARK)
+        ax.annotate(
+            f"{line.cycles_per_rev:.4g}",
+            place,
+            xytext=(0, 7),
+            textcoords="offset points",
+            ha="center",
+            fontsize="small",
+        )
+        top = max(top, line.amplitude_arcsec)
+    counted = f"{len(lines)} line{'' if len(lines) == 1 else 's'} found"
+    title(ax, counted if lines else "no line found")
+    ax.set_xlim(0.0, highest)
+    ax.set_ylim(0.0, 1.25 * top if top > 0 else 1.0)
+    ax.set_ylabel("amplitude [arcsec]")
+    ax.set_xlabel("cycles per driving revolution")
+
+
+_MARK = {
+    "color": FLANK_COLOURS["B"],
+    "markersize": 5,
+    "capsize": 2,
+    "markerfacecolor": "none",
+    "elinewidth": 0.9,
+}
+
+
+def autocorrelation(
+    white: Runs, lags: int
+) -> tuple[Float[np.ndarray, " lags"], Float[np.ndarray, " lags"]]:
+    """Correlation of whitened rows at lags 0 … `lags` inside runs, and the number of pairs."""
+    lags = min(lags, max((len(run) for run in white), default=1) - 1)
+    products, pairs = np.zeros(lags + 1), np.zeros(lags + 1)
+    for run in white:
+        for lag in range(min(lags + 1, len(run))):
+            products[lag] += run[lag:] @ run[: len(run) - lag]
+            pairs[lag] += len(run) - lag
+    mean = products / np.maximum(pairs, 1)
+    return (mean / mean[0] if mean[0] > 0 else mean), pairs
+
+
+def amplitude_spectrum(
+    angles: Runs, residuals: Runs, highest: float
+) -> tuple[Float[np.ndarray, " f"], Float[np.ndarray, " f"]]:
+    """Least-squares amplitude (rad) at frequencies a quarter of the resolution apart.
+
+    From one cycle over all revolutions to `highest`, thinned to 20 000 frequencies at most.
+    """
+    turns = np.concatenate(list(angles)) / REV
+    span = float(np.ptp(turns))
+    if span * highest <= 1:
+        return np.zeros(0), np.zeros(0)
+    cycles = np.linspace(1 / span, highest, min(int(4 * span * highest), _MOST_TRIALS))
+    turns = turns - turns.mean()
+    value = np.concatenate([run - np.mean(run) for run in residuals])
+    starts = np.cumsum([0, *(len(run) for run in residuals)])[:-1]
+    counts = np.array([len(run) for run in residuals])
+    amplitude = np.concatenate(
+        [
+            _amplitudes(np.exp(2j * np.pi * part[:, None] * turns), value, starts, counts)
+            for part in np.split(cycles, range(_CHUNK, len(cycles), _CHUNK))
+        ]
+    )
+    return cycles, amplitude
+
+
+def _amplitudes(
+    trial: Complex[np.ndarray, "k n"],
+    value: Float[np.ndarray, " n"],
+    starts: Int[np.ndarray, " r"],
+    counts: Int[np.ndarray, " r"],
+) -> Float[np.ndarray, " k"]:
+    """Amplitude of each trial beside the means of the runs, from 2×2 normal equations."""
+    sums = np.add.reduceat(trial, starts, axis=1)
+    power = trial.shape[1] - np.sum(np.abs(sums) ** 2 / counts, axis=1)
+    square: Any = np.sum(trial**2, axis=1) - np.sum(sums**2 / counts, axis=1)
+    right: Any = trial @ value
+    cc, ss, cs = 0.5 * (power + square.real), 0.5 * (power - square.real), 0.5 * square.imag
+    determinant = np.maximum(cc * ss - cs**2, 1e-6 * trial.shape[1] ** 2)
+    cosine = (ss * right.real - cs * right.imag) / determinant
+    sine = (cc * right.imag - cs * right.real) / determinant
+    return np.hypot(cosine, sine)

@@ -1,0 +1,164 @@
+"""Picture of a tooth: its section at both ends and in the middle, and how it thins between."""
+
+import math
+from typing import Literal
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from ..geometry.solids.blank import blank_of
+from ..geometry.solids.gear_profile import GearProfile
+from ..geometry.solids.tooth_grid import ORDER, Counts, ToothGrid, section_curve
+from ..geometry.tooth.form_circle import form_radius
+from ..geometry.tooth.rack_cutter import SIDES
+from ..geometry.tooth.section_report import section_report
+from ..geometry.tooth.tooth import Tooth
+from .style import COLOURS, MODEL_COLOUR, grid, heading, legend, new_figure, title
+
+_PIECE_COLOURS = {"root": "0.45", "fillet": COLOURS[1], "flank": COLOURS[0], "tip": COLOURS[2]}
+_CIRCLES: tuple[tuple[str, Literal["-", "--", ":"]], ...] = (
+    ("tip, root circle", "-"),
+    ("base circle", "--"),
+    ("form circle", ":"),
+)
+_COUNTS = Counts(8, 24, 24, 8, (1,))
+_SPACES = 0.62
+"""Of a pitch to either side of the middle of a tooth that is seen."""
+
+_THINS = 1e-6
+"""Of its thickness by which a tooth has to thin to have a thin end."""
+
+_WINDS = 0.05
+"""Of a pitch by which a tooth has to stand aside to be turned back upright."""
+
+
+def plot_tooth(tooth: Tooth, *, name: str = "") -> Figure:
+    """Three sections of a tooth over each other's circles, and its thickness along the face.
+
+    The sections are those at the thin end, in the middle and at the thick end, seen from +z, root,
+    fillet, flank and tip in colours; circles are tip, root, base and form circle. Teeth that wind
+    around the axis are turned back upright. Below: arcs inside the tooth at the reference circle
+    and at the tip circle, and of the root land, over z.
+
+    **Arguments**
+    - `tooth`: a gear with a face width.
+    - `name`: what the title calls it.
+
+    **Raises** `PairError` for a gear that is no solid: see `gear_mesh`.
+
+    **Example**
+    ```python
+    >>> import vttig_jax
+    >>> from vttig_jax import Gear, GearPair
+    >>> from vttig_jax.geometry import tooth_of
+    >>> from vttig_jax.plotting import plot_tooth
+    >>> vttig_jax.enable_x64()
+    >>> gears = Gear(45, 3, 3, 20), Gear(80, 3, 3, 20)
+    >>> pair = GearPair(*gears, module_mm=2.0, pressure_angles_deg=20.0)
+    >>> [axes.get_xlabel() for axes in plot_tooth(tooth_of(pair, "driving")).axes]
+    ['x [mm]', 'x [mm]', 'x [mm]', 'z [mm]']
+
+    ```
+    """
+    profile = blank_of(tooth, teeth=None, bore_mm=0.0, tolerance_mm=1e-3).profile
+    half = float(tooth.face_width_mm) / 2
+    thickness = section_report(tooth, [-half, half]).thickness_mm
+    thins = abs(thickness[1] - thickness[0]) > _THINS * thickness.max()
+    thin_end = half if thickness[1] <= thickness[0] or not thins else -half
+    words = ("thin end", "middle", "thick end") if thins else ("end", "middle", "end")
+    figure = new_figure(5.6)
+    layout = figure.add_gridspec(2, 3, height_ratios=[1.5, 1.0])
+    for k, (word, z) in enumerate(zip(words, (thin_end, 0.0, -thin_end), strict=True)):
+        _section(figure.add_subplot(layout[0, k]), profile, word, z, named=k == 0)
+    _along(figure.add_subplot(layout[1, :]), tooth, half, thin_end)
+    handles = [Line2D([], [], color=c, label=part) for part, c in _PIECE_COLOURS.items()]
+    handles += [
+        Line2D([], [], color="0.6", linewidth=0.7, linestyle=style, label=label)
+        for label, style in _CIRCLES
+    ]
+    figure.legend(
+        handles=handles,
+        loc="outside lower center",
+        ncols=7,
+        frameon=False,
+        fontsize="small",
+        handlelength=1.5,
+        columnspacing=1.2,
+    )
+    heading(figure, f"tooth of {tooth.teeth}", name)
+    return figure
+
+
+def _section(ax: Axes, profile: GearProfile, word: str, z: float, *, named: bool) -> None:
+    """One tooth in colours, its neighbours in grey, circles behind."""
+    tooth, heights = profile.tooth, np.array([z])
+    radius, clockwise = (row[0] for row in section_curve(profile, _COUNTS, heights))
+    left, right = profile.turned(heights)[0]
+    aside = float(left - right) / 2
+    aside = aside if abs(aside) > _WINDS * profile.pitch else 0.0
+    clockwise = clockwise - aside
+    tip, root = float(tooth.tip_radius), float(tooth.root_radius)
+    base, forms = np.asarray(tooth.base_radii), [form_radius(tooth, side) for side in SIDES]
+    sweep = np.linspace(-1.5, 1.5, 241) * profile.pitch
+    for circle, style in (
+        (tip, "-"),
+        (root, "-"),
+        *((r, "--") for r in set(base)),
+        *((r, ":") for r in set(forms)),
+    ):
+        ax.plot(circle * np.sin(sweep), circle * np.cos(sweep), style, color="0.6", linewidth=0.7)
+    for shift in (-profile.pitch, profile.pitch):
+        ax.plot(
+            radius * np.sin(clockwise + shift),
+            radius * np.cos(clockwise + shift),
+            color="0.8",
+            linewidth=1.2,
+        )
+    x, y = radius * np.sin(clockwise), radius * np.cos(clockwise)
+    joints = ToothGrid(profile, _COUNTS, (z, z)).joints
+    for k, (_, part) in enumerate(ORDER):
+        piece = slice(joints[k], joints[k + 1] + 1)
+        ax.plot(x[piece], y[piece], color=_PIECE_COLOURS[part], linewidth=1.8)
+    reach = tip * math.sin(min(_SPACES * profile.pitch, math.pi / 2))
+    low = min(float(y.min()), float(base.min())) - 0.12 * (tip - root)
+    ax.set_xlim(-reach, reach)
+    ax.set_ylim(low, tip + 0.12 * (tip - root))
+    ax.set_aspect("equal")
+    ax.set_xlabel(f"x [mm], turned by {math.degrees(aside):.3g}°" if aside else "x [mm]")
+    if named:
+        ax.set_ylabel("y [mm]")
+    title(ax, f"{word}, z = {z:g} mm")
+    grid(ax)
+
+
+def _along(ax: Axes, tooth: Tooth, half: float, thin_end: float) -> None:
+    """What is left of the tooth and of its space over the face."""
+    report = section_report(tooth, np.linspace(-half, half, 81))
+    lines = []
+    for values, label, colour in (
+        (report.thickness_mm, "tooth at the reference circle", MODEL_COLOUR),
+        (report.tip_thickness_mm, "tooth at the tip circle", _PIECE_COLOURS["tip"]),
+        (report.root_land_mm, "root land", _PIECE_COLOURS["root"]),
+    ):
+        lines += ax.plot(report.z_mm, values, color=colour, linewidth=1.4, label=label)
+    overlap = report.root_land_mm < 0
+    if overlap.any():
+        ax.fill_between(
+            report.z_mm,
+            report.root_land_mm,
+            0.0,
+            where=list(overlap),
+            color="0.85",
+            label="fillets overlap",
+        )
+        lines.append(ax.collections[-1])
+    ax.axhline(0.0, color="0.6", linewidth=0.7)
+    for z in (-half, 0.0, half):
+        ax.axvline(z, color="0.6", linewidth=0.7, linestyle=":")
+    ax.set_xlabel("z [mm]")
+    ax.set_ylabel("arc [mm]")
+    title(ax, "along the face", legend_rows=2)
+    grid(ax)
+    legend(ax, lines)

@@ -1,0 +1,166 @@
+"""What came of one scenario at one length."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from .coverage import (
+    BANDS,
+    LEVELS,
+    SAMPLED_BANDS,
+    Cell,
+    coverage,
+    histogram,
+    outside,
+    uneven,
+    uniformity,
+)
+from .scenarios import Scenario
+
+Ranks = Float[np.ndarray, "rigs p"]
+
+
+@dataclass(frozen=True)
+class Sampled:
+    """Ranks of the truths of a subset among draws of the sampler.
+
+    **Arguments**
+    - `ranks`: of the judged parameters.
+    - `steps`, `burn_in`, `walkers`: of every rig's ensemble.
+    - `tau`: longest integrated autocorrelation time of every rig, steps.
+    """
+
+    ranks: Ranks
+    steps: int
+    burn_in: int
+    walkers: int
+    tau: Float[np.ndarray, " rigs"]
+
+
+@dataclass(frozen=True, eq=False)
+class CaseResult:
+    """Ranks of the truths of all rigs of one scenario.
+
+    **Arguments**
+    - `names`: of the judged parameters.
+    - `rows`, `row_s`: rows of all flanks, and the duration of one.
+    - `ranks`: of every truth in its Laplace approximation; `white_rows`, `white_samples`: the same
+      where the noise of the rows, or of single samples, is taken for white.
+    - `amplitudes`: name → ranks of true amplitudes.
+    - `orders`: of the autoregression, rig by rig.
+    - `std`: mean standard errors, mm and rad.
+    - `seconds`: run time.
+    """
+
+    scenario: Scenario
+    names: tuple[str, ...]
+    rows: int
+    row_s: float
+    ranks: Ranks
+    white_rows: Ranks
+    white_samples: Ranks
+    amplitudes: dict[str, Float[np.ndarray, " rigs"]]
+    orders: Int[np.ndarray, " rigs"]
+    std: Float[np.ndarray, " p"]
+    seconds: float
+    sampled: Sampled | None = field(default=None)
+
+    @property
+    def samples(self) -> int:
+        """Of all flanks."""
+        return self.scenario.samples * len(self.scenario.flanks)
+
+    def range_of(self, ranks: Ranks, level: float) -> tuple[float, float]:
+        """Lowest and highest coverage among the parameters."""
+        shares = [coverage(column, level).share for column in ranks.T]
+        return min(shares), max(shares)
+
+    def cells(self) -> list[Cell]:
+        """Coverages of the Laplace route, as tested numbers."""
+        return self._cells(self.ranks, BANDS, "Laplace")
+
+    def sampled_cells(self) -> list[Cell]:
+        """Coverages of the sampled subset."""
+        if self.sampled is None:
+            return []
+        return self._cells(self.sampled.ranks, SAMPLED_BANDS, "sampled")
+
+    def amplitude_cells(self) -> list[Cell]:
+        """Rank histograms of amplitudes, tested with the tolerance of the coverages."""
+        return [
+            Cell(self.scenario.case, name, "rank histogram", uneven(ranks))
+            for name, ranks in self.amplitudes.items()
+        ]
+
+    def _cells(self, ranks: Ranks, bands: dict, route: str) -> list[Cell]:
+        return [
+            Cell(
+                self.scenario.case,
+                name,
+                f"{route}, {100 * level:g} %",
+                outside(coverage(column, level), band),
+            )
+            for name, column in zip(self.names, ranks.T, strict=True)
+            for level, band in bands.items()
+        ]
+
+    def to_json(self) -> dict:
+        """Fields of a case in `vttig.calibrate/1`."""
+        s = self.scenario
+        record = {
+            "scenario": s.name,
+            "length": s.length,
+            "words": s.words,
+            "holds": s.holds,
+            "rate_hz": s.rate_hz,
+            "speed_rpm": s.speed_rpm,
+            "driving_turns": s.turns,
+            "flanks": list(s.flanks),
+            "noise_std_deg": s.noise_std_deg,
+            "correlation_s": s.correlation_s,
+            "counts_per_rev": s.counts_per_rev,
+            "samples": self.samples,
+            "rows": self.rows,
+            "row_s": self.row_s,
+            "rigs": len(self.ranks),
+            "seconds": self.seconds,
+            "noise_orders": np.bincount(self.orders).tolist(),
+            "parameters": {
+                name: {
+                    "mean_std": float(self.std[k]),
+                    "unit": "rad" if "encoder" in name or "backlash" in name else "mm",
+                    "coverage": _coverages(self.ranks[:, k]),
+                    "white_samples": _coverages(self.white_samples[:, k]),
+                    "white_rows": _coverages(self.white_rows[:, k]),
+                    **_histogram(self.ranks[:, k]),
+                }
+                for k, name in enumerate(self.names)
+            },
+            "amplitudes": {name: _histogram(ranks) for name, ranks in self.amplitudes.items()},
+        }
+        if self.sampled is not None:
+            record["sampled"] = _sampled(self.sampled, self.names)
+        return record
+
+
+def _coverages(ranks: Float[np.ndarray, " rigs"]) -> list[dict]:
+    return [coverage(ranks, level).to_json() for level in LEVELS]
+
+
+def _histogram(ranks: Float[np.ndarray, " rigs"]) -> dict:
+    return {"rank_histogram": histogram(ranks), "uniformity": uniformity(ranks)}
+
+
+def _sampled(sampled: Sampled, names: tuple[str, ...]) -> dict:
+    return {
+        "rigs": len(sampled.ranks),
+        "walkers": sampled.walkers,
+        "burn_in": sampled.burn_in,
+        "steps": sampled.steps,
+        "longest_tau": float(np.max(sampled.tau)),
+        "parameters": {
+            name: {"coverage": _coverages(ranks), **_histogram(ranks)}
+            for name, ranks in zip(names, sampled.ranks.T, strict=True)
+        },
+    }

@@ -1,0 +1,152 @@
+"""Coverage of sampled posteriors: some rigs of a case, one ensemble each."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import emcee
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ...identify.compress.flank_summary import flank_of_products
+from ...identify.compress.harmonic_summary import HarmonicSummary
+from ...identify.model.forward_model import Relation
+from ..density.density import NOISE_STD, Density, FitTarget
+from ..density.likelihood import likelihood_of
+from ..density.prior import Prior, StatedPrior, stated
+from .case_result import Sampled
+from .compressed import Compressed
+from .program import Batch, Program
+from .scenarios import judged, planned
+
+WALKERS, BURN_IN, STEPS = 64, 500, 1500
+"""The ensemble starts from the Laplace approximation, which is nearly the posterior: the burn-in is
+five autocorrelation times (some 70 to 90 steps)."""
+
+
+@dataclass(frozen=True, eq=False)
+class RigEvidence:
+    """One fitted rig, as the sampler needs it."""
+
+    log: Compressed
+    values: Float[np.ndarray, " p"]
+    covariance: Float[np.ndarray, "p p"]
+    innovation_std: float
+    partial: Float[np.ndarray, " highest"]
+    truth: Float[np.ndarray, " p"]
+
+
+def sampled_coverage(
+    program: Program,
+    batches: Sequence[Batch],
+    rigs: int,
+    seed: int,
+    progress: Callable[[str, int], None] = lambda case, rigs: None,
+    steps: int = STEPS,
+    burn_in: int = BURN_IN,
+) -> Sampled:
+    """Sample the posterior of the first `rigs` rigs, one ensemble of 64 walkers each.
+
+    All are sampled under noise of one order, the highest that any of them asks for, so that the
+    density compiles once.
+    """
+    evidence = [_one(batch, k) for batch in batches for k in range(len(batch.truth))][:rigs]
+    order = max(int(np.count_nonzero(one.partial)) for one in evidence)
+    places = judged(program.relation.names)
+    ranks, tau = np.empty((len(evidence), len(places))), np.empty(len(evidence))
+    for number, one in enumerate(evidence):
+        target = rig_target(program, one, order)
+        generator = np.random.default_rng([seed, number])
+        draws = _draws(target, generator, burn_in, steps)
+        tau[number] = emcee.autocorr.integrated_time(draws, tol=0).max()
+        flat = draws[:, :, : len(places)].reshape(-1, len(places))
+        ranks[number] = np.mean(flat < one.truth[list(places)], axis=0)
+        progress(program.scenario.case, 1)
+    return Sampled(ranks, steps, burn_in, WALKERS, tau)
+
+
+def rig_target(program: Program, rig: RigEvidence, order: int) -> FitTarget:
+    """Posterior of one rig: the density of `vttig sample`, from what the vmapped fit found."""
+    relation, scenario = program.relation, program.scenario
+    summary = _summary(program, rig.log)
+    places = list(judged(relation.names))
+    asked = tuple(relation.names[k] for k in places)
+    jacobian = np.asarray(_jacobian(relation, jnp.asarray(rig.values)))
+    likelihood = likelihood_of(summary, relation, jacobian, rig.values, asked, order)
+    names = (*asked, NOISE_STD, *(f"partial_{k}" for k in range(1, order + 1)))
+    prior = stated(Prior(), scenario.pair, asked, 0.0)
+    partial = rig.partial[:order]
+    rows = float(likelihood.rows) - likelihood.coefficients
+    covariance = np.diag(
+        np.concatenate([np.ones(len(asked)), [0.5 / rows], (1 - partial**2) / rows])
+    )
+    covariance[: len(asked), : len(asked)] = rig.covariance[np.ix_(places, places)]
+    return FitTarget(
+        names=names,
+        units=("",) * len(names),
+        density=_density(likelihood, prior, names),
+        prior=prior,
+        centre=np.concatenate([rig.values[places], [np.log(rig.innovation_std)], partial]),
+        covariance=covariance,
+        identity={},
+    )
+
+
+def _one(batch: Batch, place: int) -> RigEvidence:
+    log, modelled, partial = jax.tree.map(
+        lambda part: np.asarray(part[place]),
+        (batch.logs, batch.fitted.modelled, batch.fitted.partial),
+    )
+    std = float(modelled.innovation_std)
+    return RigEvidence(
+        log, modelled.values, modelled.covariance, std, partial, np.asarray(batch.truth[place])
+    )
+
+
+def _summary(program: Program, log: Compressed) -> HarmonicSummary:
+    flanks = tuple(
+        flank_of_products(
+            flank,
+            np.asarray(log.lag_products[k]),
+            np.asarray(log.ends[k, :1]),
+            np.asarray(log.ends[k, 1:, ::-1]),
+            program.rows,
+        )
+        for k, flank in enumerate(program.scenario.flanks)
+    )
+    row_s = program.size / program.scenario.rate_hz
+    return HarmonicSummary(flanks, planned(program.scenario), program.columns, row_s)
+
+
+def _density(likelihood, prior: StatedPrior, names: Sequence[str]) -> Density:
+    bound = [
+        1.0 if name.startswith("partial_") else prior.bounds.get(name, np.inf) for name in names
+    ]
+    return Density(
+        likelihood=likelihood,
+        bound=np.array(bound),
+        planes=tuple((names.index(f"{d.name}_x"), names.index(f"{d.name}_y")) for d in prior.discs),
+        plane_bound=np.array([disc.bound for disc in prior.discs]),
+        plane_std=np.array([disc.std for disc in prior.discs]),
+        flat_in_amplitude=tuple(disc.flat_in_amplitude for disc in prior.discs),
+    )
+
+
+def _draws(
+    target: FitTarget, generator: np.random.Generator, burn_in: int, steps: int
+) -> Float[np.ndarray, "steps walkers d"]:
+    walkers = max(WALKERS, 2 * len(target.names))
+    sampler = emcee.EnsembleSampler(walkers, len(target.names), target.log_density, vectorize=True)
+    random = np.random.RandomState(generator.integers(2**32))
+    start = emcee.State(target.starts(walkers, generator), random_state=random.get_state())
+    after = sampler.run_mcmc(start, burn_in)
+    sampler.reset()
+    sampler.run_mcmc(after, steps)
+    return np.asarray(sampler.get_chain())
+
+
+@eqx.filter_jit
+def _jacobian(relation: Relation, values: Float[Array, " p"]) -> Float[Array, "flanks tied p"]:
+    return jax.jacfwd(lambda p: relation.coefficients(p))(values)

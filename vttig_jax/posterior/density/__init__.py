@@ -1,0 +1,1 @@
+"""The posterior density: prior, likelihood and profile likelihood."""

@@ -1,0 +1,216 @@
+"""The likelihood of parameters and noise, from lag products: it never touches a sample again.
+
+The rows of a flank are Z = U F with orthonormal columns U. With f the whitening filter of the
+noise, Uᵀ Σ⁻¹ U = Σ_{jk} f_j f_k (Γ_{k−j} − end terms) = CᵀC, and R = C F is the triangular factor
+of the whitened rows. The free harmonics are integrated out by the leading part of R, the other
+coefficients nobody asked for (offsets, drift, wind-up) by their own normal matrix K. What is left
+of n rows in r runs is
+
+    −2 log p = (n − coefficients) log σ² + Σ_f log|R_f,freeᵀ R_f,free| + log|K|
+               − r Σ_k k log(1 − π_k²) + misfit / σ².
+"""
+
+from collections.abc import Sequence
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, PRNGKeyArray
+
+from ...base.arrays import Numbers, float64
+from ...base.numerics.partial_autocorrelation import filter_of, log_initial_determinant
+from ...identify.compress.flank_summary import FlankSummary, IrregularFlank, node_weights
+from ...identify.compress.harmonic_summary import HarmonicSummary
+from ...identify.model.forward_model import Relation
+
+_RIDGE = 1e-13
+"""Relative to the square of every column: what keeps the normal matrix of the nuisance parameters
+factorable where two of them coincide, and Uᵀ Σ⁻¹ U under the most extreme noise that is tried."""
+
+
+class Likelihood(eqx.Module):
+    """Log-likelihood of the parameters of a relation under autoregressive noise.
+
+    **Arguments**
+    - `relation`: from parameters to tied coefficients.
+    - `products`: Γ_l and end terms of every flank, one product of filter coefficients a row.
+    - `triangles`: F of every flank.
+    - `spread`: (nuisance, flanks, tied): tied coefficients of every nuisance parameter.
+    - `determinants`: of Ornstein–Uhlenbeck noise at the nodes of its correlation time, which are
+      then the products too; empty for an autoregression.
+    - `rows`: rows counted by their weight; `runs`: uninterrupted runs of all flanks.
+    - `asked`: places of the sampled parameters among those of the relation; `fixed`: values of all,
+      for those that are neither sampled nor nuisance.
+    - `variance_factor`: what a robust loss adds to the variance.
+    """
+
+    relation: Relation
+    products: Float[Numbers, "products flanks q q"] = eqx.field(converter=float64)
+    triangles: Float[Numbers, "flanks q q"] = eqx.field(converter=float64)
+    determinants: Float[Numbers, " nodes"] = eqx.field(converter=float64)
+    spread: Float[Numbers, "nuisance flanks tied"] = eqx.field(converter=float64)
+    fixed: Float[Numbers, " p"] = eqx.field(converter=float64)
+    rows: Float[Numbers, ""] = eqx.field(converter=float64)
+    runs: Float[Numbers, ""] = eqx.field(converter=float64)
+    variance_factor: Float[Numbers, ""] = eqx.field(converter=float64)
+    asked: tuple[int, ...] = eqx.field(static=True)
+    free: int = eqx.field(static=True)
+
+    @property
+    def coefficients(self) -> int:
+        """Number of coefficients integrated out."""
+        return self.spread.shape[0] + self.products.shape[1] * self.free
+
+    def factors(self, partial: Float[Array, " order"]) -> Float[Array, "flanks q q"]:
+        """Cᵀ of every flank, lower triangular, innovations of variance one."""
+        if self.determinants.shape[0]:
+            weights = node_weights(partial[0])
+        else:
+            weights = _products(jnp.asarray(filter_of(partial)))
+        gram = jnp.tensordot(weights, jnp.asarray(self.products), 1)
+        return jax.lax.linalg.cholesky(gram, symmetrize_input=False)
+
+    def diagonal(self, factors: Float[Array, "flanks q q"]) -> Float[Array, "flanks q"]:
+        """Diagonal of R of every flank: what each column leaves of the next, y as the last."""
+        return jnp.diagonal(factors * jnp.asarray(self.triangles), axis1=1, axis2=2)
+
+    def log_determinant(self, partial: Float[Array, " order"]) -> Float[Array, ""]:
+        """Log-determinant of the covariance of all rows, innovations of variance one."""
+        if self.determinants.shape[0]:
+            return jnp.asarray(node_weights(partial[0]) @ jnp.asarray(self.determinants))
+        return jnp.asarray(self.runs) * log_initial_determinant(partial)
+
+    def left(
+        self, asked: Float[Array, " d"], factors: Float[Array, "flanks q q"]
+    ) -> tuple[Float[Array, " r"], Float[Array, "r nuisance"]]:
+        """Whitened misfit of the tied coefficients, and what a nuisance parameter adds to it."""
+        parameters = jnp.asarray(self.fixed).at[jnp.asarray(self.asked)].set(asked)
+        inner = jnp.swapaxes(factors[:, self.free :, self.free :], 1, 2)
+        factor = inner @ jnp.asarray(self.triangles)[:, self.free :, self.free :]
+        tied, target = factor[:, :-1, :-1], factor[:, :-1, -1]
+        predicted = self.relation.coefficients(parameters)
+        residual = jnp.einsum("fij,fj->fi", tied, predicted) - target
+        nuisance = jnp.einsum("fij,nfj->fin", tied, jnp.asarray(self.spread))
+        return residual.ravel(), nuisance.reshape(residual.size, -1)
+
+    def __call__(
+        self,
+        asked: Float[Array, " d"],
+        partial: Float[Array, " order"],
+        log_innovation_std: Float[Array, ""],
+    ) -> Float[Array, ""]:
+        """Log-likelihood, the coefficients nobody asked for integrated out."""
+        factors = self.factors(partial)
+        residual, nuisance = self.left(asked, factors)
+        diagonal = self.diagonal(factors)
+        misfit = jnp.asarray(self.variance_factor) * jnp.sum(diagonal[:, -1] ** 2)
+        misfit += residual @ residual
+        determinant = jnp.sum(jnp.log(diagonal[:, : self.free]))
+        if nuisance.shape[1]:
+            factor = jnp.linalg.cholesky(_ridged(nuisance.T @ nuisance))
+            taken = jax.scipy.linalg.solve_triangular(factor, nuisance.T @ residual, lower=True)
+            misfit -= taken @ taken
+            determinant += jnp.sum(jnp.log(jnp.diagonal(factor)))
+        freedom = jnp.asarray(self.rows) - self.coefficients
+        return -(
+            freedom * log_innovation_std
+            + determinant
+            + 0.5 * self.log_determinant(partial)
+            + 0.5 * misfit * jnp.exp(-2 * log_innovation_std)
+        )
+
+    def drawn(
+        self,
+        asked: Float[Array, " d"],
+        partial: Float[Array, " order"],
+        log_innovation_std: Float[Array, ""],
+        key: PRNGKeyArray,
+    ) -> Float[Array, "flanks columns"]:
+        """Coefficients of all columns (free, own, tied) drawn at given parameters and noise."""
+        factors = self.factors(partial)
+        residual, nuisance = self.left(asked, factors)
+        std = jnp.exp(log_innovation_std)
+        own, free = jax.random.split(key)
+        parameters = jnp.asarray(self.fixed).at[jnp.asarray(self.asked)].set(asked)
+        tied = self.relation.coefficients(parameters)
+        if nuisance.shape[1]:
+            factor = jnp.linalg.cholesky(_ridged(nuisance.T @ nuisance)).T
+            middle = -jax.scipy.linalg.cho_solve((factor, False), nuisance.T @ residual)
+            shock = jax.random.normal(own, middle.shape)
+            spread = jax.scipy.linalg.solve_triangular(factor, std * shock)
+            tied = tied + jnp.einsum("n,nft->ft", middle + spread, jnp.asarray(self.spread))
+        upper = (jnp.swapaxes(factors, 1, 2) @ jnp.asarray(self.triangles))[:, : self.free]
+        right = upper[:, :, -1] - jnp.einsum("fij,fj->fi", upper[:, :, self.free : -1], tied)
+        right += std * jax.random.normal(free, right.shape)
+        solved = jax.vmap(jax.scipy.linalg.solve_triangular)(upper[:, :, : self.free], right)
+        return jnp.concatenate([solved, tied], axis=1)
+
+
+def likelihood_of(
+    summary: HarmonicSummary,
+    relation: Relation,
+    jacobian: Float[np.ndarray, "flanks tied p"],
+    values: Float[np.ndarray, " p"],
+    asked: Sequence[str],
+    order: int,
+    variance_factor: float = 1.0,
+) -> Likelihood:
+    """Likelihood of the `asked` parameters under noise of this order.
+
+    Every other parameter of the relation is integrated out, along its column of `jacobian`: the
+    relation is linear in all of them but eccentricities.
+    """
+    names = list(relation.names)
+    nuisance = [place for place, name in enumerate(names) if name not in asked]
+    fixed = np.where(np.isin(np.arange(len(names)), nuisance), 0.0, values)
+    return Likelihood(
+        relation=relation,
+        products=np.stack([_products_of(flank, order) for flank in summary.flanks], axis=1),
+        triangles=np.stack([flank.triangle for flank in summary.flanks]),
+        determinants=np.sum([_determinants_of(flank, order) for flank in summary.flanks], axis=0),
+        spread=np.moveaxis(jacobian[:, :, nuisance], 2, 0),
+        fixed=fixed,
+        rows=np.asarray(summary.counted_rows),
+        runs=np.asarray(float(sum(len(flank.heads) for flank in summary.flanks))),
+        variance_factor=np.asarray(variance_factor),
+        asked=tuple(names.index(name) for name in asked),
+        free=summary.columns.free_width,
+    )
+
+
+def _products_of(flank: FlankSummary, order: int) -> Float[np.ndarray, "products q q"]:
+    """Matrices that belong to the products of filter coefficients, in the order of `_products`."""
+    if order and isinstance(flank, IrregularFlank):
+        matrices = flank.matrices.copy()
+        matrices[0] += _RIDGE * np.eye(len(flank.triangle))
+        return matrices
+    lagged = flank.lag_products[: order + 1].copy()
+    lagged[0] += _RIDGE * np.eye(len(flank.triangle))
+    lagged = [gram + gram.T if lag else gram for lag, gram in enumerate(lagged)]
+    ends = flank.ends[:, :order]
+    rings = np.einsum("rai,rbj->abij", ends, ends)
+    for place in range(1, order):
+        rings[place, 1:] += rings[place - 1, :-1]
+    pairs = [
+        -(rings[j, k] + rings[k, j]) if j != k else -rings[j, k]
+        for j in range(order)
+        for k in range(j, order)
+    ]
+    return np.stack([*lagged, *pairs])
+
+
+def _determinants_of(flank: FlankSummary, order: int) -> Float[np.ndarray, " nodes"]:
+    return flank.determinants if order and isinstance(flank, IrregularFlank) else np.empty(0)
+
+
+def _products(filter_: Float[Array, " taps"]) -> Float[Array, " products"]:
+    """Σ_j f_j f_{j+l} for every lag l, then f_j f_k for 1 ≤ j ≤ k."""
+    taps = filter_.shape[0]
+    lagged = [filter_[: taps - lag] @ filter_[lag:] for lag in range(taps)]
+    first, second = np.triu_indices(taps - 1)
+    return jnp.concatenate([jnp.stack(lagged), filter_[1 + first] * filter_[1 + second]])
+
+
+def _ridged(gram: Float[Array, "n n"]) -> Float[Array, "n n"]:
+    return gram + _RIDGE * jnp.diag(jnp.diagonal(gram))

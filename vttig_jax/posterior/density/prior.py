@@ -1,0 +1,138 @@
+"""What is taken to be known before the log: stated, printed, and part of the density."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from ...base.units import ARCSEC, DEG
+from ...pair.gear_pair import Drive, GearPair
+
+SHAFTS = ("driving", "driven")
+_LARGEST_ANGLE_ARCSEC = 3600.0
+_LONGEST_S = 1.0
+
+
+@dataclass(frozen=True)
+class Prior:
+    """Priors of the physical parameters; the noise has flat log std and partial autocorrelations.
+
+    **Arguments**
+    - `eccentricity_mm`: largest eccentricity of a gear; half the module by default.
+    - `flat_in`: "plane" weighs all offsets (x, y) alike, which is ∝ e in the amplitude;
+      "amplitude" weighs all amplitudes alike.
+    - `amplitude_arcsec`: largest first order of a drive, and encoder error where the pair names no
+      accuracy.
+    - `encoder_arcsec`: standard deviation of both components of an encoder's error; the
+      `accuracy_arcsec` of the pair by default, and where there is none, flat.
+    - `backlash_deg`: largest size of the constant backlash.
+
+    **Raises** `ValueError` naming the argument.
+    """
+
+    eccentricity_mm: float | None = None
+    flat_in: Literal["plane", "amplitude"] = "plane"
+    amplitude_arcsec: float = _LARGEST_ANGLE_ARCSEC
+    encoder_arcsec: float | None = None
+    backlash_deg: float = 5.0
+
+    def __post_init__(self):
+        if self.flat_in not in ("plane", "amplitude"):
+            raise ValueError(
+                f'Argument `flat_in` must be "plane" or "amplitude", but is {self.flat_in!r}.'
+            )
+        for name in ("eccentricity_mm", "amplitude_arcsec", "encoder_arcsec", "backlash_deg"):
+            value = getattr(self, name)
+            if value is not None and not 0 < value < np.inf:
+                raise ValueError(f"Argument `{name}` must be positive, but is {value!r}.")
+
+
+@dataclass(frozen=True)
+class Disc:
+    """Plane of two coordinates, by name: flat within `bound`, or normal with `std`."""
+
+    name: str
+    coordinates: tuple[str, str]
+    bound: float = np.inf
+    std: float = np.inf
+    flat_in_amplitude: bool = False
+
+
+@dataclass(frozen=True)
+class StatedPrior:
+    """The prior of the coordinates of one fit.
+
+    **Arguments**
+    - `discs`: of eccentricities, encoder errors and first orders.
+    - `bounds`: largest size of the other coordinates, by name.
+    - `sentences`: the same in words.
+    """
+
+    discs: tuple[Disc, ...]
+    bounds: dict[str, float]
+    sentences: tuple[str, ...]
+
+
+def stated(
+    prior: Prior, pair: GearPair | Drive, names: Sequence[str], delay_s: float
+) -> StatedPrior:
+    """The prior of the coordinates `names` of a fit, which already took out `delay_s`."""
+    discs, sentences = [], []
+    for shaft in SHAFTS:
+        for kind in ("", "_difference"):
+            plane = (f"{shaft}_x{kind}", f"{shaft}_y{kind}")
+            if plane[0] in names:
+                disc, words = _first_order(prior, pair, shaft + kind, plane)
+                discs.append(disc)
+                sentences.append(words)
+        if f"{shaft}_encoder_x" in names:
+            disc, words = _encoder(prior, pair, shaft)
+            discs.append(disc)
+            sentences.append(words)
+    bounds = {}
+    if "constant_backlash" in names:
+        bounds["constant_backlash"] = prior.backlash_deg * DEG
+        sentences.append(f"constant backlash: flat within ±{prior.backlash_deg:g}°")
+    if "delay" in names:
+        bounds["delay"] = _LONGEST_S + abs(delay_s)
+        sentences.append(f"delay: flat within ±{_LONGEST_S:g} s")
+    sentences.append("noise: flat in the logarithm of its std and in partial autocorrelations")
+    return StatedPrior(tuple(discs), bounds, tuple(sentences))
+
+
+def _first_order(
+    prior: Prior, pair: GearPair | Drive, source: str, plane: tuple[str, str]
+) -> tuple[Disc, str]:
+    flat = prior.flat_in == "amplitude"
+    how = "flat in its amplitude" if flat else "flat in the plane"
+    label = source.replace("_", " ")
+    if isinstance(pair, Drive):
+        bound = prior.amplitude_arcsec
+        words = f"{label} first order: {how} up to {bound:g}″"
+        return Disc(source, plane, bound * ARCSEC, flat_in_amplitude=flat), words
+    bound = prior.eccentricity_mm
+    if bound is None:
+        bound = 0.5 * float(pair.module_mm)
+    return (
+        Disc(source, plane, bound, flat_in_amplitude=flat),
+        f"{label} eccentricity: {how} up to {bound:g} mm",
+    )
+
+
+def _encoder(prior: Prior, pair: GearPair | Drive, shaft: str) -> tuple[Disc, str]:
+    std = prior.encoder_arcsec
+    if std is None:
+        encoder = getattr(pair, shaft).encoder
+        std = None if encoder is None else encoder.accuracy_arcsec
+    name = f"{shaft}_encoder"
+    plane = (f"{name}_x", f"{name}_y")
+    if std is None:
+        bound = prior.amplitude_arcsec
+        return (
+            Disc(name, plane, bound * ARCSEC),
+            f"{shaft} encoder: flat in the plane up to {bound:g}″ (no accuracy given)",
+        )
+    return Disc(
+        name, plane, std=std * ARCSEC
+    ), f"{shaft} encoder: normal, {std:g}″ in each component"

@@ -1,0 +1,1 @@
+"""The standard errors of a run that has not been recorded yet."""

@@ -1,0 +1,85 @@
+"""The amplitudes and phases a plan takes for granted: they decide what a phase costs."""
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+from jaxtyping import Float
+
+from ...base.units import ARCSEC, DEG
+from ...pair.eccentricities import Eccentricities
+from ...pair.gear_pair import Drive, GearPair
+
+ECCENTRICITY_MM = 0.02
+ENCODER_ARCSEC = 10.0
+AMPLITUDE_ARCSEC = 60.0
+SHAFTS = ("driving", "driven")
+
+_UNITS = {"mm": 1.0, "arcsec": ARCSEC}
+
+
+def assumed_values(
+    pair: GearPair | Drive,
+    eccentricities: Eccentricities | None,
+    given: Mapping[str, float] | None,
+) -> dict[str, float]:
+    """Amplitudes and phases by the names of a fit.
+
+    Defaults: 0.02 mm of eccentricity, the accuracy of the encoder or 10″ of encoder error, 60″ of
+    a drive's amplitude, phases of zero.
+
+    **Raises** `ValueError` for names that are none of these, and numbers that cannot be.
+    """
+    values: dict[str, float] = {}
+    drive = isinstance(pair, Drive)
+    for shaft in SHAFTS:
+        size = AMPLITUDE_ARCSEC if drive else ECCENTRICITY_MM
+        values |= {_names(shaft, drive)[0]: size, _names(shaft, drive)[1]: 0.0}
+    for shaft in () if drive else SHAFTS:
+        accuracy = getattr(pair, shaft).encoder.accuracy_arcsec
+        values |= {
+            f"{shaft}_encoder_arcsec": ENCODER_ARCSEC if accuracy is None else float(accuracy),
+            f"{shaft}_encoder_phase_deg": 0.0,
+        }
+    if eccentricities is not None:
+        if drive:
+            raise ValueError(
+                "Argument `eccentricities` must be None for a drive, which has no gear geometry;"
+                " give amplitudes in `assumed`."
+            )
+        for shaft in SHAFTS:
+            values[f"{shaft}_eccentricity_mm"] = float(getattr(eccentricities, f"{shaft}_mm"))
+            values[f"{shaft}_phase_deg"] = float(getattr(eccentricities, f"{shaft}_phase_deg"))
+    for name, value in (given or {}).items():
+        if name not in values:
+            raise ValueError(
+                f"Argument `assumed` must hold names of {', '.join(values)}, but holds {name!r}."
+            )
+        if not math.isfinite(value) or ("phase" not in name and value < 0):
+            raise ValueError(
+                f"Argument `assumed` must hold finite amplitudes that are not negative, but"
+                f" {name} is {value!r}."
+            )
+        values[name] = float(value)
+    return values
+
+
+def cartesian(names: tuple[str, ...], values: Mapping[str, float]) -> Float[np.ndarray, " p"]:
+    """The parameters of a relation: x + jy = amplitude · exp(j phase), the others zero."""
+    found = dict.fromkeys(names, 0.0)
+    for name, size in values.items():
+        source, _, unit = name.rpartition("_")
+        if unit == "deg":
+            continue
+        phase = f"{source}_phase_deg" if source.endswith("encoder") else None
+        source = source.removesuffix("_eccentricity").removesuffix("_amplitude")
+        angle = values[phase or f"{source}_phase_deg"] * DEG
+        for axis, part in (("x", math.cos(angle)), ("y", math.sin(angle))):
+            if f"{source}_{axis}" in found:
+                found[f"{source}_{axis}"] = size * _UNITS[unit] * part
+    return np.array(list(found.values()))
+
+
+def _names(shaft: str, drive: bool) -> tuple[str, str]:
+    size = f"{shaft}_amplitude_arcsec" if drive else f"{shaft}_eccentricity_mm"
+    return size, f"{shaft}_phase_deg"

@@ -1,0 +1,272 @@
+"""The result of a plan as objects, tables, notes and JSON."""
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Float
+
+from ...base.files.text_tables import key_values, text_table
+from ...base.units import ARCSEC, DEG
+from ...identify.preliminary.delay import Delay
+from ...identify.report.parameters import Outcome, Parameter
+from ...identify.solve.least_squares import Direction
+from ...pair.gear_pair import Drive, GearPair
+from ...pair.schema import FitOptions
+from .noise import BlockNoise, PlannedNoise, frozen_counts
+from .rows import PlannedRows
+from .run import PlannedRun
+
+
+@dataclass(frozen=True)
+class PlannedParameter:
+    """How well the run will tell one parameter.
+
+    **Arguments**
+    - `std`: expected standard error in `unit`; None where there will be none.
+    - `assumed`: the amplitude or phase taken for granted; None where it plays no part.
+    - `determined`: False where no such run can fix it, for the `reason` given.
+    - `significant`: False for an amplitude below three standard errors, and its phase: the fit will
+      give an upper limit.
+    - `wanted`: the standard error asked for, if any.
+    """
+
+    name: str
+    unit: str
+    std: float | None
+    assumed: float | None
+    determined: bool
+    significant: bool
+    reason: str | None = None
+    wanted: float | None = None
+
+    def to_json(self) -> dict:
+        """Fields under `parameters`."""
+        return {
+            "std": self.std,
+            "unit": self.unit,
+            "assumed": self.assumed,
+            "determined": self.determined,
+            "significant": self.significant,
+            "reason": self.reason,
+            "wanted": self.wanted,
+        }
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a fit of a run will say, before the run is made.
+
+    **Arguments**
+    - `parameters`: every name a fit reports → `PlannedParameter`.
+    - `run`: the motion; `used`: samples of it at steady speed, by which it is fitted.
+    - `noise`, `counting_std_deg`, `blocks`: assumed, of samples, of counting, of block means.
+    - `flanks`, `conditional_on`, `outcome`: as in the fit.
+    - `covariance`, `covariance_names`: expected, of the Cartesian parameters, mm and rad.
+    - `short`: shafts that turn too little; `weakest`: the direction fixed worst.
+    - `notes`: sentences for the reader.
+    """
+
+    pair: GearPair | Drive
+    parameters: dict[str, PlannedParameter]
+    run: PlannedRun
+    used: int
+    noise: PlannedNoise
+    counting_std_deg: float
+    blocks: BlockNoise
+    flanks: tuple[str, ...]
+    conditional_on: tuple[str, ...]
+    outcome: Outcome
+    covariance: Float[np.ndarray, "p p"]
+    covariance_names: tuple[str, ...]
+    short: tuple[str, ...]
+    weakest: Direction | None
+    notes: tuple[str, ...] = field(default=())
+
+    @property
+    def duration_s(self) -> float:
+        """Of the whole recording, dwells included."""
+        return self.run.duration_s
+
+    @property
+    def samples(self) -> int:
+        """Of the whole recording."""
+        return self.run.samples
+
+    def std(self, name: str) -> float:
+        """Expected standard error of a parameter; infinite where there is none."""
+        std = self.parameters[name].std
+        return math.inf if std is None else std
+
+    def to_json(self) -> dict:
+        """The object of schema `vttig.plan/1`."""
+        run = self.run
+        return {
+            "schema": "vttig.plan/1",
+            "pair": self.pair.name,
+            "outcome": self.outcome,
+            "run": {
+                "turns": run.turns,
+                "speeds_rpm": list(run.speeds_rpm),
+                "directions": run.directions,
+                "passes": run.each,
+                "rate_hz": run.rate_hz,
+                "dwell_s": run.dwell_s,
+                "ramp_s": run.ramp_s,
+            },
+            "duration_s": self.duration_s,
+            "samples": {"total": self.samples, "used": self.used},
+            "flanks": list(self.flanks),
+            "conditional_on": list(self.conditional_on),
+            "noise": {
+                "std_deg": self.noise.std_deg,
+                "correlation_s": self.noise.correlation_s,
+                "white_std_deg": self.noise.white_std_deg,
+                "counting_std_deg": self.counting_std_deg,
+                "block_s": self.blocks.block_s,
+                "block_std_deg": self.blocks.std / DEG,
+                "model": f"AR({len(self.blocks.filter) - 1})",
+            },
+            "parameters": {name: p.to_json() for name, p in self.parameters.items()},
+            "weakest_direction": self.weakest.to_json() if self.weakest else None,
+            "notes": list(self.notes),
+        }
+
+    def __str__(self) -> str:
+        head = key_values(
+            [
+                ("run", self.run),
+                ("time", _time(self.duration_s)),
+                ("samples", f"{self.samples} at {self.run.rate_hz:g} Hz, {self.used} to be fitted"),
+                ("flanks", " and ".join(self.flanks)),
+                ("noise assumed", _noise(self)),
+                ("outcome of a fit", self.outcome.replace("_", " ")),
+            ],
+            title=f"plan for {self.pair.name or 'a drive or pair'}",
+        )
+        shown = [p for p in self.parameters.values() if p.determined]
+        asked = any(p.wanted is not None for p in shown)
+        titles = ["parameter", "expected std", *(["wanted"] if asked else []), "at", "unit"]
+        rows = []
+        for p in shown:
+            expected = _number(p.std) if p.significant else f"{_number(p.std)} (not significant)"
+            wanted = ["" if p.wanted is None else f"{p.wanted:g}"] if asked else []
+            at = "" if p.assumed is None else f"{p.assumed:g}"
+            rows.append([p.name, expected, *wanted, at, p.unit])
+        parts = [head, text_table(rows, titles, align="l" + "r" * (len(titles) - 2) + "l")]
+        if self.conditional_on:
+            parts.append("conditional on: " + ", ".join(self.conditional_on).replace("_", " "))
+        together: dict[str, list[str]] = {}
+        for p in self.parameters.values():
+            if not p.determined:
+                together.setdefault(p.reason or "", []).append(p.name)
+        parts += _listed("undetermined", [f"{', '.join(n)}: {r}" for r, n in together.items()])
+        return "\n\n".join([*parts, *_listed("notes", self.notes)])
+
+
+def planned_parameter(
+    parameter: Parameter, assumed: float | None, wanted: float | None
+) -> PlannedParameter:
+    """What the fit would say of one parameter, without the value it cannot have yet."""
+    of_size = assumed is not None
+    return PlannedParameter(
+        parameter.name,
+        parameter.unit,
+        parameter.std,
+        assumed,
+        parameter.determined,
+        parameter.determined and (parameter.significant or not of_size),
+        parameter.reason if of_size or not parameter.determined else None,
+        wanted,
+    )
+
+
+def _number(std: float | None) -> str:
+    return "–" if std is None else f"{std:.2g}"
+
+
+def _time(seconds: float) -> str:
+    if seconds < 120:
+        return f"{seconds:.1f} s"
+    longer = f"{seconds / 60:.1f} min" if seconds < 7200 else f"{seconds / 3600:.1f} h"
+    return f"{seconds:.0f} s ({longer})"
+
+
+def _memory(seconds: float) -> str:
+    return f"{seconds:g} s" if seconds >= 1 else f"{1e3 * seconds:g} ms"
+
+
+def _noise(plan: Plan) -> str:
+    noise = plan.noise
+    memory = f", correlated over {_memory(noise.correlation_s)}" if noise.correlation_s else ""
+    parts = [f"{noise.std_deg:g}°{memory}"] if noise.std_deg else []
+    parts += [f"{noise.white_std_deg:g}° white"] if noise.white_std_deg else []
+    counting = plan.counting_std_deg
+    if counting:
+        parts.append(f"{counting:.2g}° ({counting * DEG / ARCSEC:.2g}″) of counting")
+    return " + ".join(parts)
+
+
+def _listed(title: str, lines: list[str] | tuple[str, ...]) -> list[str]:
+    return ["\n".join([f"{title}:", *(f"  {line}" for line in lines)])] if lines else []
+
+
+def conditions(
+    pair: GearPair | Drive, rows: PlannedRows, delay: Delay, *, split: bool
+) -> tuple[str, ...]:
+    """What the standard errors take for granted, in the words of a fit."""
+    found: tuple[str, ...] = () if isinstance(pair, Drive) or split else ("perfect_encoders",)
+    if delay.state == "open" and not delay.forced and len(rows.scope.flanks) == 2:
+        found += ("no_delay",)
+    return found
+
+
+def notes(
+    pair: GearPair | Drive,
+    run: PlannedRun,
+    rows: PlannedRows,
+    options: FitOptions,
+    delay: Delay,
+    noise: PlannedNoise,
+) -> tuple[str, ...]:
+    """Everything that will make the run worse than its numbers, and what was left out."""
+    found = [*frozen_counts(pair, run.speeds_rpm, run.rate_hz), *_aliased(pair, run, options)]
+    if rows.missed > 0:
+        found.append(
+            f"{rows.missed} of {run.each * len(run.speeds_rpm)} passes have no steady part that a"
+            " fit would use: a speed below 1 % of the fastest counts as standstill, and a flank"
+            " that turns less than once is left out"
+        )
+    if delay.state == "insignificant" and len(rows.scope.flanks) == 2:
+        found.append(
+            "a delay is taken as zero, and only the ramps that speed up can tell one; a fit that"
+            " finds one knows the constant backlash far less well (see --delay free), unless there"
+            " is a second speed"
+        )
+    if noise.std_deg > 0 and noise.correlation_s == 0:
+        found.append(
+            "noise is taken to be white; that of real rigs remembers, and then tells several times"
+            " less: give its correlation time, which `vttig fit` prints for a log of the rig"
+        )
+    return (*found, *rows.scope.notes)
+
+
+def _aliased(pair: GearPair | Drive, run: PlannedRun, options: FitOptions) -> list[str]:
+    """Orders above half the sampling rate at the fastest speed."""
+    turns_a_second = max(run.speeds_rpm) / 60
+    teeth = 0 if isinstance(pair, Drive) else pair.driving.teeth
+    mesh = tuple(k for k in range(1, options.mesh_orders + 1) if teeth)
+    every = {
+        "driving": (1.0, options.driving_orders),
+        "driven": (float(pair.ratio), options.driven_orders),
+        "mesh": (float(teeth), mesh),
+    }
+    found = []
+    for name, (relative, orders) in every.items():
+        above = [k for k in orders if k * relative * turns_a_second >= run.rate_hz / 2]
+        if above:
+            found.append(
+                f"{name} orders {', '.join(map(str, above))} lie above half the sampling rate at"
+                f" {max(run.speeds_rpm):g} rpm and alias; sample faster or take them out of [fit]"
+            )
+    return found

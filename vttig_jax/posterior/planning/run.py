@@ -1,0 +1,145 @@
+"""The run that is planned: how far, how fast, which way, how often sampled."""
+
+import math
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import numpy as np
+
+from ...base.errors import UsageError
+from ...logs.encoder_log import EncoderLog
+from ...pair.gear_pair import Drive, GearPair
+from ...pair.schema import Encoder, GearTable
+from ...rig.imperfections import quantised
+from ...rig.motion import Motion
+
+Directions = Literal["both", "forward", "backward"]
+
+MOST_SAMPLES = 10_000_000
+"""A longer run would not fit the memory of a small machine."""
+
+_FINE = 100_000_000
+"""Counts a turn of an encoder of which no counts are known."""
+
+
+@dataclass(frozen=True)
+class PlannedRun:
+    """Steady speed over `turns` of the driving shaft, with ramps and dwells, in one recording.
+
+    **Arguments**
+    - `turns`: of the driving shaft in every pass, ramps included.
+    - `speeds_rpm`: of the driving shaft; each has passes of its own, one after the other.
+    - `directions`: "both" goes to and fro.
+    - `passes`: at every speed; 2 for both directions, 1 for one by default.
+    - `rate_hz`: of sampling. `dwell_s`, `ramp_s`: as in `rig.motion.Motion`.
+
+    **Raises** `ValueError` naming the argument.
+    """
+
+    turns: float
+    speeds_rpm: tuple[float, ...]
+    rate_hz: float
+    directions: Directions = "both"
+    passes: int | None = None
+    dwell_s: float = 2.0
+    ramp_s: float = 0.5
+
+    def __post_init__(self):
+        if self.directions not in get_args(Directions):
+            raise ValueError(
+                'Argument `directions` must be "both", "forward" or "backward", but is'
+                f" {self.directions!r}."
+            )
+        if not self.speeds_rpm:
+            raise ValueError("Argument `speed_rpm` must hold at least one speed, but is empty.")
+        given = {"turns": [self.turns], "speed_rpm": self.speeds_rpm, "rate_hz": [self.rate_hz]}
+        for name, values in given.items():
+            for value in values:
+                if not 0 < value < math.inf:
+                    raise ValueError(f"Argument `{name}` must be positive, but is {value!r}.")
+        for name in ("dwell_s", "ramp_s"):
+            value = getattr(self, name)
+            if not 0 <= value < math.inf:
+                raise ValueError(f"Argument `{name}` must not be negative, but is {value!r}.")
+        least = 2 if self.directions == "both" else 1
+        allowed = self.each >= 2 if self.directions == "both" else self.each == 1
+        if not allowed:
+            cure = "at least 2" if least == 2 else "1 in one direction (plan more turns instead)"
+            raise ValueError(f"Argument `passes` must be {cure}, but is {self.passes!r}.")
+        if self.turns < self.least_turns:
+            raise ValueError(
+                f"Argument `turns` must be at least {self.least_turns:.4g}, which the two ramps of"
+                f" {self.ramp_s:g} s take at {max(self.speeds_rpm):g} rpm, but is {self.turns:g}."
+            )
+
+    @property
+    def each(self) -> int:
+        """Passes at every speed."""
+        if self.passes is not None:
+            return self.passes
+        return 2 if self.directions == "both" else 1
+
+    @property
+    def least_turns(self) -> float:
+        """Turns that the ramps take; a pass cannot be shorter."""
+        return max(self.speeds_rpm) / 60 * self.ramp_s
+
+    @property
+    def motions(self) -> tuple[Motion, ...]:
+        """Of the driving shaft at every speed, from zero."""
+        return tuple(
+            Motion(speed, 360.0 * self.turns, self.dwell_s, self.ramp_s, self.each, ripple=0.0)
+            for speed in self.speeds_rpm
+        )
+
+    @property
+    def duration_s(self) -> float:
+        """From the first sample to the end of the last dwell."""
+        return sum(motion.duration_s for motion in self.motions)
+
+    @property
+    def samples(self) -> int:
+        """Of the whole recording."""
+        return int(self.duration_s * self.rate_hz) + 1
+
+    def log(self, pair: GearPair | Drive) -> EncoderLog:
+        """What ideal encoders of a perfect pair would log: the motion, without errors and gap.
+
+        **Raises** `UsageError` for more samples than fit in memory.
+        """
+        if self.samples > MOST_SAMPLES:
+            raise UsageError(
+                f"a run of {self.turns:g} turns has {self.samples:.3g} samples at"
+                f" {self.rate_hz:g} Hz, more than {MOST_SAMPLES:.0e} that are planned at once; plan"
+                " fewer turns or a lower rate."
+            )
+        time = np.arange(self.samples) / self.rate_hz
+        driving, start_s = np.zeros(len(time)), 0.0
+        for motion in self.motions:
+            driving += motion.driving_angle(time - start_s)
+            start_s += motion.duration_s
+        if self.directions == "backward":
+            driving = -driving
+        first, second = (
+            gear.encoder.counts_per_rev or _FINE for gear in (pair.driving, pair.driven)
+        )
+        ideal = Drive(ratio=pair.ratio, driving=_counting(first), driven=_counting(second))
+        counts = (
+            quantised(driving, first),
+            quantised(float(pair.ratio) * driving, second),
+        )
+        return EncoderLog.from_arrays(time, *counts, pair=ideal, source="planned run")
+
+    def __str__(self) -> str:
+        speeds = " and ".join(f"{speed:g}" for speed in self.speeds_rpm)
+        ways = {
+            "both": f"{self.each} passes to and fro",
+            "forward": "one pass forward",
+            "backward": "one pass backward",
+        }
+        each = " each" if len(self.speeds_rpm) > 1 else ""
+        return f"{self.turns:g} turns a pass, {ways[self.directions]} at {speeds} rpm{each}"
+
+
+def _counting(per_rev: int) -> GearTable:
+    return GearTable(encoder=Encoder(counts_per_rev=per_rev))

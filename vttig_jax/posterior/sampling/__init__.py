@@ -1,0 +1,1 @@
+"""Ensemble sampling with checkpoints and tests of convergence."""

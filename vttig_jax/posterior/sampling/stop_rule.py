@@ -1,0 +1,66 @@
+"""When to stop: at fixed step numbers, so that a resumed run stops where an unbroken one does."""
+
+import math
+from dataclasses import dataclass
+
+BLOCK_STEPS = 200
+"""Steps between two looks at the clock, the progress and the interrupts."""
+
+BURN_IN = 0.25
+"""Share of the chain that is discarded."""
+
+_FIRST_DECISION = 1000
+_GROWTH = 1.2  # a diagnosis reads the whole chain: few looks cost little and overshoot by ≤ 20 %
+
+
+@dataclass(frozen=True)
+class Until:
+    """The stop rule: sample until the chains are long enough and the ensembles agree.
+
+    **Arguments**
+    - `autocorrelation_times`: length of the shortest chain after burn-in, in τ.
+    - `r_hat`: largest R-hat between ensembles of any coordinate.
+    - `most_steps`: stop here all the same, unconverged.
+
+    **Raises** `ValueError` naming the argument.
+    """
+
+    autocorrelation_times: float = 50.0
+    r_hat: float = 1.01
+    most_steps: int = 50_000
+
+    def __post_init__(self):
+        if not 0 < self.autocorrelation_times < math.inf:
+            raise ValueError(
+                "Argument `autocorrelation_times` must be positive, but is"
+                f" {self.autocorrelation_times!r}."
+            )
+        if not 1 < self.r_hat < math.inf:
+            raise ValueError(f"Argument `r_hat` must be above 1, but is {self.r_hat!r}.")
+        if self.most_steps < BLOCK_STEPS:
+            raise ValueError(
+                f"Argument `most_steps` must be at least {BLOCK_STEPS}, but is {self.most_steps!r}."
+            )
+
+
+def next_decision(steps: int) -> int:
+    """First step number after `steps` at which a run may stop.
+
+    **Example**
+    ```python
+    >>> from vttig_jax.posterior.sampling.stop_rule import next_decision
+    >>> [next_decision(steps) for steps in (0, 1000, 1200)]
+    [1000, 1200, 1600]
+
+    ```
+    """
+    decision = _FIRST_DECISION
+    while decision <= steps:
+        decision = math.ceil(round(_GROWTH * decision / BLOCK_STEPS, 6)) * BLOCK_STEPS
+    return decision
+
+
+def steps_needed(tau: float, until: Until) -> int:
+    """Steps, burn-in included, after which chains of autocorrelation time `tau` are long enough."""
+    needed = until.autocorrelation_times * tau / (1 - BURN_IN)
+    return math.ceil(needed / BLOCK_STEPS) * BLOCK_STEPS if math.isfinite(needed) else 0

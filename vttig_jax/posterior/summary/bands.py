@@ -1,0 +1,241 @@
+"""Bands around a curve from its draws, pointwise and for the whole curve; the map with bands."""
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from ...base.files.text_tables import key_values
+from ...base.units import DEG
+from ...identify.model.mounting import mounted_closed, mounting_of
+from ...kinematics.backlash_map import BacklashMap
+from ...pair.gear_pair import Drive, GearPair
+from .draws import SmallestGap
+from .posterior import Posterior, gap_draws
+
+MOST_ROWS = 200_000
+"""Of a map whose span is not given."""
+
+_ROUNDING = 1e-10
+"""Relative widening that keeps the calibrating draw itself inside."""
+
+Curve = Float[np.ndarray, " n"]
+
+
+@dataclass(frozen=True)
+class Band:
+    """What draws of a curve say at every point, in the unit of the curve.
+
+    **Arguments**
+    - `probability`: of both bands.
+    - `centre`, `std`: mean and standard deviation of the draws, shape (n,).
+    - `low`, `high`: equal-tailed at each point on its own: holds the curve *there*.
+    - `low_simultaneous`, `high_simultaneous`: centre ∓ `critical` · std: holds the *whole* curve.
+    - `critical`: quantile of the largest deviation in standard deviations (sup-t).
+    """
+
+    probability: float
+    centre: Curve
+    std: Curve
+    low: Curve
+    high: Curve
+    critical: float
+
+    @property
+    def low_simultaneous(self) -> Curve:
+        """Lower edge for the whole curve."""
+        return self.centre - self.critical * self.std
+
+    @property
+    def high_simultaneous(self) -> Curve:
+        """Upper edge for the whole curve."""
+        return self.centre + self.critical * self.std
+
+
+def band(curves: Float[np.ndarray, "m n"], probability: float = 0.95) -> Band:
+    """Bands from draws of a whole curve.
+
+    **Arguments**
+    - `curves`: m draws of the curve at n points.
+    - `probability`: between 0 and 1.
+
+    **Example**
+    ```python
+    >>> import numpy as np
+    >>> from vttig_jax.posterior import band
+    >>> draws = np.random.default_rng(0).standard_normal((4000, 50))
+    >>> found = band(draws)
+    >>> inside = (draws >= found.low_simultaneous) & (draws <= found.high_simultaneous)
+    >>> float(np.mean(inside.all(axis=1)))
+    0.95
+
+    ```
+    """
+    return streamed_band([curves.T], probability)
+
+
+def streamed_band(pieces: Iterable[Float[np.ndarray, "_ m"]], probability: float = 0.95) -> Band:
+    """Bands from pieces of the curve, each (points, m) for the same m draws; one pass.
+
+    The simultaneous band is calibrated on the draws: the smallest multiple of the standard
+    deviation such that at least `probability` of the draws lie inside at every point. O. H.
+    Sørensen, M. Plagborg-Møller, J. Appl. Econometrics 34 (2019) 1 ("sup-t").
+
+    **Raises** `ValueError` for a probability outside (0, 1), fewer than two draws, or no points.
+    """
+    if not 0.0 < probability < 1.0:
+        raise ValueError(f"Argument `probability` must be between 0 and 1, but is {probability:g}.")
+    tail = (1.0 - probability) / 2.0
+    parts: list[list[np.ndarray]] = []
+    largest: np.ndarray | float = 0.0
+    for piece in pieces:
+        if piece.shape[1] < 2:
+            raise ValueError(
+                f"Argument `pieces` must have at least two draws, but has {piece.shape[1]}."
+            )
+        centre, std = piece.mean(axis=1), piece.std(axis=1, ddof=1)
+        low, high = np.quantile(piece, [tail, 1.0 - tail], axis=1)
+        parts.append([centre, std, low, high])
+        away = np.abs(piece - centre[:, None])
+        # Draws that agree to the last bit have no spread and leave the band nowhere.
+        size = np.where(std > 0, std, np.inf)[:, None]
+        largest = np.maximum(largest, (away / size).max(axis=0, initial=0.0))
+    if not parts:
+        raise ValueError("Argument `pieces` must hold at least one point, but is empty.")
+    largest = np.sort(np.atleast_1d(largest))
+    count = math.ceil(probability * len(largest) - 1e-9)
+    critical = float(largest[count - 1]) * (1.0 + _ROUNDING)
+    centre, std, low, high = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return Band(probability, centre, std, low, high, critical)
+
+
+@dataclass(frozen=True)
+class BandedMap:
+    """Backlash over the driving angle with its bands.
+
+    **Arguments**
+    - `map`: the order-complete map of the mean coefficients.
+    - `driving_angle`: rad, shape (n,).
+    - `band`: of the backlash, rad of the driven gear.
+    - `first_order`: the closed form (21) + (22) beside it, rad; NaN without gear geometry.
+    - `smallest`: draws of the smallest gap over the whole hunting period.
+    - `step_deg`, `turns`: of the grid.
+    """
+
+    map: BacklashMap
+    driving_angle: Curve
+    band: Band
+    first_order: Curve
+    smallest: SmallestGap
+    step_deg: float
+    turns: float
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of the columns of `table`: those of the contract, then the bands in millimetres."""
+        percent = f"{100 * self.band.probability:.6g}"
+        ends = [
+            f"{end}{percent}{kind}" for kind in ("", "_simultaneous") for end in ("low", "high")
+        ]
+        return (
+            "driving_deg",
+            "backlash_deg",
+            "backlash_mm",
+            "axial_mm",
+            "backlash_first_order_deg",
+            *(f"{end}_deg" for end in ends),
+            *(f"axial_{end}_mm" for end in ends),
+        )
+
+    def table(self) -> Float[np.ndarray, "n columns"]:
+        """Rows of `columns`; NaN where there is no geometry, or no taper for the axial columns.
+
+        Axial displacement is j R₂/(tan β_L + tan β_R), so that its bands are those of the backlash.
+        """
+        radius, axial = millimetres(self.map.pair)
+        band = self.band
+        ends = [band.low, band.high, band.low_simultaneous, band.high_simultaneous]
+        gap = band.centre
+        return np.stack(
+            [
+                self.driving_angle / DEG,
+                gap / DEG,
+                gap * radius,
+                gap * axial,
+                self.first_order / DEG,
+                *(end / DEG for end in ends),
+                *(end * axial for end in ends),
+            ],
+            axis=1,
+        )
+
+    def __str__(self) -> str:
+        band, percent = self.band, f"{100 * self.band.probability:.6g} %"
+        pointwise = np.median(band.high - band.low) / 2 / DEG
+        whole = np.median(band.critical * band.std) / DEG
+        rows = [
+            ("span", f"{self.turns:.6g} driving turns in steps of {self.step_deg:g}°"),
+            (f"{percent} at one angle", f"± {pointwise:.2g}° (median)"),
+            (f"{percent} of the whole map", f"± {whole:.2g}°, {band.critical:.2f} std"),
+            *self.smallest.rows(),
+        ]
+        return key_values(rows, title="backlash map with bands")
+
+
+def band_map(
+    posterior: Posterior,
+    step_deg: float = 1.0,
+    turns: float | None = None,
+    probability: float = 0.95,
+) -> BandedMap:
+    """The backlash map of a posterior with pointwise and simultaneous bands.
+
+    Order-complete, j = TE_B − TE_A of every draw of both flanks. The simultaneous band holds the
+    whole map at the angles of the grid; one that shall hold between them too needs a step that
+    resolves the tooth mesh.
+
+    **Arguments**
+    - `step_deg`: of the driving angle.
+    - `turns`: driving turns to cover; the hunting period when absent, 200 000 rows at most.
+    - `probability`: of the bands.
+
+    **Raises** `NoAnswerError` where the gap is not known, `ValueError` for a step or a span that is
+    not positive.
+    """
+    for name, value in (("step_deg", step_deg), ("turns", turns)):
+        if value is not None and not (value > 0 and math.isfinite(value)):
+            raise ValueError(f"Argument `{name}` must be positive, but is {value:g}.")
+    draws = gap_draws(posterior)
+    pair = posterior.fit.pair
+    if turns is None:
+        turns = min(float(pair.hunting_turns), MOST_ROWS * step_deg / 360.0)
+    rows = math.ceil(turns * 360.0 / step_deg - 1e-9)
+    angle = np.arange(rows) * step_deg * DEG
+    first = None
+    if isinstance(pair, GearPair):
+        centre = posterior.centred_fit
+        rig = centre.eccentricities()
+        gap_rad = float(rig.constant_backlash_deg) * DEG
+        mounting = mounting_of(centre.covariance_names, centre.values, centre.flanks, gap_rad)
+        first = mounted_closed(pair, rig, mounting)
+    grid = BacklashMap(draws.mean_model, first, pair)
+    found = streamed_band(draws.pieces(angle), probability)
+    return BandedMap(
+        grid,
+        angle,
+        found,
+        grid.first_order_over(angle),
+        posterior.smallest_gap,
+        float(step_deg),
+        float(turns),
+    )
+
+
+def millimetres(pair: GearPair | Drive) -> tuple[float, float]:
+    """mm at the reference circle, and of axial displacement, per rad of backlash; NaN without."""
+    if isinstance(pair, Drive):
+        return math.nan, math.nan
+    radius, thinning = float(pair.reference_radii[1]), float(pair.thinning)
+    return radius, radius / thinning if thinning else math.nan

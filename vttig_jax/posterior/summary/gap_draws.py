@@ -1,0 +1,243 @@
+"""Draws of the backlash map, of its smallest gap, and of the closing that binds nowhere.
+
+The order-complete flank model is linear in its coefficients once both shaft angles are known. The
+driven angle of a draw differs from that of the mean coefficients by microradians, which one Newton
+step accounts for; so a curve of every draw is one matrix product of a basis with the draws.
+"""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Complex, Float
+
+from ...base.errors import PairError
+from ...base.units import REV
+from ...kinematics.backlash_map import chunked
+from ...kinematics.flank_model import flank_index
+from ...kinematics.harmonic import OrderModel
+from ...pair.gear_pair import Drive, Flank, GearPair
+from .draws import SmallestGap
+
+_CHUNK = 256
+"""Angles at a time: 8 MB of curves for 4000 draws."""
+
+_PER_PERIOD = 8
+_CANDIDATES = 6
+_NEWTON = 4
+_MOST_POINTS = 2**22
+_MOST_PHASES = 4_000_000
+
+Angles = Float[np.ndarray, " n"]
+Curves = Float[np.ndarray, "n m"]
+
+
+@dataclass(frozen=True)
+class GapDraws:
+    """Draws of both flanks' coefficients, as curves over the driving angle.
+
+    **Arguments**
+    - `pair`: for the ratio, the hunting period and millimetres.
+    - `terms`: orders (n₁, n₂) of the harmonics.
+    - `offset`, `cosine`, `sine`: rad, shapes (m, 2), (m, 2, terms), (m, 2, terms).
+    - `batch`: draws of different batches are independent, shape (m,).
+    """
+
+    pair: GearPair | Drive
+    terms: tuple[tuple[int, int], ...]
+    offset: Float[np.ndarray, "m 2"]
+    cosine: Float[np.ndarray, "m 2 terms"]
+    sine: Float[np.ndarray, "m 2 terms"]
+    batch: np.ndarray
+
+    @cached_property
+    def mean_model(self) -> OrderModel:
+        """The flank model of the mean coefficients: the centre of all bands."""
+        return self.model(slice(None))
+
+    def model(self, draw: int | slice) -> OrderModel:
+        """The flank model of one draw, or of the mean of several."""
+        parts = (self.offset[draw], self.cosine[draw], self.sine[draw])
+        if isinstance(draw, slice):
+            parts = tuple(part.mean(axis=0) for part in parts)
+        return OrderModel(
+            jnp.asarray(float(self.pair.ratio)), self.terms, *(jnp.asarray(p) for p in parts)
+        )
+
+    def errors(self, driving_angle: Angles, flank: Flank) -> Curves:
+        """Transmission error of every draw on one flank, rad, shape (angles, m)."""
+        centre, basis = self.linearised(driving_angle, flank)
+        return centre[:, None] + basis @ self.deviations(flank)
+
+    def over(self, driving_angle: Angles) -> Curves:
+        """Backlash of every draw, rad of the driven gear, shape (angles, m)."""
+        centre, basis = self._gap_basis(driving_angle)
+        return centre[:, None] + basis @ self._gap_deviations
+
+    def pieces(self, driving_angle: Angles) -> Iterator[Curves]:
+        """`over` in chunks of angles, so that memory stays that of one."""
+        for start in range(0, len(driving_angle), _CHUNK):
+            yield self.over(driving_angle[start : start + _CHUNK])
+
+    @cached_property
+    def smallest(self) -> SmallestGap:
+        """Smallest gap of every draw over the hunting period, located between grid points too."""
+        angles, start = self._candidates()
+        angles = self._refined(angles, start)
+        gaps = self._exact(angles)
+        best = gaps.argmin(axis=1)[:, None]
+        place = np.take_along_axis(angles, best, axis=1)[:, 0] % (self.pair.hunting_turns * REV)
+        gap = np.take_along_axis(gaps, best, axis=1)[:, 0]
+        return SmallestGap(self.pair, gap, place, self.batch)
+
+    # Linear curves
+
+    def linearised(
+        self, driving_angle: Angles, flank: Flank
+    ) -> tuple[Angles, Float[np.ndarray, "n c"]]:
+        """TE of the mean coefficients, and its derivative by all coefficients (1, cos, sin)."""
+        model, side = self.mean_model, flank_index(flank)
+        centre = chunked(lambda piece: model.transmission_error(piece, flank), driving_angle)
+        orders = np.asarray(self.terms, float).reshape(-1, 2)
+        driven = float(self.pair.ratio) * driving_angle + centre
+        phase = np.outer(driving_angle, orders[:, 0]) + np.outer(driven, orders[:, 1])
+        cosine, sine = np.cos(phase), np.sin(phase)
+        own = np.asarray(model.cosine)[side], np.asarray(model.sine)[side]
+        slope = cosine @ (own[1] * orders[:, 1]) - sine @ (own[0] * orders[:, 1])
+        basis = np.concatenate([np.ones((len(phase), 1)), cosine, sine], axis=1)
+        return centre, basis / (1.0 - slope)[:, None]
+
+    def deviations(self, flank: Flank) -> Float[np.ndarray, "c m"]:
+        """Coefficients (offset, cosines, sines) of every draw less their mean, rad."""
+        side = flank_index(flank)
+        parts = [self.offset[:, side, None], self.cosine[:, side], self.sine[:, side]]
+        whole = np.concatenate(parts, axis=1)
+        return np.ascontiguousarray((whole - whole.mean(axis=0)).T)
+
+    def _gap_basis(self, driving_angle: Angles) -> tuple[Angles, Float[np.ndarray, "n c"]]:
+        (centre_a, basis_a), (centre_b, basis_b) = (
+            self.linearised(driving_angle, flank) for flank in ("A", "B")
+        )
+        return centre_b - centre_a, np.concatenate([basis_b, -basis_a], axis=1)
+
+    @cached_property
+    def _gap_deviations(self) -> Float[np.ndarray, "c m"]:
+        return np.concatenate([self.deviations("B"), self.deviations("A")])
+
+    # The smallest gap
+
+    def _candidates(self) -> tuple[Float[np.ndarray, "m k"], float]:
+        """Lowest local minima of every draw on a grid, and the step of the grid."""
+        width = REV / (_PER_PERIOD * math.ceil(max(self.mean_model.highest_order, 1.0)))
+        count = round(self.pair.hunting_turns * REV / width)
+        if count > _MOST_POINTS:
+            raise PairError(
+                f"a hunting period of {self.pair.hunting_turns} turns is too long to search for the"
+                ' smallest gap; give the ratio as a quotient of tooth numbers, such as "7/1798".',
+                where="drive.ratio" if isinstance(self.pair, Drive) else "driven.teeth",
+            )
+        kept = self._worth_a_look(count, width)
+        lowest = np.full((_CANDIDATES, len(self.offset)), np.inf)
+        places = np.zeros_like(lowest)
+        for start in range(0, len(kept), _CHUNK):
+            own = kept[start : start + _CHUNK]
+            needed = np.unique(np.concatenate([own - 1, own, own + 1]))
+            gaps = self.over(needed * width)
+            at = np.searchsorted(needed, own)
+            before, here, after = gaps[at - 1], gaps[at], gaps[at + 1]
+            bend = before - 2 * here + after
+            # The vertex of the parabola through three points ranks minima between grid points.
+            vertex = here - (after - before) ** 2 / (8 * np.where(bend > 0, bend, np.inf))
+            vertex[(before < here) | (after < here)] = np.inf
+            both = np.concatenate([lowest, vertex])
+            angle = np.broadcast_to((own * width)[:, None], vertex.shape)
+            first = np.argpartition(both, _CANDIDATES - 1, axis=0)[:_CANDIDATES]
+            lowest = np.take_along_axis(both, first, axis=0)
+            places = np.take_along_axis(np.concatenate([places, angle]), first, axis=0)
+        # Fewer minima than candidates: the best one again.
+        best = np.take_along_axis(places, lowest.argmin(axis=0)[None], axis=0)
+        return np.where(np.isfinite(lowest), places, best).T, width
+
+    def _worth_a_look(self, count: int, width: float) -> np.ndarray:
+        """Grid points where any draw can have its smallest gap.
+
+        A draw stands off the mean curve by at most its Mahalanobis length times the standard
+        deviation there (Cauchy and Schwarz), so that points too high for the longest draw are out.
+        """
+        deviations = self._gap_deviations
+        values, vectors = np.linalg.eigh(np.cov(deviations))
+        used = values > 1e-12 * max(values.max(), 1e-300)
+        roots = vectors[:, used] * np.sqrt(values[used])
+        white = (vectors[:, used] / np.sqrt(values[used])).T @ deviations
+        longest = np.sqrt(np.max(np.sum(white**2, axis=0), initial=0.0))
+        centre, reach = np.empty(count), np.empty(count)
+        for start in range(0, count, 16 * _CHUNK):
+            part = slice(start, min(start + 16 * _CHUNK, count))
+            centre[part], basis = self._gap_basis(np.arange(part.start, part.stop) * width)
+            reach[part] = longest * np.linalg.norm(basis @ roots, axis=1)
+        # Between grid points a curve can dip further, by its bend.
+        bend = float(np.abs(self._series).max(axis=0) @ self._speeds**2)
+        dip = bend * width**2 / 8
+        return np.flatnonzero(centre - reach - dip <= np.min(centre + reach) + 1e-15)
+
+    @property
+    def _speeds(self) -> Float[np.ndarray, " terms"]:
+        orders = np.asarray(self.terms, float).reshape(-1, 2)
+        return orders @ np.array([1.0, float(self.pair.ratio)])
+
+    @cached_property
+    def _series(self) -> Complex[np.ndarray, "m terms"]:
+        """Gap as Re Σ z exp(jωφ) plus a constant, the driven angle taken at the mean offsets.
+
+        It leaves out only the variation of the TE inside the phase: good to place a minimum.
+        """
+        orders = np.asarray(self.terms, float).reshape(-1, 2)
+        turned = np.exp(1j * np.outer(self.offset.mean(axis=0), orders[:, 1]))
+        flanks = (self.cosine - 1j * self.sine) * turned
+        return flanks[:, 1] - flanks[:, 0]
+
+    def _refined(self, angles: Float[np.ndarray, "m k"], width: float) -> Float[np.ndarray, "m k"]:
+        """Newton steps to the minimum beside each grid point, at most one grid step away."""
+        speeds, series = self._speeds, self._series
+        found = angles.copy()
+        for part in self._parts(angles.shape[1]):
+            first = (1j * speeds * series[part])[:, None]
+            second = (-(speeds**2) * series[part])[:, None]
+            for _ in range(_NEWTON):
+                wave = np.exp(1j * found[part][..., None] * speeds)
+                slope = np.sum(first * wave, axis=-1).real
+                bend = np.sum(second * wave, axis=-1).real
+                step = np.where(bend > 0, -slope / np.where(bend > 0, bend, 1.0), 0.0)
+                moved = found[part] + np.clip(step, -width, width)
+                found[part] = np.clip(moved, angles[part] - width, angles[part] + width)
+        return found
+
+    def _exact(self, angles: Float[np.ndarray, "m k"]) -> Float[np.ndarray, "m k"]:
+        """Gap of every draw at its own angles, by the fixed point of each flank."""
+        orders = np.asarray(self.terms, float).reshape(-1, 2)
+        gaps = np.empty_like(angles)
+        for part in self._parts(angles.shape[1]):
+            errors = []
+            for side in (0, 1):
+                offset = self.offset[part, side, None]
+                error = np.broadcast_to(offset, angles[part].shape)
+                for _ in range(4):
+                    driven = float(self.pair.ratio) * angles[part] + error
+                    phase = (
+                        angles[part][..., None] * orders[:, 0] + driven[..., None] * orders[:, 1]
+                    )
+                    wave = np.cos(phase) * self.cosine[part, side, None]
+                    wave += np.sin(phase) * self.sine[part, side, None]
+                    error = offset + wave.sum(axis=-1)
+                errors.append(error)
+            gaps[part] = errors[1] - errors[0]
+        return gaps
+
+    def _parts(self, candidates: int) -> Iterator[slice]:
+        """Slices of the draws that keep arrays over (draws, candidates, terms) small."""
+        size = max(1, _MOST_PHASES // 8 // max(1, candidates * len(self.terms)))
+        for start in range(0, len(self.offset), size):
+            yield slice(start, start + size)
