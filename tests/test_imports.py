@@ -14,6 +14,8 @@ import pytest
 
 import vttig_jax
 
+pytestmark = pytest.mark.smoke
+
 PACKAGE = Path(vttig_jax.__file__).parent
 
 FLOORS = (

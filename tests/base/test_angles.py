@@ -6,6 +6,8 @@ from hypothesis import strategies as st
 from vttig_jax.base.angles import amplitude_phase, difference_deg, wrap_deg
 from vttig_jax.base.units import DEG
 
+pytestmark = pytest.mark.smoke
+
 ANGLES = st.floats(-1e6, 1e6)
 COEFFICIENTS = st.floats(-1e3, 1e3)
 

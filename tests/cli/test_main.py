@@ -20,6 +20,8 @@ from vttig_jax.cli.main import VERBS, main
 from vttig_jax.cli.options import verb
 from vttig_jax.cli.output import LOGGER, Output, progress
 
+pytestmark = pytest.mark.smoke
+
 
 def boom(kind: str, out: str) -> None:
     """End a toy command in the way asked for."""

@@ -12,6 +12,8 @@ from vttig_jax.cli.run_file import Run, read_run, require_same_data
 from vttig_jax.cli.run_options import RunOptions
 from vttig_jax.pair.pair_file import load_pair_spec
 
+pytestmark = pytest.mark.smoke
+
 OPTIONS = RunOptions(
     columns=("time=time_s",),
     decimal=".",

@@ -214,7 +214,7 @@ def test_killed_and_resumed(folder, tmp_path):
     """The real command, killed while it samples: an import and a fit each, hence the time."""
     script = "import sys; from vttig_jax.cli.main import main; sys.exit(main(sys.argv[1:]))"
     log, pair = str(folder / "log.csv"), str(folder / "pair.toml")
-    common = ["--no-figures", "--steps", "3000", "-q"]
+    common = ["--no-figures", "--steps", "1500", "-q"]
     whole, killed = tmp_path / "whole", tmp_path / "killed"
 
     def start(*arguments: str) -> subprocess.Popen:
@@ -231,7 +231,7 @@ def test_killed_and_resumed(folder, tmp_path):
     assert first.returncode == -signal.SIGKILL
     with h5py.File(checkpoint) as file:
         assert file.keys()
-    assert read_chains(checkpoint).steps < 3000
+    assert read_chains(checkpoint).steps < 1500
     resumed, unbroken = (
         start("--out", str(killed), "--resume"),
         start(log, "--pair", pair, "--out", str(whole)),

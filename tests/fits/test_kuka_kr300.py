@@ -193,6 +193,7 @@ def kuka_rows() -> list[tuple[int, str, str]]:
     ]
 
 
+@pytest.mark.usefixtures("unchecked")
 @pytest.mark.parametrize(("axis", "log", "way"), kuka_rows())
 def test_kuka_readme_has_the_rows_of_the_script(kuka: ModuleType, axis: int, log: str, way: str):
     name = getattr(kuka, way)

@@ -19,6 +19,7 @@ def first():
     return rig, rig.log(0)
 
 
+@pytest.mark.usefixtures("unchecked")
 def test_thirty_seeds_keep_every_bound():
     judgements = study(range(30))
     print(rms_errors(judgements))

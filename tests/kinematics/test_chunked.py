@@ -3,6 +3,8 @@ import pytest
 
 from vttig_jax.kinematics.backlash_map import chunked
 
+pytestmark = pytest.mark.smoke
+
 
 @pytest.mark.parametrize("length", [0, 1, 8191, 8192, 8193, 20000])
 def test_chunks_equal_the_whole(length):

@@ -12,6 +12,8 @@ from jax.core import Tracer
 
 from tests.laws import checks, table
 
+pytestmark = pytest.mark.smoke
+
 HERE = (np.array([0.3, -2.0, 1.7]), np.array(0.5))
 
 

@@ -9,6 +9,8 @@ from vttig_jax.base.errors import LogError
 from vttig_jax.base.files.json_io import load_schema
 from vttig_jax.logs.preview import MOST_COLUMNS, preview_log
 
+pytestmark = pytest.mark.smoke
+
 COUNT = 50
 ANGLES = np.outer([1.0, 0.5], 20.0 * np.arange(COUNT))
 NAMED = {"driving": "pos_deg(1,:)", "driven": "pos_deg(2,:)"}

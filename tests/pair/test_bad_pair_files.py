@@ -9,6 +9,8 @@ from vttig_jax.base.errors import PairError
 from vttig_jax.pair.load import load_pair
 from vttig_jax.pair.pair_file import parse_pair_spec
 
+pytestmark = pytest.mark.smoke
+
 
 @pytest.fixture
 def write(tmp_path):

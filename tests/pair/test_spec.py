@@ -23,6 +23,8 @@ from vttig_jax.pair.schema import (
     as_fraction,
 )
 
+pytestmark = pytest.mark.smoke
+
 
 @pytest.fixture
 def write(tmp_path):

@@ -8,6 +8,8 @@ from matplotlib.patches import Rectangle
 from vttig_jax.identify.report.order_table import Order
 from vttig_jax.plotting.order_spectrum import plot_orders
 
+pytestmark = pytest.mark.smoke
+
 
 def bars(ax: Axes) -> list[tuple[float, float, float, bool]]:
     """Place, height, standard error and whether it is filled, of every bar from the left."""

@@ -10,6 +10,8 @@ from tests.control.sweep_files import table_of
 from vttig_jax.plotting.dispatch import plot
 from vttig_jax.plotting.sweep import plot_sweep
 
+pytestmark = pytest.mark.smoke
+
 
 def lines(figure: Figure, row: int) -> Mapping[str, np.ndarray]:
     found = figure.axes[row].get_lines()

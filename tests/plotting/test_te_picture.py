@@ -5,6 +5,8 @@ from matplotlib.figure import Figure
 from vttig_jax.plotting.fit import plot_te
 from vttig_jax.plotting.style import FLANK_COLOURS, MOST_POINTS, unit_size
 
+pytestmark = pytest.mark.smoke
+
 
 @pytest.mark.parametrize(("unit", "per_rad"), [("arcsec", 648000 / np.pi), ("deg", 180 / np.pi)])
 def test_the_line_is_the_curve(make_curve, unit, per_rad):

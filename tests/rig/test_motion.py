@@ -8,6 +8,8 @@ import pytest
 from vttig_jax.base.units import DEG, REV
 from vttig_jax.rig.motion import Motion
 
+pytestmark = pytest.mark.smoke
+
 STEADY = 2 * np.pi
 """60 rpm in rad/s."""
 

@@ -2,10 +2,13 @@
 
 import jax.numpy as jnp
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from vttig_jax.rig.synthetic import play
+
+pytestmark = pytest.mark.smoke
 
 # Multiples of 1/64: numbers so small that XLA takes them for zero are no angles.
 NUMBER = st.integers(-640, 640).map(lambda n: n / 64)

@@ -12,6 +12,8 @@ from hypothesis import strategies as st
 
 from vttig_jax.base.files.json_io import dumps, load_schema, schema_names
 
+pytestmark = pytest.mark.smoke
+
 
 @dataclasses.dataclass(frozen=True)
 class Value:

@@ -10,6 +10,8 @@ from msgspec import Meta
 from vttig_jax.base.errors import InputError, LogError
 from vttig_jax.base.files.toml_io import Table, TomlFile, did_you_mean, key, plain_table, value_keys
 
+pytestmark = pytest.mark.smoke
+
 
 class RecipeError(InputError):
     """An error of this test alone."""

@@ -7,6 +7,8 @@ from scipy.signal import lfilter
 
 from vttig_jax.base.numerics.autoregression import whitening_filter
 
+pytestmark = pytest.mark.smoke
+
 
 def _autocovariance(path: np.ndarray, lags: int) -> np.ndarray:
     count = len(path)

@@ -16,6 +16,8 @@ from vttig_jax.control.controllers.controller import Controller, Measurement, No
 from vttig_jax.control.controllers.predictive import PredictiveController
 from vttig_jax.control.plants.flank_bounds import Bounds
 
+pytestmark = pytest.mark.smoke
+
 MEAN, SWING, PER_MM = 7e-4, 4e-4, 1.3e-3
 THRESHOLD, LEAST, MARGIN = 3.0, 0.5, 0.02
 HORIZON, LEAD = 0.3, 0.003

@@ -13,6 +13,8 @@ from hypothesis import strategies as st
 
 from vttig_jax.control.hardware.actuator import Actuator, pushed_back
 
+pytestmark = pytest.mark.smoke
+
 PERIODS = 512
 OPEN = 1e9
 ROUNDING = 1e-11

@@ -10,6 +10,8 @@ from vttig_jax.control.motion.profiles import motion_of, s_curve, trapezoid
 from vttig_jax.control.scenario.spec import smallest_reversal_deg
 from vttig_jax.control.scenario.tables import MotionTable
 
+pytestmark = pytest.mark.smoke
+
 NUMBERS: dict[str, Any] = {
     "speed_rpm": 60.0,
     "reversal_deg": 1080.0,

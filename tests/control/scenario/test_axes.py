@@ -12,6 +12,8 @@ from vttig_jax.base.errors import ScenarioError
 from vttig_jax.control.scenario.axes import Range
 from vttig_jax.control.scenario.spec import load_sweep_spec, parse_scenario_spec, spec_table
 
+pytestmark = pytest.mark.smoke
+
 SCENARIO = """
 pair = "pair.toml"
 [eccentricities]

@@ -29,6 +29,8 @@ from vttig_jax.control.scenario.tables import (
     SamplingTable,
 )
 
+pytestmark = pytest.mark.smoke
+
 
 @pytest.fixture
 def write(tmp_path):

@@ -11,6 +11,8 @@ from vttig_jax.geometry.backlash.drawn_backlash import geometric_backlash, secti
 from vttig_jax.geometry.backlash.report import gap_report
 from vttig_jax.geometry.tooth.tooth import tooth_of
 
+pytestmark = pytest.mark.smoke
+
 CROWNED = make(crowning=(10.0, 6.0))
 
 

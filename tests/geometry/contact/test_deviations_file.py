@@ -9,6 +9,8 @@ from vttig_jax.base.errors import InputError
 from vttig_jax.geometry.contact.deviations_file import read_deviations
 from vttig_jax.pair.gear_pair import Gear, GearPair
 
+pytestmark = pytest.mark.smoke
+
 PAIR = GearPair(Gear(4), Gear(3, face_width_mm=20.0), module_mm=20.0, pressure_angles_deg=20.0)
 HEAD = "gear,flank,roll_mm,z_mm,deviation_um"
 GRID = [f"driven,B,{roll},{z},{roll * z}" for roll in (8, 10, 12.5) for z in (-9, 9)]

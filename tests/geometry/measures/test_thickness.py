@@ -17,6 +17,8 @@ from vttig_jax.geometry.measures.thickness import (
     recession_slopes,
 )
 
+pytestmark = pytest.mark.smoke
+
 ONE = np.array([0.0])
 
 

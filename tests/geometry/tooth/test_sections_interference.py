@@ -13,6 +13,8 @@ from vttig_jax.geometry.tooth.rack_cutter import SIDES
 from vttig_jax.geometry.tooth.tooth import Shaft, tooth_of
 from vttig_jax.pair.rack import Rack
 
+pytestmark = pytest.mark.smoke
+
 
 def pair(teeth, **changes):
     first, second = (Gear(z, 3.0, 2.0, 20.0) for z in teeth)

@@ -15,6 +15,8 @@ from vttig_jax.identify.compress.orthogonal import (
     triangle_of,
 )
 
+pytestmark = pytest.mark.smoke
+
 
 def _near(angle: float, count: int = 200) -> np.ndarray:
     """Two columns that enclose a small angle, scaled ten decades apart, and y of both."""

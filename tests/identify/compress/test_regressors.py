@@ -24,6 +24,8 @@ from vttig_jax.logs.encoder_log import EncoderLog
 from vttig_jax.logs.motion.segments import Segment
 from vttig_jax.pair.gear_pair import Drive
 
+pytestmark = pytest.mark.smoke
+
 DRIVE = Drive(Fraction(1, 2))
 RATE = 500.0
 

@@ -6,6 +6,8 @@ import pytest
 
 from vttig_jax.identify.model.harmonics import plan_terms
 
+pytestmark = pytest.mark.smoke
+
 PAPER = Fraction(45, 80)
 
 

@@ -12,6 +12,8 @@ from vttig_jax.base.errors import NoAnswerError
 from vttig_jax.identify.noise.noise_model import whiten
 from vttig_jax.identify.preliminary.nuisance import own_terms
 
+pytestmark = pytest.mark.smoke
+
 BETA = np.array([0.3, -0.2, 1.0, 0.5, -0.4, 0.1, 0.7])
 
 

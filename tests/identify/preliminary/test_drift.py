@@ -10,6 +10,8 @@ from vttig_jax.identify.noise.noise_model import autoregression
 from vttig_jax.identify.preliminary.model_selection import choose_drift, drift_names
 from vttig_jax.identify.preliminary.nuisance import OwnTerms, own_terms
 
+pytestmark = pytest.mark.smoke
+
 
 def _summary(slope: float, bend: float, seed: int) -> HarmonicSummary:
     flanks = {}

@@ -13,6 +13,8 @@ from vttig_jax.identify.compress.harmonic_summary import summarise
 from vttig_jax.identify.model.column_layout import Columns, own_parameters
 from vttig_jax.identify.preliminary.nuisance import OwnTerms, own_terms
 
+pytestmark = pytest.mark.smoke
+
 FILTER = np.array([1.0, -0.4])
 FREE = 2 * len(TERMS.free)
 OWN = ("offset", "drift_1", "delay")

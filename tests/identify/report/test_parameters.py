@@ -7,6 +7,8 @@ from vttig_jax.base.units import ARCSEC, DEG
 from vttig_jax.identify.report.parameters import polar, polar_spread, scalar, undetermined
 from vttig_jax.identify.solve.least_squares import Solution
 
+pytestmark = pytest.mark.smoke
+
 NAMES = ("amplitude", "phase")
 
 

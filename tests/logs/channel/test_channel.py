@@ -9,6 +9,8 @@ from vttig_jax.logs.channel.channel import RawChannel, make_channel, step_of
 from vttig_jax.logs.source import Source
 from vttig_jax.pair.schema import Encoder
 
+pytestmark = pytest.mark.smoke
+
 ENCODER = Encoder(counts_per_rev=90_000)
 SOURCE = Source("log.csv", {"driving": "a_counts"}, lambda row: row + 2)
 

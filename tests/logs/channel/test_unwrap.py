@@ -11,6 +11,8 @@ from vttig_jax.logs.channel.unwrap import (
     wrap_steps,
 )
 
+pytestmark = pytest.mark.smoke
+
 
 @st.composite
 def walks(draw):

@@ -61,6 +61,7 @@ def test_a_planted_line_is_found_with_its_numbers(poles, cycles):
     assert line.false_alarm < 1e-6
 
 
+@pytest.mark.usefixtures("unchecked")
 def test_standard_errors_are_those_of_many_draws():
     """Amplitude and frequency over their standard errors have unit spread."""
     scores = []
@@ -88,6 +89,7 @@ def test_a_strong_line_is_not_taken_for_colour(ratio):
     assert_is(line, 3.09, ratio, 300.0)
 
 
+@pytest.mark.usefixtures("unchecked")
 @pytest.mark.parametrize("poles", [[1.0], [1.0, -0.9], [1.0, -0.98], [1.0, -1.76, 0.94]])
 def test_noise_alone_shows_no_line(poles):
     """At one false alarm in a hundred, 40 logs of each kind show one at most."""
@@ -103,6 +105,7 @@ def test_noise_alone_shows_no_line(poles):
     assert alarms <= 2
 
 
+@pytest.mark.usefixtures("unchecked")
 def test_noise_that_grows_with_speed_shows_no_line():
     rows = 800
     angle = REV * 5 * (1 - np.cos(np.linspace(0, 3 * np.pi, rows)))
@@ -121,6 +124,7 @@ def test_noise_that_grows_with_speed_shows_no_line():
     assert alarms <= 2
 
 
+@pytest.mark.usefixtures("unchecked")
 @pytest.mark.parametrize("share", [1e-3, 1e-1])
 def test_the_probability_is_that_of_noise(share):
     """Independent check: the maximum of the scan over many draws of white noise."""

@@ -8,6 +8,8 @@ from vttig_jax.logs.encoder_log import EncoderLog
 from vttig_jax.logs.motion.flank_assignment import find_ramps
 from vttig_jax.logs.motion.segments import AFTER_REVERSAL, find_segments
 
+pytestmark = pytest.mark.smoke
+
 RATE = 500.0
 
 

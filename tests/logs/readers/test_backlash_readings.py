@@ -11,6 +11,8 @@ from vttig_jax.base.errors import LogError
 from vttig_jax.base.units import ARCSEC, DEG
 from vttig_jax.logs.readers.backlash_readings import BacklashReadings, read_backlash_readings
 
+pytestmark = pytest.mark.smoke
+
 DRIVING = np.array([0.0, 90.0, 1080.0, 7560.0, 90.0])
 BACKLASH = np.array([0.036, 0.0, 0.0342, 0.0412, 0.0005])
 SIZES = {"deg": 1.0, "rad": DEG, "rev": 1 / 360, "arcsec": 3600.0, "urad": DEG * 1e6}

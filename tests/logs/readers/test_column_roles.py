@@ -6,6 +6,8 @@ from vttig_jax.base.errors import LogError
 from vttig_jax.logs.readers.column_roles import ROLES, ROW_INDEX, find_columns, names_asked
 from vttig_jax.pair.schema import LogLayout, UnitTable
 
+pytestmark = pytest.mark.smoke
+
 COUNTED = {"driving": "deg", "driven": "counts"}
 
 

@@ -7,6 +7,8 @@ from vttig_jax.base.errors import LogError
 from vttig_jax.logs.readers.delimited import split
 from vttig_jax.logs.readers.table import find_table
 
+pytestmark = pytest.mark.smoke
+
 
 def read(text, indices=(0, 1), **options):
     table = find_table(text, "log.csv", **options)

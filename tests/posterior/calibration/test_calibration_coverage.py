@@ -18,6 +18,8 @@ from vttig_jax.posterior.calibration.coverage import (
     uniformity,
 )
 
+pytestmark = pytest.mark.smoke
+
 
 def z_values(count: int = 4000, width: float = 1.0) -> np.ndarray:
     return width * np.random.default_rng(3).standard_normal((count, 1))

@@ -10,6 +10,8 @@ from vttig_jax.pair.gear_pair import Drive
 from vttig_jax.posterior.density.prior import Prior, stated
 from vttig_jax.rig.paper import paper_pair
 
+pytestmark = pytest.mark.smoke
+
 PAIR = paper_pair()
 GEARS = ("driving_x", "driving_y", "driven_x", "driven_y")
 ENCODERS = ("driving_encoder_x", "driving_encoder_y")

@@ -15,6 +15,8 @@ from vttig_jax.posterior.planning.noise import PlannedNoise, counting_std, froze
 from vttig_jax.rig.imperfections import Noise
 from vttig_jax.rig.paper import paper_pair
 
+pytestmark = pytest.mark.smoke
+
 
 def block_averages(noise: PlannedNoise, size: int, rate_hz: float, blocks: int) -> np.ndarray:
     """Covariance of means of `size` samples from the full covariance of all samples."""

@@ -4,6 +4,8 @@ import pytest
 from tests.posterior.densities import ar1
 from vttig_jax.posterior.sampling.convergence import _normal_scores, _split, r_hat
 
+pytestmark = pytest.mark.smoke
+
 
 def ensembles(seed: int = 1, steps: int = 1500, rho: float = 0.9) -> np.ndarray:
     """Four ensembles of 16 walkers that agree; their chains are 50 … 80 τ long."""

@@ -6,6 +6,8 @@ from hypothesis import strategies as st
 
 from vttig_jax.posterior.sampling.stop_rule import BLOCK_STEPS, Until, next_decision, steps_needed
 
+pytestmark = pytest.mark.smoke
+
 
 @given(st.integers(0, 10**6))
 def test_decisions_are_at_block_ends_and_never_far(steps):

@@ -7,6 +7,8 @@ from tests.posterior.densities import Gaussian, plain
 from vttig_jax.base.errors import NoAnswerError
 from vttig_jax.posterior.sampling.target import Density, Target, starting_points
 
+pytestmark = pytest.mark.smoke
+
 
 class Bounded(Gaussian):
     """A normal that exists below a bound of the second coordinate only."""
