@@ -7,6 +7,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from importlib import import_module
+from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 
 import nbformat
@@ -381,3 +382,26 @@ def test_the_floor_check_sees_an_upward_import(module, source):
 )
 def test_the_floor_check_passes_a_downward_import(module, source):
     assert violations(source, module) == []
+
+
+@pytest.fixture
+def draw_rooms():
+    """The script `docs/draw_rooms.py`."""
+    place = PACKAGE.parent / "docs" / "draw_rooms.py"
+    spec = spec_from_file_location("draw_rooms", place)
+    assert spec is not None and spec.loader is not None
+    script = module_from_spec(spec)
+    spec.loader.exec_module(script)
+    return script
+
+
+def test_the_diagram_of_the_rooms_is_that_of_the_imports(draw_rooms):
+    text = draw_rooms.DOCUMENT.read_text("utf-8")
+    assert draw_rooms.drawn(text) == text
+    without = text.replace("    pair --> base\n", "")
+    assert without != text and draw_rooms.drawn(without) == text
+
+
+def test_an_arrow_that_a_longer_road_replaces_is_left_out(draw_rooms):
+    graph = {"a": {"b", "c"}, "b": {"c"}, "c": set()}
+    assert draw_rooms.reduced(graph) == {"a": {"b"}, "b": {"c"}, "c": set()}
