@@ -110,7 +110,7 @@ INNER_FLOORS = {
 }
 """Floors inside a room, from the ground up: its sub-rooms and its own modules."""
 
-MOST_FILES, MOST_LINES, MOST_LINES_OF_A_FUNCTION = 15, 400, 60
+MOST_FILES, MOST_LINES = 15, 400
 
 FORBIDDEN_BELOW = {("control", "identify"), ("control", "posterior")}
 
