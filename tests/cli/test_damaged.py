@@ -46,7 +46,7 @@ def attempt(capsys, folder: Path, verb: str, content: bytes) -> tuple[int, str, 
 
 
 @pytest.mark.usefixtures("unchecked")
-@settings(max_examples=120, suppress_health_check=RELAXED)
+@settings(max_examples=150, suppress_health_check=RELAXED)
 @given(case=damage.damaged_logs())
 def test_inspect(folder, capsys, case):
     check(*attempt(capsys, folder, "inspect", case.content))

@@ -1,6 +1,8 @@
 """TOML files that a person writes: reading, checking against `msgspec` structs, and their keys.
 
 Needs no jax.
+
+Whatever is wrong becomes one sentence; its `where` names the file and the dotted key.
 """
 
 import difflib

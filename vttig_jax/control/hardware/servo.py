@@ -1,4 +1,14 @@
-"""A servo motor with position and speed loops, and its motion together with both gears."""
+"""A servo motor with position and speed loops, and its motion together with both gears.
+
+A force F of flank A turns the driven shaft by F and the driving one by −F k, k = i + ∂TE_A/∂φ₁ (of
+B likewise with the other sign): only so no energy comes from nowhere. Between the two it makes
+
+    q̈ = F/m,  m = J₁ J₂/(J₁ + k² J₂),  q = φ₂ − k φ₁
+
+so that the contact is that of one body of inertia m with a wall that moves as the driving shaft
+would without it. What the flank did to q is shared: m/J₂ of it moved the driven shaft, −k m/J₁ the
+driving one.
+"""
 
 from typing import Any, NamedTuple
 

@@ -1,6 +1,10 @@
 """The scenario file: validated fields, and combinations of keys that no scenario can have.
 
 Needs no jax.
+
+`ScenarioSpec` is the TOML of one simulated case, or with `[sweep]` of many, one `msgspec` struct a
+table (`control/scenario/tables.py`). Whatever is wrong is a `ScenarioError` whose `where` names
+file and key.
 """
 
 import math

@@ -1,4 +1,8 @@
-"""The faces that close a gear: end faces, bore, and the cut faces of a sector."""
+"""The faces that close a gear: end faces, bore, and the cut faces of a sector.
+
+The end face of a tooth is filled rung by rung between its right and its left side, the rim below by
+going around the feet of the teeth and the bore at once; neither adds a point.
+"""
 
 import math
 from dataclasses import dataclass

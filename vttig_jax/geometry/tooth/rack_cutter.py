@@ -1,4 +1,22 @@
-"""The generating rack, equations (1) to (4), and the tooth surface that it cuts, (5) to (15)."""
+"""The generating rack, equations (1) to (4), and the tooth surface that it cuts, (5) to (15).
+
+x₁ runs along the pitch line, y₁ towards the outside of the gear, z₁ = l along its axis. The blank
+lies below a part and between AC and DF; the cutter is on the other side. AC is the left flank of
+the tooth, DF the right one; the arcs at the tip of the cutter continue them towards the root.
+
+The right half is the left one in a mirror, so (2) is (1) with x₁ → −x₁ and the angles of its own.
+The general tooth has a recession δ(l) where the paper has l tan β, and its profile reference line
+stands above the pitch line by the profile shift.
+
+The gear turns by +φ (counter-clockwise) while the rack stands at x = −φ r₂, so that the pitch point
+is at (φ r₂, 0) in S₁. A point of the rack makes gear where its normal passes through that point,
+
+    y₁ = −(x₁ − φ r₂) tan α    on AC (10),    y₁ = (x₁ − φ r₂) tan α    on DF.
+
+Inside, φ is the paper's. A flank that recedes by δ meets the pitch point later by δ/r₂, so `roll`
+is counted from there, φ = roll ± δ(l)/r₂ (left, right): the same roll is then the same height on
+the tooth in every section.
+"""
 
 import math
 from typing import Any, Literal

@@ -1,7 +1,19 @@
-"""The summary of one flank: lag products of conditioned rows, and their likelihood under a noise.
+"""The summary of one flank: lag products of its conditioned rows, and their likelihood.
 
-Rows at equal times have autoregressive noise; rows at unequal times have Ornstein–Uhlenbeck noise
-and are compressed at nodes of its correlation time.
+The rows Z = [regressors, y] are kept as Z = U F with nearly orthonormal columns U and an upper
+triangle F. Only rows of U are multiplied with each other, so that the condition of the regressors
+is never squared; what is squared is the spread of the noise spectrum, which is known beforehand.
+
+Rows at unequal times have Ornstein–Uhlenbeck noise and are compressed at nodes of its correlation
+time. Noise with correlation exp(−|t|/τ) is whitened by
+
+    (z_t − ρ_t z_{t−1})/√(1 − ρ_t²),  ρ_t = exp(−Δt/τ).
+
+The products of the whitened rows are a smooth function of log τ, so that their values at the
+Chebyshev nodes of log τ give them at every other τ without touching the rows again.
+
+τ is stated by the partial autocorrelation ρ = exp(−Δ/τ) of rows at the median distance Δ, so that
+everything made for an autoregression of first order serves it too: at equal distances they agree.
 """
 
 from collections.abc import Sequence

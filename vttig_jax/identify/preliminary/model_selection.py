@@ -1,4 +1,9 @@
-"""The selection of delay, drift and regressors, by passes over the logs."""
+"""The selection of delay, drift and regressors, by passes over the logs.
+
+The linear model of the rows tells which drift, delay and regressors the logs ask for, how far the
+delay still is from its value, and how much every sample counts. Where nothing asks for another
+pass, one is enough.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

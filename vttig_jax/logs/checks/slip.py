@@ -1,4 +1,11 @@
-"""Slips: instants at which the transmission error changes its level and keeps the new one."""
+"""Slips: instants at which the transmission error changes its level and keeps the new one.
+
+An encoder that slips on its shaft, lost counts or a jumped tooth leave both channels smooth; only
+TE = φ₂ − i φ₁ shows them. From TE everything is taken that is no slip: an offset of each flank at
+each speed (backlash, delay, torque of the drive), drift, orders 1 to 4 of both shafts on each
+flank, delay times speed, and torque where it was logged. In medians over short windows of what is
+left, steps are sought at every instant by least squares.
+"""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,10 @@
-"""The flank of every segment from the torque or the motion, and the ramps between speeds."""
+"""The flank of every segment from the torque or the motion, and the ramps between speeds.
+
+The loaded flank follows the transmitted torque. But a motor's torque also moves its own rotor and
+friction, and where there is no gap it tells nothing. Therefore both assignments are tried on a
+linear model with a step between the flanks: the torque decides where its step explains the log
+better.
+"""
 
 from dataclasses import dataclass, replace
 

@@ -1,4 +1,9 @@
-"""Segments of a log that certainly lie on one flank, and the steady stretches of a run."""
+"""Segments of a log that certainly lie on one flank, and the steady stretches of a run.
+
+At steady speed the loaded flank follows the sense of motion: A while φ₁ increases, B while it
+decreases. Ramps, dwell and the crossing of the gap after a reversal are masked. A torque or
+direction column of the log says it better and wins.
+"""
 
 from dataclasses import dataclass
 from typing import Literal

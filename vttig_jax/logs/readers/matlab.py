@@ -1,4 +1,8 @@
-"""Numeric arrays of a MATLAB file (v4 to v7), after a check of its elements."""
+"""Numeric arrays of a MATLAB file (v4 to v7), after a check of its elements.
+
+`scipy.io.loadmat` trusts the type and the length in front of each element and ends the whole
+process where a damaged one leads it outside its buffers. Compressed elements carry a checksum.
+"""
 
 import io
 import struct

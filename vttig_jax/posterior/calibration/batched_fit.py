@@ -1,4 +1,9 @@
-"""The fit of one compressed log as a fixed program for `jax.vmap`, with noise and covariance."""
+"""The fit of one compressed log as a fixed program for `jax.vmap`, with noise and covariance.
+
+The order varies from log to log, the shapes do not: partial autocorrelations behind the order are
+zero. The bound that touches the likelihood, its descent one π_k at a time and the choice of the
+order by BIC are those of `identify.noise.reml`; a test holds them together.
+"""
 
 from typing import NamedTuple
 

@@ -1,4 +1,7 @@
-"""Lag products of readings inside a compiled program, and their whitening."""
+"""Lag products of readings inside a compiled program, and their whitening.
+
+All functions are for one log; `jax.vmap` makes them functions of many.
+"""
 
 from typing import NamedTuple
 
