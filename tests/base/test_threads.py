@@ -45,7 +45,7 @@ def test_threads_are_given_back_after_an_error():
 def test_a_fit_and_its_checks_use_one(monkeypatch):
     from vttig_jax.identify import build_result as assemble
     from vttig_jax.identify.report import residual_tests as diagnostics
-    from vttig_jax.rig.motion import Motion
+    from vttig_jax.rig.motion import PassMotion
     from vttig_jax.rig.paper import paper_rig
 
     found: dict[str, set[int]] = {}
@@ -61,7 +61,7 @@ def test_a_fit_and_its_checks_use_one(monkeypatch):
 
     monkeypatch.setattr(assemble, "solve", solving)
     monkeypatch.setattr(diagnostics, "find_lines", searching)
-    rig = paper_rig(0, Motion(reversal_deg=900.0, dwell_s=0.5))
+    rig = paper_rig(0, PassMotion(reversal_deg=900.0, dwell_s=0.5))
     result = vttig_jax.fit(rig.log(0), rig.pair)
     assert found == {"fit": {1}} and threads() == {2}
     assert result.checks["lines"] is not None

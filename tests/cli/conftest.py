@@ -10,7 +10,7 @@ from vttig_jax.cli.main import main
 from vttig_jax.cli.verbs.demo import log_csv
 from vttig_jax.pair.load import pair_spec
 from vttig_jax.pair.pair_file import spec_table
-from vttig_jax.rig.motion import Motion
+from vttig_jax.rig.motion import PassMotion
 from vttig_jax.rig.paper import paper_rig
 
 
@@ -18,7 +18,7 @@ from vttig_jax.rig.paper import paper_rig
 def rig_folder(tmp_path_factory) -> Path:
     """A folder with the log of six turns of the paper's rig and back, and its pair file."""
     folder = tmp_path_factory.mktemp("rig")
-    rig = paper_rig(1, Motion(reversal_deg=2160.0))
+    rig = paper_rig(1, PassMotion(reversal_deg=2160.0))
     (folder / "log.csv").write_text(log_csv(rig.log(1)))
     (folder / "pair.toml").write_text(tomli_w.dumps(spec_table(pair_spec(rig.pair))))
     return folder

@@ -8,7 +8,7 @@ import tomli_w
 from tests.cli.drive import write_drive, write_pair
 from vttig_jax.base.errors import InputError, UsageError
 from vttig_jax.base.files.run_folder import data_sha256
-from vttig_jax.cli.run_file import Run, read_run, require_same_data
+from vttig_jax.cli.run_file import RunRecord, read_run, require_same_data
 from vttig_jax.cli.run_options import RunOptions
 from vttig_jax.pair.pair_file import load_pair_spec
 
@@ -30,11 +30,11 @@ OPTIONS = RunOptions(
 
 
 @pytest.fixture
-def run(tmp_path) -> Run:
+def run(tmp_path) -> RunRecord:
     """A run of two logs."""
     logs = tuple(write_drive(tmp_path / f"{k}.csv", seed=k) for k in range(2))
     spec = load_pair_spec(write_pair(tmp_path / "pair.toml"))
-    return Run(logs, spec, RunOptions(delay=0.004), tuple(data_sha256(logs)))
+    return RunRecord(logs, spec, RunOptions(delay=0.004), tuple(data_sha256(logs)))
 
 
 def write(tmp_path, table):
@@ -57,7 +57,7 @@ def test_there_and_back(run, tmp_path, monkeypatch):
 
 
 def test_every_option_comes_back(run, tmp_path):
-    full = Run(run.logs, run.spec, OPTIONS, run.sha256)
+    full = RunRecord(run.logs, run.spec, OPTIONS, run.sha256)
     folder = tmp_path / "run"
     table = full.table(folder)
     with pytest.raises(InputError, match="--regressor speed"):

@@ -9,7 +9,7 @@ import numpy as np
 
 from vttig_jax.control.motion.motion import Motion
 from vttig_jax.control.plants.flank_bounds import Bounds, Flanks
-from vttig_jax.control.plants.plant import Plant, Shafts, Slide, Touch
+from vttig_jax.control.plants.plant import ContactEvent, Plant, Shafts, Slide
 
 
 class Still(NamedTuple):
@@ -46,7 +46,7 @@ def follow(
     step: float,
     steps: int,
     every: int = 1,
-) -> tuple[Shafts, Touch]:
+) -> tuple[Shafts, ContactEvent]:
     """Shafts after every so many steps, and the touches of all steps."""
     shafts, touches = _followed(
         plant, motion, bounds, start, jnp.asarray(begin), jnp.asarray(step), steps

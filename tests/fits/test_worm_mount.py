@@ -9,7 +9,7 @@ import pytest
 import vttig_jax
 from vttig_jax.base.units import ARCSEC
 from vttig_jax.cli.main import main
-from vttig_jax.logs.lines.search import Run, find_lines
+from vttig_jax.logs.lines.search import Stretch, find_lines
 
 WORM = Path(__file__).resolve().parents[2] / "fits" / "worm_mount"
 
@@ -39,7 +39,7 @@ def test_worm_period_found_blind(data_dir: Path):
         path = data_dir / "worm_mount" / f"{name}.csv"
         time, _, error = np.loadtxt(path, delimiter=",", skiprows=1, unpack=True)
         drift = np.vander((time - time.mean()) / np.ptp(time), 3)
-        found = find_lines([Run(2 * np.pi * time, error * ARCSEC, drift)], highest=0.02)
+        found = find_lines([Stretch(2 * np.pi * time, error * ARCSEC, drift)], highest=0.02)
         periods[name] = [1 / line.cycles_per_rev for line in found]
     assert periods["ap_gt1100"][0] == pytest.approx(383.0, rel=0.003)
     assert 2 * periods["ap_gt1100"][1] == pytest.approx(383.0, rel=0.003)

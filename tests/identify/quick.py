@@ -6,11 +6,11 @@ import numpy as np
 
 from vttig_jax.base.angles import difference_deg
 from vttig_jax.identify.fit_result import Fit
-from vttig_jax.rig.motion import Motion
+from vttig_jax.rig.motion import PassMotion
 from vttig_jax.rig.paper import paper_rig
 from vttig_jax.rig.synthetic import SyntheticRig
 
-MOTION = Motion(reversal_deg=1800.0, dwell_s=0.5)
+MOTION = PassMotion(reversal_deg=1800.0, dwell_s=0.5)
 RATE_HZ = 700.0
 """As coarse as the tooth mesh allows: a fit takes a tenth of a second."""
 

@@ -5,14 +5,14 @@ from fractions import Fraction
 
 import numpy as np
 
-from vttig_jax.identify.compress.block_rows import LogRows, Run
+from vttig_jax.identify.compress.block_rows import BlockRun, LogRows
 from vttig_jax.identify.compress.flank_summary import summarise_flank
 from vttig_jax.identify.compress.harmonic_summary import FlankSummary, HarmonicSummary
 from vttig_jax.identify.compress.regressors import Drift
-from vttig_jax.identify.model.column_layout import OFFSET, Columns
+from vttig_jax.identify.model.column_layout import OFFSET, ColumnLayout
 from vttig_jax.identify.model.harmonics import Harmonic, TermPlan
-from vttig_jax.identify.model.identifiability import Scope, find_scope
-from vttig_jax.identify.preliminary.linear_fit import Input, Model, View, look
+from vttig_jax.identify.model.identifiability import Identifiability, find_identifiability
+from vttig_jax.identify.preliminary.linear_fit import Input, LinearFit, Model, linear_fit
 from vttig_jax.kinematics.te_curve import TECurve
 from vttig_jax.logs.encoder_log import EncoderLog
 from vttig_jax.logs.motion.flank_assignment import find_ramps
@@ -63,10 +63,10 @@ def summary_of(flanks: dict, drift_order: int = 0, lags: int = 8) -> HarmonicSum
     )
 
 
-def layout_of(terms: TermPlan, drift_order: int = 0) -> Columns:
+def layout_of(terms: TermPlan, drift_order: int = 0) -> ColumnLayout:
     """Layout of one log with powers of time."""
     free, tied = (tuple(h.term for h in part) for part in (terms.free, terms.tied))
-    return Columns(free, tied, (own_of_powers(drift_order),))
+    return ColumnLayout(free, tied, (own_of_powers(drift_order),))
 
 
 def looked(
@@ -76,14 +76,14 @@ def looked(
     drift: Drift = Drift(),
     regressors: tuple[str, ...] = (),
     segments: Sequence[Segment] | None = None,
-) -> tuple[Scope, View]:
+) -> tuple[Identifiability, LinearFit]:
     """The certain segments of one log, or those given, and one pass over them."""
     found = find_segments(log)
-    scope = find_scope([log], [found.segments], pair, pair.fit, None)
+    scope = find_identifiability([log], [found.segments], pair, pair.fit, None)
     used = scope.segments[0] if segments is None else tuple(segments)
     ramps = tuple(r for r in find_ramps(log, found) if r.segment.flank in scope.flanks)
     model = Model(pair, scope.terms, regressors, drift)
-    return scope, look([Input(log, found, used, ramps)], model)
+    return scope, linear_fit([Input(log, found, used, ramps)], model)
 
 
 def made_log(runs: list[np.ndarray], own: tuple[str, ...], flanks: str) -> LogRows:
@@ -94,8 +94,8 @@ def made_log(runs: list[np.ndarray], own: tuple[str, ...], flanks: str) -> LogRo
         flank: Flank = "A" if letter == "A" else "B"
         place = np.arange(float(len(rows)))
         segment = Segment(0, len(rows), flank, 1.0)
-        made.append(Run(segment, rows, TECurve(flank, place, rows[:, -1], place)))
-    return LogRows(Columns(free, tied, (own,)), tuple(made), 1, 0.01)
+        made.append(BlockRun(segment, rows, TECurve(flank, place, rows[:, -1], place)))
+    return LogRows(ColumnLayout(free, tied, (own,)), tuple(made), 1, 0.01)
 
 
 def random_log(seed: int, own: tuple[str, ...], flanks: str, count: int = 300) -> LogRows:

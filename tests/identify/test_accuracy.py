@@ -9,7 +9,7 @@ from vttig_jax.base.units import DEG
 from vttig_jax.identify.fitting import fit
 from vttig_jax.logs.read import read_log
 from vttig_jax.pair.load import load_pair
-from vttig_jax.pair.schema import FitOptions
+from vttig_jax.pair.schema import HarmonicOrders
 from vttig_jax.rig.paper import paper_rig
 
 
@@ -36,7 +36,7 @@ def test_the_noise_is_that_of_the_rig(first):
 
 def test_leaving_orders_out_fails_the_judge(first):
     rig, log = first
-    bare = FitOptions(driving_orders=(1,), driven_orders=(1,), mesh_orders=0)
+    bare = HarmonicOrders(driving_orders=(1,), driven_orders=(1,), mesh_orders=0)
     found = complaints(
         [judged(fit(log, rig.pair, options=bare), rig)], slack=1.6, map_bound_deg=8e-4
     )

@@ -14,9 +14,9 @@ from vttig_jax.base.units import ARCSEC, DEG
 from vttig_jax.identify.fitting import fit
 from vttig_jax.logs.encoder_log import EncoderLog
 from vttig_jax.pair.gear_pair import Drive
-from vttig_jax.pair.schema import FitOptions
+from vttig_jax.pair.schema import HarmonicOrders
 from vttig_jax.rig.imperfections import EncoderError, OrderError
-from vttig_jax.rig.motion import Motion
+from vttig_jax.rig.motion import PassMotion
 
 SHARED = (
     "driving_phase_deg",
@@ -37,7 +37,7 @@ TRUTH = {
     "driven_phase_deg": 79.3,
     "constant_backlash_deg": 0.038,
 }
-FIRST_ORDERS = FitOptions(driving_orders=(1,), driven_orders=(1,), mesh_orders=0)
+FIRST_ORDERS = HarmonicOrders(driving_orders=(1,), driven_orders=(1,), mesh_orders=0)
 
 
 def _as_drive(rig) -> Drive:
@@ -70,7 +70,7 @@ def test_encoder_errors_are_told_from_the_gears(clean_rig):
         clean_rig,
         driving_encoder=EncoderError(18.0, 30.0),
         driven_encoder=EncoderError(12.0, 200.0),
-        motion=Motion(speed_rpm=180.0, reversal_deg=3600.0),
+        motion=PassMotion(speed_rpm=180.0, reversal_deg=3600.0),
     )
     result = fit(rig.log(), rig.pair)
     found = {
@@ -92,7 +92,7 @@ def test_orders_carry_their_amplitude_and_phase(clean_rig):
         OrderError("driven", 2, "B", 0.001, 250.0),
         OrderError("mesh", 1, "B", 0.003, 10.0),
     )
-    rig = replace(clean_rig, orders=errors, motion=Motion(speed_rpm=180.0, reversal_deg=3600.0))
+    rig = replace(clean_rig, orders=errors, motion=PassMotion(speed_rpm=180.0, reversal_deg=3600.0))
     table = {(o.shaft, o.order, o.flank): o for o in fit(rig.log(), rig.pair).orders}
     for error in errors:
         order = table[error.shaft, error.order, error.flank]
@@ -213,7 +213,7 @@ def test_options_replace_those_of_the_pair(noisy_log, noisy_rig, noisy_fit):
 
 
 def test_an_order_that_was_not_asked_for_is_undetermined(noisy_log, noisy_rig):
-    options = FitOptions(driving_orders=(2, 3), driven_orders=(1, 2), mesh_orders=1)
+    options = HarmonicOrders(driving_orders=(2, 3), driven_orders=(1, 2), mesh_orders=1)
     result = fit(noisy_log, noisy_rig.pair, options=options)
     reason = result.parameters["driving_eccentricity_mm"].reason
     assert reason == "order 1 is not among driving_orders of [fit]"
@@ -230,7 +230,7 @@ def test_drift_beyond_its_range_is_refused(noisy_log, noisy_rig, order):
 def test_json_keeps_the_schema(noisy_fit, noisy_log, noisy_rig):
     validator = jsonschema.Draft202012Validator(load_schema("vttig.fit/1"))
     drive = _as_drive(noisy_rig)
-    short = replace(noisy_rig, motion=Motion(reversal_deg=450.0, ramp_s=0.1))
+    short = replace(noisy_rig, motion=PassMotion(reversal_deg=450.0, ramp_s=0.1))
     results = (
         noisy_fit,
         fit(noisy_log, noisy_rig.pair, flank="A"),

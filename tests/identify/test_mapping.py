@@ -14,8 +14,8 @@ from vttig_jax.identify.fitting import fit
 from vttig_jax.kinematics.backlash_map import BacklashMap
 from vttig_jax.logs.encoder_log import EncoderLog
 from vttig_jax.pair.gear_pair import Drive
-from vttig_jax.pair.schema import FitOptions
-from vttig_jax.rig.motion import Motion
+from vttig_jax.pair.schema import HarmonicOrders
+from vttig_jax.rig.motion import PassMotion
 
 GRID = np.linspace(0, 16 * REV, 1001)
 
@@ -76,7 +76,7 @@ def test_a_drive_maps_from_two_flanks_only(noisy_log, noisy_rig):
     found = backlash_map(_drive_fit(noisy_log, noisy_rig, None))
     assert found.first_order is None
     # A drive has no tooth mesh.
-    options = FitOptions(mesh_orders=0)
+    options = HarmonicOrders(mesh_orders=0)
     pair_map = backlash_map(fit(noisy_log, noisy_rig.pair, options=options)).over(GRID)
     assert np.std(found.over(GRID) - pair_map) / DEG < 5e-4
     assert np.std(pair_map) / DEG > 5e-3
@@ -86,7 +86,7 @@ def test_a_drive_maps_from_two_flanks_only(noisy_log, noisy_rig):
 
 
 def test_unresolved_shafts_have_no_map(noisy_rig):
-    rig = replace(noisy_rig, motion=Motion(reversal_deg=450.0, ramp_s=0.1))
+    rig = replace(noisy_rig, motion=PassMotion(reversal_deg=450.0, ramp_s=0.1))
     for flank in (None, "A"):
         result = fit(rig.log(), rig.pair, flank=flank)
         for constant in (None, 0.05):

@@ -6,7 +6,7 @@ import pytest
 from vttig_jax.base.units import DEG
 from vttig_jax.identify.fitting import fit
 from vttig_jax.logs.encoder_log import EncoderLog
-from vttig_jax.rig.motion import Motion
+from vttig_jax.rig.motion import PassMotion
 from vttig_jax.rig.paper import ERN180, paper_pair
 
 RATE = 500.0
@@ -16,7 +16,7 @@ KINDS = ["angles", "counts", "noise", "noisy counts"]
 
 def _log(kind: str, gap_deg: float = 0.0, seed: int = 0) -> EncoderLog:
     """Nineteen reversals; the same transmission error both ways but for `gap_deg`."""
-    motion = Motion(reversal_deg=1200.0, dwell_s=0.2, ramp_s=0.2, passes=20)
+    motion = PassMotion(reversal_deg=1200.0, dwell_s=0.2, ramp_s=0.2, passes=20)
     time = np.arange(int(motion.duration_s * RATE) + 1) / RATE
     driving = motion.driving_angle(time)
     driven = 45 / 80 * driving

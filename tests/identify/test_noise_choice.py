@@ -12,7 +12,7 @@ from vttig_jax.identify.fitting import fit
 from vttig_jax.identify.settings import NoiseChoice
 from vttig_jax.identify.store import fit_arrays, read_fit
 from vttig_jax.rig.imperfections import Noise
-from vttig_jax.rig.motion import Motion
+from vttig_jax.rig.motion import PassMotion
 from vttig_jax.rig.paper import paper_rig
 
 
@@ -21,7 +21,7 @@ def two_speeds():
     """Noise of 0.004° at 30 rpm and of 0.001° at 60 rpm: (pair, logs)."""
     logs, pair = [], paper_rig().pair
     for seed, (speed, std, memory) in enumerate([(30.0, 0.004, 0.02), (60.0, 0.001, 0.005)]):
-        rig = paper_rig(motion=Motion(speed_rpm=speed, reversal_deg=1440.0))
+        rig = paper_rig(motion=PassMotion(speed_rpm=speed, reversal_deg=1440.0))
         logs.append(replace(rig, noise=Noise(std, memory)).log(seed))
     return pair, logs
 

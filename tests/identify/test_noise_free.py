@@ -10,15 +10,15 @@ from vttig_jax.base.units import DEG
 from vttig_jax.identify.fitting import fit
 from vttig_jax.logs.encoder_log import EncoderLog
 from vttig_jax.rig.imperfections import Noise
-from vttig_jax.rig.motion import Motion
+from vttig_jax.rig.motion import PassMotion
 
 pytestmark = pytest.mark.portable
 
 SENTENCE = "the log holds no noise"
 MOTIONS = {
-    "a hunting period": Motion(speed_rpm=180.0, reversal_deg=5800.0, dwell_s=0.5),
-    "a few turns": Motion(speed_rpm=60.0, reversal_deg=1440.0, dwell_s=0.2),
-    "four passes": Motion(speed_rpm=180.0, reversal_deg=1800.0, passes=4),
+    "a hunting period": PassMotion(speed_rpm=180.0, reversal_deg=5800.0, dwell_s=0.5),
+    "a few turns": PassMotion(speed_rpm=60.0, reversal_deg=1440.0, dwell_s=0.2),
+    "four passes": PassMotion(speed_rpm=180.0, reversal_deg=1800.0, passes=4),
 }
 TRUTH = {
     "driving_eccentricity_mm": 0.0226,

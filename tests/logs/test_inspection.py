@@ -9,7 +9,7 @@ from vttig_jax.base.errors import LogError
 from vttig_jax.base.files.json_io import dumps, load_schema
 from vttig_jax.logs.checks.order_spectrum import order_spectrum
 from vttig_jax.logs.checks.sampling import (
-    Plateau,
+    SpeedPlateau,
     aliased,
     commensurate,
     plateaus_of,
@@ -138,7 +138,7 @@ def test_aliased_orders():
     assert named == {"mesh": (1, 1)}
     assert "tooth-mesh order 1" in flat(slow) and "alias" in flat(slow)
     assert inspect_log(rig(rate=70.0)).aliased == ()
-    plateau = Plateau(60.0, "A", 1, 100)
+    plateau = SpeedPlateau(60.0, "A", 1, 100)
     (found,) = aliased([plateau], 10.0, {"driving": (1.0, range(1, 9))})
     assert (found.order, found.highest) == (5, 8)
     assert aliased([plateau], 10.0, {"driven": (0.5, range(1, 10))}) == ()

@@ -13,8 +13,8 @@ from vttig_jax.pair.load import load_pair
 from vttig_jax.pair.pair_file import load_pair_spec, parse_pair_spec, spec_table
 from vttig_jax.pair.schema import (
     Encoder,
-    FitOptions,
     GearTable,
+    HarmonicOrders,
     LogLayout,
     PairTable,
     RackTable,
@@ -45,7 +45,7 @@ def test_the_contracts_example(write):
     assert spec.driving == GearTable(teeth=45, **gear)
     assert spec.driven == GearTable(teeth=80, **gear)
     assert spec.log == LogLayout(time="time_s", driving="driving_counts", driven="driven_counts")
-    assert spec.fit == FitOptions()
+    assert spec.fit == HarmonicOrders()
     assert spec.fit.driving_orders == spec.fit.driven_orders == (1, 2, 3, 4, 5, 6, 7, 8)
     assert spec.drive is None and spec.unit == UnitTable()
     assert spec.ratio == Fraction(9, 16)
@@ -74,7 +74,7 @@ def test_every_other_key(write):
         encoding="latin-1",
     )
     assert spec.unit == UnitTable(driving="rev", transmission_error="urad")
-    assert spec.fit == FitOptions(driving_orders=(), driven_orders=(3,), mesh_orders=0)
+    assert spec.fit == HarmonicOrders(driving_orders=(), driven_orders=(3,), mesh_orders=0)
 
 
 TOOTH_KEYS = """

@@ -20,7 +20,7 @@ from vttig_jax.pair.eccentricities import Eccentricities
 from vttig_jax.pair.gear_pair import GearPair
 from vttig_jax.rig.fixed_gear import fixed_gear_readings
 from vttig_jax.rig.imperfections import EncoderError
-from vttig_jax.rig.motion import Motion
+from vttig_jax.rig.motion import PassMotion
 from vttig_jax.rig.paper import paper_rig as rig_of_the_paper
 from vttig_jax.rig.synthetic import SyntheticRig
 
@@ -120,7 +120,7 @@ def test_is_the_gap_between_the_two_passes_of_a_log(bare):
     """At one shown driving angle, whatever both encoders add; the two share their zero."""
     rig = replace(
         bare,
-        motion=Motion(reversal_deg=1200.0, dwell_s=0.3, ramp_s=0.25),
+        motion=PassMotion(reversal_deg=1200.0, dwell_s=0.3, ramp_s=0.25),
         driving_encoder=EncoderError(3600.0, 70.0),
         driven_encoder=EncoderError(3600.0, 200.0),
     )

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from vttig_jax.base.units import DEG, REV
-from vttig_jax.rig.motion import Motion
+from vttig_jax.rig.motion import PassMotion
 
 pytestmark = pytest.mark.smoke
 
@@ -14,7 +14,7 @@ STEADY = 2 * np.pi
 """60 rpm in rad/s."""
 
 
-def _speed(motion: Motion, time: np.ndarray, half_step: float = 1e-6) -> np.ndarray:
+def _speed(motion: PassMotion, time: np.ndarray, half_step: float = 1e-6) -> np.ndarray:
     ahead, behind = (motion.driving_angle(time + s * half_step) for s in (1, -1))
     return (ahead - behind) / (2 * half_step)
 
@@ -25,7 +25,7 @@ def _trapezoid(time: np.ndarray, ramp_s: float, steady_s: float) -> np.ndarray:
     return np.interp(time, corners, [0.0, 1.0, 1.0, 0.0])
 
 
-MOTION = Motion(speed_rpm=60.0, reversal_deg=720.0, dwell_s=0.75, ramp_s=0.5, ripple=0.0)
+MOTION = PassMotion(speed_rpm=60.0, reversal_deg=720.0, dwell_s=0.75, ramp_s=0.5, ripple=0.0)
 STEADY_S = 2.0 - 0.5
 PASS_S = STEADY_S + 2 * 0.5 + 0.75
 
@@ -57,7 +57,7 @@ def test_both_ends_and_the_dwell_between():
 
 @pytest.mark.parametrize("passes", [1, 2, 3, 4])
 def test_passes_go_to_and_fro(passes):
-    motion = Motion(reversal_deg=720.0, dwell_s=0.75, ripple=0.0, passes=passes)
+    motion = PassMotion(reversal_deg=720.0, dwell_s=0.75, ripple=0.0, passes=passes)
     assert motion.duration_s == pytest.approx(passes * PASS_S)
     last = motion.driving_angle(np.array([motion.duration_s]))[0]
     assert last / DEG == pytest.approx(720.0 if passes % 2 else 0.0, abs=1e-9)
@@ -67,16 +67,16 @@ def test_passes_go_to_and_fro(passes):
 
 
 def test_without_ramps_the_speed_steps():
-    motion = Motion(reversal_deg=720.0, dwell_s=0.5, ramp_s=0.0, ripple=0.0)
+    motion = PassMotion(reversal_deg=720.0, dwell_s=0.5, ramp_s=0.0, ripple=0.0)
     time = np.linspace(0.01, 1.99, 50)
     np.testing.assert_allclose(motion.driving_angle(time), STEADY * time, atol=1e-12)
     assert motion.duration_s == pytest.approx(2 * (2.0 + 0.5))
 
 
 def test_ripple_has_its_size_and_order():
-    motion = Motion(reversal_deg=1080.0, ripple=0.01, ripple_order=5)
+    motion = PassMotion(reversal_deg=1080.0, ripple=0.01, ripple_order=5)
     time = np.linspace(0.6, 2.9, 4001)
-    plain = Motion(reversal_deg=1080.0, ripple=0.0)
+    plain = PassMotion(reversal_deg=1080.0, ripple=0.0)
     relative = _speed(motion, time) / STEADY - 1
     expected = 0.01 * np.cos(5 * plain.driving_angle(time))
     np.testing.assert_allclose(relative, expected, atol=1e-6)
@@ -84,7 +84,7 @@ def test_ripple_has_its_size_and_order():
 
 
 def test_speed_sets_the_time_and_reversal_the_way():
-    slow = Motion(speed_rpm=30.0, reversal_deg=720.0, dwell_s=0.0, ripple=0.0)
+    slow = PassMotion(speed_rpm=30.0, reversal_deg=720.0, dwell_s=0.0, ripple=0.0)
     assert slow.duration_s == pytest.approx(2 * (4.0 + 0.5))
     angle = slow.driving_angle(np.linspace(0, slow.duration_s, 1001))
     assert angle.max() == pytest.approx(2 * REV)
@@ -111,6 +111,6 @@ def test_arguments_that_may_be_zero(name):
 
 
 def test_reversal_inside_the_ramps_is_refused():
-    Motion(reversal_deg=180.0, ramp_s=0.5)
+    PassMotion(reversal_deg=180.0, ramp_s=0.5)
     with pytest.raises(ValueError, match=r"`reversal_deg` must be at least 180° \(both ramps\)"):
-        Motion(reversal_deg=179.0, ramp_s=0.5)
+        PassMotion(reversal_deg=179.0, ramp_s=0.5)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from vttig_jax.kinematics.backlash_map import BacklashMap
-from vttig_jax.rig.motion import Motion
+from vttig_jax.rig.motion import PassMotion
 from vttig_jax.rig.paper import paper_eccentricities, paper_pair, paper_rig
 
 
@@ -39,6 +39,6 @@ def test_the_seed_draws_orders_and_encoder_phases():
 
 
 def test_the_motion_is_passed_on():
-    motion = Motion(reversal_deg=1800.0)
+    motion = PassMotion(reversal_deg=1800.0)
     assert paper_rig(0, motion).motion == motion
-    assert paper_rig().motion == Motion()
+    assert paper_rig().motion == PassMotion()

@@ -14,11 +14,11 @@ from vttig_jax.pair.eccentricities import Eccentricities
 from vttig_jax.pair.gear_pair import GearPair
 from vttig_jax.pair.schema import Encoder
 from vttig_jax.rig.imperfections import EncoderError, Noise, OrderError
-from vttig_jax.rig.motion import Motion
+from vttig_jax.rig.motion import PassMotion
 from vttig_jax.rig.paper import paper_rig
 from vttig_jax.rig.synthetic import SyntheticRig, order_model
 
-MOTION = Motion(reversal_deg=1200.0, dwell_s=0.3, ramp_s=0.25)
+MOTION = PassMotion(reversal_deg=1200.0, dwell_s=0.3, ramp_s=0.25)
 
 
 @pytest.fixture(scope="module")

@@ -19,7 +19,7 @@ NoiseIn = Literal["time", "angle"]
 NoiseOf = Literal["rig", "plateau"]
 
 
-class Delay(click.ParamType):
+class DelayParam(click.ParamType):
     """`auto`, `free`, `off`, or seconds."""
 
     name = "delay"
@@ -58,7 +58,7 @@ _OPTIONS = (
     ),
     click.option(
         "--delay",
-        type=Delay(),
+        type=DelayParam(),
         default="auto",
         metavar="auto|free|off|SECONDS",
         help="Delay of the driven channel: fitted where the logs show one (auto, the default),"

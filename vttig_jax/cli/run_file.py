@@ -23,7 +23,7 @@ _PACKAGES = ("vttig-jax", "jax", "jaxlib", "equinox", "optimistix", "numpy", "sc
 
 
 @dataclass(frozen=True)
-class Run:
+class RunRecord:
     """One call of `vttig fit`, resolved.
 
     **Arguments**
@@ -59,7 +59,7 @@ class Run:
         }
 
 
-def read_run(path: Path) -> Run:
+def read_run(path: Path) -> RunRecord:
     """Read a `run.toml`, or that of a run folder.
 
     **Raises** `UsageError` where there is none, `InputError` where it is no run of this format.
@@ -92,12 +92,12 @@ def read_run(path: Path) -> Run:
         raise InputError(f"its options are damaged: {error.message}", where=str(path)) from None
     places = tuple(_place(path.parent / log) for log in logs)
     if readings is None:
-        return Run(places, spec, options, digests)
+        return RunRecord(places, spec, options, digests)
     digest = str(table["data"].get("readings_sha256", ""))
-    return Run(places, spec, options, digests, _place(path.parent / str(readings)), digest)
+    return RunRecord(places, spec, options, digests, _place(path.parent / str(readings)), digest)
 
 
-def require_same_data(run: Run) -> None:
+def require_same_data(run: RunRecord) -> None:
     """Refuse to repeat a run of which a log or the readings have changed since."""
     files = [("log", log, digest) for log, digest in zip(run.logs, run.sha256, strict=True)]
     if run.readings is not None:

@@ -10,7 +10,7 @@ from ..logs.readers.column_roles import names_asked
 from ..pair.encoder_reading import ShaftReading, shaft_reading
 from ..pair.schema import Encoder, as_fraction
 from .options import roles_of
-from .run_file import Run
+from .run_file import RunRecord
 
 if TYPE_CHECKING:
     from ..identify.fit_result import Fit
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 SHAFTS = ("driving", "driven")
 
 
-def shaft_readings(run: Run, fit: "Fit") -> tuple[ShaftReading, ShaftReading]:
+def shaft_readings(run: RunRecord, fit: "Fit") -> tuple[ShaftReading, ShaftReading]:
     """How readings of both encoders become the angles φ₁ and φ₂ of a fit.
 
     Where the fit counts from the reading zero, a reading is the angle but for its sign. Where it
@@ -37,7 +37,7 @@ def shaft_readings(run: Run, fit: "Fit") -> tuple[ShaftReading, ShaftReading]:
     return first, second
 
 
-def _shaft_reading(run: Run, fit: "Fit", shaft: str) -> ShaftReading:
+def _shaft_reading(run: RunRecord, fit: "Fit", shaft: str) -> ShaftReading:
     encoder: Encoder = getattr(run.spec, shaft).encoder
     scale = as_fraction(getattr(run.spec.log, f"{shaft}_scale"), f"log.{shaft}_scale")
     factor = scale.numerator / scale.denominator
@@ -51,7 +51,7 @@ def _shaft_reading(run: Run, fit: "Fit", shaft: str) -> ShaftReading:
     return shaft_reading(encoder, first * REV / encoder.counts_per_rev, factor)
 
 
-def _unit(run: Run, fit: "Fit", shaft: str) -> str:
+def _unit(run: RunRecord, fit: "Fit", shaft: str) -> str:
     """Unit of a shaft's column: whole readings are counts; else by its name, else from the log."""
     if isinstance(fit.zero_readings[shaft], int):
         return "counts"
@@ -60,7 +60,7 @@ def _unit(run: Run, fit: "Fit", shaft: str) -> str:
     return written or getattr(run.spec.unit, shaft) or _unit_of_log(run, fit, shaft)
 
 
-def _unit_of_log(run: Run, fit: "Fit", shaft: str) -> str:
+def _unit_of_log(run: RunRecord, fit: "Fit", shaft: str) -> str:
     from ..logs.read import read_log
 
     log = run.logs[0]

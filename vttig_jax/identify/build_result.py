@@ -13,10 +13,10 @@ from .compress.harmonic_summary import HarmonicSummary
 from .evidence import Evidence
 from .fit_result import Fit
 from .model.forward_model import relation_of
-from .model.identifiability import Scope
+from .model.identifiability import Identifiability
 from .noise.noise_model import NoiseModel, WhitenedFlank, whiten
-from .preliminary.linear_fit import View
-from .preliminary.model_selection import Gathered
+from .preliminary.linear_fit import LinearFit
+from .preliminary.model_selection import SelectedModel
 from .report.backlash_readings import (
     comparison,
     gap_of_both_flanks,
@@ -32,7 +32,7 @@ from .report.lazy_checks import Checks
 from .report.notes import conditions_of, notes_of
 from .report.order_table import fitted_model, order_table
 from .report.parameters import outcome_of, parameters_of, regressors_of
-from .report.per_log import log_alone
+from .report.per_log import fit_log_alone
 from .report.residual_tests import lines_left, whiteness
 from .settings import Choices
 from .solve.least_squares import Solution, solve
@@ -51,10 +51,10 @@ REMEMBERS = 1e-3
 """Ljung–Box probability below which standard errors are taken from blocks."""
 
 
-def assembled(
-    gathered: Gathered,
+def build_fit(
+    gathered: SelectedModel,
     pair: GearPair | Drive,
-    scope: Scope,
+    scope: Identifiability,
     choices: Choices,
     readings: BacklashReadings | None,
 ) -> Fit:
@@ -85,7 +85,7 @@ def assembled(
     regressors = regressors_of(solution, first)
     orders = order_table(summary, whitened, solution, coefficients)
     curves, residuals = curves_and_residuals(view, weights)
-    alone = [log_alone(view, log) for log in range(len(view.inputs))]
+    alone = [fit_log_alone(view, log) for log in range(len(view.inputs))]
     records = [log_record(view, solution, log) for log in range(len(view.inputs))]
     return Fit(
         pair=pair,
@@ -136,7 +136,7 @@ def assembled(
 
 
 def _lines(
-    view: View, weights: list[Weights], noise: NoiseModel
+    view: LinearFit, weights: list[Weights], noise: NoiseModel
 ) -> Callable[[], list[dict[str, Any]]]:
     """The search for lines, to be carried out later; it keeps the rows but not the samples."""
     if noise.is_rounding:
@@ -146,7 +146,7 @@ def _lines(
 
 
 def _with_blocks(
-    view: View,
+    view: LinearFit,
     summary: HarmonicSummary,
     noise: NoiseModel,
     whitened: tuple[WhitenedFlank, ...],
@@ -173,7 +173,7 @@ def _with_blocks(
 def _with_readings(
     readings: BacklashReadings,
     pair: GearPair | Drive,
-    view: View,
+    view: LinearFit,
     summary: HarmonicSummary,
     whitened: tuple[WhitenedFlank, ...],
     solution: Solution,

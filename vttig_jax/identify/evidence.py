@@ -9,8 +9,8 @@ from jaxtyping import Float
 from ..pair.gear_pair import Drive, Flank, GearPair
 from .compress.flank_summary import FlankSummary, IrregularFlank, flank_of_products
 from .compress.harmonic_summary import HarmonicSummary
-from .model.column_layout import Columns
-from .model.forward_model import Relation, relation_of
+from .model.column_layout import ColumnLayout
+from .model.forward_model import ForwardModel, relation_of
 from .model.harmonics import Harmonic, TermPlan
 from .settings import NoiseChoice
 
@@ -38,7 +38,7 @@ class Evidence:
     variance_factor: float
     delay_s: float
 
-    def relation(self, pair: GearPair | Drive) -> Relation:
+    def relation(self, pair: GearPair | Drive) -> ForwardModel:
         """From parameters to tied coefficients."""
         return relation_of(
             pair,
@@ -99,7 +99,7 @@ def evidence_from(arrays: dict[str, np.ndarray], ratio: Fraction) -> Evidence:
     summary = HarmonicSummary(
         flanks=tuple(_flank_from(arrays, flank) for flank in flanks if f"{flank}_rows" in arrays),
         terms=TermPlan(ratio, harmonics[:free], harmonics[free:], ()),
-        columns=Columns(
+        columns=ColumnLayout(
             tuple(h.term for h in harmonics[:free]), tuple(h.term for h in harmonics[free:]), own
         ),
         block_s=float(arrays["numbers"][0]),

@@ -13,13 +13,13 @@ from ..logs.encoder_log import EncoderLog
 from ..logs.motion.flank_assignment import assigned_segments, find_ramps
 from ..logs.readers.backlash_readings import BacklashReadings
 from ..pair.gear_pair import Drive, Flank, GearPair
-from ..pair.schema import FitOptions
-from .build_result import assembled
+from ..pair.schema import HarmonicOrders
+from .build_result import build_fit
 from .compress.harmonic_summary import HarmonicSummary
 from .fit_result import Fit
-from .model.identifiability import find_scope
+from .model.identifiability import find_identifiability
 from .preliminary.linear_fit import Input
-from .preliminary.model_selection import gather
+from .preliminary.model_selection import select_model
 from .settings import Choices, Loss, NoiseChoice
 
 
@@ -28,7 +28,7 @@ def fit(
     log: EncoderLog | Sequence[EncoderLog],
     pair: GearPair | Drive,
     *,
-    options: FitOptions | None = None,
+    options: HarmonicOrders | None = None,
     flank: Flank | None = None,
     encoder_terms: bool = True,
     gear_terms: bool = True,
@@ -127,7 +127,9 @@ def fit(
     for one in logs:
         check_ratio(one)
         found.append(assigned_segments(one))
-    scope = find_scope(logs, [f.segments for f in found], pair, options or pair.fit, flank)
+    scope = find_identifiability(
+        logs, [f.segments for f in found], pair, options or pair.fit, flank
+    )
     for one, each in zip(logs, found, strict=True):
         refuse_slip(one, each)
     inputs = tuple(
@@ -139,10 +141,10 @@ def fit(
         )
         for one, each, own in zip(logs, found, scope.segments, strict=True)
     )
-    gathered = gather(inputs, pair, scope, choices)
+    gathered = select_model(inputs, pair, scope, choices)
     _require_rows(gathered.summary, ", ".join(one.source for one in logs))
     scope = replace(scope, flanks=tuple(f.flank for f in gathered.summary.flanks))
-    return assembled(gathered, pair, scope, choices, readings)
+    return build_fit(gathered, pair, scope, choices, readings)
 
 
 def _require_rows(summary: HarmonicSummary, where: str) -> None:

@@ -9,7 +9,7 @@ if TYPE_CHECKING:
     from .encoder_log import EncoderLog as EncoderLog
     from .inspection import Inspection as Inspection
     from .inspection import inspect_log as inspect_log
-    from .lines.rows import Run as Run
+    from .lines.rows import Stretch as Stretch
     from .lines.search import find_lines as find_lines
     from .motion.segments import find_segments as find_segments
     from .read import read_log as read_log

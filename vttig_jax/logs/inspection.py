@@ -10,15 +10,15 @@ import numpy as np
 from ..base.files.text_tables import key_values, text_table
 from ..base.threads import one_blas_thread
 from ..base.units import ARCSEC, REV
-from ..pair.schema import FitOptions
+from ..pair.schema import HarmonicOrders
 from .channel.channel import Channel
 from .checks.order_spectrum import OrderLine, order_spectrum
 from .checks.ratio import SeenRatio, seen_ratio
 from .checks.sampling import (
     Aliased,
     Commensurate,
-    Plateau,
     Sampling,
+    SpeedPlateau,
     aliased,
     commensurate,
     plateaus_of,
@@ -60,7 +60,7 @@ class Inspection:
     sampling: Sampling
     ratio: SeenRatio
     segments: Segments
-    plateaus: tuple[Plateau, ...]
+    plateaus: tuple[SpeedPlateau, ...]
     commensurate: tuple[Commensurate, ...]
     aliased: tuple[Aliased, ...]
     spectrum: tuple[OrderLine, ...]
@@ -147,7 +147,7 @@ def inspect_log(log: EncoderLog, pair: TwoShafts | None = None) -> Inspection:
 
 
 def _fit_orders(log: EncoderLog, pair: TwoShafts | None) -> dict[str, tuple[float, list[int]]]:
-    fit = FitOptions() if pair is None else pair.fit
+    fit = HarmonicOrders() if pair is None else pair.fit
     teeth = None if pair is None else pair.driving.teeth
     orders = {
         "driving": (1.0, list(fit.driving_orders)),

@@ -30,7 +30,7 @@ from .readers.column_names import (
     units_of,
 )
 from .readers.column_roles import ROLES, ROW_INDEX, SOUGHT
-from .readers.delimited import Table
+from .readers.delimited import TextTable
 from .readers.nested import NestedTable
 from .readers.open_table import open_table
 from .readers.text import NESTED
@@ -152,7 +152,7 @@ def _roles(names: Sequence[str], source: str, columns: Mapping[str, str]) -> dic
     return roles
 
 
-def _readable(table: Table | NestedTable) -> tuple[dict[int, np.ndarray], list[str]]:
+def _readable(table: TextTable | NestedTable) -> tuple[dict[int, np.ndarray], list[str]]:
     """All columns of numbers, and a note on each of the others."""
     every = range(len(table.names))
     try:

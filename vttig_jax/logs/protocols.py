@@ -3,7 +3,7 @@
 from fractions import Fraction
 from typing import Protocol, runtime_checkable
 
-from ..pair.schema import Encoder, FitOptions, LogLayout, UnitTable
+from ..pair.schema import Encoder, HarmonicOrders, LogLayout, UnitTable
 
 
 @runtime_checkable
@@ -39,4 +39,4 @@ class TwoShafts(Protocol):
     def unit(self) -> UnitTable: ...  # noqa: D102
 
     @property
-    def fit(self) -> FitOptions: ...  # noqa: D102
+    def fit(self) -> HarmonicOrders: ...  # noqa: D102

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from .pair_file import load_pair_spec as load_pair_spec
     from .pair_file import parse_pair_spec as parse_pair_spec
     from .schema import Encoder as Encoder
-    from .schema import FitOptions as FitOptions
+    from .schema import HarmonicOrders as HarmonicOrders
     from .schema import PairSpec as PairSpec
     from .schema import StatedTable as StatedTable
 

@@ -17,7 +17,7 @@ from ..base.arrays import Number, Numbers, float64, namespace
 from ..base.files.text_tables import key_values
 from ..base.units import DEG
 from .rack import Rack
-from .schema import Encoder, FitOptions, GearTable, LogLayout, UnitTable
+from .schema import Encoder, GearTable, HarmonicOrders, LogLayout, UnitTable
 
 Flank = Literal["A", "B"]
 Scalar = Float[Number, ""]
@@ -81,7 +81,7 @@ class GearPair(eqx.Module):
     name: str = eqx.field(static=True)
     log: LogLayout = eqx.field(static=True)
     unit: UnitTable = eqx.field(static=True)
-    fit: FitOptions = eqx.field(static=True)
+    fit: HarmonicOrders = eqx.field(static=True)
 
     def __init__(
         self,
@@ -95,7 +95,7 @@ class GearPair(eqx.Module):
         name: str = "",
         log: LogLayout = LogLayout(),
         unit: UnitTable = UnitTable(),
-        fit: FitOptions = FitOptions(),
+        fit: HarmonicOrders = HarmonicOrders(),
     ):
         self.driving, self.driven = driving, driven
         self.module_mm = float64(module_mm)
@@ -226,7 +226,7 @@ class Drive(eqx.Module):
     name: str = eqx.field(static=True, default="")
     log: LogLayout = eqx.field(static=True, default=LogLayout())
     unit: UnitTable = eqx.field(static=True, default=UnitTable())
-    fit: FitOptions = eqx.field(static=True, default=FitOptions())
+    fit: HarmonicOrders = eqx.field(static=True, default=HarmonicOrders())
 
     @property
     def hunting_turns(self) -> int:

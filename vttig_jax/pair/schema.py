@@ -122,7 +122,7 @@ class UnitTable(Table, frozen=True):
     transmission_error: AngleUnit | None = None
 
 
-class FitOptions(Table, frozen=True):
+class HarmonicOrders(Table, frozen=True):
     """`[fit]`: which orders of each shaft, and how many tooth-mesh orders, the fit models."""
 
     driving_orders: tuple[Order, ...] = tuple(range(1, 9))
@@ -141,7 +141,7 @@ class PairSpec(Table, frozen=True):
     driven: GearTable = GearTable()
     log: LogLayout = LogLayout()
     unit: UnitTable = UnitTable()
-    fit: FitOptions = FitOptions()
+    fit: HarmonicOrders = HarmonicOrders()
 
     @property
     def ratio(self) -> Fraction:

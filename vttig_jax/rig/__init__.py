@@ -7,7 +7,7 @@ from ..base.facade import lazy_names
 if TYPE_CHECKING:
     from .fixed_gear import fixed_gear_readings as fixed_gear_readings
     from .imperfections import EncoderError as EncoderError
-    from .motion import Motion as Motion
+    from .motion import PassMotion as PassMotion
     from .paper import paper_eccentricities as paper_eccentricities
     from .paper import paper_pair as paper_pair
     from .paper import paper_rig as paper_rig

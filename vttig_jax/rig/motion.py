@@ -9,7 +9,7 @@ from ..base.units import DEG, REV
 
 
 @dataclass(frozen=True)
-class Motion:
+class PassMotion:
     """Trapezoidal speed from 0 to `reversal_deg`, a dwell, back to 0, a dwell, and so on.
 
     **Arguments**

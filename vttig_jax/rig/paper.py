@@ -7,7 +7,7 @@ from ..pair.eccentricities import Eccentricities
 from ..pair.gear_pair import Gear, GearPair
 from ..pair.schema import Encoder
 from .imperfections import EncoderError, Noise, random_orders
-from .motion import Motion
+from .motion import PassMotion
 from .synthetic import SyntheticRig
 
 ERN180 = Encoder(counts_per_rev=90_000, accuracy_arcsec=18.0)
@@ -37,7 +37,7 @@ def paper_eccentricities() -> Eccentricities:
     )
 
 
-def paper_rig(seed: int = 0, motion: Motion = Motion()) -> SyntheticRig:
+def paper_rig(seed: int = 0, motion: PassMotion = PassMotion()) -> SyntheticRig:
     """The paper's rig with plausible imperfections: its raw logs were never published.
 
     60 rpm to 7560° and back, 0.1 % speed ripple; correlated noise of 0.002° (4.75 ms), a tooth-mesh

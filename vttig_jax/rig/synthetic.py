@@ -19,7 +19,7 @@ from ..logs.encoder_log import EncoderLog
 from ..pair.eccentricities import Eccentricities
 from ..pair.gear_pair import Flank, GearPair
 from .imperfections import EncoderError, Noise, OrderError, quantised
-from .motion import Motion
+from .motion import PassMotion
 
 
 @jax.jit
@@ -58,7 +58,7 @@ class SyntheticRig:
 
     pair: GearPair
     eccentricities: Eccentricities
-    motion: Motion = Motion()
+    motion: PassMotion = PassMotion()
     orders: tuple[OrderError, ...] = ()
     driving_encoder: EncoderError = EncoderError()
     driven_encoder: EncoderError = EncoderError()

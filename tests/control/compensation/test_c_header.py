@@ -24,7 +24,7 @@ from vttig_jax.base.errors import NoAnswerError, UsageError
 from vttig_jax.base.units import DEG, REV
 from vttig_jax.control.compensation import c_header as module
 from vttig_jax.control.compensation.c_header import (
-    Origin,
+    HeaderOrigin,
     c_header,
     check_identifier,
     identifier_of,
@@ -37,7 +37,7 @@ from vttig_jax.pair.eccentricities import Eccentricities
 from vttig_jax.pair.encoder_reading import ShaftReading
 from vttig_jax.rig.paper import paper_pair, paper_rig
 
-ORIGIN = Origin("VTTIG rig", "0.1.0", "start")
+ORIGIN = HeaderOrigin("VTTIG rig", "0.1.0", "start")
 
 
 @pytest.fixture(scope="module")
@@ -244,7 +244,7 @@ def test_it_needs_nothing_keeps_nothing_and_repeats_itself(compensation, text):
 
 
 def test_the_head_says_what_it_is(compensation):
-    origin = Origin("rig", "1.2.3", "reading", ("perfect_encoders",), "ab12")
+    origin = HeaderOrigin("rig", "1.2.3", "reading", ("perfect_encoders",), "ab12")
     head = " ".join(c_header(compensation, origin, name="rig").split("*/")[0].split(" *"))
     words = " ".join(head.split())
     for said in (

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 
 from vttig_jax.control.hardware.observer import (
     AlphaBetaGamma,
-    Estimate,
     FilteredDifference,
+    MotionEstimate,
     Observer,
 )
 
@@ -38,7 +38,7 @@ def _observed(observer, readings, period):
         return after, jnp.stack(after)
 
     still = jnp.zeros(())
-    return jax.lax.scan(one, Estimate(readings[0], still, still), readings)[1].T
+    return jax.lax.scan(one, MotionEstimate(readings[0], still, still), readings)[1].T
 
 
 def tracked(readings: np.ndarray, bandwidth: float, period: float) -> np.ndarray:
@@ -90,7 +90,7 @@ def test_all_three_poles_of_the_tracking_filter_lie_in_one_place(bandwidth, peri
     filter_, still = AlphaBetaGamma(bandwidth), jnp.zeros(())
 
     def unforced(state: Any) -> Any:
-        return jnp.stack(filter_.step(Estimate(*state), still, jnp.asarray(period)))
+        return jnp.stack(filter_.step(MotionEstimate(*state), still, jnp.asarray(period)))
 
     columns = np.stack([np.asarray(unforced(jnp.asarray(unit))) for unit in np.eye(3)], axis=1)
     scale = np.array([1.0, period, period**2])

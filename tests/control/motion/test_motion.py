@@ -14,7 +14,7 @@ from tests.control.motion_points import at
 from vttig_jax.base.units import DEG, REV
 from vttig_jax.control.motion.profiles import motion_of, s_curve, trapezoid
 from vttig_jax.control.motion.sine import sine
-from vttig_jax.rig.motion import Motion as RigMotion
+from vttig_jax.rig.motion import PassMotion as RigMotion
 
 EVENTS = ("reversal", "slow_down", "aborted", "emergency_stop")
 TURNS = 3.0

@@ -26,7 +26,7 @@ from tests.pair.texts import CONTRACT as PAIR_TEXT
 from vttig_jax.base.units import DEG
 from vttig_jax.control.scenario.spec import KEYS
 from vttig_jax.control.simulation import simulate as simulate_module
-from vttig_jax.control.simulation.accumulators import Tally
+from vttig_jax.control.simulation.accumulators import Accumulators
 from vttig_jax.control.simulation.build import case_of
 from vttig_jax.control.simulation.case import Case, advance, finished, started
 from vttig_jax.control.simulation.simulate import simulate
@@ -289,7 +289,7 @@ def test_many_cases_at_once_are_the_same_as_one_after_the_other(runs, folder, ro
     spec = spec_of(BASE, row.on, {row.name: row.value})
     alone = simulate(spec, gears(folder / "pair.toml")).tally
     before, lane = (run.tally for run in runs[repr(row)])
-    for field, value, expected in zip(Tally._fields, lane, alone, strict=True):
+    for field, value, expected in zip(Accumulators._fields, lane, alone, strict=True):
         np.testing.assert_allclose(value, expected, rtol=1e-9, atol=1e-10, err_msg=field)
     assert not np.allclose(before, alone, rtol=1e-9, atol=1e-10, equal_nan=True)
 

@@ -16,7 +16,7 @@ from vttig_jax.control.simulation.case import Case
 from vttig_jax.control.simulation.metrics import METRICS
 from vttig_jax.control.sweeps import blocks as sweep_work
 from vttig_jax.control.sweeps import estimate as sweep_estimate
-from vttig_jax.control.sweeps.batching import Lanes, lanes_for, numbers_of, stacked, varying
+from vttig_jax.control.sweeps.batching import BatchRunner, lanes_for, numbers_of, stacked, varying
 from vttig_jax.control.sweeps.blocks import SweepWork
 from vttig_jax.control.sweeps.cases import SweepCases
 from vttig_jax.control.sweeps.table import SweepTable
@@ -182,7 +182,7 @@ def test_new_values_compile_nothing():
         axes = {"motion.reversal_deg": [first, 300.0], "judgement.margin_mm": [0.0, 0.1 * first]}
         return SweepWork(SweepCases(sweep_spec(axes), PAIR), lanes)
 
-    lanes = Lanes()
+    lanes = BatchRunner()
     work(200.0).run(0, lambda steps: None)
     before = lanes.compile_s
     assert before > 0
@@ -292,13 +292,13 @@ def test_groups_are_those_of_the_texts(table):
 def test_long_runs_come_in_small_blocks(dwell_s, cases):
     """What an interruption loses is bounded by time, not by cases."""
     spec = sweep_spec({"motion.reversal_deg": [200.0, 250.0]}, motion__dwell_s=dwell_s)
-    work = SweepWork(SweepCases(spec, PAIR), Lanes())
+    work = SweepWork(SweepCases(spec, PAIR), BatchRunner())
     assert work.block == cases
 
 
 def test_the_estimate_counts_programs_that_are_not_compiled():
     spec = sweep_spec({"motion.reversal_deg": [200.0], "controller": ["none", "acceleration"]})
-    work = SweepWork(SweepCases(spec, PAIR), Lanes())
+    work = SweepWork(SweepCases(spec, PAIR), BatchRunner())
     first, again = sweep_estimate.estimate(work, None), sweep_estimate.estimate(work, None)
     assert first.compile_s == pytest.approx(work.lanes.compile_s) and again.compile_s == 0
     assert str(dataclasses.replace(again, run_s=3.0, compile_s=7.0)).count("about 10 s") == 1

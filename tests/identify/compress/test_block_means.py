@@ -7,20 +7,20 @@ import pytest
 
 from vttig_jax.identify.compress import block_means as blocks
 from vttig_jax.identify.compress.block_means import block_means, block_rows, block_size
-from vttig_jax.identify.model.column_layout import OFFSET, Columns
+from vttig_jax.identify.model.column_layout import OFFSET, ColumnLayout
 
 
 @dataclass(frozen=True)
 class Case:
     """A layout and the samples in a block."""
 
-    columns: Columns
+    columns: ColumnLayout
     size: int
 
 
 def _case(free, tied, powers: int, size: int) -> Case:
     own = (OFFSET, *(f"drift_{power}" for power in range(1, powers + 1)))
-    return Case(Columns(free, tied, (own,)), size)
+    return Case(ColumnLayout(free, tied, (own,)), size)
 
 
 def _channels(case: Case, count: int = 5003):
@@ -152,7 +152,7 @@ def test_an_incomplete_block_is_dropped():
 
 def test_block_sizes_up_to_a_power_of_two_share_one_compilation():
     """5 … 8 samples make tables of 8; 9 need tables of 16."""
-    columns = Columns(((6, 1), (7, 2), (8, 3)), ((1, 0),), ((OFFSET,),))
+    columns = ColumnLayout(((6, 1), (7, 2), (8, 3)), ((1, 0),), ((OFFSET,),))
     compiled = []
     blocks.chunk_sums.clear_cache()  # pyright: ignore[reportAttributeAccessIssue]
     for size in (5, 6, 7, 8, 9):

@@ -15,12 +15,12 @@ from vttig_jax.identify.compress.flank_summary import (
 )
 from vttig_jax.identify.compress.harmonic_summary import HarmonicSummary
 from vttig_jax.identify.fitting import fit
-from vttig_jax.identify.model.column_layout import OFFSET, Columns
+from vttig_jax.identify.model.column_layout import OFFSET, ColumnLayout
 from vttig_jax.identify.noise.reml import restricted_partial
 from vttig_jax.identify.settings import NoiseChoice
 from vttig_jax.logs.encoder_log import EncoderLog
 from vttig_jax.rig.imperfections import Noise
-from vttig_jax.rig.motion import Motion
+from vttig_jax.rig.motion import PassMotion
 from vttig_jax.rig.paper import paper_rig
 
 DISTANCE_S = 0.01
@@ -124,7 +124,7 @@ def test_the_correlation_time_is_found():
         summary = HarmonicSummary(
             (irregular_flank("A", rows, times, DISTANCE_S),),
             TERMS,
-            Columns((), (), ((OFFSET, "drift_1"),)),
+            ColumnLayout((), (), ((OFFSET, "drift_1"),)),
             DISTANCE_S,
             noise=NoiseChoice("ou"),
         )
@@ -137,7 +137,7 @@ def test_the_correlation_time_is_found():
 @pytest.fixture(scope="module")
 def thinned():
     """A log of which every other sample is lost at random, with slow noise far above a count."""
-    rig = paper_rig(motion=Motion(reversal_deg=2520.0))
+    rig = paper_rig(motion=PassMotion(reversal_deg=2520.0))
     rig = type(rig)(**{**vars(rig), "noise": Noise(0.01, 0.05)})
     log = rig.log()
     keep = np.sort(np.random.default_rng(0).permutation(len(log))[: len(log) // 2])

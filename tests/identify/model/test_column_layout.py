@@ -5,11 +5,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vttig_jax.identify.model.column_layout import OFFSET, Columns
+from vttig_jax.identify.model.column_layout import OFFSET, ColumnLayout
 
 FREE, TIED = ((2, 0), (0, 2), (45, 0)), ((1, 0), (0, 1))
 OWN = ((OFFSET, "drift_1", "delay"), (OFFSET,), (OFFSET, "delay"))
-THREE = Columns(FREE, TIED, OWN)
+THREE = ColumnLayout(FREE, TIED, OWN)
 
 _NAMES = ["drift_1", "drift_2", "delay", "ratio", "torque_0"]
 _OWN = st.lists(
@@ -19,7 +19,7 @@ _OWN = st.lists(
 ).map(tuple)
 
 
-def _labels(columns: Columns) -> list:
+def _labels(columns: ColumnLayout) -> list:
     """What stands in every column, spelled out in the documented order."""
     harmonics = lambda terms: [(axis, term) for term in terms for axis in "cs"]  # noqa: E731
     own = [(name, log) for log, names in enumerate(columns.own) for name in names]
@@ -30,12 +30,12 @@ def test_widths_of_three_logs():
     assert THREE.width == 6 + 6 + 4 + 1 == len(_labels(THREE))
     assert (THREE.free_width, THREE.own_width) == (6, 6)
     assert THREE.own_slice == slice(6, 12)
-    assert Columns(FREE, TIED).own == ((OFFSET,),)
+    assert ColumnLayout(FREE, TIED).own == ((OFFSET,),)
 
 
 @given(own=_OWN)
 def test_places_are_where_the_labels_say(own):
-    columns = Columns(FREE, TIED, own)
+    columns = ColumnLayout(FREE, TIED, own)
     labels = _labels(columns)
     assert len(labels) == columns.width
     for position, term in enumerate(FREE + TIED):
@@ -48,7 +48,7 @@ def test_places_are_where_the_labels_say(own):
 
 @given(own=_OWN)
 def test_embedding_puts_every_column_of_a_log_in_its_place(own):
-    columns = Columns(FREE, TIED, own)
+    columns = ColumnLayout(FREE, TIED, own)
     wide = _labels(columns)
     for log in range(len(own)):
         narrow = _labels(columns.of_log(log))

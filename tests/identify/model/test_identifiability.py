@@ -9,12 +9,12 @@ import pytest
 from vttig_jax.base.errors import NoAnswerError
 from vttig_jax.identify.fitting import fit
 from vttig_jax.logs.encoder_log import EncoderLog
-from vttig_jax.pair.schema import FitOptions
-from vttig_jax.rig.motion import Motion
+from vttig_jax.pair.schema import HarmonicOrders
+from vttig_jax.rig.motion import PassMotion
 
 
 def _turns(rig, turns: float, **changes) -> EncoderLog:
-    motion = Motion(reversal_deg=360.0 * turns, ramp_s=0.1, **changes)
+    motion = PassMotion(reversal_deg=360.0 * turns, ramp_s=0.1, **changes)
     return replace(rig, motion=motion).log()
 
 
@@ -46,7 +46,7 @@ def test_a_slow_shaft_that_turned_too_little_does_not_bias_the_fast_one(clean_ri
             np.asarray(120.1),
         ),
     )
-    rig = replace(clean_rig, pair=pair, motion=Motion(reversal_deg=1460.0))
+    rig = replace(clean_rig, pair=pair, motion=PassMotion(reversal_deg=1460.0))
     result = fit(rig.log(), pair)
     short = result.parameters["driven_eccentricity_mm"]
     assert not short.determined and "turned 0.7" in (short.reason or "")
@@ -59,8 +59,8 @@ def test_a_slow_shaft_that_turned_too_little_does_not_bias_the_fast_one(clean_ri
 @pytest.mark.parametrize("rate_hz", [11.0, 15.0])
 def test_more_coefficients_than_rows_is_no_answer(noisy_rig, rate_hz):
     orders = tuple(range(1, 9))
-    options = FitOptions(driving_orders=orders, driven_orders=orders, mesh_orders=1)
-    log = replace(noisy_rig, rate_hz=rate_hz, motion=Motion(reversal_deg=1300.0)).log()
+    options = HarmonicOrders(driving_orders=orders, driven_orders=orders, mesh_orders=1)
+    log = replace(noisy_rig, rate_hz=rate_hz, motion=PassMotion(reversal_deg=1300.0)).log()
     with pytest.raises(NoAnswerError, match=r"are too few for \d+ coefficients") as caught:
         fit(log, noisy_rig.pair, options=options)
     assert caught.value.exit_code == 4

@@ -11,11 +11,11 @@ from vttig_jax.identify.fit_result import Fit
 from vttig_jax.identify.fitting import fit
 from vttig_jax.logs.encoder_log import EncoderLog
 from vttig_jax.pair.eccentricities import Eccentricities
-from vttig_jax.rig.motion import Motion
+from vttig_jax.rig.motion import PassMotion
 from vttig_jax.rig.paper import paper_rig
 from vttig_jax.rig.synthetic import SyntheticRig
 
-MOTION = Motion(speed_rpm=120.0, reversal_deg=2160.0, dwell_s=0.3, ramp_s=0.3)
+MOTION = PassMotion(speed_rpm=120.0, reversal_deg=2160.0, dwell_s=0.3, ramp_s=0.3)
 CUT = 700
 
 

@@ -10,7 +10,7 @@ from vttig_jax.base.units import DEG
 from vttig_jax.identify.fitting import fit
 from vttig_jax.identify.preliminary import model_selection
 from vttig_jax.identify.preliminary.delay import Delay, judge_delay, on_its_branch, one_speed
-from vttig_jax.identify.preliminary.nuisance import OwnTerms
+from vttig_jax.identify.preliminary.nuisance import NuisanceRegression
 from vttig_jax.logs.encoder_log import EncoderLog
 from vttig_jax.logs.motion.flank_assignment import Ramp
 from vttig_jax.logs.motion.segments import Segment, find_segments
@@ -186,10 +186,10 @@ def test_a_ramp_that_changes_flank_is_left_out(delay_s, monkeypatch):
     assert abs(scores(deceived)["constant_backlash_deg"]) > 6
 
 
-def _own(gram: float = 1.0, right: float = 0.0, raw: float = 1.0) -> OwnTerms:
+def _own(gram: float = 1.0, right: float = 0.0, raw: float = 1.0) -> NuisanceRegression:
     """One coefficient, `right`/`gram`, with a standard error of √(1/gram)."""
     triangle = np.array([[np.sqrt(gram), right / np.sqrt(gram)], [0.0, 10.0]])
-    return OwnTerms(("delay",), triangle, 101.0, 1e4, np.array([raw]))
+    return NuisanceRegression(("delay",), triangle, 101.0, 1e4, np.array([raw]))
 
 
 @pytest.mark.parametrize(

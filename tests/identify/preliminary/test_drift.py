@@ -8,7 +8,7 @@ from tests.identify.summaries import columns, lag_products_of, own_of_powers, su
 from vttig_jax.identify.compress.harmonic_summary import HarmonicSummary
 from vttig_jax.identify.noise.noise_model import autoregression
 from vttig_jax.identify.preliminary.model_selection import choose_drift, drift_names
-from vttig_jax.identify.preliminary.nuisance import OwnTerms, own_terms
+from vttig_jax.identify.preliminary.nuisance import NuisanceRegression, own_terms
 
 pytestmark = pytest.mark.smoke
 
@@ -24,7 +24,7 @@ def _summary(slope: float, bend: float, seed: int) -> HarmonicSummary:
     return summary_of(flanks, drift_order=2)
 
 
-def _own(summary: HarmonicSummary) -> OwnTerms:
+def _own(summary: HarmonicSummary) -> NuisanceRegression:
     return own_terms(summary, autoregression(summary))
 
 

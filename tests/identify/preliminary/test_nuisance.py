@@ -10,8 +10,8 @@ from tests.identify.summaries import TERMS, made_log, random_log
 from tests.oracles.stationary_noise import covariance
 from vttig_jax.identify.compress.block_rows import LogRows
 from vttig_jax.identify.compress.harmonic_summary import summarise
-from vttig_jax.identify.model.column_layout import Columns, own_parameters
-from vttig_jax.identify.preliminary.nuisance import OwnTerms, own_terms
+from vttig_jax.identify.model.column_layout import ColumnLayout, own_parameters
+from vttig_jax.identify.preliminary.nuisance import NuisanceRegression, own_terms
 
 pytestmark = pytest.mark.smoke
 
@@ -93,7 +93,7 @@ class Dense:
         return float(rest @ rest) / float(column @ column)
 
 
-def _both(kind: str) -> tuple[OwnTerms, Dense]:
+def _both(kind: str) -> tuple[NuisanceRegression, Dense]:
     logs = _logs(kind)
     return own_terms(summarise(logs, TERMS), FILTER), Dense(logs)
 
@@ -186,7 +186,7 @@ def test_exact_is_where_only_rounding_is_left():
 
 
 def test_labels_tell_logs_apart_where_they_have_their_own():
-    columns = Columns((), (), (("offset", "drift_1", "delay"), ("offset", "drift_1", "delay")))
+    columns = ColumnLayout((), (), (("offset", "drift_1", "delay"), ("offset", "drift_1", "delay")))
     names, matrix = own_parameters(columns)
     assert names == ("drift_1_of_1", "delay", "drift_1_of_2")
     np.testing.assert_array_equal(matrix, [[1, 0, 0], [0, 1, 0], [0, 0, 1], [0, 1, 0]])

@@ -7,7 +7,7 @@ import pytest
 
 from tests.identify.summaries import looked
 from vttig_jax.identify.compress.regressors import Drift
-from vttig_jax.identify.preliminary.linear_fit import View, look, residual_of
+from vttig_jax.identify.preliminary.linear_fit import LinearFit, linear_fit, residual_of
 from vttig_jax.identify.solve.residuals import (
     curves_and_residuals,
     sample_residual_rms,
@@ -19,18 +19,18 @@ BOTH: tuple[Flank, ...] = ("A", "B")
 
 
 @pytest.fixture(scope="module")
-def view(quick_log, quick_rig) -> View:
+def view(quick_log, quick_rig) -> LinearFit:
     return looked(quick_log, quick_rig.pair, drift=Drift(2), regressors=("delay",))[1]
 
 
-def _weights(view: View, seed: int = 0) -> np.ndarray:
+def _weights(view: LinearFit, seed: int = 0) -> np.ndarray:
     """An arbitrary model, (−β, 1)."""
     values = np.random.default_rng(seed).standard_normal(view.rows[0].columns.width)
     values[-1] = 1.0
     return values
 
 
-def _direct(view: View, number: int, weights: np.ndarray) -> np.ndarray:
+def _direct(view: LinearFit, number: int, weights: np.ndarray) -> np.ndarray:
     channels, columns = view.channels[0], view.rows[0].columns
     segment = view.rows[0].runs[number].segment
     part = slice(segment.start, segment.stop)
@@ -94,7 +94,7 @@ def test_rms_of_samples(view):
 def test_rms_counts_samples_by_their_weight(view, quick_log):
     share = np.random.default_rng(1).uniform(0, 1, len(quick_log))
     share[1000:1200] = 0.0
-    weighed = look(view.inputs, view.model, 0.0, [share], view.block_s)
+    weighed = linear_fit(view.inputs, view.model, 0.0, [share], view.block_s)
     weights = dict.fromkeys(BOTH, _weights(view))
     every = np.concatenate([_direct(view, number, weights["A"]) for number in (0, 1)])
     each = np.concatenate(
@@ -111,7 +111,7 @@ def test_means_without_weight_are_left_out_of_the_curves(view, quick_log):
     first = rows.runs[0].segment
     share[first.start + rows.size : first.start + 4 * rows.size] = 0.0
     share[first.start + 10 * rows.size : first.start + 11 * rows.size] = 0.25
-    weighed = look(view.inputs, view.model, 0.0, [share], view.block_s)
+    weighed = linear_fit(view.inputs, view.model, 0.0, [share], view.block_s)
     own = view.residual_rows[0]
     plain, left = curves_and_residuals(view, [own])
     curves, residuals = curves_and_residuals(weighed, [own])

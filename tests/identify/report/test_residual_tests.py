@@ -12,9 +12,9 @@ from vttig_jax.identify.report.repeatability import passes
 from vttig_jax.identify.report.residual_tests import whiteness
 from vttig_jax.kinematics.te_curve import TECurve
 from vttig_jax.logs.encoder_log import EncoderLog
-from vttig_jax.pair.schema import FitOptions
+from vttig_jax.pair.schema import HarmonicOrders
 from vttig_jax.rig.imperfections import OrderError
-from vttig_jax.rig.motion import Motion
+from vttig_jax.rig.motion import PassMotion
 
 WHITE = NoiseModel(np.empty(0), 1.0, 1.0, 0.01)
 COLOURED = NoiseModel(np.array([0.7]), 1.0, 1.4, 0.01)
@@ -71,7 +71,7 @@ def test_an_order_left_out_of_the_model_is_found(noisy_rig):
             OrderError("driving", 3, "B", 0.01, 20.0),
         ),
     )
-    options = FitOptions(driving_orders=(1,), driven_orders=(1,), mesh_orders=0)
+    options = HarmonicOrders(driving_orders=(1,), driven_orders=(1,), mesh_orders=0)
     lines = fit(louder.log(0), louder.pair, options=options).checks["lines"]
     assert lines[0]["cycles_per_rev"] == pytest.approx(3.0, abs=0.01)
     assert lines[0]["amplitude_arcsec"] == pytest.approx(36.0, rel=0.05)
@@ -94,7 +94,7 @@ def test_passes_are_compared(paper_pair):
 
 
 def test_a_rig_that_changes_is_seen_in_its_halves(quick_rig):
-    rig = replace(quick_rig, motion=Motion(speed_rpm=120.0, reversal_deg=3600.0, dwell_s=0.3))
+    rig = replace(quick_rig, motion=PassMotion(speed_rpm=120.0, reversal_deg=3600.0, dwell_s=0.3))
     log = rig.log(0)
     assert log.driven is not None
     calm = fit(log, rig.pair)
@@ -114,7 +114,7 @@ def test_a_rig_that_changes_is_seen_in_its_halves(quick_rig):
 
 
 def test_passes_of_a_rig_that_goes_forth_twice(noisy_rig):
-    rig = replace(noisy_rig, motion=Motion(reversal_deg=1080.0, passes=4, dwell_s=0.3))
+    rig = replace(noisy_rig, motion=PassMotion(reversal_deg=1080.0, passes=4, dwell_s=0.3))
     found = fit(rig.log(0), rig.pair).checks["passes"]
     assert {one["flank"] for one in found} == {"A", "B"}
     for one in found:

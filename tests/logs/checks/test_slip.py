@@ -10,7 +10,7 @@ from vttig_jax.logs.checks.slip import Slip, find_slip, find_steps, refuse_slip
 from vttig_jax.logs.encoder_log import EncoderLog
 from vttig_jax.logs.inspection import inspect_log
 from vttig_jax.logs.motion.segments import find_segments
-from vttig_jax.rig.motion import Motion
+from vttig_jax.rig.motion import PassMotion
 from vttig_jax.rig.paper import paper_rig
 
 RATE = 250.0
@@ -65,7 +65,7 @@ def test_a_slip_is_found(slip, at, length, share):
 
 
 def test_the_rig_of_the_paper():
-    rig_ = paper_rig(0, Motion(reversal_deg=3600.0))
+    rig_ = paper_rig(0, PassMotion(reversal_deg=3600.0))
     log = rig_.log(0)
     assert log.driven is not None and found(log) is None
     counted = log.driven.reading + 25 * (np.arange(len(log)) >= 13_000)

@@ -10,7 +10,7 @@ from vttig_jax.base.angles import difference_deg
 from vttig_jax.base.units import ARCSEC, DEG, REV
 from vttig_jax.logs.lines.noise import orthonormal, plain
 from vttig_jax.logs.lines.periodogram import APART, chance, scan
-from vttig_jax.logs.lines.rows import MOST_ROWS, Run, stack
+from vttig_jax.logs.lines.rows import MOST_ROWS, Stretch, stack
 from vttig_jax.logs.lines.search import Line, find_lines
 
 
@@ -25,9 +25,9 @@ def coloured(rows: int, poles: list[float], seed: int) -> np.ndarray:
 
 def run_of(
     angle: np.ndarray, arcsec: np.ndarray, nuisance: np.ndarray | None = None, group: str = ""
-) -> Run:
+) -> Stretch:
     columns = powers(len(angle)) if nuisance is None else nuisance
-    return Run(angle, arcsec * ARCSEC, columns, group)
+    return Stretch(angle, arcsec * ARCSEC, columns, group)
 
 
 def sine(angle: np.ndarray, cycles: float, amplitude: float, phase_deg: float) -> np.ndarray:
@@ -134,7 +134,7 @@ def test_the_probability_is_that_of_noise(share):
     generator = np.random.default_rng(0)
     chances = []
     for _ in range(400):
-        rows = stack([Run(angle, generator.standard_normal(120), columns)], 5.0)
+        rows = stack([Stretch(angle, generator.standard_normal(120), columns)], 5.0)
         height = float(scan(rows, columns, plain(rows), cycles).height.max())
         chances.append(chance(height, rows, 117, float(np.ptp(cycles))))
     assert np.mean(np.array(chances) < share) <= share + 3 * np.sqrt(share / 400)
@@ -146,7 +146,7 @@ def test_the_scan_is_a_least_squares_fit_at_every_frequency():
     angle = np.sort(np.random.default_rng(0).uniform(0, 30, 200))
     columns = np.column_stack([np.ones(200), angle])
     value = np.sin(2.2 * angle) + np.random.default_rng(1).standard_normal(200)
-    rows = stack([Run(angle, value, columns)], 3.0)
+    rows = stack([Stretch(angle, value, columns)], 3.0)
     cycles = np.linspace(0.5, 3.0, 37)
     found = scan(rows, rows.nuisance, plain(rows), cycles)
 
@@ -325,9 +325,9 @@ def test_wrong_runs():
     with pytest.raises(ValueError, match=r"same columns in all runs of a group, but group ''"):
         find_lines(mixed, highest=5.0)
     with pytest.raises(ValueError, match=r"at least one column"):
-        Run(np.zeros(3), np.zeros(3), np.zeros((3, 0)))
+        Stretch(np.zeros(3), np.zeros(3), np.zeros((3, 0)))
     with pytest.raises(ValueError, match=r"`value` must be finite in every row"):
-        Run(np.zeros(3), np.full(3, np.nan), np.ones((3, 1)))
+        Stretch(np.zeros(3), np.full(3, np.nan), np.ones((3, 1)))
 
 
 def test_a_line_in_words():
@@ -359,7 +359,7 @@ def test_the_same_worm_against_time(guide_log):
     assert 1 / line.cycles_per_rev == pytest.approx(383.0, rel=0.003)
 
 
-def kuka(data_dir, log: str, axis: int) -> Run:
+def kuka(data_dir, log: str, axis: int) -> Stretch:
     """TE of one axis beside speed (delay), torque (compliance), position and acceleration."""
     table = np.genfromtxt(
         data_dir / "kuka_kr300" / f"kr300_{log}_axes123.csv", delimiter=",", names=True
@@ -397,6 +397,6 @@ def test_regressors_that_hide_low_frequencies_hide_no_line_above():
     harmonics = [wave(order * angle) for order in orders for wave in (np.cos, np.sin)]
     nuisance = np.stack([np.ones(300), turns, turns**2, *harmonics], axis=1)
     noise = np.random.default_rng(4).normal(0.0, 1e-5, 300)
-    run = Run(angle, 1e-4 * np.sin(3.0 * angle) + noise, nuisance)
+    run = Stretch(angle, 1e-4 * np.sin(3.0 * angle) + noise, nuisance)
     [line] = find_lines([run], highest=10.0)
     assert line.cycles_per_rev == pytest.approx(3.0, abs=0.01)

@@ -5,7 +5,7 @@ import pytest
 from scipy.io import savemat
 
 from vttig_jax.base.errors import LogError
-from vttig_jax.logs.readers.delimited import Table
+from vttig_jax.logs.readers.delimited import TextTable
 from vttig_jax.logs.readers.nested import NestedTable
 from vttig_jax.logs.readers.open_table import open_table
 
@@ -14,7 +14,7 @@ def test_text(tmp_path):
     path = tmp_path / "log.csv"
     path.write_bytes("t,φ\n0,1\n".encode("cp1253"))
     table, digest, notes = open_table(path, encoding="cp1253")
-    assert isinstance(table, Table) and table.names == ("t", "φ") and notes == ()
+    assert isinstance(table, TextTable) and table.names == ("t", "φ") and notes == ()
     assert digest == hashlib.sha256(path.read_bytes()).hexdigest()
     assert "cp1252" in open_table(path)[2][0]
     assert open_table(path, delimiter=",", asked=["#1", None, "φ"])[0].names[0] == "t"

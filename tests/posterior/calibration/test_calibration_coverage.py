@@ -7,7 +7,7 @@ from scipy import stats
 from vttig_jax.posterior.calibration.coverage import (
     Cell,
     Coverage,
-    Disc,
+    CoverageDisc,
     amplitude_ranks,
     coverage,
     histogram,
@@ -77,7 +77,7 @@ def test_amplitude_ranks_are_uniform_for_vectors_drawn_from_the_disc():
     size = radius * np.sqrt(generator.uniform(size=count))
     truth = np.stack([size * np.cos(turn), size * np.sin(turn)], axis=1)
     values = truth + std * generator.standard_normal(truth.shape)
-    discs = [Disc("offset", 0, 1, radius)]
+    discs = [CoverageDisc("offset", 0, 1, radius)]
 
     def ranks(claimed: float) -> np.ndarray:
         spread = np.tile(claimed**2 * np.eye(2), (count, 1, 1))
@@ -86,14 +86,16 @@ def test_amplitude_ranks_are_uniform_for_vectors_drawn_from_the_disc():
     assert uniformity(ranks(std)) > 0.01
     assert uniformity(ranks(0.7 * std)) < 1e-6
     # Draws outside the disc belong to no rig.
-    anywhere = [Disc("offset", 0, 1, np.inf)]
+    anywhere = [CoverageDisc("offset", 0, 1, np.inf)]
     spread = np.tile(std**2 * np.eye(2), (count, 1, 1))
     assert uniformity(amplitude_ranks(truth, values, spread, anywhere)["offset"]) < 1e-6
 
 
 def test_amplitudes_of_a_fit_that_failed_have_no_rank():
     spread = np.full((1, 2, 2), np.nan)
-    found = amplitude_ranks(np.zeros((1, 2)), np.zeros((1, 2)), spread, [Disc("e", 0, 1, 1.0)])
+    found = amplitude_ranks(
+        np.zeros((1, 2)), np.zeros((1, 2)), spread, [CoverageDisc("e", 0, 1, 1.0)]
+    )
     assert np.isnan(found["e"][0])
 
 

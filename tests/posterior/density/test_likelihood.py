@@ -17,7 +17,7 @@ from tests.identify.summaries import TERMS, columns, summary_of
 from tests.oracles.stationary_noise import covariance, path
 from vttig_jax.base.numerics.partial_autocorrelation import filter_of
 from vttig_jax.identify.compress.harmonic_summary import HarmonicSummary
-from vttig_jax.identify.model.forward_model import Relation, pair_relation
+from vttig_jax.identify.model.forward_model import ForwardModel, pair_relation
 from vttig_jax.posterior.density.likelihood import Likelihood, likelihood_of
 from vttig_jax.rig.paper import paper_pair
 
@@ -41,7 +41,7 @@ class Case:
 
     rows: dict[str, list[np.ndarray]]
     summary: HarmonicSummary
-    relation: Relation
+    relation: ForwardModel
     jacobian: np.ndarray
 
     def likelihood(self, order: int, asked: tuple[str, ...] = ASKED) -> Likelihood:

@@ -12,7 +12,7 @@ from benchmarks.cramer_rao import cramer_rao
 from vttig_jax.base.files.json_io import dumps, load_schema
 from vttig_jax.base.units import ARCSEC, DEG, REV
 from vttig_jax.pair.gear_pair import Gear, GearPair
-from vttig_jax.pair.schema import FitOptions
+from vttig_jax.pair.schema import HarmonicOrders
 from vttig_jax.posterior.planning.noise import PlannedNoise
 from vttig_jax.posterior.planning.plan import plan
 from vttig_jax.posterior.planning.run import PlannedRun
@@ -21,7 +21,7 @@ from vttig_jax.rig.paper import paper_eccentricities, paper_pair, paper_rig
 
 PAPER_NOISE = PlannedNoise(0.002, 0.00475)
 PAPER_RUN: dict[str, Any] = {"turns": 21.0, "rate_hz": 1987.0, "noise": PAPER_NOISE}
-FEW = FitOptions(driving_orders=(1, 2), driven_orders=(1, 2), mesh_orders=0)
+FEW = HarmonicOrders(driving_orders=(1, 2), driven_orders=(1, 2), mesh_orders=0)
 WHITE = PlannedNoise(0.003)
 
 

@@ -11,7 +11,7 @@ from vttig_jax.base.errors import NoAnswerError, UsageError
 from vttig_jax.base.units import DEG, REV
 from vttig_jax.pair.eccentricities import Eccentricities
 from vttig_jax.pair.gear_pair import Drive
-from vttig_jax.pair.schema import FitOptions
+from vttig_jax.pair.schema import HarmonicOrders
 from vttig_jax.posterior.planning.noise import PlannedNoise
 from vttig_jax.posterior.planning.plan import plan
 from vttig_jax.posterior.planning.run import PlannedRun
@@ -19,7 +19,7 @@ from vttig_jax.rig.paper import paper_pair
 
 PAPER_NOISE = PlannedNoise(0.002, 0.00475)
 PAPER_RUN: dict[str, Any] = {"turns": 21.0, "rate_hz": 1987.0, "noise": PAPER_NOISE}
-FEW = FitOptions(driving_orders=(1, 2), driven_orders=(1, 2), mesh_orders=0)
+FEW = HarmonicOrders(driving_orders=(1, 2), driven_orders=(1, 2), mesh_orders=0)
 WHITE = PlannedNoise(0.003)
 DRIVE = Drive(Fraction(9, 16))
 SHORT: dict[str, Any] = {"turns": 20.0, "rate_hz": 500.0, "noise": WHITE}
@@ -91,7 +91,7 @@ def test_a_drive_splits_its_orders_into_common_and_gap():
         {"noise": PlannedNoise(0.004)},
         {"noise": PlannedNoise(0.003, 0.01)},
         {"noise": PlannedNoise(0.003, 0.0, 0.001)},
-        {"options": FitOptions(driving_orders=(1,), driven_orders=(1, 2), mesh_orders=0)},
+        {"options": HarmonicOrders(driving_orders=(1,), driven_orders=(1, 2), mesh_orders=0)},
         {"ramp_s": 1.0},
         {"directions": "forward"},
     ],
@@ -178,7 +178,7 @@ def test_runs_that_tell_nothing_have_no_answer():
     with pytest.raises(NoAnswerError, match="full revolution"):
         drive_plan(turns=1.2)
     with pytest.raises(NoAnswerError, match="too few"):
-        drive_plan(turns=4.0, rate_hz=4.0, options=FitOptions(mesh_orders=0))
+        drive_plan(turns=4.0, rate_hz=4.0, options=HarmonicOrders(mesh_orders=0))
     with pytest.raises(NoAnswerError, match="no log"):
         drive_plan(turns=1e-6, ramp_s=0.0)
     with pytest.raises(UsageError, match="samples"):
@@ -188,5 +188,7 @@ def test_runs_that_tell_nothing_have_no_answer():
 def test_frozen_counts_and_aliased_orders_are_told():
     frozen = plan(paper_pair(), **dict(PAPER_RUN, rate_hz=2000.0))
     assert any("45 counts of the driving encoder" in note for note in frozen.notes)
-    slow = drive_plan(rate_hz=30.0, speed_rpm=600.0, options=FitOptions(mesh_orders=0), turns=90.0)
+    slow = drive_plan(
+        rate_hz=30.0, speed_rpm=600.0, options=HarmonicOrders(mesh_orders=0), turns=90.0
+    )
     assert any("driving orders 2, 3" in note and "alias" in note for note in slow.notes)

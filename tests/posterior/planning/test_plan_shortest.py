@@ -7,12 +7,12 @@ import pytest
 
 from vttig_jax.base.errors import NoAnswerError
 from vttig_jax.pair.gear_pair import Drive
-from vttig_jax.pair.schema import FitOptions
+from vttig_jax.pair.schema import HarmonicOrders
 from vttig_jax.posterior.planning.noise import PlannedNoise
 from vttig_jax.posterior.planning.plan import plan
 from vttig_jax.posterior.planning.shortest_run import shortest_run
 
-FEW = FitOptions(driving_orders=(1, 2), driven_orders=(1, 2), mesh_orders=0)
+FEW = HarmonicOrders(driving_orders=(1, 2), driven_orders=(1, 2), mesh_orders=0)
 HOW: dict[str, Any] = {"rate_hz": 200.0, "noise": PlannedNoise(0.003, 0.01), "options": FEW}
 DRIVE = Drive(Fraction(9, 16))
 NAME = "driven_amplitude_arcsec"

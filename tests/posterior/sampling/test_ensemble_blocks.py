@@ -15,11 +15,11 @@ from vttig_jax.posterior.sampling.ensemble_blocks import (
     start,
     warm_up,
 )
-from vttig_jax.posterior.sampling.target import Density
+from vttig_jax.posterior.sampling.target import CheckedDensity
 
 
 def begun(target: Gaussian, walkers: int = 16, thin: int = 5) -> Ensembles:
-    density = Density(target)
+    density = CheckedDensity(target)
     seeds = np.random.SeedSequence(3).spawn(4)
     return Ensembles(density, start(density, seeds, walkers, thin))
 
@@ -106,7 +106,7 @@ def test_an_interrupt_inside_a_block_leaves_the_block_before(interruption, capsy
 def test_every_shape_is_known_before_the_first_step(walkers):
     target = plain(3)
     ensembles = begun(target, walkers)
-    warm_up(Density(target), ensembles.record.points[0])
+    warm_up(CheckedDensity(target), ensembles.record.points[0])
     warm = set(target.sizes)
     target.sizes.clear()
     ensembles.advance(60)
@@ -117,10 +117,10 @@ def test_every_shape_is_known_before_the_first_step(walkers):
 def test_another_density_is_refused_by_a_point():
     target = plain()
     record = begun(target).record
-    check_same_density(Density(target), record, blocks.Path("p.h5"))
+    check_same_density(CheckedDensity(target), record, blocks.Path("p.h5"))
     other = Gaussian(np.full(2, 1e-3), np.eye(2))
     with pytest.raises(InputError, match=r"of another density: at x0 = .* expected; make it anew"):
-        check_same_density(Density(other), record, blocks.Path("p.h5"))
+        check_same_density(CheckedDensity(other), record, blocks.Path("p.h5"))
 
 
 def variance(moves: list) -> float:

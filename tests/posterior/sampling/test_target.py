@@ -5,7 +5,7 @@ import pytest
 
 from tests.posterior.densities import Gaussian, plain
 from vttig_jax.base.errors import NoAnswerError
-from vttig_jax.posterior.sampling.target import Density, Target, starting_points
+from vttig_jax.posterior.sampling.target import CheckedDensity, Target, starting_points
 
 pytestmark = pytest.mark.smoke
 
@@ -30,11 +30,11 @@ class Placed(Gaussian):
         return self.places
 
 
-def placed(places: np.ndarray, d: int = 2) -> Density:
-    return Density(Placed(np.zeros(d), np.eye(d), places=places))
+def placed(places: np.ndarray, d: int = 2) -> CheckedDensity:
+    return CheckedDensity(Placed(np.zeros(d), np.eye(d), places=places))
 
 
-def begin(density: Density, walkers: int = 16) -> tuple[np.ndarray, np.ndarray]:
+def begin(density: CheckedDensity, walkers: int = 16) -> tuple[np.ndarray, np.ndarray]:
     return starting_points(density, walkers, np.random.default_rng(0))
 
 
@@ -50,7 +50,7 @@ def test_the_density_of_the_tests_is_a_target():
 
 
 def test_starts_inside_are_taken_as_they_are():
-    points, values = begin(Density(plain()))
+    points, values = begin(CheckedDensity(plain()))
     np.testing.assert_array_equal(points, plain().starts(16, np.random.default_rng(0)))
     np.testing.assert_array_equal(values, plain().log_density(points))
 
@@ -58,7 +58,7 @@ def test_starts_inside_are_taken_as_they_are():
 def test_starts_outside_are_drawn_anew_and_those_inside_kept():
     target = Bounded(np.zeros(2), np.eye(2))
     first = target.starts(16, np.random.default_rng(0))
-    points, values = begin(Density(target))
+    points, values = begin(CheckedDensity(target))
     inside = first[:, 1] < 0
     assert 0 < inside.sum() < 16
     assert (points[:, 1] < 0).all() and np.isfinite(values).all()
@@ -71,7 +71,7 @@ def test_starts_that_are_hardly_ever_inside_name_the_coordinate():
     target = Bounded(np.zeros(2), np.eye(2))
     target.bound = -2.6
     with pytest.raises(NoAnswerError, match="most of all by the coordinate `x1`") as caught:
-        begin(Density(target), 64)
+        begin(CheckedDensity(target), 64)
     assert "walkers start where the density is zero" in sentence(caught.value)
 
 
@@ -79,7 +79,7 @@ def test_starts_that_are_never_inside_give_one():
     target = Bounded(np.zeros(2), np.eye(2))
     target.bound = -100.0
     with pytest.raises(NoAnswerError, match="16 of 16 walkers start where the density is zero"):
-        begin(Density(target))
+        begin(CheckedDensity(target))
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf])
@@ -94,7 +94,7 @@ def test_a_density_that_is_no_number_names_the_point(value):
     points = np.arange(12.0).reshape(6, 2)
     words = rf"the log density is {value} at x0 = 6 mm, x1 = 7; it must"
     with pytest.raises(NoAnswerError, match=words) as caught:
-        Density(target)(points)
+        CheckedDensity(target)(points)
     sentence(caught.value)
 
 
@@ -104,7 +104,7 @@ def test_a_density_of_the_wrong_shape_is_a_mistake_in_code():
             return super().log_density(points)[:, None]
 
     with pytest.raises(ValueError, match=r"one log density a point, but gives shape \(4, 1\)"):
-        Density(Column(np.zeros(2), np.eye(2)))(np.zeros((4, 2)))
+        CheckedDensity(Column(np.zeros(2), np.eye(2)))(np.zeros((4, 2)))
 
 
 def test_walkers_in_one_place_are_refused():

@@ -16,7 +16,7 @@ from vttig_jax.base.units import DEG
 from vttig_jax.kinematics.exact import exact_model
 from vttig_jax.kinematics.harmonic import CombinedModel, OrderModel
 from vttig_jax.pair.eccentricities import Eccentricities
-from vttig_jax.pair.schema import FitOptions
+from vttig_jax.pair.schema import HarmonicOrders
 from vttig_jax.posterior.calibration.program import Program
 from vttig_jax.posterior.calibration.rigs import Rig, order_terms
 from vttig_jax.posterior.calibration.sampled_subset import RigEvidence
@@ -29,7 +29,7 @@ RIGS, DRAWS = 64, 300
 
 SCENARIO = replace(
     SCENARIOS["orders"].of_length("short"),
-    options=FitOptions(driving_orders=(1, 2, 3), driven_orders=(1, 2, 3), mesh_orders=1),
+    options=HarmonicOrders(driving_orders=(1, 2, 3), driven_orders=(1, 2, 3), mesh_orders=1),
 )
 
 

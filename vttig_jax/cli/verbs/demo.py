@@ -8,7 +8,7 @@ import click
 
 from ..options import verb
 from ..output import Output
-from ..run_file import CHECKPOINT, Run
+from ..run_file import CHECKPOINT, RunRecord
 from .fit import write_fit
 from .sample import judged, refuse_existing, sampling_bar, write_posterior
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from ...logs.encoder_log import EncoderLog
     from ...posterior.summary.bands import BandedMap
     from ...rig.synthetic import SyntheticRig
-    from .sample import Judged
+    from .sample import PosteriorReport
 
 
 @verb("demo", example="vttig demo --out demo")
@@ -77,7 +77,7 @@ def command(
     output.emit(found.to_json(), f"{_report(rig, found, banded)}\n\n{hint}")
 
 
-def _report(rig: "SyntheticRig", found: "Judged", banded: "BandedMap") -> str:
+def _report(rig: "SyntheticRig", found: "PosteriorReport", banded: "BandedMap") -> str:
     """Table of truth, fit and posterior, and the map with its band against the true map."""
     from ...base.files.text_tables import key_values, text_table
 
@@ -98,7 +98,7 @@ def _report(rig: "SyntheticRig", found: "Judged", banded: "BandedMap") -> str:
     return f"{head}\n\n{text_table(rows, heading)}\n\n{_map_text(rig, banded)}"
 
 
-def _row(name: str, true: float, found: "Judged") -> list[str]:
+def _row(name: str, true: float, found: "PosteriorReport") -> list[str]:
     import numpy as np
 
     from ...base.angles import difference_deg
@@ -183,7 +183,7 @@ def _write_fit(
     spec = pair_spec(rig.pair)
     data = log_csv(log)
     digest = hashlib.sha256(data.encode()).hexdigest()
-    run = Run((out / "log.csv",), spec, sha256=(digest,))
+    run = RunRecord((out / "log.csv",), spec, sha256=(digest,))
     with RunFolder(out, overwrite=overwrite, results=("fit.json",)) as folder:
         folder.write_text("log.csv", data)
         folder.write_toml("pair.toml", spec_table(spec))

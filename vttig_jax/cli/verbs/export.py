@@ -9,12 +9,12 @@ import click
 from ...base.errors import UsageError
 from ..options import STEP_DEG, Finite, given, verb
 from ..output import LOGGER, Output
-from ..run_file import CHECKPOINT, Run, read_run
+from ..run_file import CHECKPOINT, RunRecord, read_run
 from ..run_zeros import shaft_readings
 from .map import COLUMNS, MOST_ROWS, csv_text, map_record, map_table
 
 if TYPE_CHECKING:
-    from ...control.compensation.c_header import Origin
+    from ...control.compensation.c_header import HeaderOrigin
     from ...control.compensation.compensation import Compensation
     from ...identify.fit_result import Fit
     from ...kinematics.backlash_map import BacklashMap
@@ -177,7 +177,11 @@ def _record(fit: "Fit", compensation: "Compensation", out: Path) -> dict[str, An
 
 
 def _header(
-    run: Run, fit: "Fit", compensation: "Compensation", name: str | None, quantity: QuantityName
+    run: RunRecord,
+    fit: "Fit",
+    compensation: "Compensation",
+    name: str | None,
+    quantity: QuantityName,
 ) -> str:
     from ...control.compensation.c_header import c_header, identifier_of
 
@@ -185,12 +189,12 @@ def _header(
     return c_header(compensation, _origin(run, fit), name=prefix, quantity=quantity)
 
 
-def _origin(run: Run, fit: "Fit") -> "Origin":
+def _origin(run: RunRecord, fit: "Fit") -> "HeaderOrigin":
     import vttig_jax
 
-    from ...control.compensation.c_header import Origin
+    from ...control.compensation.c_header import HeaderOrigin
 
-    return Origin(
+    return HeaderOrigin(
         fit.pair.name,
         vttig_jax.__version__,
         fit.zero,

@@ -10,7 +10,7 @@ from ...base.errors import NoAnswerError, UsageError
 from ..fit_options import model_options
 from ..options import given, log_options, verb
 from ..output import LOGGER, Output
-from ..run_file import CHECKPOINT, Run, read_run, require_same_data
+from ..run_file import CHECKPOINT, RunRecord, read_run, require_same_data
 from ..run_options import RunOptions
 
 if TYPE_CHECKING:
@@ -108,7 +108,7 @@ ON_REQUEST = {
 """Parameters that are certain to be fitted only with an option."""
 
 
-def perform(run: Run) -> tuple["Fit", Run]:
+def perform(run: RunRecord) -> tuple["Fit", RunRecord]:
     """Fit the logs of a run; returns the fit and the run with the hashes of its logs.
 
     **Raises** `UsageError` where two logs are the same file or copies of one.
@@ -139,7 +139,9 @@ def perform(run: Run) -> tuple["Fit", Run]:
     return result, replace(run, sha256=tuple(first), readings_sha256=digest)
 
 
-def write_run(result: "Fit", run: Run, out: Path, *, overwrite: bool, with_figures: bool) -> None:
+def write_run(
+    result: "Fit", run: RunRecord, out: Path, *, overwrite: bool, with_figures: bool
+) -> None:
     """Write a run folder: `run.toml`, `fit.json`, `summary.npz` and the pictures."""
     from ...base.files.run_folder import RunFolder
 
@@ -168,7 +170,7 @@ def refuse_while_sampled(out: Path) -> None:
 
 
 def write_fit(
-    folder: "RunFolder", result: "Fit", run: Run, out: Path, *, with_figures: bool
+    folder: "RunFolder", result: "Fit", run: RunRecord, out: Path, *, with_figures: bool
 ) -> None:
     """Write a fit into an open run folder, and take away what it makes untrue."""
     from ...base.files.json_io import dumps
@@ -195,7 +197,7 @@ def run_figures(result: "Fit") -> dict[str, bytes]:
 
 def resolve(
     logs: tuple[Path, ...], pair: Path | None, readings: Path | None, options: RunOptions
-) -> Run:
+) -> RunRecord:
     """The run that the command line asks for."""
     from ...pair.pair_file import load_pair_spec
 
@@ -203,10 +205,10 @@ def resolve(
         missing = "--pair" if logs else "LOG"
         raise UsageError(f"{missing} is missing; see `vttig fit --help`.")
     options.check(len(logs), readings=readings is not None)
-    return Run(logs, load_pair_spec(pair), options, readings=readings)
+    return RunRecord(logs, load_pair_spec(pair), options, readings=readings)
 
 
-def _repeated(path: Path, options: dict[str, Any]) -> Run:
+def _repeated(path: Path, options: dict[str, Any]) -> RunRecord:
     """The run of a `run.toml`, if nothing else is asked for beside it."""
     if asked := given({"logs", "pair", "readings", *options}):
         raise UsageError(

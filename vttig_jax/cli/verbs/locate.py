@@ -11,7 +11,7 @@ from ...base.errors import NoAnswerError, UsageError
 from ..fit_options import FlankName
 from ..options import POSITIVE, Finite, verb
 from ..output import Output
-from ..run_file import Run, read_run
+from ..run_file import RunRecord, read_run
 from ..run_zeros import SHAFTS, shaft_readings
 
 if TYPE_CHECKING:
@@ -140,7 +140,7 @@ def command(
 
 
 def _angles(
-    run: Run, fit: "Fit", given: dict[str, tuple[Reading | None, int | None]]
+    run: RunRecord, fit: "Fit", given: dict[str, tuple[Reading | None, int | None]]
 ) -> tuple[tuple[float, float], tuple[float, float]]:
     """φ₁ and φ₂, and the steps in which they were read, rad."""
     found = [

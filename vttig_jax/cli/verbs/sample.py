@@ -190,7 +190,7 @@ def _walkers_in_words() -> Iterator[None]:
 
 
 @dataclass(frozen=True)
-class Judged:
+class PosteriorReport:
     """A posterior with its predictive check and the comparison of the routes to it."""
 
     posterior: "Posterior"
@@ -216,7 +216,7 @@ class Judged:
         return " ".join(self.routes.sentences) or "agree"
 
 
-def judged(posterior: "Posterior", prior: "Prior") -> Judged:
+def judged(posterior: "Posterior", prior: "Prior") -> PosteriorReport:
     """Ask the posterior whether it would have made the log, and the other routes for theirs.
 
     Draws that have not converged are a route to nothing yet, and are not compared.
@@ -225,7 +225,7 @@ def judged(posterior: "Posterior", prior: "Prior") -> Judged:
     from ...posterior.summary.route_agreement import agreement
 
     routes = agreement(posterior, prior) if posterior.diagnosis.converged else None
-    return Judged(posterior, predictive(posterior), routes)
+    return PosteriorReport(posterior, predictive(posterior), routes)
 
 
 def refuse_existing(
@@ -270,7 +270,7 @@ def _fit_in(out: Path, names: list[str]) -> "Fit":
 
 
 def write_posterior(
-    out: Path, found: Judged, banded: "BandedMap | None", *, with_figures: bool = True
+    out: Path, found: PosteriorReport, banded: "BandedMap | None", *, with_figures: bool = True
 ) -> None:
     """Write `posterior.json`, the map with its bands where the log fixes one, and the pictures."""
     from ...base.files.json_io import dumps

@@ -12,7 +12,7 @@ from ..output import LOGGER, Output
 from ..rigs import drawn_rigs
 
 if TYPE_CHECKING:
-    from ...control.sweeps.estimate import Estimate
+    from ...control.sweeps.estimate import SweepCost
     from ...control.sweeps.table import SweepTable
 
 FIGURE = "figures/sweep.png"
@@ -64,7 +64,7 @@ def command(
 
     with output.progress(1, "lane-steps") as bar:
 
-        def announce(expected: "Estimate") -> None:
+        def announce(expected: "SweepCost") -> None:
             if not output.quiet:
                 click.echo(f"to run: {expected}", err=True)
             bar.total = max(expected.lane_steps, 1)

@@ -189,7 +189,7 @@ _TURN = (6.283185005187988, 3.0199157663446385e-07, 2.1561211432632476e-14)
 
 
 @dataclass(frozen=True)
-class Origin:
+class HeaderOrigin:
     """What a header says about where it comes from.
 
     **Arguments**
@@ -240,7 +240,7 @@ def check_identifier(name: str) -> str:
 
 
 def c_header(
-    compensation: Compensation, origin: Origin, *, name: str, quantity: Quantity = "shift"
+    compensation: Compensation, origin: HeaderOrigin, *, name: str, quantity: Quantity = "shift"
 ) -> str:
     """The text of a C99 header that evaluates a compensation at single-turn readings.
 
@@ -343,7 +343,7 @@ def _rows(items: Iterable[str]) -> str:
     return "\n".join(lines).replace(_JOINED, " ")
 
 
-def _about(compensation: Compensation, origin: Origin, name: str, quantity: Quantity) -> str:
+def _about(compensation: Compensation, origin: HeaderOrigin, name: str, quantity: Quantity) -> str:
     """The comment at the head of the file."""
     zero = {
         "start": "where the encoders stood at the first sample of the log",

@@ -28,7 +28,7 @@ Numbers = Float[np.ndarray, "..."] | np.float64
 Truths = Bool[np.ndarray, "..."] | np.bool_
 
 
-class Gap(NamedTuple):
+class GapReading(NamedTuple):
     """Backlash in rad of the driven gear, its slope by φ₁, and whether the readings tell it.
 
     Value and slope are 0 where it is unknown.
@@ -91,7 +91,7 @@ class Compensation:
         """Whether the tolerance tells each of these angles from the next."""
         return self.tolerance_rad < self.spacing_rad / 2
 
-    def backlash(self, driving_rad: Readings, driven_rad: Readings) -> Gap:
+    def backlash(self, driving_rad: Readings, driven_rad: Readings) -> GapReading:
         """Backlash at single-turn readings of both shafts, rad from the zeros of the fit.
 
         Unknown where a reading is not finite, or farther than the tolerance from every place that
@@ -111,7 +111,7 @@ class Compensation:
         turn = np.rint(apart / self.spacing_rad)
         known = finite & (np.abs(apart - turn * self.spacing_rad) <= self.tolerance_rad)
         value, slope = self.at_both_angles(first, ideal + turn * self.spacing_rad)
-        return Gap(np.where(known, value, 0.0)[()], np.where(known, slope, 0.0)[()], known)
+        return GapReading(np.where(known, value, 0.0)[()], np.where(known, slope, 0.0)[()], known)
 
     def shift(self, driving_rad: Readings, driven_rad: Readings, margin_mm: float = 0.0) -> Shift:
         """Axial displacement that closes the gap but for `margin_mm`, never below 0.

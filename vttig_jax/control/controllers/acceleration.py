@@ -11,7 +11,7 @@ from ..plants.flank_bounds import Bounds
 from .controller import Controller, Measurement
 
 
-class Judged(NamedTuple):
+class Latch(NamedTuple):
     """Whether the gap is to be closed, and by how much: mm."""
 
     closing: Bool[Array, ""]
@@ -37,11 +37,11 @@ class AccelerationController(Controller):
     least_speed: Float[Number, ""] = eqx.field(converter=float64)
     margin: Float[Number, ""] = eqx.field(converter=float64)
 
-    def start(self) -> Judged:
+    def start(self) -> Latch:
         """Open."""
-        return Judged(jnp.zeros((), bool), jnp.zeros(()))
+        return Latch(jnp.zeros((), bool), jnp.zeros(()))
 
-    def step(self, state: Judged, seen: Measurement) -> tuple[Judged, Float[Array, ""]]:
+    def step(self, state: Latch, seen: Measurement) -> tuple[Latch, Float[Array, ""]]:
         """Judge one period."""
         moving = jnp.abs(seen.speed) > self.least_speed
         along = jnp.sign(seen.speed) * seen.acceleration
@@ -49,4 +49,4 @@ class AccelerationController(Controller):
         closing = slows | (state.closing & ~gains)
         asked = self.bounds.gap(seen.driving) * (1.0 / self.bounds.closing_sum) - self.margin
         shift = jnp.where(closing & ~state.closing, jnp.maximum(asked, 0.0), state.shift)
-        return Judged(closing, shift), jnp.where(closing, shift, 0.0)
+        return Latch(closing, shift), jnp.where(closing, shift, 0.0)

@@ -14,7 +14,7 @@ _STILL = 1e-6
 """rad/s below which the motion stands: the rounding of a recorded one has no sense."""
 
 
-class Jump(NamedTuple):
+class LeadJump(NamedTuple):
     """How far over the gap the motor is.
 
     - `time`: of the last period, s. - `sense`: in which the motion last went, 1 or −1.
@@ -47,12 +47,12 @@ class FeedforwardController(Controller):
     bounds: Bounds
     jump_s: Float[Number, ""] = eqx.field(converter=float64)
 
-    def start(self) -> Jump:
+    def start(self) -> LeadJump:
         """On flank A, nothing to make up for."""
         zero = jnp.zeros(())
-        return Jump(zero, jnp.ones(()), zero, zero)
+        return LeadJump(zero, jnp.ones(()), zero, zero)
 
-    def step(self, state: Jump, seen: Measurement) -> tuple[Jump, Command]:
+    def step(self, state: LeadJump, seen: Measurement) -> tuple[LeadJump, Command]:
         """As far as the jump is in this period."""
         goes = jnp.abs(seen.reference_speed) > _STILL
         sense = jnp.where(goes, jnp.sign(seen.reference_speed), state.sense)
@@ -62,4 +62,4 @@ class FeedforwardController(Controller):
         # The command is reached a period later.
         gap = self.bounds.gap(seen.reference + period * seen.reference_speed + state.advance)
         advance = -share * gap / self.bounds.ratio
-        return Jump(seen.time, sense, progress, advance), Command(jnp.zeros(()), advance)
+        return LeadJump(seen.time, sense, progress, advance), Command(jnp.zeros(()), advance)

@@ -27,7 +27,7 @@ _TINY = 1e-9
 """Share of the least speed that keeps a shaft at rest from dividing by zero."""
 
 
-def yes(excess: Float[Array, ""], width: Float[Array, ""]) -> Float[Array, ""]:
+def smooth_step(excess: Float[Array, ""], width: Float[Array, ""]) -> Float[Array, ""]:
     """How far a dimensionless excess counts as positive, 0 … 1; see the module."""
     share = jnp.clip(0.5 * (excess / width + 1.0), 0.0, 1.0)
     return share**3 * (10 + share * (6 * share - 15))
@@ -62,9 +62,12 @@ class SmoothAccelerationController(Controller):
     def step(self, state: Leaky, seen: Measurement) -> tuple[Leaky, Float[Array, ""]]:
         """Judge one period."""
         hard, width = self.hard, jnp.asarray(self.width)
-        moving = yes(jnp.abs(seen.speed) / hard.least_speed - 1, width)
+        moving = smooth_step(jnp.abs(seen.speed) / hard.least_speed - 1, width)
         along = jnp.sign(seen.speed) * seen.acceleration / hard.threshold
-        slows, gains = moving * yes(-along - 1, width), moving * yes(along - 1, width)
+        slows, gains = (
+            moving * smooth_step(-along - 1, width),
+            moving * smooth_step(along - 1, width),
+        )
         kept, new = 1 - gains * (1 - slows), slows * (1 - state.closing)
         asked = hard.bounds.gap(seen.driving) / hard.bounds.closing_sum - hard.margin
         closing = kept * state.closing + new
@@ -100,10 +103,13 @@ class SmoothPredictiveController(Controller):
         hard, width = self.hard, jnp.asarray(self.width)
         speed = jnp.abs(seen.speed)
         fast = speed / jnp.asarray(hard.least_speed) - 1
-        stands, moved = 1 - yes(fast, width), jnp.maximum(state.moved, yes(fast, width))
+        stands, moved = (
+            1 - smooth_step(fast, width),
+            jnp.maximum(state.moved, smooth_step(fast, width)),
+        )
         slowing = -jnp.sign(seen.speed) * seen.acceleration
         reach = jnp.asarray(hard.horizon) * slowing
-        stops = yes((reach - speed) / (speed + jnp.asarray(hard.least_speed)), width)
+        stops = smooth_step((reach - speed) / (speed + jnp.asarray(hard.least_speed)), width)
         least = (speed + _TINY * hard.least_speed) / (_FASTEST * hard.horizon)
         way = stops * 0.5 * seen.speed * speed / jnp.maximum(slowing, least)
         ahead = (jnp.zeros(()), seen.speed * hard.lead, way)

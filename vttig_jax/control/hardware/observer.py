@@ -11,7 +11,7 @@ from ...base.arrays import Number, float64
 from ...base.units import REV
 
 
-class Estimate(NamedTuple):
+class MotionEstimate(NamedTuple):
     """Angle in rad, speed in rad/s and acceleration in rad/s² as they seem."""
 
     angle: Float[Array, ""]
@@ -26,8 +26,8 @@ class Observer(eqx.Module):
 
     @abstractmethod
     def step(
-        self, before: Estimate, reading: Float[Array, ""], period: Float[Array, ""]
-    ) -> Estimate:
+        self, before: MotionEstimate, reading: Float[Array, ""], period: Float[Array, ""]
+    ) -> MotionEstimate:
         """The estimate after one more reading, a period of s after the last."""
 
 
@@ -43,15 +43,15 @@ class AlphaBetaGamma(Observer):
     bandwidth_hz: Float[Number, ""] = eqx.field(converter=float64)
 
     def step(
-        self, before: Estimate, reading: Float[Array, ""], period: Float[Array, ""]
-    ) -> Estimate:
+        self, before: MotionEstimate, reading: Float[Array, ""], period: Float[Array, ""]
+    ) -> MotionEstimate:
         """See `Observer.step`."""
         pole = jnp.exp(-REV * self.bandwidth_hz * period)
         angle = before.angle + period * (before.speed + 0.5 * period * before.acceleration)
         speed = before.speed + period * before.acceleration
         innovation = reading - angle
         left = 1 - pole
-        return Estimate(
+        return MotionEstimate(
             angle + (1 - pole**3) * innovation,
             speed + 1.5 * left**2 * (1 + pole) / period * innovation,
             before.acceleration + left**3 / period**2 * innovation,
@@ -67,12 +67,12 @@ class FilteredDifference(Observer):
     bandwidth_hz: Float[Number, ""] = eqx.field(converter=float64)
 
     def step(
-        self, before: Estimate, reading: Float[Array, ""], period: Float[Array, ""]
-    ) -> Estimate:
+        self, before: MotionEstimate, reading: Float[Array, ""], period: Float[Array, ""]
+    ) -> MotionEstimate:
         """See `Observer.step`."""
         weight = 1 - jnp.exp(-REV * self.bandwidth_hz * period)
         speed = before.speed + weight * ((reading - before.angle) / period - before.speed)
         change = (speed - before.speed) / period
-        return Estimate(
+        return MotionEstimate(
             reading, speed, before.acceleration + weight * (change - before.acceleration)
         )

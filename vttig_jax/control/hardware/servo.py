@@ -20,7 +20,7 @@ from ...base.arrays import Number, float64
 from ..motion.motion import MotionPoint
 from ..plants.elastic import ElasticPlant
 from ..plants.flank_bounds import Bounds, Flanks
-from ..plants.plant import FREE, ON_B, Drag, Plant, Shafts, Slide, Touch, walls
+from ..plants.plant import FREE, ON_B, ContactEvent, Drag, Plant, Shafts, Slide, walls
 from .shaft_drive import Drive, Missed
 
 
@@ -113,7 +113,7 @@ class ServoDrive(Drive):
         slide: Slide,
         bounds: Bounds,
         step: Scalar,
-    ) -> tuple[Motor, Shafts, Touch]:
+    ) -> tuple[Motor, Shafts, ContactEvent]:
         """See `Drive.step`."""
         torque, motor = self.servo.torque(state, shafts.angle, shafts.speed, step)
         motor = motor._replace(angle=told.angle, speed=told.speed)
@@ -134,7 +134,7 @@ class ServoDrive(Drive):
         slide: Slide,
         bounds: Bounds,
         step: Scalar,
-    ) -> tuple[Shafts, Touch]:
+    ) -> tuple[Shafts, ContactEvent]:
         """Teeth that do not give: one body in contact, two in flight, an impact in between."""
         side, ratio = shafts.side, jnp.asarray(bounds.ratio)
         slope = ratio + _slope(shafts.flanks, side)
@@ -190,7 +190,7 @@ class ServoDrive(Drive):
         slide: Slide,
         bounds: Bounds,
         step: Scalar,
-    ) -> tuple[Shafts, Touch]:
+    ) -> tuple[Shafts, ContactEvent]:
         """Elastic teeth: both shafts are pressed apart by the flank they are in."""
         ratio, closing = jnp.asarray(bounds.ratio), jnp.asarray(bounds.closing)
         now = walls(shafts.flanks, shafts.speed, closing, slide.start, slide.start_rate)

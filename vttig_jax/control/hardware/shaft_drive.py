@@ -10,7 +10,7 @@ from jaxtyping import Array, Bool, Float
 from ..hermite import cubic
 from ..motion.motion import MotionPoint
 from ..plants.flank_bounds import Bounds
-from ..plants.plant import Plant, Shafts, Slide, Touch
+from ..plants.plant import ContactEvent, Plant, Shafts, Slide
 
 
 class Missed(NamedTuple):
@@ -20,7 +20,7 @@ class Missed(NamedTuple):
     limited: Bool[Array, ""]
 
 
-class Drive(eqx.Module):
+class ShaftDrive(eqx.Module):
     """Takes both shafts one step further, told where the driving one is to be."""
 
     @abstractmethod
@@ -47,11 +47,11 @@ class Drive(eqx.Module):
         slide: Slide,
         bounds: Bounds,
         step: Float[Array, ""],
-    ) -> tuple[Any, Shafts, Touch]:
+    ) -> tuple[Any, Shafts, ContactEvent]:
         """Its state and both shafts a step of s later, and the flank met in it."""
 
 
-class Prescribed(Drive):
+class Prescribed(ShaftDrive):
     """The driving shaft is where it is told to be, whatever torque that takes."""
 
     def start(self, told: MotionPoint) -> tuple[()]:
@@ -73,7 +73,7 @@ class Prescribed(Drive):
         slide: Slide,
         bounds: Bounds,
         step: Float[Array, ""],
-    ) -> tuple[Any, Shafts, Touch]:
+    ) -> tuple[Any, Shafts, ContactEvent]:
         """See `Drive.step`."""
         return state, *plant.step(shafts, told, slide, bounds, step)
 

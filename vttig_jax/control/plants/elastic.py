@@ -12,7 +12,19 @@ from ..hermite import cubic
 from ..motion.motion import MotionPoint
 from .elastic_impact import Press, Pulls, impact, longest_contact
 from .flank_bounds import Bounds
-from .plant import FREE, ON_A, ON_B, Drag, Plant, Shafts, Slide, Touch, Walls, touching, walls
+from .plant import (
+    FREE,
+    ON_A,
+    ON_B,
+    ContactEvent,
+    Drag,
+    Plant,
+    Shafts,
+    Slide,
+    Walls,
+    touching,
+    walls,
+)
 
 Scalar = Float[Array, ""]
 
@@ -67,7 +79,7 @@ class ElasticPlant(Plant):
 
     def step(
         self, shafts: Shafts, ahead: MotionPoint, slide: Slide, bounds: Bounds, step: Number
-    ) -> tuple[Shafts, Touch]:
+    ) -> tuple[Shafts, ContactEvent]:
         """See `Plant.step`."""
         ratio, closing = jnp.asarray(bounds.ratio), jnp.asarray(bounds.closing)
         step = jnp.asarray(step)
@@ -93,7 +105,7 @@ class ElasticPlant(Plant):
         low = cubic(now.lower, then.lower, now.lower_rate, then.lower_rate, step)
         high = cubic(now.upper, then.upper, now.upper_rate, then.upper_rate, step)
         way = cubic(shafts.angle, ahead.angle, shafts.speed, ahead.speed, step)
-        touch = Touch(met, way.at(share), high.at(share) - low.at(share), share)
+        touch = ContactEvent(met, way.at(share), high.at(share) - low.at(share), share)
         return Shafts(ahead.angle, ahead.speed, offset, landing.drift, side, flanks), touch
 
     def _landing(self, now: Walls, then: Walls, flight: "_Flight", step: Scalar) -> "_Landing":

@@ -40,7 +40,7 @@ class Slide(NamedTuple):
     end_rate: Float[Array, ""]
 
 
-class Touch(NamedTuple):
+class ContactEvent(NamedTuple):
     """A flank that was met within the step.
 
     - `side`: which, `FREE` where none was.
@@ -95,7 +95,7 @@ class Plant(eqx.Module):
     @abstractmethod
     def step(
         self, shafts: Shafts, ahead: MotionPoint, slide: Slide, bounds: Bounds, step: Number
-    ) -> tuple[Shafts, Touch]:
+    ) -> tuple[Shafts, ContactEvent]:
         """Both shafts a step of s later, with the driving shaft where its motion takes it."""
 
 

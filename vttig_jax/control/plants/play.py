@@ -6,7 +6,7 @@ from ...base.arrays import Number
 from ..hermite import cubic, first_root
 from ..motion.motion import MotionPoint
 from .flank_bounds import Bounds
-from .plant import Plant, Shafts, Slide, Touch, newly_met, touching, walls
+from .plant import ContactEvent, Plant, Shafts, Slide, newly_met, touching, walls
 
 
 class PlayPlant(Plant):
@@ -17,7 +17,7 @@ class PlayPlant(Plant):
 
     def step(
         self, shafts: Shafts, ahead: MotionPoint, slide: Slide, bounds: Bounds, step: Number
-    ) -> tuple[Shafts, Touch]:
+    ) -> tuple[Shafts, ContactEvent]:
         """See `Plant.step`."""
         ratio, closing = jnp.asarray(bounds.ratio), jnp.asarray(bounds.closing)
         flanks = bounds.at(ahead.angle)
@@ -33,7 +33,7 @@ class PlayPlant(Plant):
         share = first_root(type(held)(*depth))
         way = cubic(shafts.angle, ahead.angle, shafts.speed, ahead.speed, step)
         met = newly_met(below, above, side, shafts.side)
-        touch = Touch(met, way.at(share), high.at(share) - low.at(share), share)
+        touch = ContactEvent(met, way.at(share), high.at(share) - low.at(share), share)
         offset = jnp.clip(free, then.lower, then.upper)
         rate = jnp.where(
             below, then.lower_rate, jnp.where(above, then.upper_rate, -ratio * ahead.speed)

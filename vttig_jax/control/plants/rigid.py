@@ -8,7 +8,7 @@ from ...base.arrays import Number, float64
 from ..hermite import Cubic, cubic, first_root
 from ..motion.motion import MotionPoint
 from .flank_bounds import Bounds
-from .plant import FREE, Drag, Plant, Shafts, Slide, Touch, newly_met, touching, walls
+from .plant import FREE, ContactEvent, Drag, Plant, Shafts, Slide, newly_met, touching, walls
 
 
 class RigidPlant(Plant):
@@ -28,7 +28,7 @@ class RigidPlant(Plant):
 
     def step(
         self, shafts: Shafts, ahead: MotionPoint, slide: Slide, bounds: Bounds, step: Number
-    ) -> tuple[Shafts, Touch]:
+    ) -> tuple[Shafts, ContactEvent]:
         """See `Plant.step`."""
         ratio, closing = jnp.asarray(bounds.ratio), jnp.asarray(bounds.closing)
         step = jnp.asarray(step)
@@ -61,7 +61,7 @@ class RigidPlant(Plant):
 
         met = newly_met(below, above, side, shafts.side)
         way = cubic(shafts.angle, ahead.angle, shafts.speed, ahead.speed, step)
-        touch = Touch(met, way.at(share), high.at(share) - low.at(share), share)
+        touch = ContactEvent(met, way.at(share), high.at(share) - low.at(share), share)
         offset = jnp.where(stays, reached, jnp.where(hit, offset, free))
         drift = jnp.where(stays, reached_rate, jnp.where(hit, bounced + rest * pull, drift))
         return (

@@ -8,10 +8,10 @@ from jaxtyping import Array, Bool, Float
 from ...base.arrays import Numbers
 from ..hardware.actuator import Carriage
 from ..hardware.shaft_drive import Missed
-from ..plants.plant import Shafts, Touch
+from ..plants.plant import ContactEvent, Shafts
 
 
-class Run(NamedTuple):
+class RunFacts(NamedTuple):
     """What a run is judged by.
 
     - `braking_s`, `turn_s`, `duration_s`: of its motion. - `period`: of the controller, s.
@@ -27,7 +27,7 @@ class Run(NamedTuple):
     closing: Float[Array, "2"]
 
 
-class Tally(NamedTuple):
+class Accumulators(NamedTuple):
     """Running metrics; rad, mm and s, NaN for what has not happened.
 
     - `samples`, `total`, `highest`, `lowest`: of the transmission error as the encoders show it,
@@ -79,7 +79,7 @@ class Tally(NamedTuple):
     blocked_s: Float[Numbers, "*shape"]
 
 
-def empty() -> Tally:
+def empty() -> Accumulators:
     """Before the first sample."""
     zero, never = jnp.zeros(()), jnp.full((), jnp.nan, float)
     counted = dict.fromkeys(
@@ -89,14 +89,14 @@ def empty() -> Tally:
         ),
         zero,
     )
-    fields = dict.fromkeys(Tally._fields, never) | counted
+    fields = dict.fromkeys(Accumulators._fields, never) | counted
     fields |= dict.fromkeys(("opened", "retracted", "forced", "blocked"), jnp.zeros((), bool))
-    return Tally(**fields)
+    return Accumulators(**fields)
 
 
 def sampled(
-    tally: Tally,
-    run: Run,
+    tally: Accumulators,
+    run: RunFacts,
     time: Float[Array, ""],
     error: Float[Array, ""],
     angle: Float[Array, ""],
@@ -105,7 +105,7 @@ def sampled(
     flanks_gap: Float[Array, ""],
     side: Float[Array, ""],
     carriage: Carriage,
-) -> Tally:
+) -> Accumulators:
     """After the sample of one period: TE shown, true driving angle, command, backlash left."""
     counts = (time <= run.duration_s) & ~tally.blocked
     first = jnp.where(tally.samples == 0, error, tally.first)
@@ -146,18 +146,18 @@ def sampled(
 
 
 def moved(
-    tally: Tally,
-    run: Run,
+    tally: Accumulators,
+    run: RunFacts,
     time: Float[Array, ""],
     step: Float[Array, ""],
     shafts: Shafts,
-    touch: Touch,
+    touch: ContactEvent,
     carriage: Carriage,
     way: Float[Array, ""],
     blocked: Bool[Array, ""],
     behind: Float[Array, ""] | None = None,
     missed: Missed | None = None,
-) -> Tally:
+) -> Accumulators:
     """After a step of the plant that ends at `time`, with the way of the actuator in it.
 
     `behind`: how far the driving shaft is behind its motion at the touch, rad; None: it never is.

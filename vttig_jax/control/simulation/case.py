@@ -11,13 +11,13 @@ from ...base.arrays import Number, Numbers, float64
 from ..controllers.controller import Controller, Measurement
 from ..hardware.actuator import Actuator, Carriage
 from ..hardware.encoder import Sensor, shocks
-from ..hardware.observer import Estimate, Observer
+from ..hardware.observer import MotionEstimate, Observer
 from ..hardware.shaft_drive import Drive, Lead, Prescribed, led, next_lead, no_lead
 from ..hermite import cubic
 from ..motion.motion import Motion, MotionPoint
 from ..plants.flank_bounds import Bounds
 from ..plants.plant import ON_A, ON_B, Plant, Shafts
-from .accumulators import Run, Tally, empty, moved, sampled
+from .accumulators import Accumulators, RunFacts, empty, moved, sampled
 
 
 class Case(eqx.Module):
@@ -59,9 +59,9 @@ class State(NamedTuple):
 
     shafts: Shafts
     carriage: Carriage
-    estimate: Estimate
+    estimate: MotionEstimate
     controller: Any
-    tally: Tally
+    tally: Accumulators
     lead: Lead | None = None
     asked: MotionPoint | None = None
     motor: Any = ()
@@ -98,7 +98,7 @@ def started(case: Case) -> State:
     return State(
         shafts,
         case.actuator.at_rest(),
-        Estimate(driving, still, still),
+        MotionEstimate(driving, still, still),
         case.controller.start(),
         empty(),
         no_lead() if case.controller.advances else None,
@@ -171,7 +171,7 @@ def _period(case: Case, state: State, number: Int[Array, ""]) -> tuple[State, Sa
         carriage.reached,
     )
     moving = _Moving(shafts, carriage, tally, state.asked, state.motor)
-    told = _Told(target, time, state.lead, lead)
+    told = _PeriodInputs(target, time, state.lead, lead)
     if case.substeps == 1:
         moving = _moved(case, run, told, moving, jnp.ones(()))
     else:
@@ -189,12 +189,12 @@ class _Moving(NamedTuple):
 
     shafts: Shafts
     carriage: Carriage
-    tally: Tally
+    tally: Accumulators
     asked: MotionPoint | None
     motor: Any
 
 
-class _Told(NamedTuple):
+class _PeriodInputs(NamedTuple):
     """What holds over one period.
 
     - `target`: of the actuator, mm. - `time`: of its start, s.
@@ -209,8 +209,8 @@ class _Told(NamedTuple):
 
 def _moved(
     case: Case,
-    run: Run,
-    told: _Told,
+    run: RunFacts,
+    told: _PeriodInputs,
     moving: _Moving,
     place: Float[Array, ""],
 ) -> _Moving:
@@ -241,9 +241,9 @@ def _moved(
     return _Moving(shafts, carriage, tally, asked if _apart(case) else None, motor)
 
 
-def _run(case: Case) -> Run:
+def _run(case: Case) -> RunFacts:
     motion = case.motion
-    return Run(
+    return RunFacts(
         jnp.asarray(motion.braking_s),
         jnp.asarray(motion.turn_s),
         jnp.asarray(motion.duration_s),

@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float
 from ...base.arrays import Numbers
 from ...base.units import DEG
 from ..controllers.turn_location import LostController
-from .accumulators import Tally
+from .accumulators import Accumulators
 from .case import Case
 
 Outcome = Literal["ok", "unlocated", "bound", "missed", "stroke", "force", "slow"]
@@ -37,7 +37,7 @@ NEAR_MM = 1e-4
 """mm within which the actuator has arrived."""
 
 
-class Facts(NamedTuple):
+class MetricInputs(NamedTuple):
     """What of a case its metrics are read with.
 
     - `sense`: 1 for a run that begins forwards, −1 backwards.
@@ -61,10 +61,10 @@ class Facts(NamedTuple):
     ratio: Float[Numbers, "*shape"]
 
 
-def facts_of(case: Case) -> Facts:
+def facts_of(case: Case) -> MetricInputs:
     """The facts of one case."""
     sense, closing = jnp.asarray(case.sense), jnp.asarray(case.bounds.closing)
-    return Facts(
+    return MetricInputs(
         sense,
         jnp.where(sense > 0, closing[0], closing[1]),
         jnp.asarray(case.motion.braking_s),
@@ -78,7 +78,7 @@ def facts_of(case: Case) -> Facts:
     )
 
 
-def metrics_of(facts: Facts, tally: Tally) -> dict[str, Float[np.ndarray, "*shape"]]:
+def metrics_of(facts: MetricInputs, tally: Accumulators) -> dict[str, Float[np.ndarray, "*shape"]]:
     """The metrics by name, NaN for what did not happen.
 
     - `te_mean_deg`, `te_max_deg`, `te_min_deg`: of the transmission error the encoders show.
@@ -97,7 +97,7 @@ def metrics_of(facts: Facts, tally: Tally) -> dict[str, Float[np.ndarray, "*shap
     Interference, travel and the axial step are those of the reversal: they end when the gap is
     opened again after it. Of a motion that never turns back they are those of the whole run.
     """
-    f, t = Facts(*map(np.asarray, facts)), Tally(*map(np.asarray, tally))
+    f, t = MetricInputs(*map(np.asarray, facts)), Accumulators(*map(np.asarray, tally))
     back = f.sense * f.ratio * (f.turn - t.crossing - t.behind)
     lost = np.where(t.crossing_s <= f.turn_s, 0.0, back)
     values = (
@@ -117,9 +117,9 @@ def metrics_of(facts: Facts, tally: Tally) -> dict[str, Float[np.ndarray, "*shap
     return {name: np.asarray(value) for name, value in zip(METRICS, values, strict=True)}
 
 
-def outcomes_of(facts: Facts, tally: Tally) -> Any:
+def outcomes_of(facts: MetricInputs, tally: Accumulators) -> Any:
     """How each ended: the first that holds, in the order of `Outcome` behind ok."""
-    f, t = Facts(*map(np.asarray, facts)), Tally(*map(np.asarray, tally))
+    f, t = MetricInputs(*map(np.asarray, facts)), Accumulators(*map(np.asarray, tally))
     return np.select(
         [
             f.lost,

@@ -12,7 +12,7 @@ from ...base.units import ARCSEC, DEG
 from ...pair.gear_pair import GearPair
 from ..hardware.shaft_drive import Prescribed
 from ..scenario.spec import ScenarioSpec, spec_table
-from .accumulators import Tally
+from .accumulators import Accumulators
 from .case import Case, Sample
 from .metrics import Outcome, facts_of, metrics_of, outcomes_of
 
@@ -214,7 +214,7 @@ class Simulation:
     spec: ScenarioSpec
     pair: GearPair
     case: Case
-    tally: Tally
+    tally: Accumulators
     trace: Trace | None = None
 
     @property

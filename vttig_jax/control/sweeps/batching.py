@@ -11,9 +11,9 @@ import numpy as np
 from jax.sharding import AxisType, Mesh
 from jax.sharding import PartitionSpec as P
 
-from ..simulation.accumulators import Tally
+from ..simulation.accumulators import Accumulators
 from ..simulation.case import Case, State, finished, started
-from ..simulation.metrics import Facts, facts_of
+from ..simulation.metrics import MetricInputs, facts_of
 
 STEPS = 1024
 """Steps of the plant in one compiled call."""
@@ -25,7 +25,7 @@ _FEWEST = 8
 """Lanes that a vector holds."""
 
 
-class Program(NamedTuple):
+class CaseStructure(NamedTuple):
     """What cases have in common that run as one compiled program; hashable.
 
     - `tree`: their structure with all choices that are no numbers. - `shapes`: of their numbers.
@@ -35,34 +35,34 @@ class Program(NamedTuple):
     shapes: tuple[tuple[int, ...], ...]
 
 
-class Numbers(NamedTuple):
+class CaseLeaves(NamedTuple):
     """The numbers of one case, in the order of its tree."""
 
-    program: Program
+    program: CaseStructure
     leaves: tuple[Any, ...]
 
 
-def numbers_of(case: Case) -> Numbers:
+def numbers_of(case: Case) -> CaseLeaves:
     """Take a case apart into its program and its numbers."""
     leaves, tree = jax.tree.flatten(case)
     leaves = tuple(leaf if isinstance(leaf, np.ndarray) else np.asarray(leaf) for leaf in leaves)
-    return Numbers(Program(tree, tuple(leaf.shape for leaf in leaves)), leaves)
+    return CaseLeaves(CaseStructure(tree, tuple(leaf.shape for leaf in leaves)), leaves)
 
 
-class Stack(NamedTuple):
+class CaseBatch(NamedTuple):
     """Cases of one program side by side.
 
     - `leaves`: numbers, those of all lanes stacked along a first axis where `own` says so, a single
       one where all lanes share it. - `lanes`: how many, those that fill up included.
     """
 
-    program: Program
+    program: CaseStructure
     own: tuple[bool, ...]
     leaves: tuple[Any, ...]
     lanes: int
 
 
-def stacked(cases: Sequence[Numbers], own: tuple[bool, ...], lanes: int) -> Stack:
+def stacked(cases: Sequence[CaseLeaves], own: tuple[bool, ...], lanes: int) -> CaseBatch:
     """Put cases side by side; the last one fills the lanes that are left.
 
     A number that differs between the cases gets lanes of its own even where `own` does not say so.
@@ -75,14 +75,14 @@ def stacked(cases: Sequence[Numbers], own: tuple[bool, ...], lanes: int) -> Stac
         differs = needed or any(leaf is not first and not _same(leaf, first) for leaf in column)
         apart.append(differs)
         leaves.append(np.stack(column) if differs else first)
-    return Stack(program, tuple(apart), tuple(leaves), lanes)
+    return CaseBatch(program, tuple(apart), tuple(leaves), lanes)
 
 
 def _same(one: np.ndarray, other: np.ndarray) -> bool:
     return bool(np.array_equal(one, other, equal_nan=True))
 
 
-def varying(samples: Sequence[Numbers]) -> tuple[bool, ...]:
+def varying(samples: Sequence[CaseLeaves]) -> tuple[bool, ...]:
     """Which numbers differ between cases of one program."""
     first = samples[0].leaves
     return tuple(
@@ -99,7 +99,7 @@ def lanes_for(cases: int, devices: int) -> int:
     return lanes * devices
 
 
-class Lanes:
+class BatchRunner:
     """Runs stacks on devices.
 
     **Arguments**
@@ -116,11 +116,11 @@ class Lanes:
 
     def run(
         self,
-        stack: Stack,
+        stack: CaseBatch,
         periods: int,
         substeps: int,
         tick: Callable[[int, int], None] | None = None,
-    ) -> tuple[Facts, Tally]:
+    ) -> tuple[MetricInputs, Accumulators]:
         """All lanes from their first period to their last; `tick` is told which periods it did."""
         chunk = max(STEPS // substeps, 1)
         leaves = tuple(map(jnp.asarray, stack.leaves))
@@ -132,7 +132,7 @@ class Lanes:
                 tick(first, min(first + chunk, periods))
         return jax.tree.map(np.asarray, (facts, state.tally))
 
-    def _call(self, function: Any, stack: Stack, choices: tuple[Any, ...], *given: Any) -> Any:
+    def _call(self, function: Any, stack: CaseBatch, choices: tuple[Any, ...], *given: Any) -> Any:
         key = function, stack.program, stack.own, stack.lanes, choices
         if key not in self._compiled:
             began = time.perf_counter()
@@ -143,8 +143,10 @@ class Lanes:
 
 
 @partial(jax.jit, static_argnums=(0, 1, 2))
-def _start(mesh: Mesh, program: Program, own: tuple[bool, ...], leaves: Any, lane: Any) -> Any:
-    def one(leaves: Any, lane: Any) -> tuple[State, Facts]:
+def _start(
+    mesh: Mesh, program: CaseStructure, own: tuple[bool, ...], leaves: Any, lane: Any
+) -> Any:
+    def one(leaves: Any, lane: Any) -> tuple[State, MetricInputs]:
         case = jax.tree.unflatten(program.tree, leaves)
         return started(case), facts_of(case)
 
@@ -158,7 +160,7 @@ def _start(mesh: Mesh, program: Program, own: tuple[bool, ...], leaves: Any, lan
 )
 def _go_on(
     mesh: Mesh,
-    program: Program,
+    program: CaseStructure,
     own: tuple[bool, ...],
     chunk: int,
     leaves: Any,

@@ -7,11 +7,21 @@ from typing import NamedTuple
 import numpy as np
 
 from ...base.errors import InputError
-from ..simulation.accumulators import Tally
+from ..simulation.accumulators import Accumulators
 from ..simulation.case import Case
-from ..simulation.metrics import METRICS, Facts, metrics_of, outcomes_of
+from ..simulation.metrics import METRICS, MetricInputs, metrics_of, outcomes_of
 from ..simulation.simulate import periods_of
-from .batching import LANES, STEPS, Lanes, Numbers, Program, lanes_for, numbers_of, stacked, varying
+from .batching import (
+    LANES,
+    STEPS,
+    BatchRunner,
+    CaseLeaves,
+    CaseStructure,
+    lanes_for,
+    numbers_of,
+    stacked,
+    varying,
+)
 from .cases import DRAW, SweepCases, rig_table
 
 Rows = dict[str, np.ndarray]
@@ -35,7 +45,7 @@ class Group(NamedTuple):
 
     places: list[int]
     cases: list[Case]
-    numbers: list[Numbers]
+    numbers: list[CaseLeaves]
 
 
 class SweepWork:
@@ -47,7 +57,7 @@ class SweepWork:
     **Raises** the `InputError` of the first case where no value of any axis lets one run.
     """
 
-    def __init__(self, cases: SweepCases, lanes: Lanes) -> None:
+    def __init__(self, cases: SweepCases, lanes: BatchRunner) -> None:
         self.cases = cases
         self.lanes = lanes
         samples = [cases.case(number) for number in cases.samples()]
@@ -90,7 +100,7 @@ class SweepWork:
 
     def _groups(self, places: Sequence[int]) -> list[Group]:
         """Cases of a block by program; those that cannot run are left out."""
-        groups: dict[Program, Group] = {}
+        groups: dict[CaseStructure, Group] = {}
         for place, number in enumerate(places):
             case = self.cases.case(number)
             if isinstance(case, InputError):
@@ -104,7 +114,7 @@ class SweepWork:
 
     def _simulated(
         self, group: Group, tick: Callable[[int], None]
-    ) -> Iterator[tuple[list[int], Facts, Tally]]:
+    ) -> Iterator[tuple[list[int], MetricInputs, Accumulators]]:
         """Places, facts and tallies of a group, long runs beside long ones."""
         own = self._own.get(group.numbers[0].program, _none(group.numbers[0]))
         periods = [periods_of(case) for case in group.cases]
@@ -145,13 +155,13 @@ def _block(samples: Sequence[Case], kinds: int) -> int:
     return kinds << (wanted.bit_length() - 1)
 
 
-def _varying(samples: Sequence[Case]) -> dict[Program, tuple[bool, ...]]:
+def _varying(samples: Sequence[Case]) -> dict[CaseStructure, tuple[bool, ...]]:
     """Which numbers get lanes of their own, by program."""
-    found: dict[Program, list[Numbers]] = {}
+    found: dict[CaseStructure, list[CaseLeaves]] = {}
     for numbers in map(numbers_of, samples):
         found.setdefault(numbers.program, []).append(numbers)
     return {program: varying(several) for program, several in found.items()}
 
 
-def _none(numbers: Numbers) -> tuple[bool, ...]:
+def _none(numbers: CaseLeaves) -> tuple[bool, ...]:
     return (False,) * len(numbers.leaves)

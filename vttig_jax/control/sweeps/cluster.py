@@ -9,7 +9,7 @@ import jax
 from ...base.errors import InputError, UsageError
 from ...base.files.json_io import dumps
 from ...base.runtime import enable_x64, prepare_cpu
-from .batching import Lanes
+from .batching import BatchRunner
 from .blocks import Rows, SweepWork
 from .cases import Recipe
 
@@ -101,5 +101,5 @@ def _work(recipe: Recipe) -> SweepWork:
             prepare_cpu()
         enable_x64()
         _WORK.clear()
-        _WORK[key] = SweepWork(recipe.cases(), Lanes(jax.devices()[:1]))
+        _WORK[key] = SweepWork(recipe.cases(), BatchRunner(jax.devices()[:1]))
     return _WORK[key]

@@ -28,7 +28,7 @@ _SHARE = 0.8
 
 
 @dataclass(frozen=True)
-class Estimate:
+class SweepCost:
     """What a sweep will take.
 
     - `cases`, `lane_steps`: how many. - `run_s`: time to run them.
@@ -52,7 +52,7 @@ class Estimate:
         )
 
 
-def estimate(work: SweepWork, folder: Path | None) -> Estimate:
+def estimate(work: SweepWork, folder: Path | None) -> SweepCost:
     """Look at some cases, and run one compiled call.
 
     **Raises** `InputError` for a sweep that is larger than memory or disk.
@@ -78,7 +78,7 @@ def estimate(work: SweepWork, folder: Path | None) -> Estimate:
     compiled = work.lanes.compile_s
     run_s = calls * lanes * longest * work.trial(lanes) + count * _BUILD_S
     compile_s = (cases.kinds - 1) * (work.lanes.compile_s - compiled)
-    return Estimate(count, steps, run_s, compile_s, memory, 2 * rows if folder else 0)
+    return SweepCost(count, steps, run_s, compile_s, memory, 2 * rows if folder else 0)
 
 
 def _refuse(what: str, needed: int, there: int, count: int, cure: str) -> None:

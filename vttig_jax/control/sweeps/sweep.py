@@ -15,10 +15,10 @@ from ...pair.gear_pair import GearPair
 from ..controllers.controller import Controller
 from ..scenario.axes import SCENARIO_FILE
 from ..scenario.spec import ScenarioSpec
-from .batching import Lanes
+from .batching import BatchRunner
 from .blocks import REFUSED, Rows, SweepWork
 from .cases import Recipe, recipe_of
-from .estimate import Estimate, estimate
+from .estimate import SweepCost, estimate
 from .store import TABLE, Memory, SweepFolder
 from .table import SweepTable
 
@@ -39,7 +39,7 @@ def sweep(
     overwrite: bool = False,
     devices: int | None = None,
     dask: str | None = None,
-    announce: Callable[[Estimate], None] | None = None,
+    announce: Callable[[SweepCost], None] | None = None,
     progress: Callable[[float, float], None] | None = None,
 ) -> SweepTable:
     """Simulate every case of a sweep: the Cartesian product of its axes.
@@ -98,7 +98,7 @@ def _swept(
     resume: bool,
     overwrite: bool,
     dask: str | None,
-    announce: Callable[[Estimate], None] | None,
+    announce: Callable[[SweepCost], None] | None,
     progress: Callable[[float, float], None] | None,
 ) -> SweepTable:
     path = None if out is None else Path(out)
@@ -148,7 +148,7 @@ def _swept(
 
 
 @lru_cache
-def _lanes(devices: int | None) -> Lanes:
+def _lanes(devices: int | None) -> BatchRunner:
     """The first devices of JAX, or all; with what they have compiled before.
 
     **Raises** `ValueError` for more than there are.
@@ -159,7 +159,7 @@ def _lanes(devices: int | None) -> Lanes:
             f"Argument `devices` must be 1 … {len(there)}, what JAX has here, but is {devices}; for"
             " more cores call `vttig_jax.prepare_cpu(devices=…)` before JAX runs anything."
         )
-    return Lanes(there[:devices])
+    return BatchRunner(there[:devices])
 
 
 def _refusals(work: SweepWork, columns: Rows) -> tuple[tuple[int, str], ...]:

@@ -21,7 +21,7 @@ from ..controllers.controller import Controller, Measurement
 from ..controllers.smooth import smoothed
 from ..hardware.actuator import Actuator, Carriage
 from ..hardware.encoder import shocks
-from ..hardware.observer import Estimate, Observer
+from ..hardware.observer import MotionEstimate, Observer
 from ..simulation.case import Case
 
 LEAD_IN_S = 0.2
@@ -48,7 +48,7 @@ class Window(eqx.Module):
     counts: Bool[Numbers, " n"]
     after: Bool[Numbers, " n"]
     turn: Int[Numbers, ""]
-    estimate: Estimate
+    estimate: MotionEstimate
     actuator: Actuator
     observer: Observer
     controller: Controller
@@ -100,7 +100,7 @@ def window_of(case: Case, extent: Extent, periods: int) -> Window:
 @eqx.filter_jit
 def _made(
     case: Case, first: Int[Array, ""], periods: Int[Array, ""], length: int
-) -> tuple[Array, Array, Array, Array, Array, Array, Estimate]:
+) -> tuple[Array, Array, Array, Array, Array, Array, MotionEstimate]:
     motion, period = case.motion, jnp.asarray(case.period)
     numbers = first + jnp.arange(length)
     time = numbers * period
@@ -125,7 +125,7 @@ def _made(
         counts,
         time > motion.turn_s,
         jnp.where(jnp.any(turns & counts), jnp.argmax(turns), -1),
-        Estimate(*before),
+        MotionEstimate(*before),
     )
 
 
@@ -141,7 +141,7 @@ class Left(NamedTuple):
 
 
 class _Carry(NamedTuple):
-    estimate: Estimate
+    estimate: MotionEstimate
     state: object
     carriage: Carriage
     closed: Float[Array, ""]

@@ -9,7 +9,7 @@ from msgspec.structs import replace
 from ...base.errors import InputError
 from ..scenario.spec import ScenarioSpec
 from ..simulation.case import Case
-from ..sweeps.batching import Lanes
+from ..sweeps.batching import BatchRunner
 from ..sweeps.blocks import Rows, SweepWork
 from ..sweeps.cases import Recipe, SweepCases
 from .free_keys import FreeKey
@@ -90,9 +90,9 @@ class _WithSettings(SweepCases):
 
 
 @lru_cache
-def _lanes() -> Lanes:
+def _lanes() -> BatchRunner:
     """All devices, with what they have compiled before."""
-    return Lanes()
+    return BatchRunner()
 
 
 def with_keys(spec: ScenarioSpec, keys: Sequence[FreeKey], values: Sequence[float]) -> ScenarioSpec:

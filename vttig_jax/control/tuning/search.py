@@ -19,7 +19,7 @@ from scipy.special import logsumexp, softmax
 
 from ...base.units import DEG, REV
 from ..simulation.case import Case
-from ..sweeps.batching import Numbers, Program, numbers_of
+from ..sweeps.batching import CaseLeaves, CaseStructure, numbers_of
 from .brake_window import Window, extent_of, left_of, window_of
 from .free_keys import FreeKey
 
@@ -189,7 +189,7 @@ def _cost(one: _Place) -> float:
 
 def stacked_windows(cases: Sequence[Case]) -> list[Window]:
     """The windows of cases, those of one program stacked along a first axis."""
-    groups: dict[Program, list[tuple[Case, Numbers]]] = {}
+    groups: dict[CaseStructure, list[tuple[Case, CaseLeaves]]] = {}
     for case in cases:
         numbers = numbers_of(case)
         groups.setdefault(numbers.program, []).append((case, numbers))

@@ -9,7 +9,7 @@ from jaxtyping import Array, Float
 
 from ..mounting import Mounting, Values
 from .flanks import Mates, Pose
-from .search import Place, Scene, Touch, nearest_best, search, share_of_middle
+from .search import Place, Scene, TouchPoint, nearest_best, search, share_of_middle
 from .tooth_pairs import chosen_pairs, concentric_touch, path_of
 
 _AT_ONCE = 2**17
@@ -92,7 +92,7 @@ def scene_of(
     return Scene(mates, mounting, Pose(turned, number, *centres), guess, effort.points)
 
 
-def first_of(scene: Scene, found: Touch) -> Winner:
+def first_of(scene: Scene, found: TouchPoint) -> Winner:
     """The first of all touches."""
     section, pair = nearest_best(scene.mates.sense * found.error)
     column = jnp.arange(found.error.shape[-1])

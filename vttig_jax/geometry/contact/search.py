@@ -51,7 +51,7 @@ class Place(IntEnum):
         return self.name.lower().replace("_", " ")
 
 
-class Touch(NamedTuple):
+class TouchPoint(NamedTuple):
     """First touch of each pair of teeth in a section; `error` in rad is −σ∞ where nothing meets."""
 
     error: Float[Array, "*section pair n"]
@@ -60,7 +60,7 @@ class Touch(NamedTuple):
     place: Int[Array, "*section pair n"]
 
 
-Three = tuple[Touch, Touch, Touch]
+Three = tuple[TouchPoint, TouchPoint, TouchPoint]
 
 
 class Scene(eqx.Module):
@@ -103,7 +103,7 @@ class Scene(eqx.Module):
         return base * jnp.sqrt(1 + start**2), base * jnp.sqrt(1 + tip**2)
 
 
-def search(scene: Scene, sections: int) -> Touch:
+def search(scene: Scene, sections: int) -> TouchPoint:
     """First touch in sections over the common face, and below them the best one between them."""
     shape = jnp.broadcast_shapes(*(leaf.shape for leaf in jax.tree.leaves(scene.pose)))
     if sections == 1:
@@ -111,7 +111,9 @@ def search(scene: Scene, sections: int) -> Touch:
         return jax.tree.map(lambda values: values[None], only)
 
     # One loop for both is half to compile; a touch is used one step later, see `_climbed`.
-    def look(step, state: tuple[Touch, Three, Touch]) -> tuple[Touch, Three, Touch]:
+    def look(
+        step, state: tuple[TouchPoint, Three, TouchPoint]
+    ) -> tuple[TouchPoint, Three, TouchPoint]:
         grid, three, tried = state
         row = jnp.where((step > 0) & (step <= sections), step - 1, sections)
         grid = jax.tree.map(lambda rows, values: rows.at[row].set(values), grid, tried)
@@ -122,7 +124,7 @@ def search(scene: Scene, sections: int) -> Touch:
         return grid, three, touch_at(scene, share)
 
     zero = jnp.zeros(shape)
-    blank = Touch(zero, zero, zero, zero.astype(int))
+    blank = TouchPoint(zero, zero, zero, zero.astype(int))
     grid = jax.tree.map(lambda values: jnp.stack([values] * (sections + 1)), blank)
     before = grid, (blank, blank, blank), blank
     grid, three, tried = jax.lax.fori_loop(0, sections + _ROUNDS, look, before)
@@ -130,7 +132,7 @@ def search(scene: Scene, sections: int) -> Touch:
     return jax.tree.map(lambda rows, values: rows.at[sections].set(values), grid, best)
 
 
-def _around_best(scene: Scene, grid: Touch) -> Three:
+def _around_best(scene: Scene, grid: TouchPoint) -> Three:
     """Neighbours on the grid with the best in the middle, or that twice at an end of the face."""
     rows = jax.tree.map(lambda values: values[:-1], grid)
     count = rows.error.shape[0]
@@ -141,7 +143,7 @@ def _around_best(scene: Scene, grid: Touch) -> Three:
     return left, middle, right
 
 
-def _closer(scene: Scene, three: Three, tried: Touch) -> Three:
+def _closer(scene: Scene, three: Three, tried: TouchPoint) -> Three:
     """Three sections with the best in the middle, after one more between them."""
     left, middle, right = three
     better = scene.mates.sense * tried.error > scene.mates.sense * middle.error
@@ -153,7 +155,7 @@ def _closer(scene: Scene, three: Three, tried: Touch) -> Three:
     )
 
 
-def touch_at(scene: Scene, share: Float[Array, "pair n"]) -> Touch:
+def touch_at(scene: Scene, share: Float[Array, "pair n"]) -> TouchPoint:
     """First touch of each pair of teeth in a section."""
     low, high = scene.limits
     spacing = (high - low) / (scene.points - 1)
@@ -233,7 +235,7 @@ def _towards_end(scene: Scene, at: Climb) -> Values:
     return jnp.clip(at.roll - beyond / jnp.where(at.widening == 0, 1.0, at.widening), *scene.limits)
 
 
-def _touch_of(scene: Scene, share: Values, found: Climb) -> Touch:
+def _touch_of(scene: Scene, share: Values, found: Climb) -> TouchPoint:
     """What it is that touches where a search has ended."""
     low, high = scene.limits
     inner, outer = scene.radii
@@ -245,7 +247,7 @@ def _touch_of(scene: Scene, share: Values, found: Climb) -> Touch:
     place = jnp.where(over > outer, Place.DRIVEN_TIP, place)
     place = jnp.where(over < inner, Place.DRIVEN_START, place)
     nothing = missed | empty | jnp.isnan(error)
-    return Touch(
+    return TouchPoint(
         error=jnp.where(nothing, -scene.mates.sense * jnp.inf, error),
         roll=roll,
         share=share,
@@ -275,7 +277,7 @@ def _best(height: Values, sizes: tuple[int, ...]) -> Index:
     return jnp.argmin(jnp.where(tied, aside, jnp.inf), axis=0)
 
 
-def _chosen(condition: Bool[Array, "..."], one: Touch, other: Touch) -> Touch:
+def _chosen(condition: Bool[Array, "..."], one: TouchPoint, other: TouchPoint) -> TouchPoint:
     return jax.tree.map(lambda a, b: jnp.where(condition, a, b), one, other)
 
 

@@ -16,7 +16,7 @@ from jaxtyping import Array, Float, Int
 from ...base.numerics.counting import whole_below
 from ...base.numerics.sincos import sincos
 from ...base.units import REV
-from ..model.column_layout import Columns
+from ..model.column_layout import ColumnLayout
 
 Samples = Float[np.ndarray, " n"]
 
@@ -37,7 +37,7 @@ def block_size(samples_per_turn: float, highest_order: float) -> int:
 
 
 def block_rows(
-    columns: Columns,
+    columns: ColumnLayout,
     size: int,
     driving_angle: Samples,
     driven_angle: Samples,

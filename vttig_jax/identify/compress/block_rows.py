@@ -11,15 +11,15 @@ from ...base.units import REV
 from ...kinematics.te_curve import TECurve
 from ...logs.motion.segments import Segment
 from ...pair.gear_pair import Flank
-from ..model.column_layout import OFFSET, Columns
+from ..model.column_layout import OFFSET, ColumnLayout
 from ..model.harmonics import TermPlan
 from ..settings import NoiseChoice
 from .block_means import block_means, block_rows, block_size
-from .regressors import Channels, trimmed
+from .regressors import Regressors, trimmed
 
 
 @dataclass(frozen=True, eq=False)
-class Run:
+class BlockRun:
     """Rows of one segment, and the block means of its curve for pictures and checks."""
 
     segment: Segment
@@ -34,16 +34,16 @@ class LogRows:
     `rounding` is what the last digit of the readings makes of y, rad.
     """
 
-    columns: Columns
-    runs: tuple[Run, ...]
+    columns: ColumnLayout
+    runs: tuple[BlockRun, ...]
     size: int
     block_s: float
     noise: NoiseChoice = NoiseChoice()
     rounding: float = 0.0
 
-    def runs_by_flank(self, longer_than: int = 0) -> dict[Flank, list[Run]]:
+    def runs_by_flank(self, longer_than: int = 0) -> dict[Flank, list[BlockRun]]:
         """Every run that has more than `longer_than` rows, flank by flank."""
-        found: dict[Flank, list[Run]] = {}
+        found: dict[Flank, list[BlockRun]] = {}
         for run in self.runs:
             if len(run.rows) > longer_than:
                 found.setdefault(run.segment.flank, []).append(run)
@@ -56,7 +56,7 @@ class LogRows:
 
 
 def block_seconds(
-    channels: Sequence[Channels], segments: Sequence[Sequence[Segment]], terms: TermPlan
+    channels: Sequence[Regressors], segments: Sequence[Sequence[Segment]], terms: TermPlan
 ) -> float:
     """Duration of a block: what the fastest log needs, so that one noise model serves all."""
     highest = float(max((terms.frequency(term) for term in terms.terms), default=1))
@@ -68,7 +68,7 @@ def block_seconds(
 
 
 def log_rows(
-    channels: Channels,
+    channels: Regressors,
     segments: Sequence[Segment],
     terms: TermPlan,
     block_s: float,
@@ -80,7 +80,7 @@ def log_rows(
     Where the noise is stationary in angle, every row covers the angle that a segment of speed
     `fastest` covers in `block_s`.
     """
-    columns = Columns(
+    columns = ColumnLayout(
         tuple(h.term for h in terms.free),
         tuple(h.term for h in terms.tied),
         ((OFFSET, *channels.own),),
@@ -103,7 +103,7 @@ def log_rows(
         rows = block_rows(columns, size, driving, driven, own, error, weight)
         seen = (driving, error + channels.level, channels.time[part])
         curve = (block_means(c, size) for c in seen)
-        runs.append(Run(segment, rows, TECurve(segment.flank, *curve)))
+        runs.append(BlockRun(segment, rows, TECurve(segment.flank, *curve)))
     row_s = shortest * channels.sample_s
     return LogRows(columns, tuple(runs), shortest, row_s, noise, channels.log.rounding)
 

@@ -14,7 +14,7 @@ from jaxtyping import Float
 
 from ...base.numerics.autoregression import whitening_filter
 from ...pair.gear_pair import Flank
-from ..model.column_layout import OFFSET, Columns
+from ..model.column_layout import OFFSET, ColumnLayout
 from ..model.harmonics import TermPlan
 from ..settings import HIGHEST_LAG, NoiseChoice
 from .block_rows import LogRows
@@ -55,10 +55,10 @@ class HarmonicSummary:
 
     flanks: tuple[FlankSummary, ...]
     terms: TermPlan
-    columns: Columns
+    columns: ColumnLayout
     block_s: float
     embeddings: tuple[Embedding, ...] = ()
-    plateaus: tuple["Plateau", ...] = ()
+    plateaus: tuple["PlateauSummary", ...] = ()
     noise: NoiseChoice = NoiseChoice()
     last_digit: float = 0.0
 
@@ -81,7 +81,7 @@ class HarmonicSummary:
 
     def keeping(self, own: Sequence[tuple[str, ...]]) -> "HarmonicSummary":
         """The same summary with only these own columns of every log."""
-        columns = Columns(self.columns.free, self.columns.tied, tuple(own))
+        columns = ColumnLayout(self.columns.free, self.columns.tied, tuple(own))
         dropped = [
             self.columns.index(name, log)
             for name, log in self.columns.names
@@ -105,7 +105,7 @@ class HarmonicSummary:
 
 
 @dataclass(frozen=True)
-class Plateau:
+class PlateauSummary:
     """The summary of all runs of one speed, rad/s of the driving shaft, in either direction."""
 
     speed: float
@@ -115,7 +115,7 @@ class Plateau:
 def summarise(
     logs: Sequence[LogRows],
     terms: TermPlan,
-    layout: tuple[Columns, tuple[Embedding, ...]] | None = None,
+    layout: tuple[ColumnLayout, tuple[Embedding, ...]] | None = None,
 ) -> HarmonicSummary:
     """Add up the rows of several logs of one rig.
 
@@ -134,12 +134,12 @@ def summarise(
         if noise.stationary_in == "angle":
             part = replace(part, block_s=part.block_s * speeds[-1] / speed)
         if part.flanks:
-            plateaus.append(Plateau(speed, part))
+            plateaus.append(PlateauSummary(speed, part))
     return replace(whole, plateaus=tuple(plateaus))
 
 
 def _summarised(
-    logs: Sequence[LogRows], terms: TermPlan, layout: tuple[Columns, tuple[Embedding, ...]]
+    logs: Sequence[LogRows], terms: TermPlan, layout: tuple[ColumnLayout, tuple[Embedding, ...]]
 ) -> HarmonicSummary:
     columns, embeddings = layout
     noise = logs[0].noise
@@ -187,9 +187,9 @@ def _at_speed(log: LogRows, speed: float, speeds: Sequence[float]) -> LogRows:
     return replace(log, runs=tuple(runs))
 
 
-def _side_by_side(logs: Sequence[LogRows]) -> tuple[Columns, tuple[Embedding, ...]]:
+def _side_by_side(logs: Sequence[LogRows]) -> tuple[ColumnLayout, tuple[Embedding, ...]]:
     """Logs whose angles have one zero: each has its own columns, and shares the harmonics."""
-    columns = Columns(
+    columns = ColumnLayout(
         logs[0].columns.free, logs[0].columns.tied, tuple(log.columns.own[0] for log in logs)
     )
     return columns, tuple(dict.fromkeys(FLANKS, columns.embedding(log)) for log in range(len(logs)))

@@ -61,7 +61,7 @@ class Drift:
 
 
 @dataclass(frozen=True, eq=False)
-class Channels:
+class Regressors:
     """Samples of one log; rad, s.
 
     **Arguments**
@@ -107,7 +107,7 @@ def read_channels(
     delay_s: float = 0.0,
     weight: Samples | None = None,
     pull: Samples | None = None,
-) -> Channels:
+) -> Regressors:
     """Shift the driving angle to t − `delay_s` and work out the columns of `regressors`.
 
     **Raises** `UsageError` for a torque the log does not hold.
@@ -126,7 +126,7 @@ def read_channels(
             own[name] = _COLUMNS[name](log, driving, ratio)
     correction = _axial_correction(log, pair)
     flanks: tuple[Flank, ...] = ("A", "B")
-    return Channels(
+    return Regressors(
         log,
         log.time,
         driving,
@@ -155,7 +155,7 @@ def shifted(log: EncoderLog, delay_s: float) -> Samples:
     return np.asarray(CubicHermiteSpline(time, angle, slope)(inside))
 
 
-def trimmed(segment: Segment, channels: Channels) -> Segment:
+def trimmed(segment: Segment, channels: Regressors) -> Segment:
     """The segment without the samples whose shifted instant lies before or behind it."""
     lost = whole_above(abs(channels.delay_s) / channels.sample_s) if channels.delay_s else 0
     start = segment.start + (lost if channels.delay_s > 0 else 0)

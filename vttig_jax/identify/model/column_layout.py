@@ -17,7 +17,7 @@ OFFSET = "offset"
 
 
 @dataclass(frozen=True)
-class Columns:
+class ColumnLayout:
     """Layout [free | own columns of log 1 | of log 2 | … | tied | y] of the rows of a fit.
 
     **Arguments**
@@ -62,9 +62,9 @@ class Columns:
         """Place of the cosine of harmonic `position` of (free, tied); its sine is the next one."""
         return 2 * position + (0 if position < len(self.free) else self.own_width)
 
-    def of_log(self, log: int) -> "Columns":
+    def of_log(self, log: int) -> "ColumnLayout":
         """The layout of the rows of one log alone."""
-        return Columns(self.free, self.tied, (self.own[log],))
+        return ColumnLayout(self.free, self.tied, (self.own[log],))
 
     def embedding(self, log: int) -> Float[np.ndarray, "wide narrow"]:
         """Matrix that puts a row of one log alone into this layout."""
@@ -85,7 +85,7 @@ def is_shared(name: str) -> bool:
 
 
 def own_parameters(
-    columns: Columns,
+    columns: ColumnLayout,
 ) -> tuple[tuple[str, ...], Float[np.ndarray, "own p"]]:
     """Coefficients of the own columns other than offsets, and which column has which.
 

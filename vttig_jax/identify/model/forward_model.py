@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 from ...base.arrays import Numbers
 from ...kinematics.exact import ExactModel
 from ...pair.gear_pair import Drive, Flank, GearPair
-from .column_layout import OFFSET, Columns, own_parameters
+from .column_layout import OFFSET, ColumnLayout, own_parameters
 from .harmonics import SECOND_ORDER, TermPlan
 
 _FIRST = ((1, 0), (0, 1))
@@ -19,7 +19,7 @@ _GRID = 8
 """Points a turn on the torus of both shaft angles: exact for orders below 4, e⁶ alias."""
 
 
-class Relation(eqx.Module):
+class ForwardModel(eqx.Module):
     """Coefficients of the tied columns (own and tied of every flank) as a function of parameters.
 
     Parameters are a flat vector named by `names`: lengths in mm, angles in rad, eccentricities and
@@ -39,7 +39,7 @@ class Relation(eqx.Module):
         return jnp.einsum("p,pft->ft", parameters[: self.linear.shape[0]], self.linear)
 
 
-class PairRelation(Relation):
+class PairRelation(ForwardModel):
     """Two eccentric gears through the exact relation, and encoders that are off centre.
 
     The relation is evaluated where it is explicit, on a grid of both shaft angles, and projected on
@@ -74,7 +74,7 @@ class PairRelation(Relation):
         return turned @ self.basis.T + self.linear_part(parameters)
 
 
-class LinearRelation(Relation):
+class LinearRelation(ForwardModel):
     """Every parameter scales a column: a drive without geometry, or encoders on perfect gears."""
 
     names: tuple[str, ...] = eqx.field(static=True)
@@ -88,12 +88,12 @@ class LinearRelation(Relation):
 def relation_of(
     pair: GearPair | Drive,
     terms: TermPlan,
-    columns: Columns,
+    columns: ColumnLayout,
     flanks: tuple[Flank, ...],
     *,
     encoder_terms: bool,
     gear_terms: bool,
-) -> Relation:
+) -> ForwardModel:
     """The relation of a pair or drive: gears, encoders, or both."""
     if not gear_terms:
         return encoder_relation(terms, columns, flanks, float(pair.ratio))
@@ -105,7 +105,7 @@ def relation_of(
 def pair_relation(
     pair: GearPair,
     terms: TermPlan,
-    columns: Columns,
+    columns: ColumnLayout,
     flanks: tuple[Flank, ...],
     *,
     encoder_terms: bool,
@@ -127,7 +127,9 @@ def pair_relation(
     )
 
 
-def drive_relation(terms: TermPlan, columns: Columns, flanks: tuple[Flank, ...]) -> LinearRelation:
+def drive_relation(
+    terms: TermPlan, columns: ColumnLayout, flanks: tuple[Flank, ...]
+) -> LinearRelation:
     """First orders of a drive without geometry: a part common to both flanks and one that differs.
 
     The common part is what the amplitudes of a drive state; half the difference is added on flank B
@@ -148,7 +150,7 @@ def drive_relation(terms: TermPlan, columns: Columns, flanks: tuple[Flank, ...])
 
 
 def encoder_relation(
-    terms: TermPlan, columns: Columns, flanks: tuple[Flank, ...], ratio: float
+    terms: TermPlan, columns: ColumnLayout, flanks: tuple[Flank, ...], ratio: float
 ) -> LinearRelation:
     """First orders of two encoders on perfect gears, the same on both flanks."""
     names, linear = _common(columns, flanks)
@@ -164,7 +166,7 @@ def torus() -> tuple[Float[np.ndarray, " grid"], Float[np.ndarray, " grid"]]:
 
 
 def _common(
-    columns: Columns, flanks: tuple[Flank, ...]
+    columns: ColumnLayout, flanks: tuple[Flank, ...]
 ) -> tuple[list[str], list[Float[np.ndarray, "flanks tied"]]]:
     """Offsets, the constant backlash and the other own columns: names, and where each one goes."""
     width = columns.own_width + 2 * len(columns.tied)
@@ -194,7 +196,7 @@ def _add_encoders(
     names: list[str],
     linear: list[Float[np.ndarray, "flanks tied"]],
     terms: TermPlan,
-    columns: Columns,
+    columns: ColumnLayout,
     flanks: int,
     ratio: float,
 ) -> None:
@@ -212,7 +214,7 @@ def _tied_shafts(terms: TermPlan) -> list[str]:
 
 
 def _first_order_columns(
-    terms: TermPlan, columns: Columns
+    terms: TermPlan, columns: ColumnLayout
 ) -> dict[str, tuple[Float[np.ndarray, " tied"], Float[np.ndarray, " tied"]]]:
     """Shaft → unit vectors of the cosine and the sine of its first order among tied columns."""
     unit = np.eye(columns.own_width + 2 * len(columns.tied))
@@ -224,7 +226,7 @@ def _first_order_columns(
     return {shaft: (unit[place], unit[place + 1]) for shaft, place in places.items()}
 
 
-def _projection(terms: TermPlan, columns: Columns) -> Float[np.ndarray, "tied grid"]:
+def _projection(terms: TermPlan, columns: ColumnLayout) -> Float[np.ndarray, "tied grid"]:
     """Matrix from values on the torus to tied coefficients.
 
     The mean goes to the offset of every log, a harmonic to the tied column of the same frequency:

@@ -10,7 +10,7 @@ from ...base.units import REV
 from ...logs.encoder_log import EncoderLog
 from ...logs.motion.segments import Segment
 from ...pair.gear_pair import Drive, Flank, GearPair
-from ...pair.schema import FitOptions
+from ...pair.schema import HarmonicOrders
 from .harmonics import TermPlan, plan_terms
 
 _FLANKS: tuple[Flank, ...] = ("A", "B")
@@ -22,7 +22,7 @@ _LIKE_DRIFT = 0.25
 
 
 @dataclass(frozen=True)
-class Scope:
+class Identifiability:
     """Flanks, segments and harmonics of a fit.
 
     **Arguments**
@@ -43,13 +43,13 @@ class Scope:
     notes: tuple[str, ...] = field(default=())
 
 
-def find_scope(
+def find_identifiability(
     logs: Sequence[EncoderLog],
     segments: Sequence[tuple[Segment, ...]],
     pair: GearPair | Drive,
-    options: FitOptions,
+    options: HarmonicOrders,
     only: Flank | None,
-) -> Scope:
+) -> Identifiability:
     """Decide what can be fitted; `only` restricts it to one flank.
 
     **Raises** `NoAnswerError` where no flank covers a revolution of either shaft.
@@ -95,7 +95,9 @@ def find_scope(
         if shaft not in tied and shaft not in reasons:
             reasons[shaft] = "driving order 1 and driven order 1 are the same frequency"
     used = tuple(tuple(s for s in own if s.flank in flanks) for own in segments)
-    return Scope(flanks, used, terms, reasons, tuple(short), turns, (*notes, *terms.dropped))
+    return Identifiability(
+        flanks, used, terms, reasons, tuple(short), turns, (*notes, *terms.dropped)
+    )
 
 
 def _coverage(

@@ -15,7 +15,7 @@ from jaxtyping import Float
 from ...pair.gear_pair import Flank
 from ..compress.block_rows import LogRows
 from ..compress.harmonic_summary import Embedding, HarmonicSummary, summarise
-from ..model.column_layout import Columns
+from ..model.column_layout import ColumnLayout
 from ..model.harmonics import TermPlan
 from ..noise.noise_model import autoregression, residual_rows
 from .nuisance import own_terms
@@ -86,7 +86,9 @@ def _alone(rows: LogRows, terms: TermPlan) -> Coefficients:
     }
 
 
-def _harmonics(coefficients: Float[np.ndarray, " c"], columns: Columns) -> Float[np.ndarray, " h"]:
+def _harmonics(
+    coefficients: Float[np.ndarray, " c"], columns: ColumnLayout
+) -> Float[np.ndarray, " h"]:
     return np.delete(coefficients, columns.own_slice)
 
 
@@ -113,10 +115,10 @@ def _phasor(harmonics: Float[np.ndarray, " h"], place: int) -> complex:
 
 def _embeddings(
     rows: Sequence[LogRows], terms: TermPlan, starts: Sequence[Start], model: Coefficients
-) -> tuple[Columns, tuple[Embedding, ...]]:
+) -> tuple[ColumnLayout, tuple[Embedding, ...]]:
     """Where the columns of every log go once its harmonics are turned, flank by flank."""
     extra = tuple(START.values())
-    columns = Columns(
+    columns = ColumnLayout(
         rows[0].columns.free,
         rows[0].columns.tied,
         tuple((*log.columns.own[0], *(extra if k else ())) for k, log in enumerate(rows)),
@@ -140,7 +142,9 @@ def _embeddings(
     return columns, tuple(embeddings)
 
 
-def _placed(columns: Columns, log: int, narrow: Columns) -> Float[np.ndarray, "wide narrow"]:
+def _placed(
+    columns: ColumnLayout, log: int, narrow: ColumnLayout
+) -> Float[np.ndarray, "wide narrow"]:
     """Rows of one log put into the common layout; its start columns stay empty."""
     matrix = np.zeros((columns.width, narrow.width))
     places = [
@@ -153,7 +157,7 @@ def _placed(columns: Columns, log: int, narrow: Columns) -> Float[np.ndarray, "w
 
 
 def _slope(
-    harmonics: Float[np.ndarray, " h"], terms: TermPlan, columns: Columns, shaft: int
+    harmonics: Float[np.ndarray, " h"], terms: TermPlan, columns: ColumnLayout, shaft: int
 ) -> Float[np.ndarray, " wide"]:
     """Derivative of the model by the angle of a shaft, as a sum of columns."""
     slope = np.zeros(columns.width)

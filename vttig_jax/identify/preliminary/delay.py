@@ -15,7 +15,7 @@ from jaxtyping import Float
 from ...logs.motion.flank_assignment import Ramp
 from ...logs.motion.segments import Segment
 from ...pair.gear_pair import Flank
-from .nuisance import OwnTerms
+from .nuisance import NuisanceRegression
 
 SIGNIFICANT = 4.0
 """Standard errors a delay must differ from zero by to be fitted unasked."""
@@ -64,7 +64,12 @@ class Delay:
 
 
 def judge_delay(
-    own: OwnTerms, beside: Sequence[str], seconds: float, *, forced: bool, two_flanks: bool
+    own: NuisanceRegression,
+    beside: Sequence[str],
+    seconds: float,
+    *,
+    forced: bool,
+    two_flanks: bool,
 ) -> Delay:
     """Decide on a delay from the linear model that has the coefficients `beside` too.
 

@@ -17,21 +17,21 @@ from ...logs.motion.segments import Segment, Segments
 from ...pair.gear_pair import Drive, Flank, GearPair
 from ..compress.block_rows import LogRows, block_seconds, log_rows
 from ..compress.harmonic_summary import HarmonicSummary, summarise
-from ..compress.regressors import Channels, Drift, Samples, read_channels
-from ..model.column_layout import Columns
+from ..compress.regressors import Drift, Regressors, Samples, read_channels
+from ..model.column_layout import ColumnLayout
 from ..model.harmonics import TermPlan
 from ..noise.noise_model import autoregression, residual_rows
 from ..settings import NoiseChoice
 from .alignment import Start, aligned
-from .nuisance import OwnTerms, own_terms
+from .nuisance import NuisanceRegression, own_terms
 
 _CHUNK = 8192
 
 
 def residual_of(
-    channels: Channels,
+    channels: Regressors,
     segment: Segment,
-    columns: Columns,
+    columns: ColumnLayout,
     weights: Float[np.ndarray, " columns"],
     stride: int = 1,
 ) -> Float[np.ndarray, " n"]:
@@ -105,7 +105,7 @@ class Model:
 
 
 @dataclass(frozen=True, eq=False)
-class View:
+class LinearFit:
     """Rows of every log under one delay and one set of weights.
 
     **Arguments**
@@ -117,7 +117,7 @@ class View:
 
     inputs: tuple[Input, ...]
     model: Model
-    channels: tuple[Channels, ...]
+    channels: tuple[Regressors, ...]
     rows: tuple[LogRows, ...]
     block_s: float
     segments: tuple[tuple[Segment, ...], ...]
@@ -161,7 +161,7 @@ class View:
         return autoregression(self.summary)
 
     @cached_property
-    def own(self) -> OwnTerms:
+    def own(self) -> NuisanceRegression:
         """Normal equations of drift, delay and regressors."""
         return own_terms(self.summary, self.filter)
 
@@ -191,7 +191,7 @@ class View:
         return found
 
 
-def look(
+def linear_fit(
     inputs: Sequence[Input],
     model: Model,
     delay_s: float = 0.0,
@@ -200,7 +200,7 @@ def look(
     finest_s: float = np.inf,
     segments: Sequence[tuple[Segment, ...]] | None = None,
     pulls: Sequence[AnySamples | None] | None = None,
-) -> View:
+) -> LinearFit:
     """Pass over the certain segments of all logs, or those given.
 
     A row lasts `block_s`, or as long as the orders allow but no longer than `finest_s`.
@@ -214,6 +214,6 @@ def look(
         block_s = block_seconds(channels, [one.segments for one in inputs], model.terms)
         block_s = max(min(block_s, finest_s), block_s / _FINER, min(c.sample_s for c in channels))
     used = tuple(one.segments for one in inputs) if segments is None else tuple(segments)
-    view = View(tuple(inputs), model, channels, (), block_s, used)
+    view = LinearFit(tuple(inputs), model, channels, (), block_s, used)
     rows = tuple(view.rows_of(log, segments) for log, segments in enumerate(used))
     return replace(view, rows=rows)

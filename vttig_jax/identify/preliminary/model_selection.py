@@ -13,12 +13,12 @@ import numpy as np
 from ...pair.gear_pair import Drive, GearPair
 from ..compress.harmonic_summary import HarmonicSummary
 from ..compress.regressors import Drift
-from ..model.identifiability import Scope
+from ..model.identifiability import Identifiability
 from ..noise.noise_model import whiten
 from ..settings import Choices
 from .delay import Delay, judge_delay, on_its_branch, one_speed
-from .linear_fit import Input, Model, View, look
-from .nuisance import OwnTerms
+from .linear_fit import Input, LinearFit, Model, linear_fit
+from .nuisance import NuisanceRegression
 from .robust import Reweighted, reweighted
 
 AUTOMATIC_DRIFT = 2
@@ -31,7 +31,7 @@ def drift_names(names: Sequence[str], order: int) -> list[str]:
     return [name for name in names if name.split("_of_")[0] in powers]
 
 
-def choose_drift(own: OwnTerms, beside: Sequence[str] = ()) -> int:
+def choose_drift(own: NuisanceRegression, beside: Sequence[str] = ()) -> int:
     """Power of time, 0 to 2, by BIC with the coefficients `beside` in the model.
 
     All powers are judged under one noise, that of the highest: each with its own would trade drift
@@ -57,7 +57,7 @@ _SIGNIFICANT = 4.0
 
 
 @dataclass(frozen=True, eq=False)
-class Gathered:
+class SelectedModel:
     """Everything the logs say, ready for the solver.
 
     **Arguments**
@@ -66,7 +66,7 @@ class Gathered:
     - `notes`: sentences for the reader.
     """
 
-    view: View
+    view: LinearFit
     summary: HarmonicSummary
     delay: Delay
     drift: Drift
@@ -74,9 +74,9 @@ class Gathered:
     notes: tuple[str, ...]
 
 
-def gather(
-    inputs: tuple[Input, ...], pair: GearPair | Drive, scope: Scope, choices: Choices
-) -> Gathered:
+def select_model(
+    inputs: tuple[Input, ...], pair: GearPair | Drive, scope: Identifiability, choices: Choices
+) -> SelectedModel:
     """Pass over the logs as often as delay and weights need."""
     names, delay, notes = _candidates(inputs, choices)
     same_zero = choices.same_zero
@@ -85,7 +85,9 @@ def gather(
     drift = _widest_drift(choices, scope)
     model = Model(pair, scope.terms, names, drift, same_zero, choices.noise)
     delay_tried = "delay" in names
-    plain = look(inputs, model, delay.seconds, finest_s=_finest(inputs) if delay_tried else np.inf)
+    plain = linear_fit(
+        inputs, model, delay.seconds, finest_s=_finest(inputs) if delay_tried else np.inf
+    )
     weights = reweighted(plain, choices.loss)
     view = weights.view
     if delay_tried:
@@ -103,7 +105,7 @@ def gather(
     kept = [
         tuple(n for n in each if n in own or n == "offset") for each in view.summary.columns.own
     ]
-    return Gathered(
+    return SelectedModel(
         view, view.summary.keeping(kept), delay, _drift_of(own, model.drift), weights, tuple(notes)
     )
 
@@ -142,7 +144,7 @@ def _finest(inputs: Sequence[Input]) -> float:
     return float(np.median(ramps)) / _ROWS_A_RAMP if ramps else np.inf
 
 
-def _widest_drift(choices: Choices, scope: Scope) -> Drift:
+def _widest_drift(choices: Choices, scope: Identifiability) -> Drift:
     """The drift asked for, or the highest that is tried: none where an order looks like one."""
     if choices.drift_knots_s is not None:
         return Drift(knots_s=choices.drift_knots_s)
@@ -152,7 +154,7 @@ def _widest_drift(choices: Choices, scope: Scope) -> Drift:
     return Drift(AUTOMATIC_DRIFT if min(tied, default=0.0) >= _TURNS_FOR_DRIFT else 0)
 
 
-def _with_delay(weights: Reweighted, choices: Choices) -> tuple[View, Delay, list[str]]:
+def _with_delay(weights: Reweighted, choices: Choices) -> tuple[LinearFit, Delay, list[str]]:
     """Judge the delay, with the ramps where the speed is steady, and step until it stands still."""
     plain = weights.view
     inputs, model, block_s = plain.inputs, plain.model, plain.block_s
@@ -179,7 +181,7 @@ def _with_delay(weights: Reweighted, choices: Choices) -> tuple[View, Delay, lis
     return plain, delay, []
 
 
-def _with_ramps(view: View) -> tuple[View, list[str]]:
+def _with_ramps(view: LinearFit) -> tuple[LinearFit, list[str]]:
     """The view with ramps added: those that speed up, then those that keep to the same flank.
 
     Speeding up, the driving gear pushes; slowing down, the driven side may run ahead.
@@ -201,7 +203,7 @@ def _with_ramps(view: View) -> tuple[View, list[str]]:
     return _joined(view, keep), [note] if total else []
 
 
-def _ramp_rows(view: View, log: int):
+def _ramp_rows(view: LinearFit, log: int):
     """Rows of every ramp of a log, empty where it is shorter than a row."""
     found = []
     for ramp in view.inputs[log].ramps:
@@ -210,7 +212,7 @@ def _ramp_rows(view: View, log: int):
     return found
 
 
-def _joined(view: View, keep: Sequence[Sequence[bool]]) -> View:
+def _joined(view: LinearFit, keep: Sequence[Sequence[bool]]) -> LinearFit:
     rows, used = [], []
     for log, chosen in enumerate(keep):
         ramps = view.inputs[log].ramps
@@ -221,7 +223,7 @@ def _joined(view: View, keep: Sequence[Sequence[bool]]) -> View:
     return replace(view, rows=tuple(rows), segments=tuple(used))
 
 
-def _beside(own: OwnTerms, choices: Choices) -> list[str]:
+def _beside(own: NuisanceRegression, choices: Choices) -> list[str]:
     """Own coefficients other than the delay that the logs ask for, or the user did."""
     slow = ("drift_", "spline_", "torque_")
     others = [n for n in own.names if n != "delay" and not n.startswith(slow)]
@@ -236,14 +238,14 @@ def _beside(own: OwnTerms, choices: Choices) -> list[str]:
     return [*known, *_best_torque(own, known)]
 
 
-def _best_torque(own: OwnTerms, known: list[str]) -> list[str]:
+def _best_torque(own: NuisanceRegression, known: list[str]) -> list[str]:
     """The average of the torque that explains most beside `known` and the delay."""
     windows = [n for n in own.names if n.startswith("torque_")]
     beside = [*known, *(["delay"] if "delay" in own.names else [])]
     return [min(windows, key=lambda name: own.misfit([*beside, name]))] if windows else []
 
 
-def _chosen(view: View, choices: Choices, delay: Delay) -> tuple[set[str], list[str]]:
+def _chosen(view: LinearFit, choices: Choices, delay: Delay) -> tuple[set[str], list[str]]:
     """Names of the own columns that stay, and sentences on those that do not."""
     own = view.own
     fitted = ["delay"] if delay.state == "fitted" else []

@@ -17,7 +17,7 @@ from ..model.column_layout import OFFSET, own_parameters
 
 
 @dataclass(frozen=True)
-class OwnTerms:
+class NuisanceRegression:
     """Least squares of the own coefficients, in the units of the innovations.
 
     **Arguments**
@@ -67,7 +67,7 @@ class OwnTerms:
         return triangle_of(self.triangle[:, [*(self.names.index(n) for n in names), -1]])
 
 
-def own_terms(summary: HarmonicSummary, filter_: Float[np.ndarray, " taps"]) -> OwnTerms:
+def own_terms(summary: HarmonicSummary, filter_: Float[np.ndarray, " taps"]) -> NuisanceRegression:
     """Eliminate the harmonics of every flank, the offsets and the gap under a whitening filter."""
     columns = summary.columns
     names, places = own_parameters(columns)
@@ -91,4 +91,4 @@ def own_terms(summary: HarmonicSummary, filter_: Float[np.ndarray, " taps"]) -> 
         raw += np.sum((triangle[:, len(harmonics) :] @ widened) ** 2, axis=0)
     left = triangle_of(np.concatenate(kept))[fixed:, fixed:]
     rows = summary.rows - len(harmonics) * len(summary.flanks) - fixed
-    return OwnTerms(names, left, float(max(rows, 1)), float(raw[-1]), raw[fixed:-1])
+    return NuisanceRegression(names, left, float(max(rows, 1)), float(raw[-1]), raw[fixed:-1])

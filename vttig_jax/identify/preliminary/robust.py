@@ -21,7 +21,7 @@ from scipy.ndimage import median_filter
 from ...base.units import DEG
 from ..compress.regressors import Samples
 from ..settings import Loss
-from .linear_fit import Input, Model, View, look
+from .linear_fit import Input, LinearFit, Model, linear_fit
 
 HUBER, BISQUARE = 1.345, 4.685
 FAR, FAR_SHARE = 8.0, 2e-3
@@ -159,7 +159,7 @@ class Reweighted:
     - `pulls`: what was taken off the samples instead, by a loss that lets none go.
     """
 
-    view: View
+    view: LinearFit
     loss: Loss
     passes: int = 0
     values: tuple[Samples | None, ...] | None = None
@@ -167,13 +167,15 @@ class Reweighted:
     outliers: tuple[Outliers, ...] = ()
     pulls: tuple[Samples | None, ...] | None = None
 
-    def look(self, inputs: tuple[Input, ...], model: Model, delay_s: float, block_s: float) -> View:
+    def look(
+        self, inputs: tuple[Input, ...], model: Model, delay_s: float, block_s: float
+    ) -> LinearFit:
         """Another pass with the same weights."""
-        return look(inputs, model, delay_s, self.values, block_s, pulls=self.pulls)
+        return linear_fit(inputs, model, delay_s, self.values, block_s, pulls=self.pulls)
 
 
 def reweighted(
-    view: View,
+    view: LinearFit,
     loss: Loss | Literal["auto"],
     start: Sequence[Samples | None] | None = None,
 ) -> Reweighted:
@@ -224,11 +226,11 @@ def reweighted(
 
 
 def _look_again(
-    view: View,
+    view: LinearFit,
     weights: Sequence[Samples] | None = None,
     pulls: Sequence[Samples] | None = None,
-) -> View:
-    return look(
+) -> LinearFit:
+    return linear_fit(
         view.inputs,
         view.model,
         view.channels[0].delay_s,
@@ -239,7 +241,7 @@ def _look_again(
     )
 
 
-def _pull(view: View, log: int, weight: Samples) -> Samples:
+def _pull(view: LinearFit, log: int, weight: Samples) -> Samples:
     """What a sample stands too far off, (1 − w) r: without it its residual is ψ = w r.
 
     Under correlated noise a down-weighted row would stand between neighbours that are not, and the
@@ -252,23 +254,23 @@ def _pull(view: View, log: int, weight: Samples) -> Samples:
     return pull
 
 
-def _pieces(view: View, log: int) -> list[Samples]:
+def _pieces(view: LinearFit, log: int) -> list[Samples]:
     samples = sum(run.segment.stop - run.segment.start for run in view.rows[log].runs)
     return view.residuals(log, max(1, samples // _MOST_TESTED))
 
 
-def _tested(view: View, log: int) -> Samples:
+def _tested(view: LinearFit, log: int) -> Samples:
     pieces = _pieces(view, log)
     return np.concatenate(pieces) if pieces else np.zeros(1)
 
 
-def _scaled(view: View, log: int) -> Samples:
+def _scaled(view: LinearFit, log: int) -> Samples:
     """Residuals of the samples in robust scales of their log."""
     residual = _tested(view, log)
     return residual / scale_of(residual)[1]
 
 
-def _weights(view: View, log: int, loss: Loss) -> Samples:
+def _weights(view: LinearFit, log: int, loss: Loss) -> Samples:
     pieces = view.residuals(log)
     middle, scale = scale_of(np.concatenate(pieces)) if pieces else (0.0, 1.0)
     weight = np.ones(len(view.inputs[log].log))
@@ -285,7 +287,7 @@ def _weights(view: View, log: int, loss: Loss) -> Samples:
     return weight
 
 
-def _outliers(view: View, log: int, weight: Samples, loss: Loss, passes: int) -> Outliers:
+def _outliers(view: LinearFit, log: int, weight: Samples, loss: Loss, passes: int) -> Outliers:
     pieces = view.residuals(log)
     residual = np.concatenate(pieces)
     place = np.concatenate(

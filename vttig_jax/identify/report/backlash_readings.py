@@ -42,7 +42,7 @@ _STEP = 1e-6
 
 
 @dataclass(frozen=True)
-class Gap:
+class PredictedGap:
     """The gap a fit expects at the angles of readings.
 
     **Arguments**
@@ -67,7 +67,7 @@ def gap_of_both_flanks(
     whitened: Sequence[WhitenedFlank],
     solution: Solution,
     coefficients: Sequence[Float[np.ndarray, " columns"]],
-) -> Gap:
+) -> PredictedGap:
     """The order-complete gap, TE_B − TE_A, where both flanks were measured."""
     count = len(driving)
     value, slope = np.zeros(count), np.zeros((count, len(solution.names)))
@@ -82,12 +82,12 @@ def gap_of_both_flanks(
         slope += sign * (rows[:, free:] + rows[:, :free] @ follow) @ solution.jacobian[place]
         left = rows[:, :free] @ inverse
         open_ += left @ left.T
-    return Gap(value, slope, open_)
+    return PredictedGap(value, slope, open_)
 
 
 def gap_of_one_flank(
     driving: Float[np.ndarray, " n"], pair: GearPair, solution: Solution, flank: Flank
-) -> Gap:
+) -> PredictedGap:
     """The exact gap of the fitted eccentricities; `solution` holds a constant backlash too.
 
     The offset of the first log says where the driven gear stood: see `mounting`.
@@ -115,7 +115,7 @@ def gap_of_one_flank(
     for name, value in at.items():
         up, down = gap(**{name: value + _STEP}), gap(**{name: value - _STEP})
         slope[:, solution.names.index(name)] = (up - down) / (2 * _STEP)
-    return Gap(gap(), slope, np.zeros((len(driving), len(driving))))
+    return PredictedGap(gap(), slope, np.zeros((len(driving), len(driving))))
 
 
 @eqx.filter_jit
@@ -139,7 +139,7 @@ def with_constant_backlash(solution: Solution) -> Solution:
     )
 
 
-def updated(solution: Solution, gap: Gap, readings: BacklashReadings) -> Solution:
+def updated(solution: Solution, gap: PredictedGap, readings: BacklashReadings) -> Solution:
     """The solution with the readings as further data."""
     off = readings.backlash - gap.value
     scatter = scatter_of(readings, gap)
@@ -155,13 +155,13 @@ def updated(solution: Solution, gap: Gap, readings: BacklashReadings) -> Solutio
     )
 
 
-def scatter_of(readings: BacklashReadings, gap: Gap) -> float:
+def scatter_of(readings: BacklashReadings, gap: PredictedGap) -> float:
     """Standard deviation of single readings about the fit and a common shift, rad."""
     off = readings.backlash - gap.value
     return float(np.std(off, ddof=1)) if len(off) > 1 else float(np.abs(off[0]) or _UNKNOWN)
 
 
-def comparison(readings: BacklashReadings, gap: Gap, solution: Solution) -> dict:
+def comparison(readings: BacklashReadings, gap: PredictedGap, solution: Solution) -> dict:
     """Readings less the gap the fit expects, in degrees; before they join it."""
     off = (readings.backlash - gap.value) / DEG
     spread = np.sqrt(np.mean(np.diag(gap.deviation(solution.covariance)))) / DEG
@@ -178,7 +178,9 @@ def comparison(readings: BacklashReadings, gap: Gap, solution: Solution) -> dict
     }
 
 
-def require_plausible(readings: BacklashReadings, gap: Gap, compared: dict, as_data: bool) -> None:
+def require_plausible(
+    readings: BacklashReadings, gap: PredictedGap, compared: dict, as_data: bool
+) -> None:
     """Refuse as data what is off the fit by half the gap: another unit, zero or rig."""
     usual = float(np.mean(np.abs(gap.value))) / DEG
     doubt = compared["scatter_deg"] / np.sqrt(len(readings)) + compared["expected_std_deg"]

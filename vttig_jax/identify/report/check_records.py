@@ -13,8 +13,8 @@ from ...pair.gear_pair import Drive, GearPair
 from ..model.column_layout import is_shared
 from ..model.mounting import mounting_of
 from ..preliminary.alignment import SHAFTS, START
-from ..preliminary.linear_fit import View
-from ..preliminary.model_selection import Gathered
+from ..preliminary.linear_fit import LinearFit
+from ..preliminary.model_selection import SelectedModel
 from ..solve.least_squares import Solution
 from .closure import reversal_jumps
 from .parameters import Parameter, apparent_gap, variable_backlash_deg
@@ -23,7 +23,7 @@ from .same_rig import disagreements, refuse_different_rigs
 
 
 def checks_of(
-    gathered: Gathered,
+    gathered: SelectedModel,
     solution: Solution,
     pair: GearPair | Drive,
     parameters: dict[str, Parameter],
@@ -45,7 +45,7 @@ def checks_of(
     }
 
 
-def repetitions_of(view: View) -> dict[str, Callable[[], list[dict]]]:
+def repetitions_of(view: LinearFit) -> dict[str, Callable[[], list[dict]]]:
     """Comparisons inside every log, to be carried out later; they keep rows but not samples."""
     logs, terms = view.rows, view.model.terms
     return {
@@ -59,7 +59,7 @@ def _numbered(found: Sequence[list[dict]]) -> list[dict]:
     return [{"log": log, **one} for log, own in enumerate(found, 1) for one in own]
 
 
-def log_record(view: View, solution: Solution, log: int) -> dict:
+def log_record(view: LinearFit, solution: Solution, log: int) -> dict:
     """What one log brought: file, samples by flank, where its angles are zero."""
     one, rows = view.inputs[log].log, view.rows[log]
     used = dict.fromkeys("AB", 0)
@@ -93,7 +93,7 @@ def _zero_reading(channel: Channel, zero: str) -> int | float:
     return channel.origin if zero == "start" else channel.reading[0].item()
 
 
-def _start(view: View, solution: Solution, log: int) -> dict[str, float | None]:
+def _start(view: LinearFit, solution: Solution, log: int) -> dict[str, float | None]:
     """Angles of a log at its zero in the angles of the first, degrees, with standard errors."""
     found: dict[str, float | None] = {}
     for shaft in SHAFTS:
@@ -107,7 +107,7 @@ def _start(view: View, solution: Solution, log: int) -> dict[str, float | None]:
     return found
 
 
-def _drift(gathered: Gathered, solution: Solution) -> dict:
+def _drift(gathered: SelectedModel, solution: Solution) -> dict:
     drift = gathered.drift
     longest = max(float(c.time[-1] - c.time[0]) for c in gathered.view.channels)
     return {
@@ -123,7 +123,7 @@ def _drift(gathered: Gathered, solution: Solution) -> dict:
 
 
 def _reversals(
-    view: View,
+    view: LinearFit,
     log: int,
     solution: Solution,
     pair: GearPair | Drive,
@@ -164,7 +164,7 @@ def _ratio(log: EncoderLog) -> dict:
     }
 
 
-def _agreement(view: View) -> list[dict]:
+def _agreement(view: LinearFit) -> list[dict]:
     """First orders of every log against the first log's; refuses logs of different rigs."""
     if len(view.rows) == 1:
         return []

@@ -8,10 +8,10 @@ import numpy as np
 from ...base.units import DEG
 from ...logs.encoder_log import EncoderLog
 from ...pair.gear_pair import Drive, GearPair
-from ..model.identifiability import Scope
+from ..model.identifiability import Identifiability
 from ..noise.noise_model import NoiseModel
 from ..preliminary.delay import one_speed
-from ..preliminary.model_selection import Gathered
+from ..preliminary.model_selection import SelectedModel
 from ..settings import Choices
 from ..solve.least_squares import Solution
 from .parameters import Parameter
@@ -21,8 +21,8 @@ _CORRELATED = 0.9
 
 
 def notes_of(
-    gathered: Gathered,
-    scope: Scope,
+    gathered: SelectedModel,
+    scope: Identifiability,
     solution: Solution,
     noise: NoiseModel,
     regressors: tuple[Parameter, ...],
@@ -52,7 +52,7 @@ def _noise_notes(noise: NoiseModel) -> list[str]:
 
 
 def conditions_of(
-    pair: GearPair | Drive, split: bool, choices: Choices, gathered: Gathered
+    pair: GearPair | Drive, split: bool, choices: Choices, gathered: SelectedModel
 ) -> tuple[str, ...]:
     """What the numbers take for granted."""
     conditions: tuple[str, ...] = ()
@@ -68,7 +68,7 @@ def conditions_of(
     return conditions
 
 
-def _seen(gathered: Gathered, scope: Scope) -> tuple[str, ...]:
+def _seen(gathered: SelectedModel, scope: Identifiability) -> tuple[str, ...]:
     """What was seen in the logs; a note that all of them have stands once."""
     inputs = gathered.view.inputs
     own = [[*one.log.notes, *one.found.notes] for one in inputs]
@@ -82,7 +82,7 @@ def _seen(gathered: Gathered, scope: Scope) -> tuple[str, ...]:
     return (*notes, *scope.notes, *gathered.notes)
 
 
-def _delay_notes(gathered: Gathered, scope: Scope, solution: Solution) -> list[str]:
+def _delay_notes(gathered: SelectedModel, scope: Identifiability, solution: Solution) -> list[str]:
     """What a delay and the constant backlash do to each other."""
     state = gathered.delay.state
     if state == "open" and len(scope.flanks) == 2 and not gathered.delay.forced:

@@ -11,7 +11,7 @@ from ...base.angles import amplitude_phase
 from ...base.units import ARCSEC, DEG
 from ...logs.encoder_log import EncoderLog
 from ...pair.gear_pair import Drive, GearPair
-from ..model.identifiability import Scope
+from ..model.identifiability import Identifiability
 from ..preliminary.delay import Delay
 from ..settings import Choices
 from ..solve.least_squares import Solution
@@ -175,7 +175,7 @@ _REGRESSORS = {
 
 def parameters_of(
     pair: GearPair | Drive,
-    scope: Scope,
+    scope: Identifiability,
     solution: Solution,
     choices: Choices,
     delay: Delay,

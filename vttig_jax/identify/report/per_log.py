@@ -6,14 +6,14 @@ from ...base.units import DEG
 from ..compress.harmonic_summary import summarise
 from ..noise.noise_model import autoregression
 from ..preliminary.delay import TOLD
-from ..preliminary.linear_fit import View
+from ..preliminary.linear_fit import LinearFit
 from ..preliminary.nuisance import own_terms
 
 _DIFFERENT = 5.0
 """Standard errors from which logs are said to differ."""
 
 
-def log_alone(view: View, log: int) -> dict:
+def fit_log_alone(view: LinearFit, log: int) -> dict:
     """Delay (s) and gap (degrees, averaged over the angles covered) of one log with their std.
 
     The gap is that under the common delay. None where the log alone cannot tell.

@@ -10,7 +10,7 @@ from ...base.errors import NoAnswerError
 from ...base.threads import one_blas_thread
 from ...base.units import ARCSEC, DEG, REV
 from ...kinematics.te_curve import TECurve
-from ..compress.block_rows import LogRows, Run
+from ..compress.block_rows import BlockRun, LogRows
 from ..model.harmonics import TermPlan
 from ..preliminary.alignment import Start
 from .same_rig import Phasors, first_orders
@@ -81,7 +81,7 @@ def _half(rows: LogRows, *, late: bool) -> LogRows:
     for run in rows.runs:
         middle = len(run.rows) // 2
         part = slice(middle, None) if late else slice(middle)
-        runs.append(Run(run.segment, run.rows[part], run.curve.part(part)))
+        runs.append(BlockRun(run.segment, run.rows[part], run.curve.part(part)))
     return replace(rows, runs=tuple(runs))
 
 

@@ -11,7 +11,7 @@ from ...base.threads import one_blas_thread
 from ...base.units import REV
 from ...kinematics.harmonic import Term
 from ...logs.lines.search import Line, find_lines
-from ...logs.lines.search import Run as LineRun
+from ...logs.lines.search import Stretch as LineRun
 from ...pair.gear_pair import Flank
 from ..compress.block_means import block_means
 from ..compress.block_rows import LogRows

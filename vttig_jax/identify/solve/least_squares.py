@@ -10,7 +10,7 @@ import optimistix as optx
 from jax.typing import ArrayLike
 from jaxtyping import Float
 
-from ..model.forward_model import Relation
+from ..model.forward_model import ForwardModel
 from ..noise.noise_model import WhitenedFlank
 
 _MOST_STEPS = 100
@@ -81,7 +81,7 @@ class Direction:
         }
 
 
-def solve(relation: Relation, flanks: tuple[WhitenedFlank, ...]) -> Solution:
+def solve(relation: ForwardModel, flanks: tuple[WhitenedFlank, ...]) -> Solution:
     """Minimise Σ_f |R_tt h_f(p) − R_ty|² over the parameters.
 
     The residuals are in standard deviations; the parameters are scaled to O(1) by the Jacobian at
@@ -147,7 +147,7 @@ def _whitened(
 
 
 @eqx.filter_jit
-def _linearised(relation: Relation, parameters: Float[ArrayLike, " p"]):
+def _linearised(relation: ForwardModel, parameters: Float[ArrayLike, " p"]):
     """Tied coefficients and their Jacobian, compiled apart from the solver: it is used twice."""
     parameters = jnp.asarray(parameters)
     jacobian = jax.jacfwd(lambda p: relation.coefficients(p))(parameters)
@@ -156,7 +156,7 @@ def _linearised(relation: Relation, parameters: Float[ArrayLike, " p"]):
 
 @eqx.filter_jit
 def _minimise(
-    relation: Relation,
+    relation: ForwardModel,
     matrices: Float[ArrayLike, "flanks tied tied"],
     targets: Float[ArrayLike, "flanks tied"],
     scale: Float[ArrayLike, " p"],

@@ -12,7 +12,7 @@ from ..compress.harmonic_summary import HarmonicSummary
 from ..model.column_layout import OFFSET
 from ..model.mounting import offset_name
 from ..noise.noise_model import WhitenedFlank
-from ..preliminary.linear_fit import View, residual_of
+from ..preliminary.linear_fit import LinearFit, residual_of
 from .least_squares import Solution
 
 _MOST_SAMPLES = 20_000
@@ -46,7 +46,7 @@ def weights_of_logs(
 
 
 def curves_and_residuals(
-    view: View, weights: list[Weights]
+    view: LinearFit, weights: list[Weights]
 ) -> tuple[tuple[TECurve, ...], tuple[Float[np.ndarray, " _"], ...]]:
     """Block means of the transmission error of every run, and what the model leaves of them, rad.
 
@@ -73,7 +73,7 @@ def curves_and_residuals(
     return tuple(curves), tuple(residuals)
 
 
-def sample_residual_rms(view: View, weights: list[Weights]) -> float:
+def sample_residual_rms(view: LinearFit, weights: list[Weights]) -> float:
     """Rms of single samples less the model, rad, over at most 20 000 evenly spaced samples.
 
     Samples count by their weight where a robust loss gave them one.

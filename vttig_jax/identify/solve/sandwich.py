@@ -15,7 +15,7 @@ from jaxtyping import Float
 
 from ..compress.harmonic_summary import HarmonicSummary
 from ..noise.noise_model import NoiseModel, WhitenedFlank
-from ..preliminary.linear_fit import View
+from ..preliminary.linear_fit import LinearFit
 from .least_squares import Solution
 
 _BLOCKS = 28
@@ -26,7 +26,7 @@ _SHORTEST = 10
 
 
 def widened(
-    view: View,
+    view: LinearFit,
     summary: HarmonicSummary,
     noise: NoiseModel,
     whitened: Sequence[WhitenedFlank],
@@ -49,7 +49,7 @@ def widened(
 
 
 def _block_scores(
-    view: View,
+    view: LinearFit,
     summary: HarmonicSummary,
     noise: NoiseModel,
     whitened: Sequence[WhitenedFlank],

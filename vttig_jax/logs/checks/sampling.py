@@ -32,7 +32,7 @@ class Sampling:
 
 
 @dataclass(frozen=True)
-class Plateau:
+class SpeedPlateau:
     """Samples at one speed on one flank; `speed_rpm` is that of the driving shaft, signed."""
 
     speed_rpm: float
@@ -76,7 +76,7 @@ def sampling_of(time: Float[np.ndarray, " n"]) -> Sampling:
     )
 
 
-def plateaus_of(segments: Sequence[Segment]) -> tuple[Plateau, ...]:
+def plateaus_of(segments: Sequence[Segment]) -> tuple[SpeedPlateau, ...]:
     """Segments of one flank and nearly one speed taken together, in the order they appear."""
     groups: list[list[Segment]] = []
     for segment in segments:
@@ -90,10 +90,10 @@ def plateaus_of(segments: Sequence[Segment]) -> tuple[Plateau, ...]:
     return tuple(_plateau(group) for group in groups)
 
 
-def _plateau(group: Sequence[Segment]) -> Plateau:
+def _plateau(group: Sequence[Segment]) -> SpeedPlateau:
     sizes = [s.stop - s.start for s in group]
     speed = float(np.average([s.speed for s in group], weights=sizes))
-    return Plateau(60 * speed / REV, group[0].flank, len(group), sum(sizes))
+    return SpeedPlateau(60 * speed / REV, group[0].flank, len(group), sum(sizes))
 
 
 def commensurate(log: EncoderLog, segments: Sequence[Segment]) -> tuple[Commensurate, ...]:
@@ -114,7 +114,9 @@ def commensurate(log: EncoderLog, segments: Sequence[Segment]) -> tuple[Commensu
 
 
 def aliased(
-    plateaus: Sequence[Plateau], rate_hz: float, orders: Mapping[str, tuple[float, Sequence[int]]]
+    plateaus: Sequence[SpeedPlateau],
+    rate_hz: float,
+    orders: Mapping[str, tuple[float, Sequence[int]]],
 ) -> tuple[Aliased, ...]:
     """Fit orders above half the sampling rate at some plateau.
 

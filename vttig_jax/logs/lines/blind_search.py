@@ -10,7 +10,7 @@ from ...base.units import REV
 from ..channel.speed import smooth_speed
 from ..encoder_log import EncoderLog
 from ..motion.segments import Segment
-from .search import Line, Run, find_lines
+from .search import Line, Stretch, find_lines
 
 HIGHEST = 12.0
 """Cycles per driving revolution up to which `inspect` looks."""
@@ -51,7 +51,7 @@ def blind_lines(log: EncoderLog, segments: Sequence[Segment]) -> tuple[Line, ...
         if len(place) < _LEAST_ROWS * size:
             continue
         means = [channel[place].reshape(-1, size).mean(axis=1) for channel in channels]
-        runs.append(Run(means[0], means[1], np.stack(means[2:], axis=1), segment.flank))
+        runs.append(Stretch(means[0], means[1], np.stack(means[2:], axis=1), segment.flank))
     return find_lines(runs, highest=highest, most=_MOST) if runs and highest >= 1 else ()
 
 

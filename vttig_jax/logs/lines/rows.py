@@ -19,7 +19,7 @@ _ROWS_PER_CYCLE = 4.0
 
 
 @dataclass(frozen=True)
-class Run:
+class Stretch:
     """One uninterrupted stretch: neighbouring rows are neighbours in time.
 
     **Arguments**
@@ -80,7 +80,7 @@ class Rows:
         return float(np.ptp(self.turns))
 
 
-def stack(runs: Sequence[Run], highest: float) -> Rows:
+def stack(runs: Sequence[Stretch], highest: float) -> Rows:
     """Rows of all runs, thinned by block means where there are more than `MOST_ROWS`.
 
     **Raises** `ValueError` where runs of one group differ in their columns, or where a cycle of
@@ -97,7 +97,7 @@ def stack(runs: Sequence[Run], highest: float) -> Rows:
     block = -(-sum(len(run.value) for run in runs) // MOST_ROWS)
     if block > 1 and step > 0:
         block = max(min(block, whole_below(1 / (_ROWS_PER_CYCLE * highest * step))), 1)
-    groups: dict[str, list[Run]] = {}
+    groups: dict[str, list[Stretch]] = {}
     for run in runs:
         groups.setdefault(run.group, []).append(run)
     for name, own in groups.items():
@@ -126,14 +126,14 @@ def stack(runs: Sequence[Run], highest: float) -> Rows:
     )
 
 
-def _typical_step(runs: Sequence[Run]) -> float:
+def _typical_step(runs: Sequence[Stretch]) -> float:
     """Revolutions from row to row where the shaft moves: the median weighed by the way."""
     steps = np.sort(np.concatenate([np.abs(np.diff(run.angle)) for run in runs])) / REV
     way = np.cumsum(steps)
     return float(steps[np.searchsorted(way, 0.5 * way[-1])]) if len(steps) and way[-1] else 0.0
 
 
-def _thinned(run: Run, block: int) -> Run:
+def _thinned(run: Stretch, block: int) -> Stretch:
     if block == 1:
         return run
     kept = len(run.value) // block
@@ -141,7 +141,7 @@ def _thinned(run: Run, block: int) -> Run:
         part[: kept * block].reshape(kept, block).mean(axis=1) for part in (run.angle, run.value)
     )
     columns = run.nuisance[: kept * block].reshape(kept, block, -1).mean(axis=1)
-    return Run(angle, value, columns, run.group)
+    return Stretch(angle, value, columns, run.group)
 
 
 def _width(turns: Float[np.ndarray, " n"], block: int) -> Float[np.ndarray, " n"]:

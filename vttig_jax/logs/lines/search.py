@@ -26,7 +26,7 @@ from .periodogram import (
     refined,
     scan,
 )
-from .rows import Rows, Run, stack
+from .rows import Rows, Stretch, stack
 
 _OVERSAMPLING = 4
 _MOST_TRIALS = 200_000
@@ -80,7 +80,7 @@ class _State:
 
 @one_blas_thread
 def find_lines(
-    runs: Sequence[Run], *, highest: float, false_alarm: float = 1e-3, most: int = 5
+    runs: Sequence[Stretch], *, highest: float, false_alarm: float = 1e-3, most: int = 5
 ) -> tuple[Line, ...]:
     """Lines that stand out from coloured noise and from the regressors, the clearest first.
 

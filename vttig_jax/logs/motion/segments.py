@@ -125,7 +125,7 @@ class Segment:
 
 
 @dataclass(frozen=True)
-class Motion:
+class MotionPhase:
     """Samples [start, stop) that move one way or not at all; `speed` is their mean in rad/s."""
 
     start: int
@@ -139,7 +139,7 @@ class Segments:
     """What became of the samples of a log. `forward` counts those on flank A, `backward` on B."""
 
     segments: tuple[Segment, ...]
-    motion: tuple[Motion, ...]
+    motion: tuple[MotionPhase, ...]
     read: int
     notes: tuple[str, ...] = ()
 
@@ -218,9 +218,9 @@ def _sense(
 
 def _motion(
     start: int, stop: int, sense: int, time: Float[np.ndarray, " n"], angle: Float[np.ndarray, " n"]
-) -> Motion:
+) -> MotionPhase:
     kinds: dict[int, Kind] = {1: "forward", 0: "dwell", -1: "backward"}
-    return Motion(start, stop, kinds[sense], _mean_speed(start, stop, time, angle))
+    return MotionPhase(start, stop, kinds[sense], _mean_speed(start, stop, time, angle))
 
 
 def _mean_speed(

@@ -12,7 +12,7 @@ from ...base.errors import LogError
 from ...base.files.text_tables import key_values
 from ...base.units import ANGLE_UNITS, DEG
 from .column_roles import name_and_unit
-from .table import Table, find_table
+from .table import TextTable, find_table
 from .text import read_text
 
 UNITS = {"driving": ("deg", "rad", "rev"), "backlash": ("deg", "arcsec", "urad", "rad")}
@@ -133,7 +133,7 @@ def read_backlash_readings(path: str | Path, *, decimal: str | None = None) -> B
     )
 
 
-def _find_table(text: str, source: str, decimal: str | None) -> Table:
+def _find_table(text: str, source: str, decimal: str | None) -> TextTable:
     try:
         return find_table(text, source, decimal=decimal)
     except LogError as error:
@@ -146,7 +146,7 @@ def _find_table(text: str, source: str, decimal: str | None) -> Table:
         ) from None
 
 
-def _column(table: Table, role: str) -> tuple[int, str]:
+def _column(table: TextTable, role: str) -> tuple[int, str]:
     """Index and unit of the column of a role."""
     units = UNITS[role]
     hits: list[tuple[int, str]] = []

@@ -17,7 +17,7 @@ from .number_format import choose_decimal, looks_like_number, to_number
 
 
 @dataclass(frozen=True)
-class Table:
+class TextTable:
     """A table found in text.
 
     `lines` are all lines of the file; rows start after line `header`, which may be -1.
@@ -69,7 +69,7 @@ class Table:
                 columns[k] = whole[:, 0]
         return columns
 
-    def without_cut_line(self, indices: Sequence[int]) -> "tuple[Table, tuple[str, ...]]":
+    def without_cut_line(self, indices: Sequence[int]) -> "tuple[TextTable, tuple[str, ...]]":
         """The table without a last line that was cut off, and a note on it.
 
         It is cut off where a field of `indices` is missing or unreadable, though the row above has
@@ -131,7 +131,7 @@ def _number_at(fields: list[str], index: int) -> bool:
     return index < len(fields) and looks_like_number(fields[index])
 
 
-def _by_field(table: Table, indices: Sequence[int], decimal: str) -> list[np.ndarray]:
+def _by_field(table: TextTable, indices: Sequence[int], decimal: str) -> list[np.ndarray]:
     """Read field by field; slow, used only where the C parser cannot."""
     values: list[list[float]] = [[] for _ in indices]
     for number, fields in table.rows():

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from ...base.errors import LogError
 from .column_names import number_of
-from .delimited import Table
+from .delimited import TextTable
 from .nested import NestedTable, read_nested
 from .table import find_table
 from .text import NESTED, read_text
@@ -18,7 +18,7 @@ def open_table(
     delimiter: str | None = None,
     decimal: str | None = None,
     asked: Iterable[str | None] = (),
-) -> tuple[Table | NestedTable, str, tuple[str, ...]]:
+) -> tuple[TextTable | NestedTable, str, tuple[str, ...]]:
     """Return the table in a text, MATLAB or HDF5 file, its SHA-256, and notes on what was assumed.
 
     `asked`: the names of the columns wanted; with numbers (`#1`) among them a text needs no header.

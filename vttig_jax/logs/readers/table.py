@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from itertools import islice
 
 from ...base.errors import LogError
-from .delimited import Table, split
+from .delimited import TextTable, split
 from .number_format import CURE, looks_like_number
 
 DELIMITERS = ("\t", ";", ",", "|", None)
@@ -25,7 +25,7 @@ def find_table(
     delimiter: str | None = None,
     decimal: str | None = None,
     highest: int = 0,
-) -> Table:
+) -> TextTable:
     """Find header and delimiter of a delimited table; lines before the header are skipped.
 
     The header is the last line before the first row of numbers that has as many fields; it may be
@@ -53,7 +53,7 @@ def find_table(
             continue
         names = _names(lines[header], candidate)
         _check_width(lines[start], start, names, candidate, source)
-        return Table(tuple(names), lines, header, candidate, decimal, source)
+        return TextTable(tuple(names), lines, header, candidate, decimal, source)
     if highest:
         table = _headerless(lines, tried, source, decimal, highest, sure=delimiter is not None)
         if table is not None:
@@ -117,7 +117,7 @@ def _headerless(
     highest: int,
     *,
     sure: bool,
-) -> Table | None:
+) -> TextTable | None:
     """The rows of numbers as a table with columns #1, #2, …; None where there are none.
 
     `sure`: the delimiter was given, so that a comma between digits is that.
@@ -132,14 +132,14 @@ def _headerless(
         start = starts[delimiter]
         assert start is not None  # `rows` has no others
         names = tuple(f"#{k + 1}" for k in range(len(rows[delimiter])))
-        table = Table(names, lines, start - 1, delimiter, decimal, source)
+        table = TextTable(names, lines, start - 1, delimiter, decimal, source)
         if delimiter == "," and decimal is None and not sure:
             _refuse_doubtful_commas(table, highest)
         return table
     return _single_column(lines, tried, source, decimal)
 
 
-def _refuse_doubtful_commas(table: Table, highest: int) -> None:
+def _refuse_doubtful_commas(table: TextTable, highest: int) -> None:
     """`147,31` is two columns or one number, unless a column beyond the first half is asked for."""
     width = len(table.names)
     if width % 2 or 2 * highest > width:
@@ -160,7 +160,7 @@ def _refuse_doubtful_commas(table: Table, highest: int) -> None:
 
 def _single_column(
     lines: list[str], tried: Sequence[str | None], source: str, decimal: str | None
-) -> Table | None:
+) -> TextTable | None:
     """A column of numbers, below its name or without one; each may end with a delimiter."""
     for delimiter in tried:
         for k, line in enumerate(lines[:PREAMBLE]):
@@ -173,7 +173,7 @@ def _single_column(
                 continue
             above = _names(lines[k - 1], delimiter) if k else []
             names = tuple(above) if len(above) == 1 else ("#1",)
-            return Table(names, lines, k - 1, delimiter, decimal, source)
+            return TextTable(names, lines, k - 1, delimiter, decimal, source)
     return None
 
 

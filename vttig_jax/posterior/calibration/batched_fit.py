@@ -16,7 +16,7 @@ from jaxtyping import Array, Float, Int
 
 from ...base.arrays import Numbers
 from ...identify.compress.harmonic_summary import HIGHEST_LAG
-from ...identify.model.forward_model import Relation
+from ...identify.model.forward_model import ForwardModel
 from .compressed import (
     REVERSED,
     TAPS,
@@ -198,7 +198,7 @@ _STEPS = 5
 """Gauss–Newton steps: the relation is linear to 1e-3, so each gains three digits."""
 
 
-class Estimate(NamedTuple):
+class BatchEstimate(NamedTuple):
     """Parameters of a relation and their covariance.
 
     **Arguments**
@@ -220,16 +220,16 @@ class Fitted(NamedTuple):
       squares as everybody does it: standard errors from the scatter of single samples.
     """
 
-    modelled: Estimate
+    modelled: BatchEstimate
     partial: Partial
     order: Int[Array, ""]
-    white_rows: Estimate
-    white_samples: Estimate
+    white_rows: BatchEstimate
+    white_samples: BatchEstimate
 
 
 def fit_compressed(
     log: Compressed,
-    relation: Relation,
+    relation: ForwardModel,
     free: int,
     rows: Int[ArrayLike, ""],
     size: Int[ArrayLike, ""],
@@ -244,13 +244,13 @@ def fit_compressed(
     counted = flanks * (rows * size - width + 1)
     sample = (size * left + jnp.sum(log.scatter)) / counted
     ratio = sample / size / white.innovation_std**2
-    each = Estimate(white.values, ratio * white.covariance, jnp.sqrt(sample))
+    each = BatchEstimate(white.values, ratio * white.covariance, jnp.sqrt(sample))
     return Fitted(modelled, partial, order, white, each)
 
 
 def _estimate(
-    log: Compressed, relation: Relation, free: int, rows: Int[ArrayLike, ""], partial: Partial
-) -> Estimate:
+    log: Compressed, relation: ForwardModel, free: int, rows: Int[ArrayLike, ""], partial: Partial
+) -> BatchEstimate:
     """Least squares of the parameters; what `whiten` and `solve` do."""
     factor = upper_factor(whitened(log.lag_products, log.ends, filter_of(partial)))
     flanks, width, _ = factor.shape
@@ -275,4 +275,4 @@ def _estimate(
     values = jax.lax.fori_loop(0, _STEPS, step, jnp.zeros(len(relation.names)))
     _, triangle, size = linearised(values)
     inverse = solve_triangular(triangle, jnp.eye(len(size))) / size[:, None]
-    return Estimate(values, inverse @ inverse.T, jnp.sqrt(variance))
+    return BatchEstimate(values, inverse @ inverse.T, jnp.sqrt(variance))

@@ -11,9 +11,9 @@ from ...base.files.text_tables import text_table
 from ...base.runtime import require_x64
 from ...base.threads import one_blas_thread
 from ...base.units import ARCSEC
-from .batched_fit import Estimate
+from .batched_fit import BatchEstimate
 from .case_result import CaseResult, Ranks
-from .coverage import Cell, Disc, amplitude_ranks, normal_ranks, rejected
+from .coverage import Cell, CoverageDisc, amplitude_ranks, normal_ranks, rejected
 from .program import Batch, Program
 from .rigs import LARGEST_ECCENTRICITY_MM
 from .sampled_subset import sampled_coverage
@@ -249,21 +249,21 @@ def _joined(parts: list) -> np.ndarray:
     return np.concatenate([np.asarray(part) for part in parts])
 
 
-def _estimates(parts: list[Estimate]) -> Estimate:
-    return Estimate(*(_joined(list(pieces)) for pieces in zip(*parts, strict=True)))
+def _estimates(parts: list[BatchEstimate]) -> BatchEstimate:
+    return BatchEstimate(*(_joined(list(pieces)) for pieces in zip(*parts, strict=True)))
 
 
-def _ranks(truth: np.ndarray, estimate: Estimate) -> np.ndarray:
+def _ranks(truth: np.ndarray, estimate: BatchEstimate) -> np.ndarray:
     std = np.sqrt(np.diagonal(np.asarray(estimate.covariance), axis1=1, axis2=2))
     return normal_ranks(truth, np.asarray(estimate.values), std)
 
 
-def _discs(scenario: Scenario, names: tuple[str, ...]) -> list[Disc]:
+def _discs(scenario: Scenario, names: tuple[str, ...]) -> list[CoverageDisc]:
     """Vectors of a rig that are drawn flat in a disc, and fitted."""
     radii = {"driving": LARGEST_ECCENTRICITY_MM, "driven": LARGEST_ECCENTRICITY_MM}
     if scenario.encoders == "disc" and scenario.encoder_terms:
         radii |= {f"{shaft}_encoder": scenario.encoder_arcsec * ARCSEC for shaft in list(radii)}
     return [
-        Disc(name, names.index(f"{name}_x"), names.index(f"{name}_y"), radius)
+        CoverageDisc(name, names.index(f"{name}_x"), names.index(f"{name}_y"), radius)
         for name, radius in radii.items()
     ]

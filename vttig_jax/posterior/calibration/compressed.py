@@ -12,7 +12,7 @@ from jaxtyping import Array, Float
 
 from ...identify.compress.block_means import chunk_sums
 from ...identify.compress.harmonic_summary import HIGHEST_LAG
-from ...identify.model.column_layout import Columns
+from ...identify.model.column_layout import ColumnLayout
 from .rigs import Readings
 
 
@@ -30,7 +30,7 @@ class Compressed(NamedTuple):
     scatter: Float[Array, " flanks"]
 
 
-def compress(readings: Readings, columns: Columns, size: int, ratio: float) -> Compressed:
+def compress(readings: Readings, columns: ColumnLayout, size: int, ratio: float) -> Compressed:
     """Row means of all columns, then their lag products; `size` samples make a row."""
     error = readings.driven - ratio * readings.driving
 
@@ -46,7 +46,7 @@ def compress(readings: Readings, columns: Columns, size: int, ratio: float) -> C
 
 
 def _rows(
-    columns: Columns,
+    columns: ColumnLayout,
     size: int,
     driving: Float[Array, " n"],
     driven: Float[Array, " n"],

@@ -81,7 +81,7 @@ def uniformity(ranks: Float[np.ndarray, " rigs"], bins: int = BINS) -> float:
 
 
 @dataclass(frozen=True)
-class Disc:
+class CoverageDisc:
     """Places of x and y of one vector, and the radius of the disc it was drawn from."""
 
     name: str
@@ -94,7 +94,7 @@ def amplitude_ranks(
     truth: Float[np.ndarray, "rigs p"],
     values: Float[np.ndarray, "rigs p"],
     covariance: Float[np.ndarray, "rigs p p"],
-    discs: Sequence[Disc],
+    discs: Sequence[CoverageDisc],
     seed: int = 0,
     draws: int = 400,
 ) -> dict[str, Float[np.ndarray, " rigs"]]:

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int, Key, PRNGKeyArray
 
 from ...base.units import ARCSEC, DEG
-from ...identify.model.column_layout import Columns
+from ...identify.model.column_layout import ColumnLayout
 from ...identify.model.forward_model import PairRelation
 from .batched_fit import Fitted, fit_compressed
 from .compressed import Compressed, compress
@@ -43,7 +43,7 @@ class Program:
     scenario: Scenario
 
     @cached_property
-    def columns(self) -> Columns:
+    def columns(self) -> ColumnLayout:
         """Layout of the rows."""
         return columns_of(planned(self.scenario))
 

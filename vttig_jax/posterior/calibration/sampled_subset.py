@@ -12,7 +12,7 @@ from jaxtyping import Array, Float
 
 from ...identify.compress.flank_summary import flank_of_products
 from ...identify.compress.harmonic_summary import HarmonicSummary
-from ...identify.model.forward_model import Relation
+from ...identify.model.forward_model import ForwardModel
 from ..density.density import NOISE_STD, Density, FitTarget
 from ..density.likelihood import likelihood_of
 from ..density.prior import Prior, StatedPrior, stated
@@ -148,5 +148,5 @@ def _draws(
 
 
 @eqx.filter_jit
-def _jacobian(relation: Relation, values: Float[Array, " p"]) -> Float[Array, "flanks tied p"]:
+def _jacobian(relation: ForwardModel, values: Float[Array, " p"]) -> Float[Array, "flanks tied p"]:
     return jax.jacfwd(lambda p: relation.coefficients(p))(values)

@@ -8,11 +8,11 @@ from jaxtyping import Float
 
 from ...base.units import REV
 from ...identify.compress.block_means import block_size
-from ...identify.model.column_layout import Columns
+from ...identify.model.column_layout import ColumnLayout
 from ...identify.model.forward_model import PairRelation, pair_relation
 from ...identify.model.harmonics import TermPlan, plan_terms
 from ...pair.gear_pair import Flank, GearPair
-from ...pair.schema import FitOptions
+from ...pair.schema import HarmonicOrders
 from ...rig.paper import paper_pair
 
 Length = Literal["short", "long"]
@@ -24,11 +24,11 @@ Two turns of the driving shaft cannot tell its first order from that of the driv
 the two is 2.29 turns of it); the short run is two turns of the *driven* shaft.
 """
 
-_FIRST = FitOptions(driving_orders=(1,), driven_orders=(1,), mesh_orders=1)
+_FIRST = HarmonicOrders(driving_orders=(1,), driven_orders=(1,), mesh_orders=1)
 """First orders and the tooth mesh, which asks for rows of 5.5 ms at 60 rpm."""
 
-_ALL = FitOptions()
-_SHORT_PITCH = FitOptions(driving_orders=tuple(range(1, 5)), driven_orders=tuple(range(1, 5)))
+_ALL = HarmonicOrders()
+_SHORT_PITCH = HarmonicOrders(driving_orders=tuple(range(1, 5)), driven_orders=tuple(range(1, 5)))
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class Scenario:
     counts_per_rev: int | None = None
     encoder_arcsec: float = 18.0
     encoders: Literal["disc", "ring"] = "disc"
-    options: FitOptions = _FIRST
+    options: HarmonicOrders = _FIRST
     pitch_rms_deg: float = 0.002
     mesh_deg: float = 0.003
     missing: float = 0.0
@@ -153,9 +153,9 @@ def planned(scenario: Scenario) -> TermPlan:
     )
 
 
-def columns_of(terms: TermPlan) -> Columns:
+def columns_of(terms: TermPlan) -> ColumnLayout:
     """Layout of the rows of one log without drift."""
-    return Columns(tuple(h.term for h in terms.free), tuple(h.term for h in terms.tied))
+    return ColumnLayout(tuple(h.term for h in terms.free), tuple(h.term for h in terms.tied))
 
 
 def relation_of_scenario(scenario: Scenario) -> PairRelation:

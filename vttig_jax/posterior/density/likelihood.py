@@ -22,7 +22,7 @@ from ...base.arrays import Numbers, float64
 from ...base.numerics.partial_autocorrelation import filter_of, log_initial_determinant
 from ...identify.compress.flank_summary import FlankSummary, IrregularFlank, node_weights
 from ...identify.compress.harmonic_summary import HarmonicSummary
-from ...identify.model.forward_model import Relation
+from ...identify.model.forward_model import ForwardModel
 
 _RIDGE = 1e-13
 """Relative to the square of every column: what keeps the normal matrix of the nuisance parameters
@@ -45,7 +45,7 @@ class Likelihood(eqx.Module):
     - `variance_factor`: what a robust loss adds to the variance.
     """
 
-    relation: Relation
+    relation: ForwardModel
     products: Float[Numbers, "products flanks q q"] = eqx.field(converter=float64)
     triangles: Float[Numbers, "flanks q q"] = eqx.field(converter=float64)
     determinants: Float[Numbers, " nodes"] = eqx.field(converter=float64)
@@ -149,7 +149,7 @@ class Likelihood(eqx.Module):
 
 def likelihood_of(
     summary: HarmonicSummary,
-    relation: Relation,
+    relation: ForwardModel,
     jacobian: Float[np.ndarray, "flanks tied p"],
     values: Float[np.ndarray, " p"],
     asked: Sequence[str],

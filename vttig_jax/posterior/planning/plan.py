@@ -17,7 +17,7 @@ from ...identify.settings import Choices
 from ...identify.solve.least_squares import Solution, solve
 from ...pair.eccentricities import Eccentricities
 from ...pair.gear_pair import Drive, GearPair
-from ...pair.schema import FitOptions
+from ...pair.schema import HarmonicOrders
 from .assumptions import assumed_values, cartesian
 from .noise import PlannedNoise, counting_std
 from .result import Plan, conditions, notes, planned_parameter
@@ -38,7 +38,7 @@ class Assumptions:
 
     values: Mapping[str, float]
     noise: PlannedNoise
-    options: FitOptions
+    options: HarmonicOrders
     encoder_terms: bool
     delay: DelayChoice
 
@@ -63,7 +63,7 @@ def plan(
     ramp_s: float = 0.5,
     eccentricities: Eccentricities | None = None,
     assumed: Mapping[str, float] | None = None,
-    options: FitOptions | None = None,
+    options: HarmonicOrders | None = None,
     encoder_terms: bool = True,
     delay: DelayChoice = "auto",
 ) -> Plan:

@@ -12,7 +12,7 @@ from ...identify.preliminary.delay import Delay
 from ...identify.report.parameters import Outcome, Parameter
 from ...identify.solve.least_squares import Direction
 from ...pair.gear_pair import Drive, GearPair
-from ...pair.schema import FitOptions
+from ...pair.schema import HarmonicOrders
 from .noise import BlockNoise, PlannedNoise, frozen_counts
 from .rows import PlannedRows
 from .run import PlannedRun
@@ -225,7 +225,7 @@ def notes(
     pair: GearPair | Drive,
     run: PlannedRun,
     rows: PlannedRows,
-    options: FitOptions,
+    options: HarmonicOrders,
     delay: Delay,
     noise: PlannedNoise,
 ) -> tuple[str, ...]:
@@ -251,7 +251,7 @@ def notes(
     return (*found, *rows.scope.notes)
 
 
-def _aliased(pair: GearPair | Drive, run: PlannedRun, options: FitOptions) -> list[str]:
+def _aliased(pair: GearPair | Drive, run: PlannedRun, options: HarmonicOrders) -> list[str]:
     """Orders above half the sampling rate at the fastest speed."""
     turns_a_second = max(run.speeds_rpm) / 60
     teeth = 0 if isinstance(pair, Drive) else pair.driving.teeth

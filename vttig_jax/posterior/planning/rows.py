@@ -9,17 +9,17 @@ from ...base.errors import LogError, NoAnswerError
 from ...identify.compress.block_rows import LogRows, log_rows
 from ...identify.compress.orthogonal import triangle_of
 from ...identify.compress.regressors import Drift
-from ...identify.model.column_layout import Columns
-from ...identify.model.identifiability import Scope, find_scope
+from ...identify.model.column_layout import ColumnLayout
+from ...identify.model.identifiability import Identifiability, find_identifiability
 from ...identify.noise.noise_model import WhitenedFlank
 from ...identify.preliminary.delay import one_speed
-from ...identify.preliminary.linear_fit import Input, Model, look
+from ...identify.preliminary.linear_fit import Input, Model, linear_fit
 from ...identify.solve.least_squares import Solution
 from ...logs.encoder_log import EncoderLog
 from ...logs.motion.flank_assignment import find_ramps
 from ...logs.motion.segments import find_segments
 from ...pair.gear_pair import Drive, GearPair
-from ...pair.schema import FitOptions
+from ...pair.schema import HarmonicOrders
 from .noise import BlockNoise, PlannedNoise, counting_std
 from .run import PlannedRun
 
@@ -46,8 +46,8 @@ class PlannedRows:
     - `missed`: passes without a steady run.
     """
 
-    scope: Scope
-    columns: Columns
+    scope: Identifiability
+    columns: ColumnLayout
     steady: Triangles
     ramps: Triangles
     rows: dict[str, int]
@@ -58,7 +58,7 @@ class PlannedRows:
 
 
 def planned_rows(
-    run: PlannedRun, pair: GearPair | Drive, options: FitOptions, noise: PlannedNoise
+    run: PlannedRun, pair: GearPair | Drive, options: HarmonicOrders, noise: PlannedNoise
 ) -> PlannedRows:
     """Look at the noise-free motion as a fit would, and whiten its rows with the known noise.
 
@@ -68,7 +68,7 @@ def planned_rows(
     _require_noise(noise, counting)
     log = _motion(run, pair)
     found = find_segments(log)
-    scope = find_scope([log], [found.segments], pair, options, None)
+    scope = find_identifiability([log], [found.segments], pair, options, None)
     ramps = tuple(
         ramp
         for ramp in find_ramps(log, found)
@@ -78,7 +78,7 @@ def planned_rows(
     steady = one_speed(segments)
     finest_s = run.ramp_s / _ROWS_A_RAMP if steady and ramps else np.inf
     model = Model(pair, scope.terms, (DELAY,), Drift())
-    view = look([Input(log, found, segments, ramps)], model, finest_s=finest_s)
+    view = linear_fit([Input(log, found, segments, ramps)], model, finest_s=finest_s)
     rows = view.rows[0]
     shortest = min((len(one.rows) for one in rows.runs), default=1)
     blocks = noise.of_blocks(rows.size, run.rate_hz, counting, most=shortest - 1)
@@ -98,15 +98,15 @@ def planned_rows(
     )
 
 
-def columns_of(planned: PlannedRows, *, with_delay: bool) -> Columns:
+def columns_of(planned: PlannedRows, *, with_delay: bool) -> ColumnLayout:
     """Columns of the rows with the delay or without it."""
     own = [name for name in planned.columns.own[0] if with_delay or name != DELAY]
-    return Columns(planned.columns.free, planned.columns.tied, (tuple(own),))
+    return ColumnLayout(planned.columns.free, planned.columns.tied, (tuple(own),))
 
 
 def whitened_flanks(
     planned: PlannedRows,
-    columns: Columns,
+    columns: ColumnLayout,
     tied: Float[np.ndarray, "flanks tied"],
     *,
     with_ramps: bool,

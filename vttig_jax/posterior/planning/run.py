@@ -11,7 +11,7 @@ from ...logs.encoder_log import EncoderLog
 from ...pair.gear_pair import Drive, GearPair
 from ...pair.schema import Encoder, GearTable
 from ...rig.imperfections import quantised
-from ...rig.motion import Motion
+from ...rig.motion import PassMotion
 
 Directions = Literal["both", "forward", "backward"]
 
@@ -85,10 +85,10 @@ class PlannedRun:
         return max(self.speeds_rpm) / 60 * self.ramp_s
 
     @property
-    def motions(self) -> tuple[Motion, ...]:
+    def motions(self) -> tuple[PassMotion, ...]:
         """Of the driving shaft at every speed, from zero."""
         return tuple(
-            Motion(speed, 360.0 * self.turns, self.dwell_s, self.ramp_s, self.each, ripple=0.0)
+            PassMotion(speed, 360.0 * self.turns, self.dwell_s, self.ramp_s, self.each, ripple=0.0)
             for speed in self.speeds_rpm
         )
 

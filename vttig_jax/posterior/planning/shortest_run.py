@@ -9,7 +9,7 @@ from ...base.runtime import require_x64
 from ...base.threads import one_blas_thread
 from ...pair.eccentricities import Eccentricities
 from ...pair.gear_pair import Drive, GearPair
-from ...pair.schema import FitOptions
+from ...pair.schema import HarmonicOrders
 from .assumptions import assumed_values
 from .noise import PlannedNoise
 from .plan import Assumptions, DelayChoice, planned
@@ -34,7 +34,7 @@ def shortest_run(
     ramp_s: float = 0.5,
     eccentricities: Eccentricities | None = None,
     assumed: Mapping[str, float] | None = None,
-    options: FitOptions | None = None,
+    options: HarmonicOrders | None = None,
     encoder_terms: bool = True,
     delay: DelayChoice = "auto",
 ) -> Plan:

@@ -10,7 +10,7 @@ from emcee.moves import DEMove, StretchMove
 from jaxtyping import Float, Int, UInt32
 
 from ...base.errors import InputError
-from .target import Density, starting_points
+from .target import CheckedDensity, starting_points
 
 MOVES = ((DEMove(), 0.8), (StretchMove(), 0.2))
 """Differential evolution with some stretch moves for posteriors that are no ellipsoid.
@@ -48,7 +48,7 @@ class Ensembles:
     An exception in the middle of a block, Ctrl-C too, leaves `record` as it was before.
     """
 
-    def __init__(self, density: Density, record: Record):
+    def __init__(self, density: CheckedDensity, record: Record):
         count, _, walkers, d = record.draws.shape
         self.record = record
         self._buffers = record.draws, record.log_density
@@ -82,7 +82,9 @@ class Ensembles:
         return self._buffers
 
 
-def start(density: Density, seeds: list[np.random.SeedSequence], walkers: int, thin: int) -> Record:
+def start(
+    density: CheckedDensity, seeds: list[np.random.SeedSequence], walkers: int, thin: int
+) -> Record:
     """Ensembles before their first step, each from its own seed."""
     states = []
     for seed in seeds:
@@ -101,14 +103,14 @@ def start(density: Density, seeds: list[np.random.SeedSequence], walkers: int, t
     )
 
 
-def warm_up(density: Density, points: Float[np.ndarray, "walkers d"]) -> None:
+def warm_up(density: CheckedDensity, points: Float[np.ndarray, "walkers d"]) -> None:
     """Evaluate every batch shape the moves ask for once: a compiled density compiles now."""
     sizes = {len(points[part :: move.nsplits]) for move, _ in MOVES for part in range(move.nsplits)}
     for size in sorted(sizes):
         density(points[:size].copy())
 
 
-def check_same_density(density: Density, record: Record, path: Path) -> None:
+def check_same_density(density: CheckedDensity, record: Record, path: Path) -> None:
     """Refuse to go on where the density gives other numbers than those stored.
 
     **Raises** `InputError` naming a point; options and data may agree where the program does not.
@@ -154,7 +156,7 @@ class _Sampler(emcee.EnsembleSampler):
 
     backend: _Kept
 
-    def __init__(self, walkers: int, d: int, density: Density, thin: int):
+    def __init__(self, walkers: int, d: int, density: CheckedDensity, thin: int):
         super().__init__(
             walkers, d, density, moves=list(MOVES), backend=_Kept(thin), vectorize=True
         )

@@ -15,7 +15,7 @@ from .checkpoint import Checkpoint, Header, read
 from .convergence import Diagnosis, burn_in, diagnose
 from .ensemble_blocks import Ensembles, Record, check_same_density, start, warm_up
 from .stop_rule import BLOCK_STEPS, Until, next_decision
-from .target import Density, Target
+from .target import CheckedDensity, Target
 
 
 @dataclass(frozen=True)
@@ -152,7 +152,7 @@ def run_ensembles(
     header = _header(target, ensembles, walkers, seed, thin)
     _check_options(steps, until, checkpoint, resume, overwrite, thin)
     rule = until or Until()
-    density = Density(target)
+    density = CheckedDensity(target)
     file = (
         nullcontext()
         if checkpoint is None

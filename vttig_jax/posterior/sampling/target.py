@@ -46,7 +46,7 @@ class Target(Protocol):
         ...
 
 
-class Density:
+class CheckedDensity:
     """The log density of a target, with answers that cannot be used told in one sentence."""
 
     def __init__(self, target: Target):
@@ -78,7 +78,7 @@ class Density:
 
 
 def starting_points(
-    density: Density, walkers: int, generator: np.random.Generator
+    density: CheckedDensity, walkers: int, generator: np.random.Generator
 ) -> tuple[Float[np.ndarray, "walkers d"], Float[np.ndarray, " walkers"]]:
     """Start of every walker of an ensemble and its finite log density.
 
@@ -118,7 +118,7 @@ def _drawn(target: Target, walkers: int, generator: np.random.Generator) -> np.n
     return points
 
 
-def _outside(density: Density, points: np.ndarray, values: np.ndarray) -> str:
+def _outside(density: CheckedDensity, points: np.ndarray, values: np.ndarray) -> str:
     inside = np.isfinite(values)
     lost = f"{(~inside).sum()} of {inside.size} walkers start where the density is zero"
     if not inside.any():
