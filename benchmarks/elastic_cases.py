@@ -15,7 +15,16 @@ from vttig_jax.base.arrays import Number
 from vttig_jax.control.hermite import cubic
 from vttig_jax.control.motion.motion import MotionPoint
 from vttig_jax.control.plants.flank_bounds import Bounds, bounds_of
-from vttig_jax.control.plants.plant import FREE, ON_A, Drag, Plant, Shafts, Slide, Touch, walls
+from vttig_jax.control.plants.plant import (
+    FREE,
+    ON_A,
+    ContactEvent,
+    Drag,
+    Plant,
+    Shafts,
+    Slide,
+    walls,
+)
 from vttig_jax.kinematics.first_order import closed_model
 from vttig_jax.rig.paper import paper_eccentricities, paper_pair
 
@@ -75,7 +84,7 @@ class SampledPlant(Plant):
 
     def step(
         self, shafts: Shafts, ahead: MotionPoint, slide: Slide, bounds: Bounds, step: Number
-    ) -> tuple[Shafts, Touch]:
+    ) -> tuple[Shafts, ContactEvent]:
         ratio, closing = jnp.asarray(bounds.ratio), jnp.asarray(bounds.closing)
         flanks = bounds.at(ahead.angle)
         now = walls(shafts.flanks, shafts.speed, closing, slide.start, slide.start_rate)
@@ -98,7 +107,7 @@ class SampledPlant(Plant):
 
         place, speed = self.advanced(force, shafts.drift + base[0], jnp.asarray(step))
         offset = shafts.offset + place - turned
-        none = Touch(*[jnp.zeros_like(offset)] * len(Touch._fields))
+        none = ContactEvent(*[jnp.zeros_like(offset)] * len(ContactEvent._fields))
         ended = Shafts(ahead.angle, ahead.speed, offset, speed - base[1], none.side + FREE, flanks)
         return ended, none
 

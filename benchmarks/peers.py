@@ -13,7 +13,7 @@ from vttig_jax.base.units import ARCSEC
 from vttig_jax.identify.compress.regressors import Drift
 from vttig_jax.identify.model.forward_model import pair_relation
 from vttig_jax.identify.noise.noise_model import whiten
-from vttig_jax.identify.preliminary.linear_fit import Input, Model, look
+from vttig_jax.identify.preliminary.linear_fit import Input, Model, linear_fit
 from vttig_jax.identify.solve.least_squares import Solution, solve
 from vttig_jax.logs.encoder_log import EncoderLog
 from vttig_jax.logs.motion.segments import Segments
@@ -67,7 +67,7 @@ def _gram(problem: Problem, half: slice) -> np.ndarray:
 
 
 def vttig(problem: Problem, log: EncoderLog | None = None) -> np.ndarray:
-    """look, whiten, solve: what `vttig_jax.fit` does, with its exact relation and AR noise."""
+    """Fit linearly, whiten, solve: what `vttig_jax.fit` does, with exact relation and AR noise."""
     return parameters(problem, vttig_solution(problem, log))[0]
 
 
@@ -75,7 +75,7 @@ def vttig_solution(problem: Problem, log: EncoderLog | None = None) -> Solution:
     """The same with everything the solver says; `log` takes the place of the problem's own."""
     log = problem.log if log is None else log
     model = Model(problem.pair, problem.terms, (), Drift())
-    summary = look([Input(log, Segments((), (), len(log)), problem.segments)], model).summary
+    summary = linear_fit([Input(log, Segments((), (), len(log)), problem.segments)], model).summary
     _, whitened = whiten(summary)
     flanks = ("A", "B")
     relation = pair_relation(

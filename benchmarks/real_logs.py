@@ -17,7 +17,7 @@ from vttig_jax.base.angles import difference_deg
 from vttig_jax.identify.fit_result import Fit
 from vttig_jax.identify.fitting import fit
 from vttig_jax.logs.encoder_log import EncoderLog
-from vttig_jax.rig.motion import Motion
+from vttig_jax.rig.motion import PassMotion
 from vttig_jax.rig.paper import paper_rig
 
 from .environment import write
@@ -70,7 +70,7 @@ def one_seed(seed: int) -> dict[str, np.ndarray]:
     """Errors and scores of every study."""
     rig = paper_rig(seed)
     delayed = replace(rig, delay_s=DELAY_S)
-    slow = replace(delayed, motion=Motion(speed_rpm=20.0))
+    slow = replace(delayed, motion=PassMotion(speed_rpm=20.0))
     fast_log = delayed.log(seed)
     one, two = (fit(logs, rig.pair) for logs in (fast_log, [fast_log, slow.log(seed + 100)]))
     log = rig.log(seed)

@@ -24,9 +24,9 @@ from vttig_jax.base.units import ARCSEC, DEG
 from vttig_jax.identify.fit_result import Fit
 from vttig_jax.identify.fitting import fit
 from vttig_jax.pair.eccentricities import Eccentricities
-from vttig_jax.pair.schema import FitOptions
+from vttig_jax.pair.schema import HarmonicOrders
 from vttig_jax.rig.imperfections import EncoderError, Noise, OrderError, Shaft
-from vttig_jax.rig.motion import Motion
+from vttig_jax.rig.motion import PassMotion
 from vttig_jax.rig.paper import paper_pair
 from vttig_jax.rig.synthetic import SyntheticRig
 
@@ -45,7 +45,7 @@ PLACES: tuple[Place, ...] = tuple(
 HEIGHT = 10.0
 """Standard errors."""
 
-MODELLED = FitOptions(driving_orders=(1,), driven_orders=(1,), mesh_orders=1)
+MODELLED = HarmonicOrders(driving_orders=(1,), driven_orders=(1,), mesh_orders=1)
 _REFERENCES = 2
 
 
@@ -89,7 +89,7 @@ def random_rig(generator: np.random.Generator, turns: float) -> SyntheticRig:
             float(phases[1]),
             float(generator.uniform(0.065, 0.12)),
         ),
-        motion=Motion(reversal_deg=360.0 * turns, dwell_s=0.3),
+        motion=PassMotion(reversal_deg=360.0 * turns, dwell_s=0.3),
         orders=(
             OrderError("mesh", 1, "A", 0.003, float(phases[4])),
             OrderError("mesh", 1, "B", 0.003, float(phases[5])),
@@ -120,7 +120,7 @@ def missing(
 @cache
 def standard_error_deg(shaft: Shaft, order: int, turns: float) -> float:
     """Standard error of the amplitude of this order on one flank where it is fitted, rms."""
-    options = FitOptions(
+    options = HarmonicOrders(
         driving_orders=(1, order) if shaft == "driving" else (1,),
         driven_orders=(1, order) if shaft == "driven" else (1,),
         mesh_orders=1,

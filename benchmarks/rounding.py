@@ -31,7 +31,7 @@ from vttig_jax.logs.encoder_log import EncoderLog
 from vttig_jax.pair.gear_pair import Drive, GearPair
 from vttig_jax.pair.schema import Encoder
 from vttig_jax.rig.imperfections import EncoderError, Noise
-from vttig_jax.rig.motion import Motion
+from vttig_jax.rig.motion import PassMotion
 from vttig_jax.rig.paper import paper_rig
 
 from .environment import write
@@ -59,7 +59,7 @@ def drawn_logs(count: int) -> Iterator[Named]:
     for seed in range(count):
         kind = ("counts", "angles", "angles", "noise-free")[seed % 4]
         generator = np.random.default_rng(seed)
-        motion = Motion(
+        motion = PassMotion(
             speed_rpm=float(generator.uniform(20, 120)),
             reversal_deg=float(generator.uniform(1080, 5760)),
             dwell_s=0.5,

@@ -12,8 +12,8 @@ from scipy.signal import lfilter
 from vttig_jax.base.numerics.partial_autocorrelation import filter_of
 from vttig_jax.identify.compress.flank_summary import summarise_flank
 from vttig_jax.identify.compress.harmonic_summary import HarmonicSummary
-from vttig_jax.identify.model.column_layout import OFFSET, Columns
-from vttig_jax.identify.model.forward_model import Relation, pair_relation
+from vttig_jax.identify.model.column_layout import OFFSET, ColumnLayout
+from vttig_jax.identify.model.forward_model import ForwardModel, pair_relation
 from vttig_jax.identify.model.harmonics import Harmonic, TermPlan
 from vttig_jax.posterior.density.likelihood import Likelihood, likelihood_of
 from vttig_jax.rig.paper import paper_pair
@@ -35,8 +35,8 @@ def _harmonic(term: tuple[int, int]) -> Harmonic:
 
 PAIR = paper_pair()
 TERMS = TermPlan(Fraction(PAIR.ratio), tuple(map(_harmonic, FREE)), tuple(map(_harmonic, TIED)), ())
-COLUMNS = Columns(FREE, TIED, ((OFFSET,),))
-RELATION: Relation = pair_relation(PAIR, TERMS, COLUMNS, ("A", "B"), encoder_terms=False)
+COLUMNS = ColumnLayout(FREE, TIED, ((OFFSET,),))
+RELATION: ForwardModel = pair_relation(PAIR, TERMS, COLUMNS, ("A", "B"), encoder_terms=False)
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,8 @@ from typing import Any
 import jax
 import numpy as np
 
-from vttig_jax.control.simulation.accumulators import Tally
-from vttig_jax.control.sweeps.batching import Lanes
+from vttig_jax.control.simulation.accumulators import Accumulators
+from vttig_jax.control.sweeps.batching import BatchRunner
 
 from . import step_in_c
 from .simulation_cases import (
@@ -32,7 +32,7 @@ def base_and_c(rounds: int) -> dict[str, Any]:
     """The base case and the same in C, compiled in three ways, for several blocks of lanes."""
     cases = cases_of(LANES)
     stack, periods = stack_of(cases), periods_for(cases)
-    lanes = Lanes(jax.devices()[:1])
+    lanes = BatchRunner(jax.devices()[:1])
     record: dict[str, Any] = {"lanes": LANES, "periods": periods}
     _, tally = lanes.run(stack, periods, 1)
     record["compile_s"] = round(lanes.compile_s, 2)
@@ -90,7 +90,7 @@ def _c_programs(folder: Path) -> tuple[dict[str, step_in_c.StepInC], dict[str, A
     return programs, said
 
 
-def _require_same(expected: np.ndarray, tally: Tally) -> None:
+def _require_same(expected: np.ndarray, tally: Accumulators) -> None:
     """The scan that C is compared with is the one that is timed."""
     for name in step_in_c.METRICS:
         timed = np.nan_to_num(np.asarray(getattr(tally, name), float), nan=step_in_c.NEVER)

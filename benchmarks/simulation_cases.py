@@ -11,7 +11,7 @@ from vttig_jax.control.scenario.spec import ScenarioSpec, parse_scenario_spec, w
 from vttig_jax.control.simulation.build import Builder
 from vttig_jax.control.simulation.case import Case
 from vttig_jax.control.simulation.simulate import periods_of
-from vttig_jax.control.sweeps.batching import Lanes, Stack, numbers_of, stacked, varying
+from vttig_jax.control.sweeps.batching import BatchRunner, CaseBatch, numbers_of, stacked, varying
 from vttig_jax.control.sweeps.cases import rig_table
 from vttig_jax.rig.paper import paper_eccentricities, paper_pair
 
@@ -46,7 +46,7 @@ def cases_of(
     return [builder.case(spec_of({**values, "motion.reversal_deg": float(x)})) for x in places]
 
 
-def stack_of(cases: Sequence[Case], apart: bool = False) -> Stack:
+def stack_of(cases: Sequence[Case], apart: bool = False) -> CaseBatch:
     """Cases side by side as `sweep` has them; `apart`: every number is a lane's own."""
     numbers = [numbers_of(case) for case in cases]
     own = varying([numbers[0], numbers[-1]])
@@ -59,7 +59,7 @@ def periods_for(cases: Sequence[Case]) -> int:
 
 
 def ns_per_lane_step(
-    lanes: Lanes, stack: Stack, substeps: int, periods: int, rounds: int
+    lanes: BatchRunner, stack: CaseBatch, substeps: int, periods: int, rounds: int
 ) -> list[float]:
     """ns of each round; compiled before."""
     lanes.run(stack, max(1024 // substeps, 1), substeps)

@@ -26,9 +26,9 @@ import numpy as np
 import vttig_jax
 from vttig_jax.control.hardware import encoder as sensing
 from vttig_jax.control.plants import flank_bounds as bounds
-from vttig_jax.control.simulation.accumulators import Tally
+from vttig_jax.control.simulation.accumulators import Accumulators
 from vttig_jax.control.simulation.case import advance, finished, started
-from vttig_jax.control.sweeps.batching import Lanes
+from vttig_jax.control.sweeps.batching import BatchRunner
 
 from .environment import write
 from .simulation_beside_c import base_and_c
@@ -73,14 +73,14 @@ def sines(rounds: int) -> dict[str, Any]:
     """Row 3: the same with `jnp.sin` and `jnp.cos`, and with them as JAX comes, unprepared."""
     cases = cases_of(LANES)
     stack, periods = stack_of(cases), periods_for(cases)
-    ours, theirs = Lanes(jax.devices()[:1]), Lanes(jax.devices()[:1])
+    ours, theirs = BatchRunner(jax.devices()[:1]), BatchRunner(jax.devices()[:1])
     _, expected = ours.run(stack, periods, 1)
     kept = bounds.sincos
     jax.clear_caches()
     bounds.sincos = sensing.sincos = lambda x: (jnp.sin(x), jnp.cos(x))
     try:
         _, tally = theirs.run(stack, periods, 1)
-        for name, one, other in zip(Tally._fields, expected, tally, strict=True):
+        for name, one, other in zip(Accumulators._fields, expected, tally, strict=True):
             one, other = np.asarray(one, float), np.asarray(other, float)
             assert np.allclose(one, other, rtol=CLOSE, atol=CLOSE, equal_nan=True), name
         found: tuple[list[float], list[float]] = ([], [])
@@ -129,7 +129,7 @@ def sweeps(rounds: int) -> dict[str, Any]:
 def options(rounds: int) -> dict[str, Any]:
     """Row 6: each beside the base, in turns."""
     base = cases_of(LANES)
-    stack, lanes = stack_of(base), Lanes(jax.devices()[:1])
+    stack, lanes = stack_of(base), BatchRunner(jax.devices()[:1])
     record: dict[str, Any] = {}
     rows = {name: cases_of(LANES, values) for name, values in _OPTIONS.items()}
     stacks = {name: (stack_of(cases), cases[0].substeps) for name, cases in rows.items()}
@@ -152,7 +152,7 @@ def options(rounds: int) -> dict[str, Any]:
     return record
 
 
-def _require_counted(lanes: Lanes, stack: Any, substeps: int) -> None:
+def _require_counted(lanes: BatchRunner, stack: Any, substeps: int) -> None:
     """Every lane counts its periods and shows numbers."""
     periods = 1024
     _, tally = lanes.run(stack, periods, substeps)
@@ -192,7 +192,7 @@ def mujoco(rounds: int) -> dict[str, Any]:
         return {"left_out": "mujoco is not installed"}
     from .elastic_accuracy import Case, mujoco_run
 
-    stack, lanes = stack_of(cases_of(LANES)), Lanes(jax.devices()[:1])
+    stack, lanes = stack_of(cases_of(LANES)), BatchRunner(jax.devices()[:1])
     ours, theirs = [], []
     for _ in range(max(3, rounds // 2)):
         ours += ns_per_lane_step(lanes, stack, 1, 2048, 1)

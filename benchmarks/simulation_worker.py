@@ -23,7 +23,7 @@ from vttig_jax.control.hardware import encoder as sensing
 from vttig_jax.control.plants import flank_bounds as bounds
 from vttig_jax.control.scenario.spec import ScenarioSpec, parse_scenario_spec, spec_table
 from vttig_jax.control.sweeps import batching as lanes_module
-from vttig_jax.control.sweeps.batching import Lanes
+from vttig_jax.control.sweeps.batching import BatchRunner
 from vttig_jax.control.sweeps.sweep import _lanes
 
 from .simulation_cases import BASE, PAIR, cases_of, ns_per_lane_step, seconds, spec_of, stack_of
@@ -56,7 +56,7 @@ def lanes_task(
     if not wide:
         plain = inspect.unwrap(lanes_module._go_on)
         lanes_module._go_on = jax.jit(plain, static_argnums=(0, 1, 2, 3))
-    lanes, found = Lanes(jax.devices()[:1]), {}
+    lanes, found = BatchRunner(jax.devices()[:1]), {}
     for size in sizes:
         cases = cases_of(size)
         stack, runs = stack_of(cases), max(1, 2048 // size)
@@ -67,7 +67,7 @@ def lanes_task(
 def cores_task(rounds: int, lanes: int, periods: int) -> dict[str, Any]:
     """ns per lane-step on one device and on two, in turns; and whether both say the same."""
     stack = stack_of(cases_of(lanes))
-    one, two = Lanes(jax.devices()[:1]), Lanes(jax.devices()[:2])
+    one, two = BatchRunner(jax.devices()[:1]), BatchRunner(jax.devices()[:2])
     said = [some.run(stack, periods, 1)[1] for some in (one, two)]
     differs = max(
         float(np.nanmax(np.abs(np.asarray(a, float) - np.asarray(b, float)), initial=0.0))
@@ -127,7 +127,7 @@ def memory_task(seconds_long: float) -> dict[str, float]:
     """Largest resident memory of a process that runs 256 lanes for so long, MiB."""
     turn = 344.0 * (seconds_long / 2 - 1.0)
     cases = cases_of(256, turns=(turn, turn + 10.0))
-    lanes = Lanes(jax.devices()[:1])
+    lanes = BatchRunner(jax.devices()[:1])
     lanes.run(stack_of(cases), round(1000 * seconds_long), 1)
     return {"MiB": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024}
 

@@ -21,7 +21,7 @@ from vttig_jax.control.hardware.observer import AlphaBetaGamma
 from vttig_jax.control.motion.piecewise import PieceMotion
 from vttig_jax.control.plants.plant import ON_B, Shafts
 from vttig_jax.control.plants.rigid import RigidPlant
-from vttig_jax.control.simulation.accumulators import Tally, empty
+from vttig_jax.control.simulation.accumulators import Accumulators, empty
 from vttig_jax.control.simulation.case import Case, State, finished, started
 
 from .compiler import fast_to_compile
@@ -109,7 +109,7 @@ def scanned(cases: Sequence[Case], periods: int) -> np.ndarray:
     """The same state by the simulator: one scan, vmapped over the cases."""
     state = jax.tree.map(np.asarray, _scan()(_stacked(cases), periods))
     start = empty()
-    for name in set(Tally._fields) - set(METRICS):
+    for name in set(Accumulators._fields) - set(METRICS):
         there, at_first = getattr(state.tally, name), np.asarray(getattr(start, name))
         assert np.array_equal(there, np.broadcast_to(at_first, there.shape), equal_nan=True), name
     return _numbers(state)

@@ -9,7 +9,7 @@ import numpy as np
 
 from tests.control.followed import OPEN
 from vttig_jax.control.hardware.servo import Motor, Servo, ServoDrive
-from vttig_jax.control.hardware.shaft_drive import Drive
+from vttig_jax.control.hardware.shaft_drive import ShaftDrive
 from vttig_jax.control.motion.motion import MotionPoint
 from vttig_jax.control.plants.flank_bounds import Bounds
 from vttig_jax.control.plants.plant import FREE, Drag, Plant, Shafts
@@ -56,7 +56,7 @@ def drive_of(
 
 
 def follow(
-    drive: Drive,
+    drive: ShaftDrive,
     plant: Plant,
     bounds: Bounds,
     start: Start,

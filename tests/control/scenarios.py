@@ -94,7 +94,7 @@ class Points(Motion):
 
 
 class Run(NamedTuple):
-    """One case that ran, with its samples; `Tally` and `Sample` of NumPy arrays."""
+    """One case that ran, with its samples; `Accumulators` and `Sample` of NumPy arrays."""
 
     case: Case
     tally: Any

@@ -52,56 +52,56 @@ REMEMBERS = 1e-3
 
 
 def build_fit(
-    gathered: SelectedModel,
+    selected: SelectedModel,
     pair: GearPair | Drive,
-    scope: Identifiability,
-    choices: Choices,
+    identifiable: Identifiability,
+    settings: Choices,
     readings: BacklashReadings | None,
 ) -> Fit:
     """Solve for the parameters and gather everything a reader wants to see beside them."""
-    summary, view = gathered.summary, gathered.view
-    split = choices.encoder_terms and choices.gear_terms and len(scope.flanks) == 2
-    noise, whitened = whiten(summary, gathered.weights.variance_factor)
+    summary, linear = selected.summary, selected.linear
+    split = settings.encoder_terms and settings.gear_terms and len(identifiable.flanks) == 2
+    noise, whitened = whiten(summary, selected.weights.variance_factor)
     relation = relation_of(
         pair,
-        scope.terms,
+        identifiable.terms,
         summary.columns,
-        scope.flanks,
+        identifiable.flanks,
         encoder_terms=split,
-        gear_terms=choices.gear_terms,
+        gear_terms=settings.gear_terms,
     )
-    solution = restored(solve(relation, whitened), view.levels)
-    solution, white = _with_blocks(view, summary, noise, whitened, solution)
+    solution = restored(solve(relation, whitened), linear.levels)
+    solution, white = _with_blocks(linear, summary, noise, whitened, solution)
     compared = None
     if readings is not None:
-        as_data = choices.use_readings
+        as_data = settings.use_readings
         solution, compared = _with_readings(
-            readings, pair, view, summary, whitened, solution, as_data
+            readings, pair, linear, summary, whitened, solution, as_data
         )
     coefficients = flank_coefficients(whitened, solution)
     weights = weights_of_logs(summary, coefficients)
-    parameters = parameters_of(pair, scope, solution, choices, gathered.delay)
-    first = view.inputs[0].log
+    parameters = parameters_of(pair, identifiable, solution, settings, selected.delay)
+    first = linear.inputs[0].log
     regressors = regressors_of(solution, first)
     orders = order_table(summary, whitened, solution, coefficients)
-    curves, residuals = curves_and_residuals(view, weights)
-    alone = [fit_log_alone(view, log) for log in range(len(view.inputs))]
-    records = [log_record(view, solution, log) for log in range(len(view.inputs))]
+    curves, residuals = curves_and_residuals(linear, weights)
+    alone = [fit_log_alone(linear, log) for log in range(len(linear.inputs))]
+    records = [log_record(linear, solution, log) for log in range(len(linear.inputs))]
     return Fit(
         pair=pair,
-        source=", ".join(one.log.source for one in view.inputs),
-        sha256=" ".join(one.log.sha256 for one in view.inputs),
-        outcome=outcome_of(parameters, solution.converged, choices),
-        flanks=scope.flanks,
+        source=", ".join(one.log.source for one in linear.inputs),
+        sha256=" ".join(one.log.sha256 for one in linear.inputs),
+        outcome=outcome_of(parameters, solution.converged, settings),
+        flanks=identifiable.flanks,
         samples={key: sum(r["samples"][key] for r in records) for key in records[0]["samples"]},
         zero=first.zero,
         zero_readings=records[0]["zero_readings"],
-        conditional_on=conditions_of(pair, split, choices, gathered),
+        conditional_on=conditions_of(pair, split, settings, selected),
         parameters=parameters,
         orders=orders,
-        model=fitted_model(summary, coefficients, view.levels[0]),
+        model=fitted_model(summary, coefficients, linear.levels[0]),
         noise=noise,
-        residual_rms_deg=sample_residual_rms(view, weights) / DEG,
+        residual_rms_deg=sample_residual_rms(linear, weights) / DEG,
         curves=curves,
         residuals=residuals,
         covariance=solution.covariance,
@@ -116,37 +116,37 @@ def build_fit(
                 "closure": closure(curves, pair),
                 "whiteness": white,
                 "readings": compared,
-                **checks_of(gathered, solution, pair, parameters),
+                **checks_of(selected, solution, pair, parameters),
             },
-            repetitions_of(view) | {"lines": _lines(view, weights, noise)},
+            repetitions_of(linear) | {"lines": _lines(linear, weights, noise)},
         ),
-        notes=notes_of(gathered, scope, solution, noise, regressors, alone),
+        notes=notes_of(selected, identifiable, solution, noise, regressors, alone),
         logs=tuple(record | {"alone": one} for record, one in zip(records, alone, strict=True)),
         evidence=Evidence(
-            lifted(summary, view.levels),
+            lifted(summary, linear.levels),
             split,
-            choices.gear_terms,
+            settings.gear_terms,
             tuple(n for n, good in zip(solution.names, solution.determined, strict=True) if good),
             solution.jacobian,
             noise.partial,
-            gathered.weights.variance_factor,
-            view.channels[0].delay_s,
+            selected.weights.variance_factor,
+            linear.channels[0].delay_s,
         ),
     )
 
 
 def _lines(
-    view: LinearFit, weights: list[Weights], noise: NoiseModel
+    linear: LinearFit, weights: list[Weights], noise: NoiseModel
 ) -> Callable[[], list[dict[str, Any]]]:
     """The search for lines, to be carried out later; it keeps the rows but not the samples."""
     if noise.is_rounding:
         return list
-    rows, terms, same_zero = view.rows, view.model.terms, view.model.same_zero
+    rows, terms, same_zero = linear.rows, linear.model.terms, linear.model.same_zero
     return lambda: lines_left(rows, weights, terms, same_zero=same_zero)
 
 
 def _with_blocks(
-    view: LinearFit,
+    linear: LinearFit,
     summary: HarmonicSummary,
     noise: NoiseModel,
     whitened: tuple[WhitenedFlank, ...],
@@ -160,12 +160,12 @@ def _with_blocks(
     if noise.is_rounding:
         return solution, None
     coefficients = flank_coefficients(whitened, solution)
-    curves, residuals = curves_and_residuals(view, weights_of_logs(summary, coefficients))
+    curves, residuals = curves_and_residuals(linear, weights_of_logs(summary, coefficients))
     noises = [noise.at(curve.mean_speed) for curve in curves]
     white = whiteness(residuals, [curve.time for curve in curves], noises)
     if white is None or white["probability"] >= REMEMBERS:
         return solution, None if white is None else white | {"widening": 1.0}
-    widening = widened(view, summary, noise, whitened, solution, coefficients)
+    widening = widened(linear, summary, noise, whitened, solution, coefficients)
     covariance = solution.covariance * np.outer(widening, widening)
     return replace(solution, covariance=covariance), white | {"widening": float(widening.max())}
 
@@ -173,7 +173,7 @@ def _with_blocks(
 def _with_readings(
     readings: BacklashReadings,
     pair: GearPair | Drive,
-    view: LinearFit,
+    linear: LinearFit,
     summary: HarmonicSummary,
     whitened: tuple[WhitenedFlank, ...],
     solution: Solution,
@@ -185,7 +185,7 @@ def _with_readings(
     driving = readings.driving_angle
     if len(flanks) == 2:
         coefficients = flank_coefficients(whitened, solution)
-        model = fitted_model(summary, coefficients, view.levels[0])
+        model = fitted_model(summary, coefficients, linear.levels[0])
         gap = gap_of_both_flanks(driving, model, summary, whitened, solution, coefficients)
     else:
         assert isinstance(pair, GearPair)  # held by `require_gap`

@@ -105,7 +105,7 @@ def fit(
     require_x64("fit")
     if flank not in (None, "A", "B"):
         raise ValueError(f'Argument `flank` must be "A", "B" or None, but is {flank!r}.')
-    choices = Choices(
+    settings = Choices(
         encoder_terms,
         drift_order,
         drift_knots_s,
@@ -127,7 +127,7 @@ def fit(
     for one in logs:
         check_ratio(one)
         found.append(assigned_segments(one))
-    scope = find_identifiability(
+    identifiable = find_identifiability(
         logs, [f.segments for f in found], pair, options or pair.fit, flank
     )
     for one, each in zip(logs, found, strict=True):
@@ -137,14 +137,14 @@ def fit(
             one,
             each,
             own,
-            tuple(r for r in find_ramps(one, each) if r.segment.flank in scope.flanks),
+            tuple(r for r in find_ramps(one, each) if r.segment.flank in identifiable.flanks),
         )
-        for one, each, own in zip(logs, found, scope.segments, strict=True)
+        for one, each, own in zip(logs, found, identifiable.segments, strict=True)
     )
-    gathered = select_model(inputs, pair, scope, choices)
-    _require_rows(gathered.summary, ", ".join(one.source for one in logs))
-    scope = replace(scope, flanks=tuple(f.flank for f in gathered.summary.flanks))
-    return build_fit(gathered, pair, scope, choices, readings)
+    selected = select_model(inputs, pair, identifiable, settings)
+    _require_rows(selected.summary, ", ".join(one.source for one in logs))
+    identifiable = replace(identifiable, flanks=tuple(f.flank for f in selected.summary.flanks))
+    return build_fit(selected, pair, identifiable, settings, readings)
 
 
 def _require_rows(summary: HarmonicSummary, where: str) -> None:

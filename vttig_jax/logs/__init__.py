@@ -20,7 +20,7 @@ _HOMES = {
     "BacklashReadings": "readers.backlash_readings",
     "EncoderLog": "encoder_log",
     "Inspection": "inspection",
-    "Run": "lines.rows",
+    "Stretch": "lines.rows",
     "find_lines": "lines.search",
     "find_segments": "motion.segments",
     "find_slip": "checks.slip",

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 _HOMES = {
     "EncoderError": "imperfections",
-    "Motion": "motion",
+    "PassMotion": "motion",
     "SyntheticRig": "synthetic",
     "fixed_gear_readings": "fixed_gear",
     "paper_eccentricities": "paper",

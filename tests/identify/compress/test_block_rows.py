@@ -18,8 +18,8 @@ def seen(noisy_log, noisy_rig):
 
 
 def test_rows_count_what_they_hold(seen, noisy_log):
-    scope, view = seen
-    (rows,) = view.rows
+    scope, linear = seen
+    (rows,) = linear.rows
     assert tuple(run.segment for run in rows.runs) == scope.segments[0]
     for run in rows.runs:
         count = (run.segment.stop - run.segment.start) // rows.size
@@ -70,11 +70,11 @@ def test_by_flank_keeps_long_runs_only(seen):
 
 def test_a_delay_shortens_its_segments(seen, noisy_log, noisy_rig):
     """6 ms are 12 samples at 1987 Hz, at the start where the shift looks back."""
-    scope, view = seen
-    model = view.model
+    scope, linear = seen
+    model = linear.model
     for delay_s, start, stop in ((6e-3, 12, 0), (-6e-3, 0, 12)):
         channels = read_channels(noisy_log, noisy_rig.pair, (), model.drift, delay_s)
-        rows = log_rows(channels, scope.segments[0], scope.terms, view.block_s)
+        rows = log_rows(channels, scope.segments[0], scope.terms, linear.block_s)
         for run, whole in zip(rows.runs, scope.segments[0], strict=True):
             assert (run.segment.start, run.segment.stop) == (
                 whole.start + start,
@@ -94,10 +94,10 @@ def test_the_fastest_plateau_sets_the_block(noisy_rig):
     """60 and then 180 rpm: no block may cover more of a cycle than at one speed."""
     pair = noisy_rig.pair
     log = _two_speeds(pair, 180.0)
-    scope, view = looked(log, pair)
+    scope, linear = looked(log, pair)
     assert len(scope.segments[0]) == 2
     per_turn = 2000.0 * 60 / 180
-    assert view.rows[0].size == block_size(per_turn, 45.0) < block_size(2 * per_turn, 45.0)
+    assert linear.rows[0].size == block_size(per_turn, 45.0) < block_size(2 * per_turn, 45.0)
     result = fit(log, pair)
     shaft = {(o.shaft, o.order): o for o in result.orders}
     assert shaft["driving", 1].amplitude_arcsec * ARCSEC == pytest.approx(1e-4, rel=1e-6)
@@ -108,7 +108,7 @@ def test_the_fastest_log_sets_the_block(noisy_rig):
     """Whatever log comes first."""
     logs = [_two_speeds(noisy_rig.pair, rpm) for rpm in (60.0, 180.0)]
     seen = [looked(log, noisy_rig.pair) for log in logs]
-    channels = [view.channels[0] for _, view in seen]
+    channels = [linear.channels[0] for _, linear in seen]
     segments = [scope.segments[0] for scope, _ in seen]
     terms = seen[0][0].terms
     slow, fast = (block_seconds([c], [s], terms) for c, s in zip(channels, segments, strict=True))

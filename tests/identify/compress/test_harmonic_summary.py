@@ -57,24 +57,24 @@ def test_forgetting_an_end_would_be_seen():
 
 
 @pytest.fixture(scope="module")
-def view(noisy_log, noisy_rig):
+def linear(noisy_log, noisy_rig):
     return looked(noisy_log, noisy_rig.pair, drift=Drift(1))[1]
 
 
-def test_a_summary_counts_the_rows_of_its_runs(view):
-    summary = view.summary
-    assert summary.rows == sum(len(run.rows) for run in view.rows[0].runs)
+def test_a_summary_counts_the_rows_of_its_runs(linear):
+    summary = linear.summary
+    assert summary.rows == sum(len(run.rows) for run in linear.rows[0].runs)
     assert [f.flank for f in summary.flanks] == ["A", "B"]
-    assert summary.columns == view.rows[0].columns
+    assert summary.columns == linear.rows[0].columns
     lags = {f.lag_products.shape[0] - 1 for f in summary.flanks}
     assert len(lags) == 1 and 1 <= lags.pop() <= HIGHEST_LAG
 
 
-def test_lag_products_are_those_of_the_runs(view):
+def test_lag_products_are_those_of_the_runs(linear):
     """y is the last column and 1 stands behind the free ones: both are known from the curves."""
-    one = view.summary.columns.index("offset")
-    for flank in view.summary.flanks:
-        runs = [run for run in view.rows[0].runs if run.segment.flank == flank.flank]
+    one = linear.summary.columns.index("offset")
+    for flank in linear.summary.flanks:
+        runs = [run for run in linear.rows[0].runs if run.segment.flank == flank.flank]
         products = lag_products_of(flank)
         for lag in range(len(products)):
             curves = [run.curve.transmission_error for run in runs]
@@ -84,14 +84,14 @@ def test_lag_products_are_those_of_the_runs(view):
             assert products[lag, -1, one] == pytest.approx(level, rel=1e-9)
 
 
-def test_a_run_too_short_to_filter_is_left_out(noisy_rig, noisy_log, view):
+def test_a_run_too_short_to_filter_is_left_out(noisy_rig, noisy_log, linear):
     """Only whole runs are summarised; the fit then says which flanks remain."""
-    lags = view.summary.flanks[0].lag_products.shape[0] - 1
-    size = view.rows[0].size
+    lags = linear.summary.flanks[0].lag_products.shape[0] - 1
+    size = linear.rows[0].size
     for rows, flanks in ((2 * lags, ["A"]), (2 * HIGHEST_LAG + 9, ["A", "B"])):
         short = [
             s if s.flank == "A" else Segment(s.start, s.start + rows * size, s.flank, s.speed)
-            for s in view.inputs[0].segments
+            for s in linear.inputs[0].segments
         ]
         _, left = looked(noisy_log, noisy_rig.pair, drift=Drift(1), segments=short)
         assert [f.flank for f in left.summary.flanks] == flanks

@@ -19,20 +19,20 @@ BOTH: tuple[Flank, ...] = ("A", "B")
 
 
 @pytest.fixture(scope="module")
-def view(quick_log, quick_rig) -> LinearFit:
+def linear(quick_log, quick_rig) -> LinearFit:
     return looked(quick_log, quick_rig.pair, drift=Drift(2), regressors=("delay",))[1]
 
 
-def _weights(view: LinearFit, seed: int = 0) -> np.ndarray:
+def _weights(linear: LinearFit, seed: int = 0) -> np.ndarray:
     """An arbitrary model, (−β, 1)."""
-    values = np.random.default_rng(seed).standard_normal(view.rows[0].columns.width)
+    values = np.random.default_rng(seed).standard_normal(linear.rows[0].columns.width)
     values[-1] = 1.0
     return values
 
 
-def _direct(view: LinearFit, number: int, weights: np.ndarray) -> np.ndarray:
-    channels, columns = view.channels[0], view.rows[0].columns
-    segment = view.rows[0].runs[number].segment
+def _direct(linear: LinearFit, number: int, weights: np.ndarray) -> np.ndarray:
+    channels, columns = linear.channels[0], linear.rows[0].columns
+    segment = linear.rows[0].runs[number].segment
     part = slice(segment.start, segment.stop)
 
     def harmonics(terms):
@@ -49,71 +49,71 @@ def _direct(view: LinearFit, number: int, weights: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("number", [0, 1])
 @pytest.mark.parametrize("stride", [1, 7])
-def test_residuals_of_samples_are_the_rows_times_the_weights(view, number, stride):
-    weights, columns = _weights(view), view.rows[0].columns
-    segment = view.rows[0].runs[number].segment
-    found = residual_of(view.channels[0], segment, columns, weights, stride)
-    expected = _direct(view, number, weights)[::stride]
+def test_residuals_of_samples_are_the_rows_times_the_weights(linear, number, stride):
+    weights, columns = _weights(linear), linear.rows[0].columns
+    segment = linear.rows[0].runs[number].segment
+    found = residual_of(linear.channels[0], segment, columns, weights, stride)
+    expected = _direct(linear, number, weights)[::stride]
     np.testing.assert_allclose(found, expected, atol=1e-8)
     # Every column takes part.
     for cell in range(columns.width - 1):
         other = weights.copy()
         other[cell] += 1e-3
-        moved = residual_of(view.channels[0], segment, columns, other, stride)
+        moved = residual_of(linear.channels[0], segment, columns, other, stride)
         assert np.abs(moved - found).max() > 1e-5, cell
 
 
-def test_residuals_of_a_layout_without_harmonics(view):
-    columns = replace(view.rows[0].columns, free=(), tied=())
-    segment = view.rows[0].runs[0].segment
+def test_residuals_of_a_layout_without_harmonics(linear):
+    columns = replace(linear.rows[0].columns, free=(), tied=())
+    segment = linear.rows[0].runs[0].segment
     weights = np.array([-0.3, -0.1, -0.2, -0.05, 1.0])
-    found = residual_of(view.channels[0], segment, columns, weights)
+    found = residual_of(linear.channels[0], segment, columns, weights)
     part = slice(segment.start, segment.stop)
-    channels = view.channels[0]
+    channels = linear.channels[0]
     own = [channels.own[name][part] for name in columns.own[0][1:]]
     expected = channels.error["A"][part] + weights[:-1] @ [np.ones_like(own[0]), *own]
     np.testing.assert_allclose(found, expected, atol=1e-12)
 
 
-def test_means_of_residuals_are_residuals_of_means(view):
+def test_means_of_residuals_are_residuals_of_means(linear):
     """Rows and samples speak of the same model."""
-    (rows,) = view.rows
-    for run, residual in zip(rows.runs, view.residuals(0), strict=True):
+    (rows,) = linear.rows
+    for run, residual in zip(rows.runs, linear.residuals(0), strict=True):
         means = residual[: len(run.rows) * rows.size].reshape(-1, rows.size).mean(axis=1)
-        expected = run.rows @ view.residual_rows[0][run.segment.flank]
+        expected = run.rows @ linear.residual_rows[0][run.segment.flank]
         np.testing.assert_allclose(means, expected, atol=1e-10)
 
 
-def test_rms_of_samples(view):
-    weights = dict.fromkeys(BOTH, _weights(view))
-    every = np.concatenate([_direct(view, number, weights["A"]) for number in (0, 1)])
-    found = sample_residual_rms(view, [weights])
+def test_rms_of_samples(linear):
+    weights = dict.fromkeys(BOTH, _weights(linear))
+    every = np.concatenate([_direct(linear, number, weights["A"]) for number in (0, 1)])
+    found = sample_residual_rms(linear, [weights])
     assert found == pytest.approx(float(np.sqrt(np.mean(every**2))), rel=1e-6)
 
 
-def test_rms_counts_samples_by_their_weight(view, quick_log):
+def test_rms_counts_samples_by_their_weight(linear, quick_log):
     share = np.random.default_rng(1).uniform(0, 1, len(quick_log))
     share[1000:1200] = 0.0
-    weighed = linear_fit(view.inputs, view.model, 0.0, [share], view.block_s)
-    weights = dict.fromkeys(BOTH, _weights(view))
-    every = np.concatenate([_direct(view, number, weights["A"]) for number in (0, 1)])
+    weighed = linear_fit(linear.inputs, linear.model, 0.0, [share], linear.block_s)
+    weights = dict.fromkeys(BOTH, _weights(linear))
+    every = np.concatenate([_direct(linear, number, weights["A"]) for number in (0, 1)])
     each = np.concatenate(
-        [share[run.segment.start : run.segment.stop] for run in view.rows[0].runs]
+        [share[run.segment.start : run.segment.stop] for run in linear.rows[0].runs]
     )
     expected = float(np.sqrt(each @ every**2 / each.sum()))
     assert sample_residual_rms(weighed, [weights]) == pytest.approx(expected, rel=1e-9)
-    assert sample_residual_rms(view, [weights]) != pytest.approx(expected, rel=1e-4)
+    assert sample_residual_rms(linear, [weights]) != pytest.approx(expected, rel=1e-4)
 
 
-def test_means_without_weight_are_left_out_of_the_curves(view, quick_log):
+def test_means_without_weight_are_left_out_of_the_curves(linear, quick_log):
     share = np.ones(len(quick_log))
-    (rows,) = view.rows
+    (rows,) = linear.rows
     first = rows.runs[0].segment
     share[first.start + rows.size : first.start + 4 * rows.size] = 0.0
     share[first.start + 10 * rows.size : first.start + 11 * rows.size] = 0.25
-    weighed = linear_fit(view.inputs, view.model, 0.0, [share], view.block_s)
-    own = view.residual_rows[0]
-    plain, left = curves_and_residuals(view, [own])
+    weighed = linear_fit(linear.inputs, linear.model, 0.0, [share], linear.block_s)
+    own = linear.residual_rows[0]
+    plain, left = curves_and_residuals(linear, [own])
     curves, residuals = curves_and_residuals(weighed, [own])
     keep = np.delete(np.arange(len(plain[0])), [1, 2, 3])
     np.testing.assert_allclose(residuals[0], left[0][keep], atol=1e-12)
@@ -123,9 +123,9 @@ def test_means_without_weight_are_left_out_of_the_curves(view, quick_log):
     np.testing.assert_allclose(residuals[1], left[1], atol=1e-12)
 
 
-def test_a_column_that_was_not_chosen_gets_no_coefficient(view):
-    wide = view.rows[0].columns
-    narrow = view.summary.keeping([("offset", "delay")])
+def test_a_column_that_was_not_chosen_gets_no_coefficient(linear):
+    wide = linear.rows[0].columns
+    narrow = linear.summary.keeping([("offset", "delay")])
     values = np.arange(1.0, narrow.columns.width)
     (weights,) = weights_of_logs(narrow, [values, 2 * values])
     for size, flank in enumerate(BOTH, 1):

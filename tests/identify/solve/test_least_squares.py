@@ -18,8 +18,8 @@ from vttig_jax.identify.solve.least_squares import solve
 @pytest.fixture(scope="module")
 def problem(noisy_rig, noisy_log):
     pair = noisy_rig.pair
-    scope, view = looked(noisy_log, pair)
-    summary = view.summary
+    scope, linear = looked(noisy_log, pair)
+    summary = linear.summary
     relation = pair_relation(pair, scope.terms, summary.columns, scope.flanks, encoder_terms=True)
     return pair, scope, relation, whiten(summary)[1]
 

@@ -32,34 +32,34 @@ def _mounted(log, counts: int):
 
 def test_rows_have_no_level_and_curves_have_it(quick_log, quick_rig):
     moved = replace(quick_log, driven=_mounted(quick_log, 30_000))
-    (_, plain), (_, view) = (looked(log, quick_rig.pair) for log in (quick_log, moved))
-    assert plain.levels == (0.0,) and view.levels == (pytest.approx(LEVEL),)
-    for run, other in zip(view.rows[0].runs, plain.rows[0].runs, strict=True):
+    (_, plain), (_, linear) = (looked(log, quick_rig.pair) for log in (quick_log, moved))
+    assert plain.levels == (0.0,) and linear.levels == (pytest.approx(LEVEL),)
+    for run, other in zip(linear.rows[0].runs, plain.rows[0].runs, strict=True):
         np.testing.assert_allclose(run.rows[:, -1], other.rows[:, -1], atol=1e-12)
         np.testing.assert_allclose(
             run.curve.transmission_error - LEVEL, other.curve.transmission_error, atol=1e-12
         )
-    assert np.abs(view.rows[0].runs[0].rows[:, -1]).max() < DEG
+    assert np.abs(linear.rows[0].runs[0].rows[:, -1]).max() < DEG
 
 
 def test_a_lifted_summary_is_that_of_rows_with_the_level_in_them(quick_log, quick_rig):
-    _, view = looked(quick_log, quick_rig.pair)
-    assert lifted(view.summary, (0.0,)) is view.summary
-    rows = view.rows[0]
+    _, linear = looked(quick_log, quick_rig.pair)
+    assert lifted(linear.summary, (0.0,)) is linear.summary
+    rows = linear.rows[0]
     runs = []
     for run in rows.runs:
         whole = run.rows.copy()
         whole[:, -1] += LEVEL
         runs.append(replace(run, rows=whole))
-    whole = summarise([replace(rows, runs=tuple(runs))], view.model.terms)
-    found = lifted(view.summary, (LEVEL,))
+    whole = summarise([replace(rows, runs=tuple(runs))], linear.model.terms)
+    found = lifted(linear.summary, (LEVEL,))
     for flank, other in zip(found.flanks, whole.flanks, strict=True):
         lags = min(len(flank.lag_products), len(other.lag_products))
         products, expected = lag_products_of(flank)[:lags], lag_products_of(other)[:lags]
         largest = np.abs(expected).max()
         np.testing.assert_allclose(products, expected, atol=1e-12 * largest)
         assert flank.rows == other.rows
-        bare = next(f for f in view.summary.flanks if f.flank == flank.flank)
+        bare = next(f for f in linear.summary.flanks if f.flank == flank.flank)
         assert np.abs(products[0] - lag_products_of(bare)[0]).max() > 0.1 * largest
 
 

@@ -16,15 +16,15 @@ from vttig_jax.rig.imperfections import Noise
 
 
 @pytest.fixture(scope="module")
-def view():
+def linear():
     """Noise that is correlated over a quarter of a second, four times a row of the fit."""
     rig = quick_rig(0, reversal_deg=3600.0)
     rig = replace(rig, orders=(), noise=Noise(0.004, 0.02))
     return rig.pair, *looked(rig.log(0), rig.pair)
 
 
-def _widening(view, *, white: bool) -> np.ndarray:
-    pair, scope, seen = view
+def _widening(linear, *, white: bool) -> np.ndarray:
+    pair, scope, seen = linear
     noise, whitened = whiten(seen.summary)
     if white:
         noise = NoiseModel(np.empty(0), noise.std, noise.std, noise.block_s)
@@ -40,18 +40,18 @@ def _widening(view, *, white: bool) -> np.ndarray:
     return widened(seen, seen.summary, noise, whitened, solution, coefficients)
 
 
-def test_the_right_noise_model_needs_no_widening(view):
-    found = _widening(view, white=False)
+def test_the_right_noise_model_needs_no_widening(linear):
+    found = _widening(linear, white=False)
     assert np.all(found >= 1.0)
     assert np.median(found) < 1.25
 
 
-def test_memory_left_out_of_the_noise_model_is_seen(view):
+def test_memory_left_out_of_the_noise_model_is_seen(linear):
     """White standard errors are too small by √((1 + ρ)/(1 − ρ)) with ρ that of a row."""
-    rho = np.exp(-view[2].block_s / 0.02)
+    rho = np.exp(-linear[2].block_s / 0.02)
     expected = np.sqrt((1 + rho) / (1 - rho))
     assert expected > 1.5
-    assert np.median(_widening(view, white=True)) == pytest.approx(expected, rel=0.35)
+    assert np.median(_widening(linear, white=True)) == pytest.approx(expected, rel=0.35)
 
 
 def test_a_fit_with_the_right_noise_keeps_its_standard_errors(quick_fit):

@@ -21,7 +21,7 @@ from ..motion.motion import MotionPoint
 from ..plants.elastic import ElasticPlant
 from ..plants.flank_bounds import Bounds, Flanks
 from ..plants.plant import FREE, ON_B, ContactEvent, Drag, Plant, Shafts, Slide, walls
-from .shaft_drive import Drive, Missed
+from .shaft_drive import Missed, ShaftDrive
 
 
 class Motor(NamedTuple):
@@ -75,7 +75,7 @@ class Servo(eqx.Module):
 Scalar = Float[Array, ""]
 
 
-class ServoDrive(Drive):
+class ServoDrive(ShaftDrive):
     """A servo motor with inertia and friction.
 
     Teeth that stay in contact are one body with both inertias and frictions (`play`, `rigid`), as
@@ -114,7 +114,7 @@ class ServoDrive(Drive):
         bounds: Bounds,
         step: Scalar,
     ) -> tuple[Motor, Shafts, ContactEvent]:
-        """See `Drive.step`."""
+        """See `ShaftDrive.step`."""
         torque, motor = self.servo.torque(state, shafts.angle, shafts.speed, step)
         motor = motor._replace(angle=told.angle, speed=told.speed)
         gap = shafts.flanks.upper - shafts.flanks.lower

@@ -27,7 +27,7 @@ from ..hardware.actuator import Actuator, Thrust, pushed_back
 from ..hardware.encoder import Sensor
 from ..hardware.observer import AlphaBetaGamma, FilteredDifference, Observer
 from ..hardware.servo import Servo, ServoDrive
-from ..hardware.shaft_drive import Drive, Prescribed
+from ..hardware.shaft_drive import Prescribed, ShaftDrive
 from ..motion.motion import Motion
 from ..motion.profiles import motion_of
 from ..motion.recorded import read_motion
@@ -74,7 +74,7 @@ def drive_of(
     friction: FrictionTable,
     load: LoadTable,
     plant_hz: float,
-) -> Drive:
+) -> ShaftDrive:
     """How the driving shaft follows its motion.
 
     **Raises** `ScenarioError` for a step of the plant too long for the gain of the servo.

@@ -12,7 +12,7 @@ from ..controllers.controller import Controller, Measurement
 from ..hardware.actuator import Actuator, Carriage
 from ..hardware.encoder import Sensor, shocks
 from ..hardware.observer import MotionEstimate, Observer
-from ..hardware.shaft_drive import Drive, Lead, Prescribed, led, next_lead, no_lead
+from ..hardware.shaft_drive import Lead, Prescribed, ShaftDrive, led, next_lead, no_lead
 from ..hermite import cubic
 from ..motion.motion import Motion, MotionPoint
 from ..plants.flank_bounds import Bounds
@@ -46,7 +46,7 @@ class Case(eqx.Module):
     seed: Int[Numbers, ""]
     substeps: int = eqx.field(static=True, default=1)
     noisy: bool = eqx.field(static=True, default=False)
-    drive: Drive = Prescribed()
+    drive: ShaftDrive = Prescribed()
 
 
 class State(NamedTuple):

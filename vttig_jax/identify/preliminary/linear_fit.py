@@ -129,7 +129,7 @@ class LinearFit:
         return aligned(self.rows, self.model.terms)
 
     def rows_of(self, log: int, segments: Sequence[Segment]) -> LogRows:
-        """Rows of segments of a log, as long as those of the view."""
+        """Rows of segments of a log, as long as those of the linear fit."""
         speeds = [abs(s.speed) for one in self.segments for s in one]
         return log_rows(
             self.channels[log],
@@ -214,6 +214,6 @@ def linear_fit(
         block_s = block_seconds(channels, [one.segments for one in inputs], model.terms)
         block_s = max(min(block_s, finest_s), block_s / _FINER, min(c.sample_s for c in channels))
     used = tuple(one.segments for one in inputs) if segments is None else tuple(segments)
-    view = LinearFit(tuple(inputs), model, channels, (), block_s, used)
-    rows = tuple(view.rows_of(log, segments) for log, segments in enumerate(used))
-    return replace(view, rows=rows)
+    linear = LinearFit(tuple(inputs), model, channels, (), block_s, used)
+    rows = tuple(linear.rows_of(log, segments) for log, segments in enumerate(used))
+    return replace(linear, rows=rows)

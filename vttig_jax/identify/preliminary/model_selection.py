@@ -61,12 +61,12 @@ class SelectedModel:
     """Everything the logs say, ready for the solver.
 
     **Arguments**
-    - `view`: the last pass; `summary`: of all logs, with the own columns that were chosen.
+    - `linear`: the last pass; `summary`: of all logs, with the own columns that were chosen.
     - `delay`, `drift`: what became of them; `weights`: what a robust loss did, if any.
     - `notes`: sentences for the reader.
     """
 
-    view: LinearFit
+    linear: LinearFit
     summary: HarmonicSummary
     delay: Delay
     drift: Drift
@@ -75,58 +75,66 @@ class SelectedModel:
 
 
 def select_model(
-    inputs: tuple[Input, ...], pair: GearPair | Drive, scope: Identifiability, choices: Choices
+    inputs: tuple[Input, ...],
+    pair: GearPair | Drive,
+    identifiable: Identifiability,
+    settings: Choices,
 ) -> SelectedModel:
     """Pass over the logs as often as delay and weights need."""
-    names, delay, notes = _candidates(inputs, choices)
-    same_zero = choices.same_zero
+    names, delay, notes = _candidates(inputs, settings)
+    same_zero = settings.same_zero
     if same_zero is None:
         same_zero = all(one.log.zero == "reading" for one in inputs)
-    drift = _widest_drift(choices, scope)
-    model = Model(pair, scope.terms, names, drift, same_zero, choices.noise)
+    drift = _widest_drift(settings, identifiable)
+    model = Model(pair, identifiable.terms, names, drift, same_zero, settings.noise)
     delay_tried = "delay" in names
     plain = linear_fit(
         inputs, model, delay.seconds, finest_s=_finest(inputs) if delay_tried else np.inf
     )
-    weights = reweighted(plain, choices.loss)
-    view = weights.view
+    weights = reweighted(plain, settings.loss)
+    linear = weights.linear
     if delay_tried:
-        view, delay, told = _with_delay(weights, choices)
+        linear, delay, told = _with_delay(weights, settings)
         if weights.loss != "square" and delay.state == "fitted":
             # Outliers were judged before the delay was known, and in the ramps by neighbours only.
             weights = reweighted(
-                view, weights.loss, weights.values if weights.loss == "bisquare" else None
+                linear, weights.loss, weights.values if weights.loss == "bisquare" else None
             )
-            plain = weights.look(inputs, model, delay.seconds, view.block_s)
-            view, delay, told = _with_delay(replace(weights, view=plain), choices)
+            plain = weights.look(inputs, model, delay.seconds, linear.block_s)
+            linear, delay, told = _with_delay(replace(weights, linear=plain), settings)
         notes += told
-    own, told = _chosen(view, choices, delay)
+    own, told = _chosen(linear, settings, delay)
     notes += told
     kept = [
-        tuple(n for n in each if n in own or n == "offset") for each in view.summary.columns.own
+        tuple(n for n in each if n in own or n == "offset") for each in linear.summary.columns.own
     ]
     return SelectedModel(
-        view, view.summary.keeping(kept), delay, _drift_of(own, model.drift), weights, tuple(notes)
+        linear,
+        linear.summary.keeping(kept),
+        delay,
+        _drift_of(own, model.drift),
+        weights,
+        tuple(notes),
     )
 
 
 def _candidates(
-    inputs: Sequence[Input], choices: Choices
+    inputs: Sequence[Input], settings: Choices
 ) -> tuple[tuple[str, ...], Delay, list[str]]:
     """Columns beside offset and drift that are tried, and what is known of the delay before."""
-    names = list(choices.regressors)
+    names = list(settings.regressors)
     notes: list[str] = []
     if all(one.log.torque is not None for one in inputs) and "torque" not in names:
         names.append("torque")
-    if choices.free_ratio:
+    if settings.free_ratio:
         names.append("ratio")
     if "speed" in names:
         reason = "a delay and a regressor proportional to speed are the same"
         return tuple(names), Delay("open", reason=reason), notes
-    if not isinstance(choices.delay, str):
-        reason = f"given as {choices.delay:g} s, not fitted"
-        return tuple(names), Delay("given", choices.delay, reason=reason), notes
-    if choices.delay == "off":
+    if not isinstance(settings.delay, str):
+        reason = f"given as {settings.delay:g} s, not fitted"
+        return tuple(names), Delay("given", settings.delay, reason=reason), notes
+    if settings.delay == "off":
         reason = "not fitted: both channels are taken to be sampled at the same instant"
         return tuple(names), Delay("off", reason=reason), notes
     return (*names, "delay"), Delay("open"), notes
@@ -144,54 +152,58 @@ def _finest(inputs: Sequence[Input]) -> float:
     return float(np.median(ramps)) / _ROWS_A_RAMP if ramps else np.inf
 
 
-def _widest_drift(choices: Choices, scope: Identifiability) -> Drift:
+def _widest_drift(settings: Choices, identifiable: Identifiability) -> Drift:
     """The drift asked for, or the highest that is tried: none where an order looks like one."""
-    if choices.drift_knots_s is not None:
-        return Drift(knots_s=choices.drift_knots_s)
-    if choices.drift_order is not None:
-        return Drift(choices.drift_order)
-    tied = [scope.turns[shaft] for shaft in scope.turns if shaft not in scope.reasons]
+    if settings.drift_knots_s is not None:
+        return Drift(knots_s=settings.drift_knots_s)
+    if settings.drift_order is not None:
+        return Drift(settings.drift_order)
+    tied = [
+        identifiable.turns[shaft]
+        for shaft in identifiable.turns
+        if shaft not in identifiable.reasons
+    ]
     return Drift(AUTOMATIC_DRIFT if min(tied, default=0.0) >= _TURNS_FOR_DRIFT else 0)
 
 
-def _with_delay(weights: Reweighted, choices: Choices) -> tuple[LinearFit, Delay, list[str]]:
+def _with_delay(weights: Reweighted, settings: Choices) -> tuple[LinearFit, Delay, list[str]]:
     """Judge the delay, with the ramps where the speed is steady, and step until it stands still."""
-    plain = weights.view
+    plain = weights.linear
     inputs, model, block_s = plain.inputs, plain.model, plain.block_s
     steady = one_speed([s for one in inputs for s in one.segments])
     steps = 0
     while True:
         steps += 1
-        view, notes = _with_ramps(plain) if steady else (plain, [])
+        linear, notes = _with_ramps(plain) if steady else (plain, [])
         delay = judge_delay(
-            view.own,
-            _beside(view.own, choices),
+            linear.own,
+            _beside(linear.own, settings),
             plain.channels[0].delay_s,
-            forced=choices.delay == "free",
-            two_flanks=len(view.summary.flanks) == 2,
+            forced=settings.delay == "free",
+            two_flanks=len(linear.summary.flanks) == 2,
         )
         if delay.is_settled or steps == _MOST_STEPS:
             break
         delay = delay.stepped()
         plain = weights.look(inputs, model, delay.seconds, block_s)
     if delay.state == "fitted":
-        return view, delay, notes
+        return linear, delay, notes
     if plain.channels[0].delay_s != 0:
         plain = weights.look(inputs, model, 0.0, block_s)
     return plain, delay, []
 
 
-def _with_ramps(view: LinearFit) -> tuple[LinearFit, list[str]]:
-    """The view with ramps added: those that speed up, then those that keep to the same flank.
+def _with_ramps(linear: LinearFit) -> tuple[LinearFit, list[str]]:
+    """The linear with ramps added: those that speed up, then those that keep to the same flank.
 
     Speeding up, the driving gear pushes; slowing down, the driven side may run ahead.
     """
-    total = sum(len(one.ramps) for one in view.inputs)
-    up = _joined(view, [[ramp.speeding_up for ramp in one.ramps] for one in view.inputs])
+    total = sum(len(one.ramps) for one in linear.inputs)
+    up = _joined(linear, [[ramp.speeding_up for ramp in one.ramps] for one in linear.inputs])
     noise, _ = whiten(up.summary)
     keep: list[list[bool]] = []
-    for log, one in enumerate(view.inputs):
-        rows = _ramp_rows(view, log)
+    for log, one in enumerate(linear.inputs):
+        rows = _ramp_rows(linear, log)
         keep.append(
             [
                 on_its_branch(ramp, found, up.residual_rows[log], noise.std)
@@ -200,35 +212,35 @@ def _with_ramps(view: LinearFit) -> tuple[LinearFit, list[str]]:
         )
     used = sum(map(sum, keep))
     note = f"{used} of {total} ramps keep to the flank of their motion and count for the delay"
-    return _joined(view, keep), [note] if total else []
+    return _joined(linear, keep), [note] if total else []
 
 
-def _ramp_rows(view: LinearFit, log: int):
+def _ramp_rows(linear: LinearFit, log: int):
     """Rows of every ramp of a log, empty where it is shorter than a row."""
     found = []
-    for ramp in view.inputs[log].ramps:
-        runs = view.rows_of(log, [ramp.segment]).runs
+    for ramp in linear.inputs[log].ramps:
+        runs = linear.rows_of(log, [ramp.segment]).runs
         found.append(runs[0].rows if runs else [])
     return found
 
 
-def _joined(view: LinearFit, keep: Sequence[Sequence[bool]]) -> LinearFit:
+def _joined(linear: LinearFit, keep: Sequence[Sequence[bool]]) -> LinearFit:
     rows, used = [], []
     for log, chosen in enumerate(keep):
-        ramps = view.inputs[log].ramps
+        ramps = linear.inputs[log].ramps
         segments = [ramp.segment for ramp, good in zip(ramps, chosen, strict=True) if good]
-        more = view.rows_of(log, segments)
-        rows.append(replace(view.rows[log], runs=view.rows[log].runs + more.runs))
-        used.append((*view.segments[log], *segments))
-    return replace(view, rows=tuple(rows), segments=tuple(used))
+        more = linear.rows_of(log, segments)
+        rows.append(replace(linear.rows[log], runs=linear.rows[log].runs + more.runs))
+        used.append((*linear.segments[log], *segments))
+    return replace(linear, rows=tuple(rows), segments=tuple(used))
 
 
-def _beside(own: NuisanceRegression, choices: Choices) -> list[str]:
+def _beside(own: NuisanceRegression, settings: Choices) -> list[str]:
     """Own coefficients other than the delay that the logs ask for, or the user did."""
     slow = ("drift_", "spline_", "torque_")
     others = [n for n in own.names if n != "delay" and not n.startswith(slow)]
     splines = [n for n in own.names if n.startswith("spline_")]
-    if choices.drift_order is not None or splines:
+    if settings.drift_order is not None or splines:
         drift = [n for n in own.names if n.startswith(("drift_", "spline_"))]
     else:
         windows = [n for n in own.names if n.startswith("torque_")][:1]
@@ -245,15 +257,15 @@ def _best_torque(own: NuisanceRegression, known: list[str]) -> list[str]:
     return [min(windows, key=lambda name: own.misfit([*beside, name]))] if windows else []
 
 
-def _chosen(view: LinearFit, choices: Choices, delay: Delay) -> tuple[set[str], list[str]]:
+def _chosen(linear: LinearFit, settings: Choices, delay: Delay) -> tuple[set[str], list[str]]:
     """Names of the own columns that stay, and sentences on those that do not."""
-    own = view.own
+    own = linear.own
     fitted = ["delay"] if delay.state == "fitted" else []
-    names = [*_beside(own, choices), *fitted]
+    names = [*_beside(own, settings), *fitted]
     notes = []
     for torque in [n for n in names if n.startswith("torque_")]:
         value, std = own.estimate(torque, names)
-        if abs(value) <= _SIGNIFICANT * std and "torque" not in choices.regressors:
+        if abs(value) <= _SIGNIFICANT * std and "torque" not in settings.regressors:
             names.remove(torque)
             notes.append(
                 "the torque column shows no wind-up that counts"

@@ -149,17 +149,17 @@ _SHOWN = 5
 
 @dataclass(frozen=True, eq=False)
 class Reweighted:
-    """A view whose samples are weighed.
+    """A linear whose samples are weighed.
 
     **Arguments**
-    - `view`: the last pass; `values`: weights of every log, None where all samples count alike.
+    - `linear`: the last pass; `values`: weights of every log, None where all samples count alike.
     - `loss`, `passes`: what was done.
     - `variance_factor`: what the variance of least squares lacks.
     - `outliers`: of every log; empty for squares.
     - `pulls`: what was taken off the samples instead, by a loss that lets none go.
     """
 
-    view: LinearFit
+    linear: LinearFit
     loss: Loss
     passes: int = 0
     values: tuple[Samples | None, ...] | None = None
@@ -175,7 +175,7 @@ class Reweighted:
 
 
 def reweighted(
-    view: LinearFit,
+    linear: LinearFit,
     loss: Loss | Literal["auto"],
     start: Sequence[Samples | None] | None = None,
 ) -> Reweighted:
@@ -185,116 +185,118 @@ def reweighted(
     weights to `start` from, readings that stand off their neighbours begin without any.
     """
     if loss == "auto":
-        suspected = any(has_outliers(_pieces(view, log)) for log in range(len(view.inputs)))
+        suspected = any(has_outliers(_pieces(linear, log)) for log in range(len(linear.inputs)))
         loss = "bisquare" if suspected else "square"
     if loss == "square":
-        return Reweighted(view, loss)
+        return Reweighted(linear, loss)
     if start is None:
-        start = [1.0 - one.log.spikes for one in view.inputs]
+        start = [1.0 - one.log.spikes for one in linear.inputs]
     weights: list[Samples] = [
         np.ones(len(one.log)) if own is None else own
-        for one, own in zip(view.inputs, start, strict=True)
+        for one, own in zip(linear.inputs, start, strict=True)
     ]
     cleaned = any(own.min() < 1 for own in weights)
     stage: Loss = loss if cleaned else "huber"
     if cleaned:
-        view = _look_again(view, weights=weights)
+        linear = _look_again(linear, weights=weights)
     passes = 0
     while True:
-        fresh = [_weights(view, log, stage) for log in range(len(view.inputs))]
+        fresh = [_weights(linear, log, stage) for log in range(len(linear.inputs))]
         change = max(
             float(np.abs(new - old).mean()) for new, old in zip(fresh, weights, strict=True)
         )
         weights = fresh
         if stage == "huber":
-            view = _look_again(view, pulls=[_pull(view, k, own) for k, own in enumerate(weights)])
+            linear = _look_again(
+                linear, pulls=[_pull(linear, k, own) for k, own in enumerate(weights)]
+            )
         else:
-            view = _look_again(view, weights=weights)
+            linear = _look_again(linear, weights=weights)
         passes += 1
         still = change < _STILL
         if (still and stage == loss) or passes == MOST_PASSES:
             break
         if loss == "bisquare" and (passes >= _HUBER_FIRST or still):
             stage = "bisquare"
-    spread = [_scaled(view, log) for log in range(len(view.inputs))]
-    size = min(rows.size for rows in view.rows)
+    spread = [_scaled(linear, log) for log in range(len(linear.inputs))]
+    size = min(rows.size for rows in linear.rows)
     factor = variance_factor(np.concatenate(spread), 1.0, loss, size)
-    found = tuple(_outliers(view, log, weights[log], loss, passes) for log in range(len(weights)))
-    values = tuple(c.weight for c in view.channels)
-    pulls = tuple(c.pull for c in view.channels)
-    return Reweighted(view, loss, passes, values, factor, found, pulls)
+    found = tuple(_outliers(linear, log, weights[log], loss, passes) for log in range(len(weights)))
+    values = tuple(c.weight for c in linear.channels)
+    pulls = tuple(c.pull for c in linear.channels)
+    return Reweighted(linear, loss, passes, values, factor, found, pulls)
 
 
 def _look_again(
-    view: LinearFit,
+    linear: LinearFit,
     weights: Sequence[Samples] | None = None,
     pulls: Sequence[Samples] | None = None,
 ) -> LinearFit:
     return linear_fit(
-        view.inputs,
-        view.model,
-        view.channels[0].delay_s,
+        linear.inputs,
+        linear.model,
+        linear.channels[0].delay_s,
         weights,
-        view.block_s,
-        segments=view.segments,
+        linear.block_s,
+        segments=linear.segments,
         pulls=pulls,
     )
 
 
-def _pull(view: LinearFit, log: int, weight: Samples) -> Samples:
+def _pull(linear: LinearFit, log: int, weight: Samples) -> Samples:
     """What a sample stands too far off, (1 − w) r: without it its residual is ψ = w r.
 
     Under correlated noise a down-weighted row would stand between neighbours that are not, and the
     whitening would give it more weight than any. A sample that is moved stays a sample.
     """
     pull = np.zeros(len(weight))
-    for run, residual in zip(view.rows[log].runs, view.residuals(log), strict=True):
+    for run, residual in zip(linear.rows[log].runs, linear.residuals(log), strict=True):
         part = slice(run.segment.start, run.segment.stop)
         pull[part] = (1 - weight[part]) * residual
     return pull
 
 
-def _pieces(view: LinearFit, log: int) -> list[Samples]:
-    samples = sum(run.segment.stop - run.segment.start for run in view.rows[log].runs)
-    return view.residuals(log, max(1, samples // _MOST_TESTED))
+def _pieces(linear: LinearFit, log: int) -> list[Samples]:
+    samples = sum(run.segment.stop - run.segment.start for run in linear.rows[log].runs)
+    return linear.residuals(log, max(1, samples // _MOST_TESTED))
 
 
-def _tested(view: LinearFit, log: int) -> Samples:
-    pieces = _pieces(view, log)
+def _tested(linear: LinearFit, log: int) -> Samples:
+    pieces = _pieces(linear, log)
     return np.concatenate(pieces) if pieces else np.zeros(1)
 
 
-def _scaled(view: LinearFit, log: int) -> Samples:
+def _scaled(linear: LinearFit, log: int) -> Samples:
     """Residuals of the samples in robust scales of their log."""
-    residual = _tested(view, log)
+    residual = _tested(linear, log)
     return residual / scale_of(residual)[1]
 
 
-def _weights(view: LinearFit, log: int, loss: Loss) -> Samples:
-    pieces = view.residuals(log)
+def _weights(linear: LinearFit, log: int, loss: Loss) -> Samples:
+    pieces = linear.residuals(log)
     middle, scale = scale_of(np.concatenate(pieces)) if pieces else (0.0, 1.0)
-    weight = np.ones(len(view.inputs[log].log))
-    ramps = view.inputs[log].ramps
+    weight = np.ones(len(linear.inputs[log].log))
+    ramps = linear.inputs[log].ramps
     if ramps:
         # No fit of the steady speeds reaches into a ramp: there the neighbours tell.
-        on = ~view.inputs[log].log.spikes
+        on = ~linear.inputs[log].log.spikes
         for ramp in ramps:
             part = slice(ramp.segment.start, ramp.segment.stop)
             weight[part] = on[part]
-    for run, residual in zip(view.rows[log].runs, pieces, strict=True):
+    for run, residual in zip(linear.rows[log].runs, pieces, strict=True):
         part = slice(run.segment.start, run.segment.stop)
         weight[part] = weights_of(residual - middle, scale, loss)
     return weight
 
 
-def _outliers(view: LinearFit, log: int, weight: Samples, loss: Loss, passes: int) -> Outliers:
-    pieces = view.residuals(log)
+def _outliers(linear: LinearFit, log: int, weight: Samples, loss: Loss, passes: int) -> Outliers:
+    pieces = linear.residuals(log)
     residual = np.concatenate(pieces)
     place = np.concatenate(
-        [np.arange(r.segment.start, r.segment.stop) for r in view.rows[log].runs]
+        [np.arange(r.segment.start, r.segment.stop) for r in linear.rows[log].runs]
     )
     low = weight[place] < DROPPED
-    time, angle = view.inputs[log].log.time, view.channels[log].driving
+    time, angle = linear.inputs[log].log.time, linear.channels[log].driving
     first = place[low][:_SHOWN]
     return Outliers(
         loss,

@@ -23,31 +23,34 @@ from .same_rig import disagreements, refuse_different_rigs
 
 
 def checks_of(
-    gathered: SelectedModel,
+    selected: SelectedModel,
     solution: Solution,
     pair: GearPair | Drive,
     parameters: dict[str, Parameter],
 ) -> dict:
     """Checks that need the logs and the solution, by name."""
-    view = gathered.view
+    linear = selected.linear
     return {
         "reversals": _numbered(
-            [_reversals(view, log, solution, pair, parameters) for log in range(len(view.inputs))]
+            [
+                _reversals(linear, log, solution, pair, parameters)
+                for log in range(len(linear.inputs))
+            ]
         ),
         "drawing_backlash_deg": _drawing_backlash_deg(pair),
-        "ratio": [_ratio(one.log) for one in view.inputs],
-        "agreement": _agreement(view),
+        "ratio": [_ratio(one.log) for one in linear.inputs],
+        "agreement": _agreement(linear),
         "apparent_gap": apparent_gap(solution),
-        **_drift(gathered, solution),
-        "outliers": [found.to_json() for found in gathered.weights.outliers],
+        **_drift(selected, solution),
+        "outliers": [found.to_json() for found in selected.weights.outliers],
         "weakest_direction": solution.weakest.to_json() if solution.weakest else None,
         "solver_steps": solution.steps,
     }
 
 
-def repetitions_of(view: LinearFit) -> dict[str, Callable[[], list[dict]]]:
+def repetitions_of(linear: LinearFit) -> dict[str, Callable[[], list[dict]]]:
     """Comparisons inside every log, to be carried out later; they keep rows but not samples."""
-    logs, terms = view.rows, view.model.terms
+    logs, terms = linear.rows, linear.model.terms
     return {
         "passes": lambda: _numbered([passes([run.curve for run in one.runs]) for one in logs]),
         "halves": lambda: _numbered([halves(one, terms) for one in logs]),
@@ -59,9 +62,9 @@ def _numbered(found: Sequence[list[dict]]) -> list[dict]:
     return [{"log": log, **one} for log, own in enumerate(found, 1) for one in own]
 
 
-def log_record(view: LinearFit, solution: Solution, log: int) -> dict:
+def log_record(linear: LinearFit, solution: Solution, log: int) -> dict:
     """What one log brought: file, samples by flank, where its angles are zero."""
-    one, rows = view.inputs[log].log, view.rows[log]
+    one, rows = linear.inputs[log].log, linear.rows[log]
     used = dict.fromkeys("AB", 0)
     for run in rows.runs:
         used[run.segment.flank] += rows.size * len(run.rows)
@@ -70,7 +73,7 @@ def log_record(view: LinearFit, solution: Solution, log: int) -> dict:
         "source": one.source,
         "sha256": one.sha256,
         "zero": one.zero,
-        "start": _start(view, solution, log),
+        "start": _start(linear, solution, log),
         "zero_readings": {
             shaft: None if channel is None else _zero_reading(channel, one.zero)
             for shaft, channel in (("driving", one.driving), ("driven", one.driven))
@@ -93,11 +96,11 @@ def _zero_reading(channel: Channel, zero: str) -> int | float:
     return channel.origin if zero == "start" else channel.reading[0].item()
 
 
-def _start(view: LinearFit, solution: Solution, log: int) -> dict[str, float | None]:
+def _start(linear: LinearFit, solution: Solution, log: int) -> dict[str, float | None]:
     """Angles of a log at its zero in the angles of the first, degrees, with standard errors."""
     found: dict[str, float | None] = {}
     for shaft in SHAFTS:
-        value, std = getattr(view.starts[log], shaft), 0.0
+        value, std = getattr(linear.starts[log], shaft), 0.0
         name = f"{START[shaft]}_of_{log + 1}"
         if name in solution.names:
             place = solution.names.index(name)
@@ -107,9 +110,9 @@ def _start(view: LinearFit, solution: Solution, log: int) -> dict[str, float | N
     return found
 
 
-def _drift(gathered: SelectedModel, solution: Solution) -> dict:
-    drift = gathered.drift
-    longest = max(float(c.time[-1] - c.time[0]) for c in gathered.view.channels)
+def _drift(selected: SelectedModel, solution: Solution) -> dict:
+    drift = selected.drift
+    longest = max(float(c.time[-1] - c.time[0]) for c in selected.linear.channels)
     return {
         "drift_order": drift.order,
         "drift_knots_s": drift.knots_s or None,
@@ -123,23 +126,23 @@ def _drift(gathered: SelectedModel, solution: Solution) -> dict:
 
 
 def _reversals(
-    view: LinearFit,
+    linear: LinearFit,
     log: int,
     solution: Solution,
     pair: GearPair | Drive,
     parameters: dict[str, Parameter],
 ) -> list[dict]:
     """The paper's way to the constant backlash: the jump at a reversal less j_v there."""
-    channels, one = view.channels[log], view.inputs[log].log
+    channels, one = linear.channels[log], linear.inputs[log].log
     error = one.transmission_error + float(one.ratio) * (one.driving_angle - channels.driving)
     for name, values in channels.own.items():
         if is_shared(name) and name in solution.names:
             error -= solution.values[solution.names.index(name)] * values
     error = without_spikes(error, one.time, one.spikes)
-    jumps = reversal_jumps(channels.driving, error, view.inputs[log].found.segments)
+    jumps = reversal_jumps(channels.driving, error, linear.inputs[log].found.segments)
     if isinstance(pair, GearPair):
-        start = _start(view, solution, log)
-        gap = (solution.names, solution.values, [f.flank for f in view.summary.flanks])
+        start = _start(linear, solution, log)
+        gap = (solution.names, solution.values, [f.flank for f in linear.summary.flanks])
         mounting_deg = mounting_of(*gap, 0.0, log) / DEG
         for jump in jumps:
             driven_deg = float(pair.ratio) * jump["driving_deg"] + mounting_deg
@@ -164,12 +167,14 @@ def _ratio(log: EncoderLog) -> dict:
     }
 
 
-def _agreement(view: LinearFit) -> list[dict]:
+def _agreement(linear: LinearFit) -> list[dict]:
     """First orders of every log against the first log's; refuses logs of different rigs."""
-    if len(view.rows) == 1:
+    if len(linear.rows) == 1:
         return []
-    found = disagreements(view.rows, view.model.terms, view.starts, same_zero=view.model.same_zero)
-    refuse_different_rigs(found, [one.log.source for one in view.inputs])
+    found = disagreements(
+        linear.rows, linear.model.terms, linear.starts, same_zero=linear.model.same_zero
+    )
+    refuse_different_rigs(found, [one.log.source for one in linear.inputs])
     return found
 
 

@@ -21,8 +21,8 @@ _CORRELATED = 0.9
 
 
 def notes_of(
-    gathered: SelectedModel,
-    scope: Identifiability,
+    selected: SelectedModel,
+    identifiable: Identifiability,
     solution: Solution,
     noise: NoiseModel,
     regressors: tuple[Parameter, ...],
@@ -31,9 +31,9 @@ def notes_of(
     """All notes of a fit: a log without noise first, then what was seen in the logs."""
     return (
         *_noise_notes(noise),
-        *_seen(gathered, scope),
-        *_delay_notes(gathered, scope, solution),
-        *_ratio_notes(regressors, gathered.view.inputs[0].log),
+        *_seen(selected, identifiable),
+        *_delay_notes(selected, identifiable, solution),
+        *_ratio_notes(regressors, selected.linear.inputs[0].log),
         *solver_notes(solution),
         *differences(list(alone)),
     )
@@ -52,47 +52,49 @@ def _noise_notes(noise: NoiseModel) -> list[str]:
 
 
 def conditions_of(
-    pair: GearPair | Drive, split: bool, choices: Choices, gathered: SelectedModel
+    pair: GearPair | Drive, split: bool, settings: Choices, selected: SelectedModel
 ) -> tuple[str, ...]:
     """What the numbers take for granted."""
     conditions: tuple[str, ...] = ()
-    if not choices.gear_terms:
+    if not settings.gear_terms:
         conditions = ("perfect_gears",)
     elif not (isinstance(pair, Drive) or split):
         conditions = ("perfect_encoders",)
-    if gathered.delay.state == "given":
+    if selected.delay.state == "given":
         conditions += ("given_delay",)
-    unsure = gathered.delay.state == "open" and not gathered.delay.forced
-    if unsure and len(gathered.summary.flanks) == 2:
+    unsure = selected.delay.state == "open" and not selected.delay.forced
+    if unsure and len(selected.summary.flanks) == 2:
         conditions += ("no_delay",)
     return conditions
 
 
-def _seen(gathered: SelectedModel, scope: Identifiability) -> tuple[str, ...]:
+def _seen(selected: SelectedModel, identifiable: Identifiability) -> tuple[str, ...]:
     """What was seen in the logs; a note that all of them have stands once."""
-    inputs = gathered.view.inputs
+    inputs = selected.linear.inputs
     own = [[*one.log.notes, *one.found.notes] for one in inputs]
-    for notes, outliers in zip(own, gathered.weights.outliers, strict=False):
+    for notes, outliers in zip(own, selected.weights.outliers, strict=False):
         notes.append(outliers.sentence)
     shared = [note for note in own[0] if all(note in notes for notes in own)]
     notes = list(shared)
     for one, each in zip(inputs, own, strict=True):
         front = f"{PurePath(one.log.source).name}: " if len(inputs) > 1 else ""
         notes += [front + note for note in each if note not in shared]
-    return (*notes, *scope.notes, *gathered.notes)
+    return (*notes, *identifiable.notes, *selected.notes)
 
 
-def _delay_notes(gathered: SelectedModel, scope: Identifiability, solution: Solution) -> list[str]:
+def _delay_notes(
+    selected: SelectedModel, identifiable: Identifiability, solution: Solution
+) -> list[str]:
     """What a delay and the constant backlash do to each other."""
-    state = gathered.delay.state
-    if state == "open" and len(scope.flanks) == 2 and not gathered.delay.forced:
-        speeds = [abs(s.speed) for own in scope.segments for s in own]
-        shift = 2 * float(scope.terms.ratio) * max(speeds) * 1e-6 / DEG
+    state = selected.delay.state
+    if state == "open" and len(identifiable.flanks) == 2 and not selected.delay.forced:
+        speeds = [abs(s.speed) for own in identifiable.segments for s in own]
+        shift = 2 * float(identifiable.terms.ratio) * max(speeds) * 1e-6 / DEG
         return [
             f"no delay is assumed: every microsecond of it would pass for {shift:.2g}° of constant"
             " backlash, and the speed is too steady to tell; log a second speed"
         ]
-    steady = one_speed([s for own in scope.segments for s in own])
+    steady = one_speed([s for own in identifiable.segments for s in own])
     if state == "fitted" and {"delay", "constant_backlash"} <= set(solution.names):
         pair = [solution.names.index(name) for name in ("delay", "constant_backlash")]
         spread = solution.covariance[np.ix_(pair, pair)]

@@ -175,9 +175,9 @@ _REGRESSORS = {
 
 def parameters_of(
     pair: GearPair | Drive,
-    scope: Identifiability,
+    identifiable: Identifiability,
     solution: Solution,
-    choices: Choices,
+    settings: Choices,
     delay: Delay,
 ) -> dict[str, Parameter]:
     """Every name of the contract → `Parameter`, in its order."""
@@ -190,18 +190,18 @@ def parameters_of(
             else (f"{shaft}_eccentricity_mm", "mm", 1.0)
         )
         names = (name, f"{shaft}_phase_deg")
-        reason = scope.reasons.get(shaft) if choices.gear_terms else _PERFECT_GEARS
+        reason = identifiable.reasons.get(shaft) if settings.gear_terms else _PERFECT_GEARS
         found += _polar_or_reason(solution, shaft, names, unit, scale, reason)
-    found.append(_constant_backlash(solution, scope.short, delay))
+    found.append(_constant_backlash(solution, identifiable.short, delay))
     for shaft in SHAFTS:
-        reason = scope.reasons.get(shaft)
-        if not choices.gear_terms:
+        reason = identifiable.reasons.get(shaft)
+        if not settings.gear_terms:
             pass
         elif drive:
             reason = _NO_GEOMETRY
-        elif not choices.encoder_terms:
+        elif not settings.encoder_terms:
             reason = _PERFECT
-        elif len(scope.flanks) == 1:
+        elif len(identifiable.flanks) == 1:
             reason = _ONE_DIRECTION
         names = (f"{shaft}_encoder_arcsec", f"{shaft}_encoder_phase_deg")
         found += _polar_or_reason(solution, f"{shaft}_encoder", names, "arcsec", ARCSEC, reason)
@@ -209,7 +209,7 @@ def parameters_of(
     return {parameter.name: parameter for parameter in found}
 
 
-def outcome_of(parameters: dict[str, Parameter], converged: bool, choices: Choices) -> Outcome:
+def outcome_of(parameters: dict[str, Parameter], converged: bool, settings: Choices) -> Outcome:
     """One word for the whole fit; parameters that were not asked for do not count."""
     if not converged:
         return "not_converged"
@@ -219,8 +219,8 @@ def outcome_of(parameters: dict[str, Parameter], converged: bool, choices: Choic
         for p in parameters.values()
         if p.name != "delay_s"
         and p.reason not in left_out
-        and (choices.encoder_terms or "encoder" not in p.name)
-        and (choices.gear_terms or p.name != "constant_backlash_deg")
+        and (settings.encoder_terms or "encoder" not in p.name)
+        and (settings.gear_terms or p.name != "constant_backlash_deg")
     ]
     if not any(p.determined for p in asked):
         return "not_determined"

@@ -13,7 +13,7 @@ _DIFFERENT = 5.0
 """Standard errors from which logs are said to differ."""
 
 
-def fit_log_alone(view: LinearFit, log: int) -> dict:
+def fit_log_alone(linear: LinearFit, log: int) -> dict:
     """Delay (s) and gap (degrees, averaged over the angles covered) of one log with their std.
 
     The gap is that under the common delay. None where the log alone cannot tell.
@@ -21,15 +21,15 @@ def fit_log_alone(view: LinearFit, log: int) -> dict:
     found: dict[str, float | None] = dict.fromkeys(
         ("delay_s", "delay_std_s", "gap_deg", "gap_std_deg")
     )
-    if len(view.rows) == 1:
-        summary, filter_, own = view.summary, view.filter, view.own
+    if len(linear.rows) == 1:
+        summary, filter_, own = linear.summary, linear.filter, linear.own
     else:
-        summary = summarise([view.rows[log]], view.model.terms)
+        summary = summarise([linear.rows[log]], linear.model.terms)
         filter_ = autoregression(summary)
         own = own_terms(summary, filter_)
     if "delay" in own.names and own.left("delay") > TOLD:
         step, std = own.estimate("delay", own.names)
-        found |= {"delay_s": view.channels[log].delay_s + step, "delay_std_s": std}
+        found |= {"delay_s": linear.channels[log].delay_s + step, "delay_std_s": std}
     if len(summary.flanks) == 2:
         known = summary.without(["delay"])
         offsets, variances = [], []

@@ -46,14 +46,14 @@ def weights_of_logs(
 
 
 def curves_and_residuals(
-    view: LinearFit, weights: list[Weights]
+    linear: LinearFit, weights: list[Weights]
 ) -> tuple[tuple[TECurve, ...], tuple[Float[np.ndarray, " _"], ...]]:
     """Block means of the transmission error of every run, and what the model leaves of them, rad.
 
     A mean, or a run, of which a robust loss left no sample is left out.
     """
     curves, residuals = [], []
-    for rows, level, own in zip(view.rows, view.levels, weights, strict=True):
+    for rows, level, own in zip(linear.rows, linear.levels, weights, strict=True):
         place = rows.columns.index(OFFSET)
         for run in rows.runs:
             share = run.rows[:, place]
@@ -73,15 +73,15 @@ def curves_and_residuals(
     return tuple(curves), tuple(residuals)
 
 
-def sample_residual_rms(view: LinearFit, weights: list[Weights]) -> float:
+def sample_residual_rms(linear: LinearFit, weights: list[Weights]) -> float:
     """Rms of single samples less the model, rad, over at most 20 000 evenly spaced samples.
 
     Samples count by their weight where a robust loss gave them one.
     """
-    segments = [run.segment for rows in view.rows for run in rows.runs]
+    segments = [run.segment for rows in linear.rows for run in rows.runs]
     stride = max(1, sum(s.stop - s.start for s in segments) // _MOST_SAMPLES)
     square, count = 0.0, 0.0
-    for channels, rows, own in zip(view.channels, view.rows, weights, strict=True):
+    for channels, rows, own in zip(linear.channels, linear.rows, weights, strict=True):
         for run in rows.runs:
             segment = run.segment
             residual = residual_of(channels, segment, rows.columns, own[segment.flank], stride)

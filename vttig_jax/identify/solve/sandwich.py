@@ -26,7 +26,7 @@ _SHORTEST = 10
 
 
 def widened(
-    view: LinearFit,
+    linear: LinearFit,
     summary: HarmonicSummary,
     noise: NoiseModel,
     whitened: Sequence[WhitenedFlank],
@@ -37,7 +37,7 @@ def widened(
 
     All 1 where there are too few rows for a dozen blocks.
     """
-    scores = _block_scores(view, summary, noise, whitened, solution, coefficients)
+    scores = _block_scores(linear, summary, noise, whitened, solution, coefficients)
     plain = np.sqrt(np.diag(solution.covariance))
     if len(scores) < _FEWEST:
         return np.ones(len(plain))
@@ -49,7 +49,7 @@ def widened(
 
 
 def _block_scores(
-    view: LinearFit,
+    linear: LinearFit,
     summary: HarmonicSummary,
     noise: NoiseModel,
     whitened: Sequence[WhitenedFlank],
@@ -58,10 +58,10 @@ def _block_scores(
 ) -> Float[np.ndarray, "blocks p"]:
     """Score of the parameters over every block, the free harmonics at their best."""
     sides = {flank.flank: place for place, flank in enumerate(summary.flanks)}
-    total = sum(len(run.rows) for rows in view.rows for run in rows.runs)
+    total = sum(len(run.rows) for rows in linear.rows for run in rows.runs)
     length = max(_SHORTEST, total // _BLOCKS)
     scores = []
-    for rows, embedding in zip(view.rows, summary.embeddings, strict=True):
+    for rows, embedding in zip(linear.rows, summary.embeddings, strict=True):
         for run in rows.runs:
             flank = run.segment.flank
             own = noise.at(run.segment.speed)

@@ -94,7 +94,7 @@ def find_lines(
     More than 10 000 rows are thinned to block means.
 
     **Arguments**
-    - `runs`: uninterrupted stretches, rows in time order; see `Run`.
+    - `runs`: uninterrupted stretches, rows in time order; see `Stretch`.
     - `highest`: cycles per revolution up to which to look; at most half the rows per revolution.
     - `false_alarm`: between 0 and 1.
 

@@ -132,13 +132,13 @@ def planned(
     """The plan of a run; `wanted` standard errors stand beside those expected."""
     rows = planned_rows(run, pair, assumptions.options, assumptions.noise)
     choices = Choices(encoder_terms=assumptions.encoder_terms, delay=assumptions.delay)
-    split = choices.encoder_terms and len(rows.scope.flanks) == 2
+    split = choices.encoder_terms and len(rows.identifiable.flanks) == 2
     joint = rows.told != "" and (
         assumptions.delay == "free" or (assumptions.delay == "auto" and rows.told == "speeds")
     )
     solution = _solved(pair, rows, assumptions.values, split=split, joint=joint)
     delay = _delay(rows, solution, assumptions.delay)
-    found = parameters_of(pair, rows.scope, solution, choices, delay)
+    found = parameters_of(pair, rows.identifiable, solution, choices, delay)
     parameters = {
         name: planned_parameter(one, assumptions.values.get(name), wanted.get(name))
         for name, one in found.items()
@@ -152,12 +152,12 @@ def planned(
         assumptions.noise,
         counting / DEG,
         rows.noise,
-        rows.scope.flanks,
+        rows.identifiable.flanks,
         conditions(pair, rows, delay, split=split),
         outcome_of(found, solution.converged, choices),
         solution.covariance,
         solution.names,
-        rows.scope.short,
+        rows.identifiable.short,
         solution.weakest,
         notes(pair, run, rows, assumptions.options, delay, assumptions.noise),
     )
@@ -173,7 +173,7 @@ def _solved(
 ) -> Solution:
     """The solution of a log without noise; its covariance is that of one with it."""
     columns = columns_of(rows, with_delay=joint)
-    terms, flanks = rows.scope.terms, rows.scope.flanks
+    terms, flanks = rows.identifiable.terms, rows.identifiable.flanks
     if isinstance(pair, Drive):
         relation = drive_relation(terms, columns, flanks)
     else:
@@ -192,7 +192,7 @@ def _delay(rows: PlannedRows, solution: Solution, choice: DelayChoice) -> Delay:
     if DELAY in solution.names:
         return Delay("fitted", forced=forced)
     if not rows.told:
-        like = "the constant backlash" if len(rows.scope.flanks) == 2 else "an offset"
+        like = "the constant backlash" if len(rows.identifiable.flanks) == 2 else "an offset"
         reason = f"at one steady speed a delay cannot be told from {like}; plan a second speed"
         return Delay("open", reason=reason, forced=forced)
     reason = "seen in the ramps only; the other parameters take it as zero"

@@ -216,7 +216,7 @@ def conditions(
 ) -> tuple[str, ...]:
     """What the standard errors take for granted, in the words of a fit."""
     found: tuple[str, ...] = () if isinstance(pair, Drive) or split else ("perfect_encoders",)
-    if delay.state == "open" and not delay.forced and len(rows.scope.flanks) == 2:
+    if delay.state == "open" and not delay.forced and len(rows.identifiable.flanks) == 2:
         found += ("no_delay",)
     return found
 
@@ -237,7 +237,7 @@ def notes(
             " fit would use: a speed below 1 % of the fastest counts as standstill, and a flank"
             " that turns less than once is left out"
         )
-    if delay.state == "insignificant" and len(rows.scope.flanks) == 2:
+    if delay.state == "insignificant" and len(rows.identifiable.flanks) == 2:
         found.append(
             "a delay is taken as zero, and only the ramps that speed up can tell one; a fit that"
             " finds one knows the constant backlash far less well (see --delay free), unless there"
@@ -248,7 +248,7 @@ def notes(
             "noise is taken to be white; that of real rigs remembers, and then tells several times"
             " less: give its correlation time, which `vttig fit` prints for a log of the rig"
         )
-    return (*found, *rows.scope.notes)
+    return (*found, *rows.identifiable.notes)
 
 
 def _aliased(pair: GearPair | Drive, run: PlannedRun, options: HarmonicOrders) -> list[str]:

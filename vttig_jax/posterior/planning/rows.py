@@ -37,7 +37,7 @@ class PlannedRows:
     """What a fit would make of the run.
 
     **Arguments**
-    - `scope`: flanks, shafts and harmonics.
+    - `identifiable`: flanks, shafts and harmonics.
     - `columns`: of the rows, the delay among them.
     - `steady`, `ramps`: triangular factors of the steady runs, and of the ramps that speed up.
     - `rows`: flank → rows of the steady runs.
@@ -46,7 +46,7 @@ class PlannedRows:
     - `missed`: passes without a steady run.
     """
 
-    scope: Identifiability
+    identifiable: Identifiability
     columns: ColumnLayout
     steady: Triangles
     ramps: Triangles
@@ -68,25 +68,27 @@ def planned_rows(
     _require_noise(noise, counting)
     log = _motion(run, pair)
     found = find_segments(log)
-    scope = find_identifiability([log], [found.segments], pair, options, None)
+    identifiable = find_identifiability([log], [found.segments], pair, options, None)
     ramps = tuple(
         ramp
         for ramp in find_ramps(log, found)
-        if ramp.segment.flank in scope.flanks and ramp.speeding_up
+        if ramp.segment.flank in identifiable.flanks and ramp.speeding_up
     )
-    segments = scope.segments[0]
+    segments = identifiable.segments[0]
     steady = one_speed(segments)
     finest_s = run.ramp_s / _ROWS_A_RAMP if steady and ramps else np.inf
-    model = Model(pair, scope.terms, (DELAY,), Drift())
-    view = linear_fit([Input(log, found, segments, ramps)], model, finest_s=finest_s)
-    rows = view.rows[0]
+    model = Model(pair, identifiable.terms, (DELAY,), Drift())
+    linear = linear_fit([Input(log, found, segments, ramps)], model, finest_s=finest_s)
+    rows = linear.rows[0]
     shortest = min((len(one.rows) for one in rows.runs), default=1)
     blocks = noise.of_blocks(rows.size, run.rate_hz, counting, most=shortest - 1)
-    more = log_rows(view.channels[0], [ramp.segment for ramp in ramps], scope.terms, view.block_s)
+    more = log_rows(
+        linear.channels[0], [ramp.segment for ramp in ramps], identifiable.terms, linear.block_s
+    )
     counted = {flank: sum(map(len, runs)) for flank, runs in rows.by_flank().items()}
     _require_rows(counted, rows.columns.width - 2)
     return PlannedRows(
-        scope,
+        identifiable,
         rows.columns,
         _triangles(rows, blocks),
         _triangles(more, blocks),
@@ -119,7 +121,7 @@ def whitened_flanks(
     wide = planned.columns
     kept = [p for p in range(wide.width - 1) if DELAY in columns.own[0] or p != wide.index(DELAY)]
     flanks = []
-    for flank, coefficients in zip(planned.scope.flanks, tied, strict=True):
+    for flank, coefficients in zip(planned.identifiable.flanks, tied, strict=True):
         parts = [planned.steady[flank][:, kept]]
         if with_ramps and flank in planned.ramps:
             parts.append(planned.ramps[flank][:, kept])
