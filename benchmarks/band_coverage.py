@@ -26,7 +26,7 @@ import vttig_jax
 from vttig_jax.base.units import ARCSEC, DEG
 from vttig_jax.identify.model.column_layout import OFFSET
 from vttig_jax.posterior.calibration.program import Batch, Program
-from vttig_jax.posterior.calibration.rigs import Rig, Sizes, read
+from vttig_jax.posterior.calibration.rigs import Rig, Sizes, encoder_readings
 from vttig_jax.posterior.calibration.sampled_subset import RigEvidence, rig_target
 from vttig_jax.posterior.calibration.scenarios import SCENARIOS, Scenario
 from vttig_jax.posterior.sampler import coefficient_draws
@@ -84,7 +84,7 @@ def true_gap(
 
 @partial(jax.jit, static_argnums=1)
 def _clean(rig: Rig, scenario: Scenario, sizes: Sizes, driving):
-    return read(rig, jax.random.key(0), scenario, sizes, driving).clean
+    return encoder_readings(rig, jax.random.key(0), scenario, sizes, driving).clean
 
 
 def drawn_gap(program: Program, evidence: RigEvidence, draws: int, seed: int) -> GapDraws:
@@ -146,7 +146,7 @@ def held(program: Program, rigs: int, draws: int, step_deg: float, seed: int) ->
             continue
         for rig, evidence in rigs_of(batch):
             band = streamed_band(
-                drawn_gap(program, evidence, draws, seed + number).pieces(angle), PROBABILITY
+                drawn_gap(program, evidence, draws, seed + number).chunks(angle), PROBABILITY
             )
             measured = true_gap(program, rig, angle, as_measured=True)
             yield judged(band, true_gap(program, rig, angle), measured)

@@ -152,7 +152,7 @@ def numpy_search(model: ContactModel) -> NumPySearch:
     gears = mates.driving, mates.driven
     z = np.array([0.0, -float(mounting.axial)])
     feet = [
-        float(gear.foot) - float(gear.recession(height)) / float(gear.reference_radius)
+        float(gear.base_half_angle) - float(gear.recession(height)) / float(gear.reference_radius)
         for gear, height in zip(gears, z, strict=True)
     ]
     base, start, tip = (

@@ -130,7 +130,7 @@ def standard_error_deg(shaft: Shaft, order: int, turns: float) -> float:
         generator = np.random.default_rng([seed, order, turns_key(turns)])
         rig = random_rig(generator, turns)
         rig = with_orders(rig, missing(shaft, order, "both_flanks", 0.001, generator))
-        found = fit(rig.log(seed), rig.pair, options=options)
+        found = fit(rig.log(seed), rig.pair, orders=options)
         std += [o.std_arcsec for o in found.orders if (o.shaft, o.order) == (shaft, order)]
     return float(np.sqrt(np.mean(np.square(std)))) * ARCSEC / DEG
 
@@ -183,7 +183,7 @@ def one_rig(number: int, turns: float, seed: int, cases: Sequence[Case]) -> list
     for case in cases:
         orders = missing(*place, case, amplitude, generator)
         log = with_orders(rig, orders).log(seed + number)
-        result = fit(log, rig.pair, options=MODELLED)
+        result = fit(log, rig.pair, orders=MODELLED)
         found.append(seen(result, case, orders, place, turns))
     return found
 

@@ -11,7 +11,7 @@ from vttig_jax.control.scenario.spec import ScenarioSpec, parse_scenario_spec, w
 from vttig_jax.control.simulation.build import Builder
 from vttig_jax.control.simulation.case import Case
 from vttig_jax.control.simulation.simulate import periods_of
-from vttig_jax.control.sweeps.batching import BatchRunner, CaseBatch, numbers_of, stacked, varying
+from vttig_jax.control.sweeps.batching import BatchRunner, CaseBatch, batch_of, leaves_of, varying
 from vttig_jax.control.sweeps.cases import rig_table
 from vttig_jax.rig.paper import paper_eccentricities, paper_pair
 
@@ -48,9 +48,9 @@ def cases_of(
 
 def stack_of(cases: Sequence[Case], apart: bool = False) -> CaseBatch:
     """Cases side by side as `sweep` has them; `apart`: every number is a lane's own."""
-    numbers = [numbers_of(case) for case in cases]
-    own = varying([numbers[0], numbers[-1]])
-    return stacked(numbers, (True,) * len(own) if apart else own, len(cases))
+    leaves = [leaves_of(case) for case in cases]
+    own = varying([leaves[0], leaves[-1]])
+    return batch_of(leaves, (True,) * len(own) if apart else own, len(cases))
 
 
 def periods_for(cases: Sequence[Case]) -> int:

@@ -27,7 +27,7 @@ import vttig_jax
 from vttig_jax.control.hardware import encoder as sensing
 from vttig_jax.control.plants import flank_bounds as bounds
 from vttig_jax.control.simulation.accumulators import Accumulators
-from vttig_jax.control.simulation.case import advance, finished, started
+from vttig_jax.control.simulation.case import initial_state, run_periods, trace_periods
 from vttig_jax.control.sweeps.batching import BatchRunner
 
 from .environment import write
@@ -160,13 +160,13 @@ def _require_counted(lanes: BatchRunner, stack: Any, substeps: int) -> None:
 
 
 def _trace(rounds: int) -> dict[str, Any]:
-    """A sample of every period is kept, 10 numbers each: `advance` beside `finished`."""
+    """A sample of every period is kept, 10 numbers each: `trace_periods` beside `run_periods`."""
     cases = jax.tree.map(lambda *x: np.stack([np.asarray(y) for y in x]), *cases_of(LANES))
     periods = jnp.arange(256)
     wide: Any = {"compiler_options": {"xla_cpu_prefer_vector_width": 512}}
     both = [
-        jax.jit(jax.vmap(lambda case, run=run: run(case, started(case), periods)), **wide)
-        for run in (advance, finished)
+        jax.jit(jax.vmap(lambda case, run=run: run(case, initial_state(case), periods)), **wide)
+        for run in (trace_periods, run_periods)
     ]
     for run in both:
         jax.block_until_ready(run(cases))

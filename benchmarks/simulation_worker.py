@@ -24,7 +24,7 @@ from vttig_jax.control.plants import flank_bounds as bounds
 from vttig_jax.control.scenario.spec import ScenarioSpec, parse_scenario_spec, spec_table
 from vttig_jax.control.sweeps import batching as lanes_module
 from vttig_jax.control.sweeps.batching import BatchRunner
-from vttig_jax.control.sweeps.sweep import _lanes
+from vttig_jax.control.sweeps.sweep import _runner
 
 from .simulation_cases import BASE, PAIR, cases_of, ns_per_lane_step, seconds, spec_of, stack_of
 
@@ -54,8 +54,8 @@ def lanes_task(
     if library_sines:
         bounds.sincos = sensing.sincos = lambda x: (jnp.sin(x), jnp.cos(x))
     if not wide:
-        plain = inspect.unwrap(lanes_module._go_on)
-        lanes_module._go_on = jax.jit(plain, static_argnums=(0, 1, 2, 3))
+        plain = inspect.unwrap(lanes_module._continue_lanes)
+        lanes_module._continue_lanes = jax.jit(plain, static_argnums=(0, 1, 2, 3))
     lanes, found = BatchRunner(jax.devices()[:1]), {}
     for size in sizes:
         cases = cases_of(size)
@@ -84,7 +84,7 @@ def sweep_task(rounds: int, flanks: str) -> dict[str, Any]:
     """Seconds of `sweep` over 1000 reversals of 45 s: the first call, and those after it."""
     spec = _sweep_spec(flanks)
     first = seconds(lambda: vttig_jax.sweep(spec, PAIR))
-    programs, compiled = len(_lanes(None)._compiled), _lanes(None).compile_s
+    programs, compiled = len(_runner(None)._compiled), _runner(None).compile_s
     taken = [seconds(lambda: vttig_jax.sweep(spec, PAIR)) for _ in range(rounds)]
     table = vttig_jax.sweep(_sweep_spec(flanks, **_OTHER), PAIR)
     last = vttig_jax.sweep(spec, PAIR)
@@ -101,7 +101,7 @@ def sweep_task(rounds: int, flanks: str) -> dict[str, Any]:
         "compile_s": compiled,
         "programs": programs,
         "new_values_compile_s": table.compile_s,
-        "new_programs": len(_lanes(None)._compiled) - programs,
+        "new_programs": len(_runner(None)._compiled) - programs,
         "differs": differs,
     }
 

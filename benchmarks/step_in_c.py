@@ -21,8 +21,8 @@ from vttig_jax.control.hardware.observer import AlphaBetaGamma
 from vttig_jax.control.motion.piecewise import PieceMotion
 from vttig_jax.control.plants.plant import ON_B, Shafts
 from vttig_jax.control.plants.rigid import RigidPlant
-from vttig_jax.control.simulation.accumulators import Accumulators, empty
-from vttig_jax.control.simulation.case import Case, State, finished, started
+from vttig_jax.control.simulation.accumulators import Accumulators, empty_accumulators
+from vttig_jax.control.simulation.case import Case, State, initial_state, run_periods
 
 from .compiler import fast_to_compile
 
@@ -39,14 +39,18 @@ complicated for vectors: 64 ns a step instead of 16. Every program in C gets it.
 NEVER = 1e300
 _SHAFTS = ("angle", "speed", "offset", "drift", "side")
 _FLANKS = ("lower", "upper", "lower_slope", "upper_slope")
-_OTHERS = ("wanted", "rate", "reached", "queue", "seen_angle", "seen_speed", "seen_acceleration")
+_OTHERS = (
+    *("unobstructed", "rate", "reached", "queue"),
+    *("seen_angle", "seen_speed", "seen_acceleration"),
+)
 METRICS = (
     *("samples", "total", "highest", "lowest", "first", "before", "after"),
     *("gap", "crossing", "crossing_s", "detection", "detection_s", "false_closings"),
-    *("left", "short", "opened", "retracted", "asked", "interference", "travel", "farthest"),
+    *("residual_gap", "shortfall", "opened", "retracted", "largest_command", "interference"),
+    *("travel", "farthest"),
     *("commanded", "blocked", "blocked_s"),
 )
-"""What C keeps of a tally: everything that this case ever changes, which `scanned` checks."""
+"""Accumulators that the C program has: all that this case changes, which `scanned` checks."""
 FIELDS = (*_SHAFTS, *_FLANKS, *_OTHERS, "closes", "shift", *METRICS)
 _OWN = 2 * 8 + 3
 
@@ -108,9 +112,9 @@ class Prepared:
 def scanned(cases: Sequence[Case], periods: int) -> np.ndarray:
     """The same state by the simulator: one scan, vmapped over the cases."""
     state = jax.tree.map(np.asarray, _scan()(_stacked(cases), periods))
-    start = empty()
+    start = empty_accumulators()
     for name in set(Accumulators._fields) - set(METRICS):
-        there, at_first = getattr(state.tally, name), np.asarray(getattr(start, name))
+        there, at_first = getattr(state.accumulators, name), np.asarray(getattr(start, name))
         assert np.array_equal(there, np.broadcast_to(at_first, there.shape), equal_nan=True), name
     return _numbers(state)
 
@@ -128,7 +132,7 @@ def difference(one: np.ndarray, other: np.ndarray) -> dict[str, float]:
 
 def _scan_all(cases: Any, periods: int) -> Any:
     def one(case: Case) -> State:
-        return finished(case, started(case), jnp.arange(periods))
+        return run_periods(case, initial_state(case), jnp.arange(periods))
 
     return jax.vmap(one)(cases)
 
@@ -138,7 +142,7 @@ def _scan() -> Any:
     return jax.jit(_scan_all, static_argnums=1, **fast_to_compile())
 
 
-_start = jax.jit(jax.vmap(started))
+_start = jax.jit(jax.vmap(initial_state))
 
 
 def _stacked(cases: Sequence[Case]) -> Any:
@@ -151,14 +155,14 @@ def _started(cases: Sequence[Case]) -> Any:
 
 def _numbers(state: State) -> np.ndarray:
     """Fields of a state as rows of numbers, NEVER for NaN (with the sign of a maximum)."""
-    shafts, tally = state.shafts, state.tally
+    shafts, accumulators = state.shafts, state.accumulators
     values = {name: getattr(shafts, name) for name in _SHAFTS}
     values |= {name: getattr(shafts.flanks, name) for name in _FLANKS}
     values |= {name: getattr(state.carriage, name) for name in _OTHERS[:3]}
     values["queue"] = np.asarray(state.carriage.queue)[:, 0]
     values |= {f"seen_{name}": value for name, value in state.estimate._asdict().items()}
     values |= {"closes": state.controller.closing, "shift": state.controller.shift}
-    values |= tally._asdict()
+    values |= accumulators._asdict()
     rows = np.array([np.asarray(values[name], np.float64) for name in FIELDS])
     rows[np.isnan(rows)] = NEVER
     highest = rows[FIELDS.index("highest")]
@@ -213,7 +217,7 @@ def _shared(case: Case) -> np.ndarray:
         *(drag.inertia, drag.coulomb, drag.load),
         np.expm1(-drag.viscous * period / drag.inertia) * drag.inertia / period,
         *(plant.restitution, actuator.speed, actuator.acceleration, actuator.stroke),
-        *(actuator.resolution, actuator.delay, actuator.yields),
+        *(actuator.resolution, actuator.delay, actuator.back_drivable),
         *(1 - pole**3, 1.5 * (1 - pole) ** 2 * (1 + pole) / period, (1 - pole) ** 3 / period**2),
         *(controller.threshold, controller.least_speed, controller.margin),
         *(np.diff(believed.offset), np.diff(believed.cosine, axis=0)),

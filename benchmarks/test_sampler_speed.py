@@ -56,7 +56,7 @@ def target() -> FitTarget:
 
 @eqx.filter_jit
 def evaluated(likelihood: Likelihood, points):
-    asked = len(likelihood.asked)
+    asked = len(likelihood.sampled_indices)
     return jax.vmap(lambda p: likelihood(p[:asked], p[asked + 1 :], p[asked]))(points)
 
 
@@ -164,7 +164,7 @@ def test_cost_does_not_depend_on_the_samples(benchmark, table, count):
     """Every count beside the smallest one."""
     rows, least = rows_of(count), rows_of(COUNTS[0])
     points, rival = points_of(count), points_of(COUNTS[0])
-    z = (TRUTH - rows.likelihood.fixed[list(rows.likelihood.asked)]) / STD
+    z = (TRUTH - rows.likelihood.fixed[list(rows.likelihood.sampled_indices)]) / STD
     assert np.abs(z).max() < _LARGEST_Z
     found = paired(
         benchmark,

@@ -42,6 +42,7 @@ ROOMS = (
     "posterior",
     "control",
     "plotting",
+    "runs",
 )
 jaxtyping.install_import_hook([f"vttig_jax.{room}" for room in ROOMS], "beartype.beartype")
 
@@ -117,6 +118,12 @@ def paper_rig() -> Eccentricities:
     )
 
 
+def _without_annotation_checks() -> Iterator[None]:
+    jaxtyping.config.update("jaxtyping_disable", True)
+    yield
+    jaxtyping.config.update("jaxtyping_disable", False)
+
+
 @pytest.fixture
 def unchecked() -> Iterator[None]:
     """Annotations are not checked, as for a user.
@@ -124,9 +131,16 @@ def unchecked() -> Iterator[None]:
     For tests of what a wrong argument then meets, and for studies that repeat hundreds of times
     what other tests run with checks: the checks double the time of code on small arrays.
     """
-    jaxtyping.config.update("jaxtyping_disable", True)
-    yield
-    jaxtyping.config.update("jaxtyping_disable", False)
+    yield from _without_annotation_checks()
+
+
+@pytest.fixture(scope="module")
+def unchecked_module() -> Iterator[None]:
+    """As `unchecked`, for modules that run whole commands and examples as a user does.
+
+    Other tests check each part of what they call.
+    """
+    yield from _without_annotation_checks()
 
 
 @pytest.fixture(scope="session")

@@ -10,6 +10,8 @@ import pytest
 
 import vttig_jax
 
+pytestmark = pytest.mark.usefixtures("unchecked_module")
+
 PACKAGE = Path(vttig_jax.__file__).parent
 _FENCE = re.compile(r"^( *)```python\n(.*?)^\1```", re.MULTILINE | re.DOTALL)
 

@@ -30,6 +30,7 @@ FLOORS = (
     "posterior",
     "control",
     "plotting",
+    "runs",
     "cli",
 )
 """From the ground up; a module imports from its own floor and those below."""
@@ -37,6 +38,7 @@ FLOORS = (
 INNER_FLOORS = {
     "base": (
         "facade",
+        "results",
         "errors",
         "units",
         "angles",
@@ -100,10 +102,6 @@ INNER_FLOORS = {
         "output",
         "options",
         "fit_options",
-        "run_options",
-        "run_file",
-        "run_zeros",
-        "rigs",
         "verbs",
         "main",
     ),

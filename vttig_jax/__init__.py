@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from .identify.backlash import backlash_map as backlash_map
     from .identify.fit_result import Fit as Fit
     from .identify.fitting import fit as fit
+    from .identify.settings import FitSettings as FitSettings
     from .identify.store import read_fit as read_fit
     from .kinematics.backlash_map import BacklashMap as BacklashMap
     from .kinematics.flank_model import FlankModel as FlankModel
@@ -63,6 +64,10 @@ if TYPE_CHECKING:
     from .posterior.summary.route_agreement import agreement as agreement
     from .rig.paper import paper_rig as paper_rig
     from .rig.synthetic import SyntheticRig as SyntheticRig
+    from .runs.fit_run import save_fit as save_fit
+    from .runs.posterior_run import save_posterior as save_posterior
+    from .runs.run import Run as Run
+    from .runs.run import open_run as open_run
 
     __version__: str
 
@@ -73,6 +78,7 @@ _HOMES = {
     "Eccentricities": "pair.eccentricities",
     "EncoderLog": "logs.encoder_log",
     "Fit": "identify.fit_result",
+    "FitSettings": "identify.settings",
     "FlankModel": "kinematics.flank_model",
     "Gear": "pair.gear_pair",
     "GearPair": "pair.gear_pair",
@@ -85,6 +91,7 @@ _HOMES = {
     "Plant": "control.plants.plant",
     "Posterior": "posterior.summary.posterior",
     "Prior": "posterior.density.prior",
+    "Run": "runs.run",
     "ScenarioError": "base.errors",
     "Simulation": "control.simulation.result",
     "SweepTable": "control.sweeps.table",
@@ -105,6 +112,7 @@ _HOMES = {
     "load_pair": "pair.load",
     "locate": "kinematics.turn_location",
     "measure_gear": "geometry.measures.gear_measures",
+    "open_run": "runs.run",
     "paper_rig": "rig.paper",
     "plan": "posterior.planning.plan",
     "plot": "plotting.dispatch",
@@ -115,6 +123,8 @@ _HOMES = {
     "read_posterior": "posterior.sampler",
     "rig_draws": "posterior.summary.rig_draws",
     "sample": "posterior.sampler",
+    "save_fit": "runs.fit_run",
+    "save_posterior": "runs.posterior_run",
     "shortest_run": "posterior.planning.shortest_run",
     "simulate": "control.simulation.simulate",
     "sweep": "control.sweeps.sweep",

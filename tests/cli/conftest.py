@@ -14,6 +14,11 @@ from vttig_jax.rig.motion import PassMotion
 from vttig_jax.rig.paper import paper_rig
 
 
+@pytest.fixture(autouse=True, scope="module")
+def as_for_a_user(unchecked_module) -> None:
+    """Run the commands without checks of annotations."""
+
+
 @pytest.fixture(scope="session")
 def rig_folder(tmp_path_factory) -> Path:
     """A folder with the log of six turns of the paper's rig and back, and its pair file."""

@@ -9,13 +9,13 @@ import pytest
 import vttig_jax
 from tests.pair.texts import CONTRACT, DRIVE, MINIMAL
 from vttig_jax.base.files.json_io import dumps, load_schema
-from vttig_jax.cli.rigs import fitted_rig
 from vttig_jax.cli.verbs.contact import contact_record, contact_text
 from vttig_jax.geometry.backlash.report import gap_report
 from vttig_jax.geometry.contact.contact_model import contact_model
 from vttig_jax.geometry.contact.report import contact_at
 from vttig_jax.pair.eccentricities import Eccentricities
 from vttig_jax.rig.paper import paper_pair
+from vttig_jax.runs.rigs import fitted_rig
 
 PAPER = Path(__file__).parents[2] / "fits" / "paper" / "pair.toml"
 SHORT = ("--span-rev", "0.05", "--step-deg", "2")
@@ -196,7 +196,7 @@ def test_an_existing_result_is_refused_before_anything_is_computed(vttig, tmp_pa
         (CONTRACT, ("--deviations", "nowhere.csv"), 3, "nowhere.csv: cannot be read"),
         (CONTRACT, ("--pitch", "nowhere.csv"), 3, "nowhere.csv: cannot be read"),
         (CONTRACT, ("--rig", "nowhere"), 2, "no such run"),
-        (MINIMAL, ("--deviation-urad", "100"), 3, "face_width_mm: missing"),
+        (MINIMAL, ("--deviation-urad", "100"), 3, "face_width_mm: the face width is missing"),
     ],
 )
 def test_bad_calls_end_in_one_sentence(vttig, tmp_path, text, options, code, words):

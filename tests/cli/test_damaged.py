@@ -45,14 +45,12 @@ def attempt(capsys, folder: Path, verb: str, content: bytes) -> tuple[int, str, 
     return code, *capsys.readouterr()
 
 
-@pytest.mark.usefixtures("unchecked")
 @settings(max_examples=150, suppress_health_check=RELAXED)
 @given(case=damage.damaged_logs())
 def test_inspect(folder, capsys, case):
     check(*attempt(capsys, folder, "inspect", case.content))
 
 
-@pytest.mark.usefixtures("unchecked")
 @settings(max_examples=20, suppress_health_check=RELAXED)
 @given(case=damage.damaged_logs())
 def test_fit(folder, capsys, case):

@@ -4,7 +4,6 @@ import copy
 import inspect
 import json
 from pathlib import Path
-from typing import get_args
 
 import jsonschema
 import numpy as np
@@ -12,13 +11,10 @@ import pytest
 
 from tests.cli.drive import DELAY_S, FIRST_ARCSEC, TORQUE_ARCSEC, write_drive, write_pair
 from vttig_jax.base.files.json_io import load_schema
-from vttig_jax.cli import fit_options as model_options
-from vttig_jax.cli.run_options import RunOptions
-from vttig_jax.cli.verbs.fit import ON_REQUEST
-from vttig_jax.identify import settings
+from vttig_jax.cli.verbs.fit import ON_REQUEST, command
 from vttig_jax.identify.fitting import fit
 from vttig_jax.identify.report import parameters
-from vttig_jax.identify.settings import REGRESSORS
+from vttig_jax.identify.settings import fields
 
 
 @pytest.fixture(scope="module")
@@ -222,15 +218,15 @@ def test_a_regressor_can_be_required(fitted):
     assert "ratio" in fitted("late.csv", "--free-ratio", "--require", "ratio")["regressors"]
 
 
-def test_the_command_line_knows_what_the_library_knows():
-    assert model_options.LONGEST_DELAY_S == settings.LONGEST_DELAY_S
-    assert model_options.HIGHEST_DRIFT == settings.HIGHEST_DRIFT
-    assert get_args(model_options.RegressorName) == REGRESSORS
-    assert set(ON_REQUEST) == {name for name, *_ in parameters._REGRESSORS.values()}
+def test_every_setting_has_an_option():
+    parameters_of_fit = {parameter.name: parameter for parameter in command.params}
     keywords = inspect.signature(fit).parameters
-    for name, value in RunOptions().fitting().items():
-        default = keywords[name].default
-        assert value == default, name
+    for field in fields():
+        option = parameters_of_fit[field.name]
+        assert keywords[field.name].default == field.default
+        assert option.help == field.text
+        assert [*option.opts, *option.secondary_opts] == field.option.split("/")
+    assert set(ON_REQUEST) == {name for name, *_ in parameters._REGRESSORS.values()}
 
 
 MANGLED = [

@@ -108,7 +108,7 @@ def test_nested_files_and_numbered_columns_need_no_pair(tmp_path, capsys):
     code, out, _ = run(capsys, plain, "--column", "driving=#1", "--column", "driven=#2")
     assert code == 0 and "driven   #2" in out
     code, _, err = run(capsys, path, "--column", "driving=#1")
-    assert code == 3 and "arrays are asked for by name" in err
+    assert code == 3 and "give an array name such as" in err
 
 
 def test_further_roles_are_read(files, capsys):

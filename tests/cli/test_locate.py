@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from tests.cli.drive import write_drive, write_pair
-from vttig_jax.cli.verbs.map import csv_text
+from vttig_jax.runs.map_table import csv_text
 
 COUNTS = 90_000
 

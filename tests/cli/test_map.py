@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from vttig_jax.base.files.json_io import load_schema
-from vttig_jax.cli.verbs.map import COLUMNS
+from vttig_jax.runs.map_table import COLUMNS
 
 
 def rows_of(path):

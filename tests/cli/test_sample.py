@@ -181,7 +181,7 @@ def test_a_truncated_checkpoint_is_refused(vttig, run, size):
     data = (run / "posterior.h5").read_bytes()
     (run / "posterior.h5").write_bytes(data[:size])
     code, _, err = vttig("sample", "--out", run, "--resume")
-    assert code == 3 and "no whole checkpoint" in err
+    assert code == 3 and "no complete checkpoint" in err
     assert _same(run, data[:size])
 
 

@@ -363,7 +363,7 @@ def test_bad_calls_end_in_one_sentence(vttig, scenario, monkeypatch, options, co
         ("reversal_deg", "reversal_dg", "scenario.toml: motion.reversal_dg: unknown key"),
         ("720.0", "nan", "scenario.toml: motion.reversal_deg: expected a number"),
         ("720.0", "20", "scenario.toml: motion.reversal_deg: 20 lies inside the ramps"),
-        ("0.2\n", "0.2\n[sweep]\nseed = [1, 2]", "scenario.toml: sweep: this file holds many"),
+        ("0.2\n", "0.2\n[sweep]\nseed = [1, 2]", "scenario.toml: sweep: this file has many"),
         ("gears/pair", "drive", "scenario.toml: pair: names a [drive] without gears"),
         ("gears/pair", "spur", "scenario.toml: pair: the helix angles of flank A and B add up"),
     ],

@@ -10,14 +10,14 @@ import tomli_w
 from tests.control.texts import RIG
 from vttig_jax import enable_x64
 from vttig_jax.cli.main import main
-from vttig_jax.cli.rigs import fitted_rig
-from vttig_jax.cli.run_file import read_run
 from vttig_jax.control.simulation.metrics import METRICS
 from vttig_jax.identify.store import read_fit
 from vttig_jax.pair.load import pair_from_spec, pair_spec
 from vttig_jax.pair.pair_file import spec_table
 from vttig_jax.posterior.sampler import read_posterior
 from vttig_jax.rig.paper import paper_pair
+from vttig_jax.runs.rigs import fitted_rig
+from vttig_jax.runs.run_file import read_run
 
 SWEEP = """
 pair = "pair.toml"

@@ -45,7 +45,7 @@ def test_it_tunes_prints_and_writes_a_sweep_that_runs(vttig, vttig_json, sweep):
     assert record["after"]["cost_deg"] < record["before"]["cost_deg"]
     out = sweep.parent / "tuned.toml"
     code, text, err = vttig("tune", sweep, "--free", MARGIN, "--out", out)
-    assert (code, err) == (0, "") and "confirmed by the hard judgement" in text
+    assert (code, err) == (0, "") and "confirmed by the full simulation" in text
     assert f"written to {out}" in text and f"{value:.4g}" in text
     spec = load_sweep_spec(out)
     assert spec.judgement.margin_mm == value and spec.sweep == load_sweep_spec(sweep).sweep

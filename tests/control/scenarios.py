@@ -19,7 +19,7 @@ from vttig_jax.control.controllers.controller import Controller
 from vttig_jax.control.motion.motion import Motion, MotionPoint
 from vttig_jax.control.scenario.spec import ScenarioSpec, parse_scenario_spec, with_values
 from vttig_jax.control.simulation.build import case_of
-from vttig_jax.control.simulation.case import Case, Sample, advance, started
+from vttig_jax.control.simulation.case import Case, Sample, initial_state, trace_periods
 from vttig_jax.kinematics.exact import exact_model
 from vttig_jax.rig.paper import paper_eccentricities, paper_pair
 
@@ -133,13 +133,13 @@ def _lanes(cases: Sequence[Case], after_turn_s: float) -> list[Run]:
     chunks = -(-max(_periods(case, after_turn_s) for case in cases) // CHUNK)
     moving = _stack([_points(case, chunks) for case in cases])
     still = _stack([eqx.tree_at(lambda case: case.motion, case, None) for case in cases])
-    states: Any = eqx.filter_vmap(started)(_moved(still, moving, 0))
+    states: Any = eqx.filter_vmap(initial_state)(_moved(still, moving, 0))
     kept: list[Any] = []
     for chunk in range(chunks):
         numbers = chunk * CHUNK + jnp.arange(CHUNK)
         states, samples = _advanced(_moved(still, moving, chunk), states, numbers)
         kept.append([np.asarray(values) for values in samples])
-    tallies = jax.tree.map(np.asarray, states.tally)
+    tallies = jax.tree.map(np.asarray, states.accumulators)
     joined = [np.concatenate(parts, axis=1) for parts in zip(*kept, strict=True)]
     return [
         Run(
@@ -181,7 +181,7 @@ def _moved(still: Case, moving: Points, chunk: int) -> Case:
 
 
 def _advance_all(cases, states, numbers):
-    return eqx.filter_vmap(advance, in_axes=(0, 0, None))(cases, states, numbers)
+    return eqx.filter_vmap(trace_periods, in_axes=(0, 0, None))(cases, states, numbers)
 
 
 # The programs that users run are those of `simulate`.

@@ -18,7 +18,7 @@ from vttig_jax.control.controllers.feedforward import FeedforwardController
 from vttig_jax.control.hardware.shaft_drive import Lead, led, next_lead
 from vttig_jax.control.motion.motion import MotionPoint
 from vttig_jax.control.plants.flank_bounds import Bounds
-from vttig_jax.control.simulation.metrics import facts_of, metrics_of
+from vttig_jax.control.simulation.metrics import metric_inputs_of, metrics_of
 from vttig_jax.control.simulation.simulate import simulate
 from vttig_jax.kinematics.exact import exact_model
 from vttig_jax.rig.paper import paper_eccentricities
@@ -54,7 +54,7 @@ def root(function, low: float, high: float) -> float:
 
 
 def metrics(run: Run) -> dict[str, float]:
-    return {name: float(v) for name, v in metrics_of(facts_of(run.case), run.tally).items()}
+    return {name: float(v) for name, v in metrics_of(metric_inputs_of(run.case), run.tally).items()}
 
 
 def error(run: Run) -> np.ndarray:

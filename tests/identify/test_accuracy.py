@@ -38,14 +38,14 @@ def test_leaving_orders_out_fails_the_judge(first):
     rig, log = first
     bare = HarmonicOrders(driving_orders=(1,), driven_orders=(1,), mesh_orders=0)
     found = complaints(
-        [judged(fit(log, rig.pair, options=bare), rig)], slack=1.6, map_bound_deg=8e-4
+        [judged(fit(log, rig.pair, orders=bare), rig)], slack=1.6, map_bound_deg=8e-4
     )
     assert any(line.startswith("map") for line in found)
 
 
 def test_trusting_the_encoders_fails_the_judge(first):
     rig, log = first
-    found = complaints([judged(fit(log, rig.pair, encoder_terms=False), rig)], slack=1.6)
+    found = complaints([judged(fit(log, rig.pair, perfect_encoders=True), rig)], slack=1.6)
     assert any("standard errors" in line for line in found)
     assert any("eccentricity" in line for line in found)
 

@@ -33,7 +33,7 @@ def fits():
         mounted = EncoderLog.from_arrays(
             log.time, log.driving.reading, log.driven.reading + counts, pair=pair
         )
-        alone = {} if flank is None else {"flank": flank, "encoder_terms": False}
+        alone = {} if flank is None else {"flank": flank, "perfect_encoders": True}
         found[flank, counts] = fit(mounted, pair, **alone)
     return found
 

@@ -155,7 +155,7 @@ def test_a_forward_log_has_one_flank(noisy_rig):
 
 
 def test_trusted_encoders_are_left_out(noisy_log, noisy_rig):
-    result = fit(noisy_log, noisy_rig.pair, encoder_terms=False)
+    result = fit(noisy_log, noisy_rig.pair, perfect_encoders=True)
     assert result.conditional_on == ("perfect_encoders",)
     assert result.outcome == "ok"
     for name in ("driving_encoder_arcsec", "driven_encoder_phase_deg"):
@@ -167,8 +167,10 @@ def test_the_price_of_not_trusting_the_encoders(noisy_rig):
     perfect = replace(noisy_rig, driving_encoder=EncoderError(), driven_encoder=EncoderError())
     log = perfect.log(0)
     price, cheap = (
-        fit(log, perfect.pair, encoder_terms=terms).parameters["driven_eccentricity_mm"].std
-        for terms in (True, False)
+        fit(log, perfect.pair, perfect_encoders=perfect_encoders)
+        .parameters["driven_eccentricity_mm"]
+        .std
+        for perfect_encoders in (False, True)
     )
     assert price is not None and cheap is not None
     assert 2.5 < price / cheap < 3.3
@@ -204,7 +206,7 @@ def test_a_drift_is_found_and_taken_away(noisy_log, noisy_rig, noisy_fit):
 
 
 def test_options_replace_those_of_the_pair(noisy_log, noisy_rig, noisy_fit):
-    result = fit(noisy_log, noisy_rig.pair, options=FIRST_ORDERS)
+    result = fit(noisy_log, noisy_rig.pair, orders=FIRST_ORDERS)
     assert {(o.shaft, o.order) for o in result.orders} == {("driving", 1), ("driven", 1)}
     assert result.residual_rms_deg > 1.2 * noisy_fit.residual_rms_deg
     # Without options those of the pair hold.
@@ -214,7 +216,7 @@ def test_options_replace_those_of_the_pair(noisy_log, noisy_rig, noisy_fit):
 
 def test_an_order_that_was_not_asked_for_is_undetermined(noisy_log, noisy_rig):
     options = HarmonicOrders(driving_orders=(2, 3), driven_orders=(1, 2), mesh_orders=1)
-    result = fit(noisy_log, noisy_rig.pair, options=options)
+    result = fit(noisy_log, noisy_rig.pair, orders=options)
     reason = result.parameters["driving_eccentricity_mm"].reason
     assert reason == "order 1 is not among driving_orders of [fit]"
     assert result.parameters["driven_eccentricity_mm"].determined
@@ -223,7 +225,7 @@ def test_an_order_that_was_not_asked_for_is_undetermined(noisy_log, noisy_rig):
 
 @pytest.mark.parametrize("order", [-1, 7])
 def test_drift_beyond_its_range_is_refused(noisy_log, noisy_rig, order):
-    with pytest.raises(ValueError, match="Argument `drift_order` must be 0 … 6, but is"):
+    with pytest.raises(ValueError, match="Argument `drift_order` must be a whole number in 0 … 6"):
         fit(noisy_log, noisy_rig.pair, drift_order=order)
 
 

@@ -77,7 +77,7 @@ def test_a_drive_maps_from_two_flanks_only(noisy_log, noisy_rig):
     assert found.first_order is None
     # A drive has no tooth mesh.
     options = HarmonicOrders(mesh_orders=0)
-    pair_map = backlash_map(fit(noisy_log, noisy_rig.pair, options=options)).over(GRID)
+    pair_map = backlash_map(fit(noisy_log, noisy_rig.pair, orders=options)).over(GRID)
     assert np.std(found.over(GRID) - pair_map) / DEG < 5e-4
     assert np.std(pair_map) / DEG > 5e-3
     for constant in (None, 0.05):

@@ -38,7 +38,7 @@ def told(number: int, height: float, apart_deg: float | None = None) -> Seen:
             replace(orders[0], flank=flank, phase_deg=20.0 + turn)
             for flank, turn in (("A", 0.0), ("B", apart_deg))
         )
-    result = fit(with_orders(rig, orders).log(number), rig.pair, options=MODELLED)
+    result = fit(with_orders(rig, orders).log(number), rig.pair, orders=MODELLED)
     case = ("none", "one_flank", "both_flanks")[len(orders)]
     return seen(result, case, orders, PLACE, TURNS)
 

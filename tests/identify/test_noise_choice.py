@@ -9,7 +9,7 @@ import pytest
 from vttig_jax.base.units import REV
 from vttig_jax.identify.compress.harmonic_summary import plateau_speeds
 from vttig_jax.identify.fitting import fit
-from vttig_jax.identify.settings import NoiseChoice
+from vttig_jax.identify.settings import NoiseSettings
 from vttig_jax.identify.store import fit_arrays, read_fit
 from vttig_jax.rig.imperfections import Noise
 from vttig_jax.rig.motion import PassMotion
@@ -63,7 +63,7 @@ def test_it_is_kept_on_disk(by_plateau, tmp_path):
     (tmp_path / "fit.json").write_text(json.dumps(by_plateau.to_json()))
     np.savez(tmp_path / "summary.npz", allow_pickle=False, **fit_arrays(by_plateau))
     again = read_fit(tmp_path, by_plateau.pair)
-    assert again.noise.choice == NoiseChoice("ar", "time", "plateau")
+    assert again.noise.choice == NoiseSettings("ar", "time", "plateau")
     for (speed, own), (known, model) in zip(
         again.noise.plateaus, by_plateau.noise.plateaus, strict=True
     ):

@@ -38,7 +38,9 @@ SPUR = GearPair(
     Gear(80, face_width_mm=20.0),
     module_mm=2.0,
     pressure_angles_deg=20.0,
+    rack=PAIR.rack,
 )
+"""Alike in structure, so that one program serves both."""
 
 KINKS = {
     "e = 0": (ANGLES, PAIR, CENTRED),

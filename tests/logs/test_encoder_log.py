@@ -160,12 +160,12 @@ def spoiled(values, row, value):
         ({"time": np.zeros(2000)}, "time_s", "1999 of 1999 time steps are zero"),
         ({"driven": np.full(2000, 3)}, "`driven`", "constant"),
         ({"driving": FIRST // 500}, "`driving`", "standstill"),
-        ({"direction": spoiled(FIRST * 0, 8, 2)}, "sample 8", "2 is no direction"),
+        ({"direction": spoiled(FIRST * 0, 8, 2)}, "sample 8", "2 is not a direction"),
         ({"driven": None, "transmission_error": np.zeros(2000)}, "transmission_error", "constant"),
         (
             {"driven": None, "transmission_error": TIME, "pair": spec(driven_scale=2)},
             "log.driven_scale",
-            "remove it",
+            "remove this scale",
         ),
     ],
 )

@@ -263,6 +263,6 @@ def test_preview_of_mixed_units_has_no_ratio(tmp_path):
 def test_preview_decimal(tmp_path):
     path = tmp_path / "log.txt"
     path.write_text("time_s driving_deg\n" + "".join(f"{k} {k},500\n" for k in range(9)))
-    assert "`0,500` is 0.500 or 0500; give --decimal" in flat(preview_log(path))
+    assert "`0,500` means 0.500 or 0500; give --decimal" in flat(preview_log(path))
     assert preview_log(path, decimal=",").columns[1].high == 8.5
     assert preview_log(path, decimal=".").columns[1].high == 8500

@@ -87,7 +87,7 @@ def test_many_columns_of_one_matrix_are_one_line(tmp_path):
 def test_names_that_are_not_there(tmp_path):
     with pytest.raises(LogError, match=r"no column speed; the log has rec\.time_s"):
         preview_log(mat(tmp_path), columns={"driving": "speed"})
-    with pytest.raises(LogError, match="arrays are asked for by name"):
+    with pytest.raises(LogError, match="give an array name such as"):
         preview_log(mat(tmp_path), columns={"driving": "#1"})
 
 

@@ -76,7 +76,7 @@ def test_decimal_of_call_and_pair_file(tmp_path):
     rows = [row.replace(",", " ") for row in rows]
     rows = [f"0,{k:03d} {row.split(' ', 1)[1]}" for k, row in enumerate(rows)]
     path = write(tmp_path, "time_s driving_counts driven_counts", rows)
-    with pytest.raises(LogError, match=r"`0,000` is 0\.000 or 0000"):
+    with pytest.raises(LogError, match=r"`0,000` means 0\.000 or 0000"):
         read_log(path, PAIR)
     assert read_log(path, PAIR, decimal=",").time[1] == 0.001
     assert read_log(path, spec(decimal=",")).time[1] == 0.001
@@ -145,7 +145,7 @@ def test_bad_rows(tmp_path, edit, where, words):
         ({"columns": {"load": "x"}}, "`load` is no role"),
         ({"decimal": ";"}, "decimal must be"),
         ({"sample_rate_hz": 0.0}, "positive"),
-        ({"sample_rate_hz": 9, "columns": {"time": "t"}}, "both a sample rate and a time column"),
+        ({"sample_rate_hz": 9, "columns": {"time": "t"}}, "a sample rate and a time column"),
     ],
 )
 def test_wrong_options(tmp_path, options, words):
@@ -244,7 +244,7 @@ def test_nested_file(tmp_path):
             {"driven_counts": SECOND[:-1]},
             {},
             "column `rec.driven_counts`",
-            "199 values, but column `rec.driving_counts` has 200",
+            "199 values, but `rec.driving_counts` has 200",
         ),
         (
             {"time_s": np.append(np.arange(COUNT - 1.0), np.nan)},
@@ -253,7 +253,7 @@ def test_nested_file(tmp_path):
             "nan",
         ),
         ({}, {"driving": "motor_deg"}, "log.mat", "no column motor_deg; the log has rec."),
-        ({}, {"driving": "#1"}, "log.mat", "no column #1; arrays are asked for by name"),
+        ({}, {"driving": "#1"}, "log.mat", "no column #1; give an array name such as"),
     ],
 )
 def test_bad_nested_files(tmp_path, arrays, columns, where, words):

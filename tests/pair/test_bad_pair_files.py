@@ -70,24 +70,24 @@ BAD_TABLES = {
     "both modules": (
         replaced("module_mm = 2.0", "module_mm = 2.0\nnormal_module_mm = 2.0"),
         "pair.module_mm",
-        "both of `module_mm` and `normal_module_mm` given; give one.",
+        "`module_mm` and `normal_module_mm` are both given; give one.",
     ),
     "no module": (
         replaced("module_mm = 2.0\n", "", MINIMAL),
         "pair.module_mm",
-        "neither of `module_mm` and `normal_module_mm` given; give one.",
+        "`module_mm` and `normal_module_mm` are both missing; give one.",
     ),
     "both pressure angles": (
         replaced(
             "pressure_angle_deg = 20.0", "pressure_angle_deg = 20.0\nnormal_pressure_angle_deg=20.0"
         ),
         "pair.pressure_angle_deg",
-        "both of",
+        "are both given",
     ),
     "no pressure angle": (
         replaced("pressure_angle_deg = 20.0\n", "", MINIMAL),
         "pair.pressure_angle_deg",
-        "neither of",
+        "are both missing",
     ),
     "pressure angle out of range": (
         replaced("pressure_angle_deg = 20.0", "pressure_angle_deg = 95.0"),
@@ -105,7 +105,7 @@ BAD_TABLES = {
             "teeth = 80\nface_width_mm = 20.0\nhelix_angle_deg = 4.0",
         ),
         "driven.helix_angle_deg",
-        "(4.0, 4.0) against (3.0, 3.0)",
+        "are (4.0, 4.0), but (3.0, 3.0) on the driving gear",
     ),
     "normal module of unequal flanks": (
         MINIMAL.replace("module_mm", "normal_module_mm")
@@ -122,18 +122,18 @@ BAD_TABLES = {
     "below contact": (
         replaced("125.12", "124.4"),
         "pair.centre_distance_mm",
-        "below contact: tips reach the roots at 124.5 mm",
+        "too short: the tips touch the roots at 124.5 mm",
     ),
     "too far": (
         replaced("125.12", "129.0"),
         "pair.centre_distance_mm",
-        "too far: the tips no longer meet at 129 mm",
+        "too long: the teeth lose contact at 129 mm",
     ),
     "infinite module": (replaced("module_mm = 2.0", "module_mm = inf"), "pair.module_mm", "is inf"),
     "nan": (replaced("125.12", "nan"), "pair.centre_distance_mm", "but it is nan"),
-    "pair and drive": (MINIMAL + DRIVE, "pair", "both of [pair] and [drive] given"),
-    "neither pair nor drive": ("[driving]\nteeth = 45\n", "pair", "neither of [pair] and [drive]"),
-    "empty": ("", "pair", "neither of [pair] and [drive] given"),
+    "pair and drive": (MINIMAL + DRIVE, "pair", "[pair] and [drive] are both given"),
+    "neither pair nor drive": ("[driving]\nteeth = 45\n", "pair", "[drive] are both missing"),
+    "empty": ("", "pair", "[pair] and [drive] are both missing"),
     "drive with teeth": (
         DRIVE + "[driving]\nteeth = 45\n",
         "driving.teeth",
@@ -163,12 +163,12 @@ BAD_TABLES = {
     "time twice": (
         MINIMAL + '[log]\ntime = "t"\nsample_rate_hz = 1000.0\n',
         "log.sample_rate_hz",
-        "both `time` and `sample_rate_hz` given",
+        "`time` and `sample_rate_hz` are both given",
     ),
     "second shaft twice": (
         MINIMAL + '[log]\ndriven = "a"\ntransmission_error = "b"\n',
         "log.transmission_error",
-        "both `driven` and `transmission_error` given",
+        "`driven` and `transmission_error` are both given",
     ),
     "unknown choice": (
         MINIMAL + '[log]\ndecimal = ";"\n',
@@ -190,12 +190,12 @@ BAD_TABLES = {
     "shift without centre distance": (
         replaced("teeth = 45", "teeth = 45\nprofile_shift = 0.3", MINIMAL),
         "pair.centre_distance_mm",
-        "missing; profile shifts move the axes apart, so the drawing has to say how far.",
+        "this key is missing; give the centre distance, because profile shifts change it.",
     ),
     "shift beyond the centre distance": (
         replaced("face_width_mm = 20.0\nhelix", "face_width_mm = 20.0\nprofile_shift=0.5\nhelix"),
         "pair.centre_distance_mm",
-        "below contact: tips reach the roots at 126.5 mm",
+        "too short: the tips touch the roots at 126.5 mm",
     ),
     "shift out of range": (
         replaced("teeth = 45", "teeth = 45\nprofile_shift = 5.5", MINIMAL),
@@ -205,7 +205,7 @@ BAD_TABLES = {
     "crowning without face width": (
         replaced("teeth = 80", "teeth = 80\ncrowning_um = 5.0", MINIMAL),
         "driven.face_width_mm",
-        "missing; a crowned flank recedes towards the ends of the face.",
+        "this key is missing; give the face width, because the flanks have a crowning.",
     ),
     "hollow crowning": (
         replaced("teeth = 45", "teeth = 45\ncrowning_um = -5.0", CONTRACT),
@@ -230,7 +230,7 @@ BAD_TABLES = {
     "clearance that the centre distance needs": (
         replaced("125.12", "124.9") + "[rack]\nclearance = 0.02\n",
         "pair.centre_distance_mm",
-        "tips reach the roots at 124.96 mm",
+        "tips touch the roots at 124.96 mm",
     ),
     "drive with a rack": (
         DRIVE + "[rack]\naddendum = 0.9\n",
@@ -255,12 +255,12 @@ BAD_TABLES = {
     "stated over balls of no size": (
         MINIMAL + "[driven.stated]\nover_balls_mm = 165.0\n",
         "driven.stated.ball_diameter_mm",
-        "missing; over_balls_mm does not say over balls of which diameter.",
+        "this key is missing; over_balls_mm needs the diameter of the balls.",
     ),
     "stated span of no teeth": (
         CONTRACT + "[driving.stated]\nspan_mm = 27.8\n",
         "driving.stated.span_teeth",
-        "missing; span_mm does not say over how many teeth.",
+        "this key is missing; span_mm needs the number of teeth spanned.",
     ),
     "stated thickness below zero": (
         MINIMAL + "[driven.stated]\ntooth_thickness_thin_mm = -1.0\n",
@@ -295,7 +295,7 @@ def test_the_texts_the_bad_ones_are_made_of_are_good(text, write):
 def test_a_table_without_file_names_the_key_alone():
     with pytest.raises(PairError) as caught:
         parse_pair_spec({"pair": {"module_mm": 2.0, "pressure_angle_deg": 20.0}})
-    assert str(caught.value).startswith("driving.teeth: missing")
+    assert str(caught.value).startswith("driving.teeth: this key is missing")
 
 
 def test_invalid_toml_names_the_line(write):
@@ -336,5 +336,5 @@ def test_a_file_that_cannot_be_read_is_refused(failure, sentence, write, monkeyp
 def test_bytes_that_are_no_text_are_refused(tmp_path):
     path = tmp_path / "pair.toml"
     path.write_bytes(b'name = "\xff\xfe"\n')
-    with pytest.raises(PairError, match=r"not a text file \(byte 8 is no UTF-8\)"):
+    with pytest.raises(PairError, match=r"not a text file \(byte 8 is not UTF-8\)"):
         load_pair(path)

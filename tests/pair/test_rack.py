@@ -156,5 +156,5 @@ def test_the_hint_for_the_centre_distance_knows_profile_shifts(shifts, expected)
     teeth = 33
     profile_shift = {shifts[1]}
     """
-    with pytest.raises(PairError, match=f"ask for about {exact:.6g} mm"):
+    with pytest.raises(PairError, match=f"need about {exact:.6g} mm"):
         parse_pair_spec(tomllib.loads(text))

@@ -35,7 +35,11 @@ def heights(collection) -> np.ndarray:
 def test_both_bands_are_drawn_and_labelled_with_their_probability(figure, banded):
     whole = figure.axes[0]
     words = [text.get_text() for text in whole.get_legend().get_texts()]
-    assert words[:3] == ["95 % of the whole map", "95 % at one angle", "mean of the draws"]
+    assert words[:3] == [
+        "95 % band of the whole map",
+        "95 % band at one angle",
+        "mean of the draws",
+    ]
     assert words[3].startswith("smallest gap 0.00") and words[3].endswith("% here")
     wide, narrow = (heights(c) for c in whole.collections[:2])
     band = banded.band
@@ -85,7 +89,7 @@ def test_title_says_how_much_of_the_period_there_is(banded, figure):
     assert legend is not None
     words = [text.get_text() for text in legend.get_texts()]
     assert words[3].endswith("not shown")
-    assert drawn.axes[1].get_title(loc="left") == "a part of it"
+    assert drawn.axes[1].get_title(loc="left") == "part of the map"
 
 
 def test_it_draws_on_given_axes_and_fewer_turns(banded):

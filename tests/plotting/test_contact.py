@@ -113,5 +113,5 @@ def test_points_of_tilted_gears_are_dots(paper_pair):
 
 def test_where_nothing_touches_there_is_no_picture(paper_pair):
     model = contact_model(paper_pair, Eccentricities(axial_mm=21.0), sections=9)
-    with pytest.raises(ValueError, match="`place` must be an angle with contact, but at 2 is none"):
+    with pytest.raises(ValueError, match="an angle with contact, but 2 has none"):
         plot_contact(contact_at(model, ANGLES, "A"), place=2)

@@ -5,7 +5,7 @@ import pytest
 
 from tests.posterior.made import made_posterior, quick_fit
 from vttig_jax.base.units import ARCSEC, DEG
-from vttig_jax.plotting.corner_picture import _ellipse, people, plot_corner
+from vttig_jax.plotting.corner_picture import _ellipse, picture_unit, plot_corner
 from vttig_jax.plotting.dispatch import plot
 
 NAMES = ("constant_backlash", "driving_x", "driving_encoder_x")
@@ -38,10 +38,10 @@ def test_axes_are_named_with_units_of_people(figure, posterior):
     words = [ax.get_xlabel() for ax in panels(figure)[-1]]
     assert words == ["constant\nbacklash [°]", "driving x [µm]", "driving\nencoder x [″]"]
     assert [ax.get_ylabel() for ax in panels(figure)[1:, 0]] == words[1:]
-    assert people(posterior, "driving_x") == ("µm", 1e-3)
-    assert people(posterior, "constant_backlash") == ("°", DEG)
-    assert people(posterior, "driving_encoder_x") == ("″", ARCSEC)
-    assert people(posterior, "partial_1") == ("", 1.0)
+    assert picture_unit(posterior, "driving_x") == ("µm", 1e-3)
+    assert picture_unit(posterior, "constant_backlash") == ("°", DEG)
+    assert picture_unit(posterior, "driving_encoder_x") == ("″", ARCSEC)
+    assert picture_unit(posterior, "partial_1") == ("", 1.0)
 
 
 def test_the_ellipse_holds_its_share_of_a_gaussian():

@@ -42,7 +42,7 @@ def test_options_reach_the_picture(make_curve, make_fit):
 
 
 def test_an_object_without_a_picture_is_refused():
-    with pytest.raises(ValueError, match="`obj` must be a TECurve, Fit or BacklashMap, but is int"):
+    with pytest.raises(ValueError, match=r"`obj` must be a TECurve, .* Deviations, but is int\."):
         plot(3)
 
 

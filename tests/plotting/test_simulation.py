@@ -103,7 +103,7 @@ def test_the_close_views_hold_the_ramps(panels):
 
 
 def test_brakes_closing_and_turn_are_marked(run, panels):
-    closes = float(run.tally.detection_s)
+    closes = float(run.accumulators.detection_s)
     assert marks(panels[0]) == []
     for left, right in zip(panels[1::2], panels[2::2], strict=True):
         assert marks(left) == pytest.approx([2.0, closes])
@@ -142,11 +142,11 @@ def test_the_words(run):
     assert figure.axes[3].get_ylabel() == "axial shift [mm]"
     assert words(figure) == [
         [
-            *("flank B", "flank A", "transmission error", "as encoders show it"),
+            *("flank B", "flank A", "transmission error", "measured by encoders"),
             *("motor brakes", "controller closes", "motor turns"),
         ],
         ["closes the gap", "commanded", "reached", "commanded too far"],
-        ["driving shaft", "as observed"],
+        ["driving shaft", "observer's estimate"],
     ]
 
 
@@ -170,13 +170,13 @@ def test_views_that_meet_are_one(run):
 def test_without_a_turn_the_whole_run_is_shown_alone(run, times):
     panels = plot_simulation(with_times(run, **times)).axes
     assert [ax.get_xlim() for ax in panels] == [(0, 9)] * 3
-    closes = float(run.tally.detection_s)
+    closes = float(run.accumulators.detection_s)
     assert marks(panels[0]) == pytest.approx([*([] if "braking_s" in times else [2.0]), closes])
 
 
 def test_where_the_drive_blocks_the_picture_ends(run):
-    blocked = run.tally._replace(blocked=np.asarray(True), blocked_s=np.asarray(2.4))
-    figure = plot_simulation(replace(run, tally=blocked))
+    blocked = run.accumulators._replace(blocked=np.asarray(True), blocked_s=np.asarray(2.4))
+    figure = plot_simulation(replace(run, accumulators=blocked))
     assert len(figure.axes) == 4
     assert figure.axes[1].get_xlim() == pytest.approx((1.9, 2.4), abs=0.01)
     assert marks(figure.axes[1])[-1] == 2.4

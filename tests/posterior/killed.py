@@ -51,16 +51,16 @@ def in_a_call(path: Path) -> None:
 
 
 def in_the_writing(path: Path) -> None:
-    real, done = checkpoint._Disk.write, []
+    real, done = checkpoint._ErrorRecordingFile.write, []
 
-    def write(self: checkpoint._Disk, data: bytes) -> int:
+    def write(self: checkpoint._ErrorRecordingFile, data: bytes) -> int:
         done.append(len(data))
         if sum(done) > 400_000:
             real(self, bytes(data)[: len(data) // 2])
             kill()
         return real(self, data)
 
-    checkpoint._Disk.write = write
+    checkpoint._ErrorRecordingFile.write = write
     run(path)
 
 
@@ -91,7 +91,7 @@ def forked(work: Callable[[], object], delay_s: float | None = None) -> int:
 
 
 def main(folder: Path) -> None:
-    checkpoint.SAVE_S = checkpoint._SHARE = 0.0  # a generation every block
+    checkpoint.SAVE_S = checkpoint._WAIT_PER_WRITE = 0.0  # a generation every block
     began = time.monotonic()
     whole = run(None)
     whole_s = time.monotonic() - began

@@ -52,7 +52,7 @@ def drive() -> Fit:
 def perfect_gears() -> Fit:
     """First orders are those of the encoders."""
     rig = quick_rig(0)
-    return fit(rig.log(0), rig.pair, gear_terms=False)
+    return fit(rig.log(0), rig.pair, perfect_gears=True)
 
 
 @cache

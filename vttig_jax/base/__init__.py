@@ -1,4 +1,4 @@
-"""Ground floor: units, angles, errors, JSON, text tables, run folders, sine and cosine."""
+"""Common tools: units, angles, errors, files, text tables, numerics and process settings."""
 
 from typing import TYPE_CHECKING
 

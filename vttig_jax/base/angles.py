@@ -1,4 +1,4 @@
-"""Angles for people: degrees in one turn, signed differences, amplitude and phase. NumPy only."""
+"""Angles in degrees, their signed differences, and amplitude and phase; imports NumPy only."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -8,14 +8,14 @@ import numpy as np
 from .units import DEG
 
 Values = float | int | np.number | np.ndarray | Sequence[Any]
-"""Numbers to start from: one, a (nested) list, an array."""
+"""Input values: a number, a (nested) list of numbers or an array."""
 
 Numbers = np.ndarray | np.float64
-"""Float64 of any shape; plain numbers give a NumPy scalar."""
+"""Result values: a float64 array of any shape, or a NumPy scalar for a plain number."""
 
 
 def wrap_deg(angle_deg: Values) -> Numbers:
-    """Bring angles in degrees into [0, 360).
+    """Wrap angles in degrees into [0, 360).
 
     **Example**
     ```python
@@ -26,12 +26,12 @@ def wrap_deg(angle_deg: Values) -> Numbers:
     ```
     """
     wrapped = np.mod(np.asarray(angle_deg, np.float64), 360.0)
-    # A tiny negative angle rounds up to 360 itself.
+    # `np.mod` rounds a tiny negative angle up to exactly 360.
     return np.where(wrapped == 360.0, 0.0, wrapped)[()]
 
 
 def difference_deg(angle_deg: Values, other_deg: Values) -> Numbers:
-    """Return the signed way from `other_deg` to `angle_deg` in degrees, in [−180, 180).
+    """Return the signed difference `angle_deg` − `other_deg` in degrees, in [−180, 180).
 
     **Example**
     ```python
@@ -41,17 +41,17 @@ def difference_deg(angle_deg: Values, other_deg: Values) -> Numbers:
 
     ```
     """
-    way = np.asarray(angle_deg, np.float64) - np.asarray(other_deg, np.float64)
-    return wrap_deg(way + 180.0) - 180.0
+    difference = np.asarray(angle_deg, np.float64) - np.asarray(other_deg, np.float64)
+    return wrap_deg(difference + 180.0) - 180.0
 
 
 def amplitude_phase(cosine: Values, sine: Values) -> tuple[Numbers, Numbers]:
-    """Amplitude and phase of an order given by its cosine and sine coefficient.
+    """Convert the cosine and sine coefficients of an order to amplitude and phase.
 
         cosine · cos(kφ) + sine · sin(kφ) = a sin(kφ + p)
 
-    **Returns** a ≥ 0 in the unit of the coefficients and p in degrees, in [0, 360); p is 0 where a
-    is.
+    **Returns** a ≥ 0 in the unit of the coefficients and p in degrees, in [0, 360); p is 0 where
+    a is 0.
 
     **Example**
     ```python

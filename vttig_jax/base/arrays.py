@@ -1,4 +1,4 @@
-"""Fields that keep NumPy float64 numbers, and public functions that are compiled once."""
+"""Array types, the converter of float64 fields, and compilation without static numbers."""
 
 from collections.abc import Callable
 from functools import wraps
@@ -10,26 +10,26 @@ import jax.numpy as jnp
 import numpy as np
 
 Numbers = jax.Array | np.ndarray
-"""Array type of everything that is NumPy outside a compiled function and JAX inside."""
+"""Array that is a NumPy array outside compiled functions and a JAX array inside them."""
 
 Number = Numbers | np.float64
-"""The same for scalars, which NumPy reduces to its own kind."""
+"""Scalar of the same kind; NumPy operations on 0-dimensional arrays return `np.float64`."""
 
 
 def float64(value: Any) -> Any:
-    """Return a NumPy float64 array; JAX arrays (and tracers) pass through unchanged.
+    """Convert to a NumPy float64 array, and return JAX arrays (and tracers) unchanged.
 
-    A plain Python float would be static under `filter_jit` and recompile for every new value; a
-    `jnp.asarray` at construction would be cut to float32 while 64-bit mode is still off.
+    A plain Python float is static under `filter_jit`, so every new value would recompile the
+    function. `jnp.asarray` would round to float32 while the 64-bit mode is off.
     """
     return value if isinstance(value, jax.Array) else np.asarray(value, np.float64)
 
 
 def namespace(*values: Any) -> Any:
-    """`jax.numpy` where a value is a JAX array (or tracer), else `numpy`.
+    """Return `jax.numpy` if a value contains a JAX array (or tracer), else `numpy`.
 
-    Formulas of derived quantities written over it keep all digits of user numbers in 32-bit mode
-    and cost no compilation outside a compiled function.
+    Formulas that use this namespace keep all digits of the user's numbers in 32-bit mode, and they
+    need no compilation outside a compiled function.
     """
     return jnp if any(isinstance(leaf, jax.Array) for leaf in jax.tree.leaves(values)) else np
 
@@ -39,7 +39,7 @@ _Result = TypeVar("_Result")
 
 
 def compiled(function: Callable[_Arguments, _Result]) -> Callable[_Arguments, _Result]:
-    """Jit `function` with plain numbers traced like arrays: new values never recompile it."""
+    """Jit `function` and trace plain numbers like arrays, so that new values do not recompile."""
     jitted = eqx.filter_jit(function)
 
     def traced(leaf: Any) -> Any:

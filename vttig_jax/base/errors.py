@@ -1,15 +1,15 @@
-"""What can go wrong, as sentences with an exit code.
+"""Errors with a message for the user and an exit code.
 
-Every error a user can cause is a `VttigError`: one sentence (`message`) that says what was seen
-and the cure, and the file, line, channel or key it concerns (`where`). Wrong arguments in Python
-code are plain `ValueError`s: "Argument `x` must …, but …".
+Every error that a user can cause is a `VttigError`. Its `message` is one sentence that says what
+was found and how to correct it; its `where` names the file, line, channel or key. Wrong arguments
+in Python code raise a plain `ValueError`: "Argument `x` must …, but …".
 """
 
 from typing import ClassVar
 
 
 class VttigError(Exception):
-    """Base of all errors with a sentence for the user; `exit_code` is that of the command line."""
+    """Base of all errors with a message for the user; the command line ends with `exit_code`."""
 
     exit_code: ClassVar[int] = 1
 
@@ -23,7 +23,7 @@ class VttigError(Exception):
 
 
 class UsageError(VttigError):
-    """The call cannot be done as asked: a missing extra, a refused overwrite."""
+    """The call cannot be executed: an optional package is missing, or a file already exists."""
 
     exit_code = 2
 
@@ -47,12 +47,12 @@ class ScenarioError(InputError):
 
 
 class NoAnswerError(VttigError):
-    """The input is readable but holds no trustworthy answer."""
+    """The input is readable, but it does not support a reliable result."""
 
     exit_code = 4
 
 
 class NotConvergedError(VttigError):
-    """A sampler that has to go on; what it has is kept."""
+    """The sampler has not converged and must continue; its samples are kept."""
 
     exit_code = 5

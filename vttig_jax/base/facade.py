@@ -1,4 +1,4 @@
-"""Public names of a room that are imported when they are first used."""
+"""Lazy import of the public names of the package and of its rooms at their first use."""
 
 from collections.abc import Callable, Mapping
 from importlib import import_module
@@ -9,10 +9,10 @@ from typing import Any
 def lazy_names(
     package: str, homes: Mapping[str, str]
 ) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
-    """`__getattr__` and `__dir__` of a package whose public names live in its submodules (PEP 562).
+    """Return `__getattr__` and `__dir__` of a package that imports its names lazily (PEP 562).
 
     **Arguments**
-    - `package`: its `__name__`. - `homes`: public name → submodule, dotted, below the package.
+    - `package`: its `__name__`. - `homes`: public name → dotted submodule, relative to the package.
 
     **Example**
     ```python
@@ -24,11 +24,16 @@ def lazy_names(
     ```
     """
 
-    def find(name: str) -> Any:
+    def load_name(name: str) -> Any:
         if name not in homes:
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
         value = getattr(import_module(f"{package}.{homes[name]}"), name)
         setattr(modules[package], name, value)
         return value
 
-    return find, lambda: sorted(homes)
+    return load_name, lambda: sorted(homes)
+
+
+def from_front_door(name: str) -> Any:
+    """Return a public name of the package, for methods of results that lead to a higher room."""
+    return getattr(import_module(__name__.split(".")[0]), name)

@@ -1,4 +1,4 @@
-"""Settings of the process: double precision, and how XLA uses the processor."""
+"""Settings of the process: double precision and compiler options of XLA."""
 
 import os
 
@@ -8,8 +8,8 @@ import jax
 def enable_x64() -> None:
     """Switch JAX to 64-bit floats for this process.
 
-    Angles over thousands of degrees at arcsecond resolution do not fit float32, so `fit` and all
-    kinematics of logs need this. The library never calls it by itself.
+    float32 cannot represent angles of thousands of degrees at arcsecond resolution, so `fit` and
+    all kinematics of logs need 64-bit floats. The library never calls this function itself.
 
     **Example**
     ```python
@@ -23,36 +23,36 @@ def enable_x64() -> None:
     jax.config.update("jax_enable_x64", True)
 
 
-def require_x64(who: str) -> None:
-    """Raise `ValueError` with the cure when 64-bit floats are off; `who` is the public function."""
+def require_x64(caller: str) -> None:
+    """Raise `ValueError` with the cure if 64-bit floats are off; `caller` is a public function."""
     if not jax.config.read("jax_enable_x64"):
         raise ValueError(
-            f"`{who}` needs 64-bit floats, but JAX is in 32-bit mode: call"
+            f"`{caller}` needs 64-bit floats, but JAX is in 32-bit mode: call"
             " `vttig_jax.enable_x64()` once, before any other JAX code."
         )
 
 
-_EXTRA = "--xla_backend_extra_options="
+_FLAG = "--xla_backend_extra_options="
 _OPTIONS = (
     "xla_cpu_use_multi_output_fusion",
     "xla_cpu_small_while_loop_byte_threshold=1000000000",
 )
-"""Results that share operands in one loop; a whole `lax.scan` as one compiled function."""
+"""One loop for results that share operands; one function for a `lax.scan` of up to 1e9 bytes."""
 
 
 def prepare_cpu(devices: int = 1) -> None:
-    """Let XLA use several cores for sweeps, and compile long loops as a whole.
+    """Let XLA use several cores for sweeps, and compile long loops as one function.
 
-    Sets `jax_num_cpu_devices` and two options of XLA that its CPU compiler leaves off by default:
+    Sets `jax_num_cpu_devices` and two options that the CPU compiler of XLA does not use by default:
     results that share operands are computed in one loop, and a `lax.scan` becomes one function
-    instead of a call for each of its kernels. A simulated step takes half of the time with them,
-    keeping traces of many runs at once far more. They hold for the process and only before JAX has
-    run anything. Options that are in `XLA_FLAGS` already are kept.
+    instead of a call for each of its kernels. The options halve the time of a simulated step, and
+    reduce it far more when traces of many runs are kept. They apply to the whole process and must
+    be set before JAX runs anything. Backend options that `XLA_FLAGS` already contains are kept.
 
     **Arguments**
-    - `devices`: cores, each of which becomes a device that `sweep` uses.
+    - `devices`: number of cores; each becomes a device that `sweep` uses.
 
-    **Raises** `ValueError` for less than one device and where JAX has run already.
+    **Raises** `ValueError` for less than one device and if JAX has already run.
 
     Call it as `vttig_jax.prepare_cpu(devices=2)` right after `import vttig_jax`.
     """
@@ -66,5 +66,5 @@ def prepare_cpu(devices: int = 1) -> None:
             " `import vttig_jax`."
         ) from None
     flags = os.environ.get("XLA_FLAGS", "")
-    if _EXTRA not in flags:
-        os.environ["XLA_FLAGS"] = f"{flags} {_EXTRA}{','.join(_OPTIONS)}".strip()
+    if _FLAG not in flags:
+        os.environ["XLA_FLAGS"] = f"{flags} {_FLAG}{','.join(_OPTIONS)}".strip()

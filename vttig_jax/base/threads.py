@@ -1,4 +1,4 @@
-"""One thread for small linear algebra."""
+"""Limit of the BLAS libraries to one thread."""
 
 from collections.abc import Callable
 from functools import cache, wraps
@@ -11,10 +11,10 @@ Result = TypeVar("Result")
 
 
 def one_blas_thread(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
-    """Let the BLAS libraries of NumPy and SciPy use one thread while a function runs.
+    """Limit the BLAS libraries of NumPy and SciPy to one thread while `function` runs.
 
-    The matrices of a log are small. A pool of threads gains nothing on them, and on a busy machine
-    its threads wait for each other: a fit then takes up to sixty times as long.
+    The matrices of a log are so small that several threads do not save time. On a busy machine
+    the threads wait for each other, and a fit takes up to sixty times as long.
 
     **Example**
     ```python
@@ -35,7 +35,7 @@ def one_blas_thread(function: Callable[Arguments, Result]) -> Callable[Arguments
 
 @cache
 def _controller() -> ThreadpoolController:
-    """The libraries that are loaded; SciPy brings its own beside that of NumPy."""
+    """Return the controller of the loaded libraries; SciPy has its own BLAS beside NumPy's."""
     import scipy.linalg  # noqa: F401
 
     return ThreadpoolController()

@@ -1,4 +1,4 @@
-"""Units at the borders. Inside, angles are radians, lengths millimetres, times seconds."""
+"""Unit factors for input and output; inside the package units are rad, mm and s."""
 
 import math
 from typing import Final
@@ -13,4 +13,4 @@ REV: Final = 2.0 * math.pi
 """One revolution in radians."""
 
 ANGLE_UNITS: Final = {"deg": DEG, "rad": 1.0, "rev": REV, "arcsec": ARCSEC, "urad": 1e-6}
-"""Radians per unit, for every angle unit a column name can end with (counts need an encoder)."""
+"""Radians per unit, for every angle unit that can end a column name (counts need an encoder)."""

@@ -1,34 +1,28 @@
-"""What `vttig fit` models: the options of `identify.fit`, checked before anything is read."""
+"""Click options of the settings of a fit, made from `FitSettings`."""
 
 import math
 from collections.abc import Callable
-from typing import Any, Literal, get_args
+from typing import Annotated, Any, Literal, get_args, get_origin
 
 import click
 
+from ..identify.settings import LONGEST_DELAY_S, Field, fields, members
 from .options import POSITIVE
-
-LONGEST_DELAY_S = 1.0
-HIGHEST_DRIFT = 6
-DelayWord = Literal["auto", "free", "off"]
-LossName = Literal["auto", "square", "huber", "bisquare"]
-RegressorName = Literal["torque", "acceleration", "speed"]
-FlankName = Literal["A", "B"]
-NoiseKind = Literal["ar", "white", "ou"]
-NoiseIn = Literal["time", "angle"]
-NoiseOf = Literal["rig", "plateau"]
 
 
 class DelayParam(click.ParamType):
-    """`auto`, `free`, `off`, or seconds."""
+    """One of some words, or a number of seconds."""
 
     name = "delay"
 
+    def __init__(self, words: tuple[str, ...]):
+        self.words = words
+
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> DelayWord | float:
-        """The word, or the number, or a usage error."""
-        if value in get_args(DelayWord):
+    ) -> str | float:
+        """Return the word or the number; anything else is a usage error."""
+        if value in self.words:
             return value
         try:
             seconds = float(value)
@@ -36,7 +30,7 @@ class DelayParam(click.ParamType):
             seconds = math.nan
         if not abs(seconds) <= LONGEST_DELAY_S:
             self.fail(
-                f"{value!r} is neither {', '.join(get_args(DelayWord))} nor a number of seconds"
+                f"{value!r} is neither {', '.join(self.words)} nor a number of seconds"
                 f" within ±{LONGEST_DELAY_S:g}.",
                 param,
                 ctx,
@@ -44,87 +38,36 @@ class DelayParam(click.ParamType):
         return seconds
 
 
-def _choice(names: Any) -> click.Choice:
-    return click.Choice(get_args(names))
-
-
-_OPTIONS = (
-    click.option("--flank", type=_choice(FlankName), help="Use one flank only."),
-    click.option("--perfect-encoders", is_flag=True, help="Fit no encoder eccentricity."),
-    click.option(
-        "--perfect-gears",
-        is_flag=True,
-        help="Fit no gear eccentricity: first orders are those of the encoders.",
-    ),
-    click.option(
-        "--delay",
-        type=DelayParam(),
-        default="auto",
-        metavar="auto|free|off|SECONDS",
-        help="Delay of the driven channel: fitted where the logs show one (auto, the default),"
-        " fitted in any case, taken as zero, or given.",
-    ),
-    click.option(
-        "--loss",
-        type=_choice(LossName),
-        default="auto",
-        help="Least squares or a robust loss; auto, the default, takes squares unless there are"
-        " outliers, and then bisquare.",
-    ),
-    click.option(
-        "--regressor",
-        "regressors",
-        type=_choice(RegressorName),
-        multiple=True,
-        help="Fit a term proportional to this too; repeatable. A torque column is tried unasked.",
-    ),
-    click.option("--free-ratio", is_flag=True, help="Fit the ratio too, beside the given one."),
-    click.option(
-        "--drift-order",
-        type=click.IntRange(0, HIGHEST_DRIFT),
-        help="Highest power of time; by default 0, 1 or 2, whichever the logs ask for.",
-    ),
-    click.option(
-        "--drift-knots",
-        type=POSITIVE,
-        metavar="SECONDS",
-        help="In place of powers: a cubic spline with knots this far apart.",
-    ),
-    click.option(
-        "--same-zero/--own-zero",
-        default=None,
-        help="Do the angles of several logs count from the same zero? By default they do where the"
-        ' pair file says zero = "reading".',
-    ),
-    click.option(
-        "--noise",
-        type=_choice(NoiseKind),
-        default="ar",
-        help="Autoregressive (the default); Ornstein–Uhlenbeck, for samples at unequal times; or"
-        " white, which real noise never is.",
-    ),
-    click.option(
-        "--noise-in",
-        type=_choice(NoiseIn),
-        default="time",
-        help="Is the noise stationary in time (the default) or in driving angle?",
-    ),
-    click.option(
-        "--noise-of",
-        type=_choice(NoiseOf),
-        default="rig",
-        help="One noise for the rig (the default), or one for every speed plateau.",
-    ),
-    click.option(
-        "--use-readings",
-        is_flag=True,
-        help="Let the --backlash-readings join the fit instead of only checking it.",
-    ),
-)
-
-
 def model_options(function: Callable[..., None]) -> Callable[..., None]:
-    """Give a verb one option a keyword of `identify.fit`."""
-    for option in reversed(_OPTIONS):
-        function = option(function)
+    """Give a verb one option for every field of `FitSettings`."""
+    for field in reversed(fields()):
+        function = _option(field)(function)
     return function
+
+
+def _option(field: Field) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    return click.option(
+        field.option,
+        field.name,
+        default=field.default if field.default != () else None,
+        help=field.text,
+        metavar=field.metavar,
+        **_kind(field),
+    )
+
+
+def _kind(field: Field) -> dict[str, Any]:
+    """Return the keywords of `click.option` that follow from the type of a field."""
+    kinds = members(field.type)
+    words = tuple(word for kind in kinds if get_origin(kind) is Literal for word in get_args(kind))
+    numbers = [kind for kind in kinds if get_origin(kind) is Annotated]
+    if words and numbers:
+        return {"type": DelayParam(words)}
+    if words:
+        return {"type": click.Choice(words)}
+    if numbers:
+        kind, bounds = get_args(numbers[0])
+        return {"type": POSITIVE if kind is float else click.IntRange(bounds.ge, bounds.le)}
+    if get_origin(kinds[0]) is tuple:
+        return {"type": click.Choice(get_args(get_args(kinds[0])[0])), "multiple": True}
+    return {"is_flag": True}

@@ -3,7 +3,7 @@
 import functools
 import math
 import re
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Collection
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -11,8 +11,8 @@ from typing import Any
 import click
 from click.core import ParameterSource
 
-from ..base.errors import UsageError
 from ..logs.readers.column_roles import ROLES
+from ..runs.options import roles_of
 from .output import Narrator, Output
 
 
@@ -121,24 +121,6 @@ def log_options(function: Callable[..., None]) -> Callable[..., None]:
     ):
         function = option(function)
     return function
-
-
-def roles_of(columns: Iterable[str]) -> dict[str, str]:
-    """Role → name of the column, from texts ROLE=NAME.
-
-    **Raises** `UsageError` for another form, a role there is not and one that is named twice.
-    """
-    named: dict[str, str] = {}
-    for text in columns:
-        role, equals, name = text.partition("=")
-        if not equals or not name or role not in ROLES:
-            raise UsageError(
-                f"--column {text!r} must be ROLE=NAME with a role of {', '.join(ROLES)}."
-            )
-        if role in named:
-            raise UsageError(f"--column: `{role}` is named twice; keep one of the two.")
-        named[role] = name
-    return named
 
 
 def _checked(

@@ -1,4 +1,4 @@
-"""Geometry: from the rack to the tooth, its measures, and the contact of two of them."""
+"""Gear geometry: tooth surfaces, measures of a gear, backlash and contact of a pair, solids."""
 
 from typing import TYPE_CHECKING
 

@@ -10,11 +10,13 @@ if TYPE_CHECKING:
     from .fitting import fit as fit
     from .report.lazy_checks import Checks as Checks
     from .report.parameters import Parameter as Parameter
+    from .settings import FitSettings as FitSettings
     from .store import read_fit as read_fit
 
 _HOMES = {
     "Checks": "report.lazy_checks",
     "Fit": "fit_result",
+    "FitSettings": "settings",
     "Parameter": "report.parameters",
     "backlash_map": "backlash",
     "fit": "fitting",

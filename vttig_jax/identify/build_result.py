@@ -34,7 +34,7 @@ from .report.order_table import fitted_model, order_table
 from .report.parameters import outcome_of, parameters_of, regressors_of
 from .report.per_log import fit_log_alone
 from .report.residual_tests import lines_left, whiteness
-from .settings import Choices
+from .settings import FitSettings
 from .solve.least_squares import Solution, solve
 from .solve.residuals import (
     Weights,
@@ -55,12 +55,14 @@ def build_fit(
     selected: SelectedModel,
     pair: GearPair | Drive,
     identifiable: Identifiability,
-    settings: Choices,
+    settings: FitSettings,
     readings: BacklashReadings | None,
 ) -> Fit:
     """Solve for the parameters and gather everything a reader wants to see beside them."""
     summary, linear = selected.summary, selected.linear
-    split = settings.encoder_terms and settings.gear_terms and len(identifiable.flanks) == 2
+    split = (
+        not (settings.perfect_encoders or settings.perfect_gears) and len(identifiable.flanks) == 2
+    )
     noise, whitened = whiten(summary, selected.weights.variance_factor)
     relation = relation_of(
         pair,
@@ -68,7 +70,7 @@ def build_fit(
         summary.columns,
         identifiable.flanks,
         encoder_terms=split,
-        gear_terms=settings.gear_terms,
+        gear_terms=not settings.perfect_gears,
     )
     solution = restored(solve(relation, whitened), linear.levels)
     solution, white = _with_blocks(linear, summary, noise, whitened, solution)
@@ -125,7 +127,7 @@ def build_fit(
         evidence=Evidence(
             lifted(summary, linear.levels),
             split,
-            settings.gear_terms,
+            not settings.perfect_gears,
             tuple(n for n, good in zip(solution.names, solution.determined, strict=True) if good),
             solution.jacobian,
             noise.partial,

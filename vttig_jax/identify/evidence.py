@@ -12,7 +12,7 @@ from .compress.harmonic_summary import HarmonicSummary
 from .model.column_layout import ColumnLayout
 from .model.forward_model import ForwardModel, relation_of
 from .model.harmonics import Harmonic, TermPlan
-from .settings import NoiseChoice
+from .settings import NoiseSettings
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +103,7 @@ def evidence_from(arrays: dict[str, np.ndarray], ratio: Fraction) -> Evidence:
             tuple(h.term for h in harmonics[:free]), tuple(h.term for h in harmonics[free:]), own
         ),
         block_s=float(arrays["numbers"][0]),
-        noise=NoiseChoice(*(str(word) for word in arrays["noise"])),  # pyright: ignore
+        noise=NoiseSettings(*(str(word) for word in arrays["noise"])),  # pyright: ignore
     )
     return Evidence(
         summary,

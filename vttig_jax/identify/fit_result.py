@@ -2,27 +2,46 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
 from ..base.errors import NoAnswerError
+from ..base.facade import from_front_door
 from ..base.files.text_tables import key_values, text_table
+from ..base.results import PlottedResult
 from ..base.units import ARCSEC, DEG, REV
 from ..kinematics.harmonic import OrderModel
 from ..kinematics.te_curve import TECurve
 from ..pair.eccentricities import Eccentricities
 from ..pair.gear_pair import Drive, GearPair
+from ..pair.schema import HarmonicOrders
 from .evidence import Evidence
 from .noise.noise_model import NoiseModel
 from .report.check_sentences import check_sentences
 from .report.order_table import Order
 from .report.parameters import Outcome, Parameter
+from .settings import FitSettings
 
 
 @dataclass(frozen=True)
-class Fit:
+class FitRequest:
+    """What a fit was asked for.
+
+    **Arguments**
+    - `settings`: the settings; `orders`: the harmonic orders that were asked for.
+    - `reading`: keywords of `read_log` that all its logs were read with.
+    """
+
+    settings: FitSettings
+    orders: HarmonicOrders
+    reading: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Fit(PlottedResult):
     """What a log says about a gear pair or drive.
 
     **Arguments**
@@ -38,6 +57,7 @@ class Fit:
     - `regressors`: coefficients of torque, acceleration, speed and ratio that were fitted.
     - `logs`: file, digest, zero and samples of every log.
     - `evidence`: the compressed logs; what `sample` works on.
+    - `request`: settings and orders of the fit; None for one that `read_fit` read.
     """
 
     pair: GearPair | Drive
@@ -64,6 +84,7 @@ class Fit:
     regressors: tuple[Parameter, ...] = ()
     logs: tuple[dict, ...] = ()
     evidence: Evidence | None = None
+    request: FitRequest | None = None
 
     def value(self, name: str) -> float:
         """Value of a parameter; NaN where it has none."""
@@ -91,6 +112,10 @@ class Fit:
             np.angle(driven, deg=True),
             constant_backlash_deg,
         )
+
+    def save(self, folder: str | Path, *, overwrite: bool = False, figures: bool = True) -> None:
+        """Write a run folder, as `vttig fit --out` does; see `vttig_jax.runs.save_fit`."""
+        from_front_door("save_fit")(self, folder, overwrite=overwrite, figures=figures)
 
     def to_json(self) -> dict:
         """The object of schema `vttig.fit/1`."""

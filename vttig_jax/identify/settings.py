@@ -1,111 +1,298 @@
-"""The settings of a fit: everything a user can choose beside the harmonic orders of the pair."""
+"""The settings of a fit, declared once for Python, the command line and `run.toml`.
 
+Needs no jax.
+
+Every field of `FitSettings` states its type, its default and its text. The keywords of
+`vttig_jax.fit`, the options of `vttig fit` and the table `[options]` of a run follow from it.
+"""
+
+import inspect
+import sys
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Literal
+from functools import cache
+from types import NoneType, UnionType
+from typing import (
+    Annotated,
+    Any,
+    Literal,
+    NamedTuple,
+    TypeVar,
+    Union,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
+
+import msgspec
+from msgspec import Meta, Struct
+from msgspec.structs import replace
 
 Loss = Literal["square", "huber", "bisquare"]
+Flank = Literal["A", "B"]
+NoiseKind = Literal["ar", "white", "ou"]
+NoiseIn = Literal["time", "angle"]
+NoiseOf = Literal["rig", "plateau"]
+RegressorName = Literal["torque", "acceleration", "speed"]
 
-
-REGRESSORS = ("torque", "acceleration", "speed")
-"""What a user can ask for by name; the delay, the drift and the ratio have options of their own."""
-
+REGRESSORS: tuple[RegressorName, ...] = get_args(RegressorName)
+"""Columns that a user can ask for by name; delay, drift and ratio have settings of their own."""
 
 HIGHEST_LAG = 16
-"""Highest autoregressive order."""
-
-
-@dataclass(frozen=True)
-class NoiseChoice:
-    """Kind of the noise, and what it has in common.
-
-    **Arguments**
-    - `kind`: "ar", an autoregression whose order follows the logs; "white" for none; "ou", an
-      Ornstein–Uhlenbeck process, for rows at unequal times.
-    - `stationary_in`: "time" makes rows of equal duration, "angle" rows of equal driving angle.
-    - `of`: "rig" for one noise everywhere, "plateau" for one of its own at every speed.
-
-    **Raises** `ValueError` naming the argument.
-    """
-
-    kind: Literal["ar", "white", "ou"] = "ar"
-    stationary_in: Literal["time", "angle"] = "time"
-    of: Literal["rig", "plateau"] = "rig"
-
-    def __post_init__(self):
-        known = {
-            "kind": ("ar", "white", "ou"),
-            "stationary_in": ("time", "angle"),
-            "of": ("rig", "plateau"),
-        }
-        for name, words in known.items():
-            if getattr(self, name) not in words:
-                listed = " or ".join(f'"{word}"' for word in words)
-                raise ValueError(
-                    f"Argument `{name}` must be {listed}, but is {getattr(self, name)!r}."
-                )
-
+"""Highest autoregressive order that BIC may choose."""
 
 HIGHEST_DRIFT = 6
+"""Highest power of time of a drift; chosen, since higher powers are nearly collinear."""
+
 LONGEST_DELAY_S = 1.0
+"""Largest delay of the driven channel in s; chosen, far beyond that of any encoder interface."""
+
+Delay = Annotated[float, Meta(ge=-LONGEST_DELAY_S, le=LONGEST_DELAY_S)]
+Positive = Annotated[float, Meta(gt=0, le=sys.float_info.max)]
 
 
 @dataclass(frozen=True)
-class Choices:
-    """Options of `fit`; see there.
+class NoiseSettings:
+    """Kind of the noise model and the domain in which it is stationary.
 
-    **Raises** `ValueError` naming the argument.
+    **Arguments**
+    - `kind`: "ar" for an autoregression of the block rows, "white" for independent rows, "ou" for
+      an Ornstein–Uhlenbeck process of rows at unequal times.
+    - `stationary_in`: "time" makes rows of equal duration, "angle" rows of equal driving angle.
+    - `of`: "rig" for one noise model, "plateau" for one at every speed.
     """
 
-    encoder_terms: bool = True
-    drift_order: int | None = None
-    drift_knots_s: float | None = None
-    delay: float | Literal["auto", "free", "off"] = "auto"
-    loss: Loss | Literal["auto"] = "auto"
-    regressors: tuple[str, ...] = ()
-    free_ratio: bool = False
-    same_zero: bool | None = None
-    use_readings: bool = False
-    gear_terms: bool = True
-    noise: NoiseChoice = NoiseChoice()
+    kind: NoiseKind = "ar"
+    stationary_in: NoiseIn = "time"
+    of: NoiseOf = "rig"
+
+
+def setting(text: str, option: str, metavar: str | None = None) -> Meta:
+    """Describe a field: its text for `help()` and `--help`, and its option on the command line."""
+    return Meta(description=text, extra={"option": option, "metavar": metavar})
+
+
+class FitSettings(
+    Struct,
+    frozen=True,
+    kw_only=True,
+    forbid_unknown_fields=True,
+    rename={"drift_knots_s": "drift_knots"},
+):
+    """Everything that a user can choose about a fit beside logs, pair and harmonic orders.
+
+    **Raises** `ValueError` naming the argument that is wrong, or the two that exclude each other.
+
+    **Arguments**
+    """
+
+    flank: Annotated[Flank | None, setting("Use one flank only, as the paper does.", "--flank")] = (
+        None
+    )
+    perfect_encoders: Annotated[
+        bool,
+        setting(
+            "Fit no encoder eccentricity. With one flank the encoders are always perfect.",
+            "--perfect-encoders",
+        ),
+    ] = False
+    perfect_gears: Annotated[
+        bool,
+        setting(
+            "Fit no gear eccentricity: the first orders are those of the encoders.",
+            "--perfect-gears",
+        ),
+    ] = False
+    delay: Annotated[
+        Literal["auto", "free", "off"] | Delay,
+        setting(
+            "Delay of the driven channel: fitted where the logs show one (auto, the default),"
+            " fitted in any case, taken as zero, or given in seconds.",
+            "--delay",
+            "auto|free|off|SECONDS",
+        ),
+    ] = "auto"
+    loss: Annotated[
+        Literal["auto"] | Loss,
+        setting(
+            "Least squares or a robust loss. The default, auto, takes squares unless there are"
+            " outliers, and then bisquare.",
+            "--loss",
+        ),
+    ] = "auto"
+    regressors: Annotated[
+        tuple[RegressorName, ...],
+        setting(
+            "Fit a term proportional to this column too; several are allowed. A torque column is"
+            " tried unasked.",
+            "--regressor",
+        ),
+    ] = ()
+    free_ratio: Annotated[
+        bool, setting("Fit the ratio too, beside the given one.", "--free-ratio")
+    ] = False
+    drift_order: Annotated[
+        Annotated[int, Meta(ge=0, le=HIGHEST_DRIFT)] | None,
+        setting(
+            "Highest power of time in the drift. By default BIC chooses 0, 1 or 2.",
+            "--drift-order",
+        ),
+    ] = None
+    drift_knots_s: Annotated[
+        Positive | None,
+        setting(
+            "In place of powers: a cubic spline with knots this far apart.",
+            "--drift-knots",
+            "SECONDS",
+        ),
+    ] = None
+    same_zero: Annotated[
+        bool | None,
+        setting(
+            "Do the angles of several logs count from the same zero? By default they do where the"
+            ' pair file says zero = "reading".',
+            "--same-zero/--own-zero",
+        ),
+    ] = None
+    use_readings: Annotated[
+        bool,
+        setting(
+            "Let the backlash readings join the fit instead of only checking it.",
+            "--use-readings",
+        ),
+    ] = False
+    noise: Annotated[
+        NoiseKind,
+        setting(
+            "Noise model: autoregressive (ar, the default), of an order that BIC chooses;"
+            " Ornstein–Uhlenbeck (ou), for samples at unequal times; or white, which real noise"
+            " never is.",
+            "--noise",
+        ),
+    ] = "ar"
+    noise_in: Annotated[
+        NoiseIn,
+        setting("Is the noise stationary in time (the default) or in driving angle?", "--noise-in"),
+    ] = "time"
+    noise_of: Annotated[
+        NoiseOf,
+        setting(
+            "One noise model for the rig (the default), or one for every speed plateau.",
+            "--noise-of",
+        ),
+    ] = "rig"
 
     def __post_init__(self):
-        if not (self.encoder_terms or self.gear_terms):
-            raise ValueError(
-                "Argument `gear_terms` must be True where `encoder_terms` is False, but both are"
-                " False: nothing would be left to fit."
-            )
-        order = self.drift_order
-        if order is not None and not 0 <= order <= HIGHEST_DRIFT:
-            raise ValueError(
-                f"Argument `drift_order` must be 0 … {HIGHEST_DRIFT}, but is {order!r}."
-            )
-        if self.drift_knots_s is not None and not self.drift_knots_s > 0:
-            raise ValueError(
-                f"Argument `drift_knots_s` must be positive, but is {self.drift_knots_s!r}."
-            )
-        if order is not None and self.drift_knots_s is not None:
-            raise ValueError(
-                "Argument `drift_order` must be left out where `drift_knots_s` is given, but both"
-                " are there."
-            )
-        if not isinstance(self.delay, str):
-            if not abs(self.delay) <= LONGEST_DELAY_S:
+        msgspec.structs.force_setattr(self, "regressors", tuple(dict.fromkeys(self.regressors)))
+        for field in fields():
+            value = getattr(self, field.name)
+            try:
+                msgspec.convert(value, field.type)
+            except msgspec.ValidationError:
                 raise ValueError(
-                    f"Argument `delay` must lie within ±{LONGEST_DELAY_S:g} s, but is"
-                    f" {self.delay!r}."
-                )
-        elif self.delay not in ("auto", "free", "off"):
-            raise ValueError(
-                f'Argument `delay` must be "auto", "free", "off" or seconds, but is {self.delay!r}.'
-            )
-        if self.loss not in ("auto", "square", "huber", "bisquare"):
-            raise ValueError(
-                'Argument `loss` must be "auto", "square", "huber" or "bisquare", but is'
-                f" {self.loss!r}."
-            )
-        for name in self.regressors:
-            if name not in REGRESSORS:
-                raise ValueError(
-                    f"Argument `regressors` must hold names of {', '.join(REGRESSORS)}, but holds"
-                    f" {name!r}."
-                )
+                    f"Argument `{field.name}` must be {_expected(field.type)}, but is {value!r}."
+                ) from None
+        for names, cure in self.conflicts():
+            raise ValueError(f"Arguments {' and '.join(f'`{name}`' for name in names)} {cure}")
+
+    def conflicts(self) -> Iterator[tuple[tuple[str, str], str]]:
+        """Yield the pairs of fields that exclude each other, with the rest of the sentence."""
+        if self.drift_order is not None and self.drift_knots_s is not None:
+            yield ("drift_order", "drift_knots_s"), "exclude each other; give one of them."
+        if self.perfect_encoders and self.perfect_gears:
+            yield ("perfect_encoders", "perfect_gears"), "together leave nothing to fit; give one."
+
+    @property
+    def noise_model(self) -> NoiseSettings:
+        """The three settings of the noise."""
+        return NoiseSettings(self.noise, self.noise_in, self.noise_of)
+
+
+class Field(NamedTuple):
+    """One setting: its name, type with bounds, default, text, option and metavar."""
+
+    name: str
+    type: Any
+    default: Any
+    text: str
+    option: str
+    metavar: str | None
+
+
+@cache
+def fields() -> tuple[Field, ...]:
+    """List the settings in the order of their declaration."""
+    hints = get_type_hints(FitSettings, include_extras=True)
+    defaults = dict(
+        zip(FitSettings.__struct_fields__, FitSettings.__struct_defaults__, strict=True)
+    )
+    described = [(name, hint, hint.__metadata__[-1]) for name, hint in hints.items()]
+    return tuple(
+        Field(name, hint, defaults[name], meta.description, **meta.extra)
+        for name, hint, meta in described
+    )
+
+
+def from_keywords(settings: FitSettings | None, changes: dict[str, Any]) -> FitSettings:
+    """Apply keywords of `vttig_jax.fit` to its settings.
+
+    **Raises** `TypeError` for a keyword that is no setting.
+    """
+    unknown = sorted(set(changes).difference(FitSettings.__struct_fields__))
+    if unknown:
+        raise TypeError(
+            f"`fit` has no argument `{unknown[0]}`; its settings are"
+            f" {', '.join(FitSettings.__struct_fields__)}."
+        )
+    return replace(settings or FitSettings(), **changes)
+
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+def takes_settings(function: Function) -> Function:
+    """Show the fields of `FitSettings` in the signature of a function with `**changes`."""
+    signature = inspect.signature(function)
+    kept = [p for p in signature.parameters.values() if p.kind is not p.VAR_KEYWORD]
+    named = [
+        inspect.Parameter(field.name, inspect.Parameter.KEYWORD_ONLY, default=field.default)
+        for field in fields()
+    ]
+    function.__signature__ = signature.replace(parameters=kept + named)  # pyright: ignore
+    return function
+
+
+def _expected(kind: Any) -> str:
+    """Say in words which values a type allows."""
+    words, others = [], []
+    for member in members(kind):
+        if get_origin(member) is Literal:
+            words += [f'"{word}"' for word in get_args(member)]
+        elif member is not NoneType:
+            others.append(_range(member))
+    *first, last = [*words, *others]
+    return f"{', '.join(first)} or {last}" if first else last
+
+
+def members(kind: Any) -> tuple[Any, ...]:
+    """Return the members of a union, each with its own bounds only."""
+    if get_origin(kind) is Annotated and kind.__metadata__[-1].extra:
+        kind = kind.__origin__
+    return get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
+
+
+def _range(kind: Any) -> str:
+    if get_origin(kind) is Annotated:
+        number, bounds = get_args(kind)[0], kind.__metadata__[0]
+        if bounds.gt == 0:
+            return "a positive number"
+        noun = "a whole number" if number is int else "a number"
+        return f"{noun} in {bounds.ge:g} … {bounds.le:g}"
+    if get_origin(kind) is tuple:
+        return f"names of {', '.join(get_args(get_args(kind)[0]))}"
+    return "True or False"
+
+
+FitSettings.__doc__ = inspect.cleandoc(FitSettings.__doc__ or "") + "".join(
+    f"\n- `{field.name}`: {field.text}" for field in fields()
+)

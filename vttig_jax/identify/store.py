@@ -17,7 +17,7 @@ from .fit_result import Fit
 from .noise.noise_model import NoiseModel
 from .report.order_table import Order
 from .report.parameters import Parameter
-from .settings import NoiseChoice
+from .settings import NoiseSettings
 
 _EVIDENCE = "evidence_"
 
@@ -141,7 +141,7 @@ def _noise_arrays(noise: NoiseModel) -> dict[str, np.ndarray]:
 
 
 def _noise_from(arrays: dict[str, np.ndarray]) -> NoiseModel:
-    choice = NoiseChoice(*(str(word) for word in arrays["noise_choice"]))  # pyright: ignore
+    choice = NoiseSettings(*(str(word) for word in arrays["noise_choice"]))  # pyright: ignore
     models = [
         NoiseModel(
             row[np.isfinite(row)], float(shock), float(std), float(block_s), (), choice, str(by)

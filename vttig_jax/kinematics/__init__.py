@@ -1,4 +1,4 @@
-"""Flank models: transmission error and backlash of an eccentric pair, as pure functions."""
+"""Flank models: transmission error and backlash of an eccentric gear pair as pure functions."""
 
 from typing import TYPE_CHECKING
 

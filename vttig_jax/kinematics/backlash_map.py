@@ -1,4 +1,4 @@
-"""The backlash at every driving angle, its extremes, and the safe axial displacement."""
+"""Backlash over the hunting period, its extremes and the safe axial displacement."""
 
 import math
 from collections.abc import Callable
@@ -13,43 +13,42 @@ from jaxtyping import Array, Float, Real
 
 from ..base.errors import PairError
 from ..base.files.text_tables import key_values
+from ..base.results import PlottedResult
 from ..base.units import DEG, REV
 from ..pair.gear_pair import Drive, GearPair
 from .flank_model import FlankModel
 
-_CHUNK = 8192
+_CHUNK = 8192  # driving angles evaluated at once; a chosen value
 
 
 def chunked(
     function: Callable[[np.ndarray], object], grid: Float[np.ndarray, " n"]
 ) -> Float[np.ndarray, " n"]:
-    """Return `function(grid)` computed in chunks of one fixed size, the last one padded.
+    """Return `function(grid)`, computed in chunks of one fixed size; the last chunk is padded.
 
-    Memory stays that of one chunk and grids of different length share one compilation.
+    The memory needed is that of one chunk, and grids of any length share one compilation.
     """
-    pieces = []
+    values = []
     for start in range(0, len(grid), _CHUNK):
-        piece = grid[start : start + _CHUNK]
-        padded = np.pad(piece, (0, _CHUNK - len(piece)), mode="edge")
-        pieces.append(np.asarray(function(padded))[: len(piece)])
-    return np.concatenate(pieces) if pieces else np.empty(0)
+        chunk = grid[start : start + _CHUNK]
+        padded = np.pad(chunk, (0, _CHUNK - len(chunk)), mode="edge")
+        values.append(np.asarray(function(padded))[: len(chunk)])
+    return np.concatenate(values) if values else np.empty(0)
 
 
-_PER_PERIOD = 32
-_CANDIDATES = 64
-_ZOOMS = 6
-
-
-_MOST_POINTS = 2**24
-"""Of the grid on which extremes are searched."""
+# The settings of the search for extremes are chosen values.
+_PER_PERIOD = 32  # grid points in one period of the highest order
+_CANDIDATES = 64  # grid peaks that are refined
+_ZOOMS = 6  # refinements, each by a factor of 16
+_MOST_POINTS = 2**24  # upper limit of the number of grid points
 
 
 @dataclass(frozen=True)
 class Extreme:
-    """An extreme of the backlash: its value and where it is, in rad.
+    """Smallest or largest backlash and the driving angle at which it occurs, both in rad.
 
-    `tooth_pair` counts the teeth of both gears from 1 in the order in which they come into mesh
-    from φ = 0 on; None where the tooth counts are unknown.
+    `tooth_pair` holds the tooth numbers of both gears. Teeth are counted from 1 in the order in
+    which they come into mesh from φ = 0 on. It is None where the tooth counts are unknown.
     """
 
     backlash: float
@@ -64,20 +63,19 @@ class Extreme:
 
 
 @dataclass(frozen=True)
-class BacklashMap:
+class BacklashMap(PlottedResult):
     """Backlash j(φ₁) = TE_B − TE_A of a flank model over the hunting period.
 
     **Arguments**
-    - `model`: the order-complete flank model (or any other).
-    - `first_order`: the closed form beside it, or None for a drive without geometry.
-    - `pair`: the pair or drive, for the hunting period and for millimetres.
+    - `model`: flank model that is evaluated, usually the one with all fitted orders.
+    - `first_order`: closed-form model for comparison, or None for a drive without geometry.
+    - `pair`: gear pair or drive; it gives the hunting period and the conversion to millimetres.
 
     **Example**
     ```python
     >>> import numpy as np, vttig_jax
     >>> from vttig_jax import Eccentricities, Gear, GearPair
-    >>> from vttig_jax.kinematics import BacklashMap
-    >>> from vttig_jax.kinematics import exact_model
+    >>> from vttig_jax.kinematics import BacklashMap, exact_model
     >>> vttig_jax.enable_x64()
     >>> pair = GearPair(
     ...     Gear(45, 3, 3), Gear(80, 3, 3),
@@ -97,35 +95,35 @@ class BacklashMap:
     pair: GearPair | Drive
 
     def at(self, driving_angle: Real[ArrayLike, "*shape"]) -> Float[Array, "*shape"]:
-        """Backlash at driving angles in rad: rad of the driven gear."""
+        """Return the backlash, rad of the driven gear, at driving angles in rad."""
         return _backlash(self.model, jnp.asarray(driving_angle, float))
 
     def over(self, grid: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """Backlash over a grid of any length, rad; evaluated in chunks."""
+        """Return the backlash, rad, over a grid of any length; it is evaluated in chunks."""
         return chunked(self.at, grid)
 
     def first_order_over(self, grid: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """First-order backlash (21) + (22) over a grid, rad; NaN without gear geometry."""
+        """Return the first-order backlash (21), (22), rad, over a grid; NaN without geometry."""
         if (model := self.first_order) is None:
             return np.full(len(grid), np.nan)
-        return chunked(lambda piece: _backlash(model, jnp.asarray(piece)), grid)
+        return chunked(lambda angles: _backlash(model, jnp.asarray(angles)), grid)
 
     @cached_property
     def smallest(self) -> Extreme:
-        """The smallest gap over the hunting period."""
+        """Smallest backlash over the hunting period."""
         return self._extreme(-1.0)
 
     @cached_property
     def largest(self) -> Extreme:
-        """The largest gap over the hunting period."""
+        """Largest backlash over the hunting period."""
         return self._extreme(1.0)
 
     @property
     def safe_closing_mm(self) -> float:
-        """Axial displacement that takes up the smallest gap and binds nowhere.
+        """Axial displacement, mm, that closes the smallest backlash and so binds at no angle.
 
-        s = j_min R₂/(tan β_L + tan β_R), mm. NaN for a drive, infinite for untapered gears, not
-        positive where the gap already closes.
+        s = j_min R₂/(tan β_L + tan β_R). It is NaN for a drive, infinite for untapered gears, and
+        zero or negative if the smallest backlash is already zero or negative.
         """
         if isinstance(self.pair, Drive):
             return float("nan")
@@ -134,7 +132,7 @@ class BacklashMap:
         return gap_mm / thinning if thinning else float("inf")
 
     def _extreme(self, sense: float) -> Extreme:
-        """Grid search over the hunting period, then zooms around the best peaks of the grid.
+        """Search a grid over the hunting period and refine the highest peaks of the grid.
 
         Peaks of different turns differ by less than the grid resolves, so many are refined.
         """
@@ -151,9 +149,9 @@ class BacklashMap:
         peaks = np.flatnonzero((height >= np.roll(height, 1)) & (height >= np.roll(height, -1)))
         best = grid[peaks[np.argsort(-height[peaks], kind="stable")[:_CANDIDATES]]]
         for _ in range(_ZOOMS):
-            near = best[:, None] + width * np.linspace(-1, 1, 33)
-            height = sense * self.over(near.ravel()).reshape(near.shape)
-            best = np.take_along_axis(near, height.argmax(axis=1)[:, None], axis=1)[:, 0]
+            angles = best[:, None] + width * np.linspace(-1, 1, 33)
+            height = sense * self.over(angles.ravel()).reshape(angles.shape)
+            best = np.take_along_axis(angles, height.argmax(axis=1)[:, None], axis=1)[:, 0]
             width /= 16
         winner = float(np.mod(best[height.max(axis=1).argmax()], self.pair.hunting_turns * REV))
         return Extreme(float(self.at(winner)), winner, self._tooth_pair(winner))

@@ -1,4 +1,4 @@
-"""The exact relation of two eccentric involutes: no small-angle step anywhere."""
+"""Exact flank model of two eccentric involute gears, without small-angle approximation."""
 
 import jax.numpy as jnp
 from jaxtyping import Array, Complex, Float
@@ -12,16 +12,16 @@ from .flank_model import ImplicitModel, flank_index
 
 
 class ExactModel(ImplicitModel):
-    """Common tangent of the two moving base circles.
+    """Flank model from the common tangent of the two moving base circles.
 
-    C₁, C₂ are the base-circle centres, a = |C₂ − C₁|, δ the angle of C₁→C₂ and
+    C₁, C₂ are the base-circle centres, a = |C₂ − C₁|, δ is the angle of C₁→C₂ and
     Δinv = inv α_w(a) − inv α_w(a₀) with cos α_w(a) = (r_b1 + r_b2)/a. Then
 
         TE_A = −(1 + i)(δ + Δinv) + s tan β_L / R₂
         TE_B = −(1 + i)(δ − Δinv) − s tan β_R / R₂ + j_c
 
-    with both centres at the angles the gears really have: C₂ turns with φ₂ = i φ₁ + TE, which makes
-    the relation implicit.
+    Both centres are taken at the actual gear angles: C₂ turns with φ₂ = i φ₁ + TE, so the relation
+    is implicit.
     """
 
     ratio: Float[Array, ""]
@@ -33,7 +33,7 @@ class ExactModel(ImplicitModel):
 
     @property
     def highest_order(self) -> float:
-        """Of the first orders, in cycles per driving turn."""
+        """Larger of the two first orders of the shafts, in cycles per driving turn."""
         return max(1.0, float(self.ratio))
 
     def at_both_angles(
@@ -42,7 +42,7 @@ class ExactModel(ImplicitModel):
         driven_angle: Float[Array, "*shape"],
         flank: Flank,
     ) -> Float[Array, "*shape"]:
-        """TE of `flank` where both shaft angles are known, rad."""
+        """Return TE of `flank`, rad, for given angles of both shafts."""
         side = flank_index(flank)
         sense = 1.0 if side == 0 else -1.0
         return self.offset[side] + self.turned(
@@ -50,7 +50,10 @@ class ExactModel(ImplicitModel):
         )
 
     def turned(self, driving_angle, driven_angle, base_sum, sense):
-        """−(1 + i)(δ + sense·Δinv) for a flank with this r_b1 + r_b2; all arguments broadcast."""
+        """Return −(1 + i)(δ + sense·Δinv), rad; `base_sum` is r_b1 + r_b2 of the flank, mm.
+
+        All arguments broadcast.
+        """
         driving = _turned(self.driving_offset, driving_angle)
         driven = _turned(self.driven_offset, driven_angle)
         along = self.centre_distance + driven[0] - driving[0]
@@ -62,7 +65,7 @@ class ExactModel(ImplicitModel):
 
 
 def exact_model(pair: GearPair, eccentricities: Eccentricities) -> ExactModel:
-    """Exact flank model of a rig."""
+    """Return the exact flank model of a rig."""
     driving, driven = eccentricities.cartesian
     return ExactModel(
         ratio=jnp.asarray(float(pair.ratio), float),
@@ -75,13 +78,13 @@ def exact_model(pair: GearPair, eccentricities: Eccentricities) -> ExactModel:
 
 
 def _turned(offset: Complex[Array, ""], angle: Float[Array, "*shape"]):
-    """Real and imaginary part of offset · exp(j angle)."""
+    """Return the real and imaginary part of offset · exp(j angle)."""
     sine, cosine = sincos(angle)
     real, imaginary = jnp.real(offset), jnp.imag(offset)
     return real * cosine - imaginary * sine, real * sine + imaginary * cosine
 
 
 def _involute(squared_distance, base_sum):
-    """inv α_w = tan α_w − α_w from a² and r_b1 + r_b2, tan α_w = √(a²/(r_b1 + r_b2)² − 1)."""
+    """Return inv α_w = tan α_w − α_w for a² and r_b1 + r_b2; tan α_w = √(a²/(r_b1 + r_b2)² − 1)."""
     tangent = jnp.sqrt(squared_distance / base_sum**2 - 1)
     return tangent - jnp.arctan(tangent)

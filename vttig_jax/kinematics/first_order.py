@@ -18,14 +18,14 @@ PressureAngle = Literal["working", "reference"]
 
 
 class ClosedModel(FlankModel):
-    """First order in the eccentricities.
+    """Flank model of first order in the eccentricities.
 
     With K = 1/r_b2, ψ₁ = φ₁ + θ₁ and χ₂ = i φ₁ + θ₂:
 
         TE_A = K [e₁ sin(ψ₁ + α) + e₂ sin(χ₂ − α)] + s tan β_L / R₂
         TE_B = K [e₁ sin(ψ₁ − α) + e₂ sin(χ₂ + α)] − s tan β_R / R₂ + j_c
 
-    Each flank is a constant plus the imaginary parts of one phasor turning with each shaft.
+    TE of each flank is a constant plus the imaginary parts of two phasors, one for each shaft.
     """
 
     ratio: Float[Array, ""]
@@ -35,13 +35,13 @@ class ClosedModel(FlankModel):
 
     @property
     def highest_order(self) -> float:
-        """Of the first orders, in cycles per driving turn."""
+        """Larger of the two first orders of the shafts, in cycles per driving turn."""
         return max(1.0, float(self.ratio))
 
     def transmission_error(
         self, driving_angle: Real[ArrayLike, "*shape"], flank: Flank
     ) -> Float[Array, "*shape"]:
-        """TE of `flank`, rad; see the class."""
+        """Return TE of `flank`, rad, by the equation of the class."""
         side = flank_index(flank)
         angle = jnp.asarray(driving_angle, float)
         return (
@@ -57,10 +57,10 @@ def closed_model(
     *,
     pressure_angle: PressureAngle = "working",
 ) -> ClosedModel:
-    """First-order flank model of a rig.
+    """Return the first-order flank model of a rig.
 
-    `pressure_angle` takes α_w of the nominal centre distance ("working", five times closer to the
-    exact relation) or αₜ of the drawing ("reference", as the paper prints it). K stays 1/r_b2.
+    `pressure_angle` selects α: "working" is α_w at the nominal centre distance and is five times
+    closer to the exact relation; "reference" is αₜ of the drawing, as in the paper. K stays 1/r_b2.
     """
     if pressure_angle not in ("working", "reference"):
         raise ValueError(
@@ -84,13 +84,13 @@ def closed_model(
 
 
 def flank_offsets(pair: GearPair, eccentricities: Eccentricities) -> Float[Numbers, "2"]:
-    """What constant backlash and axial displacement add to TE_A and TE_B, rad."""
+    """Return the part of TE_A and TE_B due to constant backlash and axial displacement, rad."""
     slopes = pair.taper * np.array([1.0, -1.0])
     shift = eccentricities.axial_mm * slopes / pair.reference_radii[1]
     return shift + np.array([0.0, 1.0]) * (eccentricities.constant_backlash_deg * DEG)
 
 
 def _imaginary(phasor: Complex[Array, ""], angle: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
-    """Im[phasor · exp(j angle)]."""
+    """Return Im[phasor · exp(j angle)]."""
     sine, cosine = sincos(angle)
     return jnp.real(phasor) * sine + jnp.imag(phasor) * cosine

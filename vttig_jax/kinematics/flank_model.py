@@ -1,4 +1,4 @@
-"""Flank models: their protocol, and models that relate both shaft angles implicitly.
+"""Abstract flank models, explicit and implicit in the driven angle.
 
 The transmission error of an implicit model is an elementwise fixed point. It is differentiated by
 the implicit function theorem.
@@ -19,10 +19,10 @@ from ..pair.gear_pair import Flank
 
 
 class FlankModel(eqx.Module):
-    """Contact of a gear pair, flank by flank, as a function of the driving angle.
+    """Transmission error of a gear pair on each flank as a function of the driving angle.
 
-    On flank A the driven gear stands at φ₂ = i φ₁ + TE_A(φ₁), on flank B at i φ₁ + TE_B(φ₁);
-    between the two lies the backlash j = TE_B − TE_A. All angles are in rad and absolute.
+    The driven angle is φ₂ = i φ₁ + TE_A(φ₁) in contact on flank A and i φ₁ + TE_B(φ₁) on flank B.
+    The difference is the backlash j = TE_B − TE_A. All angles are absolute and in rad.
     """
 
     ratio: eqx.AbstractVar[Float[Array, ""]]
@@ -30,41 +30,41 @@ class FlankModel(eqx.Module):
     @property
     @abstractmethod
     def highest_order(self) -> float:
-        """Fastest harmonic that matters, in cycles per driving turn: what a grid must resolve."""
+        """Highest order that a grid must resolve, in cycles per driving turn."""
 
     @abstractmethod
     def transmission_error(
         self, driving_angle: Real[ArrayLike, "*shape"], flank: Flank
     ) -> Float[Array, "*shape"]:
-        """TE = φ₂ − i φ₁ while `flank` carries, rad of the driven gear (23)."""
+        """Return TE = φ₂ − i φ₁ (23) with `flank` in contact, rad of the driven gear."""
 
     def backlash(self, driving_angle: Real[ArrayLike, "*shape"]) -> Float[Array, "*shape"]:
-        """Backlash j = TE_B − TE_A, rad of the driven gear (22)."""
+        """Return the backlash j = TE_B − TE_A (22), rad of the driven gear."""
         return self.transmission_error(driving_angle, "B") - self.transmission_error(
             driving_angle, "A"
         )
 
 
 def flank_index(flank: Flank) -> int:
-    """Position of a flank on every flank axis: A is 0, B is 1."""
+    """Return the index of a flank on every flank axis: 0 for A, 1 for B."""
     if flank not in ("A", "B"):
         raise ValueError(f'Argument `flank` must be "A" or "B", but is {flank!r}.')
     return 0 if flank == "A" else 1
 
 
-_MOST_ITERATIONS = 60
+_MOST_ITERATIONS = 60  # a chosen limit; about five are needed, see `fixed_point`
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
 def fixed_point(step: Callable[[Any, Any], Any], args: Any) -> Float[Array, "..."]:
-    """Solve t = step(t, args) elementwise by iteration, starting at t = 0.
+    """Solve t = step(t, args) elementwise by iteration from t = 0.
 
-    `step` is a contraction in t; for an eccentric gear it contracts by e₂/R₂ (about 1e-3), so five
-    iterations reach the last bit. The derivative follows from the solution alone,
+    `step` must be a contraction in t. For an eccentric gear the contraction factor is e₂/R₂ (about
+    1e-3), so five iterations reach the last bit. The derivative is computed from the solution,
 
         dt = (∂step/∂args · dargs) / (1 − ∂step/∂t),
 
-    and never from the iterations, so it is exact in forward and reverse mode to any order.
+    and not from the iterations, so it is exact in forward and reverse mode to any order.
     """
     return _iterated(step, args)
 
@@ -81,7 +81,7 @@ def _(step, primals, tangents):
 
 @partial(jax.jit, static_argnums=0)
 def _iterated(step: Callable[[Any, Any], Any], args: Any) -> Float[Array, "..."]:
-    """The iteration, compiled once for each `step`: also outside a compiled function."""
+    """Iterate until the value settles; compiled once for each `step`, also when called eagerly."""
 
     def unsettled(state):
         value, previous, iteration = state
@@ -99,7 +99,7 @@ def _iterated(step: Callable[[Any, Any], Any], args: Any) -> Float[Array, "..."]
 
 
 class ImplicitModel(FlankModel):
-    """A relation TE = f(φ₁, φ₂) in contact, with φ₂ = i φ₁ + TE on its right-hand side."""
+    """Flank model given by a relation TE = f(φ₁, φ₂) in contact, where φ₂ = i φ₁ + TE."""
 
     @abstractmethod
     def at_both_angles(
@@ -108,12 +108,12 @@ class ImplicitModel(FlankModel):
         driven_angle: Float[Array, "*shape"],
         flank: Flank,
     ) -> Float[Array, "*shape"]:
-        """TE of `flank` where both shaft angles are known, rad."""
+        """Return TE of `flank`, rad, for given angles of both shafts."""
 
     def transmission_error(
         self, driving_angle: Real[ArrayLike, "*shape"], flank: Flank
     ) -> Float[Array, "*shape"]:
-        """TE of `flank`, rad: the solution of TE = f(φ₁, i φ₁ + TE)."""
+        """Return TE of `flank`, rad: the solution of TE = f(φ₁, i φ₁ + TE)."""
         angle = jnp.asarray(driving_angle, float)
         return fixed_point(_STEPS[flank_index(flank)], (self, angle))
 

@@ -1,7 +1,7 @@
-"""The kinematics as pure functions on arrays: rad and mm in, rad and mm out.
+"""Kinematics as pure functions of arrays; all angles are in rad and all lengths in mm.
 
-All of them can be jitted, batched and differentiated with respect to every number, including those
-inside `GearPair` and `Eccentricities`, and need 64-bit floats for angles over many turns.
+They can be jitted, batched and differentiated with respect to every number, including the numbers
+in `GearPair` and `Eccentricities`. Angles over many turns need 64-bit floats.
 """
 
 from typing import Literal
@@ -30,16 +30,16 @@ def transmission_error(
     reference: Reference = "absolute",
     pressure_angle: PressureAngle = "working",
 ) -> Float[Array, "*shape"]:
-    """First-order transmission error (19), (20) with constant backlash and axial displacement.
+    """Return the first-order transmission error (19), (20).
 
         TE_A = K [e₁ sin(ψ₁ + α) + e₂ sin(χ₂ − α)] + s tan β_L / R₂
         TE_B = K [e₁ sin(ψ₁ − α) + e₂ sin(χ₂ + α)] − s tan β_R / R₂ + j_c
 
     **Arguments**
     - `driving_angle`: φ₁ in rad, any shape.
-    - `pair`, `eccentricities`: the rig.
+    - `pair`, `eccentricities`: gears and eccentricities of the rig, the latter with s and j_c.
     - `flank`: "A" for increasing φ₁, "B" for decreasing φ₁.
-    - `reference`: "absolute", or "start" for the paper's form that is zero at φ₁ = 0.
+    - `reference`: "absolute", or "start" for the form of the paper, which is zero at φ₁ = 0.
     - `pressure_angle`: "working" for α_w at the nominal centre distance, "reference" for αₜ.
 
     **Returns** TE in rad of the driven gear, shape of `driving_angle`.
@@ -70,10 +70,10 @@ def exact_transmission_error(
     *,
     reference: Reference = "absolute",
 ) -> Float[Array, "*shape"]:
-    """Transmission error of two eccentric involutes without approximation; see `ExactModel`.
+    """Return the exact transmission error of two eccentric involutes; see `ExactModel`.
 
-    Arguments and result as `transmission_error`. The relation is implicit in the driven angle; it
-    is solved by a fixed point and differentiated by the implicit function theorem.
+    Arguments and result are those of `transmission_error`. The relation is implicit in the driven
+    angle; it is solved by a fixed point and differentiated by the implicit function theorem.
 
     **Example**
     ```python
@@ -99,11 +99,11 @@ def backlash(
     *,
     pressure_angle: PressureAngle = "working",
 ) -> Float[Array, "*shape"]:
-    """First-order backlash (21), (22): j = TE_B − TE_A, rad of the driven gear.
+    """Return the first-order backlash (21), (22), j = TE_B − TE_A, rad of the driven gear.
 
         j = j_c + 2 K sin α [e₂ cos χ₂ − e₁ cos ψ₁] − s (tan β_L + tan β_R)/R₂
 
-    Arguments as `transmission_error`.
+    The arguments are those of `transmission_error`.
 
     **Example**
     ```python
@@ -127,9 +127,9 @@ def exact_backlash(
     pair: GearPair,
     eccentricities: Eccentricities,
 ) -> Float[Array, "*shape"]:
-    """Backlash of two eccentric involutes without approximation, rad of the driven gear.
+    """Return the exact backlash of two eccentric involutes, rad of the driven gear.
 
-    Arguments as `transmission_error`.
+    The arguments are those of `transmission_error`.
 
     **Example**
     ```python
@@ -150,9 +150,9 @@ def exact_backlash(
 def axial_displacement(
     backlash_mm: Real[ArrayLike, "*shape"], pair: GearPair
 ) -> Float[Array, "*shape"]:
-    """Axial displacement that takes up a backlash (16), s = j / (tan β_L + tan β_R), mm.
+    """Return the axial displacement that closes a backlash (16), s = j / (tan β_L + tan β_R), mm.
 
-    `backlash_mm` is circumferential at the reference circle; infinite for untapered gears.
+    `backlash_mm` is measured along the reference circle. The result is infinite without taper.
 
     **Example**
     ```python

@@ -1,4 +1,4 @@
-"""Harmonic flank models: harmonics of both shafts and of the mesh, or on the exact relation."""
+"""Harmonic flank models: Fourier series in both shaft angles, alone or added to the exact model."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -10,19 +10,19 @@ from .exact import ExactModel
 from .flank_model import ImplicitModel, flank_index
 
 Term = tuple[int, int]
-"""Orders (n₁, n₂) of one harmonic: it turns with n₁ φ₁ + n₂ φ₂. Tooth mesh k is (k z₁, 0)."""
+"""Orders (n₁, n₂) of one harmonic with the phase n₁ φ₁ + n₂ φ₂; tooth mesh k is (k z₁, 0)."""
 
 
 class OrderModel(ImplicitModel):
-    """Harmonics of both shaft angles on each flank.
+    """Fourier series of the transmission error in both shaft angles, one for each flank.
 
         TE_f = offset_f + Σ_t [cosine_ft cos(n₁ φ₁ + n₂ φ₂) + sine_ft sin(n₁ φ₁ + n₂ φ₂)]
 
     **Arguments**
     - `ratio`: i = z₁/z₂.
     - `terms`: the orders (n₁, n₂) of every harmonic.
-    - `offset`: rad, shape (2,), flanks A and B.
-    - `cosine`, `sine`: rad, shape (2, len(terms)).
+    - `offset`: constant terms of flanks A and B, rad, shape (2,).
+    - `cosine`, `sine`: coefficients, rad, shape (2, len(terms)).
     """
 
     ratio: Float[Array, ""]
@@ -33,7 +33,7 @@ class OrderModel(ImplicitModel):
 
     @property
     def highest_order(self) -> float:
-        """Fastest harmonic, in cycles per driving turn."""
+        """Highest order of the terms, in cycles per driving turn."""
         ratio = float(self.ratio)
         return max((abs(driving + driven * ratio) for driving, driven in self.terms), default=1.0)
 
@@ -43,7 +43,7 @@ class OrderModel(ImplicitModel):
         driven_angle: Float[Array, "*shape"],
         flank: Flank,
     ) -> Float[Array, "*shape"]:
-        """TE of `flank` where both shaft angles are known, rad."""
+        """Return TE of `flank`, rad, for given angles of both shafts."""
         side = flank_index(flank)
         if not self.terms:
             return self.offset[side] + 0.0 * driven_angle
@@ -54,7 +54,7 @@ class OrderModel(ImplicitModel):
 
 
 class CombinedModel(ImplicitModel):
-    """TE_f = exact TE_f + orders TE_f, both at the angles the gears really have."""
+    """Sum of the exact and the harmonic TE, both at the actual angles of the gears."""
 
     ratio: Float[Array, ""]
     exact: ExactModel
@@ -62,7 +62,7 @@ class CombinedModel(ImplicitModel):
 
     @property
     def highest_order(self) -> float:
-        """Fastest harmonic of both parts, in cycles per driving turn."""
+        """Highest order of both parts, in cycles per driving turn."""
         return max(self.exact.highest_order, self.orders.highest_order)
 
     def at_both_angles(
@@ -71,7 +71,7 @@ class CombinedModel(ImplicitModel):
         driven_angle: Float[Array, "*shape"],
         flank: Flank,
     ) -> Float[Array, "*shape"]:
-        """TE of `flank` where both shaft angles are known, rad."""
+        """Return TE of `flank`, rad, for given angles of both shafts."""
         return self.exact.at_both_angles(
             driving_angle, driven_angle, flank
         ) + self.orders.at_both_angles(driving_angle, driven_angle, flank)

@@ -1,4 +1,4 @@
-"""Transmission error against driving angle, as measured or as computed, one flank at a time."""
+"""Measured or computed transmission error of one flank over the driving angle."""
 
 from dataclasses import dataclass
 
@@ -14,13 +14,13 @@ Samples = Float[np.ndarray, " n"]
 
 @dataclass(frozen=True)
 class TECurve:
-    """One uninterrupted run of transmission error on one flank.
+    """Uninterrupted sequence of transmission errors on one flank.
 
     **Arguments**
-    - `flank`: "A" (driving angle increasing) or "B".
+    - `flank`: "A" (driving angle increases) or "B" (driving angle decreases).
     - `driving_angle`: φ₁ in rad, shape (n,).
     - `transmission_error`: TE = φ₂ − i φ₁ in rad, shape (n,).
-    - `time`: s, shape (n,).
+    - `time`: times of the samples in s, shape (n,).
     """
 
     flank: Flank
@@ -32,7 +32,7 @@ class TECurve:
         return len(self.driving_angle)
 
     def part(self, points: slice) -> "TECurve":
-        """Some consecutive points of the run."""
+        """Return a part of the curve: some consecutive points."""
         arrays = (self.driving_angle, self.transmission_error, self.time)
         return TECurve(self.flank, *(values[points] for values in arrays))
 
@@ -43,7 +43,7 @@ class TECurve:
 
     @property
     def mean_speed(self) -> float:
-        """Mean speed of the driving shaft, rad/s, without its sense; 0 for a single point."""
+        """Absolute mean speed of the driving shaft, rad/s; 0 for a single point."""
         duration = float(self.time[-1] - self.time[0]) if len(self) else 0.0
         return abs(float(self.driving_angle[-1] - self.driving_angle[0])) / (duration or np.inf)
 

@@ -1,12 +1,12 @@
-"""Where in the hunting period a pair stands, from one reading of each shaft within its turn.
+"""Identification of the turn within the hunting period from one single-turn reading of each shaft.
 
-The backlash is a function of φ₁ over the hunting period, an encoder of one turn knows φ₁ modulo one
-turn. The driven shaft tells the rest: at φ₁ = θ₁ + 2πk it stands at i φ₁ + TE, and over the n turns
-of the period i·2πk takes n values 2π/n apart. The turn is the k whose remainder
+The backlash depends on φ₁ over the whole hunting period, but a single-turn encoder measures φ₁
+modulo one turn. The driven shaft gives the turn: at φ₁ = θ₁ + 2πk its angle is i φ₁ + TE, and over
+the n turns of the period i·2πk takes n values that are 2π/n apart. The turn is the k for which
 
     x_k = φ₂ − i (θ₁ + 2πk)    (modulo 2π)
 
-lies where a transmission error of this pair can.
+lies in the range of the transmission error of this pair.
 """
 
 from dataclasses import dataclass
@@ -27,29 +27,29 @@ from ..pair.gear_pair import Flank
 from .flank_model import FlankModel, flank_index
 
 FARTHEST = 6.0
-"""Standard deviations off the flanks beyond which readings fit no turn at all."""
+"""Largest distance from the flanks, in standard deviations, that still fits a turn (chosen)."""
 
 TITLE = "place in the hunting period"
 
 _NARROW = 1e-4
-"""Width of the gap, in standard deviations, below which it counts as a point."""
+"""Gap width, in standard deviations, below which the gap is treated as a point (chosen)."""
 
-_MOST_TURNS = 2**20
+_MOST_TURNS = 2**20  # a chosen limit: the driven angles of two turns are then 1.2″ apart
 
 
 @dataclass(frozen=True)
 class Located:
-    """The turn within the hunting period.
+    """Most probable turn within the hunting period.
 
     **Arguments**
-    - `turn`: 0 … hunting turns − 1, counted from φ₁ = 0.
-    - `probability`: of that turn among all, which are equally probable beforehand.
-    - `driving_rad`: φ₁ in [0, 2π hunting turns).
-    - `runner_up`, `runner_up_probability`: the next probable turn; None and 0 for a period of one.
-    - `misfit_rad`: how far the driven shaft is outside the gap, or off the flank that is known.
-    - `std_rad`: standard deviation of φ₂ − i φ₁ that was reckoned with.
-    - `probabilities`: of every turn, shape (hunting turns,).
-    - `flank`: the one in contact, where that is known.
+    - `turn`: number of the turn, 0 … hunting turns − 1, counted from φ₁ = 0.
+    - `probability`: posterior probability of that turn; all turns have the same prior probability.
+    - `driving_rad`: φ₁ in [0, 2π hunting turns), rad.
+    - `runner_up`, `runner_up_probability`: second most probable turn; None and 0 if there is one.
+    - `misfit_rad`: distance of the driven shaft from the gap, or from the known flank, rad.
+    - `std_rad`: standard deviation of φ₂ − i φ₁ that was assumed, rad.
+    - `probabilities`: posterior probabilities of all turns, shape (hunting turns,).
+    - `flank`: flank in contact, or None if it is unknown.
     """
 
     turn: int
@@ -64,38 +64,34 @@ class Located:
 
     @property
     def hunting_turns(self) -> int:
-        """Turns of the driving shaft in the hunting period."""
+        """Number of turns of the driving shaft in the hunting period."""
         return len(self.probabilities)
 
     @property
     def fits(self) -> bool:
-        """False where the readings stand off even the best turn by six standard deviations.
+        """Whether the misfit at the best turn is at most six standard deviations.
 
-        The probabilities compare the turns with one another; they say nothing about readings that
-        no turn explains, of another pair, another zero or after a slip.
+        The probabilities only compare the turns with each other. They do not detect readings that
+        no turn explains, for example of another pair, with another zero or after a slip.
         """
         return self.misfit_rad <= FARTHEST * self.std_rad
 
     def rows(self) -> list[tuple[str, str]]:
-        """Names and values as they are printed."""
+        """Return names and values for printing."""
         rows = [
             ("turn", f"{self.turn} of 0 … {self.hunting_turns - 1}"),
             ("driving angle", f"{self.driving_rad / DEG:.4f}° of {360 * self.hunting_turns}°"),
             ("probability", f"{self.probability:.6g}"),
         ]
         if self.runner_up is not None:
-            rows.append(
-                (
-                    "runner-up",
-                    f"turn {self.runner_up}, probability {self.runner_up_probability:.2g}",
-                )
-            )
-        off = f"{self.misfit_rad / ARCSEC:.4g}″"
+            probability = f"probability {self.runner_up_probability:.2g}"
+            rows.append(("runner-up", f"turn {self.runner_up}, {probability}"))
+        misfit = f"{self.misfit_rad / ARCSEC:.4g}″"
         if self.flank is not None:
-            found = f"{off} off flank {self.flank}"
+            position = f"{misfit} off flank {self.flank}"
         else:
-            found = f"{off} outside the gap" if self.misfit_rad else "within the gap"
-        rows.append(("driven shaft", f"{found}; readings good to {self.std_rad / ARCSEC:.3g}″"))
+            position = f"{misfit} outside the gap" if self.misfit_rad else "within the gap"
+        rows.append(("driven shaft", f"{position}; readings good to {self.std_rad / ARCSEC:.3g}″"))
         if not self.fits:
             rows.append(("verdict", "these readings fit no turn"))
         return rows
@@ -113,28 +109,28 @@ def locate(
     std_rad: float,
     flank: Flank | None = None,
 ) -> Located:
-    """The turn within the hunting period from single-turn readings of both shafts.
+    """Find the turn within the hunting period from single-turn readings of both shafts.
 
-    Where a turn is right, the driven shaft stands between flank A and B at the angle of that turn:
+    If turn k is correct, the driven shaft lies between flanks A and B at the angle of that turn:
 
         p(x_k | k) = ∫ N(x_k − t; std) dt / (TE_B − TE_A)    over t from TE_A(φ₁) to TE_B(φ₁)
 
-    Uniform over the gap, ends included, because a shaft at rest may lie anywhere in it and nothing
-    tells where; a drive that runs is on a flank, p = N(x_k − TE_f; std), and `flank` says on which.
-    For the turns of a pair whose angles stand farther apart than gap and noise together the two
-    give the same answer.
+    The likelihood is uniform over the gap, ends included, because a shaft at rest can have any
+    position in the gap. A running drive is in contact with a flank; if `flank` is given, the
+    likelihood is p = N(x_k − TE_f; std). If the turns differ by more than the gap plus the noise,
+    both likelihoods give the same turn.
 
     **Arguments**
-    - `driving_rad`, `driven_rad`: φ₁ and φ₂ modulo one turn, from the zeros of the model.
+    - `driving_rad`, `driven_rad`: φ₁ and φ₂ modulo one turn, rad, from the zeros of the model.
     - `ratio`: i, driven over driving speed; its denominator is the number of turns.
-    - `transmission_error`: a flank model as measured, which gives TE_A and TE_B at every turn; or
-      both as two constants, (0, backlash) for a pair of which only that is known.
-    - `std_rad`: standard deviation of φ₂ − i φ₁ about the model, rad of the driven shaft: √(σ₂² +
-      i²σ₁²) for readings good to σ₁ and σ₂.
-    - `flank`: the flank in contact, where it is known.
+    - `transmission_error`: measured flank model, which gives TE_A and TE_B at every turn; or two
+      constants TE_A and TE_B, rad: (0, backlash) if only the backlash is known.
+    - `std_rad`: standard deviation of φ₂ − i φ₁ about the model, rad of the driven shaft. It is
+      √(σ₂² + i²σ₁²) for readings with the standard deviations σ₁ and σ₂.
+    - `flank`: flank in contact, or None if it is unknown.
 
-    **Raises** `ValueError` for readings that are no numbers and for a `std_rad` that is not
-    positive, `NoAnswerError` for a period of more than 2²⁰ turns.
+    **Raises** `ValueError` for readings that are not finite and for a `std_rad` that is not
+    positive and finite, `NoAnswerError` for a period of more than 2²⁰ turns.
 
     **Example**
     ```python
@@ -142,11 +138,11 @@ def locate(
     >>> from fractions import Fraction
     >>> from vttig_jax.kinematics import locate
     >>> vttig_jax.enable_x64()
-    >>> turn, within = 5, math.radians(123.4)
-    >>> driven = 45 / 80 * (2 * math.pi * turn + within) + math.radians(0.02)
+    >>> turn, driving = 5, math.radians(123.4)
+    >>> driven = 45 / 80 * (2 * math.pi * turn + driving) + math.radians(0.02)
     >>> gap = 0.0, math.radians(0.04)
-    >>> found = locate(within, driven % (2 * math.pi), Fraction(45, 80), gap, std_rad=1e-3)
-    >>> found.turn, round(found.probability, 6), round(math.degrees(found.driving_rad), 3)
+    >>> result = locate(driving, driven % (2 * math.pi), Fraction(45, 80), gap, std_rad=1e-3)
+    >>> result.turn, round(result.probability, 6), round(math.degrees(result.driving_rad), 3)
     (5, 1.0, 1923.4)
 
     ```
@@ -154,28 +150,28 @@ def locate(
     require_x64("locate")
     turns = ratio.denominator
     _require_possible(driving_rad, driven_rad, std_rad, turns)
-    within = float(np.mod(driving_rad, REV))
-    within = 0.0 if within == REV else within
-    candidates = within + REV * np.arange(turns)
+    angle = float(np.mod(driving_rad, REV))
+    angle = 0.0 if angle == REV else angle
+    candidates = angle + REV * np.arange(turns)
     lower, upper = _flanks(transmission_error, candidates)
     if flank is not None:
         lower = upper = (lower, upper)[flank_index(flank)]
-    remainder = turn_remainders(within, driven_rad, lower, upper, float(ratio))
+    remainder = turn_remainders(angle, driven_rad, lower, upper, float(ratio))
     likelihood = turn_log_likelihood(remainder, lower, upper, std_rad)
-    chance = np.asarray(jax.nn.softmax(likelihood))
+    probabilities = np.asarray(jax.nn.softmax(likelihood))
     order = np.argsort(-np.asarray(likelihood), kind="stable")
     best = int(order[0])
     low, high = sorted((float(lower[best]), float(upper[best])))
-    place = float(remainder[best])
+    error = float(remainder[best])
     return Located(
         turn=best,
-        probability=float(chance[best]),
+        probability=float(probabilities[best]),
         driving_rad=float(candidates[best]),
         runner_up=int(order[1]) if turns > 1 else None,
-        runner_up_probability=float(chance[order[1]]) if turns > 1 else 0.0,
-        misfit_rad=max(0.0, low - place, place - high),
+        runner_up_probability=float(probabilities[order[1]]) if turns > 1 else 0.0,
+        misfit_rad=max(0.0, low - error, error - high),
         std_rad=float(std_rad),
-        probabilities=chance,
+        probabilities=probabilities,
         flank=flank,
     )
 
@@ -187,15 +183,15 @@ def turn_remainders(
     upper: Real[ArrayLike, "*#shape turns"],
     ratio: Real[ArrayLike, ""],
 ) -> Float[Array, "*shape turns"]:
-    """x_k = φ₂ − i (φ₁ + 2πk) at every turn k, rad, by whole turns next to the middle of the gap.
+    """Return x_k = φ₂ − i (φ₁ + 2πk), rad, at every turn k, within half a turn of the gap middle.
 
-    `driving`, `driven`: φ₁ and φ₂ in rad modulo one turn. `lower`, `upper`: TE of the flanks at
-    every turn. `ratio`: i.
+    `driving` and `driven` are φ₁ and φ₂ in rad modulo one turn, `lower` and `upper` the TE of the
+    flanks at every turn in rad, and `ratio` is i.
     """
     middle = (jnp.asarray(lower, float) + jnp.asarray(upper, float)) / 2
     first, second = (jnp.asarray(angle, float)[..., None] for angle in (driving, driven))
-    apart = second - ratio * (first + REV * jnp.arange(middle.shape[-1])) - middle
-    return middle + apart - REV * jnp.round(apart / REV)
+    distance = second - ratio * (first + REV * jnp.arange(middle.shape[-1])) - middle
+    return middle + distance - REV * jnp.round(distance / REV)
 
 
 def turn_log_likelihood(
@@ -204,29 +200,29 @@ def turn_log_likelihood(
     upper: Real[ArrayLike, "*#shape turns"],
     std: Real[ArrayLike, ""],
 ) -> Float[Array, "*shape turns"]:
-    """ln p(x_k | k) of every turn: uniform between the flanks, convolved with a Gaussian.
+    """Return ln p(x_k | k) of every turn: a uniform density of the gap convolved with a Gaussian.
 
-    Where the flanks meet it is the Gaussian itself. `softmax` over the last axis makes it the
-    probability of every turn. Flanks that cross, a pair that binds, count as a gap of that width.
+    For a gap of width zero it is the Gaussian itself. `softmax` over the last axis gives the
+    probability of every turn. A negative backlash counts as a gap of its absolute width.
     """
     std, remainder = jnp.asarray(std, float), jnp.asarray(remainder, float)
     first, second = ((remainder - jnp.asarray(te, float)) / std for te in (lower, upper))
     high, low = jnp.maximum(first, second), jnp.minimum(first, second)
-    # Both ends where the distribution function is small, or their difference would be rounding.
-    flipped = high + low > 0
-    high, low = jnp.where(flipped, -low, high), jnp.where(flipped, -high, low)
+    # The lower tail is used: near 1 the difference of two distribution functions is rounding.
+    mirrored = high + low > 0
+    high, low = jnp.where(mirrored, -low, high), jnp.where(mirrored, -high, low)
     middle, width = (high + low) / 2, high - low
     point = width * jnp.maximum(1.0, jnp.abs(middle)) < _NARROW
     low = jnp.where(point, high - 1.0, low)
     top = log_ndtr(high)
-    between = top + jnp.log1p(-jnp.exp(log_ndtr(low) - top)) - jnp.log(jnp.where(point, 1.0, width))
-    return jnp.where(point, -(middle**2) / 2 - np.log(np.sqrt(REV)), between) - jnp.log(std)
+    gap = top + jnp.log1p(-jnp.exp(log_ndtr(low) - top)) - jnp.log(jnp.where(point, 1.0, width))
+    return jnp.where(point, -(middle**2) / 2 - np.log(np.sqrt(REV)), gap) - jnp.log(std)
 
 
 def _flanks(
     transmission_error: FlankModel | tuple[float, float], angles: Float[np.ndarray, " turns"]
 ) -> tuple[Float[np.ndarray, " turns"], Float[np.ndarray, " turns"]]:
-    """TE_A and TE_B at driving angles, rad."""
+    """Return TE_A and TE_B at driving angles, rad."""
     if isinstance(transmission_error, FlankModel):
         lower, upper = (
             np.asarray(transmission_error.transmission_error(angles, flank)) for flank in ("A", "B")
@@ -235,13 +231,13 @@ def _flanks(
         lower, upper = (np.full(len(angles), float(te)) for te in transmission_error)
     if not (np.isfinite(lower).all() and np.isfinite(upper).all()):
         raise ValueError(
-            "Argument `transmission_error` must be known on both flanks, but one is not a number."
+            "Argument `transmission_error` must be known on both flanks, but a value is not finite."
         )
     return lower, upper
 
 
 def _require_possible(driving_rad: float, driven_rad: float, std_rad: float, turns: int) -> None:
-    """Refuse numbers that are none and periods that no encoder resolves."""
+    """Raise an error for numbers that are not finite and for periods that no encoder resolves."""
     if not (np.isfinite(driving_rad) and np.isfinite(driven_rad)):
         raise ValueError(
             "Arguments `driving_rad` and `driven_rad` must be finite, but are"
@@ -251,7 +247,7 @@ def _require_possible(driving_rad: float, driven_rad: float, std_rad: float, tur
         raise ValueError(f"Argument `std_rad` must be positive and finite, but is {std_rad}.")
     if turns > _MOST_TURNS:
         raise NoAnswerError(
-            f"a hunting period of {turns} turns leaves {360 * 3600 / turns:.2g}″ between the driven"
-            " angles of two turns, too little for any encoder; give the ratio as a quotient of"
-            ' tooth numbers, such as "7/1798".'
+            f"in a hunting period of {turns} turns the driven angles of two turns differ by"
+            f" {360 * 3600 / turns:.2g}″, which no encoder resolves; give the ratio as a quotient"
+            ' of tooth numbers, such as "7/1798".'
         )

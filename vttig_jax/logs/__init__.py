@@ -1,4 +1,4 @@
-"""Encoder logs: reading, unwrapping, segments, inspection. Needs no jax."""
+"""Encoder logs: reading, unwrapping, segments and inspection; imports no jax."""
 
 from typing import TYPE_CHECKING
 

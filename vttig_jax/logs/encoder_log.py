@@ -1,5 +1,6 @@
-"""`EncoderLog`: two shafts over time, or one shaft and its transmission error."""
+"""`EncoderLog`: angles of two shafts, or of one shaft with the transmission error, over time."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import cached_property
@@ -18,13 +19,12 @@ from .protocols import TwoShafts
 from .source import Source
 
 FEWEST_SAMPLES = 4
-
 PAUSE = 5.0
-"""Sampling intervals longer than this many median ones are pauses."""
+"""Least number of samples; intervals longer than this many median ones are pauses (chosen)."""
 
 
 def as_column(name: str, values: ArrayLike, size: int | None) -> Real[np.ndarray, " n"]:
-    """A copy as a one-dimensional array of numbers of length `size` (any length for None).
+    """Copy values to a one-dimensional array of numbers of length `size` (None: any length).
 
     **Raises** `ValueError` naming the argument.
     """
@@ -40,7 +40,7 @@ def as_column(name: str, values: ArrayLike, size: int | None) -> Real[np.ndarray
 def check_arguments(
     with_driven: bool, with_error: bool, units: tuple[str, str], error_unit: str
 ) -> None:
-    """Raise `ValueError` unless exactly one of both is given, in units there are."""
+    """Raise `ValueError` unless exactly one second channel is given and all units are known."""
     if with_driven == with_error:
         seen = "both are" if with_driven else "neither is"
         raise ValueError(
@@ -76,16 +76,16 @@ def check_finite(raw: "RawLog") -> None:
         if not finite.all():
             row = int(np.argmin(finite))
             raise LogError(
-                f"{column[row]} is no measured value; remove the line or repair the reading.",
+                f"{column[row]} is not a number; remove the line or correct the reading.",
                 where=raw.source.at(role, row),
             )
 
 
 def check_time(time: Float[np.ndarray, " n"], source: Source) -> list[str]:
-    """Raise `LogError` for too few samples or time running backwards; note repeated stamps."""
+    """Return notes on the time stamps; raise `LogError` for too few or decreasing ones."""
     if len(time) < FEWEST_SAMPLES:
         raise LogError(
-            f"only {len(time)} samples; a log needs at least {FEWEST_SAMPLES}.",
+            f"the log has only {len(time)} samples; record at least {FEWEST_SAMPLES}.",
             where=source.at("time"),
         )
     interval = np.diff(time)
@@ -96,14 +96,14 @@ def check_time(time: Float[np.ndarray, " n"], source: Source) -> list[str]:
             " or cut it there.",
             where=source.at("time", row),
         )
-    same = int(np.count_nonzero(interval == 0))
-    if 2 * same > len(interval):
+    repeated = int(np.count_nonzero(interval == 0))
+    if 2 * repeated > len(interval):
         raise LogError(
-            f"{same} of {len(interval)} time steps are zero; write the time with more digits or"
+            f"{repeated} of {len(interval)} time steps are zero; write the time with more digits or"
             " give --sample-rate.",
             where=source.at("time"),
         )
-    notes = [f"time: {same} stamps repeat the one before"] if same else []
+    notes = [f"time: {repeated} stamps repeat the one before"] if repeated else []
     long = interval > PAUSE * np.median(interval)
     if long.any():
         count = int(long.sum())
@@ -113,24 +113,24 @@ def check_time(time: Float[np.ndarray, " n"], source: Source) -> list[str]:
 
 
 def check_direction(direction: Real[np.ndarray, " n"], source: Source) -> Int8[np.ndarray, " n"]:
-    """The direction column as int8; `LogError` for anything but +1, 0 and −1."""
-    odd = ~np.isin(direction, (-1, 0, 1))
-    if odd.any():
-        row = int(np.argmax(odd))
+    """Return the direction column as int8; raise `LogError` for values other than +1, 0 and −1."""
+    invalid = ~np.isin(direction, (-1, 0, 1))
+    if invalid.any():
+        row = int(np.argmax(invalid))
         raise LogError(
-            f"{direction[row]:g} is no direction; write +1, 0 or -1.",
+            f"{direction[row]:g} is not a direction; write +1, 0 or -1.",
             where=source.at("direction", row),
         )
     return direction.astype(np.int8)
 
 
 STANDSTILL = DEG
-"""A driving shaft that never leaves one degree has not moved."""
+"""Least travel in rad of the driving shaft; a shaft with less has not moved (chosen)."""
 
 
 @dataclass(frozen=True)
 class RawLog:
-    """Columns with units, before unwrapping; all of one length, time in s, error in rad."""
+    """Columns before unwrapping, all of one length: time in s, error in rad."""
 
     time: Float[np.ndarray, " n"]
     driving: RawChannel
@@ -148,20 +148,21 @@ class RawLog:
 
 @dataclass(frozen=True, eq=False)
 class EncoderLog:
-    """A validated log. Exactly one of `driven` and `error` is present.
+    """Validated log with exactly one of `driven` and `error`.
 
     **Arguments**
-    - `time`: s, never running backwards.
-    - `driving`, `driven`: the encoder channels.
-    - `error`: transmission error of a TE-curve log, rad of the driven shaft, as read.
-    - `direction`: +1, 0, −1 per sample where the log has such a column; `axial_mm`: axial position
-      of the driven gear; `torque`: in the column's unit, positive where it pushes φ₁ forward;
-      `speed` (rad/s), `acceleration` (rad/s²): of the driving shaft, where they were logged.
-    - `ratio`: driven over driving speed, i.
-    - `zero`: where angles are zero: at the first sample ("start") or where the channels read 0
+    - `time`: time in s, not decreasing.
+    - `driving`, `driven`: encoder channels.
+    - `error`: transmission error of a TE-curve log as read, in rad of the driven shaft.
+    - `direction`: +1, 0 or −1 per sample; `axial_mm`: axial position of the driven gear in mm;
+      `torque`: torque in the unit of its column, positive if it accelerates φ₁ forward; `speed`
+      (rad/s), `acceleration` (rad/s²): of the driving shaft. Each is None without a column.
+    - `ratio`: ratio i of the driven to the driving speed.
+    - `zero`: zero of the angles: the first sample ("start") or the reading 0 of each channel
       ("reading").
     - `source`, `sha256`: file name and digest of its bytes ("" for arrays).
-    - `notes`: sentences on what was detected or assumed.
+    - `notes`: sentences on detected properties and assumptions.
+    - `keywords`: keywords of `read_log` that the log was read with.
     """
 
     time: Float[np.ndarray, " n"]
@@ -179,27 +180,28 @@ class EncoderLog:
     place: Source = field(default_factory=lambda: Source("log"), repr=False)
     speed: Float[np.ndarray, " n"] | None = None
     acceleration: Float[np.ndarray, " n"] | None = None
+    keywords: Mapping[str, Any] = field(default_factory=dict, repr=False)
 
     @property
     def driving_angle(self) -> Float[np.ndarray, " n"]:
-        """φ₁ in rad."""
+        """Driving angle φ₁ in rad."""
         return self.driving.angle
 
     @cached_property
     def driven_angle(self) -> Float[np.ndarray, " n"]:
-        """φ₂ in rad; of a TE-curve log i φ₁ + TE."""
+        """Driven angle φ₂ in rad; for a TE-curve log it is i φ₁ + TE."""
         if self.driven is not None:
             return self.driven.angle
         return float(self.ratio) * self.driving_angle + self.transmission_error
 
     @cached_property
     def transmission_error(self) -> Float[np.ndarray, " n"]:
-        """TE = φ₂ − i φ₁ in rad of the driven shaft.
+        """Transmission error TE = φ₂ − i φ₁ in rad of the driven shaft.
 
-        Whole turns of counts are combined as integers, so that long logs lose no digits.
+        Whole turns of counts are combined as integers, so that long logs keep all digits.
         """
         if self.driven is None:
-            assert self.error is not None  # held by `from_raw`
+            assert self.error is not None  # checked by `from_raw`
             return self.error
         (turns1, rest1), (turns2, rest2) = self.driving.turns_and_rest, self.driven.turns_and_rest
         i = self.ratio
@@ -208,17 +210,17 @@ class EncoderLog:
 
     @cached_property
     def rounding(self) -> float:
-        """Rad by which the last digit of the readings may change a transmission error."""
+        """Rounding error of the transmission error in rad."""
         return float(np.finfo(np.float64).eps * np.abs(self.driven_angle).max())
 
     @cached_property
     def spikes(self) -> Bool[np.ndarray, " n"]:
-        """Samples at which a channel stands off its neighbours and comes back."""
-        apart = np.zeros(len(self), bool)
+        """Mask of the samples at which a channel has a spike."""
+        mask = np.zeros(len(self), bool)
         for channel in (self.driving, self.driven):
             if channel is not None and channel.spikes is not None:
-                apart |= channel.spikes
-        return apart
+                mask |= channel.spikes
+        return mask
 
     def __len__(self) -> int:
         return len(self.time)
@@ -256,17 +258,17 @@ class EncoderLog:
         acceleration: ArrayLike | None = None,
         source: str = "arrays",
     ) -> "EncoderLog":
-        """A log from arrays of shape (n,), validated like a file.
+        """Create a log from arrays of shape (n,) with the validation of a file.
 
         **Arguments**
-        - `time_s`: s. `driving`, `driven`: readings in `unit` (one unit, or one for each shaft):
+        - `time_s`: time in s. `driving`, `driven`: readings in `unit` (one unit, or one per shaft):
           "counts" (with the encoder of `pair`), "deg", "rad", "rev", "arcsec" or "urad".
-        - `transmission_error`: instead of `driven`, in `transmission_error_unit`.
-        - `pair`: ratio, encoders and, in its `log`, the zero and the scales.
+        - `transmission_error`: replaces `driven`, in `transmission_error_unit`.
+        - `pair`: ratio and encoders; its `log` contains the zero and the scales.
         - `direction` (+1, 0, −1), `axial_mm`, `torque`, `speed` (rad/s), `acceleration` (rad/s²):
           as in `EncoderLog`.
 
-        **Raises** `ValueError` for wrong arguments, `LogError` for data that is no log.
+        **Raises** `ValueError` for wrong arguments, `LogError` for invalid data.
 
         **Example**
         ```python
@@ -306,27 +308,27 @@ class EncoderLog:
 
     @classmethod
     def from_raw(cls, raw: RawLog, pair: TwoShafts) -> "EncoderLog":
-        """Validate columns, unwrap the channels and put the angles at the pair's zero."""
+        """Validate the columns, unwrap the channels and apply the zero of the pair file."""
         check_finite(raw)
         notes = [*raw.notes, *check_time(raw.time, raw.source)]
         zero = pair.log.zero
-        driving, found = make_channel(
+        driving, channel_notes = make_channel(
             "driving", raw.driving, pair.driving.encoder, raw.time, zero, raw.source
         )
-        notes += found
+        notes += channel_notes
         driven = None
         if raw.driven is not None:
-            driven, found = make_channel(
+            driven, channel_notes = make_channel(
                 "driven", raw.driven, pair.driven.encoder, raw.time, zero, raw.source
             )
-            notes += found
+            notes += channel_notes
         elif pair.log.driven_scale != 1:
             raise LogError(
-                "a scale for a log without a driven channel; remove it.", where="log.driven_scale"
+                "the log has no driven channel; remove this scale.", where="log.driven_scale"
             )
         elif raw.error is not None and np.ptp(raw.error) == 0:
             raise LogError(
-                "the transmission error is constant; log one that was measured.",
+                "the transmission error is constant; record a measured one.",
                 where=raw.source.at("transmission_error"),
             )
         if driving.turns * REV < STANDSTILL:
@@ -350,7 +352,7 @@ class EncoderLog:
             raw.source.name,
             raw.sha256,
             tuple(notes),
-            replace(raw.source, line_of=None),  # it would keep the whole text alive
+            replace(raw.source, line_of=None),  # frees the memory of the whole text
             raw.speed,
             raw.acceleration,
         )

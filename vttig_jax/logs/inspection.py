@@ -1,4 +1,4 @@
-"""The inspection of a log before any fit, and its report."""
+"""Inspection of a log before a fit, and its report."""
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..base.files.text_tables import key_values, text_table
+from ..base.results import TextResult
 from ..base.threads import one_blas_thread
 from ..base.units import ARCSEC, REV
 from ..pair.schema import HarmonicOrders
@@ -36,7 +37,7 @@ from .protocols import TwoShafts
 
 @dataclass(frozen=True)
 class ColumnReport:
-    """One column of a log; `turns` and `resolution_arcsec` where its unit makes it an angle."""
+    """Column of a log; `turns` and `resolution_arcsec` are None unless it is an angle."""
 
     role: str | None
     name: str
@@ -50,8 +51,8 @@ class ColumnReport:
 
 
 @dataclass(frozen=True)
-class Inspection:
-    """Report on a log. `print(inspection)` is meant to be read, `to_json()` to be kept."""
+class Inspection(TextResult):
+    """Report on a log, printed by `print(inspection)` and stored by `to_json()`."""
 
     source: str
     sha256: str
@@ -69,12 +70,12 @@ class Inspection:
     lines: tuple[Line, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
-        """The report as `vttig.inspect/1`."""
+        """Return the report as an object of the schema `vttig.inspect/1`."""
         motion = [
             {"start": m.start, "stop": m.stop, "kind": m.kind, "speed_rpm": 60 * m.speed / REV}
             for m in self.segments.motion
         ]
-        pieces = [
+        segments = [
             {"start": s.start, "stop": s.stop, "flank": s.flank, "speed_rpm": 60 * s.speed / REV}
             for s in self.segments.segments
         ]
@@ -100,10 +101,10 @@ class Inspection:
                 "sentence": ratio.sentence,
             },
             "motion": motion,
-            "segments": pieces,
+            "segments": segments,
             "plateaus": [asdict(plateau) for plateau in self.plateaus],
-            "commensurate": [asdict(one) for one in self.commensurate],
-            "aliased": [asdict(one) for one in self.aliased],
+            "commensurate": [asdict(finding) for finding in self.commensurate],
+            "aliased": [asdict(finding) for finding in self.aliased],
             "spectrum": [asdict(line) for line in self.spectrum],
             "lines": [asdict(line) for line in self.lines],
             "support": asdict(self.support),
@@ -116,18 +117,18 @@ class Inspection:
 
 @one_blas_thread
 def inspect_log(log: EncoderLog, pair: TwoShafts | None = None) -> Inspection:
-    """Look at a log from all sides; raises nothing a validated log could cause.
+    """Inspect a validated log with all checks; no finding raises an error.
 
     **Arguments**
-    - `pair`: its fit orders and tooth counts decide which orders may alias; the default orders
-      without tooth mesh where absent.
+    - `pair`: source of the fit orders and tooth counts for the test of aliasing; without it the
+      default orders without tooth mesh are tested.
     """
     segments = assigned_segments(log)
     sampling = sampling_of(log.time)
     plateaus = plateaus_of(segments.segments)
-    spectrum, lost = order_spectrum(log, segments.segments)
+    spectrum, spectrum_notes = order_spectrum(log, segments.segments)
     slip = find_slip(log, segments)
-    slipped = () if slip is None else (slip.sentence,)
+    slip_notes = () if slip is None else (slip.sentence,)
     return Inspection(
         log.source,
         log.sha256,
@@ -141,7 +142,7 @@ def inspect_log(log: EncoderLog, pair: TwoShafts | None = None) -> Inspection:
         aliased(plateaus, sampling.rate_hz, _fit_orders(log, pair)),
         spectrum,
         support_of(log, segments.segments),
-        (*log.notes, *slipped, *segments.notes, *lost),
+        (*log.notes, *slip_notes, *segments.notes, *spectrum_notes),
         blind_lines(log, segments.segments),
     )
 
@@ -197,13 +198,12 @@ def _channel(role: str, name: str, channel: Channel) -> ColumnReport:
 
 
 WIDTH = 100
-
 MOST_LINES = 12
-"""Rows of a table before it is cut short."""
+"""Line width of the report in characters, and largest number of rows of a table (chosen)."""
 
 
 def inspection_text(report: "Inspection") -> str:
-    """All sections of a report; empty ones are left out."""
+    """Return the text of a report without empty sections."""
     segments = report.segments
     parts = [
         f"{report.source}\n",
@@ -233,7 +233,7 @@ def inspection_text(report: "Inspection") -> str:
 
 
 def column_table(columns: "Sequence[ColumnReport]") -> str:
-    """One row a column of the log."""
+    """Return a table with one row for each column of the log."""
     rows = [
         (
             c.role or "",
@@ -252,9 +252,9 @@ def column_table(columns: "Sequence[ColumnReport]") -> str:
 
 
 def sampling_rows(sampling: Sampling, rows: int) -> list[tuple[str, str]]:
-    """Name and value of everything about the time stamps."""
+    """Return names and values of the properties of the time stamps."""
     share = sampling.jitter_s * sampling.rate_hz
-    found = [
+    properties = [
         ("samples", f"{rows} in {sampling.duration_s:.6g} s"),
         ("rate", f"{sampling.rate_hz:.6g} Hz (every {1 / sampling.rate_hz:.4g} s)"),
         ("jitter", f"{sampling.jitter_s:.2g} s rms, {share:.1%} of it" if share > 1e-6 else "none"),
@@ -264,12 +264,12 @@ def sampling_rows(sampling: Sampling, rows: int) -> list[tuple[str, str]]:
         ),
     ]
     if sampling.duplicates:
-        found.append(("repeated stamps", str(sampling.duplicates)))
-    return found
+        properties.append(("repeated stamps", str(sampling.duplicates)))
+    return properties
 
 
 def bullets(title: str, sentences: Sequence[str]) -> str:
-    """Sentences as a list, one "title:" each, wrapped."""
+    """Return sentences as wrapped lines that each begin with "title:"."""
     indent = " " * (len(title) + 2)
     return "\n".join(
         fill(f"{title}: {s}", WIDTH, subsequent_indent=indent, break_long_words=False)
@@ -312,7 +312,7 @@ def _spectrum_table(report: "Inspection") -> str:
 
 
 def _lines(report: "Inspection") -> str:
-    """Lines of the blind search; with their period where there is one steady speed."""
+    """Return the table of the blind search, with periods if the speed is steady."""
     if not report.lines:
         return ""
     speeds = [abs(plateau.speed_rpm) for plateau in report.plateaus]
@@ -343,21 +343,19 @@ def _remarks(report: "Inspection") -> list[str]:
     remarks = list(report.notes)
     if report.ratio.verdict not in ("agrees", "none"):
         remarks.insert(0, report.ratio.sentence)
-    for one in report.commensurate:
+    for plateau in report.commensurate:
         remarks.append(
-            f"at {one.speed_rpm:.5g} rpm the {one.shaft} encoder passes"
-            f" {one.counts_per_sample:.4f} counts a sample, a whole number: its quantisation does"
-            " not average out and biases the first order; change the speed or the rate slightly"
+            f"at {plateau.speed_rpm:.5g} rpm the {plateau.shaft} encoder passes"
+            f" {plateau.counts_per_sample:.4f} counts a sample, a whole number: its quantisation"
+            " does not average out and biases the first order; change the speed or the rate"
+            " slightly"
         )
-    for one in report.aliased:
-        name = "tooth-mesh" if one.shaft == "mesh" else one.shaft
-        orders = (
-            f"order {one.order}"
-            if one.order == one.highest
-            else (f"orders {one.order} to {one.highest}")
-        )
+    for alias in report.aliased:
+        name = "tooth-mesh" if alias.shaft == "mesh" else alias.shaft
+        several = alias.order != alias.highest
+        orders = f"orders {alias.order} to {alias.highest}" if several else f"order {alias.order}"
         remarks.append(
             f"{name} {orders} of the fit lie above half the sampling rate at"
-            f" {one.speed_rpm:.4g} rpm and alias; sample faster or take them out of [fit]"
+            f" {alias.speed_rpm:.4g} rpm and alias; sample faster or take them out of [fit]"
         )
     return [*remarks, *report.support.sentences]

@@ -1,4 +1,4 @@
-"""A first look at a log without a pair file: columns, units by their names, rate, turns, ratio."""
+"""Preview of a log without a pair file: columns, units from their names, rate, turns and ratio."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -37,15 +37,15 @@ from .readers.text import NESTED
 from .source import Source
 
 SHAFTS = ("driving", "driven", "transmission_error")
-"""Roles whose column tells how long the record is, in this order."""
+"""Roles whose column defines the length of the record, in this order."""
 
 MOST_COLUMNS = 30
-"""With more columns than this, those of one matrix are shown as one."""
+"""Largest number of columns without grouping the columns of a matrix (chosen)."""
 
 
 @dataclass(frozen=True)
 class Preview:
-    """What a log shows by itself; `columns` are those of the record, all of one length."""
+    """Properties of a log without a pair file; `columns` are those of the record."""
 
     source: str
     sha256: str
@@ -55,11 +55,11 @@ class Preview:
     ratio: tuple[float, float] | None
     notes: tuple[str, ...]
     others: tuple[tuple[str, int], ...] = ()
-    """Name and length of arrays that are not as long as the record."""
+    """Names and lengths of arrays with another length than the record."""
 
     def to_json(self) -> dict[str, Any]:
-        """The report as `vttig.inspect/1`; what needs a pair file is absent."""
-        seen, std = self.ratio or (None, None)
+        """Return the report in the schema `vttig.inspect/1` without parts that need a pair file."""
+        ratio, std = self.ratio or (None, None)
         others = [{"name": name, "values": length} for name, length in self.others]
         return {
             "schema": "vttig.inspect/1",
@@ -69,7 +69,7 @@ class Preview:
             "columns": [asdict(column) for column in self.columns],
             **({"other_arrays": others} if others else {}),
             "sampling": None if self.sampling is None else asdict(self.sampling),
-            "ratio": {"given": None, "seen": seen, "std": std},
+            "ratio": {"given": None, "seen": ratio, "std": std},
             "notes": list(self.notes),
         }
 
@@ -78,11 +78,11 @@ class Preview:
         if self.sampling is not None:
             rows = sampling_rows(self.sampling, self.rows)
         if self.ratio is not None:
-            seen, std = self.ratio
-            near = simple_fraction(seen, std)
-            rows.append(("ratio seen", f"{seen:.6g} ± {std:.1g}, driven over driving ({near})"))
-        parts = [self.source, column_table(_shortened(self.columns)), key_values(rows)]
-        parts.append(bullets("note", (*_lengths(self.others, self.rows), *self.notes)))
+            ratio, std = self.ratio
+            near = simple_fraction(ratio, std)
+            rows.append(("ratio seen", f"{ratio:.6g} ± {std:.1g}, driven over driving ({near})"))
+        parts = [self.source, column_table(_grouped(self.columns)), key_values(rows)]
+        parts.append(bullets("note", (*_other_arrays(self.others, self.rows), *self.notes)))
         return "\n\n".join(part for part in parts if part)
 
 
@@ -93,18 +93,18 @@ def preview_log(
     decimal: str | None = None,
     sample_rate_hz: int | float | None = None,
 ) -> Preview:
-    """Look at a log without knowing the pair; arguments as `read_log`.
+    """Inspect a log without a pair file; the arguments are those of `read_log`.
 
-    Text without a header has the columns #1, #2, …. Of a nested file the arrays as long as the
-    driving one, else as most are, make up the record.
+    Text without a header has the columns #1, #2, …. The record of a nested file consists of the
+    arrays as long as the driving array, or else of the arrays with the most frequent length.
 
-    **Raises** `LogError` for files that hold no table, and for names that are not there.
+    **Raises** `LogError` for files without a table, and for names that do not exist.
     """
     columns = columns or {}
     check_arguments(columns, decimal, sample_rate_hz)
     nested = Path(path).suffix.lower() in NESTED
-    asked = columns.values() if nested else (*columns.values(), "#1")
-    table, digest, notes = open_table(path, decimal=decimal, asked=asked)
+    requested = columns.values() if nested else (*columns.values(), "#1")
+    table, digest, notes = open_table(path, decimal=decimal, requested=requested)
     table, cut = table.without_cut_line(range(len(table.names)))
     roles = _roles(table.names, str(path), columns)
     arrays, broken = _readable(table)
@@ -121,13 +121,13 @@ def preview_log(
         reports.append(report)
         if angle is not None and report.role is not None:
             angles[report.role] = angle
-    hints = [*notes, *cut, *broken, *_of_another_length(roles, arrays, source, size)]
+    hints = [*notes, *cut, *broken, *_unusable_roles(roles, arrays, source, size)]
     time = _time(roles, names, arrays, size, sample_rate_hz)
     sampling = None
     if time is not None:
         hints += check_time(time, source)
         sampling = sampling_of(time)
-    hints += _hints(roles, sample_rate_hz, reports)
+    hints += _missing_input(roles, sample_rate_hz, reports)
     ratio = None
     counts = {r.unit == "counts" for r in reports if r.role in ("driving", "driven")}
     if {"driving", "driven"} <= set(angles) and len(counts) == 1:
@@ -138,7 +138,7 @@ def preview_log(
 
 
 def _roles(names: Sequence[str], source: str, columns: Mapping[str, str]) -> dict[int, str]:
-    """Column index to role: as named, else by the default names."""
+    """Return column index → role, from the given names or else from the default names."""
     roles = {}
     for role in ROLES:
         if columns.get(role) == ROW:
@@ -153,14 +153,14 @@ def _roles(names: Sequence[str], source: str, columns: Mapping[str, str]) -> dic
 
 
 def _readable(table: TextTable | NestedTable) -> tuple[dict[int, np.ndarray], list[str]]:
-    """All columns of numbers, and a note on each of the others."""
-    every = range(len(table.names))
+    """Return all columns of numbers, and a note on each other column."""
+    indices = range(len(table.names))
     try:
-        return dict(enumerate(table.columns(every))), []
+        return dict(enumerate(table.columns(indices))), []
     except LogError:
         pass
     arrays, errors = {}, {}
-    for k in every:
+    for k in indices:
         try:
             arrays[k] = table.columns([k])[0]
         except LogError as error:
@@ -174,15 +174,15 @@ def _readable(table: TextTable | NestedTable) -> tuple[dict[int, np.ndarray], li
 
 
 def _size(arrays: Mapping[int, np.ndarray], roles: Mapping[int, str]) -> int:
-    """Length of the record: that of the first shaft there is, else the one most arrays have."""
-    found = {role: len(arrays[k]) for k, role in roles.items() if k in arrays}
+    """Return the length of the first available shaft, or else the most frequent length."""
+    lengths = {role: len(arrays[k]) for k, role in roles.items() if k in arrays}
     for role in SHAFTS:
-        if role in found:
-            return found[role]
+        if role in lengths:
+            return lengths[role]
     return Counter(map(len, arrays.values())).most_common(1)[0][0]
 
 
-def _of_another_length(
+def _unusable_roles(
     roles: Mapping[int, str], arrays: Mapping[int, np.ndarray], source: Source, size: int
 ) -> list[str]:
     return [
@@ -193,8 +193,8 @@ def _of_another_length(
     ]
 
 
-def _shortened(columns: Sequence[ColumnReport]) -> list[ColumnReport]:
-    """The columns, those of one matrix that play no part as one where there are many."""
+def _grouped(columns: Sequence[ColumnReport]) -> list[ColumnReport]:
+    """Return the columns; if there are many, join unused columns of one matrix."""
     if len(columns) <= MOST_COLUMNS:
         return list(columns)
     shown = []
@@ -210,17 +210,17 @@ def _shortened(columns: Sequence[ColumnReport]) -> list[ColumnReport]:
 
 
 def _matrix(name: str) -> str:
-    """`x` for `x(3,:)` and `x(:,3)`; any other name is its own."""
-    whole, bracket, index = name.rpartition("(")
-    return whole if bracket and (index.endswith(",:)") or index.startswith(":,")) else name
+    """Return `x` for `x(3,:)` and `x(:,3)`, and any other name unchanged."""
+    matrix, bracket, index = name.rpartition("(")
+    return matrix if bracket and (index.endswith(",:)") or index.startswith(":,")) else name
 
 
-def _lengths(others: Sequence[tuple[str, int]], size: int) -> list[str]:
-    """The arrays that are no part of the record, by length."""
+def _other_arrays(others: Sequence[tuple[str, int]], size: int) -> list[str]:
+    """Return notes on the arrays that are not in the record, grouped by length."""
     lengths = sorted({length for _, length in others}, reverse=True)
     return [
         f"arrays of {length} values are no part of this record of {size}: "
-        + listed([name for name, own in others if own == length])
+        + listed([name for name, values in others if values == length])
         for length in lengths
     ]
 
@@ -228,7 +228,7 @@ def _lengths(others: Sequence[tuple[str, int]], size: int) -> list[str]:
 def _report(
     name: str, role: str | None, values: Real[np.ndarray, " n"]
 ) -> tuple[ColumnReport, Real[np.ndarray, " n"] | None]:
-    """A row of the column table, and the unwrapped channel (rad, or counts) of a shaft."""
+    """Return a row of the column table, and the unwrapped channel (rad or counts) of a shaft."""
     units = units_of(role) if role else (*units_of("driving"), *TIME_UNITS)
     unit = name_and_unit(name, units, name)[1]
     plain = ColumnReport(role, name, unit, float(values.min()), float(values.max()))
@@ -276,17 +276,17 @@ def _time(
     return None
 
 
-def _hints(
+def _missing_input(
     roles: Mapping[int, str], sample_rate_hz: int | float | None, reports: list[ColumnReport]
 ) -> list[str]:
-    """What is still missing for a fit, and how to name it."""
-    taken = set(roles.values())
+    """Return hints on input that a fit still needs, with the options that supply it."""
+    assigned = set(roles.values())
     hints = []
-    if "time" not in taken and sample_rate_hz is None:
+    if "time" not in assigned and sample_rate_hz is None:
         hints.append("no time column found; name it with --column time=NAME or give --sample-rate")
-    if "driving" not in taken:
+    if "driving" not in assigned:
         hints.append("no driving column found; name it with --column driving=NAME")
-    if not taken & {"driven", "transmission_error"}:
+    if not assigned & {"driven", "transmission_error"}:
         hints.append(
             "no driven column found; name it with --column driven=NAME (or transmission_error=NAME)"
         )

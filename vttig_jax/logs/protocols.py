@@ -1,4 +1,4 @@
-"""What the log readers need to know of a gear pair or drive."""
+"""Protocols of a gear pair or drive, as needed by the log readers."""
 
 from fractions import Fraction
 from typing import Protocol, runtime_checkable
@@ -7,9 +7,8 @@ from ..pair.schema import Encoder, HarmonicOrders, LogLayout, UnitTable
 
 
 @runtime_checkable
-@runtime_checkable
 class Shaft(Protocol):
-    """One shaft: the tooth count of its gear, where it has one, and its encoder."""
+    """Shaft with its encoder and the tooth count of its gear, or None without a gear."""
 
     @property
     def teeth(self) -> int | None: ...  # noqa: D102
@@ -19,9 +18,8 @@ class Shaft(Protocol):
 
 
 @runtime_checkable
-@runtime_checkable
 class TwoShafts(Protocol):
-    """A pair file, a `GearPair` or a `Drive`: how the two columns of a log belong together."""
+    """Pair file, `GearPair` or `Drive`: ratio, shafts, and the layout and units of a log."""
 
     @property
     def ratio(self) -> Fraction: ...  # noqa: D102

@@ -1,7 +1,8 @@
-"""From a file to an `EncoderLog`."""
+"""Reading of a log file into an `EncoderLog`."""
 
 import logging
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,7 @@ from .readers.column_names import (
     TIME_UNITS,
     name_and_unit,
 )
-from .readers.column_roles import ROLES, ROW_INDEX, Column, find_columns, names_asked
+from .readers.column_roles import ROLES, ROW_INDEX, Column, find_columns, requested_names
 from .readers.open_table import open_table
 from .source import Source
 
@@ -31,7 +32,7 @@ UNITS = {
     "speed": SPEED_UNITS,
     "acceleration": ACCELERATION_UNITS,
 }
-"""What a unit of a column is inside (rad, mm, rad/s, rad/s²); channels keep theirs."""
+"""Factors from the units of a column to rad, mm, rad/s or rad/s²; channels keep their units."""
 
 
 def read_log(
@@ -42,23 +43,23 @@ def read_log(
     decimal: str | None = None,
     sample_rate_hz: int | float | None = None,
 ) -> EncoderLog:
-    """Read a log of two encoders, or of one and the transmission error.
+    """Read a log of two encoders, or of one encoder and the transmission error.
 
-    The file is delimited text (CSV, TSV, TXT), or MATLAB (.mat) or HDF5 (.h5, .hdf5), whose
-    columns are named by their path or its last part: `rec.pos_deg(1,:)` or `pos_deg(1,:)`. In text
-    `#1` is the first column, with or without a header, and everywhere `#row` is 0, 1, 2, ….
+    The file is delimited text (CSV, TSV, TXT), MATLAB (.mat) or HDF5 (.h5, .hdf5). Columns of
+    nested files have paths as names, and the last part is enough: `rec.pos_deg(1,:)` or
+    `pos_deg(1,:)`. In text `#1` is the first column; in all files `#row` is 0, 1, 2, ….
 
     **Arguments**
-    - `pair`: the pair file or what `load_pair` makes of it: encoders, ratio, and in `log` and
-      `unit` the names and units of the columns.
+    - `pair`: pair file, or result of `load_pair`: encoders, ratio, and in `log` and `unit` the
+      names and units of the columns.
     - `columns`: role ("time", "driving", "driven", "transmission_error", "direction", "axial_mm",
-      "torque", "speed" and "acceleration" of the driving shaft) to column name; wins over
-      `pair.log`.
-    - `decimal`: "." or ","; wins over `pair.log`.
-    - `sample_rate_hz`: samples per second instead of a time column; wins over `pair.log`.
+      "torque", "speed" and "acceleration" of the driving shaft) → column name. This argument and
+      the next two override `pair.log`.
+    - `decimal`: decimal mark, "." or ",".
+    - `sample_rate_hz`: sampling rate in Hz if there is no time column.
 
-    **Raises** `LogError` naming file, line or channel and the cure; `UsageError` for HDF5 without
-    the package h5py.
+    **Raises** `LogError` naming the file, line or channel and the cure; `UsageError` for HDF5
+    without the package h5py.
 
     **Example**
     ```python
@@ -85,7 +86,9 @@ def read_log(
         decimal=decimal,
         sample_rate_hz=sample_rate_hz,
     )
+    keywords = {"decimal": decimal, "sample_rate_hz": sample_rate_hz}
     log = EncoderLog.from_raw(raw, pair)
+    log = replace(log, keywords={"columns": dict(columns or {}), **keywords})
     logger.info("%s: %d samples", path, len(log))
     for note in log.notes:
         logger.info("%s: %s", path, note)
@@ -101,7 +104,7 @@ def read_raw(
     decimal: str | None,
     sample_rate_hz: int | float | None,
 ) -> RawLog:
-    """The columns of a log with their units, before unwrapping; arguments as `read_log`."""
+    """Read the columns of a log with their units before unwrapping; arguments as `read_log`."""
     check_arguments(columns, decimal, sample_rate_hz)
     rate = sample_rate_hz
     if rate is None and "time" not in columns:
@@ -112,55 +115,57 @@ def read_raw(
         encoding=layout.encoding,
         delimiter=layout.delimiter,
         decimal=decimal or layout.decimal,
-        asked=names_asked(layout, columns).values(),
+        requested=requested_names(layout, columns).values(),
     )
-    found = find_columns(table.names, layout, units, columns, name, timed=rate is None)
-    held = [column.index for column in found.values() if column.index != ROW_INDEX]
-    table, cut = table.without_cut_line(held)
-    source = Source(name, {role: c.name for role, c in found.items()}, table.line_of)
-    values = _values(found, dict(zip(held, table.columns(held), strict=True)), source)
+    roles = find_columns(table.names, layout, units, columns, name, timed=rate is None)
+    indices = [column.index for column in roles.values() if column.index != ROW_INDEX]
+    table, cut = table.without_cut_line(indices)
+    source = Source(name, {role: c.name for role, c in roles.items()}, table.line_of)
+    values = _values(roles, dict(zip(indices, table.columns(indices), strict=True)), source)
     if rate is None:
-        time = values["time"] * TIME_UNITS[found["time"].unit]
+        time = values["time"] * TIME_UNITS[roles["time"].unit]
     else:
         time = np.arange(len(values["driving"])) / rate
-    if rate is None and name_and_unit(found["time"].name, tuple(TIME_UNITS), name)[1] is None:
-        notes = (*notes, f"time: column `{found['time'].name}` names no unit, taken as seconds")
-    sizes = {role: units_in[found[role].unit] for role, units_in in UNITS.items() if role in found}
-    in_units = {role: size * values[role] for role, size in sizes.items()}
+    if rate is None and name_and_unit(roles["time"].name, tuple(TIME_UNITS), name)[1] is None:
+        notes = (*notes, f"time: column `{roles['time'].name}` names no unit, taken as seconds")
+    factors = {
+        role: units_in[roles[role].unit] for role, units_in in UNITS.items() if role in roles
+    }
+    converted = {role: factor * values[role] for role, factor in factors.items()}
     return RawLog(
         time,
-        _channel(found["driving"], values, layout.driving_scale),
-        _channel(found["driven"], values, layout.driven_scale) if "driven" in found else None,
-        in_units.get("transmission_error"),
+        _channel(roles["driving"], values, layout.driving_scale),
+        _channel(roles["driven"], values, layout.driven_scale) if "driven" in roles else None,
+        converted.get("transmission_error"),
         values.get("direction"),
-        in_units.get("axial_mm"),
+        converted.get("axial_mm"),
         values.get("torque"),
         source,
         digest,
         (*notes, *cut),
-        speed=in_units.get("speed"),
-        acceleration=in_units.get("acceleration"),
+        speed=converted.get("speed"),
+        acceleration=converted.get("acceleration"),
     )
 
 
 def _values(
-    found: Mapping[str, Column], arrays: Mapping[int, np.ndarray], source: Source
+    roles: Mapping[str, Column], arrays: Mapping[int, np.ndarray], source: Source
 ) -> dict[str, np.ndarray]:
-    """The values of every role, all of the length of the driving column."""
-    sized = found["driving"].index
-    if sized == ROW_INDEX:
-        sized = next(iter(arrays))
-    size = len(arrays[sized])
-    for role, column in found.items():
-        length = len(arrays.get(column.index, arrays[sized]))
+    """Return the values of every role; all must be as long as the driving column."""
+    reference = roles["driving"].index
+    if reference == ROW_INDEX:
+        reference = next(iter(arrays))
+    size = len(arrays[reference])
+    for role, column in roles.items():
+        length = len(arrays.get(column.index, arrays[reference]))
         if length != size:
-            first = next(c.name for c in found.values() if c.index == sized)
+            first = next(c.name for c in roles.values() if c.index == reference)
             raise LogError(
-                f"{length} values, but column `{first}` has {size}; name columns of one record.",
+                f"it has {length} values, but `{first}` has {size}; name columns of equal length.",
                 where=source.at(role),
             )
     rows = np.arange(size, dtype=np.int64)
-    return {role: arrays.get(column.index, rows) for role, column in found.items()}
+    return {role: arrays.get(column.index, rows) for role, column in roles.items()}
 
 
 def _channel(
@@ -172,7 +177,7 @@ def _channel(
 def check_arguments(
     columns: Mapping[str, str], decimal: str | None, sample_rate_hz: int | float | None
 ) -> None:
-    """Raise `UsageError` for keywords that cannot be followed."""
+    """Raise `UsageError` for invalid or contradictory keywords."""
     for role in columns:
         if role not in ROLES:
             raise UsageError(f"`{role}` is no role of a column; roles are {', '.join(ROLES)}.")
@@ -181,4 +186,4 @@ def check_arguments(
     if sample_rate_hz is not None and not 0 < sample_rate_hz < np.inf:
         raise UsageError(f"the sample rate must be a positive number, but is {sample_rate_hz!r}.")
     if sample_rate_hz is not None and "time" in columns:
-        raise UsageError("both a sample rate and a time column given; keep the one the log has.")
+        raise UsageError("a sample rate and a time column are both given; keep the one of the log.")

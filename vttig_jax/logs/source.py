@@ -1,4 +1,4 @@
-"""Where a number came from, for messages: file, line and column, or array and sample."""
+"""Position of a value in a log for error messages: file, line and column, or array and sample."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -9,10 +9,10 @@ class Source:
     """Origin of a log.
 
     **Arguments**
-    - `name`: the file as the user wrote it, or "arrays".
-    - `columns`: role ("driving", …) to the name of its column.
-    - `line_of`: line number of a row; without it rows are called samples, counted from 0.
-    - `kind`: what a channel is called, "column" or "argument".
+    - `name`: file name as given by the user, or "arrays".
+    - `columns`: role ("driving", …) → name of its column.
+    - `line_of`: function from row to line number; without it messages name samples, from 0.
+    - `kind`: noun for a channel in messages, "column" or "argument".
     """
 
     name: str
@@ -21,7 +21,7 @@ class Source:
     kind: str = "column"
 
     def at(self, role: str = "", row: int | None = None) -> str:
-        """The place as text: "log.csv: line 7, column `driving_counts`"."""
+        """Return the position as text: "log.csv: line 7, column `driving_counts`"."""
         parts = []
         if row is not None:
             parts.append(f"line {self.line_of(row)}" if self.line_of else f"sample {row}")

@@ -1,4 +1,4 @@
-"""What the drawing says: gears, gear pair, eccentricities, and the TOML file that holds them."""
+"""Gears, gear pairs and drives with their nominal data, eccentricities, and the pair file."""
 
 from typing import TYPE_CHECKING
 

@@ -1,4 +1,4 @@
-"""Eccentricities of both gears and the constant backlash: what a rig adds to its drawing."""
+"""Eccentricities of both gears and the constant backlash: the errors of an individual rig."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ class Eccentricities(eqx.Module):
 
     **Arguments**
     - `driving_mm`, `driven_mm`: eccentricities e₁, e₂ in mm.
-    - `driving_phase_deg`, `driven_phase_deg`: angles θ₁, θ₂ of the offsets from the line of
-      centres at φ = 0, each in the sense in which its gear turns for positive φ.
-    - `constant_backlash_deg`: j_c, the backlash with e₁ = e₂ = 0, an angle of the driven gear.
-    - `axial_mm`: axial displacement s of the driven gear towards the driving gear's thick end.
+    - `driving_phase_deg`, `driven_phase_deg`: angles θ₁, θ₂ in degrees from the line of centres to
+      the offset at φ = 0, each positive in the direction in which its gear turns for positive φ.
+    - `constant_backlash_deg`: backlash j_c for e₁ = e₂ = 0, in degrees of the driven gear.
+    - `axial_mm`: axial displacement s of the driven gear in mm, towards the driving thick end.
     """
 
     driving_mm: Scalar = eqx.field(converter=float64, default=0.0)

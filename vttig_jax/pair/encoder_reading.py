@@ -1,4 +1,4 @@
-"""What an encoder shows and the shaft angle it stands for."""
+"""Conversion of an encoder reading to the angle of its shaft."""
 
 import math
 from dataclasses import dataclass
@@ -9,12 +9,12 @@ from .schema import Encoder
 
 @dataclass(frozen=True)
 class ShaftReading:
-    """A shaft angle from a reading of its encoder, φ = `radians_per_unit` · (reading − `origin`).
+    """Linear relation of shaft angle and reading, φ = `radians_per_unit` · (reading − `origin`).
 
     **Arguments**
-    - `unit`: "counts", or "rad" where nothing says how many counts make a revolution.
-    - `radians_per_unit`: sign and scale included, as for a log.
-    - `origin`: the reading at which φ is zero, in `unit`.
+    - `unit`: unit of the reading: "counts", or "rad" if the counts per revolution are unknown.
+    - `radians_per_unit`: factor in rad per `unit` with the sign and scale of the log channel.
+    - `origin`: reading at which φ is zero, in `unit`.
 
     **Example**
     ```python
@@ -32,25 +32,25 @@ class ShaftReading:
     origin: float
 
     def angle(self, reading: float | int) -> float:
-        """φ in rad of a reading in `unit`."""
+        """Return φ in rad for a reading in `unit`."""
         return self.radians_per_unit * (reading - self.origin)
 
     def angle_of_deg(self, reading_deg: float) -> float:
-        """φ in rad of a reading in degrees of the shaft, in the sense in which its encoder counts.
+        """Return φ in rad for a reading in degrees of the shaft, positive as the encoder counts.
 
-        The scale of a log column is in such degrees already.
+        These degrees already contain the scale of the log column.
         """
-        sense = math.copysign(1.0, self.radians_per_unit)
-        return sense * reading_deg * DEG - self.radians_per_unit * self.origin
+        sign = math.copysign(1.0, self.radians_per_unit)
+        return sign * reading_deg * DEG - self.radians_per_unit * self.origin
 
 
 def shaft_reading(encoder: Encoder, origin_rad: float, scale: float = 1.0) -> ShaftReading:
-    """How the readings of an encoder become angles.
+    """Return the relation of shaft angle and reading for an encoder.
 
     **Arguments**
-    - `origin_rad`: the reading at which φ is zero as an angle of the encoder, before its sign and
-      before `scale`.
-    - `scale`: of the log's column, `driving_scale` or `driven_scale`.
+    - `origin_rad`: reading at which φ is zero, in rad of the encoder, before its sign and `scale`
+      are applied.
+    - `scale`: scale of the log column, `driving_scale` or `driven_scale` of the pair file.
     """
     if encoder.counts_per_rev is None:
         return ShaftReading("rad", encoder.sign * scale, origin_rad)

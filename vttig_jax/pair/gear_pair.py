@@ -1,8 +1,8 @@
-"""Gear, gear pair and drive: the drawing in transverse quantities, with everything derived from it.
+"""Gear, gear pair and drive: nominal transverse data and the quantities derived from them.
 
-Lengths are millimetres, angles radians unless a suffix says otherwise. Flank A is the left flank of
-both gears, flank B the right one; arrays with a flank axis are ordered (A, B). Objects are frozen
-pytrees whose leaves are NumPy float64, so new values never recompile a jitted function.
+Lengths are in mm and angles in rad unless a suffix states another unit. Flank A is the left flank
+of both gears and flank B the right one; arrays with a flank axis are ordered (A, B). Objects are
+frozen pytrees with NumPy float64 leaves, so new values never recompile a jitted function.
 """
 
 import math
@@ -24,16 +24,16 @@ Scalar = Float[Number, ""]
 
 
 class Gear(eqx.Module):
-    """One involute gear whose tooth thickness falls by tan β_L + tan β_R per unit of +z.
+    """Involute gear whose tooth thickness decreases by tan β_L + tan β_R per unit length along +z.
 
     **Arguments**
     - `teeth`: number of teeth z.
-    - `helix_left_deg`, `helix_right_deg`: helix angles of the two flanks, positive where the flank
-      thins the tooth towards +z.
-    - `face_width_mm`: width b, or NaN when not given.
-    - `encoder`: the encoder on this gear's shaft.
-    - `profile_shift`: x, the radial modification, in the module that counts depths.
-    - `crowning_um`: by how much each flank recedes at either end of the face, along the reference
+    - `helix_left_deg`, `helix_right_deg`: helix angles of the two flanks in degrees, positive if
+      the flank makes the tooth thinner towards +z.
+    - `face_width_mm`: face width b in mm, or NaN if unknown.
+    - `encoder`: encoder on the shaft of this gear.
+    - `profile_shift`: profile shift coefficient x, in multiples of `GearPair.depth_module_mm`.
+    - `crowning_um`: recession of each flank at both ends of the face in µm along the reference
       circle.
     """
 
@@ -52,15 +52,15 @@ class Gear(eqx.Module):
 
 
 class GearPair(eqx.Module):
-    """A driving and a driven gear on parallel axes.
+    """Driving and driven gear on parallel axes.
 
     **Arguments**
-    - `driving`, `driven`: the gears, with the same helix angles flank by flank.
-    - `module_mm`: transverse module m.
-    - `pressure_angles_deg`: transverse pressure angles of flank A and B, shape (2,); one number
-      serves both.
-    - `centre_distance_mm`: nominal centre distance a; the sum of the reference radii when absent.
-    - `rack`: the basic rack of both gears.
+    - `driving`, `driven`: the gears; each flank has the same helix angle on both gears.
+    - `module_mm`: transverse module m in mm.
+    - `pressure_angles_deg`: transverse pressure angles of flanks A and B in degrees, shape (2,); a
+      single number is used for both.
+    - `centre_distance_mm`: nominal centre distance a in mm, or None for the sum of reference radii.
+    - `rack`: basic rack of both gears.
 
     **Example**
     ```python
@@ -110,74 +110,75 @@ class GearPair(eqx.Module):
 
     @property
     def ratio(self) -> Fraction:
-        """Driven over driving speed, i = z₁/z₂."""
+        """Ratio i = z₁/z₂ of the driven to the driving speed."""
         return Fraction(self.driving.teeth, self.driven.teeth)
 
     @property
     def hunting_turns(self) -> int:
-        """Turns of the driving gear until the same teeth meet again in the same phase."""
+        """Turns of the driving gear until the same tooth pair meets again at the same angles."""
         return self.ratio.denominator
 
     @property
     def reference_radii(self) -> Float[Numbers, "2"]:
-        """Reference radii R = m z/2 of the driving and the driven gear, mm."""
+        """Reference radii R = m z/2 of the driving and the driven gear in mm."""
         return self.module_mm * np.array([self.driving.teeth, self.driven.teeth]) / 2
 
     @property
     def base_radii(self) -> Float[Numbers, "gear=2 flank=2"]:
-        """Base radii r_b = R cos αₜ, mm; rows driving and driven, columns flank A and B."""
+        """Base radii r_b = R cos αₜ in mm; rows are driving and driven, columns flanks A and B."""
         xp = namespace(self.pressure_angles_deg)
         cosines = xp.cos(self.pressure_angles_deg * DEG)
         return self.reference_radii[:, None] * cosines[None, :]
 
     @property
     def working_pressure_angles(self) -> Float[Numbers, "2"]:
-        """α_w of flank A and B at the nominal centre distance, cos α_w = (r_b1 + r_b2)/a."""
+        """α_w of flanks A and B in rad at centre distance a: cos α_w = (r_b1 + r_b2)/a."""
         cosines = self.base_radii.sum(axis=0) / self.centre_distance_mm
         return namespace(cosines).arccos(cosines)
 
     @property
     def working_radii(self) -> Float[Numbers, "2"]:
-        """Working pitch radii of the driving and the driven gear, mm."""
-        share = float(1 / (1 + 1 / self.ratio))
-        return self.centre_distance_mm * np.array([share, 1 - share])
+        """Working pitch radii of the driving and the driven gear in mm."""
+        fraction = float(1 / (1 + 1 / self.ratio))
+        return self.centre_distance_mm * np.array([fraction, 1 - fraction])
 
     @property
     def taper(self) -> Float[Numbers, "2"]:
-        """tan β_L and tan β_R of the driven gear: by how much s moves flank A and flank B."""
+        """Shift of flanks A and B per unit of axial displacement: tan β_L, tan β_R of gear 2."""
         left, right = self.driven.helix_left_deg, self.driven.helix_right_deg
         xp = namespace(left, right)
         return xp.tan(xp.stack([left, right]) * DEG)
 
     @property
     def thinning(self) -> Scalar:
-        """tan β_L + tan β_R: backlash at the reference circle per unit of axial displacement."""
+        """Backlash at the reference circle per unit of axial displacement, tan β_L + tan β_R."""
         return self.taper.sum()
 
     @property
     def depth_module_mm(self) -> Scalar:
-        """The module that counts depths and profile shifts: the normal one where that is given."""
+        """Unit of depths and profile shifts in mm: the normal module if given, else m."""
         return self.module_mm * self.rack.depth_ratio
 
     @property
     def tip_radii(self) -> Float[Numbers, "2"]:
-        """Tip radii R + (h_ap + x) m of the driving and the driven gear, mm."""
-        return self.reference_radii + self.depth_module_mm * (self.rack.addendum + self._shifts)
+        """Tip radii R + (h_ap + x) m of the driving and the driven gear in mm."""
+        height = self.rack.addendum + self._profile_shifts
+        return self.reference_radii + self.depth_module_mm * height
 
     @property
     def root_radii(self) -> Float[Numbers, "2"]:
-        """Root radii R − (h_ap + c_p − x) m of the driving and the driven gear, mm."""
+        """Root radii R − (h_ap + c_p − x) m of the driving and the driven gear in mm."""
         depth = self.rack.addendum + self.rack.clearance
-        return self.reference_radii - self.depth_module_mm * (depth - self._shifts)
+        return self.reference_radii - self.depth_module_mm * (depth - self._profile_shifts)
 
     @property
-    def _shifts(self) -> Float[Numbers, "2"]:
+    def _profile_shifts(self) -> Float[Numbers, "2"]:
         shifts = self.driving.profile_shift, self.driven.profile_shift
         return namespace(shifts).stack(shifts)
 
     @property
     def contact_ratios(self) -> Float[Numbers, "2"]:
-        """Transverse contact ratio of flank A and B.
+        """Transverse contact ratios of flanks A and B.
 
         ε = [√(r_a1² − r_b1²) + √(r_a2² − r_b2²) − a sin α_w] / (π m cos αₜ)
         """
@@ -189,15 +190,15 @@ class GearPair(eqx.Module):
 
     @property
     def drawing_backlash(self) -> Scalar:
-        """Backlash of the drawn thickness at the nominal centre distance, rad of the driven gear.
+        """Backlash for nominal tooth thickness and centre distance, in rad of the driven gear.
 
-        Σ over the flanks of [(r_b1 + r_b2)(inv α_w − inv αₜ) − (x₁ + x₂) m sin αₜ]/r_b2.
+        It is Σ [(r_b1 + r_b2)(inv α_w − inv αₜ) − (x₁ + x₂) m sin αₜ]/r_b2 over both flanks.
         """
         angles = self.pressure_angles_deg * DEG
         opening = involute(self.working_pressure_angles) - involute(angles)
-        thickening = self._shifts.sum() * self.depth_module_mm / self.reference_radii[1]
-        filled = thickening * namespace(angles).tan(angles).sum()
-        return opening.sum() * float(1 + self.ratio) - filled
+        shift = self._profile_shifts.sum() * self.depth_module_mm / self.reference_radii[1]
+        thickening = shift * namespace(angles).tan(angles).sum()
+        return opening.sum() * float(1 + self.ratio) - thickening
 
     def __str__(self) -> str:
         flanks = "{:.4f}° / {:.4f}°".format
@@ -218,7 +219,7 @@ class GearPair(eqx.Module):
 
 
 class Drive(eqx.Module):
-    """A two-shaft drive of which only the ratio is known; everything about it is an angle."""
+    """Two-shaft drive with known ratio and unknown geometry; its results are angles only."""
 
     ratio: Fraction = eqx.field(static=True)
     driving: GearTable = eqx.field(static=True, default=GearTable())
@@ -230,7 +231,7 @@ class Drive(eqx.Module):
 
     @property
     def hunting_turns(self) -> int:
-        """Turns of the driving shaft after which both shafts are back."""
+        """Turns of the driving shaft after which both shafts have made whole turns."""
         return self.ratio.denominator
 
     def __str__(self) -> str:
@@ -242,5 +243,5 @@ class Drive(eqx.Module):
 
 
 def involute(angle: Float[Numbers, "..."]) -> Float[Numbers, "..."]:
-    """Involute function inv α = tan α − α, rad."""
+    """Return the involute function inv α = tan α − α in rad."""
     return namespace(angle).tan(angle) - angle

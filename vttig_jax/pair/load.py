@@ -1,4 +1,4 @@
-"""From the pair file to the computed pair, and back."""
+"""Conversion of a pair file to a `GearPair` or `Drive`, and of a `GearPair` to a pair file."""
 
 import math
 from pathlib import Path
@@ -11,11 +11,11 @@ from .pair_file import (
     transverse_pressure_angles_deg,
 )
 from .rack import Rack
-from .schema import GearTable, PairSpec, PairTable, RackTable
+from .schema import DriveTable, GearTable, PairSpec, PairTable, RackTable
 
 
 def pair_from_spec(spec: PairSpec) -> GearPair | Drive:
-    """Build the computed object from a validated pair file."""
+    """Build a `GearPair` or `Drive` from a validated pair file."""
     sections = {"name": spec.name, "log": spec.log, "unit": spec.unit, "fit": spec.fit}
     if spec.drive is not None:
         return Drive(spec.ratio, spec.driving, spec.driven, **sections)
@@ -33,9 +33,9 @@ def pair_from_spec(spec: PairSpec) -> GearPair | Drive:
 
 
 def pair_spec(pair: GearPair) -> PairSpec:
-    """The pair file of a gear pair with equal flanks.
+    """Return the pair file of a gear pair with equal pressure angles.
 
-    **Raises** `ValueError` for pressure angles that differ: the file has no key for them.
+    **Raises** `ValueError` for different pressure angles, for which the file has no key.
     """
     left, right = (float(angle) for angle in pair.pressure_angles_deg)
     if left != right:
@@ -51,8 +51,26 @@ def pair_spec(pair: GearPair) -> PairSpec:
             centre_distance_mm=float(pair.centre_distance_mm),
         ),
         rack=_rack_table(pair.rack),
-        driving=_table(pair.driving, pair.rack),
-        driven=_table(pair.driven, pair.rack),
+        driving=_gear_table(pair.driving, pair.rack),
+        driven=_gear_table(pair.driven, pair.rack),
+        log=pair.log,
+        unit=pair.unit,
+        fit=pair.fit,
+    )
+
+
+def spec_of(pair: GearPair | Drive) -> PairSpec:
+    """Return the pair file of a gear pair with equal flanks, or of a drive.
+
+    **Raises** `ValueError` for pressure angles that differ: the file has no key for them.
+    """
+    if isinstance(pair, GearPair):
+        return pair_spec(pair)
+    return PairSpec(
+        name=pair.name,
+        drive=DriveTable(ratio=str(pair.ratio)),
+        driving=pair.driving,
+        driven=pair.driven,
         log=pair.log,
         unit=pair.unit,
         fit=pair.fit,
@@ -60,9 +78,9 @@ def pair_spec(pair: GearPair) -> PairSpec:
 
 
 def load_pair(path: str | Path) -> GearPair | Drive:
-    """Read a pair file (TOML): a `GearPair` from `[pair]`, a `Drive` from `[drive]`.
+    """Read a pair file (TOML): `[pair]` gives a `GearPair`, `[drive]` gives a `Drive`.
 
-    **Raises** `PairError` naming file and key for anything missing, unknown or impossible.
+    **Raises** `PairError` naming the file and the missing, unknown or invalid key.
     """
     return pair_from_spec(load_pair_spec(path))
 
@@ -82,7 +100,7 @@ def _rack(spec: PairSpec) -> Rack:
 
 
 def _rack_table(rack: Rack) -> RackTable:
-    """Depths in transverse modules, which is what the file of a computed pair states."""
+    """Return the rack with depths in transverse modules, the unit in the file of a `GearPair`."""
     addendum, clearance = (
         float(depth * rack.depth_ratio) for depth in (rack.addendum, rack.clearance)
     )
@@ -90,7 +108,7 @@ def _rack_table(rack: Rack) -> RackTable:
     return RackTable(addendum=addendum, clearance=clearance, tip_radius=radius)
 
 
-def _table(gear: Gear, rack: Rack) -> GearTable:
+def _gear_table(gear: Gear, rack: Rack) -> GearTable:
     left, right = gear.helix_deg
     width = float(gear.face_width_mm)
     return GearTable(

@@ -1,4 +1,4 @@
-"""Reads the pair file, and refuses geometry that no gear pair can have, with the key at fault."""
+"""Reading and validation of the pair file; errors name the wrong key."""
 
 import math
 from pathlib import Path
@@ -18,18 +18,19 @@ PAIR_FILE = TomlFile(
 
 
 def check_geometry(spec: PairSpec) -> None:
-    """Raise `PairError` whose `where` is the dotted key at fault."""
+    """Raise `PairError` for impossible gear geometry; its `where` is the dotted key."""
     pair, driving, driven = spec.pair, spec.driving, spec.driven
     assert pair is not None
     for shaft, gear in (("driving", driving), ("driven", driven)):
         if gear.teeth is None:
-            raise PairError("missing; a [pair] needs both tooth counts.", where=f"{shaft}.teeth")
+            message = "this key is missing; a [pair] needs both tooth counts."
+            raise PairError(message, where=f"{shaft}.teeth")
         if gear.helix_angle_deg is not None and (
             gear.helix_left_deg is not None or gear.helix_right_deg is not None
         ):
             raise PairError(
-                "given beside helix_left_deg or helix_right_deg; give either one angle for both"
-                " flanks or one for each.",
+                "this key excludes helix_left_deg and helix_right_deg; give either one angle for"
+                " both flanks or one for each.",
                 where=f"{shaft}.helix_angle_deg",
             )
     for first, second in (
@@ -37,33 +38,33 @@ def check_geometry(spec: PairSpec) -> None:
         ("pressure_angle_deg", "normal_pressure_angle_deg"),
     ):
         if (getattr(pair, first) is None) == (getattr(pair, second) is None):
-            seen = "neither" if getattr(pair, first) is None else "both"
+            state = "missing" if getattr(pair, first) is None else "given"
             raise PairError(
-                f"{seen} of `{first}` and `{second}` given; give one.", where=f"pair.{first}"
+                f"`{first}` and `{second}` are both {state}; give one.", where=f"pair.{first}"
             )
     if driving.helix_deg != driven.helix_deg:
         raise PairError(
-            f"{driven.helix_deg} against {driving.helix_deg} of the driving gear (left, right);"
-            " tapered gears on parallel axes touch along a line only when the angles of each"
-            " flank are equal.",
+            f"the helix angles (left, right) are {driven.helix_deg}, but {driving.helix_deg} on the"
+            " driving gear; give each flank the same angle on both gears, because otherwise the"
+            " flanks have no line contact on parallel axes.",
             where="driven.helix_angle_deg",
         )
     left, right = (abs(angle) for angle in driving.helix_deg)
     if pair.normal_module_mm is not None and left != right:
         raise PairError(
-            "the transverse module is not defined by it when the flanks differ in helix angle; give"
-            " module_mm.",
+            "a normal module defines no transverse module if the helix angles of the flanks differ;"
+            " give module_mm.",
             where="pair.normal_module_mm",
         )
     if spec.driving.profile_shift + spec.driven.profile_shift and pair.centre_distance_mm is None:
         raise PairError(
-            "missing; profile shifts move the axes apart, so the drawing has to say how far.",
+            "this key is missing; give the centre distance, because profile shifts change it.",
             where="pair.centre_distance_mm",
         )
     for shaft, gear in (("driving", driving), ("driven", driven)):
         if gear.crowning_um and gear.face_width_mm is None:
             raise PairError(
-                "missing; a crowned flank recedes towards the ends of the face.",
+                "this key is missing; give the face width, because the flanks have a crowning.",
                 where=f"{shaft}.face_width_mm",
             )
     if pair.centre_distance_mm is not None:
@@ -71,7 +72,7 @@ def check_geometry(spec: PairSpec) -> None:
 
 
 def transverse_module_mm(spec: PairSpec) -> float:
-    """Module in the transverse plane, m = mₙ / cos β."""
+    """Return the module in the transverse plane in mm, m = mₙ / cos β."""
     assert spec.pair is not None
     if spec.pair.module_mm is not None:
         return spec.pair.module_mm
@@ -80,7 +81,7 @@ def transverse_module_mm(spec: PairSpec) -> float:
 
 
 def transverse_pressure_angles_deg(spec: PairSpec) -> tuple[float, float]:
-    """Transverse pressure angles of the left and right flank, tan αₜ = tan αₙ / cos β."""
+    """Return the transverse pressure angles of both flanks in degrees, tan αₜ = tan αₙ / cos β."""
     assert spec.pair is not None
     if spec.pair.pressure_angle_deg is not None:
         return spec.pair.pressure_angle_deg, spec.pair.pressure_angle_deg
@@ -91,7 +92,7 @@ def transverse_pressure_angles_deg(spec: PairSpec) -> tuple[float, float]:
 
 
 def depth_ratio(spec: PairSpec) -> float:
-    """The module that counts depths and profile shifts over the transverse one."""
+    """Return the module of depths and profile shifts divided by the transverse module."""
     assert spec.pair is not None
     given_normal = spec.pair.normal_module_mm is not None
     return math.cos(spec.driving.helix_deg[0] * DEG) if given_normal else 1.0
@@ -106,44 +107,44 @@ def _check_centre_distance(spec: PairSpec, distance: float) -> None:
     depth = module * depth_ratio(spec)
     shift = spec.driving.profile_shift + spec.driven.profile_shift
     shifted = reference + depth * shift
-    about = _without_backlash(spec, reference, depth * shift)
+    expected = _backlash_free_distance(spec, reference, depth * shift)
     contact = shifted - depth * spec.rack.clearance
     apart = shifted + depth * 2 * spec.rack.addendum
+    expectation = f"these tooth counts and this module need about {expected:.6g} mm"
     if distance <= base:
         raise PairError(
             f"{distance:g} mm lets the base circles overlap (their radii sum to {base:.3f} mm);"
-            f" these tooth counts and this module ask for about {about:.6g} mm.",
+            f" {expectation}.",
             where=where,
         )
     if distance < contact:
         raise PairError(
-            f"{distance:g} mm is below contact: tips reach the roots at {contact:g} mm; these tooth"
-            f" counts and this module ask for about {about:.6g} mm.",
+            f"{distance:g} mm is too short: the tips touch the roots at {contact:g} mm;"
+            f" {expectation}.",
             where=where,
         )
     if distance >= apart:
         raise PairError(
-            f"{distance:g} mm is too far: the tips no longer meet at {apart:g} mm; these tooth"
-            f" counts and this module ask for about {about:.6g} mm.",
+            f"{distance:g} mm is too long: the teeth lose contact at {apart:g} mm; {expectation}.",
             where=where,
         )
 
 
-def _without_backlash(spec: PairSpec, reference: float, shift_mm: float) -> float:
-    """Centre distance at which shifted teeth would just fit, inv α_w = inv α + x m tan α/a₀."""
+def _backlash_free_distance(spec: PairSpec, reference: float, shift_mm: float) -> float:
+    """Return the centre distance in mm without backlash, inv α_w = inv α + x m tan α/a₀."""
     alpha = sum(transverse_pressure_angles_deg(spec)) / 2 * DEG
-    wanted = math.tan(alpha) - alpha + shift_mm * math.tan(alpha) / reference
-    if wanted <= 0:
+    involute = math.tan(alpha) - alpha + shift_mm * math.tan(alpha) / reference
+    if involute <= 0:
         return reference + shift_mm
-    working = math.atan((3 * wanted) ** (1 / 3))
+    working = math.atan((3 * involute) ** (1 / 3))
     for _ in range(20):
-        working -= (math.tan(working) - working - wanted) / math.tan(working) ** 2
+        working -= (math.tan(working) - working - involute) / math.tan(working) ** 2
     return reference * math.cos(alpha) / math.cos(working)
 
 
 def parse_pair_spec(table: dict[str, Any], source: str = "") -> PairSpec:
-    """Validate a parsed TOML table; `source` is the file name for messages."""
-    with PAIR_FILE.placed(source):
+    """Validate a parsed TOML table; error messages name the file `source`."""
+    with PAIR_FILE.error_context(source):
         spec: PairSpec = PAIR_FILE.convert(table, PairSpec)
         _check_tables(spec)
     return spec
@@ -155,30 +156,29 @@ def load_pair_spec(path: str | Path) -> PairSpec:
 
 
 def spec_table(spec: PairSpec) -> dict[str, Any]:
-    """The TOML table of a spec: `parse_pair_spec(spec_table(spec)) == spec`."""
+    """Return the TOML table of a spec, so that `parse_pair_spec(spec_table(spec)) == spec`."""
     return plain_table(spec)
 
 
 def _check_tables(spec: PairSpec) -> None:
-    """Refuse combinations of keys that contradict each other or leave the ratio open."""
+    """Raise `PairError` for contradictory keys and for an undefined ratio."""
     if (spec.pair is None) == (spec.drive is None):
-        seen = "neither" if spec.pair is None else "both"
+        state = "missing" if spec.pair is None else "given"
         raise PairError(
-            f"{seen} of [pair] and [drive] given; write [pair] with both tooth counts, or [drive]"
-            " ratio for a drive without gear geometry.",
+            f"[pair] and [drive] are both {state}; write [pair] with both tooth counts, or [drive]"
+            " with the ratio for a drive without gear geometry.",
             where="pair",
         )
     as_fraction(spec.log.driving_scale, "log.driving_scale")
     as_fraction(spec.log.driven_scale, "log.driven_scale")
     if spec.log.time is not None and spec.log.sample_rate_hz is not None:
         raise PairError(
-            "both `time` and `sample_rate_hz` given; keep the one the log has.",
+            "`time` and `sample_rate_hz` are both given; keep only one of them.",
             where="log.sample_rate_hz",
         )
     if spec.log.driven is not None and spec.log.transmission_error is not None:
         raise PairError(
-            "both `driven` and `transmission_error` given; a log has the second shaft"
-            " or the curve.",
+            "`driven` and `transmission_error` are both given; keep only the one that the log has.",
             where="log.transmission_error",
         )
     if spec.drive is not None:
@@ -208,14 +208,15 @@ def _check_tables(spec: PairSpec) -> None:
 
 
 def _check_stated(spec: PairSpec) -> None:
-    """Refuse what says nothing without a second number."""
+    """Raise `PairError` for a measured length without the number that it needs."""
     for shaft, gear in (("driving", spec.driving), ("driven", spec.driven)):
-        for value, needed, what in (
-            ("span_mm", "span_teeth", "over how many teeth"),
-            ("over_balls_mm", "ball_diameter_mm", "over balls of which diameter"),
+        for value, needed, meaning in (
+            ("span_mm", "span_teeth", "the number of teeth spanned"),
+            ("over_balls_mm", "ball_diameter_mm", "the diameter of the balls"),
         ):
             stated = gear.stated or StatedTable()
             if getattr(stated, value) is not None and getattr(stated, needed) is None:
                 raise PairError(
-                    f"missing; {value} does not say {what}.", where=f"{shaft}.stated.{needed}"
+                    f"this key is missing; {value} needs {meaning}.",
+                    where=f"{shaft}.stated.{needed}",
                 )

@@ -1,7 +1,7 @@
-"""The pair file as its author wrote it: validated fields, nothing derived. Needs no jax.
+"""Tables of the pair file as written by the user, with validated values; imports no jax.
 
-`PairSpec` is the TOML of a rig, one `msgspec` struct a table. Unknown keys, wrong types and
-impossible values are `PairError`s whose `where` names file and key.
+`PairSpec` represents the TOML file of a rig, with one `msgspec` struct for each table. Unknown
+keys, wrong types and impossible values raise a `PairError` whose `where` names the file and key.
 """
 
 from fractions import Fraction
@@ -12,7 +12,7 @@ from msgspec import Meta
 from ..base.errors import PairError
 from ..base.files.toml_io import Table
 
-Positive = Annotated[float, Meta(gt=0, le=1e9)]  # the bound keeps infinity out
+Positive = Annotated[float, Meta(gt=0, le=1e9)]  # chosen limits; this one excludes infinity
 Angle = Annotated[float, Meta(gt=0, lt=45)]
 Helix = Annotated[float, Meta(gt=-45, lt=45)]
 Depth = Annotated[float, Meta(gt=0, le=5)]
@@ -23,7 +23,7 @@ AngleUnit = Literal["counts", "deg", "rad", "rev", "arcsec", "urad"]
 
 
 class Encoder(Table, frozen=True):
-    """Encoder on one shaft; `modulus` is where a wrapping counter starts again."""
+    """Encoder on one shaft; a counter wraps to zero at `modulus` counts."""
 
     counts_per_rev: Annotated[int, Meta(ge=1)] | None = None
     accuracy_arcsec: Positive | None = None
@@ -32,9 +32,9 @@ class Encoder(Table, frozen=True):
 
 
 class StatedTable(Table, frozen=True):
-    """`stated` of a gear: what the drawing prints or the shop has measured, in mm.
+    """Table `stated` of a gear: nominal or measured lengths in mm.
 
-    Span and measurement over balls are those of the middle of the face.
+    The span and the dimension over balls apply to the middle of the face.
     """
 
     tooth_thickness_thin_mm: Positive | None = None
@@ -48,7 +48,7 @@ class StatedTable(Table, frozen=True):
 
 
 class GearTable(Table, frozen=True):
-    """One gear as written: `[driving]` or `[driven]`."""
+    """Table `[driving]` or `[driven]`: one gear."""
 
     teeth: Annotated[int, Meta(ge=1, le=100_000)] | None = None
     face_width_mm: Positive | None = None
@@ -70,7 +70,7 @@ class GearTable(Table, frozen=True):
 
 
 class RackTable(Table, frozen=True):
-    """`[rack]`: basic rack of both gears in modules (of the normal module where that is given)."""
+    """Table `[rack]`: basic rack of both gears in modules (normal modules if that is given)."""
 
     addendum: Depth = 1.0
     clearance: Annotated[float, Meta(ge=0, le=2)] = 0.25
@@ -78,7 +78,7 @@ class RackTable(Table, frozen=True):
 
 
 class PairTable(Table, frozen=True):
-    """`[pair]`: what both gears share."""
+    """Table `[pair]`: common data of both gears."""
 
     module_mm: Positive | None = None
     normal_module_mm: Positive | None = None
@@ -88,13 +88,13 @@ class PairTable(Table, frozen=True):
 
 
 class DriveTable(Table, frozen=True):
-    """`[drive]`: a two-shaft drive of which only the ratio (driven over driving speed) is known."""
+    """Table `[drive]`: a two-shaft drive with only a ratio (driven over driving speed)."""
 
     ratio: str | float
 
 
 class LogLayout(Table, frozen=True):
-    """`[log]`: where the channels are and how they are written."""
+    """Table `[log]`: columns of the channels, their scales and the format of the text."""
 
     time: str | None = None
     sample_rate_hz: Positive | None = None
@@ -115,7 +115,7 @@ class LogLayout(Table, frozen=True):
 
 
 class UnitTable(Table, frozen=True):
-    """`[unit]`: units of columns whose names do not end with one."""
+    """Table `[unit]`: units of columns whose names do not end with a unit."""
 
     driving: AngleUnit | None = None
     driven: AngleUnit | None = None
@@ -123,7 +123,7 @@ class UnitTable(Table, frozen=True):
 
 
 class HarmonicOrders(Table, frozen=True):
-    """`[fit]`: which orders of each shaft, and how many tooth-mesh orders, the fit models."""
+    """Table `[fit]`: orders of each shaft and number of tooth-mesh orders in the forward model."""
 
     driving_orders: tuple[Order, ...] = tuple(range(1, 9))
     driven_orders: tuple[Order, ...] = tuple(range(1, 9))
@@ -131,7 +131,7 @@ class HarmonicOrders(Table, frozen=True):
 
 
 class PairSpec(Table, frozen=True):
-    """A whole pair file. Either `pair` with both tooth counts, or `drive`."""
+    """Contents of a pair file, with either `pair` and both tooth counts, or `drive`."""
 
     name: str = ""
     pair: PairTable | None = None
@@ -145,23 +145,23 @@ class PairSpec(Table, frozen=True):
 
     @property
     def ratio(self) -> Fraction:
-        """Speed of the driven shaft over that of the driving one, z₁/z₂."""
+        """Ratio z₁/z₂ of the speed of the driven shaft to that of the driving shaft."""
         if self.drive is not None:
             return as_fraction(self.drive.ratio, "drive.ratio")
-        assert self.driving.teeth and self.driven.teeth  # held by `_check_tables`
+        assert self.driving.teeth and self.driven.teeth  # checked by `_check_tables`
         return Fraction(self.driving.teeth, self.driven.teeth)
 
 
 def as_fraction(value: str | float | int, where: str) -> Fraction:
-    """A positive rational from `"7/1798"`, `"0.5625"` or a number; else `PairError` at `where`.
+    """Convert `"7/1798"`, `"0.5625"` or a number to a positive fraction, or raise `PairError`.
 
-    A number goes through its shortest decimal form, so 0.1 is 1/10.
+    A number is converted by its shortest decimal form, so that 0.1 becomes 1/10.
     """
     text = str(value).replace(" ", "")
     try:
-        # A quotient has no exponent; without this look "1e999999999" would be written out.
-        usual = "/" in text or 1e-9 <= float(text) <= 1e9
-        fraction = Fraction(text) if usual else Fraction(0)
+        # `Fraction("1e999999999")` would compute all digits, so the size is checked before.
+        in_range = "/" in text or 1e-9 <= float(text) <= 1e9
+        fraction = Fraction(text) if in_range else Fraction(0)
     except (ValueError, ZeroDivisionError):
         fraction = Fraction(0)
     if not 1e-9 <= fraction <= 1e9:

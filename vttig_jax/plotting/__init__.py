@@ -1,4 +1,4 @@
-"""Pictures of every object."""
+"""Pictures of the objects of all rooms."""
 
 from typing import TYPE_CHECKING
 

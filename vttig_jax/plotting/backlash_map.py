@@ -1,4 +1,4 @@
-"""Picture of a backlash map, with its bands where there are some."""
+"""Picture of a backlash map, with or without bands."""
 
 import math
 
@@ -25,22 +25,22 @@ from .style import (
     title,
 )
 
-_PER_PERIOD = 24
+_PER_PERIOD = 24  # points per period of the highest order; a chosen value
 
 
 def plot_map(backlash: BacklashMap, *, ax: Axes | None = None, turns: int = 16) -> Figure:
-    """Backlash over the hunting period, the first-order map beside it, both extremes marked.
+    """Plot the backlash over the hunting period, its first-order map and both extremes.
 
-    The axis at the right reads millimetres: of axial displacement where the pair has taper, else
-    at the reference circle; a drive has none.
+    The right axis is in mm: axial displacement if the pair has taper, otherwise backlash at the
+    reference circle. A drive has no right axis.
 
     **Arguments**
     - `backlash`: the map.
-    - `ax`: axes to draw on; a new figure when absent.
-    - `turns`: driving turns shown at most. The title says so where the hunting period is longer;
-      the extremes are those of the whole period.
+    - `ax`: axes to draw on; by default a new figure.
+    - `turns`: largest number of driving turns shown. The title gives the turns shown if the hunting
+      period is longer; the extremes are those of the whole period.
 
-    **Raises** `NoAnswerError` where the backlash is not a number: one flank was not measured.
+    **Raises** `NoAnswerError` if the backlash is not a number because one flank was not measured.
     """
     if turns < 1:
         raise ValueError(f"Argument `turns` must be at least 1, but is {turns}.")
@@ -66,7 +66,7 @@ def plot_map(backlash: BacklashMap, *, ax: Axes | None = None, turns: int = 16) 
     marks += _mark(ax, backlash.largest, "^", "largest", shown)
     ax.set_ylabel("backlash, angle of the driven gear [°]")
     ax.set_xlim(0.0, 360.0 * shown)
-    _millimetres(ax, backlash)
+    _add_mm_axis(ax, backlash)
     title(ax, "backlash", backlash.pair.name, _span(shown, period), legend_rows=2)
     grid(ax)
     driving_axis(ax)
@@ -80,22 +80,22 @@ def _span(shown: int, period: int) -> str:
     return f"hunting period of {period} turn{'s' if period > 1 else ''}"
 
 
-def _mark(ax: Axes, extreme: Extreme, marker: str, word: str, shown: int) -> list[Line2D]:
-    """Mark an extreme; one outside the turns shown stands in the legend alone."""
-    seen = extreme.driving_angle <= shown * REV
-    place = ([extreme.driving_angle / DEG], [extreme.backlash / DEG]) if seen else ([], [])
+def _mark(ax: Axes, extreme: Extreme, marker: str, name: str, shown: int) -> list[Line2D]:
+    """Mark an extreme; one beyond the turns shown appears in the legend only."""
+    visible = extreme.driving_angle <= shown * REV
+    point = ([extreme.driving_angle / DEG], [extreme.backlash / DEG]) if visible else ([], [])
     return ax.plot(
-        *place,
+        *point,
         marker,
         color=MODEL_COLOUR,
         markersize=7,
         markerfacecolor="none",
-        label=f"{word}: {extreme}" + ("" if seen else ", not shown"),
+        label=f"{name}: {extreme}" + ("" if visible else ", not shown"),
     )
 
 
-def _millimetres(ax: Axes, backlash: BacklashMap) -> None:
-    """Axis at the right: j_mm = j R₂, or s = j R₂/(tan β_L + tan β_R)."""
+def _add_mm_axis(ax: Axes, backlash: BacklashMap) -> None:
+    """Add the right axis: j_mm = j R₂, or s = j R₂/(tan β_L + tan β_R)."""
     pair = backlash.pair
     if isinstance(pair, Drive):
         return
@@ -109,37 +109,38 @@ def _millimetres(ax: Axes, backlash: BacklashMap) -> None:
     right.set_ylabel(label)
 
 
-_NEAR_DEG = 90.0
+_CLOSE_UP_DEG = 90.0  # width of the panel around the smallest gap; a chosen value
 
 
 def plot_band_map(
     banded: BandedMap, *, ax: Axes | None = None, turns: float | None = None
 ) -> Figure:
-    """Backlash with its pointwise and its simultaneous band, and where the gap is smallest.
+    """Plot the backlash with its pointwise and simultaneous bands, and its smallest value.
 
-    The inner band holds the gap at one angle, the outer one the whole map, each with the
-    probability in the legend. Below, a quarter of a turn around the smallest gap.
+    The inner band contains the gap at one angle, the outer band contains the whole map, each with
+    the probability in the legend. The panel below shows a quarter of a turn around the smallest
+    gap.
 
     **Arguments**
     - `banded`: the map with its bands.
-    - `ax`: axes to draw on; a new figure with a second panel around the smallest gap when absent.
-    - `turns`: driving turns shown; all of the map when absent.
+    - `ax`: axes to draw on; by default a new figure with a second panel around the smallest gap.
+    - `turns`: driving turns shown; by default the whole map.
     """
     if turns is not None and not turns > 0:
         raise ValueError(f"Argument `turns` must be positive, but is {turns:g}.")
     last = min(turns or np.inf, banded.turns) * 360.0
     if ax is not None:
-        _words(ax, banded, _draw(ax, banded, (0.0, last)))
+        _add_title(ax, banded, _draw(ax, banded, (0.0, last)))
         return figure_of(ax)
     figure = new_figure(6.6)
-    whole, near = figure.subplots(2, 1)
-    _words(whole, banded, _draw(whole, banded, (0.0, last)))
+    whole, close_up = figure.subplots(2, 1)
+    _add_title(whole, banded, _draw(whole, banded, (0.0, last)))
     middle = banded.smallest.place[0] / DEG
-    span = min(_NEAR_DEG, 360.0 * banded.turns)
+    span = min(_CLOSE_UP_DEG, 360.0 * banded.turns)
     start = float(np.clip(middle - span / 2, 0.0, max(360.0 * banded.turns - span, 0.0)))
-    _draw(near, banded, (start, start + span))
+    _draw(close_up, banded, (start, start + span))
     around = start <= middle <= start + span
-    title(near, "around the smallest gap" if around else "a part of it")
+    title(close_up, "around the smallest gap" if around else "part of the map")
     return figure
 
 
@@ -149,8 +150,8 @@ def _draw(ax: Axes, banded: BandedMap, span_deg: tuple[float, float]) -> list[Ar
     shown = (angle >= span_deg[0] - 1e-9) & (angle <= span_deg[1] + 1e-9)
     angle = angle[shown]
     edges = [
-        (band.low_simultaneous, band.high_simultaneous, "0.80", f"{percent} of the whole map"),
-        (band.low, band.high, COLOURS[1], f"{percent} at one angle"),
+        (band.low_simultaneous, band.high_simultaneous, "0.80", f"{percent} band of the whole map"),
+        (band.low, band.high, COLOURS[1], f"{percent} band at one angle"),
     ]
     keys: list[Artist] = []
     for low, high, colour, label in edges:
@@ -182,24 +183,24 @@ def _draw(ax: Axes, banded: BandedMap, span_deg: tuple[float, float]) -> list[Ar
         ax.axhline(0.0, color=MODEL_COLOUR, linewidth=0.6)
     ax.set_xlim(*span_deg)
     ax.set_ylabel("backlash [° of the driven gear]")
-    _axial(ax, banded)
+    _add_mm_axis_to_bands(ax, banded)
     grid(ax)
     driving_axis(ax)
     return keys
 
 
-def _words(ax: Axes, banded: BandedMap, keys: list[Artist]) -> None:
+def _add_title(ax: Axes, banded: BandedMap, handles: list[Artist]) -> None:
     turns = banded.turns
     period = banded.map.pair.hunting_turns
-    words = f"{turns:.6g} of the {period} turns of the hunting period"
+    span = f"{turns:.6g} of the {period} turns of the hunting period"
     if turns == period:
-        words = f"hunting period of {period} turn{'s' if period > 1 else ''}"
-    title(ax, "backlash", banded.map.pair.name, words, legend_rows=2)
-    legend(ax, keys)
+        span = f"hunting period of {period} turn{'s' if period > 1 else ''}"
+    title(ax, "backlash", banded.map.pair.name, span, legend_rows=2)
+    legend(ax, handles)
 
 
-def _axial(ax: Axes, banded: BandedMap) -> None:
-    """Axis at the right: millimetres of axial displacement, or at the reference circle."""
+def _add_mm_axis_to_bands(ax: Axes, banded: BandedMap) -> None:
+    """Add the right axis: mm of axial displacement, or mm at the reference circle."""
     radius, axial = millimetres(banded.map.pair)
     if not np.isfinite(radius):
         return

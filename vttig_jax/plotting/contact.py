@@ -1,4 +1,4 @@
-"""Picture of the contact of two gears: the teeth in mesh, and where their flanks touch."""
+"""Picture of the contact of two gears: the teeth in mesh and the contact lines of the flanks."""
 
 import math
 
@@ -20,29 +20,28 @@ from ..pair.gear_pair import GearPair
 from .style import COLOURS, FLANK_COLOURS, MODEL_COLOUR, grid, heading, legend, new_figure, title
 
 _TEETH = 3
-"""Teeth of each gear to either side of the line of centres."""
+"""Teeth of each gear drawn on either side of the line of centres; a chosen value."""
 
 _COUNTS = Counts(root=8, fillet=16, flank=32, tip=8, sections=(1,))
 
 _LINES = 12
-"""Driving angles whose contact lines are drawn."""
+"""Largest number of driving angles with contact lines; a chosen value."""
 
 
 def plot_contact(contacts: Contacts, pair: GearPair | None = None, *, place: int = 0) -> Figure:
-    """The gears in mesh at one driving angle, and the contact lines of the angles from there on.
+    """Plot the gears in mesh at one driving angle, and the contact lines from this angle on.
 
-    On the left stands the section of the first touch with both gears where they are then, on
-    eccentric bodies and shifted axes alike, and the points in which flanks touch; a tilt of the
-    driven axis is too small to be seen and left out. On the right lies the flank of the driving
-    gear: radius over height, with a line or point for each of up to twelve driving angles within
-    a pitch.
+    The left panel shows the section of the first contact: both gears in their positions, including
+    eccentricity and displaced axes, and the points of contact. The tilt of the driven axis is too
+    small to be visible and is left out. The right panel shows the flank of the driving gear (radius
+    over z) with a contact line or point for each of up to twelve driving angles within a pitch.
 
     **Arguments**
-    - `contacts`: from `contact_at`.
-    - `pair`: the gears, whose name the first line then has.
-    - `place`: which of the driving angles.
+    - `contacts`: result of `contact_at`.
+    - `pair`: the gears; the heading has their name.
+    - `place`: index of the driving angle.
 
-    **Raises** `ValueError` where nothing touches at this angle.
+    **Raises** `ValueError` if no flanks are in contact at this angle.
 
     **Example**
     ```python
@@ -61,7 +60,9 @@ def plot_contact(contacts: Contacts, pair: GearPair | None = None, *, place: int
     ```
     """
     if not contacts.contact_lines(place):
-        raise ValueError(f"Argument `place` must be an angle with contact, but at {place} is none.")
+        raise ValueError(
+            f"Argument `place` must be the index of an angle with contact, but {place} has none."
+        )
     figure = new_figure(4.6)
     left, right = figure.subplots(1, 2, width_ratios=[1.25, 1.0])
     _draw_mesh(left, contacts, place)
@@ -73,29 +74,30 @@ def plot_contact(contacts: Contacts, pair: GearPair | None = None, *, place: int
 
 
 def _draw_mesh(ax: Axes, contacts: Contacts, place: int) -> None:
-    """Both gears in the section of the first touch, around the line of centres."""
+    """Draw both gears in the section of the first contact, around the line of centres."""
     model = contacts.model
     driving, driven = model.teeth
     mounting, z = model.mounting, float(contacts.z_mm[place])
     angle = float(contacts.driving_angle[place])
-    follows = float(model.ratio) * angle + float(contacts.transmission_error[place])
+    driven_angle = float(model.ratio) * angle + float(contacts.transmission_error[place])
     distance = float(mounting.centre_distance)
-    middle = _complex(mounting.driving_centre(jnp.asarray(angle)))
-    other = distance + _complex(mounting.driven_centre(jnp.asarray(follows)))
+    driving_centre = _complex(mounting.driving_centre(jnp.asarray(angle)))
+    driven_centre = distance + _complex(mounting.driven_centre(jnp.asarray(driven_angle)))
     standing = float(mates_on(model, flank_index(contacts.flank)).standing)
+    turned, driven_z = math.pi + standing - driven_angle, -(z + float(mounting.axial))
     outlines = (
-        (driving, middle, angle, False, z, "driving"),
-        (driven, other, math.pi + standing - follows, True, -(z + float(mounting.axial)), "driven"),
+        (driving, driving_centre, angle, False, z, "driving"),
+        (driven, driven_centre, turned, True, driven_z, "driven"),
     )
-    for number, (tooth, centre, turn, flipped, height, word) in enumerate(outlines):
+    for number, (tooth, centre, turn, flipped, height, name) in enumerate(outlines):
         outline = _outline(tooth, height, flipped)
         pitch = 2 * math.pi / tooth.teeth
-        near = round(((math.pi if flipped else 0.0) - turn) / pitch)
-        for step in range(near - _TEETH, near + _TEETH + 1):
+        nearest = round(((math.pi if flipped else 0.0) - turn) / pitch)
+        for step in range(nearest - _TEETH, nearest + _TEETH + 1):
             drawn = centre + outline * np.exp(1j * (turn + step * pitch))
-            label = f"{word} gear" if step == near else None
+            label = f"{name} gear" if step == nearest else None
             ax.plot(drawn.real, drawn.imag, color=COLOURS[6 + number], linewidth=1.0, label=label)
-    for point in _touches(driving, contacts, place, middle):
+    for point in _touch_points(driving, contacts, place, driving_centre):
         ax.plot(point.real, point.imag, ".", color=FLANK_COLOURS[contacts.flank], markersize=9)
     pitch_point = distance * driving.teeth / (driving.teeth + driven.teeth)
     half = 2.6 * float(driving.module_mm)
@@ -112,31 +114,31 @@ def _complex(point: Plane) -> complex:
     return complex(float(point[0]), float(point[1]))
 
 
-def _touches(driving: Tooth, contacts: Contacts, place: int, centre: complex) -> list[complex]:
-    """Where pairs of teeth touch in the section of the first touch, or as good as in it."""
+def _touch_points(driving: Tooth, contacts: Contacts, place: int, centre: complex) -> list[complex]:
+    """Return the contact points of the tooth pairs in or very near the section of first contact."""
     sign, side = (1.0, 0) if contacts.flank == "A" else (-1.0, 1)
-    near = 0.01 * float(np.ptp(contacts.section_z_mm[place]))
-    found = []
+    tolerance = 0.01 * float(np.ptp(contacts.section_z_mm[place]))
+    points = []
     for number, line in contacts.contact_lines(place).items():
-        apart = np.abs(line[:, 0] - contacts.z_mm[place])
-        if apart.min() > near:
+        distance = np.abs(line[:, 0] - contacts.z_mm[place])
+        if distance.min() > tolerance:
             continue
-        z, radius = line[np.argmin(apart)]
+        z, radius = line[np.argmin(distance)]
         half = np.asarray(driving.half_angles(np.array(radius), np.array(z)))[side].item()
         middle = contacts.driving_angle[place] - (number - 1) * 2 * math.pi / driving.teeth
-        found.append(centre + radius * np.exp(1j * (middle + sign * half)))
-    return found
+        points.append(centre + radius * np.exp(1j * (middle + sign * half)))
+    return points
 
 
 def _outline(tooth: Tooth, z: float, flipped: bool) -> Complex[np.ndarray, " n"]:
-    """A tooth along x; `flipped` as seen from the other side."""
+    """Return the outline of a tooth along x, seen from the other side if `flipped`."""
     radius, clockwise = section_curve(gear_profile(tooth), _COUNTS, np.array([z]))
     sense = 1.0 if flipped else -1.0
     return radius[0] * np.exp(1j * sense * clockwise[0])
 
 
 def _draw_flank(ax: Axes, contacts: Contacts, place: int) -> None:
-    """Contact lines on the driving flank."""
+    """Draw the contact lines on the driving flank."""
     driving = contacts.model.teeth[0]
     pitch = 2 * math.pi / driving.teeth
     ahead = contacts.driving_angle - contacts.driving_angle[place]
@@ -149,14 +151,14 @@ def _draw_flank(ax: Axes, contacts: Contacts, place: int) -> None:
             style = "-" if contacts.line[row] else "."
             ax.plot(line[:, 0], line[:, 1], style, color=_shade(share), linewidth=1.0)
     tip, root = float(driving.tip_radius), float(np.min(driving.base_radii))
-    for radius, word in ((tip, "tip"), (root, "base")):
+    for radius, name in ((tip, "tip"), (root, "base")):
         ax.axhline(radius, color=MODEL_COLOUR, linewidth=0.6, linestyle="--")
         ax.annotate(
-            word,
+            name,
             (0.98, radius),
             xycoords=("axes fraction", "data"),
             ha="right",
-            va="bottom" if word == "base" else "top",
+            va="bottom" if name == "base" else "top",
             fontsize="small",
         )
     if not math.isnan(half := float(driving.face_width_mm) / 2):
@@ -169,6 +171,6 @@ def _draw_flank(ax: Axes, contacts: Contacts, place: int) -> None:
 
 
 def _shade(share: float) -> Float[np.ndarray, "3"]:
-    """From blue to dark, with the angle."""
+    """Return a colour from blue (share 0) to dark (share 1)."""
     start, end = np.array([0.25, 0.55, 0.85]), np.array([0.05, 0.1, 0.2])
     return start + share * (end - start)

@@ -1,4 +1,4 @@
-"""Picture of a posterior: every pair of coordinates, the ellipses of the fit over the draws."""
+"""Corner picture of a posterior: every pair of coordinates, with the ellipses of the fit."""
 
 from collections.abc import Sequence
 
@@ -14,36 +14,34 @@ from ..base.units import DEG
 from ..posterior.summary.posterior import Posterior
 from .style import COLOURS, MODEL_COLOUR, heading, new_figure
 
-_BINS, _CELLS = 40, 30
-_MOST_DRAWS = 50_000
+_BINS, _CELLS = 40, 30  # of the histograms in one and two dimensions; chosen values
+_MAX_DRAWS = 50_000  # draws used; a chosen value
 _LEVELS = (0.68, 0.95)
 """Probability inside the ellipses."""
 
 
 def plot_corner(posterior: Posterior, *, names: Sequence[str] | None = None) -> Figure:
-    """Draws of every pair of coordinates, and on the diagonal the draws of each one.
+    """Plot the draws of every pair of coordinates, and of each coordinate on the diagonal.
 
-    Shades are densities of the draws. The lines are what the fit says (Laplace): ellipses that hold
-    68 % and 95 % of its Gaussian, and its density on the diagonal. Lengths are in µm, encoder
-    errors in arcsec, the backlash in degrees.
+    Shades are densities of the draws. The lines are the Gaussian approximation of the fit
+    (Laplace): ellipses that contain 68 % and 95 %, and its density on the diagonal. Lengths are in
+    µm, encoder errors in arcsec, the backlash in degrees.
 
     **Arguments**
     - `posterior`: the draws.
-    - `names`: coordinates to show; all physical ones when absent.
+    - `names`: coordinates to show; by default all physical ones.
     """
     names = posterior.physical if names is None else tuple(names)
     if not names:
         raise ValueError("Argument `names` must hold at least one coordinate, but is empty.")
-    units = [people(posterior, name) for name in names]
+    units = [picture_unit(posterior, name) for name in names]
     draws = np.stack(
         [posterior.values(name) / size for name, (_, size) in zip(names, units, strict=True)],
         axis=1,
     )
-    stride = max(1, len(draws) // _MOST_DRAWS)
+    stride = max(1, len(draws) // _MAX_DRAWS)
     draws = draws[::stride]
-    laplace = [
-        _laplace(posterior, name, size) for name, (_, size) in zip(names, units, strict=True)
-    ]
+    fits = [_laplace(posterior, name, size) for name, (_, size) in zip(names, units, strict=True)]
     count = len(names)
     figure = new_figure(8.0 if count > 3 else 2.4 * count + 0.6)
     axes = figure.subplots(count, count, squeeze=False, sharex="col")
@@ -53,30 +51,30 @@ def plot_corner(posterior: Posterior, *, names: Sequence[str] | None = None) -> 
             if column > row:
                 ax.set_axis_off()
             elif column == row:
-                _draw_one(ax, draws[:, row], laplace[row])
+                _draw_histogram(ax, draws[:, row], fits[row])
             else:
                 covariance = _covariance(posterior, (names[column], names[row]), units, names)
-                _draw_pair(ax, draws[:, [column, row]], (laplace[column], laplace[row]), covariance)
+                _draw_density(ax, draws[:, [column, row]], (fits[column], fits[row]), covariance)
             _ticks(ax, column == 0 and row > 0, row == count - 1, count)
     labels = [_label(name, unit) for name, (unit, _) in zip(names, units, strict=True)]
     size = "small" if count <= 6 else "x-small"
-    for place, label in enumerate(labels):
-        axes[-1, place].set_xlabel(label, fontsize=size)
-        if place:
-            axes[place, 0].set_ylabel(label, fontsize=size)
+    for index, label in enumerate(labels):
+        axes[-1, index].set_xlabel(label, fontsize=size)
+        if index:
+            axes[index, 0].set_ylabel(label, fontsize=size)
     figure.align_labels()
     heading(figure, "posterior", posterior.fit.pair.name, posterior.fit.source)
-    _keys(figure)
+    _add_legend(figure)
     return figure
 
 
-def people(posterior: Posterior, name: str) -> tuple[str, float]:
-    """Unit of a coordinate in pictures, and internal units per unit."""
+def picture_unit(posterior: Posterior, name: str) -> tuple[str, float]:
+    """Return the unit of a coordinate in pictures, and its size in internal units."""
     unit = posterior.units[posterior.place(name)]
     if name == "constant_backlash":
         return "°", DEG
-    known = {"mm": ("µm", 1e-3), "rad": ("″", DEG / 3600), "s": ("µs", 1e-6)}
-    return known.get(unit, ("" if unit in ("1", "log rad") else unit, 1.0))
+    display = {"mm": ("µm", 1e-3), "rad": ("″", DEG / 3600), "s": ("µs", 1e-6)}
+    return display.get(unit, ("" if unit in ("1", "log rad") else unit, 1.0))
 
 
 def _label(name: str, unit: str) -> str:
@@ -87,13 +85,12 @@ def _label(name: str, unit: str) -> str:
 
 
 def _laplace(posterior: Posterior, name: str, size: float) -> tuple[float, float] | None:
-    """Value and standard error by the fit, if it has this coordinate."""
-    known = posterior.fit.covariance_names
-    if name not in known:
-        return None
-    place = known.index(name)
+    """Return estimate and standard error of the fit, or None without this coordinate."""
     fit = posterior.fit
-    return float(fit.values[place]) / size, float(np.sqrt(fit.covariance[place, place])) / size
+    if name not in fit.covariance_names:
+        return None
+    index = fit.covariance_names.index(name)
+    return float(fit.values[index]) / size, float(np.sqrt(fit.covariance[index, index])) / size
 
 
 def _covariance(
@@ -102,15 +99,15 @@ def _covariance(
     units: Sequence[tuple[str, float]],
     names: Sequence[str],
 ) -> Float[np.ndarray, "2 2"] | None:
-    known = posterior.fit.covariance_names
-    if not set(pair) <= set(known):
+    fitted = posterior.fit.covariance_names
+    if not set(pair) <= set(fitted):
         return None
-    place = [known.index(name) for name in pair]
+    indices = [fitted.index(name) for name in pair]
     size = np.array([units[names.index(name)][1] for name in pair])
-    return posterior.fit.covariance[np.ix_(place, place)] / np.outer(size, size)
+    return posterior.fit.covariance[np.ix_(indices, indices)] / np.outer(size, size)
 
 
-def _draw_one(
+def _draw_histogram(
     ax: Axes, draws: Float[np.ndarray, " n"], laplace: tuple[float, float] | None
 ) -> None:
     ax.hist(draws, _BINS, density=True, color=COLOURS[0], alpha=0.45, edgecolor="none")
@@ -120,33 +117,33 @@ def _draw_one(
         y = np.exp(-0.5 * ((x - value) / std) ** 2) / (std * np.sqrt(2 * np.pi))
         ax.plot(x, y, color=MODEL_COLOUR, linewidth=0.9)
     ax.set_yticks([])
-    ax.set_xlim(*_span(draws))
+    ax.set_xlim(*_limits(draws))
     ax.spines[["top", "right", "left"]].set_visible(False)
 
 
-def _draw_pair(
+def _draw_density(
     ax: Axes,
     draws: Float[np.ndarray, "n 2"],
     laplace: tuple[tuple[float, float] | None, tuple[float, float] | None],
     covariance: Float[np.ndarray, "2 2"] | None,
 ) -> None:
-    spans = [_span(draws[:, 0]), _span(draws[:, 1])]
-    density, x, y = np.histogram2d(draws[:, 0], draws[:, 1], _CELLS, spans)
-    shown = np.ma.masked_equal(density.T, 0.0)
-    ax.pcolormesh(x, y, shown, cmap="Blues", vmin=-0.15 * density.max(), rasterized=True)
+    limits = [_limits(draws[:, 0]), _limits(draws[:, 1])]
+    density, x, y = np.histogram2d(draws[:, 0], draws[:, 1], _CELLS, limits)
+    masked = np.ma.masked_equal(density.T, 0.0)
+    ax.pcolormesh(x, y, masked, cmap="Blues", vmin=-0.15 * density.max(), rasterized=True)
     if covariance is not None and laplace[0] is not None and laplace[1] is not None:
         for level in _LEVELS:
             ring = _ellipse(covariance, level)
             ax.plot(
                 laplace[0][0] + ring[0], laplace[1][0] + ring[1], color=MODEL_COLOUR, linewidth=0.9
             )
-    ax.set_xlim(*spans[0])
-    ax.set_ylim(*spans[1])
+    ax.set_xlim(*limits[0])
+    ax.set_ylim(*limits[1])
     ax.spines[["top", "right"]].set_visible(False)
 
 
 def _ellipse(covariance: Float[np.ndarray, "2 2"], level: float) -> Float[np.ndarray, "2 n"]:
-    """Outline that holds `level` of a plane Gaussian around zero."""
+    """Return the ellipse that contains the probability `level` of a Gaussian around zero."""
     values, vectors = np.linalg.eigh(covariance)
     turn = np.linspace(0, 2 * np.pi, 121)
     radius = np.sqrt(-2 * np.log(1 - level))
@@ -154,27 +151,27 @@ def _ellipse(covariance: Float[np.ndarray, "2 2"], level: float) -> Float[np.nda
     return vectors @ (half[:, None] * np.stack([np.cos(turn), np.sin(turn)]))
 
 
-def _span(draws: Float[np.ndarray, " n"]) -> tuple[float, float]:
-    """All but the outermost thousandth, with a margin."""
+def _limits(draws: Float[np.ndarray, " n"]) -> tuple[float, float]:
+    """Return axis limits, with a margin, that exclude the outermost thousandth of the draws."""
     low, high = (float(part) for part in np.quantile(draws, [0.0005, 0.9995]))
     margin = 0.08 * (high - low) or max(abs(low), 1.0) * 1e-6
     return low - margin, high + margin
 
 
 def _ticks(ax: Axes, left: bool, bottom: bool, count: int) -> None:
-    most = 2 if count > 5 else 3
-    ax.xaxis.set_major_locator(MaxNLocator(most))
+    intervals = 2 if count > 5 else 3
+    ax.xaxis.set_major_locator(MaxNLocator(intervals))
     ax.tick_params(labelsize=6.5 if count > 5 else 8, length=2.5)
     ax.tick_params(axis="x", labelbottom=bottom, labelrotation=45 if count > 5 else 0)
     if ax.get_yticks().size:
-        ax.yaxis.set_major_locator(MaxNLocator(most))
+        ax.yaxis.set_major_locator(MaxNLocator(intervals))
         ax.tick_params(axis="y", labelleft=left)
     for axis in (ax.xaxis, ax.yaxis):
         axis.get_offset_text().set_visible(False)
     ax.ticklabel_format(useOffset=False, style="plain")
 
 
-def _keys(figure: Figure) -> None:
+def _add_legend(figure: Figure) -> None:
     keys = [
         Patch(color=COLOURS[0], alpha=0.45, label="draws"),
         Line2D([], [], color=MODEL_COLOUR, linewidth=0.9, label="fit (Laplace): 68 % and 95 %"),

@@ -16,28 +16,28 @@ from .style import COLOURS, FLANK_COLOURS, grid, heading, legend, new_figure, ti
 
 _GEARS = "driving", "driven"
 _FLANKS = "A", "B"
-_TRACES = 3
-_SMOOTH = 201
-_ROW_IN = 2.3
+_TRACES = 3  # traces per panel
+_SPLINE_POINTS = 201  # points of each spline curve; a chosen value
+_ROW_IN = 2.3  # height of a row, inch
 
-Drawn = tuple[str, str, FlankMap]
+NamedMap = tuple[str, str, FlankMap]
 """Gear, flank and its map."""
 
 
 def plot_deviations(deviations: Deviations, pair: GearPair | None = None) -> Figure:
-    """What a gear measuring machine prints: profile, helix and pitch of every measured flank.
+    """Plot profile, helix and pitch of every measured flank, like a gear measuring machine.
 
-    A row for each map: on the left the deviation over roll length at up to three heights, on the
-    right over height at up to three roll lengths, in µm, positive for extra material. Dots are the
-    measured points, lines the spline through them. A row for each gear with pitches: by how much
-    every tooth stands out. All rows have one scale.
+    Each map has a row: on the left the deviation over roll length at up to three values of z, on
+    the right over z at up to three roll lengths, in µm, positive for extra material. Dots are the
+    measured points, lines the spline through them. Each gear with pitch deviations has a row with
+    the deviation of every tooth. All rows have the same scale.
 
     **Arguments**
     - `deviations`: maps, pitches or both.
-    - `pair`: the gears, whose flanks (from the form circle to the tip) and faces are then marked by
-      dashed lines.
+    - `pair`: the gears; dashed lines then mark the ends of the flanks (form circle and tip) and of
+      the faces.
 
-    **Raises** `ValueError` where nothing deviates.
+    **Raises** `ValueError` without any map or pitch.
 
     **Example**
     ```python
@@ -64,43 +64,43 @@ def plot_deviations(deviations: Deviations, pair: GearPair | None = None) -> Fig
         raise ValueError("Argument `deviations` must hold a map or pitches, but is empty.")
     figure = new_figure(0.5 + _ROW_IN * count)
     layout = figure.add_gridspec(count, 2)
-    shown: Axes | None = None
-    for row, (gear, flank, drawn) in enumerate(maps):
-        profile = figure.add_subplot(layout[row, 0], sharey=shown)
-        shown = shown or profile
-        helix = figure.add_subplot(layout[row, 1], sharey=shown)
-        _draw_map(profile, helix, drawn, f"{gear} flank {flank}")
+    first: Axes | None = None
+    for row, (gear, flank, flank_map) in enumerate(maps):
+        profile = figure.add_subplot(layout[row, 0], sharey=first)
+        first = first or profile
+        helix = figure.add_subplot(layout[row, 1], sharey=first)
+        _draw_map(profile, helix, flank_map, f"{gear} flank {flank}")
         if pair is not None:
-            _mark(profile, helix, pair, gear, flank)
+            _mark_ends(profile, helix, pair, gear, flank)
     for row, (gear, values) in enumerate(pitches, start=len(maps)):
-        ax = figure.add_subplot(layout[row, :], sharey=shown)
-        shown = shown or ax
+        ax = figure.add_subplot(layout[row, :], sharey=first)
+        first = first or ax
         _draw_pitch(ax, values, gear)
     name = "" if pair is None else pair.name
     heading(figure, "deviations of the flanks", name)
     return figure
 
 
-def _maps(deviations: Deviations) -> Iterator[Drawn]:
+def _maps(deviations: Deviations) -> Iterator[NamedMap]:
     for gear in _GEARS:
-        for flank, drawn in zip(_FLANKS, getattr(deviations, gear), strict=True):
-            if drawn is not None:
-                yield gear, flank, drawn
+        for flank, flank_map in zip(_FLANKS, getattr(deviations, gear), strict=True):
+            if flank_map is not None:
+                yield gear, flank, flank_map
 
 
-def _draw_map(profile: Axes, helix: Axes, drawn: FlankMap, name: str) -> None:
-    roll, z = np.asarray(drawn.roll_mm), np.asarray(drawn.z_mm)
-    measured, spline = np.asarray(drawn.deviation_um), drawn.prepared()
-    fine_roll, fine_z = (np.linspace(v[0], v[-1], _SMOOTH) for v in (roll, z))
-    for k, column in enumerate(_chosen(len(z))):
-        smooth = np.asarray(spline(fine_roll, np.full(_SMOOTH, z[column])))
+def _draw_map(profile: Axes, helix: Axes, flank_map: FlankMap, name: str) -> None:
+    roll, z = np.asarray(flank_map.roll_mm), np.asarray(flank_map.z_mm)
+    measured, spline = np.asarray(flank_map.deviation_um), flank_map.prepared()
+    fine_roll, fine_z = (np.linspace(v[0], v[-1], _SPLINE_POINTS) for v in (roll, z))
+    for k, column in enumerate(_trace_indices(len(z))):
+        smooth = np.asarray(spline(fine_roll, np.full(_SPLINE_POINTS, z[column])))
         _trace(profile, k, (fine_roll, smooth), (roll, measured[:, column]), f"z = {z[column]:g}")
-    for k, row in enumerate(_chosen(len(roll))):
-        smooth = np.asarray(spline(np.full(_SMOOTH, roll[row]), fine_z))
+    for k, row in enumerate(_trace_indices(len(roll))):
+        smooth = np.asarray(spline(np.full(_SPLINE_POINTS, roll[row]), fine_z))
         _trace(helix, k, (fine_z, smooth), (z, measured[row]), f"roll {roll[row]:.4g}")
-    for ax, word, along in ((profile, "profile", "roll length [mm]"), (helix, "helix", "z [mm]")):
-        _dress(ax, along)
-        title(ax, f"{name}, {word}", legend_rows=1)
+    for ax, kind, label in ((profile, "profile", "roll length [mm]"), (helix, "helix", "z [mm]")):
+        _style_axes(ax, label)
+        title(ax, f"{name}, {kind}", legend_rows=1)
         ax.legend(
             handles=ax.get_legend_handles_labels()[0],
             loc="lower left",
@@ -126,8 +126,8 @@ def _trace(
     ax.plot(*points, ".", color=colour, markersize=5)
 
 
-def _chosen(count: int) -> list[int]:
-    """The first, the middle and the last, or what there is of them."""
+def _trace_indices(count: int) -> list[int]:
+    """Return the first, middle and last index without repetition."""
     return sorted({0, count // 2, count - 1})[:_TRACES]
 
 
@@ -146,22 +146,22 @@ def _draw_pitch(ax: Axes, values: Float[np.ndarray, "2 teeth"], gear: str) -> No
             markersize=4,
             label=f"flank {flank}",
         )
-    _dress(ax, "tooth")
+    _style_axes(ax, "tooth")
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))
     ax.set_xlim(0.0, values.shape[1] + 1.0)
     title(ax, f"{gear} gear, single teeth")
     legend(ax, lines)
 
 
-def _dress(ax: Axes, along: str) -> None:
+def _style_axes(ax: Axes, label: str) -> None:
     ax.axhline(0.0, color="0.6", linewidth=0.7)
-    ax.set_xlabel(along)
+    ax.set_xlabel(label)
     ax.set_ylabel("deviation [µm]")
     grid(ax)
 
 
-def _mark(profile: Axes, helix: Axes, pair: GearPair, gear: str, flank: str) -> None:
-    """Where the flank begins and ends, and the ends of the face."""
+def _mark_ends(profile: Axes, helix: Axes, pair: GearPair, gear: str, flank: str) -> None:
+    """Mark the ends of the flank and of the face."""
     number, side = _GEARS.index(gear), _FLANKS.index(flank)
     teeth = tooth_of(pair, "driving"), tooth_of(pair, "driven")
     base, tip = float(pair.base_radii[number, side]), float(pair.tip_radii[number])

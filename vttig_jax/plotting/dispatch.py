@@ -1,4 +1,4 @@
-"""`plot`: the picture of an object, whatever the object is."""
+"""Function `plot`, which draws the picture of any object that has one."""
 
 from functools import singledispatch
 from typing import Any
@@ -29,18 +29,18 @@ from .tooth import plot_tooth
 
 @singledispatch
 def plot(obj: object, **options: Any) -> Figure:
-    """Draw an object; the figure is matplotlib's own and belongs to no pyplot window.
+    """Draw an object in a matplotlib figure without a pyplot window, with options by its type.
 
-    - a `TECurve`: transmission error over driving angle; options `ax`, `unit`.
-    - a `Fit`: measured and fitted, flank by flank, and the residual; `unit`, `span_deg`.
-    - a `BacklashMap`: backlash over the hunting period; `ax`, `turns`.
-    - a `Posterior`: every pair of coordinates (`plot_trace` draws them step by step); `names`.
-    - a `BandedMap`: backlash with its bands; `ax`, `turns`.
-    - a `Predictive`: a log beside what its posterior predicts; `unit`, `turns`.
-    - a `Simulation` with a trace: the run, and its reversal close up; `unit`, `span_s`.
-    - a `SweepTable`: what is left and closed too far, over one of its axes; `axis`, `by`.
-    - a `Tooth`: its sections at both ends and in the middle, its thickness between; `name`.
-    - `Contacts`: the gears in mesh and the lines in which they touch; `pair`, `place`.
+    - `TECurve`: transmission error over driving angle; `ax`, `unit`.
+    - `Fit`: measured and fitted values of each flank, and the residual; `unit`, `span_deg`.
+    - `BacklashMap`: backlash over the hunting period; `ax`, `turns`.
+    - `Posterior`: every pair of coordinates (`plot_trace` draws them step by step); `names`.
+    - `BandedMap`: backlash with its bands; `ax`, `turns`.
+    - `Predictive`: a log with its posterior predictive intervals; `unit`, `turns`.
+    - `Simulation` with a trace: the whole run, and its reversal enlarged; `unit`, `span_s`.
+    - `SweepTable`: residual backlash and interference over one of its axes; `axis`, `by`.
+    - `Tooth`: sections at both ends and in the middle, and thickness along the face; `name`.
+    - `Contacts`: the gears in mesh and their contact lines; `pair`, `place`.
     - `Deviations`: profile, helix and pitch of measured flanks; `pair`.
 
     The options are those of `plot_te`, `plot_fit`, `plot_map`, `plot_corner`, `plot_band_map`,
@@ -62,9 +62,8 @@ def plot(obj: object, **options: Any) -> Figure:
     ```
     """
     raise ValueError(
-        f"Argument `obj` must be a TECurve, Fit or BacklashMap, but is {type(obj).__name__}; what a"
-        " Posterior, BandedMap, Predictive, Simulation or SweepTable says has a picture too, and so"
-        " have a Tooth, Contacts and Deviations."
+        "Argument `obj` must be a TECurve, Fit, BacklashMap, Posterior, BandedMap, Predictive,"
+        f" Simulation, SweepTable, Tooth, Contacts or Deviations, but is {type(obj).__name__}."
     )
 
 

@@ -1,4 +1,4 @@
-"""Pictures of a fit and of a single transmission error curve."""
+"""Pictures of a fit and of a single curve of the transmission error."""
 
 from pathlib import PurePath
 
@@ -28,25 +28,25 @@ from .style import (
     unit_size,
 )
 
-Run = tuple[TECurve, Float[np.ndarray, " n"]]
+CurveAndResidual = tuple[TECurve, Float[np.ndarray, " _"]]
 """A curve with its residual, rad."""
 
 
 def plot_fit(
     fit: Fit, *, unit: Unit = "arcsec", span_deg: tuple[float, float] | None = None
 ) -> Figure:
-    """Measured transmission error with the fitted model, one panel a flank, and the residual below.
+    """Plot measured and fitted transmission error in one panel per flank, and the residual below.
 
-    Points are block means of the samples. The line is what the fit says at those points, drift and
-    encoder errors included: measured less residual. The panels share the angle axis.
+    Points are block means of the samples. The line is the fitted value at these points, including
+    drift and encoder errors: measured value minus residual. The panels share the angle axis.
 
     **Arguments**
-    - `fit`: the result of a fit.
-    - `unit`: of the transmission error, "arcsec" or "deg"; the residual stays in arcsec.
-    - `span_deg`: show these driving angles only.
+    - `fit`: result of a fit.
+    - `unit`: unit of the transmission error, "arcsec" or "deg"; the residual is always in arcsec.
+    - `span_deg`: first and last driving angle to show, deg.
     """
     size = unit_size(unit)
-    runs = _within(fit, span_deg)
+    runs = _runs_in_span(fit, span_deg)
     flanks = [flank for flank in ("A", "B") if any(curve.flank == flank for curve, _ in runs)]
     figure = new_figure(2.3 * (len(flanks) + 1))
     axes = figure.subplots(len(flanks) + 1, 1, sharex=True)
@@ -64,35 +64,35 @@ def plot_fit(
     return figure
 
 
-def _draw_flank(ax: Axes, runs: list[Run], size: float) -> None:
-    most = MOST_POINTS // len(runs)
-    keys = []
+def _draw_flank(ax: Axes, runs: list[CurveAndResidual], size: float) -> None:
+    points = MOST_POINTS // len(runs)
+    handles = []
     for curve, residual in runs:
         angle, error = curve.driving_angle / DEG, curve.transmission_error / size
-        keys = _dots(ax, *thinned(angle, error, most), curve.flank, "measured")
-        keys += ax.plot(
-            *thinned(angle, error - residual / size, most),
+        handles = _dots(ax, *thinned(angle, error, points), curve.flank, "measured")
+        handles += ax.plot(
+            *thinned(angle, error - residual / size, points),
             color=MODEL_COLOUR,
             linewidth=0.5,
             label="fitted",
         )
-    legend(ax, keys)
+    legend(ax, handles)
 
 
-def _draw_residuals(ax: Axes, runs: list[Run], flanks: list[str]) -> None:
-    most = MOST_POINTS // len(runs)
-    keys = []
+def _draw_residuals(ax: Axes, runs: list[CurveAndResidual], flanks: list[str]) -> None:
+    points = MOST_POINTS // len(runs)
+    handles = []
     for flank in flanks:
-        own = [run for run in runs if run[0].flank == flank]
-        rms = np.sqrt(np.mean(np.concatenate([residual for _, residual in own]) ** 2))
+        flank_runs = [run for run in runs if run[0].flank == flank]
+        rms = np.sqrt(np.mean(np.concatenate([residual for _, residual in flank_runs]) ** 2))
         label = f"flank {flank}: {rms / ARCSEC:.3g}″ rms"
         lines = [
-            _dots(ax, *thinned(curve.driving_angle / DEG, residual / ARCSEC, most), flank, label)
-            for curve, residual in own
+            _dots(ax, *thinned(curve.driving_angle / DEG, residual / ARCSEC, points), flank, label)
+            for curve, residual in flank_runs
         ]
-        keys += lines[0]
+        handles += lines[0]
     ax.set_ylabel("residual [arcsec]")
-    legend(ax, keys)
+    legend(ax, handles)
 
 
 def _dots(
@@ -110,8 +110,8 @@ def _dots(
     )
 
 
-def _within(fit: Fit, span_deg: tuple[float, float] | None) -> list[Run]:
-    """The runs, or their parts between two driving angles."""
+def _runs_in_span(fit: Fit, span_deg: tuple[float, float] | None) -> list[CurveAndResidual]:
+    """Return the runs, or their parts between two driving angles in deg."""
     runs = list(zip(fit.curves, fit.residuals, strict=True))
     if span_deg is None:
         return runs
@@ -137,12 +137,12 @@ def _within(fit: Fit, span_deg: tuple[float, float] | None) -> list[Run]:
 
 
 def plot_te(curve: TECurve, *, ax: Axes | None = None, unit: Unit = "arcsec") -> Figure:
-    """Transmission error over driving angle.
+    """Plot the transmission error over the driving angle.
 
     **Arguments**
     - `curve`: one run on one flank.
-    - `ax`: axes to draw on; a new figure when absent.
-    - `unit`: of the transmission error, "arcsec" or "deg".
+    - `ax`: axes to draw on; by default a new figure.
+    - `unit`: unit of the transmission error, "arcsec" or "deg".
     """
     size = unit_size(unit)
     if ax is None:

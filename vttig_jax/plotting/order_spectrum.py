@@ -1,4 +1,4 @@
-"""Picture of the fitted orders: amplitudes of both shafts and of the mesh, flank by flank."""
+"""Picture of the fitted orders: amplitudes of both shafts and of the mesh on each flank."""
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -9,19 +9,19 @@ from ..identify.report.order_table import Order
 from .style import FLANK_COLOURS, grid, heading, new_figure
 
 _SHAFTS = {"driving": "driving order", "driven": "driven order", "mesh": "mesh order"}
-_SIGNIFICANT = 3.0
-_WIDTH = 0.38
+_SIGNIFICANT = 3.0  # standard errors; a chosen value
+_WIDTH = 0.38  # of a bar, orders
 _SHIFT = {"A": -_WIDTH / 2, "B": _WIDTH / 2}
 
 
 def plot_orders(fit: Fit, *, log: bool = True) -> Figure:
-    """Amplitude of every fitted order with its standard error, flank A and B side by side.
+    """Plot the amplitude and standard error of every fitted order, flanks A and B side by side.
 
-    Amplitudes below three standard errors are hollow: the log does not show that order.
+    Bars of amplitudes below three standard errors are hollow: these orders are not significant.
 
     **Arguments**
-    - `fit`: the result of a fit.
-    - `log`: logarithmic amplitudes, so that pitch orders can be read beside the first ones.
+    - `fit`: result of a fit.
+    - `log`: whether the axis is logarithmic, so that small pitch orders are readable.
     """
     figure = new_figure(3.8)
     shafts = [shaft for shaft in _SHAFTS if any(o.shaft == shaft for o in fit.orders)]
@@ -30,23 +30,23 @@ def plot_orders(fit: Fit, *, log: bool = True) -> Figure:
         ax.set_axis_off()
         ax.text(0.5, 0.5, "no order was fitted", ha="center", transform=ax.transAxes)
         return figure
-    own = {shaft: [o for o in fit.orders if o.shaft == shaft] for shaft in shafts}
-    counts = [len({o.order for o in own[shaft]}) for shaft in shafts]
+    by_shaft = {shaft: [o for o in fit.orders if o.shaft == shaft] for shaft in shafts}
+    counts = [len({o.order for o in by_shaft[shaft]}) for shaft in shafts]
     axes = figure.subplots(
         1,
         len(shafts),
         sharey=True,
         squeeze=False,
-        # A panel with one order still has room for its name.
+        # A panel with a single order needs room for its name.
         width_ratios=[max(count, 2.5) for count in counts],
     )[0]
     for ax, shaft in zip(axes, shafts, strict=True):
-        _draw(ax, own[shaft])
+        _draw(ax, by_shaft[shaft])
         ax.set_xlabel(_SHAFTS[shaft])
     _scale(axes[0], fit.orders, log)
     axes[0].set_ylabel("amplitude at the driven gear [arcsec]")
     heading(figure, "order spectrum", fit.pair.name)
-    _name_bars(figure, fit.orders)
+    _add_legend(figure, fit.orders)
     return figure
 
 
@@ -77,7 +77,7 @@ def _significant(order: Order) -> bool:
 
 
 def _scale(ax: Axes, orders: tuple[Order, ...], log: bool) -> None:
-    """Logarithmic from a third of the smallest amplitude on, or linear from zero."""
+    """Set a logarithmic axis from a third of the smallest amplitude, or a linear one from zero."""
     positive = [o.amplitude_arcsec for o in orders if o.amplitude_arcsec > 0]
     if not log or not positive:
         ax.set_ylim(bottom=0.0)
@@ -87,19 +87,20 @@ def _scale(ax: Axes, orders: tuple[Order, ...], log: bool) -> None:
     ax.yaxis.set_major_formatter("{x:g}")
 
 
-def _name_bars(figure: Figure, orders: tuple[Order, ...]) -> None:
-    """One legend for all panels, below them."""
-    keys = [
+def _add_legend(figure: Figure, orders: tuple[Order, ...]) -> None:
+    """Add one legend for all panels below them."""
+    handles = [
         Patch(color=colour, label=f"flank {flank}")
         for flank, colour in FLANK_COLOURS.items()
         if any(o.flank == flank for o in orders)
     ]
     if not all(_significant(o) for o in orders):
-        keys.append(Patch(facecolor="none", edgecolor="0.4", label="below three standard errors"))
+        hollow = Patch(facecolor="none", edgecolor="0.4", label="below three standard errors")
+        handles.append(hollow)
     figure.legend(
-        handles=keys,
+        handles=handles,
         loc="outside lower center",
-        ncols=len(keys),
+        ncols=len(handles),
         frameon=False,
         fontsize="small",
     )

@@ -1,4 +1,4 @@
-"""Picture of a log beside what its posterior predicts."""
+"""Picture of a log with its posterior predictive intervals."""
 
 from pathlib import PurePath
 
@@ -25,19 +25,19 @@ from .style import (
     unit_size,
 )
 
-_TURNS = 2.0
+_TURNS = 2.0  # driving turns shown by default; a chosen value
 
 
 def plot_predictive(found: Predictive, *, unit: Unit = "arcsec", turns: float = _TURNS) -> Figure:
-    """Measured block means in their 95 % predictive interval, and the memory of the residual.
+    """Plot block means with their 95 % predictive interval, and the residual's autocorrelation.
 
-    Above, one panel a flank: the first turns of the longest run with the interval, means outside it
-    marked. Then every mean less the expected one with the width of the interval, and the
-    autocorrelation of the residual with the band that 95 % of the replicates keep at each lag.
+    The upper panels, one per flank, show the first turns of the longest run and mark means outside
+    the interval. The next panel shows all measured minus expected means with the interval, the last
+    one the autocorrelation of the residual with the band of 95 % of the replicates at each lag.
 
     **Arguments**
-    - `found`: the comparison.
-    - `unit`: of the transmission error, "arcsec" or "deg".
+    - `found`: predictive comparison.
+    - `unit`: unit of the transmission error, "arcsec" or "deg".
     - `turns`: driving turns shown in the panels of the flanks.
     """
     size = unit_size(unit)
@@ -59,20 +59,20 @@ def plot_predictive(found: Predictive, *, unit: Unit = "arcsec", turns: float = 
     return figure
 
 
-def _draw_flank(ax: Axes, found: Predictive, flank: str, size: float, turns: float) -> None:
-    own = [k for k, curve in enumerate(found.curves) if curve.flank == flank]
-    longest = max(own, key=lambda k: len(found.curves[k]))
-    curve = found.curves[longest]
+def _draw_flank(ax: Axes, predictive: Predictive, flank: str, size: float, turns: float) -> None:
+    runs = [k for k, curve in enumerate(predictive.curves) if curve.flank == flank]
+    longest = max(runs, key=lambda k: len(predictive.curves[k]))
+    curve = predictive.curves[longest]
     order = np.argsort(curve.driving_angle)
     angle = np.degrees(curve.driving_angle[order])
     order = order[angle <= angle[0] + 360.0 * turns]
     angle = angle[: len(order)]
     low, high, error = (
-        part[order] / size
-        for part in (found.low[longest], found.high[longest], curve.transmission_error)
+        values[order] / size
+        for values in (predictive.low[longest], predictive.high[longest], curve.transmission_error)
     )
     colour = FLANK_COLOURS[flank]
-    keys = [
+    handles = [
         ax.fill_between(
             angle, low, high, color=colour, alpha=0.25, linewidth=0, label="95 % interval"
         ),
@@ -81,56 +81,58 @@ def _draw_flank(ax: Axes, found: Predictive, flank: str, size: float, turns: flo
     outside = (error < low) | (error > high)
     if outside.any():
         style = {"color": MODEL_COLOUR, "markersize": 5, "markerfacecolor": "none"}
-        keys += ax.plot(angle[outside], error[outside], "o", label="outside", **style)
-    legend(ax, keys)
+        handles += ax.plot(angle[outside], error[outside], "o", label="outside", **style)
+    legend(ax, handles)
 
 
-def _draw_difference(ax: Axes, found: Predictive, flanks: list[str]) -> None:
-    most = max(4, MOST_POINTS // len(found.curves))
-    keys, lines = {}, []
-    for curve, centre, high in zip(found.curves, found.centre, found.high, strict=True):
+def _draw_difference(ax: Axes, predictive: Predictive, flanks: list[str]) -> None:
+    count = max(4, MOST_POINTS // len(predictive.curves))
+    handles, lines, runs = {}, [], (predictive.curves, predictive.centre, predictive.high)
+    for curve, centre, high in zip(*runs, strict=True):
         order = np.argsort(curve.driving_angle)
         angle = np.degrees(curve.driving_angle[order])
         half = (high - centre)[order] / ARCSEC
-        away = (curve.transmission_error - centre)[order] / ARCSEC
-        points = thinned(angle, away, most)
+        residual = (curve.transmission_error - centre)[order] / ARCSEC
+        points = thinned(angle, residual, count)
         [dots] = ax.plot(
             *points, ".", color=FLANK_COLOURS[curve.flank], markersize=3, alpha=0.6, zorder=1
         )
         dots.set_label(f"flank {curve.flank}")
-        keys[curve.flank] = dots
+        handles[curve.flank] = dots
         for edge in (half, -half):
             lines = ax.plot(
-                *thinned(angle, edge, most),
+                *thinned(angle, edge, count),
                 color=MODEL_COLOUR,
                 linewidth=0.8,
                 label="95 % interval",
             )
-    shares = [100 * x for x in (found.share.measured, found.share.low, found.share.high)]
-    share = "within 1.96 std of a draw: {:.1f} % (replicates {:.1f} % … {:.1f} %)"
-    title(ax, share.format(*shares))
+    share = predictive.share
+    measured, low, high = (100 * x for x in (share.measured, share.low, share.high))
+    replicates = f"replicates {low:.1f} % … {high:.1f} %"
+    title(ax, f"within 1.96 std of a draw: {measured:.1f} % ({replicates})")
     ax.set_ylabel("residual [arcsec]")
     driving_axis(ax)
-    legend(ax, [*(keys[flank] for flank in flanks), *lines])
+    legend(ax, [*(handles[flank] for flank in flanks), *lines])
 
 
-def _draw_correlation(ax: Axes, found: Predictive) -> None:
-    lags = np.arange(1, len(found.correlation) + 1)
-    keys = [
+def _draw_correlation(ax: Axes, predictive: Predictive) -> None:
+    correlation = predictive.correlation
+    lags = np.arange(1, len(correlation) + 1)
+    handles = [
         ax.fill_between(
             lags,
-            found.correlation_low,
-            found.correlation_high,
+            predictive.correlation_low,
+            predictive.correlation_high,
             color=COLOURS[1],
             alpha=0.4,
             linewidth=0,
             label="95 % of the replicates",
         ),
-        *ax.plot(lags, found.correlation, ".-", color=COLOURS[0], linewidth=0.8, label="residual"),
+        *ax.plot(lags, correlation, ".-", color=COLOURS[0], linewidth=0.8, label="residual"),
     ]
     ax.axhline(0.0, color=MODEL_COLOUR, linewidth=0.6)
-    title(ax, f"memory: {found.outside_lags} of {len(lags)} lags outside")
+    title(ax, f"autocorrelation: {predictive.outside_lags} of {len(lags)} lags outside the band")
     ax.set_xlabel("lag [blocks]")
     ax.set_ylabel("autocorrelation")
     ax.set_xlim(0.5, len(lags) + 0.5)
-    legend(ax, keys)
+    legend(ax, handles)

@@ -1,4 +1,4 @@
-"""Picture of a residual: over the angle, its correlation, and its spectrum with the lines found."""
+"""Picture of a residual: its values over the angle, its autocorrelation and its spectrum."""
 
 from collections.abc import Sequence
 from pathlib import PurePath
@@ -25,16 +25,16 @@ from .style import (
     title,
 )
 
-_LAGS = 60
-_MOST_TRIALS = 20_000
-_CHUNK = 64
+_LAGS = 60  # lags shown; a chosen value
+_MAX_FREQUENCIES = 20_000  # of the spectrum; a chosen value
+_CHUNK = 64  # frequencies evaluated together; a chosen value
 
 Runs = Sequence[Float[np.ndarray, " _"]]
-"""One array a run, of any length."""
+"""One array per run, of any length."""
 
 
 def plot_residual(fit: Fit) -> Figure:
-    """The residual picture of a fit: block means, whitened as the fit's noise asks for."""
+    """Plot the residual block means of a fit, whitened by its noise model."""
     angles = [curve.driving_angle for curve in fit.curves]
     turns = [max(float(np.ptp(angle)) / REV, 1e-9) for angle in angles]
     noises = [fit.noise.at(curve.mean_speed) for curve in fit.curves]
@@ -72,21 +72,20 @@ def residual_picture(
     name: str = "",
     source: str = "",
 ) -> Figure:
-    """What a fit leaves: a residual should be featureless, without memory and without lines.
+    """Plot a residual, which should have no structure, no autocorrelation and no lines.
 
-    Three panels: the residual over the driving angle; the autocorrelation of the whitened residual
-    with the band 95 % of white noise keeps to at each lag; the amplitude spectrum in cycles per
-    driving revolution with the lines marked. A spectrum at unequal steps of angle is a
-    least-squares one: amplitude of a sine and cosine fitted at each frequency beside the means of
-    the runs.
+    The panels show the residual over the driving angle; the autocorrelation of the whitened
+    residual with the band that contains 95 % of white noise at each lag; and the amplitude spectrum
+    in cycles per driving revolution with the lines marked. The angle steps are unequal, so the
+    spectrum is a least-squares fit of a sine, a cosine and the means of the runs at each frequency.
 
     **Arguments**
-    - `angles`, `residuals`: rad, run by run, rows in time order.
-    - `highest`: cycles per revolution up to which to draw the spectrum.
-    - `whitened`: the residuals whitened by an autoregression of this `order`, run by run.
-    - `lines`: to mark, from `find_lines`.
-    - `labels`: of the runs; equal ones share a colour ("A" and "B" those of the flanks).
-    - `name`, `source`: for the heading.
+    - `angles`, `residuals`: arrays in rad for each run, rows in time order.
+    - `highest`: highest frequency of the spectrum, cycles per revolution.
+    - `whitened`: residuals of each run, whitened by an autoregression of this `order`.
+    - `lines`: lines to mark, from `find_lines`.
+    - `labels`: labels of the runs; equal ones share a colour ("A" and "B": the flank colours).
+    - `name`, `source`: parts of the heading.
     """
     labels = [""] * len(angles) if labels is None else labels
     if not angles or not len(angles) == len(residuals) == len(labels):
@@ -106,21 +105,21 @@ def residual_picture(
 
 
 def _draw_residual(ax: Axes, angles: Runs, residuals: Runs, labels: Sequence[str]) -> None:
-    spare = iter(COLOURS[3:])
+    others = iter(COLOURS[3:])
     colours = {
-        label: FLANK_COLOURS.get(label) or next(spare, "0.4") for label in dict.fromkeys(labels)
+        label: FLANK_COLOURS.get(label) or next(others, "0.4") for label in dict.fromkeys(labels)
     }
-    keys = {}
+    handles = {}
     for angle, residual, label in zip(angles, residuals, labels, strict=True):
         points = thinned(angle / DEG, residual / ARCSEC, max(MOST_POINTS // len(angles), 4))
         style = {"color": colours[label], "markersize": 3, "markeredgewidth": 0, "alpha": 0.6}
-        [keys[label]] = ax.plot(*points, ".", label=label, **style)
+        [handles[label]] = ax.plot(*points, ".", label=label, **style)
     rms = np.sqrt(np.mean(np.concatenate(list(residuals)) ** 2)) / ARCSEC
     title(ax, f"{rms:.3g}″ rms")
     ax.set_ylabel("residual [arcsec]")
     driving_axis(ax)
-    if any(keys):
-        legend(ax, [key for label, key in keys.items() if label])
+    if any(handles):
+        legend(ax, [handle for label, handle in handles.items() if label])
 
 
 def _draw_correlation(ax: Axes, whitened: Runs, order: int) -> None:
@@ -149,26 +148,26 @@ def _draw_spectrum(
     ax.plot(*thinned(cycles, amplitude / ARCSEC), color=FLANK_COLOURS["A"], linewidth=0.8)
     top = float(np.max(amplitude / ARCSEC, initial=0.0))
     for line in lines:
-        place = (line.cycles_per_rev, line.amplitude_arcsec)
-        ax.errorbar(*place, yerr=line.amplitude_std_arcsec, fmt="o", **_MARK)
+        point = (line.cycles_per_rev, line.amplitude_arcsec)
+        ax.errorbar(*point, yerr=line.amplitude_std_arcsec, fmt="o", **_MARKER_STYLE)
         ax.annotate(
             f"{line.cycles_per_rev:.4g}",
-            place,
+            point,
             xytext=(0, 7),
             textcoords="offset points",
             ha="center",
             fontsize="small",
         )
         top = max(top, line.amplitude_arcsec)
-    counted = f"{len(lines)} line{'' if len(lines) == 1 else 's'} found"
-    title(ax, counted if lines else "no line found")
+    count = f"{len(lines)} line{'' if len(lines) == 1 else 's'} found"
+    title(ax, count if lines else "no line found")
     ax.set_xlim(0.0, highest)
     ax.set_ylim(0.0, 1.25 * top if top > 0 else 1.0)
     ax.set_ylabel("amplitude [arcsec]")
     ax.set_xlabel("cycles per driving revolution")
 
 
-_MARK = {
+_MARKER_STYLE = {
     "color": FLANK_COLOURS["B"],
     "markersize": 5,
     "capsize": 2,
@@ -180,7 +179,7 @@ _MARK = {
 def autocorrelation(
     white: Runs, lags: int
 ) -> tuple[Float[np.ndarray, " lags"], Float[np.ndarray, " lags"]]:
-    """Correlation of whitened rows at lags 0 … `lags` inside runs, and the number of pairs."""
+    """Return the autocorrelation within runs at lags 0 … `lags`, and the numbers of pairs."""
     lags = min(lags, max((len(run) for run in white), default=1) - 1)
     products, pairs = np.zeros(lags + 1), np.zeros(lags + 1)
     for run in white:
@@ -194,23 +193,24 @@ def autocorrelation(
 def amplitude_spectrum(
     angles: Runs, residuals: Runs, highest: float
 ) -> tuple[Float[np.ndarray, " f"], Float[np.ndarray, " f"]]:
-    """Least-squares amplitude (rad) at frequencies a quarter of the resolution apart.
+    """Return frequencies (cycles per revolution) and their least-squares amplitudes (rad).
 
-    From one cycle over all revolutions to `highest`, thinned to 20 000 frequencies at most.
+    The frequencies go from one cycle over all revolutions to `highest` in steps of a quarter of the
+    resolution, or in larger steps if there would be more than 20 000.
     """
     turns = np.concatenate(list(angles)) / REV
     span = float(np.ptp(turns))
     if span * highest <= 1:
         return np.zeros(0), np.zeros(0)
-    cycles = np.linspace(1 / span, highest, min(int(4 * span * highest), _MOST_TRIALS))
+    cycles = np.linspace(1 / span, highest, min(int(4 * span * highest), _MAX_FREQUENCIES))
     turns = turns - turns.mean()
     value = np.concatenate([run - np.mean(run) for run in residuals])
     starts = np.cumsum([0, *(len(run) for run in residuals)])[:-1]
     counts = np.array([len(run) for run in residuals])
     amplitude = np.concatenate(
         [
-            _amplitudes(np.exp(2j * np.pi * part[:, None] * turns), value, starts, counts)
-            for part in np.split(cycles, range(_CHUNK, len(cycles), _CHUNK))
+            _amplitudes(np.exp(2j * np.pi * chunk[:, None] * turns), value, starts, counts)
+            for chunk in np.split(cycles, range(_CHUNK, len(cycles), _CHUNK))
         ]
     )
     return cycles, amplitude
@@ -222,7 +222,7 @@ def _amplitudes(
     starts: Int[np.ndarray, " r"],
     counts: Int[np.ndarray, " r"],
 ) -> Float[np.ndarray, " k"]:
-    """Amplitude of each trial beside the means of the runs, from 2×2 normal equations."""
+    """Return the amplitude at each trial frequency from 2×2 normal equations without run means."""
     sums = np.add.reduceat(trial, starts, axis=1)
     power = trial.shape[1] - np.sum(np.abs(sums) ** 2 / counts, axis=1)
     square: Any = np.sum(trial**2, axis=1) - np.sum(sums**2 / counts, axis=1)

@@ -1,4 +1,4 @@
-"""The pictures of a fit as PNG files."""
+"""PNG files of the pictures of a fit and of a posterior."""
 
 from io import BytesIO
 from pathlib import Path
@@ -23,20 +23,20 @@ _DPI = 150
 
 
 def png(figure: Figure) -> bytes:
-    """A figure as PNG at 150 dpi: the same figure gives the same bytes."""
+    """Return a figure as PNG at 150 dpi; equal figures give equal bytes."""
     buffer = BytesIO()
     figure.savefig(buffer, format="png", dpi=_DPI, metadata={"Software": "vttig_jax"})
     return buffer.getvalue()
 
 
 def figures(fit: Fit, grid: BacklashMap | None) -> dict[str, bytes]:
-    """PNG of every picture of a fit by file name.
+    """Return the PNG data of every picture of a fit by file name.
 
-    `te_fit.png`, `orders.png`, `residual.png`, and `backlash_map.png` where there is a map.
+    The names are `te_fit.png`, `orders.png`, `residual.png`, and `backlash_map.png` with a map.
 
     **Arguments**
-    - `fit`: the result of a fit.
-    - `grid`: its backlash map; None leaves that picture out.
+    - `fit`: result of a fit.
+    - `grid`: its backlash map; None omits that picture.
     """
     drawn = {
         "te_fit.png": plot_fit(fit),
@@ -51,9 +51,9 @@ def figures(fit: Fit, grid: BacklashMap | None) -> dict[str, bytes]:
 def posterior_figures(
     posterior: Posterior, predicted: Predictive, banded: BandedMap | None
 ) -> dict[str, bytes]:
-    """PNG of every picture of a posterior by file name.
+    """Return the PNG data of every picture of a posterior by file name.
 
-    `corner.png`, `trace.png`, `predictive.png`, and `band.png` where there is a map.
+    The names are `corner.png`, `trace.png`, `predictive.png`, and `band.png` with a map.
     """
     drawn = {
         "corner.png": plot_corner(posterior),
@@ -68,10 +68,10 @@ def posterior_figures(
 def save_figures(
     fit: Fit, grid: BacklashMap | None, folder: str | Path, *, overwrite: bool = False
 ) -> list[str]:
-    """Write `figures(fit, grid)` into a folder, all of them or none, and return their names.
+    """Write `figures(fit, grid)` into a folder, either all or none, and return the file names.
 
-    **Raises** `UsageError` for files that exist unless `overwrite`, `InputError` where the folder
-    cannot be written.
+    **Raises** `UsageError` for existing files unless `overwrite`, `InputError` if the folder is
+    not writable.
     """
     drawn = figures(fit, grid)
     with RunFolder(folder, overwrite=overwrite) as run:

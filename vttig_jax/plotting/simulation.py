@@ -1,4 +1,4 @@
-"""Picture of a simulated run: the whole of it, then braking and turning close up."""
+"""Picture of a simulated run: the whole run, and its braking and turning enlarged."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -27,65 +27,65 @@ from .style import (
 )
 
 _BEFORE, _AFTER = 0.2, 0.3
-"""Shown before and after a ramp, as shares of its time."""
+"""Times shown before and after a ramp, as shares of its duration; chosen values."""
 
-_LEAST, _MOST = 0.01, 0.7
-"""Shares of the run: what counts as a ramp at least, and what a close view may show."""
+_SHORTEST_RAMP, _LONGEST_VIEW = 0.01, 0.7
+"""Shortest ramp and longest enlarged view, as shares of the run; chosen values."""
 
-_RESTS = 1e-5
-"""Share of the range of angles within which the shaft stands where it turns."""
+_STANDSTILL = 1e-5
+"""Distance from the turn that counts as standstill, as a share of the range of angles."""
 
-_SEEN, _COMMAND, _CLOSED = "0.65", COLOURS[1], COLOURS[4]
+_OBSERVED, _COMMAND, _CLOSED = "0.65", COLOURS[1], COLOURS[4]
 
 Span = tuple[float, float]
-Keys = dict[str, Artist]
+Handles = dict[str, Artist]
 Mark = tuple[float, str, ColorType]
 
 
 @dataclass(frozen=True)
 class _Rows:
-    """A trace in the units of the picture: s, those of TE, mm and rpm."""
+    """Trace in the units of the picture: s, the unit of TE, mm and rpm."""
 
     time: Float[np.ndarray, " n"]
     error: Float[np.ndarray, " n"]
-    shown: Float[np.ndarray, " n"]
+    measured: Float[np.ndarray, " n"]
     lower: Float[np.ndarray, " n"]
     upper: Float[np.ndarray, " n"]
     command: Float[np.ndarray, " n"]
     reached: Float[np.ndarray, " n"]
     closed: Float[np.ndarray, " n"]
     speed: Float[np.ndarray, " n"]
-    seen: Float[np.ndarray, " n"]
+    observed: Float[np.ndarray, " n"]
 
     def within(self, span: Span) -> "_Rows":
-        """The rows in a span of time, with one more at either end."""
-        first, last = (int(place) for place in np.searchsorted(self.time, span))
+        """Return the rows in a span of time and one more row at each end."""
+        first, last = (int(index) for index in np.searchsorted(self.time, span))
         part = slice(max(first - 1, 0), last + 1)
         return _Rows(**{name: values[part] for name, values in vars(self).items()})
 
 
 def plot_simulation(found: Simulation, *, unit: Unit = "deg", span_s: Span | None = None) -> Figure:
-    """The transmission error of the whole run; then, close up, how the gap closes and is crossed.
+    """Plot the transmission error of the whole run, and enlarged views of the reversal.
 
-    Transmission error is that of the metrics: from the first sample on. It lies between flank A and
-    flank B, which move towards each other as the gap is closed. Below it stands the axial shift
-    commanded, that reached, and that which closes the gap, with what is commanded beyond it. Then
-    the speed of the driving shaft, and what the controller's observer makes of it. Vertical lines
-    mark where the motor brakes and turns, and where the controller closes.
+    As in the metrics, the transmission error is zero at the first sample. It lies between flank A
+    and flank B, which approach each other as the gap closes. The next row shows three axial shifts:
+    commanded, reached, and needed to close the gap; the excess of the command is filled. The last
+    row shows the speed of the driving shaft and the observer's estimate. Vertical lines mark the
+    times when the motor brakes and turns and when the controller closes.
 
     **Arguments**
-    - `found`: a run with a trace (`trace_every`), best of every period.
-    - `unit`: of the transmission error, "deg" or "arcsec".
-    - `span_s`: first and last time to show close up, instead of the ramps before and after the
-      turn; these two are one where they meet, and left out where they are most of the run.
+    - `found`: a run with a trace (`trace_every`), preferably of every period.
+    - `unit`: unit of the transmission error, "deg" or "arcsec".
+    - `span_s`: first and last time of the enlarged view, s. The default is the ramps before and
+      after the turn: one view if they meet, none if they cover most of the run.
 
-    **Raises** `ValueError` for a run without a trace, and a span without samples.
+    **Raises** `ValueError` for a run without a trace, and for a span without samples.
     """
     rows, marks = _rows(found, unit_size(unit)), _marks(found)
     if span_s is not None:
         _check(span_s, rows)
     whole = (float(rows.time[0]), float(rows.time[-1]))
-    spans = _close(found, whole[1]) if span_s is None else [span_s]
+    spans = _enlarged_spans(found, whole[1]) if span_s is None else [span_s]
     labels = (f"transmission error [{SIGNS[unit]}]", "axial shift [mm]", "speed [rpm]")
     figure = new_figure(8.0 if spans else 6.0)
     heights = [1.0, 1.0, 0.6]
@@ -98,88 +98,88 @@ def plot_simulation(found: Simulation, *, unit: Unit = "deg", span_s: Span | Non
         _draw_whole(figure.add_subplot(cells[0, :]), rows, whole, spans, labels[0])
     columns = range(cells.ncols)
     axes = [[figure.add_subplot(cells[row, column]) for column in columns] for row in (-3, -2, -1)]
-    keys = [
+    handles = [
         _draw_row(*row, rows, spans or [whole]) for row in zip(axes, _DRAW, labels, strict=True)
     ]
-    found_marks: Keys = {}
+    drawn_marks: Handles = {}
     for column, span in enumerate(spans or [whole]):
-        own = [row[column] for row in axes]
-        found_marks |= _mark(own, span, marks)
-        for ax in own:
-            ax.tick_params(labelleft=not column, labelbottom=ax is own[-1])
-        own[-1].set_xlabel("time [s]")
+        view = [row[column] for row in axes]
+        drawn_marks |= _mark(view, span, marks)
+        for ax in view:
+            ax.tick_params(labelleft=not column, labelbottom=ax is view[-1])
+        view[-1].set_xlabel("time [s]")
     name = f"{found.spec.plant} plant, controller {found.controller}, outcome {found.outcome}"
     heading(figure, "simulation", found.pair.name, name)
-    keys[0] |= found_marks
-    for row, words in zip(axes, keys, strict=True):
-        _legend(row[-1], words)
+    handles[0] |= drawn_marks
+    for row, row_handles in zip(axes, handles, strict=True):
+        _legend(row[-1], row_handles)
     return figure
 
 
-def _rows(found: Simulation, size: float) -> _Rows:
-    """The trace, TE from the first sample on, in units of `size` rad."""
-    table = found.columns()
+def _rows(simulation: Simulation, size: float) -> _Rows:
+    """Return the trace with TE minus its first measured value, in units of `size` rad."""
+    table = simulation.columns()
     zero = table["te_shown_deg"][0]
     errors = {
         name: (table[f"{column}_deg"] - zero) * DEG / size
         for name, column in (
             ("error", "te"),
-            ("shown", "te_shown"),
+            ("measured", "te_shown"),
             ("lower", "flank_a"),
             ("upper", "flank_b"),
         )
     }
-    left = (table["flank_b_deg"] - table["flank_a_deg"]) * DEG
-    closed = table["axial_mm"] + left / float(found.case.bounds.closing_sum)
-    speed = np.asarray(found.case.motion.at(table["time_s"]).speed)
+    gap = (table["flank_b_deg"] - table["flank_a_deg"]) * DEG
+    closed = table["axial_mm"] + gap / float(simulation.case.bounds.closing_sum)
+    speed = np.asarray(simulation.case.motion.at(table["time_s"]).speed)
     return _Rows(
         time=table["time_s"],
         command=table["command_mm"],
         reached=table["axial_mm"],
         closed=closed,
         speed=speed * 60 / REV,
-        seen=table["speed_rad_s"] * 60 / REV,
+        observed=table["speed_rad_s"] * 60 / REV,
         **errors,
     )
 
 
-def _marks(found: Simulation) -> dict[str, Mark]:
-    """Words → time in s, style and colour of a vertical line; NaN for what did not happen."""
-    motion, tally = found.case.motion, found.tally
+def _marks(simulation: Simulation) -> dict[str, Mark]:
+    """Return time (s), style and colour of the vertical line of every event within the run."""
+    motion, accumulators = simulation.case.motion, simulation.accumulators
     end = float(motion.duration_s)
     times = {
         "motor brakes": (float(motion.braking_s), "--", MODEL_COLOUR),
-        "controller closes": (float(tally.detection_s), ":", _COMMAND),
+        "controller closes": (float(accumulators.detection_s), ":", _COMMAND),
         "motor turns": (float(motion.turn_s), "-.", MODEL_COLOUR),
-        "drive blocks": (float(tally.blocked_s), "-", _CLOSED),
+        "drive blocks": (float(accumulators.blocked_s), "-", _CLOSED),
     }
-    return {word: mark for word, mark in times.items() if mark[0] < end}
+    return {event: mark for event, mark in times.items() if mark[0] < end}
 
 
-def _close(found: Simulation, end: float) -> list[Span]:
-    """The ramps before and after the turn, what follows the brakes where there is no turn.
+def _enlarged_spans(simulation: Simulation, end: float) -> list[Span]:
+    """Return the ramps before and after the turn, or the time after braking without a turn.
 
-    Nothing where a close view would show most of the run; `end` is that of the trace, s.
+    The list is empty if a view would show most of the run; `end` is the end of the trace, s.
     """
-    motion = found.case.motion
+    motion = simulation.case.motion
     braking, turn = float(motion.braking_s), float(motion.turn_s)
-    if not found.turns:
-        return _worth_it([(braking - 0.05 * (end - braking), end)], end)
+    if not simulation.turns:
+        return _useful_spans([(braking - 0.05 * (end - braking), end)], end)
     time = np.linspace(braking, turn, 2001)
     angle = np.asarray(motion.at(time).angle)
-    away = np.abs(angle - angle[-1])
-    stop = float(time[np.argmax(away <= _RESTS * away.max())])
-    ramp = max(stop - braking, _LEAST * end)
+    distance = np.abs(angle - angle[-1])
+    stop = float(time[np.argmax(distance <= _STANDSTILL * distance.max())])
+    ramp = max(stop - braking, _SHORTEST_RAMP * end)
     spans = [(first - _BEFORE * ramp, first + (1 + _AFTER) * ramp) for first in (braking, turn)]
     if spans[0][1] > spans[1][0]:
         spans = [(spans[0][0], spans[1][1])]
-    return _worth_it(spans, end)
+    return _useful_spans(spans, end)
 
 
-def _worth_it(spans: list[Span], end: float) -> list[Span]:
-    """Those that begin within the trace, cut to it; nothing where one is most of it."""
+def _useful_spans(spans: list[Span], end: float) -> list[Span]:
+    """Return the spans cut to the trace, or none if one of them covers most of it."""
     cut = [(max(first, 0.0), min(last, end)) for first, last in spans if first < end]
-    return [] if any(last - first > _MOST * end for first, last in cut) else cut
+    return [] if any(last - first > _LONGEST_VIEW * end for first, last in cut) else cut
 
 
 def _check(span: Span, rows: _Rows) -> None:
@@ -192,56 +192,56 @@ def _check(span: Span, rows: _Rows) -> None:
 
 
 def _draw_whole(ax: Axes, rows: _Rows, whole: Span, spans: list[Span], label: str) -> None:
-    """The run from its first to its last sample, with what is shown close up."""
+    """Draw the whole run with the enlarged spans shaded."""
     _draw_error(ax, rows)
     for span in spans:
         ax.axvspan(*span, color=COLOURS[9], alpha=0.3, linewidth=0, zorder=0.5)
     ax.set_xlim(*whole)
     ax.set_ylabel(label)
     ax.set_xlabel("time [s]")
-    title(ax, "whole run; what is shaded stands below, close up")
+    title(ax, "whole run; the shaded spans are enlarged below")
     grid(ax)
 
 
 def _draw_row(
     axes: list[Axes],
-    draw: Callable[[Axes, _Rows], Keys],
+    draw: Callable[[Axes, _Rows], Handles],
     label: str,
     rows: _Rows,
     spans: list[Span],
-) -> Keys:
-    """One quantity in all close views, on one scale."""
-    keys: Keys = {}
+) -> Handles:
+    """Draw one quantity in all enlarged views on one scale."""
+    handles: Handles = {}
     for ax, span in zip(axes, spans, strict=True):
         if ax is not axes[0]:
             ax.sharey(axes[0])
-        keys |= draw(ax, rows.within(span))
+        handles |= draw(ax, rows.within(span))
         ax.set_xlim(*span)
         grid(ax)
     axes[0].set_ylabel(label)
-    return keys
+    return handles
 
 
-def _draw_error(ax: Axes, rows: _Rows) -> Keys:
+def _draw_error(ax: Axes, rows: _Rows) -> Handles:
     ax.fill_between(rows.time, rows.lower, rows.upper, color="0.93", linewidth=0, zorder=1)
-    shown = _line(ax, rows.time, rows.shown, _SEEN, 0.8)
+    measured = _line(ax, rows.time, rows.measured, _OBSERVED, 0.8)
     return {
         "flank B": _line(ax, rows.time, rows.upper, FLANK_COLOURS["B"], 1.0),
         "flank A": _line(ax, rows.time, rows.lower, FLANK_COLOURS["A"], 1.0),
         "transmission error": _line(ax, rows.time, rows.error, MODEL_COLOUR, 1.0),
-        "as encoders show it": shown,
+        "measured by encoders": measured,
     }
 
 
-def _draw_displacement(ax: Axes, rows: _Rows) -> Keys:
-    keys: Keys = {
+def _draw_displacement(ax: Axes, rows: _Rows) -> Handles:
+    handles: Handles = {
         "closes the gap": _line(ax, rows.time, rows.closed, _CLOSED, 1.0),
         "commanded": _line(ax, rows.time, rows.command, _COMMAND, 1.2),
         "reached": _line(ax, rows.time, rows.reached, MODEL_COLOUR, 1.2),
     }
     beyond = rows.command > rows.closed
     if beyond.any():
-        keys["commanded too far"] = ax.fill_between(
+        handles["commanded too far"] = ax.fill_between(
             rows.time,
             rows.closed,
             rows.command,
@@ -251,14 +251,14 @@ def _draw_displacement(ax: Axes, rows: _Rows) -> Keys:
             linewidth=0,
             zorder=1,
         )
-    return keys
+    return handles
 
 
-def _draw_speed(ax: Axes, rows: _Rows) -> Keys:
-    observed = _line(ax, rows.time, rows.seen, _SEEN, 0.8)
+def _draw_speed(ax: Axes, rows: _Rows) -> Handles:
+    observed = _line(ax, rows.time, rows.observed, _OBSERVED, 0.8)
     return {
         "driving shaft": _line(ax, rows.time, rows.speed, MODEL_COLOUR, 1.0),
-        "as observed": observed,
+        "observer's estimate": observed,
     }
 
 
@@ -276,23 +276,23 @@ def _line(
     return line
 
 
-def _mark(axes: list[Axes], span: Span, marks: dict[str, Mark]) -> Keys:
-    """Vertical lines through the views of one span."""
-    keys: Keys = {}
-    for word, (time, style, colour) in marks.items():
+def _mark(axes: list[Axes], span: Span, marks: dict[str, Mark]) -> Handles:
+    """Draw vertical lines through the views of one span."""
+    handles: Handles = {}
+    for event, (time, style, colour) in marks.items():
         if span[0] <= time <= span[1]:
             for ax in axes:
-                keys[word] = ax.axvline(
+                handles[event] = ax.axvline(
                     time, linestyle=style, color=colour, linewidth=0.8, zorder=1.5
                 )
-    return keys
+    return handles
 
 
-def _legend(ax: Axes, keys: Keys) -> None:
-    """A legend at the right of a row."""
+def _legend(ax: Axes, handles: Handles) -> None:
+    """Draw a legend at the right of a row."""
     ax.legend(
-        list(keys.values()),
-        list(keys),
+        list(handles.values()),
+        list(handles),
         loc="upper left",
         bbox_to_anchor=(1.0, 1.0),
         frameon=False,

@@ -1,4 +1,4 @@
-"""Sizes, colours, units, ticks and legends of all pictures, and the thinning of long lines."""
+"""Sizes, colours, units, ticks and legends of all pictures, and thinning of long lines."""
 
 import math
 from collections.abc import Sequence
@@ -17,45 +17,45 @@ from ..base.units import ANGLE_UNITS
 Unit = Literal["arcsec", "deg"]
 
 COLOURS: Final = color_sequences["petroff10"]
-"""Ten colours that people with any colour vision tell apart (Petroff, arXiv:2107.02270)."""
+"""Ten colours that are distinct for any colour vision (Petroff, arXiv:2107.02270)."""
 
 FLANK_COLOURS: Final = {"A": COLOURS[0], "B": COLOURS[2]}
 MODEL_COLOUR: Final = "0.1"
 SIGNS: Final = {"arcsec": "arcsec", "deg": "°"}
 
-_WIDTH_IN = 8.0
-_MOST_TICKS = 9
-_LEGEND_ROW_PT = 15.0
+_WIDTH_IN = 8.0  # width of a figure, inch
+_MAX_TICKS = 9  # of a driving angle axis; a chosen value
+_LEGEND_ROW_PT = 15.0  # height of a legend row, point
 
 
 def new_figure(height_in: float) -> Figure:
-    """A figure 1200 pixels wide at 150 dpi, without touching pyplot."""
+    """Return a figure of a height in inch, 1200 pixels wide at 150 dpi, without pyplot."""
     return Figure(figsize=(_WIDTH_IN, height_in), layout="constrained")
 
 
 def figure_of(ax: Axes) -> Figure:
-    """The whole figure that `ax` belongs to, also from a subfigure."""
+    """Return the root figure of `ax`, also if `ax` is in a subfigure."""
     figure = ax.get_figure(root=True)
     assert isinstance(figure, Figure)
     return figure
 
 
 def unit_size(unit: str) -> float:
-    """Radians per `unit`."""
+    """Return the radians per `unit`."""
     if unit not in SIGNS:
         raise ValueError(f"Argument `unit` must be {' or '.join(SIGNS)}, but is {unit!r}.")
     return ANGLE_UNITS[unit]
 
 
 def heading(figure: Figure, *parts: str) -> None:
-    """What a figure shows, in its first line; a `$` in a file name stays a `$`."""
+    """Set the heading of a figure; a `$` in a file name is not mathematics."""
     figure.suptitle(
         _joined(parts), x=0.01, horizontalalignment="left", fontsize="medium", parse_math=False
     )
 
 
 def title(ax: Axes, *parts: str, legend_rows: int = 0) -> None:
-    """What axes show, left above them and above the rows of a legend that needs the width."""
+    """Set the title of axes at the upper left, above `legend_rows` rows of a wide legend."""
     ax.set_title(
         _joined(parts),
         loc="left",
@@ -66,7 +66,7 @@ def title(ax: Axes, *parts: str, legend_rows: int = 0) -> None:
 
 
 def legend(ax: Axes, handles: Sequence[Artist]) -> None:
-    """A legend of two columns on top of the axes, where it covers no data."""
+    """Draw a legend of two columns above the axes, where it covers no data."""
     ax.legend(
         handles=handles,
         loc="lower right",
@@ -81,19 +81,19 @@ def legend(ax: Axes, handles: Sequence[Artist]) -> None:
 
 
 def grid(ax: Axes) -> None:
-    """Light grid lines behind the data, no frame above and at the right."""
+    """Draw light grid lines behind the data, and remove the upper and right frame lines."""
     ax.grid(True, color="0.9", linewidth=0.6)
     ax.set_axisbelow(True)
     ax.spines[["top", "right"]].set_visible(False)
 
 
 def driving_axis(ax: Axes) -> None:
-    """Name the angle axis; ticks at whole turns where it covers several."""
+    """Label the driving angle axis, with ticks at whole turns if it covers three or more."""
     ax.set_xlabel("driving angle [°]")
     low, high = ax.get_xlim()
     turns = (high - low) / 360.0
     if turns >= 3:
-        ax.xaxis.set_major_locator(MultipleLocator(360.0 * math.ceil(turns / _MOST_TICKS)))
+        ax.xaxis.set_major_locator(MultipleLocator(360.0 * math.ceil(turns / _MAX_TICKS)))
 
 
 def _joined(parts: tuple[str, ...]) -> str:
@@ -101,17 +101,17 @@ def _joined(parts: tuple[str, ...]) -> str:
 
 
 MOST_POINTS = 20_000
-"""Points a line keeps: an order of magnitude more than a page has pixels."""
+"""Points kept in a line: an order of magnitude more than the pixels of a page."""
 
 
 def thinned(
     x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"], most: int = MOST_POINTS
 ) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, " m"]]:
-    """Keep the ends, and the minimum and maximum of y in equal pieces, in the order they came.
+    """Return the end points and the minimum and maximum of y in equal pieces, in their order.
 
     **Arguments**
-    - `x`, `y`: a line; NaN in y is passed over where its piece has numbers.
-    - `most`: points that may remain, at least 4; shorter lines come back as they are.
+    - `x`, `y`: a line; NaN in y is ignored if its piece has numbers.
+    - `most`: largest number of points, at least 4; shorter lines are returned unchanged.
 
     **Example**
     ```python
@@ -129,9 +129,9 @@ def thinned(
         return x, y
     width = -(-len(y) // ((most - 2) // 2))
     pieces = np.pad(y, (0, -len(y) % width), constant_values=np.nan).reshape(-1, width)
-    hole = np.isnan(pieces)
+    missing = np.isnan(pieces)
     starts = np.arange(len(pieces)) * width
-    lowest = starts + np.where(hole, np.inf, pieces).argmin(axis=1)
-    highest = starts + np.where(hole, -np.inf, pieces).argmax(axis=1)
+    lowest = starts + np.where(missing, np.inf, pieces).argmin(axis=1)
+    highest = starts + np.where(missing, -np.inf, pieces).argmax(axis=1)
     kept = np.unique(np.concatenate([lowest, highest, [0, len(y) - 1]]))
     return x[kept], y[kept]

@@ -1,4 +1,4 @@
-"""Picture of a sweep: what is left and what is closed too far, over one axis, with bands."""
+"""Picture of a sweep: residual backlash and interference over one axis, with bands."""
 
 from itertools import cycle
 
@@ -13,20 +13,18 @@ _ROWS = (
     ("residual_gap_deg", "backlash left\nat the turn [°]"),
     ("interference_mm", "closed too\nfar by [mm]"),
 )
-_LOST = ("lost_motion_deg", "motion lost\nin the turn [°]")
-"""What a feedforward controller makes up for, and no other."""
+_LOST = ("lost_motion_deg", "lost motion\nat the turn [°]")
+"""Metric that only a feedforward controller can reduce."""
 
 _LINES = ("-", "--", "-.", ":")
-"""So that a curve on another one is seen."""
+"""Line styles that keep coinciding curves visible."""
 
-_BAND = (0.025, 0.975)
-_MOST_POINTS = 400
-"""Places along the axis; more of them are taken together."""
+_BAND = (0.025, 0.975)  # quantiles at the edges of a band
+_MAX_POSITIONS = 400
+"""Largest number of positions on the axis; more are averaged in groups; a chosen value."""
 
-_MOST_COLOURS = 8
-
-_MARKED = 40
-"""Places that are few enough to mark each."""
+_MAX_COLOURS = 8  # colours of one picture; a chosen value
+_MAX_MARKERS = 40  # positions that have a marker each; a chosen value
 
 _NAMES = {
     "motion.reversal_deg": "driving angle of the turn [°]",
@@ -36,18 +34,18 @@ _NAMES = {
 
 
 def plot_sweep(table: SweepTable, *, axis: str | None = None, by: str | None = None) -> Figure:
-    """Backlash left and interference over one axis of a sweep, a colour for each controller.
+    """Plot residual backlash and interference over one axis of a sweep, a colour per controller.
 
-    At every value of the axis stand the median of all cases with that value, whatever their other
-    axes, and the band that holds 95 % of them; where there is one case, its value alone.
+    At every value of the axis, the picture shows the median of all cases with that value and the
+    band that contains 95 % of them; a single case has no band.
 
     **Arguments**
-    - `table`: of a sweep.
-    - `axis`: a numeric axis; by default the one with the most values, draws left out.
-    - `by`: the axis that has a colour for each value; by default those of texts, such as the
-      controller, else the numeric one with the fewest values, eight at most.
+    - `table`: table of a sweep.
+    - `axis`: a numeric axis; by default the one with the most values except draws.
+    - `by`: axis with a colour for each value; by default all text axes, such as the controller,
+      or else the numeric one with the fewest values, at most eight.
 
-    **Raises** `ValueError` for an axis that is none, or no numbers.
+    **Raises** `ValueError` for an unknown axis, and for an axis without numbers.
     """
     name = _axis(table, axis)
     groups = _groups(table, name, by)
@@ -57,14 +55,14 @@ def plot_sweep(table: SweepTable, *, axis: str | None = None, by: str | None = N
     handles = []
     for ax, (metric, label) in zip(rows, metrics, strict=True):
         handles = [
-            _banded(ax, table.columns[name][mask], table.columns[metric][mask], style, group)
+            _draw_band(ax, table.columns[name][mask], table.columns[metric][mask], style, group)
             for (group, mask), style in zip(
                 groups, zip(cycle(COLOURS), cycle(_LINES), strict=False), strict=False
             )
         ]
         ax.set_ylabel(label)
         low, high = ax.get_ylim()
-        ax.set_ylim(max(low, -0.04 * high), high)  # none of these is below 0
+        ax.set_ylim(max(low, -0.04 * high), high)  # no metric is negative
         grid(ax)
     legend(rows[0], handles)
     rows[-1].set_xlabel(_NAMES.get(name, name))
@@ -74,15 +72,15 @@ def plot_sweep(table: SweepTable, *, axis: str | None = None, by: str | None = N
 
 
 def _groups(table: SweepTable, axis: str, by: str | None) -> list[tuple[str, np.ndarray]]:
-    """Names and cases of the colours."""
+    """Return the name and the mask of the cases of each colour."""
     if by is None:
-        if any(table.columns[one].dtype.kind == "U" for one in table.axes):
+        if any(table.columns[name].dtype.kind == "U" for name in table.axes):
             return table.groups()
-        counts = {one: len(np.unique(table.columns[one])) for one in table.axes if one != axis}
-        few = [one for one, count in counts.items() if one != "draw" and count <= _MOST_COLOURS]
+        counts = {name: len(np.unique(table.columns[name])) for name in table.axes if name != axis}
+        few = [name for name, count in counts.items() if name != "draw" and count <= _MAX_COLOURS]
         if not few:
             return table.groups()
-        by = min(few, key=lambda one: counts[one])
+        by = min(few, key=lambda name: counts[name])
     elif by not in table.axes:
         raise ValueError(f"Argument `by` must be one of {', '.join(table.axes)}, but is {by!r}.")
     column = table.columns[by]
@@ -90,47 +88,47 @@ def _groups(table: SweepTable, axis: str, by: str | None) -> list[tuple[str, np.
 
 
 def numeric_axes(table: SweepTable) -> list[str]:
-    """Axes whose values are numbers."""
+    """Return the axes whose values are numbers."""
     return [axis for axis in table.axes if table.columns[axis].dtype.kind != "U"]
 
 
-def _axis(table: SweepTable, asked: str | None) -> str:
+def _axis(table: SweepTable, axis: str | None) -> str:
     numeric = numeric_axes(table)
-    if asked is not None and asked not in numeric:
+    if axis is not None and axis not in numeric:
         raise ValueError(
             f"Argument `axis` must be one of {', '.join(numeric) or 'no axis here'}, but is"
-            f" {asked!r}."
+            f" {axis!r}."
         )
     if not numeric:
         raise ValueError("Argument `table` must have an axis of numbers for a picture.")
-    counts = {axis: len(np.unique(table.columns[axis])) for axis in numeric}
-    rigless = {axis: count for axis, count in counts.items() if axis != "draw"} or counts
-    return asked or max(rigless, key=lambda one: rigless[one])
+    counts = {name: len(np.unique(table.columns[name])) for name in numeric}
+    without_draws = {name: count for name, count in counts.items() if name != "draw"} or counts
+    return axis or max(without_draws, key=lambda name: without_draws[name])
 
 
 def _feeds_forward(table: SweepTable) -> bool:
-    """Whether a case has this controller."""
-    chosen = table.columns.get("controller", np.array([table.spec.controller]))
-    return "feedforward" in chosen
+    """Return whether any case has the feedforward controller."""
+    controllers = table.columns.get("controller", np.array([table.spec.controller]))
+    return "feedforward" in controllers
 
 
-def _banded(ax: Axes, places: np.ndarray, values: np.ndarray, style: tuple, name: str):
-    """Median and band of the values at every place, drawn."""
+def _draw_band(ax: Axes, positions: np.ndarray, values: np.ndarray, style: tuple, name: str):
+    """Draw median and band of the values at every position."""
     colour, dashes = style
-    there = ~np.isnan(values)
-    places, values = places[there], values[there]
-    if not len(places):
+    valid = ~np.isnan(values)
+    positions, values = positions[valid], values[valid]
+    if not len(positions):
         return ax.plot([], [], dashes, color=colour, label=name)[0]
-    known, inverse = np.unique(places, return_inverse=True)
-    if len(known) > _MOST_POINTS:
-        together = np.arange(len(known)) * _MOST_POINTS // len(known)
-        inverse = together[inverse]
-        known = np.bincount(together, known) / np.bincount(together)
+    unique, inverse = np.unique(positions, return_inverse=True)
+    if len(unique) > _MAX_POSITIONS:
+        bins = np.arange(len(unique)) * _MAX_POSITIONS // len(unique)
+        inverse = bins[inverse]
+        unique = np.bincount(bins, unique) / np.bincount(bins)
     order = np.argsort(inverse, kind="stable")
     groups = np.split(values[order], np.cumsum(np.bincount(inverse))[:-1])
     low, middle, high = np.array([np.quantile(g, (_BAND[0], 0.5, _BAND[1])) for g in groups]).T
     if max(len(group) for group in groups) > 1:
-        ax.fill_between(known, low, high, color=colour, alpha=0.3, linewidth=0)
-    marker = "." if len(known) <= _MARKED else ""
-    (line,) = ax.plot(known, middle, dashes, color=colour, linewidth=1.1, marker=marker, label=name)
+        ax.fill_between(unique, low, high, color=colour, alpha=0.3, linewidth=0)
+    look = {"color": colour, "marker": "." if len(unique) <= _MAX_MARKERS else ""}
+    (line,) = ax.plot(unique, middle, dashes, linewidth=1.1, label=name, **look)
     return line

@@ -1,4 +1,4 @@
-"""Picture of a tooth: its section at both ends and in the middle, and how it thins between."""
+"""Picture of a tooth: sections at both ends and in the middle, and thickness along the face."""
 
 import math
 from typing import Literal
@@ -24,29 +24,29 @@ _CIRCLES: tuple[tuple[str, Literal["-", "--", ":"]], ...] = (
     ("form circle", ":"),
 )
 _COUNTS = Counts(8, 24, 24, 8, (1,))
-_SPACES = 0.62
-"""Of a pitch to either side of the middle of a tooth that is seen."""
+_HALF_WIDTH = 0.62
+"""Visible width on either side of the middle of the tooth, as a share of the pitch."""
 
-_THINS = 1e-6
-"""Of its thickness by which a tooth has to thin to have a thin end."""
+_TAPER_LIMIT = 1e-6
+"""Relative change of the thickness above which a tooth has a thin end; a chosen tolerance."""
 
-_WINDS = 0.05
-"""Of a pitch by which a tooth has to stand aside to be turned back upright."""
+_TURN_LIMIT = 0.05
+"""Displacement, as a share of the pitch, above which a section is drawn turned upright."""
 
 
 def plot_tooth(tooth: Tooth, *, name: str = "") -> Figure:
-    """Three sections of a tooth over each other's circles, and its thickness along the face.
+    """Plot three sections of a tooth and its thickness along the face.
 
-    The sections are those at the thin end, in the middle and at the thick end, seen from +z, root,
-    fillet, flank and tip in colours; circles are tip, root, base and form circle. Teeth that wind
-    around the axis are turned back upright. Below: arcs inside the tooth at the reference circle
-    and at the tip circle, and of the root land, over z.
+    The sections are at the thin end, in the middle and at the thick end, seen from +z. Root,
+    fillet, flank and tip have their own colours; the circles are tip, root, base and form circle.
+    Sections of helical teeth are turned upright. The panel below shows, over z, the tooth thickness
+    at the reference circle and at the tip circle, and the root land.
 
     **Arguments**
     - `tooth`: a gear with a face width.
-    - `name`: what the title calls it.
+    - `name`: name of the gear in the heading.
 
-    **Raises** `PairError` for a gear that is no solid: see `gear_mesh`.
+    **Raises** `PairError` for a gear that has no valid solid: see `gear_mesh`.
 
     **Example**
     ```python
@@ -65,14 +65,14 @@ def plot_tooth(tooth: Tooth, *, name: str = "") -> Figure:
     profile = blank_of(tooth, teeth=None, bore_mm=0.0, tolerance_mm=1e-3).profile
     half = float(tooth.face_width_mm) / 2
     thickness = section_report(tooth, [-half, half]).thickness_mm
-    thins = abs(thickness[1] - thickness[0]) > _THINS * thickness.max()
-    thin_end = half if thickness[1] <= thickness[0] or not thins else -half
-    words = ("thin end", "middle", "thick end") if thins else ("end", "middle", "end")
+    tapered = abs(thickness[1] - thickness[0]) > _TAPER_LIMIT * thickness.max()
+    thin_end = half if thickness[1] <= thickness[0] or not tapered else -half
+    names = ("thin end", "middle", "thick end") if tapered else ("end", "middle", "end")
     figure = new_figure(5.6)
     layout = figure.add_gridspec(2, 3, height_ratios=[1.5, 1.0])
-    for k, (word, z) in enumerate(zip(words, (thin_end, 0.0, -thin_end), strict=True)):
-        _section(figure.add_subplot(layout[0, k]), profile, word, z, named=k == 0)
-    _along(figure.add_subplot(layout[1, :]), tooth, half, thin_end)
+    for k, (section, z) in enumerate(zip(names, (thin_end, 0.0, -thin_end), strict=True)):
+        _draw_section(figure.add_subplot(layout[0, k]), profile, section, z, labelled=k == 0)
+    _draw_thickness(figure.add_subplot(layout[1, :]), tooth, half, thin_end)
     handles = [Line2D([], [], color=c, label=part) for part, c in _PIECE_COLOURS.items()]
     handles += [
         Line2D([], [], color="0.6", linewidth=0.7, linestyle=style, label=label)
@@ -91,14 +91,14 @@ def plot_tooth(tooth: Tooth, *, name: str = "") -> Figure:
     return figure
 
 
-def _section(ax: Axes, profile: GearProfile, word: str, z: float, *, named: bool) -> None:
-    """One tooth in colours, its neighbours in grey, circles behind."""
+def _draw_section(ax: Axes, profile: GearProfile, name: str, z: float, *, labelled: bool) -> None:
+    """Draw one tooth in colours, its neighbours in grey and the circles behind."""
     tooth, heights = profile.tooth, np.array([z])
     radius, clockwise = (row[0] for row in section_curve(profile, _COUNTS, heights))
-    left, right = profile.turned(heights)[0]
-    aside = float(left - right) / 2
-    aside = aside if abs(aside) > _WINDS * profile.pitch else 0.0
-    clockwise = clockwise - aside
+    left, right = profile.rotation(heights)[0]
+    turn = float(left - right) / 2
+    turn = turn if abs(turn) > _TURN_LIMIT * profile.pitch else 0.0
+    clockwise = clockwise - turn
     tip, root = float(tooth.tip_radius), float(tooth.root_radius)
     base, forms = np.asarray(tooth.base_radii), [form_radius(tooth, side) for side in SIDES]
     sweep = np.linspace(-1.5, 1.5, 241) * profile.pitch
@@ -121,20 +121,20 @@ def _section(ax: Axes, profile: GearProfile, word: str, z: float, *, named: bool
     for k, (_, part) in enumerate(ORDER):
         piece = slice(joints[k], joints[k + 1] + 1)
         ax.plot(x[piece], y[piece], color=_PIECE_COLOURS[part], linewidth=1.8)
-    reach = tip * math.sin(min(_SPACES * profile.pitch, math.pi / 2))
+    reach = tip * math.sin(min(_HALF_WIDTH * profile.pitch, math.pi / 2))
     low = min(float(y.min()), float(base.min())) - 0.12 * (tip - root)
     ax.set_xlim(-reach, reach)
     ax.set_ylim(low, tip + 0.12 * (tip - root))
     ax.set_aspect("equal")
-    ax.set_xlabel(f"x [mm], turned by {math.degrees(aside):.3g}°" if aside else "x [mm]")
-    if named:
+    ax.set_xlabel(f"x [mm], turned by {math.degrees(turn):.3g}°" if turn else "x [mm]")
+    if labelled:
         ax.set_ylabel("y [mm]")
-    title(ax, f"{word}, z = {z:g} mm")
+    title(ax, f"{name}, z = {z:g} mm")
     grid(ax)
 
 
-def _along(ax: Axes, tooth: Tooth, half: float, thin_end: float) -> None:
-    """What is left of the tooth and of its space over the face."""
+def _draw_thickness(ax: Axes, tooth: Tooth, half: float, thin_end: float) -> None:
+    """Draw the tooth thickness and the root land over the face."""
     report = section_report(tooth, np.linspace(-half, half, 81))
     lines = []
     for values, label, colour in (

@@ -1,4 +1,4 @@
-"""Picture of the draws in the order they were made, ensemble by ensemble."""
+"""Trace picture of a posterior: the draws over the steps of each ensemble."""
 
 from collections.abc import Sequence
 
@@ -10,25 +10,25 @@ from matplotlib.lines import Line2D
 from matplotlib.typing import ColorType
 
 from ..posterior.summary.posterior import Posterior
-from .corner_picture import people
+from .corner_picture import picture_unit
 from .style import COLOURS, grid, heading, new_figure
 
-_MOST_STEPS = 1000
-_MOST_WALKERS = 12
+_MAX_STEPS = 1000  # steps drawn; a chosen value
+_MAX_WALKERS = 12  # walkers drawn per ensemble; a chosen value
 
 
 def plot_trace(posterior: Posterior, *, names: Sequence[str] | None = None) -> Figure:
-    """Every coordinate and the log density over the steps: one colour an ensemble.
+    """Plot every coordinate and the log density over the steps, one colour per ensemble.
 
-    Thin lines are walkers, at most twelve an ensemble; a thick one is the mean over all walkers of
-    an ensemble. Ensembles that found the same posterior lie on top of each other and do not drift.
+    Thin lines are walkers, at most twelve per ensemble; a thick line is the mean over all walkers
+    of an ensemble. Ensembles of the same posterior overlap and do not drift.
 
     **Arguments**
     - `posterior`: the draws.
-    - `names`: coordinates to show; all, noise parameters included, when absent.
+    - `names`: coordinates to show; by default all, including the noise parameters.
     """
     names = posterior.names if names is None else tuple(names)
-    rows = [(*people(posterior, name), name) for name in names]
+    rows = [(*picture_unit(posterior, name), name) for name in names]
     panels = -(-(len(rows) + 1) // 2)
     figure = new_figure(0.9 + 1.15 * panels)
     axes = figure.subplots(panels, 2, sharex=True, squeeze=False).T.ravel()
@@ -45,19 +45,19 @@ def plot_trace(posterior: Posterior, *, names: Sequence[str] | None = None) -> F
             column[-1].tick_params(labelbottom=True)
     axes[panels - 1].set_xlabel("kept step after burn-in", fontsize="small")
     heading(figure, "draws", posterior.fit.pair.name, posterior.fit.source)
-    _keys(figure, posterior.draws.shape[0])
+    _add_legend(figure, posterior.draws.shape[0])
     return figure
 
 
 def _draw(ax: Axes, draws: Float[np.ndarray, "ensembles steps walkers"]) -> None:
-    stride = max(1, draws.shape[1] // _MOST_STEPS)
-    every = max(1, draws.shape[2] // _MOST_WALKERS)
+    stride = max(1, draws.shape[1] // _MAX_STEPS)
+    thinning = max(1, draws.shape[2] // _MAX_WALKERS)
     step = np.arange(0, draws.shape[1], stride)
-    for ensemble, own in enumerate(draws):
+    for ensemble, samples in enumerate(draws):
         colour = _colour(ensemble)
-        walkers = own[::stride, ::every][:, :_MOST_WALKERS]
+        walkers = samples[::stride, ::thinning][:, :_MAX_WALKERS]
         ax.plot(step, walkers, color=colour, linewidth=0.3, alpha=0.25, zorder=1)
-        ax.plot(step, own[::stride].mean(axis=1), color=colour, linewidth=1.4, zorder=2)
+        ax.plot(step, samples[::stride].mean(axis=1), color=colour, linewidth=1.4, zorder=2)
     grid(ax)
     ax.tick_params(labelsize=7)
     ax.ticklabel_format(axis="y", useOffset=False)
@@ -67,7 +67,7 @@ def _colour(ensemble: int) -> ColorType:
     return COLOURS[ensemble % len(COLOURS)]
 
 
-def _keys(figure: Figure, ensembles: int) -> None:
+def _add_legend(figure: Figure, ensembles: int) -> None:
     keys = [
         Line2D([], [], color=_colour(k), linewidth=1.4, label=f"ensemble {k + 1}")
         for k in range(min(ensembles, len(COLOURS)))

@@ -1,4 +1,4 @@
-"""The posterior of a fit: sampling, bands, calibration, and the plan of a run."""
+"""Posterior of a fit: sampling, bands, calibration, and the plan of a run."""
 
 from typing import TYPE_CHECKING
 

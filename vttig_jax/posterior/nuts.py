@@ -1,4 +1,4 @@
-"""A second sampler on the same density: Hamiltonian trajectories of blackjax instead of walkers."""
+"""NUTS of blackjax on the same density: a second sampler to check the ensembles of emcee."""
 
 import importlib
 from collections.abc import Callable
@@ -25,24 +25,25 @@ from .sampling.stop_rule import Until
 from .summary.posterior import Posterior
 
 _CHUNK = 100
-"""Draws between two looks at the interrupts."""
+"""Draws per compiled call (chosen); an interrupt takes effect between two calls."""
 
-_TRIES = 50
+_MOST_REDRAWS = 50
+"""Most attempts to draw starts inside the prior (chosen)."""
 
 
 @dataclass(frozen=True)
 class NutsDiagnosis(Diagnosis):
-    """Convergence of chains of which each is its own ensemble of one walker.
+    """Convergence of NUTS chains, each treated as an ensemble of one walker.
 
-    `divergences` counts trajectories whose energy ran away: there the density is too sharply bent
-    for the step, and what lies behind is missing.
+    `divergences` counts trajectories whose energy error diverged: there the curvature of the
+    density is too large for the step size, and the draws miss the region behind.
     """
 
     divergences: int = 0
 
     @property
     def converged(self) -> bool:
-        """Long chains that agree, and no trajectory that diverged."""
+        """Whether the chains are long, agree with each other, and have no divergent trajectory."""
         return super().converged and not self.divergences
 
     def __str__(self) -> str:
@@ -57,14 +58,14 @@ class NutsDiagnosis(Diagnosis):
         return f"draw more: about {max(2 * self.steps, self.needed)} a chain"
 
     def to_json(self) -> dict[str, Any]:
-        """As of ensembles, with `divergences` and the name of the sampler."""
+        """Return the fields of `Diagnosis`, with `divergences` and the name of the sampler."""
         return super().to_json() | {"divergences": self.divergences, "sampler": "nuts"}
 
 
 class Whitened(eqx.Module):
-    """Log-density of y, x = `centre` + `factor` y with partial autocorrelations π = bound · tanh x.
+    """Log-density of y: x = `centre` + `factor` y, partial autocorrelations π = bound · tanh x.
 
-    Near the Laplace approximation y is standard normal. The Jacobian is that of the tanh.
+    Near the Laplace approximation y is standard normal. The value includes the Jacobian of tanh.
     """
 
     density: Density
@@ -73,12 +74,12 @@ class Whitened(eqx.Module):
     noise: int = eqx.field(static=True)
 
     def point(self, y: Float[Array, " d"]) -> Float[Array, " d"]:
-        """The coordinates of the density."""
+        """Return the coordinates of the density at y."""
         x = jnp.asarray(self.centre) + jnp.asarray(self.factor) @ y
         return jnp.concatenate([x[: self.noise], LARGEST * jnp.tanh(x[self.noise :])])
 
     def __call__(self, y: Float[Array, " d"]) -> Float[Array, ""]:
-        """Log-density of y up to a constant."""
+        """Return the log-density of y up to a constant."""
         point = self.point(y)
         partial = point[self.noise :] / LARGEST
         return self.density(point) + jnp.sum(jnp.log1p(-(partial**2)))
@@ -97,19 +98,19 @@ def sample_nuts(
 ) -> Posterior:
     """Sample the posterior of a fit by NUTS (M. D. Hoffman, A. Gelman, JMLR 15 (2014) 1593).
 
-    The density is that of `sample`; what differs is the way through it, so that agreement of both
-    says that neither has missed a part. Step and masses adapt during the warm-up, chain by chain.
+    The density is that of `sample`; only the sampling method differs. If both samplers agree,
+    neither has missed a part. Step size and mass matrix of every chain adapt during its warm-up.
 
     **Arguments**
-    - `fit`, `prior`, `seed`: as of `sample`.
-    - `chains`: 4 or more, started apart, advanced together.
-    - `draws`, `warmup`: of every chain, after and before it is recorded.
-    - `acceptance`: aimed at; nearer to 1 makes shorter steps.
-    - `progress`: called after every 100 draws.
+    - `fit`, `prior`, `seed`: as in `sample`.
+    - `chains`: number of chains, 4 or more, with different starts, advanced together.
+    - `draws`, `warmup`: recorded draws and warm-up steps of every chain.
+    - `acceptance`: target acceptance rate; a rate nearer to 1 gives shorter steps.
+    - `progress`: function called after every 100 draws.
 
-    **Returns** a `Posterior`: an ensemble a chain, one walker each.
+    **Returns** a `Posterior` in which each chain is an ensemble of one walker.
 
-    **Raises** `UsageError` where blackjax is not installed, and as `sample` does.
+    **Raises** `UsageError` if blackjax is not installed, and the errors of `sample`.
     """
     require_x64("sample_nuts")
     blackjax = _blackjax()
@@ -124,24 +125,24 @@ def sample_nuts(
         raise ValueError(f"Argument `acceptance` must be between 0 and 1, but is {acceptance:g}.")
     target = fit_target(fit, prior)
     whitened = whitened_of(target)
-    begin, warm, move = jax.random.split(jax.random.key(seed), 3)
-    starts = _starts(whitened, begin, chains)
-    states, tuned = _warm_up(blackjax, whitened, starts, warm, warmup, acceptance)
-    found = []
+    start_key, warmup_key, draw_key = jax.random.split(jax.random.key(seed), 3)
+    starts = _starts(whitened, start_key, chains)
+    states, tuned = _warm_up(blackjax, whitened, starts, warmup_key, warmup, acceptance)
+    parts = []
     for first in range(0, draws, _CHUNK):
         count = min(_CHUNK, draws - first)
-        keys = jax.random.split(jax.random.fold_in(move, first), (count, chains))
+        keys = jax.random.split(jax.random.fold_in(draw_key, first), (count, chains))
         states, part = _advance(blackjax, whitened, states, tuned, keys)
-        found.append([np.asarray(array) for array in part])
+        parts.append([np.asarray(array) for array in part])
         if progress is not None:
             progress(Progress(first + count, draws, 0.0, None, ""))
-    points, rate, diverged = (np.concatenate(part) for part in zip(*found, strict=True))
-    made = _chains(target, np.moveaxis(points, 0, 1), rate, int(diverged.sum()), seed)
-    return posterior_of(fit, target, made)
+    points, rate, diverged = (np.concatenate(part) for part in zip(*parts, strict=True))
+    nuts_chains = _chains(target, np.moveaxis(points, 0, 1), rate, int(diverged.sum()), seed)
+    return posterior_of(fit, target, nuts_chains)
 
 
 def whitened_of(target: FitTarget) -> Whitened:
-    """The density of a target in coordinates whose Laplace approximation is standard normal."""
+    """Return a target's density in coordinates with a standard normal Laplace approximation."""
     noise = target.names.index(NOISE_STD) + 1
     inner = np.clip(target.centre[noise:] / LARGEST, -0.99, 0.99)
     gain = np.append(np.ones(noise), 1.0 / (LARGEST * (1.0 - inner**2)))
@@ -163,15 +164,15 @@ def _blackjax() -> Any:
 
 
 def _starts(whitened: Whitened, key: PRNGKeyArray, chains: int) -> Float[Array, "chains d"]:
-    """Draws from the Laplace approximation inside the prior."""
+    """Draw starts from the Laplace approximation that lie inside the prior."""
     shape = (chains, len(whitened.centre))
     starts = jax.random.normal(key, shape)
-    for again in range(1, _TRIES):
+    for attempt in range(1, _MOST_REDRAWS):
         inside = jnp.isfinite(jax.vmap(whitened)(starts))
         if inside.all():
             return starts
-        others = jax.random.normal(jax.random.fold_in(key, again), shape)
-        starts = jnp.where(inside[:, None], starts, others)
+        redrawn = jax.random.normal(jax.random.fold_in(key, attempt), shape)
+        starts = jnp.where(inside[:, None], starts, redrawn)
     raise NoAnswerError("the prior excludes the starts of the chains; widen its bounds.")
 
 
@@ -181,22 +182,22 @@ def _warm_up(blackjax, whitened, starts, key, steps, acceptance):
         blackjax.nuts, whitened, target_acceptance_rate=acceptance
     )
 
-    def one(key, start):
-        found, _ = adaptation.run(key, start, steps)
-        return found.state, found.parameters
+    def adapted(key, start):
+        result, _ = adaptation.run(key, start, steps)
+        return result.state, result.parameters
 
-    return jax.vmap(one)(jax.random.split(key, len(starts)), starts)
+    return jax.vmap(adapted)(jax.random.split(key, len(starts)), starts)
 
 
 @eqx.filter_jit
 def _advance(blackjax, whitened, states, tuned, keys):
     kernel = blackjax.nuts.build_kernel()
 
-    def one(key, state, tuned):
+    def moved(key, state, tuned):
         return kernel(key, state, whitened, **tuned)
 
     def step(states, keys):
-        states, info = jax.vmap(one)(keys, states, tuned)
+        states, info = jax.vmap(moved)(keys, states, tuned)
         points = jax.vmap(whitened.point)(states.position)
         return states, (points, info.acceptance_rate, info.is_divergent)
 
@@ -210,7 +211,7 @@ def _chains(
     divergences: int,
     seed: int,
 ) -> Chains:
-    """The draws as those of ensembles of one walker; the warm-up is gone already."""
+    """Return the draws as chains of one-walker ensembles; the warm-up is already removed."""
     count, steps, _ = points.shape
     draws = points[:, :, None]
     tau = np.maximum(np.mean([autocorrelation_time(chain) for chain in draws], axis=0), 1.0)

@@ -1,4 +1,4 @@
-"""From a fit to its posterior: sample the density, and draw the flank model the draws imply."""
+"""Sampling of a fit's posterior, with draws of the flank model that the parameter draws imply."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -26,9 +26,10 @@ from .sampling.stop_rule import Until
 from .summary.posterior import Posterior
 
 MODEL_DRAWS = 2000
-"""Draws of the order-complete flank model, spread evenly over the draws of the parameters."""
+"""Number of flank-model draws (chosen), spread evenly over the draws of the parameters."""
 
 _CHUNK = 250
+"""Points per compiled call of `coefficient_draws` (chosen)."""
 
 
 @one_blas_thread
@@ -48,27 +49,27 @@ def sample(
 ) -> Posterior:
     """Sample the posterior of a fit with several independent ensembles of emcee.
 
-    The density is the restricted likelihood of the compressed logs times the prior: free orders,
-    offsets, drift and wind-up are integrated out, eccentricities and encoder errors are Cartesian,
-    and the noise (log std of its innovations, partial autocorrelations) is sampled with them. What
-    the fit calls undetermined is not sampled.
+    The density is the restricted likelihood of the compressed logs times the prior. Free orders,
+    offsets, drift and wind-up are integrated out. Eccentricities and encoder errors are Cartesian.
+    The noise parameters (log std of the innovations, partial autocorrelations) are sampled too.
+    Parameters that the fit marks as undetermined are not sampled.
 
     **Arguments**
-    - `fit`: the result of `fit`, or read back from a run folder.
-    - `prior`: see `Prior`; stated in `Posterior.prior`.
-    - `seed`: equal seeds give equal draws.
-    - `steps`: make exactly so many steps; not with `until`.
-    - `until`: the stop rule: chains of 50 autocorrelation times, R-hat between ensembles ≤ 1.01.
-    - `ensembles`, `walkers`: independent ensembles (4 or more) and walkers of each.
-    - `checkpoint`: HDF5 file brought up to date every 5 s.
-    - `resume`: continue it: the draws are those of an uninterrupted run.
+    - `fit`: result of `fit`, or a fit read back from a run folder.
+    - `prior`: prior of the parameters, see `Prior`; stated in `Posterior.prior`.
+    - `seed`: seed of the random numbers; equal seeds give equal draws.
+    - `steps`: exact number of steps; not together with `until`.
+    - `until`: stop rule; by default chains of 50 autocorrelation times and R-hat ≤ 1.01.
+    - `ensembles`, `walkers`: number of independent ensembles (4 or more) and of walkers in each.
+    - `checkpoint`: HDF5 file, updated every 5 s.
+    - `resume`: continue the checkpoint; the draws equal those of an uninterrupted run.
     - `overwrite`: replace an existing checkpoint.
-    - `progress`: called after every block of steps.
+    - `progress`: function called after every block of steps.
 
-    **Returns** a `Posterior`; ask `diagnosis.converged`.
+    **Returns** a `Posterior`; check `diagnosis.converged`.
 
-    **Raises** `NoAnswerError` where nothing is determined or there is no noise, `UsageError` for a
-    prior that excludes the fit and a refused overwrite, `InputError` for a checkpoint that is
+    **Raises** `NoAnswerError` if no parameter is determined or there is no noise, `UsageError` if
+    the prior excludes the fit or an overwrite is refused, `InputError` for a checkpoint that is
     damaged or of another run, `ValueError` for wrong arguments and without 64-bit floats.
 
     **Example**
@@ -102,7 +103,7 @@ def sample(
 
 
 def settings_of(path: str | Path) -> dict[str, Any]:
-    """Keywords of `sample` that continue a checkpoint: seed, ensembles, walkers and prior.
+    """Return the keywords of `sample` that continue a checkpoint: seed, ensembles, walkers, prior.
 
     **Raises** `InputError` for a file that is damaged or no checkpoint.
     """
@@ -116,7 +117,7 @@ def settings_of(path: str | Path) -> dict[str, Any]:
 
 
 def read_posterior(path: str | Path, fit: Fit) -> Posterior:
-    """The posterior of a checkpoint file that belongs to this fit.
+    """Return the posterior of a checkpoint file that belongs to this fit.
 
     **Raises** `InputError` for a file that is damaged or belongs to another fit.
     """
@@ -125,9 +126,9 @@ def read_posterior(path: str | Path, fit: Fit) -> Posterior:
     target = fit_target(fit, _prior_of(chains.identity, path))
     different = [key for key, value in target.identity.items() if chains.identity.get(key) != value]
     if different or chains.names != target.names:
-        what = ", ".join(different or ["names"]).replace("_", " ")
+        fields = ", ".join(different or ["names"]).replace("_", " ")
         raise InputError(
-            f"these draws belong to another fit ({what} differ); sample again with --overwrite.",
+            f"these draws belong to another fit ({fields} differ); sample again with --overwrite.",
             where=str(path),
         )
     return posterior_of(fit, target, chains)
@@ -137,23 +138,26 @@ def _prior_of(identity: dict[str, Any], path: str | Path) -> Prior:
     try:
         return Prior(**identity["prior"])
     except (KeyError, TypeError, ValueError) as error:
-        raise InputError(f"holds no prior of ours ({error}).", where=str(path)) from None
+        raise InputError(
+            f"the checkpoint holds no valid prior ({error}); sample again with --overwrite.",
+            where=str(path),
+        ) from None
 
 
 def posterior_of(fit: Fit, target: FitTarget, chains: Chains) -> Posterior:
-    """The draws with the flank model they imply."""
-    assert fit.evidence is not None  # held by `fit_target`
+    """Return the posterior of these chains, with draws of the flank model that they imply."""
+    assert fit.evidence is not None  # `fit_target` has checked this
     flat = chains.flat()
     chosen = np.linspace(0, len(flat) - 1, min(MODEL_DRAWS, len(flat))).round().astype(np.int64)
     coefficients = coefficient_draws(target.density.likelihood, flat[chosen], chains.seed)
     offset, cosine, sine = _flank_models(fit.evidence, coefficients)
-    kept = chains.discarded // chains.thin
+    discarded = chains.discarded // chains.thin
     return Posterior(
         fit=fit,
         names=chains.names,
         units=chains.units,
         draws=chains.kept,
-        log_density=chains.log_density[:, kept:],
+        log_density=chains.log_density[:, discarded:],
         offset=offset,
         cosine=cosine,
         sine=sine,
@@ -162,42 +166,43 @@ def posterior_of(fit: Fit, target: FitTarget, chains: Chains) -> Posterior:
         prior=target.prior.sentences,
         seed=chains.seed,
         delay_offset_s=fit.evidence.delay_s,
+        chains=chains,
     )
 
 
 def coefficient_draws(
     likelihood: Likelihood, points: Float[np.ndarray, "m d"], seed: int
 ) -> Float[np.ndarray, "m flanks columns"]:
-    """Coefficients of every column, drawn once for each point of the sampled density."""
+    """Draw the coefficients of every column once for each point of the sampled density."""
     keys = jax.random.split(jax.random.key(seed), len(points))
     drawn = [
-        np.asarray(_drawn(likelihood, points[start : start + _CHUNK], keys[start : start + _CHUNK]))
+        np.asarray(_draws(likelihood, points[start : start + _CHUNK], keys[start : start + _CHUNK]))
         for start in range(0, len(points), _CHUNK)
     ]
     return np.concatenate(drawn)
 
 
 @eqx.filter_jit
-def _drawn(likelihood: Likelihood, points: Float[ArrayLike, "m d"], keys: Key[Array, " m"]):
-    asked = len(likelihood.asked)
+def _draws(likelihood: Likelihood, points: Float[ArrayLike, "m d"], keys: Key[Array, " m"]):
+    count = len(likelihood.sampled_indices)
 
-    def one(point, key):
-        return likelihood.drawn(point[:asked], point[asked + 1 :], point[asked], key)
+    def draw(point, key):
+        return likelihood.draw_coefficients(point[:count], point[count + 1 :], point[count], key)
 
-    return jax.vmap(one)(jnp.asarray(points), keys)
+    return jax.vmap(draw)(jnp.asarray(points), keys)
 
 
 def _flank_models(
     evidence: Evidence, coefficients: Float[np.ndarray, "m flanks columns"]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Offset, cosines and sines of both flanks; NaN for one that was not measured."""
+    """Return offset, cosines and sines of both flanks, rad; NaN for an unmeasured flank."""
     columns = evidence.summary.columns
-    places = np.array([columns.cosine(k) for k in range(len(columns.free + columns.tied))])
+    cosines = np.array([columns.cosine(k) for k in range(len(columns.free + columns.tied))])
     offset = np.full((len(coefficients), 2), np.nan)
-    cosine, sine = np.full((2, len(coefficients), 2, len(places)), np.nan)
-    for place, flank in enumerate(evidence.summary.flanks):
+    cosine, sine = np.full((2, len(coefficients), 2, len(cosines)), np.nan)
+    for index, flank in enumerate(evidence.summary.flanks):
         side = "AB".index(flank.flank)
-        offset[:, side] = coefficients[:, place, columns.index(OFFSET)]
-        cosine[:, side] = coefficients[:, place, places]
-        sine[:, side] = coefficients[:, place, places + 1]
+        offset[:, side] = coefficients[:, index, columns.index(OFFSET)]
+        cosine[:, side] = coefficients[:, index, cosines]
+        sine[:, side] = coefficients[:, index, cosines + 1]
     return offset, cosine, sine

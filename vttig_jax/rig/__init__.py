@@ -1,4 +1,4 @@
-"""A synthetic rig: motion, exact kinematics, play and encoders, to an encoder log."""
+"""Synthetic rig: motion, exact kinematics, play and encoders that produce an encoder log."""
 
 from typing import TYPE_CHECKING
 

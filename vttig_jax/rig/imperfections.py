@@ -1,4 +1,4 @@
-"""What a rig adds to two perfect eccentric gears: other orders, encoder errors, noise."""
+"""Imperfections of a rig with eccentric gears: further orders, encoder errors and noise."""
 
 from dataclasses import dataclass
 from itertools import product
@@ -19,9 +19,9 @@ _FLANKS: tuple[Flank, ...] = ("A", "B")
 
 @dataclass(frozen=True)
 class OrderError:
-    """One harmonic a·sin(k φ_shaft + p) in the transmission error of one flank.
+    """Harmonic a·sin(k φ_shaft + p) in the transmission error of one flank.
 
-    `shaft` "mesh" counts cycles per tooth instead of per revolution of the driving gear.
+    For `shaft` "mesh" the order is in cycles per tooth of the driving gear.
     """
 
     shaft: Shaft
@@ -33,13 +33,13 @@ class OrderError:
 
 @dataclass(frozen=True)
 class EncoderError:
-    """Reading φ + E sin(φ + ε): an encoder mounted off centre. E is an angle of its own shaft."""
+    """Reading φ + E sin(φ + ε) of an eccentric encoder; E is an angle of the encoder's shaft."""
 
     amplitude_arcsec: float = 0.0
     phase_deg: float = 0.0
 
     def reading(self, angle: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """What the encoder shows at the true `angle`, both in rad."""
+        """Return the reading (rad) at a true `angle` (rad)."""
         return angle + self.amplitude_arcsec * ARCSEC * np.sin(angle + self.phase_deg * DEG)
 
 
@@ -53,19 +53,19 @@ class Noise:
     def draw(
         self, count: int, rate_hz: float, generator: np.random.Generator
     ) -> Float[np.ndarray, " n"]:
-        """A stationary path at the sampling rate, rad."""
-        shocks = generator.standard_normal(count)
+        """Draw `count` stationary noise samples at the sampling rate, rad."""
+        noise = generator.standard_normal(count)
         if self.correlation_s > 0:
             rho = np.exp(-1.0 / (rate_hz * self.correlation_s))
-            shocks[1:] *= np.sqrt(1 - rho**2)
-            shocks = np.asarray(lfilter([1.0], [1.0, -rho], shocks))
-        return self.std_deg * DEG * shocks
+            noise[1:] *= np.sqrt(1 - rho**2)
+            noise = np.asarray(lfilter([1.0], [1.0, -rho], noise))
+        return self.std_deg * DEG * noise
 
 
 def quantised(
     angle: Float[np.ndarray, " n"], counts_per_rev: int
 ) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
-    """Counts of an incremental encoder: whole counts passed at `angle` rad."""
+    """Return the counts of an incremental encoder, rounded down, at an angle in rad."""
     return np.floor(angle * (counts_per_rev / REV)).astype(np.int64)
 
 
@@ -76,10 +76,10 @@ def random_orders(
     mesh_amplitude_deg: float,
     highest: int = 8,
 ) -> tuple[OrderError, ...]:
-    """Orders 2 … `highest` of both shafts and the tooth-mesh order, different on the two flanks.
+    """Draw orders 2 … `highest` of both shafts and the tooth-mesh order, separately for each flank.
 
-    Amplitudes and phases are random; on each flank the orders of both shafts together have the rms
-    `pitch_rms_deg`, and the mesh order has the amplitude `mesh_amplitude_deg`.
+    Amplitudes and phases are random. On each flank the orders of both shafts together have the rms
+    value `pitch_rms_deg`, and the mesh order has the amplitude `mesh_amplitude_deg`.
     """
     errors: list[OrderError] = []
     for flank in _FLANKS:
@@ -87,10 +87,10 @@ def random_orders(
         amplitudes = generator.rayleigh(size=size)
         amplitudes *= pitch_rms_deg * np.sqrt(2 / np.sum(amplitudes**2))
         phases = generator.uniform(0, 360, size + 1)
-        places = product(_SHAFTS, range(2, highest + 1))
+        orders = product(_SHAFTS, range(2, highest + 1))
         errors += [
             OrderError(shaft, order, flank, float(amplitude), float(phase))
-            for (shaft, order), amplitude, phase in zip(places, amplitudes, phases, strict=False)
+            for (shaft, order), amplitude, phase in zip(orders, amplitudes, phases, strict=False)
         ]
         errors.append(OrderError("mesh", 1, flank, mesh_amplitude_deg, float(phases[-1])))
     return tuple(errors)

@@ -1,4 +1,4 @@
-"""Prescribed motion of the driving shaft: to and fro between two angles, with ramps and dwells."""
+"""Prescribed motion of the driving shaft: passes between two angles, with ramps and dwells."""
 
 from dataclasses import dataclass
 
@@ -10,14 +10,14 @@ from ..base.units import DEG, REV
 
 @dataclass(frozen=True)
 class PassMotion:
-    """Trapezoidal speed from 0 to `reversal_deg`, a dwell, back to 0, a dwell, and so on.
+    """Motion of trapezoidal speed from 0 to `reversal_deg` and back, with a dwell after each pass.
 
     **Arguments**
     - `speed_rpm`: steady speed of the driving shaft.
     - `reversal_deg`: driving angle of the reversal.
     - `dwell_s`: standstill after every pass.
     - `ramp_s`: time from standstill to the steady speed, at constant acceleration.
-    - `passes`: 1 for forward only, 2 for forth and back, n for n − 1 reversals.
+    - `passes`: number of passes, one more than reversals; 1 for a forward pass only.
     - `ripple`, `ripple_order`: relative speed ripple and its cycles per driving revolution.
 
     **Raises** `ValueError` for a reversal inside the ramps and for values that are not positive.
@@ -54,16 +54,16 @@ class PassMotion:
 
     @property
     def _steady_s(self) -> float:
-        """Time at steady speed; the two ramps together cover one ramp at full speed."""
+        """Time at steady speed; both ramps cover the angle of `ramp_s` at steady speed."""
         return self.reversal_deg * DEG / self._speed - self.ramp_s
 
     @property
     def duration_s(self) -> float:
-        """Length of the whole run; the dwell after the last pass belongs to it."""
+        """Duration of the run, including the dwell after the last pass."""
         return self.passes * (self._steady_s + 2 * self.ramp_s + self.dwell_s)
 
     def driving_angle(self, time: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """Driving angle in rad at times in s; at rest before 0 and after the run."""
+        """Return the driving angle (rad) at times in s; at rest before 0 and after the run."""
         period = self.duration_s / self.passes
         inside = np.clip(time, 0.0, self.duration_s)
         index = np.minimum(inside // period, self.passes - 1)
@@ -72,7 +72,7 @@ class PassMotion:
         return angle + self.ripple / self.ripple_order * np.sin(self.ripple_order * angle)
 
     def _travelled(self, time: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """Angle since the start of a pass: the integral of the trapezoid."""
+        """Return the angle (rad) since the start of a pass: the integral of the trapezoid."""
         ramp = self.ramp_s
         end = self._steady_s + 2 * ramp
         up, down = np.clip(time, 0, ramp), np.clip(end - time, 0, ramp)

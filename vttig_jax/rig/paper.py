@@ -1,4 +1,4 @@
-"""The rig of the paper: Tables 1 and 2, and the run of its Fig. 11a."""
+"""Rig of the paper: Tables 1 and 2, and the run of its Fig. 11a."""
 
 import numpy as np
 
@@ -11,11 +11,11 @@ from .motion import PassMotion
 from .synthetic import SyntheticRig
 
 ERN180 = Encoder(counts_per_rev=90_000, accuracy_arcsec=18.0)
-"""3600 lines, interpolated 25 times."""
+"""Encoder with 3600 lines and 25-fold interpolation."""
 
 
 def paper_pair() -> GearPair:
-    """Table 1 of the paper, with the encoders of its test rig."""
+    """Return the gear pair of Table 1 of the paper, with the encoders of its test rig."""
     return GearPair(
         Gear(45, 3.0, 3.0, 20.0, ERN180),
         Gear(80, 3.0, 3.0, 20.0, ERN180),
@@ -27,7 +27,7 @@ def paper_pair() -> GearPair:
 
 
 def paper_eccentricities() -> Eccentricities:
-    """Table 2 of the paper, and 0.038°: its jump of 0.0443° at 7560° less j_v there."""
+    """Return Table 2 of the paper; 0.038° is its jump of 0.0443° at 7560° minus j_v there."""
     return Eccentricities(
         driving_mm=0.0226,
         driving_phase_deg=49.5,
@@ -38,12 +38,12 @@ def paper_eccentricities() -> Eccentricities:
 
 
 def paper_rig(seed: int = 0, motion: PassMotion = PassMotion()) -> SyntheticRig:
-    """The paper's rig with plausible imperfections: its raw logs were never published.
+    """Return the paper's rig with plausible imperfections; its raw logs were never published.
 
-    60 rpm to 7560° and back, 0.1 % speed ripple; correlated noise of 0.002° (4.75 ms), a tooth-mesh
-    order of 0.003°, pitch orders 2–8 of 0.002° rms and 18″ of encoder eccentricity on both shafts.
-    `seed` draws the orders and the encoder phases (the noise has the seed of `SyntheticRig.log`);
-    draws whose mesh and pitch orders would close the gap somewhere are drawn again.
+    The run goes to 7560° and back at 60 rpm with 0.1 % speed ripple. The imperfections are noise of
+    0.002° with a correlation time of 4.75 ms, a tooth-mesh order of 0.003°, pitch orders 2–8 of
+    0.002° rms and 18″ of encoder eccentricity on both shafts. `seed` draws the orders and encoder
+    phases (`SyntheticRig.log` has the noise seed); draws that would close the gap are repeated.
     """
     generator = np.random.default_rng(seed)
     phases = generator.uniform(0, 360, 2)

@@ -1,4 +1,4 @@
-"""A synthetic rig: exact kinematics, play at every reversal, imperfect encoders, one seed."""
+"""Synthetic rig: exact kinematics, play at every reversal and imperfect encoders."""
 
 from dataclasses import dataclass
 
@@ -26,10 +26,10 @@ from .motion import PassMotion
 def play(
     lower: Float[Array, " n"], upper: Float[Array, " n"], start: Float[Array, ""]
 ) -> Float[Array, " n"]:
-    """Follow x_t = min(max(x_{t−1}, lower_t), upper_t) from x_{−1} = `start`.
+    """Apply the play operator x_t = min(max(x_{t−1}, lower_t), upper_t) from x_{−1} = `start`.
 
     **Arguments**
-    - `lower`, `upper`: bounds with lower ≤ upper, shape (n,): the driven angle on flank A and B.
+    - `lower`, `upper`: driven angle on flank A and B, lower ≤ upper, shape (n,).
     - `start`: position before the first sample.
     """
 
@@ -42,18 +42,17 @@ def play(
 
 @dataclass(frozen=True)
 class SyntheticRig:
-    """A gear pair with known errors, driven through a known motion.
+    """Gear pair with known errors in a known motion.
 
     **Arguments**
-    - `pair`, `eccentricities`: the truth a fit should find. Both angles are zero at the start, on
-      flank A.
-    - `motion`: what the driving shaft does.
+    - `pair`, `eccentricities`: true values. Both angles are zero at the start, on flank A.
+    - `motion`: motion of the driving shaft.
     - `orders`: further harmonics of the transmission error.
-    - `driving_encoder`, `driven_encoder`: once-per-turn errors; counts come from the pair's
-      encoders (readings in degrees where it has none).
-    - `noise`: of the transmission error.
-    - `delay_s`: the driven reading stamped t shows the angle at t − `delay_s`.
-    - `rate_hz`: sampling rate.
+    - `driving_encoder`, `driven_encoder`: once-per-turn errors; counts are those of the pair's
+      encoders (readings in degrees without them).
+    - `noise`: noise of the transmission error.
+    - `delay_s`: delay, s; the driven reading with time stamp t is the angle at t − `delay_s`.
+    - `rate_hz`: sampling rate, Hz.
     """
 
     pair: GearPair
@@ -67,7 +66,7 @@ class SyntheticRig:
     rate_hz: float = 1987.0
 
     def flank_model(self) -> FlankModel:
-        """The true contact: exact eccentricities plus `orders`, zero at φ₁ = φ₂ = 0 on flank A."""
+        """Return the true flank model: exact eccentricities plus `orders`, TE_A(0, 0) = 0."""
         exact = exact_model(self.pair, self.eccentricities)
         harmonics = order_model(self.pair, self.orders)
         zero = jnp.asarray(0.0)
@@ -76,10 +75,10 @@ class SyntheticRig:
         return CombinedModel(exact.ratio, exact, harmonics)
 
     def log(self, seed: int = 0) -> EncoderLog:
-        """Run the rig and return what its encoders logged; the same seed gives the same log.
+        """Run the rig and return the encoder log; equal seeds give equal logs.
 
-        **Raises** `ValueError` where the backlash is negative somewhere on the way: rigid gears
-        cannot turn through it.
+        **Raises** `ValueError` if the backlash is negative anywhere in the run; rigid gears cannot
+        turn there.
         """
         require_x64("SyntheticRig.log")
         time = np.arange(int(self.motion.duration_s * self.rate_hz) + 1) / self.rate_hz
@@ -103,7 +102,7 @@ class SyntheticRig:
         model, ratio = self.flank_model(), float(self.pair.ratio)
         lower, upper = (
             ratio * driving_angle
-            + chunked(lambda piece, side=flank: _error(model, piece, side), driving_angle)
+            + chunked(lambda chunk, side=flank: _error(model, chunk, side), driving_angle)
             for flank in ("A", "B")
         )
         if np.any(upper < lower):
@@ -116,18 +115,18 @@ class SyntheticRig:
 
 
 def order_model(pair: GearPair, errors: tuple[OrderError, ...]) -> OrderModel:
-    """`OrderModel` of a list of harmonics, a sin(kφ + p) = a sin p cos kφ + a cos p sin kφ."""
-    places = {
+    """Return the `OrderModel` of harmonics a sin(kφ + p) = a sin p cos kφ + a cos p sin kφ."""
+    term_of = {
         "driving": lambda k: (k, 0),
         "driven": lambda k: (0, k),
         "mesh": lambda k: (k * pair.driving.teeth, 0),
     }
-    terms = tuple(dict.fromkeys(places[e.shaft](e.order) for e in errors))
+    terms = tuple(dict.fromkeys(term_of[e.shaft](e.order) for e in errors))
     cosine, sine = np.zeros((2, 2, len(terms)))
     for error in errors:
-        cell = ("AB".index(error.flank), terms.index(places[error.shaft](error.order)))
-        cosine[cell] += error.amplitude_deg * DEG * np.sin(error.phase_deg * DEG)
-        sine[cell] += error.amplitude_deg * DEG * np.cos(error.phase_deg * DEG)
+        index = ("AB".index(error.flank), terms.index(term_of[error.shaft](error.order)))
+        cosine[index] += error.amplitude_deg * DEG * np.sin(error.phase_deg * DEG)
+        sine[index] += error.amplitude_deg * DEG * np.cos(error.phase_deg * DEG)
     return OrderModel(
         ratio=jnp.asarray(float(pair.ratio)),
         terms=terms,

@@ -104,13 +104,13 @@ def test_a_value_inside_a_file_names_its_own_key():
     [("f", "k", "f: k"), ("", "k", "k"), ("f", "", "f"), ("", "", "")],
 )
 def test_the_file_stands_before_the_key(source, where, whole):
-    with pytest.raises(RecipeError) as caught, RECIPE.placed(source):
+    with pytest.raises(RecipeError) as caught, RECIPE.error_context(source):
         raise RecipeError("burnt.", where=where)
     assert (caught.value.where, caught.value.message) == (whole, "burnt.")
 
 
 def test_errors_of_another_kind_are_left_alone():
-    with pytest.raises(LogError) as caught, RECIPE.placed("f"):
+    with pytest.raises(LogError) as caught, RECIPE.error_context("f"):
         raise LogError("no log.", where="k")
     assert caught.value.where == "k"
 
@@ -119,7 +119,7 @@ def test_errors_of_another_kind_are_left_alone():
     ("content", "message"),
     [
         (b"name = \n", "not valid TOML: "),
-        (b'name = "\xff"\n', "not a text file (byte 8 is no UTF-8); a recipe is TOML in UTF-8."),
+        (b'name = "\xff"\n', "not a text file (byte 8 is not UTF-8); a recipe is TOML in UTF-8."),
         (b"shelf = " + b"9" * 5000, "not valid TOML: "),
         (b"steps = " + b"[" * 100_000, "not valid TOML: "),
     ],

@@ -180,13 +180,13 @@ def test_the_coefficients_follow_from_their_description(dtype, terms):
             ]
             return [float(c) for c in mpmath.lu_solve(powers, mpmath.matrix(values))]
 
-        numbers = module._NUMBERS[dtype]
-        np.testing.assert_allclose(numbers.sine, interpolated(-1, 3), rtol=1e-15)
-        np.testing.assert_allclose(numbers.cosine, interpolated(1, 4), rtol=1e-15)
+        constants = module._CONSTANTS[dtype]
+        np.testing.assert_allclose(constants.sine, interpolated(-1, 3), rtol=1e-15)
+        np.testing.assert_allclose(constants.cosine, interpolated(1, 4), rtol=1e-15)
         # What the parts leave of π/2 counts k < 2¹⁶ times; k times each but the last is exact.
-        left_over = abs(sum(map(mpmath.mpf, numbers.half_pi)) - mpmath.pi / 2)
+        left_over = abs(sum(map(mpmath.mpf, constants.half_pi)) - mpmath.pi / 2)
         assert left_over * 2**16 < float(np.finfo(dtype).eps) / 16
         mantissa = np.finfo(dtype).nmant + 1
-        for part in numbers.half_pi[:-1]:
+        for part in constants.half_pi[:-1]:
             bits = int(mpmath.mpf(part).man).bit_length()
             assert bits + 16 <= mantissa

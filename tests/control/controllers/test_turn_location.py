@@ -9,7 +9,7 @@ import pytest
 import vttig_jax
 from tests.control.scenarios import PAIR, SHORT, spec_of
 from vttig_jax.base.units import ARCSEC, DEG, REV
-from vttig_jax.control.controllers.turn_location import turns_off
+from vttig_jax.control.controllers.turn_location import turn_error
 from vttig_jax.control.plants.flank_bounds import bounds_of
 from vttig_jax.control.simulation.build import Builder, case_of
 from vttig_jax.kinematics.exact import exact_model
@@ -64,7 +64,7 @@ def parts():
 @pytest.mark.parametrize("turn", [0, 3, 15, 16, 21])
 def test_it_is_right_wherever_the_run_starts(turn):
     model, bounds, sensors = parts()
-    assert turns_off(PAIR, model, bounds, sensors, turn * REV + 1.0, 0) == 0
+    assert turn_error(PAIR, model, bounds, sensors, turn * REV + 1.0, 0) == 0
 
 
 def test_a_driven_encoder_that_slipped_by_a_turn_leads_to_the_wrong_map():
@@ -75,7 +75,7 @@ def test_a_driven_encoder_that_slipped_by_a_turn_leads_to_the_wrong_map():
     wrong = type(slipped)(
         slipped.ratio, moved, slipped.cosine, slipped.sine, slipped.closing, slipped.terms
     )
-    off = turns_off(PAIR, model, wrong, sensors, 1.0, 0)
+    off = turn_error(PAIR, model, wrong, sensors, 1.0, 0)
     assert off not in (0, None)
     step = math.remainder(45 / 80 * off * 360.0 - 22.5, 360.0)
     assert step == pytest.approx(0.0, abs=1e-9)
@@ -87,7 +87,7 @@ def test_readings_that_fit_no_turn_are_refused():
         bounds.ratio, bounds.offset + 11.25 * DEG, bounds.cosine, bounds.sine, bounds.closing,
         bounds.terms,
     )  # fmt: skip
-    assert turns_off(PAIR, model, half, sensors, 1.0, 0) is None
+    assert turn_error(PAIR, model, half, sensors, 1.0, 0) is None
 
 
 @pytest.mark.parametrize("turns", [-3, 0, 1, 16])

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from vttig_jax.control.hardware.actuator import Actuator, pushed_back
+from vttig_jax.control.hardware.actuator import Actuator, can_back_drive
 
 pytestmark = pytest.mark.smoke
 
@@ -36,7 +36,7 @@ class Way(NamedTuple):
 
 def actuator(**values: Any) -> Actuator:
     given: dict[str, Any] = {"speed": 20.0, "acceleration": 2000.0, "stroke": 10.0}
-    given |= {"resolution": 0.0, "delay": 0.0, "yields": np.asarray(True), "periods": 1}
+    given |= {"resolution": 0.0, "delay": 0.0, "back_drivable": np.asarray(True), "periods": 1}
     return Actuator(**(given | values))
 
 
@@ -54,7 +54,7 @@ def _follow(which, commands, gaps, step):
     def one(carriage, given):
         carriage, target = which.commanded(carriage, given[0])
         carriage, slide, blocked = which.step(carriage, target, given[1], step)
-        kept = (target, carriage.wanted, carriage.rate, carriage.reached, blocked, *slide)
+        kept = (target, carriage.unobstructed, carriage.rate, carriage.reached, blocked, *slide)
         return carriage, kept
 
     return jax.lax.scan(one, which.at_rest(), (commands, gaps))[1]
@@ -205,7 +205,7 @@ def test_it_never_goes_below_fully_open_where_the_flanks_overlap():
 def test_the_drive_blocks_where_the_gap_shrinks_below_what_does_not_yield():
     number = np.arange(PERIODS)
     shrinking = np.where(number < 200, 0.5, 0.5 - 0.0005 * (number - 199))
-    stiff = actuator(yields=np.asarray(False))
+    stiff = actuator(back_drivable=np.asarray(False))
     way = follow(stiff, 0.7, closed=shrinking)
     assert np.argmax(way.blocked) == 200 and way.blocked[200:].all()
     # Neither a stall at a gap that stays or grows, nor a gap with room left, blocks.
@@ -214,7 +214,7 @@ def test_the_drive_blocks_where_the_gap_shrinks_below_what_does_not_yield():
     assert not follow(stiff, 0.2, closed=shrinking).blocked.any()
     # It blocks as well where it withdraws, but slower than the gap shrinks.
     told = np.where(number < 200, 0.5, 0.0)
-    slow = actuator(speed=0.1, yields=np.asarray(False))
+    slow = actuator(speed=0.1, back_drivable=np.asarray(False))
     assert not follow(slow, 0.04, closed=shrinking).blocked.any()
     assert follow(stiff, told, closed=np.where(number < 201, 0.5, 0.2)).blocked.any()
 
@@ -227,13 +227,13 @@ def test_the_steepest_flank_pushes_unless_the_wedge_is_flatter_than_its_friction
     slopes = np.tan(np.radians(taper))
     locked = np.abs(slopes).max()
     for friction in (0.0, 0.5 * locked, locked * (1 - 1e-9)):
-        assert pushed_back(slopes, friction)
+        assert can_back_drive(slopes, friction)
     for friction in (locked, locked * (1 + 1e-9), 0.5):
-        assert not pushed_back(slopes, friction)
+        assert not can_back_drive(slopes, friction)
 
 
 def test_steel_on_steel_locks_the_wedge_of_three_degrees():
     slopes = np.tan(np.radians([3.0, 3.0]))
-    assert not pushed_back(slopes, 0.1) and pushed_back(slopes, 0.05)
-    many = pushed_back(np.stack([slopes] * 3), np.array([0.0, 0.05, 0.1]))
+    assert not can_back_drive(slopes, 0.1) and can_back_drive(slopes, 0.05)
+    many = can_back_drive(np.stack([slopes] * 3), np.array([0.0, 0.05, 0.1]))
     np.testing.assert_array_equal(many, [True, True, False])

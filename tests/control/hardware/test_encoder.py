@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from vttig_jax.base.units import ARCSEC, REV
-from vttig_jax.control.hardware.encoder import Sensor, shocks
+from vttig_jax.control.hardware.encoder import Sensor, noise_draws
 
 COUNT = REV / 90_000
 DRAWS = 20_000
@@ -71,7 +71,7 @@ def test_noise_comes_before_the_rounding():
 
 
 def drawn(seed: int, periods: np.ndarray) -> np.ndarray:
-    return np.asarray(jax.vmap(shocks, (None, 0))(jax.random.key(seed), jnp.asarray(periods)))
+    return np.asarray(jax.vmap(noise_draws, (None, 0))(jax.random.key(seed), jnp.asarray(periods)))
 
 
 def test_the_noise_of_a_period_does_not_depend_on_what_is_drawn_with_it():
@@ -79,7 +79,7 @@ def test_the_noise_of_a_period_does_not_depend_on_what_is_drawn_with_it():
     late = drawn(7, np.arange(63, 31, -1))
     np.testing.assert_array_equal(all_at_once[32:], late[::-1])
     for period in (0, 5, 63):
-        np.testing.assert_array_equal(all_at_once[period], shocks(key, jnp.asarray(period)))
+        np.testing.assert_array_equal(all_at_once[period], noise_draws(key, jnp.asarray(period)))
 
 
 def test_every_period_every_shaft_and_every_seed_has_its_own():

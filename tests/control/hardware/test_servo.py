@@ -129,7 +129,7 @@ def test_the_torque_keeps_its_limit_and_the_integral_grows_only_below_it(angle, 
     motor = Motor(*map(jnp.asarray, (0.0, 0.0, wound, False)))
     servo = Servo(*GAINS, most)
     torque, kept = servo.torque(motor, *map(jnp.asarray, (angle, speed, 1e-3)))
-    torque, after = float(torque), float(kept.wound)
+    torque, after = float(torque), float(kept.integral)
     assert bool(kept.limited) <= (abs(torque) == most)
     assert abs(torque) <= most
     if abs(torque) == most and after != wound:

@@ -24,7 +24,7 @@ def push(side: float, speed: float, gain: float = 0.0, friction: float = 0.0, **
     """(against, back) in N of a shaft of 0.01 kg m²."""
     thrust = Thrust(Drag(0.01, **drag), np.array([TAPER, 2 * TAPER]), friction, RADIUS, RATIO)
     found = thrust.at(*map(jnp.asarray, (side, speed, gain)))
-    return float(found.against), float(found.back)
+    return float(found.closing_resistance), float(found.opening_force)
 
 
 def test_the_flank_that_carries_pushes_with_its_torque_over_the_radius():
@@ -111,6 +111,6 @@ def test_friction_of_the_flanks_keeps_a_weak_actuator_where_it_is():
 def test_a_servo_pushes_a_strong_actuator_back_only_if_it_has_the_torque(torque, yields):
     """T/(i R₂) tan β against 2 N: 5 N m make 5.8 N, 1 N m makes 1.2 N."""
     given_ = {"servo.motor": "pi", "servo.torque_limit_Nm": torque, "actuator.force_limit_N": 2.0}
-    assert bool(case_of(spec_of(given_), PAIR).actuator.yields) is yields
+    assert bool(case_of(spec_of(given_), PAIR).actuator.back_drivable) is yields
     prescribed = {**given_, "servo.motor": "prescribed"}
-    assert bool(case_of(spec_of(prescribed), PAIR).actuator.yields)
+    assert bool(case_of(spec_of(prescribed), PAIR).actuator.back_drivable)

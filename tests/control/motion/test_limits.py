@@ -76,9 +76,7 @@ def test_a_reversal_inside_the_ramps(event: Any, sense):
     motion = motion_of("trapezoid", event, **numbers)
     assert float(motion.at(motion.turn_s).angle) == pytest.approx(np.deg2rad(sense * least))
     numbers["reversal_deg"] = sense * (least - 0.01)
-    words = (
-        rf"^Argument `reversal_deg` must be at least {least:.10g}° \({what}\) in either sense, but"
-    )
+    words = rf"^Argument `reversal_deg` must be at least {least:.10g}° \({what}\) in either dire"
     with pytest.raises(ValueError, match=words):
         motion_of("trapezoid", event, **numbers)
 

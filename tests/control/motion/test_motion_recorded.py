@@ -143,7 +143,7 @@ CURE = "it needs the columns time_s and driving_deg, separated by commas"
         ("\n# nothing\n", "", "the file is empty"),
         ("time_s;driving_deg\n0;0\n", ", line 1", f"no column time_s among: .*; {CURE}"),
         ("0,0\n1,1\n", ", line 1", f"no column time_s among: 0, 0; {CURE}"),
-        ("\ntime,driving_deg\n", ", line 2", "no column time_s .* rename `time` if it is meant"),
+        ("\ntime,driving_deg\n", ", line 2", "no column time_s .* rename `time` if you mean that"),
         ("time_s,driving_rad\n", ", line 1", "no column driving_deg .* rename `driving_rad` if"),
         ("time_s,time_s,driving_deg\n", ", line 1", "2 columns are named time_s; keep one"),
         (HEAD, "", "the number of rows is 0; a motion needs two or more"),

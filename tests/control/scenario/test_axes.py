@@ -136,7 +136,7 @@ BAD = [
         "motion",
         'an axis is one dotted name in quotes; write "motion.reversal_deg" = ….',
     ),
-    ("rig = [1]", "rig", "`rig` stands at the top of the file"),
+    ("rig = [1]", "rig", "move `rig` to the top of the file"),
     ('"rig.draws" = [1]', '"rig.draws"', "is no key of a scenario"),
     ("seed = []", "seed", "an axis is a list of values or { from = …, to = …, num = … }"),
     ("seed = 3", "seed", "but it is 3."),
@@ -175,15 +175,15 @@ BAD = [
     ("", "", "names no axis; write for example"),
     ("seed = [1]\nzip = 3", "zip", "expected a list"),
     ('seed = [1]\nzip = ["seed"]', "zip[0]", "expected a list"),
-    ('seed = [1]\nzip = [["seed"]]', "zip[0]", "a group names at least two axes"),
+    ('seed = [1]\nzip = [["seed"]]', "zip[0]", "a group needs at least two axes"),
     ('seed = [1]\nzip = [["seed", "sed"]]', "zip[0]", "did you mean `seed`?"),
     ('seed = [1]\nzip = [["seed", "plant"]]', "zip[0]", "the axes are seed."),
-    ('seed = [1]\nzip = [["seed", "seed"]]', "zip[0]", "`seed` stands twice in zip"),
+    ('seed = [1]\nzip = [["seed", "seed"]]', "zip[0]", "`seed` occurs twice in zip"),
     (
         'seed = [1]\nplant = ["play"]\nflanks = ["exact"]\nzip = [["seed", "plant"], ["seed",'
         ' "flanks"]]',
         "zip[0]",
-        "an axis belongs to one group.",
+        "put each axis in one group.",
     ),
     (
         'seed = [1, 2]\nplant = ["play"]\nzip = [["seed", "plant"]]',
@@ -202,7 +202,7 @@ def test_a_bad_sweep_is_one_sentence_that_names_its_key(text, key, words):
 
 
 def test_drawn_rigs_and_given_ones_exclude_each_other():
-    with pytest.raises(ScenarioError, match="given beside `rig`") as caught:
+    with pytest.raises(ScenarioError, match="given together with `rig`") as caught:
         sweep_of('"eccentricities.driving_mm" = [0.1]', DRAWS)
     assert caught.value.where == 'sweep."eccentricities.driving_mm"'
     assert sweep_of('"eccentricities.driving_mm" = [0.1]').values("eccentricities.driving_mm")

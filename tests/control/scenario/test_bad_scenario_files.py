@@ -50,7 +50,7 @@ BAD_VALUES = [
     ("driven_encoder.counts_per_rev", 2.5, "expected a whole number, but it is 2.5."),
     ("seed", True, "expected a whole number, but it is True."),
     ("load.torque_Nm", float("nan"), "but it is nan."),
-    ("zip", [["a", "b"]], "belongs into [sweep], beside the axes it names."),
+    ("zip", [["a", "b"]], "not at the top level; move it to [sweep]."),
 ]
 
 

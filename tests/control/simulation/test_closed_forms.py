@@ -71,7 +71,7 @@ def asked(run: Run, detected: float) -> float:
 
 
 def test_the_paper_controller_leaves_what_the_gap_has_grown_since_it_judged(papers):
-    left = np.array([run.tally.left for run in papers])
+    left = np.array([run.tally.residual_gap for run in papers])
     grown = np.array(
         [exact_gap(turn_angle(run)) - asked(run, run.tally.detection) for run in papers]
     )
@@ -130,7 +130,9 @@ def shift_at_crossing(run: Run) -> float:
 
 
 def test_the_jump_is_the_backlash_at_the_crossing_less_what_the_actuator_has_closed(papers):
-    open_, closed = ([run for run in papers if (run.tally.left > 1e-6) == left] for left in (1, 0))
+    open_, closed = (
+        [run for run in papers if (run.tally.residual_gap > 1e-6) == left] for left in (1, 0)
+    )
     assert len(open_) > 5 and len(closed) > 5
     for run in open_:
         expected = exact_gap(run.tally.crossing) - CLOSING * shift_at_crossing(run)
@@ -191,9 +193,9 @@ def test_prediction_never_interferes_and_leaves_little(predicted, name):
     for run, speed in zip(predicted[name], SPEEDS, strict=True):
         assert run.tally.interference == 0.0, speed
         if name == "slow_down":
-            assert np.isnan(run.tally.left)
+            assert np.isnan(run.tally.residual_gap)
         else:
-            assert 0.0 <= run.tally.left <= 0.05 * MEAN_GAP, speed
+            assert 0.0 <= run.tally.residual_gap <= 0.05 * MEAN_GAP, speed
 
 
 @pytest.mark.parametrize("name", ["slow_down", "aborted"])
@@ -212,4 +214,4 @@ def test_prediction_opens_again_when_the_shaft_only_slows_down(predicted, name):
 
 
 def test_the_measure_of_what_is_left_can_fail(papers):
-    assert any(run.tally.left > 0.05 * MEAN_GAP for run in papers)
+    assert any(run.tally.residual_gap > 0.05 * MEAN_GAP for run in papers)

@@ -11,7 +11,7 @@ import pytest
 from tests.control.hardware.test_observer import tracked
 from tests.control.scenarios import CLOSING, PAIR, SHORT, exact_gap, spec_of
 from vttig_jax.base.units import ARCSEC, DEG, REV
-from vttig_jax.control.hardware.encoder import shocks
+from vttig_jax.control.hardware.encoder import noise_draws
 from vttig_jax.control.simulation import simulate as simulate_module
 from vttig_jax.control.simulation.case import Sample
 from vttig_jax.control.simulation.result import Simulation
@@ -52,7 +52,7 @@ def readings(run: Simulation) -> np.ndarray:
     samples = samples_of(run)
     true = np.stack([samples.driving, RATIO * samples.driving + samples.error])
     key = jax.random.key(run.spec.seed)
-    noise = np.asarray(jax.vmap(shocks, (None, 0))(key, jnp.arange(samples.time.size))).T
+    noise = np.asarray(jax.vmap(noise_draws, (None, 0))(key, jnp.arange(samples.time.size))).T
     count = REV / 90_000
     shown = [
         angle + ARCSEC * (size * np.sin(angle + phase * DEG) + spread * shock)
@@ -93,7 +93,7 @@ def test_the_detection_is_where_the_readings_first_show_the_deceleration(traced)
     metrics = traced.metrics
     assert metrics["detection_deg"] == pytest.approx(samples.driving[first] / DEG, abs=1e-9)
     assert metrics["detection_delay_s"] == pytest.approx(samples.time[first] - braking, abs=1e-9)
-    assert np.argmax(samples.command > 0) == first and traced.tally.false_closings == 0
+    assert np.argmax(samples.command > 0) == first and traced.accumulators.false_closings == 0
 
 
 def test_a_narrower_observer_is_later(traced):
@@ -167,7 +167,7 @@ def test_false_closings_are_those_before_the_brakes():
     samples, braking = samples_of(nervous), float(nervous.case.motion.braking_s)
     starts = (samples.command > 0) & (np.concatenate([[0.0], samples.command[:-1]]) == 0)
     expected = int(np.sum(starts & (samples.time < braking)))
-    assert nervous.tally.false_closings == expected > 3
+    assert nervous.accumulators.false_closings == expected > 3
     assert any(f" {expected} times" in sentence for sentence in nervous.remarks)
 
 
@@ -182,7 +182,9 @@ def test_a_trace_has_every_sample_of_the_motion_and_so_has_the_tally():
         assert run.case.motion.duration_s == pytest.approx(ends)
         assert samples_of(run).time.size == math.floor(ends * rate + 1e-6) + 1
         assert run.to_json()["samples"] == samples_of(run).time.size
-        np.testing.assert_allclose(samples_of(run).time * rate, np.arange(int(run.tally.samples)))
+        np.testing.assert_allclose(
+            samples_of(run).time * rate, np.arange(int(run.accumulators.samples))
+        )
 
 
 @pytest.mark.parametrize("every", [2, 7, 1500, 10**6])
@@ -254,7 +256,7 @@ def test_a_drive_that_blocks_is_counted_no_further():
     run = simulated({"motion.reversal_deg": 360.0, "mesh.friction_coefficient": 0.1})
     samples, stop = samples_of(run), run.to_json()["blocked_s"]
     assert 0.5 < stop < float(run.case.motion.duration_s)
-    assert run.tally.samples == np.sum(samples.time < stop - 1e-9)
+    assert run.accumulators.samples == np.sum(samples.time < stop - 1e-9)
     error = samples.shown[samples.time < stop - 1e-9] - samples.shown[0]
     assert run.metrics["te_mean_deg"] == pytest.approx(error.mean() / DEG, abs=1e-12)
     assert run.columns()["time_s"][-1] == pytest.approx(stop)
@@ -274,7 +276,7 @@ def test_a_stop_that_finds_the_gap_closed_is_neither_missed_nor_detected_on_the_
     run = simulated(encoder, {"judgement.threshold_rad_s2": 0.4})
     samples = samples_of(run)
     closed = samples.command[samples.time < float(run.case.motion.turn_s)][-1] > 0
-    assert run.tally.false_closings > 0 and closed
+    assert run.accumulators.false_closings > 0 and closed
     assert run.outcome != "missed"
     # Nor is it detected on the way back.
     delay = run.metrics["detection_delay_s"]

@@ -28,7 +28,7 @@ from vttig_jax.control.scenario.spec import KEYS
 from vttig_jax.control.simulation import simulate as simulate_module
 from vttig_jax.control.simulation.accumulators import Accumulators
 from vttig_jax.control.simulation.build import case_of
-from vttig_jax.control.simulation.case import Case, advance, finished, started
+from vttig_jax.control.simulation.case import Case, initial_state, run_periods, trace_periods
 from vttig_jax.control.simulation.simulate import simulate
 from vttig_jax.pair.gear_pair import GearPair
 from vttig_jax.pair.load import load_pair
@@ -287,7 +287,7 @@ def test_new_values_compile_nothing(caplog):
 @pytest.mark.parametrize("row", ALONE, ids=lambda row: row.name)
 def test_many_cases_at_once_are_the_same_as_one_after_the_other(runs, folder, row):
     spec = spec_of(BASE, row.on, {row.name: row.value})
-    alone = simulate(spec, gears(folder / "pair.toml")).tally
+    alone = simulate(spec, gears(folder / "pair.toml")).accumulators
     before, lane = (run.tally for run in runs[repr(row)])
     for field, value, expected in zip(Accumulators._fields, lane, alone, strict=True):
         np.testing.assert_allclose(value, expected, rtol=1e-9, atol=1e-10, err_msg=field)
@@ -296,11 +296,11 @@ def test_many_cases_at_once_are_the_same_as_one_after_the_other(runs, folder, ro
 
 def test_a_compiled_period_is_one_computed_step_by_step(runs):
     run = runs[repr(Row("seed", 1))][0]
-    state = simulate_module._finished(run.case, started(run.case), jnp.arange(CHUNK))
+    state = simulate_module._run_periods(run.case, initial_state(run.case), jnp.arange(CHUNK))
     place = slice(CHUNK, CHUNK + 2)
     assert np.diff(run.samples.reached[place]) > 0  # the actuator is on its way
     with jax.disable_jit():
-        _, samples = advance(run.case, state, jnp.arange(CHUNK, CHUNK + 2))
+        _, samples = trace_periods(run.case, state, jnp.arange(CHUNK, CHUNK + 2))
     for name, value, expected in zip(samples._fields, samples, run.samples, strict=True):
         np.testing.assert_allclose(value, expected[place], rtol=1e-9, atol=1e-10, err_msg=name)
 
@@ -317,7 +317,9 @@ def left(constant_backlash: Any, case: Case, periods: int) -> jax.Array:
 
     bounds = eqx.tree_at(lambda b: b.offset, case.bounds, moved(case.bounds))
     changed = eqx.tree_at(lambda c: c.bounds, case, bounds)
-    return jnp.asarray(finished(changed, started(changed), jnp.arange(periods)).tally.left)
+    return jnp.asarray(
+        run_periods(changed, initial_state(changed), jnp.arange(periods)).accumulators.residual_gap
+    )
 
 
 _left_and_slope = eqx.filter_jit(eqx.filter_value_and_grad(left))

@@ -49,7 +49,8 @@ def test_the_scan_is_what_c_makes_of_the_same_formulas(program, periods, expecte
 def test_every_metric_is_at_work(expected):
     """None of the compared numbers is trivial: lanes differ, and everything has happened."""
     rows = dict(zip(FIELDS, expected, strict=True))
-    for name in ("gap", "crossing", "detection", "left", "travel", "farthest", "total", "opened"):
+    names = ("gap", "crossing", "detection", "residual_gap", "travel", "farthest", "opened")
+    for name in ("total", *names):
         assert (np.abs(rows[name]) != NEVER).all() and (rows[name] != 0).all(), name
     assert 0.1 < (rows["interference"] > 0).mean() < 0.9 and np.ptp(rows["gap"]) > 1e-5
 

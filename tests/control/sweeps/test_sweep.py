@@ -16,7 +16,7 @@ from vttig_jax.control.simulation.case import Case
 from vttig_jax.control.simulation.metrics import METRICS
 from vttig_jax.control.sweeps import blocks as sweep_work
 from vttig_jax.control.sweeps import estimate as sweep_estimate
-from vttig_jax.control.sweeps.batching import BatchRunner, lanes_for, numbers_of, stacked, varying
+from vttig_jax.control.sweeps.batching import BatchRunner, batch_of, lanes_for, leaves_of, varying
 from vttig_jax.control.sweeps.blocks import SweepWork
 from vttig_jax.control.sweeps.cases import SweepCases
 from vttig_jax.control.sweeps.table import SweepTable
@@ -198,12 +198,12 @@ def test_lane_steps_are_those_of_the_cases_alone(table):
 def test_what_differs_gets_lanes_of_its_own_even_if_no_sample_showed_it():
     cases = SweepCases(sweep_spec({"motion.dwell_s": [0.1, 0.2], "seed": [0, 1]}), PAIR)
     made = [cases.case(number) for number in range(4)]
-    numbers = [numbers_of(case) for case in made if isinstance(case, Case)]
+    numbers = [leaves_of(case) for case in made if isinstance(case, Case)]
     own = varying(numbers)
     assert 0 < sum(own) < len(own)
-    nothing = stacked(numbers, (False,) * len(own), 8)
-    assert nothing.own == own and nothing.lanes == 8
-    assert stacked(numbers[:1], (False,) * len(own), 8).own == (False,) * len(own)
+    nothing = batch_of(numbers, (False,) * len(own), 8)
+    assert nothing.batched == own and nothing.lanes == 8
+    assert batch_of(numbers[:1], (False,) * len(own), 8).batched == (False,) * len(own)
     assert all(len(leaf) == 8 for leaf, apart in zip(nothing.leaves, own, strict=True) if apart)
 
 
@@ -293,12 +293,12 @@ def test_long_runs_come_in_small_blocks(dwell_s, cases):
     """What an interruption loses is bounded by time, not by cases."""
     spec = sweep_spec({"motion.reversal_deg": [200.0, 250.0]}, motion__dwell_s=dwell_s)
     work = SweepWork(SweepCases(spec, PAIR), BatchRunner())
-    assert work.block == cases
+    assert work.block_size == cases
 
 
 def test_the_estimate_counts_programs_that_are_not_compiled():
     spec = sweep_spec({"motion.reversal_deg": [200.0], "controller": ["none", "acceleration"]})
     work = SweepWork(SweepCases(spec, PAIR), BatchRunner())
     first, again = sweep_estimate.estimate(work, None), sweep_estimate.estimate(work, None)
-    assert first.compile_s == pytest.approx(work.lanes.compile_s) and again.compile_s == 0
+    assert first.compile_s == pytest.approx(work.runner.compile_s) and again.compile_s == 0
     assert str(dataclasses.replace(again, run_s=3.0, compile_s=7.0)).count("about 10 s") == 1

@@ -195,7 +195,7 @@ def test_progress_and_the_scenario_with_the_values(base):
     travel = table.columns["actuator_travel_mm"].mean()
     assert tuned.after.travel_mean_mm == pytest.approx(travel, rel=1e-9)
     text = str(tuned)
-    assert "confirmed by the hard judgement" in text and "21 ok" in text
+    assert "confirmed by the full simulation" in text and "21 ok" in text
     assert f"{tuned.values[MARGIN]:.4g}" in text and f"{tuned.after.cost_deg:.5f}" in text
 
 

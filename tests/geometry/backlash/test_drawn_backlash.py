@@ -10,8 +10,8 @@ import pytest
 
 from tests.laws import checks
 from vttig_jax.geometry.backlash.drawn_backlash import (
+    backlash_and_contact,
     geometric_backlash,
-    least_room,
     section_backlash,
 )
 from vttig_jax.geometry.contact.contact_model import contact_model
@@ -123,7 +123,7 @@ def test_crowned_teeth_touch_where_each_flank_is_thickest(distance, shift):
     assert float(geometric_backlash(pair, distance, shift)) == pytest.approx(expected, abs=1e-12)
     together = (pitch - filled.sum(axis=0).max()) / working
     assert together - expected > 1e-5  # one section for both flanks would be wrong
-    places = np.asarray(least_room(pair, distance, shift)[1])
+    places = np.asarray(backlash_and_contact(pair, distance, shift)[1])
     np.testing.assert_allclose(places, z[filled.argmax(axis=1)], rtol=0, atol=1e-4)
     assert abs(places[0] - places[1]) > 0.5
     some = z[::20_000]

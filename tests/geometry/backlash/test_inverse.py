@@ -61,14 +61,14 @@ IMPOSSIBLE = {
         {},
         (math.radians(1.0),),
         {"least_overlap_mm": 15.0},
-        r"backlash: 1° is not to be had; with 15 mm of common face or more \(s from -5 to 5 mm\)"
+        r"backlash: 1° cannot be reached; with 15 mm of common face or more \(s from -5 to 5 mm\)"
         r" it is -0\.\d+° to 0\.\d+°\.",
     ),
     "more face than there is": (
         {},
         (0.0,),
         {"least_overlap_mm": 21.0},
-        "least_overlap_mm: 21 mm is more than the narrower face has",
+        "least_overlap_mm: 21 mm is not between 0 and the narrower face width",
     ),
     "spur gears": (
         {"helix": (0.0, 0.0), "widths": (math.nan, math.nan)},
@@ -81,7 +81,7 @@ IMPOSSIBLE = {
         {"helix": (0.0, 0.0), "crowning": (20.0, 20.0)},
         (-0.01,),
         {},
-        "is not to be had",
+        "cannot be reached",
     ),
 }
 

@@ -143,7 +143,7 @@ def test_a_bump_is_found_by_the_grid_of_roll_angles():
     spot = 3.0 * np.exp(-(((roll - 15.0) / 1.5) ** 2))[:, None] * np.exp(-((z / 4.0) ** 2))
     bump = Deviations(driving=(FlankMap(roll, z, spot), None))
     model = contact_model(PAIR, deviations=bump)
-    assert model.effort.points == 30 and model.effort.sections == 11
+    assert model.search_grid.points == 30 and model.search_grid.sections == 11
     fine = contact_model(PAIR, deviations=bump, points=121, sections=41)
     few = np.linspace(0.0, PITCH, 64)
     found, expected = (np.asarray(m.transmission_error(few, "A")) for m in (model, fine))

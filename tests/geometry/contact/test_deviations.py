@@ -66,9 +66,12 @@ def test_derivatives_in_place_and_in_the_measured_values():
 
 
 BAD = {
-    "folded": ((ROLL[::-1], HEIGHT, DRAWN), "roll_mm: goes from 22 to 19 mm at points 1 and 2"),
-    "one row": ((ROLL[:1], HEIGHT, DRAWN[:1]), r"roll_mm: of shape \(1,\); give two points"),
-    "transposed": ((ROLL, HEIGHT, DRAWN.T), r"map of shape \(5, 6\) over 6 roll lengths and 5"),
+    "folded": (
+        (ROLL[::-1], HEIGHT, DRAWN),
+        "roll_mm: the values go from 22 to 19 mm at points 1 and 2",
+    ),
+    "one row": ((ROLL[:1], HEIGHT, DRAWN[:1]), r"roll_mm: the shape is \(1,\); give two or more"),
+    "transposed": ((ROLL, HEIGHT, DRAWN.T), r"map has shape \(5, 6\) over 6 roll lengths and 5"),
     "hole": (
         (ROLL, HEIGHT, np.where(np.arange(30).reshape(6, 5) == 11, np.nan, DRAWN)),
         r"deviation_um: point \(3, 2\) is not a number",

@@ -67,14 +67,14 @@ BAD = {
     "doubled column": ((f"{HEAD},z_mm", "driven,B,8,1,2,3"), 1, "2 columns `z_mm`"),
     "semicolons": ((HEAD.replace(",", ";"),), 1, "no column `gear`"),
     "empty": (("", ""), 1, f"empty; write the header {HEAD}"),
-    "header alone": ((HEAD,), 1, "nothing below the header; give a line for each roll"),
+    "header alone": ((HEAD,), 1, "nothing is below the header; give a line for each roll"),
     "decimal comma": (changed(4, "driven,B,10,0,-9,1"), 4, "6 fields, but the header has 5"),
     "cut off": ((HEAD, *GRID[:-1], "driven,B,12.5"), 7, "3 fields, but the header has 5"),
-    "word": (changed(3, "driven,B,8,top,1"), 3, "'top' is no number for z_mm"),
-    "not finite": (changed(3, "driven,B,8,9,nan"), 3, "'nan' is no number for deviation_um"),
-    "empty field": (changed(3, "driven,B,8,9,"), 3, "'' is no number for deviation_um"),
-    "gear": (changed(5, "pinion,B,10,9,1"), 5, "'pinion' is no gear; write driving or driven"),
-    "flank": (changed(5, "driven,left,10,9,1"), 5, "'left' is no flank; write A or B"),
+    "word": (changed(3, "driven,B,8,top,1"), 3, "'top' is not a number for z_mm"),
+    "not finite": (changed(3, "driven,B,8,9,nan"), 3, "'nan' is not a number for deviation_um"),
+    "empty field": (changed(3, "driven,B,8,9,"), 3, "'' is not a number for deviation_um"),
+    "gear": (changed(5, "pinion,B,10,9,1"), 5, "'pinion' is not a gear; write driving or driven"),
+    "flank": (changed(5, "driven,left,10,9,1"), 5, "'left' is not a flank; write A or B"),
     "doubled": ((HEAD, *GRID, GRID[2]), 8, r"z = -9 mm in line 4 already; keep one of them"),
     "hole": ((HEAD, *GRID[:-1]), 6, r"no point at roll length 12\.5 mm and z = 9 mm.*3 × 2 points"),
     "one height": ((HEAD, *GRID[::2]), 2, "driven flank B has a single height"),
@@ -83,7 +83,7 @@ BAD = {
     "negative": (changed(6, "driven,B,-1,-9,1"), 6, "roll length -1 mm is not on the driven flank"),
     "from an end": (changed(6, "driven,B,12.5,20,1"), 6, r"off the driven face \(-10 to 10 mm\)"),
     "nanometres": (changed(3, "driven,B,8,9,5001"), 3, r"more than a quarter of the module \(5000"),
-    "a field too long": ((HEAD, "x" * 200_000), 2, "no CSV"),
+    "a field too long": ((HEAD, "x" * 200_000), 2, "not CSV"),
 }
 
 
@@ -98,8 +98,12 @@ def test_files_that_are_no_maps(tmp_path, name):
 
 
 BAD_PITCHES = {
-    "no such tooth": ((*TEETH, "driving,A,5,1"), 6, "5 is no tooth of the driving gear; count th"),
-    "half a tooth": ((*TEETH[:3], "driving,A,3.5,1"), 5, r"3\.5 is no tooth"),
+    "no such tooth": (
+        (*TEETH, "driving,A,5,1"),
+        6,
+        "5 is not a tooth of the driving gear; count te",
+    ),
+    "half a tooth": ((*TEETH[:3], "driving,A,3.5,1"), 5, r"3\.5 is not a tooth"),
     "missing tooth": ((*TEETH[:1], *TEETH[2:]), 4, "driving flank A has no tooth 2; give all 4"),
     "metres": (("driving,A,1,2e6", *TEETH[1:]), 2, "a deviation of 2e\\+06 µm is more than"),
     "doubled": ((*TEETH, TEETH[0]), 6, "tooth 1 in line 2 already"),

@@ -28,18 +28,18 @@ def make(teeth=(45, 80), width=20.0, helix=(3.0, 3.0), shift=0.0, **pair):
 
 BAD = {
     "base circles": ({}, {"centre_distance_mm": 117.0}, "lets the base circles overlap"),
-    "no width": ({"width": math.nan}, {"misalignment": Misalignment(1e-4)}, "has to have ends"),
+    "no width": ({"width": math.nan}, {"misalignment": Misalignment(1e-4)}, "give a face width"),
     "pointed": ({"width": 36.0}, {}, "cross below the tip circle at z = 18 mm"),
     "gone": ({"width": 80.0}, {}, "mm thick on the reference circle"),
     "long teeth": (
         {"rack": Rack(addendum=1.5, clearance=0.1), "helix": (0.0, 0.0)},
         {"tooth_pairs": 2},
-        "2 pairs of teeth are too few to look at where the contact ratio is",
+        "2 tooth pairs are too few for a contact ratio of",
     ),
     "pitches": (
         {},
         {"deviations": Deviations(driving_pitch_um=np.zeros((2, 80)))},
-        r"of shape \(2, 80\); give one value for each flank and tooth, shape \(2, 45\)",
+        r"the shape is \(2, 80\); give one value for each flank and tooth, shape \(2, 45\)",
     ),
 }
 
@@ -88,14 +88,14 @@ def test_the_flank_of_an_undercut_tooth_begins_at_its_fillet():
 
 
 def test_sections_are_one_where_all_touch_at_once():
-    assert contact_model(make()).effort.sections == 1
-    assert contact_model(make(shift=0.0, helix=(0.0, 0.0))).effort.sections == 1
-    assert contact_model(make(rack=Rack(addendum=0.6))).effort.sections == 9  # tips may carry
-    assert contact_model(make(), misalignment=Misalignment(1e-5)).effort.sections == 9
-    assert contact_model(make(), deviations=Deviations()).effort.sections == 9
+    assert contact_model(make()).search_grid.sections == 1
+    assert contact_model(make(shift=0.0, helix=(0.0, 0.0))).search_grid.sections == 1
+    assert contact_model(make(rack=Rack(addendum=0.6))).search_grid.sections == 9  # tips may carry
+    assert contact_model(make(), misalignment=Misalignment(1e-5)).search_grid.sections == 9
+    assert contact_model(make(), deviations=Deviations()).search_grid.sections == 9
     first, second = Gear(45, 3.0, 3.0, 20.0), Gear(80, 3.1, 3.0, 20.0)
     unlike = GearPair(first, second, module_mm=2.0, pressure_angles_deg=20.0)
-    assert contact_model(unlike).effort.sections == 9
+    assert contact_model(unlike).search_grid.sections == 9
 
 
 def recessed(pair: GearPair, change) -> tuple[Tooth, Tooth]:

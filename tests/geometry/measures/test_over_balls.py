@@ -19,8 +19,8 @@ from tests.geometry.shop_gears import flank_points, known, scaled, shop_gear
 from vttig_jax.base.arrays import namespace
 from vttig_jax.geometry.measures.over_balls import (
     SIZES_MM,
-    _farthest,
     _ideal_ball,
+    _searched_stand_off,
     _stand_off,
     over_balls,
     usual_ball,
@@ -226,7 +226,7 @@ def test_the_helix_is_not_forgotten():
 )
 def test_the_search_finds_what_the_formula_says_of_straight_flanks(helix, half, z, teeth):
     tooth = shop_gear(teeth, helix=(helix, 0.0), width=200.0)
-    searched, formula = _farthest(tooth, 0, half, z), _stand_off(tooth, 0, half, z)
+    searched, formula = _searched_stand_off(tooth, 0, half, z), _stand_off(tooth, 0, half, z)
     assert searched[0] == pytest.approx(formula[0], rel=1e-12, abs=1e-12)
     assert searched[1] == pytest.approx(formula[1], abs=1e-6 * half)
 
@@ -240,7 +240,7 @@ def test_the_highest_of_two_hills_is_found():
             return -0.4 * xp.exp(-((z - 0.8) ** 2) / 0.01) - 0.39 * xp.exp(-((z + 0.8) ** 2) / 0.01)
 
     tooth = eqx.tree_at(lambda t: t.recession, shop_gear(), (Hills(), Hills()))
-    assert _farthest(tooth, 0, 1.75, 0.0)[1] == pytest.approx(0.8, abs=0.02)
+    assert _searched_stand_off(tooth, 0, 1.75, 0.0)[1] == pytest.approx(0.8, abs=0.02)
 
 
 # What has to hold for any gear.
@@ -286,7 +286,7 @@ def test_a_tapered_gear_measures_less_towards_its_thin_end():
         (shop_gear(), 6.0, 0.0, "above the tip circle of 94.0000 mm; take a smaller one"),
         (shop_gear(rack={"clearance": 0.0}), 2.3, 0.0, "rest on the root circle of 86.0000 mm"),
         (shop_gear(helix=(3.0, 3.0)), 3.5, -9.95, "beyond the end of the face"),
-        (shop_gear(1, rack={"addendum": 0.4}), 3.0, 0.0, "One tooth has no opposite space"),
+        (shop_gear(1, rack={"addendum": 0.4}), 3.0, 0.0, "one tooth has no opposite space"),
     ],
 )
 def test_a_ball_that_cannot_seat_is_told(tooth, ball, z, words):

@@ -59,7 +59,7 @@ OTHERS = {
         "leave no space between them at z = -20 mm",
     ),
     "no tip": (shop_gear(20, shift=-2.5, centre_distance_mm=120.0), 0.0, "inside the base circle"),
-    "no root": (shop_gear(2), 0.0, "has to be above 0"),
+    "no root": (shop_gear(2), 0.0, "give a value above 0"),
     "all fillet": (
         shop_gear(30, rack={"addendum": 0.05, "clearance": 0.25, "tip_radius": 2.0}),
         0.0,

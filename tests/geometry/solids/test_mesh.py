@@ -207,7 +207,7 @@ def test_too_many_triangles_are_refused_with_the_tolerance_that_fits(monkeypatch
     monkeypatch.setattr(grid_refinement, "_free_bytes", lambda: 1000)
     with pytest.raises(UsageError, match=r"holds .*; give fewer --teeth"):
         gear_mesh(gear, tolerance_mm=0.001)
-    with pytest.raises(UsageError, match="finer than such a file is exact") as refused:
+    with pytest.raises(UsageError, match="below the accuracy of the file") as refused:
         gear_mesh(gear, tolerance_mm=1e-9)
     assert asked_for(refused) == 1e-8
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from vttig_jax.geometry.solids.closing_faces import real, zipped
+from vttig_jax.geometry.solids.closing_faces import nondegenerate, triangle_strip
 
 
 def area(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
@@ -18,7 +18,7 @@ def test_two_lines_are_filled_counter_clockwise(first, second):
         [np.stack([np.ones_like(right), right], 1), np.stack([-np.ones_like(left), left], 1)]
     )
     index = np.arange(len(points))
-    triangles = zipped(index[:first], index[first:], right, left)
+    triangles = triangle_strip(index[:first], index[first:], right, left)
     assert len(triangles) == first + second - 2
     areas = area(points, triangles)
     assert (areas > 0).all()
@@ -27,4 +27,4 @@ def test_two_lines_are_filled_counter_clockwise(first, second):
 
 def test_triangles_with_a_point_twice_are_dropped():
     triangles = np.array([[0, 1, 2], [0, 0, 1], [1, 2, 2], [3, 1, 3]])
-    np.testing.assert_array_equal(real(triangles), [[0, 1, 2]])
+    np.testing.assert_array_equal(nondegenerate(triangles), [[0, 1, 2]])

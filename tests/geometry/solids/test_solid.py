@@ -89,7 +89,7 @@ def _shell(shape):
 
 
 def test_a_tolerance_that_sewing_cannot_hold_is_refused(cad):
-    with pytest.raises(UsageError, match=r"finer than such a file is exact; .* 0\.002 or more"):
+    with pytest.raises(UsageError, match=r"below the accuracy of the file; .* 0\.002 or more"):
         gear_solid(SMALL, tolerance_mm=1e-6)
 
 

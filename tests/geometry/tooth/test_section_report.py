@@ -177,5 +177,7 @@ def test_sections_without_a_face_width():
 
 def test_a_recession_that_is_not_finite_is_refused():
     gear = tooth(recession=(Taper(0.0), crowned(0.0, math.nan)))
-    with pytest.raises(PairError, match="recession of the right flank: not finite at z = -3 mm"):
+    with pytest.raises(
+        PairError, match="recession of the right flank: δ is not finite at z = -3 mm"
+    ):
         section_report(gear, [-3.0])

@@ -38,8 +38,8 @@ def test_thin_end_names_the_section():
         check_tooth(tooth(recession=(steep, steep)))
     assert str(caught.value) == (
         "thickness: the tooth is -1.110 mm thick on the reference circle at z = 10 mm; make the"
-        " face narrower (nothing is left at z = 7.5 mm), the helix angles smaller or the profile"
-        " shift larger."
+        " face narrower (the tooth vanishes at z = 7.5 mm), the helix angles smaller or the"
+        " profile shift larger."
     )
     check_tooth(tooth(recession=(steep, steep)), [-10.0, 7.0])
 
@@ -47,15 +47,24 @@ def test_thin_end_names_the_section():
 @pytest.mark.parametrize(
     ("recession", "words"),
     [
-        (Taper(math.nan), "recession of the left flank: not finite at z = -10 mm (nan)"),
-        (lambda z: 1 / z, "recession of the left flank: not finite at z = 0 mm (inf)"),
+        (Taper(math.nan), "recession of the left flank: δ is not finite at z = -10 mm (nan)"),
+        (lambda z: 1 / z, "recession of the left flank: δ is not finite at z = 0 mm (inf)"),
         (
             lambda z: 0.1,
-            "recession of the left flank: gives values of shape () for heights of shape (41,)",
+            "recession of the left flank: the function returns shape () for heights of shape (41,)",
         ),
-        (lambda z: np.sin(z), "recession of the left flank: cannot be differentiated by JAX"),
-        (lambda z: z if z[0] > 0 else -z, "recession of the left flank: cannot be differentiated"),
-        (FOLDED, "recession of the left flank: folded: z goes from 11 to 10 mm in rows 2 and 3"),
+        (
+            lambda z: np.sin(z),
+            "recession of the left flank: the function cannot be differentiated by JAX",
+        ),
+        (
+            lambda z: z if z[0] > 0 else -z,
+            "recession of the left flank: the function cannot be differentiated",
+        ),
+        (
+            FOLDED,
+            "recession of the left flank: z does not increase: it goes from 11 to 10 mm in rows 2",
+        ),
     ],
     ids=["nan", "infinite", "bare number", "numpy", "if on z", "folded"],
 )
@@ -69,17 +78,17 @@ def test_recessions_that_are_none(recession, words):
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"module_mm": 0.0}, "module_mm: 0 is no gear; it has to be above 0."),
-        ({"module_mm": math.nan}, "module_mm: nan is no gear"),
+        ({"module_mm": 0.0}, "module_mm: 0 is not possible; give a value above 0."),
+        ({"module_mm": math.nan}, "module_mm: nan is not possible"),
         (
             {"pressure_angles_deg": np.array([20.0, 95.0])},
-            "pressure_angles_deg: 95 is no gear; it has to be between 0 and 90.",
+            "pressure_angles_deg: 95 is not possible; give a value between 0 and 90.",
         ),
-        ({"addendum_mm": -1.0}, "addendum_mm: -1 is no gear"),
-        ({"dedendum_mm": math.inf}, "dedendum_mm: inf is no gear"),
-        ({"fillet_radius_mm": -0.1}, "fillet_radius_mm: -0.1 mm is no radius"),
-        ({"fillet_radius_mm": math.nan}, "fillet_radius_mm: nan mm is no radius"),
-        ({"dedendum_mm": 46.0}, "root radius: -1 is no gear"),
+        ({"addendum_mm": -1.0}, "addendum_mm: -1 is not possible"),
+        ({"dedendum_mm": math.inf}, "dedendum_mm: inf is not possible"),
+        ({"fillet_radius_mm": -0.1}, "fillet_radius_mm: -0.1 mm is not possible as radius"),
+        ({"fillet_radius_mm": math.nan}, "fillet_radius_mm: nan mm is not possible as radius"),
+        ({"dedendum_mm": 46.0}, "root radius: -1 is not possible"),
         ({"profile_shift_mm": -5.0}, "tip radius: the tip circle (42.000 mm) lies inside the base"),
     ],
 )

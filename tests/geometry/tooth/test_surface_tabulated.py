@@ -61,8 +61,8 @@ def test_it_is_linear_in_the_table():
 @pytest.mark.parametrize(
     ("z", "values", "words"),
     [
-        ([0.0, 2.0, 1.0], [0.0] * 3, "folded: z goes from 2 to 1 mm in rows 2 and 3"),
-        ([0.0, 1.0, 1.0], [0.0] * 3, "folded: z goes from 1 to 1 mm"),
+        ([0.0, 2.0, 1.0], [0.0] * 3, "z does not increase: it goes from 2 to 1 mm in rows 2 and 3"),
+        ([0.0, 1.0, 1.0], [0.0] * 3, "z does not increase: it goes from 1 to 1 mm"),
         ([0.0, np.nan, 1.0], [0.0] * 3, "row 2 of the table is not a number (z = nan mm"),
         ([0.0, 1.0, 2.0], [0.0, 0.0, np.inf], "row 3 of the table is not a number"),
         ([0.0], [0.0], "two or more of each"),

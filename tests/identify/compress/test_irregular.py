@@ -17,7 +17,7 @@ from vttig_jax.identify.compress.harmonic_summary import HarmonicSummary
 from vttig_jax.identify.fitting import fit
 from vttig_jax.identify.model.column_layout import OFFSET, ColumnLayout
 from vttig_jax.identify.noise.reml import restricted_partial
-from vttig_jax.identify.settings import NoiseChoice
+from vttig_jax.identify.settings import NoiseSettings
 from vttig_jax.logs.encoder_log import EncoderLog
 from vttig_jax.rig.imperfections import Noise
 from vttig_jax.rig.motion import PassMotion
@@ -126,7 +126,7 @@ def test_the_correlation_time_is_found():
             TERMS,
             ColumnLayout((), (), ((OFFSET, "drift_1"),)),
             DISTANCE_S,
-            noise=NoiseChoice("ou"),
+            noise=NoiseSettings("ou"),
         )
         found.append(-DISTANCE_S / np.log(restricted_partial(summary)[0]))
     spread = np.std(found) / np.sqrt(len(found))

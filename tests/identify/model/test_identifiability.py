@@ -62,5 +62,5 @@ def test_more_coefficients_than_rows_is_no_answer(noisy_rig, rate_hz):
     options = HarmonicOrders(driving_orders=orders, driven_orders=orders, mesh_orders=1)
     log = replace(noisy_rig, rate_hz=rate_hz, motion=PassMotion(reversal_deg=1300.0)).log()
     with pytest.raises(NoAnswerError, match=r"are too few for \d+ coefficients") as caught:
-        fit(log, noisy_rig.pair, options=options)
+        fit(log, noisy_rig.pair, orders=options)
     assert caught.value.exit_code == 4

@@ -25,7 +25,7 @@ from vttig_jax.rig.fixed_gear import fixed_gear_readings
 ANGLES = np.linspace(0.0, 16 * REV, 500)
 GAP_DEG = 0.038
 COUNTS = 90_000
-ALONE = {"encoder_terms": False}
+ALONE = {"perfect_encoders": True}
 OPTIONS = {"AB": {}, "A": {"flank": "A", **ALONE}, "B": {"flank": "B", **ALONE}}
 SAME = 2e-9
 """Of mm and degrees; phases of encoder and gear together are known a thousand times worse."""
@@ -142,7 +142,7 @@ def test_the_offset_of_flank_b_alone_holds_the_gap():
 
 def test_from_the_first_sample_the_mounting_is_the_te_of_the_start(clean_rig, clean_fit, clean_log):
     """Small, but e₂ stands at φ₂ + θ₂ all the same: with it one flank says what both do."""
-    one = fit(clean_log, clean_rig.pair, flank="A", encoder_terms=False)
+    one = fit(clean_log, clean_rig.pair, flank="A", perfect_encoders=True)
     rig = one.eccentricities(GAP_DEG)
     mounting = mounting_of(one.covariance_names, one.values, one.flanks, GAP_DEG * DEG)
     start = vttig_jax.exact_transmission_error(0.0, clean_rig.pair, clean_rig.eccentricities)

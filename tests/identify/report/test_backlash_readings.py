@@ -78,7 +78,7 @@ def test_one_flank_gets_its_constant_backlash_from_readings(noisy_rig):
         driven_encoder=EncoderError(),
     )
     readings = fixed_gear_readings(clean, ANGLES_DEG, std_deg=0.0005)
-    options = {"flank": "A", "encoder_terms": False}
+    options = {"flank": "A", "perfect_encoders": True}
     alone = fit(clean.log(0), clean.pair, **options)
     assert not alone.parameters["constant_backlash_deg"].determined
     joined = fit(clean.log(0), clean.pair, **options, readings=readings, use_readings=True)

@@ -10,7 +10,7 @@ from vttig_jax.identify.report.parameters import (
     undetermined,
     variable_backlash_deg,
 )
-from vttig_jax.identify.settings import Choices
+from vttig_jax.identify.settings import FitSettings
 
 
 def _known(name: str, value: float | None, unit: str = "mm") -> Parameter:
@@ -62,8 +62,10 @@ def test_outcome_in_one_word():
     gap, delay = (undetermined(name, "deg", "") for name in ("constant_backlash_deg", "delay_s"))
     encoder = undetermined("driving_encoder_arcsec", "arcsec", "")
 
-    def outcome(*parameters: Parameter, converged: bool = True, encoder_terms: bool = True) -> str:
-        choices = Choices(encoder_terms=encoder_terms)
+    def outcome(
+        *parameters: Parameter, converged: bool = True, perfect_encoders: bool = False
+    ) -> str:
+        choices = FitSettings(perfect_encoders=perfect_encoders)
         return outcome_of({p.name: p for p in parameters}, converged, choices)
 
     assert outcome(known, delay) == "ok"
@@ -72,4 +74,4 @@ def test_outcome_in_one_word():
     assert outcome(known, delay, converged=False) == "not_converged"
     # What was not asked for does not count.
     assert outcome(known, encoder) == "partly_determined"
-    assert outcome(known, encoder, encoder_terms=False) == "ok"
+    assert outcome(known, encoder, perfect_encoders=True) == "ok"

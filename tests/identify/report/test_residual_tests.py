@@ -72,7 +72,7 @@ def test_an_order_left_out_of_the_model_is_found(noisy_rig):
         ),
     )
     options = HarmonicOrders(driving_orders=(1,), driven_orders=(1,), mesh_orders=0)
-    lines = fit(louder.log(0), louder.pair, options=options).checks["lines"]
+    lines = fit(louder.log(0), louder.pair, orders=options).checks["lines"]
     assert lines[0]["cycles_per_rev"] == pytest.approx(3.0, abs=0.01)
     assert lines[0]["amplitude_arcsec"] == pytest.approx(36.0, rel=0.05)
 

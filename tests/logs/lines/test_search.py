@@ -8,8 +8,8 @@ from scipy.signal import lfilter
 
 from vttig_jax.base.angles import difference_deg
 from vttig_jax.base.units import ARCSEC, DEG, REV
-from vttig_jax.logs.lines.noise import orthonormal, plain
-from vttig_jax.logs.lines.periodogram import APART, chance, scan
+from vttig_jax.logs.lines.noise import no_whitening, orthonormal
+from vttig_jax.logs.lines.periodogram import APART, false_alarm_probability, scan
 from vttig_jax.logs.lines.rows import MOST_ROWS, Stretch, stack
 from vttig_jax.logs.lines.search import Line, find_lines
 
@@ -83,7 +83,7 @@ def test_standard_errors_are_those_of_many_draws():
 
 @pytest.mark.parametrize("ratio", [2.0, 20.0, 2000.0])
 def test_a_strong_line_is_not_taken_for_colour(ratio):
-    """The autoregression beside no line turns it into noise; the plain scan does not."""
+    """The autoregression beside no line turns it into noise; the unwhitened scan does not."""
     noise = coloured(1500, [1.0], 2)
     [line] = find_lines([run_of(STEADY, sine(STEADY, 3.09, ratio, 300.0) + noise)], highest=20.0)
     assert_is(line, 3.09, ratio, 300.0)
@@ -135,8 +135,8 @@ def test_the_probability_is_that_of_noise(share):
     chances = []
     for _ in range(400):
         rows = stack([Stretch(angle, generator.standard_normal(120), columns)], 5.0)
-        height = float(scan(rows, columns, plain(rows), cycles).height.max())
-        chances.append(chance(height, rows, 117, float(np.ptp(cycles))))
+        height = float(scan(rows, columns, no_whitening(rows), cycles).height.max())
+        chances.append(false_alarm_probability(height, rows, 117, float(np.ptp(cycles))))
     assert np.mean(np.array(chances) < share) <= share + 3 * np.sqrt(share / 400)
     # Sharp for small probabilities, a bound elsewhere.
     assert share < 0.05 or np.mean(np.array(chances) < share) > 0.4 * share
@@ -148,7 +148,7 @@ def test_the_scan_is_a_least_squares_fit_at_every_frequency():
     value = np.sin(2.2 * angle) + np.random.default_rng(1).standard_normal(200)
     rows = stack([Stretch(angle, value, columns)], 3.0)
     cycles = np.linspace(0.5, 3.0, 37)
-    found = scan(rows, rows.nuisance, plain(rows), cycles)
+    found = scan(rows, rows.nuisance, no_whitening(rows), cycles)
 
     def rss(*more: np.ndarray) -> float:
         design = np.column_stack([columns, *more])
@@ -291,7 +291,7 @@ def test_nothing_to_find():
 def test_columns_that_repeat_each_other_count_once():
     doubled = np.column_stack([powers(1500), powers(1500), np.zeros(1500)])
     rows = stack([run_of(STEADY, np.ones(1500), doubled)], 20.0)
-    basis, mixing = orthonormal(rows.nuisance, plain(rows))
+    basis, mixing = orthonormal(rows.nuisance, no_whitening(rows))
     assert basis.shape == (1500, 3) and mixing.shape == (7, 3)
     np.testing.assert_allclose(rows.nuisance @ mixing, basis, atol=1e-12)
     values = sine(STEADY, 3.0, 2.0, 0.0) + coloured(1500, [1.0], 0)

@@ -101,12 +101,12 @@ REFUSED = {
     "two units": (
         "driving_deg,backlash_deg [rad]\n0,0.03\n",
         "column `backlash_deg [rad]`",
-        "says both deg and rad",
+        "the units deg and rad",
     ),
-    "empty field": (H + "0,0.03\n90,\n", "line 3, column `backlash_deg`", "empty; fill in"),
+    "empty field": (H + "0,0.03\n90,\n", "line 3, column `backlash_deg`", "empty; write a"),
     "no number": (H + "0,0.03\nx,0.03\n", "line 3, column `driving_deg`", "`x` is no number"),
-    "nan": (H + "0,0.03\n9,nan\n", "line 3, column `backlash_deg`", "nan is no reading"),
-    "infinite": (H + "0,0.03\n\ninf,0\n", "line 4, column `driving_deg`", "inf is no reading"),
+    "nan": (H + "0,0.03\n9,nan\n", "line 3, column `backlash_deg`", "nan is not a reading"),
+    "infinite": (H + "0,0.03\n\ninf,0\n", "line 4, column `driving_deg`", "inf is not a reading"),
     "negative": (
         H + "0,0.03\n90,-0.02\n180,-0.01\n",
         "line 3, column `backlash_deg`",
@@ -155,7 +155,7 @@ def test_what_is_written_is_read_back(tmp_path_factory, rows):
 def test_arrays_are_checked_like_a_file():
     with pytest.raises(LogError, match="a negative backlash"):
         BacklashReadings.from_arrays([0.0, 1.0], [0.03, -0.01])
-    with pytest.raises(LogError, match="nan is no reading"):
+    with pytest.raises(LogError, match="nan is not a reading"):
         BacklashReadings.from_arrays([np.nan], [0.03])
     for driving, backlash in (([0.0, 1.0], [0.03]), ([[0.0]], [[0.03]]), ([], [])):
         with pytest.raises(ValueError, match="Argument `backlash_deg` must have one reading"):

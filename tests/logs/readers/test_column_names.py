@@ -110,12 +110,12 @@ def test_a_last_part_must_be_a_whole_part():
 @pytest.mark.parametrize(
     ("name", "names", "words"),
     [
-        ("t", ["a.t", "b.t"], "2 columns fit `t` (a.t, b.t); write out the one meant."),
+        ("t", ["a.t", "b.t"], "2 columns fit `t` (a.t, b.t); write the full name."),
         ("t", ["t", "t"], "2 columns fit `t` (t, t); rename one."),
         (
             "pos_deg",
             MATRIX,
-            "6 columns fit `pos_deg` (rec.pos_deg(1…6,:)); write out the one meant.",
+            "6 columns fit `pos_deg` (rec.pos_deg(1…6,:)); write the full name.",
         ),
         ("vel_deg", [*MATRIX, "t"], "no column vel_deg; the log has rec.pos_deg(1…6,:), t"),
     ],

@@ -3,7 +3,7 @@ from typing import Any
 import pytest
 
 from vttig_jax.base.errors import LogError
-from vttig_jax.logs.readers.column_roles import ROLES, ROW_INDEX, find_columns, names_asked
+from vttig_jax.logs.readers.column_roles import ROLES, ROW_INDEX, find_columns, requested_names
 from vttig_jax.pair.schema import LogLayout, UnitTable
 
 pytestmark = pytest.mark.smoke
@@ -94,9 +94,9 @@ def test_columns_by_number():
     assert found["driving"] == (1, "deg")
 
 
-def test_names_asked():
+def test_requested_names():
     layout = LogLayout(driving="a", driven="b", speed="c")
-    named = names_asked(layout, {"driving": "#2", "transmission_error": "te"})
+    named = requested_names(layout, {"driving": "#2", "transmission_error": "te"})
     assert tuple(named) == ROLES
     assert named["driving"] == "#2" and named["speed"] == "c" and named["torque"] is None
     assert named["driven"] is None and named["transmission_error"] == "te"
@@ -117,8 +117,8 @@ def test_sample_rate_instead_of_time():
         ("time_s,driving_deg,driving_rad,driven_deg", {}, ["2 columns", "driving_rad"]),
         ("time_s,a_deg,a_deg,driven_deg", {"driving": "a_deg"}, ["2 columns"]),
         ("time_s,driving,driven_deg", {}, ["no unit", "[unit]"]),
-        ("time_s,driving_deg [rad],driven_deg", {}, ["both deg and rad"]),
-        ("time_s,driving_deg,driven_deg", {"unit": {"driving": "rad"}}, ["says deg", "says rad"]),
+        ("time_s,driving_deg [rad],driven_deg", {}, ["the units deg and rad"]),
+        ("time_s,driving_deg,driven_deg", {"unit": {"driving": "rad"}}, ["unit deg", "has rad"]),
         ("time_s,driving_deg,driven_deg", {"driven": "driving_deg"}, ["at once"]),
         (
             "time_s,driving_deg,te",
@@ -128,7 +128,7 @@ def test_sample_rate_instead_of_time():
         (
             "time_s,driving_deg,driven_deg,te_deg",
             {"override": {"driven": "driven_deg", "transmission_error": "te_deg"}},
-            ["the second shaft or the curve"],
+            ["both named; keep one"],
         ),
         ("time_s,driving_deg,driven_deg,w", {"speed": "w"}, ["no unit", "_rpm", "`w`"]),
         ("time_s,driving_deg,driven_deg,w_deg", {"speed": "w_deg"}, ["no unit", "_rad_per_s"]),
@@ -139,7 +139,7 @@ def test_sample_rate_instead_of_time():
         ),
         ("time_s,driving_deg,driven_deg", {"driving": "#4"}, ["no column #4", "the log has 3"]),
         ("time_s,driving_deg,driven_deg", {"driving": "#0"}, ["no column #0"]),
-        ("#2,#1,driven_deg", {"driving": "#1"}, ["column 1 or the one with that name"]),
+        ("#2,#1,driven_deg", {"driving": "#1"}, ["number of a column and the name of another"]),
         ("time_s,a", {"driving": "#row", "unit": COUNTED, "driven": "#row"}, ["at once"]),
         ("time_s,driving_deg", {"driven": "#row"}, ["no unit", "`#row`", "[unit]"]),
     ],

@@ -73,9 +73,9 @@ def test_the_only_row_is_never_left_out():
 
 
 def test_what_is_broken_above_stays_an_error():
-    with pytest.raises(LogError, match="line 3, column `a`: empty"):
+    with pytest.raises(LogError, match="line 3, column `a`: the field is empty"):
         cut("t,a\n0,1\n1,\n2,3\n3")
-    with pytest.raises(LogError, match="line 3, column `a`: empty"):
+    with pytest.raises(LogError, match="line 3, column `a`: the field is empty"):
         cut("t,a\n0,1\n1,\n2,\n")
     with pytest.raises(LogError, match=r'decimal is "\."'):
         cut("t;a\n0.5;1\n1.5;2\n2,5;3\n", decimal=".")

@@ -81,7 +81,7 @@ def test_no_numbers(tmp_path, variables, words):
     ("name", "data", "words"),
     [
         ("log.mat", b"", "empty"),
-        ("log.mat", b"time_s,driving_deg\n0,1\n", "damaged, or no MATLAB or HDF5 file"),
+        ("log.mat", b"time_s,driving_deg\n0,1\n", "damaged or not a MATLAB or HDF5 file"),
         ("log.mat", b"\0" * 600, "damaged|no numeric"),
         ("log.csv", b"t,a\n0,1\n", "`.csv` files are not read"),
     ],

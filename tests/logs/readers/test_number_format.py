@@ -69,10 +69,10 @@ def test_decimal_mark(fields, delimiter, decimal):
 @pytest.mark.parametrize(
     ("fields", "delimiter", "words"),
     [
-        (["1,234", "2,345"], None, "`1,234` is 1.234 or 1234"),
-        (["12,345"], ",", "`12,345` is 12.345 or 12345"),
-        (["1.234,5"], ";", "side by side"),
-        (["1,5", "2.5"], "\t", "side by side"),
+        (["1,234", "2,345"], None, "`1,234` means 1.234 or 1234"),
+        (["12,345"], ",", "`12,345` means 12.345 or 12345"),
+        (["1.234,5"], ";", "numbers with points"),
+        (["1,5", "2.5"], "\t", "numbers with points"),
     ],
 )
 def test_ambiguous(fields, delimiter, words):

@@ -144,7 +144,7 @@ def test_places_without_a_header():
 
 def test_a_comma_between_digits_without_a_header_is_refused_where_it_is_doubtful():
     text = "147,31\n147,33\n"
-    with pytest.raises(LogError, match="`147,31` is 2 columns, or one number") as caught:
+    with pytest.raises(LogError, match="`147,31` means 2 columns, or one number") as caught:
         numbered(text)
     assert "--decimal" in caught.value.message and "line 1" in caught.value.where
     assert numbered(text, highest=2)[1] == [[147.0, 147.0], [31.0, 33.0]]
@@ -154,7 +154,7 @@ def test_a_comma_between_digits_without_a_header_is_refused_where_it_is_doubtful
     assert len(numbered("147, 31\n147, 33\n")[1]) == 2
     assert len(numbered("147,-31\n147,33\n")[1]) == 2
     assert len(numbered("1,2,3\n4,5,6\n")[1]) == 3
-    with pytest.raises(LogError, match="is 4 columns, or 2 numbers"):
+    with pytest.raises(LogError, match="means 4 columns, or 2 numbers"):
         numbered("0,5,1,5\n1,5,2,5\n", highest=2)
     assert len(numbered("0,5,1,5\n1,5,2,5\n", highest=3)[1]) == 4
 

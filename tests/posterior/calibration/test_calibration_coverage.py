@@ -10,11 +10,11 @@ from vttig_jax.posterior.calibration.coverage import (
     CoverageDisc,
     amplitude_ranks,
     coverage,
+    coverage_p_value,
     histogram,
+    histogram_p_value,
     normal_ranks,
-    outside,
     rejected,
-    uneven,
     uniformity,
 )
 
@@ -64,10 +64,10 @@ def test_tolerated_unevenness_is_that_of_the_band():
         0.925, abs=0.004
     )
     for width in (1.0, 0.96, 1 / edge):
-        assert uneven(ranks_of(z_values(40_000, width))) > 0.05
+        assert histogram_p_value(ranks_of(z_values(40_000, width))) > 0.05
     for width in (0.8, 1.2):
-        assert uneven(ranks_of(z_values(40_000, width))) < 1e-6
-    assert uneven(ranks_of(z_values(40_000) + 0.4)) < 1e-6
+        assert histogram_p_value(ranks_of(z_values(40_000, width))) < 1e-6
+    assert histogram_p_value(ranks_of(z_values(40_000) + 0.4)) < 1e-6
 
 
 def test_amplitude_ranks_are_uniform_for_vectors_drawn_from_the_disc():
@@ -105,10 +105,10 @@ def of(share: float, rigs: int = 2000) -> Coverage:
 
 def test_only_a_coverage_clearly_beyond_the_band_fails():
     band = (0.925, 0.975)
-    assert outside(of(0.95), band) > 0.99
-    assert outside(of(0.925), band) == pytest.approx(0.5, abs=0.05)
-    assert outside(of(0.90), band) == pytest.approx(stats.binom.cdf(1800, 2000, 0.925))
-    assert outside(of(0.99), band) == pytest.approx(stats.binom.sf(1979, 2000, 0.975))
+    assert coverage_p_value(of(0.95), band) > 0.99
+    assert coverage_p_value(of(0.925), band) == pytest.approx(0.5, abs=0.05)
+    assert coverage_p_value(of(0.90), band) == pytest.approx(stats.binom.cdf(1800, 2000, 0.925))
+    assert coverage_p_value(of(0.99), band) == pytest.approx(stats.binom.sf(1979, 2000, 0.975))
 
 
 def test_holm_steps_down():

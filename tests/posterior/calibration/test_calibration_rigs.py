@@ -76,7 +76,7 @@ def test_the_gap_stays_open(name):
     @jax.jit
     @jax.vmap
     def smallest(rig):
-        on_a, on_b = rigs._errors(rig, scenario, driving)
+        on_a, on_b = rigs._transmission_errors(rig, scenario, driving)
         return jnp.min(on_b - on_a)
 
     gaps = np.asarray(smallest(many(scenario, 200)))
@@ -88,7 +88,7 @@ def test_readings_are_the_exact_contact_plus_encoders():
     program = Program(scenario)
     key = program.keys(3, np.array([0]))[0]
     rig, readings = program.simulated(key)
-    model = rigs._contact(rig, scenario)
+    model = rigs._contact_model(rig, scenario)
     assert isinstance(model, CombinedModel)
     for flank, motion, driving, clean in zip(
         scenario.flanks, program.motion, readings.driving, readings.clean, strict=True

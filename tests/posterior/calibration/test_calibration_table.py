@@ -24,13 +24,13 @@ from vttig_jax.logs.encoder_log import EncoderLog
 from vttig_jax.logs.motion.segments import Segment
 from vttig_jax.pair.load import pair_from_spec, pair_spec
 from vttig_jax.pair.schema import LogLayout
-from vttig_jax.posterior.calibration.batched_fit import lowest
+from vttig_jax.posterior.calibration.batched_fit import best_pi
 from vttig_jax.posterior.calibration.calibrate import Calibration, calibrate
 from vttig_jax.posterior.calibration.case_result import CaseResult
 from vttig_jax.posterior.calibration.coverage import rejected
 from vttig_jax.posterior.calibration.program import Batch, Program
 from vttig_jax.posterior.calibration.sampled_subset import sampled_coverage
-from vttig_jax.posterior.calibration.scenarios import SCENARIOS, planned
+from vttig_jax.posterior.calibration.scenarios import SCENARIOS, terms_of
 
 RIGHT = ("white", "ar_4ms75", "counts")
 
@@ -117,7 +117,7 @@ def fitted_by_identify(program: Program, rig: int) -> tuple[NoiseModel, Solution
     spec = msgspec.structs.replace(pair_spec(scenario.pair), log=LogLayout(zero="reading"))
     pair = pair_from_spec(spec)
     log = EncoderLog.from_arrays(time, *angles, pair=pair, unit=unit)
-    channels, terms = read_channels(log, pair, (), Drift()), planned(scenario)
+    channels, terms = read_channels(log, pair, (), Drift()), terms_of(scenario)
     segments = [
         Segment(k * count, (k + 1) * count, flank, 1.0) for k, flank in enumerate(scenario.flanks)
     ]
@@ -148,5 +148,5 @@ def test_vmapped_fit_is_the_fit(name):
 def test_lowest_point_of_the_bound(curvature, slope):
     cubic = lambda p: (curvature * p + slope) * (1 - p**2) + 4 * p  # noqa: E731
     expected = brentq(cubic, -1.0, 1.0, xtol=1e-15)
-    found = float(lowest(*(jnp.asarray(float(x)) for x in (curvature, slope, 4.0))))
+    found = float(best_pi(*(jnp.asarray(float(x)) for x in (curvature, slope, 4.0))))
     assert found == pytest.approx(expected, abs=1e-10)

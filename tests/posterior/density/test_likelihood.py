@@ -191,7 +191,7 @@ def test_the_misfit_is_the_whitened_quadratic_form():
     likelihood = place.likelihood(2, names)
     point = 1e-4 * np.random.default_rng(2).standard_normal(len(names))
     factors = eqx.filter_jit(likelihood.factors)(jnp.asarray(noise))
-    residual, nuisance = eqx.filter_jit(likelihood.left)(jnp.asarray(point), factors)
+    residual, nuisance = eqx.filter_jit(likelihood.whitened_residual)(jnp.asarray(point), factors)
     found = float(jnp.sum(likelihood.diagonal(factors)[:, -1] ** 2) + residual @ residual)
     y, x, unit = dense_parts(place, point, [], noise)
     right = x.T @ np.linalg.solve(unit, y)
@@ -294,7 +294,10 @@ def test_drawn_coefficients_have_mean_and_covariance_of_generalised_least_square
     noise = np.array([0.6, -0.2])
     likelihood = place.likelihood(2)
     draw = partial(
-        likelihood.drawn, jnp.asarray(parameters[own]), jnp.asarray(noise), jnp.asarray(NOISE)
+        likelihood.draw_coefficients,
+        jnp.asarray(parameters[own]),
+        jnp.asarray(noise),
+        jnp.asarray(NOISE),
     )
     count = 5_000
     drawn = np.asarray(jax.jit(jax.vmap(draw))(jax.random.split(jax.random.key(0), count)))

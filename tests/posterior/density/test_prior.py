@@ -7,7 +7,7 @@ import pytest
 
 from vttig_jax.base.units import ARCSEC, DEG
 from vttig_jax.pair.gear_pair import Drive
-from vttig_jax.posterior.density.prior import Prior, stated
+from vttig_jax.posterior.density.prior import Prior, state_prior
 from vttig_jax.rig.paper import paper_pair
 
 pytestmark = pytest.mark.smoke
@@ -18,7 +18,7 @@ ENCODERS = ("driving_encoder_x", "driving_encoder_y")
 
 
 def test_eccentricities_are_flat_up_to_half_the_module():
-    found = stated(Prior(), PAIR, GEARS, 0.0)
+    found = state_prior(Prior(), PAIR, GEARS, 0.0)
     assert [disc.coordinates for disc in found.discs] == [GEARS[:2], GEARS[2:]]
     assert {disc.bound for disc in found.discs} == {0.5 * float(PAIR.module_mm)}
     assert not any(disc.flat_in_amplitude for disc in found.discs)
@@ -26,7 +26,7 @@ def test_eccentricities_are_flat_up_to_half_the_module():
 
 
 def test_flat_in_amplitude_is_said():
-    found = stated(Prior(flat_in="amplitude", eccentricity_mm=0.2), PAIR, GEARS, 0.0)
+    found = state_prior(Prior(flat_in="amplitude", eccentricity_mm=0.2), PAIR, GEARS, 0.0)
     assert all(disc.flat_in_amplitude and disc.bound == 0.2 for disc in found.discs)
     assert found.sentences[1] == "driven eccentricity: flat in its amplitude up to 0.2 mm"
 
@@ -34,16 +34,16 @@ def test_flat_in_amplitude_is_said():
 def test_encoders_are_normal_by_their_accuracy():
     accuracy = PAIR.driving.encoder.accuracy_arcsec
     assert accuracy is not None
-    found = stated(Prior(), PAIR, ENCODERS, 0.0).discs[0]
+    found = state_prior(Prior(), PAIR, ENCODERS, 0.0).discs[0]
     assert found.std == pytest.approx(accuracy * ARCSEC) and found.bound == np.inf
-    own = stated(Prior(encoder_arcsec=5.0), PAIR, ENCODERS, 0.0)
+    own = state_prior(Prior(encoder_arcsec=5.0), PAIR, ENCODERS, 0.0)
     assert own.discs[0].std == pytest.approx(5 * ARCSEC)
     assert own.sentences[0] == "driving encoder: normal, 5″ in each component"
 
 
 def test_encoders_without_accuracy_are_flat():
     bare = Drive(Fraction(9, 16))
-    found = stated(Prior(amplitude_arcsec=90.0), bare, ENCODERS, 0.0)
+    found = state_prior(Prior(amplitude_arcsec=90.0), bare, ENCODERS, 0.0)
     assert found.discs[0].bound == pytest.approx(90 * ARCSEC) and found.discs[0].std == np.inf
     assert "no accuracy given" in found.sentences[0]
 
@@ -51,21 +51,21 @@ def test_encoders_without_accuracy_are_flat():
 def test_both_first_orders_of_a_drive_have_a_bound():
     """The part common to both flanks, and the one that differs between them."""
     names = ("driven_x", "driven_y", "driven_x_difference", "driven_y_difference")
-    found = stated(Prior(amplitude_arcsec=60.0), Drive(Fraction(9, 16)), names, 0.0)
+    found = state_prior(Prior(amplitude_arcsec=60.0), Drive(Fraction(9, 16)), names, 0.0)
     assert [disc.coordinates for disc in found.discs] == [names[:2], names[2:]]
     assert [disc.bound for disc in found.discs] == pytest.approx([60 * ARCSEC] * 2)
     assert found.sentences[1] == "driven difference first order: flat in the plane up to 60″"
 
 
 def test_backlash_and_delay_are_bounded():
-    found = stated(Prior(backlash_deg=2.0), PAIR, ("constant_backlash", "delay"), -0.25)
+    found = state_prior(Prior(backlash_deg=2.0), PAIR, ("constant_backlash", "delay"), -0.25)
     assert found.bounds == {"constant_backlash": pytest.approx(2 * DEG), "delay": 1.25}
     assert found.sentences[0] == "constant backlash: flat within ±2°"
     assert found.sentences[1].startswith("delay: flat within")
 
 
 def test_what_is_not_sampled_is_not_stated():
-    found = stated(Prior(), PAIR, ("driven_x", "driven_y"), 0.0)
+    found = state_prior(Prior(), PAIR, ("driven_x", "driven_y"), 0.0)
     assert [disc.name for disc in found.discs] == ["driven"] and not found.bounds
     assert found.sentences[-1].startswith("noise: flat")
 

@@ -47,7 +47,7 @@ def white_pair():
 @pytest.fixture(scope="module")
 def white_plan(white_pair):
     """Few orders, white noise, both directions."""
-    return plan(white_pair, turns=32.0, rate_hz=500.0, noise=WHITE, options=FEW)
+    return plan(white_pair, turns=32.0, rate_hz=500.0, noise=WHITE, orders=FEW)
 
 
 def test_the_plan_of_the_paper_is_the_cramer_rao_bound(paper):
@@ -93,7 +93,7 @@ def test_std_of_the_eccentricity_is_the_closed_form(white_pair, white_plan):
 
 def test_the_price_of_not_trusting_the_encoders(white_pair, white_plan):
     trusted = plan(
-        white_pair, turns=32.0, rate_hz=500.0, noise=WHITE, options=FEW, encoder_terms=False
+        white_pair, turns=32.0, rate_hz=500.0, noise=WHITE, orders=FEW, perfect_encoders=True
     )
     assert trusted.conditional_on == ("perfect_encoders",)
     assert not trusted.parameters["driving_encoder_arcsec"].determined
@@ -106,7 +106,7 @@ def test_the_price_of_not_trusting_the_encoders(white_pair, white_plan):
 
 
 def test_std_falls_with_the_square_root_of_the_turns(white_pair, white_plan):
-    longer = plan(white_pair, turns=128.0, rate_hz=500.0, noise=WHITE, options=FEW)
+    longer = plan(white_pair, turns=128.0, rate_hz=500.0, noise=WHITE, orders=FEW)
     steady = np.sqrt(longer.used / white_plan.used)
     assert steady == pytest.approx(2.0, rel=0.01)
     for name, one in white_plan.parameters.items():
@@ -115,9 +115,7 @@ def test_std_falls_with_the_square_root_of_the_turns(white_pair, white_plan):
 
 
 def test_one_direction_knows_no_gap_and_trusts_the_encoders(white_pair):
-    one = plan(
-        white_pair, turns=32.0, rate_hz=500.0, noise=WHITE, options=FEW, directions="forward"
-    )
+    one = plan(white_pair, turns=32.0, rate_hz=500.0, noise=WHITE, orders=FEW, directions="forward")
     assert one.flanks == ("A",)
     assert one.outcome == "partly_determined"
     assert one.conditional_on == ("perfect_encoders",)
@@ -187,7 +185,7 @@ def simulated_std(pair: GearPair, run: PlannedRun, simulated: Noise, known: Plan
 def test_the_expected_spread_is_that_of_simulated_fits(white_pair):
     run = PlannedRun(8.0, (60.0,), 500.0)
     known = PlannedNoise(0.002, 0.02)
-    found = plan(white_pair, turns=8.0, rate_hz=500.0, noise=known, options=FEW)
+    found = plan(white_pair, turns=8.0, rate_hz=500.0, noise=known, orders=FEW)
     assert found.blocks.block_s == pytest.approx(0.014, abs=0.007)
 
     def ratios(simulated: Noise) -> np.ndarray:

@@ -28,7 +28,7 @@ SHORT: dict[str, Any] = {"turns": 20.0, "rate_hz": 500.0, "noise": WHITE}
 @cache
 def drive_plan(**changes):
     """A cheap plan of a drive 9/16."""
-    return plan(DRIVE, **dict(SHORT, **{"options": FEW, **changes}))
+    return plan(DRIVE, **dict(SHORT, **{"orders": FEW, **changes}))
 
 
 def test_backward_is_the_other_flank_and_tells_as_much():
@@ -91,7 +91,7 @@ def test_a_drive_splits_its_orders_into_common_and_gap():
         {"noise": PlannedNoise(0.004)},
         {"noise": PlannedNoise(0.003, 0.01)},
         {"noise": PlannedNoise(0.003, 0.0, 0.001)},
-        {"options": HarmonicOrders(driving_orders=(1,), driven_orders=(1, 2), mesh_orders=0)},
+        {"orders": HarmonicOrders(driving_orders=(1,), driven_orders=(1, 2), mesh_orders=0)},
         {"ramp_s": 1.0},
         {"directions": "forward"},
     ],
@@ -108,7 +108,7 @@ def test_dwell_and_assumed_phase_change_what_they_should():
         turns=20.0,
         rate_hz=500.0,
         noise=WHITE,
-        options=FEW,
+        orders=FEW,
         assumed={"driving_amplitude_arcsec": 30.0},
     )
     phase = "driving_phase_deg"
@@ -122,7 +122,7 @@ def test_an_amplitude_too_small_to_tell_will_be_an_upper_limit():
         turns=20.0,
         rate_hz=500.0,
         noise=WHITE,
-        options=FEW,
+        orders=FEW,
         assumed={"driving_amplitude_arcsec": 0.1},
     )
     amplitude, phase = (small.parameters[f"driving_{n}"] for n in ("amplitude_arcsec", "phase_deg"))
@@ -134,7 +134,7 @@ def test_an_amplitude_too_small_to_tell_will_be_an_upper_limit():
 
 
 def test_a_shaft_that_turns_too_little_is_left_out():
-    found = plan(Drive(Fraction(1, 20)), turns=10.0, rate_hz=500.0, noise=WHITE, options=FEW)
+    found = plan(Drive(Fraction(1, 20)), turns=10.0, rate_hz=500.0, noise=WHITE, orders=FEW)
     assert found.short == ("driven",)
     assert "turned 0.4" in str(found.parameters["driven_amplitude_arcsec"].reason)
     assert "too little" in str(found.parameters["constant_backlash_deg"].reason)
@@ -178,7 +178,7 @@ def test_runs_that_tell_nothing_have_no_answer():
     with pytest.raises(NoAnswerError, match="full revolution"):
         drive_plan(turns=1.2)
     with pytest.raises(NoAnswerError, match="too few"):
-        drive_plan(turns=4.0, rate_hz=4.0, options=HarmonicOrders(mesh_orders=0))
+        drive_plan(turns=4.0, rate_hz=4.0, orders=HarmonicOrders(mesh_orders=0))
     with pytest.raises(NoAnswerError, match="no log"):
         drive_plan(turns=1e-6, ramp_s=0.0)
     with pytest.raises(UsageError, match="samples"):
@@ -189,6 +189,6 @@ def test_frozen_counts_and_aliased_orders_are_told():
     frozen = plan(paper_pair(), **dict(PAPER_RUN, rate_hz=2000.0))
     assert any("45 counts of the driving encoder" in note for note in frozen.notes)
     slow = drive_plan(
-        rate_hz=30.0, speed_rpm=600.0, options=HarmonicOrders(mesh_orders=0), turns=90.0
+        rate_hz=30.0, speed_rpm=600.0, orders=HarmonicOrders(mesh_orders=0), turns=90.0
     )
     assert any("driving orders 2, 3" in note and "alias" in note for note in slow.notes)

@@ -13,7 +13,7 @@ from vttig_jax.posterior.planning.plan import plan
 from vttig_jax.posterior.planning.shortest_run import shortest_run
 
 FEW = HarmonicOrders(driving_orders=(1, 2), driven_orders=(1, 2), mesh_orders=0)
-HOW: dict[str, Any] = {"rate_hz": 200.0, "noise": PlannedNoise(0.003, 0.01), "options": FEW}
+HOW: dict[str, Any] = {"rate_hz": 200.0, "noise": PlannedNoise(0.003, 0.01), "orders": FEW}
 DRIVE = Drive(Fraction(9, 16))
 NAME = "driven_amplitude_arcsec"
 

@@ -98,14 +98,14 @@ def test_a_damaged_file_is_one_sentence_and_untouched(path, kind):
     path.write_bytes(damaged(path, kind))
     before = path.read_bytes()
     for attempt in (lambda: sample(path, resume=True), lambda: read_chains(path)):
-        with pytest.raises(InputError, match="no whole checkpoint of vttig") as caught:
+        with pytest.raises(InputError, match="no complete checkpoint of vttig") as caught:
             attempt()
         sentence(caught.value)
         assert path.read_bytes() == before and only(path)
 
 
 def test_a_missing_file_and_a_folder_cannot_be_read(tmp_path):
-    with pytest.raises(InputError, match="no such checkpoint"):
+    with pytest.raises(InputError, match="this checkpoint does not exist"):
         read_chains(tmp_path / "posterior.h5")
     with pytest.raises(InputError) as caught:
         read_chains(tmp_path)

@@ -38,7 +38,7 @@ def test_the_draws_are_those_of_emcee():
         sampler = emcee.EnsembleSampler(
             16, 2, plain().log_density, moves=list(blocks.MOVES), vectorize=True
         )
-        state = blocks._state(first, index)
+        state = blocks._emcee_state(first, index)
         sampler.run_mcmc(state, 240)
         chain, values = sampler.get_chain(), sampler.get_log_prob()
         assert chain is not None and values is not None
@@ -61,9 +61,9 @@ def test_the_state_of_a_twister_is_kept_with_half_a_pair_of_normal_numbers(unche
     twister = np.random.RandomState(8)
     twister.standard_normal(3)
     state = emcee.State(np.zeros((4, 2)), log_prob=np.zeros(4), random_state=twister.get_state())
-    record = dataclasses.replace(begun(plain()).record, **blocks._last([state]))
+    record = dataclasses.replace(begun(plain()).record, **blocks._end_state([state]))
     again = np.random.RandomState()
-    again.set_state(blocks._state(record, 0).random_state)  # type: ignore[arg-type]
+    again.set_state(blocks._emcee_state(record, 0).random_state)  # type: ignore[arg-type]
     assert record.rest[0, 1] == 1.0
     assert again.standard_normal(5).tolist() == twister.standard_normal(5).tolist()
 
@@ -119,7 +119,7 @@ def test_another_density_is_refused_by_a_point():
     record = begun(target).record
     check_same_density(CheckedDensity(target), record, blocks.Path("p.h5"))
     other = Gaussian(np.full(2, 1e-3), np.eye(2))
-    with pytest.raises(InputError, match=r"of another density: at x0 = .* expected; make it anew"):
+    with pytest.raises(InputError, match=r"another density: at x0 = .* expected; replace it"):
         check_same_density(CheckedDensity(other), record, blocks.Path("p.h5"))
 
 

@@ -21,16 +21,16 @@ def path(tmp_path: Path) -> Path:
 def often(monkeypatch):
     """A generation every block."""
     monkeypatch.setattr(checkpoint, "SAVE_S", 0.0)
-    monkeypatch.setattr(checkpoint, "_SHARE", 0.0)
+    monkeypatch.setattr(checkpoint, "_WAIT_PER_WRITE", 0.0)
 
 
 def fill_disk(monkeypatch: pytest.MonkeyPatch, after: int) -> list[str]:
     """Let so many bytes through, then refuse more; the refusals so far."""
     refused: list[str] = []
-    real = checkpoint._Disk._all
+    real = checkpoint._ErrorRecordingFile._write_fully
     left = [after]
 
-    def write(self: checkpoint._Disk, data: memoryview) -> int:
+    def write(self: checkpoint._ErrorRecordingFile, data: memoryview) -> int:
         left[0] -= len(data)
         if left[0] < 0:
             real(self, data[: len(data) // 2])
@@ -38,7 +38,7 @@ def fill_disk(monkeypatch: pytest.MonkeyPatch, after: int) -> list[str]:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         return real(self, data)
 
-    monkeypatch.setattr(checkpoint._Disk, "_all", write)
+    monkeypatch.setattr(checkpoint._ErrorRecordingFile, "_write_fully", write)
     return refused
 
 
@@ -56,7 +56,7 @@ def test_a_full_disk_leaves_the_generation_before(path, often, monkeypatch):
     sample(path, steps=400)
     before = path.read_bytes()
     fill_disk(monkeypatch, len(before) + 20_000)
-    with pytest.raises(InputError, match="the checkpoint of step 400 is whole, go on from it"):
+    with pytest.raises(InputError, match="the checkpoint of step 400 is complete, continue with"):
         sample(path, steps=1000, resume=True)
     assert path.read_bytes() == before and only(path)
     monkeypatch.undo()
@@ -67,7 +67,7 @@ def test_a_full_disk_leaves_the_file_that_was_to_be_replaced(path, often, monkey
     sample(path)
     before = path.read_bytes()
     fill_disk(monkeypatch, 1000)
-    with pytest.raises(InputError, match="the older file is as it was"):
+    with pytest.raises(InputError, match="the older file is unchanged"):
         sample(path, seed=1, overwrite=True)
     assert path.read_bytes() == before and only(path)
 
@@ -88,7 +88,7 @@ def test_the_system_refuses_the_rest_of_a_file(path):
     done = subprocess.run(
         [sys.executable, "-c", code, str(path)], capture_output=True, text=True, cwd=REPOSITORY
     )
-    assert "File too large; the checkpoint of step 200 is whole" in done.stdout, done.stderr
+    assert "File too large; the checkpoint of step 200 is complete" in done.stdout, done.stderr
     assert done.returncode == 0 and done.stderr == ""  # HDF5 closes in peace
     assert read_chains(path).steps == 200 and only(path)
 

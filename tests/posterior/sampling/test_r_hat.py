@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from tests.posterior.densities import ar1
-from vttig_jax.posterior.sampling.convergence import _normal_scores, _split, r_hat
+from vttig_jax.posterior.sampling.convergence import _normal_scores, _split_r_hat, r_hat
 
 pytestmark = pytest.mark.smoke
 
@@ -52,14 +52,14 @@ def test_a_drift_of_all_ensembles_together_fails():
     drifting = draws + np.linspace(0, 1.5, draws.shape[1])[:, None, None]
     assert r_hat(drifting)[0] > 1.01
     whole = flattened(drifting)
-    assert _split(_normal_scores(whole)) < 1.01  # not seen unless halves are compared
+    assert _split_r_hat(_normal_scores(whole)) < 1.01  # not seen unless halves are compared
 
 
 def test_an_ensemble_of_another_width_fails_by_the_folded_part():
     draws = ensembles()
     draws[0] *= 2.0
     assert r_hat(draws)[0] > 1.01
-    assert _split(_normal_scores(flattened(draws))) < 1.01
+    assert _split_r_hat(_normal_scores(flattened(draws))) < 1.01
 
 
 def test_each_coordinate_has_its_own():

@@ -65,7 +65,7 @@ def test_a_run_by_steps_goes_on_by_the_rule_as_one_by_the_rule_alone(path):
 def test_fewer_steps_than_there_are_is_refused(path):
     sample(path, steps=400)
     before = path.read_bytes()
-    with pytest.raises(UsageError, match="holds 400 steps already; ask for more than the 200"):
+    with pytest.raises(UsageError, match="already holds 400 steps, more than the 200"):
         sample(path, steps=200, resume=True)
     assert path.read_bytes() == before and only(path)
 

@@ -53,7 +53,7 @@ def angle() -> np.ndarray:
 def judge(
     program: Program, rig: Rig, evidence: RigEvidence, angle: np.ndarray, number: int
 ) -> Held:
-    band = streamed_band(drawn_gap(program, evidence, DRAWS, number).pieces(angle))
+    band = streamed_band(drawn_gap(program, evidence, DRAWS, number).chunks(angle))
     gap = true_gap(program, rig, angle)
     return judged(band, gap, true_gap(program, rig, angle, as_measured=True))
 

@@ -51,7 +51,7 @@ def test_the_driven_angle_is_that_of_the_draw_and_not_of_the_ideal_gear(draws):
 
 
 def test_pieces_are_the_whole(draws):
-    np.testing.assert_allclose(np.concatenate(list(draws.pieces(ANGLES))), draws.over(ANGLES))
+    np.testing.assert_allclose(np.concatenate(list(draws.chunks(ANGLES))), draws.over(ANGLES))
 
 
 @pytest.mark.parametrize("draw", [0, 5, 123, 398])
@@ -63,7 +63,7 @@ def test_the_smallest_gap_of_a_draw_is_that_of_its_map(draws, draw):
 
 def test_no_angle_lies_below_the_smallest_gap_and_a_grid_alone_stays_above(draws):
     angle = np.arange(0, 16 * 360, 0.5) * DEG
-    lowest = np.min([piece.min(axis=0) for piece in draws.pieces(angle)], axis=0)
+    lowest = np.min([piece.min(axis=0) for piece in draws.chunks(angle)], axis=0)
     assert (draws.smallest.gap <= lowest + 3e-9).all()
     coarse = draws.over(np.arange(0, 16 * 360, 4.0) * DEG).min(axis=0)
     assert np.median(coarse - draws.smallest.gap) > 1e-6
@@ -72,7 +72,7 @@ def test_no_angle_lies_below_the_smallest_gap_and_a_grid_alone_stays_above(draws
 def test_places_that_were_left_out_cannot_win(draws):
     """The pruned grid has the smallest gap of every draw although most of it is gone."""
     _, width = draws._candidates()
-    kept = draws._worth_a_look(5760, width)
+    kept = draws._possible_minima(5760, width)
     assert len(kept) < 0.3 * 5760
     gaps = draws.over(np.arange(5760) * width)
     assert set(gaps.argmin(axis=0)) <= set(kept)
@@ -82,7 +82,7 @@ def test_a_wide_posterior_keeps_the_whole_period(posterior):
     wide = replace(posterior, offset=posterior.offset * [1.0, -30.0])
     found = gap_draws(wide)
     _, width = found._candidates()
-    assert len(found._worth_a_look(5760, width)) == 5760
+    assert len(found._possible_minima(5760, width)) == 5760
 
 
 def test_safe_closing_and_the_chance_to_bind(draws, posterior):

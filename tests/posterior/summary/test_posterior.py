@@ -15,10 +15,10 @@ from vttig_jax.base.units import ARCSEC, DEG
 from vttig_jax.identify.report.parameters import Parameter, undetermined
 from vttig_jax.pair.gear_pair import Drive
 from vttig_jax.posterior.summary.draws import (
-    border,
     parameters_of_draws,
     polar_of_draws,
     scalar_of_draws,
+    shown_unit,
 )
 
 
@@ -144,10 +144,10 @@ def test_a_drive_is_in_arcsec(posterior):
 
 
 def test_units_at_the_border():
-    assert border("constant_backlash", "rad") == ("deg", DEG)
-    assert border("driving_x", "rad") == ("arcsec", ARCSEC)
-    assert border("driving_x", "mm") == ("mm", 1.0)
-    assert border("partial_1", "1") == ("1", 1.0)
+    assert shown_unit("constant_backlash", "rad") == ("deg", DEG)
+    assert shown_unit("driving_x", "rad") == ("arcsec", ARCSEC)
+    assert shown_unit("driving_x", "mm") == ("mm", 1.0)
+    assert shown_unit("partial_1", "1") == ("1", 1.0)
 
 
 def test_mean_covariance_and_correlation(posterior):

@@ -10,7 +10,7 @@ from tests.posterior import quick_fits
 from vttig_jax.posterior.density.prior import Prior
 from vttig_jax.posterior.sampler import sample
 from vttig_jax.posterior.summary.posterior import Posterior
-from vttig_jax.posterior.summary.route_agreement import Agreement, Compared, Route, agreement
+from vttig_jax.posterior.summary.route_agreement import Agreement, Route, RouteComparison, agreement
 
 
 @pytest.fixture(scope="module")
@@ -61,10 +61,12 @@ def test_the_prior_has_to_be_that_of_the_draws(posterior):
         agreement(posterior, Prior(eccentricity_mm=0.4))
 
 
-def one(shift: float = 0.0, width: float = 1.0, effective: float = 1e6, **routes) -> Compared:
+def one(
+    shift: float = 0.0, width: float = 1.0, effective: float = 1e6, **routes
+) -> RouteComparison:
     plain = Route(0.0, 1.0, 1.96)
     own = {"fit": Route(shift, width, 1.96 * width), "profile": plain, "sampled": plain} | routes
-    return Compared("driving_x", "mm", effective=effective, **own)
+    return RouteComparison("driving_x", "mm", effective=effective, **own)
 
 
 @pytest.mark.parametrize(

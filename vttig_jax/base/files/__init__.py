@@ -1,1 +1,1 @@
-"""Files: atomic writes, run folders, JSON, TOML and text tables."""
+"""File formats: atomic writes, run folders, JSON, TOML and text tables."""

@@ -1,8 +1,8 @@
-"""Strict JSON out, and the schemas it keeps. Imports neither numpy nor jax.
+"""Output of strict JSON, and the JSON Schemas of the output. Imports neither numpy nor jax.
 
-Every object the program writes carries `schema`, a name and a number such as `vttig.error/1`; the
-JSON Schema (draft 2020-12) of that name ships in `vttig_jax/schemas/vttig.error-1.json`. Additions
-keep the number.
+Every object that the program writes has a key `schema` with a name and a version number, such as
+`vttig.error/1`. Its JSON Schema (draft 2020-12) is `vttig_jax/schemas/vttig.error-1.json`. New keys
+do not change the version number.
 """
 
 import dataclasses
@@ -13,12 +13,12 @@ from typing import Any
 
 
 def dumps(obj: Any, *, ascii_only: bool = False) -> str:
-    """Write an object as strict JSON, indented, keys in the order given.
+    """Return an object as strict, indented JSON text with its keys in the given order.
 
     NaN and infinities become null. Dataclasses become objects; NumPy and JAX arrays and scalars
-    become lists and numbers. `ascii_only` escapes everything else, for streams of unknown encoding.
+    become lists and numbers. `ascii_only` escapes non-ASCII text, for streams of unknown encoding.
 
-    **Raises** `ValueError` naming the place of anything that has no JSON form.
+    **Raises** `ValueError` naming the position of a value that has no JSON form.
 
     **Example**
     ```python
@@ -36,7 +36,7 @@ def dumps(obj: Any, *, ascii_only: bool = False) -> str:
 
 
 def schema_names() -> list[str]:
-    """Names of all shipped schemas, for example `vttig.error/1`."""
+    """Return the names of all schemas of the package, for example `vttig.error/1`."""
     stems = (entry.name.removesuffix(".json") for entry in _folder().iterdir())
     return sorted("/".join(stem.rsplit("-", 1)) for stem in stems if stem.startswith("vttig."))
 
@@ -58,7 +58,7 @@ def _plain(value: Any, place: str) -> Any:
     if value is None or isinstance(value, (str, bool, int)):
         return value
     if isinstance(value, float):
-        # float() because a NumPy float64 is a float that prints as itself.
+        # A NumPy float64 is a float too, and float() converts it to a plain one.
         return float(value) if math.isfinite(value) else None
     if isinstance(value, dict):
         for key in value:
@@ -72,7 +72,7 @@ def _plain(value: Any, place: str) -> Any:
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         fields = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
         return _plain(fields, place)
-    # Arrays and array scalars, recognised by what they can do so that numpy stays unimported.
+    # Arrays and array scalars are recognised by `tolist`, so that numpy need not be imported.
     tolist = getattr(value, "tolist", None)
     if callable(tolist):
         listed = tolist()

@@ -1,7 +1,7 @@
-"""Files that are there whole or not at all: run folders.
+"""Run folders: all files of a run appear together or not at all.
 
-Everything is written to a temporary name beside its place, synced to disk and moved with
-`os.replace`. Whatever the operating system refuses is an `InputError` of one sentence.
+Every file is written under a temporary name in its folder, synced to disk and renamed with
+`os.replace`. An `OSError` becomes an `InputError` with a message of one sentence.
 """
 
 import errno
@@ -14,30 +14,30 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from ..errors import InputError, UsageError
-from .atomic_write import beside
-from .atomic_write import in_a_sentence as _in_a_sentence
 from .atomic_write import move as _move
+from .atomic_write import os_errors_as_input_errors as _os_errors_as_input_errors
+from .atomic_write import temporary_path
 from .atomic_write import write_synced as _write_synced
 
 _LOCK = ".lock"
-_REFUSED = "already exists; add --overwrite (in Python overwrite=True) or choose another name."
+_EXISTS = "already exists; add --overwrite (in Python overwrite=True) or choose another name."
 
 
 class RunFolder:
     """Writer of one run folder, used as a context manager.
 
-    What is written inside the `with` block appears under its name when the block ends without an
-    exception; until then, and after any exception (Ctrl-C too), the folder is as it was. A second
-    writer of the same folder is refused.
+    Files written inside the `with` block appear under their names when the block ends without an
+    exception. Until then, and after any exception (also Ctrl-C), the folder is unchanged. Only one
+    writer at a time can open a folder.
 
     **Arguments**
-    - `path`: the folder; made, with its parents, where it does not exist.
-    - `overwrite`: replace files that exist. The old ones stay intact until all new ones are whole.
-    - `results`: names whose presence means that the folder holds a result. They are refused on
-      entry rather than at the end of a long run, and moved last.
+    - `path`: the folder; it is created, with its parents, if it does not exist.
+    - `overwrite`: replace existing files. The old files stay intact until all new ones are written.
+    - `results`: names of the files that mark a finished result. If one exists, the error is raised
+      on entry and not at the end of a long run. They are renamed last.
 
     **Raises** `UsageError` for an existing file and for a second writer, `InputError` for no space,
-    no permission and a path that is no folder.
+    no permission and a path that is not a folder.
 
     **Example**
     ```python
@@ -59,19 +59,19 @@ class RunFolder:
         self.overwrite = overwrite
         self.results = results
         self._pending: dict[str, Path] = {}
-        self._made: list[Path] = []
+        self._created_folders: list[Path] = []
         self._discarded: list[str] = []
         self._lock: Any = None
 
     def __enter__(self) -> "RunFolder":
         try:
-            with _in_a_sentence(self.path):
-                self._make(self.path)
-                self._acquire()
+            with _os_errors_as_input_errors(self.path):
+                self._make_folder(self.path)
+                self._acquire_lock()
             for name in self.results:
                 self._refuse_existing(name)
         except BaseException:
-            self._leave()
+            self._clean_up()
             raise
         return self
 
@@ -80,10 +80,10 @@ class RunFolder:
             if kind is None:
                 self._commit()
         finally:
-            self._leave()
+            self._clean_up()
 
     def write_bytes(self, name: str, data: bytes) -> None:
-        """Write a file; `name` is relative to the folder, with `/` for subfolders."""
+        """Write a file; `name` is relative to the folder and uses `/` for subfolders."""
         parts = PurePosixPath(name)
         if parts.is_absolute() or ".." in parts.parts or not parts.name:
             raise ValueError(
@@ -96,14 +96,14 @@ class RunFolder:
             )
         self._refuse_existing(name)
         target = self.path / name
-        temporary = beside(target)
-        with _in_a_sentence(target):
-            self._make(target.parent)
+        temporary = temporary_path(target)
+        with _os_errors_as_input_errors(target):
+            self._make_folder(target.parent)
             self._pending[name] = temporary
             _write_synced(temporary, data)
 
     def discard(self, name: str) -> None:
-        """Remove an older file when the block ends well, unless it was written anew."""
+        """Remove an old file when the block ends without exception, unless it is written again."""
         self._discarded.append(name)
 
     def write_text(self, name: str, text: str) -> None:
@@ -111,13 +111,13 @@ class RunFolder:
         self.write_bytes(name, text.encode("utf-8"))
 
     def write_toml(self, name: str, table: dict[str, Any]) -> None:
-        """Write a table as TOML, keys in the order given."""
+        """Write a table as TOML with its keys in the given order."""
         import tomli_w
 
         self.write_text(name, tomli_w.dumps(table))
 
     def write_npz(self, name: str, **arrays: Any) -> None:
-        """Write named arrays of numbers or text; arrays of Python objects are a `ValueError`."""
+        """Write named arrays of numbers or text; arrays of Python objects raise `ValueError`."""
         import numpy as np
 
         for key, array in arrays.items():
@@ -130,8 +130,8 @@ class RunFolder:
         np.savez(buffer, allow_pickle=False, **arrays)
         self.write_bytes(name, buffer.getvalue())
 
-    def _make(self, folder: Path) -> None:
-        """Make a folder with its parents, and remember which ones were not there."""
+    def _make_folder(self, folder: Path) -> None:
+        """Create a folder and its parents, and record the created ones."""
         missing = []
         while not folder.exists():
             missing.append(folder)
@@ -140,9 +140,9 @@ class RunFolder:
             raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR), str(folder))
         for new in reversed(missing):
             new.mkdir(exist_ok=True)
-            self._made.append(new)
+            self._created_folders.append(new)
 
-    def _acquire(self) -> None:
+    def _acquire_lock(self) -> None:
         from filelock import FileLock, Timeout
 
         lock = FileLock(self.path / _LOCK)
@@ -157,7 +157,7 @@ class RunFolder:
 
     def _refuse_existing(self, name: str) -> None:
         if not self.overwrite and (self.path / name).exists():
-            raise UsageError(_REFUSED, where=str(self.path / name))
+            raise UsageError(_EXISTS, where=str(self.path / name))
 
     def _commit(self) -> None:
         moved = []
@@ -165,39 +165,39 @@ class RunFolder:
             for name in sorted(self._pending, key=lambda name: name in self.results):
                 target = self.path / name
                 moved.append(target)
-                with _in_a_sentence(target):
+                with _os_errors_as_input_errors(target):
                     _move(self._pending[name], target)
         except BaseException:
             if not self.overwrite:
-                # A run that could not finish leaves nothing; nothing of an older one was there.
+                # Without `overwrite` no older file had these names, so all of them are removed.
                 for target in moved:
                     target.unlink(missing_ok=True)
             raise
         for name in self._discarded:
             if name not in self._pending:
-                with _in_a_sentence(self.path / name):
+                with _os_errors_as_input_errors(self.path / name):
                     (self.path / name).unlink(missing_ok=True)
 
-    def _leave(self) -> None:
-        """Remove what is left of an unfinished run, then let the next writer in."""
+    def _clean_up(self) -> None:
+        """Remove temporary files, the lock and created folders that are empty."""
         for temporary in self._pending.values():
             with suppress(OSError):
                 temporary.unlink(missing_ok=True)
         if self._lock is not None:
-            # Unlinked while held: `filelock` sees that a lock it just got guards no name.
+            # The file is removed while locked; a waiting `filelock` detects that and retries.
             with suppress(OSError):
                 (self.path / _LOCK).unlink()
             self._lock.release()
             self._lock = None
-        for folder in reversed(self._made):
+        for folder in reversed(self._created_folders):
             with suppress(OSError):
-                folder.rmdir()  # succeeds only where nothing was written
+                folder.rmdir()  # fails, as wanted, for a folder that is not empty
         self._pending.clear()
-        self._made.clear()
+        self._created_folders.clear()
 
 
 def data_sha256(paths: Iterable[str | Path]) -> list[str]:
-    """SHA-256 of each file in hexadecimal, in the order given."""
+    """Return the SHA-256 of each file in hexadecimal, in the given order."""
     digests = []
     for path in paths:
         try:

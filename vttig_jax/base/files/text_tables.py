@@ -1,4 +1,4 @@
-"""Plain text tables for `__str__` and the command line: two spaces between columns, no lines."""
+"""Plain text tables for `__str__` and the command line, with two spaces between columns."""
 
 from collections.abc import Iterable, Sequence
 from typing import Any
@@ -12,13 +12,13 @@ def text_table(
     *,
     align: str | None = None,
 ) -> str:
-    """Lay out rows under headers.
+    """Format rows under headers.
 
     **Arguments**
-    - `rows`: cells as they shall appear; None appears as "–".
-    - `headers`: text, or (text, unit), which appears as "text [unit]".
-    - `align`: one letter a column, `l`, `r` or `c`; the first column left and the rest right when
-      absent.
+    - `rows`: contents of the cells; None is printed as "–".
+    - `headers`: text, or (text, unit), which is printed as "text [unit]".
+    - `align`: one letter (`l`, `r` or `c`) for each column; by default the first column is aligned
+      left and the others right.
 
     **Example**
     ```python
@@ -39,7 +39,7 @@ def text_table(
             f" headers, but it is {align!r}."
         )
     titles = [name if isinstance(name, str) else f"{name[0]} [{name[1]}]" for name in headers]
-    # The titles go in as a first row: tabulate would align them by rules of its own.
+    # The titles are the first row, because `tabulate` aligns its own headers differently.
     cells = [titles, *([_cell(value) for value in row] for row in rows)]
     return _lines(
         tabulate(
@@ -52,7 +52,7 @@ def text_table(
 
 
 def key_values(pairs: Iterable[tuple[str, Any]], *, title: str | None = None) -> str:
-    """Lay out names and values, one pair a line, indented below a title where there is one.
+    """Format one name and value per line, indented below `title` if it is given.
 
     **Example**
     ```python

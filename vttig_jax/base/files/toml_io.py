@@ -1,8 +1,6 @@
-"""TOML files that a person writes: reading, checking against `msgspec` structs, and their keys.
+"""Input files in TOML: reading, validation against `msgspec` structs, and the list of their keys.
 
-Needs no jax.
-
-Whatever is wrong becomes one sentence; its `where` names the file and the dotted key.
+Every error is one sentence, and its `where` names the file and the dotted key. Imports no jax.
 """
 
 import difflib
@@ -25,10 +23,10 @@ from ..errors import InputError
 
 
 class Table(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Base of the structs that stand for TOML tables; subclasses say `frozen=True` again."""
+    """Base of the structs that represent TOML tables; subclasses repeat `frozen=True`."""
 
 
-_WORDS = {
+_TYPE_NAMES = {
     "float": "a number",
     "int": "a whole number",
     "str": "text",
@@ -36,22 +34,22 @@ _WORDS = {
     "array": "a list",
     "object": "a table",
 }
-"""Types of TOML as `msgspec` calls them → for people."""
+"""Type names in messages of `msgspec` → type names in messages for the user."""
 
 _SHORT = reprlib.Repr()
-"""What was seen, cut where it would no longer fit a sentence."""
+"""Printer of wrong values; it shortens them to 120 characters (a chosen length)."""
 _SHORT.maxstring = _SHORT.maxother = _SHORT.maxlong = 120
 
 
 @dataclass(frozen=True)
 class TomlFile:
-    """One kind of TOML file: the words of its messages.
+    """Kind of TOML file, with the words of its error messages.
 
     **Arguments**
     - `error`: class of the errors.
-    - `noun`: what the file is called, with its article.
-    - `cure`: who takes which file, for one that is not there.
-    - `content`: what it holds, for one that is no TOML.
+    - `noun`: name of this kind of file, with its article.
+    - `cure`: advice in the message for a missing file.
+    - `content`: predicate on the expected content, for a file that is not valid TOML.
     """
 
     error: type[InputError]
@@ -60,9 +58,9 @@ class TomlFile:
     content: str
 
     def read(self, path: str | Path) -> dict[str, Any]:
-        """The tables of a file, not yet checked.
+        """Read the tables of a file without validation.
 
-        **Raises** `error` for a file that cannot be read or is no TOML in UTF-8.
+        **Raises** `error` for a file that cannot be read or is not TOML in UTF-8.
         """
         where = str(path)
         try:
@@ -72,38 +70,38 @@ class TomlFile:
         except IsADirectoryError:
             raise self.error(f"this is a folder; {self.cure}.", where=where) from None
         except PermissionError:
-            raise self.error("no permission to read this file.", where=where) from None
+            raise self.error("there is no permission to read this file.", where=where) from None
         except UnicodeDecodeError as error:
             raise self.error(
-                f"not a text file (byte {error.start} is no UTF-8); {self.noun} is TOML in UTF-8.",
+                f"not a text file (byte {error.start} is not UTF-8); {self.noun} is TOML in UTF-8.",
                 where=where,
             ) from None
-        except (ValueError, RecursionError) as error:  # too long a number, too deep a list
+        except (ValueError, RecursionError) as error:  # also too long numbers and too deep lists
             raise self.error(
                 f"not valid TOML: {error}; {self.noun} {self.content}.", where=where
             ) from None
         except OSError as error:
-            raise self.error(f"cannot be read: {error.strerror}.", where=where) from None
+            raise self.error(f"this file cannot be read: {error.strerror}.", where=where) from None
 
     def convert(self, value: Any, kind: Any, where: str = "") -> Any:
-        """A parsed value as a struct or another type `msgspec` knows.
+        """Convert a parsed value to a struct or to another type that `msgspec` supports.
 
         **Arguments**
-        - `value`: what `tomllib` made of it; `kind`: the type, annotated or not.
-        - `where`: dotted key of the value, when it is not the whole file.
+        - `value`: value from `tomllib`; `kind`: target type, annotated or not.
+        - `where`: dotted key of the value; empty for the whole file.
 
-        **Raises** `error` whose `where` is the dotted key at fault.
+        **Raises** `error` whose `where` is the dotted key of the wrong value.
         """
         try:
             return msgspec.convert(value, kind)
         except msgspec.ValidationError as error:
-            message, inner = _sentence(str(error), value, kind)
+            message, inner = _message_and_key(str(error), value, kind)
             dot = "." if where and inner and inner[0] != "[" else ""
             raise self.error(message, where=f"{where}{dot}{inner}") from None
 
     @contextmanager
-    def placed(self, source: str) -> Iterator[None]:
-        """Put the file's name before the key of an error raised inside."""
+    def error_context(self, source: str) -> Iterator[None]:
+        """Put the file name `source` before the key of every error raised inside the block."""
         try:
             yield
         except self.error as error:
@@ -112,12 +110,12 @@ class TomlFile:
 
 
 def plain_table(struct: Struct) -> dict[str, Any]:
-    """The TOML table of a struct; keys that were left out and have no default stay out."""
+    """Return the TOML table of a struct without the keys whose value is None."""
     return _without_none(msgspec.to_builtins(struct))
 
 
 def did_you_mean(name: str, known: Iterable[str], otherwise: str) -> str:
-    """The closest known name as a question, else the sentence `otherwise`."""
+    """Return a question with the closest known name, or the sentence `otherwise`."""
     close = difflib.get_close_matches(name, known, 1)
     return f"did you mean `{close[0]}`?" if close else otherwise
 
@@ -130,14 +128,14 @@ def _without_none(table: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def _sentence(error: str, value: Any, kind: Any) -> tuple[str, str]:
-    """Turn msgspec's message into ours: the sentence and the dotted key."""
+def _message_and_key(error: str, value: Any, kind: Any) -> tuple[str, str]:
+    """Convert a message of `msgspec` to a message for the user and the dotted key."""
     text, _, path = error.partition(" - at `$")
     dotted = path.rstrip("`").lstrip(".")
     parts = re.findall(r"[^.\[\]]+", dotted)
     if unknown := re.match(r"Object contains unknown field `(.*)`", text, re.DOTALL):
         name = unknown[1]
-        known = [field.encode_name for field in getattr(_kind_at(kind, parts), "fields", ())]
+        known = [field.encode_name for field in getattr(_description_at(kind, parts), "fields", ())]
         hint = did_you_mean(name, known, f"known keys here: {', '.join(known)}.")
         return f"unknown key `{name}`; {hint}", f"{dotted}.{name}" if dotted else name
     for part in parts:
@@ -145,68 +143,70 @@ def _sentence(error: str, value: Any, kind: Any) -> tuple[str, str]:
             value = value[int(part)] if isinstance(value, list) else value[part]
         except (KeyError, IndexError, ValueError, TypeError):
             break
-    seen = f", but it is {_SHORT.repr(value)}"
+    ending = f", but it is {_SHORT.repr(value)}"
     if text.startswith("Invalid enum value"):
-        values = _kind_at(kind, parts).values
+        values = _description_at(kind, parts).values
         text = "Expected " + " or ".join(repr(choice) for choice in values)
     elif missing := re.match(r"Object missing required field `(.*)`", text):
-        seen = _example(_kind_at(kind, parts), missing[1]) or seen
-    return f"{_plain(text)}{seen}.", dotted
+        ending = _example(_description_at(kind, parts), missing[1]) or ending
+    return f"{_readable(text)}{ending}.", dotted
 
 
-def _plain(text: str) -> str:
-    """A message of `msgspec` in words for people, without the type of what follows it anyway."""
+def _readable(text: str) -> str:
+    """Replace the type names in a message of `msgspec`, and remove the type of the wrong value."""
     text = re.sub(r"(, got `?\w+`?| \| null|`)", "", text)
     text = f"{text[0].lower()}{text[1:]}".replace("object missing", "table missing")
-    text = re.sub(r"^expected (\w+)", lambda kind: f"expected {_WORDS.get(kind[1], kind[1])}", text)
-    return re.sub(r" \| (\w+)", lambda kind: f" or {_WORDS.get(kind[1], kind[1])}", text)
+    name = _TYPE_NAMES.get
+    text = re.sub(r"^expected (\w+)", lambda kind: f"expected {name(kind[1], kind[1])}", text)
+    return re.sub(r" \| (\w+)", lambda kind: f" or {name(kind[1], kind[1])}", text)
 
 
 def _example(kind: Any, name: str) -> str:
-    """What to write for a missing key, where its description has an example."""
-    field = next(one for one in kind.fields if one.encode_name == name)
+    """Return an example for a missing key, or "" if its description has none."""
+    field = next(field for field in kind.fields if field.encode_name == name)
     schema = field.type.extra_json_schema if isinstance(field.type, Metadata) else None
     examples = (schema or {}).get("examples")
     return f"; write for example {name} = {json.dumps(examples[0])}" if examples else ""
 
 
-def _kind_at(kind: Any, parts: list[str]) -> Any:
-    """The description of a table or value at the parts of a key, as `msgspec` gives it."""
-    found = _bare(msgspec.inspect.type_info(kind))
+def _description_at(kind: Any, parts: list[str]) -> Any:
+    """Return the type description by `msgspec` of the table or value at the parts of a key."""
+    description = _without_metadata(msgspec.inspect.type_info(kind))
     for part in parts:
-        fields = {one.encode_name: one.type for one in getattr(found, "fields", ())}
-        found = _bare(fields.get(part, getattr(found, "item_type", None)))
-    return found
+        fields = {field.encode_name: field.type for field in getattr(description, "fields", ())}
+        item_type = getattr(description, "item_type", None)
+        description = _without_metadata(fields.get(part, item_type))
+    return description
 
 
-def _bare(kind: Any) -> Any:
-    """A description without its metadata, and of an optional one the part that is not None."""
+def _without_metadata(kind: Any) -> Any:
+    """Return a description without metadata and, for an optional type, without None."""
     while isinstance(kind, Metadata | UnionType):
         if isinstance(kind, Metadata):
             kind = kind.type
         else:
-            kind = next(one for one in kind.types if not isinstance(one, NoneType))
+            kind = next(member for member in kind.types if not isinstance(member, NoneType))
     return kind
 
 
 def key(meaning: str, unit: str = "", **bounds: Any) -> Meta:
-    """What a key means, its unit and its bounds, for `Annotated`; `examples` are for required keys.
+    """Return the meaning, unit and bounds of a key for `Annotated`; required keys have `examples`.
 
-    The unit of a pure number is "1", that of a text or a choice is "".
+    The unit of a pure number is "1"; the unit of a text or a choice is "".
     """
     return Meta(description=meaning, extra={"unit": unit}, **bounds)
 
 
 @dataclass(frozen=True)
 class Key:
-    """One key of a file.
+    """Description of one key of a file.
 
     **Arguments**
-    - `name`: dotted name, `motion.speed_rpm`.
-    - `kind`: its annotated type, as `msgspec.convert` takes it.
-    - `default`: its default; `msgspec.NODEFAULT` where it is required.
-    - `meaning`, `unit`, `examples`: what `key` was told.
-    - `table`: struct of a key that is a table.
+    - `name`: dotted name, for example `motion.speed_rpm`.
+    - `kind`: annotated type for `msgspec.convert`.
+    - `default`: default value; `msgspec.NODEFAULT` for a required key.
+    - `meaning`, `unit`, `examples`: arguments of `key`.
+    - `table`: struct of a key that is a table, else None.
     """
 
     name: str
@@ -219,20 +219,20 @@ class Key:
 
     @property
     def required(self) -> bool:
-        """Whether there is no default."""
+        """Whether the key has no default."""
         return self.default is NODEFAULT
 
     @property
     def types(self) -> tuple[Any, ...]:
-        """The types it may have, without their descriptions."""
+        """Allowed types of the value, without their descriptions."""
         return tuple(_types(self.kind))
 
 
 def keys(struct: type[Struct], above: str = "") -> Iterator[Key]:
-    """Keys of one table in the order of its struct; `above` is the table's own dotted name."""
+    """Yield the keys of one table in the order of its struct; `above` is its dotted name."""
     for field in msgspec.structs.fields(struct):
         meta = next(_metas(field.type), Meta())
-        tables = [one for one in _types(field.type) if _is_table(one)]
+        tables = [member for member in _types(field.type) if _is_table(member)]
         yield Key(
             name=f"{above}.{field.encode_name}" if above else field.encode_name,
             kind=field.type,
@@ -245,16 +245,16 @@ def keys(struct: type[Struct], above: str = "") -> Iterator[Key]:
 
 
 def value_keys(struct: type[Struct], above: str = "") -> Iterator[Key]:
-    """Keys that hold a value, those of the tables inside included."""
-    for one in keys(struct, above):
-        if one.table is None:
-            yield one
+    """Yield the keys that hold a value, also those of the tables inside the table."""
+    for entry in keys(struct, above):
+        if entry.table is None:
+            yield entry
         else:
-            yield from value_keys(one.table, one.name)
+            yield from value_keys(entry.table, entry.name)
 
 
 def _types(kind: Any) -> Iterator[Any]:
-    """The members of a union, each without its descriptions."""
+    """Yield the member types of a union without their descriptions."""
     if hasattr(kind, "__metadata__"):
         yield from _types(kind.__origin__)
     elif _is_union(kind):
@@ -265,8 +265,8 @@ def _types(kind: Any) -> Iterator[Any]:
 
 
 def _metas(kind: Any) -> Iterator[Meta]:
-    """Descriptions of a type, then those of its union's members."""
-    yield from (one for one in getattr(kind, "__metadata__", ()) if isinstance(one, Meta))
+    """Yield the descriptions of a type, then the descriptions of its union members."""
+    yield from (item for item in getattr(kind, "__metadata__", ()) if isinstance(item, Meta))
     for member in get_args(kind) if _is_union(kind) else ():
         yield from _metas(member)
 

@@ -1,1 +1,1 @@
-"""Small numerical tools that know nothing of gears."""
+"""Numerical tools: autoregression, rounding of quotients, and sine with cosine."""

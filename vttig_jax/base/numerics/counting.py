@@ -1,16 +1,16 @@
-"""Whole numbers of quotients: rounding never decides between two of them.
+"""Rounding of quotients to whole numbers, independent of floating-point errors.
 
 A quotient such as 0.05 s / 0.004 s is a whole number or a half in exact arithmetic. In floating
-point it lies beside that, on either side. Within 1e-6 it counts as what it is meant to be.
+point it can lie slightly above or below. A deviation of up to 1e-6 is treated as zero.
 """
 
 import math
 
-_BESIDE = 1e-6
+_TOLERANCE = 1e-6  # chosen; far above the rounding error of a quotient
 
 
 def whole_below(quotient: float) -> int:
-    """The largest whole number that is not above.
+    """Return the largest whole number that is not greater than `quotient`.
 
     **Example**
     ```python
@@ -20,11 +20,11 @@ def whole_below(quotient: float) -> int:
 
     ```
     """
-    return math.floor(quotient + _BESIDE)
+    return math.floor(quotient + _TOLERANCE)
 
 
 def whole_above(quotient: float) -> int:
-    """The smallest whole number that is not below.
+    """Return the smallest whole number that is not less than `quotient`.
 
     **Example**
     ```python
@@ -34,11 +34,11 @@ def whole_above(quotient: float) -> int:
 
     ```
     """
-    return math.ceil(quotient - _BESIDE)
+    return math.ceil(quotient - _TOLERANCE)
 
 
 def nearest_whole(quotient: float) -> int:
-    """The nearest whole number; a half goes down.
+    """Return the nearest whole number; a half is rounded down.
 
     **Example**
     ```python
@@ -48,4 +48,4 @@ def nearest_whole(quotient: float) -> int:
 
     ```
     """
-    return math.ceil(quotient - 0.5 - _BESIDE)
+    return math.ceil(quotient - 0.5 - _TOLERANCE)

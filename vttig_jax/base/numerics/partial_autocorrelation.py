@@ -1,8 +1,8 @@
-"""Partial autocorrelations: coordinates of all stationary autoregressions, and of no other.
+"""Partial autocorrelations as parameters of stationary autoregressions.
 
-ε_t = Σ_j a_j ε_{t−j} + innovation is stationary exactly where its partial autocorrelations
+ε_t = Σ_j a_j ε_{t−j} + innovation is stationary if and only if its partial autocorrelations
 π_1 … π_p all lie within ±1 (O. Barndorff-Nielsen, G. Schou, J. Multivariate Anal. 3 (1973) 408).
-Its whitening filter (1, −a₁, …, −a_p) follows from them by Levinson's recursion.
+Levinson's recursion computes its whitening filter (1, −a₁, …, −a_p) from them.
 """
 
 from typing import overload
@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..arrays import Number, Numbers, namespace
-from .autoregression import longer
+from .autoregression import levinson_step
 
 
 @overload
@@ -19,7 +19,7 @@ def filter_of(partial: Float[np.ndarray, " p"]) -> Float[np.ndarray, " taps"]: .
 @overload
 def filter_of(partial: Float[Array, " p"]) -> Float[Array, " taps"]: ...
 def filter_of(partial: Float[Numbers, " p"]) -> Float[Numbers, " taps"]:
-    """Whitening filter with these partial autocorrelations.
+    """Return the whitening filter of an autoregression with these partial autocorrelations.
 
     **Example**
     ```python
@@ -33,12 +33,12 @@ def filter_of(partial: Float[Numbers, " p"]) -> Float[Numbers, " taps"]:
     xp = namespace(partial)
     filter_ = xp.ones(1)
     for order in range(partial.shape[0]):
-        filter_ = longer(filter_, partial[order], xp)
+        filter_ = levinson_step(filter_, partial[order], xp)
     return filter_
 
 
 def partial_of(filter_: Float[np.ndarray, " taps"]) -> Float[np.ndarray, " p"]:
-    """Partial autocorrelations of a whitening filter: `filter_of` backwards."""
+    """Return the partial autocorrelations of a whitening filter, the inverse of `filter_of`."""
     partial = np.empty(len(filter_) - 1)
     for order in range(len(partial), 0, -1):
         last = partial[order - 1] = -filter_[-1]
@@ -47,9 +47,10 @@ def partial_of(filter_: Float[np.ndarray, " taps"]) -> Float[np.ndarray, " p"]:
 
 
 def log_initial_determinant(partial: Float[Numbers, " p"]) -> Float[Number, ""]:
-    """Log-determinant of the covariance of p successive samples, innovations of variance one.
+    """Return the log-determinant of the covariance of p successive samples.
 
-    −Σ_k k log(1 − π_k²); the samples after them only add log-variances of innovations.
+    For innovations of variance one it is −Σ_k k log(1 − π_k²); each later sample only adds the
+    log-variance of its innovation.
     """
     xp = namespace(partial)
     return -xp.sum(xp.arange(1, partial.shape[0] + 1) * xp.log1p(-(partial**2)))

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ...base.errors import PairError, UsageError
+from ...runs.rigs import fitted_rig
 from ..options import POSITIVE, STEP_DEG, Finite, verb
 from ..output import Output
-from ..rigs import fitted_rig
 from .map import csv_text
 
 if TYPE_CHECKING:
@@ -250,8 +250,8 @@ def _figures(gears: "GearPair", flanks: "dict[str, Contacts]") -> dict[str, byte
 
     drawn = {}
     for name, found in flanks.items():
-        if found.found.any():
-            place = int(np.argmax(found.found))
+        if found.in_contact.any():
+            place = int(np.argmax(found.in_contact))
             drawn[_FIGURE.format(name)] = png(plot_contact(found, gears, place=place))
     deviations = flanks["A"].model.deviations
     if deviations is not None:
@@ -313,7 +313,7 @@ def _flank(found: "Contacts") -> dict[str, Any]:
     from ...base.units import DEG
 
     kinds = Counter(found.kind(place) for place in range(len(found.driving_angle)))
-    error = found.transmission_error[found.found] / DEG
+    error = found.transmission_error[found.in_contact] / DEG
     return {
         "transmission_error_min_deg": error.min() if len(error) else None,
         "transmission_error_max_deg": error.max() if len(error) else None,
@@ -364,7 +364,7 @@ def contact_table(flanks: Flanks) -> str:
     columns = {"driving_deg": angle / DEG, "backlash_deg": left / DEG}
     for name, found in flanks.items():
         end = f"_{name.lower()}"
-        teeth = np.where(found.found[:, None], found.tooth_pair, np.nan)
+        teeth = np.where(found.in_contact[:, None], found.tooth_pair, np.nan)
         columns |= {
             f"transmission_error{end}_deg": found.transmission_error / DEG,
             f"driving_tooth{end}": teeth[:, 0],

@@ -6,18 +6,19 @@ from typing import TYPE_CHECKING
 
 import click
 
+from ...runs.fit_run import write_fit
+from ...runs.posterior_run import report_on, write_report
+from ...runs.run_file import CHECKPOINT, RunRecord
 from ..options import verb
 from ..output import Output
-from ..run_file import CHECKPOINT, RunRecord
-from .fit import write_fit
-from .sample import judged, refuse_existing, sampling_bar, write_posterior
+from .sample import refuse_existing, sampling_bar
 
 if TYPE_CHECKING:
     from ...identify.fit_result import Fit
     from ...logs.encoder_log import EncoderLog
     from ...posterior.summary.bands import BandedMap
     from ...rig.synthetic import SyntheticRig
-    from .sample import PosteriorReport
+    from ...runs.posterior_run import PosteriorReport
 
 
 @verb("demo", example="vttig demo --out demo")
@@ -42,9 +43,7 @@ def command(
     import vttig_jax
 
     from ...identify.fitting import fit
-    from ...posterior.density.prior import Prior
     from ...posterior.sampler import sample
-    from ...posterior.summary.bands import band_map
     from ...rig.paper import paper_rig
 
     vttig_jax.enable_x64()
@@ -66,15 +65,16 @@ def command(
             overwrite=overwrite,
             progress=follow,
         )
-    found, banded = judged(posterior, Prior()), band_map(posterior)
+    report = report_on(posterior)
+    assert report.banded is not None  # the rig of the paper turns both ways
     if out is not None:
-        write_posterior(out, found, banded)
+        write_report(out, report)
     hint = (
         f"written to {out}; try `vttig inspect {out / 'log.csv'} --pair {out / 'pair.toml'}`."
         if out is not None
         else "`vttig demo --out DIR` keeps the log, the fit, the draws, the map and the pictures."
     )
-    output.emit(found.to_json(), f"{_report(rig, found, banded)}\n\n{hint}")
+    output.emit(report.to_json(), f"{_report(rig, report, report.banded)}\n\n{hint}")
 
 
 def _report(rig: "SyntheticRig", found: "PosteriorReport", banded: "BandedMap") -> str:
@@ -187,7 +187,7 @@ def _write_fit(
     with RunFolder(out, overwrite=overwrite, results=("fit.json",)) as folder:
         folder.write_text("log.csv", data)
         folder.write_toml("pair.toml", spec_table(spec))
-        write_fit(folder, result, run, out, with_figures=True)
+        write_fit(folder, result, run)
 
 
 def log_csv(log: "EncoderLog") -> str:

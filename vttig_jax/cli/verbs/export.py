@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any, Literal
 import click
 
 from ...base.errors import UsageError
+from ...runs.run_file import CHECKPOINT, RunRecord, read_run
+from ...runs.zeros import shaft_readings
 from ..options import STEP_DEG, Finite, given, verb
 from ..output import LOGGER, Output
-from ..run_file import CHECKPOINT, RunRecord, read_run
-from ..run_zeros import shaft_readings
 from .map import COLUMNS, MOST_ROWS, csv_text, map_record, map_table
 
 if TYPE_CHECKING:

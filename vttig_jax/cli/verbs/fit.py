@@ -1,20 +1,19 @@
 """`vttig fit`: from logs to parameters, and to a run folder."""
 
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from ...base.errors import NoAnswerError, UsageError
+from ...runs.fit_run import perform, resolve, save_fit
+from ...runs.options import options_of
+from ...runs.run_file import RunRecord, read_run, require_same_data
 from ..fit_options import model_options
 from ..options import given, log_options, verb
 from ..output import LOGGER, Output
-from ..run_file import CHECKPOINT, RunRecord, read_run, require_same_data
-from ..run_options import RunOptions
 
 if TYPE_CHECKING:
-    from ...base.files.run_folder import RunFolder
     from ...identify.fit_result import Fit
     from ...identify.report.parameters import Parameter
 
@@ -70,29 +69,19 @@ def command(
             f"{name} says how to write a run folder; give one with --out, or leave it."
         )
     if run_path is None:
-        run = resolve(logs, pair, readings, RunOptions(**options))
+        run = resolve(logs, pair, readings, options_of(options))
     else:
         run = _repeated(run_path, options)
     result, run = perform(run)
     _check_names(result, require)
     if out is not None:
-        write_run(result, run, out, overwrite=overwrite, with_figures=not no_figures)
+        save_fit(result, out, overwrite=overwrite, figures=not no_figures, record=run)
         LOGGER.info("written to %s", out)
     output.emit(result.to_json(), result)
     _check_required(result, require)
     if result.outcome in ("not_converged", "not_determined"):
         raise NoAnswerError(_FAILURES[result.outcome], where=result.source)
 
-
-_FOLLOWING = (
-    "map.csv",
-    "map.json",
-    CHECKPOINT,
-    "posterior.json",
-    *(f"figures/{name}.png" for name in ("te_fit", "orders", "residual", "backlash_map")),
-    *(f"figures/{name}.png" for name in ("corner", "trace", "band", "predictive")),
-)
-"""What an older fit may have left that a new one makes untrue."""
 
 _FAILURES = {
     "not_converged": "the fit did not converge; its numbers are not to be trusted.",
@@ -106,106 +95,6 @@ ON_REQUEST = {
     "ratio": "--free-ratio",
 }
 """Parameters that are certain to be fitted only with an option."""
-
-
-def perform(run: RunRecord) -> tuple["Fit", RunRecord]:
-    """Fit the logs of a run; returns the fit and the run with the hashes of its logs.
-
-    **Raises** `UsageError` where two logs are the same file or copies of one.
-    """
-    import vttig_jax
-
-    from ...identify.fitting import fit
-    from ...logs.read import read_log
-    from ...logs.readers.backlash_readings import read_backlash_readings
-    from ...pair.load import pair_from_spec
-
-    vttig_jax.enable_x64()
-    pair = pair_from_spec(run.spec)
-    logs = []
-    first: dict[str, Path] = {}
-    for path in run.logs:
-        log = read_log(path, pair, **run.options.reading())
-        if (other := first.setdefault(log.sha256, path)) is not path:
-            seen = "given twice" if other == path else f"the same data as {other}"
-            raise UsageError(f"{seen}; give every log once.", where=str(path))
-        run.options.check_drift(log)
-        logs.append(log)
-    readings = None
-    if run.readings is not None:
-        readings = read_backlash_readings(run.readings, decimal=run.options.decimal)
-    result = fit(logs, pair, readings=readings, **run.options.fitting())
-    digest = "" if readings is None else readings.sha256
-    return result, replace(run, sha256=tuple(first), readings_sha256=digest)
-
-
-def write_run(
-    result: "Fit", run: RunRecord, out: Path, *, overwrite: bool, with_figures: bool
-) -> None:
-    """Write a run folder: `run.toml`, `fit.json`, `summary.npz` and the pictures."""
-    from ...base.files.run_folder import RunFolder
-
-    refuse_while_sampled(out)
-    with RunFolder(out, overwrite=overwrite, results=("fit.json",)) as folder:
-        if (out / CHECKPOINT).exists():
-            LOGGER.warning("the draws in %s were those of the fit it replaces, and go", out)
-        write_fit(folder, result, run, out, with_figures=with_figures)
-
-
-def refuse_while_sampled(out: Path) -> None:
-    """Refuse to replace the fit of a folder that a sampler is writing to."""
-    lock = out / f".{CHECKPOINT}.lock"
-    if not lock.exists():
-        return
-    from filelock import FileLock, Timeout
-
-    try:
-        with FileLock(lock).acquire(timeout=0):
-            pass
-    except Timeout:
-        raise UsageError(
-            "a sampler is writing to this folder; wait for it or choose another folder.",
-            where=str(out),
-        ) from None
-
-
-def write_fit(
-    folder: "RunFolder", result: "Fit", run: RunRecord, out: Path, *, with_figures: bool
-) -> None:
-    """Write a fit into an open run folder, and take away what it makes untrue."""
-    from ...base.files.json_io import dumps
-    from ...identify.store import fit_arrays
-
-    for name in _FOLLOWING:
-        folder.discard(name)
-    folder.write_toml("run.toml", run.table(out))
-    folder.write_npz("summary.npz", **fit_arrays(result))
-    if with_figures:
-        for name, data in run_figures(result).items():
-            folder.write_bytes(f"figures/{name}", data)
-    folder.write_text("fit.json", dumps(result.to_json()) + "\n")
-
-
-def run_figures(result: "Fit") -> dict[str, bytes]:
-    """Pictures of a fit, with the map where the log fixes one: file name → PNG."""
-    from ...identify.backlash import backlash_map
-    from ...plotting.save import figures
-
-    grid = backlash_map(result) if result.parameters["constant_backlash_deg"].determined else None
-    return figures(result, grid)
-
-
-def resolve(
-    logs: tuple[Path, ...], pair: Path | None, readings: Path | None, options: RunOptions
-) -> RunRecord:
-    """The run that the command line asks for."""
-    from ...pair.pair_file import load_pair_spec
-
-    if not logs or pair is None:
-        missing = "--pair" if logs else "LOG"
-        raise UsageError(f"{missing} is missing; see `vttig fit --help`.")
-    options.check(len(logs), readings=readings is not None)
-    return RunRecord(logs, load_pair_spec(pair), options, readings=readings)
 
 
 def _repeated(path: Path, options: dict[str, Any]) -> RunRecord:

@@ -3,16 +3,16 @@
 import math
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, get_args
 
 import click
 
 from ...base.errors import NoAnswerError, UsageError
-from ..fit_options import FlankName
+from ...identify.settings import Flank
+from ...runs.run_file import RunRecord, read_run
+from ...runs.zeros import SHAFTS, shaft_readings
 from ..options import POSITIVE, Finite, verb
 from ..output import Output
-from ..run_file import RunRecord, read_run
-from ..run_zeros import SHAFTS, shaft_readings
 
 if TYPE_CHECKING:
     from ...identify.fit_result import Fit
@@ -82,7 +82,7 @@ vttig locate run --driving-counts 76243 --driven-counts 31627 --flank A
 )
 @click.option(
     "--flank",
-    type=click.Choice(FlankName.__args__),
+    type=click.Choice(get_args(Flank)),
     help="The flank that carries; by default the driven shaft may lie anywhere in the gap.",
 )
 @click.option(
@@ -100,7 +100,7 @@ def command(
     driving_counts: int | None,
     driven_counts: int | None,
     reading_std_arcsec: float | None,
-    flank: FlankName | None,
+    flank: Flank | None,
     certainty: float,
     constant_backlash_deg: float | None,
 ) -> None:
@@ -171,9 +171,7 @@ def _angle(
     return how.angle(counts), abs(how.radians_per_unit)
 
 
-def _require_certain(
-    found: "Located", certainty: float, flank: FlankName | None, source: str
-) -> None:
+def _require_certain(found: "Located", certainty: float, flank: Flank | None, source: str) -> None:
     from ...base.units import ARCSEC
 
     if not found.fits:
@@ -201,7 +199,7 @@ def _record(
     fit: "Fit",
     grid: "BacklashMap",
     found: "Located",
-    flank: FlankName | None,
+    flank: Flank | None,
     certainty: float,
 ) -> dict[str, Any]:
     """The object of schema `vttig.locate/1`."""

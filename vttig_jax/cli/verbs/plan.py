@@ -151,7 +151,7 @@ def _keywords(
         "speed_rpm": speeds_rpm or (60.0,),
         "noise": PlannedNoise(noise_std_deg, noise_correlation_s, white_std_deg),
         "assumed": _once("--assume", assume),
-        "encoder_terms": not perfect_encoders,
+        "perfect_encoders": perfect_encoders,
         **same,
     }
 

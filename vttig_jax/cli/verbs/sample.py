@@ -2,29 +2,24 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import click
 
 from ...base.errors import InputError, NotConvergedError, UsageError
+from ...runs.fit_run import perform, resolve, save_fit
+from ...runs.options import options_of
+from ...runs.posterior_run import report_on, write_report
+from ...runs.run import open_run
+from ...runs.run_file import CHECKPOINT
 from ..fit_options import model_options
 from ..options import POSITIVE, given, log_options, verb
 from ..output import LOGGER, Output
-from ..run_file import CHECKPOINT, read_run
-from ..run_options import RunOptions
-from .fit import perform, resolve, write_run
-from .map import banded_record, csv_text
 
 if TYPE_CHECKING:
     from ...identify.fit_result import Fit
-    from ...posterior.density.prior import Prior
     from ...posterior.sampling.ensembles import Progress
-    from ...posterior.summary.bands import BandedMap
-    from ...posterior.summary.posterior import Posterior
-    from ...posterior.summary.predictive import Predictive
-    from ...posterior.summary.route_agreement import Agreement
 
 
 @verb(
@@ -119,15 +114,14 @@ def command(
     from ...pair.gear_pair import Drive
     from ...posterior.sampler import sample
     from ...posterior.sampling.stop_rule import Until
-    from ...posterior.summary.bands import band_map
 
     vttig_jax.enable_x64()
     refuse_existing(out, resume=resume, overwrite=overwrite, fits=bool(logs))
     if logs:
-        run = resolve(logs, pair, readings, RunOptions(**options))
+        run = resolve(logs, pair, readings, options_of(options))
         fit, run = perform(run)
         if not resume:
-            write_run(fit, run, out, overwrite=overwrite, with_figures=not no_figures)
+            save_fit(fit, out, overwrite=overwrite, figures=not no_figures, record=run)
     else:
         fit = _fit_in(out, [*options, "pair", "readings"])
     if largest_eccentricity_mm is not None and isinstance(fit.pair, Drive):
@@ -152,11 +146,10 @@ def command(
             overwrite=overwrite,
             progress=follow,
         )
-    found = judged(posterior, settings["prior"])
-    gap = fit.parameters["constant_backlash_deg"].determined
-    write_posterior(out, found, band_map(posterior) if gap else None, with_figures=not no_figures)
+    report = report_on(posterior)
+    write_report(out, report, figures=not no_figures)
     LOGGER.info("written to %s", out)
-    output.emit(found.to_json(), found)
+    output.emit(report.to_json(), report)
     if not posterior.diagnosis.converged:
         raise NotConvergedError(
             f"{posterior.diagnosis}.".replace("converged: no; ", "the sampler has not converged: "),
@@ -189,45 +182,6 @@ def _walkers_in_words() -> Iterator[None]:
         raise UsageError(str(error).replace("Argument `walkers`", "--walkers")) from None
 
 
-@dataclass(frozen=True)
-class PosteriorReport:
-    """A posterior with its predictive check and the comparison of the routes to it."""
-
-    posterior: "Posterior"
-    predicted: "Predictive"
-    routes: "Agreement | None"
-
-    def to_json(self) -> dict[str, Any]:
-        """The object of schema `vttig.posterior/1`."""
-        return self.posterior.to_json() | {
-            "agreement": self.routes.to_json() if self.routes else None,
-            "predictive": self.predicted.to_json(),
-        }
-
-    def __str__(self) -> str:
-        routes = self.routes or f"fit, profile and draws: {self.verdict}"
-        return f"{self.posterior}\n\n{self.predicted}\n\n{routes}"
-
-    @property
-    def verdict(self) -> str:
-        """Whether the routes agree, in words."""
-        if self.routes is None:
-            return "not compared, because the draws have not converged"
-        return " ".join(self.routes.sentences) or "agree"
-
-
-def judged(posterior: "Posterior", prior: "Prior") -> PosteriorReport:
-    """Ask the posterior whether it would have made the log, and the other routes for theirs.
-
-    Draws that have not converged are a route to nothing yet, and are not compared.
-    """
-    from ...posterior.summary.predictive import predictive
-    from ...posterior.summary.route_agreement import agreement
-
-    routes = agreement(posterior, prior) if posterior.diagnosis.converged else None
-    return PosteriorReport(posterior, predictive(posterior), routes)
-
-
 def refuse_existing(
     out: Path | None,
     *,
@@ -257,37 +211,13 @@ def refuse_existing(
 
 
 def _fit_in(out: Path, names: list[str]) -> "Fit":
-    """The fit of a run folder, which has its own options."""
-    from ...identify.store import read_fit
-    from ...pair.load import pair_from_spec
-
+    """Return the fit of a run folder, which has its own options."""
     if asked := given(names):
         raise UsageError(
             f"{' and '.join(asked)} belong to a fit, but without LOG the fit in {out} is sampled;"
             " give LOG too, or leave it out."
         )
-    return read_fit(out, pair_from_spec(read_run(out).spec))
-
-
-def write_posterior(
-    out: Path, found: PosteriorReport, banded: "BandedMap | None", *, with_figures: bool = True
-) -> None:
-    """Write `posterior.json`, the map with its bands where the log fixes one, and the pictures."""
-    from ...base.files.json_io import dumps
-    from ...base.files.run_folder import RunFolder
-    from ...plotting.save import posterior_figures
-
-    with RunFolder(out, overwrite=True) as folder:
-        if with_figures:
-            drawn = posterior_figures(found.posterior, found.predicted, banded)
-            for name, data in drawn.items():
-                folder.write_bytes(f"figures/{name}", data)
-        if banded is not None:
-            table = banded.table()
-            record = banded_record(found.posterior.fit, banded, len(table), Path("map.csv"))
-            folder.write_text("map.csv", csv_text(table, banded.columns))
-            folder.write_text("map.json", dumps(record) + "\n")
-        folder.write_text("posterior.json", dumps(found.to_json()) + "\n")
+    return open_run(out).fit
 
 
 @contextmanager

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ...base.errors import ScenarioError, UsageError
+from ...runs.rigs import fitted_rig
 from ..options import given, verb
 from ..output import LOGGER, Output
-from ..rigs import fitted_rig
 from .map import csv_text
 
 if TYPE_CHECKING:
@@ -190,10 +190,10 @@ def _simulated(
     import vttig_jax
 
     from ...control.simulation.result import Simulation
-    from ...control.simulation.simulate import prepared, run
+    from ...control.simulation.simulate import prepare_case, run
 
     vttig_jax.enable_x64()
-    pair, case = prepared(spec, path.parent, str(path))
+    pair, case = prepare_case(spec, path.parent, str(path))
     periods = float(case.motion.duration_s) * spec.sampling.controller_hz
     kept = _stride(periods, every, draws)
     if periods * case.substeps > _LONG:
@@ -209,7 +209,7 @@ def _simulated(
             bar.update(done - bar.n)
 
         state, trace = run(case, kept, follow)
-    return Simulation(spec, pair, case, state.tally, trace), kept
+    return Simulation(spec, pair, case, state.accumulators, trace), kept
 
 
 def _stride(periods: float, every: int, draws: bool) -> int:

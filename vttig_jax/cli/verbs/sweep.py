@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 import click
 
 from ...base.errors import UsageError
+from ...runs.rigs import drawn_rigs
 from ..options import verb
 from ..output import LOGGER, Output
-from ..rigs import drawn_rigs
 
 if TYPE_CHECKING:
     from ...control.sweeps.estimate import SweepCost

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any, Literal
 import click
 
 from ...base.errors import UsageError
+from ...runs.rigs import drawn_rigs
 from ..options import Finite, verb
 from ..output import Output
-from ..rigs import drawn_rigs
 from .sweep import prepare
 
 if TYPE_CHECKING:
@@ -88,7 +88,7 @@ def command(
 
     Minimises the backlash left at the turn plus the weighted interference over speeds, turns, and
     rigs drawn from a posterior where SWEEP has rig = { from = "RUN", draws = 200 }. The slopes come
-    from smoothed judgements; what is printed, before and after, is the hard judgement of every case
+    from smoothed judgements; what is printed, before and after, is the full simulation of all cases
     as `vttig sweep` has it, and values that it does not find better are not taken.
     """
     _check_out(scenario, out, overwrite=overwrite)

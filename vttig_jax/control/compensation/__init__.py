@@ -1,1 +1,1 @@
-"""Compensation tables and the C header."""
+"""Harmonics of a backlash map for use in a controller, and their C header."""

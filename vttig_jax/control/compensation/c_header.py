@@ -1,4 +1,4 @@
-"""A backlash map as a C header: no library, no loop of varying length, no state."""
+"""C header of a backlash map, without library calls, loops of varying length or state."""
 
 import math
 import re
@@ -23,29 +23,28 @@ $about
  */
 
 #if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__)
-#error "-ffast-math removes the tests for readings that are no numbers; compile without it"
+#error "-ffast-math removes the tests for NaN and infinite readings; compile without it"
 #endif
 """
 
 FUNCTION_NOTES = {
     "backlash": (
-        "{name}_backlash(phi1, phi2): backlash in rad of the driven gear and its slope by phi1;"
-        " negative where the map says that the pair binds.",
+        "{name}_backlash(phi1, phi2): backlash in rad of the driven gear and its derivative by"
+        " phi1. A negative backlash means that the pair binds according to the map.",
     ),
     "shift": (
         "{name}_shift(phi1, phi2, margin_mm): axial displacement of the driven gear towards the"
-        " thick end of the driving one that leaves margin_mm of displacement open, mm, and its"
-        " slope by phi1 in mm/rad. Never below 0; where the margin leaves nothing to close both are"
-        " 0. A margin that is negative or no number makes it {NAME}_UNKNOWN.",
-        "The slope is along the motion: times the driving speed in rad/s it is the speed of the"
-        " actuator in mm/s.",
+        " thick end of the driving gear that leaves margin_mm of displacement open, mm, and its"
+        " derivative by phi1 in mm/rad. Never below 0: if the gap is smaller than the margin, both"
+        " are 0. A negative or NaN margin gives {NAME}_UNKNOWN.",
+        "The derivative times the driving speed in rad/s is the speed of the actuator in mm/s.",
     ),
 }
 
 ARITHMETIC = """\
 enum { ${NAME}_KNOWN = 0, ${NAME}_UNKNOWN = 1 };
 
-/* Next whole number, for less than 2^31. */
+/* Nearest whole number, for less than 2^31. */
 static inline double ${name}_nearest_(double x)
 {
     return (double)(long)(x < 0.0 ? x - 0.5 : x + 0.5);
@@ -72,7 +71,7 @@ static inline void ${name}_sincos_(double x, double *sine, double *cosine)
     }
 }
 
-/* An angle without its whole turns; 2 pi in three parts, the first two short. */
+/* Angle minus its whole turns; 2 pi is split in three parts, of which two have few digits. */
 static inline double ${name}_within_turn_(double x)
 {
     const double turns = ${name}_nearest_(x * 0.15915494309189535);
@@ -95,28 +94,28 @@ $driving_orders
     static const double driven_orders[$driven_count] = {
 $driven_orders
     };
-    /* Of every harmonic: places of its orders above, then cosine and sine in rad. */
+    /* For every harmonic: indices of its orders above; then its cosine and sine in rad. */
     static const $place_type places[$terms][2] = {
 $places
     };
     static const double waves[$terms][2] = {
 $waves
     };
-    struct ${name}_gap found = { 0.0, 0.0, ${NAME}_UNKNOWN };
+    struct ${name}_gap result = { 0.0, 0.0, ${NAME}_UNKNOWN };
     double sine1[$driving_count], cosine1[$driving_count];
     double sine2[$driven_count], cosine2[$driven_count];
-    double phi1, turn, apart, ideal, value, slope;
+    double phi1, turn, distance, ideal, value, slope;
     int k;
 
     if (!(driving_rad >= -1e9 && driving_rad <= 1e9 && driven_rad >= -1e9 && driven_rad <= 1e9))
-        return found;
-    /* The driven angle without its transmission error: one of those the pair can have. */
+        return result;
+    /* Driven angle without its transmission error: the nearest one that the pair can have. */
     phi1 = ${name}_within_turn_(driving_rad);
-    apart = ${name}_within_turn_(driven_rad) - $ratio * phi1 - ($offset);
-    turn = ${name}_nearest_(apart / $spacing);
-    apart -= turn * $spacing;
-    if (!(apart >= -$tolerance && apart <= $tolerance))
-        return found;
+    distance = ${name}_within_turn_(driven_rad) - $ratio * phi1 - ($offset);
+    turn = ${name}_nearest_(distance / $spacing);
+    distance -= turn * $spacing;
+    if (!(distance >= -$tolerance && distance <= $tolerance))
+        return result;
     ideal = ${name}_within_turn_($ratio * phi1 + turn * $spacing);
 
     for (k = 0; k < $driving_count; ++k)
@@ -133,10 +132,10 @@ $waves
         slope += (driving_orders[p] + $ratio * driven_orders[q])
             * (waves[k][1] * cosine - waves[k][0] * sine);
     }
-    found.backlash_rad = value;
-    found.slope = slope;
-    found.status = ${NAME}_KNOWN;
-    return found;
+    result.backlash_rad = value;
+    result.slope = slope;
+    result.status = ${NAME}_KNOWN;
+    return result;
 }
 """
 
@@ -151,21 +150,21 @@ static inline struct ${name}_displacement ${name}_shift(
     double driving_rad, double driven_rad, double margin_mm)
 {
     const struct ${name}_gap gap = ${name}_backlash(driving_rad, driven_rad);
-    struct ${name}_displacement found = { 0.0, 0.0, ${NAME}_UNKNOWN };
+    struct ${name}_displacement result = { 0.0, 0.0, ${NAME}_UNKNOWN };
 
     if (gap.status != ${NAME}_KNOWN || !(margin_mm >= 0.0 && margin_mm <= 1e9))
-        return found;
-    found.status = ${NAME}_KNOWN;
+        return result;
+    result.status = ${NAME}_KNOWN;
     if (gap.backlash_rad > margin_mm * $closing) {
-        found.shift_mm = gap.backlash_rad / $closing - margin_mm;
-        found.slope_mm_per_rad = gap.slope / $closing;
+        result.shift_mm = gap.backlash_rad / $closing - margin_mm;
+        result.slope_mm_per_rad = gap.slope / $closing;
     }
-    return found;
+    return result;
 }
 """
 
 READING = """\
-/* The $shaft angle in rad from a reading of its encoder in $unit. */
+/* Angle of the $shaft shaft in rad from a reading of its encoder in $unit. */
 static inline double ${name}_${shaft}_rad(double reading)
 {
     return $size * (reading - ($origin));
@@ -177,26 +176,27 @@ Quantity = Literal["shift", "backlash"]
 
 _IDENTIFIER = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 _LONGEST = 31
-"""Characters of a prefix; names longer than 63 need not differ for a C99 compiler."""
+"""Limit of the characters of a prefix: C99 compilers need only compare 63 characters of a name."""
 
 _WIDTH = 88
+"""Characters of a line of comments and tables: a chosen value."""
 
 _JOINED = "\x1f"
-"""Stands for a blank at which no line is broken."""
+"""Placeholder for a blank at which a line must not be broken."""
 
 _TURN = (6.283185005187988, 3.0199157663446385e-07, 2.1561211432632476e-14)
-"""2π in three parts, of which the first two times a whole number below 2²⁸ are exact."""
+"""2π in three parts; the products of the first two with whole numbers below 2²⁸ are exact."""
 
 
 @dataclass(frozen=True)
 class HeaderOrigin:
-    """What a header says about where it comes from.
+    """Origin of a header, for its comment.
 
     **Arguments**
-    - `pair`: its name. - `version`: of this package.
-    - `zero`: where both angles are zero, "start" (first sample of the log) or "reading".
-    - `conditional_on`: assumptions of the fit. - `sha256`: of the logs, "" for none.
-    - `readings`: how the encoders' readings become angles; None where that is not known.
+    - `pair`: name of the pair. - `version`: version of this package.
+    - `zero`: zero of both angles, "start" (first sample of the log) or "reading".
+    - `conditional_on`: assumptions of the fit. - `sha256`: digest of the logs, "" for none.
+    - `readings`: units and origins of both encoder readings; None where they are not known.
     """
 
     pair: str
@@ -208,7 +208,7 @@ class HeaderOrigin:
 
 
 def identifier_of(name: str) -> str:
-    """A prefix for C names from the name of a pair: ASCII, small letters, at most 31 characters.
+    """Make a prefix for C names from the name of a pair: lower-case ASCII, at most 31 characters.
 
     **Example**
     ```python
@@ -219,17 +219,14 @@ def identifier_of(name: str) -> str:
     ```
     """
     plain = unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode()
-    found = re.sub(r"[^a-z0-9]+", "_", plain.lower()).strip("_")
-    if not found or not found[0].isalpha():
-        found = f"pair_{found}".strip("_")
-    return found[:_LONGEST].strip("_")
+    prefix = re.sub(r"[^a-z0-9]+", "_", plain.lower()).strip("_")
+    if not prefix or not prefix[0].isalpha():
+        prefix = f"pair_{prefix}".strip("_")
+    return prefix[:_LONGEST].strip("_")
 
 
 def check_identifier(name: str) -> str:
-    """The prefix itself.
-
-    **Raises** `UsageError` where C names cannot begin with it.
-    """
+    """Return the prefix; **raises** `UsageError` where C names cannot begin with it."""
     if not _IDENTIFIER.fullmatch(name) or len(name) > _LONGEST:
         raise UsageError(
             f"{name!r} cannot begin the names of a C header; give a letter, then letters, digits"
@@ -242,29 +239,29 @@ def check_identifier(name: str) -> str:
 def c_header(
     compensation: Compensation, origin: HeaderOrigin, *, name: str, quantity: Quantity = "shift"
 ) -> str:
-    """The text of a C99 header that evaluates a compensation at single-turn readings.
+    """Return the text of a C99 header that evaluates a compensation at single-turn readings.
 
-    It defines `NAME_backlash` and, for a `quantity` of "shift", `NAME_shift`; where the readings of
-    the encoders are known, `NAME_driving_rad` and `NAME_driven_rad` make angles of them. It is
-    plain ASCII, valid C++ too, and the same for the same compensation and origin.
+    It defines `NAME_backlash` and, for a `quantity` of "shift", `NAME_shift`. If the origin has
+    `readings`, `NAME_driving_rad` and `NAME_driven_rad` convert encoder readings to angles. The
+    text is ASCII and also valid C++; the same compensation and origin give the same text.
 
     **Arguments**
-    - `name`: what all names begin with; see `identifier_of`.
+    - `name`: prefix of all C names; see `identifier_of`.
 
-    **Raises** `UsageError` for a name C does not have and for a shift where no displacement closes
-    the gap, `NoAnswerError` where single-turn readings leave the turn open.
+    **Raises** `UsageError` for a name that C does not allow and for a shift where no displacement
+    closes the gap, `NoAnswerError` where single-turn readings do not identify the turn.
 
     **Example**
     ```python
     >>> import numpy as np
     >>> from fractions import Fraction
-    >>> from vttig_jax.control.compensation.c_header import Origin, c_header
-    >>> from vttig_jax.control import Compensation
-    >>> one = np.array([1e-4])
+    >>> from vttig_jax.control.compensation.c_header import HeaderOrigin
+    >>> from vttig_jax.control import Compensation, c_header
+    >>> wave = np.array([1e-4])
     >>> compensation = Compensation(
-    ...     Fraction(9, 16), 7e-4, ((1, 0),), one, one, 1.3e-3, 0.0, 1e-3, 0.0
+    ...     Fraction(9, 16), 7e-4, ((1, 0),), wave, wave, 1.3e-3, 0.0, 1e-3, 0.0
     ... )
-    >>> text = c_header(compensation, Origin("rig", "0.1.0", "start"), name="rig")
+    >>> text = c_header(compensation, HeaderOrigin("rig", "0.1.0", "start"), name="rig")
     >>> text.splitlines()[0], text.isascii(), "rig_shift(" in text
     ('#ifndef RIG_COMPENSATION_H', True, True)
 
@@ -297,8 +294,8 @@ def c_header(
 
 
 def _numbers(compensation: Compensation) -> dict[str, str]:
-    """Constants and tables of the code."""
-    # A table of no rows is no C.
+    """Return the constants and tables of the code by placeholder."""
+    # C has no table without rows.
     terms = compensation.terms or ((1, 0),)
     cosine, sine = (
         list(map(float, values)) if compensation.terms else [0.0]
@@ -331,20 +328,20 @@ def _place_type(count: int) -> str:
 
 
 def _number(value: float | int) -> str:
-    """A double constant of C that is the same number."""
+    """Return a C constant of type double with exactly this value."""
     text = repr(float(value))
     return text if any(mark in text for mark in ".en") else f"{text}.0"
 
 
 def _rows(items: Iterable[str]) -> str:
-    """Initialisers on lines of fixed width, none of them broken."""
+    """Write initialisers on lines of fixed width and break none of them."""
     text = ", ".join(item.replace(" ", _JOINED) for item in items)
     lines = wrap(text, _WIDTH, initial_indent=" " * 8, subsequent_indent=" " * 8)
     return "\n".join(lines).replace(_JOINED, " ")
 
 
 def _about(compensation: Compensation, origin: HeaderOrigin, name: str, quantity: Quantity) -> str:
-    """The comment at the head of the file."""
+    """Return the comment at the head of the file."""
     zero = {
         "start": "where the encoders stood at the first sample of the log",
         "reading": "where the encoders read zero",
@@ -364,22 +361,22 @@ def _about(compensation: Compensation, origin: HeaderOrigin, name: str, quantity
         "Cost of a call: sines and cosines of"
         f" {len({t[0] for t in compensation.terms})} + {len({t[1] for t in compensation.terms})}"
         " angles and two products a harmonic, the same for every argument; no state, no"
-        " allocation, nothing included.",
-        f"Unknown ({upper}_UNKNOWN): an angle that is no finite number, or readings that fit no"
-        " turn of the hunting period: phi2 - ratio phi1 farther than"
-        f" {compensation.tolerance_rad / DEG:.6f} deg from the {turns} angles"
-        f" {compensation.spacing_rad / DEG:.6g} deg apart that the pair can have. Then value and"
-        " slope are 0, which closes nothing.",
+        " allocation, no included file.",
+        f"The status is {upper}_UNKNOWN if an angle is not finite or if the readings fit no turn of"
+        " the hunting period: phi2 - ratio phi1 is then more than"
+        f" {compensation.tolerance_rad / DEG:.6f} deg away from each of the {turns} angles,"
+        f" {compensation.spacing_rad / DEG:.6g} deg apart, that the pair can have. Value and"
+        " derivative are then 0, which closes nothing.",
     ]
-    paragraphs += [one.format(NAME=upper, name=name) for one in FUNCTION_NOTES["backlash"]]
+    paragraphs += [note.format(NAME=upper, name=name) for note in FUNCTION_NOTES["backlash"]]
     if quantity == "shift":
-        paragraphs += [one.format(NAME=upper, name=name) for one in FUNCTION_NOTES["shift"]]
+        paragraphs += [note.format(NAME=upper, name=name) for note in FUNCTION_NOTES["shift"]]
     if origin.conditional_on:
-        assumed = ", ".join(_plain(one) for one in origin.conditional_on)
+        assumed = ", ".join(map(_plain, origin.conditional_on))
         paragraphs.append(f"Holds under the assumptions of the fit: {assumed}.")
     if origin.sha256:
         paragraphs.append(f"SHA-256 of the logs: {_plain(origin.sha256)}.")
-    return "\n *\n".join(_paragraph(one) for one in paragraphs)
+    return "\n *\n".join(map(_paragraph, paragraphs))
 
 
 def _paragraph(text: str) -> str:
@@ -388,7 +385,7 @@ def _paragraph(text: str) -> str:
 
 
 def _plain(text: str) -> str:
-    """Printable ASCII on one line that neither opens nor ends a comment."""
+    """Reduce a text to one line of printable ASCII that neither opens nor ends a comment."""
     folded = unicodedata.normalize("NFKD", " ".join(text.split()))
-    letters = "".join(one for one in folded if not unicodedata.combining(one))
+    letters = "".join(letter for letter in folded if not unicodedata.combining(letter))
     return re.sub(r"[^ -~]", "_", letters).replace("*/", "*|").replace("/*", "|*")

@@ -1,12 +1,12 @@
-"""The backlash map as harmonics of both shaft angles: what a controller evaluates at every step.
+"""Backlash map as harmonics of both shaft angles, which a controller evaluates in every period.
 
     j(φ₁, ξ) = c₀ + Σ_t [cosine_t cos(n₁ φ₁ + n₂ ξ) + sine_t sin(n₁ φ₁ + n₂ ξ)],    ξ = i φ₁
 
-Both angles enter modulo one turn, so that the harmonics need no turn of the hunting period, and ξ
-is the reading φ₂ less the transmission error. That error need not be known: at a given φ₁ the pair
-can only have one of as many ξ as the hunting period has turns, 2π/turns apart, and the reading lies
-next to the right one. Where it lies too far from any, the readings are not those of this pair at
-these zeros, and the gap is unknown.
+Both angles enter modulo one turn, so that the turn of the hunting period is not needed. ξ is the
+reading φ₂ minus the transmission error, which need not be known: at a given φ₁ only as many values
+of ξ are possible as the hunting period has turns. They are 2π/turns apart, and the reading lies
+next to the right one. If the reading is too far from all of them, the readings do not belong to
+this pair at these zeros, and the gap is unknown.
 """
 
 import math
@@ -29,9 +29,9 @@ Truths = Bool[np.ndarray, "..."] | np.bool_
 
 
 class GapReading(NamedTuple):
-    """Backlash in rad of the driven gear, its slope by φ₁, and whether the readings tell it.
+    """Backlash in rad of the driven gear, its derivative by φ₁, and whether they are known.
 
-    Value and slope are 0 where it is unknown.
+    Value and derivative are 0 where they are unknown.
     """
 
     backlash_rad: Numbers
@@ -40,9 +40,9 @@ class GapReading(NamedTuple):
 
 
 class Shift(NamedTuple):
-    """Axial displacement that closes the gap, mm, its slope by φ₁ in mm/rad, and whether known.
+    """Axial displacement that closes the gap, mm, its derivative by φ₁, and whether they are known.
 
-    Value and slope are 0 where it is unknown.
+    Value and derivative are 0 where they are unknown.
     """
 
     shift_mm: Numbers
@@ -52,18 +52,18 @@ class Shift(NamedTuple):
 
 @dataclass(frozen=True)
 class Compensation:
-    """Backlash and axial displacement as a function of both shaft angles.
+    """Backlash and axial displacement as functions of both shaft angles.
 
     **Arguments**
     - `ratio`: i, driven over driving speed.
     - `constant_rad`: mean backlash over the hunting period, rad of the driven gear.
-    - `terms`: (n₁, n₂) of every harmonic; `cosine_rad`, `sine_rad`: shape (terms,).
+    - `terms`: orders (n₁, n₂) of the harmonics. - `cosine_rad`, `sine_rad`: amplitudes, rad.
     - `closing_rad_per_mm`: backlash that a mm of axial displacement takes up,
-      (tan β_L + tan β_R)/R₂; NaN where none does.
-    - `offset_rad`: middle of the range of the transmission error, gap included.
-    - `tolerance_rad`: how far φ₂ − i φ₁ may be from it by whole turns: half that range, and what is
-      allowed to the readings.
-    - `error_rad`: largest difference from the map at 8192 angles of the hunting period.
+      (tan β_L + tan β_R)/R₂; NaN where no displacement takes up backlash.
+    - `offset_rad`: middle of the range of the transmission error, gap included, rad.
+    - `tolerance_rad`: largest distance of φ₂ − i φ₁ − `offset_rad` from a multiple of the spacing:
+      half of that range plus the error that is allowed to the readings, rad.
+    - `error_rad`: largest difference from the map at 8192 angles of the hunting period, rad.
     """
 
     ratio: Fraction
@@ -78,26 +78,26 @@ class Compensation:
 
     @property
     def hunting_turns(self) -> int:
-        """Turns of the driving shaft in the hunting period."""
+        """Number of turns of the driving shaft in the hunting period."""
         return self.ratio.denominator
 
     @property
     def spacing_rad(self) -> float:
-        """Distance of the driven angles that belong to one driving angle, 2π/turns."""
+        """Distance between the driven angles that belong to one driving angle, 2π/turns."""
         return REV / self.hunting_turns
 
     @property
     def is_locating(self) -> bool:
-        """Whether the tolerance tells each of these angles from the next."""
+        """Whether the tolerance separates neighbouring angles, so that the turn is identifiable."""
         return self.tolerance_rad < self.spacing_rad / 2
 
     def backlash(self, driving_rad: Readings, driven_rad: Readings) -> GapReading:
-        """Backlash at single-turn readings of both shafts, rad from the zeros of the fit.
+        """Return the backlash at single-turn readings, rad from the zeros of the fit.
 
-        Unknown where a reading is not finite, or farther than the tolerance from every place that
-        the pair can have. Negative where the map is: the gap is closed.
+        It is unknown where a reading is not finite, or farther than the tolerance from every
+        position that the pair can have. It is negative where the map says that the pair binds.
 
-        **Raises** `NoAnswerError` where no reading could tell.
+        **Raises** `NoAnswerError` where single-turn readings never identify the turn.
         """
         self.require_locating()
         first, second = np.broadcast_arrays(
@@ -107,17 +107,17 @@ class Compensation:
         first, second = (np.where(finite, angle, 0.0) for angle in (first, second))
         first, second = (angle - REV * np.rint(angle / REV) for angle in (first, second))
         ideal = float(self.ratio) * first
-        apart = second - ideal - self.offset_rad
-        turn = np.rint(apart / self.spacing_rad)
-        known = finite & (np.abs(apart - turn * self.spacing_rad) <= self.tolerance_rad)
+        distance = second - ideal - self.offset_rad
+        turn = np.rint(distance / self.spacing_rad)
+        known = finite & (np.abs(distance - turn * self.spacing_rad) <= self.tolerance_rad)
         value, slope = self.at_both_angles(first, ideal + turn * self.spacing_rad)
         return GapReading(np.where(known, value, 0.0)[()], np.where(known, slope, 0.0)[()], known)
 
     def shift(self, driving_rad: Readings, driven_rad: Readings, margin_mm: float = 0.0) -> Shift:
-        """Axial displacement that closes the gap but for `margin_mm`, never below 0.
+        """Return the axial displacement that closes the gap, less `margin_mm` and at least 0.
 
-        **Raises** `NoAnswerError` where no displacement closes it or no reading could tell,
-        `ValueError` for a margin that is negative or no number.
+        **Raises** `UsageError` where no displacement closes the gap, `NoAnswerError` where
+        single-turn readings never identify the turn, `ValueError` for a negative or NaN margin.
         """
         self.require_closing()
         if not (margin_mm >= 0 and math.isfinite(margin_mm)):
@@ -134,7 +134,7 @@ class Compensation:
     def at_both_angles(
         self, driving_rad: Numbers | float, ideal_rad: Numbers | float
     ) -> tuple[Numbers, Numbers]:
-        """j(φ₁, ξ) in rad and dj/dφ₁ along ξ = i φ₁."""
+        """Return j(φ₁, ξ) in rad and dj/dφ₁ along ξ = i φ₁."""
         value = np.full(np.shape(driving_rad), self.constant_rad)
         slope = np.zeros(np.shape(driving_rad))
         ratio = float(self.ratio)
@@ -148,18 +148,18 @@ class Compensation:
         return value[()], slope[()]
 
     def require_locating(self) -> None:
-        """Raise `NoAnswerError` where single-turn readings leave the turn open."""
+        """Raise `NoAnswerError` where single-turn readings do not identify the turn."""
         if not self.is_locating:
             raise NoAnswerError(
                 f"the driven angles of the {self.hunting_turns} turns of the hunting period are"
-                f" {self.spacing_rad / DEG:.3g}° apart, but a reading may lie"
+                f" {self.spacing_rad / DEG:.3g}° apart, but a reading may be"
                 f" {self.tolerance_rad / DEG:.3g}° off: single-turn readings do not tell the turn;"
-                " allow the readings less (--tolerance-arcsec), or count the turns and use the"
-                " harmonics in JSON or the table in CSV."
+                " allow a smaller error of the readings (--tolerance-arcsec), or count the turns"
+                " and use the harmonics in JSON or the table in CSV."
             )
 
     def require_closing(self) -> None:
-        """Raise `UsageError` where no axial displacement takes up the gap."""
+        """Raise `UsageError` where no axial displacement takes up backlash."""
         if math.isnan(self.closing_rad_per_mm):
             raise UsageError(
                 "no axial displacement closes this gap: the teeth do not thin towards +z, or the"
@@ -168,7 +168,7 @@ class Compensation:
             )
 
     def to_json(self) -> dict[str, Any]:
-        """The part of schema `vttig.compensation/1` that is known here."""
+        """Return the fields of schema `vttig.compensation/1` that do not depend on the files."""
         harmonics = zip(self.terms, self.cosine_rad, self.sine_rad, strict=True)
         closing = self.closing_rad_per_mm
         return {

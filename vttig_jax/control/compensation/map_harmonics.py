@@ -1,4 +1,4 @@
-"""From a backlash map to its harmonics, checked against the map itself."""
+"""Harmonics of a backlash map, with a check against the map."""
 
 import math
 from dataclasses import replace
@@ -18,22 +18,22 @@ from ..plants.flank_bounds import bounds_of
 from .compensation import Compensation
 
 _LEAST = 1e-12
-"""rad below which a harmonic of the backlash is left out."""
+"""Least amplitude of a harmonic of the backlash that is kept, rad: a chosen value."""
 
-_GOOD = 1e-9
-"""rad that the harmonics may miss the map by, a thousandth of what the finest encoder resolves."""
+_TOLERANCE = 1e-9
+"""Largest error against the map, rad: a thousandth of the resolution of the finest encoder."""
 
-_CHECKED = 8192
-"""Angles of the hunting period at which the harmonics are compared with the map."""
+_CHECK_ANGLES = 8192
+"""Number of angles at which the harmonics are compared with the map: a chosen value."""
 
 _MARGINS = (8, 16, 32)
-"""Orders above those of the model that are tried: what its harmonics make of each other."""
+"""Margins above the orders of the model, for products of its harmonics: chosen values."""
 
 _MOST_CELLS = 2**26
-"""Points of both angles times harmonics of the model: 0.5 GB."""
+"""Limit of grid points of both angles times harmonics of the model: 0.5 GB."""
 
 _PER_PERIOD, _MOST_POINTS = 32, 2**24
-"""Grid on which the range of the transmission error is searched."""
+"""Grid for the range of the TE: points per period of the highest order, and limit of all points."""
 
 
 def compensation_of(
@@ -43,18 +43,18 @@ def compensation_of(
     allowed_rad: float,
     left_out_rad: float = 0.0,
 ) -> Compensation:
-    """The harmonics of a backlash map, checked against it.
+    """Return the harmonics of a backlash map and check them against the map.
 
     **Arguments**
-    - `grid`: the map, of a pair or a drive.
-    - `contact`: the flank model whose transmission errors the encoders show; that of the map where
-      absent.
-    - `allowed_rad`: how far the readings may put φ₂ − i φ₁ off what the flanks allow.
-    - `left_out_rad`: amplitudes that the harmonics left out may add up to: the weakest are, as long
-      as their sum stays below. At 0 every harmonic above 1e-12 rad is kept.
+    - `grid`: backlash map of a pair or a drive.
+    - `contact`: flank model of the transmission errors that the encoders show; by default that of
+      the map.
+    - `allowed_rad`: error of φ₂ − i φ₁ that is allowed to the readings, rad.
+    - `left_out_rad`: limit for the sum of the amplitudes that are left out, weakest first, rad. At
+      0 every harmonic above 1e-12 rad is kept.
 
-    **Raises** `PairError` for a hunting period or a mesh order too long to work out,
-    `NoAnswerError` where no harmonics come close to the map, `ValueError` for negative tolerances.
+    **Raises** `PairError` for a hunting period that is too long or orders that are too high,
+    `NoAnswerError` where the harmonics miss the map, `ValueError` for negative tolerances.
 
     **Example**
     ```python
@@ -80,11 +80,11 @@ def compensation_of(
     if isinstance(pair, GearPair) and float(pair.thinning) > 0:
         closing = float(pair.thinning) / float(pair.reference_radii[1])
     low, high = _range(contact or grid.model, pair)
-    angles = np.random.default_rng(0).uniform(0.0, pair.hunting_turns * REV, _CHECKED)
-    wanted = grid.over(angles)
-    empty = Compensation(
+    angles = np.random.default_rng(0).uniform(0.0, pair.hunting_turns * REV, _CHECK_ANGLES)
+    map_values = grid.over(angles)
+    constant = Compensation(
         pair.ratio,
-        constant_rad=float(wanted.mean()),
+        constant_rad=float(map_values.mean()),
         terms=(),
         cosine_rad=np.empty(0),
         sine_rad=np.empty(0),
@@ -93,44 +93,44 @@ def compensation_of(
         tolerance_rad=(high - low) / 2 + allowed_rad,
         error_rad=math.inf,
     )
-    full = _with_harmonics(empty, grid.model, angles, wanted)
-    return _checked(_without_weak(full, left_out_rad), angles, wanted)
+    full = _with_harmonics(constant, grid.model, angles, map_values)
+    return _with_error(_without_weak(full, left_out_rad), angles, map_values)
 
 
 def _with_harmonics(
-    empty: Compensation,
+    constant: Compensation,
     model: FlankModel,
     angles: Float[np.ndarray, " n"],
-    wanted: Float[np.ndarray, " n"],
+    map_values: Float[np.ndarray, " n"],
 ) -> Compensation:
-    """All harmonics of the backlash; of higher orders until they give the map."""
-    found = _checked(empty, angles, wanted)
-    if found.error_rad <= _LEAST:
-        return found  # a gap of one width, which has no harmonics
+    """Return all harmonics of the backlash; raise the orders until the error is small enough."""
+    result = _with_error(constant, angles, map_values)
+    if result.error_rad <= _LEAST:
+        return result  # a constant gap, which has no harmonics
     for margin in _MARGINS:
         bounds = bounds_of(model, np.zeros(2), _highest(model, margin))
         offset, cosine, sine = (
             np.asarray(values)[1] - np.asarray(values)[0]
             for values in (bounds.offset, bounds.cosine, bounds.sine)
         )
-        found = replace(
-            empty,
+        result = replace(
+            constant,
             constant_rad=float(offset),
             terms=bounds.terms,
             cosine_rad=cosine,
             sine_rad=sine,
         )
-        found = _checked(found, angles, wanted)
-        if found.error_rad <= _GOOD:
-            return found
+        result = _with_error(result, angles, map_values)
+        if result.error_rad <= _TOLERANCE:
+            return result
     raise NoAnswerError(
-        f"{len(found.terms)} harmonics of both shafts miss the backlash map by"
-        f" {found.error_rad / ARCSEC:.2g}″; fit with lower orders in [fit]."
+        f"{len(result.terms)} harmonics of both shafts miss the backlash map by"
+        f" {result.error_rad / ARCSEC:.2g}″; fit with lower orders in [fit]."
     )
 
 
 def _highest(model: FlankModel, margin: int) -> tuple[int, int]:
-    """Orders of both shafts to look at: those of the model and `margin` more."""
+    """Return the highest orders of both shafts: those of the model plus `margin`."""
     terms: tuple[Term, ...] = ()
     if isinstance(model, OrderModel):
         terms = model.terms
@@ -148,29 +148,29 @@ def _highest(model: FlankModel, margin: int) -> tuple[int, int]:
 
 
 def _without_weak(full: Compensation, left_out_rad: float) -> Compensation:
-    """Without the weakest harmonics, and in a fixed order."""
+    """Return the compensation without the weakest harmonics, sorted by their orders."""
     amplitude = np.hypot(full.cosine_rad, full.sine_rad)
     order = np.argsort(amplitude, kind="stable")
     weak = (np.cumsum(amplitude[order]) <= left_out_rad) | (amplitude[order] <= _LEAST)
-    kept = sorted(order[~weak].tolist(), key=lambda place: full.terms[place])
+    kept = sorted(order[~weak].tolist(), key=lambda index: full.terms[index])
     return replace(
         full,
-        terms=tuple(full.terms[place] for place in kept),
+        terms=tuple(full.terms[index] for index in kept),
         cosine_rad=full.cosine_rad[kept],
         sine_rad=full.sine_rad[kept],
     )
 
 
-def _checked(
-    made: Compensation, angles: Float[np.ndarray, " n"], wanted: Float[np.ndarray, " n"]
+def _with_error(
+    result: Compensation, angles: Float[np.ndarray, " n"], map_values: Float[np.ndarray, " n"]
 ) -> Compensation:
-    """The compensation with its error against the map."""
-    value, _ = made.at_both_angles(angles, float(made.ratio) * angles)
-    return replace(made, error_rad=float(np.abs(value - wanted).max()))
+    """Return the compensation with its largest error against the map."""
+    value, _ = result.at_both_angles(angles, float(result.ratio) * angles)
+    return replace(result, error_rad=float(np.abs(value - map_values).max()))
 
 
 def _range(contact: FlankModel, pair: GearPair | Drive) -> tuple[float, float]:
-    """Least and largest transmission error over the hunting period, on either flank."""
+    """Return the least and largest transmission error of both flanks over the hunting period."""
     per_turn = _PER_PERIOD * math.ceil(max(contact.highest_order, 1.0))
     if pair.hunting_turns * per_turn > _MOST_POINTS:
         raise PairError(

@@ -1,1 +1,1 @@
-"""Controllers that close the gap before a reversal."""
+"""Controllers: two that close the gap, their smooth versions, and a feedforward baseline."""

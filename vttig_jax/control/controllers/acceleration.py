@@ -1,4 +1,4 @@
-"""The paper's controller (Fig. 7): closes on deceleration, opens again on acceleration."""
+"""Controller of the paper (Fig. 7), which closes on deceleration and opens on acceleration."""
 
 from typing import NamedTuple
 
@@ -12,24 +12,24 @@ from .controller import Controller, Measurement
 
 
 class Latch(NamedTuple):
-    """Whether the gap is to be closed, and by how much: mm."""
+    """State: whether the controller closes the gap, and the stored displacement in mm."""
 
     closing: Bool[Array, ""]
     shift: Float[Array, ""]
 
 
 class AccelerationController(Controller):
-    """Closes by the backlash at the angle where the deceleration was judged.
+    """Controller that closes the gap by the backlash at the angle where it detects the braking.
 
         s = j(φ₁)/(tan β_L/R₂ + tan β_R/R₂) − margin                                   (16)
 
-    The driving shaft decelerates where its estimated acceleration against the sense of its motion
-    exceeds the threshold; it accelerates where the same holds in that sense, and the gap is opened
-    again. Below the least speed the sense of motion is not known and nothing is judged anew.
+    The driving shaft decelerates while its estimated acceleration exceeds the threshold against the
+    direction of motion. It accelerates while the threshold is exceeded in the direction of motion;
+    then the gap opens again. Below `least_speed` the direction is not known, and the state stays.
 
     **Arguments**
-    - `bounds`: the map the controller believes.
-    - `threshold`: rad/s². - `least_speed`: rad/s. - `margin`: mm.
+    - `bounds`: flanks of the map that the controller uses. - `threshold`: acceleration, rad/s².
+    - `least_speed`: speed, rad/s. - `margin`: displacement that stays open, mm.
     """
 
     bounds: Bounds
@@ -38,15 +38,15 @@ class AccelerationController(Controller):
     margin: Float[Number, ""] = eqx.field(converter=float64)
 
     def start(self) -> Latch:
-        """Open."""
+        """Return the state of an open gap."""
         return Latch(jnp.zeros((), bool), jnp.zeros(()))
 
     def step(self, state: Latch, seen: Measurement) -> tuple[Latch, Float[Array, ""]]:
-        """Judge one period."""
+        """Return the state after one period and the commanded displacement in mm."""
         moving = jnp.abs(seen.speed) > self.least_speed
-        along = jnp.sign(seen.speed) * seen.acceleration
-        slows, gains = moving & (along < -self.threshold), moving & (along > self.threshold)
-        closing = slows | (state.closing & ~gains)
-        asked = self.bounds.gap(seen.driving) * (1.0 / self.bounds.closing_sum) - self.margin
-        shift = jnp.where(closing & ~state.closing, jnp.maximum(asked, 0.0), state.shift)
+        forward = jnp.sign(seen.speed) * seen.acceleration
+        decelerates = moving & (forward < -self.threshold)
+        closing = decelerates | (state.closing & ~(moving & (forward > self.threshold)))
+        target = self.bounds.gap(seen.driving) * (1.0 / self.bounds.closing_sum) - self.margin
+        shift = jnp.where(closing & ~state.closing, jnp.maximum(target, 0.0), state.shift)
         return Latch(closing, shift), jnp.where(closing, shift, 0.0)

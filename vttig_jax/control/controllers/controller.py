@@ -1,4 +1,4 @@
-"""The interface of a controller: (state, measurement) → (state, command)."""
+"""Interface of a controller: (state, measurement) → (state, command)."""
 
 from abc import abstractmethod
 from typing import Any, ClassVar, NamedTuple
@@ -9,12 +9,12 @@ from jaxtyping import Array, Float
 
 
 class Measurement(NamedTuple):
-    """What a controller knows in one period.
+    """Inputs of a controller in one period.
 
     - `time`: s. - `driving`, `driven`: readings of both encoders, rad.
-    - `speed`, `acceleration`: of the driving shaft as the observer sees them, rad/s and rad/s².
-    - `reference`, `reference_speed`: where its motion has it, as only the controller of the motor
-      knows, rad and rad/s.
+    - `speed`, `acceleration`: estimates for the driving shaft, rad/s and rad/s².
+    - `reference`, `reference_speed`: angle and speed of the prescribed motion, which only the
+      controller of the motor knows, rad and rad/s.
     """
 
     time: Float[Array, ""]
@@ -27,11 +27,10 @@ class Measurement(NamedTuple):
 
 
 class Command(NamedTuple):
-    """What a controller asks for.
+    """Output of a controller in one period.
 
     - `shift`: axial displacement of gear 2 towards a closed gap, mm.
-    - `advance`: angle by which the driving shaft is to run ahead of its motion, reached at the end
-      of the period, rad.
+    - `advance`: lead of the driving shaft over its motion at the end of the period, rad.
     """
 
     shift: Float[Array, ""] | float
@@ -39,9 +38,9 @@ class Command(NamedTuple):
 
 
 class Controller(eqx.Module):
-    """Decides in every period how far gear 2 is to be shifted, in mm towards a closed gap.
+    """Base class of controllers, which command the axial displacement of gear 2 in every period.
 
-    A controller of your own is one class:
+    The displacement is in mm, positive towards a closed gap. A controller of your own is one class:
 
     ```python
     >>> import jax.numpy as jnp
@@ -57,7 +56,7 @@ class Controller(eqx.Module):
 
     ```
 
-    One that moves the motor too says so and returns a `Command`:
+    A controller that also moves the motor sets `advances` and returns a `Command`:
 
     ```python
     >>> import jax.numpy as jnp
@@ -75,7 +74,7 @@ class Controller(eqx.Module):
 
     ```
 
-    - `closes`: whether it ever shifts gear 2; one that never does cannot miss a turn.
+    - `closes`: whether it ever shifts gear 2; without it, the outcome is never "missed".
     - `advances`: whether it moves the motor.
     """
 
@@ -84,37 +83,37 @@ class Controller(eqx.Module):
 
     @abstractmethod
     def start(self) -> Any:
-        """State before the first period: any pytree of arrays."""
+        """Return the state before the first period: any pytree of arrays."""
 
     @abstractmethod
     def step(self, state: Any, seen: Measurement) -> tuple[Any, Float[Array, ""] | Command]:
-        """State after this period, and what is commanded: mm, or a `Command`."""
+        """Return the state after this period, and the displacement in mm or a `Command`."""
 
-    def ordered(self, found: Any) -> Command:
-        """What `step` commanded, as a `Command`.
+    def as_command(self, output: Any) -> Command:
+        """Convert the second output of `step` to a `Command`.
 
-        **Raises** `ValueError` for an `advance` that the class does not announce.
+        **Raises** `ValueError` for an `advance` other than 0 of a class that does not advance.
         """
-        if not isinstance(found, Command):
-            return Command(found)
-        moves = not isinstance(found.advance, float) or found.advance != 0.0
+        if not isinstance(output, Command):
+            return Command(output)
+        moves = not isinstance(output.advance, float) or output.advance != 0.0
         if moves and not self.advances:
             raise ValueError(
                 f"Argument `controller` must set `advances = True` to move the motor, but"
                 f" {type(self).__name__} does not."
             )
-        return found
+        return output
 
 
 class NoController(Controller):
-    """Leaves the gap as it is."""
+    """Controller that leaves the gap as it is."""
 
     closes: ClassVar[bool] = False
 
     def start(self) -> tuple[()]:
-        """No state."""
+        """Return an empty state."""
         return ()
 
     def step(self, state: Any, seen: Measurement) -> tuple[Any, Float[Array, ""]]:
-        """Zero."""
+        """Return a displacement of zero."""
         return state, jnp.zeros(())

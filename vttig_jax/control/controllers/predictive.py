@@ -1,4 +1,4 @@
-"""Closes by the gap where the shaft will stop, and never beyond the gap there is."""
+"""Controller that closes by the gap at the predicted stop, at most by the present gap."""
 
 from typing import NamedTuple
 
@@ -11,28 +11,27 @@ from ..plants.flank_bounds import Bounds
 from .controller import Controller, Measurement
 
 
-class Watch(NamedTuple):
-    """Whether the shaft has moved since the run began."""
+class PredictiveState(NamedTuple):
+    """State: whether the shaft has moved since the run began."""
 
     moved: Bool[Array, ""]
 
 
 class PredictiveController(Controller):
-    """Closes where the shaft is about to stop, by the least gap on the way there.
+    """Controller that closes before the shaft stops, by the smallest of three gaps on its path.
 
-    With speed ω and acceleration a against it the shaft stops within ω/a, at φ₁ + ω²/2a. Once that
-    is less than the horizon away, and while the shaft stands,
+    With speed ω and deceleration a the shaft stops within ω/a at φ₁ + ω²/2a. While this time is
+    shorter than the horizon, and while the shaft stands, the controller commands in every period
 
         s = min{ j(φ₁), j(φ₁ + ω·lead), j(φ₁ + ω²/2a) } / (tan β_L/R₂ + tan β_R/R₂) − margin
 
-    anew in every period; else s = 0. It never asks for more than the gap at the present angle, so
-    that a stop that is late, early or called off closes nothing too far: a slow-down opens again as
-    soon as the shaft runs steadily.
+    and otherwise s = 0. s never exceeds the displacement for the present gap, so that a late, early
+    or cancelled stop does not close it too far; it opens again once the shaft runs steadily.
 
     **Arguments**
-    - `bounds`: the map the controller believes.
-    - `horizon`: s. - `least_speed`: rad/s below which the shaft stands. - `margin`: mm.
-    - `lead`: s that the actuator follows behind its command.
+    - `bounds`: flanks of the map that the controller uses. - `horizon`: time before the stop, s.
+    - `least_speed`: speed below which the shaft stands, rad/s.
+    - `margin`: displacement that stays open, mm. - `lead`: delay of the actuator, s.
     """
 
     bounds: Bounds
@@ -41,22 +40,23 @@ class PredictiveController(Controller):
     margin: Float[Number, ""] = eqx.field(converter=float64)
     lead: Float[Number, ""] = eqx.field(converter=float64)
 
-    def start(self) -> Watch:
-        """Not moved yet: what stands at the start is left open."""
-        return Watch(jnp.zeros((), bool))
+    def start(self) -> PredictiveState:
+        """Return the state before any motion, in which the gap stays open."""
+        return PredictiveState(jnp.zeros((), bool))
 
-    def step(self, state: Watch, seen: Measurement) -> tuple[Watch, Float[Array, ""]]:
-        """Look ahead from one period."""
+    def step(
+        self, state: PredictiveState, seen: Measurement
+    ) -> tuple[PredictiveState, Float[Array, ""]]:
+        """Return the state after one period and the commanded displacement in mm."""
         speed = jnp.abs(seen.speed)
         stands = speed < self.least_speed
-        slowing = -jnp.sign(seen.speed) * seen.acceleration
-        stops = (slowing > 0) & (speed < self.horizon * slowing)
+        deceleration = -jnp.sign(seen.speed) * seen.acceleration
+        stops = (deceleration > 0) & (speed < self.horizon * deceleration)
         moved = state.moved | ~stands
-        way = jnp.where(
-            stops, 0.5 * seen.speed * speed / jnp.where(stops, slowing, 1.0), jnp.zeros(())
-        )
-        ahead = (jnp.zeros(()), seen.speed * self.lead, way)
-        gaps = [self.bounds.gap(seen.driving + one) for one in ahead]
+        braking = 0.5 * seen.speed * speed / jnp.where(stops, deceleration, 1.0)
+        stop_angle = jnp.where(stops, braking, jnp.zeros(()))
+        steps = (jnp.zeros(()), seen.speed * self.lead, stop_angle)
+        gaps = [self.bounds.gap(seen.driving + step) for step in steps]
         least = jnp.minimum(jnp.minimum(gaps[0], gaps[1]), gaps[2])
         shift = jnp.maximum(least * (1.0 / self.bounds.closing_sum) - self.margin, 0.0)
-        return Watch(moved), jnp.where(moved & (stands | stops), shift, 0.0)
+        return PredictiveState(moved), jnp.where(moved & (stands | stops), shift, 0.0)

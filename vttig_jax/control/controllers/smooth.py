@@ -1,13 +1,13 @@
-"""Both closing controllers with their yes and no blurred, for whoever needs their slopes.
+"""Differentiable closing controllers: thresholds become a C² smoothstep for gradient-based tuning.
 
-A judgement such as "the deceleration exceeds the threshold" steps from no to yes, so that its slope
-is zero wherever there is one. Here it rises over a stated width instead:
+A comparison such as "the deceleration exceeds the threshold" jumps from 0 to 1, so that its slope
+is zero wherever the slope exists. Here the comparison rises over a width w:
 
-    yes(x) = p³ (10 − 15 p + 6 p²),   p = (x/w + 1)/2 cut to 0 … 1
+    step(x) = p³ (10 − 15 p + 6 p²),   p = (x/w + 1)/2 clipped to 0 … 1
 
-0 for x ≤ −w, 1 for x ≥ w, twice differentiable, with x made dimensionless by what it is compared
-with. Unlike a logistic it is exactly 0 outside its width: a judgement repeated in a thousand
-periods would close the gap by its tail alone. As w → 0 both become the controllers they stand for.
+x is the excess over the threshold, divided by the threshold. The step is 0 for x ≤ −w, 1 for x ≥ w
+and twice differentiable. The tail of a logistic function would close the gap when it is repeated
+in a thousand periods. For w → 0 both controllers become the original ones.
 """
 
 from typing import NamedTuple
@@ -21,107 +21,106 @@ from .acceleration import AccelerationController
 from .controller import Controller, Measurement
 from .predictive import PredictiveController
 
-_FASTEST = 4.0
-"""Horizons within which a shaft may stop and still count for the stopping angle."""
+_LONGEST_STOP = 4.0
+"""Longest stopping time for which the stopping angle is exact, in horizons: a chosen value."""
 _TINY = 1e-9
-"""Share of the least speed that keeps a shaft at rest from dividing by zero."""
+"""Share of `least_speed` that is added to the speed to avoid 0/0 at rest: a chosen value."""
 
 
 def smooth_step(excess: Float[Array, ""], width: Float[Array, ""]) -> Float[Array, ""]:
-    """How far a dimensionless excess counts as positive, 0 … 1; see the module."""
+    """Return the degree 0 … 1 to which a dimensionless excess is positive; see the module."""
     share = jnp.clip(0.5 * (excess / width + 1.0), 0.0, 1.0)
     return share**3 * (10 + share * (6 * share - 15))
 
 
-class Leaky(NamedTuple):
-    """How far the gap counts as judged closed, 0 … 1, and the shift stored by it, mm."""
+class SmoothLatch(NamedTuple):
+    """State: how far the latch is set, 0 … 1, and the stored displacement in mm."""
 
     closing: Float[Array, ""]
     shift: Float[Array, ""]
 
 
 class SmoothAccelerationController(Controller):
-    """`AccelerationController` with blurred judgements and a latch that fills and drains.
+    """`AccelerationController` with smoothed comparisons and a latch w that fills and drains.
 
-    In every period the share c of a deceleration, of what was not closed yet, stores the shift of
-    this angle, and the share g of an acceleration lets go of all that is stored:
+    c and g are the degrees 0 … 1 of deceleration and acceleration, and s₀ is the displacement for
+    the gap at the present angle. In every period the latch and the stored displacement become
 
-        w ← (1 − g(1 − c)) w + c (1 − w),   s ← (1 − g(1 − c)) s + c (1 − w) asked
+        w ← (1 − g(1 − c)) w + c (1 − w),   s ← (1 − g(1 − c)) s + c (1 − w) s₀
 
     **Arguments**
-    - `hard`: the controller. - `width`: of the judgements, relative to threshold and least speed.
+    - `hard`: the original controller.
+    - `width`: width of the comparisons, relative to threshold and least speed.
     """
 
     hard: AccelerationController
     width: Float[Number, ""] = eqx.field(converter=float64)
 
-    def start(self) -> Leaky:
-        """Open."""
-        return Leaky(jnp.zeros(()), jnp.zeros(()))
+    def start(self) -> SmoothLatch:
+        """Return the state of an open gap."""
+        return SmoothLatch(jnp.zeros(()), jnp.zeros(()))
 
-    def step(self, state: Leaky, seen: Measurement) -> tuple[Leaky, Float[Array, ""]]:
-        """Judge one period."""
+    def step(self, state: SmoothLatch, seen: Measurement) -> tuple[SmoothLatch, Float[Array, ""]]:
+        """Return the state after one period and the commanded displacement in mm."""
         hard, width = self.hard, jnp.asarray(self.width)
         moving = smooth_step(jnp.abs(seen.speed) / hard.least_speed - 1, width)
-        along = jnp.sign(seen.speed) * seen.acceleration / hard.threshold
-        slows, gains = (
-            moving * smooth_step(-along - 1, width),
-            moving * smooth_step(along - 1, width),
-        )
-        kept, new = 1 - gains * (1 - slows), slows * (1 - state.closing)
-        asked = hard.bounds.gap(seen.driving) / hard.bounds.closing_sum - hard.margin
-        closing = kept * state.closing + new
-        shift = kept * state.shift + new * jnp.maximum(asked, 0.0)
-        return Leaky(closing, shift), shift
+        forward = jnp.sign(seen.speed) * seen.acceleration / hard.threshold
+        decelerates = moving * smooth_step(-forward - 1, width)
+        accelerates = moving * smooth_step(forward - 1, width)
+        kept, added = 1 - accelerates * (1 - decelerates), decelerates * (1 - state.closing)
+        target = hard.bounds.gap(seen.driving) / hard.bounds.closing_sum - hard.margin
+        closing = kept * state.closing + added
+        shift = kept * state.shift + added * jnp.maximum(target, 0.0)
+        return SmoothLatch(closing, shift), shift
 
 
-class Moved(NamedTuple):
-    """How far the shaft counts as having moved since the run began, 0 … 1."""
+class SmoothPredictiveState(NamedTuple):
+    """State: degree 0 … 1 to which the shaft has moved since the run began."""
 
     moved: Float[Array, ""]
 
 
 class SmoothPredictiveController(Controller):
-    """`PredictiveController` with blurred judgements.
+    """`PredictiveController` with smoothed comparisons.
 
-    It closes by the share of "stands or stops", both blurred, of what the hard one asks for.
+    It commands the original displacement times the degree 0 … 1 to which the shaft stands or stops.
 
     **Arguments**
-    - `hard`: the controller. - `width`: of the judgements, relative to the least speed, and to the
-      speed where it is held against the deceleration times the horizon.
+    - `hard`: the original controller.
+    - `width`: width of the comparisons, relative to the least speed and, where the speed is
+      compared with deceleration times horizon, to speed plus least speed.
     """
 
     hard: PredictiveController
     width: Float[Number, ""] = eqx.field(converter=float64)
 
-    def start(self) -> Moved:
-        """Not moved yet."""
-        return Moved(jnp.zeros(()))
+    def start(self) -> SmoothPredictiveState:
+        """Return the state before any motion."""
+        return SmoothPredictiveState(jnp.zeros(()))
 
-    def step(self, state: Moved, seen: Measurement) -> tuple[Moved, Float[Array, ""]]:
-        """Look ahead from one period."""
+    def step(
+        self, state: SmoothPredictiveState, seen: Measurement
+    ) -> tuple[SmoothPredictiveState, Float[Array, ""]]:
+        """Return the state after one period and the commanded displacement in mm."""
         hard, width = self.hard, jnp.asarray(self.width)
         speed = jnp.abs(seen.speed)
-        fast = speed / jnp.asarray(hard.least_speed) - 1
-        stands, moved = (
-            1 - smooth_step(fast, width),
-            jnp.maximum(state.moved, smooth_step(fast, width)),
-        )
-        slowing = -jnp.sign(seen.speed) * seen.acceleration
-        reach = jnp.asarray(hard.horizon) * slowing
-        stops = smooth_step((reach - speed) / (speed + jnp.asarray(hard.least_speed)), width)
-        least = (speed + _TINY * hard.least_speed) / (_FASTEST * hard.horizon)
-        way = stops * 0.5 * seen.speed * speed / jnp.maximum(slowing, least)
-        ahead = (jnp.zeros(()), seen.speed * hard.lead, way)
-        gaps = [hard.bounds.gap(seen.driving + one) for one in ahead]
+        moving = smooth_step(speed / jnp.asarray(hard.least_speed) - 1, width)
+        stands, moved = 1 - moving, jnp.maximum(state.moved, moving)
+        deceleration = -jnp.sign(seen.speed) * seen.acceleration
+        speed_loss = jnp.asarray(hard.horizon) * deceleration
+        stops = smooth_step((speed_loss - speed) / (speed + jnp.asarray(hard.least_speed)), width)
+        least = (speed + _TINY * hard.least_speed) / (_LONGEST_STOP * hard.horizon)
+        stop_angle = stops * 0.5 * seen.speed * speed / jnp.maximum(deceleration, least)
+        steps = (jnp.zeros(()), seen.speed * hard.lead, stop_angle)
+        gaps = [hard.bounds.gap(seen.driving + step) for step in steps]
         lowest = jnp.minimum(jnp.minimum(gaps[0], gaps[1]), gaps[2])
         shift = jnp.maximum(lowest / hard.bounds.closing_sum - hard.margin, 0.0)
         closes = moved * (1 - (1 - stands) * (1 - stops))
-        return Moved(moved), closes * shift
+        return SmoothPredictiveState(moved), closes * shift
 
 
 def smoothed(controller: Controller, width: Float[Array, ""] | float) -> Controller:
-    """A closing controller of ours with judgements of this width.
+    """Return a built-in closing controller with comparisons of this relative width.
 
     **Raises** `ValueError` for any other controller.
     """

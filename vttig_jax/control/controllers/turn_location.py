@@ -1,4 +1,4 @@
-"""What a controller knows of the turn within the hunting period when it starts."""
+"""Turn of the hunting period that a controller assumes when it starts."""
 
 from typing import Any
 
@@ -11,30 +11,30 @@ from ...base.units import REV
 from ...kinematics.flank_model import FlankModel
 from ...kinematics.turn_location import locate
 from ...pair.gear_pair import GearPair
-from ..hardware.encoder import Sensor, shocks
+from ..hardware.encoder import Sensor, noise_draws
 from ..plants.flank_bounds import Bounds
 from .controller import Controller, Measurement
 
 CERTAINTY = 0.999
-"""Probability from which on a controller takes a turn for found."""
+"""Least probability at which a controller accepts a located turn: a chosen value."""
 
 _LEAST_STD = 1e-9
-"""rad that even a perfect reading is good to."""
+"""Least standard deviation of a reading, rad: a chosen value for encoders without errors."""
 
 
 class LostController(Controller):
-    """Does not know the turn within the hunting period, and refuses to start."""
+    """Controller that does not know the turn within the hunting period and refuses to start."""
 
     def start(self) -> tuple[()]:
-        """No state."""
+        """Return an empty state."""
         return ()
 
     def step(self, state: Any, seen: Measurement) -> tuple[Any, Float[Array, ""]]:
-        """Zero."""
+        """Return a displacement of zero."""
         return state, jnp.zeros(())
 
 
-def turns_off(
+def turn_error(
     pair: GearPair,
     believed: FlankModel,
     rig: Bounds,
@@ -42,36 +42,36 @@ def turns_off(
     angle: float,
     seed: int,
 ) -> int | None:
-    """By how many turns a controller errs that locates itself before the run; None: it cannot.
+    """Locate the turn before the run; return the error in turns, or None where location fails.
 
-    Both encoders are read once, modulo one turn, while the driven shaft rests on flank A. What
-    single readings are worth, √(count²/12 + E²/2 + noise²), the controller knows.
+    Both encoders are read once, modulo one turn, while the driven shaft rests on flank A. The
+    controller knows the standard deviation of a reading, √(count²/12 + E²/2 + noise²).
 
     **Arguments**
-    - `believed`: the flanks that the controller knows; `rig`: those there are.
-    - `sensors`: of the driving and the driven shaft. - `angle`: driving angle at the start, rad.
-    - `seed`: of the noise.
+    - `believed`: flank model that the controller uses. - `rig`: flanks of the simulated gears.
+    - `sensors`: encoders of the driving and the driven shaft.
+    - `angle`: driving angle at the start, rad. - `seed`: seed of the encoder noise.
     """
     ratio = float(pair.ratio)
-    shock = shocks(jax.random.key(seed), jnp.zeros((), int))
+    draws = noise_draws(jax.random.key(seed), jnp.zeros((), int))
     driven = ratio * angle + float(rig.at(jnp.asarray(angle)).lower)
     readings = [
-        float(sensor.read(jnp.asarray(place), one))
-        for sensor, place, one in zip(sensors, (angle, driven), shock, strict=True)
+        float(sensor.read(jnp.asarray(true_angle), draw))
+        for sensor, true_angle, draw in zip(sensors, (angle, driven), draws, strict=True)
     ]
     variances = [_variance(sensor) for sensor in sensors]
-    found = locate(
+    location = locate(
         readings[0] % REV,
         readings[1] % REV,
         pair.ratio,
         believed,
         std_rad=max(np.sqrt(variances[1] + ratio**2 * variances[0]), _LEAST_STD),
     )
-    if found.probability < CERTAINTY or not found.fits:
+    if location.probability < CERTAINTY or not location.fits:
         return None
-    return found.turn - int(readings[0] // REV) % found.hunting_turns
+    return location.turn - int(readings[0] // REV) % location.hunting_turns
 
 
 def _variance(sensor: Sensor) -> float:
-    """Of one reading about the angle, rad²."""
+    """Return the variance of one reading about the true angle, rad²."""
     return float(sensor.count**2 / 12 + sensor.amplitude**2 / 2 + sensor.noise**2)

@@ -1,1 +1,1 @@
-"""Encoders, observer, actuator and servo drive."""
+"""Encoders, observers, actuator and servo drive."""

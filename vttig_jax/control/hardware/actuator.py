@@ -1,4 +1,4 @@
-"""The linear actuator that slides gear 2, and the axial force that the loaded flank puts on it."""
+"""Linear actuator that slides gear 2, and the axial force of the loaded flank on it."""
 
 from typing import NamedTuple
 
@@ -10,34 +10,34 @@ from jaxtyping import Array, Bool, Float
 from ...base.arrays import Number, Numbers, float64
 from ..plants.plant import FREE, Drag, Slide
 
-_STILL = 1e-6
-"""rad/s below which the driven shaft stands."""
+_STANDSTILL = 1e-6
+"""Speed of the driven shaft in rad/s below which it counts as standing still; a chosen value."""
 
 
 class Push(NamedTuple):
-    """Forces along the axis, N.
+    """Axial forces of the teeth on gear 2, N.
 
-    - `against`: with which the teeth resist being closed further.
-    - `back`: with which they push gear 2 back; below zero friction holds it with as much.
+    - `closing_resistance`: force that resists further closing.
+    - `opening_force`: force that pushes gear 2 back; a negative value is friction that holds it.
     """
 
-    against: Float[Array, ""]
-    back: Float[Array, ""]
+    closing_resistance: Float[Array, ""]
+    opening_force: Float[Array, ""]
 
 
 class Thrust(eqx.Module):
-    """Axial force of the one flank that carries, from the torque that the motion asks of it.
+    """Axial force of the loaded flank, from the torque that the motion requires.
 
         F = T/R₂ (tan β ± μ),  T = J₂ i φ̈₁ + drag(i φ̇₁)
 
-    with + for closing and − for being pushed back. At standstill friction of the driven shaft takes
-    the side that resists: closing has to turn that shaft. In flight there is no force. What a gap
-    that is closed on both flanks adds is unknown to a motion that takes whatever torque it needs:
-    see `pushed_back`.
+    The sign is + for closing and − for opening. At standstill, closing has to turn the driven
+    shaft, so its friction adds to the resistance. Without contact the force is zero. The extra
+    force of a gap that is closed on both flanks is left out: a prescribed motion has unlimited
+    torque and does not determine it (see `can_back_drive`).
 
     **Arguments**
     - `drag`: inertia and friction of the driven shaft. - `taper`: tan β of both flanks.
-    - `friction`: μ of the flanks. - `radius_m`: R₂, m. - `ratio`: i.
+    - `friction`: friction coefficient μ of the flanks. - `radius_m`: R₂, m. - `ratio`: i.
     """
 
     drag: Drag
@@ -49,31 +49,31 @@ class Thrust(eqx.Module):
     def at(
         self, side: Float[Array, ""], speed: Float[Array, ""], acceleration: Float[Array, ""]
     ) -> Push:
-        """At a driving speed in rad/s and acceleration in rad/s², on the flank `side`."""
-        drag, turning = self.drag, self.ratio * speed
-        faded = drag.stribeck / (1 + (turning / drag.stribeck_speed) ** 2)
-        moves = jnp.abs(turning) > _STILL
-        torque = drag.inertia * self.ratio * acceleration + drag.load + drag.viscous * turning
-        torque += jnp.where(moves, jnp.sign(turning) * (drag.coulomb + faded), 0.0)
-        hold = jnp.where(moves, 0.0, jnp.asarray(drag.coulomb) + drag.stribeck)
+        """Return the forces of flank `side` at a driving speed (rad/s), acceleration (rad/s²)."""
+        drag, driven_speed = self.drag, self.ratio * speed
+        stribeck = drag.stribeck / (1 + (driven_speed / drag.stribeck_speed) ** 2)
+        moves = jnp.abs(driven_speed) > _STANDSTILL
+        torque = drag.inertia * self.ratio * acceleration + drag.load + drag.viscous * driven_speed
+        torque += jnp.where(moves, jnp.sign(driven_speed) * (drag.coulomb + stribeck), 0.0)
+        holding = jnp.where(moves, 0.0, jnp.asarray(drag.coulomb) + drag.stribeck)
         taper = jnp.where(side > 0, self.taper[1], self.taper[0])
-        against, back = (
-            jnp.where(side == FREE, 0.0, jnp.maximum(-side * torque + more, 0.0)) / self.radius_m
-            for more in (hold, -hold)
+        closing, opening = (
+            jnp.where(side == FREE, 0.0, jnp.maximum(-side * torque + extra, 0.0)) / self.radius_m
+            for extra in (holding, -holding)
         )
-        return Push(against * (taper + self.friction), back * (taper - self.friction))
+        return Push(closing * (taper + self.friction), opening * (taper - self.friction))
 
 
 class Carriage(NamedTuple):
-    """Where the actuator is.
+    """State of the actuator.
 
-    - `wanted`, `rate`: where it would be with nothing in its way, mm and mm/s.
-    - `reached`: where it is; the closed gap may hold it back, mm.
-    - `queue`: commands on their way, the oldest first, mm.
-    - `stalled`: the teeth are stronger than it, where its force has a limit.
+    - `unobstructed`, `rate`: position (mm) and speed (mm/s) that ignore the closed gap.
+    - `reached`: actual position, mm; the closed gap may hold it back.
+    - `queue`: delayed commands, the oldest first, mm.
+    - `stalled`: whether the teeth exceed its force limit; None without a limit.
     """
 
-    wanted: Float[Array, ""]
+    unobstructed: Float[Array, ""]
     rate: Float[Array, ""]
     reached: Float[Array, ""]
     queue: Float[Array, " periods"]
@@ -83,20 +83,21 @@ class Carriage(NamedTuple):
 class Actuator(eqx.Module):
     """Trapezoidal positioning with a transport delay.
 
-    It speeds up and brakes with one acceleration and stops on the command, rounded to its
-    resolution. Where the gap is closed it stalls, and is pushed back as the gap shrinks: `wanted`
-    goes on, `reached` does not. Where the teeth cannot push it back the drive blocks instead.
+    It accelerates and brakes at one rate and stops on the command, which is rounded down to its
+    resolution. At the closed gap it stalls, and a shrinking gap pushes it back: `unobstructed`
+    continues, `reached` does not. If the teeth cannot push it back, the drive blocks.
 
-    With a limited force it stops, as fast as it brakes, where the flank that carries resists more
-    than that, and is driven back, at its speed and to its end stop at most, where that flank pushes
-    with more.
+    With a force limit, it brakes and stops when the loaded flank resists with more than the limit.
+    When that flank pushes with more than the limit, it moves back, at most at its own speed and to
+    its end stop.
 
     **Arguments**
-    - `speed`, `acceleration`: mm/s, mm/s². - `resolution`: mm; 0 for none. - `stroke`: mm.
-    - `yields`: whether the drive can push it back; see `pushed_back`.
-    - `delay`: in whole periods of the controller.
+    - `speed`, `acceleration`: limits, mm/s and mm/s². - `stroke`: travel, mm.
+    - `resolution`: step, mm; 0 for a continuous position.
+    - `back_drivable`: whether the drive can push it back; see `can_back_drive`.
+    - `delay`: transport delay, whole periods of the controller.
     - `periods`: length of the queue, at least `delay` and 1.
-    - `force_limit`: N; None for none. - `thrust`: forces of the teeth, where there is a limit.
+    - `force_limit`: N; None for no limit. - `thrust`: forces of the teeth, needed with a limit.
     """
 
     speed: Float[Number, ""] = eqx.field(converter=float64)
@@ -104,13 +105,13 @@ class Actuator(eqx.Module):
     stroke: Float[Number, ""] = eqx.field(converter=float64)
     resolution: Float[Number, ""] = eqx.field(converter=float64)
     delay: Float[Number, ""] = eqx.field(converter=float64)
-    yields: Bool[Numbers, ""]
+    back_drivable: Bool[Numbers, ""]
     periods: int = eqx.field(static=True)
     force_limit: Float[Number, ""] | None = None
     thrust: Thrust | None = None
 
     def at_rest(self) -> Carriage:
-        """Fully open, no command given."""
+        """Return the fully open state without commands."""
         zero = jnp.zeros(())
         stalled = None if self.force_limit is None else jnp.zeros((), bool)
         return Carriage(zero, zero, zero, jnp.zeros(self.periods), stalled)
@@ -118,14 +119,14 @@ class Actuator(eqx.Module):
     def commanded(
         self, carriage: Carriage, command: Float[Array, ""]
     ) -> tuple[Carriage, Float[Array, ""]]:
-        """Take a command in mm and give the one that arrives now, within stroke and resolution."""
+        """Queue a command (mm); return the one due now, limited to the stroke and rounded down."""
         queue = jnp.append(carriage.queue, command)
-        # The queue ends with the newest.
-        ripe = jnp.arange(self.periods + 1) == self.periods - jnp.asarray(self.delay)
-        arrived = jnp.clip(jnp.sum(jnp.where(ripe, queue, 0.0)), 0.0, self.stroke)
-        fine = jnp.asarray(self.resolution)
-        rounded = jnp.floor(arrived / jnp.where(fine > 0, fine, 1.0)) * fine
-        return carriage._replace(queue=queue[1:]), jnp.where(fine > 0, rounded, arrived)
+        # The newest command is the last entry.
+        due = jnp.arange(self.periods + 1) == self.periods - jnp.asarray(self.delay)
+        arrived = jnp.clip(jnp.sum(jnp.where(due, queue, 0.0)), 0.0, self.stroke)
+        resolution = jnp.asarray(self.resolution)
+        rounded = jnp.floor(arrived / jnp.where(resolution > 0, resolution, 1.0)) * resolution
+        return carriage._replace(queue=queue[1:]), jnp.where(resolution > 0, rounded, arrived)
 
     def step(
         self,
@@ -135,49 +136,49 @@ class Actuator(eqx.Module):
         step: Float[Array, ""],
         push: Push | None = None,
     ) -> tuple[Carriage, Slide, Bool[Array, ""]]:
-        """Slide for a step of s towards a target in mm, up to where the gap is `closed` after it.
+        """Slide for a step (s) towards a target (mm), limited by the `closed` position after it.
 
-        `push`: what the teeth do, where the force is limited.
+        `push`: forces of the teeth, for a limited force.
 
-        **Returns** the carriage, its way, and whether the drive is blocked: the gap has shrunk
-        below what the carriage holds, and it does not yield.
+        **Returns** the state, the motion, and whether the drive is blocked: the gap at the end of
+        the step is too small for the carriage, and the drive cannot push the carriage back.
         """
-        ahead = target - carriage.wanted
-        # The speed from which it stops on the target, braking fully from the next step on: m more
-        # steps bring it from v to zero over step (v + (v − b) + … + (v − m b)).
+        error = target - carriage.unobstructed
+        # Highest speed v from which full braking, from the next step on, stops on the target: the
+        # m further steps cover step (v + (v − b) + … + (v − m b)), b the speed lost in a step.
         brake, rate = self.acceleration * step, 1.0 / step
-        more = jnp.floor(0.5 * (jnp.sqrt(1 + jnp.abs(ahead) * (8 * rate / brake)) - 1))
-        stops = jnp.abs(ahead) * rate / (more + 1) + 0.5 * brake * more
-        fastest = jnp.minimum(self.speed, stops)
-        wish, stalled = jnp.sign(ahead) * fastest, None
+        steps = jnp.floor(0.5 * (jnp.sqrt(1 + jnp.abs(error) * (8 * rate / brake)) - 1))
+        stopping_speed = jnp.abs(error) * rate / (steps + 1) + 0.5 * brake * steps
+        goal, stalled = jnp.sign(error) * jnp.minimum(self.speed, stopping_speed), None
         if self.force_limit is not None and push is not None:
-            least = jnp.asarray(self.force_limit)
-            driven = push.back > least
-            stopped = ((ahead > 0) & (push.against > least)) | ((ahead < 0) & (-push.back > least))
-            wish = jnp.where(driven, -self.speed, jnp.where(stopped, 0.0, wish))
-            stalled = stopped | (driven & (carriage.wanted > 0))
-        change = wish - carriage.rate
-        speed = carriage.rate + jnp.clip(change, -brake, brake)
-        wanted = carriage.wanted + step * speed
+            limit = jnp.asarray(self.force_limit)
+            driven = push.opening_force > limit
+            stopped = (error > 0) & (push.closing_resistance > limit)
+            stopped |= (error < 0) & (-push.opening_force > limit)
+            goal = jnp.where(driven, -self.speed, jnp.where(stopped, 0.0, goal))
+            stalled = stopped | (driven & (carriage.unobstructed > 0))
+        speed = carriage.rate + jnp.clip(goal - carriage.rate, -brake, brake)
+        position = carriage.unobstructed + step * speed
         if stalled is not None:
-            wanted = jnp.maximum(wanted, 0.0)
-            speed = jnp.where(wanted > 0, speed, jnp.maximum(speed, 0.0))
-        reached = jnp.minimum(wanted, jnp.maximum(closed, 0.0))
-        blocked = ~jnp.asarray(self.yields) & (reached < jnp.minimum(carriage.reached, wanted))
+            position = jnp.maximum(position, 0.0)
+            speed = jnp.where(position > 0, speed, jnp.maximum(speed, 0.0))
+        reached = jnp.minimum(position, jnp.maximum(closed, 0.0))
+        pushed = reached < jnp.minimum(carriage.reached, position)
+        blocked = ~jnp.asarray(self.back_drivable) & pushed
         moved = (reached - carriage.reached) * rate
         slide = Slide(carriage.reached, reached, moved, moved)
-        return Carriage(wanted, speed, reached, carriage.queue, stalled), slide, blocked
+        return Carriage(position, speed, reached, carriage.queue, stalled), slide, blocked
 
 
-def pushed_back(
+def can_back_drive(
     taper: Float[ArrayLike, "*shape 2"], friction: Float[ArrayLike, "*shape"]
 ) -> Bool[Array, "*shape"]:
-    """Can the teeth, wedged between both flanks, push the actuator back?
+    """Return whether teeth wedged between both flanks can push the actuator back.
 
-    A flank pressed with F leaves F (tan β − μ) along the axis: with μ ≥ tan β the wedge locks
-    itself. A shaft that follows its motion whatever it takes overcomes any actuator otherwise.
+    A flank force F has the axial component F (tan β − μ): the wedge is self-locking if μ ≥ tan β.
+    Otherwise a prescribed motion, whose torque is unlimited, overcomes any actuator.
 
     **Arguments**
-    - `taper`: tan β of both flanks. - `friction`: coefficient μ of the flanks.
+    - `taper`: tan β of both flanks. - `friction`: friction coefficient μ of the flanks.
     """
     return jnp.max(jnp.abs(jnp.asarray(taper)), axis=-1) > jnp.asarray(friction)

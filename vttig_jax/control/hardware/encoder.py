@@ -1,4 +1,4 @@
-"""What a controller sees: counts of encoders that are mounted off centre and noisy."""
+"""Encoder readings of the controller: eccentric mounting, noise and quantisation."""
 
 import equinox as eqx
 import jax
@@ -10,15 +10,15 @@ from ...base.numerics.sincos import sincos
 
 
 class Sensor(eqx.Module):
-    """An encoder, read as floor((φ + E sin(φ + ε) + noise)/count + 1/2) count.
+    """Encoder with the reading floor((φ + E sin(φ + ε) + noise)/count + 1/2) count.
 
-    Its zero lies in the middle of a count, so that a shaft that stands still at a whole number of
-    counts does not flicker.
+    Zero lies in the middle of a count: the reading of a shaft at rest on a whole number of counts
+    does not alternate.
 
     **Arguments**
-    - `count`: rad; 0 for a reading that is not quantised.
+    - `count`: angle of one count, rad; 0 for a reading that is not quantised.
     - `amplitude`, `phase`: E and ε, rad. - `noise`: standard deviation, rad.
-    - `eccentric`: whether E counts at all; without it no sine is computed.
+    - `eccentric`: whether to include E; without it no sine is computed.
     """
 
     count: Float[Number, ""] = eqx.field(converter=float64)
@@ -27,16 +27,16 @@ class Sensor(eqx.Module):
     noise: Float[Number, ""] = eqx.field(converter=float64)
     eccentric: bool = eqx.field(static=True, default=True)
 
-    def read(self, angle: Float[Array, ""], shock: Float[Array, ""]) -> Float[Array, ""]:
-        """Reading in rad at a true angle; `shock` is a draw of the standard normal."""
-        shown = angle + self.noise * shock
+    def read(self, angle: Float[Array, ""], noise_draw: Float[Array, ""]) -> Float[Array, ""]:
+        """Return the reading (rad) at a true angle (rad) and a draw of the standard normal."""
+        reading = angle + self.noise * noise_draw
         if self.eccentric:
-            shown += self.amplitude * sincos(angle + self.phase)[0]
+            reading += self.amplitude * sincos(angle + self.phase)[0]
         count = jnp.asarray(self.count)
         per_rad = 1.0 / jnp.where(count > 0, count, 1.0)
-        return jnp.where(count > 0, jnp.floor(shown * per_rad + 0.5) * count, shown)
+        return jnp.where(count > 0, jnp.floor(reading * per_rad + 0.5) * count, reading)
 
 
-def shocks(key: PRNGKeyArray, period: Array) -> Float[Array, "2"]:
-    """Two standard normal numbers of one period of the controller, whatever came before."""
+def noise_draws(key: PRNGKeyArray, period: Array) -> Float[Array, "2"]:
+    """Return two standard normal draws that depend on the key and the controller period only."""
     return jax.random.normal(jax.random.fold_in(key, period), (2,))

@@ -1,4 +1,4 @@
-"""Speed and acceleration of a shaft from its encoder alone, as a controller gets them."""
+"""Observers that estimate speed and acceleration of a shaft from its encoder readings."""
 
 from abc import abstractmethod
 from typing import NamedTuple
@@ -12,7 +12,7 @@ from ...base.units import REV
 
 
 class MotionEstimate(NamedTuple):
-    """Angle in rad, speed in rad/s and acceleration in rad/s² as they seem."""
+    """Estimated angle (rad), speed (rad/s) and acceleration (rad/s²)."""
 
     angle: Float[Array, ""]
     speed: Float[Array, ""]
@@ -20,7 +20,7 @@ class MotionEstimate(NamedTuple):
 
 
 class Observer(eqx.Module):
-    """Follows readings, one a period."""
+    """State estimator that takes one reading per controller period."""
 
     bandwidth_hz: eqx.AbstractVar[Float[Number, ""]]
 
@@ -28,16 +28,16 @@ class Observer(eqx.Module):
     def step(
         self, before: MotionEstimate, reading: Float[Array, ""], period: Float[Array, ""]
     ) -> MotionEstimate:
-        """The estimate after one more reading, a period of s after the last."""
+        """Return the estimate after the next reading (rad), one period (s) after the last."""
 
 
 class AlphaBetaGamma(Observer):
-    """Tracking filter of constant acceleration with its three poles in one place.
+    """Tracking filter of constant acceleration with a triple pole.
 
-    The prediction is corrected by α, β/T and γ/T² times the innovation, with pole
+    The prediction is corrected by α, β/T and γ/T² times the innovation, with the pole
     θ = exp(−2π f T): α = 1 − θ³, β = 3/2 (1 − θ)² (1 + θ), γ = (1 − θ)³ (E. Brookner, Tracking and
-    Kalman Filtering Made Easy, 1998, fading memory). A constant acceleration it follows without
-    lag; after a step of the acceleration its speed overshoots.
+    Kalman Filtering Made Easy, 1998, fading memory). The filter has no lag at constant
+    acceleration; its speed overshoots after a step of the acceleration.
     """
 
     bandwidth_hz: Float[Number, ""] = eqx.field(converter=float64)
@@ -50,18 +50,18 @@ class AlphaBetaGamma(Observer):
         angle = before.angle + period * (before.speed + 0.5 * period * before.acceleration)
         speed = before.speed + period * before.acceleration
         innovation = reading - angle
-        left = 1 - pole
+        decay = 1 - pole
         return MotionEstimate(
             angle + (1 - pole**3) * innovation,
-            speed + 1.5 * left**2 * (1 + pole) / period * innovation,
-            before.acceleration + left**3 / period**2 * innovation,
+            speed + 1.5 * decay**2 * (1 + pole) / period * innovation,
+            before.acceleration + decay**3 / period**2 * innovation,
         )
 
 
 class FilteredDifference(Observer):
-    """Differences of readings, and of speeds, each through a first-order low pass.
+    """First-order low pass of the differences of readings, and of the differences of speeds.
 
-    It lags by 1/(2π f) in speed and twice that in acceleration.
+    The speed lags by 1/(2π f), the acceleration by twice that.
     """
 
     bandwidth_hz: Float[Number, ""] = eqx.field(converter=float64)

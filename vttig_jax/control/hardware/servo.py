@@ -1,13 +1,13 @@
-"""A servo motor with position and speed loops, and its motion together with both gears.
+"""Servo motor with position and speed loops, coupled to both gears.
 
-A force F of flank A turns the driven shaft by F and the driving one by −F k, k = i + ∂TE_A/∂φ₁ (of
-B likewise with the other sign): only so no energy comes from nowhere. Between the two it makes
+A torque F of flank A acts with F on the driven shaft and with −k F on the driving shaft, where
+k = i + ∂TE_A/∂φ₁ (flank B: likewise, with the other sign). This conserves energy, and
 
     q̈ = F/m,  m = J₁ J₂/(J₁ + k² J₂),  q = φ₂ − k φ₁
 
-so that the contact is that of one body of inertia m with a wall that moves as the driving shaft
-would without it. What the flank did to q is shared: m/J₂ of it moved the driven shaft, −k m/J₁ the
-driving one.
+so the contact is that of one body of inertia m with a wall that moves like the driving shaft
+without contact. The change of q is shared: m/J₂ of it moves the driven shaft, −k m/J₁ of it the
+driving shaft.
 """
 
 from typing import Any, NamedTuple
@@ -21,29 +21,29 @@ from ..motion.motion import MotionPoint
 from ..plants.elastic import ElasticPlant
 from ..plants.flank_bounds import Bounds, Flanks
 from ..plants.plant import FREE, ON_B, ContactEvent, Drag, Plant, Shafts, Slide, walls
-from .shaft_drive import Missed, ShaftDrive
+from .shaft_drive import ShaftDrive, Tracking
 
 
 class Motor(NamedTuple):
-    """What the servo keeps.
+    """State of the servo.
 
-    - `angle`, `speed`: where it was last told to be, rad and rad/s. - `wound`: ∫ of the error, rad.
-    - `limited`: it was at its torque limit.
+    - `angle`, `speed`: last reference, rad and rad/s. - `integral`: ∫ of the speed error, rad.
+    - `limited`: whether the torque was at its limit.
     """
 
     angle: Float[Array, ""]
     speed: Float[Array, ""]
-    wound: Float[Array, ""]
+    integral: Float[Array, ""]
     limited: Bool[Array, ""]
 
 
 class Servo(eqx.Module):
-    """A cascade that is sampled once in every step of the plant and holds its torque in between.
+    """Cascade controller, sampled once in every plant step; the torque is held during the step.
 
         e = ω_ref + k_v (φ_ref − φ₁) − ω₁,  T = clip(k_p e + k_i ∫e dt, ±T_max)
 
-    It measures its own shaft without error. Where the limit cuts the torque the integral stands
-    still, unless the error unwinds it.
+    The servo measures its own shaft without error. Anti-windup: at the torque limit the integrator
+    freezes unless the error reduces the torque.
 
     **Arguments**
     - `speed_gain`: k_p, N m s/rad. - `integral_gain`: k_i, N m/rad. - `position_gain`: k_v, 1/s.
@@ -62,29 +62,29 @@ class Servo(eqx.Module):
         speed: Float[Array, ""],
         step: Float[Array, ""],
     ) -> tuple[Float[Array, ""], Motor]:
-        """N m for a step of s of a shaft at an angle and a speed, and what is kept of it."""
+        """Return torque (N m) and new state for a step (s) at an angle (rad) and speed (rad/s)."""
         error = motor.speed + self.position_gain * (motor.angle - angle) - speed
-        wound = motor.wound + step * error
-        asked = self.speed_gain * error + self.integral_gain * wound
-        torque = jnp.clip(asked, -self.torque_limit, self.torque_limit)
-        limited = torque != asked
-        wound = jnp.where(limited & (error * asked >= 0), motor.wound, wound)
-        return torque, motor._replace(wound=wound, limited=limited)
+        integral = motor.integral + step * error
+        demanded = self.speed_gain * error + self.integral_gain * integral
+        torque = jnp.clip(demanded, -self.torque_limit, self.torque_limit)
+        limited = torque != demanded
+        integral = jnp.where(limited & (error * demanded >= 0), motor.integral, integral)
+        return torque, motor._replace(integral=integral, limited=limited)
 
 
 Scalar = Float[Array, ""]
 
 
 class ServoDrive(ShaftDrive):
-    """A servo motor with inertia and friction.
+    """Servo motor with inertia and friction.
 
-    Teeth that stay in contact are one body with both inertias and frictions (`play`, `rigid`), as
-    long as the flank has to push; an impact exchanges momentum (`rigid`; in `play` the driven shaft
-    has none); `elastic` teeth press both shafts. What the wedge of a closed gap and the actuator do
-    to the driving shaft is left out.
+    Teeth in contact form one body with both inertias and frictions while the flank has to push
+    (`play`, `rigid`). An impact exchanges momentum (`rigid`; in `play` the driven shaft has none).
+    `elastic` teeth exert a torque on both shafts. The torque of the wedge in a closed gap and of
+    the actuator on the driving shaft is left out.
 
     **Arguments**
-    - `servo`: its law. - `driving`: inertia and friction of the driving shaft.
+    - `servo`: control law. - `driving`: inertia and friction of the driving shaft.
     - `driven`: those of the driven shaft; in `play` without inertia.
     """
 
@@ -92,16 +92,16 @@ class ServoDrive(ShaftDrive):
     driving: Drag
     driven: Drag
 
-    def start(self, told: MotionPoint) -> Motor:
-        """At rest where it is told to be."""
-        return Motor(told.angle, told.speed, jnp.zeros(()), jnp.zeros((), bool))
+    def start(self, target: MotionPoint) -> Motor:
+        """Return the state at the first reference."""
+        return Motor(target.angle, target.speed, jnp.zeros(()), jnp.zeros((), bool))
 
-    def missed(self, state: Any, shafts: Shafts) -> Missed:
-        """What is between the shaft and what it was told."""
-        return Missed(jnp.abs(state.angle - shafts.angle), state.limited)
+    def tracking(self, state: Any, shafts: Shafts) -> Tracking:
+        """Return the tracking error and whether the torque was limited."""
+        return Tracking(jnp.abs(state.angle - shafts.angle), state.limited)
 
-    def expected(self, shafts: Shafts, told: MotionPoint, step: Scalar) -> Scalar:
-        """Where its speed takes it."""
+    def expected(self, shafts: Shafts, target: MotionPoint, step: Scalar) -> Scalar:
+        """Return the driving angle extrapolated at constant speed, rad."""
         return shafts.angle + step * shafts.speed
 
     def step(
@@ -109,118 +109,118 @@ class ServoDrive(ShaftDrive):
         state: Any,
         plant: Plant,
         shafts: Shafts,
-        told: MotionPoint,
+        target: MotionPoint,
         slide: Slide,
         bounds: Bounds,
         step: Scalar,
     ) -> tuple[Motor, Shafts, ContactEvent]:
         """See `ShaftDrive.step`."""
         torque, motor = self.servo.torque(state, shafts.angle, shafts.speed, step)
-        motor = motor._replace(angle=told.angle, speed=told.speed)
+        motor = motor._replace(angle=target.angle, speed=target.speed)
         gap = shafts.flanks.upper - shafts.flanks.lower
-        shut = gap <= bounds.closing_sum * slide.end
+        closed = gap <= bounds.closing_sum * slide.end
         if isinstance(plant, ElasticPlant):
-            ended = self._pressing(torque, shut, plant, shafts, slide, bounds, step)
+            result = self._elastic_step(torque, closed, plant, shafts, slide, bounds, step)
         else:
-            ended = self._touching(torque, shut, plant, shafts, slide, bounds, step)
-        return motor, *ended
+            result = self._rigid_step(torque, closed, plant, shafts, slide, bounds, step)
+        return motor, *result
 
-    def _touching(
+    def _rigid_step(
         self,
         torque: Scalar,
-        shut: Bool[Array, ""],
+        closed: Bool[Array, ""],
         plant: Plant,
         shafts: Shafts,
         slide: Slide,
         bounds: Bounds,
         step: Scalar,
     ) -> tuple[Shafts, ContactEvent]:
-        """Teeth that do not give: one body in contact, two in flight, an impact in between."""
+        """Step rigid teeth: one body in contact, two bodies in flight, and impacts."""
         side, ratio = shafts.side, jnp.asarray(bounds.ratio)
         slope = ratio + _slope(shafts.flanks, side)
-        alone = self.driving.acceleration(shafts.speed, torque, step)
+        separate = self.driving.acceleration(shafts.speed, torque, step)
         both = geared(self.driving, self.driven, slope)
-        together = both.acceleration(shafts.speed, torque, step)
-        # Flank A only ever slows the driving shaft, B only ever drives it on.
-        pushed = jnp.where(side > 0, jnp.maximum(alone, together), jnp.minimum(alone, together))
-        pushed = jnp.where(shut, together, jnp.where(side == FREE, alone, pushed))
+        joint = both.acceleration(shafts.speed, torque, step)
+        # Flank A can only slow the driving shaft, flank B can only accelerate it.
+        pushed = jnp.where(side > 0, jnp.maximum(separate, joint), jnp.minimum(separate, joint))
+        pushed = jnp.where(closed, joint, jnp.where(side == FREE, separate, pushed))
         course = _course(shafts, pushed, step)
-        ahead = bounds.at(course.angle)
-        # Where the slope of the flank changes, only an impulse between both changes their speeds.
-        later = ratio + _slope(ahead, side)
-        inertia, heavy = self.driven.inertia, jnp.asarray(self.driving.inertia)
-        kept = (heavy + slope * later * inertia) / (heavy + later**2 * inertia)
-        carries = shut | ((side != FREE) & (pushed == together))
+        # A change of the flank's slope changes both speeds by one impulse between the shafts.
+        next_slope = ratio + _slope(bounds.at(course.angle), side)
+        driven, driving = self.driven.inertia, jnp.asarray(self.driving.inertia)
+        kept = (driving + slope * next_slope * driven) / (driving + next_slope**2 * driven)
+        carries = closed | ((side != FREE) & (pushed == joint))
         speed = jnp.where(carries, kept * course.speed, course.speed)
         course = course._replace(
             speed=speed, angle=shafts.angle + 0.5 * step * (shafts.speed + speed)
         )
-        found, touch = plant.step(shafts, course, slide, bounds, step)
+        moved, touch = plant.step(shafts, course, slide, bounds, step)
         flight = self._flight(shafts, course, self._slowing(shafts, bounds, step), bounds, step)
         met = (touch.side != FREE) & ~carries
-        near = jnp.where(touch.side != FREE, touch.side, side)
-        ended = self._shared(found, flight, near, met, slide, bounds)
+        flank = jnp.where(touch.side != FREE, touch.side, side)
+        result = self._shared(moved, flight, flank, met, bounds)
         wall = walls(
-            ended.flanks, ended.speed, jnp.asarray(bounds.closing), slide.end, slide.end_rate
+            result.flanks, result.speed, jnp.asarray(bounds.closing), slide.end, slide.end_rate
         )
-        on_b, rests = ended.side > 0, ended.side != FREE
+        on_b, rests = result.side > 0, result.side != FREE
         offset = jnp.where(on_b, wall.upper, wall.lower)
         rate = jnp.where(on_b, wall.upper_rate, wall.lower_rate)
-        offset = jnp.where(rests, offset, ended.offset)
-        return ended._replace(
+        offset = jnp.where(rests, offset, result.offset)
+        return result._replace(
             offset=jnp.clip(offset, wall.lower, jnp.maximum(wall.lower, wall.upper)),
-            drift=jnp.where(rests, rate, ended.drift),
+            drift=jnp.where(rests, rate, result.drift),
         ), touch
 
     def _slowing(self, shafts: Shafts, bounds: Bounds, step: Scalar) -> Scalar:
-        """Of the driven shaft in flight, rad/s²; without inertia it does not fly."""
-        turning = bounds.ratio * shafts.speed + shafts.drift
-        flies = jnp.asarray(self.driven.inertia) > 0
+        """Return the acceleration of the driven shaft in flight, rad/s²; 0 without inertia."""
+        driven_speed = bounds.ratio * shafts.speed + shafts.drift
+        heavy = jnp.asarray(self.driven.inertia) > 0
         drag = eqx.tree_at(
-            lambda drag: drag.inertia, self.driven, jnp.where(flies, self.driven.inertia, 1.0)
+            lambda drag: drag.inertia, self.driven, jnp.where(heavy, self.driven.inertia, 1.0)
         )
-        return jnp.where(flies, drag.acceleration(turning, 0.0, step), 0.0)
+        return jnp.where(heavy, drag.acceleration(driven_speed, 0.0, step), 0.0)
 
-    def _pressing(
+    def _elastic_step(
         self,
         torque: Scalar,
-        shut: Bool[Array, ""],
+        closed: Bool[Array, ""],
         plant: ElasticPlant,
         shafts: Shafts,
         slide: Slide,
         bounds: Bounds,
         step: Scalar,
     ) -> tuple[Shafts, ContactEvent]:
-        """Elastic teeth: both shafts are pressed apart by the flank they are in."""
+        """Step elastic teeth: the flank in contact exerts a torque on both shafts."""
         ratio, closing = jnp.asarray(bounds.ratio), jnp.asarray(bounds.closing)
         now = walls(shafts.flanks, shafts.speed, closing, slide.start, slide.start_rate)
         nearer = jnp.where(2 * shafts.offset > now.lower + now.upper, ON_B, -ON_B)
-        near = jnp.where(shafts.side != FREE, shafts.side, nearer)
-        rough = bounds.at(shafts.angle + step * shafts.speed)
-        slope = ratio + 0.5 * (_slope(shafts.flanks, near) + _slope(rough, near))
-        soft = plant.against(self._inertia(slope))
-        force = soft.torque(shafts, now)
-        # Friction of a shaft that is pressed stands up to what presses it, as far as it can.
-        hold, inertia = jnp.asarray(self.driving.coulomb), jnp.asarray(self.driving.inertia)
-        push = jnp.clip(-slope * force, -hold - torque, hold - torque)
+        flank = jnp.where(shafts.side != FREE, shafts.side, nearer)
+        predicted = bounds.at(shafts.angle + step * shafts.speed)
+        slope = ratio + 0.5 * (_slope(shafts.flanks, flank) + _slope(predicted, flank))
+        coupled = plant.coupled(self._inertia(slope))
+        force = coupled.torque(shafts, now)
+        # Friction of a loaded shaft opposes the contact torque, up to the Coulomb limit.
+        limit, inertia = jnp.asarray(self.driving.coulomb), jnp.asarray(self.driving.inertia)
+        push = jnp.clip(-slope * force, -limit - torque, limit - torque)
         push = jnp.where(force == 0, 0.0, push)
-        alone = self.driving.acceleration(shafts.speed, torque + push, step) - push / inertia
+        separate = self.driving.acceleration(shafts.speed, torque + push, step) - push / inertia
         both = geared(self.driving, self.driven, slope)
-        together = both.acceleration(shafts.speed, torque, step)
-        course = _course(shafts, jnp.where(shut, together, alone), step)
-        found, touch = soft.step(shafts, course, slide, bounds, step)
-        flight = self._flight(shafts, course, soft.slowing(shafts, now, ratio, step), bounds, step)
-        return self._shared(found, flight, near, ~shut, slide, bounds, slope), touch
+        joint = both.acceleration(shafts.speed, torque, step)
+        course = _course(shafts, jnp.where(closed, joint, separate), step)
+        moved, touch = coupled.step(shafts, course, slide, bounds, step)
+        slowing = coupled.slowing(shafts, now, ratio, step)
+        flight = self._flight(shafts, course, slowing, bounds, step)
+        return self._shared(moved, flight, flank, ~closed, bounds, slope), touch
 
     def _inertia(self, slope: Scalar) -> Scalar:
-        """m: of the motion of both shafts against each other, at the driven one, kg m²."""
+        """Return m, the inertia of the relative motion at the driven shaft, kg m²."""
         driving, driven = jnp.asarray(self.driving.inertia), self.driven.inertia
         return driving * driven / (driving + slope**2 * driven)
 
     def _flight(
         self, shafts: Shafts, course: MotionPoint, slowing: Scalar, bounds: Bounds, step: Scalar
     ) -> "_Offset":
-        """x and its rate at the end of a step without flanks."""
+        """Return x and its rate at the end of a step without contact."""
         turned = step * (bounds.ratio * shafts.speed + shafts.drift + 0.5 * step * slowing)
         return _Offset(
             shafts.offset + turned - bounds.ratio * (course.angle - shafts.angle),
@@ -229,35 +229,34 @@ class ServoDrive(ShaftDrive):
 
     def _shared(
         self,
-        found: Shafts,
+        moved: Shafts,
         flight: "_Offset",
-        near: Scalar,
+        flank: Scalar,
         met: Bool[Array, ""],
-        slide: Slide,
         bounds: Bounds,
         slope: Scalar | None = None,
     ) -> Shafts:
-        """Both shafts after what the flank `near` did to x, where it did (`met`)."""
+        """Share the change of x that `flank` caused, if it was `met`, between both shafts."""
         if slope is None:
-            slope = jnp.asarray(bounds.ratio) + _slope(found.flanks, near)
+            slope = jnp.asarray(bounds.ratio) + _slope(moved.flanks, flank)
         share = slope * self._inertia(slope) / self.driving.inertia
-        way = jnp.where(met, share * (found.offset - flight.angle), 0.0)
-        rate = jnp.where(met, share * (found.drift - flight.rate), 0.0)
-        lean = slope - bounds.ratio
-        angle, speed = found.angle - way, found.speed - rate
-        offset, drift = found.offset - lean * way, found.drift - lean * rate
-        return Shafts(angle, speed, offset, drift, found.side, bounds.at(angle))
+        turned = jnp.where(met, share * (moved.offset - flight.angle), 0.0)
+        rate = jnp.where(met, share * (moved.drift - flight.rate), 0.0)
+        te_slope = slope - bounds.ratio
+        angle, speed = moved.angle - turned, moved.speed - rate
+        offset, drift = moved.offset - te_slope * turned, moved.drift - te_slope * rate
+        return Shafts(angle, speed, offset, drift, moved.side, bounds.at(angle))
 
 
 class _Offset(NamedTuple):
-    """x and its rate: rad and rad/s."""
+    """Offset x (rad) and its rate (rad/s)."""
 
     angle: Scalar
     rate: Scalar
 
 
 def geared(driving: Drag, driven: Drag, slope: Float[Number, ""]) -> Drag:
-    """Both shafts as one body, seen from the driving one: φ̇₂ = k φ̇₁."""
+    """Return inertia and friction of both shafts as one body at the driving shaft: φ̇₂ = k φ̇₁."""
     return Drag(
         driving.inertia + slope**2 * driven.inertia,
         driving.coulomb + slope * driven.coulomb,
@@ -270,12 +269,12 @@ def geared(driving: Drag, driven: Drag, slope: Float[Number, ""]) -> Drag:
 
 
 def _slope(flanks: Flanks, side: Scalar) -> Scalar:
-    """dTE/dφ₁ of a flank; of A where none carries."""
+    """Return dTE/dφ₁ of a flank; that of flank A without contact."""
     return jnp.where(side > 0, flanks.upper_slope, flanks.lower_slope)
 
 
 def _course(shafts: Shafts, acceleration: Scalar, step: Scalar) -> MotionPoint:
-    """The driving shaft a step of s later under a constant acceleration."""
+    """Return the driving shaft after a step (s) of constant acceleration (rad/s²)."""
     speed = shafts.speed + step * acceleration
     angle = shafts.angle + 0.5 * step * (shafts.speed + speed)
     return MotionPoint(angle, speed, acceleration)

@@ -1,4 +1,4 @@
-"""The drive of the shaft: a prescribed motion or a motor, and the lead a controller allows."""
+"""Drives of the driving shaft: the base class, a prescribed motion, and the feedforward lead."""
 
 from abc import abstractmethod
 from typing import Any, NamedTuple
@@ -13,29 +13,29 @@ from ..plants.flank_bounds import Bounds
 from ..plants.plant import ContactEvent, Plant, Shafts, Slide
 
 
-class Missed(NamedTuple):
-    """A driving shaft that is `astray`, rad, and whether its motor was at its limit."""
+class Tracking(NamedTuple):
+    """Tracking `error` of the driving shaft, rad, and whether its torque was `limited`."""
 
-    astray: Float[Array, ""]
+    error: Float[Array, ""]
     limited: Bool[Array, ""]
 
 
 class ShaftDrive(eqx.Module):
-    """Takes both shafts one step further, told where the driving one is to be."""
+    """Drive that moves both shafts one step, given the target of the driving shaft."""
 
     @abstractmethod
-    def start(self, told: MotionPoint) -> Any:
-        """State at rest: any pytree of arrays."""
+    def start(self, target: MotionPoint) -> Any:
+        """Return the state at rest: any pytree of arrays."""
 
-    def missed(self, state: Any, shafts: Shafts) -> "Missed | None":
-        """How far the driving shaft is from where it was told to be; None for never at all."""
+    def tracking(self, state: Any, shafts: Shafts) -> "Tracking | None":
+        """Return the tracking error; None for a drive that has none by definition."""
         return None
 
     @abstractmethod
     def expected(
-        self, shafts: Shafts, told: MotionPoint, step: Float[Array, ""]
+        self, shafts: Shafts, target: MotionPoint, step: Float[Array, ""]
     ) -> Float[Array, ""]:
-        """Driving angle at the end of a step of s, as well as it is known before it, rad."""
+        """Predict the driving angle (rad) at the end of a step (s)."""
 
     @abstractmethod
     def step(
@@ -43,55 +43,55 @@ class ShaftDrive(eqx.Module):
         state: Any,
         plant: Plant,
         shafts: Shafts,
-        told: MotionPoint,
+        target: MotionPoint,
         slide: Slide,
         bounds: Bounds,
         step: Float[Array, ""],
     ) -> tuple[Any, Shafts, ContactEvent]:
-        """Its state and both shafts a step of s later, and the flank met in it."""
+        """Return the drive's state and both shafts after a step (s), and its contact event."""
 
 
 class Prescribed(ShaftDrive):
-    """The driving shaft is where it is told to be, whatever torque that takes."""
+    """Drive with unlimited torque: the driving shaft is always at its target."""
 
-    def start(self, told: MotionPoint) -> tuple[()]:
-        """No state."""
+    def start(self, target: MotionPoint) -> tuple[()]:
+        """Return the empty state."""
         return ()
 
     def expected(
-        self, shafts: Shafts, told: MotionPoint, step: Float[Array, ""]
+        self, shafts: Shafts, target: MotionPoint, step: Float[Array, ""]
     ) -> Float[Array, ""]:
-        """Where it is told to be."""
-        return told.angle
+        """Return the target angle, rad."""
+        return target.angle
 
     def step(
         self,
         state: Any,
         plant: Plant,
         shafts: Shafts,
-        told: MotionPoint,
+        target: MotionPoint,
         slide: Slide,
         bounds: Bounds,
         step: Float[Array, ""],
     ) -> tuple[Any, Shafts, ContactEvent]:
-        """See `Drive.step`."""
-        return state, *plant.step(shafts, told, slide, bounds, step)
+        """See `ShaftDrive.step`."""
+        return state, *plant.step(shafts, target, slide, bounds, step)
 
 
 class Lead(NamedTuple):
-    """By how much the shaft is to be ahead, rad, and how fast that grows, rad/s."""
+    """Feedforward lead of the driving shaft on its motion, rad, and the rate of the lead, rad/s."""
 
     angle: Float[Array, ""]
     speed: Float[Array, ""]
 
 
 def no_lead() -> Lead:
-    """The motion itself."""
+    """Return the zero lead."""
     return Lead(jnp.zeros(()), jnp.zeros(()))
 
 
 def next_lead(lead: Lead, advance: Float[Array, ""], period: Float[Array, ""]) -> Lead:
-    """The lead a period later: what was asked for, growing as fast as it grew in that period."""
+    """Return the next lead: the commanded `advance` (rad) and its mean rate over the period (s)."""
     return Lead(advance, (advance - lead.angle) / period)
 
 
@@ -102,12 +102,12 @@ def led(
     share: Float[Array, ""] | float,
     period: Float[Array, ""],
 ) -> MotionPoint:
-    """A point of the motion with the lead at a share of the period, on the cubic between both."""
+    """Add the lead, a cubic from `before` to `after`, to `point` at a share of the period (s)."""
     share = jnp.asarray(share)
-    way = cubic(before.angle, after.angle, before.speed, after.speed, period)
+    lead = cubic(before.angle, after.angle, before.speed, after.speed, period)
     rate = 1.0 / period
     return MotionPoint(
-        point.angle + way.at(share),
-        point.speed + way.slope(share) * rate,
-        point.acceleration + way.bend(share) * rate**2,
+        point.angle + lead.at(share),
+        point.speed + lead.slope(share) * rate,
+        point.acceleration + lead.bend(share) * rate**2,
     )

@@ -1,4 +1,4 @@
-"""Which numbers make a motion, and sentences for those that do not. Traced values pass unseen."""
+"""Checks of the numbers of a motion, with their error messages; traced values are not checked."""
 
 import math
 from collections.abc import Callable
@@ -10,7 +10,7 @@ from jax.core import Tracer
 from ...base.units import DEG
 
 _ROUNDING = 1e-12
-"""Relative to the angle of the reversal: what the sum of the ramps may exceed it by."""
+"""Relative excess of the ramps over the reversal angle that counts as rounding; a chosen value."""
 
 _RULES: dict[str, tuple[Callable[[float], bool], str]] = {
     "speed_rpm": (lambda value: value > 0, "be positive"),
@@ -22,18 +22,18 @@ _RULES: dict[str, tuple[Callable[[float], bool], str]] = {
 }
 
 
-def known(value: Any) -> bool:
-    """Whether a number has its value already: it has none while JAX traces through it."""
+def is_concrete(value: Any) -> bool:
+    """Return whether a number has a value, which it lacks while JAX traces it."""
     return not isinstance(value, Tracer)
 
 
 def check_numbers(**values: Any) -> None:
-    """Refuse what no motion can have, by name of the argument.
+    """Check the numbers of a motion by the rule for each argument's name.
 
     **Raises** `ValueError` for an array, a number that is not finite or one outside its range.
     """
     for name, value in values.items():
-        if not known(value):
+        if not is_concrete(value):
             continue
         if np.ndim(value):
             raise ValueError(
@@ -41,17 +41,17 @@ def check_numbers(**values: Any) -> None:
                 " use `jax.vmap` for a batch."
             )
         number = float(value)
-        holds, words = _RULES[name]
+        holds, rule = _RULES[name]
         if not math.isfinite(number):
             raise ValueError(f"Argument `{name}` must be finite, but is {number:g}.")
         if not holds(number):
-            raise ValueError(f"Argument `{name}` must {words}, but is {number:g}.")
+            raise ValueError(f"Argument `{name}` must {rule}, but is {number:g}.")
 
 
-def one_of(names: tuple[str, ...], **values: str) -> None:
-    """Refuse a word that is not among `names`.
+def check_choice(names: tuple[str, ...], **values: str) -> None:
+    """Check that every value is one of `names`.
 
-    **Raises** `ValueError` that lists them.
+    **Raises** `ValueError` with a list of `names`.
     """
     for name, value in values.items():
         if value not in names:
@@ -62,18 +62,18 @@ def one_of(names: tuple[str, ...], **values: str) -> None:
             )
 
 
-def steady_time(reversal_deg: Any, distance: Any, least: Any, speed: Any, what: str) -> Any:
-    """Time at steady speed, s: what `least` (all ramps, rad) leaves of `distance` (rad).
+def steady_time(reversal_deg: Any, distance: Any, ramps: Any, speed: Any, parts: str) -> Any:
+    """Return the time (s) at steady `speed` (rad/s) for `distance` minus all `ramps` (both rad).
 
-    **Raises** `ValueError` where it leaves less than nothing; `what` names the parts of `least`.
+    **Raises** `ValueError` if `ramps` exceeds `distance`; `parts` describes `ramps` in the message.
     """
-    time = (distance - least) / speed
-    if not known(time) or time >= 0:
+    time = (distance - ramps) / speed
+    if not is_concrete(time) or time >= 0:
         return time
-    if distance < least * (1 - _ROUNDING):
+    if distance < ramps * (1 - _ROUNDING):
         raise ValueError(
-            f"Argument `reversal_deg` must be at least {float(least) / DEG:.10g}° ({what}) in"
-            f" either sense, but is {float(reversal_deg):.10g}°; turn farther, slower or with"
-            " shorter ramps."
+            f"Argument `reversal_deg` must be at least {float(ramps) / DEG:.10g}° ({parts}) in"
+            f" either direction, but is {float(reversal_deg):.10g}°; increase it, reduce the speed"
+            " or shorten the ramps."
         )
     return 0.0 * time

@@ -1,4 +1,4 @@
-"""What a prescribed motion of the driving shaft is: angle, speed, acceleration at any time."""
+"""Base class of the motions of the driving shaft: angle, speed and acceleration at any time."""
 
 from abc import abstractmethod
 from typing import NamedTuple
@@ -11,7 +11,7 @@ from ...base.arrays import Number
 
 
 class MotionPoint(NamedTuple):
-    """Where the driving shaft is and how it moves, at one time or at many.
+    """Angle, speed and acceleration of the driving shaft at one time or at many.
 
     - `angle`: φ₁ in rad. - `speed`: dφ₁/dt in rad/s. - `acceleration`: d²φ₁/dt² in rad/s².
     """
@@ -22,17 +22,16 @@ class MotionPoint(NamedTuple):
 
 
 class Motion(eqx.Module):
-    """A run of the driving shaft that somebody else decides: it does not feel the gears.
+    """Prescribed motion of the driving shaft; the gears have no effect on it.
 
     The shaft stands still before 0 and from `duration_s` on. Every number is traced: new values
-    compile nothing, and a batch of motions is one `vmap`.
+    need no compilation, and a batch of motions is one `vmap`.
 
-    - `duration_s`: end of the run.
-    - `braking_s`: when the deceleration begins that precedes the turn (of a motion that only slows
-      down: the slow-down); `duration_s` where there is none.
-    - `turn_s`: when the shaft starts to move backwards, after the standstill if there is one;
-      `duration_s` for a motion that never turns back. Backwards means against the sense in which
-      the run began.
+    - `duration_s`: end of the run, s.
+    - `braking_s`: start of the deceleration before the turn, s; in a motion that only slows down,
+      start of the slow-down; `duration_s` without deceleration.
+    - `turn_s`: time, s, when the shaft starts to move against its initial direction, after the
+      standstill if there is one; `duration_s` without a turn.
     """
 
     duration_s: eqx.AbstractVar[Float[Number, ""]]
@@ -41,7 +40,7 @@ class Motion(eqx.Module):
 
     @abstractmethod
     def at(self, time: Real[ArrayLike, "*shape"]) -> MotionPoint:
-        """Angle, speed and acceleration at times in s.
+        """Return angle, speed and acceleration at times in s.
 
-        Where the acceleration steps, it is already that of what begins.
+        At a step of the acceleration, the value after the step is returned.
         """

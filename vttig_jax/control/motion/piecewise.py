@@ -1,4 +1,4 @@
-"""Motions in pieces of constant or triangular acceleration, and their sequence of events."""
+"""Piecewise motions of constant or triangular acceleration, and their sections for each event."""
 
 from collections.abc import Callable
 from typing import Any, Literal, NamedTuple
@@ -10,7 +10,7 @@ from jaxtyping import Array, Bool, Float, Real
 
 from ...base.arrays import Number, Numbers, float64, namespace
 from ...base.units import DEG, REV
-from .limits import check_numbers, one_of, steady_time
+from .limits import check_choice, check_numbers, steady_time
 from .motion import Motion, MotionPoint
 
 Scalar = Float[Number, ""]
@@ -18,9 +18,9 @@ Pieces = Float[Numbers, " pieces"]
 
 
 class _Piece(NamedTuple):
-    """The piece a time lies in: where it starts and the numbers that hold from there on.
+    """Active piece at a time: its start, its values there and `half` its duration (rad and s).
 
-    At rest all but the angle are zero. The last two are None in a motion without jerk.
+    At standstill all values but the angle are zero. Without jerk the last two are None.
     """
 
     start: Any
@@ -32,25 +32,25 @@ class _Piece(NamedTuple):
 
 
 class PieceMotion(Motion):
-    """Pieces one after the other, with standstills between; inside one, u seconds after its start,
+    """Sequence of pieces with standstills between. In piece k, u seconds after its start,
 
         φ = φ_k + u (ω_k + u a_k/2) + j_k (u³ − 2w³)/6        w = max(u − T_k/2, 0)
 
-    Its jerk is j_k in the first half of its duration T_k and −j_k in the second: a whole ramp of an
-    S-curve is one piece. φ_k is the sum of what the pieces before cover, T (ω + T (a/2 + T j/8))
-    each, so that no term grows with the time. Speed and acceleration are its derivatives.
+    The jerk is j_k in the first half of the duration T_k and −j_k in the second half, so a whole
+    ramp of an S-curve is one piece. φ_k is the sum of the angles T (ω + T (a/2 + T j/8)) of all
+    earlier pieces, so no term grows with time. Speed and acceleration are the derivatives of φ.
 
-    One piece is selected number by number and evaluated once. Selections are what a scan over many
-    lanes does best; a sum over all pieces was five times slower with jerk.
+    The values of the active piece are selected one by one and evaluated once. A scan over many
+    lanes is fastest with selections; a sum over all pieces was five times slower with jerk.
 
     **Arguments** (arrays of shape (pieces,))
-    - `start`, `duration`: of every piece in s. A piece starts when the one before it ends, or
-      later if that one is among `pauses`.
+    - `start`, `duration`: times of every piece, s. A piece starts at the end of the one before it,
+      or later if that one is among `pauses`.
     - `speed`, `acceleration`: at the start of the piece, rad/s and rad/s².
     - `jerk`: in the first half of the piece, rad/s³.
     - `duration_s`, `braking_s`, `turn_s`: see `Motion`.
-    - `pauses`: the pieces after which the shaft stands still; it does after the last one anyway.
-    - `jerky`: whether any jerk differs from zero; without it the cubic is left out.
+    - `pauses`: pieces followed by a standstill, besides the last piece.
+    - `jerky`: whether any jerk differs from zero; if not, the cubic term is left out.
     """
 
     start: Pieces = eqx.field(converter=float64)
@@ -65,7 +65,7 @@ class PieceMotion(Motion):
     jerky: bool = eqx.field(static=True, default=True)
 
     def at(self, time: Real[ArrayLike, "*shape"]) -> MotionPoint:
-        """Angle, speed and acceleration at times in s."""
+        """Return angle, speed and acceleration at times in s."""
         time = jnp.asarray(time, float)
         _, angle, speed, acceleration, jerk, half = piece = self._piece_at(time)
         since = time - piece.start
@@ -79,44 +79,44 @@ class PieceMotion(Motion):
         return MotionPoint(angle, speed, acceleration)
 
     def _piece_at(self, time: Float[Array, "*shape"]) -> _Piece:
-        """The piece that began last; a comparison for each, and one for each standstill.
+        """Return the piece or standstill that began last, by one comparison each.
 
-        Where pieces meet, both are told apart by the same number: there is no instant between.
+        Adjacent pieces share the time of their boundary, so there is no instant between them.
         """
         pieces = self.start.shape[0]
         angle: Any = jnp.zeros_like(time)
         zero = jnp.zeros_like(time)
-        found = self._numbers(None, zero, zero)
-        for place in range(pieces):
-            start = self.start[place]
-            found = _chosen(time >= start, self._numbers(place, start, angle), found)
-            angle = angle + self._covered(place)
-            if place + 1 == pieces or place in self.pauses:
-                end = start + jnp.asarray(self.duration[place])
-                found = _chosen(time >= end, self._numbers(None, end, angle), found)
-        return found
+        active = self._values_of(None, zero, zero)
+        for index in range(pieces):
+            start = self.start[index]
+            active = _select(time >= start, self._values_of(index, start, angle), active)
+            angle = angle + self._angle_of(index)
+            if index + 1 == pieces or index in self.pauses:
+                end = start + jnp.asarray(self.duration[index])
+                active = _select(time >= end, self._values_of(None, end, angle), active)
+        return active
 
-    def _numbers(self, place: int | None, start: Any, angle: Any) -> _Piece:
-        """Of a piece, or (None) of a standstill."""
-        rest = place is None
+    def _values_of(self, index: int | None, start: Any, angle: Any) -> _Piece:
+        """Return the values of a piece, or of a standstill (None)."""
+        rest = index is None
         return _Piece(
             start,
             angle,
-            speed=0.0 if rest else self.speed[place],
-            acceleration=0.0 if rest else self.acceleration[place],
-            jerk=None if not self.jerky else 0.0 if rest else self.jerk[place],
-            half=None if not self.jerky else 0.0 if rest else 0.5 * self.duration[place],
+            speed=0.0 if rest else self.speed[index],
+            acceleration=0.0 if rest else self.acceleration[index],
+            jerk=None if not self.jerky else 0.0 if rest else self.jerk[index],
+            half=None if not self.jerky else 0.0 if rest else 0.5 * self.duration[index],
         )
 
-    def _covered(self, place: int) -> Any:
-        """Angle that a piece covers, rad."""
-        time, bend = self.duration[place], 0.5 * jnp.asarray(self.acceleration[place])
+    def _angle_of(self, index: int) -> Any:
+        """Return the angle (rad) that a piece covers."""
+        time, bend = self.duration[index], 0.5 * jnp.asarray(self.acceleration[index])
         if self.jerky:
-            bend = bend + time * (0.125 * self.jerk[place])
-        return time * (self.speed[place] + time * bend)
+            bend = bend + time * (0.125 * self.jerk[index])
+        return time * (self.speed[index] + time * bend)
 
 
-def _chosen(begun: Bool[Array, "*shape"], new: _Piece, old: _Piece) -> _Piece:
+def _select(begun: Bool[Array, "*shape"], new: _Piece, old: _Piece) -> _Piece:
     return _Piece(
         *(
             None if later is None else jnp.where(begun, later, earlier)
@@ -132,9 +132,9 @@ EVENTS = ("reversal", "slow_down", "aborted", "emergency_stop")
 
 
 class Section(NamedTuple):
-    """A stretch of the run at one speed, from one speed to another, or at rest; rad/s and s.
+    """Section of a run: steady speed, ramp between two speeds, or standstill; rad/s and s.
 
-    `mark` says what begins with it, of the times a motion tells.
+    `mark` is set if `Motion.braking_s` or `Motion.turn_s` is the start of the section.
     """
 
     shape: Literal["steady", "ramp", "rest"]
@@ -144,14 +144,14 @@ class Section(NamedTuple):
     mark: Literal["", "braking", "turn"] = ""
 
 
-class _Drive(NamedTuple):
-    """The numbers of a motion in rad and s."""
+class _Values(NamedTuple):
+    """Values of a motion in rad and s."""
 
     speed: Any
     ramp: Any
     dwell: Any
     steady: Callable[[Any, str], Any]
-    """Time at steady speed beside ramps that cover as much as so many seconds of it."""
+    """Time at steady speed, given the ramps as seconds at steady speed with equal angle."""
 
 
 def sections_of(
@@ -163,8 +163,8 @@ def sections_of(
     slow_share: Value,
     stop_s: Value,
 ) -> list[Section]:
-    """Lay out the run of an event; see `pieces.trapezoid` for events, arguments and errors."""
-    one_of(EVENTS, event=event)
+    """Return the sections of an event; see `trapezoid` for events, arguments and errors."""
+    check_choice(EVENTS, event=event)
     check_numbers(
         speed_rpm=speed_rpm,
         reversal_deg=reversal_deg,
@@ -175,63 +175,64 @@ def sections_of(
     )
     dwell, ramp, share, stop = map(float64, (dwell_s, ramp_s, slow_share, stop_s))
     angle = float64(reversal_deg) * DEG
-    rate = float64(speed_rpm) * (REV / 60.0)  # the speed without its sense
+    rate = float64(speed_rpm) * (REV / 60.0)  # absolute value of the speed
 
-    def steady(ramps: Any, what: str) -> Any:
-        return steady_time(reversal_deg, abs(angle), rate * ramps, rate, what)
+    def steady(ramps: Any, parts: str) -> Any:
+        return steady_time(reversal_deg, abs(angle), rate * ramps, rate, parts)
 
-    drive = _Drive(rate * namespace(angle).sign(angle), ramp, dwell, steady)
+    values = _Values(rate * namespace(angle).sign(angle), ramp, dwell, steady)
     if event == "slow_down":
-        return _slowed(drive, share, dwell)
+        return _slow_pass(values, share, dwell)
     if event == "aborted":
-        there = _slowed(drive, share, None)
+        forward = _slow_pass(values, share, None)
     elif event == "emergency_stop":
-        there = _there(drive, stop, "ramp and stop")
+        forward = _forward_pass(values, stop, "ramp and stop")
     else:
-        there = _there(drive, ramp, "both ramps")
-    return there + _back(drive)
+        forward = _forward_pass(values, ramp, "both ramps")
+    return forward + _return_pass(values)
 
 
-def _there(drive: _Drive, stop: Any, what: str) -> list[Section]:
-    """The forward pass, with its own time for the stop."""
+def _forward_pass(values: _Values, stop: Any, parts: str) -> list[Section]:
+    """Return the forward pass with a stopping time of its own."""
     return [
-        Section("ramp", drive.ramp, 0.0, drive.speed),
-        Section("steady", drive.steady(0.5 * (drive.ramp + stop), what), drive.speed),
-        Section("ramp", stop, drive.speed, 0.0, "braking"),
-        Section("rest", drive.dwell),
+        Section("ramp", values.ramp, 0.0, values.speed),
+        Section("steady", values.steady(0.5 * (values.ramp + stop), parts), values.speed),
+        Section("ramp", stop, values.speed, 0.0, "braking"),
+        Section("rest", values.dwell),
     ]
 
 
-def _back(drive: _Drive) -> list[Section]:
+def _return_pass(values: _Values) -> list[Section]:
     return [
-        Section("ramp", drive.ramp, 0.0, -drive.speed, "turn"),
-        Section("steady", drive.steady(drive.ramp, "both ramps"), -drive.speed),
-        Section("ramp", drive.ramp, -drive.speed, 0.0),
-        Section("rest", drive.dwell),
+        Section("ramp", values.ramp, 0.0, -values.speed, "turn"),
+        Section("steady", values.steady(values.ramp, "both ramps"), -values.speed),
+        Section("ramp", values.ramp, -values.speed, 0.0),
+        Section("rest", values.dwell),
     ]
 
 
-def _slowed(drive: _Drive, share: Any, kept: Any) -> list[Section]:
-    """The forward pass with a slow-down half way, `kept` or (None) given up at once."""
-    slow, slowing = share * drive.speed, drive.ramp * (1.0 - share)
-    ramps = drive.ramp + slowing * (1.0 + share)  # two of each kind
-    if kept is not None:
-        ramps = ramps + share * kept
-    half = Section("steady", 0.5 * drive.steady(ramps, "all ramps and the slow-down"), drive.speed)
-    fall = Section("ramp", slowing, drive.speed, slow)
-    down = Section("ramp", drive.ramp, drive.speed, 0.0)
+def _slow_pass(values: _Values, share: Any, slow_time: Any) -> list[Section]:
+    """Return the forward pass with a slow-down half way; no time at slow speed for None."""
+    slow, slowing = share * values.speed, values.ramp * (1.0 - share)
+    ramps = values.ramp + slowing * (1.0 + share)  # two of each kind
+    if slow_time is not None:
+        ramps = ramps + share * slow_time
+    steady = values.steady(ramps, "all ramps and the slow-down")
+    half = Section("steady", 0.5 * steady, values.speed)
+    fall = Section("ramp", slowing, values.speed, slow)
+    stop = Section("ramp", values.ramp, values.speed, 0.0)
     stay = []
-    if kept is None:
-        down = down._replace(mark="braking")
+    if slow_time is None:
+        stop = stop._replace(mark="braking")
     else:
-        fall, stay = fall._replace(mark="braking"), [Section("steady", kept, slow)]
+        fall, stay = fall._replace(mark="braking"), [Section("steady", slow_time, slow)]
     return [
-        Section("ramp", drive.ramp, 0.0, drive.speed),
+        Section("ramp", values.ramp, 0.0, values.speed),
         half,
         fall,
         *stay,
-        Section("ramp", slowing, slow, drive.speed),
+        Section("ramp", slowing, slow, values.speed),
         half,
-        down,
-        Section("rest", drive.dwell),
+        stop,
+        Section("rest", values.dwell),
     ]

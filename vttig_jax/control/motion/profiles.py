@@ -1,9 +1,9 @@
-"""Motions a drive makes: trapezoids and S-curves with a reversal, a slow-down, a stop."""
+"""Commanded motions: trapezoids and S-curves with a reversal, a slow-down or a stop."""
 
 from typing import Any, Literal
 
 from ...base.arrays import float64, namespace
-from .limits import check_numbers, one_of
+from .limits import check_choice, check_numbers
 from .motion import Motion
 from .piecewise import EVENTS, Event, PieceMotion, Section, Value, sections_of
 from .sine import sine
@@ -23,20 +23,20 @@ def motion_of(
     slow_share: Value,
     stop_s: Value,
 ) -> Motion:
-    """The motion that a scenario names; see `trapezoid`, `s_curve` and `sine`.
+    """Return the motion of a scenario; see `trapezoid`, `s_curve` and `sine`.
 
-    A sine has no ramps, no standstill and no event but the reversal; `slow_share` and `stop_s`
-    belong to some events only. All numbers are checked all the same.
+    A sine has no ramps, no standstill and no event except the reversal; `slow_share` and `stop_s`
+    apply to some events only. All numbers are checked even if they do not apply.
 
     **Raises** `ValueError` for an unknown kind or event, a sine with another event, and numbers
-    that make no motion. Traced values are not checked.
+    out of range. Traced values are not checked.
     """
     if kind == "recorded":
         raise ValueError(
             'Argument `kind` must not be "recorded" here; `read_motion` makes a motion from a file.'
         )
-    one_of(KINDS, kind=kind)
-    one_of(EVENTS, event=event)
+    check_choice(KINDS, kind=kind)
+    check_choice(EVENTS, event=event)
     if kind == "sine":
         if event != "reversal":
             raise ValueError(
@@ -60,11 +60,11 @@ def trapezoid(
     slow_share: Value = 0.3,
     stop_s: Value = 0.05,
 ) -> PieceMotion:
-    """Speed in straight lines, up to `reversal_deg`.
+    """Return a motion to `reversal_deg` with a trapezoidal speed.
 
     **Events**
-    - `reversal`: a standstill of `dwell_s`, back to 0, and a standstill again.
-    - `slow_down`: half way, the speed falls to `slow_share` of itself, stays there for `dwell_s`
+    - `reversal`: a standstill of `dwell_s`, the motion back to 0, and a second standstill.
+    - `slow_down`: half way, the speed falls to the share `slow_share`, stays there for `dwell_s`
       and rises again; the run stops at `reversal_deg` for `dwell_s` and never turns back.
     - `aborted`: the slow-down without time at the slow speed, then the reversal.
     - `emergency_stop`: the reversal, but the forward pass stops within `stop_s`.
@@ -72,12 +72,12 @@ def trapezoid(
     **Arguments**
     - `speed_rpm`: steady speed of the driving shaft, positive.
     - `reversal_deg`: driving angle of the turn or the end; negative for the mirrored motion.
-    - `ramp_s`: time between standstill and steady speed; smaller changes take their share of it.
+    - `ramp_s`: time from standstill to steady speed; smaller changes take a proportional time.
 
-    Standstills belong to the run, the last one too. `braking_s` is the start of the deceleration
-    right before the turn, for `slow_down` that of the slow-down.
+    The run includes every standstill, also the last. `braking_s` is the start of the deceleration
+    right before the turn; for `slow_down`, that of the slow-down.
 
-    **Raises** `ValueError` for a reversal inside the ramps and for numbers out of range, among them
+    **Raises** `ValueError` for a reversal inside the ramps and for numbers out of range, including
     `ramp_s` and `stop_s` of zero. Traced values are not checked.
 
     **Example**
@@ -108,17 +108,17 @@ def s_curve(
     slow_share: Value = 0.3,
     stop_s: Value = 0.05,
 ) -> PieceMotion:
-    """The same times, angles and events as `trapezoid`, with ramps of constant jerk up, then down.
+    """Return the motion of `trapezoid`, with equal times and angles, but with S-curve ramps.
 
-    The acceleration is a triangle: twice that of the trapezoid in the middle of a ramp, zero at
-    both its ends.
+    The acceleration of a ramp is a triangle: twice that of the trapezoid in the middle, zero at
+    both ends.
     """
     sections = sections_of(event, speed_rpm, reversal_deg, dwell_s, ramp_s, slow_share, stop_s)
     return _joined(sections, jerky=True)
 
 
 def _joined(sections: list[Section], *, jerky: bool) -> PieceMotion:
-    """Sections one after the other, as pieces with their times."""
+    """Return the motion of consecutive sections."""
     clock: Any = float64(0.0)
     pieces: list[tuple[Any, ...]] = []
     pauses: list[int] = []
@@ -149,13 +149,13 @@ def _joined(sections: list[Section], *, jerky: bool) -> PieceMotion:
 
 
 def _piece(section: Section, jerky: bool) -> tuple[Any, Any, Any, Any]:
-    """Duration, speed, acceleration and jerk of a section that moves."""
+    """Return duration, speed, acceleration and jerk of a section in motion."""
     duration = section.duration
-    none = 0.0 * duration  # an array, as the others: they are stacked
-    speed = section.speed + none
+    zero = 0.0 * duration  # an array like the others, because they are stacked
+    speed = section.speed + zero
     if section.shape == "steady":
-        return duration, speed, none, none
+        return duration, speed, zero, zero
     change = section.end_speed - section.speed
     if jerky:
-        return duration, speed, none, 4.0 * change / duration**2
-    return duration, speed, change / duration, none
+        return duration, speed, zero, 4.0 * change / duration**2
+    return duration, speed, change / duration, zero

@@ -1,4 +1,4 @@
-"""A recorded motion: its CSV file, its smooth curve, and when it brakes and turns."""
+"""Recorded motions: the CSV file, the spline through its rows, and the braking and turn times."""
 
 import csv
 import math
@@ -20,90 +20,90 @@ from ...base.units import DEG
 from .motion import Motion, MotionPoint
 
 BACK: Final = 0.01
-"""Share of the recorded range of angles that the shaft must go back to have turned."""
+"""Smallest return that counts as a turn, as a share of the range of angles; a chosen value."""
 
 FULL: Final = 0.98
-"""Share of the highest speed below which the shaft has begun to brake."""
+"""Share of the highest speed below which the shaft brakes; a chosen value."""
 
 SLOW: Final = 0.9
-"""Share of the highest speed below which a motion that never turns back has slowed down."""
+"""Share of the highest speed below which a motion without turn has slowed down; a chosen value."""
 
-_TOUCHING: Final = 1e-9
-"""Share of the range within which two angles are the same."""
+_SAME_ANGLE: Final = 1e-9
+"""Difference of equal angles, as a share of the range of angles; a chosen tolerance."""
 
-_MEAN: Final = 1e-3
-"""Share of the run over which a speed is averaged."""
+_AVERAGING: Final = 1e-3
+"""Averaging time of a speed as a share of the run; a chosen value."""
 
 _STEPS: Final = 8
-"""Speeds for every time of averaging."""
+"""Speeds per averaging time; a chosen value."""
 
 
 def turn_of(time: Float[np.ndarray, " n"], angle: Float[np.ndarray, " n"]) -> tuple[float, float]:
-    """When the shaft starts to move backwards, s, and the sense of the run before, +1 or −1.
+    """Return the turn time (s) and the direction of the run before it, +1 or −1.
 
-    The sense is that in which the angle first leaves its start by `BACK` of the range of all
-    angles. The shaft has turned where it comes back from its farthest angle so far by as much; it
-    starts to move backwards at the last row of that farthest angle. Less is play, noise or a count
-    to and fro. Without a turn it is the last time.
+    The direction is that in which the angle first leaves its start by `BACK` of the range of all
+    angles. The shaft has turned if it returns by as much from its farthest angle so far; the turn
+    is the last row at that farthest angle. A smaller return is play, noise or one encoder count.
+    Without a turn, the time of the last row is returned.
     """
-    away = angle - angle[0]
-    least = BACK * np.ptp(angle)
-    sense = float(np.sign(away[np.flatnonzero(np.abs(away) > least)[0]]))
-    farthest = np.maximum.accumulate(sense * away)
-    back = np.flatnonzero(farthest - sense * away > least)
+    travel = angle - angle[0]
+    threshold = BACK * np.ptp(angle)
+    sense = float(np.sign(travel[np.flatnonzero(np.abs(travel) > threshold)[0]]))
+    farthest = np.maximum.accumulate(sense * travel)
+    back = np.flatnonzero(farthest - sense * travel > threshold)
     if not len(back):
         return float(time[-1]), sense
-    top = farthest[back[0]] - _TOUCHING * np.ptp(angle)
-    return float(time[np.flatnonzero(sense * away[: back[0]] >= top)[-1]]), sense
+    top = farthest[back[0]] - _SAME_ANGLE * np.ptp(angle)
+    return float(time[np.flatnonzero(sense * travel[: back[0]] >= top)[-1]]), sense
 
 
 def braking_of(spline: CubicSpline, turn_s: float, sense: float) -> float:
-    """Until when the shaft ran at its highest speed, s.
+    """Return the time (s) when the shaft leaves its highest speed.
 
-    Speeds are means over a thousandth of the run, so that one count of an encoder is no speed. The
-    middle of the last of them before the turn that reaches `FULL` of the highest is taken; without
-    a turn, of the last before the speed first falls below `SLOW` of it.
+    Speeds are means over a thousandth of the run, to suppress single encoder counts. The time is
+    the middle of the last mean before the turn that reaches `FULL` of the highest speed; without a
+    turn, of the last one before the speed first falls below `SLOW` of the highest.
     """
     end = float(spline.x[-1])
-    edges = np.linspace(0.0, end, round(_STEPS / _MEAN) + 1)
+    edges = np.linspace(0.0, end, round(_STEPS / _AVERAGING) + 1)
     angle = sense * spline(edges)
-    gained = angle[_STEPS:] - angle[:-_STEPS]
+    travel = angle[_STEPS:] - angle[:-_STEPS]
     middle = 0.5 * (edges[_STEPS:] + edges[:-_STEPS])
-    gained = gained[middle <= turn_s]
-    if not len(gained) or gained.max() <= 0:
+    travel = travel[middle <= turn_s]
+    if not len(travel) or travel.max() <= 0:
         return turn_s
-    highest = gained.max()
+    highest = travel.max()
     if turn_s == end:
-        first = int(np.argmax(gained >= FULL * highest))
-        slow = np.flatnonzero(gained[first:] < SLOW * highest)
-        gained = gained[: first + slow[0]] if len(slow) else gained
-    return min(float(middle[np.flatnonzero(gained >= FULL * highest)[-1]]), turn_s)
+        first = int(np.argmax(travel >= FULL * highest))
+        slow = np.flatnonzero(travel[first:] < SLOW * highest)
+        travel = travel[: first + slow[0]] if len(slow) else travel
+    return min(float(middle[np.flatnonzero(travel >= FULL * highest)[-1]]), turn_s)
 
 
 COLUMNS: Final = ("time_s", "driving_deg")
 
 SHORTEST_S: Final = 1e-9
-"""Least time between two rows."""
+"""Shortest time between two rows, s; a chosen value."""
 
 LARGEST: Final = 1e12
-"""Of a time or an angle in the file; beyond, neighbouring numbers are too far apart."""
+"""Largest time (s) or angle (deg) in the file; double precision is too coarse beyond."""
 
-_LIKE: Final = "it needs the columns time_s and driving_deg, separated by commas"
+_FORMAT_HINT: Final = "it needs the columns time_s and driving_deg, separated by commas"
 
 
 def read_columns(path: str | Path) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-    """Times in s and driving angles in degrees, checked row by row.
+    """Return times (s) and driving angles (deg), checked row by row.
 
     **Raises** `InputError` naming file, line and cure.
     """
     path = Path(path)
-    rows = _rows(path)
-    line, header = next(rows, (0, []))
+    lines = _lines(path)
+    line, header = next(lines, (0, []))
     if not header:
-        raise InputError(f"the file is empty; {_LIKE}.", where=str(path))
-    places = [_place(header, name, path, line) for name in COLUMNS]
-    found: list[tuple[float, float]] = []
-    for line, fields in rows:
+        raise InputError(f"the file is empty; {_FORMAT_HINT}.", where=str(path))
+    indices = [_column_index(header, name, path, line) for name in COLUMNS]
+    rows: list[tuple[float, float]] = []
+    for line, fields in lines:
         where = f"{path}, line {line}"
         if len(fields) != len(header):
             raise InputError(
@@ -112,20 +112,21 @@ def read_columns(path: str | Path) -> tuple[Float[np.ndarray, " n"], Float[np.nd
                 where=where,
             )
         time, angle = (
-            _number(fields[place], name, where) for place, name in zip(places, COLUMNS, strict=True)
+            _number(fields[index], name, where)
+            for index, name in zip(indices, COLUMNS, strict=True)
         )
-        if found and time - found[-1][0] < SHORTEST_S:
+        if rows and time - rows[-1][0] < SHORTEST_S:
             raise InputError(
-                f"time_s goes from {found[-1][0]!r} to {time!r}; times must increase from row to"
-                f" row, by {SHORTEST_S:g} s or more, so take the row out or sort the file.",
+                f"time_s goes from {rows[-1][0]!r} to {time!r}; times must increase from row to"
+                f" row by {SHORTEST_S:g} s or more, so remove the row or sort the file.",
                 where=where,
             )
-        found.append((time, angle))
-    if len(found) < 2:
+        rows.append((time, angle))
+    if len(rows) < 2:
         raise InputError(
-            f"the number of rows is {len(found)}; a motion needs two or more.", where=str(path)
+            f"the number of rows is {len(rows)}; a motion needs two or more.", where=str(path)
         )
-    times, angles = np.array(found, np.float64).T
+    times, angles = np.array(rows, np.float64).T
     if np.ptp(angles) == 0:
         raise InputError(
             f"driving_deg is {angles[0]:.10g} in every row; a motion must move the shaft.",
@@ -134,8 +135,8 @@ def read_columns(path: str | Path) -> tuple[Float[np.ndarray, " n"], Float[np.nd
     return times, angles
 
 
-def _rows(path: Path) -> Iterator[tuple[int, list[str]]]:
-    """Number and stripped fields of every line that is neither empty nor a remark."""
+def _lines(path: Path) -> Iterator[tuple[int, list[str]]]:
+    """Yield number and stripped fields of every line that is neither empty nor a comment."""
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
             reader = csv.reader(file, strict=True)
@@ -160,26 +161,25 @@ def _rows(path: Path) -> Iterator[tuple[int, list[str]]]:
         ) from None
     except UnicodeDecodeError:
         raise InputError(
-            f"not text in UTF-8; save the motion as CSV: {_LIKE}.", where=str(path)
+            f"not text in UTF-8; save the motion as CSV: {_FORMAT_HINT}.", where=str(path)
         ) from None
     except csv.Error as error:
         raise InputError(
-            f"not a CSV file ({error}); save the motion as CSV: {_LIKE}.", where=str(path)
+            f"not a CSV file ({error}); save the motion as CSV: {_FORMAT_HINT}.", where=str(path)
         ) from None
 
 
-def _place(header: list[str], name: str, path: Path, line: int) -> int:
-    """Where a column stands."""
+def _column_index(header: list[str], name: str, path: Path, line: int) -> int:
     where = f"{path}, line {line}"
     count = header.count(name)
     if count > 1:
         raise InputError(f"{count} columns are named {name}; keep one of them.", where=where)
     if count == 1:
         return header.index(name)
-    like = get_close_matches(name, header, n=1)
-    shown = ", ".join(header[:8]) + (", …" if len(header) > 8 else "")
-    cure = f"rename `{like[0]}` if it is meant" if like else _LIKE
-    raise InputError(f"no column {name} among: {shown}; {cure}.", where=where)
+    similar = get_close_matches(name, header, n=1)
+    names = ", ".join(header[:8]) + (", …" if len(header) > 8 else "")
+    cure = f"rename `{similar[0]}` if you mean that column" if similar else _FORMAT_HINT
+    raise InputError(f"no column {name} among: {names}; {cure}.", where=where)
 
 
 def _number(field: str, name: str, where: str) -> float:
@@ -188,10 +188,10 @@ def _number(field: str, name: str, where: str) -> float:
     except ValueError:
         value = math.nan
     if not abs(value) <= LARGEST or "_" in field:
-        seen = f"`{field}`" if field else "empty"
+        shown = f"`{field}`" if field else "empty"
         raise InputError(
-            f"{name} is {seen}; write a number up to {LARGEST:g} with a decimal point, or take the"
-            " row out.",
+            f"{name} is {shown}; write a number up to {LARGEST:g} with a decimal point, or remove"
+            " the row.",
             where=where,
         )
     return value
@@ -201,14 +201,14 @@ Scalar = Float[Number, ""]
 
 
 class RecordedMotion(Motion):
-    """A cubic spline through recorded angles; `recorded` makes it, `read_motion` from a file.
+    """Motion along a cubic spline through recorded angles; see `recorded` and `read_motion`.
 
-    The spline is found by SciPy when it is made. Its place in the table is found by bisection: new
-    values in a table of the same length compile nothing.
+    SciPy computes the spline once. Each evaluation finds its interval by bisection, so new values
+    in a table of the same length need no compilation.
 
     **Arguments**
-    - `knots`: times in s, the first of them 0.
-    - `coefficients`: (n − 1, 4): of u³, u², u and 1, u the time since the knot; rad and s.
+    - `knots`: times in s; the first is 0.
+    - `coefficients`: of u³, u², u and 1, u the time since the knot; rad and s; shape (n − 1, 4).
     - `duration_s`, `braking_s`, `turn_s`: see `Motion`.
     """
 
@@ -219,13 +219,13 @@ class RecordedMotion(Motion):
     turn_s: Scalar = eqx.field(converter=float64)
 
     def at(self, time: Real[ArrayLike, "*shape"]) -> MotionPoint:
-        """Angle, speed and acceleration at times in s."""
+        """Return angle, speed and acceleration at times in s."""
         time = jnp.asarray(time, float)
         knots = jnp.asarray(self.knots)
         inside = jnp.clip(time, 0.0, knots[-1])
-        place = jnp.searchsorted(knots[1:-1], inside, side="right")
-        since = inside - knots[place]
-        a, b, c, d = jnp.moveaxis(jnp.asarray(self.coefficients)[place], -1, 0)
+        index = jnp.searchsorted(knots[1:-1], inside, side="right")
+        since = inside - knots[index]
+        a, b, c, d = jnp.moveaxis(jnp.asarray(self.coefficients)[index], -1, 0)
         moves = (time >= 0.0) & (time < knots[-1])
         return MotionPoint(
             angle=((a * since + b) * since + c) * since + d,
@@ -235,20 +235,20 @@ class RecordedMotion(Motion):
 
 
 def recorded(time: Real[np.ndarray, " n"], driving_angle: Real[np.ndarray, " n"]) -> RecordedMotion:
-    """The motion through driving angles in rad at times in s, evenly spaced or not.
+    """Return the motion through driving angles in rad at times in s, evenly spaced or not.
 
-    A cubic spline with continuous acceleration goes through every row. It is at rest at both ends,
-    as the shaft is before and after; a recording that begins or ends in motion gains or loses its
-    speed within a few rows there. Noise goes through as well: twice differentiated, one count of
-    14.4″ at 1 kHz is 70 rad/s², so smooth a log first or thin it out.
+    A cubic spline with continuous acceleration passes through every row. It is at rest at both
+    ends, like the shaft before and after the run; a recording that begins or ends in motion reaches
+    or loses its speed within a few rows. Noise is not removed: differentiated twice, one count of
+    14.4″ at 1 kHz gives 70 rad/s², so smooth or thin a log first.
 
-    The run starts at the first time, which becomes 0. `turn_s` is the last row of the farthest
-    angle before the shaft goes back by more than 1 % of the range of all angles, `braking_s` the
-    last time before it with 98 % of the highest speed, the speeds averaged over a thousandth of the
-    run; without a turn, the last time before the speed first falls below 90 %.
+    The run starts at the first time, which becomes 0. `turn_s` is the last row at the farthest
+    angle before the shaft returns by more than 1 % of the range of angles. `braking_s` is the last
+    time before it with 98 % of the highest speed (means over a thousandth of the run); without a
+    turn, the last such time before the speed first falls below 90 %.
 
-    **Raises** `ValueError` for arrays of different or less than two rows, numbers that are not
-    finite, times that do not increase and angles that never change.
+    **Raises** `ValueError` for arrays of different length or less than two rows, numbers that are
+    not finite, times that do not increase and angles that never change.
 
     **Example**
     ```python
@@ -268,7 +268,7 @@ def recorded(time: Real[np.ndarray, " n"], driving_angle: Real[np.ndarray, " n"]
     time = time - time[0]
     spline = CubicSpline(time, angle, bc_type="clamped")
     coefficients = spline.c.T.copy()
-    coefficients[0, 2] = 0.0  # SciPy leaves a rounding of the speed at the start
+    coefficients[0, 2] = 0.0  # SciPy leaves a rounding error of the initial speed
     turn_s, sense = turn_of(time, angle)
     return RecordedMotion(
         knots=time,
@@ -280,13 +280,13 @@ def recorded(time: Real[np.ndarray, " n"], driving_angle: Real[np.ndarray, " n"]
 
 
 def read_motion(path: str | Path) -> RecordedMotion:
-    """The motion in a CSV file with the columns `time_s` and `driving_deg`; see `recorded`.
+    """Read the motion in a CSV file with the columns `time_s` and `driving_deg`; see `recorded`.
 
-    The first line names the columns, which are separated by commas; others may stand beside the
-    two. Empty lines and lines that begin with `#` are skipped.
+    The first line has the names of the columns, separated by commas; other columns are ignored.
+    Empty lines and lines that begin with `#` are skipped.
 
     **Raises** `InputError` with file and line for a file that cannot be read, lacks a column or
-    holds a row that is no row of a motion.
+    has an invalid row.
     """
     time, angle_deg = read_columns(path)
     return recorded(time, angle_deg * DEG)
@@ -306,9 +306,9 @@ def _check_rows(time: Float[np.ndarray, "..."], angle: Float[np.ndarray, "..."])
             raise ValueError(
                 f"Argument `{name}` must be finite, but is {values[row]} in row {row}."
             )
-    late = np.flatnonzero(np.diff(time) <= 0)
-    if len(late):
-        row = int(late[0]) + 1
+    descents = np.flatnonzero(np.diff(time) <= 0)
+    if len(descents):
+        row = int(descents[0]) + 1
         raise ValueError(
             f"Argument `time` must increase, but goes from {time[row - 1]:.10g} to"
             f" {time[row]:.10g} s in row {row}."

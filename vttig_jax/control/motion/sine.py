@@ -1,4 +1,4 @@
-"""To and fro once, as a sine: the gentlest motion that turns."""
+"""Sinusoidal motion of one period: a forward pass and a return pass."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -16,13 +16,13 @@ Scalar = Float[Number, ""]
 
 
 class SineMotion(Motion):
-    """One period of φ = A (1 − cos 2πft)/2 = A sin² πft, from rest to rest; `sine` makes it.
+    """Motion of one period φ = A (1 − cos 2πft)/2 = A sin² πft from rest to rest; see `sine`.
 
-    The speed is highest after a quarter of the period, where braking begins, and the turn is at the
-    half. The speed is continuous at both ends; the acceleration steps by 2A(πf)².
+    The speed is highest after a quarter of the period, where braking begins; the turn is at half
+    the period. The speed is continuous at both ends; the acceleration steps by 2A(πf)².
 
     **Arguments**
-    - `peak_to_peak`: A, rad; negative for a motion that goes backwards first.
+    - `peak_to_peak`: A, rad; negative for a motion that starts backwards.
     - `duration_s`: 1/f; `braking_s`, `turn_s`: see `Motion`.
     """
 
@@ -32,7 +32,7 @@ class SineMotion(Motion):
     turn_s: Scalar = eqx.field(converter=float64)
 
     def at(self, time: Real[ArrayLike, "*shape"]) -> MotionPoint:
-        """Angle, speed and acceleration at times in s."""
+        """Return angle, speed and acceleration at times in s."""
         time = jnp.asarray(time, float)
         rate = np.pi / jnp.asarray(self.duration_s)
         size = jnp.asarray(self.peak_to_peak)
@@ -48,12 +48,12 @@ class SineMotion(Motion):
 
 
 def sine(speed_rpm: Real[ArrayLike, ""], reversal_deg: Real[ArrayLike, ""]) -> SineMotion:
-    """To `reversal_deg` and back as one period of a sine whose highest speed is `speed_rpm`.
+    """Return a motion to `reversal_deg` and back as one sine period with peak speed `speed_rpm`.
 
-    The peak speed is πfA, hence f = ω/(πA). There are neither ramps nor a standstill.
+    The peak speed is πfA, hence f = ω/(πA). The motion has no ramps and no standstill.
 
-    **Raises** `ValueError` for a speed that is not positive, a reversal at zero and what is not
-    finite. Traced values are not checked.
+    **Raises** `ValueError` for a speed that is not positive, a reversal at zero, and numbers that
+    are not finite. Traced values are not checked.
 
     **Example**
     ```python

@@ -1,1 +1,1 @@
-"""Plants: how the driven gear follows between both flanks."""
+"""Plants: motion of the driven shaft between both flanks."""

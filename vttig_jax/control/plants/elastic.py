@@ -1,4 +1,4 @@
-"""Elastic teeth: the driven shaft flies through the gap and springs back from a flank."""
+"""Plant with elastic teeth: free flight through the gap, spring and damper at the flanks."""
 
 import math
 from typing import NamedTuple
@@ -30,24 +30,24 @@ Scalar = Float[Array, ""]
 
 
 class ElasticPlant(Plant):
-    """Inertia and friction in the gap, stiffness and damping at the flanks.
+    """Plant with inertia and friction in the gap, stiffness and damping at the flanks.
 
-    A flank that the driven shaft is p deep in turns it, with d = 2 ζ √(c J₂), by
+    At a penetration p of the driven shaft, the flank exerts the torque (d = 2 ζ √(c J₂))
 
         T₂ = max(0, c p + clip(d ṗ, ±c p))
 
-    A step goes through a whole impact (see `elastic_impact`) with walls that accelerate evenly and
-    constant friction. Any step is stable, and the mesh never gives back energy that it has not
-    taken. What comes after one impact is at rest in the flank: a contact that lasts on, and a
-    bounce so low that it would come back within the same step. A gap that is forced shut holds the
-    shaft at rest between both springs.
+    One step covers a whole impact (see `elastic_impact`) with uniformly accelerated walls and
+    constant friction. Any step is stable, and the mesh never returns more energy than it took.
+    After one impact the shaft is at rest in the flank if the contact persists, or if the
+    rebound would return within the same step. A gap that is forced shut holds the shaft at rest
+    between both springs.
 
     **Arguments**
     - `drag`: inertia and friction of the driven shaft.
     - `stiffness`: c, N m/rad at the driven shaft; see `mesh_stiffness`.
-    - `damping_ratio`: ζ. It refers to J₂ alone where the driving motion is prescribed.
-    - `effective`: inertia of both shafts against each other, kg m², where the driving one gives way
-      (`against`); it stands for J₂ in all that the flank does, and ζ refers to it.
+    - `damping_ratio`: ζ; with a prescribed driving motion it refers to J₂ alone.
+    - `effective`: inertia of the relative motion of both shafts, kg m², if the driving shaft can
+      move (`coupled`); it replaces J₂ in the contact law and in the definition of ζ.
     """
 
     drag: Drag
@@ -55,61 +55,64 @@ class ElasticPlant(Plant):
     damping_ratio: Float[Number, ""] = eqx.field(converter=float64)
     effective: Float[Number, ""] | None = None
 
-    def against(self, effective: Float[Number, ""]) -> "ElasticPlant":
-        """The same teeth between two shafts that move each other.
+    def coupled(self, effective: Float[Number, ""]) -> "ElasticPlant":
+        """Return the same teeth with the inertia (kg m²) of two shafts that move each other.
 
-        Friction is then constant over a whole step, an impact in it included, so that what differs
-        from `slowing` is the flank's doing alone.
+        Friction is then constant over the whole step, including impacts, so that any difference
+        from `slowing` is caused by the flank alone.
         """
         return ElasticPlant(self.drag, self.stiffness, self.damping_ratio, effective)
 
     def torque(self, shafts: Shafts, now: Walls) -> Scalar:
-        """Of the flanks on the driven shaft, N m: positive that of A."""
+        """Return the torque of the flanks on the driven shaft, N m; that of flank A is positive."""
         depths = _depths(now, shafts.offset, shafts.drift)
         return self._torque(depths.a) - self._torque(depths.b)
 
     def slowing(self, shafts: Shafts, now: Walls, ratio: Scalar, step: Scalar) -> Scalar:
-        """What friction and load do to a driven shaft that the flanks press, rad/s²."""
+        """Return the acceleration of the loaded driven shaft by friction and load, rad/s²."""
         force = self.torque(shafts, now)
-        hold = jnp.asarray(self.drag.coulomb) + self.drag.stribeck
-        push = jnp.clip(force, self.drag.load - hold, self.drag.load + hold)
-        push = jnp.where(force == 0, 0.0, push)
-        turning = ratio * shafts.speed + shafts.drift
-        return self.drag.acceleration(turning, push, step) - push / self.drag.inertia
+        push = jnp.where(force == 0, 0.0, self._friction_limited(force))
+        driven_speed = ratio * shafts.speed + shafts.drift
+        return self.drag.acceleration(driven_speed, push, step) - push / self.drag.inertia
+
+    def _friction_limited(self, torque: Scalar) -> Scalar:
+        """Return the part of a torque (N m) that friction at standstill and the load balance."""
+        limit = jnp.asarray(self.drag.coulomb) + self.drag.stribeck
+        return jnp.clip(torque, self.drag.load - limit, self.drag.load + limit)
 
     def step(
-        self, shafts: Shafts, ahead: MotionPoint, slide: Slide, bounds: Bounds, step: Number
+        self, shafts: Shafts, driving: MotionPoint, slide: Slide, bounds: Bounds, step: Number
     ) -> tuple[Shafts, ContactEvent]:
         """See `Plant.step`."""
         ratio, closing = jnp.asarray(bounds.ratio), jnp.asarray(bounds.closing)
         step = jnp.asarray(step)
-        flanks = bounds.at(ahead.angle)
+        flanks = bounds.at(driving.angle)
         now = walls(shafts.flanks, shafts.speed, closing, slide.start, slide.start_rate)
-        then = walls(flanks, ahead.speed, closing, slide.end, slide.end_rate)
-        turning = ratio * shafts.speed + shafts.drift
+        then = walls(flanks, driving.speed, closing, slide.end, slide.end_rate)
+        driven_speed = ratio * shafts.speed + shafts.drift
         if self.effective is None:
-            slowing = self.drag.acceleration(turning, 0.0, step)
+            slowing = self.drag.acceleration(driven_speed, 0.0, step)
         else:
             slowing = self.slowing(shafts, now, ratio, step)
-        free = shafts.offset + step * (turning + 0.5 * step * slowing)
-        free -= ratio * (ahead.angle - shafts.angle)
-        drift = shafts.drift + step * slowing - ratio * (ahead.speed - shafts.speed)
+        free = shafts.offset + step * (driven_speed + 0.5 * step * slowing)
+        free -= ratio * (driving.angle - shafts.angle)
+        drift = shafts.drift + step * slowing - ratio * (driving.speed - shafts.speed)
 
-        flight = _Flight(shafts.offset, shafts.drift, free, drift, turning, slowing)
+        flight = _Flight(shafts.offset, shafts.drift, free, drift, driven_speed, slowing)
         landing = self._landing(now, then, flight, step)
         offset, share = landing.offset, landing.share
         met = jnp.where(landing.met & (landing.flank != shafts.side), landing.flank, FREE)
-        # As of rigid teeth: a gap that has closed meets the flank that did not carry.
+        # As with rigid teeth, a gap that has closed newly loads the opposite flank.
         met = jnp.where(then.lower > then.upper, -shafts.side, met)
         side = touching(offset < then.lower, offset > then.upper, shafts.side)
         low = cubic(now.lower, then.lower, now.lower_rate, then.lower_rate, step)
         high = cubic(now.upper, then.upper, now.upper_rate, then.upper_rate, step)
-        way = cubic(shafts.angle, ahead.angle, shafts.speed, ahead.speed, step)
+        way = cubic(shafts.angle, driving.angle, shafts.speed, driving.speed, step)
         touch = ContactEvent(met, way.at(share), high.at(share) - low.at(share), share)
-        return Shafts(ahead.angle, ahead.speed, offset, landing.drift, side, flanks), touch
+        return Shafts(driving.angle, driving.speed, offset, landing.drift, side, flanks), touch
 
     def _landing(self, now: Walls, then: Walls, flight: "_Flight", step: Scalar) -> "_Landing":
-        """Where a flight leads once the flanks have their say."""
+        """Return the end of a step, with contact, from the flight without contact."""
         rate = jnp.sqrt(jnp.asarray(self.stiffness) / self._inertia)
         starts = _depths(now, flight.start, flight.start_rate)
         ends = _depths(then, flight.end, flight.end_rate)
@@ -120,45 +123,44 @@ class ElasticPlant(Plant):
             Press(*(jnp.where(on_a, a, b) for a, b in zip(*both, strict=True)))
             for both in (starts, ends)
         )
-        free = held = (end.rate - start.rate) / step
+        free = loaded = (end.rate - start.rate) / step
         if self.effective is None:
-            held = free - sense * self._held(flight, start, sense * end.rate, sense, step)
-        pulls = Pulls(free, held, jnp.where(start.depth > 0, free, held))
-        one = impact(
+            change = self._friction_change(flight, start, sense * end.rate, sense, step)
+            loaded = free - sense * change
+        pulls = Pulls(free, loaded, jnp.where(start.depth > 0, free, loaded))
+        result = impact(
             Press(start.depth, start.rate / rate),
             Pulls(*(pull / rate**2 for pull in pulls)),
             rate * step,
             jnp.asarray(self.damping_ratio),
         )
-        depth, speed = one.press.depth, rate * one.press.rate
+        depth, speed = result.press.depth, rate * result.press.rate
         offset = jnp.where(on_a, then.lower - depth, then.upper + depth)
-        offset = jnp.where(one.met, offset, flight.end)
-        # The other flank, where it is reached as well, is met at the start of the next step.
+        offset = jnp.where(result.met, offset, flight.end)
+        # If the step reaches the other flank too, that contact starts the next step.
         offset = jnp.where(on_a, jnp.minimum(offset, then.upper), jnp.maximum(offset, then.lower))
         drift = jnp.where(on_a, then.lower_rate - speed, then.upper_rate + speed)
-        drift = jnp.where(one.met, drift, flight.end_rate)
-        share = jnp.minimum(one.entry / (rate * step), 1.0)
-        landing = _Landing(offset, drift, jnp.where(on_a, ON_A, ON_B), one.met, share)
-        return _shut(then, (ends.a.rate - starts.a.rate) / (step * rate**2), landing)
+        drift = jnp.where(result.met, drift, flight.end_rate)
+        share = jnp.minimum(result.entry / (rate * step), 1.0)
+        landing = _Landing(offset, drift, jnp.where(on_a, ON_A, ON_B), result.met, share)
+        return _wedged(then, (ends.a.rate - starts.a.rate) / (step * rate**2), landing)
 
-    def _held(
+    def _friction_change(
         self, flight: "_Flight", start: Press, lag: Scalar, sense: Scalar, step: Scalar
     ) -> Scalar:
-        """How much more friction accelerates the shaft on a flank than in flight, rad/s².
+        """Return the acceleration by friction on a flank minus that in flight, rad/s².
 
-        On a flank that presses at the start it stands up to its torque, as far as it can: in an
-        impact, which is shorter than the step, no more. After one that is still to come it acts
-        against the sense of the rebound: 1/(1 + 3 ζ) is close to the restitution.
+        On a flank that is loaded at the start, friction opposes the contact torque up to its limit;
+        in an impact, which is shorter than the step, it does not. After an impact within the step
+        it opposes the rebound; 1/(1 + 3 ζ) approximates the restitution.
         """
         pressed = start.depth > 0
-        bounce = (1 + 1 / (1 + 3 * jnp.asarray(self.damping_ratio))) * lag
-        turning = flight.turning + jnp.where(pressed, 0.0, step * flight.slowing + bounce)
-        hold = jnp.asarray(self.drag.coulomb) + self.drag.stribeck
+        rebound = (1 + 1 / (1 + 3 * jnp.asarray(self.damping_ratio))) * lag
+        later = jnp.where(pressed, 0.0, step * flight.slowing + rebound)
         push = jnp.where(pressed, sense * self._torque(start), 0.0)
-        push = jnp.clip(push, self.drag.load - hold, self.drag.load + hold)
-        push = jnp.where(pressed, push, 0.0)
-        slowing = self.drag.acceleration(turning, push, step) - push / self.drag.inertia
-        return slowing - flight.slowing
+        push = jnp.where(pressed, self._friction_limited(push), 0.0)
+        slowing = self.drag.acceleration(flight.driven_speed + later, push, step)
+        return slowing - push / self.drag.inertia - flight.slowing
 
     def _torque(self, press: Press) -> Scalar:
         stiffness = jnp.asarray(self.stiffness)
@@ -172,13 +174,13 @@ class ElasticPlant(Plant):
 
 
 def mesh_stiffness(c_gamma_N_mm_um: float, face_width_mm: float, base_radius_mm: float) -> float:
-    """c in N m/rad at the driven shaft from the mesh stiffness of ISO 6336.
+    """Return c (N m/rad at the driven shaft) for a mesh stiffness of ISO 6336.
 
         c = c_γ b r_b2²
 
     **Arguments**
     - `c_gamma_N_mm_um`: c_γ, N per mm of face width and µm on the line of action.
-    - `face_width_mm`: b. - `base_radius_mm`: r_b2.
+    - `face_width_mm`: b. - `base_radius_mm`: base circle radius r_b2 of the driven gear.
 
     **Example**
     ```python
@@ -192,10 +194,10 @@ def mesh_stiffness(c_gamma_N_mm_um: float, face_width_mm: float, base_radius_mm:
 
 
 def largest_step(stiffness: float, damping_ratio: float, inertia: float) -> float:
-    """Longest step in s that resolves the contact; any step is stable.
+    """Return the longest step (s) that resolves the contact; any step is stable.
 
-    Up to it a contact is followed to the end of the step; beyond it one that lasts on is taken as
-    at rest, and its ringing is lost. The positions keep to a second of arc far beyond.
+    In a longer step a lasting contact counts as at rest, and its oscillation is lost; positions
+    stay accurate to an arcsecond far beyond this step.
 
     **Arguments**
     - `stiffness`: c, N m/rad. - `damping_ratio`: ζ. - `inertia`: J₂, kg m².
@@ -212,25 +214,25 @@ def largest_step(stiffness: float, damping_ratio: float, inertia: float) -> floa
 
 
 class _Depths(NamedTuple):
-    """How deep the driven shaft is in flank A and B, rad and rad/s."""
+    """Penetration of the driven shaft into flank A and B, rad and rad/s."""
 
     a: Press
     b: Press
 
 
 class _Flight(NamedTuple):
-    """A step without flanks: x and its rate at both ends, φ̇₂ at the start and φ̈₂; rad and s."""
+    """Step without contact: x and its rate at both ends, φ̇₂ at the start and φ̈₂; rad and s."""
 
     start: Scalar
     start_rate: Scalar
     end: Scalar
     end_rate: Scalar
-    turning: Scalar
+    driven_speed: Scalar
     slowing: Scalar
 
 
 class _Landing(NamedTuple):
-    """x and its rate at the end of a step; whether `flank` was met in it, and at what share."""
+    """Offset x and its rate at the end of a step; whether and at which share it met `flank`."""
 
     offset: Scalar
     drift: Scalar
@@ -246,15 +248,15 @@ def _depths(bounds: Walls, offset: Scalar, drift: Scalar) -> _Depths:
     )
 
 
-def _shut(then: Walls, pull: Scalar, landing: _Landing) -> _Landing:
-    """Between two springs that overlap: at rest where they and the pull onto A balance."""
+def _wedged(then: Walls, pull: Scalar, landing: _Landing) -> _Landing:
+    """Place the shaft of a closed gap where both springs and the pull onto flank A balance."""
     overlap = then.lower - then.upper
-    # Beyond an overlap's worth of pull the other flank carries nothing.
+    # A pull larger than the overlap unloads one of the flanks.
     depth = jnp.minimum(jnp.maximum(0.5 * (overlap + pull), pull), overlap + pull)
     drift = 0.5 * (then.lower_rate + then.upper_rate)
-    shut = overlap > 0
+    closed = overlap > 0
     return landing._replace(
-        offset=jnp.where(shut, then.lower - depth, landing.offset),
-        drift=jnp.where(shut, drift, landing.drift),
-        share=jnp.where(shut, 1.0, landing.share),
+        offset=jnp.where(closed, then.lower - depth, landing.offset),
+        drift=jnp.where(closed, drift, landing.drift),
+        share=jnp.where(closed, 1.0, landing.share),
     )

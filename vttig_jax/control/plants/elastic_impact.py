@@ -1,16 +1,16 @@
-"""One impact on a spring with a damper, from flight to flight, without small steps.
+"""One impact on a spring with a damper, from flight to flight, without small time steps.
 
-A body is p deep in a flank (negative: away from it) and feels, per inertia,
+At a penetration p of a body into a flank (negative: outside) the torque per inertia is
 
     F/J = max(0, ω² p + clip(2 ζ ω ṗ, ±ω² p)),  ω = √(c/J)
 
-(Modelica's ElastoBacklash: the damper gives at most what the spring does; the flank never pulls).
-A step that samples this force must be far shorter than the contact, some π/ω. But the law is
-linear in pieces, and an impact goes through them in one order:
+(Modelica's ElastoBacklash: the damping is limited to the spring torque; the flank never pulls).
+A step that samples this torque must be much shorter than the contact, about π/ω. The law is
+piecewise linear, and an impact passes its pieces in a fixed order:
 
     flight → stiff (2 c p) → both (c p + d ṗ) → loose (0) → flight
 
-So each piece is a power series of the time, its end a root of another. Time is counted in 1/ω here.
+Each piece is a power series in time and ends at the root of another one. Time is in units of 1/ω.
 """
 
 from collections.abc import Sequence
@@ -26,26 +26,26 @@ Truth = Bool[Array, ""]
 Series = Sequence[Scalar]
 """Coefficients, lowest power first."""
 
-_ORDER = 12
-_LONGEST = 1.3
-"""Time that a series covers: what it leaves out is below 1.3¹³/13! = 5e-9 of the depth."""
-_LONGEST_OVERDAMPED = 2.0
-"""The same counted in the decay time of the faster mode, whose error the damper forgets."""
-_NEWTON = 4
+_ORDER = 12  # highest power of a series; a chosen value
+_SERIES_TIME = 1.3
+"""Time, 1/ω, that a series covers: its truncation error is below 1.3¹³/13! = 5e-9 of the depth."""
+_SERIES_TIME_OVERDAMPED = 2.0
+"""The same in decay times of the faster mode, whose error decays; a chosen value."""
+_NEWTON = 4  # Newton iterations; a chosen value
 
 
 class Press(NamedTuple):
-    """How deep in a flank, rad, and how fast deeper: rad per 1/ω."""
+    """Penetration into a flank, rad, and its rate, rad per 1/ω."""
 
     depth: Scalar
     rate: Scalar
 
 
 class Impact(NamedTuple):
-    """Where an impact leads.
+    """Result of an impact.
 
-    - `press`: at the end of the time. - `met`: whether the flank was met, or pressed at the start.
-    - `entry`: time until it was met; the whole time where it was not.
+    - `press`: state at the end of the time. - `met`: whether there was contact at any time.
+    - `entry`: time until the first contact; the whole time without contact.
     """
 
     press: Press
@@ -54,9 +54,9 @@ class Impact(NamedTuple):
 
 
 class Pulls(NamedTuple):
-    """Acceleration into the flank without contact, rad per 1/ω², constant in each phase.
+    """Acceleration into the flank by all but the contact torque, rad per 1/ω², constant per phase.
 
-    It differs by what friction does: `before` the flank is met, while `pressed`, and `after`.
+    Friction differs `before` the contact, while `pressed`, and `after` it.
     """
 
     before: Scalar
@@ -65,113 +65,113 @@ class Pulls(NamedTuple):
 
 
 class _Piece(NamedTuple):
-    """A piece of the law in contact.
+    """Piece of the contact law.
 
-    - `spring`, `damper`: shares of c and d that act in it.
-    - `depth`, `rate`: it lasts while depth · p + rate · (d/c) ṗ is positive.
-    - `loosens`: whether its end is that of the force.
+    - `spring`, `damper`: factors of c and d in this piece.
+    - `depth`, `rate`: the piece lasts while depth · p + rate · (d/c) ṗ is positive.
+    - `releases`: whether the contact torque is zero after this piece.
     """
 
     spring: Scalar
     damper: Scalar
     depth: Scalar
     rate: Scalar
-    loosens: Scalar
+    releases: Scalar
 
 
 _STIFF = (2.0, 0.0, -1.0, 1.0, 0.0)
 _BOTH = (1.0, 1.0, 1.0, 1.0, 1.0)
 _PIECES = np.array([_STIFF, _BOTH, _BOTH, _BOTH])
-"""Three series of `both` cover 3.9/ω: contacts that throw the body back are over by then (up to a
-damping ratio of 5, where it keeps 7 % of its speed)."""
+"""Three series of `both` cover 3.9/ω, longer than a contact with a rebound (up to a damping ratio
+of 5, where the rebound has 7 % of the speed)."""
 
 
 def impact(start: Press, pulls: Pulls, time: Scalar, damping_ratio: Scalar) -> Impact:
-    """Follow a body for a time in 1/ω, through one impact at most.
+    """Follow a body for a time (1/ω) through at most one impact.
 
-    What comes after it is at rest in the flank, p = max(0, pull): a contact that lasts on, and a
-    bounce that would come back within the time. So no energy is gained.
+    If the contact persists, or the rebound would return within the time, the body ends at rest
+    in the flank at p = max(0, pull). The energy therefore never increases.
     """
     entry = jnp.where(start.depth > 0, 0.0, _arrival(start, pulls.before))
     met = entry <= time
-    flown = _flown(start, pulls.before, jnp.minimum(entry, time))
+    flown = _flight(start, pulls.before, jnp.minimum(entry, time))
     depth = jnp.where(met & (start.depth <= 0), 0.0, flown.depth)
-    left = jnp.where(met, time - jnp.minimum(entry, time), 0.0)
-    state = (Press(depth, flown.rate), left, jnp.zeros_like(met))
+    remaining = jnp.where(met, time - jnp.minimum(entry, time), 0.0)
+    state = (Press(depth, flown.rate), remaining, jnp.zeros_like(met))
     pull = pulls.pressed
 
-    def through(state, piece: Float[Array, "5"]):
-        return _through(state, _Piece(*piece), pull, damping_ratio), None
+    def advance(state, piece: Float[Array, "5"]):
+        return _advance(state, _Piece(*piece), pull, damping_ratio), None
 
-    (press, left, loose), _ = jax.lax.scan(through, state, jnp.asarray(_PIECES))
-    press, left, thrown = _given_way(press, left, met & loose, pull, damping_ratio)
-    flight = jnp.where(thrown, jnp.minimum(left, _arrival(press, pulls.after)), 0.0)
-    stays = left > flight
-    flown = _flown(press, pulls.after, flight)
+    (press, remaining, loose), _ = jax.lax.scan(advance, state, jnp.asarray(_PIECES))
+    press, remaining, thrown = _separation(press, remaining, met & loose, pull, damping_ratio)
+    flight = jnp.where(thrown, jnp.minimum(remaining, _arrival(press, pulls.after)), 0.0)
+    stays = remaining > flight
+    flown = _flight(press, pulls.after, flight)
     depth = jnp.where(stays, jnp.maximum(pull, 0.0), flown.depth)
     rate = jnp.where(stays, 0.0, flown.rate)
     return Impact(Press(depth, rate), jnp.where(met, entry, time), met)
 
 
 def longest_contact(damping_ratio: float) -> float:
-    """Time in 1/ω for which `impact` follows a contact that throws nothing back."""
+    """Return the time (1/ω) for which `impact` follows a contact without rebound."""
     both = [_Piece(*piece) for piece in jnp.asarray(_PIECES) if piece[1] > 0]
-    return float(sum(_covered(piece, jnp.asarray(damping_ratio)) for piece in both))
+    return float(sum(_series_time(piece, jnp.asarray(damping_ratio)) for piece in both))
 
 
-def _through(state, piece: _Piece, pull: Scalar, damping_ratio: Scalar):
-    """As far as a piece of the law goes, or a series, or the time that is left."""
-    press, left, loose = state
+def _advance(state, piece: _Piece, pull: Scalar, damping_ratio: Scalar):
+    """Advance to the end of a piece, of its series or of the remaining time."""
+    press, remaining, loose = state
     damper = 2 * damping_ratio
     inside = piece.depth * press.depth + piece.rate * damper * press.rate
-    covered = jnp.minimum(left, _covered(piece, damping_ratio))
-    most = jnp.where((inside >= 0) & ~loose, covered, 0.0)
+    covered = jnp.minimum(remaining, _series_time(piece, damping_ratio))
+    limit = jnp.where((inside >= 0) & ~loose, covered, 0.0)
     depth = _series(press, pull, piece.spring, piece.damper * damper)
     slopes = [n * c for n, c in enumerate(depth)][1:]
     margin = [
         piece.depth * c + piece.rate * damper * s for c, s in zip(depth, slopes, strict=False)
     ]
-    ends = ~loose & (_value_slope(margin, most)[0] <= 0)
-    time = jnp.where(ends, _root(margin, most), most)
+    ends = ~loose & (_value_slope(margin, limit)[0] <= 0)
+    time = jnp.where(ends, _root(margin, limit), limit)
     press = Press(*_value_slope(depth, time))
-    return press, left - time, loose | (ends & (piece.loosens > 0))
+    return press, remaining - time, loose | (ends & (piece.releases > 0))
 
 
-def _given_way(press: Press, left: Scalar, loose: Truth, pull: Scalar, damping_ratio: Scalar):
-    """A body that feels no force inside the flank until it is out, or pulled in again.
+def _separation(press: Press, remaining: Scalar, loose: Truth, pull: Scalar, damping_ratio: Scalar):
+    """Follow a body without contact torque inside the flank until it leaves or is loaded again.
 
-    **Returns** where it is then, the time that is left, and whether it is out. Pulled in again, it
-    waits for the next step.
+    **Returns** its state, the remaining time, and whether it left. If it is loaded again, the next
+    step continues.
     """
     damper = 2 * damping_ratio
     square = press.rate**2 - 2 * pull * press.depth
     leaves = (press.rate < 0) & (square >= 0)
-    speed = _root_of(square) - press.rate
-    out = 2 * jnp.maximum(press.depth, 0.0) / jnp.where(leaves, speed, 1.0)
+    speed = _sqrt(square) - press.rate
+    leaving_time = 2 * jnp.maximum(press.depth, 0.0) / jnp.where(leaves, speed, 1.0)
     force = Press(press.depth + damper * press.rate, press.rate + damper * pull)
-    lasts = jnp.where(leaves, out, _arrival(force, pull))
-    time = jnp.where(loose, jnp.minimum(left, lasts), 0.0)
-    thrown = loose & leaves & (lasts <= left)
-    press = _flown(press, pull, time)
-    left = jnp.where(loose & ~thrown, 0.0, left - time)
-    return Press(jnp.where(thrown, 0.0, press.depth), press.rate), left, thrown
+    duration = jnp.where(leaves, leaving_time, _arrival(force, pull))
+    time = jnp.where(loose, jnp.minimum(remaining, duration), 0.0)
+    thrown = loose & leaves & (duration <= remaining)
+    press = _flight(press, pull, time)
+    remaining = jnp.where(loose & ~thrown, 0.0, remaining - time)
+    return Press(jnp.where(thrown, 0.0, press.depth), press.rate), remaining, thrown
 
 
-def _covered(piece: _Piece, damping_ratio: Scalar) -> Scalar:
-    """Time that the series of a piece covers."""
+def _series_time(piece: _Piece, damping_ratio: Scalar) -> Scalar:
+    """Return the time (1/ω) that the series of a piece covers."""
     square = damping_ratio**2 - 1
     over = (square > 0) & (piece.damper > 0)
-    fast = jnp.where(over, damping_ratio + _root_of(square), 1.0)
-    return jnp.where(over, _LONGEST_OVERDAMPED / fast, _LONGEST)
+    fast = jnp.where(over, damping_ratio + _sqrt(square), 1.0)
+    return jnp.where(over, _SERIES_TIME_OVERDAMPED / fast, _SERIES_TIME)
 
 
 def _series(press: Press, pull: Scalar, spring: Scalar, damper: Scalar) -> Series:
-    """Of p̈ = pull − spring p − damper ṗ."""
-    found = [press.depth, press.rate]
+    """Return the power series of p̈ = pull − spring p − damper ṗ."""
+    series = [press.depth, press.rate]
     for n in range(_ORDER - 1):
-        force = spring * found[n] + (n + 1) * damper * found[n + 1]
-        found.append(((pull if n == 0 else 0.0) - force) / ((n + 1) * (n + 2)))
-    return found
+        force = spring * series[n] + (n + 1) * damper * series[n + 1]
+        series.append(((pull if n == 0 else 0.0) - force) / ((n + 1) * (n + 2)))
+    return series
 
 
 def _value_slope(series: Series, time: Scalar) -> tuple[Scalar, Scalar]:
@@ -182,27 +182,27 @@ def _value_slope(series: Series, time: Scalar) -> tuple[Scalar, Scalar]:
     return value, slope
 
 
-def _root(series: Series, most: Scalar) -> Scalar:
-    """Where a series that starts at or above zero and is below at `most` vanishes."""
-    end, _ = _value_slope(series, most)
+def _root(series: Series, limit: Scalar) -> Scalar:
+    """Return the root of a series that is ≥ 0 at zero and negative at `limit`."""
+    end, _ = _value_slope(series, limit)
 
-    # In a loop, because XLA would otherwise repeat all of it for each of its uses.
+    # Without the loop XLA would repeat these operations for every use of the root.
     def newton(_, time):
         value, slope = _value_slope(series, time)
-        return jnp.clip(time - value / _nonzero(slope), 0.0, most)
+        return jnp.clip(time - value / _nonzero(slope), 0.0, limit)
 
-    first = most * jnp.clip(series[0] / _nonzero(series[0] - end), 0.0, 1.0)
+    first = limit * jnp.clip(series[0] / _nonzero(series[0] - end), 0.0, 1.0)
     return jax.lax.fori_loop(0, _NEWTON, newton, first)
 
 
-def _flown(press: Press, pull: Scalar, time: Scalar) -> Press:
+def _flight(press: Press, pull: Scalar, time: Scalar) -> Press:
     return Press(press.depth + time * (press.rate + 0.5 * time * pull), press.rate + time * pull)
 
 
 def _arrival(press: Press, pull: Scalar) -> Scalar:
-    """When a flight that begins at depth ≤ 0 comes to depth zero from outside; ∞ for never."""
+    """Return the time when a flight from depth ≤ 0 enters the flank; ∞ if it never does."""
     square = press.rate**2 - 2 * pull * press.depth
-    root = _root_of(square)
+    root = _sqrt(square)
     inwards = press.rate > 0
     above = jnp.where(inwards, -2 * press.depth, root - press.rate)
     below = jnp.where(inwards, press.rate + root, pull)
@@ -210,8 +210,8 @@ def _arrival(press: Press, pull: Scalar) -> Scalar:
     return jnp.where(comes, jnp.maximum(above, 0.0) / jnp.where(comes, below, 1.0), jnp.inf)
 
 
-def _root_of(value: Scalar) -> Scalar:
-    """Square root with a finite slope everywhere; 0 below zero."""
+def _sqrt(value: Scalar) -> Scalar:
+    """Return the square root with a finite slope everywhere; 0 for negative values."""
     positive = value > 0
     return jnp.where(positive, jnp.sqrt(jnp.where(positive, value, 1.0)), 0.0)
 

@@ -1,15 +1,15 @@
-"""Where the driven gear may stand: the two flanks as harmonics of both shafts, with their slopes.
+"""Both flanks as harmonics of the shaft angles: the bounds of the driven gear, with their slopes.
 
-A reversal is simulated in the offset x = φ₂ − i φ₁, bounded by flank A from below, by B from above:
+A reversal is simulated in the offset x = φ₂ − i φ₁; flank A is its lower bound, flank B the upper:
 
     TE_A(φ₁) + s tan β_L/R₂  ≤  x  ≤  TE_B(φ₁) − s tan β_R/R₂
 
-An exact flank model is implicit in φ₂ and too slow for the inside of a scan. In contact it is a
-function of φ₁ alone whose spectrum is known, n₁ + n₂ i cycles a turn, so it is written once as
+An exact flank model is implicit in φ₂ and too slow inside a scan. In contact it is a function of φ₁
+alone, with a known spectrum of n₁ + n₂ i cycles per turn, so it is expanded once as
 
     TE_f(φ₁) = Re Σ_t c_ft exp(j (n₁ φ₁ + n₂ i φ₁))
 
-and from then on costs one sincos of φ₁ and one of i φ₁, whatever the number of harmonics.
+Each evaluation then costs one sincos of φ₁ and one of i φ₁ for any number of harmonics.
 """
 
 import itertools
@@ -27,18 +27,18 @@ from ...kinematics.first_order import ClosedModel
 from ...kinematics.flank_model import FlankModel, ImplicitModel, fixed_point
 from ...kinematics.harmonic import Term
 
-_LEAST = 1e-12
-"""rad below which a harmonic is left out."""
+_NEGLIGIBLE = 1e-12
+"""Coefficient in rad below which a harmonic is left out; a chosen tolerance."""
 
-_LEFT = 5e-10
-"""rad that all harmonics left out by default may add up to."""
+_TRUNCATION = 5e-10
+"""Largest sum, in rad, of all harmonics left out by default; a chosen tolerance."""
 
 _HIGHEST = 6
-"""Order of each shaft that is looked at by default: eccentricities of a gear reach no further."""
+"""Highest order of each shaft by default; eccentric gears have no relevant higher orders."""
 
 
 class Flanks(NamedTuple):
-    """TE of flank A and B in rad, and their slopes dTE/dφ₁."""
+    """TE of flank A and B, rad, and their slopes dTE/dφ₁."""
 
     lower: Float[Array, "*shape"]
     upper: Float[Array, "*shape"]
@@ -47,14 +47,13 @@ class Flanks(NamedTuple):
 
 
 class Bounds(eqx.Module):
-    """Both flanks as harmonics of the driving angle.
+    """Harmonics of both flanks in the driving angle.
 
     **Arguments**
     - `ratio`: i.
     - `offset`: mean TE of flank A and B, rad.
-    - `cosine`, `sine`: rad, shape (2, terms), of cos and sin (n₁ φ₁ + n₂ i φ₁).
-    - `closing`: rad of TE by which a mm of axial displacement moves flank A up and flank B down,
-      tan β_L/R₂ and tan β_R/R₂.
+    - `cosine`, `sine`: coefficients of cos and sin (n₁ φ₁ + n₂ i φ₁), rad, shape (2, terms).
+    - `closing`: tan β_L/R₂ and tan β_R/R₂, rad/mm: axial displacement moves flank A up, B down.
     - `terms`: (n₁, n₂) of every harmonic.
     """
 
@@ -66,7 +65,7 @@ class Bounds(eqx.Module):
     terms: tuple[Term, ...] = eqx.field(static=True)
 
     def at(self, driving_angle: Float[Array, "*shape"]) -> Flanks:
-        """Both flanks at a driving angle, axial displacement zero."""
+        """Return both flanks at a driving angle (rad), axial displacement zero."""
         ratio = jnp.asarray(self.ratio)
         waves = _waves(self.terms, driving_angle, ratio * driving_angle)
         cosine, sine, offset = (jnp.asarray(c) for c in (self.cosine, self.sine, self.offset))
@@ -77,7 +76,7 @@ class Bounds(eqx.Module):
         )
 
     def gap(self, driving_angle: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
-        """Backlash j = TE_B − TE_A, rad, axial displacement zero."""
+        """Return the backlash j = TE_B − TE_A, rad, axial displacement zero."""
         waves = _waves(self.terms, driving_angle, jnp.asarray(self.ratio) * driving_angle)
         cosine, sine, offset = (
             jnp.asarray(c)[1] - jnp.asarray(c)[0] for c in (self.cosine, self.sine, self.offset)
@@ -85,14 +84,14 @@ class Bounds(eqx.Module):
         return offset + _sum(cosine, sine, waves)
 
     def turned(self, turns: int) -> "Bounds":
-        """The flanks as they are so many turns of the driving shaft later."""
+        """Return the flanks a number of driving turns later."""
         cycles = np.array([first + second * float(self.ratio) for first, second in self.terms])
         phasor: Any = (self.cosine - 1j * self.sine) * np.exp(2j * np.pi * cycles * turns)
         return Bounds(self.ratio, self.offset, phasor.real, -phasor.imag, self.closing, self.terms)
 
     @property
     def closing_sum(self) -> Float[Array, ""]:
-        """rad of backlash that a mm of axial displacement takes up, (16)."""
+        """Decrease of the backlash per axial displacement, rad/mm, (16)."""
         return jnp.sum(jnp.asarray(self.closing))
 
 
@@ -101,15 +100,15 @@ def bounds_of(
     closing: Float[Numbers, "2"],
     highest: tuple[int, int] | None = None,
 ) -> Bounds:
-    """The harmonics of a closed or implicit flank model.
+    """Expand a closed or implicit flank model into harmonics.
 
-    On a torus of both angles the relation is periodic in each; its two-dimensional Fourier series
+    The transmission error is periodic in both angles (a torus); its two-dimensional Fourier series
     on enough points is exact to rounding.
 
     **Arguments**
-    - `highest`: order of each shaft up to which harmonics above 1e-12 rad are taken. By default
-      all with |n₁| + |n₂| ≤ n are, n the least that leaves out 5e-10 rad at most: 2 for rigs as
-      the paper's, so that such rigs share one compiled program.
+    - `highest`: highest order of each shaft; harmonics above 1e-12 rad are kept. By default all
+      with |n₁| + |n₂| ≤ n are kept, n the smallest that leaves out at most 5e-10 rad: 2 for rigs
+      like the paper's, so that they share one compiled program.
 
     **Raises** `ValueError` for a model that is neither closed nor implicit.
     """
@@ -124,19 +123,19 @@ def bounds_of(
         )
     spectrum: Any = _spectrum(model, highest or (_HIGHEST, _HIGHEST))
     if highest:
-        strong = [term for term in _half_plane(highest) if _strength(spectrum, term) > _LEAST]
+        strong = [term for term in _half_plane(highest) if _strength(spectrum, term) > _NEGLIGIBLE]
         terms = tuple(strong)
     else:
-        terms = _mixed(spectrum)
+        terms = _by_total_order(spectrum)
     kept: Any = np.stack([spectrum[:, first, second] for first, second in terms], axis=1)
     return Bounds(
         model.ratio, spectrum[:, 0, 0].real, 2 * kept.real, -2 * kept.imag, closing, terms
     )
 
 
-def _spectrum(model: ImplicitModel, most: tuple[int, int]) -> Complex[np.ndarray, "2 n1 n2"]:
-    """Fourier coefficients over both angles, flank by flank; negative orders wrap around."""
-    counts = [4 * order + 4 for order in most]
+def _spectrum(model: ImplicitModel, highest: tuple[int, int]) -> Complex[np.ndarray, "2 n1 n2"]:
+    """Return the Fourier coefficients in both angles by flank; negative orders wrap around."""
+    counts = [4 * order + 4 for order in highest]
     first, second = np.meshgrid(
         *(2 * np.pi * np.arange(count) / count for count in counts), indexing="ij"
     )
@@ -144,24 +143,24 @@ def _spectrum(model: ImplicitModel, most: tuple[int, int]) -> Complex[np.ndarray
     return np.fft.fft2(np.stack(values)) / (counts[0] * counts[1])
 
 
-def _half_plane(most: tuple[int, int]) -> list[Term]:
-    """Orders of both shafts, without the constant and without those that only change the sign."""
-    orders = itertools.product(range(most[0] + 1), range(-most[1], most[1] + 1))
+def _half_plane(highest: tuple[int, int]) -> list[Term]:
+    """Return the orders of both shafts without the constant; of ±(n₁, n₂) only one is listed."""
+    orders = itertools.product(range(highest[0] + 1), range(-highest[1], highest[1] + 1))
     return [(first, second) for first, second in orders if first > 0 or second > 0]
 
 
-def _mixed(spectrum: Any) -> tuple[Term, ...]:
-    """All harmonics up to the least sum of both orders that leaves out little enough."""
-    every = _half_plane((_HIGHEST, _HIGHEST))
+def _by_total_order(spectrum: Any) -> tuple[Term, ...]:
+    """Return all harmonics up to the smallest total order whose truncation is tolerable."""
+    terms = _half_plane((_HIGHEST, _HIGHEST))
     for highest in range(1, 2 * _HIGHEST):
-        beyond = [term for term in every if abs(term[0]) + abs(term[1]) > highest]
-        if 2 * sum(_strength(spectrum, term) for term in beyond) <= _LEFT:
-            return tuple(term for term in every if term not in beyond)
-    return tuple(every)
+        beyond = [term for term in terms if abs(term[0]) + abs(term[1]) > highest]
+        if 2 * sum(_strength(spectrum, term) for term in beyond) <= _TRUNCATION:
+            return tuple(term for term in terms if term not in beyond)
+    return tuple(terms)
 
 
 def _strength(spectrum: Any, term: Term) -> float:
-    """Largest coefficient of a harmonic on either flank, half its amplitude, rad."""
+    """Return the larger coefficient of a harmonic on both flanks (half its amplitude), rad."""
     return float(np.abs(spectrum[:, term[0], term[1]]).max())
 
 
@@ -186,31 +185,31 @@ def _step_b(error, args):
 
 
 def _waves(terms: tuple[Term, ...], driving: Array, driven: Array) -> list[Any]:
-    """(sin, cos) of every n₁ driving + n₂ driven from one sincos of each, by angle addition."""
+    """Return (sin, cos) of all n₁ driving + n₂ driven by angle addition: one sincos per angle."""
     powers = ({0: None, 1: sincos(driving)}, {0: None, 1: sincos(driven)})
     return [_times(_power(powers[0], first), _power(powers[1], second)) for first, second in terms]
 
 
 def _sum(cosine: Array, sine: Array, waves: list[Any]) -> Array:
-    """Σ cosine cos + sine sin over the harmonics."""
-    found = jnp.zeros(())
-    for place, (wave_sine, wave_cosine) in enumerate(waves):
-        found = found + (cosine[place] * wave_cosine + sine[place] * wave_sine)
-    return found
+    """Return Σ cosine cos + sine sin over the harmonics."""
+    total = jnp.zeros(())
+    for index, (wave_sine, wave_cosine) in enumerate(waves):
+        total = total + (cosine[index] * wave_cosine + sine[index] * wave_sine)
+    return total
 
 
-def _power(known: dict, order: int):
-    """(sin, cos) of `order` times the angle of known[1]; None for order 0, a turn by nothing."""
+def _power(powers: dict, order: int):
+    """Return (sin, cos) of `order` times the angle of powers[1]; None for order 0 (angle zero)."""
     if order < 0:
-        sine, cosine = _power(known, -order)
+        sine, cosine = _power(powers, -order)
         return -sine, cosine
-    if order not in known:
-        known[order] = _times(_power(known, order // 2), _power(known, order - order // 2))
-    return known[order]
+    if order not in powers:
+        powers[order] = _times(_power(powers, order // 2), _power(powers, order - order // 2))
+    return powers[order]
 
 
 def _times(first, second):
-    """(sin, cos) of a sum of two angles."""
+    """Return (sin, cos) of the sum of two angles; None stands for the angle zero."""
     if first is None or second is None:
         return first or second
     return (

@@ -1,4 +1,4 @@
-"""What every plant keeps: two shafts that go one step further between two moving walls."""
+"""Base class of the plants, their state, and what they share: friction, walls and contact."""
 
 from abc import abstractmethod
 from typing import NamedTuple
@@ -15,11 +15,11 @@ ON_A, FREE, ON_B = -1.0, 0.0, 1.0
 
 
 class Shafts(NamedTuple):
-    """Both shafts at one time.
+    """State of both shafts at one time.
 
     - `angle`, `speed`: of the driving shaft, rad and rad/s.
     - `offset`, `drift`: x = φ₂ − i φ₁ and its derivative, rad and rad/s.
-    - `side`: the flank that carries, `ON_A`, `FREE` or `ON_B`.
+    - `side`: loaded flank, `ON_A`, `ON_B`, or `FREE` without contact.
     - `flanks`: both flanks at `angle`, axial displacement zero.
     """
 
@@ -32,7 +32,7 @@ class Shafts(NamedTuple):
 
 
 class Slide(NamedTuple):
-    """Axial displacement over one step: at its start and end in mm, and its rates there in mm/s."""
+    """Axial displacement at the start and end of a step, mm, and its rates there, mm/s."""
 
     start: Float[Array, ""]
     end: Float[Array, ""]
@@ -41,11 +41,11 @@ class Slide(NamedTuple):
 
 
 class ContactEvent(NamedTuple):
-    """A flank that was met within the step.
+    """First contact with a flank within the step.
 
-    - `side`: which, `FREE` where none was.
-    - `angle`: driving angle there, rad. - `gap`: backlash left there, rad.
-    - `share`: of the step until then.
+    - `side`: flank, `FREE` without contact.
+    - `angle`: driving angle at the contact, rad. - `gap`: remaining backlash there, rad.
+    - `share`: share of the step before the contact.
     """
 
     side: Float[Array, ""]
@@ -55,16 +55,16 @@ class ContactEvent(NamedTuple):
 
 
 class Drag(eqx.Module):
-    """What holds a shaft back: Coulomb, viscous and Stribeck friction and a constant load.
+    """Resisting torque of a shaft: Coulomb, viscous and Stribeck friction and a constant load.
 
         T = T_load + (T_c + T_s / (1 + (ω/ω_s)²)) sgn ω + b ω
 
-    (the last but one by D. P. Hess, A. Soom, J. Tribology 112 (1990) 147). At standstill friction
-    takes any value up to T_c + T_s: it never turns the shaft.
+    (Stribeck term: D. P. Hess, A. Soom, J. Tribology 112 (1990) 147). At standstill friction
+    takes any value up to T_c + T_s and never turns the shaft.
 
     **Arguments**
-    - `inertia`: kg m². - `coulomb`, `stribeck`, `load`: N m. - `viscous`: N m s/rad.
-    - `stribeck_speed`: ω_s, rad/s. - `sticky`: whether T_s counts at all.
+    - `inertia`: kg m². - `coulomb`, `stribeck`, `load`: T_c, T_s, T_load, N m.
+    - `viscous`: b, N m s/rad. - `stribeck_speed`: ω_s, rad/s. - `sticky`: whether to include T_s.
     """
 
     inertia: Float[Number, ""] = eqx.field(converter=float64)
@@ -78,29 +78,29 @@ class Drag(eqx.Module):
     def acceleration(
         self, speed: Float[Array, ""], torque: Float[Array, ""] | float, step: Float[Array, ""]
     ) -> Float[Array, ""]:
-        """Of a shaft under another torque over a step of s, rad/s²; friction stops it at most."""
-        # Viscous friction alone lets the speed fade exponentially; it never turns the shaft round.
-        inertia, most = jnp.asarray(self.inertia), jnp.asarray(self.coulomb)
-        fading = jnp.expm1(-self.viscous * step / inertia) * (inertia / step)
-        push = jnp.asarray(torque) - self.load + fading * speed
+        """Return the mean acceleration (rad/s²) in a step (s) at a speed (rad/s), torque (N m)."""
+        # Viscous friction lets the speed decay exponentially; dry friction stops the shaft at most.
+        inertia, limit = jnp.asarray(self.inertia), jnp.asarray(self.coulomb)
+        viscous = jnp.expm1(-self.viscous * step / inertia) * (inertia / step)
+        push = jnp.asarray(torque) - self.load + viscous * speed
         if self.sticky:
-            most += self.stribeck / (1 + (speed * (1.0 / self.stribeck_speed)) ** 2)
+            limit += self.stribeck / (1 + (speed * (1.0 / self.stribeck_speed)) ** 2)
         stop = push + (inertia / step) * speed
-        return (push - jnp.clip(stop, -most, most)) * (1.0 / inertia)
+        return (push - jnp.clip(stop, -limit, limit)) * (1.0 / inertia)
 
 
 class Plant(eqx.Module):
-    """Moves both shafts one step; see `play_plant`, `rigid_plant` and `elastic_plant`."""
+    """Model of both shafts; see `PlayPlant`, `RigidPlant` and `ElasticPlant`."""
 
     @abstractmethod
     def step(
-        self, shafts: Shafts, ahead: MotionPoint, slide: Slide, bounds: Bounds, step: Number
+        self, shafts: Shafts, driving: MotionPoint, slide: Slide, bounds: Bounds, step: Number
     ) -> tuple[Shafts, ContactEvent]:
-        """Both shafts a step of s later, with the driving shaft where its motion takes it."""
+        """Return both shafts after a step (s) at whose end the driving shaft is at `driving`."""
 
 
 class Walls(NamedTuple):
-    """x on both flanks and how fast each moves: rad and rad/s."""
+    """Offset x on both flanks, rad, and its rates, rad/s."""
 
     lower: Float[Array, ""]
     upper: Float[Array, ""]
@@ -115,7 +115,7 @@ def walls(
     shift: Float[Array, ""],
     shift_rate: Float[Array, ""],
 ) -> Walls:
-    """The flanks at a driving speed in rad/s and an axial displacement in mm that changes."""
+    """Return the walls at a driving speed (rad/s), axial displacement (mm) and its rate (mm/s)."""
     return Walls(
         flanks.lower + closing[0] * shift,
         flanks.upper - closing[1] * shift,
@@ -127,13 +127,13 @@ def walls(
 def touching(
     below: Bool[Array, ""], above: Bool[Array, ""], side: Float[Array, ""]
 ) -> Float[Array, ""]:
-    """The flank that carries where x is at or beyond either; in a closed gap it stays the same."""
-    one = jnp.where(below, ON_A, jnp.where(above, ON_B, FREE))
-    return jnp.where(below & above & (side != FREE), side, one)
+    """Return the loaded flank if x is at or beyond a wall; a closed gap keeps the last `side`."""
+    loaded = jnp.where(below, ON_A, jnp.where(above, ON_B, FREE))
+    return jnp.where(below & above & (side != FREE), side, loaded)
 
 
 def newly_met(
     below: Bool[Array, ""], above: Bool[Array, ""], side: Float[Array, ""], before: Float[Array, ""]
 ) -> Float[Array, ""]:
-    """The flank that is met and did not carry before; a gap that has closed meets the other one."""
+    """Return the newly loaded flank or `FREE`; in a closed gap the one opposite to `before`."""
     return jnp.where(below & above, -before, jnp.where(side == before, FREE, side))

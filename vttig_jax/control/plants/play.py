@@ -1,4 +1,4 @@
-"""The play operator: a driven shaft that stands still unless a flank pushes it."""
+"""Plant of the play operator: the driven shaft stands still unless a flank pushes it."""
 
 import jax.numpy as jnp
 
@@ -10,32 +10,32 @@ from .plant import ContactEvent, Plant, Shafts, Slide, newly_met, touching, wall
 
 
 class PlayPlant(Plant):
-    """Friction holds the driven shaft in the gap, and no flank throws it.
+    """Plant whose driven shaft stands still in the gap and does not rebound from a flank.
 
     x ← min(max(x − i Δφ₁, lower wall), upper wall)
     """
 
     def step(
-        self, shafts: Shafts, ahead: MotionPoint, slide: Slide, bounds: Bounds, step: Number
+        self, shafts: Shafts, driving: MotionPoint, slide: Slide, bounds: Bounds, step: Number
     ) -> tuple[Shafts, ContactEvent]:
         """See `Plant.step`."""
         ratio, closing = jnp.asarray(bounds.ratio), jnp.asarray(bounds.closing)
-        flanks = bounds.at(ahead.angle)
+        flanks = bounds.at(driving.angle)
         now = walls(shafts.flanks, shafts.speed, closing, slide.start, slide.start_rate)
-        then = walls(flanks, ahead.speed, closing, slide.end, slide.end_rate)
-        free = shafts.offset - ratio * (ahead.angle - shafts.angle)
+        then = walls(flanks, driving.speed, closing, slide.end, slide.end_rate)
+        free = shafts.offset - ratio * (driving.angle - shafts.angle)
         below, above = free <= then.lower, free >= then.upper
         side = touching(below, above, shafts.side)
-        held = cubic(shafts.offset, free, -ratio * shafts.speed, -ratio * ahead.speed, step)
+        held = cubic(shafts.offset, free, -ratio * shafts.speed, -ratio * driving.speed, step)
         low = cubic(now.lower, then.lower, now.lower_rate, then.lower_rate, step)
         high = cubic(now.upper, then.upper, now.upper_rate, then.upper_rate, step)
         depth = [jnp.where(below, h - a, b - h) for h, a, b in zip(held, low, high, strict=True)]
         share = first_root(type(held)(*depth))
-        way = cubic(shafts.angle, ahead.angle, shafts.speed, ahead.speed, step)
+        way = cubic(shafts.angle, driving.angle, shafts.speed, driving.speed, step)
         met = newly_met(below, above, side, shafts.side)
         touch = ContactEvent(met, way.at(share), high.at(share) - low.at(share), share)
         offset = jnp.clip(free, then.lower, then.upper)
         rate = jnp.where(
-            below, then.lower_rate, jnp.where(above, then.upper_rate, -ratio * ahead.speed)
+            below, then.lower_rate, jnp.where(above, then.upper_rate, -ratio * driving.speed)
         )
-        return Shafts(ahead.angle, ahead.speed, offset, rate, side, flanks), touch
+        return Shafts(driving.angle, driving.speed, offset, rate, side, flanks), touch

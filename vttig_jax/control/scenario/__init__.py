@@ -1,1 +1,1 @@
-"""The scenario file: keys, defaults and axes of a sweep."""
+"""Scenario file: keys, defaults and axes of a sweep."""

@@ -1,4 +1,4 @@
-"""`[sweep]` of a sweep file: which keys of the scenario take which values. Needs no jax."""
+"""Axes of a sweep: the `[sweep]` table of a sweep file, and its checks. Needs no jax."""
 
 from collections.abc import Mapping
 from typing import Annotated, Any
@@ -21,7 +21,7 @@ _Bound = Annotated[float, key("an end of the range, included", ge=-1e12, le=1e12
 
 
 class Range(Table, frozen=True, rename={"first": "from", "last": "to"}):
-    """`{ from, to, num }`: evenly spaced values, both ends included."""
+    """Table `{ from, to, num }`: evenly spaced values including both ends."""
 
     first: _Bound
     last: _Bound
@@ -29,23 +29,23 @@ class Range(Table, frozen=True, rename={"first": "from", "last": "to"}):
 
     @property
     def values(self) -> tuple[float, ...]:
-        """All of them, in order."""
+        """All values in order."""
         return tuple(np.linspace(self.first, self.last, self.num).tolist())
 
 
 class _Values(Table, frozen=True):
-    """`{ values = […] }`: a list where only a table keeps its place, see `Sweep.table`."""
+    """Table `{ values = […] }`: a list written as a table to keep the order, see `Sweep.table`."""
 
     values: list[Any]
 
 
 class Sweep(Struct, frozen=True, kw_only=True):
-    """Axes of a sweep in file order, and which of them go together.
+    """Axes of a sweep in file order, and groups of axes that advance together.
 
     **Arguments**
     - `axes`: dotted key of the scenario → its values or their range.
     - `zip`: groups of axes that advance together instead of being combined.
-    - `whole`: those of the axes whose key takes whole numbers only.
+    - `whole`: axes whose key takes whole numbers only.
     """
 
     axes: dict[str, Range | tuple[Value, ...]]
@@ -54,19 +54,19 @@ class Sweep(Struct, frozen=True, kw_only=True):
 
     @property
     def groups(self) -> tuple[tuple[str, ...], ...]:
-        """Axes of the Cartesian product, slowest first; a group stands where its first name does.
+        """Axes of the Cartesian product, slowest first, each as a group of names in file order.
 
-        The names of a group are in file order.
+        The position of a group is that of its first name.
         """
-        found: dict[str, tuple[str, ...]] = {}
+        groups: dict[str, tuple[str, ...]] = {}
         for name in self.axes:
-            group = next((one for one in self.zip if name in one), (name,))
-            ordered = tuple(one for one in self.axes if one in group)
-            found.setdefault(ordered[0], ordered)
-        return tuple(found.values())
+            group = next((group for group in self.zip if name in group), (name,))
+            ordered = tuple(axis for axis in self.axes if axis in group)
+            groups.setdefault(ordered[0], ordered)
+        return tuple(groups.values())
 
     def values(self, name: str) -> tuple[Value, ...]:
-        """Values of one axis, of the type its key has."""
+        """Return the values of one axis in the type of its key."""
         axis = self.axes[name]
         if not isinstance(axis, Range):
             return axis
@@ -74,10 +74,10 @@ class Sweep(Struct, frozen=True, kw_only=True):
 
     @property
     def table(self) -> dict[str, Any]:
-        """The table as a file holds it.
+        """Table `[sweep]` as written in a file.
 
-        Writers of TOML put tables last. The order of the axes means something, so that after a
-        range, which is a table, a list is written as one too.
+        TOML writers put tables last, but the order of the axes is significant. After a range,
+        which is a table, a list is therefore written as a table too.
         """
         table: dict[str, Any] = {"zip": [list(group) for group in self.zip]} if self.zip else {}
         ranges = False
@@ -91,22 +91,22 @@ class Sweep(Struct, frozen=True, kw_only=True):
 
 
 def unknown_key(name: str, known: Mapping[str, Key]) -> str:
-    """What to say of a dotted name that is no key of a scenario."""
+    """Return the message for a dotted name that is not a key of a scenario."""
     last = name.rpartition(".")[2]
-    same = [f"`{one}`" for one in known if one.rpartition(".")[2] == last]
+    matches = [f"`{dotted}`" for dotted in known if dotted.rpartition(".")[2] == last]
     hint = did_you_mean(name, known, "`vttig simulate --print-defaults` lists them.")
-    if same:
-        hint = f"did you mean {' or '.join(same)}?"
+    if matches:
+        hint = f"did you mean {' or '.join(matches)}?"
     return f"`{name}` is no key of a scenario; {hint}"
 
 
 def parse_sweep(table: Any, known: Mapping[str, Key]) -> Sweep:
-    """Validate `[sweep]`; `known` are the keys an axis may name.
+    """Validate `[sweep]`; `known` are the keys allowed as axes.
 
     **Raises** `ScenarioError` whose `where` is the dotted key.
     """
     table = SCENARIO_FILE.convert(table, dict[str, Any], "sweep")
-    axes = {name: _axis(name, given, known) for name, given in table.items() if name != "zip"}
+    axes = {name: _axis(name, value, known) for name, value in table.items() if name != "zip"}
     sweep = Sweep(
         axes=axes,
         zip=SCENARIO_FILE.convert(table.get("zip", ()), tuple[tuple[str, ...], ...], "sweep.zip"),
@@ -117,37 +117,37 @@ def parse_sweep(table: Any, known: Mapping[str, Key]) -> Sweep:
     return sweep
 
 
-def _axis(name: str, given: Any, known: Mapping[str, Key]) -> Range | tuple[Value, ...]:
+def _axis(name: str, axis: Any, known: Mapping[str, Key]) -> Range | tuple[Value, ...]:
     where = f'sweep."{name}"' if "." in name else f"sweep.{name}"
     if name not in known:
-        tables = {one.partition(".")[0] for one in known if "." in one}
-        if name in tables and isinstance(given, dict):
-            inner = next(iter(given), "…")
+        tables = {dotted.partition(".")[0] for dotted in known if "." in dotted}
+        if name in tables and isinstance(axis, dict):
+            inner = next(iter(axis), "…")
             raise ScenarioError(
                 f'an axis is one dotted name in quotes; write "{name}.{inner}" = ….', where=where
             )
         raise ScenarioError(unknown_key(name, known), where=where)
-    if isinstance(given, dict):
-        if "values" not in given:
-            return _range(given, known[name], where)
-        given = SCENARIO_FILE.convert(given, _Values, where).values
-    if not isinstance(given, list) or not given:
+    if isinstance(axis, dict):
+        if "values" not in axis:
+            return _range(axis, known[name], where)
+        axis = SCENARIO_FILE.convert(axis, _Values, where).values
+    if not isinstance(axis, list) or not axis:
         raise ScenarioError(
-            f"an axis is a list of values or {{ from = …, to = …, num = … }}, but it is {given!r}.",
+            f"an axis is a list of values or {{ from = …, to = …, num = … }}, but it is {axis!r}.",
             where=where,
         )
     return tuple(
         SCENARIO_FILE.convert(value, known[name].kind, f"{where}[{number}]")
-        for number, value in enumerate(given)
+        for number, value in enumerate(axis)
     )
 
 
-def _range(given: dict[str, Any], known: Key, where: str) -> Range:
+def _range(table: dict[str, Any], known: Key, where: str) -> Range:
     if not {int, float} & set(known.types):
         raise ScenarioError(
-            f"`{known.name}` takes no numbers, so that its axis is a list of values.", where=where
+            f"`{known.name}` takes no numbers; give its axis as a list of values.", where=where
         )
-    axis: Range = SCENARIO_FILE.convert(given, Range, where)
+    axis: Range = SCENARIO_FILE.convert(table, Range, where)
     if axis.num == 1 and axis.first != axis.last:
         raise ScenarioError(
             f"one value cannot be both {axis.first:g} and {axis.last:g}; give num = 2 or more, or"
@@ -156,10 +156,10 @@ def _range(given: dict[str, Any], known: Key, where: str) -> Range:
         )
     ends: tuple[float, ...] = (axis.first, axis.last)
     if int in known.types:
-        if broken := [value for value in axis.values if not value.is_integer()]:
+        if fractions := [value for value in axis.values if not value.is_integer()]:
             raise ScenarioError(
-                f"`{known.name}` takes whole numbers, but {broken[0]:g} is one of these; choose a"
-                " num that divides the range, or write a list.",
+                f"`{known.name}` takes whole numbers, but {fractions[0]:g} is one of these values;"
+                " choose a num that divides the range, or write a list.",
                 where=where,
             )
         ends = tuple(map(round, ends))
@@ -169,22 +169,22 @@ def _range(given: dict[str, Any], known: Key, where: str) -> Range:
 
 
 def _check_group(sweep: Sweep, group: tuple[str, ...], where: str) -> None:
-    """Refuse a group of axes that cannot go together."""
+    """Check that the axes of a group can advance together."""
     for name in group:
         if name not in sweep.axes:
             hint = did_you_mean(
                 name, sweep.axes, f"the axes are {', '.join(sweep.axes) or 'none'}."
             )
             raise ScenarioError(f"`{name}` is no axis of this sweep; {hint}", where=where)
-        if sum(one.count(name) for one in sweep.zip) > 1:
+        if sum(group.count(name) for group in sweep.zip) > 1:
             raise ScenarioError(
-                f"`{name}` stands twice in zip; an axis belongs to one group.", where=where
+                f"`{name}` occurs twice in zip; put each axis in one group.", where=where
             )
     if len(group) < 2:
-        raise ScenarioError("a group names at least two axes that go together.", where=where)
+        raise ScenarioError("a group needs at least two axes; add axes or remove it.", where=where)
     lengths = {name: len(sweep.values(name)) for name in group}
     if len(set(lengths.values())) > 1:
-        seen = ", ".join(f"{name} {length}" for name, length in lengths.items())
+        counts = ", ".join(f"{name} {length}" for name, length in lengths.items())
         raise ScenarioError(
-            f"axes that go together need equally many values, but they have: {seen}.", where=where
+            f"axes of a group need equally many values, but they have: {counts}.", where=where
         )

@@ -1,4 +1,4 @@
-"""What `vttig simulate --print-defaults` prints: a scenario file of nothing but defaults."""
+"""Scenario file with every default value, as `vttig simulate --print-defaults` prints it."""
 
 from typing import Any, Literal, get_args, get_origin
 
@@ -8,13 +8,13 @@ from ...base.files.toml_io import Key, keys
 from .spec import ScenarioSpec
 
 _HEAD = """\
-# Every key of a scenario: its default, its [unit] ([1]: a pure number) and what it means.
-# A key behind # has no default; where it says "required" it must be given. The values shown for
-# these are an example: the rig of the paper (its Table 2).
+# Every key of a scenario: its default, its [unit] ([1]: a pure number) and its meaning.
+# A key after # has no default; a key marked "required" must be given. The values of
+# both are examples: the rig of the paper (its Table 2).
 """
 _SWEEP = """\
-# Only in a sweep file: [sweep] holds keys of a scenario by their dotted names, first slowest.
-# Each has { from, to, num }, ends included, or a list of values; those in zip go together.
+# Only in a sweep file: [sweep] names keys of a scenario by their dotted names, slowest first.
+# Each has { from, to, num } with both ends or a list of values; keys in zip advance together.
 # [sweep]
 # "motion.reversal_deg" = { from = 360, to = 5760, num = 1000 }
 # controller = ["none", "acceleration", "predictive"]
@@ -22,30 +22,30 @@ _SWEEP = """\
 # "motion.ramp_s" = [1.0, 0.5]
 # zip = [["motion.speed_rpm", "motion.ramp_s"]]
 """
-_AT_THE_END = ("rig", "sweep")
+_LAST_TABLES = ("rig", "sweep")
 
 
 def default_toml() -> str:
-    """A scenario file with every key, its default, unit and meaning.
+    """Return a scenario file with the default, unit and meaning of every key.
 
-    It is valid TOML; with the keys marked as required uncommented it is a whole scenario. What
-    stands instead of [eccentricities] and what belongs to a sweep file follow at the end, behind #.
+    The text is valid TOML; with the keys marked as required uncommented it is a complete scenario.
+    The alternative to [eccentricities] and the tables of a sweep file are comments at the end.
 
     **Example**
     ```python
     >>> from vttig_jax.control.scenario.defaults import default_toml
     >>> print(default_toml().splitlines()[4])
-    plant = "rigid"              # play | rigid | elastic: what the driven shaft does inside the gap
+    plant = "rigid"              # play | rigid | elastic: model of the driven shaft and the contact
 
     ```
     """
     top = list(keys(ScenarioSpec))
-    parts = [_HEAD + _lines([one for one in top if one.table is None])]
-    for one in top:
-        if one.table is not None and one.name not in _AT_THE_END:
-            header = f"[{one.name}]  # {one.meaning}\n"
-            parts.append(header + _lines(list(keys(one.table))))
-    rig = next(one for one in top if one.name == "rig")
+    parts = [_HEAD + _lines([entry for entry in top if entry.table is None])]
+    for entry in top:
+        if entry.table is not None and entry.name not in _LAST_TABLES:
+            header = f"[{entry.name}]  # {entry.meaning}\n"
+            parts.append(header + _lines(list(keys(entry.table))))
+    rig = next(entry for entry in top if entry.name == "rig")
     assert rig.table is not None
     header = f"# Instead of [eccentricities]: {rig.meaning}.\n# [rig]\n"
     parts.append(header + _lines(list(keys(rig.table)), hidden=True))
@@ -53,26 +53,26 @@ def default_toml() -> str:
 
 
 def _lines(table: list[Key], hidden: bool = False) -> str:
-    """One line a key, the comments below each other; `hidden` puts all keys behind #."""
+    """Return one line per key with aligned comments; `hidden` comments out all keys."""
     starts = []
-    for one in table:
-        absent = one.required or one.default is None
-        value = one.examples[0] if absent else one.default
+    for entry in table:
+        absent = entry.required or entry.default is None
+        value = entry.examples[0] if absent else entry.default
         hide = "# " if absent or hidden else ""
-        starts.append(hide + tomli_w.dumps({one.name.rpartition(".")[2]: value}).strip())
+        starts.append(hide + tomli_w.dumps({entry.name.rpartition(".")[2]: value}).strip())
     width = max(map(len, starts))
     return "".join(
-        f"{start:{width}}  # {_comment(one)}\n" for start, one in zip(starts, table, strict=True)
+        f"{start:{width}}  # {_comment(key)}\n" for start, key in zip(starts, table, strict=True)
     )
 
 
-def _comment(one: Key) -> str:
-    choices = [choice for kind in one.types for choice in _choices(kind)]
+def _comment(entry: Key) -> str:
+    choices = [choice for kind in entry.types for choice in _choices(kind)]
     parts = [
-        "required: " * one.required,
-        f"[{one.unit}] " * bool(one.unit),
+        "required: " * entry.required,
+        f"[{entry.unit}] " * bool(entry.unit),
         " | ".join(choices) + ": " * bool(choices),
-        one.meaning,
+        entry.meaning,
     ]
     return "".join(parts)
 

@@ -1,10 +1,8 @@
-"""The scenario file: validated fields, and combinations of keys that no scenario can have.
+"""Scenario file: reading, validation of each key and of combinations of keys. Needs no jax.
 
-Needs no jax.
-
-`ScenarioSpec` is the TOML of one simulated case, or with `[sweep]` of many, one `msgspec` struct a
-table (`control/scenario/tables.py`). Whatever is wrong is a `ScenarioError` whose `where` names
-file and key.
+`ScenarioSpec` is the TOML of one simulated case, or of many with `[sweep]`; each table is one
+`msgspec` struct (`control/scenario/tables.py`). Every error is a `ScenarioError` whose `where`
+names file and key.
 """
 
 import math
@@ -41,28 +39,28 @@ if TYPE_CHECKING:
 
 
 def check_scenario(spec: "ScenarioSpec") -> None:
-    """Raise `ScenarioError` whose `where` is the dotted key at fault."""
+    """Raise `ScenarioError`, with the dotted key as `where`, for keys that contradict."""
     check_rig(spec)
     _check_motion(spec.motion)
     _check_rates(spec.sampling)
 
 
 def check_rig(spec: "ScenarioSpec") -> None:
-    """Raise `ScenarioError` unless the rig is given in one way."""
+    """Raise `ScenarioError` unless exactly one of `eccentricities` and `rig` is given."""
     if (spec.eccentricities is None) == (spec.rig is None):
-        seen = "neither" if spec.rig is None else "both"
+        given = "neither" if spec.rig is None else "both"
         raise ScenarioError(
-            f"{seen} of [eccentricities] and `rig` given; write [eccentricities], or"
+            f"{given} of [eccentricities] and `rig` given; write [eccentricities], or"
             ' rig = { from = "RUN" } for those of a run folder.',
             where="eccentricities",
         )
 
 
 def smallest_reversal_deg(motion: "MotionTable") -> float:
-    """Driving angle that a trapezoid or S-curve needs for its ramps, in deg.
+    """Return the driving angle (deg) of all ramps of a trapezoid or S-curve.
 
-    A ramp covers half of what the steady speed would in its time. A slow-down to the share s and
-    back adds two ramps of (1 − s) the time between speeds 1 and s, and the time at s.
+    A ramp covers half the angle of the steady speed in the same time. A slow-down to the share s
+    adds two ramps between speeds 1 and s, each with (1 − s) times the ramp time, and the time at s.
     """
     ramps, share = motion.ramp_s, motion.slow_share
     if motion.event in ("slow_down", "aborted"):
@@ -99,13 +97,13 @@ def _check_motion(motion: "MotionTable") -> None:
         raise ScenarioError(
             f"{motion.reversal_deg:g} lies inside the ramps of this {motion.event}; at"
             f" {motion.speed_rpm:g} rpm with ramp_s = {motion.ramp_s:g} it must be at least"
-            f" {_up(smallest)}.",
+            f" {_rounded_up(smallest)}.",
             where="motion.reversal_deg",
         )
 
 
-def _up(value: float) -> str:
-    """A number of six digits that is not below the value."""
+def _rounded_up(value: float) -> str:
+    """Return the value rounded up to six digits."""
     step = 10.0 ** (math.floor(math.log10(value)) - 5)
     return f"{math.ceil(value / step * (1 - 1e-12)) * step:.6g}"
 
@@ -123,54 +121,54 @@ def _check_rates(sampling: "SamplingTable") -> None:
 
 
 class ScenarioSpec(Table, frozen=True):
-    """A whole scenario or sweep file. Either `eccentricities` or `rig`."""
+    """Complete scenario or sweep file, with either `eccentricities` or `rig`."""
 
     pair: Annotated[
         str, key("pair file, relative to this file", min_length=1, examples=["pair.toml"])
     ]
-    plant: Annotated[Plant, key("what the driven shaft does inside the gap")] = "rigid"
-    controller: Annotated[Controller, key("who shifts the driven gear, and when")] = "acceleration"
+    plant: Annotated[Plant, key("model of the driven shaft and the contact")] = "rigid"
+    controller: Annotated[Controller, key("rule that shifts the driven gear")] = "acceleration"
     flanks: Annotated[Flanks, key("kinematics of the eccentric pair")] = "exact"
-    seed: Annotated[int, key("of the encoder noise", "1", ge=0, le=2**32 - 1)] = 0
+    seed: Annotated[int, key("seed of the encoder noise", "1", ge=0, le=2**32 - 1)] = 0
     eccentricities: Annotated[
-        EccentricityTable | None, key("offsets of the gears from their axes, and the gap")
+        EccentricityTable | None, key("eccentricities of the gears, and the constant backlash")
     ] = None
-    map: Annotated[MapTable, key("what the controller believes instead of the rig itself")] = (
+    map: Annotated[MapTable, key("rig assumed by the controller; absent keys: true values")] = (
         MapTable()
     )
-    motion: Annotated[MotionTable, key("what the driving shaft is to do")] = MotionTable()
+    motion: Annotated[MotionTable, key("motion of the driving shaft")] = MotionTable()
     servo: Annotated[ServoTable, key("motor of the driving shaft")] = ServoTable()
-    inertia: Annotated[InertiaTable, key("of both shafts, with all that turns with them")] = (
-        InertiaTable()
-    )
-    friction: Annotated[FrictionTable, key("of both shafts")] = FrictionTable()
-    load: Annotated[LoadTable, key("of the driven shaft")] = LoadTable()
+    inertia: Annotated[InertiaTable, key("moments of inertia of both shafts")] = InertiaTable()
+    friction: Annotated[FrictionTable, key("friction of both shafts")] = FrictionTable()
+    load: Annotated[LoadTable, key("load of the driven shaft")] = LoadTable()
     mesh: Annotated[MeshTable, key("contact of the flanks")] = MeshTable()
     driving_encoder: Annotated[
-        EncoderTable, key("of the driving shaft, as the controller reads it")
+        EncoderTable, key("encoder of the driving shaft that the controller reads")
     ] = EncoderTable()
     driven_encoder: Annotated[
-        EncoderTable, key("of the driven shaft, as the controller reads it")
+        EncoderTable, key("encoder of the driven shaft that the controller reads")
     ] = EncoderTable()
-    actuator: Annotated[ActuatorTable, key("shifts the driven gear axially")] = ActuatorTable()
-    judgement: Annotated[JudgementTable, key("how a reversal is noticed")] = JudgementTable()
+    actuator: Annotated[ActuatorTable, key("axial shift of the driven gear")] = ActuatorTable()
+    judgement: Annotated[JudgementTable, key("detection of a reversal")] = JudgementTable()
     sampling: Annotated[SamplingTable, key("rates of controller and plant")] = SamplingTable()
     rig: Annotated[RigTable | None, key("the rig of a run folder")] = None
     sweep: Annotated[Sweep | None, key("axes of a sweep")] = None
 
 
 KEYS = {
-    one.name: one for one in value_keys(ScenarioSpec) if not one.name.startswith(("rig.", "sweep."))
+    entry.name: entry
+    for entry in value_keys(ScenarioSpec)
+    if not entry.name.startswith(("rig.", "sweep."))
 }
-"""Every key of one case by its dotted name; these an axis of a sweep may name."""
+"""Every key of one case by its dotted name; all of them are allowed as axes of a sweep."""
 
 
 def parse_scenario_spec(table: Mapping[str, Any], source: str = "") -> ScenarioSpec:
     """Validate a parsed TOML table; `source` is the file name for messages.
 
-    Of a sweep, each axis is validated by itself; `with_values` validates each case as a whole.
+    The axes of a sweep are validated one by one; `with_values` validates each case as a whole.
     """
-    with SCENARIO_FILE.placed(source):
+    with SCENARIO_FILE.error_context(source):
         _check_places(table)
         plain = {name: value for name, value in table.items() if name != "sweep"}
         spec: ScenarioSpec = SCENARIO_FILE.convert(plain, ScenarioSpec)
@@ -186,10 +184,10 @@ def parse_scenario_spec(table: Mapping[str, Any], source: str = "") -> ScenarioS
 def load_scenario_spec(path: str | Path) -> ScenarioSpec:
     """Read and validate a scenario file (TOML) of one case."""
     spec = parse_scenario_spec(SCENARIO_FILE.read(path), str(path))
-    with SCENARIO_FILE.placed(str(path)):
+    with SCENARIO_FILE.error_context(str(path)):
         if spec.sweep is not None:
             raise ScenarioError(
-                "this file holds many cases; run it with `vttig sweep`, or remove [sweep].",
+                "this file has many cases; run it with `vttig sweep`, or remove [sweep].",
                 where="sweep",
             )
         for name in ("draws", "seed"):
@@ -206,30 +204,30 @@ def load_sweep_spec(path: str | Path) -> ScenarioSpec:
     """Read and validate a sweep file (TOML): a scenario with `[sweep]`."""
     spec = parse_scenario_spec(SCENARIO_FILE.read(path), str(path))
     if spec.sweep is None:
-        also = "" if spec.rig is None else "; an empty [sweep] runs the draws of `rig` alone"
+        hint = "" if spec.rig is None else "; an empty [sweep] runs the draws of `rig` alone"
         raise ScenarioError(
             f"missing; a sweep names its axes in [sweep], one case is run with `vttig simulate`"
-            f"{also}.",
+            f"{hint}.",
             where=f"{path}: sweep",
         )
     return spec
 
 
 def spec_table(spec: ScenarioSpec) -> dict[str, Any]:
-    """The TOML table of a spec: `parse_scenario_spec(spec_table(spec)) == spec`."""
+    """Return the TOML table of a spec: `parse_scenario_spec(spec_table(spec)) == spec`."""
     table = plain_table(replace(spec, sweep=None))
     return table if spec.sweep is None else {**table, "sweep": spec.sweep.table}
 
 
 def with_values(spec: ScenarioSpec, values: Mapping[str, Any]) -> ScenarioSpec:
-    """One case: the scenario with other values, validated again.
+    """Return one case: the scenario with other values, validated again.
 
     **Arguments**
-    - `spec`: the scenario or sweep; its `[sweep]` is left out of the result, its `rig` where
-      `values` names eccentricities.
+    - `spec`: scenario or sweep; the result has no `[sweep]`, and no `rig` if `values` contains
+      eccentricities.
     - `values`: dotted key → value, a Python number or text.
 
-    **Raises** `ScenarioError` for an unknown key, a value out of bounds and a contradiction.
+    **Raises** `ScenarioError` for an unknown key, a value out of bounds and contradicting keys.
 
     **Example**
     ```python
@@ -258,13 +256,13 @@ def _with_values(spec: ScenarioSpec, values: Mapping[str, Any]) -> ScenarioSpec:
 
 
 def _check_places(table: Mapping[str, Any]) -> None:
-    """Refuse what belongs to a sweep where it stands in the wrong table."""
+    """Check that `zip` and `rig` are not in the wrong table."""
     if "zip" in table:
-        raise ScenarioError("belongs into [sweep], beside the axes it names.", where="zip")
+        raise ScenarioError("not at the top level; move it to [sweep].", where="zip")
     sweep = table.get("sweep")
     if isinstance(sweep, dict) and "rig" in sweep:
         raise ScenarioError(
-            "no axis; `rig` stands at the top of the file, before the first table.",
+            "no axis; move `rig` to the top of the file, before the first table.",
             where="sweep.rig",
         )
 
@@ -279,6 +277,6 @@ def _check_axes(sweep: Sweep, spec: ScenarioSpec) -> None:
     for name in sweep.axes:
         if spec.rig is not None and name.startswith("eccentricities."):
             raise ScenarioError(
-                "given beside `rig`, which draws all eccentricities; keep one of them.",
+                "given together with `rig`, which draws all eccentricities; remove one of them.",
                 where=f'sweep."{name}"',
             )

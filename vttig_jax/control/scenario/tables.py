@@ -1,7 +1,7 @@
-"""The tables of a scenario file: every key with its default, bounds, unit and meaning.
+"""Tables of a scenario file: every key with its default, bounds, unit and meaning.
 
-Needs no jax. Bounds keep infinity and not-a-number out. Meanings and units are ASCII: they are
-printed into a file that is read back as UTF-8 whatever the terminal writes.
+Needs no jax. The bounds exclude infinity and not-a-number. Meanings and units are ASCII, so that
+the printed file is valid UTF-8 in any terminal encoding.
 """
 
 from typing import Annotated, Literal
@@ -23,7 +23,7 @@ _NOT_NEGATIVE = {"ge": 0, "le": 1e9}
 
 
 class EccentricityTable(Table, frozen=True):
-    """`[eccentricities]`: the rig; no defaults, the examples are Table 2 of the paper."""
+    """Table `[eccentricities]` of the rig, without defaults; examples: Table 2 of the paper."""
 
     driving_mm: Annotated[
         float, key("eccentricity of the driving gear", "mm", ge=0, le=1e3, examples=[0.0226])
@@ -52,7 +52,7 @@ class EccentricityTable(Table, frozen=True):
 
 
 class MapTable(Table, frozen=True):
-    """`[map]`: the rig that the controller believes in; what is left out it knows."""
+    """Table `[map]`: rig that the controller assumes; for absent keys it has the true values."""
 
     driving_mm: (
         Annotated[
@@ -81,53 +81,55 @@ class MapTable(Table, frozen=True):
 
 
 class MotionTable(Table, frozen=True):
-    """`[motion]`: what the driving shaft is to do."""
+    """Table `[motion]` of the driving shaft."""
 
     kind: Annotated[MotionKind, key("shape of the speed; recorded: that of `file`")] = "trapezoid"
-    event: Annotated[Event, key("a turn, or what comes instead of it or before it")] = "reversal"
+    event: Annotated[Event, key("reversal, or an event instead of it or before it")] = "reversal"
     speed_rpm: Annotated[
-        float, key("steady speed of the driving shaft; sine: its highest", "rpm", gt=0, le=1e6)
+        float, key("steady speed of the driving shaft; sine: peak speed", "rpm", gt=0, le=1e6)
     ] = 60.0
     reversal_deg: Annotated[
-        float, key("driving angle of the turn; slow_down: of the end", "deg", **_POSITIVE)
+        float, key("driving angle of the turn; slow_down: end angle", "deg", **_POSITIVE)
     ] = 7560.0
     dwell_s: Annotated[
         float,
-        key("standstill at both ends; slow_down: time at the slow speed too", "s", ge=0, le=1e6),
+        key("standstill at both ends; slow_down: also time at slow speed", "s", ge=0, le=1e6),
     ] = 2.0
     ramp_s: Annotated[float, key("time between standstill and steady speed", "s", gt=0, le=1e6)] = (
         0.5
     )
     slow_share: Annotated[
-        float, key("slow_down, aborted: share of the speed that is kept", "1", gt=0, lt=1)
+        float, key("slow_down, aborted: slow speed over steady speed", "1", gt=0, lt=1)
     ] = 0.3
-    stop_s: Annotated[float, key("emergency_stop: time of the stop", "s", gt=0, le=1e6)] = 0.05
+    stop_s: Annotated[float, key("emergency_stop: stopping time", "s", gt=0, le=1e6)] = 0.05
     file: Annotated[
         str, key("recorded: CSV with time_s and driving_deg, relative to the scenario")
     ] = ""
 
 
 class InertiaTable(Table, frozen=True):
-    """`[inertia]`: moment of inertia of each shaft with all that turns with it."""
+    """Table `[inertia]`: moment of inertia of each shaft with all parts that turn with it."""
 
-    driven_kgm2: Annotated[float, key("of the driven shaft", "kg m^2", **_POSITIVE)] = 0.01
+    driven_kgm2: Annotated[float, key("driven shaft and parts on it", "kg m^2", **_POSITIVE)] = 0.01
     driving_kgm2: Annotated[
-        float, key("of the driving shaft; only a servo motor feels it", "kg m^2", **_POSITIVE)
+        float, key("driving shaft and parts on it; servo motor only", "kg m^2", **_POSITIVE)
     ] = 0.002
 
 
 class FrictionTable(Table, frozen=True):
-    """`[friction]`: of the driven shaft, and dry friction of the driving one."""
+    """Table `[friction]` of the driven shaft, and dry friction of the driving shaft."""
 
-    coulomb_Nm: Annotated[float, key("dry friction while it turns", "N m", **_NOT_NEGATIVE)] = 0.1
+    coulomb_Nm: Annotated[
+        float, key("dry friction of the turning driven shaft", "N m", **_NOT_NEGATIVE)
+    ] = 0.1
     viscous_Nms: Annotated[
-        float, key("torque per speed of the driven shaft", "N m s/rad", **_NOT_NEGATIVE)
+        float, key("viscous friction torque per speed", "N m s/rad", **_NOT_NEGATIVE)
     ] = 0.0
     stribeck_Nm: Annotated[
-        float, key("excess of the dry friction at standstill", "N m", **_NOT_NEGATIVE)
+        float, key("additional dry friction at standstill", "N m", **_NOT_NEGATIVE)
     ] = 0.0
     stribeck_rad_s: Annotated[
-        float, key("speed over which the excess fades", "rad/s", **_POSITIVE)
+        float, key("speed at which half of the addition remains", "rad/s", **_POSITIVE)
     ] = 0.1
     driving_Nm: Annotated[
         float, key("dry friction of the driving shaft; servo motor only", "N m", **_NOT_NEGATIVE)
@@ -135,37 +137,37 @@ class FrictionTable(Table, frozen=True):
 
 
 class ServoTable(Table, frozen=True):
-    """`[servo]`: the motor of the driving shaft."""
+    """Table `[servo]`: motor of the driving shaft."""
 
     motor: Annotated[
-        Motor, key("prescribed: follows the motion whatever it takes; pi: a servo motor")
+        Motor, key("prescribed: exact motion with unlimited torque; pi: servo motor")
     ] = "prescribed"
     speed_gain_Nms: Annotated[
-        float, key("pi: torque per error of the speed", "N m s/rad", **_POSITIVE)
+        float, key("pi: torque per speed error", "N m s/rad", **_POSITIVE)
     ] = 1.0
     integral_gain_Nm: Annotated[
-        float, key("pi: torque per integral of that error", "N m/rad", **_NOT_NEGATIVE)
+        float, key("pi: torque per integral of the speed error", "N m/rad", **_NOT_NEGATIVE)
     ] = 20.0
     position_gain_1_s: Annotated[
-        float, key("pi: speed per error of the angle; 0: none", "1/s", **_NOT_NEGATIVE)
+        float, key("pi: speed per position error; 0: no position loop", "1/s", **_NOT_NEGATIVE)
     ] = 20.0
     torque_limit_Nm: Annotated[float, key("pi: largest torque", "N m", **_POSITIVE)] = 5.0
 
 
 class LoadTable(Table, frozen=True):
-    """`[load]`: what the driven shaft has to move besides itself."""
+    """Table `[load]` of the driven shaft."""
 
     torque_Nm: Annotated[
         float,
-        key("constant drag on the driven shaft; positive opposes forward motion", "N m", **_ANY),
+        key("constant load torque; a positive one opposes forward motion", "N m", **_ANY),
     ] = 0.0
 
 
 class MeshTable(Table, frozen=True):
-    """`[mesh]`: contact of the flanks."""
+    """Table `[mesh]`: contact of the flanks."""
 
     restitution: Annotated[
-        float, key("rigid: speed after an impact over that before", "1", ge=0, le=1)
+        float, key("rigid: relative speed after an impact over that before", "1", ge=0, le=1)
     ] = 0.3
     stiffness_N_mm_um: Annotated[
         float,
@@ -180,13 +182,13 @@ class MeshTable(Table, frozen=True):
 
 
 class EncoderTable(Table, frozen=True):
-    """`[driving_encoder]`, `[driven_encoder]`: how a shaft's angle is read."""
+    """Tables `[driving_encoder]` and `[driven_encoder]` of the shaft encoders."""
 
     counts_per_rev: (
         Annotated[
             int,
             key(
-                "left out: that of the pair file; 0: not quantised",
+                "counts per revolution, by default those of the pair file; 0: not quantised",
                 "counts",
                 ge=0,
                 le=2**40,
@@ -196,7 +198,7 @@ class EncoderTable(Table, frozen=True):
         | None
     ) = None
     amplitude_arcsec: Annotated[
-        float, key("error once per revolution", "arcsec", ge=0, le=648_000)
+        float, key("amplitude of the error once per revolution", "arcsec", ge=0, le=648_000)
     ] = 0.0
     phase_deg: Annotated[float, key("phase of that error", "deg", **_ANY)] = 0.0
     noise_arcsec: Annotated[
@@ -205,7 +207,7 @@ class EncoderTable(Table, frozen=True):
 
 
 class ActuatorTable(Table, frozen=True):
-    """`[actuator]`: what shifts the driven gear along its axis."""
+    """Table `[actuator]` of the axial actuator of the driven gear."""
 
     speed_mm_s: Annotated[float, key("largest speed", "mm/s", **_POSITIVE)] = 20.0
     acceleration_mm_s2: Annotated[float, key("largest acceleration", "mm/s^2", **_POSITIVE)] = (
@@ -213,41 +215,35 @@ class ActuatorTable(Table, frozen=True):
     )
     resolution_mm: Annotated[float, key("smallest step; 0: continuous", "mm", ge=0, le=1e3)] = 0.0
     delay_s: Annotated[
-        float, key("dead time before it moves, whole periods", "s", ge=0, le=1e3)
+        float, key("dead time, a whole number of controller periods", "s", ge=0, le=1e3)
     ] = 0.0
     stroke_mm: Annotated[float, key("largest shift", "mm", gt=0, le=1e5)] = 10.0
     force_limit_N: Annotated[
-        float, key("largest force along the axis; 0: no limit", "N", **_NOT_NEGATIVE)
+        float, key("largest axial force; 0: no limit", "N", **_NOT_NEGATIVE)
     ] = 0.0
 
 
 class JudgementTable(Table, frozen=True):
-    """`[judgement]`: how the controller sees that a reversal begins."""
+    """Table `[judgement]`: detection of a reversal by the controller."""
 
     turn: Annotated[
         TurnSource,
-        key("of the hunting period; located: by one reading of both shafts"),
+        key("turn of the hunting period; located: from one reading of both shafts"),
     ] = "known"
-    observer: Annotated[Observer, key("how speed and acceleration are got from the encoder")] = (
-        "alpha_beta_gamma"
-    )
-    bandwidth_hz: Annotated[float, key("of the observer", "Hz", **_POSITIVE)] = 20.0
+    observer: Annotated[Observer, key("estimator of speed and acceleration")] = "alpha_beta_gamma"
+    bandwidth_hz: Annotated[float, key("bandwidth of the observer", "Hz", **_POSITIVE)] = 20.0
     threshold_rad_s2: Annotated[
         float, key("acceleration: deceleration that counts as a reversal", "rad/s^2", **_POSITIVE)
     ] = 1.0
     least_rpm: Annotated[
         float,
-        key(
-            "below it acceleration judges nothing, predictive closes",
-            "rpm",
-            **_POSITIVE,
-        ),
+        key("below it: acceleration keeps its state, predictive closes", "rpm", **_POSITIVE),
     ] = 3.0
     horizon_s: Annotated[
-        float, key("predictive: closes when the shaft is to stop within it", "s", **_POSITIVE)
+        float, key("predictive: closes if the shaft will stop within it", "s", **_POSITIVE)
     ] = 0.3
     margin_mm: Annotated[
-        float, key("part of the closing shift that is left open", "mm", ge=-1e3, le=1e3)
+        float, key("part of the closing shift that is not commanded", "mm", ge=-1e3, le=1e3)
     ] = 0.01
     jump_s: Annotated[
         float, key("feedforward: time in which the motor crosses the gap", "s", gt=0, le=1e3)
@@ -255,35 +251,35 @@ class JudgementTable(Table, frozen=True):
 
 
 class SamplingTable(Table, frozen=True):
-    """`[sampling]`: rates of controller and plant."""
+    """Table `[sampling]`: rates of controller and plant."""
 
-    controller_hz: Annotated[float, key("steps of the controller", "Hz", gt=0, le=1e7)] = 1000.0
+    controller_hz: Annotated[float, key("controller rate", "Hz", gt=0, le=1e7)] = 1000.0
     plant_hz: Annotated[
         float,
-        key("steps of the plant, a whole multiple; 0: those of the controller", "Hz", ge=0, le=1e9),
+        key("plant rate, a whole multiple of controller_hz; 0: equal to it", "Hz", ge=0, le=1e9),
     ] = 0.0
 
 
 class RigTable(Table, frozen=True, rename={"run": "from"}):
-    """`rig`: what a run found out, instead of `[eccentricities]`.
+    """Table `rig`: the result of a run folder instead of `[eccentricities]`.
 
-    One case has the fitted rig, in the mean of the posterior where there is one; a sweep has rigs
+    One case has the fitted rig, or the posterior mean if there is a posterior; a sweep has rigs
     drawn from the posterior.
     """
 
     run: Annotated[str, key("run folder of `vttig fit`", min_length=1, examples=["RUN"])]
     draws: (
         Annotated[
-            int, key("only in a sweep: draws of the posterior", "1", ge=1, le=10**7, examples=[200])
+            int, key("sweep only: draws of the posterior", "1", ge=1, le=10**7, examples=[200])
         ]
         | None
     ) = None
     seed: (
-        Annotated[int, key("only in a sweep: which draws", "1", ge=0, le=2**32 - 1, examples=[0])]
+        Annotated[int, key("sweep only: seed of the draws", "1", ge=0, le=2**32 - 1, examples=[0])]
         | None
     ) = None
 
     @property
     def chosen(self) -> tuple[int, int]:
-        """Number and seed of the draws, 200 and 0 where the file does not say."""
+        """Number and seed of the draws; by default 200 and 0."""
         return 200 if self.draws is None else self.draws, self.seed or 0

@@ -1,1 +1,1 @@
-"""One simulated run: build, scan and result."""
+"""One simulated run: its case, its scan over the periods, and its result."""

@@ -1,4 +1,4 @@
-"""What is kept of a run while it goes on: sums, extremes and first times, never a trace."""
+"""Accumulators of a run: sums, extremes and first times, updated in every period."""
 
 from typing import NamedTuple
 
@@ -7,46 +7,45 @@ from jaxtyping import Array, Bool, Float
 
 from ...base.arrays import Numbers
 from ..hardware.actuator import Carriage
-from ..hardware.shaft_drive import Missed
-from ..plants.plant import ContactEvent, Shafts
+from ..hardware.shaft_drive import Tracking
+from ..plants.plant import ContactEvent
 
 
 class RunFacts(NamedTuple):
-    """What a run is judged by.
+    """Constants of a run that its accumulators need.
 
-    - `braking_s`, `turn_s`, `duration_s`: of its motion. - `period`: of the controller, s.
-    - `other`: the flank that carries after the turn.
-    - `closing`: rad/mm of both flanks, shape (2,).
+    - `braking_s`, `turn_s`, `duration_s`: times of the motion, s. - `period`: controller period, s.
+    - `other_flank`: flank that carries after the turn.
+    - `closing`: TE per axial displacement of both flanks, rad/mm, shape (2,).
     """
 
     braking_s: Float[Array, ""]
     turn_s: Float[Array, ""]
     duration_s: Float[Array, ""]
     period: Float[Array, ""]
-    other: Float[Array, ""]
+    other_flank: Float[Array, ""]
     closing: Float[Array, "2"]
 
 
 class Accumulators(NamedTuple):
-    """Running metrics; rad, mm and s, NaN for what has not happened.
+    """Running metrics in rad, mm and s; NaN for events that have not happened.
 
-    - `samples`, `total`, `highest`, `lowest`: of the transmission error as the encoders show it,
-      from that of the first sample `first` on.
-    - `before`, `after`: TE shown last on the old flank, and first after the other flank is met.
-    - `gap`, `crossing`: backlash left and driving angle where it is met; `crossing_s`: time of the
-      first sample after it. `behind`: how far the driving shaft is then behind its motion.
-    - `detection`, `detection_s`: driving angle and time of the first command to close from
-      braking on and before the turn; `false_closings`: commands to close before.
-    - `left`: backlash left where the motion turns; `short`: way the actuator then still lacks.
-    - `asked`: farthest command.
-    - `opened`: the gap was opened again after the turn; what follows, such as the stop at the end
-      of the run, is no part of the reversal. `retracted`: it is closed another time.
-    - `interference`: most by which the actuator wanted further than the closed gap let it.
-    - `travel`: way of the actuator; `farthest`: its farthest place.
-    - `astray`: most by which a servo motor missed the angle it was told, rad; `limited_s`: time
-      that it spent at its torque limit.
-    - `forced`: the teeth were stronger than the actuator.
-    - `commanded`: the command of the last period. - `blocked`: the drive stands, at `blocked_s`.
+    - `samples`, `total`, `highest`, `lowest`: number, sum and extremes of the transmission error
+      that the encoders show, minus its value `first` in the first sample.
+    - `before`, `after`: last shown TE on the old flank, first after contact of the other flank.
+    - `gap`, `crossing`, `behind`: backlash, driving angle, and lag of the driving shaft behind its
+      motion at that contact. - `crossing_s`: time of the first sample after the contact.
+    - `detection`, `detection_s`: driving angle and time of the first command to close between
+      braking and the turn. - `false_closings`: number of commands to close before braking.
+    - `residual_gap`, `shortfall`: backlash and missing travel of the actuator at the turn.
+    - `opened`: whether the gap was opened again after the turn. This ends the reversal; the stop at
+      the end of the run is no part of it. - `retracted`: whether the gap was closed once more.
+    - `largest_command`: largest command until the gap opens again.
+    - `interference`: largest distance by which the closed gap held the actuator back.
+    - `travel`, `farthest`: distance travelled by the actuator, and its farthest position.
+    - `following_error`: largest tracking error of a servo motor, rad. - `limited_s`: time that the
+      motor spent at its torque limit. - `forced`: whether the actuator was weaker than the teeth.
+    - `commanded`: last command. - `blocked`, `blocked_s`: whether and since when the drive blocks.
     """
 
     samples: Float[Numbers, "*shape"]
@@ -63,15 +62,15 @@ class Accumulators(NamedTuple):
     detection: Float[Numbers, "*shape"]
     detection_s: Float[Numbers, "*shape"]
     false_closings: Float[Numbers, "*shape"]
-    left: Float[Numbers, "*shape"]
-    short: Float[Numbers, "*shape"]
+    residual_gap: Float[Numbers, "*shape"]
+    shortfall: Float[Numbers, "*shape"]
     opened: Bool[Numbers, "*shape"]
     retracted: Bool[Numbers, "*shape"]
-    asked: Float[Numbers, "*shape"]
+    largest_command: Float[Numbers, "*shape"]
     interference: Float[Numbers, "*shape"]
     travel: Float[Numbers, "*shape"]
     farthest: Float[Numbers, "*shape"]
-    astray: Float[Numbers, "*shape"]
+    following_error: Float[Numbers, "*shape"]
     limited_s: Float[Numbers, "*shape"]
     forced: Bool[Numbers, "*shape"]
     commanded: Float[Numbers, "*shape"]
@@ -79,114 +78,114 @@ class Accumulators(NamedTuple):
     blocked_s: Float[Numbers, "*shape"]
 
 
-def empty() -> Accumulators:
-    """Before the first sample."""
+def empty_accumulators() -> Accumulators:
+    """Return the accumulators before the first sample."""
     zero, never = jnp.zeros(()), jnp.full((), jnp.nan, float)
-    counted = dict.fromkeys(
-        (
-            *("samples", "total", "false_closings", "asked"),
-            *("interference", "travel", "farthest", "commanded", "behind", "astray", "limited_s"),
-        ),
-        zero,
+    zeros = (
+        *("samples", "total", "false_closings", "largest_command", "interference", "travel"),
+        *("farthest", "commanded", "behind", "following_error", "limited_s"),
     )
-    fields = dict.fromkeys(Accumulators._fields, never) | counted
+    fields = dict.fromkeys(Accumulators._fields, never) | dict.fromkeys(zeros, zero)
     fields |= dict.fromkeys(("opened", "retracted", "forced", "blocked"), jnp.zeros((), bool))
     return Accumulators(**fields)
 
 
-def sampled(
-    tally: Accumulators,
+def add_sample(
+    old: Accumulators,
     run: RunFacts,
     time: Float[Array, ""],
     error: Float[Array, ""],
     angle: Float[Array, ""],
     command: Float[Array, ""],
     target: Float[Array, ""],
-    flanks_gap: Float[Array, ""],
+    open_gap: Float[Array, ""],
     side: Float[Array, ""],
     carriage: Carriage,
 ) -> Accumulators:
-    """After the sample of one period: TE shown, true driving angle, command, backlash left."""
-    counts = (time <= run.duration_s) & ~tally.blocked
-    first = jnp.where(tally.samples == 0, error, tally.first)
+    """Add the sample of one period.
+
+    `error`: shown TE. `angle`: true driving angle. `command`, `target`: displacement that the
+    controller commands and the actuator pursues. `open_gap`: backlash without displacement.
+    """
+    counts = (time <= run.duration_s) & ~old.blocked
+    first = jnp.where(old.samples == 0, error, old.first)
     error = error - first
-    crossed = ~jnp.isnan(tally.gap)
-    just_crossed = counts & crossed & jnp.isnan(tally.after)
-    starts = counts & (command > 0) & (tally.commanded == 0)
-    braking = time >= run.braking_s
+    crossed = ~jnp.isnan(old.gap)
+    just_crossed = counts & crossed & jnp.isnan(old.after)
     closes = counts & (command > 0)
-    detects = closes & braking & (time < run.turn_s) & jnp.isnan(tally.detection)
-    # The period nearest to the turn: at the turn itself the shaft moves least.
-    turns = (
-        counts
-        & (time >= run.turn_s - 0.5 * run.period)
-        & (time < run.duration_s)
-        & jnp.isnan(tally.left)
-    )
-    left = flanks_gap - (run.closing[0] + run.closing[1]) * carriage.reached
-    return tally._replace(
-        samples=tally.samples + counts,
-        total=tally.total + jnp.where(counts, error, 0.0),
-        highest=jnp.where(counts, jnp.fmax(tally.highest, error), tally.highest),
-        lowest=jnp.where(counts, jnp.fmin(tally.lowest, error), tally.lowest),
+    starts = closes & (old.commanded == 0)
+    braking = time >= run.braking_s
+    detects = closes & braking & (time < run.turn_s) & jnp.isnan(old.detection)
+    # The period nearest to the turn is taken because the shaft moves least there.
+    turned = counts & (time >= run.turn_s - 0.5 * run.period) & (time < run.duration_s)
+    at_turn = turned & jnp.isnan(old.residual_gap)
+    gap = open_gap - (run.closing[0] + run.closing[1]) * carriage.reached
+    in_reversal = counts & ~old.opened
+    return old._replace(
+        samples=old.samples + counts,
+        total=old.total + jnp.where(counts, error, 0.0),
+        highest=jnp.where(counts, jnp.fmax(old.highest, error), old.highest),
+        lowest=jnp.where(counts, jnp.fmin(old.lowest, error), old.lowest),
         first=first,
-        before=jnp.where(counts & ~crossed & (side == -run.other), error, tally.before),
-        after=jnp.where(just_crossed, error, tally.after),
-        crossing_s=jnp.where(just_crossed, time, tally.crossing_s),
-        detection=jnp.where(detects, angle, tally.detection),
-        detection_s=jnp.where(detects, time, tally.detection_s),
-        false_closings=tally.false_closings + (starts & ~braking),
-        left=jnp.where(turns, left, tally.left),
-        short=jnp.where(turns, target - carriage.wanted, tally.short),
-        retracted=tally.retracted | (starts & tally.opened),
-        opened=tally.opened | (counts & (time > run.turn_s) & (command == 0)),
-        asked=jnp.where(counts & ~tally.opened, jnp.maximum(tally.asked, command), tally.asked),
-        commanded=jnp.where(counts, command, tally.commanded),
+        before=jnp.where(counts & ~crossed & (side == -run.other_flank), error, old.before),
+        after=jnp.where(just_crossed, error, old.after),
+        crossing_s=jnp.where(just_crossed, time, old.crossing_s),
+        detection=jnp.where(detects, angle, old.detection),
+        detection_s=jnp.where(detects, time, old.detection_s),
+        false_closings=old.false_closings + (starts & ~braking),
+        residual_gap=jnp.where(at_turn, gap, old.residual_gap),
+        shortfall=jnp.where(at_turn, target - carriage.unobstructed, old.shortfall),
+        retracted=old.retracted | (starts & old.opened),
+        opened=old.opened | (counts & (time > run.turn_s) & (command == 0)),
+        largest_command=jnp.where(
+            in_reversal, jnp.maximum(old.largest_command, command), old.largest_command
+        ),
+        commanded=jnp.where(counts, command, old.commanded),
     )
 
 
-def moved(
-    tally: Accumulators,
+def add_plant_step(
+    old: Accumulators,
     run: RunFacts,
     time: Float[Array, ""],
     step: Float[Array, ""],
-    shafts: Shafts,
-    touch: ContactEvent,
+    contact: ContactEvent,
     carriage: Carriage,
-    way: Float[Array, ""],
+    travel: Float[Array, ""],
     blocked: Bool[Array, ""],
     behind: Float[Array, ""] | None = None,
-    missed: Missed | None = None,
+    tracking: Tracking | None = None,
 ) -> Accumulators:
-    """After a step of the plant that ends at `time`, with the way of the actuator in it.
+    """Add a step of the plant that ends at `time`, in which the actuator moves by `travel`.
 
-    `behind`: how far the driving shaft is behind its motion at the touch, rad; None: it never is.
-    `missed`: how a servo motor does; None: there is none.
+    `behind`: lag of the driving shaft at the contact, rad; None for a shaft that never lags.
+    `tracking`: tracking error and limit of a servo motor; None without one.
     """
-    counts = (time <= run.duration_s) & ~tally.blocked
-    crosses = counts & (touch.side == run.other) & (time > run.braking_s) & jnp.isnan(tally.gap)
+    counts = (time <= run.duration_s) & ~old.blocked
+    meets = counts & (contact.side == run.other_flank)
+    crosses = meets & (time > run.braking_s) & jnp.isnan(old.gap)
     stops = counts & blocked
-    astray, limited_s = tally.astray, tally.limited_s
-    if missed is not None:
-        astray = jnp.where(counts, jnp.maximum(astray, missed.astray), astray)
-        limited_s += jnp.where(counts & missed.limited, step, 0.0)
-    reverses, slides = counts & ~tally.opened, counts & ~tally.retracted
-    return tally._replace(
-        gap=jnp.where(crosses, touch.gap, tally.gap),
-        crossing=jnp.where(crosses, touch.angle, tally.crossing),
-        behind=tally.behind if behind is None else jnp.where(crosses, behind, tally.behind),
+    error, limited_s = old.following_error, old.limited_s
+    if tracking is not None:
+        error = jnp.where(counts, jnp.maximum(error, tracking.error), error)
+        limited_s += jnp.where(counts & tracking.limited, step, 0.0)
+    in_reversal, travels = counts & ~old.opened, counts & ~old.retracted
+    return old._replace(
+        gap=jnp.where(crosses, contact.gap, old.gap),
+        crossing=jnp.where(crosses, contact.angle, old.crossing),
+        behind=old.behind if behind is None else jnp.where(crosses, behind, old.behind),
         interference=jnp.where(
-            reverses,
-            jnp.maximum(tally.interference, carriage.wanted - carriage.reached),
-            tally.interference,
+            in_reversal,
+            jnp.maximum(old.interference, carriage.unobstructed - carriage.reached),
+            old.interference,
         ),
-        travel=tally.travel + jnp.where(slides, jnp.abs(way), 0.0),
-        farthest=jnp.where(slides, jnp.maximum(tally.farthest, carriage.reached), tally.farthest),
-        astray=astray,
+        travel=old.travel + jnp.where(travels, jnp.abs(travel), 0.0),
+        farthest=jnp.where(travels, jnp.maximum(old.farthest, carriage.reached), old.farthest),
+        following_error=error,
         limited_s=limited_s,
         forced=(
-            tally.forced if carriage.stalled is None else tally.forced | (slides & carriage.stalled)
+            old.forced if carriage.stalled is None else old.forced | (travels & carriage.stalled)
         ),
-        blocked=tally.blocked | stops,
-        blocked_s=jnp.where(stops, time, tally.blocked_s),
+        blocked=old.blocked | stops,
+        blocked_s=jnp.where(stops, time, old.blocked_s),
     )

@@ -1,4 +1,4 @@
-"""Builds the case that runs from a scenario file: motion, motor, plant, actuator and controller."""
+"""Construction of a case from a scenario: motion, motor, plant, actuator and controller."""
 
 import math
 from collections.abc import Callable
@@ -22,8 +22,8 @@ from ..controllers.acceleration import AccelerationController
 from ..controllers.controller import Controller, NoController
 from ..controllers.feedforward import FeedforwardController
 from ..controllers.predictive import PredictiveController
-from ..controllers.turn_location import LostController, turns_off
-from ..hardware.actuator import Actuator, Thrust, pushed_back
+from ..controllers.turn_location import LostController, turn_error
+from ..hardware.actuator import Actuator, Thrust, can_back_drive
 from ..hardware.encoder import Sensor
 from ..hardware.observer import AlphaBetaGamma, FilteredDifference, Observer
 from ..hardware.servo import Servo, ServoDrive
@@ -52,10 +52,11 @@ from ..scenario.tables import (
 from .case import Case
 
 _SHORTEST_QUEUE = 1
+"""Least length of the actuator's queue of commands, periods."""
 
 
 def drag_of(inertia_kgm2: float, friction: FrictionTable, load: LoadTable) -> Drag:
-    """Of the driven shaft."""
+    """Return the friction and load that act on the driven shaft."""
     return Drag(
         inertia_kgm2,
         friction.coulomb_Nm,
@@ -75,9 +76,9 @@ def drive_of(
     load: LoadTable,
     plant_hz: float,
 ) -> ShaftDrive:
-    """How the driving shaft follows its motion.
+    """Return the drive of the driving shaft.
 
-    **Raises** `ScenarioError` for a step of the plant too long for the gain of the servo.
+    **Raises** `ScenarioError` for a step of the plant that is too long for the gain of the servo.
     """
     if servo.motor == "prescribed":
         return Prescribed()
@@ -110,19 +111,18 @@ def actuator_of(
     mesh: MeshTable,
     controller_hz: float,
 ) -> Actuator:
-    """What slides the driven gear."""
-    thrust, yields = None, pushed_back(pair.taper, mesh.friction_coefficient)
+    """Return the actuator that slides the driven gear."""
+    thrust, back_drivable = None, can_back_drive(pair.taper, mesh.friction_coefficient)
     if table.force_limit_N > 0:
         drag = drag_of(0.0 if plant == "play" else inertia.driven_kgm2, friction, load)
         radius_m = 1e-3 * float(pair.reference_radii[1])
         ratio, sliding = float(pair.ratio), mesh.friction_coefficient
         thrust = Thrust(drag, pair.taper, sliding, radius_m, ratio)
         if servo.motor == "pi":
-            most = servo.torque_limit_Nm / (ratio * radius_m)
-            spare = float(pair.taper.max()) - sliding
-            yields = yields & (most * spare >= table.force_limit_N)
+            force = servo.torque_limit_Nm / (ratio * radius_m) * (float(pair.taper.max()) - sliding)
+            back_drivable = back_drivable & (force >= table.force_limit_N)
     delay = delay_of(table, controller_hz)
-    # Powers of two, so that most new delays find a compiled program.
+    # Lengths are powers of two, so that most new delays need no new compiled program.
     periods = 1 << max(math.ceil(math.log2(max(delay, _SHORTEST_QUEUE))), 0)
     return Actuator(
         table.speed_mm_s,
@@ -130,7 +130,7 @@ def actuator_of(
         table.stroke_mm,
         table.resolution_mm,
         delay,
-        yields,
+        back_drivable,
         periods,
         np.asarray(table.force_limit_N) if thrust is not None else None,
         thrust,
@@ -138,7 +138,7 @@ def actuator_of(
 
 
 def delay_of(table: ActuatorTable, controller_hz: float) -> int:
-    """Dead time of the actuator in whole periods of the controller."""
+    """Return the dead time of the actuator in whole periods of the controller."""
     return math.ceil(table.delay_s * controller_hz * (1 - 1e-12))
 
 
@@ -146,10 +146,10 @@ _OBSERVERS: dict[str, Callable[[float], Observer]] = {
     "alpha_beta_gamma": AlphaBetaGamma,
     "difference": FilteredDifference,
 }
-_REMEMBERED = 4096
-"""Parts that a builder keeps."""
-_PERIODS_BEHIND = 3.0
-"""Periods from a reading to the place that the actuator takes by it."""
+_CACHED_PARTS = 4096
+"""Number of parts that a builder caches: a chosen value."""
+_LOOP_PERIODS = 3.0
+"""Delay from a reading to the resulting actuator position, periods of the controller."""
 
 
 def case_of(
@@ -163,11 +163,11 @@ def case_of(
 
 
 class Builder:
-    """Builds cases of one pair; parts that cases have in common are built once.
+    """Builder of the cases of one pair; it builds common parts of cases once.
 
     **Arguments**
-    - `pair`: what the `pair` of the scenarios names. - `folder`: where a recorded motion lies.
-    - `controller`: one of your own instead of those of the scenarios.
+    - `pair`: gears of the scenarios. - `folder`: folder of recorded motions.
+    - `controller`: your own controller instead of those of the scenarios.
     """
 
     def __init__(
@@ -176,13 +176,13 @@ class Builder:
         self.pair = pair
         self.folder = folder
         self.controller = controller
-        self._part = lru_cache(_REMEMBERED)(lambda make, *given: make(*given))
+        self._part = lru_cache(_CACHED_PARTS)(lambda make, *arguments: make(*arguments))
 
     def case(self, spec: ScenarioSpec) -> Case:
-        """The case of a validated scenario.
+        """Build the case of a validated scenario.
 
-        **Raises** `ScenarioError` for what only shows with the pair at hand: helix angles that
-        close nothing, a step of the plant too long for the stiffness.
+        **Raises** `ScenarioError` for helix angles with which no displacement closes the gap, and
+        for a step of the plant that is too long for the stiffness of the mesh.
         """
         motion, sense = self._part(self._motion, spec.motion)
         bounds = self._part(self._bounds, spec.eccentricities, spec.flanks)
@@ -210,7 +210,7 @@ class Builder:
         )
 
     def _motion(self, table: MotionTable) -> tuple[Motion, float]:
-        """The motion, and in which sense it begins."""
+        """Return the motion and the direction, 1 or −1, in which it begins."""
         if table.kind == "recorded":
             motion = read_motion(self.folder / table.file)
             return motion, _sense(motion)
@@ -226,7 +226,7 @@ class Builder:
         ), 1.0
 
     def _model(self, rig: EccentricityTable | None, flanks: str) -> FlankModel:
-        assert rig is not None  # held by the readers of a scenario
+        assert rig is not None  # checked where the scenario is read
         eccentricities = Eccentricities(
             rig.driving_mm,
             rig.driving_phase_deg,
@@ -268,17 +268,17 @@ class Builder:
         step = 1.0 / (controller_hz * substeps)
         longest = largest_step(stiffness, mesh.damping_ratio, inertia.driven_kgm2)
         if step > longest:
-            enough = controller_hz * math.ceil(1.0 / (controller_hz * longest))
+            least_hz = controller_hz * math.ceil(1.0 / (controller_hz * longest))
             raise ScenarioError(
                 f"a step of {step:.3g} s is too long for a mesh of {stiffness:.3g} N m/rad on"
                 f" {inertia.driven_kgm2:g} kg m²; the longest is {longest:.3g} s: take plant_hz ="
-                f" {enough:g}.",
+                f" {least_hz:g}.",
                 where="sampling.plant_hz",
             )
         return ElasticPlant(drag, stiffness, mesh.damping_ratio)
 
     def _stiffness(self, mesh: MeshTable) -> float:
-        """Of the mesh, N m/rad at the driven shaft."""
+        """Return the stiffness of the mesh at the driven shaft, N m/rad."""
         width = float(self.pair.driven.face_width_mm)
         if math.isnan(width):
             raise ScenarioError(
@@ -289,11 +289,11 @@ class Builder:
         radius = float(self.pair.base_radii[1].mean())
         return mesh_stiffness(mesh.stiffness_N_mm_um, width, radius)
 
-    def _actuator(self, *given: Any) -> Actuator:
-        return actuator_of(self.pair, *given)
+    def _actuator(self, *arguments: Any) -> Actuator:
+        return actuator_of(self.pair, *arguments)
 
     def _located(self, spec: ScenarioSpec, bounds: Bounds, motion: Motion) -> Controller:
-        """The controller, with its map at the turn it takes for the present one."""
+        """Return the controller with its map at the turn that it assumes."""
         source, turns = spec.judgement.turn, None
         if source == "known" or spec.controller == "none":
             turns = 0
@@ -304,11 +304,11 @@ class Builder:
             )
             model = self._part(self._model, _believed(spec), spec.flanks)
             start = float(motion.at(jnp.zeros(())).angle)
-            turns = turns_off(self.pair, model, bounds, sensors, start, spec.seed)
+            turns = turn_error(self.pair, model, bounds, sensors, start, spec.seed)
         if turns is None:
             return LostController()
         hertz = spec.sampling.controller_hz
-        lead = (delay_of(spec.actuator, hertz) + _PERIODS_BEHIND) / hertz
+        lead = (delay_of(spec.actuator, hertz) + _LOOP_PERIODS) / hertz
         believed = _believed(spec), spec.flanks, turns
         return self.controller or self._part(
             self._controller, spec.controller, spec.judgement, lead, *believed
@@ -338,8 +338,8 @@ class Builder:
         )
 
     def _sensor(self, table: EncoderTable, driven: bool) -> Sensor:
-        drawn = (self.pair.driven if driven else self.pair.driving).encoder.counts_per_rev
-        per_rev = drawn if table.counts_per_rev is None else table.counts_per_rev
+        default = (self.pair.driven if driven else self.pair.driving).encoder.counts_per_rev
+        per_rev = default if table.counts_per_rev is None else table.counts_per_rev
         return Sensor(
             REV / per_rev if per_rev else 0.0,
             table.amplitude_arcsec * ARCSEC,
@@ -350,13 +350,13 @@ class Builder:
 
 
 def _believed(spec: ScenarioSpec) -> EccentricityTable:
-    """The rig whose map the controller has."""
-    assert spec.eccentricities is not None  # held by the readers of a scenario
-    said = {name: value for name, value in plain_table(spec.map).items() if value is not None}
-    return structs.replace(spec.eccentricities, **said)
+    """Return the eccentricities of the map that the controller uses."""
+    assert spec.eccentricities is not None  # checked where the scenario is read
+    values = {name: value for name, value in plain_table(spec.map).items() if value is not None}
+    return structs.replace(spec.eccentricities, **values)
 
 
 def _sense(motion: Motion) -> float:
-    """Of the way made before the brakes: the run begins in this sense."""
-    way = motion.at(jnp.asarray(motion.braking_s)).angle - motion.at(jnp.zeros(())).angle
-    return -1.0 if float(way) < 0 else 1.0
+    """Return the direction, 1 or −1, of the motion before braking."""
+    angle = motion.at(jnp.asarray(motion.braking_s)).angle - motion.at(jnp.zeros(())).angle
+    return -1.0 if float(angle) < 0 else 1.0

@@ -1,4 +1,4 @@
-"""One case of a simulation, ready to run: every number an array, every choice a type."""
+"""Case of a simulation, ready to run: its numbers are arrays, its choices are types."""
 
 from typing import Any, NamedTuple
 
@@ -10,27 +10,27 @@ from jaxtyping import Array, Float, Int
 from ...base.arrays import Number, Numbers, float64
 from ..controllers.controller import Controller, Measurement
 from ..hardware.actuator import Actuator, Carriage
-from ..hardware.encoder import Sensor, shocks
+from ..hardware.encoder import Sensor, noise_draws
 from ..hardware.observer import MotionEstimate, Observer
 from ..hardware.shaft_drive import Lead, Prescribed, ShaftDrive, led, next_lead, no_lead
 from ..hermite import cubic
 from ..motion.motion import Motion, MotionPoint
 from ..plants.flank_bounds import Bounds
 from ..plants.plant import ON_A, ON_B, Plant, Shafts
-from .accumulators import Accumulators, RunFacts, empty, moved, sampled
+from .accumulators import Accumulators, RunFacts, add_plant_step, add_sample, empty_accumulators
 
 
 class Case(eqx.Module):
-    """A rig, its motion and its controller.
+    """Simulated rig with its motion and its controller.
 
     **Arguments**
-    - `motion`, `bounds`, `plant`, `actuator`, `observer`, `controller`: the parts.
-    - `driving_sensor`, `driven_sensor`: what the controller sees of both shafts.
-    - `period`: of the controller, s. - `seed`: of the noise of the encoders.
+    - `motion`, `bounds`, `plant`, `actuator`, `observer`, `controller`: parts of the case.
+    - `driving_sensor`, `driven_sensor`: encoders that the controller reads.
+    - `period`: period of the controller, s. - `seed`: seed of the encoder noise.
     - `sense`: 1 for a run that begins forwards, −1 backwards.
     - `substeps`: steps of the plant in a period.
-    - `noisy`: whether the encoders have noise at all; without it no random numbers are drawn.
-    - `drive`: how the driving shaft follows the motion.
+    - `noisy`: whether the encoders have noise; without noise no random numbers are drawn.
+    - `drive`: drive that lets the driving shaft follow the motion.
     """
 
     motion: Motion
@@ -50,10 +50,10 @@ class Case(eqx.Module):
 
 
 class State(NamedTuple):
-    """Everything that one period hands to the next.
+    """State of a run at the start of a period.
 
-    - `lead`: of the driving shaft over its motion, where the controller moves the motor at all.
-    - `asked`: the motion at this time; None where the driving shaft is exactly there.
+    - `lead`: lead of the driving shaft over its motion; None for a controller without lead.
+    - `target`: point of the motion; None where the driving shaft always stands there.
     - `motor`: state of the drive.
     """
 
@@ -61,19 +61,19 @@ class State(NamedTuple):
     carriage: Carriage
     estimate: MotionEstimate
     controller: Any
-    tally: Accumulators
+    accumulators: Accumulators
     lead: Lead | None = None
-    asked: MotionPoint | None = None
+    target: MotionPoint | None = None
     motor: Any = ()
 
 
 class Sample(NamedTuple):
-    """One period as a trace shows it: s, rad and mm.
+    """Sample of one period in a trace, in s, rad and mm.
 
     - `driving`, `error`: true driving angle and transmission error φ₂ − i φ₁.
-    - `shown`: transmission error of both readings. - `speed`, `acceleration`: as estimated.
+    - `shown`: transmission error of both readings. - `speed`, `acceleration`: estimates.
     - `lower`, `upper`: TE on flank A and flank B at the axial displacement `reached`.
-    - `command`: axial displacement asked for.
+    - `command`: commanded axial displacement.
     """
 
     time: Float[Numbers, "*shape"]
@@ -88,8 +88,8 @@ class Sample(NamedTuple):
     reached: Float[Numbers, "*shape"]
 
 
-def started(case: Case) -> State:
-    """At rest at angle zero on flank A, fully open."""
+def initial_state(case: Case) -> State:
+    """Return the state at the start of the motion: at rest on flank A with the gap open."""
     point = case.motion.at(jnp.zeros(()))
     flanks = case.bounds.at(point.angle)
     still = jnp.zeros(())
@@ -100,34 +100,34 @@ def started(case: Case) -> State:
         case.actuator.at_rest(),
         MotionEstimate(driving, still, still),
         case.controller.start(),
-        empty(),
+        empty_accumulators(),
         no_lead() if case.controller.advances else None,
-        point if _apart(case) else None,
+        point if _can_deviate(case) else None,
         case.drive.start(point),
     )
 
 
-def _apart(case: Case) -> bool:
-    """Whether the driving shaft is ever anywhere else than its motion has it."""
+def _can_deviate(case: Case) -> bool:
+    """Return whether the driving shaft can deviate from its motion."""
     return case.controller.advances or not isinstance(case.drive, Prescribed)
 
 
-def advance(case: Case, state: State, periods: Int[Array, " n"]) -> tuple[State, Sample]:
-    """Run the periods with these numbers, one after the other, and give a sample of each."""
+def trace_periods(case: Case, state: State, periods: Int[Array, " n"]) -> tuple[State, Sample]:
+    """Run the periods with these numbers and return the last state and a sample of each period."""
 
-    def one(state: State, number: Int[Array, ""]) -> tuple[State, Sample]:
+    def step(state: State, number: Int[Array, ""]) -> tuple[State, Sample]:
         return _period(case, state, number)
 
-    return jax.lax.scan(one, state, periods)
+    return jax.lax.scan(step, state, periods)
 
 
-def finished(case: Case, state: State, periods: Int[Array, " n"]) -> State:
-    """Run the periods and keep nothing but the state."""
+def run_periods(case: Case, state: State, periods: Int[Array, " n"]) -> State:
+    """Run the periods with these numbers and return the last state."""
 
-    def one(state: State, number: Int[Array, ""]) -> tuple[State, None]:
+    def step(state: State, number: Int[Array, ""]) -> tuple[State, None]:
         return _period(case, state, number)[0], None
 
-    return jax.lax.scan(one, state, periods)[0]
+    return jax.lax.scan(step, state, periods)[0]
 
 
 def _period(case: Case, state: State, number: Int[Array, ""]) -> tuple[State, Sample]:
@@ -136,25 +136,24 @@ def _period(case: Case, state: State, number: Int[Array, ""]) -> tuple[State, Sa
     shafts, carriage = state.shafts, state.carriage
     driving, driven = _read(case, shafts, number)
     estimate = case.observer.step(state.estimate, driving, jnp.asarray(case.period))
-    asked = shafts if state.asked is None else state.asked
-    known = estimate.speed, estimate.acceleration, asked.angle, asked.speed
-    seen = Measurement(time, driving, driven, *known)
-    controller, found = case.controller.step(state.controller, seen)
-    order = case.controller.ordered(found)
-    command, period = jnp.asarray(order.shift), jnp.asarray(case.period)
-    lead = state.lead and next_lead(state.lead, jnp.asarray(order.advance), period)
-    carriage, target = case.actuator.commanded(carriage, command)
+    reference = shafts if state.target is None else state.target
+    motions = estimate.speed, estimate.acceleration, reference.angle, reference.speed
+    measurement = Measurement(time, driving, driven, *motions)
+    controller, output = case.controller.step(state.controller, measurement)
+    output = case.controller.as_command(output)
+    command, period = jnp.asarray(output.shift), jnp.asarray(case.period)
+    lead = state.lead and next_lead(state.lead, jnp.asarray(output.advance), period)
+    carriage, position = case.actuator.commanded(carriage, command)
     shown = driven - case.bounds.ratio * driving
-    gap = shafts.flanks.upper - shafts.flanks.lower
-    tally = sampled(
-        state.tally,
+    accumulators = add_sample(
+        state.accumulators,
         run,
         time,
         shown,
         shafts.angle,
         command,
-        target,
-        gap,
+        position,
+        shafts.flanks.upper - shafts.flanks.lower,
         shafts.side,
         carriage,
     )
@@ -170,35 +169,35 @@ def _period(case: Case, state: State, number: Int[Array, ""]) -> tuple[State, Sa
         command,
         carriage.reached,
     )
-    moving = _Moving(shafts, carriage, tally, state.asked, state.motor)
-    told = _PeriodInputs(target, time, state.lead, lead)
+    plant = _PlantState(shafts, carriage, accumulators, state.target, state.motor)
+    inputs = _PeriodInputs(position, time, state.lead, lead)
     if case.substeps == 1:
-        moving = _moved(case, run, told, moving, jnp.ones(()))
+        plant = _plant_step(case, run, inputs, plant, jnp.ones(()))
     else:
 
-        def one(moving: _Moving, place: Float[Array, ""]) -> tuple[_Moving, None]:
-            return _moved(case, run, told, moving, place), None
+        def step(plant: _PlantState, number: Float[Array, ""]) -> tuple[_PlantState, None]:
+            return _plant_step(case, run, inputs, plant, number), None
 
-        moving, _ = jax.lax.scan(one, moving, jnp.arange(1.0, case.substeps + 1))
-    shafts, carriage, tally, asked, motor = moving
-    return State(shafts, carriage, estimate, controller, tally, lead, asked, motor), sample
+        plant, _ = jax.lax.scan(step, plant, jnp.arange(1.0, case.substeps + 1))
+    shafts, carriage, totals, target, motor = plant
+    return State(shafts, carriage, estimate, controller, totals, lead, target, motor), sample
 
 
-class _Moving(NamedTuple):
-    """What the steps of the plant change."""
+class _PlantState(NamedTuple):
+    """Part of the state that the steps of the plant change."""
 
     shafts: Shafts
     carriage: Carriage
-    tally: Accumulators
-    asked: MotionPoint | None
+    accumulators: Accumulators
+    target: MotionPoint | None
     motor: Any
 
 
 class _PeriodInputs(NamedTuple):
-    """What holds over one period.
+    """Constants of one period for the steps of the plant.
 
-    - `target`: of the actuator, mm. - `time`: of its start, s.
-    - `before`, `after`: lead of the driving shaft at both ends, if there is any.
+    - `target`: target of the actuator, mm. - `time`: start of the period, s.
+    - `before`, `after`: lead of the driving shaft at both ends, or None.
     """
 
     target: Float[Array, ""]
@@ -207,38 +206,39 @@ class _PeriodInputs(NamedTuple):
     after: Lead | None
 
 
-def _moved(
+def _plant_step(
     case: Case,
     run: RunFacts,
-    told: _PeriodInputs,
-    moving: _Moving,
-    place: Float[Array, ""],
-) -> _Moving:
-    """One step of the plant, the `place`-th of a period."""
+    inputs: _PeriodInputs,
+    plant: _PlantState,
+    number: Float[Array, ""],
+) -> _PlantState:
+    """Return the state after step `number` (from 1) of the plant in a period."""
     step = jnp.asarray(case.period) / case.substeps
-    then = told.time + place * step
-    ahead = asked = case.motion.at(then)
-    if told.before is not None and told.after is not None:
-        share = place / case.substeps
-        ahead = led(asked, told.before, told.after, share, jnp.asarray(case.period))
-    expected = case.drive.expected(moving.shafts, ahead, step)
+    end = inputs.time + number * step
+    target = point = case.motion.at(end)
+    if inputs.before is not None and inputs.after is not None:
+        share = number / case.substeps
+        target = led(point, inputs.before, inputs.after, share, jnp.asarray(case.period))
+    shafts = plant.shafts
+    expected = case.drive.expected(shafts, target, step)
     closed = case.bounds.gap(expected) * (1.0 / case.bounds.closing_sum)
     push, thrust = None, case.actuator.thrust
     if thrust is not None:
-        push = thrust.at(moving.shafts.side, moving.shafts.speed, ahead.acceleration)
-    carriage, slide, blocked = case.actuator.step(moving.carriage, told.target, closed, step, push)
-    motor, shafts, touch = case.drive.step(
-        moving.motor, case.plant, moving.shafts, ahead, slide, case.bounds, step
+        push = thrust.at(shafts.side, shafts.speed, target.acceleration)
+    carriage, slide, blocked = case.actuator.step(plant.carriage, inputs.target, closed, step, push)
+    motor, shafts, contact = case.drive.step(
+        plant.motor, case.plant, shafts, target, slide, case.bounds, step
     )
-    way = slide.end - slide.start
-    behind = None
-    if moving.asked is not None:
-        was = moving.asked
-        course = cubic(was.angle, asked.angle, was.speed, asked.speed, step)
-        behind = course.at(touch.share) - touch.angle
-    gone = shafts, touch, carriage, way, blocked, behind, case.drive.missed(motor, shafts)
-    tally = moved(moving.tally, run, then, step, *gone)
-    return _Moving(shafts, carriage, tally, asked if _apart(case) else None, motor)
+    travel, behind = slide.end - slide.start, None
+    if plant.target is not None:
+        start = plant.target
+        course = cubic(start.angle, point.angle, start.speed, point.speed, step)
+        behind = course.at(contact.share) - contact.angle
+    changes = contact, carriage, travel, blocked, behind, case.drive.tracking(motor, shafts)
+    accumulators = add_plant_step(plant.accumulators, run, end, step, *changes)
+    kept = point if _can_deviate(case) else None
+    return _PlantState(shafts, carriage, accumulators, kept, motor)
 
 
 def _run(case: Case) -> RunFacts:
@@ -256,10 +256,10 @@ def _run(case: Case) -> RunFacts:
 def _read(
     case: Case, shafts: Shafts, number: Int[Array, ""]
 ) -> tuple[Float[Array, ""], Float[Array, ""]]:
-    """Readings of both encoders, rad."""
+    """Return the readings of both encoders, rad."""
     noise = jnp.zeros(2)
     if case.noisy:
-        noise = shocks(jax.random.key(case.seed), number)
+        noise = noise_draws(jax.random.key(case.seed), number)
     driven = jnp.asarray(case.bounds.ratio) * shafts.angle + shafts.offset
     return (
         case.driving_sensor.read(shafts.angle, noise[0]),

@@ -1,4 +1,4 @@
-"""The metrics of the contract and the outcome, for one run or for an array of runs."""
+"""Metrics and outcome of one run or of an array of runs."""
 
 from typing import Any, Literal, NamedTuple
 
@@ -14,9 +14,9 @@ from .case import Case
 
 Outcome = Literal["ok", "unlocated", "bound", "missed", "stroke", "force", "slow"]
 """`unlocated`: the controller did not know the turn of the hunting period and refused to start.
-`bound`: the drive stands between both flanks. `missed`: the controller did not see the motor brake.
-`stroke`: the actuator was asked for more than it has. `force`: the teeth were stronger than it.
-`slow`: it was still on its way when the motion turned."""
+`bound`: both flanks block the drive. `missed`: the controller did not detect the braking.
+`stroke`: a command exceeded the stroke of the actuator. `force`: the teeth were stronger than the
+actuator. `slow`: the actuator had not reached its target when the motion turned."""
 
 METRICS = (
     "te_mean_deg",
@@ -34,19 +34,18 @@ METRICS = (
 )
 
 NEAR_MM = 1e-4
-"""mm within which the actuator has arrived."""
+"""Axial displacement that counts as zero, mm: a chosen tolerance."""
 
 
 class MetricInputs(NamedTuple):
-    """What of a case its metrics are read with.
+    """Values of a case from which its metrics are computed.
 
     - `sense`: 1 for a run that begins forwards, −1 backwards.
-    - `closing`: rad by which a mm of axial displacement moves the flank that carries at first.
-    - `braking_s`, `turns`: when the motion brakes, and whether it turns back.
-    - `idle`: nobody closes the gap. - `lost`: the controller refused to start.
-    - `stroke`: of the actuator, mm.
-    - `turn_s`, `turn`: when and where the motion turns, s and rad of the driving shaft.
-    - `ratio`: i.
+    - `closing`: TE per axial displacement on the flank that carries first, rad/mm.
+    - `braking_s`, `turns`: start of braking, s, and whether the motion turns back.
+    - `idle`: whether the controller never closes the gap.
+    - `lost`: whether the controller refused to start. - `stroke`: stroke of the actuator, mm.
+    - `turn_s`, `turn`: time and driving angle of the turn, s and rad. - `ratio`: i.
     """
 
     sense: Float[Numbers, "*shape"]
@@ -61,8 +60,8 @@ class MetricInputs(NamedTuple):
     ratio: Float[Numbers, "*shape"]
 
 
-def facts_of(case: Case) -> MetricInputs:
-    """The facts of one case."""
+def metric_inputs_of(case: Case) -> MetricInputs:
+    """Return the inputs of the metrics of one case."""
     sense, closing = jnp.asarray(case.sense), jnp.asarray(case.bounds.closing)
     return MetricInputs(
         sense,
@@ -78,26 +77,27 @@ def facts_of(case: Case) -> MetricInputs:
     )
 
 
-def metrics_of(facts: MetricInputs, tally: Accumulators) -> dict[str, Float[np.ndarray, "*shape"]]:
-    """The metrics by name, NaN for what did not happen.
+def metrics_of(
+    inputs: MetricInputs, accumulators: Accumulators
+) -> dict[str, Float[np.ndarray, "*shape"]]:
+    """Return the metrics by name; NaN for events that did not happen.
 
-    - `te_mean_deg`, `te_max_deg`, `te_min_deg`: of the transmission error the encoders show.
-    - `jump_deg`: TE at the first contact of the other flank less that of the old flank at the same
-      driving angle; `jump_paper_deg`: last sample on the old flank less the first after that
-      contact, as the paper reads its curves.
-    - `axial_step_deg`: TE by which closing pushes the driven gear on the flank that carries.
-    - `detection_deg`, `detection_delay_s`: driving angle of the first command to close, and the
-      time since the motor began to brake.
-    - `residual_gap_deg`: backlash left when the motion turns.
-    - `interference_mm`: most by which the actuator wanted further than the closed gap let it.
-    - `actuator_travel_mm`: its way to and fro.
-    - `lost_motion_deg`: how far the motion has gone back, at the driven gear, when the other flank
-      is first met; 0 where that is before the turn.
+    - `te_mean_deg`, `te_max_deg`, `te_min_deg`: transmission error that the encoders show.
+    - `jump_deg`: TE at first contact of the other flank minus TE of the old flank at that angle.
+    - `jump_paper_deg`: last sample on the old flank minus the first one after that contact, as the
+      paper reads its curves.
+    - `axial_step_deg`: TE by which closing moves the driven gear on the flank that carries.
+    - `detection_deg`, `detection_delay_s`: driving angle of the first command to close, and its
+      delay after the start of braking. - `residual_gap_deg`: backlash when the motion turns.
+    - `interference_mm`: largest distance by which the closed gap held the actuator back.
+    - `actuator_travel_mm`: distance that the actuator travelled in both directions.
+    - `lost_motion_deg`: return of the motion, at the driven gear, until the first contact of the
+      other flank; 0 for a contact before the turn.
 
-    Interference, travel and the axial step are those of the reversal: they end when the gap is
-    opened again after it. Of a motion that never turns back they are those of the whole run.
+    Interference, travel and axial step belong to the reversal, which ends when the gap is opened
+    after it. For a motion that never turns back they belong to the whole run.
     """
-    f, t = MetricInputs(*map(np.asarray, facts)), Accumulators(*map(np.asarray, tally))
+    f, t = MetricInputs(*map(np.asarray, inputs)), Accumulators(*map(np.asarray, accumulators))
     back = f.sense * f.ratio * (f.turn - t.crossing - t.behind)
     lost = np.where(t.crossing_s <= f.turn_s, 0.0, back)
     values = (
@@ -109,7 +109,7 @@ def metrics_of(facts: MetricInputs, tally: Accumulators) -> dict[str, Float[np.n
         t.farthest * f.closing / DEG,
         t.detection / DEG,
         t.detection_s - f.braking_s,
-        t.left / DEG,
+        t.residual_gap / DEG,
         t.interference,
         t.travel,
         np.where(f.turns, lost, np.nan) / DEG,
@@ -117,17 +117,17 @@ def metrics_of(facts: MetricInputs, tally: Accumulators) -> dict[str, Float[np.n
     return {name: np.asarray(value) for name, value in zip(METRICS, values, strict=True)}
 
 
-def outcomes_of(facts: MetricInputs, tally: Accumulators) -> Any:
-    """How each ended: the first that holds, in the order of `Outcome` behind ok."""
-    f, t = MetricInputs(*map(np.asarray, facts)), Accumulators(*map(np.asarray, tally))
+def outcomes_of(inputs: MetricInputs, accumulators: Accumulators) -> Any:
+    """Return the outcome of each run: the first in the order of `Outcome` that holds, or ok."""
+    f, t = MetricInputs(*map(np.asarray, inputs)), Accumulators(*map(np.asarray, accumulators))
     return np.select(
         [
             f.lost,
             t.blocked,
             f.turns & ~f.idle & np.isnan(t.detection),
-            t.asked > f.stroke + NEAR_MM,
+            t.largest_command > f.stroke + NEAR_MM,
             t.forced,
-            t.short > NEAR_MM,
+            t.shortfall > NEAR_MM,
         ],
         ["unlocated", "bound", "missed", "stroke", "force", "slow"],
         "ok",

@@ -1,4 +1,4 @@
-"""`simulate`: one case from its first period to its last."""
+"""Simulation of one case from its first period to its last."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -16,11 +16,11 @@ from ..controllers.controller import Controller
 from ..scenario.axes import SCENARIO_FILE
 from ..scenario.spec import ScenarioSpec, load_scenario_spec
 from .build import case_of
-from .case import Case, Sample, State, advance, finished, started
+from .case import Case, Sample, State, initial_state, run_periods, trace_periods
 from .result import Simulation, Trace
 
 CHUNK = 1024
-"""Steps of the plant in one compiled call: short enough for Ctrl-C, long enough to cost nothing."""
+"""Plant steps in one compiled call: short enough for Ctrl-C, long enough to be fast; chosen."""
 
 
 def simulate(
@@ -31,16 +31,16 @@ def simulate(
     controller: Controller | None = None,
     trace_every: int = 0,
 ) -> Simulation:
-    """Simulate one drive through its motion, with the controller of the scenario.
+    """Simulate one drive through its motion with the controller of the scenario.
 
     **Arguments**
-    - `scenario`: a file (TOML), or what was read from one.
-    - `pair`: instead of the pair file that the scenario names.
-    - `folder`: to which its paths are relative; that of the file, or the working folder.
-    - `controller`: one of your own instead of that of the scenario; see `Controller`.
-    - `trace_every`: keep a sample of every so many periods; 0 keeps none.
+    - `scenario`: a scenario file (TOML) or its specification.
+    - `pair`: gears instead of the pair file that the scenario names.
+    - `folder`: folder for relative paths; by default that of the file, or the working folder.
+    - `controller`: your own controller instead of that of the scenario; see `Controller`.
+    - `trace_every`: distance of the samples in the trace, in periods; 0 keeps no trace.
 
-    **Raises** `ScenarioError` naming file and key, `PairError`, and `ValueError` without 64-bit
+    **Raises** `ScenarioError` with file and key, `PairError`, and `ValueError` without 64-bit
     floats or for a `trace_every` below 0.
 
     **Example**
@@ -54,8 +54,8 @@ def simulate(
     >>> motion = {"reversal_deg": 720.0, "dwell_s": 0.2}
     >>> scenario = {"pair": "pair.toml", "eccentricities": rig, "motion": motion}
     >>> spec = parse_scenario_spec(scenario | {"controller": "predictive"})
-    >>> found = vttig_jax.simulate(spec, paper_pair())
-    >>> found.outcome, round(found.metrics["residual_gap_deg"], 5)
+    >>> run = vttig_jax.simulate(spec, paper_pair())
+    >>> run.outcome, round(run.metrics["residual_gap_deg"], 5)
     ('ok', 0.00075)
 
     ```
@@ -67,20 +67,20 @@ def simulate(
     if folder is None:
         folder = Path(source).parent
     spec = scenario if isinstance(scenario, ScenarioSpec) else load_scenario_spec(scenario)
-    pair, case = prepared(spec, Path(folder), source, pair, controller)
+    pair, case = prepare_case(spec, Path(folder), source, pair, controller)
     state, trace = run(case, trace_every)
-    return Simulation(spec, pair, case, state.tally, trace)
+    return Simulation(spec, pair, case, state.accumulators, trace)
 
 
-def prepared(
+def prepare_case(
     spec: ScenarioSpec,
     folder: Path,
     source: str = "",
     pair: GearPair | None = None,
     controller: Controller | None = None,
 ) -> tuple[GearPair, Case]:
-    """The gears of a scenario and the case to run; `source` is its file name for messages."""
-    with SCENARIO_FILE.placed(source):
+    """Return the gears and the case of a scenario; `source` is its file name for messages."""
+    with SCENARIO_FILE.error_context(source):
         if spec.rig is not None:
             raise ScenarioError(
                 "names a run folder, which `vttig simulate` reads; in Python give [eccentricities],"
@@ -88,62 +88,62 @@ def prepared(
                 where="rig",
             )
         if pair is None:
-            pair = gears(folder / spec.pair)
+            pair = load_gears(folder / spec.pair)
         return pair, case_of(spec, pair, folder, controller)
 
 
-def gears(path: Path) -> GearPair:
-    """The gears of a pair file.
+def load_gears(path: Path) -> GearPair:
+    """Read the gears of a pair file.
 
-    **Raises** `ScenarioError` for no file and for a drive without gears.
+    **Raises** `ScenarioError` for a missing file and for a drive without gears.
     """
     if not path.exists():
         raise ScenarioError(
             f"there is no file {path}; name the pair file, relative to the scenario.", where="pair"
         )
-    found = load_pair(path)
-    if not isinstance(found, GearPair):
+    pair = load_pair(path)
+    if not isinstance(pair, GearPair):
         raise ScenarioError(
             "names a [drive] without gears; a simulation needs the geometry of [pair].",
             where="pair",
         )
-    return found
+    return pair
 
 
 def periods_of(case: Case) -> int:
-    """Periods of the controller in a run."""
+    """Return the number of periods of the controller in a run."""
     return int(np.floor(float(case.motion.duration_s) / float(case.period) * (1 + 1e-12))) + 1
 
 
 def run(
     case: Case, trace_every: int = 0, progress: Callable[[int, int], None] | None = None
 ) -> tuple[State, Trace | None]:
-    """The last state of a case, and what was asked of its trace.
+    """Run a case and return its last state and its trace.
 
-    `progress` is told the periods done and those there are.
+    `progress` is called with the number of finished periods and of all periods.
     """
     periods = periods_of(case)
-    state, kept = started(case), list[Sample]()
+    state, samples = initial_state(case), list[Sample]()
     chunk = max(CHUNK // case.substeps, 1)
     for first in range(0, periods, chunk):
         numbers = first + jnp.arange(chunk)
         if trace_every:
-            state, sample = _advance(case, state, numbers)
+            state, sample = _trace_periods(case, state, numbers)
             chosen = np.flatnonzero((np.arange(first, first + chunk) % trace_every) == 0)
             chosen = chosen[first + chosen < periods]
-            kept.append(Sample(*(np.asarray(values)[chosen] for values in sample)))
+            samples.append(Sample(*(np.asarray(values)[chosen] for values in sample)))
         else:
-            state = _finished(case, state, numbers)
+            state = _run_periods(case, state, numbers)
         if progress is not None:
             progress(min(first + chunk, periods), periods)
-    return state, Trace.of(kept) if trace_every else None
+    return state, Trace.of(samples) if trace_every else None
 
 
 @eqx.filter_jit
-def _advance(case: Case, state: State, numbers: Int[Array, " n"]) -> tuple[State, Sample]:
-    return advance(case, state, numbers)
+def _trace_periods(case: Case, state: State, numbers: Int[Array, " n"]) -> tuple[State, Sample]:
+    return trace_periods(case, state, numbers)
 
 
 @eqx.filter_jit
-def _finished(case: Case, state: State, numbers: Int[Array, " n"]) -> State:
-    return finished(case, state, numbers)
+def _run_periods(case: Case, state: State, numbers: Int[Array, " n"]) -> State:
+    return run_periods(case, state, numbers)

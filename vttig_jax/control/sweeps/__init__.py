@@ -1,1 +1,1 @@
-"""Many cases in batches: a sweep, its folder and its table."""
+"""Sweeps of many cases in batches, with their folder and their table."""

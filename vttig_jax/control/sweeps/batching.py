@@ -1,4 +1,4 @@
-"""Many cases at once: one compiled program, a case in every lane, lanes spread over devices."""
+"""Batches of cases: one compiled program, one case per lane, lanes distributed over devices."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -12,23 +12,23 @@ from jax.sharding import AxisType, Mesh
 from jax.sharding import PartitionSpec as P
 
 from ..simulation.accumulators import Accumulators
-from ..simulation.case import Case, State, finished, started
-from ..simulation.metrics import MetricInputs, facts_of
+from ..simulation.case import Case, State, initial_state, run_periods
+from ..simulation.metrics import MetricInputs, metric_inputs_of
 
 STEPS = 1024
-"""Steps of the plant in one compiled call."""
+"""Plant steps in one compiled call: a chosen value."""
 
 LANES = 512
-"""Most lanes a device runs at once: their state stays in its cache."""
+"""Limit of lanes on one device, so that their state stays in its cache: a chosen value."""
 
 _FEWEST = 8
-"""Lanes that a vector holds."""
+"""Least number of lanes: the float64 numbers in a vector of 512 bits."""
 
 
 class CaseStructure(NamedTuple):
-    """What cases have in common that run as one compiled program; hashable.
+    """Structure of cases that share one compiled program; it is hashable.
 
-    - `tree`: their structure with all choices that are no numbers. - `shapes`: of their numbers.
+    - `tree`: tree with all static choices. - `shapes`: shapes of the numbers.
     """
 
     tree: Any
@@ -36,63 +36,63 @@ class CaseStructure(NamedTuple):
 
 
 class CaseLeaves(NamedTuple):
-    """The numbers of one case, in the order of its tree."""
+    """Structure of one case, and its numbers in the order of the tree."""
 
-    program: CaseStructure
+    structure: CaseStructure
     leaves: tuple[Any, ...]
 
 
-def numbers_of(case: Case) -> CaseLeaves:
-    """Take a case apart into its program and its numbers."""
+def leaves_of(case: Case) -> CaseLeaves:
+    """Split a case into its structure and its numbers."""
     leaves, tree = jax.tree.flatten(case)
     leaves = tuple(leaf if isinstance(leaf, np.ndarray) else np.asarray(leaf) for leaf in leaves)
     return CaseLeaves(CaseStructure(tree, tuple(leaf.shape for leaf in leaves)), leaves)
 
 
 class CaseBatch(NamedTuple):
-    """Cases of one program side by side.
+    """Cases of one structure in lanes.
 
-    - `leaves`: numbers, those of all lanes stacked along a first axis where `own` says so, a single
-      one where all lanes share it. - `lanes`: how many, those that fill up included.
+    - `batched`: for each number, whether it has a lane axis. - `leaves`: numbers, with a first axis
+      over the lanes or shared by all lanes. - `lanes`: number of lanes, fillers included.
     """
 
-    program: CaseStructure
-    own: tuple[bool, ...]
+    structure: CaseStructure
+    batched: tuple[bool, ...]
     leaves: tuple[Any, ...]
     lanes: int
 
 
-def stacked(cases: Sequence[CaseLeaves], own: tuple[bool, ...], lanes: int) -> CaseBatch:
-    """Put cases side by side; the last one fills the lanes that are left.
+def batch_of(cases: Sequence[CaseLeaves], batched: tuple[bool, ...], lanes: int) -> CaseBatch:
+    """Put cases into lanes; copies of the last case fill the remaining lanes.
 
-    A number that differs between the cases gets lanes of its own even where `own` does not say so.
+    A number that differs between the cases gets a lane axis even where `batched` is false.
     """
     filled = [*cases, *[cases[-1]] * (lanes - len(cases))]
-    program, leaves, apart = cases[0].program, list[Any](), list[bool]()
-    for place, needed in enumerate(own):
-        column = [case.leaves[place] for case in filled]
+    leaves, has_axis = list[Any](), list[bool]()
+    for index, needed in enumerate(batched):
+        column = [case.leaves[index] for case in filled]
         first = column[0]
         differs = needed or any(leaf is not first and not _same(leaf, first) for leaf in column)
-        apart.append(differs)
+        has_axis.append(differs)
         leaves.append(np.stack(column) if differs else first)
-    return CaseBatch(program, tuple(apart), tuple(leaves), lanes)
+    return CaseBatch(cases[0].structure, tuple(has_axis), tuple(leaves), lanes)
 
 
-def _same(one: np.ndarray, other: np.ndarray) -> bool:
-    return bool(np.array_equal(one, other, equal_nan=True))
+def _same(first: np.ndarray, second: np.ndarray) -> bool:
+    return bool(np.array_equal(first, second, equal_nan=True))
 
 
 def varying(samples: Sequence[CaseLeaves]) -> tuple[bool, ...]:
-    """Which numbers differ between cases of one program."""
+    """Return for each number whether it differs between cases of one structure."""
     first = samples[0].leaves
     return tuple(
-        any(not _same(sample.leaves[place], leaf) for sample in samples[1:])
-        for place, leaf in enumerate(first)
+        any(not _same(sample.leaves[index], leaf) for sample in samples[1:])
+        for index, leaf in enumerate(first)
     )
 
 
 def lanes_for(cases: int, devices: int) -> int:
-    """Lanes that so many cases take: a power of two a device, so that few programs are compiled."""
+    """Return the number of lanes: a power of two per device, so that few programs are compiled."""
     lanes = _FEWEST
     while lanes < LANES and lanes * devices < cases:
         lanes *= 2
@@ -100,12 +100,10 @@ def lanes_for(cases: int, devices: int) -> int:
 
 
 class BatchRunner:
-    """Runs stacks on devices.
+    """Runner of batches on devices; `compile_s` is the total time of compilation, s.
 
     **Arguments**
-    - `devices`: all of JAX's by default.
-
-    `compile_s` adds up what compilation took.
+    - `devices`: devices of JAX, by default all.
     """
 
     def __init__(self, devices: Sequence[Any] | None = None) -> None:
@@ -116,41 +114,41 @@ class BatchRunner:
 
     def run(
         self,
-        stack: CaseBatch,
+        batch: CaseBatch,
         periods: int,
         substeps: int,
-        tick: Callable[[int, int], None] | None = None,
+        progress: Callable[[int, int], None] | None = None,
     ) -> tuple[MetricInputs, Accumulators]:
-        """All lanes from their first period to their last; `tick` is told which periods it did."""
+        """Run all lanes; `progress` is called with start and end of the finished periods."""
         chunk = max(STEPS // substeps, 1)
-        leaves = tuple(map(jnp.asarray, stack.leaves))
-        state, facts = self._call(_start, stack, (), leaves, jnp.arange(stack.lanes))
+        leaves = tuple(map(jnp.asarray, batch.leaves))
+        state, inputs = self._call(_start_lanes, batch, (), leaves, jnp.arange(batch.lanes))
         for first in range(0, periods, chunk):
-            state = self._call(_go_on, stack, (chunk,), leaves, state, jnp.asarray(first))
-            jax.block_until_ready(state)  # Ctrl-C lands here
-            if tick is not None:
-                tick(first, min(first + chunk, periods))
-        return jax.tree.map(np.asarray, (facts, state.tally))
+            state = self._call(_continue_lanes, batch, (chunk,), leaves, state, jnp.asarray(first))
+            jax.block_until_ready(state)  # Ctrl-C is handled here
+            if progress is not None:
+                progress(first, min(first + chunk, periods))
+        return jax.tree.map(np.asarray, (inputs, state.accumulators))
 
-    def _call(self, function: Any, stack: CaseBatch, choices: tuple[Any, ...], *given: Any) -> Any:
-        key = function, stack.program, stack.own, stack.lanes, choices
+    def _call(self, function: Any, batch: CaseBatch, choices: tuple[Any, ...], *args: Any) -> Any:
+        key = function, batch.structure, batch.batched, batch.lanes, choices
         if key not in self._compiled:
             began = time.perf_counter()
-            static = self._mesh, stack.program, stack.own, *choices
-            self._compiled[key] = function.lower(*static, *given).compile()
+            static = self._mesh, batch.structure, batch.batched, *choices
+            self._compiled[key] = function.lower(*static, *args).compile()
             self.compile_s += time.perf_counter() - began
-        return self._compiled[key](*given)
+        return self._compiled[key](*args)
 
 
 @partial(jax.jit, static_argnums=(0, 1, 2))
-def _start(
-    mesh: Mesh, program: CaseStructure, own: tuple[bool, ...], leaves: Any, lane: Any
+def _start_lanes(
+    mesh: Mesh, structure: CaseStructure, batched: tuple[bool, ...], leaves: Any, lane: Any
 ) -> Any:
-    def one(leaves: Any, lane: Any) -> tuple[State, MetricInputs]:
-        case = jax.tree.unflatten(program.tree, leaves)
-        return started(case), facts_of(case)
+    def start(leaves: Any, lane: Any) -> tuple[State, MetricInputs]:
+        case = jax.tree.unflatten(structure.tree, leaves)
+        return initial_state(case), metric_inputs_of(case)
 
-    return _spread(mesh, one, (_axes(own), 0))(leaves, lane)
+    return _over_lanes(mesh, start, (_axes(batched), 0))(leaves, lane)
 
 
 @partial(
@@ -158,31 +156,31 @@ def _start(
     static_argnums=(0, 1, 2, 3),
     compiler_options={"xla_cpu_prefer_vector_width": 512},
 )
-def _go_on(
+def _continue_lanes(
     mesh: Mesh,
-    program: CaseStructure,
-    own: tuple[bool, ...],
+    structure: CaseStructure,
+    batched: tuple[bool, ...],
     chunk: int,
     leaves: Any,
     state: State,
     first: Any,
 ) -> State:
-    def one(leaves: Any, state: State, first: Any) -> State:
-        case = jax.tree.unflatten(program.tree, leaves)
-        return finished(case, state, first + jnp.arange(chunk))
+    def run(leaves: Any, state: State, first: Any) -> State:
+        case = jax.tree.unflatten(structure.tree, leaves)
+        return run_periods(case, state, first + jnp.arange(chunk))
 
-    return _spread(mesh, one, (_axes(own), 0, None))(leaves, state, first)
-
-
-def _axes(own: tuple[bool, ...]) -> tuple[int | None, ...]:
-    return tuple(0 if apart else None for apart in own)
+    return _over_lanes(mesh, run, (_axes(batched), 0, None))(leaves, state, first)
 
 
-def _spread(mesh: Mesh, one: Callable[..., Any], axes: tuple[Any, ...]) -> Callable[..., Any]:
-    """A function of one lane over all lanes, every device its share; `axes` as `in_axes`."""
+def _axes(batched: tuple[bool, ...]) -> tuple[int | None, ...]:
+    return tuple(0 if has_axis else None for has_axis in batched)
+
+
+def _over_lanes(mesh: Mesh, call: Callable[..., Any], axes: tuple[Any, ...]) -> Callable[..., Any]:
+    """Map a function of one lane over all lanes and devices; `axes` as `in_axes` of `vmap`."""
     specs = jax.tree.map(
         lambda axis: P() if axis is None else P("lane"), axes, is_leaf=lambda axis: axis is None
     )
-    batched = jax.vmap(one, in_axes=axes)
-    # What no lane changes stays unbatched inside, which the check of varying axes does not know.
-    return jax.shard_map(batched, mesh=mesh, in_specs=specs, out_specs=P("lane"), check_vma=False)
+    lanes = jax.vmap(call, in_axes=axes)
+    # The check is off, because results that depend on no lane stay unbatched inside.
+    return jax.shard_map(lanes, mesh=mesh, in_specs=specs, out_specs=P("lane"), check_vma=False)

@@ -1,4 +1,4 @@
-"""What one process does of a sweep: blocks of cases, each a table of rows."""
+"""Blocks of a sweep: the cases that one process runs together, each block a table of rows."""
 
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -17,9 +17,9 @@ from .batching import (
     BatchRunner,
     CaseLeaves,
     CaseStructure,
+    batch_of,
     lanes_for,
-    numbers_of,
-    stacked,
+    leaves_of,
     varying,
 )
 from .cases import DRAW, SweepCases, rig_table
@@ -28,118 +28,118 @@ Rows = dict[str, np.ndarray]
 """Columns of a table: `case`, the axes, the metrics, `outcome`."""
 
 REFUSED = "refused"
-"""Outcome of a case whose values do not go together: it is not simulated."""
+"""Outcome of a case whose values contradict each other, so that it is not simulated."""
 
 _BLOCK_STEPS = 1 << 28
-"""Lane-steps of a block at most, some ten seconds: what an interruption loses."""
+"""Limit of lane-steps in a block, chosen for about ten seconds: an interruption loses one block."""
 
 _LEAST, _MOST = 64, 4 * LANES
-"""Cases of one program in a block."""
+"""Limits of the number of cases of one structure in a block: chosen values."""
 
-_MOST_KINDS = 16
-_CALLS = 4
+_MOST_KINDS, _CALLS = 16, 4
+"""Limit of the text combinations that enlarge a block; number of timed calls: chosen values."""
 
 
 class Group(NamedTuple):
-    """Cases of one program: their places in the block, themselves, and their numbers."""
+    """Cases of one structure, with their indices in the block and their numbers."""
 
-    places: list[int]
+    indices: list[int]
     cases: list[Case]
-    numbers: list[CaseLeaves]
+    leaves: list[CaseLeaves]
 
 
 class SweepWork:
-    """Runs the blocks of a sweep.
+    """Blocks of a sweep, ready to run.
 
     **Arguments**
-    - `cases`: of the sweep. - `lanes`: where they run.
+    - `cases`: cases of the sweep. - `runner`: runner of the batches.
 
-    **Raises** the `InputError` of the first case where no value of any axis lets one run.
+    **Raises** the `InputError` of the first case if no representative case can run.
     """
 
-    def __init__(self, cases: SweepCases, lanes: BatchRunner) -> None:
+    def __init__(self, cases: SweepCases, runner: BatchRunner) -> None:
         self.cases = cases
-        self.lanes = lanes
-        samples = [cases.case(number) for number in cases.samples()]
+        self.runner = runner
+        samples = [cases.case(number) for number in cases.representative_cases()]
         refused = [case for case in samples if isinstance(case, InputError)]
         self._samples = [case for case in samples if not isinstance(case, InputError)]
         if not self._samples:
             raise refused[0]
-        self._own = _varying(self._samples)
-        self.block = _block(self._samples, min(cases.kinds, _MOST_KINDS))
-        """Cases of a block: the same for any number of devices, so that a sweep can be resumed."""
+        self._batched = _varying(self._samples)
+        self.block_size = _block_size(self._samples, min(cases.text_combinations, _MOST_KINDS))
+        """Cases in a block, independent of the number of devices so that a sweep can be resumed."""
 
     @property
     def blocks(self) -> int:
         """Number of blocks."""
-        return -(-len(self.cases) // self.block)
+        return -(-len(self.cases) // self.block_size)
 
-    def run(self, number: int, tick: Callable[[int], None]) -> Rows:
-        """The rows of a block; `tick` is told lane-steps done, the filled-up lanes left out."""
-        first = number * self.block
-        places = range(first, min(first + self.block, len(self.cases)))
-        rows: Rows = {name: np.full(len(places), np.nan) for name in METRICS}
-        outcome = np.full(len(places), REFUSED, dtype="<U9")
-        for group in self._groups(places):
-            for some, facts, tally in self._simulated(group, tick):
-                for name, values in metrics_of(facts, tally).items():
-                    rows[name][some] = values[: len(some)]
-                outcome[some] = outcomes_of(facts, tally)[: len(some)]
-        return self._described(places) | rows | {"outcome": outcome}
+    def run(self, number: int, progress: Callable[[int], None]) -> Rows:
+        """Return the rows of a block; `progress` is called with steps, without those of fillers."""
+        first = number * self.block_size
+        numbers = range(first, min(first + self.block_size, len(self.cases)))
+        rows: Rows = {name: np.full(len(numbers), np.nan) for name in METRICS}
+        outcome = np.full(len(numbers), REFUSED, dtype="<U9")
+        for group in self._groups(numbers):
+            for indices, inputs, accumulators in self._simulate(group, progress):
+                for name, values in metrics_of(inputs, accumulators).items():
+                    rows[name][indices] = values[: len(indices)]
+                outcome[indices] = outcomes_of(inputs, accumulators)[: len(indices)]
+        return self._case_columns(numbers) | rows | {"outcome": outcome}
 
-    def trial(self, lanes: int) -> float:
-        """Seconds that a lane-step takes, from some compiled calls of the first program."""
+    def seconds_per_lane_step(self, lanes: int) -> float:
+        """Measure the time of a lane-step, s, with some compiled calls of the first structure."""
         case = self._samples[0]
-        first = numbers_of(case)
-        stack = stacked([first], self._own[first.program], lanes)
+        first = leaves_of(case)
+        batch = batch_of([first], self._batched[first.structure], lanes)
         periods = max(STEPS // case.substeps, 1)
-        self.lanes.run(stack, periods, case.substeps)  # compiles
+        self.runner.run(batch, periods, case.substeps)  # compiles
         began = time.perf_counter()
-        self.lanes.run(stack, _CALLS * periods, case.substeps)
+        self.runner.run(batch, _CALLS * periods, case.substeps)
         return (time.perf_counter() - began) / (lanes * _CALLS * periods * case.substeps)
 
-    def _groups(self, places: Sequence[int]) -> list[Group]:
-        """Cases of a block by program; those that cannot run are left out."""
+    def _groups(self, numbers: Sequence[int]) -> list[Group]:
+        """Group the cases of a block by structure, without those that cannot run."""
         groups: dict[CaseStructure, Group] = {}
-        for place, number in enumerate(places):
+        for index, number in enumerate(numbers):
             case = self.cases.case(number)
             if isinstance(case, InputError):
                 continue
-            numbers = numbers_of(case)
-            group = groups.setdefault(numbers.program, Group([], [], []))
-            group.places.append(place)
+            leaves = leaves_of(case)
+            group = groups.setdefault(leaves.structure, Group([], [], []))
+            group.indices.append(index)
             group.cases.append(case)
-            group.numbers.append(numbers)
+            group.leaves.append(leaves)
         return list(groups.values())
 
-    def _simulated(
-        self, group: Group, tick: Callable[[int], None]
+    def _simulate(
+        self, group: Group, progress: Callable[[int], None]
     ) -> Iterator[tuple[list[int], MetricInputs, Accumulators]]:
-        """Places, facts and tallies of a group, long runs beside long ones."""
-        own = self._own.get(group.numbers[0].program, _none(group.numbers[0]))
+        """Run a group in batches of similar length; yield indices, inputs and accumulators."""
+        batched = self._batched.get(group.leaves[0].structure, _none(group.leaves[0]))
         periods = [periods_of(case) for case in group.cases]
-        order = sorted(range(len(periods)), key=lambda place: (periods[place], place))
-        devices, substeps = len(self.lanes.devices), group.cases[0].substeps
+        order = sorted(range(len(periods)), key=lambda index: (periods[index], index))
+        devices, substeps = len(self.runner.devices), group.cases[0].substeps
         for first in range(0, len(order), LANES * devices):
-            some = order[first : first + LANES * devices]
-            numbers = [group.numbers[place] for place in some]
-            stack = stacked(numbers, own, lanes_for(len(some), devices))
-            lengths = np.array([periods[place] for place in some])
+            chosen = order[first : first + LANES * devices]
+            leaves = [group.leaves[index] for index in chosen]
+            batch = batch_of(leaves, batched, lanes_for(len(chosen), devices))
+            lengths = np.array([periods[index] for index in chosen])
 
             def count(before: int, now: int, lengths: np.ndarray = lengths) -> None:
                 done = np.minimum(lengths, now) - np.minimum(lengths, before)
-                tick(int(done.sum()) * substeps)
+                progress(int(done.sum()) * substeps)
 
-            facts, tally = self.lanes.run(stack, periods[some[-1]], substeps, count)
-            yield [group.places[place] for place in some], facts, tally
+            results = self.runner.run(batch, periods[chosen[-1]], substeps, count)
+            yield [group.indices[index] for index in chosen], *results
 
-    def _described(self, places: Sequence[int]) -> Rows:
-        """Number, axes and rig of the cases."""
-        values = [self.cases.values(number) for number in places]
-        columns: Rows = {"case": np.array(places, np.int64)}
+    def _case_columns(self, numbers: Sequence[int]) -> Rows:
+        """Return the columns of number, axes and rig of the cases."""
+        values = [self.cases.values(number) for number in numbers]
+        columns: Rows = {"case": np.array(numbers, np.int64)}
         for axis in self.cases.axes:
             kind = self.cases.kind(axis)
-            columns[axis] = np.array([one[axis] for one in values], None if kind is str else kind)
+            columns[axis] = np.array([row[axis] for row in values], None if kind is str else kind)
         if self.cases.rigs:
             rigs = [rig_table(self.cases.rigs[draw]) for draw in columns[DRAW]]
             columns |= {
@@ -148,20 +148,20 @@ class SweepWork:
         return columns
 
 
-def _block(samples: Sequence[Case], kinds: int) -> int:
-    """Cases of a block: a power of two of each program, fewer where runs are long."""
+def _block_size(samples: Sequence[Case], combinations: int) -> int:
+    """Return the cases of a block: a power of two per combination, fewer where runs are long."""
     steps = float(np.mean([periods_of(case) * case.substeps for case in samples]))
-    wanted = int(np.clip(_BLOCK_STEPS / (kinds * steps), _LEAST, _MOST))
-    return kinds << (wanted.bit_length() - 1)
+    size = int(np.clip(_BLOCK_STEPS / (combinations * steps), _LEAST, _MOST))
+    return combinations << (size.bit_length() - 1)
 
 
 def _varying(samples: Sequence[Case]) -> dict[CaseStructure, tuple[bool, ...]]:
-    """Which numbers get lanes of their own, by program."""
-    found: dict[CaseStructure, list[CaseLeaves]] = {}
-    for numbers in map(numbers_of, samples):
-        found.setdefault(numbers.program, []).append(numbers)
-    return {program: varying(several) for program, several in found.items()}
+    """Return for each structure which numbers get a lane axis."""
+    groups: dict[CaseStructure, list[CaseLeaves]] = {}
+    for leaves in map(leaves_of, samples):
+        groups.setdefault(leaves.structure, []).append(leaves)
+    return {structure: varying(group) for structure, group in groups.items()}
 
 
-def _none(numbers: CaseLeaves) -> tuple[bool, ...]:
-    return (False,) * len(numbers.leaves)
+def _none(case: CaseLeaves) -> tuple[bool, ...]:
+    return (False,) * len(case.leaves)

@@ -1,4 +1,4 @@
-"""The cases of a sweep by number, and the recipe from which another process builds them."""
+"""Cases of a sweep by number, and the recipe from which another process builds them."""
 
 import hashlib
 import math
@@ -22,13 +22,13 @@ from ..scenario.spec import KEYS, ScenarioSpec, load_sweep_spec, spec_table, wit
 from ..scenario.tables import MapTable
 from ..simulation.build import Builder
 from ..simulation.case import Case
-from ..simulation.simulate import gears
+from ..simulation.simulate import load_gears
 
 DRAW = "draw"
-"""Axis of the rigs of a posterior: slowest of all."""
+"""Name of the axis of rigs drawn from a posterior; this axis varies slowest."""
 
 _MOST_TEXTS = 16
-"""Values of an axis of texts up to which all are looked at."""
+"""Limit of the values of a text axis that are all examined: a chosen value."""
 
 _RIG = (
     "driving_mm",
@@ -40,12 +40,12 @@ _RIG = (
 
 
 class SweepCases:
-    """Every case of a sweep, made when it is asked for.
+    """Cases of a sweep, each built on request.
 
     **Arguments**
-    - `spec`: of a sweep file. - `pair`: what its `pair` names. - `folder`: for recorded motions.
-    - `rigs`: instead of the eccentricities of the file; one case each of all others.
-    - `controller`: one of your own instead of that of the file.
+    - `spec`: specification of the sweep. - `pair`: gears. - `folder`: folder of recorded motions.
+    - `rigs`: eccentricities instead of those of the file; all cases are run for each rig.
+    - `controller`: your own controller instead of that of the file.
     """
 
     def __init__(
@@ -56,7 +56,7 @@ class SweepCases:
         rigs: Sequence[Eccentricities] = (),
         controller: Controller | None = None,
     ) -> None:
-        assert spec.sweep is not None  # held by `load_sweep_spec`
+        assert spec.sweep is not None  # checked by `load_sweep_spec`
         self.spec = spec
         self.rigs = tuple(rigs)
         self._sweep = spec.sweep
@@ -73,11 +73,11 @@ class SweepCases:
         return (*([DRAW] if self.rigs else []), *self._sweep.axes)
 
     def length(self, axis: str) -> int:
-        """Number of values of an axis."""
+        """Return the number of values of an axis."""
         return len(self.rigs) if axis == DRAW else len(self._values[axis])
 
     def kind(self, axis: str) -> type:
-        """`str`, `int` or `float`: what the values of an axis are."""
+        """Return the type of the values of an axis: `str`, `int` or `float`."""
         types = (int,) if axis == DRAW else KEYS[axis].types
         return next((kind for kind in (float, int) if kind in types), str)
 
@@ -85,8 +85,8 @@ class SweepCases:
         return math.prod(self._lengths)
 
     @property
-    def kinds(self) -> int:
-        """Number of combinations of the texts, which choose among compiled programs."""
+    def text_combinations(self) -> int:
+        """Number of combinations of the text values, which select the compiled program."""
         return math.prod(
             length
             for group, length in zip(self._groups, self._lengths[bool(self.rigs) :], strict=True)
@@ -94,17 +94,17 @@ class SweepCases:
         )
 
     def values(self, number: int) -> dict[str, Value]:
-        """Value of every axis in a case."""
-        places = self._places(number)
-        found: dict[str, Value] = {DRAW: places.pop(0)} if self.rigs else {}
-        for group, place in zip(self._groups, places, strict=True):
-            found |= {name: self._values[name][place] for name in group}
-        return {name: found[name] for name in self.axes}
+        """Return the value of every axis in a case."""
+        indices = self._indices(number)
+        values: dict[str, Value] = {DRAW: indices.pop(0)} if self.rigs else {}
+        for group, index in zip(self._groups, indices, strict=True):
+            values |= {name: self._values[name][index] for name in group}
+        return {name: values[name] for name in self.axes}
 
     def spec_of(self, number: int) -> ScenarioSpec:
-        """The scenario of a case.
+        """Return the scenario of a case.
 
-        **Raises** `ScenarioError` for values that do not go together.
+        **Raises** `ScenarioError` for values that contradict each other.
         """
         values: dict[str, Any] = self.values(number)
         if self.rigs:
@@ -113,35 +113,35 @@ class SweepCases:
         return with_values(self.spec, values)
 
     def case(self, number: int) -> Case | InputError:
-        """A case ready to run, or why it cannot."""
+        """Return a case ready to run, or the error that prevents it."""
         try:
             return self._builder.case(self.spec_of(number))
         except InputError as error:
             return error
 
-    def samples(self) -> list[int]:
-        """Cases that show everything an axis changes: its ends, and every text it takes."""
-        found = {0: None, len(self) - 1: None}
+    def representative_cases(self) -> list[int]:
+        """Return case numbers that vary each axis: first, second and last values, and all texts."""
+        numbers = {0: None, len(self) - 1: None}
         stride = len(self)
         names = [(DRAW,), *self._groups] if self.rigs else list(self._groups)
         for group, length in zip(names, self._lengths, strict=True):
             stride //= length
             texts = any(self.kind(name) is str for name in group)
-            places = range(length) if texts and length <= _MOST_TEXTS else (1, length - 1)
-            found |= {place * stride: None for place in places if place < length}
-        return list(found)
+            indices = range(length) if texts and length <= _MOST_TEXTS else (1, length - 1)
+            numbers |= {index * stride: None for index in indices if index < length}
+        return list(numbers)
 
-    def _places(self, number: int) -> list[int]:
-        """Place on each axis, slowest first."""
-        places = []
+    def _indices(self, number: int) -> list[int]:
+        """Return the index on each axis, slowest axis first."""
+        indices = []
         for length in reversed(self._lengths):
-            number, place = divmod(number, length)
-            places.append(place)
-        return places[::-1]
+            number, index = divmod(number, length)
+            indices.append(index)
+        return indices[::-1]
 
 
 def rig_table(rig: Eccentricities) -> dict[str, float]:
-    """A rig as keys of [eccentricities] or [map]."""
+    """Return the eccentricities of a rig as keys of [eccentricities] or [map]."""
     return {name: float(getattr(rig, name)) for name in _RIG}
 
 
@@ -150,7 +150,7 @@ _PACKAGES = ("vttig-jax", "jax", "numpy")
 
 @dataclass(frozen=True)
 class Recipe:
-    """See `sweep` for what the fields are; `folder` is where recorded motions lie."""
+    """Inputs of a sweep, with the arguments of `sweep`; `folder` holds recorded motions."""
 
     spec: ScenarioSpec
     pair: GearPair
@@ -159,12 +159,12 @@ class Recipe:
     controller: Controller | None = None
 
     def cases(self) -> SweepCases:
-        """The cases of the sweep."""
+        """Return the cases of the sweep."""
         return SweepCases(self.spec, self.pair, self.folder, self.rigs, self.controller)
 
     @property
     def header(self) -> dict[str, Any]:
-        """What must agree for a sweep to be continued."""
+        """Record of the sweep, which must agree when the sweep is resumed."""
         return {
             "schema": "vttig.sweep_parts/1",
             "versions": {name: version(name) for name in _PACKAGES},
@@ -183,10 +183,10 @@ def recipe_of(
     believed: Eccentricities | None = None,
     controller: Controller | None = None,
 ) -> Recipe:
-    """What a sweep is made of, read and validated; see `sweep`."""
+    """Read and validate the inputs of a sweep; see `sweep`."""
     source = "" if isinstance(spec, ScenarioSpec) else str(spec)
     whole = spec if isinstance(spec, ScenarioSpec) else load_sweep_spec(spec)
-    with SCENARIO_FILE.placed(source):
+    with SCENARIO_FILE.error_context(source):
         if whole.sweep is None:
             raise ScenarioError("missing; a sweep names its axes in [sweep].", where="sweep")
         if whole.rig is not None and not rigs:
@@ -197,21 +197,21 @@ def recipe_of(
             )
         if controller is not None and "controller" in whole.sweep.axes:
             raise ScenarioError(
-                "an axis, but a controller of your own is given; remove one of them.",
+                "is an axis, but a controller of your own is given; remove one of them.",
                 where="sweep.controller",
             )
         if believed is not None:
-            known = plain_table(whole.map)
-            whole = replace(whole, map=MapTable(**(rig_table(believed) | known)))
-        home = Path(source).parent if folder is None else Path(folder)
-        found = gears(home / whole.pair) if pair is None else pair
-    return Recipe(whole, found, home, tuple(rigs), controller)
+            stated = plain_table(whole.map)
+            whole = replace(whole, map=MapTable(**(rig_table(believed) | stated)))
+        folder = Path(source).parent if folder is None else Path(folder)
+        pair = load_gears(folder / whole.pair) if pair is None else pair
+    return Recipe(whole, pair, folder, tuple(rigs), controller)
 
 
 def _digest(tree: Any) -> str:
-    """SHA-256 of a structure and all its numbers."""
+    """Return the SHA-256 of a tree and all its numbers."""
     leaves, structure = jax.tree.flatten(tree)
-    found = hashlib.sha256(str(structure).encode())
+    digest = hashlib.sha256(str(structure).encode())
     for leaf in leaves:
-        found.update(np.asarray(leaf, np.float64).tobytes())
-    return found.hexdigest()
+        digest.update(np.asarray(leaf, np.float64).tobytes())
+    return digest.hexdigest()

@@ -1,4 +1,4 @@
-"""Blocks of a sweep on a cluster of `dask.distributed`: one block one task."""
+"""Execution of a sweep on a cluster of `dask.distributed`, one task per block."""
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -14,10 +14,10 @@ from .blocks import Rows, SweepWork
 from .cases import Recipe
 
 _RETRIES = 3
-"""Workers that a block may take down with it."""
+"""Number of times that a block is run again after its worker was lost: a chosen value."""
 
 _WAIT_S = 10
-"""Until a scheduler answers and has a worker."""
+"""Limit of the wait for the scheduler and for its first worker, s: a chosen value."""
 
 
 def on_cluster(
@@ -25,13 +25,13 @@ def on_cluster(
     recipe: Recipe,
     todo: Sequence[int],
     done: Callable[[int, Rows], None],
-    tick: Callable[[int], None],
+    progress: Callable[[int], None],
 ) -> int:
-    """Run blocks on the workers of a scheduler; a block whose worker is lost goes to another.
+    """Run blocks on the workers of a scheduler; a block of a lost worker is given to another one.
 
-    Every worker process compiles and runs on its own. `done` is told each block as it comes.
+    Every worker process compiles by itself. `done` is called with each finished block.
 
-    **Returns** how many workers there were at the beginning.
+    **Returns** the number of workers at the beginning.
 
     **Raises** `UsageError` without `dask.distributed`, `InputError` for a scheduler that does not
     answer or has no worker, and for a block that fails on the workers.
@@ -44,8 +44,8 @@ def on_cluster(
     from distributed.comm.addressing import get_address_host_port
 
     try:
-        with suppress(NotImplementedError):  # of a scheduler in this process
-            # A `Client` that is refused its address would complain once more when it is collected.
+        with suppress(NotImplementedError):  # raised for a scheduler in this process
+            # The address is checked first: a failed `Client` logs a second error when collected.
             get_address_host_port(address)
         client = Client(address, timeout=_WAIT_S, set_as_default=False)
     except (OSError, ValueError) as error:
@@ -68,36 +68,36 @@ def on_cluster(
         for future, answer in as_completed(futures, with_results=True, raise_errors=False):
             if future.status != "finished":
                 raise InputError(
-                    f"a block fails on the workers: {future.exception()}; see their logs, and go on"
-                    " with --resume.",
+                    f"a block fails on the workers: {future.exception()}; see their logs, and"
+                    " continue with --resume.",
                     where=address,
                 )
             number, steps, rows = answer
             done(number, rows)
-            tick(steps)
+            progress(steps)
     return workers
 
 
 def _block(number: int, recipe: Recipe) -> tuple[int, int, Rows]:
-    """Number, lane-steps and rows of a block, on a worker."""
+    """Run a block on a worker and return its number, lane-steps and rows."""
     steps = 0
 
-    def tick(done: int) -> None:
+    def progress(done: int) -> None:
         nonlocal steps
         steps += done
 
-    rows = _work(recipe).run(number, tick)
+    rows = _work(recipe).run(number, progress)
     return number, steps, rows
 
 
 _WORK: dict[str, SweepWork] = {}
-"""What this worker has compiled, by the sweep it is of."""
+"""Compiled programs of this worker by the header of their sweep."""
 
 
 def _work(recipe: Recipe) -> SweepWork:
     key = dumps(recipe.header)
     if key not in _WORK:
-        with suppress(ValueError):  # another sweep has run here
+        with suppress(ValueError):  # raised where another sweep has already run
             prepare_cpu()
         enable_x64()
         _WORK.clear()

@@ -1,4 +1,4 @@
-"""What a sweep will take, before it starts: lane-steps, time, memory, disk."""
+"""Estimate of the cost of a sweep before it starts: lane-steps, time, memory, disk."""
 
 import math
 import os
@@ -14,26 +14,26 @@ from .batching import LANES, lanes_for
 from .blocks import SweepWork
 
 _SAMPLED = 64
-"""Cases whose length is looked at."""
+"""Number of cases whose length is examined: a chosen value."""
 
-_CELL = 8
+_CELL = 8  # bytes of a number
 _STATE = 3 * 100 * _CELL
-"""bytes of a lane's state: some hundred numbers, and what a step makes of them."""
+"""Memory of a lane, bytes: about a hundred numbers of state, and intermediate results of a step."""
 
 _BUILD_S = 2e-4
-"""To build a case."""
+"""Time to build a case, s."""
 
 _SHARE = 0.8
-"""Of the memory and the disk there are that a sweep may take."""
+"""Largest share of the memory and of the free disk that a sweep may take: a chosen value."""
 
 
 @dataclass(frozen=True)
 class SweepCost:
-    """What a sweep will take.
+    """Estimated cost of a sweep.
 
-    - `cases`, `lane_steps`: how many. - `run_s`: time to run them.
-    - `compile_s`: time to compile the programs that are not yet.
-    - `memory_bytes`, `disk_bytes`: at most.
+    - `cases`, `lane_steps`: numbers of cases and lane-steps. - `run_s`: time to run them, s.
+    - `compile_s`: time to compile the missing programs, s.
+    - `memory_bytes`, `disk_bytes`: upper limits, bytes.
     """
 
     cases: int
@@ -53,51 +53,52 @@ class SweepCost:
 
 
 def estimate(work: SweepWork, folder: Path | None) -> SweepCost:
-    """Look at some cases, and run one compiled call.
+    """Estimate the cost from some cases and a few compiled calls.
 
-    **Raises** `InputError` for a sweep that is larger than memory or disk.
+    **Raises** `InputError` for a sweep that needs more memory or disk than allowed.
     """
     cases = work.cases
     count = len(cases)
     row = _CELL * (2 + len(METRICS) + len(cases.axes))
     rows = count * row
-    memory = work.block * row + LANES * len(work.lanes.devices) * _STATE
-    memory += 2 * rows  # the table, and a copy while it is put together
+    memory = work.block_size * row + LANES * len(work.runner.devices) * _STATE
+    memory += 2 * rows  # the table, and a copy while it is concatenated
     _refuse("memory", memory, _memory(), count, "split an axis into several sweeps")
     if folder is not None:
         _refuse("disk", 2 * rows, _disk(folder), count, "split an axis, or choose another disk")
-    places = sorted({count * place // _SAMPLED for place in range(_SAMPLED)})
-    sampled = [case for case in map(cases.case, places) if isinstance(case, Case)]
+    numbers = sorted({count * index // _SAMPLED for index in range(_SAMPLED)})
+    sampled = [case for case in map(cases.case, numbers) if isinstance(case, Case)]
     lengths = [periods_of(case) * case.substeps for case in sampled]
-    steps = count / len(places) * sum(lengths)
-    # Lanes wait for the longest run beside them, and are filled up; cases take time to build.
-    wanted = min(count, work.block) / cases.kinds
-    lanes = lanes_for(math.ceil(wanted), len(work.lanes.devices))
-    calls = cases.kinds * work.blocks * math.ceil(wanted / lanes)
-    longest = max(lengths, default=0) if wanted <= lanes else sum(lengths) / max(len(lengths), 1)
-    compiled = work.lanes.compile_s
-    run_s = calls * lanes * longest * work.trial(lanes) + count * _BUILD_S
-    compile_s = (cases.kinds - 1) * (work.lanes.compile_s - compiled)
+    steps = count / len(numbers) * sum(lengths)
+    # All lanes run as long as the longest case beside them, fillers included.
+    group = min(count, work.block_size) / cases.text_combinations
+    lanes = lanes_for(math.ceil(group), len(work.runner.devices))
+    calls = cases.text_combinations * work.blocks * math.ceil(group / lanes)
+    longest = max(lengths, default=0) if group <= lanes else sum(lengths) / max(len(lengths), 1)
+    compiled = work.runner.compile_s
+    run_s = calls * lanes * longest * work.seconds_per_lane_step(lanes) + count * _BUILD_S
+    compile_s = (cases.text_combinations - 1) * (work.runner.compile_s - compiled)
     return SweepCost(count, steps, run_s, compile_s, memory, 2 * rows if folder else 0)
 
 
-def _refuse(what: str, needed: int, there: int, count: int, cure: str) -> None:
-    if needed > _SHARE * there:
+def _refuse(resource: str, needed: int, available: int, count: int, cure: str) -> None:
+    if needed > _SHARE * available:
+        need, limit = _size(needed), _size(available)
         raise InputError(
-            f"{count} cases need {_size(needed)} of {what}, but there are {_size(there)}; {cure}.",
+            f"{count} cases need {need} of {resource}, but there are {limit}; {cure}.",
             where="sweep",
         )
 
 
 def _memory() -> int:
-    """bytes of memory of this machine."""
-    if not hasattr(os, "sysconf"):  # Windows says it elsewhere; nothing is refused there
+    """Return the memory of this machine, bytes."""
+    if not hasattr(os, "sysconf"):  # on Windows, where no sweep is refused
         return 1 << 62
     return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
 
 
 def _disk(folder: Path) -> int:
-    """bytes that are free where a folder is, or will be."""
+    """Return the free disk space, bytes, at a folder that need not exist yet."""
     while not folder.exists():
         folder = folder.parent
     return shutil.disk_usage(folder).free

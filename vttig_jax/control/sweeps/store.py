@@ -1,4 +1,4 @@
-"""A sweep on disk: one Parquet file a block while it runs, one for all when it is done."""
+"""Sweep on disk: one Parquet file per block while it runs, one file for all at the end."""
 
 import errno
 import json
@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from ...base.errors import InputError, UsageError
-from ...base.files.atomic_write import beside, in_a_sentence, move, write_synced
+from ...base.files.atomic_write import move, os_errors_as_input_errors, temporary_path, write_synced
 from ...base.files.json_io import dumps
 from .blocks import Rows
 
@@ -26,13 +26,13 @@ _ROW_GROUP = 1 << 20
 
 
 class SweepFolder:
-    """Where a sweep is written, used as a context manager.
+    """Folder of a sweep, used as a context manager.
 
-    Every block is written whole to a file of its own, so that after a kill `resume` goes on with
-    the blocks that are missing. `header` says what the sweep is; another one is not continued.
+    Every block is written atomically to its own file, so that `resume` continues with the missing
+    blocks after a kill. `header` identifies the sweep; a different sweep is not continued.
 
-    **Raises** `UsageError` for a folder that holds a sweep, with neither `resume` nor `overwrite`,
-    and for a second writer; `InputError` for another sweep, no space, no permission.
+    **Raises** `UsageError` for a folder with a sweep without `resume` or `overwrite`, and for a
+    second writer; `InputError` for a different sweep, a full disk, or missing permissions.
     """
 
     def __init__(
@@ -49,8 +49,8 @@ class SweepFolder:
     def __enter__(self) -> "SweepFolder":
         from filelock import FileLock, Timeout
 
-        with in_a_sentence(self.path):
-            self._made = [one for one in (self.path, *self.path.parents) if not one.exists()]
+        with os_errors_as_input_errors(self.path):
+            self._made = [path for path in (self.path, *self.path.parents) if not path.exists()]
             self.path.mkdir(parents=True, exist_ok=True)
             lock = FileLock(self.path / _LOCK)
             try:
@@ -70,21 +70,21 @@ class SweepFolder:
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         if kind is not None and self.done:
-            _LOGGER.warning("%s keeps %d blocks; go on with --resume", self.path, len(self.done))
+            _LOGGER.warning("%s keeps %d blocks; continue with --resume", self.path, len(self.done))
         elif kind is not None and self._began:
-            if not issubclass(kind, Exception):  # Ctrl-C and its like
-                _LOGGER.warning("%s keeps nothing: no block of cases was done yet", self.path)
+            if not issubclass(kind, Exception):  # such as Ctrl-C
+                _LOGGER.warning("%s keeps nothing: no block of cases was finished yet", self.path)
             self._undo()
         self._leave()
 
     @property
     def table(self) -> Path:
-        """The file of all rows."""
+        """Path of the file with all rows."""
         return self.path / TABLE
 
     @property
     def done(self) -> set[int]:
-        """Blocks that are there, whole."""
+        """Numbers of the complete blocks."""
         return {int(file.stem) for file in (self.path / PARTS).glob("*.parquet")}
 
     def write(self, number: int, rows: Rows) -> None:
@@ -92,19 +92,19 @@ class SweepFolder:
         import pyarrow.parquet as pq
 
         target = self._part(number)
-        with _in_a_sentence(target):
+        with _os_and_arrow_errors(target):
             buffer = BytesIO()
             pq.write_table(as_arrow(rows), buffer)
-            write_synced(beside(target), buffer.getvalue())
-            move(beside(target), target)
+            write_synced(temporary_path(target), buffer.getvalue())
+            move(temporary_path(target), target)
 
     def finish(self, blocks: int) -> Rows:
         """Join all blocks in one file, remove them, and return the columns."""
         import pyarrow.parquet as pq
 
         first = self._read(0)
-        temporary = beside(self.table)
-        with _in_a_sentence(self.table):
+        temporary = temporary_path(self.table)
+        with _os_and_arrow_errors(self.table):
             with pq.ParquetWriter(temporary, first.schema) as writer:
                 for number in range(blocks):
                     writer.write_table(self._read(number), row_group_size=_ROW_GROUP)
@@ -115,16 +115,16 @@ class SweepFolder:
         return read_table(self.table)
 
     def _begin(self) -> None:
-        """Make the folder ready, or refuse it."""
+        """Prepare the folder, or refuse it."""
         header = self.path / HEADER
-        there = self.table.exists() or header.exists()
-        if there and self.resume:
+        holds_sweep = self.table.exists() or header.exists()
+        if holds_sweep and self.resume:
             if self.table.exists():
                 raise UsageError(
                     "this sweep is complete; there is nothing to resume.", where=str(self.table)
                 )
             self._compare(header)
-        elif there and not self.overwrite:
+        elif holds_sweep and not self.overwrite:
             raise UsageError(
                 "holds a sweep; replace it with --overwrite (in Python overwrite=True) or choose"
                 " another folder."
@@ -136,33 +136,33 @@ class SweepFolder:
         elif self.resume:
             raise UsageError("nothing to resume here; leave out --resume.", where=str(self.path))
         else:
-            with in_a_sentence(self.path):
+            with os_errors_as_input_errors(self.path):
                 shutil.rmtree(self.path / PARTS, ignore_errors=True)
                 self.table.unlink(missing_ok=True)
                 (self.path / PARTS).mkdir()
-                write_synced(beside(header), (dumps(self.header) + "\n").encode())
-                move(beside(header), header)
+                write_synced(temporary_path(header), (dumps(self.header) + "\n").encode())
+                move(temporary_path(header), header)
             self._began = True
 
     def _compare(self, header: Path) -> None:
-        """Refuse another sweep."""
+        """Refuse a folder whose header belongs to a different sweep."""
         try:
-            seen = json.loads(header.read_text(encoding="utf-8"))
+            stored = json.loads(header.read_text(encoding="utf-8"))
         except (OSError, ValueError):
-            seen = None
-        if not isinstance(seen, dict):
+            stored = None
+        if not isinstance(stored, dict):
             raise InputError(
-                "the header of this sweep is damaged; make it anew with --overwrite.",
+                "the header of this sweep is damaged; run the sweep again with --overwrite.",
                 where=str(header),
             )
-        other = [name for name in self.header if seen.get(name) != self.header[name]]
-        if other:
+        differing = [name for name in self.header if stored.get(name) != self.header[name]]
+        if differing:
             raise InputError(
-                f"this folder holds another sweep: {', '.join(other)} differ; run it as it was"
-                " begun, or make it anew with --overwrite.",
+                f"this folder holds another sweep: {', '.join(differing)} differ; run the sweep"
+                " with its first inputs, or replace it with --overwrite.",
                 where=str(header),
             )
-        with in_a_sentence(self.path):
+        with os_errors_as_input_errors(self.path):
             (self.path / PARTS).mkdir(exist_ok=True)
             for file in (self.path / PARTS).glob(".*.tmp"):
                 file.unlink(missing_ok=True)
@@ -180,31 +180,31 @@ class SweepFolder:
             with suppress(OSError):
                 self._part(number).unlink()
             raise InputError(
-                f"this part of the sweep is damaged ({type(error).__name__}) and was removed; make"
+                f"this part of the sweep is damaged ({type(error).__name__}) and was removed; run"
                 " it again with --resume.",
                 where=str(self._part(number)),
             ) from None
 
     def _undo(self) -> None:
-        """Leave nothing of a sweep that ended before its first block."""
+        """Remove a sweep that ended before its first block."""
         shutil.rmtree(self.path / PARTS, ignore_errors=True)
         with suppress(OSError):
             (self.path / HEADER).unlink()
 
     def _leave(self) -> None:
         with suppress(OSError):
-            beside(self.table).unlink(missing_ok=True)
-        # Unlinked while held: `filelock` sees that a lock it just got guards no name.
+            temporary_path(self.table).unlink(missing_ok=True)
+        # Unlinked while held: `filelock` detects that a new lock has lost its file.
         with suppress(OSError):
             (self.path / _LOCK).unlink()
         self._lock.release()
         for folder in self._made:
             with suppress(OSError):
-                folder.rmdir()  # succeeds only where nothing was written
+                folder.rmdir()  # succeeds only for an empty folder
 
 
 class Memory(AbstractContextManager["Memory"]):
-    """Where a sweep without a folder keeps its blocks."""
+    """Store of the blocks of a sweep without a folder."""
 
     def __init__(self) -> None:
         self._blocks: dict[int, Rows] = {}
@@ -214,7 +214,7 @@ class Memory(AbstractContextManager["Memory"]):
 
     @property
     def done(self) -> set[int]:
-        """None before it begins."""
+        """Numbers of the blocks that are kept."""
         return set(self._blocks)
 
     def write(self, number: int, rows: Rows) -> None:
@@ -222,13 +222,13 @@ class Memory(AbstractContextManager["Memory"]):
         self._blocks[number] = rows
 
     def finish(self, blocks: int) -> Rows:
-        """All blocks one after the other."""
+        """Concatenate all blocks."""
         parts = [self._blocks[number] for number in range(blocks)]
         return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
 def as_arrow(rows: Rows) -> Any:
-    """Columns as a table of Arrow; NaN becomes null."""
+    """Convert columns to an Arrow table; NaN becomes null."""
     import pyarrow as pa
 
     return pa.table(
@@ -243,23 +243,23 @@ def as_arrow(rows: Rows) -> Any:
 
 
 def read_table(path: Path) -> Rows:
-    """Columns of a sweep; null becomes NaN."""
+    """Read the columns of a sweep; null becomes NaN."""
     import pyarrow.parquet as pq
 
-    with in_a_sentence(path):
+    with os_errors_as_input_errors(path):
         table = pq.read_table(path)
-    found: Rows = {}
+    rows: Rows = {}
     for name in table.column_names:
         column = table.column(name)
         text = str(column.type) in ("string", "large_string")
-        found[name] = np.array(column.to_pylist()) if text else column.to_numpy()
-    return found
+        rows[name] = np.array(column.to_pylist()) if text else column.to_numpy()
+    return rows
 
 
 @contextmanager
-def _in_a_sentence(path: Path) -> Iterator[None]:
-    """As `in_a_sentence`, for what Arrow raises without a number too."""
-    with in_a_sentence(path):
+def _os_and_arrow_errors(path: Path) -> Iterator[None]:
+    """Convert errors as `os_errors_as_input_errors`, and Arrow's full-disk error without errno."""
+    with os_errors_as_input_errors(path):
         try:
             yield
         except OSError as error:

@@ -1,4 +1,4 @@
-"""`sweep`: thousands of cases, the product of named axes, block by block."""
+"""Sweep over the product of named axes: thousands of cases, run block by block."""
 
 import dataclasses
 import time
@@ -22,8 +22,8 @@ from .estimate import SweepCost, estimate
 from .store import TABLE, Memory, SweepFolder
 from .table import SweepTable
 
-_REASONS, _ASKED = 5, 500
-"""Different reasons of refused cases that are quoted, and how many cases are asked for theirs."""
+_REASONS, _EXAMINED = 5, 500
+"""Limits of the quoted reasons of refused cases and of the cases examined for them: chosen."""
 
 
 def sweep(
@@ -44,23 +44,23 @@ def sweep(
 ) -> SweepTable:
     """Simulate every case of a sweep: the Cartesian product of its axes.
 
-    Cases that share a program run side by side, a few hundred on every device at a time, in blocks
-    of a few thousand. A case whose values do not go together has the outcome `refused` and stops
-    nothing. Call `vttig_jax.prepare_cpu(devices=…)` first to use several cores, and because a step
-    takes half of the time then.
+    Cases that share a compiled program run in parallel lanes, a few hundred per device, in blocks
+    of a few thousand. A case whose values contradict each other gets the outcome `refused`; the
+    sweep continues. Call `vttig_jax.prepare_cpu(devices=…)` first to use several cores; a step then
+    also takes half of the time.
 
     **Arguments**
-    - `spec`: a sweep file (TOML), or what was read from one.
-    - `pair`, `folder`, `controller`: as of `simulate`.
-    - `rigs`: draws of a rig, instead of its eccentricities; each runs through all other cases.
-    - `believed`: the rig whose map the controllers have, such as the fit that the draws surround;
-      by default, and where [map] of the file says nothing, they know each rig itself.
-    - `out`: folder for `sweep.parquet`, written block by block.
-    - `resume`: go on with the blocks that are missing in `out`. - `overwrite`: begin anew.
-    - `devices`: how many of JAX's devices to use; all by default.
+    - `spec`: a sweep file (TOML) or its specification.
+    - `pair`, `folder`, `controller`: as for `simulate`.
+    - `rigs`: draws of a rig instead of its eccentricities; all other cases are run for each draw.
+    - `believed`: rig whose map the controllers use, such as the fit behind the draws. By default,
+      and where the file has no [map], the controllers know each rig exactly.
+    - `out`: folder for `sweep.parquet`, which is written block by block.
+    - `resume`: continue with the blocks that are missing in `out`. - `overwrite`: start again.
+    - `devices`: number of JAX devices, by default all.
     - `dask`: address of a dask.distributed scheduler, whose workers get the blocks.
-    - `announce`: is told what the sweep will take before it starts.
-    - `progress`: is told lane-steps done and all of them.
+    - `announce`: is called with the estimated cost before the sweep starts.
+    - `progress`: is called with the finished and the expected lane-steps.
 
     **Raises** `ScenarioError`, `PairError`, `InputError` for a sweep that is larger than memory or
     disk, `UsageError` for a folder that may not be written, and `ValueError` without 64-bit floats.
@@ -86,12 +86,12 @@ def sweep(
     if (resume or overwrite) and out is None:
         raise ValueError("Argument `out` must name a folder for `resume` and `overwrite`.")
     recipe = recipe_of(spec, pair, folder, rigs, believed, controller)
-    with SCENARIO_FILE.placed("" if isinstance(spec, ScenarioSpec) else str(spec)):
-        work = SweepWork(recipe.cases(), _lanes(devices))
-    return _swept(recipe, work, out, resume, overwrite, dask, announce, progress)
+    with SCENARIO_FILE.error_context("" if isinstance(spec, ScenarioSpec) else str(spec)):
+        work = SweepWork(recipe.cases(), _runner(devices))
+    return _run(recipe, work, out, resume, overwrite, dask, announce, progress)
 
 
-def _swept(
+def _run(
     recipe: Recipe,
     work: SweepWork,
     out: str | Path | None,
@@ -102,8 +102,8 @@ def _swept(
     progress: Callable[[float, float], None] | None,
 ) -> SweepTable:
     path = None if out is None else Path(out)
-    compiled = work.lanes.compile_s
-    header = recipe.header | {"block": work.block}
+    compiled = work.runner.compile_s
+    header = recipe.header | {"block": work.block_size}
     store = Memory() if path is None else SweepFolder(path, header, resume, overwrite)
     with store:
         expected = estimate(work, path)
@@ -116,22 +116,22 @@ def _swept(
             announce(expected)
         done = 0
 
-        def tick(steps: int) -> None:
+        def add_steps(steps: int) -> None:
             nonlocal done
             done += steps
             if progress is not None:
                 progress(done, expected.lane_steps)
 
-        began, before = time.perf_counter(), work.lanes.compile_s
-        devices = len(work.lanes.devices)
+        began, before = time.perf_counter(), work.runner.compile_s
+        devices = len(work.runner.devices)
         if dask is None:
             for number in todo:
-                store.write(number, work.run(number, tick))
+                store.write(number, work.run(number, add_steps))
         else:
             from .cluster import on_cluster
 
-            devices = on_cluster(dask, recipe, todo, store.write, tick)
-        spent = time.perf_counter() - began - (work.lanes.compile_s - before)
+            devices = on_cluster(dask, recipe, todo, store.write, add_steps)
+        spent = time.perf_counter() - began - (work.runner.compile_s - before)
         columns = store.finish(work.blocks)
     return SweepTable(
         spec=recipe.spec,
@@ -140,7 +140,7 @@ def _swept(
         axes=work.cases.axes,
         lane_steps=done,
         run_s=spent,
-        compile_s=work.lanes.compile_s - compiled,
+        compile_s=work.runner.compile_s - compiled,
         devices=devices,
         refusals=_refusals(work, columns),
         path=None if path is None else path / TABLE,
@@ -148,27 +148,27 @@ def _swept(
 
 
 @lru_cache
-def _lanes(devices: int | None) -> BatchRunner:
-    """The first devices of JAX, or all; with what they have compiled before.
+def _runner(devices: int | None) -> BatchRunner:
+    """Return a cached runner on the first devices of JAX, or on all.
 
-    **Raises** `ValueError` for more than there are.
+    **Raises** `ValueError` for a number of devices that JAX does not have.
     """
-    there = jax.devices()
-    if devices is not None and not 1 <= devices <= len(there):
+    available = jax.devices()
+    if devices is not None and not 1 <= devices <= len(available):
         raise ValueError(
-            f"Argument `devices` must be 1 … {len(there)}, what JAX has here, but is {devices}; for"
-            " more cores call `vttig_jax.prepare_cpu(devices=…)` before JAX runs anything."
+            f"Argument `devices` must be 1 … {len(available)}, the devices of JAX, but is"
+            f" {devices}; for more cores call `vttig_jax.prepare_cpu(devices=…)` before JAX starts."
         )
-    return BatchRunner(there[:devices])
+    return BatchRunner(available[:devices])
 
 
 def _refusals(work: SweepWork, columns: Rows) -> tuple[tuple[int, str], ...]:
-    """The first refused case of each reason, and the reason."""
+    """Return the first refused case of each reason, and the reason."""
     refused = columns["case"][columns["outcome"] == REFUSED]
-    asked = refused[np.linspace(0, len(refused) - 1, min(len(refused), _ASKED)).astype(int)]
-    found: dict[str, int] = {}
-    for number in asked.tolist():
-        found.setdefault(str(work.cases.case(number)), number)
-        if len(found) == _REASONS:
+    examined = refused[np.linspace(0, len(refused) - 1, min(len(refused), _EXAMINED)).astype(int)]
+    reasons: dict[str, int] = {}
+    for number in examined.tolist():
+        reasons.setdefault(str(work.cases.case(number)), number)
+        if len(reasons) == _REASONS:
             break
-    return tuple((number, why) for why, number in found.items())
+    return tuple((number, reason) for reason, number in reasons.items())

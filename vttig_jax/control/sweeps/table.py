@@ -1,5 +1,6 @@
-"""What a sweep gives: one row a case, and a summary in words."""
+"""Result of a sweep: a table with one row per case, and its report."""
 
+import json
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
@@ -7,23 +8,26 @@ from typing import Any
 
 import numpy as np
 
+from ...base.errors import InputError, UsageError
 from ...base.files.text_tables import key_values, text_table
-from ..scenario.spec import ScenarioSpec, spec_table
-from ..simulation.metrics import NEAR_MM
+from ...base.results import PlottedResult
+from ..scenario.spec import ScenarioSpec, parse_scenario_spec, spec_table
+from ..simulation.metrics import METRICS, NEAR_MM
 from .blocks import REFUSED, Rows
+from .store import HEADER, TABLE, read_table
 
 
 @dataclass(frozen=True)
-class SweepTable:
-    """A sweep that has run.
+class SweepTable(PlottedResult):
+    """Result of a finished sweep.
 
     **Arguments**
-    - `spec`: of the sweep. - `pair`: name of the gears.
-    - `columns`: `case`, the axes, the metrics of the contract and `outcome`, shape (cases,) each;
-      NaN for what did not happen.
-    - `lane_steps`: steps of the plant of all cases. - `run_s`, `compile_s`: time taken, s.
-    - `devices`: how many ran it. - `refusals`: why cases were refused, the first of each kind.
-    - `path`: the Parquet file, where one was written.
+    - `spec`: specification of the sweep. - `pair`: name of the gears.
+    - `columns`: `case`, the axes, the metrics of `simulate` and `outcome`, shape (cases,) each; NaN
+      for events that did not happen.
+    - `axes`: names of the axes. - `lane_steps`: plant steps of all cases. - `run_s`, `compile_s`:
+      times, s. - `devices`: number of devices.
+    - `refusals`: first refused case of each reason, and the reason. - `path`: Parquet file or None.
     """
 
     spec: ScenarioSpec
@@ -43,16 +47,18 @@ class SweepTable:
         return dict(Counter(self.columns["outcome"].tolist()).most_common())
 
     def groups(self) -> list[tuple[str, np.ndarray]]:
-        """Cases by the texts among the axes, such as the controller: name, and a mask."""
+        """Return name and mask of each group of cases with the same text values."""
         texts = [axis for axis in self.axes if self.columns[axis].dtype.kind == "U"]
         if not texts:
             return [("all", np.ones(len(self.columns["case"]), bool))]
         keys = list(zip(*(self.columns[axis].tolist() for axis in texts), strict=True))
         names = [", ".join(key) for key in keys]
-        return [(name, np.array([one == name for one in names])) for name in dict.fromkeys(names)]
+        return [
+            (group, np.array([name == group for name in names])) for group in dict.fromkeys(names)
+        ]
 
     def to_json(self) -> dict[str, Any]:
-        """The object of schema `vttig.sweep/1`."""
+        """Return the object of schema `vttig.sweep/1`."""
         return {
             "schema": "vttig.sweep/1",
             "pair": self.pair,
@@ -70,9 +76,9 @@ class SweepTable:
         }
 
     def _group(self, name: str, mask: np.ndarray) -> dict[str, Any]:
-        gap = _there(self.columns["residual_gap_deg"][mask])
-        interference = _there(self.columns["interference_mm"][mask])
-        lost = _there(self.columns["lost_motion_deg"][mask])
+        gap = _without_nan(self.columns["residual_gap_deg"][mask])
+        interference = _without_nan(self.columns["interference_mm"][mask])
+        lost = _without_nan(self.columns["lost_motion_deg"][mask])
         return {
             "name": name,
             "cases": int(mask.sum()),
@@ -87,16 +93,44 @@ class SweepTable:
         return _text(self)
 
 
-def _there(values: np.ndarray) -> np.ndarray:
+def read_sweep(folder: str | Path) -> SweepTable:
+    """Read the finished sweep of a folder; the times it took are not kept, and are NaN.
+
+    **Raises** `UsageError` where the folder holds no finished sweep, `InputError` where it is
+    damaged.
+    """
+    folder = Path(folder)
+    if not (folder / TABLE).is_file():
+        raise UsageError(
+            f"no finished sweep here ({TABLE} is missing); make one with `vttig sweep SWEEP --out"
+            f" {folder}`, or go on with --resume.",
+            where=str(folder),
+        )
+    try:
+        record = json.loads((folder / HEADER).read_text(encoding="utf-8"))["scenario"]
+    except (OSError, ValueError, TypeError, KeyError) as error:
+        raise InputError(
+            f"the header of this sweep is damaged ({type(error).__name__}); make it anew with"
+            " --overwrite.",
+            where=str(folder / HEADER),
+        ) from None
+    spec = parse_scenario_spec(record, str(folder / HEADER))
+    columns = read_table(folder / TABLE)
+    axes = tuple(name for name in columns if name not in ("case", "outcome", *METRICS))
+    nan = float("nan")
+    return SweepTable(spec, Path(spec.pair).stem, columns, axes, 0, nan, nan, 0, (), folder / TABLE)
+
+
+def _without_nan(values: np.ndarray) -> np.ndarray:
     return values[~np.isnan(values)]
 
 
-def _share(which: np.ndarray) -> float | None:
-    return float(which.mean()) if len(which) else None
+def _share(mask: np.ndarray) -> float | None:
+    return float(mask.mean()) if len(mask) else None
 
 
 def _spread(values: np.ndarray) -> dict[str, float] | None:
-    """Mean, 95 % of all cases, and the extremes."""
+    """Return the mean, the central 95 % and the maximum of all cases."""
     if not len(values):
         return None
     low, high = np.quantile(values, [0.025, 0.975])
@@ -111,17 +145,17 @@ def _spread(values: np.ndarray) -> dict[str, float] | None:
 def _text(table: SweepTable) -> str:
     record = table.to_json()
     outcomes = ", ".join(f"{count} {name}" for name, count in table.outcomes.items())
-    each = max(table.lane_steps, 1)
-    head = [
-        ("cases", f"{record['cases']}: {_sizes(table)}"),
-        ("outcomes", outcomes),
-        (
-            "run",
-            f"{table.lane_steps:.3g} lane-steps in {table.run_s:.3g} s"
-            f" ({1e9 * table.run_s / each:.3g} ns each), compiled in {table.compile_s:.2g} s,"
-            f" {table.devices} device{'s' if table.devices > 1 else ''}",
-        ),
-    ]
+    steps = max(table.lane_steps, 1)
+    head = [("cases", f"{record['cases']}: {_sizes(table)}"), ("outcomes", outcomes)]
+    if table.devices:  # 0 for a sweep that was read from its folder
+        head.append(
+            (
+                "run",
+                f"{table.lane_steps:.3g} lane-steps in {table.run_s:.3g} s"
+                f" ({1e9 * table.run_s / steps:.3g} ns each), compiled in {table.compile_s:.2g} s,"
+                f" {table.devices} device{'s' if table.devices > 1 else ''}",
+            )
+        )
     if table.path is not None:
         head.append(("table", str(table.path)))
     rows = [
@@ -157,7 +191,7 @@ def _text(table: SweepTable) -> str:
 
 
 def _sizes(table: SweepTable) -> str:
-    """How many values each axis takes."""
+    """Return the number of different values of each axis as text."""
     sizes = {axis: len(np.unique(table.columns[axis])) for axis in table.axes}
     return ", ".join(f"{size} {axis}" for axis, size in sizes.items())
 

@@ -1,1 +1,1 @@
-"""Tuning the settings of a controller."""
+"""Tuning of the settings of a controller: gradient search and full simulation."""

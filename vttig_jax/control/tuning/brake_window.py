@@ -1,10 +1,10 @@
-"""The part of a run that decides what a closing controller leaves and where it closes too far.
+"""Window of a run around the turn, which decides the residual gap and the interference.
 
-With a prescribed motion neither the driving angle nor its reading depends on the controller: both
-are computed beforehand, counts and noise of the encoder included, and what is left to go through a
-scan is observer, controller and actuator. The window begins shortly before the brakes, with the gap
-open and an observer that has settled, and ends when the shaft has reached its speed after the turn
-(of a motion that never turns back: with the run).
+With a prescribed motion neither the driving angle nor its reading depends on the controller. Both
+are computed beforehand, with counts and noise of the encoder, so that the scan contains only
+observer, controller and actuator. The window begins shortly before the braking, with an open gap
+and a settled observer. It ends when the shaft has reached its speed after the turn, or with the
+run if the motion never turns back.
 """
 
 import math
@@ -20,26 +20,26 @@ from ...base.arrays import Number, Numbers, float64
 from ..controllers.controller import Controller, Measurement
 from ..controllers.smooth import smoothed
 from ..hardware.actuator import Actuator, Carriage
-from ..hardware.encoder import shocks
+from ..hardware.encoder import noise_draws
 from ..hardware.observer import MotionEstimate, Observer
 from ..simulation.case import Case
 
 LEAD_IN_S = 0.2
-"""s before the brakes at which the window begins."""
+"""Time from the start of the window to the braking, s: a chosen value."""
 
-_FULL, _PLACES = 0.98, 256
-"""Share of the highest speed after the turn at which the window ends; times looked at for it."""
+_FULL, _TIMES = 0.98, 256
+"""Share of the highest speed after the turn that ends the window, and times examined: chosen."""
 
 
 class Window(eqx.Module):
-    """One case from shortly before its brakes on; n periods of the controller.
+    """Window of one case; n periods of the controller.
 
-    - `reading`: of the driving encoder, rad. - `closed`: axial displacement that closes the gap at
-      the end of every step of the plant, mm; `closed_first`: at the start of the window.
-    - `counts`: false for periods that only fill up. - `after`: whether the motion has turned.
-    - `turn`: the period nearest to the turn, −1 without one.
-    - `estimate`: of the observer a period before: the motion itself.
-    - `period`: s. - `closing`: rad of backlash a mm. - the rest: parts of the case.
+    - `reading`: readings of the driving encoder, rad. - `closed`: axial displacement that closes
+      the gap at the end of each plant step, mm. - `closed_first`: at the start of the window.
+    - `counts`: false for filler periods. - `after`: whether the motion has turned.
+    - `turn`: index of the period nearest to the turn, −1 without a turn.
+    - `estimate`: estimate of the observer one period earlier, which equals the motion.
+    - `period`: s. - `closing`: backlash per displacement, rad/mm. - Others: parts of the case.
     """
 
     reading: Float[Numbers, " n"]
@@ -57,15 +57,15 @@ class Window(eqx.Module):
 
 
 class Extent(NamedTuple):
-    """First period of a window, and how many there are."""
+    """First period of a window, and number of its periods."""
 
     first: int
     periods: int
 
 
 def extent_of(case: Case) -> Extent:
-    """Where the window of a case lies."""
-    start, until = map(float, _ends(case))
+    """Return the extent of the window of a case."""
+    start, until = map(float, _window_times(case))
     period, duration = float(case.period), float(case.motion.duration_s)
     first = math.floor(start / period)
     last = min(math.ceil(until / period), math.floor(duration / period * (1 + 1e-12)))
@@ -73,22 +73,22 @@ def extent_of(case: Case) -> Extent:
 
 
 @eqx.filter_jit
-def _ends(case: Case) -> tuple[Float[Array, ""], Float[Array, ""]]:
-    """Start and end of the window, s."""
+def _window_times(case: Case) -> tuple[Float[Array, ""], Float[Array, ""]]:
+    """Return start and end of the window, s."""
     motion = case.motion
     turn, end = jnp.asarray(motion.turn_s), jnp.asarray(motion.duration_s)
-    times = turn + (end - turn) * jnp.linspace(0.0, 1.0, _PLACES + 1)
+    times = turn + (end - turn) * jnp.linspace(0.0, 1.0, _TIMES + 1)
     speed = jnp.abs(motion.at(times).speed)
     reached = jnp.argmax(speed >= _FULL * jnp.max(speed))
-    until = jnp.where(turn < end, times[jnp.minimum(reached + 1, _PLACES)], end)
+    until = jnp.where(turn < end, times[jnp.minimum(reached + 1, _TIMES)], end)
     return jnp.maximum(motion.braking_s - LEAD_IN_S, 0.0), until
 
 
 def window_of(case: Case, extent: Extent, periods: int) -> Window:
-    """The window of a case, filled up to so many periods."""
-    made = _made(case, jnp.asarray(extent.first), jnp.asarray(extent.periods), periods)
+    """Return the window of a case, with fillers up to this number of periods."""
+    arrays = _window_arrays(case, jnp.asarray(extent.first), jnp.asarray(extent.periods), periods)
     return Window(
-        *jax.tree.map(np.asarray, made),
+        *jax.tree.map(np.asarray, arrays),
         actuator=case.actuator,
         observer=case.observer,
         controller=case.controller,
@@ -98,7 +98,7 @@ def window_of(case: Case, extent: Extent, periods: int) -> Window:
 
 
 @eqx.filter_jit
-def _made(
+def _window_arrays(
     case: Case, first: Int[Array, ""], periods: Int[Array, ""], length: int
 ) -> tuple[Array, Array, Array, Array, Array, Array, MotionEstimate]:
     motion, period = case.motion, jnp.asarray(case.period)
@@ -108,20 +108,20 @@ def _made(
     noise = jnp.zeros(length)
     if case.noisy:
         key = jax.random.key(case.seed)
-        noise = jax.vmap(lambda number: shocks(key, number)[0])(numbers)
+        noise = jax.vmap(lambda number: noise_draws(key, number)[0])(numbers)
     reading = jax.vmap(case.driving_sensor.read)(point.angle, noise)
-    places = jnp.arange(1.0, case.substeps + 1) / case.substeps
-    steps = time[:, None] + period * places
-    sum_ = case.bounds.closing_sum
-    closed = jnp.maximum(case.bounds.gap(motion.at(steps).angle) / sum_, 0.0)
+    shares = jnp.arange(1.0, case.substeps + 1) / case.substeps
+    steps = time[:, None] + period * shares
+    closing = case.bounds.closing_sum
+    closed = jnp.maximum(case.bounds.gap(motion.at(steps).angle) / closing, 0.0)
     counts = (jnp.arange(length) < periods) & (time <= motion.duration_s)
     turns = (time >= motion.turn_s - 0.5 * period) & (time < motion.duration_s)
-    begin = jax.tree.map(lambda values: values[0], point)
+    start = jax.tree.map(lambda values: values[0], point)
     before = motion.at(time[0] - period)
     return (
         reading,
         closed,
-        jnp.maximum(case.bounds.gap(begin.angle) / sum_, 0.0),
+        jnp.maximum(case.bounds.gap(start.angle) / closing, 0.0),
         counts,
         time > motion.turn_s,
         jnp.where(jnp.any(turns & counts), jnp.argmax(turns), -1),
@@ -129,11 +129,11 @@ def _made(
     )
 
 
-class Left(NamedTuple):
-    """What a window ends with, mm of axial displacement.
+class WindowResult(NamedTuple):
+    """Result of a window, mm of axial displacement.
 
-    - `gap`: left when the motion turns, 0 without a turn. - `interference`: most by which the
-      actuator wanted further than the closed gap lets it, until the gap is opened again.
+    - `gap`: displacement that would close the gap at the turn, 0 without a turn.
+    - `interference`: how far the closed gap holds the actuator back at most, until it opens again.
     """
 
     gap: Float[Array, ""]
@@ -145,62 +145,63 @@ class _Carry(NamedTuple):
     state: object
     carriage: Carriage
     closed: Float[Array, ""]
-    left: Left
+    result: WindowResult
     peak: Float[Array, ""]
     opened: Bool[Array, ""]
 
 
-def left_of(window: Window, width: Float[Array, ""], blur_mm: Float[Array, ""]) -> Left:
-    """Run a window with smoothed judgements.
+def run_window(window: Window, width: Float[Array, ""], blur_mm: Float[Array, ""]) -> WindowResult:
+    """Simulate a window with smoothed comparisons.
 
-    What the actuator wants beyond the closed gap, max(0, wanted − closed), becomes
-    b ln(1 + exp((wanted − closed)/b)); its rounding down to a resolution becomes half a step, the
-    mean of it. Everything else of the actuator has slopes as it is.
+    The excess x of the unobstructed position over the closed gap, max(0, x), becomes the softplus
+    b ln(1 + exp(x/b)). Rounding down to the resolution becomes a shift by half a step, its mean.
+    The rest of the actuator is differentiable.
 
     **Arguments**
-    - `width`: of the judgements, relative; see `smooth_controllers`. - `blur_mm`: b, mm.
+    - `width`: relative width; see `controllers/smooth.py`. - `blur_mm`: width b of softplus, mm.
     """
     controller, actuator = smoothed(window.controller, width), window.actuator
-    half = 0.5 * jnp.asarray(actuator.resolution)
-    fine = eqx.tree_at(lambda one: one.resolution, actuator, jnp.zeros(()))
+    half_step = 0.5 * jnp.asarray(actuator.resolution)
+    actuator = eqx.tree_at(lambda part: part.resolution, actuator, jnp.zeros(()))
     period, substeps = jnp.asarray(window.period), window.closed.shape[1]
 
-    def over(carriage: Carriage, closed: Float[Array, ""]) -> Float[Array, ""]:
-        return blur_mm * jnp.logaddexp((carriage.wanted - closed) / blur_mm, 0.0)
+    def excess(carriage: Carriage, closed: Float[Array, ""]) -> Float[Array, ""]:
+        return blur_mm * jnp.logaddexp((carriage.unobstructed - closed) / blur_mm, 0.0)
 
-    def one(carry: _Carry, given: tuple[Array, ...]) -> tuple[_Carry, None]:
-        number, reading, closed, counts, after = given
+    def step(carry: _Carry, inputs: tuple[Array, ...]) -> tuple[_Carry, None]:
+        number, reading, closed, counts, after = inputs
         estimate = window.observer.step(carry.estimate, reading, period)
         speed, acceleration = estimate.speed, estimate.acceleration
-        seen = Measurement(number * period, reading, reading, speed, acceleration, reading, speed)
-        state, found = controller.step(carry.state, seen)
-        command = jnp.asarray(controller.ordered(found).shift)
-        here = carry.closed - carry.carriage.wanted + over(carry.carriage, carry.closed)
-        gap = jnp.where(number == window.turn, here, carry.left.gap)
-        carriage, target = fine.commanded(carry.carriage, command)
-        target = jnp.maximum(target - half, 0.0)
+        time = number * period
+        measurement = Measurement(time, reading, reading, speed, acceleration, reading, speed)
+        state, output = controller.step(carry.state, measurement)
+        command = jnp.asarray(controller.as_command(output).shift)
+        gap = carry.closed - carry.carriage.unobstructed + excess(carry.carriage, carry.closed)
+        gap = jnp.where(number == window.turn, gap, carry.result.gap)
+        carriage, target = actuator.commanded(carry.carriage, command)
+        target = jnp.maximum(target - half_step, 0.0)
         peak = jnp.maximum(carry.peak, command)
-        # The hard one is opened by a command of 0, which a blurred one need not reach.
+        # The original controller opens the gap with a command of 0; a smoothed one may not reach 0.
         opened = carry.opened | (after & (command < 0.5 * peak))
-        most = carry.left.interference
-        for step in range(substeps):
-            free = jnp.full((), jnp.inf)
-            carriage, _, _ = fine.step(carriage, target, free, period / substeps)
-            worse = jnp.maximum(most, over(carriage, closed[step]))
-            most = jnp.where(counts & ~opened, worse, most)
-        left = Left(gap, most)
-        return _Carry(estimate, state, carriage, closed[-1], left, peak, opened), None
+        interference = carry.result.interference
+        for substep in range(substeps):
+            unlimited = jnp.full((), jnp.inf)
+            carriage, _, _ = actuator.step(carriage, target, unlimited, period / substeps)
+            larger = jnp.maximum(interference, excess(carriage, closed[substep]))
+            interference = jnp.where(counts & ~opened, larger, interference)
+        result = WindowResult(gap, interference)
+        return _Carry(estimate, state, carriage, closed[-1], result, peak, opened), None
 
     zero = jnp.zeros(())
-    begin = _Carry(
+    start = _Carry(
         jax.tree.map(jnp.asarray, window.estimate),
         controller.start(),
-        fine.at_rest(),
+        actuator.at_rest(),
         jnp.asarray(window.closed_first),
-        Left(zero, zero),
+        WindowResult(zero, zero),
         zero,
         jnp.zeros((), bool),
     )
     numbers = jnp.arange(window.reading.shape[0])
-    given = (numbers, window.reading, window.closed, window.counts, window.after)
-    return jax.lax.scan(one, begin, jax.tree.map(jnp.asarray, given))[0].left
+    inputs = (numbers, window.reading, window.closed, window.counts, window.after)
+    return jax.lax.scan(step, start, jax.tree.map(jnp.asarray, inputs))[0].result

@@ -1,4 +1,4 @@
-"""Which settings of a controller may be tuned, within which bounds. Needs no jax."""
+"""Settings of a controller that can be tuned, and their bounds; this module needs no jax."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -16,23 +16,23 @@ SETTINGS: Mapping[str, tuple[str, ...]] = {
     "acceleration": ("judgement.threshold_rad_s2", *_BOTH),
     "predictive": ("judgement.horizon_s", *_BOTH),
 }
-"""Controller → the numbers it is set by."""
+"""Controller → its numeric settings."""
 
 REACH = 1000.0
-"""Factor from its start within which a positive number is looked for."""
+"""Largest factor between a positive number and its start in the search: a chosen value."""
 
 Limits = Mapping[str, tuple[float, float]]
 
 
 @dataclass(frozen=True)
 class FreeKey:
-    """A number that is tuned, as a function of a scaled one u that starts at 0.
+    """Tuned number as a function of a scaled variable u, which starts at 0.
 
-    A positive number is start·exp(u), any other start + u·step.
+    A positive number is start·exp(u), any other number is start + u·step.
 
     **Arguments**
-    - `name`, `unit`: of the key. - `start`: what the scenario says. - `low`, `high`: its bounds.
-    - `positive`: whether it must be above 0.
+    - `name`, `unit`: name and unit of the key. - `start`: value in the scenario.
+    - `low`, `high`: bounds of the number. - `positive`: whether it must be above 0.
     """
 
     name: str
@@ -43,26 +43,26 @@ class FreeKey:
     positive: bool
 
     def value(self, u: float, step: float) -> float:
-        """The number at u, never outside its bounds."""
+        """Return the number at u, clipped to its bounds."""
         free = self.start * math.exp(u) if self.positive else self.start + u * step
         return min(max(free, self.low), self.high)
 
     def scaled(self, value: float, step: float) -> float:
-        """The u at which the number has this value."""
+        """Return the u at which the number has this value."""
         return math.log(value / self.start) if self.positive else (value - self.start) / step
 
     def slope(self, u: float, step: float) -> float:
-        """Its derivative with respect to u."""
+        """Return the derivative of the number with respect to u."""
         return self.start * math.exp(u) if self.positive else step
 
     def ends(self, step: float) -> tuple[float, float]:
-        """u at both bounds."""
+        """Return u at both bounds."""
         if self.positive:
             return math.log(self.low / self.start), math.log(self.high / self.start)
         return (self.low - self.start) / step, (self.high - self.start) / step
 
     def at_limit(self, value: float) -> bool:
-        """Whether a value has run into a bound."""
+        """Return whether a value lies at a bound."""
         near = 1e-6 * (self.high - self.low if not self.positive else value)
         return value - self.low < near or self.high - value < near
 
@@ -70,29 +70,29 @@ class FreeKey:
 def free_keys(
     spec: ScenarioSpec, free: Sequence[str] | None = None, limits: Limits | None = None
 ) -> tuple[FreeKey, ...]:
-    """The keys to tune; by default all that the controller of the scenario is set by.
+    """Return the keys to tune, by default all numeric settings of the controller.
 
-    **Raises** `ValueError` for nothing, a key twice, one that is unknown, takes no number, is no
-    setting of this controller or an axis of the sweep, and for limits that do not hold its value.
+    **Raises** `ValueError` for no key, for a key that appears twice, is unknown, takes no number,
+    is no setting of this controller or an axis of the sweep, and for limits without its value.
     """
     settings = SETTINGS[spec.controller]
     axes = () if spec.sweep is None else tuple(spec.sweep.axes)
     if isinstance(free, str):
         raise ValueError(f"Argument `free` must be a list of keys, but is one text: {free!r}.")
-    names = [one for one in settings if one not in axes] if free is None else list(free)
+    names = [name for name in settings if name not in axes] if free is None else list(free)
     if not names:
         raise ValueError(f"Argument `free` must name a key to tune: {', '.join(settings)}.")
     for name in names:
         _check(name, spec.controller, axes)
         if names.count(name) > 1:
             raise ValueError(f"Argument `free` must name `{name}` once, but does so twice.")
-    ends = dict(limits or {})
-    if stray := [name for name in ends if name not in names]:
+    bounds = dict(limits or {})
+    if fixed := [name for name in bounds if name not in names]:
         raise ValueError(
-            f"Argument `limits` must be for keys that are free, but `{stray[0]}` is not; free are"
+            f"Argument `limits` must be for keys that are free, but `{fixed[0]}` is not; free are"
             f" {', '.join(names)}."
         )
-    return tuple(_free(KEYS[name], _start(spec, name), ends.get(name)) for name in names)
+    return tuple(_free(KEYS[name], _start(spec, name), bounds.get(name)) for name in names)
 
 
 def _check(name: str, controller: str, axes: Sequence[str]) -> None:
@@ -109,8 +109,8 @@ def _check(name: str, controller: str, axes: Sequence[str]) -> None:
         )
     if name in axes:
         raise ValueError(
-            f"Argument `free` must name keys that the sweep leaves alone, but `{name}` is an axis"
-            " of it; remove one of them."
+            f"Argument `free` must name keys that the sweep does not vary, but `{name}` is an axis"
+            " of the sweep; remove one of them."
         )
 
 
@@ -119,7 +119,7 @@ def _start(spec: ScenarioSpec, name: str) -> float:
 
 
 def _free(key: Key, start: float, limits: tuple[float, float] | None) -> FreeKey:
-    meta = next(one for one in get_args(key.kind) if isinstance(one, Meta))
+    meta = next(part for part in get_args(key.kind) if isinstance(part, Meta))
     positive = meta.gt is not None and meta.gt >= 0
     low, high = float(meta.gt if meta.ge is None else meta.ge), float(meta.le)  # type: ignore[arg-type]
     if limits is not None:

@@ -1,4 +1,4 @@
-"""The hard judgement of settings: every case of a sweep, as `vttig_jax.sweep` runs it."""
+"""Full simulation of settings: all cases of a sweep with the original controller."""
 
 from collections.abc import Sequence
 from functools import lru_cache
@@ -17,11 +17,11 @@ from .result import Score, costs_of, score_of
 from .search import Objective, with_settings
 
 SEARCHED = 256
-"""Most cases that the search looks at; the hard judgement has all."""
+"""Limit of the cases in the search, a chosen value; the full simulation has all cases."""
 
 
 class Judge:
-    """The hard judgement: runs all cases with some values of the keys; what it ran it remembers."""
+    """Full simulation of all cases for given values of the keys, with a cache of the scores."""
 
     def __init__(
         self, recipe: Recipe, keys: tuple[FreeKey, ...], objective: Objective, weight: float
@@ -32,21 +32,21 @@ class Judge:
         self.weight = weight
         pair = recipe.pair
         self.closing = float((pair.taper / pair.reference_radii[1]).sum())
-        self._known: dict[tuple[float, ...], Score] = {}
+        self._scores: dict[tuple[float, ...], Score] = {}
         self.start = tuple(key.start for key in keys)
         self.cases = recipe.cases()
         self.costs = costs_of(self._rows(self.start), weight, self.closing)
 
     def score(self, values: tuple[float, ...]) -> Score:
-        """Over all cases of the sweep."""
-        if values not in self._known:
-            self._known[values] = self._scored(self._rows(values))
-        return self._known[values]
+        """Return the score of values over all cases of the sweep."""
+        if values not in self._scores:
+            self._scores[values] = self._score_rows(self._rows(values))
+        return self._scores[values]
 
-    def searched(self) -> list[Case]:
-        """Cases for the search, all or as many as it takes.
+    def search_cases(self) -> list[Case]:
+        """Return the cases for the search: all, or a sample without replacement.
 
-        Drawn without replacement; for the worst case the worst at the start come first.
+        For the objective "worst", half of the sample are the worst cases at the start.
         """
         numbers = np.flatnonzero(~np.isnan(self.costs))
         if len(numbers) > SEARCHED:
@@ -59,18 +59,18 @@ class Judge:
         return [case for case in cases if isinstance(case, Case)]
 
     def _rows(self, values: tuple[float, ...]) -> Rows:
-        work = SweepWork(_WithSettings(self.recipe, self.cases, self.keys, values), _lanes())
+        work = SweepWork(_WithSettings(self.recipe, self.cases, self.keys, values), _runner())
         blocks = [work.run(number, lambda steps: None) for number in range(work.blocks)]
         rows = {name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]}
-        self._known.setdefault(values, self._scored(rows))
+        self._scores.setdefault(values, self._score_rows(rows))
         return rows
 
-    def _scored(self, rows: Rows) -> Score:
+    def _score_rows(self, rows: Rows) -> Score:
         return score_of(rows, self.objective, self.weight, self.closing)
 
 
 class _WithSettings(SweepCases):
-    """The cases of a sweep with other values of some keys; the rest of them is built once."""
+    """Cases of a sweep with other values of some keys; their other parts are built once."""
 
     def __init__(
         self,
@@ -90,12 +90,12 @@ class _WithSettings(SweepCases):
 
 
 @lru_cache
-def _lanes() -> BatchRunner:
-    """All devices, with what they have compiled before."""
+def _runner() -> BatchRunner:
+    """Return a cached runner on all devices."""
     return BatchRunner()
 
 
 def with_keys(spec: ScenarioSpec, keys: Sequence[FreeKey], values: Sequence[float]) -> ScenarioSpec:
-    """A sweep whose [judgement] has these values."""
-    new = {key.name.rpartition(".")[2]: one for key, one in zip(keys, values, strict=True)}
+    """Return a sweep whose [judgement] has these values."""
+    new = {key.name.rpartition(".")[2]: value for key, value in zip(keys, values, strict=True)}
     return replace(spec, judgement=replace(spec.judgement, **new))

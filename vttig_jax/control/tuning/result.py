@@ -1,4 +1,4 @@
-"""What tuning found, before and after, as the hard judgement has it."""
+"""Result of a tuning, with scores of the full simulation before and after it."""
 
 from collections import Counter
 from dataclasses import dataclass
@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from ...base.files.text_tables import key_values, text_table
+from ...base.results import TextResult
 from ...base.units import DEG
 from ..scenario.spec import ScenarioSpec, spec_table
 from ..simulation.metrics import NEAR_MM
@@ -19,15 +20,16 @@ _NOTHING = (np.nan, np.nan, np.nan)
 
 @dataclass(frozen=True)
 class Score:
-    """What some settings come to over all cases, by the hard judgement.
+    """Score of some settings over all cases, from the full simulation.
 
     **Arguments**
-    - `cost_deg`: the objective, mean or largest of gap left + weight · interference, the latter as
-      the backlash it stands for, in degrees of the driven gear.
-    - `gap_mean_deg`, `gap_high95_deg`, `gap_max_deg`: backlash left at the turn: mean, the value
-      that 95 % of the cases stay below, most; NaN where no case turns.
-    - `interfering_share`: of the cases. - `interference_mean_mm`, `interference_max_mm`.
-    - `travel_mean_mm`: way of the actuator to and fro; no part of the objective.
+    - `cost_deg`: objective, the mean or largest value of residual gap + weight · interference, both
+      as backlash in degrees of the driven gear.
+    - `gap_mean_deg`, `gap_high95_deg`, `gap_max_deg`: mean, 95 % quantile and maximum of the
+      backlash at the turn; NaN where no case turns.
+    - `interfering_share`, `interference_mean_mm`, `interference_max_mm`: share of the cases that
+      interfere, mean and maximum of the interference, mm.
+    - `travel_mean_mm`: mean travel of the actuator, mm; no part of the objective.
     - `outcomes`: number of cases by outcome, most frequent first.
     """
 
@@ -43,15 +45,15 @@ class Score:
 
     @property
     def rank(self) -> tuple[int, float]:
-        """Less is better: first drives that stand, then the objective of the others."""
+        """Rank, where less is better: number of blocked drives, then objective of the others."""
         return self.outcomes.get("bound", 0), self.cost_deg
 
 
 def costs_of(rows: Rows, weight: float, closing: float) -> np.ndarray:
-    """Cost of every case in degrees; infinite for a drive that stood, NaN for a refused case.
+    """Return the cost of every case in degrees: infinite for a blocked drive, NaN if refused.
 
     **Arguments**
-    - `closing`: rad of backlash that a mm of axial displacement takes up.
+    - `closing`: backlash per axial displacement, rad/mm.
     """
     gap = np.where(np.isnan(rows["residual_gap_deg"]), 0.0, rows["residual_gap_deg"])
     costs = gap + weight * rows["interference_mm"] * closing / DEG
@@ -60,12 +62,12 @@ def costs_of(rows: Rows, weight: float, closing: float) -> np.ndarray:
 
 
 def score_of(rows: Rows, objective: Objective, weight: float, closing: float) -> Score:
-    """The score of a sweep; `rows` as of `SweepWork.run`, the rest as of `costs_of`."""
+    """Return the score of a sweep from the rows of `SweepWork.run`; see `costs_of`."""
     costs = costs_of(rows, weight, closing)
     costs = costs[np.isfinite(costs)]
     gap = rows["residual_gap_deg"][~np.isnan(rows["residual_gap_deg"])]
     over = rows["interference_mm"][~np.isnan(rows["interference_mm"])]
-    way = rows["actuator_travel_mm"][~np.isnan(rows["actuator_travel_mm"])]
+    travel = rows["actuator_travel_mm"][~np.isnan(rows["actuator_travel_mm"])]
     worst = objective == "worst"
     cost = np.inf if not len(costs) else costs.max() if worst else costs.mean()
     mean, high, most = (gap.mean(), np.quantile(gap, 0.95), gap.max()) if len(gap) else _NOTHING
@@ -80,22 +82,22 @@ def score_of(rows: Rows, objective: Objective, weight: float, closing: float) ->
         interfering_share=float(share),
         interference_mean_mm=float(average),
         interference_max_mm=float(farthest),
-        travel_mean_mm=float(way.mean()) if len(way) else np.nan,
+        travel_mean_mm=float(travel.mean()) if len(travel) else np.nan,
         outcomes=dict(Counter(rows["outcome"].tolist()).most_common()),
     )
 
 
 @dataclass(frozen=True)
-class Tuned:
+class Tuned(TextResult):
     """Settings of a controller, tuned over the cases of a sweep.
 
     **Arguments**
-    - `spec`: the sweep with the values in it. - `pair`: name of the gears.
-    - `keys`: what was free, with starts and bounds. - `values`: what it is now, by key.
-    - `before`, `after`: scores of both by the hard judgement, over all `cases`.
-    - `objective`, `interference_weight`: what was minimised.
-    - `cases`, `searched`: how many there are, and how many of them the search looked at.
-    - `stages`: of the search. - `notes`: what a reader must not overlook, in sentences.
+    - `spec`: the sweep with the tuned values. - `pair`: name of the gears.
+    - `keys`: free keys with starts and bounds. - `values`: tuned value of each key.
+    - `before`, `after`: scores of the start and of the result over all `cases`.
+    - `objective`, `interference_weight`: definition of the objective.
+    - `cases`, `searched`: number of all cases, and of those in the search.
+    - `stages`: stages of the search. - `notes`: sentences that a reader must not overlook.
     """
 
     spec: ScenarioSpec
@@ -113,11 +115,11 @@ class Tuned:
 
     @property
     def improved(self) -> bool:
-        """Whether the hard judgement confirms that the values are better than those before."""
+        """Whether the full simulation confirms that the values are better than the start."""
         return self.after.rank < self.before.rank
 
     def to_json(self) -> dict[str, Any]:
-        """The object of schema `vttig.tune/1`."""
+        """Return the object of schema `vttig.tune/1`."""
         return {
             "schema": "vttig.tune/1",
             "pair": self.pair,
@@ -156,9 +158,9 @@ def _text(tuned: Tuned) -> str:
     searched = "" if tuned.searched == tuned.cases else f", searched over {tuned.searched} of them"
     kind = {"expected": "mean", "worst": "largest"}[tuned.objective]
     cost = f"{tuned.before.cost_deg:.5f}° → {tuned.after.cost_deg:.5f}°"
-    verdict = "the hard judgement found nothing better"
+    verdict = "the full simulation found nothing better"
     if tuned.improved:
-        verdict = f"confirmed by the hard judgement, {cost}"
+        verdict = f"confirmed by the full simulation, {cost}"
     head = [
         ("tuned", f"controller {tuned.spec.controller}, {tuned.cases} cases{searched}"),
         ("objective", f"{kind} of gap left + {tuned.interference_weight:g} × interference"),
@@ -180,7 +182,7 @@ def _named(name: str, unit: str) -> str:
 
 
 def _scores(tuned: Tuned) -> list[tuple[Any, ...]]:
-    one, other = tuned.before, tuned.after
+    scores = tuned.before, tuned.after
     rows = [
         (("objective", "deg"), "cost_deg", ".5f", 1.0),
         (("gap left: mean", "deg"), "gap_mean_deg", ".5f", 1.0),
@@ -190,14 +192,14 @@ def _scores(tuned: Tuned) -> list[tuple[Any, ...]]:
         (("  by at most", "mm"), "interference_max_mm", ".4f", 1.0),
         (("actuator travel: mean", "mm"), "travel_mean_mm", ".3f", 1.0),
     ]
-    found = [
-        (name, *[_number(factor * getattr(score, field), form) for score in (one, other)])
+    table = [
+        (name, *[_number(factor * getattr(score, field), form) for score in scores])
         for name, field, form, factor in rows
     ]
-    return [*found, (("outcomes", ""), *map(_counted, (one, other)))]
+    return [*table, (("outcomes", ""), *map(_outcomes, scores))]
 
 
-def _counted(score: Score) -> str:
+def _outcomes(score: Score) -> str:
     return ", ".join(f"{count} {name}" for name, count in score.outcomes.items())
 
 

@@ -1,4 +1,4 @@
-"""`tune`: the settings of a controller by gradient, checked by the hard judgement."""
+"""Tuning of the settings of a controller by gradient, checked by the full simulation."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -19,16 +19,16 @@ from .search import OBJECTIVES, WIDTHS, Objective, Search, Stage
 
 _ENDINGS = {
     "missed": "the controller does not close before the turn",
-    "slow": "the actuator is still on its way when the motion turns",
-    "stroke": "the controller asks for more than actuator.stroke_mm",
+    "slow": "the actuator is still moving when the motion turns",
+    "stroke": "the controller commands more than actuator.stroke_mm",
 }
-"""Outcomes that tuning may bring about, and what each says."""
+"""Outcomes that tuning may cause, and their meaning."""
 
-_RESTLESS = 2.0
-"""Times the actuator may travel as far as before without a word."""
+_TRAVEL_RATIO = 2.0
+"""Ratio of the actuator's travel after and before tuning above which a note is written: chosen."""
 
-_SAME = 1e-3
-"""Share of the objective that a key must bring to be changed."""
+_LEAST_GAIN = 1e-3
+"""Least relative gain of the objective for which a key is changed: a chosen value."""
 
 
 def tune(
@@ -46,31 +46,30 @@ def tune(
 ) -> Tuned:
     """Tune the settings of a controller for all cases of a sweep.
 
-    Minimised is the mean, or the largest, over the cases of
+    The function minimises the mean, or the largest value, over the cases of
 
         residual gap + weight · interference
 
-    both as backlash in degrees of the driven gear; an interference of s mm is the backlash that s
-    takes up. The weight w says how many degrees of gap one would rather leave than close a degree
-    too far: with a map that is uncertain, the best margin lets a share 1/(1 + w) of the rigs
-    interfere.
+    Both terms are backlash in degrees of the driven gear; s mm of interference count as the
+    backlash that s takes up. w degrees of residual gap cost as much as one degree of interference:
+    with an uncertain map, the best margin lets a share 1/(1 + w) of the rigs interfere.
 
-    The search follows the slopes of smoothed judgements (`smooth_controllers`) whose width shrinks
-    in stages. It simulates from shortly before the brakes to the speed after the turn, with a
-    prescribed motion; what a controller does before, such as closing too early because of the
-    counts of an encoder, only the hard judgement sees. That one runs every case of the sweep as
-    `vttig_jax.sweep` does, at the start and after every stage, and decides: what it finds no better
-    than the start is not taken, and a setting that brings less than a thousandth is left alone. If
-    it finds no stage better, it also tries places beside the last one.
+    The search follows the gradient of smoothed controllers (`controllers/smooth.py`), whose width
+    shrinks in stages. It simulates from shortly before the braking to the speed after the turn,
+    with a prescribed motion. Only the full simulation includes earlier events, such as closing too
+    early because of encoder counts. It runs every case of the sweep as `vttig_jax.sweep` does, at
+    the start and after every stage, and it decides: values that are not better than the start are
+    rejected, and a setting that gains less than a thousandth stays. If no stage is better, points
+    around the last one are tried.
 
     **Arguments**
-    - `spec`, `pair`, `folder`, `rigs`, `believed`: as of `vttig_jax.sweep`; the axes are the cases
-      that the controller must be good at. `controller` is not among them.
-    - `free`: dotted keys of [judgement]; by default all that the controller is set by.
-    - `limits`: key → (lowest, highest) that it may take; by default the bounds of the key, and a
-      thousand times or a thousandth of its start.
+    - `spec`, `pair`, `folder`, `rigs`, `believed`: as for `vttig_jax.sweep`; the axes define the
+      cases, and `controller` is no axis.
+    - `free`: dotted keys of [judgement], by default all numeric settings of the controller.
+    - `limits`: key → (lowest, highest) value; by default the bounds of the key, and factors of 1000
+      and 1/1000 of its start.
     - `objective`: "expected" or "worst". - `interference_weight`: at least 0.
-    - `progress`: is told the stages done and all of them.
+    - `progress`: is called with the numbers of finished and of all stages.
 
     **Raises** `ScenarioError` and `PairError` as `sweep` does, and for a controller without
     settings; `ValueError` for keys that cannot be tuned and without 64-bit floats.
@@ -85,8 +84,8 @@ def tune(
     >>> rig |= {"driven_phase_deg": 79.3, "constant_backlash_deg": 0.038}
     >>> axes = {"motion.reversal_deg": [360.0, 540.0]}
     >>> motion = {"dwell_s": 0.1, "ramp_s": 0.2}
-    >>> given = {"pair": "pair.toml", "eccentricities": rig, "motion": motion}
-    >>> spec = parse_scenario_spec(given | {"controller": "predictive", "sweep": axes})
+    >>> scenario = {"pair": "pair.toml", "eccentricities": rig, "motion": motion}
+    >>> spec = parse_scenario_spec(scenario | {"controller": "predictive", "sweep": axes})
     >>> tuned = vttig_jax.tune(spec, paper_pair(), free=["judgement.margin_mm"])
     >>> tuned.improved, abs(tuned.values["judgement.margin_mm"]) < 1e-3
     (True, True)
@@ -103,20 +102,20 @@ def tune(
             f"Argument `interference_weight` must be at least 0, but is {interference_weight!r}."
         )
     source = "" if isinstance(spec, ScenarioSpec) else str(spec)
-    given = spec if isinstance(spec, ScenarioSpec) else load_sweep_spec(spec)
+    scenario = spec if isinstance(spec, ScenarioSpec) else load_sweep_spec(spec)
     recipe = recipe_of(spec, pair, folder, rigs, believed)
-    with SCENARIO_FILE.placed(source):
-        _check_controller(given)
-        keys = free_keys(given, free, limits)
+    with SCENARIO_FILE.error_context(source):
+        _check_controller(scenario)
+        keys = free_keys(scenario, free, limits)
         judge = Judge(recipe, keys, objective, interference_weight)
-        return _tuned(given, judge, progress)
+        return _tuned(scenario, judge, progress)
 
 
 def _check_controller(spec: ScenarioSpec) -> None:
-    """Refuse what has no settings, or several controllers at once."""
+    """Refuse a controller without settings, and several controllers at once."""
     if spec.sweep is not None and "controller" in spec.sweep.axes:
         raise ScenarioError(
-            "an axis, but settings are tuned for one controller; write it at the top of the file"
+            "is an axis, but settings are tuned for one controller; write it at the top of the file"
             " instead.",
             where="sweep.controller",
         )
@@ -128,8 +127,8 @@ def _check_controller(spec: ScenarioSpec) -> None:
         )
 
 
-def _tuned(given: ScenarioSpec, judge: Judge, progress: Callable[[int, int], None] | None) -> Tuned:
-    cases = judge.searched()
+def _tuned(spec: ScenarioSpec, judge: Judge, progress: Callable[[int, int], None] | None) -> Tuned:
+    cases = judge.search_cases()
     search = Search(cases, judge.keys, judge.objective, judge.weight)
     before, best = judge.score(judge.start), judge.start
     stages: list[Stage] = []
@@ -141,10 +140,10 @@ def _tuned(given: ScenarioSpec, judge: Judge, progress: Callable[[int, int], Non
             progress(len(stages), len(WIDTHS))
     if best == judge.start and stages:
         best = _nearby(judge, search, stages[-1])
-    best = _frugal(judge, best)
+    best = _without_small_gains(judge, best)
     values = dict(zip((key.name for key in judge.keys), best, strict=True))
     return Tuned(
-        spec=with_keys(given, judge.keys, best),
+        spec=with_keys(spec, judge.keys, best),
         pair=judge.recipe.pair.name,
         keys=judge.keys,
         values=values,
@@ -155,42 +154,42 @@ def _tuned(given: ScenarioSpec, judge: Judge, progress: Callable[[int, int], Non
         cases=len(judge.cases),
         searched=len(cases),
         stages=tuple(stages),
-        notes=tuple(_notes(given, judge, values)),
+        notes=tuple(_notes(spec, judge, values)),
     )
 
 
 def _nearby(judge: Judge, search: Search, last: Stage) -> tuple[float, ...]:
-    """The best place beside the end of the search, or the start if the start is better.
+    """Return the best point around the end of the search, or the start if it is better.
 
-    The smooth objective can end on the far side of an edge, such as a threshold that lies just
-    above the largest deceleration; there the controller misses every reversal.
+    The smooth objective can end beyond a discontinuity, such as a threshold just above the largest
+    deceleration, with which the controller misses every reversal.
     """
-    places = [judge.start, *search.neighbours(last.values)]
-    return min(places, key=lambda values: judge.score(values).rank)
+    points = [judge.start, *search.neighbours(last.values)]
+    return min(points, key=lambda values: judge.score(values).rank)
 
 
-def _frugal(judge: Judge, best: tuple[float, ...]) -> tuple[float, ...]:
-    """Put back every key that hardly matters, as long as the whole stays better than the start."""
-    first, found = judge.score(judge.start), judge.score(best)
+def _without_small_gains(judge: Judge, best: tuple[float, ...]) -> tuple[float, ...]:
+    """Reset every key with a small gain, as long as the values stay better than the start."""
+    first, tuned = judge.score(judge.start), judge.score(best)
     while True:
-        for place, start in enumerate(judge.start):
-            back = (*best[:place], start, *best[place + 1 :])
-            if back in (best, judge.start):
+        for index, start in enumerate(judge.start):
+            reset = (*best[:index], start, *best[index + 1 :])
+            if reset in (best, judge.start):
                 continue
-            score = judge.score(back)
-            near = score.cost_deg <= found.cost_deg * (1 + _SAME)
-            if near and score.rank[0] <= found.rank[0] and score.rank < first.rank:
-                best = back
+            score = judge.score(reset)
+            near = score.cost_deg <= tuned.cost_deg * (1 + _LEAST_GAIN)
+            if near and score.rank[0] <= tuned.rank[0] and score.rank < first.rank:
+                best = reset
                 break
         else:
             return best
 
 
-def _notes(given: ScenarioSpec, judge: Judge, values: Mapping[str, float]) -> list[str]:
+def _notes(scenario: ScenarioSpec, judge: Judge, values: Mapping[str, float]) -> list[str]:
     before, after = judge.score(judge.start), judge.score(tuple(values.values()))
     notes: list[str] = []
     if not after.rank < before.rank:
-        notes.append("The hard judgement found no values better than those before: they stay.")
+        notes.append("The full simulation found no better values, so they stay as they were.")
     notes += [
         f"{key.name} ends at its limit, {values[key.name]:.4g}."
         for key in judge.keys
@@ -198,34 +197,34 @@ def _notes(given: ScenarioSpec, judge: Judge, values: Mapping[str, float]) -> li
     ]
     if after.outcomes.get("bound"):
         notes.append(
-            f"In {after.outcomes['bound']} cases the drive still blocks; they are not in the"
-            " objective."
+            f"In {after.outcomes['bound']} cases the drive still blocks; the objective does not"
+            " include them."
         )
-    notes += [_more(name, after, before) for name in _ENDINGS if _count(after, name, before) > 0]
-    if after.travel_mean_mm > _RESTLESS * max(before.travel_mean_mm, NEAR_MM):
+    notes += [_note(name, after, before) for name in _ENDINGS if _added(after, name, before) > 0]
+    if after.travel_mean_mm > _TRAVEL_RATIO * max(before.travel_mean_mm, NEAR_MM):
         notes.append(
-            f"The actuator travels {after.travel_mean_mm:.3g} mm a run, before"
+            f"The actuator travels {after.travel_mean_mm:.3g} mm per run, before tuning"
             f" {before.travel_mean_mm:.3g}: the controller closes and opens while the shaft runs,"
-            " which the objective does not count; give limits for what sees the deceleration."
+            " which the objective does not include; limit the settings that detect braking."
         )
-    if given.servo.motor != "prescribed":
+    if scenario.servo.motor != "prescribed":
         notes.append(
-            "The search had a prescribed motion; the servo motor is in the hard judgement alone."
+            "The search used a prescribed motion; only the full simulation has the servo motor."
         )
     return notes
 
 
-def _count(after: Score, name: str, before: Score) -> int:
-    """Cases of an outcome that were not there before."""
+def _added(after: Score, name: str, before: Score) -> int:
+    """Return the increase of the number of cases with an outcome."""
     return after.outcomes.get(name, 0) - before.outcomes.get(name, 0)
 
 
-def _more(name: str, after: Score, before: Score) -> str:
+def _note(name: str, after: Score, before: Score) -> str:
     cases, total = after.outcomes[name], sum(after.outcomes.values())
     if name == "missed" and cases == total:
         return (
-            "The best that was found is not to close at all: what closing costs in interference is"
-            " more than the gap; choose another controller or a smaller interference weight."
+            "The best controller never closes, because the interference of closing costs more than"
+            " the gap; choose another controller or a smaller interference weight."
         )
-    was = before.outcomes.get(name, 0)
-    return f"In {cases} of {total} cases {_ENDINGS[name]} ({name}), before in {was}."
+    earlier = before.outcomes.get(name, 0)
+    return f"In {cases} of {total} cases {_ENDINGS[name]} ({name}), before tuning in {earlier}."

@@ -1,4 +1,4 @@
-"""Backlash from the teeth themselves: what the space between them leaves, section by section."""
+"""Backlash computed from the tooth thicknesses of both gears, by section and for the pair."""
 
 import math
 from collections.abc import Callable
@@ -17,13 +17,11 @@ from ..tooth.tooth import Tooth, tooth_of
 Teeth = tuple[Tooth, Tooth]
 """The driving and the driven gear."""
 
-_GRID = 33
-_ZOOMS = 3
-_FINER = 8
-"""Sections on a grid over the common face, and how often and by how much it is then refined."""
-
-_POLISHES = 2
-"""Steps of Newton's method after that."""
+# Chosen settings of the search for the section with the least clearance.
+_GRID = 33  # sections of the first grid over the common face
+_ZOOMS = 3  # refinements of the grid
+_FINER = 8  # factor of each refinement
+_POLISHES = 2  # final steps of Newton's method
 
 
 @compiled
@@ -35,22 +33,22 @@ def section_backlash(
     *,
     teeth: Teeth | None = None,
 ) -> Float[Array, "*shape"]:
-    """Backlash that single sections of gears running true would have alone, rad of the driven gear.
+    """Return the backlash of each section alone, without eccentricity, rad of the driven gear.
 
         j(z) = [2π r_w1/z₁ − Σ over flanks of (r_w1 ψ₁(r_w1, z) + r_w2 ψ₂(r_w2, −z − s))]/r_w2
 
-    with the half angles ψ of `Tooth` on the working pitch circles r_w1 + r_w2 = a. Negative where
-    the teeth are thicker than the space. Flank A and flank B of crowned or unequal gears can touch
-    in different sections: what the pair has is `geometric_backlash`.
+    ψ are the half angles of `Tooth` on the working pitch circles, r_w1 + r_w2 = a. The backlash is
+    negative if the teeth are thicker than the space. Crowned or unequal gears can touch on flank A
+    and flank B in different sections; `geometric_backlash` gives the backlash of the pair.
 
     **Arguments**
-    - `pair`: the gears.
-    - `z_mm`: heights from the middle of the driving face, mm, any shape.
-    - `centre_distance_mm`: a; that of the drawing when absent.
-    - `axial_mm`: s, the shift of the driven gear towards the driving gear's thick end.
-    - `teeth`: gears that differ from their drawing (driving, driven), as `tooth_of` gives them.
+    - `pair`: gear pair.
+    - `z_mm`: heights from the middle of the driving face, any shape.
+    - `centre_distance_mm`: centre distance a; the drawn one when absent.
+    - `axial_mm`: axial shift s of the driven gear towards the driving gear's thick end.
+    - `teeth`: gears (driving, driven), as `tooth_of` returns them, if they differ from the drawing.
 
-    **Returns** rad, shape of `z_mm`; NaN outside the common face.
+    **Returns** backlash in rad, shape of `z_mm`; NaN outside the common face.
 
     **Example**
     ```python
@@ -73,10 +71,10 @@ def section_backlash(
     )
     z, axial = jnp.asarray(z_mm, float), jnp.asarray(axial_mm, float)
     low, high = common_face(gears, axial)
-    found = _left(gears, distance, _material(gears, distance, axial, z).sum(axis=-1))
+    backlash = _clearance(gears, distance, _thickness(gears, distance, axial, z).sum(axis=-1))
     known = ~jnp.isnan(gears[0].face_width_mm) | ~jnp.isnan(gears[1].face_width_mm)
-    slack = 1e-12 * distance
-    return jnp.where(known & ((z < low - slack) | (z > high + slack)), jnp.nan, found)
+    tolerance = 1e-12 * distance
+    return jnp.where(known & ((z < low - tolerance) | (z > high + tolerance)), jnp.nan, backlash)
 
 
 def geometric_backlash(
@@ -86,22 +84,22 @@ def geometric_backlash(
     *,
     teeth: Teeth | None = None,
 ) -> Float[Array, "..."]:
-    """Backlash of the tooth thicknesses at any centre distance and shift, rad of the driven gear.
+    """Return the backlash of the pair from its tooth thicknesses, rad of the driven gear.
 
         j = [2π r_w1/z₁ − Σ over flanks of max over z of (r_w1 ψ₁(z) + r_w2 ψ₂(−z − s))]/r_w2
 
-    over the common face of gears that run true. With linear recessions it is j(0) − s (tan β_L +
-    tan β_R)/R₂ of (16) at every s; with crowned ones each flank touches where the material of both
-    gears is thickest. Negative: the teeth interfere at that position by so much.
+    z is in the common face; the gears have no eccentricity. For linear recessions the backlash is
+    j(0) − s (tan β_L + tan β_R)/R₂ of (16) at every s. For crowned gears each flank touches where
+    both gears together are thickest. A negative backlash is an interference of the teeth.
 
     **Arguments**
-    - `pair`: the gears.
-    - `centre_distance_mm`: a, any shape; that of the drawing when absent.
-    - `axial_mm`: s, any shape, broadcast against it; positive closes the gap.
-    - `teeth`: gears that differ from their drawing (driving, driven).
+    - `pair`: gear pair.
+    - `centre_distance_mm`: centre distance a, any shape; the drawn one when absent.
+    - `axial_mm`: axial shift s, broadcast against the centre distance; s > 0 closes the backlash.
+    - `teeth`: gears (driving, driven) if they differ from the drawing.
 
-    **Returns** rad; times R₂ it is the backlash at the reference circle. NaN where the faces do not
-    overlap.
+    **Returns** backlash in rad; multiplied by R₂ it is the backlash at the reference circle. NaN
+    where the faces do not overlap.
 
     **Example**
     ```python
@@ -120,18 +118,18 @@ def geometric_backlash(
 
     ```
     """
-    return least_room(pair, centre_distance_mm, axial_mm, teeth=teeth)[0]
+    return backlash_and_contact(pair, centre_distance_mm, axial_mm, teeth=teeth)[0]
 
 
 @compiled
-def least_room(
+def backlash_and_contact(
     pair: GearPair,
     centre_distance_mm: Real[ArrayLike, "..."] | None = None,
     axial_mm: Real[ArrayLike, "..."] = 0.0,
     *,
     teeth: Teeth | None = None,
 ) -> tuple[Float[Array, "*shape"], Float[Array, "*shape 2"]]:
-    """`geometric_backlash`, and the heights at which flank A and flank B would touch, mm."""
+    """Return `geometric_backlash`, rad, and the contact heights of flank A and flank B, mm."""
     gears = teeth or (tooth_of(pair, "driving"), tooth_of(pair, "driven"))
     distance, axial = jnp.broadcast_arrays(
         jnp.asarray(
@@ -140,71 +138,72 @@ def least_room(
         jnp.asarray(axial_mm, float),
     )
     low, high = common_face(gears, axial)
-    z = _thickest(gears, axial)
-    both = _material(gears, distance[..., None], axial[..., None], z)
-    material = jnp.trace(both, axis1=-2, axis2=-1)
-    return jnp.where(low <= high, _left(gears, distance, material), jnp.nan), z
+    z = _contact_heights(gears, axial)
+    by_section = _thickness(gears, distance[..., None], axial[..., None], z)
+    thickness = jnp.trace(by_section, axis1=-2, axis2=-1)
+    return jnp.where(low <= high, _clearance(gears, distance, thickness), jnp.nan), z
 
 
-def _thickest(gears: Teeth, axial: Values) -> Values:
-    """Heights at which flank A and flank B have most material; shares of the face stay.
+def _contact_heights(gears: Teeth, axial: Values) -> Values:
+    """Return the heights at which flank A and flank B are thickest, mm.
 
-    There both gears together recede least, whatever the centre distance: r_w1/R₁ = r_w2/R₂.
+    The sum of both recessions is smallest there at any centre distance, because r_w1/R₁ = r_w2/R₂.
+    Derivatives keep the height as a fixed share of the common face.
     """
     fixed, shift = jax.tree.map(jax.lax.stop_gradient, (gears, axial))
     low, high = (end[..., None] for end in common_face(fixed, shift))
     width = high - low
 
-    def receding(share: Values) -> Values:
-        rows = low[..., None] + share * width[..., None]
-        return _receding(fixed, shift[..., None, None], rows)
+    def recession(share: Values) -> Values:
+        heights = low[..., None] + share * width[..., None]
+        return _recession_sum(fixed, shift[..., None, None], heights)
 
-    def zoomed(_, at: tuple[Values, Values]) -> tuple[Values, Values]:
-        best, cell = at
+    def refined(_, state: tuple[Values, Values]) -> tuple[Values, Values]:
+        best, cell = state
         shares = jnp.clip(best[..., None] + cell * steps, 0.0, 1.0)
-        return _best(receding(shares), shares), cell / _FINER
+        return _best(recession(shares), shares), cell / _FINER
 
     steps = jnp.linspace(-1.0, 1.0, 2 * _FINER + 1)
     shares = jnp.broadcast_to(jnp.linspace(0.0, 1.0, _GRID), (*shift.shape, 2, _GRID))
-    grid = _best(receding(shares), shares), jnp.asarray(1 / (_GRID - 1))
-    best, cell = jax.lax.fori_loop(0, _ZOOMS, zoomed, grid)
+    grid = _best(recession(shares), shares), jnp.asarray(1 / (_GRID - 1))
+    best, cell = jax.lax.fori_loop(0, _ZOOMS, refined, grid)
     for _ in range(_POLISHES):
-        best = jnp.clip(best + _to_level(receding, best, cell), 0.0, 1.0)
+        best = jnp.clip(best + _newton_step(recession, best, cell), 0.0, 1.0)
     low, high = (end[..., None] for end in common_face(gears, axial))
     return low + best * (high - low)
 
 
-def _receding(gears: Teeth, axial: Values, z: Values) -> Values:
-    """δ of both gears together on flank A and B, which are the last axis but one of z, mm."""
+def _recession_sum(gears: Teeth, axial: Values, z: Values) -> Values:
+    """Return the sum of δ of both gears on flanks A and B, mm; flanks are the axis −2 of z."""
     driving, driven = gears
     total = driving.recessions(z) + driven.recessions(-(z + axial))[..., ::-1]
     return jnp.stack([total[..., 0, :, 0], total[..., 1, :, 1]], axis=-2)
 
 
-def _to_level(receding: Callable[[Values], Values], share: Values, cell: Values) -> Values:
-    """Newton's step to where `receding` is level; none where it does not bend."""
+def _newton_step(recession: Callable[[Values], Values], share: Values, cell: Values) -> Values:
+    """Return Newton's step to the minimum of `recession`, 0 if its curvature is not positive."""
     ones = jnp.ones_like(share)[..., None]
 
-    def slope(at: Values) -> Values:
-        return jax.jvp(receding, (at,), (ones,))[1]
+    def first(values: Values) -> Values:
+        return jax.jvp(recession, (values,), (ones,))[1]
 
-    rise, bend = jax.jvp(slope, (share[..., None],), (ones,))
-    hollow = bend > 0
-    step = jnp.where(hollow, -rise / jnp.where(hollow, bend, 1.0), 0.0)
+    slope, curvature = jax.jvp(first, (share[..., None],), (ones,))
+    convex = curvature > 0
+    step = jnp.where(convex, -slope / jnp.where(convex, curvature, 1.0), 0.0)
     return jnp.clip(step[..., 0], -cell, cell)
 
 
-def _best(receding: Values, shares: Values) -> Values:
-    """Share of the section that recedes least, of those that tie the one in the row's middle."""
+def _best(recession: Values, shares: Values) -> Values:
+    """Return the share with the smallest recession; of equal ones, the one closest to mid-row."""
     count = shares.shape[-1]
-    aside = np.abs(np.arange(count) - (count - 1) / 2)
-    tied = receding <= receding.min(axis=-1, keepdims=True) + 1e-13
-    place = jnp.argmin(jnp.where(tied, aside, jnp.inf), axis=-1)
-    return jnp.take_along_axis(shares, place[..., None], axis=-1)[..., 0]
+    off_middle = np.abs(np.arange(count) - (count - 1) / 2)
+    tied = recession <= recession.min(axis=-1, keepdims=True) + 1e-13
+    index = jnp.argmin(jnp.where(tied, off_middle, jnp.inf), axis=-1)
+    return jnp.take_along_axis(shares, index[..., None], axis=-1)[..., 0]
 
 
-def _material(gears: Teeth, distance: Values, axial: Values, z: Values) -> Values:
-    """Arc of both gears together on flank A and B, on their working pitch circles, mm."""
+def _thickness(gears: Teeth, distance: Values, axial: Values, z: Values) -> Values:
+    """Return the sum of both half arcs on the working pitch circles on flanks A and B, mm."""
     driving, driven = gears
     teeth = driving.teeth + driven.teeth
     first, second = (jnp.broadcast_to(distance * gear.teeth / teeth, z.shape) for gear in gears)
@@ -213,7 +212,7 @@ def _material(gears: Teeth, distance: Values, axial: Values, z: Values) -> Value
     return jnp.asarray(left + right[..., ::-1])
 
 
-def _left(gears: Teeth, distance: Values, material: Values) -> Values:
-    """Backlash in rad of the driven gear that so much material leaves."""
+def _clearance(gears: Teeth, distance: Values, thickness: Values) -> Values:
+    """Return the backlash, rad of the driven gear, for the sum of both tooth thicknesses, mm."""
     share = 1 / (gears[0].teeth + gears[1].teeth)
-    return (2 * math.pi * distance * share - material) / (distance * gears[1].teeth * share)
+    return (2 * math.pi * distance * share - thickness) / (distance * gears[1].teeth * share)

@@ -1,4 +1,4 @@
-"""The axial position that gives a wanted backlash, or why there is none."""
+"""Axial position for a required backlash."""
 
 import math
 from collections.abc import Callable
@@ -14,16 +14,12 @@ from ..tooth.tooth import tooth_of
 from .drawn_backlash import Teeth, geometric_backlash
 
 Excess = Callable[[np.ndarray], np.ndarray]
-"""Backlash at positions less what is wanted, rad."""
+"""Backlash minus the required backlash, rad, as a function of axial positions in mm."""
 
-_POSITIONS = 257
-"""Over the stroke, between which the backlash is taken to go one way."""
-
-_STEP = 1e-13
-"""Of the position, mm, at which a search stops."""
-
+_POSITIONS = 257  # chosen grid over the stroke; the backlash is assumed monotonic between points
+_STEP = 1e-13  # tolerance of the position in the root search, mm; chosen
 _ROUNDING = 1e-12
-"""Backlash, rad, that rounding may make of none: the end of a stroke gives what it is asked for."""
+"""Excess, rad, that is treated as zero so that the ends of the stroke are found (chosen)."""
 
 
 def axial_for_backlash(
@@ -34,19 +30,19 @@ def axial_for_backlash(
     least_overlap_mm: float = 0.0,
     teeth: Teeth | None = None,
 ) -> float:
-    """Axial shift s at which `geometric_backlash` is what is wanted, mm; the one nearest to s = 0.
+    """Return the axial shift s, mm, closest to 0 at which `geometric_backlash` has a given value.
 
-    Looked for wherever the faces overlap by `least_overlap_mm` or more. Where no face widths are
-    given the stroke has no end, and the recession is taken to be linear.
+    The search covers all positions with a face overlap of `least_overlap_mm` or more. If a face
+    width is missing, the stroke is unlimited and the recession is assumed linear.
 
     **Arguments**
-    - `pair`: the gears.
-    - `backlash_rad`: wanted, rad of the driven gear.
-    - `centre_distance_mm`: a; that of the drawing when absent.
-    - `least_overlap_mm`: face that has to stay common.
-    - `teeth`: gears that differ from their drawing (driving, driven).
+    - `pair`: gear pair.
+    - `backlash_rad`: required backlash, rad of the driven gear.
+    - `centre_distance_mm`: centre distance a; the drawn one when absent.
+    - `least_overlap_mm`: smallest permitted overlap of the faces.
+    - `teeth`: gears (driving, driven) if they differ from the drawing.
 
-    **Raises** `PairError` where no position has this backlash: it says what the stroke can give.
+    **Raises** `PairError` if no position has this backlash; it names the backlash of the stroke.
 
     **Example**
     ```python
@@ -65,7 +61,7 @@ def axial_for_backlash(
     ...     axial_for_backlash(pair, math.radians(1.0), least_overlap_mm=15.0)
     ... except PairError as error:
     ...     print(error)
-    backlash: 1° is not to be had; with 15 mm of common face or more (s from -5 to 5 mm) it is
+    backlash: 1° cannot be reached; with 15 mm of common face or more (s from -5 to 5 mm) it is
     -0.3126° to 0.4381°.
 
     ```
@@ -73,62 +69,62 @@ def axial_for_backlash(
     gears = teeth or (tooth_of(pair, "driving"), tooth_of(pair, "driven"))
 
     def excess(axial: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
-        found = geometric_backlash(pair, centre_distance_mm, axial, teeth=gears)
-        return np.asarray(found - backlash_rad)
+        backlash = geometric_backlash(pair, centre_distance_mm, axial, teeth=gears)
+        return np.asarray(backlash - backlash_rad)
 
     stroke = _stroke(gears, least_overlap_mm)
     if not math.isfinite(stroke):
-        return _straight(excess, backlash_rad)
+        return _linear_solution(excess, backlash_rad)
     positions = np.linspace(-stroke, stroke, _POSITIONS)
-    over = excess(positions)
-    if np.isnan(over).any():
+    values = excess(positions)
+    if np.isnan(values).any():
         raise PairError(
-            "not defined: the working pitch circle lies below a base circle; move the axes apart.",
+            "the working pitch circle lies below a base circle; move the axes apart.",
             where="centre_distance_mm",
         )
-    over = np.where(np.abs(over) <= _ROUNDING, 0.0, over)
-    crossings = np.flatnonzero(over[:-1] * over[1:] <= 0)
+    values = np.where(np.abs(values) <= _ROUNDING, 0.0, values)
+    crossings = np.flatnonzero(values[:-1] * values[1:] <= 0)
     if not len(crossings):
-        low, high = (float(end + backlash_rad) / DEG for end in (over.min(), over.max()))
+        low, high = (float(end + backlash_rad) / DEG for end in (values.min(), values.max()))
         raise PairError(
-            f"{backlash_rad / DEG:g}° is not to be had; with {least_overlap_mm:g} mm of common face"
-            f" or more (s from {-stroke:g} to {stroke:g} mm) it is {low:.4f}° to {high:.4f}°.",
+            f"{backlash_rad / DEG:g}° cannot be reached; with {least_overlap_mm:g} mm of common"
+            f" face or more (s from {-stroke:g} to {stroke:g} mm) it is {low:.4f}° to {high:.4f}°.",
             where="backlash",
         )
-    near = np.minimum(np.abs(positions[crossings]), np.abs(positions[crossings + 1]))
-    first = int(crossings[np.argmin(near)])
-    return _between(excess, positions[first : first + 2], over[first : first + 2])
+    distances = np.minimum(np.abs(positions[crossings]), np.abs(positions[crossings + 1]))
+    first = int(crossings[np.argmin(distances)])
+    return _root(excess, positions[first : first + 2], values[first : first + 2])
 
 
-def _between(excess: Excess, ends: Float[np.ndarray, "2"], over: Float[np.ndarray, "2"]) -> float:
-    """The position between two at which the backlash is more and less than wanted."""
-    for end, value in zip(ends, over, strict=True):
+def _root(excess: Excess, ends: Float[np.ndarray, "2"], values: Float[np.ndarray, "2"]) -> float:
+    """Return the position, mm, of zero excess between two positions with excess of either sign."""
+    for end, value in zip(ends, values, strict=True):
         if value == 0:
             return float(end)
     return root_scalar(lambda s: float(excess(np.asarray(s))), bracket=tuple(ends), xtol=_STEP).root
 
 
 def _stroke(gears: Teeth, overlap: float) -> float:
-    """How far from s = 0 the gears can be shifted, mm; infinite where a face has no ends."""
+    """Return the largest shift from s = 0, mm; infinite if a face width is unknown."""
     widths = np.array([float(gear.face_width_mm) for gear in gears])
     if np.isnan(widths).any():
         return math.inf
     if not 0 <= overlap <= widths.min():
         raise PairError(
-            f"{overlap:g} mm is more than the narrower face has ({widths.min():g} mm) or less than"
-            " none; ask for something between.",
+            f"{overlap:g} mm is not between 0 and the narrower face width of {widths.min():g} mm;"
+            " give an overlap in this range.",
             where="least_overlap_mm",
         )
     return float(widths.sum() / 2 - overlap)
 
 
-def _straight(excess: Excess, wanted: float) -> float:
-    """Of a linear recession."""
-    start, after = excess(np.array([0.0, 1.0]))
-    if start == after:
+def _linear_solution(excess: Excess, backlash: float) -> float:
+    """Return the position, mm, of zero excess for a linear recession."""
+    at_0, at_1 = excess(np.array([0.0, 1.0]))
+    if at_0 == at_1:
         raise PairError(
-            f"{wanted / DEG:g}° is not to be had; these teeth do not thin along the axis, so that"
-            f" it is {(start + wanted) / DEG:.4f}° at every position.",
+            f"{backlash / DEG:g}° cannot be reached; these teeth do not thin along the axis, so it"
+            f" is {(at_0 + backlash) / DEG:.4f}° at every position.",
             where="backlash",
         )
-    return float(start / (start - after))
+    return float(at_0 / (at_0 - at_1))

@@ -1,4 +1,4 @@
-"""Backlash from the drawing, section by section, beside the apparent one of a fit."""
+"""Report of the backlash from the drawing by section, compared with the apparent one of a fit."""
 
 from dataclasses import dataclass
 
@@ -12,25 +12,25 @@ from ...base.units import DEG
 from ...pair.gear_pair import GearPair
 from ..mounting import common_face
 from ..tooth.tooth import tooth_of
-from .drawn_backlash import Teeth, least_room, section_backlash
+from .drawn_backlash import Teeth, backlash_and_contact, section_backlash
 
-_SECTIONS = 11
+_SECTIONS = 11  # sections reported by default; a chosen number
 
 
 @dataclass(frozen=True)
 class GapReport:
-    """Backlash at one centre distance and axial position, gears running true.
+    """Backlash at one centre distance and axial position without eccentricity.
 
     **Arguments**
-    - `centre_distance_mm`, `axial_mm`: where the gears are.
-    - `backlash`: of the pair, rad of the driven gear; negative where the teeth interfere.
-    - `reference_radius_mm`: R₂, which makes millimetres of it.
-    - `contact_z_mm`: heights at which flank A and flank B have least room.
-    - `z_mm`: sections over the common face.
-    - `section_backlash`: what each section would have alone, rad.
-    - `apparent`: constant backlash that a fit found, rad, or None.
-    - `logged_axial_mm`, `logged_backlash`: where the gears were then, and what is drawn there, rad.
-    - `opening_mm`: by how much backlash at the reference circle grows for a mm of −s.
+    - `centre_distance_mm`, `axial_mm`: centre distance a and axial shift s.
+    - `backlash`: backlash of the pair, rad of the driven gear; negative if the teeth interfere.
+    - `reference_radius_mm`: radius R₂, which converts rad to mm.
+    - `contact_z_mm`: heights at which flank A and flank B have the least clearance.
+    - `z_mm`: heights of sections over the common face.
+    - `section_backlash`: backlash of each section alone, rad.
+    - `apparent`: constant backlash estimated by a fit, rad, or None.
+    - `logged_axial_mm`, `logged_backlash`: axial shift of the log and drawn backlash there, rad.
+    - `opening_mm`: increase of the backlash at the reference circle, mm, per mm of −s.
     """
 
     centre_distance_mm: float
@@ -52,12 +52,12 @@ class GapReport:
 
     @property
     def interferes(self) -> Bool[np.ndarray, " n"]:
-        """Sections in which the teeth are thicker than the space."""
+        """Whether the teeth of a section are thicker than the space."""
         return self.section_backlash < 0
 
     @property
     def difference(self) -> float | None:
-        """Apparent minus drawn backlash, rad: teeth cut thinner, axes apart, wind-up, bearings."""
+        """Apparent minus drawn backlash, rad: thinner teeth, axes apart, wind-up and bearings."""
         return None if self.apparent is None else self.apparent - self.logged_backlash
 
     def __str__(self) -> str:
@@ -101,18 +101,18 @@ def gap_report(
     sections: int = _SECTIONS,
     teeth: Teeth | None = None,
 ) -> GapReport:
-    """Look at the backlash of a pair at one position, section by section.
+    """Report the backlash of a pair at one position, section by section.
 
     **Arguments**
-    - `pair`: the gears.
-    - `centre_distance_mm`: a; that of the drawing when absent.
-    - `axial_mm`: s, positive towards the driving gear's thick end.
-    - `apparent_deg`: j_c of a fit, to stand beside what is drawn where the log was taken.
-    - `logged_axial_mm`: s there.
-    - `sections`: how many of the common face.
-    - `teeth`: gears that differ from their drawing (driving, driven).
+    - `pair`: gear pair.
+    - `centre_distance_mm`: centre distance a; the drawn one when absent.
+    - `axial_mm`: axial shift s, positive towards the driving gear's thick end.
+    - `apparent_deg`: j_c of a fit, compared with the drawn backlash at the position of the log.
+    - `logged_axial_mm`: axial shift s of the log.
+    - `sections`: number of sections over the common face.
+    - `teeth`: gears (driving, driven) if they differ from the drawing.
 
-    **Raises** `ValueError` where the faces do not overlap, `PairError` where the axes are too near.
+    **Raises** `ValueError` if the faces do not overlap, `PairError` if the axes are too close.
 
     **Example**
     ```python
@@ -148,10 +148,10 @@ def gap_report(
             f" they are {low - high:g} mm apart."
         )
     heights = np.linspace(low, high, sections if high > low else 1)
-    # One shape: compiled once.
-    beside = np.append(axial_mm + np.array([0.0, -1e-3, 1e-3]), logged_axial_mm)
-    here, contact = (np.asarray(one) for one in least_room(pair, distance, beside, teeth=gears))
-    backlash, opened, closed, logged = (float(one) for one in here)
+    # All positions are evaluated in one array, so that the function is compiled for one shape.
+    shifts = np.append(axial_mm + np.array([0.0, -1e-3, 1e-3]), logged_axial_mm)
+    values, contact = map(np.asarray, backlash_and_contact(pair, distance, shifts, teeth=gears))
+    backlash, opened, closed, logged = map(float, values)
     if np.isnan(backlash):
         raise PairError(
             f"{distance:g} mm puts a working pitch circle below a base circle; move the axes"

@@ -1,4 +1,4 @@
-"""Unloaded contact of two tooth surfaces as a flank model: first touch, wherever it is."""
+"""Flank model of the unloaded contact of two tooth surfaces."""
 
 import math
 from typing import Literal
@@ -18,7 +18,7 @@ from ...pair.gear_pair import Flank, GearPair
 from ..mounting import Misalignment, Mounting
 from ..tooth.tooth import Tooth, tooth_of
 from .deviations import Deviations
-from .first_contact import Effort, error_at, error_of, winners
+from .first_contact import SearchGrid, error_at, error_of, first_contacts
 from .flanks import Mates
 from .tooth_pairs import concentric_touch, mates_of
 from .validation import check_contact, flank_starts, known, least_tooth_pairs, same_everywhere
@@ -26,22 +26,21 @@ from .validation import check_contact, flank_starts, known, least_tooth_pairs, s
 Backlash = Literal["drawing", "given"]
 Scalar = Float[Number, ""]
 
-_SECTIONS = 9
-_TOOTH_PAIRS = 3
-_POINTS = 9
+# Default search grid, chosen: sections, tooth pairs, roll angles on a flank.
+_SECTIONS, _TOOTH_PAIRS, _POINTS = 9, 3, 9
 
 
 class ContactModel(ImplicitModel):
-    """First touch of the surfaces of two gears, flank by flank; see `contact_model`.
+    """Flank model of the first contact of two tooth surfaces; see `contact_model`.
 
     **Arguments**
-    - `teeth`: the driving and the driven gear.
-    - `starts`: roll angles at which each flank begins, rows gears, columns flank A and B.
+    - `teeth`: driving and driven gear.
+    - `starts`: roll angles at the start of each flank, rad; rows are gears, columns flanks A and B.
     - `nominal_distance`: centre distance at which concentric gears define the zero of φ₂, mm.
-    - `mounting`: where the axes and the base circles are.
-    - `opening`: rad of the driven gear by which flank B stands on from where it is drawn.
-    - `deviations`: of all flanks, or None.
-    - `effort`: what is searched.
+    - `mounting`: position of the axes and the base circles.
+    - `opening`: additional angle of flank B, rad of the driven gear, relative to the drawing.
+    - `deviations`: deviations of all flanks, or None.
+    - `search_grid`: grid of the search for first contact.
     """
 
     ratio: Float[Array, ""]
@@ -51,27 +50,27 @@ class ContactModel(ImplicitModel):
     mounting: Mounting
     opening: Scalar
     deviations: Deviations | None
-    effort: Effort
+    search_grid: SearchGrid
 
     @property
     def highest_order(self) -> float:
-        """Of the first orders, or of tooth mesh where contact is not the same all along it."""
+        """First order of the faster shaft, or tooth mesh order if contact varies over a mesh."""
         plain = self.mounting.misalignment is None and self.deviations is None
-        even = plain and same_everywhere(self.teeth, self.mounting.centre_distance)
-        return max(1.0, float(self.ratio)) if even else float(self.teeth[0].teeth)
+        uniform = plain and same_everywhere(self.teeth, self.mounting.centre_distance)
+        return max(1.0, float(self.ratio)) if uniform else float(self.teeth[0].teeth)
 
     def transmission_error(
         self, driving_angle: Real[ArrayLike, "*shape"], flank: Flank
     ) -> Float[Array, "*shape"]:
-        """TE = φ₂ − i φ₁ at first touch on `flank`, rad; NaN where nothing touches."""
+        """Return TE = φ₂ − i φ₁ at first contact on `flank`, rad; NaN without contact."""
         angle = jnp.asarray(driving_angle, float)
         mates = mates_on(self, flank_index(flank))
         if not angle.size:
             return angle
-        (row,) = self.effort.filled_up(angle.ravel())
-        winner = winners(mates, self.mounting, self.effort, row, None)
-        found = error_of(mates, self.mounting, row, winner)
-        return found[: angle.size].reshape(angle.shape)
+        (row,) = self.search_grid.padded(angle.ravel())
+        contact = first_contacts(mates, self.mounting, self.search_grid, row, None)
+        error = error_of(mates, self.mounting, row, contact)
+        return error[: angle.size].reshape(angle.shape)
 
     def at_both_angles(
         self,
@@ -79,29 +78,29 @@ class ContactModel(ImplicitModel):
         driven_angle: Float[Array, "*shape"],
         flank: Flank,
     ) -> Float[Array, "*shape"]:
-        """TE at first touch with the centre of the driven base circle where φ₂ has it, rad."""
+        """Return TE at first contact, rad, with the driven base circle centre at the given φ₂."""
         first, second = jnp.broadcast_arrays(driving_angle, driven_angle)
         mates, shape = mates_on(self, flank_index(flank)), first.shape
         if not first.size:
             return first
-        one, other = self.effort.filled_up(first.ravel(), second.ravel())
-        winner = winners(mates, self.mounting, self.effort, one, other)
-        found = error_at(mates, self.mounting, one, other, winner)
-        return found[: first.size].reshape(shape)
+        driving, driven = self.search_grid.padded(first.ravel(), second.ravel())
+        contact = first_contacts(mates, self.mounting, self.search_grid, driving, driven)
+        error = error_at(mates, self.mounting, driving, driven, contact)
+        return error[: first.size].reshape(shape)
 
 
 @eqx.filter_jit
 def mates_on(model: ContactModel, side: int) -> Mates:
-    """Flank A (0) or B (1) of both gears, standing where φ₂ = 0 is first touch on flank A.
+    """Return flank A (0) or B (1) of both gears; φ₂ = 0 is first contact on flank A as drawn.
 
-    By itself, so that what is compiled for flank A serves flank B as well.
+    The function is separate so that the code compiled for flank A is used for flank B too.
     """
     drawn = mates_of(model.teeth, model.starts, model.ratio, None, 0)
-    # Flank B of a tooth meets the next tooth of the mate.
+    # Flank B of a driving tooth touches the next tooth of the driven gear.
     on_b = model.opening + 2 * math.pi / model.teeth[1].teeth
     standing = side * on_b - concentric_touch(drawn, model.nominal_distance)
-    found = mates_of(model.teeth, model.starts, model.ratio, model.deviations, side)
-    return eqx.tree_at(lambda mates: mates.standing, found, standing)
+    mates = mates_of(model.teeth, model.starts, model.ratio, model.deviations, side)
+    return eqx.tree_at(lambda tree: tree.standing, mates, standing)
 
 
 def contact_model(
@@ -117,53 +116,52 @@ def contact_model(
     tooth_pairs: int | None = None,
     points: int | None = None,
 ) -> ContactModel:
-    """Flank model of two gears from their surfaces alone, wherever and however they touch.
+    """Return the flank model of two gears from the first contact of their surfaces.
 
-    For every driving angle φ₂ is that of first touch, over all points of the flanks from the end of
-    the fillet to the tip, over all sections of the common face and over neighbouring pairs of
-    teeth: lines of contact, points, tip edges and ends of the face alike. Unloaded: the surfaces do
-    not give. φ₁ = φ₂ = 0 is where concentric gears as drawn touch on flank A, at the nominal centre
-    distance, s = 0, in the section z = 0.
+    For every driving angle φ₂ is that of first contact over all points of the flanks from the end
+    of the fillet to the tip, all sections of the common face and the neighbouring tooth pairs. This
+    includes contact lines, points, tip edges and ends of the face. The contact is unloaded and the
+    surfaces are rigid. At φ₁ = φ₂ = 0 concentric gears as drawn touch on flank A, at the nominal
+    centre distance, s = 0, in the section z = 0.
 
-    Derivatives with respect to every number of the arguments follow from the point of first touch
-    alone (envelope theorem). Where several points touch at once they are those of one of them, the
-    one nearest to the middle of the face and of the path of contact: for lines on unmodified flanks
-    every choice is right, at a kink it is one of its sides. They are of first order only.
+    Derivatives with respect to every number of the arguments follow from the contact point alone
+    (envelope theorem) and are of first order only. Where several points touch at once, they are the
+    derivatives of the point closest to the middle of the face and of the path of contact: for lines
+    on unmodified flanks all points give the same result, at a kink it is a one-sided derivative.
 
     **Arguments**
-    - `pair`: the gears.
+    - `pair`: gear pair.
     - `eccentricities`: offsets of the base circles, axial displacement, constant backlash.
-    - `misalignment`: of the driven axis; None for parallel axes.
-    - `deviations`: what the flanks deviate from their drawing, as maps and tooth by tooth.
-    - `sections`: over the common face; the best one between them is found as well. By default 9, or
-      as many as the finest map has columns, but the section z = 0 alone where flanks recede alike
-      and linearly and the contact ratio is well above 1, so that all sections touch at once.
-    - `constant_backlash`: "drawing" for the backlash of the teeth as they are drawn; "given" turns
-      flank B so that concentric gears have the one of `eccentricities`, as after a fit.
-    - `centre_distance_mm`: where the axes are, if not at the nominal centre distance.
-    - `teeth`: (driving, driven) gears in the place of the drawn ones, as with measured recessions.
-    - `tooth_pairs`: how many pairs are looked at; by default 3, or more where the contact ratio
-      asks for it.
-    - `points`: roll angles on the grid of each flank from which first touch is searched; by default
-      9, or 2 for each row of the finest map.
+    - `misalignment`: tilt of the driven axis; None for parallel axes.
+    - `deviations`: deviations of the flanks from the drawing, as maps and for each tooth.
+    - `sections`: number of sections over the common face; the best section between them is searched
+      too. The default is 9, or the number of columns of the finest map; it is the section z = 0
+      alone if the recessions are linear and equal and the contact ratio is well above 1, because
+      all sections then touch at once.
+    - `constant_backlash`: "drawing" for the backlash of the drawn teeth; "given" rotates flank B so
+      that concentric gears have the constant backlash of `eccentricities`, as after a fit.
+    - `centre_distance_mm`: centre distance, by default the nominal one.
+    - `teeth`: gears (driving, driven) that replace the drawn ones, e.g. with measured recessions.
+    - `tooth_pairs`: number of tooth pairs searched; by default 3, or more if the contact ratio
+      requires it.
+    - `points`: number of roll angles on the grid of each flank; by default 9, or 2 for each row of
+      the finest map.
 
-    **Returns** `ContactModel`, which keeps the protocol of flank models. Its transmission error is
-    NaN where the faces do not overlap, and, with axes so far apart that the tips only just reach
-    each other, where no tooth is near enough to the line of centres.
+    **Returns** `ContactModel`, a flank model. Its transmission error is NaN if the faces do not
+    overlap, or if at a large centre distance no tooth is close enough to the line of centres.
 
-    **Raises** `PairError` for gears that do not meet or have no whole teeth, `ValueError` for
-    options that are none. Nothing is checked while numbers are traced, and an undercut flank then
-    begins on its base circle.
+    **Raises** `PairError` for gears that do not touch or have pointed or missing teeth, and
+    `ValueError` for invalid options. Traced numbers are not checked; an undercut flank then begins
+    on its base circle.
 
-    For `control.bounds.bounds_of` give `highest=(2 z₁, 2)` where the contact has harmonics of tooth
-    mesh, as with misalignment.
+    `bounds_of` of `control.plants.flank_bounds` needs `highest=(2 z₁, 2)` if the contact has tooth
+    mesh harmonics, e.g. with misalignment.
 
     **Example**
     ```python
     >>> import numpy as np, vttig_jax
     >>> from vttig_jax import Eccentricities, Gear, GearPair
-    >>> from vttig_jax.geometry import contact_model
-    >>> from vttig_jax.geometry import Misalignment
+    >>> from vttig_jax.geometry import Misalignment, contact_model
     >>> vttig_jax.enable_x64()
     >>> gears = Gear(45, 3, 3, 20), Gear(80, 3, 3, 20)
     >>> pair = GearPair(
@@ -185,31 +183,33 @@ def contact_model(
         )
     if not known(pair):
         pair = jax.tree.map(jnp.asarray, pair)  # so that no formula mixes NumPy and traced numbers
-    made = tuple(map(_with_leaves, teeth or (tooth_of(pair, "driving"), tooth_of(pair, "driven"))))
-    gears = made[0], made[1]
+    driving, driven = map(
+        _as_pytree, teeth or (tooth_of(pair, "driving"), tooth_of(pair, "driven"))
+    )
+    gears = driving, driven
     distance = (
         pair.centre_distance_mm if centre_distance_mm is None else float64(centre_distance_mm)
     )
     if sections is None:
-        plain = misalignment is None and deviations is None and same_everywhere(gears, distance)
-        sections = 1 if plain else max(_SECTIONS, _knots(deviations, "z_mm"))
+        uniform = misalignment is None and deviations is None and same_everywhere(gears, distance)
+        sections = 1 if uniform else max(_SECTIONS, _knots(deviations, "z_mm"))
     if points is None:
         points = max(_POINTS, 2 * _knots(deviations, "roll_mm"))
     if tooth_pairs is None:
         needed = least_tooth_pairs(gears, distance) if known(gears, distance) else 0
         tooth_pairs = max(_TOOTH_PAIRS, needed)
-    effort = Effort(sections, tooth_pairs, points)
-    driving, driven = eccentricities.cartesian
+    search_grid = SearchGrid(sections, tooth_pairs, points)
+    driving_offset, driven_offset = eccentricities.cartesian
     mounting = Mounting(
         centre_distance=distance,
         axial=eccentricities.axial_mm,
-        driving_offset=driving,
-        driven_offset=driven,
+        driving_offset=driving_offset,
+        driven_offset=driven_offset,
         half_widths=jnp.stack([jnp.asarray(gear.face_width_mm) / 2 for gear in gears]),
         misalignment=misalignment,
     )
     if known(pair, gears, distance):
-        check_contact(gears, mounting, effort, deviations)
+        check_contact(gears, mounting, search_grid, deviations)
     given = eccentricities.constant_backlash_deg * DEG - pair.drawing_backlash
     return ContactModel(
         ratio=jnp.asarray(float(pair.ratio), float),
@@ -219,20 +219,20 @@ def contact_model(
         mounting=mounting,
         opening=given if constant_backlash == "given" else np.zeros(()),
         deviations=deviations,
-        effort=effort,
+        search_grid=search_grid,
     )
 
 
-def _with_leaves(tooth: Tooth) -> Tooth:
-    """Recessions that are plain functions as pytrees without numbers."""
+def _as_pytree(tooth: Tooth) -> Tooth:
+    """Wrap recessions that are plain functions as pytrees without numbers."""
     recession = tuple(
-        one if isinstance(one, eqx.Module) else jax.tree_util.Partial(one)
-        for one in tooth.recession
+        flank if isinstance(flank, eqx.Module) else jax.tree_util.Partial(flank)
+        for flank in tooth.recession
     )
     return eqx.tree_at(lambda gear: gear.recession, tooth, recession)
 
 
 def _knots(deviations: Deviations | None, direction: str) -> int:
-    """How many points along one direction the finest map has."""
+    """Return the number of points of the finest map along one direction."""
     maps = () if deviations is None else deviations.maps
-    return max((len(getattr(one, direction)) for one in maps), default=0)
+    return max((len(getattr(flank_map, direction)) for flank_map in maps), default=0)

@@ -1,4 +1,4 @@
-"""Flank deviations as a gear measuring machine gives them, and errors of pitch, tooth by tooth."""
+"""Measured flank deviations as maps, and pitch deviations of each tooth."""
 
 from typing import Any
 
@@ -15,18 +15,18 @@ from ...base.files.text_tables import key_values
 
 
 class FlankMap(eqx.Module):
-    """Deviation of one flank over profile and face: the bicubic spline through measured points.
+    """Deviation of one flank over profile and face: a bicubic spline through measured points.
 
-    A deviation f moves a point of the flank round the axis of its gear by f/r_b, which is f along
-    the normal in the transverse plane, as a profile tester reads it. Positive is extra material.
-    Splines are those of `scipy.interpolate.CubicSpline` (not-a-knot), one direction after the
-    other; beyond the measured points the map keeps its value at their edge. All teeth have it.
+    A deviation f rotates a point of the flank about the axis of its gear by f/r_b. This is f along
+    the normal in the transverse plane, as a profile tester measures it; extra material is positive.
+    The splines are those of `scipy.interpolate.CubicSpline` (not-a-knot) in each direction. Beyond
+    the measured points the map keeps its value at their edge. It applies to all teeth.
 
     **Arguments**
     - `roll_mm`: roll lengths √(r² − r_b²) of the rows, two or more, increasing, shape (n,).
     - `z_mm`: heights of the columns in the gear's own frame, where the tooth thins towards +z, two
       or more, increasing, shape (m,).
-    - `deviation_um`: shape (n, m); can be a traced array, which rows and columns can not.
+    - `deviation_um`: deviations, shape (n, m); they may be traced, roll lengths and heights not.
 
     **Raises** `PairError` for points that do not increase or are not finite, and for other shapes.
 
@@ -56,7 +56,7 @@ class FlankMap(eqx.Module):
         shape = len(self.roll_mm), len(self.z_mm)
         if self.deviation_um.shape != shape:
             raise PairError(
-                f"a map of shape {self.deviation_um.shape} over {shape[0]} roll lengths and"
+                f"the map has shape {self.deviation_um.shape} over {shape[0]} roll lengths and"
                 f" {shape[1]} heights; give shape {shape}.",
                 where="deviation_um",
             )
@@ -65,7 +65,7 @@ class FlankMap(eqx.Module):
         self.along_roll, self.along_z = _pieces(self.roll_mm), _pieces(self.z_mm)
 
     def prepared(self) -> "Bicubic":
-        """The map as polynomials of its patches."""
+        """Return the map as polynomials of its patches."""
         polynomials = jnp.einsum(
             "aip,bjq,pq->ijab", self.along_roll, self.along_z, jnp.asarray(self.deviation_um)
         )
@@ -74,7 +74,7 @@ class FlankMap(eqx.Module):
 
 
 class Bicubic(eqx.Module):
-    """A `FlankMap` ready to be evaluated: cubic in both directions, patch by patch."""
+    """Piecewise bicubic polynomials of a `FlankMap`."""
 
     roll: Float[Array, " n"]
     z: Float[Array, " m"]
@@ -83,7 +83,7 @@ class Bicubic(eqx.Module):
     def __call__(
         self, roll: Float[Numbers, "*shape"], z: Float[Numbers, "*shape"]
     ) -> Float[Array, "*shape"]:
-        """Deviation in µm at roll lengths and heights in mm."""
+        """Return the deviation in µm at roll lengths and heights in mm."""
         row, across = _place(self.roll, roll)
         column, along = _place(self.z, z)
         powers = self.polynomials[row * (len(self.z) - 1) + column]
@@ -97,15 +97,14 @@ class Bicubic(eqx.Module):
 
 
 class Deviations(eqx.Module):
-    """What both gears of a pair deviate from their drawing; absent parts do not.
+    """Deviations of both gears of a pair from their drawing; None stands for no deviation.
 
     **Arguments**
     - `driving`, `driven`: maps of flank A and flank B of each gear, or None.
-    - `driving_pitch_um`, `driven_pitch_um`: by how much flank A and flank B of each single tooth
-      stand out from their place, shape (2, teeth), positive for extra material, along the base
-      circle as a deviation of the profile: the total (cumulative) deviation of the pitches, that at
-      a measuring circle r_M times r_b/r_M. Teeth count from the one that is between the axes at
-      φ = 0, in the order in which they come into mesh.
+    - `driving_pitch_um`, `driven_pitch_um`: cumulative pitch deviations of flank A and flank B of
+      each tooth, shape (2, teeth), positive for extra material. They are arcs on the base circle;
+      multiply an arc measured on a circle r_M by r_b/r_M. The first tooth is the one between the
+      axes at φ = 0; the others follow in the order in which they come into mesh.
     """
 
     driving: tuple[FlankMap | None, FlankMap | None] = (None, None)
@@ -119,17 +118,17 @@ class Deviations(eqx.Module):
 
     @property
     def maps(self) -> tuple[FlankMap, ...]:
-        """All that are given."""
-        return tuple(one for one in (*self.driving, *self.driven) if one is not None)
+        """Maps of all flanks that have one."""
+        return tuple(m for m in (*self.driving, *self.driven) if m is not None)
 
     def __str__(self) -> str:
         rows = []
         for gear in ("driving", "driven"):
             pitches = getattr(self, f"{gear}_pitch_um")
             for side, flank in enumerate("AB"):
-                if (drawn := getattr(self, gear)[side]) is not None:
-                    count = f"{len(drawn.roll_mm)} × {len(drawn.z_mm)} points"
-                    rows.append((f"{gear} flank {flank}", f"{count}, {_span(drawn.deviation_um)}"))
+                if (given := getattr(self, gear)[side]) is not None:
+                    count = f"{len(given.roll_mm)} × {len(given.z_mm)} points"
+                    rows.append((f"{gear} flank {flank}", f"{count}, {_span(given.deviation_um)}"))
                 if pitches is not None and np.any(row := pitches[side]):
                     rows.append((f"{gear} pitch {flank}", f"{len(row)} teeth, {_span(row)}"))
         return key_values(rows or [("none", None)], title="deviations of the flanks")
@@ -144,13 +143,15 @@ def _knots(values: Any, name: str) -> np.ndarray:
         raise ValueError(f"Argument `{name}` must be known numbers, but is traced.")
     knots = np.asarray(values, np.float64)
     if knots.ndim != 1 or len(knots) < 2:
-        raise PairError(f"of shape {knots.shape}; give two points or more in a row.", where=name)
+        raise PairError(
+            f"the shape is {knots.shape}; give two or more points, shape (n,).", where=name
+        )
     _check_finite(knots, name)
     if not np.all(np.diff(knots) > 0):
-        place = int(np.argmax(np.diff(knots) <= 0))
+        index = int(np.argmax(np.diff(knots) <= 0))
         raise PairError(
-            f"goes from {knots[place]:g} to {knots[place + 1]:g} mm at points {place + 1} and"
-            f" {place + 2}; sort them and keep one of each.",
+            f"the values go from {knots[index]:g} to {knots[index + 1]:g} mm at points {index + 1}"
+            f" and {index + 2}; sort them and keep each value once.",
             where=name,
         )
     return knots
@@ -158,22 +159,23 @@ def _knots(values: Any, name: str) -> np.ndarray:
 
 def _check_finite(values: np.ndarray, name: str) -> None:
     if not np.all(np.isfinite(values)):
-        place = tuple(int(i) + 1 for i in np.argwhere(~np.isfinite(values))[0])
-        raise PairError(f"point {place} is not a number; remove or repair it.", where=name)
+        point = tuple(int(i) + 1 for i in np.argwhere(~np.isfinite(values))[0])
+        raise PairError(f"point {point} is not a number; remove or repair it.", where=name)
 
 
 def _pieces(knots: np.ndarray) -> np.ndarray:
-    """Coefficients of each piece, highest power first, as linear maps of the values at the knots.
+    """Return the coefficients of each piece, highest power first, as linear maps of knot values.
 
-    Two points make a line and three a parabola, each written as a cubic.
+    Two points give a line and three points a parabola, each written as a cubic.
     """
-    found = CubicSpline(knots, np.eye(len(knots))).c
-    return np.concatenate([np.zeros((4 - len(found), *found.shape[1:])), found])
+    coefficients = CubicSpline(knots, np.eye(len(knots))).c
+    missing = np.zeros((4 - len(coefficients), *coefficients.shape[1:]))
+    return np.concatenate([missing, coefficients])
 
 
 def _place(knots: Array, values: Numbers) -> tuple[Array, Array]:
-    """Number of the piece a value lies in, and its distance from the start of that piece."""
+    """Return the index of the piece of each value and the distance from the start of the piece."""
     inside = jnp.clip(values, knots[0], knots[-1])
-    # A sum over the few knots runs in vector lanes, a search does not.
+    # A sum over the few knots is vectorised, a search is not.
     piece = sum((inside >= knot).astype(int) for knot in knots[1:-1]) + jnp.zeros_like(inside, int)
     return piece, inside - knots[piece]

@@ -1,4 +1,4 @@
-"""Measured deviations of flanks and pitches from CSV files, one point or tooth a line."""
+"""Reader of measured flank and pitch deviations from CSV files with one point or tooth per line."""
 
 import csv
 import math
@@ -19,14 +19,14 @@ MAP_COLUMNS = "roll_mm", "z_mm", "deviation_um"
 PITCH_COLUMNS = "tooth", "deviation_um"
 
 _MOST_MODULES = 0.25
-"""A deviation, in modules."""
+"""Largest accepted deviation, in modules (chosen)."""
 
 Place = tuple[int, int]
-"""Numbers of gear and flank in `GEARS` and `FLANKS`."""
+"""Indices of gear and flank in `GEARS` and `FLANKS`."""
 
 
 class Row(NamedTuple):
-    """One line: its number in the file from 1, the flank it is of, and its numbers."""
+    """One line of a file: its number, counted from 1, its flank and its values."""
 
     line: int
     flank: Place
@@ -39,23 +39,22 @@ class Row(NamedTuple):
 def read_deviations(
     maps: str | Path | None = None, pitches: str | Path | None = None, *, pair: GearPair
 ) -> Deviations:
-    """Read what was measured on the gears of a pair.
+    """Read measured deviations of the gears of a pair.
 
-    Both files are UTF-8 text with commas between fields and decimal points, a header, and columns
-    in any order; further columns are left alone. `gear` is driving or driven, `flank` A or B.
+    Both files are UTF-8 text with a header, commas between fields and decimal points. The order of
+    columns is free and other columns are ignored. `gear` is driving or driven, `flank` is A or B.
 
     **Arguments**
-    - `maps`: columns gear, flank, roll_mm, z_mm, deviation_um. Each flank that is in it has a
-      complete grid: every roll length √(r² − r_b²) at every height, two or more of each. Heights
-      are those of the gear's own frame, counted from the middle of its face to its thin end.
-    - `pitches`: columns gear, flank, tooth, deviation_um, for every tooth of each flank that is in
-      it: where the flank stands, along the base circle; see `Deviations`. Teeth count from 1, the
-      one between the axes at φ = 0, as they come into mesh.
-    - `pair`: the gears, on which all of it has to lie.
+    - `maps`: file with columns gear, flank, roll_mm, z_mm, deviation_um. Each flank in the file has
+      a complete grid: every roll length √(r² − r_b²) at every height, two or more of each. Heights
+      are in the gear's own frame, from the middle of its face and positive towards its thin end.
+    - `pitches`: file with columns gear, flank, tooth, deviation_um, with every tooth of each flank
+      in the file: cumulative pitch deviation on the base circle; see `Deviations`. Tooth 1 is the
+      one between the axes at φ = 0; the numbers follow the order in which teeth come into mesh.
+    - `pair`: gear pair on whose flanks the points must lie.
 
-    **Raises** `InputError` naming file and line for a file that is none: fields that are missing,
-    no number or no gear, a doubled point, a hole in a grid, a point off the flank, a deviation
-    of more than a quarter of the module.
+    **Raises** `InputError` naming file and line for an invalid file: missing or invalid fields, a
+    repeated or missing point, a point off the flank, or a deviation larger than a quarter module.
 
     **Example**
     ```python
@@ -77,12 +76,12 @@ def read_deviations(
     ```
     """
     flanks = {} if maps is None else _by_flank(maps, MAP_COLUMNS)
-    found = {place: _map(str(maps), rows, pair) for place, rows in flanks.items()}
+    by_flank = {place: _map(str(maps), rows, pair) for place, rows in flanks.items()}
     teeth = {} if pitches is None else _by_flank(pitches, PITCH_COLUMNS)
     columns = {place: _pitch(str(pitches), rows, pair) for place, rows in teeth.items()}
     return Deviations(
-        driving=(found.get((0, 0)), found.get((0, 1))),
-        driven=(found.get((1, 0)), found.get((1, 1))),
+        driving=(by_flank.get((0, 0)), by_flank.get((0, 1))),
+        driven=(by_flank.get((1, 0)), by_flank.get((1, 1))),
         driving_pitch_um=_both_flanks(columns, 0),
         driven_pitch_um=_both_flanks(columns, 1),
     )
@@ -92,7 +91,7 @@ def _map(path: str, rows: list[Row], pair: GearPair) -> FlankMap:
     for row in rows:
         _check_on_flank(path, row, pair)
         _check_size(path, row, pair)
-    points = _unlike(path, rows, 2, "the point at roll length {:g} mm and z = {:g} mm".format)
+    points = _unique(path, rows, 2, "the point at roll length {:g} mm and z = {:g} mm".format)
     rolls, heights = (sorted({point[k] for point in points}) for k in (0, 1))
     for name, knots in (("roll length", rolls), ("height", heights)):
         if len(knots) < 2:
@@ -113,7 +112,7 @@ def _map(path: str, rows: list[Row], pair: GearPair) -> FlankMap:
 
 
 def _check_on_flank(path: str, row: Row, pair: GearPair) -> None:
-    """Diameters, angles, and heights from an end of the face would be taken for what they seem."""
+    """Raise `InputError` for a point off the flank: a diameter, an angle or another z origin."""
     gear, side = row.flank
     roll, z, _ = row.values
     base, tip = float(pair.base_radii[gear, side]), float(pair.tip_radii[gear])
@@ -136,7 +135,7 @@ def _check_on_flank(path: str, row: Row, pair: GearPair) -> None:
 
 
 def _check_size(path: str, row: Row, pair: GearPair) -> None:
-    """Another unit, or a value in the wrong column, is most of a tooth."""
+    """Raise `InputError` for a large deviation, which is in another unit or in a wrong column."""
     most = _MOST_MODULES * 1e3 * float(pair.module_mm)
     if abs(row.values[-1]) > most:
         raise InputError(
@@ -151,12 +150,12 @@ def _pitch(path: str, rows: list[Row], pair: GearPair) -> Float[np.ndarray, " te
     for row in rows:
         if row.values[0] not in range(1, count + 1):
             raise InputError(
-                f"{row.values[0]:g} is no tooth of the {GEARS[row.flank[0]]} gear; count them from"
-                f" 1 to {count}.",
+                f"{row.values[0]:g} is not a tooth of the {GEARS[row.flank[0]]} gear; count teeth"
+                f" from 1 to {count}.",
                 where=f"{path}: line {row.line}",
             )
         _check_size(path, row, pair)
-    teeth = _unlike(path, rows, 1, "tooth {:g}".format)
+    teeth = _unique(path, rows, 1, "tooth {:g}".format)
     missing = next((tooth for tooth in range(1, count + 1) if (tooth,) not in teeth), None)
     if missing is not None:
         raise InputError(
@@ -169,45 +168,45 @@ def _pitch(path: str, rows: list[Row], pair: GearPair) -> Float[np.ndarray, " te
 def _both_flanks(
     columns: dict[Place, Float[np.ndarray, " teeth"]], gear: int
 ) -> Float[np.ndarray, "2 teeth"] | None:
-    """Nothing where neither flank was measured; 0 on a flank that was not."""
-    given = [columns.get((gear, side)) for side in (0, 1)]
-    some = next((one for one in given if one is not None), None)
-    if some is None:
+    """Return the pitch deviations of both flanks, 0 on an unmeasured flank; None without any."""
+    flanks = [columns.get((gear, side)) for side in (0, 1)]
+    measured = next((column for column in flanks if column is not None), None)
+    if measured is None:
         return None
-    return np.stack([np.zeros_like(some) if one is None else one for one in given])
+    return np.stack([np.zeros_like(measured) if column is None else column for column in flanks])
 
 
-def _unlike(
+def _unique(
     path: str, rows: list[Row], count: int, name: Callable[..., str]
 ) -> dict[tuple[float, ...], tuple[float, ...]]:
-    """Values by the first `count` of them, which no two rows may share."""
-    seen: dict[tuple[float, ...], Row] = {}
+    """Return the values by their first `count` values, which must differ between rows."""
+    by_key: dict[tuple[float, ...], Row] = {}
     for row in rows:
-        first = seen.setdefault(row.values[:count], row)
+        first = by_key.setdefault(row.values[:count], row)
         if first is not row:
             raise InputError(
                 f"{row} has {name(*row.values[:count])} in line {first.line} already; keep one of"
                 " them.",
                 where=f"{path}: line {row.line}",
             )
-    return {key: row.values for key, row in seen.items()}
+    return {key: row.values for key, row in by_key.items()}
 
 
 def _by_flank(path: str | Path, columns: tuple[str, ...]) -> dict[Place, list[Row]]:
-    found: dict[Place, list[Row]] = {}
+    flanks: dict[Place, list[Row]] = {}
     for row in _rows(Path(path), columns):
-        found.setdefault(row.flank, []).append(row)
-    if not found:
+        flanks.setdefault(row.flank, []).append(row)
+    if not flanks:
         raise InputError(
-            f"nothing below the header; give a line for each {columns[0].removesuffix('_mm')}.",
+            f"nothing is below the header; give a line for each {columns[0].removesuffix('_mm')}.",
             where=f"{path}: line 1",
         )
-    return found
+    return flanks
 
 
 def _rows(path: Path, columns: tuple[str, ...]) -> Iterator[Row]:
     reader = csv.reader(_text(path).splitlines())
-    wanted = ("gear", "flank", *columns)
+    header = ("gear", "flank", *columns)
     places: list[int] | None = None
     names: list[str] = []
     try:
@@ -217,29 +216,27 @@ def _rows(path: Path, columns: tuple[str, ...]) -> Iterator[Row]:
             where = f"{path}: line {reader.line_num}"
             if places is None:
                 names = [field.strip() for field in fields]
-                places = _places(names, wanted, where)
+                places = _places(names, header, where)
                 continue
             if len(fields) != len(names):
                 raise InputError(
-                    f"{len(fields)} fields, but the header has {len(names)}; separate them by"
-                    " commas and write decimal points.",
+                    f"there are {len(fields)} fields, but the header has {len(names)}; separate"
+                    " fields by commas and write decimal points.",
                     where=where,
                 )
-            chosen = [fields[place].strip() for place in places]
-            flank = (
-                _one_of(chosen[0], GEARS, "gear", where),
-                _one_of(chosen[1], FLANKS, "flank", where),
-            )
-            numbers = zip(columns, chosen[2:], strict=True)
-            yield Row(reader.line_num, flank, tuple(_number(*one, where) for one in numbers))
+            gear, side, *texts = (fields[place].strip() for place in places)
+            flank = _index_of(gear, GEARS, "gear", where), _index_of(side, FLANKS, "flank", where)
+            pairs = zip(columns, texts, strict=True)
+            values = tuple(_number(name, text, where) for name, text in pairs)
+            yield Row(reader.line_num, flank, values)
     except csv.Error as error:
         raise InputError(
-            f"no CSV ({error}); write plain text with commas between fields.",
+            f"the line is not CSV ({error}); write plain text with commas between fields.",
             where=f"{path}: line {reader.line_num}",
         ) from None
     if places is None:
         raise InputError(
-            f"empty; write the header {','.join(wanted)} and lines below it.",
+            f"the file is empty; write the header {','.join(header)} and lines below it.",
             where=f"{path}: line 1",
         )
 
@@ -255,21 +252,21 @@ def _text(path: Path) -> str:
         ) from None
 
 
-def _places(names: list[str], wanted: tuple[str, ...], where: str) -> list[int]:
-    for name in wanted:
-        if (times := names.count(name)) != 1:
-            seen = "no column" if not times else f"{times} columns"
+def _places(names: list[str], header: tuple[str, ...], where: str) -> list[int]:
+    for name in header:
+        if (count := names.count(name)) != 1:
+            columns = "no column" if not count else f"{count} columns"
             raise InputError(
-                f"{seen} `{name}` (the header has {', '.join(names)}); write the header"
-                f" {','.join(wanted)}.",
+                f"the file has {columns} `{name}` (the header has {', '.join(names)}); write the"
+                f" header {','.join(header)}.",
                 where=where,
             )
-    return [names.index(name) for name in wanted]
+    return [names.index(name) for name in header]
 
 
-def _one_of(text: str, words: tuple[str, ...], name: str, where: str) -> int:
+def _index_of(text: str, words: tuple[str, ...], name: str, where: str) -> int:
     if text not in words:
-        raise InputError(f"{text!r} is no {name}; write {' or '.join(words)}.", where=where)
+        raise InputError(f"{text!r} is not a {name}; write {' or '.join(words)}.", where=where)
     return words.index(text)
 
 
@@ -279,5 +276,7 @@ def _number(name: str, text: str, where: str) -> float:
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        raise InputError(f"{text!r} is no number for {name}; write a finite one.", where=where)
+        raise InputError(
+            f"{text!r} is not a number for {name}; write a finite number.", where=where
+        )
     return value

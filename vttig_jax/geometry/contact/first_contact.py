@@ -1,4 +1,4 @@
-"""The first of all touches at each driving angle, and the transmission error there."""
+"""First contact at each driving angle and its transmission error."""
 
 import equinox as eqx
 import jax
@@ -9,23 +9,23 @@ from jaxtyping import Array, Float
 
 from ..mounting import Mounting, Values
 from .flanks import Mates, Pose
-from .search import Place, Scene, TouchPoint, nearest_best, search, share_of_middle
+from .search import ContactSearch, Place, TouchPoint, nearest_best, search, share_of_middle
 from .tooth_pairs import chosen_pairs, concentric_touch, path_of
 
 _AT_ONCE = 2**17
-"""Points of flanks that are looked at together: what stays in a processor's cache."""
+"""Number of flank points evaluated in one batch (chosen), which fit in a processor's cache."""
 
 _FEWEST = 64
-"""Driving angles that are."""
+"""Smallest batch of driving angles; larger batches are multiples of it (chosen)."""
 
 
-class Effort(eqx.Module):
-    """What is searched.
+class SearchGrid(eqx.Module):
+    """Grid of the search for first contact.
 
     **Arguments**
-    - `sections`: over the common face; 1 for the section z = 0 alone.
-    - `tooth_pairs`: pairs of teeth around the line of centres.
-    - `points`: roll angles on the grid of a flank.
+    - `sections`: number of sections over the common face; 1 for the section z = 0 alone.
+    - `tooth_pairs`: number of tooth pairs around the line of centres.
+    - `points`: number of roll angles on a flank.
     """
 
     sections: int = eqx.field(static=True)
@@ -40,32 +40,32 @@ class Effort(eqx.Module):
                 )
 
     @property
-    def at_once(self) -> int:
-        """Driving angles that are looked at together."""
-        cacheful = _AT_ONCE // (self.points * self.tooth_pairs)
-        return max(cacheful // _FEWEST, 1) * _FEWEST
+    def batch_size(self) -> int:
+        """Number of driving angles in one batch."""
+        angles = _AT_ONCE // (self.points * self.tooth_pairs)
+        return max(angles // _FEWEST, 1) * _FEWEST
 
-    def filled_up(self, *rows: Float[Array, " n"]) -> tuple[Float[Array, " m"], ...]:
-        """Rows of one length made longer by their last value, to one of a few lengths.
+    def padded(self, *rows: Float[Array, " n"]) -> tuple[Float[Array, " m"], ...]:
+        """Pad rows of equal length with their last value to one of a few lengths.
 
-        A power of two, or whole cachefuls: other numbers of angles then compile nothing.
+        The length is a power of two or whole batches, so that few lengths are compiled.
         """
         count = rows[0].shape[0]
-        fuller = min(max(_FEWEST, 1 << (count - 1).bit_length()), self.at_once)
-        pieces = -(-count // self.at_once)
-        if pieces > 1:
-            fuller = pieces * -(-count // pieces // _FEWEST) * _FEWEST
-        # NumPy compiles nothing for a new length.
-        pads = (jnp if isinstance(row, Tracer) else np for row in rows)
-        filled = (
-            xp.pad(row, (0, fuller - count), mode="edge")
-            for xp, row in zip(pads, rows, strict=True)
+        length = min(max(_FEWEST, 1 << (count - 1).bit_length()), self.batch_size)
+        batches = -(-count // self.batch_size)
+        if batches > 1:
+            length = batches * -(-count // batches // _FEWEST) * _FEWEST
+        # Known values are padded by NumPy, which does not compile for a new length.
+        modules = (jnp if isinstance(row, Tracer) else np for row in rows)
+        padded = (
+            xp.pad(row, (0, length - count), mode="edge")
+            for xp, row in zip(modules, rows, strict=True)
         )
-        return tuple(jnp.asarray(row) for row in filled)
+        return tuple(jnp.asarray(row) for row in padded)
 
 
-class Winner(eqx.Module):
-    """The touch that comes first, by driving angle; nothing in it is differentiated."""
+class FirstContact(eqx.Module):
+    """First contact at each driving angle; its arrays carry no derivatives."""
 
     error: Float[Array, " n"]
     roll: Float[Array, " n"]
@@ -74,98 +74,98 @@ class Winner(eqx.Module):
     tooth: Float[Array, " n"]
 
 
-def scene_of(
+def contact_search(
     mates: Mates,
     mounting: Mounting,
-    effort: Effort,
+    search_grid: SearchGrid,
     driving_angle: Float[Array, " n"],
     driven_angle: Float[Array, " n"] | None,
-) -> Scene:
-    """What is searched at driving angles; the driven centre stays where `driven_angle` has it."""
+) -> ContactSearch:
+    """Return the search at driving angles; `driven_angle`, if given, fixes the driven centre."""
     path = path_of(mates, mounting.centre_distance)
-    turned, number = chosen_pairs(path, mates, driving_angle, effort.tooth_pairs)
+    tooth_angle, number = chosen_pairs(path, mates, driving_angle, search_grid.tooth_pairs)
     guess = None
     if driven_angle is None:
         guess = concentric_touch(mates, mounting.centre_distance)
         driven_angle = mates.ratio * driving_angle + guess
     centres = mounting.driving_centre(driving_angle), mounting.driven_centre(driven_angle)
-    return Scene(mates, mounting, Pose(turned, number, *centres), guess, effort.points)
+    pose = Pose(tooth_angle, number, *centres)
+    return ContactSearch(mates, mounting, pose, guess, search_grid.points)
 
 
-def first_of(scene: Scene, found: TouchPoint) -> Winner:
-    """The first of all touches."""
-    section, pair = nearest_best(scene.mates.sense * found.error)
-    column = jnp.arange(found.error.shape[-1])
+def earliest_contact(scene: ContactSearch, touch: TouchPoint) -> FirstContact:
+    """Return the first contact among all sections and tooth pairs."""
+    section, pair = nearest_best(scene.mates.sense * touch.error)
+    column = jnp.arange(touch.error.shape[-1])
 
-    def taken(values: Array) -> Array:
+    def selected(values: Array) -> Array:
         return values[section, pair, column].astype(float)
 
     tooth = scene.pose.tooth[pair, column]
-    error, roll, share = (taken(one) for one in (found.error, found.roll, found.share))
-    return Winner(error, roll, share, taken(found.place), tooth)
+    error, roll, share = map(selected, (touch.error, touch.roll, touch.share))
+    return FirstContact(error, roll, share, selected(touch.place), tooth)
 
 
-def winners(
+def first_contacts(
     mates: Mates,
     mounting: Mounting,
-    effort: Effort,
+    search_grid: SearchGrid,
     driving_angle: Float[Array, " n"],
     driven_angle: Float[Array, " n"] | None,
-) -> Winner:
-    """First touches at driving angles that `Effort.filled_up` has filled up.
+) -> FirstContact:
+    """Return the first contacts at driving angles padded by `SearchGrid.padded`.
 
-    Compiled by itself and not differentiated, so that a derivative does not compile it again.
+    The search is compiled alone and is not differentiated, so a derivative does not recompile it.
     """
-    given = jax.tree.map(jax.lax.stop_gradient, (mates, mounting, driving_angle, driven_angle))
-    found = _winners(given[0], given[1], effort, given[2], given[3])
-    if effort.sections > 1:
-        return found
-    # The section z = 0 stays where it is, whatever the ends of the face do.
-    share = jnp.broadcast_to(share_of_middle(mounting), found.share.shape)
-    return eqx.tree_at(lambda winner: winner.share, found, share)
+    fixed = jax.tree.map(jax.lax.stop_gradient, (mates, mounting, driving_angle, driven_angle))
+    contacts = _first_contacts(fixed[0], fixed[1], search_grid, fixed[2], fixed[3])
+    if search_grid.sections > 1:
+        return contacts
+    # The single section stays at z = 0 also when derivatives move the ends of the face.
+    share = jnp.broadcast_to(share_of_middle(mounting), contacts.share.shape)
+    return eqx.tree_at(lambda contact: contact.share, contacts, share)
 
 
 @eqx.filter_jit
-def _winners(
+def _first_contacts(
     mates: Mates,
     mounting: Mounting,
-    effort: Effort,
+    search_grid: SearchGrid,
     driving_angle: Float[Array, " n"],
     driven_angle: Float[Array, " n"] | None,
-) -> Winner:
-    """A cacheful of angles at once."""
+) -> FirstContact:
+    """Search the driving angles batch by batch."""
 
-    def some(angles: tuple[Array, Array | None]) -> Winner:
-        scene = scene_of(mates, mounting, effort, *angles)
-        return first_of(scene, search(scene, effort.sections))
+    def search_batch(angles: tuple[Array, Array | None]) -> FirstContact:
+        scene = contact_search(mates, mounting, search_grid, *angles)
+        return earliest_contact(scene, search(scene, search_grid.sections))
 
-    pieces = -(-len(driving_angle) // effort.at_once)
-    if pieces == 1:
-        return some((driving_angle, driven_angle))
+    batches = -(-len(driving_angle) // search_grid.batch_size)
+    if batches == 1:
+        return search_batch((driving_angle, driven_angle))
 
-    def cut(values: Array) -> Array:
-        return values.reshape(pieces, -1)
+    def split(values: Array) -> Array:
+        return values.reshape(batches, -1)
 
-    found = jax.lax.map(some, jax.tree.map(cut, (driving_angle, driven_angle)))
-    return jax.tree.map(jnp.ravel, found)
+    contacts = jax.lax.map(search_batch, jax.tree.map(split, (driving_angle, driven_angle)))
+    return jax.tree.map(jnp.ravel, contacts)
 
 
 @eqx.filter_jit
 def error_of(
-    mates: Mates, mounting: Mounting, driving_angle: Float[Array, " n"], winner: Winner
+    mates: Mates, mounting: Mounting, driving_angle: Float[Array, " n"], contact: FirstContact
 ) -> Float[Array, " n"]:
-    """TE at a touch that is known, with the driven centre where it then is, rad.
+    """Return TE at a known contact, rad, with the driven centre at the resulting φ₂.
 
-    By the envelope theorem its derivative is that of first touch: the point on the flank, the
-    section and the pair of teeth stay; a tip edge and an end of the face move with the gear. The
-    search knows φ₂ to second order in what moves the driven centre, so that one step of Newton's
-    method is left; its derivative is that of the solution.
+    By the envelope theorem its derivative is that of first contact: the point on the flank, the
+    section and the tooth pair are constant; a tip edge and an end of the face move with the gear.
+    The search gives φ₂ to second order in the motion of the driven centre, so one step of Newton's
+    method completes it; the derivative of that step is that of the solution.
     """
-    guess = jnp.where(winner.place == Place.NOTHING, 0.0, winner.error)
-    error, lag = _held_at(
-        mates, mounting, driving_angle, mates.ratio * driving_angle + guess, winner
-    )
-    return guess + (error - guess) / (1 - lag)
+    guess = jnp.where(contact.place == Place.NOTHING, 0.0, contact.error)
+    driven_angle = mates.ratio * driving_angle + guess
+    error, by_driven = _error_and_slope(mates, mounting, driving_angle, driven_angle, contact)
+    return guess + (error - guess) / (1 - by_driven)
 
 
 @eqx.filter_jit
@@ -174,45 +174,46 @@ def error_at(
     mounting: Mounting,
     driving_angle: Float[Array, " n"],
     driven_angle: Float[Array, " n"],
-    winner: Winner,
+    contact: FirstContact,
 ) -> Float[Array, " n"]:
-    """TE at a touch that is known, with the driven centre where φ₂ has it, rad."""
-    return _held_at(mates, mounting, driving_angle, driven_angle, winner)[0]
+    """Return TE at a known contact, rad, with the driven centre at a given φ₂."""
+    return _error_and_slope(mates, mounting, driving_angle, driven_angle, contact)[0]
 
 
-def _held_at(
+def _error_and_slope(
     mates: Mates,
     mounting: Mounting,
     driving_angle: Float[Array, " n"],
     driven_angle: Float[Array, " n"],
-    winner: Winner,
+    contact: FirstContact,
 ) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
-    """TE, and how it changes with the φ₂ that places the driven centre; that is a number."""
+    """Return TE, rad, and its slope by the φ₂ of the driven centre, which has no derivative."""
     pose = Pose(
-        driving_angle - winner.tooth * mates.pitch,
-        winner.tooth,
+        driving_angle - contact.tooth * mates.pitch,
+        contact.tooth,
         mounting.driving_centre(driving_angle),
         mounting.driven_centre(driven_angle),
     )
     driving, driven = mates.driving, mates.driven
-    on_tip = winner.place == Place.DRIVEN_TIP
-    on_end = on_tip | (winner.place == Place.DRIVEN_START)
+    on_tip = contact.place == Place.DRIVEN_TIP
+    on_end = on_tip | (contact.place == Place.DRIVEN_START)
     end = jnp.where(on_tip, driven.tip, driven.start)
 
-    def seen(roll: Values) -> tuple[Values, Values]:
-        reach = mates.reach(mounting, pose, roll, winner.share)
+    def error_and_radius(roll: Values) -> tuple[Values, Values]:
+        reach = mates.reach(mounting, pose, roll, contact.share)
         return reach.error, reach.radius
 
-    ones = jnp.ones_like(winner.roll)
-    (_, there), slopes = jax.jvp(seen, (winner.roll,), (ones,))
-    rise, widening = jax.lax.stop_gradient(slopes)
-    widening = jnp.where(widening == 0, 1.0, widening)
+    ones = jnp.ones_like(contact.roll)
+    (_, radius), slopes = jax.jvp(error_and_radius, (contact.roll,), (ones,))
+    error_slope, radius_slope = jax.lax.stop_gradient(slopes)
+    radius_slope = jnp.where(radius_slope == 0, 1.0, radius_slope)
     # A step of Newton's method to an end of the driven flank; its derivative is that of the end.
-    beyond = there - driven.base_radius * jnp.sqrt(1 + end**2)
-    roll = jnp.where(on_end, winner.roll - beyond / widening, winner.roll)
-    roll = jnp.where(winner.place == Place.DRIVING_TIP, driving.tip, roll)
-    roll = jnp.where(winner.place == Place.DRIVING_START, driving.start, roll)
-    reach = mates.reach(mounting, pose, roll, winner.share)
-    lag = reach.lag - jnp.where(on_end, rise * reach.drift / widening, 0.0)
-    error = jnp.where(winner.place == Place.NOTHING, jnp.nan, reach.error)
-    return error, jax.lax.stop_gradient(lag)
+    excess = radius - driven.base_radius * jnp.sqrt(1 + end**2)
+    roll = jnp.where(on_end, contact.roll - excess / radius_slope, contact.roll)
+    roll = jnp.where(contact.place == Place.DRIVING_TIP, driving.tip, roll)
+    roll = jnp.where(contact.place == Place.DRIVING_START, driving.start, roll)
+    reach = mates.reach(mounting, pose, roll, contact.share)
+    of_end = error_slope * reach.radius_by_driven / radius_slope
+    slope = reach.error_by_driven - jnp.where(on_end, of_end, 0.0)
+    error = jnp.where(contact.place == Place.NOTHING, jnp.nan, reach.error)
+    return error, jax.lax.stop_gradient(slope)

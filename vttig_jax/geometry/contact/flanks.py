@@ -1,12 +1,12 @@
-"""The two flanks that meet: where a point of one stands, and how far the other must turn to it.
+"""Two mating flanks: points of one flank and the driven angle at which the other touches them.
 
-A flank is the involute as the end of a string that unwinds from the base circle by the roll angle
-u, in every section turned by the recession δ(z), point by point by the deviation:
+A flank is the involute of the base circle with the roll angle u. It is rotated in every section by
+the recession δ(z) and in every point by the deviation f:
 
     p = r_b (1 + jσu) exp(jσ(ψ − u)),    ψ = (π m/4 + x m tan α − δ(z))/R + inv α + f(u, z)/r_b
 
-about the centre line of its tooth, seen from the +z of the fixed frame, σ = 1 on flank A and −1 on
-flank B. No meshing is in here: first touch is an extreme over all points.
+relative to the centre line of its tooth, seen from +z of the fixed frame, σ = 1 on flank A and −1
+on flank B. No equation of meshing is used: first contact is an extreme over all points.
 """
 
 import math
@@ -27,20 +27,20 @@ Scalar = Float[Number, ""]
 
 
 class Flank(eqx.Module):
-    """One flank of one gear; lengths in mm.
+    """One flank of one gear; lengths in mm, angles in rad.
 
     **Arguments**
     - `base_radius`, `reference_radius`: r_b and R.
-    - `foot`: ψ where nothing recedes or deviates, rad.
-    - `start`, `tip`: roll angles at which the flank begins and where it meets the tip circle.
+    - `base_half_angle`: ψ without recession and deviation.
+    - `start`, `tip`: roll angles at the start of the flank and at the tip circle.
     - `recession`: δ(z) in the gear's own frame.
-    - `map`: the deviation of all teeth in µm over roll length and height, or None.
-    - `pitch`: the deviation of each tooth in µm, or None.
+    - `map`: deviation of all teeth in µm over roll length and height, or None.
+    - `pitch`: deviation of each tooth in µm, or None.
     """
 
     base_radius: Values
     reference_radius: Values
-    foot: Values
+    base_half_angle: Values
     start: Values
     tip: Values
     recession: Recession
@@ -48,50 +48,50 @@ class Flank(eqx.Module):
     pitch: Float[Array, " teeth"] | None = None
 
     def half_angle(self, roll: Values, z: Values, tooth: Values) -> Values:
-        """ψ at roll angles and heights on teeth with these numbers, counted from 0."""
-        found = self.foot - self.recession(z) / self.reference_radius
+        """Return ψ, rad, at roll angles, rad, and heights, mm, on teeth counted from 0."""
+        angle = self.base_half_angle - self.recession(z) / self.reference_radius
         if self.map is not None:
             roll, z = jnp.broadcast_arrays(roll, z)
-            found = found + self.map(self.base_radius * roll, z) * (1e-3 / self.base_radius)
+            angle = angle + self.map(self.base_radius * roll, z) * (1e-3 / self.base_radius)
         if self.pitch is not None:
-            own = jnp.mod(tooth, len(self.pitch)).astype(int)
-            found = found + self.pitch[own] * (1e-3 / self.base_radius)
-        return found
+            index = jnp.mod(tooth, len(self.pitch)).astype(int)
+            angle = angle + self.pitch[index] * (1e-3 / self.base_radius)
+        return angle
 
 
 class Pose(eqx.Module):
-    """A position of the driving gear with one pair of teeth chosen; arrays broadcast.
+    """Position of the driving gear and of one tooth pair; arrays broadcast.
 
     **Arguments**
-    - `turned`: angle of the driving tooth's centre line from the line of centres, rad.
+    - `tooth_angle`: angle of the driving tooth's centre line from the line of centres, rad.
     - `tooth`: number of the driving tooth, 0 for the one between the axes at φ = 0.
-    - `driving_centre`, `driven_centre`: of the base circles, from the axes, mm.
+    - `driving_centre`, `driven_centre`: centres of the base circles relative to the axes, mm.
     """
 
-    turned: Values
+    tooth_angle: Values
     tooth: Values
     driving_centre: Plane
     driven_centre: Plane
 
 
 class Reach(eqx.Module):
-    """What the driven gear has to do to bring its flank to a point of the driving flank.
+    """Position of the driven gear at which its flank touches a point of the driving flank.
 
     **Arguments**
-    - `error`: TE at which its flank passes through the point, rad.
+    - `error`: TE at which the driven flank passes through the point, rad.
     - `radius`: distance of the point from the centre of the driven base circle, mm.
-    - `roll`: roll angle of the driven flank there.
-    - `z`: height of the point in the fixed frame.
-    - `lag`, `drift`: ∂φ₂/∂φ₂ and ∂radius/∂φ₂ through the centre of the driven base circle, which
-      turns with φ₂.
+    - `roll`: roll angle of the driven flank at the point, rad.
+    - `z`: height of the point in the fixed frame, mm.
+    - `error_by_driven`, `radius_by_driven`: derivatives of φ₂ and of the radius with respect to the
+      φ₂ that rotates the centre of the driven base circle.
     """
 
     error: Values
     radius: Values
     roll: Values
     z: Values
-    lag: Values
-    drift: Values
+    error_by_driven: Values
+    radius_by_driven: Values
 
 
 class Mates(eqx.Module):
@@ -100,8 +100,9 @@ class Mates(eqx.Module):
     **Arguments**
     - `sense`: σ, 1 for A and −1 for B.
     - `ratio`: i.
-    - `pitch`: angle from one driving tooth to the next.
-    - `standing`: rad of the driven gear by which its flank stands on.
+    - `pitch`: angle between neighbouring driving teeth, rad.
+    - `driving`, `driven`: flanks of the two gears.
+    - `standing`: constant part of φ₂ due to the zero of φ₂ and to the backlash, rad.
     """
 
     sense: Float[Array, ""]
@@ -112,57 +113,58 @@ class Mates(eqx.Module):
     standing: Values
 
     def reach(self, mounting: Mounting, pose: Pose, roll: Values, share: Values) -> Reach:
-        """Point of the driving flank at a roll angle and a share of the common face, and its mate.
+        """Return the driven position for a driving roll angle, rad, and share of the common face.
 
-        φ₂ = standing + σ(ψ₂ − inv v) − arg(−w), with w the point seen from the centre of the driven
-        base circle and v = √(|w|²/r_b2² − 1) the roll angle that has this radius.
+        φ₂ = standing + σ(ψ₂ − inv v) − arg(−w), where w is the point relative to the centre of the
+        driven base circle and v = √(|w|²/r_b2² − 1) is the roll angle of this radius.
         """
         low, high = mounting.face()
         z = low + share * (high - low)
         if mounting.misalignment is not None:
             low, high = mounting.face(self._point(pose, roll, z))
             z = low + share * (high - low)
-        x, y, own_z = mounting.seen_from_driven(self._point(pose, roll, z), z)
+        x, y, driven_z = mounting.in_driven_frame(self._point(pose, roll, z), z)
         x, y = x - pose.driven_centre[0], y - pose.driven_centre[1]
         squared = x**2 + y**2
-        unwound = squared / self.driven.base_radius**2 - 1
-        beyond = unwound > 0
-        mate = jnp.where(beyond, jnp.sqrt(jnp.where(beyond, unwound, 1.0)), 0.0)
-        # h = (1 + jσv)·conj(−w) holds arg(−w) and the arc tangent of inv v in one angle.
-        real, imaginary = -x - self.sense * mate * y, y - self.sense * mate * x
-        half = self.driven.half_angle(mate, own_z, self.driven_tooth(pose.tooth))
-        angle = self.standing + self.sense * (half - mate) + jnp.arctan2(imaginary, real)
+        roll_squared = squared / self.driven.base_radius**2 - 1
+        outside = roll_squared > 0
+        driven_roll = jnp.where(outside, jnp.sqrt(jnp.where(outside, roll_squared, 1.0)), 0.0)
+        # The argument of (1 + jσv)·conj(−w) is −arg(−w) plus the arc tangent in inv v.
+        signed_roll = self.sense * driven_roll
+        real, imaginary = -x - signed_roll * y, y - signed_roll * x
+        half = self.driven.half_angle(driven_roll, driven_z, self.driven_tooth(pose.tooth))
+        angle = self.standing + self.sense * (half - driven_roll) + jnp.arctan2(imaginary, real)
         along, across = pose.driven_centre
         radius = jnp.sqrt(squared)
         return Reach(
-            error=angle - self.ratio * pose.turned,
+            error=angle - self.ratio * pose.tooth_angle,
             radius=radius,
-            roll=mate,
+            roll=driven_roll,
             z=z,
-            lag=(real * along - imaginary * across) / squared,
-            drift=(y * along - x * across) / radius,
+            error_by_driven=(real * along - imaginary * across) / squared,
+            radius_by_driven=(y * along - x * across) / radius,
         )
 
     def driven_tooth(self, number: Values) -> Values:
-        """Number of the driven tooth that meets a driving one: on flank B the next."""
+        """Return the number of the driven tooth that touches a driving one: on B the next one."""
         return number + (1 - self.sense) / 2
 
     def _point(self, pose: Pose, roll: Values, z: Values) -> Plane:
         half = self.driving.half_angle(roll, z, pose.tooth)
-        sine, cosine = sincos(pose.turned + self.sense * (half - roll))
-        base, string = self.driving.base_radius, self.sense * roll
-        x, y = base * (cosine - string * sine), base * (sine + string * cosine)
+        sine, cosine = sincos(pose.tooth_angle + self.sense * (half - roll))
+        base, signed_roll = self.driving.base_radius, self.sense * roll
+        x, y = base * (cosine - signed_roll * sine), base * (sine + signed_roll * cosine)
         return x + pose.driving_centre[0], y + pose.driving_centre[1]
 
 
 def flank_of(tooth: Tooth, index: int, start: Scalar, **deviations) -> Flank:
-    """Flank of one side (0 left, 1 right) of a gear."""
+    """Return the flank of one side (0 left, 1 right) of a gear; `start` is a roll angle, rad."""
     alpha, base = jnp.asarray(tooth.pressure_angles[index]), jnp.asarray(tooth.base_radii[index])
     arc = math.pi * tooth.module_mm / 4 + tooth.profile_shift_mm * jnp.tan(alpha)
     return Flank(
         base_radius=base,
         reference_radius=jnp.asarray(tooth.reference_radius),
-        foot=jnp.asarray(arc / tooth.reference_radius + involute(alpha)),
+        base_half_angle=jnp.asarray(arc / tooth.reference_radius + involute(alpha)),
         start=jnp.asarray(start),
         tip=jnp.sqrt((tooth.tip_radius / base) ** 2 - 1),
         recession=tooth.recession[index],

@@ -1,4 +1,4 @@
-"""What touches at each driving angle: teeth, section, radii, tip edges, contact lines, misfit."""
+"""Report of the contact at driving angles: teeth, section, radii, contact lines and misfit."""
 
 from collections import Counter
 from dataclasses import dataclass, replace
@@ -16,42 +16,39 @@ from ...kinematics.flank_model import flank_index
 from ...pair.gear_pair import Flank
 from ..mounting import Mounting
 from .contact_model import ContactModel, mates_on
-from .first_contact import Effort, Winner, error_of, first_of, scene_of
+from .first_contact import FirstContact, SearchGrid, contact_search, earliest_contact, error_of
 from .flanks import Mates
-from .search import Place, nearest_best
-from .search import search as searched
+from .search import Place, nearest_best, search
 
-_SECTIONS = 9
-_AT_ONCE = 64, 1024
-"""Angles that are looked at together, few and many."""
-
+_SECTIONS = 9  # default number of sections; chosen
+_AT_ONCE = 64, 1024  # driving angles in a batch, for few and for many angles; chosen
 _END = 1e-6
-"""Share of the common face that counts as its end."""
+"""Share of the common face that is treated as its end (chosen)."""
 
 
 @dataclass(frozen=True)
 class Contacts:
-    """Contact of one flank at n driving angles, looked at in s sections and k pairs of teeth.
+    """Contact of one flank at n driving angles in s sections and for k tooth pairs.
 
-    The sections are those asked for, over the common face, and the best one between them.
+    The sections are equidistant over the common face; the last one is the best between them.
 
     **Arguments**
-    - `model`: the flank model that was looked at.
+    - `model`: contact model.
     - `flank`: "A" or "B".
     - `driving_angle`: φ₁ in rad.
-    - `transmission_error`: TE at first touch in rad, NaN where nothing touches.
+    - `transmission_error`: TE at first contact in rad, NaN without contact.
     - `tooth_pair`: numbers of the teeth (driving, driven) that touch first, counted from 1 in the
       order in which they come into mesh; tooth 1 of the driving gear is between the axes at φ = 0.
-    - `place`: what touches, as numbers of `Place`.
-    - `end_of_face`: −1 and 1 where it does so at the lower or upper end of the common face alone.
-    - `z_mm`: height of the first touch, NaN where nothing touches.
-    - `radius_mm`: its distances from the centres of the driving and the driven base circle.
-    - `section_z_mm`, `section_radius_mm`: the same for the first touch in every section and pair;
-      radii are those on the driving gear.
+    - `place`: part of the flanks that touches, as numbers of `Place`.
+    - `end_of_face`: −1 or 1 if only the lower or upper end of the common face touches, else 0.
+    - `z_mm`: height of the first contact, NaN without contact.
+    - `radius_mm`: distances of the contact from the centres of the driving and driven base circles.
+    - `section_z_mm`, `section_radius_mm`: height and driving radius of the first contact in each
+      section and for each pair.
     - `section_pair`: number of the driving tooth of each pair, counted from 1.
-    - `misfit`: by how much each of these stays behind the first touch, rad of the driven gear;
-      infinite where flanks do not meet.
-    - `tolerance`: rad up to which they touch.
+    - `misfit`: distance of each of these contacts from the first contact, rad of the driven gear;
+      infinite where flanks cannot touch.
+    - `tolerance`: misfit in rad up to which surfaces touch.
     """
 
     model: ContactModel
@@ -71,69 +68,72 @@ class Contacts:
 
     @cached_property
     def touching(self) -> Bool[np.ndarray, "n k s"]:
-        """Sections and pairs of teeth that touch."""
+        """Whether each section and tooth pair touches."""
         return self.misfit <= self.tolerance
 
     @cached_property
     def section_misfit(self) -> Float[np.ndarray, "n s"]:
-        """Misfit of each section, whichever pair is nearest, rad."""
+        """Smallest misfit of the tooth pairs in each section, rad."""
         return self.misfit.min(axis=1)
 
     @property
     def largest_misfit(self) -> float:
-        """Of any section that meets its mate at all, rad."""
+        """Largest finite misfit of any section, rad."""
         misfit = self.section_misfit
         return float(misfit[np.isfinite(misfit)].max(initial=0.0))
 
     @cached_property
-    def found(self) -> Bool[np.ndarray, " n"]:
-        """Angles at which anything touches."""
+    def in_contact(self) -> Bool[np.ndarray, " n"]:
+        """Whether the flank is in contact at each driving angle."""
         return self.place != Place.NOTHING
 
     @cached_property
     def length_mm(self) -> Float[np.ndarray, " n"]:
-        """Height from the first to the last section in which one pair touches, the longest."""
+        """Longest distance along z between sections in which one tooth pair touches, mm."""
         low = np.where(self.touching, self.section_z_mm, np.inf).min(axis=2)
         high = np.where(self.touching, self.section_z_mm, -np.inf).max(axis=2)
         return np.maximum(high - low, 0.0).max(axis=1)
 
     @cached_property
     def line(self) -> Bool[np.ndarray, " n"]:
-        """Contact along a line: one pair touches in two sections that are apart."""
+        """Whether one tooth pair touches over more than half a grid step, so contact is a line."""
         grid = max(self.misfit.shape[2] - 2, 1)
         face = np.ptp(self.section_z_mm, axis=(1, 2))
         return self.length_mm > face / grid / 2
 
     @cached_property
     def pairs_in_contact(self) -> Int[np.ndarray, " n"]:
-        """How many pairs of teeth touch."""
+        """Number of tooth pairs that touch."""
         return self.touching.any(axis=2).sum(axis=1)
 
     def kind(self, place: int) -> str:
-        """Contact at one driving angle in words, such as "line, flank"."""
-        what = Place(int(self.place[place]))
-        if what is Place.NOTHING:
+        """Describe the contact at a driving angle, given by its index, e.g. "line, flank"."""
+        part = Place(int(self.place[place]))
+        if part is Place.NOTHING:
             return "nothing"
         shape = "line" if self.line[place] else "point"
         end = self.end_of_face[place]
         side = f", {'upper' if end > 0 else 'lower'} end of the face" if end else ""
-        return f"{shape}, {what}{side}"
+        return f"{shape}, {part}{side}"
 
     def contact_lines(self, place: int) -> dict[int, Float[np.ndarray, "m 2"]]:
-        """Points (z, driving radius) in mm of each contact line, by number of the driving tooth."""
-        found = {}
+        """Return the points (z, driving radius), mm, of contact lines by driving tooth number.
+
+        `place` is the index of the driving angle.
+        """
+        lines = {}
         for pair, touches in enumerate(self.touching[place]):
             if touches.any():
                 points = self.section_z_mm[place, pair], self.section_radius_mm[place, pair]
-                found[int(self.section_pair[place, pair])] = np.stack(points, axis=-1)[touches]
-        return found
+                lines[int(self.section_pair[place, pair])] = np.stack(points, axis=-1)[touches]
+        return lines
 
     def __str__(self) -> str:
         count = len(self.driving_angle)
         kinds = Counter(self.kind(place) for place in range(count))
         rows = [("angles", f"{count}")]
         if count:
-            error = (self.transmission_error[self.found] / DEG).round(5) + 0.0  # no −0
+            error = (self.transmission_error[self.in_contact] / DEG).round(5) + 0.0  # no −0
             span = f"{error.min():.5f}° … {error.max():.5f}°" if len(error) else None
             rows += [
                 ("transmission error", span),
@@ -152,22 +152,21 @@ def contact_at(
     sections: int | None = None,
     tolerance_rad: float = 1e-9,
 ) -> Contacts:
-    """Look at the contact of a model: `transmission_error` with everything that is behind it.
+    """Report the contact of a model: its transmission error and the contact that causes it.
 
     **Arguments**
-    - `model`: from `contact_model`.
+    - `model`: contact model; `contact_model` makes it.
     - `driving_angle`: φ₁ in rad, one-dimensional.
     - `flank`: "A" or "B".
-    - `sections`: how many of the common face to look at, at least 9 of them when absent; a single
-      one where no face width is known, which then cannot tell lines from points.
-    - `tolerance_rad`: rad of the driven gear up to which surfaces touch.
+    - `sections`: number of sections over the common face, 9 or more when absent. Without face width
+      there is a single section, which does not distinguish lines from points.
+    - `tolerance_rad`: misfit in rad of the driven gear up to which surfaces touch.
 
     **Example**
     ```python
     >>> import numpy as np, vttig_jax
     >>> from vttig_jax import Gear, GearPair
-    >>> from vttig_jax.geometry import contact_model
-    >>> from vttig_jax.geometry import contact_at
+    >>> from vttig_jax.geometry import contact_at, contact_model
     >>> vttig_jax.enable_x64()
     >>> gears = Gear(45, 3, 3, 20), Gear(80, 3, 3, 20)
     >>> pair = GearPair(*gears, module_mm=2.0, pressure_angles_deg=20.0)
@@ -185,25 +184,25 @@ def contact_at(
     angles = np.atleast_1d(np.asarray(driving_angle, float))
     if sections is None:
         known = not np.isnan(np.asarray(model.mounting.half_widths)).all()
-        sections = max(model.effort.sections, _SECTIONS) if known else 1
+        sections = max(model.search_grid.sections, _SECTIONS) if known else 1
     mates = mates_on(model, flank_index(flank))
     teeth = np.array([gear.teeth for gear in model.teeth])
-    effort, pieces = replace(model.effort, sections=sections), []
-    for angle in _cut(angles):
-        looked, winner = _looked_at(mates, model.mounting, effort, jnp.asarray(angle), teeth)
-        error = error_of(mates, model.mounting, jnp.asarray(angle), winner)
-        pieces.append(looked | {"transmission_error": error})
-    found = {
-        name: np.concatenate([np.asarray(piece[name]) for piece in pieces])[: len(angles)]
-        for name in pieces[0]
+    search_grid, batches = replace(model.search_grid, sections=sections), []
+    for angle in _batches(angles):
+        fields, contact = _contacts(mates, model.mounting, search_grid, jnp.asarray(angle), teeth)
+        error = error_of(mates, model.mounting, jnp.asarray(angle), contact)
+        batches.append(fields | {"transmission_error": error})
+    fields = {
+        name: np.concatenate([np.asarray(batch[name]) for batch in batches])[: len(angles)]
+        for name in batches[0]
     }
     return Contacts(
-        model=model, flank=flank, driving_angle=angles, tolerance=tolerance_rad, **found
+        model=model, flank=flank, driving_angle=angles, tolerance=tolerance_rad, **fields
     )
 
 
-def _cut(values: Float[np.ndarray, " n"]) -> list[np.ndarray]:
-    """Pieces of one of two lengths, the last one filled up with its last value; at least one."""
+def _batches(values: Float[np.ndarray, " n"]) -> list[np.ndarray]:
+    """Split values into one or more batches of one of two lengths; the last one is padded."""
     if not len(values):
         return [np.zeros(_AT_ONCE[0])]
     count = _AT_ONCE[len(values) > _AT_ONCE[0]]
@@ -211,38 +210,38 @@ def _cut(values: Float[np.ndarray, " n"]) -> list[np.ndarray]:
 
 
 @eqx.filter_jit
-def _looked_at(
+def _contacts(
     mates: Mates,
     mounting: Mounting,
-    effort: Effort,
+    search_grid: SearchGrid,
     driving: Float[Array, " n"],
     teeth: Int[np.ndarray | Array, "2"],
-) -> tuple[dict[str, Array], Winner]:
-    scene = scene_of(mates, mounting, effort, driving, None)
-    found = searched(scene, effort.sections)
-    winner = first_of(scene, found)
-    height = mates.sense * found.error
-    reach = scene.reach(found.roll, found.share)
+) -> tuple[dict[str, Array], FirstContact]:
+    scene = contact_search(mates, mounting, search_grid, driving, None)
+    touch = search(scene, search_grid.sections)
+    contact = earliest_contact(scene, touch)
+    height = mates.sense * touch.error
+    reach = scene.reach(touch.roll, touch.share)
     column = jnp.arange(len(driving))
-    tooth = jnp.stack([winner.tooth, mates.driven_tooth(winner.tooth)], axis=-1)
+    tooth = jnp.stack([contact.tooth, mates.driven_tooth(contact.tooth)], axis=-1)
     row, pair = nearest_best(height)
-    radii = mates.driving.base_radius * jnp.sqrt(1 + found.roll**2), reach.radius
+    radii = mates.driving.base_radius * jnp.sqrt(1 + touch.roll**2), reach.radius
     tied = jnp.sum(height > jnp.max(height, axis=(0, 1)) - 1e-12, axis=(0, 1))
-    # A section of the grid and the best one in its place.
-    single = (effort.sections > 1) & (tied <= 2)
-    end = jnp.where(winner.share < _END, -1, jnp.where(winner.share > 1 - _END, 1, 0))
-    here = winner.place != Place.NOTHING
+    # At most two ties: a section of the grid, and the best section at the same place.
+    single = (search_grid.sections > 1) & (tied <= 2)
+    end = jnp.where(contact.share < _END, -1, jnp.where(contact.share > 1 - _END, 1, 0))
+    touches = contact.place != Place.NOTHING
     both = jnp.stack([radius[row, pair, column] for radius in radii], axis=-1)
-    behind = jnp.where(jnp.isfinite(height), jnp.max(height, axis=(0, 1)) - height, jnp.inf)
-    looked = {
+    misfit = jnp.where(jnp.isfinite(height), jnp.max(height, axis=(0, 1)) - height, jnp.inf)
+    fields = {
         "tooth_pair": jnp.mod(tooth, teeth).astype(int) + 1,
-        "place": winner.place.astype(int),
+        "place": contact.place.astype(int),
         "end_of_face": jnp.where(single, end, 0),
-        "z_mm": jnp.where(here, reach.z[row, pair, column], jnp.nan),
-        "radius_mm": jnp.where(here[:, None], both, jnp.nan),
+        "z_mm": jnp.where(touches, reach.z[row, pair, column], jnp.nan),
+        "radius_mm": jnp.where(touches[:, None], both, jnp.nan),
         "section_z_mm": reach.z.transpose(2, 1, 0),
         "section_radius_mm": radii[0].transpose(2, 1, 0),
         "section_pair": jnp.mod(scene.pose.tooth, teeth[0]).astype(int).T + 1,
-        "misfit": behind.transpose(2, 1, 0),
+        "misfit": misfit.transpose(2, 1, 0),
     }
-    return looked, winner
+    return fields, contact

@@ -1,4 +1,4 @@
-"""Which teeth can touch at a driving angle, and where the driven gear has its zero of φ₂."""
+"""Tooth pairs that can touch at a driving angle, and the zero of φ₂."""
 
 import math
 from typing import Any
@@ -18,13 +18,14 @@ Scalar = Float[Number, ""]
 
 
 class Path(eqx.Module):
-    """Of contact from tip to tip, in roll angles of the driving flank from the pitch point.
+    """Path of contact from tip to tip in roll angles of the driving flank, rad.
 
     **Arguments**
-    - `pitch_roll`: at the pitch point.
-    - `pitch_angle`: from the line of centres to the driving tooth that touches there, on flank A.
-    - `approach`: to where the driven tip is on the line of action.
-    - `recess`: to where the driving tip is.
+    - `pitch_roll`: roll angle at the pitch point.
+    - `pitch_angle`: angle from the line of centres to the driving tooth that touches at the pitch
+      point on flank A.
+    - `approach`: roll angle from the pitch point to the driven tip on the line of action.
+    - `recess`: roll angle from the pitch point to the driving tip.
     """
 
     pitch_roll: Values
@@ -34,12 +35,12 @@ class Path(eqx.Module):
 
 
 def path_of(mates: Mates, distance: Scalar) -> Path:
-    """Path of contact of concentric gears at a centre distance, mm."""
+    """Return the path of contact of concentric gears at a centre distance, mm."""
     driving, driven = mates.driving, mates.driven
     cosine = (driving.base_radius + driven.base_radius) / distance
     alpha = jnp.arccos(cosine)
     roll = jnp.tan(alpha)
-    half = driving.foot - driving.recession(jnp.zeros(())) / driving.reference_radius
+    half = driving.base_half_angle - driving.recession(jnp.zeros(())) / driving.reference_radius
     return Path(
         pitch_roll=roll,
         pitch_angle=roll - alpha - half,
@@ -51,9 +52,10 @@ def path_of(mates: Mates, distance: Scalar) -> Path:
 def chosen_pairs(
     path: Path, mates: Mates, driving_angle: Float[Array, " n"], pairs: int
 ) -> tuple[Values, Values]:
-    """Driving teeth around the path of contact: their angles from the line of centres, and numbers.
+    """Return the angles, rad, and numbers of driving teeth at the path of contact, shape (pair, n).
 
-    Whole pitches come off first, so that angles over many turns keep their digits. Shape (pair, n).
+    Angles are from the line of centres. Whole pitches are subtracted first, so that angles over
+    many turns keep their digits.
     """
     middle = mates.sense * (path.pitch_angle + (path.recess - path.approach) / 2)
     nearest = jnp.floor((driving_angle - middle) / mates.pitch + pairs % 2 / 2)
@@ -63,10 +65,10 @@ def chosen_pairs(
 
 
 def concentric_touch(mates: Mates, distance: Scalar) -> Values:
-    """TE at which the flanks of concentric gears meet at their pitch point, rad.
+    """Return TE, rad, at which the flanks of concentric gears touch at their pitch point.
 
-    As drawn, s = 0, in the section z = 0. This says where φ₂ is 0 and where to start a search; that
-    involutes keep this transmission error along their whole path is left for the search to find.
+    The gears are as drawn with s = 0 in the section z = 0. The value defines the zero of φ₂ and the
+    start of the search; the search does not assume that TE is constant along the path of contact.
     """
     path, zero = path_of(mates, distance), jnp.zeros(())
     centre = zero.astype(complex)
@@ -82,15 +84,15 @@ def mates_of(
     deviations: Deviations | None,
     side: int,
 ) -> Mates:
-    """Flank A (0) or B (1) of both gears, standing at 0."""
+    """Return flank A (0) or B (1) of both gears with `standing` = 0."""
     driving, driven = teeth
     given: list[dict[str, Any]] = [{}, {}]
     if deviations is not None:
         maps = deviations.driving[side], deviations.driven[side]
         pitches = deviations.driving_pitch_um, deviations.driven_pitch_um
-        for place, (found, pitch) in enumerate(zip(maps, pitches, strict=True)):
-            given[place]["map"] = None if found is None else found.prepared()
-            given[place]["pitch"] = None if pitch is None else jnp.asarray(pitch)[side]
+        for gear, (flank_map, pitch) in enumerate(zip(maps, pitches, strict=True)):
+            given[gear]["map"] = None if flank_map is None else flank_map.prepared()
+            given[gear]["pitch"] = None if pitch is None else jnp.asarray(pitch)[side]
     return Mates(
         sense=jnp.asarray(1.0 - 2.0 * side),
         ratio=ratio,

@@ -1,4 +1,4 @@
-"""Pairs whose contact cannot be computed, each as one sentence with a cure; where flanks begin."""
+"""Checks of a pair before its contact is computed, and starts of its flanks."""
 
 from typing import Any
 
@@ -17,29 +17,28 @@ from ..tooth.recession import Taper
 from ..tooth.tooth import Tooth
 from ..tooth.validation import check_tooth
 from .deviations import Deviations
-from .first_contact import Effort
+from .first_contact import SearchGrid
 
 Scalar = Float[Number, ""]
 _SHAFTS = "driving", "driven"
 _MARGIN = 1.2
-"""Of the contact ratio: eccentricities may take the rest over 1 without a tip edge carrying."""
+"""Contact ratio above which eccentricities are assumed to cause no tip edge contact (chosen)."""
 
 _SPARE = 0.2
-"""By how much the pairs of teeth that are looked at exceed the contact ratio."""
+"""Smallest excess of the number of searched tooth pairs over the contact ratio (chosen)."""
 
 
 def known(*trees: Any) -> bool:
-    """Whether all numbers have values now: nothing of it is being traced."""
+    """Return whether no number of the trees is traced."""
     return not any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(trees))
 
 
 def flank_starts(teeth: tuple[Tooth, Tooth]) -> Float[Numbers, "gear=2 flank=2"]:
-    """Roll angles √(r²/r_b² − 1) at the form circles; rows gears, columns flank A and B.
+    """Return roll angles √(r²/r_b² − 1), rad, at form circles; rows gears, columns flanks A and B.
 
-    An undercut begins where the fillet cuts the flank; while the numbers are traced, on the base
-    circle.
+    An undercut flank begins where the fillet cuts it; if numbers are traced, on the base circle.
 
-    **Raises** `PairError` where an undercut leaves nothing of a flank.
+    **Raises** `PairError` if an undercut removes a flank completely.
     """
     rows = []
     for gear, tooth in enumerate(teeth):
@@ -47,7 +46,7 @@ def flank_starts(teeth: tuple[Tooth, Tooth]) -> Float[Numbers, "gear=2 flank=2"]
         rows.append([_start(tooth, index, _SHAFTS[gear]) for index in order])
     if known(teeth):
         return np.array(rows, float)
-    return jnp.stack([jnp.stack([jnp.asarray(one) for one in row]) for row in rows])
+    return jnp.stack([jnp.stack([jnp.asarray(roll) for roll in row]) for row in rows])
 
 
 def _start(tooth: Tooth, index: int, shaft: str) -> Any:
@@ -56,7 +55,7 @@ def _start(tooth: Tooth, index: int, shaft: str) -> Any:
         radius = form_radius(tooth, side)
         if np.isnan(radius):
             raise PairError(
-                f"undercut leaves nothing of the {side} flank; give more teeth or profile shift.",
+                f"undercut removes the whole {side} flank; give more teeth or profile shift.",
                 where=shaft,
             )
         return np.sqrt(max((radius / float(base)) ** 2 - 1, 0.0))
@@ -70,21 +69,21 @@ def _start(tooth: Tooth, index: int, shaft: str) -> Any:
 def check_contact(
     teeth: tuple[Tooth, Tooth],
     mounting: Mounting,
-    effort: Effort,
+    search_grid: SearchGrid,
     deviations: Deviations | None,
 ) -> None:
-    """Raise `PairError` for gears that cannot be brought into contact; numbers must be known."""
+    """Raise `PairError` for gears that cannot be in contact; numbers must not be traced."""
     _check_distance(teeth, mounting)
     distance = float(mounting.centre_distance)
-    if (needed := least_tooth_pairs(teeth, distance)) > effort.tooth_pairs:
+    if (needed := least_tooth_pairs(teeth, distance)) > search_grid.tooth_pairs:
         raise PairError(
-            f"{effort.tooth_pairs} pairs of teeth are too few to look at where the contact ratio is"
+            f"{search_grid.tooth_pairs} tooth pairs are too few for a contact ratio of"
             f" {_contact_ratios(teeth, distance).max():.2f}; give tooth_pairs={needed}.",
             where="contact ratio",
         )
-    if effort.sections > 1 and all(np.isnan(float(tooth.face_width_mm)) for tooth in teeth):
+    if search_grid.sections > 1 and all(np.isnan(float(tooth.face_width_mm)) for tooth in teeth):
         raise PairError(
-            "missing; contact differs along the face, which has to have ends.",
+            "the face width is missing, but contact differs along the face; give a face width.",
             where="driving.face_width_mm",
         )
     for shaft, tooth in zip(_SHAFTS, teeth, strict=True):
@@ -94,37 +93,37 @@ def check_contact(
 
 
 def _check_distance(teeth: tuple[Tooth, Tooth], mounting: Mounting) -> None:
-    """The teeth have to reach each other, and the base circles must not, at every angle."""
-    distance, sway = float(mounting.centre_distance), 0.0
+    """Raise `PairError` if at some angle tip circles are apart or base circles overlap."""
+    distance, offset = float(mounting.centre_distance), 0.0
     if known(mounting):
         offsets = mounting.driving_offset, mounting.driven_offset
-        sway = float(sum(abs(np.asarray(offset)) for offset in offsets))
-    swaying = f", eccentricities take or give {sway:.3f} mm" if sway else ""
+        offset = float(sum(abs(np.asarray(value)) for value in offsets))
+    change = f", eccentricities change the distance by ±{offset:.3f} mm" if offset else ""
     base = max(float(teeth[0].base_radii[k] + teeth[1].base_radii[1 - k]) for k in (0, 1))
-    if not distance - sway > base:
+    if not distance - offset > base:
         raise PairError(
             f"{distance:g} mm lets the base circles overlap (their radii sum to {base:.3f}"
-            f" mm{swaying}); move the axes apart.",
+            f" mm{change}); move the axes apart.",
             where="centre_distance_mm",
         )
     tips = sum(float(tooth.tip_radius) for tooth in teeth)
-    if not distance + sway < tips:
+    if not distance + offset < tips:
         raise PairError(
-            f"{distance:g} mm is too far for the teeth to meet (the tip radii sum to {tips:.3f}"
-            f" mm{swaying}); move the axes together.",
+            f"{distance:g} mm is too far for the teeth to touch (the tip radii sum to {tips:.3f}"
+            f" mm{change}); move the axes together.",
             where="centre_distance_mm",
         )
 
 
 def _check_solid(tooth: Tooth, shaft: str, width: float) -> None:
-    """No pointed tooth: its flanks would end below the tip circle."""
+    """Raise `PairError` for a pointed tooth, whose flanks end below the tip circle."""
     heights = np.zeros(1) if np.isnan(width) else np.linspace(-width / 2, width / 2, 41)
     check_tooth(tooth, heights)
     tips = np.asarray(tooth.thickness(np.full(heights.shape, float(tooth.tip_radius)), heights))
     if tips.min() <= 0:
-        place = heights[int(np.argmin(tips))]
+        height = heights[int(np.argmin(tips))]
         raise PairError(
-            f"the flanks cross below the tip circle at z = {place:g} mm; make the face narrower,"
+            f"the flanks cross below the tip circle at z = {height:g} mm; make the face narrower,"
             " the addendum shorter or the profile shift smaller.",
             where=f"{shaft} tooth",
         )
@@ -135,35 +134,40 @@ def _check_pitches(teeth: tuple[Tooth, Tooth], deviations: Deviations) -> None:
         pitch = getattr(deviations, f"{shaft}_pitch_um")
         if pitch is not None and pitch.shape != (2, tooth.teeth):
             raise PairError(
-                f"of shape {pitch.shape}; give one value for each flank and tooth, shape (2,"
+                f"the shape is {pitch.shape}; give one value for each flank and tooth, shape (2,"
                 f" {tooth.teeth}).",
                 where=f"{shaft}_pitch_um",
             )
 
 
 def same_everywhere(teeth: tuple[Tooth, Tooth], distance: Scalar) -> bool:
-    """Whether every section touches at once, by flanks that recede alike and linearly.
+    """Return whether all sections touch at once.
 
-    And never by a tip edge alone, which comes in one section later than in the next.
+    They do if the recessions are linear and equal on both gears and no tip edge touches alone; a
+    tip edge touches in one section later than in the next.
     """
     if not known(teeth, distance):
         return False
     for index in (0, 1):
-        one, other = teeth[0].recession[index], teeth[1].recession[1 - index]
-        if not (isinstance(one, Taper) and isinstance(other, Taper)):
+        driving, driven = teeth[0].recession[index], teeth[1].recession[1 - index]
+        if not (isinstance(driving, Taper) and isinstance(driven, Taper)):
             return False
-        if np.any(one.crowning_mm) or np.any(other.crowning_mm) or one.slope != other.slope:
+        crowned = np.any(driving.crowning_mm) or np.any(driven.crowning_mm)
+        if crowned or driving.slope != driven.slope:
             return False
     return bool(_contact_ratios(teeth, float(distance)).min() > _MARGIN)
 
 
 def least_tooth_pairs(teeth: tuple[Tooth, Tooth], distance: Scalar | float) -> int:
-    """How many pairs of teeth have to be looked at for the first touch to be among them."""
+    """Return the number of tooth pairs that must be searched to include the first contact."""
     return int(np.ceil(_contact_ratios(teeth, float(distance)).max() + _SPARE))
 
 
 def _contact_ratios(teeth: tuple[Tooth, Tooth], distance: float) -> Float[np.ndarray, "2"]:
-    """Of flank A and B at a centre distance; see `GearPair.contact_ratios`."""
+    """Return the contact ratios of flanks A and B at a centre distance, mm.
+
+    `GearPair.contact_ratios` gives the same at the centre distance of the pair.
+    """
     base = np.stack([teeth[0].base_radii, teeth[1].base_radii[::-1]])
     tips = np.array([[float(tooth.tip_radius)] for tooth in teeth])
     line = np.sqrt(np.maximum(distance**2 - base.sum(axis=0) ** 2, 0.0))

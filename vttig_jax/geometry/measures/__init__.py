@@ -1,1 +1,1 @@
-"""What a shop measures on one gear: thickness, span, measure over balls."""
+"""Workshop measures of one gear: tooth thickness, span and measurement over balls."""

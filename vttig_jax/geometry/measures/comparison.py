@@ -1,4 +1,4 @@
-"""The measures of both gears in one table, beside the values that a drawing or a shop states."""
+"""Comparison of computed measures with the values stated by a drawing or a workshop."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
@@ -9,30 +9,28 @@ from .gear_measures import GearMeasures
 
 
 class Stated(NamedTuple):
-    """A stated value, and how much larger it is than the computed one (None: not comparable)."""
+    """Stated value and its excess over the computed value (None: not comparable)."""
 
     value: float
     difference: float | None
 
 
 def compare_stated(stated: StatedTable, found: GearMeasures) -> tuple[dict[str, Stated], list[str]]:
-    """Stated values by key, and sentences on those that cannot be compared.
+    """Return the stated values by key, and a sentence for each value that cannot be compared.
 
-    Thickness at the ends needs the face width; span and measurement over balls are compared where
-    they were measured as stated: in the middle of the face, over the same teeth and balls.
+    Thickness at the ends needs the face width. Span and measurement over balls are compared only
+    in the middle of the face, over the stated number of teeth and the stated ball.
 
     **Example**
     ```python
     >>> from vttig_jax import Gear, GearPair
-    >>> from vttig_jax.geometry import measure_gear
-    >>> from vttig_jax.geometry import compare_stated
-    >>> from vttig_jax.geometry import tooth_of
+    >>> from vttig_jax.geometry import compare_stated, measure_gear, tooth_of
     >>> from vttig_jax.pair import StatedTable
     >>> gears = Gear(45, 3.0, 3.0, 20.0), Gear(80, 3.0, 3.0, 20.0)
     >>> pair = GearPair(*gears, module_mm=2.0, pressure_angles_deg=20.0)
-    >>> found = measure_gear(tooth_of(pair, "driving"))
-    >>> beside, notes = compare_stated(StatedTable(tooth_thickness_thick_mm=4.195), found)
-    >>> f"{beside['tooth_thickness_thick_mm'].difference:+.4f}", notes
+    >>> computed = measure_gear(tooth_of(pair, "driving"))
+    >>> stated, notes = compare_stated(StatedTable(tooth_thickness_thick_mm=4.195), computed)
+    >>> f"{stated['tooth_thickness_thick_mm'].difference:+.4f}", notes
     ('+0.0053', [])
 
     ```
@@ -45,32 +43,32 @@ def compare_stated(stated: StatedTable, found: GearMeasures) -> tuple[dict[str, 
         "span_mm": found.span.value_mm,
         "over_balls_mm": found.over_balls.value_mm,
     }
-    why_not = _otherwise_measured(stated, found)
-    beside = {}
+    reasons = _different_conditions(stated, found)
+    comparison = {}
     for name, value in computed.items():
         given = getattr(stated, name)
         if given is not None:
-            comparable = value is not None and name not in why_not
-            beside[name] = Stated(given, given - value if comparable else None)
-    return beside, [sentence for name, sentence in why_not.items() if name in beside]
+            comparable = value is not None and name not in reasons
+            comparison[name] = Stated(given, given - value if comparable else None)
+    return comparison, [sentence for name, sentence in reasons.items() if name in comparison]
 
 
-def _otherwise_measured(stated: StatedTable, found: GearMeasures) -> dict[str, str]:
-    """Key → why the stated value is not that of the measure shown."""
-    if found.section_mm:
+def _different_conditions(stated: StatedTable, computed: GearMeasures) -> dict[str, str]:
+    """Return by key a sentence on the measuring condition in which both values differ."""
+    if computed.section_mm:
         return {
-            name: f"The stated {what} is that of the middle of the face, not of"
-            f" z = {found.section_mm:g} mm."
-            for name, what in (("span_mm", "span"), ("over_balls_mm", "measure over balls"))
+            key: f"The stated {measure} is that of the middle of the face, not of"
+            f" z = {computed.section_mm:g} mm."
+            for key, measure in (("span_mm", "span"), ("over_balls_mm", "measure over balls"))
         }
-    why_not = {}
-    if stated.span_teeth != found.span.teeth:
-        why_not["span_mm"] = f"The stated span is over {stated.span_teeth} teeth."
-    if stated.ball_diameter_mm != found.over_balls.ball_diameter_mm:
-        why_not["over_balls_mm"] = (
+    reasons = {}
+    if stated.span_teeth != computed.span.teeth:
+        reasons["span_mm"] = f"The stated span is over {stated.span_teeth} teeth."
+    if stated.ball_diameter_mm != computed.over_balls.ball_diameter_mm:
+        reasons["over_balls_mm"] = (
             f"The stated measure over balls is over balls of {stated.ball_diameter_mm} mm."
         )
-    return why_not
+    return reasons
 
 
 _Cell = Callable[[GearMeasures], Any]
@@ -82,34 +80,34 @@ def measures_text(
     notes: Mapping[str, Sequence[str]],
     title: str,
 ) -> str:
-    """Table of the measures, a column a gear, and the notes below it.
+    """Return a table of the measures with one column for each gear, and the notes below it.
 
     **Arguments**
     - `gears`: measures by the name of the gear.
-    - `stated`: by gear, what is stated by key; columns for it appear where anything is, with its
-      difference from what is computed.
-    - `notes`: by gear, sentences; what is said of every gear stands once.
-    - `title`: the first line.
+    - `stated`: stated values by gear and key; if there are any, the table shows them with their
+      differences from the computed values.
+    - `notes`: sentences by gear; a sentence that applies to all gears is printed once.
+    - `title`: first line.
     """
-    beside = any(stated.values())
+    with_stated = any(stated.values())
     headers: list[str] = [""]
     for name in gears:
-        headers += [name, "stated", "difference"] if beside else [name]
+        headers += [name, "stated", "difference"] if with_stated else [name]
     rows = []
     for label, key, cell in _rows(list(gears.values())):
         row = [label]
-        for name, found in gears.items():
-            row.append(_number(cell(found)))
-            if beside:
+        for name, measures in gears.items():
+            row.append(_number(cell(measures)))
+            if with_stated:
                 row += _stated_cells(stated[name].get(key))
         rows.append(row)
     return "\n".join([title, *_indented(text_table(rows, headers)), *_notes(notes)])
 
 
 def _rows(gears: list[GearMeasures]) -> list[tuple[str, str, _Cell]]:
-    """Label, key of the stated value, and value of each row; lengths in mm."""
-    radii = [one.radius_mm for one in gears[0].thickness_at]
-    tapered = any(found.tapered for found in gears)
+    """Return the label, the key of the stated value and the value of each row; lengths in mm."""
+    radii = [thickness.radius_mm for thickness in gears[0].thickness_at]
+    tapered = any(measures.tapered for measures in gears)
     return [
         ("teeth", "", lambda g: str(g.teeth)),
         ("reference diameter", "", lambda g: g.reference_diameter_mm),
@@ -124,7 +122,7 @@ def _rows(gears: list[GearMeasures]) -> list[tuple[str, str, _Cell]]:
         ("thickness, thick end", "tooth_thickness_thick_mm", lambda g: g.thickness.thick),
         ("tip thickness, thin end", "", lambda g: g.tip_thickness.thin),
         ("tip thickness, section", "", lambda g: g.tip_thickness.section),
-        *(row for at, radius in enumerate(radii) for row in _at_radius(at, radius)),
+        *(row for index, radius in enumerate(radii) for row in _at_radius(index, radius)),
         ("chordal thickness", "", lambda g: g.chordal_thickness_mm),
         ("height above the chord", "", lambda g: g.chordal_height_mm),
         ("teeth spanned", "", lambda g: None if g.span.teeth is None else str(g.span.teeth)),
@@ -138,7 +136,7 @@ def _rows(gears: list[GearMeasures]) -> list[tuple[str, str, _Cell]]:
 def _by_side(
     gears: list[GearMeasures], label: str, values: Callable[[GearMeasures], tuple[float, float]]
 ) -> list[tuple[str, str, _Cell]]:
-    """One row where both flanks are alike in all gears, else one for each flank."""
+    """Return one row if both flanks are alike in all gears, else one row for each flank."""
     if all(values(g)[0] == values(g)[1] for g in gears):
         return [(label, "", lambda g: values(g)[0])]
     return [
@@ -147,31 +145,32 @@ def _by_side(
     ]
 
 
-def _at_radius(at: int, radius: float) -> list[tuple[str, str, _Cell]]:
+def _at_radius(index: int, radius: float) -> list[tuple[str, str, _Cell]]:
     label = f"thickness at r = {radius:g},"
     return [
-        (f"{label} thin end", "", lambda g: g.thickness_at[at].thin),
-        (f"{label} section", "", lambda g: g.thickness_at[at].section),
-        (f"{label} thick end", "", lambda g: g.thickness_at[at].thick),
+        (f"{label} thin end", "", lambda g: g.thickness_at[index].thin),
+        (f"{label} section", "", lambda g: g.thickness_at[index].section),
+        (f"{label} thick end", "", lambda g: g.thickness_at[index].thick),
     ]
 
 
 def _handed(degrees: float, hands: str) -> str:
-    """The angle with L or R; `hands` are those of a flank that thins the tooth and of the other."""
+    """Return the angle with L or R; `hands` are the hands for positive and negative angles."""
     if round(degrees, 4) == 0:
         return "0.0000"
     return f"{abs(degrees):.4f} {hands[0] if degrees > 0 else hands[1]}"
 
 
 def _span_label(gears: list[GearMeasures]) -> str:
-    spans = [found.span for found in gears]
-    return "span" if any(one.measurable for one in spans) else "span, a computed figure"
+    measurable = any(gear.span.measurable for gear in gears)
+    return "span" if measurable else "span, a computed figure"
 
 
-def _stated_cells(one: Stated | None) -> list[str]:
-    if one is None:
+def _stated_cells(stated: Stated | None) -> list[str]:
+    if stated is None:
         return ["", ""]
-    return [f"{one.value:g}", "–" if one.difference is None else f"{one.difference:+.4f}"]
+    difference = "–" if stated.difference is None else f"{stated.difference:+.4f}"
+    return [f"{stated.value:g}", difference]
 
 
 def _number(value: Any) -> Any:
@@ -183,7 +182,7 @@ def _indented(table: str) -> list[str]:
 
 
 def _notes(notes: Mapping[str, Sequence[str]]) -> list[str]:
-    """Notes in the order of the gears; what all gears share stands without their names."""
+    """Return the notes in the order of the gears; notes common to all gears carry no name."""
     lines = []
     for name, sentences in notes.items():
         for sentence in sentences:

@@ -1,4 +1,4 @@
-"""All shop measures of one gear, ready to be printed beside those of its mate."""
+"""Workshop measures of one gear and their JSON record."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -15,13 +15,14 @@ from .thickness import base_helix_angles, chordal_height, chordal_thickness, rec
 
 
 @dataclass(frozen=True)
-class Across:
-    """Thickness at one radius across the face, arcs in mm; the ends are None without face width.
+class FaceThickness:
+    """Tooth thickness at one radius, as arcs in mm, in a section and at the ends of the face.
 
     **Arguments**
     - `radius_mm`: radius of the circle.
-    - `thin`, `thick`: at the two ends of the face; `section`: at the section measured.
-    - `reason`: a sentence on why there is no thickness there.
+    - `thin`, `thick`: thickness at the two ends of the face, None without face width.
+    - `section`: thickness at the measured section.
+    - `reason`: sentence that explains a missing thickness.
     """
 
     radius_mm: float
@@ -33,18 +34,19 @@ class Across:
 
 @dataclass(frozen=True)
 class GearMeasures:
-    """Shop measures of one gear, mm and degrees; pairs of flanks are (left, right).
+    """Workshop measures of one gear in mm and degrees; pairs of flanks are (left, right).
 
     **Arguments**
-    - `teeth`: number of teeth; `section_mm`: height of the section measured.
-    - `reference_diameter_mm` … `form_diameters_mm`: of the circles; the involute of a flank begins
-      at its form circle. `undercut`: whether the fillet has cut some of it away.
-    - `base_helix_deg`: at the section, positive where the flank thins the tooth towards +z.
+    - `teeth`: number of teeth; `section_mm`: height of the measured section.
+    - `reference_diameter_mm` … `form_diameters_mm`: diameters of the circles; the involute of a
+      flank begins at its form circle. `undercut`: whether the fillet cuts into a flank.
+    - `base_helix_deg`: base helix angles at the section, positive where the flank thins the tooth
+      towards +z.
     - `thickness`, `tip_thickness`: at the reference and the tip circle; `thickness_at`: at further
-      radii asked for.
-    - `chordal_thickness_mm`, `chordal_height_mm`: of the reference circle, in the transverse plane.
-    - `span`, `over_balls`: see there; `over_balls_slope`: mm by which the measurement over balls
-      grows for every mm the balls stand nearer to the +z end; None where it has no value.
+      radii.
+    - `chordal_thickness_mm`, `chordal_height_mm`: at the reference circle, in the transverse plane.
+    - `span`, `over_balls`: results of the functions of the same name. `over_balls_slope`: change
+      of the measurement over balls per mm of z, mm/mm; None if it has no value.
     """
 
     teeth: int
@@ -56,9 +58,9 @@ class GearMeasures:
     form_diameters_mm: tuple[float, float]
     undercut: bool
     base_helix_deg: tuple[float, float]
-    thickness: Across
-    tip_thickness: Across
-    thickness_at: tuple[Across, ...]
+    thickness: FaceThickness
+    tip_thickness: FaceThickness
+    thickness_at: tuple[FaceThickness, ...]
     chordal_thickness_mm: float
     chordal_height_mm: float
     span: Span
@@ -67,8 +69,8 @@ class GearMeasures:
 
     @property
     def notes(self) -> list[str]:
-        """What a reader should know beside the numbers, as sentences."""
-        notes = [one.reason for one in (*self.thickness_at, self.span, self.over_balls)]
+        """Sentences on measures that are missing or need care."""
+        notes = [item.reason for item in (*self.thickness_at, self.span, self.over_balls)]
         if self.thickness.thin is None:
             notes.append("The drawing gives no face_width_mm, so that its teeth have no ends.")
         if self.undercut:
@@ -85,7 +87,7 @@ class GearMeasures:
 
     @property
     def tapered(self) -> bool:
-        """Whether the measurement over balls depends on where along the axis it is taken."""
+        """Whether the measurement over balls changes along the axis by more than 1e-6 mm/mm."""
         return abs(self.over_balls_slope or 0.0) > 1e-6
 
     def _notes_on_balls(self) -> list[str]:
@@ -103,12 +105,12 @@ class GearMeasures:
         return notes
 
     def to_json(self) -> dict[str, Any]:
-        """One gear in an object of schema `vttig.measure/1`."""
-        ends = {"tooth_thickness": self.thickness, "tip_thickness": self.tip_thickness}
+        """Return the record of one gear in an object of schema `vttig.measure/1`."""
+        circles = {"tooth_thickness": self.thickness, "tip_thickness": self.tip_thickness}
         thickness = {
             f"{name}_{place}mm": value
-            for name, one in ends.items()
-            for place, value in (("thin_", one.thin), ("", one.section), ("thick_", one.thick))
+            for name, arc in circles.items()
+            for place, value in (("thin_", arc.thin), ("", arc.section), ("thick_", arc.thick))
         }
         return {
             "teeth": self.teeth,
@@ -128,12 +130,12 @@ class GearMeasures:
             },
             "thickness_at": [
                 {
-                    "radius_mm": one.radius_mm,
-                    "thin_mm": one.thin,
-                    "section_mm": one.section,
-                    "thick_mm": one.thick,
+                    "radius_mm": arc.radius_mm,
+                    "thin_mm": arc.thin,
+                    "section_mm": arc.section,
+                    "thick_mm": arc.thick,
                 }
-                for one in self.thickness_at
+                for arc in self.thickness_at
             ],
             "notes": self.notes,
         }
@@ -147,39 +149,37 @@ def measure_gear(
     span_teeth: int | None = None,
     ball_mm: float | None = None,
 ) -> GearMeasures:
-    """Measure a gear in the section at a height; `check_measurable` says which gears have measures.
+    """Measure a gear in one section; `check_measurable` refuses gears that have no measures.
 
     **Arguments**
-    - `tooth`: the gear; `tooth_of` takes it from a pair.
-    - `section_mm`: height along its axis from the middle of the face.
-    - `radii_mm`: further radii at which the thickness is wanted.
-    - `span_teeth`, `ball_mm`: teeth to span and diameter of the balls; when absent those that suit
-      the middle of the face, in every section.
+    - `tooth`: gear; `tooth_of` takes it from a pair.
+    - `section_mm`: height of the section along the axis from the middle of the face.
+    - `radii_mm`: further radii at which the thickness is measured.
+    - `span_teeth`: number of teeth to span; by default the one suitable in the middle of the face.
+    - `ball_mm`: diameter of the balls; by default the one suitable in the section.
 
     **Raises** `ValueError` for a section beyond the face.
 
     **Example**
     ```python
     >>> from vttig_jax import Gear, GearPair
-    >>> from vttig_jax.geometry import measure_gear
-    >>> from vttig_jax.geometry import tooth_of
+    >>> from vttig_jax.geometry import measure_gear, tooth_of
     >>> gears = Gear(45, 3.0, 3.0, 20.0), Gear(80, 3.0, 3.0, 20.0)
     >>> pair = GearPair(*gears, module_mm=2.0, pressure_angles_deg=20.0)
-    >>> found = measure_gear(tooth_of(pair, "driving"))
-    >>> print(f"{found.thickness.thin:.4f} … {found.thickness.thick:.4f} mm")
+    >>> gear = measure_gear(tooth_of(pair, "driving"))
+    >>> print(f"{gear.thickness.thin:.4f} … {gear.thickness.thick:.4f} mm")
     2.0934 … 4.1897 mm
-    >>> print(f"{found.over_balls.value_mm:.4f} mm over {found.over_balls.ball_diameter_mm} mm")
+    >>> print(f"{gear.over_balls.value_mm:.4f} mm over {gear.over_balls.ball_diameter_mm} mm")
     94.9666 mm over 3.5 mm
 
     ```
     """
     _check_section(tooth, section_mm)
-    here = np.array([section_mm])
+    height = np.array([section_mm])
     radius = np.array([float(tooth.reference_radius)])
-    helix = base_helix_angles(tooth, here)[0] / DEG
-    ball = over_balls(
-        tooth, usual_ball(tooth, section_mm) if ball_mm is None else ball_mm, section_mm
-    )
+    helix = base_helix_angles(tooth, height)[0] / DEG
+    diameter = usual_ball(tooth, section_mm) if ball_mm is None else ball_mm
+    ball = over_balls(tooth, diameter, section_mm)
     return GearMeasures(
         teeth=tooth.teeth,
         section_mm=section_mm,
@@ -190,11 +190,11 @@ def measure_gear(
         form_diameters_mm=_pair([2 * form_radius(tooth, side) for side in SIDES]),
         undercut=any(undercut_depth(tooth, side) > 0 for side in SIDES),
         base_helix_deg=_pair(helix),
-        thickness=_across(tooth, float(radius[0]), section_mm),
-        tip_thickness=_across(tooth, float(tooth.tip_radius), section_mm),
-        thickness_at=tuple(_asked(tooth, wanted, section_mm) for wanted in radii_mm),
-        chordal_thickness_mm=float(chordal_thickness(tooth, radius, here)[0]),
-        chordal_height_mm=float(chordal_height(tooth, radius, here)[0]),
+        thickness=_face_thickness(tooth, float(radius[0]), section_mm),
+        tip_thickness=_face_thickness(tooth, float(tooth.tip_radius), section_mm),
+        thickness_at=tuple(_involute_thickness(tooth, r, section_mm) for r in radii_mm),
+        chordal_thickness_mm=float(chordal_thickness(tooth, radius, height)[0]),
+        chordal_height_mm=float(chordal_height(tooth, radius, height)[0]),
         span=span(tooth, section_mm, span_teeth or span(tooth).teeth),
         over_balls=ball,
         over_balls_slope=_slope(tooth, ball, section_mm),
@@ -214,27 +214,27 @@ def _pair(values: Any) -> tuple[float, float]:
     return float(left), float(right)
 
 
-def _across(tooth: Tooth, radius: float, section: float) -> Across:
+def _face_thickness(tooth: Tooth, radius: float, section: float) -> FaceThickness:
     width = float(tooth.face_width_mm)
     heights = np.array([section] if np.isnan(width) else [section, -width / 2, width / 2])
-    here, *ends = map(float, tooth.thickness(np.full_like(heights, radius), heights))
-    return Across(radius, min(ends, default=None), here, max(ends, default=None))
+    middle, *ends = map(float, tooth.thickness(np.full_like(heights, radius), heights))
+    return FaceThickness(radius, min(ends, default=None), middle, max(ends, default=None))
 
 
-def _asked(tooth: Tooth, radius: float, section: float) -> Across:
-    """Thickness at a radius somebody asked for, where the tooth has its involute."""
+def _involute_thickness(tooth: Tooth, radius: float, section: float) -> FaceThickness:
+    """Return the thickness at a radius, mm, or the reason if the tooth has no involute there."""
     low, high = max(form_radius(tooth, side) for side in SIDES), float(tooth.tip_radius)
     if low <= radius <= high:
-        return _across(tooth, radius, section)
+        return _face_thickness(tooth, radius, section)
     reason = (
         f"There is no involute at a radius of {radius:g} mm: it reaches from {low:.4f} to"
         f" {high:.4f} mm."
     )
-    return Across(radius, reason=reason)
+    return FaceThickness(radius, reason=reason)
 
 
 def _slope(tooth: Tooth, ball: OverBalls, section: float) -> float | None:
-    """dM/dz from the derivative of Σ inv α(r_M) = … − (δ_L + δ_R)/R at the heights of contact."""
+    """Return dM/dz from the derivative of Σ inv α(r_M) = … − (δ_L + δ_R)/R at the contacts."""
     if ball.centre_diameter_mm is None or ball.contact_z_mm is None:
         return None
     heights = np.array(ball.contact_z_mm)
@@ -243,32 +243,32 @@ def _slope(tooth: Tooth, ball: OverBalls, section: float) -> float | None:
     centre = ball.centre_diameter_mm / 2
     # d(inv α)/dr = tan α / r for either flank
     tangents = np.sqrt((centre / tooth.base_radii) ** 2 - 1)
-    odd = np.cos(np.pi / 2 / tooth.teeth) if tooth.teeth % 2 else 1.0
-    return float(-2 * odd * thinning * centre / tangents.sum())
+    odd_factor = np.cos(np.pi / 2 / tooth.teeth) if tooth.teeth % 2 else 1.0
+    return float(-2 * odd_factor * thinning * centre / tangents.sum())
 
 
 def _sides(values: tuple[float, float]) -> dict[str, float]:
     return dict(zip(SIDES, values, strict=True))
 
 
-def _span_json(found: Span) -> dict[str, Any]:
+def _span_json(measure: Span) -> dict[str, Any]:
     return {
-        "teeth": found.teeth,
-        "value": found.value_mm,
-        "transverse": found.transverse_mm,
-        "contact_diameter_mm": found.contact_diameter_mm,
-        "measurable": found.measurable,
-        "reason": found.reason,
+        "teeth": measure.teeth,
+        "value": measure.value_mm,
+        "transverse": measure.transverse_mm,
+        "contact_diameter_mm": measure.contact_diameter_mm,
+        "measurable": measure.measurable,
+        "reason": measure.reason,
     }
 
 
-def _balls_json(found: OverBalls) -> dict[str, Any]:
-    contacts, heights = found.contact_diameters_mm, found.contact_z_mm
+def _balls_json(measure: OverBalls) -> dict[str, Any]:
+    contacts, heights = measure.contact_diameters_mm, measure.contact_z_mm
     return {
-        "ball_diameter_mm": found.ball_diameter_mm,
-        "value": found.value_mm,
-        "centre_diameter_mm": found.centre_diameter_mm,
+        "ball_diameter_mm": measure.ball_diameter_mm,
+        "value": measure.value_mm,
+        "centre_diameter_mm": measure.centre_diameter_mm,
         "contact_diameter_mm": None if contacts is None else _sides(contacts),
         "contact_z_mm": None if heights is None else _sides(heights),
-        "reason": found.reason,
+        "reason": measure.reason,
     }

@@ -1,4 +1,4 @@
-"""Measures of one tooth on arrays: the chord a tooth caliper takes, base helices, base angles."""
+"""Base helix angles, base half angles and chordal thickness of a tooth, on arrays."""
 
 import math
 
@@ -11,29 +11,29 @@ from ..tooth.tooth import Tooth
 
 
 def recession_slopes(tooth: Tooth, z: Float[Numbers, "*shape"]) -> Float[Numbers, "*shape 2"]:
-    """Slope dδ/dz of the left and the right flank at height z: tan β of a straight flank.
+    """Return the slope dδ/dz of the left and the right flank at height z: tan β if straight.
 
-    Positive where the flank thins the tooth towards +z. A central difference over a thousandth of
-    the module: exact for flanks that are straight or crowned.
+    It is positive where the flank thins the tooth towards +z. The central difference with a step of
+    a thousandth of the module is exact for straight and for crowned flanks.
     """
     step = 1e-3 * tooth.module_mm
     return (tooth.recessions(z + step) - tooth.recessions(z - step)) / (2 * step)
 
 
 def base_helix_angles(tooth: Tooth, z: Float[Numbers, "*shape"]) -> Float[Numbers, "*shape 2"]:
-    """Base helix angles of the left and the right flank at height z, rad.
+    """Return the base helix angles of the left and the right flank at height z, rad.
 
         tan β_b = (r_b/R) dδ/dz
 
-    Positive where the flank thins the tooth towards +z: then the left flank is left-handed and the
-    right one right-handed.
+    They are positive where the flank thins the tooth towards +z; the left flank is then left-handed
+    and the right flank right-handed.
     """
-    share = tooth.base_radii / tooth.reference_radius
-    return namespace(tooth, z).arctan(share * recession_slopes(tooth, z))
+    ratio = tooth.base_radii / tooth.reference_radius
+    return namespace(tooth, z).arctan(ratio * recession_slopes(tooth, z))
 
 
 def base_half_angles(tooth: Tooth, z: Float[Numbers, "*shape"]) -> Float[Numbers, "*shape 2"]:
-    """Angles from the centre line of the tooth to the feet of its flanks on the base circles, rad.
+    """Return the angles, rad, from the tooth's centre line to its flanks on the base circles.
 
     ψ_b(z) = (π m/4 + x m tan αₜ − δ(z))/R + inv αₜ
     """
@@ -42,11 +42,11 @@ def base_half_angles(tooth: Tooth, z: Float[Numbers, "*shape"]) -> Float[Numbers
 
 
 def radius_where(base_radii: Float[Numbers, "2"], total: float) -> float | None:
-    """The radius where the involute functions of two flanks sum to a total, mm.
+    """Return the radius, mm, at which the involute functions of two flanks have a given sum, rad.
 
         inv α_L(r) + inv α_R(r) = total,    cos α(r) = r_b/r
 
-    None where the total is less than that at the larger base circle.
+    Return None if the total is less than the sum at the larger base circle.
     """
     from scipy.optimize import root_scalar
 
@@ -54,34 +54,28 @@ def radius_where(base_radii: Float[Numbers, "2"], total: float) -> float | None:
     largest = float(base_radii.max())
 
     def excess(roll: float) -> float:
-        """`roll` is the roll length on the larger base circle over its radius."""
+        """Return the sum minus the total at a roll angle, rad, of the larger base circle."""
         tangents = np.sqrt((1 + roll**2) * (largest / base_radii) ** 2 - 1)
         return float((tangents - np.arctan(tangents)).sum()) - total
 
     if not excess(0.0) <= 0.0:
         return None
-    # inv α > tan α − π/2, so that of the larger base circle alone has passed the total there.
-    found = root_scalar(excess, bracket=(0.0, total + math.pi / 2), xtol=1e-14, rtol=1e-14)
-    return largest * math.hypot(1.0, found.root)
+    # At the upper limit inv α > tan α − π/2 of the larger base circle alone exceeds the total.
+    solution = root_scalar(excess, bracket=(0.0, total + math.pi / 2), xtol=1e-14, rtol=1e-14)
+    return largest * math.hypot(1.0, solution.root)
 
 
 def chordal_thickness(
     tooth: Tooth, radius: Float[Numbers, "*shape"], z: Float[Numbers, "*shape"]
 ) -> Float[Numbers, "*shape"]:
-    """Chord of the circle of a radius inside the tooth at height z, mm.
-
-    2 r sin(ψ_L/2 + ψ_R/2)
-    """
+    """Return the chordal thickness 2 r sin(ψ_L/2 + ψ_R/2), mm, at a radius and height z, mm."""
     return 2 * radius * namespace(tooth, radius, z).sin(_mean_angles(tooth, radius, z))
 
 
 def chordal_height(
     tooth: Tooth, radius: Float[Numbers, "*shape"], z: Float[Numbers, "*shape"]
 ) -> Float[Numbers, "*shape"]:
-    """Height of the tip circle above that chord, mm.
-
-    r_a − r cos(ψ_L/2 + ψ_R/2)
-    """
+    """Return the height r_a − r cos(ψ_L/2 + ψ_R/2), mm, of the tip circle above the chord."""
     cosines = namespace(tooth, radius, z).cos(_mean_angles(tooth, radius, z))
     return tooth.tip_radius - radius * cosines
 

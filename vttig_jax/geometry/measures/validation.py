@@ -1,4 +1,4 @@
-"""Teeth no shop can measure: what the drawing has to be cured of first, as one sentence."""
+"""Checks of a tooth before it is measured."""
 
 import numpy as np
 from jaxtyping import Float
@@ -10,14 +10,14 @@ from ..tooth.tooth import Tooth
 from ..tooth.validation import check_tooth
 from .thickness import base_half_angles, radius_where
 
-_SECTIONS = 33
+_SECTIONS = 33  # sections checked over the face; a chosen number
 
 
 def check_measurable(tooth: Tooth, section_mm: float = 0.0) -> None:
-    """Raise `PairError` where a tooth is none, pointed below its tip circle, or fills its space.
+    """Raise `PairError` for a tooth without thickness, a pointed tooth or a closed tooth space.
 
-    Looked at are the section and, where the drawing gives the face width, sections all over it.
-    An undercut tooth passes.
+    The function checks the section and, if the face width is given, sections over the face. An
+    undercut tooth is accepted.
 
     **Example**
     ```python
@@ -63,17 +63,17 @@ def _check_tips(tooth: Tooth, heights: Float[np.ndarray, " n"]) -> None:
         return
     height = heights[worst]
     total = float(base_half_angles(tooth, heights[worst : worst + 1]).sum())
-    meet = radius_where(tooth.base_radii, total)
-    met = "" if meet is None else f": its flanks meet at a diameter of {2 * meet:.3f} mm"
+    radius = radius_where(tooth.base_radii, total)
+    end = "" if radius is None else f": its flanks meet at a diameter of {2 * radius:.3f} mm"
     raise PairError(
-        f"the tooth is pointed at z = {height:g} mm{met}, below the tip circle of {2 * tip:g} mm;"
+        f"the tooth is pointed at z = {height:g} mm{end}, below the tip circle of {2 * tip:g} mm;"
         f" make {_cure(tooth, heights, worst)} or the addendum lower.",
         where="tip circle",
     )
 
 
 def _check_spaces(tooth: Tooth, heights: Float[np.ndarray, " n"]) -> None:
-    """Neighbouring teeth have to end before they meet, wherever they have an involute."""
+    """Raise `PairError` if neighbouring teeth touch at the form circle."""
     radius = max(form_radius(tooth, side) for side in SIDES)
     angles = tooth.half_angles(np.full_like(heights, radius), heights).sum(axis=-1)
     spaces = radius * (2 * np.pi / tooth.teeth - angles)
@@ -89,8 +89,8 @@ def _check_spaces(tooth: Tooth, heights: Float[np.ndarray, " n"]) -> None:
 
 
 def _cure(tooth: Tooth, heights: Float[np.ndarray, " n"], worst: int) -> str:
-    """What makes the worst section better: less taper, or less shift where all are alike."""
-    receded = tooth.recessions(heights).sum(axis=-1)
-    if np.ptp(receded) and receded[worst] > 0:
+    """Return the cure for the worst section: less taper, or less shift if sections are alike."""
+    recession = tooth.recessions(heights).sum(axis=-1)
+    if np.ptp(recession) and recession[worst] > 0:
         return "the face narrower, the helix angles smaller"
     return "the profile shift lower"

@@ -1,4 +1,4 @@
-"""Which gear can be built as a solid: its teeth, its bore, how much of it."""
+"""Checks of a gear, its bore and its number of teeth before a solid is built."""
 
 import math
 from dataclasses import dataclass
@@ -14,24 +14,22 @@ from ..tooth.section_report import section_report
 from ..tooth.tooth import Tooth
 from .gear_profile import GearProfile, gear_profile
 
-_BORE_SHARE = 0.3
-_LEAST_BORE_MM = 0.1
-_SECTIONS = 41
-
-_FINEST_MM = 1e-8
-"""Of a tolerance: what a text file still resolves ten times over, a tenth of an atom."""
+_BORE_SHARE = 0.3  # default bore radius as a share of the root radius; chosen
+_LEAST_BORE_MM = 0.1  # smallest bore; chosen
+_SECTIONS = 41  # sections checked over the face; chosen
+_FINEST_MM = 1e-8  # smallest tolerance: ten times the 1e-9 mm resolution of text files
 
 
 @dataclass(frozen=True)
 class Blank:
-    """What is built of a gear.
+    """Gear or sector of a gear that is built as a solid.
 
     **Arguments**
-    - `profile`: the curves of the gear.
-    - `teeth`: how many.
-    - `whole`: all of them; else a sector.
+    - `profile`: curves of the gear.
+    - `teeth`: number of teeth built.
+    - `whole`: whether the whole gear is built, not a sector.
     - `bore_mm`: diameter of the bore, 0 for none.
-    - `notes`: what is worth knowing, in sentences.
+    - `notes`: sentences on the geometry of the teeth.
     """
 
     profile: GearProfile
@@ -50,18 +48,18 @@ def blank_of(
     section_mm: float | None = None,
     finest_mm: float = _FINEST_MM,
 ) -> Blank:
-    """Check a gear and what is wanted of it, over its face or in one section; see `gear_mesh`."""
+    """Check a gear and the options of a solid, over the face or in one section; see `gear_mesh`."""
     if not 0 < tolerance_mm < math.inf:
         raise ValueError(f"Argument `tolerance_mm` must be above 0, but is {tolerance_mm}.")
     if tolerance_mm < finest_mm:
         raise UsageError(
-            f"a tolerance of {1e3 * tolerance_mm:g} µm is finer than such a file is exact; give"
+            f"a tolerance of {1e3 * tolerance_mm:g} µm is below the accuracy of the file; give"
             f" --tolerance-um {1e3 * finest_mm:g} or more."
         )
     heights = _heights(tooth, section_mm)
     if teeth is not None and not 1 <= teeth <= tooth.teeth:
         raise UsageError(
-            f"the gear has {tooth.teeth} teeth, so that --teeth {teeth} cannot be; give 1 to"
+            f"the gear has {tooth.teeth} teeth, so --teeth {teeth} is not possible; give 1 to"
             f" {tooth.teeth}."
         )
     check_measurable(tooth, float(heights[0]))
@@ -78,27 +76,26 @@ def _heights(tooth: Tooth, section_mm: float | None) -> Float[np.ndarray, " n"]:
     if section_mm is None:
         if not width > 0:
             raise PairError(
-                "a gear without face width is no solid; give its face_width_mm.",
+                "a gear without face width has no solid; give its face_width_mm.",
                 where="face_width_mm",
             )
         return np.linspace(-width / 2, width / 2, _SECTIONS)
     if abs(section_mm) > width / 2:
         raise UsageError(
-            f"--section-mm {section_mm:g} lies outside of the gear, whose face ends at"
-            f" ±{width / 2:g} mm."
+            f"--section-mm {section_mm:g} is outside the gear; its face ends at ±{width / 2:g} mm."
         )
     return np.array([section_mm])
 
 
 def _check_bore(profile: GearProfile, heights: Float[np.ndarray, " n"], bore: float) -> None:
-    """The straight lines between the feet of a tooth have to stay outside of the bore."""
-    root, turned = float(profile.tooth.root_radius), profile.turned(heights).sum(axis=-1)
-    widest = min(profile.feet - float(turned.min()), profile.pitch)
+    """Raise `UsageError` if the bore reaches a chord between the feet of a tooth."""
+    root, rotation = float(profile.tooth.root_radius), profile.rotation(heights).sum(axis=-1)
+    widest = min(profile.feet_angle - float(rotation.min()), profile.pitch)
     rim = 2 * root * math.cos(widest / 2)
     if 0 < bore < _LEAST_BORE_MM:
         raise UsageError(
-            f"a bore of {bore:g} mm is none; give --bore-mm 0 for a gear without,"
-            f" {_LEAST_BORE_MM:g} or more for one with it."
+            f"a bore of {bore:g} mm is too small; give --bore-mm 0 for a gear without bore, or"
+            f" {_LEAST_BORE_MM:g} or more."
         )
     if not 0 <= bore < 0.99 * rim:
         raise UsageError(
@@ -108,25 +105,25 @@ def _check_bore(profile: GearProfile, heights: Float[np.ndarray, " n"], bore: fl
 
 
 def _notes(profile: GearProfile, heights: Float[np.ndarray, " n"]) -> tuple[str, ...]:
-    found, tooth = [], profile.tooth
+    notes, tooth = [], profile.tooth
     overlap = profile.land(heights) < 0
     if overlap.any():
         worst = section_report(tooth, heights).largest_fillet_radius_mm.min()
         low, high = float(heights[overlap].min()), float(heights[overlap].max())
         if len(heights) > 1:
-            # Up to the height at which they just touch, which lies between two of those seen.
+            # The overlap ends between two of the heights, where the fillets just touch.
             ends = [z for z in profile.breaks(heights[0], heights[-1]) if z > high]
             high = min([*ends, float(heights[-1])])
         where = f"at z = {low:g} mm" if low == high else f"from z = {low:.4g} to {high:.4g} mm"
         fits = f"; a cutter with a tip radius of {worst:.3f} mm fits" if worst >= 0 else ""
-        found.append(
+        notes.append(
             f"The fillets of neighbouring teeth overlap {where}; the bottom of the space is there"
             f" where they cross{fits}."
         )
     depth = max(undercut_depth(tooth, side) for side in SIDES)
     if depth > 0:
-        found.append(
+        notes.append(
             f"The teeth are undercut by {depth:.3f} mm; their flanks begin where the fillets cut"
             " them."
         )
-    return tuple(found)
+    return tuple(notes)

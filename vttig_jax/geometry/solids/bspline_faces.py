@@ -1,4 +1,4 @@
-"""The faces of one tooth as cubic B-spline surfaces through points of the true surface."""
+"""Faces of one tooth as cubic B-spline surfaces through points of the true surface."""
 
 import math
 from collections.abc import Iterator
@@ -15,22 +15,22 @@ from .gear_profile import GearProfile
 from .tooth_grid import ORDER, Counts, ToothGrid
 
 _DEGREE = 3
-_FIRST = 4
-_FINER = 4
-_ROUNDS = 20
-_MOST = 2000
-"""Intervals of a face in one direction."""
+# Chosen values:
+_FIRST = 4  # intervals of a piece at the start
+_FINER = 4  # parts of an interval in which the error is measured
+_ROUNDS = 20  # largest number of refinements
+_MOST = 2000  # largest number of intervals of a face in one direction
 
 
 @dataclass(frozen=True)
 class Patch:
-    """A surface through rows (along the face) and columns (around) of points.
+    """B-spline surface through rows (along the face) and columns (around the gear) of points.
 
-    Neighbours that share points along an edge share the curve there, digit by digit.
+    Patches with the same points on an edge have bit-identical edge curves.
 
     **Arguments**
-    - `points`: at equal steps of both parameters, which run from 0 to 1.
-    - `degree`: of the columns; 1 for a ruled surface.
+    - `points`: points in mm, equidistant in both parameters, which run from 0 to 1.
+    - `degree`: degree around the gear; 1 for a ruled surface.
     """
 
     points: Float[np.ndarray, "rows columns 3"]
@@ -48,16 +48,16 @@ class Patch:
 
     @property
     def poles(self) -> Float[np.ndarray, "rows columns 3"]:
-        """Control points."""
+        """Control points, mm."""
         return self._along.c
 
     @property
     def knots(self) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " m"]]:
-        """Along and around, with the ends repeated."""
+        """Knots along the face and around the gear, with repeated ends."""
         return self._along.t, self._around.t
 
     def at_finer(self, finer: int) -> Float[np.ndarray, "rows columns 3"]:
-        """Points of the surface with every interval divided."""
+        """Return points of the surface, mm, with every interval divided into `finer` parts."""
         rows, columns = (np.linspace(0.0, 1.0, (n - 1) * finer + 1) for n in self.points.shape[:2])
         along = self._along(rows)
         around = type(self._around)(self._around.t, np.moveaxis(along, 1, 0), self.degree)
@@ -66,11 +66,11 @@ class Patch:
 
 @dataclass(frozen=True)
 class ToothPatches:
-    """The surfaces of one tooth, stretch by stretch along the face.
+    """Surfaces of one tooth by stretches along the face.
 
     **Arguments**
-    - `stretches`: for each stretch the eight pieces in their order, None where one has closed.
-    - `heights`: between which the stretches lie, mm.
+    - `stretches`: the eight pieces of each stretch in their order, None for a closed piece.
+    - `heights`: limits of the stretches, mm.
     - `error_mm`: largest distance of the true surface, measured between the points.
     """
 
@@ -80,9 +80,9 @@ class ToothPatches:
 
 
 def tooth_patches(profile: GearProfile, tolerance_mm: float) -> ToothPatches:
-    """Interpolate the pieces of a tooth until the true surface is within a tolerance.
+    """Interpolate the pieces of a tooth so that the true surface is within a tolerance, mm.
 
-    **Raises** `PairError` where that takes too many points.
+    **Raises** `PairError` if this needs too many points.
     """
     half = float(profile.tooth.face_width_mm) / 2
     heights = (-half, *profile.breaks(-half, half), half)
@@ -99,8 +99,9 @@ def tooth_patches(profile: GearProfile, tolerance_mm: float) -> ToothPatches:
         if max(counts.pieces()) > _MOST or counts.rows > _MOST:
             break
     raise PairError(
-        f"B-spline surfaces within {1e3 * tolerance_mm:g} µm take more than {_MOST} points a side,"
-        f" {1e3 * worst:.3g} µm is left; give a larger tolerance, or a recession that is smooth.",
+        f"B-spline surfaces within {1e3 * tolerance_mm:g} µm need more than {_MOST} intervals in"
+        f" one direction (error {1e3 * worst:.3g} µm); give a larger tolerance, or a recession that"
+        " is smooth.",
         where="recession",
     )
 
@@ -118,12 +119,12 @@ def _stretches(grid: ToothGrid) -> Iterator[tuple[Patch | None, ...]]:
 
 
 def _open(grid: ToothGrid) -> Bool[np.ndarray, "stretches 8"]:
-    """Which pieces are there, seen in the middle of each stretch."""
+    """Return which pieces exist in the middle of each stretch."""
     ends = np.array(grid.stretches)
     middle = ToothGrid(
         grid.profile, Counts(1, 1, 1, 1, (1,) * (2 * len(ends) - 2)), tuple(_with_middles(ends))
     )
-    columns = middle.columns()[1::2]
+    columns = middle.point_columns()[1::2]
     return np.diff(columns, axis=1) != 0
 
 
@@ -134,37 +135,37 @@ def _with_middles(ends: np.ndarray) -> np.ndarray:
 def _errors(
     grid: ToothGrid, stretches: tuple[tuple[Patch | None, ...], ...]
 ) -> Float[np.ndarray, "3 stretches 8"]:
-    """Distance of each surface from the true one at the same parameters, mm.
+    """Return the largest distance of each surface from the true one at equal parameters, mm.
 
-    Of all, of those in the rows and of those in the columns of the points it goes through.
+    The three values are those of all points, of the rows and of the columns of the interpolation.
     """
     true, joints = grid.points(_FINER), grid.joints * _FINER
-    found, start = np.zeros((3, len(stretches), len(ORDER))), 0
-    for at, (count, patches) in enumerate(zip(grid.counts.sections, stretches, strict=True)):
+    errors, start = np.zeros((3, len(stretches), len(ORDER))), 0
+    for stretch, (count, patches) in enumerate(zip(grid.counts.sections, stretches, strict=True)):
         rows = true[start : start + count * _FINER + 1]
         for k, patch in enumerate(patches):
             if patch is not None:
-                off = patch.at_finer(_FINER) - rows[:, joints[k] : joints[k + 1] + 1]
-                away = np.linalg.norm(off, axis=-1)
-                away *= 1 + 2 / _FINER**2  # the peak of t²(1 − t)² may lie between
-                found[:, at, k] = away.max(), away[::_FINER].max(), away[:, ::_FINER].max()
+                difference = patch.at_finer(_FINER) - rows[:, joints[k] : joints[k + 1] + 1]
+                error = np.linalg.norm(difference, axis=-1)
+                error *= 1 + 2 / _FINER**2  # the peak of t²(1 − t)² may lie between the points
+                errors[:, stretch, k] = error.max(), error[::_FINER].max(), error[:, ::_FINER].max()
         start += count * _FINER
-    return found
+    return errors
 
 
 def _finer(counts: Counts, errors: np.ndarray, tolerance: float) -> Counts:
-    """More points in the direction in which they are missing, by the fourth order of the error."""
+    """Increase the points in the direction with an error, assuming an error of fourth order."""
     _, across, along = errors
 
-    def wanted(count: int, error: float) -> int:
+    def refined(count: int, error: float) -> int:
         factor = (error / (0.4 * tolerance)) ** 0.25
         return count if factor <= 1 else max(count + 1, math.ceil(count * min(factor, 2.0)))
 
     around = {}
     for part in PARTS:
-        at = [k for k, (_, name) in enumerate(ORDER) if name == part]
-        around[part] = wanted(counts.of(part), float(across[:, at].max()))
+        pieces = [k for k, (_, name) in enumerate(ORDER) if name == part]
+        around[part] = refined(counts.of(part), float(across[:, pieces].max()))
     sections = tuple(
-        wanted(k, float(row.max())) for k, row in zip(counts.sections, along, strict=True)
+        refined(k, float(row.max())) for k, row in zip(counts.sections, along, strict=True)
     )
     return replace(counts, **around, sections=sections)

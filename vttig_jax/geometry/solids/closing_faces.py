@@ -1,7 +1,7 @@
-"""The faces that close a gear: end faces, bore, and the cut faces of a sector.
+"""Faces that close a gear: end faces and bore.
 
-The end face of a tooth is filled rung by rung between its right and its left side, the rim below by
-going around the feet of the teeth and the bore at once; neither adds a point.
+The end face of a tooth is a strip of triangles between its right and its left side. The rim below
+is a strip between the feet of the teeth and the bore. Neither adds points.
 """
 
 import math
@@ -17,26 +17,26 @@ from .tooth_grid import ToothGrid, space_middle
 Triangles = Int[np.ndarray, "_ 3"]
 
 
-def zipped(
+def triangle_strip(
     first: Int[np.ndarray, " n"],
     second: Int[np.ndarray, " m"],
     first_key: Float[np.ndarray, " n"],
     second_key: Float[np.ndarray, " m"],
 ) -> Triangles:
-    """Triangles between two lines of points, advancing on that whose next edge comes first.
+    """Return triangles between two lines of points, in the order of the edges of both lines.
 
-    They go first → its next → second, so that they are counter-clockwise where the second line
-    lies to the left of the first.
+    A triangle has a point of the first line, the next point and a point of the second line. It is
+    counter-clockwise if the second line lies to the left of the first.
 
     **Arguments**
-    - `first`, `second`: indices of the points, in the same sense; one point is enough for a fan.
-    - `first_key`, `second_key`: how far along each point is, by which the edges are ordered.
+    - `first`, `second`: indices of the points, in the same sense; a single point gives a fan.
+    - `first_key`, `second_key`: position of each point along the lines, which orders the edges.
 
     **Example**
     ```python
     >>> import numpy as np
-    >>> from vttig_jax.geometry.solids.closing_faces import zipped
-    >>> zipped(np.array([0, 1, 2]), np.array([3, 4]), np.arange(3.0), np.array([0.0, 2.0]))
+    >>> from vttig_jax.geometry.solids.closing_faces import triangle_strip
+    >>> triangle_strip(np.array([0, 1, 2]), np.array([3, 4]), np.arange(3.0), np.array([0.0, 2.0]))
     array([[0, 1, 3],
            [1, 4, 3],
            [1, 2, 4]])
@@ -58,23 +58,23 @@ def tooth_face(
     columns: Int[np.ndarray, " columns"],
     joints: Int[np.ndarray, "9"],
 ) -> Triangles:
-    """The end face of one tooth above the line between its feet, seen from +z.
+    """Return the end face of one tooth above the line between its feet, seen from +z.
 
     **Arguments**
-    - `points`: one section.
-    - `columns`: the point that stands for each.
-    - `joints`: where the pieces begin and end; see `ToothGrid`.
+    - `points`: points of one section, mm.
+    - `columns`: index of the point that represents each column.
+    - `joints`: columns at which the pieces begin and end; see `ToothGrid`.
     """
     foot, corner, middle, other_corner, other_foot = joints[[1, 3, 4, 5, 7]]
     radius = np.hypot(points[:, 0], points[:, 1])
     key = radius.copy()
-    # Along the tip the radius tells nothing: count up to its middle.
+    # The radius is constant along the tip, so the key increases there to its middle.
     top = max(radius[corner], radius[other_corner])
     key[corner : middle + 1] = top + np.linspace(0.0, 1.0, middle - corner + 1)
     key[middle : other_corner + 1] = top + np.linspace(1.0, 0.0, other_corner - middle + 1)
     right = np.arange(foot, middle + 1)
     left = np.arange(other_foot, middle - 1, -1)
-    return columns[zipped(right, left, key[right], key[left])]
+    return columns[triangle_strip(right, left, key[right], key[left])]
 
 
 def rim_face(
@@ -83,57 +83,57 @@ def rim_face(
     joints: Int[np.ndarray, "9"],
     inner: Int[np.ndarray, " k"],
     pitch: float,
-    turned: float = 0.0,
+    rotation: float = 0.0,
 ) -> Triangles:
-    """The end face of one pitch between the feet and the bore, seen from +z.
+    """Return the end face of one pitch between the feet and the bore, seen from +z.
 
     **Arguments**
     - `points`, `columns`, `joints`: as for `tooth_face`.
     - `inner`: indices of the points on the bore, evenly from one space to the next; one for the
       axis.
     - `pitch`: angle between neighbouring teeth, rad.
-    - `turned`: by which the points on the bore are turned counter-clockwise, rad.
+    - `rotation`: counter-clockwise rotation of the points on the bore, rad.
     """
     foot, other_foot, last = joints[[1, 7, 8]]
     outer = np.concatenate([np.arange(foot + 1), np.arange(other_foot, last + 1)])
     x, y = points[outer, 0], points[outer, 1]
-    cosine, sine = np.cos(turned), np.sin(turned)
+    cosine, sine = np.cos(rotation), np.sin(rotation)
     angle = np.arctan2(-(x * cosine + y * sine), y * cosine - x * sine)
     inner_angle = np.linspace(-pitch / 2, pitch / 2, len(inner))
-    return zipped(columns[outer], inner, angle, inner_angle)
+    return triangle_strip(columns[outer], inner, angle, inner_angle)
 
 
-def real(triangles: Triangles) -> Triangles:
-    """Those whose three points differ."""
+def nondegenerate(triangles: Triangles) -> Triangles:
+    """Return the triangles with three different points."""
     a, b, c = triangles.T
     return triangles[(a != b) & (b != c) & (c != a)]
 
 
 _FOLLOWS = 0.5
-"""Of a pitch by which the teeth may turn along the face before the bore turns with them."""
+"""Rotation of the spaces, in half pitches, above which the bore rotates with them (chosen)."""
 
 _SHARE = 0.9
-"""Part of the tolerance that its chords may take."""
+"""Part of the tolerance that the chords of the bore may use (chosen)."""
 
 
 @dataclass(frozen=True)
 class BoreGrid:
-    """Points on the bore; on the axis, one a row, where there is none.
+    """Points on the bore; without bore there is one point on the axis in each row.
 
     **Arguments**
-    - `radius`: mm, 0 for no bore.
-    - `z`: heights of the rows: both ends, or all sections of teeth that wind.
-    - `turned`: by which the middle of the first space is turned counter-clockwise from half a pitch
-      clockwise of the first tooth, by row, rad.
+    - `radius`: radius of the bore, mm, 0 for no bore.
+    - `z`: heights of the rows, mm: both ends, or all sections of helical teeth.
+    - `rotation`: counter-clockwise rotation of the first space in each row, rad, from its position
+      half a pitch clockwise of the first tooth.
     - `pitch`: angle between neighbouring teeth, rad.
     - `per_pitch`: intervals from one space to the next.
-    - `teeth`, `whole`: of the gear or sector.
-    - `start`: number of the first point.
+    - `teeth`, `whole`: number of teeth, and whether they are the whole gear.
+    - `start`: index of the first point.
     """
 
     radius: float
     z: Float[np.ndarray, " rows"]
-    turned: Float[np.ndarray, " rows"]
+    rotation: Float[np.ndarray, " rows"]
     pitch: float
     per_pitch: int
     teeth: int
@@ -142,63 +142,64 @@ class BoreGrid:
 
     @property
     def width(self) -> int:
-        """Points a row."""
+        """Number of points in a row."""
         return max(self.teeth * self.per_pitch + (0 if self.whole else 1), 1)
 
     @property
     def error_mm(self) -> float:
-        """Largest distance of the cylinder from its triangles."""
+        """Largest distance of the cylinder from its triangles, mm."""
         if not self.per_pitch:
             return 0.0
-        step = max(self.pitch / self.per_pitch, float(np.abs(np.diff(self.turned)).max()))
+        step = max(self.pitch / self.per_pitch, float(np.abs(np.diff(self.rotation)).max()))
         return self.radius * (1 - math.cos(step / 2))
 
     def points(self) -> Float[np.ndarray, "n 3"]:
-        """Row by row, x, y, z in mm."""
+        """Return x, y, z in mm, row by row."""
         step = self.pitch / max(self.per_pitch, 1)
-        angle = self.turned[:, None] - self.pitch / 2 + np.arange(self.width) * step
+        angle = self.rotation[:, None] - self.pitch / 2 + np.arange(self.width) * step
         x, y = -self.radius * np.sin(angle), self.radius * np.cos(angle)
         return np.stack(np.broadcast_arrays(x, y, self.z[:, None]), axis=-1).reshape(-1, 3)
 
     def row(self, row: int, tooth: int) -> Int[np.ndarray, " columns"]:
-        """Numbers of the points below one tooth, from one space to the next."""
+        """Return the indices of the points below one tooth, from one space to the next."""
         along = tooth * self.per_pitch + np.arange(self.per_pitch + 1)
         along = along % self.width if self.whole else along
         return self.start + (row % len(self.z)) * self.width + along
 
     def edge(self, *, last: bool) -> Int[np.ndarray, " rows"]:
-        """Numbers of the points on the first or the last cut face of a sector, upwards."""
+        """Return the point indices on the first or last cut face of a sector, upwards."""
         column = self.width - 1 if last else 0
         return self.start + np.arange(len(self.z)) * self.width + column
 
     def triangles(self) -> list[Triangles]:
-        """The bore, seen from the axis."""
-        found = []
+        """Return the triangles of the bore, seen from the axis."""
+        triangles = []
         for row in range(len(self.z) - 1 if self.per_pitch else 0):
-            onward = self.turned[row + 1] > self.turned[row]
+            increasing = self.rotation[row + 1] > self.rotation[row]
             for tooth in range(self.teeth):
                 low, high = self.row(row, tooth), self.row(row + 1, tooth)
                 a, b, c, d = low[:-1], low[1:], high[1:], high[:-1]
-                # The shorter diagonal: no triangle spans more of the circle than its longest side.
-                split = ((a, d, b), (b, d, c)) if onward else ((a, c, b), (a, d, c))
-                found += [np.stack(corners, axis=-1) for corners in split]
-        return found
+                # With the shorter diagonal no triangle spans a larger arc than its longest side.
+                split = ((a, d, b), (b, d, c)) if increasing else ((a, c, b), (a, d, c))
+                triangles += [np.stack(corners, axis=-1) for corners in split]
+        return triangles
 
 
-def bore_turn(profile: GearProfile, z: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-    """By which the bore turns with the teeth, rad: not at all where these hardly wind."""
-    turned = -space_middle(profile, z)
-    return turned if np.abs(turned).max() > _FOLLOWS * profile.pitch / 2 else np.zeros_like(turned)
+def bore_rotation(profile: GearProfile, z: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    """Return the rotation of the bore with the teeth, rad; 0 if the teeth hardly rotate."""
+    rotation = -space_middle(profile, z)
+    follows = np.abs(rotation).max() > _FOLLOWS * profile.pitch / 2
+    return rotation if follows else np.zeros_like(rotation)
 
 
 def bore_grid(grid: ToothGrid, blank: Blank, tolerance_mm: float, start: int) -> BoreGrid:
-    """The bore of a gear, within a tolerance; its points are numbered from `start`."""
+    """Return the points of the bore within a tolerance, mm; their indices begin at `start`."""
     pitch, radius = grid.profile.pitch, blank.bore_mm / 2
-    z, turned, per_pitch = grid.z, np.zeros(len(grid.z)), 0
+    z, rotation, per_pitch = grid.z, np.zeros(len(grid.z)), 0
     if radius > 0:
-        turned = bore_turn(grid.profile, z)
+        rotation = bore_rotation(grid.profile, z)
         widest = 2 * math.acos(max(1 - _SHARE * tolerance_mm / radius, 0.5))
         per_pitch = math.ceil(pitch / widest)
-    if not turned.any():
-        z, turned = z[[0, -1]], turned[[0, -1]]
-    return BoreGrid(radius, z, turned, pitch, per_pitch, blank.teeth, blank.whole, start)
+    if not rotation.any():
+        z, rotation = z[[0, -1]], rotation[[0, -1]]
+    return BoreGrid(radius, z, rotation, pitch, per_pitch, blank.teeth, blank.whole, start)

@@ -1,4 +1,4 @@
-"""The grid of a tooth: its fineness for a tolerance, and its measured distance from the surface."""
+"""Refinement of a tooth grid to a tolerance, and measured distance of the true surface."""
 
 import math
 import os
@@ -17,44 +17,44 @@ from .gear_profile import GearProfile
 from .tooth_grid import ORDER, Counts, ToothGrid, section_curve
 
 _FINER = 6
-"""Into how many parts each interval is divided to look between the points."""
+"""Number of parts of an interval in which the true surface is evaluated (chosen)."""
 
 _BETWEEN = 1 + 1 / _FINER**2
-"""A parabola peaks by at most this above the largest of what is seen of it."""
+"""Largest ratio of the peak of a parabola to the largest of its evaluated values."""
 
-_LEAST_AREA = 1e-14
+_LEAST_AREA = 1e-14  # parallelogram area of a triangle, mm², below which it has no normal; chosen
 
 _POINTS = 1_000_000
-"""Of the true surface that are looked at together."""
+"""Number of points of the true surface in one batch (chosen)."""
 
 
 def chordal_error(
     grid: ToothGrid, points: Float[np.ndarray, "rows columns 3"]
 ) -> tuple[float, float]:
-    """Largest distance of the true surface from the triangles, mm, and that within the sections.
+    """Return the largest distance of the true surface from the triangles, and in sections, mm.
 
-    The true surface is computed at 6 × 6 places of each quadrilateral, and what may lie between
-    them added. Inside it counts the distance from the plane of the triangle there, on its edges
-    along the end faces and between two pieces (which may be sharp) that from the edge.
+    The true surface is evaluated at 6 × 6 points of each quadrilateral; an allowance for the points
+    between them is added. Inside a quadrilateral it is the distance from the plane of the triangle;
+    on edges in sections and between pieces, which may be sharp, it is the distance from the edge.
 
     **Arguments**
-    - `grid`: the division of the tooth.
-    - `points`: its points as they are written, rounded or not.
+    - `grid`: grid of the tooth.
+    - `points`: points of the grid as written to the file, rounded or not, mm.
     """
-    points = np.take_along_axis(points, grid.columns()[..., None], axis=1)
+    points = np.take_along_axis(points, grid.point_columns()[..., None], axis=1)
     heights, rows = grid.heights(_FINER), len(points) - 1
-    together = max(1, _POINTS // (_FINER**2 * points.shape[1]))
+    batch = max(1, _POINTS // (_FINER**2 * points.shape[1]))
     inside, across = 0.0, 0.0
-    for row in range(0, rows, together):
-        until = min(row + together, rows)
-        true = grid.rows_at(heights[row * _FINER : until * _FINER + 1], _FINER)
-        found = _errors(grid, points[row : until + 1], true)
-        inside, across = max(inside, found[0]), max(across, found[1])
+    for row in range(0, rows, batch):
+        end = min(row + batch, rows)
+        true = grid.rows_at(heights[row * _FINER : end * _FINER + 1], _FINER)
+        errors = _errors(grid, points[row : end + 1], true)
+        inside, across = max(inside, errors[0]), max(across, errors[1])
     return _BETWEEN * max(inside, across), _BETWEEN * across
 
 
 def _errors(grid: ToothGrid, points: np.ndarray, true: np.ndarray) -> tuple[float, float]:
-    """Distances seen in some rows: inside of the quadrilaterals, and within the sections."""
+    """Return the largest distances in some rows, mm: in quadrilaterals and in sections."""
     inside, across = 0.0, 0.0
     steps = np.arange(_FINER + 1) / _FINER
     corners = points[:-1, :-1], points[:-1, 1:], points[1:, 1:], points[1:, :-1]
@@ -78,20 +78,23 @@ def _errors(grid: ToothGrid, points: np.ndarray, true: np.ndarray) -> tuple[floa
 
 
 def section_error(profile: GearProfile, counts: Counts, z: Float[np.ndarray, " n"]) -> float:
-    """Largest distance of flanks and fillets from their chords in sections, mm; lands are arcs."""
+    """Return the largest distance of flanks and fillets from their chords in sections, mm.
+
+    Lands are drawn as arcs and have no error.
+    """
     radius, clockwise = section_curve(profile, counts, z, _FINER)
     true = np.stack([radius * np.sin(clockwise), radius * np.cos(clockwise)], axis=-1)
     corners = true[:, ::_FINER]
     curved = np.repeat([part in ("fillet", "flank") for _, part in ORDER], counts.pieces())
-    found = 0.0
+    error = 0.0
     for k in range(1, _FINER):
         low, high, at = corners[:, :-1], corners[:, 1:], true[:, k::_FINER]
-        found = max(found, _from_edge(low[:, curved], high[:, curved], at[:, curved]))
-    return _BETWEEN * found
+        error = max(error, _from_edge(low[:, curved], high[:, curved], at[:, curved]))
+    return _BETWEEN * error
 
 
 def _edges(grid: ToothGrid, points: np.ndarray, true: np.ndarray):
-    """Edges along the face between two pieces: start, end and the true points from each to each."""
+    """Yield start, end and true points of the edges along the face between two pieces, mm."""
     rows = len(points) - 1
     for column in grid.joints:
         line = true[:, column * _FINER]
@@ -100,35 +103,31 @@ def _edges(grid: ToothGrid, points: np.ndarray, true: np.ndarray):
 
 
 def _plane(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Unit normals of triangles, and which of them have any area."""
+    """Return the unit normals of triangles, and which of the triangles have an area."""
     normal = np.cross(b - a, c - a)
     length = np.linalg.norm(normal, axis=-1)
-    real = length > _LEAST_AREA
-    return np.where(real[..., None], normal / np.where(real, length, 1.0)[..., None], 0.0), real
+    valid = length > _LEAST_AREA
+    return np.where(valid[..., None], normal / np.where(valid, length, 1.0)[..., None], 0.0), valid
 
 
 def _from_edge(low: np.ndarray, high: np.ndarray, at: np.ndarray) -> float:
-    """Largest distance of points from the lines through two points each."""
+    """Return the largest distance of points from the lines through `low` and `high`, mm."""
     along = high - low
     length = np.linalg.norm(along, axis=-1, keepdims=True)
     unit = along / np.where(length > 0, length, 1.0)
-    away = at - low
-    away = away - (away * unit).sum(axis=-1, keepdims=True) * unit
-    return float(np.linalg.norm(away, axis=-1).max(initial=0.0))
+    offset = at - low
+    offset = offset - (offset * unit).sum(axis=-1, keepdims=True) * unit
+    return float(np.linalg.norm(offset, axis=-1).max(initial=0.0))
 
 
 _ACROSS = 0.55
-"""Part of the tolerance that the chords of a section may take; the rest is for the way along."""
+"""Part of the tolerance for the chords of a section; the rest is for the face (chosen)."""
 
-_PROBE = 8
-_ROUNDS = 24
-_TRIANGLE_BYTES = 400
-"""Memory a triangle takes at most while a gear is built and written, measured."""
-
-_COARSEST_UM = 1e5
-"""Of a tolerance that is proposed."""
-
-_FALLBACK_BYTES = 4 * 2**30
+_PROBE = 8  # intervals of a piece in the estimate; chosen
+_ROUNDS = 24  # largest number of refinements; chosen
+_TRIANGLE_BYTES = 400  # largest memory of a triangle while a gear is built and written; measured
+_COARSEST_UM = 1e5  # largest tolerance that a message proposes, µm; chosen
+_FALLBACK_BYTES = 4 * 2**30  # free memory that is assumed if the system does not report it; chosen
 
 
 def fitting_grid(
@@ -137,16 +136,16 @@ def fitting_grid(
     teeth: int,
     rounding: type[np.floating] = np.float64,
 ) -> tuple[ToothGrid, float]:
-    """A grid of one tooth whose triangles stay within a tolerance, and the error measured, mm.
+    """Return a grid of one tooth whose triangles are within a tolerance, and its error, mm.
 
     **Arguments**
-    - `profile`: the curves of the gear.
+    - `profile`: curves of the gear.
     - `tolerance_mm`: largest distance of the true surface from the triangles.
-    - `teeth`: how many the mesh will have; only for the memory.
-    - `rounding`: to which the coordinates are rounded when written.
+    - `teeth`: number of teeth of the mesh; it determines the memory.
+    - `rounding`: float type to which the coordinates are rounded when written.
 
-    **Raises** `UsageError` where the mesh would not fit into the memory, or where coordinates of
-    this rounding cannot hold the tolerance.
+    **Raises** `UsageError` if the mesh does not fit into the memory, or if rounded coordinates
+    cannot satisfy the tolerance.
     """
     _check_rounding(profile, tolerance_mm, rounding)
     half = float(profile.tooth.face_width_mm) / 2
@@ -165,36 +164,37 @@ def fitting_grid(
             return grid, error
         grid = replace(grid, counts=_finer(grid.counts, error, across, tolerance_mm))
     raise PairError(
-        f"triangles within {1e3 * tolerance_mm:g} µm were not found, {1e3 * error:.3g} µm is left;"
+        f"triangles within {1e3 * tolerance_mm:g} µm were not found (error {1e3 * error:.3g} µm);"
         " give a larger tolerance, or a recession that is smooth.",
         where="recession",
     )
 
 
 def triangles_of(counts: Counts, teeth: int) -> int:
-    """Triangles of the teeth, near enough: the end faces and the bore add some."""
+    """Return the approximate number of triangles; end faces and bore add a few more."""
     return 2 * teeth * counts.around * (counts.rows + 1)
 
 
 def _check_memory(
     counts: Counts, teeth: int, tolerance_mm: float, estimate: Callable[[float], Counts]
 ) -> None:
-    """Raise `UsageError` where a mesh needs more memory than there is."""
-    wanted, most = triangles_of(counts, teeth), _free_bytes() // _TRIANGLE_BYTES
-    if wanted <= most:
+    """Raise `UsageError` if a mesh needs more memory than is free."""
+    needed, most = triangles_of(counts, teeth), _free_bytes() // _TRIANGLE_BYTES
+    if needed <= most:
         return
-    fits = rounded_up(1e3 * tolerance_mm * wanted / most)  # they fall as 1/tolerance, or slower
+    # The number of triangles decreases as 1/tolerance or slower.
+    fits = rounded_up(1e3 * tolerance_mm * needed / most)
     while fits < _COARSEST_UM and 1.3 * triangles_of(estimate(1e-3 * fits), teeth) > most:
         fits = rounded_up(1.01 * fits)
     coarser = f"--tolerance-um {fits:g} or more, or " if fits < _COARSEST_UM else ""
     raise UsageError(
-        f"a tolerance of {1e3 * tolerance_mm:g} µm takes about {wanted:.2g} triangles, more than"
+        f"a tolerance of {1e3 * tolerance_mm:g} µm needs about {needed:.2g} triangles, more than"
         f" the memory holds ({most:.2g}); give {coarser}fewer --teeth."
     )
 
 
 def rounded_up(value: float) -> float:
-    """The next number of one digit."""
+    """Round up to a number with one significant digit."""
     digits = 10.0 ** math.floor(math.log10(value))
     return math.ceil(value / digits * (1 - 1e-9)) * digits
 
@@ -202,7 +202,7 @@ def rounded_up(value: float) -> float:
 def section_counts(
     profile: GearProfile, z: Float[np.ndarray, " n"], tolerance_mm: float, teeth: int
 ) -> tuple[Counts, float]:
-    """A division around the tooth whose chords stay within a tolerance, and their error, mm."""
+    """Return interval counts around the tooth for chords within a tolerance, and the error, mm."""
 
     def estimate(tolerance: float) -> Counts:
         return _around(profile, z, tolerance)[0]
@@ -219,7 +219,7 @@ def section_counts(
 def _around(
     profile: GearProfile, z: Float[np.ndarray, " n"], tolerance: float
 ) -> tuple[Counts, float]:
-    """The division, and the longest interval of fillets and flanks, mm."""
+    """Return interval counts around the tooth, and the longest interval of fillet or flank, mm."""
     probe = Counts(_PROBE, _PROBE, _PROBE, _PROBE, (1,))
     points, fine = (_plane_curve(profile, probe, z, finer) for finer in (1, 2))
     chord = points[:, 1:] - points[:, :-1]
@@ -246,32 +246,35 @@ def _plane_curve(profile: GearProfile, counts: Counts, z: np.ndarray, finer: int
 
 
 def _estimate(profile: GearProfile, stretches: tuple[float, ...], tolerance: float) -> Counts:
-    """Around as in sections; along by twist |Δψ| L/(4 n k) and by bending of the joints."""
+    """Estimate the counts around from sections, and along from twist and bending of the joints.
+
+    The twist of a quadrilateral gives the error |Δψ| L/(4 n k).
+    """
     ends = np.linspace(stretches[0], stretches[-1], 2 * _PROBE + 1)
     counts, step = _around(profile, np.append(ends, stretches), _ACROSS * tolerance)
-    left = 0.5 * (1 - _ACROSS) * tolerance
+    allowance = 0.5 * (1 - _ACROSS) * tolerance
     sections = []
     for low, high in pairwise(stretches):
         z = np.linspace(low, high, 2 * _PROBE + 1)
-        twist = np.abs(np.diff(profile.turned(z), axis=0)).sum(axis=0).max() * step / 4
+        twist = np.abs(np.diff(profile.rotation(z), axis=0)).sum(axis=0).max() * step / 4
         coarse = Counts(1, 1, 1, 1, (1,))
         joints = _plane_curve(profile, coarse, z)
-        bent = np.linalg.norm(joints[1:-1] - (joints[:-2] + joints[2:]) / 2, axis=-1).max()
-        bends = 2 * _PROBE * math.sqrt(bent / left)
-        sections.append(max(1, math.ceil(twist / left), math.ceil(bends / 2)))
+        sagitta = np.linalg.norm(joints[1:-1] - (joints[:-2] + joints[2:]) / 2, axis=-1).max()
+        bending = 2 * _PROBE * math.sqrt(sagitta / allowance)
+        sections.append(max(1, math.ceil(twist / allowance), math.ceil(bending / 2)))
     return replace(counts, sections=tuple(sections))
 
 
 def _finer(counts: Counts, error: float, across: float, tolerance: float) -> Counts:
-    """The next try: finer sections where these use up their part, else more of them."""
+    """Return the next counts: finer sections if their error is too large, else more sections."""
     if across > max(_ACROSS, 0.7) * tolerance:
         factor = math.sqrt(across / (_ACROSS * tolerance))
         return replace(
             counts,
             **{part: math.ceil(counts.of(part) * min(factor, 2.0)) for part in PARTS},
         )
-    over = (error - across) / max(tolerance - across, 0.1 * tolerance)
-    factor = min(max(1.15, over**0.7), 2.0)
+    excess = (error - across) / max(tolerance - across, 0.1 * tolerance)
+    factor = min(max(1.15, excess**0.7), 2.0)
     return replace(counts, sections=tuple(math.ceil(k * factor) for k in counts.sections))
 
 
@@ -279,15 +282,16 @@ def _check_rounding(profile: GearProfile, tolerance: float, rounding: type[np.fl
     unit = float(np.spacing(rounding(float(profile.tooth.tip_radius))))
     if tolerance < 8 * unit:
         raise UsageError(
-            f"coordinates of this file resolve {1e3 * unit:.2g} µm, too coarse for a tolerance of"
-            f" {1e3 * tolerance:g} µm; give --tolerance-um {rounded_up(8e3 * unit):g} or more"
+            f"coordinates of this file resolve {1e3 * unit:.2g} µm, which is too coarse for a"
+            f" tolerance of {1e3 * tolerance:g} µm; give --tolerance-um"
+            f" {rounded_up(8e3 * unit):g} or more"
             + ("." if rounding is np.float64 else ", or write .ply or .obj.")
         )
 
 
 def _free_bytes() -> int:
-    """Memory that a program can still get, where the system tells it."""
-    with suppress(OSError):  # pages that only hold copies of files count here, not in sysconf
+    """Return the free memory in bytes, or an assumed value if the system does not report it."""
+    with suppress(OSError):  # MemAvailable includes pages that only cache files, unlike sysconf
         for line in Path("/proc/meminfo").read_text("ascii").splitlines():
             if line.startswith("MemAvailable:"):
                 return 1024 * int(line.split()[1])

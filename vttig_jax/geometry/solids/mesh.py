@@ -1,4 +1,4 @@
-"""The closed triangle mesh of a gear or of a sector of it, and its STL, PLY and OBJ files."""
+"""Closed triangle mesh of a gear or of a sector, and its STL, PLY and OBJ files."""
 
 import math
 from collections.abc import Callable
@@ -12,22 +12,22 @@ from jaxtyping import Float, Int
 from ...base.errors import PairError
 from ..tooth.tooth import Tooth
 from .blank import Blank, blank_of
-from .closing_faces import Triangles, bore_grid, real, rim_face, tooth_face, zipped
+from .closing_faces import Triangles, bore_grid, nondegenerate, rim_face, tooth_face, triangle_strip
 from .grid_refinement import fitting_grid
 from .tooth_grid import ToothGrid
 
 
 @dataclass(frozen=True)
 class GearMesh:
-    """A closed surface, its triangles counter-clockwise seen from outside.
+    """Closed triangle mesh; its triangles are counter-clockwise seen from outside.
 
     **Arguments**
     - `vertices`: x, y, z in the frame of the gear, mm; each point once.
-    - `triangles`: three vertices each.
-    - `teeth`: how many of the gear.
-    - `sections`: rows of points along the face.
-    - `error_mm`: largest distance of the true surface from the triangles, measured.
-    - `notes`: what is worth knowing of the gear.
+    - `triangles`: three vertex indices for each triangle.
+    - `teeth`: number of teeth in the mesh.
+    - `sections`: number of rows of points along the face.
+    - `error_mm`: measured largest distance of the true surface from the triangles.
+    - `notes`: sentences on the geometry of the teeth.
     """
 
     vertices: Float[np.ndarray, "points 3"]
@@ -39,7 +39,7 @@ class GearMesh:
 
     @property
     def volume_mm3(self) -> float:
-        """∑ a·(b × c)/6 over the triangles."""
+        """Volume ∑ a·(b × c)/6 over the triangles, mm³."""
         a, b, c = (self.vertices[self.triangles[:, k]] for k in range(3))
         return float((a * np.cross(b, c)).sum() / 6)
 
@@ -53,29 +53,28 @@ def gear_mesh(
     rounding: type[np.floating] = np.float64,
     progress: Callable[[], Any] = lambda: None,
 ) -> GearMesh:
-    """Mesh a gear within a tolerance: teeth, end faces, bore.
+    """Mesh a gear within a tolerance: teeth, end faces and bore.
 
-    Rows of points stand in sections, the same number around every tooth. Where the fillets of
-    neighbouring teeth overlap, the bottom of the space is the line in which they cross.
+    Rows of points lie in sections, with the same number of points around every tooth. Where the
+    fillets of neighbouring teeth overlap, the bottom of the space is their line of intersection.
 
     **Arguments**
-    - `tooth`: the gear; it needs a face width.
+    - `tooth`: gear with a face width.
     - `tolerance_mm`: largest distance of the true surface from the triangles; it is measured
-      between the points, and the grid made finer until it holds.
-    - `teeth`: of a sector, cut in the middle of its outer spaces; all when absent.
+      between the points, and the grid is refined until it is satisfied.
+    - `teeth`: number of teeth of a sector, cut in the middle of its outer spaces; by default all.
     - `bore_mm`: diameter of the bore; 0 for none, 0.3 of the root diameter when absent.
-    - `rounding`: float type to which the coordinates are rounded, as the file does.
-    - `progress`: called when the grid is found, and when the triangles are there.
+    - `rounding`: float type of the file to which the coordinates are rounded.
+    - `progress`: function called after the grid is refined and after the triangles are made.
 
-    **Raises** `PairError` for teeth that are none (no thickness, pointed, no flank left, no space),
-    `UsageError` for a tolerance or bore that cannot be.
+    **Raises** `PairError` for impossible teeth (no thickness, pointed, no flank, no space) and
+    `UsageError` for an impossible tolerance or bore.
 
     **Example**
     ```python
     >>> import vttig_jax
     >>> from vttig_jax import Gear, GearPair
-    >>> from vttig_jax.geometry import gear_mesh
-    >>> from vttig_jax.geometry import tooth_of
+    >>> from vttig_jax.geometry import gear_mesh, tooth_of
     >>> vttig_jax.enable_x64()
     >>> gears = Gear(45, 3, 3, 20), Gear(80, 3, 3, 20)
     >>> pair = GearPair(*gears, module_mm=2.0, pressure_angles_deg=20.0)
@@ -93,7 +92,7 @@ def gear_mesh(
     vertices = layout.vertices(points).astype(rounding).astype(float)
     triangles = layout.triangles(points, vertices)
     used = np.zeros(len(vertices), bool)
-    used[triangles] = True  # those of closed pieces are not
+    used[triangles] = True  # the points of closed pieces remain unused
     progress()
     return GearMesh(
         vertices=vertices[used],
@@ -106,7 +105,7 @@ def gear_mesh(
 
 
 class _Layout:
-    """Numbers of the points: rows of the teeth, then the bore."""
+    """Indices of the points: rows of the teeth, then the bore."""
 
     def __init__(self, grid: ToothGrid, blank: Blank, tolerance_mm: float) -> None:
         self.grid, self.blank = grid, blank
@@ -115,7 +114,7 @@ class _Layout:
         self.bore = bore_grid(grid, blank, tolerance_mm, self.width * len(grid.z))
 
     def vertices(self, points: np.ndarray) -> Float[np.ndarray, "n 3"]:
-        """Points of all teeth and of the bore."""
+        """Return the points of all teeth and of the bore, mm."""
         pitch = self.grid.profile.pitch
         teeth = [_turned(points[:, :-1], k * pitch) for k in range(self.blank.teeth)]
         if not self.blank.whole:
@@ -124,45 +123,48 @@ class _Layout:
         return np.concatenate([outside, self.bore.points()])
 
     def triangles(self, points: np.ndarray, vertices: np.ndarray) -> Triangles:
-        """Teeth, end faces, bore, cut faces; of one tooth's points, and all points as written."""
-        columns, joints = self.grid.columns(), self.grid.joints
-        pitch, turned = self.grid.profile.pitch, self.bore.turned
-        found = self.bore.triangles()
+        """Return the triangles of teeth, end faces, bore and cut faces.
+
+        `points` are those of one tooth, `vertices` all points as written, both in mm.
+        """
+        columns, joints = self.grid.point_columns(), self.grid.joints
+        pitch, rotation = self.grid.profile.pitch, self.bore.rotation
+        triangles = self.bore.triangles()
         for tooth in range(self.blank.teeth):
-            at = self._outside(tooth, columns)
-            a, b, c, d = at[:-1, :-1], at[:-1, 1:], at[1:, 1:], at[1:, :-1]
-            found += [_triangles(a, b, c), _triangles(a, c, d)]
+            index = self._outside(tooth, columns)
+            a, b, c, d = index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]
+            triangles += [_triangles(a, b, c), _triangles(a, c, d)]
             for row in (0, -1):
-                inner = self.bore.row(row, tooth)
+                inner, angle = self.bore.row(row, tooth), float(rotation[row])
                 face = [
-                    tooth_face(points[row], at[row], joints),
-                    rim_face(points[row], at[row], joints, inner, pitch, float(turned[row])),
+                    tooth_face(points[row], index[row], joints),
+                    rim_face(points[row], index[row], joints, inner, pitch, angle),
                 ]
                 if tooth == 0:
-                    _check_face(real(np.concatenate(face)), vertices)
-                found += [part if row else part[:, ::-1] for part in face]
+                    _check_face(nondegenerate(np.concatenate(face)), vertices)
+                triangles += [part if row else part[:, ::-1] for part in face]
         if not self.blank.whole:
-            found += self._cuts()
-        return real(np.concatenate(found))
+            triangles += self._cuts()
+        return nondegenerate(np.concatenate(triangles))
 
     def _cuts(self) -> list[Triangles]:
-        """Faces of a sector between the bottom of its outer spaces and the bore."""
+        """Return the cut faces of a sector between the bottoms of its outer spaces and the bore."""
         rows = np.arange(len(self.grid.z)) * self.width
         first, last = (
-            zipped(rows + column, self.bore.edge(last=column > 0), self.grid.z, self.bore.z)
+            triangle_strip(rows + column, self.bore.edge(last=column > 0), self.grid.z, self.bore.z)
             for column in (0, self.around)
         )
         return [first, last[:, ::-1]]
 
     def _outside(self, tooth: int, columns: np.ndarray) -> np.ndarray:
-        """Numbers of the points that stand for those of one tooth, row by row."""
+        """Return the indices of the points of one tooth, row by row."""
         along = tooth * self.grid.counts.around + columns
         rows = np.arange(len(columns))[:, None] * self.width
         return rows + (along % self.width if self.blank.whole else along)
 
 
 def _turned(points: np.ndarray, angle: float) -> np.ndarray:
-    """Counter-clockwise about the axis."""
+    """Rotate points counter-clockwise about the axis by an angle, rad."""
     x, y, z = np.moveaxis(points, -1, 0)
     cosine, sine = math.cos(angle), math.sin(angle)
     return np.stack([x * cosine - y * sine, x * sine + y * cosine, z], axis=-1)
@@ -173,13 +175,13 @@ def _triangles(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> Triangles:
 
 
 def _check_face(triangles: Triangles, vertices: np.ndarray) -> None:
-    """Each triangle of an end face has to be counter-clockwise, then none lies over another."""
+    """Raise `PairError` unless the triangles of an end face are counter-clockwise, so disjoint."""
     a, b, c = (vertices[triangles[:, k], :2] for k in range(3))
     u, v = b - a, c - a
     if not (u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0] > 0).all():
         raise PairError(
-            "the end face of the tooth cannot be filled: its outline turns back; take more teeth, a"
-            " larger profile shift or a smaller bore.",
+            "the end face of the tooth cannot be meshed because its outline turns back; take more"
+            " teeth, a larger profile shift or a smaller bore.",
             where="end face",
         )
 
@@ -189,7 +191,7 @@ _PLY_FACE = np.dtype([("count", "u1"), ("corners", "<i4", 3)])
 
 
 def stl_bytes(mesh: GearMesh, name: str) -> bytes:
-    """Binary STL: 80 bytes of text, the count, then normal and corners of each triangle in mm."""
+    """Return binary STL: 80 bytes of text, the count, normal and corners of each triangle, mm."""
     corners = mesh.vertices[mesh.triangles]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     length = np.linalg.norm(normal, axis=-1, keepdims=True)
@@ -201,7 +203,7 @@ def stl_bytes(mesh: GearMesh, name: str) -> bytes:
 
 
 def ply_bytes(mesh: GearMesh, name: str) -> bytes:
-    """Binary PLY, little-endian, 64-bit coordinates in mm."""
+    """Return binary PLY, little-endian, with 64-bit coordinates in mm."""
     faces = np.empty(len(mesh.triangles), _PLY_FACE)
     faces["count"], faces["corners"] = 3, mesh.triangles
     comment = name.encode("ascii", "replace").decode()
@@ -215,7 +217,7 @@ def ply_bytes(mesh: GearMesh, name: str) -> bytes:
 
 
 def obj_bytes(mesh: GearMesh, name: str) -> bytes:
-    """Wavefront OBJ: coordinates in mm to 10⁻⁹, triangles counted from 1."""
+    """Return Wavefront OBJ with coordinates in mm to 10⁻⁹ and vertices counted from 1."""
     buffer = BytesIO()
     buffer.write(f"# vttig {name}, mm\n".encode())
     np.savetxt(buffer, mesh.vertices, fmt="v %.9f %.9f %.9f")
@@ -228,4 +230,4 @@ MESH_FILES: dict[str, tuple[Callable[[GearMesh, str], bytes], type[np.floating]]
     ".ply": (ply_bytes, np.float64),
     ".obj": (obj_bytes, np.float64),
 }
-"""Suffix → what makes the file, and the float type of its coordinates."""
+"""Suffix → function that makes the file, and float type of its coordinates."""

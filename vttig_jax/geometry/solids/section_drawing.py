@@ -1,4 +1,4 @@
-"""The section of a gear as one closed line of chords and arcs, as SVG or DXF."""
+"""Section of a gear as a closed line of chords and arcs, and its SVG and DXF files."""
 
 import math
 from dataclasses import dataclass
@@ -14,27 +14,26 @@ from .blank import Blank, blank_of
 from .grid_refinement import section_counts
 from .tooth_grid import Counts, ToothGrid, section_curve
 
-_LINE_SHARE = 2e-3
-_PLACES = 9
-"""After the point of a millimetre, in SVG."""
-
-_MARGIN = 1.02
+# Chosen values of SVG files:
+_LINE_SHARE = 2e-3  # stroke width as a share of the width of the drawing
+_PLACES = 9  # decimal places of a millimetre
+_MARGIN = 1.02  # size of the drawing relative to the gear
 
 
 @dataclass(frozen=True)
 class SectionDrawing:
-    """An outline whose arcs are exact; counter-clockwise seen from +z.
+    """Outline of a section with exact arcs, counter-clockwise seen from +z.
 
     **Arguments**
     - `points`: x, y of the corners, mm.
-    - `bulges`: tan(a/4) of the arc from each corner to the next, a its angle, counter-clockwise
+    - `bulges`: tan(a/4) for the angle a of the arc from each corner to the next, counter-clockwise
       positive; 0 for a straight line.
-    - `bore_mm`: diameter of a bore inside the outline; 0 where there is none, or the outline of a
-      sector has it already.
+    - `bore_mm`: diameter of a bore inside the outline; 0 without bore and for a sector, whose
+      outline includes the bore.
     - `z_mm`: height of the section.
-    - `teeth`: how many of the gear.
-    - `error_mm`: largest distance of the true section from the outline, measured.
-    - `notes`: what is worth knowing of the gear.
+    - `teeth`: number of teeth drawn.
+    - `error_mm`: measured largest distance of the true section from the outline.
+    - `notes`: sentences on the geometry of the teeth.
     """
 
     points: Float[np.ndarray, "n 2"]
@@ -47,7 +46,7 @@ class SectionDrawing:
 
     @property
     def area_mm2(self) -> float:
-        """Area of the outline with its arcs, less the bore."""
+        """Area of the outline with its arcs minus the bore, mm²."""
         x, y = self.points.T
         following = np.roll(self.points, -1, axis=0)
         polygon = (x * following[:, 1] - y * following[:, 0]).sum() / 2
@@ -66,16 +65,15 @@ def section_drawing(
     teeth: int | None = None,
     bore_mm: float | None = None,
 ) -> SectionDrawing:
-    """The outline of a gear at a height; arguments and errors as `gear_mesh`.
+    """Return the outline of a gear at a height; arguments and errors are those of `gear_mesh`.
 
-    Flanks and fillets are chords within the tolerance, tip, root and bore are arcs.
+    Flanks and fillets are chords within the tolerance; tip, root and bore are arcs.
 
     **Example**
     ```python
     >>> import vttig_jax
     >>> from vttig_jax import Gear, GearPair
-    >>> from vttig_jax.geometry import section_drawing
-    >>> from vttig_jax.geometry import tooth_of
+    >>> from vttig_jax.geometry import section_drawing, tooth_of
     >>> vttig_jax.enable_x64()
     >>> gears = Gear(45, 3, 3, 20), Gear(80, 3, 3, 20)
     >>> pair = GearPair(*gears, module_mm=2.0, pressure_angles_deg=20.0)
@@ -108,37 +106,37 @@ Line = Float[np.ndarray, "_"]
 
 
 def _outline(blank: Blank, counts: Counts, z: Line) -> tuple[Line, Line, Line]:
-    """Angles and radii of the corners, and the angle of the arc that follows, 0 for a chord."""
+    """Return angles (rad) and radii (mm) of corners, and angles (rad) of arcs, 0 for a chord."""
     profile = blank.profile
     radius, clockwise = (row[0] for row in section_curve(profile, counts, z))
     joints = ToothGrid(profile, counts, (z[0], z[0])).joints
     foot, corner, other_corner, other_foot = joints[[1, 3, 5, 7]]
-    # Corners of one tooth from its right foot to its left one; the lands between are arcs.
-    kept = np.concatenate([np.arange(foot, corner + 1), np.arange(other_corner, other_foot + 1)])
-    angle, reach = -clockwise[kept], radius[kept]
-    turn = np.zeros(len(kept))
+    # Corners of one tooth from its right foot to its left foot; the lands between are arcs.
+    corners = np.concatenate([np.arange(foot, corner + 1), np.arange(other_corner, other_foot + 1)])
+    angle, distance = -clockwise[corners], radius[corners]
+    turn = np.zeros(len(corners))
     turn[corner - foot] = angle[corner - foot + 1] - angle[corner - foot]
     turn[-1] = max(angle[0] + profile.pitch - angle[-1], 0.0)
     land = profile.land(z)[0] > 0
-    if not land:  # both feet are one point
-        angle, reach, turn = angle[:-1], reach[:-1], turn[:-1]
+    if not land:  # both feet are the same point
+        angle, distance, turn = angle[:-1], distance[:-1], turn[:-1]
     shifts = np.arange(blank.teeth)[:, None] * profile.pitch
-    angles, radii = (angle + shifts).ravel(), np.tile(reach, blank.teeth)
+    angles, radii = (angle + shifts).ravel(), np.tile(distance, blank.teeth)
     turns = np.tile(turn, blank.teeth)
     if blank.whole:
         return angles, radii, turns
     first, last = -clockwise[0], -clockwise[-1] + shifts[-1, 0]
     gap = max(float(angle[0] - first), 0.0)
     turns[-1] = gap if land else 0.0
-    bored = blank.bore_mm > 0
-    inner, back = ([last, first], [first - last, 0.0]) if bored else ([first], [0.0])
+    with_bore = blank.bore_mm > 0
+    inner, arcs = ([last, first], [first - last, 0.0]) if with_bore else ([first], [0.0])
     angles = np.concatenate([[first], angles, [last], inner])
     radii = np.concatenate([[radius[0]], radii, [radius[-1]], [blank.bore_mm / 2] * len(inner)])
-    return angles, radii, np.concatenate([[gap], turns, [0.0], back])
+    return angles, radii, np.concatenate([[gap], turns, [0.0], arcs])
 
 
 def svg_bytes(drawing: SectionDrawing, name: str) -> bytes:
-    """SVG in millimetres, y upwards as in the gear: one path, arcs as arcs."""
+    """Return SVG in millimetres with y upwards as in the gear: one path of lines and arcs."""
     (left, low), (right, high) = drawing.points.min(axis=0), drawing.points.max(axis=0)
     width, height = _MARGIN * (right - left), _MARGIN * (high - low)
     corner = (left + right - width) / 2, -(low + high + height) / 2
@@ -165,31 +163,31 @@ def svg_bytes(drawing: SectionDrawing, name: str) -> bytes:
 
 def _path(drawing: SectionDrawing) -> str:
     x, y = drawing.points[:, 0], -drawing.points[:, 1]
-    words = [f"M{_mm(x[0], y[0])}"]
+    commands = [f"M{_mm(x[0], y[0])}"]
     for k, bulge in enumerate(drawing.bulges):
-        after = (k + 1) % len(x)
+        end = (k + 1) % len(x)
         if bulge == 0:
-            words.append(f"L{_mm(x[after], y[after])}")
+            commands.append(f"L{_mm(x[end], y[end])}")
             continue
         angle = 4 * math.atan(bulge)
-        chord = math.hypot(x[after] - x[k], y[after] - y[k])
+        chord = math.hypot(x[end] - x[k], y[end] - y[k])
         radius = chord / (2 * abs(math.sin(angle / 2)))
-        flags = f"{int(abs(angle) > math.pi)} {int(bulge < 0)}"  # y is turned over
-        words.append(f"A{_mm(radius, radius)} 0 {flags} {_mm(x[after], y[after])}")
-    words.append("Z")
+        flags = f"{int(abs(angle) > math.pi)} {int(bulge < 0)}"  # SVG has y downwards
+        commands.append(f"A{_mm(radius, radius)} 0 {flags} {_mm(x[end], y[end])}")
+    commands.append("Z")
     if radius := drawing.bore_mm / 2:
         half = f"A{_mm(radius, radius)} 0 1 0 "
-        words.append(f"M{_mm(radius, 0.0)}{half}{_mm(-radius, 0.0)}{half}{_mm(radius, 0.0)}Z")
-    return "".join(words)
+        commands.append(f"M{_mm(radius, 0.0)}{half}{_mm(-radius, 0.0)}{half}{_mm(radius, 0.0)}Z")
+    return "".join(commands)
 
 
 def _mm(*values: float) -> str:
-    """Numbers as SVG takes them, without trailing zeros."""
+    """Format numbers for SVG without trailing zeros."""
     return " ".join(f"{value:.{_PLACES}f}".rstrip("0").rstrip(".") for value in values)
 
 
 def dxf_bytes(drawing: SectionDrawing, name: str) -> bytes:
-    """DXF in millimetres: one closed polyline with bulges, and the circle of the bore.
+    """Return DXF in millimetres: one closed polyline with bulges, and the circle of the bore.
 
     **Raises** `UsageError` without `ezdxf`.
     """

@@ -1,6 +1,6 @@
-"""Open CASCADE: surfaces to faces, faces to one closed solid, the solid to STEP and back."""
+"""Sewing of faces to a closed solid by Open CASCADE, and its STEP files."""
 # pyright: reportMissingImports=false, reportAttributeAccessIssue=false
-# Its bindings come without types, and only with the extra.
+# The bindings of Open CASCADE have no types and need the extra `cad`.
 
 import math
 from itertools import pairwise
@@ -39,11 +39,9 @@ from OCP.XCAFDoc import XCAFDoc_DocumentTool
 from ...base.errors import InputError
 from .bspline_faces import Patch
 
-_SEWN_MM = 1e-6
-_DEGENERATE_MM = 1e-7
-_VOLUME_ERROR = 1e-6
-"""Relative, of the integration."""
-
+_SEWN_MM = 1e-6  # tolerance of sewing; chosen
+_DEGENERATE_MM = 1e-7  # tolerance of degenerate edges; chosen
+_VOLUME_ERROR = 1e-6  # relative error of the integration; chosen
 _UP = gp_Dir(0.0, 0.0, 1.0)
 
 Shape = Any
@@ -58,15 +56,16 @@ def closed_solid(
     sector: tuple[float, float] | None,
     bores: list[Patch],
 ) -> Shape | None:
-    """Sew faces to one valid solid, its material inside; None where they make none.
+    """Sew faces to one valid solid with the material inside; return None if that fails.
 
     **Arguments**
     - `around`: surfaces of the teeth in each stretch, counter-clockwise.
-    - `cuts`: first and last face of a sector in each stretch.
-    - `heights`: between which the stretches lie, mm.
-    - `bore_radius`: mm, 0 for no bore.
-    - `sector`: angles from x at which the bore of a sector begins and ends, rad; None for all.
-    - `bores`: the bore in each stretch where it is no cylinder between these angles, else none.
+    - `cuts`: first and last cut face of a sector in each stretch.
+    - `heights`: limits of the stretches, mm.
+    - `bore_radius`: radius of the bore, mm, 0 for no bore.
+    - `sector`: angles from x, rad, between which the bore of a sector lies; None for a whole gear.
+    - `bores`: surface of the bore in each stretch if it is not a cylinder between these angles;
+      else empty.
     """
     sewing = BRepBuilderAPI_Sewing(_SEWN_MM)
     for row in (*around, *cuts, bores):
@@ -74,7 +73,7 @@ def closed_solid(
             sewing.Add(BRepBuilderAPI_MakeFace(_surface(patch), _DEGENERATE_MM).Face())
     whole = sector is None
     angles = (0.0, 2 * math.pi) if sector is None else sector
-    # The cut faces end on the bore stretch by stretch, and so does then its face.
+    # The cut faces of a sector end at each stretch, so the bore of a sector is divided likewise.
     ends = (heights[0], heights[-1]) if whole else heights
     if bore_radius > 0 and not bores:
         for low, high in pairwise(ends):
@@ -105,7 +104,7 @@ def _end_face(
     bore: gp_Circ | None,
     sector: tuple[float, float] | None,
 ) -> Shape:
-    """The plane at one end of the face, between the outline of the teeth and the bore."""
+    """Return the plane end face between the outline of the teeth and the bore."""
     wire = BRepBuilderAPI_MakeWire()
     for patch in outline:
         wire.Add(BRepBuilderAPI_MakeEdge(_end_curve(patch, end)).Edge())
@@ -131,7 +130,7 @@ def _end_curve(patch: Patch, end: int) -> Geom_BSplineCurve:
 
 
 def _surface(patch: Patch) -> Geom_BSplineSurface:
-    """U around, V along, so that the normal points out of the gear."""
+    """Return a surface with U around and V along, so that its normal points out of the gear."""
     poles = np.swapaxes(patch.poles, 0, 1)
     points = Array2_gp_Pnt(1, poles.shape[0], 1, poles.shape[1])
     for i, line in enumerate(poles):
@@ -142,42 +141,43 @@ def _surface(patch: Patch) -> Geom_BSplineSurface:
 
 
 def _knots(repeated: np.ndarray) -> tuple[Array1_double, Array1_int]:
-    """Knots and how often each is there."""
-    values, times = np.unique(repeated, return_counts=True)
+    """Return the distinct knots and their multiplicities."""
+    values, multiplicities = np.unique(repeated, return_counts=True)
     knots, counts = Array1_double(1, len(values)), Array1_int(1, len(values))
-    for k, (value, count) in enumerate(zip(values, times, strict=True)):
+    for k, (value, count) in enumerate(zip(values, multiplicities, strict=True)):
         knots.SetValue(k + 1, float(value))
         counts.SetValue(k + 1, int(count))
     return knots, counts
 
 
 def volume(shape: Shape) -> float:
-    """Volume in mm³."""
-    found = GProp_GProps()
-    BRepGProp.VolumeProperties_s(shape, found, _VOLUME_ERROR)  # without it only to 2e-5
-    return found.Mass()
+    """Return the volume in mm³."""
+    properties = GProp_GProps()
+    # Without the error argument the relative accuracy is only 2e-5.
+    BRepGProp.VolumeProperties_s(shape, properties, _VOLUME_ERROR)
+    return properties.Mass()
 
 
 def faces_of(shape: Shape) -> list[Shape]:
-    """All faces of a shape."""
-    found, explorer = [], TopExp_Explorer(shape, TopAbs_ShapeEnum.TopAbs_FACE)
+    """Return all faces of a shape."""
+    faces, explorer = [], TopExp_Explorer(shape, TopAbs_ShapeEnum.TopAbs_FACE)
     while explorer.More():
-        found.append(TopoDS.Face(explorer.Current()))
+        faces.append(TopoDS.Face(explorer.Current()))
         explorer.Next()
-    return found
+    return faces
 
 
 def write_step(shape: Shape, path: Path, name: str) -> None:
-    """Write AP214 in mm; `name`, in ASCII, is that of the product.
+    """Write STEP AP214 in mm; `name` is the product name in ASCII.
 
-    **Raises** `InputError` where Open CASCADE cannot.
+    **Raises** `InputError` if Open CASCADE cannot write the file.
     """
     document = TDocStd_Document(TCollection_ExtendedString("XmlOcaf"))
     label = XCAFDoc_DocumentTool.ShapeTool_s(document.Main()).AddShape(shape, False)
     TDataStd_Name.Set_s(label, TCollection_ExtendedString(name))
     writer = STEPCAFControl_Writer()
     Interface_Static.SetCVal_s("write.step.unit", "MM")
-    Message.DefaultMessenger_s().ChangePrinters().Clear()  # it would talk on stdout
+    Message.DefaultMessenger_s().ChangePrinters().Clear()  # no messages on stdout
     writer.Transfer(document, STEPControl_StepModelType.STEPControl_AsIs)
     header = APIHeaderSection_MakeHeader(writer.ChangeWriter().Model())
     empty = TCollection_HAsciiString("")
@@ -191,9 +191,9 @@ def write_step(shape: Shape, path: Path, name: str) -> None:
 
 
 def read_step(path: Path) -> Shape:
-    """The one shape of a STEP file.
+    """Return the single shape of a STEP file.
 
-    **Raises** `InputError` where it cannot be read.
+    **Raises** `InputError` if it cannot be read.
     """
     Message.DefaultMessenger_s().ChangePrinters().Clear()
     reader = STEPControl_Reader()

@@ -1,4 +1,4 @@
-"""A gear as a solid with B-spline flanks, written as STEP, by Open CASCADE (`OCP`)."""
+"""Solid of a gear with B-spline flanks by Open CASCADE (`OCP`), and its STEP file."""
 
 import math
 import tempfile
@@ -13,24 +13,24 @@ from ...base.errors import PairError, UsageError
 from ..tooth.tooth import Tooth
 from .blank import Blank, blank_of
 from .bspline_faces import Patch, tooth_patches
-from .closing_faces import bore_turn
+from .closing_faces import bore_rotation
 
 _FINEST_MM = 2e-6
-"""Of a tolerance: edges of a valid solid may be half as far from their faces."""
+"""Smallest tolerance, twice the distance at which edges of a valid solid may be from faces."""
 
 
 @dataclass(frozen=True)
 class GearSolid:
-    """A valid closed solid.
+    """Valid closed solid of a gear or a sector.
 
     **Arguments**
     - `shape`: the `TopoDS_Solid`, mm, in the frame of the gear.
-    - `teeth`: how many of the gear.
+    - `teeth`: number of teeth of the solid.
     - `faces`: number of faces.
-    - `sections`: rows of points through which the surfaces go.
-    - `error_mm`: largest distance of the true surface from the B-splines, measured.
-    - `volume_mm3`: as Open CASCADE integrates it.
-    - `notes`: what is worth knowing of the gear.
+    - `sections`: number of rows of points that the surfaces interpolate.
+    - `error_mm`: measured largest distance of the true surface from the B-splines.
+    - `volume_mm3`: volume integrated by Open CASCADE.
+    - `notes`: sentences on the geometry of the teeth.
     """
 
     shape: Any
@@ -50,12 +50,11 @@ def gear_solid(
     bore_mm: float | None = None,
     progress: Callable[[], Any] = lambda: None,
 ) -> GearSolid:
-    """Build a gear of B-spline surfaces; arguments and errors as `gear_mesh`.
+    """Build a gear from B-spline surfaces; arguments and errors are those of `gear_mesh`.
 
-    `progress` is called three times: with the surfaces there, sewn, and measured.
-
-    Every piece of a tooth is a cubic B-spline through points of the true surface, with more of them
-    until the measured distance holds; the end faces are planes, the bore is a cylinder.
+    Every piece of a tooth is a cubic B-spline through points of the true surface. The number of
+    points is increased until the measured distance is within the tolerance. The end faces are
+    planes, the bore is a cylinder. `progress` is called after interpolation, sewing and measuring.
 
     **Raises** `UsageError` also without the extra `cad`.
     """
@@ -77,15 +76,16 @@ def gear_solid(
         sector = (first, first + blank.teeth * pitch)
         heights = [row[0].points[:, 0, 2] for row in around]
         ends = np.cumsum([len(z) for z in heights])[:-1]
-        turns = np.split(bore_turn(profile, np.concatenate(heights)), ends)
-        cuts = [_cuts(row, blank, pitch, turn) for row, turn in zip(around, turns, strict=True)]
-        if blank.bore_mm > 0 and any(turn.any() for turn in turns):
-            at = zip(heights, turns, strict=True)
-            bores = [_bore(blank, pitch, z, turn, tolerance_mm) for z, turn in at]
+        angles = np.split(bore_rotation(profile, np.concatenate(heights)), ends)
+        cuts = [_cuts(row, blank, pitch, angle) for row, angle in zip(around, angles, strict=True)]
+        if blank.bore_mm > 0 and any(angle.any() for angle in angles):
+            rows = zip(heights, angles, strict=True)
+            bores = [_bore(blank, pitch, z, angle, tolerance_mm) for z, angle in rows]
     shape = closed_solid(around, cuts, patches.heights, blank.bore_mm / 2, sector, bores)
     if shape is None:
         raise PairError(
-            "Open CASCADE finds no valid solid in the faces; change --tolerance-um, or write .stl.",
+            "Open CASCADE cannot sew the faces to a valid solid; change --tolerance-um, or write"
+            " .stl.",
             where="solid",
         )
     progress()
@@ -103,7 +103,7 @@ def gear_solid(
 
 
 def require_cad() -> None:
-    """Raise `UsageError` where `OCP` is missing or older than the one this is written for."""
+    """Raise `UsageError` if `OCP` is missing or too old."""
     try:
         import OCP.collections  # noqa: F401
     except ImportError as error:
@@ -114,7 +114,7 @@ def require_cad() -> None:
 
 
 def step_bytes(solid: GearSolid, name: str) -> bytes:
-    """A STEP file (AP214, mm) with the solid under a name."""
+    """Return a STEP file (AP214, mm) with the solid and its name."""
     from .sewing import write_step
 
     with tempfile.TemporaryDirectory() as folder:
@@ -124,7 +124,7 @@ def step_bytes(solid: GearSolid, name: str) -> bytes:
 
 
 def _row(pieces: Sequence[Patch | None], blank: Blank, pitch: float) -> list[Patch]:
-    """Surfaces around all teeth in one stretch."""
+    """Return the surfaces around all teeth in one stretch."""
     right_root, *middle, left_root = pieces
     right_tip, left_tip = middle[2], middle[3]
     assert right_tip is not None and left_tip is not None  # pointed teeth are refused
@@ -144,7 +144,7 @@ def _row(pieces: Sequence[Patch | None], blank: Blank, pitch: float) -> list[Pat
 
 
 def _cuts(row: list[Patch], blank: Blank, pitch: float, turned: np.ndarray) -> list[Patch]:
-    """Ruled surfaces between the bottom of a space and the bore, the first with z to its left."""
+    """Return ruled surfaces between outer spaces and bore with normals out of the sector."""
     line, last_line = row[0].points[:, 0], row[-1].points[:, -1]
     sweep = np.array([0.0, blank.teeth * pitch])
     inner = _on_bore(blank, line[:, 2], turned - pitch / 2, sweep)
@@ -155,7 +155,7 @@ def _cuts(row: list[Patch], blank: Blank, pitch: float, turned: np.ndarray) -> l
 
 
 def _bore(blank: Blank, pitch: float, z: np.ndarray, turned: np.ndarray, tolerance: float) -> Patch:
-    """The bore of a sector whose cut faces wind around the axis."""
+    """Return the bore surface of a sector whose cut faces wind around the axis."""
     step = (20 * tolerance / blank.bore_mm) ** 0.25  # a cubic leaves less than r h⁴/80
     sweep = blank.teeth * pitch
     around = np.linspace(0.0, sweep, max(4, math.ceil(sweep / step)) + 1)
@@ -163,14 +163,14 @@ def _bore(blank: Blank, pitch: float, z: np.ndarray, turned: np.ndarray, toleran
 
 
 def _on_bore(blank: Blank, z: np.ndarray, start: np.ndarray, around: np.ndarray) -> np.ndarray:
-    """Points x, y, z by row and angle from where the row starts."""
+    """Return points x, y, z, mm, on the bore by row and by angle from the start of the row, rad."""
     angle, radius = start[:, None] + around, blank.bore_mm / 2
     x, y = -radius * np.sin(angle), radius * np.cos(angle)
     return np.stack(np.broadcast_arrays(x, y, z[:, None]), axis=-1)
 
 
 def _off_bore(patch: Patch, blank: Blank) -> float:
-    """Largest distance of its surface from the cylinder, mm."""
+    """Return the largest distance of a bore surface from the cylinder, mm."""
     x, y, _ = np.moveaxis(patch.at_finer(4), -1, 0)
     return float(np.abs(np.hypot(x, y) - blank.bore_mm / 2).max())
 
@@ -180,7 +180,7 @@ def _joined(first: Patch, second: Patch) -> Patch:
 
 
 def _turned(patch: Patch | None, angle: float) -> Patch | None:
-    """Counter-clockwise about the axis."""
+    """Rotate a patch counter-clockwise about the axis by an angle, rad."""
     if patch is None:
         return None
     x, y, z = np.moveaxis(patch.points, -1, 0)

@@ -1,4 +1,4 @@
-"""Points of one tooth in rows (sections) and columns (around the profile), all rows alike."""
+"""Grid of points of one tooth with rows (sections) and columns (around the profile)."""
 
 import math
 from dataclasses import dataclass
@@ -16,15 +16,15 @@ ORDER: tuple[tuple[Side, Part], ...] = (
     *(("right", part) for part in PARTS),
     *(("left", part) for part in reversed(PARTS)),
 )
-"""The pieces of one tooth, counter-clockwise from the middle of a space to that of the next."""
+"""Pieces of one tooth, counter-clockwise from the middle of a space to the middle of the next."""
 
 _CLOSED = 1e-9
-"""Share of a curve, or rad of a land, that counts as nothing."""
+"""Share of a curve, or angle of a land in rad, that is treated as zero (chosen)."""
 
 
 @dataclass(frozen=True)
 class Counts:
-    """Into how many intervals each piece and each stretch of the face is divided."""
+    """Number of intervals of each piece and of each stretch of the face."""
 
     root: int
     fillet: int
@@ -34,31 +34,31 @@ class Counts:
 
     @property
     def around(self) -> int:
-        """Intervals around one tooth, from space to space."""
+        """Number of intervals around one tooth, from space to space."""
         return 2 * (self.root + self.fillet + self.flank + self.tip)
 
     @property
     def rows(self) -> int:
-        """Intervals along the face."""
+        """Number of intervals along the face."""
         return sum(self.sections)
 
     def of(self, part: Part) -> int:
-        """Intervals of one piece."""
+        """Return the number of intervals of one part."""
         return getattr(self, part)
 
     def pieces(self) -> list[int]:
-        """Intervals of each of the eight pieces."""
+        """Return the number of intervals of each of the eight pieces."""
         return [self.of(part) for _, part in ORDER]
 
 
 @dataclass(frozen=True)
 class ToothGrid:
-    """Sections of one tooth with its spaces' bottoms clipped where both cuts meet.
+    """Grid of one tooth; its curves are clipped where they cross at the bottom of a space.
 
     **Arguments**
-    - `profile`: the curves of the gear.
-    - `counts`: the division.
-    - `stretches`: heights between which `counts.sections` holds, mm.
+    - `profile`: curves of the gear.
+    - `counts`: number of intervals.
+    - `stretches`: limits of the stretches of `counts.sections`, mm.
     """
 
     profile: GearProfile
@@ -71,26 +71,26 @@ class ToothGrid:
         return self.heights(1)
 
     def heights(self, finer: int) -> Float[np.ndarray, " rows"]:
-        """Heights of the sections with each interval divided once more."""
-        pieces = [
+        """Return the heights of sections, mm, with every interval divided into `finer` parts."""
+        stretches = [
             np.linspace(low, high, count * finer + 1)
             for low, high, count in zip(
                 self.stretches[:-1], self.stretches[1:], self.counts.sections, strict=True
             )
         ]
-        return np.concatenate([*(piece[:-1] for piece in pieces), pieces[-1][-1:]])
+        return np.concatenate([*(z[:-1] for z in stretches), stretches[-1][-1:]])
 
     def points(self, finer: int = 1) -> Float[np.ndarray, "rows columns 3"]:
-        """x, y, z in mm, counter-clockwise seen from +z, from space to space.
+        """Return x, y, z in mm, counter-clockwise seen from +z, from space to space.
 
-        With `finer` each interval of both directions is divided into as many.
+        Each interval of both directions is divided into `finer` parts.
         """
         return self.rows_at(self.heights(finer), finer)
 
     def rows_at(
         self, z: Float[np.ndarray, " rows"], finer: int
     ) -> Float[np.ndarray, "rows columns 3"]:
-        """The same at other heights; `finer` divides the columns."""
+        """Return the points, mm, at given heights, mm; `finer` divides the columns."""
         radius, clockwise = section_curve(self.profile, self.counts, z, finer)
         x, y = radius * np.sin(clockwise), radius * np.cos(clockwise)
         return np.stack(np.broadcast_arrays(x, y, z[:, None]), axis=-1)
@@ -100,46 +100,47 @@ class ToothGrid:
         """Columns at which the eight pieces begin and end."""
         return np.cumsum([0, *self.counts.pieces()])
 
-    def columns(self) -> Int[np.ndarray, "rows columns"]:
-        """Column whose point stands for each: pieces that have closed are one point.
+    def point_columns(self) -> Int[np.ndarray, "rows columns"]:
+        """Return the column whose point represents each column; a closed piece is one point.
 
-        Closed on the right are those that fall on the first column, on the left on the last.
+        Closed pieces on the right are represented by the first column, on the left by the last.
         """
         counts, last = self.counts, self.counts.around
-        own = np.broadcast_to(np.arange(last + 1), (len(self.z), last + 1)).copy()
-        starts, land = self.profile.starts(self.z), self.profile.land(self.z) < _CLOSED
+        columns = np.broadcast_to(np.arange(last + 1), (len(self.z), last + 1)).copy()
+        starts, no_land = self.profile.starts(self.z), self.profile.land(self.z) < _CLOSED
         for side in SIDES:
-            gone = starts[:, SIDES.index(side)] > 1 - _CLOSED
-            for closed, width in ((land, counts.root), (gone, counts.root + counts.fillet)):
-                where: Bool[np.ndarray, " rows"] = closed
+            no_fillet = starts[:, SIDES.index(side)] > 1 - _CLOSED
+            widths = (no_land, counts.root), (no_fillet, counts.root + counts.fillet)
+            for closed, width in widths:
+                rows: Bool[np.ndarray, " rows"] = closed
                 if side == "right":
-                    own[where, : width + 1] = 0
+                    columns[rows, : width + 1] = 0
                 else:
-                    own[where, last - width :] = last
-        return own
+                    columns[rows, last - width :] = last
+        return columns
 
 
 def space_middle(profile: GearProfile, z: Float[np.ndarray, " rows"]) -> Float[np.ndarray, " rows"]:
-    """Clockwise angle by which the middles of the spaces are off half a pitch, rad.
+    """Return the clockwise angle of the middle of the space minus half a pitch, rad.
 
-    Winding teeth take it round and round; it is not cut at a turn.
+    For helical teeth it can exceed a turn and is not wrapped.
     """
-    starts, turned = profile.starts(z), profile.turned(z)
+    starts, rotation = profile.starts(z), profile.rotation(z)
     halves = enumerate((profile.left, profile.right))
-    left, right = (half(starts[:, index])[1] - turned[:, index] for index, half in halves)
+    left, right = (half(starts[:, index])[1] - rotation[:, index] for index, half in halves)
     return (right - left) / 2
 
 
 def section_curve(
     profile: GearProfile, counts: Counts, z: Float[np.ndarray, " rows"], finer: int = 1
 ) -> tuple[Float[np.ndarray, "rows columns"], Float[np.ndarray, "rows columns"]]:
-    """Radius in mm and clockwise angle in rad of the points around one tooth at heights z."""
-    starts, turned = profile.starts(z), profile.turned(z)
+    """Return radius in mm and clockwise angle in rad of points around one tooth at heights z."""
+    starts, rotation = profile.starts(z), profile.rotation(z)
     feet, tips = [], []
     for index, half in enumerate((profile.left, profile.right)):
         radius, angle = half(starts[:, index])
-        feet.append((radius, angle - turned[:, index]))
-        tips.append(half(np.full(len(z), 2.0))[1] - turned[:, index])
+        feet.append((radius, angle - rotation[:, index]))
+        tips.append(half(np.full(len(z), 2.0))[1] - rotation[:, index])
     radii, angles = [], []
     for side, part in ORDER:
         index = SIDES.index(cast(Side, side))
@@ -160,7 +161,7 @@ def section_curve(
             begin = np.clip(starts[:, index], end - 1.0, end)[:, None]
             u = begin + share * (end - begin)
             radius, angle = half(u)
-            angle = angle - turned[:, index, None]
+            angle = angle - rotation[:, index, None]
         if side == "left":
             radius, angle = radius[:, ::-1], -angle[:, ::-1]
         radii.append(radius)

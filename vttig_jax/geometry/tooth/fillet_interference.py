@@ -1,4 +1,4 @@
-"""Does the tip of the mate dig into the fillet? Form circle against start of active profile."""
+"""Interference of the mate's tip with the fillet: form circle and start of active profile."""
 
 from dataclasses import dataclass
 from typing import get_args
@@ -15,14 +15,14 @@ from .tooth import Shaft, tooth_of
 
 @dataclass(frozen=True)
 class FilletInterference:
-    """Radii of both gears, rows (driving, driven), columns (flank A, flank B), mm.
+    """Radii of both gears in mm; rows are (driving, driven), columns (flank A, flank B).
 
     **Arguments**
-    - `form_radius_mm`: where the involute begins; NaN where undercut leaves none.
-    - `active_radius_mm`: lowest radius that the tip of the mate reaches on the line of action; NaN
-      where that lies beyond the base circle, where no involute can be.
-    - `overlap_mm`: by how much the mate's tip goes beyond the form circle along the line of action;
-      positive where it meets the fillet. Infinite where there is no involute.
+    - `form_radius_mm`: radius at which the involute begins; NaN if undercut removes it completely.
+    - `active_radius_mm`: smallest radius that the tip of the mate reaches on the line of action;
+      NaN where that point lies beyond the interference point, where no involute exists.
+    - `overlap_mm`: length on the line of action by which the mate's tip reaches beyond the form
+      circle; positive where it meets the fillet, infinite where there is no involute.
     """
 
     form_radius_mm: Float[np.ndarray, "gear=2 flank=2"]
@@ -31,7 +31,7 @@ class FilletInterference:
 
     @property
     def interferes(self) -> np.ndarray:
-        """True where the tip of the mate meets the fillet, shape (gear, flank)."""
+        """Whether the tip of the mate meets the fillet, shape (gear, flank)."""
         return self.overlap_mm > 0
 
     def __str__(self) -> str:
@@ -42,9 +42,9 @@ class FilletInterference:
                 rows.append(
                     (
                         f"{shaft} {'AB'[flank]}",
-                        _three(self.form_radius_mm[gear, flank]),
-                        _three(self.active_radius_mm[gear, flank]),
-                        _three(-self.overlap_mm[gear, flank]),
+                        _three_digits(self.form_radius_mm[gear, flank]),
+                        _three_digits(self.active_radius_mm[gear, flank]),
+                        _three_digits(-self.overlap_mm[gear, flank]),
                         "the mate's tip meets the fillet" if meets else "free",
                     )
                 )
@@ -53,12 +53,12 @@ class FilletInterference:
 
 
 def fillet_interference(pair: GearPair) -> FilletInterference:
-    """Compare where each involute begins with where the tip of the mate begins to use it.
+    """Compare the start of each involute with the start of its active profile.
 
         active: √(r² − r_b²) = a sin α_w − √(r_a² − r_b²) of the mate
 
-    At the nominal centre distance, gears running true, tip circles as drawn. The same in every
-    section, because the recession turns a flank together with its fillet.
+    The gears have no eccentricity, the nominal centre distance and tip circles as drawn. All
+    sections give the same result, because the recession rotates a flank together with its fillet.
 
     **Example**
     ```python
@@ -82,17 +82,17 @@ def fillet_interference(pair: GearPair) -> FilletInterference:
         tooth = tooth_of(pair, shaft)
         order = SIDES if shaft == "driving" else SIDES[::-1]
         for flank, side in enumerate(order):
-            reach = np.sqrt(tips[1 - gear] ** 2 - base[1 - gear, flank] ** 2)
-            used = line[flank] - reach
-            own = base[gear, flank]
+            active_length = line[flank] - np.sqrt(tips[1 - gear] ** 2 - base[1 - gear, flank] ** 2)
+            base_radius = base[gear, flank]
             form[gear, flank] = form_radius(tooth, side)
-            active[gear, flank] = np.hypot(own, used) if used >= 0 else np.nan
-            begins = start_of_flank(tooth, side)
+            radius = np.hypot(base_radius, active_length)
+            active[gear, flank] = radius if active_length >= 0 else np.nan
+            form_length = start_of_flank(tooth, side)
             if undercut_depth(tooth, side) > 0:
-                begins = np.sqrt(np.maximum(form[gear, flank] ** 2 - own**2, 0.0))
-            overlap[gear, flank] = np.nan_to_num(begins - used, nan=np.inf)
+                form_length = np.sqrt(np.maximum(form[gear, flank] ** 2 - base_radius**2, 0.0))
+            overlap[gear, flank] = np.nan_to_num(form_length - active_length, nan=np.inf)
     return FilletInterference(form, active, overlap)
 
 
-def _three(value: float) -> str | None:
+def _three_digits(value: float) -> str | None:
     return f"{value:.3f}" if np.isfinite(value) else None

@@ -1,4 +1,4 @@
-"""Where fillet and flank of a tooth meet, and how deep an undercut reaches."""
+"""Form circle of a tooth, at which the fillet meets the flank, and depth of its undercut."""
 
 import math
 from dataclasses import replace
@@ -12,22 +12,19 @@ from .roll_limits import half_tooth
 from .tooth import Tooth
 
 _STEP = 1e-14
-"""Of the direction of the normal, rad, at which a search stops."""
+"""Tolerance of the direction of the normal in a root search, rad (chosen)."""
 
 
 def undercut_depth(tooth: Tooth, side: Side) -> float:
-    """By how much the straight flank of the rack reaches beyond the interference point, mm.
+    """Return the depth −y_start − R sin² α, mm, of the rack flank beyond the interference point.
 
-        −y_start − R sin² α
-
-    Positive where the tooth is undercut: the rack's flank would go on along the involute below the
-    base circle, which is not there, and the fillet cuts into the flank instead.
+    It is positive for an undercut tooth: the straight flank of the rack extends below the point at
+    which the involute ends on the base circle, so the fillet cuts into the flank.
 
     **Example**
     ```python
     >>> from vttig_jax import Gear, GearPair
-    >>> from vttig_jax.geometry import undercut_depth
-    >>> from vttig_jax.geometry import tooth_of
+    >>> from vttig_jax.geometry import tooth_of, undercut_depth
     >>> gears = Gear(12, face_width_mm=20), Gear(80, face_width_mm=20)
     >>> pair = GearPair(*gears, module_mm=2.0, pressure_angles_deg=20.0)
     >>> round(undercut_depth(tooth_of(pair, "driving"), "left"), 4)
@@ -41,16 +38,15 @@ def undercut_depth(tooth: Tooth, side: Side) -> float:
 
 
 def form_radius(tooth: Tooth, side: Side) -> float:
-    """Radius at which the involute begins, mm: where the fillet touches it, or cuts it.
+    """Return the radius, mm, at which the involute begins: where the fillet touches or cuts it.
 
-    The same in every section, as the recession turns both. NaN where an undercut leaves nothing of
-    the flank below the tip, or goes right through the tooth.
+    It is the same in every section, because the recession rotates fillet and flank together. It is
+    NaN where an undercut removes the flank up to the tip or cuts through the tooth.
 
     **Example**
     ```python
     >>> from vttig_jax import Gear, GearPair
-    >>> from vttig_jax.geometry import form_radius
-    >>> from vttig_jax.geometry import tooth_of
+    >>> from vttig_jax.geometry import form_radius, tooth_of
     >>> gears = Gear(12, face_width_mm=20), Gear(80, face_width_mm=20)
     >>> pair = GearPair(*gears, module_mm=2.0, pressure_angles_deg=20.0)
     >>> round(form_radius(tooth_of(pair, "driving"), "left"), 4)
@@ -68,37 +64,39 @@ def form_radius(tooth: Tooth, side: Side) -> float:
 
 
 def start_of_flank(tooth: Tooth, side: Side) -> float:
-    """Unwound length R sin α + y_start/sin α at which the rack's straight flank starts, mm."""
+    """Return the roll length R sin α + y_start/sin α, mm, at the start of the rack's flank."""
     rack = rack_side(tooth, side)
     sine = np.sin(rack.pressure_angle)
     return float(tooth.reference_radius * sine + rack.flank_start / sine)
 
 
 def _crossing(tooth: Tooth, rack: RackSide, base: float) -> float:
-    """Radius at which the fillet of an undercut tooth crosses the involute."""
+    """Return the radius, mm, at which the fillet of an undercut tooth crosses the involute."""
     rack = replace(rack, recession=Taper(0.0))
     alpha, height = float(rack.pressure_angle), np.zeros(1)
     at_base = float(half_tooth(rack)) + math.tan(alpha) - alpha
 
-    def fillet(steep: float) -> tuple[float, float]:
-        """Radius and angle from the centre line of the tooth."""
-        angle = np.array([steep])
+    def fillet(normal_angle: float) -> tuple[float, float]:
+        """Return the radius, mm, and the angle from the centre line of the tooth, rad."""
+        angle = np.array([normal_angle])
         x, y, _ = to_gear(rack, rack.arc(angle, height), arc_roll(rack, angle))[0]
         return math.hypot(x, y), math.atan2(-rack.mirror * x, y)
 
-    def standing_out(steep: float) -> float:
-        """Angle by which the fillet stands out of the involute; negative where it cuts it."""
-        radius, angle = fillet(steep)
-        unwound = math.sqrt(max((radius / base) ** 2 - 1, 0.0))
-        return angle - (at_base - unwound + math.atan(unwound))
+    def excess(normal_angle: float) -> float:
+        """Return the angle, rad, of the fillet outside the involute; negative where it cuts it."""
+        radius, angle = fillet(normal_angle)
+        roll = math.sqrt(max((radius / base) ** 2 - 1, 0.0))
+        return angle - (at_base - roll + math.atan(roll))
 
-    if fillet(alpha)[0] <= base:  # a fillet all inside the base circle, where no involute is
+    if fillet(alpha)[0] <= base:  # the whole fillet is inside the base circle
         return base
     on_base = root_scalar(
-        lambda steep: fillet(steep)[0] - base, bracket=(alpha, math.pi / 2), xtol=_STEP
+        lambda normal_angle: fillet(normal_angle)[0] - base,
+        bracket=(alpha, math.pi / 2),
+        xtol=_STEP,
     )
-    if standing_out(on_base.root) >= 0 or standing_out(alpha) <= 0:
-        return math.nan  # gears of a few teeth, cut right through
-    crossing = root_scalar(standing_out, bracket=(alpha, on_base.root), xtol=_STEP)
+    if excess(on_base.root) >= 0 or excess(alpha) <= 0:
+        return math.nan  # the undercut of a gear with few teeth cuts through the tooth
+    crossing = root_scalar(excess, bracket=(alpha, on_base.root), xtol=_STEP)
     radius = fillet(crossing.root)[0]
     return radius if radius < float(tooth.tip_radius) else math.nan

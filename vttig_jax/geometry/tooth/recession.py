@@ -1,4 +1,4 @@
-"""The recession of a flank along the axis, as a formula or as a curve through tabulated heights."""
+"""Recession of a flank along the axis, as a formula or as a spline through tabulated values."""
 
 from typing import Any, Protocol, runtime_checkable
 
@@ -18,24 +18,24 @@ Scalar = Float[Number, ""]
 
 @runtime_checkable
 class Recession(Protocol):
-    """Any smooth function of z: by how much a flank recedes at the reference circle.
+    """Smooth function of z: recession of a flank along the reference circle.
 
-    The tangential modification of the paper is x_t(z) = −(δ_left(z) + δ_right(z))/m. Written over
-    arrays, so that it can be jitted and differentiated.
+    The tangential modification of the paper is x_t(z) = −(δ_left(z) + δ_right(z))/m. The function
+    takes arrays, so that it can be jitted and differentiated.
     """
 
     def __call__(self, z: Float[Numbers, "*shape"]) -> Float[Number, "*shape"]:
-        """δ(z) in mm, positive where the tooth is thinner than in the middle of the face."""
+        """Return δ(z) in mm, positive where the tooth is thinner than in the middle of the face."""
         ...
 
 
 class Taper(eqx.Module):
-    """Linear and crowned: δ(z) = z tan β + c (2 z/b)².
+    """Recession of a tapered and crowned flank: δ(z) = z tan β + c (2 z/b)².
 
     **Arguments**
     - `slope`: tan β, positive where the flank thins the tooth towards +z.
-    - `crowning_mm`: c, by which the flank recedes at either end of the face.
-    - `face_width_mm`: b; matters only beside a crowning.
+    - `crowning_mm`: recession c due to crowning at both ends of the face.
+    - `face_width_mm`: face width b; it is used only with a crowning.
     """
 
     slope: Scalar = eqx.field(converter=float64)
@@ -43,15 +43,15 @@ class Taper(eqx.Module):
     face_width_mm: Scalar = eqx.field(converter=float64, default=1.0)
 
     def __call__(self, z: Float[Numbers, "*shape"]) -> Float[Number, "*shape"]:
-        """δ(z) in mm."""
+        """Return δ(z) in mm."""
         return z * self.slope + self.crowning_mm * (2 * z / self.face_width_mm) ** 2
 
 
 class Tabulated(eqx.Module):
-    """δ(z) through measured points: the natural cubic spline, straight beyond its ends.
+    """Recession δ(z) as a natural cubic spline through measured points, linear beyond its ends.
 
-    Twice continuously differentiable everywhere, so that the flank has a curvature, and linear in
-    the table, through which it can be differentiated.
+    The spline is twice continuously differentiable, so that the flank has a curvature. It is linear
+    in the tabulated values and can be differentiated with respect to them.
 
     **Arguments**
     - `z_mm`: two or more heights, strictly increasing, shape (n,).
@@ -77,14 +77,14 @@ class Tabulated(eqx.Module):
         self.check()
 
     def check(self, where: str = "recession") -> None:
-        """Raise `PairError` for a table that folds or is not finite; traced ones pass."""
+        """Raise `PairError` if heights do not increase or values are not finite, unless traced."""
         if any(isinstance(leaf, Tracer) for leaf in (self.z_mm, self.recession_mm)):
             return
         z, recession = np.asarray(self.z_mm), np.asarray(self.recession_mm)
         if z.ndim != 1 or z.shape != recession.shape or len(z) < 2:
             raise PairError(
-                f"a table of {z.shape} heights and {recession.shape} values; give as many values as"
-                " heights, two or more of each.",
+                f"the table has heights of shape {z.shape} and values of shape {recession.shape};"
+                " give as many values as heights, two or more of each.",
                 where=where,
             )
         if not np.all(np.isfinite(z)) or not np.all(np.isfinite(recession)):
@@ -97,38 +97,39 @@ class Tabulated(eqx.Module):
         if not np.all(np.diff(z) > 0):
             row = int(np.argmax(np.diff(z) <= 0))
             raise PairError(
-                f"folded: z goes from {z[row]:g} to {z[row + 1]:g} mm in rows {row + 1} and"
-                f" {row + 2} of the table; sort its rows by z and keep one of each height.",
+                f"z does not increase: it goes from {z[row]:g} to {z[row + 1]:g} mm in rows"
+                f" {row + 1} and {row + 2} of the table; sort its rows by z and keep one row for"
+                " each height.",
                 where=where,
             )
 
     def __call__(self, z: Float[Numbers, "*shape"]) -> Float[Numbers, "*shape"]:
-        """δ(z) in mm."""
+        """Return δ(z) in mm."""
         xp = namespace(self, z)
-        bends = _bends(xp.asarray(self.z_mm), xp.asarray(self.recession_mm))
         heights, values = xp.asarray(self.z_mm), xp.asarray(self.recession_mm)
+        second = _second_derivatives(heights, values)
         inside = xp.clip(z, heights[0], heights[-1])
         right = xp.clip(xp.searchsorted(heights, inside, side="right"), 1, len(heights) - 1)
         left = right - 1
         width = heights[right] - heights[left]
-        rest, run = (heights[right] - inside) / width, (inside - heights[left]) / width
-        arch = (rest**3 - rest) * bends[left] + (run**3 - run) * bends[right]
-        value = rest * values[left] + run * values[right] + arch * width**2 / 6
-        return value + (z - inside) * self._end_slope(inside, bends)
+        a, b = (heights[right] - inside) / width, (inside - heights[left]) / width
+        cubic = (a**3 - a) * second[left] + (b**3 - b) * second[right]
+        value = a * values[left] + b * values[right] + cubic * width**2 / 6
+        return value + (z - inside) * self._end_slope(inside, second)
 
-    def _end_slope(self, inside: Any, bends: Any) -> Any:
-        """Slope of the nearer end, which the curve keeps beyond it."""
+    def _end_slope(self, inside: Any, second: Any) -> Any:
+        """Return the slope at the nearer end of the table; the extrapolation keeps this slope."""
         xp = namespace(self, inside)
         z, values = xp.asarray(self.z_mm), xp.asarray(self.recession_mm)
         width = z[1:] - z[:-1]
         chord = (values[1:] - values[:-1]) / width
-        first = chord[0] - width[0] * bends[1] / 6
-        last = chord[-1] + width[-1] * bends[-2] / 6
+        first = chord[0] - width[0] * second[1] / 6
+        last = chord[-1] + width[-1] * second[-2] / 6
         return xp.where(inside <= z[0], first, last)
 
 
-def _bends(z: Any, values: Any) -> Any:
-    """Second derivatives of the natural spline at its knots, zero at both ends."""
+def _second_derivatives(z: Any, values: Any) -> Any:
+    """Return the second derivatives of the natural spline at its knots; both ends are zero."""
     if namespace(z, values) is np:
         return CubicSpline(z, values, bc_type="natural")(z, 2)
     width = z[1:] - z[:-1]

@@ -1,8 +1,8 @@
-"""Roll angles at which the parts of a tooth begin and end.
+"""Roll angles at the limits of the parts of a tooth.
 
-All are roll angles of `tooth_surface`, counted from the receded flank, in the order root to tip.
-Those of flank and fillet are the same in every section; where the lands meet in the middle depends
-on the recession of both flanks, so these take z.
+They are roll angles of `tooth_surface`, counted from the receded flank, ordered from root to tip.
+The limits of flank and fillet are the same in every section. The middle of a land depends on the
+recession of both flanks, so the functions for the lands take z.
 """
 
 import math
@@ -22,16 +22,15 @@ Scalar = Float[Number, ""]
 def flank_roll(
     tooth: Tooth, radius: Real[ArrayLike, "*shape"], side: Side
 ) -> Float[Number, "*shape"]:
-    """Roll angle at which the flank is made at a radius in mm, rad; NaN below the base circle.
+    """Return the roll angle of a flank point at a radius, rad; NaN below the base circle.
 
-        roll = ± [√(r²/r_b² − 1) − tan α − (π m/4 + shift tan α)/R]
+        roll = ± [√(r²/r_b² − 1) − tan α − (π m/4 + shift tan α)/R],    r, shift in mm
 
     **Example**
     ```python
     >>> import numpy as np, vttig_jax
     >>> from vttig_jax import Gear, GearPair
-    >>> from vttig_jax.geometry import flank_roll
-    >>> from vttig_jax.geometry import tooth_of
+    >>> from vttig_jax.geometry import flank_roll, tooth_of
     >>> gears = Gear(45, 3, 3, 20), Gear(80, 3, 3, 20)
     >>> pair = GearPair(*gears, module_mm=2.0, pressure_angles_deg=20.0)
     >>> np.degrees(flank_roll(tooth_of(pair, "driving"), np.array([44.0, 47.0]), "left")).round(3)
@@ -46,17 +45,17 @@ def flank_roll(
 
 
 def flank_span(tooth: Tooth, side: Side) -> Float[Numbers, "2"]:
-    """Roll angles at the end of the fillet and at the tip circle, rad.
+    """Return the roll angles at the end of the fillet and at the tip circle, rad.
 
-    The first is where the arc of the cutter ends; on an undercut tooth the fillet has cut that part
-    of the flank away. It rises on the left flank and falls on the right one.
+    The first limit belongs to the end of the cutter's arc; on an undercut tooth the fillet removes
+    that part of the flank. From root to tip the angle increases on the left flank and decreases on
+    the right one.
 
     **Example**
     ```python
     >>> import numpy as np
     >>> from vttig_jax import Gear, GearPair
-    >>> from vttig_jax.geometry import flank_span
-    >>> from vttig_jax.geometry import tooth_of
+    >>> from vttig_jax.geometry import flank_span, tooth_of
     >>> gears = Gear(45, 3, 3, 20), Gear(80, 3, 3, 20)
     >>> pair = GearPair(*gears, module_mm=2.0, pressure_angles_deg=20.0)
     >>> np.degrees(flank_span(tooth_of(pair, "driving"), "right")).round(3)
@@ -70,19 +69,18 @@ def flank_span(tooth: Tooth, side: Side) -> Float[Numbers, "2"]:
 
 
 def fillet_span(tooth: Tooth, side: Side) -> Float[Numbers, "2"]:
-    """Roll angles at the root circle and where the flank begins, rad.
+    """Return the roll angles at the root circle and at the start of the flank, rad.
 
-    The second is the first of `flank_span`. While the centre of the arc is below the pitch line, as
-    usual, the fillet is made in the other sense of roll than the flank. Both limits are one where
-    the centre lies on that line: the fillet is then the arc itself, made at once, and the roll
-    angle does not tell its points apart.
+    The second limit is the first one of `flank_span`. If the arc centre is below the pitch line,
+    which is usual, the roll angle changes in the opposite sense on fillet and flank. If it lies on
+    the pitch line, both limits are equal: the fillet is the arc itself, generated at one roll
+    angle, so the roll angle does not distinguish its points.
 
     **Example**
     ```python
     >>> import numpy as np
     >>> from vttig_jax import Gear, GearPair
-    >>> from vttig_jax.geometry import fillet_span
-    >>> from vttig_jax.geometry import tooth_of
+    >>> from vttig_jax.geometry import fillet_span, tooth_of
     >>> gears = Gear(45, 3, 3, 20), Gear(80, 3, 3, 20)
     >>> pair = GearPair(*gears, module_mm=2.0, pressure_angles_deg=20.0)
     >>> np.degrees(fillet_span(tooth_of(pair, "driving"), "right")).round(3)
@@ -91,28 +89,28 @@ def fillet_span(tooth: Tooth, side: Side) -> Float[Numbers, "2"]:
     ```
     """
     rack = rack_side(tooth, side)
-    return namespace(tooth).stack([arc_roll(rack, _upright(tooth)), _joint(rack)])
+    return namespace(tooth).stack([arc_roll(rack, _right_angle(tooth)), _joint(rack)])
 
 
 def tip_span(tooth: Tooth, z: Real[ArrayLike, "*shape"], side: Side) -> Float[Numbers, "*shape 2"]:
-    """Roll angles at the end of the flank on the tip circle and in the middle of the tip, rad.
+    """Return the roll angles at the end of the flank on the tip circle and at the tip middle, rad.
 
-    The tip is pointed where the second lies beyond the first; nothing is clipped.
+    If the second lies beyond the first, the tooth is pointed; the angles are not clipped.
     """
     return _roll_of_land(tooth, z, side, tip_arcs)
 
 
 def root_span(tooth: Tooth, z: Real[ArrayLike, "*shape"], side: Side) -> Float[Numbers, "*shape 2"]:
-    """Roll angles in the middle of the root land and where the fillet leaves the root circle, rad.
+    """Return the roll angles in the middle of the root land and at the fillet's end on it, rad.
 
-    The middle is that between this tooth and its neighbour on the side. Where the fillets of both
-    overlap, it lies beyond the second; nothing is clipped.
+    The middle lies between this tooth and its neighbour on that side. If the fillets of both teeth
+    overlap, the middle lies beyond the second angle; the angles are not clipped.
     """
     return _roll_of_land(tooth, z, side, root_arcs)
 
 
 def tip_arcs(tooth: Tooth, z: Float[Numbers, "*shape"]) -> Float[Numbers, "*shape 2 2"]:
-    """Clockwise angles at which each half (left, right) of the tip land (starts, ends), rad."""
+    """Return the clockwise angles, rad, of (start, end) of each half (left, right) of the tip."""
     xp = namespace(tooth, z)
     ends = tooth.half_angles(xp.zeros_like(z) + tooth.tip_radius, z)
     middle = (ends - ends[..., ::-1]) / 2
@@ -120,7 +118,7 @@ def tip_arcs(tooth: Tooth, z: Float[Numbers, "*shape"]) -> Float[Numbers, "*shap
 
 
 def root_arcs(tooth: Tooth, z: Float[Numbers, "*shape"]) -> Float[Numbers, "*shape 2 2"]:
-    """Clockwise angles at which each half (left, right) of the root land (starts, ends), rad."""
+    """Return the clockwise angles, rad, of (start, end) of each half (left, right) of the root."""
     xp = namespace(tooth, z)
     ends = root_angles(tooth, z)
     middle = (ends - ends[..., ::-1]) / 2 + math.pi / tooth.teeth
@@ -128,40 +126,40 @@ def root_arcs(tooth: Tooth, z: Float[Numbers, "*shape"]) -> Float[Numbers, "*sha
 
 
 def root_angles(tooth: Tooth, z: Float[Numbers, "*shape"]) -> Float[Numbers, "*shape 2"]:
-    """Angles from the centre line of the tooth to where its fillets reach the root, rad."""
+    """Return the angles, rad, from the tooth's centre line to its fillets on the root circle."""
     xp = namespace(tooth, z)
     racks = [rack_side(tooth, side) for side in SIDES]
-    ends = [r.mirror * -arc_roll(r, _upright(tooth)) for r in racks]
+    ends = [rack.mirror * -arc_roll(rack, _right_angle(tooth)) for rack in racks]
     return xp.stack(ends) - tooth.recessions(z) / tooth.reference_radius
 
 
 def _clockwise(angles: Numbers) -> Numbers:
-    """From angles towards each side (left, right) to angles that are positive on the right."""
+    """Convert angles towards each side (left, right) to angles that are positive on the right."""
     return angles * np.array([[-1.0], [1.0]])
 
 
 def _roll_of_land(
     tooth: Tooth, z: Real[ArrayLike, "..."], side: Side, arcs: Callable[..., Numbers]
 ) -> Numbers:
-    """A land is made straight above the pitch point, so that φ is the clockwise angle."""
+    """Return the roll angles of a land; its normal is vertical, so φ is the clockwise angle."""
     rack, xp = rack_side(tooth, side), namespace(tooth, z)
     height = xp.asarray(z, float)
-    behind = xp.asarray(rack.mirror * rack.recedes(height) / rack.pitch_radius)
-    return arcs(tooth, height)[..., side_index(side), :] - behind[..., None]
+    offset = xp.asarray(rack.mirror * rack.recedes(height) / rack.pitch_radius)
+    return arcs(tooth, height)[..., side_index(side), :] - offset[..., None]
 
 
 def _joint(rack: RackSide) -> Scalar:
-    """Roll angle at which the end of the arc, the start of the straight flank, makes gear."""
+    """Return the roll angle, rad, at which the joint of arc and straight flank is in contact."""
     tangent = namespace(rack).tan(rack.pressure_angle)
     along = rack.flank_start * (tangent + 1 / tangent) / rack.pitch_radius
     return rack.mirror * (along - half_tooth(rack))
 
 
 def half_tooth(rack: RackSide) -> Scalar:
-    """(π m/4 + shift tan α)/R: half of the tooth at the reference circle where δ = 0, rad."""
+    """Return (π m/4 + shift tan α)/R, rad: half the tooth at the reference circle for δ = 0."""
     tangent = namespace(rack).tan(rack.pressure_angle)
     return (rack.quarter_pitch + rack.shift * tangent) / rack.pitch_radius
 
 
-def _upright(tooth: Tooth) -> Scalar:
+def _right_angle(tooth: Tooth) -> Scalar:
     return namespace(tooth).asarray(math.pi / 2)

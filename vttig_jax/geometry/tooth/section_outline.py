@@ -1,4 +1,4 @@
-"""The whole tooth in a section: root, fillets, flanks and tip as one line of points."""
+"""Outline of a tooth section: root, fillets, flanks and tip as one line of points."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -14,13 +14,13 @@ from .tooth import Tooth
 
 
 class ToothSection(eqx.Module):
-    """Sections of a tooth from the middle of one root land to that of the next.
+    """Sections of a tooth from the middle of one root land to the middle of the next one.
 
     **Arguments**
-    - `points`: x, y, z in mm, counter-clockwise seen from +z, the material to the left; turned by
-      whole pitches 2π/teeth the pieces join.
-    - `pieces`: (side, part) of each stretch, in order; neighbours share the point between them.
-    - `intervals`: between how many points each piece is divided.
+    - `points`: x, y, z in mm, counter-clockwise seen from +z with the material on the left;
+      outlines turned by whole pitches 2π/teeth join.
+    - `pieces`: (side, part) of each piece in order; neighbouring pieces share their common point.
+    - `intervals`: number of intervals of each piece.
     """
 
     points: Float[Array, "*shape n 3"]
@@ -28,13 +28,13 @@ class ToothSection(eqx.Module):
     intervals: int = eqx.field(static=True)
 
     def piece(self, side: Side, part: Part) -> Float[Array, "*shape k 3"]:
-        """Points of one piece with both of its ends."""
+        """Return the points of one piece, mm, including both ends."""
         start = self.pieces.index((side, part)) * self.intervals
         return self.points[..., start : start + self.intervals + 1, :]
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """ "side part" of the stretch from each point to the next."""
+        """Labels "side part" of the intervals between neighbouring points."""
         return tuple(f"{side} {part}" for side, part in self.pieces for _ in range(self.intervals))
 
 
@@ -47,32 +47,31 @@ _ORDER: tuple[tuple[Side, Part], ...] = (
 def tooth_section(
     tooth: Tooth, z: Real[ArrayLike, "*shape"], *, intervals: int = 16
 ) -> ToothSection:
-    """Sections of a whole tooth: right root, fillet, flank, tip, and back down on the left.
+    """Return sections of a whole tooth: root, fillet, flank and tip on the right, then on the left.
 
-    Points of a flank and of a land are evenly spaced in roll angle, those of a fillet in the
-    direction of its normal. Nothing is clipped: undercut and pointed teeth cross themselves, as do
-    fillets that overlap; `section_report` says where.
+    The points of flanks and lands are equidistant in roll angle, the points of fillets in normal
+    angle. The outline is not clipped: it crosses itself if the tooth is undercut or pointed or if
+    fillets overlap; `section_report` reports these sections.
 
     **Arguments**
-    - `tooth`: the gear.
+    - `tooth`: gear.
     - `z`: heights of the sections, mm, any shape.
-    - `intervals`: into how many each of the eight pieces is divided.
+    - `intervals`: number of intervals of each of the eight pieces.
 
-    **Returns** `ToothSection` with 8 `intervals` + 1 points a section.
+    **Returns** `ToothSection` with 8 `intervals` + 1 points for each section.
 
     **Example**
     ```python
     >>> import numpy as np, vttig_jax
     >>> from vttig_jax import Gear, GearPair
-    >>> from vttig_jax.geometry import tooth_section
-    >>> from vttig_jax.geometry import tooth_of
+    >>> from vttig_jax.geometry import tooth_of, tooth_section
     >>> vttig_jax.enable_x64()
     >>> gears = Gear(45, 3, 3, 20), Gear(80, 3, 3, 20)
     >>> pair = GearPair(*gears, module_mm=2.0, pressure_angles_deg=20.0)
-    >>> found = tooth_section(tooth_of(pair, "driving"), np.array([0.0, 10.0]))
-    >>> found.points.shape, found.labels[:2]
+    >>> section = tooth_section(tooth_of(pair, "driving"), np.array([0.0, 10.0]))
+    >>> section.points.shape, section.labels[:2]
     ((2, 129, 3), ('right root', 'right root'))
-    >>> found.piece("right", "flank")[0, -1].round(4)
+    >>> section.piece("right", "flank")[0, -1].round(4)
     Array([ 0.7688, 46.9937,  0.    ], dtype=float64)
 
     ```
@@ -100,22 +99,22 @@ def _line(tooth: Tooth, z: Real[ArrayLike, "*shape"], share: Numbers) -> Array:
 
 
 def _profile(tooth: Tooth, z: Array, share: Numbers, side: Side, part: Part) -> Array:
-    """Points of flank or fillet from root to tip in every section.
+    """Return points of a flank or fillet, mm, from root to tip in every section.
 
-    Those of the fillet by the direction of its normal, which tells them apart also where the roll
-    angle does not.
+    The parameter of a fillet is its normal angle, which always distinguishes its points; the roll
+    angle is constant on a fillet whose arc centre lies on the pitch line.
     """
     if part == "flank":
         start, end = flank_span(tooth, side)
         return tooth_surface(tooth, start + share * (end - start), z, side=side)
-    rack, upright = rack_side(tooth, side), jnp.pi / 2
-    steep = upright + share * (rack.pressure_angle - upright)
-    phi = paper_angle(rack, arc_roll(rack, steep), z)
-    return jnp.asarray(to_gear(rack, rack.arc(steep, z), phi))
+    rack = rack_side(tooth, side)
+    normal_angle = jnp.pi / 2 + share * (rack.pressure_angle - jnp.pi / 2)
+    phi = paper_angle(rack, arc_roll(rack, normal_angle), z)
+    return jnp.asarray(to_gear(rack, rack.arc(normal_angle, z), phi))
 
 
 def _land(radius: Number, arc: Numbers, z: Array, share: Numbers) -> Array:
-    """Along a circle between two clockwise angles."""
+    """Return points, mm, on a circle between two clockwise angles."""
     angle = arc[..., :1] + share * (arc[..., 1:] - arc[..., :1])
     across, up = radius * jnp.sin(angle), radius * jnp.cos(angle)
     return jnp.stack([across, up, z[..., None] + 0.0 * angle], axis=-1)

@@ -1,4 +1,4 @@
-"""What is wrong with a tooth, section by section: undercut, pointed, its fillets overlapping."""
+"""Defects of a tooth by section: undercut, pointed tip and overlapping fillets."""
 
 import math
 from dataclasses import dataclass
@@ -16,26 +16,26 @@ from .tooth import Tooth
 from .validation import Heights, check_recessions, section_heights
 
 _ROWS = 11
-"""Sections that are printed, evenly chosen."""
+"""Largest number of sections that are printed (chosen)."""
 
 
 @dataclass(frozen=True)
 class SectionReport:
-    """A tooth by section; lengths mm, flanks in the order (left, right).
+    """Measures and defects of a tooth by section; flanks are in the order (left, right).
 
     **Arguments**
     - `z_mm`: heights of the sections.
     - `thickness_mm`: arc of the reference circle inside the tooth.
     - `tip_thickness_mm`: arc of the tip circle inside the tooth; negative where the flanks cross
       below it.
-    - `end_radius_mm`: where the flanks meet, beyond the tip circle or, on a pointed tooth, below;
-      NaN where they do so on the base circle already.
-    - `undercut_depth_mm`: by how much the rack reaches beyond the interference point; positive
-      where the tooth is undercut.
+    - `end_radius_mm`: radius at which the flanks meet, below the tip circle for a pointed tooth;
+      NaN if they meet already on the base circle.
+    - `undercut_depth_mm`: depth of the rack beyond the interference point; positive where the tooth
+      is undercut.
     - `root_land_mm`: arc of the root circle between the fillets of neighbouring teeth; negative
-      where they overlap, for which the cutter is narrower than the arcs at its tip.
-    - `largest_fillet_radius_mm`: with which the tip of the cutter would just be full; negative
-      where no cutter is narrow enough to reach the root circle.
+      where they overlap because the cutter is narrower than the two arcs at its tip.
+    - `largest_fillet_radius_mm`: radius for which the two arcs just fill the tip of the cutter;
+      negative where no cutter is narrow enough to reach the root circle.
     """
 
     z_mm: Float[np.ndarray, " n"]
@@ -48,45 +48,45 @@ class SectionReport:
 
     @property
     def undercut(self) -> Bool[np.ndarray, "n 2"]:
-        """The fillet cuts into the flank, by section and flank."""
+        """Whether the fillet cuts into the flank, for each section and flank."""
         return self.undercut_depth_mm > 0
 
     @property
     def pointed(self) -> Bool[np.ndarray, " n"]:
-        """The flanks meet on or below the tip circle."""
+        """Whether the flanks meet on or below the tip circle."""
         return self.tip_thickness_mm <= 0
 
     @property
     def fillet_overlap(self) -> Bool[np.ndarray, " n"]:
-        """The fillets of neighbouring teeth cross above the root circle."""
+        """Whether the fillets of neighbouring teeth cross above the root circle."""
         return self.root_land_mm < 0
 
     @property
     def gone(self) -> Bool[np.ndarray, " n"]:
-        """Nothing is left of the tooth at the reference circle."""
+        """Whether the tooth has no thickness at the reference circle."""
         return self.thickness_mm <= 0
 
     @property
     def sound(self) -> Bool[np.ndarray, " n"]:
-        """None of these."""
+        """Whether the section has none of these defects."""
         return ~(self.undercut.any(axis=1) | self.pointed | self.fillet_overlap | self.gone)
 
     def remarks(self, section: int) -> str:
-        """What is wrong with one section, in words; "sound" where nothing is."""
-        found = []
+        """Describe the defects of one section in words; return "sound" if it has none."""
+        defects = []
         if self.gone[section]:
-            found.append("no tooth at the reference circle")
-        cut = [side for side, is_so in zip(SIDES, self.undercut[section], strict=True) if is_so]
-        if cut:
-            flanks = "both flanks" if len(cut) == 2 else f"{cut[0]} flank"
-            found.append(f"undercut by {self.undercut_depth_mm[section].max():.3f} mm, {flanks}")
+            defects.append("no tooth at the reference circle")
+        undercut = [side for k, side in enumerate(SIDES) if self.undercut[section, k]]
+        if undercut:
+            flanks = "both flanks" if len(undercut) == 2 else f"{undercut[0]} flank"
+            defects.append(f"undercut by {self.undercut_depth_mm[section].max():.3f} mm, {flanks}")
         if self.pointed[section]:
-            found.append(f"pointed at radius {self.end_radius_mm[section]:.3f} mm")
+            defects.append(f"pointed at radius {self.end_radius_mm[section]:.3f} mm")
         if self.fillet_overlap[section]:
             largest = self.largest_fillet_radius_mm[section]
             fits = f"radius {largest:.3f} mm fits" if largest >= 0 else "no cutter fits"
-            found.append(f"fillets overlap, {fits}")
-        return "; ".join(found) or "sound"
+            defects.append(f"fillets overlap, {fits}")
+        return "; ".join(defects) or "sound"
 
     def __str__(self) -> str:
         count, bad = len(self.z_mm), int((~self.sound).sum())
@@ -107,24 +107,23 @@ class SectionReport:
 
 
 def section_report(tooth: Tooth, z: Heights = None) -> SectionReport:
-    """Look at sections of a gear for what spoils its teeth; nothing is clipped or repaired.
+    """Report the defects of a tooth in sections of the gear; the tooth is not clipped or repaired.
 
-        undercut where −y_start > R sin² α, y_start the height at which the rack's flank starts
-        pointed where ψ_left(r_a, z) + ψ_right(r_a, z) ≤ 0, ψ the half angles of `Tooth`
+        undercut: −y_start > R sin² α, where y_start is the height of the start of the rack's flank
+        pointed: ψ_left(r_a, z) + ψ_right(r_a, z) ≤ 0, where ψ are the half angles of `Tooth`
 
     **Arguments**
-    - `tooth`: the gear.
+    - `tooth`: gear.
     - `z`: heights of the sections, mm; 41 over the face width when absent.
 
     **Returns** `SectionReport`, which prints as a table.
 
-    **Raises** `PairError` where a recession is not finite, or is a table that folds.
+    **Raises** `PairError` if a recession is not finite or its table does not increase in z.
 
     **Example**
     ```python
     >>> from vttig_jax import Gear, GearPair
-    >>> from vttig_jax.geometry import section_report
-    >>> from vttig_jax.geometry import tooth_of
+    >>> from vttig_jax.geometry import section_report, tooth_of
     >>> gears = Gear(45, 3, 3, 20), Gear(80, 3, 3, 20)
     >>> pair = GearPair(*gears, module_mm=2.0, pressure_angles_deg=20.0)
     >>> print(section_report(tooth_of(pair, "driving"), [-10.0, 0.0, 10.0]))
@@ -155,28 +154,28 @@ def section_report(tooth: Tooth, z: Heights = None) -> SectionReport:
 
 
 def _end_radius(tooth: Tooth, thickness: float) -> float:
-    """Radius at which the flanks meet, from the thickness at the reference circle.
+    """Return the radius, mm, at which the flanks meet, from the thickness at the reference circle.
 
-    thickness/R + Σ inv αₜ = Σ inv α(r), whose right side grows with r.
+    It solves thickness/R + Σ inv αₜ = Σ inv α(r); the right side increases with r.
     """
     base = np.asarray(tooth.base_radii)
     reference = involute(np.asarray(tooth.pressure_angles)).sum()
-    wanted = thickness / float(tooth.reference_radius) + reference
+    target = thickness / float(tooth.reference_radius) + reference
 
-    def missing(radius: float) -> float:
+    def residual(radius: float) -> float:
         angles = np.arccos(np.minimum(base / radius, 1.0))
-        return float(wanted - involute(angles).sum())
+        return float(target - involute(angles).sum())
 
     low = high = float(base.max())
-    if missing(low) <= 0:
+    if residual(low) <= 0:
         return math.nan
-    while missing(high) > 0:
+    while residual(high) > 0:
         high *= 2
-    return root_scalar(missing, bracket=(low, high), xtol=1e-12).root
+    return root_scalar(residual, bracket=(low, high), xtol=1e-12).root
 
 
 def _largest_radius(tooth: Tooth, land: np.ndarray) -> np.ndarray:
-    """Radius of the arcs that leaves the cutter no land, from its land with the present ones.
+    """Return the arc radius, mm, for which the cutter tip has no land, from its present land, mm.
 
     An arc takes (1 − sin α)/cos α of its radius from half of the cutter's tip.
     """

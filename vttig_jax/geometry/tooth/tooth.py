@@ -1,12 +1,12 @@
-"""One gear as its drawing shows it: the section of a tooth at every height along the axis.
+"""Gear as drawn: section of a tooth at every height along the axis.
 
-The frame of a gear has its axis as z with the middle of the face at 0, and the centre line of one
-tooth (where both flanks are alike) along y; x is to the right. Seen from +z the tooth points up,
-its left flank lies at negative x. A tapered tooth thins towards +z.
+In the frame of a gear z is the axis with 0 in the middle of the face, and y is the centre line of
+one tooth (if both flanks are alike); x points to the right. Seen from +z the tooth points up and
+its left flank has negative x. A tapered tooth thins towards +z.
 
-Flank A of a driving gear is its left flank. The driven gear is mounted the other way round, its own
-z against that of the driving gear, so its flank A is the right one of its own drawing: each gear
-has its thick end where the mate has its thin one.
+Flank A of a driving gear is its left flank. The driven gear is mounted with its z opposite to that
+of the driving gear, so its flank A is its right flank, and the thick end of each gear faces the
+thin end of the mate.
 """
 
 import math
@@ -25,18 +25,18 @@ Scalar = Float[Number, ""]
 
 
 class Tooth(eqx.Module):
-    """A gear with constant radial and varying tangential modification; sides are (left, right).
+    """Gear with constant radial and varying tangential modification; sides are (left, right).
 
     **Arguments**
     - `teeth`: number of teeth.
     - `module_mm`: transverse module.
     - `pressure_angles_deg`: transverse pressure angles of the left and the right flank, shape (2,).
-    - `recession`: by how much the left and the right flank recede at height z; see `Recession`.
-    - `addendum_mm`, `dedendum_mm`: tip above and root below the profile reference line, which the
-      profile shift has moved.
+    - `recession`: recession of the left and the right flank at height z; see `Recession`.
+    - `addendum_mm`, `dedendum_mm`: height of the tip above and depth of the root below the profile
+      reference line, which is displaced by the profile shift.
     - `fillet_radius_mm`: radius of the arcs at the tip of the rack cutter.
     - `profile_shift_mm`: distance of the profile reference line from the reference circle.
-    - `face_width_mm`: width of the face, NaN where the drawing does not say.
+    - `face_width_mm`: width of the face, NaN if it is not drawn.
     """
 
     teeth: int = eqx.field(static=True)
@@ -75,18 +75,18 @@ class Tooth(eqx.Module):
         return self.reference_radius + self.profile_shift_mm - self.dedendum_mm
 
     def recessions(self, z: Float[Numbers, "*shape"]) -> Float[Numbers, "*shape 2"]:
-        """δ of the left and the right flank at height z, mm along the reference circle."""
+        """Return δ of the left and the right flank at height z, mm along the reference circle."""
         left, right = (flank(z) for flank in self.recession)
         return namespace(left, right).stack([left, right], axis=-1)
 
     def half_angles(
         self, radius: Float[Numbers, "*shape"], z: Float[Numbers, "*shape"]
     ) -> Float[Numbers, "*shape 2"]:
-        """Angles from the centre line of the tooth to its left and right flank, rad.
+        """Return the angles from the centre line of the tooth to its left and right flank, rad.
 
             ψ(r, z) = (π m/4 + x m tan αₜ − δ(z))/R + inv αₜ − inv α(r),    cos α(r) = r_b/r
 
-        A negative sum of both is a tooth that ended below r. NaN below the base circle.
+        If the sum of both is negative, the tooth ends below r. NaN below the base circle.
         """
         xp = namespace(self, radius, z)
         shift = self.profile_shift_mm * xp.tan(self.pressure_angles)
@@ -98,12 +98,12 @@ class Tooth(eqx.Module):
     def thickness(
         self, radius: Float[Numbers, "*shape"], z: Float[Numbers, "*shape"]
     ) -> Float[Numbers, "*shape"]:
-        """Arc of the circle of a radius inside the tooth at height z, mm."""
+        """Return the arc, mm, inside the tooth at a radius, mm, and height z, mm."""
         return radius * self.half_angles(radius, z).sum(axis=-1)
 
 
 def tooth_of(pair: GearPair, shaft: Shaft) -> Tooth:
-    """The gear of one shaft of a pair, in its own frame."""
+    """Return the gear of one shaft of a pair in its own frame."""
     gear = pair.driving if shaft == "driving" else pair.driven
     order = [0, 1] if shaft == "driving" else [1, 0]
     xp = namespace(pair)
@@ -126,8 +126,8 @@ def tooth_of(pair: GearPair, shaft: Shaft) -> Tooth:
 
 
 def _fillet_radius(pair: GearPair) -> Scalar:
-    """The stated radius, or c_p/(1 − sin αₜ) of the smaller angle, which fits both flanks."""
+    """Return the given radius, mm, or c_p/(1 − sin αₜ) of the smaller αₜ, valid for both flanks."""
     xp, rack = namespace(pair), pair.rack
     smallest = xp.sin(pair.pressure_angles_deg * DEG).min()
-    usual = rack.clearance / (1 - smallest)
-    return (usual if rack.tip_radius is None else rack.tip_radius) * pair.depth_module_mm
+    default = rack.clearance / (1 - smallest)
+    return (default if rack.tip_radius is None else rack.tip_radius) * pair.depth_module_mm

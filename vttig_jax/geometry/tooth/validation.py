@@ -1,4 +1,4 @@
-"""Teeth that are none: what stops before any surface is computed, as one sentence with a cure."""
+"""Checks of a tooth before its surface is computed."""
 
 from collections.abc import Sequence
 
@@ -13,30 +13,29 @@ from .rack_cutter import SIDES, Side
 from .recession import Tabulated
 from .tooth import Tooth
 
-_SECTIONS = 41
+_SECTIONS = 41  # sections checked by default; a chosen number
 
 Heights = Real[ArrayLike, "..."] | Sequence[float] | None
 """Heights of sections in mm, or None for sections over the face width."""
 
 
 def check_tooth(tooth: Tooth, z: Heights = None) -> None:
-    """Raise `PairError` where a gear has no tooth surface; what is merely bad is `section_report`.
+    """Raise `PairError` if a gear has no tooth surface; `section_report` reports other defects.
 
-    Looked at are the numbers of the drawing, the recession of each flank (finite, a table with
-    rising heights, written so that JAX can differentiate it) and the thickness at the reference
-    circle, which has to be positive in every section.
+    The function checks the numbers of the drawing, the recession of each flank (finite values,
+    increasing heights of a table, differentiable by JAX) and the thickness at the reference circle,
+    which must be positive in every section.
 
     **Arguments**
-    - `tooth`: the gear.
-    - `z`: heights of the sections looked at, mm; over the face width when absent.
+    - `tooth`: gear.
+    - `z`: heights of the checked sections, mm; over the face width when absent.
 
     **Example**
     ```python
     >>> import vttig_jax
     >>> from vttig_jax import Gear, GearPair
     >>> from vttig_jax.base import PairError
-    >>> from vttig_jax.geometry import check_tooth
-    >>> from vttig_jax.geometry import tooth_of
+    >>> from vttig_jax.geometry import check_tooth, tooth_of
     >>> wide = Gear(45, 3, 3, 80)
     >>> pair = GearPair(wide, wide, module_mm=2.0, pressure_angles_deg=20.0)
     >>> try:
@@ -44,7 +43,8 @@ def check_tooth(tooth: Tooth, z: Heights = None) -> None:
     ... except PairError as error:
     ...     print(error)
     thickness: the tooth is -1.051 mm thick on the reference circle at z = 40 mm; make the face
-    narrower (nothing is left at z = 30 mm), the helix angles smaller or the profile shift larger.
+    narrower (the tooth vanishes at z = 30 mm), the helix angles smaller or the profile shift
+    larger.
 
     ```
     """
@@ -55,13 +55,13 @@ def check_tooth(tooth: Tooth, z: Heights = None) -> None:
 
 
 def check_recessions(tooth: Tooth, heights: Float[np.ndarray, " n"]) -> None:
-    """Raise `PairError` where δ of a flank is not finite, a folded table, or opaque to JAX."""
+    """Raise `PairError` if δ of a flank is not finite, a bad table or not differentiable by JAX."""
     for index, side in enumerate(SIDES):
         _check_recession(tooth, index, side, heights)
 
 
 def section_heights(tooth: Tooth, z: Heights) -> Float[np.ndarray, " n"]:
-    """Heights asked for, or evenly over the face width, mm."""
+    """Return the given heights, or equidistant heights over the face width, mm."""
     if z is not None:
         heights = np.atleast_1d(np.asarray(z, float)).ravel()
         if not len(heights) or not np.all(np.isfinite(heights)):
@@ -77,30 +77,29 @@ def section_heights(tooth: Tooth, z: Heights) -> Float[np.ndarray, " n"]:
 
 
 def _check_numbers(tooth: Tooth) -> None:
-    wanted = {
+    limits = {
         "module_mm": (tooth.module_mm, 0.0, np.inf),
         "pressure_angles_deg": (tooth.pressure_angles_deg, 0.0, 90.0),
         "addendum_mm": (tooth.addendum_mm, 0.0, np.inf),
         "dedendum_mm": (tooth.dedendum_mm, 0.0, np.inf),
         "root radius": (tooth.root_radius, 0.0, np.inf),
     }
-    for name, (value, low, high) in wanted.items():
+    for name, (value, low, high) in limits.items():
         for number in np.ravel(value):
             if not low < number < high:
                 limit = "above 0" if high == np.inf else f"between {low:g} and {high:g}"
-                raise PairError(f"{number:g} is no gear; it has to be {limit}.", where=name)
+                raise PairError(f"{number:g} is not possible; give a value {limit}.", where=name)
     if not 0 <= tooth.fillet_radius_mm < np.inf:
         raise PairError(
-            f"{float(tooth.fillet_radius_mm):g} mm is no radius of the cutter's tip; give 0 (sharp)"
-            " or more.",
+            f"{float(tooth.fillet_radius_mm):g} mm is not possible as radius of the cutter's tip;"
+            " give 0 (sharp) or more.",
             where="fillet_radius_mm",
         )
     base = np.max(np.asarray(tooth.base_radii))
     if not tooth.tip_radius > base:
         raise PairError(
             f"the tip circle ({float(tooth.tip_radius):.3f} mm) lies inside the base circle"
-            f" ({base:.3f} mm), so that there is no flank; give more teeth, addendum or profile"
-            " shift.",
+            f" ({base:.3f} mm), so there is no flank; give more teeth, addendum or profile shift.",
             where="tip radius",
         )
 
@@ -112,15 +111,15 @@ def _check_recession(tooth: Tooth, index: int, side: Side, heights: np.ndarray) 
     values = np.asarray(recession(heights), float)
     if values.shape != heights.shape:
         raise PairError(
-            f"gives values of shape {values.shape} for heights of shape {heights.shape}; return one"
-            " for each height.",
+            f"the function returns shape {values.shape} for heights of shape {heights.shape};"
+            " return one value for each height.",
             where=where,
         )
     if not np.all(np.isfinite(values)):
         first = int(np.argmin(np.isfinite(values)))
         raise PairError(
-            f"not finite at z = {heights[first]:g} mm ({values[first]:g}); give a function that is"
-            " smooth over the whole face (a crowned gear needs its face width).",
+            f"δ is not finite at z = {heights[first]:g} mm ({values[first]:g}); give a function"
+            " that is smooth over the whole face (a crowned gear needs its face width).",
             where=where,
         )
     try:
@@ -128,8 +127,8 @@ def _check_recession(tooth: Tooth, index: int, side: Side, heights: np.ndarray) 
         jax.eval_shape(lambda z: jnp.asarray(recession(z)), shape)
     except jax.errors.JAXTypeError as error:
         raise PairError(
-            "cannot be differentiated by JAX; write it with `jax.numpy` instead of `numpy` and"
-            " without `if` on z.",
+            "the function cannot be differentiated by JAX; write it with `jax.numpy` instead of"
+            " `numpy` and without `if` on z.",
             where=where,
         ) from error
 
@@ -137,14 +136,14 @@ def _check_recession(tooth: Tooth, index: int, side: Side, heights: np.ndarray) 
 def _check_thickness(tooth: Tooth, heights: np.ndarray) -> None:
     radius = np.full(heights.shape, float(tooth.reference_radius))
     thickness = np.asarray(tooth.thickness(radius, heights))
-    gone = thickness <= 0
-    if not gone.any():
+    vanished = thickness <= 0
+    if not vanished.any():
         return
-    nearest = heights[gone][np.argmin(np.abs(heights[gone]))]
+    nearest = heights[vanished][np.argmin(np.abs(heights[vanished]))]
     worst = int(np.argmin(thickness))
     raise PairError(
         f"the tooth is {thickness[worst]:.3f} mm thick on the reference circle at z ="
-        f" {heights[worst]:g} mm; make the face narrower (nothing is left at z = {nearest:g} mm),"
-        " the helix angles smaller or the profile shift larger.",
+        f" {heights[worst]:g} mm; make the face narrower (the tooth vanishes at z ="
+        f" {nearest:g} mm), the helix angles smaller or the profile shift larger.",
         where="thickness",
     )

@@ -13,7 +13,7 @@ from ...logs.motion.segments import Segment
 from ...pair.gear_pair import Flank
 from ..model.column_layout import OFFSET, ColumnLayout
 from ..model.harmonics import TermPlan
-from ..settings import NoiseChoice
+from ..settings import NoiseSettings
 from .block_means import block_means, block_rows, block_size
 from .regressors import Regressors, trimmed
 
@@ -38,7 +38,7 @@ class LogRows:
     runs: tuple[BlockRun, ...]
     size: int
     block_s: float
-    noise: NoiseChoice = NoiseChoice()
+    noise: NoiseSettings = NoiseSettings()
     rounding: float = 0.0
 
     def runs_by_flank(self, longer_than: int = 0) -> dict[Flank, list[BlockRun]]:
@@ -72,7 +72,7 @@ def log_rows(
     segments: Sequence[Segment],
     terms: TermPlan,
     block_s: float,
-    noise: NoiseChoice = NoiseChoice(),
+    noise: NoiseSettings = NoiseSettings(),
     fastest: float = 0.0,
 ) -> LogRows:
     """Pass once over the segments of a log.

@@ -16,7 +16,7 @@ from ...base.numerics.autoregression import whitening_filter
 from ...pair.gear_pair import Flank
 from ..model.column_layout import OFFSET, ColumnLayout
 from ..model.harmonics import TermPlan
-from ..settings import HIGHEST_LAG, NoiseChoice
+from ..settings import HIGHEST_LAG, NoiseSettings
 from .block_rows import LogRows
 from .flank_summary import (
     FlankSummary,
@@ -59,7 +59,7 @@ class HarmonicSummary:
     block_s: float
     embeddings: tuple[Embedding, ...] = ()
     plateaus: tuple["PlateauSummary", ...] = ()
-    noise: NoiseChoice = NoiseChoice()
+    noise: NoiseSettings = NoiseSettings()
     last_digit: float = 0.0
 
     @property

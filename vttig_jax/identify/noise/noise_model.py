@@ -12,7 +12,7 @@ from ...pair.gear_pair import Flank
 from ..compress.flank_summary import whitened_run
 from ..compress.harmonic_summary import HarmonicSummary
 from ..compress.orthogonal import residual_weights, triangle_of
-from ..settings import NoiseChoice
+from ..settings import NoiseSettings
 from .reml import restricted_partial
 
 _REPEATS = 2
@@ -49,7 +49,7 @@ class NoiseModel:
     std: float
     block_s: float
     plateaus: tuple[tuple[float, "NoiseModel"], ...] = ()
-    choice: NoiseChoice = NoiseChoice()
+    choice: NoiseSettings = NoiseSettings()
     by: str = "likelihood"
 
     def at(self, speed: float) -> "NoiseModel":

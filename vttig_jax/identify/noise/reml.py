@@ -21,7 +21,7 @@ from jaxtyping import Float
 from scipy.linalg import solve_triangular
 from scipy.optimize import brentq, minimize_scalar
 
-from ...base.numerics.autoregression import longer
+from ...base.numerics.autoregression import levinson_step
 from ...base.numerics.partial_autocorrelation import filter_of, log_initial_determinant
 from ..compress.harmonic_summary import FlankSummary, HarmonicSummary
 
@@ -72,7 +72,7 @@ class _Bound:
         form = self.form[:taps, :taps]
         prefixes = [np.ones(1)]
         for value in partial[:-1]:
-            prefixes.append(longer(prefixes[-1], value))
+            prefixes.append(levinson_step(prefixes[-1], value))
         ahead, back = np.ones(1), np.zeros(1)
         for k in reversed(range(len(partial))):
             own = np.append(prefixes[k], 0.0)

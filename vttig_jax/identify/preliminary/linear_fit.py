@@ -21,7 +21,7 @@ from ..compress.regressors import Drift, Regressors, Samples, read_channels
 from ..model.column_layout import ColumnLayout
 from ..model.harmonics import TermPlan
 from ..noise.noise_model import autoregression, residual_rows
-from ..settings import NoiseChoice
+from ..settings import NoiseSettings
 from .alignment import Start, aligned
 from .nuisance import NuisanceRegression, own_terms
 
@@ -101,7 +101,7 @@ class Model:
     regressors: tuple[str, ...]
     drift: Drift
     same_zero: bool = True
-    noise: NoiseChoice = NoiseChoice()
+    noise: NoiseSettings = NoiseSettings()
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,7 +15,7 @@ from ..compress.harmonic_summary import HarmonicSummary
 from ..compress.regressors import Drift
 from ..model.identifiability import Identifiability
 from ..noise.noise_model import whiten
-from ..settings import Choices
+from ..settings import FitSettings
 from .delay import Delay, judge_delay, on_its_branch, one_speed
 from .linear_fit import Input, LinearFit, Model, linear_fit
 from .nuisance import NuisanceRegression
@@ -78,7 +78,7 @@ def select_model(
     inputs: tuple[Input, ...],
     pair: GearPair | Drive,
     identifiable: Identifiability,
-    settings: Choices,
+    settings: FitSettings,
 ) -> SelectedModel:
     """Pass over the logs as often as delay and weights need."""
     names, delay, notes = _candidates(inputs, settings)
@@ -86,7 +86,7 @@ def select_model(
     if same_zero is None:
         same_zero = all(one.log.zero == "reading" for one in inputs)
     drift = _widest_drift(settings, identifiable)
-    model = Model(pair, identifiable.terms, names, drift, same_zero, settings.noise)
+    model = Model(pair, identifiable.terms, names, drift, same_zero, settings.noise_model)
     delay_tried = "delay" in names
     plain = linear_fit(
         inputs, model, delay.seconds, finest_s=_finest(inputs) if delay_tried else np.inf
@@ -119,10 +119,10 @@ def select_model(
 
 
 def _candidates(
-    inputs: Sequence[Input], settings: Choices
+    inputs: Sequence[Input], settings: FitSettings
 ) -> tuple[tuple[str, ...], Delay, list[str]]:
     """Columns beside offset and drift that are tried, and what is known of the delay before."""
-    names = list(settings.regressors)
+    names: list[str] = list(settings.regressors)
     notes: list[str] = []
     if all(one.log.torque is not None for one in inputs) and "torque" not in names:
         names.append("torque")
@@ -152,7 +152,7 @@ def _finest(inputs: Sequence[Input]) -> float:
     return float(np.median(ramps)) / _ROWS_A_RAMP if ramps else np.inf
 
 
-def _widest_drift(settings: Choices, identifiable: Identifiability) -> Drift:
+def _widest_drift(settings: FitSettings, identifiable: Identifiability) -> Drift:
     """The drift asked for, or the highest that is tried: none where an order looks like one."""
     if settings.drift_knots_s is not None:
         return Drift(knots_s=settings.drift_knots_s)
@@ -166,7 +166,7 @@ def _widest_drift(settings: Choices, identifiable: Identifiability) -> Drift:
     return Drift(AUTOMATIC_DRIFT if min(tied, default=0.0) >= _TURNS_FOR_DRIFT else 0)
 
 
-def _with_delay(weights: Reweighted, settings: Choices) -> tuple[LinearFit, Delay, list[str]]:
+def _with_delay(weights: Reweighted, settings: FitSettings) -> tuple[LinearFit, Delay, list[str]]:
     """Judge the delay, with the ramps where the speed is steady, and step until it stands still."""
     plain = weights.linear
     inputs, model, block_s = plain.inputs, plain.model, plain.block_s
@@ -235,7 +235,7 @@ def _joined(linear: LinearFit, keep: Sequence[Sequence[bool]]) -> LinearFit:
     return replace(linear, rows=tuple(rows), segments=tuple(used))
 
 
-def _beside(own: NuisanceRegression, settings: Choices) -> list[str]:
+def _beside(own: NuisanceRegression, settings: FitSettings) -> list[str]:
     """Own coefficients other than the delay that the logs ask for, or the user did."""
     slow = ("drift_", "spline_", "torque_")
     others = [n for n in own.names if n != "delay" and not n.startswith(slow)]
@@ -257,7 +257,7 @@ def _best_torque(own: NuisanceRegression, known: list[str]) -> list[str]:
     return [min(windows, key=lambda name: own.misfit([*beside, name]))] if windows else []
 
 
-def _chosen(linear: LinearFit, settings: Choices, delay: Delay) -> tuple[set[str], list[str]]:
+def _chosen(linear: LinearFit, settings: FitSettings, delay: Delay) -> tuple[set[str], list[str]]:
     """Names of the own columns that stay, and sentences on those that do not."""
     own = linear.own
     fitted = ["delay"] if delay.state == "fitted" else []

@@ -12,7 +12,7 @@ from ..model.identifiability import Identifiability
 from ..noise.noise_model import NoiseModel
 from ..preliminary.delay import one_speed
 from ..preliminary.model_selection import SelectedModel
-from ..settings import Choices
+from ..settings import FitSettings
 from ..solve.least_squares import Solution
 from .parameters import Parameter
 from .per_log import differences
@@ -52,11 +52,11 @@ def _noise_notes(noise: NoiseModel) -> list[str]:
 
 
 def conditions_of(
-    pair: GearPair | Drive, split: bool, settings: Choices, selected: SelectedModel
+    pair: GearPair | Drive, split: bool, settings: FitSettings, selected: SelectedModel
 ) -> tuple[str, ...]:
     """What the numbers take for granted."""
     conditions: tuple[str, ...] = ()
-    if not settings.gear_terms:
+    if settings.perfect_gears:
         conditions = ("perfect_gears",)
     elif not (isinstance(pair, Drive) or split):
         conditions = ("perfect_encoders",)

@@ -13,7 +13,7 @@ from ...logs.encoder_log import EncoderLog
 from ...pair.gear_pair import Drive, GearPair
 from ..model.identifiability import Identifiability
 from ..preliminary.delay import Delay
-from ..settings import Choices
+from ..settings import FitSettings
 from ..solve.least_squares import Solution
 
 Outcome = Literal["ok", "partly_determined", "not_determined", "not_converged"]
@@ -177,7 +177,7 @@ def parameters_of(
     pair: GearPair | Drive,
     identifiable: Identifiability,
     solution: Solution,
-    settings: Choices,
+    settings: FitSettings,
     delay: Delay,
 ) -> dict[str, Parameter]:
     """Every name of the contract → `Parameter`, in its order."""
@@ -190,16 +190,16 @@ def parameters_of(
             else (f"{shaft}_eccentricity_mm", "mm", 1.0)
         )
         names = (name, f"{shaft}_phase_deg")
-        reason = identifiable.reasons.get(shaft) if settings.gear_terms else _PERFECT_GEARS
+        reason = identifiable.reasons.get(shaft) if not settings.perfect_gears else _PERFECT_GEARS
         found += _polar_or_reason(solution, shaft, names, unit, scale, reason)
     found.append(_constant_backlash(solution, identifiable.short, delay))
     for shaft in SHAFTS:
         reason = identifiable.reasons.get(shaft)
-        if not settings.gear_terms:
+        if settings.perfect_gears:
             pass
         elif drive:
             reason = _NO_GEOMETRY
-        elif not settings.encoder_terms:
+        elif settings.perfect_encoders:
             reason = _PERFECT
         elif len(identifiable.flanks) == 1:
             reason = _ONE_DIRECTION
@@ -209,7 +209,7 @@ def parameters_of(
     return {parameter.name: parameter for parameter in found}
 
 
-def outcome_of(parameters: dict[str, Parameter], converged: bool, settings: Choices) -> Outcome:
+def outcome_of(parameters: dict[str, Parameter], converged: bool, settings: FitSettings) -> Outcome:
     """One word for the whole fit; parameters that were not asked for do not count."""
     if not converged:
         return "not_converged"
@@ -219,8 +219,8 @@ def outcome_of(parameters: dict[str, Parameter], converged: bool, settings: Choi
         for p in parameters.values()
         if p.name != "delay_s"
         and p.reason not in left_out
-        and (settings.encoder_terms or "encoder" not in p.name)
-        and (settings.gear_terms or p.name != "constant_backlash_deg")
+        and (not settings.perfect_encoders or "encoder" not in p.name)
+        and (not settings.perfect_gears or p.name != "constant_backlash_deg")
     ]
     if not any(p.determined for p in asked):
         return "not_determined"

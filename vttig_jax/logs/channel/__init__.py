@@ -1,1 +1,1 @@
-"""One encoder channel: readings, wraps, spikes and stalls."""
+"""Processing of one encoder channel: wraps, spikes, stalls and speed."""

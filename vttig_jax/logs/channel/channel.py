@@ -1,4 +1,4 @@
-"""One encoder channel: readings as logged, made continuous, and the angle they stand for."""
+"""Encoder channel: unwrapped readings and their conversion to a shaft angle."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,25 +15,24 @@ from .continuous import Continuous, Origin, make_continuous
 from .spikes import without_spikes
 
 EXACT_FLOAT = 2**53
-"""Whole numbers beyond it are no longer all floats."""
+"""Largest count up to which float64 represents every whole number (53-bit significand)."""
 
 WIDEST = 2**61
-"""Counts beyond it overflow when differences are taken."""
+"""Limit of the counts; differences of larger int64 counts could overflow."""
 
+_ROUNDING = 1e-10
+"""Readings that differ by this fraction of the largest reading are equal (chosen tolerance)."""
 
-_SAME = 1e-10
-"""Share of the largest reading by which readings of one value may differ: that is rounding."""
-
-_WHOLE = 0.01
-"""Share of a step by which a reading may lie beside a multiple of it."""
+_STEP_TOLERANCE = 0.01
+"""Largest deviation from a multiple of the step, as a fraction of the step (chosen tolerance)."""
 
 _FAR_OFF = 3.0
-"""A first reading stands far off where it differs by more than this many of the steps after it."""
+"""A first spike farther off than this many of the next steps is not the origin (chosen factor)."""
 
 
 @dataclass(frozen=True)
 class RawChannel:
-    """A column as read: values in `unit`, and the rational factor of the pair file."""
+    """Column as read: values in `unit`, and the rational scale of the pair file."""
 
     values: Real[np.ndarray, " n"]
     unit: str
@@ -42,16 +41,16 @@ class RawChannel:
 
 @dataclass(frozen=True, eq=False)
 class Channel:
-    """An encoder channel; φ = `radians_per_unit` · (`reading` − `origin`).
+    """Encoder channel with shaft angle φ = `radians_per_unit` · (`reading` − `origin`).
 
     **Arguments**
-    - `reading`: int64 counts or float64 values in `unit`, unwrapped, before scale and sign.
-    - `radians_per_unit`: includes sign and scale.
-    - `origin`: the reading that is angle zero.
-    - `per_turn`: counts per revolution where whole turns can be split off exactly, else None.
-    - `modulus`: where the readings wrapped, in `unit`; None where they did not.
-    - `wraps`: how often they did.
-    - `spikes`: true where a reading stands off its neighbours (`logs.spikes`); None for none.
+    - `reading`: unwrapped int64 counts or float64 values in `unit`, before scale and sign.
+    - `radians_per_unit`: factor in rad per `unit`, including sign and scale.
+    - `origin`: reading at angle zero, in `unit`.
+    - `per_turn`: counts per revolution if whole turns can be separated exactly, else None.
+    - `modulus`: modulus of the wrapped readings in `unit`; None without wraps.
+    - `wraps`: number of wraps.
+    - `spikes`: true at readings far from their neighbours (see `spikes.py`); None without spikes.
     """
 
     reading: Real[np.ndarray, " n"]
@@ -65,33 +64,33 @@ class Channel:
 
     @cached_property
     def turns_and_rest(self) -> tuple[Int[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-        """Whole turns, and the angle in rad beyond them; φ = 2π turns + rest.
+        """Whole turns and the remaining angle in rad; φ = 2π turns + rest.
 
         Whole turns of integer counts are subtracted as integers; without `per_turn` they are 0.
         """
-        moved = self.reading - self.origin
+        travel = self.reading - self.origin
         if self.per_turn is None:
-            return np.zeros(len(moved), np.int64), self.radians_per_unit * moved
-        turns = moved // self.per_turn
-        rest = moved - turns * self.per_turn
+            return np.zeros(len(travel), np.int64), self.radians_per_unit * travel
+        turns = travel // self.per_turn
+        rest = travel - turns * self.per_turn
         sign = 1 if self.radians_per_unit > 0 else -1
         return sign * turns, self.radians_per_unit * rest
 
     @cached_property
     def angle(self) -> Float[np.ndarray, " n"]:
-        """φ in rad, not wrapped."""
+        """Unwrapped shaft angle φ in rad."""
         turns, rest = self.turns_and_rest
         return REV * turns + rest
 
     def steady_angle(self, time: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """φ in rad with the spikes interpolated in `time` (s): for the motion, not for a fit."""
+        """Return φ in rad with the spikes interpolated in `time` (s); a fit does not use it."""
         if self.spikes is None:
             return self.angle
         return without_spikes(self.angle, time, self.spikes)
 
     @cached_property
     def resolution(self) -> float:
-        """Step of the readings as an angle in rad; 0 where they have none."""
+        """Step of the readings in rad; 0 if no step is found."""
         return abs(self.radians_per_unit) * step_of(self.reading)
 
     @property
@@ -101,31 +100,31 @@ class Channel:
 
 
 def step_of(values: Real[np.ndarray, " n"]) -> float:
-    """The step all values are multiples of: 1 for integers, else the least difference or a decimal.
+    """Return the step of which all values are multiples, or 0 if there is none.
 
-    0 where there is none down to nine decimals.
+    Integers have the step 1. Candidates for floats are the least difference and 1 … 1e-9.
     """
     if np.issubdtype(values.dtype, np.integer):
         return 1.0
     for step in (_least_step(values), *(10.0**-k for k in range(10))):
-        if step > _SAME * np.abs(values).max():
+        if step > _ROUNDING * np.abs(values).max():
             multiples = (values - values[0]) / step
-            if np.abs(multiples - np.rint(multiples)).max() < _WHOLE:
+            if np.abs(multiples - np.rint(multiples)).max() < _STEP_TOLERANCE:
                 return step
     return 0.0
 
 
 def _least_step(values: Real[np.ndarray, " n"]) -> float:
-    """The least difference of two readings, as exact as their whole range; 0 where there is none.
+    """Return the step of equally spaced readings from their range, or 0 if there is none.
 
-    Readings that differ by rounding alone are one reading.
+    Readings that differ only by rounding count as one reading.
     """
     gaps = np.diff(np.unique(values))
-    gaps = gaps[gaps > _SAME * np.abs(values).max()]
+    gaps = gaps[gaps > _ROUNDING * np.abs(values).max()]
     if len(gaps) == 0:
         return 0.0
     steps = np.rint(gaps / gaps.min())
-    whole = np.abs(gaps / gaps.min() - steps).max() < _WHOLE
+    whole = np.abs(gaps / gaps.min() - steps).max() < _STEP_TOLERANCE
     return float(np.ptp(values) / steps.sum()) if whole else 0.0
 
 
@@ -137,19 +136,19 @@ def make_channel(
     zero: str,
     source: Source,
 ) -> tuple[Channel, tuple[str, ...]]:
-    """Unwrap a column, find its unit and zero; returns the channel and notes on what was assumed.
+    """Unwrap a column and find its scale and zero; return the channel and notes on assumptions.
 
     **Raises** `LogError` for counts without counts per revolution, constant readings, readings
-    beyond the given modulus, jumps that are no wrap, and pauses that hide wraps.
+    beyond the given modulus, jumps that are not wraps, and pauses that hide wraps.
     """
-    values, notes = _exact(role, raw, source)
-    whole = np.issubdtype(values.dtype, np.integer)
+    values, notes = _exact_values(role, raw, source)
+    is_integer = np.issubdtype(values.dtype, np.integer)
     per_turn = radians = None
     if raw.unit == "counts":
         if encoder.counts_per_rev is None:
             raise LogError(
-                f"the {role} channel is in counts, but the pair file does not say how many make a"
-                f" revolution; add `encoder = {{ counts_per_rev = … }}` to [{role}].",
+                f"the {role} channel is in counts, but the pair file has no counts per revolution;"
+                f" add `encoder = {{ counts_per_rev = … }}` to [{role}].",
                 where=source.at(role),
             )
         per_turn, radians = encoder.counts_per_rev, REV / encoder.counts_per_rev
@@ -166,49 +165,51 @@ def make_channel(
         notes.append(f"{role}: `modulus` counts do not apply to a column in {raw.unit}")
     scale = as_fraction(str(raw.scale), f"log.{role}_scale")
     radians = encoder.sign * radians * scale.numerator / scale.denominator
-    made = make_continuous(values, time, Origin(role, raw.unit, source, given, per_turn, radians))
-    channel = Channel(
-        made.readings,
-        radians,
-        _start(made) if zero == "start" else 0,
-        raw.unit,
-        encoder.counts_per_rev if whole and raw.unit == "counts" and scale == 1 else None,
-        made.modulus,
-        made.wraps,
-        made.spikes if made.spikes.any() else None,
+    continuous = make_continuous(
+        values, time, Origin(role, raw.unit, source, given, per_turn, radians)
     )
-    return channel, (*notes, *made.notes)
+    channel = Channel(
+        continuous.readings,
+        radians,
+        _first_reading(continuous) if zero == "start" else 0,
+        raw.unit,
+        encoder.counts_per_rev if is_integer and raw.unit == "counts" and scale == 1 else None,
+        continuous.modulus,
+        continuous.wraps,
+        continuous.spikes if continuous.spikes.any() else None,
+    )
+    return channel, (*notes, *continuous.notes)
 
 
-def _start(made: Continuous) -> int | float:
-    """The first reading, or the next good one where it is far off: it would turn every phase."""
-    good = np.flatnonzero(~made.spikes)[:2]
-    if made.spikes[0] and len(good) == 2:
-        first, second = made.readings[good].astype(np.float64)
-        if abs(made.readings[0] - first) > _FAR_OFF * abs(second - first):
-            return made.readings[good[0]].item()
-    return made.readings[0].item()
+def _first_reading(channel: Continuous) -> int | float:
+    """Return the first reading, or the next valid one; a far spike would shift every phase."""
+    valid = np.flatnonzero(~channel.spikes)[:2]
+    if channel.spikes[0] and len(valid) == 2:
+        first, second = channel.readings[valid].astype(np.float64)
+        if abs(channel.readings[0] - first) > _FAR_OFF * abs(second - first):
+            return channel.readings[valid[0]].item()
+    return channel.readings[0].item()
 
 
-def _exact(role: str, raw: RawChannel, source: Source) -> tuple[np.ndarray, list[str]]:
-    """Whole counts as int64, everything else as float64."""
+def _exact_values(role: str, raw: RawChannel, source: Source) -> tuple[np.ndarray, list[str]]:
+    """Return whole counts as int64 and all other values as float64, with notes."""
     values = raw.values
     if raw.unit != "counts":
         return values.astype(np.float64), []
     if np.issubdtype(values.dtype, np.integer):
         values = values.astype(np.int64)
-        wide = (values >= WIDEST) | (values <= -WIDEST)
-        if wide.any():
-            row = int(np.argmax(wide))
+        too_large = (values >= WIDEST) | (values <= -WIDEST)
+        if too_large.any():
+            row = int(np.argmax(too_large))
             raise LogError(
-                f"{values[row]} counts are beyond any encoder; correct the reading or remove the"
-                " line.",
+                f"{values[row]} counts are more than any encoder has; correct the reading or remove"
+                " the line.",
                 where=source.at(role, row),
             )
         return values, []
     if np.abs(values).max() >= EXACT_FLOAT:
         raise LogError(
-            "counts beyond 2^53 lose their last digits as floating-point numbers; give them as"
+            "counts beyond 2^53 lose their last digits as floating-point numbers; write them as"
             " integers.",
             where=source.at(role, int(np.argmax(np.abs(values)))),
         )

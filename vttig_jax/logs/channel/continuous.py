@@ -1,4 +1,4 @@
-"""Readings of one channel made continuous: wraps undone, spikes found, steps refused."""
+"""Unwrapping of one channel, with detection of spikes and rejection of lasting steps."""
 
 from dataclasses import dataclass
 
@@ -13,21 +13,20 @@ from .stalls import repeats, stalls
 from .unwrap import find_modulus, stray_jump, unwrap, wrap_steps
 
 GAP = 5.001
-"""Sampling intervals longer than this many median ones are gaps."""
-
+"""Sampling intervals longer than this many median intervals are gaps (chosen)."""
 
 _FROZEN = 30
-"""Equal readings before a jump that say that the channel froze."""
+"""A channel with this many equal readings before a jump was frozen (chosen)."""
 
 
 @dataclass(frozen=True)
 class Origin:
-    """Where readings come from, and what they stand for.
+    """Origin and scale of the readings of a channel.
 
     **Arguments**
-    - `role`: "driving" or "driven". `unit`: of the readings.
-    - `modulus`: of the pair file, None where it gives none. `per_turn`: readings per revolution.
-    - `radians`: angle of one unit of the readings in rad, scale included.
+    - `role`: "driving" or "driven". `unit`: unit of the readings.
+    - `modulus`: modulus in the pair file, or None. `per_turn`: units per revolution.
+    - `radians`: angle of one unit of the readings in rad, including the scale.
     """
 
     role: str
@@ -40,7 +39,7 @@ class Origin:
 
 @dataclass(frozen=True, eq=False)
 class Continuous:
-    """Unwrapped `readings`, which of them are `spikes`, and where and how often they wrapped."""
+    """Unwrapped `readings` with their `spikes` (true at a spike), modulus and number of wraps."""
 
     readings: Real[np.ndarray, " n"]
     spikes: Bool[np.ndarray, " n"]
@@ -51,10 +50,10 @@ class Continuous:
 
 @dataclass(frozen=True, eq=False)
 class _Attempt:
-    """One way to unwrap; `cost` is the travel left, each spike counted as a fast step.
+    """Candidate of unwrapping; `cost` is its travel plus one fast step for each spike.
 
-    Spikes hide a modulus or feign one, and a counter that dithers at its wrap feigns spikes: what
-    is cheapest is right.
+    Spikes can hide or imitate a modulus, and a counter that dithers at its wrap imitates spikes.
+    Therefore the candidate with the lowest cost is chosen.
     """
 
     modulus: int | float | None
@@ -67,14 +66,14 @@ class _Attempt:
 def make_continuous(
     values: Real[np.ndarray, " n"], time: Real[np.ndarray, " n"], origin: Origin
 ) -> Continuous:
-    """Unwrap with the modulus given or found.
+    """Unwrap the readings with the modulus of the pair file or with a detected one.
 
-    **Raises** `LogError` for readings beyond the modulus, steps that are no wrap, and pauses that
-    hide wraps. Spikes are kept as they are, and noted.
+    **Raises** `LogError` for readings beyond the modulus, steps that are not wraps, and pauses that
+    hide wraps. Spikes keep their values and are reported in a note.
     """
     quantum = 1.0 if origin.unit == "counts" else 0.0
     raw_spikes = spikes(values, time, quantum)
-    steady = _held(values, raw_spikes)
+    steady = _filled(values, raw_spikes)
     given = origin.modulus
     if given is not None and np.ptp(steady) >= given:
         raise LogError(
@@ -83,27 +82,27 @@ def make_continuous(
             where=origin.source.at(origin.role),
         )
     candidates = [given] if given is not None else _moduli(values, steady, origin.per_turn)
-    tried = [
+    attempts = [
         _unwrapped(values, base, time, modulus, quantum, raw_spikes)
         for modulus in candidates
         for base in ([steady] if steady is values else [steady, values])
     ]
-    best = min(tried, key=lambda one: one.cost) if len(tried) > 1 else tried[0]
-    readings, found, wraps = best.readings, best.spikes, best.wraps
+    best = min(attempts, key=lambda attempt: attempt.cost)
+    readings, outliers, wraps = best.readings, best.spikes, best.wraps
     modulus = best.modulus if wraps else None
-    times = repeats(readings, quantum)
-    held = stalls(readings, time, quantum, 2 * times)
-    if held.any():
-        found = held | spikes(without_spikes(readings, time, held), time, quantum)
-    smooth = without_spikes(readings, time, found)
+    repetition = repeats(readings, quantum)
+    stalled = stalls(readings, time, quantum, 2 * repetition)
+    if stalled.any():
+        outliers = stalled | spikes(without_spikes(readings, time, stalled), time, quantum)
+    smooth = without_spikes(readings, time, outliers)
     _refuse_step(smooth, time, quantum, best.modulus, origin)
     notes = []
-    if times > 1:
-        late = 0.5 * (times - 1)
+    if repetition > 1:
+        delay = 0.5 * (repetition - 1)
         notes.append(
-            f"{origin.role}: while it moves every reading stands {times} times: the channel is"
-            f" sampled at 1/{times} of the rate, which delays it by {late:g} samples"
-            f" ({1e3 * late * np.median(np.diff(time)):.3g} ms) on average; log both channels at"
+            f"{origin.role}: while it moves every reading stands {repetition} times: the channel is"
+            f" sampled at 1/{repetition} of the rate, which delays it by {delay:g} samples"
+            f" ({1e3 * delay * np.median(np.diff(time)):.3g} ms) on average; log both channels at"
             " one rate, or expect that much in `delay_s`"
         )
     if modulus is not None:
@@ -112,8 +111,8 @@ def make_continuous(
         notes.append(
             f"{origin.role}: wraps at {modulus:g} {origin.unit} ({how}), unwrapped {wraps} times"
         )
-    if found.any():
-        number, off = int(np.count_nonzero(found)), np.abs(readings - smooth).max()
+    if outliers.any():
+        number, off = int(np.count_nonzero(outliers)), np.abs(readings - smooth).max()
         verb = "stands" if number == 1 else "stand"
         notes.append(
             f"{origin.role}: {number} of {len(values)} readings ({number / len(values):.2g}) {verb}"
@@ -125,24 +124,24 @@ def make_continuous(
                 else "a robust loss leaves them out"
             )
         )
-    return Continuous(readings, found, modulus, wraps, tuple(notes))
+    return Continuous(readings, outliers, modulus, wraps, tuple(notes))
 
 
-def _held(values: Real[np.ndarray, " n"], found: Bool[np.ndarray, " n"]) -> Real[np.ndarray, " n"]:
-    """`values` with each spike replaced by the last good reading before it."""
-    if not found.any():
+def _filled(values: Real[np.ndarray, " n"], mask: Bool[np.ndarray, " n"]) -> Real[np.ndarray, " n"]:
+    """Return `values` with each masked one replaced by the last unmasked value before it."""
+    if not mask.any():
         return values
-    last = np.maximum.accumulate(np.where(found, -1, np.arange(len(values))))
-    return values[np.where(last < 0, int(np.argmin(found)), last)]
+    last = np.maximum.accumulate(np.where(mask, -1, np.arange(len(values))))
+    return values[np.where(last < 0, int(np.argmin(mask)), last)]
 
 
 def _moduli(
     values: Real[np.ndarray, " n"], steady: Real[np.ndarray, " n"], per_turn: int | float
 ) -> list[int | float | None]:
-    """Moduli to try, that of the readings without spikes first."""
-    found = find_modulus(steady, per_turn)
-    also = found if steady is values else find_modulus(values, per_turn)
-    return [found] if found == also else [found, also]
+    """Return candidates of the modulus, first that of the readings without spikes."""
+    modulus = find_modulus(steady, per_turn)
+    with_spikes = modulus if steady is values else find_modulus(values, per_turn)
+    return [modulus] if modulus == with_spikes else [modulus, with_spikes]
 
 
 def _unwrapped(
@@ -153,27 +152,27 @@ def _unwrapped(
     quantum: float,
     raw_spikes: Bool[np.ndarray, " n"],
 ) -> _Attempt:
-    """Unwrap `values` by the wraps of `base`.
+    """Unwrap `values` with the wraps of `base`.
 
-    Where `base` is without spikes each of them is put as near to it as wraps allow, so that none
-    shifts what follows.
+    If `base` has no spikes, each spike of `values` is placed within half a modulus of `base`, so
+    that it does not shift the later readings.
     """
     wraps = 0 if modulus is None else int(np.count_nonzero(wrap_steps(base, modulus)))
     if modulus is None or not wraps:
-        readings, found = values, raw_spikes
+        readings, outliers = values, raw_spikes
     else:
-        apart = values - base
+        offset = values - base
         if np.issubdtype(values.dtype, np.integer):
             whole = int(modulus)
-            readings = unwrap(base, modulus) + (apart + whole // 2) % whole - whole // 2
+            readings = unwrap(base, modulus) + (offset + whole // 2) % whole - whole // 2
         else:
-            readings = unwrap(base, modulus) + apart - modulus * np.rint(apart / modulus)
-        found = spikes(readings, time, quantum)
+            readings = unwrap(base, modulus) + offset - modulus * np.rint(offset / modulus)
+        outliers = spikes(readings, time, quantum)
     cost = 0.0
     if base is not values or raw_spikes.any():
-        travel = np.abs(np.diff(without_spikes(readings, time, found)).astype(np.float64))
-        cost = float(travel.sum() + (quantum + np.quantile(travel, 0.95)) * found.sum())
-    return _Attempt(modulus, readings, found, wraps, cost)
+        travel = np.abs(np.diff(without_spikes(readings, time, outliers)).astype(np.float64))
+        cost = float(travel.sum() + (quantum + np.quantile(travel, 0.95)) * outliers.sum())
+    return _Attempt(modulus, readings, outliers, wraps, cost)
 
 
 def _refuse_step(
@@ -183,21 +182,21 @@ def _refuse_step(
     modulus: int | float | None,
     origin: Origin,
 ) -> None:
-    """Readings that jump and stay off: a reset, an index reload, a wrap at an unknown modulus."""
+    """Raise `LogError` for a lasting jump: a reset, an index reload or an unknown modulus."""
     row = stray_jump(smooth, time, quantum)
     if row is None:
         return
-    stood = int(np.argmax(smooth[row - 1 :: -1] != smooth[row - 1]))
-    if stood >= _FROZEN:
+    frozen = int(np.argmax(smooth[row - 1 :: -1] != smooth[row - 1]))
+    if frozen >= _FROZEN:
         raise LogError(
-            f"the {origin.role} channel stands still for {stood} samples from"
-            f" {time[row - stood]:.9g} s to {time[row - 1]:.9g} s and then jumps: it froze; cut"
-            " these lines out and fit both parts as two logs.",
-            where=origin.source.at(origin.role, row - stood),
+            f"the {origin.role} channel stands still for {frozen} samples from"
+            f" {time[row - frozen]:.9g} s to {time[row - 1]:.9g} s and then jumps, so it froze;"
+            " cut these lines out and fit both parts as two logs.",
+            where=origin.source.at(origin.role, row - frozen),
         )
     raise LogError(
         f"a jump of {(smooth[row] - smooth[row - 1]).item():g} {origin.unit} from one sample to"
-        f" the next at {time[row]:.9g} s stays and is neither motion nor a wrap"
+        f" the next at {time[row]:.9g} s stays, and it is neither motion nor a wrap"
         + (f" of {modulus:g}" if modulus is not None else "")
         + "; cut the log there"
         + (f", or give `modulus` in [{origin.role}] encoder." if quantum else "."),
@@ -211,12 +210,12 @@ def _refuse_blind_pause(
     modulus: int | float,
     origin: Origin,
 ) -> None:
-    """A counter that may have turned by half its modulus during a pause has lost its turns."""
+    """Raise `LogError` if a pause may contain a turn of more than 0.4 of the modulus."""
     interval = np.diff(time)
     step = np.abs(np.diff(smooth)).astype(np.float64)
     for k in np.flatnonzero(interval > GAP * np.median(interval)):
-        beside = slice(max(0, k - 5), k), slice(k + 1, k + 6)
-        before, after = (step[s].sum() / max(interval[s].sum(), 1e-300) for s in beside)
+        neighbours = slice(max(0, k - 5), k), slice(k + 1, k + 6)
+        before, after = (step[s].sum() / max(interval[s].sum(), 1e-300) for s in neighbours)
         if max(before, after) * interval[k] > 0.4 * modulus:
             raise LogError(
                 f"the log pauses for {interval[k]:.4g} s while the {origin.role} channel wraps at"

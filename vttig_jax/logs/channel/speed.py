@@ -1,4 +1,4 @@
-"""Speed of a shaft from its angle, free of count quantisation, and runs of one state."""
+"""Speed of a shaft from its angle, smoothed over the quantisation, and runs of equal state."""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -9,21 +9,21 @@ from jaxtyping import Bool, Float, Shaped
 from .spikes import spikes, without_spikes
 
 TRAVEL = 199.9
-"""A speed is taken over a travel of this many quanta at top speed: 0.5 % of quantisation.
+"""Travel in quanta for one speed difference at top speed; quantisation is then 0.5 % of it.
 
-This limit and those below are no whole numbers and no round shares: speeds and travels of counters
-are whole numbers of counts, and one that lies on a limit would be judged by rounding."""
+This limit and those below are chosen and not round: travels of counters are whole counts, and
+rounding errors would decide about a travel that lies exactly on a limit."""
 
 DWELL = 0.010_001
-"""Slower than this share of the top speed is standstill."""
+"""Speeds below this fraction of the top speed are standstill."""
 
 STILL = 4.5
-"""Slower than this many quanta in the window of a speed is standstill."""
+"""Speeds below this many quanta per window are standstill."""
 
 
 @dataclass(frozen=True)
 class Speed:
-    """Smoothed speed. `window` samples lie between the two ends of each difference."""
+    """Smoothed speed in rad/s; each difference spans `window` samples; `dwell` is a limit."""
 
     value: Float[np.ndarray, " n"]
     window: int
@@ -34,11 +34,11 @@ class Speed:
 def smooth_speed(
     time: Float[np.ndarray, " n"], angle: Float[np.ndarray, " n"], resolution: float
 ) -> Speed:
-    """Central differences (φ_{k+w/2} − φ_{k−w/2}) / (t_{k+w/2} − t_{k−w/2}), shorter at the ends.
+    """Return central differences (φ_{k+w/2} − φ_{k−w/2}) / (t_{k+w/2} − t_{k−w/2}).
 
-    The window w is as short as quantisation and noise allow: at the top speed it covers `TRAVEL`
-    quanta (the larger of `resolution` in rad and twice the noise), but never more than a
-    twentieth of the log. Spikes (`logs.spikes`) are interpolated first.
+    At the top speed the window w covers `TRAVEL` quanta; a quantum is the larger of `resolution`
+    in rad and twice the noise. The window is at most a twentieth of the log, and shorter at the
+    ends. Spikes are interpolated first.
     """
     angle = without_spikes(angle, time, spikes(angle, time, resolution))
     count = len(time)
@@ -59,15 +59,15 @@ def smooth_speed(
 
 
 def runs(state: Shaped[np.ndarray, " n"], cut: Bool[np.ndarray, " n"]) -> list[tuple[int, int]]:
-    """Stretches [start, stop) of equal `state`; a new one also begins where `cut` is true."""
+    """Return stretches [start, stop) of equal `state`; each true `cut` starts a new stretch."""
     change = np.flatnonzero((state[1:] != state[:-1]) | cut[1:]) + 1
     edges = [0, *change.tolist(), len(state)]
     return list(pairwise(edges))
 
 
 def _noise(time: Float[np.ndarray, " n"], angle: Float[np.ndarray, " n"]) -> float:
-    """Robust noise of the angle: deviation from the straight line between both neighbours."""
+    """Return the robust angle noise in rad, from deviations from the line between neighbours."""
     span = time[2:] - time[:-2]
-    share = np.divide(time[1:-1] - time[:-2], span, out=np.full_like(span, 0.5), where=span > 0)
-    off = angle[1:-1] - angle[:-2] - share * (angle[2:] - angle[:-2])
-    return float(np.median(np.abs(off - np.median(off)))) / 0.6745 / np.sqrt(1.5)
+    weight = np.divide(time[1:-1] - time[:-2], span, out=np.full_like(span, 0.5), where=span > 0)
+    bend = angle[1:-1] - angle[:-2] - weight * (angle[2:] - angle[:-2])
+    return float(np.median(np.abs(bend - np.median(bend)))) / 0.6745 / np.sqrt(1.5)

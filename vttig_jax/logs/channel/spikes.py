@@ -1,39 +1,39 @@
-"""Readings that stand off their neighbours and come back: late polls, glitches, wild readings.
+"""Spikes: readings far from their neighbours, caused by late polls, glitches or wrong readings.
 
-A *spike* is off the local line of motion while the readings around it are on it; a *step* (a reset,
-a lost wrap) stays off and is refused elsewhere. The local line has the median slope of 21 samples
-and goes through the median of 11, so that up to five of eleven readings may be wrong, all on the
-same side.
+A *spike* lies off the local line of motion while the readings around it lie on that line. A *step*
+(a reset, a lost wrap) does not return and is refused in `continuous.py`. The local line has the
+median slope of 21 samples and passes through the median of 11 samples, so that up to five of eleven
+readings may be wrong, even all on the same side. All limits below are chosen values.
 """
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, Real
 
 HALF = 5
-"""A sample is judged by the line through this many samples on either side."""
+"""Number of samples on either side that define the local line."""
 
 REACH = 10
-"""Slopes are the median of those at this many samples on either side."""
+"""Number of samples on either side for the median of the slopes."""
 
 LAG = 2
-"""A slope is taken between the samples this far before and behind."""
+"""Number of samples before and after between which a slope is taken."""
 
 QUANTA = 8.01
 DEVIATIONS = 10.0
-"""A spike is further off than this many steps of the encoder, a number between two whole steps, and
-this many robust deviations."""
+"""A spike deviates by more than this many encoder steps plus this many standard deviations.
+`QUANTA` lies between whole steps, so that rounding does not decide."""
 
-LOCAL = 8.0
-"""… and further than this many times the median deviation of its neighbours: kinks are smooth."""
+NEIGHBOUR_FACTOR = 8.0
+"""It deviates by this factor more than its neighbours in the median; at a kink all deviate."""
 
-LATE = 0.3
-"""… and further than the shaft moves in this share of a sampling interval."""
+INTERVAL_SHARE = 0.3
+"""It deviates by more than the travel of the shaft in this fraction of a sampling interval."""
 
-MOST = 0.2
-"""Share of spikes above which the motion itself must be that rough: then there are none."""
+MAX_SHARE = 0.2
+"""If a larger fraction of the samples deviates, the motion itself is rough and has no spikes."""
 
 PASSES = 3
-"""Spikes that crowd show only when others are taken away."""
+"""Number of passes; spikes close to others are found after those are removed."""
 
 _CHUNK = 1 << 16
 
@@ -41,13 +41,13 @@ _CHUNK = 1 << 16
 def spikes(
     angle: Real[np.ndarray, " n"], time: Float[np.ndarray, " n"], quantum: float
 ) -> Bool[np.ndarray, " n"]:
-    """Which samples stand off the motion that their neighbours show.
+    """Find samples that deviate from the motion of their neighbours.
 
     **Arguments**
-    - `angle`: readings or angles, unwrapped, shape (n,). `time`: s.
-    - `quantum`: step of the readings in the unit of `angle`; 0 where they have none.
+    - `angle`: unwrapped readings or angles, shape (n,). `time`: time in s.
+    - `quantum`: step of the readings in the unit of `angle`; 0 if they have no step.
 
-    **Returns** true at every spike; all false where more than a fifth would be.
+    **Returns** true at every spike; all false if more than a fifth of the samples would be spikes.
 
     **Example**
     ```python
@@ -62,78 +62,79 @@ def spikes(
     ```
     """
     count = len(angle)
-    found = np.zeros(count, bool)
+    mask = np.zeros(count, bool)
     if count < 2 * REACH + 2 * LAG + 1:
-        return found
-    cleaned = moved = (angle - angle[0]).astype(np.float64)
+        return mask
+    cleaned = travel = (angle - angle[0]).astype(np.float64)
     for _ in range(PASSES):
-        more = _off(cleaned, time, quantum) & ~found
-        if not more.any():
+        new = _detect(cleaned, time, quantum) & ~mask
+        if not new.any():
             break
-        found |= more
-        if np.count_nonzero(found) > MOST * count:
+        mask |= new
+        if np.count_nonzero(mask) > MAX_SHARE * count:
             return np.zeros(count, bool)
-        cleaned = without_spikes(moved, time, found)
-    return found
+        cleaned = without_spikes(travel, time, mask)
+    return mask
 
 
-def _off(
+def _detect(
     angle: Float[np.ndarray, " n"], time: Float[np.ndarray, " n"], quantum: float
 ) -> Bool[np.ndarray, " n"]:
-    """Spikes that stand out while the others are still there."""
+    """Return the spikes that one pass can detect."""
     count = len(angle)
-    found = np.zeros(count, bool)
+    mask = np.zeros(count, bool)
     bend = _bend(angle, time)
     if np.abs(bend).max() <= 0.5 * QUANTA * quantum:
-        return found
-    floor = QUANTA * quantum + DEVIATIONS * _robust(bend) / np.sqrt(1.5)
-    # A bend is the spike itself, or half of a neighbour's: all others cannot be spikes.
+        return mask
+    floor = QUANTA * quantum + DEVIATIONS * _robust_deviation(bend) / np.sqrt(1.5)
+    # The bend at a spike is its deviation, or half of it beside another spike.
     rough = np.flatnonzero(np.abs(bend) > 0.5 * floor)
     if len(rough) == 0:
-        return found
+        return mask
     near = np.zeros(count, bool)
     for shift in range(-HALF, HALF + 1):
         near[np.clip(rough + shift, 0, count - 1)] = True
     slope = _slopes(angle, time)
-    off = np.zeros(count)
+    deviation = np.zeros(count)
     rows = np.flatnonzero(near)
     for start in range(0, len(rows), _CHUNK):
         part = rows[start : start + _CHUNK]
-        off[part] = _off_line(angle, time, slope, part)
-    rows = np.flatnonzero(np.abs(off) > floor)
-    around = LOCAL * np.median(np.abs(off[_window(rows, HALF, count)]), axis=1)
-    moved_by = LATE * np.abs(slope[rows]) * np.median(np.diff(time))
-    rows = rows[np.abs(off[rows]) > np.maximum(around, moved_by)]
-    # The first sample of another motion is on the line of what follows, not of what was.
+        deviation[part] = _from_local_line(angle, time, slope, part)
+    size = np.abs(deviation)
+    rows = np.flatnonzero(size > floor)
+    around = NEIGHBOUR_FACTOR * np.median(size[_window(rows, HALF, count)], axis=1)
+    moved_by = INTERVAL_SHARE * np.abs(slope[rows]) * np.median(np.diff(time))
+    rows = rows[size[rows] > np.maximum(around, moved_by)]
+    # A sample at a change of motion lies on the line of one side; a spike lies off both.
     for side in (-1, 1):
-        rows = rows[np.abs(_off_side(angle, time, slope, rows, side)) > 0.5 * np.abs(off[rows])]
-    found[rows] = True
-    return found
+        rows = rows[np.abs(_from_side_line(angle, time, slope, rows, side)) > 0.5 * size[rows]]
+    mask[rows] = True
+    return mask
 
 
 def without_spikes(
-    values: Real[np.ndarray, " n"], time: Float[np.ndarray, " n"], found: Bool[np.ndarray, " n"]
+    values: Real[np.ndarray, " n"], time: Float[np.ndarray, " n"], mask: Bool[np.ndarray, " n"]
 ) -> Real[np.ndarray, " n"]:
-    """`values` with those that are `found` interpolated in time; integers stay integers.
+    """Return `values` with the masked ones interpolated in time; integers stay integers.
 
     **Arguments**
-    - `values`: unwrapped readings or angles. `time`: s. `found`: as from `spikes`.
+    - `values`: unwrapped readings or angles. `time`: time in s. `mask`: true at every spike.
     """
-    if not found.any() or found.all():
+    if not mask.any() or mask.all():
         return values
-    good = np.flatnonzero(~found)
-    index = np.flatnonzero(found)
+    good = np.flatnonzero(~mask)
+    index = np.flatnonzero(mask)
     after = np.clip(np.searchsorted(good, index), 0, len(good) - 1)
     before = good[np.maximum(np.searchsorted(good, index) - 1, 0)]
     after = good[after]
     span = time[after] - time[before]
-    share = np.divide(
+    weight = np.divide(
         time[index] - time[before], span, out=np.full(len(index), 0.5), where=span > 0
     )
-    share = np.clip(share, 0.0, 1.0)
+    weight = np.clip(weight, 0.0, 1.0)
     cleaned = values.copy()
-    # The difference is small where the readings are not: large integers lose nothing.
-    step = share * (values[after] - values[before])
+    # Only the small difference is computed in floating point, so large integers stay exact.
+    step = weight * (values[after] - values[before])
     if np.issubdtype(values.dtype, np.integer):
         step = np.rint(step).astype(values.dtype)
     cleaned[index] = values[before] + step
@@ -141,63 +142,63 @@ def without_spikes(
 
 
 def _bend(angle: Float[np.ndarray, " n"], time: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-    """Deviation of each sample from the line between both neighbours; the ends have that beside."""
+    """Return the deviation from the line between both neighbours; end samples copy the next one."""
     span = time[2:] - time[:-2]
-    share = np.divide(time[1:-1] - time[:-2], span, out=np.full_like(span, 0.5), where=span > 0)
-    inner = angle[1:-1] - angle[:-2] - share * (angle[2:] - angle[:-2])
+    weight = np.divide(time[1:-1] - time[:-2], span, out=np.full_like(span, 0.5), where=span > 0)
+    inner = angle[1:-1] - angle[:-2] - weight * (angle[2:] - angle[:-2])
     return np.pad(inner, 1, mode="edge")
 
 
-def _robust(values: Float[np.ndarray, " n"]) -> float:
-    """Standard deviation by the median deviation from the median."""
+def _robust_deviation(values: Float[np.ndarray, " n"]) -> float:
+    """Return the standard deviation estimated from the median absolute deviation."""
     return float(np.median(np.abs(values - np.median(values)))) / 0.6745
 
 
 def _slopes(
     angle: Float[np.ndarray, " n"], time: Float[np.ndarray, " n"]
 ) -> Float[np.ndarray, " n"]:
-    """Median of the slopes over ±`LAG` samples within ±`REACH` samples."""
+    """Return the median within ±`REACH` samples of the slopes over ±`LAG` samples."""
     from scipy.ndimage import median_filter
 
     rise, run = angle[2 * LAG :] - angle[: -2 * LAG], time[2 * LAG :] - time[: -2 * LAG]
     usual = np.median(run)
-    each = rise / np.maximum(run, 1e-3 * usual if usual > 0 else 1.0)
-    return np.pad(median_filter(each, 2 * REACH + 1, mode="mirror"), LAG, mode="edge")
+    slopes = rise / np.maximum(run, 1e-3 * usual if usual > 0 else 1.0)
+    return np.pad(median_filter(slopes, 2 * REACH + 1, mode="mirror"), LAG, mode="edge")
 
 
 def _window(rows: Int[np.ndarray, " m"], half: int, count: int) -> Int[np.ndarray, "m w"]:
-    """Indices of 2 `half` + 1 samples around each row, shifted inwards at the ends."""
+    """Return indices of 2 `half` + 1 samples around each row, shifted inwards at the ends."""
     start = np.clip(rows - half, 0, count - 2 * half - 1)
     return start[:, None] + np.arange(2 * half + 1)
 
 
-def _off_line(
+def _from_local_line(
     angle: Float[np.ndarray, " n"],
     time: Float[np.ndarray, " n"],
     slope: Float[np.ndarray, " n"],
     rows: Int[np.ndarray, " m"],
 ) -> Float[np.ndarray, " m"]:
-    """Distance of the samples `rows` above the median of their neighbours, moved along the line."""
+    """Return the deviations of the samples `rows` from the local line of their neighbours."""
     near = _window(rows, HALF, len(angle))
     ahead = angle[near] - slope[rows, None] * (time[near] - time[rows, None])
     return angle[rows] - np.median(ahead, axis=1)
 
 
-def _off_side(
+def _from_side_line(
     angle: Float[np.ndarray, " n"],
     time: Float[np.ndarray, " n"],
     slope: Float[np.ndarray, " n"],
     rows: Int[np.ndarray, " m"],
     side: int,
 ) -> Float[np.ndarray, " m"]:
-    """Distance of the samples `rows` above the line of those before (−1) or after (+1) them.
+    """Return the deviations of the samples `rows` from the line before (−1) or after (+1) them.
 
-    Infinite at the ends of the log, where there is no such line.
+    At the ends of the log, without enough samples for a line, the deviation is infinite.
     """
     count = len(angle)
     near = rows[:, None] + side * np.arange(1, 2 * HALF)
     inside = (near[:, -1] >= 0) & (near[:, -1] < count)
     near = np.clip(near, 0, count - 1)
-    beside = slope[np.clip(rows + side * (REACH + 1), 0, count - 1)]
-    ahead = angle[near] - beside[:, None] * (time[near] - time[rows, None])
+    side_slope = slope[np.clip(rows + side * (REACH + 1), 0, count - 1)]
+    ahead = angle[near] - side_slope[:, None] * (time[near] - time[rows, None])
     return np.where(inside, angle[rows] - np.median(ahead, axis=1), np.inf)

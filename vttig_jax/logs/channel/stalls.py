@@ -1,59 +1,58 @@
-"""Readings that repeat while the shaft turns: a stall of the logger, or a slower sampling."""
+"""Repeated readings of a turning shaft by stalls or a lower sampling rate; limits are chosen."""
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, Real
 
-LEAST = 4
-"""Equal readings that make a stall."""
+SHORTEST = 4
+"""Least number of equal readings of a stall."""
 
-BESIDE = 8
-"""Samples on either side over which the motion beside a stall is taken."""
+MARGIN = 8
+"""Number of samples on either side of a stall from which its speed is taken."""
 
-MADE_UP = 0.3
-"""Share by which the jump after a stall may miss what the shaft turned meanwhile."""
+JUMP_TOLERANCE = 0.3
+"""Relative tolerance between the jump after a stall and the turn of the shaft during it."""
 
 QUANTA = 8.0
-"""Steps of the encoder that the shaft must turn by to tell a stall; a third of it a sample for
-repeated readings."""
+"""Least turn during a stall in encoder steps; a third of it per sample for repeated readings."""
 
-REPEATED = 0.9
-"""Share of the changes of a moving channel that come every n-th sample where n is its rate."""
+REGULAR = 0.9
+"""Least fraction of the changes of a moving channel that have the same spacing in samples."""
 
 
 def stalls(
     readings: Real[np.ndarray, " n"], time: Float[np.ndarray, " n"], quantum: float, usual: int = 1
 ) -> Bool[np.ndarray, " n"]:
-    """Readings held while the shaft went on turning, and made up for by the next.
+    """Find stalls: equal readings during motion, followed by a jump that corrects the angle.
 
     **Arguments**
-    - `readings`: unwrapped, shape (n,). `time`: s. `quantum`: step of the readings.
-    - `usual`: so many equal readings are no stall; at least 3 are none.
+    - `readings`: unwrapped readings, shape (n,). `time`: time in s. `quantum`: step of `readings`.
+    - `usual`: number of equal readings that is normal; up to 3 are always normal.
 
-    **Returns** true at every held reading but the first of its stall.
+    **Returns** true at every repeated reading of a stall, without its first reading.
     """
-    late = np.zeros(len(readings), bool)
+    stalled = np.zeros(len(readings), bool)
     change = np.flatnonzero(np.diff(readings)) + 1
     start, stop = change[:-1], change[1:]
     inside = (
-        (stop - start >= max(LEAST, usual + 1))
-        & (start >= BESIDE)
-        & (stop < len(readings) - BESIDE)
+        (stop - start >= max(SHORTEST, usual + 1))
+        & (start >= MARGIN)
+        & (stop < len(readings) - MARGIN)
     )
     start, stop = start[inside], stop[inside]
     if len(start) == 0:
-        return late
-    before = _slope(readings, time, start - BESIDE, start)
-    after = _slope(readings, time, stop, stop + BESIDE)
+        return stalled
+    before = _slope(readings, time, start - MARGIN, start)
+    after = _slope(readings, time, stop, stop + MARGIN)
     turned = 0.5 * (before + after) * (time[stop] - time[start])
     jump = (readings[stop] - readings[start]).astype(np.float64)
-    made_up = np.abs(jump - turned) <= MADE_UP * np.abs(turned)
+    matching = np.abs(jump - turned) <= JUMP_TOLERANCE * np.abs(turned)
     steady = np.abs(before - after) <= np.minimum(np.abs(before), np.abs(after))
     for a, b in zip(
-        *(edge[made_up & steady & (np.abs(turned) > QUANTA * quantum)] for edge in (start, stop)),
+        *(edge[matching & steady & (np.abs(turned) > QUANTA * quantum)] for edge in (start, stop)),
         strict=True,
     ):
-        late[a + 1 : b] = True
-    return late
+        stalled[a + 1 : b] = True
+    return stalled
 
 
 def _slope(
@@ -68,9 +67,9 @@ def _slope(
 
 
 def repeats(readings: Real[np.ndarray, " n"], quantum: float) -> int:
-    """How many times each reading repeats while the shaft moves: 1 for a channel read every sample.
+    """Return how often each reading repeats during motion; 1 for a channel read at every sample.
 
-    Judged only where the shaft turns by several steps of the encoder a sample, in a fixed rhythm.
+    Only motion of several encoder steps per sample is used, and the repetition must be regular.
 
     **Example**
     ```python
@@ -81,7 +80,7 @@ def repeats(readings: Real[np.ndarray, " n"], quantum: float) -> int:
 
     ```
     """
-    span = 2 * BESIDE
+    span = 2 * MARGIN
     if len(readings) <= 2 * span:
         return 1
     travel = np.abs(readings[span:] - readings[:-span]).astype(np.float64)
@@ -89,9 +88,9 @@ def repeats(readings: Real[np.ndarray, " n"], quantum: float) -> int:
     moving = np.zeros(len(readings), bool)
     moving[span // 2 : -span // 2] = fast
     change = np.flatnonzero(np.diff(readings)) + 1
-    apart = np.diff(change)[moving[change[:-1]] & moving[change[1:]]]
-    if len(apart) < span:
+    spacing = np.diff(change)[moving[change[:-1]] & moving[change[1:]]]
+    if len(spacing) < span:
         return 1
-    usual = int(np.median(apart))
-    regular = np.count_nonzero(apart == usual) >= REPEATED * len(apart)
+    usual = int(np.median(spacing))
+    regular = np.count_nonzero(spacing == usual) >= REGULAR * len(spacing)
     return usual if usual > 1 and regular else 1

@@ -1,4 +1,4 @@
-"""A channel that stands still while the other shaft turns: stuck, saturated, out of mesh."""
+"""Detection of a channel that stands still while the other shaft turns (chosen limits)."""
 
 from fractions import Fraction
 
@@ -11,16 +11,16 @@ from ..source import Source
 from .channel import Channel
 
 FAR = 5 * DEG
-"""Turn of the driven shaft, far beyond any backlash, that a channel may not miss."""
+"""Least turn in rad of the driven shaft for a test; it is much larger than any backlash."""
 
 QUANTA = 8.0
-"""… nor may it miss this many steps of the coarser encoder."""
+"""Least turn for a test in steps of the coarser encoder."""
 
 STILL = 0.02
-"""Share of the motion that a stuck channel may show."""
+"""Largest fraction of the motion that a stuck channel may show."""
 
 SHORTEST = 20
-"""Samples of the shortest stretch looked at; longer ones by factors of 4."""
+"""Length of the shortest tested stretch in samples; each longer one has the factor 4."""
 
 
 def refuse_stuck(
@@ -30,21 +30,21 @@ def refuse_stuck(
     time: Float[np.ndarray, " n"],
     source: Source,
 ) -> None:
-    """Raise `LogError` naming the lines where one channel stands while the other turns.
+    """Raise `LogError` naming the lines where one channel stands still while the other turns.
 
     **Arguments**
-    - `driving`, `driven`: the channels. `ratio`: driven over driving speed. `time`: s.
+    - `driving`, `driven`: the channels. `ratio`: driven over driving speed. `time`: time in s.
     """
     size = abs(float(ratio))
     first, second = size * driving.steady_angle(time), driven.steady_angle(time)
-    unit = max(driven.resolution, size * driving.resolution)
-    for role, own, other in (("driven", second, first), ("driving", first, second)):
-        # By what the log shows, not by the ratio given: a wrong ratio is no standstill.
-        share = min(1.0, float(np.ptp(own)) / max(float(np.ptp(other)), 1e-300))
-        found = _stuck(own, share * other, max(FAR, QUANTA * unit), 2 * unit)
-        if found is None:
+    quantum = max(driven.resolution, size * driving.resolution)
+    for role, angle, other in (("driven", second, first), ("driving", first, second)):
+        # The scale comes from the log, because a wrong ratio in the pair file is no standstill.
+        scale = min(1.0, float(np.ptp(angle)) / max(float(np.ptp(other)), 1e-300))
+        stretch = _stuck(angle, scale * other, max(FAR, QUANTA * quantum), 2 * quantum)
+        if stretch is None:
             continue
-        start, stop = found
+        start, stop = stretch
         turned = float(np.ptp(other[start:stop])) / DEG / (1.0 if role == "driving" else size)
         moving = "driven" if role == "driving" else "driving"
         last = source.at(role, stop - 1).rpartition(": ")[2].partition(",")[0]
@@ -58,31 +58,31 @@ def refuse_stuck(
 
 
 def _stuck(
-    own: Float[np.ndarray, " n"], other: Float[np.ndarray, " n"], far: float, dither: float
+    angle: Float[np.ndarray, " n"], other: Float[np.ndarray, " n"], far: float, dither: float
 ) -> tuple[int, int] | None:
-    """First stretch [start, stop) where `other` moves by `far` and more and `own` does not."""
+    """Return the first stretch [start, stop) where only `other` moves by at least `far`."""
     length = SHORTEST
-    while length <= len(own):
-        edges = np.arange(0, len(own) - length + 1, length)
+    while length <= len(angle):
+        edges = np.arange(0, len(angle) - length + 1, length)
         spans = [
-            np.maximum.reduceat(angle, edges) - np.minimum.reduceat(angle, edges)
-            for angle in (own, other)
+            np.maximum.reduceat(shaft, edges) - np.minimum.reduceat(shaft, edges)
+            for shaft in (angle, other)
         ]
         stuck = (spans[1] >= far) & (spans[0] <= np.maximum(STILL * spans[1], dither))
         if stuck.any():
             row = int(edges[np.argmax(stuck)])
-            return _extent(own, row, row + length, max(STILL * far, dither))
+            return _extent(angle, row, row + length, max(STILL * far, dither))
         length *= 4
     return None
 
 
-def _extent(own: Float[np.ndarray, " n"], start: int, stop: int, slack: float) -> tuple[int, int]:
-    """The whole stretch around [start, stop) that stays within `slack`."""
-    level = own[(start + stop) // 2]
-    off = np.abs(own - level) > slack
-    before = np.flatnonzero(off[:start])
-    after = np.flatnonzero(off[stop:])
+def _extent(angle: Float[np.ndarray, " n"], start: int, stop: int, slack: float) -> tuple[int, int]:
+    """Return the longest stretch around [start, stop) in which the angle stays within `slack`."""
+    level = angle[(start + stop) // 2]
+    outside = np.abs(angle - level) > slack
+    before = np.flatnonzero(outside[:start])
+    after = np.flatnonzero(outside[stop:])
     return (
         int(before[-1]) + 1 if len(before) else 0,
-        stop + int(after[0]) if len(after) else len(own),
+        stop + int(after[0]) if len(after) else len(angle),
     )

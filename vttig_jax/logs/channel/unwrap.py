@@ -1,23 +1,22 @@
-"""Wrapping counters and single-turn angles made continuous; exact for integers.
+"""Unwrapping of counters and single-turn angles, exact for integers.
 
-A reading r of a counter with modulus M stands for r + kM. Between two samples the shaft turns less
-than M/2, so the step is the one of least size: k falls by ⌊(Δr + ⌊M/2⌋)/M⌋.
+A reading r of a counter with modulus M represents r + kM. If the shaft turns less than M/2 between
+two samples, the true step is the smallest possible one, and k decreases by ⌊(Δr + ⌊M/2⌋)/M⌋.
 """
 
 import numpy as np
 from jaxtyping import Float, Int, Real
 
 SMALLEST_COUNTER = 2**8
-
 LARGEST_COUNTER = 2**53
-"""Wider readings hold a wild one; no counter wraps there."""
+"""Limits in counts of a detected power of two; a larger range has a wrong reading (chosen)."""
 
-EXPLAINED = 0.15
-"""Share of the unrest at its jumps that a modulus may leave."""
+MAX_ROUGHNESS = 0.15
+"""Largest fraction of the roughness at the jumps that may remain after unwrapping (chosen)."""
 
 
 def wrap_steps(reading: Real[np.ndarray, " n"], modulus: int | float) -> Int[np.ndarray, " steps"]:
-    """Wraps between neighbouring samples: +1 where the counter passed its top, −1 its bottom."""
+    """Return wraps between neighbouring samples: +1 at the upper end of the counter, −1 at 0."""
     step = np.diff(reading)
     if np.issubdtype(reading.dtype, np.integer):
         modulus = int(modulus)
@@ -26,11 +25,11 @@ def wrap_steps(reading: Real[np.ndarray, " n"], modulus: int | float) -> Int[np.
 
 
 def unwrap(reading: Real[np.ndarray, " n"], modulus: int | float) -> Real[np.ndarray, " n"]:
-    """Return `reading` + kM, continuous, starting at the first reading; int64 stays exact.
+    """Return the continuous values `reading` + kM with k = 0 at the first; int64 stays exact.
 
     **Arguments**
     - `reading`: counts (int64) or angles (float64) in one unit, shape (n,).
-    - `modulus`: M in that unit. Right while the shaft turns less than M/2 between samples.
+    - `modulus`: M in that unit; the shaft must turn less than M/2 between samples.
     """
     turns = np.concatenate([[0], np.cumsum(wrap_steps(reading, modulus))])
     if np.issubdtype(reading.dtype, np.integer):
@@ -41,12 +40,11 @@ def unwrap(reading: Real[np.ndarray, " n"], modulus: int | float) -> Real[np.nda
 def find_modulus(
     reading: Real[np.ndarray, " n"], per_turn: int | float | None
 ) -> int | float | None:
-    """The modulus at which a channel wraps, from the size of its jumps; None where it does not.
+    """Detect the modulus of a channel from the size of its jumps; return None without wraps.
 
     Integer counts may wrap at a power of two or at `per_turn` (counts per revolution), angles only
-    at `per_turn` (one revolution in their unit). Of the candidates that exceed the range of the
-    readings, the one wins that leaves the steadiest steps where it wraps, if hardly any unrest is
-    left there.
+    at `per_turn` (one revolution in their unit). Candidates exceed the range of the readings. The
+    best one leaves the smoothest steps at its wraps; it is accepted if they are smooth enough.
     """
     low, high = reading.min(), reading.max()
     span = high - low if isinstance(high, np.floating) else int(high) - int(low)
@@ -60,54 +58,54 @@ def find_modulus(
             candidates.append(int(per_turn))
     elif per_turn is not None and span <= per_turn:
         candidates.append(per_turn)
-    best, unrest = None, EXPLAINED
+    best, lowest = None, MAX_ROUGHNESS
     for candidate in candidates:
         wraps = wrap_steps(reading, candidate)
         at = np.flatnonzero(wraps)
         if len(at) == 0:
             continue
-        left = _unrest(step + candidate * wraps, at) / _unrest(step, at)
-        if left < unrest:
-            best, unrest = candidate, left
+        remaining = _roughness(step + candidate * wraps, at) / _roughness(step, at)
+        if remaining < lowest:
+            best, lowest = candidate, remaining
     return best
 
 
 def stray_jump(
     reading: Real[np.ndarray, " n"], time: Float[np.ndarray, " n"], quantum: int | float
 ) -> int | None:
-    """Row of the first step no motion explains, or None.
+    """Return the row after the first step that motion cannot explain, or None.
 
-    A step is stray when it is 8 times those two samples before and after it (both of a bad sample's
-    steps stand alone then), and 4 times every step that is not of that kind. Steps are taken per
-    median sampling interval, so that a pause of the log is no jump. A shaft that stands between
-    single steps, and so moves by nothing else, is left alone.
+    A step is isolated if it exceeds 8 times the steps two samples before and after it; then both
+    steps of one bad sample are isolated. It is stray if it also exceeds 4 times all steps that are
+    not isolated. Steps refer to the median sampling interval, so that a pause of the log is not a
+    jump. A shaft that moves only by isolated steps has no stray step.
     """
     step = np.abs(steps_per_interval(reading, time))
     if len(step) < 5:
         return None
     padded = np.pad(step, 2, mode="edge")
-    lonely = step > 8 * np.maximum(padded[:-4], padded[4:]) + 8 * quantum
-    if not lonely.any():
+    isolated = step > 8 * np.maximum(padded[:-4], padded[4:]) + 8 * quantum
+    if not isolated.any():
         return None
-    rest = step[~lonely]
-    if lonely.sum() >= 3 and rest.sum() < 0.1 * step[lonely].sum():
+    others = step[~isolated]
+    if isolated.sum() >= 3 and others.sum() < 0.1 * step[isolated].sum():
         return None
-    stray = lonely & (step > 4 * rest.max(initial=0) + 8 * quantum)
+    stray = isolated & (step > 4 * others.max(initial=0) + 8 * quantum)
     return int(np.argmax(stray)) + 1 if stray.any() else None
 
 
 def steps_per_interval(
     reading: Real[np.ndarray, " n"], time: Float[np.ndarray, " n"]
 ) -> Float[np.ndarray, " steps"]:
-    """Steps of a channel per median interval; shorter intervals count as one."""
+    """Return the steps of a channel per median interval; a shorter interval counts as one."""
     interval = np.diff(time)
     usual = np.median(interval)
     weight = np.maximum(interval / usual, 1.0) if usual > 0 else 1.0
     return np.diff(reading) / weight
 
 
-def _unrest(step: Real[np.ndarray, " steps"], at: Int[np.ndarray, " wraps"]) -> float:
-    """Change of step before and after the steps `at`; 1 is added so that none divides by 0."""
+def _roughness(step: Real[np.ndarray, " steps"], at: Int[np.ndarray, " wraps"]) -> float:
+    """Return 1 (against division by 0) plus the changes of the step before and after rows `at`."""
     change = np.abs(np.diff(step.astype(np.float64)))
     before, after = at[at > 0] - 1, at[at < len(change)]
     return 1.0 + float(change[before].sum() + change[after].sum())

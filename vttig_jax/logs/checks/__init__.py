@@ -1,1 +1,1 @@
-"""Tests of a log before any fit: sampling, ratio, slips and orders."""
+"""Checks of a log before a fit: sampling, ratio, slips and order spectrum."""

@@ -1,4 +1,4 @@
-"""Order spectrum of the transmission error: least squares on the samples of certain flanks."""
+"""Order spectrum of the transmission error by least squares on samples with certain flank."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,14 +12,15 @@ from ..motion.segments import Segment
 
 HIGHEST = 8
 CHUNK = 65536
+"""Highest order, and rows per block of the Gram matrix (chosen)."""
 
 SEPARABLE = 0.02
-"""Least eigenvalue of the normalised Gram matrix at which orders still count as told apart."""
+"""Least eigenvalue of the normalised Gram matrix for separable orders (chosen)."""
 
 
 @dataclass(frozen=True)
 class OrderLine:
-    """Amplitude of one order of one shaft on one flank, at the driven shaft."""
+    """Amplitude of one order of a shaft on one flank, as an angle of the driven shaft."""
 
     shaft: str
     order: int
@@ -30,28 +31,28 @@ class OrderLine:
 def order_spectrum(
     log: EncoderLog, segments: Sequence[Segment]
 ) -> tuple[tuple[OrderLine, ...], tuple[str, ...]]:
-    """Amplitudes of orders 1 … 8 of both shafts, flank by flank, and notes on what was left out.
+    """Estimate amplitudes of orders 1 … 8 of both shafts on each flank, with notes on omissions.
 
     On each flank TE = c₀ + c₁ t + Σ (a cos kφ + b sin kφ) over the orders k of each shaft that
-    turned at least once there. Driven orders that coincide with a driving order are dropped; where
-    the log is too short to tell neighbouring orders apart, the highest are.
+    turned at least once there. Driven orders equal to a driving order are omitted. If the log is
+    too short to separate neighbouring orders, the highest orders are omitted.
     """
     lines: list[OrderLine] = []
     notes: list[str] = []
     for flank in ("A", "B"):
-        own = [s for s in segments if s.flank == flank]
+        on_flank = [s for s in segments if s.flank == flank]
         shafts = [
             shaft
             for shaft, angle in (("driving", log.driving_angle), ("driven", log.driven_angle))
-            if _turns(angle, own) >= 1
+            if _turns(angle, on_flank) >= 1
         ]
         if not shafts:
             continue
-        found, highest = _flank_spectrum(log, own, shafts)
-        lines += [OrderLine(*term, flank, value) for term, value in found]
+        amplitudes, highest = _flank_spectrum(log, on_flank, shafts)
+        lines += [OrderLine(*term, flank, value) for term, value in amplitudes]
         if highest < HIGHEST:
-            told = f"only orders 1 to {highest}" if highest else "no orders"
-            notes.append(f"flank {flank}: {told} can be told apart over its few turns")
+            orders = f"only orders 1 to {highest}" if highest else "no orders"
+            notes.append(f"flank {flank}: {orders} can be told apart over its few turns")
     return tuple(lines), tuple(notes)
 
 
@@ -63,15 +64,15 @@ def _turns(angle: Float[np.ndarray, " n"], segments: Sequence[Segment]) -> float
 def _flank_spectrum(
     log: EncoderLog, segments: Sequence[Segment], shafts: Sequence[str]
 ) -> tuple[list[tuple[tuple[str, int], float]], int]:
-    relative = {"driving": 1, "driven": log.ratio}
+    speeds = {"driving": 1, "driven": log.ratio}
     terms: dict[object, tuple[str, int]] = {}
     for shaft in shafts:
         for order in range(1, HIGHEST + 1):
-            terms.setdefault(order * relative[shaft], (shaft, order))
-    wanted = list(terms.values())
-    gram = _gram(log, segments, shafts, wanted)
+            terms.setdefault(order * speeds[shaft], (shaft, order))
+    candidates = list(terms.values())
+    gram = _gram(log, segments, shafts, candidates)
     for highest in range(HIGHEST, 0, -1):
-        chosen = [k for k, (_, order) in enumerate(wanted) if order <= highest]
+        chosen = [k for k, (_, order) in enumerate(candidates) if order <= highest]
         columns = [0, 1, *(c for k in chosen for c in (2 + 2 * k, 3 + 2 * k))]
         matrix, right = gram[np.ix_(columns, columns)], gram[columns, -1]
         size = np.sqrt(np.diag(matrix))
@@ -81,7 +82,7 @@ def _flank_spectrum(
             continue
         solution = np.linalg.solve(matrix, right / size) / size
         amplitudes = np.hypot(solution[2::2], solution[3::2]) / ARCSEC
-        return [(wanted[k], float(a)) for k, a in zip(chosen, amplitudes, strict=True)], highest
+        return [(candidates[k], float(a)) for k, a in zip(chosen, amplitudes, strict=True)], highest
     return [], 0
 
 
@@ -91,7 +92,7 @@ def _gram(
     shafts: Sequence[str],
     terms: Sequence[tuple[str, int]],
 ) -> Float[np.ndarray, "p p"]:
-    """Gram matrix of the columns 1, t, cos and sin of every term, and the error."""
+    """Return the Gram matrix of the columns 1, t, cos and sin of every term, and the error."""
     index = np.concatenate([np.arange(s.start, s.stop) for s in segments])
     time = log.time[index]
     time = (time - time.mean()) / max(np.ptp(time) / 2, 1e-300)
@@ -113,7 +114,7 @@ def _gram(
 
 
 def _powers(angle: Float[np.ndarray, " n"]) -> list[Complex[np.ndarray, " n"]]:
-    """exp(jkφ) for k = 0 … `HIGHEST`; one sine and cosine, the rest by multiplication."""
+    """Return exp(jkφ) for k = 0 … `HIGHEST` by repeated multiplication with exp(jφ)."""
     first = np.exp(1j * angle)
     powers = [np.ones_like(first)]
     for _ in range(HIGHEST):

@@ -1,9 +1,9 @@
-"""The ratio a log shows, against the one the pair file states.
+"""Comparison of the ratio in a log with the ratio in the pair file.
 
-The slope of driven over driving angle. A periodic transmission error is no noise. The standard
-error is the largest of three: the residual, taken as independent only from one driven turn to the
-next; a block jackknife; and the change of the slope when first orders of both shafts are fitted
-beside it, which is what an eccentricity seen over less than a turn can do.
+The ratio is the slope of driven over driving angle. A periodic transmission error is not noise, so
+the standard error is the largest of three: from the residual, with one independent value per driven
+turn; from a block jackknife; and the change of the slope when first orders of both shafts are
+fitted as well, which is the effect of an eccentricity over less than a turn.
 """
 
 import math
@@ -19,28 +19,28 @@ from ...base.units import REV
 from ..encoder_log import EncoderLog
 
 TOLERANCE = 0.005
-"""Relative deviation below which a ratio is never doubted."""
+"""Largest relative deviation of a correct ratio (chosen)."""
 
 DEVIATIONS = 5.0
-"""Standard errors below which it is not either."""
+"""Largest deviation of a correct ratio in standard errors (chosen)."""
 
 APART = 0.05
-"""Share of the driven travel, rms, that may not follow the driving shaft at any ratio."""
+"""Largest rms residual of the driven angle at any ratio, relative to its travel (chosen)."""
 
-BLOCKS = 10
+BLOCKS = 10  # number of blocks of the jackknife (chosen)
 
 MOST_ROWS = 20_000
-"""Rows of the regression beside first orders; longer logs are thinned."""
+"""Largest number of rows of the regression with first orders; longer logs are thinned (chosen)."""
 
 LARGEST_ORDER = 0.02
-"""Amplitude in rad of the largest first order a gear is credited with (1.5 mm at 80 mm)."""
+"""Largest plausible amplitude of a first order in rad (chosen: 1.5 mm at 80 mm)."""
 
 Verdict = Literal["agrees", "swapped", "sign", "swapped_sign", "differs", "none"]
 
 
 @dataclass(frozen=True)
 class SeenRatio:
-    """Ratio seen in a log with its standard error (None in a TE-curve log), and the one given."""
+    """Ratio in a log (`seen`) and its standard error, None in a TE-curve log, and given ratio."""
 
     seen: float | None
     std: float | None
@@ -49,7 +49,7 @@ class SeenRatio:
 
     @property
     def short(self) -> str:
-        """Seen and given ratio in a few words."""
+        """Short text with the ratio in the log and the given ratio."""
         given = f"{self.given} = {float(self.given):.6g} given"
         if self.seen is None:
             return f"{given}, a TE-curve log has none to check"
@@ -57,7 +57,7 @@ class SeenRatio:
 
     @property
     def sentence(self) -> str:
-        """What was seen and, where it disagrees, which option settles it."""
+        """Sentence on the ratio in the log, with the cure if it disagrees with the given one."""
         given = f"{self.given} = {float(self.given):.6g}"
         if self.seen is None:
             return f"a TE-curve log has no ratio to check; {given} is taken as given."
@@ -79,7 +79,7 @@ class SeenRatio:
 
 
 def seen_ratio(log: EncoderLog) -> SeenRatio:
-    """Ratio of driven over driving speed by regression over the whole log, and the verdict."""
+    """Estimate the ratio of driven to driving speed by regression over the log, with a verdict."""
     if log.driven is None:
         return SeenRatio(None, None, log.ratio, "none")
     seen, std = slope(log.driving_angle, log.driven_angle)
@@ -87,19 +87,19 @@ def seen_ratio(log: EncoderLog) -> SeenRatio:
 
 
 def check_ratio(log: EncoderLog) -> SeenRatio:
-    """`seen_ratio`, but raise `LogError` where the log contradicts the pair file.
+    """Return `seen_ratio`, or raise `LogError` if the log contradicts the pair file.
 
-    Doubted is a ratio that is off by more than 0.5 % and by more than 5 standard errors.
+    A contradiction is a deviation of more than 0.5 % and of more than 5 standard errors.
     """
     ratio = seen_ratio(log)
     if log.driven is not None and ratio.seen is not None:
-        off = log.driven_angle - ratio.seen * log.driving_angle
-        apart, travel = float(np.std(off)), float(np.ptp(log.driven_angle))
-        if apart > APART * travel:
+        residual = log.driven_angle - ratio.seen * log.driving_angle
+        scatter, travel = float(np.std(residual)), float(np.ptp(log.driven_angle))
+        if scatter > APART * travel:
             raise LogError(
-                f"the two channels do not turn together: {np.degrees(apart):.3g}° rms of the driven"
-                f" shaft's {np.degrees(travel):.3g}° of travel do not follow the driving one; name"
-                " the right columns with --column driving=NAME --column driven=NAME.",
+                f"the two channels do not turn together: {np.degrees(scatter):.3g}° rms of the"
+                f" {np.degrees(travel):.3g}° that the driven shaft turns do not follow the driving"
+                " shaft; name the right columns with --column driving=NAME --column driven=NAME.",
                 where=log.place.at("driven"),
             )
     if ratio.verdict not in ("agrees", "none"):
@@ -108,7 +108,7 @@ def check_ratio(log: EncoderLog) -> SeenRatio:
 
 
 def slope(driving: Float[np.ndarray, " n"], driven: Float[np.ndarray, " n"]) -> tuple[float, float]:
-    """Slope of `driven` over `driving` (rad) and its standard error, as the module says."""
+    """Return the slope of `driven` over `driving` (rad) and its standard error (see module)."""
     x, y = driving - driving.mean(), driven - driven.mean()
     value = float(x @ y / (x @ x))
     residual = y - value * x
@@ -122,20 +122,20 @@ def slope(driving: Float[np.ndarray, " n"], driven: Float[np.ndarray, " n"]) -> 
 def _change_by_orders(
     driving: Float[np.ndarray, " n"], driven: Float[np.ndarray, " n"], value: float
 ) -> float:
-    """Change of the slope `value` when first orders of both shafts stand beside it.
+    """Return the change of the slope `value` when first orders of both shafts are fitted as well.
 
-    Where they come out larger than `LARGEST_ORDER` they are shrunk to it, and the change with them.
+    If their amplitude exceeds `LARGEST_ORDER`, the change is reduced in proportion.
     """
     thin = slice(None, None, max(1, len(driving) // MOST_ROWS))
     x, y = driving[thin], driven[thin]
     columns = [np.ones_like(x), x - x.mean(), np.cos(x), np.sin(x), np.cos(y), np.sin(y)]
-    found = np.linalg.lstsq(np.stack(columns, axis=1), y, rcond=None)[0]
-    amplitude = max(math.hypot(*found[2:4]), math.hypot(*found[4:6]))
-    return abs(float(found[1]) - value) * min(1.0, LARGEST_ORDER / max(amplitude, 1e-300))
+    solution = np.linalg.lstsq(np.stack(columns, axis=1), y, rcond=None)[0]
+    amplitude = max(math.hypot(*solution[2:4]), math.hypot(*solution[4:6]))
+    return abs(float(solution[1]) - value) * min(1.0, LARGEST_ORDER / max(amplitude, 1e-300))
 
 
 def _jackknife(x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"]) -> float:
-    """Delete-a-block standard error of the slope, over contiguous blocks."""
+    """Return the delete-one-block jackknife standard error of the slope."""
     blocks = min(BLOCKS, len(x) // 2)
     edges = np.linspace(0, len(x), blocks + 1).astype(np.int64)[:-1]
     size, sx, sy, sxx, sxy = (
@@ -169,7 +169,7 @@ def _verdict(seen: float, std: float, given: float) -> Verdict:
 
 
 def simple_fraction(value: float, std: float) -> str:
-    """The simplest fraction within one standard error, or the number."""
+    """Return the simplest fraction within one standard error, or the number as text."""
     for limit in (10, 20, 50, 100, 200, 500):
         fraction = Fraction(value).limit_denominator(limit)
         if fraction and abs(float(fraction) - value) <= max(std, 1e-6 * abs(value)):

@@ -1,4 +1,4 @@
-"""How a log was sampled: rate, jitter, gaps, and what the rate does to counts and orders."""
+"""Sampling of a log: rate, jitter and gaps, and effects of the rate on counts and orders."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -12,15 +12,15 @@ from ..encoder_log import EncoderLog
 from ..motion.segments import Segment
 
 COMMENSURATE = 1e-3
-"""Counts per sample this close to a whole number freeze the quantisation error."""
+"""Counts per sample this close to a whole number make the quantisation constant (chosen)."""
 
 SAME_SPEED = 0.03
-"""Segments whose speeds differ by less belong to one plateau."""
+"""Segments with a smaller relative difference of speed belong to one plateau (chosen)."""
 
 
 @dataclass(frozen=True)
 class Sampling:
-    """Time stamps of a log; intervals in s."""
+    """Properties of the time stamps of a log; intervals are in s."""
 
     duration_s: float
     rate_hz: float
@@ -33,7 +33,7 @@ class Sampling:
 
 @dataclass(frozen=True)
 class SpeedPlateau:
-    """Samples at one speed on one flank; `speed_rpm` is that of the driving shaft, signed."""
+    """Samples at one speed on one flank; `speed_rpm` is the signed driving speed."""
 
     speed_rpm: float
     flank: str
@@ -43,7 +43,7 @@ class SpeedPlateau:
 
 @dataclass(frozen=True)
 class Commensurate:
-    """A plateau at which a shaft passes a whole number of counts from sample to sample."""
+    """Plateau at which a shaft turns by a whole number of counts per sample."""
 
     shaft: str
     speed_rpm: float
@@ -52,7 +52,7 @@ class Commensurate:
 
 @dataclass(frozen=True)
 class Aliased:
-    """Orders of a shaft from `order` to `highest` lie above half the sampling rate."""
+    """Orders of a shaft from `order` to `highest`, which lie above half the sampling rate."""
 
     shaft: str
     order: int
@@ -61,7 +61,7 @@ class Aliased:
 
 
 def sampling_of(time: Float[np.ndarray, " n"]) -> Sampling:
-    """Rate from the mean interval; jitter is the standard deviation; both without the gaps."""
+    """Return rate (from the mean interval) and jitter (standard deviation), both without gaps."""
     interval = np.diff(time)
     median = float(np.median(interval))
     usual = interval[interval <= GAP * median]
@@ -77,7 +77,7 @@ def sampling_of(time: Float[np.ndarray, " n"]) -> Sampling:
 
 
 def plateaus_of(segments: Sequence[Segment]) -> tuple[SpeedPlateau, ...]:
-    """Segments of one flank and nearly one speed taken together, in the order they appear."""
+    """Combine segments of one flank and nearly equal speed, in the order of the log."""
     groups: list[list[Segment]] = []
     for segment in segments:
         for group in groups:
@@ -97,8 +97,8 @@ def _plateau(group: Sequence[Segment]) -> SpeedPlateau:
 
 
 def commensurate(log: EncoderLog, segments: Sequence[Segment]) -> tuple[Commensurate, ...]:
-    """Shafts in counts that pass a whole number of counts a sample in some segment."""
-    found = {}
+    """Find shafts in counts that turn by a whole number of counts per sample in a segment."""
+    findings = {}
     for shaft, channel in (("driving", log.driving), ("driven", log.driven)):
         if channel is None or not np.issubdtype(channel.reading.dtype, np.integer):
             continue
@@ -109,8 +109,8 @@ def commensurate(log: EncoderLog, segments: Sequence[Segment]) -> tuple[Commensu
             whole = round(per_sample)
             if whole >= 1 and abs(per_sample - whole) < COMMENSURATE:
                 speed = 60 * segment.speed / REV
-                found.setdefault((shaft, whole), Commensurate(shaft, speed, per_sample))
-    return tuple(found.values())
+                findings.setdefault((shaft, whole), Commensurate(shaft, speed, per_sample))
+    return tuple(findings.values())
 
 
 def aliased(
@@ -118,16 +118,16 @@ def aliased(
     rate_hz: float,
     orders: Mapping[str, tuple[float, Sequence[int]]],
 ) -> tuple[Aliased, ...]:
-    """Fit orders above half the sampling rate at some plateau.
+    """Find orders of the fit above half the sampling rate at a plateau.
 
     **Arguments**
-    - `orders`: shaft to (its speed over the driving shaft's, the orders the fit uses).
+    - `orders`: shaft → (its speed relative to the driving shaft, its orders in the fit).
     """
-    found: dict[str, Aliased] = {}
+    findings: dict[str, Aliased] = {}
     for plateau in sorted(plateaus, key=lambda p: -abs(p.speed_rpm)):
         for shaft, (relative, used) in orders.items():
             turns = abs(plateau.speed_rpm * relative) / 60
             above = [order for order in used if order * turns >= rate_hz / 2]
-            if above and shaft not in found:
-                found[shaft] = Aliased(shaft, min(above), max(above), plateau.speed_rpm)
-    return tuple(found.values())
+            if above and shaft not in findings:
+                findings[shaft] = Aliased(shaft, min(above), max(above), plateau.speed_rpm)
+    return tuple(findings.values())

@@ -1,1 +1,1 @@
-"""The search for periodic lines in a residual."""
+"""Search for periodic lines in the transmission error or a residual."""

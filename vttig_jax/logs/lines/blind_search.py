@@ -1,4 +1,4 @@
-"""Periodic lines of a log before anything is fitted: periods nobody needs to know beforehand."""
+"""Search for periodic lines of unknown period in a log before a fit."""
 
 from collections.abc import Sequence
 
@@ -13,21 +13,20 @@ from ..motion.segments import Segment
 from .search import Line, Stretch, find_lines
 
 HIGHEST = 12.0
-"""Cycles per driving revolution up to which `inspect` looks."""
+"""Highest frequency of the search in cycles per driving revolution (chosen)."""
 
 _FASTEST = 0.9
-"""Share of the samples that are slower than what decides how fast a line can be."""
+"""Quantile of the driving speed that limits the frequency of a line (chosen)."""
 
-_ALIAS, _ROWS_PER_CYCLE = 3.0, 5.0
-_LEAST_ROWS = 20
-_MOST = 5
+_ALIAS, _ROWS_PER_CYCLE = 3.0, 5.0  # least samples and rows per cycle of the highest frequency
+_LEAST_ROWS, _MOST = 20, 5  # least rows of a stretch, most lines (chosen)
 
 
 def blind_lines(log: EncoderLog, segments: Sequence[Segment]) -> tuple[Line, ...]:
-    """Significant lines of the transmission error on the certain flanks, the clearest first.
+    """Find significant lines of the transmission error on certain flanks, sorted by significance.
 
-    An offset of each flank, time and its square, speed and torque stand beside every trial line, so
-    that neither drift nor a delay between the channels passes for one.
+    The regressors are an offset of each flank, time, its square, speed and torque, so that drift or
+    a delay between the channels is not detected as a line.
     """
     if not segments:
         return ()
@@ -45,12 +44,12 @@ def blind_lines(log: EncoderLog, segments: Sequence[Segment]) -> tuple[Line, ...
     channels = [angle, log.transmission_error, *columns]
     runs = []
     for segment in segments:
-        place = np.arange(segment.start, segment.stop)
-        place = place[usable[place]]
-        place = place[: len(place) // size * size]
-        if len(place) < _LEAST_ROWS * size:
+        rows = np.arange(segment.start, segment.stop)
+        rows = rows[usable[rows]]
+        rows = rows[: len(rows) // size * size]
+        if len(rows) < _LEAST_ROWS * size:
             continue
-        means = [channel[place].reshape(-1, size).mean(axis=1) for channel in channels]
+        means = [channel[rows].reshape(-1, size).mean(axis=1) for channel in channels]
         runs.append(Stretch(means[0], means[1], np.stack(means[2:], axis=1), segment.flank))
     return find_lines(runs, highest=highest, most=_MOST) if runs and highest >= 1 else ()
 

@@ -1,4 +1,4 @@
-"""Noise of a line search: an autoregression along every run, of a strength that may change."""
+"""Noise model of a line search: an autoregression along every run with varying local size."""
 
 from dataclasses import dataclass, replace
 from typing import Any
@@ -14,24 +14,22 @@ from .rows import Rows
 
 HIGHEST_ORDER = 32
 _ROWS_PER_LAG = 12
-"""Rows that every order of the autoregression needs."""
+"""Highest order of the autoregression, and least number of rows per order (chosen)."""
 
 _WINDOWS = 16
 _LEAST_WINDOW = 80
-"""The strength of the noise is followed over this share of the rows, or so many of them."""
+"""The local size is averaged over n/16 rows, but over at least 80 rows (chosen)."""
 
-_REPEATS = 3
-_ROUNDING = 1e-13
-"""Share of a column's size below which what is left of it is rounding."""
+_REPEATS = 3  # iterations of least squares and autoregression (chosen)
 
 
 @dataclass(frozen=True)
 class Whitening:
-    """Takes columns to rows of equal and independent noise.
+    """Linear map of columns to rows with independent noise of equal size.
 
     **Arguments**
-    - `filter`: (1, −a₁, …, −a_p), run along every run.
-    - `weight`: over the local size of the noise, shape (n,); zero in the first p rows of a run.
+    - `filter`: filter (1, −a₁, …, −a_p) along every run.
+    - `weight`: inverse of the local size of the noise, shape (n,); 0 in the first p rows of a run.
     """
 
     filter: Float[np.ndarray, " taps"]
@@ -39,33 +37,33 @@ class Whitening:
 
     @property
     def rows(self) -> int:
-        """Rows that carry information."""
+        """Number of rows with a weight above 0."""
         return int(np.count_nonzero(self.weight))
 
     def __call__(self, columns: Inexact[np.ndarray, "*k n"]) -> Inexact[np.ndarray, "*k n"]:
-        """Filter and weigh along the last axis."""
+        """Filter columns along the last axis and multiply them by the weights."""
         taps = self.filter[::-1]
         if len(taps) == 1:
             return columns * self.weight
-        shift = len(taps) - 1 - len(taps) // 2  # the last tap meets the row itself
+        shift = len(taps) - 1 - len(taps) // 2  # the last tap belongs to the row itself
         return correlate1d(columns, taps, mode="constant", origin=shift) * self.weight
 
 
-def plain(rows: Rows) -> Whitening:
-    """No filter and equal weights."""
+def no_whitening(rows: Rows) -> Whitening:
+    """Return the identity: no filter and equal weights."""
     return Whitening(np.ones(1), np.ones(len(rows.value)))
 
 
-def estimate(
+def estimate_noise(
     rows: Rows, columns: Float[np.ndarray, "n q"], start: Whitening
 ) -> tuple[Whitening, float]:
-    """Noise that is left beside `columns`, and the sum of its squared innovations.
+    """Estimate the noise in the residual of `columns`; return it with its sum of squares.
 
-    Least squares and the autoregression of its residual take turns, from `start` on.
+    Least squares and the autoregression of the residual alternate, starting from `start`.
     """
     whitening = start
     for _ in range(_REPEATS):
-        residual = left(rows, columns, whitening)
+        residual = residual_of(rows, columns, whitening)
         filter_ = _autoregression(rows, residual, _order(rows, residual))
         whitening = Whitening(filter_, _usable(rows, len(filter_) - 1))
         whitening = replace(whitening, weight=_local_weight(whitening(residual), whitening))
@@ -73,50 +71,50 @@ def estimate(
 
 
 def mean_square(rows: Rows, columns: Float[np.ndarray, "n q"], whitening: Whitening) -> float:
-    """Mean squared innovation beside columns, each row counted by its weight."""
+    """Return the mean weighted squared innovation in the residual of the columns."""
     return misfit(rows, columns, whitening) / max(whitening.rows, 1)
 
 
-def of_order(
+def noise_of_order(
     rows: Rows, columns: Float[np.ndarray, "n q"], whitening: Whitening, order: int
 ) -> Whitening:
-    """Noise of an autoregression of given order beside other columns, under the same weights.
+    """Estimate an autoregression of given order for other columns with the same weights.
 
-    Two sums of squares are comparable under one set of weights only: weights of their own would
-    scatter the likelihood ratio by several units.
+    Sums of squares are comparable only with equal weights; separate weights would change the
+    likelihood ratio by several units.
     """
     whitening = replace(whitening, weight=whitening.weight * _usable(rows, order))
     for _ in range(_REPEATS):
-        residual = left(rows, columns, whitening)
+        residual = residual_of(rows, columns, whitening)
         whitening = replace(whitening, filter=_autoregression(rows, residual, order))
     return whitening
 
 
-def left(
+def residual_of(
     rows: Rows, columns: Float[np.ndarray, "n q"], whitening: Whitening
 ) -> Float[np.ndarray, " n"]:
-    """Value less its best combination of columns, not whitened."""
+    """Return the unwhitened residual of the whitened least-squares fit of the columns."""
     whitened, size = scaled(columns, whitening)
     factors: Any = qr_multiply(whitened, whitening(rows.value), mode="right", pivoting=True)
     projected, upper, order = factors
     rank = _rank(upper)
-    found = np.zeros(columns.shape[1])
-    found[order[:rank]] = solve_triangular(upper[:rank, :rank], projected[:rank])
-    return rows.value - columns @ (found / size)
+    solution = np.zeros(columns.shape[1])
+    solution[order[:rank]] = solve_triangular(upper[:rank, :rank], projected[:rank])
+    return rows.value - columns @ (solution / size)
 
 
 def misfit(rows: Rows, columns: Float[np.ndarray, "n q"], whitening: Whitening) -> float:
-    """Sum of squared innovations beside the columns."""
-    rest = whitening(left(rows, columns, whitening))
-    return float(rest @ rest)
+    """Return the sum of squared innovations in the residual of the columns."""
+    innovations = whitening(residual_of(rows, columns, whitening))
+    return float(innovations @ innovations)
 
 
 def orthonormal(
     columns: Float[np.ndarray, "n q"], whitening: Whitening
 ) -> tuple[Float[np.ndarray, "n r"], Float[np.ndarray, "q r"]]:
-    """Orthonormal basis of the whitened columns, and what makes it of them.
+    """Return an orthonormal basis = whitened columns @ mixing, and the matrix mixing.
 
-    Columns that others explain (the constant of a run that the filter has used up) are left out.
+    Linearly dependent columns are omitted, for example the constant of a run without usable rows.
     """
     whitened, size = scaled(columns, whitening)
     basis, mixing = factored(whitened)
@@ -126,7 +124,7 @@ def orthonormal(
 def factored(
     columns: Float[np.ndarray, "n q"],
 ) -> tuple[Float[np.ndarray, "n r"], Float[np.ndarray, "q r"]]:
-    """Orthonormal basis of columns of size 1 or less, and what makes it of them."""
+    """Return an orthonormal basis = columns @ mixing and mixing, for columns of norm 1 or less."""
     factors: Any = qr(columns, mode="economic", pivoting=True, check_finite=False)
     basis, upper, order = factors
     rank = _rank(upper)
@@ -138,7 +136,7 @@ def factored(
 def scaled(
     columns: Float[np.ndarray, "n q"], whitening: Whitening
 ) -> tuple[Float[np.ndarray, "n q"], Float[np.ndarray, " q"]]:
-    """Whitened columns of size 1, and the sizes they had."""
+    """Return the whitened columns scaled to norm 1, and their norms."""
     whitened = whitening(columns.T).T
     size = np.linalg.norm(whitened, axis=0)
     size[size == 0] = 1.0
@@ -146,29 +144,29 @@ def scaled(
 
 
 def _rank(upper: Float[np.ndarray, "r q"]) -> int:
-    """Columns of size 1 or less that a pivoted triangle tells apart."""
+    """Return the rank from the pivoted triangle of columns of norm 1 or less."""
     return int(np.count_nonzero(np.abs(np.diag(upper)) > 1e-10))
 
 
 def _order(rows: Rows, residual: Float[np.ndarray, " n"]) -> int:
-    """Order of the autoregression of residual rows by BIC, from lag products inside runs."""
+    """Select the order of the autoregression by BIC, from lag products inside runs."""
     longest = max(run.stop - run.start for run in rows.runs)
     most = min(HIGHEST_ORDER, len(residual) // _ROWS_PER_LAG, longest // 4)
     products = np.zeros(most + 1)
     for run in rows.runs:
-        own = residual[run]
-        for lag in range(min(most + 1, len(own))):
-            products[lag] += own[lag:] @ own[: len(own) - lag]
+        values = residual[run]
+        for lag in range(min(most + 1, len(values))):
+            products[lag] += values[lag:] @ values[: len(values) - lag]
     return len(whitening_filter(products / len(residual), len(residual))) - 1
 
 
 def _autoregression(
     rows: Rows, residual: Float[np.ndarray, " n"], order: int
 ) -> Float[np.ndarray, " taps"]:
-    """Whitening filter of least squared innovations.
+    """Return the whitening filter with the least squared innovations.
 
-    Lag products would do for long logs; in short ones the ends, which they take for zeros, flatten
-    a resonance of the noise, and its top is left to pass for a line.
+    Lag products assume zeros beyond the ends of a run. In a short log this flattens a resonance of
+    the noise, and the part that the filter misses looks like a line.
     """
     if order == 0:
         return np.ones(1)
@@ -183,7 +181,7 @@ def _autoregression(
 
 
 def _usable(rows: Rows, order: int) -> Float[np.ndarray, " n"]:
-    """1, and 0 in the first rows of a run, which have no past."""
+    """Return weights of 1, and of 0 in the first `order` rows of each run."""
     weight = np.ones(len(rows.value))
     for run in rows.runs:
         weight[run.start : min(run.start + order, run.stop)] = 0.0
@@ -193,10 +191,10 @@ def _usable(rows: Rows, order: int) -> Float[np.ndarray, " n"]:
 def _local_weight(
     innovation: Float[np.ndarray, " n"], whitening: Whitening
 ) -> Float[np.ndarray, " n"]:
-    """One over the local size of the innovations, from their mean magnitude nearby.
+    """Return weights inverse to the local size of the innovations, their mean magnitude nearby.
 
-    A scan weighs all rows alike; where the noise is stronger at speed, the rows at speed would
-    make lines of it. The magnitude bears an outlier better than the square does.
+    With equal weights, rows with larger noise (for example at high speed) would cause false lines.
+    The magnitude is less sensitive to outliers than the square.
     """
     width = max(len(innovation) // _WINDOWS, _LEAST_WINDOW)
     if len(innovation) < 2 * width:

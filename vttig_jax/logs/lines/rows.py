@@ -1,4 +1,4 @@
-"""Rows of a line search: uninterrupted stretches of one or several logs, stacked and thinned."""
+"""Rows of a line search: stretches of one or several logs, stacked and averaged."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,22 +12,22 @@ from ...base.numerics.counting import whole_below
 from ...base.units import REV
 
 MOST_ROWS = 10_000
-"""Longer logs are searched in block means."""
+"""Largest number of rows; the rows of longer logs are block means (chosen)."""
 
 _ROWS_PER_CYCLE = 4.0
-"""Fewest rows that a cycle of the highest frequency keeps when rows are averaged."""
+"""Least number of block means per cycle of the highest frequency (chosen)."""
 
 
 @dataclass(frozen=True)
 class Stretch:
-    """One uninterrupted stretch: neighbouring rows are neighbours in time.
+    """Uninterrupted stretch of a log, with its rows in time order.
 
     **Arguments**
-    - `angle`: of the driving shaft, rad, shape (n,); one zero for all runs. Anything else that
-      cycles may be counted in works as well: 2π t/s gives lines in cycles per second.
-    - `value`: rad, shape (n,).
-    - `nuisance`: regressors that a line must stand out from, shape (n, p); at least a constant.
-    - `group`: runs of one group (a flank, a log) share the coefficients of their regressors.
+    - `angle`: driving angle in rad, shape (n,), with the same zero for all runs. It may be another
+      variable: 2π t/s gives lines in cycles per second.
+    - `value`: transmission error or residual in rad, shape (n,).
+    - `nuisance`: regressors that are fitted with every line, shape (n, p); at least a constant.
+    - `group`: name of a group (a flank, a log); its runs share the coefficients of the regressors.
     """
 
     angle: Float[np.ndarray, " n"]
@@ -46,20 +46,20 @@ class Stretch:
         for name in ("angle", "value", "nuisance"):
             if not np.isfinite(getattr(self, name)).all():
                 raise ValueError(
-                    f"Argument `{name}` must be finite in every row, but is not: leave those rows"
-                    " out and split the run there."
+                    f"Argument `{name}` must be finite in every row, but it is not; remove these"
+                    " rows and split the run there."
                 )
 
 
 @dataclass(frozen=True)
 class Rows:
-    """All runs below one another.
+    """Rows of all runs in one stack.
 
     **Arguments**
-    - `turns`: driving revolutions, shape (n,), and their mean `origin` already taken off.
-    - `width`: revolutions that a row is the mean over, shape (n,).
+    - `turns`: driving revolutions minus their mean `origin`, shape (n,).
+    - `width`: revolutions over which each row is averaged, shape (n,).
     - `value`: rad, shape (n,). `nuisance`: columns of every group, zero outside it, shape (n, q).
-    - `starts`: first row of every run, and n.
+    - `starts`: first row of every run, and n at the end.
     """
 
     turns: Float[np.ndarray, " n"]
@@ -71,7 +71,7 @@ class Rows:
 
     @property
     def runs(self) -> list[slice]:
-        """Rows of every run."""
+        """Slice of the rows of every run."""
         return [slice(first, stop) for first, stop in pairwise(self.starts)]
 
     @property
@@ -81,10 +81,10 @@ class Rows:
 
 
 def stack(runs: Sequence[Stretch], highest: float) -> Rows:
-    """Rows of all runs, thinned by block means where there are more than `MOST_ROWS`.
+    """Stack the rows of all runs; more than `MOST_ROWS` rows are averaged in blocks.
 
-    **Raises** `ValueError` where runs of one group differ in their columns, or where a cycle of
-    `highest` has fewer than two rows: its alias would pass for it.
+    **Raises** `ValueError` if runs of one group differ in their columns, or if a cycle of `highest`
+    has fewer than two rows, because its alias would look the same.
     """
     if not runs:
         raise ValueError("Argument `runs` must hold at least one run, but is empty.")
@@ -100,13 +100,13 @@ def stack(runs: Sequence[Stretch], highest: float) -> Rows:
     groups: dict[str, list[Stretch]] = {}
     for run in runs:
         groups.setdefault(run.group, []).append(run)
-    for name, own in groups.items():
-        if len({run.nuisance.shape[1] for run in own}) != 1:
+    for name, members in groups.items():
+        if len({run.nuisance.shape[1] for run in members}) != 1:
             raise ValueError(
                 "Argument `nuisance` must have the same columns in all runs of a group, but group"
-                f" {name!r} has {sorted({run.nuisance.shape[1] for run in own})}."
+                f" {name!r} has {sorted({run.nuisance.shape[1] for run in members})}."
             )
-    ordered = [_thinned(run, block) for own in groups.values() for run in own]
+    ordered = [_block_means(run, block) for members in groups.values() for run in members]
     turns = np.concatenate([run.angle for run in ordered]) / REV
     origin = float(turns.mean()) if len(turns) else 0.0
     return Rows(
@@ -127,25 +127,25 @@ def stack(runs: Sequence[Stretch], highest: float) -> Rows:
 
 
 def _typical_step(runs: Sequence[Stretch]) -> float:
-    """Revolutions from row to row where the shaft moves: the median weighed by the way."""
+    """Return the median of the revolutions from row to row, weighted by travel."""
     steps = np.sort(np.concatenate([np.abs(np.diff(run.angle)) for run in runs])) / REV
-    way = np.cumsum(steps)
-    return float(steps[np.searchsorted(way, 0.5 * way[-1])]) if len(steps) and way[-1] else 0.0
+    path = np.cumsum(steps)
+    return float(steps[np.searchsorted(path, 0.5 * path[-1])]) if len(steps) and path[-1] else 0.0
 
 
-def _thinned(run: Stretch, block: int) -> Stretch:
+def _block_means(run: Stretch, block: int) -> Stretch:
     if block == 1:
         return run
-    kept = len(run.value) // block
+    count = len(run.value) // block
     angle, value = (
-        part[: kept * block].reshape(kept, block).mean(axis=1) for part in (run.angle, run.value)
+        part[: count * block].reshape(count, block).mean(axis=1) for part in (run.angle, run.value)
     )
-    columns = run.nuisance[: kept * block].reshape(kept, block, -1).mean(axis=1)
+    columns = run.nuisance[: count * block].reshape(count, block, -1).mean(axis=1)
     return Stretch(angle, value, columns, run.group)
 
 
 def _width(turns: Float[np.ndarray, " n"], block: int) -> Float[np.ndarray, " n"]:
-    """Revolutions that a block mean was taken over; single samples have no width."""
+    """Return the revolutions over which each row is averaged; single samples have width 0."""
     if block == 1 or len(turns) < 2:
         return np.zeros_like(turns)
     return np.abs(np.gradient(turns))

@@ -1,1 +1,1 @@
-"""What the shafts did: constant-speed segments, flanks in contact, ramps."""
+"""Motion of the shafts: segments of steady speed, flanks in contact, and ramps."""

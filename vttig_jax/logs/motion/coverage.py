@@ -1,4 +1,4 @@
-"""Whether a log can support a fit: what turned how far, and in which directions."""
+"""Coverage of a log: turns of each shaft and directions, as conditions for a fit."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from .segments import Segment
 
 @dataclass(frozen=True)
 class Support:
-    """Turns of each shaft over the samples on a certain flank, and what follows in words."""
+    """Turns of each shaft over the samples on a certain flank, and conclusions as sentences."""
 
     driving_turns: float
     driven_turns: float
@@ -24,25 +24,25 @@ class Support:
 
 
 def support_of(log: EncoderLog, segments: Sequence[Segment]) -> Support:
-    """Judge the certain segments of a log.
+    """Evaluate the coverage of the segments on a certain flank.
 
-    A shaft is resolved when it turned once. Both orders are told apart only after
-    1/|1 − i| driving turns, one beat of the two; with i = 1 they never are.
+    The first order of a shaft needs one turn of it. The first orders of both shafts are separable
+    only after 1/|1 − i| driving turns, one beat period; with i = 1 they are never separable.
     """
     driving, driven = (_turns(angle, segments) for angle in (log.driving_angle, log.driven_angle))
-    apart = 1 / abs(1 - log.ratio) if log.ratio != 1 else None
-    told = apart is not None and driving >= apart
+    beat = 1 / abs(1 - log.ratio) if log.ratio != 1 else None
+    separable = beat is not None and driving >= beat
     flanks = tuple(sorted({segment.flank for segment in segments}))
     sentences = []
     if not segments:
         sentences.append("no sample lies on a certain flank, so nothing can be fitted")
-    elif apart is None:
+    elif beat is None:
         sentences.append(
             "with ratio 1 both shafts share order 1: their eccentricities cannot be told apart"
         )
-    elif not told:
+    elif not separable:
         sentences.append(
-            f"the driving shaft turns {driving:.3g} times; under {float(apart):.3g} turns neither"
+            f"the driving shaft turns {driving:.3g} times; under {float(beat):.3g} turns neither"
             " shaft's eccentricity can be told from the other's"
         )
     for name, turns in (("driving", driving), ("driven", driven)):
@@ -56,9 +56,8 @@ def support_of(log: EncoderLog, segments: Sequence[Segment]) -> Support:
             f"one direction only (flank {flanks[0]}): no backlash, and eccentricities only if the"
             " encoders are perfect"
         )
-    return Support(
-        driving, driven, told and driving >= 1, told and driven >= 1, flanks, tuple(sentences)
-    )
+    resolved = separable and driving >= 1, separable and driven >= 1
+    return Support(driving, driven, *resolved, flanks, tuple(sentences))
 
 
 def _turns(angle: Float[np.ndarray, " n"], segments: Sequence[Segment]) -> float:

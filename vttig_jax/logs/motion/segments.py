@@ -1,8 +1,8 @@
-"""Segments of a log that certainly lie on one flank, and the steady stretches of a run.
+"""Segments of a log on a certain flank, and the steady stretches of a run.
 
-At steady speed the loaded flank follows the sense of motion: A while φ₁ increases, B while it
+At steady speed the direction of motion defines the loaded flank: A while φ₁ increases, B while it
 decreases. Ramps, dwell and the crossing of the gap after a reversal are masked. A torque or
-direction column of the log says it better and wins.
+direction column of the log is better evidence and overrides the motion.
 """
 
 from dataclasses import dataclass
@@ -17,39 +17,39 @@ from ..channel.speed import Speed, runs, smooth_speed
 from ..encoder_log import EncoderLog
 
 SHARE = 0.4
-"""A run has a plateau when one speed, within the tolerance, makes this share of its travel."""
+"""Least fraction of the travel of a run for its first plateau, within the tolerance (chosen)."""
 
 FURTHER = 0.15
-"""Further plateaus of the same run need this share."""
+"""Least fraction of the travel for each further plateau of the run (chosen)."""
 
 TOLERANCE = 0.03
-"""Relative width of a plateau. A sine spends 0.24 of its travel within 3 % of its top speed."""
+"""Relative tolerance of a plateau speed (chosen); a sine has 0.24 of its travel within 3 %."""
 
 RAMP = 0.1
-"""A speed that differs from the plateau's by more than this share of it is on a ramp."""
+"""A speed that differs from that of the plateau by more than this fraction is a ramp (chosen)."""
 
-_BIN = 0.01
+_BIN = 0.01  # width of the bins of the logarithm of speed
 
 
 def levels(speed: Float[np.ndarray, " n"], travel: Float[np.ndarray, " n"]) -> list[float]:
-    """Plateau speeds of a run, the longest first; empty where the speed never settles.
+    """Return the plateau speeds of a run, longest first; empty without a steady speed.
 
     **Arguments**
-    - `speed`: magnitudes, > 0. `travel`: distance covered around each sample.
+    - `speed`: magnitudes > 0 in rad/s. `travel`: travel in rad at each sample.
     """
     index = np.floor(np.log(speed) / _BIN).astype(np.int64)
     index -= index.min()
     weight = np.bincount(index, travel) / travel.sum()
     width = round(2 * TOLERANCE / _BIN)
-    found = []
+    plateaus = []
     needed = SHARE
     while True:
         window = np.convolve(weight, np.ones(width), "valid") if len(weight) > width else None
         start = 0 if window is None else int(np.argmax(window))
         inside = (index >= start) & (index < start + width)
         if weight[start : start + width].sum() < needed:
-            return found
-        found.append(float(np.average(speed[inside], weights=travel[inside])))
+            return plateaus
+        plateaus.append(float(np.average(speed[inside], weights=travel[inside])))
         weight[start : start + width] = 0.0
         needed = FURTHER
 
@@ -57,14 +57,14 @@ def levels(speed: Float[np.ndarray, " n"], travel: Float[np.ndarray, " n"]) -> l
 def steady(
     speed: Float[np.ndarray, " n"], level: float, tolerance: float, window: int
 ) -> list[tuple[int, int]]:
-    """Stretches [start, stop) of a run at `level`, without the last of their ramps.
+    """Return stretches [start, stop) of a run at the speed `level`, without the ends of ramps.
 
-    A stretch loses at each end that meets a ramp as much as the ramp took from 10 % off the level
-    to the tolerance, and half the smoothing window.
+    At each end beside a ramp, a stretch is shortened by the duration of the ramp from 10 % off the
+    level to the tolerance, and by half the smoothing window.
     """
     inside = np.abs(speed / level - 1.0) <= tolerance
     stretches = []
-    for start, stop in _closed(inside, window):
+    for start, stop in _merged(inside, window):
         first = start + _margin(speed[:start][::-1], level, window)
         last = stop - _margin(speed[stop:], level, window)
         if last - first >= 2:
@@ -73,15 +73,15 @@ def steady(
 
 
 def _margin(outside: Float[np.ndarray, " m"], level: float, window: int) -> int:
-    """Samples to leave out at an end, from the speeds beyond it, nearest first."""
+    """Return the number of samples to omit at an end, from the speeds beyond it, nearest first."""
     if len(outside) == 0:
         return 0
     ramp = np.abs(outside / level - 1.0) > RAMP
     return window // 2 + (int(np.argmax(ramp)) if ramp.any() else min(len(outside), window))
 
 
-def _closed(inside: Bool[np.ndarray, " n"], window: int) -> list[tuple[int, int]]:
-    """True stretches, with interruptions up to a window bridged and flickers dropped."""
+def _merged(inside: Bool[np.ndarray, " n"], window: int) -> list[tuple[int, int]]:
+    """Return true stretches; join them over gaps of up to a window and drop short ones."""
     padded = np.concatenate([[False], inside, [False]])
     edges = np.flatnonzero(padded[1:] != padded[:-1])
     joined: list[list[int]] = []
@@ -98,25 +98,25 @@ Flank = Literal["A", "B"]
 Kind = Literal["forward", "dwell", "backward"]
 
 AFTER_REVERSAL = (1 - 1e-6) * DEG
-"""Driving angle masked after a reversal, and after a start from standstill: a degree, less so much
-that no whole count and no printed decimal lies on the edge, where rounding would decide."""
+"""Driving angle in rad masked after a reversal and after a start from standstill: one degree
+(chosen), slightly reduced so that no reading lies on the limit, where rounding would decide."""
 
 SHORTEST_RUN = 15.5
-"""A run that travels fewer quanta than this is noise around standstill."""
+"""A run with a travel of fewer quanta than this is noise at standstill (chosen)."""
 
 RAGGED = 0.100_01
-"""Without a plateau, samples faster than this share of their run's top speed count as certain."""
+"""Least speed for a certain flank in a run without plateau, relative to its top speed (chosen)."""
 
 TORQUE = 0.049_99
-"""Share of its 95th percentile above which the torque decides the flank."""
+"""Least torque that defines the flank, relative to its 95th percentile (chosen)."""
 
 SHORTEST = 8
-"""Samples of the shortest segment."""
+"""Least number of samples of a segment (chosen)."""
 
 
 @dataclass(frozen=True)
 class Segment:
-    """Samples [start, stop) certainly on `flank`; `speed` is their mean, rad/s of driving shaft."""
+    """Samples [start, stop) certainly on `flank`; `speed` is their mean driving speed in rad/s."""
 
     start: int
     stop: int
@@ -126,7 +126,7 @@ class Segment:
 
 @dataclass(frozen=True)
 class MotionPhase:
-    """Samples [start, stop) that move one way or not at all; `speed` is their mean in rad/s."""
+    """Samples [start, stop) with one direction or dwell; `speed` is the mean in rad/s."""
 
     start: int
     stop: int
@@ -136,7 +136,7 @@ class MotionPhase:
 
 @dataclass(frozen=True)
 class Segments:
-    """What became of the samples of a log. `forward` counts those on flank A, `backward` on B."""
+    """Division of a log; `forward` counts the samples on flank A, `backward` those on flank B."""
 
     segments: tuple[Segment, ...]
     motion: tuple[MotionPhase, ...]
@@ -145,17 +145,17 @@ class Segments:
 
     @property
     def forward(self) -> int:
-        """Samples certainly on flank A."""
+        """Number of samples certainly on flank A."""
         return self._count("A")
 
     @property
     def backward(self) -> int:
-        """Samples certainly on flank B."""
+        """Number of samples certainly on flank B."""
         return self._count("B")
 
     @property
     def masked(self) -> int:
-        """Samples on no certain flank."""
+        """Number of samples without certain flank."""
         return self.read - self.forward - self.backward
 
     def _count(self, flank: Flank) -> int:
@@ -163,13 +163,14 @@ class Segments:
 
 
 def find_segments(log: EncoderLog) -> Segments:
-    """Split a log into segments on a certain flank and runs of one motion.
+    """Divide a log into segments on a certain flank and runs of one motion.
 
-    - Steady speed: the sense of motion, without ramps, dwell and the first degree of a run.
-    - No steady speed in a run (sine motion, hand-driven): all of it above 10 % of its top speed; a
-      note says so.
-    - `log.direction`: replaces the sense; 0 is masked. `log.torque`: its sign replaces it wherever
-      |torque| is at least 5 % of its 95th percentile, ramps included. With both, they must agree.
+    - At steady speed the direction of motion defines the flank; ramps, dwell and the first degree
+      of a run are masked.
+    - A run without steady speed (sine, hand-driven) is used above 10 % of its top speed; see note.
+    - `log.direction` replaces the direction of motion; 0 is masked. The sign of `log.torque`
+      replaces it if |torque| is at least 5 % of its 95th percentile, ramps included. With both
+      columns, they must agree.
     - Gaps in time (more than 5 median intervals) and changes of plateau separate segments.
     """
     time = log.time
@@ -208,7 +209,7 @@ def find_segments(log: EncoderLog) -> Segments:
 def _sense(
     speed: Speed, angle: Float[np.ndarray, " n"], cut: Bool[np.ndarray, " n"]
 ) -> Int8[np.ndarray, " n"]:
-    """+1, 0, −1 per sample; a run that goes no further than its noise is dwell."""
+    """Return +1, 0 or −1 per sample; a run whose travel is below its noise is dwell."""
     sense = np.where(np.abs(speed.value) > speed.dwell, np.sign(speed.value), 0).astype(np.int8)
     for start, stop in runs(sense, cut):
         if sense[start] and abs(angle[stop - 1] - angle[start]) < SHORTEST_RUN * speed.quantum:
@@ -233,7 +234,7 @@ def _mean_speed(
 def _certain(
     log: EncoderLog, angle: Float[np.ndarray, " n"], speed: Speed, moving: list[tuple[int, int]]
 ) -> tuple[Bool[np.ndarray, " n"], int]:
-    """Samples whose motion leaves no doubt about the flank, and the number of ragged runs."""
+    """Return the mask of samples with certain flank, and the number of runs without plateau."""
     certain = np.zeros(len(log), bool)
     if log.torque is not None:
         for start, stop in moving:
@@ -244,20 +245,20 @@ def _certain(
     median = np.median(np.diff(log.time))
     ragged = 0
     for start, stop in moving:
-        own = fast[start:stop]
-        found = levels(own, np.maximum(travel[start:stop], 1e-3 * travel[start:stop].mean()))
-        for level in found:
+        run = fast[start:stop]
+        plateaus = levels(run, np.maximum(travel[start:stop], 1e-3 * travel[start:stop].mean()))
+        for level in plateaus:
             unsteady = 3.0 * speed.quantum / (speed.window * median * level)
-            for a, b in steady(own, level, max(TOLERANCE, unsteady), speed.window):
+            for a, b in steady(run, level, max(TOLERANCE, unsteady), speed.window):
                 certain[start + a : start + b] = True
-        if not found:
+        if not plateaus:
             ragged += 1
-            certain[start:stop] = own > RAGGED * own.max()
+            certain[start:stop] = run > RAGGED * run.max()
     return certain, ragged
 
 
 def _flank(log: EncoderLog, sense: Int8[np.ndarray, " n"]) -> Int8[np.ndarray, " n"]:
-    """+1 flank A, −1 flank B, 0 neither, by the best evidence in the log."""
+    """Return +1 for flank A, −1 for flank B and 0 for neither, by the best column of the log."""
     flank = sense if log.direction is None else log.direction
     if log.torque is not None:
         loaded = np.abs(log.torque) >= TORQUE * np.quantile(np.abs(log.torque), 0.95)
@@ -273,11 +274,11 @@ def _crossing(
     cut: Bool[np.ndarray, " n"],
     moving: list[tuple[int, int]],
 ) -> Bool[np.ndarray, " n"]:
-    """Samples within `AFTER_REVERSAL` of a change of flank, a reversal or a start."""
+    """Return the mask of samples within `AFTER_REVERSAL` of a flank change, reversal or start."""
     starts: set[int] = {start for start, _ in moving if not cut[start]}
-    decided = np.flatnonzero(flank)
-    flips = np.flatnonzero(np.diff(flank[decided]))
-    starts.update(decided[flips + 1].tolist())
+    known = np.flatnonzero(flank)
+    flips = np.flatnonzero(np.diff(flank[known]))
+    starts.update(known[flips + 1].tolist())
     masked = np.zeros(len(angle), bool)
     ordered = sorted(starts)
     for start, stop in zip(ordered, [*ordered[1:], len(angle)], strict=False):

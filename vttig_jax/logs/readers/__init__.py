@@ -1,1 +1,1 @@
-"""Files to tables: text, MATLAB and HDF5, and the roles of their columns."""
+"""Readers of text, MATLAB and HDF5 files, and the assignment of roles to columns."""

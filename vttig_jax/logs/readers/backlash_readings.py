@@ -1,4 +1,4 @@
-"""Backlash read at single angles: gear 1 held, gear 2 rocked to both flanks. Needs no jax."""
+"""Backlash readings at single angles: gear 1 is held and gear 2 is moved to both flanks."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,18 +16,19 @@ from .table import TextTable, find_table
 from .text import read_text
 
 UNITS = {"driving": ("deg", "rad", "rev"), "backlash": ("deg", "arcsec", "urad", "rad")}
-"""Columns of a file of readings, and the units their names can end with."""
+"""Columns of a file of readings, and the units that can end their names."""
 
 
 @dataclass(frozen=True, eq=False)
 class BacklashReadings:
-    """Backlash j = TE_B − TE_A read at single driving angles, the paper's mechanical return method.
+    """Backlash j = TE_B − TE_A at single driving angles, by the mechanical return method.
 
     **Arguments**
-    - `driving_angle`: φ₁ at which gear 1 was held, rad, shape (n,), on the zero of the log.
-    - `backlash`: angle of the driven gear between its two flanks, rad, shape (n,).
-    - `source`, `sha256`: file name and digest of its bytes ("" where there is no file).
-    - `lines`: line of each reading in the file, from 1.
+    - `driving_angle`: angle φ₁ in rad at which gear 1 was held, shape (n,), with the zero of the
+      log.
+    - `backlash`: angle in rad of the driven gear between its two flanks, shape (n,).
+    - `source`, `sha256`: file name and digest of its bytes ("" without a file).
+    - `lines`: line number of each reading in the file, from 1.
     """
 
     driving_angle: Float[np.ndarray, " n"]
@@ -40,10 +41,10 @@ class BacklashReadings:
     def from_arrays(
         cls, driving_deg: ArrayLike, backlash_deg: ArrayLike, *, source: str = "arrays"
     ) -> "BacklashReadings":
-        """Readings from arrays of shape (n,) in degrees, checked like a file.
+        """Create readings from arrays of shape (n,) in degrees with the validation of a file.
 
-        **Raises** `ValueError` for arrays of other shapes, `LogError` for a reading that is not a
-        finite number or is negative.
+        **Raises** `ValueError` for arrays of other shapes, `LogError` for a reading that is not
+        finite or is negative.
 
         **Example**
         ```python
@@ -62,14 +63,14 @@ class BacklashReadings:
                 "Argument `backlash_deg` must have one reading for each of `driving_deg`, both of"
                 f" shape (n,), but the shapes are {driving.shape} and {backlash.shape}."
             )
-        # Where `to_csv` puts them: the header is line 1.
+        # Line numbers in the file of `to_csv`, whose header is line 1.
         lines = np.arange(2, 2 + driving.size, dtype=np.int64)
         names = {"driving": "driving_deg", "backlash": "backlash_deg"}
         _check(driving, backlash, names, lines, source)
         return cls(driving * DEG, backlash * DEG, source, "", lines)
 
     def to_csv(self) -> str:
-        """The text of a file that `read_backlash_readings` reads: driving_deg,backlash_deg."""
+        """Return the text of a file for `read_backlash_readings`: driving_deg,backlash_deg."""
         rows = zip(self.driving_angle / DEG, self.backlash / DEG, strict=True)
         body = "".join(f"{angle:.12g},{gap:.12g}\n" for angle, gap in rows)
         return "driving_deg,backlash_deg\n" + body
@@ -90,17 +91,16 @@ class BacklashReadings:
 def read_backlash_readings(path: str | Path, *, decimal: str | None = None) -> BacklashReadings:
     """Read a text file (CSV, TSV, TXT) of backlash readings.
 
-    One header line, then a reading a line: a column `driving_deg` (or `_rad`, `_rev`) and a column
-    `backlash_deg` (or `_arcsec`, `_urad`, `_rad`), the angle of the driven gear. Further columns
-    are left alone; an angle may be read many times.
+    The file has one header line and one reading per line. It needs a column `driving_deg` (or
+    `_rad`, `_rev`) and a column `backlash_deg` (or `_arcsec`, `_urad`, `_rad`) with the angle of
+    the driven gear. Other columns are ignored; several readings may have the same angle.
 
     **Arguments**
-    - `path`: the file.
-    - `decimal`: "." or ","; needed only where the file leaves it open.
+    - `path`: path of the file.
+    - `decimal`: decimal mark "." or ","; required only if the file is ambiguous.
 
-    **Raises** `LogError` for a file that cannot be read, a missing or doubled column, an empty or
-    non-finite field, and for a negative backlash: a gap has no sign, so the two positions of that
-    reading were subtracted the wrong way round.
+    **Raises** `LogError` for a file that cannot be read, a missing or repeated column, an empty or
+    non-finite field, and a negative backlash, which results from a subtraction in the wrong order.
 
     **Example**
     ```python
@@ -121,15 +121,15 @@ def read_backlash_readings(path: str | Path, *, decimal: str | None = None) -> B
     source = str(path)
     text, digest, _ = read_text(path, None)
     table = _find_table(text, source, decimal)
-    found = {role: _column(table, role) for role in UNITS}
-    values = table.columns([index for index, _ in found.values()])
+    columns = {role: _column(table, role) for role in UNITS}
+    values = table.columns([index for index, _ in columns.values()])
     driving, backlash = (np.asarray(column, np.float64) for column in values)
     lines = np.array([number for number, _ in table.rows()], np.int64)
-    names = {role: table.names[index] for role, (index, _) in found.items()}
+    names = {role: table.names[index] for role, (index, _) in columns.items()}
     _check(driving, backlash, names, lines, source)
-    sizes = {role: ANGLE_UNITS[unit] for role, (_, unit) in found.items()}
+    factors = {role: ANGLE_UNITS[unit] for role, (_, unit) in columns.items()}
     return BacklashReadings(
-        driving * sizes["driving"], backlash * sizes["backlash"], source, digest, lines
+        driving * factors["driving"], backlash * factors["backlash"], source, digest, lines
     )
 
 
@@ -137,45 +137,45 @@ def _find_table(text: str, source: str, decimal: str | None) -> TextTable:
     try:
         return find_table(text, source, decimal=decimal)
     except LogError as error:
-        # The sentences of `find_table` are about encoder logs.
+        # The messages of `find_table` are about encoder logs.
         raise LogError(
-            "no header with rows of as many numbers below it; write a line"
-            " driving_deg,backlash_deg and one reading a line (semicolons between numbers with"
-            " decimal commas).",
+            "there is no header with rows of as many numbers below it; write a line"
+            " driving_deg,backlash_deg and one reading per line (with semicolons between numbers"
+            " with decimal commas).",
             where=error.where,
         ) from None
 
 
 def _column(table: TextTable, role: str) -> tuple[int, str]:
-    """Index and unit of the column of a role."""
+    """Return the index and unit of the column of a role."""
     units = UNITS[role]
-    hits: list[tuple[int, str]] = []
+    matches: list[tuple[int, str]] = []
     for index, name in enumerate(table.names):
         stem, unit = name_and_unit(name, units, f"{table.source}: column `{name}`")
         if stem.lower() != role:
             continue
         if unit is None:
             raise LogError(
-                f"no unit; rename it {_listed(role, units)}.",
+                f"the name has no unit; rename it {_suggested_names(role, units)}.",
                 where=f"{table.source}: column `{name}`",
             )
-        hits.append((index, unit))
-    if len(hits) > 1:
-        names = ", ".join(table.names[index] for index, _ in hits)
+        matches.append((index, unit))
+    if len(matches) > 1:
+        names = ", ".join(table.names[index] for index, _ in matches)
         raise LogError(
-            f"{len(hits)} columns could be `{role}` ({names}); leave one of them.",
+            f"{len(matches)} columns could be `{role}` ({names}); leave one of them.",
             where=table.source,
         )
-    if not hits:
+    if not matches:
         raise LogError(
-            f"no column {_listed(role, units)}; the file has {', '.join(table.names)}: rename or"
-            " convert the one meant.",
+            f"there is no column {_suggested_names(role, units)}; the file has"
+            f" {', '.join(table.names)}: rename or convert the right one.",
             where=table.source,
         )
-    return hits[0]
+    return matches[0]
 
 
-def _listed(role: str, units: Sequence[str]) -> str:
+def _suggested_names(role: str, units: Sequence[str]) -> str:
     first, *others, last = units
     rest = "".join(f", _{unit}" for unit in others)
     return f"{role}_{first}{rest} or _{last}"
@@ -188,19 +188,19 @@ def _check(
     lines: Int64[np.ndarray, " n"],
     source: str,
 ) -> None:
-    """Refuse values that are no readings; the values still have the units of the file."""
+    """Raise `LogError` for invalid readings in the units of the file."""
     for role, values in (("driving", driving), ("backlash", backlash)):
-        bad = np.flatnonzero(~np.isfinite(values))
-        if bad.size:
+        invalid = np.flatnonzero(~np.isfinite(values))
+        if invalid.size:
             raise LogError(
-                f"{values[bad[0]]:g} is no reading; fill in the value or remove the line.",
-                where=f"{source}: line {lines[bad[0]]}, column `{names[role]}`",
+                f"{values[invalid[0]]:g} is not a reading; write the value or remove the line.",
+                where=f"{source}: line {lines[invalid[0]]}, column `{names[role]}`",
             )
     negative = np.flatnonzero(backlash < 0)
     if negative.size:
         raise LogError(
-            f"a negative backlash ({backlash[negative[0]]:g}, {negative.size} of"
-            f" {len(backlash)} readings); subtract the position on flank A from that on flank B"
-            " so that a gap is positive.",
+            f"the file has a negative backlash ({backlash[negative[0]]:g}, {negative.size} of"
+            f" {len(backlash)} readings); subtract the position on flank A from that on flank B, so"
+            " that the backlash is positive.",
             where=f"{source}: line {lines[negative[0]]}, column `{names['backlash']}`",
         )

@@ -1,4 +1,4 @@
-"""What the name of a column says, and which column a name means."""
+"""Units in column names, and the search of a column by its name."""
 
 import difflib
 import re
@@ -47,18 +47,18 @@ _INDEX = re.compile(r"\((?:(\d+),:|:,(\d+))\)$")
 _NUMBER = re.compile(r"#([1-9]\d{0,5})")
 
 ROW = "#row"
-"""Name of the row's number 0, 1, 2, … as a column."""
+"""Name of the column with the row numbers 0, 1, 2, …."""
 
 
 def units_of(role: str) -> Sequence[str]:
-    """Units a role can be written in."""
+    """Return the units that a role can have."""
     return _UNITS.get(role, ())
 
 
 def name_and_unit(name: str, units: Sequence[str], where: str) -> tuple[str, str | None]:
     """Split `driving_deg`, `driving [deg]` or `driving (deg)` into "driving" and "deg".
 
-    **Raises** `LogError` where suffix and bracket differ.
+    **Raises** `LogError` if the suffix and the bracket differ.
     """
     bracket = _BRACKET.search(name)
     stem = name[: bracket.start()] if bracket else name
@@ -67,49 +67,51 @@ def name_and_unit(name: str, units: Sequence[str], where: str) -> tuple[str, str
     if inside not in units:
         inside = None
     stem, suffix = stem.strip(), None
-    for unit in sorted(units, key=len, reverse=True):  # `_rad_per_s` before `_s`
+    for unit in sorted(units, key=len, reverse=True):  # tests `_rad_per_s` before `_s`
         if stem.lower().endswith(f"_{unit}"):
             stem, suffix = stem[: -len(unit) - 1], unit
             break
-    if suffix and stem.lower().endswith("_per"):  # `_deg_per_s` is no time in s
+    if suffix and stem.lower().endswith("_per"):  # `_deg_per_s` is not a time in s
         stem, suffix = f"{stem}_{suffix}", None
     if suffix and inside and suffix != inside:
-        raise LogError(f"the name says both {suffix} and {inside}; rename the column.", where=where)
+        raise LogError(f"the name has the units {suffix} and {inside}; keep one.", where=where)
     return stem, suffix or inside
 
 
 def number_of(name: str | None) -> int:
-    """3 for `#3`, the third column; 0 for a name that is no number."""
-    found = _NUMBER.fullmatch(name or "")
-    return int(found[1]) if found else 0
+    """Return 3 for `#3`, the third column, and 0 for a name without column number."""
+    match = _NUMBER.fullmatch(name or "")
+    return int(match[1]) if match else 0
 
 
 def index_of(name: str, role: str, names: Sequence[str], source: str) -> int:
-    """Index of a column: by its number, its exact name, without case or unit, or its last parts.
+    """Return the index of a column from its number, its name, or the last parts of its path.
 
-    `b.t` and `t` are last parts of `a.b.t` and of `a/b/t`.
+    An exact name is preferred to one that differs in case, blanks or unit. `b.t` and `t` are last
+    parts of `a.b.t` and of `a/b/t`.
 
-    **Raises** `LogError` where none or several columns fit.
+    **Raises** `LogError` if no column or several columns match.
     """
     if number := number_of(name):
         return _index_of_number(number, name, names, source)
-    wanted = _plain(name)
+    wanted = _normalised(name)
+    end = re.escape(wanted) + "$"
     tests = (
-        lambda one: one == name,
-        lambda one: _plain(one) == wanted,
-        lambda one: _plain(str(name_and_unit(one, units_of(role), source)[0])) == wanted,
-        lambda one: bool(re.search(rf"[/\\.]{re.escape(wanted)}$", _plain(one))),
-        lambda one: bool(re.search(rf"(^|[/\\.]){re.escape(wanted)}$", _plain(_whole(one)))),
+        lambda column: column == name,
+        lambda column: _normalised(column) == wanted,
+        lambda column: _normalised(name_and_unit(column, units_of(role), source)[0]) == wanted,
+        lambda column: re.search(rf"[/\\.]{end}", _normalised(column)),
+        lambda column: re.search(rf"(^|[/\\.]){end}", _normalised(_matrix_name(column))),
     )
     for test in tests:
-        hits = [k for k, one in enumerate(names) if test(one)]
-        if len(hits) == 1:
-            return hits[0]
-        if hits:
-            found = [names[k] for k in hits]
-            cure = "rename one" if len(set(found)) < len(found) else "write out the one meant"
+        matches = [k for k, column in enumerate(names) if test(column)]
+        if len(matches) == 1:
+            return matches[0]
+        if matches:
+            same = [names[k] for k in matches]
+            cure = "rename one" if len(set(same)) < len(same) else "write the full name"
             raise LogError(
-                f"{len(hits)} columns fit `{name}` ({listed(found)}); {cure}.", where=source
+                f"{len(matches)} columns fit `{name}` ({listed(same)}); {cure}.", where=source
             )
     raise missing(role, names, source, name)
 
@@ -117,75 +119,75 @@ def index_of(name: str, role: str, names: Sequence[str], source: str) -> int:
 def _index_of_number(number: int, name: str, names: Sequence[str], source: str) -> int:
     if name in names and names.index(name) != number - 1:
         raise LogError(
-            f"`{name}` is column {number} or the one with that name; rename that one.",
+            f"`{name}` is the number of a column and the name of another; rename the latter.",
             where=source,
         )
     if number > len(names):
         raise LogError(
-            f"no column {name}; the log has {len(names)} ({listed(names)}).", where=source
+            f"there is no column {name}; the log has {len(names)} ({listed(names)}).", where=source
         )
     return number - 1
 
 
 def default_column(role: str, names: Sequence[str], source: str) -> int | None:
-    """Column a role has by its default name, None where there is none; two are an error."""
-    hits: list[int] = []
-    parts: list[int] = []
+    """Return the column with the default name of a role, or None; two columns are an error."""
+    matches: list[int] = []
+    path_matches: list[int] = []
     for k, name in enumerate(names):
         stem, unit = name_and_unit(name, units_of(role), f"{source}: column `{name}`")
         if unit is None and role != "time" and stem != name:
             continue
         if stem.lower() == role:
-            hits.append(k)
+            matches.append(k)
         elif re.split(r"[/\\.]", stem)[-1].lower() == role:
-            parts.append(k)
-    hits = hits or parts
-    if len(hits) > 1:
+            path_matches.append(k)
+    matches = matches or path_matches
+    if len(matches) > 1:
         raise LogError(
-            f"{len(hits)} columns could be `{role}` ({listed([names[k] for k in hits])}); name"
-            f" one with --column {role}=NAME or in [log].",
+            f"{len(matches)} columns could be `{role}` ({listed([names[k] for k in matches])});"
+            f" name one with --column {role}=NAME or in [log].",
             where=source,
         )
-    return hits[0] if hits else None
+    return matches[0] if matches else None
 
 
 def missing(role: str, names: Sequence[str], source: str, name: str | None = None) -> LogError:
-    """The error for a column that is not there, with what is."""
+    """Return the error for a missing column, with the names of the existing ones."""
     patterns = {"time": "time_s", "driven": "driven_* or transmission_error_*"}
     wanted = name or patterns.get(role, f"{role}_*")
     close = difflib.get_close_matches(name or role, names, 1, 0.5)
     hint = f" (closest: {close[0]})" if close else ""
     rate = ", or give --sample-rate" if role == "time" else ""
     return LogError(
-        f"no column {wanted}; the log has {listed(names)}{hint}; name it with --column"
+        f"there is no column {wanted}; the log has {listed(names)}{hint}; name it with --column"
         f" {role}=NAME or in [log]{rate}.",
         where=source,
     )
 
 
 def listed(names: Iterable[str]) -> str:
-    """The first dozen names; the columns of one matrix as `x(1…6,:)`."""
+    """Return the first twelve names; columns of a matrix are joined as `x(1…6,:)`."""
     groups: dict[str, list[str]] = {}
     for name in names:
-        groups.setdefault(name if _INDEX.search(name) is None else _whole(name), []).append(name)
+        groups.setdefault(_matrix_name(name), []).append(name)
     shown = []
-    for whole, members in groups.items():
+    for matrix, members in groups.items():
         first, last = _INDEX.search(members[0]), _INDEX.search(members[-1])
         if first is None or last is None or len(members) == 1:
             shown += members
         elif first[1]:
-            shown.append(f"{whole}({first[1]}…{last[1]},:)")
+            shown.append(f"{matrix}({first[1]}…{last[1]},:)")
         else:
-            shown.append(f"{whole}(:,{first[2]}…{last[2]})")
+            shown.append(f"{matrix}(:,{first[2]}…{last[2]})")
     more = f" and {len(shown) - 12} more" if len(shown) > 12 else ""
     return ", ".join(shown[:12]) + more
 
 
-def _whole(name: str) -> str:
-    """`x` for `x(3,:)`, the matrix a column is of."""
+def _matrix_name(name: str) -> str:
+    """Return the matrix of a column: `x` for `x(3,:)`."""
     return _INDEX.sub("", name)
 
 
-def _plain(name: str) -> str:
-    """Without case, blanks and the leading slash of a path."""
+def _normalised(name: str) -> str:
+    """Return a name in lower case without blanks and without the leading slash of a path."""
     return name.lower().replace(" ", "").removeprefix("/")

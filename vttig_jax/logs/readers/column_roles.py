@@ -1,4 +1,4 @@
-"""Which column plays which part, and in which unit."""
+"""Roles and units of the columns of a log."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -19,15 +19,15 @@ ROLES = (
     "speed",
     "acceleration",
 )
-"""What `--column role=name` can name."""
+"""Roles in `--column role=name`."""
 
 SOUGHT = ("time", "driving", "driven", "transmission_error")
-"""Roles looked for by their default names."""
+"""Roles whose columns are searched by their default names."""
 
 ROW_INDEX = -1
-"""Index of the column `#row`, which no table holds."""
+"""Index of the column `#row`, which is not in the table."""
 
-_CURES = {  # roles without a key in [unit]
+_SUFFIXES = {  # required for roles without a key in [unit]
     "speed": "_rpm, _deg_per_s or _rad_per_s",
     "acceleration": "_rad_per_s2 or _deg_per_s2",
 }
@@ -35,7 +35,7 @@ _CURES = {  # roles without a key in [unit]
 
 @dataclass(frozen=True)
 class Column:
-    """A column of the file that plays a part; `unit` is "" where it has none."""
+    """Column of the file with a role; `unit` is "" for a column without unit."""
 
     role: str
     index: int
@@ -43,8 +43,8 @@ class Column:
     unit: str
 
 
-def names_asked(layout: LogLayout, overrides: Mapping[str, str]) -> dict[str, str | None]:
-    """The name of the column of every role, from `overrides`, else from [log], else None."""
+def requested_names(layout: LogLayout, overrides: Mapping[str, str]) -> dict[str, str | None]:
+    """Return the column name of every role from `overrides`, or else from [log], or else None."""
     named = {role: overrides.get(role) or getattr(layout, role) for role in ROLES}
     for role, other in (("driven", "transmission_error"), ("transmission_error", "driven")):
         if role in overrides and other not in overrides:
@@ -61,22 +61,22 @@ def find_columns(
     *,
     timed: bool,
 ) -> dict[str, Column]:
-    """Find the columns of a log; `timed` is False where a sample rate stands for the time.
+    """Find the columns of a log; `timed` is False if a sample rate replaces the time column.
 
-    A name comes from `overrides`, else from [log], else the default is looked for. `#1` is the
-    first column, `#row` the number 0, 1, 2, … of the row.
+    A name comes from `overrides`, or else from [log]; without one the default name is searched.
+    `#1` is the first column, and `#row` is the number 0, 1, 2, … of the row.
 
-    **Raises** `LogError` for missing, doubtful or repeated columns and for units that disagree.
+    **Raises** `LogError` for missing, ambiguous or repeated columns and for contradictory units.
     """
-    named = names_asked(layout, overrides)
-    found: dict[str, Column] = {}
+    named = requested_names(layout, overrides)
+    columns: dict[str, Column] = {}
     for role in ROLES:
         if role == "time" and not timed:
             continue
         name = named[role]
         if name == ROW:
             place = f"{source}: column `{ROW}`"
-            found[role] = Column(role, ROW_INDEX, ROW, _unit_of(role, ROW, units, place))
+            columns[role] = Column(role, ROW_INDEX, ROW, _unit_of(role, ROW, units, place))
             continue
         if name is not None:
             index = index_of(name, role, names, source)
@@ -87,48 +87,47 @@ def find_columns(
         if index is not None:
             place = f"{source}: column `{names[index]}`"
             unit = _unit_of(role, names[index], units, place)
-            found[role] = Column(role, index, names[index], unit)
-    return _complete(found, named, names, source, timed)
+            columns[role] = Column(role, index, names[index], unit)
+    return _complete(columns, named, names, source, timed)
 
 
 def _complete(
-    found: dict[str, Column],
+    columns: dict[str, Column],
     named: Mapping[str, str | None],
     names: Sequence[str],
     source: str,
     timed: bool,
 ) -> dict[str, Column]:
-    """Drop the curve where both shafts are there unasked; refuse what is missing or doubled."""
-    if "driven" in found and "transmission_error" in found:
+    """Drop an unnamed curve beside two shafts; refuse missing and repeated columns."""
+    if "driven" in columns and "transmission_error" in columns:
         if named["transmission_error"] is not None and named["driven"] is None:
-            del found["driven"]
+            del columns["driven"]
         elif named["transmission_error"] is None:
-            del found["transmission_error"]
+            del columns["transmission_error"]
         else:
             raise LogError(
-                "both `driven` and `transmission_error` are named; a log has the second shaft or"
-                " the curve.",
+                "columns for `driven` and `transmission_error` are both named; keep one of them.",
                 where=source,
             )
     for role in ("time", "driving") if timed else ("driving",):
-        if role not in found:
+        if role not in columns:
             raise missing(role, names, source)
-    if "driven" not in found and "transmission_error" not in found:
+    if "driven" not in columns and "transmission_error" not in columns:
         raise missing("driven", names, source)
-    seen: dict[int, str] = {}
-    for column in found.values():
-        if column.index in seen:
+    assigned: dict[int, str] = {}
+    for column in columns.values():
+        if column.index in assigned:
             raise LogError(
-                f"is `{seen[column.index]}` and `{column.role}` at once; name another column with"
-                f" --column {column.role}=NAME.",
+                f"this column is `{assigned[column.index]}` and `{column.role}` at once; name"
+                f" another column with --column {column.role}=NAME.",
                 where=f"{source}: column `{column.name}`",
             )
-        seen[column.index] = column.role
-    return found
+        assigned[column.index] = column.role
+    return columns
 
 
 def _unit_of(role: str, name: str, units: UnitTable, where: str) -> str:
-    """Unit from the column's name and from [unit], which must agree."""
+    """Return the unit from the name of the column and from [unit], which must agree."""
     written = name_and_unit(name, units_of(role), where)[1]
     if role == "time":
         return written or "s"
@@ -136,25 +135,27 @@ def _unit_of(role: str, name: str, units: UnitTable, where: str) -> str:
         return written or "mm"
     if role in ("direction", "torque"):
         return ""
-    if role in _CURES:
+    if role in _SUFFIXES:
         if written is None:
-            raise LogError(f"no unit: end the name with {_CURES[role]}.", where=where)
+            message = f"this column has no unit; end the name with {_SUFFIXES[role]}."
+            raise LogError(message, where=where)
         return written
     stated = getattr(units, role)
     if stated is not None and written is not None and stated != written:
         raise LogError(
-            f"the name says {written}, [unit] {role} says {stated}; correct one of them.",
+            f"the name has the unit {written}, but [unit] {role} has {stated}; correct one.",
             where=where,
         )
     unit = written or stated
     if unit is None:
         raise LogError(
-            f'no unit: end the name with _deg, _rad, … or write `{role} = "deg"` in [unit].',
+            "this column has no unit; end the name with _deg, _rad, … or write"
+            f' `{role} = "deg"` in [unit].',
             where=where,
         )
     if unit not in units_of(role):
         raise LogError(
-            f"{unit} is no unit of a {role.replace('_', ' ')}; it is an angle in"
+            f"{unit} is no unit of a {role.replace('_', ' ')}; use one of"
             f" {listed(units_of(role))}.",
             where=where,
         )

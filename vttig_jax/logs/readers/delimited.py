@@ -1,7 +1,7 @@
-"""Rows of delimited text, and its columns as arrays.
+"""Table of delimited text, with its rows as fields and its columns as arrays.
 
-Columns are read by NumPy's C parser; only what it refuses is read again field by field, which
-either understands the field (quotes, thousands) or names line and column.
+NumPy's C parser reads the columns. If it fails, they are read field by field; this either converts
+the field (quotes, thousands marks) or raises an error that names line and column.
 """
 
 import csv
@@ -18,9 +18,9 @@ from .number_format import choose_decimal, looks_like_number, to_number
 
 @dataclass(frozen=True)
 class TextTable:
-    """A table found in text.
+    """Table in a text file.
 
-    `lines` are all lines of the file; rows start after line `header`, which may be -1.
+    `lines` are all lines of the file; the rows start after the line with index `header` (or −1).
     """
 
     names: tuple[str, ...]
@@ -32,24 +32,24 @@ class TextTable:
 
     @property
     def body(self) -> list[str]:
-        """The lines below the header."""
+        """Lines below the header."""
         return self.lines[self.header + 1 :]
 
     def line_of(self, row: int) -> int:
-        """Line number in the file, from 1, of a row."""
+        """Return the line number of a row in the file, from 1."""
         return next(n for k, (n, _) in enumerate(self.rows()) if k == row)
 
     def rows(self) -> Iterator[tuple[int, list[str]]]:
-        """Line number and fields of every row; blank and comment lines are none."""
+        """Yield the line number and fields of every row, without blank and comment lines."""
         for number, line in enumerate(self.body, self.header + 2):
             content = line.split("#", 1)[0]
             if content.strip():
                 yield number, split(content, self.delimiter)
 
     def columns(self, indices: Sequence[int]) -> list[Real[np.ndarray, " n"]]:
-        """Columns as float64, or int64 where a float could not hold their whole numbers.
+        """Return columns as float64, or as int64 if float64 cannot represent their whole numbers.
 
-        **Raises** `LogError` naming the line and column of a field that is no number.
+        **Raises** `LogError` naming the line and column of a field that is not a number.
         """
         lines, decimal = self._prepared(indices)
         if lines is None:
@@ -63,17 +63,17 @@ class TextTable:
         for k, index in enumerate(indices):
             if np.nanmax(np.abs(columns[k]), initial=0) >= EXACT_FLOAT:
                 try:
-                    whole = np.loadtxt(lines, usecols=index, dtype=np.int64, **options)
+                    integers = np.loadtxt(lines, usecols=index, dtype=np.int64, **options)
                 except (ValueError, OverflowError):
                     continue
-                columns[k] = whole[:, 0]
+                columns[k] = integers[:, 0]
         return columns
 
     def without_cut_line(self, indices: Sequence[int]) -> "tuple[TextTable, tuple[str, ...]]":
-        """The table without a last line that was cut off, and a note on it.
+        """Return the table without an incomplete last line, and a note on that line.
 
-        It is cut off where a field of `indices` is missing or unreadable, though the row above has
-        it, or where no line end follows and fields are missing. The only row is never left out.
+        The line is incomplete if a field of `indices` is missing or unreadable, but readable in the
+        row above, or if fields are missing and no line end follows. A single row is always kept.
         """
         last = len(self.lines) - 1
         rows: list[int] = []
@@ -84,9 +84,9 @@ class TextTable:
         if len(rows) < 2:
             return self, ()
         texts = [self.lines[k].split("#", 1)[0] for k in rows]
-        here, above = (split(text, self.delimiter) for text in texts)
-        cut = any(_number_at(above, k) and not _number_at(here, k) for k in indices)
-        if rows[0] == len(self.lines) - 1:  # no line end after it
+        fields, above = (split(text, self.delimiter) for text in texts)
+        cut = any(_number_at(above, k) and not _number_at(fields, k) for k in indices)
+        if rows[0] == len(self.lines) - 1:  # no line end follows
             counts = [len(split(text, self.delimiter, trim=False)) for text in texts]
             cut = cut or counts[0] < min(len(self.names), counts[1])
         if not cut:
@@ -95,25 +95,25 @@ class TextTable:
         return replace(self, lines=self.lines[: rows[0]]), (note,)
 
     def _prepared(self, indices: Sequence[int]) -> tuple[list[str] | None, str]:
-        """Lines with decimal points, None where the C parser is no use, and the mark they had."""
+        """Return lines with decimal points (None: the C parser fails) and the decimal mark."""
         body = self.body
-        whole = "\n".join(body)  # searched at once, ten times faster than line by line
-        commas = ('"' if self.delimiter == "," else ",") in whole
+        text = "\n".join(body)  # one search is ten times faster than a search in each line
+        commas = ('"' if self.delimiter == "," else ",") in text
         if not commas and self.decimal != ",":
             return body, "."
         decimal = self.decimal
         if decimal is None:
             fields = [row[k] for _, row in self.rows() for k in indices if k < len(row)]
             decimal = choose_decimal(fields, self.delimiter, self.source)
-        if decimal == "," and self.delimiter != "," and "." not in whole:
+        if decimal == "," and self.delimiter != "," and "." not in text:
             return [line.replace(",", ".") for line in body], decimal
         return None, decimal
 
 
 def split(line: str, delimiter: str | None, *, trim: bool = True) -> list[str]:
-    """Fields of a line without blanks around them and, with `trim`, without empty ones at its end.
+    """Return the stripped fields of a line; `trim` removes empty fields at its end.
 
-    A `delimiter` of None is any run of blanks.
+    A `delimiter` of None means one or more blanks.
     """
     if delimiter is None:
         fields = line.split()
@@ -132,13 +132,13 @@ def _number_at(fields: list[str], index: int) -> bool:
 
 
 def _by_field(table: TextTable, indices: Sequence[int], decimal: str) -> list[np.ndarray]:
-    """Read field by field; slow, used only where the C parser cannot."""
+    """Read the columns field by field; this is slow and only used if the C parser fails."""
     values: list[list[float]] = [[] for _ in indices]
     for number, fields in table.rows():
         for column, index in zip(values, indices, strict=True):
             where = f"{table.source}: line {number}, column `{table.names[index]}`"
             if index >= len(fields) or not fields[index]:
-                raise LogError("empty; fill in the value or remove the line.", where=where)
+                raise LogError("the field is empty; write a value or remove the line.", where=where)
             value = to_number(fields[index], decimal)
             if value is None:
                 comma = "," in fields[index] or decimal == ","

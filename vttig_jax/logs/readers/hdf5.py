@@ -1,4 +1,4 @@
-"""The numeric arrays of an HDF5 file, also of MATLAB's v7.3, which is HDF5."""
+"""Reading of the numeric arrays of an HDF5 file, also in the format MATLAB v7.3."""
 
 import io
 from collections.abc import Iterator
@@ -9,15 +9,15 @@ import numpy as np
 from .matlab import DEEPEST, MOST_CELLS
 
 HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
-"""First bytes of the file, or at 512 where MATLAB's header stands before them."""
+"""First bytes of the file, or the bytes at 512 after the header of a MATLAB file."""
 
 
 def hdf5_leaves(data: bytes) -> Iterator[tuple[str, np.ndarray]]:
-    """Name and values of every array of numbers in the bytes of a file.
+    """Yield the name and values of every array of numbers in the bytes of a file.
 
-    Names are `group/array`, of the fields of a compound `group/array.field`; in MATLAB's files
-    they are as in `matlab_leaves`, and rows and columns as in MATLAB. Links and data kept in other
-    files are not followed. Damaged bytes raise whatever h5py stumbles over.
+    Names are `group/array`, and `group/array.field` for fields of a compound. In MATLAB files the
+    names are those of `matlab_leaves`, with rows and columns as in MATLAB. Links and data in other
+    files are not read. Damaged bytes raise various exceptions of h5py.
     """
     import h5py
 
@@ -26,7 +26,7 @@ def hdf5_leaves(data: bytes) -> Iterator[tuple[str, np.ndarray]]:
 
 
 class _Walk:
-    """A walk through one open file."""
+    """Traversal of one open file."""
 
     def __init__(self, h5py: Any, file: Any, matlab: bool):
         self.h5py, self.file, self.matlab = h5py, file, matlab
@@ -34,12 +34,12 @@ class _Walk:
     def members(self, group: Any, path: str, depth: int) -> Iterator[tuple[str, np.ndarray]]:
         for name in group:
             hard = isinstance(group.get(name, getlink=True), self.h5py.HardLink)
-            if not hard or (self.matlab and name.startswith("#")):  # MATLAB's own bookkeeping
+            if not hard or (self.matlab and name.startswith("#")):  # internal data of MATLAB
                 continue
             yield from self.leaves(group[name], path, name, depth)
 
     def leaves(self, item: Any, path: str, name: str, depth: int) -> Iterator[tuple[str, Any]]:
-        """Arrays of a member `name` of the group at `path`."""
+        """Yield the arrays of the member `name` of the group at `path`."""
         full = f"{path}{'.' if self.matlab else '/'}{name}" if path else name
         if depth > DEEPEST:
             return
@@ -59,7 +59,7 @@ class _Walk:
     def matlab_leaves(
         self, item: Any, path: str, name: str, full: str, depth: int
     ) -> Iterator[tuple[str, Any]]:
-        """MATLAB writes columns first; cells and arrays of structs are references."""
+        """Yield arrays of a MATLAB item: column-major data, or references of cells and structs."""
         kind = item.attrs.get("MATLAB_class", b"")
         if {"MATLAB_object_decode", "MATLAB_empty"} & set(item.attrs) or kind == b"char":
             return

@@ -1,7 +1,7 @@
-"""Numeric arrays of a MATLAB file (v4 to v7), after a check of its elements.
+"""Reading of the numeric arrays of a MATLAB file (v4 to v7), after a check of its elements.
 
-`scipy.io.loadmat` trusts the type and the length in front of each element and ends the whole
-process where a damaged one leads it outside its buffers. Compressed elements carry a checksum.
+`scipy.io.loadmat` does not check the type and length before each element; damaged values make it
+read outside its buffers and crash the process. Compressed elements have a checksum.
 """
 
 import io
@@ -21,11 +21,11 @@ TEXT = frozenset((16, 17, 18))
 FIRST_NUMERIC_CLASS, LAST_NUMERIC_CLASS, LAST_CLASS = 6, 15, 17
 
 HEADER = 128
-"""Bytes before the first element; the last two tell the byte order."""
+"""Number of bytes before the first element; the last two bytes define the byte order."""
 
 
 def check_tags(data: bytes) -> None:
-    """Raise `ValueError` where an element has no type there is, or ends beyond what holds it."""
+    """Raise `ValueError` for an element of unknown type or beyond the end of its container."""
     order = "<" if data[HEADER - 2 : HEADER] == b"IM" else ">"
     place = HEADER
     while place < len(data):
@@ -38,8 +38,8 @@ def check_tags(data: bytes) -> None:
 
 
 def _check_matrix(data: bytes, start: int, stop: int, order: str) -> None:
-    """An array: flags, for most classes its size and name, then numbers, text or more arrays."""
-    if start == stop:  # how an empty array within a struct is written
+    """Check an array: flags, for most classes size and name, then numbers, text or arrays."""
+    if start == stop:  # an empty array within a struct
         return
     parts = []
     place = start
@@ -69,7 +69,7 @@ def _check_matrix(data: bytes, start: int, stop: int, order: str) -> None:
 
 
 def _element(data: bytes, place: int, stop: int, order: str) -> tuple[int, int, int]:
-    """Type of the element at `place`, and where its content begins and ends."""
+    """Return the type of the element at `place`, and the start and end of its content."""
     if place + 8 > stop:
         raise ValueError(f"no room for an element at byte {place}")
     kind, length = struct.unpack_from(f"{order}II", data, place)
@@ -84,18 +84,18 @@ def _element(data: bytes, place: int, stop: int, order: str) -> tuple[int, int, 
 
 
 DEEPEST = 16
-"""Levels of structs and cells that are looked into."""
+"""Largest depth of structs and cells that are read (chosen)."""
 
 MOST_CELLS = 1000
-"""Cells and structs of one array that are looked into."""
+"""Largest number of cells or structs of an array that are read (chosen)."""
 
 
 def matlab_leaves(data: bytes) -> Iterator[tuple[str, np.ndarray]]:
-    """Name and values of every array of numbers in the bytes of a file.
+    """Yield the name and values of every array of numbers in the bytes of a file.
 
-    Fields of structs are `s.f`, of arrays of structs `s(2).f`, cells `c{2}`. Objects (tables,
-    time series, functions), text, complex and sparse arrays are passed over. Damaged bytes raise
-    whatever `scipy.io.loadmat` stumbles over.
+    Fields of structs are named `s.f`, of arrays of structs `s(2).f`, and cells `c{2}`. Objects
+    (tables, time series, functions), text, complex and sparse arrays are ignored. Damaged bytes
+    raise various exceptions of `scipy.io.loadmat`.
     """
     from scipy.io import loadmat
     from scipy.io.matlab import MatReadWarning, matfile_version
@@ -104,14 +104,14 @@ def matlab_leaves(data: bytes) -> Iterator[tuple[str, np.ndarray]]:
         check_tags(data)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", MatReadWarning)  # objects share the name "None"
-        variables = loadmat(io.BytesIO(data), **_sparse_as(loadmat))
+        variables = loadmat(io.BytesIO(data), **_sparse_option(loadmat))
     for name, value in variables.items():
         if not name.startswith("__"):
             yield from _leaves(name, value, 0)
 
 
-def _sparse_as(loadmat: Callable[..., dict]) -> dict[str, bool]:
-    """What newer versions of SciPy want to be told of sparse arrays, which are passed over."""
+def _sparse_option(loadmat: Callable[..., dict]) -> dict[str, bool]:
+    """Return the argument on sparse arrays that newer versions of SciPy expect."""
     return {"spmatrix": False} if "spmatrix" in signature(loadmat).parameters else {}
 
 
@@ -123,9 +123,9 @@ def _leaves(path: str, value: Any, depth: int) -> Iterator[tuple[str, np.ndarray
         yield path, value
     elif value.dtype.names and value.size <= MOST_CELLS:
         for k, record in enumerate(value.ravel(order="F"), 1):
-            here = path if value.size == 1 else f"{path}({k})"
+            record_path = path if value.size == 1 else f"{path}({k})"
             for field in value.dtype.names:
-                yield from _leaves(f"{here}.{field}", record[field], depth + 1)
+                yield from _leaves(f"{record_path}.{field}", record[field], depth + 1)
     elif value.dtype == object and value.size <= MOST_CELLS:
         for k, cell in enumerate(value.ravel(order="F"), 1):
             yield from _leaves(f"{path}{{{k}}}", cell, depth + 1)

@@ -1,7 +1,7 @@
-"""Nested arrays (MATLAB .mat, HDF5) as a table: every vector, row or column of a matrix by name.
+"""Table of the nested arrays of a MATLAB or HDF5 file; rows or columns of matrices are its columns.
 
-Names are paths as the maker of the file writes them: `rec.t`, `rec.pos(1,:)` for the first row of a
-wide matrix, `rec.pos(:,1)` for the first column of a tall one, in plain HDF5 files `rec/t`.
+Names are paths in the notation of the file format: `rec.t`, `rec.pos(1,:)` for the first row of a
+wide matrix, `rec.pos(:,1)` for the first column of a tall one, and `rec/t` in plain HDF5 files.
 """
 
 import hashlib
@@ -19,12 +19,12 @@ from .matlab import matlab_leaves
 from .text import NESTED, read_bytes
 
 MOST_COLUMNS = 256
-"""The shorter side of a matrix that is taken for a set of channels, at most."""
+"""Largest number of channels in one matrix, its shorter side (chosen)."""
 
 
 @dataclass(frozen=True)
 class NestedTable:
-    """Columns of a nested file, which may differ in length; `arrays` are their values."""
+    """Columns of a nested file, which may differ in length, and their values `arrays`."""
 
     names: tuple[str, ...]
     arrays: tuple[Shaped[np.ndarray, " _"], ...]
@@ -32,18 +32,18 @@ class NestedTable:
     line_of: ClassVar[None] = None
 
     def columns(self, indices: Sequence[int]) -> list[Real[np.ndarray, " _"]]:
-        """Columns as int64 where the file holds whole numbers, else float64."""
+        """Return columns as int64 if the file has integers, else as float64."""
         return [_as_number(self.arrays[k]) for k in indices]
 
     def without_cut_line(self, indices: Sequence[int]) -> "tuple[NestedTable, tuple[str, ...]]":
-        """The table itself: there are no lines. As `Table.without_cut_line`."""
+        """Return the table itself, because it has no lines; see `TextTable.without_cut_line`."""
         return self, ()
 
 
 def read_nested(path: str | Path) -> tuple[NestedTable, str]:
     """Return the columns of a .mat, .h5 or .hdf5 file and the SHA-256 of its bytes.
 
-    MATLAB's v7.3 is HDF5. Nothing of the file is executed, and nothing outside it is read.
+    MATLAB v7.3 files are HDF5. No code in the file is executed, and no other file is read.
 
     **Raises** `LogError` for a missing, damaged or unreadable file or one without numeric arrays,
     `UsageError` for HDF5 without the package h5py.
@@ -58,15 +58,16 @@ def read_nested(path: str | Path) -> tuple[NestedTable, str]:
             columns.update(_columns(name, array))
     except UsageError:
         raise
-    except Exception:  # damaged bytes raise whatever the parser stumbles over
+    except Exception:  # damaged bytes raise various exceptions
         raise LogError(
-            "damaged, or no MATLAB or HDF5 file; save it again, or export the log as CSV.",
+            "the file is damaged or not a MATLAB or HDF5 file; save it again, or export the log as"
+            " CSV.",
             where=source,
         ) from None
     if not columns:
         raise LogError(
-            "no numeric array; save plain arrays or structs (in MATLAB `table2struct(T,"
-            ' "ToScalar", true)` makes one of a table), or export the log as CSV.',
+            "the file has no numeric array; save plain arrays or structs (in MATLAB"
+            ' `table2struct(T, "ToScalar", true)` converts a table), or export the log as CSV.',
             where=source,
         )
     table = NestedTable(tuple(columns), tuple(columns.values()), source)
@@ -74,7 +75,7 @@ def read_nested(path: str | Path) -> tuple[NestedTable, str]:
 
 
 def _columns(name: str, array: np.ndarray) -> Iterator[tuple[str, Shaped[np.ndarray, " _"]]]:
-    """A vector under its name; the rows of a wide matrix, the columns of a tall one, from 1."""
+    """Yield a vector, the rows of a wide matrix or the columns of a tall one, numbered from 1."""
     array = array.squeeze()
     if array.ndim == 1 and array.size > 1:
         yield name, array

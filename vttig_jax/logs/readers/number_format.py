@@ -1,8 +1,8 @@
-"""Numbers as people write them: decimal point or comma, thousands marks, and when to refuse.
+"""Conversion of written numbers with a decimal point or comma and thousands marks.
 
 Thousands marks are the other mark, apostrophes and fixed blanks: 1,234.5, 1'234.5 and 1 234.5.
-`1,234` is 1.234 or 1234. Between tabs or semicolons it is a decimal comma; elsewhere it is refused
-until `decimal` is given, unless another number of the log settles it.
+`1,234` can mean 1.234 or 1234. Between tabs or semicolons the comma is a decimal comma. Elsewhere
+`decimal` is required, unless another number in the log resolves the ambiguity.
 """
 
 import re
@@ -23,8 +23,8 @@ CURE = 'give --decimal "." or --decimal ","'
 
 
 def looks_like_number(field: str) -> bool:
-    """Whether a field is a number under either decimal mark (also nan and inf)."""
-    text = _without_blanks(field)
+    """Return whether a field is a number with one of the decimal marks (also nan and inf)."""
+    text = _without_thousands_blanks(field)
     return bool(
         any(number.fullmatch(text) for number in _NUMBER.values())
         or any(_thousands(text, mark) is not None for mark in ".,")
@@ -33,11 +33,11 @@ def looks_like_number(field: str) -> bool:
 
 
 def to_number(field: str, decimal: str) -> float | None:
-    """The value of a field under a known decimal mark; None where it is no number.
+    """Return the value of a field with a known decimal mark, or None if it is not a number.
 
     The other mark may group thousands (`1,234.5` with a decimal point).
     """
-    text = _without_blanks(field)
+    text = _without_thousands_blanks(field)
     if _NOT_FINITE.fullmatch(text):
         return float(text)
     if not _NUMBER[decimal].fullmatch(text):
@@ -49,32 +49,32 @@ def to_number(field: str, decimal: str) -> float | None:
 
 
 def choose_decimal(fields: Iterable[str], delimiter: str | None, where: str) -> str:
-    """The decimal mark of number fields, some of which hold a comma.
+    """Return the decimal mark of number fields, some of which contain a comma.
 
-    **Raises** `LogError` where two readings remain.
+    **Raises** `LogError` if the mark is ambiguous.
     """
-    with_comma = [_without_blanks(field) for field in fields if "," in field]
+    with_comma = [_without_thousands_blanks(field) for field in fields if "," in field]
     with_point = any("." in field for field in fields)
     if not with_comma:
         return "."
     example = with_comma[0]
     if any("." in field for field in with_comma) or with_point:
         raise LogError(
-            f"numbers with commas (`{example}`) and with points stand side by side; {CURE}.",
+            f"the log has numbers with commas (`{example}`) and numbers with points; {CURE}.",
             where=where,
         )
     if delimiter in (";", "\t"):
         return ","
     if all(_GROUPED[","].fullmatch(field) for field in with_comma):
         raise LogError(
-            f"`{example}` is {example.replace(',', '.')} or {example.replace(',', '')}; {CURE}.",
+            f"`{example}` means {example.replace(',', '.')} or {example.replace(',', '')}; {CURE}.",
             where=where,
         )
     return ","
 
 
-def _without_blanks(field: str) -> str:
-    """The field without apostrophes and fixed blanks where they part thousands."""
+def _without_thousands_blanks(field: str) -> str:
+    """Return the field without apostrophes and fixed blanks between thousands."""
     text = field.strip()
     head = _BLANK_GROUPED.match(text)
     if head is None:
@@ -83,7 +83,7 @@ def _without_blanks(field: str) -> str:
 
 
 def _thousands(text: str, mark: str) -> str | None:
-    """`text` without its thousands marks, or None where they do not stand like that."""
+    """Return `text` without its thousands marks, or None if their positions are wrong."""
     head = _GROUPED[mark].match(text)
     if head is None or mark in text[head.end() :]:
         return None

@@ -1,4 +1,4 @@
-"""From a path to a table, whatever kind of file it is."""
+"""Reading of a table from a text, MATLAB or HDF5 file."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -17,21 +17,20 @@ def open_table(
     encoding: str | None = None,
     delimiter: str | None = None,
     decimal: str | None = None,
-    asked: Iterable[str | None] = (),
+    requested: Iterable[str | None] = (),
 ) -> tuple[TextTable | NestedTable, str, tuple[str, ...]]:
-    """Return the table in a text, MATLAB or HDF5 file, its SHA-256, and notes on what was assumed.
+    """Return the table of a text, MATLAB or HDF5 file, its SHA-256, and notes on assumptions.
 
-    `asked`: the names of the columns wanted; with numbers (`#1`) among them a text needs no header.
+    If the `requested` column names contain a number such as `#1`, a text needs no header.
 
-    **Raises** `LogError` where there is no table, `UsageError` for HDF5 without h5py.
+    **Raises** `LogError` for a file without table, `UsageError` for HDF5 without h5py.
     """
-    numbered = [name for name in asked if number_of(name)]
+    numbered = [name for name in requested if number_of(name)]
     if Path(path).suffix.lower() in NESTED:
         nested, digest = read_nested(path)
         if numbered:
             raise LogError(
-                f"no column {numbered[0]}; arrays are asked for by name, such as"
-                f" {nested.names[0]}.",
+                f"there is no column {numbered[0]}; give an array name such as {nested.names[0]}.",
                 where=nested.source,
             )
         return nested, digest, ()

@@ -1,4 +1,4 @@
-"""From a path to bytes and text: what kind of file it is, its encoding and its digest."""
+"""Reading of the bytes and text of a file, with its encoding and digest."""
 
 import codecs
 import hashlib
@@ -10,10 +10,10 @@ import numpy as np
 from ...base.errors import LogError
 
 ENDINGS = ("", ".csv", ".tsv", ".txt", ".dat", ".asc", ".log")
-"""File endings read as delimited text."""
+"""File endings of delimited text."""
 
 NESTED = (".mat", ".h5", ".hdf5")
-"""File endings read as nested arrays."""
+"""File endings of nested arrays."""
 
 BOMS = (
     (codecs.BOM_UTF8, "utf-8-sig"),
@@ -23,57 +23,57 @@ BOMS = (
 
 
 def read_text(path: str | Path, encoding: str | None) -> tuple[str, str, tuple[str, ...]]:
-    """Return the text, the SHA-256 of its bytes, and notes on an encoding that was assumed.
+    """Return the text, the SHA-256 of its bytes, and notes on an assumed encoding.
 
-    A byte-order mark decides; without one it is UTF-8, UTF-16 where every other byte is zero, or,
-    failing those, Windows-1252.
+    A byte-order mark defines the encoding. Without one it is UTF-16 if every second byte is zero,
+    else UTF-8, or Windows-1252 if UTF-8 fails.
 
     **Raises** `LogError` for a missing, empty, binary or unreadable file, a folder, an unknown
-    ending, or bytes the encoding does not have.
+    ending, or bytes that are invalid in the encoding.
     """
     data = read_bytes(path, ENDINGS)
     digest = hashlib.sha256(data).hexdigest()
     where = str(path)
-    found = encoding or next((name for bom, name in BOMS if data.startswith(bom)), None)
+    codec = encoding or next((name for bom, name in BOMS if data.startswith(bom)), None)
     notes: tuple[str, ...] = ()
-    if found is None and b"\0" in data[:65536]:
-        found = _utf16_without_mark(data)
-        if found is None:
+    if codec is None and b"\0" in data[:65536]:
+        codec = _utf16_without_mark(data)
+        if codec is None:
             raise LogError(
-                "a binary file; logs are text (CSV, TSV, TXT), MATLAB (.mat) or HDF5 (.h5).",
+                "the file is binary; logs are text (CSV, TSV, TXT), MATLAB (.mat) or HDF5 (.h5).",
                 where=where,
             )
-        notes = (f"UTF-16 without a byte-order mark, read as {found}",)
+        notes = (f"UTF-16 without a byte-order mark, read as {codec}",)
     try:
-        if found is not None and codecs.lookup(found).name.startswith("utf-16"):
-            data = data[: len(data) // 2 * 2]  # a log cut off within a character
-        text = data.decode(found or "utf-8")
+        if codec is not None and codecs.lookup(codec).name.startswith("utf-16"):
+            data = data[: len(data) // 2 * 2]  # removes half a character at the end
+        text = data.decode(codec or "utf-8")
     except LookupError:
         raise LogError(
             f"unknown encoding {encoding!r}; write utf-8, utf-16 or cp1252.",
             where="log.encoding",
         ) from None
     except UnicodeDecodeError as error:
-        if found is not None:
+        if codec is not None:
             raise LogError(
-                f"byte {error.start} is not {found}; give the file's `encoding` in [log].",
+                f"byte {error.start} is not {codec}; write the `encoding` of the file in [log].",
                 where=where,
             ) from None
         try:
             text = data.decode("cp1252")
         except UnicodeDecodeError:
             raise LogError(
-                "a binary file, or text in an unknown encoding; logs are text (CSV, TSV, TXT),"
+                "the file is binary or has an unknown encoding; logs are text (CSV, TSV, TXT),"
                 " MATLAB (.mat) or HDF5 (.h5).",
                 where=where,
             ) from None
         notes = ("not UTF-8, read as Windows-1252 (cp1252)",)
-    text = text.removeprefix("\ufeff")  # left by encodings that do not take the mark off
+    text = text.removeprefix("\ufeff")  # some codecs keep the byte-order mark
     return text.replace("\r\n", "\n").replace("\r", "\n"), digest, notes
 
 
 def _utf16_without_mark(data: bytes) -> str | None:
-    """The UTF-16 in which digits and separators have their zero byte where `data` has them."""
+    """Return the UTF-16 byte order that explains the positions of the zero bytes, or None."""
     head = np.frombuffer(data[:65536], np.uint8)
     if len(head) < 2:
         return None
@@ -84,9 +84,9 @@ def _utf16_without_mark(data: bytes) -> str | None:
 
 
 def read_bytes(path: str | Path, endings: Sequence[str]) -> bytes:
-    """The content of a file with one of `endings`.
+    """Return the bytes of a file with one of `endings`.
 
-    **Raises** `LogError` for a missing, empty or unreadable file, a folder and another ending.
+    **Raises** `LogError` for a missing, empty or unreadable file, a folder and other endings.
     """
     path = Path(path)
     where = str(path)
@@ -100,7 +100,7 @@ def read_bytes(path: str | Path, endings: Sequence[str]) -> bytes:
         raise LogError("no such file; check the path of the log.", where=where) from None
     except PermissionError:
         raise LogError(
-            "no permission to read this file; change its access rights.", where=where
+            "there is no permission to read this file; change its access rights.", where=where
         ) from None
     except OSError as error:
         raise LogError(

@@ -1,1 +1,1 @@
-"""Calibration: does a nominal 95 % interval hold the truth in 95 % of the rigs?"""
+"""Calibration: whether nominal 95 % intervals contain the truth in 95 % of the rigs."""

@@ -1,4 +1,4 @@
-"""The calibration: draw rigs, fit them, and count how often the intervals hold the truth."""
+"""Calibration: rigs are drawn and fitted, and intervals that contain the truth are counted."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -17,7 +17,7 @@ from .coverage import Cell, CoverageDisc, amplitude_ranks, normal_ranks, rejecte
 from .program import Batch, Program
 from .rigs import LARGEST_ECCENTRICITY_MM
 from .sampled_subset import sampled_coverage
-from .scenarios import Scenario, judged
+from .scenarios import Scenario, judged_parameters
 
 _HEADERS = (
     "scenario",
@@ -33,27 +33,27 @@ _HEADERS = (
 )
 
 
-def calibration_text(found: "Calibration") -> str:
-    """Coverage of every case, from the worst to the best parameter, and the verdict in words."""
-    rows = [_row(found, case) for case in found.cases]
+def calibration_text(result: "Calibration") -> str:
+    """Return the coverage of every case, from the worst to the best parameter, and the verdict."""
+    rows = [_row(result, case) for case in result.cases]
     parts = [text_table(rows, _HEADERS, align="lrrrrrrrrl")]
-    parts += [_sampled_row(case) for case in found.cases if case.sampled is not None]
+    parts += [_sampled_row(case) for case in result.cases if case.sampled is not None]
     parts.append(
         "Coverage of nominal 68 % and 95 % intervals, lowest to highest of the parameters; N"
         " samples in all directions, turns of the driving shaft in each. White: the same logs,"
         " every sample counted as independent."
     )
-    for cell in found.failed:
+    for cell in result.failed:
         parts.append(f"{cell.case}: {cell.name}, {cell.what}: p = {cell.probability:.1e}")
-    parts += [f"{case}: its intervals hold although its model is wrong" for case in found.unseen]
-    kinds = {case.scenario.holds for case in found.cases}
+    parts += [f"{case}: its intervals hold although its model is wrong" for case in result.unseen]
+    kinds = {case.scenario.holds for case in result.cases}
     words = {True: "right models hold", False: "wrong ones are seen to fail"}
     verdict = "yes; " + ", ".join(words[kind] for kind in (True, False) if kind in kinds)
-    parts.append(f"calibrated: {verdict if found.is_calibrated else f'NO; {found.sentence}'}")
+    parts.append(f"calibrated: {verdict if result.is_calibrated else f'NO; {result.sentence}'}")
     return "\n\n".join(parts)
 
 
-def _row(found: "Calibration", case: CaseResult) -> list[str]:
+def _row(result: "Calibration", case: CaseResult) -> list[str]:
     s = case.scenario
     return [
         s.case,
@@ -65,7 +65,7 @@ def _row(found: "Calibration", case: CaseResult) -> list[str]:
         _range(case, case.ranks, 0.95),
         _range(case, case.white_samples, 0.95),
         f"{case.orders.min()}–{case.orders.max()}",
-        found.verdict(case),
+        result.verdict(case),
     ]
 
 
@@ -75,7 +75,7 @@ def _range(case: CaseResult, ranks: Ranks, level: float) -> str:
 
 
 def _sampled_row(case: CaseResult) -> str:
-    assert case.sampled is not None  # held by the caller
+    assert case.sampled is not None  # checked by the caller
     ranks = case.sampled.ranks
     return (
         f"{case.scenario.case}: {len(ranks)} rigs sampled, 68 % {_range(case, ranks, 0.68)} %,"
@@ -89,22 +89,17 @@ Progress = Callable[[str, int], None]
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """Coverages of all cases.
-
-    **Arguments**
-    - `cases`: in the order asked for.
-    - `seed`: of the rigs.
-    """
+    """Coverages of all cases, in the order of the scenarios; `seed` is that of the rigs."""
 
     cases: tuple[CaseResult, ...]
     seed: int
 
     @cached_property
     def failed(self) -> tuple[Cell, ...]:
-        """Cells of right scenarios that are outside of what is allowed.
+        """Cells of right scenarios that are outside the tolerance.
 
         Coverages, sampled coverages and rank histograms of amplitudes are three families, each with
-        its own 1 %.
+        a family-wise error of 1 %.
         """
         right = [case for case in self.cases if case.scenario.holds]
         families = (CaseResult.cells, CaseResult.sampled_cells, CaseResult.amplitude_cells)
@@ -120,12 +115,12 @@ class Calibration:
 
     @property
     def is_calibrated(self) -> bool:
-        """Right scenarios hold, wrong ones are seen to fail."""
+        """Whether the right scenarios hold and the wrong ones fail."""
         return not (self.failed or self.unseen)
 
     @property
     def sentence(self) -> str:
-        """What is wrong with the calibration, "" where nothing is."""
+        """Sentence on what is wrong with the calibration, "" if nothing is."""
         wrong = []
         if self.failed:
             cases = ", ".join(dict.fromkeys(cell.case for cell in self.failed))
@@ -135,13 +130,13 @@ class Calibration:
         return f"{'; '.join(wrong)}." if wrong else ""
 
     def verdict(self, case: CaseResult) -> str:
-        """One word or two on a case."""
+        """Return the verdict on a case."""
         if not case.scenario.holds:
             return "NOT SEEN" if case.scenario.case in self.unseen else "seen to fail"
         return "FAILS" if any(c.case == case.scenario.case for c in self.failed) else "holds"
 
     def to_json(self) -> dict:
-        """`vttig.calibrate/1`."""
+        """Return the object of schema `vttig.calibrate/1`."""
         return {
             "schema": "vttig.calibrate/1",
             "calibrated": self.is_calibrated,
@@ -167,13 +162,13 @@ def calibrate(
     posterior: int = 0,
     progress: Progress = lambda case, rigs: None,
 ) -> Calibration:
-    """Coverage of the intervals of `vttig_jax.fit` in every scenario.
+    """Return the coverage of the intervals of `vttig_jax.fit` in every scenario.
 
     **Arguments**
-    - `scenarios`: those of `SCENARIOS`, at the length wanted (`Scenario.of_length`).
-    - `rigs`: drawn and fitted in each.
-    - `seed`: of the rigs.
-    - `posterior`: how many of them are sampled too.
+    - `scenarios`: values of `SCENARIOS`, at the wanted length (`Scenario.of_length`).
+    - `rigs`: number of rigs that are drawn and fitted in each scenario.
+    - `seed`: seed of the rigs.
+    - `posterior`: number of these rigs that are sampled too.
     - `progress`: called with the case and the number of rigs that were drawn, fitted or sampled.
 
     **Raises** `ValueError` for wrong arguments and without 64-bit floats.
@@ -184,8 +179,8 @@ def calibrate(
     >>> from vttig_jax.posterior import calibrate
     >>> from vttig_jax.posterior import SCENARIOS
     >>> vttig_jax.enable_x64()
-    >>> found = calibrate([SCENARIOS["encoders_left_out"].of_length("short")], rigs=50)
-    >>> found.is_calibrated, found.verdict(found.cases[0])
+    >>> result = calibrate([SCENARIOS["encoders_left_out"].of_length("short")], rigs=50)
+    >>> result.is_calibrated, result.verdict(result.cases[0])
     (True, 'seen to fail')
 
     ```
@@ -195,14 +190,14 @@ def calibrate(
         raise ValueError(f"Argument `rigs` must be at least 1, but is {rigs!r}.")
     if not 0 <= posterior <= rigs:
         raise ValueError(f"Argument `posterior` must be 0 … {rigs} (rigs), but is {posterior!r}.")
-    cases = [run_case(Program(one), rigs, seed, posterior, progress) for one in scenarios]
+    cases = [run_case(Program(scenario), rigs, seed, posterior, progress) for scenario in scenarios]
     return Calibration(tuple(cases), seed)
 
 
 def run_case(
     program: Program, rigs: int, seed: int, posterior: int, progress: Progress
 ) -> CaseResult:
-    """Draw, fit and, for some, sample the rigs of one case."""
+    """Draw and fit the rigs of one case, and sample some of them."""
     start, scenario = time.perf_counter(), program.scenario
     batches: list[Batch] = []
     for step in program.batches(rigs, seed):
@@ -211,14 +206,14 @@ def run_case(
         else:
             batches.append(step)
     names = program.relation.names
-    places = list(judged(names))
+    judged = list(judged_parameters(names))
     truth, orders = _joined([b.truth for b in batches]), _joined([b.fitted.order for b in batches])
     modelled = _estimates([b.fitted.modelled for b in batches])
     ranks = {
-        "ranks": _ranks(truth, modelled)[:, places],
-        "white_rows": _ranks(truth, _estimates([b.fitted.white_rows for b in batches]))[:, places],
+        "ranks": _ranks(truth, modelled)[:, judged],
+        "white_rows": _ranks(truth, _estimates([b.fitted.white_rows for b in batches]))[:, judged],
         "white_samples": _ranks(truth, _estimates([b.fitted.white_samples for b in batches]))[
-            :, places
+            :, judged
         ],
     }
     amplitudes = amplitude_ranks(
@@ -233,13 +228,13 @@ def run_case(
         sampled = sampled_coverage(program, batches, posterior, seed, progress)
     return CaseResult(
         scenario=scenario,
-        names=tuple(names[k] for k in places),
+        names=tuple(names[k] for k in judged),
         rows=program.rows * len(scenario.flanks),
         row_s=program.size / scenario.rate_hz,
         **ranks,
         amplitudes=amplitudes,
         orders=orders,
-        std=np.sqrt(np.diagonal(modelled.covariance, axis1=1, axis2=2)).mean(axis=0)[places],
+        std=np.sqrt(np.diagonal(modelled.covariance, axis1=1, axis2=2)).mean(axis=0)[judged],
         seconds=time.perf_counter() - start,
         sampled=sampled,
     )
@@ -259,7 +254,7 @@ def _ranks(truth: np.ndarray, estimate: BatchEstimate) -> np.ndarray:
 
 
 def _discs(scenario: Scenario, names: tuple[str, ...]) -> list[CoverageDisc]:
-    """Vectors of a rig that are drawn flat in a disc, and fitted."""
+    """Return the vectors of a rig that are drawn flat in a disc and fitted."""
     radii = {"driving": LARGEST_ECCENTRICITY_MM, "driven": LARGEST_ECCENTRICITY_MM}
     if scenario.encoders == "disc" and scenario.encoder_terms:
         radii |= {f"{shaft}_encoder": scenario.encoder_arcsec * ARCSEC for shaft in list(radii)}

@@ -1,4 +1,4 @@
-"""What came of one scenario at one length."""
+"""Result of one scenario at one length."""
 
 from dataclasses import dataclass, field
 
@@ -11,9 +11,9 @@ from .coverage import (
     SAMPLED_BANDS,
     Cell,
     coverage,
+    coverage_p_value,
     histogram,
-    outside,
-    uneven,
+    histogram_p_value,
     uniformity,
 )
 from .scenarios import Scenario
@@ -23,11 +23,11 @@ Ranks = Float[np.ndarray, "rigs p"]
 
 @dataclass(frozen=True)
 class Sampled:
-    """Ranks of the truths of a subset among draws of the sampler.
+    """Ranks of the true values of some rigs among draws of the sampler.
 
     **Arguments**
-    - `ranks`: of the judged parameters.
-    - `steps`, `burn_in`, `walkers`: of every rig's ensemble.
+    - `ranks`: ranks of the judged parameters.
+    - `steps`, `burn_in`, `walkers`: size of every rig's ensemble.
     - `tau`: longest integrated autocorrelation time of every rig, steps.
     """
 
@@ -40,17 +40,17 @@ class Sampled:
 
 @dataclass(frozen=True, eq=False)
 class CaseResult:
-    """Ranks of the truths of all rigs of one scenario.
+    """Ranks of the true values of all rigs of one scenario.
 
     **Arguments**
-    - `names`: of the judged parameters.
-    - `rows`, `row_s`: rows of all flanks, and the duration of one.
-    - `ranks`: of every truth in its Laplace approximation; `white_rows`, `white_samples`: the same
-      where the noise of the rows, or of single samples, is taken for white.
+    - `names`: names of the judged parameters.
+    - `rows`, `row_s`: rows of all flanks, and the duration of one, s.
+    - `ranks`: rank of every true value in its Laplace approximation; `white_rows`, `white_samples`:
+      the same if the noise of the rows, or of single samples, is taken as white.
     - `amplitudes`: name → ranks of true amplitudes.
-    - `orders`: of the autoregression, rig by rig.
+    - `orders`: order of the autoregression of every rig.
     - `std`: mean standard errors, mm and rad.
-    - `seconds`: run time.
+    - `seconds`: run time, s.
     """
 
     scenario: Scenario
@@ -68,28 +68,28 @@ class CaseResult:
 
     @property
     def samples(self) -> int:
-        """Of all flanks."""
+        """Samples of all flanks."""
         return self.scenario.samples * len(self.scenario.flanks)
 
     def range_of(self, ranks: Ranks, level: float) -> tuple[float, float]:
-        """Lowest and highest coverage among the parameters."""
+        """Return the lowest and the highest coverage among the parameters."""
         shares = [coverage(column, level).share for column in ranks.T]
         return min(shares), max(shares)
 
     def cells(self) -> list[Cell]:
-        """Coverages of the Laplace route, as tested numbers."""
+        """Return the coverages of the Laplace route, as tested numbers."""
         return self._cells(self.ranks, BANDS, "Laplace")
 
     def sampled_cells(self) -> list[Cell]:
-        """Coverages of the sampled subset."""
+        """Return the coverages of the sampled subset."""
         if self.sampled is None:
             return []
         return self._cells(self.sampled.ranks, SAMPLED_BANDS, "sampled")
 
     def amplitude_cells(self) -> list[Cell]:
-        """Rank histograms of amplitudes, tested with the tolerance of the coverages."""
+        """Return the rank histograms of amplitudes, tested with the tolerance of the coverages."""
         return [
-            Cell(self.scenario.case, name, "rank histogram", uneven(ranks))
+            Cell(self.scenario.case, name, "rank histogram", histogram_p_value(ranks))
             for name, ranks in self.amplitudes.items()
         ]
 
@@ -99,14 +99,14 @@ class CaseResult:
                 self.scenario.case,
                 name,
                 f"{route}, {100 * level:g} %",
-                outside(coverage(column, level), band),
+                coverage_p_value(coverage(column, level), band),
             )
             for name, column in zip(self.names, ranks.T, strict=True)
             for level, band in bands.items()
         ]
 
     def to_json(self) -> dict:
-        """Fields of a case in `vttig.calibrate/1`."""
+        """Return the fields of a case in `vttig.calibrate/1`."""
         s = self.scenario
         record = {
             "scenario": s.name,

@@ -1,6 +1,6 @@
 """Lag products of readings inside a compiled program, and their whitening.
 
-All functions are for one log; `jax.vmap` makes them functions of many.
+All functions handle one log; `jax.vmap` makes them functions of many.
 """
 
 from typing import NamedTuple
@@ -17,12 +17,12 @@ from .rigs import Readings
 
 
 class Compressed(NamedTuple):
-    """Rows of one log, as `identify.summary.FlankSummary` keeps them, flank by flank.
+    """Rows of one log, flank by flank, in the form of `FlankSummary`.
 
     **Arguments**
     - `lag_products`: Γ_0 … Γ_16.
     - `ends`: the 16 rows next to both ends of the run, the outermost first.
-    - `scatter`: squares of the noise of the samples about the means of their rows.
+    - `scatter`: sum of squares of the sample noise about the row means.
     """
 
     lag_products: Float[Array, "flanks lags q q"]
@@ -31,18 +31,18 @@ class Compressed(NamedTuple):
 
 
 def compress(readings: Readings, columns: ColumnLayout, size: int, ratio: float) -> Compressed:
-    """Row means of all columns, then their lag products; `size` samples make a row."""
+    """Compute the row means of all columns and their lag products; a row is `size` samples."""
     error = readings.driven - ratio * readings.driving
 
-    def one(flank):
+    def of_flank(flank):
         driving, driven, y, clean = flank
         rows = _rows(columns, size, driving, driven, y)
         ends = jnp.stack([rows[:HIGHEST_LAG], rows[::-1][:HIGHEST_LAG]])
         return _lag_products(rows), ends, _scatter(y - clean, size)
 
-    # One flank after the other: it compiles once, and its rows stay in cache.
+    # One flank at a time, so that the code compiles once and the rows stay in cache.
     flanks = (readings.driving, readings.driven, error, readings.clean)
-    return Compressed(*jax.lax.map(one, flanks))
+    return Compressed(*jax.lax.map(of_flank, flanks))
 
 
 def _rows(
@@ -52,7 +52,7 @@ def _rows(
     driven: Float[Array, " n"],
     error: Float[Array, " n"],
 ) -> Float[Array, "blocks q"]:
-    """Row means in the layout [free | offset | tied | y]; a last incomplete row is dropped."""
+    """Return row means in the layout [free | offset | tied | y], without an incomplete last row."""
     blocks = error.shape[0] // size
     tables = [part[: blocks * size].reshape(blocks, size).T for part in (driving, driven)]
     orders = np.asarray(columns.free + columns.tied, np.float64).reshape(-1, 2)
@@ -63,20 +63,20 @@ def _rows(
 
 
 def _lag_products(rows: Float[Array, "n q"]) -> Float[Array, "lags q q"]:
-    """Σ_t z_t z_{t−l}ᵀ for l = 0 … 16."""
+    """Return Σ_t z_t z_{t−l}ᵀ for l = 0 … 16."""
     count = rows.shape[0]
     return jnp.stack([rows[lag:].T @ rows[: count - lag] for lag in range(HIGHEST_LAG + 1)])
 
 
 def _scatter(noise: Float[Array, " n"], size: int) -> Float[Array, ""]:
-    """Squares about the means of every row."""
+    """Return the sum of squares about the mean of every row."""
     blocks = noise.shape[0] // size
     table = noise[: blocks * size].reshape(blocks, size)
     return jnp.sum((table - table.mean(axis=1, keepdims=True)) ** 2)
 
 
 RIDGE = 1e-13
-"""As in `identify.normal_equations`, relative to every column's own square."""
+"""Ridge relative to the square of every column, as in `identify.compress.flank_summary`."""
 
 TAPS = HIGHEST_LAG + 1
 
@@ -87,11 +87,11 @@ _PLACE = np.arange(TAPS)
 REVERSED = (
     (_PLACE[None, :, None] + _PLACE[None, None, :]) == np.arange(1, TAPS)[:, None, None]
 ).astype(float)
-"""For every order k: the matrix that turns (f_0 … f_{k−1}, 0 …) into (0, f_{k−1} … f_0, 0 …)."""
+"""Matrix of every order k that turns (f_0 … f_{k−1}, 0 …) into (0, f_{k−1} … f_0, 0 …)."""
 
 
 def filter_of(partial: Partial) -> Filter:
-    """Whitening filter by Levinson's recursion; partial autocorrelations 0 behind the order."""
+    """Return the whitening filter by Levinson's recursion, for π_k = 0 beyond the order."""
 
     def longer(filter_, step):
         reverse, value = step
@@ -106,7 +106,7 @@ def whitened(
     ends: Float[Array, "flanks 2 lag q"],
     filter_: Filter,
 ) -> Float[Array, "flanks q q"]:
-    """Zᵀ Σ⁻¹ Z of every flank: what `FlankSummary.whitened` does."""
+    """Return Zᵀ Σ⁻¹ Z of every flank, as `FlankSummary.whitened` does."""
     products = jnp.stack([filter_[: TAPS - lag] @ filter_[lag:] for lag in range(TAPS)])
     total = jnp.tensordot(products, lag_products, ((0,), (1,)))
     total = total + jnp.swapaxes(total, 1, 2) - products[0] * lag_products[:, 0]
@@ -117,7 +117,7 @@ def whitened(
 
 
 def upper_factor(gram: Float[Array, "flanks q q"]) -> Float[Array, "flanks q q"]:
-    """Upper Cholesky factor of every flank's normal matrix, factored with its columns at one."""
+    """Return the upper Cholesky factor of every flank's normal matrix, with scaled columns."""
     size = jnp.sqrt(jnp.maximum(jnp.diagonal(gram, axis1=1, axis2=2), 0.0))
     size = jnp.where(size == 0, 1.0, size)
     scaled = gram / (size[:, :, None] * size[:, None, :])
@@ -126,5 +126,5 @@ def upper_factor(gram: Float[Array, "flanks q q"]) -> Float[Array, "flanks q q"]
 
 
 def log_initial_determinant(partial: Partial) -> Float[Array, ""]:
-    """−Σ_k k log(1 − π_k²)."""
+    """Return −Σ_k k log(1 − π_k²)."""
     return -jnp.sum(jnp.arange(1, TAPS) * jnp.log1p(-(partial**2)))

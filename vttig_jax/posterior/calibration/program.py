@@ -1,4 +1,4 @@
-"""The compiled programs of a scenario: draw and compress a few rigs, fit many."""
+"""Compiled programs of a scenario: draw and compress a few rigs, fit many."""
 
 import zlib
 from collections.abc import Iterator
@@ -17,14 +17,14 @@ from ...identify.model.column_layout import ColumnLayout
 from ...identify.model.forward_model import PairRelation
 from .batched_fit import Fitted, fit_compressed
 from .compressed import Compressed, compress
-from .rigs import Readings, Rig, Sizes, draw_rig, missing_amplitude, read, truth_of
-from .scenarios import Scenario, columns_of, driving_angles, planned, relation_of_scenario, row_size
+from .rigs import Readings, Rig, Sizes, draw_rig, encoder_readings, missing_amplitude, truth_of
+from .scenarios import Scenario, columns_of, driving_angles, relation_of, row_size, terms_of
 
 _SAMPLES_AT_ONCE = 1_500_000
-"""Samples a compiled call draws: about a second, after which Ctrl-C lands."""
+"""Samples that a compiled call draws (chosen): about a second, after which Ctrl-C takes effect."""
 
 _RIGS_AT_ONCE = 128
-"""Rigs a compiled call fits."""
+"""Rigs that a compiled call fits (chosen)."""
 
 
 class Batch(NamedTuple):
@@ -38,38 +38,38 @@ class Batch(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Program:
-    """Everything of a scenario that all its rigs share."""
+    """Quantities of a scenario that all its rigs share."""
 
     scenario: Scenario
 
     @cached_property
     def columns(self) -> ColumnLayout:
-        """Layout of the rows."""
-        return columns_of(planned(self.scenario))
+        """Column layout of the rows."""
+        return columns_of(terms_of(self.scenario))
 
     @cached_property
     def relation(self) -> PairRelation:
-        """From parameters to tied coefficients."""
-        return relation_of_scenario(self.scenario)
+        """Forward model, from parameters to tied coefficients."""
+        return relation_of(self.scenario)
 
     @cached_property
     def size(self) -> int:
-        """Samples a row."""
+        """Samples per row."""
         return row_size(self.scenario)
 
     @property
     def rows(self) -> int:
-        """Rows a flank."""
+        """Rows per flank."""
         return self.scenario.samples // self.size
 
     @cached_property
     def motion(self) -> Float[np.ndarray, "flanks n"]:
-        """True driving angles."""
+        """True driving angles, rad."""
         return driving_angles(self.scenario)
 
     @cached_property
     def sizes(self) -> Sizes:
-        """Noise, encoder errors and the missing order."""
+        """Sizes of noise, encoder errors and the omitted order."""
         s = self.scenario
         memory = s.rate_hz * s.correlation_s
         correlation = np.exp(-1 / memory) if memory > 0 else 0.0
@@ -77,18 +77,18 @@ class Program:
         return Sizes(*(jnp.asarray(float(x)) for x in (*numbers, missing_amplitude(s))))
 
     def keys(self, seed: int, rigs: Int[np.ndarray, " n"]) -> Key[Array, " n"]:
-        """Keys of rigs by their numbers; others in every case, so that cases are independent."""
+        """Return keys of rigs by number; they differ between cases, which are thus independent."""
         case = zlib.crc32(self.scenario.case.encode())
         base = jax.random.fold_in(jax.random.key(seed), np.uint32(case))
         return jax.vmap(partial(jax.random.fold_in, base))(jnp.asarray(rigs))
 
     def simulated(self, key: PRNGKeyArray) -> tuple[Rig, Readings]:
-        """One rig and its readings."""
+        """Return one rig and its readings."""
         return _compiled_simulation(key, self.scenario, self.sizes, jnp.asarray(self.motion))
 
     def batches(self, rigs: int, seed: int) -> Iterator[Batch | int]:
-        """Fit `rigs` rigs: yields the number of rigs each time some are drawn, then their batch."""
-        # A power of two divides the batch, whose shape every case then shares.
+        """Fit `rigs` rigs; yield the number of rigs after each draw, then the batch of them."""
+        # A power of two divides the batch, so that all cases share one batch shape.
         most = min(_RIGS_AT_ONCE, max(1, _SAMPLES_AT_ONCE // self.motion.size))
         per_call, per_batch = 1 << (most.bit_length() - 1), _RIGS_AT_ONCE
         fit = _fitting(self)
@@ -96,38 +96,38 @@ class Program:
             parts = []
             for low in range(start, min(start + per_batch, rigs), per_call):
                 keys = self.keys(seed, np.arange(low, low + per_call))
-                parts.append(jax.block_until_ready(_drawn(self, keys)))
+                parts.append(jax.block_until_ready(_draw_batch(self, keys)))
                 yield min(low + per_call, rigs) - low
-            yield _batch(parts, fit, per_batch, min(per_batch, rigs - start))
+            yield _fit_batch(parts, fit, per_batch, min(per_batch, rigs - start))
 
 
-def _batch(parts: list, fit, per_batch: int, wanted: int) -> Batch:
-    """Fit what was drawn, padded to the one shape that is compiled."""
-    joined = jax.tree.map(lambda *piece: np.concatenate([np.asarray(p) for p in piece]), *parts)
-    have = len(joined[1])
+def _fit_batch(parts: list, fit, per_batch: int, wanted: int) -> Batch:
+    """Fit the drawn rigs, padded to the one shape that is compiled."""
+    joined = jax.tree.map(lambda *array: np.concatenate([np.asarray(p) for p in array]), *parts)
+    count = len(joined[1])
     padded = jax.tree.map(
-        lambda piece: np.concatenate([piece, np.repeat(piece[-1:], per_batch - have, axis=0)]),
+        lambda array: np.concatenate([array, np.repeat(array[-1:], per_batch - count, axis=0)]),
         joined,
     )
     fitted = jax.tree.map(np.asarray, fit(padded[2]))
-    return Batch(*jax.tree.map(lambda piece: piece[:wanted], (*joined, fitted)))
+    return Batch(*jax.tree.map(lambda array: array[:wanted], (*joined, fitted)))
 
 
 def _simulated(
     key: PRNGKeyArray, scenario: Scenario, sizes: Sizes, motion: Float[Array, "flanks n"]
 ) -> tuple[Rig, Readings]:
-    own, noise = jax.random.split(key)
-    rig = draw_rig(own, scenario, sizes)
-    return rig, read(rig, noise, scenario, sizes, motion)
+    rig_key, noise_key = jax.random.split(key)
+    rig = draw_rig(rig_key, scenario, sizes)
+    return rig, encoder_readings(rig, noise_key, scenario, sizes, motion)
 
 
 _compiled_simulation = jax.jit(_simulated, static_argnums=1)
 
 
-def _drawn(
+def _draw_batch(
     program: Program, keys: Key[Array, " n"]
 ) -> tuple[Rig, Float[Array, "rigs p"], Compressed]:
-    # What `Sizes` holds or nobody computes with is left out of what the compilation depends on.
+    # Fields that are in `Sizes` or not used in the computation must not cause a compilation.
     shape = replace(
         program.scenario,
         name="",
@@ -146,11 +146,11 @@ def _drawn(
 def _compiled_draw(keys, motion, sizes, scenario, columns, size, names):
     ratio = float(scenario.pair.ratio)
 
-    def one(key):
+    def draw(key):
         rig, readings = _simulated(key, scenario, sizes, motion)
         return rig, truth_of(rig, names), compress(readings, columns, size, ratio)
 
-    return jax.lax.map(one, keys)
+    return jax.lax.map(draw, keys)
 
 
 @eqx.filter_jit

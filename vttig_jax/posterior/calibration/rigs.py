@@ -1,4 +1,4 @@
-"""Rigs drawn from the prior of a scenario, their stationary noise, and what their encoders read."""
+"""Rigs drawn from the prior of a scenario, their stationary noise, and their encoder readings."""
 
 from typing import NamedTuple
 
@@ -12,16 +12,16 @@ from ...base.units import DEG, REV
 from ...kinematics.exact import ExactModel
 from ...kinematics.harmonic import CombinedModel, OrderModel, Term
 from ..planning.noise import PlannedNoise
-from .scenarios import Scenario, columns_of, driving_angles, planned, row_size
+from .scenarios import Scenario, columns_of, driving_angles, row_size, terms_of
 
 
 def ar_noise(
     key: PRNGKeyArray, count: int, correlation: Float[Array, ""]
 ) -> Float[Array, " count"]:
-    """x_t = ρ x_{t−1} + √(1 − ρ²) w_t of unit variance, from its stationary start.
+    """Return x_t = ρ x_{t−1} + √(1 − ρ²) w_t of unit variance, from its stationary start.
 
-    The recursion is linear: within pieces of m ≈ √n samples it is one product with the triangle
-    of the powers of ρ, and the ends of the pieces follow from each other the same way with ρᵐ.
+    The recursion is linear: within blocks of m ≈ √n samples it is one product with the triangle of
+    the powers of ρ, and the ends of the blocks follow from each other in the same way with ρᵐ.
     """
     size = int(np.ceil(np.sqrt(count)))
     shocks = jax.random.normal(key, (size, size))
@@ -34,24 +34,24 @@ def ar_noise(
 
 
 def _powers(base: Float[Array, ""], size: int) -> Float[Array, "size size"]:
-    """Lower triangle of base^(row − column)."""
+    """Return the lower triangle of base^(row − column)."""
     distance = np.subtract.outer(np.arange(size), np.arange(size))
     return jnp.where(distance >= 0, base ** np.maximum(distance, 0.0), 0.0)
 
 
-LARGEST_ECCENTRICITY_MM = 0.03
+LARGEST_ECCENTRICITY_MM = 0.03  # of both gears (chosen)
 BACKLASH_DEG = (0.065, 0.12)
-"""Constant backlash: with eccentricities of 0.03 mm and the orders of a rig the gap stays open."""
+"""Range of the constant backlash, ° (chosen): the gap stays open with the errors of a rig."""
 
 MISSING: Term = (0, 2)
-"""The order that `missing` adds: 1.125 cycles a driving turn, close to the first driving order."""
+"""Order that `missing` adds: 1.125 cycles per driving turn, close to the first driving order."""
 
 _ITERATIONS = 3
-"""Each gains three digits on the constant backlash, 1e-3 rad."""
+"""Iterations (chosen); each gains three digits on the constant backlash, 1e-3 rad."""
 
 
 class Rig(NamedTuple):
-    """The truth of one rig: mm and rad; x + jy = amplitude · exp(j phase)."""
+    """True values of one rig, mm and rad; x + jy = amplitude · exp(j phase)."""
 
     driving: Complex[Array, ""]
     driven: Complex[Array, ""]
@@ -63,12 +63,12 @@ class Rig(NamedTuple):
 
 
 class Sizes(NamedTuple):
-    """Numbers of a scenario that need no compilation of their own.
+    """Numbers of a scenario that need no new compilation.
 
     **Arguments**
-    - `noise_rad`, `correlation`: of a sample, and between neighbouring samples.
+    - `noise_rad`, `correlation`: noise of a sample, and correlation of neighbouring samples.
     - `encoder_rad`: size of the encoder errors.
-    - `missing_rad`: amplitude of the order that is left out of the fit.
+    - `missing_rad`: amplitude of the order that the fit omits.
     """
 
     noise_rad: Float[Array, ""]
@@ -78,7 +78,7 @@ class Sizes(NamedTuple):
 
 
 class Readings(NamedTuple):
-    """What the encoders show, and the transmission error without noise and counts; rad."""
+    """Encoder readings, and the transmission error without noise and counts; rad."""
 
     driving: Float[Array, "flanks n"]
     driven: Float[Array, "flanks n"]
@@ -86,16 +86,16 @@ class Readings(NamedTuple):
 
 
 def order_terms(scenario: Scenario) -> tuple[Term, ...]:
-    """Orders a rig has beside the first: pitch, mesh, and the one that the fit leaves out."""
-    free = tuple(h.term for h in planned(scenario).free)
+    """Return the orders of a rig besides the first: pitch, mesh, and the one that the fit omits."""
+    free = tuple(h.term for h in terms_of(scenario).free)
     return (*free, *((MISSING,) if scenario.missing else ()))
 
 
 def draw_rig(key: PRNGKeyArray, scenario: Scenario, sizes: Sizes) -> Rig:
-    """One rig: offsets flat in a disc, constant backlash flat, phases uniform.
+    """Draw one rig: offsets flat in a disc, constant backlash flat, phases uniform.
 
-    Pitch orders have Rayleigh amplitudes that together have the rms of the scenario, flank by
-    flank, as those of `rig.imperfections.random_orders`.
+    The pitch orders of a flank have Rayleigh amplitudes that together have the rms of the scenario,
+    like those of `rig.imperfections.random_orders`.
     """
     keys = jax.random.split(key, 6)
     driving, driven = (LARGEST_ECCENTRICITY_MM * _in_disc(k) for k in jax.random.split(keys[0]))
@@ -103,7 +103,7 @@ def draw_rig(key: PRNGKeyArray, scenario: Scenario, sizes: Sizes) -> Rig:
     first, second = (sizes.encoder_rad * draw(k) for k in jax.random.split(keys[1]))
     low, high = BACKLASH_DEG
     gap = DEG * jax.random.uniform(keys[2], (), float, low, high)
-    kinds = np.array([_kind(term, scenario) for term in order_terms(scenario)])
+    kinds = np.array([_order_kind(term, scenario) for term in order_terms(scenario)])
     shape = (2, len(kinds))
     rayleigh = jnp.sqrt(-2 * jnp.log(jax.random.uniform(keys[3], shape, float, 1e-300)))
     pitch = jnp.where(kinds == "pitch", rayleigh, 0.0)
@@ -115,30 +115,31 @@ def draw_rig(key: PRNGKeyArray, scenario: Scenario, sizes: Sizes) -> Rig:
     return Rig(driving, driven, first, second, gap, amplitude * sine, amplitude * cosine)
 
 
-def read(
+def encoder_readings(
     rig: Rig,
     key: PRNGKeyArray,
     scenario: Scenario,
     sizes: Sizes,
     driving: Float[Array, "flanks n"],
 ) -> Readings:
-    """What the encoders of a rig read while its driving shaft stands at the true angles `driving`.
+    """Return what the encoders of a rig read at the true driving angles `driving`.
 
-    The driven shaft follows through the exact relation; the noise is on the driven reading.
+    The driven shaft follows the exact relation; the noise is on the driven reading.
     """
     ratio = float(scenario.pair.ratio)
-    driven = ratio * driving + _errors(rig, scenario, driving)
+    driven = ratio * driving + _transmission_errors(rig, scenario, driving)
     key, counters = jax.random.split(key)
     noise = [
-        ar_noise(own, driving.shape[1], sizes.correlation)
-        for own in jax.random.split(key, len(driving))
+        ar_noise(noise_key, driving.shape[1], sizes.correlation)
+        for noise_key in jax.random.split(key, len(driving))
     ]
-    shown, clean = _shown(rig.driving_encoder, driving), _shown(rig.driven_encoder, driven)
+    shown = _reading(rig.driving_encoder, driving)
+    clean = _reading(rig.driven_encoder, driven)
     noisy = clean + sizes.noise_rad * jnp.stack(noise)
     clean = clean - ratio * shown
     if scenario.counts_per_rev is not None:
         step = REV / scenario.counts_per_rev
-        # Where within a count a counter was set to zero is chance.
+        # The zero of a counter lies at a random place within a count.
         first, second = jax.random.uniform(counters, (2,))
         shown, noisy = (
             step * jnp.floor(part / step + at) for part, at in ((shown, first), (noisy, second))
@@ -146,35 +147,35 @@ def read(
     return Readings(shown, noisy, clean)
 
 
-def _errors(
+def _transmission_errors(
     rig: Rig, scenario: Scenario, driving: Float[Array, "flanks n"]
 ) -> Float[Array, "flanks n"]:
-    """True transmission error of every flank: TE = f(φ₁, i φ₁ + TE) by iteration."""
-    model, ratio = _contact(rig, scenario), float(scenario.pair.ratio)
+    """Return the true transmission error of every flank, TE = f(φ₁, i φ₁ + TE), by iteration."""
+    model, ratio = _contact_model(rig, scenario), float(scenario.pair.ratio)
 
-    def nearer(_, error):
+    def improved(_, error):
         return jnp.stack(
             [
-                model.at_both_angles(angle, ratio * angle + own, flank)
-                for angle, own, flank in zip(driving, error, scenario.flanks, strict=True)
+                model.at_both_angles(angle, ratio * angle + flank_error, flank)
+                for angle, flank_error, flank in zip(driving, error, scenario.flanks, strict=True)
             ]
         )
 
     start = [rig.constant_backlash if flank == "B" else 0.0 for flank in scenario.flanks]
     start = jnp.stack([jnp.full(driving.shape[1], value) for value in start])
-    return jax.lax.fori_loop(0, _ITERATIONS, nearer, start)
+    return jax.lax.fori_loop(0, _ITERATIONS, improved, start)
 
 
 def truth_of(rig: Rig, names: tuple[str, ...]) -> Float[Array, " p"]:
-    """True values of the parameters of a relation by name; 0 for offsets, which nobody asks for."""
-    known = {"constant_backlash": rig.constant_backlash}
+    """Return the true parameters of a forward model by name; 0 for offsets."""
+    values = {"constant_backlash": rig.constant_backlash}
     for source in ("driving", "driven", "driving_encoder", "driven_encoder"):
         value = getattr(rig, source)
-        known |= {f"{source}_x": value.real, f"{source}_y": value.imag}
-    return jnp.stack([known.get(name, jnp.zeros(())) for name in names])
+        values |= {f"{source}_x": value.real, f"{source}_y": value.imag}
+    return jnp.stack([values.get(name, jnp.zeros(())) for name in names])
 
 
-def _contact(rig: Rig, scenario: Scenario) -> CombinedModel:
+def _contact_model(rig: Rig, scenario: Scenario) -> CombinedModel:
     pair = scenario.pair
     ratio = jnp.asarray(float(pair.ratio))
     exact = ExactModel(
@@ -195,14 +196,14 @@ def _contact(rig: Rig, scenario: Scenario) -> CombinedModel:
     return CombinedModel(ratio, exact, orders)
 
 
-def _shown(error: Complex[Array, ""], angle: Float[Array, "*n"]) -> Float[Array, "*n"]:
-    """φ + E sin(φ + ε)."""
+def _reading(error: Complex[Array, ""], angle: Float[Array, "*n"]) -> Float[Array, "*n"]:
+    """Return φ + E sin(φ + ε)."""
     sine, cosine = sincos(angle)
     return angle + error.real * sine + error.imag * cosine
 
 
 def _in_disc(key: PRNGKeyArray) -> Complex[Array, ""]:
-    """A point of the unit disc, all places alike."""
+    """Return a point of the unit disc, uniform in area."""
     radius, turn = jax.random.uniform(key, (2,))
     return jnp.sqrt(radius) * jnp.exp(1j * REV * turn)
 
@@ -211,21 +212,21 @@ def _on_ring(key: PRNGKeyArray) -> Complex[Array, ""]:
     return jnp.exp(1j * REV * jax.random.uniform(key))
 
 
-def _kind(term: Term, scenario: Scenario) -> str:
+def _order_kind(term: Term, scenario: Scenario) -> str:
     if scenario.missing and term == MISSING:
         return "missing"
     return "mesh" if term[0] and term[0] % scenario.pair.driving.teeth == 0 else "pitch"
 
 
 def missing_amplitude(scenario: Scenario) -> float:
-    """Amplitude of the order the fit leaves out, rad: `missing` standard errors of one quadrature.
+    """Return the amplitude, rad, of the omitted order: `missing` standard errors of one quadrature.
 
-    The standard error is the one it would have if it were fitted along, every harmonic with a
-    coefficient of its own on each flank, which is what two eccentricities and two encoders come to.
+    It is the standard error of a fit that includes the order, with separate coefficients of every
+    harmonic on each flank; two eccentricities and two encoders have the same effect.
     """
     if not scenario.missing:
         return 0.0
-    size, columns = row_size(scenario), columns_of(planned(scenario))
+    size, columns = row_size(scenario), columns_of(terms_of(scenario))
     noise = PlannedNoise(scenario.noise_std_deg, scenario.correlation_s)
     blocks = noise.of_blocks(size, scenario.rate_hz)
     driving = driving_angles(scenario)[0]

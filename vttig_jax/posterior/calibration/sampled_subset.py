@@ -15,20 +15,20 @@ from ...identify.compress.harmonic_summary import HarmonicSummary
 from ...identify.model.forward_model import ForwardModel
 from ..density.density import NOISE_STD, Density, FitTarget
 from ..density.likelihood import likelihood_of
-from ..density.prior import Prior, StatedPrior, stated
+from ..density.prior import Prior, StatedPrior, state_prior
 from .case_result import Sampled
 from .compressed import Compressed
 from .program import Batch, Program
-from .scenarios import judged, planned
+from .scenarios import judged_parameters, terms_of
 
 WALKERS, BURN_IN, STEPS = 64, 500, 1500
-"""The ensemble starts from the Laplace approximation, which is nearly the posterior: the burn-in is
-five autocorrelation times (some 70 to 90 steps)."""
+"""Size of an ensemble (chosen). It starts from the Laplace approximation, which is nearly the
+posterior: the burn-in is five autocorrelation times (some 70 to 90 steps)."""
 
 
 @dataclass(frozen=True, eq=False)
 class RigEvidence:
-    """One fitted rig, as the sampler needs it."""
+    """One fitted rig in the form that the sampler needs."""
 
     log: Compressed
     values: Float[np.ndarray, " p"]
@@ -47,54 +47,54 @@ def sampled_coverage(
     steps: int = STEPS,
     burn_in: int = BURN_IN,
 ) -> Sampled:
-    """Sample the posterior of the first `rigs` rigs, one ensemble of 64 walkers each.
+    """Sample the posterior of the first `rigs` rigs, with one ensemble of 64 walkers each.
 
-    All are sampled under noise of one order, the highest that any of them asks for, so that the
-    density compiles once.
+    All are sampled with noise of one order, the highest of any of them, so that the density
+    compiles once.
     """
-    evidence = [_one(batch, k) for batch in batches for k in range(len(batch.truth))][:rigs]
-    order = max(int(np.count_nonzero(one.partial)) for one in evidence)
-    places = judged(program.relation.names)
-    ranks, tau = np.empty((len(evidence), len(places))), np.empty(len(evidence))
-    for number, one in enumerate(evidence):
-        target = rig_target(program, one, order)
+    evidence = [_evidence(batch, k) for batch in batches for k in range(len(batch.truth))][:rigs]
+    order = max(int(np.count_nonzero(rig.partial)) for rig in evidence)
+    indices = judged_parameters(program.relation.names)
+    ranks, tau = np.empty((len(evidence), len(indices))), np.empty(len(evidence))
+    for number, rig in enumerate(evidence):
+        target = rig_target(program, rig, order)
         generator = np.random.default_rng([seed, number])
         draws = _draws(target, generator, burn_in, steps)
         tau[number] = emcee.autocorr.integrated_time(draws, tol=0).max()
-        flat = draws[:, :, : len(places)].reshape(-1, len(places))
-        ranks[number] = np.mean(flat < one.truth[list(places)], axis=0)
+        flat = draws[:, :, : len(indices)].reshape(-1, len(indices))
+        ranks[number] = np.mean(flat < rig.truth[list(indices)], axis=0)
         progress(program.scenario.case, 1)
     return Sampled(ranks, steps, burn_in, WALKERS, tau)
 
 
 def rig_target(program: Program, rig: RigEvidence, order: int) -> FitTarget:
-    """Posterior of one rig: the density of `vttig sample`, from what the vmapped fit found."""
+    """Return the posterior of one rig: the density of `vttig sample`, from the vmapped fit."""
     relation, scenario = program.relation, program.scenario
     summary = _summary(program, rig.log)
-    places = list(judged(relation.names))
-    asked = tuple(relation.names[k] for k in places)
+    indices = list(judged_parameters(relation.names))
+    sampled = tuple(relation.names[k] for k in indices)
     jacobian = np.asarray(_jacobian(relation, jnp.asarray(rig.values)))
-    likelihood = likelihood_of(summary, relation, jacobian, rig.values, asked, order)
-    names = (*asked, NOISE_STD, *(f"partial_{k}" for k in range(1, order + 1)))
-    prior = stated(Prior(), scenario.pair, asked, 0.0)
+    likelihood = likelihood_of(summary, relation, jacobian, rig.values, sampled, order)
+    names = (*sampled, NOISE_STD, *(f"partial_{k}" for k in range(1, order + 1)))
+    prior = state_prior(Prior(), scenario.pair, sampled, 0.0)
     partial = rig.partial[:order]
     rows = float(likelihood.rows) - likelihood.coefficients
     covariance = np.diag(
-        np.concatenate([np.ones(len(asked)), [0.5 / rows], (1 - partial**2) / rows])
+        np.concatenate([np.ones(len(sampled)), [0.5 / rows], (1 - partial**2) / rows])
     )
-    covariance[: len(asked), : len(asked)] = rig.covariance[np.ix_(places, places)]
+    covariance[: len(sampled), : len(sampled)] = rig.covariance[np.ix_(indices, indices)]
     return FitTarget(
         names=names,
         units=("",) * len(names),
         density=_density(likelihood, prior, names),
         prior=prior,
-        centre=np.concatenate([rig.values[places], [np.log(rig.innovation_std)], partial]),
+        centre=np.concatenate([rig.values[indices], [np.log(rig.innovation_std)], partial]),
         covariance=covariance,
         identity={},
     )
 
 
-def _one(batch: Batch, place: int) -> RigEvidence:
+def _evidence(batch: Batch, place: int) -> RigEvidence:
     log, modelled, partial = jax.tree.map(
         lambda part: np.asarray(part[place]),
         (batch.logs, batch.fitted.modelled, batch.fitted.partial),
@@ -117,7 +117,7 @@ def _summary(program: Program, log: Compressed) -> HarmonicSummary:
         for k, flank in enumerate(program.scenario.flanks)
     )
     row_s = program.size / program.scenario.rate_hz
-    return HarmonicSummary(flanks, planned(program.scenario), program.columns, row_s)
+    return HarmonicSummary(flanks, terms_of(program.scenario), program.columns, row_s)
 
 
 def _density(likelihood, prior: StatedPrior, names: Sequence[str]) -> Density:

@@ -1,4 +1,4 @@
-"""The scenarios of a calibration: rigs, noise, motion and model, each as a short and a long run."""
+"""Scenarios of a calibration: rigs, noise, motion and model, each as a short and a long run."""
 
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -20,12 +20,11 @@ Length = Literal["short", "long"]
 DRIVING_TURNS: dict[Length, float] = {"short": 2 * 80 / 45, "long": 21.0}
 """Turns of the driving shaft in each direction.
 
-Two turns of the driving shaft cannot tell its first order from that of the driven one (one beat of
-the two is 2.29 turns of it); the short run is two turns of the *driven* shaft.
-"""
+Two turns of the driving shaft do not separate its first order from that of the driven one (a beat
+takes 2.29 turns); the short run is two turns of the *driven* shaft."""
 
 _FIRST = HarmonicOrders(driving_orders=(1,), driven_orders=(1,), mesh_orders=1)
-"""First orders and the tooth mesh, which asks for rows of 5.5 ms at 60 rpm."""
+"""First orders and the tooth mesh, which needs rows of 5.5 ms at 60 rpm."""
 
 _ALL = HarmonicOrders()
 _SHORT_PITCH = HarmonicOrders(driving_orders=tuple(range(1, 5)), driven_orders=tuple(range(1, 5)))
@@ -36,19 +35,19 @@ class Scenario:
     """One kind of rig, log and fit.
 
     **Arguments**
-    - `name`, `words`: for the table.
-    - `holds`: the model of the fit is right, so that its intervals must hold.
-    - `length`, `turns`: of the run; driving turns in each direction.
-    - `rate_hz`, `speed_rpm`: of sampling, and of the driving shaft.
-    - `noise_std_deg`, `correlation_s`: of a sample of the transmission error.
-    - `counts_per_rev`: of both encoders; None for readings without steps.
+    - `name`, `words`: name and description in the table.
+    - `holds`: True if the model of the fit is right, so that its intervals must hold.
+    - `length`, `turns`: length of the run; driving turns in each direction.
+    - `rate_hz`, `speed_rpm`: sampling rate, and speed of the driving shaft.
+    - `noise_std_deg`, `correlation_s`: noise of a sample of the transmission error.
+    - `counts_per_rev`: counts of both encoders; None for readings without steps.
     - `encoder_arcsec`: size of the encoder errors. `encoders` "disc" draws them flat in the disc of
       that radius, "ring" with that size and any phase.
-    - `options`: orders that are modelled, and that the rig has; `pitch_rms_deg` and `mesh_deg` are
-      their sizes.
+    - `options`: orders that the rig has and the fit models; their sizes are `pitch_rms_deg` and
+      `mesh_deg`.
     - `missing`: amplitude, in standard errors, of a second order of the driven gear that the rig
-      has and the fit leaves out.
-    - `encoder_terms`, `flanks`: of the fit.
+      has and the fit omits.
+    - `encoder_terms`, `flanks`: as in the fit.
     """
 
     name: str
@@ -81,7 +80,7 @@ class Scenario:
 
     @property
     def pair(self) -> GearPair:
-        """The gears, those of the paper's rig."""
+        """Gears of the paper's rig."""
         return paper_pair()
 
     @property
@@ -90,9 +89,9 @@ class Scenario:
         return f"{self.name} ({self.length})"
 
     def of_length(self, length: Length) -> "Scenario":
-        """The same with a short or long run.
+        """Return the scenario with a short or long run.
 
-        A short run cannot tell orders 5 to 8 of one shaft from those of the other.
+        A short run does not separate orders 5 to 8 of one shaft from those of the other.
         """
         options = self.options
         if options == _ALL and length == "short":
@@ -111,7 +110,7 @@ _SCENARIOS = (
         "counts",
         "counting dominates, 43.38 counts a sample",
         rate_hz=1987.0,
-        speed_rpm=57.466,  # 2074.62 samples a turn: whole numbers of them repeat the same errors
+        speed_rpm=57.466,  # 2074.62 samples a turn: a whole number would repeat the same errors
         noise_std_deg=0.0005,
         correlation_s=0.0,
         counts_per_rev=90_000,
@@ -133,16 +132,16 @@ _SCENARIOS = (
     ),
 )
 
-SCENARIOS: dict[str, Scenario] = {one.name: one for one in _SCENARIOS}
+SCENARIOS: dict[str, Scenario] = {scenario.name: scenario for scenario in _SCENARIOS}
 """Scenarios by name, in the order of the table."""
 
 
 JUDGED = ("constant_backlash", "driving_", "driven_")
-"""Beginnings of the names of parameters whose intervals are judged."""
+"""Beginnings of the names of judged parameters."""
 
 
-def planned(scenario: Scenario) -> TermPlan:
-    """The harmonics the fit models."""
+def terms_of(scenario: Scenario) -> TermPlan:
+    """Return the harmonics that the fit models."""
     pair, options = scenario.pair, scenario.options
     return plan_terms(
         pair.ratio,
@@ -154,13 +153,13 @@ def planned(scenario: Scenario) -> TermPlan:
 
 
 def columns_of(terms: TermPlan) -> ColumnLayout:
-    """Layout of the rows of one log without drift."""
+    """Return the layout of the rows of one log without drift."""
     return ColumnLayout(tuple(h.term for h in terms.free), tuple(h.term for h in terms.tied))
 
 
-def relation_of_scenario(scenario: Scenario) -> PairRelation:
-    """From parameters to tied coefficients."""
-    terms = planned(scenario)
+def relation_of(scenario: Scenario) -> PairRelation:
+    """Return the forward model, from parameters to tied coefficients."""
+    terms = terms_of(scenario)
     return pair_relation(
         scenario.pair,
         terms,
@@ -170,26 +169,26 @@ def relation_of_scenario(scenario: Scenario) -> PairRelation:
     )
 
 
-def judged(names: tuple[str, ...]) -> tuple[int, ...]:
-    """Places of the parameters that are judged among all."""
+def judged_parameters(names: tuple[str, ...]) -> tuple[int, ...]:
+    """Return the indices of the judged parameters."""
     return tuple(k for k, name in enumerate(names) if name.startswith(JUDGED))
 
 
-_RIPPLE, _RIPPLE_ORDER = 0.001, 6
+_RIPPLE, _RIPPLE_ORDER = 0.001, 6  # relative ripple of the speed, and its order (chosen)
 
 
 def driving_angles(scenario: Scenario) -> Float[np.ndarray, "flanks n"]:
-    """True driving angle on the way there (flank A) and on the way back (flank B), rad."""
+    """Return the true driving angle forward (flank A) and backward (flank B), rad."""
     time = np.arange(scenario.samples) / scenario.rate_hz
-    there = REV * scenario.speed_rpm / 60.0 * time
-    passes = {"A": there, "B": REV * scenario.turns - there}
+    forward = REV * scenario.speed_rpm / 60.0 * time
+    passes = {"A": forward, "B": REV * scenario.turns - forward}
     angle = np.stack([passes[flank] for flank in scenario.flanks])
     return angle + _RIPPLE / _RIPPLE_ORDER * np.sin(_RIPPLE_ORDER * angle)
 
 
 def row_size(scenario: Scenario) -> int:
-    """Samples a row, as the fit chooses them for this motion."""
-    terms = planned(scenario)
+    """Return the samples per row, as the fit chooses them for this motion."""
+    terms = terms_of(scenario)
     highest = float(max(terms.frequency(term) for term in terms.terms))
     steps = np.abs(np.diff(driving_angles(scenario)[0]))
     return block_size(REV / float(steps.max()), highest)

@@ -1,4 +1,4 @@
-"""The posterior density of a fit: likelihood times prior, over points in a table."""
+"""Posterior density of a fit, likelihood times prior, evaluated at the rows of an array."""
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -16,16 +16,16 @@ from ...identify.fit_result import Fit
 from ...identify.noise.reml import LARGEST
 from ...pair.gear_pair import Drive
 from .likelihood import Likelihood, likelihood_of
-from .prior import Disc, Prior, StatedPrior, stated
+from .prior import Disc, Prior, StatedPrior, state_prior
 
 NOISE_STD = "log_innovation_std"
 _SHAFTS, _AXES = ("driving", "driven"), ("_x", "_y", "_x_difference", "_y_difference")
 
 
 class Density(eqx.Module):
-    """Log-density of (asked parameters, log std of the innovations, partial autocorrelations).
+    """Log-density of (sampled parameters, log std of the innovations, partial autocorrelations).
 
-    `centre` and `width` of the planes and bounds are in internal units: mm, rad, s.
+    `bound`, `plane_bound` and `plane_std` are in internal units: mm, rad, s.
     """
 
     likelihood: Likelihood
@@ -36,30 +36,30 @@ class Density(eqx.Module):
     flat_in_amplitude: tuple[bool, ...] = eqx.field(static=True)
 
     def __call__(self, point: Float[Array, " d"]) -> Float[Array, ""]:
-        """Log-density at one point, −∞ outside the prior."""
-        asked = len(self.likelihood.asked)
+        """Return the log-density at one point, −∞ outside the prior."""
+        count = len(self.likelihood.sampled_indices)
         inside = jnp.all(jnp.abs(point) <= jnp.asarray(self.bound))
         prior = jnp.zeros(())
-        for place, (x, y) in enumerate(self.planes):
+        for k, (x, y) in enumerate(self.planes):
             square = point[x] ** 2 + point[y] ** 2
-            inside &= square <= jnp.asarray(self.plane_bound)[place] ** 2
-            prior -= 0.5 * square / jnp.asarray(self.plane_std)[place] ** 2
-            if self.flat_in_amplitude[place]:
+            inside &= square <= jnp.asarray(self.plane_bound)[k] ** 2
+            prior -= 0.5 * square / jnp.asarray(self.plane_std)[k] ** 2
+            if self.flat_in_amplitude[k]:
                 prior -= 0.5 * jnp.log(square)
-        partial = jnp.clip(point[asked + 1 :], -LARGEST, LARGEST)
-        value = self.likelihood(point[:asked], partial, point[asked]) + prior
+        partial = jnp.clip(point[count + 1 :], -LARGEST, LARGEST)
+        value = self.likelihood(point[:count], partial, point[count]) + prior
         return jnp.where(inside & jnp.isfinite(value), value, -jnp.inf)
 
 
 @dataclass(frozen=True, eq=False)
 class FitTarget:
-    """What a sampler needs of a fit: names, units, log-density and starting points.
+    """Density of a fit as a sampler needs it: names, units, log-density and starting points.
 
     **Arguments**
-    - `names`, `units`: of the coordinates; mm, rad and s, noise parameters last.
-    - `density`, `prior`: what is sampled, and the prior in words.
+    - `names`, `units`: names and units (mm, rad, s) of the coordinates, noise parameters last.
+    - `density`, `prior`: density to sample, and the prior in words.
     - `centre`, `covariance`: of the Laplace approximation, from which walkers start.
-    - `identity`: data, options and prior, that a checkpoint has to agree with.
+    - `identity`: data, options and prior; a checkpoint must agree with them.
     """
 
     names: tuple[str, ...]
@@ -71,46 +71,46 @@ class FitTarget:
     identity: dict[str, Any]
 
     def log_density(self, points: Float[np.ndarray, "walkers d"]) -> Float[np.ndarray, " walkers"]:
-        """Log-density of every point, NumPy float64."""
-        return np.asarray(_over_points(self.density, points))
+        """Return the log-density of every point, NumPy float64."""
+        return np.asarray(_at_points(self.density, points))
 
     def starts(self, count: int, generator: np.random.Generator) -> Float[np.ndarray, "count d"]:
-        """Points drawn from the Laplace approximation."""
+        """Draw points from the Laplace approximation."""
         return generator.multivariate_normal(self.centre, self.covariance, count, method="cholesky")
 
 
 @eqx.filter_jit
-def _over_points(density: Density, points: Float[Numbers, "walkers d"]) -> Float[Array, " walkers"]:
+def _at_points(density: Density, points: Float[Numbers, "walkers d"]) -> Float[Array, " walkers"]:
     return jax.vmap(density)(jnp.asarray(points))
 
 
 def is_physical(name: str) -> bool:
-    """Is this parameter of a relation one that the sampler asks for?"""
+    """Return whether this parameter of a forward model is one that is sampled."""
     if name in ("constant_backlash", "delay"):
         return True
     return name.startswith(_SHAFTS) and name.endswith(_AXES)
 
 
 def fit_target(fit: Fit, prior: Prior = Prior()) -> FitTarget:
-    """The posterior of a fit, ready to be sampled.
+    """Return the posterior of a fit, ready to be sampled.
 
-    Asked for are eccentricities, encoder errors, constant backlash and delay as far as the log
-    determines them, and the noise; offsets, drift, wind-up and free orders are integrated out.
+    The sampled parameters are the noise and, if the log determines them, eccentricities, encoder
+    errors, constant backlash and delay. Offsets, drift, wind-up and free orders are integrated out.
 
-    **Raises** `NoAnswerError` where nothing is determined or there is no noise to speak of,
-    `UsageError` where the prior leaves the fit out.
+    **Raises** `NoAnswerError` if no parameter is determined or there is no noise, `UsageError` if
+    the prior excludes the fit or the fit cannot be sampled.
     """
     evidence = fit.evidence
     if evidence is None:
         raise UsageError(
-            "this fit holds no lag products to sample from; make it again with `vttig fit`"
+            "this fit holds no lag products, which sampling needs; repeat it with `vttig fit`"
             " --overwrite.",
             where=fit.source,
         )
     _require_one_noise(fit)
     names = list(fit.covariance_names)
-    asked = [name for name in names if is_physical(name) and name in evidence.determined]
-    if not asked:
+    sampled = [name for name in names if is_physical(name) and name in evidence.determined]
+    if not sampled:
         raise NoAnswerError("the log determines no parameter; see `vttig fit`.", where=fit.source)
     relation, order = evidence.relation(fit.pair), len(evidence.partial)
     likelihood = likelihood_of(
@@ -118,33 +118,33 @@ def fit_target(fit: Fit, prior: Prior = Prior()) -> FitTarget:
         relation,
         evidence.jacobian,
         fit.values,
-        asked,
+        sampled,
         order,
         evidence.variance_factor,
     )
     rows = float(likelihood.rows) - likelihood.coefficients
     if not fit.noise.innovation_std > 0 or _is_rounding(fit):
         raise NoAnswerError(
-            "the residual is nothing but rounding: without noise there is no posterior; the fit"
+            "the residual is only rounding error: without noise there is no posterior, and the fit"
             " itself is exact.",
             where=fit.source,
         )
-    places = [names.index(name) for name in asked]
+    indices = [names.index(name) for name in sampled]
     partials = tuple(f"partial_{k}" for k in range(1, order + 1))
     centre = np.concatenate(
-        [fit.values[places], [np.log(fit.noise.innovation_std)], evidence.partial]
+        [fit.values[indices], [np.log(fit.noise.innovation_std)], evidence.partial]
     )
     noise = np.append(0.5, 1 - evidence.partial**2) / rows
     covariance = np.zeros((len(centre), len(centre)))
-    covariance[: len(asked), : len(asked)] = fit.covariance[np.ix_(places, places)]
-    covariance[len(asked) :, len(asked) :] = np.diag(noise)
-    all_names = (*asked, NOISE_STD, *partials)
-    known = stated(prior, fit.pair, asked, evidence.delay_s)
+    covariance[: len(sampled), : len(sampled)] = fit.covariance[np.ix_(indices, indices)]
+    covariance[len(sampled) :, len(sampled) :] = np.diag(noise)
+    all_names = (*sampled, NOISE_STD, *partials)
+    known_prior = state_prior(prior, fit.pair, sampled, evidence.delay_s)
     target = FitTarget(
         names=all_names,
-        units=(*(_unit(fit, name) for name in asked), *("1",) * (1 + order)),
-        density=_density(likelihood, known, all_names),
-        prior=known,
+        units=(*(_unit(fit, name) for name in sampled), *("1",) * (1 + order)),
+        density=_density(likelihood, known_prior, all_names),
+        prior=known_prior,
         centre=centre,
         covariance=covariance,
         identity=_identity(fit, prior),
@@ -154,11 +154,11 @@ def fit_target(fit: Fit, prior: Prior = Prior()) -> FitTarget:
 
 
 def _require_one_noise(fit: Fit) -> None:
-    """Refuse noise that differs from speed to speed."""
+    """Raise an error if the noise model differs between speeds."""
     if fit.noise.plateaus:
         raise UsageError(
-            "the sampler knows one noise for the whole rig, but every speed of this fit has its"
-            " own; fit it again without --noise-of plateau, or sample the logs of one speed.",
+            "the sampler needs one noise model for the whole rig, but this fit has one per speed;"
+            " fit it again without --noise-of plateau, or sample the logs of one speed.",
             where=fit.source,
         )
 
@@ -188,13 +188,13 @@ def _unit(fit: Fit, name: str) -> str:
 
 
 def _is_rounding(fit: Fit) -> bool:
-    """True where the noise is what rounding leaves of the transmission error."""
+    """Return whether the noise is only the rounding error of the transmission error."""
     largest = max((np.abs(c.transmission_error).max(initial=0.0) for c in fit.curves), default=0.0)
     return fit.noise.innovation_std <= 1e-10 * float(largest)
 
 
 def _identity(fit: Fit, prior: Prior) -> dict[str, Any]:
-    """What a checkpoint must agree with: data, model and prior."""
+    """Return data, model and prior, with which a checkpoint must agree."""
     assert fit.evidence is not None
     summary = fit.evidence.summary
     return {

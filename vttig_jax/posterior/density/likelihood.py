@@ -1,10 +1,9 @@
-"""The likelihood of parameters and noise, from lag products: it never touches a sample again.
+"""Likelihood of parameters and noise, computed from lag products instead of samples.
 
-The rows of a flank are Z = U F with orthonormal columns U. With f the whitening filter of the
+The rows of a flank are Z = U F, where U has orthonormal columns. With f the whitening filter of the
 noise, Uᵀ Σ⁻¹ U = Σ_{jk} f_j f_k (Γ_{k−j} − end terms) = CᵀC, and R = C F is the triangular factor
-of the whitened rows. The free harmonics are integrated out by the leading part of R, the other
-coefficients nobody asked for (offsets, drift, wind-up) by their own normal matrix K. What is left
-of n rows in r runs is
+of the whitened rows. The leading part of R integrates out the free harmonics; the normal matrix K
+integrates out the nuisance parameters (offsets, drift, wind-up). For n rows in r runs,
 
     −2 log p = (n − coefficients) log σ² + Σ_f log|R_f,freeᵀ R_f,free| + log|K|
                − r Σ_k k log(1 − π_k²) + misfit / σ².
@@ -25,24 +24,24 @@ from ...identify.compress.harmonic_summary import HarmonicSummary
 from ...identify.model.forward_model import ForwardModel
 
 _RIDGE = 1e-13
-"""Relative to the square of every column: what keeps the normal matrix of the nuisance parameters
-factorable where two of them coincide, and Uᵀ Σ⁻¹ U under the most extreme noise that is tried."""
+"""Ridge relative to the square of every column (chosen). It keeps the normal matrix factorable when
+two nuisance parameters coincide, and Uᵀ Σ⁻¹ U under the most extreme noise that is tried."""
 
 
 class Likelihood(eqx.Module):
-    """Log-likelihood of the parameters of a relation under autoregressive noise.
+    """Log-likelihood of the parameters of a forward model under autoregressive noise.
 
     **Arguments**
-    - `relation`: from parameters to tied coefficients.
-    - `products`: Γ_l and end terms of every flank, one product of filter coefficients a row.
-    - `triangles`: F of every flank.
+    - `relation`: forward model, from parameters to tied coefficients.
+    - `products`: Γ_l and end terms of every flank, one per product of filter coefficients.
+    - `triangles`: triangular factor F of every flank.
     - `spread`: (nuisance, flanks, tied): tied coefficients of every nuisance parameter.
-    - `determinants`: of Ornstein–Uhlenbeck noise at the nodes of its correlation time, which are
-      then the products too; empty for an autoregression.
-    - `rows`: rows counted by their weight; `runs`: uninterrupted runs of all flanks.
-    - `asked`: places of the sampled parameters among those of the relation; `fixed`: values of all,
-      for those that are neither sampled nor nuisance.
-    - `variance_factor`: what a robust loss adds to the variance.
+    - `determinants`: log-determinants of Ornstein–Uhlenbeck noise at the nodes of its correlation
+      time, to which `products` then belong too; empty for an autoregression.
+    - `rows`: weighted number of rows; `runs`: number of uninterrupted runs of all flanks.
+    - `sampled_indices`: indices of the sampled parameters; `fixed`: values of those that are
+      neither sampled nor integrated out.
+    - `variance_factor`: factor on the residual variance for a robust loss, 1 for least squares.
     """
 
     relation: ForwardModel
@@ -54,7 +53,7 @@ class Likelihood(eqx.Module):
     rows: Float[Numbers, ""] = eqx.field(converter=float64)
     runs: Float[Numbers, ""] = eqx.field(converter=float64)
     variance_factor: Float[Numbers, ""] = eqx.field(converter=float64)
-    asked: tuple[int, ...] = eqx.field(static=True)
+    sampled_indices: tuple[int, ...] = eqx.field(static=True)
     free: int = eqx.field(static=True)
 
     @property
@@ -63,29 +62,29 @@ class Likelihood(eqx.Module):
         return self.spread.shape[0] + self.products.shape[1] * self.free
 
     def factors(self, partial: Float[Array, " order"]) -> Float[Array, "flanks q q"]:
-        """Cᵀ of every flank, lower triangular, innovations of variance one."""
+        """Return Cᵀ of every flank, lower triangular, for innovations of variance one."""
         if self.determinants.shape[0]:
             weights = node_weights(partial[0])
         else:
-            weights = _products(jnp.asarray(filter_of(partial)))
+            weights = _filter_products(jnp.asarray(filter_of(partial)))
         gram = jnp.tensordot(weights, jnp.asarray(self.products), 1)
         return jax.lax.linalg.cholesky(gram, symmetrize_input=False)
 
     def diagonal(self, factors: Float[Array, "flanks q q"]) -> Float[Array, "flanks q"]:
-        """Diagonal of R of every flank: what each column leaves of the next, y as the last."""
+        """Return the diagonal of R: norms of the columns after elimination of the earlier ones."""
         return jnp.diagonal(factors * jnp.asarray(self.triangles), axis1=1, axis2=2)
 
     def log_determinant(self, partial: Float[Array, " order"]) -> Float[Array, ""]:
-        """Log-determinant of the covariance of all rows, innovations of variance one."""
+        """Return the log-determinant of the noise covariance for innovations of variance one."""
         if self.determinants.shape[0]:
             return jnp.asarray(node_weights(partial[0]) @ jnp.asarray(self.determinants))
         return jnp.asarray(self.runs) * log_initial_determinant(partial)
 
-    def left(
-        self, asked: Float[Array, " d"], factors: Float[Array, "flanks q q"]
+    def whitened_residual(
+        self, sampled: Float[Array, " d"], factors: Float[Array, "flanks q q"]
     ) -> tuple[Float[Array, " r"], Float[Array, "r nuisance"]]:
-        """Whitened misfit of the tied coefficients, and what a nuisance parameter adds to it."""
-        parameters = jnp.asarray(self.fixed).at[jnp.asarray(self.asked)].set(asked)
+        """Return the whitened residual of the tied coefficients, and the nuisance columns."""
+        parameters = jnp.asarray(self.fixed).at[jnp.asarray(self.sampled_indices)].set(sampled)
         inner = jnp.swapaxes(factors[:, self.free :, self.free :], 1, 2)
         factor = inner @ jnp.asarray(self.triangles)[:, self.free :, self.free :]
         tied, target = factor[:, :-1, :-1], factor[:, :-1, -1]
@@ -96,21 +95,21 @@ class Likelihood(eqx.Module):
 
     def __call__(
         self,
-        asked: Float[Array, " d"],
+        sampled: Float[Array, " d"],
         partial: Float[Array, " order"],
         log_innovation_std: Float[Array, ""],
     ) -> Float[Array, ""]:
-        """Log-likelihood, the coefficients nobody asked for integrated out."""
+        """Return the log-likelihood; free and nuisance coefficients are integrated out."""
         factors = self.factors(partial)
-        residual, nuisance = self.left(asked, factors)
+        residual, nuisance = self.whitened_residual(sampled, factors)
         diagonal = self.diagonal(factors)
         misfit = jnp.asarray(self.variance_factor) * jnp.sum(diagonal[:, -1] ** 2)
         misfit += residual @ residual
         determinant = jnp.sum(jnp.log(diagonal[:, : self.free]))
         if nuisance.shape[1]:
             factor = jnp.linalg.cholesky(_ridged(nuisance.T @ nuisance))
-            taken = jax.scipy.linalg.solve_triangular(factor, nuisance.T @ residual, lower=True)
-            misfit -= taken @ taken
+            explained = jax.scipy.linalg.solve_triangular(factor, nuisance.T @ residual, lower=True)
+            misfit -= explained @ explained
             determinant += jnp.sum(jnp.log(jnp.diagonal(factor)))
         freedom = jnp.asarray(self.rows) - self.coefficients
         return -(
@@ -120,31 +119,31 @@ class Likelihood(eqx.Module):
             + 0.5 * misfit * jnp.exp(-2 * log_innovation_std)
         )
 
-    def drawn(
+    def draw_coefficients(
         self,
-        asked: Float[Array, " d"],
+        sampled: Float[Array, " d"],
         partial: Float[Array, " order"],
         log_innovation_std: Float[Array, ""],
         key: PRNGKeyArray,
     ) -> Float[Array, "flanks columns"]:
-        """Coefficients of all columns (free, own, tied) drawn at given parameters and noise."""
+        """Draw the coefficients of all columns at given parameters and noise."""
         factors = self.factors(partial)
-        residual, nuisance = self.left(asked, factors)
+        residual, nuisance = self.whitened_residual(sampled, factors)
         std = jnp.exp(log_innovation_std)
-        own, free = jax.random.split(key)
-        parameters = jnp.asarray(self.fixed).at[jnp.asarray(self.asked)].set(asked)
+        nuisance_key, free_key = jax.random.split(key)
+        parameters = jnp.asarray(self.fixed).at[jnp.asarray(self.sampled_indices)].set(sampled)
         tied = self.relation.coefficients(parameters)
         if nuisance.shape[1]:
             factor = jnp.linalg.cholesky(_ridged(nuisance.T @ nuisance)).T
-            middle = -jax.scipy.linalg.cho_solve((factor, False), nuisance.T @ residual)
-            shock = jax.random.normal(own, middle.shape)
-            spread = jax.scipy.linalg.solve_triangular(factor, std * shock)
-            tied = tied + jnp.einsum("n,nft->ft", middle + spread, jnp.asarray(self.spread))
+            mean = -jax.scipy.linalg.cho_solve((factor, False), nuisance.T @ residual)
+            normal = jax.random.normal(nuisance_key, mean.shape)
+            spread = jax.scipy.linalg.solve_triangular(factor, std * normal)
+            tied = tied + jnp.einsum("n,nft->ft", mean + spread, jnp.asarray(self.spread))
         upper = (jnp.swapaxes(factors, 1, 2) @ jnp.asarray(self.triangles))[:, : self.free]
-        right = upper[:, :, -1] - jnp.einsum("fij,fj->fi", upper[:, :, self.free : -1], tied)
-        right += std * jax.random.normal(free, right.shape)
-        solved = jax.vmap(jax.scipy.linalg.solve_triangular)(upper[:, :, : self.free], right)
-        return jnp.concatenate([solved, tied], axis=1)
+        target = upper[:, :, -1] - jnp.einsum("fij,fj->fi", upper[:, :, self.free : -1], tied)
+        target += std * jax.random.normal(free_key, target.shape)
+        free = jax.vmap(jax.scipy.linalg.solve_triangular)(upper[:, :, : self.free], target)
+        return jnp.concatenate([free, tied], axis=1)
 
 
 def likelihood_of(
@@ -152,35 +151,35 @@ def likelihood_of(
     relation: ForwardModel,
     jacobian: Float[np.ndarray, "flanks tied p"],
     values: Float[np.ndarray, " p"],
-    asked: Sequence[str],
+    sampled: Sequence[str],
     order: int,
     variance_factor: float = 1.0,
 ) -> Likelihood:
-    """Likelihood of the `asked` parameters under noise of this order.
+    """Return the likelihood of the `sampled` parameters under noise of this order.
 
-    Every other parameter of the relation is integrated out, along its column of `jacobian`: the
-    relation is linear in all of them but eccentricities.
+    Every other parameter is integrated out along its column of `jacobian`: the forward model is
+    linear in all parameters except the eccentricities.
     """
     names = list(relation.names)
-    nuisance = [place for place, name in enumerate(names) if name not in asked]
+    nuisance = [k for k, name in enumerate(names) if name not in sampled]
     fixed = np.where(np.isin(np.arange(len(names)), nuisance), 0.0, values)
     return Likelihood(
         relation=relation,
-        products=np.stack([_products_of(flank, order) for flank in summary.flanks], axis=1),
+        products=np.stack([_product_matrices(flank, order) for flank in summary.flanks], axis=1),
         triangles=np.stack([flank.triangle for flank in summary.flanks]),
-        determinants=np.sum([_determinants_of(flank, order) for flank in summary.flanks], axis=0),
+        determinants=np.sum([_node_determinants(flank, order) for flank in summary.flanks], axis=0),
         spread=np.moveaxis(jacobian[:, :, nuisance], 2, 0),
         fixed=fixed,
         rows=np.asarray(summary.counted_rows),
         runs=np.asarray(float(sum(len(flank.heads) for flank in summary.flanks))),
         variance_factor=np.asarray(variance_factor),
-        asked=tuple(names.index(name) for name in asked),
+        sampled_indices=tuple(names.index(name) for name in sampled),
         free=summary.columns.free_width,
     )
 
 
-def _products_of(flank: FlankSummary, order: int) -> Float[np.ndarray, "products q q"]:
-    """Matrices that belong to the products of filter coefficients, in the order of `_products`."""
+def _product_matrices(flank: FlankSummary, order: int) -> Float[np.ndarray, "products q q"]:
+    """Return the matrices that belong to the products of `_filter_products`, in its order."""
     if order and isinstance(flank, IrregularFlank):
         matrices = flank.matrices.copy()
         matrices[0] += _RIDGE * np.eye(len(flank.triangle))
@@ -200,12 +199,12 @@ def _products_of(flank: FlankSummary, order: int) -> Float[np.ndarray, "products
     return np.stack([*lagged, *pairs])
 
 
-def _determinants_of(flank: FlankSummary, order: int) -> Float[np.ndarray, " nodes"]:
+def _node_determinants(flank: FlankSummary, order: int) -> Float[np.ndarray, " nodes"]:
     return flank.determinants if order and isinstance(flank, IrregularFlank) else np.empty(0)
 
 
-def _products(filter_: Float[Array, " taps"]) -> Float[Array, " products"]:
-    """Σ_j f_j f_{j+l} for every lag l, then f_j f_k for 1 ≤ j ≤ k."""
+def _filter_products(filter_: Float[Array, " taps"]) -> Float[Array, " products"]:
+    """Return Σ_j f_j f_{j+l} for every lag l, then f_j f_k for 1 ≤ j ≤ k."""
     taps = filter_.shape[0]
     lagged = [filter_[: taps - lag] @ filter_[lag:] for lag in range(taps)]
     first, second = np.triu_indices(taps - 1)

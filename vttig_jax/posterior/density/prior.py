@@ -1,4 +1,4 @@
-"""What is taken to be known before the log: stated, printed, and part of the density."""
+"""Prior of the parameters of a fit, as numbers and in words."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,8 +10,8 @@ from ...base.units import ARCSEC, DEG
 from ...pair.gear_pair import Drive, GearPair
 
 SHAFTS = ("driving", "driven")
-_LARGEST_ANGLE_ARCSEC = 3600.0
-_LONGEST_S = 1.0
+_LARGEST_ANGLE_ARCSEC = 3600.0  # 1°, chosen
+_LONGEST_DELAY_S = 1.0  # s, chosen
 
 
 @dataclass(frozen=True)
@@ -19,16 +19,16 @@ class Prior:
     """Priors of the physical parameters; the noise has flat log std and partial autocorrelations.
 
     **Arguments**
-    - `eccentricity_mm`: largest eccentricity of a gear; half the module by default.
-    - `flat_in`: "plane" weighs all offsets (x, y) alike, which is ∝ e in the amplitude;
-      "amplitude" weighs all amplitudes alike.
-    - `amplitude_arcsec`: largest first order of a drive, and encoder error where the pair names no
-      accuracy.
-    - `encoder_arcsec`: standard deviation of both components of an encoder's error; the
-      `accuracy_arcsec` of the pair by default, and where there is none, flat.
-    - `backlash_deg`: largest size of the constant backlash.
+    - `eccentricity_mm`: largest eccentricity of a gear, mm; by default half the module.
+    - `flat_in`: "plane" is flat in the offset (x, y), hence ∝ e in the amplitude; "amplitude" is
+      flat in the amplitude.
+    - `amplitude_arcsec`: largest first order of a drive, ″; also the largest encoder error if the
+      pair names no accuracy.
+    - `encoder_arcsec`: standard deviation of both components of an encoder's error, ″; by default
+      the `accuracy_arcsec` of the pair, and flat if the pair has none.
+    - `backlash_deg`: largest size of the constant backlash, °.
 
-    **Raises** `ValueError` naming the argument.
+    **Raises** `ValueError` that names the argument.
     """
 
     eccentricity_mm: float | None = None
@@ -50,7 +50,7 @@ class Prior:
 
 @dataclass(frozen=True)
 class Disc:
-    """Plane of two coordinates, by name: flat within `bound`, or normal with `std`."""
+    """Plane of two named coordinates: flat within `bound`, or normal with `std`."""
 
     name: str
     coordinates: tuple[str, str]
@@ -61,12 +61,12 @@ class Disc:
 
 @dataclass(frozen=True)
 class StatedPrior:
-    """The prior of the coordinates of one fit.
+    """Prior of the coordinates of one fit.
 
     **Arguments**
-    - `discs`: of eccentricities, encoder errors and first orders.
+    - `discs`: planes of the eccentricities, encoder errors and first orders.
     - `bounds`: largest size of the other coordinates, by name.
-    - `sentences`: the same in words.
+    - `sentences`: the prior in words.
     """
 
     discs: tuple[Disc, ...]
@@ -74,10 +74,10 @@ class StatedPrior:
     sentences: tuple[str, ...]
 
 
-def stated(
+def state_prior(
     prior: Prior, pair: GearPair | Drive, names: Sequence[str], delay_s: float
 ) -> StatedPrior:
-    """The prior of the coordinates `names` of a fit, which already took out `delay_s`."""
+    """Return the prior of the coordinates `names` of a fit that has already removed `delay_s`."""
     discs, sentences = [], []
     for shaft in SHAFTS:
         for kind in ("", "_difference"):
@@ -95,8 +95,8 @@ def stated(
         bounds["constant_backlash"] = prior.backlash_deg * DEG
         sentences.append(f"constant backlash: flat within ±{prior.backlash_deg:g}°")
     if "delay" in names:
-        bounds["delay"] = _LONGEST_S + abs(delay_s)
-        sentences.append(f"delay: flat within ±{_LONGEST_S:g} s")
+        bounds["delay"] = _LONGEST_DELAY_S + abs(delay_s)
+        sentences.append(f"delay: flat within ±{_LONGEST_DELAY_S:g} s")
     sentences.append("noise: flat in the logarithm of its std and in partial autocorrelations")
     return StatedPrior(tuple(discs), bounds, tuple(sentences))
 
@@ -105,18 +105,18 @@ def _first_order(
     prior: Prior, pair: GearPair | Drive, source: str, plane: tuple[str, str]
 ) -> tuple[Disc, str]:
     flat = prior.flat_in == "amplitude"
-    how = "flat in its amplitude" if flat else "flat in the plane"
+    shape = "flat in its amplitude" if flat else "flat in the plane"
     label = source.replace("_", " ")
     if isinstance(pair, Drive):
         bound = prior.amplitude_arcsec
-        words = f"{label} first order: {how} up to {bound:g}″"
+        words = f"{label} first order: {shape} up to {bound:g}″"
         return Disc(source, plane, bound * ARCSEC, flat_in_amplitude=flat), words
     bound = prior.eccentricity_mm
     if bound is None:
         bound = 0.5 * float(pair.module_mm)
     return (
         Disc(source, plane, bound, flat_in_amplitude=flat),
-        f"{label} eccentricity: {how} up to {bound:g} mm",
+        f"{label} eccentricity: {shape} up to {bound:g} mm",
     )
 
 

@@ -1,11 +1,11 @@
-"""Profile intervals: how far a coordinate can go while all others, noise too, do their best.
+"""Profile intervals: one coordinate is held while the density is maximised over all others.
 
 With ℓ(x) the log-density and ℓ̂ its maximum, the interval of coordinate k holds every value c with
 
     2 (ℓ̂ − max {ℓ(x): x_k = c}) ≤ q,    q the quantile of χ² with one degree of freedom.
 
-No draws, no normal approximation: S. A. Murphy, A. W. van der Vaart, J. Am. Stat. Assoc. 95 (2000)
-449. The prior takes part as in the sampled density.
+The others include the noise, and the density includes the prior. No draws and no normal
+approximation are needed: S. A. Murphy, A. W. van der Vaart, J. Am. Stat. Assoc. 95 (2000) 449.
 """
 
 from collections.abc import Sequence
@@ -28,17 +28,17 @@ from ...identify.fit_result import Fit
 from ...identify.noise.reml import LARGEST
 from .density import NOISE_STD, Density, FitTarget, fit_target
 
-_FARTHEST = 64.0
-"""Standard errors at which a side counts as unbounded."""
+_UNBOUNDED_FROM = 64.0
+"""Distance in standard errors beyond which a side counts as unbounded (chosen)."""
 
-_SETTLED = 1e-4
-"""Gradient in units of the standard error: leaves 1e-8 of the log-density."""
+_TOLERANCE = 1e-4
+"""Gradient per standard error at a maximum (chosen); its error in the log-density is 1e-8."""
 
-_OUTSIDE = 1e6
-"""Height of the wall around the prior, growing outwards."""
+_WALL = 1e6
+"""Objective outside the prior (chosen); it grows with the squared distance from the start."""
 
-_STEP = 1e-3
-_FLATTEST = 1e-3
+_DIFFERENCE_STEP = 1e-3  # step of gradient differences, in standard errors (chosen)
+_LEAST_CURVATURE = 1e-3  # lower bound of the scaled curvatures (chosen)
 _UNBOUNDED = "the density does not fall off"
 _AT_BOUND = "ends at the bound of the prior"
 
@@ -51,8 +51,8 @@ class ProfileInterval:
 
     **Arguments**
     - `best`: value at the maximum of the density.
-    - `low`, `high`: ends; None where that side has none.
-    - `reason`: why an end is missing, or is not one of the data.
+    - `low`, `high`: ends of the interval; None for an unbounded side.
+    - `reason`: why an end is missing or is the bound of the prior.
     """
 
     name: str
@@ -65,13 +65,13 @@ class ProfileInterval:
 
     @property
     def half_width(self) -> float:
-        """Half the distance between the ends; infinite where one is missing."""
+        """Half the distance between the ends; infinite if one is missing."""
         if self.low is None or self.high is None:
             return float("inf")
         return 0.5 * (self.high - self.low)
 
     def to_json(self) -> dict:
-        """The fields by name."""
+        """Return the fields by name."""
         return {name: getattr(self, name) for name in self.__dataclass_fields__}
 
     def __str__(self) -> str:
@@ -83,15 +83,15 @@ class ProfileInterval:
 
 @one_blas_thread
 def profile(of: Fit | FitTarget, name: str, probability: float = 0.95) -> ProfileInterval:
-    """Profile interval of one coordinate of the posterior of a fit.
+    """Return the profile interval of one coordinate of the posterior of a fit.
 
     **Arguments**
-    - `of`: a fit (default prior), or the target of one with a prior of its own.
-    - `name`: a coordinate, as in `FitTarget.names`.
-    - `probability`: between 0 and 1.
+    - `of`: fit (with the default prior), or target of a fit with another prior.
+    - `name`: name of a coordinate in `FitTarget.names`.
+    - `probability`: probability of the interval, between 0 and 1.
 
-    **Raises** `ValueError` for a name or probability that cannot be, `NoAnswerError` where the
-    density has no maximum.
+    **Raises** `ValueError` for a wrong name or probability, `NoAnswerError` if the density has no
+    maximum.
 
     **Example**
     ```python
@@ -100,8 +100,8 @@ def profile(of: Fit | FitTarget, name: str, probability: float = 0.95) -> Profil
     >>> from vttig_jax.rig import paper_rig
     >>> vttig_jax.enable_x64()
     >>> rig = paper_rig()
-    >>> found = profile(vttig_jax.fit(rig.log(), rig.pair), "driving_x")
-    >>> found.low < found.best < found.high
+    >>> result = profile(vttig_jax.fit(rig.log(), rig.pair), "driving_x")
+    >>> result.low < result.best < result.high
     True
 
     ```
@@ -113,7 +113,7 @@ def profile(of: Fit | FitTarget, name: str, probability: float = 0.95) -> Profil
 def profiles(
     of: Fit | FitTarget, names: Sequence[str] | None = None, probability: float = 0.95
 ) -> dict[str, ProfileInterval]:
-    """Profile intervals by name, of all coordinates that are no noise unless told otherwise."""
+    """Return profile intervals by name, by default of all coordinates that are not noise."""
     profiler = Profiler(_target(of))
     wanted = profiler.physical if names is None else names
     return {name: profiler.interval(name, probability) for name in wanted}
@@ -125,9 +125,9 @@ def _target(of: Fit | FitTarget) -> FitTarget:
 
 
 class Profiler:
-    """Maxima of the density of one target, free and with a coordinate held.
+    """Maximum of the density of one target, with all coordinates free or with one held.
 
-    Works on u: the coordinates, but arctanh(π/bound) for a partial autocorrelation, which is free.
+    It works on u: the coordinates, with arctanh(π/bound) for a partial autocorrelation π.
     """
 
     def __init__(self, target: FitTarget):
@@ -136,11 +136,11 @@ class Profiler:
 
     @property
     def physical(self) -> tuple[str, ...]:
-        """Names of the coordinates that are no noise."""
+        """Names of the coordinates that are not noise."""
         return self.target.names[: self._noise - 1]
 
     def interval(self, name: str, probability: float = 0.95) -> ProfileInterval:
-        """Profile interval of a coordinate; see `profile`."""
+        """Return the profile interval of a coordinate; see `profile`."""
         if name not in self.target.names[: self._noise]:
             raise ValueError(
                 f"Argument `name` must be one of {', '.join(self.target.names[: self._noise])},"
@@ -150,16 +150,16 @@ class Profiler:
             raise ValueError(
                 f"Argument `probability` must be between 0 and 1, but is {probability:g}."
             )
-        place = self.target.names.index(name)
-        path = _Path(self, place)
+        index = self.target.names.index(name)
+        path = _ProfilePath(self, index)
         quantile = float(chi2.ppf(probability, 1))
         (low, below), (high, above) = (path.end(side, quantile) for side in (-1.0, 1.0))
         reasons = [f"{where}: {why}" for where, why in (("below", below), ("above", above)) if why]
         return ProfileInterval(
             name,
-            self.target.units[place],
+            self.target.units[index],
             probability,
-            float(self.best[place]),
+            float(self.best[index]),
             low,
             high,
             "; ".join(reasons) or None,
@@ -167,16 +167,16 @@ class Profiler:
 
     @property
     def best(self) -> Point:
-        """The maximum of the density, internal units."""
-        return np.append(self._top[0][: self._noise], self._partial(self._top[0]))
+        """Point of the maximum of the density, internal units."""
+        return np.append(self._maximum[0][: self._noise], self._partial(self._maximum[0]))
 
-    def value_and_slope(self, u: Point) -> tuple[float, Point]:
-        """Minus log-density and its gradient in u; a wall outside the prior."""
-        value, slope = _falling(self.target.density, u, self._noise)
+    def value_and_gradient(self, u: Point) -> tuple[float, Point]:
+        """Return minus the log-density and its gradient in u; outside the prior a high wall."""
+        value, gradient = _value_and_gradient(self.target.density, u, self._noise)
         if np.isfinite(value):
-            return float(value), np.asarray(slope)
+            return float(value), np.asarray(gradient)
         away = (u - self._start) / self._spread
-        return _OUTSIDE * (1.0 + float(away @ away)), 2.0 * _OUTSIDE * away / self._spread
+        return _WALL * (1.0 + float(away @ away)), 2.0 * _WALL * away / self._spread
 
     def _partial(self, u: Point) -> Float[np.ndarray, " order"]:
         return LARGEST * np.tanh(u[self._noise :])
@@ -189,7 +189,7 @@ class Profiler:
 
     @cached_property
     def _gain(self) -> Point:
-        """du/dx at the start."""
+        """Derivative du/dx at the start."""
         inner = np.tanh(self._start[self._noise :])
         return np.append(np.ones(self._noise), 1.0 / (LARGEST * (1.0 - inner**2)))
 
@@ -198,90 +198,90 @@ class Profiler:
         return self._gain * np.sqrt(np.diag(self.target.covariance))
 
     @cached_property
-    def _top(self) -> tuple[Point, float]:
-        """Maximum of the density in u, and minus its log-density there."""
+    def _maximum(self) -> tuple[Point, float]:
+        """Point u of the maximum of the density, and minus the log-density there."""
         factor = np.linalg.cholesky(self.target.covariance * np.outer(self._gain, self._gain))
-        found = self.lowest(self._start, factor)
-        if found[1] >= _OUTSIDE:
+        maximum = self.maximise(self._start, factor)
+        if maximum[1] >= _WALL:
             raise NoAnswerError("the density has no maximum inside the prior.")
-        return found
+        return maximum
 
     @cached_property
     def covariance(self) -> Float[np.ndarray, "d d"]:
-        """Inverse curvature of the density in u at its maximum, by differences of gradients."""
-        top, size = self._top[0], self._spread
+        """Inverse Hessian of minus the log-density in u at the maximum, by gradient differences."""
+        top, size = self._maximum[0], self._spread
         slopes = np.empty((len(top), len(top)))
         for k in range(len(top)):
             step = np.zeros(len(top))
-            step[k] = _STEP * size[k]
-            ahead, back = (self.value_and_slope(top + s * step)[1] for s in (1.0, -1.0))
-            slopes[k] = (ahead - back) * size / (2 * _STEP)
+            step[k] = _DIFFERENCE_STEP * size[k]
+            ahead, back = (self.value_and_gradient(top + s * step)[1] for s in (1.0, -1.0))
+            slopes[k] = (ahead - back) * size / (2 * _DIFFERENCE_STEP)
         values, vectors = np.linalg.eigh(0.5 * (slopes + slopes.T))
-        return (vectors / np.maximum(values, _FLATTEST)) @ vectors.T * np.outer(size, size)
+        return (vectors / np.maximum(values, _LEAST_CURVATURE)) @ vectors.T * np.outer(size, size)
 
-    def lowest(self, start: Point, directions: Float[np.ndarray, "d m"]) -> tuple[Point, float]:
-        """Maximum of the density over `start` + `directions` z, which scale z to order one."""
+    def maximise(self, start: Point, directions: Float[np.ndarray, "d m"]) -> tuple[Point, float]:
+        """Return the maximum over `start` + `directions` z; the directions scale z to order one."""
 
         def scaled(z):
-            value, slope = self.value_and_slope(start + directions @ z)
+            value, slope = self.value_and_gradient(start + directions @ z)
             return value, directions.T @ slope
 
         zero = np.zeros(directions.shape[1])
-        found = minimize(scaled, zero, jac=True, method="BFGS", options={"gtol": _SETTLED})
-        return start + directions @ found.x, float(found.fun)
+        result = minimize(scaled, zero, jac=True, method="BFGS", options={"gtol": _TOLERANCE})
+        return start + directions @ result.x, float(result.fun)
 
 
-class _Path:
-    """The maxima with one coordinate held at its best value and a number of standard errors.
+class _ProfilePath:
+    """Maxima of the density with one coordinate held some standard errors from its best value.
 
-    The columns of the Cholesky factor with that coordinate in front are where the others follow to
-    along a normal density, and the directions in which they may leave it.
+    The columns of the Cholesky factor with that coordinate first are `along`, which the other
+    coordinates follow in a normal density, and `across`, the directions of their deviations.
     """
 
     def __init__(self, profiler: Profiler, place: int):
         self.profiler = profiler
-        top, self.lowest = profiler._top
+        top, self.least_value = profiler._maximum
         order = [place, *(k for k in range(len(top)) if k != place)]
         factor = np.linalg.cholesky(profiler.covariance[np.ix_(order, order)])
         back = np.argsort(order)
         self.along, self.across = factor[back, 0], factor[back, 1:]
         self.place, self.top = place, top
-        self.warm = {0.0: np.zeros(len(top))}
+        self.offsets = {0.0: np.zeros(len(top))}
 
     def end(self, side: float, quantile: float) -> tuple[float | None, str | None]:
-        """Where twice the log-density has fallen by `quantile`, and what is special about it."""
-        # Each place once: from a nearer start the others may do a little better the second time.
-        seen = {0.0: -quantile}
+        """Return where twice the log-density has fallen by `quantile`, and a remark or None."""
+        # Search each distance once: a second search from a nearer start may end slightly lower.
+        excess = {0.0: -quantile}
 
-        def above(steps: float) -> float:
-            if steps not in seen:
-                seen[steps] = min(self.fall(side * steps), 4 * quantile) - quantile
-            return seen[steps]
+        def excess_at(steps: float) -> float:
+            if steps not in excess:
+                excess[steps] = min(self.log_density_drop(side * steps), 4 * quantile) - quantile
+            return excess[steps]
 
-        far = float(np.sqrt(quantile))
-        while above(far) < 0:
-            far *= 2.0
-            if far > _FARTHEST:
+        outer = float(np.sqrt(quantile))
+        while excess_at(outer) < 0:
+            outer *= 2.0
+            if outer > _UNBOUNDED_FROM:
                 return None, _UNBOUNDED
-        found = brentq(above, 0.0, far, xtol=1e-5)
-        assert isinstance(found, float)
-        at_bound = self.fall(side * found * (1 - 1e-4)) < 0.9 * quantile
-        value = float(self.top[self.place] + side * found * self.along[self.place])
+        root = brentq(excess_at, 0.0, outer, xtol=1e-5)
+        assert isinstance(root, float)
+        at_bound = self.log_density_drop(side * root * (1 - 1e-4)) < 0.9 * quantile
+        value = float(self.top[self.place] + side * root * self.along[self.place])
         return value, _AT_BOUND if at_bound else None
 
-    def fall(self, steps: float) -> float:
-        """2 (ℓ̂ − ℓ) with the coordinate `steps` standard errors from its best value."""
-        nearest = min(self.warm, key=lambda known: abs(known - steps))
+    def log_density_drop(self, steps: float) -> float:
+        """Return 2 (ℓ̂ − ℓ) with the coordinate `steps` standard errors from its best value."""
+        nearest = min(self.offsets, key=lambda known: abs(known - steps))
         ratio = steps / nearest if nearest else 0.0
-        start = self.top + steps * self.along + ratio * self.warm[nearest]
-        reached, value = self.profiler.lowest(start, self.across)
-        if value < _OUTSIDE:
-            self.warm[steps] = reached - self.top - steps * self.along
-        return 2.0 * (value - self.lowest)
+        start = self.top + steps * self.along + ratio * self.offsets[nearest]
+        point, value = self.profiler.maximise(start, self.across)
+        if value < _WALL:
+            self.offsets[steps] = point - self.top - steps * self.along
+        return 2.0 * (value - self.least_value)
 
 
 @eqx.filter_jit
-def _falling(
+def _value_and_gradient(
     density: Density, u: Float[Numbers, " d"], noise: int
 ) -> tuple[Float[Array, ""], Float[Array, " d"]]:
     def minus(u):

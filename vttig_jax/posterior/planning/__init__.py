@@ -1,1 +1,1 @@
-"""The standard errors of a run that has not been recorded yet."""
+"""Expected standard errors of a run before it is recorded."""

@@ -1,4 +1,4 @@
-"""The amplitudes and phases a plan takes for granted: they decide what a phase costs."""
+"""Amplitudes and phases that a plan assumes: the standard error of a phase depends on them."""
 
 import math
 from collections.abc import Mapping
@@ -10,9 +10,9 @@ from ...base.units import ARCSEC, DEG
 from ...pair.eccentricities import Eccentricities
 from ...pair.gear_pair import Drive, GearPair
 
-ECCENTRICITY_MM = 0.02
-ENCODER_ARCSEC = 10.0
-AMPLITUDE_ARCSEC = 60.0
+ECCENTRICITY_MM = 0.02  # default eccentricity of a gear (chosen)
+ENCODER_ARCSEC = 10.0  # default encoder error (chosen)
+AMPLITUDE_ARCSEC = 60.0  # default first order of a drive (chosen)
 SHAFTS = ("driving", "driven")
 
 _UNITS = {"mm": 1.0, "arcsec": ARCSEC}
@@ -23,18 +23,18 @@ def assumed_values(
     eccentricities: Eccentricities | None,
     given: Mapping[str, float] | None,
 ) -> dict[str, float]:
-    """Amplitudes and phases by the names of a fit.
+    """Return amplitudes and phases by the parameter names of a fit.
 
-    Defaults: 0.02 mm of eccentricity, the accuracy of the encoder or 10″ of encoder error, 60″ of
-    a drive's amplitude, phases of zero.
+    By default eccentricities are 0.02 mm, encoder errors the accuracy of the encoder or 10″,
+    amplitudes of a drive 60″, and phases zero.
 
-    **Raises** `ValueError` for names that are none of these, and numbers that cannot be.
+    **Raises** `ValueError` for other names and for invalid numbers.
     """
     values: dict[str, float] = {}
     drive = isinstance(pair, Drive)
     for shaft in SHAFTS:
         size = AMPLITUDE_ARCSEC if drive else ECCENTRICITY_MM
-        values |= {_names(shaft, drive)[0]: size, _names(shaft, drive)[1]: 0.0}
+        values |= zip(_parameter_names(shaft, drive), (size, 0.0), strict=True)
     for shaft in () if drive else SHAFTS:
         accuracy = getattr(pair, shaft).encoder.accuracy_arcsec
         values |= {
@@ -65,8 +65,8 @@ def assumed_values(
 
 
 def cartesian(names: tuple[str, ...], values: Mapping[str, float]) -> Float[np.ndarray, " p"]:
-    """The parameters of a relation: x + jy = amplitude · exp(j phase), the others zero."""
-    found = dict.fromkeys(names, 0.0)
+    """Return the parameters of a forward model: x + jy = amplitude · exp(j phase), others zero."""
+    parameters = dict.fromkeys(names, 0.0)
     for name, size in values.items():
         source, _, unit = name.rpartition("_")
         if unit == "deg":
@@ -75,11 +75,11 @@ def cartesian(names: tuple[str, ...], values: Mapping[str, float]) -> Float[np.n
         source = source.removesuffix("_eccentricity").removesuffix("_amplitude")
         angle = values[phase or f"{source}_phase_deg"] * DEG
         for axis, part in (("x", math.cos(angle)), ("y", math.sin(angle))):
-            if f"{source}_{axis}" in found:
-                found[f"{source}_{axis}"] = size * _UNITS[unit] * part
-    return np.array(list(found.values()))
+            if f"{source}_{axis}" in parameters:
+                parameters[f"{source}_{axis}"] = size * _UNITS[unit] * part
+    return np.array(list(parameters.values()))
 
 
-def _names(shaft: str, drive: bool) -> tuple[str, str]:
+def _parameter_names(shaft: str, drive: bool) -> tuple[str, str]:
     size = f"{shaft}_amplitude_arcsec" if drive else f"{shaft}_eccentricity_mm"
     return size, f"{shaft}_phase_deg"

@@ -1,4 +1,4 @@
-"""The noise that a plan assumes: autoregressive noise of block means, and the noise of counting."""
+"""Noise that a plan assumes: autoregressive noise of block means, and counting noise."""
 
 import math
 from collections.abc import Sequence
@@ -13,14 +13,14 @@ from scipy.signal import lfilter
 from ...base.units import DEG, REV
 from ...pair.gear_pair import Drive, GearPair
 
-_HIGHEST_ORDER = 512
+_HIGHEST_ORDER = 512  # of an autoregression (chosen)
 _SETTLED = 1e-10
-"""Relative change of the innovation below which a higher order of the autoregression is no gain."""
+"""Relative decrease of the innovation variance below which the order is high enough (chosen)."""
 
 
 @dataclass(frozen=True)
 class PlannedNoise:
-    """Noise of single samples of the transmission error: correlated, white, and counts on top.
+    """Noise of single samples of the transmission error: correlated, white, and from counting.
 
         cov(t) = `std_deg`² exp(−|t|/`correlation_s`) + [t = 0] (`white_std_deg`² + counting)
 
@@ -28,8 +28,8 @@ class PlannedNoise:
     added from the pair.
 
     **Arguments**
-    - `std_deg`, `correlation_s`: of the correlated part; white too where the time is 0.
-    - `white_std_deg`: of a white part that is not from counting.
+    - `std_deg`, `correlation_s`: size and correlation time of the correlated part; 0 s is white.
+    - `white_std_deg`: standard deviation of a white part that is not from counting.
 
     **Raises** `ValueError` for values that are negative or not finite.
 
@@ -58,7 +58,7 @@ class PlannedNoise:
     def autocovariance(
         self, size: int, rate_hz: float, lags: int, counting_rad: float = 0.0
     ) -> Float[np.ndarray, " lags"]:
-        """Autocovariance of means of `size` samples at lags of 0 … `lags` blocks, rad².
+        """Return the autocovariance of means of `size` samples at lags of 0 … `lags` blocks, rad².
 
         With ρ the correlation of neighbouring samples and m = `size`, in units of σ²/m²:
 
@@ -70,7 +70,7 @@ class PlannedNoise:
         step = 1 / (rate_hz * self.correlation_s) if self.correlation_s > 0 else math.inf
         inside = np.arange(1, size)
         first = size + 2 * np.sum((size - inside) * np.exp(-inside * step))
-        # (1 − ρ^m)/(1 − ρ) without the cancellation of a long correlation.
+        # expm1 avoids the cancellation in (1 − ρ^m)/(1 − ρ) for a long correlation.
         within = math.expm1(-size * step) / math.expm1(-step) if step < math.inf else 1.0
         later = np.exp(-((np.arange(lags) * size) + 1) * step) * within**2
         correlated = (self.std_deg * DEG / size) ** 2 * np.concatenate([[first], later])
@@ -85,31 +85,31 @@ class PlannedNoise:
         most: int = _HIGHEST_ORDER,
         order: int | None = None,
     ) -> "BlockNoise":
-        """Noise of means of `size` samples, as an autoregression.
+        """Return the noise of means of `size` samples, as an autoregression.
 
         **Arguments**
-        - `most`: highest order, doubled from 1 until the innovation stands still to 1e-10.
-        - `order`: exactly this one instead.
+        - `most`: highest order; the order doubles from 1 until the innovation changes by < 1e-10.
+        - `order`: fixed order instead.
         """
         lags = order if order is not None else min(most, _HIGHEST_ORDER)
-        known = self.autocovariance(size, rate_hz, max(lags, 1), counting_rad)
-        filter_, variance = _predictor(known, lags if order is not None else 0)
-        tried = 1
-        while order is None and tried <= lags:
-            better, less = _predictor(known, tried)
-            if variance - less <= _SETTLED * variance:
+        covariance = self.autocovariance(size, rate_hz, max(lags, 1), counting_rad)
+        filter_, variance = _predictor(covariance, lags if order is not None else 0)
+        higher = 1
+        while order is None and higher <= lags:
+            longer, lower = _predictor(covariance, higher)
+            if variance - lower <= _SETTLED * variance:
                 break
-            filter_, variance, tried = better, less, 2 * tried
-        return BlockNoise(known[: len(filter_)], filter_, math.sqrt(variance), size / rate_hz)
+            filter_, variance, higher = longer, lower, 2 * higher
+        return BlockNoise(covariance[: len(filter_)], filter_, math.sqrt(variance), size / rate_hz)
 
 
 @dataclass(frozen=True)
 class BlockNoise:
-    """Autoregressive noise of block means that is known beforehand.
+    """Autoregressive noise of block means with known parameters.
 
     **Arguments**
     - `autocovariance`: at lags 0 … p, rad². `filter`: whitening filter (1, −a₁, …, −a_p).
-    - `innovation_std`: rad. `block_s`: duration of a block.
+    - `innovation_std`: rad. `block_s`: duration of a block, s.
     """
 
     autocovariance: Float[np.ndarray, " taps"]
@@ -123,10 +123,10 @@ class BlockNoise:
         return math.sqrt(float(self.autocovariance[0]))
 
     def whitened(self, rows: Float[np.ndarray, "n q"]) -> Float[np.ndarray, "n q"]:
-        """Rows of one run in units of the innovation: their noise has unit variance, each its own.
+        """Return the rows of one run whitened, in units of the innovation std.
 
-        The first p rows go through the inverse Cholesky factor of their covariance, the others
-        through the filter: together the exact likelihood of a stationary autoregression.
+        The first p rows are multiplied by the inverse Cholesky factor of their covariance, and the
+        others are filtered: together this is the exact likelihood of a stationary autoregression.
         """
         order = min(len(self.filter) - 1, len(rows))
         white = np.asarray(lfilter(self.filter, [1.0], rows, axis=0)) / self.innovation_std
@@ -139,7 +139,7 @@ class BlockNoise:
 def _predictor(
     autocovariance: Float[np.ndarray, " lags"], order: int
 ) -> tuple[Float[np.ndarray, " taps"], float]:
-    """Whitening filter of this order and the variance of what it leaves (Yule–Walker)."""
+    """Return the whitening filter of this order and its residual variance (Yule–Walker)."""
     if order == 0:
         return np.ones(1), float(autocovariance[0])
     known = autocovariance[: order + 1]
@@ -148,61 +148,61 @@ def _predictor(
 
 
 _FEW_PHASES = 4
-"""Quantisation at so few places between two counts is no noise."""
+"""Quantisation at no more than this many positions within a count is not noise (chosen)."""
 
-_SLOW = 10.0
-"""Cycles a turn of the counting error that still look like one of the fitted orders …"""
+_MOST_SLOW_CYCLES = 10.0
+"""Cycles per turn up to which a counting error resembles a fitted order (chosen), …"""
 
-_OFTEN = 50.0
-"""… where a turn has so many samples a cycle; with fewer it is quick from sample to sample."""
+_SAMPLES_PER_CYCLE = 50.0
+"""… if a cycle has more samples than this (chosen); with fewer it changes between samples."""
 
-_FINER = 0.0065
-"""Relative step in which another rate is looked for."""
+_RATE_STEP = 0.0065
+"""Relative step of the search for another sampling rate (chosen)."""
 
 
 def counting_std(pair: GearPair | Drive) -> float:
-    """Standard deviation of the transmission error from counting, rad: √(s₂²/12 + i² s₁²/12)."""
+    """Return the std of the transmission error from counting, rad: √(s₂²/12 + i² s₁²/12)."""
     steps = [0.0 if count is None else REV / count for count in _counts(pair)]
     return math.hypot(float(pair.ratio) * steps[0], steps[1]) / math.sqrt(12)
 
 
 def frozen_counts(pair: GearPair | Drive, speeds_rpm: Sequence[float], rate_hz: float) -> list[str]:
-    """Sentences on shafts that turn by nearly the same fraction of a count every sample.
+    """Return sentences on shafts that turn by nearly the same fraction of a count every sample.
 
-    60 rpm, 90 000 counts and 2 kHz make 45 counts a sample: every sample then has the same error of
-    counting, which wanders with the slow part of the motion instead of averaging out.
+    60 rpm, 90 000 counts and 2 kHz give 45 counts per sample: every sample then has the same
+    counting error, which follows the slow part of the motion instead of averaging out.
     """
-    told = []
+    sentences = []
     for speed_rpm in speeds_rpm:
-        for shaft, a_sample in _frozen(pair, speed_rpm, rate_hz):
-            told.append(
-                f"{speed_rpm:g} rpm at {rate_hz:g} Hz is {a_sample} counts of the {shaft} encoder a"
+        for shaft, counts in _frozen(pair, speed_rpm, rate_hz):
+            sentences.append(
+                f"{speed_rpm:g} rpm at {rate_hz:g} Hz is {counts} counts of the {shaft} encoder per"
                 " sample: its counting error is frozen, does not average out and biases first"
-                f" orders beyond the errors planned; sample at {_better(pair, speeds_rpm, rate_hz)}"
+                f" orders beyond the plan; sample at {_better_rate(pair, speeds_rpm, rate_hz)}"
             )
-    return told
+    return sentences
 
 
 def _frozen(pair: GearPair | Drive, speed_rpm: float, rate_hz: float) -> list[tuple[str, Fraction]]:
-    found = []
+    frozen = []
     ratios = (1.0, float(pair.ratio))
     for shaft, count, ratio in zip(("driving", "driven"), _counts(pair), ratios, strict=True):
         if count is None:
             continue
         turns_a_second = ratio * speed_rpm / 60
-        a_sample = count * turns_a_second / rate_hz
-        near = Fraction(a_sample).limit_denominator(_FEW_PHASES)
+        counts = count * turns_a_second / rate_hz
+        fraction = Fraction(counts).limit_denominator(_FEW_PHASES)
         samples = rate_hz / turns_a_second
-        cycles = abs(a_sample - float(near)) * near.denominator * samples
-        # Below one count a sample every count is passed at times of its own.
-        if near >= 1 and cycles < min(_SLOW, samples / _OFTEN):
-            found.append((shaft, near))
-    return found
+        cycles = abs(counts - float(fraction)) * fraction.denominator * samples
+        # Below one count per sample every count is passed at a different time within a sample.
+        if fraction >= 1 and cycles < min(_MOST_SLOW_CYCLES, samples / _SAMPLES_PER_CYCLE):
+            frozen.append((shaft, fraction))
+    return frozen
 
 
-def _better(pair: GearPair | Drive, speeds_rpm: Sequence[float], rate_hz: float) -> str:
+def _better_rate(pair: GearPair | Drive, speeds_rpm: Sequence[float], rate_hz: float) -> str:
     for step in range(1, 40):
-        other = float(f"{rate_hz * (1 - _FINER * step):.4g}")
+        other = float(f"{rate_hz * (1 - _RATE_STEP * step):.4g}")
         if not any(_frozen(pair, speed_rpm, other) for speed_rpm in speeds_rpm):
             return f"{other:g} Hz"
     return "another rate"

@@ -1,4 +1,4 @@
-"""The result of a plan as objects, tables, notes and JSON."""
+"""Result of a plan: objects, table, notes and JSON."""
 
 import math
 from dataclasses import dataclass, field
@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...base.files.text_tables import key_values, text_table
+from ...base.results import TextResult
 from ...base.units import ARCSEC, DEG
 from ...identify.preliminary.delay import Delay
 from ...identify.report.parameters import Outcome, Parameter
@@ -20,15 +21,15 @@ from .run import PlannedRun
 
 @dataclass(frozen=True)
 class PlannedParameter:
-    """How well the run will tell one parameter.
+    """Expected accuracy of one parameter.
 
     **Arguments**
-    - `std`: expected standard error in `unit`; None where there will be none.
-    - `assumed`: the amplitude or phase taken for granted; None where it plays no part.
-    - `determined`: False where no such run can fix it, for the `reason` given.
+    - `std`: expected standard error in `unit`; None if there will be none.
+    - `assumed`: assumed amplitude or phase; None if it has no effect.
+    - `determined`: False if this kind of run cannot determine it, for the `reason` given.
     - `significant`: False for an amplitude below three standard errors, and its phase: the fit will
       give an upper limit.
-    - `wanted`: the standard error asked for, if any.
+    - `wanted`: requested standard error, if any.
     """
 
     name: str
@@ -41,7 +42,7 @@ class PlannedParameter:
     wanted: float | None = None
 
     def to_json(self) -> dict:
-        """Fields under `parameters`."""
+        """Return the fields under `parameters`."""
         return {
             "std": self.std,
             "unit": self.unit,
@@ -54,16 +55,16 @@ class PlannedParameter:
 
 
 @dataclass(frozen=True)
-class Plan:
-    """What a fit of a run will say, before the run is made.
+class Plan(TextResult):
+    """Expected result of the fit of a run that is not made yet.
 
     **Arguments**
-    - `parameters`: every name a fit reports → `PlannedParameter`.
-    - `run`: the motion; `used`: samples of it at steady speed, by which it is fitted.
-    - `noise`, `counting_std_deg`, `blocks`: assumed, of samples, of counting, of block means.
+    - `parameters`: parameter name of a fit → `PlannedParameter`.
+    - `run`: motion; `used`: number of its samples at steady speed, which the fit uses.
+    - `noise`, `counting_std_deg`, `blocks`: assumed noise of samples, counting, block means.
     - `flanks`, `conditional_on`, `outcome`: as in the fit.
     - `covariance`, `covariance_names`: expected, of the Cartesian parameters, mm and rad.
-    - `short`: shafts that turn too little; `weakest`: the direction fixed worst.
+    - `short`: shafts that turn too little; `weakest`: direction with the largest standard error.
     - `notes`: sentences for the reader.
     """
 
@@ -85,21 +86,21 @@ class Plan:
 
     @property
     def duration_s(self) -> float:
-        """Of the whole recording, dwells included."""
+        """Duration of the whole recording, s, dwells included."""
         return self.run.duration_s
 
     @property
     def samples(self) -> int:
-        """Of the whole recording."""
+        """Samples of the whole recording."""
         return self.run.samples
 
     def std(self, name: str) -> float:
-        """Expected standard error of a parameter; infinite where there is none."""
+        """Return the expected standard error of a parameter; infinite if there is none."""
         std = self.parameters[name].std
         return math.inf if std is None else std
 
     def to_json(self) -> dict:
-        """The object of schema `vttig.plan/1`."""
+        """Return the object of schema `vttig.plan/1`."""
         run = self.run
         return {
             "schema": "vttig.plan/1",
@@ -109,7 +110,7 @@ class Plan:
                 "turns": run.turns,
                 "speeds_rpm": list(run.speeds_rpm),
                 "directions": run.directions,
-                "passes": run.each,
+                "passes": run.pass_count,
                 "rate_hz": run.rate_hz,
                 "dwell_s": run.dwell_s,
                 "ramp_s": run.ramp_s,
@@ -145,38 +146,38 @@ class Plan:
             title=f"plan for {self.pair.name or 'a drive or pair'}",
         )
         shown = [p for p in self.parameters.values() if p.determined]
-        asked = any(p.wanted is not None for p in shown)
-        titles = ["parameter", "expected std", *(["wanted"] if asked else []), "at", "unit"]
+        any_wanted = any(p.wanted is not None for p in shown)
+        titles = ["parameter", "expected std", *(["wanted"] if any_wanted else []), "at", "unit"]
         rows = []
         for p in shown:
             expected = _number(p.std) if p.significant else f"{_number(p.std)} (not significant)"
-            wanted = ["" if p.wanted is None else f"{p.wanted:g}"] if asked else []
+            wanted = ["" if p.wanted is None else f"{p.wanted:g}"] if any_wanted else []
             at = "" if p.assumed is None else f"{p.assumed:g}"
             rows.append([p.name, expected, *wanted, at, p.unit])
         parts = [head, text_table(rows, titles, align="l" + "r" * (len(titles) - 2) + "l")]
         if self.conditional_on:
             parts.append("conditional on: " + ", ".join(self.conditional_on).replace("_", " "))
-        together: dict[str, list[str]] = {}
+        by_reason: dict[str, list[str]] = {}
         for p in self.parameters.values():
             if not p.determined:
-                together.setdefault(p.reason or "", []).append(p.name)
-        parts += _listed("undetermined", [f"{', '.join(n)}: {r}" for r, n in together.items()])
+                by_reason.setdefault(p.reason or "", []).append(p.name)
+        parts += _listed("undetermined", [f"{', '.join(n)}: {r}" for r, n in by_reason.items()])
         return "\n\n".join([*parts, *_listed("notes", self.notes)])
 
 
 def planned_parameter(
     parameter: Parameter, assumed: float | None, wanted: float | None
 ) -> PlannedParameter:
-    """What the fit would say of one parameter, without the value it cannot have yet."""
-    of_size = assumed is not None
+    """Return the expected accuracy of one parameter; it has no value yet."""
+    is_assumed = assumed is not None
     return PlannedParameter(
         parameter.name,
         parameter.unit,
         parameter.std,
         assumed,
         parameter.determined,
-        parameter.determined and (parameter.significant or not of_size),
-        parameter.reason if of_size or not parameter.determined else None,
+        parameter.determined and (parameter.significant or not is_assumed),
+        parameter.reason if is_assumed or not parameter.determined else None,
         wanted,
     )
 
@@ -214,11 +215,11 @@ def _listed(title: str, lines: list[str] | tuple[str, ...]) -> list[str]:
 def conditions(
     pair: GearPair | Drive, rows: PlannedRows, delay: Delay, *, split: bool
 ) -> tuple[str, ...]:
-    """What the standard errors take for granted, in the words of a fit."""
-    found: tuple[str, ...] = () if isinstance(pair, Drive) or split else ("perfect_encoders",)
+    """Return the assumptions behind the standard errors, in the words of a fit."""
+    names: tuple[str, ...] = () if isinstance(pair, Drive) or split else ("perfect_encoders",)
     if delay.state == "open" and not delay.forced and len(rows.identifiable.flanks) == 2:
-        found += ("no_delay",)
-    return found
+        names += ("no_delay",)
+    return names
 
 
 def notes(
@@ -229,44 +230,44 @@ def notes(
     delay: Delay,
     noise: PlannedNoise,
 ) -> tuple[str, ...]:
-    """Everything that will make the run worse than its numbers, and what was left out."""
-    found = [*frozen_counts(pair, run.speeds_rpm, run.rate_hz), *_aliased(pair, run, options)]
+    """Return notes on effects that increase the standard errors, and on what the fit leaves out."""
+    sentences = [*frozen_counts(pair, run.speeds_rpm, run.rate_hz), *_aliased(pair, run, options)]
     if rows.missed > 0:
-        found.append(
-            f"{rows.missed} of {run.each * len(run.speeds_rpm)} passes have no steady part that a"
-            " fit would use: a speed below 1 % of the fastest counts as standstill, and a flank"
-            " that turns less than once is left out"
+        sentences.append(
+            f"{rows.missed} of {run.pass_count * len(run.speeds_rpm)} passes have no steady part"
+            " that a fit would use: a speed below 1 % of the fastest counts as standstill, and a"
+            " flank that turns less than once is left out"
         )
     if delay.state == "insignificant" and len(rows.identifiable.flanks) == 2:
-        found.append(
-            "a delay is taken as zero, and only the ramps that speed up can tell one; a fit that"
-            " finds one knows the constant backlash far less well (see --delay free), unless there"
-            " is a second speed"
+        sentences.append(
+            "a delay is taken as zero, and only the accelerating ramps can show one; if the fit"
+            " finds one, the standard error of the constant backlash is far larger (see --delay"
+            " free), unless there is a second speed"
         )
     if noise.std_deg > 0 and noise.correlation_s == 0:
-        found.append(
-            "noise is taken to be white; that of real rigs remembers, and then tells several times"
-            " less: give its correlation time, which `vttig fit` prints for a log of the rig"
+        sentences.append(
+            "noise is taken as white; on real rigs it is correlated and standard errors are several"
+            " times larger: give its correlation time, which `vttig fit` prints for a log of a rig"
         )
-    return (*found, *rows.identifiable.notes)
+    return (*sentences, *rows.identifiable.notes)
 
 
 def _aliased(pair: GearPair | Drive, run: PlannedRun, options: HarmonicOrders) -> list[str]:
-    """Orders above half the sampling rate at the fastest speed."""
+    """Return sentences on orders above half the sampling rate at the fastest speed."""
     turns_a_second = max(run.speeds_rpm) / 60
     teeth = 0 if isinstance(pair, Drive) else pair.driving.teeth
     mesh = tuple(k for k in range(1, options.mesh_orders + 1) if teeth)
-    every = {
+    shafts = {
         "driving": (1.0, options.driving_orders),
         "driven": (float(pair.ratio), options.driven_orders),
         "mesh": (float(teeth), mesh),
     }
-    found = []
-    for name, (relative, orders) in every.items():
-        above = [k for k in orders if k * relative * turns_a_second >= run.rate_hz / 2]
-        if above:
-            found.append(
-                f"{name} orders {', '.join(map(str, above))} lie above half the sampling rate at"
+    sentences = []
+    for name, (relative, orders) in shafts.items():
+        aliased = [k for k in orders if k * relative * turns_a_second >= run.rate_hz / 2]
+        if aliased:
+            sentences.append(
+                f"{name} orders {', '.join(map(str, aliased))} lie above half the sampling rate at"
                 f" {max(run.speeds_rpm):g} rpm and alias; sample faster or take them out of [fit]"
             )
-    return found
+    return sentences

@@ -1,4 +1,4 @@
-"""The run that is planned: how far, how fast, which way, how often sampled."""
+"""Planned run: turns, speeds, directions and sampling rate."""
 
 import math
 from dataclasses import dataclass
@@ -16,10 +16,10 @@ from ...rig.motion import PassMotion
 Directions = Literal["both", "forward", "backward"]
 
 MOST_SAMPLES = 10_000_000
-"""A longer run would not fit the memory of a small machine."""
+"""Most samples of a run (chosen), so that it fits the memory of a small machine."""
 
-_FINE = 100_000_000
-"""Counts a turn of an encoder of which no counts are known."""
+_FINE_COUNTS = 100_000_000
+"""Counts per turn of an encoder whose number of counts is not known (chosen)."""
 
 
 @dataclass(frozen=True)
@@ -27,13 +27,13 @@ class PlannedRun:
     """Steady speed over `turns` of the driving shaft, with ramps and dwells, in one recording.
 
     **Arguments**
-    - `turns`: of the driving shaft in every pass, ramps included.
-    - `speeds_rpm`: of the driving shaft; each has passes of its own, one after the other.
-    - `directions`: "both" goes to and fro.
-    - `passes`: at every speed; 2 for both directions, 1 for one by default.
-    - `rate_hz`: of sampling. `dwell_s`, `ramp_s`: as in `rig.motion.Motion`.
+    - `turns`: turns of the driving shaft in every pass, ramps included.
+    - `speeds_rpm`: speeds of the driving shaft; each has its own passes, one after the other.
+    - `directions`: "both" turns forward and back.
+    - `passes`: passes at every speed; by default 2 for both directions, 1 for one.
+    - `rate_hz`: sampling rate, Hz. `dwell_s`, `ramp_s`: as in `rig.motion.PassMotion`.
 
-    **Raises** `ValueError` naming the argument.
+    **Raises** `ValueError` that names the argument.
     """
 
     turns: float
@@ -52,8 +52,8 @@ class PlannedRun:
             )
         if not self.speeds_rpm:
             raise ValueError("Argument `speed_rpm` must hold at least one speed, but is empty.")
-        given = {"turns": [self.turns], "speed_rpm": self.speeds_rpm, "rate_hz": [self.rate_hz]}
-        for name, values in given.items():
+        arguments = {"turns": [self.turns], "speed_rpm": self.speeds_rpm, "rate_hz": [self.rate_hz]}
+        for name, values in arguments.items():
             for value in values:
                 if not 0 < value < math.inf:
                     raise ValueError(f"Argument `{name}` must be positive, but is {value!r}.")
@@ -61,10 +61,10 @@ class PlannedRun:
             value = getattr(self, name)
             if not 0 <= value < math.inf:
                 raise ValueError(f"Argument `{name}` must not be negative, but is {value!r}.")
-        least = 2 if self.directions == "both" else 1
-        allowed = self.each >= 2 if self.directions == "both" else self.each == 1
+        fewest = 2 if self.directions == "both" else 1
+        allowed = self.pass_count >= 2 if self.directions == "both" else self.pass_count == 1
         if not allowed:
-            cure = "at least 2" if least == 2 else "1 in one direction (plan more turns instead)"
+            cure = "at least 2" if fewest == 2 else "1 in one direction (plan more turns instead)"
             raise ValueError(f"Argument `passes` must be {cure}, but is {self.passes!r}.")
         if self.turns < self.least_turns:
             raise ValueError(
@@ -73,45 +73,46 @@ class PlannedRun:
             )
 
     @property
-    def each(self) -> int:
-        """Passes at every speed."""
+    def pass_count(self) -> int:
+        """Number of passes at every speed."""
         if self.passes is not None:
             return self.passes
         return 2 if self.directions == "both" else 1
 
     @property
     def least_turns(self) -> float:
-        """Turns that the ramps take; a pass cannot be shorter."""
+        """Turns of the two ramps; a pass cannot be shorter."""
         return max(self.speeds_rpm) / 60 * self.ramp_s
 
     @property
     def motions(self) -> tuple[PassMotion, ...]:
-        """Of the driving shaft at every speed, from zero."""
+        """Motions of the driving shaft at every speed, each from zero."""
+        times_s = self.dwell_s, self.ramp_s
         return tuple(
-            PassMotion(speed, 360.0 * self.turns, self.dwell_s, self.ramp_s, self.each, ripple=0.0)
+            PassMotion(speed, 360.0 * self.turns, *times_s, self.pass_count, ripple=0.0)
             for speed in self.speeds_rpm
         )
 
     @property
     def duration_s(self) -> float:
-        """From the first sample to the end of the last dwell."""
+        """Time from the first sample to the end of the last dwell, s."""
         return sum(motion.duration_s for motion in self.motions)
 
     @property
     def samples(self) -> int:
-        """Of the whole recording."""
+        """Samples of the whole recording."""
         return int(self.duration_s * self.rate_hz) + 1
 
     def log(self, pair: GearPair | Drive) -> EncoderLog:
-        """What ideal encoders of a perfect pair would log: the motion, without errors and gap.
+        """Return the log of ideal encoders on a perfect pair: the motion, without errors and gap.
 
         **Raises** `UsageError` for more samples than fit in memory.
         """
         if self.samples > MOST_SAMPLES:
             raise UsageError(
                 f"a run of {self.turns:g} turns has {self.samples:.3g} samples at"
-                f" {self.rate_hz:g} Hz, more than {MOST_SAMPLES:.0e} that are planned at once; plan"
-                " fewer turns or a lower rate."
+                f" {self.rate_hz:g} Hz, but at most {MOST_SAMPLES:.0e} can be planned; plan fewer"
+                " turns or a lower rate."
             )
         time = np.arange(self.samples) / self.rate_hz
         driving, start_s = np.zeros(len(time)), 0.0
@@ -121,7 +122,7 @@ class PlannedRun:
         if self.directions == "backward":
             driving = -driving
         first, second = (
-            gear.encoder.counts_per_rev or _FINE for gear in (pair.driving, pair.driven)
+            gear.encoder.counts_per_rev or _FINE_COUNTS for gear in (pair.driving, pair.driven)
         )
         ideal = Drive(ratio=pair.ratio, driving=_counting(first), driven=_counting(second))
         counts = (
@@ -133,12 +134,12 @@ class PlannedRun:
     def __str__(self) -> str:
         speeds = " and ".join(f"{speed:g}" for speed in self.speeds_rpm)
         ways = {
-            "both": f"{self.each} passes to and fro",
+            "both": f"{self.pass_count} passes to and fro",
             "forward": "one pass forward",
             "backward": "one pass backward",
         }
-        each = " each" if len(self.speeds_rpm) > 1 else ""
-        return f"{self.turns:g} turns a pass, {ways[self.directions]} at {speeds} rpm{each}"
+        suffix = " each" if len(self.speeds_rpm) > 1 else ""
+        return f"{self.turns:g} turns a pass, {ways[self.directions]} at {speeds} rpm{suffix}"
 
 
 def _counting(per_rev: int) -> GearTable:

@@ -12,11 +12,11 @@ from ...pair.gear_pair import Drive, GearPair
 from ...pair.schema import HarmonicOrders
 from .assumptions import assumed_values
 from .noise import PlannedNoise
-from .plan import Assumptions, DelayChoice, planned
+from .plan import Assumptions, DelayChoice, plan_of_run
 from .result import Plan
 from .run import MOST_SAMPLES, Directions, PlannedRun
 
-MOST_TURNS = 1000.0
+MOST_TURNS = 1000.0  # of a pass (chosen)
 
 
 @one_blas_thread
@@ -34,22 +34,22 @@ def shortest_run(
     ramp_s: float = 0.5,
     eccentricities: Eccentricities | None = None,
     assumed: Mapping[str, float] | None = None,
-    options: HarmonicOrders | None = None,
-    encoder_terms: bool = True,
+    orders: HarmonicOrders | None = None,
+    perfect_encoders: bool = False,
     delay: DelayChoice = "auto",
 ) -> Plan:
-    """The plan with the fewest whole turns a pass that reaches every wanted standard error.
+    """Return the plan with the fewest whole turns per pass that reaches all wanted standard errors.
 
-    More turns never tell less once every first order has turns enough, so the run is lengthened
-    until it suffices and then bisected.
+    More turns never give less information once every first order has enough turns. The run is
+    therefore lengthened until it suffices, and then bisected.
 
     **Arguments**
-    - `target`: name of a parameter → wanted standard error in its unit, such as
+    - `target`: name of a parameter → wanted standard error in its unit, for example
       `{"driving_eccentricity_mm": 1e-4}`.
     - `most_turns`: upper bound of the search, 1000 by default; never beyond ten million samples.
-    - the others as in `plan`.
+    - other arguments: as in `plan`.
 
-    **Raises** `NoAnswerError` where no run of this kind reaches it, with the reason.
+    **Raises** `NoAnswerError` with the reason if no run of this kind reaches the target.
 
     **Example**
     ```python
@@ -76,17 +76,17 @@ def shortest_run(
     speeds = tuple(speed_rpm) if isinstance(speed_rpm, Sequence) else (speed_rpm,)
     longest = PlannedRun(most_turns, speeds, rate_hz, directions, passes, dwell_s, ramp_s)
     values = assumed_values(pair, eccentricities, assumed)
-    assumptions = Assumptions(values, noise, options or pair.fit, encoder_terms, delay)
-    return _searched(pair, longest, assumptions, target)
+    assumptions = Assumptions(values, noise, orders or pair.fit, perfect_encoders, delay)
+    return _search(pair, longest, assumptions, target)
 
 
-def _searched(
+def _search(
     pair: GearPair | Drive,
     longest: PlannedRun,
     assumptions: Assumptions,
     target: Mapping[str, float],
 ) -> Plan:
-    """Lengthen the run until it is enough, then bisect; std ∝ 1/√turns says where to look."""
+    """Lengthen the run until it suffices, then bisect it; std ∝ 1/√turns predicts the turns."""
     most = _most_turns(longest)
     least = max(1, math.ceil(longest.least_turns))
 
@@ -94,80 +94,80 @@ def _searched(
         return _attempt(pair, replace(longest, turns=float(turns)), assumptions, target)
 
     few, many = least - 1, min(least, most)
-    found = attempt(many)
-    while not _reached(found, target):
+    result = attempt(many)
+    while not _reaches_target(result, target):
         if many == most:
-            raise _unreachable(found, target, longest, most)
-        if isinstance(found, Plan):
-            _require_possible(found, target)
-        few, many = many, min(max(2 * many, _guessed(found, target)), most)
-        found = attempt(many)
-    best, by_law = found, True
+            raise _unreachable(result, target, longest, most)
+        if isinstance(result, Plan):
+            _require_possible(result, target)
+        few, many = many, min(max(2 * many, _estimated_turns(result, target)), most)
+        result = attempt(many)
+    best, predict = result, True
     while many - few > 1:
-        middle = _guessed(best, target) if by_law else (few + many) // 2
-        middle, by_law = min(max(middle, few + 1), many - 1), not by_law
-        found = attempt(middle)
-        if _reached(found, target):
-            best, many = found, middle
+        middle = _estimated_turns(best, target) if predict else (few + many) // 2
+        middle, predict = min(max(middle, few + 1), many - 1), not predict
+        result = attempt(middle)
+        if _reaches_target(result, target):
+            best, many = result, middle
         else:
             few = middle
-    assert isinstance(best, Plan)  # `_reached` holds for no other
+    assert isinstance(best, Plan)  # because it reaches the target
     return best
 
 
-def _guessed(found: Plan | NoAnswerError, target: Mapping[str, float]) -> int:
-    """Turns that reach the target if every standard error falls with their square root."""
-    if isinstance(found, NoAnswerError):
+def _estimated_turns(result: Plan | NoAnswerError, target: Mapping[str, float]) -> int:
+    """Return the turns that reach the target if every standard error falls as 1/√turns."""
+    if isinstance(result, NoAnswerError):
         return 0
-    excess = max(found.std(name) / wanted for name, wanted in target.items())
-    return math.ceil(min(found.run.turns * excess**2, 1e9)) if excess < math.inf else 0
+    excess = max(result.std(name) / wanted for name, wanted in target.items())
+    return math.ceil(min(result.run.turns * excess**2, 1e9)) if excess < math.inf else 0
 
 
 def _most_turns(longest: PlannedRun) -> int:
-    """Whole turns within the bound of the search and that of memory."""
-    a_turn = sum(60 / speed for speed in longest.speeds_rpm) * longest.each * longest.rate_hz
-    return max(1, math.floor(min(longest.turns, 0.95 * MOST_SAMPLES / a_turn)))
+    """Return the most whole turns within the bound of the search and that of memory."""
+    samples = sum(60 / speed for speed in longest.speeds_rpm) * longest.pass_count * longest.rate_hz
+    return max(1, math.floor(min(longest.turns, 0.95 * MOST_SAMPLES / samples)))
 
 
 def _attempt(
     pair: GearPair | Drive, run: PlannedRun, assumptions: Assumptions, target: Mapping[str, float]
 ) -> Plan | NoAnswerError:
     try:
-        found = planned(pair, run, assumptions, target)
+        result = plan_of_run(pair, run, assumptions, target)
     except NoAnswerError as error:
         return error
     for name in target:
-        if name not in found.parameters:
-            known = ", ".join(found.parameters)
+        if name not in result.parameters:
+            known = ", ".join(result.parameters)
             raise ValueError(f"Argument `target` must hold names of {known}, but holds {name!r}.")
-    return found
+    return result
 
 
-def _reached(found: Plan | NoAnswerError, target: Mapping[str, float]) -> bool:
-    return isinstance(found, Plan) and all(found.std(n) <= wanted for n, wanted in target.items())
+def _reaches_target(result: Plan | NoAnswerError, target: Mapping[str, float]) -> bool:
+    return isinstance(result, Plan) and all(result.std(n) <= wanted for n, wanted in target.items())
 
 
-def _require_possible(found: Plan, target: Mapping[str, float]) -> None:
-    """Raise where turns are not what is missing: both shafts turn enough, and still."""
-    for name in () if found.short else target:
-        if not found.parameters[name].determined:
-            reason = found.parameters[name].reason
-            raise NoAnswerError(f"no number of turns tells {name}: {reason}.", where="planned run")
+def _require_possible(result: Plan, target: Mapping[str, float]) -> None:
+    """Raise an error if both shafts turn enough and a parameter is still undetermined."""
+    for name in () if result.short else target:
+        if not result.parameters[name].determined:
+            reason = result.parameters[name].reason
+            raise NoAnswerError(f"no number of turns fixes {name}: {reason}.", where="planned run")
 
 
 def _unreachable(
-    found: Plan | NoAnswerError, target: Mapping[str, float], longest: PlannedRun, most: int
+    result: Plan | NoAnswerError, target: Mapping[str, float], longest: PlannedRun, most: int
 ) -> NoAnswerError:
-    if isinstance(found, NoAnswerError):
-        return found
-    _require_possible(found, target)
+    if isinstance(result, NoAnswerError):
+        return result
+    _require_possible(result, target)
     limit = "as asked" if most == math.floor(longest.turns) else "the most that fit in memory"
     missed = []
     for name, wanted in target.items():
-        one = found.parameters[name]
-        if found.std(name) > wanted:
-            seen = f"{one.std:.2g}" if one.std is not None else f"none ({one.reason})"
-            missed.append(f"{name} {seen} instead of {wanted:g} {one.unit}")
+        p = result.parameters[name]
+        if result.std(name) > wanted:
+            reached = f"{p.std:.2g}" if p.std is not None else f"none ({p.reason})"
+            missed.append(f"{name} {reached} instead of {wanted:g} {p.unit}")
     return NoAnswerError(
         f"{most} turns a pass, {limit}, are too few: {'; '.join(missed)}; allow more turns, less"
         " noise or more passes.",

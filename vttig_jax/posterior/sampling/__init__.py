@@ -1,1 +1,1 @@
-"""Ensemble sampling with checkpoints and tests of convergence."""
+"""Ensemble sampling with checkpoints and convergence tests."""

@@ -1,4 +1,4 @@
-"""Checkpoints that survive a kill at any moment: one HDF5 file, replaced whole. No pickles."""
+"""HDF5 checkpoint files, replaced atomically: a kill at any moment leaves a complete file."""
 
 import io
 import json
@@ -15,22 +15,27 @@ import h5py
 import numpy as np
 
 from ...base.errors import InputError, UsageError
-from ...base.files.atomic_write import beside, in_a_sentence, move, refusal
+from ...base.files.atomic_write import (
+    move,
+    os_error_message,
+    os_errors_as_input_errors,
+    temporary_path,
+)
 from ...base.files.json_io import dumps
 from .ensemble_blocks import Record
 from .stop_rule import Until
 
 FORMAT = "vttig.posterior/1"
-SAVE_S = 5.0
-_SHARE = 20.0  # writing takes at most 1/20 of the time
+SAVE_S = 5.0  # shortest time between two saves, s (chosen)
+_WAIT_PER_WRITE = 20.0  # writing takes at most 1/20 of the time (chosen)
 _ARRAYS = tuple(
     field.name for field in fields(Record) if field.name not in ("steps", "thin")
-)  # one dataset each
+)  # names of the HDF5 datasets
 
 
 @dataclass(frozen=True)
 class Header:
-    """What a run is: a checkpoint is continued only by a run that agrees in all of this."""
+    """Settings of a run; only a run with equal settings may continue its checkpoint."""
 
     names: tuple[str, ...]
     units: tuple[str, ...]
@@ -40,19 +45,19 @@ class Header:
     walkers: int
     thin: int
 
-    def plain(self) -> dict[str, Any]:
-        """The header as JSON gives it back, so that two can be compared."""
+    def as_json(self) -> dict[str, Any]:
+        """Return the header as it is after a round trip through JSON, for comparison."""
         return json.loads(dumps(self))
 
 
 class Checkpoint:
-    """The one writer of a checkpoint file, used as a context manager.
+    """Writer of a checkpoint file, used as a context manager.
 
-    A new generation is written beside the old one, synced and moved over it: at any moment the
-    file is a whole generation. A second writer is refused.
+    A new version is written to a temporary file, synced and moved over the old one: the file is
+    complete at any moment. A second writer is refused.
 
     **Raises** `UsageError` for an existing file without `resume` or `overwrite`, for a missing one
-    with `resume` and for a second writer; `InputError` for no space and no permission.
+    with `resume` and for a second writer; `InputError` for a full disk or missing permission.
     """
 
     def __init__(self, path: Path, header: Header, *, resume: bool, overwrite: bool):
@@ -70,8 +75,8 @@ class Checkpoint:
         from filelock import FileLock, Timeout
 
         if self.resume and not self.path.exists():
-            raise UsageError("nothing to resume here; leave out --resume.", where=str(self.path))
-        with in_a_sentence(self.path):
+            raise UsageError("there is nothing to resume; omit --resume.", where=str(self.path))
+        with os_errors_as_input_errors(self.path):
             self.path.parent.mkdir(parents=True, exist_ok=True)
             lock = FileLock(self._lock_path)
             try:
@@ -83,7 +88,7 @@ class Checkpoint:
                 ) from None
         self._lock = lock
         if self.path.exists() and not (self.resume or self.overwrite):
-            self._leave()
+            self._release()
             raise UsageError(
                 "already exists; continue it with --resume, replace it with --overwrite (in Python"
                 " resume=True, overwrite=True) or choose another name.",
@@ -97,81 +102,81 @@ class Checkpoint:
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        self._leave()
+        self._release()
 
     @property
     def _lock_path(self) -> Path:
         return self.path.with_name(f".{self.path.name}.lock")
 
-    def _leave(self) -> None:
+    def _release(self) -> None:
         with suppress(OSError):
-            beside(self.path).unlink(missing_ok=True)
-        # Unlinked while held: `filelock` sees that a lock it just got guards no name.
+            temporary_path(self.path).unlink(missing_ok=True)
+        # Unlink before the release: `filelock` notices that a lock it just got has no file.
         with suppress(OSError):
             self._lock_path.unlink()
         self._lock.release()
 
     def load(self) -> Record:
-        """What the file holds, where it is of this run.
+        """Return the record of the file, which must belong to this run.
 
-        **Raises** `InputError` saying what differs, or that the file is damaged.
+        **Raises** `InputError` that says what differs, or that the file is damaged.
         """
-        seen, record, until = read(self.path)
-        differences = list(_differences(seen.plain(), self.header.plain()))
+        stored, record, until = read(self.path)
+        differences = list(_differences(stored.as_json(), self.header.as_json()))
         if differences:
-            shown = "; ".join(differences[:3])
-            rest = f"; and {len(differences) - 3} more" if len(differences) > 3 else ""
+            first = "; ".join(differences[:3])
+            more = f"; and {len(differences) - 3} more" if len(differences) > 3 else ""
             raise InputError(
-                f"this checkpoint is of another run: {shown}{rest}; sample as it was made, or make"
-                " it anew with --overwrite.",
+                f"this checkpoint belongs to another run: {first}{more}; repeat the settings of"
+                " that run, or replace the file with --overwrite.",
                 where=str(self.path),
             )
         self._saved = record.steps, until
         return record
 
     def due(self) -> bool:
-        """Whether it is time for a new generation: 5 s, more where writing is slow."""
-        return time.monotonic() - self._last_s >= max(SAVE_S, _SHARE * self._cost_s)
+        """Return whether to save now: every 5 s, less often if writing is slow."""
+        return time.monotonic() - self._last_s >= max(SAVE_S, _WAIT_PER_WRITE * self._cost_s)
 
     def save(self, record: Record, until: Until) -> None:
-        """Write a generation, unless the file holds it or an attempt has failed."""
+        """Write the record unless the file already holds it or an earlier attempt failed."""
         if self._failed or record.steps == 0 or self._saved == (record.steps, until):
             return
         began = time.monotonic()
-        temporary = beside(self.path)
+        temporary = temporary_path(self.path)
         try:
             _write(temporary, self.header, record, until)
             move(temporary, self.path)
         except OSError as error:
             self._failed = True
             raise InputError(
-                f"{refusal(error)[:-1]}; {self._whole()}.", where=str(self.path)
+                f"{os_error_message(error)[:-1]}; {self._recovery_hint()}.", where=str(self.path)
             ) from (error)
         self._saved = record.steps, until
         self._last_s = time.monotonic()
         self._cost_s = self._last_s - began
 
-    def _whole(self) -> str:
+    def _recovery_hint(self) -> str:
         if self._saved is not None:
-            return f"the checkpoint of step {self._saved[0]} is whole, go on from it with --resume"
+            return f"the checkpoint of step {self._saved[0]} is complete, continue with --resume"
         older = self.path.exists()
-        return "the older file is as it was" if older else "no checkpoint was written before"
+        return "the older file is unchanged" if older else "no checkpoint was written before"
 
 
 def read(path: Path) -> tuple[Header, Record, Until]:
-    """Read a checkpoint and check that it is whole.
+    """Return header, record and stop rule of a checkpoint, and check that it is complete.
 
     **Raises** `InputError` for a file that is damaged or no checkpoint.
     """
     try:
-        # No locks on the file itself: it is never changed, only replaced.
+        # The file itself needs no lock: it is replaced, never changed.
         with h5py.File(path, "r", locking=False) as file:
             if file.attrs.get("format") != FORMAT:
                 raise ValueError(f"its format is not {FORMAT}")
             text = file["header"][()].decode("utf-8")  # type: ignore[index, union-attr]
             arrays = {name: np.asarray(file[name]) for name in _ARRAYS}
             if _checksum(text, arrays) != int(np.asarray(file.attrs["crc32"])):
-                raise ValueError("its checksum does not fit")
+                raise ValueError("its checksum does not match")
         content = json.loads(text)
         steps, until = content.pop("steps"), Until(**content.pop("until"))
         for name in ("names", "units"):
@@ -179,31 +184,31 @@ def read(path: Path) -> tuple[Header, Record, Until]:
         header = Header(**content)
         return header, Record(steps=steps, thin=header.thin, **arrays), until
     except PermissionError:
-        raise InputError("no permission to read this checkpoint.", where=str(path)) from None
+        raise InputError("there is no permission to read it.", where=str(path)) from None
     except FileNotFoundError:
-        raise InputError("no such checkpoint.", where=str(path)) from None
+        raise InputError("this checkpoint does not exist.", where=str(path)) from None
     except Exception as error:
         reason = " ".join(str(error).split()) or type(error).__name__
         raise InputError(
-            f"no whole checkpoint of vttig ({reason}); make it anew with `vttig sample"
+            f"this is no complete checkpoint of vttig ({reason}); replace it with `vttig sample"
             " --overwrite`.",
             where=str(path),
         ) from None
 
 
 def _write(path: Path, header: Header, record: Record, until: Until) -> None:
-    """Write a generation to a temporary name and wait until the disk has it."""
-    text = dumps(header.plain() | {"steps": record.steps, "until": until})
+    """Write a checkpoint to a temporary name and sync it to the disk."""
+    text = dumps(header.as_json() | {"steps": record.steps, "until": until})
     arrays = {name: getattr(record, name) for name in _ARRAYS}
     with open(path, "wb+", buffering=0) as raw:
-        disk = _Disk(raw)
+        disk = _ErrorRecordingFile(raw)
         with h5py.File(disk, "w") as file:
             file.attrs["format"] = FORMAT
             file.attrs["crc32"] = _checksum(text, arrays)
             file["header"] = np.bytes_(text.encode("utf-8"))
             for name, array in arrays.items():
                 dataset = file.create_dataset(name, array.shape, array.dtype)
-                for index, part in enumerate(array):  # an ensemble is contiguous, all are not
+                for index, part in enumerate(array):  # one ensemble is contiguous, the whole is not
                     if part.size:
                         dataset[index] = part
         if disk.error is not None:
@@ -211,11 +216,11 @@ def _write(path: Path, header: Header, record: Record, until: Until) -> None:
         os.fsync(raw.fileno())
 
 
-class _Disk(io.RawIOBase):
-    """A file for HDF5 that remembers the first refusal instead of raising it.
+class _ErrorRecordingFile(io.RawIOBase):
+    """File for HDF5 that records the first write error instead of raising it.
 
-    HDF5 cannot close a file whose last writes fail; it goes on as if they had been done, and the
-    caller looks at `error`.
+    HDF5 cannot close a file whose last writes fail. With this class it continues as if they had
+    succeeded, and the caller reads `error`.
     """
 
     def __init__(self, raw: io.FileIO):
@@ -235,14 +240,14 @@ class _Disk(io.RawIOBase):
         return self._try(lambda: self._raw.truncate(size), 0)
 
     def write(self, data: Any) -> int:
-        return self._try(lambda: self._all(memoryview(data).cast("B")), len(data))
+        return self._try(lambda: self._write_fully(memoryview(data).cast("B")), len(data))
 
     def flush(self) -> None:
-        """Nothing is buffered."""
+        """Do nothing: the file is unbuffered."""
 
-    def _all(self, data: memoryview) -> int:
+    def _write_fully(self, data: memoryview) -> int:
         done = 0
-        while done < len(data):  # the system may take a part only
+        while done < len(data):  # the system may write only a part
             done += self._raw.write(data[done:]) or 0
         return done
 
@@ -264,24 +269,24 @@ def _checksum(text: str, arrays: dict[str, np.ndarray]) -> int:
     return value
 
 
-def _differences(seen: Any, expected: Any, place: str = "") -> Any:
-    """Sentences on where two JSON values differ, in the order of the first."""
-    if isinstance(seen, dict) and isinstance(expected, dict):
-        for key in [*seen, *(key for key in expected if key not in seen)]:
+def _differences(stored: Any, expected: Any, place: str = "") -> Any:
+    """Yield sentences on the differences of two JSON values, in the order of the first."""
+    if isinstance(stored, dict) and isinstance(expected, dict):
+        for key in [*stored, *(key for key in expected if key not in stored)]:
             inner = f"{place}.{key}" if place else key
-            if key not in seen:
-                yield f"`{inner}` is missing, {_short(expected[key])} expected"
+            if key not in stored:
+                yield f"`{inner}` is missing, {_shortened(expected[key])} expected"
             elif key not in expected:
-                yield f"`{inner}` is {_short(seen[key])}, not expected"
+                yield f"`{inner}` is {_shortened(stored[key])}, not expected"
             else:
-                yield from _differences(seen[key], expected[key], inner)
-    elif isinstance(seen, list) and isinstance(expected, list) and len(seen) == len(expected):
-        for index, (one, other) in enumerate(zip(seen, expected, strict=True)):
-            yield from _differences(one, other, f"{place}[{index}]")
-    elif seen != expected:
-        yield f"`{place}` is {_short(seen)}, {_short(expected)} expected"
+                yield from _differences(stored[key], expected[key], inner)
+    elif isinstance(stored, list) and isinstance(expected, list) and len(stored) == len(expected):
+        for index, (item, expected_item) in enumerate(zip(stored, expected, strict=True)):
+            yield from _differences(item, expected_item, f"{place}[{index}]")
+    elif stored != expected:
+        yield f"`{place}` is {_shortened(stored)}, {_shortened(expected)} expected"
 
 
-def _short(value: Any) -> str:
+def _shortened(value: Any) -> str:
     text = json.dumps(value, ensure_ascii=False)
     return text if len(text) <= 60 else f"{text[:57]}…"

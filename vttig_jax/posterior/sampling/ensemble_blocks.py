@@ -1,4 +1,4 @@
-"""Several emcee ensembles, advanced together block by block."""
+"""Ensembles of emcee that advance together, block by block."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -13,22 +13,21 @@ from ...base.errors import InputError
 from .target import CheckedDensity, starting_points
 
 MOVES = ((DEMove(), 0.8), (StretchMove(), 0.2))
-"""Differential evolution with some stretch moves for posteriors that are no ellipsoid.
+"""Moves and their weights: differential evolution, and stretch moves for non-elliptic posteriors.
 
-On a Gaussian of 20 coordinates, condition 1e4, 64 walkers: 4600 effective draws a second by
-differential evolution, 4000 by this mixture, 770 by stretch moves alone. `DESnookerMove` of emcee
-3.1.6 breaks detailed balance (its unit vector is divided by √norm): mixed in with weight 0.2 it
-draws that Gaussian with 22 % too little variance.
-"""
+Measured on a Gaussian of 20 coordinates, condition 1e4, 64 walkers, in effective draws per second:
+4600 by differential evolution, 4000 by this mixture, 770 by stretch moves alone. `DESnookerMove`
+of emcee 3.1.6 violates detailed balance (it divides its unit vector by √norm): with weight 0.2 in
+the mixture, the variance of that Gaussian comes out 22 % too small."""
 
 
 @dataclass(frozen=True)
 class Record:
-    """All there is to know of several ensembles after some steps: what a checkpoint holds.
+    """State of several ensembles after some steps; a checkpoint holds all of it.
 
-    `draws` and `log_density` are those of every `thin`-th step, `points` and `point_log_density`
-    those of the last one. `keys` and `rest` (position, has_gauss, cached_gaussian) are the states
-    of the ensembles' Mersenne twisters.
+    `draws` and `log_density` belong to every `thin`-th step, `points` and `point_log_density` to
+    the last one. `keys` and `rest` (position, has_gauss, cached_gaussian) are the states of the
+    ensembles' Mersenne twisters.
     """
 
     steps: int
@@ -45,7 +44,7 @@ class Record:
 class Ensembles:
     """Ensembles that advance together; `record` changes only when a whole block is done.
 
-    An exception in the middle of a block, Ctrl-C too, leaves `record` as it was before.
+    An exception during a block, including Ctrl-C, leaves `record` unchanged.
     """
 
     def __init__(self, density: CheckedDensity, record: Record):
@@ -55,14 +54,14 @@ class Ensembles:
         self._samplers = [_Sampler(walkers, d, density, record.thin) for _ in range(count)]
 
     def advance(self, steps: int) -> None:
-        """Make `steps` steps with every ensemble."""
+        """Advance every ensemble by `steps` steps."""
         old = self.record
         first, last = old.steps // old.thin, (old.steps + steps) // old.thin
-        draws, log_density = self._room(last)
+        draws, log_density = self._buffers_for(last)
         states, accepted = [], []
         for index, sampler in enumerate(self._samplers):
             into = draws[index, first:last], log_density[index, first:last]
-            states.append(sampler.advance(_state(old, index), steps, old.steps, into))
+            states.append(sampler.advance(_emcee_state(old, index), steps, old.steps, into))
             accepted.append(sampler.backend.total)
         self.record = replace(
             old,
@@ -70,22 +69,22 @@ class Ensembles:
             draws=draws[:, :last],
             log_density=log_density[:, :last],
             accepted=old.accepted + np.array(accepted, np.int64),
-            **_last(states),
+            **_end_state(states),
         )
 
-    def _room(self, kept: int) -> tuple[np.ndarray, np.ndarray]:
-        """Arrays with room for `kept` steps; they double, so that growing costs little."""
-        room = self._buffers[0].shape[1]
-        if kept > room:
-            more = max(kept, 2 * room)
-            self._buffers = _grown(self._buffers[0], more), _grown(self._buffers[1], more)
+    def _buffers_for(self, kept: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return arrays with capacity for `kept` steps; it doubles, so that growing is rare."""
+        capacity = self._buffers[0].shape[1]
+        if kept > capacity:
+            larger = max(kept, 2 * capacity)
+            self._buffers = _enlarged(self._buffers[0], larger), _enlarged(self._buffers[1], larger)
         return self._buffers
 
 
 def start(
     density: CheckedDensity, seeds: list[np.random.SeedSequence], walkers: int, thin: int
 ) -> Record:
-    """Ensembles before their first step, each from its own seed."""
+    """Return the record of ensembles before their first step, each with its own seed."""
     states = []
     for seed in seeds:
         placing, moving = seed.spawn(2)
@@ -99,37 +98,37 @@ def start(
         draws=np.empty((count, 0, walkers, d)),
         log_density=np.empty((count, 0, walkers)),
         accepted=np.zeros(count, np.int64),
-        **_last(states),
+        **_end_state(states),
     )
 
 
 def warm_up(density: CheckedDensity, points: Float[np.ndarray, "walkers d"]) -> None:
-    """Evaluate every batch shape the moves ask for once: a compiled density compiles now."""
+    """Evaluate the density once for every batch size of the moves, so that it compiles now."""
     sizes = {len(points[part :: move.nsplits]) for move, _ in MOVES for part in range(move.nsplits)}
     for size in sorted(sizes):
         density(points[:size].copy())
 
 
 def check_same_density(density: CheckedDensity, record: Record, path: Path) -> None:
-    """Refuse to go on where the density gives other numbers than those stored.
+    """Check that the density has the values stored in the record; the code may have changed.
 
-    **Raises** `InputError` naming a point; options and data may agree where the program does not.
+    **Raises** `InputError` that names a point.
     """
     stored = record.point_log_density[0]
     values = density(record.points[0].copy())
-    apart = np.abs(values - stored) > 1e-6 * (1 + np.abs(stored))
-    if apart.any():
-        worst = int(np.argmax(apart))
+    different = np.abs(values - stored) > 1e-6 * (1 + np.abs(stored))
+    if different.any():
+        worst = int(np.argmax(different))
         raise InputError(
-            f"this checkpoint is of another density: at {density.words(record.points[0, worst])} it"
-            f" has the log density {stored[worst]:.9g}, {values[worst]:.9g} expected; make it anew"
-            " with --overwrite.",
+            "this checkpoint belongs to another density: at"
+            f" {density.describe(record.points[0, worst])} it has the log density"
+            f" {stored[worst]:.9g}, {values[worst]:.9g} expected; replace it with --overwrite.",
             where=str(path),
         )
 
 
-class _Kept(emcee.backends.Backend):
-    """Writes every `thin`-th step into arrays given to it; counts all accepted proposals."""
+class _ArrayBackend(emcee.backends.Backend):
+    """Backend that writes every `thin`-th step into given arrays and counts accepted proposals."""
 
     def __init__(self, thin: int):
         super().__init__()
@@ -139,7 +138,7 @@ class _Kept(emcee.backends.Backend):
         self.steps, self.into, self.stored, self.total = steps, into, 0, 0
 
     def grow(self, ngrow: int, blobs: None) -> None:
-        """Room is given by `begin`."""
+        """Do nothing: `begin` receives arrays of the right size."""
 
     def save_step(self, state: emcee.State, accepted: np.ndarray) -> None:
         self.steps += 1
@@ -152,31 +151,31 @@ class _Kept(emcee.backends.Backend):
 
 
 class _Sampler(emcee.EnsembleSampler):
-    """emcee's sampler on a checked, vectorised density."""
+    """Sampler of emcee on a checked, vectorised density."""
 
-    backend: _Kept
+    backend: _ArrayBackend
 
     def __init__(self, walkers: int, d: int, density: CheckedDensity, thin: int):
         super().__init__(
-            walkers, d, density, moves=list(MOVES), backend=_Kept(thin), vectorize=True
+            walkers, d, density, moves=list(MOVES), backend=_ArrayBackend(thin), vectorize=True
         )
         self._density = density
 
     def compute_log_prob(self, coords: np.ndarray) -> tuple[np.ndarray, None]:
-        """The density straight: emcee's way goes through a list and prints exceptions."""
+        """Return the density directly; emcee's own method makes a list and prints exceptions."""
         return self._density(coords), None
 
     def advance(
         self, state: emcee.State, steps: int, before: int, into: tuple[np.ndarray, np.ndarray]
     ) -> emcee.State:
-        """Return the state `steps` steps on; `before` is the number of steps made already."""
+        """Return the state after `steps` steps; `before` is the number of steps already made."""
         self.backend.begin(before, into)
         *_, last = self.sample(state, iterations=steps, skip_initial_state_check=True)
         return last
 
 
-def _state(record: Record, index: int) -> emcee.State:
-    """State of one ensemble, for emcee, which copies it."""
+def _emcee_state(record: Record, index: int) -> emcee.State:
+    """Return the state of one ensemble as emcee needs it; emcee copies it."""
     position, has_gauss, cached = record.rest[index].tolist()
     return emcee.State(
         record.points[index],
@@ -185,8 +184,8 @@ def _state(record: Record, index: int) -> emcee.State:
     )
 
 
-def _last(states: list[Any]) -> dict[str, Any]:
-    """The fields of a record that hold where the ensembles are."""
+def _end_state(states: list[Any]) -> dict[str, Any]:
+    """Return the fields of a record that hold the last step and the random generators."""
     twisters = [state.random_state for state in states]
     return {
         "points": np.stack([state.coords for state in states]),
@@ -196,7 +195,7 @@ def _last(states: list[Any]) -> dict[str, Any]:
     }
 
 
-def _grown(array: np.ndarray, room: int) -> np.ndarray:
-    larger = np.empty((array.shape[0], room, *array.shape[2:]))
+def _enlarged(array: np.ndarray, capacity: int) -> np.ndarray:
+    larger = np.empty((array.shape[0], capacity, *array.shape[2:]))
     larger[:, : array.shape[1]] = array
     return larger

@@ -1,4 +1,4 @@
-"""Sampling of a log density with several independent ensembles until they are long and agree."""
+"""Sampling of a log density with independent ensembles until they are long and agree."""
 
 import time
 from collections.abc import Callable
@@ -23,12 +23,12 @@ class Progress:
     """State of a running sampler after a block of steps.
 
     **Arguments**
-    - `steps`: steps made by every ensemble, those before a resume included.
-    - `total`: steps asked for; None while the stop rule decides.
-    - `steps_per_s`: steps every ensemble makes in a second, in this session.
-    - `remaining_s`: time left; by the autocorrelation time found so far where the stop rule
-      decides, None before there is one.
-    - `diagnosis`: the latest diagnosis as text, "" before the first.
+    - `steps`: steps made by every ensemble, including those before a resume.
+    - `total`: requested number of steps; None while the stop rule decides.
+    - `steps_per_s`: steps of every ensemble per second, in this session.
+    - `remaining_s`: remaining time, s; if the stop rule decides, it follows from the present
+      estimate of the autocorrelation time and is None before there is one.
+    - `diagnosis`: latest diagnosis as text, "" before the first.
     """
 
     steps: int
@@ -38,13 +38,13 @@ class Progress:
     diagnosis: str
 
 
-def so_far(
+def progress_after(
     done: int, total: int | None, until: Until, diagnosis: Diagnosis | None, steps_per_s: float
 ) -> Progress:
-    """Progress after `done` steps, with the time left to `total` or to the likely stop."""
+    """Return the progress after `done` steps, with the time to `total` or to the likely stop."""
     goal = total
     if goal is None and diagnosis is not None:
-        # Ensembles that disagree may need any number of steps.
+        # The number of steps is unknown while the ensembles disagree.
         needed = diagnosis.needed if diagnosis.agreed else until.most_steps
         goal = min(next_decision(max(needed, done) - 1), until.most_steps)
     return Progress(
@@ -56,8 +56,8 @@ def so_far(
     )
 
 
-FEWEST_ENSEMBLES = 4
-FEWEST_KEPT = 8
+FEWEST_ENSEMBLES = 4  # fewest ensembles that R-hat compares (chosen)
+FEWEST_KEPT = 8  # fewest stored steps of a run (chosen)
 
 
 @dataclass(frozen=True)
@@ -66,11 +66,12 @@ class Chains:
 
     **Arguments**
     - `draws`: every `thin`-th step of every walker, burn-in included.
-    - `log_density`: the log density of each of these.
-    - `acceptance`: accepted share of the proposals of each ensemble.
+    - `log_density`: log density of each draw.
+    - `acceptance`: accepted fraction of the proposals of each ensemble.
     - `steps`: steps made by every ensemble.
-    - `discarded`: burn-in in steps: the first quarter of the stored ones.
-    - `identity`: that of the target.
+    - `discarded`: burn-in in steps, the first quarter of the stored steps.
+    - `identity`: `identity` of the target.
+    - `state`: state of the sampler for a checkpoint; None for draws of another sampler.
     """
 
     names: tuple[str, ...]
@@ -84,15 +85,32 @@ class Chains:
     seed: int
     identity: dict[str, Any]
     diagnosis: Diagnosis
+    state: tuple[Header, Record, Until] | None = None
 
     @property
     def kept(self) -> Float[np.ndarray, "ensembles after walkers d"]:
-        """The draws after burn-in."""
+        """Draws after burn-in."""
         return self.draws[:, self.discarded // self.thin :]
 
     def flat(self) -> Float[np.ndarray, "n d"]:
-        """The draws after burn-in one below the other, ensemble by ensemble, step by step."""
+        """Return the draws after burn-in as rows, ensemble by ensemble, step by step."""
         return self.kept.reshape(-1, len(self.names))
+
+    def save(self, path: Path, *, overwrite: bool = False) -> None:
+        """Write the checkpoint file that `vttig sample --resume` continues.
+
+        **Raises** `UsageError` for draws without the state of the sampler and for a file that
+        exists, `InputError` for no space and no permission.
+        """
+        if self.state is None:
+            raise UsageError(
+                "these draws do not hold the state of an ensemble sampler; draw them with"
+                " `vttig_jax.sample`.",
+                where=str(path),
+            )
+        header, record, until = self.state
+        with Checkpoint(path, header, resume=False, overwrite=overwrite) as file:
+            file.save(record, until)
 
     def __str__(self) -> str:
         return str(self.diagnosis)
@@ -115,23 +133,23 @@ def run_ensembles(
     """Sample a log density with several independent ensembles of emcee.
 
     **Arguments**
-    - `target`: the density; see `Target`.
-    - `ensembles`: at least 4, started and seeded apart: one ensemble cannot tell that all of its
-      walkers miss the same part.
-    - `walkers`: of each ensemble; even, at least 2 d (default 64, or 2d + 2 where that is more).
-    - `steps`: make exactly so many steps, those of a resumed run included; not with `until`.
-    - `until`: the stop rule (default `Until()`), looked at after 1000, 1200, 1600 … steps.
-    - `seed`: equal seeds give equal draws.
-    - `checkpoint`: HDF5 file that is brought up to date every 5 s, at the end and on an interrupt.
-    - `resume`: continue it; the draws are those of a run that was never interrupted.
-    - `overwrite`: replace it. The old file stays until there is a new one.
-    - `progress`: called after each block of 200 steps.
+    - `target`: density to sample, see `Target`.
+    - `ensembles`: number of ensembles, at least 4, with different starts and seeds: one ensemble
+      alone does not show that all its walkers miss the same part.
+    - `walkers`: walkers of each ensemble; even, at least 2 d (default 64, or 2 d + 2 if larger).
+    - `steps`: exact number of steps, including those before a resume; not together with `until`.
+    - `until`: stop rule (default `Until()`), evaluated after 1000, 1200, 1600 … steps.
+    - `seed`: seed of the random numbers; equal seeds give equal draws.
+    - `checkpoint`: HDF5 file, updated every 5 s, at the end and on an interrupt.
+    - `resume`: continue the checkpoint; the draws equal those of an uninterrupted run.
+    - `overwrite`: replace the checkpoint. The old file stays until a new one is written.
+    - `progress`: function called after each block of 200 steps.
     - `thin`: store every `thin`-th step. Neighbouring steps differ little (τ is tens of steps), so
-      5 makes a fifth of the storage at a small loss.
+      5 needs a fifth of the storage at a small loss.
 
-    **Raises** `UsageError`, `InputError` for a checkpoint that cannot be used (see `Checkpoint`),
-    `NoAnswerError` for a density that is NaN and for starts that cannot be used. Not to have
-    converged raises nothing: ask `Chains.diagnosis`.
+    **Raises** `UsageError` or `InputError` for a checkpoint that cannot be used (see `Checkpoint`),
+    `NoAnswerError` for a density that is NaN and for starts that cannot be used. A run that has not
+    converged raises no error: see `Chains.diagnosis`.
 
     **Example**
     ```python
@@ -158,36 +176,36 @@ def run_ensembles(
         if checkpoint is None
         else Checkpoint(checkpoint, header, resume=resume, overwrite=overwrite)
     )
-    with file as place:
-        if place is not None and resume:
-            record = place.load()
+    with file as writer:
+        if writer is not None and resume:
+            record = writer.load()
             if steps is not None and steps < record.steps:
                 raise UsageError(
-                    f"the checkpoint holds {record.steps} steps already; ask for more than the"
-                    f" {steps} of --steps.",
-                    where=str(place.path),
+                    f"the checkpoint already holds {record.steps} steps, more than the {steps} of"
+                    f" --steps; set --steps to at least {record.steps}.",
+                    where=str(writer.path),
                 )
-            check_same_density(density, record, place.path)
+            check_same_density(density, record, writer.path)
         else:
             seeds = np.random.SeedSequence(seed).spawn(ensembles)
             record = start(density, seeds, header.walkers, thin)
         warm_up(density, record.points[0])
-        run = _Run(header, Ensembles(density, record), steps, rule, place, progress)
-        diagnosis = run.to_the_end()
-    return _chains(header, run.record, diagnosis)
+        run = _SamplingRun(header, Ensembles(density, record), steps, rule, writer, progress)
+        diagnosis = run.sample()
+    return _chains(header, run.record, rule, diagnosis)
 
 
 def read_chains(path: Path) -> Chains:
-    """Chains of a checkpoint, judged by the stop rule they were last sampled with.
+    """Return the chains of a checkpoint, diagnosed with the stop rule of the run that wrote it.
 
     **Raises** `InputError` for a file that is missing, damaged or no checkpoint.
     """
     header, record, until = read(path)
-    return _chains(header, record, _diagnosed(header, record, until))
+    return _chains(header, record, until, _diagnosis_of(header, record, until))
 
 
-class _Run:
-    """The loop over blocks: sample, save, tell, stop."""
+class _SamplingRun:
+    """Loop over blocks of steps: sample, save, report the progress, stop."""
 
     def __init__(
         self,
@@ -195,14 +213,14 @@ class _Run:
         ensembles: Ensembles,
         steps: int | None,
         until: Until,
-        place: Checkpoint | None,
+        checkpoint: Checkpoint | None,
         progress: Callable[[Progress], None] | None,
     ):
         self.header = header
         self.ensembles = ensembles
         self.steps = steps
         self.until = until
-        self.place = place
+        self.checkpoint = checkpoint
         self.progress = progress
         self.diagnosis: Diagnosis | None = None
         self._began_s = time.monotonic()
@@ -212,49 +230,49 @@ class _Run:
     def record(self) -> Record:
         return self.ensembles.record
 
-    def to_the_end(self) -> Diagnosis:
-        """Run until it is time to stop; whatever interrupts it leaves a checkpoint."""
+    def sample(self) -> Diagnosis:
+        """Sample until the run may stop; an interrupt leaves a checkpoint."""
         try:
             while not self._done():
                 self.ensembles.advance(self._block())
-                if self.place is not None and self.place.due():
-                    self.place.save(self.record, self.until)
+                if self.checkpoint is not None and self.checkpoint.due():
+                    self.checkpoint.save(self.record, self.until)
                 if self.progress is not None:
-                    self.progress(self._so_far())
-            diagnosis = self._judged()
+                    self.progress(self._progress_now())
+            diagnosis = self._diagnosis()
         finally:
-            if self.place is not None:
-                self.place.save(self.record, self.until)
+            if self.checkpoint is not None:
+                self.checkpoint.save(self.record, self.until)
         return diagnosis
 
-    def _end(self) -> int:
+    def _last_step(self) -> int:
         return self.until.most_steps if self.steps is None else self.steps
 
     def _done(self) -> bool:
         done = self.record.steps
-        if done >= self._end():
+        if done >= self._last_step():
             return True
-        return self.steps is None and _decides(done) and self._judged().converged
+        return self.steps is None and _is_decision_step(done) and self._diagnosis().converged
 
     def _block(self) -> int:
-        """Steps to the next multiple of a block, or to the end."""
+        """Return the number of steps to the next multiple of a block, or to the end."""
         done = self.record.steps
-        return min(BLOCK_STEPS - done % BLOCK_STEPS, self._end() - done)
+        return min(BLOCK_STEPS - done % BLOCK_STEPS, self._last_step() - done)
 
-    def _judged(self) -> Diagnosis:
+    def _diagnosis(self) -> Diagnosis:
         if self.diagnosis is None or self.diagnosis.steps != self.record.steps:
-            self.diagnosis = _diagnosed(self.header, self.record, self.until)
+            self.diagnosis = _diagnosis_of(self.header, self.record, self.until)
         return self.diagnosis
 
-    def _so_far(self) -> Progress:
+    def _progress_now(self) -> Progress:
         done = self.record.steps
-        if _decides(done):
-            self._judged()
+        if _is_decision_step(done):
+            self._diagnosis()
         rate = (done - self._began_steps) / max(time.monotonic() - self._began_s, 1e-9)
-        return so_far(done, self.steps, self.until, self.diagnosis, rate)
+        return progress_after(done, self.steps, self.until, self.diagnosis, rate)
 
 
-def _decides(steps: int) -> bool:
+def _is_decision_step(steps: int) -> bool:
     return steps > 0 and next_decision(steps - 1) == steps
 
 
@@ -263,7 +281,7 @@ def _header(target: Target, ensembles: int, walkers: int | None, seed: int, thin
     d = len(names)
     if d == 0 or len(units) != d or len(set(names)) != d:
         raise ValueError(
-            "Argument `target` must have a name of its own and a unit for each coordinate, but has"
+            "Argument `target` must have a different name and a unit for each coordinate, but has"
             f" {names} and {units}."
         )
     if ensembles < FEWEST_ENSEMBLES:
@@ -293,20 +311,20 @@ def _check_options(
     if thin < 1:
         raise ValueError(f"Argument `thin` must be at least 1, but is {thin!r}.")
     if steps is not None and until is not None:
-        raise ValueError("Argument `until` must be left out where `steps` is given.")
+        raise ValueError("Argument `until` must be left out if `steps` is given.")
     end = until.most_steps if until is not None else steps
     if end is not None and end < FEWEST_KEPT * thin:
         raise ValueError(
-            f"Argument `steps` must be at least {FEWEST_KEPT * thin}, {FEWEST_KEPT} stored steps,"
+            f"Argument `steps` must be at least {FEWEST_KEPT * thin} ({FEWEST_KEPT} stored steps),"
             f" but is {end!r}."
         )
     if resume and checkpoint is None:
-        raise ValueError("Argument `checkpoint` must be the file to go on from with `resume`.")
+        raise ValueError("Argument `checkpoint` must name a file for `resume`, but is None.")
     if resume and overwrite:
-        raise ValueError("Argument `overwrite` must be left out with `resume`.")
+        raise ValueError("Argument `overwrite` must be left out if `resume` is given.")
 
 
-def _diagnosed(header: Header, record: Record, until: Until) -> Diagnosis:
+def _diagnosis_of(header: Header, record: Record, until: Until) -> Diagnosis:
     return diagnose(
         record.draws,
         header.names,
@@ -321,7 +339,7 @@ def _acceptance(header: Header, record: Record) -> Float[np.ndarray, " ensembles
     return record.accepted / (record.steps * header.walkers)
 
 
-def _chains(header: Header, record: Record, diagnosis: Diagnosis) -> Chains:
+def _chains(header: Header, record: Record, until: Until, diagnosis: Diagnosis) -> Chains:
     return Chains(
         names=header.names,
         units=header.units,
@@ -334,4 +352,5 @@ def _chains(header: Header, record: Record, diagnosis: Diagnosis) -> Chains:
         seed=header.seed,
         identity=header.identity,
         diagnosis=diagnosis,
+        state=(header, record, until),
     )

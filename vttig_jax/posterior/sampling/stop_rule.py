@@ -1,28 +1,28 @@
-"""When to stop: at fixed step numbers, so that a resumed run stops where an unbroken one does."""
+"""Stop rule at fixed step numbers: a resumed run stops at the same step as an uninterrupted one."""
 
 import math
 from dataclasses import dataclass
 
 BLOCK_STEPS = 200
-"""Steps between two looks at the clock, the progress and the interrupts."""
+"""Steps of a block (chosen); progress, checkpoint and interrupts are handled between blocks."""
 
 BURN_IN = 0.25
-"""Share of the chain that is discarded."""
+"""Fraction of the chain that is discarded (chosen)."""
 
-_FIRST_DECISION = 1000
-_GROWTH = 1.2  # a diagnosis reads the whole chain: few looks cost little and overshoot by ≤ 20 %
+_FIRST_DECISION = 1000  # steps before the first diagnosis (chosen)
+_GROWTH = 1.2  # a diagnosis reads the whole chain: few are made, and a run overshoots by ≤ 20 %
 
 
 @dataclass(frozen=True)
 class Until:
-    """The stop rule: sample until the chains are long enough and the ensembles agree.
+    """Stop rule: sampling ends when the chains are long enough and the ensembles agree.
 
     **Arguments**
-    - `autocorrelation_times`: length of the shortest chain after burn-in, in τ.
-    - `r_hat`: largest R-hat between ensembles of any coordinate.
-    - `most_steps`: stop here all the same, unconverged.
+    - `autocorrelation_times`: required length of the shortest chain after burn-in, in τ.
+    - `r_hat`: largest accepted R-hat between ensembles, for every coordinate.
+    - `most_steps`: number of steps at which sampling ends even without convergence.
 
-    **Raises** `ValueError` naming the argument.
+    **Raises** `ValueError` that names the argument.
     """
 
     autocorrelation_times: float = 50.0
@@ -44,7 +44,7 @@ class Until:
 
 
 def next_decision(steps: int) -> int:
-    """First step number after `steps` at which a run may stop.
+    """Return the first step number after `steps` at which a run may stop.
 
     **Example**
     ```python
@@ -61,6 +61,6 @@ def next_decision(steps: int) -> int:
 
 
 def steps_needed(tau: float, until: Until) -> int:
-    """Steps, burn-in included, after which chains of autocorrelation time `tau` are long enough."""
+    """Return the steps, burn-in included, that suffice at the autocorrelation time `tau`."""
     needed = until.autocorrelation_times * tau / (1 - BURN_IN)
     return math.ceil(needed / BLOCK_STEPS) * BLOCK_STEPS if math.isfinite(needed) else 0

@@ -1,4 +1,4 @@
-"""What the sampler asks of a log density, and how it checks the answers."""
+"""Log density as the sampler needs it, checks of its values, and starts of the walkers."""
 
 from typing import Any, Protocol, runtime_checkable
 
@@ -7,19 +7,19 @@ from jaxtyping import Float
 
 from ...base.errors import NoAnswerError
 
-TRIES = 50
-"""So often starts outside the support are drawn anew."""
+MOST_REDRAWS = 50
+"""Most times that starts outside the support are redrawn (chosen)."""
 
 LARGEST_CONDITION = 1e8
-"""Of the scaled starts: beyond it moves along differences of walkers no longer span the space."""
+"""Largest condition number of the scaled starts (chosen), so that moves reach every direction."""
 
 
 @runtime_checkable
 class Target(Protocol):
-    """A log density over named coordinates, to be sampled.
+    """Log density over named coordinates, to be sampled.
 
-    `identity` (options, SHA-256 of the data, prior …; whatever JSON can hold) is what a checkpoint
-    must agree with to be continued.
+    `identity` (options, SHA-256 of the data, prior and other JSON values) must be equal in a
+    checkpoint and in the run that continues it.
     """
 
     @property
@@ -34,45 +34,45 @@ class Target(Protocol):
 
     @property
     def identity(self) -> dict[str, Any]:
-        """What makes this density the one it is."""
+        """JSON values that identify this density."""
         ...
 
     def log_density(self, points: Float[np.ndarray, "walkers d"]) -> Float[np.ndarray, " walkers"]:
-        """Log density of each point up to a constant; −inf outside the support, never NaN."""
+        """Return the log density of each point up to a constant; −inf outside the support."""
         ...
 
     def starts(self, count: int, generator: np.random.Generator) -> Float[np.ndarray, "count d"]:
-        """Points to start from, spread about as widely as the posterior."""
+        """Return starting points that are spread about as widely as the posterior."""
         ...
 
 
 class CheckedDensity:
-    """The log density of a target, with answers that cannot be used told in one sentence."""
+    """Log density of a target; values that cannot be used raise an error of one sentence."""
 
     def __init__(self, target: Target):
         self.target = target
 
     def __call__(self, points: Float[np.ndarray, "walkers d"]) -> Float[np.ndarray, " walkers"]:
-        """Log density of each point, float64.
+        """Return the log density of each point, float64.
 
-        **Raises** `NoAnswerError` naming a point whose density is NaN or +∞.
+        **Raises** `NoAnswerError` that names a point whose density is NaN or +∞.
         """
         values = np.asarray(self.target.log_density(points), np.float64)
         if values.shape != points.shape[:1]:
             raise ValueError(
-                f"Argument `target` must give one log density a point, but gives shape"
+                f"Argument `target` must give one log density per point, but gives shape"
                 f" {values.shape} for {len(points)} points."
             )
-        if not (values < np.inf).all():  # False for NaN too
+        if not (values < np.inf).all():  # NaN < inf is False too
             worst = int(np.argmin(values < np.inf))
             raise NoAnswerError(
-                f"the log density is {values[worst]} at {self.words(points[worst])}; it must be a"
-                " number, or −inf outside the support."
+                f"the log density is {values[worst]} at {self.describe(points[worst])}; it must be"
+                " a number, or −inf outside the support."
             )
         return values
 
-    def words(self, point: Float[np.ndarray, " d"]) -> str:
-        """The coordinates of a point with names and units."""
+    def describe(self, point: Float[np.ndarray, " d"]) -> str:
+        """Return the coordinates of a point as text, with names and units."""
         parts = zip(self.target.names, point, self.target.units, strict=True)
         return ", ".join(f"{name} = {value:.6g} {unit}".rstrip() for name, value, unit in parts)
 
@@ -80,32 +80,32 @@ class CheckedDensity:
 def starting_points(
     density: CheckedDensity, walkers: int, generator: np.random.Generator
 ) -> tuple[Float[np.ndarray, "walkers d"], Float[np.ndarray, " walkers"]]:
-    """Start of every walker of an ensemble and its finite log density.
+    """Return the start of every walker of an ensemble and its finite log density.
 
-    Starts outside the support are drawn anew. emcee itself goes on for ever where no walker has a
-    density, and never leaves the plane of walkers that do not spread.
+    Starts outside the support are redrawn. emcee itself never ends if no walker has a finite
+    density, and walkers that do not spread in a direction never move in it.
 
-    **Raises** `NoAnswerError` where too few starts are inside, or they do not spread over all
-    coordinates, naming the coordinate.
+    **Raises** `NoAnswerError` if too few starts are inside the support, or if they do not spread
+    over all coordinates; the message names the coordinate.
     """
-    points = _drawn(density.target, walkers, generator)
+    points = _draw_starts(density.target, walkers, generator)
     values = density(points)
-    for _ in range(TRIES):
+    for _ in range(MOST_REDRAWS):
         outside = np.flatnonzero(~np.isfinite(values))
         if not outside.size:
             break
-        others = _drawn(density.target, walkers, generator)  # all of them: one compiled shape
-        other_values = density(others)
-        inside = np.flatnonzero(np.isfinite(other_values))[: outside.size]
-        points[outside[: inside.size]] = others[inside]
-        values[outside[: inside.size]] = other_values[inside]
+        redrawn = _draw_starts(density.target, walkers, generator)  # all: one compiled shape
+        redrawn_values = density(redrawn)
+        inside = np.flatnonzero(np.isfinite(redrawn_values))[: outside.size]
+        points[outside[: inside.size]] = redrawn[inside]
+        values[outside[: inside.size]] = redrawn_values[inside]
     else:
-        raise NoAnswerError(_outside(density, points, values))
+        raise NoAnswerError(_outside_message(density, points, values))
     _check_spread(density.target, points)
     return points, values
 
 
-def _drawn(target: Target, walkers: int, generator: np.random.Generator) -> np.ndarray:
+def _draw_starts(target: Target, walkers: int, generator: np.random.Generator) -> np.ndarray:
     points = np.array(target.starts(walkers, generator), np.float64)
     if points.shape != (walkers, len(target.names)):
         raise ValueError(
@@ -118,34 +118,34 @@ def _drawn(target: Target, walkers: int, generator: np.random.Generator) -> np.n
     return points
 
 
-def _outside(density: CheckedDensity, points: np.ndarray, values: np.ndarray) -> str:
+def _outside_message(density: CheckedDensity, points: np.ndarray, values: np.ndarray) -> str:
     inside = np.isfinite(values)
-    lost = f"{(~inside).sum()} of {inside.size} walkers start where the density is zero"
+    count = f"{(~inside).sum()} of {inside.size} walkers start where the density is zero"
     if not inside.any():
         return (
-            f"{lost}, for example {density.words(points[0])}; the prior excludes the starts, so"
+            f"{count}, for example {density.describe(points[0])}; the prior excludes the starts, so"
             " widen its bounds."
         )
-    # The coordinate in which the starts outside differ most from those inside, in its spread.
+    # Coordinate with the largest difference between starts outside and inside, in its spread.
     shift = np.abs(points[~inside].mean(0) - points[inside].mean(0))
     spread = points.std(0)
     worst = int(np.argmax(np.divide(shift, spread, out=np.zeros_like(shift), where=spread > 0)))
     name, unit = density.target.names[worst], density.target.units[worst]
     low, high = points[inside, worst].min(), points[inside, worst].max()
-    around = points[~inside, worst].mean()
+    outside = points[~inside, worst].mean()
     return (
-        f"{lost}, most of all by the coordinate `{name}` (inside {low:.6g} … {high:.6g} {unit},"
-        f" outside around {around:.6g} {unit}); widen its bounds."
+        f"{count}, mostly because of the coordinate `{name}` (inside {low:.6g} … {high:.6g} {unit},"
+        f" outside around {outside:.6g} {unit}); widen its bounds."
     )
 
 
 def _check_spread(target: Target, points: Float[np.ndarray, "walkers d"]) -> None:
-    """Refuse walkers that coincide or span fewer dimensions than there are."""
+    """Raise an error if walkers coincide or span fewer dimensions than there are coordinates."""
     distinct = len(np.unique(points, axis=0))
     if distinct < len(points):
         raise NoAnswerError(
-            f"{len(points) - distinct} of {len(points)} walkers start at the place of another, so"
-            f" the starts of `{'`, `'.join(target.names)}` are not drawn from a spread; give one."
+            f"{len(points) - distinct} of {len(points)} walkers start at the same point as another,"
+            f" so the starts of `{'`, `'.join(target.names)}` have no spread; give them one."
         )
     centred = points - points.mean(0)
     size = np.abs(centred).max(0)
@@ -157,6 +157,6 @@ def _check_spread(target: Target, points: Float[np.ndarray, "walkers d"]) -> Non
     if singular[-1] * LARGEST_CONDITION < singular[0]:
         name = target.names[int(np.argmax(np.abs(directions[-1])))]
         raise NoAnswerError(
-            f"the starts of `{name}` follow from those of the other coordinates; give it a spread"
-            " of its own."
+            f"the starts of `{name}` are a linear combination of those of the other coordinates;"
+            " give it an independent spread."
         )

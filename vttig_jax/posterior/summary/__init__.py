@@ -1,1 +1,1 @@
-"""What the draws say: parameters, bands, predictions."""
+"""Parameters, bands and predictions from the draws of a posterior."""

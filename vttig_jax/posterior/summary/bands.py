@@ -1,4 +1,4 @@
-"""Bands around a curve from its draws, pointwise and for the whole curve; the map with bands."""
+"""Pointwise and simultaneous bands of a curve from its draws; the backlash map with bands."""
 
 import math
 from collections.abc import Iterable
@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...base.files.text_tables import key_values
+from ...base.results import PlottedResult
 from ...base.units import DEG
 from ...identify.model.mounting import mounted_closed, mounting_of
 from ...kinematics.backlash_map import BacklashMap
@@ -16,23 +17,23 @@ from .draws import SmallestGap
 from .posterior import Posterior, gap_draws
 
 MOST_ROWS = 200_000
-"""Of a map whose span is not given."""
+"""Most rows of a map whose span is not given (chosen)."""
 
 _ROUNDING = 1e-10
-"""Relative widening that keeps the calibrating draw itself inside."""
+"""Relative widening that keeps the draw which defines the band inside it (chosen)."""
 
 Curve = Float[np.ndarray, " n"]
 
 
 @dataclass(frozen=True)
 class Band:
-    """What draws of a curve say at every point, in the unit of the curve.
+    """Bands from draws of a curve, in the unit of the curve.
 
     **Arguments**
-    - `probability`: of both bands.
+    - `probability`: probability of both bands.
     - `centre`, `std`: mean and standard deviation of the draws, shape (n,).
-    - `low`, `high`: equal-tailed at each point on its own: holds the curve *there*.
-    - `low_simultaneous`, `high_simultaneous`: centre ∓ `critical` · std: holds the *whole* curve.
+    - `low`, `high`: equal-tailed interval at each point; it holds the curve at *one* point.
+    - `low_simultaneous`, `high_simultaneous`: centre ∓ `critical` · std; holds the *whole* curve.
     - `critical`: quantile of the largest deviation in standard deviations (sup-t).
     """
 
@@ -45,29 +46,29 @@ class Band:
 
     @property
     def low_simultaneous(self) -> Curve:
-        """Lower edge for the whole curve."""
+        """Lower edge of the simultaneous band."""
         return self.centre - self.critical * self.std
 
     @property
     def high_simultaneous(self) -> Curve:
-        """Upper edge for the whole curve."""
+        """Upper edge of the simultaneous band."""
         return self.centre + self.critical * self.std
 
 
 def band(curves: Float[np.ndarray, "m n"], probability: float = 0.95) -> Band:
-    """Bands from draws of a whole curve.
+    """Return the bands of a curve from its draws.
 
     **Arguments**
     - `curves`: m draws of the curve at n points.
-    - `probability`: between 0 and 1.
+    - `probability`: probability of both bands, between 0 and 1.
 
     **Example**
     ```python
     >>> import numpy as np
     >>> from vttig_jax.posterior import band
     >>> draws = np.random.default_rng(0).standard_normal((4000, 50))
-    >>> found = band(draws)
-    >>> inside = (draws >= found.low_simultaneous) & (draws <= found.high_simultaneous)
+    >>> result = band(draws)
+    >>> inside = (draws >= result.low_simultaneous) & (draws <= result.high_simultaneous)
     >>> float(np.mean(inside.all(axis=1)))
     0.95
 
@@ -76,12 +77,12 @@ def band(curves: Float[np.ndarray, "m n"], probability: float = 0.95) -> Band:
     return streamed_band([curves.T], probability)
 
 
-def streamed_band(pieces: Iterable[Float[np.ndarray, "_ m"]], probability: float = 0.95) -> Band:
-    """Bands from pieces of the curve, each (points, m) for the same m draws; one pass.
+def streamed_band(blocks: Iterable[Float[np.ndarray, "_ m"]], probability: float = 0.95) -> Band:
+    """Return the bands from blocks of the curve, each (points, m) for the same m draws; one pass.
 
-    The simultaneous band is calibrated on the draws: the smallest multiple of the standard
-    deviation such that at least `probability` of the draws lie inside at every point. O. H.
-    Sørensen, M. Plagborg-Møller, J. Appl. Econometrics 34 (2019) 1 ("sup-t").
+    The simultaneous band is calibrated on the draws: its half width is the smallest multiple of the
+    standard deviation for which at least `probability` of the draws lie inside at every point.
+    O. H. Sørensen, M. Plagborg-Møller, J. Appl. Econometrics 34 (2019) 1 ("sup-t").
 
     **Raises** `ValueError` for a probability outside (0, 1), fewer than two draws, or no points.
     """
@@ -90,20 +91,20 @@ def streamed_band(pieces: Iterable[Float[np.ndarray, "_ m"]], probability: float
     tail = (1.0 - probability) / 2.0
     parts: list[list[np.ndarray]] = []
     largest: np.ndarray | float = 0.0
-    for piece in pieces:
-        if piece.shape[1] < 2:
+    for block in blocks:
+        if block.shape[1] < 2:
             raise ValueError(
-                f"Argument `pieces` must have at least two draws, but has {piece.shape[1]}."
+                f"Argument `blocks` must have at least two draws, but has {block.shape[1]}."
             )
-        centre, std = piece.mean(axis=1), piece.std(axis=1, ddof=1)
-        low, high = np.quantile(piece, [tail, 1.0 - tail], axis=1)
+        centre, std = block.mean(axis=1), block.std(axis=1, ddof=1)
+        low, high = np.quantile(block, [tail, 1.0 - tail], axis=1)
         parts.append([centre, std, low, high])
-        away = np.abs(piece - centre[:, None])
-        # Draws that agree to the last bit have no spread and leave the band nowhere.
-        size = np.where(std > 0, std, np.inf)[:, None]
-        largest = np.maximum(largest, (away / size).max(axis=0, initial=0.0))
+        deviation = np.abs(block - centre[:, None])
+        # Draws that are equal to the last bit have no spread and never leave the band.
+        scale = np.where(std > 0, std, np.inf)[:, None]
+        largest = np.maximum(largest, (deviation / scale).max(axis=0, initial=0.0))
     if not parts:
-        raise ValueError("Argument `pieces` must hold at least one point, but is empty.")
+        raise ValueError("Argument `blocks` must hold at least one point, but is empty.")
     largest = np.sort(np.atleast_1d(largest))
     count = math.ceil(probability * len(largest) - 1e-9)
     critical = float(largest[count - 1]) * (1.0 + _ROUNDING)
@@ -112,16 +113,16 @@ def streamed_band(pieces: Iterable[Float[np.ndarray, "_ m"]], probability: float
 
 
 @dataclass(frozen=True)
-class BandedMap:
+class BandedMap(PlottedResult):
     """Backlash over the driving angle with its bands.
 
     **Arguments**
-    - `map`: the order-complete map of the mean coefficients.
-    - `driving_angle`: rad, shape (n,).
-    - `band`: of the backlash, rad of the driven gear.
-    - `first_order`: the closed form (21) + (22) beside it, rad; NaN without gear geometry.
+    - `map`: order-complete map of the mean coefficients.
+    - `driving_angle`: driving angles, rad, shape (n,).
+    - `band`: band of the backlash, rad of the driven gear.
+    - `first_order`: closed form (21) + (22), rad; NaN without gear geometry.
     - `smallest`: draws of the smallest gap over the whole hunting period.
-    - `step_deg`, `turns`: of the grid.
+    - `step_deg`, `turns`: step and span of the grid, ° and turns of the driving shaft.
     """
 
     map: BacklashMap
@@ -134,7 +135,7 @@ class BandedMap:
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """Names of the columns of `table`: those of the contract, then the bands in millimetres."""
+        """Names of the columns of `table`: those of a map without bands, then the bands."""
         percent = f"{100 * self.band.probability:.6g}"
         ends = [
             f"{end}{percent}{kind}" for kind in ("", "_simultaneous") for end in ("low", "high")
@@ -150,9 +151,9 @@ class BandedMap:
         )
 
     def table(self) -> Float[np.ndarray, "n columns"]:
-        """Rows of `columns`; NaN where there is no geometry, or no taper for the axial columns.
+        """Return the rows of `columns`; NaN without geometry, axial columns also without taper.
 
-        Axial displacement is j R₂/(tan β_L + tan β_R), so that its bands are those of the backlash.
+        Axial displacement is j R₂/(tan β_L + tan β_R), so its bands are those of the backlash.
         """
         radius, axial = millimetres(self.map.pair)
         band = self.band
@@ -190,18 +191,18 @@ def band_map(
     turns: float | None = None,
     probability: float = 0.95,
 ) -> BandedMap:
-    """The backlash map of a posterior with pointwise and simultaneous bands.
+    """Return the backlash map of a posterior with pointwise and simultaneous bands.
 
-    Order-complete, j = TE_B − TE_A of every draw of both flanks. The simultaneous band holds the
-    whole map at the angles of the grid; one that shall hold between them too needs a step that
-    resolves the tooth mesh.
+    The map is order-complete: j = TE_B − TE_A of every draw of both flanks. The simultaneous band
+    holds the whole map at the grid angles. To hold it between them too, choose a step that resolves
+    the tooth mesh.
 
     **Arguments**
-    - `step_deg`: of the driving angle.
-    - `turns`: driving turns to cover; the hunting period when absent, 200 000 rows at most.
-    - `probability`: of the bands.
+    - `step_deg`: step of the driving angle, °.
+    - `turns`: driving turns to cover; by default the hunting period, at most 200 000 rows.
+    - `probability`: probability of both bands.
 
-    **Raises** `NoAnswerError` where the gap is not known, `ValueError` for a step or a span that is
+    **Raises** `NoAnswerError` if the gap is not known, `ValueError` for a step or a span that is
     not positive.
     """
     for name, value in (("step_deg", step_deg), ("turns", turns)):
@@ -221,11 +222,11 @@ def band_map(
         mounting = mounting_of(centre.covariance_names, centre.values, centre.flanks, gap_rad)
         first = mounted_closed(pair, rig, mounting)
     grid = BacklashMap(draws.mean_model, first, pair)
-    found = streamed_band(draws.pieces(angle), probability)
+    bands = streamed_band(draws.chunks(angle), probability)
     return BandedMap(
         grid,
         angle,
-        found,
+        bands,
         grid.first_order_over(angle),
         posterior.smallest_gap,
         float(step_deg),
@@ -234,7 +235,7 @@ def band_map(
 
 
 def millimetres(pair: GearPair | Drive) -> tuple[float, float]:
-    """mm at the reference circle, and of axial displacement, per rad of backlash; NaN without."""
+    """Return mm at the reference circle and mm of axial displacement per rad; NaN if undefined."""
     if isinstance(pair, Drive):
         return math.nan, math.nan
     radius, thinning = float(pair.reference_radii[1]), float(pair.thinning)

@@ -1,4 +1,4 @@
-"""Values, intervals, limits and probabilities from draws; phases are treated as circular."""
+"""Values, intervals, limits and probabilities from draws; phases have circular statistics."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,13 +16,13 @@ from ...pair.gear_pair import Drive, GearPair
 
 @dataclass(frozen=True)
 class CircularSummary:
-    """Draws of one angle, in degrees.
+    """Summary of draws of one angle, deg.
 
     **Arguments**
     - `mean`: circular mean, in [0, 360).
     - `std`: circular standard deviation √(−2 ln R), R the length of the mean unit vector.
-    - `median`, `low`, `high`: mean plus quantiles of the signed way from it; they stand around the
-      mean and may leave [0, 360).
+    - `median`, `low`, `high`: mean plus quantiles of the signed difference from it; they lie
+      around the mean and may leave [0, 360).
     """
 
     mean: float
@@ -38,56 +38,56 @@ def circular_summary(
     """Summarise draws of an angle with an equal-tailed interval.
 
     **Arguments**
-    - `angles_deg`: any multiples of a turn, shape (m,).
-    - `probability`: inside the interval.
+    - `angles_deg`: angles, deg, with any number of whole turns, shape (m,).
+    - `probability`: probability of the interval.
 
     **Example**
     ```python
     >>> import numpy as np
     >>> from vttig_jax.posterior.summary.draws import circular_summary
-    >>> found = circular_summary(np.array([350.0, 358.0, 2.0, 6.0, 374.0]))
-    >>> round(found.mean, 2), round(found.low, 2), round(found.high, 2)
+    >>> result = circular_summary(np.array([350.0, 358.0, 2.0, 6.0, 374.0]))
+    >>> round(result.mean, 2), round(result.low, 2), round(result.high, 2)
     (2.0, -9.2, 13.2)
 
     ```
     """
     from scipy.stats import circmean, circstd  # slow to import
 
-    # Rounding can make it 360 itself.
+    # The mean of `circmean` can round to 360.
     mean = float(wrap_deg(circmean(angles_deg, high=360, low=0)))
-    way = difference_deg(angles_deg, mean)
+    deviation = difference_deg(angles_deg, mean)
     tail = (1.0 - probability) / 2.0
-    low, median, high = mean + np.quantile(way, [tail, 0.5, 1.0 - tail])
+    low, median, high = mean + np.quantile(deviation, [tail, 0.5, 1.0 - tail])
     std = float(circstd(angles_deg, high=360, low=0))
     return CircularSummary(mean, std, float(median), float(low), float(high))
 
 
-_TAILS = (0.025, 0.5, 0.975)
+_TAILS = (0.025, 0.5, 0.975)  # ends of the 95 % interval, and the median
 _NEGATIVE = "negative, which no gap is: friction or wind-up ahead of the gap, or a wrong sign"
 _UPPER = "below three standard errors: an upper limit only"
 _NOT_SAMPLED = "not sampled: the value of the fit"
 _BATCHES = 8
-"""Stretches in time into which the draws of one ensemble are cut."""
+"""Batches in time into which the draws of one ensemble are divided (chosen)."""
 
 
 @dataclass(frozen=True)
 class PosteriorParameter(Parameter):
-    """A parameter from draws: its interval is equal-tailed, its `median` stands beside it.
+    """Parameter from draws, with an equal-tailed interval and a `median`.
 
-    `value` is the posterior mean. For an amplitude it is the length of the mean vector, not the
-    mean of the lengths, which noise makes too long; its `std`, `median` and interval are those of
-    the lengths. The value of a phase is the circular mean.
+    `value` is the posterior mean. For an amplitude it is the length of the mean vector; the mean of
+    the lengths would be too large because of noise. The `std`, `median` and interval of an
+    amplitude are those of the lengths. The value of a phase is the circular mean.
     """
 
     median: float | None = None
 
     def to_json(self) -> dict:
-        """Fields of the contract with `median`."""
+        """Return the fields of `Parameter`, with `median`."""
         return super().to_json() | {"median": self.median}
 
 
-def border(name: str, unit: str) -> tuple[str, float]:
-    """Unit in which people read a coordinate, and internal units per that unit."""
+def shown_unit(name: str, unit: str) -> tuple[str, float]:
+    """Return the unit in which a coordinate is reported, and internal units per that unit."""
     if name == "constant_backlash":
         return "deg", DEG
     return {"rad": ("arcsec", ARCSEC)}.get(unit, (unit, 1.0))
@@ -99,33 +99,33 @@ def parameters_of_draws(
     flat: Float[np.ndarray, "n d"],
     delay_offset_s: float,
 ) -> dict[str, PosteriorParameter]:
-    """Every name of the contract → parameter, in the order of the fit.
+    """Return every parameter of the fit by name, in the order of the fit.
 
-    What the fit calls undetermined stays so with its reason: the draws of such a coordinate only
-    repeat the prior. A parameter without a coordinate keeps what the fit says.
+    A parameter that the fit marks as undetermined stays undetermined for the same reason: the draws
+    of its coordinate only repeat the prior. A parameter without a coordinate is that of the fit.
     """
-    column = {name: flat[:, place] for place, name in enumerate(names)}
-    found: dict[str, PosteriorParameter] = {}
-    for name, known in fit.parameters.items():
-        if name in found:
+    column = {name: flat[:, index] for index, name in enumerate(names)}
+    parameters: dict[str, PosteriorParameter] = {}
+    for name, fitted in fit.parameters.items():
+        if name in parameters:
             continue
         source, scale = _source(name)
         phase = _phase_name(name)
-        if not known.determined:
-            found[name] = PosteriorParameter(name, known.unit, reason=known.reason)
+        if not fitted.determined:
+            parameters[name] = PosteriorParameter(name, fitted.unit, reason=fitted.reason)
         elif source in column:
             offset = delay_offset_s if source == "delay" else 0.0
-            found[name] = scalar_of_draws(name, known.unit, column[source] / scale + offset)
+            parameters[name] = scalar_of_draws(name, fitted.unit, column[source] / scale + offset)
         elif phase is not None and f"{source}_x" in column:
             plane = np.stack([column[f"{source}_x"], column[f"{source}_y"]], axis=1) / scale
-            found |= {p.name: p for p in polar_of_draws((name, phase), known.unit, plane)}
+            parameters |= {p.name: p for p in polar_of_draws((name, phase), fitted.unit, plane)}
         else:
-            found[name] = _kept(known)
-    return {name: found[name] for name in fit.parameters}
+            parameters[name] = _from_fit(fitted)
+    return {name: parameters[name] for name in fit.parameters}
 
 
 def scalar_of_draws(name: str, unit: str, draws: Float[np.ndarray, " n"]) -> PosteriorParameter:
-    """Mean, spread and equal-tailed interval of a coordinate that is quoted as it is."""
+    """Return mean, spread and equal-tailed interval of a coordinate that is itself a parameter."""
     value, std = float(draws.mean()), float(draws.std(ddof=1))
     low, median, high = (float(part) for part in np.quantile(draws, _TAILS))
     gap = name == "constant_backlash_deg"
@@ -142,10 +142,10 @@ def scalar_of_draws(name: str, unit: str, draws: Float[np.ndarray, " n"]) -> Pos
 def polar_of_draws(
     names: tuple[str, str], unit: str, plane: Float[np.ndarray, "n 2"]
 ) -> tuple[PosteriorParameter, PosteriorParameter]:
-    """Amplitude and phase of draws of a plane vector.
+    """Return amplitude and phase from draws of a plane vector.
 
     Below three standard errors (of the coordinate along the mean) the amplitude has its 95 %
-    quantile as an upper limit, and the phase no value.
+    quantile as an upper limit, and the phase has no value.
     """
     along_std = polar_spread(plane.mean(axis=0), np.cov(plane.T))
     value, std = along_std[0], along_std[1]
@@ -160,41 +160,41 @@ def polar_of_draws(
             ),
             PosteriorParameter(names[1], "deg", determined=True, reason=reason),
         )
-    turn = circular_summary(np.arctan2(plane[:, 1], plane[:, 0]) / DEG)
-    own_std = float(length.std(ddof=1))
+    angle = circular_summary(np.arctan2(plane[:, 1], plane[:, 0]) / DEG)
+    length_std = float(length.std(ddof=1))
     return (
-        PosteriorParameter(names[0], unit, value, own_std, low, high, True, True, median=median),
+        PosteriorParameter(names[0], unit, value, length_std, low, high, True, True, median=median),
         PosteriorParameter(
             names[1],
             "deg",
-            turn.mean,
-            turn.std,
-            turn.low,
-            turn.high,
+            angle.mean,
+            angle.std,
+            angle.low,
+            angle.high,
             True,
             True,
-            median=turn.median,
+            median=angle.median,
         ),
     )
 
 
 def batches(
-    chosen: Int[np.ndarray, " m"], shape: Sequence[int], pieces: int = _BATCHES
+    chosen: Int[np.ndarray, " m"], shape: Sequence[int], stretches: int = _BATCHES
 ) -> Int[np.ndarray, " m"]:
-    """Batch of every chosen draw: its ensemble and its stretch of steps.
+    """Return the batch of every chosen draw, given by its ensemble and its stretch of steps.
 
-    Draws of different batches are nearly independent, so that the scatter of batch means tells the
-    Monte-Carlo error of their mean. `shape` is (ensembles, steps, walkers), the draws flattened in
-    that order.
+    Draws of different batches are nearly independent, so the scatter of the batch means gives the
+    Monte-Carlo error of their mean. `shape` is (ensembles, steps, walkers), the order in which the
+    draws are flattened.
     """
     _, steps, walkers = shape
     step = chosen // walkers % steps
-    pieces = min(pieces, steps)
-    return chosen // (steps * walkers) * pieces + step * pieces // steps
+    stretches = min(stretches, steps)
+    return chosen // (steps * walkers) * stretches + step * stretches // steps
 
 
 def _source(name: str) -> tuple[str, float]:
-    """Coordinate, or stem of the pair _x and _y, behind a parameter, and its scale."""
+    """Return the coordinate of a parameter (or the stem of its _x and _y), and its scale."""
     if name == "constant_backlash_deg":
         return "constant_backlash", DEG
     if name == "delay_s":
@@ -207,20 +207,20 @@ def _source(name: str) -> tuple[str, float]:
 
 
 def _phase_name(name: str) -> str | None:
-    """The phase that belongs to an amplitude; None for anything else."""
+    """Return the phase that belongs to an amplitude; None for any other parameter."""
     if name.endswith(("_eccentricity_mm", "_amplitude_arcsec", "_encoder_arcsec")):
         return f"{_source(name)[0]}_phase_deg"
     return None
 
 
-def _kept(known: Parameter) -> PosteriorParameter:
-    fields = {key: getattr(known, key) for key in Parameter.__dataclass_fields__}
-    return PosteriorParameter(**{**fields, "reason": known.reason or _NOT_SAMPLED})
+def _from_fit(fitted: Parameter) -> PosteriorParameter:
+    fields = {key: getattr(fitted, key) for key in Parameter.__dataclass_fields__}
+    return PosteriorParameter(**{**fields, "reason": fitted.reason or _NOT_SAMPLED})
 
 
 @dataclass(frozen=True)
 class Share:
-    """A probability estimated from draws, with its Monte-Carlo standard error."""
+    """Probability estimated from draws, with its Monte-Carlo standard error."""
 
     value: float
     std_error: float
@@ -234,10 +234,10 @@ class SmallestGap:
     """Draws of the smallest gap over the hunting period.
 
     **Arguments**
-    - `pair`: for millimetres and tooth numbers.
+    - `pair`: gear pair, for millimetres and tooth numbers.
     - `gap`: smallest backlash of every draw, rad of the driven gear, shape (m,).
-    - `driving_angle`: where it is, rad, within the hunting period.
-    - `batch`: draws of different batches are independent, shape (m,).
+    - `driving_angle`: driving angle of that gap, rad, within the hunting period.
+    - `batch`: batch of every draw, shape (m,); different batches are independent.
     """
 
     pair: GearPair | Drive
@@ -249,15 +249,15 @@ class SmallestGap:
     def safe_closing_mm(self) -> Float[np.ndarray, " m"]:
         """Closing that takes up the smallest gap of each draw, s = j_min R₂/(tan β_L + tan β_R).
 
-        **Raises** `NoAnswerError` for a drive and for untapered gears, which no closing moves.
+        **Raises** `NoAnswerError` for a drive and for untapered gears, which no closing affects.
         """
-        return self.gap / _closing(self.pair)
+        return self.gap / _backlash_per_mm(self.pair)
 
     def probability_of_binding(self, closing_mm: float) -> Share:
-        """Share of draws in which a closing, mm, binds anywhere: s > j_min R₂/(tan β_L + tan β_R).
+        """Return the fraction of draws in which a closing s, mm, binds anywhere.
 
-        Its standard error is the larger of the binomial one and that of the batch means; where no
-        draw or every draw binds, half a draw is taken to the other side.
+        It binds if s > j_min R₂/(tan β_L + tan β_R). Its standard error is the larger of the
+        binomial one, with an extra half draw on each side, and that of the batch means.
         """
         binds = (self.safe_closing_mm < closing_mm).astype(float)
         count, value = len(binds), float(binds.mean())
@@ -267,9 +267,9 @@ class SmallestGap:
 
     @property
     def place(self) -> tuple[float, float]:
-        """Where most draws have their smallest gap, rad, and the share that has it there.
+        """Driving angle, rad, at which most draws have their smallest gap, and their fraction.
 
-        Draws within one tooth of each other (a twelfth of a turn without teeth) count as one place.
+        Draws within one tooth of each other (for a drive: a twelfth of a turn) count as one place.
         """
         teeth = 12 if isinstance(self.pair, Drive) else self.pair.driving.teeth
         bins = np.floor(self.driving_angle / (REV / teeth)).astype(int)
@@ -280,13 +280,13 @@ class SmallestGap:
         return middle, float(np.mean(away <= REV / teeth))
 
     def to_json(self) -> dict:
-        """Quantiles of the smallest gap in degrees, where it is, and the safe closing in mm."""
+        """Return quantiles of the smallest gap, °, its angle, and the safe closing, mm."""
         angle, share = self.place
         closing = None
         if not isinstance(self.pair, Drive) and float(self.pair.thinning):
-            closing = _quantities(self.safe_closing_mm)
+            closing = _moments_and_quantiles(self.safe_closing_mm)
         return {
-            "backlash_deg": _quantities(self.gap / DEG),
+            "backlash_deg": _moments_and_quantiles(self.gap / DEG),
             "driving_deg": angle / DEG,
             "share_there": share,
             "safe_closing_mm": closing,
@@ -294,7 +294,7 @@ class SmallestGap:
         }
 
     def rows(self) -> list[tuple[str, str]]:
-        """Names and values for people."""
+        """Return names and values for the report."""
         record = self.to_json()
         gap, closing = record["backlash_deg"], record["safe_closing_mm"]
         where = (
@@ -310,17 +310,17 @@ class SmallestGap:
         return rows
 
     def _batch_error(self, values: Float[np.ndarray, " m"]) -> float:
-        """Standard error of the mean from the means of independent batches."""
+        """Return the standard error of the mean from the means of independent batches."""
         _, batch, counts = np.unique(self.batch, return_inverse=True, return_counts=True)
         if len(counts) < 2:
             return 0.0
         sums = np.bincount(batch, values)
-        away = sums - counts * values.mean()
-        return float(np.sqrt(np.sum(away**2) * len(counts) / (len(counts) - 1)) / len(values))
+        deviations = sums - counts * values.mean()
+        return float(np.sqrt(np.sum(deviations**2) * len(counts) / (len(counts) - 1)) / len(values))
 
 
-def _closing(pair: GearPair | Drive) -> float:
-    """Backlash, rad, that one mm of axial displacement takes up."""
+def _backlash_per_mm(pair: GearPair | Drive) -> float:
+    """Return the backlash, rad, that one mm of axial displacement takes up."""
     thinning = 0.0 if isinstance(pair, Drive) else float(pair.thinning)
     if isinstance(pair, Drive) or not thinning:
         kind = "a drive without gear geometry" if isinstance(pair, Drive) else "gears without taper"
@@ -328,7 +328,7 @@ def _closing(pair: GearPair | Drive) -> float:
     return thinning / float(pair.reference_radii[1])
 
 
-def _quantities(draws: Float[np.ndarray, " m"]) -> dict[str, float]:
+def _moments_and_quantiles(draws: Float[np.ndarray, " m"]) -> dict[str, float]:
     low, median, high = (float(part) for part in np.quantile(draws, _TAILS))
     return {
         "mean": float(draws.mean()),

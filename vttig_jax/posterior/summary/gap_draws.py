@@ -1,8 +1,8 @@
 """Draws of the backlash map, of its smallest gap, and of the closing that binds nowhere.
 
-The order-complete flank model is linear in its coefficients once both shaft angles are known. The
-driven angle of a draw differs from that of the mean coefficients by microradians, which one Newton
-step accounts for; so a curve of every draw is one matrix product of a basis with the draws.
+The order-complete flank model is linear in its coefficients if both shaft angles are known. The
+driven angle of a draw differs from that of the mean coefficients by microradians, for which one
+Newton step accounts. The curves of all draws are therefore one matrix product, basis times draws.
 """
 
 import math
@@ -23,13 +23,13 @@ from ...pair.gear_pair import Drive, Flank, GearPair
 from .draws import SmallestGap
 
 _CHUNK = 256
-"""Angles at a time: 8 MB of curves for 4000 draws."""
+"""Angles per block (chosen): 8 MB of curves for 4000 draws."""
 
-_PER_PERIOD = 8
-_CANDIDATES = 6
-_NEWTON = 4
-_MOST_POINTS = 2**22
-_MOST_PHASES = 4_000_000
+_PER_PERIOD = 8  # grid points per period of the highest order (chosen)
+_CANDIDATES = 6  # local minima of a draw that are refined (chosen)
+_NEWTON = 4  # Newton steps to a minimum (chosen)
+_MOST_POINTS = 2**22  # most grid points of a hunting period (chosen)
+_MOST_PHASES = 4_000_000  # most bytes of an array over draws, candidates and terms (chosen)
 
 Angles = Float[np.ndarray, " n"]
 Curves = Float[np.ndarray, "n m"]
@@ -37,13 +37,13 @@ Curves = Float[np.ndarray, "n m"]
 
 @dataclass(frozen=True)
 class GapDraws:
-    """Draws of both flanks' coefficients, as curves over the driving angle.
+    """Draws of the coefficients of both flanks, evaluated as curves over the driving angle.
 
     **Arguments**
-    - `pair`: for the ratio, the hunting period and millimetres.
+    - `pair`: gear pair, for the ratio, the hunting period and millimetres.
     - `terms`: orders (n₁, n₂) of the harmonics.
-    - `offset`, `cosine`, `sine`: rad, shapes (m, 2), (m, 2, terms), (m, 2, terms).
-    - `batch`: draws of different batches are independent, shape (m,).
+    - `offset`, `cosine`, `sine`: draws, rad, shapes (m, 2), (m, 2, terms), (m, 2, terms).
+    - `batch`: batch of every draw, shape (m,); different batches are independent.
     """
 
     pair: GearPair | Drive
@@ -55,11 +55,11 @@ class GapDraws:
 
     @cached_property
     def mean_model(self) -> OrderModel:
-        """The flank model of the mean coefficients: the centre of all bands."""
+        """Flank model of the mean coefficients, the centre of all bands."""
         return self.model(slice(None))
 
     def model(self, draw: int | slice) -> OrderModel:
-        """The flank model of one draw, or of the mean of several."""
+        """Return the flank model of one draw, or of the mean of several."""
         parts = (self.offset[draw], self.cosine[draw], self.sine[draw])
         if isinstance(draw, slice):
             parts = tuple(part.mean(axis=0) for part in parts)
@@ -68,26 +68,26 @@ class GapDraws:
         )
 
     def errors(self, driving_angle: Angles, flank: Flank) -> Curves:
-        """Transmission error of every draw on one flank, rad, shape (angles, m)."""
+        """Return the transmission error of every draw on one flank, rad, shape (angles, m)."""
         centre, basis = self.linearised(driving_angle, flank)
         return centre[:, None] + basis @ self.deviations(flank)
 
     def over(self, driving_angle: Angles) -> Curves:
-        """Backlash of every draw, rad of the driven gear, shape (angles, m)."""
+        """Return the backlash of every draw, rad of the driven gear, shape (angles, m)."""
         centre, basis = self._gap_basis(driving_angle)
         return centre[:, None] + basis @ self._gap_deviations
 
-    def pieces(self, driving_angle: Angles) -> Iterator[Curves]:
-        """`over` in chunks of angles, so that memory stays that of one."""
+    def chunks(self, driving_angle: Angles) -> Iterator[Curves]:
+        """Yield `over` for blocks of angles, which limits the memory."""
         for start in range(0, len(driving_angle), _CHUNK):
             yield self.over(driving_angle[start : start + _CHUNK])
 
     @cached_property
     def smallest(self) -> SmallestGap:
-        """Smallest gap of every draw over the hunting period, located between grid points too."""
+        """Smallest gap of every draw over the hunting period, also between grid points."""
         angles, start = self._candidates()
-        angles = self._refined(angles, start)
-        gaps = self._exact(angles)
+        angles = self._minima(angles, start)
+        gaps = self._exact_gaps(angles)
         best = gaps.argmin(axis=1)[:, None]
         place = np.take_along_axis(angles, best, axis=1)[:, 0] % (self.pair.hunting_turns * REV)
         gap = np.take_along_axis(gaps, best, axis=1)[:, 0]
@@ -98,20 +98,20 @@ class GapDraws:
     def linearised(
         self, driving_angle: Angles, flank: Flank
     ) -> tuple[Angles, Float[np.ndarray, "n c"]]:
-        """TE of the mean coefficients, and its derivative by all coefficients (1, cos, sin)."""
+        """Return TE of the mean coefficients, rad, and its derivative by all coefficients."""
         model, side = self.mean_model, flank_index(flank)
         centre = chunked(lambda piece: model.transmission_error(piece, flank), driving_angle)
         orders = np.asarray(self.terms, float).reshape(-1, 2)
         driven = float(self.pair.ratio) * driving_angle + centre
         phase = np.outer(driving_angle, orders[:, 0]) + np.outer(driven, orders[:, 1])
         cosine, sine = np.cos(phase), np.sin(phase)
-        own = np.asarray(model.cosine)[side], np.asarray(model.sine)[side]
-        slope = cosine @ (own[1] * orders[:, 1]) - sine @ (own[0] * orders[:, 1])
+        harmonics = np.asarray(model.cosine)[side], np.asarray(model.sine)[side]
+        slope = cosine @ (harmonics[1] * orders[:, 1]) - sine @ (harmonics[0] * orders[:, 1])
         basis = np.concatenate([np.ones((len(phase), 1)), cosine, sine], axis=1)
         return centre, basis / (1.0 - slope)[:, None]
 
     def deviations(self, flank: Flank) -> Float[np.ndarray, "c m"]:
-        """Coefficients (offset, cosines, sines) of every draw less their mean, rad."""
+        """Return the coefficients (offset, cosines, sines) of every draw minus their mean, rad."""
         side = flank_index(flank)
         parts = [self.offset[:, side, None], self.cosine[:, side], self.sine[:, side]]
         whole = np.concatenate(parts, axis=1)
@@ -130,7 +130,7 @@ class GapDraws:
     # The smallest gap
 
     def _candidates(self) -> tuple[Float[np.ndarray, "m k"], float]:
-        """Lowest local minima of every draw on a grid, and the step of the grid."""
+        """Return the lowest local minima of every draw on a grid, and the step of the grid."""
         width = REV / (_PER_PERIOD * math.ceil(max(self.mean_model.highest_order, 1.0)))
         count = round(self.pair.hunting_turns * REV / width)
         if count > _MOST_POINTS:
@@ -139,33 +139,33 @@ class GapDraws:
                 ' smallest gap; give the ratio as a quotient of tooth numbers, such as "7/1798".',
                 where="drive.ratio" if isinstance(self.pair, Drive) else "driven.teeth",
             )
-        kept = self._worth_a_look(count, width)
+        kept = self._possible_minima(count, width)
         lowest = np.full((_CANDIDATES, len(self.offset)), np.inf)
         places = np.zeros_like(lowest)
         for start in range(0, len(kept), _CHUNK):
-            own = kept[start : start + _CHUNK]
-            needed = np.unique(np.concatenate([own - 1, own, own + 1]))
+            points = kept[start : start + _CHUNK]
+            needed = np.unique(np.concatenate([points - 1, points, points + 1]))
             gaps = self.over(needed * width)
-            at = np.searchsorted(needed, own)
-            before, here, after = gaps[at - 1], gaps[at], gaps[at + 1]
+            index = np.searchsorted(needed, points)
+            before, here, after = gaps[index - 1], gaps[index], gaps[index + 1]
             bend = before - 2 * here + after
-            # The vertex of the parabola through three points ranks minima between grid points.
+            # Minima between grid points are ranked by the parabola through three points.
             vertex = here - (after - before) ** 2 / (8 * np.where(bend > 0, bend, np.inf))
             vertex[(before < here) | (after < here)] = np.inf
             both = np.concatenate([lowest, vertex])
-            angle = np.broadcast_to((own * width)[:, None], vertex.shape)
+            angle = np.broadcast_to((points * width)[:, None], vertex.shape)
             first = np.argpartition(both, _CANDIDATES - 1, axis=0)[:_CANDIDATES]
             lowest = np.take_along_axis(both, first, axis=0)
             places = np.take_along_axis(np.concatenate([places, angle]), first, axis=0)
-        # Fewer minima than candidates: the best one again.
+        # A draw with fewer minima than candidates repeats its best one.
         best = np.take_along_axis(places, lowest.argmin(axis=0)[None], axis=0)
         return np.where(np.isfinite(lowest), places, best).T, width
 
-    def _worth_a_look(self, count: int, width: float) -> np.ndarray:
-        """Grid points where any draw can have its smallest gap.
+    def _possible_minima(self, count: int, width: float) -> np.ndarray:
+        """Return the grid points at which any draw can have its smallest gap.
 
-        A draw stands off the mean curve by at most its Mahalanobis length times the standard
-        deviation there (Cauchy and Schwarz), so that points too high for the longest draw are out.
+        The deviation of a draw from the mean curve is at most its Mahalanobis length times the
+        standard deviation there (Cauchy and Schwarz); points too high for the longest draw are out.
         """
         deviations = self._gap_deviations
         values, vectors = np.linalg.eigh(np.cov(deviations))
@@ -178,7 +178,7 @@ class GapDraws:
             part = slice(start, min(start + 16 * _CHUNK, count))
             centre[part], basis = self._gap_basis(np.arange(part.start, part.stop) * width)
             reach[part] = longest * np.linalg.norm(basis @ roots, axis=1)
-        # Between grid points a curve can dip further, by its bend.
+        # The curvature bounds how much lower a curve can be between grid points.
         bend = float(np.abs(self._series).max(axis=0) @ self._speeds**2)
         dip = bend * width**2 / 8
         return np.flatnonzero(centre - reach - dip <= np.min(centre + reach) + 1e-15)
@@ -190,36 +190,36 @@ class GapDraws:
 
     @cached_property
     def _series(self) -> Complex[np.ndarray, "m terms"]:
-        """Gap as Re Σ z exp(jωφ) plus a constant, the driven angle taken at the mean offsets.
+        """Gap as Re Σ z exp(jωφ) plus a constant, with the driven angle at the mean offsets.
 
-        It leaves out only the variation of the TE inside the phase: good to place a minimum.
+        It neglects only the variation of the TE inside the phase, and is used to locate minima.
         """
         orders = np.asarray(self.terms, float).reshape(-1, 2)
         turned = np.exp(1j * np.outer(self.offset.mean(axis=0), orders[:, 1]))
         flanks = (self.cosine - 1j * self.sine) * turned
         return flanks[:, 1] - flanks[:, 0]
 
-    def _refined(self, angles: Float[np.ndarray, "m k"], width: float) -> Float[np.ndarray, "m k"]:
-        """Newton steps to the minimum beside each grid point, at most one grid step away."""
+    def _minima(self, angles: Float[np.ndarray, "m k"], width: float) -> Float[np.ndarray, "m k"]:
+        """Return the minimum beside each grid point, by Newton steps within one grid step."""
         speeds, series = self._speeds, self._series
-        found = angles.copy()
-        for part in self._parts(angles.shape[1]):
+        refined = angles.copy()
+        for part in self._draw_slices(angles.shape[1]):
             first = (1j * speeds * series[part])[:, None]
             second = (-(speeds**2) * series[part])[:, None]
             for _ in range(_NEWTON):
-                wave = np.exp(1j * found[part][..., None] * speeds)
+                wave = np.exp(1j * refined[part][..., None] * speeds)
                 slope = np.sum(first * wave, axis=-1).real
                 bend = np.sum(second * wave, axis=-1).real
                 step = np.where(bend > 0, -slope / np.where(bend > 0, bend, 1.0), 0.0)
-                moved = found[part] + np.clip(step, -width, width)
-                found[part] = np.clip(moved, angles[part] - width, angles[part] + width)
-        return found
+                moved = refined[part] + np.clip(step, -width, width)
+                refined[part] = np.clip(moved, angles[part] - width, angles[part] + width)
+        return refined
 
-    def _exact(self, angles: Float[np.ndarray, "m k"]) -> Float[np.ndarray, "m k"]:
-        """Gap of every draw at its own angles, by the fixed point of each flank."""
+    def _exact_gaps(self, angles: Float[np.ndarray, "m k"]) -> Float[np.ndarray, "m k"]:
+        """Return the gap of every draw at its own angles, by fixed-point iteration."""
         orders = np.asarray(self.terms, float).reshape(-1, 2)
         gaps = np.empty_like(angles)
-        for part in self._parts(angles.shape[1]):
+        for part in self._draw_slices(angles.shape[1]):
             errors = []
             for side in (0, 1):
                 offset = self.offset[part, side, None]
@@ -236,8 +236,8 @@ class GapDraws:
             gaps[part] = errors[1] - errors[0]
         return gaps
 
-    def _parts(self, candidates: int) -> Iterator[slice]:
-        """Slices of the draws that keep arrays over (draws, candidates, terms) small."""
+    def _draw_slices(self, candidates: int) -> Iterator[slice]:
+        """Yield slices of the draws that keep arrays over (draws, candidates, terms) small."""
         size = max(1, _MOST_PHASES // 8 // max(1, candidates * len(self.terms)))
         for start in range(0, len(self.offset), size):
             yield slice(start, start + size)

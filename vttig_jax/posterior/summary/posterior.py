@@ -1,43 +1,48 @@
-"""The posterior of a fit: its draws, its report, and the draws as an arviz object."""
+"""Posterior of a fit: its draws, its report, and its export to arviz."""
 
 import importlib
 from dataclasses import dataclass, replace
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from ...base.errors import NoAnswerError, UsageError
+from ...base.facade import from_front_door
 from ...base.files.text_tables import key_values, text_table
 from ...base.numerics.partial_autocorrelation import filter_of
+from ...base.results import PlottedResult
 from ...base.runtime import require_x64
 from ...identify.fit_result import Fit
-from .draws import PosteriorParameter, Share, SmallestGap, batches, border, parameters_of_draws
+from ..sampling.ensembles import Chains
+from .draws import PosteriorParameter, Share, SmallestGap, batches, parameters_of_draws, shown_unit
 from .gap_draws import GapDraws
 
 NOISE = ("log_innovation_std", "partial_")
-"""How the names of noise parameters begin."""
+"""Beginnings of the names of noise parameters."""
 
 
 @dataclass(frozen=True)
-class Posterior:
+class Posterior(PlottedResult):
     """Draws from the posterior of a fit.
 
     **Arguments**
-    - `fit`: the fit it belongs to.
+    - `fit`: fit of the log.
     - `names`, `units`: Cartesian coordinates in internal units (mm, rad, s), then noise parameters
       `log_innovation_std`, `partial_1` …
-    - `draws`: after burn-in, shape (ensembles, steps, walkers, d).
-    - `log_density`: of every draw, shape (ensembles, steps, walkers).
+    - `draws`: draws after burn-in, shape (ensembles, steps, walkers, d).
+    - `log_density`: log density of every draw, shape (ensembles, steps, walkers).
     - `offset`, `cosine`, `sine`: m joint draws of the order-complete flank model, rad, shapes
-      (m, 2), (m, 2, terms), (m, 2, terms), with the terms of `fit.model`; NaN for a flank that was
-      not measured.
-    - `chosen`: which flat draw each of the m belongs to, counted in the order of `draws`.
-    - `diagnosis`: whether the sampler can be trusted: `converged`, `to_json()` and `str()`.
+      (m, 2), (m, 2, terms), (m, 2, terms), with the terms of `fit.model`; NaN for an unmeasured
+      flank.
+    - `chosen`: index of the flat draw that each of the m belongs to, in the order of `draws`.
+    - `diagnosis`: convergence of the sampler: `converged`, `to_json()` and `str()`.
     - `prior`: sentences that state the priors.
-    - `seed`: of the sampler.
-    - `delay_offset_s`: what the fit had taken out before; the `delay` coordinate is what remains.
+    - `seed`: seed of the sampler.
+    - `delay_offset_s`: delay, s, that the fit removed before; the `delay` coordinate is the rest.
+    - `chains`: the chains of the sampler, burn-in included.
     """
 
     fit: Fit
@@ -53,6 +58,7 @@ class Posterior:
     prior: tuple[str, ...]
     seed: int
     delay_offset_s: float = 0.0
+    chains: Chains | None = None
 
     @property
     def flat(self) -> Float[np.ndarray, "n d"]:
@@ -61,16 +67,16 @@ class Posterior:
 
     @property
     def physical(self) -> tuple[str, ...]:
-        """Coordinates that are no noise parameters."""
+        """Names of the coordinates that are not noise parameters."""
         return tuple(name for name in self.names if not name.startswith(NOISE))
 
     @cached_property
     def parameters(self) -> dict[str, PosteriorParameter]:
-        """Every name of the contract → parameter with median and equal-tailed interval."""
+        """Parameters of the fit by name, with median and equal-tailed interval."""
         return parameters_of_draws(self.fit, self.names, self.flat, self.delay_offset_s)
 
     def place(self, name: str) -> int:
-        """Position of a coordinate in `names`."""
+        """Return the index of a coordinate in `names`."""
         if name not in self.names:
             raise ValueError(
                 f"Argument `name` must be one of {', '.join(self.names)}, but is {name!r}."
@@ -78,7 +84,7 @@ class Posterior:
         return self.names.index(name)
 
     def values(self, name: str) -> Float[np.ndarray, " n"]:
-        """Flat draws of one coordinate, internal unit."""
+        """Return the flat draws of one coordinate, internal unit."""
         return self.flat[:, self.place(name)]
 
     @cached_property
@@ -94,26 +100,26 @@ class Posterior:
     @property
     def correlation(self) -> Float[np.ndarray, "p p"]:
         """Correlation of the physical coordinates, in the order of `physical`."""
-        place = [self.names.index(name) for name in self.physical]
-        covariance = self.covariance[np.ix_(place, place)]
-        size = np.sqrt(np.diag(covariance))
-        size = np.where(size > 0, size, 1.0)
-        return covariance / np.outer(size, size)
+        indices = [self.names.index(name) for name in self.physical]
+        covariance = self.covariance[np.ix_(indices, indices)]
+        std = np.sqrt(np.diag(covariance))
+        std = np.where(std > 0, std, 1.0)
+        return covariance / np.outer(std, std)
 
     @property
     def centred_fit(self) -> Fit:
-        """The fit with the mean of the draws in place of its values."""
+        """Fit with the mean of the draws in place of its values."""
         values = self.fit.values.copy()
-        for place, name in enumerate(self.fit.covariance_names):
+        for index, name in enumerate(self.fit.covariance_names):
             if name in self.names:
-                values[place] = self.mean[self.names.index(name)]
+                values[index] = self.mean[self.names.index(name)]
         return replace(self.fit, values=values)
 
     @cached_property
     def smallest_gap(self) -> SmallestGap:
         """Distribution of the smallest gap over the hunting period and of the safe closing.
 
-        **Raises** `NoAnswerError` where the gap is not known.
+        **Raises** `NoAnswerError` if the gap is not known.
         """
 
         return gap_draws(self).smallest
@@ -121,10 +127,10 @@ class Posterior:
     def noise(
         self, rows: Int[np.ndarray, " r"]
     ) -> tuple[list[Float[np.ndarray, " taps"]], Float[np.ndarray, " r"], Float[np.ndarray, " r"]]:
-        """Whitening filter, std of the innovations and std of the noise, rad, of some flat draws.
+        """Return whitening filter, innovation std and noise std, rad, of some flat draws.
 
-        From `log_innovation_std` and the partial autocorrelations; the noise of the fit where there
-        are no noise parameters.
+        They follow from `log_innovation_std` and the partial autocorrelations; without these
+        coordinates they are those of the fit.
         """
         fitted = self.fit.noise
         if "log_innovation_std" not in self.names:
@@ -132,8 +138,8 @@ class Posterior:
             innovation, std = (np.full(count, x) for x in (fitted.innovation_std, fitted.std))
             return [fitted.filter] * count, innovation, std
         order = sum(name.startswith("partial_") for name in self.names)
-        places = [self.names.index(f"partial_{k}") for k in range(1, order + 1)]
-        partial = self.flat[rows][:, places]
+        indices = [self.names.index(f"partial_{k}") for k in range(1, order + 1)]
+        partial = self.flat[rows][:, indices]
         largest = float(np.abs(partial).max(initial=0.0))
         if largest >= 1:
             raise ValueError(
@@ -142,18 +148,22 @@ class Posterior:
             )
         innovation = np.exp(self.values("log_innovation_std")[rows])
         std = innovation / np.sqrt(np.prod(1 - partial**2, axis=1))
-        return [np.asarray(filter_of(one)) for one in partial], innovation, std
+        return [np.asarray(filter_of(row)) for row in partial], innovation, std
 
     def probability_of_binding(self, closing_mm: float) -> Share:
-        """Share of the draws in which an axial closing, mm, binds anywhere, and its error."""
+        """Return the fraction of draws in which an axial closing, mm, binds, and its error."""
         return self.smallest_gap.probability_of_binding(closing_mm)
 
+    def save(self, folder: str | Path, *, overwrite: bool = False, figures: bool = True) -> None:
+        """Write draws, report, map and pictures; see `vttig_jax.runs.save_posterior`."""
+        from_front_door("save_posterior")(self, folder, overwrite=overwrite, figures=figures)
+
     def to_arviz(self) -> Any:
-        """The draws for arviz: `InferenceData` before arviz 1, a `DataTree` from then on."""
+        """Return the draws for arviz: `InferenceData` before arviz 1, a `DataTree` from then on."""
         return to_arviz(self)
 
     def to_json(self) -> dict:
-        """The object of schema `vttig.posterior/1`: the fit's, with what the draws add."""
+        """Return the object of schema `vttig.posterior/1`: that of the fit and the draws."""
         record = self.fit.to_json()
         gap, reason = None, None
         try:
@@ -176,7 +186,7 @@ class Posterior:
         }
 
     def _coordinate(self, name: str) -> dict:
-        unit, scale = border(name, self.units[self.place(name)])
+        unit, scale = shown_unit(name, self.units[self.place(name)])
         draws = self.values(name) / scale
         return {
             "name": name,
@@ -190,7 +200,7 @@ class Posterior:
 
 
 def posterior_text(posterior: Posterior) -> str:
-    """What the draws say: parameters, the smallest gap, priors, and whether to trust them."""
+    """Return the report: parameters, smallest gap, priors and convergence."""
     ensembles, steps, walkers = posterior.draws.shape[:3]
     counted = f"{ensembles} ensembles × {steps} steps × {walkers} walkers"
     head = key_values(
@@ -224,12 +234,12 @@ def _gap(posterior: Posterior) -> list[tuple[str, str]]:
 
 
 def _reasons(parameters: list[PosteriorParameter]) -> list[str]:
-    """Undetermined parameters, those of one reason together."""
-    together: dict[str, list[str]] = {}
+    """Return lines on undetermined parameters, grouped by reason."""
+    by_reason: dict[str, list[str]] = {}
     for parameter in parameters:
         if not parameter.determined:
-            together.setdefault(parameter.reason or "", []).append(parameter.name)
-    return [f"{', '.join(names)}: {reason}" for reason, names in together.items()]
+            by_reason.setdefault(parameter.reason or "", []).append(parameter.name)
+    return [f"{', '.join(names)}: {reason}" for reason, names in by_reason.items()]
 
 
 def _listed(title: str, lines: list[str]) -> list[str]:
@@ -251,7 +261,7 @@ def _row(parameter: PosteriorParameter) -> list[str]:
 
 
 def decimals(std: float, value: float) -> int:
-    """Decimals that show two digits of a standard deviation."""
+    """Return the decimals that show two digits of a standard deviation."""
     import math
 
     size = std if std > 0 else abs(value) * 1e-6
@@ -259,22 +269,22 @@ def decimals(std: float, value: float) -> int:
 
 
 def to_arviz(posterior: Posterior) -> Any:
-    """Draws and log density: an `InferenceData` before arviz 1, an xarray `DataTree` from then on.
+    """Return the draws as an `InferenceData` before arviz 1, as an xarray `DataTree` from then on.
 
-    A chain is an ensemble; a draw is a (step, walker), step by step. Walkers of one ensemble step
-    together, so chains are independent but neighbouring draws are not a time series: effective
-    sample sizes by arviz count walkers as if they were steps, the diagnosis of the posterior does
-    not. Variables are the coordinates in internal units, which stand in their `attrs`.
+    A chain is an ensemble; a draw is a (step, walker), step by step. The walkers of one ensemble
+    move together: chains are independent, but neighbouring draws are not a time series. Effective
+    sample sizes of arviz count walkers as if they were steps; the diagnosis of the posterior does
+    not. Variables are the coordinates in internal units, which their `attrs` name.
 
-    arviz 1 shows 89 % intervals unless told otherwise: give `ci_prob=0.95` (before: `hdi_prob`).
+    arviz 1 shows 89 % intervals by default: pass `ci_prob=0.95` (before arviz 1: `hdi_prob`).
 
-    **Raises** `UsageError` where arviz is not installed.
+    **Raises** `UsageError` if arviz is not installed.
     """
     try:
         arviz: Any = importlib.import_module("arviz")
     except ImportError:
         raise UsageError(
-            "handing draws to arviz needs the package arviz: pip install `vttig-jax[arviz]`."
+            "the export to arviz needs the package arviz: pip install `vttig-jax[arviz]`."
         ) from None
     ensembles, steps, walkers, size = posterior.draws.shape
     chains = posterior.draws.reshape(ensembles, steps * walkers, size)
@@ -282,12 +292,12 @@ def to_arviz(posterior: Posterior) -> Any:
         "posterior": {name: chains[:, :, k] for k, name in enumerate(posterior.names)},
         "sample_stats": {"lp": posterior.log_density.reshape(ensembles, -1)},
     }
-    # The groups were keyword arguments; from arviz 1 on they are one nested mapping.
+    # Before arviz 1 the groups are keyword arguments, from then on one nested mapping.
     nested = int(arviz.__version__.partition(".")[0]) >= 1
-    found = arviz.from_dict(groups) if nested else arviz.from_dict(**groups)
+    data = arviz.from_dict(groups) if nested else arviz.from_dict(**groups)
     for name, unit in zip(posterior.names, posterior.units, strict=True):
-        found["posterior"][name].attrs["units"] = unit
-    found["posterior"].attrs.update(
+        data["posterior"][name].attrs["units"] = unit
+    data["posterior"].attrs.update(
         {
             "source": posterior.fit.source,
             "seed": np.int64(posterior.seed),
@@ -295,13 +305,13 @@ def to_arviz(posterior: Posterior) -> Any:
             "converged": str(bool(posterior.diagnosis.converged)),
         }
     )
-    return found
+    return data
 
 
 def gap_draws(posterior: Posterior) -> "GapDraws":
-    """Draws of the backlash map of a posterior.
+    """Return draws of the backlash map of a posterior.
 
-    **Raises** `NoAnswerError` where one flank was not measured or the constant backlash is
+    **Raises** `NoAnswerError` if one flank was not measured or the constant backlash is
     undetermined.
     """
     require_x64("gap_draws")
@@ -309,8 +319,8 @@ def gap_draws(posterior: Posterior) -> "GapDraws":
     gap = fit.parameters["constant_backlash_deg"]
     if len(fit.flanks) < 2:
         raise NoAnswerError(
-            f"only flank {''.join(fit.flanks)} was measured, and draws of one flank say nothing"
-            " about the gap to the other; record both directions.",
+            f"only flank {''.join(fit.flanks)} was measured, and draws of one flank do not"
+            " determine the gap; record both directions.",
             where=fit.source,
         )
     if not gap.determined:
@@ -322,7 +332,7 @@ def gap_draws(posterior: Posterior) -> "GapDraws":
 
 
 def flank_draws(posterior: Posterior) -> "GapDraws":
-    """Draws of the flanks, measured or not: of a flank that was not, everything is NaN."""
+    """Return draws of both flanks; NaN for an unmeasured flank."""
     fit = posterior.fit
     return GapDraws(
         fit.pair,

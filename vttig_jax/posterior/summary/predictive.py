@@ -1,8 +1,8 @@
-"""Would the posterior have made this log? Block means, residuals and jumps against replicates.
+"""Posterior predictive check: block means, residuals and jumps of a log against replicates.
 
-A replicate is a log the model could have given: the flank model of one draw with the autoregressive
-noise of the same draw. What the fit found besides the flank model (drift, wind-up, delay, starts of
-further logs) is taken as it is.
+A replicate is a log simulated from the model: the flank model of one draw with the autoregressive
+noise of the same draw. Drift, wind-up, delay and the starts of further logs keep their fitted
+values.
 """
 
 from collections.abc import Sequence
@@ -13,17 +13,18 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ...base.files.text_tables import key_values
+from ...base.results import PlottedResult
 from ...base.units import ARCSEC, DEG
 from ...identify.report.parameters import NORMAL_95
 from ...kinematics.te_curve import TECurve
 from .posterior import Posterior, flank_draws
 
 _WINDOW = 10.0 * DEG
-"""Driving angle before a turn over which both passes are compared."""
+"""Driving angle, rad, before a turn over which both passes are compared (chosen)."""
 
-_LEAST, _MOST_LAGS = 3, 40
-_DOUBT = 0.01
-"""p-value from which the words say that the model would not have made this."""
+_FEWEST_MEANS, _MOST_LAGS = 3, 40  # block means of a window, lags of a correlation (chosen)
+_DOUBTFUL_P = 0.01
+"""p-value below which the report says that the model would hardly give this (chosen)."""
 
 Runs = tuple[Float[np.ndarray, " _"], ...]
 Draws = Float[np.ndarray, " replicates"]
@@ -31,12 +32,12 @@ Draws = Float[np.ndarray, " replicates"]
 
 @dataclass(frozen=True)
 class Statistic:
-    """A number of the log beside the same number of the replicates.
+    """Statistic of the log beside the same statistic of the replicates.
 
     **Arguments**
-    - `measured`: of the log; where it depends on the draw, the mean over them.
+    - `measured`: value of the log; if it depends on the draw, its mean over the draws.
     - `predicted`, `low`, `high`: mean and 95 % interval of the replicates.
-    - `p_value`: share of replicates at least as far out, both sides.
+    - `p_value`: two-sided fraction of replicates at least as extreme.
     """
 
     measured: float
@@ -46,22 +47,21 @@ class Statistic:
     p_value: float
 
     @classmethod
-    def of(cls, made: Draws, seen: Draws | float) -> "Statistic":
-        """From the replicates, and from the log as seen by the draw of each of them."""
-        low, high = np.quantile(made, [0.025, 0.975])
-        return cls(
-            float(np.mean(seen)), float(made.mean()), float(low), float(high), _p_value(made, seen)
-        )
+    def of(cls, replicated: Draws, measured: Draws | float) -> "Statistic":
+        """Compare replicated values with the measured value, which may differ between draws."""
+        low, high = np.quantile(replicated, [0.025, 0.975]).tolist()
+        p_value = _p_value(replicated, measured)
+        return cls(float(np.mean(measured)), float(replicated.mean()), low, high, p_value)
 
     def words(self, form: str, scale: float) -> str:
-        """Measured and predicted in a unit of `scale`, and what to think of it."""
-        doubt = self.p_value < _DOUBT
+        """Return measured and predicted values in a unit of `scale`, with a verdict."""
+        doubt = self.p_value < _DOUBTFUL_P
         verdict = "the model would hardly give this" if doubt else "as the model predicts"
-        one, low, high = (form.format(x / scale) for x in (self.measured, self.low, self.high))
-        return f"{one} (replicates {low} … {high}), {verdict} (p = {self.p_value:.2g})"
+        measured, low, high = (form.format(x / scale) for x in (self.measured, self.low, self.high))
+        return f"{measured} (replicates {low} … {high}), {verdict} (p = {self.p_value:.2g})"
 
     def to_json(self, scale: float) -> dict:
-        """All of it in a unit of `scale`."""
+        """Return the fields in a unit of `scale`."""
         return {
             "measured": self.measured / scale,
             "predicted": self.predicted / scale,
@@ -73,10 +73,10 @@ class Statistic:
 
 @dataclass(frozen=True)
 class Jump:
-    """Step of the transmission error at a reversal, flank B less flank A, rad.
+    """Step of the transmission error at a reversal, flank B minus flank A, rad.
 
-    `driving_angle` is the middle of the window before the turn in which both passes are compared;
-    the step is the difference of the means of the block means there.
+    `driving_angle` is the centre of the window before the turn in which both passes are compared;
+    the step is the difference of the mean block means in it.
     """
 
     driving_angle: float
@@ -87,18 +87,18 @@ class Jump:
 
 
 @dataclass(frozen=True)
-class Predictive:
-    """A log beside what its posterior predicts.
+class Predictive(PlottedResult):
+    """Log beside the predictions of its posterior.
 
     **Arguments**
     - `curves`: measured block means.
-    - `centre`, `low`, `high`: of their 95 % predictive interval, rad, run by run.
-    - `inside`: share of the block means inside.
-    - `share`, `rms`: share within 1.96 noise std, and rms (rad), of what each draw leaves.
-    - `jumps`: at every reversal between passes that overlap.
+    - `centre`, `low`, `high`: centre and ends of their 95 % predictive interval, rad, run by run.
+    - `inside`: fraction of the block means inside the interval.
+    - `share`, `rms`: fraction within 1.96 noise std, and rms (rad), of the residual of each draw.
+    - `jumps`: steps at every reversal between passes that overlap.
     - `correlation`, `correlation_low`, `correlation_high`: autocorrelation of the residual at lags
-      1, 2, … and where 95 % of the replicates have it, lag by lag.
-    - `replicates`: how many.
+      1, 2, … and its 95 % interval in the replicates, lag by lag.
+    - `replicates`: number of replicates.
     """
 
     posterior: Posterior
@@ -117,12 +117,12 @@ class Predictive:
 
     @property
     def outside_lags(self) -> int:
-        """Lags at which the autocorrelation leaves its band; 5 % of them do by chance."""
+        """Number of lags at which the autocorrelation leaves its band; 5 % of them do by chance."""
         low, high = self.correlation_low, self.correlation_high
         return int(np.sum((self.correlation < low) | (self.correlation > high)))
 
     def to_json(self) -> dict:
-        """Shares, p-values and jumps, angles in degrees."""
+        """Return fractions, p-values and jumps, angles in degrees."""
         return {
             "replicates": self.replicates,
             "inside": self.inside,
@@ -150,42 +150,42 @@ class Predictive:
 def predictive(posterior: Posterior, replicates: int = 500, seed: int = 0) -> Predictive:
     """Compare the block means of a log with logs that its posterior predicts.
 
-    The p-values are Bayesian: shares of replicates that lie at least as far out as the log (A.
-    Gelman, X.-L. Meng, H. Stern, Statistica Sinica 6 (1996) 733). They use the log twice, so values
-    crowd at the middle when the model is right; only a small one speaks.
+    The p-values are Bayesian: fractions of replicates at least as extreme as the log (A. Gelman,
+    X.-L. Meng, H. Stern, Statistica Sinica 6 (1996) 733). They use the log twice, so they
+    concentrate in the middle if the model is right; only a small value is informative.
 
     **Arguments**
-    - `posterior`: with the block means in its fit.
-    - `replicates`: logs to draw, at least 40.
-    - `seed`: of the noise of the replicates.
+    - `posterior`: posterior whose fit holds the block means.
+    - `replicates`: number of simulated logs, at least 40.
+    - `seed`: seed of the noise of the replicates.
     """
     if replicates < 40:
         raise ValueError(f"Argument `replicates` must be at least 40, but is {replicates}.")
     generator = np.random.default_rng(seed)
     picked = generator.integers(0, len(posterior.chosen), replicates)
     filters, innovation, noise_std = posterior.noise(posterior.chosen[picked])
-    curves, passes = posterior.fit.curves, _expected(posterior, picked)
-    centre = tuple(one.centre for one in passes)
-    seen = [c.transmission_error - middle for c, middle in zip(curves, centre, strict=True)]
+    curves, passes = posterior.fit.curves, _expected_passes(posterior, picked)
+    centre = tuple(run.centre for run in passes)
+    deviations = [c.transmission_error - middle for c, middle in zip(curves, centre, strict=True)]
     lags = max(1, min(_MOST_LAGS, *(len(curve) // 4 for curve in curves)))
     windows = _reversals(curves)
     numbers, correlations, steps = [], [], []
     for k in range(replicates):
-        moves = [one.basis @ one.deviations[:, k] for one in passes]
+        shifts = [run.basis @ run.deviations[:, k] for run in passes]
         noise = [autoregressive(generator, filters[k], innovation[k], len(c)) for c in curves]
-        # What the draw leaves of the log, beside what it left of the replicate it made.
-        left = [one - move for one, move in zip(seen, moves, strict=True)]
-        own = NORMAL_95 * noise_std[k]
-        numbers.append((_share(left, own), _share(noise, own), _rms(left), _rms(noise)))
-        correlations.append((autocorrelation(left, lags), autocorrelation(noise, lags)))
-        made = [move + one for move, one in zip(moves, noise, strict=True)]
-        steps.append([window.step(made) for window in windows])
+        # Residual of the log under this draw, beside the noise of its replicate.
+        residual = [run - move for run, move in zip(deviations, shifts, strict=True)]
+        limit = NORMAL_95 * noise_std[k]
+        numbers.append((_share(residual, limit), _share(noise, limit), _rms(residual), _rms(noise)))
+        correlations.append((autocorrelation(residual, lags), autocorrelation(noise, lags)))
+        replicate = [move + run for move, run in zip(shifts, noise, strict=True)]
+        steps.append([window.step(replicate) for window in windows])
     share, share_made, rms, rms_made = np.array(numbers).T
-    of_log, of_made = np.array(correlations).transpose(1, 0, 2)
-    low, high = np.quantile(of_made, [0.025, 0.975], axis=0)
+    correlation, predicted = np.array(correlations).transpose(1, 0, 2)
+    low, high = np.quantile(predicted, [0.025, 0.975], axis=0)
     size = np.sqrt(np.mean(noise_std**2))
-    reach = tuple(NORMAL_95 * np.hypot(one.spread, size) for one in passes)
-    within = [np.abs(one) <= half for one, half in zip(seen, reach, strict=True)]
+    reach = tuple(NORMAL_95 * np.hypot(run.spread, size) for run in passes)
+    within = [np.abs(run) <= half for run, half in zip(deviations, reach, strict=True)]
     return Predictive(
         posterior,
         curves,
@@ -196,7 +196,7 @@ def predictive(posterior: Posterior, replicates: int = 500, seed: int = 0) -> Pr
         Statistic.of(share_made, share),
         Statistic.of(rms_made, rms),
         _jumps(windows, curves, centre, np.array(steps)),
-        of_log.mean(axis=0),
+        correlation.mean(axis=0),
         low,
         high,
         replicates,
@@ -205,7 +205,7 @@ def predictive(posterior: Posterior, replicates: int = 500, seed: int = 0) -> Pr
 
 @dataclass(frozen=True)
 class _Pass:
-    """Expected block means of one run: centre, spread over draws, and how each draw moves it."""
+    """Expected block means of one run: centre, spread over draws, and shift by each draw."""
 
     centre: Float[np.ndarray, " n"]
     spread: Float[np.ndarray, " n"]
@@ -213,23 +213,23 @@ class _Pass:
     deviations: Float[np.ndarray, "c replicates"]
 
 
-def _expected(posterior: Posterior, picked: Int[np.ndarray, " replicates"]) -> list[_Pass]:
-    """The fitted runs, moved by what the mean of the draws differs from the fit."""
+def _expected_passes(posterior: Posterior, picked: Int[np.ndarray, " replicates"]) -> list[_Pass]:
+    """Return the fitted runs, shifted by the difference between mean draw and fit."""
     model, fit = flank_draws(posterior), posterior.fit
-    found = []
+    passes = []
     for curve, residual in zip(fit.curves, fit.residuals, strict=True):
         mean, basis = model.linearised(curve.driving_angle, curve.flank)
         fitted = np.asarray(fit.model.transmission_error(curve.driving_angle, curve.flank))
         deviations = model.deviations(curve.flank)
         spread = np.sqrt(np.einsum("nc,cd,nd->n", basis, np.cov(deviations), basis, optimize=True))
         centre = curve.transmission_error - residual + mean - fitted
-        found.append(_Pass(centre, spread, basis, deviations[:, picked]))
-    return found
+        passes.append(_Pass(centre, spread, basis, deviations[:, picked]))
+    return passes
 
 
 @dataclass(frozen=True)
 class _Window:
-    """Block means of both passes before a turn; `sign` makes the step flank B less flank A."""
+    """Block means of both passes before a turn; `sign` makes the step flank B minus flank A."""
 
     first: int
     second: int
@@ -239,28 +239,30 @@ class _Window:
     driving_angle: float
 
     def step(self, runs: Sequence[Float[np.ndarray, " _"]]) -> float:
-        """Mean of flank B less mean of flank A, of runs like the curves."""
+        """Return the mean of flank B minus the mean of flank A, for runs shaped like the curves."""
         after, before = runs[self.second][self.after], runs[self.first][self.before]
         return self.sign * float(after.mean() - before.mean())
 
 
 def _reversals(curves: tuple[TECurve, ...]) -> list[_Window]:
-    """Turns between runs that follow each other on different flanks over the same angles."""
-    found = []
-    for k, (one, other) in enumerate(pairwise(curves)):
-        if one.flank == other.flank or other.time[0] < one.time[-1]:
+    """Return the turns between consecutive runs on different flanks over the same angles."""
+    windows = []
+    for k, (first, second) in enumerate(pairwise(curves)):
+        if first.flank == second.flank or second.time[0] < first.time[-1]:
             continue
-        low = max(one.driving_angle.min(), other.driving_angle.min())
-        high = min(one.driving_angle.max(), other.driving_angle.max())
-        if one.flank == "A":
+        low = max(first.driving_angle.min(), second.driving_angle.min())
+        high = min(first.driving_angle.max(), second.driving_angle.max())
+        if first.flank == "A":
             low = max(low, high - _WINDOW)
         else:
             high = min(high, low + _WINDOW)
-        before, after = ((c.driving_angle >= low) & (c.driving_angle <= high) for c in (one, other))
-        if before.sum() >= _LEAST and after.sum() >= _LEAST:
-            sign = 1.0 if one.flank == "A" else -1.0
-            found.append(_Window(k, k + 1, before, after, sign, float(low + high) / 2))
-    return found
+        before, after = (
+            (c.driving_angle >= low) & (c.driving_angle <= high) for c in (first, second)
+        )
+        if before.sum() >= _FEWEST_MEANS and after.sum() >= _FEWEST_MEANS:
+            sign = 1.0 if first.flank == "A" else -1.0
+            windows.append(_Window(k, k + 1, before, after, sign, float(low + high) / 2))
+    return windows
 
 
 def _jumps(
@@ -269,29 +271,29 @@ def _jumps(
     centre: Runs,
     steps: Float[np.ndarray, "replicates jumps"],
 ) -> tuple[Jump, ...]:
-    found = []
+    jumps = []
     for k, window in enumerate(windows):
-        made = window.step(centre) + steps[:, k]
+        replicated = window.step(centre) + steps[:, k]
         measured = window.step([curve.transmission_error for curve in curves])
-        found.append(Jump(window.driving_angle, Statistic.of(made, measured)))
-    return tuple(found)
+        jumps.append(Jump(window.driving_angle, Statistic.of(replicated, measured)))
+    return tuple(jumps)
 
 
 def autoregressive(
     generator: np.random.Generator, filter_: Float[np.ndarray, " taps"], std: float, count: int
 ) -> Float[np.ndarray, " count"]:
-    """Stationary noise that this filter whitens to innovations of this std."""
+    """Return stationary noise that this filter whitens to innovations of this std."""
     from scipy.signal import lfilter  # slow to import
 
     slowest = float(np.abs(np.roots(filter_)).max(initial=0.0))
-    # Until the start is forgotten to 1e-4.
+    # After this many samples the effect of the start is below 1e-4.
     warm_up = min(int(10 / max(1.0 - slowest, 1e-4)), 100_000)
     noise = lfilter(np.ones(1), filter_, std * generator.standard_normal(count + warm_up))
     return np.asarray(noise)[warm_up:]
 
 
 def autocorrelation(runs: list[Float[np.ndarray, " _"]], lags: int) -> Float[np.ndarray, " lags"]:
-    """Correlation at lags 1 … `lags` inside runs, all runs together."""
+    """Return the correlation at lags 1 … `lags` within runs, all runs together."""
     square = sum(float(run @ run) for run in runs)
     products = [sum(float(run[lag:] @ run[:-lag]) for run in runs) for lag in range(1, lags + 1)]
     return np.array(products) / square
@@ -305,8 +307,8 @@ def _share(runs: list[Float[np.ndarray, " _"]], reach: float) -> float:
     return float(np.mean(np.abs(np.concatenate(runs)) <= reach))
 
 
-def _p_value(made: Draws, seen: Draws | float) -> float:
-    """Share of replicates at least as far out, both sides, and never quite zero."""
-    above = (np.sum(made >= seen) + 0.5) / (len(made) + 1)
-    below = (np.sum(made <= seen) + 0.5) / (len(made) + 1)
+def _p_value(replicated: Draws, measured: Draws | float) -> float:
+    """Return the two-sided fraction of replicates at least as extreme; it is never quite zero."""
+    above = (np.sum(replicated >= measured) + 0.5) / (len(replicated) + 1)
+    below = (np.sum(replicated <= measured) + 0.5) / (len(replicated) + 1)
     return float(min(1.0, 2 * min(above, below)))

@@ -1,4 +1,4 @@
-"""Rigs drawn from a posterior, for whoever simulates them."""
+"""Rigs drawn from a posterior, for simulations."""
 
 import numpy as np
 
@@ -10,27 +10,27 @@ from .posterior import Posterior
 
 
 def rig_draws(posterior: Posterior, draws: int = 200, seed: int = 0) -> tuple[Eccentricities, ...]:
-    """Draw rigs: both eccentricities and the constant backlash, as they go together.
+    """Draw rigs: joint draws of both eccentricities and the constant backlash.
 
-    An eccentricity that the log does not determine counts as zero. Orders above the first are no
-    part of a rig, nor are the encoders' own errors.
+    An eccentricity that the log does not determine is zero. A rig has no orders above the first and
+    no encoder errors.
 
     **Arguments**
-    - `draws`: how many, none twice. - `seed`: which.
+    - `draws`: number of rigs, all from different draws. - `seed`: seed of the random selection.
 
-    **Raises** `NoAnswerError` where there is no gear geometry, no constant backlash, fewer draws.
+    **Raises** `NoAnswerError` without gear geometry, constant backlash or enough draws.
 
     For `sweep(…, rigs=rig_draws(posterior, 200), believed=fit.eccentricities())`.
     """
     fit = posterior.fit
     require_rig(fit)
-    there = len(posterior.flat)
-    if draws > there:
+    available = len(posterior.flat)
+    if draws > available:
         raise NoAnswerError(
-            f"{draws} draws are asked for, but the posterior holds {there}; sample longer.",
+            f"{draws} draws are requested, but the posterior holds {available}; sample longer.",
             where=fit.source,
         )
-    chosen = np.sort(np.random.default_rng(seed).choice(there, draws, replace=False))
+    chosen = np.sort(np.random.default_rng(seed).choice(available, draws, replace=False))
     offsets = [_offset(posterior, shaft)[chosen] for shaft in ("driving", "driven")]
     gaps = posterior.values("constant_backlash")[chosen] / DEG
     return tuple(
@@ -42,7 +42,7 @@ def rig_draws(posterior: Posterior, draws: int = 200, seed: int = 0) -> tuple[Ec
 
 
 def _offset(posterior: Posterior, shaft: str) -> np.ndarray:
-    """e·exp(jθ) of every draw, mm."""
+    """Return e·exp(jθ) of every draw, mm."""
     if not posterior.fit.parameters[f"{shaft}_eccentricity_mm"].determined:
         return np.zeros(len(posterior.flat), complex)
     return posterior.values(f"{shaft}_x") + 1j * posterior.values(f"{shaft}_y")

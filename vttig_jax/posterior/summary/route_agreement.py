@@ -1,8 +1,8 @@
-"""Three routes to the same interval: the fit's curvature, profile likelihood and the sampler.
+"""Comparison of three intervals of a coordinate: curvature of the fit, profile likelihood, sampler.
 
-They share the likelihood and nothing else, so that where they agree none of them went astray, and
-where they do not the reader has to know. Widths and centres are compared in the sampled standard
-deviation, with what the finite number of draws leaves open added to the tolerance.
+The three routes share only the likelihood: if they agree, none of them has failed, and a
+disagreement is reported. Widths and centres are compared in sampled standard deviations. The
+tolerance includes the Monte-Carlo error of the draws.
 """
 
 from collections.abc import Sequence
@@ -11,20 +11,21 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...base.files.text_tables import text_table
+from ...base.results import TextResult
 from ...identify.fit_result import Fit
 from ...identify.report.parameters import NORMAL_95
 from ..density.density import fit_target
 from ..density.prior import Prior
 from ..density.profile_likelihood import Profiler
-from .draws import border
+from .draws import shown_unit
 from .posterior import Posterior
 
 CENTRES = 0.3
-"""Standard deviations that two centres may be apart."""
+"""Largest accepted distance between two centres, in standard deviations (chosen)."""
 WIDTHS = 0.15
-"""Share by which two half widths may differ."""
+"""Largest accepted relative difference of two half widths (chosen)."""
 MONTE_CARLO = 3.0
-"""Standard errors of the draws that come on top."""
+"""Monte-Carlo standard errors that are added to both tolerances (chosen)."""
 
 ONE_SIGMA = 0.6826894921370859
 """Probability within one standard deviation of a normal density."""
@@ -41,18 +42,18 @@ class Route:
     half95: float
 
     @property
-    def halves(self) -> tuple[float, float]:
-        """Both half widths."""
+    def half_widths(self) -> tuple[float, float]:
+        """Half widths of the 68 and 95 % intervals."""
         return self.half68, self.half95
 
 
 @dataclass(frozen=True)
-class Compared:
-    """One coordinate by three routes, in internal units.
+class RouteComparison:
+    """Intervals of one coordinate by three routes, in internal units.
 
     **Arguments**
-    - `fit`, `profile`, `sampled`: the routes; `profile` is infinitely wide where it is unbounded.
-    - `effective`: effective draws behind the sampled one.
+    - `fit`, `profile`, `sampled`: routes; `profile` is infinitely wide if it is unbounded.
+    - `effective`: effective number of draws of the sampled route.
     """
 
     name: str
@@ -63,8 +64,8 @@ class Compared:
     effective: float
 
     @property
-    def open(self) -> float:
-        """What the draws leave open, as a share of the standard deviation.
+    def monte_carlo_margin(self) -> float:
+        """Monte-Carlo error of the draws times `MONTE_CARLO`, as a fraction of the std.
 
         The standard error of a mean is σ/√n; that of half the distance between the 16 and 84 %
         quantiles, or of 2.5 and 97.5 %, is 0.96 and 0.95 of its value, over √n.
@@ -72,110 +73,110 @@ class Compared:
         return MONTE_CARLO / np.sqrt(max(self.effective, 1.0))
 
     def shift(self, route: str) -> float:
-        """Centre of a route less the sampled one, in sampled standard deviations."""
+        """Return the centre of a route minus the sampled one, in sampled standard deviations."""
         return (getattr(self, route).centre - self.sampled.centre) / self.sampled.half68
 
     def widths(self, route: str) -> tuple[float, float]:
-        """68 and 95 % half widths of a route over the sampled ones."""
-        found, sampled = getattr(self, route).halves, self.sampled.halves
-        return found[0] / sampled[0], found[1] / sampled[1]
+        """Return the 68 and 95 % half widths of a route divided by the sampled ones."""
+        widths, sampled = getattr(self, route).half_widths, self.sampled.half_widths
+        return widths[0] / sampled[0], widths[1] / sampled[1]
 
-    def shifted(self, route: str) -> bool:
-        """Is the centre of a route too far off?"""
-        return not abs(self.shift(route)) <= CENTRES + self.open
+    def centre_differs(self, route: str) -> bool:
+        """Return whether the centre of a route is outside the tolerance."""
+        return not abs(self.shift(route)) <= CENTRES + self.monte_carlo_margin
 
-    def resized(self, route: str) -> bool:
-        """Is a half width of a route too different?"""
-        allowed = np.log1p(WIDTHS + self.open)
+    def width_differs(self, route: str) -> bool:
+        """Return whether a half width of a route is outside the tolerance."""
+        allowed = np.log1p(WIDTHS + self.monte_carlo_margin)
         return not all(abs(np.log(ratio)) <= allowed for ratio in self.widths(route))
 
 
 @dataclass(frozen=True)
-class Agreement:
-    """Whether three routes lead to the same intervals.
+class Agreement(TextResult):
+    """Result of the comparison of three routes.
 
     **Arguments**
-    - `compared`: coordinate by coordinate.
-    - `widening`: how many times wider the fit made its standard errors because its residual is not
-      white; 1 where it did not.
+    - `compared`: comparison of every coordinate.
+    - `widening`: factor by which the fit widened its standard errors because its residual is not
+      white; 1 without widening.
     """
 
-    compared: tuple[Compared, ...]
+    compared: tuple[RouteComparison, ...]
     widening: float = 1.0
 
     @property
     def agreed(self) -> bool:
-        """True where no centre and no width of any coordinate is off."""
+        """Whether no centre and no width of any coordinate is outside its tolerance."""
         return not self.sentences
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """What disagrees, the worst coordinate of each kind first."""
-        found = []
+        """Sentences on disagreements, with the worst coordinate of each kind first."""
+        sentences = []
         for route in ("fit", "profile"):
-            resized = [one for one in self.compared if one.resized(route)]
+            resized = [c for c in self.compared if c.width_differs(route)]
             if resized:
-                found.append(self._width_words(route, resized))
-            shifted = [one for one in self.compared if one.shifted(route)]
+                sentences.append(self._width_words(route, resized))
+            shifted = [c for c in self.compared if c.centre_differs(route)]
             if shifted:
-                found.append(self._centre_words(route, shifted))
-        return tuple(found)
+                sentences.append(self._centre_words(route, shifted))
+        return tuple(sentences)
 
-    def _width_words(self, route: str, resized: Sequence[Compared]) -> str:
-        worst = max(resized, key=lambda one: max(abs(np.log(r)) for r in one.widths(route)))
+    def _width_words(self, route: str, resized: Sequence[RouteComparison]) -> str:
+        worst = max(resized, key=lambda c: max(abs(np.log(r)) for r in c.widths(route)))
         if np.isinf(worst.profile.half95) and route == "profile":
             return f"the profile interval of {_label(worst)} is unbounded{_others(resized)}."
         ratio = max(worst.widths(route), key=lambda r: abs(np.log(r)))
-        what = {"fit": "the fit's standard error", "profile": "the profile interval"}[route]
-        why = ""
+        subject = {"fit": "the fit's standard error", "profile": "the profile interval"}[route]
+        reason = ""
         if route == "fit" and self.widening > 1:
-            why = (
+            reason = (
                 ": its residual is not what its noise model says, so it takes standard errors from"
                 " blocks of the log, which the sampler does not"
             )
         size = f"{ratio:.2g} times the sampled one"
-        return f"{what} of {_label(worst)} is {size}{_others(resized)}{why}."
+        return f"{subject} of {_label(worst)} is {size}{_others(resized)}{reason}."
 
-    def _centre_words(self, route: str, shifted: Sequence[Compared]) -> str:
-        worst = max(shifted, key=lambda one: abs(one.shift(route)))
-        what = {"fit": "the fit's value", "profile": "the maximum of the density"}[route]
+    def _centre_words(self, route: str, shifted: Sequence[RouteComparison]) -> str:
+        worst = max(shifted, key=lambda c: abs(c.shift(route)))
+        name = {"fit": "the fit's value", "profile": "the maximum of the density"}[route]
         return (
-            f"{what} of {_label(worst)} is {abs(worst.shift(route)):.2g} standard deviations from"
+            f"{name} of {_label(worst)} is {abs(worst.shift(route)):.2g} standard deviations from"
             f" the mean of the draws{_others(shifted)}."
         )
 
     def to_json(self) -> dict:
-        """Coordinates with their routes in the units people read, and the sentences."""
+        """Return the coordinates with their routes in display units, and the sentences."""
         return {
             "agreed": self.agreed,
             "sentences": list(self.sentences),
             "widening": self.widening,
-            "coordinates": [_record(one) for one in self.compared],
+            "coordinates": [_record(coordinate) for coordinate in self.compared],
         }
 
     def __str__(self) -> str:
         rows = []
-        for one in self.compared:
-            unit, scale = border(one.name, one.unit)
-            routes = [getattr(one, route) for route in ROUTES]
+        for coordinate in self.compared:
+            unit, scale = shown_unit(coordinate.name, coordinate.unit)
+            routes = [getattr(coordinate, route) for route in ROUTES]
             cells = [f"{r.centre / scale:.6g} ± {r.half95 / scale:.3g}" for r in routes]
-            rows.append([one.name, *cells, unit])
+            rows.append([coordinate.name, *cells, unit])
         table = text_table(rows, ["95 %", *ROUTES, "unit"], align="lrrrl")
         words = "\n".join(self.sentences) or "the three routes agree."
         return f"{table}\n\n{words}"
 
 
 def agreement(posterior: Posterior, prior: Prior = Prior()) -> Agreement:
-    """Compare the fit, profile likelihood and the draws, coordinate by coordinate.
+    """Compare the fit, the profile likelihood and the draws, coordinate by coordinate.
 
-    Centres may be 0.3 standard deviations apart and half widths 15 %, plus three Monte-Carlo
+    Centres may differ by 0.3 standard deviations and half widths by 15 %, plus three Monte-Carlo
     standard errors of the draws.
 
     **Arguments**
     - `posterior`: draws of `sample` or `sample_nuts`.
-    - `prior`: that of the draws.
+    - `prior`: prior of the draws.
 
-    **Raises** `ValueError` where the draws have another prior, and as `profile` does.
+    **Raises** `ValueError` if the draws have another prior, and the errors of `profile`.
     """
     fit = posterior.fit
     target = fit_target(fit, prior)
@@ -189,7 +190,7 @@ def agreement(posterior: Posterior, prior: Prior = Prior()) -> Agreement:
         zip(posterior.diagnosis.names, posterior.diagnosis.effective.tolist(), strict=True)
     )
     compared = tuple(
-        Compared(
+        RouteComparison(
             name,
             posterior.units[posterior.names.index(name)],
             _of_fit(fit, name),
@@ -211,7 +212,7 @@ def _of_fit(fit: Fit, name: str) -> Route:
 
 def _of_profile(profiler: Profiler, name: str) -> Route:
     intervals = [profiler.interval(name, probability) for probability in PROBABILITIES]
-    return Route(intervals[0].best, *(one.half_width for one in intervals))
+    return Route(intervals[0].best, *(interval.half_width for interval in intervals))
 
 
 def _of_draws(posterior: Posterior, name: str) -> Route:
@@ -221,21 +222,21 @@ def _of_draws(posterior: Posterior, name: str) -> Route:
     return Route(float(draws.mean()), float(higher - lower) / 2, float(high - low) / 2)
 
 
-def _label(one: Compared) -> str:
-    return one.name.replace("_", " ")
+def _label(coordinate: RouteComparison) -> str:
+    return coordinate.name.replace("_", " ")
 
 
-def _others(ones: Sequence[Compared]) -> str:
-    count = len(ones) - 1
+def _others(coordinates: Sequence[RouteComparison]) -> str:
+    count = len(coordinates) - 1
     return f" ({count} other coordinate{'s' if count > 1 else ''} likewise)" if count else ""
 
 
-def _record(one: Compared) -> dict:
-    unit, scale = border(one.name, one.unit)
-    record: dict = {"name": one.name, "unit": unit, "effective_draws": one.effective}
+def _record(coordinate: RouteComparison) -> dict:
+    unit, scale = shown_unit(coordinate.name, coordinate.unit)
+    record: dict = {"name": coordinate.name, "unit": unit, "effective_draws": coordinate.effective}
     for route in ROUTES:
-        found = getattr(one, route)
-        numbers = [number / scale for number in (found.centre, *found.halves)]
+        interval = getattr(coordinate, route)
+        numbers = [number / scale for number in (interval.centre, *interval.half_widths)]
         kept = [number if np.isfinite(number) else None for number in numbers]
         record[route] = dict(zip(("centre", "half68", "half95"), kept, strict=True))
     return record

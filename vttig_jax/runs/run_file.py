@@ -4,6 +4,7 @@ import os
 import tomllib
 from dataclasses import dataclass, field
 from importlib.metadata import version
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ from ..base.errors import InputError, UsageError
 from ..base.files.run_folder import data_sha256
 from ..pair.pair_file import parse_pair_spec, spec_table
 from ..pair.schema import PairSpec
-from .run_options import RunOptions
+from .options import RunOptions, options_from
 
 CHECKPOINT = "posterior.h5"
 
@@ -44,7 +45,10 @@ class RunRecord:
         """The TOML table; the logs are named relative to the run folder."""
         base = folder.resolve()
         data: dict[str, Any] = {
-            "logs": [_relative(log, base) for log in self.logs],
+            "logs": [
+                str(log) if digest == "" else _relative(log, base)
+                for log, digest in zip_longest(self.logs, self.sha256)
+            ],
             "sha256": list(self.sha256),
         }
         if self.readings is not None:
@@ -81,12 +85,12 @@ def read_run(path: Path) -> RunRecord:
     try:
         logs, digests = _data(table["data"])
         spec = parse_pair_spec(table["pair_file"], f"{path}: pair_file")
-        options = msgspec.convert(table["options"], RunOptions)
+        options = options_from(table["options"])
         readings = table["data"].get("readings")
         options.check(len(logs), readings=readings is not None)
     except (KeyError, TypeError) as error:
         raise InputError(f"the entry {error} is missing or damaged.", where=str(path)) from None
-    except msgspec.ValidationError as error:
+    except (msgspec.ValidationError, ValueError) as error:
         raise InputError(f"its options are damaged: {error}.", where=str(path)) from None
     except UsageError as error:
         raise InputError(f"its options are damaged: {error.message}", where=str(path)) from None
@@ -103,6 +107,12 @@ def require_same_data(run: RunRecord) -> None:
     if run.readings is not None:
         files.append(("file of readings", run.readings, run.readings_sha256))
     for kind, path, digest in files:
+        if not digest:
+            raise InputError(
+                f"the {kind} of this run was fitted from arrays in Python; there is no file to"
+                " repeat it from.",
+                where=str(path),
+            )
         if not path.is_file():
             raise InputError(f"the {kind} of this run is no longer there.", where=str(path))
         if digest != data_sha256([path])[0]:

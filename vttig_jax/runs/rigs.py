@@ -1,11 +1,13 @@
 """Rigs of a run folder, for the simulator, which knows nothing of fits."""
 
+import logging
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..base.errors import InputError
-from .output import LOGGER
 from .run_file import CHECKPOINT, read_run
+
+logger = logging.getLogger("vttig_jax")
 
 if TYPE_CHECKING:
     from ..identify.fit_result import Fit
@@ -87,5 +89,5 @@ def _posterior(folder: Path, fit: "Fit") -> "Posterior":
 
     posterior = read_posterior(folder / CHECKPOINT, fit)
     if not posterior.diagnosis.converged:
-        LOGGER.warning("the draws have not converged: %s", posterior.diagnosis)
+        logger.warning("the draws have not converged: %s", posterior.diagnosis)
     return posterior

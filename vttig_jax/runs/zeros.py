@@ -6,7 +6,7 @@ from ..base.errors import InputError, NoAnswerError
 from ..base.files.run_folder import data_sha256
 from ..base.units import ANGLE_UNITS, REV
 from ..logs.readers.column_names import name_and_unit, units_of
-from ..logs.readers.column_roles import names_asked
+from ..logs.readers.column_roles import requested_names
 from ..pair.encoder_reading import ShaftReading, shaft_reading
 from ..pair.schema import Encoder, as_fraction
 from .options import roles_of
@@ -55,7 +55,7 @@ def _unit(run: RunRecord, fit: "Fit", shaft: str) -> str:
     """Unit of a shaft's column: whole readings are counts; else by its name, else from the log."""
     if isinstance(fit.zero_readings[shaft], int):
         return "counts"
-    name = names_asked(run.spec.log, roles_of(run.options.columns))[shaft]
+    name = requested_names(run.spec.log, roles_of(run.options.reading.columns))[shaft]
     written = name_and_unit(name, units_of(shaft), str(name))[1] if name else None
     return written or getattr(run.spec.unit, shaft) or _unit_of_log(run, fit, shaft)
 
@@ -72,5 +72,5 @@ def _unit_of_log(run: RunRecord, fit: "Fit", shaft: str) -> str:
             " file and fit again.",
             where=str(log),
         )
-    channel = getattr(read_log(log, run.spec, **run.options.reading()), shaft)
+    channel = getattr(read_log(log, run.spec, **run.options.reading.keywords()), shaft)
     return channel.unit

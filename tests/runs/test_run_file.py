@@ -8,24 +8,25 @@ import tomli_w
 from tests.cli.drive import write_drive, write_pair
 from vttig_jax.base.errors import InputError, UsageError
 from vttig_jax.base.files.run_folder import data_sha256
-from vttig_jax.cli.run_file import RunRecord, read_run, require_same_data
-from vttig_jax.cli.run_options import RunOptions
+from vttig_jax.identify.settings import FitSettings
 from vttig_jax.pair.pair_file import load_pair_spec
+from vttig_jax.runs.options import ReadingOptions, RunOptions
+from vttig_jax.runs.run_file import RunRecord, read_run, require_same_data
 
 pytestmark = pytest.mark.smoke
 
 OPTIONS = RunOptions(
-    columns=("time=time_s",),
-    decimal=".",
-    sample_rate=50.0,
-    flank="A",
-    perfect_encoders=True,
-    delay=-0.002,
-    loss="huber",
-    regressors=("torque", "speed"),
-    free_ratio=True,
-    drift_order=0,
-    same_zero=False,
+    ReadingOptions(columns=("time=time_s",), decimal=".", sample_rate=50.0),
+    FitSettings(
+        flank="A",
+        perfect_encoders=True,
+        delay=-0.002,
+        loss="huber",
+        regressors=("torque",),
+        free_ratio=True,
+        drift_order=0,
+        same_zero=False,
+    ),
 )
 
 
@@ -34,7 +35,9 @@ def run(tmp_path) -> RunRecord:
     """A run of two logs."""
     logs = tuple(write_drive(tmp_path / f"{k}.csv", seed=k) for k in range(2))
     spec = load_pair_spec(write_pair(tmp_path / "pair.toml"))
-    return RunRecord(logs, spec, RunOptions(delay=0.004), tuple(data_sha256(logs)))
+    return RunRecord(
+        logs, spec, RunOptions(settings=FitSettings(delay=0.004)), tuple(data_sha256(logs))
+    )
 
 
 def write(tmp_path, table):
@@ -60,11 +63,13 @@ def test_every_option_comes_back(run, tmp_path):
     full = RunRecord(run.logs, run.spec, OPTIONS, run.sha256)
     folder = tmp_path / "run"
     table = full.table(folder)
+    table["options"] |= {"regressors": ["speed"], "delay": -0.002}
     with pytest.raises(InputError, match="--regressor speed"):
         read_run(write(tmp_path, table))
     table["options"]["regressors"] = ["torque"]
     assert read_run(write(tmp_path, table)).options.table() == table["options"]
-    given = {name for name in RunOptions.__struct_fields__ if name != "drift_knots"}
+    names = (*ReadingOptions.__struct_fields__, *FitSettings.__struct_encode_fields__)
+    given = {name for name in names if name != "drift_knots"}
     assert set(table["options"]) == given
 
 

@@ -1,0 +1,139 @@
+"""Run folders from Python hold what the command line reads, and the other way round."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import vttig_jax
+from tests.cli.drive import write_drive, write_pair
+from vttig_jax.base.errors import InputError, UsageError
+from vttig_jax.cli.main import main
+from vttig_jax.identify.fitting import fit
+from vttig_jax.identify.settings import FitSettings
+from vttig_jax.logs.read import read_log
+from vttig_jax.pair.gear_pair import GearPair
+from vttig_jax.pair.load import load_pair, pair_from_spec, spec_of
+from vttig_jax.pair.pair_file import parse_pair_spec, spec_table
+from vttig_jax.pair.schema import HarmonicOrders
+from vttig_jax.posterior.summary.bands import BandedMap
+from vttig_jax.rig.paper import paper_pair
+from vttig_jax.runs.run import Run, open_run
+
+SETTINGS = FitSettings(delay=0.001, drift_order=1)
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """A fit of a log file of a drive, in Python."""
+    folder = tmp_path_factory.mktemp("drive")
+    pair = load_pair(write_pair(folder / "pair.toml"))
+    log = read_log(write_drive(folder / "log.csv"), pair)
+    return fit(log, pair, settings=SETTINGS, orders=HarmonicOrders(mesh_orders=0))
+
+
+@pytest.fixture(scope="module")
+def saved(made, tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("saved") / "run"
+    made.save(folder)
+    return folder
+
+
+def test_a_fit_comes_back(made, saved):
+    run = open_run(saved)
+    assert run.fit.to_json() == json.loads(json.dumps(made.to_json()))
+    assert run.fit.request == made.request
+    assert run.pair.ratio == made.pair.ratio and run.pair.fit == made.request.orders
+    assert list(run.logs.values()) == [made.sha256]
+    assert (saved / "figures" / "te_fit.png").exists()
+    np.testing.assert_array_equal(run.fit.covariance, made.covariance)
+
+
+def test_the_command_line_repeats_a_fit_of_python(made, saved, capsys):
+    assert main(["fit", "--run", str(saved / "run.toml"), "--json"]) == 0
+    repeated = json.loads(capsys.readouterr().out)
+    assert repeated["parameters"] == json.loads(json.dumps(made.to_json()))["parameters"]
+
+
+def test_an_opened_run_is_saved_elsewhere(saved, tmp_path):
+    open_run(saved).fit.save(tmp_path / "copy", figures=False)
+    assert (tmp_path / "copy/fit.json").read_bytes() == (saved / "fit.json").read_bytes()
+    assert not (tmp_path / "copy/figures").exists()
+
+
+def test_a_result_is_not_replaced_unasked(made, saved):
+    before = (saved / "fit.json").read_bytes()
+    with pytest.raises(UsageError, match="overwrite=True"):
+        made.save(saved)
+    assert (saved / "fit.json").read_bytes() == before
+    made.save(saved, overwrite=True)
+
+
+def test_a_fit_without_its_options_says_where_they_are(made, saved, tmp_path):
+    bare = vttig_jax.read_fit(saved, made.pair)
+    with pytest.raises(UsageError, match="open_run"):
+        bare.save(tmp_path / "other")
+
+
+def test_arrays_are_saved_and_not_repeated(tmp_path, capsys, quick_fit):
+    quick_fit.save(tmp_path / "run", figures=False)
+    run = open_run(tmp_path / "run")
+    assert run.fit.value("driving_eccentricity_mm") == quick_fit.value("driving_eccentricity_mm")
+    assert main(["fit", "--run", str(tmp_path / "run/run.toml")]) == 3
+    assert "fitted from arrays" in capsys.readouterr().err
+
+
+def test_draws_are_saved_and_resumed(tmp_path, capsys, quick_fit):
+    posterior = vttig_jax.sample(quick_fit, steps=40, seed=3)
+    posterior.save(tmp_path / "run", figures=False)
+    with pytest.raises(UsageError, match="exists"):
+        posterior.save(tmp_path / "run", figures=False)
+    run = open_run(tmp_path / "run")
+    np.testing.assert_array_equal(run.posterior.draws, posterior.draws)
+    assert "draws" in str(run) and "draws" in run._repr_html_()
+    assert isinstance(run.map, BandedMap)
+    call = ["sample", "--out", str(tmp_path / "run"), "--resume", "--steps", "80", "--no-figures"]
+    assert main([*call, "--json"]) == 5
+    resumed = open_run(tmp_path / "run").posterior
+    straight = vttig_jax.sample(quick_fit, steps=80, seed=3)
+    np.testing.assert_array_equal(resumed.draws, straight.draws)
+    capsys.readouterr()
+
+
+def test_the_draws_of_another_fit_do_not_join(tmp_path, made, quick_fit):
+    made.save(tmp_path / "run", figures=False)
+    posterior = vttig_jax.sample(quick_fit, steps=40)
+    with pytest.raises(UsageError, match="other logs"):
+        posterior.save(tmp_path / "run")
+
+
+def test_missing_parts_name_the_command_that_makes_them(tmp_path, saved):
+    with pytest.raises(UsageError, match="vttig fit LOG"):
+        open_run(tmp_path / "nothing")
+    with pytest.raises(UsageError, match="neither"):
+        open_run(tmp_path)
+    with pytest.raises(UsageError, match="vttig sample"):
+        _ = open_run(saved).posterior
+    with pytest.raises(UsageError, match="vttig sweep"):
+        _ = open_run(saved).sweep
+
+
+def test_a_damaged_sweep_is_told(tmp_path):
+    (tmp_path / "sweep.parquet").write_bytes(b"no table")
+    (tmp_path / "sweep.json").write_text("{}")
+    with pytest.raises(InputError, match="damaged"):
+        _ = open_run(tmp_path).sweep
+
+
+@pytest.mark.parametrize("pair", [paper_pair(), load_pair(Path("fits/paper/pair.toml"))])
+def test_a_gear_pair_comes_back_from_its_file(pair):
+    again = pair_from_spec(parse_pair_spec(spec_table(spec_of(pair))))
+    assert isinstance(again, GearPair)
+    np.testing.assert_allclose(again.base_radii, pair.base_radii, rtol=1e-14)
+    assert again.fit == pair.fit and again.driving.encoder == pair.driving.encoder
+
+
+def test_the_text_of_a_run_says_what_it_holds(saved):
+    text = str(Run(saved))
+    assert "fit" in text and "drift_order = 1" in text and "delay = 0.001" in text

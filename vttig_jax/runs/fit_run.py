@@ -1,0 +1,183 @@
+"""The fit of a run folder: from its options to `run.toml`, `fit.json` and `summary.npz`."""
+
+import logging
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import msgspec
+
+from ..base.errors import UsageError
+from ..pair.pair_file import load_pair_spec
+from .options import ReadingOptions, RunOptions
+from .run_file import CHECKPOINT, RunRecord
+
+if TYPE_CHECKING:
+    from ..base.files.run_folder import RunFolder
+    from ..identify.fit_result import Fit
+
+logger = logging.getLogger("vttig_jax")
+
+_FOLLOWING = (
+    "map.csv",
+    "map.json",
+    CHECKPOINT,
+    "posterior.json",
+    *(f"figures/{name}.png" for name in ("te_fit", "orders", "residual", "backlash_map")),
+    *(f"figures/{name}.png" for name in ("corner", "trace", "band", "predictive")),
+)
+"""Files of an older fit that a new fit makes untrue."""
+
+
+def resolve(
+    logs: tuple[Path, ...], pair: Path | None, readings: Path | None, options: RunOptions
+) -> RunRecord:
+    """Return the record of the run that the command line asks for.
+
+    **Raises** `UsageError` where the logs, the pair or the readings that it needs are missing.
+    """
+    if not logs or pair is None:
+        missing = "--pair" if logs else "LOG"
+        raise UsageError(f"{missing} is missing; see `vttig fit --help`.")
+    options.check(len(logs), readings=readings is not None)
+    return RunRecord(logs, load_pair_spec(pair), options, readings=readings)
+
+
+def perform(record: RunRecord) -> tuple["Fit", RunRecord]:
+    """Fit the logs of a record; return the fit, and the record with the digests of its files.
+
+    **Raises** `UsageError` where two logs are the same file or copies of one.
+    """
+    from ..base.runtime import enable_x64
+    from ..identify.fitting import fit
+    from ..logs.read import read_log
+    from ..logs.readers.backlash_readings import read_backlash_readings
+    from ..pair.load import pair_from_spec
+
+    enable_x64()
+    pair = pair_from_spec(record.spec)
+    logs = []
+    paths: dict[str, Path] = {}
+    for path in record.logs:
+        log = read_log(path, pair, **record.options.reading.keywords())
+        if (other := paths.setdefault(log.sha256, path)) is not path:
+            seen = "given twice" if other == path else f"the same data as {other}"
+            raise UsageError(f"{seen}; give every log once.", where=str(path))
+        record.options.check_drift(log)
+        logs.append(log)
+    readings = None
+    if record.readings is not None:
+        readings = read_backlash_readings(record.readings, decimal=record.options.reading.decimal)
+    result = fit(logs, pair, settings=record.options.settings, readings=readings)
+    digest = "" if readings is None else readings.sha256
+    return result, replace(record, sha256=tuple(paths), readings_sha256=digest)
+
+
+def record_of(fit: "Fit") -> RunRecord:
+    """Return the record of a fit that was made in Python.
+
+    **Raises** `UsageError` for a fit that was itself read from a folder.
+    """
+    from ..pair.load import spec_of
+
+    if fit.request is None:
+        raise UsageError(
+            "this fit was read from a folder; take it from `vttig_jax.open_run(folder).fit`,"
+            " which knows its options, or copy the folder.",
+            where=fit.source,
+        )
+    reading = fit.request.reading
+    columns = tuple(f"{role}={name}" for role, name in (reading.get("columns") or {}).items())
+    options = RunOptions(
+        ReadingOptions(
+            columns=columns,
+            decimal=reading.get("decimal"),
+            sample_rate=reading.get("sample_rate_hz"),
+        ),
+        fit.request.settings,
+    )
+    record = RunRecord(
+        tuple(Path(log["source"]) for log in fit.logs),
+        msgspec.structs.replace(spec_of(fit.pair), fit=fit.request.orders),
+        options,
+        tuple(log["sha256"] for log in fit.logs),
+    )
+    if (readings := fit.checks["readings"]) is None:
+        return record
+    return replace(record, readings=Path(readings["source"]), readings_sha256=readings["sha256"])
+
+
+def save_fit(
+    fit: "Fit",
+    folder: str | Path,
+    *,
+    overwrite: bool = False,
+    figures: bool = True,
+    record: RunRecord | None = None,
+) -> None:
+    """Write a run folder: `run.toml`, `fit.json`, `summary.npz` and the pictures.
+
+    The folder is as it was until everything is written, and draws of an older fit are removed.
+
+    **Arguments**
+    - `fit`: a fit of `vttig_jax.fit`, or that of an open run.
+    - `folder`: the run folder; it is made where it does not exist.
+    - `overwrite`: replace the fit that is in the folder.
+    - `figures`: draw the pictures too.
+    - `record`: logs and options of the fit; taken from the fit itself by default.
+
+    **Raises** `UsageError` for a fit that is there, a second writer and a fit that does not know
+    its options; `InputError` for no space, no permission and a path that is no folder.
+    """
+    from ..base.files.run_folder import RunFolder
+
+    record, folder = record or record_of(fit), Path(folder)
+    refuse_while_sampled(folder)
+    with RunFolder(folder, overwrite=overwrite, results=("fit.json",)) as writer:
+        if (folder / CHECKPOINT).exists():
+            logger.warning("the draws in %s were those of the fit it replaces, and go", folder)
+        write_fit(writer, fit, record, figures=figures)
+
+
+def refuse_while_sampled(folder: Path) -> None:
+    """Refuse to replace the fit of a folder that a sampler is writing to.
+
+    **Raises** `UsageError`.
+    """
+    lock = folder / f".{CHECKPOINT}.lock"
+    if not lock.exists():
+        return
+    from filelock import FileLock, Timeout
+
+    try:
+        with FileLock(lock).acquire(timeout=0):
+            pass
+    except Timeout:
+        raise UsageError(
+            "a sampler is writing to this folder; wait for it or choose another folder.",
+            where=str(folder),
+        ) from None
+
+
+def write_fit(writer: "RunFolder", fit: "Fit", record: RunRecord, *, figures: bool = True) -> None:
+    """Write a fit into an open run folder, and remove the files that it makes untrue."""
+    from ..base.files.json_io import dumps
+    from ..identify.store import fit_arrays
+
+    for name in _FOLLOWING:
+        writer.discard(name)
+    writer.write_toml("run.toml", record.table(writer.path))
+    writer.write_npz("summary.npz", **fit_arrays(fit))
+    if figures:
+        for name, data in _figures(fit).items():
+            writer.write_bytes(f"figures/{name}", data)
+    writer.write_text("fit.json", dumps(fit.to_json()) + "\n")
+
+
+def _figures(fit: "Fit") -> dict[str, bytes]:
+    """Return file name → PNG of a fit, with the map where the log determines the backlash."""
+    from ..identify.backlash import backlash_map
+    from ..plotting.save import figures
+
+    grid = backlash_map(fit) if fit.parameters["constant_backlash_deg"].determined else None
+    return figures(fit, grid)

@@ -1,0 +1,93 @@
+"""The table and the record of a backlash map: `map.csv` and `map.json`."""
+
+import io
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from ..identify.fit_result import Fit
+    from ..kinematics.backlash_map import BacklashMap, Extreme
+    from ..posterior.summary.bands import BandedMap
+
+COLUMNS = ("driving_deg", "backlash_deg", "backlash_mm", "axial_mm", "backlash_first_order_deg")
+"""Columns of `map.csv` without draws."""
+
+
+def map_table(grid: "BacklashMap", step_deg: float, turns: float) -> Any:
+    """Rows of the contract's columns, shape (rows, 5); NaN where there is no geometry."""
+    import numpy as np
+
+    from ..base.units import DEG
+    from ..pair.gear_pair import GearPair
+
+    driving_deg = np.arange(int(np.ceil(turns * 360.0 / step_deg - 1e-9))) * step_deg
+    backlash = grid.over(driving_deg * DEG)
+    millimetres = axial = np.full(len(driving_deg), np.nan)
+    if isinstance(grid.pair, GearPair):
+        millimetres = backlash * float(grid.pair.reference_radii[1])
+        if thinning := float(grid.pair.thinning):
+            axial = millimetres / thinning
+    first = grid.first_order_over(driving_deg * DEG)
+    return np.stack([driving_deg, backlash / DEG, millimetres, axial, first / DEG], axis=1)
+
+
+def map_record(
+    fit: "Fit", grid: "BacklashMap", step_deg: float, turns: float, rows: int, out: Path | None
+) -> dict[str, Any]:
+    """The object of schema `vttig.map/1`."""
+    return {
+        "schema": "vttig.map/1",
+        "pair": fit.pair.name,
+        "source": fit.source,
+        "conditional_on": list(fit.conditional_on),
+        "zero": fit.zero,
+        "hunting_turns": grid.pair.hunting_turns,
+        "span_turns": turns,
+        "step_deg": step_deg,
+        "rows": rows,
+        "smallest": _extreme(grid.smallest),
+        "largest": _extreme(grid.largest),
+        "safe_closing_mm": grid.safe_closing_mm,
+        "constant_backlash_deg": fit.parameters["constant_backlash_deg"].value,
+        "csv": None if out is None else out.name,
+    }
+
+
+def banded_record(
+    fit: "Fit",
+    banded: "BandedMap",
+    rows: int,
+    out: Path | None,
+    closing_mm: tuple[float, ...] = (),
+) -> dict[str, Any]:
+    """The object of schema `vttig.map/1` with what the draws add."""
+    chances = [(closing, banded.smallest.probability_of_binding(closing)) for closing in closing_mm]
+    return map_record(fit, banded.map, banded.step_deg, banded.turns, rows, out) | {
+        "probability": banded.band.probability,
+        "critical": banded.band.critical,
+        "smallest_gap": banded.smallest.to_json(),
+        "binding": [
+            {"closing_mm": closing, "probability": chance.value, "std_error": chance.std_error}
+            for closing, chance in chances
+        ],
+    }
+
+
+def _extreme(extreme: "Extreme") -> dict[str, Any]:
+    from ..base.units import DEG
+
+    return {
+        "backlash_deg": extreme.backlash / DEG,
+        "driving_deg": extreme.driving_angle / DEG,
+        "tooth_pair": None if extreme.tooth_pair is None else list(extreme.tooth_pair),
+    }
+
+
+def csv_text(table: Any, columns: Sequence[str] = COLUMNS) -> str:
+    """The map as CSV, empty where there is no geometry."""
+    import numpy as np
+
+    buffer = io.StringIO()
+    np.savetxt(buffer, table, fmt="%.9g", delimiter=",", header=",".join(columns), comments="")
+    return buffer.getvalue().replace("nan", "")

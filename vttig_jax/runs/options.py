@@ -1,0 +1,135 @@
+"""The options of one `vttig fit` as `run.toml` keeps them: how a log is read, and the settings."""
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Annotated, Any
+
+import msgspec
+from msgspec import Meta
+
+from ..base.errors import UsageError
+from ..identify.settings import FitSettings, Positive, fields
+from ..logs.readers.column_roles import ROLES
+
+if TYPE_CHECKING:
+    from ..logs.encoder_log import EncoderLog
+
+MOST_PIECES = 300
+"""Largest number of spline pieces over one log; chosen, as more of them follow the gears."""
+
+_OPTION = {field.name: field.option.split("/")[0] for field in fields()}
+
+
+class ReadingOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """How a log is read, by the names of `run.toml`; columns are texts ROLE=NAME."""
+
+    columns: tuple[str, ...] = ()
+    decimal: Annotated[str, Meta(pattern="^[.,]$")] | None = None
+    sample_rate: Positive | None = None
+
+    def keywords(self) -> dict[str, Any]:
+        """Return the keywords of `read_log`."""
+        return {
+            "columns": roles_of(self.columns),
+            "decimal": self.decimal,
+            "sample_rate_hz": self.sample_rate,
+        }
+
+
+class RunOptions(msgspec.Struct, frozen=True):
+    """Everything that `run.toml` says about a fit beside its data and its pair file."""
+
+    reading: ReadingOptions = ReadingOptions()
+    settings: FitSettings = FitSettings()
+
+    def check(self, logs: int, *, readings: bool) -> None:
+        """Refuse options that exclude each other or say nothing about this many logs.
+
+        **Raises** `UsageError`.
+        """
+        roles_of(self.reading.columns)
+        settings = self.settings
+        if "speed" in settings.regressors and settings.delay not in ("auto", "off"):
+            raise UsageError(
+                "--regressor speed and --delay are the same term, as a delay shifts by its seconds"
+                " times the speed; give one of them."
+            )
+        if settings.use_readings and not readings:
+            raise UsageError("--use-readings needs --backlash-readings FILE.")
+        if settings.same_zero is not None and logs == 1:
+            name = "--same-zero" if settings.same_zero else "--own-zero"
+            raise UsageError(f"{name} compares several logs, but there is one; leave it out.")
+
+    def check_drift(self, log: "EncoderLog") -> None:
+        """Refuse a spline of so many pieces that it would follow the gears."""
+        knots_s = self.settings.drift_knots_s
+        duration_s = float(log.time[-1] - log.time[0])
+        if knots_s is not None and duration_s > MOST_PIECES * knots_s:
+            raise UsageError(
+                f"--drift-knots {knots_s:g} cuts its {duration_s:.4g} s into more than"
+                f" {MOST_PIECES} pieces, no longer a drift; give"
+                f" {duration_s / MOST_PIECES:.2g} or more.",
+                where=log.source,
+            )
+
+    def table(self) -> dict[str, Any]:
+        """Return the table `[options]` of `run.toml`, without the options that have no value."""
+        merged = msgspec.to_builtins(self.reading) | msgspec.to_builtins(self.settings)
+        return {
+            name: list(value) if isinstance(value, tuple) else value
+            for name, value in merged.items()
+            if value is not None
+        }
+
+
+def options_from(table: dict[str, Any]) -> RunOptions:
+    """Read the table `[options]`; an option that an older run does not have takes its default.
+
+    **Raises** `msgspec.ValidationError` or `TypeError` for a damaged table.
+    """
+    if not isinstance(table, dict):
+        raise TypeError("options")
+    names = ReadingOptions.__struct_fields__
+    reading = {name: value for name, value in table.items() if name in names}
+    settings = {name: value for name, value in table.items() if name not in names}
+    return RunOptions(
+        msgspec.convert(reading, ReadingOptions), msgspec.convert(settings, FitSettings)
+    )
+
+
+def options_of(given: dict[str, Any]) -> RunOptions:
+    """Build the options from the parameters of the command line.
+
+    **Raises** `UsageError` for two options that exclude each other.
+    """
+    names = ReadingOptions.__struct_fields__
+    reading = ReadingOptions(**{name: given[name] for name in names if name in given})
+    values = {name: value for name, value in given.items() if name not in names}
+    try:
+        return RunOptions(reading, FitSettings(**values))
+    except ValueError as error:
+        raise UsageError(_in_options(str(error))) from None
+
+
+def _in_options(message: str) -> str:
+    """Name options of the command line in place of arguments of Python."""
+    for name, option in _OPTION.items():
+        message = message.replace(f"`{name}`", option)
+    return message.removeprefix("Arguments ").removeprefix("Argument ")
+
+
+def roles_of(columns: Iterable[str]) -> dict[str, str]:
+    """Return role → name of the column from texts ROLE=NAME.
+
+    **Raises** `UsageError` for another form, a role there is not and one that is named twice.
+    """
+    named: dict[str, str] = {}
+    for text in columns:
+        role, equals, name = text.partition("=")
+        if not equals or not name or role not in ROLES:
+            raise UsageError(
+                f"--column {text!r} must be ROLE=NAME with a role of {', '.join(ROLES)}."
+            )
+        if role in named:
+            raise UsageError(f"--column: `{role}` is named twice; keep one of the two.")
+        named[role] = name
+    return named

@@ -1,0 +1,123 @@
+"""The posterior of a run folder: its report, and the files `posterior.json`, map and pictures."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..base.errors import UsageError
+from .map_table import banded_record, csv_text
+from .run_file import CHECKPOINT
+
+if TYPE_CHECKING:
+    from ..posterior.summary.bands import BandedMap
+    from ..posterior.summary.posterior import Posterior
+    from ..posterior.summary.predictive import Predictive
+    from ..posterior.summary.route_agreement import Agreement
+
+
+@dataclass(frozen=True)
+class PosteriorReport:
+    """A posterior with its predictive check, its map, and the comparison of fit and draws."""
+
+    posterior: "Posterior"
+    predicted: "Predictive"
+    routes: "Agreement | None"
+    banded: "BandedMap | None"
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the object of schema `vttig.posterior/1`."""
+        return self.posterior.to_json() | {
+            "agreement": self.routes.to_json() if self.routes else None,
+            "predictive": self.predicted.to_json(),
+        }
+
+    def __str__(self) -> str:
+        routes = self.routes or f"fit, profile and draws: {self.verdict}"
+        return f"{self.posterior}\n\n{self.predicted}\n\n{routes}"
+
+    @property
+    def verdict(self) -> str:
+        """Say whether fit, profile likelihood and draws agree."""
+        if self.routes is None:
+            return "not compared, because the draws have not converged"
+        return " ".join(self.routes.sentences) or "agree"
+
+
+def report_on(posterior: "Posterior") -> PosteriorReport:
+    """Check the posterior against its log, compare it with fit and profile, and map the backlash.
+
+    Fit and profile are compared only with draws that have converged; the map needs a log that
+    determines the constant backlash.
+    """
+    from ..posterior.density.prior import Prior
+    from ..posterior.summary.bands import band_map
+    from ..posterior.summary.predictive import predictive
+    from ..posterior.summary.route_agreement import agreement
+
+    assert posterior.chains is not None  # only tests make a posterior without chains
+    converged = posterior.diagnosis.converged
+    determined = posterior.fit.parameters["constant_backlash_deg"].determined
+    return PosteriorReport(
+        posterior,
+        predictive(posterior),
+        agreement(posterior, Prior(**posterior.chains.identity["prior"])) if converged else None,
+        band_map(posterior) if determined else None,
+    )
+
+
+def save_posterior(
+    posterior: "Posterior",
+    folder: str | Path,
+    *,
+    overwrite: bool = False,
+    figures: bool = True,
+) -> None:
+    """Write the draws, their report, the map with its bands and the pictures into a run folder.
+
+    The folder holds the fit of the posterior already, or it is written first. `vttig sample
+    --resume` goes on with the draws.
+
+    **Arguments**
+    - `posterior`: the result of `vttig_jax.sample`, or that of an open run.
+    - `folder`: the run folder; it is made where it does not exist.
+    - `overwrite`: replace the fit and the draws that are in the folder.
+    - `figures`: draw the pictures too.
+
+    **Raises** `UsageError` for draws that are there, a fit of another log and a second writer;
+    `InputError` for no space, no permission and a path that is no folder.
+    """
+    from .fit_run import save_fit
+    from .run_file import read_run
+
+    folder = Path(folder)
+    if overwrite or not (folder / "fit.json").exists():
+        save_fit(posterior.fit, folder, overwrite=overwrite, figures=figures)
+    elif " ".join(read_run(folder).sha256) != posterior.fit.sha256:
+        raise UsageError(
+            "this folder holds the fit of other logs; choose another folder, or replace it with"
+            " overwrite=True.",
+            where=str(folder),
+        )
+    assert posterior.chains is not None  # only tests make a posterior without chains
+    posterior.chains.save(folder / CHECKPOINT, overwrite=overwrite)
+    write_report(folder, report_on(posterior), figures=figures)
+
+
+def write_report(folder: Path, report: PosteriorReport, *, figures: bool = True) -> None:
+    """Write `posterior.json`, the map with its bands, and the pictures."""
+    from ..base.files.json_io import dumps
+    from ..base.files.run_folder import RunFolder
+    from ..plotting.save import posterior_figures
+
+    banded = report.banded
+    with RunFolder(folder, overwrite=True) as writer:
+        if figures:
+            drawn = posterior_figures(report.posterior, report.predicted, banded)
+            for name, data in drawn.items():
+                writer.write_bytes(f"figures/{name}", data)
+        if banded is not None:
+            table = banded.table()
+            record = banded_record(report.posterior.fit, banded, len(table), Path("map.csv"))
+            writer.write_text("map.csv", csv_text(table, banded.columns))
+            writer.write_text("map.json", dumps(record) + "\n")
+        writer.write_text("posterior.json", dumps(report.to_json()) + "\n")

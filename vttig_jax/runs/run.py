@@ -1,0 +1,146 @@
+"""A run folder, opened: its logs, fit, posterior, map and sweep."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import msgspec
+
+from ..base.errors import UsageError
+from ..base.files.text_tables import key_values
+from ..base.results import TextResult
+from .run_file import CHECKPOINT, RunRecord, read_run
+
+if TYPE_CHECKING:
+    from ..control.sweeps.table import SweepTable
+    from ..identify.fit_result import Fit
+    from ..kinematics.backlash_map import BacklashMap
+    from ..pair.gear_pair import Drive, GearPair
+    from ..posterior.summary.bands import BandedMap
+    from ..posterior.summary.posterior import Posterior
+
+SWEEP = "sweep.parquet"
+
+
+@dataclass(frozen=True)
+class Run(TextResult):
+    """A run folder. Everything in it is read when it is first asked for.
+
+    **Arguments**
+    - `folder`: the folder.
+
+    Each property raises `UsageError` where the folder does not hold that part, with the command
+    that makes it, and `InputError` where the part is damaged.
+    """
+
+    folder: Path
+
+    @cached_property
+    def record(self) -> RunRecord:
+        """Logs, digests, pair file and options of the fit: the content of `run.toml`."""
+        return read_run(self.folder)
+
+    @property
+    def logs(self) -> dict[Path, str]:
+        """The log files and the SHA-256 of each."""
+        return dict(zip(self.record.logs, self.record.sha256, strict=True))
+
+    @cached_property
+    def pair(self) -> "GearPair | Drive":
+        """The gear pair, or the drive."""
+        from ..pair.load import pair_from_spec
+
+        return pair_from_spec(self.record.spec)
+
+    @cached_property
+    def fit(self) -> "Fit":
+        """The fit, with the settings that it was made with."""
+        from ..identify.fit_result import FitRequest
+        from ..identify.store import read_fit
+
+        options = self.record.options
+        request = FitRequest(options.settings, self.record.spec.fit, options.reading.keywords())
+        return replace(read_fit(self.folder, self.pair), request=request)
+
+    @cached_property
+    def posterior(self) -> "Posterior":
+        """The posterior of the draws that `vttig sample` left."""
+        from ..posterior.sampler import read_posterior
+
+        if not (self.folder / CHECKPOINT).exists():
+            raise UsageError(
+                f"there are no draws here; make them with `vttig sample --out {self.folder}`.",
+                where=str(self.folder),
+            )
+        return read_posterior(self.folder / CHECKPOINT, self.fit)
+
+    @cached_property
+    def map(self) -> "BacklashMap | BandedMap":
+        """The backlash at every angle; with its bands where the folder holds draws."""
+        if (self.folder / CHECKPOINT).exists():
+            from ..posterior.summary.bands import band_map
+
+            return band_map(self.posterior)
+        from ..identify.backlash import backlash_map
+
+        return backlash_map(self.fit)
+
+    @cached_property
+    def sweep(self) -> "SweepTable":
+        """The sweep that `vttig sweep --out` wrote into the folder."""
+        from ..control.sweeps.table import read_sweep
+
+        return read_sweep(self.folder)
+
+    def __str__(self) -> str:
+        parts = {"fit": "fit.json", "draws": CHECKPOINT, "map": "map.csv", "sweep": SWEEP}
+        held = [name for name, file in parts.items() if (self.folder / file).exists()]
+        rows = [("holds", ", ".join(held) or "nothing")]
+        if (self.folder / "run.toml").exists():
+            rows += [("log", f"{log} ({digest[:12]})") for log, digest in self.logs.items()]
+            changed = msgspec.structs.asdict(self.record.options.settings).items()
+            default = msgspec.structs.asdict(type(self.record.options.settings)())
+            asked = [f"{name} = {value}" for name, value in changed if value != default[name]]
+            rows.append(("settings", ", ".join(asked) or "all as by default"))
+        return key_values(rows, title=str(self.folder))
+
+
+def open_run(folder: str | Path) -> Run:
+    """Open a run folder that `vttig fit --out`, `Fit.save` or `vttig sweep --out` has written.
+
+    **Arguments**
+    - `folder`: the run folder.
+
+    **Returns** a `Run`.
+
+    **Raises** `UsageError` where the folder is missing or holds neither a fit nor a sweep.
+
+    **Example**
+    ```python
+    >>> import tempfile
+    >>> import vttig_jax
+    >>> vttig_jax.enable_x64()
+    >>> rig = vttig_jax.paper_rig()
+    >>> result = vttig_jax.fit(rig.log(), rig.pair, delay="off")
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     result.save(folder, figures=False)
+    ...     run = vttig_jax.open_run(folder)
+    ...     run.fit.request.settings.delay, round(run.fit.value("driving_eccentricity_mm"), 3)
+    ('off', 0.023)
+
+    ```
+    """
+    folder = Path(folder)
+    if not folder.is_dir():
+        raise UsageError(
+            "no such folder; make a run with `vttig fit LOG --pair PAIR --out DIR`.",
+            where=str(folder),
+        )
+    if not any((folder / name).exists() for name in ("run.toml", SWEEP)):
+        raise UsageError(
+            "this folder holds neither run.toml nor a sweep; name a folder that `vttig fit --out`"
+            " or `vttig sweep --out` has written.",
+            where=str(folder),
+        )
+    return Run(folder)
