@@ -1,4 +1,4 @@
-"""Options that all verbs share, and those that say how a log is read."""
+"""Options that all verbs share, and options for reading a log."""
 
 import functools
 import math
@@ -17,32 +17,32 @@ from .output import Narrator, Output
 
 
 class Finite(click.FloatRange):
-    """A number that is neither NaN nor infinite, with the bounds of `click.FloatRange`."""
+    """Number that is neither NaN nor infinite, with the bounds of `click.FloatRange`."""
 
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> float:
-        """Number or usage error."""
+        """Return the number, or report a usage error."""
         number = super().convert(value, param, ctx)
         if not math.isfinite(number):
             self.fail(f"{value!r} is not a finite number.", param, ctx)
         return number
 
     def _describe_range(self) -> str:
-        """Nothing where any finite number will do; click would print `x<=None`."""
+        """Return "" if there are no bounds, for which click would print `x<=None`."""
         return "" if self.min is None and self.max is None else super()._describe_range()
 
 
 POSITIVE = Finite(min=0, min_open=True)
 STEP_DEG = Finite(min=0, min_open=True, max=360)
-"""Distance of the rows of a table over the driving angle."""
+"""Difference of the driving angle between two rows of a table."""
 
 
 def verb(name: str, *, example: str) -> Callable[[Callable[..., None]], click.Command]:
     """Make a function a command of `vttig` with the shared options.
 
-    The function gets an `Output` as its first argument, then its own options by name; its
-    docstring is the help. `example` is one command line a line, shown below the options.
+    The function receives an `Output` as its first argument, then its own options by name. Its
+    docstring is the help text. Each line of `example` is a command line, printed below the options.
     """
 
     def decorate(function: Callable[..., None]) -> click.Command:
@@ -57,7 +57,10 @@ def verb(name: str, *, example: str) -> Callable[[Callable[..., None]], click.Co
 
 
 def given(names: Collection[str]) -> list[str]:
-    """What of these parameters the user gave, as it is written: `LOG`, `--pair` …"""
+    """Return those of the parameters `names` that the user gave.
+
+    Each is written as on the command line, for example `LOG` or `--pair`.
+    """
     context = click.get_current_context()
     return [
         re.sub(r"\W", "", parameter.metavar or "")
@@ -66,7 +69,7 @@ def given(names: Collection[str]) -> list[str]:
         for parameter in context.command.params
         if parameter.name in names
         and context.get_parameter_source(parameter.name) is not ParameterSource.DEFAULT
-        and context.params[parameter.name] != ()  # no LOG at all; click 8.2 calls that given
+        and context.params[parameter.name] != ()  # click 8.2 reports an empty LOG as given
     ]
 
 
@@ -98,7 +101,7 @@ def _with_shared_options(function: Callable[..., None]) -> Callable[..., None]:
 
 
 def log_options(function: Callable[..., None]) -> Callable[..., None]:
-    """Give a verb the options `columns` (texts ROLE=NAME), `decimal` and `sample_rate`."""
+    """Add the options `columns` (texts ROLE=NAME), `decimal` and `sample_rate` to a verb."""
     for option in reversed(
         [
             click.option(

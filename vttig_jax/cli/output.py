@@ -1,4 +1,4 @@
-"""Where words go: results to stdout, narration to stderr and the log file, progress to stderr."""
+"""Output of the commands: results on stdout, messages and progress on stderr, and a log file."""
 
 import logging
 import sys
@@ -20,11 +20,11 @@ LOGGER = logging.getLogger("vttig_jax")
 
 @dataclass
 class Output:
-    """What a verb gets to speak through.
+    """Output of one command: its result and its progress bars.
 
     **Arguments**
-    - `json`: `--json` was given; stdout holds one object and nothing else.
-    - `quiet`: `-q` was given; no progress bars.
+    - `json`: whether `--json` was given; stdout then contains one JSON object and nothing else.
+    - `quiet`: whether `-q` was given; progress bars are then hidden.
     """
 
     json: bool = False
@@ -32,10 +32,10 @@ class Output:
     _object: Any = field(default=None, init=False, repr=False)
 
     def emit(self, obj: dict[str, Any], text: object) -> None:
-        """Give the result, once a command: `obj` with `--json`, otherwise `str(text)`.
+        """Output the result, once per command: `obj` with `--json`, otherwise `str(text)`.
 
-        The object is held back until the command has ended well, because a failure after this must
-        still leave exactly one object on stdout; text is printed now.
+        The text is printed immediately. The object is stored until the command has succeeded,
+        because stdout must contain exactly one object even if the command fails after this call.
         """
         if not self.json:
             print_result(str(text))
@@ -45,28 +45,32 @@ class Output:
         self._object = obj
 
     def finish(self) -> None:
-        """Print the object that was held back."""
+        """Print the stored object."""
         if self._object is not None:
             print_result(dumps(self._object, ascii_only=True))
 
     def progress(self, total: int, desc: str) -> "tqdm[Any]":
-        """Return a progress bar that `-q` silences; see the function of this name."""
+        """Return a progress bar that `-q` hides; see the function `progress`."""
         return progress(total, desc, self.quiet)
 
 
 def progress(total: int, desc: str, quiet: bool) -> "tqdm[Any]":
-    """Return a progress bar on stderr, to be used in `with` and moved by `.update(n)`.
+    """Return a progress bar on stderr for use in a `with` statement; `.update(n)` advances it.
 
-    Shows nothing when `quiet` or where stderr is no terminal, and leaves no line behind.
+    The bar is hidden if `quiet` is true or stderr is not a terminal. It is erased at the end.
     """
     from tqdm import tqdm
 
-    hidden = True if quiet else None  # None: hidden off a terminal
+    hidden = True if quiet else None  # None hides the bar if stderr is not a terminal
     return tqdm(total=total, desc=desc, file=sys.stderr, disable=hidden, leave=False)
 
 
 def print_result(text: str) -> None:
-    """Print to stdout; a full disk behind it is an `InputError`, a closed pipe stays itself."""
+    """Print a result to stdout.
+
+    **Raises** `InputError` if stdout cannot be written, for example on a full disk, and
+    `BrokenPipeError` if it is a closed pipe.
+    """
     try:
         click.echo(text)
     except BrokenPipeError:
@@ -76,7 +80,7 @@ def print_result(text: str) -> None:
 
 
 class Narrator(AbstractContextManager["Narrator"]):
-    """Connects the library's logger to stderr, and to a log file, while a command runs."""
+    """Context that sends the messages of the library to stderr and, on request, to a file."""
 
     def __init__(self) -> None:
         self.log_file: Path | None = None
@@ -99,7 +103,10 @@ class Narrator(AbstractContextManager["Narrator"]):
         LOGGER.setLevel(self._level)
 
     def tune(self, verbose: int, quiet: bool, log_file: Path | None) -> None:
-        """Follow `-v` (information), `-vv` (details), `-q` (errors only) and `--log-file`."""
+        """Apply `-v` (information), `-vv` (details), `-q` (errors only) and `--log-file`.
+
+        **Raises** `InputError` for a log file that cannot be written.
+        """
         levels = [logging.WARNING, logging.INFO, logging.DEBUG]
         self._stderr.setLevel(logging.ERROR if quiet else levels[min(verbose, 2)])
         if log_file is None:
@@ -117,7 +124,7 @@ class Narrator(AbstractContextManager["Narrator"]):
 
 
 class _Sentence(logging.Formatter):
-    """The message alone: tracebacks belong in the log file."""
+    """Formatter of messages without tracebacks, which only the log file contains."""
 
     def format(self, record: logging.LogRecord) -> str:
         prefix = {logging.WARNING: "warning: ", logging.ERROR: "error: "}

@@ -1,4 +1,4 @@
-"""The backlash map of a fit, and both flanks at the angles that the encoders read."""
+"""Backlash map of a fit, and flank models in the angles that the encoders read."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -17,20 +17,22 @@ from .model.mounting import mounted_closed, mounted_exact, mounting_of
 
 
 def backlash_map(fit: Fit, *, constant_backlash_deg: float | None = None) -> BacklashMap:
-    """Backlash at every driving angle over the hunting period, from a fit.
+    """Return the backlash over the hunting period from a fit.
 
-    With both flanks measured the map is order-complete: j = TE_B − TE_A with every fitted order of
-    each flank, which needs no split into gear and encoder errors. With one flank the other follows
-    from the eccentricities through the exact relation, as in the paper, once the constant backlash
-    is given. The closed form (21) + (22) stands beside it as `first_order`. In both, e₂ stands at
-    φ₂ + θ₂ with φ₂ = i φ₁ + offset as the driven encoder reads it: far from i φ₁ where the encoders
-    are absolute, and off it by the TE of the start where they count from the first sample.
+    If both flanks were measured, the map is order-complete: j = TE_B − TE_A contains every fitted
+    order of each flank, and the gear errors need not be separated from the encoder errors. If one
+    flank was measured, the other follows from the eccentricities by the exact relation, as in the
+    paper; this requires the constant backlash. `first_order` of the map is the closed form
+    (21) + (22). In the exact relation and in the closed form, the angle of e₂ is φ₂ + θ₂, where
+    φ₂ = i φ₁ + offset is the angle that the driven encoder reads. This φ₂ is far from i φ₁ if the
+    encoders are absolute. It differs from i φ₁ by the TE of the start if the encoders count from
+    the first sample.
 
     **Arguments**
-    - `fit`: the result of `fit`.
-    - `constant_backlash_deg`: replaces the fitted constant backlash; needed with one flank only.
+    - `fit`: result of `fit`.
+    - `constant_backlash_deg`: replaces the fitted constant backlash; required with one flank only.
 
-    **Raises** `NoAnswerError` where the gap cannot be known.
+    **Raises** `NoAnswerError` if the backlash cannot be determined.
 
     **Example**
     ```python
@@ -88,7 +90,7 @@ def _refuse_unknown_gap(fit: Fit, *, given: bool) -> None:
 
 
 def _shifted(fit: Fit, constant_backlash_deg: float | None) -> FlankModel:
-    """The fitted model with flank B moved from the fitted constant backlash to the one given."""
+    """Return the fitted model with flank B shifted to the given constant backlash."""
     if constant_backlash_deg is None:
         return fit.model
     move = constant_backlash_deg - fit.value("constant_backlash_deg")
@@ -97,11 +99,12 @@ def _shifted(fit: Fit, constant_backlash_deg: float | None) -> FlankModel:
 
 
 class Contact(FlankModel):
-    """One flank as measured; the other a gap away from it.
+    """Flank model of a measured flank, and of the other flank at the distance of a known backlash.
 
     **Arguments**
-    - `measured`: the fitted orders; `flank`: the flank they were measured on.
-    - `gap`: a flank model whose backlash lies between the two.
+    - `measured`: fitted orders of the measured flank.
+    - `gap`: flank model that gives the backlash between both flanks.
+    - `flank`: the measured flank.
     """
 
     ratio: Float[Array, ""]
@@ -111,13 +114,13 @@ class Contact(FlankModel):
 
     @property
     def highest_order(self) -> float:
-        """Fastest harmonic of both, in cycles per driving turn."""
+        """Highest order of `measured` and `gap`, in cycles per driving turn."""
         return max(self.measured.highest_order, self.gap.highest_order)
 
     def transmission_error(
         self, driving_angle: Real[ArrayLike, "*shape"], flank: Flank
     ) -> Float[Array, "*shape"]:
-        """TE of `flank`, rad."""
+        """Return TE of `flank`, rad."""
         known = self.measured.transmission_error(driving_angle, self.flank)
         if flank == self.flank:
             return known
@@ -128,17 +131,17 @@ class Contact(FlankModel):
 def contact_map(
     fit: Fit, *, constant_backlash_deg: float | None = None
 ) -> tuple[BacklashMap, FlankModel]:
-    """The backlash map of a fit, and the transmission errors of both flanks as the encoders see.
+    """Return the backlash map of a fit, and a flank model in the angles that the encoders read.
 
-    With both flanks measured the model of the map is that of the flanks. With one flank it knows
-    the gap, and the flank that was measured says where it lies: between encoders that read any
-    angle where the other reads zero, that is far from i φ₁.
+    If both flanks were measured, the flank model is the model of the map. If one flank was
+    measured, the map gives the distance between the flanks, and the measured flank gives their
+    position. If the encoders do not read zero at the same position, the flanks are far from i φ₁.
 
     **Arguments**
-    - `fit`: the result of `fit`.
-    - `constant_backlash_deg`: replaces the fitted constant backlash; needed with one flank only.
+    - `fit`: result of `fit`.
+    - `constant_backlash_deg`: replaces the fitted constant backlash; required with one flank only.
 
-    **Raises** `NoAnswerError` where the gap cannot be known, and where the log slips.
+    **Raises** `NoAnswerError` if the backlash cannot be determined, and if the log shows slip.
     """
     _refuse_slip(fit)
     grid = backlash_map(fit, constant_backlash_deg=constant_backlash_deg)
@@ -149,7 +152,10 @@ def contact_map(
 
 
 def _refuse_slip(fit: Fit) -> None:
-    """Refuse a drive whose shafts do not keep to its ratio: it has no hunting period."""
+    """Raise `NoAnswerError` if the fitted ratio differs from that of the pair.
+
+    Such a drive has no hunting period.
+    """
     for found in fit.regressors:
         if found.name == "ratio" and found.significant:
             raise NoAnswerError(

@@ -1,4 +1,4 @@
-"""From the compressed logs to the result: solve, name, check."""
+"""Construction of the result of a fit from the compressed logs."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -48,7 +48,7 @@ from .solve.residuals import (
 from .solve.sandwich import widened
 
 REMEMBERS = 1e-3
-"""Ljung–Box probability below which standard errors are taken from blocks."""
+"""Ljung–Box probability below which the standard errors are estimated from blocks of the log."""
 
 
 def build_fit(
@@ -58,7 +58,7 @@ def build_fit(
     settings: FitSettings,
     readings: BacklashReadings | None,
 ) -> Fit:
-    """Solve for the parameters and gather everything a reader wants to see beside them."""
+    """Solve for the parameters, and build the result with orders, checks and notes."""
     summary, linear = selected.summary, selected.linear
     split = (
         not (settings.perfect_encoders or settings.perfect_gears) and len(identifiable.flanks) == 2
@@ -140,7 +140,10 @@ def build_fit(
 def _lines(
     linear: LinearFit, weights: list[Weights], noise: NoiseModel
 ) -> Callable[[], list[dict[str, Any]]]:
-    """The search for lines, to be carried out later; it keeps the rows but not the samples."""
+    """Return the function that searches the residual for lines, for a later call.
+
+    It keeps the block rows but not the samples. A log without noise is not searched.
+    """
     if noise.is_rounding:
         return list
     rows, terms, same_zero = linear.rows, linear.model.terms, linear.model.same_zero
@@ -154,10 +157,12 @@ def _with_blocks(
     whitened: tuple[WhitenedFlank, ...],
     solution: Solution,
 ) -> tuple[Solution, dict | None]:
-    """Standard errors from blocks of the log where the residual is not what the noise model says.
+    """Replace the standard errors by those from blocks of the log if the noise model is wrong.
 
-    **Returns** the solution and the record of the test of the residual. Rounding is not tested: it
-    follows the digits of the readings, not a noise model.
+    A test of the whitened residual decides. It is omitted if the residual is rounding, which
+    follows the digits of the readings and no noise model.
+
+    **Returns** the solution, and the record of the test or None.
     """
     if noise.is_rounding:
         return solution, None
@@ -181,7 +186,11 @@ def _with_readings(
     solution: Solution,
     as_data: bool,
 ) -> tuple[Solution, dict]:
-    """Compare readings with the gap the fit expects and, on request, let them join it."""
+    """Compare backlash readings with the fitted backlash.
+
+    **Returns** the solution and the record of the comparison. If `as_data`, the readings are
+    further data of the solution.
+    """
     flanks = [flank.flank for flank in summary.flanks]
     require_gap(pair, flanks, as_data, readings.source)
     driving = readings.driving_angle
@@ -190,7 +199,7 @@ def _with_readings(
         model = fitted_model(summary, coefficients, linear.levels[0])
         gap = gap_of_both_flanks(driving, model, summary, whitened, solution, coefficients)
     else:
-        assert isinstance(pair, GearPair)  # held by `require_gap`
+        assert isinstance(pair, GearPair)  # checked by `require_gap`
         solution = with_constant_backlash(solution)
         gap = gap_of_one_flank(driving, pair, solution, summary.flanks[0].flank)
     compared = comparison(readings, gap, solution) | {"used": as_data}

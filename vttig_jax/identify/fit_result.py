@@ -1,4 +1,4 @@
-"""The result of a fit: parameters, orders, checks, flank model, and its report."""
+"""Result of a fit: parameters, orders, checks, flank model, and the report."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -28,11 +28,11 @@ from .settings import FitSettings
 
 @dataclass(frozen=True)
 class FitRequest:
-    """What a fit was asked for.
+    """Request that led to a fit.
 
     **Arguments**
-    - `settings`: the settings; `orders`: the harmonic orders that were asked for.
-    - `reading`: keywords of `read_log` that all its logs were read with.
+    - `settings`: settings of the fit. - `orders`: requested harmonic orders.
+    - `reading`: keywords of `read_log` that all logs were read with.
     """
 
     settings: FitSettings
@@ -42,22 +42,24 @@ class FitRequest:
 
 @dataclass(frozen=True)
 class Fit(PlottedResult):
-    """What a log says about a gear pair or drive.
+    """Result of the identification of a gear pair or drive from its logs.
 
     **Arguments**
-    - `parameters`: every name of the contract → `Parameter`.
-    - `orders`: every fitted harmonic, flank by flank.
-    - `model`: the order-complete flank model, absolute, as measured (encoder errors included).
-    - `curves`: block-averaged transmission error, one a certain run; `residuals` beside them, rad.
-    - `noise`, `residual_rms_deg`: of block means, and of single samples.
-    - `covariance`, `covariance_names`: of the Cartesian parameters, mm and rad.
-    - `checks`: closure, reversal jumps, order amplitudes, ratio, drift; the search for lines and
-      the comparisons inside the log are carried out when they are first read.
+    - `parameters`: name → `Parameter`, for every parameter of schema `vttig.fit/1`.
+    - `orders`: every fitted harmonic of each flank.
+    - `model`: order-complete flank model in the absolute angles that the encoders read, encoder
+      errors included.
+    - `curves`: transmission error of every run as block means. - `residuals`: their residuals, rad.
+    - `noise`: noise model of the block means. - `residual_rms_deg`: rms residual of single samples.
+    - `covariance`, `covariance_names`: covariance and names of the Cartesian parameters, mm and
+      rad.
+    - `checks`: closure, reversal jumps, order amplitudes, ratio, drift. The search for lines and
+      the comparisons within each log are computed when they are first read.
     - `notes`: sentences on what was left out and why.
-    - `regressors`: coefficients of torque, acceleration, speed and ratio that were fitted.
+    - `regressors`: fitted coefficients of torque, acceleration, speed and ratio.
     - `logs`: file, digest, zero and samples of every log.
-    - `evidence`: the compressed logs; what `sample` works on.
-    - `request`: settings and orders of the fit; None for one that `read_fit` read.
+    - `evidence`: compressed logs, from which `sample` computes the likelihood.
+    - `request`: settings and orders of the fit; None for a fit from `read_fit`.
     """
 
     pair: GearPair | Drive
@@ -87,12 +89,12 @@ class Fit(PlottedResult):
     request: FitRequest | None = None
 
     def value(self, name: str) -> float:
-        """Value of a parameter; NaN where it has none."""
+        """Return the value of a parameter; NaN if it has none."""
         value = self.parameters[name].value
         return float("nan") if value is None else value
 
     def eccentricities(self, constant_backlash_deg: float | None = None) -> Eccentricities:
-        """The fitted rig; amplitudes that are undetermined count as zero.
+        """Return the fitted rig; an undetermined eccentricity counts as zero.
 
         `constant_backlash_deg` replaces the fitted value.
         """
@@ -118,7 +120,7 @@ class Fit(PlottedResult):
         from_front_door("save_fit")(self, folder, overwrite=overwrite, figures=figures)
 
     def to_json(self) -> dict:
-        """The object of schema `vttig.fit/1`."""
+        """Return the object of schema `vttig.fit/1`."""
         return {
             "schema": "vttig.fit/1",
             "outcome": self.outcome,
@@ -145,9 +147,9 @@ class Fit(PlottedResult):
 
 
 def require_rig(fit: Fit) -> None:
-    """Refuse a fit that leaves open which rig it is, for a simulation.
+    """Raise `NoAnswerError` if a fit does not determine a rig that can be simulated.
 
-    **Raises** `NoAnswerError` for a drive without gears, and without a constant backlash.
+    This is the case for a drive without gears, and without a determined constant backlash.
     """
     if isinstance(fit.pair, Drive):
         raise NoAnswerError(
@@ -164,16 +166,16 @@ def require_rig(fit: Fit) -> None:
 
 
 _CLEAR, _MOST_ORDERS = 4.0, 8
-"""Standard errors from which a further order is printed, and how many of them."""
+"""Standard errors above which a further order is printed, and the most orders printed."""
 
 _UNKNOWN_DEG = 60.0
-"""Standard error from which a start angle is called unknown."""
+"""Standard error of a start angle, deg, above which the report calls it unknown."""
 
 _ZEROS = {"start": "the first sample", "reading": "where the channel reads zero"}
 
 
 def fit_text(fit: "Fit") -> str:
-    """All a reader needs, from the log to the notes."""
+    """Return the report of a fit, from its logs to the notes."""
     shown = [p for p in (*fit.parameters.values(), *fit.regressors) if p.determined]
     rms = fit.residual_rms_deg
     head = key_values(
@@ -210,7 +212,10 @@ def fit_text(fit: "Fit") -> str:
 
 
 def _open_reasons(fit: "Fit") -> list[str]:
-    """Undetermined parameters, those of one reason together."""
+    """Return lines with undetermined parameters and the reason.
+
+    Parameters with the same reason share a line.
+    """
     together: dict[str, list[str]] = {}
     for parameter in (*fit.parameters.values(), *fit.regressors):
         if not parameter.determined:
@@ -219,7 +224,10 @@ def _open_reasons(fit: "Fit") -> list[str]:
 
 
 def _noise(noise: NoiseModel) -> list[tuple[str, str]]:
-    """The noise of the rows, or that of every speed."""
+    """Return the report rows (label, text) of the noise.
+
+    If each speed has its own noise model, there is one row for each speed.
+    """
     if noise.plateaus:
         return [
             (f"noise at {speed * 60 / REV:.4g} rpm", _one_noise(own))
@@ -246,7 +254,10 @@ def _memory(noise: NoiseModel) -> str:
 
 
 def _orders(orders: tuple[Order, ...]) -> list[str]:
-    """Higher orders that stand out, the largest first, with both flanks beside each other."""
+    """Return the table of the clear further orders, with one column per flank.
+
+    The order with the largest amplitude is first; the list is empty if no order is clear.
+    """
     found: dict[tuple[str, int], dict[str, Order]] = {}
     for one in orders:
         if one.order > 1 or one.shaft == "mesh":
@@ -273,7 +284,7 @@ def _amplitude(order: Order | None) -> str:
 
 
 def _starts(logs: tuple[dict, ...]) -> list[tuple[str, str]]:
-    """Start angles of further logs that have their own."""
+    """Return the report rows (label, text) of the logs with fitted start angles."""
     return [
         (
             f"start of log {number}",
@@ -330,6 +341,6 @@ def _row(parameter: Parameter) -> list[str]:
 
 
 def _places(std: float, value: float) -> int:
-    """Decimals that show two digits of the standard error."""
+    """Return the number of decimals that shows two digits of the standard error."""
     size = std if std > 0 else abs(value) * 1e-6
     return 3 if size == 0 else int(np.clip(1 - np.floor(np.log10(size)), 0, 12))

@@ -115,7 +115,7 @@ class GearPair(eqx.Module):
 
     @property
     def hunting_turns(self) -> int:
-        """Turns of the driving gear until the same tooth pair meets again at the same angles."""
+        """Turns of the driving gear after which the same teeth meet again at the same angles."""
         return self.ratio.denominator
 
     @property

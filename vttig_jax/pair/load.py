@@ -60,9 +60,9 @@ def pair_spec(pair: GearPair) -> PairSpec:
 
 
 def spec_of(pair: GearPair | Drive) -> PairSpec:
-    """Return the pair file of a gear pair with equal flanks, or of a drive.
+    """Return the pair file of a gear pair with equal pressure angles, or of a drive.
 
-    **Raises** `ValueError` for pressure angles that differ: the file has no key for them.
+    **Raises** `ValueError` for different pressure angles, for which the file has no key.
     """
     if isinstance(pair, GearPair):
         return pair_spec(pair)

@@ -74,7 +74,7 @@ class Whitened(eqx.Module):
     noise: int = eqx.field(static=True)
 
     def point(self, y: Float[Array, " d"]) -> Float[Array, " d"]:
-        """Return the coordinates of the density at y."""
+        """Return the coordinates of `density` that belong to the whitened coordinates y."""
         x = jnp.asarray(self.centre) + jnp.asarray(self.factor) @ y
         return jnp.concatenate([x[: self.noise], LARGEST * jnp.tanh(x[self.noise :])])
 

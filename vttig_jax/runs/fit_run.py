@@ -1,4 +1,4 @@
-"""The fit of a run folder: from its options to `run.toml`, `fit.json` and `summary.npz`."""
+"""Fit of a run folder: from the options to `run.toml`, `fit.json` and `summary.npz`."""
 
 import logging
 from dataclasses import replace
@@ -26,15 +26,16 @@ _FOLLOWING = (
     *(f"figures/{name}.png" for name in ("te_fit", "orders", "residual", "backlash_map")),
     *(f"figures/{name}.png" for name in ("corner", "trace", "band", "predictive")),
 )
-"""Files of an older fit that a new fit makes untrue."""
+"""Files that depend on the fit; a new fit makes them invalid."""
 
 
 def resolve(
     logs: tuple[Path, ...], pair: Path | None, readings: Path | None, options: RunOptions
 ) -> RunRecord:
-    """Return the record of the run that the command line asks for.
+    """Return the record of the run that the command line requests.
 
-    **Raises** `UsageError` where the logs, the pair or the readings that it needs are missing.
+    **Raises** `UsageError` if the logs or the pair file are missing, and for options that exclude
+    each other.
     """
     if not logs or pair is None:
         missing = "--pair" if logs else "LOG"
@@ -46,7 +47,7 @@ def resolve(
 def perform(record: RunRecord) -> tuple["Fit", RunRecord]:
     """Fit the logs of a record; return the fit, and the record with the digests of its files.
 
-    **Raises** `UsageError` where two logs are the same file or copies of one.
+    **Raises** `UsageError` if two logs have the same content.
     """
     from ..base.runtime import enable_x64
     from ..identify.fitting import fit
@@ -74,9 +75,9 @@ def perform(record: RunRecord) -> tuple["Fit", RunRecord]:
 
 
 def record_of(fit: "Fit") -> RunRecord:
-    """Return the record of a fit that was made in Python.
+    """Return the record of a fit that was computed in Python.
 
-    **Raises** `UsageError` for a fit that was itself read from a folder.
+    **Raises** `UsageError` for a fit from `read_fit`, which has no settings.
     """
     from ..pair.load import spec_of
 
@@ -117,17 +118,18 @@ def save_fit(
 ) -> None:
     """Write a run folder: `run.toml`, `fit.json`, `summary.npz` and the pictures.
 
-    The folder is as it was until everything is written, and draws of an older fit are removed.
+    The folder does not change until all files are written. Draws of an older fit are removed.
 
     **Arguments**
-    - `fit`: a fit of `vttig_jax.fit`, or that of an open run.
-    - `folder`: the run folder; it is made where it does not exist.
+    - `fit`: result of `vttig_jax.fit`, or the fit of an open run.
+    - `folder`: run folder; it is created if it does not exist.
     - `overwrite`: replace the fit that is in the folder.
     - `figures`: draw the pictures too.
-    - `record`: logs and options of the fit; taken from the fit itself by default.
+    - `record`: logs and options of the fit; by default those stored in `fit`.
 
-    **Raises** `UsageError` for a fit that is there, a second writer and a fit that does not know
-    its options; `InputError` for no space, no permission and a path that is no folder.
+    **Raises** `UsageError` for an existing fit without `overwrite`, for a second writer and for a
+    fit without settings; `InputError` for a full disk, missing permission and a path that is not a
+    folder.
     """
     from ..base.files.run_folder import RunFolder
 
@@ -140,10 +142,7 @@ def save_fit(
 
 
 def refuse_while_sampled(folder: Path) -> None:
-    """Refuse to replace the fit of a folder that a sampler is writing to.
-
-    **Raises** `UsageError`.
-    """
+    """Raise `UsageError` if a sampler is writing to the folder."""
     lock = folder / f".{CHECKPOINT}.lock"
     if not lock.exists():
         return
@@ -160,7 +159,7 @@ def refuse_while_sampled(folder: Path) -> None:
 
 
 def write_fit(writer: "RunFolder", fit: "Fit", record: RunRecord, *, figures: bool = True) -> None:
-    """Write a fit into an open run folder, and remove the files that it makes untrue."""
+    """Write a fit into an open run folder, and remove the files that depend on an older fit."""
     from ..base.files.json_io import dumps
     from ..identify.store import fit_arrays
 
@@ -175,7 +174,10 @@ def write_fit(writer: "RunFolder", fit: "Fit", record: RunRecord, *, figures: bo
 
 
 def _figures(fit: "Fit") -> dict[str, bytes]:
-    """Return file name → PNG of a fit, with the map where the log determines the backlash."""
+    """Return file name → PNG of a fit.
+
+    The backlash map is drawn if the log determines the constant backlash.
+    """
     from ..identify.backlash import backlash_map
     from ..plotting.save import figures
 

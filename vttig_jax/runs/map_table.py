@@ -1,4 +1,4 @@
-"""The table and the record of a backlash map: `map.csv` and `map.json`."""
+"""Table and record of a backlash map: the contents of `map.csv` and `map.json`."""
 
 import io
 from collections.abc import Sequence
@@ -11,11 +11,11 @@ if TYPE_CHECKING:
     from ..posterior.summary.bands import BandedMap
 
 COLUMNS = ("driving_deg", "backlash_deg", "backlash_mm", "axial_mm", "backlash_first_order_deg")
-"""Columns of `map.csv` without draws."""
+"""Columns of `map.csv` for a map without draws."""
 
 
 def map_table(grid: "BacklashMap", step_deg: float, turns: float) -> Any:
-    """Rows of the contract's columns, shape (rows, 5); NaN where there is no geometry."""
+    """Return the columns `COLUMNS`, shape (rows, 5); NaN where the pair has no geometry."""
     import numpy as np
 
     from ..base.units import DEG
@@ -35,7 +35,7 @@ def map_table(grid: "BacklashMap", step_deg: float, turns: float) -> Any:
 def map_record(
     fit: "Fit", grid: "BacklashMap", step_deg: float, turns: float, rows: int, out: Path | None
 ) -> dict[str, Any]:
-    """The object of schema `vttig.map/1`."""
+    """Return the object of schema `vttig.map/1`."""
     return {
         "schema": "vttig.map/1",
         "pair": fit.pair.name,
@@ -61,7 +61,11 @@ def banded_record(
     out: Path | None,
     closing_mm: tuple[float, ...] = (),
 ) -> dict[str, Any]:
-    """The object of schema `vttig.map/1` with what the draws add."""
+    """Return the object of schema `vttig.map/1` of a map with bands.
+
+    It also contains the probability of the band, the smallest gap of the draws and, for each
+    closing in `closing_mm`, the probability that the gears bind.
+    """
     chances = [(closing, banded.smallest.probability_of_binding(closing)) for closing in closing_mm]
     return map_record(fit, banded.map, banded.step_deg, banded.turns, rows, out) | {
         "probability": banded.band.probability,
@@ -85,7 +89,7 @@ def _extreme(extreme: "Extreme") -> dict[str, Any]:
 
 
 def csv_text(table: Any, columns: Sequence[str] = COLUMNS) -> str:
-    """The map as CSV, empty where there is no geometry."""
+    """Return the table as CSV; NaN becomes an empty field."""
     import numpy as np
 
     buffer = io.StringIO()

@@ -1,4 +1,4 @@
-"""The posterior of a run folder: its report, and the files `posterior.json`, map and pictures."""
+"""Posterior of a run folder: its report, `posterior.json`, the map with bands and the pictures."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class PosteriorReport:
-    """A posterior with its predictive check, its map, and the comparison of fit and draws."""
+    """Posterior with its predictive check, its map, and the comparison of fit and draws."""
 
     posterior: "Posterior"
     predicted: "Predictive"
@@ -37,7 +37,7 @@ class PosteriorReport:
 
     @property
     def verdict(self) -> str:
-        """Say whether fit, profile likelihood and draws agree."""
+        """Text that says whether fit, profile likelihood and draws agree."""
         if self.routes is None:
             return "not compared, because the draws have not converged"
         return " ".join(self.routes.sentences) or "agree"
@@ -46,8 +46,8 @@ class PosteriorReport:
 def report_on(posterior: "Posterior") -> PosteriorReport:
     """Check the posterior against its log, compare it with fit and profile, and map the backlash.
 
-    Fit and profile are compared only with draws that have converged; the map needs a log that
-    determines the constant backlash.
+    The comparison is made only if the draws have converged, the map only if the log determines the
+    constant backlash.
     """
     from ..posterior.density.prior import Prior
     from ..posterior.summary.bands import band_map
@@ -74,17 +74,18 @@ def save_posterior(
 ) -> None:
     """Write the draws, their report, the map with its bands and the pictures into a run folder.
 
-    The folder holds the fit of the posterior already, or it is written first. `vttig sample
-    --resume` goes on with the draws.
+    The fit of the posterior is written first if the folder does not contain it, and with
+    `overwrite`. `vttig sample --resume` can continue the draws.
 
     **Arguments**
-    - `posterior`: the result of `vttig_jax.sample`, or that of an open run.
-    - `folder`: the run folder; it is made where it does not exist.
+    - `posterior`: result of `vttig_jax.sample`, or the posterior of an open run.
+    - `folder`: run folder; it is created if it does not exist.
     - `overwrite`: replace the fit and the draws that are in the folder.
     - `figures`: draw the pictures too.
 
-    **Raises** `UsageError` for draws that are there, a fit of another log and a second writer;
-    `InputError` for no space, no permission and a path that is no folder.
+    **Raises** `UsageError` for existing draws without `overwrite`, for a fit of another log and for
+    a second writer; `InputError` for a full disk, missing permission and a path that is not a
+    folder.
     """
     from .fit_run import save_fit
     from .run_file import read_run

@@ -28,7 +28,7 @@ _RECORD = "contact.json"
 _FIGURE, _DEVIATIONS = "figures/contact_{}.png", "figures/deviations.png"
 
 _STEEPEST = Finite(min=-1e5, max=1e5)
-"""Tilts in µrad; beyond them no pair of gears is one."""
+"""Range of the tilts in µrad, wider than the tilts of any real pair of gears."""
 
 
 @verb(
@@ -92,10 +92,11 @@ def command(
 ) -> None:
     """Find where the teeth of the gears in PAIR touch, from their surfaces alone.
 
-    At every driving angle the driven gear is turned until flank A, then flank B touches: which
-    teeth do, in which section, on the flank or on the edge of a tip, along a line or in a point.
-    Prints transmission error and backlash of the surfaces as drawn, beside the backlash of their
-    tooth thickness. Nothing is loaded.
+    At every driving angle the driven gear is turned until flank A touches, then until flank B
+    touches. The contact is described by the tooth pair, the section, its place on the flank or on
+    the edge of a tip, and its shape, a line or a point. The command prints the transmission error
+    and the backlash of the surfaces, and for comparison the backlash that follows from the tooth
+    thickness. The teeth carry no load.
     """
     import numpy as np
 
@@ -219,7 +220,10 @@ def _contacts(model: "ContactModel", driving: Any, output: Output) -> "dict[str,
 
 
 def _folder(out: Path | None, overwrite: bool) -> "AbstractContextManager[RunFolder | None]":
-    """Opened before anything is computed, so that a refusal comes first."""
+    """Open the run folder `out`; without one, return a context that does nothing.
+
+    The folder is opened before the computation, so that existing results are refused at once.
+    """
     from ...base.files.run_folder import RunFolder
 
     if out is None:
@@ -241,7 +245,10 @@ def _write(
 
 
 def _figures(gears: "GearPair", flanks: "dict[str, Contacts]") -> dict[str, bytes]:
-    """PNG of each flank at the first angle at which it touches, and of what was measured."""
+    """Return file name → PNG.
+
+    The figures are each flank at its first angle with contact, and the measured deviations.
+    """
     import numpy as np
 
     from ...plotting.contact import plot_contact
@@ -262,7 +269,7 @@ def _figures(gears: "GearPair", flanks: "dict[str, Contacts]") -> dict[str, byte
 TABLE = "contact.csv"
 
 Flanks = dict[str, "Contacts"]
-"""Contact of flank A and of flank B at the same driving angles."""
+"""Flank → its contacts; both flanks have the same driving angles."""
 
 
 def contact_record(
@@ -272,7 +279,7 @@ def contact_record(
     gap: "GapReport",
     out: Path | None,
 ) -> dict[str, Any]:
-    """The object of schema `vttig.contact/1`; `said` is what was asked for, by its keys."""
+    """Return the object of schema `vttig.contact/1`; `said` holds the fields for its options."""
     import numpy as np
 
     from ...base.units import DEG
@@ -303,7 +310,7 @@ def _extreme(backlash_deg: Any, driving_deg: Any, row: int | None) -> dict[str, 
 
 
 def _backlash(flanks: Flanks) -> Any:
-    """TE_B − TE_A in rad, NaN where one of the flanks touches nothing."""
+    """Return TE_B − TE_A in rad, NaN where one of the flanks has no contact."""
     return flanks["B"].transmission_error - flanks["A"].transmission_error
 
 
@@ -330,7 +337,7 @@ def contact_text(
     deviations: "Deviations | None",
     out: Path | None,
 ) -> str:
-    """What is printed without `--json`."""
+    """Return the text that is printed without `--json`."""
     from ...base.files.text_tables import key_values
 
     rows = [
@@ -355,7 +362,10 @@ def _warning(place: dict[str, float]) -> str:
 
 
 def contact_table(flanks: Flanks) -> str:
-    """CSV, a driving angle a line; fields are empty where nothing touches."""
+    """Return the CSV table with one row per driving angle.
+
+    Values are empty at angles without contact.
+    """
     import numpy as np
 
     from ...base.units import DEG

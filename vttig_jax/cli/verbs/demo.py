@@ -1,4 +1,4 @@
-"""`vttig demo`: the paper's rig, simulated, fitted, sampled and mapped, beside the truth."""
+"""`vttig demo`: the rig of the paper, simulated and identified, compared with its true values."""
 
 import io
 from pathlib import Path
@@ -33,12 +33,13 @@ if TYPE_CHECKING:
 def command(
     output: Output, out: Path | None, overwrite: bool, seed: int, steps: int | None
 ) -> None:
-    """Simulate the rig of the paper, fit it, sample it, map it, and show the result beside Table 2.
+    """Simulate the rig of the paper, identify it, and compare the result with the true values.
 
-    60 rpm to 7560° and back with a dwell of 2 s, 90 000 counts a turn, 0.1 % speed ripple. The
-    measured logs of the paper were never published, so the log is simulated through the exact
-    kinematics with plausible mesh and pitch errors, encoder errors and noise. Nothing is written
-    without --out.
+    The true values are those of Table 2. The driving shaft turns at 60 rpm to 7560° and back, with
+    a dwell of 2 s and a speed ripple of 0.1 %; the encoders have 90 000 counts per turn. The
+    measured logs of the paper were never published, so the log is simulated by the exact kinematics
+    with plausible mesh and pitch errors, encoder errors and noise. The command fits the log,
+    samples the posterior and computes the backlash map. Without --out no file is written.
     """
     import vttig_jax
 
@@ -66,7 +67,7 @@ def command(
             progress=follow,
         )
     report = report_on(posterior)
-    assert report.banded is not None  # the rig of the paper turns both ways
+    assert report.banded is not None  # the rig of the paper turns in both directions
     if out is not None:
         write_report(out, report)
     hint = (
@@ -78,7 +79,7 @@ def command(
 
 
 def _report(rig: "SyntheticRig", found: "PosteriorReport", banded: "BandedMap") -> str:
-    """Table of truth, fit and posterior, and the map with its band against the true map."""
+    """Return the report: table of true, fitted and sampled values, and comparison of the maps."""
     from ...base.files.text_tables import key_values, text_table
 
     result = found.posterior.fit
@@ -125,7 +126,7 @@ def _row(name: str, true: float, found: "PosteriorReport") -> list[str]:
 
 
 def _map_text(rig: "SyntheticRig", banded: "BandedMap") -> str:
-    """The map of the draws beside the true one."""
+    """Return the comparison of the map of the draws with the true map."""
     import numpy as np
 
     from ...base.files.text_tables import key_values
@@ -173,7 +174,7 @@ def _truths(rig: "SyntheticRig") -> dict[str, float]:
 def _write_fit(
     out: Path, overwrite: bool, log: "EncoderLog", rig: "SyntheticRig", result: "Fit"
 ) -> None:
-    """A run folder that the other verbs can go on with."""
+    """Write the log, the pair file and the fit as a run folder that the other verbs can use."""
     import hashlib
 
     from ...base.files.run_folder import RunFolder
@@ -191,7 +192,7 @@ def _write_fit(
 
 
 def log_csv(log: "EncoderLog") -> str:
-    """A log of two counting encoders as CSV."""
+    """Return a log of two encoders with readings in counts as CSV."""
     import numpy as np
 
     assert log.driven is not None  # a synthetic rig logs both shafts

@@ -1,4 +1,4 @@
-"""`vttig export`: the compensation for a controller, as CSV, JSON or a C header."""
+"""`vttig export`: the backlash map for a controller, as CSV, JSON or a C header."""
 
 import math
 from pathlib import Path
@@ -26,11 +26,11 @@ _OPTIONS = {
     ".json": ("tolerance_arcsec", "accuracy_arcsec"),
     ".h": ("tolerance_arcsec", "accuracy_arcsec", "name", "quantity"),
 }
-"""Suffix of the file → options it knows beside those all know."""
+"""Suffix of the file → the options that are valid only for some suffixes and valid for this one."""
 
 _DEVIATIONS, _LEAST_DEG = 6.0, 0.1
-"""Residuals of the fit that readings may be off, and degrees at least: what two readings 0.3 ms
-apart differ by at 100 rpm."""
+"""Default tolerance of the readings: six times the residual rms of the fit, and at least 0.1°, the
+difference between two readings that are taken 0.3 ms apart at 100 rpm."""
 
 
 @verb(
@@ -88,10 +88,10 @@ def command(
 ) -> None:
     """Write the backlash map of the fit in RUN for a controller.
 
-    The C header needs nothing, not even math.h, and takes both shafts' single-turn angles, which
-    tell the turn within the hunting period by themselves; it answers "unknown" where they cannot
-    both be readings of this pair. The JSON holds the same harmonics, the CSV the table of `vttig
-    map`.
+    The C header needs no other header, not even math.h. Its functions take the angle of each shaft
+    within one turn and find the turn within the hunting period from both angles. They return the
+    status "unknown" if both angles cannot be readings of this pair at the same time. The JSON file
+    contains the same harmonics, the CSV file the table of `vttig map`.
     """
     suffix = out.suffix.lower()
     _check_options(out, suffix, overwrite=overwrite)
@@ -149,7 +149,10 @@ def _check_options(out: Path, suffix: str, *, overwrite: bool) -> None:
 def _table(
     fit: "Fit", grid: "BacklashMap", step_deg: float, out: Path
 ) -> tuple[str, dict[str, Any]]:
-    """The table of the map over its hunting period, and the object of schema `vttig.map/1`."""
+    """Return the table of the map over the hunting period, and the object of schema `vttig.map/1`.
+
+    **Raises** `UsageError` for a step that gives too many rows.
+    """
     turns = float(grid.pair.hunting_turns)
     if turns * 360.0 / step_deg > MOST_ROWS:
         raise UsageError(
@@ -162,7 +165,7 @@ def _table(
 
 
 def _record(fit: "Fit", compensation: "Compensation", out: Path) -> dict[str, Any]:
-    """The object of schema `vttig.compensation/1`."""
+    """Return the object of schema `vttig.compensation/1`."""
     return {
         "schema": "vttig.compensation/1",
         "pair": fit.pair.name,

@@ -1,4 +1,4 @@
-"""`vttig fit`: from logs to parameters, and to a run folder."""
+"""`vttig fit`: identification of the parameters from logs, and the run folder with the result."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -61,7 +61,7 @@ def command(
 
     LOG is a text file (CSV, TSV), a MATLAB file or an HDF5 file with time and two encoder channels,
     or with one angle and the transmission error. Several logs of one rig are fitted together: they
-    share eccentricities, orders, backlash and delay. Nothing is written without --out.
+    share eccentricities, orders, backlash and delay. Without --out no file is written.
     """
     if out is None and (overwrite or no_figures):
         name = "--overwrite" if overwrite else "--no-figures"
@@ -94,11 +94,15 @@ ON_REQUEST = {
     "speed_s": "--regressor speed",
     "ratio": "--free-ratio",
 }
-"""Parameters that are certain to be fitted only with an option."""
+"""Parameter or regressor → the option that makes the fit include it."""
 
 
 def _repeated(path: Path, options: dict[str, Any]) -> RunRecord:
-    """The run of a `run.toml`, if nothing else is asked for beside it."""
+    """Return the record of a `run.toml`, to repeat its fit unchanged.
+
+    **Raises** `UsageError` if logs, a pair, readings or options of the fit are given too,
+    `InputError` if a file of the run is missing or has changed.
+    """
     if asked := given({"logs", "pair", "readings", *options}):
         raise UsageError(
             f"--run repeats a run as it was; leave out {' and '.join(asked)}, or leave out --run."
@@ -127,5 +131,5 @@ def _check_required(result: "Fit", names: tuple[str, ...]) -> None:
 
 
 def _named(result: "Fit") -> dict[str, "Parameter"]:
-    """Parameters and regressors by name."""
+    """Return name → parameter or regressor."""
     return result.parameters | {one.name: one for one in result.regressors}

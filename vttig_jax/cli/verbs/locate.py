@@ -22,25 +22,25 @@ if TYPE_CHECKING:
 
 
 _LARGEST_DEG, _LARGEST_COUNT = 1e9, 2**53
-"""Beyond these a float no longer tells an angle within one turn."""
+"""Largest readings; a larger float does not resolve an angle within one turn."""
 
 
 class Reading(NamedTuple):
-    """A number and the step of its last digit: 123.4 is known to 0.1."""
+    """Number, and the step of its last digit: 0.1 for 123.4."""
 
     value: float
     step: float
 
 
 class WrittenNumber(click.ParamType):
-    """A finite number, with the step of the last digit that was given."""
+    """Type of a finite number that keeps the step of its last digit."""
 
     name = "number"
 
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> Reading:
-        """The number and its step, or a usage error."""
+        """Return the number and its step, or report a usage error."""
         if isinstance(value, Reading):
             return value
         try:
@@ -52,7 +52,7 @@ class WrittenNumber(click.ParamType):
         if abs(number) > _LARGEST_DEG:
             self.fail(f"{value!r} is no reading; it is at most {_LARGEST_DEG:g}°.", param, ctx)
         exponent = number.as_tuple().exponent
-        assert isinstance(exponent, int)  # of a finite number
+        assert isinstance(exponent, int)  # true for a finite number
         return Reading(float(number), 10.0 ** min(exponent, 0))
 
 
@@ -104,12 +104,13 @@ def command(
     certainty: float,
     constant_backlash_deg: float | None,
 ) -> None:
-    """Find where in the hunting period of the fit in RUN both shafts stand.
+    """Find the position of both shafts within the hunting period of the fit in RUN.
 
-    The readings are those of the encoders of the log, within one turn or not; in degrees of the
-    shaft, or in counts. Whether the fit counts its angles from the reading zero or from the first
-    sample of its log is taken from RUN. Prints the turn with its probability, the angle in the
-    hunting period, and backlash and axial displacement there. Exit 4 where the turn is not certain.
+    The readings are those of the encoders of the log, in degrees of the shaft or in counts; they
+    may exceed one turn. RUN states whether the angles of the fit start at the reading zero or at
+    the first sample of its log. The command prints the turn with its probability, the angle in the
+    hunting period, the backlash at this angle and the axial displacement that closes it. The exit
+    code is 4 if the turn is not certain.
     """
     given = {"driving": (driving_deg, driving_counts), "driven": (driven_deg, driven_counts)}
     for shaft, (degrees, counts) in given.items():
@@ -142,7 +143,7 @@ def command(
 def _angles(
     run: RunRecord, fit: "Fit", given: dict[str, tuple[Reading | None, int | None]]
 ) -> tuple[tuple[float, float], tuple[float, float]]:
-    """φ₁ and φ₂, and the steps in which they were read, rad."""
+    """Return φ₁ and φ₂ in rad, and the steps of their readings in rad."""
     found = [
         _angle(shaft, how, *given[shaft])
         for shaft, how in zip(SHAFTS, shaft_readings(run, fit), strict=True)
@@ -158,7 +159,7 @@ def _angle(
 
     if degrees is not None:
         return how.angle_of_deg(degrees.value), degrees.step * DEG
-    assert counts is not None  # held by the verb
+    assert counts is not None  # checked by `command`
     if how.unit != "counts":
         raise UsageError(
             f"the pair file of this run does not say how many counts make a revolution of the"
@@ -202,7 +203,7 @@ def _record(
     flank: Flank | None,
     certainty: float,
 ) -> dict[str, Any]:
-    """The object of schema `vttig.locate/1`."""
+    """Return the object of schema `vttig.locate/1`."""
     from ...base.units import ARCSEC, DEG
     from ...pair.gear_pair import GearPair
 

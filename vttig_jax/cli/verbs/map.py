@@ -1,4 +1,4 @@
-"""`vttig map`: the backlash at every angle, from a run folder."""
+"""`vttig map`: the backlash at every driving angle, from a run folder."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -55,9 +55,10 @@ def command(
 ) -> None:
     """Show the backlash over the hunting period of the fit in run folder D, and write it.
 
-    The CSV has the order-complete backlash in degrees of the driven gear, in mm at its reference
-    circle and in mm of axial displacement, and the first-order backlash beside it. Where D holds
-    draws of `vttig sample`, bands stand beside them: for one angle, and for the whole map at once.
+    The CSV file contains the order-complete backlash in degrees of the driven gear, in mm at its
+    reference circle and in mm of axial displacement, and the first-order backlash. If D contains
+    draws of `vttig sample`, it also contains two bands: one for each single angle, and one for the
+    whole map at once.
     """
     import vttig_jax
 
@@ -88,7 +89,7 @@ def command(
 def banded_map(
     folder: Path, fit: "Fit", step_deg: float, turns: float, probability: float
 ) -> "BandedMap":
-    """The map of the draws in a run folder, with its bands."""
+    """Return the map of the draws in a run folder, with its bands."""
     from ...posterior.sampler import read_posterior
     from ...posterior.summary.bands import band_map
 
@@ -110,7 +111,7 @@ def _bindings(record: dict[str, Any]) -> str:
 
 
 def _need_draws(folder: Path, constant: float | None, closing_mm: tuple[float, ...]) -> None:
-    """Refuse what only draws can answer."""
+    """Raise `UsageError` for `--closing-mm` without draws, or with a constant backlash."""
     if not closing_mm:
         return
     if constant is not None:

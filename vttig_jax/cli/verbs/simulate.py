@@ -1,4 +1,4 @@
-"""`vttig simulate`: one drive through its motion, with its controller."""
+"""`vttig simulate`: simulation of one drive with its controller, usually through a reversal."""
 
 import math
 import re
@@ -19,24 +19,24 @@ if TYPE_CHECKING:
     from ...control.simulation.result import Simulation
 
 _MOST_ROWS, _MOST_SHOWN = 20_000_000, 1_000_000
-"""Rows that a trace may have, and those that a picture is made of."""
+"""Largest number of rows of a trace, and of rows that a picture is drawn from."""
 
 _LONG, _STEPS_PER_MIN = 2e7, 2e7
-"""Steps of the plant from which on a run is announced, and how many a minute does, about."""
+"""Number of plant steps above which the run time is announced, and steps per minute (about)."""
 
 _QUOTED = ('"', "'", "[", "{")
-"""What begins a value that is TOML or a mistake, never a bare word."""
+"""First characters of a value that must be TOML, and not a text without quotes."""
 
 
 class Setting(click.ParamType):
-    """KEY=VALUE, the value as TOML; a bare word is text."""
+    """Option type KEY=VALUE; the value is TOML, or a text without quotes."""
 
     name = "key=value"
 
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> tuple[str, Any]:
-        """Dotted key and what the value says, or a usage error."""
+        """Return the dotted key and the value, or report a usage error."""
         if isinstance(value, tuple):
             return value
         key, equals, text = (part.strip() for part in value.partition("="))
@@ -91,10 +91,11 @@ def command(
 ) -> None:
     """Simulate the drive in SCENARIO (TOML) through its motion, usually one reversal.
 
-    Says what the transmission error does, how far it jumps where the flanks change, when the
-    controller saw the reversal, what it left open and where it closed too far. Paths in SCENARIO
-    are relative to it; rig = { from = "RUN" } instead of [eccentricities] takes the rig that a run
-    folder has fitted. Whatever comes of the run is a result; the outcome names it.
+    The command prints the mean and the extremes of the transmission error, its jump at the change
+    of flanks, the detection of the reversal by the controller, the backlash that remained open, and
+    the interference where the gap was closed too far. Paths in SCENARIO are relative to it. With
+    rig = { from = "RUN" } instead of [eccentricities] the rig is that of a fitted run folder. A run
+    with a failure, such as a blocked drive, is also a result; its outcome names the failure.
     """
     if print_defaults:
         _print_defaults()
@@ -130,13 +131,14 @@ def _print_defaults() -> None:
 
 
 def _toml_value(text: str) -> Any:
-    """What a value says in TOML, else the text itself.
+    """Return the value that a text has in TOML, or the text itself if it is not TOML.
 
-    **Raises** `ValueError` for one that is quoted or bracketed and yet no TOML.
+    **Raises** `ValueError` for a text that is not TOML but starts with a quote or bracket, or has
+    several lines.
     """
     try:
         table = tomllib.loads(f"value = {text}")
-    except (ValueError, RecursionError):  # no TOML, too long a number, too deep a list
+    except (ValueError, RecursionError):  # not TOML, a number too long or a list too deep
         table = {}
     if list(table) == ["value"]:
         return table["value"]
@@ -146,7 +148,10 @@ def _toml_value(text: str) -> Any:
 
 
 def _with_settings(spec: "ScenarioSpec", settings: tuple[tuple[str, Any], ...]) -> "ScenarioSpec":
-    """The scenario with what `--set` says; what is wrong then is wrong on the command line."""
+    """Return the scenario with the values of `--set`.
+
+    **Raises** `UsageError` for a wrong value; its `where` names the option.
+    """
     from ...control.scenario.spec import with_values
 
     values: dict[str, Any] = {}
@@ -166,7 +171,10 @@ def _with_settings(spec: "ScenarioSpec", settings: tuple[tuple[str, Any], ...]) 
 def _with_rig(
     spec: "ScenarioSpec", path: Path, settings: tuple[tuple[str, Any], ...]
 ) -> "ScenarioSpec":
-    """The scenario with the rig of the run folder that it names; `--set` may name the gears."""
+    """Return the scenario with the eccentricities of the run folder that its table `rig` names.
+
+    The gears are those of the scenario, or of `--set pair=…`.
+    """
     if spec.rig is None:
         return spec
     import vttig_jax
@@ -186,7 +194,10 @@ def _with_rig(
 def _simulated(
     spec: "ScenarioSpec", path: Path, every: int, output: Output, *, draws: bool
 ) -> tuple["Simulation", int]:
-    """Run a scenario whose paths are relative to its file; keep one of how many periods."""
+    """Run a scenario whose paths are relative to its file.
+
+    **Returns** the simulation, and the stride of its trace in periods of the controller.
+    """
     import vttig_jax
 
     from ...control.simulation.result import Simulation
@@ -213,18 +224,23 @@ def _simulated(
 
 
 def _stride(periods: float, every: int, draws: bool) -> int:
-    """Keep one of how many periods for a trace of one of `every` and for a picture; 0: none."""
+    """Return the stride of the trace in periods; 0 for no trace.
+
+    The trace serves a CSV file with one of `every` periods, and a picture if `draws`.
+
+    **Raises** `UsageError` for a CSV file with too many rows.
+    """
     if every and periods / every > _MOST_ROWS:
         raise UsageError(
             f"--trace of {periods:.3g} periods is more than {_MOST_ROWS} rows; thin it out with"
             f" --every {math.ceil(periods / _MOST_ROWS)}."
         )
-    # A divisor of `every`, so that one run serves both.
+    # The stride divides `every`, so that one run serves CSV file and picture.
     return math.gcd(every, math.ceil(periods / _MOST_SHOWN)) if draws else every
 
 
 def _check_files(trace: Path | None, figure: Path | None, *, overwrite: bool) -> None:
-    """Refuse before the run what could not be written after it."""
+    """Raise `UsageError` before the run for files that could not be written after it."""
     if trace is None and given(("every",)):
         raise UsageError("--every thins out the rows of --trace; give that as well.")
     for option, path, suffix in (("--trace", trace, ".csv"), ("--figure", figure, ".png")):

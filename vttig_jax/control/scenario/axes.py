@@ -34,7 +34,10 @@ class Range(Table, frozen=True, rename={"first": "from", "last": "to"}):
 
 
 class _Values(Table, frozen=True):
-    """Table `{ values = […] }`: a list written as a table to keep the order, see `Sweep.table`."""
+    """Table `{ values = […] }`: the list of values of an axis, written as a table.
+
+    `Sweep.table` uses it so that the axes keep their order in the file.
+    """
 
     values: list[Any]
 

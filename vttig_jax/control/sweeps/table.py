@@ -94,10 +94,9 @@ class SweepTable(PlottedResult):
 
 
 def read_sweep(folder: str | Path) -> SweepTable:
-    """Read the finished sweep of a folder; the times it took are not kept, and are NaN.
+    """Read the finished sweep of a folder; its run times are not stored and are NaN.
 
-    **Raises** `UsageError` where the folder holds no finished sweep, `InputError` where it is
-    damaged.
+    **Raises** `UsageError` if the folder contains no finished sweep, `InputError` if it is damaged.
     """
     folder = Path(folder)
     if not (folder / TABLE).is_file():

@@ -56,7 +56,7 @@ class FreeKey:
         return self.start * math.exp(u) if self.positive else step
 
     def ends(self, step: float) -> tuple[float, float]:
-        """Return u at both bounds."""
+        """Return the values of u at the lower and the upper bound."""
         if self.positive:
             return math.log(self.low / self.start), math.log(self.high / self.start)
         return (self.low - self.start) / step, (self.high - self.start) / step

@@ -103,7 +103,7 @@ class Contacts:
 
     @cached_property
     def pairs_in_contact(self) -> Int[np.ndarray, " n"]:
-        """Number of tooth pairs that touch."""
+        """Number of tooth pairs that touch at each driving angle."""
         return self.touching.any(axis=2).sum(axis=1)
 
     def kind(self, place: int) -> str:

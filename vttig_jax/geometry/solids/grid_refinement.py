@@ -248,7 +248,8 @@ def _plane_curve(profile: GearProfile, counts: Counts, z: np.ndarray, finer: int
 def _estimate(profile: GearProfile, stretches: tuple[float, ...], tolerance: float) -> Counts:
     """Estimate the counts around from sections, and along from twist and bending of the joints.
 
-    The twist of a quadrilateral gives the error |Δψ| L/(4 n k).
+    The error due to twist is |Δψ| s/(4 k), with the rotation Δψ of a stretch, its number of
+    sections k and the longest interval s around the tooth.
     """
     ends = np.linspace(stretches[0], stretches[-1], 2 * _PROBE + 1)
     counts, step = _around(profile, np.append(ends, stretches), _ACROSS * tolerance)

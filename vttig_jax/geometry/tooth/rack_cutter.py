@@ -84,7 +84,7 @@ class RackSide(eqx.Module):
         return along - normal, self.shift - self.dedendum + self.tip_radius
 
     def recedes(self, z: Values) -> Values:
-        """Return the recession δ(l), mm, at height z, mm."""
+        """Return the recession δ(l), mm, at the height l = z, mm."""
         return self.recession(namespace(z).asarray(z))
 
     def slope(self, z: Array) -> Array:

@@ -77,7 +77,11 @@ class Tabulated(eqx.Module):
         self.check()
 
     def check(self, where: str = "recession") -> None:
-        """Raise `PairError` if heights do not increase or values are not finite, unless traced."""
+        """Raise `PairError` for a table that defines no spline; traced values are not checked.
+
+        Such a table has different numbers of heights and values, fewer than two heights, numbers
+        that are not finite, or heights that do not increase. `where` is the `where` of the error.
+        """
         if any(isinstance(leaf, Tracer) for leaf in (self.z_mm, self.recession_mm)):
             return
         z, recession = np.asarray(self.z_mm), np.asarray(self.recession_mm)

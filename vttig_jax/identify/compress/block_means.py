@@ -1,9 +1,10 @@
-"""Averages of a log over short blocks: what a linear model of the transmission error needs to see.
+"""Averages of a log over short blocks, from which a linear model of the transmission error is
+fitted.
 
-A block mean of y = Xβ + ε is the mean of X times β plus the mean of ε, exactly, whatever the motion
-inside the block was. So averaging the regressors themselves loses nothing but frequencies above the
-block rate, shortens the log and whitens its noise. The same holds for weighted means; a block of
-which the weights leave a share s counts with √s.
+A block mean of y = Xβ + ε is exactly the mean of X times β plus the mean of ε, for any motion
+inside the block. The average of the regressors therefore loses only frequencies above the block
+rate; it shortens the log and whitens its noise. The same holds for weighted means. The row of a
+block with the mean weight s is multiplied by √s.
 """
 
 from collections.abc import Iterator
@@ -21,16 +22,16 @@ from ..model.column_layout import ColumnLayout
 Samples = Float[np.ndarray, " n"]
 
 _CHUNK_CELLS = 32_768
-"""Terms times rows of a chunk: the sums of a chunk stay in cache."""
+"""Number of terms times rows of a chunk, so that the sums of a chunk stay in cache."""
 
 _MOST_ROWS = 2048
 
 
 def block_size(samples_per_turn: float, highest_order: float) -> int:
-    """Samples a block: four blocks a cycle of the highest order, 32 to 256 blocks a turn.
+    """Return the samples per block.
 
-    Beyond 256 only as far as the highest order asks for it, so that no modelled order is averaged
-    away.
+    There are four blocks per cycle of the highest order, limited to 32 … 256 blocks per turn, but
+    at least 2.5 blocks per cycle, so that the means keep every modelled order.
     """
     blocks = max(min(4.0 * highest_order, 256.0), 32.0, 2.5 * highest_order)
     return max(1, whole_below(samples_per_turn / blocks))
@@ -45,15 +46,17 @@ def block_rows(
     error: Samples,
     weight: Samples | None = None,
 ) -> Float[np.ndarray, "blocks columns"]:
-    """Block means of every column over one uninterrupted run; a last incomplete block is dropped.
+    """Return the block means of every column over one uninterrupted run.
+
+    An incomplete last block is left out.
 
     **Arguments**
-    - `columns`: the layout, of one log.
-    - `size`: samples in a block.
-    - `driving_angle`, `driven_angle`: rad.
-    - `own`: values of the log's own columns, the offset left out.
+    - `columns`: layout of one log.
+    - `size`: samples per block.
+    - `driving_angle`, `driven_angle`: shaft angles, rad.
+    - `own`: values of the own columns of the log, without the offset.
     - `error`: y, in any unit.
-    - `weight`: of every sample, 0 … 1; all 1 when None.
+    - `weight`: weight of every sample, 0 … 1; None for equal weights.
     """
     blocks = len(error) // size
     rows = np.empty((blocks, columns.width))
@@ -77,7 +80,7 @@ def block_rows(
 
 
 def block_means(channel: Samples, size: int) -> Float[np.ndarray, " blocks"]:
-    """Mean of every `size` samples; a last incomplete block is dropped."""
+    """Return the mean of every `size` samples, without an incomplete last block."""
     blocks = len(channel) // size
     return channel[: blocks * size].reshape(blocks, size).mean(axis=1)
 
@@ -85,10 +88,11 @@ def block_means(channel: Samples, size: int) -> Float[np.ndarray, " blocks"]:
 def _chunks(
     size: int, per_chunk: int, blocks: int, channels: list[Samples]
 ) -> Iterator[tuple[int, list[np.ndarray]]]:
-    """Cut channels into tables with a column a block, padded with zeros.
+    """Yield the number of the first block of each chunk, and tables of the channels in this chunk.
 
-    Sums over a column then run in vector lanes. The height is rounded up to a power of two, so that
-    logs of any speed share a few compilations.
+    A table has one column per block and is padded with zeros, so that sums over a column run in
+    vector lanes. Its height is rounded up to a power of two, so that logs of any speed share a few
+    compilations.
     """
     height = 1 << (size - 1).bit_length()
     for start in range(0, blocks, per_chunk):
@@ -111,13 +115,13 @@ def chunk_sums(
     driven: Float[Array, "height rows"],
     weight: Float[Array, "height rows"] | None = None,
 ) -> Float[Array, "columns rows"]:
-    """Sums of cosine and sine of every term over the first `size` rows of the tables.
+    """Return the sums of cosine and sine of every term over the first `size` rows of the tables.
 
-    The two of a term stand beside each other. A loop over the samples of a block keeps the sums of
-    all terms in cache and the blocks in vector lanes; XLA's own reductions take half as long again
-    and three times as long to compile.
+    The cosine and the sine of a term are adjacent rows. The loop over the samples of a block keeps
+    the sums of all terms in cache and the blocks in vector lanes. Reductions of XLA would take 1.5
+    times as long to run and three times as long to compile.
     """
-    # Whole turns go first, so that a multiple of the angle loses no digits to them.
+    # Whole turns are removed first, so that multiples of the angle keep all digits.
     driving, driven = (angle - REV * jnp.round(angle / REV) for angle in (driving, driven))
 
     def add(index, sums):

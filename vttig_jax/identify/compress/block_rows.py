@@ -1,4 +1,4 @@
-"""Block rows of one log: its certain segments, averaged, with everything the fit models."""
+"""Block rows of one log: means over blocks of its certain segments, with all columns of the fit."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ from .regressors import Regressors, trimmed
 
 @dataclass(frozen=True, eq=False)
 class BlockRun:
-    """Rows of one segment, and the block means of its curve for pictures and checks."""
+    """Rows of one segment, and its transmission error as block means for pictures and checks."""
 
     segment: Segment
     rows: Float[np.ndarray, "n q"]
@@ -29,9 +29,13 @@ class BlockRun:
 
 @dataclass(frozen=True, eq=False)
 class LogRows:
-    """All rows of one log. `size` samples and `block_s` seconds make a row of the fastest run.
+    """All rows of one log.
 
-    `rounding` is what the last digit of the readings makes of y, rad.
+    **Arguments**
+    - `columns`: layout of the rows. - `runs`: rows of each segment.
+    - `size`, `block_s`: number of samples and duration in s of a row of the fastest run.
+    - `noise`: kind of the noise model.
+    - `rounding`: rounding error of y due to the last digit of the readings, rad.
     """
 
     columns: ColumnLayout
@@ -42,7 +46,7 @@ class LogRows:
     rounding: float = 0.0
 
     def runs_by_flank(self, longer_than: int = 0) -> dict[Flank, list[BlockRun]]:
-        """Every run that has more than `longer_than` rows, flank by flank."""
+        """Return flank → its runs with more than `longer_than` rows."""
         found: dict[Flank, list[BlockRun]] = {}
         for run in self.runs:
             if len(run.rows) > longer_than:
@@ -50,7 +54,7 @@ class LogRows:
         return found
 
     def by_flank(self, longer_than: int = 0) -> dict[Flank, list[Float[np.ndarray, "_ q"]]]:
-        """Rows of every run that has more than `longer_than` of them, flank by flank."""
+        """Return flank → the rows of each of its runs with more than `longer_than` rows."""
         runs = self.runs_by_flank(longer_than)
         return {flank: [run.rows for run in own] for flank, own in runs.items()}
 
@@ -58,7 +62,10 @@ class LogRows:
 def block_seconds(
     channels: Sequence[Regressors], segments: Sequence[Sequence[Segment]], terms: TermPlan
 ) -> float:
-    """Duration of a block: what the fastest log needs, so that one noise model serves all."""
+    """Return the duration of a block in s.
+
+    It is the duration that the fastest log requires; all logs then share one noise model.
+    """
     highest = float(max((terms.frequency(term) for term in terms.terms), default=1))
     return min(
         c.sample_s * block_size(_samples_per_turn(c.driving, own), highest)
@@ -75,9 +82,9 @@ def log_rows(
     noise: NoiseSettings = NoiseSettings(),
     fastest: float = 0.0,
 ) -> LogRows:
-    """Pass once over the segments of a log.
+    """Return the block rows of the given segments of a log.
 
-    Where the noise is stationary in angle, every row covers the angle that a segment of speed
+    If the noise is stationary in angle, every row covers the angle that a segment of speed
     `fastest` covers in `block_s`.
     """
     columns = ColumnLayout(
@@ -109,9 +116,10 @@ def log_rows(
 
 
 def _samples_per_turn(driving: Float[np.ndarray, " n"], segments: Sequence[Segment]) -> float:
-    """Samples a driving turn where it is fastest, seen over a 64th of a turn at mean speed.
+    """Return the samples per driving turn at the highest speed.
 
-    The fastest place decides: no block may cover more of a cycle than planned.
+    The speed is averaged over windows that last a 64th of a turn at mean speed. The highest speed
+    is used so that no block covers more of a cycle than planned.
     """
     travelled = sum(abs(driving[s.stop - 1] - driving[s.start]) for s in segments)
     samples = sum(s.stop - s.start for s in segments)

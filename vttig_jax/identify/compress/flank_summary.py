@@ -1,19 +1,20 @@
-"""The summary of one flank: lag products of its conditioned rows, and their likelihood.
+"""Summary of one flank: lag products of its conditioned rows, and their likelihood.
 
-The rows Z = [regressors, y] are kept as Z = U F with nearly orthonormal columns U and an upper
-triangle F. Only rows of U are multiplied with each other, so that the condition of the regressors
-is never squared; what is squared is the spread of the noise spectrum, which is known beforehand.
+The rows Z = [regressors, y] are stored as Z = U F with nearly orthonormal columns U and an upper
+triangle F. Products are formed only of the rows of U, so the condition number of the regressors is
+not squared. Only the spread of the noise spectrum is squared, which is known beforehand.
 
 Rows at unequal times have Ornstein–Uhlenbeck noise and are compressed at nodes of its correlation
 time. Noise with correlation exp(−|t|/τ) is whitened by
 
     (z_t − ρ_t z_{t−1})/√(1 − ρ_t²),  ρ_t = exp(−Δt/τ).
 
-The products of the whitened rows are a smooth function of log τ, so that their values at the
-Chebyshev nodes of log τ give them at every other τ without touching the rows again.
+The products of the whitened rows are a smooth function of log τ. Their values at the Chebyshev
+nodes of log τ therefore determine them at every other τ, and the rows are not needed again.
 
-τ is stated by the partial autocorrelation ρ = exp(−Δ/τ) of rows at the median distance Δ, so that
-everything made for an autoregression of first order serves it too: at equal distances they agree.
+τ is expressed by the partial autocorrelation ρ = exp(−Δ/τ) of rows at the median distance Δ. The
+functions for a first-order autoregression therefore apply to it too; at equal distances the two
+kinds of noise are the same.
 """
 
 from collections.abc import Sequence
@@ -33,7 +34,7 @@ from .orthogonal import conditioned, orthonormal, triangle_of
 _CACHED_ROWS = 512
 
 _LOST_DIGITS = 1e-13
-"""Share of the square of a column that the rounding of products (1e-16) does not reach."""
+"""Share of the squared norm of a column, well above the rounding of products (1e-16)."""
 
 
 Runs = tuple[list[Float[np.ndarray, "_ q"]], Float[np.ndarray, "q q"], Float[np.ndarray, "q q"]]
@@ -46,10 +47,10 @@ class FlankSummary:
 
     **Arguments**
     - `triangle`: F, shape (q, q); y is the last of the q columns of the rows Z = U F.
-    - `lag_products`: Γ_0 … Γ_L of the rows u of U, shape (L + 1, q, q). L is what the noise of
-      the logs asks for, 16 at most. Γ_0 holds the pseudo-observations too.
+    - `lag_products`: Γ_0 … Γ_L of the rows u of U, shape (L + 1, q, q). The order of the noise
+      determines L, which is at most 16. Γ_0 includes the pseudo-observations.
     - `heads`, `tails`: the first and last L rows of U of every run, shape (runs, L, q).
-    - `rows`: number of block rows in all runs together.
+    - `rows`: number of block rows of all runs together.
     """
 
     flank: Flank
@@ -60,24 +61,27 @@ class FlankSummary:
     rows: int
 
     def __add__(self, other: "FlankSummary") -> "FlankSummary":
-        """Both together: nothing reaches from a run of one into a run of the other."""
+        """Return the summary of the runs of both summaries.
+
+        Each run keeps its own start and end: no lag product extends from one run to another.
+        """
         upper, lower, pseudo, triangle = _stacked(self.triangle, other.triangle)
         one, two = self._turned(upper, triangle), other._turned(lower, triangle)
         return one._joined(two)._observed(pseudo)
 
     def transformed(self, matrix: Float[np.ndarray, "new q"]) -> "FlankSummary":
-        """The summary of rows z ↦ `matrix` z."""
+        """Return the summary of the rows `matrix` z instead of z."""
         turn, _, pseudo, triangle = _stacked(self.triangle @ matrix.T)
         return self._turned(turn, triangle)._observed(pseudo)
 
     def selected(self, keep: Int[np.ndarray, " kept"]) -> "FlankSummary":
-        """The summary of rows with these columns only, in this order."""
+        """Return the summary of rows with only the columns `keep`, in this order."""
         return self.transformed(np.eye(len(self.triangle))[keep])
 
     def inner(self, filter_: Float[np.ndarray, " taps"]) -> Float[np.ndarray, "q q"]:
-        """Upper triangle C with CᵀC = Uᵀ Σ⁻¹ U under noise with innovations of variance one.
+        """Return the upper triangle C with CᵀC = Uᵀ Σ⁻¹ U for innovations of variance one.
 
-        **Raises** `NoAnswerError` where the noise spectrum spans more than the digits of a float.
+        **Raises** `NoAnswerError` if the range of the noise spectrum exceeds the digits of a float.
         """
         try:
             return np.linalg.cholesky(self._inner_products(filter_)).T
@@ -88,36 +92,37 @@ class FlankSummary:
             ) from None
 
     def factor(self, filter_: Float[np.ndarray, " taps"]) -> Float[np.ndarray, "q q"]:
-        """Upper triangle R with RᵀR = Zᵀ Σ⁻¹ Z."""
+        """Return the upper triangle R with RᵀR = Zᵀ Σ⁻¹ Z."""
         return self.inner(filter_) @ self.triangle
 
     def residual(self, filter_: Float[np.ndarray, " taps"]) -> Float[np.ndarray, " q"]:
-        """w of the residuals u · w that generalised least squares leaves of y."""
+        """Return the weights w: u · w is the residual of y by generalised least squares."""
         inner = self.inner(filter_)
         last = np.zeros(len(inner))
         last[-1] = inner[-1, -1] * self.triangle[-1, -1]
         return solve_triangular(inner, last, check_finite=False)
 
     def square(self, column: int) -> float:
-        """Sum of squares of one column of the rows."""
+        """Return the sum of squares of one column of the rows Z."""
         own = self.triangle[:, column]
         return float(own @ self.lag_products[0] @ own)
 
     def log_determinant(self, partial: Float[np.ndarray, " p"]) -> float:
-        """Log-determinant of the covariance of all rows, innovations of variance one."""
+        """Return the log-determinant of the covariance of all rows, for innovation variance one."""
         return len(self.heads) * float(log_initial_determinant(partial))
 
     @property
     def ends(self) -> Float[np.ndarray, "ends lag q"]:
-        """The L rows of U next to both ends of every run, the outermost first."""
+        """First L and last L rows of U of every run, the outermost first."""
         return np.concatenate([self.heads, self.tails[:, ::-1]])
 
     def _inner_products(self, filter_: Float[np.ndarray, " taps"]) -> Float[np.ndarray, "q q"]:
-        """Uᵀ Σ⁻¹ U.
+        """Return Uᵀ Σ⁻¹ U.
 
-        Filtering every run between zeros gives Σ_{jk} filter_j filter_k Γ_{k−j}. What then still
-        rings after the end is taken away, and the same before the start with time reversed: that
-        leaves the exact quadratic form, initial samples included (I. Gohberg, A. Semencul 1972).
+        The filter is applied to every run with zeros before and after it, which gives Σ_{jk}
+        filter_j filter_k Γ_{k−j}. The response after the end of the run is subtracted, and, with
+        time reversed, the response before its start. The result is the exact quadratic form,
+        initial samples included (I. Gohberg, A. Semencul 1972).
         """
         order = len(filter_) - 1
         products = np.correlate(filter_, filter_, "full")[order:]
@@ -138,7 +143,7 @@ class FlankSummary:
     def _turned(
         self, matrix: Float[np.ndarray, "q new"], triangle: Float[np.ndarray, "new new"]
     ) -> "FlankSummary":
-        """The same runs with the rows u ↦ `matrix`ᵀ u, which have another triangle."""
+        """Return the summary of the same runs with the rows `matrix`ᵀ u and another triangle."""
         return replace(
             self,
             triangle=triangle,
@@ -148,7 +153,7 @@ class FlankSummary:
         )
 
     def _joined(self, other: "FlankSummary") -> "FlankSummary":
-        """The runs of both; the rows of both have one triangle."""
+        """Return the summary of the runs of both; both have the same triangle."""
         return replace(
             self,
             lag_products=self.lag_products + other.lag_products,
@@ -158,7 +163,7 @@ class FlankSummary:
         )
 
     def _observed(self, pseudo: Float[np.ndarray, "q q"]) -> "FlankSummary":
-        """With pseudo-observations, which are uncorrelated, counted."""
+        """Return the summary with the pseudo-observations, which are uncorrelated."""
         products = self.lag_products.copy()
         products[0] += pseudo.T @ pseudo
         return replace(self, lag_products=products)
@@ -167,12 +172,12 @@ class FlankSummary:
 def summarise_flank(
     flank: Flank, runs: Sequence[Float[np.ndarray, "_ q"]], lags: int
 ) -> FlankSummary:
-    """Lag products and ends of runs that are all longer than `lags`."""
+    """Return the summary of runs, each of which has more than `lags` rows."""
     return summarise_conditioned(flank, conditioned_runs(runs), lags)
 
 
 def summarise_conditioned(flank: Flank, factored: Runs, lags: int) -> FlankSummary:
-    """The same of runs that are conditioned already."""
+    """Return the summary of runs that are already conditioned."""
     pieces, pseudo, triangle = factored
     return FlankSummary(
         flank,
@@ -185,7 +190,7 @@ def summarise_conditioned(flank: Flank, factored: Runs, lags: int) -> FlankSumma
 
 
 def conditioned_runs(runs: Sequence[Float[np.ndarray, "_ q"]]) -> Runs:
-    """Condition all runs together."""
+    """Condition the rows of all runs together."""
     whole = conditioned(np.concatenate(runs))
     return np.split(whole.rows, np.cumsum([len(rows) for rows in runs])[:-1]), *whole[1:]
 
@@ -197,10 +202,10 @@ def flank_of_products(
     tails: Float[np.ndarray, "runs lag q"],
     rows: int,
 ) -> FlankSummary:
-    """The summary where only the lag products of the rows Z themselves are known.
+    """Return the summary of rows Z of which only the lag products are known.
 
-    Half the digits of the rows are gone with their products; what the others leave open is filled
-    up with `_LOST_DIGITS` of every column.
+    The products keep half the digits of the rows. `_LOST_DIGITS` is added in every direction, so
+    that the triangle exists although the other digits are lost.
     """
     size = np.sqrt(np.maximum(np.diag(lag_products[0]), 0.0))
     size[size == 0] = 1.0
@@ -214,14 +219,21 @@ def flank_of_products(
 
 
 def _stacked(*triangles: Float[np.ndarray, "_ q"]):
-    """Turns of the rows of one or two triangles, pseudo-observations, and the common triangle."""
+    """Return the common form of the rows of one or two triangles.
+
+    **Returns** the matrix that maps the rows U of each triangle to the common rows U, the
+    pseudo-observations, and the common triangle.
+    """
     whole = orthonormal(np.vstack(triangles))
     first = len(triangles[0])
     return whole.rows[:first], whole.rows[first:], whole.pseudo, whole.triangle
 
 
 def _lag_products(rows: Float[np.ndarray, "n q"], lags: int) -> Float[np.ndarray, "lags q q"]:
-    """Σ_t u_t u_{t−l}ᵀ of one run for l = 0 … lags, in pieces that stay in cache for all lags."""
+    """Return Σ_t u_t u_{t−l}ᵀ of one run for l = 0 … lags.
+
+    The rows are processed in pieces that stay in the cache for all lags.
+    """
     products = np.zeros((lags + 1, rows.shape[1], rows.shape[1]))
     for start in range(0, len(rows), _CACHED_ROWS):
         now = rows[start : start + _CACHED_ROWS]
@@ -234,33 +246,34 @@ def _lag_products(rows: Float[np.ndarray, "n q"], lags: int) -> Float[np.ndarray
 
 NODES = 64
 _SMALLEST, _LARGEST = 0.01, 0.999
-"""ρ of the first and the last node."""
+"""Limits of ρ between which the nodes lie."""
 
 Times = Float[np.ndarray, " n"]
 
 
 @dataclass(frozen=True)
 class IrregularFlank(FlankSummary):
-    """Products of the whitened rows U of one flank at the nodes.
+    """Summary of rows at unequal times: products of the whitened rows U of one flank at the nodes.
 
-    `lag_products` holds Γ_0 alone.
+    `lag_products` contains only Γ_0.
 
     **Arguments**
-    - `matrices`: Uᵀ Σ⁻¹ U at every node as Chebyshev coefficients, shape (nodes, q, q).
-    - `determinants`: the same of the log-determinant of Σ, innovations of variance one.
+    - `matrices`: Chebyshev coefficients of Uᵀ Σ⁻¹ U over the nodes, shape (nodes, q, q).
+    - `determinants`: Chebyshev coefficients of the log-determinant of Σ for innovations of variance
+      one.
     """
 
     matrices: Float[np.ndarray, "nodes q q"] = field(kw_only=True)
     determinants: Float[np.ndarray, " nodes"] = field(kw_only=True)
 
     def log_determinant(self, partial: Float[np.ndarray, " p"]) -> float:
-        """Log-determinant of the covariance of all rows, innovations of variance one."""
+        """Return the log-determinant of the covariance of all rows, for innovation variance one."""
         if len(partial) == 0 or partial[0] < _SMALLEST:
             return 0.0
         return float(node_weights(partial[0]) @ self.determinants)
 
     def _inner_products(self, filter_: Float[np.ndarray, " taps"]) -> Float[np.ndarray, "q q"]:
-        """Uᵀ Σ⁻¹ U for the filter (1, −ρ); the white one has ρ at the first node or below."""
+        """Return Uᵀ Σ⁻¹ U for the filter (1, −ρ); ρ below the nodes counts as white noise."""
         rho = -filter_[1] if len(filter_) > 1 else 0.0
         if rho < _SMALLEST:
             return self.lag_products[0]
@@ -296,7 +309,10 @@ class IrregularFlank(FlankSummary):
 
 
 def node_weights(rho: float | Number) -> Float[Numbers, " nodes"]:
-    """Chebyshev polynomials at log τ of ρ = exp(−Δ/τ): what multiplies the coefficients."""
+    """Return the Chebyshev polynomials at log τ, with ρ = exp(−Δ/τ).
+
+    They are the weights of the Chebyshev coefficients.
+    """
     xp = namespace(rho)
     ends = [-np.log(-np.log(end)) for end in (_SMALLEST, _LARGEST)]
     place = -xp.log(-xp.log(rho))
@@ -310,7 +326,7 @@ def irregular_flank(
     times: Sequence[Float[np.ndarray, " _"]],
     distance_s: float,
 ) -> IrregularFlank:
-    """Compress runs of rows at the given mean times; ρ is stated at `distance_s`."""
+    """Compress runs of rows at the given mean times; ρ belongs to the distance `distance_s`."""
     pieces, pseudo, triangle = conditioned_runs(runs)
     width = runs[0].shape[1]
     nodes = chebyshev.chebpts1(NODES)
@@ -342,10 +358,10 @@ def irregular_flank(
 def whitened_run(
     rows: Float[np.ndarray, "n q"], time: Times, rho: float, distance_s: float
 ) -> tuple[Float[np.ndarray, "n q"], float]:
-    """Rows whitened to innovations of variance 1 − ρ² relative to the noise, and log|Σ|.
+    """Return the whitened rows of one run, and log|Σ|.
 
-    The unit is that of a first-order autoregression with ρ, at which the noise has the variance
-    1/(1 − ρ²).
+    `rho` is the correlation at the distance `distance_s`. As in a first-order autoregression with
+    ρ, the unit is that of the innovations, and the noise has the variance 1/(1 − ρ²).
     """
     ratio = rho ** (np.diff(time) / distance_s)
     left = np.sqrt(1 - ratio**2)

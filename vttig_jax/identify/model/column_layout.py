@@ -1,4 +1,4 @@
-"""Columns of a block row: free harmonics, what is each log's own, tied harmonics, y."""
+"""Columns of a block row: free harmonics, own columns of each log, tied harmonics, y."""
 
 from dataclasses import dataclass
 
@@ -9,11 +9,11 @@ from ...kinematics.harmonic import Term
 from ..settings import REGRESSORS
 
 PER_RIG = ("delay", "ratio", *REGRESSORS)
-"""Own columns of which all logs of a rig share the coefficient."""
+"""Own columns whose coefficient is common to all logs of a rig."""
 
 
 OFFSET = "offset"
-"""First of a log's own columns: ones."""
+"""Name of the first own column of a log, a column of ones."""
 
 
 @dataclass(frozen=True)
@@ -21,8 +21,9 @@ class ColumnLayout:
     """Layout [free | own columns of log 1 | of log 2 | … | tied | y] of the rows of a fit.
 
     **Arguments**
-    - `free`, `tied`: orders (n₁, n₂) of the harmonics, a cosine and a sine column each.
-    - `own`: names of the columns that belong to one log, "offset" first; zero in all other logs.
+    - `free`, `tied`: orders (n₁, n₂) of the harmonics; each has a cosine and a sine column.
+    - `own`: for each log, the names of the columns that belong to it, "offset" first; these columns
+      are zero in the rows of all other logs.
     """
 
     free: tuple[Term, ...]
@@ -46,28 +47,31 @@ class ColumnLayout:
 
     @property
     def names(self) -> list[tuple[str, int]]:
-        """(name, log) of every own column, in order."""
+        """Name and log (from 0) of every own column, in the order of the columns."""
         return [(name, log) for log, own in enumerate(self.own) for name in own]
 
     @property
     def own_slice(self) -> slice:
-        """Where the own columns are."""
+        """Slice of the own columns."""
         return slice(self.free_width, self.free_width + self.own_width)
 
     def index(self, name: str, log: int = 0) -> int:
-        """Place of an own column of a log."""
+        """Return the index of an own column of a log."""
         return self.free_width + self.names.index((name, log))
 
     def cosine(self, position: int) -> int:
-        """Place of the cosine of harmonic `position` of (free, tied); its sine is the next one."""
+        """Return the index of the cosine column of harmonic number `position` of (free, tied).
+
+        Its sine column is the next one.
+        """
         return 2 * position + (0 if position < len(self.free) else self.own_width)
 
     def of_log(self, log: int) -> "ColumnLayout":
-        """The layout of the rows of one log alone."""
+        """Return the layout of the rows of one log alone."""
         return ColumnLayout(self.free, self.tied, (self.own[log],))
 
     def embedding(self, log: int) -> Float[np.ndarray, "wide narrow"]:
-        """Matrix that puts a row of one log alone into this layout."""
+        """Return the matrix that maps a row of one log alone to a row of this layout."""
         narrow = self.of_log(log)
         matrix = np.zeros((self.width, narrow.width))
         places = [
@@ -80,17 +84,20 @@ class ColumnLayout:
 
 
 def is_shared(name: str) -> bool:
-    """True for an own column whose coefficient all logs of a rig share."""
+    """Return whether all logs of a rig share the coefficient of this own column."""
     return name.split("_")[0] in PER_RIG
 
 
 def own_parameters(
     columns: ColumnLayout,
 ) -> tuple[tuple[str, ...], Float[np.ndarray, "own p"]]:
-    """Coefficients of the own columns other than offsets, and which column has which.
+    """Return the parameters that are coefficients of own columns, offsets excluded.
 
-    A coefficient that all logs share has the name of its columns, another one the number of its log
-    behind it where there are several.
+    A coefficient that all logs share has the name of its column. If there are several logs, the
+    name of any other coefficient ends with the number of its log.
+
+    **Returns** the names of the coefficients, and a matrix with a 1 where a column (row of the
+    matrix) has that coefficient.
     """
     several = len(columns.own) > 1
     entries = [entry for entry in columns.names if entry[0] != OFFSET]

@@ -1,4 +1,4 @@
-"""From physical parameters to the harmonics a log shows: what ties the first orders together."""
+"""Forward model: the harmonics of a log as a function of the physical parameters."""
 
 from abc import abstractmethod
 
@@ -16,15 +16,16 @@ from .harmonics import SECOND_ORDER, TermPlan
 _FIRST = ((1, 0), (0, 1))
 
 _GRID = 8
-"""Points a turn on the torus of both shaft angles: exact for orders below 4, e⁶ alias."""
+"""Points per turn on the grid of both shaft angles: exact for orders below 4; terms in e⁶ alias."""
 
 
 class ForwardModel(eqx.Module):
     """Coefficients of the tied columns (own and tied of every flank) as a function of parameters.
 
-    Parameters are a flat vector named by `names`: lengths in mm, angles in rad, eccentricities and
-    encoder errors in Cartesian form (x + jy = amplitude · exp(j phase)). Those in front are linear:
-    coefficients = `linear` · parameters + what a subclass adds.
+    The parameters are a vector with the names `names`: lengths in mm, angles in rad, eccentricities
+    and encoder errors in Cartesian form (x + jy = amplitude · exp(j phase)). The first parameters
+    are linear (offsets, drift, delay, regressors and others): coefficients = `linear` · first
+    parameters + the contribution of a subclass.
     """
 
     names: eqx.AbstractVar[tuple[str, ...]]
@@ -32,18 +33,19 @@ class ForwardModel(eqx.Module):
 
     @abstractmethod
     def coefficients(self, parameters: Float[Array, " p"]) -> Float[Array, "flanks tied"]:
-        """Tied coefficients of every measured flank, rad."""
+        """Return the tied coefficients of every measured flank, rad."""
 
     def linear_part(self, parameters: Float[Array, " p"]) -> Float[Array, "flanks tied"]:
-        """Offsets, drift, delay, regressors, and everything else that only scales a column."""
+        """Return the contribution of the parameters that only scale a column."""
         return jnp.einsum("p,pft->ft", parameters[: self.linear.shape[0]], self.linear)
 
 
 class PairRelation(ForwardModel):
-    """Two eccentric gears through the exact relation, and encoders that are off centre.
+    """Forward model of two eccentric gears by the exact relation, with eccentric encoders.
 
-    The relation is evaluated where it is explicit, on a grid of both shaft angles, and projected on
-    the tied harmonics. Encoder errors add + E₂ sin(φ₂ + ε₂) − i E₁ sin(φ₁ + ε₁) on both flanks.
+    The relation is explicit if both shaft angles are given. It is evaluated on a grid of both
+    angles and projected on the tied harmonics. Encoder errors add + E₂ sin(φ₂ + ε₂) −
+    i E₁ sin(φ₁ + ε₁) on both flanks.
     """
 
     names: tuple[str, ...] = eqx.field(static=True)
@@ -55,7 +57,7 @@ class PairRelation(ForwardModel):
     basis: Float[Numbers, "tied grid"]
 
     def coefficients(self, parameters: Float[Array, " p"]) -> Float[Array, "flanks tied"]:
-        """Tied coefficients of every measured flank, rad."""
+        """Return the tied coefficients of every measured flank, rad."""
         value = dict(zip(self.names, parameters, strict=True))
         zero = jnp.zeros(())
         get = lambda name: value.get(name, zero)  # noqa: E731
@@ -75,13 +77,16 @@ class PairRelation(ForwardModel):
 
 
 class LinearRelation(ForwardModel):
-    """Every parameter scales a column: a drive without geometry, or encoders on perfect gears."""
+    """Forward model in which every parameter scales a column.
+
+    It describes a drive without geometry, and encoders on perfect gears.
+    """
 
     names: tuple[str, ...] = eqx.field(static=True)
     linear: Float[Numbers, "p flanks tied"]
 
     def coefficients(self, parameters: Float[Array, " p"]) -> Float[Array, "flanks tied"]:
-        """Tied coefficients of every measured flank, rad."""
+        """Return the tied coefficients of every measured flank, rad."""
         return self.linear_part(parameters)
 
 
@@ -94,7 +99,7 @@ def relation_of(
     encoder_terms: bool,
     gear_terms: bool,
 ) -> ForwardModel:
-    """The relation of a pair or drive: gears, encoders, or both."""
+    """Return the forward model of a pair or drive with errors of gears, encoders or both."""
     if not gear_terms:
         return encoder_relation(terms, columns, flanks, float(pair.ratio))
     if isinstance(pair, Drive):
@@ -110,7 +115,10 @@ def pair_relation(
     *,
     encoder_terms: bool,
 ) -> PairRelation:
-    """Relation of a gear pair; parameters of a shaft whose first order is not tied are left out."""
+    """Return the forward model of a gear pair.
+
+    A shaft whose first order is not tied has no parameters.
+    """
     names, linear = _common(columns, flanks)
     ratio = float(pair.ratio)
     if encoder_terms:
@@ -130,10 +138,11 @@ def pair_relation(
 def drive_relation(
     terms: TermPlan, columns: ColumnLayout, flanks: tuple[Flank, ...]
 ) -> LinearRelation:
-    """First orders of a drive without geometry: a part common to both flanks and one that differs.
+    """Return the forward model of a drive without geometry.
 
-    The common part is what the amplitudes of a drive state; half the difference is added on flank B
-    and taken away on flank A, so that it is the variable backlash.
+    The first order of a shaft has a common part and a difference between the flanks. The common
+    part gives the amplitude of the drive. Half the difference is added on flank B and subtracted on
+    flank A, so that the difference is the variable backlash.
     """
     names, linear = _common(columns, flanks)
     halves = np.array([-0.5 if flank == "A" else 0.5 for flank in flanks])
@@ -152,14 +161,14 @@ def drive_relation(
 def encoder_relation(
     terms: TermPlan, columns: ColumnLayout, flanks: tuple[Flank, ...], ratio: float
 ) -> LinearRelation:
-    """First orders of two encoders on perfect gears, the same on both flanks."""
+    """Return the forward model of two encoders on perfect gears, the same on both flanks."""
     names, linear = _common(columns, flanks)
     _add_encoders(names, linear, terms, columns, len(flanks), ratio)
     return LinearRelation(names=tuple(names), linear=np.stack(linear))
 
 
 def torus() -> tuple[Float[np.ndarray, " grid"], Float[np.ndarray, " grid"]]:
-    """Driving and driven angles of the grid the exact relation is sampled on."""
+    """Return the driving and driven angles of the grid on which the exact relation is evaluated."""
     angles = 2 * np.pi * np.arange(_GRID) / _GRID
     driving, driven = np.meshgrid(angles, angles, indexing="ij")
     return driving.ravel(), driven.ravel()
@@ -168,7 +177,10 @@ def torus() -> tuple[Float[np.ndarray, " grid"], Float[np.ndarray, " grid"]]:
 def _common(
     columns: ColumnLayout, flanks: tuple[Flank, ...]
 ) -> tuple[list[str], list[Float[np.ndarray, "flanks tied"]]]:
-    """Offsets, the constant backlash and the other own columns: names, and where each one goes."""
+    """Return the parameters that every forward model has: their names and coefficients.
+
+    They are the offsets, the constant backlash and the coefficients of the other own columns.
+    """
     width = columns.own_width + 2 * len(columns.tied)
     several = len(columns.own) > 1
     names: list[str] = []
@@ -200,7 +212,11 @@ def _add_encoders(
     flanks: int,
     ratio: float,
 ) -> None:
-    """Append E₂ sin(φ₂ + ε₂) = E₂ₓ sin φ₂ + E₂ᵧ cos φ₂, and the driving one times −i."""
+    """Append the parameters of the encoder errors to `names` and `linear`.
+
+    The driven encoder adds E₂ sin(φ₂ + ε₂) = E₂ₓ sin φ₂ + E₂ᵧ cos φ₂. The driving encoder adds the
+    same for its shaft, multiplied by −i.
+    """
     first = _first_order_columns(terms, columns)
     for shaft in _tied_shafts(terms):
         gain = -ratio if shaft == "driving" else 1.0
@@ -216,7 +232,7 @@ def _tied_shafts(terms: TermPlan) -> list[str]:
 def _first_order_columns(
     terms: TermPlan, columns: ColumnLayout
 ) -> dict[str, tuple[Float[np.ndarray, " tied"], Float[np.ndarray, " tied"]]]:
-    """Shaft → unit vectors of the cosine and the sine of its first order among tied columns."""
+    """Return shaft → unit vectors of the cosine and the sine column of its first order."""
     unit = np.eye(columns.own_width + 2 * len(columns.tied))
     places = {
         harmonic.shaft: columns.own_width + 2 * index
@@ -227,10 +243,11 @@ def _first_order_columns(
 
 
 def _projection(terms: TermPlan, columns: ColumnLayout) -> Float[np.ndarray, "tied grid"]:
-    """Matrix from values on the torus to tied coefficients.
+    """Return the matrix from values on the torus to tied coefficients.
 
-    The mean goes to the offset of every log, a harmonic to the tied column of the same frequency:
-    where the tooth counts let two of them coincide, the log cannot tell them apart either.
+    The mean belongs to the offset of every log, and a harmonic to the tied column of the same
+    frequency. If the tooth counts give two harmonics the same frequency, the log cannot separate
+    them either.
     """
     driving, driven = torus()
     points = len(driving)

@@ -1,4 +1,4 @@
-"""Correlated noise of the block rows: an autoregression, and least squares that knows it."""
+"""Correlated noise of the block rows: its autoregressive model, and the whitening of the rows."""
 
 from dataclasses import dataclass, replace
 
@@ -16,17 +16,19 @@ from ..settings import NoiseSettings
 from .reml import restricted_partial
 
 _REPEATS = 2
-"""Further rounds of autoregression and generalised least squares; the second moves nothing."""
+"""Further rounds of autoregression and generalised least squares; the second changes nothing."""
 
 _FORGOTTEN = 20.0
-"""Correlation times a run must be long for the likelihood to tell noise from what is missing."""
+"""Shortest run, in correlation times of the noise, for which the likelihood can distinguish noise
+from structure that the model misses."""
 
 _WHITE_SHARE = 1e-6
-"""Of the variance by moments, counted as white: what a model misses of a log without noise is so
-predictable that whitening it would leave the rounding of everything else."""
+"""Share of the variance by moments that counts as white noise. In a log without noise, the
+structure that a model misses is so predictable that its whitening would leave only the rounding of
+the rest."""
 
 _ROWS_A_COEFFICIENT = 3
-"""Rows a coefficient from which a speed tells its own noise."""
+"""Rows per coefficient above which a speed has a noise model of its own."""
 
 
 @dataclass(frozen=True)
@@ -34,14 +36,14 @@ class NoiseModel:
     """AR(p) noise of block means, ε_t = Σ_j coefficients_j ε_{t−j} + innovation.
 
     **Arguments**
-    - `coefficients`: shape (p,).
-    - `innovation_std`: rad.
-    - `std`: of the block means, rad.
-    - `block_s`: duration of a block.
-    - `choice`: what was assumed of it; `by`: estimated by "likelihood" or by "moments", or
-      "rounding" where a log without noise leaves nothing else.
-    - `plateaus`: (speed in rad/s, noise) of every speed, where each has its own; this one is then
-      that of all speeds together.
+    - `coefficients`: coefficients of the autoregression, shape (p,).
+    - `innovation_std`, `std`: standard deviations of the innovations and of the block means, rad.
+    - `block_s`: duration of a block, s.
+    - `plateaus`: (speed in rad/s, noise) of every speed if each speed has a noise model of its own;
+      this object is then the noise model of all speeds together.
+    - `choice`: assumed kind of the noise model.
+    - `by`: method of the estimate, "likelihood" or "moments"; "rounding" if the log has no noise
+      and the residual is rounding.
     """
 
     coefficients: Float[np.ndarray, " p"]
@@ -53,7 +55,7 @@ class NoiseModel:
     by: str = "likelihood"
 
     def at(self, speed: float) -> "NoiseModel":
-        """The noise at a speed of the driving shaft, rad/s, in either direction."""
+        """Return the noise at a speed of the driving shaft, rad/s, in either direction."""
         if not self.plateaus:
             return self
         return min(self.plateaus, key=lambda one: abs(one[0] - abs(speed)))[1]
@@ -61,9 +63,10 @@ class NoiseModel:
     def whitened(
         self, rows: Float[np.ndarray, "n ..."], time: Float[np.ndarray, " n"]
     ) -> Float[np.ndarray, "m ..."]:
-        """Innovations of a run of rows at mean times in s, in units of their std.
+        """Return the innovations of the rows of one run, in units of their standard deviation.
 
-        Those with a full history: as many as the order are missing.
+        `time` holds the mean times of the rows in s. The first rows, as many as the order of the
+        autoregression, have no complete history and are left out.
         """
         order, count = len(self.coefficients), len(rows)
         if self.choice.kind == "ou" and order:
@@ -77,7 +80,7 @@ class NoiseModel:
         return white / (self.innovation_std or 1.0)
 
     def to_json(self) -> dict:
-        """Fields under `noise` of a fit."""
+        """Return the fields of `noise` in the JSON object of a fit."""
         record = {
             "model": self.name,
             "coefficients": self.coefficients.tolist(),
@@ -94,13 +97,13 @@ class NoiseModel:
 
     @property
     def name(self) -> str:
-        """For example "AR(3)"."""
+        """Name of the model, for example "AR(3)"."""
         words = {"ou": "Ornstein–Uhlenbeck", "white": "white"}
         return words.get(self.choice.kind, f"AR({len(self.coefficients)})")
 
     @property
     def is_rounding(self) -> bool:
-        """True for a log without noise, of which the model leaves rounding alone."""
+        """Whether the log has no noise, so that the residual is only rounding."""
         return self.by == "rounding"
 
     @property
@@ -115,17 +118,18 @@ class NoiseModel:
 
     @property
     def correlation_s(self) -> float:
-        """Integrated correlation time of the blocks, half the two-sided sum of correlations."""
+        """Integrated correlation time of the blocks, s: half the two-sided sum of correlations."""
         gain = self.innovation_std / np.sum(self.filter)
         return 0.5 * self.block_s * float((gain / self.std) ** 2) if self.std else 0.0
 
 
 @dataclass(frozen=True)
 class WhitenedFlank:
-    """Upper triangle of the whitened rows of one flank, in units of the innovation.
+    """Upper triangle R of the whitened rows of one flank, in units of the innovation std.
 
-    Columns keep the order of the block plan: free, tied, y. The squared length of
-    R_tt h − R_ty is the misfit of tied coefficients h once the free ones are at their best.
+    The columns are the `free` free ones (f), then the own and tied ones (t), then y. For tied
+    coefficients h and the best free coefficients, the misfit is the squared length of
+    R_tt h − R_ty.
     """
 
     factor: Float[np.ndarray, "q q"]
@@ -133,16 +137,16 @@ class WhitenedFlank:
 
     @property
     def tied(self) -> tuple[Float[np.ndarray, "t t"], Float[np.ndarray, " t"]]:
-        """R_tt and R_ty."""
+        """Blocks R_tt and R_ty of the triangle."""
         return self.factor[self.free : -1, self.free : -1], self.factor[self.free : -1, -1]
 
     def free_given(self, tied: Float[np.ndarray, " t"]) -> Float[np.ndarray, " f"]:
-        """Best free coefficients for given tied ones."""
+        """Return the best free coefficients for given tied ones."""
         right = self.factor[: self.free, -1] - self.factor[: self.free, self.free : -1] @ tied
         return np.linalg.solve(self.factor[: self.free, : self.free], right)
 
     def covariance(self, of_tied: Float[np.ndarray, "t t"]) -> Float[np.ndarray, "c c"]:
-        """Covariance of (free, tied) coefficients when the tied ones have covariance `of_tied`."""
+        """Return the covariance of all coefficients (free, tied), given that of the tied ones."""
         inverse = np.linalg.inv(self.factor[: self.free, : self.free])
         follow = -inverse @ self.factor[: self.free, self.free : -1]
         spread = np.vstack([follow, np.eye(len(of_tied))])
@@ -154,10 +158,10 @@ class WhitenedFlank:
 def whiten(
     summary: HarmonicSummary, variance_factor: float = 1.0
 ) -> tuple[NoiseModel, tuple[WhitenedFlank, ...]]:
-    """Estimate the noise and factor the rows that it whitens.
+    """Estimate the noise, and return it with the triangle of the whitened rows of every flank.
 
-    `variance_factor` is what a robust loss adds to the variance. Where every speed has noise of its
-    own, a speed with too few rows to tell it takes that of all together.
+    `variance_factor` is the factor by which a robust loss increases the variance. If every speed
+    has a noise model of its own, a speed with too few rows gets the noise model of all speeds.
     """
     noise = _noise_of(summary, variance_factor)
     parts = [(summary, noise)]
@@ -181,10 +185,10 @@ def whiten(
 
 
 def _noise_of(summary: HarmonicSummary, variance_factor: float) -> NoiseModel:
-    """The noise by restricted likelihood, or by moments where it would not forget within a run.
+    """Estimate the noise by restricted likelihood, or by moments for a long correlation time.
 
-    Noise with a memory as long as a run cannot be told from slow structure that the model misses;
-    the likelihood then takes that for noise and fits what is fast alone.
+    If the noise is correlated over a whole run, it cannot be distinguished from slow structure that
+    the model misses. The likelihood would treat this structure as noise and fit only the fast part.
     """
     found = _model(summary, filter_of(restricted_partial(summary)), variance_factor, "likelihood")
     runs = sum(len(flank.heads) for flank in summary.flanks)
@@ -197,7 +201,7 @@ def _noise_of(summary: HarmonicSummary, variance_factor: float) -> NoiseModel:
 def _model(
     summary: HarmonicSummary, filter_: Float[np.ndarray, " taps"], variance_factor: float, by: str
 ) -> NoiseModel:
-    """The noise of a filter; where rounding is all that is left, the noise that rounding leaves."""
+    """Return the noise model of a whitening filter; the variance is at least that of rounding."""
     left = sum(flank.factor(filter_)[-1, -1] ** 2 for flank in summary.flanks)
     coefficients = len(summary.flanks) * (summary.columns.width - 1)
     variance = variance_factor * max(left, summary.rounding)
@@ -213,11 +217,12 @@ def _model(
 
 
 def autoregression(summary: HarmonicSummary) -> Float[np.ndarray, " taps"]:
-    """Whitening filter of what a linear fit leaves, by moments: for models still being chosen.
+    """Return the whitening filter of the residual of a linear fit, estimated by moments.
 
-    What such a model misses has a memory as long as the log. A likelihood takes that for the noise
-    and whitens it away, and with it what would tell of it; moments, divided by all rows at every
-    lag, do not.
+    It is used while the model is still being selected. The structure that such a model misses is
+    correlated over the whole log. The likelihood would treat it as noise and remove it by
+    whitening, with all evidence of it. Moments, divided by the number of all rows at every lag, do
+    not. Ornstein–Uhlenbeck noise is estimated by the likelihood nevertheless.
     """
     if summary.noise.kind == "ou":
         return filter_of(restricted_partial(summary))
@@ -230,10 +235,10 @@ def autoregression(summary: HarmonicSummary) -> Float[np.ndarray, " taps"]:
 def _autocovariance(
     summary: HarmonicSummary, filter_: Float[np.ndarray, " taps"]
 ) -> Float[np.ndarray, " lags"]:
-    """Autocovariance at every lag of what least squares under a filter leaves, all flanks together.
+    """Return the autocovariance of the least-squares residual under a filter, all flanks together.
 
-    Divided by all rows at every lag: that keeps it positive, and the autoregression stationary.
-    What rounding leaves of y counts as white.
+    Its value at every lag is divided by the number of all rows. It is then positive definite, and
+    the autoregression is stationary. The rounding of y counts as white noise.
     """
     flanks = summary.flanks
     lags = min(len(flank.lag_products) for flank in flanks)
@@ -248,12 +253,15 @@ def _autocovariance(
 def residual_rows(
     summary: HarmonicSummary, filter_: Float[np.ndarray, " taps"]
 ) -> list[Float[np.ndarray, " q"]]:
-    """The row of every flank that makes residuals, by generalised least squares."""
+    """Return for every flank the weights (−β, 1) that give the residual of a row.
+
+    β is estimated by generalised least squares.
+    """
     return [residual_weights(flank.factor(filter_)) for flank in summary.flanks]
 
 
 def _std(summary: HarmonicSummary, filter_: Float[np.ndarray, " taps"]) -> float:
-    """Rms of what generalised least squares leaves of the rows; at least that of rounding."""
+    """Return the rms residual of generalised least squares, at least that of rounding."""
     square = 0.0
     for flank in summary.flanks:
         residual = flank.residual(filter_)

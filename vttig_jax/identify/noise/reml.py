@@ -1,16 +1,18 @@
-"""The autoregression of the noise by restricted maximum likelihood, from lag products alone.
+"""Autoregression of the noise by restricted maximum likelihood, from lag products alone.
 
 With the coefficients of every column integrated out, −2 log-likelihood is, up to a constant,
 
     F(π) = (N − Q) log S + Σ_f log|X_fᵀ Σ⁻¹ X_f| − R Σ_k k log(1 − π_k²),
 
-S the whitened misfit, N rows in R runs, Q coefficients. Maximum likelihood without the second term
-takes what the fitted columns swallow for whiteness, and intervals come out too short.
+with the whitened misfit S, N rows in R runs, and Q coefficients. Maximum likelihood lacks the
+second term and ignores the noise that the fitted columns absorb. The noise then seems too white,
+and the intervals are too short.
 
-Both logarithms are concave in the quadratic forms of the whitening filter f. Their tangents turn F
-into fᵀ T f − R Σ_k k log(1 − π_k²), which lies above F and touches it: every step down that bound
-is a step down F. The filter is linear in each single π_k, so that its best value is the root of a
-cubic (S. M. Kay, IEEE Trans. ASSP 31 (1983) 56, for the plain likelihood).
+Both logarithms are concave functions of quadratic forms of the whitening filter f. If their
+tangents replace them, F becomes fᵀ T f − R Σ_k k log(1 − π_k²). This is an upper bound that touches
+F, so every step that lowers the bound lowers F too. The filter is linear in each single π_k. The
+best value of one π_k is therefore the root of a cubic (S. M. Kay, IEEE Trans. ASSP 31 (1983) 56,
+for the plain likelihood).
 """
 
 from dataclasses import dataclass
@@ -26,31 +28,32 @@ from ...base.numerics.partial_autocorrelation import filter_of, log_initial_dete
 from ..compress.harmonic_summary import FlankSummary, HarmonicSummary
 
 _SEARCHES = 2
-"""Times the order is chosen: from ordinary residuals, then from whitened ones."""
+"""Number of searches of the order: from ordinary residuals, then from whitened ones."""
 
 _MOST_STEPS = 40
 _SETTLED = 1e-7
 _SWEEPS = 3
 _SHORTER = 0.95
 _FREQUENCIES = 4096
-"""Points of the noise spectrum: a partial autocorrelation of 0.999 makes no narrower peak."""
+"""Number of points of the noise spectrum. They resolve the narrowest peak, which belongs to a
+partial autocorrelation of 0.999."""
 
 _WIDEST_GAIN = 1e5
-"""Largest ratio of the gains of a whitening filter. Its square, 1e10, is the condition of what is
-factored, which leaves six of the sixteen digits of a float."""
+"""Largest ratio of the gains of a whitening filter. Its square, 1e10, is the condition number of
+the factored matrix, so six of the sixteen digits of a float remain."""
 
 _FINE = {"xatol": 1e-8}
 
 LARGEST = 0.999
-"""Bound of a partial autocorrelation: beyond it noise is drift, and the whitened offset drowns in
-the rounding of the lag products."""
+"""Bound of a partial autocorrelation. Noise above it is a drift, and the whitened offset would be
+smaller than the rounding of the lag products."""
 
 Partial = Float[np.ndarray, " p"]
 
 
 @dataclass(frozen=True)
 class _Bound:
-    """fᵀ `form` f − `runs` Σ_k k log(1 − π_k²), an upper bound of F."""
+    """Upper bound fᵀ `form` f − `runs` Σ_k k log(1 − π_k²) of F."""
 
     form: Float[np.ndarray, "taps taps"]
     runs: int
@@ -62,10 +65,11 @@ class _Bound:
         return float(misfit + self.runs * log_initial_determinant(partial))
 
     def lowered(self, partial: Partial) -> Partial:
-        """Every π_k in turn at its best, the last one first: it knows least yet.
+        """Return the partial autocorrelations after one coordinate descent.
 
-        With f_k the filter of the first k and f_k* its reverse, the whole filter is the polynomial
-        A f_k + B f_k*; one step back makes A − π_k B of A and z (B − π_k A) of B (Szegő).
+        The last one is first because it is still undetermined in a search of the order. With the
+        filter f_k of the first k and its reverse f_k*, the whole filter is the polynomial
+        A f_k + B f_k*. One step back replaces A by A − π_k B and B by z (B − π_k A) (Szegő).
         """
         partial = partial.copy()
         taps = len(partial) + 1
@@ -89,9 +93,9 @@ class _Bound:
 
 
 def restricted_partial(summary: HarmonicSummary) -> Partial:
-    """Partial autocorrelations of the noise; their number by BIC.
+    """Return the partial autocorrelations of the noise; BIC selects their number.
 
-    One for Ornstein–Uhlenbeck noise, that of rows at the median distance.
+    Ornstein–Uhlenbeck noise has at most one, that of rows at the median distance.
     """
     if summary.noise.kind == "ou":
         return _correlation(summary)
@@ -110,9 +114,10 @@ def restricted_partial(summary: HarmonicSummary) -> Partial:
 
 
 def _representable(partial: Partial) -> Partial:
-    """`partial`, or as near to it as the digits of a float can follow the noise spectrum.
+    """Return `partial`, reduced until the digits of a float suffice for the noise spectrum.
 
-    What a wrong model leaves may be so smooth that its whitening takes all digits of slow columns.
+    The residual of a wrong model can be so smooth that its whitening removes all digits of slow
+    columns.
     """
     while True:
         gain = np.abs(np.fft.rfft(filter_of(partial), _FREQUENCIES))
@@ -122,7 +127,7 @@ def _representable(partial: Partial) -> Partial:
 
 
 def _correlation(summary: HarmonicSummary) -> Partial:
-    """The one correlation of Ornstein–Uhlenbeck noise; none where white noise does as well."""
+    """Return the correlation of Ornstein–Uhlenbeck noise; empty if BIC prefers white noise."""
 
     def height(rho: float) -> float:
         partial = np.array([rho])
@@ -138,13 +143,16 @@ def _correlation(summary: HarmonicSummary) -> Partial:
 
 
 def _freedom(summary: HarmonicSummary) -> float:
-    """Counted rows less coefficients."""
+    """Return the number of counted rows minus the number of coefficients, at least 1."""
     coefficients = len(summary.flanks) * (summary.columns.width - 1)
     return max(summary.counted_rows - coefficients, 1.0)
 
 
 def _of_best_order(bound: _Bound, rows: int) -> Partial:
-    """The order with the lowest BIC, each begun from the one before."""
+    """Return the partial autocorrelations of the order with the lowest BIC.
+
+    Each order starts from the result of the previous order.
+    """
     partial = best = np.zeros(0)
     lowest = bound.at(partial)
     for order in range(1, len(bound.form)):
@@ -158,7 +166,7 @@ def _of_best_order(bound: _Bound, rows: int) -> Partial:
 
 
 def _bound(summary: HarmonicSummary, partial: Partial) -> _Bound:
-    """The bound that touches F at `partial`."""
+    """Return the bound that touches F at `partial`."""
     filter_ = filter_of(partial)
     flanks = summary.flanks
     lags = min(len(flank.lag_products) for flank in flanks)
@@ -171,7 +179,7 @@ def _bound(summary: HarmonicSummary, partial: Partial) -> _Bound:
         misfit += left**2
         residual += _form(flank, lags, left * inverse[:, -1:])
         swallowed += _form(flank, lags, inverse[:, :-1])
-    # What rounding leaves of y counts as white: its digits mean nothing.
+    # The rounding of y counts as white noise, because its digits have no meaning.
     residual += summary.rounding * np.eye(lags)
     scale = _freedom(summary) / max(misfit + summary.rounding, 1e-300)
     return _Bound(scale * residual + swallowed, sum(len(flank.heads) for flank in flanks))
@@ -180,7 +188,7 @@ def _bound(summary: HarmonicSummary, partial: Partial) -> _Bound:
 def _form(
     flank: FlankSummary, lags: int, weights: Float[np.ndarray, "q d"]
 ) -> Float[np.ndarray, "taps taps"]:
-    """Matrix T with fᵀTf = tr(weightsᵀ Uᵀ Σ⁻¹ U weights), one for any filter f."""
+    """Return the matrix T with fᵀTf = tr(weightsᵀ Uᵀ Σ⁻¹ U weights) for any filter f."""
     spread = weights @ weights.T
     lagged = np.tensordot(flank.lag_products[:lags], spread, 2)
     form = lagged[np.abs(np.subtract.outer(np.arange(lags), np.arange(lags)))]
@@ -192,6 +200,9 @@ def _form(
 
 
 def _lowest(curvature: float, slope: float, count: int) -> float:
-    """π with the lowest curvature π² + 2 slope π − count log(1 − π²), convex, within the bound."""
+    """Return the minimum π of the convex function curvature π² + 2 slope π − count log(1 − π²).
+
+    It is limited to ± `LARGEST`.
+    """
     found = brentq(lambda p: (curvature * p + slope) * (1 - p**2) + count * p, -1.0, 1.0)
     return float(np.clip(np.asarray(found), -LARGEST, LARGEST))

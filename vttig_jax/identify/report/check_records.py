@@ -1,4 +1,4 @@
-"""Checks and records of a fit as they stand in its JSON."""
+"""Checks and records of a fit in the form of its JSON object."""
 
 from collections.abc import Callable, Sequence
 
@@ -28,7 +28,7 @@ def checks_of(
     pair: GearPair | Drive,
     parameters: dict[str, Parameter],
 ) -> dict:
-    """Checks that need the logs and the solution, by name."""
+    """Return name → check, for the checks that need the logs and the solution."""
     linear = selected.linear
     return {
         "reversals": _numbered(
@@ -49,7 +49,10 @@ def checks_of(
 
 
 def repetitions_of(linear: LinearFit) -> dict[str, Callable[[], list[dict]]]:
-    """Comparisons inside every log, to be carried out later; they keep rows but not samples."""
+    """Return name → function that compares passes, or halves of passes, within every log.
+
+    The functions are called later; they keep the block rows but not the samples.
+    """
     logs, terms = linear.rows, linear.model.terms
     return {
         "passes": lambda: _numbered([passes([run.curve for run in one.runs]) for one in logs]),
@@ -58,12 +61,12 @@ def repetitions_of(linear: LinearFit) -> dict[str, Callable[[], list[dict]]]:
 
 
 def _numbered(found: Sequence[list[dict]]) -> list[dict]:
-    """Entries of all logs with the number of their log, from 1."""
+    """Return the entries of all logs in one list, each with the number of its log from 1."""
     return [{"log": log, **one} for log, own in enumerate(found, 1) for one in own]
 
 
 def log_record(linear: LinearFit, solution: Solution, log: int) -> dict:
-    """What one log brought: file, samples by flank, where its angles are zero."""
+    """Return the record of one log: file, zero of its angles, start angles, samples per flank."""
     one, rows = linear.inputs[log].log, linear.rows[log]
     used = dict.fromkeys("AB", 0)
     for run in rows.runs:
@@ -89,15 +92,16 @@ def log_record(linear: LinearFit, solution: Solution, log: int) -> dict:
 
 
 def _zero_reading(channel: Channel, zero: str) -> int | float:
-    """The reading that is angle zero: the first one, unless it is a spike.
+    """Return the reading at which the angle is zero: the first reading, unless it is a spike.
 
-    Where angles are zero at the reading zero, the first reading: it tells where the log began.
+    If the angles are zero at the reading zero, return the first reading, which tells where the log
+    started.
     """
     return channel.origin if zero == "start" else channel.reading[0].item()
 
 
 def _start(linear: LinearFit, solution: Solution, log: int) -> dict[str, float | None]:
-    """Angles of a log at its zero in the angles of the first, degrees, with standard errors."""
+    """Return the start angles of a log relative to the first log, degrees, with their std."""
     found: dict[str, float | None] = {}
     for shaft in SHAFTS:
         value, std = getattr(linear.starts[log], shaft), 0.0
@@ -132,7 +136,10 @@ def _reversals(
     pair: GearPair | Drive,
     parameters: dict[str, Parameter],
 ) -> list[dict]:
-    """The paper's way to the constant backlash: the jump at a reversal less j_v there."""
+    """Return every reversal with the constant backlash by the paper's method.
+
+    This backlash is the jump of the transmission error at the reversal minus j_v at the same angle.
+    """
     channels, one = linear.channels[log], linear.inputs[log].log
     error = one.transmission_error + float(one.ratio) * (one.driving_angle - channels.driving)
     for name, values in channels.own.items():
@@ -168,7 +175,10 @@ def _ratio(log: EncoderLog) -> dict:
 
 
 def _agreement(linear: LinearFit) -> list[dict]:
-    """First orders of every log against the first log's; refuses logs of different rigs."""
+    """Compare the first orders of every log with those of the first log.
+
+    **Raises** `LogError` for logs of different rigs.
+    """
     if len(linear.rows) == 1:
         return []
     found = disagreements(

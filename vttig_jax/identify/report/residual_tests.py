@@ -1,4 +1,4 @@
-"""What a residual still holds: memory the noise model missed, and lines no order explains."""
+"""Tests of the residual: correlation that the noise model misses, and lines that are no order."""
 
 from collections.abc import Sequence
 
@@ -22,7 +22,7 @@ from ..solve.residuals import Weights
 
 _LAGS = 20
 _HIGHEST = 12.0
-"""Cycles per driving revolution up to which lines are looked for."""
+"""Highest frequency of the search for lines, cycles per driving revolution."""
 
 _ROWS_PER_CYCLE = 3.0
 _ROWS_KEPT = 4.0
@@ -37,10 +37,10 @@ def whiteness(
     times: Sequence[Float[np.ndarray, " _"]],
     noises: Sequence[NoiseModel],
 ) -> dict | None:
-    """Autocorrelation of the whitened residual, and the Ljung–Box test of it.
+    """Return the autocorrelation of the whitened residual, and its Ljung–Box test.
 
-    G. M. Ljung, G. E. P. Box, Biometrika 65 (1978) 297. A small probability says that the residual
-    remembers more than the noise model of its run allows for. None where there are too few rows.
+    G. M. Ljung, G. E. P. Box, Biometrika 65 (1978) 297. A small probability means that the residual
+    is more correlated than the noise model of its run allows. The result is None for too few rows.
     """
     innovations = [
         noise.whitened(residual, time)
@@ -75,12 +75,13 @@ def whiteness(
 def lines_left(
     rows: Sequence[LogRows], weights: Sequence[Weights], terms: TermPlan, *, same_zero: bool
 ) -> list[dict]:
-    """Significant lines of the residual, in cycles per driving revolution.
+    """Return the significant lines of the residual, in cycles per driving revolution.
 
-    Both flanks are searched together and each by itself (`flank` is then "A" or "B", else None): a
-    missing order has a phase of its own on each flank, and opposite ones hide it from the first.
-    Logs with a zero of their own are searched one by one: the phase of a line that is no order of
-    a shaft differs between them. `log` then counts them from 1; it is 0 for all logs together.
+    Both flanks are searched together, where `flank` is None, and then each flank alone, where it is
+    "A" or "B". A missing order has a phase of its own on each flank, and the joint search does not
+    find an order with opposite phases. Logs with different zeros are searched one by one, because
+    the phase of a line that is no order of a shaft differs between them. `log` is then the number
+    of the log from 1; it is 0 for the search in all logs together.
     """
     if same_zero or len(rows) == 1:
         return _lines(rows, weights, terms, 0)
@@ -94,7 +95,10 @@ def lines_left(
 def _lines(
     rows: Sequence[LogRows], weights: Sequence[Weights], terms: TermPlan, number: int
 ) -> list[dict]:
-    """Lines of logs with one zero, those of single flanks where both together did not show them."""
+    """Return the lines of logs with one zero.
+
+    A line of a single flank is added if the search on both flanks did not find it.
+    """
     logs = enumerate(zip(rows, weights, strict=True))
     runs = [run for place, (log, own) in logs for run in _runs(log, own, place)]
     flanks = sorted({flank for flank, _ in runs})
@@ -112,10 +116,10 @@ def _lines(
 
 
 def _searched(runs: list[LineRun], false_alarm: float) -> tuple[Line, ...]:
-    """Lines beside the regressors of the fit, so that none of them passes for one.
+    """Search for lines in addition to the regressors of the fit.
 
-    In long logs, where that costs more than the fit itself, a constant stands for them: the
-    residual has nothing of them left.
+    A regressor is thus not reported as a line. In long logs this would cost more than the fit.
+    There a constant replaces the regressors, whose contribution the residual no longer contains.
     """
     if not runs:
         return ()
@@ -129,16 +133,20 @@ def _searched(runs: list[LineRun], false_alarm: float) -> tuple[Line, ...]:
 
 
 def _is_beside(term: Term, terms: TermPlan) -> bool:
-    """Is a harmonic one that the log fixes?
+    """Return whether a harmonic is a regressor of the search for lines.
 
-    The second-order terms of the exact relation follow from the first orders: beside a trial line
-    they would take a missing second order for their own.
+    The tied second-order terms of the exact relation are none, because they follow from the first
+    orders. As regressors they would absorb a second order that the model misses.
     """
     return term not in SECOND_ORDER or term in [h.term for h in terms.free]
 
 
 def _runs(log: LogRows, weights: Weights, number: int) -> list[tuple[Flank, LineRun]]:
-    """Rows of a log with what the model leaves of them; rows without weight are left out."""
+    """Return the flank and the residual of every run of a log, with the regressors of its rows.
+
+    Rows of weight 0 and short runs are left out. `number` is the number of the log in the group
+    name.
+    """
     columns = log.columns
     place = columns.index(OFFSET)
     dropped = [
@@ -162,7 +170,10 @@ def _runs(log: LogRows, weights: Weights, number: int) -> list[tuple[Flank, Line
 
 
 def _short(run: LineRun, highest: float) -> LineRun:
-    """The run in block means of a quarter of the shortest cycle, beside a constant."""
+    """Return a run as block means over a quarter of the shortest cycle.
+
+    Its only regressor is a constant.
+    """
     turns = max(float(np.ptp(run.angle)) / REV, 1e-9)
     size = max(1, whole_below(len(run.angle) / turns / (_ROWS_KEPT * highest)))
     angle, value = (block_means(values, size) for values in (run.angle, run.value))

@@ -1,4 +1,4 @@
-"""Residuals of block means, the rms of single samples, and the level of every log."""
+"""Residuals of block means and of samples, and the levels that were subtracted from the logs."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -18,13 +18,16 @@ from .least_squares import Solution
 _MOST_SAMPLES = 20_000
 
 Weights = Mapping[Flank, Float[np.ndarray, " q"]]
-"""Flank → row (−β, 1) that makes residuals of rows."""
+"""Flank → weights (−β, 1); the product of a row with them is its residual."""
 
 
 def flank_coefficients(
     whitened: tuple[WhitenedFlank, ...], solution: Solution
 ) -> list[Float[np.ndarray, " columns"]]:
-    """Coefficients of every column but y, flank by flank: the free ones at their best."""
+    """Return for every flank the coefficients of all columns but y.
+
+    The free coefficients are the best ones for the tied coefficients of the solution.
+    """
     return [
         np.concatenate([factor.free_given(tied), tied])
         for factor, tied in zip(whitened, solution.tied, strict=True)
@@ -34,7 +37,7 @@ def flank_coefficients(
 def weights_of_logs(
     summary: HarmonicSummary, coefficients: list[Float[np.ndarray, " columns"]]
 ) -> list[Weights]:
-    """Log by log: flank → row that makes residuals of the rows of that log alone."""
+    """Return the weights (−β, 1) of every flank for the rows of each log alone."""
     rows: dict[Flank, np.ndarray] = {
         flank.flank: np.append(-values, 1.0)
         for flank, values in zip(summary.flanks, coefficients, strict=True)
@@ -48,9 +51,10 @@ def weights_of_logs(
 def curves_and_residuals(
     linear: LinearFit, weights: list[Weights]
 ) -> tuple[tuple[TECurve, ...], tuple[Float[np.ndarray, " _"], ...]]:
-    """Block means of the transmission error of every run, and what the model leaves of them, rad.
+    """Return the block means of the transmission error of every run, and their residuals, rad.
 
-    A mean, or a run, of which a robust loss left no sample is left out.
+    A block is left out if a robust loss gives all its samples the weight 0, and so is a run without
+    any other block.
     """
     curves, residuals = [], []
     for rows, level, own in zip(linear.rows, linear.levels, weights, strict=True):
@@ -74,9 +78,10 @@ def curves_and_residuals(
 
 
 def sample_residual_rms(linear: LinearFit, weights: list[Weights]) -> float:
-    """Rms of single samples less the model, rad, over at most 20 000 evenly spaced samples.
+    """Return the rms residual of single samples, rad.
 
-    Samples count by their weight where a robust loss gave them one.
+    Samples have the weights of the robust loss. Long logs are thinned to 20 000 … 40 000 evenly
+    spaced samples.
     """
     segments = [run.segment for rows in linear.rows for run in rows.runs]
     stride = max(1, sum(s.stop - s.start for s in segments) // _MOST_SAMPLES)
@@ -93,9 +98,9 @@ def sample_residual_rms(linear: LinearFit, weights: list[Weights]) -> float:
 
 
 def restored(solution: Solution, levels: Sequence[float]) -> Solution:
-    """The solution with the level of every log added to its offset.
+    """Return the solution with the level of every log added to its offset.
 
-    `tied` still belongs to the rows, which have no level.
+    `tied` does not change, because it belongs to the rows, which have no level.
     """
     values = solution.values.copy()
     for log, level in enumerate(levels):
@@ -104,7 +109,10 @@ def restored(solution: Solution, levels: Sequence[float]) -> Solution:
 
 
 def lifted(summary: HarmonicSummary, levels: Sequence[float]) -> HarmonicSummary:
-    """The summary of the rows with the level of every log in them: for whoever reads offsets."""
+    """Return the summary of the rows with the level of every log added to y.
+
+    Functions that use the offsets need this summary.
+    """
     if not any(levels):
         return summary
     matrix = np.eye(summary.columns.width)

@@ -116,7 +116,7 @@ SHORTEST = 8
 
 @dataclass(frozen=True)
 class Segment:
-    """Samples [start, stop) certainly on `flank`; `speed` is their mean driving speed in rad/s."""
+    """Samples [start, stop) with certain contact on `flank`; `speed` is the mean ω₁, rad/s."""
 
     start: int
     stop: int
@@ -126,7 +126,7 @@ class Segment:
 
 @dataclass(frozen=True)
 class MotionPhase:
-    """Samples [start, stop) with one direction or dwell; `speed` is the mean in rad/s."""
+    """Samples [start, stop) with one direction or dwell; `speed` is the mean ω₁, rad/s."""
 
     start: int
     stop: int

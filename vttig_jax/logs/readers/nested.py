@@ -32,7 +32,10 @@ class NestedTable:
     line_of: ClassVar[None] = None
 
     def columns(self, indices: Sequence[int]) -> list[Real[np.ndarray, " _"]]:
-        """Return columns as int64 if the file has integers, else as float64."""
+        """Return the columns with these indices.
+
+        A column of integers that fit into int64 is int64, any other column is float64.
+        """
         return [_as_number(self.arrays[k]) for k in indices]
 
     def without_cut_line(self, indices: Sequence[int]) -> "tuple[NestedTable, tuple[str, ...]]":

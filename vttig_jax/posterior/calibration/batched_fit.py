@@ -229,7 +229,10 @@ def fit_compressed(
     rows: Int[ArrayLike, ""],
     size: Int[ArrayLike, ""],
 ) -> Fitted:
-    """Fit one log of `rows` rows of `size` samples a flank; `free` columns are eliminated."""
+    """Fit one log with `rows` rows of `size` samples per flank.
+
+    The first `free` columns are eliminated.
+    """
     partial, order = restricted_partial(log, rows)
     both = jnp.stack([partial, jnp.zeros_like(partial)])
     estimates = jax.vmap(lambda noise: _least_squares(log, relation, free, rows, noise))(both)
@@ -246,7 +249,11 @@ def fit_compressed(
 def _least_squares(
     log: Compressed, relation: ForwardModel, free: int, rows: Int[ArrayLike, ""], partial: Partial
 ) -> BatchEstimate:
-    """Return the least-squares parameters, as `whiten` and `solve` of `identify` do."""
+    """Return the least-squares parameters of one log, as `whiten` and `solve` of `identify` do.
+
+    The `free` first columns are eliminated; `partial` are the partial autocorrelations of the
+    noise, and `rows` is the number of rows per flank.
+    """
     factor = upper_factor(whitened(log.lag_products, log.ends, filter_of(partial)))
     flanks, width, _ = factor.shape
     variance = jnp.sum(factor[:, -1, -1] ** 2) / (flanks * (rows - width + 1))

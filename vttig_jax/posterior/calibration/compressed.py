@@ -69,7 +69,7 @@ def _lag_products(rows: Float[Array, "n q"]) -> Float[Array, "lags q q"]:
 
 
 def _scatter(noise: Float[Array, " n"], size: int) -> Float[Array, ""]:
-    """Return the sum of squares about the mean of every row."""
+    """Return the sum of squares of the samples about the mean of their row."""
     blocks = noise.shape[0] // size
     table = noise[: blocks * size].reshape(blocks, size)
     return jnp.sum((table - table.mean(axis=1, keepdims=True)) ** 2)
@@ -106,7 +106,7 @@ def whitened(
     ends: Float[Array, "flanks 2 lag q"],
     filter_: Filter,
 ) -> Float[Array, "flanks q q"]:
-    """Return Zᵀ Σ⁻¹ Z of every flank, as `FlankSummary.whitened` does."""
+    """Return Zᵀ Σ⁻¹ Z of every flank by the method of `FlankSummary._inner_products`."""
     products = jnp.stack([filter_[: TAPS - lag] @ filter_[lag:] for lag in range(TAPS)])
     total = jnp.tensordot(products, lag_products, ((0,), (1,)))
     total = total + jnp.swapaxes(total, 1, 2) - products[0] * lag_products[:, 0]

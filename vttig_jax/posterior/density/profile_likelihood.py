@@ -167,7 +167,7 @@ class Profiler:
 
     @property
     def best(self) -> Point:
-        """Point of the maximum of the density, internal units."""
+        """Point with the largest density, in internal units."""
         return np.append(self._maximum[0][: self._noise], self._partial(self._maximum[0]))
 
     def value_and_gradient(self, u: Point) -> tuple[float, Point]:
@@ -199,7 +199,7 @@ class Profiler:
 
     @cached_property
     def _maximum(self) -> tuple[Point, float]:
-        """Point u of the maximum of the density, and minus the log-density there."""
+        """Point u with the largest density, and minus the log-density at this point."""
         factor = np.linalg.cholesky(self.target.covariance * np.outer(self._gain, self._gain))
         maximum = self.maximise(self._start, factor)
         if maximum[1] >= _WALL:

@@ -70,7 +70,7 @@ class Chains:
     - `acceptance`: accepted fraction of the proposals of each ensemble.
     - `steps`: steps made by every ensemble.
     - `discarded`: burn-in in steps, the first quarter of the stored steps.
-    - `identity`: `identity` of the target.
+    - `identity`: JSON values that identify the density, see `Target`.
     - `state`: state of the sampler for a checkpoint; None for draws of another sampler.
     """
 

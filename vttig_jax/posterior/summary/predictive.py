@@ -122,7 +122,7 @@ class Predictive(PlottedResult):
         return int(np.sum((self.correlation < low) | (self.correlation > high)))
 
     def to_json(self) -> dict:
-        """Return fractions, p-values and jumps, angles in degrees."""
+        """Return the results as JSON values: angles in degrees, the rms residual in arcsec."""
         return {
             "replicates": self.replicates,
             "inside": self.inside,
