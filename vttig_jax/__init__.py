@@ -4,6 +4,7 @@ The names below are the stable ones. Each is imported when first used, so `impor
 imports neither jax nor numpy and configures nothing.
 """
 
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from .base.facade import lazy_names
@@ -135,11 +136,18 @@ _HOMES = {
 """The module of each public name, below the package."""
 
 
+_ROOMS = (
+    *("base", "pair", "kinematics", "geometry", "logs", "rig"),
+    *("identify", "posterior", "control", "plotting", "runs"),
+)
+
 _find, _ = lazy_names(__name__, _HOMES)
 __all__ = ["__version__", *_HOMES]  # pyright: ignore[reportUnsupportedDunderAll]
 
 
 def __getattr__(name: str) -> Any:
+    if name in _ROOMS:
+        return import_module(f"{__name__}.{name}")
     if name != "__version__":
         return _find(name)
     from importlib.metadata import version

@@ -18,7 +18,7 @@ from tests.cli.drive import write_drive, write_pair
 from vttig_jax.cli.main import main
 from vttig_jax.posterior.sampling.ensembles import read_chains
 
-STEPS = 400
+STEPS = 200
 
 
 @pytest.fixture(scope="module")
@@ -33,7 +33,7 @@ def folder(tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="module")
 def sampled(folder) -> Path:
-    """A run folder with 400 steps, too few to converge."""
+    """A run folder with too few steps to converge."""
     out = folder / "run"
     arguments = [folder / "log.csv", "--pair", folder / "pair.toml", "--out", out]
     steps = ["--steps", STEPS, "--no-figures"]
@@ -130,19 +130,19 @@ def test_what_is_there_is_not_replaced_unasked(vttig, folder, run):
     code, _, err = vttig("sample", folder / "log.csv", "--pair", folder / "pair.toml", "--out", run)
     assert code == 2 and "already exists" in err
     assert _same(run, before)
-    code, *_ = vttig("sample", "--out", run, "--overwrite", "--steps", 200, "--no-figures")
+    code, *_ = vttig("sample", "--out", run, "--overwrite", "--steps", 100, "--no-figures")
     assert code == 5 and not _same(run, before)
 
 
 def test_seed_and_prior_are_those_of_the_draws_unless_given(vttig, folder, tmp_path):
     out = tmp_path / "run"
     log, pair = folder / "log.csv", folder / "pair.toml"
-    chosen = ("--seed", 7, "--walkers", 24, "--prior", "amplitude", "--steps", 200)
+    chosen = ("--seed", 7, "--walkers", 24, "--prior", "amplitude", "--steps", 100)
     vttig("sample", log, "--pair", pair, "--out", out, "--no-figures", *chosen)
-    code, _, err = vttig("sample", "--out", out, "--resume", "--no-figures", "--steps", 240)
+    code, _, err = vttig("sample", "--out", out, "--resume", "--no-figures", "--steps", 120)
     assert code == 5, err
     chains = read_chains(out / "posterior.h5")
-    assert (chains.seed, chains.draws.shape[2], chains.steps) == (7, 24, 240)
+    assert (chains.seed, chains.draws.shape[2], chains.steps) == (7, 24, 120)
     assert chains.identity["prior"]["flat_in"] == "amplitude"
 
 

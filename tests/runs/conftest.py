@@ -8,10 +8,15 @@ from vttig_jax.identify.fit_result import Fit
 from vttig_jax.identify.fitting import fit
 from vttig_jax.rig.motion import PassMotion
 from vttig_jax.rig.paper import paper_rig
+from vttig_jax.rig.synthetic import SyntheticRig
 
 
 @pytest.fixture(scope="session")
-def quick_fit() -> Fit:
+def quick_rig() -> SyntheticRig:
     """Five turns forth and back, sampled as coarsely as the tooth mesh allows."""
-    rig = replace(paper_rig(0, PassMotion(reversal_deg=1800.0, dwell_s=0.5)), rate_hz=700.0)
-    return fit(rig.log(0), rig.pair)
+    return replace(paper_rig(0, PassMotion(reversal_deg=1800.0, dwell_s=0.5)), rate_hz=700.0)
+
+
+@pytest.fixture(scope="session")
+def quick_fit(quick_rig) -> Fit:
+    return fit(quick_rig.log(0), quick_rig.pair)

@@ -2,13 +2,14 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 import vttig_jax
 from tests.cli.drive import write_drive, write_pair
-from vttig_jax.base.errors import InputError, UsageError
+from vttig_jax.base.errors import InputError, LogError, UsageError
 from vttig_jax.cli.main import main
 from vttig_jax.identify.fitting import fit
 from vttig_jax.identify.settings import FitSettings
@@ -79,6 +80,7 @@ def test_a_fit_without_its_options_says_where_they_are(made, saved, tmp_path):
 def test_arrays_are_saved_and_not_repeated(tmp_path, capsys, quick_fit):
     quick_fit.save(tmp_path / "run", figures=False)
     run = open_run(tmp_path / "run")
+    assert "arrays" in str(run)
     assert run.fit.value("driving_eccentricity_mm") == quick_fit.value("driving_eccentricity_mm")
     assert main(["fit", "--run", str(tmp_path / "run/run.toml")]) == 3
     assert "fitted from arrays" in capsys.readouterr().err
@@ -104,7 +106,7 @@ def test_draws_are_saved_and_resumed(tmp_path, capsys, quick_fit):
 def test_the_draws_of_another_fit_do_not_join(tmp_path, made, quick_fit):
     made.save(tmp_path / "run", figures=False)
     posterior = vttig_jax.sample(quick_fit, steps=40)
-    with pytest.raises(UsageError, match="other logs"):
+    with pytest.raises(UsageError, match="another fit"):
         posterior.save(tmp_path / "run")
 
 
@@ -137,3 +139,57 @@ def test_a_gear_pair_comes_back_from_its_file(pair):
 def test_the_text_of_a_run_says_what_it_holds(saved):
     text = str(Run(saved))
     assert "fit" in text and "drift_order = 1" in text and "delay = 0.001" in text
+
+
+def test_a_log_is_found_after_a_change_of_folder(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "below").mkdir()
+    pair = load_pair(write_pair(tmp_path / "pair.toml"))
+    write_drive(tmp_path / "log.csv")
+    log = read_log("log.csv", pair)
+    monkeypatch.chdir(tmp_path / "below")
+    fit(log, pair).save("run", figures=False)
+    assert main(["fit", "--run", "run", "--quiet"]) == 0
+    capsys.readouterr()
+
+
+def test_the_draws_of_other_settings_do_not_join(tmp_path, quick_fit, quick_rig):
+    quick_fit.save(tmp_path / "run", figures=False)
+    other = fit(quick_rig.log(0), quick_rig.pair, delay="off", drift_order=2)
+    posterior = vttig_jax.sample(other, steps=40)
+    with pytest.raises(UsageError, match="another fit"):
+        posterior.save(tmp_path / "run")
+    assert not (tmp_path / "run" / "posterior.h5").exists()
+
+
+def test_a_log_counts_once_and_belongs_to_its_pair(quick_rig):
+    log = quick_rig.log(0)
+    with pytest.raises(UsageError, match="given twice"):
+        fit([log, log], quick_rig.pair)
+    drive = load_pair(Path("fits/worm_mount/pair.toml"))
+    with pytest.raises(LogError, match="read with the ratio 9/16"):
+        fit(log, drive)
+
+
+def test_scalars_of_numpy_are_numbers():
+    values: dict[str, Any] = {"delay": np.float64(0.003), "drift_order": np.int64(1)}
+    values |= {"free_ratio": np.True_, "regressors": "torque"}
+    settings = FitSettings(**values)
+    assert settings == FitSettings(
+        delay=0.003, drift_order=1, free_ratio=True, regressors=("torque",)
+    )
+
+
+def test_a_figure_has_a_window_when_it_is_shown_and_a_picture_in_notebooks(quick_fit):
+    figure = quick_fit.plot()
+    assert figure._repr_png_().startswith(b"\x89PNG")
+    assert figure.canvas.manager is None
+    figure.show()
+    assert figure.canvas.manager is not None
+    assert quick_fit._repr_html_().startswith("<pre>")
+
+
+def test_rooms_are_found_from_the_front_door():
+    assert vttig_jax.geometry.tooth_of is not None
+    with pytest.raises(AttributeError):
+        _ = vttig_jax.cellar

@@ -1,8 +1,8 @@
-"""The command `vttig`: finds the verb, and turns every end into an exit code and one sentence.
+"""The command `vttig`: calls a verb, and reports every failure by an exit code and one sentence.
 
-Exit codes: 0 done, 1 a defect of ours, 2 usage, 3 input, 4 no trustworthy answer, 5 sampler not
-converged, 130 interrupted, 143 terminated. Importing this module imports neither numpy nor jax; a
-verb's module is imported when it is called.
+Exit codes: 0 success, 1 defect of vttig, 2 usage, 3 input, 4 no trustworthy answer, 5 sampler not
+converged, 130 interrupted, 143 terminated. The import of this module imports neither numpy nor jax;
+the module of a verb is imported when the verb is called.
 """
 
 import os
@@ -85,11 +85,11 @@ VERBS = {
 
 
 class _Terminated(BaseException):
-    """SIGTERM arrived; raised so that unfinished files are cleaned up on the way out."""
+    """Exception raised on SIGTERM, so that unfinished files are removed before the process ends."""
 
 
 class _LazyGroup(click.Group):
-    """A group that knows its verbs' names and help without importing them."""
+    """Group that lists the names and the short help of its verbs without importing them."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         return list(VERBS)
@@ -116,9 +116,9 @@ def vttig() -> None:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run `vttig` with `argv` (those of the process when absent) and return the exit code."""
+    """Run `vttig` with `argv`, by default the arguments of the process; return the exit code."""
     arguments = list(sys.argv[1:] if argv is None else argv)
-    # The linear algebra here is small: pools of threads cost more than they bring.
+    # The matrices are small, so pools of threads take more time than they save.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     _tolerate_encodings()
@@ -128,7 +128,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             sys.stdout.flush()
             return code
         except BrokenPipeError:
-            # The reader has seen enough (`vttig … | head`): nothing went wrong.
+            # The reader of stdout closed the pipe (`vttig … | head`); this is no failure.
             _silence_stdout()
             return 0
         except BaseException as error:
@@ -138,9 +138,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _invoke(arguments: list[str], narrator: Narrator) -> int:
-    # Not `Group.main`: it would turn Ctrl-C and closed pipes into endings of its own.
+    # `Group.main` is not used, because it handles Ctrl-C and closed pipes in its own way.
     try:
-        # A copy, because click eats what it parses.
+        # click removes the arguments that it parses, so it gets a copy.
         with vttig.make_context("vttig", list(arguments), obj=narrator) as context:
             vttig.invoke(context)
     except click.exceptions.Exit as ended:
@@ -149,7 +149,7 @@ def _invoke(arguments: list[str], narrator: Narrator) -> int:
 
 
 def _explain(error: BaseException, narrator: Narrator) -> tuple[int, str, str]:
-    """Exit code, sentence, and the place it concerns."""
+    """Return the exit code, the sentence, and the place (file or command) of an error."""
     if isinstance(error, VttigError):
         return error.exit_code, error.message, error.where
     if isinstance(error, click.ClickException):
@@ -180,24 +180,24 @@ def _explain_usage(error: click.ClickException) -> tuple[int, str, str]:
 
 
 def _report(code: int, message: str, where: str, error: BaseException, *, as_json: bool) -> None:
-    # One line whatever was quoted in it.
+    # The message is one line even if a quoted text has several.
     message = " ".join(message.split())
     defect = None if isinstance(error, (VttigError, click.ClickException)) else error
     LOGGER.error("%s", f"{where}: {message}" if where else message, exc_info=defect)
     if as_json:
         failure = {"schema": "vttig.error/1", "exit": code, "message": message, "where": where}
-        with suppress(OSError, VttigError):  # stdout may be what failed
+        with suppress(OSError, VttigError):  # the error may be that stdout cannot be written
             print_result(dumps(failure, ascii_only=True))
 
 
 def _wants_json(arguments: list[str]) -> bool:
-    """True where `--json` is among the options, even if the rest could not be understood."""
+    """Return whether `--json` is among the options, even if the other options are invalid."""
     options = arguments[: arguments.index("--")] if "--" in arguments else arguments
     return "--json" in options
 
 
 def _tolerate_encodings() -> None:
-    """Let a terminal that knows no ″ or Greek show a mark instead of failing."""
+    """Replace characters that a terminal cannot show, such as ″ or Greek, by a mark."""
     for stream in (sys.stdout, sys.stderr):
         reconfigure = getattr(stream, "reconfigure", None)
         if reconfigure is not None:
@@ -205,7 +205,7 @@ def _tolerate_encodings() -> None:
 
 
 def _silence_stdout() -> None:
-    """Point stdout at nothing, so that the interpreter's last flush cannot fail."""
+    """Redirect stdout to the null device, so that the last flush of the interpreter succeeds."""
     with suppress(OSError):
         nothing = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nothing, sys.stdout.fileno())

@@ -35,7 +35,7 @@ class Finite(click.FloatRange):
 
 POSITIVE = Finite(min=0, min_open=True)
 STEP_DEG = Finite(min=0, min_open=True, max=360)
-"""Difference of the driving angle between two rows of a table."""
+"""Difference of the driving angle between two rows of a table, deg, at most one turn."""
 
 
 def verb(name: str, *, example: str) -> Callable[[Callable[..., None]], click.Command]:

@@ -102,9 +102,8 @@ class Contact(FlankModel):
     """Flank model of a measured flank, and of the other flank at the distance of a known backlash.
 
     **Arguments**
-    - `measured`: fitted orders of the measured flank.
+    - `measured`, `flank`: fitted orders of the measured flank, and that flank.
     - `gap`: flank model that gives the backlash between both flanks.
-    - `flank`: the measured flank.
     """
 
     ratio: Float[Array, ""]

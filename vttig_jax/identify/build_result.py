@@ -12,7 +12,7 @@ from ..pair.gear_pair import Drive, GearPair
 from .compress.harmonic_summary import HarmonicSummary
 from .evidence import Evidence
 from .fit_result import Fit
-from .model.forward_model import relation_of
+from .model.forward_model import ForwardModel, relation_of
 from .model.identifiability import Identifiability
 from .noise.noise_model import NoiseModel, WhitenedFlank, whiten
 from .preliminary.linear_fit import LinearFit
@@ -30,7 +30,7 @@ from .report.check_records import checks_of, log_record, repetitions_of
 from .report.closure import closure
 from .report.lazy_checks import Checks
 from .report.notes import conditions_of, notes_of
-from .report.order_table import fitted_model, order_table
+from .report.order_table import Order, fitted_model, order_table
 from .report.parameters import outcome_of, parameters_of, regressors_of
 from .report.per_log import fit_log_alone
 from .report.residual_tests import lines_left, whiteness
@@ -48,7 +48,7 @@ from .solve.residuals import (
 from .solve.sandwich import widened
 
 REMEMBERS = 1e-3
-"""Ljung–Box probability below which the standard errors are estimated from blocks of the log."""
+"""Ljung–Box probability below which standard errors are estimated from blocks; chosen value."""
 
 
 def build_fit(
@@ -60,31 +60,19 @@ def build_fit(
 ) -> Fit:
     """Solve for the parameters, and build the result with orders, checks and notes."""
     summary, linear = selected.summary, selected.linear
-    split = (
-        not (settings.perfect_encoders or settings.perfect_gears) and len(identifiable.flanks) == 2
-    )
+    both_flanks = len(identifiable.flanks) == 2
+    split = both_flanks and not (settings.perfect_encoders or settings.perfect_gears)
     noise, whitened = whiten(summary, selected.weights.variance_factor)
-    relation = relation_of(
-        pair,
-        identifiable.terms,
-        summary.columns,
-        identifiable.flanks,
-        encoder_terms=split,
-        gear_terms=not settings.perfect_gears,
-    )
+    relation = _relation(summary, pair, identifiable, split, settings)
     solution = restored(solve(relation, whitened), linear.levels)
     solution, white = _with_blocks(linear, summary, noise, whitened, solution)
-    compared = None
-    if readings is not None:
-        as_data = settings.use_readings
-        solution, compared = _with_readings(
-            readings, pair, linear, summary, whitened, solution, as_data
-        )
+    solution, compared = _with_readings(
+        readings, pair, linear, summary, whitened, solution, settings.use_readings
+    )
     coefficients = flank_coefficients(whitened, solution)
     weights = weights_of_logs(summary, coefficients)
     parameters = parameters_of(pair, identifiable, solution, settings, selected.delay)
-    first = linear.inputs[0].log
-    regressors = regressors_of(solution, first)
+    regressors = regressors_of(solution, linear.inputs[0].log)
     orders = order_table(summary, whitened, solution, coefficients)
     curves, residuals = curves_and_residuals(linear, weights)
     alone = [fit_log_alone(linear, log) for log in range(len(linear.inputs))]
@@ -96,7 +84,7 @@ def build_fit(
         outcome=outcome_of(parameters, solution.converged, settings),
         flanks=identifiable.flanks,
         samples={key: sum(r["samples"][key] for r in records) for key in records[0]["samples"]},
-        zero=first.zero,
+        zero=records[0]["zero"],
         zero_readings=records[0]["zero_readings"],
         conditional_on=conditions_of(pair, split, settings, selected),
         parameters=parameters,
@@ -112,9 +100,7 @@ def build_fit(
         regressors=regressors,
         checks=Checks(
             {
-                "order_spectrum": [
-                    o.to_json() for o in orders if o.order == 1 and o.shaft != "mesh"
-                ],
+                "order_spectrum": _first_orders(orders),
                 "closure": closure(curves, pair),
                 "whiteness": white,
                 "readings": compared,
@@ -124,16 +110,50 @@ def build_fit(
         ),
         notes=notes_of(selected, identifiable, solution, noise, regressors, alone),
         logs=tuple(record | {"alone": one} for record, one in zip(records, alone, strict=True)),
-        evidence=Evidence(
-            lifted(summary, linear.levels),
-            split,
-            not settings.perfect_gears,
-            tuple(n for n, good in zip(solution.names, solution.determined, strict=True) if good),
-            solution.jacobian,
-            noise.partial,
-            selected.weights.variance_factor,
-            linear.channels[0].delay_s,
-        ),
+        evidence=_evidence(selected, solution, noise, split, settings),
+    )
+
+
+def _relation(
+    summary: HarmonicSummary,
+    pair: GearPair | Drive,
+    identifiable: Identifiability,
+    split: bool,
+    settings: FitSettings,
+) -> ForwardModel:
+    """Return the forward model; `split` separates gear eccentricities from encoder errors."""
+    return relation_of(
+        pair,
+        identifiable.terms,
+        summary.columns,
+        identifiable.flanks,
+        encoder_terms=split,
+        gear_terms=not settings.perfect_gears,
+    )
+
+
+def _first_orders(orders: tuple[Order, ...]) -> list[dict[str, Any]]:
+    return [order.to_json() for order in orders if order.order == 1 and order.shaft != "mesh"]
+
+
+def _evidence(
+    selected: SelectedModel,
+    solution: Solution,
+    noise: NoiseModel,
+    split: bool,
+    settings: FitSettings,
+) -> Evidence:
+    """Return the compressed logs and the solution for the posterior."""
+    linear = selected.linear
+    return Evidence(
+        lifted(selected.summary, linear.levels),
+        split,
+        not settings.perfect_gears,
+        tuple(n for n, good in zip(solution.names, solution.determined, strict=True) if good),
+        solution.jacobian,
+        noise.partial,
+        selected.weights.variance_factor,
+        linear.channels[0].delay_s,
     )
 
 
@@ -178,19 +198,21 @@ def _with_blocks(
 
 
 def _with_readings(
-    readings: BacklashReadings,
+    readings: BacklashReadings | None,
     pair: GearPair | Drive,
     linear: LinearFit,
     summary: HarmonicSummary,
     whitened: tuple[WhitenedFlank, ...],
     solution: Solution,
     as_data: bool,
-) -> tuple[Solution, dict]:
+) -> tuple[Solution, dict | None]:
     """Compare backlash readings with the fitted backlash.
 
-    **Returns** the solution and the record of the comparison. If `as_data`, the readings are
-    further data of the solution.
+    **Returns** the solution and the record of the comparison, None without readings. If `as_data`,
+    the readings are further data of the solution.
     """
+    if readings is None:
+        return solution, None
     flanks = [flank.flank for flank in summary.flanks]
     require_gap(pair, flanks, as_data, readings.source)
     driving = readings.driving_angle

@@ -1,4 +1,4 @@
-"""The compressed logs of a fit, kept so that they can be asked again without the logs."""
+"""Compressed logs of a fit, from which the likelihood can be evaluated again without the logs."""
 
 from dataclasses import astuple, dataclass
 from fractions import Fraction
@@ -17,16 +17,16 @@ from .settings import NoiseSettings
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """Everything the likelihood of a fit needs.
+    """All data that the likelihood of a fit needs.
 
     **Arguments**
-    - `summary`: lag products and ends of the block rows, with the columns that were chosen.
-    - `encoder_terms`, `gear_terms`: what the first orders were split into.
-    - `determined`: names of the parameters that the logs fix.
-    - `jacobian`: of the tied coefficients at the fit, shape (flanks, tied, p).
+    - `summary`: lag products and ends of the block rows, with the selected columns.
+    - `encoder_terms`, `gear_terms`: whether the first orders contain encoder and gear errors.
+    - `determined`: names of the parameters that the logs determine.
+    - `jacobian`: Jacobian of the tied coefficients at the fit, shape (flanks, tied, p).
     - `partial`: partial autocorrelations of the noise.
-    - `variance_factor`: what a robust loss adds to the variance.
-    - `delay_s`: delay already taken out of the angles; the parameter `delay` adds to it.
+    - `variance_factor`: factor by which a robust loss increases the variance.
+    - `delay_s`: delay already removed from the angles, s; the parameter `delay` is added to it.
     """
 
     summary: HarmonicSummary
@@ -39,7 +39,7 @@ class Evidence:
     delay_s: float
 
     def relation(self, pair: GearPair | Drive) -> ForwardModel:
-        """From parameters to tied coefficients."""
+        """Return the forward model, from parameters to tied coefficients."""
         return relation_of(
             pair,
             self.summary.terms,
@@ -50,7 +50,7 @@ class Evidence:
         )
 
     def to_arrays(self) -> dict[str, np.ndarray]:
-        """The evidence as named arrays of numbers and text."""
+        """Return the evidence as named arrays of numbers and text."""
         terms, columns = self.summary.terms, self.summary.columns
         harmonics = terms.free + terms.tied
         own = [(name, str(log)) for name, log in columns.names]
@@ -83,7 +83,7 @@ class Evidence:
 
 
 def evidence_from(arrays: dict[str, np.ndarray], ratio: Fraction) -> Evidence:
-    """Read back what `Evidence.to_arrays` gave."""
+    """Return the evidence from the arrays of `Evidence.to_arrays`."""
     free, logs = (int(count) for count in arrays["counts"])
     harmonics = tuple(
         Harmonic(str(shaft), int(order), (int(first), int(second)))
@@ -138,7 +138,7 @@ def _flank_from(arrays: dict[str, np.ndarray], flank: Flank) -> FlankSummary:
 
 
 def _flank_of_products(arrays: dict[str, np.ndarray], flank: Flank) -> FlankSummary:
-    """A flank of which only the products of the rows were kept."""
+    """Return the summary of a flank from arrays that hold only the products of its rows."""
     products, heads, tails, rows = (
         arrays[f"{flank}_{part}"] for part in ("lag_products", "heads", "tails", "rows")
     )

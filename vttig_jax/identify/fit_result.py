@@ -33,11 +33,13 @@ class FitRequest:
     **Arguments**
     - `settings`: settings of the fit. - `orders`: requested harmonic orders.
     - `reading`: keywords of `read_log` that all logs were read with.
+    - `paths`: absolute path of every log; None for arrays.
     """
 
     settings: FitSettings
     orders: HarmonicOrders
     reading: Mapping[str, Any]
+    paths: tuple[Path | None, ...]
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from ..base.errors import NoAnswerError
+from ..base.errors import LogError, NoAnswerError, UsageError
 from ..base.runtime import require_x64
 from ..base.threads import one_blas_thread
 from ..logs.checks.ratio import check_ratio
@@ -81,8 +81,10 @@ def fit(
     logs = (log,) if isinstance(log, EncoderLog) else tuple(log)
     if not logs:
         raise ValueError("Argument `log` must hold at least one log, but is empty.")
+    _require_distinct(logs)
     found = []
     for one in logs:
+        _require_pair(one, pair)
         check_ratio(one)
         found.append(assigned_segments(one))
     identifiable = find_identifiability(
@@ -103,7 +105,27 @@ def fit(
     _require_rows(selected.summary, ", ".join(one.source for one in logs))
     identifiable = replace(identifiable, flanks=tuple(f.flank for f in selected.summary.flanks))
     result = build_fit(selected, pair, identifiable, settings, readings)
-    return replace(result, request=FitRequest(settings, orders or pair.fit, _reading(logs)))
+    paths = tuple(log.path for log in logs)
+    request = FitRequest(settings, orders or pair.fit, _reading(logs), paths)
+    return replace(result, request=request)
+
+
+def _require_pair(log: EncoderLog, pair: GearPair | Drive) -> None:
+    if log.ratio != pair.ratio:
+        raise LogError(
+            f"this log was read with the ratio {log.ratio}, but the pair has {pair.ratio}; read it"
+            " with the pair that it is fitted with.",
+            where=log.source,
+        )
+
+
+def _require_distinct(logs: Sequence[EncoderLog]) -> None:
+    for number, log in enumerate(logs):
+        for other in logs[:number]:
+            if log is other or (log.sha256 and log.sha256 == other.sha256):
+                same = log.source == other.source
+                seen = "given twice" if same else f"the same data as {other.source}"
+                raise UsageError(f"{seen}; give every log once.", where=log.source)
 
 
 def _reading(logs: Sequence[EncoderLog]) -> Mapping[str, Any]:

@@ -183,9 +183,13 @@ class FitSettings(
     ] = "rig"
 
     def __post_init__(self):
-        msgspec.structs.force_setattr(self, "regressors", tuple(dict.fromkeys(self.regressors)))
+        names = (self.regressors,) if isinstance(self.regressors, str) else self.regressors
+        msgspec.structs.force_setattr(self, "regressors", tuple(dict.fromkeys(names)))
         for field in fields():
             value = getattr(self, field.name)
+            if getattr(value, "shape", None) == ():  # a scalar of NumPy or JAX
+                value = value.item()
+                msgspec.structs.force_setattr(self, field.name, value)
             try:
                 msgspec.convert(value, field.type)
             except msgspec.ValidationError:

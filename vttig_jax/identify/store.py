@@ -1,4 +1,4 @@
-"""A fit on disk: `fit.json` for readers, `summary.npz` for the next step. No pickles."""
+"""Files of a fit: `fit.json` for people, `summary.npz` for the next command; no pickles."""
 
 import io
 import json
@@ -23,7 +23,7 @@ _EVIDENCE = "evidence_"
 
 
 def fit_arrays(fit: Fit) -> dict[str, np.ndarray]:
-    """Everything of a fit that is an array: its model, curves, residuals and covariance."""
+    """Return all arrays of a fit: its model, noise, curves, residuals, covariance and evidence."""
     curves = fit.curves
     evidence = {} if fit.evidence is None else fit.evidence.to_arrays()
     return {
@@ -46,9 +46,9 @@ def fit_arrays(fit: Fit) -> dict[str, np.ndarray]:
 
 
 def read_fit(folder: str | Path, pair: GearPair | Drive) -> Fit:
-    """Read back the fit of a run folder; `pair` is the pair its `run.toml` holds.
+    """Read the fit of a run folder; `pair` is the pair of its `run.toml`.
 
-    **Raises** `UsageError` where the folder holds no fit, `InputError` where it is damaged.
+    **Raises** `UsageError` if the folder contains no fit, and `InputError` if the fit is damaged.
     """
     folder = Path(folder)
     missing = [name for name in ("fit.json", "summary.npz") if not (folder / name).is_file()]
@@ -126,7 +126,7 @@ def _assembled(record: dict, arrays: dict[str, np.ndarray], pair: GearPair | Dri
 
 
 def _noise_arrays(noise: NoiseModel) -> dict[str, np.ndarray]:
-    """One row for the noise of all speeds together, one more for every plateau with its own."""
+    """Return the noise as arrays: a row for all speeds together, then a row for every plateau."""
     models, choice = [noise, *(own for _, own in noise.plateaus)], noise.choice
     coefficients = np.full((len(models), max(len(m.coefficients) for m in models)), np.nan)
     for row, model in zip(coefficients, models, strict=True):

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import cached_property
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -163,6 +164,7 @@ class EncoderLog:
     - `source`, `sha256`: file name and digest of its bytes ("" for arrays).
     - `notes`: sentences on detected properties and assumptions.
     - `keywords`: keywords of `read_log` that the log was read with.
+    - `path`: absolute path of the file; None for arrays.
     """
 
     time: Float[np.ndarray, " n"]
@@ -181,6 +183,7 @@ class EncoderLog:
     speed: Float[np.ndarray, " n"] | None = None
     acceleration: Float[np.ndarray, " n"] | None = None
     keywords: Mapping[str, Any] = field(default_factory=dict, repr=False)
+    path: Path | None = None
 
     @property
     def driving_angle(self) -> Float[np.ndarray, " n"]:

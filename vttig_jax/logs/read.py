@@ -4,6 +4,7 @@ import logging
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -86,9 +87,10 @@ def read_log(
         decimal=decimal,
         sample_rate_hz=sample_rate_hz,
     )
-    keywords = {"decimal": decimal, "sample_rate_hz": sample_rate_hz}
+    keywords: dict[str, Any] = {"decimal": decimal, "sample_rate_hz": sample_rate_hz}
     log = EncoderLog.from_raw(raw, pair)
-    log = replace(log, keywords={"columns": dict(columns or {}), **keywords})
+    keywords["columns"] = dict(columns or {})
+    log = replace(log, keywords=keywords, path=Path(path).resolve())
     logger.info("%s: %d samples", path, len(log))
     for note in log.notes:
         logger.info("%s: %s", path, note)

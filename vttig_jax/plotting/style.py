@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from io import BytesIO
 from typing import Final, Literal
 
 import numpy as np
@@ -28,9 +29,27 @@ _MAX_TICKS = 9  # of a driving angle axis; a chosen value
 _LEGEND_ROW_PT = 15.0  # height of a legend row, point
 
 
+class Picture(Figure):
+    """A figure that has no pyplot window until `show`, and that notebooks display as a picture."""
+
+    def show(self, warn: bool = True) -> None:
+        """Open a window with this figure; see `matplotlib.figure.Figure.show`."""
+        if self.canvas.manager is None:
+            from matplotlib import pyplot
+
+            window = pyplot.figure()
+            type(window.canvas).new_manager(self, window.number)  # takes the place of the window
+        super().show(warn)
+
+    def _repr_png_(self) -> bytes:
+        buffer = BytesIO()
+        self.savefig(buffer, format="png")
+        return buffer.getvalue()
+
+
 def new_figure(height_in: float) -> Figure:
     """Return a figure of a height in inch, 1200 pixels wide at 150 dpi, without pyplot."""
-    return Figure(figsize=(_WIDTH_IN, height_in), layout="constrained")
+    return Picture(figsize=(_WIDTH_IN, height_in), layout="constrained")
 
 
 def figure_of(ax: Axes) -> Figure:

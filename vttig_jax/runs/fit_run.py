@@ -57,21 +57,15 @@ def perform(record: RunRecord) -> tuple["Fit", RunRecord]:
 
     enable_x64()
     pair = pair_from_spec(record.spec)
-    logs = []
-    paths: dict[str, Path] = {}
-    for path in record.logs:
-        log = read_log(path, pair, **record.options.reading.keywords())
-        if (other := paths.setdefault(log.sha256, path)) is not path:
-            seen = "given twice" if other == path else f"the same data as {other}"
-            raise UsageError(f"{seen}; give every log once.", where=str(path))
+    logs = [read_log(path, pair, **record.options.reading.keywords()) for path in record.logs]
+    for log in logs:
         record.options.check_drift(log)
-        logs.append(log)
     readings = None
     if record.readings is not None:
         readings = read_backlash_readings(record.readings, decimal=record.options.reading.decimal)
     result = fit(logs, pair, settings=record.options.settings, readings=readings)
     digest = "" if readings is None else readings.sha256
-    return result, replace(record, sha256=tuple(paths), readings_sha256=digest)
+    return result, replace(record, sha256=tuple(log.sha256 for log in logs), readings_sha256=digest)
 
 
 def record_of(fit: "Fit") -> RunRecord:
@@ -98,7 +92,10 @@ def record_of(fit: "Fit") -> RunRecord:
         fit.request.settings,
     )
     record = RunRecord(
-        tuple(Path(log["source"]) for log in fit.logs),
+        tuple(
+            path or Path(log["source"])
+            for path, log in zip(fit.request.paths, fit.logs, strict=True)
+        ),
         msgspec.structs.replace(spec_of(fit.pair), fit=fit.request.orders),
         options,
         tuple(log["sha256"] for log in fit.logs),

@@ -87,18 +87,19 @@ def save_posterior(
     a second writer; `InputError` for a full disk, missing permission and a path that is not a
     folder.
     """
+    from ..base.files.json_io import dumps
     from .fit_run import save_fit
-    from .run_file import read_run
 
     folder = Path(folder)
-    if overwrite or not (folder / "fit.json").exists():
+    place, content = folder / "fit.json", dumps(posterior.fit.to_json()) + "\n"
+    if not place.exists() or place.read_text(encoding="utf-8") != content:
+        if place.exists() and not overwrite:
+            raise UsageError(
+                "this folder holds another fit than that of the draws; choose another folder, or"
+                " replace it with overwrite=True.",
+                where=str(folder),
+            )
         save_fit(posterior.fit, folder, overwrite=overwrite, figures=figures)
-    elif " ".join(read_run(folder).sha256) != posterior.fit.sha256:
-        raise UsageError(
-            "this folder holds the fit of other logs; choose another folder, or replace it with"
-            " overwrite=True.",
-            where=str(folder),
-        )
     assert posterior.chains is not None  # only tests make a posterior without chains
     posterior.chains.save(folder / CHECKPOINT, overwrite=overwrite)
     write_report(folder, report_on(posterior), figures=figures)

@@ -1,4 +1,4 @@
-"""Rigs of a run folder, for the simulator, which knows nothing of fits."""
+"""Rigs of a run folder for the simulator, which does not depend on fits."""
 
 import logging
 from pathlib import Path
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def drawn_rigs(scenario: Path) -> tuple[tuple["Eccentricities", ...], "Eccentricities | None"]:
-    """Draws of the posterior that a sweep file names, and the rig in their middle."""
+    """Return the posterior draws that a sweep file names, and the rig at the posterior mean."""
     from ..control.scenario.spec import load_sweep_spec
     from ..posterior.summary.rig_draws import rig_draws
 
@@ -35,9 +35,9 @@ def drawn_rigs(scenario: Path) -> tuple[tuple["Eccentricities", ...], "Eccentric
 
 
 def fitted_rig(folder: Path, pair: Path) -> "Eccentricities":
-    """The rig of a run folder: the mean of its posterior, without one its fit.
+    """Return the rig of a run folder: the mean of its posterior, or the fit without a posterior.
 
-    **Raises** `InputError` where the run is of other gears than those in the pair file.
+    **Raises** `InputError` if the gears of the run differ from those in the pair file.
     """
     from ..identify.fit_result import require_rig
 
@@ -53,13 +53,13 @@ def _fit(folder: Path, pair: Path) -> "Fit":
     from ..pair.load import pair_from_spec
 
     fit = read_fit(folder, pair_from_spec(read_run(folder).spec))
-    if pair.exists():  # what is wrong with it is said where it is used
+    if pair.exists():  # the code that uses the pair file reports its errors
         _require_same_gears(fit, pair, folder)
     return fit
 
 
 def _require_same_gears(fit: "Fit", path: Path, folder: Path) -> None:
-    """Eccentricities and gap of other gears would give numbers that only look right."""
+    """Raise `InputError` for other gears, whose fit would give plausible but wrong numbers."""
     import numpy as np
 
     from ..pair.gear_pair import GearPair

@@ -60,7 +60,9 @@ class Run(TextResult):
         from ..identify.store import read_fit
 
         options = self.record.options
-        request = FitRequest(options.settings, self.record.spec.fit, options.reading.keywords())
+        paths = tuple(log.resolve() if digest else None for log, digest in self.logs.items())
+        reading = options.reading.keywords()
+        request = FitRequest(options.settings, self.record.spec.fit, reading, paths)
         return replace(read_fit(self.folder, self.pair), request=request)
 
     @cached_property
@@ -98,7 +100,10 @@ class Run(TextResult):
         held = [name for name, file in parts.items() if (self.folder / file).exists()]
         rows = [("holds", ", ".join(held) or "nothing")]
         if (self.folder / "run.toml").exists():
-            rows += [("log", f"{log} ({digest[:12]})") for log, digest in self.logs.items()]
+            rows += [
+                ("log", f"{log} ({digest[:12]})" if digest else f"{log.name}, from arrays")
+                for log, digest in self.logs.items()
+            ]
             changed = msgspec.structs.asdict(self.record.options.settings).items()
             default = msgspec.structs.asdict(type(self.record.options.settings)())
             asked = [f"{name} = {value}" for name, value in changed if value != default[name]]

@@ -1,4 +1,4 @@
-"""`run.toml`: what made a run folder, so that it can be read again and repeated."""
+"""`run.toml`: logs, pair file and options of a run folder, from which the run can be repeated."""
 
 import os
 import tomllib
@@ -25,13 +25,13 @@ _PACKAGES = ("vttig-jax", "jax", "jaxlib", "equinox", "optimistix", "numpy", "sc
 
 @dataclass(frozen=True)
 class RunRecord:
-    """One call of `vttig fit`, resolved.
+    """One call of `vttig fit` with all its inputs.
 
     **Arguments**
-    - `logs`: the log files; `spec`: the pair file they were read with.
-    - `options`: the options of the fit.
-    - `sha256`: of every log; empty before they were read.
-    - `readings`, `readings_sha256`: file of backlash readings, where there is one.
+    - `logs`: log files. - `spec`: content of their pair file.
+    - `options`: options of the fit.
+    - `sha256`: SHA-256 of every log; empty before they are read.
+    - `readings`, `readings_sha256`: file of backlash readings, and its SHA-256.
     """
 
     logs: tuple[Path, ...]
@@ -42,7 +42,7 @@ class RunRecord:
     readings_sha256: str = ""
 
     def table(self, folder: Path) -> dict[str, Any]:
-        """The TOML table; the logs are named relative to the run folder."""
+        """Return the TOML table, with paths relative to the run folder."""
         base = folder.resolve()
         data: dict[str, Any] = {
             "logs": [
@@ -64,9 +64,9 @@ class RunRecord:
 
 
 def read_run(path: Path) -> RunRecord:
-    """Read a `run.toml`, or that of a run folder.
+    """Read a `run.toml`, given its path or that of its folder.
 
-    **Raises** `UsageError` where there is none, `InputError` where it is no run of this format.
+    **Raises** `UsageError` if the file is missing, and `InputError` if its format is different.
     """
     path = path / "run.toml" if path.is_dir() else path
     try:
@@ -102,7 +102,7 @@ def read_run(path: Path) -> RunRecord:
 
 
 def require_same_data(run: RunRecord) -> None:
-    """Refuse to repeat a run of which a log or the readings have changed since."""
+    """Raise `InputError` if a log or the readings of a run are missing or have changed."""
     files = [("log", log, digest) for log, digest in zip(run.logs, run.sha256, strict=True)]
     if run.readings is not None:
         files.append(("file of readings", run.readings, run.readings_sha256))
@@ -128,15 +128,15 @@ def _relative(path: Path, base: Path) -> str:
 
 
 def _place(log: Path) -> Path:
-    """The path without its detours, from the working folder where it lies below that."""
+    """Return the resolved path, relative to the working folder if it is inside that folder."""
     whole, here = log.resolve(), Path.cwd()
     return whole.relative_to(here) if whole.is_relative_to(here) else whole
 
 
 def _data(table: dict[str, Any]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Names and digests of the logs.
+    """Return the names and digests of the logs.
 
-    **Raises** `KeyError` or `TypeError` naming what is missing or damaged.
+    **Raises** `KeyError` or `TypeError` with the name of the missing or damaged entry.
     """
     for name in ("logs", "sha256"):
         texts = table[name]

@@ -1,4 +1,4 @@
-"""Where the angles of a run are zero, so that a reading taken today finds its place in the fit."""
+"""Zeros of the angles of a run, which relate later encoder readings to the angles of its fit."""
 
 from typing import TYPE_CHECKING
 
@@ -19,13 +19,13 @@ SHAFTS = ("driving", "driven")
 
 
 def shaft_readings(run: RunRecord, fit: "Fit") -> tuple[ShaftReading, ShaftReading]:
-    """How readings of both encoders become the angles φ₁ and φ₂ of a fit.
+    """Return the conversions from readings of both encoders to the angles φ₁ and φ₂ of a fit.
 
-    Where the fit counts from the reading zero, a reading is the angle but for its sign. Where it
-    counts from the first sample, what the encoders read there is taken off.
+    If the angles of the fit are zero at the reading zero, a reading is the angle except for sign
+    and scale. If they are zero at the first sample, the reading of that sample is subtracted.
 
     **Raises** `NoAnswerError` for a log with a transmission error in place of the driven channel,
-    `InputError` where the first reading has no unit that is known.
+    and `InputError` if the unit of the first reading is unknown.
     """
     if fit.zero_readings["driven"] is None:
         raise NoAnswerError(
@@ -47,12 +47,12 @@ def _shaft_reading(run: RunRecord, fit: "Fit", shaft: str) -> ShaftReading:
     unit = _unit(run, fit, shaft)
     if unit != "counts":
         return shaft_reading(encoder, first * ANGLE_UNITS[unit], factor)
-    assert encoder.counts_per_rev is not None  # held by the reader of the log
+    assert encoder.counts_per_rev is not None  # ensured by the reader of the log
     return shaft_reading(encoder, first * REV / encoder.counts_per_rev, factor)
 
 
 def _unit(run: RunRecord, fit: "Fit", shaft: str) -> str:
-    """Unit of a shaft's column: whole readings are counts; else by its name, else from the log."""
+    """Return the unit of a shaft: counts for integers, else from name, pair file or log."""
     if isinstance(fit.zero_readings[shaft], int):
         return "counts"
     name = requested_names(run.spec.log, roles_of(run.options.reading.columns))[shaft]

@@ -20,6 +20,7 @@ from ..output import LOGGER, Output
 if TYPE_CHECKING:
     from ...identify.fit_result import Fit
     from ...posterior.sampling.ensembles import Progress
+    from ...posterior.summary.posterior import Posterior
 
 
 @verb(
@@ -146,8 +147,16 @@ def command(
             overwrite=overwrite,
             progress=follow,
         )
+    _finish(output, out, posterior, figures=not no_figures)
+
+
+def _finish(output: Output, out: Path, posterior: "Posterior", *, figures: bool) -> None:
+    """Write and print the report of the draws.
+
+    **Raises** `NotConvergedError` for draws that have not converged.
+    """
     report = report_on(posterior)
-    write_report(out, report, figures=not no_figures)
+    write_report(out, report, figures=figures)
     LOGGER.info("written to %s", out)
     output.emit(report.to_json(), report)
     if not posterior.diagnosis.converged:

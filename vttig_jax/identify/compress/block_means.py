@@ -24,7 +24,7 @@ Samples = Float[np.ndarray, " n"]
 _CHUNK_CELLS = 32_768
 """Number of terms times rows of a chunk, so that the sums of a chunk stay in cache."""
 
-_MOST_ROWS = 2048
+_MOST_ROWS = 2048  # block rows of a chunk; chosen value
 
 
 def block_size(samples_per_turn: float, highest_order: float) -> int:

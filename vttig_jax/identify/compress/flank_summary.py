@@ -31,7 +31,7 @@ from ...base.numerics.partial_autocorrelation import log_initial_determinant
 from ...pair.gear_pair import Flank
 from .orthogonal import conditioned, orthonormal, triangle_of
 
-_CACHED_ROWS = 512
+_CACHED_ROWS = 512  # rows per piece of the lag products, which fits in the cache; chosen value
 
 _LOST_DIGITS = 1e-13
 """Share of the squared norm of a column, well above the rounding of products (1e-16)."""
@@ -244,9 +244,9 @@ def _lag_products(rows: Float[np.ndarray, "n q"], lags: int) -> Float[np.ndarray
     return products
 
 
-NODES = 64
+NODES = 64  # Chebyshev nodes of log τ; chosen value
 _SMALLEST, _LARGEST = 0.01, 0.999
-"""Limits of ρ between which the nodes lie."""
+"""Limits of ρ between which the nodes lie; chosen values."""
 
 Times = Float[np.ndarray, " n"]
 

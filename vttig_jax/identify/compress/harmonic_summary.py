@@ -1,9 +1,9 @@
-"""The harmonic summary: everything a fit needs to know of its logs, in a few dozen numbers a lag.
+"""Harmonic summary: all data that a fit needs from its logs, a few dozen numbers per lag.
 
-With z_t the block rows [regressors, y] of one flank, the summary keeps their triangular factor F,
+For the block rows z_t = [regressors, y] of one flank, the summary keeps their triangular factor F,
 the lag products Γ_l = Σ u_t u_{t−l}ᵀ of the conditioned rows u_t = F⁻ᵀ z_t of every uninterrupted
-run, and its first and last rows. From those the least squares under any autoregressive noise follow
-in O(L p²), however long the logs were.
+run, and the first and last rows of the run. They determine the least squares under any
+autoregressive noise in O(L p²) operations, independent of the length of the logs.
 """
 
 from collections.abc import Sequence
@@ -30,13 +30,13 @@ from .orthogonal import residual_weights
 FLANKS: tuple[Flank, ...] = ("A", "B")
 
 ROUNDING = 1e-12
-"""Share of y² below which residuals are rounding: a millionth of the transmission error, which no
-encoder resolves. Readings of 1e4 rad at 16 digits round by a hundredth of that."""
+"""Share of y² below which residuals are rounding: 1e-6 of the transmission error, squared. No
+encoder resolves 1e-6 of it; readings of 1e4 rad with 16 digits round by a hundredth of that."""
 
-_SAME_SPEED = 0.05
+_SAME_SPEED = 0.05  # largest relative difference of two speeds that count as equal; chosen value
 
 Embedding = dict[Flank, Float[np.ndarray, "_ _"]]
-"""Flank → matrix from a row of one log alone to a row of all logs."""
+"""Flank → matrix that maps a row of one log alone to a row of all logs."""
 
 
 @dataclass(frozen=True)
@@ -44,13 +44,13 @@ class HarmonicSummary:
     """Summary of all logs of a fit.
 
     **Arguments**
-    - `flanks`: one summary a flank that has certain samples.
-    - `terms`, `columns`: what the columns of the rows are.
-    - `block_s`: duration of a block.
-    - `embeddings`: log by log, how the rows of that log alone become rows of all.
-    - `plateaus`: the summary of every speed by itself, where each has noise of its own.
-    - `noise`: what is assumed of the noise.
-    - `last_digit`: what the last digit of the readings makes of y, rad.
+    - `flanks`: summary of every flank that has samples in certain contact.
+    - `terms`, `columns`: harmonics of the fit, and layout of the rows.
+    - `block_s`: duration of a block, s.
+    - `embeddings`: for each log, the matrices from its rows to the rows of all logs.
+    - `plateaus`: summary of every speed alone, if each speed has a noise model of its own.
+    - `noise`: assumed kind of the noise model.
+    - `last_digit`: rounding error of y due to the last digit of the readings, rad.
     """
 
     flanks: tuple[FlankSummary, ...]
@@ -69,18 +69,18 @@ class HarmonicSummary:
 
     @property
     def counted_rows(self) -> float:
-        """The same, rows that a robust loss weighs down counted by their weight."""
+        """Number of block rows of all flanks; a row of a robust loss counts by its weight."""
         offsets = [self.columns.index(OFFSET, log) for log in range(len(self.columns.own))]
         return sum(flank.square(k) for flank in self.flanks for k in offsets)
 
     @property
     def rounding(self) -> float:
-        """Sum of squared residuals below which there is no noise, in rad²."""
+        """Sum of squared residuals, rad², below which the residuals are only rounding."""
         share = ROUNDING * sum(flank.square(-1) for flank in self.flanks)
         return share + self.rows * self.last_digit**2
 
     def keeping(self, own: Sequence[tuple[str, ...]]) -> "HarmonicSummary":
-        """The same summary with only these own columns of every log."""
+        """Return the summary with only the own columns `own` of every log."""
         columns = ColumnLayout(self.columns.free, self.columns.tied, tuple(own))
         dropped = [
             self.columns.index(name, log)
@@ -98,7 +98,7 @@ class HarmonicSummary:
         )
 
     def without(self, names: Sequence[str]) -> "HarmonicSummary":
-        """The same summary with own columns of these names left out of every log."""
+        """Return the summary without the own columns `names` of every log."""
         return self.keeping(
             [tuple(name for name in own if name not in names) for own in self.columns.own]
         )
@@ -106,7 +106,7 @@ class HarmonicSummary:
 
 @dataclass(frozen=True)
 class PlateauSummary:
-    """The summary of all runs of one speed, rad/s of the driving shaft, in either direction."""
+    """Summary of all runs at one speed of the driving shaft, rad/s, in either direction."""
 
     speed: float
     summary: HarmonicSummary
@@ -117,10 +117,10 @@ def summarise(
     terms: TermPlan,
     layout: tuple[ColumnLayout, tuple[Embedding, ...]] | None = None,
 ) -> HarmonicSummary:
-    """Add up the rows of several logs of one rig.
+    """Sum the rows of several logs of one rig.
 
-    Free and tied harmonics are shared; every log keeps its own columns. The lags are those the
-    noise asks for. `layout` says where the columns of every log go; by default side by side.
+    All logs share the free and tied harmonics. `layout` gives the common columns and the embedding
+    of every log; by default each log has its own columns. The noise decides the number of lags.
     """
     layout = _side_by_side(logs) if layout is None else layout
     whole = _summarised(logs, terms, layout)
@@ -168,7 +168,7 @@ def _summarised(
 
 
 def plateau_speeds(speeds: Sequence[float]) -> tuple[float, ...]:
-    """Distinct speeds, slowest first: those within a twentieth of each other are one."""
+    """Return the distinct speeds, slowest first; a group exceeds its slowest by at most 5 %."""
     found: list[list[float]] = []
     for speed in sorted(abs(speed) for speed in speeds):
         if found and speed <= found[-1][0] * (1 + _SAME_SPEED):
@@ -188,7 +188,7 @@ def _at_speed(log: LogRows, speed: float, speeds: Sequence[float]) -> LogRows:
 
 
 def _side_by_side(logs: Sequence[LogRows]) -> tuple[ColumnLayout, tuple[Embedding, ...]]:
-    """Logs whose angles have one zero: each has its own columns, and shares the harmonics."""
+    """Return the layout and embeddings of logs with a common zero, which share the harmonics."""
     columns = ColumnLayout(
         logs[0].columns.free, logs[0].columns.tied, tuple(log.columns.own[0] for log in logs)
     )
@@ -196,12 +196,12 @@ def _side_by_side(logs: Sequence[LogRows]) -> tuple[ColumnLayout, tuple[Embeddin
 
 
 def needed_lags(log: LogRows) -> int:
-    """Lags the noise asks for: the order of the ordinary residual's autoregression and two more."""
+    """Return the number of lags: the order of the autoregression of the ordinary residual, + 2."""
     return _needed(*_conditioned(log))
 
 
 def _conditioned(log: LogRows) -> tuple[dict[Flank, Runs], int]:
-    """Conditioned rows of the runs that tell how many lags the noise asks for, and the most."""
+    """Return the conditioned rows that decide the number of lags, and the largest number."""
     if log.noise.kind != "ar":
         return {}, 0
     longest = max((len(run.rows) for run in log.runs), default=0)

@@ -1,8 +1,8 @@
-"""Least squares by triangular factors that exist whatever the rows are.
+"""Least squares by triangular factors that exist for any rows.
 
-Squares of rows have the square of their condition, so that the last digits, which differ between
-processors, would decide whether a normal matrix has a Cholesky factor. A QR factor always exists;
-where there are many rows, they are conditioned first, with a shift that decides nothing.
+The condition number of a normal matrix is the square of that of its rows. The last digits, which
+differ between processors, would then decide whether it has a Cholesky factor. A QR factor always
+exists. Many rows are conditioned first, with a shift that has no effect on the result.
 """
 
 from typing import Any, NamedTuple
@@ -12,27 +12,27 @@ from jaxtyping import Float
 from scipy.linalg import qr, solve_triangular
 
 PSEUDO_OBSERVATION = 1e-10
-"""Weight of the observation "this coefficient is zero" that every column takes part in, relative to
-the length of the column. It decides the coefficients of columns that the data leave open, such as a
-column of zeros or the second of two equal ones. Such a column then keeps 1e-10 of its length, which
-rounding (1e-15) does not reach, and which lies a factor of 1e4 below what counts as determined
-(`solve`). Every other coefficient moves by less than 1e-14 of itself for a condition of 1e3."""
+"""Weight of the observation "this coefficient is zero" of every column, relative to the length of
+the column. It decides the coefficients of columns that the data do not determine, for example a
+column of zeros or the second of two equal columns. Such a column keeps 1e-10 of its length, which
+is above rounding (1e-15) and 1e4 times below the limit of a determined direction (`solve`). All
+other coefficients change by less than 1e-14 of their value for a condition number of 1e3."""
 
 EMPTY = 1e-16
-"""Sum of squares below which a column holds zeros only: its pseudo-observations sum to 1e-20."""
+"""Sum of squares below which a column is zero: its pseudo-observation has the square 1e-20."""
 
 _SHIFT = 1e-12
-"""Share of every squared column that is added before rows are conditioned: a hundred times what
-rounding makes of a sum of 10⁵ squares, so that the Cholesky factor exists on every processor."""
+"""Share of every squared column that is added before rows are conditioned: a hundred times the
+rounding error of a sum of 10⁵ squares, so that the Cholesky factor exists on every processor."""
 
 
 class Factored(NamedTuple):
-    """Rows Z = U F, pseudo-observations below them.
+    """Factored rows Z = U F, with the pseudo-observations below them.
 
     **Arguments**
     - `rows`: U.
     - `pseudo`: the rows of U that belong to the pseudo-observations.
-    - `triangle`: F, upper triangular, no negative number on its diagonal.
+    - `triangle`: F, upper triangular, without negative numbers on its diagonal.
     """
 
     rows: Float[np.ndarray, "n q"]
@@ -41,7 +41,7 @@ class Factored(NamedTuple):
 
 
 def orthonormal(rows: Float[np.ndarray, "n q"]) -> Factored:
-    """Rows with orthonormal columns U, pseudo-observations counted."""
+    """Factor rows and pseudo-observations together, so that the columns of U are orthonormal."""
     factored: Any = qr(_observed(rows), mode="economic", check_finite=False, overwrite_a=True)
     full, triangle = factored
     sign = _signs(triangle)
@@ -50,12 +50,12 @@ def orthonormal(rows: Float[np.ndarray, "n q"]) -> Factored:
 
 
 def conditioned(rows: Float[np.ndarray, "n q"]) -> Factored:
-    """Rows U with nearly orthonormal columns, for many rows: far faster than a QR factor.
+    """Factor many rows so that the columns of U are nearly orthonormal, much faster than by QR.
 
     F is the Cholesky factor of ZᵀZ + 1e-12 of its diagonal, and U = Z F⁻¹ by substitution, which is
-    exact to the last digits of Z. With pseudo-observations no singular value of U lies below 1e-4:
+    exact to the last digits of Z. With pseudo-observations no singular value of U is below 1e-4, so
     products of its rows keep eight digits in the worst direction (shifted CholeskyQR, T. Fukaya et
-    al., SIAM J. Sci. Comput. 42 (2020) A477). The condition of ZᵀZ decides nothing.
+    al., SIAM J. Sci. Comput. 42 (2020) A477). The condition number of ZᵀZ has no effect.
     """
     size = _sizes(rows)
     scaled = rows / size
@@ -69,29 +69,29 @@ def conditioned(rows: Float[np.ndarray, "n q"]) -> Factored:
 
 
 def triangle_of(rows: Float[np.ndarray, "n q"]) -> Float[np.ndarray, "q q"]:
-    """Upper triangle R with RᵀR = rowsᵀ rows + pseudo-observations, its diagonal positive."""
+    """Return the upper triangle R, RᵀR = rowsᵀ rows + pseudo-observations, diagonal positive."""
     factored: Any = qr(_observed(rows), mode="r", check_finite=False, overwrite_a=True)
     triangle = factored[0][: rows.shape[1]]
     return triangle * _signs(triangle)[:, None]
 
 
 def least_squares(triangle: Float[np.ndarray, "q q"]) -> Float[np.ndarray, " c"]:
-    """Coefficients of y, the last column, on the columns before it."""
+    """Return the least-squares coefficients of y, the last column, on the other columns."""
     return solve_triangular(triangle[:-1, :-1], triangle[:-1, -1], check_finite=False)
 
 
 def residual_weights(triangle: Float[np.ndarray, "q q"]) -> Float[np.ndarray, " q"]:
-    """(−β, 1) with β the least-squares coefficients of y: rows @ weights are the residuals."""
+    """Return the weights (−β, 1) with rows @ weights = residuals; β: least-squares coefficients."""
     return np.append(-least_squares(triangle), 1.0)
 
 
 def _observed(rows: Float[np.ndarray, "n q"]) -> Float[np.ndarray, "m q"]:
-    """The rows with the pseudo-observations below them."""
+    """Return the rows with the pseudo-observations below them."""
     return np.vstack([rows, PSEUDO_OBSERVATION * np.diag(_sizes(rows))])
 
 
 def _sizes(rows: Float[np.ndarray, "n q"]) -> Float[np.ndarray, " q"]:
-    """Lengths of the columns; 1 for a column of zeros."""
+    """Return the lengths of the columns; 1 for a column of zeros."""
     size = np.linalg.norm(rows, axis=0)
     size[size == 0] = 1.0
     return size
@@ -100,7 +100,7 @@ def _sizes(rows: Float[np.ndarray, "n q"]) -> Float[np.ndarray, " q"]:
 def _substituted(
     triangle: Float[np.ndarray, "q q"], rows: Float[np.ndarray, "n q"]
 ) -> Float[np.ndarray, "n q"]:
-    """`rows` times the inverse of an upper triangle."""
+    """Return `rows` times the inverse of an upper triangle."""
     solved: Any = solve_triangular(triangle, rows.T, trans=1, check_finite=False)
     return solved.T
 

@@ -1,5 +1,5 @@
-"""A log as the fit sees it: the driving angle at the instant of the driven reading, and what may
-stand beside the harmonics: drift, delay, torque and their kin."""
+"""Samples of a log for the fit: the driving angle at the instant of the driven reading, and the
+regressors other than harmonics: drift, delay, torque, speed, acceleration and ratio."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -21,40 +21,40 @@ Samples = Float[np.ndarray, " n"]
 
 
 TORQUE_WINDOWS_S = (0.0, 0.05, 0.1, 0.2, 0.4, 0.8)
-"""Averages of the torque that are tried as wind-up. A motor's torque reading is rough, and noise in
-a regressor pulls its coefficient to zero; the average that explains most is kept."""
+"""Windows of the torque averages that are tried as wind-up, s; chosen values. The torque reading of
+a motor is noisy, and noise in a regressor biases its coefficient to zero. The best one is kept."""
 
 
 _LEVELLED = 4096
-"""Samples, evenly spaced, that tell the level of a log."""
+"""Number of evenly spaced samples from which the level of a log is computed; chosen value."""
 
 
 def torque_column(number: int) -> str:
-    """Name of the column of the torque averaged over `TORQUE_WINDOWS_S[number]`."""
+    """Return the column name of the torque averaged over `TORQUE_WINDOWS_S[number]`."""
     return f"torque_{number}"
 
 
 @dataclass(frozen=True)
 class Drift:
-    """A slow change of the transmission error: powers of time, or B-splines.
+    """Slow change of the transmission error: powers of time, or B-splines.
 
     **Arguments**
     - `order`: highest power of the scaled time.
-    - `knots_s`: distance of the knots of a cubic B-spline instead; 0 for powers.
+    - `knots_s`: distance of the knots of a cubic B-spline, s; 0 for powers of time.
     """
 
     order: int = 0
     knots_s: float = 0.0
 
     def names(self, duration_s: float) -> tuple[str, ...]:
-        """Names of the columns over a log of this duration."""
+        """Return the names of the columns for a log of this duration."""
         if self.knots_s:
             count = max(1, nearest_whole(duration_s / self.knots_s)) + 2
             return tuple(f"spline_{k}" for k in range(1, count + 1))
         return tuple(f"drift_{k}" for k in range(1, self.order + 1))
 
     def stiffness_s(self, duration_s: float) -> float | None:
-        """Shortest period this drift can follow: two extremes a piece; None without drift."""
+        """Return the shortest period the drift can follow, s: two pieces; None without drift."""
         if self.knots_s:
             return 2 * duration_s / max(1, nearest_whole(duration_s / self.knots_s))
         return 2 * duration_s / self.order if self.order else None
@@ -62,16 +62,16 @@ class Drift:
 
 @dataclass(frozen=True, eq=False)
 class Regressors:
-    """Samples of one log; rad, s.
+    """Samples and regressors of one log, in rad and s.
 
     **Arguments**
-    - `driving`: φ₁ at the instant the driven reading stands for, t − `delay_s`.
+    - `driving`: φ₁ at the instant of the driven reading, t − `delay_s`.
     - `driven`: φ₂ as read.
-    - `error`: flank → φ₂ − i φ₁ less `level`, less the effect of a logged axial position.
-    - `own`: name → values of the log's own columns, the offset left out.
-    - `weight`: of every sample; None where all count alike.
-    - `pull`: what was taken off `error` to bound the influence of far samples; None for nothing.
-    - `level`: rad; see `level_of`.
+    - `error`: flank → φ₂ − i φ₁ minus `level` and the effect of a logged axial position.
+    - `own`: name → values of the own columns of the log, without the offset.
+    - `weight`: weight of every sample; None for equal weights.
+    - `pull`: part of `error` subtracted to bound the influence of outliers; None for zero.
+    - `level`: subtracted level, rad; see `level_of`.
     """
 
     log: EncoderLog
@@ -88,12 +88,12 @@ class Regressors:
 
 
 def level_of(log: EncoderLog) -> float:
-    """Whole degrees, in rad, about which the transmission error of a log lies.
+    """Return the median transmission error of a log, rounded to whole degrees, in rad.
 
-    Between encoders of which one reads any angle where the other reads zero it lies radians off,
-    and its noise is microradians: squared together, the constant takes the digits of the noise, and
-    the solver's first step spreads it over eccentricities of metres. So it is taken off before any
-    product is formed, and added to the offset again. Where the zero is common it is 0.
+    If the encoders have different zeros, the transmission error is radians from zero, and its noise
+    is microradians. In products the constant would remove the digits of the noise, and the first
+    step of the solver would turn it into eccentricities of metres. The level is therefore
+    subtracted before any product, and added to the offset again. It is 0 for a common zero.
     """
     error = log.transmission_error
     return float(np.rint(np.median(error[:: max(1, len(error) // _LEVELLED)]) / DEG)) * DEG
@@ -108,9 +108,9 @@ def read_channels(
     weight: Samples | None = None,
     pull: Samples | None = None,
 ) -> Regressors:
-    """Shift the driving angle to t − `delay_s` and work out the columns of `regressors`.
+    """Shift the driving angle to t − `delay_s`, and compute the columns of `regressors`.
 
-    **Raises** `UsageError` for a torque the log does not hold.
+    **Raises** `UsageError` if the torque is a regressor but the log has no torque column.
     """
     driving = shifted(log, delay_s)
     ratio = float(log.ratio)
@@ -142,7 +142,7 @@ def read_channels(
 
 
 def shifted(log: EncoderLog, delay_s: float) -> Samples:
-    """φ₁ at t − `delay_s`, by a cubic through the samples beside it that are no spikes."""
+    """Return φ₁ at t − `delay_s` by cubic interpolation of the samples that are no spikes."""
     if delay_s == 0:
         return log.driving.steady_angle(log.time)
     time, first = np.unique(log.time, return_index=True)
@@ -156,7 +156,7 @@ def shifted(log: EncoderLog, delay_s: float) -> Samples:
 
 
 def trimmed(segment: Segment, channels: Regressors) -> Segment:
-    """The segment without the samples whose shifted instant lies before or behind it."""
+    """Return the segment without the samples whose shifted instant is outside it."""
     lost = whole_above(abs(channels.delay_s) / channels.sample_s) if channels.delay_s else 0
     start = segment.start + (lost if channels.delay_s > 0 else 0)
     stop = segment.stop - (lost if channels.delay_s < 0 else 0)
@@ -176,12 +176,12 @@ def _drift_columns(time: Samples, drift: Drift) -> dict[str, Samples]:
         [inner[0] - step * np.arange(3, 0, -1), inner, inner[-1] + step * np.arange(1, 4)]
     )
     basis = BSpline.design_matrix(time, knots, 3).toarray()
-    # The basis sums to one, which is the offset: one of it would be counted twice.
+    # The basis sums to one, which is the offset column; the first function is therefore left out.
     return {name: basis[:, k + 1] for k, name in enumerate(names)}
 
 
 def _axial_correction(log: EncoderLog, pair: GearPair | Drive) -> dict[str, Samples]:
-    """What a logged axial position s adds to each flank: + s tan β_L/R₂ and − s tan β_R/R₂."""
+    """Return what an axial position s adds to the TE: A: + s tan β_L/R₂, B: − s tan β_R/R₂."""
     if log.axial_mm is None or isinstance(pair, Drive):
         return {}
     (left, right), radius = pair.taper, pair.reference_radii[1]
@@ -189,14 +189,14 @@ def _axial_correction(log: EncoderLog, pair: GearPair | Drive) -> dict[str, Samp
 
 
 def _speed(log: EncoderLog, driving: Samples) -> Samples:
-    """ω₁, rad/s, as logged or by differences over as few samples as the counts allow."""
+    """Return ω₁, rad/s, as logged, or by differences over windows that the resolution allows."""
     if log.speed is not None:
         return log.speed
     return smooth_speed(log.time, driving, log.driving.resolution).value
 
 
 def _delay(log: EncoderLog, driving: Samples, ratio: float) -> Samples:
-    """−ω₂: what a late driven channel adds for every second of delay."""
+    """Return −ω₂, which a late driven channel adds to the TE per second of delay."""
     return -ratio * smooth_speed(log.time, driving, log.driving.resolution).value
 
 
@@ -217,7 +217,7 @@ def _driven_acceleration(log: EncoderLog, driving: Samples, ratio: float) -> Sam
 
 
 def _torque_columns(log: EncoderLog) -> dict[str, Samples]:
-    """The torque averaged over every window that has three samples and a twentieth of the log."""
+    """Return the torque, and its means over windows of 3 samples to a twentieth of the log."""
     if log.torque is None:
         raise UsageError(
             "the torque is asked for, but the log has no torque column; name it with --column"

@@ -1,4 +1,4 @@
-"""Which harmonics a fit models: the orders of both shafts and of the mesh, each frequency once."""
+"""Harmonics of a fit: the orders of both shafts and of the mesh, each frequency once."""
 
 from dataclasses import dataclass
 from fractions import Fraction
@@ -6,12 +6,12 @@ from fractions import Fraction
 from ...kinematics.harmonic import Term
 
 SECOND_ORDER: tuple[Term, ...] = ((2, 0), (0, 2), (1, 1), (1, -1))
-"""What two eccentricities excite together: the exact relation has e² there."""
+"""Second-order terms that two eccentricities excite: the exact relation contains e² there."""
 
 
 @dataclass(frozen=True)
 class Harmonic:
-    """One harmonic of the transmission error with the name people know it by."""
+    """Harmonic of the transmission error: shaft, order, and term (n₁, n₂) of its phase."""
 
     shaft: str
     order: int
@@ -19,20 +19,20 @@ class Harmonic:
 
     @property
     def name(self) -> str:
-        """For example "driving order 3"."""
+        """Name of the harmonic, for example "driving order 3"."""
         return f"{self.shaft} order {self.order}"
 
 
 @dataclass(frozen=True)
 class TermPlan:
-    """The harmonics of a fit, in the order of the columns of its summary.
+    """Harmonics of a fit, in the order of the columns of its summary.
 
     **Arguments**
-    - `ratio`: i, the driven over the driving speed.
-    - `free`: harmonics with a coefficient of their own on each flank.
-    - `tied`: harmonics that follow from the physical parameters alone: both first orders and the
-      second-order ones of the exact relation that are not free.
-    - `dropped`: sentences on orders left out because another one has the same frequency.
+    - `ratio`: i, driven speed divided by driving speed.
+    - `free`: harmonics with independent coefficients on each flank.
+    - `tied`: harmonics that follow from the physical parameters alone: both first orders, and the
+      second-order terms of the exact relation that are not free.
+    - `dropped`: sentences on orders left out because another order has the same frequency.
     """
 
     ratio: Fraction
@@ -42,11 +42,11 @@ class TermPlan:
 
     @property
     def terms(self) -> tuple[Term, ...]:
-        """(n₁, n₂) of every harmonic, free ones first."""
+        """Terms (n₁, n₂) of all harmonics, free ones first."""
         return tuple(h.term for h in self.free + self.tied)
 
     def frequency(self, term: Term) -> Fraction:
-        """Cycles per driving revolution, |n₁ + n₂ i|."""
+        """Return the frequency |n₁ + n₂ i|, cycles per driving revolution."""
         return abs(term[0] + term[1] * self.ratio)
 
 
@@ -57,10 +57,10 @@ def plan_terms(
     mesh_orders: int,
     driving_teeth: int | None,
 ) -> TermPlan:
-    """Name the harmonics of a fit and drop those whose frequency another one already has.
+    """Return the harmonics of a fit, without those of equal frequency to another harmonic.
 
-    First orders are tied to the physical parameters where they are listed; with tooth counts the
-    second-order terms of the exact relation are tied as well. `driving_teeth` is None for a drive,
+    Listed first orders are tied to the physical parameters. If tooth counts are known, the
+    second-order terms of the exact relation are tied too. `driving_teeth` is None for a drive,
     which has no tooth-mesh order.
     """
     mesh = range(1, mesh_orders + 1) if driving_teeth else ()

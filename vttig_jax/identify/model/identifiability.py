@@ -1,4 +1,4 @@
-"""What a log can fix: which flanks and which shafts it covers, and why the rest is left out."""
+"""Identifiability: flanks and shafts that the logs cover, and reasons for parameters left out."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -15,7 +15,7 @@ from .harmonics import TermPlan, plan_terms
 
 _FLANKS: tuple[Flank, ...] = ("A", "B")
 FULL_TURN = 0.99
-"""A table of one turn lacks its last sample, and a log its first degree."""
+"""Turns that count as a full turn: a table of one turn lacks its last sample, a log its first °."""
 
 _LIKE_DRIFT = 0.25
 """Turns below which the first order of a shaft is a parabola to 2 % of its amplitude."""
@@ -26,12 +26,12 @@ class Identifiability:
     """Flanks, segments and harmonics of a fit.
 
     **Arguments**
-    - `flanks`, `segments`: what is used; segments log by log.
-    - `terms`: the harmonics.
-    - `reasons`: shaft → why its first order is not reported.
-    - `short`: shafts among them that turned too little.
-    - `turns`: shaft → turns covered on the flank that covers least, in the log that covers most.
-    - `notes`: sentences for the reader.
+    - `flanks`, `segments`: flanks that the fit uses, and segments of each log.
+    - `terms`: harmonics of the fit.
+    - `reasons`: shaft → reason why its first order is not reported.
+    - `short`: shafts of `reasons` that turned too little.
+    - `turns`: shaft → most turns of any log on a flank, smallest value of all flanks.
+    - `notes`: sentences for the report.
     """
 
     flanks: tuple[Flank, ...]
@@ -50,9 +50,9 @@ def find_identifiability(
     options: HarmonicOrders,
     only: Flank | None,
 ) -> Identifiability:
-    """Decide what can be fitted; `only` restricts it to one flank.
+    """Return flanks, segments and harmonics that can be fitted; `only` restricts it to one flank.
 
-    **Raises** `NoAnswerError` where no flank covers a revolution of either shaft.
+    **Raises** `NoAnswerError` if no flank covers a revolution of either shaft.
     """
     notes = []
     covered: dict[Flank, tuple[float, float]] = {
@@ -103,7 +103,7 @@ def find_identifiability(
 def _coverage(
     logs: Sequence[EncoderLog], segments: Sequence[tuple[Segment, ...]], flank: Flank
 ) -> tuple[float, float]:
-    """Turns of the driving and the driven shaft on a flank, in the log where they turn most."""
+    """Return the turns of the driving and the driven shaft on a flank, the largest of all logs."""
     most = (0.0, 0.0)
     for log, every in zip(logs, segments, strict=True):
         ends = np.array([k for s in every if s.flank == flank for k in (s.start, s.stop - 1)])
@@ -115,10 +115,10 @@ def _coverage(
 
 
 def _short(pair: GearPair | Drive, turns: dict[str, float], *, both: bool) -> dict[str, str]:
-    """Shafts that turned too little for their first order, and why; `both` are to be fitted.
+    """Return shaft → reason for each shaft that turned too little for its first order.
 
-    Neither is resolved where the log is too short to hold the two apart: below one beat of both
-    orders, 1/|1 − i| driving turns.
+    If `both` first orders are fitted, a log shorter than one beat of them, 1/|1 − i| driving turns,
+    resolves neither.
     """
     short = {
         shaft: f"the {shaft} shaft turned {seen:.2f} of a revolution"
@@ -138,9 +138,9 @@ def _short(pair: GearPair | Drive, turns: dict[str, float], *, both: bool) -> di
 
 
 def _nuisance(turns: float, orders: tuple[int, ...]) -> tuple[int, ...]:
-    """Orders of a shaft that turned less than once.
+    """Return the orders of a shaft that turned less than once.
 
-    Its first order is fitted without being reported, or it would bias the other shaft's; below a
-    quarter turn it passes for drift.
+    Its first order is fitted but not reported, because it would otherwise bias the first order of
+    the other shaft. Below a quarter turn it cannot be distinguished from drift and is left out.
     """
     return (1,) if 1 in orders and turns >= _LIKE_DRIFT else ()

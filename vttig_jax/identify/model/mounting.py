@@ -1,9 +1,9 @@
-"""Where the driven encoder reads zero: flank models at the angles both encoders show.
+"""Mounting of the driven encoder: flank models in the angles that both encoders read.
 
-The driven gear stands at φ₂ = i φ₁ + m + TE, with the mounting m: what the driven encoder reads
-where the driving one reads zero, less the TE there. It is radians where the zero is that of the
-reading, and the small TE of the start where both count from the first sample. The phase of the
-driven eccentricity counts from φ₂ = 0 in either case, so that e₂ stands at φ₂ + θ₂ = i φ₁ + m + θ₂.
+The driven gear is at φ₂ = i φ₁ + m + TE. The mounting m is the reading of the driven encoder where
+the driving encoder reads zero, minus the TE there. It is radians if the angles are zero at the
+reading zero, and the small TE of the start if both encoders count from the first sample. The phase
+of the driven eccentricity counts from φ₂ = 0 in both cases: e₂ is at φ₂ + θ₂ = i φ₁ + m + θ₂.
 """
 
 from collections.abc import Sequence
@@ -21,7 +21,7 @@ from .column_layout import OFFSET
 
 
 def offset_name(log: int, logs: int) -> str:
-    """Name of the parameter that is the offset of a log, counted from 0, among `logs`."""
+    """Return the parameter name of the offset of log number `log` (from 0) of `logs` logs."""
     return f"{OFFSET}_of_{log + 1}" if logs > 1 else OFFSET
 
 
@@ -32,9 +32,9 @@ def mounting_of(
     constant_backlash: float,
     log: int = 0,
 ) -> float:
-    """Mounting m of a log of a fit with these parameters, rad.
+    """Return the mounting m of a log from the parameters of a fit, rad.
 
-    The offset is that of flank A; that of flank B alone has the `constant_backlash` (rad) in it.
+    It is the offset of flank A, or of flank B alone minus the `constant_backlash` (rad).
     """
     logs = sum(name.split("_of_")[0] == OFFSET for name in names)
     offset = float(values[list(names).index(offset_name(log, logs))])
@@ -42,13 +42,13 @@ def mounting_of(
 
 
 def mounted_exact(pair: GearPair, rig: Eccentricities, mounting: float) -> ExactModel:
-    """The exact model with φ₂ as the driven encoder reads it."""
+    """Return the exact model with φ₂ as the driven encoder reads it."""
     model = exact_model(pair, rig)
     return eqx.tree_at(lambda m: m.offset, model, jnp.asarray(model.offset) + mounting)
 
 
 def mounted_closed(pair: GearPair, rig: Eccentricities, mounting: float) -> ClosedModel:
-    """The closed form, (19) and (20), with the driven phasor turned by the mounting."""
+    """Return the closed form, (19) and (20), with the driven phasor rotated by the mounting."""
     model = closed_model(pair, rig)
     turned = model.driven_phasor * jnp.exp(1j * mounting)
     moved = jnp.asarray(model.offset) + mounting

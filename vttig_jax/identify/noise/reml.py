@@ -30,10 +30,10 @@ from ..compress.harmonic_summary import FlankSummary, HarmonicSummary
 _SEARCHES = 2
 """Number of searches of the order: from ordinary residuals, then from whitened ones."""
 
-_MOST_STEPS = 40
-_SETTLED = 1e-7
-_SWEEPS = 3
-_SHORTER = 0.95
+_MOST_STEPS = 40  # coordinate descents after the search of the order; chosen value
+_SETTLED = 1e-7  # change of the partial autocorrelations at convergence; chosen value
+_SWEEPS = 3  # coordinate descents per order in a search; chosen value
+_SHORTER = 0.95  # factor per reduction of the partial autocorrelations; chosen value
 _FREQUENCIES = 4096
 """Number of points of the noise spectrum. They resolve the narrowest peak, which belongs to a
 partial autocorrelation of 0.999."""
@@ -42,7 +42,7 @@ _WIDEST_GAIN = 1e5
 """Largest ratio of the gains of a whitening filter. Its square, 1e10, is the condition number of
 the factored matrix, so six of the sixteen digits of a float remain."""
 
-_FINE = {"xatol": 1e-8}
+_FINE = {"xatol": 1e-8}  # absolute tolerance of the correlation ρ; chosen value
 
 LARGEST = 0.999
 """Bound of a partial autocorrelation. Noise above it is a drift, and the whitened offset would be
@@ -143,7 +143,7 @@ def _correlation(summary: HarmonicSummary) -> Partial:
 
 
 def _freedom(summary: HarmonicSummary) -> float:
-    """Return the number of counted rows minus the number of coefficients, at least 1."""
+    """Return the counted rows minus the number of coefficients, at least 1."""
     coefficients = len(summary.flanks) * (summary.columns.width - 1)
     return max(summary.counted_rows - coefficients, 1.0)
 

@@ -1,1 +1,1 @@
-"""The linear fit that comes first: alignment, delay, drift and outliers."""
+"""Preliminary linear fit: alignment, delay, drift and outliers."""

@@ -1,9 +1,9 @@
-"""Start angles of further logs: where their zeros lie in the angles of the first log.
+"""Start angles of further logs: the positions of their zeros in the angles of the first log.
 
-A free counter starts at zero wherever the shaft stands. In the angles φ + a of a log that starts
-at a, the harmonic n₁φ₁ + n₂φ₂ is turned by n₁a₁ + n₂a₂, which turns two columns of its rows into
-each other: no second pass is needed to move a log. The angle is found from the orders that both
-logs show, and stays in the fit as a parameter through its derivative, again a sum of columns.
+An incremental counter starts at zero at any position of the shaft. For a log that starts at the
+angle a, the harmonic n₁φ₁ + n₂φ₂ has the phase shift n₁a₁ + n₂a₂, which rotates the cosine and sine
+columns of its rows. A log is thus shifted without another pass. The start angle is estimated from
+the orders of both logs. It is a parameter of the fit; its derivative is a sum of columns too.
 """
 
 from collections.abc import Mapping, Sequence
@@ -22,12 +22,12 @@ from .nuisance import own_terms
 
 SHAFTS = ("driving", "driven")
 START = {shaft: f"{shaft}_start" for shaft in SHAFTS}
-"""Own column of a log: derivative of the model by its start angle."""
+"""Own column of a log: derivative of the model with respect to its start angle."""
 
-_GRID = 1440
-_MOST_STEPS = 20
-_STILL = 0.01
-_LONGEST = np.radians(20.0)
+_GRID = 1440  # trial start angles per turn; chosen value
+_MOST_STEPS = 20  # iterations; chosen value
+_STILL = 0.01  # step, in standard errors, below which the iteration stops; chosen value
+_LONGEST = np.radians(20.0)  # largest step, rad; chosen value
 
 Coefficients = Mapping[Flank, Float[np.ndarray, " q"]]
 """Flank → coefficients of every column but y."""
@@ -41,12 +41,12 @@ class Start:
     driven: float = 0.0
 
     def turned(self, term: tuple[int, int]) -> float:
-        """By how much a harmonic is turned."""
+        """Return the phase shift of a harmonic, rad."""
         return term[0] * self.driving + term[1] * self.driven
 
 
 def aligned(rows: Sequence[LogRows], terms: TermPlan) -> tuple[HarmonicSummary, tuple[Start, ...]]:
-    """Find the start angles of every log but the first, and sum the logs up in its angles."""
+    """Estimate the start angles of all logs but the first, and sum the logs in its angles."""
     alone = [_alone(own, terms) for own in rows]
     starts = [Start(), *(_first_guess(alone[0], one, terms) for one in alone[1:])]
     model: Coefficients = alone[0]
@@ -77,7 +77,7 @@ def aligned(rows: Sequence[LogRows], terms: TermPlan) -> tuple[HarmonicSummary, 
 
 
 def _alone(rows: LogRows, terms: TermPlan) -> Coefficients:
-    """Harmonics of one log by itself: free and tied ones, a cosine and a sine each."""
+    """Return the cosine and sine coefficients of the harmonics of one log alone, free and tied."""
     summary = summarise([rows], terms)
     solved = residual_rows(summary, autoregression(summary))
     return {
@@ -93,7 +93,7 @@ def _harmonics(
 
 
 def _first_guess(first: Coefficients, other: Coefficients, terms: TermPlan) -> Start:
-    """Start angles at which the orders of two logs agree best, shaft by shaft."""
+    """Return the start angles at which the orders of two logs agree best, for each shaft."""
     found = []
     for shaft in range(2):
         agreement = np.zeros(_GRID)
@@ -109,14 +109,14 @@ def _first_guess(first: Coefficients, other: Coefficients, terms: TermPlan) -> S
 
 
 def _phasor(harmonics: Float[np.ndarray, " h"], place: int) -> complex:
-    """a exp(jp) of a sin(kφ + p), which has a sin p at the cosine and a cos p at the sine."""
+    """Return a exp(jp) of a sin(kφ + p): cosine coefficient a sin p, sine coefficient a cos p."""
     return complex(harmonics[2 * place + 1], harmonics[2 * place])
 
 
 def _embeddings(
     rows: Sequence[LogRows], terms: TermPlan, starts: Sequence[Start], model: Coefficients
 ) -> tuple[ColumnLayout, tuple[Embedding, ...]]:
-    """Where the columns of every log go once its harmonics are turned, flank by flank."""
+    """Return the common layout, and per log and flank the matrix from its rows to that layout."""
     extra = tuple(START.values())
     columns = ColumnLayout(
         rows[0].columns.free,
@@ -145,7 +145,7 @@ def _embeddings(
 def _placed(
     columns: ColumnLayout, log: int, narrow: ColumnLayout
 ) -> Float[np.ndarray, "wide narrow"]:
-    """Rows of one log put into the common layout; its start columns stay empty."""
+    """Return the matrix from rows of one log to the common layout; its start columns are zero."""
     matrix = np.zeros((columns.width, narrow.width))
     places = [
         *range(narrow.free_width),
@@ -159,7 +159,7 @@ def _placed(
 def _slope(
     harmonics: Float[np.ndarray, " h"], terms: TermPlan, columns: ColumnLayout, shaft: int
 ) -> Float[np.ndarray, " wide"]:
-    """Derivative of the model by the angle of a shaft, as a sum of columns."""
+    """Return the derivative of the model by the angle of a shaft, as weights of the columns."""
     slope = np.zeros(columns.width)
     for place, term in enumerate(terms.terms):
         cell = columns.cosine(place)

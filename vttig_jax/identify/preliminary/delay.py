@@ -1,8 +1,8 @@
-"""Delay between the two channels: whether the logs show one, and the step that is left to it.
+"""Delay between the two channels: its significance, and the remaining step of its estimate.
 
-A driven reading that is d late adds −d ω₂ to the transmission error, odd in speed, so that it looks
-like backlash. Only a change of speed on a flank tells the two apart. The column −ω₂ is the first
-step; then the driving angle is taken at t − d, because a delay turns the harmonics too.
+A driven reading that is late by d adds −d ω₂ to the transmission error. This term is odd in speed
+and resembles backlash. Only a change of speed on a flank separates them. The coefficient of −ω₂ is
+the first step. The driving angle is then taken at t − d, because a delay shifts the harmonics too.
 """
 
 from collections.abc import Mapping, Sequence
@@ -18,31 +18,31 @@ from ...pair.gear_pair import Flank
 from .nuisance import NuisanceRegression
 
 SIGNIFICANT = 4.0
-"""Standard errors a delay must differ from zero by to be fitted unasked."""
+"""Standard errors above which a delay is fitted without a request; chosen value."""
 
 TOLD = 1e-4
-"""Share of −ω₂, squared, that offsets and harmonics must leave for a delay to be seen: a speed that
-varies by 1 %. The counts alone let it seem to vary by half a percent."""
+"""Smallest squared share of −ω₂ not explained by offsets and harmonics with which a delay is
+identifiable: a speed variation of 1 %. Resolution alone can give an apparent variation of 0.5 %."""
 
-SAME_SPEED = 0.05
-_SMALL, _SMALLEST_S = 0.01, 1e-9
+SAME_SPEED = 0.05  # largest relative difference of speeds that count as equal; chosen value
+_SMALL, _SMALLEST_S = 0.01, 1e-9  # step that counts as zero: in standard errors, and in s
 _BRANCH = 0.25
-"""Share of the gap by which a ramp may stand off its flank."""
+"""Largest distance of a ramp from its flank, as a share of the gap; chosen value."""
 
 State = Literal["fitted", "insignificant", "open", "given", "off"]
 
 
 @dataclass(frozen=True)
 class Delay:
-    """What became of the delay.
+    """Estimate of the delay, and the decision on it.
 
     **Arguments**
-    - `state`: "fitted" (a parameter of the solution), "insignificant" (seen, taken as zero), "open"
-      (the logs cannot tell), "given" or "off".
-    - `seconds`: by which the driving angle is shifted.
-    - `step_s`, `std_s`: what the linear model still adds to it, and its standard error.
-    - `reason`: why it is not fitted.
-    - `forced`: asked for, whether the logs can tell it or not.
+    - `state`: "fitted" (a parameter of the solution), "insignificant" (estimated, taken as zero),
+      "open" (the logs do not determine it), "given" or "off".
+    - `seconds`: shift of the driving angle, s.
+    - `step_s`, `std_s`: further step of the linear model, and its standard error, s.
+    - `reason`: reason why it is not fitted.
+    - `forced`: whether the user requires the delay, even if the logs do not determine it.
     """
 
     state: State
@@ -54,12 +54,12 @@ class Delay:
 
     @property
     def is_settled(self) -> bool:
-        """True where another pass would not move it."""
+        """Whether another pass would not change the delay."""
         small = max(_SMALL * self.std_s, _SMALLEST_S)
         return self.state != "fitted" or abs(self.step_s) <= small
 
     def stepped(self) -> "Delay":
-        """With the step taken."""
+        """Return the delay with the step added."""
         return replace(self, seconds=self.seconds + self.step_s, step_s=0.0)
 
 
@@ -71,9 +71,9 @@ def judge_delay(
     forced: bool,
     two_flanks: bool,
 ) -> Delay:
-    """Decide on a delay from the linear model that has the coefficients `beside` too.
+    """Decide on the delay by a linear model with the coefficients `beside` and the delay.
 
-    `forced` keeps it whether significant or not.
+    If `forced`, the delay is fitted even if it is insignificant.
     """
     if own.left("delay") < TOLD:
         like = "the constant backlash" if two_flanks else "an offset"
@@ -93,7 +93,7 @@ def judge_delay(
 
 
 def one_speed(segments: Sequence[Segment]) -> bool:
-    """True where every segment has nearly the same speed."""
+    """Return whether all segments have nearly the same speed."""
     speeds = np.abs([s.speed for s in segments])
     return len(speeds) > 0 and bool(np.ptp(speeds) <= SAME_SPEED * speeds.max())
 
@@ -104,10 +104,10 @@ def on_its_branch(
     residual_rows: Mapping[Flank, Float[np.ndarray, " q"]],
     noise_std: float,
 ) -> bool:
-    """Does a ramp stay on the flank of its motion?
+    """Return whether a ramp stays on the flank of its motion.
 
-    `residual_rows` makes residuals of rows, flank by flank. A ramp is taken where nearly all of it
-    lies nearer to its own flank than a quarter of the gap, or than four standard deviations.
+    The residuals of at least 95 % of its rows must be at most a quarter of the gap plus three
+    standard deviations of the noise. `residual_rows` gives the weights (−β, 1) of each flank.
     """
     own = ramp.segment.flank
     if own not in residual_rows or len(rows) == 0:

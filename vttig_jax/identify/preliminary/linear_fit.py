@@ -1,4 +1,4 @@
-"""The linear fit of the block rows of all logs, and its prediction of single samples."""
+"""Linear fit of the block rows of all logs, and its residuals of single samples."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -25,7 +25,7 @@ from ..settings import NoiseSettings
 from .alignment import Start, aligned
 from .nuisance import NuisanceRegression, own_terms
 
-_CHUNK = 8192
+_CHUNK = 8192  # samples per call of the compiled sum of harmonics; chosen value
 
 
 def residual_of(
@@ -35,9 +35,9 @@ def residual_of(
     weights: Float[np.ndarray, " columns"],
     stride: int = 1,
 ) -> Float[np.ndarray, " n"]:
-    """Transmission error less the model at every `stride`-th sample of a segment, rad.
+    """Return the transmission error minus the model at every `stride`-th sample of a segment, rad.
 
-    `columns` is the layout of this log alone, `weights` its row (−β, 1) that makes residuals.
+    `columns` is the layout of this log alone, and `weights` are its residual weights (−β, 1).
     """
     part = slice(segment.start, segment.stop, stride)
     own = columns.own_slice
@@ -64,7 +64,7 @@ def _harmonics(
     driving: Float[Array, " n"],
     driven: Float[Array, " n"],
 ) -> Float[Array, " n"]:
-    """Σ of the harmonics; coefficients of cosine and sine of a term stand beside each other."""
+    """Return the sum of the harmonics; cosine and sine coefficients of a term are adjacent."""
     driving, driven = (angle - REV * jnp.round(angle / REV) for angle in (driving, driven))
 
     def add(term, total):
@@ -76,15 +76,15 @@ def _harmonics(
 
 
 AnySamples = Float[np.ndarray, " _"]
-"""Samples of logs that differ in length."""
+"""Samples of one of several logs with different lengths."""
 
 _FINER = 8.0
-"""Most times that short ramps make the rows shorter than the orders ask for."""
+"""Largest factor by which short ramps shorten the rows that the orders require; chosen value."""
 
 
 @dataclass(frozen=True, eq=False)
 class Input:
-    """One log with what is known of its motion; `segments` are those the fit uses."""
+    """One log, all its segments found, the segments that the fit uses, and its ramps."""
 
     log: EncoderLog
     found: Segments
@@ -94,7 +94,7 @@ class Input:
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """What every pass shares: the rig, its harmonics, the columns beside them, and the zero."""
+    """Model of all passes: rig, harmonics, other columns, common zero, and kind of the noise."""
 
     pair: GearPair | Drive
     terms: TermPlan
@@ -106,13 +106,13 @@ class Model:
 
 @dataclass(frozen=True, eq=False)
 class LinearFit:
-    """Rows of every log under one delay and one set of weights.
+    """Rows of every log for one delay and one set of weights.
 
     **Arguments**
-    - `inputs`, `model`: what is looked at, and how.
-    - `channels`, `rows`: of every log.
-    - `block_s`: duration of a row.
-    - `segments`: looked at, log by log.
+    - `inputs`, `model`: logs, and model of all passes.
+    - `channels`, `rows`: samples with regressors, and block rows, of every log.
+    - `block_s`: duration of a row, s.
+    - `segments`: segments of each log from which the rows are computed.
     """
 
     inputs: tuple[Input, ...]
@@ -129,7 +129,7 @@ class LinearFit:
         return aligned(self.rows, self.model.terms)
 
     def rows_of(self, log: int, segments: Sequence[Segment]) -> LogRows:
-        """Rows of segments of a log, as long as those of the linear fit."""
+        """Return the rows of segments of a log, with the duration of the rows of this fit."""
         speeds = [abs(s.speed) for one in self.segments for s in one]
         return log_rows(
             self.channels[log],
@@ -142,32 +142,32 @@ class LinearFit:
 
     @property
     def levels(self) -> tuple[float, ...]:
-        """What was taken off the transmission error of every log, rad."""
+        """Level that was subtracted from the transmission error of every log, rad."""
         return tuple(one.level for one in self.channels)
 
     @property
     def summary(self) -> HarmonicSummary:
-        """Of all logs, with every own column."""
+        """Summary of all logs, with all own columns."""
         return self._aligned[0]
 
     @property
     def starts(self) -> tuple[Start, ...]:
-        """Angles of every log at its zero, in the angles of the first log."""
+        """Start angles of every log, in the angles of the first log."""
         return self._aligned[1]
 
     @cached_property
     def filter(self) -> Float[np.ndarray, " taps"]:
-        """Whitening filter of what the linear model leaves."""
+        """Whitening filter of the residual of the linear model."""
         return autoregression(self.summary)
 
     @cached_property
     def own(self) -> NuisanceRegression:
-        """Normal equations of drift, delay and regressors."""
+        """Regression of drift, delay and the other own columns."""
         return own_terms(self.summary, self.filter)
 
     @cached_property
     def residual_rows(self) -> tuple[dict[Flank, Float[np.ndarray, " q"]], ...]:
-        """Log by log: flank → row (−β, 1) of the linear model in the layout of that log alone."""
+        """For each log: flank → weights (−β, 1) of the linear model in the layout of that log."""
         solved = residual_rows(self.summary, self.filter)
         flanks: list[Flank] = [f.flank for f in self.summary.flanks]
         return tuple(
@@ -179,7 +179,7 @@ class LinearFit:
         )
 
     def residuals(self, log: int, stride: int = 1) -> list[Samples]:
-        """Residuals of the samples of every run of a log, by the linear model, as measured."""
+        """Return the residuals of the measured samples of every run of a log, rad."""
         weights, channels, rows = self.residual_rows[log], self.channels[log], self.rows[log]
         found = []
         for run in rows.runs:
@@ -201,9 +201,9 @@ def linear_fit(
     segments: Sequence[tuple[Segment, ...]] | None = None,
     pulls: Sequence[AnySamples | None] | None = None,
 ) -> LinearFit:
-    """Pass over the certain segments of all logs, or those given.
+    """Compute the rows of the certain segments of all logs, or of the given segments.
 
-    A row lasts `block_s`, or as long as the orders allow but no longer than `finest_s`.
+    The duration of a row is `block_s`, or what the orders allow, but at most `finest_s`.
     """
     none: list[Samples | None] = [None] * len(inputs)
     channels = tuple(

@@ -1,8 +1,8 @@
-"""The selection of delay, drift and regressors, by passes over the logs.
+"""Selection of delay, drift and regressors by passes over the logs.
 
-The linear model of the rows tells which drift, delay and regressors the logs ask for, how far the
-delay still is from its value, and how much every sample counts. Where nothing asks for another
-pass, one is enough.
+The linear model of the rows determines which drift, delay and regressors are significant, the next
+step of the delay, and the weight of every sample. One pass suffices if neither the delay nor the
+weights require another.
 """
 
 from collections.abc import Sequence
@@ -22,20 +22,20 @@ from .nuisance import NuisanceRegression
 from .robust import Reweighted, reweighted
 
 AUTOMATIC_DRIFT = 2
-"""Highest power of time that is chosen without being asked for."""
+"""Highest power of time that is selected without a request; chosen value."""
 
 
 def drift_names(names: Sequence[str], order: int) -> list[str]:
-    """Coefficients of the powers of time up to `order` among those of the own columns."""
+    """Return those of `names` that are coefficients of powers of time up to `order`."""
     powers = {f"drift_{power}" for power in range(1, order + 1)}
     return [name for name in names if name.split("_of_")[0] in powers]
 
 
 def choose_drift(own: NuisanceRegression, beside: Sequence[str] = ()) -> int:
-    """Power of time, 0 to 2, by BIC with the coefficients `beside` in the model.
+    """Return the power of time, 0 to 2, with the lowest BIC; `beside` are also in the model.
 
-    All powers are judged under one noise, that of the highest: each with its own would trade drift
-    for correlation.
+    All powers have the noise model of the highest power. With a separate noise model for each, a
+    missing drift would appear as correlation of the noise.
     """
     if own.is_exact:
         return 0
@@ -45,25 +45,25 @@ def choose_drift(own: NuisanceRegression, beside: Sequence[str] = ()) -> int:
     return scores.index(min(scores))
 
 
-_MOST_STEPS = 10
+_MOST_STEPS = 10  # steps of the delay; chosen value
 _ROWS_A_RAMP = 40
-"""Rows of a ramp: more than twice the highest order of the noise."""
+"""Number of rows per ramp: more than twice the highest order of the noise."""
 
 _TURNS_FOR_DRIFT = 2.0
-"""Turns of a shaft below which its first order passes for the bend of a drift."""
+"""Turns of a shaft below which its first order resembles the curvature of a drift."""
 
 _SIGNIFICANT = 4.0
-"""Standard errors a torque coefficient must differ from zero by to be kept unasked."""
+"""Standard errors above which a torque coefficient is kept without a request; chosen value."""
 
 
 @dataclass(frozen=True, eq=False)
 class SelectedModel:
-    """Everything the logs say, ready for the solver.
+    """Selected model and compressed logs, the input of the solver.
 
     **Arguments**
-    - `linear`: the last pass; `summary`: of all logs, with the own columns that were chosen.
-    - `delay`, `drift`: what became of them; `weights`: what a robust loss did, if any.
-    - `notes`: sentences for the reader.
+    - `linear`: last pass. - `summary`: summary of all logs with the selected own columns.
+    - `delay`, `drift`: selected delay and drift. - `weights`: result of the robust loss.
+    - `notes`: sentences for the report.
     """
 
     linear: LinearFit
@@ -80,7 +80,7 @@ def select_model(
     identifiable: Identifiability,
     settings: FitSettings,
 ) -> SelectedModel:
-    """Pass over the logs as often as delay and weights need."""
+    """Select the model by as many passes over the logs as the delay and the weights require."""
     names, delay, notes = _candidates(inputs, settings)
     same_zero = settings.same_zero
     if same_zero is None:
@@ -96,7 +96,7 @@ def select_model(
     if delay_tried:
         linear, delay, told = _with_delay(weights, settings)
         if weights.loss != "square" and delay.state == "fitted":
-            # Outliers were judged before the delay was known, and in the ramps by neighbours only.
+            # The first weights were computed without the delay, and in ramps from neighbours only.
             weights = reweighted(
                 linear, weights.loss, weights.values if weights.loss == "bisquare" else None
             )
@@ -121,7 +121,7 @@ def select_model(
 def _candidates(
     inputs: Sequence[Input], settings: FitSettings
 ) -> tuple[tuple[str, ...], Delay, list[str]]:
-    """Columns beside offset and drift that are tried, and what is known of the delay before."""
+    """Return the tried columns other than offset and drift, the initial delay, and notes."""
     names: list[str] = list(settings.regressors)
     notes: list[str] = []
     if all(one.log.torque is not None for one in inputs) and "torque" not in names:
@@ -141,7 +141,7 @@ def _candidates(
 
 
 def _finest(inputs: Sequence[Input]) -> float:
-    """Longest row with which a ramp still has rows enough for its noise; only ramps ask for one."""
+    """Return the longest row, s, with enough rows per ramp; infinite if ramps are not needed."""
     if not one_speed([s for one in inputs for s in one.segments]):
         return np.inf
     ramps = [
@@ -153,7 +153,7 @@ def _finest(inputs: Sequence[Input]) -> float:
 
 
 def _widest_drift(settings: FitSettings, identifiable: Identifiability) -> Drift:
-    """The drift asked for, or the highest that is tried: none where an order looks like one."""
+    """Return the requested drift, or the highest tried; none if a first order resembles drift."""
     if settings.drift_knots_s is not None:
         return Drift(knots_s=settings.drift_knots_s)
     if settings.drift_order is not None:
@@ -167,7 +167,7 @@ def _widest_drift(settings: FitSettings, identifiable: Identifiability) -> Drift
 
 
 def _with_delay(weights: Reweighted, settings: FitSettings) -> tuple[LinearFit, Delay, list[str]]:
-    """Judge the delay, with the ramps where the speed is steady, and step until it stands still."""
+    """Decide on the delay and iterate it until it is settled; at one speed, add the ramps."""
     plain = weights.linear
     inputs, model, block_s = plain.inputs, plain.model, plain.block_s
     steady = one_speed([s for one in inputs for s in one.segments])
@@ -194,9 +194,9 @@ def _with_delay(weights: Reweighted, settings: FitSettings) -> tuple[LinearFit, 
 
 
 def _with_ramps(linear: LinearFit) -> tuple[LinearFit, list[str]]:
-    """The linear with ramps added: those that speed up, then those that keep to the same flank.
+    """Return the linear fit with the ramps that stay on their flank, and a note on their number.
 
-    Speeding up, the driving gear pushes; slowing down, the driven side may run ahead.
+    A fit with the accelerating ramps decides: in others the driven side may run ahead.
     """
     total = sum(len(one.ramps) for one in linear.inputs)
     up = _joined(linear, [[ramp.speeding_up for ramp in one.ramps] for one in linear.inputs])
@@ -216,7 +216,7 @@ def _with_ramps(linear: LinearFit) -> tuple[LinearFit, list[str]]:
 
 
 def _ramp_rows(linear: LinearFit, log: int):
-    """Rows of every ramp of a log, empty where it is shorter than a row."""
+    """Return the rows of every ramp of a log; empty for a ramp shorter than a row."""
     found = []
     for ramp in linear.inputs[log].ramps:
         runs = linear.rows_of(log, [ramp.segment]).runs
@@ -236,7 +236,7 @@ def _joined(linear: LinearFit, keep: Sequence[Sequence[bool]]) -> LinearFit:
 
 
 def _beside(own: NuisanceRegression, settings: FitSettings) -> list[str]:
-    """Own coefficients other than the delay that the logs ask for, or the user did."""
+    """Return the own coefficients, without the delay, that BIC selects or the user requires."""
     slow = ("drift_", "spline_", "torque_")
     others = [n for n in own.names if n != "delay" and not n.startswith(slow)]
     splines = [n for n in own.names if n.startswith("spline_")]
@@ -251,14 +251,14 @@ def _beside(own: NuisanceRegression, settings: FitSettings) -> list[str]:
 
 
 def _best_torque(own: NuisanceRegression, known: list[str]) -> list[str]:
-    """The average of the torque that explains most beside `known` and the delay."""
+    """Return the torque average with the smallest misfit in a model with `known` and the delay."""
     windows = [n for n in own.names if n.startswith("torque_")]
     beside = [*known, *(["delay"] if "delay" in own.names else [])]
     return [min(windows, key=lambda name: own.misfit([*beside, name]))] if windows else []
 
 
 def _chosen(linear: LinearFit, settings: FitSettings, delay: Delay) -> tuple[set[str], list[str]]:
-    """Names of the own columns that stay, and sentences on those that do not."""
+    """Return the names of the selected own columns, and sentences on those left out."""
     own = linear.own
     fitted = ["delay"] if delay.state == "fitted" else []
     names = [*_beside(own, settings), *fitted]

@@ -1,8 +1,8 @@
-"""Coefficients of the own columns of the logs in the linear model: what is in a log, and how sure.
+"""Coefficients of the own columns of the logs in the linear model, with standard errors.
 
-The harmonics, free and tied alike, count as free on each flank; offsets, drift, delay and the other
-regressors have one coefficient for both flanks, the gap between the flanks one for all logs. That
-needs no relation and no iteration, so it serves to choose among them and to step towards the delay.
+All harmonics, free and tied, have independent coefficients on each flank. Offsets, drift, delay and
+the other regressors have one coefficient for both flanks, and the gap has one for all logs. This
+model needs no forward model and no iteration. It selects regressors and gives steps of the delay.
 """
 
 from collections.abc import Sequence
@@ -18,14 +18,14 @@ from ..model.column_layout import OFFSET, own_parameters
 
 @dataclass(frozen=True)
 class NuisanceRegression:
-    """Least squares of the own coefficients, in the units of the innovations.
+    """Least squares of the own coefficients, in units of the innovations.
 
     **Arguments**
-    - `names`: of the coefficients.
-    - `triangle`: upper triangle of the columns of the coefficients and of y, the last column, less
-      what the harmonics and offsets explain of them.
-    - `rows`: block rows with a full history, less the coefficients of harmonics and offsets.
-    - `total`: y² itself; `raw`: squares of the own columns themselves.
+    - `names`: names of the coefficients.
+    - `triangle`: upper triangle of the columns of the coefficients and of y, the last column, after
+      elimination of harmonics and offsets.
+    - `rows`: number of block rows minus that of the coefficients of harmonics, offsets and gap.
+    - `total`, `raw`: sums of squares of y and of the own columns before the elimination.
     """
 
     names: tuple[str, ...]
@@ -36,21 +36,21 @@ class NuisanceRegression:
 
     @property
     def is_exact(self) -> bool:
-        """True where rounding is all that the model leaves."""
+        """Whether the residual of the model is only rounding."""
         return self.misfit(self.names) <= ROUNDING * self.total
 
     def left(self, name: str) -> float:
-        """Share of a regressor, squared, that the harmonics and offsets do not explain."""
+        """Return the squared share of a regressor that harmonics and offsets do not explain."""
         place = self.names.index(name)
         square = float(self.triangle[:, place] @ self.triangle[:, place])
         return square / float(self.raw[place]) if self.raw[place] > EMPTY else 0.0
 
     def misfit(self, names: Sequence[str]) -> float:
-        """Sum of squared innovations with only these coefficients; at least that of rounding."""
+        """Return the sum of squared innovations for these coefficients, at least the rounding."""
         return max(float(self._among(names)[-1, -1] ** 2), ROUNDING * self.total)
 
     def estimate(self, name: str, among: Sequence[str]) -> tuple[float, float]:
-        """A coefficient and its standard error when `among` are fitted together."""
+        """Return a coefficient and its standard error in a fit of all coefficients `among`."""
         triangle = self._among(among)
         inverse = np.linalg.inv(triangle[:-1, :-1])[list(among).index(name)]
         variance = self.misfit(among) / max(self.rows - len(among), 1.0)
@@ -58,12 +58,12 @@ class NuisanceRegression:
         return float(inverse @ triangle[:-1, -1]), std
 
     def bic(self, names: Sequence[str]) -> float:
-        """Bayesian information criterion of a model with only these coefficients."""
+        """Return the Bayesian information criterion of a model with only these coefficients."""
         left = max(self.misfit(names), 1e-300)
         return self.rows * np.log(left) + len(names) * np.log(max(self.rows, 2.0))
 
     def _among(self, names: Sequence[str]) -> Float[np.ndarray, "r r"]:
-        """Triangle of these coefficients and y."""
+        """Return the triangle of these coefficients and y."""
         return triangle_of(self.triangle[:, [*(self.names.index(n) for n in names), -1]])
 
 

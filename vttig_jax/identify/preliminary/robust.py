@@ -1,10 +1,10 @@
-"""Robust loss functions, and the passes that reweight the samples until the weights settle.
+"""Robust loss functions, and the passes that reweight the samples until the weights converge.
 
-With u = r/s, s the robust scale of a log's residuals (1.4826 times the median distance from their
-median):
+With u = r/s and the robust scale s of the residuals of a log (1.4826 times their median distance
+from their median):
 
     Huber      w = min(1, 1.345/|u|)            bounded influence
-    bisquare   w = (1 − (u/4.685)²)², 0 beyond  redescending: a far outlier counts for nothing
+    bisquare   w = (1 − (u/4.685)²)², 0 beyond  redescending: a far outlier has no influence
 
 Both keep 95 % of the efficiency of least squares under Gaussian noise (P. J. Huber, E. M.
 Ronchetti, Robust Statistics, 2nd ed. 2009).
@@ -25,29 +25,29 @@ from .linear_fit import Input, LinearFit, Model, linear_fit
 
 HUBER, BISQUARE = 1.345, 4.685
 FAR, FAR_SHARE = 8.0, 2e-3
-"""A log with more than this share of residuals beyond this many robust scales has outliers."""
+"""A log has outliers if more than 0.2 % of its residuals exceed 8 robust scales; chosen values."""
 
-_AROUND = 9
+_AROUND = 9  # samples of the median filter around a sample; chosen value
 
 DROPPED = 0.5
-"""A sample with less weight counts as down-weighted in the report."""
+"""Weight below which a sample is reported as down-weighted; chosen value."""
 
 _ROUNDING = 1e-10
-"""Scale, rad, below which residuals are rounding: 2e-5″, a tenth of a count of 36 bits a turn."""
+"""Scale, rad, below which residuals are rounding: 2e-5″, about one count of 36 bits per turn."""
 
 
 def scale_of(residual: Float[np.ndarray, " n"]) -> tuple[float, float]:
-    """Median of residuals, and 1.4826 times the median distance from it; never quite zero."""
+    """Return the median of residuals, and 1.4826 times the median distance from it, above zero."""
     middle = float(np.median(residual))
     return middle, max(1.4826 * float(np.median(np.abs(residual - middle))), _ROUNDING)
 
 
 def has_outliers(pieces: Sequence[Float[np.ndarray, " _"]]) -> bool:
-    """Far more residuals beyond eight robust scales than any bell curve has, each on its own.
+    """Return whether many more isolated residuals exceed eight robust scales than for a bell curve.
 
-    A model that is wrong leaves far residuals too, but side by side: an outlier also stands far off
-    the median of the nine samples around it. Every piece counts from its own median, so that two
-    flanks off to either side hide none.
+    A wrong model also gives large residuals, but adjacent ones. An outlier differs from the median
+    of the nine samples around it too. The median of every run is subtracted, so that offsets of
+    opposite sign on the two flanks hide no outlier.
     """
     pieces = [piece - np.median(piece) for piece in pieces if len(piece)]
     if not pieces:
@@ -61,7 +61,7 @@ def has_outliers(pieces: Sequence[Float[np.ndarray, " _"]]) -> bool:
 def weights_of(
     residual: Float[np.ndarray, " n"], scale: float, loss: Loss
 ) -> Float[np.ndarray, " n"]:
-    """Weight 0 … 1 of every residual."""
+    """Return the weight 0 … 1 of every residual."""
     far = np.abs(residual) / scale
     if loss == "huber":
         return HUBER / np.maximum(far, HUBER)
@@ -73,12 +73,12 @@ def weights_of(
 def variance_factor(
     residual: Float[np.ndarray, " n"], scale: float, loss: Loss, size: int
 ) -> float:
-    """What the variance of the last least squares, on rows of `size` samples, lacks.
+    """Return the factor by which a robust loss increases the variance of the last least squares.
 
-    An estimate with influence ψ = w r has the variance E ψ²/(E ψ′)². Huber's samples are moved to
-    their ψ and all rows count: least squares gives E ψ². Bisquare's rows are weighted, and their
-    misfit divided by E w of them: that gives E wr²/(E w)² for single samples and E ψ²/(E w)³ for
-    means of many. The slope ψ′ is taken from the residuals themselves.
+    An estimate with influence ψ = w r has the variance E ψ²/(E ψ′)². Huber's loss moves samples to
+    their ψ, and all rows count: least squares gives E ψ². The bisquare loss weights the rows, and
+    divides their misfit by E w of them: this gives E wr²/(E w)² for single samples and E ψ²/(E w)³
+    for rows of `size` > 1 samples. The slope ψ′ is computed from the residuals.
     """
     if loss == "square":
         return 1.0
@@ -100,10 +100,10 @@ class Outliers:
     """Down-weighted samples of one log.
 
     **Arguments**
-    - `loss`, `passes`: what was done, and how often.
-    - `share`: of the samples used; `positive`: share of those that stand above the fit.
-    - `scale_deg`: robust scale of the residuals; `largest_deg`: of the down-weighted ones.
-    - `first`: (time s, driving angle deg) of the first few.
+    - `loss`, `passes`: loss function, and number of passes.
+    - `share`: their share of all used samples. - `positive`: share of them above the fit.
+    - `scale_deg`: robust scale of all residuals. - `largest_deg`: largest of their residuals.
+    - `first`: (time in s, driving angle in deg) of the first five.
     """
 
     loss: Loss
@@ -115,12 +115,12 @@ class Outliers:
     first: tuple[tuple[float, float], ...]
 
     def to_json(self) -> dict:
-        """Fields under `checks.outliers`."""
+        """Return the fields under `checks.outliers`."""
         return {**vars(self), "first": [list(place) for place in self.first]}
 
     @property
     def sentence(self) -> str:
-        """The same in words."""
+        """Sentence on the outliers for the report."""
         if self.share == 0:
             return f"{self.loss} loss: no sample stands off the fit"
         side = (
@@ -138,25 +138,25 @@ class Outliers:
         )
 
 
-MOST_PASSES = 20
+MOST_PASSES = 20  # passes of a robust loss over the logs; chosen value
 _HUBER_FIRST = 5
-"""Passes with the convex loss before the redescending one, which would keep a bad start."""
+"""Passes with the convex loss before the redescending loss, which would not leave a bad start."""
 
-_STILL = 1e-3
-_MOST_TESTED = 20_000
-_SHOWN = 5
+_STILL = 1e-3  # mean change of the weights below which they have converged; chosen value
+_MOST_TESTED = 20_000  # samples, about, for outlier test and variance factor; chosen value
+_SHOWN = 5  # outliers listed in the report
 
 
 @dataclass(frozen=True, eq=False)
 class Reweighted:
-    """A linear whose samples are weighed.
+    """Linear fit with weighted samples.
 
     **Arguments**
-    - `linear`: the last pass; `values`: weights of every log, None where all samples count alike.
-    - `loss`, `passes`: what was done.
-    - `variance_factor`: what the variance of least squares lacks.
-    - `outliers`: of every log; empty for squares.
-    - `pulls`: what was taken off the samples instead, by a loss that lets none go.
+    - `linear`: last pass. - `values`: weights of every log; None for equal weights.
+    - `loss`, `passes`: loss function, and number of passes.
+    - `variance_factor`: factor by which the loss increases the variance.
+    - `outliers`: outliers of every log; empty for the square loss.
+    - `pulls`: values that Huber's loss subtracts from the samples in place of weights, rad.
     """
 
     linear: LinearFit
@@ -170,7 +170,7 @@ class Reweighted:
     def look(
         self, inputs: tuple[Input, ...], model: Model, delay_s: float, block_s: float
     ) -> LinearFit:
-        """Another pass with the same weights."""
+        """Return another pass with the same weights."""
         return linear_fit(inputs, model, delay_s, self.values, block_s, pulls=self.pulls)
 
 
@@ -179,10 +179,10 @@ def reweighted(
     loss: Loss | Literal["auto"],
     start: Sequence[Samples | None] | None = None,
 ) -> Reweighted:
-    """Weigh the samples by how far they stand off the fit, twenty passes at most.
+    """Weight the samples by their residuals, in at most twenty passes.
 
-    "auto" looks for outliers first, and where there are any takes the redescending loss. Without
-    weights to `start` from, readings that stand off their neighbours begin without any.
+    "auto" selects the bisquare loss if a log has outliers, otherwise the square loss. `start` holds
+    initial weights; by default spikes have the weight 0 and all other samples the weight 1.
     """
     if loss == "auto":
         suspected = any(has_outliers(_pieces(linear, log)) for log in range(len(linear.inputs)))
@@ -244,10 +244,10 @@ def _look_again(
 
 
 def _pull(linear: LinearFit, log: int, weight: Samples) -> Samples:
-    """What a sample stands too far off, (1 − w) r: without it its residual is ψ = w r.
+    """Return (1 − w) r of every sample; after its subtraction the residual is ψ = w r.
 
-    Under correlated noise a down-weighted row would stand between neighbours that are not, and the
-    whitening would give it more weight than any. A sample that is moved stays a sample.
+    In correlated noise a down-weighted row would have neighbours of full weight, and the whitening
+    would give it the largest weight. A moved sample keeps its full weight.
     """
     pull = np.zeros(len(weight))
     for run, residual in zip(linear.rows[log].runs, linear.residuals(log), strict=True):
@@ -267,7 +267,7 @@ def _tested(linear: LinearFit, log: int) -> Samples:
 
 
 def _scaled(linear: LinearFit, log: int) -> Samples:
-    """Residuals of the samples in robust scales of their log."""
+    """Return the residuals of the samples of a log, in units of its robust scale."""
     residual = _tested(linear, log)
     return residual / scale_of(residual)[1]
 
@@ -278,7 +278,7 @@ def _weights(linear: LinearFit, log: int, loss: Loss) -> Samples:
     weight = np.ones(len(linear.inputs[log].log))
     ramps = linear.inputs[log].ramps
     if ramps:
-        # No fit of the steady speeds reaches into a ramp: there the neighbours tell.
+        # The fit of the steady speeds has no residuals in a ramp, so spikes give its weights.
         on = ~linear.inputs[log].log.spikes
         for ramp in ramps:
             part = slice(ramp.segment.start, ramp.segment.stop)

@@ -1,12 +1,12 @@
-"""Readings of the backlash at single angles: a check of a fit, or further data for it.
+"""Backlash readings at single angles: a check of a fit, or further data for it.
 
-Gear 1 is held, gear 2 is rocked from flank to flank: the reading is TE_B − TE_A at that angle. As
-data the readings join the fit by the update of a Gaussian estimate,
+Gear 1 is fixed, and gear 2 is moved from flank to flank: the reading is TE_B − TE_A at that angle.
+If the readings are data, they update the Gaussian estimate of the fit,
 
     G = P Hᵀ (H P Hᵀ + V + σ² 1)⁻¹,    p ← p + G (readings − gap),    P ← P − G H P,
 
-with P the covariance of the parameters p, H the derivative of the gap by them, V what the free
-harmonics leave open at fixed p, and σ the scatter of the readings about the fit.
+with the covariance P of the parameters p, the derivative H of the gap with respect to p, the
+covariance V of the gap due to the free harmonics at fixed p, and the scatter σ of the readings.
 """
 
 from collections.abc import Sequence
@@ -32,23 +32,23 @@ from ..noise.noise_model import WhitenedFlank
 from ..solve.least_squares import Solution
 
 _UNKNOWN = 1.0
-"""Standard error, rad, of a constant backlash no log shows."""
+"""Standard error, rad, of a constant backlash that no log determines; chosen, far above any gap."""
 
 _FAR, _SHARE = 10.0, 0.5
-"""Readings contradict a fit that are off by more than ten standard errors and half the gap."""
+"""Readings contradict a fit if their mean is off by > 10 standard errors and > half the gap."""
 
 _STEP = 1e-6
-"""Of the differences by eccentricities, mm, and constant backlash, rad."""
+"""Step of the central differences: mm for eccentricities, rad for constant backlash and offset."""
 
 
 @dataclass(frozen=True)
 class PredictedGap:
-    """The gap a fit expects at the angles of readings.
+    """Gap that a fit predicts at the angles of readings.
 
     **Arguments**
-    - `value`: rad, shape (n,).
-    - `slope`: by every parameter, shape (n, p).
-    - `open_`: covariance left by the free harmonics, shape (n, n).
+    - `value`: gap, rad.
+    - `slope`: derivative with respect to every parameter.
+    - `open_`: covariance due to the free harmonics, rad².
     """
 
     value: Float[np.ndarray, " n"]
@@ -56,7 +56,7 @@ class PredictedGap:
     open_: Float[np.ndarray, "n n"]
 
     def deviation(self, covariance: Float[np.ndarray, "p p"]) -> Float[np.ndarray, "n n"]:
-        """Covariance of the expected gap."""
+        """Return the covariance of the predicted gap, rad²."""
         return self.slope @ covariance @ self.slope.T + self.open_
 
 
@@ -68,7 +68,7 @@ def gap_of_both_flanks(
     solution: Solution,
     coefficients: Sequence[Float[np.ndarray, " columns"]],
 ) -> PredictedGap:
-    """The order-complete gap, TE_B − TE_A, where both flanks were measured."""
+    """Return the order-complete gap TE_B − TE_A of two measured flanks."""
     count = len(driving)
     value, slope = np.zeros(count), np.zeros((count, len(solution.names)))
     open_ = np.zeros((count, count))
@@ -88,9 +88,9 @@ def gap_of_both_flanks(
 def gap_of_one_flank(
     driving: Float[np.ndarray, " n"], pair: GearPair, solution: Solution, flank: Flank
 ) -> PredictedGap:
-    """The exact gap of the fitted eccentricities; `solution` holds a constant backlash too.
+    """Return the exact gap of the fitted eccentricities; `solution` contains a constant backlash.
 
-    The offset of the first log says where the driven gear stood: see `mounting`.
+    The offset of the first log gives the position of the driven gear; see `mounting`.
     """
     offset = next(n for n in (OFFSET, offset_name(0, 2)) if n in solution.names)
     names = ("driving_x", "driving_y", "driven_x", "driven_y", "constant_backlash", offset)
@@ -124,7 +124,7 @@ def _backlash(model: ExactModel, driving: Float[ArrayLike, " n"]):
 
 
 def with_constant_backlash(solution: Solution) -> Solution:
-    """The solution of one flank with a constant backlash that is still unknown."""
+    """Return the solution of one flank with an unknown constant backlash as a further parameter."""
     count = len(solution.names)
     covariance = np.zeros((count + 1, count + 1))
     covariance[:count, :count] = solution.covariance
@@ -140,7 +140,7 @@ def with_constant_backlash(solution: Solution) -> Solution:
 
 
 def updated(solution: Solution, gap: PredictedGap, readings: BacklashReadings) -> Solution:
-    """The solution with the readings as further data."""
+    """Return the solution with the readings as further data."""
     off = readings.backlash - gap.value
     scatter = scatter_of(readings, gap)
     total = gap.deviation(solution.covariance) + scatter**2 * np.eye(len(off))
@@ -156,13 +156,13 @@ def updated(solution: Solution, gap: PredictedGap, readings: BacklashReadings) -
 
 
 def scatter_of(readings: BacklashReadings, gap: PredictedGap) -> float:
-    """Standard deviation of single readings about the fit and a common shift, rad."""
+    """Return the standard deviation of single readings from the fit plus a common shift, rad."""
     off = readings.backlash - gap.value
     return float(np.std(off, ddof=1)) if len(off) > 1 else float(np.abs(off[0]) or _UNKNOWN)
 
 
 def comparison(readings: BacklashReadings, gap: PredictedGap, solution: Solution) -> dict:
-    """Readings less the gap the fit expects, in degrees; before they join it."""
+    """Return the deviations, in degrees, of readings from the gap of a fit without the readings."""
     off = (readings.backlash - gap.value) / DEG
     spread = np.sqrt(np.mean(np.diag(gap.deviation(solution.covariance)))) / DEG
     return {
@@ -181,7 +181,7 @@ def comparison(readings: BacklashReadings, gap: PredictedGap, solution: Solution
 def require_plausible(
     readings: BacklashReadings, gap: PredictedGap, compared: dict, as_data: bool
 ) -> None:
-    """Refuse as data what is off the fit by half the gap: another unit, zero or rig."""
+    """Raise `LogError` if readings used as data contradict the fit: wrong unit, zero or rig."""
     usual = float(np.mean(np.abs(gap.value))) / DEG
     doubt = compared["scatter_deg"] / np.sqrt(len(readings)) + compared["expected_std_deg"]
     off = abs(compared["mean_deg"])
@@ -195,7 +195,7 @@ def require_plausible(
 
 
 def require_gap(pair: GearPair | Drive, flanks: Sequence[str], as_data: bool, where: str) -> None:
-    """Refuse readings for a fit that expects no gap to compare them with."""
+    """Raise `UsageError` if the fit predicts no gap with which readings can be compared."""
     if len(flanks) == 2:
         return
     if isinstance(pair, Drive):
@@ -215,7 +215,7 @@ def require_gap(pair: GearPair | Drive, flanks: Sequence[str], as_data: bool, wh
 def _rows(
     driving: Float[np.ndarray, " n"], model: OrderModel, flank: Flank, summary: HarmonicSummary
 ) -> Float[np.ndarray, "n columns"]:
-    """Rows of the fit, y left out, at angles of the first log."""
+    """Return the rows of the fit, without y, at angles of the first log."""
     columns = summary.columns
     error = np.asarray(model.transmission_error(driving, flank))
     driven = float(model.ratio) * driving + error

@@ -1,21 +1,21 @@
-"""The checks of a fit in words."""
+"""Sentences on the checks of a fit."""
 
 from collections.abc import Mapping
 from typing import Any
 
 _HALVES_DIFFER = 4.0
-"""Standard errors from which a change between the halves of a log is told."""
+"""Standard errors above which a change between the halves of a log is reported; chosen value."""
 
 
 def check_sentences(
     checks: Mapping[str, Any], *, several_logs: bool, has_noise: bool, gap_determined: bool
 ) -> list[str]:
-    """A sentence for every check that says something.
+    """Return a sentence for every check with a reportable result.
 
     **Arguments**
-    - `checks`: of a fit. - `several_logs`: sentences name the log.
-    - `has_noise`: without noise, no change between the halves of a log counts.
-    - `gap_determined`: the constant backlash is among the parameters already.
+    - `checks`: checks of a fit. - `several_logs`: whether the sentences name the log.
+    - `has_noise`: whether the log has noise; otherwise changes between its halves are not reported.
+    - `gap_determined`: whether the constant backlash is a determined parameter.
     """
     return [
         *_repeatability(checks, several_logs, has_noise),
@@ -25,7 +25,7 @@ def check_sentences(
 
 
 def _repeatability(checks: Mapping[str, Any], several: bool, has_noise: bool) -> list[str]:
-    """Closure, passes, halves, and what the residual still holds."""
+    """Return sentences on closure, passes, halves, lines in the residual, and whiteness."""
     sentences = []
     if found := checks["closure"]:
         sentences.append(
@@ -54,7 +54,7 @@ def _repeatability(checks: Mapping[str, Any], several: bool, has_noise: bool) ->
 
 
 def _gap(checks: Mapping[str, Any], several: bool, gap_determined: bool) -> list[str]:
-    """Jumps at reversals, and the gap where it is not the constant backlash."""
+    """Return sentences on jumps at reversals, and on the gap if no constant backlash is known."""
     sentences = []
     for jump in checks["reversals"][:3]:
         place = f" of log {jump['log']}" if several else ""
@@ -80,7 +80,7 @@ def _gap(checks: Mapping[str, Any], several: bool, gap_determined: bool) -> list
 
 
 def _others(checks: Mapping[str, Any]) -> list[str]:
-    """Ratio, readings, weakest direction, drawing."""
+    """Return sentences on ratio, readings, weakest direction and drawing."""
     sentences = []
     for log in checks.get("ratio", [])[:1]:
         if log["seen"] is not None:

@@ -1,4 +1,4 @@
-"""Checks that do not use the fit's model: closure, order amplitudes, and the jump at a reversal."""
+"""Checks without the model of the fit: closure, and the jump at a reversal."""
 
 from itertools import pairwise
 
@@ -11,14 +11,14 @@ from ...logs.motion.segments import Segment
 from ...pair.gear_pair import Drive, GearPair
 
 _NEAR_DEG, _FAR_DEG = 1.0, 6.0
-"""Window of driving angle before the turn in which both passes are compared."""
+"""Window of driving angle, deg, before the turning point where both passes are compared; chosen."""
 
 
 def closure(curves: tuple[TECurve, ...], pair: GearPair | Drive) -> dict | None:
-    """Does the transmission error come back after one hunting period (Fig. 12)?
+    """Compare the transmission error of every run with that one hunting period later (Fig. 12).
 
-    Compares every run with itself one period later: rms and mean of the difference in degrees, and
-    the angle over which it could be compared. None where no run is longer than the period.
+    **Returns** rms and mean of the difference, and the angle over which it was compared, in
+    degrees; None if no run is longer than the period.
     """
     period = pair.hunting_turns * REV
     differences = []
@@ -46,11 +46,11 @@ def reversal_jumps(
     error: Float[np.ndarray, " n"],
     segments: tuple[Segment, ...],
 ) -> list[dict]:
-    """Backlash seen at every reversal: TE on flank B less TE on flank A at the same driving angles.
+    """Return the jump at every reversal: TE_B − TE_A at the same driving angles, in degrees.
 
-    `driving` and `error` in rad, free of delay and wind-up: both turn with the motion and would
-    pass for a jump. Taken 1° to 6° before the turning point, where both passes are in contact on
-    their own flank; in degrees, with the driving angle at the middle of the window.
+    `driving` and `error` are in rad, without delay and wind-up, which change sign with the motion
+    and would resemble a jump. The window is 1° to 6° before the turning point, where each pass is
+    in contact on its flank; `driving_deg` is the driving angle at the middle of the window.
     """
     jumps = []
     for before, after in pairwise(segments):
@@ -78,6 +78,6 @@ def reversal_jumps(
 
 
 def _level(left: Float[np.ndarray, " n"], error: Float[np.ndarray, " n"]) -> float:
-    """Transmission error in the middle of the window, by a straight line through it."""
+    """Return the transmission error in the middle of the window, from a straight-line fit."""
     middle = (_NEAR_DEG + _FAR_DEG) / 2
     return float(np.polyval(np.polyfit(left - middle, error, 1), 0.0))

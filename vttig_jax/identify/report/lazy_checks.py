@@ -1,17 +1,17 @@
-"""Checks of a fit by name, the costly ones carried out when they are first read."""
+"""Checks of a fit by name; expensive checks are computed when they are first read."""
 
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 
 class Checks(Mapping[str, Any]):
-    """What is known beside the parameters, by name, ready for JSON.
+    """Checks of a fit by name, in the form of its JSON object.
 
-    Nothing else in a fit depends on the `later` ones. They keep the block rows of the logs in
-    memory until all of them have been read; a report and a run folder read them all.
+    No other part of a fit depends on the `later` checks. They keep the block rows of the logs in
+    memory until all of them have been read. A report and a run folder read all of them.
 
     **Arguments**
-    - `known`: checks that are there already. - `later`: functions that carry out the others.
+    - `known`: computed checks. - `later`: functions that compute the other checks.
 
     **Example**
     ```python

@@ -1,4 +1,4 @@
-"""What a reader should know beside the numbers of a fit: notes and conditions."""
+"""Notes on a fit, and the conditions under which its numbers are valid."""
 
 from collections.abc import Sequence
 from pathlib import PurePath
@@ -17,7 +17,7 @@ from ..solve.least_squares import Solution
 from .parameters import Parameter
 from .per_log import differences
 
-_CORRELATED = 0.9
+_CORRELATED = 0.9  # correlation of delay and backlash above which a note is given; chosen value
 
 
 def notes_of(
@@ -28,7 +28,7 @@ def notes_of(
     regressors: tuple[Parameter, ...],
     alone: Sequence[dict],
 ) -> tuple[str, ...]:
-    """All notes of a fit: a log without noise first, then what was seen in the logs."""
+    """Return all notes of a fit: first those on a log without noise, then those on the logs."""
     return (
         *_noise_notes(noise),
         *_seen(selected, identifiable),
@@ -40,7 +40,7 @@ def notes_of(
 
 
 def _noise_notes(noise: NoiseModel) -> list[str]:
-    """Say so where a log holds no noise, as a simulated one may."""
+    """Return a note if a log has no noise, for example a simulated log."""
     if not noise.is_rounding:
         return []
     return [
@@ -54,7 +54,7 @@ def _noise_notes(noise: NoiseModel) -> list[str]:
 def conditions_of(
     pair: GearPair | Drive, split: bool, settings: FitSettings, selected: SelectedModel
 ) -> tuple[str, ...]:
-    """What the numbers take for granted."""
+    """Return the assumptions under which the numbers of the fit are valid."""
     conditions: tuple[str, ...] = ()
     if settings.perfect_gears:
         conditions = ("perfect_gears",)
@@ -69,7 +69,7 @@ def conditions_of(
 
 
 def _seen(selected: SelectedModel, identifiable: Identifiability) -> tuple[str, ...]:
-    """What was seen in the logs; a note that all of them have stands once."""
+    """Return the notes on the logs; a note common to all logs appears once."""
     inputs = selected.linear.inputs
     own = [[*one.log.notes, *one.found.notes] for one in inputs]
     for notes, outliers in zip(own, selected.weights.outliers, strict=False):
@@ -85,7 +85,7 @@ def _seen(selected: SelectedModel, identifiable: Identifiability) -> tuple[str, 
 def _delay_notes(
     selected: SelectedModel, identifiable: Identifiability, solution: Solution
 ) -> list[str]:
-    """What a delay and the constant backlash do to each other."""
+    """Return the notes on a delay that cannot be separated from the constant backlash."""
     state = selected.delay.state
     if state == "open" and len(identifiable.flanks) == 2 and not selected.delay.forced:
         speeds = [abs(s.speed) for own in identifiable.segments for s in own]
@@ -109,7 +109,7 @@ def _delay_notes(
 
 
 def solver_notes(solution: Solution) -> list[str]:
-    """Say so where the solver found no minimum."""
+    """Return a note if the solver found no minimum."""
     if solution.converged:
         return []
     return [
@@ -121,7 +121,7 @@ def solver_notes(solution: Solution) -> list[str]:
 
 
 def _ratio_notes(regressors: tuple[Parameter, ...], log: EncoderLog) -> list[str]:
-    """Say so where a free ratio comes out otherwise than given."""
+    """Return a note if a free ratio differs significantly from the given ratio."""
     for one in regressors:
         if one.name == "ratio" and one.significant and one.value is not None:
             off, std = (1e6 * part / float(log.ratio) for part in (one.value, one.std or 0.0))

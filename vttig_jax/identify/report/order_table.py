@@ -1,4 +1,4 @@
-"""Every fitted harmonic, flank by flank, with its standard error; and the flank model they make."""
+"""Table of the fitted harmonics of every flank with standard errors, and their flank model."""
 
 from dataclasses import dataclass
 
@@ -18,7 +18,7 @@ from .parameters import polar_spread
 
 @dataclass(frozen=True)
 class Order:
-    """a sin(k φ_shaft + p) in the transmission error of one flank; a at the driven gear."""
+    """Harmonic a sin(k φ_shaft + p) of the transmission error of one flank, at the driven gear."""
 
     shaft: str
     order: int
@@ -28,7 +28,7 @@ class Order:
     phase_deg: float
 
     def to_json(self) -> dict:
-        """Fields of the contract."""
+        """Return the fields of the order in the JSON object of a fit."""
         return dict(vars(self))
 
 
@@ -38,7 +38,7 @@ def order_table(
     solution: Solution,
     coefficients: list[Float[np.ndarray, " columns"]],
 ) -> tuple[Order, ...]:
-    """Amplitude, standard error and phase of every harmonic of both shafts and of the mesh."""
+    """Return amplitude, standard error and phase of all harmonics of both shafts and the mesh."""
     table = []
     harmonics = summary.terms.free + summary.terms.tied
     for index, (flank, factor) in enumerate(zip(summary.flanks, whitened, strict=True)):
@@ -49,7 +49,7 @@ def order_table(
             if harmonic.shaft == "both":
                 continue
             cosine = summary.columns.cosine(position)
-            # a sin(kφ + p): the sine column holds a cos p, the cosine column a sin p.
+            # For a sin(kφ + p) the sine coefficient is a cos p, and the cosine coefficient a sin p.
             cells = [cosine + 1, cosine]
             amplitude, std, phase_deg, _ = polar_spread(
                 values[cells] / ARCSEC, covariance[np.ix_(cells, cells)] / ARCSEC**2
@@ -73,9 +73,9 @@ def fitted_model(
     coefficients: list[Float[np.ndarray, " columns"]],
     level: float = 0.0,
 ) -> OrderModel:
-    """The order-complete flank model, with the offset of the first log, `level` added to it.
+    """Return the order-complete flank model with the offset of the first log plus `level`, rad.
 
-    A flank that was not measured holds NaN.
+    The values of a flank that was not measured are NaN.
     """
     harmonics = summary.terms.free + summary.terms.tied
     offset, cosine, sine = (

@@ -1,4 +1,4 @@
-"""All parameters of a fit, each with its value and interval or the reason why it has none."""
+"""Parameters of a fit, each with its value and interval, or with the reason why it has none."""
 
 import math
 from dataclasses import dataclass, replace
@@ -19,21 +19,21 @@ from ..solve.least_squares import Solution
 Outcome = Literal["ok", "partly_determined", "not_determined", "not_converged"]
 
 
-NORMAL_95 = 1.959963984540054
-SIGNIFICANT = 3.0
+NORMAL_95 = 1.959963984540054  # 97.5 % quantile of the standard normal distribution
+SIGNIFICANT = 3.0  # standard errors; chosen value
 BELOW = "below three standard errors"
 ROUNDING = 1e-11
-"""Angles below this, rad, are rounding and never significant."""
+"""Angle, rad, below which a value is rounding and never significant."""
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """One number of the result, with everything needed to trust it or not.
+    """Parameter of the result with its uncertainty.
 
-    `determined` is False where the data cannot fix it; then `value` is None and `reason` says
-    why. An amplitude or backlash below three standard errors is not `significant`: an amplitude
-    then has an upper limit `upper95` and its phase no value. `low95` and `high95` are equal-tailed
-    (Laplace); those of a phase lie around the value and may leave [0°, 360°).
+    If the data do not determine the parameter, `determined` is False, `value` is None, and `reason`
+    is given. A value below three standard errors is not `significant`: an amplitude then has an
+    upper limit `upper95`, and its phase has no value. `low95` and `high95` are equal-tailed
+    (Laplace); those of a phase are around its value and may be outside [0°, 360°).
     """
 
     name: str
@@ -48,13 +48,13 @@ class Parameter:
     upper95: float | None = None
 
     def moved(self, by: float) -> "Parameter":
-        """The same with `by` added to value and interval."""
+        """Return the parameter with `by` added to value and interval."""
         if self.value is None or self.low95 is None or self.high95 is None:
             return self
         return replace(self, value=self.value + by, low95=self.low95 + by, high95=self.high95 + by)
 
     def to_json(self) -> dict:
-        """Fields of the contract; `upper95` only where there is one."""
+        """Return the fields in the JSON object of a fit; `upper95` only if it is not None."""
         record = {
             key: getattr(self, key)
             for key in (
@@ -72,12 +72,12 @@ class Parameter:
 
 
 def undetermined(name: str, unit: str, reason: str) -> Parameter:
-    """A parameter the data cannot fix."""
+    """Return a parameter that the data do not determine."""
     return Parameter(name, unit, reason=reason)
 
 
 def scalar(solution: Solution, source: str, name: str, unit: str, scale: float) -> Parameter:
-    """A parameter that is one Cartesian coordinate; `scale` is internal units per `unit`."""
+    """Return the parameter of one coordinate `source`; `scale` is internal units per `unit`."""
     index = solution.names.index(source)
     value = float(solution.values[index]) / scale
     std = math.sqrt(float(solution.covariance[index, index])) / scale
@@ -98,7 +98,7 @@ def scalar(solution: Solution, source: str, name: str, unit: str, scale: float) 
 def polar(
     solution: Solution, source: str, names: tuple[str, str], unit: str, scale: float
 ) -> tuple[Parameter, Parameter]:
-    """Amplitude and phase of the Cartesian pair `source`_x, `source`_y."""
+    """Return amplitude and phase of the Cartesian pair `source`_x, `source`_y."""
     index = [solution.names.index(f"{source}_{axis}") for axis in "xy"]
     offset = solution.values[index] / scale
     spread = solution.covariance[np.ix_(index, index)] / scale**2
@@ -130,7 +130,7 @@ def polar(
 def polar_spread(
     offset: Float[np.ndarray, "2"], spread: Float[np.ndarray, "2 2"]
 ) -> tuple[float, float, float, float]:
-    """Amplitude and its standard error, phase in degrees and its standard error, to first order."""
+    """Return amplitude, its standard error, phase and its standard error in deg, to first order."""
     amplitude, phase_deg = (float(part) for part in amplitude_phase(offset[1], offset[0]))
     if amplitude == 0:
         return 0.0, float(np.sqrt(np.max(np.linalg.eigvalsh(spread)))), 0.0, 180.0
@@ -148,15 +148,15 @@ def _interval(name: str, unit: str, value: float, std: float) -> Parameter:
 
 
 def _upper_limit(amplitude: float, spread: Float[np.ndarray, "2 2"]) -> float:
-    """95 % quantile of the length of a plane Gaussian vector, its spread taken as a circle."""
+    """Return the 95 % quantile of the length of a plane Gaussian vector of circular spread."""
     variance = float(np.trace(spread)) / 2
-    from scipy.special import chndtrix  # slow to import, and seldom needed
+    from scipy.special import chndtrix  # imported here because it is slow and seldom needed
 
     return math.sqrt(variance * float(chndtrix(0.95, 2, amplitude**2 / variance)))
 
 
 UNITS = {"mm": 1.0, "deg": DEG, "arcsec": ARCSEC}
-"""Internal units (mm, rad) per unit at the border."""
+"""Internal units (mm, rad) per unit of input and output."""
 
 
 SHAFTS = ("driving", "driven")
@@ -180,7 +180,7 @@ def parameters_of(
     settings: FitSettings,
     delay: Delay,
 ) -> dict[str, Parameter]:
-    """Every name of the contract → `Parameter`, in its order."""
+    """Return name → `Parameter` for all parameters of a fit, in the order of its JSON object."""
     drive = isinstance(pair, Drive)
     found: list[Parameter] = []
     for shaft in SHAFTS:
@@ -210,7 +210,7 @@ def parameters_of(
 
 
 def outcome_of(parameters: dict[str, Parameter], converged: bool, settings: FitSettings) -> Outcome:
-    """One word for the whole fit; parameters that were not asked for do not count."""
+    """Return the outcome of the fit; it ignores parameters that the settings exclude."""
     if not converged:
         return "not_converged"
     left_out = (_NO_GEOMETRY, _PERFECT, _PERFECT_GEARS)
@@ -253,10 +253,10 @@ def _companions(solution: Solution, index: list[int]) -> str:
 
 
 def apparent_gap(solution: Solution) -> dict | None:
-    """By how much flank B stands above flank A on average over the angles covered.
+    """Return the mean distance of flank B above flank A over the covered angles.
 
-    Equal to the constant backlash where that is determined; where a shaft turned too little to tell
-    its variable part it is all that is known. A gap below zero is no backlash.
+    It equals the constant backlash if that is determined. If a shaft turned too little for its
+    variable backlash, only this mean is known. A negative mean is no backlash.
     """
     if "constant_backlash" not in solution.names:
         return None
@@ -273,7 +273,7 @@ def apparent_gap(solution: Solution) -> dict | None:
 
 
 def regressors_of(solution: Solution, log: EncoderLog) -> tuple[Parameter, ...]:
-    """Coefficients of torque, acceleration, speed and ratio, as far as they were fitted."""
+    """Return the fitted coefficients of torque, acceleration, speed and ratio."""
     found = []
     for source in solution.names:
         if source.split("_")[0] in _REGRESSORS:
@@ -293,7 +293,7 @@ def regressors_of(solution: Solution, log: EncoderLog) -> tuple[Parameter, ...]:
 
 
 def _delay(solution: Solution, delay: Delay) -> Parameter:
-    """The delay: shift of the driving angle and what the last step added to it."""
+    """Return the delay: shift of the driving angle plus the last step."""
     if delay.state == "fitted":
         place = solution.names.index("delay")
         if not solution.determined[place]:
@@ -345,9 +345,9 @@ def _constant_backlash(solution: Solution, short: tuple[str, ...], delay: Delay)
 def variable_backlash_deg(
     pair: GearPair, parameters: dict[str, Parameter], driving_deg: float, driven_deg: float
 ) -> float:
-    """Variable backlash (21) of the fitted eccentricities that have a phase, degrees.
+    """Return the variable backlash (21) of the fitted eccentricities with a phase, degrees.
 
-    `driving_deg`, `driven_deg`: angles of both shafts, from the zeros of their phases.
+    `driving_deg` and `driven_deg` are the shaft angles from the zeros of these phases.
     """
     total = 0.0
     for shaft, sign, angle_deg in (("driven", 1.0, driven_deg), ("driving", -1.0, driving_deg)):

@@ -1,4 +1,4 @@
-"""What each of several logs says by itself about what they share: the delay and the gap."""
+"""Delay and gap of each of several logs alone, although all logs of a fit share them."""
 
 import numpy as np
 
@@ -10,13 +10,13 @@ from ..preliminary.linear_fit import LinearFit
 from ..preliminary.nuisance import own_terms
 
 _DIFFERENT = 5.0
-"""Standard errors from which logs are said to differ."""
+"""Standard errors above which a difference between logs is reported; chosen value."""
 
 
 def fit_log_alone(linear: LinearFit, log: int) -> dict:
-    """Delay (s) and gap (degrees, averaged over the angles covered) of one log with their std.
+    """Return delay (s) and gap (degrees, mean over the covered angles) of one log with their std.
 
-    The gap is that under the common delay. None where the log alone cannot tell.
+    The gap is estimated with the common delay. A value that the log does not determine is None.
     """
     found: dict[str, float | None] = dict.fromkeys(
         ("delay_s", "delay_std_s", "gap_deg", "gap_std_deg")
@@ -48,7 +48,7 @@ def fit_log_alone(linear: LinearFit, log: int) -> dict:
 
 
 def differences(alone: list[dict]) -> list[str]:
-    """Sentences on logs whose delay or gap differs from the first log's beyond doubt."""
+    """Return sentences on logs whose delay or gap differs significantly from the first log."""
     sentences = []
     first = alone[0]
     for name, unit, std, what in (

@@ -1,4 +1,4 @@
-"""Does the log repeat itself? Passes of one flank against each other, first half against second."""
+"""Repeatability of a log: comparison of passes on one flank, and of halves of the passes."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -15,13 +15,13 @@ from ..model.harmonics import TermPlan
 from ..preliminary.alignment import Start
 from .same_rig import Phasors, first_orders
 
-_LEAST_OVERLAP = 10 * DEG
+_LEAST_OVERLAP = 10 * DEG  # rad; chosen value
 
 
 def passes(curves: Sequence[TECurve]) -> list[dict]:
-    """Difference of neighbouring passes over the same angles on one flank, in degrees.
+    """Return the differences of consecutive passes over the same angles on one flank, in degrees.
 
-    One entry a pair of passes that share at least 10°: the later less the earlier one.
+    There is one entry, later minus earlier, per pair of passes with an overlap of at least 10°.
     """
     found = []
     for flank in ("A", "B"):
@@ -47,9 +47,9 @@ def passes(curves: Sequence[TECurve]) -> list[dict]:
 
 @one_blas_thread
 def halves(rows: LogRows, terms: TermPlan) -> list[dict]:
-    """First orders of the first half of every pass against those of the second half.
+    """Compare the first orders of the first halves of all passes with those of the second halves.
 
-    Empty where half a log is too short to tell them.
+    The list is empty if half a log is too short to determine the first orders.
     """
     turns = max((float(np.ptp(run.curve.driving_angle)) / REV for run in rows.runs), default=0.0)
     apart = abs(1 - terms.ratio)
@@ -76,7 +76,7 @@ def _compared(key: tuple[str, str], one: Phasors, other: Phasors) -> dict:
 
 
 def _half(rows: LogRows, *, late: bool) -> LogRows:
-    """The first or the second half of every run."""
+    """Return the first or the second half of every run."""
     runs = []
     for run in rows.runs:
         middle = len(run.rows) // 2

@@ -20,16 +20,16 @@ from ..model.harmonics import SECOND_ORDER, TermPlan
 from ..noise.noise_model import NoiseModel
 from ..solve.residuals import Weights
 
-_LAGS = 20
+_LAGS = 20  # lags of the autocorrelation; chosen value
 _HIGHEST = 12.0
 """Highest frequency of the search for lines, cycles per driving revolution."""
 
-_ROWS_PER_CYCLE = 3.0
-_ROWS_KEPT = 4.0
-_LEAST_ROWS = 100
-_MOST_CELLS = 50_000
-_MOST_LINES = 3
-_FALSE_ALARM = 1e-3
+_ROWS_PER_CYCLE = 3.0  # fewest rows per cycle of the highest frequency; chosen value
+_ROWS_KEPT = 4.0  # rows per cycle of the highest frequency in long logs; chosen value
+_LEAST_ROWS = 100  # innovations for the test of whiteness; chosen value
+_MOST_CELLS = 50_000  # values of the regressors in a search for lines; chosen value
+_MOST_LINES = 3  # lines per search; chosen value
+_FALSE_ALARM = 1e-3  # probability of a false line; chosen value
 
 
 def whiteness(

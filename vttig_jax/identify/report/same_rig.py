@@ -1,4 +1,4 @@
-"""Are several logs of one rig? First orders of every log by itself, against those of the first."""
+"""Test that several logs are of one rig: first orders of each log against those of the first."""
 
 from collections.abc import Sequence
 
@@ -14,20 +14,20 @@ from ..noise.noise_model import autoregression
 from ..preliminary.alignment import Start
 
 Phasors = dict[tuple[str, str], tuple[complex, float]]
-"""(shaft, flank) → a exp(jp) of its first order, rad, and its standard error."""
+"""(shaft, flank) → a exp(jp) of the first order, and its standard error, rad."""
 
 _DEVIATIONS = 8.0
 _SHARE = 0.2
-"""First orders of two logs contradict each other where they differ by more than this share of the
-larger one, and by more than eight standard errors."""
+"""First orders of two logs contradict each other if they differ by more than 20 % of the larger one
+and by more than eight standard errors; chosen values."""
 
 
 def disagreements(
     rows: Sequence[LogRows], terms: TermPlan, starts: Sequence[Start], *, same_zero: bool
 ) -> list[dict]:
-    """Difference of every tied first order from the first log's, flank by flank.
+    """Return the differences of the first orders of every log and flank from the first log.
 
-    Where the zeros are not common the phases are free and amplitudes are compared.
+    If the logs have no common zero, the phases are unknown, and amplitudes are compared.
     """
     first = first_orders(rows[0], terms, starts[0])
     found = []
@@ -52,7 +52,7 @@ def disagreements(
 
 
 def refuse_different_rigs(found: Sequence[dict], sources: list[str]) -> None:
-    """Raise `LogError` for logs whose first orders cannot be those of one rig."""
+    """Raise `LogError` if the first orders of the logs contradict one rig."""
     for one in found:
         largest = max(one["first_arcsec"], one["this_arcsec"])
         far = one["difference_arcsec"] > _DEVIATIONS * one["std_arcsec"]
@@ -69,13 +69,13 @@ def refuse_different_rigs(found: Sequence[dict], sources: list[str]) -> None:
 
 
 def first_orders(rows: LogRows, terms: TermPlan, start: Start) -> Phasors:
-    """First orders of one log by itself, in the angles of the first log, where it can tell them."""
+    """Return the first orders that one log alone determines, in the angles of the first log."""
     summary = summarise([rows], terms)
     filter_ = autoregression(summary)
     result = {}
     for flank in summary.flanks:
         if flank.rows < summary.columns.width:
-            continue  # too few rows: any values of the orders would do
+            continue  # too few rows to determine the orders
         factor = flank.factor(filter_)
         spread = np.linalg.inv(factor[:-1, :-1])
         values = spread @ factor[:-1, -1]
@@ -92,6 +92,6 @@ def first_orders(rows: LogRows, terms: TermPlan, start: Start) -> Phasors:
 
 
 def _std(covariance: Float[np.ndarray, "c c"], cell: int) -> float:
-    """Standard error of a phasor in its worse direction."""
+    """Return the standard error of a phasor in its least certain direction."""
     pair = covariance[cell : cell + 2, cell : cell + 2]
     return float(np.sqrt(np.linalg.eigvalsh(pair)[-1]))

@@ -1,4 +1,4 @@
-"""Levenberg–Marquardt on the summary, and the covariance and rank of what it finds."""
+"""Levenberg–Marquardt solution from the summary, with its covariance and rank."""
 
 from dataclasses import dataclass
 
@@ -13,37 +13,35 @@ from jaxtyping import Float
 from ..model.forward_model import ForwardModel
 from ..noise.noise_model import WhitenedFlank
 
-_MOST_STEPS = 100
+_MOST_STEPS = 100  # steps of the solver; chosen value
 _RANK_TOLERANCE = 1e-6
-"""Smallest singular value of the column-scaled Jacobian, relative to the largest, that counts.
-
-A direction without data keeps 1e-10, the weight of the pseudo-observations (`orthogonal`).
-"""
+"""Smallest singular value of a determined direction of the column-scaled Jacobian, relative to the
+largest. A direction without data has 1e-10, the weight of a pseudo-observation (`orthogonal`)."""
 
 _NOT_ABOVE, _ROUNDING = 0.01, 1e-6
-"""A minimum lies above the linear solution by no more than a hundredth of that or of a standard
-deviation, or a millionth of the whole."""
+"""The misfit of a minimum exceeds that of the linear solution by at most 1 % of the latter or of
+one standard deviation, whichever is larger, plus 1e-6 of the length of R_ty; chosen values."""
 
 _SETTLED = 0.01
-"""Standard deviations by which another Gauss–Newton step would lower the misfit, at a minimum. How
-many steps the solver took before it stopped hangs on rounding and decides nothing."""
+"""Largest misfit, in standard deviations, that another Gauss–Newton step removes at a minimum. The
+number of solver steps depends on rounding and is no criterion."""
 
 _NAMED = 0.2
-"""Share of a direction from which a parameter is named."""
+"""Share of a direction above which a parameter is named; chosen value."""
 
 
 @dataclass(frozen=True)
 class Solution:
-    """Parameters with their covariance.
+    """Estimated parameters with their covariance.
 
     **Arguments**
     - `names`, `values`, `covariance`: Cartesian parameters in mm and rad.
-    - `determined`: False where the data leave a direction open that moves this parameter.
-    - `tied`: tied coefficients of every flank, and their `jacobian`, shape (flanks, tied, p).
-    - `converged`, `steps`: of the solver; what is no minimum has not converged.
-    - `weakest`: the direction among the determined ones that the data fix worst.
-    - `misfit`, `linear_misfit`: standard deviations by which the relation misses the harmonics of
-      the logs, at the solution and at that of the linear relation.
+    - `determined`: False for a parameter that is part of a direction without data.
+    - `tied`, `jacobian`: tied coefficients of every flank, and their Jacobian.
+    - `converged`: whether the solver reached a minimum. - `steps`: number of its steps.
+    - `weakest`: determined direction with the largest standard error.
+    - `misfit`, `linear_misfit`: distance of the forward model from the harmonics of the logs, in
+      standard deviations, at this solution and at the linear solution.
     """
 
     names: tuple[str, ...]
@@ -61,12 +59,12 @@ class Solution:
 
 @dataclass(frozen=True)
 class Direction:
-    """A direction in parameter space that the data hardly fix.
+    """Direction in parameter space with a large standard error.
 
     **Arguments**
-    - `names`, `shares`: parameters that take part, with signed shares of the direction when every
+    - `names`, `shares`: largest parameters of the direction, and their signed shares, if every
       parameter is scaled to the same effect on the data.
-    - `inflation`: how many times larger its standard error is than that of a parameter on its own.
+    - `inflation`: its standard error relative to that of a single parameter fitted alone.
     """
 
     names: tuple[str, ...]
@@ -74,7 +72,7 @@ class Direction:
     inflation: float
 
     def to_json(self) -> dict:
-        """Fields under `checks.weakest_direction`."""
+        """Return the fields under `checks.weakest_direction`."""
         return {
             "parameters": dict(zip(self.names, self.shares, strict=True)),
             "inflation": self.inflation,
@@ -82,12 +80,12 @@ class Direction:
 
 
 def solve(relation: ForwardModel, flanks: tuple[WhitenedFlank, ...]) -> Solution:
-    """Minimise Σ_f |R_tt h_f(p) − R_ty|² over the parameters.
+    """Minimise Σ_f |R_tt h_f(p) − R_ty|² over the parameters p.
 
-    The residuals are in standard deviations; the parameters are scaled to O(1) by the Jacobian at
-    zero eccentricity, where the relation is already within 1e-3 of linear. A damped step from there
-    may spread a large offset or drift over eccentricities of metres, where the relation has minima
-    of its own: what ends above the linear solution starts again from that.
+    The residuals are in standard deviations. The parameters are scaled to O(1) by the Jacobian at
+    zero eccentricity, where the forward model is linear within 1e-3. A damped step from there may
+    turn a large offset or drift into eccentricities of metres, where the model has other minima. If
+    the misfit is above that of the linear solution, the solver starts again from that solution.
     """
     matrices, targets = (np.stack([flank.tied[part] for flank in flanks]) for part in (0, 1))
     start = np.zeros(len(relation.names))
@@ -101,7 +99,7 @@ def solve(relation: ForwardModel, flanks: tuple[WhitenedFlank, ...]) -> Solution
         return float(np.linalg.norm(np.einsum("fij,fj->fi", matrices, tied) - targets))
 
     linear_misfit = misfit(scale * linear)
-    if not np.isfinite(linear_misfit):  # outside the geometry: nothing to compare with
+    if not np.isfinite(linear_misfit):  # the linear solution is outside the valid geometry
         linear_misfit = float(np.linalg.norm(targets))
     bound = linear_misfit + _NOT_ABOVE * max(linear_misfit, 1.0)
     bound += _ROUNDING * float(np.linalg.norm(targets))
@@ -133,7 +131,7 @@ def solve(relation: ForwardModel, flanks: tuple[WhitenedFlank, ...]) -> Solution
 
 
 def _gain(slopes: Float[np.ndarray, "r p"], left: Float[np.ndarray, " r"]) -> float:
-    """Length of what a Gauss–Newton step would take off the residuals, in standard deviations."""
+    """Return the length, in standard deviations, that a Gauss–Newton step removes from `left`."""
     step = np.linalg.lstsq(slopes, left, rcond=_RANK_TOLERANCE)[0]
     return float(np.linalg.norm(slopes @ step))
 
@@ -141,14 +139,14 @@ def _gain(slopes: Float[np.ndarray, "r p"], left: Float[np.ndarray, " r"]) -> fl
 def _whitened(
     matrices: Float[np.ndarray, "flanks tied tied"], jacobian: Float[ArrayLike, "flanks tied p"]
 ) -> Float[np.ndarray, "r p"]:
-    """Jacobian of the residuals of all flanks."""
+    """Return the Jacobian of the whitened residuals of all flanks."""
     jacobian = np.asarray(jacobian)
     return np.einsum("fij,fjp->fip", matrices, jacobian).reshape(-1, jacobian.shape[-1])
 
 
 @eqx.filter_jit
 def _linearised(relation: ForwardModel, parameters: Float[ArrayLike, " p"]):
-    """Tied coefficients and their Jacobian, compiled apart from the solver: it is used twice."""
+    """Return the tied coefficients and their Jacobian, compiled apart from the solver for reuse."""
     parameters = jnp.asarray(parameters)
     jacobian = jax.jacfwd(lambda p: relation.coefficients(p))(parameters)
     return relation.coefficients(parameters), jacobian
@@ -172,7 +170,7 @@ def _minimise(
         jnp.asarray(start),
         max_steps=_MOST_STEPS,
         throw=False,
-        # Nobody differentiates through the solution, and the implicit adjoint doubles the tracing.
+        # The solution is never differentiated, and the implicit adjoint doubles the tracing time.
         adjoint=optx.RecursiveCheckpointAdjoint(),
     )
     converged = solution.result == optx.RESULTS.successful
@@ -182,7 +180,7 @@ def _minimise(
 def _covariance(
     jacobian: Float[np.ndarray, "r p"], names: tuple[str, ...]
 ) -> tuple[Float[np.ndarray, "p p"], np.ndarray, Direction | None]:
-    """(JᵀJ)⁻¹ on the directions the data fix, which parameters lie wholly in those, the weakest."""
+    """Return (JᵀJ)⁻¹ on the determined directions, the determined parameters, and the weakest."""
     size = np.linalg.norm(jacobian, axis=0)
     size[size == 0] = 1.0
     _, singular, directions = np.linalg.svd(jacobian / size, full_matrices=True)
@@ -197,7 +195,7 @@ def _covariance(
 def _weakest(
     singular: Float[np.ndarray, " d"], directions: Float[np.ndarray, "d p"], names: tuple[str, ...]
 ) -> Direction:
-    """The direction of the smallest singular value, by its largest parameters."""
+    """Return the direction of the smallest singular value with its largest parameters."""
     direction = directions[np.argmin(singular)]
     order = [k for k in np.argsort(-np.abs(direction)) if abs(direction[k]) > _NAMED][:4]
     sign = np.sign(direction[order[0]])

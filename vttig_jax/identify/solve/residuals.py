@@ -15,7 +15,7 @@ from ..noise.noise_model import WhitenedFlank
 from ..preliminary.linear_fit import LinearFit, residual_of
 from .least_squares import Solution
 
-_MOST_SAMPLES = 20_000
+_MOST_SAMPLES = 20_000  # samples above which a log is thinned; chosen value
 
 Weights = Mapping[Flank, Float[np.ndarray, " q"]]
 """Flank → weights (−β, 1); the product of a row with them is its residual."""

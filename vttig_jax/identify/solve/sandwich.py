@@ -1,11 +1,11 @@
-"""Standard errors that hold where the noise model does not.
+"""Standard errors that are valid for a wrong noise model.
 
-With g_b the score of the parameters p summed over an uninterrupted block of rows b, the covariance
+With the score g_b of the parameters p, summed over an uninterrupted block b of rows, the covariance
 
     C (Σ_b g_b g_bᵀ) C,    C = (JᵀJ)⁻¹,
 
-needs the residual neither of one size everywhere nor free of memory shorter than a block (P. J.
-Huber 1967, H. White 1980). It agrees with C where the noise model is right.
+is valid for residuals of varying size, and for correlation shorter than a block (P. J. Huber 1967,
+H. White 1980). It agrees with C if the noise model is correct.
 """
 
 from collections.abc import Sequence
@@ -19,10 +19,10 @@ from ..preliminary.linear_fit import LinearFit
 from .least_squares import Solution
 
 _BLOCKS = 28
-"""About as many blocks: each as long as that allows."""
+"""Approximate number of blocks, which determines their length; chosen value."""
 
-_FEWEST = 12
-_SHORTEST = 10
+_FEWEST = 12  # blocks for an estimate; chosen value
+_SHORTEST = 10  # rows of a block; chosen value
 
 
 def widened(
@@ -33,9 +33,9 @@ def widened(
     solution: Solution,
     coefficients: Sequence[Float[np.ndarray, " columns"]],
 ) -> Float[np.ndarray, " p"]:
-    """How many times larger the standard error of every parameter is by blocks; at least 1.
+    """Return the factor, at least 1, by which blocks increase the standard error of each parameter.
 
-    All 1 where there are too few rows for a dozen blocks.
+    All factors are 1 if there are fewer than twelve blocks.
     """
     scores = _block_scores(linear, summary, noise, whitened, solution, coefficients)
     plain = np.sqrt(np.diag(solution.covariance))
@@ -56,7 +56,7 @@ def _block_scores(
     solution: Solution,
     coefficients: Sequence[Float[np.ndarray, " columns"]],
 ) -> Float[np.ndarray, "blocks p"]:
-    """Score of the parameters over every block, the free harmonics at their best."""
+    """Return the score of the parameters of every block, with the free harmonics eliminated."""
     sides = {flank.flank: place for place, flank in enumerate(summary.flanks)}
     total = sum(len(run.rows) for rows in linear.rows for run in rows.runs)
     length = max(_SHORTEST, total // _BLOCKS)
