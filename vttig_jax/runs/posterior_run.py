@@ -74,8 +74,8 @@ def save_posterior(
 ) -> None:
     """Write the draws, their report, the map with its bands and the pictures into a run folder.
 
-    The fit of the posterior is written first if the folder does not contain it, and with
-    `overwrite`. `vttig sample --resume` can continue the draws.
+    The fit of the posterior is written first if the folder does not contain it. `vttig sample
+    --resume` can continue the draws.
 
     **Arguments**
     - `posterior`: result of `vttig_jax.sample`, or the posterior of an open run.
@@ -83,8 +83,8 @@ def save_posterior(
     - `overwrite`: replace the fit and the draws that are in the folder.
     - `figures`: draw the pictures too.
 
-    **Raises** `UsageError` for existing draws without `overwrite`, for a fit of another log and for
-    a second writer; `InputError` for a full disk, missing permission and a path that is not a
+    **Raises** `UsageError` for existing draws or another fit without `overwrite`, and for a second
+    writer; `InputError` for a full disk, missing permission and a path that is not a
     folder.
     """
     from ..base.files.json_io import dumps

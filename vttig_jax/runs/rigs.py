@@ -5,7 +5,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..base.errors import InputError
-from .run_file import CHECKPOINT, read_run
+from .run import Run
+from .run_file import CHECKPOINT
 
 logger = logging.getLogger("vttig_jax")
 
@@ -49,10 +50,7 @@ def fitted_rig(folder: Path, pair: Path) -> "Eccentricities":
 
 
 def _fit(folder: Path, pair: Path) -> "Fit":
-    from ..identify.store import read_fit
-    from ..pair.load import pair_from_spec
-
-    fit = read_fit(folder, pair_from_spec(read_run(folder).spec))
+    fit = Run(folder).fit
     if pair.exists():  # the code that uses the pair file reports its errors
         _require_same_gears(fit, pair, folder)
     return fit

@@ -59,10 +59,13 @@ class Run(TextResult):
         from ..identify.fit_result import FitRequest
         from ..identify.store import read_fit
 
-        options = self.record.options
-        paths = tuple(log.resolve() if digest else None for log, digest in self.logs.items())
+        record, options = self.record, self.record.options
+        paths = tuple(
+            log.resolve() if digest else None
+            for log, digest in zip(record.logs, record.sha256, strict=True)
+        )
         reading = options.reading.keywords()
-        request = FitRequest(options.settings, self.record.spec.fit, reading, paths)
+        request = FitRequest(options.settings, record.spec.fit, reading, paths)
         return replace(read_fit(self.folder, self.pair), request=request)
 
     @cached_property

@@ -114,7 +114,8 @@ ERROR = {"schema": "vttig.error/1", "exit": 3, "message": "no such file.", "wher
 
 
 def test_an_error_fits_its_schema_and_may_gain_keys():
-    jsonschema.validate(ERROR | {"more": 1}, load_schema("vttig.error/1"))
+    validator = jsonschema.Draft202012Validator(load_schema("vttig.error/1"))
+    assert list(validator.iter_errors(ERROR | {"more": 1})) == []
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any, Literal
 import click
 
 from ...base.errors import UsageError
-from ...runs.run_file import CHECKPOINT, RunRecord, read_run
+from ...runs.run import Run
+from ...runs.run_file import CHECKPOINT, RunRecord
 from ...runs.zeros import shaft_readings
 from ..options import STEP_DEG, Finite, given, verb
 from ..output import LOGGER, Output
@@ -100,12 +101,10 @@ def command(
     from ...base.units import ARCSEC, DEG
     from ...control.compensation.map_harmonics import compensation_of
     from ...identify.backlash import contact_map
-    from ...identify.store import read_fit
-    from ...pair.load import pair_from_spec
 
     vttig_jax.enable_x64()
-    run = read_run(run_folder)
-    fit = read_fit(run_folder, pair_from_spec(run.spec))
+    opened = Run(run_folder)
+    run, fit = opened.record, opened.fit
     grid, contact = contact_map(fit, constant_backlash_deg=constant_backlash_deg)
     if (run_folder / CHECKPOINT).exists():
         LOGGER.warning(

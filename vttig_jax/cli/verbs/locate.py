@@ -9,7 +9,8 @@ import click
 
 from ...base.errors import NoAnswerError, UsageError
 from ...identify.settings import Flank
-from ...runs.run_file import RunRecord, read_run
+from ...runs.run import Run
+from ...runs.run_file import RunRecord
 from ...runs.zeros import SHAFTS, shaft_readings
 from ..options import POSITIVE, Finite, verb
 from ..output import Output
@@ -120,14 +121,11 @@ def command(
 
     from ...base.units import ARCSEC, DEG
     from ...identify.backlash import contact_map
-    from ...identify.store import read_fit
     from ...kinematics.turn_location import locate
-    from ...pair.load import pair_from_spec
 
     vttig_jax.enable_x64()
-    run = read_run(run_folder)
-    pair = pair_from_spec(run.spec)
-    fit = read_fit(run_folder, pair)
+    opened = Run(run_folder)
+    run, pair, fit = opened.record, opened.pair, opened.fit
     grid, contact = contact_map(fit, constant_backlash_deg=constant_backlash_deg)
     angles, steps = _angles(run, fit, given)
     spread = [step / math.sqrt(12) for step in steps]

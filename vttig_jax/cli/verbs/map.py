@@ -7,12 +7,12 @@ import click
 
 from ...base.errors import UsageError
 from ...runs.map_table import COLUMNS, banded_record, csv_text, map_record, map_table
-from ...runs.run_file import CHECKPOINT, read_run
+from ...runs.run import Run
+from ...runs.run_file import CHECKPOINT
 from ..options import POSITIVE, STEP_DEG, Finite, verb
 from ..output import LOGGER, Output
 
 if TYPE_CHECKING:
-    from ...identify.fit_result import Fit
     from ...posterior.summary.bands import BandedMap
 
 MOST_ROWS = 200_000
@@ -63,15 +63,13 @@ def command(
     import vttig_jax
 
     from ...identify.backlash import backlash_map
-    from ...identify.store import read_fit
-    from ...pair.load import pair_from_spec
 
     vttig_jax.enable_x64()
-    pair = pair_from_spec(read_run(run_folder).spec)
-    fit = read_fit(run_folder, pair)
-    turns = _span(pair.hunting_turns, step_deg, span_rev)
+    run = Run(run_folder)
+    fit = run.fit
+    turns = _span(run.pair.hunting_turns, step_deg, span_rev)
     if (run_folder / CHECKPOINT).exists() and constant_backlash_deg is None:
-        banded = banded_map(run_folder, fit, step_deg, turns, probability)
+        banded = banded_map(run, step_deg, turns, probability)
         table, columns = banded.table(), banded.columns
         record = banded_record(fit, banded, len(table), out, closing_mm)
         shown: object = f"{banded}{_bindings(record)}"
@@ -86,14 +84,11 @@ def command(
     output.emit(record, shown)
 
 
-def banded_map(
-    folder: Path, fit: "Fit", step_deg: float, turns: float, probability: float
-) -> "BandedMap":
+def banded_map(run: Run, step_deg: float, turns: float, probability: float) -> "BandedMap":
     """Return the map of the draws in a run folder, with its bands."""
-    from ...posterior.sampler import read_posterior
     from ...posterior.summary.bands import band_map
 
-    posterior = read_posterior(folder / CHECKPOINT, fit)
+    posterior = run.posterior
     if not posterior.diagnosis.converged:
         LOGGER.warning(
             "the draws have not converged, so the bands may be too narrow: %s", posterior.diagnosis

@@ -112,7 +112,6 @@ def command(
         raise UsageError("--steps and --until exclude each other; give one of them.")
     import vttig_jax
 
-    from ...pair.gear_pair import Drive
     from ...posterior.sampler import sample
     from ...posterior.sampling.stop_rule import Until
 
@@ -125,17 +124,15 @@ def command(
             save_fit(fit, out, overwrite=overwrite, figures=not no_figures, record=run)
     else:
         fit = _fit_in(out, [*options, "pair", "readings"])
-    if largest_eccentricity_mm is not None and isinstance(fit.pair, Drive):
-        raise UsageError(
-            "--largest-eccentricity-mm needs gears, but this is a drive; leave it out."
-        )
+    if largest_eccentricity_mm is not None:
+        _require_gears(fit)
     beliefs = {
         "eccentricity_mm": largest_eccentricity_mm,
         "flat_in": prior,
         "encoder_arcsec": encoder_arcsec,
     }
-    asked = {"seed": seed, "ensembles": ensembles, "walkers": walkers}
-    settings = _settings(out / CHECKPOINT if resume else None, asked, beliefs)
+    requested = {"seed": seed, "ensembles": ensembles, "walkers": walkers}
+    settings = _settings(out / CHECKPOINT if resume else None, requested, beliefs)
     with sampling_bar(output) as follow, _walkers_in_words():
         posterior = sample(
             fit,
@@ -148,6 +145,15 @@ def command(
             progress=follow,
         )
     _finish(output, out, posterior, figures=not no_figures)
+
+
+def _require_gears(fit: "Fit") -> None:
+    from ...pair.gear_pair import Drive
+
+    if isinstance(fit.pair, Drive):
+        raise UsageError(
+            "--largest-eccentricity-mm needs gears, but this is a drive; leave it out."
+        )
 
 
 def _finish(output: Output, out: Path, posterior: "Posterior", *, figures: bool) -> None:
