@@ -76,7 +76,7 @@ def one_seed(seed: int) -> dict[str, Any]:
     true_map = BacklashMap(rig.flank_model(), None, rig.pair).over(GRID)
     both, paper = fit(log, rig.pair), fit(log, rig.pair, flank="A")
     off, z = errors(both, truth)
-    jump_deg = paper.checks["reversals"][0]["constant_backlash_deg"]
+    jump_deg = paper.checks.reversals[0].constant_backlash_deg
     grid = backlash_map(both)
     paper_grid = backlash_map(paper, constant_backlash_deg=jump_deg)
     return {

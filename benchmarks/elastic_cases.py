@@ -1,5 +1,6 @@
 """The rigs of `elastic_accuracy`, and the law of elastic teeth sampled by two explicit methods."""
 
+import dataclasses
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -107,7 +108,7 @@ class SampledPlant(Plant):
 
         place, speed = self.advanced(force, shafts.drift + base[0], jnp.asarray(step))
         offset = shafts.offset + place - turned
-        none = ContactEvent(*[jnp.zeros_like(offset)] * len(ContactEvent._fields))
+        none = ContactEvent(*[jnp.zeros_like(offset)] * len(dataclasses.fields(ContactEvent)))
         ended = Shafts(ahead.angle, ahead.speed, offset, speed - base[1], none.side + FREE, flanks)
         return ended, none
 

@@ -153,14 +153,14 @@ def cycles_of(shaft: str, order: int) -> float:
 def seen(result: Fit, case: Case, orders: Sequence[OrderError], place: Place, turns: float) -> Seen:
     """What the fit tells its user."""
     wanted = cycles_of(*place)
-    lines = [line["cycles_per_rev"] for line in result.checks["lines"]]
-    white = result.checks["whiteness"]
+    lines = [line.cycles_per_rev for line in result.checks.lines]
+    white = result.checks.whiteness
 
     def right(found: Sequence[float]) -> bool:
         near = [abs(cycles - wanted) * turns < 1 for cycles in found]
         return bool(near) if case == "none" else any(near)
 
-    memory = white is not None and white["widening"] > 1
+    memory = white is not None and white.widening > 1
     phases = [order.phase_deg for order in orders]
     return Seen(
         case=case,

@@ -4,6 +4,7 @@ The C program is an oracle too: it shares no code with the scan, only its formul
 """
 
 import ctypes
+import dataclasses
 import shutil
 import subprocess
 from collections.abc import Sequence
@@ -113,7 +114,7 @@ def scanned(cases: Sequence[Case], periods: int) -> np.ndarray:
     """The same state by the simulator: one scan, vmapped over the cases."""
     state = jax.tree.map(np.asarray, _scan()(_stacked(cases), periods))
     start = empty_accumulators()
-    for name in set(Accumulators._fields) - set(METRICS):
+    for name in {field.name for field in dataclasses.fields(Accumulators)} - set(METRICS):
         there, at_first = getattr(state.accumulators, name), np.asarray(getattr(start, name))
         assert np.array_equal(there, np.broadcast_to(at_first, there.shape), equal_nan=True), name
     return _numbers(state)
@@ -160,9 +161,9 @@ def _numbers(state: State) -> np.ndarray:
     values |= {name: getattr(shafts.flanks, name) for name in _FLANKS}
     values |= {name: getattr(state.carriage, name) for name in _OTHERS[:3]}
     values["queue"] = np.asarray(state.carriage.queue)[:, 0]
-    values |= {f"seen_{name}": value for name, value in state.estimate._asdict().items()}
+    values |= {f"seen_{name}": value for name, value in vars(state.estimate).items()}
     values |= {"closes": state.controller.closing, "shift": state.controller.shift}
-    values |= accumulators._asdict()
+    values |= vars(accumulators)
     rows = np.array([np.asarray(values[name], np.float64) for name in FIELDS])
     rows[np.isnan(rows)] = NEVER
     highest = rows[FIELDS.index("highest")]
@@ -241,4 +242,4 @@ def _aligned(values: np.ndarray) -> np.ndarray:
     return aligned
 
 
-assert set(_SHAFTS) <= set(Shafts._fields)
+assert set(_SHAFTS) <= {field.name for field in dataclasses.fields(Shafts)}

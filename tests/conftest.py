@@ -54,6 +54,8 @@ import vttig_jax
 # In a single process, plugins import numpy before the variables above are set.
 threadpool_limits(int(os.environ["OPENBLAS_NUM_THREADS"]), user_api="blas")
 vttig_jax.enable_x64()
+# Arrays of different rank do not broadcast: the code names the axes that it adds.
+jax.config.update("jax_numpy_rank_promotion", "raise")
 
 from vttig_jax.pair.eccentricities import Eccentricities
 from vttig_jax.pair.gear_pair import Gear, GearPair

@@ -49,11 +49,11 @@ def fitted(axis: int, logs: str, way: str = PLAIN) -> Fit:
 def row(axis: int, logs: str, way: str) -> list[str]:
     """Cells of one fit in the table of `way`."""
     fit = fitted(axis, logs, way)
-    gap = fit.checks["apparent_gap"]
+    gap = fit.checks.gap_over_angles_covered
     cells = {
         "delay [ms]": _with_std(fit.parameters["delay_s"], 1e3, ".2f"),
         "residual": f"{3600 * fit.residual_rms_deg:.1f}",
-        "B above A": f"{3600 * gap['value_deg']:+.1f} ± {3600 * gap['std_deg']:.1f}",
+        "B above A": f"{3600 * (gap.value or 0.0):+.1f} ± {3600 * (gap.std or 0.0):.1f}",
         "motor order 1": _limit(fit.parameters["driving_amplitude_arcsec"]),
         "strongest line left": _line(fit),
     }
@@ -79,10 +79,10 @@ def _limit(found: Parameter) -> str:
 
 def _line(fit: Fit) -> str:
     """The strongest of the lines that are left in the residual."""
-    lines = sorted(fit.checks["lines"], key=lambda line: -line["amplitude_arcsec"])
+    lines = sorted(fit.checks.lines, key=lambda line: -line.amplitude_arcsec)
     if not lines:
         return "none"
-    return f"{lines[0]['amplitude_arcsec']:.1f} at {lines[0]['cycles_per_rev']:.2f}"
+    return f"{lines[0].amplitude_arcsec:.1f} at {lines[0].cycles_per_rev:.2f}"
 
 
 def table(way: str) -> str:

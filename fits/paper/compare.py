@@ -64,11 +64,17 @@ def statistics(error: np.ndarray) -> dict[str, float]:
     return {"mean": e.mean(), "max": e.max(), "min": e.min(), "range": np.ptp(e)}
 
 
-def te(name: str, angle: np.ndarray, flank: str, reference: str = "start") -> np.ndarray:
+def te(
+    name: str,
+    angle: np.ndarray,
+    flank: str,
+    reference: str = "start",
+    rig: Eccentricities = RIG,
+) -> np.ndarray:
     """TE of one flank by one of the relations, rad; chunked, so that all ways compile once."""
     error, _, options = RELATIONS[name]
     return chunked(
-        lambda piece: error(piece, PAIR, RIG, flank, reference=reference, **options), angle
+        lambda piece: error(piece, PAIR, rig, flank, reference=reference, **options), angle
     )
 
 
@@ -88,13 +94,13 @@ def range_bound() -> float:
     return float(np.degrees(2 * (RIG.driving_mm + RIG.driven_mm) / radius))
 
 
-def run_statistics(reversal_deg: float) -> dict[str, dict[str, float]]:
+def run_statistics(reversal_deg: float, rig: Eccentricities = RIG) -> dict[str, dict[str, float]]:
     """Exact statistics of one run, zero at the start on flank A.
 
     "A" is the way to the reversal; "A and B" is there and back, constant backlash included.
     """
     angle = way(reversal_deg)
-    forward, backward = (te("exact", angle, flank, "absolute") for flank in ("A", "B"))
+    forward, backward = (te("exact", angle, flank, "absolute", rig) for flank in ("A", "B"))
     start = forward[0]
     both = np.concatenate([forward - start, backward - start])
     return {"A": statistics(forward - start), "A and B": statistics(both)}

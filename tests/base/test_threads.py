@@ -64,5 +64,5 @@ def test_a_fit_and_its_checks_use_one(monkeypatch):
     rig = paper_rig(0, PassMotion(reversal_deg=900.0, dwell_s=0.5))
     result = vttig_jax.fit(rig.log(0), rig.pair)
     assert found == {"fit": {1}} and threads() == {2}
-    assert result.checks["lines"] is not None
+    assert list(result.checks.lines) is not None
     assert found["lines"] == {1} and threads() == {2}

@@ -243,7 +243,7 @@ MANGLED = [
     lambda r: r["checks"]["agreement"][0].update(log=1),
     lambda r: r["checks"].update(drift_knots_s=0),
     lambda r: r["checks"].update(weakest_direction={}),
-    lambda r: r["checks"].update(apparent_gap={"value_deg": 1.0}),
+    lambda r: r["checks"].update(gap_over_angles_covered={"value": 1.0}),
     lambda r: r["checks"].update(whiteness={"probability": 2.0}),
     lambda r: r["checks"].update(lines=[{"cycles_per_rev": 3.0}]),
     lambda r: r["checks"].update(passes=[{}], halves=[{}]),

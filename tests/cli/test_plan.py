@@ -83,10 +83,11 @@ def test_options_that_change_something_else(planned):
     ratio = assumed["driven_phase_deg"]["std"] / plain["parameters"]["driven_phase_deg"]["std"]
     assert ratio == pytest.approx(3.0, rel=1e-3)
     gap = "constant_backlash_deg"
-    assert (
-        planned("--delay", "free")["parameters"][gap]["std"] > 2 * plain["parameters"][gap]["std"]
-    )
+    for none in (("--delay", "off"), ("--assume", "delay_s=0"), ("--delay", "0.001")):
+        assert plain["parameters"][gap]["std"] > 2 * planned(*none)["parameters"][gap]["std"]
+    assert planned("--delay", "free")["parameters"][gap] == plain["parameters"][gap]
     assert not planned("--delay", "off")["parameters"]["delay_s"]["determined"]
+    assert planned("--delay", "0.001")["conditional_on"] == ["given_delay"]
 
 
 def test_perfect_encoders_pay_less(vttig_json, tmp_path):
@@ -142,6 +143,13 @@ def test_the_rate_of_the_pair_file_is_the_default(vttig_json, pair):
         ("--turns 20 --rate-hz 200 --noise-std-deg 1 --want delay_s=x", 2, "not a valid float"),
         ("--turns 20 --rate-hz 200 --noise-std-deg 1 --want a=1 --want a=2", 2, "given twice"),
         ("--turns 20 --rate-hz 200 --noise-std-deg 1 --assume foo=1", 2, "--assume must hold"),
+        ("--turns 20 --rate-hz 200 --noise-std-deg 1 --assume delay_s=2", 2, "--assume must hold"),
+        ("--turns 20 --rate-hz 200 --noise-std-deg 1 --delay 2", 2, "number of seconds"),
+        (
+            "--turns 20 --rate-hz 200 --noise-std-deg 0.003 --want constant_backlash_deg=1e-7",
+            4,
+            "a second speed",
+        ),
         (
             "--turns 20 --rate-hz 200 --noise-std-deg 0 --noise-correlation-s 1",
             2,

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -14,6 +15,7 @@ import numpy as np
 import pytest
 from filelock import FileLock
 
+from tests.cli import drive
 from tests.cli.drive import write_drive, write_pair
 from vttig_jax.cli.main import main
 from vttig_jax.posterior.sampling.ensembles import read_chains
@@ -150,8 +152,10 @@ def test_walkers_and_bounds_in_words(vttig, run):
     for odd in ("5", "4"):
         code, _, err = vttig("sample", "--out", run, "--overwrite", "--walkers", odd)
         assert code == 2 and "--walkers must be even and at least" in err
-    code, _, err = vttig("sample", "--out", run, "--overwrite", "--largest-eccentricity-mm", 0.1)
-    assert code == 2 and "this is a drive" in err
+    for name in ("--largest-eccentricity-mm", "--encoder-arcsec"):  # neither gears nor encoders
+        code, _, err = vttig("sample", "--out", run, "--overwrite", name, 0.1)
+        assert code == 2 and f"{name} has no effect" in err
+        assert "--largest-amplitude-arcsec, --largest-backlash-deg" in err
     assert vttig("sample", "--out", run, "--resume", "--steps", 10)[0] == 2
 
 
@@ -208,6 +212,51 @@ def test_a_prior_that_excludes_the_fit(vttig, rig_folder, tmp_path):
     code, _, err = vttig(*arguments, *narrow)
     assert code == 2 and "up to 0.01 mm" in err and "widen" in err
     assert not (tmp_path / "run" / "posterior.h5").exists()
+
+
+def test_a_drive_beyond_its_prior_is_sampled_with_the_option_that_is_named(
+    vttig, tmp_path, monkeypatch
+):
+    """First orders above 1°: the refusal names the option, and the command goes on with it."""
+    monkeypatch.setattr(drive, "FIRST_ARCSEC", {"driving": 5000.0, "driven": 50.0})
+    log, pair = write_drive(tmp_path / "log.csv", delay_s=0.0), write_pair(tmp_path / "pair.toml")
+    out = tmp_path / "run"
+    short = ("--out", out, "--no-figures", "--steps", 100, "--resume")
+    code, _, err = vttig("sample", log, "--pair", pair, *short)
+    assert code == 2 and "up to 3600″" in err
+    option = re.search(r"widen it with (--[a-z-]+)", err)
+    assert option is not None and not (out / "posterior.h5").exists()
+    wider = (option[1], 7200)
+    code, text, err = vttig("sample", log, "--pair", pair, *short, *wider)
+    assert code == 5 and "driving first order: flat in the plane up to 7200″" in text, err
+    code, text, err = vttig("sample", *short)  # the prior is that of the draws
+    assert code == 5 and "up to 7200″" in text, err
+    code, _, err = vttig("sample", *short, "--largest-backlash-deg", 4)
+    assert code == 3 and "backlash_deg` is 5.0, 4.0 expected" in err
+
+
+def test_a_command_with_resume_is_repeated(vttig, folder, tmp_path):
+    """It starts, goes on with a fit or with draws, and ends with 0 once all is done."""
+    out = tmp_path / "run"
+    again = ("sample", folder / "log.csv", "--pair", folder / "pair.toml", "--out", out)
+    again = (*again, "--resume", "--until", 5, "--no-figures", "-q")
+    code, _, err = vttig(*again)
+    assert code == 0, err
+    draws, fitted = _draws(out), (out / "fit.json").stat().st_mtime_ns
+    (out / "posterior.json").unlink()  # killed before its report
+    assert vttig(*again)[0] == 0 and (out / "posterior.json").exists()
+    np.testing.assert_array_equal(_draws(out), draws)
+    for name in ("posterior.h5", "posterior.json"):  # killed before its draws
+        (out / name).unlink()
+    assert vttig(*again)[0] == 0 and (out / "posterior.json").exists()
+    np.testing.assert_array_equal(_draws(out), draws)
+    assert (out / "fit.json").stat().st_mtime_ns == fitted
+    for changed, words in ((("--delay", "off"), "options"), (("--until", 6), "")):
+        code, _, err = vttig(*again, *changed)
+        assert code == (3 if words else 0) and words in err
+    other = ("sample", folder / "other.csv", *again[2:])
+    code, _, err = vttig(*other)
+    assert code == 3 and "another fit (data sha256 differ)" in err
 
 
 def test_killed_and_resumed(folder, tmp_path):

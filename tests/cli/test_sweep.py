@@ -73,6 +73,37 @@ def test_a_folder_gets_the_table_and_a_picture(vttig, sweep, tmp_path):
     assert vttig("sweep", sweep, "--out", out, "--overwrite", "--no-figures")[0] == 0
 
 
+def test_a_command_with_resume_is_repeated(vttig, vttig_json, sweep, tmp_path):
+    """It starts, goes on with the parts that are there, and prints what is complete."""
+    out = tmp_path / "swept"
+    again = ("sweep", sweep, "--out", out, "--resume", "-q")
+    code, started = vttig_json(*again)
+    assert code == 0 and started["lane_steps"] > 0
+    table, picture = out / "sweep.parquet", out / "figures" / "sweep.png"
+    before, rows = table.stat().st_mtime_ns, pq.read_table(table)
+    picture.unlink()
+    code, complete = vttig_json(*again)
+    assert code == 0 and complete["lane_steps"] == complete["devices"] == 0
+    assert complete["pair"] == started["pair"]
+    assert complete["outcomes"] == started["outcomes"] and complete["axes"] == started["axes"]
+    assert table.stat().st_mtime_ns == before and picture.exists()
+    # As a kill leaves it: the header, and no block.
+    table.unlink()
+    code, goes_on = vttig_json(*again)
+    assert code == 0 and goes_on["lane_steps"] == started["lane_steps"]
+    assert pq.read_table(table).equals(rows)
+
+
+def test_a_complete_table_of_another_sweep_is_refused(vttig, sweep, tmp_path):
+    out = tmp_path / "swept"
+    assert vttig("sweep", sweep, "--out", out, "--no-figures", "-q")[0] == 0
+    before = (out / "sweep.parquet").read_bytes()
+    sweep.write_text(sweep.read_text().replace("num = 5", "num = 4"))
+    code, text, err = vttig("sweep", sweep, "--out", out, "--resume", "-q")
+    assert (code, text) == (3, "") and "another sweep: scenario differ" in err
+    assert (out / "sweep.parquet").read_bytes() == before
+
+
 def test_rigs_of_a_posterior(vttig, vttig_json, sampled_folder, tmp_path):
     path = tmp_path / "sweep.toml"
     text = SWEEP.format(rig="").replace("[eccentricities]\n", "").replace("pair.toml", "rig.toml")
@@ -144,7 +175,6 @@ def test_bad_files_are_one_sentence(vttig, sweep, old, new, code, words, monkeyp
         ["--out", "swept", "--resume", "--overwrite"],
         ["--devices", "0"],
         ["--devices", "4000"],
-        ["--out", "swept", "--resume"],
     ],
 )
 def test_wrong_options_are_usage_errors(vttig, sweep, options, monkeypatch):

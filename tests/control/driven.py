@@ -93,7 +93,8 @@ def followed(drive, plant, bounds, start, told, step) -> Any:
 
     def one(state: tuple[Motor, Shafts], point: MotionPoint):
         motor, shafts, touch = drive.step(state[0], plant, state[1], point, OPEN, bounds, step)
-        places, flanks = shafts[:5], shafts.flanks
+        flanks = shafts.flanks
+        places = (shafts.angle, shafts.speed, shafts.offset, shafts.drift, shafts.side)
         return (motor, shafts), (*places, flanks.lower, flanks.upper, touch.side)
 
     found: Any = jax.lax.scan(one, (drive.start(first), shafts), rest)[1]

@@ -2,6 +2,7 @@
 
 from typing import Any
 
+import jax
 import numpy as np
 
 from vttig_jax.control.motion.motion import MotionPoint
@@ -18,5 +19,8 @@ def at(motion: Any, time: Any) -> MotionPoint:
     flat = time.ravel()
     blocks = [flat[start : start + ROOM] for start in range(0, flat.size, ROOM)]
     points = [motion.at(np.pad(block, (0, ROOM - block.size))) for block in blocks]
-    joined = (np.concatenate(parts)[: flat.size] for parts in zip(*points, strict=True))
-    return MotionPoint(*(part.reshape(time.shape) for part in joined))  # pyright: ignore
+
+    def joined(*parts: Any) -> np.ndarray:
+        return np.concatenate(parts)[: flat.size].reshape(time.shape)
+
+    return jax.tree.map(joined, *points)

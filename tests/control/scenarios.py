@@ -19,7 +19,7 @@ from vttig_jax.control.controllers.controller import Controller
 from vttig_jax.control.motion.motion import Motion, MotionPoint
 from vttig_jax.control.scenario.spec import ScenarioSpec, parse_scenario_spec, with_values
 from vttig_jax.control.simulation.build import case_of
-from vttig_jax.control.simulation.case import Case, Sample, initial_state, trace_periods
+from vttig_jax.control.simulation.case import Case, initial_state, trace_periods
 from vttig_jax.kinematics.exact import exact_model
 from vttig_jax.rig.paper import paper_eccentricities, paper_pair
 
@@ -90,7 +90,7 @@ class Points(Motion):
 
     def at(self, time: ArrayLike) -> MotionPoint:
         place = jnp.round(jnp.asarray(time) / self.step).astype(int) - self.first
-        return MotionPoint(*(values[place] for values in self.points))
+        return jax.tree.map(lambda values: values[place], self.points)
 
 
 class Run(NamedTuple):
@@ -138,17 +138,16 @@ def _lanes(cases: Sequence[Case], after_turn_s: float) -> list[Run]:
     for chunk in range(chunks):
         numbers = chunk * CHUNK + jnp.arange(CHUNK)
         states, samples = _advanced(_moved(still, moving, chunk), states, numbers)
-        kept.append([np.asarray(values) for values in samples])
+        kept.append(jax.tree.map(np.asarray, samples))
     tallies = jax.tree.map(np.asarray, states.accumulators)
-    joined = [np.concatenate(parts, axis=1) for parts in zip(*kept, strict=True)]
-    return [
-        Run(
-            case,
-            jax.tree.map(lambda values, lane=lane: values[lane], tallies),
-            Sample(*(values[lane, : _periods(case)] for values in joined)),
-        )
-        for lane, case in enumerate(cases)
-    ]
+    joined = jax.tree.map(lambda *parts: np.concatenate(parts, axis=1), *kept)
+
+    def in_lane(lane: int, case: Case) -> Run:
+        tally = jax.tree.map(lambda values: values[lane], tallies)
+        samples = jax.tree.map(lambda values: values[lane, : _periods(case)], joined)
+        return Run(case, tally, samples)
+
+    return [in_lane(lane, case) for lane, case in enumerate(cases)]
 
 
 def _periods(case: Case, after_turn_s: float = math.inf) -> int:
@@ -174,8 +173,9 @@ def _stack(parts: Sequence[Any]) -> Any:
 def _moved(still: Case, moving: Points, chunk: int) -> Case:
     """All cases with the points of one chunk: the same shapes for every run."""
     first = chunk * CHUNK * still.substeps
-    points = [values[:, first : first + CHUNK * still.substeps + 1] for values in moving.points]
-    some = eqx.tree_at(lambda all_: all_.points, moving, MotionPoint(*points))
+    last = first + CHUNK * still.substeps + 1
+    points = jax.tree.map(lambda values: values[:, first:last], moving.points)
+    some = eqx.tree_at(lambda all_: all_.points, moving, points)
     some = eqx.tree_at(lambda all_: all_.first, some, np.full(LANES, first))
     return eqx.tree_at(lambda case: case.motion, still, some, is_leaf=lambda x: x is None)
 

@@ -34,9 +34,9 @@ EACH = pytest.mark.parametrize(("axis", "log"), list(itertools.product((1, 2, 3)
 def test_kuka_delay_and_what_is_left(kuka: ModuleType, axis: int, log: str):
     fit = kuka.fitted(axis, log)
     assert fit.value("delay_s") == pytest.approx(KNOWN_DELAY_S[axis], abs=0.3e-3)
-    gap = fit.checks["apparent_gap"]
-    assert gap["value_deg"] < 5 / 3600  # nothing that a gap could be: at most a few arcseconds
-    assert gap["significant"] == (gap["value_deg"] >= 3 * gap["std_deg"])
+    gap = fit.checks.gap_over_angles_covered
+    assert gap.determined and gap.value is not None
+    assert gap.value < 5 / 3600  # nothing that a gap could be: at most a few arcseconds
 
 
 LEAVES_MORE = pytest.mark.xfail(
@@ -78,7 +78,7 @@ def test_kuka_undetermined(kuka: ModuleType, axis: int, log: str):
     assert motor.determined and not motor.significant
     assert motor.upper95 is not None
     assert fit.parameters["driving_phase_deg"].value is None
-    assert all(abs(line["cycles_per_rev"] - 1) > 0.1 for line in fit.checks["lines"])
+    assert all(abs(line.cycles_per_rev - 1) > 0.1 for line in fit.checks.lines)
 
 
 @pytest.mark.parametrize(
@@ -89,12 +89,13 @@ def test_kuka_without_delay_looks_like_backlash(
 ):
     """To plain least squares, which what it leaves does not warn."""
     naive, fit = kuka.fitted(axis, "A", kuka.OFF), kuka.fitted(axis, "A")
-    gap = naive.checks["apparent_gap"]
-    assert gap["significant"] and 3600 * gap["value_deg"] == pytest.approx(gap_arcsec, abs=3.0)
+    gap = naive.checks.gap_over_angles_covered
+    assert gap.value is not None and gap.std is not None and gap.value > 3 * gap.std
+    assert 3600 * gap.value == pytest.approx(gap_arcsec, abs=3.0)
     assert 3600 * naive.residual_rms_deg == pytest.approx(left_arcsec, abs=0.5)
     assert naive.residual_rms_deg > 4.5 * fit.residual_rms_deg
-    jumps = [jump["jump_deg"] for jump in naive.checks["reversals"]]
-    assert max(jumps) < 0.1 * gap["value_deg"]
+    jumps = [jump.jump_deg for jump in naive.checks.reversals]
+    assert max(jumps) < 0.1 * gap.value
 
 
 def kuka_channels(data_dir: Path, axis: int, log: str, delay_s: float) -> dict[str, np.ndarray]:
@@ -159,11 +160,11 @@ def test_kuka_ripple_of_axis_2(
     everywhere: float,
 ):
     channels = kuka_channels(data_dir, 2, log, 0.00293)
-    line = kuka.fitted(2, log).checks["lines"][0]
+    line = kuka.fitted(2, log).checks.lines[0]
     cycles, amplitude = ripple(channels, 0.1)
-    assert line["cycles_per_rev"] == pytest.approx(cycles, abs=0.004)
-    assert line["amplitude_arcsec"] == pytest.approx(amplitude, abs=1.0)
-    assert line["false_alarm"] < 1e-100
+    assert line.cycles_per_rev == pytest.approx(cycles, abs=0.004)
+    assert line.amplitude_arcsec == pytest.approx(amplitude, abs=1.0)
+    assert line.false_alarm < 1e-60
     for slowest, stated in ((0.1, above_a_tenth), (0.5, above_half), (-1.0, everywhere)):
         assert ripple(channels, slowest)[1] == pytest.approx(stated, abs=0.06)
 

@@ -6,8 +6,10 @@ from fractions import Fraction
 import numpy as np
 
 from vttig_jax.identify.compress.block_rows import BlockRun, LogRows
-from vttig_jax.identify.compress.flank_summary import summarise_flank
-from vttig_jax.identify.compress.harmonic_summary import FlankSummary, HarmonicSummary
+from vttig_jax.identify.compress.flank_summary import FlankSummary, conditioned_runs
+from vttig_jax.identify.compress.harmonic_summary import HarmonicSummary
+from vttig_jax.identify.compress.irregular_flank import IrregularFlank
+from vttig_jax.identify.compress.lagged_flank import LaggedFlank
 from vttig_jax.identify.compress.regressors import Drift
 from vttig_jax.identify.model.column_layout import OFFSET, ColumnLayout
 from vttig_jax.identify.model.harmonics import Harmonic, TermPlan
@@ -17,7 +19,7 @@ from vttig_jax.kinematics.te_curve import TECurve
 from vttig_jax.logs.encoder_log import EncoderLog
 from vttig_jax.logs.motion.flank_assignment import find_ramps
 from vttig_jax.logs.motion.segments import Segment, find_segments
-from vttig_jax.pair.gear_pair import Flank, GearPair
+from vttig_jax.pair.gear_pair import Drive, Flank, GearPair
 
 TERMS = TermPlan(
     Fraction(9, 16),
@@ -25,6 +27,18 @@ TERMS = TermPlan(
     (Harmonic("driving", 1, (1, 0)), Harmonic("driven", 1, (0, 1))),
     (),
 )
+
+
+def lagged_flank(runs: Sequence[np.ndarray], lags: int, flank: Flank = "A") -> FlankSummary:
+    """Summary of runs at equal times."""
+    return LaggedFlank.of_runs(flank, conditioned_runs(runs), (), 1.0, lags)
+
+
+def irregular_flank(
+    runs: Sequence[np.ndarray], times: Sequence[np.ndarray], distance_s: float
+) -> FlankSummary:
+    """Summary of runs at unequal times."""
+    return IrregularFlank.of_runs("A", conditioned_runs(runs), times, distance_s, 0)
 
 
 def normal_matrix(flank: FlankSummary, filter_: np.ndarray) -> np.ndarray:
@@ -56,7 +70,7 @@ def columns(count: int, drift_order: int) -> np.ndarray:
 def summary_of(flanks: dict, drift_order: int = 0, lags: int = 8) -> HarmonicSummary:
     """A summary of {flank: [rows, …]}, rows in the order of `columns` with y behind."""
     return HarmonicSummary(
-        flanks=tuple(summarise_flank(flank, runs, lags) for flank, runs in flanks.items()),
+        flanks=tuple(lagged_flank(runs, lags, flank) for flank, runs in flanks.items()),
         terms=TERMS,
         columns=layout_of(TERMS, drift_order),
         block_s=0.01,
@@ -71,7 +85,7 @@ def layout_of(terms: TermPlan, drift_order: int = 0) -> ColumnLayout:
 
 def looked(
     log: EncoderLog,
-    pair: GearPair,
+    pair: GearPair | Drive,
     *,
     drift: Drift = Drift(),
     regressors: tuple[str, ...] = (),

@@ -179,8 +179,8 @@ def test_the_price_of_not_trusting_the_encoders(noisy_rig):
 @pytest.mark.parametrize("order", [0, 1, 2, 4])
 def test_drift_order_is_obeyed(noisy_log, noisy_rig, order):
     result = fit(noisy_log, noisy_rig.pair, drift_order=order)
-    assert result.checks["drift_order"] == order
-    assert len(result.checks["drift_arcsec"]) == order
+    assert result.checks.drift_order == order
+    assert len(result.checks.drift_arcsec) == order
 
 
 def test_a_drift_is_found_and_taken_away(noisy_log, noisy_rig, noisy_fit):
@@ -194,15 +194,15 @@ def test_a_drift_is_found_and_taken_away(noisy_log, noisy_rig, noisy_fit):
         unit="deg",
     )
     result = fit(drifting, noisy_rig.pair)
-    assert result.checks["drift_order"] >= 1
-    assert result.checks["drift_arcsec"][0] == pytest.approx(30.0, abs=4.0)
+    assert result.checks.drift_order >= 1
+    assert result.checks.drift_arcsec[0] == pytest.approx(30.0, abs=4.0)
     ignored = fit(drifting, noisy_rig.pair, drift_order=0)
     scores = [
         abs(one.value("constant_backlash_deg") - 0.038)
         / (one.parameters["constant_backlash_deg"].std or np.nan)
         for one in (result, ignored)
     ]
-    assert scores[0] < 4 < scores[1]
+    assert scores[0] < 3 < scores[1]
 
 
 def test_options_replace_those_of_the_pair(noisy_log, noisy_rig, noisy_fit):
@@ -263,6 +263,8 @@ def test_noise_of_blocks_and_of_samples(noisy_fit):
 def test_residuals_stand_beside_their_curves(noisy_fit):
     assert [len(r) for r in noisy_fit.residuals] == [len(c) for c in noisy_fit.curves]
     for residual, curve in zip(noisy_fit.residuals, noisy_fit.curves, strict=True):
+        if np.ptp(curve.driving_angle) < 2 * np.pi:
+            continue  # a ramp
         assert residual.std() < 0.3 * curve.transmission_error.std()
         assert residual.std() / DEG == pytest.approx(noisy_fit.noise.std / DEG, rel=0.1)
 

@@ -67,7 +67,7 @@ def test_the_gap_is_found_through_the_torque(paper_pair):
     time, angle, driven, load = _overrunning()
     torque = load * (0.3 + np.abs(np.sin(2.9 * time)))
     result = fit(_log(time, angle, driven, paper_pair, torque), paper_pair)
-    gap = result.parameters["constant_backlash_deg"]
+    gap = result.parameters["backlash_plus_delay_deg"]  # at one speed and without a delay
     assert result.flanks == ("A", "B")
     assert gap.value == pytest.approx(GAP, abs=4 * (gap.std or 0.0))
     assert gap.std is not None and gap.std < 2e-3

@@ -86,7 +86,8 @@ def test_white_noise_remembers_nothing(two_speeds):
     white = fit(logs[0], pair, noise="white")
     assert len(white.noise.coefficients) == 0
     assert white.noise.name == white.to_json()["noise"]["model"] == "white"
-    assert white.checks["whiteness"]["probability"] < 1e-6 < 1e-3
+    assert white.checks.whiteness is not None
+    assert white.checks.whiteness.probability < 1e-6 < 1e-3
 
 
 @pytest.mark.parametrize(

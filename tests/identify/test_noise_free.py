@@ -39,7 +39,7 @@ def test_the_truth_comes_back_and_nothing_else(clean_rig, motion):
         assert 0 < (result.parameters[name].std or 0.0) < 1e-5 * truth, name
     for name in ("driving_encoder_arcsec", "driven_encoder_arcsec"):
         assert not result.parameters[name].significant
-    assert result.checks["lines"] == [] and result.checks["whiteness"] is None
+    assert not result.checks.lines and result.checks.whiteness is None
     assert sum(SENTENCE in note for note in result.notes) == 1
     assert "changes by" not in str(result) and "noise                none" in str(result)
 

@@ -10,6 +10,7 @@ import pytest
 from vttig_jax.base.units import ARCSEC, DEG
 from vttig_jax.identify.fit_result import Fit
 from vttig_jax.identify.noise.noise_model import NoiseModel
+from vttig_jax.identify.report.checks import Checks
 from vttig_jax.identify.report.order_table import Order
 from vttig_jax.kinematics.harmonic import OrderModel
 from vttig_jax.kinematics.te_curve import TECurve
@@ -86,7 +87,7 @@ def make_fit(paper_pair) -> Callable[..., Fit]:
             covariance=np.eye(1),
             covariance_names=("constant_backlash",),
             values=np.zeros(1),
-            checks={},
+            checks=Checks(),
             notes=(),
         )
 

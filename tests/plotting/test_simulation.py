@@ -175,7 +175,7 @@ def test_without_a_turn_the_whole_run_is_shown_alone(run, times):
 
 
 def test_where_the_drive_blocks_the_picture_ends(run):
-    blocked = run.accumulators._replace(blocked=np.asarray(True), blocked_s=np.asarray(2.4))
+    blocked = replace(run.accumulators, blocked=np.asarray(True), blocked_s=np.asarray(2.4))
     figure = plot_simulation(replace(run, accumulators=blocked))
     assert len(figure.axes) == 4
     assert figure.axes[1].get_xlim() == pytest.approx((1.9, 2.4), abs=0.01)

@@ -34,8 +34,8 @@ def test_what_is_determined_is_sampled(kind):
             assert found.parameters[name].value is None
             assert found.parameters[name].reason == known.reason
     assert str(found) and found.to_json()["draws"]["ensembles"] == 4
-    white = result.checks["whiteness"]
-    if white is None or white["widening"] == 1.0:
+    white = result.checks.whiteness
+    if white is None or white.widening == 1.0:
         ratio = found.flat.std(axis=0) / np.sqrt(np.diag(target.covariance))
         physical = len(found.physical)
         assert (np.abs(np.log(ratio[:physical])) < np.log(1.4)).all(), ratio

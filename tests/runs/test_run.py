@@ -103,6 +103,27 @@ def test_draws_are_saved_and_resumed(tmp_path, capsys, quick_fit):
     capsys.readouterr()
 
 
+def test_draws_that_were_continued_in_their_folder_are_reported_anew(tmp_path, quick_fit):
+    folder = tmp_path / "run"
+    vttig_jax.sample(quick_fit, steps=40, seed=3).save(folder)
+    place, report = folder / "posterior.h5", folder / "posterior.json"
+    longer = vttig_jax.sample(quick_fit, steps=80, seed=3, checkpoint=place, resume=True)
+    assert json.loads(report.read_text())["diagnosis"]["steps"] == 40
+    longer.save(folder, figures=False)
+    record = json.loads(report.read_text())
+    assert record["diagnosis"]["steps"] == 80
+    assert record["parameters"] == json.loads(json.dumps(longer.to_json()))["parameters"]
+    assert not (folder / "figures" / "corner.png").exists()  # that of the shorter chains
+    assert (folder / "figures" / "te_fit.png").exists()
+    np.testing.assert_array_equal(open_run(folder).posterior.draws, longer.draws)
+    before = place.read_bytes()
+    shorter, other = (vttig_jax.sample(quick_fit, steps=n, seed=s) for n, s in ((40, 3), (120, 4)))
+    for refused in (longer, shorter, other):
+        with pytest.raises(UsageError, match="exists"):
+            refused.save(folder)
+    assert place.read_bytes() == before
+
+
 def test_the_draws_of_another_fit_do_not_join(tmp_path, made, quick_fit):
     made.save(tmp_path / "run", figures=False)
     posterior = vttig_jax.sample(quick_fit, steps=40)

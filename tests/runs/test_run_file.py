@@ -21,6 +21,7 @@ OPTIONS = RunOptions(
         flank="A",
         perfect_encoders=True,
         delay=-0.002,
+        delay_within_ms=5.0,
         loss="huber",
         regressors=("torque",),
         free_ratio=True,

@@ -1,14 +1,13 @@
 """Cubic Hermite interpolation within one time step, and the first root of the cubic."""
 
-from typing import NamedTuple
-
+import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 _HALLEY = 3  # Halley iterations, enough to reach rounding on the nearly straight curves of a step
 
 
-class Cubic(NamedTuple):
+class Cubic(eqx.Module):
     """c₀ + c₁ τ + c₂ τ² + c₃ τ³ for τ in [0, 1]."""
 
     c0: Float[Array, "*shape"]

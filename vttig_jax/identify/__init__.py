@@ -8,13 +8,13 @@ if TYPE_CHECKING:
     from .backlash import backlash_map as backlash_map
     from .fit_result import Fit as Fit
     from .fitting import fit as fit
-    from .report.lazy_checks import Checks as Checks
+    from .report.checks import Checks as Checks
     from .report.parameters import Parameter as Parameter
     from .settings import FitSettings as FitSettings
     from .store import read_fit as read_fit
 
 _HOMES = {
-    "Checks": "report.lazy_checks",
+    "Checks": "report.checks",
     "Fit": "fit_result",
     "FitSettings": "settings",
     "Parameter": "report.parameters",

@@ -2,8 +2,8 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
+import msgspec
 import numpy as np
 
 from ..base.units import DEG
@@ -15,25 +15,26 @@ from .fit_result import Fit
 from .model.forward_model import ForwardModel, relation_of
 from .model.identifiability import Identifiability
 from .noise.noise_model import NoiseModel, WhitenedFlank, whiten
+from .preliminary.delay import one_speed
 from .preliminary.linear_fit import LinearFit
-from .preliminary.model_selection import SelectedModel
+from .preliminary.model_selection import FEW_TURNS, SelectedModel
 from .report.backlash_readings import (
     comparison,
     gap_of_both_flanks,
     gap_of_one_flank,
+    judged,
     require_gap,
-    require_plausible,
     updated,
     with_constant_backlash,
 )
-from .report.check_records import checks_of, log_record, repetitions_of
-from .report.closure import closure
-from .report.lazy_checks import Checks
-from .report.notes import conditions_of, notes_of
-from .report.order_table import Order, fitted_model, order_table
-from .report.parameters import outcome_of, parameters_of, regressors_of
-from .report.per_log import fit_log_alone
-from .report.residual_tests import lines_left, whiteness
+from .report.check_records import checks_of
+from .report.checks import REMEMBERS, ReadingsComparison, ResidualLine, Whiteness
+from .report.covered_gap import covered_gap, depends_on_speed, gap_by_speed
+from .report.notes import conditions_of, notes_of, speed_note
+from .report.order_table import fitted_model, order_table
+from .report.parameters import NORMAL_95, outcome_of, parameters_of, regressors_of
+from .report.per_log import DelayChange, delay_change, log_record
+from .report.residual_tests import explained, lines_left, whiteness
 from .settings import FitSettings
 from .solve.least_squares import Solution, solve
 from .solve.residuals import (
@@ -45,10 +46,13 @@ from .solve.residuals import (
     sample_residual_rms,
     weights_of_logs,
 )
-from .solve.sandwich import widened
+from .solve.sandwich import widened, widened_on_few_turns
 
-REMEMBERS = 1e-3
-"""Ljung–Box probability below which standard errors are estimated from blocks; chosen value."""
+_CLEARLY = 6.0
+"""Least size of a gap below zero that contradicts the log, in rms residuals; a smaller one may be
+friction or wind-up (chosen value)."""
+
+_OF_CHANGE = 0.3  # half-width of the delay's interval as a share of its change; chosen value
 
 
 def build_fit(
@@ -65,53 +69,115 @@ def build_fit(
     noise, whitened = whiten(summary, selected.weights.variance_factor)
     relation = _relation(summary, pair, identifiable, split, settings)
     solution = restored(solve(relation, whitened), linear.levels)
-    solution, white = _with_blocks(linear, summary, noise, whitened, solution)
+    few_turns = isinstance(pair, Drive) and identifiable.turns["driving"] < FEW_TURNS
+    solution, white = _with_blocks(linear, summary, noise, whitened, solution, few_turns)
     solution, compared = _with_readings(
         readings, pair, linear, summary, whitened, solution, settings.use_readings
     )
     coefficients = flank_coefficients(whitened, solution)
     weights = weights_of_logs(summary, coefficients)
-    parameters = parameters_of(pair, identifiable, solution, settings, selected.delay)
+    change = delay_change(linear) if selected.delay.state == "fitted" else None
+    solution = _with_change(solution, change)
+    margin = _delay_margin(selected, identifiable)
+    parameters = parameters_of(pair, identifiable, solution, settings, selected.delay, margin)
     regressors = regressors_of(solution, linear.inputs[0].log)
     orders = order_table(summary, whitened, solution, coefficients)
     curves, residuals = curves_and_residuals(linear, weights)
-    alone = [fit_log_alone(linear, log) for log in range(len(linear.inputs))]
-    records = [log_record(linear, solution, log) for log in range(len(linear.inputs))]
+    model = fitted_model(summary, coefficients, linear.levels[0])
+    unsure = max(margin, _delay_error(selected, identifiable))
+    gap = covered_gap(linear, model, summary, whitened, solution, coefficients, unsure)
+    gaps = ()
+    if gap.value is not None:
+        gaps = gap_by_speed(linear, weights, gap.value, noise.correlation_s)
+    residual_deg = sample_residual_rms(linear, weights) / DEG
+    contradiction = gap.is_contradiction and -(gap.value or 0.0) > _CLEARLY * residual_deg
+    logs = tuple(log_record(linear, solution, log) for log in range(len(linear.inputs)))
     return Fit(
         pair=pair,
         source=", ".join(one.log.source for one in linear.inputs),
         sha256=" ".join(one.log.sha256 for one in linear.inputs),
-        outcome=outcome_of(parameters, solution.converged, settings),
+        outcome=outcome_of(parameters, solution.converged, settings, contradiction=contradiction),
         flanks=identifiable.flanks,
-        samples={key: sum(r["samples"][key] for r in records) for key in records[0]["samples"]},
-        zero=records[0]["zero"],
-        zero_readings=records[0]["zero_readings"],
+        samples={key: sum(log.samples[key] for log in logs) for key in logs[0].samples},
+        zero=logs[0].zero,
+        zero_readings=logs[0].zero_readings,
         conditional_on=conditions_of(pair, split, settings, selected),
         parameters=parameters,
         orders=orders,
-        model=fitted_model(summary, coefficients, linear.levels[0]),
+        model=model,
         noise=noise,
-        residual_rms_deg=sample_residual_rms(linear, weights) / DEG,
+        residual_rms_deg=residual_deg,
         curves=curves,
         residuals=residuals,
         covariance=solution.covariance,
         covariance_names=solution.names,
         values=solution.values,
         regressors=regressors,
-        checks=Checks(
-            {
-                "order_spectrum": _first_orders(orders),
-                "closure": closure(curves, pair),
-                "whiteness": white,
-                "readings": compared,
-                **checks_of(selected, solution, pair, parameters),
-            },
-            repetitions_of(linear) | {"lines": _lines(linear, weights, noise)},
+        checks=checks_of(
+            selected,
+            solution,
+            pair,
+            parameters,
+            orders,
+            curves,
+            white,
+            compared,
+            gap,
+            gaps,
+            explained(linear, summary.columns, weights),
+            _lines(linear, weights, noise),
         ),
-        notes=notes_of(selected, identifiable, solution, noise, regressors, alone),
-        logs=tuple(record | {"alone": one} for record, one in zip(records, alone, strict=True)),
+        notes=(
+            *notes_of(selected, identifiable, solution, noise, regressors, logs),
+            *([speed_note(gaps)] if depends_on_speed(gaps) else []),
+            *([change.sentence] if change and change.is_clear else []),
+        ),
+        logs=logs,
         evidence=_evidence(selected, solution, noise, split, settings),
     )
+
+
+def _with_change(solution: Solution, change: DelayChange | None) -> Solution:
+    """Return the solution with a standard error of the delay that contains its change.
+
+    The half-width of the interval is at least 0.3 of a clear change between the halves of a log.
+    """
+    if change is None or not change.is_clear or "delay" not in solution.names:
+        return solution
+    place = solution.names.index("delay")
+    std = float(np.sqrt(solution.covariance[place, place]))
+    scale = np.ones(len(solution.names))
+    scale[place] = max(_OF_CHANGE * abs(change.change_s) / (NORMAL_95 * std), 1.0)
+    return replace(solution, covariance=solution.covariance * np.outer(scale, scale))
+
+
+def _delay_margin(selected: SelectedModel, identifiable: Identifiability) -> float:
+    """Return the gap in rad that a delay within its bound looks like.
+
+    It is zero for a delay that is fitted, given or excluded.
+    """
+    delay = selected.delay
+    if delay.state != "open" or delay.forced:
+        return 0.0
+    return _gap_like(identifiable, delay.within_s)
+
+
+def _delay_error(selected: SelectedModel, identifiable: Identifiability) -> float:
+    """Return the gap in rad that the error of an insignificant delay looks like at one speed."""
+    delay = selected.delay
+    if delay.state != "insignificant":
+        return 0.0
+    if not one_speed([s for own in identifiable.segments for s in own]):
+        return 0.0
+    return _gap_like(identifiable, NORMAL_95 * delay.std_s)
+
+
+def _gap_like(identifiable: Identifiability, delay_s: float) -> float:
+    """Return the gap in rad that a delay looks like: 2 i |ω₁| times the delay."""
+    speeds = [abs(s.speed) for own in identifiable.segments for s in own]
+    if len(identifiable.flanks) < 2 or not speeds:
+        return 0.0
+    return 2 * float(identifiable.terms.ratio) * max(speeds) * delay_s
 
 
 def _relation(
@@ -130,10 +196,6 @@ def _relation(
         encoder_terms=split,
         gear_terms=not settings.perfect_gears,
     )
-
-
-def _first_orders(orders: tuple[Order, ...]) -> list[dict[str, Any]]:
-    return [order.to_json() for order in orders if order.order == 1 and order.shaft != "mesh"]
 
 
 def _evidence(
@@ -159,7 +221,7 @@ def _evidence(
 
 def _lines(
     linear: LinearFit, weights: list[Weights], noise: NoiseModel
-) -> Callable[[], list[dict[str, Any]]]:
+) -> Callable[[], list[ResidualLine]]:
     """Return the function that searches the residual for lines, for a later call.
 
     It keeps the block rows but not the samples. A log without noise is not searched.
@@ -176,10 +238,12 @@ def _with_blocks(
     noise: NoiseModel,
     whitened: tuple[WhitenedFlank, ...],
     solution: Solution,
-) -> tuple[Solution, dict | None]:
-    """Replace the standard errors by those from blocks of the log if the noise model is wrong.
+    few_turns: bool,
+) -> tuple[Solution, Whiteness | None]:
+    """Replace the standard errors by those from the log itself if the noise model may be wrong.
 
-    A test of the whitened residual decides. It is omitted if the residual is rounding, which
+    On few turns cosines of the scores decide. Otherwise a test of the whitened residual decides
+    whether blocks of the log do. Both are omitted if the residual is rounding, which
     follows the digits of the readings and no noise model.
 
     **Returns** the solution, and the record of the test or None.
@@ -190,11 +254,17 @@ def _with_blocks(
     curves, residuals = curves_and_residuals(linear, weights_of_logs(summary, coefficients))
     noises = [noise.at(curve.mean_speed) for curve in curves]
     white = whiteness(residuals, [curve.time for curve in curves], noises)
-    if white is None or white["probability"] >= REMEMBERS:
-        return solution, None if white is None else white | {"widening": 1.0}
-    widening = widened(linear, summary, noise, whitened, solution, coefficients)
+    if few_turns:
+        estimate = widened_on_few_turns
+    elif white is None or white.probability >= REMEMBERS:
+        return solution, white
+    else:
+        estimate = widened
+    widening = estimate(linear, summary, noise, whitened, solution, coefficients)
     covariance = solution.covariance * np.outer(widening, widening)
-    return replace(solution, covariance=covariance), white | {"widening": float(widening.max())}
+    if white is not None:
+        white = msgspec.structs.replace(white, widening=float(widening.max()))
+    return replace(solution, covariance=covariance), white
 
 
 def _with_readings(
@@ -205,7 +275,7 @@ def _with_readings(
     whitened: tuple[WhitenedFlank, ...],
     solution: Solution,
     as_data: bool,
-) -> tuple[Solution, dict | None]:
+) -> tuple[Solution, ReadingsComparison | None]:
     """Compare backlash readings with the fitted backlash.
 
     **Returns** the solution and the record of the comparison, None without readings. If `as_data`,
@@ -224,7 +294,7 @@ def _with_readings(
         assert isinstance(pair, GearPair)  # checked by `require_gap`
         solution = with_constant_backlash(solution)
         gap = gap_of_one_flank(driving, pair, solution, summary.flanks[0].flank)
-    compared = comparison(readings, gap, solution) | {"used": as_data}
+    compared = comparison(readings, gap, solution, used=as_data)
     if len(flanks) == 2:
-        require_plausible(readings, gap, compared, as_data)
+        compared = judged(compared, gap)
     return (updated(solution, gap, readings) if as_data else solution), compared

@@ -1,14 +1,15 @@
 """Compressed logs of a fit, from which the likelihood can be evaluated again without the logs."""
 
-from dataclasses import astuple, dataclass
+from dataclasses import astuple, dataclass, fields
 from fractions import Fraction
 
 import numpy as np
 from jaxtyping import Float
 
 from ..pair.gear_pair import Drive, Flank, GearPair
-from .compress.flank_summary import FlankSummary, IrregularFlank, flank_of_products
+from .compress.flank_summary import FlankSummary
 from .compress.harmonic_summary import HarmonicSummary
+from .compress.noise_kinds import NOISE
 from .model.column_layout import ColumnLayout
 from .model.forward_model import ForwardModel, relation_of
 from .model.harmonics import Harmonic, TermPlan
@@ -68,17 +69,10 @@ class Evidence:
         }
         for flank in self.summary.flanks:
             arrays |= {
-                f"{flank.flank}_triangle": flank.triangle,
-                f"{flank.flank}_lag_products": flank.lag_products,
-                f"{flank.flank}_heads": flank.heads,
-                f"{flank.flank}_tails": flank.tails,
-                f"{flank.flank}_rows": np.array(flank.rows),
+                f"{flank.flank}_{name}": np.asarray(value)
+                for name, value in vars(flank).items()
+                if name != "flank"
             }
-            if isinstance(flank, IrregularFlank):
-                arrays |= {
-                    f"{flank.flank}_matrices": flank.matrices,
-                    f"{flank.flank}_determinants": flank.determinants,
-                }
         return arrays
 
 
@@ -96,14 +90,18 @@ def evidence_from(arrays: dict[str, np.ndarray], ratio: Fraction) -> Evidence:
         for number in range(logs)
     )
     flanks: tuple[Flank, ...] = ("A", "B")
+    noise = NoiseSettings(*(str(word) for word in arrays["noise"]))  # pyright: ignore
+    kind = NOISE[noise.kind].summary
     summary = HarmonicSummary(
-        flanks=tuple(_flank_from(arrays, flank) for flank in flanks if f"{flank}_rows" in arrays),
+        flanks=tuple(
+            _flank_from(arrays, flank, kind) for flank in flanks if f"{flank}_rows" in arrays
+        ),
         terms=TermPlan(ratio, harmonics[:free], harmonics[free:], ()),
         columns=ColumnLayout(
             tuple(h.term for h in harmonics[:free]), tuple(h.term for h in harmonics[free:]), own
         ),
         block_s=float(arrays["numbers"][0]),
-        noise=NoiseSettings(*(str(word) for word in arrays["noise"])),  # pyright: ignore
+        noise=noise,
     )
     return Evidence(
         summary,
@@ -117,37 +115,13 @@ def evidence_from(arrays: dict[str, np.ndarray], ratio: Fraction) -> Evidence:
     )
 
 
-def _flank_from(arrays: dict[str, np.ndarray], flank: Flank) -> FlankSummary:
-    if f"{flank}_triangle" not in arrays:
-        return _flank_of_products(arrays, flank)
-    plain = FlankSummary(
-        flank,
-        arrays[f"{flank}_triangle"],
-        arrays[f"{flank}_lag_products"],
-        arrays[f"{flank}_heads"],
-        arrays[f"{flank}_tails"],
-        int(arrays[f"{flank}_rows"]),
-    )
-    if f"{flank}_matrices" not in arrays:
-        return plain
-    return IrregularFlank(
-        **vars(plain),
-        matrices=arrays[f"{flank}_matrices"],
-        determinants=arrays[f"{flank}_determinants"],
-    )
-
-
-def _flank_of_products(arrays: dict[str, np.ndarray], flank: Flank) -> FlankSummary:
-    """Return the summary of a flank from arrays that hold only the products of its rows."""
-    products, heads, tails, rows = (
-        arrays[f"{flank}_{part}"] for part in ("lag_products", "heads", "tails", "rows")
-    )
-    plain = flank_of_products(flank, products, heads, tails, int(rows))
-    if f"{flank}_matrices" not in arrays:
-        return plain
-    inverse = np.linalg.inv(plain.triangle)
-    matrices = inverse.T @ arrays[f"{flank}_matrices"] @ inverse
-    matrices[0] += np.eye(len(inverse)) - inverse.T @ products[0] @ inverse
-    return IrregularFlank(
-        **vars(plain), matrices=matrices, determinants=arrays[f"{flank}_determinants"]
-    )
+def _flank_from(
+    arrays: dict[str, np.ndarray], flank: Flank, kind: type[FlankSummary]
+) -> FlankSummary:
+    """Return the summary of a flank; older arrays have no triangle but products of its rows."""
+    names = [field.name for field in fields(kind) if field.name not in ("flank", "rows")]
+    parts = {name: arrays[f"{flank}_{name}"] for name in names if f"{flank}_{name}" in arrays}
+    rows = int(arrays[f"{flank}_rows"])
+    if "triangle" in parts:
+        return kind(flank, rows=rows, **parts)
+    return kind.of_products(flank, rows, **parts)

@@ -21,8 +21,10 @@ from ..pair.schema import HarmonicOrders
 from .evidence import Evidence
 from .noise.noise_model import NoiseModel
 from .report.check_sentences import check_sentences
-from .report.order_table import Order
+from .report.checks import Checks
+from .report.order_table import Order, judged_orders
 from .report.parameters import Outcome, Parameter
+from .report.per_log import LogRecord
 from .settings import FitSettings
 
 
@@ -55,8 +57,8 @@ class Fit(PlottedResult):
     - `noise`: noise model of the block means. - `residual_rms_deg`: rms residual of single samples.
     - `covariance`, `covariance_names`: covariance and names of the Cartesian parameters, mm and
       rad.
-    - `checks`: closure, reversal jumps, order amplitudes, ratio, drift. The search for lines and
-      the comparisons within each log are computed when they are first read.
+    - `checks`: closure, reversal jumps, order amplitudes, ratio, drift; see `Checks`. The search
+      for lines and the comparisons within each log are computed when they are first read.
     - `notes`: sentences on what was left out and why.
     - `regressors`: fitted coefficients of torque, acceleration, speed and ratio.
     - `logs`: file, digest, zero and samples of every log.
@@ -83,12 +85,17 @@ class Fit(PlottedResult):
     covariance: Float[np.ndarray, "p p"]
     covariance_names: tuple[str, ...]
     values: Float[np.ndarray, " p"]
-    checks: Mapping[str, Any]
+    checks: Checks
     notes: tuple[str, ...]
     regressors: tuple[Parameter, ...] = ()
-    logs: tuple[dict, ...] = ()
+    logs: tuple[LogRecord, ...] = ()
     evidence: Evidence | None = None
     request: FitRequest | None = None
+
+    def judged_orders(self) -> tuple[Order, ...]:
+        """Return the orders, of which those that a line of the residual explains do not count."""
+        turns = max((float(np.ptp(curve.driving_angle)) / REV for curve in self.curves), default=0)
+        return judged_orders(self.orders, self.checks.lines, float(self.pair.ratio), turns)
 
     def value(self, name: str) -> float:
         """Return the value of a parameter; NaN if it has none."""
@@ -138,9 +145,9 @@ class Fit(PlottedResult):
             "residual_rms_deg": self.residual_rms_deg,
             "parameters": {name: p.to_json() for name, p in self.parameters.items()},
             "regressors": {p.name: p.to_json() for p in self.regressors},
-            "orders": [order.to_json() for order in self.orders],
-            "logs": list(self.logs),
-            "checks": dict(self.checks),
+            "orders": [order.to_json() for order in self.judged_orders()],
+            "logs": [log.to_json() for log in self.logs],
+            "checks": self.checks.to_json(),
             "notes": list(self.notes),
         }
 
@@ -182,7 +189,7 @@ def fit_text(fit: "Fit") -> str:
     rms = fit.residual_rms_deg
     head = key_values(
         [
-            *(("log", one["source"]) for one in fit.logs[1:] and fit.logs),
+            *(("log", one.source) for one in fit.logs[1:] and fit.logs),
             *([] if fit.logs[1:] else [("log", fit.source)]),
             ("outcome", fit.outcome.replace("_", " ")),
             ("flanks", " and ".join(fit.flanks)),
@@ -198,7 +205,7 @@ def fit_text(fit: "Fit") -> str:
     table = text_table(
         [_row(p) for p in shown], ["parameter", "value", "std", "95 % interval", "unit"]
     )
-    parts = [head, table, *_orders(fit.orders)]
+    parts = [head, table, *_orders(fit.judged_orders())]
     if fit.conditional_on:
         parts.append("conditional on: " + ", ".join(fit.conditional_on).replace("_", " "))
     parts += _listed("undetermined", _open_reasons(fit))
@@ -244,7 +251,7 @@ def _one_noise(noise: NoiseModel) -> str:
     model = noise.name
     if noise.choice.stationary_in == "angle":
         model += ", stationary in angle,"
-    memory = "" if noise.choice.kind == "white" else f", {_memory(noise)}"
+    memory = f", {_memory(noise)}" if noise.kind.has_memory else ""
     slow = "; by moments: the model misses slow structure" if noise.by == "moments" else ""
     return f"{model} of blocks of {_duration(noise.block_s)}{memory}{slow}"
 
@@ -267,7 +274,9 @@ def _orders(orders: tuple[Order, ...]) -> list[str]:
     clear = [
         (name, flanks)
         for name, flanks in found.items()
-        if any(o.amplitude_arcsec > _CLEAR * o.std_arcsec for o in flanks.values())
+        if any(
+            o.significant and o.amplitude_arcsec > _CLEAR * o.std_arcsec for o in flanks.values()
+        )
     ]
     clear.sort(key=lambda item: -max(o.amplitude_arcsec for o in item[1].values()))
     if not clear:
@@ -285,21 +294,25 @@ def _amplitude(order: Order | None) -> str:
     return "" if order is None else f"{order.amplitude_arcsec:.3g} ± {order.std_arcsec:.2g}"
 
 
-def _starts(logs: tuple[dict, ...]) -> list[tuple[str, str]]:
+def _starts(logs: tuple[LogRecord, ...]) -> list[tuple[str, str]]:
     """Return the report rows (label, text) of the logs with fitted start angles."""
+    starts = [(number, log.start) for number, log in enumerate(logs[1:], 2)]
     return [
         (
             f"start of log {number}",
-            ", ".join(_start(shaft, one["start"]) for shaft in ("driving", "driven")),
+            _start("driving", start.driving_deg, start.driving_std_deg)
+            + ", "
+            + _start("driven", start.driven_deg, start.driven_std_deg),
         )
-        for number, one in enumerate(logs[1:], 2)
-        if one["start"]["driving_std_deg"] > 0
+        for number, start in starts
+        if start.driving_std_deg != 0
     ]
 
 
-def _start(shaft: str, start: dict) -> str:
-    value, std = start[f"{shaft}_deg"], start[f"{shaft}_std_deg"]
-    return f"{shaft} {value:.3f}° ± {std:.2g}°" if 0 < std < _UNKNOWN_DEG else f"{shaft} unknown"
+def _start(shaft: str, value: float | None, std: float | None) -> str:
+    if value is None or std is None or not 0 < std < _UNKNOWN_DEG:
+        return f"{shaft} unknown"
+    return f"{shaft} {value:.3f}° ± {std:.2g}°"
 
 
 def _samples(samples: dict[str, int]) -> str:
@@ -317,14 +330,14 @@ def _duration(seconds: float) -> str:
     return f"{seconds:.3g} s" if seconds >= 1 else f"{1e3 * seconds:.3g} ms"
 
 
-def _drift(checks: Mapping[str, Any]) -> str:
-    if knots_s := checks.get("drift_knots_s"):
-        what = f"cubic spline with knots every {_duration(knots_s)}"
-    elif checks["drift_order"]:
-        what = f"power {checks['drift_order']} of time"
+def _drift(checks: Checks) -> str:
+    if checks.drift_knots_s:
+        what = f"cubic spline with knots every {_duration(checks.drift_knots_s)}"
+    elif checks.drift_order:
+        what = f"power {checks.drift_order} of time"
     else:
         return "none"
-    stiffness = checks.get("drift_stiffness_s")
+    stiffness = checks.drift_stiffness_s
     return what + (f", follows nothing faster than {_duration(stiffness)}" if stiffness else "")
 
 

@@ -11,6 +11,7 @@ from ..logs.checks.ratio import check_ratio
 from ..logs.checks.slip import refuse_slip
 from ..logs.encoder_log import EncoderLog
 from ..logs.motion.flank_assignment import assigned_segments, find_ramps
+from ..logs.motion.segments import Segments
 from ..logs.readers.backlash_readings import BacklashReadings
 from ..pair.gear_pair import Drive, GearPair
 from ..pair.schema import HarmonicOrders
@@ -21,6 +22,14 @@ from .model.identifiability import find_identifiability
 from .preliminary.linear_fit import Input
 from .preliminary.model_selection import select_model
 from .settings import FitSettings, from_keywords, takes_settings
+
+_WORSE_THAN_NONE = 1 - 1.05**2
+"""Least share of the variance that a fit explains; below it the residual is 5 % larger than that of
+offset, drift and flanks alone (chosen)."""
+
+_LEAST_RAMP = 16
+"""Fewest samples of a ramp that counts for the delay: the smoothed speed does not follow shorter
+ones, and the delay would come out too small (chosen)."""
 
 
 @takes_settings
@@ -87,27 +96,69 @@ def fit(
         _require_pair(one, pair)
         check_ratio(one)
         found.append(assigned_segments(one))
-    identifiable = find_identifiability(
-        logs, [f.segments for f in found], pair, orders or pair.fit, settings.flank
-    )
     for one, each in zip(logs, found, strict=True):
         refuse_slip(one, each)
+    wanted = orders or pair.fit
+    result = _fitted(logs, found, pair, wanted, settings, readings)
+    if _is_worse_than_none(result):
+        result = _fitted(logs, found, pair, _first_only(wanted), settings, readings)
+        note = "higher orders are left out: with them the fit leaves more than without any order"
+        result = replace(result, notes=(*result.notes, note))
+    if _is_worse_than_none(result):
+        raise NoAnswerError(
+            "the fit leaves more of the transmission error than offset, drift and flanks alone, so"
+            " that the orders say nothing; record more turns.",
+            where=result.source,
+        )
+    paths = tuple(log.path for log in logs)
+    request = FitRequest(settings, orders or pair.fit, _reading(logs), paths)
+    return replace(result, request=request)
+
+
+def _is_worse_than_none(result: Fit) -> bool:
+    explained = result.checks.explained
+    return explained is not None and explained < _WORSE_THAN_NONE
+
+
+def _first_only(orders: HarmonicOrders) -> HarmonicOrders:
+    """Return the first orders of those wanted."""
+    return HarmonicOrders(
+        driving_orders=tuple(k for k in orders.driving_orders if k == 1),
+        driven_orders=tuple(k for k in orders.driven_orders if k == 1),
+        mesh_orders=0,
+    )
+
+
+def _fitted(
+    logs: Sequence[EncoderLog],
+    found: Sequence[Segments],
+    pair: GearPair | Drive,
+    orders: HarmonicOrders,
+    settings: FitSettings,
+    readings: BacklashReadings | None,
+) -> Fit:
+    """Select the model for these orders and fit it."""
+    identifiable = find_identifiability(
+        logs, [f.segments for f in found], pair, orders, settings.flank
+    )
     inputs = tuple(
         Input(
             one,
             each,
             own,
-            tuple(r for r in find_ramps(one, each) if r.segment.flank in identifiable.flanks),
+            tuple(
+                ramp
+                for ramp in find_ramps(one, each)
+                if ramp.segment.flank in identifiable.flanks
+                and ramp.segment.stop - ramp.segment.start >= _LEAST_RAMP
+            ),
         )
         for one, each, own in zip(logs, found, identifiable.segments, strict=True)
     )
     selected = select_model(inputs, pair, identifiable, settings)
-    _require_rows(selected.summary, ", ".join(one.source for one in logs))
+    _require_rows(selected.summary, ", ".join(one.log.source for one in inputs))
     identifiable = replace(identifiable, flanks=tuple(f.flank for f in selected.summary.flanks))
-    result = build_fit(selected, pair, identifiable, settings, readings)
-    paths = tuple(log.path for log in logs)
-    request = FitRequest(settings, orders or pair.fit, _reading(logs), paths)
-    return replace(result, request=request)
+    return build_fit(selected, pair, identifiable, settings, readings)
 
 
 def _require_pair(log: EncoderLog, pair: GearPair | Drive) -> None:

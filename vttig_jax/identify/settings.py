@@ -112,6 +112,15 @@ class FitSettings(
             "auto|free|off|SECONDS",
         ),
     ] = "auto"
+    delay_within_ms: Annotated[
+        Positive | None,
+        setting(
+            "Largest delay, either way, where the logs cannot tell it from the backlash. By default"
+            " it is one sampling interval.",
+            "--delay-within",
+            "MILLISECONDS",
+        ),
+    ] = None
     loss: Annotated[
         Literal["auto"] | Loss,
         setting(

@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import jax.numpy as jnp
+import msgspec
 import numpy as np
 
 from ..base.errors import InputError, UsageError
@@ -15,8 +16,10 @@ from ..pair.gear_pair import Drive, GearPair
 from .evidence import evidence_from
 from .fit_result import Fit
 from .noise.noise_model import NoiseModel
+from .report.checks import Checks
 from .report.order_table import Order
 from .report.parameters import Parameter
+from .report.per_log import LogRecord
 from .settings import NoiseSettings
 
 _EVIDENCE = "evidence_"
@@ -115,12 +118,12 @@ def _assembled(record: dict, arrays: dict[str, np.ndarray], pair: GearPair | Dri
         covariance=arrays["covariance"],
         covariance_names=tuple(str(name) for name in arrays["names"]),
         values=arrays["values"],
-        checks=record["checks"],
+        checks=msgspec.convert(record["checks"], Checks),
         notes=tuple(record["notes"]),
         regressors=tuple(
             Parameter(name=name, **fields) for name, fields in record["regressors"].items()
         ),
-        logs=tuple(record["logs"]),
+        logs=msgspec.convert(record["logs"], tuple[LogRecord, ...]),
         evidence=evidence_from(kept, pair.ratio) if kept else None,
     )
 

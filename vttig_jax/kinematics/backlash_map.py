@@ -17,6 +17,7 @@ from ..base.results import PlottedResult
 from ..base.units import DEG, REV
 from ..pair.gear_pair import Drive, GearPair
 from .flank_model import FlankModel
+from .hunting_coverage import HuntingCoverage
 
 _CHUNK = 8192  # driving angles evaluated at once; a chosen value
 
@@ -70,6 +71,8 @@ class BacklashMap(PlottedResult):
     - `model`: flank model that is evaluated, usually the one with all fitted orders.
     - `first_order`: closed-form model for comparison, or None for a drive without geometry.
     - `pair`: gear pair or drive; it gives the hunting period and the conversion to millimetres.
+    - `coverage`: part of the hunting period that was measured; None for a map that is not from
+      logs, or whose logs are not known.
 
     **Example**
     ```python
@@ -93,6 +96,7 @@ class BacklashMap(PlottedResult):
     model: FlankModel
     first_order: FlankModel | None
     pair: GearPair | Drive
+    coverage: HuntingCoverage | None = None
 
     def at(self, driving_angle: Real[ArrayLike, "*shape"]) -> Float[Array, "*shape"]:
         """Return the backlash, rad of the driven gear, at driving angles in rad."""
@@ -131,6 +135,12 @@ class BacklashMap(PlottedResult):
         thinning = float(self.pair.thinning)
         return gap_mm / thinning if thinning else float("inf")
 
+    def is_extrapolated(self, extreme: Extreme) -> bool | None:
+        """Return whether no log covered this angle on both flanks; None without a coverage."""
+        if self.coverage is None:
+            return None
+        return not bool(self.coverage.holds(np.array([extreme.driving_angle]))[0])
+
     def _extreme(self, sense: float) -> Extreme:
         """Search a grid over the hunting period and refine the highest peaks of the grid.
 
@@ -165,12 +175,16 @@ class BacklashMap(PlottedResult):
     def __str__(self) -> str:
         rows = [
             ("hunting period", f"{self.pair.hunting_turns} driving turns"),
-            ("smallest", str(self.smallest)),
-            ("largest", str(self.largest)),
+            *([] if self.coverage is None else [("covered", str(self.coverage))]),
+            ("smallest", self._text(self.smallest)),
+            ("largest", self._text(self.largest)),
         ]
         if isinstance(self.pair, GearPair) and float(self.pair.thinning):
             rows.append(("safe axial closing", f"{self.safe_closing_mm:.4f} mm"))
         return key_values(rows, title="backlash map")
+
+    def _text(self, extreme: Extreme) -> str:
+        return f"{extreme}, extrapolated" if self.is_extrapolated(extreme) else str(extreme)
 
 
 @eqx.filter_jit

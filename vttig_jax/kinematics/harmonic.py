@@ -47,8 +47,9 @@ class OrderModel(ImplicitModel):
         side = flank_index(flank)
         if not self.terms:
             return self.offset[side] + 0.0 * driven_angle
-        orders = jnp.asarray(self.terms, driven_angle.dtype)
-        phase = driving_angle[..., None] * orders[:, 0] + driven_angle[..., None] * orders[:, 1]
+        orders = jnp.asarray(self.terms, driven_angle.dtype).T
+        driving, driven = orders.reshape(2, *(1,) * driven_angle.ndim, -1)
+        phase = driving_angle[..., None] * driving + driven_angle[..., None] * driven
         sine, cosine = sincos(phase)
         return self.offset[side] + cosine @ self.cosine[side] + sine @ self.sine[side]
 

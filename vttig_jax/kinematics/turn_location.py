@@ -188,9 +188,12 @@ def turn_remainders(
     `driving` and `driven` are φ₁ and φ₂ in rad modulo one turn, `lower` and `upper` the TE of the
     flanks at every turn in rad, and `ratio` is i.
     """
-    middle = (jnp.asarray(lower, float) + jnp.asarray(upper, float)) / 2
-    first, second = (jnp.asarray(angle, float)[..., None] for angle in (driving, driven))
-    distance = second - ratio * (first + REV * jnp.arange(middle.shape[-1])) - middle
+    readings = (jnp.asarray(angle, float)[..., None] for angle in (driving, driven))
+    flanks = (jnp.asarray(te, float) for te in (lower, upper))
+    first, second, lower, upper = jnp.broadcast_arrays(*readings, *flanks)
+    middle = (lower + upper) / 2
+    start = jnp.broadcast_to(REV * jnp.arange(middle.shape[-1]), middle.shape)
+    distance = second - ratio * (first + start) - middle
     return middle + distance - REV * jnp.round(distance / REV)
 
 
@@ -205,8 +208,11 @@ def turn_log_likelihood(
     For a gap of width zero it is the Gaussian itself. `softmax` over the last axis gives the
     probability of every turn. A negative backlash counts as a gap of its absolute width.
     """
-    std, remainder = jnp.asarray(std, float), jnp.asarray(remainder, float)
-    first, second = ((remainder - jnp.asarray(te, float)) / std for te in (lower, upper))
+    std = jnp.asarray(std, float)
+    remainder, lower, upper = jnp.broadcast_arrays(
+        *(jnp.asarray(values, float) for values in (remainder, lower, upper))
+    )
+    first, second = ((remainder - te) / std for te in (lower, upper))
     high, low = jnp.maximum(first, second), jnp.minimum(first, second)
     # The lower tail is used: near 1 the difference of two distribution functions is rounding.
     mirrored = high + low > 0

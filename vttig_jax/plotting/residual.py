@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 
 from ..base.units import ARCSEC, DEG, REV
 from ..identify.fit_result import Fit
+from ..identify.report.checks import ResidualLine
 from ..logs.lines.search import Line
 from .style import (
     COLOURS,
@@ -49,15 +50,11 @@ def plot_residual(fit: Fit) -> Figure:
             if len(residual) > len(noise.coefficients)
         ],
         order=max(len(noise.coefficients) for noise in noises),
-        lines=[_line(line) for line in fit.checks.get("lines", [])],
+        lines=fit.checks.lines,
         labels=[curve.flank for curve in fit.curves],
         name=fit.pair.name,
         source=PurePath(fit.source.split(", ")[0]).name,
     )
-
-
-def _line(record: dict) -> Line:
-    return Line(**{name: value for name, value in record.items() if name not in ("log", "flank")})
 
 
 def residual_picture(
@@ -67,7 +64,7 @@ def residual_picture(
     highest: float,
     whitened: Runs,
     order: int,
-    lines: Sequence[Line] = (),
+    lines: Sequence[Line | ResidualLine] = (),
     labels: Sequence[str] | None = None,
     name: str = "",
     source: str = "",
@@ -142,7 +139,7 @@ def _draw_correlation(ax: Axes, whitened: Runs, order: int) -> None:
 
 
 def _draw_spectrum(
-    ax: Axes, angles: Runs, residuals: Runs, highest: float, lines: Sequence[Line]
+    ax: Axes, angles: Runs, residuals: Runs, highest: float, lines: Sequence[Line | ResidualLine]
 ) -> None:
     cycles, amplitude = amplitude_spectrum(angles, residuals, highest)
     ax.plot(*thinned(cycles, amplitude / ARCSEC), color=FLANK_COLOURS["A"], linewidth=0.8)

@@ -62,7 +62,8 @@ def sample(
     - `until`: stop rule; by default chains of 50 autocorrelation times and R-hat ≤ 1.01.
     - `ensembles`, `walkers`: number of independent ensembles (4 or more) and of walkers in each.
     - `checkpoint`: HDF5 file, updated every 5 s.
-    - `resume`: continue the checkpoint; the draws equal those of an uninterrupted run.
+    - `resume`: continue the checkpoint if there is one, else start; the draws equal those of an
+      uninterrupted run.
     - `overwrite`: replace an existing checkpoint.
     - `progress`: function called after every block of steps.
 

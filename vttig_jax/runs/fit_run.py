@@ -93,16 +93,15 @@ def record_of(fit: "Fit") -> RunRecord:
     )
     record = RunRecord(
         tuple(
-            path or Path(log["source"])
-            for path, log in zip(fit.request.paths, fit.logs, strict=True)
+            path or Path(log.source) for path, log in zip(fit.request.paths, fit.logs, strict=True)
         ),
         msgspec.structs.replace(spec_of(fit.pair), fit=fit.request.orders),
         options,
-        tuple(log["sha256"] for log in fit.logs),
+        tuple(log.sha256 for log in fit.logs),
     )
-    if (readings := fit.checks["readings"]) is None:
+    if (readings := fit.checks.readings) is None:
         return record
-    return replace(record, readings=Path(readings["source"]), readings_sha256=readings["sha256"])
+    return replace(record, readings=Path(readings.source), readings_sha256=readings.sha256)
 
 
 def save_fit(

@@ -35,7 +35,11 @@ def map_table(grid: "BacklashMap", step_deg: float, turns: float) -> Any:
 def map_record(
     fit: "Fit", grid: "BacklashMap", step_deg: float, turns: float, rows: int, out: Path | None
 ) -> dict[str, Any]:
-    """Return the object of schema `vttig.map/1`."""
+    """Return the object of schema `vttig.map/1`.
+
+    `coverage.spans_deg` are the driving angles that were measured on both flanks; the rows of
+    `map.csv` outside them are extrapolated.
+    """
     return {
         "schema": "vttig.map/1",
         "pair": fit.pair.name,
@@ -46,8 +50,9 @@ def map_record(
         "span_turns": turns,
         "step_deg": step_deg,
         "rows": rows,
-        "smallest": _extreme(grid.smallest),
-        "largest": _extreme(grid.largest),
+        "coverage": None if grid.coverage is None else grid.coverage.to_json(),
+        "smallest": _extreme(grid, grid.smallest),
+        "largest": _extreme(grid, grid.largest),
         "safe_closing_mm": grid.safe_closing_mm,
         "constant_backlash_deg": fit.parameters["constant_backlash_deg"].value,
         "csv": None if out is None else out.name,
@@ -78,13 +83,14 @@ def banded_record(
     }
 
 
-def _extreme(extreme: "Extreme") -> dict[str, Any]:
+def _extreme(grid: "BacklashMap", extreme: "Extreme") -> dict[str, Any]:
     from ..base.units import DEG
 
     return {
         "backlash_deg": extreme.backlash / DEG,
         "driving_deg": extreme.driving_angle / DEG,
         "tooth_pair": None if extreme.tooth_pair is None else list(extreme.tooth_pair),
+        "extrapolated": grid.is_extrapolated(extreme),
     }
 
 

@@ -1,5 +1,6 @@
 """Posterior of a run folder: its report, `posterior.json`, the map with bands and the pictures."""
 
+import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,6 +14,10 @@ if TYPE_CHECKING:
     from ..posterior.summary.posterior import Posterior
     from ..posterior.summary.predictive import Predictive
     from ..posterior.summary.route_agreement import Agreement
+
+REPORT = "posterior.json"
+FIGURES = tuple(f"figures/{name}.png" for name in ("corner", "trace", "predictive", "band"))
+"""Pictures of the draws."""
 
 
 @dataclass(frozen=True)
@@ -75,7 +80,8 @@ def save_posterior(
     """Write the draws, their report, the map with its bands and the pictures into a run folder.
 
     The fit of the posterior is written first if the folder does not contain it. `vttig sample
-    --resume` can continue the draws.
+    --resume` can continue the draws. Draws that `sample(…, checkpoint=…, resume=True)` continued
+    in this folder need no `overwrite`: their report replaces that of the shorter chains.
 
     **Arguments**
     - `posterior`: result of `vttig_jax.sample`, or the posterior of an open run.
@@ -101,18 +107,36 @@ def save_posterior(
             )
         save_fit(posterior.fit, folder, overwrite=overwrite, figures=figures)
     assert posterior.chains is not None  # only tests make a posterior without chains
-    posterior.chains.save(folder / CHECKPOINT, overwrite=overwrite)
+    place = folder / CHECKPOINT
+    longer = not overwrite and not _is_reported(folder, posterior)
+    longer = longer and place.exists() and posterior.chains.continues(place)
+    posterior.chains.save(place, overwrite=overwrite or longer)
     write_report(folder, report_on(posterior), figures=figures)
 
 
+def _is_reported(folder: Path, posterior: "Posterior") -> bool:
+    """Return whether the report in a folder is that of chains of this length."""
+    try:
+        record = json.loads((folder / REPORT).read_text(encoding="utf-8"))
+        return record["diagnosis"]["steps"] == posterior.diagnosis.steps
+    except (OSError, ValueError, KeyError, TypeError):
+        return False
+
+
 def write_report(folder: Path, report: PosteriorReport, *, figures: bool = True) -> None:
-    """Write `posterior.json`, the map with its bands, and the pictures."""
+    """Write `posterior.json`, the map with its bands, and the pictures.
+
+    Without `figures`, pictures of shorter chains are removed.
+    """
     from ..base.files.json_io import dumps
     from ..base.files.run_folder import RunFolder
     from ..plotting.save import posterior_figures
 
     banded = report.banded
+    outdated = () if _is_reported(folder, report.posterior) else FIGURES
     with RunFolder(folder, overwrite=True) as writer:
+        for name in outdated:
+            writer.discard(name)
         if figures:
             drawn = posterior_figures(report.posterior, report.predicted, banded)
             for name, data in drawn.items():
@@ -122,4 +146,4 @@ def write_report(folder: Path, report: PosteriorReport, *, figures: bool = True)
             record = banded_record(report.posterior.fit, banded, len(table), Path("map.csv"))
             writer.write_text("map.csv", csv_text(table, banded.columns))
             writer.write_text("map.json", dumps(record) + "\n")
-        writer.write_text("posterior.json", dumps(report.to_json()) + "\n")
+        writer.write_text(REPORT, dumps(report.to_json()) + "\n")

@@ -88,8 +88,9 @@ class Run(TextResult):
 
             return band_map(self.posterior)
         from ..identify.backlash import backlash_map
+        from ..posterior.summary.log_coverage import log_coverage
 
-        return backlash_map(self.fit)
+        return replace(backlash_map(self.fit), coverage=log_coverage(self.fit))
 
     @cached_property
     def sweep(self) -> "SweepTable":

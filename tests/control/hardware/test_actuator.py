@@ -54,8 +54,8 @@ def _follow(which, commands, gaps, step):
     def one(carriage, given):
         carriage, target = which.commanded(carriage, given[0])
         carriage, slide, blocked = which.step(carriage, target, given[1], step)
-        kept = (target, carriage.unobstructed, carriage.rate, carriage.reached, blocked, *slide)
-        return carriage, kept
+        kept = (target, carriage.unobstructed, carriage.rate, carriage.reached, blocked)
+        return carriage, (*kept, *jax.tree.leaves(slide))
 
     return jax.lax.scan(one, which.at_rest(), (commands, gaps))[1]
 

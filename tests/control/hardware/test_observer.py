@@ -35,7 +35,7 @@ def observed(observer: Observer, readings: np.ndarray, period: float = PERIOD) -
 def _observed(observer, readings, period):
     def one(before, reading):
         after = observer.step(before, reading, period)
-        return after, jnp.stack(after)
+        return after, jnp.stack(jax.tree.leaves(after))
 
     still = jnp.zeros(())
     return jax.lax.scan(one, MotionEstimate(readings[0], still, still), readings)[1].T
@@ -90,7 +90,8 @@ def test_all_three_poles_of_the_tracking_filter_lie_in_one_place(bandwidth, peri
     filter_, still = AlphaBetaGamma(bandwidth), jnp.zeros(())
 
     def unforced(state: Any) -> Any:
-        return jnp.stack(filter_.step(MotionEstimate(*state), still, jnp.asarray(period)))
+        after = filter_.step(MotionEstimate(*state), still, jnp.asarray(period))
+        return jnp.stack(jax.tree.leaves(after))
 
     columns = np.stack([np.asarray(unforced(jnp.asarray(unit))) for unit in np.eye(3)], axis=1)
     scale = np.array([1.0, period, period**2])

@@ -30,8 +30,8 @@ each_case = pytest.mark.parametrize(("kind", "event"), CASES)
 @eqx.filter_jit
 def _mixed(time, motion):
     """All three quantities, so that one law covers them."""
-    angle, speed, acceleration = motion.at(time)
-    return angle + 0.3 * speed + 0.1 * acceleration
+    point = motion.at(time)
+    return point.angle + 0.3 * point.speed + 0.1 * point.acceleration
 
 
 def _small(jerky: bool) -> PieceMotion:

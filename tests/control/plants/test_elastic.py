@@ -200,7 +200,7 @@ def _after(bounds):
     def after(numbers):
         begin, above, drift, stiffness, damping_ratio = numbers
         start = shafts_at(motion, bounds, begin, 0.0, 0.0, FREE)
-        start = start._replace(offset=start.flanks.lower + above, drift=drift)
+        start = replace(start, offset=start.flanks.lower + above, drift=drift)
         plant = ElasticPlant(Drag(INERTIA, COULOMB), stiffness, damping_ratio)
         ahead = motion.at(begin + SAMPLE)
         ended, _ = plant.step(start, ahead, OPEN, bounds, jnp.asarray(SAMPLE))

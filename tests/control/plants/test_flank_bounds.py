@@ -37,7 +37,7 @@ def expected(model, angles):
 
 def deviation(bounds: Bounds, model, angles=ANGLES) -> tuple[float, float]:
     """Largest difference in TE and in its slope from a flank model, rad and rad/rad."""
-    both = zip(values(bounds, angles), expected(model, angles), strict=True)
+    both = zip(jax.tree.leaves(values(bounds, angles)), expected(model, angles), strict=True)
     found = [float(jnp.abs(one - other).max()) for one, other in both]
     return max(found[:2]), max(found[2:])
 
@@ -101,7 +101,8 @@ def test_formulas_in_plain_python(form, paper_rig):
     )
     found = values(bounds, ANGLES)
     atol = {"exact": LEFT, "closed": 2e-13}[form]
-    for wall, other, error, slope in zip(oracle, shifted, found[:2], found[2:], strict=True):
+    errors, slopes = (found.lower, found.upper), (found.lower_slope, found.upper_slope)
+    for wall, other, error, slope in zip(oracle, shifted, errors, slopes, strict=True):
         expected = np.array([wall(float(angle)) for angle in ANGLES])
         np.testing.assert_allclose(error, expected[:, 0], rtol=0, atol=atol)
         np.testing.assert_allclose(slope, expected[:, 1], rtol=0, atol=2e-9)

@@ -1,6 +1,7 @@
 """Play against the closed form of the play operator, and the flank it meets against brentq."""
 
 import math
+from dataclasses import replace
 
 import equinox as eqx
 import jax
@@ -138,7 +139,7 @@ def _walked(bounds, angles, offset):
 
     def one(shafts, angle):
         rate = (angle - shafts.angle) / STEP
-        ahead = trapezoid(60.0, 540.0, 0.1, 0.5).at(0.0)._replace(angle=angle, speed=rate)
+        ahead = replace(trapezoid(60.0, 540.0, 0.1, 0.5).at(0.0), angle=angle, speed=rate)
         shafts, _ = PlayPlant().step(shafts, ahead, OPEN, bounds, jnp.asarray(STEP))
         return shafts, (shafts.offset, shafts.flanks)
 

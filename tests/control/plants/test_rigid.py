@@ -1,6 +1,7 @@
 """Rigid teeth against event-driven bouncing, impacts worked out by hand, and friction."""
 
 import math
+from dataclasses import replace
 
 import equinox as eqx
 import jax
@@ -186,7 +187,7 @@ def _after(rig, restitution):
     @eqx.filter_jit
     def after(begin, above, drift):
         start = shafts_at(motion, bounds, begin, 0.0, 0.0, FREE)
-        start = start._replace(offset=start.flanks.lower + above, drift=drift)
+        start = replace(start, offset=start.flanks.lower + above, drift=drift)
         ahead = motion.at(begin + SAMPLE)
         plant = RigidPlant(Drag(INERTIA, COULOMB), restitution)
         return plant.step(start, ahead, OPEN, bounds, jnp.asarray(SAMPLE))[0].offset

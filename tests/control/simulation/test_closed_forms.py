@@ -121,7 +121,8 @@ def shift_at_crossing(run: Run) -> float:
     motion, samples, crossing = run.case.motion, run.samples, float(run.tally.crossing)
     turned = samples.time > float(motion.turn_s)
     after = int(np.argmax(turned & (samples.driving < crossing)))
-    _, speed, gain = (float(x) for x in motion.at(samples.time[after - 1]))
+    point = motion.at(samples.time[after - 1])
+    speed, gain = float(point.speed), float(point.acceleration)
     way = crossing - samples.driving[after - 1]
     spent = (-speed - math.sqrt(speed**2 + 2 * gain * way)) / gain
     share = spent / float(run.case.period)

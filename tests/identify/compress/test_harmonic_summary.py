@@ -7,6 +7,7 @@ from scipy.signal import lfilter
 from tests.identify.summaries import (
     TERMS,
     lag_products_of,
+    lagged_flank,
     looked,
     made_log,
     normal_matrix,
@@ -14,9 +15,9 @@ from tests.identify.summaries import (
 )
 from tests.oracles.stationary_noise import quadratic
 from vttig_jax.base.numerics.partial_autocorrelation import filter_of
-from vttig_jax.identify.compress.flank_summary import summarise_flank
-from vttig_jax.identify.compress.harmonic_summary import HIGHEST_LAG, needed_lags, summarise
+from vttig_jax.identify.compress.harmonic_summary import needed_lags, summarise
 from vttig_jax.identify.compress.regressors import Drift
+from vttig_jax.identify.settings import HIGHEST_LAG
 from vttig_jax.logs.motion.segments import Segment
 
 
@@ -30,7 +31,7 @@ def _runs(seed: int, *lengths: int) -> list[np.ndarray]:
 def test_whitened_equals_the_inverse_covariance(lengths, order):
     """Both ends included: against the dense covariance of the same autoregression."""
     runs = _runs(order, *lengths)
-    summary = summarise_flank("A", runs, 8)
+    summary = lagged_flank(runs, 8)
     filter_ = filter_of(np.random.default_rng(order + 1).uniform(-0.8, 0.8, order))
     expected = quadratic(filter_, runs)
     scale = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
@@ -42,17 +43,17 @@ def test_rows_with_a_full_history_alone_are_something_else():
     """The conditional likelihood drops the first rows of every run."""
     runs, filter_ = _runs(3, 40, 50), filter_of(np.array([0.6, -0.3]))
     kept = np.concatenate([lfilter(filter_, [1.0], rows, axis=0)[2:] for rows in runs])
-    exact = normal_matrix(summarise_flank("A", runs, 8), filter_)
+    exact = normal_matrix(lagged_flank(runs, 8), filter_)
     assert np.abs(exact - kept.T @ kept).max() > 1e-2
 
 
 def test_forgetting_an_end_would_be_seen():
     runs = _runs(1, 40, 50)
     filter_ = np.array([1.0, -0.7, 0.1])
-    summary = summarise_flank("A", runs, 8)
-    ended = summarise_flank("A", [rows[:-1] for rows in runs], 8)
+    summary = lagged_flank(runs, 8)
+    ended = lagged_flank([rows[:-1] for rows in runs], 8)
     assert np.abs(normal_matrix(summary, filter_) - normal_matrix(ended, filter_)).max() > 1e-3
-    started = summarise_flank("A", [rows[1:] for rows in runs], 8)
+    started = lagged_flank([rows[1:] for rows in runs], 8)
     assert np.abs(normal_matrix(summary, filter_) - normal_matrix(started, filter_)).max() > 1e-3
 
 

@@ -6,14 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.signal import lfilter
 
-from tests.identify.summaries import TERMS, normal_matrix
-from vttig_jax.identify.compress.flank_summary import (
-    IrregularFlank,
-    irregular_flank,
-    summarise_flank,
-    whitened_run,
-)
+from tests.identify.summaries import TERMS, irregular_flank, lagged_flank, normal_matrix
 from vttig_jax.identify.compress.harmonic_summary import HarmonicSummary
+from vttig_jax.identify.compress.irregular_flank import IrregularFlank, whitened_run
 from vttig_jax.identify.fitting import fit
 from vttig_jax.identify.model.column_layout import OFFSET, ColumnLayout
 from vttig_jax.identify.noise.reml import restricted_partial
@@ -42,7 +37,7 @@ def _dense(time: np.ndarray, rho: float) -> np.ndarray:
 @given(st.floats(0.02, 0.998), st.integers(0, 1000))
 def test_the_nodes_give_every_correlation_time(rho, seed):
     rows, times = _runs(seed, 60, 45)
-    flank = irregular_flank("A", rows, times, DISTANCE_S)
+    flank = irregular_flank(rows, times, DISTANCE_S)
     expected, determinant = np.zeros((5, 5)), 0.0
     for one, time in zip(rows, times, strict=True):
         dense = _dense(time, rho)
@@ -56,8 +51,8 @@ def test_the_nodes_give_every_correlation_time(rho, seed):
 def test_equal_times_make_it_an_autoregression():
     rows, _ = _runs(0, 50, 70)
     times = [DISTANCE_S * np.arange(len(one)) for one in rows]
-    irregular = irregular_flank("A", rows, times, DISTANCE_S)
-    regular = summarise_flank("A", rows, 1)
+    irregular = irregular_flank(rows, times, DISTANCE_S)
+    regular = lagged_flank(rows, 1)
     filter_ = np.array([1.0, -0.7])
     np.testing.assert_allclose(
         normal_matrix(irregular, filter_), normal_matrix(regular, filter_), atol=1e-9
@@ -67,16 +62,15 @@ def test_equal_times_make_it_an_autoregression():
     )
     # Unequal times are another thing.
     times = [time**1.2 for time in times]
-    other = irregular_flank("A", rows, times, DISTANCE_S)
+    other = irregular_flank(rows, times, DISTANCE_S)
     assert np.abs(normal_matrix(other, filter_) - normal_matrix(regular, filter_)).max() > 0.1
 
 
 def test_sums_selections_and_transformations():
     rows, times = _runs(1, 40, 50)
-    both = irregular_flank("A", rows, times, DISTANCE_S)
+    both = irregular_flank(rows, times, DISTANCE_S)
     parts = [
-        irregular_flank("A", [one], [time], DISTANCE_S)
-        for one, time in zip(rows, times, strict=True)
+        irregular_flank([one], [time], DISTANCE_S) for one, time in zip(rows, times, strict=True)
     ]
     filter_ = np.array([1.0, -0.8])
     np.testing.assert_allclose(
@@ -122,7 +116,7 @@ def test_the_correlation_time_is_found():
             rows.append(np.column_stack([np.ones(1500), time - time.mean(), path]))
             times.append(time)
         summary = HarmonicSummary(
-            (irregular_flank("A", rows, times, DISTANCE_S),),
+            (irregular_flank(rows, times, DISTANCE_S),),
             TERMS,
             ColumnLayout((), (), ((OFFSET, "drift_1"),)),
             DISTANCE_S,
@@ -159,7 +153,9 @@ def test_a_log_at_random_times_is_fitted(thinned):
         std = result.parameters[name].std
         assert std and abs(result.value(name) - true) < 4 * std
     white = fit(log, rig.pair, noise="white")
-    assert result.checks["whiteness"]["probability"] > white.checks["whiteness"]["probability"]
+    tests = (result.checks.whiteness, white.checks.whiteness)
+    assert tests[0] is not None and tests[1] is not None
+    assert tests[0].probability > tests[1].probability
 
 
 def test_the_filter_of_equal_times_is_lfilter():

@@ -4,8 +4,8 @@ import mpmath
 import numpy as np
 import pytest
 
-from tests.identify.summaries import normal_matrix
-from vttig_jax.identify.compress.flank_summary import flank_of_products, summarise_flank
+from tests.identify.summaries import lagged_flank, normal_matrix
+from vttig_jax.identify.compress.lagged_flank import LaggedFlank
 from vttig_jax.identify.compress.orthogonal import (
     PSEUDO_OBSERVATION,
     conditioned,
@@ -105,12 +105,12 @@ def test_an_exact_y_leaves_rounding():
 def test_a_summary_of_products_is_that_of_the_rows(order: int):
     generator = np.random.default_rng(order)
     runs = [np.cumsum(generator.standard_normal((n, 4)), axis=0) for n in (40, 70)]
-    whole = summarise_flank("A", runs, 3)
+    whole = lagged_flank(runs, 3)
     lagged = np.array(
         [sum(rows[lag:].T @ rows[: len(rows) - lag] for rows in runs) for lag in range(4)]
     )
     heads, tails = (np.stack([rows[part] for rows in runs]) for part in (slice(3), slice(-3, None)))
-    found = flank_of_products("A", lagged, heads, tails, 110)
+    found = LaggedFlank.of_products("A", 110, lag_products=lagged, heads=heads, tails=tails)
     filter_ = np.array([1.0, -0.5, 0.2, 0.1])[: order + 1]
     expected = normal_matrix(whole, filter_)
     np.testing.assert_allclose(normal_matrix(found, filter_), expected, rtol=1e-9)

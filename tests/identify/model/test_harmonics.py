@@ -97,3 +97,34 @@ def test_frequency_counts_cycles_a_driving_turn():
     assert plan.frequency((1, -1)) == Fraction(7, 16)
     assert plan.frequency((0, -2)) == Fraction(9, 8)
     assert plan.terms == tuple(h.term for h in plan.free + plan.tied)
+
+
+def test_orders_less_than_a_cycle_apart_over_the_log_are_left_out():
+    """Driven order 2 is at 0.9 cycles: 0.4 cycles from driving order 1 over 4 turns, 1 over 10."""
+    ratio = Fraction(9, 20)
+    plan = plan_terms(ratio, (1, 2), (1, 2), 0, None, turns=4.0)
+    assert _names(plan.free) == ["driving order 2"]
+    (sentence,) = plan.dropped
+    assert sentence.startswith("driven order 2 is left out: over 4 driving revolutions")
+    assert sentence.endswith("record more turns.")
+    longer = plan_terms(ratio, (1, 2), (1, 2), 0, None, turns=10.0)
+    assert _names(longer.free) == ["driving order 2", "driven order 2"]
+    assert longer.dropped == ()
+
+
+def test_several_orders_left_out_share_a_sentence():
+    plan = plan_terms(Fraction(1, 20), (1,), (1, 2, 3), 0, None, turns=4.0)
+    (sentence,) = plan.dropped
+    assert sentence.startswith("driven order 2, driven order 3 are left out")
+
+
+@pytest.mark.parametrize("turns", [0.1, 1.0, 4.0])
+def test_first_orders_are_never_left_out(turns):
+    plan = plan_terms(Fraction(19, 20), (1, 2), (1, 2), 0, None, turns=turns)
+    assert _names(plan.tied) == ["driving order 1", "driven order 1"]
+
+
+def test_a_table_of_one_turn_resolves_its_orders():
+    """It lacks its last sample: 359 of 360 degrees."""
+    plan = plan_terms(Fraction(1), (1, 2, 3), (), 0, None, turns=359 / 360)
+    assert _names(plan.free) == ["driving order 2", "driving order 3"]

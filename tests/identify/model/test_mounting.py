@@ -82,7 +82,7 @@ def assert_same_rig(found: Fit, plain: Fit, counts: int) -> None:
         assert abs(off) < 1000 * SAME, name
     for gap, expected in zip(maps(found), maps(plain), strict=True):
         np.testing.assert_allclose(gap, expected, atol=SAME)
-    jumps = [f.checks["reversals"][0]["variable_backlash_deg"] for f in (found, plain)]
+    jumps = [f.checks.reversals[0].variable_backlash_deg for f in (found, plain)]
     assert jumps[0] == pytest.approx(jumps[1], abs=SAME)
     offset = np.nanmedian(np.asarray(found.model.offset) - np.asarray(plain.model.offset))
     assert offset == pytest.approx(counts / COUNTS * REV, abs=SAME)
@@ -125,7 +125,7 @@ def test_readings_on_one_flank_meet_the_gap_where_the_gear_stands(bench):
         bench.fitted("A", counts, readings=readings, use_readings=True) for counts in (0, 30_001)
     ]
     gaps = [f.value("constant_backlash_deg") for f in found]
-    scatter = [f.checks["readings"]["scatter_deg"] for f in found]
+    scatter = [f.checks.readings.scatter_deg for f in found]
     assert gaps[1] == pytest.approx(gaps[0], abs=1e-8) == pytest.approx(GAP_DEG, abs=0.001)
     assert scatter[1] == pytest.approx(scatter[0], abs=1e-8)
     np.testing.assert_allclose(
@@ -160,12 +160,13 @@ def test_a_further_log_has_its_jump_where_its_own_zero_lies(bench):
     cut = int(np.searchsorted(log.driving_angle, REV + 1.0))
     parts = (log.time, log.driving.reading, log.driven.reading)
     late = EncoderLog.from_arrays(*(part[cut:] for part in parts), pair=pair)
-    first, second = fit([log, late], pair).checks["reversals"]
-    assert second["driving_deg"] == pytest.approx(first["driving_deg"] - 360 - 1 / DEG, abs=0.5)
-    variable = first["variable_backlash_deg"]
-    assert second["variable_backlash_deg"] == pytest.approx(variable, abs=2e-4)
+    first, second = fit([log, late], pair).checks.reversals
+    assert second.driving_deg == pytest.approx(first.driving_deg - 360 - 1 / DEG, abs=0.5)
+    variable = first.variable_backlash_deg
+    assert variable is not None
+    assert second.variable_backlash_deg == pytest.approx(variable, abs=2e-4)
     rig = bench.rig.eccentricities
-    forgot = float(vttig_jax.backlash(second["driving_deg"] * DEG, pair, rig)) / DEG - GAP_DEG
+    forgot = float(vttig_jax.backlash(second.driving_deg * DEG, pair, rig)) / DEG - GAP_DEG
     assert abs(forgot - variable) > 2e-3
 
 

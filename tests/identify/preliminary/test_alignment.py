@@ -45,12 +45,16 @@ def _late(log: EncoderLog, rig: SyntheticRig) -> EncoderLog:
 def test_start_angles_are_found(rig, logs):
     first, second = logs
     result = fit([first, _late(second, rig)], rig.pair, delay="off")
-    start = result.logs[1]["start"]
-    for shaft, angle in (("driving", second.driving_angle), ("driven", second.driven_angle)):
-        off = (start[f"{shaft}_deg"] - angle[CUT] / DEG + 180.0) % 360.0 - 180.0
-        assert abs(off) < 4 * start[f"{shaft}_std_deg"]
-        assert 0 < start[f"{shaft}_std_deg"] < 2.0
-    assert result.logs[0]["start"]["driving_std_deg"] == 0.0
+    start = result.logs[1].start
+    for value_deg, std_deg, angle in (
+        (start.driving_deg, start.driving_std_deg, second.driving_angle),
+        (start.driven_deg, start.driven_std_deg, second.driven_angle),
+    ):
+        assert value_deg is not None and std_deg is not None
+        off = (value_deg - angle[CUT] / DEG + 180.0) % 360.0 - 180.0
+        assert abs(off) < 4 * std_deg
+        assert 0 < std_deg < 2.0
+    assert result.logs[0].start.driving_std_deg == 0.0
 
 
 def test_a_wrong_common_zero_is_refused(rig, logs):
@@ -85,7 +89,7 @@ def test_logs_of_one_rig_share_their_eccentricities_whatever_their_length(rig, l
     )
     result = fit([logs[0], short], rig.pair, same_zero=True, delay="off")
     assert result.samples["read"] == len(logs[0]) + 2500
-    assert [one["samples"]["read"] for one in result.logs] == [len(logs[0]), 2500]
+    assert [one.samples["read"] for one in result.logs] == [len(logs[0]), 2500]
     error = result.value("driving_eccentricity_mm") - 0.0226
     assert abs(error) < 4 * _std(result, "driving_eccentricity_mm")
 
@@ -99,12 +103,12 @@ def test_logs_of_two_rigs_are_refused(rig, logs, same_zero):
 
 def test_agreement_is_reported(rig, logs):
     result = fit(list(logs), rig.pair, same_zero=True, delay="off")
-    entries = result.checks["agreement"]
-    assert {(e["shaft"], e["flank"]) for e in entries} == {
+    entries = result.checks.agreement
+    assert {(e.shaft, e.flank) for e in entries} == {
         (shaft, flank) for shaft in ("driving", "driven") for flank in "AB"
     }
     for entry in entries:
-        assert entry["difference_arcsec"] < 5 * entry["std_arcsec"]
+        assert entry.difference_arcsec < 5 * entry.std_arcsec
 
 
 def _std(result: Fit, name: str) -> float:

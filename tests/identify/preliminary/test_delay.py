@@ -121,6 +121,8 @@ def test_without_a_delay_it_is_insignificant_and_costs_nothing(quick_log, quick_
         one, other = quick_fit.parameters[name], known.parameters[name]
         assert (one.value, one.std) == pytest.approx((other.value, other.std), rel=1e-9)
     assert not _ramp_notes(quick_fit)
+    covered = quick_fit.checks.gap_over_angles_covered
+    assert covered.std > 3 * known.parameters["constant_backlash_deg"].std
 
 
 def test_free_keeps_it_and_pays(quick_log, quick_rig, quick_fit):
@@ -203,20 +205,32 @@ def _own(gram: float = 1.0, right: float = 0.0, raw: float = 1.0) -> NuisanceReg
     ],
 )
 def test_what_counts_is_the_whole_delay_and_not_the_step(before, right, state):
-    found = judge_delay(_own(right=right), [], before, forced=False, two_flanks=True)
+    found = judge_delay(
+        _own(right=right), [], before, forced=False, two_flanks=True, steady=False, within_s=1e-3
+    )
     assert found.state == state
     assert found.std_s == pytest.approx(1.0, rel=1e-6)
     if state == "fitted":
         assert (found.seconds, found.step_s) == pytest.approx((before, right), rel=1e-6)
     else:
         assert (found.seconds, found.step_s) == pytest.approx((0.0, before + right), rel=1e-6)
-    forced = judge_delay(_own(right=right), [], before, forced=True, two_flanks=True)
+    forced = judge_delay(
+        _own(right=right), [], before, forced=True, two_flanks=True, steady=False, within_s=1e-3
+    )
     assert forced.state == "fitted"
 
 
 @pytest.mark.parametrize(("raw", "state"), [(1e4, "fitted"), (2e6, "open"), (0.0, "open")])
 def test_a_delay_hidden_behind_offsets_is_open(raw, state):
-    found = judge_delay(_own(right=50.0, raw=raw), [], 0.0, forced=False, two_flanks=False)
+    found = judge_delay(
+        _own(right=50.0, raw=raw),
+        [],
+        0.0,
+        forced=False,
+        two_flanks=False,
+        steady=False,
+        within_s=1e-3,
+    )
     assert found.state == state
     assert ("an offset" in found.reason) == (state == "open")
 

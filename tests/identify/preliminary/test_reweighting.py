@@ -91,9 +91,9 @@ def test_a_loss_named_outright_is_the_one_auto_takes(clean):
     bad = _spoiled(log, rig.pair, 0, "driven")
     auto, named = (fit(bad, rig.pair, loss=loss) for loss in ("auto", "bisquare"))
     assert auto.parameters == named.parameters
-    assert auto.checks["outliers"] == named.checks["outliers"]
+    assert auto.checks.outliers == named.checks.outliers
     huber = fit(bad, rig.pair, loss="huber")
-    assert huber.checks["outliers"][0]["loss"] == "huber"
+    assert huber.checks.outliers[0].loss == "huber"
     assert huber.parameters != named.parameters
 
 
@@ -102,7 +102,7 @@ def test_squares_do_visibly_worse(clean):
     for seed in SEEDS[:2]:
         rig, log, before = clean[0.0, seed]
         bad = fit(_spoiled(log, rig.pair, seed, "driven"), rig.pair, loss="square")
-        assert bad.checks["outliers"] == []
+        assert bad.checks.outliers == ()
         assert not _relative([bad], [before]) < 20 * _relative([before], [before])
         assert bad.residual_rms_deg > 100 * before.residual_rms_deg
 
@@ -120,29 +120,29 @@ def test_what_is_told_of_them(clean):
     rig, log, _ = clean[0.0, 0]
     bad = _spoiled(log, rig.pair, 0, "driven")
     result = fit(bad, rig.pair)
-    (found,) = result.checks["outliers"]
+    (found,) = result.checks.outliers
     hit, off = _wild(0, len(log))
-    assert found["loss"] == "bisquare" and 1 < found["passes"] <= 20
+    assert found.loss == "bisquare" and 1 < found.passes <= 20
     # A Gaussian residual counts less than half in one case of a hundred.
-    assert found["share"] == pytest.approx(np.mean(hit) + 0.01, abs=0.012)
-    assert found["positive"] == pytest.approx(0.0, abs=0.1)
-    assert found["scale_deg"] == pytest.approx(0.0025, rel=0.2)
+    assert found.share == pytest.approx(np.mean(hit) + 0.01, abs=0.012)
+    assert found.positive == pytest.approx(0.0, abs=0.1)
+    assert found.scale_deg == pytest.approx(0.0025, rel=0.2)
     largest = off.max() / COUNTS
-    assert found["largest_deg"] == pytest.approx(largest, abs=0.02)
-    assert len(found["first"]) == 5
-    for time_s, angle_deg in found["first"]:
+    assert found.largest_deg == pytest.approx(largest, abs=0.02)
+    assert len(found.first) == 5
+    for time_s, angle_deg in found.first:
         place = int(np.argmin(np.abs(bad.time - time_s)))
         assert bad.time[place] == time_s
         assert np.degrees(bad.driving_angle[place]) == pytest.approx(angle_deg)
-    marked = [hit[int(np.argmin(np.abs(bad.time - time_s)))] for time_s, _ in found["first"]]
+    marked = [hit[int(np.argmin(np.abs(bad.time - time_s)))] for time_s, _ in found.first]
     assert sum(marked) >= 4
     (sentence,) = [note for note in result.notes if note.startswith("bisquare loss")]
-    assert f"{found['share']:.2%} of the samples count less than half" in sentence
+    assert f"{found.share:.2%} of the samples count less than half" in sentence
     assert "below" in sentence or "both sides" in sentence
 
 
 def test_a_clean_log_keeps_its_squares(quick_log, quick_rig, quick_fit):
-    assert quick_fit.checks["outliers"] == []
+    assert quick_fit.checks.outliers == ()
     assert not any("loss" in note for note in quick_fit.notes)
     assert quick_fit.parameters == fit(quick_log, quick_rig.pair, loss="square").parameters
 
@@ -151,8 +151,8 @@ def test_a_clean_log_keeps_its_squares(quick_log, quick_rig, quick_fit):
 def test_a_robust_loss_on_a_clean_log_costs_five_percent(quick_log, quick_rig, quick_fit, loss):
     """Asked for, it is used: the same parameters, the same standard errors but for 5 %."""
     result = fit(quick_log, quick_rig.pair, loss=loss)
-    (found,) = result.checks["outliers"]
-    assert found["loss"] == loss and found["share"] < 0.03
+    (found,) = result.checks.outliers
+    assert found.loss == loss and found.share < 0.03
     for name in ("driving_eccentricity_mm", "driven_phase_deg", "constant_backlash_deg"):
         one, other = result.parameters[name], quick_fit.parameters[name]
         assert one.std == pytest.approx(other.std, rel=0.15)

@@ -16,6 +16,7 @@ from vttig_jax.identify.preliminary.robust import (
     variance_factor,
     weights_of,
 )
+from vttig_jax.identify.report.checks import Checks
 from vttig_jax.identify.settings import Loss
 
 ROBUST: tuple[Loss, ...] = ("huber", "bisquare")
@@ -178,6 +179,6 @@ def test_outliers_in_words(positive, side):
 def test_no_outliers_in_words_and_the_record():
     none = _outliers(share=0.0, positive=0.0, first=())
     assert none.sentence == "bisquare loss: no sample stands off the fit"
-    record = _outliers().to_json()
+    (record,) = Checks(outliers=(_outliers(),)).to_json()["outliers"]
     assert record["first"] == [[0.5, 180.0], [0.6, 216.0]]
     assert record["share"] == 0.1 and record["loss"] == "bisquare"

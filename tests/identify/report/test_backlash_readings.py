@@ -10,6 +10,7 @@ from vttig_jax.base.units import DEG
 from vttig_jax.identify.backlash import backlash_map
 from vttig_jax.identify.fit_result import Fit
 from vttig_jax.identify.fitting import fit
+from vttig_jax.identify.report.checks import ReadingsComparison
 from vttig_jax.logs.readers.backlash_readings import BacklashReadings
 from vttig_jax.rig.fixed_gear import fixed_gear_readings
 from vttig_jax.rig.imperfections import EncoderError
@@ -25,19 +26,19 @@ def readings(noisy_rig) -> BacklashReadings:
 def test_as_a_check_they_change_nothing(noisy_fit, noisy_log, noisy_rig, readings):
     checked = fit(noisy_log, noisy_rig.pair, readings=readings)
     assert checked.to_json()["parameters"] == noisy_fit.to_json()["parameters"]
-    found = checked.checks["readings"]
+    found = _compared(checked)
     grid = backlash_map(noisy_fit)
     expected = (readings.backlash - np.asarray(grid.at(readings.driving_angle))) / DEG
-    assert found["mean_deg"] == pytest.approx(expected.mean(), abs=1e-9)
-    assert found["rms_deg"] == pytest.approx(np.sqrt(np.mean(expected**2)), rel=1e-6)
-    assert found["count"] == len(ANGLES_DEG) and not found["used"]
+    assert found.mean_deg == pytest.approx(expected.mean(), abs=1e-9)
+    assert found.rms_deg == pytest.approx(np.sqrt(np.mean(expected**2)), rel=1e-6)
+    assert found.count == len(ANGLES_DEG) and not found.used
     assert "backlash readings (check only)" in str(checked)
 
 
 def test_wrong_readings_are_seen(noisy_log, noisy_rig, readings):
     shifted = replace(readings, backlash=readings.backlash + 0.01 * DEG)
-    found = fit(noisy_log, noisy_rig.pair, readings=shifted).checks["readings"]
-    assert found["mean_deg"] == pytest.approx(0.01, abs=0.002)
+    found = _compared(fit(noisy_log, noisy_rig.pair, readings=shifted))
+    assert found.mean_deg == pytest.approx(0.01, abs=0.002)
 
 
 def test_as_data_they_narrow_the_fit(noisy_fit, noisy_log, noisy_rig, readings):
@@ -50,7 +51,7 @@ def test_as_data_they_narrow_the_fit(noisy_fit, noisy_log, noisy_rig, readings):
             "driven_eccentricity_mm": 0.0273,
         }[name]
         assert abs(joined.value(name) - truth) < 5 * _std(joined, name)
-    assert joined.checks["readings"]["used"]
+    assert _compared(joined).used
 
 
 def test_many_readings_pull_the_backlash_to_theirs(noisy_log, noisy_rig, readings):
@@ -100,10 +101,15 @@ def test_readings_without_a_gap_to_compare_are_refused(noisy_log, noisy_rig, rea
 def test_readings_in_another_unit_are_told_and_refused_as_data(noisy_log, noisy_rig, readings):
     wrong = replace(readings, backlash=30.0 * readings.backlash)
     checked = fit(noisy_log, noisy_rig.pair, readings=wrong)
-    assert checked.checks["readings"]["contradicts"]
+    assert _compared(checked).contradicts
     assert "they contradict it" in str(checked)
     with pytest.raises(LogError, match="check their unit"):
         fit(noisy_log, noisy_rig.pair, readings=wrong, use_readings=True)
+
+
+def _compared(result: Fit) -> ReadingsComparison:
+    assert result.checks.readings is not None
+    return result.checks.readings
 
 
 def _std(result: Fit, name: str) -> float:

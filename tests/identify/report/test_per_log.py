@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from tests.identify.quick import quick_rig
+from vttig_jax.identify.fit_result import Fit
 from vttig_jax.identify.fitting import fit
 from vttig_jax.logs.encoder_log import EncoderLog
 
@@ -21,10 +22,15 @@ def _shifted(log: EncoderLog, pair, counts: int) -> EncoderLog:
     return EncoderLog.from_arrays(log.time, log.driving.reading, driven, pair=pair, source="moved")
 
 
+def _gaps(result: Fit) -> np.ndarray:
+    """The gap that each log alone shows, and its standard error; a row for every log."""
+    return np.array([(one.alone.gap_deg, one.alone.gap_std_deg) for one in result.logs], float)
+
+
 def test_logs_that_agree_say_nothing(rig):
     result = fit([rig.log(0), rig.log(1)], rig.pair, same_zero=True)
-    gaps = [one["alone"]["gap_deg"] for one in result.logs]
-    spread = np.hypot(*(one["alone"]["gap_std_deg"] for one in result.logs))
+    gaps, stds = _gaps(result).T
+    spread = np.hypot(*stds)
     assert abs(gaps[0] - gaps[1]) < 5 * spread < 0.01
     assert not any("alone shows" in note for note in result.notes)
 
@@ -32,7 +38,7 @@ def test_logs_that_agree_say_nothing(rig):
 def test_another_gap_is_told(rig):
     moved = _shifted(rig.log(1), rig.pair, 25)  # 0.1 deg
     result = fit([rig.log(0), moved], rig.pair, same_zero=True)
-    gaps = [one["alone"]["gap_deg"] for one in result.logs]
+    gaps, _ = _gaps(result).T
     assert gaps[1] - gaps[0] == pytest.approx(0.1, abs=0.005)
     assert any("log 1 alone shows a gap between the flanks" in note for note in result.notes)
 
@@ -54,6 +60,6 @@ def test_another_delay_is_told():
             )
         )
     result = fit(logs, quick_rig(0).pair, same_zero=True)
-    found = [one["alone"]["delay_s"] for one in result.logs]
+    found = [one.alone.delay_s for one in result.logs]
     assert found == pytest.approx([2e-3, 3e-3], abs=5e-5)
     assert any("alone shows a delay" in note for note in result.notes)

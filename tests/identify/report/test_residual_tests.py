@@ -8,6 +8,7 @@ from scipy.signal import lfilter
 
 from vttig_jax.identify.fitting import fit
 from vttig_jax.identify.noise.noise_model import NoiseModel
+from vttig_jax.identify.report.checks import Whiteness
 from vttig_jax.identify.report.repeatability import passes
 from vttig_jax.identify.report.residual_tests import whiteness
 from vttig_jax.kinematics.te_curve import TECurve
@@ -25,13 +26,13 @@ def _coloured(seed: int, count: int = 2000) -> np.ndarray:
     return np.asarray(lfilter([1.0], [1.0, -0.7], shocks))
 
 
-def _tested(residual: np.ndarray, noise: NoiseModel) -> dict | None:
+def _tested(residual: np.ndarray, noise: NoiseModel) -> Whiteness | None:
     return whiteness([residual], [np.arange(len(residual)) * noise.block_s], [noise])
 
 
 def test_the_right_noise_model_leaves_white_innovations():
     seen = [_tested(_coloured(seed), COLOURED) for seed in range(40)]
-    chances = np.array([one["probability"] for one in seen if one is not None])
+    chances = np.array([one.probability for one in seen if one is not None])
     assert len(chances) == 40
     assert 0.2 < np.median(chances) < 0.8
     assert np.mean(chances < 0.05) < 0.2
@@ -39,8 +40,8 @@ def test_the_right_noise_model_leaves_white_innovations():
 
 def test_a_noise_model_without_memory_is_found_out():
     found = _tested(_coloured(0), WHITE)
-    assert found is not None and found["probability"] < 1e-12
-    assert found["autocorrelation"][0] == pytest.approx(0.7, abs=0.06)
+    assert found is not None and found.probability < 1e-12
+    assert found.autocorrelation[0] == pytest.approx(0.7, abs=0.06)
 
 
 def test_too_few_rows_say_nothing():
@@ -49,7 +50,7 @@ def test_too_few_rows_say_nothing():
 
 
 def test_a_line_that_no_order_explains_is_found(noisy_rig, noisy_fit, noisy_log):
-    assert noisy_fit.checks["lines"] == []
+    assert not noisy_fit.checks.lines
     angle = noisy_log.driving_angle
     spoiled = noisy_log.driven.reading + np.rint(
         6.0 * np.sin(9.41 * angle + 0.4)  # 86″ in counts of 14.4″
@@ -57,10 +58,10 @@ def test_a_line_that_no_order_explains_is_found(noisy_rig, noisy_fit, noisy_log)
     log = EncoderLog.from_arrays(
         noisy_log.time, noisy_log.driving.reading, spoiled, pair=noisy_rig.pair
     )
-    [line, *_] = fit(log, noisy_rig.pair).checks["lines"]
-    assert line["cycles_per_rev"] == pytest.approx(9.41, abs=0.02)
-    assert line["amplitude_arcsec"] == pytest.approx(86.4, rel=0.1)
-    assert line["false_alarm"] < 1e-6
+    [line, *_] = fit(log, noisy_rig.pair).checks.lines
+    assert line.cycles_per_rev == pytest.approx(9.41, abs=0.02)
+    assert line.amplitude_arcsec == pytest.approx(86.4, rel=0.1)
+    assert line.false_alarm < 1e-6
 
 
 def test_an_order_left_out_of_the_model_is_found(noisy_rig):
@@ -72,9 +73,9 @@ def test_an_order_left_out_of_the_model_is_found(noisy_rig):
         ),
     )
     options = HarmonicOrders(driving_orders=(1,), driven_orders=(1,), mesh_orders=0)
-    lines = fit(louder.log(0), louder.pair, orders=options).checks["lines"]
-    assert lines[0]["cycles_per_rev"] == pytest.approx(3.0, abs=0.01)
-    assert lines[0]["amplitude_arcsec"] == pytest.approx(36.0, rel=0.05)
+    lines = fit(louder.log(0), louder.pair, orders=options).checks.lines
+    assert lines[0].cycles_per_rev == pytest.approx(3.0, abs=0.01)
+    assert lines[0].amplitude_arcsec == pytest.approx(36.0, rel=0.05)
 
 
 def test_passes_are_compared(paper_pair):
@@ -87,9 +88,9 @@ def test_passes_are_compared(paper_pair):
         TECurve("A", angle, error + 2e-5, time),
     )
     [found] = passes(curves)
-    assert found["flank"] == "A" and found["passes"] == [1, 2]
-    assert found["mean_deg"] == pytest.approx(np.degrees(2e-5), rel=1e-6)
-    assert found["scatter_deg"] == pytest.approx(0.0, abs=1e-12)
+    assert found.flank == "A" and found.passes == (1, 2)
+    assert found.mean_deg == pytest.approx(np.degrees(2e-5), rel=1e-6)
+    assert found.scatter_deg == pytest.approx(0.0, abs=1e-12)
     assert passes(curves[:2]) == []
 
 
@@ -98,25 +99,25 @@ def test_a_rig_that_changes_is_seen_in_its_halves(quick_rig):
     log = rig.log(0)
     assert log.driven is not None
     calm = fit(log, rig.pair)
-    found = calm.checks["halves"]
+    found = calm.checks.halves
     assert len(found) == 4
-    assert all(one["difference_arcsec"] < 5 * one["std_arcsec"] for one in found)
+    assert all(one.difference_arcsec < 5 * one.std_arcsec for one in found)
     assert "from the first half" not in str(calm)
     angle = log.driving_angle
     growing = np.where(angle > angle.max() / 2, 4.0, 0.0) * np.sin(angle)
     spoiled = log.driven.reading + np.rint(growing).astype(np.int64)
     log = EncoderLog.from_arrays(log.time, log.driving.reading, spoiled, pair=rig.pair)
     changed = fit(log, rig.pair)
-    worst = max(changed.checks["halves"], key=lambda one: one["difference_arcsec"])
-    assert worst["shaft"] == "driving"
-    assert worst["difference_arcsec"] > 6 * worst["std_arcsec"]
+    worst = max(changed.checks.halves, key=lambda one: one.difference_arcsec)
+    assert worst.shaft == "driving"
+    assert worst.difference_arcsec > 6 * worst.std_arcsec
     assert "from the first half" in str(changed)
 
 
 def test_passes_of_a_rig_that_goes_forth_twice(noisy_rig):
     rig = replace(noisy_rig, motion=PassMotion(reversal_deg=1080.0, passes=4, dwell_s=0.3))
-    found = fit(rig.log(0), rig.pair).checks["passes"]
-    assert {one["flank"] for one in found} == {"A", "B"}
+    found = fit(rig.log(0), rig.pair).checks.passes
+    assert {one.flank for one in found} == {"A", "B"}
     for one in found:
-        assert abs(one["mean_deg"]) < 0.0005
-        assert one["overlap_deg"] > 700
+        assert abs(one.mean_deg) < 0.0005
+        assert one.overlap_deg > 700

@@ -55,4 +55,5 @@ def test_memory_left_out_of_the_noise_model_is_seen(linear):
 
 
 def test_a_fit_with_the_right_noise_keeps_its_standard_errors(quick_fit):
-    assert quick_fit.checks["whiteness"]["widening"] == 1.0
+    assert quick_fit.checks.whiteness is not None
+    assert quick_fit.checks.whiteness.widening == 1.0

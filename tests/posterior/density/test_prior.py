@@ -1,5 +1,6 @@
 """The prior in words and numbers."""
 
+import dataclasses
 from fractions import Fraction
 
 import numpy as np
@@ -7,7 +8,7 @@ import pytest
 
 from vttig_jax.base.units import ARCSEC, DEG
 from vttig_jax.pair.gear_pair import Drive
-from vttig_jax.posterior.density.prior import Prior, state_prior
+from vttig_jax.posterior.density.prior import OPTIONS, Prior, state_prior
 from vttig_jax.rig.paper import paper_pair
 
 pytestmark = pytest.mark.smoke
@@ -68,6 +69,17 @@ def test_what_is_not_sampled_is_not_stated():
     found = state_prior(Prior(), PAIR, ("driven_x", "driven_y"), 0.0)
     assert [disc.name for disc in found.discs] == ["driven"] and not found.bounds
     assert found.sentences[-1].startswith("noise: flat")
+
+
+def test_every_field_has_an_option_and_an_effect_somewhere():
+    assert set(OPTIONS) == {field.name for field in dataclasses.fields(Prior)}
+    names = (*GEARS, *ENCODERS, "constant_backlash")
+    gears = state_prior(Prior(), PAIR, names, 0.0).fields
+    assert gears == {"eccentricity_mm", "flat_in", "encoder_arcsec", "backlash_deg"}
+    drive = state_prior(Prior(), Drive(Fraction(9, 16)), GEARS, 0.0).fields
+    assert drive == {"amplitude_arcsec", "flat_in"}
+    assert state_prior(Prior(), PAIR, ENCODERS, 0.0).fields == {"encoder_arcsec"}
+    assert gears | drive == set(OPTIONS)
 
 
 @pytest.mark.parametrize("name", ["eccentricity_mm", "encoder_arcsec", "backlash_deg"])

@@ -1,5 +1,6 @@
 """Plans of a drive: directions, speeds, delays, and what every choice changes."""
 
+import re
 from fractions import Fraction
 from functools import cache
 from typing import Any
@@ -22,12 +23,15 @@ PAPER_RUN: dict[str, Any] = {"turns": 21.0, "rate_hz": 1987.0, "noise": PAPER_NO
 FEW = HarmonicOrders(driving_orders=(1, 2), driven_orders=(1, 2), mesh_orders=0)
 WHITE = PlannedNoise(0.003)
 DRIVE = Drive(Fraction(9, 16))
+NO_DELAY = (("delay_s", 0.0),)
 SHORT: dict[str, Any] = {"turns": 20.0, "rate_hz": 500.0, "noise": WHITE}
 
 
 @cache
 def drive_plan(**changes):
-    """A cheap plan of a drive 9/16."""
+    """A cheap plan of a drive 9/16; `assumed` as pairs, because a cache needs hashes."""
+    if "assumed" in changes:
+        changes["assumed"] = dict(changes["assumed"])
     return plan(DRIVE, **dict(SHORT, **{"orders": FEW, **changes}))
 
 
@@ -61,15 +65,19 @@ def test_two_speeds_tell_a_delay_from_the_gap():
 
 
 def test_at_one_speed_the_ramps_tell_a_delay_or_nothing_does():
-    taken, free = drive_plan(), drive_plan(delay="free")
-    assert free.std("delay_s") == pytest.approx(taken.std("delay_s"), rel=1e-6)
-    assert free.std("constant_backlash_deg") > 5 * taken.std("constant_backlash_deg")
-    assert any("--delay free" in note for note in taken.notes)
+    plain, free, none_there = drive_plan(), drive_plan(delay="free"), drive_plan(assumed=NO_DELAY)
+    gap = "constant_backlash_deg"
+    assert free.std("delay_s") == plain.std("delay_s") == none_there.std("delay_s")
+    assert free.std(gap) == plain.std(gap) > 3 * none_there.std(gap)
+    (told,) = [note for note in plain.notes if "--assume delay_s=0" in note]
+    known = float(re.findall(r"is ([0-9.e-]+)°", told)[0])
+    assert known == pytest.approx(none_there.std(gap), rel=0.06)
+    assert any("second speed" in note for note in plain.notes)
     none = drive_plan(ramp_s=0.0)
     assert none.conditional_on == ("no_delay",)
     assert "second speed" in str(none.parameters["delay_s"].reason)
     hopeless = drive_plan(ramp_s=0.0, delay="free")
-    assert not hopeless.parameters["constant_backlash_deg"].determined
+    assert not hopeless.parameters[gap].determined
 
 
 def test_a_drive_splits_its_orders_into_common_and_gap():
@@ -162,6 +170,10 @@ def test_a_flank_without_a_full_turn_and_a_slow_speed_are_told():
         ({"passes": 2, "directions": "forward"}, "passes"),
         ({"dwell_s": -1.0}, "dwell_s"),
         ({"delay": "maybe"}, "delay"),
+        ({"delay": 2.0}, "delay"),
+        ({"assumed": {"delay_s": 2.0}}, "delay_s within"),
+        ({"assumed": {"delay_s": np.nan}}, "delay_s within"),
+        ({"assumed": {"delay_s": 0.0}, "delay": "off"}, "no delay is fitted"),
         ({"noise": PlannedNoise()}, "noise"),
         ({"assumed": {"nonesuch": 1.0}}, "nonesuch"),
         ({"assumed": {"driving_amplitude_arcsec": -1.0}}, "driving_amplitude_arcsec"),

@@ -70,11 +70,10 @@ def test_fewer_steps_than_there_are_is_refused(path):
     assert path.read_bytes() == before and only(path)
 
 
-def test_nothing_to_resume(path):
-    with pytest.raises(UsageError, match="nothing to resume") as caught:
-        sample(path, resume=True)
-    sentence(caught.value)
-    assert not path.parent.exists()
+def test_where_nothing_is_there_a_resumed_run_starts(path):
+    assert same(sample(path, resume=True), sample(None))
+    assert only(path)
+    assert same(sample(path, steps=450, resume=True), sample(None, steps=450))
 
 
 @pytest.mark.parametrize(

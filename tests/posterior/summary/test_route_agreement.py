@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from tests.posterior import quick_fits
+from vttig_jax.identify.report.checks import Checks, Whiteness
 from vttig_jax.posterior.density.prior import Prior
 from vttig_jax.posterior.sampler import sample
 from vttig_jax.posterior.summary.posterior import Posterior
@@ -49,7 +50,7 @@ def test_standard_errors_from_blocks_are_named(posterior):
     wide = replace(
         result,
         covariance=2.3**2 * result.covariance,
-        checks=dict(result.checks) | {"whiteness": {"widening": 2.3}},
+        checks=Checks(whiteness=Whiteness((), 0.0, 0.0, widening=2.3)),
     )
     found = agreement(replace(posterior, fit=wide))
     assert "2.3 times the sampled one" in found.sentences[0]

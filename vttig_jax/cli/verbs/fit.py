@@ -79,8 +79,21 @@ def command(
         LOGGER.info("written to %s", out)
     output.emit(result.to_json(), result)
     _check_required(result, require)
+    if result.outcome == "contradicts":
+        raise NoAnswerError(_contradiction(result), where=result.source)
     if result.outcome in ("not_converged", "not_determined"):
         raise NoAnswerError(_FAILURES[result.outcome], where=result.source)
+
+
+def _contradiction(result: "Fit") -> str:
+    gap = result.checks.gap_over_angles_covered
+    ratio = result.pair.ratio
+    swapped = "the columns are exchanged, " if ratio == 1 else ""
+    return (
+        f"the gap is {gap.value:.5f}° ({gap.low95:.5f} … {gap.high95:.5f}°), and no gap is below"
+        f" zero: {swapped}the sign of both encoders is inverted, the load overruns and lies on the"
+        " other flank, or the driving channel is late; correct [log], or give --delay."
+    )
 
 
 _FAILURES = {

@@ -1,5 +1,6 @@
 """`vttig map`: the backlash at every driving angle, from a run folder."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -58,11 +59,13 @@ def command(
     The CSV file contains the order-complete backlash in degrees of the driven gear, in mm at its
     reference circle and in mm of axial displacement, and the first-order backlash. If D contains
     draws of `vttig sample`, it also contains two bands: one for each single angle, and one for the
-    whole map at once.
+    whole map at once. The report says which part of the hunting period the log covered on both
+    flanks; the rest is extrapolated by the fitted orders. The JSON object lists the covered spans.
     """
     import vttig_jax
 
     from ...identify.backlash import backlash_map
+    from ...posterior.summary.log_coverage import log_coverage
 
     vttig_jax.enable_x64()
     run = Run(run_folder)
@@ -76,6 +79,7 @@ def command(
     else:
         _need_draws(run_folder, constant_backlash_deg, closing_mm)
         grid = backlash_map(fit, constant_backlash_deg=constant_backlash_deg)
+        grid = replace(grid, coverage=log_coverage(fit))
         table, columns = map_table(grid, step_deg, turns), COLUMNS
         record = map_record(fit, grid, step_deg, turns, len(table), out)
         shown = grid

@@ -7,11 +7,11 @@ from typing import Any, Literal, get_args
 import click
 
 from ...base.errors import UsageError
+from ..fit_options import DelayParam
 from ..options import POSITIVE, Finite, verb
 from ..output import Output
 
 DirectionName = Literal["both", "forward", "backward"]
-DelayName = Literal["auto", "free", "off"]
 NOT_NEGATIVE = Finite(min=0)
 
 
@@ -73,14 +73,16 @@ vttig plan --pair pair.toml --noise-std-deg 0.002 --want driving_eccentricity_mm
     type=Named(),
     multiple=True,
     help="Amplitude or phase to expect, such as driving_eccentricity_mm=0.03; decides what a phase"
-    " costs.",
+    " costs. delay_s=0 for channels that are read at the same instant.",
 )
 @click.option("--perfect-encoders", is_flag=True, help="Fit no encoder eccentricity.")
 @click.option(
     "--delay",
-    type=click.Choice(get_args(DelayName)),
+    type=DelayParam(("auto", "free", "off")),
+    metavar="auto|free|off|SECONDS",
     default="auto",
-    help="Fit a delay with several speeds (auto, the default), in any case, or never.",
+    help="As in `vttig fit`: fitted where the motion tells it (auto, the default) unless --assume"
+    " delay_s is too small to be found; fitted in any case; taken as zero; or known in seconds.",
 )
 @click.option(
     "--want",

@@ -2,23 +2,26 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import click
 
 from ...base.errors import InputError, NotConvergedError, UsageError
+from ...base.files.run_folder import data_sha256
 from ...runs.fit_run import perform, resolve, save_fit
 from ...runs.options import options_of
 from ...runs.posterior_run import report_on, write_report
 from ...runs.run import open_run
-from ...runs.run_file import CHECKPOINT
+from ...runs.run_file import CHECKPOINT, RunRecord, read_run
 from ..fit_options import model_options
 from ..options import POSITIVE, given, log_options, verb
 from ..output import LOGGER, Output
 
 if TYPE_CHECKING:
     from ...identify.fit_result import Fit
+    from ...posterior.density.prior import Prior
     from ...posterior.sampling.ensembles import Progress
     from ...posterior.summary.posterior import Posterior
 
@@ -27,6 +30,7 @@ if TYPE_CHECKING:
     "sample",
     example="""
 vttig sample log.csv --pair pair.toml --out run
+vttig sample log.csv --pair pair.toml --out run --resume
 vttig sample --out run --resume --until 100
 vttig fit log.csv --pair pair.toml --out run && vttig sample --out run --steps 5000 --seed 1
 """,
@@ -39,7 +43,11 @@ vttig fit log.csv --pair pair.toml --out run && vttig sample --out run --steps 5
     type=click.Path(path_type=Path),
     help="Run folder: keeps fit, draws and pictures. Without LOG the fit in it is sampled.",
 )
-@click.option("--resume", is_flag=True, help="Go on with the draws that are in --out.")
+@click.option(
+    "--resume",
+    is_flag=True,
+    help="Go on with the draws that are in --out; where there are none, start.",
+)
 @click.option("--overwrite", is_flag=True, help="Replace the fit and the draws that are in --out.")
 @click.option("--no-figures", is_flag=True, help="Leave the pictures out of the run folder.")
 @click.option(
@@ -65,7 +73,22 @@ vttig fit log.csv --pair pair.toml --out run && vttig sample --out run --steps 5
     " amplitude.",
 )
 @click.option(
-    "--largest-eccentricity-mm", type=POSITIVE, help="Bound of the prior; half the module."
+    "--largest-eccentricity-mm",
+    "eccentricity_mm",
+    type=POSITIVE,
+    help="Bound of the prior; half the module.",
+)
+@click.option(
+    "--largest-amplitude-arcsec",
+    "amplitude_arcsec",
+    type=POSITIVE,
+    help="Bound of the first orders of a drive, and of encoders without an accuracy; 3600.",
+)
+@click.option(
+    "--largest-backlash-deg",
+    "backlash_deg",
+    type=POSITIVE,
+    help="Bound of the size of the constant backlash; 5.",
 )
 @click.option(
     "--encoder-arcsec",
@@ -94,7 +117,9 @@ def command(
     ensembles: int | None,
     walkers: int | None,
     prior: Literal["plane", "amplitude"] | None,
-    largest_eccentricity_mm: float | None,
+    eccentricity_mm: float | None,
+    amplitude_arcsec: float | None,
+    backlash_deg: float | None,
     encoder_arcsec: float | None,
     readings: Path | None,
     **options: Any,
@@ -104,7 +129,9 @@ def command(
     Several independent ensembles run until their chains are long enough and agree. The draws are
     brought up to date in posterior.h5 every 5 s: after an interrupt or a kill, --resume goes on and
     ends with the same draws as a run that was never stopped; seed, walkers, ensembles and prior are
-    then those of the draws unless given. Exit code 5 where the sampler has not converged.
+    then those of the draws unless given. A command with --resume may be repeated: it starts, goes
+    on, or only writes the report of draws that are complete. Exit code 5 where the sampler has not
+    converged.
     """
     if resume and overwrite:
         raise UsageError("--resume and --overwrite exclude each other; give one of them.")
@@ -119,20 +146,18 @@ def command(
     refuse_existing(out, resume=resume, overwrite=overwrite, fits=bool(logs))
     if logs:
         run = resolve(logs, pair, readings, options_of(options))
-        fit, run = perform(run)
-        if not resume:
-            save_fit(fit, out, overwrite=overwrite, figures=not no_figures, record=run)
+        fit = _fit_of(run, out, resume=resume, overwrite=overwrite, figures=not no_figures)
     else:
         fit = _fit_in(out, [*options, "pair", "readings"])
-    if largest_eccentricity_mm is not None:
-        _require_gears(fit)
     beliefs = {
-        "eccentricity_mm": largest_eccentricity_mm,
+        "eccentricity_mm": eccentricity_mm,
         "flat_in": prior,
+        "amplitude_arcsec": amplitude_arcsec,
         "encoder_arcsec": encoder_arcsec,
+        "backlash_deg": backlash_deg,
     }
     requested = {"seed": seed, "ensembles": ensembles, "walkers": walkers}
-    settings = _settings(out / CHECKPOINT if resume else None, requested, beliefs)
+    settings = _settings(out / CHECKPOINT if resume else None, requested, beliefs, fit)
     with sampling_bar(output) as follow, _walkers_in_words():
         posterior = sample(
             fit,
@@ -145,15 +170,6 @@ def command(
             progress=follow,
         )
     _finish(output, out, posterior, figures=not no_figures)
-
-
-def _require_gears(fit: "Fit") -> None:
-    from ...pair.gear_pair import Drive
-
-    if isinstance(fit.pair, Drive):
-        raise UsageError(
-            "--largest-eccentricity-mm needs gears, but this is a drive; leave it out."
-        )
 
 
 def _finish(output: Output, out: Path, posterior: "Posterior", *, figures: bool) -> None:
@@ -173,7 +189,7 @@ def _finish(output: Output, out: Path, posterior: "Posterior", *, figures: bool)
 
 
 def _settings(
-    resumed: Path | None, asked: dict[str, Any], beliefs: dict[str, Any]
+    resumed: Path | None, asked: dict[str, Any], beliefs: dict[str, Any], fit: "Fit"
 ) -> dict[str, Any]:
     """Keywords of `sample`: what was asked for, then what a resumed run has, then the defaults."""
     from ...posterior.density.prior import Prior
@@ -181,9 +197,25 @@ def _settings(
 
     known = {} if resumed is None or not resumed.exists() else settings_of(resumed)
     believed = {name: value for name, value in beliefs.items() if value is not None}
-    if believed or "prior" not in known:
-        known["prior"] = Prior(**believed)
+    known["prior"] = replace(known.get("prior", Prior()), **believed)
+    _require_effect(fit, known["prior"], list(believed))
     return known | {name: value for name, value in asked.items() if value is not None}
+
+
+def _require_effect(fit: "Fit", prior: "Prior", given: list[str]) -> None:
+    """Raise `UsageError` for an option of the prior that no sampled coordinate of the fit uses."""
+    from ...posterior.density.density import sampled_names
+    from ...posterior.density.prior import OPTIONS, state_prior
+
+    used = state_prior(prior, fit.pair, sampled_names(fit), 0.0).fields
+    for name in given:
+        if name not in used:
+            others = [option for field, option in OPTIONS.items() if field in used]
+            raise UsageError(
+                f"{OPTIONS[name]} has no effect, because no parameter that is sampled here has"
+                f" this prior; leave it out (those with an effect: {', '.join(others) or 'none'}).",
+                where=fit.source,
+            )
 
 
 @contextmanager
@@ -223,6 +255,39 @@ def refuse_existing(
             raise UsageError(
                 f"already exists; {cure}, or choose another folder.", where=str(out / name)
             )
+
+
+def _fit_of(record: RunRecord, out: Path, *, resume: bool, overwrite: bool, figures: bool) -> "Fit":
+    """Return the fit of these logs: with --resume the one that `out` holds, else a new one.
+
+    **Raises** `InputError` if `out` holds the fit of other logs or options.
+    """
+    if resume and (out / "fit.json").exists():
+        _require_same_request(record, out)
+        return open_run(out).fit
+    fit, record = perform(record)
+    if not (resume and (out / CHECKPOINT).exists()):
+        save_fit(fit, out, overwrite=overwrite, figures=figures, record=record)
+    return fit
+
+
+def _require_same_request(record: RunRecord, out: Path) -> None:
+    digests = tuple(data_sha256(record.logs))
+    readings = data_sha256([record.readings])[0] if record.readings else ""
+    asked = replace(record, sha256=digests, readings_sha256=readings).table(out)
+    stored = read_run(out).table(out)
+    data = {"data_sha256": "sha256", "readings_sha256": "readings_sha256"}
+    differing = [
+        name for name, key in data.items() if asked["data"].get(key) != stored["data"].get(key)
+    ]
+    differing += [name for name in ("pair_file", "options") if asked[name] != stored[name]]
+    if differing:
+        raise InputError(
+            f"this folder holds another fit ({', '.join(differing).replace('_', ' ')} differ);"
+            " repeat the command that made it, choose another folder, or replace the fit with"
+            " --overwrite.",
+            where=str(out),
+        )
 
 
 def _fit_in(out: Path, names: list[str]) -> "Fit":

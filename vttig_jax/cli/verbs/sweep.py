@@ -1,12 +1,15 @@
 """`vttig sweep`: thousands of simulated cases, the product of named axes."""
 
+import json
 import os
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from ...base.errors import UsageError
+from ...base.errors import InputError, UsageError
 from ...runs.rigs import drawn_rigs
 from ..options import verb
 from ..output import LOGGER, Output
@@ -14,6 +17,7 @@ from ..output import LOGGER, Output
 if TYPE_CHECKING:
     from ...control.sweeps.estimate import SweepCost
     from ...control.sweeps.table import SweepTable
+    from ...pair.eccentricities import Eccentricities
 
 FIGURE = "figures/sweep.png"
 
@@ -28,7 +32,11 @@ vttig sweep sweep.toml --out swept --dask tcp://127.0.0.1:8786
 )
 @click.argument("scenario", metavar="SWEEP", type=click.Path(path_type=Path))
 @click.option("--out", type=click.Path(path_type=Path), help="Folder for sweep.parquet.")
-@click.option("--resume", is_flag=True, help="Go on with the sweep that is unfinished in --out.")
+@click.option(
+    "--resume",
+    is_flag=True,
+    help="Go on with the sweep that is unfinished in --out; where there is none, start.",
+)
 @click.option("--overwrite", is_flag=True, help="Replace the sweep in --out.")
 @click.option(
     "--devices",
@@ -53,7 +61,8 @@ def command(
     outcome. With rig = { from = "RUN", draws = 200 } every case runs with rigs drawn from the
     posterior in the run folder RUN, while the controllers have the map of its mean. Blocks of cases
     are written as they are done: after Ctrl-C or a kill --resume goes on and ends with the same
-    table.
+    table. A command with --resume may be repeated: it starts, goes on, or only prints the table
+    that is complete.
     """
     if out is None and (resume or overwrite or no_figures):
         raise UsageError("--resume, --overwrite and --no-figures are for the folder of --out.")
@@ -75,12 +84,13 @@ def command(
             bar.update(done - bar.n)
 
         rigs, believed = drawn_rigs(scenario)
-        found = sweep(
+        found = _finished(scenario, rigs, believed, out) if resume and out is not None else None
+        found = found or sweep(
             scenario,
             rigs=rigs,
             believed=believed,
             out=out,
-            resume=resume,
+            resume=resume and out is not None and _is_begun(out),
             overwrite=overwrite,
             devices=devices,
             dask=dask,
@@ -90,6 +100,43 @@ def command(
     if out is not None and not no_figures:
         _draw(found, out)
     output.emit(found.to_json(), found)
+
+
+def _is_begun(out: Path) -> bool:
+    """Return whether the folder holds a sweep, finished or not."""
+    from ...control.sweeps.store import HEADER, TABLE
+
+    return any((out / name).exists() for name in (HEADER, TABLE))
+
+
+def _finished(
+    scenario: Path,
+    rigs: "Sequence[Eccentricities]",
+    believed: "Eccentricities | None",
+    out: Path,
+) -> "SweepTable | None":
+    """Return the complete table of this sweep in a folder, or None where cases are missing.
+
+    **Raises** `InputError` for the table of another sweep.
+    """
+    from ...base.files.json_io import dumps
+    from ...control.sweeps.cases import recipe_of
+    from ...control.sweeps.store import HEADER, TABLE
+    from ...control.sweeps.table import read_sweep
+
+    if not (out / TABLE).exists():
+        return None
+    found, recipe = read_sweep(out), recipe_of(scenario, rigs=rigs, believed=believed)
+    stored, asked = json.loads((out / HEADER).read_text("utf-8")), json.loads(dumps(recipe.header))
+    # A complete table is not continued, so that other versions of packages do not matter.
+    differing = [k for k in asked if k != "versions" and stored.get(k) != asked[k]]
+    if differing:
+        raise InputError(
+            f"this folder holds another sweep: {', '.join(differing)} differ; run the sweep with"
+            " its first inputs, choose another folder, or replace it with --overwrite.",
+            where=str(out / HEADER),
+        )
+    return replace(found, pair=recipe.pair.name, run_s=0.0, compile_s=0.0)
 
 
 def prepare(devices: int | None) -> None:

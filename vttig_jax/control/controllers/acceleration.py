@@ -1,7 +1,5 @@
 """Controller of the paper (Fig. 7), which closes on deceleration and opens on acceleration."""
 
-from typing import NamedTuple
-
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
@@ -11,7 +9,7 @@ from ..plants.flank_bounds import Bounds
 from .controller import Controller, Measurement
 
 
-class Latch(NamedTuple):
+class Latch(eqx.Module):
     """State: whether the controller closes the gap, and the stored displacement in mm."""
 
     closing: Bool[Array, ""]

@@ -1,14 +1,14 @@
 """Interface of a controller: (state, measurement) → (state, command)."""
 
 from abc import abstractmethod
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 
-class Measurement(NamedTuple):
+class Measurement(eqx.Module):
     """Inputs of a controller in one period.
 
     - `time`: s. - `driving`, `driven`: readings of both encoders, rad.
@@ -26,7 +26,7 @@ class Measurement(NamedTuple):
     reference_speed: Float[Array, ""]
 
 
-class Command(NamedTuple):
+class Command(eqx.Module):
     """Output of a controller in one period.
 
     - `shift`: axial displacement of gear 2 towards a closed gap, mm.

@@ -1,6 +1,6 @@
 """Baseline controller: the motor jumps across the gap, and no gear is shifted."""
 
-from typing import ClassVar, NamedTuple
+from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -14,7 +14,7 @@ _STILL = 1e-6
 """Speed below which the motion stands, rad/s: a chosen value above the rounding of recordings."""
 
 
-class LeadJump(NamedTuple):
+class LeadJump(eqx.Module):
     """State of the jump across the gap.
 
     - `time`: time of the last period, s. - `sense`: last direction of the motion, 1 or −1.

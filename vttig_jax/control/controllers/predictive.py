@@ -1,7 +1,5 @@
 """Controller that closes by the gap at the predicted stop, at most by the present gap."""
 
-from typing import NamedTuple
-
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
@@ -11,7 +9,7 @@ from ..plants.flank_bounds import Bounds
 from .controller import Controller, Measurement
 
 
-class PredictiveState(NamedTuple):
+class PredictiveState(eqx.Module):
     """State: whether the shaft has moved since the run began."""
 
     moved: Bool[Array, ""]

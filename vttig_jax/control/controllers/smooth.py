@@ -10,8 +10,6 @@ and twice differentiable. The tail of a logistic function would close the gap wh
 in a thousand periods. For w → 0 both controllers become the original ones.
 """
 
-from typing import NamedTuple
-
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -33,7 +31,7 @@ def smooth_step(excess: Float[Array, ""], width: Float[Array, ""]) -> Float[Arra
     return share**3 * (10 + share * (6 * share - 15))
 
 
-class SmoothLatch(NamedTuple):
+class SmoothLatch(eqx.Module):
     """State: how far the latch is set, 0 … 1, and the stored displacement in mm."""
 
     closing: Float[Array, ""]
@@ -74,7 +72,7 @@ class SmoothAccelerationController(Controller):
         return SmoothLatch(closing, shift), shift
 
 
-class SmoothPredictiveState(NamedTuple):
+class SmoothPredictiveState(eqx.Module):
     """State: degree 0 … 1 to which the shaft has moved since the run began."""
 
     moved: Float[Array, ""]

@@ -1,6 +1,6 @@
 """Linear actuator that slides gear 2, and the axial force of the loaded flank on it."""
 
-from typing import NamedTuple
+from dataclasses import replace
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -14,7 +14,7 @@ _STANDSTILL = 1e-6
 """Speed of the driven shaft in rad/s below which it counts as standing still; a chosen value."""
 
 
-class Push(NamedTuple):
+class Push(eqx.Module):
     """Axial forces of the teeth on gear 2, N.
 
     - `closing_resistance`: force that resists further closing.
@@ -64,7 +64,7 @@ class Thrust(eqx.Module):
         return Push(closing * (taper + self.friction), opening * (taper - self.friction))
 
 
-class Carriage(NamedTuple):
+class Carriage(eqx.Module):
     """State of the actuator.
 
     - `unobstructed`, `rate`: position (mm) and speed (mm/s) that ignore the closed gap.
@@ -126,7 +126,7 @@ class Actuator(eqx.Module):
         arrived = jnp.clip(jnp.sum(jnp.where(due, queue, 0.0)), 0.0, self.stroke)
         resolution = jnp.asarray(self.resolution)
         rounded = jnp.floor(arrived / jnp.where(resolution > 0, resolution, 1.0)) * resolution
-        return carriage._replace(queue=queue[1:]), jnp.where(resolution > 0, rounded, arrived)
+        return replace(carriage, queue=queue[1:]), jnp.where(resolution > 0, rounded, arrived)
 
     def step(
         self,

@@ -1,7 +1,6 @@
 """Observers that estimate speed and acceleration of a shaft from its encoder readings."""
 
 from abc import abstractmethod
-from typing import NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -11,7 +10,7 @@ from ...base.arrays import Number, float64
 from ...base.units import REV
 
 
-class MotionEstimate(NamedTuple):
+class MotionEstimate(eqx.Module):
     """Estimated angle (rad), speed (rad/s) and acceleration (rad/s²)."""
 
     angle: Float[Array, ""]

@@ -10,7 +10,8 @@ without contact. The change of q is shared: m/J₂ of it moves the driven shaft,
 driving shaft.
 """
 
-from typing import Any, NamedTuple
+from dataclasses import replace
+from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -24,7 +25,7 @@ from ..plants.plant import FREE, ON_B, ContactEvent, Drag, Plant, Shafts, Slide,
 from .shaft_drive import ShaftDrive, Tracking
 
 
-class Motor(NamedTuple):
+class Motor(eqx.Module):
     """State of the servo.
 
     - `angle`, `speed`: last reference, rad and rad/s. - `integral`: ∫ of the speed error, rad.
@@ -69,7 +70,7 @@ class Servo(eqx.Module):
         torque = jnp.clip(demanded, -self.torque_limit, self.torque_limit)
         limited = torque != demanded
         integral = jnp.where(limited & (error * demanded >= 0), motor.integral, integral)
-        return torque, motor._replace(integral=integral, limited=limited)
+        return torque, replace(motor, integral=integral, limited=limited)
 
 
 Scalar = Float[Array, ""]
@@ -116,7 +117,7 @@ class ServoDrive(ShaftDrive):
     ) -> tuple[Motor, Shafts, ContactEvent]:
         """See `ShaftDrive.step`."""
         torque, motor = self.servo.torque(state, shafts.angle, shafts.speed, step)
-        motor = motor._replace(angle=target.angle, speed=target.speed)
+        motor = replace(motor, angle=target.angle, speed=target.speed)
         gap = shafts.flanks.upper - shafts.flanks.lower
         closed = gap <= bounds.closing_sum * slide.end
         if isinstance(plant, ElasticPlant):
@@ -151,9 +152,8 @@ class ServoDrive(ShaftDrive):
         kept = (driving + slope * next_slope * driven) / (driving + next_slope**2 * driven)
         carries = closed | ((side != FREE) & (pushed == joint))
         speed = jnp.where(carries, kept * course.speed, course.speed)
-        course = course._replace(
-            speed=speed, angle=shafts.angle + 0.5 * step * (shafts.speed + speed)
-        )
+        angle = shafts.angle + 0.5 * step * (shafts.speed + speed)
+        course = replace(course, speed=speed, angle=angle)
         moved, touch = plant.step(shafts, course, slide, bounds, step)
         flight = self._flight(shafts, course, self._slowing(shafts, bounds, step), bounds, step)
         met = (touch.side != FREE) & ~carries
@@ -166,7 +166,8 @@ class ServoDrive(ShaftDrive):
         offset = jnp.where(on_b, wall.upper, wall.lower)
         rate = jnp.where(on_b, wall.upper_rate, wall.lower_rate)
         offset = jnp.where(rests, offset, result.offset)
-        return result._replace(
+        return replace(
+            result,
             offset=jnp.clip(offset, wall.lower, jnp.maximum(wall.lower, wall.upper)),
             drift=jnp.where(rests, rate, result.drift),
         ), touch
@@ -248,7 +249,7 @@ class ServoDrive(ShaftDrive):
         return Shafts(angle, speed, offset, drift, moved.side, bounds.at(angle))
 
 
-class _Offset(NamedTuple):
+class _Offset(eqx.Module):
     """Offset x (rad) and its rate (rad/s)."""
 
     angle: Scalar

@@ -1,7 +1,7 @@
 """Drives of the driving shaft: the base class, a prescribed motion, and the feedforward lead."""
 
 from abc import abstractmethod
-from typing import Any, NamedTuple
+from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -13,7 +13,7 @@ from ..plants.flank_bounds import Bounds
 from ..plants.plant import ContactEvent, Plant, Shafts, Slide
 
 
-class Tracking(NamedTuple):
+class Tracking(eqx.Module):
     """Tracking `error` of the driving shaft, rad, and whether its torque was `limited`."""
 
     error: Float[Array, ""]
@@ -78,7 +78,7 @@ class Prescribed(ShaftDrive):
         return state, *plant.step(shafts, target, slide, bounds, step)
 
 
-class Lead(NamedTuple):
+class Lead(eqx.Module):
     """Feedforward lead of the driving shaft on its motion, rad, and the rate of the lead, rad/s."""
 
     angle: Float[Array, ""]

@@ -1,7 +1,6 @@
 """Base class of the motions of the driving shaft: angle, speed and acceleration at any time."""
 
 from abc import abstractmethod
-from typing import NamedTuple
 
 import equinox as eqx
 from jax.typing import ArrayLike
@@ -10,7 +9,7 @@ from jaxtyping import Array, Float, Real
 from ...base.arrays import Number
 
 
-class MotionPoint(NamedTuple):
+class MotionPoint(eqx.Module):
     """Angle, speed and acceleration of the driving shaft at one time or at many.
 
     - `angle`: φ₁ in rad. - `speed`: dφ₁/dt in rad/s. - `acceleration`: d²φ₁/dt² in rad/s².

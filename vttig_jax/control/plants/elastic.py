@@ -1,9 +1,10 @@
 """Plant with elastic teeth: free flight through the gap, spring and damper at the flanks."""
 
 import math
-from typing import NamedTuple
+from dataclasses import replace
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
@@ -120,7 +121,7 @@ class ElasticPlant(Plant):
         on_a = (starts.a.depth > 0) | nearer_a
         sense = jnp.where(on_a, 1.0, -1.0)
         start, end = (
-            Press(*(jnp.where(on_a, a, b) for a, b in zip(*both, strict=True)))
+            jax.tree.map(lambda a, b: jnp.where(on_a, a, b), both.a, both.b)
             for both in (starts, ends)
         )
         free = loaded = (end.rate - start.rate) / step
@@ -130,7 +131,7 @@ class ElasticPlant(Plant):
         pulls = Pulls(free, loaded, jnp.where(start.depth > 0, free, loaded))
         result = impact(
             Press(start.depth, start.rate / rate),
-            Pulls(*(pull / rate**2 for pull in pulls)),
+            jax.tree.map(lambda pull: pull / rate**2, pulls),
             rate * step,
             jnp.asarray(self.damping_ratio),
         )
@@ -213,14 +214,14 @@ def largest_step(stiffness: float, damping_ratio: float, inertia: float) -> floa
     return longest_contact(damping_ratio) * math.sqrt(inertia / stiffness)
 
 
-class _Depths(NamedTuple):
+class _Depths(eqx.Module):
     """Penetration of the driven shaft into flank A and B, rad and rad/s."""
 
     a: Press
     b: Press
 
 
-class _Flight(NamedTuple):
+class _Flight(eqx.Module):
     """Step without contact: x and its rate at both ends, φ̇₂ at the start and φ̈₂; rad and s."""
 
     start: Scalar
@@ -231,7 +232,7 @@ class _Flight(NamedTuple):
     slowing: Scalar
 
 
-class _Landing(NamedTuple):
+class _Landing(eqx.Module):
     """Offset x and its rate at the end of a step; whether and at which share it met `flank`."""
 
     offset: Scalar
@@ -255,7 +256,8 @@ def _wedged(then: Walls, pull: Scalar, landing: _Landing) -> _Landing:
     depth = jnp.minimum(jnp.maximum(0.5 * (overlap + pull), pull), overlap + pull)
     drift = 0.5 * (then.lower_rate + then.upper_rate)
     closed = overlap > 0
-    return landing._replace(
+    return replace(
+        landing,
         offset=jnp.where(closed, then.lower - depth, landing.offset),
         drift=jnp.where(closed, drift, landing.drift),
         share=jnp.where(closed, 1.0, landing.share),

@@ -14,8 +14,8 @@ Each piece is a power series in time and ends at the root of another one. Time i
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -34,14 +34,14 @@ _SERIES_TIME_OVERDAMPED = 2.0
 _NEWTON = 4  # Newton iterations; a chosen value
 
 
-class Press(NamedTuple):
+class Press(eqx.Module):
     """Penetration into a flank, rad, and its rate, rad per 1/ω."""
 
     depth: Scalar
     rate: Scalar
 
 
-class Impact(NamedTuple):
+class Impact(eqx.Module):
     """Result of an impact.
 
     - `press`: state at the end of the time. - `met`: whether there was contact at any time.
@@ -53,7 +53,7 @@ class Impact(NamedTuple):
     met: Truth
 
 
-class Pulls(NamedTuple):
+class Pulls(eqx.Module):
     """Acceleration into the flank by all but the contact torque, rad per 1/ω², constant per phase.
 
     Friction differs `before` the contact, while `pressed`, and `after` it.
@@ -64,7 +64,19 @@ class Pulls(NamedTuple):
     after: Scalar
 
 
-class _Piece(NamedTuple):
+class _Progress(eqx.Module):
+    """State of an impact after some pieces.
+
+    - `press`: state of the body. - `remaining`: remaining time, 1/ω.
+    - `loose`: whether the contact torque has become zero.
+    """
+
+    press: Press
+    remaining: Scalar
+    loose: Truth
+
+
+class _Piece(eqx.Module):
     """Piece of the contact law.
 
     - `spring`, `damper`: factors of c and d in this piece.
@@ -97,14 +109,15 @@ def impact(start: Press, pulls: Pulls, time: Scalar, damping_ratio: Scalar) -> I
     flown = _flight(start, pulls.before, jnp.minimum(entry, time))
     depth = jnp.where(met & (start.depth <= 0), 0.0, flown.depth)
     remaining = jnp.where(met, time - jnp.minimum(entry, time), 0.0)
-    state = (Press(depth, flown.rate), remaining, jnp.zeros_like(met))
+    begun = _Progress(Press(depth, flown.rate), remaining, jnp.zeros_like(met))
     pull = pulls.pressed
 
-    def advance(state, piece: Float[Array, "5"]):
+    def advance(state: _Progress, piece: Float[Array, "5"]) -> tuple[_Progress, None]:
         return _advance(state, _Piece(*piece), pull, damping_ratio), None
 
-    (press, remaining, loose), _ = jax.lax.scan(advance, state, jnp.asarray(_PIECES))
-    press, remaining, thrown = _separation(press, remaining, met & loose, pull, damping_ratio)
+    ended, _ = jax.lax.scan(advance, begun, jnp.asarray(_PIECES))
+    loose = met & ended.loose
+    press, remaining, thrown = _separation(ended.press, ended.remaining, loose, pull, damping_ratio)
     flight = jnp.where(thrown, jnp.minimum(remaining, _arrival(press, pulls.after)), 0.0)
     stays = remaining > flight
     flown = _flight(press, pulls.after, flight)
@@ -119,9 +132,9 @@ def longest_contact(damping_ratio: float) -> float:
     return float(sum(_series_time(piece, jnp.asarray(damping_ratio)) for piece in both))
 
 
-def _advance(state, piece: _Piece, pull: Scalar, damping_ratio: Scalar):
+def _advance(state: _Progress, piece: _Piece, pull: Scalar, damping_ratio: Scalar) -> _Progress:
     """Advance to the end of a piece, of its series or of the remaining time."""
-    press, remaining, loose = state
+    press, remaining, loose = state.press, state.remaining, state.loose
     damper = 2 * damping_ratio
     inside = piece.depth * press.depth + piece.rate * damper * press.rate
     covered = jnp.minimum(remaining, _series_time(piece, damping_ratio))
@@ -134,7 +147,7 @@ def _advance(state, piece: _Piece, pull: Scalar, damping_ratio: Scalar):
     ends = ~loose & (_value_slope(margin, limit)[0] <= 0)
     time = jnp.where(ends, _root(margin, limit), limit)
     press = Press(*_value_slope(depth, time))
-    return press, remaining - time, loose | (ends & (piece.releases > 0))
+    return _Progress(press, remaining - time, loose | (ends & (piece.releases > 0)))
 
 
 def _separation(press: Press, remaining: Scalar, loose: Truth, pull: Scalar, damping_ratio: Scalar):

@@ -13,7 +13,7 @@ Each evaluation then costs one sincos of φ₁ and one of i φ₁ for any number
 """
 
 import itertools
-from typing import Any, NamedTuple
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -37,7 +37,7 @@ _HIGHEST = 6
 """Highest order of each shaft by default; eccentric gears have no relevant higher orders."""
 
 
-class Flanks(NamedTuple):
+class Flanks(eqx.Module):
     """TE of flank A and B, rad, and their slopes dTE/dφ₁."""
 
     lower: Float[Array, "*shape"]

@@ -1,7 +1,6 @@
 """Base class of the plants, their state, and what they share: friction, walls and contact."""
 
 from abc import abstractmethod
-from typing import NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -14,7 +13,7 @@ from .flank_bounds import Bounds, Flanks
 ON_A, FREE, ON_B = -1.0, 0.0, 1.0
 
 
-class Shafts(NamedTuple):
+class Shafts(eqx.Module):
     """State of both shafts at one time.
 
     - `angle`, `speed`: of the driving shaft, rad and rad/s.
@@ -31,7 +30,7 @@ class Shafts(NamedTuple):
     flanks: Flanks
 
 
-class Slide(NamedTuple):
+class Slide(eqx.Module):
     """Axial displacement at the start and end of a step, mm, and its rates there, mm/s."""
 
     start: Float[Array, ""]
@@ -40,7 +39,7 @@ class Slide(NamedTuple):
     end_rate: Float[Array, ""]
 
 
-class ContactEvent(NamedTuple):
+class ContactEvent(eqx.Module):
     """First contact with a flank within the step.
 
     - `side`: flank, `FREE` without contact.
@@ -99,7 +98,7 @@ class Plant(eqx.Module):
         """Return both shafts after a step (s) at whose end the driving shaft is at `driving`."""
 
 
-class Walls(NamedTuple):
+class Walls(eqx.Module):
     """Offset x on both flanks, rad, and its rates, rad/s."""
 
     lower: Float[Array, ""]

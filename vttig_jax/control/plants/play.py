@@ -1,5 +1,6 @@
 """Plant of the play operator: the driven shaft stands still unless a flank pushes it."""
 
+import jax
 import jax.numpy as jnp
 
 from ...base.arrays import Number
@@ -29,8 +30,8 @@ class PlayPlant(Plant):
         held = cubic(shafts.offset, free, -ratio * shafts.speed, -ratio * driving.speed, step)
         low = cubic(now.lower, then.lower, now.lower_rate, then.lower_rate, step)
         high = cubic(now.upper, then.upper, now.upper_rate, then.upper_rate, step)
-        depth = [jnp.where(below, h - a, b - h) for h, a, b in zip(held, low, high, strict=True)]
-        share = first_root(type(held)(*depth))
+        depth = jax.tree.map(lambda h, a, b: jnp.where(below, h - a, b - h), held, low, high)
+        share = first_root(depth)
         way = cubic(shafts.angle, driving.angle, shafts.speed, driving.speed, step)
         met = newly_met(below, above, side, shafts.side)
         touch = ContactEvent(met, way.at(share), high.at(share) - low.at(share), share)

@@ -1,11 +1,12 @@
 """Plant with rigid teeth: free flight through the gap, and impacts with restitution."""
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Float
 
 from ...base.arrays import Number, float64
-from ..hermite import Cubic, cubic, first_root
+from ..hermite import cubic, first_root
 from ..motion.motion import MotionPoint
 from .flank_bounds import Bounds
 from .plant import FREE, ContactEvent, Drag, Plant, Shafts, Slide, newly_met, touching, walls
@@ -45,10 +46,10 @@ class RigidPlant(Plant):
         hit = below | above
         low = cubic(now.lower, then.lower, now.lower_rate, then.lower_rate, step)
         high = cubic(now.upper, then.upper, now.upper_rate, then.upper_rate, step)
-        wall = Cubic(*(jnp.where(below, a, b) for a, b in zip(low, high, strict=True)))
+        wall = jax.tree.map(lambda a, b: jnp.where(below, a, b), low, high)
         inwards = jnp.where(below, 1.0, -1.0)
         flight = cubic(shafts.offset, free, shafts.drift, drift, step)
-        clearance = Cubic(*(inwards * (f - w) for f, w in zip(flight, wall, strict=True)))
+        clearance = jax.tree.map(lambda f, w: inwards * (f - w), flight, wall)
         share = first_root(clearance)
         rest, rate = (1 - share) * step, 1.0 / step
         approach = clearance.slope(share)

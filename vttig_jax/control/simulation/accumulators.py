@@ -1,7 +1,8 @@
 """Accumulators of a run: sums, extremes and first times, updated in every period."""
 
-from typing import NamedTuple
+from dataclasses import fields, replace
 
+import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
@@ -11,7 +12,7 @@ from ..hardware.shaft_drive import Tracking
 from ..plants.plant import ContactEvent
 
 
-class RunFacts(NamedTuple):
+class RunFacts(eqx.Module):
     """Constants of a run that its accumulators need.
 
     - `braking_s`, `turn_s`, `duration_s`: times of the motion, s. - `period`: controller period, s.
@@ -27,7 +28,7 @@ class RunFacts(NamedTuple):
     closing: Float[Array, "2"]
 
 
-class Accumulators(NamedTuple):
+class Accumulators(eqx.Module):
     """Running metrics in rad, mm and s; NaN for events that have not happened.
 
     - `samples`, `total`, `highest`, `lowest`: number, sum and extremes of the transmission error
@@ -85,9 +86,9 @@ def empty_accumulators() -> Accumulators:
         *("samples", "total", "false_closings", "largest_command", "interference", "travel"),
         *("farthest", "commanded", "behind", "following_error", "limited_s"),
     )
-    fields = dict.fromkeys(Accumulators._fields, never) | dict.fromkeys(zeros, zero)
-    fields |= dict.fromkeys(("opened", "retracted", "forced", "blocked"), jnp.zeros((), bool))
-    return Accumulators(**fields)
+    values = {field.name: never for field in fields(Accumulators)} | dict.fromkeys(zeros, zero)
+    values |= dict.fromkeys(("opened", "retracted", "forced", "blocked"), jnp.zeros((), bool))
+    return Accumulators(**values)
 
 
 def add_sample(
@@ -121,7 +122,8 @@ def add_sample(
     at_turn = turned & jnp.isnan(old.residual_gap)
     gap = open_gap - (run.closing[0] + run.closing[1]) * carriage.reached
     in_reversal = counts & ~old.opened
-    return old._replace(
+    return replace(
+        old,
         samples=old.samples + counts,
         total=old.total + jnp.where(counts, error, 0.0),
         highest=jnp.where(counts, jnp.fmax(old.highest, error), old.highest),
@@ -170,7 +172,8 @@ def add_plant_step(
         error = jnp.where(counts, jnp.maximum(error, tracking.error), error)
         limited_s += jnp.where(counts & tracking.limited, step, 0.0)
     in_reversal, travels = counts & ~old.opened, counts & ~old.retracted
-    return old._replace(
+    return replace(
+        old,
         gap=jnp.where(crosses, contact.gap, old.gap),
         crossing=jnp.where(crosses, contact.angle, old.crossing),
         behind=old.behind if behind is None else jnp.where(crosses, behind, old.behind),

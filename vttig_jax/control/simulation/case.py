@@ -1,6 +1,6 @@
 """Case of a simulation, ready to run: its numbers are arrays, its choices are types."""
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -49,7 +49,7 @@ class Case(eqx.Module):
     drive: ShaftDrive = Prescribed()
 
 
-class State(NamedTuple):
+class State(eqx.Module):
     """State of a run at the start of a period.
 
     - `lead`: lead of the driving shaft over its motion; None for a controller without lead.
@@ -67,7 +67,7 @@ class State(NamedTuple):
     motor: Any = ()
 
 
-class Sample(NamedTuple):
+class Sample(eqx.Module):
     """Sample of one period in a trace, in s, rad and mm.
 
     - `driving`, `error`: true driving angle and transmission error φ₂ − i φ₁.
@@ -142,7 +142,9 @@ def _period(case: Case, state: State, number: Int[Array, ""]) -> tuple[State, Sa
     controller, output = case.controller.step(state.controller, measurement)
     output = case.controller.as_command(output)
     command, period = jnp.asarray(output.shift), jnp.asarray(case.period)
-    lead = state.lead and next_lead(state.lead, jnp.asarray(output.advance), period)
+    lead = None
+    if state.lead is not None:
+        lead = next_lead(state.lead, jnp.asarray(output.advance), period)
     carriage, position = case.actuator.commanded(carriage, command)
     shown = driven - case.bounds.ratio * driving
     accumulators = add_sample(
@@ -179,11 +181,11 @@ def _period(case: Case, state: State, number: Int[Array, ""]) -> tuple[State, Sa
             return _plant_step(case, run, inputs, plant, number), None
 
         plant, _ = jax.lax.scan(step, plant, jnp.arange(1.0, case.substeps + 1))
-    shafts, carriage, totals, target, motor = plant
-    return State(shafts, carriage, estimate, controller, totals, lead, target, motor), sample
+    ended = plant.accumulators, lead, plant.target, plant.motor
+    return State(plant.shafts, plant.carriage, estimate, controller, *ended), sample
 
 
-class _PlantState(NamedTuple):
+class _PlantState(eqx.Module):
     """Part of the state that the steps of the plant change."""
 
     shafts: Shafts
@@ -193,7 +195,7 @@ class _PlantState(NamedTuple):
     motor: Any
 
 
-class _PeriodInputs(NamedTuple):
+class _PeriodInputs(eqx.Module):
     """Constants of one period for the steps of the plant.
 
     - `target`: target of the actuator, mm. - `time`: start of the period, s.

@@ -1,7 +1,9 @@
 """Metrics and outcome of one run or of an array of runs."""
 
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
+import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
@@ -37,7 +39,7 @@ NEAR_MM = 1e-4
 """Axial displacement that counts as zero, mm: a chosen tolerance."""
 
 
-class MetricInputs(NamedTuple):
+class MetricInputs(eqx.Module):
     """Values of a case from which its metrics are computed.
 
     - `sense`: 1 for a run that begins forwards, −1 backwards.
@@ -97,7 +99,7 @@ def metrics_of(
     Interference, travel and axial step belong to the reversal, which ends when the gap is opened
     after it. For a motion that never turns back they belong to the whole run.
     """
-    f, t = MetricInputs(*map(np.asarray, inputs)), Accumulators(*map(np.asarray, accumulators))
+    f, t = jax.tree.map(np.asarray, (inputs, accumulators))
     back = f.sense * f.ratio * (f.turn - t.crossing - t.behind)
     lost = np.where(t.crossing_s <= f.turn_s, 0.0, back)
     values = (
@@ -119,7 +121,7 @@ def metrics_of(
 
 def outcomes_of(inputs: MetricInputs, accumulators: Accumulators) -> Any:
     """Return the outcome of each run: the first in the order of `Outcome` that holds, or ok."""
-    f, t = MetricInputs(*map(np.asarray, inputs)), Accumulators(*map(np.asarray, accumulators))
+    f, t = jax.tree.map(np.asarray, (inputs, accumulators))
     return np.select(
         [
             f.lost,

@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
+import jax
 import numpy as np
 from jaxtyping import Float
 
@@ -184,7 +185,7 @@ class Trace:
     @classmethod
     def of(cls, chunks: Sequence[Sample]) -> "Trace":
         """Join consecutive chunks of samples."""
-        return cls(Sample(*(np.concatenate(values) for values in zip(*chunks, strict=True))))
+        return cls(jax.tree.map(lambda *values: np.concatenate(values), *chunks))
 
     def columns(self) -> dict[str, Float[np.ndarray, " n"]]:
         """Return the columns of a table; their names end with their units."""

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Int
@@ -131,7 +132,9 @@ def run(
             state, sample = _trace_periods(case, state, numbers)
             chosen = np.flatnonzero((np.arange(first, first + chunk) % trace_every) == 0)
             chosen = chosen[first + chosen < periods]
-            samples.append(Sample(*(np.asarray(values)[chosen] for values in sample)))
+            samples.append(
+                jax.tree.map(lambda values, rows=chosen: np.asarray(values)[rows], sample)
+            )
         else:
             state = _run_periods(case, state, numbers)
         if progress is not None:

@@ -111,7 +111,7 @@ def _window_arrays(
         noise = jax.vmap(lambda number: noise_draws(key, number)[0])(numbers)
     reading = jax.vmap(case.driving_sensor.read)(point.angle, noise)
     shares = jnp.arange(1.0, case.substeps + 1) / case.substeps
-    steps = time[:, None] + period * shares
+    steps = time[:, None] + period * shares[None]
     closing = case.bounds.closing_sum
     closed = jnp.maximum(case.bounds.gap(motion.at(steps).angle) / closing, 0.0)
     counts = (jnp.arange(length) < periods) & (time <= motion.duration_s)
@@ -125,11 +125,11 @@ def _window_arrays(
         counts,
         time > motion.turn_s,
         jnp.where(jnp.any(turns & counts), jnp.argmax(turns), -1),
-        MotionEstimate(*before),
+        MotionEstimate(before.angle, before.speed, before.acceleration),
     )
 
 
-class WindowResult(NamedTuple):
+class WindowResult(eqx.Module):
     """Result of a window, mm of axial displacement.
 
     - `gap`: displacement that would close the gap at the turn, 0 without a turn.
@@ -140,7 +140,7 @@ class WindowResult(NamedTuple):
     interference: Float[Array, ""]
 
 
-class _Carry(NamedTuple):
+class _Carry(eqx.Module):
     estimate: MotionEstimate
     state: object
     carriage: Carriage

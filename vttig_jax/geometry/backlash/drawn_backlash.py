@@ -163,7 +163,7 @@ def _contact_heights(gears: Teeth, axial: Values) -> Values:
         shares = jnp.clip(best[..., None] + cell * steps, 0.0, 1.0)
         return _best(recession(shares), shares), cell / _FINER
 
-    steps = jnp.linspace(-1.0, 1.0, 2 * _FINER + 1)
+    steps = jnp.expand_dims(jnp.linspace(-1.0, 1.0, 2 * _FINER + 1), range(shift.ndim + 1))
     shares = jnp.broadcast_to(jnp.linspace(0.0, 1.0, _GRID), (*shift.shape, 2, _GRID))
     grid = _best(recession(shares), shares), jnp.asarray(1 / (_GRID - 1))
     best, cell = jax.lax.fori_loop(0, _ZOOMS, refined, grid)

@@ -88,8 +88,12 @@ def contact_search(
     if driven_angle is None:
         guess = concentric_touch(mates, mounting.centre_distance)
         driven_angle = mates.ratio * driving_angle + guess
-    centres = mounting.driving_centre(driving_angle), mounting.driven_centre(driven_angle)
-    pose = Pose(tooth_angle, number, *centres)
+    pose = Pose(
+        tooth_angle,
+        number,
+        mounting.driving_centre(driving_angle[None]),
+        mounting.driven_centre(driven_angle[None]),
+    )
     return ContactSearch(mates, mounting, pose, guess, search_grid.points)
 
 

@@ -60,7 +60,7 @@ class Flank(eqx.Module):
 
 
 class Pose(eqx.Module):
-    """Position of the driving gear and of one tooth pair; arrays broadcast.
+    """Position of the driving gear and of one tooth pair; arrays of equal rank, which broadcast.
 
     **Arguments**
     - `tooth_angle`: angle of the driving tooth's centre line from the line of centres, rad.

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
@@ -221,20 +222,21 @@ def _contacts(
     touch = search(scene, search_grid.sections)
     contact = earliest_contact(scene, touch)
     height = mates.sense * touch.error
-    reach = scene.reach(touch.roll, touch.share)
+    reach = jax.vmap(scene.reach)(touch.roll, touch.share)
     column = jnp.arange(len(driving))
     tooth = jnp.stack([contact.tooth, mates.driven_tooth(contact.tooth)], axis=-1)
     row, pair = nearest_best(height)
     radii = mates.driving.base_radius * jnp.sqrt(1 + touch.roll**2), reach.radius
-    tied = jnp.sum(height > jnp.max(height, axis=(0, 1)) - 1e-12, axis=(0, 1))
+    highest = jnp.max(height, axis=(0, 1), keepdims=True)
+    tied = jnp.sum(height > highest - 1e-12, axis=(0, 1))
     # At most two ties: a section of the grid, and the best section at the same place.
     single = (search_grid.sections > 1) & (tied <= 2)
     end = jnp.where(contact.share < _END, -1, jnp.where(contact.share > 1 - _END, 1, 0))
     touches = contact.place != Place.NOTHING
     both = jnp.stack([radius[row, pair, column] for radius in radii], axis=-1)
-    misfit = jnp.where(jnp.isfinite(height), jnp.max(height, axis=(0, 1)) - height, jnp.inf)
+    misfit = jnp.where(jnp.isfinite(height), highest - height, jnp.inf)
     fields = {
-        "tooth_pair": jnp.mod(tooth, teeth).astype(int) + 1,
+        "tooth_pair": jnp.mod(tooth, teeth[None]).astype(int) + 1,
         "place": contact.place.astype(int),
         "end_of_face": jnp.where(single, end, 0),
         "z_mm": jnp.where(touches, reach.z[row, pair, column], jnp.nan),

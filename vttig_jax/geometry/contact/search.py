@@ -8,8 +8,8 @@ flank, first contact is at the end of that flank. Arrays have the axes (section,
 last axis is long and vectorised.
 """
 
+from dataclasses import replace
 from enum import IntEnum
-from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -43,7 +43,7 @@ class Place(IntEnum):
         return self.name.lower().replace("_", " ")
 
 
-class TouchPoint(NamedTuple):
+class TouchPoint(eqx.Module):
     """First contact of each tooth pair in a section; `error` in rad is −σ∞ without contact."""
 
     error: Float[Array, "*section pair n"]
@@ -60,7 +60,7 @@ class ContactSearch(eqx.Module):
 
     **Arguments**
     - `mates`, `mounting`: flanks and position of the gears; they are not differentiated.
-    - `pose`: position of the driving gear, arrays of shape (pair, n).
+    - `pose`: position of the driving gear, arrays of shape (pair, n) or (1, n).
     - `guess`: TE, rad, that places the driven base circle centre first; None if it is fixed.
     - `points`: number of roll angles on the grid.
     """
@@ -129,7 +129,7 @@ def _bracket(scene: ContactSearch, grid: TouchPoint) -> Bracket:
     rows = jax.tree.map(lambda values: values[:-1], grid)
     count = rows.error.shape[0]
     best = _best(scene.mates.sense * rows.error, (count,))
-    index = jnp.clip(best + jnp.array([-1, 0, 1])[:, None, None], 0, count - 1)
+    index = jnp.clip(best[None] + jnp.array([-1, 0, 1])[:, None, None], 0, count - 1)
     three = jax.tree.map(lambda values: jnp.take_along_axis(values, index, axis=0), rows)
     left, middle, right = (jax.tree.map(lambda values, k=k: values[k], three) for k in range(3))
     return left, middle, right
@@ -152,7 +152,7 @@ def touch_at(scene: ContactSearch, share: Float[Array, "pair n"]) -> TouchPoint:
     low, high = scene.limits
     spacing = (high - low) / (scene.points - 1)
     grid = low + spacing * jnp.arange(scene.points)[:, None, None]
-    reach = scene.reach(grid, share[None])
+    reach = jax.vmap(scene.reach, in_axes=(0, None))(grid, share)
     inner, outer = scene.radii
     excess = jnp.maximum(reach.radius - outer, inner - reach.radius)
     height = jnp.where(excess > 0, -1e6 - excess / outer, scene.mates.sense * reach.error)
@@ -161,7 +161,7 @@ def touch_at(scene: ContactSearch, share: Float[Array, "pair n"]) -> TouchPoint:
     return _touch_point(scene, share, _maximised(scene, share, start, *limits))
 
 
-class RollSearch(NamedTuple):
+class RollSearch(eqx.Module):
     """State of the search over roll angles, rad, at `roll` between `low` and `high`.
 
     At `roll` there are the TE `error`, the distance `radius` from the driven base circle centre,
@@ -200,15 +200,15 @@ def _maximised(
     def step(number: int | Array, state: RollSearch) -> RollSearch:
         roll, low, high, curvature = _secant_step(state)
         top_radius = jnp.where(number <= _SECANT_STEPS, state.radius, state.top_radius)
-        to_end = _newton_step(scene, state._replace(top_radius=top_radius))
+        to_end = _newton_step(scene, replace(state, top_radius=top_radius))
         roll = jnp.where(number < _SECANT_STEPS, roll, to_end)
         (error, radius), (slope, radius_slope) = jax.jvp(error_and_radius, (roll,), (ones,))
         slope = scene.mates.sense * slope
         values = curvature, top_radius, error, radius, slope, radius_slope
-        return RollSearch._make((roll, low, high, state.roll, state.slope, *values))
+        return RollSearch(roll, low, high, state.roll, state.slope, *values)
 
     unknown = jnp.full_like(start, jnp.nan)
-    initial = RollSearch._make((start, low, high, start, *(unknown,) * 7))
+    initial = RollSearch(start, low, high, start, *(unknown,) * 7)
     return jax.lax.fori_loop(0, _SECANT_STEPS + _NEWTON_STEPS, step, initial)
 
 

@@ -59,9 +59,9 @@ def chosen_pairs(
     """
     middle = mates.sense * (path.pitch_angle + (path.recess - path.approach) / 2)
     nearest = jnp.floor((driving_angle - middle) / mates.pitch + pairs % 2 / 2)
-    number = nearest + (jnp.arange(pairs)[:, None] - (pairs - 1) // 2)
+    number = nearest[None] + (jnp.arange(pairs)[:, None] - (pairs - 1) // 2)
     number = jax.lax.stop_gradient(number)
-    return driving_angle - number * mates.pitch, number
+    return driving_angle[None] - number * mates.pitch, number
 
 
 def concentric_touch(mates: Mates, distance: Scalar) -> Values:

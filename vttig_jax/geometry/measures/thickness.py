@@ -28,8 +28,9 @@ def base_helix_angles(tooth: Tooth, z: Float[Numbers, "*shape"]) -> Float[Number
     They are positive where the flank thins the tooth towards +z; the left flank is then left-handed
     and the right flank right-handed.
     """
-    ratio = tooth.base_radii / tooth.reference_radius
-    return namespace(tooth, z).arctan(ratio * recession_slopes(tooth, z))
+    xp, slopes = namespace(tooth, z), recession_slopes(tooth, z)
+    ratio = xp.broadcast_to(tooth.base_radii / tooth.reference_radius, slopes.shape)
+    return xp.arctan(ratio * slopes)
 
 
 def base_half_angles(tooth: Tooth, z: Float[Numbers, "*shape"]) -> Float[Numbers, "*shape 2"]:
@@ -38,7 +39,9 @@ def base_half_angles(tooth: Tooth, z: Float[Numbers, "*shape"]) -> Float[Numbers
     ψ_b(z) = (π m/4 + x m tan αₜ − δ(z))/R + inv αₜ
     """
     radius = tooth.reference_radius + 0 * z
-    return tooth.half_angles(radius, z) + involute(tooth.pressure_angles)
+    angles = tooth.half_angles(radius, z)
+    reference = involute(tooth.pressure_angles)
+    return angles + namespace(reference).broadcast_to(reference, angles.shape)
 
 
 def radius_where(base_radii: Float[Numbers, "2"], total: float) -> float | None:

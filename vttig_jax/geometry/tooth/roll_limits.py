@@ -8,7 +8,6 @@ recession of both flanks, so the functions for the lands take z.
 import math
 from collections.abc import Callable
 
-import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Float, Real
 
@@ -127,15 +126,18 @@ def root_arcs(tooth: Tooth, z: Float[Numbers, "*shape"]) -> Float[Numbers, "*sha
 
 def root_angles(tooth: Tooth, z: Float[Numbers, "*shape"]) -> Float[Numbers, "*shape 2"]:
     """Return the angles, rad, from the tooth's centre line to its fillets on the root circle."""
-    xp = namespace(tooth, z)
     racks = [rack_side(tooth, side) for side in SIDES]
-    ends = [rack.mirror * -arc_roll(rack, _right_angle(tooth)) for rack in racks]
-    return xp.stack(ends) - tooth.recessions(z) / tooth.reference_radius
+    ends = [
+        rack.mirror * -arc_roll(rack, _right_angle(tooth)) - rack.recedes(z) / rack.pitch_radius
+        for rack in racks
+    ]
+    return namespace(tooth, z).stack(ends, axis=-1)
 
 
 def _clockwise(angles: Numbers) -> Numbers:
     """Convert angles towards each side (left, right) to angles that are positive on the right."""
-    return angles * np.array([[-1.0], [1.0]])
+    left, right = angles[..., 0, :], angles[..., 1, :]
+    return namespace(angles).stack([-left, right], axis=-2)
 
 
 def _roll_of_land(

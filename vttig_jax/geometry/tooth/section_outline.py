@@ -87,6 +87,7 @@ def _line(tooth: Tooth, z: Real[ArrayLike, "*shape"], share: Numbers) -> Array:
     height = jnp.asarray(z, float)
     arcs = {"root": root_arcs(tooth, height), "tip": tip_arcs(tooth, height)}
     radii = {"root": tooth.root_radius, "tip": tooth.tip_radius}
+    share = jnp.expand_dims(share, range(height.ndim))
     pieces = []
     for side, part in _ORDER:
         if part in arcs:

@@ -88,12 +88,18 @@ class Tooth(eqx.Module):
 
         If the sum of both is negative, the tooth ends below r. NaN below the base circle.
         """
-        xp = namespace(self, radius, z)
+        xp, recessions = namespace(self, radius, z), self.recessions(z)
         shift = self.profile_shift_mm * xp.tan(self.pressure_angles)
-        arc = math.pi * self.module_mm / 4 + shift - self.recessions(z)
-        at_radius = xp.arccos(self.base_radii / xp.asarray(radius)[..., None])
-        reference = involute(self.pressure_angles)
-        return arc / self.reference_radius + reference - involute(at_radius)
+        arc, base_radii, reference = (
+            xp.broadcast_to(of_flanks, recessions.shape)
+            for of_flanks in (
+                math.pi * self.module_mm / 4 + shift,
+                self.base_radii,
+                involute(self.pressure_angles),
+            )
+        )
+        at_radius = xp.arccos(base_radii / xp.asarray(radius)[..., None])
+        return (arc - recessions) / self.reference_radius + reference - involute(at_radius)
 
     def thickness(
         self, radius: Float[Numbers, "*shape"], z: Float[Numbers, "*shape"]

@@ -125,10 +125,10 @@ def chunk_sums(
     driving, driven = (angle - REV * jnp.round(angle / REV) for angle in (driving, driven))
 
     def add(index, sums):
-        phase = orders[:, :1] * driving[index] + orders[:, 1:] * driven[index]
+        phase = orders[:, :1] * driving[index][None] + orders[:, 1:] * driven[index][None]
         sine, cosine = sincos(phase)
         if weight is not None:
-            sine, cosine = weight[index] * sine, weight[index] * cosine
+            sine, cosine = weight[index][None] * sine, weight[index][None] * cosine
         return sums[0] + cosine, sums[1] + sine
 
     zero = jnp.zeros((orders.shape[0], driving.shape[1]))

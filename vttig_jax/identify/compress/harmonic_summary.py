@@ -16,15 +16,10 @@ from ...base.numerics.autoregression import whitening_filter
 from ...pair.gear_pair import Flank
 from ..model.column_layout import OFFSET, ColumnLayout
 from ..model.harmonics import TermPlan
-from ..settings import HIGHEST_LAG, NoiseSettings
+from ..settings import NoiseSettings
 from .block_rows import LogRows
-from .flank_summary import (
-    FlankSummary,
-    Runs,
-    conditioned_runs,
-    irregular_flank,
-    summarise_conditioned,
-)
+from .flank_summary import FlankSummary, Runs, conditioned_runs
+from .noise_kinds import NOISE, RowNoise
 from .orthogonal import residual_weights
 
 FLANKS: tuple[Flank, ...] = ("A", "B")
@@ -61,6 +56,11 @@ class HarmonicSummary:
     plateaus: tuple["PlateauSummary", ...] = ()
     noise: NoiseSettings = NoiseSettings()
     last_digit: float = 0.0
+
+    @property
+    def kind(self) -> RowNoise:
+        """Treatment of the assumed kind of noise."""
+        return NOISE[self.noise.kind]
 
     @property
     def rows(self) -> int:
@@ -143,20 +143,17 @@ def _summarised(
 ) -> HarmonicSummary:
     columns, embeddings = layout
     noise = logs[0].noise
+    kind = NOISE[noise.kind]
     conditioned = [_conditioned(log) for log in logs]
     lags = max((_needed(*found) for found in conditioned), default=1)
     flanks: dict[Flank, FlankSummary] = {}
     for log, embedding, (known, _) in zip(logs, embeddings, conditioned, strict=True):
         for flank, runs in log.runs_by_flank(longer_than=2 * lags).items():
-            rows = [run.rows for run in runs]
-            if noise.kind == "ou":
-                times = [run.curve.time for run in runs]
-                part = irregular_flank(flank, rows, times, logs[0].block_s)
-            else:
-                seen = known.get(flank)
-                if seen is None or len(seen[0]) != len(rows):
-                    seen = conditioned_runs(rows)
-                part = summarise_conditioned(flank, seen, lags)
+            seen = known.get(flank)
+            if seen is None or len(seen[0]) != len(runs):
+                seen = conditioned_runs([run.rows for run in runs])
+            times = [run.curve.time for run in runs]
+            part = kind.summary.of_runs(flank, seen, times, logs[0].block_s, lags)
             if len(logs) > 1:
                 part = part.transformed(embedding[flank])
             flanks[flank] = flanks[flank] + part if flank in flanks else part
@@ -202,10 +199,11 @@ def needed_lags(log: LogRows) -> int:
 
 def _conditioned(log: LogRows) -> tuple[dict[Flank, Runs], int]:
     """Return the conditioned rows that decide the number of lags, and the largest number."""
-    if log.noise.kind != "ar":
+    highest = NOISE[log.noise.kind].highest_lag
+    if highest == 0:
         return {}, 0
     longest = max((len(run.rows) for run in log.runs), default=0)
-    most = int(np.clip(longest // 8, 1, HIGHEST_LAG))
+    most = int(np.clip(longest // 8, 1, highest))
     by_flank = log.by_flank(longer_than=2 * most)
     return {flank: conditioned_runs(runs) for flank, runs in by_flank.items()}, most
 

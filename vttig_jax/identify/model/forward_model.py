@@ -69,7 +69,7 @@ class PairRelation(ForwardModel):
             driven_offset=get("driven_x") + 1j * get("driven_y"),
             offset=jnp.zeros(2),
         )
-        driving, driven = (jnp.asarray(angle) for angle in torus())
+        driving, driven = (jnp.asarray(angle)[None] for angle in torus())
         sides = np.array(["AB".index(flank) for flank in self.flanks])
         senses = np.where(sides == 0, 1.0, -1.0)[:, None]
         turned = model.turned(driving, driven, self.base_sum[sides][:, None], senses)

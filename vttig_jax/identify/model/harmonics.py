@@ -1,5 +1,7 @@
 """Harmonics of a fit: the orders of both shafts and of the mesh, each frequency once."""
 
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 
@@ -32,7 +34,7 @@ class TermPlan:
     - `free`: harmonics with independent coefficients on each flank.
     - `tied`: harmonics that follow from the physical parameters alone: both first orders, and the
       second-order terms of the exact relation that are not free.
-    - `dropped`: sentences on orders left out because another order has the same frequency.
+    - `dropped`: sentences on orders left out because another order has nearly the same frequency.
     """
 
     ratio: Fraction
@@ -50,16 +52,42 @@ class TermPlan:
         return abs(term[0] + term[1] * self.ratio)
 
 
+RESOLVED = 0.99
+"""Least cycles over the log between two frequencies: a table of one turn lacks its last sample."""
+
+
+_FIRST: tuple[Term, ...] = ((1, 0), (0, 1))
+
+
+def _unresolved(kept: Mapping[Fraction, Harmonic], turns: float) -> list[Fraction]:
+    """Return the frequencies less than one cycle over the log from zero or from a lower order."""
+    resolved: list[Fraction] = [Fraction(0)]
+    close = []
+    ranked = sorted(kept, key=lambda f: (kept[f].term not in _FIRST, kept[f].order))
+    for frequency in ranked:
+        if kept[frequency].term in _FIRST or all(
+            abs(frequency - other) * turns >= RESOLVED for other in resolved
+        ):
+            resolved.append(frequency)
+        else:
+            close.append(frequency)
+    return close
+
+
 def plan_terms(
     ratio: Fraction,
     driving_orders: tuple[int, ...],
     driven_orders: tuple[int, ...],
     mesh_orders: int,
     driving_teeth: int | None,
+    turns: float = math.inf,
 ) -> TermPlan:
-    """Return the harmonics of a fit, without those of equal frequency to another harmonic.
+    """Return the harmonics of a fit, without those of the same frequency as another harmonic.
 
-    Listed first orders are tied to the physical parameters. If tooth counts are known, the
+    Two frequencies are the same for a log of `turns` driving revolutions if they differ by less
+    than one cycle over the log. First orders stand for others, and low orders for higher ones; the
+    first orders of both shafts are never left out for each other. Listed first orders are tied to
+    the physical parameters. If tooth counts are known, the
     second-order terms of the exact relation are tied too. `driving_teeth` is None for a drive,
     which has no tooth-mesh order.
     """
@@ -67,7 +95,7 @@ def plan_terms(
     wanted = [Harmonic("driving", k, (k, 0)) for k in sorted(set(driving_orders))]
     wanted += [Harmonic("driven", k, (0, k)) for k in sorted(set(driven_orders))]
     wanted += [Harmonic("mesh", k, (k * (driving_teeth or 0), 0)) for k in mesh]
-    wanted.sort(key=lambda h: h.term not in ((1, 0), (0, 1)))
+    wanted.sort(key=lambda h: h.term not in _FIRST)
     kept: dict[Fraction, Harmonic] = {}
     dropped = []
     for harmonic in wanted:
@@ -79,11 +107,18 @@ def plan_terms(
             )
         else:
             kept[frequency] = harmonic
-    free = tuple(h for h in kept.values() if h.term not in ((1, 0), (0, 1)))
-    tied = tuple(h for h in kept.values() if h.term in ((1, 0), (0, 1)))
+    close = _unresolved(kept, turns)
+    if close:
+        names = ", ".join(kept.pop(frequency).name for frequency in close)
+        dropped.append(
+            f"{names} {'is' if len(close) == 1 else 'are'} left out: over {turns:.3g} driving"
+            " revolutions the log cannot tell them from lower orders; record more turns."
+        )
+    free = tuple(h for h in kept.values() if h.term not in _FIRST)
+    tied = tuple(h for h in kept.values() if h.term in _FIRST)
     if driving_teeth:
         shafts = {h.term for h in tied}
-        absent = [k for k, first in enumerate([(1, 0), (0, 1)]) if first not in shafts]
+        absent = [k for k, tie in enumerate(_FIRST) if tie not in shafts]
         for term in SECOND_ORDER:
             frequency = abs(term[0] + term[1] * ratio)
             if frequency in kept or frequency == 0 or any(term[k] for k in absent):

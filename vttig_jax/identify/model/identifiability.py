@@ -1,5 +1,6 @@
 """Identifiability: flanks and shafts that the logs cover, and reasons for parameters left out."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -89,7 +90,15 @@ def find_identifiability(
         if shaft in short:
             orders[shaft] = _nuisance(turns[shaft], wanted) if len(short) == 1 else ()
     teeth = pair.driving.teeth if isinstance(pair, GearPair) else None
-    terms = plan_terms(pair.ratio, orders["driving"], orders["driven"], options.mesh_orders, teeth)
+    terms = plan_terms(
+        pair.ratio,
+        orders["driving"],
+        orders["driven"],
+        options.mesh_orders,
+        teeth,
+        # The ratio of a drive may be slightly wrong, and its orders then leak into each other.
+        turns["driving"] if isinstance(pair, Drive) else math.inf,
+    )
     tied = {h.shaft for h in terms.tied}
     for shaft in ("driving", "driven"):
         if shaft not in tied and shaft not in reasons:

@@ -9,8 +9,8 @@ from ...base.numerics.autoregression import whitening_filter
 from ...base.numerics.partial_autocorrelation import filter_of, partial_of
 from ...base.units import DEG, REV
 from ...pair.gear_pair import Flank
-from ..compress.flank_summary import whitened_run
 from ..compress.harmonic_summary import HarmonicSummary
+from ..compress.noise_kinds import NOISE, RowNoise
 from ..compress.orthogonal import residual_weights, triangle_of
 from ..settings import NoiseSettings
 from .reml import restricted_partial
@@ -68,16 +68,9 @@ class NoiseModel:
         `time` holds the mean times of the rows in s. The first rows, as many as the order of the
         autoregression, have no complete history and are left out.
         """
-        order, count = len(self.coefficients), len(rows)
-        if self.choice.kind == "ou" and order:
-            rho = float(self.coefficients[0])
-            table = rows.reshape(count, -1)
-            white = whitened_run(table, time, rho, self.block_s)[0][1:].reshape(rows[1:].shape)
-        else:
-            white = np.zeros_like(rows[order:])
-            for lag, weight in enumerate(self.filter):
-                white += weight * rows[order - lag : count - lag]
-        return white / (self.innovation_std or 1.0)
+        table = rows.reshape(len(rows), -1)
+        white = self.kind.summary.whitened(table, time, self.filter, self.block_s)
+        return white.reshape(-1, *rows.shape[1:]) / (self.innovation_std or 1.0)
 
     def to_json(self) -> dict:
         """Return the fields of `noise` in the JSON object of a fit."""
@@ -98,8 +91,12 @@ class NoiseModel:
     @property
     def name(self) -> str:
         """Name of the model, for example "AR(3)"."""
-        words = {"ou": "Ornstein–Uhlenbeck", "white": "white"}
-        return words.get(self.choice.kind, f"AR({len(self.coefficients)})")
+        return self.kind.name.format(order=len(self.coefficients))
+
+    @property
+    def kind(self) -> RowNoise:
+        """Treatment of the assumed kind of noise."""
+        return NOISE[self.choice.kind]
 
     @property
     def is_rounding(self) -> bool:
@@ -222,9 +219,9 @@ def autoregression(summary: HarmonicSummary) -> Float[np.ndarray, " taps"]:
     It is used while the model is still being selected. The structure that such a model misses is
     correlated over the whole log. The likelihood would treat it as noise and remove it by
     whitening, with all evidence of it. Moments, divided by the number of all rows at every lag, do
-    not. Ornstein–Uhlenbeck noise is estimated by the likelihood nevertheless.
+    not. Noise that is no autoregression is estimated by the likelihood nevertheless.
     """
-    if summary.noise.kind == "ou":
+    if not summary.kind.summary.QUADRATIC:
         return filter_of(restricted_partial(summary))
     filter_ = np.ones(1)
     for _ in range(1 + _REPEATS):

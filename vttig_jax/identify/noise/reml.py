@@ -25,7 +25,8 @@ from scipy.optimize import brentq, minimize_scalar
 
 from ...base.numerics.autoregression import levinson_step
 from ...base.numerics.partial_autocorrelation import filter_of, log_initial_determinant
-from ..compress.harmonic_summary import FlankSummary, HarmonicSummary
+from ..compress.flank_summary import FlankSummary
+from ..compress.harmonic_summary import HarmonicSummary
 
 _SEARCHES = 2
 """Number of searches of the order: from ordinary residuals, then from whitened ones."""
@@ -95,9 +96,9 @@ class _Bound:
 def restricted_partial(summary: HarmonicSummary) -> Partial:
     """Return the partial autocorrelations of the noise; BIC selects their number.
 
-    Ornstein–Uhlenbeck noise has at most one, that of rows at the median distance.
+    Noise that is no autoregression has at most one, that of rows at the median distance.
     """
-    if summary.noise.kind == "ou":
+    if not summary.kind.summary.QUADRATIC:
         return _correlation(summary)
     partial = np.zeros(0)
     for _ in range(_SEARCHES):
@@ -127,7 +128,7 @@ def _representable(partial: Partial) -> Partial:
 
 
 def _correlation(summary: HarmonicSummary) -> Partial:
-    """Return the correlation of Ornstein–Uhlenbeck noise; empty if BIC prefers white noise."""
+    """Return the only partial autocorrelation of the noise; empty if BIC prefers white noise."""
 
     def height(rho: float) -> float:
         partial = np.array([rho])

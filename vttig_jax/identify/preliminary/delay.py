@@ -25,6 +25,9 @@ TOLD = 1e-4
 identifiable: a speed variation of 1 %. Resolution alone can give an apparent variation of 0.5 %."""
 
 SAME_SPEED = 0.05  # largest relative difference of speeds that count as equal; chosen value
+_WIDE = 2.0
+"""Standard errors of a delay that must lie within its bound; chosen value."""
+
 _SMALL, _SMALLEST_S = 0.01, 1e-9  # step that counts as zero: in standard errors, and in s
 _BRANCH = 0.25
 """Largest distance of a ramp from its flank, as a share of the gap; chosen value."""
@@ -42,6 +45,7 @@ class Delay:
     - `seconds`: shift of the driving angle, s.
     - `step_s`, `std_s`: further step of the linear model, and its standard error, s.
     - `reason`: reason why it is not fitted.
+    - `within_s`: bound of |delay|, s, if the logs do not determine it.
     - `forced`: whether the user requires the delay, even if the logs do not determine it.
     """
 
@@ -51,6 +55,7 @@ class Delay:
     std_s: float = 0.0
     reason: str = ""
     forced: bool = False
+    within_s: float = 0.0
 
     @property
     def is_settled(self) -> bool:
@@ -70,19 +75,27 @@ def judge_delay(
     *,
     forced: bool,
     two_flanks: bool,
+    steady: bool,
+    within_s: float,
 ) -> Delay:
     """Decide on the delay by a linear model with the coefficients `beside` and the delay.
 
-    If `forced`, the delay is fitted even if it is insignificant.
+    At one speed (`steady`) an insignificant delay is open if its standard error is beyond the bound
+    `within_s` of its size, s.
+
+    If `forced`, the delay is fitted in any case.
     """
+    like = "the constant backlash" if two_flanks else "an offset"
+    reason = f"at one steady speed a delay cannot be told from {like}; log a second speed"
+    unknown = Delay("open", reason=reason, forced=forced, within_s=within_s)
     if own.left("delay") < TOLD:
-        like = "the constant backlash" if two_flanks else "an offset"
-        reason = f"at one steady speed a delay cannot be told from {like}"
-        return Delay("open", reason=f"{reason}; log a second speed", forced=forced)
+        return unknown
     step, std = own.estimate("delay", [*beside, "delay"])
     total = seconds + step
     if forced or abs(total) > SIGNIFICANT * std:
         return Delay("fitted", seconds, step, std)
+    if steady and two_flanks and _WIDE * std > within_s:
+        return unknown
     return Delay(
         "insignificant",
         0.0,

@@ -52,6 +52,9 @@ _ROWS_A_RAMP = 40
 _TURNS_FOR_DRIFT = 2.0
 """Turns of a shaft below which its first order resembles the curvature of a drift."""
 
+_SINGLE_TURN, FEW_TURNS = 1.5, 6.0
+"""Turns of the driving shaft between which the ratio of a drive is fitted; chosen values."""
+
 _SIGNIFICANT = 4.0
 """Standard errors above which a torque coefficient is kept without a request; chosen value."""
 
@@ -81,7 +84,7 @@ def select_model(
     settings: FitSettings,
 ) -> SelectedModel:
     """Select the model by as many passes over the logs as the delay and the weights require."""
-    names, delay, notes = _candidates(inputs, settings)
+    names, delay, notes = _candidates(inputs, settings, _has_open_ratio(pair, identifiable))
     same_zero = settings.same_zero
     if same_zero is None:
         same_zero = all(one.log.zero == "reading" for one in inputs)
@@ -119,14 +122,17 @@ def select_model(
 
 
 def _candidates(
-    inputs: Sequence[Input], settings: FitSettings
+    inputs: Sequence[Input], settings: FitSettings, open_ratio: bool
 ) -> tuple[tuple[str, ...], Delay, list[str]]:
-    """Return the tried columns other than offset and drift, the initial delay, and notes."""
+    """Return the tried columns other than offset and drift, the initial delay, and notes.
+
+    `open_ratio` tells that the given ratio may be slightly wrong.
+    """
     names: list[str] = list(settings.regressors)
     notes: list[str] = []
     if all(one.log.torque is not None for one in inputs) and "torque" not in names:
         names.append("torque")
-    if settings.free_ratio:
+    if settings.free_ratio or open_ratio:
         names.append("ratio")
     if "speed" in names:
         reason = "a delay and a regressor proportional to speed are the same"
@@ -138,6 +144,17 @@ def _candidates(
         reason = "not fitted: both channels are taken to be sampled at the same instant"
         return tuple(names), Delay("off", reason=reason), notes
     return (*names, "delay"), Delay("open"), notes
+
+
+def _has_open_ratio(pair: GearPair | Drive, identifiable: Identifiability) -> bool:
+    """Return whether a wrong ratio would bias the other terms: on few turns of a drive both ways.
+
+    Tooth counts make the ratio of a gear pair exact, and many turns show a wrong ratio. On a single
+    turn a slope and the first order are nearly the same, and in one direction a slope is a drift.
+    """
+    both_ways = len(identifiable.flanks) == 2
+    few = _SINGLE_TURN <= identifiable.turns["driving"] < FEW_TURNS
+    return isinstance(pair, Drive) and both_ways and few
 
 
 def _finest(inputs: Sequence[Input]) -> float:
@@ -181,6 +198,8 @@ def _with_delay(weights: Reweighted, settings: FitSettings) -> tuple[LinearFit, 
             plain.channels[0].delay_s,
             forced=settings.delay == "free",
             two_flanks=len(linear.summary.flanks) == 2,
+            steady=steady,
+            within_s=_delay_bound_s(inputs, settings),
         )
         if delay.is_settled or steps == _MOST_STEPS:
             break
@@ -191,6 +210,13 @@ def _with_delay(weights: Reweighted, settings: FitSettings) -> tuple[LinearFit, 
     if plain.channels[0].delay_s != 0:
         plain = weights.look(inputs, model, 0.0, block_s)
     return plain, delay, []
+
+
+def _delay_bound_s(inputs: Sequence[Input], settings: FitSettings) -> float:
+    """Return the bound of a delay that the logs do not tell: a sampling interval unless given."""
+    if settings.delay_within_ms is not None:
+        return 1e-3 * settings.delay_within_ms
+    return max(float(np.median(np.diff(one.log.time))) for one in inputs)
 
 
 def _with_ramps(linear: LinearFit) -> tuple[LinearFit, list[str]]:

@@ -114,10 +114,6 @@ class Outliers:
     largest_deg: float
     first: tuple[tuple[float, float], ...]
 
-    def to_json(self) -> dict:
-        """Return the fields under `checks.outliers`."""
-        return {**vars(self), "first": [list(place) for place in self.first]}
-
     @property
     def sentence(self) -> str:
         """Sentence on the outliers for the report."""

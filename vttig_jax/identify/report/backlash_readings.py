@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 
 import equinox as eqx
 import jax.numpy as jnp
+import msgspec
 import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Float
@@ -30,6 +31,7 @@ from ..model.column_layout import OFFSET
 from ..model.mounting import mounted_exact, mounting_of, offset_name
 from ..noise.noise_model import WhitenedFlank
 from ..solve.least_squares import Solution
+from .checks import ReadingsComparison
 
 _UNKNOWN = 1.0
 """Standard error, rad, of a constant backlash that no log determines; chosen, far above any gap."""
@@ -83,6 +85,28 @@ def gap_of_both_flanks(
         left = rows[:, :free] @ inverse
         open_ += left @ left.T
     return PredictedGap(value, slope, open_)
+
+
+def mean_gap(
+    driving: Float[np.ndarray, " n"],
+    model: OrderModel,
+    summary: HarmonicSummary,
+    whitened: Sequence[WhitenedFlank],
+    solution: Solution,
+    coefficients: Sequence[Float[np.ndarray, " columns"]],
+) -> tuple[float, float]:
+    """Return the mean of the order-complete gap over driving angles, rad, and its variance."""
+    value, slope, open_ = 0.0, np.zeros(len(solution.names)), 0.0
+    for place, (flank, factor) in enumerate(zip(summary.flanks, whitened, strict=True)):
+        sign = 1.0 if flank.flank == "B" else -1.0
+        row = _rows(driving, model, flank.flank, summary).mean(axis=0)
+        free = factor.free
+        inverse = np.linalg.inv(factor.factor[:free, :free])
+        follow = -inverse @ factor.factor[:free, free:-1]
+        value += sign * float(row @ coefficients[place])
+        slope += sign * (row[free:] + row[:free] @ follow) @ solution.jacobian[place]
+        open_ += float(np.sum((row[:free] @ inverse) ** 2))
+    return value, float(slope @ solution.covariance @ slope) + open_
 
 
 def gap_of_one_flank(
@@ -161,37 +185,42 @@ def scatter_of(readings: BacklashReadings, gap: PredictedGap) -> float:
     return float(np.std(off, ddof=1)) if len(off) > 1 else float(np.abs(off[0]) or _UNKNOWN)
 
 
-def comparison(readings: BacklashReadings, gap: PredictedGap, solution: Solution) -> dict:
+def comparison(
+    readings: BacklashReadings, gap: PredictedGap, solution: Solution, *, used: bool
+) -> ReadingsComparison:
     """Return the deviations, in degrees, of readings from the gap of a fit without the readings."""
     off = (readings.backlash - gap.value) / DEG
     spread = np.sqrt(np.mean(np.diag(gap.deviation(solution.covariance)))) / DEG
-    return {
-        "source": readings.source,
-        "sha256": readings.sha256,
-        "count": len(readings),
-        "rms_deg": float(np.sqrt(np.mean(off**2))),
-        "mean_deg": float(np.mean(off)),
-        "scatter_deg": scatter_of(readings, gap) / DEG,
-        "largest_deg": float(off[np.argmax(np.abs(off))]),
-        "largest_at_deg": float(readings.driving_angle[np.argmax(np.abs(off))] / DEG),
-        "expected_std_deg": float(spread),
-    }
+    return ReadingsComparison(
+        source=readings.source,
+        sha256=readings.sha256,
+        count=len(readings),
+        rms_deg=float(np.sqrt(np.mean(off**2))),
+        mean_deg=float(np.mean(off)),
+        scatter_deg=scatter_of(readings, gap) / DEG,
+        largest_deg=float(off[np.argmax(np.abs(off))]),
+        largest_at_deg=float(readings.driving_angle[np.argmax(np.abs(off))] / DEG),
+        expected_std_deg=float(spread),
+        used=used,
+    )
 
 
-def require_plausible(
-    readings: BacklashReadings, gap: PredictedGap, compared: dict, as_data: bool
-) -> None:
-    """Raise `LogError` if readings used as data contradict the fit: wrong unit, zero or rig."""
+def judged(compared: ReadingsComparison, gap: PredictedGap) -> ReadingsComparison:
+    """Return the comparison with `contradicts`: a wrong unit, zero or rig.
+
+    **Raises** `LogError` if readings used as data contradict the fit.
+    """
     usual = float(np.mean(np.abs(gap.value))) / DEG
-    doubt = compared["scatter_deg"] / np.sqrt(len(readings)) + compared["expected_std_deg"]
-    off = abs(compared["mean_deg"])
-    compared["contradicts"] = bool(off > _FAR * doubt and off > _SHARE * usual)
-    if as_data and compared["contradicts"]:
+    doubt = compared.scatter_deg / np.sqrt(compared.count) + compared.expected_std_deg
+    off = abs(compared.mean_deg)
+    contradicts = bool(off > _FAR * doubt and off > _SHARE * usual)
+    if compared.used and contradicts:
         raise LogError(
-            f"the readings stand {compared['mean_deg']:+.3g}° off the gap of the fit, which is"
+            f"the readings stand {compared.mean_deg:+.3g}° off the gap of the fit, which is"
             f" {usual:.3g}° on average; check their unit, or leave --use-readings out.",
-            where=readings.source,
+            where=compared.source,
         )
+    return msgspec.structs.replace(compared, contradicts=contradicts)
 
 
 def require_gap(pair: GearPair | Drive, flanks: Sequence[str], as_data: bool, where: str) -> None:

@@ -1,14 +1,27 @@
 """Sentences on the checks of a fit."""
 
-from collections.abc import Mapping
-from typing import Any
+import numpy as np
+
+from ..solve.least_squares import Direction
+from .checks import (
+    REMEMBERS,
+    Checks,
+    CoveredGap,
+    HalfDifference,
+    PassDifference,
+    ResidualLine,
+    Reversal,
+)
+
+_LEAST_JUMPS = 4  # jumps at reversals whose median is compared with the gap; chosen value
+_SIGNIFICANT = 3.0  # standard errors of a gap that is stated as such; chosen value
 
 _HALVES_DIFFER = 4.0
 """Standard errors above which a change between the halves of a log is reported; chosen value."""
 
 
 def check_sentences(
-    checks: Mapping[str, Any], *, several_logs: bool, has_noise: bool, gap_determined: bool
+    checks: Checks, *, several_logs: bool, has_noise: bool, gap_determined: bool
 ) -> list[str]:
     """Return a sentence for every check with a reportable result.
 
@@ -24,109 +37,132 @@ def check_sentences(
     ]
 
 
-def _repeatability(checks: Mapping[str, Any], several: bool, has_noise: bool) -> list[str]:
+def _repeatability(checks: Checks, several: bool, has_noise: bool) -> list[str]:
     """Return sentences on closure, passes, halves, lines in the residual, and whiteness."""
     sentences = []
-    if found := checks["closure"]:
+    if found := checks.closure:
         sentences.append(
-            f"closure after {found['period_deg']:g}°: {found['rms_deg']:.5f}° rms"
-            f" ({found['mean_deg']:+.5f}° mean) over {found['overlap_deg']:.0f}°"
+            f"closure after {found.period_deg:g}°: {found.rms_deg:.5f}° rms"
+            f" ({found.mean_deg:+.5f}° mean) over {found.overlap_deg:.0f}°"
         )
-    sentences += [_pass(one, several=several) for one in checks.get("passes", [])[:3]]
+    sentences += [_pass(one, several=several) for one in checks.passes[:3]]
     if has_noise:
-        sentences += [_half(one) for one in checks.get("halves", []) if _differs(one)]
-    for line in checks.get("lines", []):
-        place = f" of log {line['log']}" if line["log"] else ""
-        place += f" on flank {line['flank']}" if line.get("flank") else ""
+        sentences += [_half(one) for one in checks.halves if _differs(one)]
+    sentences += [_line(one) for one in checks.lines]
+    if (white := checks.whiteness) and white.widening > 1 and white.probability >= REMEMBERS:
         sentences.append(
-            f"line left in the residual{place}: {line['amplitude_arcsec']:.3g}″ ±"
-            f" {line['amplitude_std_arcsec']:.1g}″ at {line['cycles_per_rev']:.5g} cycles per"
-            f" driving revolution (false alarm {line['false_alarm']:.1g})"
+            "on few turns the noise may remember for a part of a turn: standard errors are taken"
+            f" from cosines of the log, up to {white.widening:.2g} times larger"
         )
-    white = checks.get("whiteness")
-    if white and white["widening"] > 1:
+    elif white and white.widening > 1:
         sentences.append(
             "the residual remembers more than the noise model allows for (Ljung–Box"
-            f" {white['probability']:.1g}): standard errors are taken from blocks of the log,"
-            f" up to {white['widening']:.2g} times larger"
+            f" {white.probability:.1g}): standard errors are taken from blocks of the log,"
+            f" up to {white.widening:.2g} times larger"
         )
     return sentences
 
 
-def _gap(checks: Mapping[str, Any], several: bool, gap_determined: bool) -> list[str]:
+def _gap(checks: Checks, several: bool, gap_determined: bool) -> list[str]:
     """Return sentences on jumps at reversals, and on the gap if no constant backlash is known."""
-    sentences = []
-    for jump in checks["reversals"][:3]:
-        place = f" of log {jump['log']}" if several else ""
-        sentence = f"jump at {jump['driving_deg']:.1f}°{place}: {jump['jump_deg']:.5f}°"
-        if "constant_backlash_deg" in jump:
-            sentence += (
-                f", less j_v there {jump['constant_backlash_deg']:.5f}° (the paper's way to the"
-                " constant backlash)"
+    sentences = [_jump(one, several=several) for one in checks.reversals[:3]]
+    gap = checks.gap_over_angles_covered
+    if gap.determined and (not gap_determined or gap.is_contradiction):
+        sentences.append(_covered(gap))
+        jumps = [one.jump_deg for one in checks.reversals]
+        if len(jumps) >= _LEAST_JUMPS and _contradicts(float(np.median(jumps)), gap):
+            sentences.append(
+                f"the {len(jumps)} jumps at the reversals disagree with this gap: their median is"
+                f" {np.median(jumps):.5f}°"
             )
-        sentences.append(sentence)
-    if (gap := checks.get("apparent_gap")) and not gap_determined:
-        low = gap["value_deg"] < -3 * gap["std_deg"]
-        mark = ", no significant backlash"
-        if gap["significant"]:
-            mark = ""
-        elif low:
-            mark = ": below zero, so friction or wind-up and no backlash"
-        sentences.append(
-            f"flank B stands {gap['value_deg']:+.5f}° ± {gap['std_deg']:.5f}° above flank A"
-            f" over the angles covered{mark}"
-        )
     return sentences
 
 
-def _others(checks: Mapping[str, Any]) -> list[str]:
+def _covered(gap: CoveredGap) -> str:
+    mark = ", no significant backlash"
+    if gap.is_contradiction:
+        mark = ": below zero, so friction, wind-up or a wrong sign and no backlash"
+    elif (gap.value or 0.0) >= _SIGNIFICANT * (gap.std or 0.0):
+        mark = ""
+    return (
+        f"flank B stands {gap.value:+.5f}° ± {gap.std:.5f}° above flank A over the"
+        f" {gap.covered_deg:.0f}° of the driving shaft that both flanks covered{mark}"
+    )
+
+
+def _contradicts(jump_deg: float, gap: CoveredGap) -> bool:
+    """Return whether the median jump is far outside the interval of the gap."""
+    low, high = gap.low95 or 0.0, gap.high95 or 0.0
+    outside = max(low - jump_deg, jump_deg - high, 0.0)
+    return outside > max(high - low, 0.5 * abs(gap.value or 0.0))
+
+
+def _others(checks: Checks) -> list[str]:
     """Return sentences on ratio, readings, weakest direction and drawing."""
     sentences = []
-    for log in checks.get("ratio", [])[:1]:
-        if log["seen"] is not None:
-            sentences.append(
-                f"ratio {log['given']} given, {log['seen']:.9g} ± {log['std']:.1g} seen"
-            )
-    if read := checks.get("readings"):
-        joined = "joined the fit" if read["used"] else "check only"
+    for log in checks.ratio[:1]:
+        if log.seen is not None:
+            sentences.append(f"ratio {log.given} given, {log.seen:.9g} ± {log.std:.1g} seen")
+    if read := checks.readings:
+        joined = "joined the fit" if read.used else "check only"
         sentences.append(
-            f"{read['count']} backlash readings ({joined}): {read['mean_deg']:+.5f}° mean,"
-            f" {read['rms_deg']:.5f}° rms from the fit, scatter {read['scatter_deg']:.5f}°"
-            + (": they contradict it" if read.get("contradicts") else "")
+            f"{read.count} backlash readings ({joined}): {read.mean_deg:+.5f}° mean,"
+            f" {read.rms_deg:.5f}° rms from the fit, scatter {read.scatter_deg:.5f}°"
+            + (": they contradict it" if read.contradicts else "")
         )
-    if weakest := checks.get("weakest_direction"):
+    if weakest := checks.weakest_direction:
         sentences.append(_weakest(weakest))
-    if (drawing := checks["drawing_backlash_deg"]) is not None:
+    if (drawing := checks.drawing_backlash_deg) is not None:
         sentences.append(f"constant backlash by the drawing: {drawing:.4f}°")
     return sentences
 
 
-def _pass(one: dict, *, several: bool) -> str:
-    first, second = one["passes"]
-    place = f" of log {one['log']}" if several else ""
+def _pass(one: PassDifference, *, several: bool) -> str:
+    first, second = one.passes
+    place = f" of log {one.log}" if several else ""
     return (
-        f"flank {one['flank']}{place}, pass {second} less pass {first}: {one['mean_deg']:+.5f}°"
-        f" mean, {one['scatter_deg']:.5f}° scatter over {one['overlap_deg']:.0f}°"
+        f"flank {one.flank}{place}, pass {second} less pass {first}: {one.mean_deg:+.5f}°"
+        f" mean, {one.scatter_deg:.5f}° scatter over {one.overlap_deg:.0f}°"
     )
 
 
-def _differs(one: dict) -> bool:
-    return one["difference_arcsec"] > _HALVES_DIFFER * one["std_arcsec"]
+def _differs(one: HalfDifference) -> bool:
+    return one.difference_arcsec > _HALVES_DIFFER * one.std_arcsec
 
 
-def _half(one: dict) -> str:
+def _half(one: HalfDifference) -> str:
     return (
-        f"{one['shaft']} order 1 on flank {one['flank']} changes by"
-        f" {one['difference_arcsec']:.3g}″ ± {one['std_arcsec']:.2g}″ from the first half of the"
+        f"{one.shaft} order 1 on flank {one.flank} changes by"
+        f" {one.difference_arcsec:.3g}″ ± {one.std_arcsec:.2g}″ from the first half of the"
         " log to the second"
     )
 
 
-def _weakest(weakest: dict) -> str:
-    shares = weakest["parameters"].items()
+def _line(one: ResidualLine) -> str:
+    place = f" of log {one.log}" if one.log else ""
+    place += f" on flank {one.flank}" if one.flank else ""
+    return (
+        f"line left in the residual{place}: {one.amplitude_arcsec:.3g}″ ±"
+        f" {one.amplitude_std_arcsec:.1g}″ at {one.cycles_per_rev:.5g} cycles per"
+        f" driving revolution (false alarm {one.false_alarm:.1g})"
+    )
+
+
+def _jump(one: Reversal, *, several: bool) -> str:
+    place = f" of log {one.log}" if several else ""
+    sentence = f"jump at {one.driving_deg:.1f}°{place}: {one.jump_deg:.5f}°"
+    if one.constant_backlash_deg is None:
+        return sentence
+    return sentence + (
+        f", less j_v there {one.constant_backlash_deg:.5f}° (the paper's way to the"
+        " constant backlash)"
+    )
+
+
+def _weakest(weakest: Direction) -> str:
+    shares = weakest.parameters.items()
     named = [(name.replace("_of_", " of log ").replace("_", " "), share) for name, share in shares]
     text = " ".join(f"{'−' if share < 0 else '+'} {name}" for name, share in named)
     return (
-        f"weakest direction: {text.removeprefix('+ ')} (standard error ×"
-        f" {weakest['inflation']:.3g})"
+        f"weakest direction: {text.removeprefix('+ ')} (standard error × {weakest.inflation:.3g})"
     )

@@ -9,12 +9,13 @@ from ...base.units import DEG, REV
 from ...kinematics.te_curve import TECurve
 from ...logs.motion.segments import Segment
 from ...pair.gear_pair import Drive, GearPair
+from .checks import Closure, Reversal
 
 _NEAR_DEG, _FAR_DEG = 1.0, 6.0
 """Window of driving angle, deg, before the turning point where both passes are compared; chosen."""
 
 
-def closure(curves: tuple[TECurve, ...], pair: GearPair | Drive) -> dict | None:
+def closure(curves: tuple[TECurve, ...], pair: GearPair | Drive) -> Closure | None:
     """Compare the transmission error of every run with that one hunting period later (Fig. 12).
 
     **Returns** rms and mean of the difference, and the angle over which it was compared, in
@@ -33,24 +34,26 @@ def closure(curves: tuple[TECurve, ...], pair: GearPair | Drive) -> dict | None:
         return None
     difference = np.concatenate(differences)
     overlap = sum(max(0.0, float(np.ptp(c.driving_angle)) - period) for c in curves)
-    return {
-        "period_deg": period / DEG,
-        "overlap_deg": overlap / DEG,
-        "rms_deg": float(np.sqrt(np.mean(difference**2))) / DEG,
-        "mean_deg": float(np.mean(difference)) / DEG,
-    }
+    return Closure(
+        period_deg=period / DEG,
+        overlap_deg=overlap / DEG,
+        rms_deg=float(np.sqrt(np.mean(difference**2))) / DEG,
+        mean_deg=float(np.mean(difference)) / DEG,
+    )
 
 
 def reversal_jumps(
     driving: Float[np.ndarray, " n"],
     error: Float[np.ndarray, " n"],
     segments: tuple[Segment, ...],
-) -> list[dict]:
+    log: int = 1,
+) -> list[Reversal]:
     """Return the jump at every reversal: TE_B − TE_A at the same driving angles, in degrees.
 
     `driving` and `error` are in rad, without delay and wind-up, which change sign with the motion
     and would resemble a jump. The window is 1° to 6° before the turning point, where each pass is
-    in contact on its flank; `driving_deg` is the driving angle at the middle of the window.
+    in contact on its flank; `driving_deg` is the driving angle at the middle of the window. `log`
+    is the number of the log.
     """
     jumps = []
     for before, after in pairwise(segments):
@@ -68,11 +71,12 @@ def reversal_jumps(
             continue
         jump = _level(left[second], te[second]) - _level(left[first], te[first])
         jumps.append(
-            {
-                "driving_deg": float(angle[turn] / DEG - sense * (_NEAR_DEG + _FAR_DEG) / 2),
-                "turn_deg": float(angle[turn] / DEG),
-                "jump_deg": sense * jump / DEG,
-            }
+            Reversal(
+                log=log,
+                driving_deg=float(angle[turn] / DEG - sense * (_NEAR_DEG + _FAR_DEG) / 2),
+                turn_deg=float(angle[turn] / DEG),
+                jump_deg=sense * jump / DEG,
+            )
         )
     return jumps
 

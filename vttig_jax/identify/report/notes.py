@@ -14,8 +14,9 @@ from ..preliminary.delay import one_speed
 from ..preliminary.model_selection import SelectedModel
 from ..settings import FitSettings
 from ..solve.least_squares import Solution
+from .checks import GapAtSpeed
 from .parameters import Parameter
-from .per_log import differences
+from .per_log import LogRecord, differences
 
 _CORRELATED = 0.9  # correlation of delay and backlash above which a note is given; chosen value
 
@@ -26,7 +27,7 @@ def notes_of(
     solution: Solution,
     noise: NoiseModel,
     regressors: tuple[Parameter, ...],
-    alone: Sequence[dict],
+    logs: tuple[LogRecord, ...],
 ) -> tuple[str, ...]:
     """Return all notes of a fit: first those on a log without noise, then those on the logs."""
     return (
@@ -35,7 +36,7 @@ def notes_of(
         *_delay_notes(selected, identifiable, solution),
         *_ratio_notes(regressors, selected.linear.inputs[0].log),
         *solver_notes(solution),
-        *differences(list(alone)),
+        *differences(logs),
     )
 
 
@@ -49,6 +50,17 @@ def _noise_notes(noise: NoiseModel) -> list[str]:
         " millionth and not those of a measurement, so a value that lies many of them off the truth"
         " may still be right to all digits that matter"
     ]
+
+
+def speed_note(gaps: Sequence[GapAtSpeed]) -> str:
+    """Return the note on a gap that depends on the speed."""
+    slow, fast = gaps[0], gaps[-1]
+    return (
+        f"the gap depends on the speed: {slow.value:.4f}° ± {slow.std:.2g}° at"
+        f" {slow.speed_rpm:.3g} rpm of the driving shaft and {fast.value:.4f}° ± {fast.std:.2g}° at"
+        f" {fast.speed_rpm:.3g} rpm, beside the delay; fit slow and fast passes as logs of their"
+        " own, or compare gaps of one speed only"
+    )
 
 
 def conditions_of(

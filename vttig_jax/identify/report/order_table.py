@@ -1,6 +1,8 @@
 """Table of the fitted harmonics of every flank with standard errors, and their flank model."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Protocol, runtime_checkable
 
 import jax.numpy as jnp
 import numpy as np
@@ -13,12 +15,17 @@ from ..compress.harmonic_summary import HarmonicSummary
 from ..model.column_layout import OFFSET
 from ..noise.noise_model import WhitenedFlank
 from ..solve.least_squares import Solution
-from .parameters import polar_spread
+from .parameters import SIGNIFICANT, polar_spread
+
+_LEAKAGE = 3.0  # distance of a line in resolutions within which it leaks; chosen value
 
 
 @dataclass(frozen=True)
 class Order:
-    """Harmonic a sin(k φ_shaft + p) of the transmission error of one flank, at the driven gear."""
+    """Harmonic a sin(k φ_shaft + p) of the transmission error of one flank, at the driven gear.
+
+    It is `significant` above three standard errors, unless it is leakage of a line nearby.
+    """
 
     shaft: str
     order: int
@@ -26,10 +33,31 @@ class Order:
     amplitude_arcsec: float
     std_arcsec: float
     phase_deg: float
+    significant: bool = True
 
     def to_json(self) -> dict:
         """Return the fields of the order in the JSON object of a fit."""
         return dict(vars(self))
+
+
+@runtime_checkable
+class FlankLine(Protocol):
+    """Line of the residual of one flank, or of both if `flank` is None."""
+
+    @property
+    def flank(self) -> Flank | None:
+        """Return the flank."""
+        ...
+
+    @property
+    def cycles_per_rev(self) -> float:
+        """Return the frequency, cycles per driving revolution."""
+        ...
+
+    @property
+    def amplitude_arcsec(self) -> float:
+        """Return the amplitude."""
+        ...
 
 
 def order_table(
@@ -62,10 +90,39 @@ def order_table(
                     amplitude,
                     std,
                     phase_deg,
+                    significant=amplitude >= SIGNIFICANT * std,
                 )
             )
     ranks = {"driving": 0, "driven": 1, "mesh": 2}
     return tuple(sorted(table, key=lambda o: (ranks[o.shaft], o.order, o.flank)))
+
+
+def judged_orders(
+    orders: Sequence[Order],
+    lines: Sequence[FlankLine],
+    ratio: float,
+    turns: float,
+) -> tuple[Order, ...]:
+    """Return the orders, of which those that a line of the residual explains are not significant.
+
+    A line that is no order leaks into orders within a few resolutions of it.
+
+    **Arguments**
+    - `ratio`: i. - `turns`: driving revolutions of the longest run.
+    """
+
+    def is_leakage(order: Order) -> bool:
+        cycles = order.order * (ratio if order.shaft == "driven" else 1.0)
+        return order.shaft != "mesh" and any(
+            abs(line.cycles_per_rev - cycles) * turns < _LEAKAGE
+            and line.amplitude_arcsec >= order.amplitude_arcsec
+            and line.flank in (None, order.flank)
+            for line in lines
+        )
+
+    return tuple(
+        replace(order, significant=order.significant and not is_leakage(order)) for order in orders
+    )
 
 
 def fitted_model(

@@ -16,14 +16,18 @@ from ..preliminary.delay import Delay
 from ..settings import FitSettings
 from ..solve.least_squares import Solution
 
-Outcome = Literal["ok", "partly_determined", "not_determined", "not_converged"]
+Outcome = Literal["ok", "partly_determined", "not_determined", "not_converged", "contradicts"]
 
 
 NORMAL_95 = 1.959963984540054  # 97.5 % quantile of the standard normal distribution
 SIGNIFICANT = 3.0  # standard errors; chosen value
 BELOW = "below three standard errors"
-ROUNDING = 1e-11
+ROUNDING = 1e-8
 """Angle, rad, below which a value is rounding and never significant."""
+
+
+_LEAST_DELAY_S = 1e-8
+"""Delay, s, below which a value is rounding and never significant."""
 
 
 @dataclass(frozen=True)
@@ -179,8 +183,13 @@ def parameters_of(
     solution: Solution,
     settings: FitSettings,
     delay: Delay,
+    delay_margin: float = 0.0,
 ) -> dict[str, Parameter]:
-    """Return name → `Parameter` for all parameters of a fit, in the order of its JSON object."""
+    """Return name → `Parameter` for all parameters of a fit, in the order of its JSON object.
+
+    At one speed the logs determine the sum of the backlash and 2 ω₂ times the delay only. Then the
+    sum is a parameter, and the interval of the constant backlash contains `delay_margin`, rad.
+    """
     drive = isinstance(pair, Drive)
     found: list[Parameter] = []
     for shaft in SHAFTS:
@@ -192,7 +201,8 @@ def parameters_of(
         names = (name, f"{shaft}_phase_deg")
         reason = identifiable.reasons.get(shaft) if not settings.perfect_gears else _PERFECT_GEARS
         found += _polar_or_reason(solution, shaft, names, unit, scale, reason)
-    found.append(_constant_backlash(solution, identifiable.short, delay))
+    backlash = _constant_backlash(solution, identifiable.short, delay)
+    found.append(_with_margin(backlash, delay_margin / DEG))
     for shaft in SHAFTS:
         reason = identifiable.reasons.get(shaft)
         if settings.perfect_gears:
@@ -206,13 +216,26 @@ def parameters_of(
         names = (f"{shaft}_encoder_arcsec", f"{shaft}_encoder_phase_deg")
         found += _polar_or_reason(solution, f"{shaft}_encoder", names, "arcsec", ARCSEC, reason)
     found.append(_delay(solution, delay))
+    if delay_margin:
+        found.append(_sum(solution, identifiable.short))
     return {parameter.name: parameter for parameter in found}
 
 
-def outcome_of(parameters: dict[str, Parameter], converged: bool, settings: FitSettings) -> Outcome:
-    """Return the outcome of the fit; it ignores parameters that the settings exclude."""
+def outcome_of(
+    parameters: dict[str, Parameter],
+    converged: bool,
+    settings: FitSettings,
+    *,
+    contradiction: bool = False,
+) -> Outcome:
+    """Return the outcome of the fit; it ignores parameters that the settings exclude.
+
+    `contradiction` tells that the gap is below zero, which no reading of the log allows.
+    """
     if not converged:
         return "not_converged"
+    if contradiction:
+        return "contradicts"
     left_out = (_NO_GEOMETRY, _PERFECT, _PERFECT_GEARS)
     asked = [
         p
@@ -252,26 +275,6 @@ def _companions(solution: Solution, index: list[int]) -> str:
     return "it cannot be told from " + ", ".join(others) if others else "no sample depends on it"
 
 
-def apparent_gap(solution: Solution) -> dict | None:
-    """Return the mean distance of flank B above flank A over the covered angles.
-
-    It equals the constant backlash if that is determined. If a shaft turned too little for its
-    variable backlash, only this mean is known. A negative mean is no backlash.
-    """
-    if "constant_backlash" not in solution.names:
-        return None
-    place = solution.names.index("constant_backlash")
-    if not solution.determined[place]:
-        return None
-    value = float(solution.values[place])
-    std = math.sqrt(float(solution.covariance[place, place]))
-    return {
-        "value_deg": value / DEG,
-        "std_deg": std / DEG,
-        "significant": value >= max(SIGNIFICANT * std, ROUNDING),
-    }
-
-
 def regressors_of(solution: Solution, log: EncoderLog) -> tuple[Parameter, ...]:
     """Return the fitted coefficients of torque, acceleration, speed and ratio."""
     found = []
@@ -300,7 +303,7 @@ def _delay(solution: Solution, delay: Delay) -> Parameter:
             reason = "the data leave it open: " + _companions(solution, [place])
             return undetermined("delay_s", "s", reason)
         found = scalar(solution, "delay", "delay_s", "s", 1.0).moved(delay.seconds)
-        if abs(found.value or 0.0) >= SIGNIFICANT * (found.std or 0.0):
+        if abs(found.value or 0.0) >= max(SIGNIFICANT * (found.std or 0.0), _LEAST_DELAY_S):
             return replace(found, significant=True, reason=None)
         return replace(found, significant=False, reason=BELOW)
     if delay.state == "insignificant":
@@ -340,6 +343,40 @@ def _constant_backlash(solution: Solution, short: tuple[str, ...], delay: Delay)
         reason = "negative, which no gap is: friction or wind-up ahead of the gap, or a wrong sign"
         return replace(found, significant=False, reason=reason)
     return found
+
+
+def _with_margin(backlash: Parameter, margin: float) -> Parameter:
+    """Return the backlash whose interval contains a delay that looks like up to `margin`, deg."""
+    if margin == 0 or backlash.value is None or backlash.std is None:
+        return backlash
+    half = math.hypot(NORMAL_95 * backlash.std, margin)
+    low, high = backlash.value - half, backlash.value + half
+    value = backlash.value
+    if high > 0:
+        low, value = max(low, 0.0), max(value, 0.0)
+    return replace(
+        backlash,
+        value=value,
+        std=math.hypot(backlash.std, margin / math.sqrt(3)),
+        low95=low,
+        high95=high,
+        significant=low > 0,
+        reason="at one speed it is known only together with the delay; log a second speed, or give"
+        " --delay or --delay-within",
+    )
+
+
+def _sum(solution: Solution, short: tuple[str, ...]) -> Parameter:
+    """Return the sum of the backlash over the angles and 2 ω₂ times the delay, degrees."""
+    name = "backlash_plus_delay_deg"
+    if short:
+        reason = f"the {' and the '.join(short)} shaft turned too little"
+        return undetermined(name, "deg", reason)
+    index = solution.names.index("constant_backlash")
+    if not solution.determined[index]:
+        reason = "the data leave it open: " + _companions(solution, [index])
+        return undetermined(name, "deg", reason)
+    return scalar(solution, "constant_backlash", name, "deg", DEG)
 
 
 def variable_backlash_deg(

@@ -1,68 +1,251 @@
-"""Delay and gap of each of several logs alone, although all logs of a fit share them."""
+"""Record of each log of a fit, with the delay and gap of the log alone.
+
+All logs of a fit share delay and gap; a log that differs from the first gives a note.
+"""
+
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ...base.errors import NoAnswerError
 from ...base.units import DEG
+from ...logs.channel.channel import Channel
+from ..compress.block_rows import LogRows
 from ..compress.harmonic_summary import summarise
 from ..noise.noise_model import autoregression
+from ..preliminary.alignment import SHAFTS, START, Start
 from ..preliminary.delay import TOLD
 from ..preliminary.linear_fit import LinearFit
 from ..preliminary.nuisance import own_terms
+from ..solve.least_squares import Solution
+from .record import Record
+from .same_rig import phasors
 
 _DIFFERENT = 5.0
 """Standard errors above which a difference between logs is reported; chosen value."""
 
 
-def fit_log_alone(linear: LinearFit, log: int) -> dict:
-    """Return delay (s) and gap (degrees, mean over the covered angles) of one log with their std.
+_CLEAR = 5.0  # standard errors of an order that tells a start angle; chosen value
 
-    The gap is estimated with the common delay. A value that the log does not determine is None.
+_CHANGED = 3.0
+"""Standard errors above which a change of the delay within a log is reported; chosen value."""
+
+
+class LogStart(Record, frozen=True):
+    """Angles of both shafts at the zero of a log, in the angles of the first log, with their std.
+
+    The std is 0 for an angle that is not fitted. Both are None for an angle that no significant
+    order of both logs tells.
     """
-    found: dict[str, float | None] = dict.fromkeys(
-        ("delay_s", "delay_std_s", "gap_deg", "gap_std_deg")
+
+    driving_deg: float | None
+    driving_std_deg: float | None
+    driven_deg: float | None
+    driven_std_deg: float | None
+
+
+class LogAlone(Record, frozen=True):
+    """Delay and gap that one log alone shows, with their standard errors.
+
+    The gap is a mean over the covered angles, with the common delay. A value that the log does not
+    determine is None.
+    """
+
+    delay_s: float | None = None
+    delay_std_s: float | None = None
+    gap_deg: float | None = None
+    gap_std_deg: float | None = None
+
+
+@dataclass(frozen=True)
+class DelayChange:
+    """Delay in the second half of a log less that in the first, with its standard error, s."""
+
+    change_s: float
+    std_s: float
+
+    @property
+    def is_clear(self) -> bool:
+        """Whether the change is larger than its standard errors explain."""
+        return abs(self.change_s) > _CHANGED * self.std_s
+
+    @property
+    def sentence(self) -> str:
+        """Sentence on the change."""
+        return (
+            f"the delay changes by {1e3 * self.change_s:+.3g} ± {1e3 * self.std_s:.1g} ms from the"
+            " first half of the log to the second, and its interval contains that; a clock that"
+            " drifts or a bus under changing load does this"
+        )
+
+
+class LogRecord(Record, frozen=True):
+    """One log of a fit.
+
+    **Arguments**
+    - `source`, `sha256`: file and digest. - `zero`: zero of its angles, "start" or "reading".
+    - `start`: start angles. - `zero_readings`: shaft → reading at the zero of its angle.
+    - `samples`: number of samples read, used, on either flank, and masked.
+    - `alone`: what this log alone shows.
+    """
+
+    source: str
+    sha256: str
+    zero: str
+    start: LogStart
+    zero_readings: dict[str, int | float | None]
+    samples: dict[str, int]
+    alone: LogAlone
+
+
+def log_record(linear: LinearFit, solution: Solution, log: int) -> LogRecord:
+    """Return the record of one log; `log` counts from 0."""
+    one, rows = linear.inputs[log].log, linear.rows[log]
+    used = dict.fromkeys("AB", 0)
+    for run in rows.runs:
+        used[run.segment.flank] += rows.size * len(run.rows)
+    total = sum(used.values())
+    return LogRecord(
+        source=one.source,
+        sha256=one.sha256,
+        zero=one.zero,
+        start=start_of(linear, solution, log),
+        zero_readings={
+            shaft: None if channel is None else _zero_reading(channel, one.zero)
+            for shaft, channel in (("driving", one.driving), ("driven", one.driven))
+        },
+        samples={
+            "read": len(one),
+            "used": total,
+            "forward": used["A"],
+            "backward": used["B"],
+            "masked": len(one) - total,
+        },
+        alone=fit_log_alone(linear, log),
     )
+
+
+def _zero_reading(channel: Channel, zero: str) -> int | float:
+    """Return the reading at which the angle is zero: the first reading, unless it is a spike.
+
+    If the angles are zero at the reading zero, return the first reading, which tells where the log
+    started.
+    """
+    return channel.origin if zero == "start" else channel.reading[0].item()
+
+
+def start_of(linear: LinearFit, solution: Solution, log: int) -> LogStart:
+    """Return the start angles of a log relative to the first log."""
+    found: list[float | None] = []
+    fitted = [shaft for shaft in SHAFTS if f"{START[shaft]}_of_{log + 1}" in solution.names]
+    told = _told_shafts(linear, log) if fitted else set()
+    for shaft in SHAFTS:
+        if shaft in fitted and shaft not in told:
+            found += [None, None]
+            continue
+        value, std = getattr(linear.starts[log], shaft), 0.0
+        name = f"{START[shaft]}_of_{log + 1}"
+        if name in solution.names:
+            place = solution.names.index(name)
+            value += float(solution.values[place])
+            std = float(np.sqrt(solution.covariance[place, place]))
+        found += [value / DEG % 360, std / DEG]
+    return LogStart(*found)
+
+
+def _told_shafts(linear: LinearFit, log: int) -> set[str]:
+    """Return the shafts with an order that is significant in the first log and in this one."""
+    first, other = (phasors(linear.rows[k], linear.model.terms, Start()) for k in (0, log))
+    clear = [
+        {key for key, (value, std) in each.items() if abs(value) > _CLEAR * std}
+        for each in (first, other)
+    ]
+    return {harmonic.shaft for harmonic, _ in clear[0] & clear[1]}
+
+
+def fit_log_alone(linear: LinearFit, log: int) -> LogAlone:
+    """Return delay and gap of one log."""
     if len(linear.rows) == 1:
         summary, filter_, own = linear.summary, linear.filter, linear.own
     else:
         summary = summarise([linear.rows[log]], linear.model.terms)
         filter_ = autoregression(summary)
         own = own_terms(summary, filter_)
+    delay: tuple[float | None, float | None] = (None, None)
     if "delay" in own.names and own.left("delay") > TOLD:
         step, std = own.estimate("delay", own.names)
-        found |= {"delay_s": linear.channels[log].delay_s + step, "delay_std_s": std}
-    if len(summary.flanks) == 2:
-        known = summary.without(["delay"])
-        offsets, variances = [], []
-        for flank in known.flanks:
-            factor = flank.factor(filter_)
-            inverse = np.linalg.inv(factor[:-1, :-1])
-            place = known.columns.index("offset")
-            rows = max(flank.rows - len(inverse), 1)
-            offsets.append(float(inverse[place] @ factor[:-1, -1]))
-            variances.append(float(inverse[place] @ inverse[place]) * factor[-1, -1] ** 2 / rows)
-        found |= {
-            "gap_deg": (offsets[1] - offsets[0]) / DEG,
-            "gap_std_deg": float(np.sqrt(sum(variances))) / DEG,
-        }
-    return found
+        delay = linear.channels[log].delay_s + step, std
+    if len(summary.flanks) != 2:
+        return LogAlone(*delay)
+    known = summary.without(["delay"])
+    offsets, variances = [], []
+    for flank in known.flanks:
+        factor = flank.factor(filter_)
+        inverse = np.linalg.inv(factor[:-1, :-1])
+        place = known.columns.index("offset")
+        rows = max(flank.rows - len(inverse), 1)
+        offsets.append(float(inverse[place] @ factor[:-1, -1]))
+        variances.append(float(inverse[place] @ inverse[place]) * factor[-1, -1] ** 2 / rows)
+    gap = (offsets[1] - offsets[0]) / DEG
+    return LogAlone(*delay, gap, float(np.sqrt(sum(variances))) / DEG)
 
 
-def differences(alone: list[dict]) -> list[str]:
+def delay_change(linear: LinearFit) -> DelayChange | None:
+    """Return the change of the delay from the first to the second half of the logs in time.
+
+    The result is None if a half does not tell the delay. Of several logs, the one with the most
+    significant change counts.
+    """
+    found = []
+    for log, rows in enumerate(linear.rows):
+        middle = 0.5 * (linear.channels[log].time[0] + linear.channels[log].time[-1])
+        halves = [
+            _delay_of(linear, rows, late=late, middle=float(middle)) for late in (False, True)
+        ]
+        if halves[0] is not None and halves[1] is not None:
+            (first, first_std), (second, second_std) = halves[0], halves[1]
+            found.append(DelayChange(second - first, float(np.hypot(first_std, second_std))))
+    return max(found, key=lambda one: abs(one.change_s) / one.std_s, default=None)
+
+
+def _delay_of(
+    linear: LinearFit, rows: LogRows, *, late: bool, middle: float
+) -> tuple[float, float] | None:
+    """Return step and standard error of the delay from the runs of one half of a log."""
+    runs = tuple(run for run in rows.runs if (run.curve.time.mean() > middle) == late)
+    if not runs:
+        return None
+    try:
+        summary = summarise([replace(rows, runs=runs)], linear.model.terms)
+        own = own_terms(summary, autoregression(summary))
+    except (NoAnswerError, np.linalg.LinAlgError, ValueError):
+        return None
+    if "delay" not in own.names or own.left("delay") < TOLD:
+        return None
+    return own.estimate("delay", own.names)
+
+
+def differences(logs: tuple[LogRecord, ...]) -> list[str]:
     """Return sentences on logs whose delay or gap differs significantly from the first log."""
+    alone = [log.alone for log in logs]
+    delays = [(one.delay_s, one.delay_std_s) for one in alone]
+    gaps = [(one.gap_deg, one.gap_std_deg) for one in alone]
+    return [
+        *_differing(delays, "s", "a delay"),
+        *_differing(gaps, "°", "a gap between the flanks"),
+    ]
+
+
+def _differing(alone: list[tuple[float | None, float | None]], unit: str, what: str) -> list[str]:
+    first, first_std = alone[0]
     sentences = []
-    first = alone[0]
-    for name, unit, std, what in (
-        ("delay_s", "s", "delay_std_s", "a delay"),
-        ("gap_deg", "°", "gap_std_deg", "a gap between the flanks"),
-    ):
-        for number, one in enumerate(alone[1:], 2):
-            if one[name] is None or first[name] is None:
-                continue
-            spread = float(np.hypot(one[std], first[std]))
-            if abs(one[name] - first[name]) > _DIFFERENT * spread:
-                sentences.append(
-                    f"log 1 alone shows {what} of {first[name]:.4g} ± {first[std]:.1g} {unit}, log"
-                    f" {number} {one[name]:.4g} ± {one[std]:.1g} {unit}: what they share is between"
-                    " them, and neither may be right"
-                )
+    for number, (value, std) in enumerate(alone[1:], 2):
+        if value is None or std is None or first is None or first_std is None:
+            continue
+        if abs(value - first) > _DIFFERENT * float(np.hypot(std, first_std)):
+            sentences.append(
+                f"log 1 alone shows {what} of {first:.4g} ± {first_std:.1g} {unit}, log"
+                f" {number} {value:.4g} ± {std:.1g} {unit}: what they share is between"
+                " them, and neither may be right"
+            )
     return sentences

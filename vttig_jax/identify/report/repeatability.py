@@ -11,20 +11,23 @@ from ...base.threads import one_blas_thread
 from ...base.units import ARCSEC, DEG, REV
 from ...kinematics.te_curve import TECurve
 from ..compress.block_rows import BlockRun, LogRows
+from ..compress.harmonic_summary import FLANKS
 from ..model.harmonics import TermPlan
 from ..preliminary.alignment import Start
+from .checks import HalfDifference, PassDifference
 from .same_rig import Phasors, first_orders
 
 _LEAST_OVERLAP = 10 * DEG  # rad; chosen value
 
 
-def passes(curves: Sequence[TECurve]) -> list[dict]:
+def passes(curves: Sequence[TECurve], log: int = 1) -> list[PassDifference]:
     """Return the differences of consecutive passes over the same angles on one flank, in degrees.
 
     There is one entry, later minus earlier, per pair of passes with an overlap of at least 10°.
+    `log` is the number of the log.
     """
     found = []
-    for flank in ("A", "B"):
+    for flank in FLANKS:
         own = [curve for curve in curves if curve.flank == flank and len(curve) > 1]
         for number, (before, after) in enumerate(pairwise(own), 1):
             (x, y), (u, v) = _ordered(before), _ordered(after)
@@ -33,23 +36,25 @@ def passes(curves: Sequence[TECurve]) -> list[dict]:
                 continue
             difference = (v[inside] - np.interp(u[inside], x, y)) / DEG
             found.append(
-                {
-                    "flank": flank,
-                    "passes": [number, number + 1],
-                    "overlap_deg": float(np.ptp(u[inside])) / DEG,
-                    "mean_deg": float(difference.mean()),
-                    "rms_deg": float(np.sqrt(np.mean(difference**2))),
-                    "scatter_deg": float(difference.std()),
-                }
+                PassDifference(
+                    log=log,
+                    flank=flank,
+                    passes=(number, number + 1),
+                    overlap_deg=float(np.ptp(u[inside])) / DEG,
+                    mean_deg=float(difference.mean()),
+                    rms_deg=float(np.sqrt(np.mean(difference**2))),
+                    scatter_deg=float(difference.std()),
+                )
             )
     return found
 
 
 @one_blas_thread
-def halves(rows: LogRows, terms: TermPlan) -> list[dict]:
+def halves(rows: LogRows, terms: TermPlan, log: int = 1) -> list[HalfDifference]:
     """Compare the first orders of the first halves of all passes with those of the second halves.
 
-    The list is empty if half a log is too short to determine the first orders.
+    The list is empty if half a log is too short to determine the first orders. `log` is the number
+    of the log.
     """
     turns = max((float(np.ptp(run.curve.driving_angle)) / REV for run in rows.runs), default=0.0)
     apart = abs(1 - terms.ratio)
@@ -60,19 +65,20 @@ def halves(rows: LogRows, terms: TermPlan) -> list[dict]:
         one, other = (first_orders(half, terms, Start()) for half in (first, second))
     except NoAnswerError:
         return []
-    return [_compared(key, one, other) for key in one if key in other]
+    return [_compared(log, key, one, other) for key in one if key in other]
 
 
-def _compared(key: tuple[str, str], one: Phasors, other: Phasors) -> dict:
+def _compared(log: int, key: tuple[str, str], one: Phasors, other: Phasors) -> HalfDifference:
     (first, first_std), (second, second_std) = one[key], other[key]
-    return {
-        "shaft": key[0],
-        "flank": key[1],
-        "first_arcsec": float(abs(first)) / ARCSEC,
-        "second_arcsec": float(abs(second)) / ARCSEC,
-        "difference_arcsec": float(abs(second - first)) / ARCSEC,
-        "std_arcsec": float(np.hypot(first_std, second_std)) / ARCSEC,
-    }
+    return HalfDifference(
+        log=log,
+        shaft=key[0],
+        flank=key[1],
+        first_arcsec=float(abs(first)) / ARCSEC,
+        second_arcsec=float(abs(second)) / ARCSEC,
+        difference_arcsec=float(abs(second - first)) / ARCSEC,
+        std_arcsec=float(np.hypot(first_std, second_std)) / ARCSEC,
+    )
 
 
 def _half(rows: LogRows, *, late: bool) -> LogRows:

@@ -15,10 +15,12 @@ from ...logs.lines.search import Stretch as LineRun
 from ...pair.gear_pair import Flank
 from ..compress.block_means import block_means
 from ..compress.block_rows import LogRows
-from ..model.column_layout import OFFSET
+from ..model.column_layout import OFFSET, ColumnLayout
 from ..model.harmonics import SECOND_ORDER, TermPlan
 from ..noise.noise_model import NoiseModel
+from ..preliminary.linear_fit import LinearFit
 from ..solve.residuals import Weights
+from .checks import ResidualLine, Whiteness
 
 _LAGS = 20  # lags of the autocorrelation; chosen value
 _HIGHEST = 12.0
@@ -36,7 +38,7 @@ def whiteness(
     residuals: Sequence[Float[np.ndarray, " _"]],
     times: Sequence[Float[np.ndarray, " _"]],
     noises: Sequence[NoiseModel],
-) -> dict | None:
+) -> Whiteness | None:
     """Return the autocorrelation of the whitened residual, and its Ljung–Box test.
 
     G. M. Ljung, G. E. P. Box, Biometrika 65 (1978) 297. A small probability means that the residual
@@ -64,17 +66,46 @@ def whiteness(
     )
     order = max(len(noise.coefficients) for noise in noises)
     freedom = max(_LAGS - order, 1)
-    return {
-        "autocorrelation": correlation.tolist(),
-        "ljung_box": statistic,
-        "probability": float(chdtrc(freedom, statistic)),
-    }
+    return Whiteness(
+        autocorrelation=tuple(correlation.tolist()),
+        ljung_box=statistic,
+        probability=float(chdtrc(freedom, statistic)),
+    )
+
+
+def explained(linear: LinearFit, kept: ColumnLayout, weights: Sequence[Weights]) -> float | None:
+    """Return the share of the variance that the harmonics explain beside all other columns.
+
+    It is 1 − S/S₀ with the sums of squares that least squares on offset, drift, delay and
+    regressors leave of the residual, S, and of the transmission error, S₀. Each flank of each log
+    has its offset; the other columns are those of the layout `kept`. The result is None for S₀ = 0.
+    """
+    squares = np.zeros(2)
+    for log, (rows, own) in enumerate(zip(linear.rows, weights, strict=True)):
+        place = rows.columns.index(OFFSET)
+        present = rows.columns.own[0]
+        cells = [rows.columns.index(n) for n in kept.own[log] if n != OFFSET and n in present]
+        columns, values = [], []
+        for side, (flank, runs) in enumerate(rows.by_flank().items()):
+            stacked = np.concatenate(runs)
+            stacked = stacked[stacked[:, place] > 0]
+            offsets = np.zeros((len(stacked), 2))
+            offsets[:, side] = stacked[:, place]
+            columns.append(np.hstack([offsets, stacked[:, cells]]))
+            values.append(np.stack([stacked @ own[flank], stacked[:, -1]], axis=1))
+        if values:
+            design, value = np.concatenate(columns), np.concatenate(values)
+            size = np.linalg.norm(design, axis=0)
+            design = design / np.where(size > 0, size, 1.0)
+            solution = np.linalg.lstsq(design, value, rcond=1e-12)[0]
+            squares += np.sum((value - design @ solution) ** 2, axis=0)
+    return float(1 - squares[0] / squares[1]) if squares[1] > 0 else None
 
 
 @one_blas_thread
 def lines_left(
     rows: Sequence[LogRows], weights: Sequence[Weights], terms: TermPlan, *, same_zero: bool
-) -> list[dict]:
+) -> list[ResidualLine]:
     """Return the significant lines of the residual, in cycles per driving revolution.
 
     Both flanks are searched together, where `flank` is None, and then each flank alone, where it is
@@ -94,7 +125,7 @@ def lines_left(
 
 def _lines(
     rows: Sequence[LogRows], weights: Sequence[Weights], terms: TermPlan, number: int
-) -> list[dict]:
+) -> list[ResidualLine]:
     """Return the lines of logs with one zero.
 
     A line of a single flank is added if the search on both flanks did not find it.
@@ -105,13 +136,13 @@ def _lines(
     turns = max((float(np.ptp(run.angle)) / REV for _, run in runs), default=0.0)
     fixed = [h.term for h in terms.free + terms.tied if _is_beside(h.term, terms)]
     known = [float(terms.frequency(term)) for term in fixed]
-    found: list[dict] = []
+    found: list[ResidualLine] = []
     for flank in [None, *(flanks if len(flanks) == 2 else [])]:
         part = [run for own, run in runs if flank in (None, own)]
         for line in _searched(part, _FALSE_ALARM if flank is None else _FALSE_ALARM / 2):
-            near = [*known, *(other["cycles_per_rev"] for other in found)]
+            near = [*known, *(other.cycles_per_rev for other in found)]
             if all(abs(line.cycles_per_rev - cycles) * turns > 0.5 for cycles in near):
-                found.append({"log": number, "flank": flank, **vars(line)})
+                found.append(ResidualLine(log=number, flank=flank, **vars(line)))
     return found
 
 

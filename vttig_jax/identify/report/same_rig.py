@@ -7,11 +7,13 @@ from jaxtyping import Float
 
 from ...base.errors import LogError
 from ...base.units import ARCSEC
+from ...pair.gear_pair import Flank
 from ..compress.block_rows import LogRows
 from ..compress.harmonic_summary import summarise
-from ..model.harmonics import TermPlan
+from ..model.harmonics import Harmonic, TermPlan
 from ..noise.noise_model import autoregression
 from ..preliminary.alignment import Start
+from .checks import Disagreement
 
 Phasors = dict[tuple[str, str], tuple[complex, float]]
 """(shaft, flank) → a exp(jp) of the first order, and its standard error, rad."""
@@ -24,7 +26,7 @@ and by more than eight standard errors; chosen values."""
 
 def disagreements(
     rows: Sequence[LogRows], terms: TermPlan, starts: Sequence[Start], *, same_zero: bool
-) -> list[dict]:
+) -> list[Disagreement]:
     """Return the differences of the first orders of every log and flank from the first log.
 
     If the logs have no common zero, the phases are unknown, and amplitudes are compared.
@@ -38,38 +40,47 @@ def disagreements(
             other, other_std = first[key]
             difference = abs(value - other) if same_zero else abs(abs(value) - abs(other))
             found.append(
-                {
-                    "log": log,
-                    "shaft": key[0],
-                    "flank": key[1],
-                    "first_arcsec": float(abs(other)) / ARCSEC,
-                    "this_arcsec": float(abs(value)) / ARCSEC,
-                    "difference_arcsec": float(difference) / ARCSEC,
-                    "std_arcsec": float(np.hypot(std, other_std)) / ARCSEC,
-                }
+                Disagreement(
+                    log=log,
+                    shaft=key[0],
+                    flank=key[1],
+                    first_arcsec=float(abs(other)) / ARCSEC,
+                    this_arcsec=float(abs(value)) / ARCSEC,
+                    difference_arcsec=float(difference) / ARCSEC,
+                    std_arcsec=float(np.hypot(std, other_std)) / ARCSEC,
+                )
             )
     return found
 
 
-def refuse_different_rigs(found: Sequence[dict], sources: list[str]) -> None:
+def refuse_different_rigs(found: Sequence[Disagreement], sources: list[str]) -> None:
     """Raise `LogError` if the first orders of the logs contradict one rig."""
     for one in found:
-        largest = max(one["first_arcsec"], one["this_arcsec"])
-        far = one["difference_arcsec"] > _DEVIATIONS * one["std_arcsec"]
-        if far and one["difference_arcsec"] > _SHARE * largest:
+        largest = max(one.first_arcsec, one.this_arcsec)
+        far = one.difference_arcsec > _DEVIATIONS * one.std_arcsec
+        if far and one.difference_arcsec > _SHARE * largest:
             seen = (
-                f"the {one['shaft']} shaft has a first order of {one['this_arcsec']:.3g}″ on flank"
-                f" {one['flank']}, but {one['first_arcsec']:.3g}″ in {sources[0]}"
+                f"the {one.shaft} shaft has a first order of {one.this_arcsec:.3g}″ on flank"
+                f" {one.flank}, but {one.first_arcsec:.3g}″ in {sources[0]}"
             )
             raise LogError(
-                f"{seen} (difference {one['difference_arcsec']:.3g}″ ± {one['std_arcsec']:.2g}″);"
+                f"{seen} (difference {one.difference_arcsec:.3g}″ ± {one.std_arcsec:.2g}″);"
                 " these are not logs of one rig, or not with the same zero: fit them one by one.",
-                where=sources[one["log"] - 1],
+                where=sources[one.log - 1],
             )
 
 
 def first_orders(rows: LogRows, terms: TermPlan, start: Start) -> Phasors:
     """Return the first orders that one log alone determines, in the angles of the first log."""
+    found = phasors(rows, terms, start)
+    first = ((1, 0), (0, 1))
+    return {(h.shaft, flank): value for (h, flank), value in found.items() if h.term in first}
+
+
+def phasors(
+    rows: LogRows, terms: TermPlan, start: Start
+) -> dict[tuple[Harmonic, Flank], tuple[complex, float]]:
+    """Return a exp(jp) and its standard error, rad, of every harmonic that one log determines."""
     summary = summarise([rows], terms)
     filter_ = autoregression(summary)
     result = {}
@@ -82,12 +93,10 @@ def first_orders(rows: LogRows, terms: TermPlan, start: Start) -> Phasors:
         count = max(flank.rows - len(values), 1)
         covariance = spread @ spread.T * factor[-1, -1] ** 2 / count
         for place, harmonic in enumerate(terms.free + terms.tied):
-            if harmonic.term not in ((1, 0), (0, 1)):
-                continue
             cell = summary.columns.cosine(place)
             phasor = complex(values[cell + 1], values[cell])
             turned = phasor * np.exp(-1j * start.turned(harmonic.term))
-            result[harmonic.shaft, flank.flank] = turned, _std(covariance, cell)
+            result[harmonic, flank.flank] = turned, _std(covariance, cell)
     return result
 
 

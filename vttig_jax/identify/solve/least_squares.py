@@ -62,21 +62,17 @@ class Direction:
     """Direction in parameter space with a large standard error.
 
     **Arguments**
-    - `names`, `shares`: largest parameters of the direction, and their signed shares, if every
+    - `parameters`: name → signed share of the largest parameters of the direction, if every
       parameter is scaled to the same effect on the data.
     - `inflation`: its standard error relative to that of a single parameter fitted alone.
     """
 
-    names: tuple[str, ...]
-    shares: tuple[float, ...]
+    parameters: dict[str, float]
     inflation: float
 
     def to_json(self) -> dict:
-        """Return the fields under `checks.weakest_direction`."""
-        return {
-            "parameters": dict(zip(self.names, self.shares, strict=True)),
-            "inflation": self.inflation,
-        }
+        """Return the fields under `weakest_direction`."""
+        return dict(vars(self))
 
 
 def solve(relation: ForwardModel, flanks: tuple[WhitenedFlank, ...]) -> Solution:
@@ -199,8 +195,5 @@ def _weakest(
     direction = directions[np.argmin(singular)]
     order = [k for k in np.argsort(-np.abs(direction)) if abs(direction[k]) > _NAMED][:4]
     sign = np.sign(direction[order[0]])
-    return Direction(
-        tuple(names[k] for k in order),
-        tuple(float(sign * direction[k]) for k in order),
-        float(1 / singular.min()),
-    )
+    shares = {names[k]: float(sign * direction[k]) for k in order}
+    return Direction(shares, float(1 / singular.min()))

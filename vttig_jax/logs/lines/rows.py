@@ -2,20 +2,20 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import groupby, pairwise
+from operator import attrgetter
 
 import numpy as np
 from jaxtyping import Float
-from scipy.linalg import block_diag
 
 from ...base.numerics.counting import whole_below
 from ...base.units import REV
 
-MOST_ROWS = 10_000
-"""Largest number of rows; the rows of longer logs are block means (chosen)."""
+_ROWS_PER_CYCLE = 6.0
+"""Rows per cycle of the highest frequency; denser rows are averaged (chosen)."""
 
-_ROWS_PER_CYCLE = 4.0
-"""Least number of block means per cycle of the highest frequency (chosen)."""
+_LEAST_ROWS = 1000
+"""Least number of rows that averaging leaves (chosen)."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,8 @@ class Rows:
     **Arguments**
     - `turns`: driving revolutions minus their mean `origin`, shape (n,).
     - `width`: revolutions over which each row is averaged, shape (n,).
-    - `value`: rad, shape (n,). `nuisance`: columns of every group, zero outside it, shape (n, q).
+    - `value`: rad, shape (n,).
+    - `nuisance`: the rows of every group and their regressors, shape (rows of the group, q).
     - `starts`: first row of every run, and n at the end.
     """
 
@@ -66,7 +67,7 @@ class Rows:
     origin: float
     width: Float[np.ndarray, " n"]
     value: Float[np.ndarray, " n"]
-    nuisance: Float[np.ndarray, "n q"]
+    nuisance: tuple[tuple[slice, Float[np.ndarray, "_ _"]], ...]
     starts: tuple[int, ...]
 
     @property
@@ -81,7 +82,7 @@ class Rows:
 
 
 def stack(runs: Sequence[Stretch], highest: float) -> Rows:
-    """Stack the rows of all runs; more than `MOST_ROWS` rows are averaged in blocks.
+    """Stack the rows of all runs; rows denser than six per cycle of `highest` are averaged.
 
     **Raises** `ValueError` if runs of one group differ in their columns, or if a cycle of `highest`
     has fewer than two rows, because its alias would look the same.
@@ -94,9 +95,9 @@ def stack(runs: Sequence[Stretch], highest: float) -> Rows:
             f"Argument `highest` must be at most {0.5 / step:.4g} cycles per revolution, but is"
             f" {highest:.4g}: the rows are {step:.3g} revolutions apart."
         )
-    block = -(-sum(len(run.value) for run in runs) // MOST_ROWS)
-    if block > 1 and step > 0:
-        block = max(min(block, whole_below(1 / (_ROWS_PER_CYCLE * highest * step))), 1)
+    block = sum(len(run.value) for run in runs) // _LEAST_ROWS
+    if step > 0:
+        block = min(block, whole_below(1 / (_ROWS_PER_CYCLE * highest * step)))
     groups: dict[str, list[Stretch]] = {}
     for run in runs:
         groups.setdefault(run.group, []).append(run)
@@ -106,24 +107,30 @@ def stack(runs: Sequence[Stretch], highest: float) -> Rows:
                 "Argument `nuisance` must have the same columns in all runs of a group, but group"
                 f" {name!r} has {sorted({run.nuisance.shape[1] for run in members})}."
             )
-    ordered = [_block_means(run, block) for members in groups.values() for run in members]
-    turns = np.concatenate([run.angle for run in ordered]) / REV
+    ordered = [_averaged(run, max(block, 1)) for members in groups.values() for run in members]
+    turns = np.concatenate([run.angle for run, _ in ordered]) / REV
     origin = float(turns.mean()) if len(turns) else 0.0
+    starts = (0, *np.cumsum([len(run.value) for run, _ in ordered]).tolist())
     return Rows(
         turns - origin,
         origin,
-        np.concatenate([_width(run.angle / REV, block) for run in ordered]),
-        np.concatenate([run.value for run in ordered]),
-        np.asarray(
-            block_diag(
-                *[
-                    np.concatenate([run.nuisance for run in ordered if run.group == name])
-                    for name in groups
-                ]
-            )
-        ),
-        (0, *np.cumsum([len(run.value) for run in ordered]).tolist()),
+        np.concatenate([width for _, width in ordered]),
+        np.concatenate([run.value for run, _ in ordered]),
+        _by_group([run for run, _ in ordered], starts),
+        starts,
     )
+
+
+def _by_group(
+    runs: Sequence[Stretch], starts: Sequence[int]
+) -> tuple[tuple[slice, Float[np.ndarray, "_ _"]], ...]:
+    """Return the rows and regressors of every group of neighbouring runs."""
+    blocks, first = [], 0
+    for _, members in groupby(runs, key=attrgetter("group")):
+        parts = [run.nuisance for run in members]
+        blocks.append((slice(starts[first], starts[first + len(parts)]), np.concatenate(parts)))
+        first += len(parts)
+    return tuple(blocks)
 
 
 def _typical_step(runs: Sequence[Stretch]) -> float:
@@ -133,19 +140,17 @@ def _typical_step(runs: Sequence[Stretch]) -> float:
     return float(steps[np.searchsorted(path, 0.5 * path[-1])]) if len(steps) and path[-1] else 0.0
 
 
-def _block_means(run: Stretch, block: int) -> Stretch:
-    if block == 1:
-        return run
-    count = len(run.value) // block
-    angle, value = (
-        part[: count * block].reshape(count, block).mean(axis=1) for part in (run.angle, run.value)
+def _averaged(run: Stretch, block: int) -> tuple[Stretch, Float[np.ndarray, " m"]]:
+    """Return means over blocks of nearly equal size, and the revolutions that each extends over."""
+    count = -(-len(run.value) // block)
+    if count == len(run.value):
+        return run, np.zeros(count)
+    first = np.arange(count) * len(run.value) // count
+    size = np.diff(np.append(first, len(run.value)))
+    angle, value, nuisance = (
+        np.add.reduceat(part, first, axis=0) / size.reshape(-1, *[1] * (part.ndim - 1))
+        for part in (run.angle, run.value, run.nuisance)
     )
-    columns = run.nuisance[: count * block].reshape(count, block, -1).mean(axis=1)
-    return Stretch(angle, value, columns, run.group)
-
-
-def _width(turns: Float[np.ndarray, " n"], block: int) -> Float[np.ndarray, " n"]:
-    """Return the revolutions over which each row is averaged; single samples have width 0."""
-    if block == 1 or len(turns) < 2:
-        return np.zeros_like(turns)
-    return np.abs(np.gradient(turns))
+    travel = np.abs(run.angle[first + size - 1] - run.angle[first]) / REV
+    width = travel * size / np.maximum(size - 1, 1)
+    return Stretch(angle, value, nuisance, run.group), width

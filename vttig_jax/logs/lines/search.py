@@ -5,39 +5,28 @@ Lines of a belt, a bearing ring or an inner gear stage appear without a known to
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from operator import itemgetter
 
 import numpy as np
-from jaxtyping import Float
-from scipy.ndimage import median_filter
+from jaxtyping import Bool, Float
 
 from ...base.angles import amplitude_phase, wrap_deg
 from ...base.threads import one_blas_thread
 from ...base.units import ARCSEC
-from .noise import Whitening, estimate_noise, mean_square, no_whitening, noise_of_order
-from .periodogram import (
-    APART,
-    LEAST_CYCLES,
-    LineRegression,
-    Scan,
-    degrees_of_freedom,
-    design_matrix,
-    false_alarm_probability,
-    refine,
-    scan,
-)
+from .noise import filter_of_order, noise_filter
+from .regression import APART, LineRegression, Regressors
 from .rows import Rows, Stretch, stack
+from .spectrum import LEAST_CYCLES, Spectrum, false_alarm_probability, noise_level
 
-_OVERSAMPLING = 4  # trial frequencies per resolution (chosen)
-_MOST_TRIALS = 200_000
 _LEAST_ROWS = 24
-_NEIGHBOURS = 20.0
-_EXCLUDED = 1.0
-"""The noise floor is taken within ±20 and beyond ±1 resolutions of a line (chosen)."""
+_LEAST_FREEDOM = 4.0
+"""Least number of heights for a level of the noise; below it the autoregression judges alone."""
 
-_MOST_JOINT = 3
-"""Largest number of lines that are tested together (chosen)."""
+_LEAST_AMPLITUDE = 3.0  # least amplitude of a line in standard errors (chosen)
 
-_ROUNDS = 5
+_SPARE = 3
+"""Lines beyond `most` that are looked for, so that the noise without lines is known (chosen)."""
+
 _ROUNDING = 1e-26
 """Largest ratio of the sum of squares to that of the values which is a rounding error (chosen)."""
 
@@ -66,15 +55,6 @@ class Line:
             f" {self.cycles_per_rev:.6g} ± {self.cycles_std:.1g} cycles per revolution"
             f" (false alarm {self.false_alarm:.1g})"
         )
-
-
-@dataclass(frozen=True)
-class _State:
-    """Frequencies of the accepted lines, noise of their residual and its sum of squares."""
-
-    frequencies: Float[np.ndarray, " k"]
-    noise: Whitening
-    misfit: float
 
 
 @one_blas_thread
@@ -117,165 +97,169 @@ def find_lines(
     if most < 0:
         raise ValueError(f"Argument `most` must be at least 0, but is {most}.")
     rows = stack(runs, highest)
-    cycles = _grid(rows, highest)
-    if len(cycles) < 2 or len(rows.value) < _LEAST_ROWS + rows.nuisance.shape[1]:
+    count = sum(columns.shape[1] for _, columns in rows.nuisance)
+    enough = len(rows.value) >= _LEAST_ROWS + count
+    if not enough or rows.span == 0 or highest * rows.span <= LEAST_CYCLES:
         return ()
-    return _search(rows, cycles, false_alarm, most)
+    regressors = Regressors.of(rows)
+    spectrum = Spectrum.of(rows, regressors, highest)
+    if len(spectrum.cycles) < 2:
+        return ()
+    search = _Search(rows, regressors, spectrum, false_alarm)
+    return search.surviving(search.candidates(most + _SPARE))[:most]
 
 
-def _grid(rows: Rows, highest: float) -> Float[np.ndarray, " f"]:
-    if rows.span == 0:
-        return np.zeros(0)
-    step = 1 / (_OVERSAMPLING * rows.span)
-    count = int((highest - LEAST_CYCLES / rows.span) / step) + 1
-    if count > _MOST_TRIALS:
-        raise ValueError(
-            f"Argument `highest` must be at most {_MOST_TRIALS * step:.4g} cycles per revolution"
-            f" over {rows.span:.4g} revolutions, but is {highest:.4g}: search fewer runs at once."
-        )
-    return LEAST_CYCLES / rows.span + step * np.arange(max(count, 0))
+@dataclass(frozen=True, eq=False)
+class _Search:
+    """Candidates above the level of the noise, and the test that they pass."""
 
+    rows: Rows
+    regressors: Regressors
+    spectrum: Spectrum
+    false_alarm: float
 
-def _search(
-    rows: Rows, cycles: Float[np.ndarray, " f"], threshold: float, most: int
-) -> tuple[Line, ...]:
-    noise, misfit = estimate_noise(rows, rows.nuisance, no_whitening(rows))
-    state = _State(np.zeros(0), noise, misfit)
-    spectrum = scan(rows, rows.nuisance, noise, cycles)
-    alarms: list[float] = []
-    while len(alarms) < most:
-        trial, trial_spectrum = state, spectrum
-        for count in range(1, min(_MOST_JOINT, most - len(alarms)) + 1):
-            extended = _with_best_line(rows, trial, trial_spectrum)
-            if extended is None:
-                return _lines(rows, state, spectrum, alarms)
-            trial = extended
-            design = design_matrix(rows, trial.frequencies)
-            trial_spectrum = scan(rows, design, trial.noise, cycles)
-            alarm = _alarm(rows, state, trial, trial_spectrum)
-            if alarm <= threshold:
-                state, spectrum = trial, trial_spectrum
-                alarms += [alarm] * count
+    def candidates(self, most: int) -> Float[np.ndarray, " k"]:
+        """Add the line that stands highest above the level of the noise, one after the other.
+
+        The autoregression can follow a strong line and hide it in the whitened spectrum. In the
+        spectrum without whitening the level of the noise nearby stands for its colour.
+        """
+        plain = LineRegression.of(self.rows, self.regressors)
+        frequencies = np.zeros(0)
+        while len(frequencies) < most:
+            residual = plain.after(frequencies)
+            if self._is_rounding(residual):
                 break
-        else:
-            break
-    return _lines(rows, state, spectrum, alarms)
+            taps = noise_filter(self.rows, residual)
+            both = (plain, LineRegression.of(self.rows, self.regressors, taps))
+            found = [(*self._highest(part, frequencies), part) for part in both]
+            score, cycles, regression = max(found, key=itemgetter(0))
+            if score <= 0 or self._alarm(score) > self.false_alarm:
+                break
+            frequencies = regression.refine(np.append(frequencies, cycles), self._lowest)
+        return frequencies
 
-
-def _with_best_line(rows: Rows, state: _State, spectrum: Scan) -> _State | None:
-    """Add the candidate with the largest gain; return None if the residual is a rounding error."""
-    if state.misfit <= _ROUNDING * float(rows.value @ rows.value):
-        return None
-    candidates = _candidates(rows, state, spectrum)
-    trials = [_with_line(rows, state, *candidate) for candidate in candidates.items()]
-    return max(trials, key=lambda trial: _gain(rows, state, trial), default=None)
-
-
-def _alarm(rows: Rows, state: _State, extended: _State, spectrum: Scan) -> float:
-    """Return the probability that noise alone gives each added line its part of the gain.
-
-    Two neighbouring lines hide each other, because the noise model of one alone follows the other.
-    They are tested together, also against the noise order without them, which may follow both.
-    """
-    count = len(extended.frequencies) - len(state.frequencies)
-    gain = _gain(rows, state, extended) / count
-    if count > 1:
-        gain = min(gain, _gain(rows, state, extended, len(state.noise.filter) - 1) / count)
-    floor = max(_floor(spectrum, line, rows.span) for line in extended.frequencies[-count:])
-    freedom = _freedom(rows, extended, 2)
-    return false_alarm_probability(gain / floor, rows, freedom, float(np.ptp(spectrum.cycles)))
-
-
-def _freedom(rows: Rows, state: _State, per_line: int) -> int:
-    columns = rows.nuisance.shape[1] + per_line * len(state.frequencies)
-    return degrees_of_freedom(state.noise, columns)
-
-
-def _candidates(rows: Rows, state: _State, spectrum: Scan) -> dict[float, Whitening]:
-    """Return candidate frequencies of the next line, each with the noise of its scan.
-
-    The autoregression can follow a strong line and hide it in the whitened scan. In the scan
-    without whitening, division of the power by its running median removes the colour of the noise.
-    """
-    cycles, design = spectrum.cycles, design_matrix(rows, state.frequencies)
-    unfiltered = scan(rows, design, no_whitening(rows), cycles).height
-    power = np.expm1(2 * unfiltered / len(rows.value))
-    usable = power > 0  # elsewhere the regressors contain the trial
-    filled = np.where(usable, power, np.median(power[usable]) if usable.any() else 0.0)
-    usual = median_filter(filled, 2 * round(_NEIGHBOURS * _OVERSAMPLING) + 1, mode="nearest")
-    above = power / np.maximum(usual, 1e-15 * power.max(initial=1e-300))
-    free = np.all(np.abs(cycles[:, None] - state.frequencies) * rows.span >= APART, axis=1)
-    scans = ((spectrum.height, state.noise), (above, no_whitening(rows)))
-    places = [(np.argmax(np.where(free, height, -1.0)), noise) for height, noise in scans]
-    return {float(cycles[place]): noise for place, noise in places if free[place]}
-
-
-def _with_line(rows: Rows, state: _State, candidate: float, noise: Whitening) -> _State:
-    """Add a line, refine all frequencies together and estimate the noise of the residual."""
-    frequencies = refine(rows, np.append(state.frequencies, candidate), noise)
-    noise = no_whitening(rows)
-    for _ in range(_ROUNDS):
-        design = design_matrix(rows, frequencies)
-        # The noise must not follow the residual of a small frequency error.
-        near = np.concatenate([design, rows.turns[:, None] * design[:, -2:]], axis=1)
-        noise, _ = estimate_noise(rows, near, noise)
-        before, frequencies = frequencies, refine(rows, frequencies, noise)
-        if np.array_equal(before, frequencies):
-            break
-    return _State(frequencies, *estimate_noise(rows, design_matrix(rows, frequencies), noise))
-
-
-def _gain(rows: Rows, state: _State, extended: _State, order: int | None = None) -> float:
-    """Return the log-likelihood ratio of the added lines; infinite for a residual of zero.
-
-    The reference without them is the best autoregression of the same order, or of another `order`
-    with the correction of BIC.
-    """
-    if extended.misfit <= 0:
-        return np.inf
-    extended_order = len(extended.noise.filter) - 1
-    order = extended_order if order is None else order
-    design = design_matrix(rows, state.frequencies)
-    noise = noise_of_order(rows, design, extended.noise, order)
-    ratio = mean_square(rows, design, noise) * extended.noise.rows / extended.misfit
-    freedom = _freedom(rows, extended, 2)
-    penalty = 0.5 * (order - extended_order) * np.log(freedom)
-    return max(0.5 * freedom * np.log(ratio) + penalty, 0.0)
-
-
-def _floor(spectrum: Scan, line: float, span: float) -> float:
-    """Return the noise height around a line relative to white noise, at least 1.
-
-    Colour that the autoregression misses and groups of weak lines increase it; single lines do not
-    change the median.
-    """
-    distance = np.abs(spectrum.cycles - line) * span
-    near = spectrum.height[(distance > _EXCLUDED) & (distance < _NEIGHBOURS)]
-    return max(float(np.median(near)) / np.log(2.0), 1.0) if len(near) else 1.0
-
-
-def _lines(rows: Rows, state: _State, spectrum: Scan, alarms: list[float]) -> tuple[Line, ...]:
-    frequencies = state.frequencies
-    if len(frequencies) == 0:
+    def surviving(self, frequencies: Float[np.ndarray, " k"]) -> tuple[Line, ...]:
+        """Take out the least certain line until all pass; return them, the most certain first."""
+        plain = LineRegression.of(self.rows, self.regressors)
+        while len(frequencies):
+            taps = noise_filter(self.rows, plain.after(frequencies))
+            regression = LineRegression.of(self.rows, self.regressors, taps)
+            frequencies = regression.refine(frequencies, self._lowest)
+            scores = self._scores(regression, frequencies)
+            worst = int(np.argmin(scores))
+            if self._alarm(float(scores[worst])) <= self.false_alarm:
+                return self._lines(regression, frequencies, scores)
+            frequencies = np.delete(frequencies, worst)
         return ()
-    coefficients, covariance = LineRegression.from_rows(rows, state.noise).solve(frequencies)
-    variance = state.misfit / _freedom(rows, state, 3)
-    lines = []
-    for number, (cycles, alarm) in enumerate(zip(frequencies, alarms, strict=True)):
-        wave = slice(2 * number, 2 * number + 2)
-        pair = coefficients[wave]
-        amplitude, phase_deg = amplitude_phase(*pair)
-        slope = pair / amplitude if amplitude > 0 else np.array([1.0, 0.0])
-        scale = variance * _floor(spectrum, cycles, rows.span)
-        correction = 2 * len(frequencies) + number
-        lines.append(
-            Line(
-                float(cycles),
-                float(np.sqrt(scale * covariance[correction, correction])),
-                float(amplitude) / ARCSEC,
-                float(np.sqrt(scale * (slope @ covariance[wave, wave] @ slope))) / ARCSEC,
-                float(wrap_deg(phase_deg - 360.0 * (cycles * rows.origin))),
-                alarm,
+
+    def _highest(
+        self, regression: LineRegression, frequencies: Float[np.ndarray, " k"]
+    ) -> tuple[float, float]:
+        """Return score and frequency of the candidate that stands highest above the noise."""
+        height = self.spectrum.height(regression.after(frequencies), regression.taps)
+        level = noise_level(self.spectrum, height, frequencies)
+        usual, freedom = level.at(self.spectrum.cycles)
+        score = np.where(self._free(frequencies), _score(height / usual, freedom), -1.0)
+        best = int(np.argmax(score))
+        return float(score[best]), float(self.spectrum.cycles[best])
+
+    def _scores(
+        self, regression: LineRegression, frequencies: Float[np.ndarray, " k"]
+    ) -> Float[np.ndarray, " k"]:
+        """Return z of every line beside all others: −ln P of its height in noise alone.
+
+        It is the smaller one of two. The first is the likelihood ratio against an autoregression of
+        the same order that is fitted without the line, because a narrow resonance of the noise
+        looks like a line. The second is the height above the level of the whitened spectrum nearby,
+        which knows what the autoregression misses.
+        """
+        drops, misfit = regression.drops(frequencies)
+        if misfit <= 0:
+            return np.full(len(frequencies), np.inf)
+        used = self.regressors.rank + 3 * len(frequencies) + len(regression.taps)
+        rows = len(self.rows.value)
+        without = [self._misfit_without(regression, frequencies, k) for k in range(len(drops))]
+        gain = np.log(np.maximum(np.array(without) / misfit, 1.0))
+        ratio = 0.5 * max(rows - used, 1) * gain
+        level, freedom = self._level(regression, frequencies)
+        nearby = _score(0.5 * drops / level, freedom)
+        return np.where(freedom >= _LEAST_FREEDOM, np.minimum(ratio, nearby), ratio)
+
+    def _misfit_without(
+        self, regression: LineRegression, frequencies: Float[np.ndarray, " k"], line: int
+    ) -> float:
+        """Return the sum of squares without a line, for the best filter of the same order."""
+        others = np.delete(frequencies, line)
+        residual = LineRegression.of(self.rows, self.regressors).after(others)
+        taps = filter_of_order(self.rows, residual, len(regression.taps) - 1)
+        return LineRegression.of(self.rows, self.regressors, taps).misfit(others)
+
+    def _level(
+        self, regression: LineRegression, frequencies: Float[np.ndarray, " k"]
+    ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
+        height = self.spectrum.height(regression.after(frequencies), regression.taps)
+        return noise_level(self.spectrum, height, frequencies).at(frequencies)
+
+    @property
+    def _lowest(self) -> float:
+        return LEAST_CYCLES / self.rows.span
+
+    def _free(self, frequencies: Float[np.ndarray, " k"]) -> Bool[np.ndarray, " f"]:
+        distance = np.abs(self.spectrum.cycles[:, None] - frequencies) * self.spectrum.span
+        return np.all(distance >= APART, axis=1)
+
+    def _alarm(self, score: float) -> float:
+        cycles = self.spectrum.cycles
+        return false_alarm_probability(score, self.rows.turns, float(np.ptp(cycles)))
+
+    def _is_rounding(self, residual: Float[np.ndarray, " n"]) -> bool:
+        value = self.rows.value
+        return float(residual @ residual) <= _ROUNDING * float(value @ value)
+
+    def _lines(
+        self,
+        regression: LineRegression,
+        frequencies: Float[np.ndarray, " k"],
+        scores: Float[np.ndarray, " k"],
+    ) -> tuple[Line, ...]:
+        """Return the lines with standard errors from the larger of both levels of the noise."""
+        coefficients, covariance = regression.solve(frequencies)
+        misfit = regression.misfit(frequencies)
+        used = self.regressors.rank + 3 * len(frequencies) + len(regression.taps)
+        usual = misfit / max(len(self.rows.value) - used, 1)
+        nearby, freedom = self._level(regression, frequencies)
+        level = np.where(freedom >= _LEAST_FREEDOM, np.maximum(nearby, usual), usual)
+        lines = []
+        for number in np.argsort(-scores, kind="stable"):
+            cycles = float(frequencies[number])
+            wave = slice(2 * number, 2 * number + 2)
+            pair = coefficients[wave]
+            amplitude, phase_deg = amplitude_phase(*pair)
+            slope = pair / amplitude if amplitude > 0 else np.array([1.0, 0.0])
+            correction = 2 * len(frequencies) + number
+            std = float(np.sqrt(level[number] * (slope @ covariance[wave, wave] @ slope)))
+            if amplitude < _LEAST_AMPLITUDE * std:
+                continue  # a neighbour that is too close decides its amplitude
+            lines.append(
+                Line(
+                    cycles,
+                    float(np.sqrt(level[number] * covariance[correction, correction])),
+                    float(amplitude) / ARCSEC,
+                    std / ARCSEC,
+                    float(wrap_deg(phase_deg - 360.0 * (cycles * self.rows.origin))),
+                    self._alarm(float(scores[number])),
+                )
             )
-        )
-    return tuple(lines)
+        return tuple(lines)
+
+
+def _score(
+    relative: Float[np.ndarray, " f"], freedom: Float[np.ndarray, " f"]
+) -> Float[np.ndarray, " f"]:
+    """Return z of an exponential variable that is as improbable as a height above its level.
+
+    The level is itself a mean of `freedom` heights, so that the ratio has an F distribution with 2
+    and 2 `freedom` degrees of freedom: P = (1 + ratio / freedom)^−freedom = exp(−z).
+    """
+    return freedom * np.log1p(relative / np.maximum(freedom, 1e-300))

@@ -14,6 +14,7 @@ from scipy.optimize import lsq_linear
 from ...base.units import REV
 from ..channel.speed import smooth_speed
 from ..encoder_log import EncoderLog
+from .overrun import overrunning_segments
 from .segments import AFTER_REVERSAL, Segment, Segments, find_segments
 
 _BETTER = 0.5
@@ -27,8 +28,10 @@ _MOST_SAMPLES = 20_000
 def assigned_segments(log: EncoderLog) -> Segments:
     """Return segments with flanks from the best column of the log; a note names that column."""
     by_torque = find_segments(log)
-    if log.torque is None or log.direction is not None:
+    if log.direction is not None:
         return by_torque
+    if log.torque is None:
+        return overrunning_segments(log, by_torque) or by_torque
     by_motion = find_segments(replace(log, torque=None))
     if not by_motion.segments or _torque_fits_better(log, by_torque, by_motion):
         return by_torque

@@ -28,6 +28,12 @@ TOLERANCE = 0.03
 RAMP = 0.1
 """A speed that differs from that of the plateau by more than this fraction is a ramp (chosen)."""
 
+FLUCTUATION = 0.3
+"""Least deviation from the plateau, relative to it, that ends a steady stretch (chosen).
+
+Smaller deviations between two parts at the plateau speed are fluctuations of the drive or errors of
+the time stamps, and they do not move the contact to the other flank."""
+
 _BIN = 0.01  # width of the bins of the logarithm of speed
 
 
@@ -59,12 +65,13 @@ def steady(
 ) -> list[tuple[int, int]]:
     """Return stretches [start, stop) of a run at the speed `level`, without the ends of ramps.
 
-    At each end beside a ramp, a stretch is shortened by the duration of the ramp from 10 % off the
-    level to the tolerance, and by half the smoothing window.
+    A stretch continues through fluctuations of the speed. At each end beside a ramp, it is
+    shortened by the duration of the ramp from 10 % off the level to the tolerance, and by half the
+    smoothing window.
     """
-    inside = np.abs(speed / level - 1.0) <= tolerance
+    deviation = np.abs(speed / level - 1.0)
     stretches = []
-    for start, stop in _merged(inside, window):
+    for start, stop in _merged(deviation <= tolerance, deviation > FLUCTUATION, window):
         first = start + _margin(speed[:start][::-1], level, window)
         last = stop - _margin(speed[stop:], level, window)
         if last - first >= 2:
@@ -80,13 +87,20 @@ def _margin(outside: Float[np.ndarray, " m"], level: float, window: int) -> int:
     return window // 2 + (int(np.argmax(ramp)) if ramp.any() else min(len(outside), window))
 
 
-def _merged(inside: Bool[np.ndarray, " n"], window: int) -> list[tuple[int, int]]:
-    """Return true stretches; join them over gaps of up to a window and drop short ones."""
+def _merged(
+    inside: Bool[np.ndarray, " n"], outside: Bool[np.ndarray, " n"], window: int
+) -> list[tuple[int, int]]:
+    """Return stretches of `inside`, and drop short ones.
+
+    They are joined over gaps of up to a window, and over gaps without any sample of `outside`.
+    """
+    left = np.concatenate([[0], np.cumsum(outside)])
     padded = np.concatenate([[False], inside, [False]])
     edges = np.flatnonzero(padded[1:] != padded[:-1])
     joined: list[list[int]] = []
     for start, stop in zip(edges[::2], edges[1::2], strict=True):
-        if joined and start - joined[-1][1] <= window:
+        last = joined[-1][1] if joined else 0
+        if joined and (start - last <= window or left[start] == left[last]):
             joined[-1][1] = int(stop)
         else:
             joined.append([int(start), int(stop)])

@@ -15,8 +15,8 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Float, Int
 
 from ...base.arrays import Numbers
-from ...identify.compress.harmonic_summary import HIGHEST_LAG
 from ...identify.model.forward_model import ForwardModel
+from ...identify.settings import HIGHEST_LAG
 from .compressed import (
     REVERSED,
     TAPS,
@@ -267,7 +267,7 @@ def _least_squares(
     def linearised(values):
         jacobian = jax.jacfwd(residual)(values)
         size = jnp.linalg.norm(jacobian, axis=0)
-        orthogonal, triangle = jnp.linalg.qr(jacobian / size)
+        orthogonal, triangle = jnp.linalg.qr(jacobian / size[None])
         return orthogonal, triangle, size
 
     def step(_, values):

@@ -11,13 +11,13 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ...identify.compress.block_means import chunk_sums
-from ...identify.compress.harmonic_summary import HIGHEST_LAG
 from ...identify.model.column_layout import ColumnLayout
+from ...identify.settings import HIGHEST_LAG
 from .rigs import Readings
 
 
 class Compressed(NamedTuple):
-    """Rows of one log, flank by flank, in the form of `FlankSummary`.
+    """Rows of one log, flank by flank, in the form of `LaggedFlank`.
 
     **Arguments**
     - `lag_products`: Γ_0 … Γ_16.
@@ -106,7 +106,7 @@ def whitened(
     ends: Float[Array, "flanks 2 lag q"],
     filter_: Filter,
 ) -> Float[Array, "flanks q q"]:
-    """Return Zᵀ Σ⁻¹ Z of every flank by the method of `FlankSummary._inner_products`."""
+    """Return Zᵀ Σ⁻¹ Z of every flank by the method of `LaggedFlank._inner_products`."""
     products = jnp.stack([filter_[: TAPS - lag] @ filter_[lag:] for lag in range(TAPS)])
     total = jnp.tensordot(products, lag_products, ((0,), (1,)))
     total = total + jnp.swapaxes(total, 1, 2) - products[0] * lag_products[:, 0]
@@ -121,7 +121,7 @@ def upper_factor(gram: Float[Array, "flanks q q"]) -> Float[Array, "flanks q q"]
     size = jnp.sqrt(jnp.maximum(jnp.diagonal(gram, axis1=1, axis2=2), 0.0))
     size = jnp.where(size == 0, 1.0, size)
     scaled = gram / (size[:, :, None] * size[:, None, :])
-    lower = jnp.linalg.cholesky(scaled + RIDGE * jnp.eye(gram.shape[-1]))
+    lower = jnp.linalg.cholesky(scaled + RIDGE * jnp.eye(gram.shape[-1])[None])
     return jnp.swapaxes(lower, 1, 2) * size[:, None, :]
 
 

@@ -29,7 +29,7 @@ def ar_noise(
     inside = (scale * shocks) @ _powers(correlation, size).T
     ends = _powers(correlation**size, size) @ inside[:, -1]
     before = jnp.concatenate([jnp.zeros(1), ends[:-1]])
-    carried = before[:, None] * correlation ** np.arange(1, size + 1)
+    carried = before[:, None] * correlation ** np.arange(1, size + 1)[None]
     return (inside + carried).ravel()[:count]
 
 

@@ -10,8 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ...identify.compress.flank_summary import flank_of_products
 from ...identify.compress.harmonic_summary import HarmonicSummary
+from ...identify.compress.lagged_flank import LaggedFlank
 from ...identify.model.forward_model import ForwardModel
 from ..density.density import NOISE_STD, Density, FitTarget
 from ..density.likelihood import likelihood_of
@@ -107,12 +107,12 @@ def _evidence(batch: Batch, place: int) -> RigEvidence:
 
 def _summary(program: Program, log: Compressed) -> HarmonicSummary:
     flanks = tuple(
-        flank_of_products(
+        LaggedFlank.of_products(
             flank,
-            np.asarray(log.lag_products[k]),
-            np.asarray(log.ends[k, :1]),
-            np.asarray(log.ends[k, 1:, ::-1]),
             program.rows,
+            lag_products=np.asarray(log.lag_products[k]),
+            heads=np.asarray(log.ends[k, :1]),
+            tails=np.asarray(log.ends[k, 1:, ::-1]),
         )
         for k, flank in enumerate(program.scenario.flanks)
     )

@@ -16,7 +16,7 @@ from ...identify.fit_result import Fit
 from ...identify.noise.reml import LARGEST
 from ...pair.gear_pair import Drive
 from .likelihood import Likelihood, likelihood_of
-from .prior import Disc, Prior, StatedPrior, state_prior
+from .prior import OPTIONS, Prior, StatedPrior, state_prior
 
 NOISE_STD = "log_innovation_std"
 _SHAFTS, _AXES = ("driving", "driven"), ("_x", "_y", "_x_difference", "_y_difference")
@@ -91,6 +91,12 @@ def is_physical(name: str) -> bool:
     return name.startswith(_SHAFTS) and name.endswith(_AXES)
 
 
+def sampled_names(fit: Fit) -> list[str]:
+    """Return the names of the physical parameters that are sampled, in the order of the fit."""
+    determined = () if fit.evidence is None else fit.evidence.determined
+    return [name for name in fit.covariance_names if is_physical(name) and name in determined]
+
+
 def fit_target(fit: Fit, prior: Prior = Prior()) -> FitTarget:
     """Return the posterior of a fit, ready to be sampled.
 
@@ -109,7 +115,7 @@ def fit_target(fit: Fit, prior: Prior = Prior()) -> FitTarget:
         )
     _require_one_noise(fit)
     names = list(fit.covariance_names)
-    sampled = [name for name in names if is_physical(name) and name in evidence.determined]
+    sampled = sampled_names(fit)
     if not sampled:
         raise NoAnswerError("the log determines no parameter; see `vttig fit`.", where=fit.source)
     relation, order = evidence.relation(fit.pair), len(evidence.partial)
@@ -215,23 +221,27 @@ def _identity(fit: Fit, prior: Prior) -> dict[str, Any]:
 
 
 def _require_inside(target: FitTarget, fit: Fit) -> None:
+    """Raise `UsageError` if the density is zero at the fit; it names the option that widens it."""
     if np.isfinite(target.log_density(target.centre[None])[0]):
         return
     centre, density = target.centre, target.density
     for (x, y), disc in zip(density.planes, target.prior.discs, strict=True):
         if np.hypot(centre[x], centre[y]) > disc.bound:
-            words = next(
-                words
-                for words in target.prior.sentences
-                if words.startswith(
-                    (f"{_label(disc)} ecc", f"{_label(disc)} first", f"{_label(disc)}:")
-                )
-            )
-            raise UsageError(f"the prior excludes the fit ({words}); widen it.", where=fit.source)
-    outside = np.flatnonzero(np.abs(centre) > np.asarray(density.bound))
-    names = ", ".join(target.names[k].replace("_", " ") for k in outside) or "the fitted point"
-    raise UsageError(f"the prior excludes the fit ({names}); widen it.", where=fit.source)
+            raise UsageError(_excluded(disc.words, disc.field), where=fit.source)
+    outside = [target.names[k] for k in np.flatnonzero(np.abs(centre) > np.asarray(density.bound))]
+    if "constant_backlash" in outside:
+        words = next(s for s in target.prior.sentences if s.startswith("constant backlash"))
+        raise UsageError(_excluded(words, "backlash_deg"), where=fit.source)
+    names = ", ".join(outside).replace("_", " ") or "the fitted point"
+    raise NoAnswerError(
+        f"the log density of the fit is zero ({names}), so no walker can start there; see `vttig"
+        " fit`.",
+        where=fit.source,
+    )
 
 
-def _label(disc: Disc) -> str:
-    return disc.name.replace("_", " ")
+def _excluded(words: str, field: str) -> str:
+    return (
+        f"the prior excludes the fit ({words}); widen it with {OPTIONS[field]} (in Python"
+        f" Prior({field}=…))."
+    )

@@ -18,8 +18,7 @@ import numpy as np
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from ...base.arrays import Numbers, float64
-from ...base.numerics.partial_autocorrelation import filter_of, log_initial_determinant
-from ...identify.compress.flank_summary import FlankSummary, IrregularFlank, node_weights
+from ...identify.compress.flank_summary import FlankSummary
 from ...identify.compress.harmonic_summary import HarmonicSummary
 from ...identify.model.forward_model import ForwardModel
 
@@ -33,12 +32,12 @@ class Likelihood(eqx.Module):
 
     **Arguments**
     - `relation`: forward model, from parameters to tied coefficients.
-    - `products`: Γ_l and end terms of every flank, one per product of filter coefficients.
+    - `kind`: class of the flank summaries, which gives the weights of `products`.
+    - `products`: matrices of every flank whose weighted sum is Uᵀ Σ⁻¹ U.
     - `triangles`: triangular factor F of every flank.
     - `spread`: (nuisance, flanks, tied): tied coefficients of every nuisance parameter.
-    - `determinants`: log-determinants of Ornstein–Uhlenbeck noise at the nodes of its correlation
-      time, to which `products` then belong too; empty for an autoregression.
-    - `rows`: weighted number of rows; `runs`: number of uninterrupted runs of all flanks.
+    - `determinants`: sum over the flanks of the numbers that give the log-determinant of the noise.
+    - `rows`: weighted number of rows.
     - `sampled_indices`: indices of the sampled parameters; `fixed`: values of those that are
       neither sampled nor integrated out.
     - `variance_factor`: factor on the residual variance for a robust loss, 1 for least squares.
@@ -47,12 +46,12 @@ class Likelihood(eqx.Module):
     relation: ForwardModel
     products: Float[Numbers, "products flanks q q"] = eqx.field(converter=float64)
     triangles: Float[Numbers, "flanks q q"] = eqx.field(converter=float64)
-    determinants: Float[Numbers, " nodes"] = eqx.field(converter=float64)
+    determinants: Float[Numbers, "*terms"] = eqx.field(converter=float64)
     spread: Float[Numbers, "nuisance flanks tied"] = eqx.field(converter=float64)
     fixed: Float[Numbers, " p"] = eqx.field(converter=float64)
     rows: Float[Numbers, ""] = eqx.field(converter=float64)
-    runs: Float[Numbers, ""] = eqx.field(converter=float64)
     variance_factor: Float[Numbers, ""] = eqx.field(converter=float64)
+    kind: type[FlankSummary] = eqx.field(static=True)
     sampled_indices: tuple[int, ...] = eqx.field(static=True)
     free: int = eqx.field(static=True)
 
@@ -63,10 +62,7 @@ class Likelihood(eqx.Module):
 
     def factors(self, partial: Float[Array, " order"]) -> Float[Array, "flanks q q"]:
         """Return Cᵀ of every flank, lower triangular, for innovations of variance one."""
-        if self.determinants.shape[0]:
-            weights = node_weights(partial[0])
-        else:
-            weights = _filter_products(jnp.asarray(filter_of(partial)))
+        weights = self.kind.product_weights(partial)
         gram = jnp.tensordot(weights, jnp.asarray(self.products), 1)
         return jax.lax.linalg.cholesky(gram, symmetrize_input=False)
 
@@ -76,9 +72,7 @@ class Likelihood(eqx.Module):
 
     def log_determinant(self, partial: Float[Array, " order"]) -> Float[Array, ""]:
         """Return the log-determinant of the noise covariance for innovations of variance one."""
-        if self.determinants.shape[0]:
-            return jnp.asarray(node_weights(partial[0]) @ jnp.asarray(self.determinants))
-        return jnp.asarray(self.runs) * log_initial_determinant(partial)
+        return jnp.asarray(self.kind.determinant_of(jnp.asarray(self.determinants), partial))
 
     def whitened_residual(
         self, sampled: Float[Array, " d"], factors: Float[Array, "flanks q q"]
@@ -167,48 +161,22 @@ def likelihood_of(
         relation=relation,
         products=np.stack([_product_matrices(flank, order) for flank in summary.flanks], axis=1),
         triangles=np.stack([flank.triangle for flank in summary.flanks]),
-        determinants=np.sum([_node_determinants(flank, order) for flank in summary.flanks], axis=0),
+        determinants=sum(flank.determinant_terms(order) for flank in summary.flanks),
         spread=np.moveaxis(jacobian[:, :, nuisance], 2, 0),
         fixed=fixed,
         rows=np.asarray(summary.counted_rows),
-        runs=np.asarray(float(sum(len(flank.heads) for flank in summary.flanks))),
         variance_factor=np.asarray(variance_factor),
+        kind=summary.kind.summary,
         sampled_indices=tuple(names.index(name) for name in sampled),
         free=summary.columns.free_width,
     )
 
 
 def _product_matrices(flank: FlankSummary, order: int) -> Float[np.ndarray, "products q q"]:
-    """Return the matrices that belong to the products of `_filter_products`, in its order."""
-    if order and isinstance(flank, IrregularFlank):
-        matrices = flank.matrices.copy()
-        matrices[0] += _RIDGE * np.eye(len(flank.triangle))
-        return matrices
-    lagged = flank.lag_products[: order + 1].copy()
-    lagged[0] += _RIDGE * np.eye(len(flank.triangle))
-    lagged = [gram + gram.T if lag else gram for lag, gram in enumerate(lagged)]
-    ends = flank.ends[:, :order]
-    rings = np.einsum("rai,rbj->abij", ends, ends)
-    for place in range(1, order):
-        rings[place, 1:] += rings[place - 1, :-1]
-    pairs = [
-        -(rings[j, k] + rings[k, j]) if j != k else -rings[j, k]
-        for j in range(order)
-        for k in range(j, order)
-    ]
-    return np.stack([*lagged, *pairs])
-
-
-def _node_determinants(flank: FlankSummary, order: int) -> Float[np.ndarray, " nodes"]:
-    return flank.determinants if order and isinstance(flank, IrregularFlank) else np.empty(0)
-
-
-def _filter_products(filter_: Float[Array, " taps"]) -> Float[Array, " products"]:
-    """Return Σ_j f_j f_{j+l} for every lag l, then f_j f_k for 1 ≤ j ≤ k."""
-    taps = filter_.shape[0]
-    lagged = [filter_[: taps - lag] @ filter_[lag:] for lag in range(taps)]
-    first, second = np.triu_indices(taps - 1)
-    return jnp.concatenate([jnp.stack(lagged), filter_[1 + first] * filter_[1 + second]])
+    """Return the products of a flank with a ridge."""
+    products = flank.weighted_products(order).copy()
+    products[0] += _RIDGE * np.eye(len(flank.triangle))
+    return products
 
 
 def _ridged(gram: Float[Array, "n n"]) -> Float[Array, "n n"]:

@@ -13,6 +13,15 @@ SHAFTS = ("driving", "driven")
 _LARGEST_ANGLE_ARCSEC = 3600.0  # 1°, chosen
 _LONGEST_DELAY_S = 1.0  # s, chosen
 
+OPTIONS = {
+    "eccentricity_mm": "--largest-eccentricity-mm",
+    "flat_in": "--prior",
+    "amplitude_arcsec": "--largest-amplitude-arcsec",
+    "encoder_arcsec": "--encoder-arcsec",
+    "backlash_deg": "--largest-backlash-deg",
+}
+"""Field of `Prior` → option of `vttig sample`."""
+
 
 @dataclass(frozen=True)
 class Prior:
@@ -50,10 +59,15 @@ class Prior:
 
 @dataclass(frozen=True)
 class Disc:
-    """Plane of two named coordinates: flat within `bound`, or normal with `std`."""
+    """Plane of two named coordinates: flat within `bound`, or normal with `std`.
+
+    `field` is the field of `Prior` that gives the size, and `words` is the prior as a sentence.
+    """
 
     name: str
     coordinates: tuple[str, str]
+    field: str
+    words: str
     bound: float = np.inf
     std: float = np.inf
     flat_in_amplitude: bool = False
@@ -73,23 +87,30 @@ class StatedPrior:
     bounds: dict[str, float]
     sentences: tuple[str, ...]
 
+    @property
+    def fields(self) -> frozenset[str]:
+        """Fields of `Prior` that have an effect on these coordinates."""
+        found = {disc.field for disc in self.discs}
+        if any(not disc.name.endswith("_encoder") for disc in self.discs):
+            found.add("flat_in")
+        if "constant_backlash" in self.bounds:
+            found.add("backlash_deg")
+        return frozenset(found)
+
 
 def state_prior(
     prior: Prior, pair: GearPair | Drive, names: Sequence[str], delay_s: float
 ) -> StatedPrior:
     """Return the prior of the coordinates `names` of a fit that has already removed `delay_s`."""
-    discs, sentences = [], []
+    discs = []
     for shaft in SHAFTS:
         for kind in ("", "_difference"):
             plane = (f"{shaft}_x{kind}", f"{shaft}_y{kind}")
             if plane[0] in names:
-                disc, words = _first_order(prior, pair, shaft + kind, plane)
-                discs.append(disc)
-                sentences.append(words)
+                discs.append(_first_order(prior, pair, shaft + kind, plane))
         if f"{shaft}_encoder_x" in names:
-            disc, words = _encoder(prior, pair, shaft)
-            discs.append(disc)
-            sentences.append(words)
+            discs.append(_encoder(prior, pair, shaft))
+    sentences = [disc.words for disc in discs]
     bounds = {}
     if "constant_backlash" in names:
         bounds["constant_backlash"] = prior.backlash_deg * DEG
@@ -101,26 +122,22 @@ def state_prior(
     return StatedPrior(tuple(discs), bounds, tuple(sentences))
 
 
-def _first_order(
-    prior: Prior, pair: GearPair | Drive, source: str, plane: tuple[str, str]
-) -> tuple[Disc, str]:
+def _first_order(prior: Prior, pair: GearPair | Drive, source: str, plane: tuple[str, str]) -> Disc:
     flat = prior.flat_in == "amplitude"
     shape = "flat in its amplitude" if flat else "flat in the plane"
     label = source.replace("_", " ")
     if isinstance(pair, Drive):
         bound = prior.amplitude_arcsec
         words = f"{label} first order: {shape} up to {bound:g}″"
-        return Disc(source, plane, bound * ARCSEC, flat_in_amplitude=flat), words
+        return Disc(source, plane, "amplitude_arcsec", words, bound * ARCSEC, np.inf, flat)
     bound = prior.eccentricity_mm
     if bound is None:
         bound = 0.5 * float(pair.module_mm)
-    return (
-        Disc(source, plane, bound, flat_in_amplitude=flat),
-        f"{label} eccentricity: {shape} up to {bound:g} mm",
-    )
+    words = f"{label} eccentricity: {shape} up to {bound:g} mm"
+    return Disc(source, plane, "eccentricity_mm", words, bound, np.inf, flat)
 
 
-def _encoder(prior: Prior, pair: GearPair | Drive, shaft: str) -> tuple[Disc, str]:
+def _encoder(prior: Prior, pair: GearPair | Drive, shaft: str) -> Disc:
     std = prior.encoder_arcsec
     if std is None:
         encoder = getattr(pair, shaft).encoder
@@ -129,10 +146,7 @@ def _encoder(prior: Prior, pair: GearPair | Drive, shaft: str) -> tuple[Disc, st
     plane = (f"{name}_x", f"{name}_y")
     if std is None:
         bound = prior.amplitude_arcsec
-        return (
-            Disc(name, plane, bound * ARCSEC),
-            f"{shaft} encoder: flat in the plane up to {bound:g}″ (no accuracy given)",
-        )
-    return Disc(
-        name, plane, std=std * ARCSEC
-    ), f"{shaft} encoder: normal, {std:g}″ in each component"
+        words = f"{shaft} encoder: flat in the plane up to {bound:g}″ (no accuracy given)"
+        return Disc(name, plane, "amplitude_arcsec", words, bound * ARCSEC)
+    words = f"{shaft} encoder: normal, {std:g}″ in each component"
+    return Disc(name, plane, "encoder_arcsec", words, std=std * ARCSEC)

@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...base.units import ARCSEC, DEG
+from ...identify.settings import LONGEST_DELAY_S
 from ...pair.eccentricities import Eccentricities
 from ...pair.gear_pair import Drive, GearPair
 
@@ -14,6 +15,7 @@ ECCENTRICITY_MM = 0.02  # default eccentricity of a gear (chosen)
 ENCODER_ARCSEC = 10.0  # default encoder error (chosen)
 AMPLITUDE_ARCSEC = 60.0  # default first order of a drive (chosen)
 SHAFTS = ("driving", "driven")
+DELAY = "delay_s"
 
 _UNITS = {"mm": 1.0, "arcsec": ARCSEC}
 
@@ -26,7 +28,8 @@ def assumed_values(
     """Return amplitudes and phases by the parameter names of a fit.
 
     By default eccentricities are 0.02 mm, encoder errors the accuracy of the encoder or 10″,
-    amplitudes of a drive 60″, and phases zero.
+    amplitudes of a drive 60″, and phases zero. The size of a delay, `delay_s`, is assumed only if
+    it is given.
 
     **Raises** `ValueError` for other names and for invalid numbers.
     """
@@ -50,11 +53,20 @@ def assumed_values(
         for shaft in SHAFTS:
             values[f"{shaft}_eccentricity_mm"] = float(getattr(eccentricities, f"{shaft}_mm"))
             values[f"{shaft}_phase_deg"] = float(getattr(eccentricities, f"{shaft}_phase_deg"))
+    known = (*values, DELAY)
     for name, value in (given or {}).items():
-        if name not in values:
+        if name not in known:
             raise ValueError(
-                f"Argument `assumed` must hold names of {', '.join(values)}, but holds {name!r}."
+                f"Argument `assumed` must hold names of {', '.join(known)}, but holds {name!r}."
             )
+        if name == DELAY:
+            if not abs(value) <= LONGEST_DELAY_S:
+                raise ValueError(
+                    f"Argument `assumed` must hold a {DELAY} within ±{LONGEST_DELAY_S:g} s, but it"
+                    f" is {value!r}."
+                )
+            values[name] = float(value)
+            continue
         if not math.isfinite(value) or ("phase" not in name and value < 0):
             raise ValueError(
                 f"Argument `assumed` must hold finite amplitudes that are not negative, but"
@@ -65,11 +77,14 @@ def assumed_values(
 
 
 def cartesian(names: tuple[str, ...], values: Mapping[str, float]) -> Float[np.ndarray, " p"]:
-    """Return the parameters of a forward model: x + jy = amplitude · exp(j phase), others zero."""
+    """Return the parameters of a forward model: x + jy = amplitude · exp(j phase), others zero.
+
+    A delay is zero too, because a fit takes it out of the driving angle.
+    """
     parameters = dict.fromkeys(names, 0.0)
     for name, size in values.items():
         source, _, unit = name.rpartition("_")
-        if unit == "deg":
+        if unit == "deg" or name == DELAY:
             continue
         phase = f"{source}_phase_deg" if source.endswith("encoder") else None
         source = source.removesuffix("_eccentricity").removesuffix("_amplitude")

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Literal
 
 import jax.numpy as jnp
 import numpy as np
@@ -11,7 +11,7 @@ from ...base.runtime import require_x64
 from ...base.threads import one_blas_thread
 from ...base.units import DEG
 from ...identify.model.forward_model import drive_relation, pair_relation
-from ...identify.preliminary.delay import Delay
+from ...identify.preliminary.delay import SIGNIFICANT, Delay
 from ...identify.report.parameters import outcome_of, parameters_of
 from ...identify.settings import FitSettings
 from ...identify.solve.least_squares import Solution, solve
@@ -20,11 +20,12 @@ from ...pair.gear_pair import Drive, GearPair
 from ...pair.schema import HarmonicOrders
 from .assumptions import assumed_values, cartesian
 from .noise import PlannedNoise, counting_std
-from .result import Plan, conditions, notes, planned_parameter
-from .rows import DELAY, PlannedRows, columns_of, delay_std, planned_rows, whitened_flanks
+from .result import Plan, conditions, delay_notes, notes, planned_parameter
+from .rows import DELAY, PlannedRows, columns_of, planned_rows, whitened_flanks
 from .run import Directions, PlannedRun
 
-DelayChoice = Literal["auto", "free", "off"]
+DelayChoice = Literal["auto", "free", "off"] | float
+"""The setting `delay` of a fit."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +33,7 @@ class Assumptions:
     """Assumptions of a plan besides the run: the rig, and the model of the fit.
 
     **Arguments**
-    - `values`: amplitudes and phases by the parameter names of a fit.
+    - `values`: amplitudes, phases and delay by the parameter names of a fit.
     - `noise`, `orders`, `perfect_encoders`, `delay`: see `plan`.
     """
 
@@ -43,10 +44,16 @@ class Assumptions:
     delay: DelayChoice
 
     def __post_init__(self):
-        if self.delay not in get_args(DelayChoice):
+        if self.settings.delay not in ("auto", "free") and "delay_s" in self.values:
             raise ValueError(
-                f'Argument `delay` must be "auto", "free" or "off", but is {self.delay!r}.'
+                'Argument `assumed` must hold a delay_s only if `delay` is "auto" or "free", but'
+                f" `delay` is {self.delay!r}, so that no delay is fitted."
             )
+
+    @property
+    def settings(self) -> FitSettings:
+        """Settings of the fit that is planned."""
+        return FitSettings(perfect_encoders=self.perfect_encoders, delay=self.delay)
 
 
 @one_blas_thread
@@ -89,11 +96,14 @@ def plan(
     - `dwell_s`, `ramp_s`: standstill after every pass, time from standstill to speed, s.
     - `eccentricities`: assumed eccentricities; 0.02 mm each by default. They determine the standard
       error of a phase; constant backlash and axial position among them change no standard error.
-    - `assumed`: amplitudes and phases by the names of a fit, "driving_encoder_arcsec" and others.
+    - `assumed`: amplitudes, phases and delay by the names of a fit, "driving_encoder_arcsec" and
+      others. `delay_s` of 0 plans for two channels that are read at the same instant.
     - `orders`: harmonic orders to model; those of the pair by default.
     - `perfect_encoders`: fit no encoder eccentricity.
-    - `delay`: "auto" fits a delay if there are several speeds; at one speed the ramps give its
-      standard error, and the other parameters assume zero. "free" always fits it, "off" never.
+    - `delay`: as in the fit. "auto" fits a delay if the motion tells it from the constant backlash,
+      by several speeds or else by the ramps, except where an assumed `delay_s` is too small to be
+      found, below 4 standard errors. "free" fits it in any case, "off" never, and a number of
+      seconds is taken as known.
 
     **Returns** a `Plan`.
 
@@ -131,14 +141,9 @@ def plan_of_run(
 ) -> Plan:
     """Return the plan of a run; `wanted` standard errors are shown beside the expected ones."""
     rows = planned_rows(run, pair, assumptions.orders, assumptions.noise)
-    settings = FitSettings(perfect_encoders=assumptions.perfect_encoders, delay=assumptions.delay)
+    settings = assumptions.settings
     split = not settings.perfect_encoders and len(rows.identifiable.flanks) == 2
-    joint = rows.delay_source != "" and (
-        assumptions.delay == "free"
-        or (assumptions.delay == "auto" and rows.delay_source == "speeds")
-    )
-    solution = _noise_free_solution(pair, rows, assumptions.values, split=split, joint=joint)
-    delay = _expected_delay(rows, solution, assumptions.delay)
+    solution, delay = _solved(pair, rows, assumptions, split=split)
     fitted = parameters_of(pair, rows.identifiable, solution, settings, delay)
     parameters = {
         name: planned_parameter(parameter, assumptions.values.get(name), wanted.get(name))
@@ -160,8 +165,44 @@ def plan_of_run(
         solution.names,
         rows.identifiable.short,
         solution.weakest,
-        notes(pair, run, rows, assumptions.orders, delay, assumptions.noise),
+        (
+            *notes(pair, run, rows, assumptions.orders, assumptions.noise),
+            *delay_notes(rows, delay, solution, assumed="delay_s" in assumptions.values),
+        ),
     )
+
+
+def _solved(
+    pair: GearPair | Drive, rows: PlannedRows, assumptions: Assumptions, *, split: bool
+) -> tuple[Solution, Delay]:
+    """Return the solution that the fit will choose, and what it will report on a delay."""
+
+    def solution(*, joint: bool) -> Solution:
+        return _noise_free_solution(pair, rows, assumptions.values, split=split, joint=joint)
+
+    choice = assumptions.settings.delay
+    if choice not in ("auto", "free"):
+        return solution(joint=False), _unfitted(choice)
+    if not rows.delay_source:
+        alias = "the constant backlash" if len(rows.identifiable.flanks) == 2 else "an offset"
+        reason = f"at one steady speed a delay cannot be told from {alias}; plan a second speed"
+        return solution(joint=False), Delay("open", reason=reason, forced=choice == "free")
+    found = solution(joint=True)
+    place = found.names.index(DELAY)
+    std = float(np.sqrt(found.covariance[place, place]))
+    assumed = assumptions.values.get("delay_s")
+    if choice == "auto" and assumed is not None and abs(assumed) <= SIGNIFICANT * std:
+        reason = f"below {SIGNIFICANT:g} standard errors; the other parameters take it as zero"
+        return solution(joint=False), Delay("insignificant", 0.0, assumed, std, reason)
+    return found, Delay("fitted", assumed or 0.0, 0.0, std, forced=choice == "free")
+
+
+def _unfitted(choice: str | float) -> Delay:
+    """Return the delay of a fit that is told not to look for one."""
+    if isinstance(choice, str):
+        reason = "not fitted: both channels are taken to be sampled at the same instant"
+        return Delay("off", reason=reason)
+    return Delay("given", choice, reason=f"given as {choice:g} s, not fitted")
 
 
 def _noise_free_solution(
@@ -182,19 +223,3 @@ def _noise_free_solution(
     tied = np.asarray(relation.coefficients(jnp.asarray(cartesian(relation.names, values))))
     with_ramps = joint and rows.delay_source == "ramps"
     return solve(relation, whitened_flanks(rows, columns, tied, with_ramps=with_ramps))
-
-
-def _expected_delay(rows: PlannedRows, solution: Solution, choice: DelayChoice) -> Delay:
-    """Return what the fit will report on a delay."""
-    forced = choice == "free"
-    if choice == "off":
-        reason = "not fitted: both channels are taken to be sampled at the same instant"
-        return Delay("off", reason=reason)
-    if DELAY in solution.names:
-        return Delay("fitted", forced=forced)
-    if not rows.delay_source:
-        alias = "the constant backlash" if len(rows.identifiable.flanks) == 2 else "an offset"
-        reason = f"at one steady speed a delay cannot be told from {alias}; plan a second speed"
-        return Delay("open", reason=reason, forced=forced)
-    reason = "seen in the ramps only; the other parameters take it as zero"
-    return Delay("insignificant", std_s=delay_std(rows, solution), reason=reason)

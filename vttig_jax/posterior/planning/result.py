@@ -11,11 +11,11 @@ from ...base.results import TextResult
 from ...base.units import ARCSEC, DEG
 from ...identify.preliminary.delay import Delay
 from ...identify.report.parameters import Outcome, Parameter
-from ...identify.solve.least_squares import Direction
+from ...identify.solve.least_squares import Direction, Solution
 from ...pair.gear_pair import Drive, GearPair
 from ...pair.schema import HarmonicOrders
 from .noise import BlockNoise, PlannedNoise, frozen_counts
-from .rows import PlannedRows
+from .rows import DELAY, PlannedRows
 from .run import PlannedRun
 
 
@@ -25,7 +25,7 @@ class PlannedParameter:
 
     **Arguments**
     - `std`: expected standard error in `unit`; None if there will be none.
-    - `assumed`: assumed amplitude or phase; None if it has no effect.
+    - `assumed`: assumed amplitude, phase or delay; None if it has no effect.
     - `determined`: False if this kind of run cannot determine it, for the `reason` given.
     - `significant`: False for an amplitude below three standard errors, and its phase: the fit will
       give an upper limit.
@@ -217,6 +217,8 @@ def conditions(
 ) -> tuple[str, ...]:
     """Return the assumptions behind the standard errors, in the words of a fit."""
     names: tuple[str, ...] = () if isinstance(pair, Drive) or split else ("perfect_encoders",)
+    if delay.state == "given":
+        names += ("given_delay",)
     if delay.state == "open" and not delay.forced and len(rows.identifiable.flanks) == 2:
         names += ("no_delay",)
     return names
@@ -227,7 +229,6 @@ def notes(
     run: PlannedRun,
     rows: PlannedRows,
     options: HarmonicOrders,
-    delay: Delay,
     noise: PlannedNoise,
 ) -> tuple[str, ...]:
     """Return notes on effects that increase the standard errors, and on what the fit leaves out."""
@@ -238,18 +239,45 @@ def notes(
             " that a fit would use: a speed below 1 % of the fastest counts as standstill, and a"
             " flank that turns less than once is left out"
         )
-    if delay.state == "insignificant" and len(rows.identifiable.flanks) == 2:
-        sentences.append(
-            "a delay is taken as zero, and only the accelerating ramps can show one; if the fit"
-            " finds one, the standard error of the constant backlash is far larger (see --delay"
-            " free), unless there is a second speed"
-        )
     if noise.std_deg > 0 and noise.correlation_s == 0:
         sentences.append(
             "noise is taken as white; on real rigs it is correlated and standard errors are several"
             " times larger: give its correlation time, which `vttig fit` prints for a log of a rig"
         )
     return (*sentences, *rows.identifiable.notes)
+
+
+def delay_notes(
+    rows: PlannedRows, delay: Delay, solution: Solution, *, assumed: bool
+) -> tuple[str, ...]:
+    """Return notes on a fitted delay: what it costs, and what tells it.
+
+    With the delay known, the variance of the constant backlash is var(g) − cov(g, d)²/var(d).
+
+    **Arguments**
+    - `assumed`: whether the plan assumes a size of the delay.
+    """
+    if delay.state != "fitted" or "constant_backlash" not in solution.names:
+        return ()
+    places = [solution.names.index(name) for name in ("constant_backlash", DELAY)]
+    if not solution.determined[places].all():
+        return ()
+    (gap, both), (_, own) = solution.covariance[np.ix_(places, places)]
+    known = math.sqrt(max(gap - both**2 / own, 0.0)) / DEG
+    sentences = []
+    if not (delay.forced or assumed):
+        sentences.append(
+            "a delay between the channels is fitted beside the constant backlash; if the fit finds"
+            " none, it takes the delay as zero, and the standard error of the constant backlash is"
+            f" {known:.2g}° (see --assume delay_s=0)"
+        )
+    if rows.delay_source == "ramps":
+        sentences.append(
+            "only the ramps tell the delay from the constant backlash, and all of them are counted:"
+            " the driven side must stay on its flank while the drive slows down; a second speed"
+            " tells them apart without the ramps"
+        )
+    return tuple(sentences)
 
 
 def _aliased(pair: GearPair | Drive, run: PlannedRun, options: HarmonicOrders) -> list[str]:

@@ -12,9 +12,8 @@ from ...identify.compress.regressors import Drift
 from ...identify.model.column_layout import ColumnLayout
 from ...identify.model.identifiability import Identifiability, find_identifiability
 from ...identify.noise.noise_model import WhitenedFlank
-from ...identify.preliminary.delay import one_speed
+from ...identify.preliminary.delay import TOLD, one_speed
 from ...identify.preliminary.linear_fit import Input, Model, linear_fit
-from ...identify.solve.least_squares import Solution
 from ...logs.encoder_log import EncoderLog
 from ...logs.motion.flank_assignment import find_ramps
 from ...logs.motion.segments import find_segments
@@ -39,7 +38,7 @@ class PlannedRows:
     **Arguments**
     - `identifiable`: flanks, shafts and harmonics that are identifiable.
     - `columns`: columns of the rows, including the delay.
-    - `steady`, `ramps`: triangular factors of the steady runs, and of the accelerating ramps.
+    - `steady`, `ramps`: triangular factors of the steady runs, and of the ramps.
     - `rows`: flank → number of rows of the steady runs.
     - `delay_source`: what determines a delay: "speeds", "ramps" or "" for nothing.
     - `noise`: noise of the blocks; `used`: number of samples of the steady runs.
@@ -70,9 +69,7 @@ def planned_rows(
     motion = find_segments(log)
     identifiable = find_identifiability([log], [motion.segments], pair, options, None)
     ramps = tuple(
-        ramp
-        for ramp in find_ramps(log, motion)
-        if ramp.segment.flank in identifiable.flanks and ramp.speeding_up
+        ramp for ramp in find_ramps(log, motion) if ramp.segment.flank in identifiable.flanks
     )
     segments = identifiable.segments[0]
     steady = one_speed(segments)
@@ -87,13 +84,13 @@ def planned_rows(
     )
     counts = {flank: sum(map(len, runs)) for flank, runs in rows.by_flank().items()}
     _require_rows(counts, rows.columns.width - 2)
+    triangles = _triangles(rows, blocks), _triangles(ramp_rows, blocks)
     return PlannedRows(
         identifiable,
         rows.columns,
-        _triangles(rows, blocks),
-        _triangles(ramp_rows, blocks),
+        *triangles,
         counts,
-        "speeds" if not steady else "ramps" if ramps and ramp_rows.runs else "",
+        _delay_source(rows.columns, *triangles, one_speed=steady),
         blocks,
         sum(counts.values()) * rows.size,
         run.pass_count * len(run.speeds_rpm) - len(segments),
@@ -131,23 +128,21 @@ def whitened_flanks(
     return tuple(flanks)
 
 
-def delay_std(planned: PlannedRows, without: Solution) -> float:
-    """Return the standard error, s, of a delay fitted beside the parameters of another solution.
-
-    The information is what remains of the delay column, ramps included, after regression on the
-    Jacobian of the other parameters.
-    """
-    columns = columns_of(planned, with_delay=True)
-    index = columns.index(DELAY) - columns.free_width
-    jacobian = np.insert(without.jacobian, index, 0.0, axis=1)
-    flanks = whitened_flanks(planned, columns, 0.0 * jacobian[:, :, 0], with_ramps=True)
-    matrices = np.stack([flank.tied[0] for flank in flanks])
-    regressors = np.einsum("fij,fjp->fip", matrices, jacobian).reshape(-1, jacobian.shape[-1])
-    column = matrices[:, :, index].ravel()
-    size = np.linalg.norm(regressors, axis=0)
-    regressors = regressors / np.where(size > 0, size, 1.0)
-    residual = column - regressors @ np.linalg.lstsq(regressors, column, rcond=1e-9)[0]
-    return float(1 / np.linalg.norm(residual))
+def _delay_source(
+    columns: ColumnLayout, steady: Triangles, ramps: Triangles, *, one_speed: bool
+) -> str:
+    """Return what determines a delay, by the test of a fit: "speeds", "ramps" or ""."""
+    left, raw = 0.0, 0.0
+    place = columns.index(DELAY)
+    for flank, triangle in steady.items():
+        parts = [triangle, ramps[flank]] if one_speed and flank in ramps else [triangle]
+        rows = np.concatenate(parts)[:, : columns.width - 1]
+        delay_last = triangle_of(np.column_stack([np.delete(rows, place, axis=1), rows[:, place]]))
+        left += float(delay_last[-1, -1] ** 2)
+        raw += float(delay_last[:, -1] @ delay_last[:, -1])
+    if left < TOLD * raw:
+        return ""
+    return "ramps" if one_speed else "speeds"
 
 
 def _triangles(rows: LogRows, noise: BlockNoise) -> Triangles:

@@ -168,8 +168,10 @@ def _unreachable(
         if result.std(name) > wanted:
             reached = f"{p.std:.2g}" if p.std is not None else f"none ({p.reason})"
             missed.append(f"{name} {reached} instead of {wanted:g} {p.unit}")
+    cures = "allow more turns, less noise or more passes"
+    if "constant_backlash_deg" in target and len(longest.speeds_rpm) == 1:
+        cures += ", or plan a second speed, which tells a delay from the constant backlash"
     return NoAnswerError(
-        f"{most} turns a pass, {limit}, are too few: {'; '.join(missed)}; allow more turns, less"
-        " noise or more passes.",
+        f"{most} turns a pass, {limit}, are too few: {'; '.join(missed)}; {cures}.",
         where="planned run",
     )

@@ -56,8 +56,8 @@ class Checkpoint:
     A new version is written to a temporary file, synced and moved over the old one: the file is
     complete at any moment. A second writer is refused.
 
-    **Raises** `UsageError` for an existing file without `resume` or `overwrite`, for a missing one
-    with `resume` and for a second writer; `InputError` for a full disk or missing permission.
+    **Raises** `UsageError` for an existing file without `resume` or `overwrite` and for a second
+    writer; `InputError` for a full disk or missing permission.
     """
 
     def __init__(self, path: Path, header: Header, *, resume: bool, overwrite: bool):
@@ -74,8 +74,6 @@ class Checkpoint:
     def __enter__(self) -> "Checkpoint":
         from filelock import FileLock, Timeout
 
-        if self.resume and not self.path.exists():
-            raise UsageError("there is nothing to resume; omit --resume.", where=str(self.path))
         with os_errors_as_input_errors(self.path):
             self.path.parent.mkdir(parents=True, exist_ok=True)
             lock = FileLock(self._lock_path)
@@ -115,6 +113,11 @@ class Checkpoint:
         with suppress(OSError):
             self._lock_path.unlink()
         self._lock.release()
+
+    @property
+    def is_begun(self) -> bool:
+        """Whether there is a file that this run continues."""
+        return self.resume and self.path.exists()
 
     def load(self) -> Record:
         """Return the record of the file, which must belong to this run.

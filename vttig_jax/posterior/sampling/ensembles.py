@@ -112,6 +112,19 @@ class Chains:
         with Checkpoint(path, header, resume=False, overwrite=overwrite) as file:
             file.save(record, until)
 
+    def continues(self, path: Path) -> bool:
+        """Return whether a checkpoint file holds these chains up to their present or fewer steps.
+
+        Equal settings and an equal seed give equal draws, so only these and the steps are compared.
+
+        **Raises** `InputError` for a file that is damaged or no checkpoint.
+        """
+        if self.state is None:
+            return False
+        header, record, _ = read(path)
+        same = header.as_json() == self.state[0].as_json()
+        return same and record.steps <= self.steps
+
     def __str__(self) -> str:
         return str(self.diagnosis)
 
@@ -141,7 +154,8 @@ def run_ensembles(
     - `until`: stop rule (default `Until()`), evaluated after 1000, 1200, 1600 … steps.
     - `seed`: seed of the random numbers; equal seeds give equal draws.
     - `checkpoint`: HDF5 file, updated every 5 s, at the end and on an interrupt.
-    - `resume`: continue the checkpoint; the draws equal those of an uninterrupted run.
+    - `resume`: continue the checkpoint if there is one, else start; the draws equal those of an
+      uninterrupted run.
     - `overwrite`: replace the checkpoint. The old file stays until a new one is written.
     - `progress`: function called after each block of 200 steps.
     - `thin`: store every `thin`-th step. Neighbouring steps differ little (τ is tens of steps), so
@@ -177,7 +191,7 @@ def run_ensembles(
         else Checkpoint(checkpoint, header, resume=resume, overwrite=overwrite)
     )
     with file as writer:
-        if writer is not None and resume:
+        if writer is not None and writer.is_begun:
             record = writer.load()
             if steps is not None and steps < record.steps:
                 raise UsageError(

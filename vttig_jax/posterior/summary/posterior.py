@@ -271,12 +271,20 @@ def decimals(std: float, value: float) -> int:
 def to_arviz(posterior: Posterior) -> Any:
     """Return the draws as an `InferenceData` before arviz 1, as an xarray `DataTree` from then on.
 
-    A chain is an ensemble; a draw is a (step, walker), step by step. The walkers of one ensemble
-    move together: chains are independent, but neighbouring draws are not a time series. Effective
-    sample sizes of arviz count walkers as if they were steps; the diagnosis of the posterior does
-    not. Variables are the coordinates in internal units, which their `attrs` name.
+    A chain is an ensemble. Its draws are walker by walker, and every walker in the order of time:
+    draw (walker, step) has the index `walker` · `steps` + `step`, and `attrs` hold both counts.
 
-    arviz 1 shows 89 % intervals by default: pass `ci_prob=0.95` (before arviz 1: `hdi_prob`).
+    In this order arviz estimates the effective draws as the diagnosis of the posterior does. The
+    autocorrelation of such a chain is that of its walkers, averaged, about the mean of the whole
+    ensemble: at a lag of t steps only t of `steps` products join two walkers, and these have no
+    correlation, because in the stationary state the walkers are independent at equal times. In the
+    order step by step, neighbouring draws belong to different walkers, the autocorrelation is not
+    seen, and the effective draws are too many by the autocorrelation time. With one chain a walker
+    they are right too, but chains as short as that make R-hat large, and the walkers of an ensemble
+    are proposed from each other; ensembles are independent.
+
+    Variables are the coordinates in internal units, which their `attrs` name. arviz 1 shows 89 %
+    intervals by default: pass `ci_prob=0.95` (before arviz 1: `hdi_prob`).
 
     **Raises** `UsageError` if arviz is not installed.
     """
@@ -286,11 +294,13 @@ def to_arviz(posterior: Posterior) -> Any:
         raise UsageError(
             "the export to arviz needs the package arviz: pip install `vttig-jax[arviz]`."
         ) from None
-    ensembles, steps, walkers, size = posterior.draws.shape
-    chains = posterior.draws.reshape(ensembles, steps * walkers, size)
+    _, steps, walkers, _ = posterior.draws.shape
     groups = {
-        "posterior": {name: chains[:, :, k] for k, name in enumerate(posterior.names)},
-        "sample_stats": {"lp": posterior.log_density.reshape(ensembles, -1)},
+        "posterior": {
+            name: _walker_by_walker(posterior.draws[..., k])
+            for k, name in enumerate(posterior.names)
+        },
+        "sample_stats": {"lp": _walker_by_walker(posterior.log_density)},
     }
     # Before arviz 1 the groups are keyword arguments, from then on one nested mapping.
     nested = int(arviz.__version__.partition(".")[0]) >= 1
@@ -302,10 +312,18 @@ def to_arviz(posterior: Posterior) -> Any:
             "source": posterior.fit.source,
             "seed": np.int64(posterior.seed),
             "walkers": np.int64(walkers),
+            "steps": np.int64(steps),
             "converged": str(bool(posterior.diagnosis.converged)),
         }
     )
     return data
+
+
+def _walker_by_walker(
+    values: Float[np.ndarray, "ensembles steps walkers"],
+) -> Float[np.ndarray, "ensembles n"]:
+    """Return one row an ensemble: the time series of its walkers, one after the other."""
+    return values.swapaxes(1, 2).reshape(len(values), -1)
 
 
 def gap_draws(posterior: Posterior) -> "GapDraws":

@@ -200,8 +200,8 @@ def agreement(posterior: Posterior, prior: Prior = Prior()) -> Agreement:
         )
         for name in posterior.physical
     )
-    white = fit.checks.get("whiteness") or {}
-    return Agreement(compared, float(white.get("widening", 1.0)))
+    white = fit.checks.whiteness
+    return Agreement(compared, white.widening if white else 1.0)
 
 
 def _of_fit(fit: Fit, name: str) -> Route:

@@ -1,0 +1,87 @@
+"""`vttig fit` on gaps that the log does not tell, or that cannot be."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.identify.drives import drive, drive_log, level, there_and_back
+from vttig_jax.base.units import DEG
+
+ONE = '[drive]\nratio = "1"\n[fit]\ndriving_orders = [1]\ndriven_orders = [1]\n'
+HALF = ONE.replace('"1"', '"1/2"')
+
+
+def _write(path: Path, time, driving, driven) -> None:
+    table = np.stack([time, driving / DEG, driven / DEG], axis=1)
+    np.savetxt(path, table, "%.8f", ",", header="time_s,driving_deg,driven_deg", comments="")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("gap")
+    (folder / "one.toml").write_text(ONE)
+    (folder / "half.toml").write_text(HALF)
+    log = drive_log(
+        drive("1"),
+        there_and_back([60, 100], 5),
+        gap=level(200.0),
+        error=lambda angle, _: 20 * np.sin(angle + 0.3),
+    )
+    _write(folder / "right.csv", log.time, log.driving_angle, log.driven_angle)
+    _write(folder / "exchanged.csv", log.time, log.driven_angle, log.driving_angle)
+    log = drive_log(
+        drive("1/2"),
+        there_and_back([60, 60], 5, ramp_s=0.005),
+        gap=level(200.0),
+        error=lambda angle, _: 20 * np.sin(angle + 0.3) + 30 * np.sin(angle / 2 + 1),
+        delay_s=level(5e-4),
+    )
+    _write(folder / "steady.csv", log.time, log.driving_angle, log.driven_angle)
+    return folder
+
+
+def test_exchanged_columns_contradict_every_gap(folder, vttig, vttig_json):
+    files = (folder / "exchanged.csv", "--pair", folder / "one.toml")
+    code, out, err = vttig("fit", *files)
+    assert code == 4
+    assert "contradicts" in out
+    assert "no gap is below zero: the columns are exchanged" in err
+    code, error = vttig_json("fit", *files, "--out", folder / "run", "--no-figures")
+    assert (code, error["exit"]) == (4, 4)
+    record = json.loads((folder / "run" / "fit.json").read_text(encoding="utf-8"))
+    assert record["outcome"] == "contradicts"
+    assert record["checks"]["gap_over_angles_covered"]["high95"] < 0
+
+
+def test_columns_in_order_contradict_nothing(folder, vttig_json):
+    code, record = vttig_json("fit", folder / "right.csv", "--pair", folder / "one.toml")
+    assert code == 0 and record["outcome"] != "contradicts"
+    assert record["checks"]["gap_over_angles_covered"]["value"] == pytest.approx(
+        200 / 3600, abs=1e-3
+    )
+
+
+def test_the_bound_of_the_delay_is_an_option(folder, vttig_json):
+    files = (folder / "steady.csv", "--pair", folder / "half.toml")
+    halves = []
+    for within_ms in (0.6, 1.2):
+        code, record = vttig_json("fit", *files, "--delay-within", within_ms)
+        assert code == 0
+        gap = record["parameters"]["constant_backlash_deg"]
+        assert record["parameters"]["backlash_plus_delay_deg"]["determined"]
+        halves.append(gap["high95"] - gap["value"])
+    assert halves[0] == pytest.approx(2 * 180 * 6e-4, rel=1e-3)
+    assert halves[1] == pytest.approx(2 * halves[0], rel=1e-3)
+    _, given = vttig_json("fit", *files, "--delay", "0")
+    assert "backlash_plus_delay_deg" not in given["parameters"]
+
+
+@pytest.mark.parametrize("value", ["0", "-1", "soon"])
+def test_a_bound_that_is_none_is_refused(folder, vttig, value):
+    code, _, err = vttig(
+        "fit", folder / "steady.csv", "--pair", folder / "half.toml", "--delay-within", value
+    )
+    assert code == 2
+    assert "--delay-within" in err

@@ -1,0 +1,179 @@
+"""Gap over the angles that both flanks covered, and gap at the speeds of a log."""
+
+import numpy as np
+import pytest
+
+from tests.identify.drives import drive, drive_log, known, level, there_and_back
+from vttig_jax.base.units import DEG
+from vttig_jax.identify.fit_result import Fit
+from vttig_jax.identify.fitting import fit
+from vttig_jax.identify.report.check_sentences import check_sentences
+from vttig_jax.identify.report.checks import CoveredGap, GapAtSpeed
+from vttig_jax.identify.report.covered_gap import depends_on_speed
+from vttig_jax.logs.encoder_log import EncoderLog
+from vttig_jax.logs.motion.flank_assignment import assigned_segments
+
+SLOW = drive("1/10")
+HALF = drive("1/2")
+SPEEDS_RPM = (30.0, 60.0, 90.0, 120.0)
+DELAY_S = 1e-3
+
+
+def _error(angle, _):
+    return 20 * np.sin(angle + 0.3) + 30 * np.sin(angle / 2 + 1)
+
+
+def _gap_of_angle(angle, _):
+    return 100 + 60 * np.sin(angle / 10 + 0.4)
+
+
+def _saturating(_, rpm):
+    return 100 + 80 * np.minimum(rpm / 60, 1)
+
+
+@pytest.fixture(scope="module")
+def third_of_a_turn() -> EncoderLog:
+    """Three passes both ways over a third of a turn of the driven shaft."""
+    return drive_log(
+        SLOW,
+        there_and_back([60, 60, 60], 3.33),
+        gap=_gap_of_angle,
+        error=lambda angle, _: 20 * np.sin(angle + 0.3) + 30 * np.sin(angle / 10 + 1),
+        noise_arcsec=3.0,
+    )
+
+
+@pytest.fixture(scope="module")
+def third(third_of_a_turn) -> Fit:
+    return fit(third_of_a_turn, SLOW, delay="off")
+
+
+def _range(log: EncoderLog) -> tuple[float, float]:
+    """The driving angles in rad that both flanks covered."""
+    ends = {"A": [], "B": []}
+    for segment in assigned_segments(log).segments:
+        angle = log.driving_angle[segment.start : segment.stop]
+        ends[segment.flank] += [float(angle.min()), float(angle.max())]
+    return max(map(min, ends.values())), min(map(max, ends.values()))
+
+
+def test_the_covered_gap_is_the_mean_over_the_covered_angles(third, third_of_a_turn):
+    low, high = _range(third_of_a_turn)
+    truth = float(_gap_of_angle(np.linspace(low, high, 2001), 0).mean()) / 3600
+    gap = third.checks.gap_over_angles_covered
+    assert gap.determined
+    assert abs(known(gap.value) - truth) < 3 * known(gap.std) < 2e-4
+    assert known(gap.low95) < truth < known(gap.high95)
+
+
+def test_the_constant_term_alone_is_not_this_mean(third):
+    """Over a third of a turn the constant term and the first order share the gap."""
+    parameter = third.parameters["constant_backlash_deg"]
+    assert not parameter.determined and "driven shaft turned too little" in parameter.reason
+    constant = third.values[third.covariance_names.index("constant_backlash")] / DEG
+    gap = third.checks.gap_over_angles_covered
+    assert abs(constant - known(gap.value)) > 100 * known(gap.std)
+
+
+def test_angles_between_samples_are_covered(third, third_of_a_turn):
+    """At 60 rpm the samples are 3.6° apart, and the shaft passes every degree between them."""
+    low, high = _range(third_of_a_turn)
+    assert third.checks.gap_over_angles_covered.covered_deg == pytest.approx(
+        (high - low) / DEG, abs=3
+    )
+
+
+def test_one_direction_determines_no_gap():
+    durations, rpms = there_and_back([60], 4)
+    forward = durations[:5], rpms[:5]
+    gap = fit(
+        drive_log(HALF, forward, gap=level(150.0), error=_error), HALF
+    ).checks.gap_over_angles_covered
+    assert not gap.determined and gap.value is None
+    assert gap.reason == "one direction: one flank alone shows no gap"
+
+
+def test_directions_over_disjoint_angles_determine_no_gap():
+    log = drive_log(HALF, there_and_back([60], 10), gap=level(150.0), error=_error)
+    turns = log.driving_angle / (2 * np.pi)
+    backward = np.arange(len(log)) > int(np.argmax(turns))
+    direction = np.where(backward & (turns > 6), -1, np.where(~backward & (turns < 4), 1, 0))
+    split = EncoderLog.from_arrays(
+        log.time, log.driving_angle, log.driven_angle, pair=HALF, unit="rad", direction=direction
+    )
+    result = fit(split, HALF, delay="off")
+    gap = result.checks.gap_over_angles_covered
+    assert result.flanks == ("A", "B")
+    assert not gap.determined and gap.value is None
+    assert (gap.reason or "").startswith("no driving angle was covered on both flanks")
+
+
+@pytest.fixture(scope="module")
+def saturating() -> Fit:
+    """Each of four speeds four times, and a gap that no longer grows above 60 rpm."""
+    motion = there_and_back(SPEEDS_RPM * 4, 4)
+    log = drive_log(HALF, motion, gap=_saturating, error=_error, delay_s=level(DELAY_S))
+    return fit(log, HALF, drift_order=0)
+
+
+@pytest.fixture(scope="module")
+def constant() -> Fit:
+    motion = there_and_back(SPEEDS_RPM * 4, 4)
+    log = drive_log(HALF, motion, gap=level(150.0), error=_error, delay_s=level(DELAY_S))
+    return fit(log, HALF, drift_order=0)
+
+
+def _speed_notes(result: Fit) -> list[str]:
+    return [note for note in result.notes if "gap" in note and "speed" in note]
+
+
+def test_a_gap_that_saturates_with_speed_is_told(saturating):
+    assert depends_on_speed(saturating.checks.gap_by_speed)
+    (note,) = _speed_notes(saturating)
+    assert note.startswith("the gap depends on the speed")
+
+
+def test_rows_are_the_gap_and_what_the_fitted_delay_explains(saturating):
+    rows = saturating.checks.gap_by_speed
+    assert [row.speed_rpm for row in rows] == pytest.approx(list(SPEEDS_RPM), rel=1e-3)
+    off_s = DELAY_S - saturating.value("delay_s")
+    for row in rows:
+        driven_deg_per_s = 0.5 * 6 * row.speed_rpm
+        truth = float(_saturating(0, row.speed_rpm)) / 3600 + 2 * driven_deg_per_s * off_s
+        assert row.value == pytest.approx(truth, abs=5e-4), row
+    assert np.ptp([row.value for row in rows]) > 5e-3
+
+
+def test_a_constant_gap_gives_no_note(constant):
+    rows = constant.checks.gap_by_speed
+    assert len(rows) >= 3 and not depends_on_speed(rows)
+    assert [row.value for row in rows] == pytest.approx([150 / 3600] * len(rows), abs=1e-4)
+    assert _speed_notes(constant) == []
+
+
+def test_one_speed_gives_no_rows(third):
+    assert third.checks.gap_by_speed == ()
+
+
+@pytest.mark.smoke
+def test_a_part_linear_in_speed_is_the_delay():
+    rows = [GapAtSpeed(speed_rpm=s, value=0.04 + 1e-3 * s, std=1e-5) for s in (10.0, 20.0, 40.0)]
+    assert not depends_on_speed(rows)
+    assert depends_on_speed([*rows[:2], GapAtSpeed(speed_rpm=40.0, value=0.07, std=1e-5)])
+    assert not depends_on_speed(rows[:2])
+
+
+@pytest.mark.smoke
+def test_only_an_interval_below_zero_contradicts():
+    below = CoveredGap(-0.05, 0.01, -0.07, -0.03, determined=True)
+    assert below.is_contradiction
+    assert not CoveredGap(-0.01, 0.01, -0.03, 0.01, determined=True).is_contradiction
+    assert not CoveredGap(reason="one direction").is_contradiction
+
+
+def test_the_report_states_the_covered_gap_where_no_constant_one_is_known(third):
+    words = {"several_logs": False, "has_noise": True}
+    told = check_sentences(third.checks, **words, gap_determined=False)
+    assert any("driving shaft that both flanks covered" in sentence for sentence in told)
+    known = check_sentences(third.checks, **words, gap_determined=True)
+    assert not any("both flanks covered" in sentence for sentence in known)

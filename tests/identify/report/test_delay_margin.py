@@ -1,0 +1,95 @@
+"""Gap of a log at one speed, where a delay passes for a part of it."""
+
+import numpy as np
+import pytest
+
+from tests.identify.drives import drive, drive_log, known, level, there_and_back
+from vttig_jax.identify.fit_result import Fit
+from vttig_jax.identify.fitting import fit
+from vttig_jax.logs.encoder_log import EncoderLog
+
+PAIR = drive("1/2")
+GAP_DEG = 200 / 3600
+DELAY_S = 5e-4
+DRIVEN_DEG_PER_S = 180.0
+SUM_DEG = GAP_DEG + 2 * DRIVEN_DEG_PER_S * DELAY_S
+NAME = "constant_backlash_deg"
+SUM = "backlash_plus_delay_deg"
+
+
+def _log(ramp_s: float) -> EncoderLog:
+    return drive_log(
+        PAIR,
+        there_and_back([60, 60], 6, ramp_s=ramp_s),
+        gap=level(200.0),
+        error=lambda angle, _: 20 * np.sin(angle + 0.3) + 30 * np.sin(angle / 2 + 1),
+        delay_s=level(DELAY_S),
+    )
+
+
+@pytest.fixture(scope="module")
+def log() -> EncoderLog:
+    """One speed, with ramps of 5 ms, which lie between two samples."""
+    return _log(0.005)
+
+
+@pytest.fixture(scope="module")
+def fits(log) -> dict[float | None, Fit]:
+    """Fits by the bound of the delay in ms."""
+    return {within: fit(log, PAIR, delay_within_ms=within) for within in (None, 0.6, 1.2)}
+
+
+def test_the_sum_of_gap_and_delay_is_determined(fits):
+    for result in fits.values():
+        found = result.parameters[SUM]
+        assert found.determined
+        assert abs(known(found.value) - SUM_DEG) < 4 * known(found.std) < 1e-3
+
+
+def test_the_intervals_contain_the_gap_and_nothing_below_zero(fits):
+    for within in (None, 0.6, 1.2):
+        parameter = fits[within].parameters[NAME]
+        covered = fits[within].checks.gap_over_angles_covered
+        for found in (parameter, covered):
+            assert known(found.low95) <= GAP_DEG <= known(found.high95)
+            assert known(found.low95) >= 0 and known(found.value) >= 0
+    assert fits[None].parameters[NAME].low95 == 0
+    assert fits[None].checks.gap_over_angles_covered.low95 == 0
+    assert "together with the delay" in fits[None].parameters[NAME].reason
+
+
+def test_the_width_is_in_proportion_to_the_bound(fits):
+    for within, bound_s in ((0.6, 6e-4), (1.2, 1.2e-3), (None, 1e-2)):  # None: a sampling interval
+        half = 2 * DRIVEN_DEG_PER_S * bound_s
+        parameter = fits[within].parameters[NAME]
+        assert known(parameter.high95) - known(parameter.value) == pytest.approx(half, rel=1e-3)
+        covered = fits[within].checks.gap_over_angles_covered
+        assert known(covered.high95) - known(covered.value) == pytest.approx(half, rel=1e-3)
+
+
+def test_a_given_delay_leaves_the_gap_alone(log):
+    result = fit(log, PAIR, delay=DELAY_S)
+    assert SUM not in result.parameters
+    for found in (result.parameters[NAME], result.checks.gap_over_angles_covered):
+        assert abs(known(found.value) - GAP_DEG) < 4 * known(found.std) < 1e-3
+
+
+def test_a_delay_that_is_free_has_no_margin(log):
+    result = fit(log, PAIR, delay="free")
+    assert SUM not in result.parameters
+    assert not result.parameters[NAME].determined
+
+
+def test_ramps_of_a_few_samples_tell_no_delay():
+    """The smoothed speed does not follow a ramp of three samples."""
+    result = fit(_log(0.03), PAIR)
+    gap = result.parameters[NAME]
+    assert not result.parameters["delay_s"].determined
+    assert known(gap.low95) <= GAP_DEG <= known(gap.high95)
+
+
+def test_ramps_of_many_samples_tell_the_delay():
+    result = fit(_log(0.4), PAIR)
+    gap, delay = result.parameters[NAME], result.parameters["delay_s"]
+    assert abs(known(gap.value) - GAP_DEG) < 4 * known(gap.std) < 1e-3
+    assert abs(known(delay.value) - DELAY_S) < 4 * known(delay.std) < 1e-5

@@ -1,0 +1,74 @@
+"""Where the logs of a fit lie in the hunting period."""
+
+from dataclasses import replace
+
+import msgspec
+import numpy as np
+import pytest
+
+from tests.posterior.made import made_posterior, quick_fit
+from vttig_jax.identify.report.per_log import LogStart
+from vttig_jax.posterior.summary.bands import band_map
+from vttig_jax.posterior.summary.log_coverage import log_coverage
+
+ALONE = 4.3 / 16
+"""Share that five turns there and back cover: ramps and the start of either flank are left out."""
+
+
+def two_logs(start: LogStart, *, later_s: float = 0.0):
+    """The quick fit, as if its log had been recorded twice, with another zero the second time."""
+    fit = quick_fit()
+    again = tuple(replace(curve, time=curve.time + later_s) for curve in fit.curves)
+    second = msgspec.structs.replace(fit.logs[0], start=start)
+    return replace(fit, curves=(*fit.curves, *again), logs=(fit.logs[0], second))
+
+
+def start_at(turns: float, **std) -> LogStart:
+    """Start angles of a log whose zero lies this many driving turns after that of the first."""
+    stds = {"driving_std_deg": 0.1, "driven_std_deg": 0.1} | std
+    angles = {"driving_deg": 360 * turns % 360, "driven_deg": 360 * turns * 9 / 16 % 360}
+    return LogStart(**angles, **stds)
+
+
+def test_one_log_lies_at_its_own_zero():
+    found = log_coverage(quick_fit())
+    assert found.share == pytest.approx(ALONE, abs=0.2 / 16)
+    assert found.unplaced == 0 and found.both[0, 0] > 0 and found.both[-1, 1] < 5 * 2 * np.pi
+
+
+@pytest.mark.parametrize("turns", [0.0, 7.25, 13.9])
+def test_a_log_with_its_own_zero_is_placed_by_both_start_angles(turns):
+    """Far from the first log it doubles the share, also over the end of the period."""
+    found = log_coverage(two_logs(start_at(turns)))
+    alone = log_coverage(quick_fit()).share
+    seen = {0.0: alone, 7.25: 2 * alone}.get(turns)
+    if seen is None:  # overlaps the start of the first log
+        seen = found.share
+        assert alone < seen < 2 * alone
+    assert found.share == pytest.approx(seen, rel=1e-6)
+    inside = 2 * np.pi * (np.mod(turns, 16) + np.array([0.5, 2.5, 4.0]))
+    assert found.holds(inside).all()
+
+
+def test_start_angles_that_do_not_tell_the_turn_place_nothing():
+    alone = log_coverage(quick_fit())
+    for std in (6.0, 0.0, np.inf, np.nan):
+        found = log_coverage(two_logs(start_at(7.25, driven_std_deg=std)))
+        assert found.share == alone.share and found.unplaced == 2
+        assert str(found).startswith("at least")
+
+
+def test_logs_are_told_apart_by_their_time_or_not_at_all():
+    """A time that runs on hides where the second log begins."""
+    hidden = two_logs(start_at(7.25), later_s=1e4)
+    assert log_coverage(hidden).share == 0.0 and "unknown part" in str(log_coverage(hidden))
+    common = LogStart(driving_deg=0.0, driving_std_deg=0.0, driven_deg=0.0, driven_std_deg=0.0)
+    same = log_coverage(two_logs(common, later_s=1e4))
+    assert same.share == log_coverage(quick_fit()).share and same.unplaced == 0
+
+
+def test_a_map_with_bands_has_it():
+    found = band_map(made_posterior(quick_fit()), 10.0)
+    assert found.map.coverage is not None
+    assert found.map.coverage.share == log_coverage(quick_fit()).share
+    assert "of the 16 driving turns of the hunting period on both flanks" in str(found)

@@ -1,0 +1,132 @@
+"""Flank summary for autoregressive noise of rows at equal times, and for white noise."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar, final
+
+import numpy as np
+from jaxtyping import Float
+
+from ...base.arrays import Number, Numbers, namespace
+from ...base.numerics.partial_autocorrelation import filter_of, log_initial_determinant
+from ...pair.gear_pair import Flank
+from .flank_summary import Filter, FlankSummary, Rows, Runs, Times
+
+_CACHED_ROWS = 512  # rows per piece of the lag products, which fits in the cache; chosen value
+
+
+@final
+@dataclass(frozen=True)
+class LaggedFlank(FlankSummary):
+    """Lag products of the block rows of one flank.
+
+    The order of the noise determines the number L of lags, which is at most 16; it is 0 for white
+    noise.
+    """
+
+    STACKS: ClassVar[tuple[str, ...]] = ("lag_products",)
+    SUMS: ClassVar[tuple[str, ...]] = ()
+    QUADRATIC: ClassVar[bool] = True
+
+    @classmethod
+    def of_runs(
+        cls, flank: Flank, runs: Runs, times: Sequence[Times], block_s: float, lags: int
+    ) -> FlankSummary:
+        """Return the summary of conditioned runs at equal times."""
+        pieces, pseudo, triangle = runs
+        return cls(
+            flank,
+            triangle,
+            np.sum([_lag_products(rows, lags) for rows in pieces], axis=0),
+            np.stack([rows[:lags] for rows in pieces]),
+            np.stack([rows[len(rows) - lags :] for rows in pieces]),
+            sum(map(len, pieces)),
+        ).observed(pseudo)
+
+    @staticmethod
+    def whitened(rows: Rows, time: Times, filter_: Filter, block_s: float) -> Rows:
+        """Return the rows of one run behind the filter, without those before its last tap."""
+        order, count = len(filter_) - 1, len(rows)
+        white = np.zeros_like(rows[order:])
+        for lag, weight in enumerate(filter_):
+            white += weight * rows[order - lag : count - lag]
+        return white
+
+    def log_determinant(self, partial: Float[np.ndarray, " p"]) -> float:
+        """Return the log-determinant of the covariance of all rows, for innovation variance one."""
+        return len(self.heads) * float(log_initial_determinant(partial))
+
+    def weighted_products(self, order: int) -> Float[np.ndarray, "products q q"]:
+        """Return Γ_l + Γ_lᵀ for every lag l, then the products of the ends of the runs."""
+        lagged = self.lag_products[: order + 1]
+        lagged = [gram + gram.T if lag else gram for lag, gram in enumerate(lagged)]
+        ends = self.ends[:, :order]
+        rings = np.einsum("rai,rbj->abij", ends, ends)
+        for place in range(1, order):
+            rings[place, 1:] += rings[place - 1, :-1]
+        pairs = [
+            -(rings[j, k] + rings[k, j]) if j != k else -rings[j, k]
+            for j in range(order)
+            for k in range(j, order)
+        ]
+        return np.stack([*lagged, *pairs])
+
+    @staticmethod
+    def product_weights(partial: Float[Numbers, " order"]) -> Float[Numbers, " products"]:
+        """Return Σ_j f_j f_{j+l} of the filter for every lag l, then f_j f_k for 1 ≤ j ≤ k."""
+        xp = namespace(partial)
+        filter_ = filter_of(partial)
+        taps = filter_.shape[0]
+        lagged = [filter_[: taps - lag] @ filter_[lag:] for lag in range(taps)]
+        first, second = np.triu_indices(taps - 1)
+        return xp.concatenate([xp.stack(lagged), filter_[1 + first] * filter_[1 + second]])
+
+    def determinant_terms(self, order: int) -> Float[np.ndarray, ""]:
+        """Return the number of runs."""
+        return np.asarray(float(len(self.heads)))
+
+    @staticmethod
+    def determinant_of(
+        terms: Float[Numbers, ""], partial: Float[Numbers, " order"]
+    ) -> Float[Number, ""]:
+        """Return the log-determinant for this number of runs."""
+        return terms * log_initial_determinant(partial)
+
+    def _inner_products(self, filter_: Filter) -> Float[np.ndarray, "q q"]:
+        """Return Uᵀ Σ⁻¹ U.
+
+        The filter is applied to every run with zeros before and after it, which gives Σ_{jk}
+        filter_j filter_k Γ_{k−j}. The response after the end of the run is subtracted, and, with
+        time reversed, the response before its start. The result is the exact quadratic form,
+        initial samples included (I. Gohberg, A. Semencul 1972).
+        """
+        order = len(filter_) - 1
+        products = np.correlate(filter_, filter_, "full")[order:]
+        total = products[0] * self.lag_products[0]
+        for product, gram in zip(products[1:], self.lag_products[1:], strict=False):
+            total = total + product * (gram + gram.T)
+        if order == 0:
+            return total
+        newest = self.ends[:, :order]
+        rings = np.zeros_like(newest)
+        for after in range(order):
+            rings[:, after] = np.einsum(
+                "j,rjq->rq", filter_[after + 1 :], newest[:, : order - after]
+            )
+        rings = rings.reshape(-1, total.shape[0])
+        return total - rings.T @ rings
+
+
+def _lag_products(rows: Float[np.ndarray, "n q"], lags: int) -> Float[np.ndarray, "lags q q"]:
+    """Return Σ_t u_t u_{t−l}ᵀ of one run for l = 0 … lags.
+
+    The rows are processed in pieces that stay in the cache for all lags.
+    """
+    products = np.zeros((lags + 1, rows.shape[1], rows.shape[1]))
+    for start in range(0, len(rows), _CACHED_ROWS):
+        now = rows[start : start + _CACHED_ROWS]
+        for lag in range(lags + 1):
+            skip = max(lag - start, 0)
+            past = rows[start - lag + skip : start - lag + len(now)]
+            products[lag] += now[skip:].T @ past
+    return products

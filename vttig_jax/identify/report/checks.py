@@ -1,0 +1,209 @@
+"""Checks of a fit as typed records.
+
+The JSON object of a fit contains each record under the names of its fields. Numbers are in the
+units at the end of their names. `log` is the number of a log, from 1.
+"""
+
+from collections.abc import Sequence
+
+from ...logs.checks.ratio import Verdict
+from ...pair.gear_pair import Flank
+from ..preliminary.robust import Outliers
+from ..solve.least_squares import Direction
+from .order_table import Order
+from .record import Record
+
+REMEMBERS = 1e-3
+"""Ljung–Box probability below which standard errors are estimated from blocks; chosen value."""
+
+
+class Closure(Record, frozen=True):
+    """Difference of the transmission error after one hunting period `period_deg`."""
+
+    period_deg: float
+    overlap_deg: float
+    rms_deg: float
+    mean_deg: float
+
+
+class Reversal(Record, frozen=True, omit_defaults=True):
+    """Jump of the transmission error at a reversal, TE_B − TE_A at the angle `driving_deg`.
+
+    A fit of a gear pair also gives the variable backlash j_v at this angle, and the constant
+    backlash by the paper's method, which is the jump minus j_v.
+    """
+
+    log: int
+    driving_deg: float
+    turn_deg: float
+    jump_deg: float
+    variable_backlash_deg: float | None = None
+    constant_backlash_deg: float | None = None
+
+
+class RatioCheck(Record, frozen=True):
+    """Given ratio of a log, and the ratio that the log shows; None for a TE-curve log."""
+
+    given: str
+    seen: float | None
+    std: float | None
+    verdict: Verdict
+
+
+class Disagreement(Record, frozen=True):
+    """First order of one log and flank, and its difference from that of the first log."""
+
+    log: int
+    shaft: str
+    flank: str
+    first_arcsec: float
+    this_arcsec: float
+    difference_arcsec: float
+    std_arcsec: float
+
+
+class CoveredGap(Record, frozen=True):
+    """TE_B − TE_A averaged over the driving angles that both flanks covered, in degrees.
+
+    The mean counts each of the `covered_deg` degrees once. The interval contains the bound of a
+    delay that the log cannot tell from the gap; it is then cut at zero, where no gap can be below.
+    """
+
+    value: float | None = None
+    std: float | None = None
+    low95: float | None = None
+    high95: float | None = None
+    determined: bool = False
+    reason: str | None = None
+    covered_deg: float = 0.0
+
+    @property
+    def is_contradiction(self) -> bool:
+        """Whether the whole interval lies below zero, where no gap can be."""
+        return self.determined and self.high95 is not None and self.high95 < 0
+
+
+class GapAtSpeed(Record, frozen=True):
+    """Gap at a speed of the driving shaft, in degrees of the driven shaft."""
+
+    speed_rpm: float
+    value: float
+    std: float
+
+
+class Whiteness(Record, frozen=True):
+    """Autocorrelation of the whitened residual from lag 1, and its Ljung–Box test.
+
+    `widening` is the largest factor by which blocks of the log increase a standard error.
+    """
+
+    autocorrelation: tuple[float, ...]
+    ljung_box: float
+    probability: float
+    widening: float = 1.0
+
+
+class ResidualLine(Record, frozen=True):
+    """Significant line of the residual; see `logs.lines.search.Line`.
+
+    `log` is 0 for a search in all logs together, and `flank` is None for a search on both flanks.
+    """
+
+    log: int
+    flank: Flank | None
+    cycles_per_rev: float
+    cycles_std: float
+    amplitude_arcsec: float
+    amplitude_std_arcsec: float
+    phase_deg: float
+    false_alarm: float
+
+
+class ReadingsComparison(Record, frozen=True, omit_defaults=True):
+    """Deviations of backlash readings from the gap of a fit without the readings.
+
+    `used` tells whether the readings are further data of the fit. `contradicts` is None for one
+    flank, which expects no gap.
+    """
+
+    source: str
+    sha256: str
+    count: int
+    rms_deg: float
+    mean_deg: float
+    scatter_deg: float
+    largest_deg: float
+    largest_at_deg: float
+    expected_std_deg: float
+    used: bool
+    contradicts: bool | None = None
+
+
+class PassDifference(Record, frozen=True):
+    """Difference of two consecutive passes over the same angles, the later minus the earlier."""
+
+    log: int
+    flank: Flank
+    passes: tuple[int, int]
+    overlap_deg: float
+    mean_deg: float
+    rms_deg: float
+    scatter_deg: float
+
+
+class HalfDifference(Record, frozen=True):
+    """First order of one shaft in the first and in the second half of all passes of a log."""
+
+    log: int
+    shaft: str
+    flank: str
+    first_arcsec: float
+    second_arcsec: float
+    difference_arcsec: float
+    std_arcsec: float
+
+
+class Checks(Record, frozen=True, kw_only=True):
+    """Checks of a fit.
+
+    A check that was not carried out is None or empty. `passes`, `halves` and `lines` are computed
+    when they are first read, and no other part of a fit depends on them. Until then they keep the
+    block rows of the logs in memory. A report and a run folder read all of them.
+
+    **Arguments**
+    - `order_spectrum`: first orders of both shafts. - `closure`: see `Closure`.
+    - `whiteness`: test of the residual. - `readings`: comparison with backlash readings.
+    - `reversals`: jump at every reversal. - `drawing_backlash_deg`: backlash of the drawing.
+    - `ratio`: ratio of every log. - `agreement`: further logs compared with the first.
+    - `gap_over_angles_covered`: mean gap over the driving angles that both flanks covered.
+    - `gap_by_speed`: gap at the speeds of the log, beside the delay; empty at one speed.
+    - `explained`: share of the variance of the transmission error that the harmonics explain,
+      beside offset, drift, delay and flank step; None without variance.
+    - `drift_order`, `drift_knots_s`, `drift_arcsec`: highest power of time, distance of the knots
+      of a spline, and coefficients. - `drift_stiffness_s`: shortest period that the drift follows.
+    - `outliers`: of every log, for a robust loss. - `weakest_direction`, `solver_steps`: of the
+      solver.
+    - `passes`, `halves`: comparisons within each log. - `lines`: lines of the residual.
+    """
+
+    order_spectrum: tuple[Order, ...] = ()
+    closure: Closure | None = None
+    whiteness: Whiteness | None = None
+    readings: ReadingsComparison | None = None
+    reversals: tuple[Reversal, ...] = ()
+    drawing_backlash_deg: float | None = None
+    ratio: tuple[RatioCheck, ...] = ()
+    agreement: tuple[Disagreement, ...] = ()
+    gap_over_angles_covered: CoveredGap = CoveredGap()
+    gap_by_speed: tuple[GapAtSpeed, ...] = ()
+    explained: float | None = None
+    drift_order: int = 0
+    drift_knots_s: float | None = None
+    drift_stiffness_s: float | None = None
+    drift_arcsec: tuple[float, ...] = ()
+    outliers: tuple[Outliers, ...] = ()
+    weakest_direction: Direction | None = None
+    solver_steps: int = 0
+    passes: Sequence[PassDifference] = ()
+    halves: Sequence[HalfDifference] = ()
+    lines: Sequence[ResidualLine] = ()

@@ -1,0 +1,163 @@
+"""Gap over the driving angles that both flanks covered, and at the speeds of the log."""
+
+import math
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.special import chdtrc
+
+from ...base.units import DEG, REV
+from ...kinematics.harmonic import OrderModel
+from ..compress.harmonic_summary import HarmonicSummary
+from ..model.column_layout import OFFSET
+from ..noise.noise_model import WhitenedFlank
+from ..preliminary.linear_fit import LinearFit
+from ..solve.least_squares import Solution
+from ..solve.residuals import Weights
+from .backlash_readings import mean_gap
+from .checks import CoveredGap, GapAtSpeed
+from .parameters import NORMAL_95
+
+_CELL = DEG
+"""Driving angle of a cell in rad; each cell that both flanks covered counts once (chosen)."""
+
+
+def covered_gap(
+    linear: LinearFit,
+    model: OrderModel,
+    summary: HarmonicSummary,
+    whitened: Sequence[WhitenedFlank],
+    solution: Solution,
+    coefficients: Sequence[Float[np.ndarray, " columns"]],
+    margin: float,
+) -> CoveredGap:
+    """Return the mean gap of the fitted curves over the angles covered by both flanks.
+
+    **Arguments**
+    - `margin`: bound of the gap in rad that a delay within its own bound looks like; 0 for a delay
+      that is known or fitted.
+    """
+    if len(summary.flanks) < 2:
+        return CoveredGap(reason="one direction: one flank alone shows no gap")
+    driving = _common_angles(linear)
+    if len(driving) == 0:
+        reason = "no driving angle was covered on both flanks; drive both ways over the same angles"
+        return CoveredGap(reason=reason)
+    value, variance = mean_gap(driving, model, summary, whitened, solution, coefficients)
+    std = math.sqrt(variance)
+    half = math.hypot(NORMAL_95 * std, margin)
+    low, high = value - half, value + half
+    if margin and high > 0:
+        low, value = max(low, 0.0), max(value, 0.0)
+    return CoveredGap(
+        value=value / DEG,
+        std=math.hypot(std, margin / math.sqrt(3)) / DEG,
+        low95=low / DEG,
+        high95=high / DEG,
+        determined=True,
+        covered_deg=len(driving) * _CELL / DEG,
+    )
+
+
+def _common_angles(linear: LinearFit) -> Float[np.ndarray, " n"]:
+    """Return the centres of the cells that both flanks covered, in angles of the first log, rad.
+
+    Logs whose zero differs from that of the first are left out.
+    """
+    cells: dict[str, list[np.ndarray]] = {"A": [], "B": []}
+    count = len(linear.channels) if linear.model.same_zero else 1
+    for channels, segments in zip(linear.channels[:count], linear.segments, strict=False):
+        for segment in segments:
+            angle = channels.driving[segment.start : segment.stop] / _CELL
+            cells[segment.flank].append(np.arange(np.floor(angle.min()), np.ceil(angle.max())))
+    lower, upper = (np.concatenate([np.zeros(0), *parts]) for parts in cells.values())
+    return (np.intersect1d(lower, upper) + 0.5) * _CELL
+
+
+_BINS = 6  # speeds at which the gap is stated, at most; chosen value
+_APART = 1.15  # least ratio of neighbouring speeds; chosen value
+_LEAST_PIECES = 4  # pieces of a flank at a speed; chosen value
+_PIECE_ROWS = 10  # fewest rows of a piece; chosen value
+_UNLIKELY = 1e-5  # probability of the scatter of the gaps if they agree; chosen value
+
+
+def gap_by_speed(
+    linear: LinearFit, weights: Sequence[Weights], gap_deg: float, correlation_s: float
+) -> tuple[GapAtSpeed, ...]:
+    """Return the gap at several speeds of the driving shaft, beside all terms of the fit.
+
+    At each speed the residual of flank B less that of flank A is added to the gap of the fit. The
+    scatter of pieces longer than the correlation of the noise gives the standard error. A part
+    proportional to the speed is the delay's. The result is empty at one speed.
+
+    **Arguments**
+    - `gap_deg`: gap of the fit. - `correlation_s`: correlation time of the noise.
+    """
+    rows = list(_pieces(linear, weights, correlation_s))
+    if not rows:
+        return ()
+    speed, value, flank, piece = (np.concatenate(part) for part in zip(*rows, strict=True))
+    edges = np.quantile(speed, np.linspace(0, 1, _BINS + 1))
+    place = np.clip(np.searchsorted(edges, speed, side="right") - 1, 0, _BINS - 1)
+    found: list[GapAtSpeed] = []
+    for number in range(_BINS):
+        inside = place == number
+        parts = [
+            _mean_of_pieces(value[inside & (flank == side)], piece[inside & (flank == side)])
+            for side in (1, -1)
+        ]
+        usual = float(np.median(speed[inside])) * 60 / REV if inside.any() else 0.0
+        last = found[-1].speed_rpm if found else 0.0
+        if None in parts or usual < _APART * last:
+            continue
+        (high, high_std), (low, low_std) = (part for part in parts if part is not None)
+        gap = gap_deg + (low - high) / DEG
+        found.append(
+            GapAtSpeed(speed_rpm=usual, value=gap, std=math.hypot(high_std, low_std) / DEG)
+        )
+    return tuple(found) if len(found) > 1 else ()
+
+
+def _pieces(
+    linear: LinearFit, weights: Sequence[Weights], correlation_s: float
+) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
+    """Yield speed, residual, flank (1 for A, −1 for B) and number of the piece of every row."""
+    number = 0
+    for rows, own in zip(linear.rows, weights, strict=True):
+        share_place = rows.columns.index(OFFSET)
+        size = max(_PIECE_ROWS, math.ceil(3 * correlation_s / max(rows.block_s, 1e-300)))
+        for run in rows.runs:
+            share = run.rows[:, share_place]
+            counted = share > 0
+            if counted.sum() < 2 or run.segment.flank not in own:
+                continue
+            residual = (run.rows[counted] @ own[run.segment.flank]) / share[counted]
+            angle, time = run.curve.driving_angle[counted], run.curve.time[counted]
+            pieces = number + np.arange(len(angle)) // size
+            number = int(pieces[-1]) + 1
+            side = np.full(len(angle), 1 if run.segment.flank == "A" else -1)
+            yield np.abs(np.gradient(angle, time)), residual, side, pieces
+
+
+def _mean_of_pieces(
+    value: Float[np.ndarray, " n"], piece: Int[np.ndarray, " n"]
+) -> tuple[float, float] | None:
+    """Return the mean and its standard error from the scatter of pieces; None for too few."""
+    _, index, count = np.unique(piece, return_inverse=True, return_counts=True)
+    if len(count) < _LEAST_PIECES:
+        return None
+    mean = float(value.mean())
+    off = np.bincount(index, value - mean)
+    return mean, math.sqrt(float(off @ off) * len(count) / (len(count) - 1)) / len(value)
+
+
+def depends_on_speed(gaps: Sequence[GapAtSpeed]) -> bool:
+    """Return whether the gaps differ by more than a delay explains: by a part linear in speed."""
+    if len(gaps) < 3:
+        return False
+    speed, value, std = np.array([(g.speed_rpm, g.value, g.std) for g in gaps]).T
+    design = np.stack([np.ones_like(speed), speed], axis=1) / std[:, None]
+    solution = np.linalg.lstsq(design, value / std, rcond=None)[0]
+    misfit = float(np.sum((value / std - design @ solution) ** 2))
+    return bool(chdtrc(len(gaps) - 2, misfit) < _UNLIKELY)

@@ -1,0 +1,162 @@
+"""Least-squares fit of lines beside regressors."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from scipy.linalg import qr
+
+from ...base.units import REV
+from .noise import whitened
+from .rows import Rows
+
+APART = 1.0
+"""Least distance of two lines in resolutions, 1 / (revolutions of the log) (chosen)."""
+
+_STEPS = 16
+_CONVERGED = 0.01
+"""Largest number of steps, and last step of a frequency in standard errors (chosen)."""
+
+_UNCHANGED = np.ones(1)
+_RANK = 1e-10
+"""Least size of a column beside the others, relative to the column itself (chosen)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Regressors:
+    """Orthonormal basis of the regressors of every group, in the order of the rows."""
+
+    blocks: tuple[tuple[slice, Float[np.ndarray, "_ _"]], ...]
+
+    @classmethod
+    def of(cls, rows: Rows) -> "Regressors":
+        """Decompose the regressors of rows; linearly dependent columns are omitted."""
+        return cls(tuple((where, orthonormal(columns)[0]) for where, columns in rows.nuisance))
+
+    @property
+    def rank(self) -> int:
+        """Number of independent regressors of all groups."""
+        return sum(basis.shape[1] for _, basis in self.blocks)
+
+    def residual(self, columns: Float[np.ndarray, " n *k"]) -> Float[np.ndarray, " n *k"]:
+        """Return the part of columns outside the regressors."""
+        parts = [
+            columns[where] - basis @ (basis.T @ columns[where]) for where, basis in self.blocks
+        ]
+        return np.concatenate(parts)
+
+
+def orthonormal(
+    columns: Float[np.ndarray, "n q"],
+) -> tuple[Float[np.ndarray, "n r"], Float[np.ndarray, "q r"]]:
+    """Return an orthonormal basis = columns @ mixing, and mixing, without dependent columns."""
+    size = np.linalg.norm(columns, axis=0)
+    size[size == 0] = 1.0
+    factors: Any = qr(columns / size, mode="economic", pivoting=True, check_finite=False)
+    basis, upper, order = factors
+    rank = int(np.count_nonzero(np.abs(np.diag(upper)) > _RANK))
+    mixing = np.zeros((columns.shape[1], rank))
+    mixing[order[:rank]] = np.linalg.inv(upper[:rank, :rank])
+    return basis[:, :rank], mixing / size[:, None]
+
+
+def waves(rows: Rows, frequencies: Sequence[float] | np.ndarray) -> Float[np.ndarray, "n k"]:
+    """Return cosine and sine of every line, averaged over the width of each row."""
+    cycles = np.asarray(frequencies, np.float64)
+    angle = REV * rows.turns[:, None] * cycles
+    mean = np.sinc(rows.width[:, None] * cycles)
+    return np.stack([np.cos(angle) * mean, np.sin(angle) * mean], axis=2).reshape(len(angle), -1)
+
+
+@dataclass(frozen=True, eq=False)
+class LineRegression:
+    """Least-squares fit of lines to the whitened residual of the regressors.
+
+    The regressors are projected out of value and lines before both are whitened.
+
+    **Arguments**
+    - `taps`: whitening filter along every run; (1,) without whitening.
+    - `residual`: whitened value without its regressors, rad, shape (n,).
+    """
+
+    rows: Rows
+    regressors: Regressors
+    taps: Float[np.ndarray, " taps"]
+    residual: Float[np.ndarray, " n"]
+
+    @classmethod
+    def of(
+        cls, rows: Rows, regressors: Regressors, taps: Float[np.ndarray, " taps"] = _UNCHANGED
+    ) -> "LineRegression":
+        """Project the value of rows on the regressors and whiten it."""
+        return cls(rows, regressors, taps, whitened(rows, regressors.residual(rows.value), taps))
+
+    def _outside(self, columns: Float[np.ndarray, " n *k"]) -> Float[np.ndarray, " n *k"]:
+        return whitened(self.rows, self.regressors.residual(columns), self.taps)
+
+    def columns(self, frequencies: Sequence[float] | np.ndarray) -> Float[np.ndarray, "n k"]:
+        """Return whitened cosine and sine of every line without the regressors."""
+        return self._outside(waves(self.rows, frequencies))
+
+    def after(self, frequencies: Sequence[float] | np.ndarray) -> Float[np.ndarray, " n"]:
+        """Return the whitened residual of a fit of regressors and lines."""
+        basis, _ = orthonormal(self.columns(frequencies))
+        return self.residual - basis @ (basis.T @ self.residual)
+
+    def misfit(self, frequencies: Sequence[float] | np.ndarray) -> float:
+        """Return the sum of squares after a fit of regressors and lines."""
+        residual = self.after(frequencies)
+        return float(residual @ residual)
+
+    def drops(self, frequencies: Float[np.ndarray, " k"]) -> tuple[Float[np.ndarray, " k"], float]:
+        """Return the decrease of the sum of squares by each line, and what all lines leave."""
+        basis, mixing = orthonormal(self.columns(frequencies))
+        pairs, covariance = mixing @ (basis.T @ self.residual), mixing @ mixing.T
+        rest = self.residual - basis @ (basis.T @ self.residual)
+        drops = [
+            pairs[wave] @ np.linalg.pinv(covariance[wave, wave]) @ pairs[wave]
+            for wave in (slice(k, k + 2) for k in range(0, len(pairs), 2))
+        ]
+        return np.array(drops), float(rest @ rest)
+
+    def solve(
+        self, frequencies: Float[np.ndarray, " k"]
+    ) -> tuple[Float[np.ndarray, " 3*k"], Float[np.ndarray, "3*k 3*k"]]:
+        """Fit cosine and sine of each line, and then corrections of the frequencies.
+
+        **Returns** the coefficients and their covariance for innovations of variance 1.
+        """
+        wave = waves(self.rows, frequencies)
+        basis, mixing = orthonormal(self._outside(wave))
+        pairs = mixing @ (basis.T @ self.residual)
+        cosine, sine = wave[:, ::2], wave[:, 1::2]
+        slopes = REV * self.rows.turns[:, None] * (pairs[1::2] * cosine - pairs[::2] * sine)
+        basis, mixing = orthonormal(self._outside(np.concatenate([wave, slopes], axis=1)))
+        return mixing @ (basis.T @ self.residual), mixing @ mixing.T
+
+    def refine(
+        self, frequencies: Float[np.ndarray, " k"], lowest_cycles: float
+    ) -> Float[np.ndarray, " k"]:
+        """Refine frequencies to the least misfit by Gauss–Newton; a failed step is halved.
+
+        Two lines keep a distance of at least the resolution; otherwise their amplitudes are
+        undefined. No frequency falls below `lowest_cycles`.
+        """
+        count, resolution = len(frequencies), 1 / self.rows.span
+        size, lowest = 1.0, self.misfit(frequencies)
+        for _ in range(_STEPS):
+            coefficients, covariance = self.solve(frequencies)
+            step = np.clip(coefficients[-count:], -0.25 * resolution, 0.25 * resolution)
+            scatter = np.sqrt(np.diag(covariance)[-count:] * lowest / len(self.residual))
+            if np.all(np.abs(size * step) <= _CONVERGED * scatter):
+                break
+            trial = frequencies + size * step
+            misfit = self.misfit(trial)
+            apart = np.min(np.diff(np.sort(trial)), initial=np.inf)
+            if misfit < lowest and trial.min() >= lowest_cycles and apart >= APART * resolution:
+                frequencies, lowest = trial, misfit
+            else:
+                size *= 0.5
+        return frequencies

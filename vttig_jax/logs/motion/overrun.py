@@ -1,0 +1,202 @@
+"""Flank of a load that overruns: its inertia carries it to the other flank while the drive brakes.
+
+Friction slows a free load by a limited deceleration. If the drive brakes harder, the load leaves
+flank A of a forward motion and lies on flank B until the drive brakes less. The limit is unknown.
+It is profiled, and the assignment by it is taken if the likelihood demands it and its gap is
+positive.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from ...base.numerics.student_noise import fit_student_noise
+from ...base.units import REV
+from ..channel.speed import Speed, smooth_speed
+from ..encoder_log import EncoderLog
+from .segments import Segments, find_segments
+
+EVIDENCE = 50.0
+"""Least 2 Δ ln L of flanks by deceleration over flanks by the direction of motion (chosen)."""
+
+_ROWS = 1000  # largest number of samples that are compared (chosen)
+_LEAST = 100  # least number of samples (chosen)
+_SHARES = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95)
+"""Limits that are tried, as quantiles of the deceleration (chosen)."""
+
+_FINE = 0.05
+"""Largest quantisation of the deceleration, relative to its 90 % quantile (chosen)."""
+
+_ROUNDS = 3  # refinements of the limit between its neighbours, and of the gap (chosen)
+_FACTORS = (3.0, 1.7, 1.3, 1.15, 1.07, 1.03)
+"""Factors by which the limit is changed in the last search (chosen)."""
+
+
+def overrunning_segments(log: EncoderLog, by_motion: Segments) -> Segments | None:
+    """Return segments with the flanks of a load that overruns, or None without evidence for it.
+
+    **Arguments**
+    - `by_motion`: segments with flanks by the direction of motion.
+    """
+    speed = smooth_speed(log.time, log.driving_angle, log.driving.resolution)
+    braking = _braking(log, speed)
+    sense = np.zeros(len(log), np.int8)
+    for segment in by_motion.segments:
+        sense[segment.start : segment.stop] = 1 if segment.flank == "A" else -1
+    rows = np.flatnonzero((sense != 0) & ~log.spikes)
+    rows = rows[:: max(1, -(-len(rows) // _ROWS))]
+    braked = braking[rows] > 0
+    if len(rows) < _LEAST or braked.sum() < _LEAST / 4:
+        return None
+    columns = _columns(log, rows, speed.value[rows])
+    error = log.transmission_error[rows]
+    usual = _squares(error, columns, sense[rows])[0]
+    limits = list(np.quantile(braking[rows][braked], _SHARES))
+    limit, least, gap = _best_limit(error, columns, sense[rows], braking[rows], limits)
+    if gap <= 0 or len(rows) * np.log(usual / max(least, 1e-300)) < EVIDENCE:
+        return None
+    motion = np.sign(speed.value).astype(np.int8)
+    limit, place = _profiled(log, motion, braking, limit, gap, rows, columns)
+    found = [
+        fit_student_noise(error, np.column_stack([columns, each])).log_likelihood
+        for each in (place[rows], (sense[rows] < 0).astype(np.float64))
+    ]
+    if 2 * (found[0] - found[1]) < EVIDENCE:
+        return None
+    flank = np.where(place == 0, 1, np.where(place == 1, -1, 0)).astype(np.int8)
+    assigned = find_segments(replace(log, direction=flank))
+    note = (
+        f"the load overruns: while the drive brakes by more than {limit:.3g} rad/s², the contact is"
+        " on the other flank"
+    )
+    return replace(assigned, notes=(*by_motion.notes, note))
+
+
+def _braking(log: EncoderLog, speed: Speed) -> Float[np.ndarray, " n"]:
+    """Return the deceleration of the driving shaft in rad/s².
+
+    Differences of the speed span so many samples that its quantisation is small beside them.
+    """
+    interval = float(np.median(np.diff(log.time)))
+    quantum = speed.quantum / (speed.window * interval)
+    places, half = np.arange(len(log)), max(speed.window // 2, 1)
+    while True:
+        low, high = np.maximum(places - half, 0), np.minimum(places + half, len(log) - 1)
+        elapsed = np.maximum(log.time[high] - log.time[low], 1e-300)
+        braking = -np.sign(speed.value) * (speed.value[high] - speed.value[low]) / elapsed
+        usual = float(np.quantile(np.abs(braking), 0.9))
+        if quantum <= _FINE * usual * 2 * half * interval or half > len(log) // 50:
+            return braking
+        half *= 2
+
+
+def _profiled(
+    log: EncoderLog,
+    motion: Int[np.ndarray, " n"],
+    braking: Float[np.ndarray, " n"],
+    limit: float,
+    gap: float,
+    rows: Int[np.ndarray, " m"],
+    columns: Float[np.ndarray, "m p"],
+) -> tuple[float, Float[np.ndarray, " n"]]:
+    """Return the limit with the least sum of squares, and the place in the gap at every sample.
+
+    **Arguments**
+    - `limit`, `gap`: first estimates, rad/s² of the driving shaft and rad of the driven shaft.
+    """
+    error, ratio = log.transmission_error[rows], float(log.ratio)
+    found: dict[float, tuple[float, float, np.ndarray]] = {}
+
+    def tried(trial: float) -> float:
+        width = gap
+        for _ in range(_ROUNDS):
+            place = _place(log, motion, braking - trial, max(width, 1e-6) / ratio)
+            design = np.column_stack([columns, place[rows]])
+            solution = np.linalg.lstsq(design, error, rcond=1e-9)[0]
+            square, width = float(np.sum((error - design @ solution) ** 2)), float(solution[-1])
+            found[trial] = square, width, place
+        return found[trial][0]
+
+    for factor in _FACTORS:
+        best = min(found, key=lambda one: found[one][0], default=limit)
+        for trial in (best, best * factor, best / factor):
+            if trial not in found:
+                tried(trial)
+    best = min(found, key=lambda one: found[one][0])
+    return best, found[best][2]
+
+
+def _place(
+    log: EncoderLog,
+    motion: Int[np.ndarray, " n"],
+    excess: Float[np.ndarray, " n"],
+    gap: float,
+) -> Float[np.ndarray, " n"]:
+    """Return the place of the load in the gap at every sample: 0 on flank A, 1 on flank B.
+
+    The load runs ahead by ẍ = `excess`, rad/s², and 0 ≤ x ≤ `gap`, rad of the driving shaft. At
+    x = 0 it is on the flank of the motion, where a reversal leaves it, and at x = `gap` on the
+    other flank.
+    """
+    ahead, x, rate = np.zeros(len(log)), 0.0, 0.0
+    steps = np.diff(log.time, prepend=log.time[0]).tolist()
+    turned = np.diff(motion, prepend=motion[0]) != 0
+    for k, (push, step, new) in enumerate(
+        zip(excess.tolist(), steps, turned.tolist(), strict=True)
+    ):
+        if new:
+            x = rate = 0.0
+        rate += push * step
+        x += rate * step
+        if not 0 < x < gap:
+            x, rate = (0.0, 0.0) if x <= 0 else (gap, 0.0)
+        ahead[k] = x
+    share = ahead / gap
+    return np.where(motion >= 0, share, 1 - share)
+
+
+def _columns(
+    log: EncoderLog, rows: Int[np.ndarray, " m"], speed: Float[np.ndarray, " m"]
+) -> Float[np.ndarray, "m p"]:
+    columns = [np.ones(len(rows)), speed / max(float(np.abs(speed).max()), 1e-300)]
+    for angle in (log.driving_angle[rows], log.driven_angle[rows]):
+        columns += [np.cos(angle), np.sin(angle)] if np.ptp(angle) >= REV else []
+    return np.stack(columns, axis=1)
+
+
+def _flanks(
+    sense: Int[np.ndarray, " m"], braking: Float[np.ndarray, " m"], limit: float
+) -> Int[np.ndarray, " m"]:
+    """Return +1 for flank A and −1 for flank B, with the other flank beyond the limit."""
+    beyond: Bool[np.ndarray, " m"] = braking > limit
+    return np.where(beyond, -sense, sense).astype(np.int8)
+
+
+def _squares(
+    error: Float[np.ndarray, " m"], columns: Float[np.ndarray, "m p"], flank: Int[np.ndarray, " m"]
+) -> tuple[float, float]:
+    """Return the sum of squares of a model with a step between the flanks, and that step, rad."""
+    design = np.column_stack([columns, (flank < 0).astype(np.float64)])
+    solution = np.linalg.lstsq(design, error, rcond=1e-9)[0]
+    return float(np.sum((error - design @ solution) ** 2)), float(solution[-1])
+
+
+def _best_limit(
+    error: Float[np.ndarray, " m"],
+    columns: Float[np.ndarray, "m p"],
+    sense: Int[np.ndarray, " m"],
+    braking: Float[np.ndarray, " m"],
+    limits: list[float],
+) -> tuple[float, float, float]:
+    """Return the limit with the least sum of squares, that sum, and the gap there."""
+    found = {limit: _squares(error, columns, _flanks(sense, braking, limit)) for limit in limits}
+    for _ in range(_ROUNDS):
+        best = min(found, key=lambda limit: found[limit][0])
+        known = sorted(found)
+        place = known.index(best)
+        for other in known[max(place - 1, 0) : place] + known[place + 1 : place + 2]:
+            middle = 0.5 * (best + other)
+            found[middle] = _squares(error, columns, _flanks(sense, braking, middle))
+    best = min(found, key=lambda limit: found[limit][0])
+    return best, *found[best]

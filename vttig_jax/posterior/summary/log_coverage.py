@@ -1,0 +1,68 @@
+"""Part of the hunting period that the logs of a fit cover."""
+
+import math
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+
+from ...base.units import DEG, REV
+from ...identify.fit_result import Fit
+from ...identify.report.per_log import LogStart
+from ...kinematics.hunting_coverage import HuntingCoverage, hunting_coverage
+from ...kinematics.te_curve import TECurve
+from ...pair.gear_pair import Drive, GearPair
+
+_LARGEST_TE_DEG = 0.5
+"""Transmission error that a start angle may contain, ° of the driven shaft (chosen)."""
+
+
+def log_coverage(fit: Fit) -> HuntingCoverage:
+    """Return the driving angles of the hunting period that the logs of a fit cover.
+
+    The curves of the first log have the zero of the map. A further log with a zero of its own has
+    start angles a₁ and a₂ that are known up to whole turns of their shafts. It lies in the turn k
+    of the driving shaft for which i (a₁ + 2πk) is closest to a₂ modulo 2π. Where the start angles
+    are too uncertain to tell neighbouring turns, its curves are not placed.
+
+    **Example**
+    ```python
+    >>> import vttig_jax
+    >>> from vttig_jax.posterior.summary.log_coverage import log_coverage
+    >>> from vttig_jax.rig import paper_rig
+    >>> vttig_jax.enable_x64()
+    >>> rig = paper_rig()
+    >>> print(log_coverage(vttig_jax.fit(rig.log(), rig.pair)))
+    all 16 driving turns of the hunting period on both flanks
+
+    ```
+    """
+    places = [_place(log.start, fit.pair) for log in fit.logs] or [0.0]
+    numbers = _log_numbers(fit.curves)
+    if numbers and numbers[-1] + 1 == len(places):
+        return hunting_coverage(fit.curves, fit.pair, [places[number] for number in numbers])
+    # The curves of single logs are not told apart, but logs with a common zero need no place.
+    common = 0.0 if all(place == 0.0 for place in places) else None
+    return hunting_coverage(fit.curves, fit.pair, [common] * len(fit.curves))
+
+
+def _log_numbers(curves: Sequence[TECurve]) -> list[int]:
+    """Return the number of the log of each curve, from 0: the time of every log starts again."""
+    again = [later.time[0] < earlier.time[-1] for earlier, later in pairwise(curves)]
+    return np.cumsum([0, *again]).tolist() if curves else []
+
+
+def _place(start: LogStart, pair: GearPair | Drive) -> float | None:
+    """Return the driving angle of the zero of a log in the hunting period, rad, or None."""
+    if start.driving_deg is None or start.driven_deg is None:
+        return None
+    spreads = start.driving_std_deg or 0.0, start.driven_std_deg or 0.0
+    if not any(spreads):  # not fitted: the zero of the first log
+        return start.driving_deg * DEG
+    ratio = float(pair.ratio)
+    uncertain = 3 * math.hypot(ratio * spreads[0], spreads[1]) + _LARGEST_TE_DEG
+    if not all(spreads) or not uncertain < 180.0 / pair.hunting_turns:
+        return None
+    places = start.driving_deg * DEG + np.arange(pair.hunting_turns) * REV
+    distance = np.mod(ratio * places - start.driven_deg * DEG + REV / 2, REV) - REV / 2
+    return float(places[np.argmin(np.abs(distance))])
