@@ -48,8 +48,8 @@ def test_exchanged_columns_contradict_every_gap(folder, vttig, vttig_json):
     assert code == 4
     assert "contradicts" in out
     assert "no gap is below zero: the columns are exchanged" in err
-    code, error = vttig_json("fit", *files, "--out", folder / "run", "--no-figures")
-    assert (code, error["exit"]) == (4, 4)
+    code, shown = vttig_json("fit", *files, "--out", folder / "run", "--no-figures")
+    assert (code, shown["outcome"]) == (4, "contradicts")
     record = json.loads((folder / "run" / "fit.json").read_text(encoding="utf-8"))
     assert record["outcome"] == "contradicts"
     assert record["checks"]["gap_over_angles_covered"]["high95"] < 0

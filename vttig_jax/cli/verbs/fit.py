@@ -80,7 +80,10 @@ def command(
     output.emit(result.to_json(), result)
     _check_required(result, require)
     if result.outcome == "contradicts":
-        raise NoAnswerError(_contradiction(result), where=result.source)
+        # The numbers are part of the answer: they show what contradicts.
+        output.finish()
+        LOGGER.error("%s: %s", result.source, _contradiction(result))
+        raise click.exceptions.Exit(NoAnswerError.exit_code)
     if result.outcome in ("not_converged", "not_determined"):
         raise NoAnswerError(_FAILURES[result.outcome], where=result.source)
 
