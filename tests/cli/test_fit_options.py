@@ -192,6 +192,10 @@ def test_zeros_of_several_logs(fitted, vttig):
         (["late.csv", "--regressor", "speed", "--delay", "free"], "the same term"),
         (["late.csv", "--regressor", "speed", "--delay", "0"], "the same term"),
         (["late.csv", "--drift-order", "1", "--drift-knots", "5"], "exclude each other"),
+        (
+            ["late.csv", "--delay", "off", "--delay-within", "2"],
+            "--delay and --delay-within exclude",
+        ),
         (["late.csv", "--drift-knots", "0"], "--drift-knots"),
         (["late.csv", "--drift-knots", "inf"], "not a finite number"),
         (["late.csv", "--drift-knots", "0.01"], "more than 300 pieces"),

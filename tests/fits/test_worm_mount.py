@@ -40,11 +40,12 @@ def test_worm_period_found_blind(data_dir: Path):
         time, _, error = np.loadtxt(path, delimiter=",", skiprows=1, unpack=True)
         drift = np.vander((time - time.mean()) / np.ptp(time), 3)
         found = find_lines([Stretch(2 * np.pi * time, error * ARCSEC, drift)], highest=0.02)
+        found = sorted(found, key=lambda line: -line.amplitude_arcsec)
         periods[name] = [1 / line.cycles_per_rev for line in found]
     assert periods["ap_gt1100"][0] == pytest.approx(383.0, rel=0.003)
     assert 2 * periods["ap_gt1100"][1] == pytest.approx(383.0, rel=0.003)
-    assert 5 * periods["ap_24turns"][0] == pytest.approx(383.0, rel=0.001)
-    assert periods["ap_24turns"][1] == pytest.approx(383.0, rel=0.005)
+    assert periods["ap_24turns"][0] == pytest.approx(383.0, rel=0.005)
+    assert 5 * periods["ap_24turns"][1] == pytest.approx(383.0, rel=0.001)
     assert pytest.approx(383.0, rel=0.0002) == 86164.1 / 225
 
 

@@ -202,7 +202,7 @@ def test_a_drift_is_found_and_taken_away(noisy_log, noisy_rig, noisy_fit):
         / (one.parameters["constant_backlash_deg"].std or np.nan)
         for one in (result, ignored)
     ]
-    assert scores[0] < 3 < scores[1]
+    assert scores[0] < 4 < scores[1]
 
 
 def test_options_replace_those_of_the_pair(noisy_log, noisy_rig, noisy_fit):
@@ -263,8 +263,6 @@ def test_noise_of_blocks_and_of_samples(noisy_fit):
 def test_residuals_stand_beside_their_curves(noisy_fit):
     assert [len(r) for r in noisy_fit.residuals] == [len(c) for c in noisy_fit.curves]
     for residual, curve in zip(noisy_fit.residuals, noisy_fit.curves, strict=True):
-        if np.ptp(curve.driving_angle) < 2 * np.pi:
-            continue  # a ramp
         assert residual.std() < 0.3 * curve.transmission_error.std()
         assert residual.std() / DEG == pytest.approx(noisy_fit.noise.std / DEG, rel=0.1)
 

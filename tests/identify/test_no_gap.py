@@ -40,7 +40,7 @@ def test_no_gap_is_reported_where_there_is_none(kind):
         parameter = result.parameters[name]
         assert parameter.determined and not parameter.significant, name
     gap = result.parameters["constant_backlash_deg"]
-    assert abs(gap.value or 0.0) < 4e-4
+    assert abs(gap.value or 0.0) < 2e-4
     assert result.checks.drift_order == 0
     assert len(result.checks.reversals) == 19
 

@@ -10,6 +10,7 @@ from tests.identify.drives import drive, drive_log, known, level, there_and_back
 from tests.identify.summaries import looked
 from vttig_jax.base.errors import NoAnswerError
 from vttig_jax.identify import fitting
+from vttig_jax.identify.model.identifiability import find_identifiability
 from vttig_jax.identify.report.residual_tests import explained
 from vttig_jax.identify.solve.residuals import Weights
 from vttig_jax.logs.encoder_log import EncoderLog
@@ -78,10 +79,14 @@ def shares(monkeypatch, result):
     def follow(*values: float) -> list[HarmonicOrders]:
         asked: list[HarmonicOrders] = []
 
-        def fitted(logs, found, pair, orders, *_):
+        def identifiability(logs, segments, pair, orders, flank):
             asked.append(orders)
+            return find_identifiability(logs, segments, pair, orders, flank)
+
+        def fitted(*_, **__):
             return _with_share(result, values[len(asked) - 1])
 
+        monkeypatch.setattr(fitting, "find_identifiability", identifiability)
         monkeypatch.setattr(fitting, "_fitted", fitted)
         return asked
 

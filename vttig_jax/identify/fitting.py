@@ -18,7 +18,7 @@ from ..pair.schema import HarmonicOrders
 from .build_result import build_fit
 from .compress.harmonic_summary import HarmonicSummary
 from .fit_result import Fit, FitRequest
-from .model.identifiability import find_identifiability
+from .model.identifiability import Identifiability, find_identifiability
 from .preliminary.linear_fit import Input
 from .preliminary.model_selection import select_model
 from .settings import FitSettings, from_keywords, takes_settings
@@ -96,12 +96,15 @@ def fit(
         _require_pair(one, pair)
         check_ratio(one)
         found.append(assigned_segments(one))
+    segments = [each.segments for each in found]
+    wanted = orders or pair.fit
+    identifiable = find_identifiability(logs, segments, pair, wanted, settings.flank)
     for one, each in zip(logs, found, strict=True):
         refuse_slip(one, each)
-    wanted = orders or pair.fit
-    result = _fitted(logs, found, pair, wanted, settings, readings)
+    result = _fitted(logs, found, pair, identifiable, settings, readings=readings)
     if _is_worse_than_none(result):
-        result = _fitted(logs, found, pair, _first_only(wanted), settings, readings)
+        fewer = find_identifiability(logs, segments, pair, _first_only(wanted), settings.flank)
+        result = _fitted(logs, found, pair, fewer, settings, readings=readings)
         note = "higher orders are left out: with them the fit leaves more than without any order"
         result = replace(result, notes=(*result.notes, note))
     if _is_worse_than_none(result):
@@ -111,7 +114,7 @@ def fit(
             where=result.source,
         )
     paths = tuple(log.path for log in logs)
-    request = FitRequest(settings, orders or pair.fit, _reading(logs), paths)
+    request = FitRequest(settings, wanted, _reading(logs), paths)
     return replace(result, request=request)
 
 
@@ -133,14 +136,12 @@ def _fitted(
     logs: Sequence[EncoderLog],
     found: Sequence[Segments],
     pair: GearPair | Drive,
-    orders: HarmonicOrders,
+    identifiable: Identifiability,
     settings: FitSettings,
+    *,
     readings: BacklashReadings | None,
 ) -> Fit:
-    """Select the model for these orders and fit it."""
-    identifiable = find_identifiability(
-        logs, [f.segments for f in found], pair, orders, settings.flank
-    )
+    """Select the model of the identifiable orders and fit it."""
     inputs = tuple(
         Input(
             one,

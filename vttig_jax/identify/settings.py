@@ -214,6 +214,9 @@ class FitSettings(
             yield ("drift_order", "drift_knots_s"), "exclude each other; give one of them."
         if self.perfect_encoders and self.perfect_gears:
             yield ("perfect_encoders", "perfect_gears"), "together leave nothing to fit; give one."
+        if self.delay != "auto" and self.delay_within_ms is not None:
+            cure = "exclude each other, because the bound is for a delay that nothing else tells;"
+            yield ("delay", "delay_within_ms"), f"{cure} give one of them."
 
     @property
     def noise_model(self) -> NoiseSettings:

@@ -9,8 +9,8 @@ import msgspec
 import pytest
 
 from vttig_jax.base.files.json_io import dumps
-from vttig_jax.identify import build_result as assemble
 from vttig_jax.identify.fitting import fit
+from vttig_jax.identify.report import check_records as assemble
 from vttig_jax.identify.report.checks import Checks
 from vttig_jax.identify.report.record import Later
 

@@ -10,8 +10,8 @@ from tests.identify.summaries import looked
 from vttig_jax.identify.model.forward_model import pair_relation
 from vttig_jax.identify.noise.noise_model import NoiseModel, whiten
 from vttig_jax.identify.solve.least_squares import solve
-from vttig_jax.identify.solve.residuals import flank_coefficients
 from vttig_jax.identify.solve.sandwich import widened
+from vttig_jax.identify.solve.solved_fit import SolvedFit
 from vttig_jax.rig.imperfections import Noise
 
 
@@ -36,8 +36,7 @@ def _widening(linear, *, white: bool) -> np.ndarray:
         pair, scope.terms, seen.summary.columns, scope.flanks, encoder_terms=True
     )
     solution = solve(relation, whitened)
-    coefficients = flank_coefficients(whitened, solution)
-    return widened(seen, seen.summary, noise, whitened, solution, coefficients)
+    return widened(SolvedFit(seen, seen.summary, noise, whitened, solution))
 
 
 def test_the_right_noise_model_needs_no_widening(linear):

@@ -6,7 +6,8 @@ from hypothesis import strategies as st
 from tests.logs.channel.test_spikes import late
 from tests.logs.profiles import counts, drive, geared, spec, trapezoid
 from vttig_jax.base.errors import LogError
-from vttig_jax.logs.checks.slip import Slip, find_slip, find_steps, refuse_slip
+from vttig_jax.logs.checks.slip import Slip, find_slip, refuse_slip
+from vttig_jax.logs.checks.steps import find_steps
 from vttig_jax.logs.encoder_log import EncoderLog
 from vttig_jax.logs.inspection import inspect_log
 from vttig_jax.logs.motion.segments import find_segments
@@ -77,7 +78,7 @@ def test_the_rig_of_the_paper():
 
 def test_slips_of_both_shafts_and_two_in_a_row():
     time, angle, _ = trapezoid(rate=RATE, reversal=2160.0, passes=3)
-    driven = geared(angle, noise=0.002)[0]
+    driven = geared(angle)[0]
     for second in (0.1, -0.1, 0.3):
         twice = driven + 0.1 * (time > 4.0) + second * (time > 10.5)
         log = EncoderLog.from_arrays(time, angle, twice, pair=spec(), unit="deg")
@@ -168,3 +169,14 @@ def test_steps_beside_columns():
     assert find_steps(values + 0.05 * (place >= 80), columns) == []
     spans = np.stack([np.ones(200), place >= 80], axis=1).astype(float)
     assert find_steps(values + 5.0 * (place >= 80), spans) == []
+
+
+def test_a_delay_that_steps_is_no_slip():
+    """Two speeds both ways: the error of each changes by its own speed times the step."""
+    time, angle, _ = trapezoid(rate=RATE, reversal=2160.0, dwell=0.5, passes=4)
+    time, angle = np.append(time, time[-1] + 0.01 + 0.5 * time), np.append(angle, angle)
+    driven, _ = geared(angle, noise=0.002)
+    speed = np.gradient(driven, time)
+    late = driven - speed * np.where(time % (time[-1] / 3) < time[-1] / 6, 4e-4, 9e-4)
+    log = EncoderLog.from_arrays(time, angle, late, pair=spec(), unit="deg")
+    assert found(log) is None

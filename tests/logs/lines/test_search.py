@@ -430,15 +430,15 @@ def kuka(data_dir, log: str, axis: int) -> Stretch:
     return run_of(motor * ratio * DEG, error, np.column_stack(columns))
 
 
-@pytest.mark.parametrize(("log", "multiples"), [("A", (0.5, 1.5)), ("B", (0.5, 1.5, 2.0))])
+@pytest.mark.parametrize(("log", "multiples"), [("A", (1, 2, 3)), ("B", (1, 2, 3, 4))])
 def test_the_ripple_of_a_robot_axis(data_dir, log, multiples):
-    """The ripple at 3.09 a motor turn, and multiples of half of it."""
+    """The ripple is the second order of a hidden shaft; its fourth is weak in log A."""
     lines = find_lines([kuka(data_dir, log, 2)], highest=8.0)
     strongest = max(lines, key=lambda line: line.amplitude_arcsec)
     assert strongest.cycles_per_rev == pytest.approx(3.09, abs=0.005)
-    assert 14.5 < strongest.amplitude_arcsec < 20.5
+    assert 15.0 < strongest.amplitude_arcsec < 20.5
     for multiple in multiples:
-        assert min(abs(li.cycles_per_rev - 3.09 * multiple) for li in lines) < 0.015
+        assert min(abs(li.cycles_per_rev - 1.5437 * multiple) for li in lines) < 0.01
 
 
 @pytest.mark.parametrize("log", ["A", "B"])

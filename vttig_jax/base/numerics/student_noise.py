@@ -35,6 +35,7 @@ def fit_student_noise(
     columns: Float[np.ndarray, "n p"],
     *starts: NoiseFit,
     order: int | None = None,
+    floor: float = 0.0,
 ) -> NoiseFit:
     """Fit values = columns · β + noise by the largest likelihood.
 
@@ -45,19 +46,21 @@ def fit_student_noise(
 
     **Arguments**
     - `starts`: fits of fewer columns, whose residuals are further starts of the iteration.
+    - `floor`: standard deviation of white noise that every series has at least. Without it an
+      autoregression predicts a series without noise exactly, and one step is a single outlier.
     """
     scale = max(float(np.ptp(values)), 1e-300)
     size = np.linalg.norm(columns, axis=0)
     scaled, columns = values / scale, columns / np.where(size > 0, size, 1.0)
     first = scaled - columns @ np.linalg.lstsq(columns, scaled, rcond=1e-9)[0]
-    here = NoiseFit(-np.inf, 0, first, np.ones(len(values)))
-    found = [_iterated(scaled, columns, here, nu, order) for nu in (_FREEDOMS[1], _FREEDOMS[-1])]
-    for start in starts:
-        there = replace(start, residual=start.residual / scale)
-        found += [
-            _iterated(scaled, columns, there, nu, start.order)
-            for nu in (_FREEDOMS[1], _FREEDOMS[-1])
-        ]
+    least = (floor / scale) ** 2
+    here = [(NoiseFit(-np.inf, 0, first, np.ones(len(values))), order)]
+    here += [(replace(one, residual=one.residual / scale), one.order) for one in starts]
+    found = [
+        _iterated(scaled, columns, start, freedom, order=used, least=least)
+        for start, used in here
+        for freedom in (_FREEDOMS[1], _FREEDOMS[-1])
+    ]
     best = max(found, key=attrgetter("log_likelihood"))
     return replace(best, residual=best.residual * scale)
 
@@ -67,54 +70,70 @@ def _iterated(
     columns: Float[np.ndarray, "n p"],
     start: NoiseFit,
     freedom: float,
+    *,
     order: int | None,
+    least: float,
 ) -> NoiseFit:
-    """Return the best of several iterations with weights of one number of degrees of freedom."""
+    """Return the best of several iterations with weights of one number of degrees of freedom.
+
+    `least` is the variance of white noise that the series has at least.
+    """
     residual, weight = start.residual, start.weight.copy()
     highest = min(_HIGHEST_ORDER, len(values) // _ROWS_PER_LAG)
     best = NoiseFit(-np.inf, 0, residual, weight)
     for _ in range(_ROUNDS):
-        used = _order(residual, weight, highest) if order is None else order
+        used = _order(residual, weight, highest, least) if order is None else order
         past = sliding_window_view(residual, used + 1)[:, ::-1]
         root = np.sqrt(weight[used:])
-        taps = np.linalg.lstsq(past[:, 1:] * root[:, None], past[:, 0] * root, rcond=None)[0]
+        ridge = np.sqrt(least * len(past)) * np.eye(used)
+        earlier = np.vstack([past[:, 1:] * root[:, None], ridge])
+        now = np.append(past[:, 0] * root, np.zeros(used))
+        taps = np.linalg.lstsq(earlier, now, rcond=None)[0]
         filter_ = np.concatenate([[1.0], -taps])[::-1]
+        floor = least * float(filter_ @ filter_)  # variance of that white noise when filtered
         whitened = sliding_window_view(columns, used + 1, axis=0) @ filter_
         target = sliding_window_view(values, used + 1) @ filter_
         solution = np.linalg.lstsq(whitened * root[:, None], target * root, rcond=1e-9)[0]
         residual = values - columns @ solution
         innovation = target - whitened @ solution
-        likelihood = _best_likelihood(innovation) * len(values) / len(innovation)
+        likelihood = _best_likelihood(innovation, floor) * len(values) / len(innovation)
         if likelihood > best.log_likelihood:
             best = NoiseFit(likelihood, used, residual, weight.copy())
-        square = _scale(innovation, freedom)
+        square = _scale(innovation, freedom, floor)
         weight[used:] = (freedom + 1) / (freedom + innovation**2 / square)
         weight[:used] = 1.0
     return best
 
 
-def _order(residual: Float[np.ndarray, " n"], weight: Float[np.ndarray, " n"], highest: int) -> int:
+def _order(
+    residual: Float[np.ndarray, " n"],
+    weight: Float[np.ndarray, " n"],
+    highest: int,
+    least: float,
+) -> int:
     """Return the order by BIC from lag products in which outliers count little."""
     values = residual * np.minimum(weight, 1.0)
     products = np.array([values[lag:] @ values[: len(values) - lag] for lag in range(highest + 1)])
+    products[0] += least * len(values)
     return len(whitening_filter(products / len(values), len(values))) - 1
 
 
-def _scale(innovation: Float[np.ndarray, " n"], freedom: float) -> float:
-    """Return the square of the scale s with the largest likelihood."""
-    square = max(float(np.mean(innovation**2)), 1e-300)
+def _scale(innovation: Float[np.ndarray, " n"], freedom: float, least: float) -> float:
+    """Return the square of the scale s with the largest likelihood, at least `least`."""
+    least = max(least, 1e-300)
+    square = max(float(np.mean(innovation**2)), least)
     for _ in range(_SCALES):
         weight = (freedom + 1) / (freedom + innovation**2 / square)
-        square = max(float(np.mean(weight * innovation**2)), 1e-300)
+        square = max(float(np.mean(weight * innovation**2)), least)
     return square
 
 
-def _best_likelihood(innovation: Float[np.ndarray, " n"]) -> float:
+def _best_likelihood(innovation: Float[np.ndarray, " n"], least: float) -> float:
     """Return the largest ln L of the innovations over scale and degrees of freedom."""
     best = -np.inf
     count = len(innovation)
     for freedom in _FREEDOMS:
-        square = _scale(innovation, freedom)
+        square = _scale(innovation, freedom, least)
         constant = gammaln((freedom + 1) / 2) - gammaln(freedom / 2)
         constant -= 0.5 * np.log(np.pi * freedom * square)
         tails = np.log1p(innovation**2 / (freedom * square))

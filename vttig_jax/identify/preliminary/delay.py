@@ -12,6 +12,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
+from ...base.numerics.quantiles import NORMAL_95
 from ...logs.motion.flank_assignment import Ramp
 from ...logs.motion.segments import Segment
 from ...pair.gear_pair import Flank
@@ -62,6 +63,21 @@ class Delay:
         """Whether another pass would not change the delay."""
         small = max(_SMALL * self.std_s, _SMALLEST_S)
         return self.state != "fitted" or abs(self.step_s) <= small
+
+    def unknown_s(self, *, steady: bool) -> float:
+        """Return the size of a delay, s, that the fit leaves in the gap between the flanks.
+
+        It is the bound of a delay that the logs do not tell, and at one speed (`steady`) the half
+        width of the interval of an insignificant delay, which the fit takes as zero.
+        """
+        if self.state == "insignificant" and steady:
+            return NORMAL_95 * self.std_s
+        return self.bound_s
+
+    @property
+    def bound_s(self) -> float:
+        """Bound of a delay that the logs do not tell, s; 0 for any other delay."""
+        return self.within_s if self.state == "open" and not self.forced else 0.0
 
     def stepped(self) -> "Delay":
         """Return the delay with the step added."""

@@ -9,7 +9,7 @@ with the covariance P of the parameters p, the derivative H of the gap with resp
 covariance V of the gap due to the free harmonics at fixed p, and the scatter σ of the readings.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import equinox as eqx
@@ -22,15 +22,13 @@ from jaxtyping import Float
 from ...base.errors import LogError, UsageError
 from ...base.units import DEG
 from ...kinematics.exact import ExactModel
-from ...kinematics.harmonic import OrderModel
 from ...logs.readers.backlash_readings import BacklashReadings
 from ...pair.eccentricities import Eccentricities
 from ...pair.gear_pair import Drive, Flank, GearPair
-from ..compress.harmonic_summary import HarmonicSummary
 from ..model.column_layout import OFFSET
 from ..model.mounting import mounted_exact, mounting_of, offset_name
-from ..noise.noise_model import WhitenedFlank
 from ..solve.least_squares import Solution
+from ..solve.solved_fit import SolvedFit
 from .checks import ReadingsComparison
 
 _UNKNOWN = 1.0
@@ -62,51 +60,38 @@ class PredictedGap:
         return self.slope @ covariance @ self.slope.T + self.open_
 
 
-def gap_of_both_flanks(
-    driving: Float[np.ndarray, " n"],
-    model: OrderModel,
-    summary: HarmonicSummary,
-    whitened: Sequence[WhitenedFlank],
-    solution: Solution,
-    coefficients: Sequence[Float[np.ndarray, " columns"]],
-) -> PredictedGap:
+def gap_of_both_flanks(driving: Float[np.ndarray, " n"], solved: SolvedFit) -> PredictedGap:
     """Return the order-complete gap TE_B − TE_A of two measured flanks."""
-    count = len(driving)
+    return _gap_of_rows({flank: _rows(driving, solved, flank) for flank in ("A", "B")}, solved)
+
+
+def mean_gap(driving: Float[np.ndarray, " n"], solved: SolvedFit) -> PredictedGap:
+    """Return the mean over driving angles of the gap of two measured flanks, as a single gap."""
+    means = {
+        flank: _rows(driving, solved, flank).mean(axis=0, keepdims=True) for flank in ("A", "B")
+    }
+    return _gap_of_rows(means, solved)
+
+
+def _gap_of_rows(
+    rows: Mapping[str, Float[np.ndarray, "n columns"]], solved: SolvedFit
+) -> PredictedGap:
+    """Return the gap that rows of both flanks give with the coefficients of the fit."""
+    count, solution = len(rows["A"]), solved.solution
     value, slope = np.zeros(count), np.zeros((count, len(solution.names)))
     open_ = np.zeros((count, count))
-    for place, (flank, factor) in enumerate(zip(summary.flanks, whitened, strict=True)):
+    for place, (flank, factor) in enumerate(
+        zip(solved.summary.flanks, solved.whitened, strict=True)
+    ):
         sign = 1.0 if flank.flank == "B" else -1.0
-        rows = _rows(driving, model, flank.flank, summary)
-        free = factor.free
+        own, free = rows[flank.flank], factor.free
         inverse = np.linalg.inv(factor.factor[:free, :free])
         follow = -inverse @ factor.factor[:free, free:-1]
-        value += sign * rows @ coefficients[place]
-        slope += sign * (rows[:, free:] + rows[:, :free] @ follow) @ solution.jacobian[place]
-        left = rows[:, :free] @ inverse
+        value += sign * own @ solved.coefficients[place]
+        slope += sign * (own[:, free:] + own[:, :free] @ follow) @ solution.jacobian[place]
+        left = own[:, :free] @ inverse
         open_ += left @ left.T
     return PredictedGap(value, slope, open_)
-
-
-def mean_gap(
-    driving: Float[np.ndarray, " n"],
-    model: OrderModel,
-    summary: HarmonicSummary,
-    whitened: Sequence[WhitenedFlank],
-    solution: Solution,
-    coefficients: Sequence[Float[np.ndarray, " columns"]],
-) -> tuple[float, float]:
-    """Return the mean of the order-complete gap over driving angles, rad, and its variance."""
-    value, slope, open_ = 0.0, np.zeros(len(solution.names)), 0.0
-    for place, (flank, factor) in enumerate(zip(summary.flanks, whitened, strict=True)):
-        sign = 1.0 if flank.flank == "B" else -1.0
-        row = _rows(driving, model, flank.flank, summary).mean(axis=0)
-        free = factor.free
-        inverse = np.linalg.inv(factor.factor[:free, :free])
-        follow = -inverse @ factor.factor[:free, free:-1]
-        value += sign * float(row @ coefficients[place])
-        slope += sign * (row[free:] + row[:free] @ follow) @ solution.jacobian[place]
-        open_ += float(np.sum((row[:free] @ inverse) ** 2))
-    return value, float(slope @ solution.covariance @ slope) + open_
 
 
 def gap_of_one_flank(
@@ -242,10 +227,10 @@ def require_gap(pair: GearPair | Drive, flanks: Sequence[str], as_data: bool, wh
 
 
 def _rows(
-    driving: Float[np.ndarray, " n"], model: OrderModel, flank: Flank, summary: HarmonicSummary
+    driving: Float[np.ndarray, " n"], solved: SolvedFit, flank: Flank
 ) -> Float[np.ndarray, "n columns"]:
     """Return the rows of the fit, without y, at angles of the first log."""
-    columns = summary.columns
+    columns, model = solved.summary.columns, solved.model
     error = np.asarray(model.transmission_error(driving, flank))
     driven = float(model.ratio) * driving + error
     rows = np.zeros((len(driving), columns.width - 1))

@@ -1,11 +1,10 @@
 """Construction of the checks of a fit."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 from msgspec.structs import replace
 
 from ...base.units import ARCSEC, DEG
-from ...kinematics.te_curve import TECurve
 from ...logs.channel.spikes import without_spikes
 from ...logs.checks.ratio import seen_ratio
 from ...logs.encoder_log import EncoderLog
@@ -15,53 +14,50 @@ from ..model.mounting import mounting_of
 from ..preliminary.linear_fit import LinearFit
 from ..preliminary.model_selection import SelectedModel
 from ..solve.least_squares import Solution
+from ..solve.residuals import curves_and_residuals
 from .checks import (
     Checks,
     CoveredGap,
     Disagreement,
-    GapAtSpeed,
     RatioCheck,
-    ReadingsComparison,
-    ResidualLine,
     Reversal,
-    Whiteness,
 )
 from .closure import closure, reversal_jumps
+from .covered_gap import gap_by_speed
+from .estimate import Estimate
 from .order_table import Order
 from .parameters import Parameter, variable_backlash_deg
 from .per_log import start_of
 from .record import Later
 from .repeatability import halves, passes
+from .residual_tests import explained, lines_left
 from .same_rig import disagreements, refuse_different_rigs
 
 
 def checks_of(
     selected: SelectedModel,
-    solution: Solution,
+    estimate: Estimate,
     pair: GearPair | Drive,
     parameters: dict[str, Parameter],
+    *,
     orders: Sequence[Order],
-    curves: tuple[TECurve, ...],
-    whiteness: Whiteness | None,
-    readings: ReadingsComparison | None,
     gap: CoveredGap,
-    gaps: tuple[GapAtSpeed, ...],
-    explained: float | None,
-    lines: Callable[[], Sequence[ResidualLine]],
 ) -> Checks:
     """Return all checks of a fit.
 
-    Those of the residual, of the readings and of the gap are given. `lines` and the comparisons
-    within each log are computed later; they keep the block rows but not the samples.
+    The comparisons within each log and the lines are computed later. They keep the block rows but
+    not the samples.
     """
-    linear, drift = selected.linear, selected.drift
-    rows, terms = linear.rows, linear.model.terms
+    solved, drift = estimate.solved, selected.drift
+    linear, weights, solution = solved.linear, solved.weights, solved.solution
+    rows, terms, same_zero = linear.rows, linear.model.terms, linear.model.same_zero
+    is_rounding = solved.noise.is_rounding
     longest = max(float(c.time[-1] - c.time[0]) for c in linear.channels)
     return Checks(
         order_spectrum=tuple(one for one in orders if one.order == 1 and one.shaft != "mesh"),
-        closure=closure(curves, pair),
-        whiteness=whiteness,
-        readings=readings,
+        closure=closure(curves_and_residuals(linear, weights)[0], pair),
+        whiteness=estimate.whiteness,
+        readings=estimate.readings,
         reversals=tuple(
             jump
             for log in range(len(linear.inputs))
@@ -71,8 +67,8 @@ def checks_of(
         ratio=tuple(_ratio(one.log) for one in linear.inputs),
         agreement=_agreement(linear),
         gap_over_angles_covered=gap,
-        gap_by_speed=gaps,
-        explained=explained,
+        gap_by_speed=() if gap.value is None else gap_by_speed(solved, gap.value),
+        explained=explained(linear, solved.summary.columns, weights),
         drift_order=drift.order,
         drift_knots_s=drift.knots_s or None,
         drift_stiffness_s=drift.stiffness_s(longest),
@@ -98,7 +94,9 @@ def checks_of(
                 for difference in halves(own, terms, log)
             ]
         ),
-        lines=Later(lines),
+        lines=Later(
+            lambda: [] if is_rounding else lines_left(rows, weights, terms, same_zero=same_zero)
+        ),
     )
 
 

@@ -62,6 +62,11 @@ class Disagreement(Record, frozen=True):
     std_arcsec: float
 
 
+_CLEARLY = 6.0
+"""Least size of a gap below zero that contradicts the log, in rms residuals; a smaller one may be
+friction or wind-up (chosen value)."""
+
+
 class CoveredGap(Record, frozen=True):
     """TE_B − TE_A averaged over the driving angles that both flanks covered, in degrees.
 
@@ -81,6 +86,10 @@ class CoveredGap(Record, frozen=True):
     def is_contradiction(self) -> bool:
         """Whether the whole interval lies below zero, where no gap can be."""
         return self.determined and self.high95 is not None and self.high95 < 0
+
+    def contradicts(self, residual_rms_deg: float) -> bool:
+        """Return whether the whole interval lies below zero, and the value by six rms residuals."""
+        return self.is_contradiction and -(self.value or 0.0) > _CLEARLY * residual_rms_deg
 
 
 class GapAtSpeed(Record, frozen=True):

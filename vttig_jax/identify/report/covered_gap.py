@@ -7,45 +7,34 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.special import chdtrc
 
+from ...base.numerics.quantiles import NORMAL_95
 from ...base.units import DEG, REV
-from ...kinematics.harmonic import OrderModel
-from ..compress.harmonic_summary import HarmonicSummary
 from ..model.column_layout import OFFSET
-from ..noise.noise_model import WhitenedFlank
 from ..preliminary.linear_fit import LinearFit
-from ..solve.least_squares import Solution
-from ..solve.residuals import Weights
+from ..solve.solved_fit import SolvedFit
 from .backlash_readings import mean_gap
 from .checks import CoveredGap, GapAtSpeed
-from .parameters import NORMAL_95
 
 _CELL = DEG
 """Driving angle of a cell in rad; each cell that both flanks covered counts once (chosen)."""
 
 
-def covered_gap(
-    linear: LinearFit,
-    model: OrderModel,
-    summary: HarmonicSummary,
-    whitened: Sequence[WhitenedFlank],
-    solution: Solution,
-    coefficients: Sequence[Float[np.ndarray, " columns"]],
-    margin: float,
-) -> CoveredGap:
+def covered_gap(solved: SolvedFit, margin: float) -> CoveredGap:
     """Return the mean gap of the fitted curves over the angles covered by both flanks.
 
     **Arguments**
     - `margin`: bound of the gap in rad that a delay within its own bound looks like; 0 for a delay
       that is known or fitted.
     """
-    if len(summary.flanks) < 2:
+    if len(solved.summary.flanks) < 2:
         return CoveredGap(reason="one direction: one flank alone shows no gap")
-    driving = _common_angles(linear)
+    driving = _common_angles(solved.linear)
     if len(driving) == 0:
         reason = "no driving angle was covered on both flanks; drive both ways over the same angles"
         return CoveredGap(reason=reason)
-    value, variance = mean_gap(driving, model, summary, whitened, solution, coefficients)
-    std = math.sqrt(variance)
+    mean = mean_gap(driving, solved)
+    value = float(mean.value[0])
+    std = math.sqrt(mean.deviation(solved.solution.covariance)[0, 0])
     half = math.hypot(NORMAL_95 * std, margin)
     low, high = value - half, value + half
     if margin and high > 0:
@@ -82,9 +71,7 @@ _PIECE_ROWS = 10  # fewest rows of a piece; chosen value
 _UNLIKELY = 1e-5  # probability of the scatter of the gaps if they agree; chosen value
 
 
-def gap_by_speed(
-    linear: LinearFit, weights: Sequence[Weights], gap_deg: float, correlation_s: float
-) -> tuple[GapAtSpeed, ...]:
+def gap_by_speed(solved: SolvedFit, gap_deg: float) -> tuple[GapAtSpeed, ...]:
     """Return the gap at several speeds of the driving shaft, beside all terms of the fit.
 
     At each speed the residual of flank B less that of flank A is added to the gap of the fit. The
@@ -92,9 +79,9 @@ def gap_by_speed(
     proportional to the speed is the delay's. The result is empty at one speed.
 
     **Arguments**
-    - `gap_deg`: gap of the fit. - `correlation_s`: correlation time of the noise.
+    - `gap_deg`: gap of the fit.
     """
-    rows = list(_pieces(linear, weights, correlation_s))
+    rows = list(_pieces(solved))
     if not rows:
         return ()
     speed, value, flank, piece = (np.concatenate(part) for part in zip(*rows, strict=True))
@@ -119,14 +106,13 @@ def gap_by_speed(
     return tuple(found) if len(found) > 1 else ()
 
 
-def _pieces(
-    linear: LinearFit, weights: Sequence[Weights], correlation_s: float
-) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
+def _pieces(solved: SolvedFit) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
     """Yield speed, residual, flank (1 for A, −1 for B) and number of the piece of every row."""
     number = 0
-    for rows, own in zip(linear.rows, weights, strict=True):
+    for rows, own in zip(solved.linear.rows, solved.weights, strict=True):
         share_place = rows.columns.index(OFFSET)
-        size = max(_PIECE_ROWS, math.ceil(3 * correlation_s / max(rows.block_s, 1e-300)))
+        rows_correlated = solved.noise.correlation_s / max(rows.block_s, 1e-300)
+        size = max(_PIECE_ROWS, math.ceil(3 * rows_correlated))
         for run in rows.runs:
             share = run.rows[:, share_place]
             counted = share > 0

@@ -15,6 +15,8 @@ from ..preliminary.model_selection import SelectedModel
 from ..settings import FitSettings
 from ..solve.least_squares import Solution
 from .checks import GapAtSpeed
+from .covered_gap import depends_on_speed
+from .estimate import Estimate
 from .parameters import Parameter
 from .per_log import LogRecord, differences
 
@@ -24,19 +26,26 @@ _CORRELATED = 0.9  # correlation of delay and backlash above which a note is giv
 def notes_of(
     selected: SelectedModel,
     identifiable: Identifiability,
-    solution: Solution,
-    noise: NoiseModel,
+    estimate: Estimate,
     regressors: tuple[Parameter, ...],
     logs: tuple[LogRecord, ...],
+    *,
+    gaps: Sequence[GapAtSpeed],
 ) -> tuple[str, ...]:
-    """Return all notes of a fit: first those on a log without noise, then those on the logs."""
+    """Return all notes of a fit: first those on a log without noise, then those on the logs.
+
+    `gaps` are the gaps at the speeds of the log.
+    """
+    solved, change = estimate.solved, estimate.change
     return (
-        *_noise_notes(noise),
+        *_noise_notes(solved.noise),
         *_seen(selected, identifiable),
-        *_delay_notes(selected, identifiable, solution),
+        *_delay_notes(selected, identifiable, solved.solution),
         *_ratio_notes(regressors, selected.linear.inputs[0].log),
-        *solver_notes(solution),
+        *solver_notes(solved.solution),
         *differences(logs),
+        *([_speed_note(gaps)] if depends_on_speed(gaps) else []),
+        *([change.sentence] if change and change.is_clear else []),
     )
 
 
@@ -52,7 +61,7 @@ def _noise_notes(noise: NoiseModel) -> list[str]:
     ]
 
 
-def speed_note(gaps: Sequence[GapAtSpeed]) -> str:
+def _speed_note(gaps: Sequence[GapAtSpeed]) -> str:
     """Return the note on a gap that depends on the speed."""
     slow, fast = gaps[0], gaps[-1]
     return (

@@ -4,17 +4,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol, runtime_checkable
 
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
 
 from ...base.units import ARCSEC
-from ...kinematics.harmonic import OrderModel
 from ...pair.gear_pair import Flank
-from ..compress.harmonic_summary import HarmonicSummary
-from ..model.column_layout import OFFSET
-from ..noise.noise_model import WhitenedFlank
-from ..solve.least_squares import Solution
+from ..solve.solved_fit import SolvedFit
 from .parameters import SIGNIFICANT, polar_spread
 
 _LEAKAGE = 3.0  # distance of a line in resolutions within which it leaks; chosen value
@@ -60,19 +54,15 @@ class FlankLine(Protocol):
         ...
 
 
-def order_table(
-    summary: HarmonicSummary,
-    whitened: tuple[WhitenedFlank, ...],
-    solution: Solution,
-    coefficients: list[Float[np.ndarray, " columns"]],
-) -> tuple[Order, ...]:
+def order_table(solved: SolvedFit) -> tuple[Order, ...]:
     """Return amplitude, standard error and phase of all harmonics of both shafts and the mesh."""
     table = []
+    summary, solution = solved.summary, solved.solution
     harmonics = summary.terms.free + summary.terms.tied
-    for index, (flank, factor) in enumerate(zip(summary.flanks, whitened, strict=True)):
+    for index, (flank, factor) in enumerate(zip(summary.flanks, solved.whitened, strict=True)):
         jacobian = solution.jacobian[index]
         covariance = factor.covariance(jacobian @ solution.covariance @ jacobian.T)
-        values = coefficients[index]
+        values = solved.coefficients[index]
         for position, harmonic in enumerate(harmonics):
             if harmonic.shaft == "both":
                 continue
@@ -122,32 +112,4 @@ def judged_orders(
 
     return tuple(
         replace(order, significant=order.significant and not is_leakage(order)) for order in orders
-    )
-
-
-def fitted_model(
-    summary: HarmonicSummary,
-    coefficients: list[Float[np.ndarray, " columns"]],
-    level: float = 0.0,
-) -> OrderModel:
-    """Return the order-complete flank model with the offset of the first log plus `level`, rad.
-
-    The values of a flank that was not measured are NaN.
-    """
-    harmonics = summary.terms.free + summary.terms.tied
-    offset, cosine, sine = (
-        np.full(shape, np.nan) for shape in ((2,), (2, len(harmonics)), (2, len(harmonics)))
-    )
-    for flank, values in zip(summary.flanks, coefficients, strict=True):
-        side = "AB".index(flank.flank)
-        columns = [summary.columns.cosine(position) for position in range(len(harmonics))]
-        offset[side] = values[summary.columns.index(OFFSET)] + level
-        cosine[side] = values[columns]
-        sine[side] = values[[column + 1 for column in columns]]
-    return OrderModel(
-        ratio=jnp.asarray(float(summary.terms.ratio)),
-        terms=tuple(h.term for h in harmonics),
-        offset=jnp.asarray(offset),
-        cosine=jnp.asarray(cosine),
-        sine=jnp.asarray(sine),
     )

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...base.angles import amplitude_phase
+from ...base.numerics.quantiles import NORMAL_95
 from ...base.units import ARCSEC, DEG
 from ...logs.encoder_log import EncoderLog
 from ...pair.gear_pair import Drive, GearPair
@@ -19,15 +20,10 @@ from ..solve.least_squares import Solution
 Outcome = Literal["ok", "partly_determined", "not_determined", "not_converged", "contradicts"]
 
 
-NORMAL_95 = 1.959963984540054  # 97.5 % quantile of the standard normal distribution
 SIGNIFICANT = 3.0  # standard errors; chosen value
 BELOW = "below three standard errors"
-ROUNDING = 1e-8
+ROUNDING = 1e-11
 """Angle, rad, below which a value is rounding and never significant."""
-
-
-_LEAST_DELAY_S = 1e-8
-"""Delay, s, below which a value is rounding and never significant."""
 
 
 @dataclass(frozen=True)
@@ -183,6 +179,7 @@ def parameters_of(
     solution: Solution,
     settings: FitSettings,
     delay: Delay,
+    *,
     delay_margin: float = 0.0,
 ) -> dict[str, Parameter]:
     """Return name → `Parameter` for all parameters of a fit, in the order of its JSON object.
@@ -303,7 +300,7 @@ def _delay(solution: Solution, delay: Delay) -> Parameter:
             reason = "the data leave it open: " + _companions(solution, [place])
             return undetermined("delay_s", "s", reason)
         found = scalar(solution, "delay", "delay_s", "s", 1.0).moved(delay.seconds)
-        if abs(found.value or 0.0) >= max(SIGNIFICANT * (found.std or 0.0), _LEAST_DELAY_S):
+        if abs(found.value or 0.0) >= SIGNIFICANT * (found.std or 0.0):
             return replace(found, significant=True, reason=None)
         return replace(found, significant=False, reason=BELOW)
     if delay.state == "insignificant":

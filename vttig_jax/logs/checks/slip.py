@@ -13,175 +13,11 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ...base.errors import LogError
-from ...base.numerics.student_noise import NoiseFit, fit_student_noise
 from ...base.units import DEG, REV
 from ..channel.speed import smooth_speed
 from ..encoder_log import EncoderLog
 from ..motion.segments import Segment, Segments
-
-EVIDENCE = 100.0
-"""Least 2 Δ ln L of a step; the largest of 100 simulated rigs without a step was 86."""
-
-MOST = 3
-"""Largest number of steps that are searched, one after the other."""
-
-NEAR = 6
-"""Number of values within which two steps are the same."""
-
-LEAST_REMAINDER = 0.02
-"""Least squared norm of a step beside the columns, relative to the length of its shorter side."""
-
-
-@dataclass(frozen=True, eq=False)
-class Step:
-    """Step of the values by `size` from index `window` on, with its standard error `std`.
-
-    `base` is the level before the step after subtraction of columns · `coefficients`.
-    """
-
-    window: int
-    size: float
-    std: float
-    base: float
-    coefficients: Float[np.ndarray, " p"]
-
-
-def find_steps(
-    values: Float[np.ndarray, " w"], columns: Float[np.ndarray, "w p"], least: float = 0.0
-) -> list[Step]:
-    """Find steps that the likelihood demands, in a fit together with other columns.
-
-    Steps are accepted together if they raise twice the logarithm of the likelihood by at least
-    `EVIDENCE` each. The noise is autoregressive with innovations of Student's distribution, and its
-    order, its coefficients and the degrees of freedom are fitted with and without the steps.
-
-    **Arguments**
-    - `values`: the series, shape (w,). `columns`: regressors of other effects, shape (w, p).
-    - `least`: least size of a step, in the unit of `values`.
-    """
-    count = len(values)
-    places: list[int] = []
-    while count >= 4 * NEAR and len(places) < MOST:
-        place = _best_place(values, np.hstack([columns, _steps(places, count)]), places)
-        if place is None:
-            break
-        places.append(place)
-    if _squares_ratio(values, columns, places) < EVIDENCE / 2:
-        return []
-    without = fit_student_noise(values, columns)
-    accepted, evidence = 0, 0.0
-    for used in range(1, len(places) + 1):
-        found = _evidence(values, columns, places[:used], without)
-        if found >= evidence + EVIDENCE * (used - accepted):
-            accepted, evidence = used, found
-    if not accepted:
-        return []
-    sharp = _sharpened(values, columns, places[:accepted], without)
-    return _measured(values, columns, sharp, least)
-
-
-def _squares_ratio(
-    values: Float[np.ndarray, " w"], columns: Float[np.ndarray, "w p"], places: list[int]
-) -> float:
-    """Return n ln (sum of squares without steps / with steps): without evidence, steps are none."""
-    squares = []
-    for design in (columns, np.hstack([columns, _steps(places, len(values))])):
-        basis = _basis(design)
-        residual = values - basis @ (basis.T @ values)
-        squares.append(max(float(residual @ residual), 1e-300))
-    return len(values) * float(np.log(squares[0] / squares[1]))
-
-
-def _evidence(
-    values: Float[np.ndarray, " w"],
-    columns: Float[np.ndarray, "w p"],
-    places: list[int],
-    without: NoiseFit,
-) -> float:
-    """Return 2 Δ ln L of steps beside the columns."""
-    design = np.hstack([columns, _steps(places, len(values))])
-    with_steps = fit_student_noise(values, design, without)
-    same = fit_student_noise(values, columns, with_steps, order=with_steps.order)
-    usual = max(without.log_likelihood, same.log_likelihood)
-    return 2 * (with_steps.log_likelihood - usual)
-
-
-def _sharpened(
-    values: Float[np.ndarray, " w"],
-    columns: Float[np.ndarray, "w p"],
-    places: list[int],
-    without: NoiseFit,
-) -> list[int]:
-    """Return the steps, each at the place near its own with the largest likelihood."""
-    sharp = list(places)
-    for k, place in enumerate(places):
-        nearby = range(max(place - NEAR // 2, 1), min(place + NEAR // 2 + 1, len(values) - 1))
-        trials = [[*sharp[:k], other, *sharp[k + 1 :]] for other in nearby]
-        designs = [np.hstack([columns, _steps(trial, len(values))]) for trial in trials]
-        found = [fit_student_noise(values, d, without).log_likelihood for d in designs]
-        sharp = trials[int(np.argmax(found))]
-    return sharp
-
-
-def _steps(places: list[int], count: int) -> Float[np.ndarray, "w s"]:
-    return (np.arange(count)[:, None] >= np.array(places, np.int64)[None, :]).astype(np.float64)
-
-
-def _best_place(
-    values: Float[np.ndarray, " w"], columns: Float[np.ndarray, "w p"], taken: list[int]
-) -> int | None:
-    """Return where one more step, not near those `taken`, reduces the sum of squares most."""
-    count = len(values)
-    basis = _basis(columns)
-    residual = values - basis @ (basis.T @ values)
-    # The column of step k is 1 from row k on, so its products are sums over the tail.
-    tail = np.cumsum(basis[::-1], axis=0)[::-1]
-    places = np.arange(count)
-    remainder = (count - places) - np.sum(tail**2, axis=1)
-    shorter = np.minimum(places, count - places)
-    usable = (shorter >= NEAR // 2) & (remainder > LEAST_REMAINDER * shorter)
-    for place in taken:  # steps within a few values are the same step
-        usable &= np.abs(places - place) > NEAR
-    if not usable.any():
-        return None
-    gain = np.cumsum(residual[::-1])[::-1] ** 2 / np.where(usable, remainder, np.inf)
-    return int(np.argmax(gain))
-
-
-def _basis(columns: Float[np.ndarray, "w p"]) -> Float[np.ndarray, "w r"]:
-    vectors, size, _ = np.linalg.svd(columns, full_matrices=False)
-    return vectors[:, size > 1e-6 * size[0]]
-
-
-def _measured(
-    values: Float[np.ndarray, " w"],
-    columns: Float[np.ndarray, "w p"],
-    places: list[int],
-    least: float,
-) -> list[Step]:
-    """Return the steps at `places` of at least the size `least`, after a common fit."""
-    count, width = columns.shape
-    steps = _steps(places, count)
-    design = np.hstack([columns, steps])
-    solution = np.linalg.lstsq(design, values, rcond=1e-9)[0]
-    residual = values - design @ solution
-    sigma = 1.4826 * float(np.median(np.abs(residual - np.median(residual))))
-    sigma *= np.sqrt(count / max(count - _basis(design).shape[1], 1))
-    power = max(float(residual @ residual), 1e-300)
-    correlation = np.clip(residual[1:] @ residual[:-1] / power, 0.0, 0.95)
-    found = []
-    for k, place in enumerate(places):
-        size = float(solution[width + k])
-        if abs(size) < max(least, 1e-12 * float(np.ptp(values))):
-            continue
-        level = residual + size * steps[:, k]
-        others = _basis(np.delete(design, width + k, axis=1))
-        remainder = steps[:, k] - others @ (others.T @ steps[:, k])
-        std = sigma * np.sqrt((1 + correlation) / (1 - correlation) / (remainder @ remainder))
-        base = float(np.median(level[max(0, place - NEAR) : place]))
-        found.append(Step(place, size, float(std), base, solution[:width]))
-    return found
-
+from .steps import Step, find_steps
 
 MOST_ROWS = 40_000
 """Largest number of rows of the fit; longer logs are thinned."""
@@ -225,8 +61,9 @@ def find_slip(log: EncoderLog, segments: Segments) -> Slip | None:
     **Arguments**
     - `segments`: result of `find_segments` for `log`; only samples on a certain flank are used.
 
-    A step is claimed if the likelihood demands it; see `find_steps`. It cannot be detected if the
-    flank or the speed changes permanently at the same instant.
+    A step is claimed if the likelihood demands it and a step of the delay explains it no better;
+    see `find_steps`. It cannot be detected if the flank or the speed changes permanently at the
+    same instant.
 
     **Example**
     ```python
@@ -260,7 +97,8 @@ def find_slip(log: EncoderLog, segments: Segments) -> Slip | None:
     )
     size = np.diff([*edges, len(rows)])
     means = np.add.reduceat(columns, edges, axis=0) / size[:, None]
-    steps = find_steps(medians, means, _least_step(log, residual))
+    least, speed = _least_step(log, residual), means[:, _speed_place(group)]
+    steps = find_steps(medians, means, least, rival=speed)
     if not steps:
         return None
     largest = max(steps, key=lambda step: abs(step.size))
@@ -328,6 +166,11 @@ def _least_step(log: EncoderLog, residual: Float[np.ndarray, " m"]) -> float:
         if channel is not None and channel.unit == "counts":
             limits.append(ratio * channel.resolution)
     return max(limits)
+
+
+def _speed_place(group: Int[np.ndarray, " m"]) -> int:
+    """Return the column of the speed, behind the offsets of the groups and the drift."""
+    return int(group.max()) + 2
 
 
 def _columns(

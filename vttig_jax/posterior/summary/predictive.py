@@ -13,9 +13,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ...base.files.text_tables import key_values
+from ...base.numerics.quantiles import NORMAL_95
 from ...base.results import PlottedResult
 from ...base.units import ARCSEC, DEG
-from ...identify.report.parameters import NORMAL_95
 from ...kinematics.te_curve import TECurve
 from .posterior import Posterior, flank_draws
 

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...base.files.text_tables import text_table
+from ...base.numerics.quantiles import NORMAL_95
 from ...base.results import TextResult
 from ...identify.fit_result import Fit
-from ...identify.report.parameters import NORMAL_95
 from ..density.density import fit_target
 from ..density.prior import Prior
 from ..density.profile_likelihood import Profiler

@@ -1,0 +1,66 @@
+"""Solution of a fit together with the compressed logs that it belongs to."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from ...kinematics.harmonic import OrderModel
+from ..compress.harmonic_summary import HarmonicSummary
+from ..model.column_layout import OFFSET
+from ..noise.noise_model import NoiseModel, WhitenedFlank
+from ..preliminary.linear_fit import LinearFit
+from .least_squares import Solution
+from .residuals import Weights, flank_coefficients, weights_of_logs
+
+
+@dataclass(frozen=True, eq=False)
+class SolvedFit:
+    """Parameters of a fit, and the logs and the noise from which they were estimated.
+
+    **Arguments**
+    - `linear`: rows of all logs. - `summary`: summary of the selected columns.
+    - `noise`, `whitened`: noise model, and whitened factor of each flank.
+    - `solution`: parameters with their covariance.
+    """
+
+    linear: LinearFit
+    summary: HarmonicSummary
+    noise: NoiseModel
+    whitened: tuple[WhitenedFlank, ...]
+    solution: Solution
+
+    @cached_property
+    def coefficients(self) -> list[Float[np.ndarray, " columns"]]:
+        """Coefficients of all columns but y on every flank."""
+        return flank_coefficients(self.whitened, self.solution)
+
+    @cached_property
+    def weights(self) -> list[Weights]:
+        """Residual weights of the rows of each log."""
+        return weights_of_logs(self.summary, self.coefficients)
+
+    @cached_property
+    def model(self) -> OrderModel:
+        """Order-complete flank model with the offset of the first log, rad.
+
+        The values of a flank that was not measured are NaN.
+        """
+        terms, columns = self.summary.terms, self.summary.columns
+        count = len(terms.free) + len(terms.tied)
+        offset, cosine, sine = (np.full(shape, np.nan) for shape in ((2,), (2, count), (2, count)))
+        for flank, values in zip(self.summary.flanks, self.coefficients, strict=True):
+            side = "AB".index(flank.flank)
+            cells = [columns.cosine(position) for position in range(count)]
+            offset[side] = values[columns.index(OFFSET)] + self.linear.levels[0]
+            cosine[side] = values[cells]
+            sine[side] = values[[cell + 1 for cell in cells]]
+        return OrderModel(
+            ratio=jnp.asarray(float(terms.ratio)),
+            terms=terms.terms,
+            offset=jnp.asarray(offset),
+            cosine=jnp.asarray(cosine),
+            sine=jnp.asarray(sine),
+        )

@@ -1,0 +1,202 @@
+"""Steps of a series beside regressors, in coloured noise with outliers."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from ...base.numerics.student_noise import NoiseFit, fit_student_noise
+
+EVIDENCE = 100.0
+"""Least 2 Δ ln L of a step; the largest of 100 simulated rigs without a step was 86."""
+
+MOST = 3
+"""Largest number of steps that are searched, one after the other."""
+
+NEAR = 6
+"""Number of values within which two steps are the same."""
+
+_FLOOR = 0.01
+"""Least noise of the series, in the least size of a step; smaller noise proves nothing more."""
+
+_BETTER = 20.0
+"""Least 2 Δ ln L by which another explanation is preferred; within one speed they are equal."""
+
+LEAST_REMAINDER = 0.02
+"""Least squared norm of a step beside the columns, relative to the length of its shorter side."""
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """Step of the values by `size` from index `window` on, with its standard error `std`.
+
+    `base` is the level before the step after subtraction of columns · `coefficients`.
+    """
+
+    window: int
+    size: float
+    std: float
+    base: float
+    coefficients: Float[np.ndarray, " p"]
+
+
+def find_steps(
+    values: Float[np.ndarray, " w"],
+    columns: Float[np.ndarray, "w p"],
+    least: float = 0.0,
+    rival: Float[np.ndarray, " w"] | None = None,
+) -> list[Step]:
+    """Find steps that the likelihood demands, in a fit together with other columns.
+
+    Steps are accepted together if they raise twice the logarithm of the likelihood by at least
+    `EVIDENCE` each, and if steps of the coefficient of `rival` are not clearly better. The noise is
+    autoregressive with innovations of Student's distribution, and its order, its coefficients and
+    the degrees of freedom are fitted with and without the steps.
+
+    **Arguments**
+    - `values`: the series, shape (w,). `columns`: regressors of other effects, shape (w, p).
+    - `least`: least size of a step, in the unit of `values`.
+    - `rival`: regressor of an effect whose size may step instead, shape (w,).
+    """
+    series = _Series(values, columns, _FLOOR * least)
+    constant = np.ones(len(values))
+    places = series.places(constant)
+    if series.squares_ratio(constant, places) < EVIDENCE / 2:
+        return []
+    without = series.noise(columns)
+    accepted, score = series.judged(constant, places, without)
+    if not accepted:
+        return []
+    if rival is not None:
+        other = series.judged(rival, series.places(rival), without)[1]
+        if other > score + _BETTER:
+            return []
+    return _measured(values, columns, series.sharpened(places[:accepted], without), least)
+
+
+@dataclass(frozen=True, eq=False)
+class _Series:
+    """Values beside columns, with white noise of at least the standard deviation `floor`."""
+
+    values: Float[np.ndarray, " w"]
+    columns: Float[np.ndarray, "w p"]
+    floor: float
+
+    def places(self, shape: Float[np.ndarray, " w"]) -> list[int]:
+        """Return where steps of the coefficient of `shape` help most, one after the other."""
+        places: list[int] = []
+        while len(self.values) >= 4 * NEAR and len(places) < MOST:
+            place = self._best_place(shape, places)
+            if place is None:
+                break
+            places.append(place)
+        return places
+
+    def squares_ratio(self, shape: Float[np.ndarray, " w"], places: list[int]) -> float:
+        """Return n ln (sum of squares without steps / with steps)."""
+        squares = []
+        for used in ([], places):
+            residual = _without(_basis(self._design(shape, used)), self.values)
+            squares.append(max(float(residual @ residual), 1e-300))
+        return len(self.values) * float(np.log(squares[0] / squares[1]))
+
+    def noise(self, design: Float[np.ndarray, "w q"], *starts: NoiseFit) -> NoiseFit:
+        """Return the largest likelihood beside the columns of a design."""
+        return fit_student_noise(self.values, design, *starts, floor=self.floor)
+
+    def judged(
+        self, shape: Float[np.ndarray, " w"], places: list[int], without: NoiseFit
+    ) -> tuple[int, float]:
+        """Return how many steps to accept, and 2 Δ ln L beyond what they need."""
+        accepted, best = 0, 0.0
+        for used in range(1, len(places) + 1):
+            with_steps = self.noise(self._design(shape, places[:used]), without)
+            same = fit_student_noise(
+                self.values, self.columns, with_steps, order=with_steps.order, floor=self.floor
+            )
+            usual = max(without.log_likelihood, same.log_likelihood)
+            score = 2 * (with_steps.log_likelihood - usual) - EVIDENCE * used
+            if score >= best:
+                accepted, best = used, score
+        return accepted, best
+
+    def sharpened(self, places: list[int], without: NoiseFit) -> list[int]:
+        """Return the steps, each at the place near its own with the largest likelihood."""
+        sharp, constant, last = list(places), np.ones(len(self.values)), len(self.values) - 1
+        for k, place in enumerate(places):
+            nearby = range(max(place - NEAR // 2, 1), min(place + NEAR // 2 + 1, last))
+            trials = [[*sharp[:k], other, *sharp[k + 1 :]] for other in nearby]
+            found = [
+                self.noise(self._design(constant, trial), without).log_likelihood
+                for trial in trials
+            ]
+            sharp = trials[int(np.argmax(found))]
+        return sharp
+
+    def _design(
+        self, shape: Float[np.ndarray, " w"], places: list[int]
+    ) -> Float[np.ndarray, "w q"]:
+        return np.hstack([self.columns, shape[:, None] * _steps(places, len(shape))])
+
+    def _best_place(self, shape: Float[np.ndarray, " w"], taken: list[int]) -> int | None:
+        """Return where one more step, not near those `taken`, reduces the sum of squares most."""
+        count = len(self.values)
+        basis = _basis(self._design(shape, taken))
+        residual = _without(basis, self.values)
+        # The column of step k is `shape` from row k on, so its products are sums over the tail.
+        tail = np.cumsum((shape[:, None] * basis)[::-1], axis=0)[::-1]
+        places, after = np.arange(count), np.cumsum(shape[::-1] ** 2)[::-1]
+        remainder = after - np.sum(tail**2, axis=1)
+        usable = np.minimum(places, count - places) >= NEAR // 2
+        usable &= remainder > LEAST_REMAINDER * np.minimum(after[0] - after, after)
+        for place in taken:  # steps within a few values are the same step
+            usable &= np.abs(places - place) > NEAR
+        if not usable.any():
+            return None
+        drop = np.cumsum((shape * residual)[::-1])[::-1] ** 2
+        return int(np.argmax(drop / np.where(usable, remainder, np.inf)))
+
+
+def _steps(places: list[int], count: int) -> Float[np.ndarray, "w s"]:
+    return (np.arange(count)[:, None] >= np.array(places, np.int64)[None, :]).astype(np.float64)
+
+
+def _without(
+    basis: Float[np.ndarray, "w r"], values: Float[np.ndarray, " w"]
+) -> Float[np.ndarray, " w"]:
+    return values - basis @ (basis.T @ values)
+
+
+def _basis(columns: Float[np.ndarray, "w p"]) -> Float[np.ndarray, "w r"]:
+    vectors, size, _ = np.linalg.svd(columns, full_matrices=False)
+    return vectors[:, size > 1e-6 * size[0]]
+
+
+def _measured(
+    values: Float[np.ndarray, " w"],
+    columns: Float[np.ndarray, "w p"],
+    places: list[int],
+    least: float,
+) -> list[Step]:
+    """Return the steps at `places` of at least the size `least`, after a common fit."""
+    count, width = columns.shape
+    steps = _steps(places, count)
+    design = np.hstack([columns, steps])
+    solution = np.linalg.lstsq(design, values, rcond=1e-9)[0]
+    residual = values - design @ solution
+    sigma = 1.4826 * float(np.median(np.abs(residual - np.median(residual))))
+    sigma *= np.sqrt(count / max(count - _basis(design).shape[1], 1))
+    power = max(float(residual @ residual), 1e-300)
+    correlation = np.clip(residual[1:] @ residual[:-1] / power, 0.0, 0.95)
+    found = []
+    for k, place in enumerate(places):
+        size = float(solution[width + k])
+        if abs(size) < max(least, 1e-12 * float(np.ptp(values))):
+            continue
+        level = residual + size * steps[:, k]
+        others = _basis(np.delete(design, width + k, axis=1))
+        remainder = _without(others, steps[:, k])
+        std = sigma * np.sqrt((1 + correlation) / (1 - correlation) / (remainder @ remainder))
+        base = float(np.median(level[max(0, place - NEAR) : place]))
+        found.append(Step(place, size, float(std), base, solution[:width]))
+    return found
