@@ -15,7 +15,7 @@ from .model.forward_model import relation_of
 from .model.identifiability import Identifiability
 from .noise.noise_model import whiten
 from .preliminary.delay import Delay, one_speed
-from .preliminary.model_selection import FEW_TURNS, SelectedModel
+from .preliminary.model_selection import SelectedModel, on_few_turns
 from .report.backlash_readings import (
     comparison,
     gap_of_both_flanks,
@@ -42,7 +42,7 @@ from .solve.residuals import (
     restored,
     sample_residual_rms,
 )
-from .solve.sandwich import widened, widened_on_few_turns
+from .solve.sandwich import Scatter, widened
 from .solve.solved_fit import SolvedFit
 
 _OF_CHANGE = 0.3  # half-width of the delay's interval as a share of its change; chosen value
@@ -66,7 +66,7 @@ def build_fit(
     regressors = regressors_of(solution, linear.inputs[0].log)
     orders, residual_rms = order_table(solved), sample_residual_rms(linear, solved.weights)
     curves, residuals = curves_and_residuals(linear, solved.weights)
-    gap = covered_gap(solved, unknown)
+    gap = covered_gap(solved, unknown, estimate.scatter)
     checks = checks_of(selected, estimate, pair, parameters, orders=orders, gap=gap)
     logs = tuple(log_record(linear, solution, log) for log in range(len(linear.inputs)))
     return Fit(
@@ -119,11 +119,11 @@ def _estimate(
 ) -> Estimate:
     """Return the parameters with standard errors that the log itself and the readings support."""
     solved = _solved(selected, pair, identifiable, settings)
-    few_turns = isinstance(pair, Drive) and identifiable.turns["driving"] < FEW_TURNS
-    solved, white = _with_own_errors(solved, few_turns)
+    few_turns = on_few_turns(pair, identifiable)
+    solved, white, scatter = _with_own_errors(solved, few_turns)
     solved, compared = _with_readings(solved, readings, pair, settings.use_readings)
     change = delay_change(selected.linear) if selected.delay.state == "fitted" else None
-    return Estimate(_with_change(solved, change), white, compared, change)
+    return Estimate(_with_change(solved, change), white, scatter, compared, change)
 
 
 def _solved(
@@ -134,7 +134,8 @@ def _solved(
 ) -> SolvedFit:
     """Return the parameters with the standard errors of the noise model."""
     summary, linear = selected.summary, selected.linear
-    noise, whitened = whiten(summary, selected.weights.variance_factor)
+    few_turns = on_few_turns(pair, identifiable)
+    noise, whitened = whiten(summary, selected.weights.variance_factor, few_turns=few_turns)
     relation = relation_of(
         pair,
         identifiable.terms,
@@ -144,35 +145,35 @@ def _solved(
         gear_terms=not settings.perfect_gears,
     )
     solution = restored(solve(relation, whitened), linear.levels)
-    return SolvedFit(linear, summary, noise, whitened, solution)
+    return SolvedFit(linear, summary, noise, whitened, solution, solution.covariance)
 
 
-def _with_own_errors(solved: SolvedFit, few_turns: bool) -> tuple[SolvedFit, Whiteness | None]:
+def _with_own_errors(
+    solved: SolvedFit, few_turns: bool
+) -> tuple[SolvedFit, Whiteness | None, Scatter | None]:
     """Replace the standard errors by those from the log itself if the noise model may be wrong.
 
     On few turns cosines of the scores decide. Otherwise a test of the whitened residual decides
     whether blocks of the log do. Both are omitted if the residual is rounding, which
     follows the digits of the readings and no noise model.
 
-    **Returns** the solution, and the record of the test or None.
+    **Returns** the solution, the record of the test, and the parts of the log whose scatter gives
+    the standard errors; None if the noise model gives them.
     """
     noise, solution = solved.noise, solved.solution
     if noise.is_rounding:
-        return solved, None
+        return solved, None, None
     curves, residuals = curves_and_residuals(solved.linear, solved.weights)
     noises = [noise.at(curve.mean_speed) for curve in curves]
     white = whiteness(residuals, [curve.time for curve in curves], noises)
-    if few_turns:
-        estimate = widened_on_few_turns
-    elif white is None or white.probability >= REMEMBERS:
-        return solved, white
-    else:
-        estimate = widened
-    widening = estimate(solved)
+    if not few_turns and (white is None or white.probability >= REMEMBERS):
+        return solved, white, None
+    scatter: Scatter = "cosines" if few_turns else "blocks"
+    widening = widened(solved, scatter)
     covariance = solution.covariance * np.outer(widening, widening)
     if white is not None:
         white = msgspec.structs.replace(white, widening=float(widening.max()))
-    return replace(solved, solution=replace(solution, covariance=covariance)), white
+    return replace(solved, solution=replace(solution, covariance=covariance)), white, scatter
 
 
 def _with_readings(

@@ -106,6 +106,35 @@ def test_spikes_are_bridged():
     assert np.abs(ringing - (_angle(time - 3e-3) - _angle(time[:1]))).max() > 0.2
 
 
+def _with_late_reading() -> tuple[EncoderLog, int, np.ndarray]:
+    """One reading too far by 0.01 rad, which is no spike, with the weight 0."""
+    time, late = _even(), 5000
+    driving, weight = _angle(time), np.ones(len(time))
+    driving[late] += 0.01
+    weight[late] = 0.0
+    log = _log(time, driving)
+    return replace(log, driving=replace(log.driving, spikes=None)), late, weight
+
+
+def test_a_late_reading_moves_no_other():
+    log, late, weight = _with_late_reading()
+    expected = _angle(log.time - 3e-4) - _angle(log.time[:1])
+    off = shifted(log, 3e-4, weight) - expected
+    assert off[late] == pytest.approx(0.01, rel=1e-3)
+    near = np.r_[late - 3 : late, late + 1 : late + 4]
+    assert np.abs(off[near]).max() < 2e-6
+    assert np.abs((shifted(log, 3e-4) - expected)[near]).max() > 1e-4
+
+
+def test_a_late_reading_shows_no_speed():
+    log, late, weight = _with_late_reading()
+    near = slice(late - 3, late + 4)
+    for weights, seen in ((weight, False), (None, True)):
+        column = read_channels(log, DRIVE, ("delay",), Drift(), 3e-4, weights).own["delay"]
+        speed = np.gradient(_angle(log.time), log.time)
+        assert (np.abs(column + 0.5 * speed)[near].max() > 0.05) == seen
+
+
 def test_the_error_is_that_of_the_shifted_angle():
     log = _log(_even())
     channels = read_channels(log, DRIVE, (), Drift(), 3e-3)

@@ -96,7 +96,7 @@ def test_rms_counts_samples_by_their_weight(linear, quick_log):
     share[1000:1200] = 0.0
     weighed = linear_fit(linear.inputs, linear.model, 0.0, [share], linear.block_s)
     weights = dict.fromkeys(BOTH, _weights(linear))
-    every = np.concatenate([_direct(linear, number, weights["A"]) for number in (0, 1)])
+    every = np.concatenate([_direct(weighed, number, weights["A"]) for number in (0, 1)])
     each = np.concatenate(
         [share[run.segment.start : run.segment.stop] for run in linear.rows[0].runs]
     )
@@ -105,7 +105,9 @@ def test_rms_counts_samples_by_their_weight(linear, quick_log):
     assert sample_residual_rms(linear, [weights]) != pytest.approx(expected, rel=1e-4)
 
 
-def test_means_without_weight_are_left_out_of_the_curves(linear, quick_log):
+def test_means_without_weight_are_left_out_of_the_curves(quick_log, quick_rig):
+    """Without a delay, whose column follows the speed of the samples that count."""
+    linear = looked(quick_log, quick_rig.pair, drift=Drift(2))[1]
     share = np.ones(len(quick_log))
     (rows,) = linear.rows
     first = rows.runs[0].segment

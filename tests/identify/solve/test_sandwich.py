@@ -4,13 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.special import stdtrit
 
 from tests.identify.quick import quick_rig
 from tests.identify.summaries import looked
 from vttig_jax.identify.model.forward_model import pair_relation
 from vttig_jax.identify.noise.noise_model import NoiseModel, whiten
+from vttig_jax.identify.report.backlash_readings import mean_gap
+from vttig_jax.identify.solve import sandwich
 from vttig_jax.identify.solve.least_squares import solve
-from vttig_jax.identify.solve.sandwich import widened
+from vttig_jax.identify.solve.sandwich import Functional, standard_errors, widened
 from vttig_jax.identify.solve.solved_fit import SolvedFit
 from vttig_jax.rig.imperfections import Noise
 
@@ -23,7 +26,7 @@ def linear():
     return rig.pair, *looked(rig.log(0), rig.pair)
 
 
-def _widening(linear, *, white: bool) -> np.ndarray:
+def _solved(linear, *, white: bool) -> SolvedFit:
     pair, scope, seen = linear
     noise, whitened = whiten(seen.summary)
     if white:
@@ -36,7 +39,11 @@ def _widening(linear, *, white: bool) -> np.ndarray:
         pair, scope.terms, seen.summary.columns, scope.flanks, encoder_terms=True
     )
     solution = solve(relation, whitened)
-    return widened(SolvedFit(seen, seen.summary, noise, whitened, solution))
+    return SolvedFit(seen, seen.summary, noise, whitened, solution, solution.covariance)
+
+
+def _widening(linear, *, white: bool) -> np.ndarray:
+    return widened(_solved(linear, white=white), "blocks")
 
 
 def test_the_right_noise_model_needs_no_widening(linear):
@@ -56,3 +63,37 @@ def test_memory_left_out_of_the_noise_model_is_seen(linear):
 def test_a_fit_with_the_right_noise_keeps_its_standard_errors(quick_fit):
     assert quick_fit.checks.whiteness is not None
     assert quick_fit.checks.whiteness.widening == 1.0
+
+
+def test_the_influence_of_a_row_is_that_of_another_fit(linear):
+    """One row of flank B is changed by 1 µrad, and everything is solved again."""
+    pair, scope, seen = linear
+    driving = np.linspace(0.0, 5.0, 40)
+    before = _solved(linear, white=True)
+    gap = mean_gap(driving, before)
+    runs = sorted(seen.rows[0].runs, key=lambda run: run.segment.start)
+    place = [run.segment.flank for run in runs].index("B")
+    step, row = 1e-6, 7
+    changed = runs[place].rows.copy()
+    changed[row, -1] += step
+    moved = [replace(run, rows=changed) if k == place else run for k, run in enumerate(runs)]
+    other = replace(seen, rows=(replace(seen.rows[0], runs=tuple(moved)),))
+    after = mean_gap(driving, _solved((pair, scope, other), white=True))
+    influence = sandwich._influences(before, gap.functional)[place][row, 0]
+    weights = before.weights[0]["B"]
+    residual = float(changed[row] @ weights) - step
+    expected = influence / residual * step
+    assert float(after.value[0] - gap.value[0]) == pytest.approx(expected, rel=0.02)
+
+
+@pytest.mark.parametrize("scatter", ["blocks", "cosines"])
+def test_the_gap_has_standard_errors_of_its_own(linear, scatter):
+    """Where the noise model is right, the log agrees with it; Student's quantile comes on top."""
+    solved = _solved(linear, white=False)
+    gap = mean_gap(np.linspace(0.0, 5.0, 40), solved)
+    plain = float(np.sqrt(gap.deviation(solved.model_covariance)[0, 0]))
+    own = float(standard_errors(solved, gap.functional, scatter)[0])
+    quantile = stdtrit(8, 0.975) / 1.96 if scatter == "cosines" else 1.0
+    assert 0.5 * plain < own / quantile < 1.6 * plain
+    without = float(standard_errors(solved, Functional(gap.slope), scatter)[0])
+    assert without != pytest.approx(own, rel=1e-6)

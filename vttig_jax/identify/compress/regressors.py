@@ -13,6 +13,7 @@ from ...base.errors import UsageError
 from ...base.numerics.counting import nearest_whole, whole_above
 from ...base.units import DEG
 from ...logs.channel.speed import smooth_speed
+from ...logs.channel.spikes import without_spikes
 from ...logs.encoder_log import EncoderLog
 from ...logs.motion.segments import Segment
 from ...pair.gear_pair import Drive, Flank, GearPair
@@ -24,6 +25,9 @@ TORQUE_WINDOWS_S = (0.0, 0.05, 0.1, 0.2, 0.4, 0.8)
 """Windows of the torque averages that are tried as wind-up, s; chosen values. The torque reading of
 a motor is noisy, and noise in a regressor biases its coefficient to zero. The best one is kept."""
 
+
+DROPPED = 0.5
+"""Weight below which a sample counts as an outlier; chosen value."""
 
 _LEVELLED = 4096
 """Number of evenly spaced samples from which the level of a log is computed; chosen value."""
@@ -112,18 +116,20 @@ def read_channels(
 
     **Raises** `UsageError` if the torque is a regressor but the log has no torque column.
     """
-    driving = shifted(log, delay_s)
+    driving = shifted(log, delay_s, weight)
     ratio = float(log.ratio)
     level = level_of(log)
     error = (log.transmission_error - level) + ratio * (log.driving_angle - driving)
     if pull is not None:
         error = error - pull
+    # A late reading would show as a speed that the shaft never had.
+    smooth = driving if weight is None else without_spikes(driving, log.time, weight < DROPPED)
     own = _drift_columns(log.time, drift)
     for name in regressors:
         if name == "torque":
             own |= _torque_columns(log)
         else:
-            own[name] = _COLUMNS[name](log, driving, ratio)
+            own[name] = _COLUMNS[name](log, smooth, ratio)
     correction = _axial_correction(log, pair)
     flanks: tuple[Flank, ...] = ("A", "B")
     return Regressors(
@@ -141,18 +147,27 @@ def read_channels(
     )
 
 
-def shifted(log: EncoderLog, delay_s: float) -> Samples:
-    """Return φ₁ at t − `delay_s` by cubic interpolation of the samples that are no spikes."""
+def shifted(log: EncoderLog, delay_s: float, weight: Samples | None = None) -> Samples:
+    """Return φ₁ at t − `delay_s` by cubic interpolation of the samples that are no spikes.
+
+    Samples of little `weight` are left out too, because one late reading would move the angle of
+    the next sample. They move by the travel of the shaft and stay as far from the fit as they were.
+    """
+    angle = log.driving.steady_angle(log.time)
     if delay_s == 0:
-        return log.driving.steady_angle(log.time)
+        return angle
+    doubtful = np.zeros(len(angle), bool) if weight is None else weight < DROPPED
+    spikes = np.zeros(len(angle), bool) if log.driving.spikes is None else log.driving.spikes
     time, first = np.unique(log.time, return_index=True)
-    if log.driving.spikes is not None:
-        good = ~log.driving.spikes[first]
-        time, first = time[good], first[good]
-    angle = log.driving_angle[first]
-    slope = np.gradient(angle, time)
-    inside = np.clip(log.time - delay_s, time[0], time[-1])
-    return np.asarray(CubicHermiteSpline(time, angle, slope)(inside))
+    good = ~(spikes | doubtful)[first]
+    if good.sum() < 2:
+        good = ~spikes[first]
+    time, first = time[good], first[good]
+    curve = CubicHermiteSpline(time, angle[first], np.gradient(angle[first], time))
+    moved = curve(np.clip(log.time - delay_s, time[0], time[-1]))
+    off = doubtful & ~spikes
+    moved[off] += angle[off] - curve(np.clip(log.time[off], time[0], time[-1]))
+    return np.asarray(moved)
 
 
 def trimmed(segment: Segment, channels: Regressors) -> Segment:

@@ -153,19 +153,25 @@ class WhitenedFlank:
 
 
 def whiten(
-    summary: HarmonicSummary, variance_factor: float = 1.0
+    summary: HarmonicSummary, variance_factor: float = 1.0, *, few_turns: bool = False
 ) -> tuple[NoiseModel, tuple[WhitenedFlank, ...]]:
     """Estimate the noise, and return it with the triangle of the whitened rows of every flank.
 
     `variance_factor` is the factor by which a robust loss increases the variance. If every speed
-    has a noise model of its own, a speed with too few rows gets the noise model of all speeds.
+    has a noise model of its own, a speed with too few rows gets the noise model of all speeds. On
+    `few_turns` noise may be correlated over a whole run.
     """
-    noise = _noise_of(summary, variance_factor)
+    noise = _noise_of(summary, variance_factor, few_turns)
     parts = [(summary, noise)]
     if summary.plateaus:
         least = _ROWS_A_COEFFICIENT * summary.columns.width
         own = [
-            (p, _noise_of(p.summary, variance_factor) if p.summary.rows > least else noise)
+            (
+                p,
+                _noise_of(p.summary, variance_factor, few_turns)
+                if p.summary.rows > least
+                else noise,
+            )
             for p in summary.plateaus
         ]
         noise = replace(noise, plateaus=tuple((p.speed, model) for p, model in own))
@@ -181,16 +187,17 @@ def whiten(
     )
 
 
-def _noise_of(summary: HarmonicSummary, variance_factor: float) -> NoiseModel:
+def _noise_of(summary: HarmonicSummary, variance_factor: float, few_turns: bool) -> NoiseModel:
     """Estimate the noise by restricted likelihood, or by moments for a long correlation time.
 
     If the noise is correlated over a whole run, it cannot be distinguished from slow structure that
     the model misses. The likelihood would treat this structure as noise and fit only the fast part.
+    On few turns of a drive this is right, because moments of a short log say that all is white.
     """
     found = _model(summary, filter_of(restricted_partial(summary)), variance_factor, "likelihood")
     runs = sum(len(flank.heads) for flank in summary.flanks)
     run_s = summary.block_s * summary.rows / max(runs, 1)
-    if found.correlation_s <= run_s / _FORGOTTEN:
+    if few_turns or found.correlation_s <= run_s / _FORGOTTEN:
         return found
     return _model(summary, autoregression(summary), variance_factor, "moments")
 

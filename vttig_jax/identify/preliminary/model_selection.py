@@ -52,7 +52,7 @@ _ROWS_A_RAMP = 40
 _TURNS_FOR_DRIFT = 2.0
 """Turns of a shaft below which its first order resembles the curvature of a drift."""
 
-_SINGLE_TURN, FEW_TURNS = 1.5, 6.0
+_SINGLE_TURN, _FEW_TURNS = 1.5, 6.0
 """Turns of the driving shaft between which the ratio of a drive is fitted; chosen values."""
 
 _SIGNIFICANT = 4.0
@@ -88,7 +88,7 @@ def select_model(
     same_zero = settings.same_zero
     if same_zero is None:
         same_zero = all(one.log.zero == "reading" for one in inputs)
-    drift = _widest_drift(settings, identifiable)
+    drift = _widest_drift(settings, pair, identifiable)
     model = Model(pair, identifiable.terms, names, drift, same_zero, settings.noise_model)
     delay_tried = "delay" in names
     plain = linear_fit(
@@ -153,8 +153,16 @@ def _has_open_ratio(pair: GearPair | Drive, identifiable: Identifiability) -> bo
     turn a slope and the first order are nearly the same, and in one direction a slope is a drift.
     """
     both_ways = len(identifiable.flanks) == 2
-    few = _SINGLE_TURN <= identifiable.turns["driving"] < FEW_TURNS
-    return isinstance(pair, Drive) and both_ways and few
+    more_than_one = identifiable.turns["driving"] >= _SINGLE_TURN
+    return on_few_turns(pair, identifiable) and both_ways and more_than_one
+
+
+def on_few_turns(pair: GearPair | Drive, identifiable: Identifiability) -> bool:
+    """Return whether a drive turned so little that its noise may be correlated over the whole log.
+
+    Noise, drift and the terms of the model are then hardly told apart.
+    """
+    return isinstance(pair, Drive) and identifiable.turns["driving"] < _FEW_TURNS
 
 
 def _finest(inputs: Sequence[Input]) -> float:
@@ -169,12 +177,20 @@ def _finest(inputs: Sequence[Input]) -> float:
     return float(np.median(ramps)) / _ROWS_A_RAMP if ramps else np.inf
 
 
-def _widest_drift(settings: FitSettings, identifiable: Identifiability) -> Drift:
-    """Return the requested drift, or the highest tried; none if a first order resembles drift."""
+def _widest_drift(
+    settings: FitSettings, pair: GearPair | Drive, identifiable: Identifiability
+) -> Drift:
+    """Return the requested drift, or the highest tried; none if another term resembles drift.
+
+    On few turns that is a first order, or on both flanks of a drive the gap beside correlated
+    noise.
+    """
     if settings.drift_knots_s is not None:
         return Drift(knots_s=settings.drift_knots_s)
     if settings.drift_order is not None:
         return Drift(settings.drift_order)
+    if len(identifiable.flanks) == 2 and on_few_turns(pair, identifiable):
+        return Drift(0)
     tied = [
         identifiable.turns[shaft]
         for shaft in identifiable.turns

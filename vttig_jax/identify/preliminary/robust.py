@@ -19,7 +19,7 @@ from jaxtyping import Float
 from scipy.ndimage import median_filter
 
 from ...base.units import DEG
-from ..compress.regressors import Samples
+from ..compress.regressors import DROPPED, Samples
 from ..settings import Loss
 from .linear_fit import Input, LinearFit, Model, linear_fit
 
@@ -28,9 +28,6 @@ FAR, FAR_SHARE = 8.0, 2e-3
 """A log has outliers if more than 0.2 % of its residuals exceed 8 robust scales; chosen values."""
 
 _AROUND = 9  # samples of the median filter around a sample; chosen value
-
-DROPPED = 0.5
-"""Weight below which a sample is reported as down-weighted; chosen value."""
 
 _ROUNDING = 1e-10
 """Scale, rad, below which residuals are rounding: 2e-5″, about one count of 36 bits per turn."""

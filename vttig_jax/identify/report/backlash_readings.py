@@ -10,7 +10,7 @@ covariance V of the gap due to the free harmonics at fixed p, and the scatter σ
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -28,6 +28,7 @@ from ...pair.gear_pair import Drive, Flank, GearPair
 from ..model.column_layout import OFFSET
 from ..model.mounting import mounted_exact, mounting_of, offset_name
 from ..solve.least_squares import Solution
+from ..solve.sandwich import Functional
 from ..solve.solved_fit import SolvedFit
 from .checks import ReadingsComparison
 
@@ -49,11 +50,18 @@ class PredictedGap:
     - `value`: gap, rad.
     - `slope`: derivative with respect to every parameter.
     - `open_`: covariance due to the free harmonics, rad².
+    - `free`: derivative with respect to the free harmonics of each flank.
     """
 
     value: Float[np.ndarray, " n"]
     slope: Float[np.ndarray, "n p"]
     open_: Float[np.ndarray, "n n"]
+    free: Mapping[Flank, Float[np.ndarray, "n free"]] = field(default_factory=dict)
+
+    @property
+    def functional(self) -> Functional:
+        """The gap as a function of the coefficients of the fit."""
+        return Functional(self.slope, self.free)
 
     def deviation(self, covariance: Float[np.ndarray, "p p"]) -> Float[np.ndarray, "n n"]:
         """Return the covariance of the predicted gap, rad²."""
@@ -79,7 +87,7 @@ def _gap_of_rows(
     """Return the gap that rows of both flanks give with the coefficients of the fit."""
     count, solution = len(rows["A"]), solved.solution
     value, slope = np.zeros(count), np.zeros((count, len(solution.names)))
-    open_ = np.zeros((count, count))
+    open_, of_free = np.zeros((count, count)), {}
     for place, (flank, factor) in enumerate(
         zip(solved.summary.flanks, solved.whitened, strict=True)
     ):
@@ -91,7 +99,8 @@ def _gap_of_rows(
         slope += sign * (own[:, free:] + own[:, :free] @ follow) @ solution.jacobian[place]
         left = own[:, :free] @ inverse
         open_ += left @ left.T
-    return PredictedGap(value, slope, open_)
+        of_free[flank.flank] = sign * own[:, :free]
+    return PredictedGap(value, slope, open_, of_free)
 
 
 def gap_of_one_flank(

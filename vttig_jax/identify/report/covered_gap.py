@@ -11,6 +11,7 @@ from ...base.numerics.quantiles import NORMAL_95
 from ...base.units import DEG, REV
 from ..model.column_layout import OFFSET
 from ..preliminary.linear_fit import LinearFit
+from ..solve.sandwich import Scatter, standard_errors
 from ..solve.solved_fit import SolvedFit
 from .backlash_readings import mean_gap
 from .checks import CoveredGap, GapAtSpeed
@@ -19,12 +20,14 @@ _CELL = DEG
 """Driving angle of a cell in rad; each cell that both flanks covered counts once (chosen)."""
 
 
-def covered_gap(solved: SolvedFit, margin: float) -> CoveredGap:
+def covered_gap(solved: SolvedFit, margin: float, scatter: Scatter | None = None) -> CoveredGap:
     """Return the mean gap of the fitted curves over the angles covered by both flanks.
 
     **Arguments**
     - `margin`: bound of the gap in rad that a delay within its own bound looks like; 0 for a delay
       that is known or fitted.
+    - `scatter`: parts of the log whose scatter gives the standard error, if it is larger than that
+      of the noise model.
     """
     if len(solved.summary.flanks) < 2:
         return CoveredGap(reason="one direction: one flank alone shows no gap")
@@ -35,6 +38,8 @@ def covered_gap(solved: SolvedFit, margin: float) -> CoveredGap:
     mean = mean_gap(driving, solved)
     value = float(mean.value[0])
     std = math.sqrt(mean.deviation(solved.solution.covariance)[0, 0])
+    if scatter is not None:
+        std = max(std, float(standard_errors(solved, mean.functional, scatter)[0]))
     half = math.hypot(NORMAL_95 * std, margin)
     low, high = value - half, value + half
     if margin and high > 0:

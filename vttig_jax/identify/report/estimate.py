@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from ..solve.sandwich import Scatter
 from ..solve.solved_fit import SolvedFit
 from .checks import ReadingsComparison, Whiteness
 from .per_log import DelayChange
@@ -14,11 +15,14 @@ class Estimate:
     **Arguments**
     - `solved`: parameters, and the logs and the noise from which they were estimated.
     - `whiteness`: test of the whitened residual; None for rounding and for too few rows.
+    - `scatter`: parts of the log whose scatter gives the standard errors; None if the noise model
+      gives them.
     - `readings`: comparison with backlash readings; None without readings.
     - `change`: change of the delay within a log; None if no delay is fitted or no half tells it.
     """
 
     solved: SolvedFit
     whiteness: Whiteness | None
+    scatter: Scatter | None
     readings: ReadingsComparison | None
     change: DelayChange | None

@@ -14,10 +14,16 @@ with the quantile of Student's distribution for 8 degrees of freedom (U. K. Mül
 141 (2007) 1331; Y. Sun, J. Econometrics 178 (2014) 659).
 """
 
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
 import numpy as np
 from jaxtyping import Float
-from scipy.special import ndtri, stdtrit
+from scipy.special import stdtrit
 
+from ...base.numerics.quantiles import NORMAL_95
+from ...pair.gear_pair import Flank
 from .solved_fit import SolvedFit
 
 _BLOCKS = 28
@@ -27,56 +33,76 @@ _FEWEST = 12  # blocks for an estimate; chosen value
 _SHORTEST = 10  # rows of a block; chosen value
 _COSINES = 8  # cosines of the scores on few turns; chosen value
 
+Scatter = Literal["blocks", "cosines"]
+"""Parts of the log whose scatter gives the standard errors."""
 
-def widened(solved: SolvedFit) -> Float[np.ndarray, " p"]:
-    """Return the factor, at least 1, by which blocks increase the standard error of each parameter.
 
-    All factors are 1 if there are fewer than twelve blocks.
+@dataclass(frozen=True, eq=False)
+class Functional:
+    """Linear functions of the parameters p and of the free coefficients β of each flank.
+
+    **Arguments**
+    - `slope`: derivative with respect to p, with the best β for p, shape (k, p).
+    - `free`: derivative with respect to β at fixed p, shape (k, free columns) for each flank.
     """
-    scores, covariance = _block_scores(solved), solved.solution.covariance
-    plain = np.sqrt(np.diag(covariance))
-    if len(scores) < _FEWEST:
-        return np.ones(len(plain))
-    correction = len(scores) / (len(scores) - 1)
-    spread = covariance @ scores.T
-    robust = np.sqrt(correction * np.sum(spread**2, axis=1))
-    ratio = np.divide(robust, plain, out=np.ones_like(plain), where=plain > 0)
-    return np.maximum(ratio, 1.0)
+
+    slope: Float[np.ndarray, "k p"]
+    free: Mapping[Flank, Float[np.ndarray, "k free"]] = field(default_factory=dict)
 
 
-def widened_on_few_turns(solved: SolvedFit) -> Float[np.ndarray, " p"]:
-    """Return the factor, at least 1, by which cosines of the scores increase each standard error.
+def widened(solved: SolvedFit, scatter: Scatter) -> Float[np.ndarray, " p"]:
+    """Return the factor, at least 1, by which the scatter increases each standard error."""
+    plain = np.sqrt(np.diag(solved.model_covariance))
+    own = standard_errors(solved, Functional(np.eye(len(plain))), scatter)
+    ratio = np.divide(own, plain, out=np.ones_like(plain), where=plain > 0)
+    return np.maximum(ratio, _quantile(scatter))
 
-    It contains the ratio of the 97.5 % quantiles of Student's and the normal distribution.
+
+def standard_errors(
+    solved: SolvedFit, functional: Functional, scatter: Scatter
+) -> Float[np.ndarray, " k"]:
+    """Return the standard errors of functions of the fit from the scatter of parts of the log.
+
+    Those of cosines contain the ratio of the 97.5 % quantiles of Student's and the normal
+    distribution. All are 0 if there are fewer than twelve blocks or 32 rows.
     """
-    rows, covariance = _row_scores(solved), solved.solution.covariance
-    scores = np.concatenate([np.zeros((0, len(covariance))), *rows])
-    plain = np.sqrt(np.diag(covariance))
-    quantiles = float(stdtrit(_COSINES, 0.975) / ndtri(0.975))
-    if len(scores) < 4 * _COSINES:
-        return np.full(len(plain), quantiles)
-    phase = np.pi * (np.arange(len(scores)) + 0.5) / len(scores)
+    rows = _influences(solved, functional)
+    if scatter == "blocks":
+        sums = _blocks(rows, sum(len(run.rows) for own in solved.linear.rows for run in own.runs))
+        if len(sums) < _FEWEST:
+            return np.zeros(len(functional.slope))
+        return np.sqrt(len(sums) / (len(sums) - 1) * np.sum(sums**2, axis=0))
+    influence = np.concatenate([np.zeros((0, len(functional.slope))), *rows])
+    if len(influence) < 4 * _COSINES:
+        return np.zeros(len(functional.slope))
+    phase = np.pi * (np.arange(len(influence)) + 0.5) / len(influence)
     cosines = np.sqrt(2) * np.cos(np.outer(np.arange(1, _COSINES + 1), phase))
-    spread = covariance @ (cosines @ scores).T
-    robust = np.sqrt(np.mean(spread**2, axis=1))
-    ratio = np.divide(robust, plain, out=np.ones_like(plain), where=plain > 0)
-    return quantiles * np.maximum(ratio, 1.0)
+    return _quantile(scatter) * np.sqrt(np.mean((cosines @ influence) ** 2, axis=0))
 
 
-def _block_scores(solved: SolvedFit) -> Float[np.ndarray, "blocks p"]:
-    """Return the score of the parameters of every block."""
-    total = sum(len(run.rows) for rows in solved.linear.rows for run in rows.runs)
+def _quantile(scatter: Scatter) -> float:
+    """Return the factor of the 97.5 % quantile due to the number of parts."""
+    return float(stdtrit(_COSINES, 0.975)) / NORMAL_95 if scatter == "cosines" else 1.0
+
+
+def _blocks(rows: Sequence[Float[np.ndarray, "_ k"]], total: int) -> Float[np.ndarray, "blocks k"]:
+    """Return the sums over blocks of rows; `total` is the number of all rows of the logs."""
     length = max(_SHORTEST, total // _BLOCKS)
-    scores = []
-    for score in _row_scores(solved):
-        pieces = np.array_split(score, max(1, round(len(score) / length)))
-        scores += [piece.sum(axis=0) for piece in pieces]
-    return np.array(scores).reshape(len(scores), len(solved.solution.names))
+    sums = [
+        piece.sum(axis=0)
+        for run in rows
+        for piece in np.array_split(run, max(1, round(len(run) / length)))
+    ]
+    return np.array(sums).reshape(len(sums), -1)
 
 
-def _row_scores(solved: SolvedFit) -> list[Float[np.ndarray, "_ p"]]:
-    """Return the scores of the rows of every run in time order, without the free harmonics."""
-    summary, solution = solved.summary, solved.solution
+def _influences(solved: SolvedFit, functional: Functional) -> list[Float[np.ndarray, "_ k"]]:
+    """Return what the residual of every row changes the functions by, run by run in time order.
+
+    With the whitened row x of the columns and its residual r, the change of p is C g with the score
+    g of p, and that of β at fixed p is (X_fᵀ X_f)⁻¹ x_f r.
+    """
+    summary, of_score = solved.summary, functional.slope @ solved.model_covariance
     sides = {flank.flank: place for place, flank in enumerate(summary.flanks)}
     found = []
     for rows, embedding in zip(solved.linear.rows, summary.embeddings, strict=True):
@@ -88,8 +114,14 @@ def _row_scores(solved: SolvedFit) -> list[Float[np.ndarray, "_ p"]]:
             factor, place = solved.whitened[sides[flank]], sides[flank]
             white = own.whitened(run.rows @ embedding[flank].T, run.curve.time)
             free = factor.free
-            follow = np.linalg.solve(factor.factor[:free, :free], factor.factor[:free, free:-1])
-            regressors = white[:, free:-1] - white[:, :free] @ follow
+            upper = factor.factor[:free, :free]
+            regressors = white[:, free:-1] - white[:, :free] @ np.linalg.solve(
+                upper, factor.factor[:free, free:-1]
+            )
             left = white[:, -1] - white[:, :-1] @ solved.coefficients[place]
-            found.append((regressors * left[:, None]) @ solution.jacobian[place])
+            influence = regressors @ solved.solution.jacobian[place] @ of_score.T
+            if flank in functional.free:
+                of_free = np.linalg.solve(upper, np.linalg.solve(upper.T, white[:, :free].T))
+                influence += (functional.free[flank] @ of_free).T
+            found.append(influence * left[:, None])
     return found

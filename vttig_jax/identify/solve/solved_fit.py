@@ -24,6 +24,7 @@ class SolvedFit:
     - `linear`: rows of all logs. - `summary`: summary of the selected columns.
     - `noise`, `whitened`: noise model, and whitened factor of each flank.
     - `solution`: parameters with their covariance.
+    - `model_covariance`: covariance of the parameters by the noise model alone.
     """
 
     linear: LinearFit
@@ -31,6 +32,7 @@ class SolvedFit:
     noise: NoiseModel
     whitened: tuple[WhitenedFlank, ...]
     solution: Solution
+    model_covariance: Float[np.ndarray, "p p"]
 
     @cached_property
     def coefficients(self) -> list[Float[np.ndarray, " columns"]]:

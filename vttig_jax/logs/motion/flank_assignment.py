@@ -11,14 +11,17 @@ import numpy as np
 from jaxtyping import Float
 from scipy.optimize import lsq_linear
 
-from ...base.units import REV
+from ...base.units import DEG, REV
 from ..channel.speed import smooth_speed
 from ..encoder_log import EncoderLog
-from .overrun import overrunning_segments
+from .overrun import overrunning_segments, seen_gap
 from .segments import AFTER_REVERSAL, Segment, Segments, find_segments
 
 _BETTER = 0.5
 """The torque is used if its misfit is below this fraction of that of the motion (chosen)."""
+
+_GAPS = 2.0
+"""Travel after a reversal that is left out, in mean gaps, because the gap varies (chosen)."""
 
 _DISAGREEING = 0.01
 _MOST_SAMPLES = 20_000
@@ -31,7 +34,7 @@ def assigned_segments(log: EncoderLog) -> Segments:
     if log.direction is not None:
         return by_torque
     if log.torque is None:
-        return overrunning_segments(log, by_torque) or by_torque
+        return _by_motion(log, by_torque)
     by_motion = find_segments(replace(log, torque=None))
     if not by_motion.segments or _torque_fits_better(log, by_torque, by_motion):
         return by_torque
@@ -40,6 +43,23 @@ def assigned_segments(log: EncoderLog) -> Segments:
         " counts as a regressor only"
     )
     return replace(by_motion, notes=(*by_motion.notes, note))
+
+
+def _by_motion(log: EncoderLog, found: Segments) -> Segments:
+    """Return segments by the motion, or those of a load that overruns.
+
+    The start of a run is left out until the driving shaft has crossed the gap that the log shows.
+    """
+    crossing = _GAPS * seen_gap(log, found) / float(log.ratio)
+    if crossing > AFTER_REVERSAL:
+        note = (
+            f"the first {crossing / DEG:.2g}° of the driving shaft after a reversal are left out,"
+            " because the teeth cross the gap there"
+        )
+        beyond = find_segments(log, crossing)
+        if beyond.segments:
+            found = replace(beyond, notes=(*beyond.notes, note))
+    return overrunning_segments(log, found, max(crossing, AFTER_REVERSAL)) or found
 
 
 def _torque_fits_better(log: EncoderLog, by_torque: Segments, by_motion: Segments) -> bool:

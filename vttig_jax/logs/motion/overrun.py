@@ -15,7 +15,7 @@ from ...base.numerics.student_noise import fit_student_noise
 from ...base.units import REV
 from ..channel.speed import Speed, smooth_speed
 from ..encoder_log import EncoderLog
-from .segments import Segments, find_segments
+from .segments import AFTER_REVERSAL, Segments, find_segments
 
 EVIDENCE = 50.0
 """Least 2 Δ ln L of flanks by deceleration over flanks by the direction of motion (chosen)."""
@@ -33,19 +33,18 @@ _FACTORS = (3.0, 1.7, 1.3, 1.15, 1.07, 1.03)
 """Factors by which the limit is changed in the last search (chosen)."""
 
 
-def overrunning_segments(log: EncoderLog, by_motion: Segments) -> Segments | None:
+def overrunning_segments(
+    log: EncoderLog, by_motion: Segments, crossing: float = AFTER_REVERSAL
+) -> Segments | None:
     """Return segments with the flanks of a load that overruns, or None without evidence for it.
 
     **Arguments**
     - `by_motion`: segments with flanks by the direction of motion.
+    - `crossing`: travel in rad after a change of flank that is masked.
     """
     speed = smooth_speed(log.time, log.driving_angle, log.driving.resolution)
     braking = _braking(log, speed)
-    sense = np.zeros(len(log), np.int8)
-    for segment in by_motion.segments:
-        sense[segment.start : segment.stop] = 1 if segment.flank == "A" else -1
-    rows = np.flatnonzero((sense != 0) & ~log.spikes)
-    rows = rows[:: max(1, -(-len(rows) // _ROWS))]
+    sense, rows = _sense_and_rows(log, by_motion)
     braked = braking[rows] > 0
     if len(rows) < _LEAST or braked.sum() < _LEAST / 4:
         return None
@@ -65,12 +64,40 @@ def overrunning_segments(log: EncoderLog, by_motion: Segments) -> Segments | Non
     if 2 * (found[0] - found[1]) < EVIDENCE:
         return None
     flank = np.where(place == 0, 1, np.where(place == 1, -1, 0)).astype(np.int8)
-    assigned = find_segments(replace(log, direction=flank))
+    assigned = find_segments(replace(log, direction=flank), crossing)
     note = (
         f"the load overruns: while the drive brakes by more than {limit:.3g} rad/s², the contact is"
         " on the other flank"
     )
     return replace(assigned, notes=(*by_motion.notes, note))
+
+
+def seen_gap(log: EncoderLog, by_motion: Segments) -> float:
+    """Return the step of the transmission error between the flanks, rad, or 0 without evidence.
+
+    **Arguments**
+    - `by_motion`: segments with flanks by the direction of motion.
+    """
+    sense, rows = _sense_and_rows(log, by_motion)
+    if len(rows) < _LEAST or len(np.unique(sense[rows])) < 2:
+        return 0.0
+    speed = smooth_speed(log.time, log.driving_angle, log.driving.resolution).value[rows]
+    columns, error = _columns(log, rows, speed), log.transmission_error[rows]
+    without = error - columns @ np.linalg.lstsq(columns, error, rcond=1e-9)[0]
+    least, gap = _squares(error, columns, sense[rows])
+    evidence = len(rows) * np.log(max(float(without @ without), 1e-300) / max(least, 1e-300))
+    return max(gap, 0.0) if evidence >= EVIDENCE else 0.0
+
+
+def _sense_and_rows(
+    log: EncoderLog, segments: Segments
+) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " m"]]:
+    """Return +1 for flank A, −1 for flank B and 0 for neither, and the samples that count."""
+    sense = np.zeros(len(log), np.int8)
+    for segment in segments.segments:
+        sense[segment.start : segment.stop] = 1 if segment.flank == "A" else -1
+    rows = np.flatnonzero((sense != 0) & ~log.spikes)
+    return sense, rows[:: max(1, -(-len(rows) // _ROWS))]
 
 
 def _braking(log: EncoderLog, speed: Speed) -> Float[np.ndarray, " n"]:

@@ -176,11 +176,11 @@ class Segments:
         return sum(s.stop - s.start for s in self.segments if s.flank == flank)
 
 
-def find_segments(log: EncoderLog) -> Segments:
+def find_segments(log: EncoderLog, crossing: float = AFTER_REVERSAL) -> Segments:
     """Divide a log into segments on a certain flank and runs of one motion.
 
-    - At steady speed the direction of motion defines the flank; ramps, dwell and the first degree
-      of a run are masked.
+    - At steady speed the direction of motion defines the flank; ramps, dwell and the start of a
+      run, over `crossing` rad of the driving shaft, are masked.
     - A run without steady speed (sine, hand-driven) is used above 10 % of its top speed; see note.
     - `log.direction` replaces the direction of motion; 0 is masked. The sign of `log.torque`
       replaces it if |torque| is at least 5 % of its 95th percentile, ramps included. With both
@@ -199,7 +199,8 @@ def find_segments(log: EncoderLog) -> Segments:
     certain, ragged = _certain(log, angle, speed, moving)
     flank = _flank(log, sense)
     certain &= (flank != 0) & (sense != 0)
-    certain &= ~_crossing(flank, sense, angle, cut, moving)
+    starts = _starts(flank, cut, moving)
+    certain &= ~_crossing(starts, angle, crossing)
     state = np.where(certain, flank, 0)
     edges = cut.copy()
     edges[[start for start, _ in spans]] = True
@@ -281,21 +282,23 @@ def _flank(log: EncoderLog, sense: Int8[np.ndarray, " n"]) -> Int8[np.ndarray, "
     return flank.astype(np.int8)
 
 
-def _crossing(
-    flank: Int8[np.ndarray, " n"],
-    sense: Int8[np.ndarray, " n"],
-    angle: Float[np.ndarray, " n"],
-    cut: Bool[np.ndarray, " n"],
-    moving: list[tuple[int, int]],
-) -> Bool[np.ndarray, " n"]:
-    """Return the mask of samples within `AFTER_REVERSAL` of a flank change, reversal or start."""
+def _starts(
+    flank: Int8[np.ndarray, " n"], cut: Bool[np.ndarray, " n"], moving: list[tuple[int, int]]
+) -> list[int]:
+    """Return the samples of a flank change, a reversal or a start from standstill, in order."""
     starts: set[int] = {start for start, _ in moving if not cut[start]}
     known = np.flatnonzero(flank)
     flips = np.flatnonzero(np.diff(flank[known]))
     starts.update(known[flips + 1].tolist())
+    return sorted(starts)
+
+
+def _crossing(
+    starts: list[int], angle: Float[np.ndarray, " n"], travel: float
+) -> Bool[np.ndarray, " n"]:
+    """Return the mask of samples within a travel in rad from a start."""
     masked = np.zeros(len(angle), bool)
-    ordered = sorted(starts)
-    for start, stop in zip(ordered, [*ordered[1:], len(angle)], strict=False):
-        beyond = np.abs(angle[start:stop] - angle[start]) >= AFTER_REVERSAL
+    for start, stop in zip(starts, [*starts[1:], len(angle)], strict=False):
+        beyond = np.abs(angle[start:stop] - angle[start]) >= travel
         masked[start : start + int(np.argmax(beyond)) if beyond.any() else stop] = True
     return masked

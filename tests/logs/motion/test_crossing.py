@@ -1,0 +1,68 @@
+"""Samples in the gap after a reversal: a reducer turns far before its teeth touch again."""
+
+import numpy as np
+import pytest
+
+from tests.logs.profiles import drive
+from vttig_jax.base.units import DEG
+from vttig_jax.logs.encoder_log import EncoderLog
+from vttig_jax.logs.motion.flank_assignment import assigned_segments
+from vttig_jax.logs.motion.overrun import seen_gap
+from vttig_jax.logs.motion.segments import find_segments
+
+RATIO = 1 / 8
+
+
+def reducer(gap_deg: float, noise_deg: float = 0.003) -> tuple[EncoderLog, np.ndarray]:
+    """A log of sines without a steady speed, and the share of the gap that the driven shaft left.
+
+    The share is 0 on flank A and 1 on flank B.
+    """
+    time = np.arange(20_000) / 1000
+    driving = 150.0 * np.sin(1.3 * time) + 60.0 * np.sin(2.9 * time)
+    lower = RATIO * driving + 0.02 * np.sin(np.radians(driving))
+    driven, here = np.empty_like(lower), lower[0]
+    for k, low in enumerate(lower):
+        here = driven[k] = min(max(here, low), low + gap_deg)
+    share = (driven - lower) / gap_deg
+    driven = driven + noise_deg * np.random.default_rng(0).standard_normal(len(time))
+    log = EncoderLog.from_arrays(time, driving, driven, pair=drive("1/8"), unit="deg")
+    return log, share
+
+
+def inside(log: EncoderLog, share: np.ndarray, segments) -> int:
+    """Number of used samples that are on neither flank."""
+    used = np.zeros(len(log), bool)
+    for segment in segments.segments:
+        used[segment.start : segment.stop] = True
+    return int(np.sum(used & (share > 0.001) & (share < 0.999)))
+
+
+def test_no_sample_of_the_gap_is_used():
+    log, share = reducer(0.4)
+    plain, found = find_segments(log), assigned_segments(log)
+    assert inside(log, share, plain) > 100
+    assert inside(log, share, found) == 0
+    assert found.masked > plain.masked
+    assert any("cross the gap" in note for note in found.notes)
+
+
+def test_a_small_gap_changes_nothing():
+    log, _ = reducer(0.03)
+    assert assigned_segments(log) == find_segments(log)
+
+
+@pytest.mark.parametrize("gap_deg", [0.1, 0.4])
+def test_the_gap_is_seen(gap_deg):
+    log, _ = reducer(gap_deg)
+    seen = seen_gap(log, find_segments(log)) / DEG
+    assert 0.7 * gap_deg < seen < 1.05 * gap_deg
+
+
+def test_without_a_gap_none_is_seen():
+    log, _ = reducer(1e-9)
+    assert seen_gap(log, find_segments(log)) == 0.0
+    forward = EncoderLog.from_arrays(
+        log.time, 300.0 * log.time, 37.5 * log.time, pair=drive("1/8"), unit="deg"
+    )
+    assert seen_gap(forward, find_segments(forward)) == 0.0
