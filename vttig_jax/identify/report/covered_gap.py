@@ -69,7 +69,7 @@ def _common_angles(linear: LinearFit) -> Float[np.ndarray, " n"]:
     return (np.intersect1d(lower, upper) + 0.5) * _CELL
 
 
-_BINS = 6  # speeds at which the gap is stated, at most; chosen value
+_BINS = 8  # speeds at which the gap is stated, at most; chosen value
 _APART = 1.15  # least ratio of neighbouring speeds; chosen value
 _LEAST_PIECES = 4  # pieces of a flank at a speed; chosen value
 _PIECE_ROWS = 10  # fewest rows of a piece; chosen value
@@ -99,7 +99,7 @@ def gap_by_speed(solved: SolvedFit, gap_deg: float) -> tuple[GapAtSpeed, ...]:
             _mean_of_pieces(value[inside & (flank == side)], piece[inside & (flank == side)])
             for side in (1, -1)
         ]
-        usual = float(np.median(speed[inside])) * 60 / REV if inside.any() else 0.0
+        usual = float(np.mean(speed[inside])) * 60 / REV if inside.any() else 0.0
         last = found[-1].speed_rpm if found else 0.0
         if None in parts or usual < _APART * last:
             continue
