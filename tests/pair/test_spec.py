@@ -21,6 +21,7 @@ from vttig_jax.pair.schema import (
     StatedTable,
     UnitTable,
     as_fraction,
+    as_ratio,
 )
 
 pytestmark = pytest.mark.smoke
@@ -150,10 +151,23 @@ def test_sections_reach_the_computed_objects(write):
         (0.1, Fraction(1, 10)),
         (1e-05, Fraction(1, 100000)),
         (2, Fraction(2)),
+        ("1/7.2976", Fraction(10000, 72976)),
+        ("0.5/1.5", Fraction(1, 3)),
+        ("9e11/9e10", Fraction(10)),
     ],
 )
 def test_ratios_are_read_as_written(value, fraction):
-    assert as_fraction(value, "drive.ratio") == fraction
+    assert as_fraction(value, "drive.ratio") == as_ratio(value, "drive.ratio") == fraction
+
+
+@pytest.mark.parametrize(
+    ("value", "fraction"),
+    [("6:1", Fraction(1, 6)), ("16 : 9", Fraction(9, 16)), ("7.2976:1", Fraction(10000, 72976))],
+)
+def test_driving_turns_to_driven_turns(value, fraction):
+    assert as_ratio(value, "drive.ratio") == fraction
+    spec = parse_pair_spec({"drive": {"ratio": value}})
+    assert spec.ratio == fraction
 
 
 def test_reading_a_spec_needs_no_jax():

@@ -7,7 +7,7 @@ from typing import Any
 from ..base.errors import PairError
 from ..base.files.toml_io import TomlFile, plain_table
 from ..base.units import DEG
-from .schema import PairSpec, RackTable, StatedTable, as_fraction
+from .schema import PairSpec, RackTable, StatedTable, as_fraction, as_ratio
 
 PAIR_FILE = TomlFile(
     PairError,
@@ -182,7 +182,7 @@ def _check_tables(spec: PairSpec) -> None:
             where="log.transmission_error",
         )
     if spec.drive is not None:
-        as_fraction(spec.drive.ratio, "drive.ratio")
+        as_ratio(spec.drive.ratio, "drive.ratio")
         if spec.rack != RackTable():
             raise PairError("a [drive] has no teeth; remove this table.", where="rack")
         for shaft, gear in (("driving", spec.driving), ("driven", spec.driven)):

@@ -88,7 +88,10 @@ class PairTable(Table, frozen=True):
 
 
 class DriveTable(Table, frozen=True):
-    """Table `[drive]`: a two-shaft drive with only a ratio (driven over driving speed)."""
+    """Table `[drive]`: a two-shaft drive with only a ratio.
+
+    `"9/16"` is driven over driving speed, and `"16:9"` is driving turns to driven turns.
+    """
 
     ratio: str | float
 
@@ -147,26 +150,49 @@ class PairSpec(Table, frozen=True):
     def ratio(self) -> Fraction:
         """Ratio z₁/z₂ of the speed of the driven shaft to that of the driving shaft."""
         if self.drive is not None:
-            return as_fraction(self.drive.ratio, "drive.ratio")
+            return as_ratio(self.drive.ratio, "drive.ratio")
         assert self.driving.teeth and self.driven.teeth  # checked by `_check_tables`
         return Fraction(self.driving.teeth, self.driven.teeth)
 
 
+def as_ratio(value: str | float | int, where: str) -> Fraction:
+    """Convert a ratio of driven to driving speed to a positive fraction, or raise `PairError`.
+
+    `"16:9"`, driving turns to driven turns as on a reducer, is `"9/16"`.
+    """
+    driving, colon, driven = str(value).partition(":")
+    if not colon:
+        return as_fraction(value, where)
+    if "/" in driving + driven or ":" in driven:
+        raise _not_positive(value, where)
+    try:
+        return as_fraction(f"{driven}/{driving}", where)
+    except PairError:
+        raise _not_positive(value, where) from None
+
+
 def as_fraction(value: str | float | int, where: str) -> Fraction:
-    """Convert `"7/1798"`, `"0.5625"` or a number to a positive fraction, or raise `PairError`.
+    """Convert `"7/1798"`, `"1/7.2976"` or a number to a positive fraction, or raise `PairError`.
 
     A number is converted by its shortest decimal form, so that 0.1 becomes 1/10.
     """
-    text = str(value).replace(" ", "")
+    above, slash, below = str(value).replace(" ", "").partition("/")
     try:
-        # `Fraction("1e999999999")` would compute all digits, so the size is checked before.
-        in_range = "/" in text or 1e-9 <= float(text) <= 1e9
-        fraction = Fraction(text) if in_range else Fraction(0)
+        fraction = _decimal(above) / _decimal(below) if slash else _decimal(above)
     except (ValueError, ZeroDivisionError):
         fraction = Fraction(0)
     if not 1e-9 <= fraction <= 1e9:
-        raise PairError(
-            f'{value!r} is not a positive ratio; write a number or a quotient such as "7/1798".',
-            where=where,
-        )
+        raise _not_positive(value, where)
     return fraction
+
+
+def _decimal(text: str) -> Fraction:
+    """Return a decimal number exactly; 0 for one too large or small, which costs time otherwise."""
+    return Fraction(text) if "/" not in text and 1e-9 <= float(text) <= 1e12 else Fraction(0)
+
+
+def _not_positive(value: str | float | int, where: str) -> PairError:
+    return PairError(
+        f'{value!r} is not a positive ratio; write a number or a quotient such as "7/1798".',
+        where=where,
+    )

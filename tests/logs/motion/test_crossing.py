@@ -7,19 +7,25 @@ from tests.logs.profiles import drive
 from vttig_jax.base.units import DEG
 from vttig_jax.logs.encoder_log import EncoderLog
 from vttig_jax.logs.motion.flank_assignment import assigned_segments
-from vttig_jax.logs.motion.overrun import seen_gap
+from vttig_jax.logs.motion.flank_step import seen_gap
 from vttig_jax.logs.motion.segments import find_segments
 
 RATIO = 1 / 8
 
 
-def reducer(gap_deg: float, noise_deg: float = 0.003) -> tuple[EncoderLog, np.ndarray]:
-    """A log of sines without a steady speed, and the share of the gap that the driven shaft left.
+TIME = np.arange(20_000) / 1000
+SINES = 150.0 * np.sin(1.3 * TIME) + 60.0 * np.sin(2.9 * TIME)
+"""A motion without a steady speed, deg."""
+
+
+def reducer(
+    gap_deg: float, driving: np.ndarray = SINES, noise_deg: float = 0.003
+) -> tuple[EncoderLog, np.ndarray]:
+    """A log of a motion, and the share of the gap that the driven shaft left.
 
     The share is 0 on flank A and 1 on flank B.
     """
-    time = np.arange(20_000) / 1000
-    driving = 150.0 * np.sin(1.3 * time) + 60.0 * np.sin(2.9 * time)
+    time = TIME
     lower = RATIO * driving + 0.02 * np.sin(np.radians(driving))
     driven, here = np.empty_like(lower), lower[0]
     for k, low in enumerate(lower):
@@ -50,6 +56,18 @@ def test_no_sample_of_the_gap_is_used():
 def test_a_small_gap_changes_nothing():
     log, _ = reducer(0.03)
     assert assigned_segments(log) == find_segments(log)
+
+
+def test_a_flank_is_not_given_up():
+    """Strokes back that are shorter than the masked travel keep flank B."""
+    knots = np.cumsum(np.tile([0.0, 1.5, 0.5], 11))
+    places = np.cumsum(np.tile([0.0, 60.0, -5.0], 11))
+    strokes = np.pad(np.interp(TIME, knots, places), (50, 49), "edge")
+    driving = np.convolve(strokes, np.ones(100) / 100, "valid")
+    log, _ = reducer(0.4, driving)
+    assert find_segments(log, 6.4 * DEG).backward == 0
+    found = assigned_segments(log)
+    assert found.forward and found.backward and found == find_segments(log)
 
 
 @pytest.mark.parametrize("gap_deg", [0.1, 0.4])

@@ -65,8 +65,9 @@ class SeenRatio:
         if self.verdict == "agrees":
             return f"{seen}, as given ({given})."
         cure = {
-            "swapped": "the inverse: driving and driven are swapped; exchange them in [log] or with"
-            " --column driving=NAME --column driven=NAME",
+            "swapped": "the inverse: either driving and driven are swapped, then exchange them in"
+            " [log] or with --column driving=NAME --column driven=NAME; or the pair file has the"
+            f" ratio of driving to driven speed, then write {1 / self.given} or exchange the teeth",
             "sign": "the negative: one encoder counts backwards; set `sign = -1` for the one that"
             " does ([driving] or [driven] encoder), or take it away where it is set",
             "swapped_sign": "the negative inverse: driving and driven are swapped and one encoder"

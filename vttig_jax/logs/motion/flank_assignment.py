@@ -14,7 +14,8 @@ from scipy.optimize import lsq_linear
 from ...base.units import DEG, REV
 from ..channel.speed import smooth_speed
 from ..encoder_log import EncoderLog
-from .overrun import overrunning_segments, seen_gap
+from .flank_step import seen_gap
+from .overrun import overrunning_segments
 from .segments import AFTER_REVERSAL, Segment, Segments, find_segments
 
 _BETTER = 0.5
@@ -57,9 +58,13 @@ def _by_motion(log: EncoderLog, found: Segments) -> Segments:
             " because the teeth cross the gap there"
         )
         beyond = find_segments(log, crossing)
-        if beyond.segments:
+        if _flanks_of(beyond) == _flanks_of(found):
             found = replace(beyond, notes=(*beyond.notes, note))
     return overrunning_segments(log, found, max(crossing, AFTER_REVERSAL)) or found
+
+
+def _flanks_of(found: Segments) -> set[str]:
+    return {segment.flank for segment in found.segments}
 
 
 def _torque_fits_better(log: EncoderLog, by_torque: Segments, by_motion: Segments) -> bool:

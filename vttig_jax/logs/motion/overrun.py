@@ -12,16 +12,11 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ...base.numerics.student_noise import fit_student_noise
-from ...base.units import REV
 from ..channel.speed import Speed, smooth_speed
 from ..encoder_log import EncoderLog
+from .flank_step import EVIDENCE, LEAST, columns_of, flank_rows, squares_with_step
 from .segments import AFTER_REVERSAL, Segments, find_segments
 
-EVIDENCE = 50.0
-"""Least 2 Δ ln L of flanks by deceleration over flanks by the direction of motion (chosen)."""
-
-_ROWS = 1000  # largest number of samples that are compared (chosen)
-_LEAST = 100  # least number of samples (chosen)
 _SHARES = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95)
 """Limits that are tried, as quantiles of the deceleration (chosen)."""
 
@@ -44,13 +39,13 @@ def overrunning_segments(
     """
     speed = smooth_speed(log.time, log.driving_angle, log.driving.resolution)
     braking = _braking(log, speed)
-    sense, rows = _sense_and_rows(log, by_motion)
+    sense, rows = flank_rows(log, by_motion)
     braked = braking[rows] > 0
-    if len(rows) < _LEAST or braked.sum() < _LEAST / 4:
+    if len(rows) < LEAST or braked.sum() < LEAST / 4:
         return None
-    columns = _columns(log, rows, speed.value[rows])
+    columns = columns_of(log, rows, speed.value[rows])
     error = log.transmission_error[rows]
-    usual = _squares(error, columns, sense[rows])[0]
+    usual = squares_with_step(error, columns, sense[rows])[0]
     limits = list(np.quantile(braking[rows][braked], _SHARES))
     limit, least, gap = _best_limit(error, columns, sense[rows], braking[rows], limits)
     if gap <= 0 or len(rows) * np.log(usual / max(least, 1e-300)) < EVIDENCE:
@@ -70,34 +65,6 @@ def overrunning_segments(
         " on the other flank"
     )
     return replace(assigned, notes=(*by_motion.notes, note))
-
-
-def seen_gap(log: EncoderLog, by_motion: Segments) -> float:
-    """Return the step of the transmission error between the flanks, rad, or 0 without evidence.
-
-    **Arguments**
-    - `by_motion`: segments with flanks by the direction of motion.
-    """
-    sense, rows = _sense_and_rows(log, by_motion)
-    if len(rows) < _LEAST or len(np.unique(sense[rows])) < 2:
-        return 0.0
-    speed = smooth_speed(log.time, log.driving_angle, log.driving.resolution).value[rows]
-    columns, error = _columns(log, rows, speed), log.transmission_error[rows]
-    without = error - columns @ np.linalg.lstsq(columns, error, rcond=1e-9)[0]
-    least, gap = _squares(error, columns, sense[rows])
-    evidence = len(rows) * np.log(max(float(without @ without), 1e-300) / max(least, 1e-300))
-    return max(gap, 0.0) if evidence >= EVIDENCE else 0.0
-
-
-def _sense_and_rows(
-    log: EncoderLog, segments: Segments
-) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " m"]]:
-    """Return +1 for flank A, −1 for flank B and 0 for neither, and the samples that count."""
-    sense = np.zeros(len(log), np.int8)
-    for segment in segments.segments:
-        sense[segment.start : segment.stop] = 1 if segment.flank == "A" else -1
-    rows = np.flatnonzero((sense != 0) & ~log.spikes)
-    return sense, rows[:: max(1, -(-len(rows) // _ROWS))]
 
 
 def _braking(log: EncoderLog, speed: Speed) -> Float[np.ndarray, " n"]:
@@ -183,30 +150,12 @@ def _place(
     return np.where(motion >= 0, share, 1 - share)
 
 
-def _columns(
-    log: EncoderLog, rows: Int[np.ndarray, " m"], speed: Float[np.ndarray, " m"]
-) -> Float[np.ndarray, "m p"]:
-    columns = [np.ones(len(rows)), speed / max(float(np.abs(speed).max()), 1e-300)]
-    for angle in (log.driving_angle[rows], log.driven_angle[rows]):
-        columns += [np.cos(angle), np.sin(angle)] if np.ptp(angle) >= REV else []
-    return np.stack(columns, axis=1)
-
-
 def _flanks(
     sense: Int[np.ndarray, " m"], braking: Float[np.ndarray, " m"], limit: float
 ) -> Int[np.ndarray, " m"]:
     """Return +1 for flank A and −1 for flank B, with the other flank beyond the limit."""
     beyond: Bool[np.ndarray, " m"] = braking > limit
     return np.where(beyond, -sense, sense).astype(np.int8)
-
-
-def _squares(
-    error: Float[np.ndarray, " m"], columns: Float[np.ndarray, "m p"], flank: Int[np.ndarray, " m"]
-) -> tuple[float, float]:
-    """Return the sum of squares of a model with a step between the flanks, and that step, rad."""
-    design = np.column_stack([columns, (flank < 0).astype(np.float64)])
-    solution = np.linalg.lstsq(design, error, rcond=1e-9)[0]
-    return float(np.sum((error - design @ solution) ** 2)), float(solution[-1])
 
 
 def _best_limit(
@@ -217,13 +166,17 @@ def _best_limit(
     limits: list[float],
 ) -> tuple[float, float, float]:
     """Return the limit with the least sum of squares, that sum, and the gap there."""
-    found = {limit: _squares(error, columns, _flanks(sense, braking, limit)) for limit in limits}
+
+    def tried(limit: float) -> tuple[float, float]:
+        return squares_with_step(error, columns, _flanks(sense, braking, limit))
+
+    found = {limit: tried(limit) for limit in limits}
     for _ in range(_ROUNDS):
         best = min(found, key=lambda limit: found[limit][0])
         known = sorted(found)
         place = known.index(best)
         for other in known[max(place - 1, 0) : place] + known[place + 1 : place + 2]:
             middle = 0.5 * (best + other)
-            found[middle] = _squares(error, columns, _flanks(sense, braking, middle))
+            found[middle] = tried(middle)
     best = min(found, key=lambda limit: found[limit][0])
     return best, *found[best]

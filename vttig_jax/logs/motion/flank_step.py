@@ -1,0 +1,64 @@
+"""Step of the transmission error between the flanks, in a plain linear model of few samples."""
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from ...base.units import REV
+from ..channel.speed import smooth_speed
+from ..encoder_log import EncoderLog
+from .segments import Segments
+
+EVIDENCE = 50.0
+"""Least 2 Δ ln L of one assignment of the flanks over another (chosen)."""
+
+LEAST = 100
+"""Least number of samples of a comparison (chosen)."""
+
+_MOST = 1000  # largest number of samples that are compared (chosen)
+
+
+def seen_gap(log: EncoderLog, by_motion: Segments) -> float:
+    """Return the step of the transmission error between the flanks, rad, or 0 without evidence.
+
+    **Arguments**
+    - `by_motion`: segments with flanks by the direction of motion.
+    """
+    sense, rows = flank_rows(log, by_motion)
+    if len(rows) < LEAST or len(np.unique(sense[rows])) < 2:
+        return 0.0
+    speed = smooth_speed(log.time, log.driving_angle, log.driving.resolution).value[rows]
+    columns, error = columns_of(log, rows, speed), log.transmission_error[rows]
+    without = error - columns @ np.linalg.lstsq(columns, error, rcond=1e-9)[0]
+    least, gap = squares_with_step(error, columns, sense[rows])
+    evidence = len(rows) * np.log(max(float(without @ without), 1e-300) / max(least, 1e-300))
+    return max(gap, 0.0) if evidence >= EVIDENCE else 0.0
+
+
+def flank_rows(
+    log: EncoderLog, segments: Segments
+) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " m"]]:
+    """Return +1 on flank A, −1 on flank B and 0 elsewhere, and evenly spaced samples on a flank."""
+    sense = np.zeros(len(log), np.int8)
+    for segment in segments.segments:
+        sense[segment.start : segment.stop] = 1 if segment.flank == "A" else -1
+    rows = np.flatnonzero((sense != 0) & ~log.spikes)
+    return sense, rows[:: max(1, -(-len(rows) // _MOST))]
+
+
+def columns_of(
+    log: EncoderLog, rows: Int[np.ndarray, " m"], speed: Float[np.ndarray, " m"]
+) -> Float[np.ndarray, "m p"]:
+    """Return offset, speed and first orders of the shafts that turned once, at some samples."""
+    columns = [np.ones(len(rows)), speed / max(float(np.abs(speed).max()), 1e-300)]
+    for angle in (log.driving_angle[rows], log.driven_angle[rows]):
+        columns += [np.cos(angle), np.sin(angle)] if np.ptp(angle) >= REV else []
+    return np.stack(columns, axis=1)
+
+
+def squares_with_step(
+    error: Float[np.ndarray, " m"], columns: Float[np.ndarray, "m p"], flank: Int[np.ndarray, " m"]
+) -> tuple[float, float]:
+    """Return the sum of squares of a model with a step between the flanks, and that step, rad."""
+    design = np.column_stack([columns, (flank < 0).astype(np.float64)])
+    solution = np.linalg.lstsq(design, error, rcond=1e-9)[0]
+    return float(np.sum((error - design @ solution) ** 2)), float(solution[-1])
