@@ -99,8 +99,7 @@ def judge_delay(
     At one speed (`steady`) an insignificant delay is open if its standard error is beyond the bound
     `within_s` of its size, s.
 
-    If `forced`, the delay is fitted in any case, and on one flank wherever it is identifiable: it
-    resembles no gap there, but a first order if the speed swings once a turn.
+    If `forced`, the delay is fitted in any case.
     """
     like = "the constant backlash" if two_flanks else "an offset"
     reason = f"at one steady speed a delay cannot be told from {like}; log a second speed"
@@ -109,7 +108,7 @@ def judge_delay(
         return unknown
     step, std = own.estimate("delay", [*beside, "delay"])
     total = seconds + step
-    if forced or not two_flanks or abs(total) > SIGNIFICANT * std:
+    if forced or abs(total) > SIGNIFICANT * std:
         return Delay("fitted", seconds, step, std)
     if steady and two_flanks and _WIDE * std > within_s:
         return unknown

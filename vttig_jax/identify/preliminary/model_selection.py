@@ -16,7 +16,7 @@ from ..compress.regressors import Drift
 from ..model.identifiability import Identifiability
 from ..noise.noise_model import whiten
 from ..settings import FitSettings
-from .delay import Delay, judge_delay, on_its_branch, one_speed
+from .delay import TOLD, Delay, judge_delay, on_its_branch, one_speed
 from .linear_fit import Input, LinearFit, Model, linear_fit
 from .nuisance import NuisanceRegression
 from .robust import Reweighted, reweighted
@@ -212,7 +212,7 @@ def _with_delay(weights: Reweighted, settings: FitSettings) -> tuple[LinearFit, 
             linear.own,
             _beside(linear.own, settings),
             plain.channels[0].delay_s,
-            forced=settings.delay == "free",
+            forced=settings.delay == "free" or _is_told_on_one_flank(plain),
             two_flanks=len(linear.summary.flanks) == 2,
             steady=steady,
             within_s=_delay_bound_s(inputs, settings),
@@ -226,6 +226,15 @@ def _with_delay(weights: Reweighted, settings: FitSettings) -> tuple[LinearFit, 
     if plain.channels[0].delay_s != 0:
         plain = weights.look(inputs, model, 0.0, block_s)
     return plain, delay, []
+
+
+def _is_told_on_one_flank(plain: LinearFit) -> bool:
+    """Return whether one flank alone, without ramps, identifies the delay.
+
+    There it resembles no gap, but a first order if the speed swings once a turn. A delay that is
+    taken as zero would then bias this order.
+    """
+    return len(plain.summary.flanks) == 1 and plain.own.left("delay") >= TOLD
 
 
 def _delay_bound_s(inputs: Sequence[Input], settings: FitSettings) -> float:

@@ -11,12 +11,13 @@ Ronchetti, Robust Statistics, 2nd ed. 2009).
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from scipy.ndimage import median_filter
+from scipy.special import bdtrc
 
 from ...base.units import DEG
 from ..compress.regressors import DROPPED, Samples
@@ -101,6 +102,7 @@ class Outliers:
     - `share`: their share of all used samples. - `positive`: share of them above the fit.
     - `scale_deg`: robust scale of all residuals. - `largest_deg`: largest of their residuals.
     - `first`: (time in s, driving angle in deg) of the first five.
+    - `slow`: share of all samples that are left out because they follow a long interval.
     """
 
     loss: Loss
@@ -110,6 +112,7 @@ class Outliers:
     scale_deg: float
     largest_deg: float
     first: tuple[tuple[float, float], ...]
+    slow: float = 0.0
 
     @property
     def sentence(self) -> str:
@@ -127,7 +130,16 @@ class Outliers:
         return (
             f"{self.loss} loss: {self.share:.2%} of the samples count less than half; they stand"
             f" {side} the fit by up to {self.largest_deg:.3g}°, the first at {time_s:.6g} s"
-            f" (driving {angle_deg:.1f}°)"
+            f" (driving {angle_deg:.1f}°)" + self._slow
+        )
+
+    @property
+    def _slow(self) -> str:
+        if not self.slow:
+            return ""
+        return (
+            f"; most of them follow a long sampling interval, as late readings of a slow bus do, so"
+            f" all {self.slow:.2%} of such samples are left out"
         )
 
 
@@ -138,6 +150,12 @@ _HUBER_FIRST = 5
 _STILL = 1e-3  # mean change of the weights below which they have converged; chosen value
 _MOST_TESTED = 20_000  # samples, about, for outlier test and variance factor; chosen value
 _SHOWN = 5  # outliers listed in the report
+
+_LONG = 1.2  # interval of a slow reading, in median intervals; chosen value
+_MOST_SLOW = 0.4  # largest share of slow readings that is left out; chosen value
+_OFTEN, _SEEN, _CHANCE = 4.0, 0.03, 1e-9
+"""Least ratio of outliers among slow and other readings, their least share among slow ones, and
+largest probability of as many by chance; chosen values."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,9 +210,10 @@ def reweighted(
     stage: Loss = loss if cleaned else "huber"
     if cleaned:
         linear = _look_again(linear, weights=weights)
-    passes = 0
+    off = [np.zeros(len(own), bool) for own in weights]
+    passes, asked = 0, False
     while True:
-        fresh = [_weights(linear, log, stage) for log in range(len(linear.inputs))]
+        fresh = [np.where(off[k], 0.0, _weights(linear, k, stage)) for k in range(len(off))]
         change = max(
             float(np.abs(new - old).mean()) for new, old in zip(fresh, weights, strict=True)
         )
@@ -207,14 +226,22 @@ def reweighted(
             linear = _look_again(linear, weights=weights)
         passes += 1
         still = change < _STILL
-        if (still and stage == loss) or passes == MOST_PASSES:
+        if passes == MOST_PASSES or (still and stage == loss and (asked or loss != "bisquare")):
             break
+        if still and stage == loss:
+            off = [slow_readings(linear.inputs[k].log.time, own) for k, own in enumerate(weights)]
+            asked = True
+            if not any(own.any() for own in off):
+                break
         if loss == "bisquare" and (passes >= _HUBER_FIRST or still):
             stage = "bisquare"
-    spread = [_scaled(linear, log) for log in range(len(linear.inputs))]
+    spread = [_scaled(linear, log, own) for log, own in enumerate(off)]
     size = min(rows.size for rows in linear.rows)
     factor = variance_factor(np.concatenate(spread), 1.0, loss, size)
-    found = tuple(_outliers(linear, log, weights[log], loss, passes) for log in range(len(weights)))
+    found = tuple(
+        replace(_outliers(linear, log, weights[log], loss, passes), slow=float(off[log].mean()))
+        for log in range(len(weights))
+    )
     values = tuple(c.weight for c in linear.channels)
     pulls = tuple(c.pull for c in linear.channels)
     return Reweighted(linear, loss, passes, values, factor, found, pulls)
@@ -254,15 +281,31 @@ def _pieces(linear: LinearFit, log: int) -> list[Samples]:
     return linear.residuals(log, max(1, samples // _MOST_TESTED))
 
 
-def _tested(linear: LinearFit, log: int) -> Samples:
-    pieces = _pieces(linear, log)
-    return np.concatenate(pieces) if pieces else np.zeros(1)
-
-
-def _scaled(linear: LinearFit, log: int) -> Samples:
-    """Return the residuals of the samples of a log, in units of its robust scale."""
-    residual = _tested(linear, log)
+def _scaled(linear: LinearFit, log: int, off: Bool[np.ndarray, " n"]) -> Float[np.ndarray, " m"]:
+    """Return the residuals of a log without the samples `off`, in units of their robust scale."""
+    runs, pieces = linear.rows[log].runs, linear.residuals(log)
+    kept = [
+        piece[~off[run.segment.start : run.segment.stop]]
+        for run, piece in zip(runs, pieces, strict=True)
+    ]
+    residual = np.concatenate([np.zeros(0), *kept])
+    residual = residual[:: max(1, len(residual) // _MOST_TESTED)] if len(residual) else np.zeros(1)
     return residual / scale_of(residual)[1]
+
+
+def slow_readings(time: Samples, weight: Samples) -> Bool[np.ndarray, " n"]:
+    """Return the samples after long intervals if many of them, and few others, are outliers.
+
+    A slow bus makes an interval long and a reading late. Where the shaft is slow itself, a late
+    reading stands off too little to be seen, but it still biases the gap.
+    """
+    interval = np.diff(time, prepend=time[0])
+    long, doubtful = interval > _LONG * np.median(np.diff(time)), weight < DROPPED
+    if not long.any() or long.mean() > _MOST_SLOW:
+        return np.zeros(len(time), bool)
+    often, seldom = float(doubtful[long].mean()), float(doubtful[~long].mean())
+    chance = float(bdtrc(doubtful[long].sum() - 1, long.sum(), max(seldom, 1e-9)))
+    return long & (often > _OFTEN * seldom) & (often > _SEEN) & (chance < _CHANCE)
 
 
 def _weights(linear: LinearFit, log: int, loss: Loss) -> Samples:
