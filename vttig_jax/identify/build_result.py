@@ -37,7 +37,6 @@ from .report.residual_tests import whiteness
 from .settings import FitSettings
 from .solve.least_squares import solve
 from .solve.residuals import (
-    curves_and_residuals,
     lifted,
     restored,
     sample_residual_rms,
@@ -65,7 +64,7 @@ def build_fit(
     )
     regressors = regressors_of(solution, linear.inputs[0].log)
     orders, residual_rms = order_table(solved), sample_residual_rms(linear, solved.weights)
-    curves, residuals = curves_and_residuals(linear, solved.weights)
+    curves, residuals = solved.curves_and_residuals
     gap = covered_gap(solved, unknown, estimate.scatter)
     checks = checks_of(selected, estimate, pair, parameters, orders=orders, gap=gap)
     logs = tuple(log_record(linear, solution, log) for log in range(len(linear.inputs)))
@@ -163,7 +162,7 @@ def _with_own_errors(
     noise, solution = solved.noise, solved.solution
     if noise.is_rounding:
         return solved, None, None
-    curves, residuals = curves_and_residuals(solved.linear, solved.weights)
+    curves, residuals = solved.curves_and_residuals
     noises = [noise.at(curve.mean_speed) for curve in curves]
     white = whiteness(residuals, [curve.time for curve in curves], noises)
     if not few_turns and (white is None or white.probability >= REMEMBERS):

@@ -192,7 +192,7 @@ def _noise_of(summary: HarmonicSummary, variance_factor: float, few_turns: bool)
 
     If the noise is correlated over a whole run, it cannot be distinguished from slow structure that
     the model misses. The likelihood would treat this structure as noise and fit only the fast part.
-    On few turns of a drive this is right, because moments of a short log say that all is white.
+    On few turns of a drive the likelihood remains, because moments underestimate the correlation.
     """
     found = _model(summary, filter_of(restricted_partial(summary)), variance_factor, "likelihood")
     runs = sum(len(flank.heads) for flank in summary.flanks)

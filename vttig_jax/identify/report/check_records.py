@@ -14,7 +14,6 @@ from ..model.mounting import mounting_of
 from ..preliminary.linear_fit import LinearFit
 from ..preliminary.model_selection import SelectedModel
 from ..solve.least_squares import Solution
-from ..solve.residuals import curves_and_residuals
 from .checks import (
     Checks,
     CoveredGap,
@@ -55,7 +54,7 @@ def checks_of(
     longest = max(float(c.time[-1] - c.time[0]) for c in linear.channels)
     return Checks(
         order_spectrum=tuple(one for one in orders if one.order == 1 and one.shaft != "mesh"),
-        closure=closure(curves_and_residuals(linear, weights)[0], pair),
+        closure=closure(solved.curves_and_residuals[0], pair),
         whiteness=estimate.whiteness,
         readings=estimate.readings,
         reversals=tuple(

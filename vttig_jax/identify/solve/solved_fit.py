@@ -8,12 +8,13 @@ import numpy as np
 from jaxtyping import Float
 
 from ...kinematics.harmonic import OrderModel
+from ...kinematics.te_curve import TECurve
 from ..compress.harmonic_summary import HarmonicSummary
 from ..model.column_layout import OFFSET
 from ..noise.noise_model import NoiseModel, WhitenedFlank
 from ..preliminary.linear_fit import LinearFit
 from .least_squares import Solution
-from .residuals import Weights, flank_coefficients, weights_of_logs
+from .residuals import Weights, curves_and_residuals, flank_coefficients, weights_of_logs
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +44,13 @@ class SolvedFit:
     def weights(self) -> list[Weights]:
         """Residual weights of the rows of each log."""
         return weights_of_logs(self.summary, self.coefficients)
+
+    @cached_property
+    def curves_and_residuals(
+        self,
+    ) -> tuple[tuple[TECurve, ...], tuple[Float[np.ndarray, " _"], ...]]:
+        """Block means of the transmission error of every run, and their residuals, rad."""
+        return curves_and_residuals(self.linear, self.weights)
 
     @cached_property
     def model(self) -> OrderModel:

@@ -1,4 +1,7 @@
-"""Steps of a series beside regressors, in coloured noise with outliers."""
+"""Steps of a series beside regressors, in coloured noise with outliers.
+
+All limits below are chosen values unless they say otherwise.
+"""
 
 from dataclasses import dataclass
 
@@ -17,10 +20,11 @@ NEAR = 6
 """Number of values within which two steps are the same."""
 
 _FLOOR = 0.01
-"""Least noise of the series, in the least size of a step; smaller noise proves nothing more."""
+"""Least noise of the series, in the least size of a step; smaller noise adds no evidence."""
 
 _BETTER = 20.0
-"""Least 2 Δ ln L by which another explanation is preferred; within one speed they are equal."""
+"""Least 2 Δ ln L by which another explanation is preferred. At one
+speed a step of the delay and a step of the angle are equally likely."""
 
 LEAST_REMAINDER = 0.02
 """Least squared norm of a step beside the columns, relative to the length of its shorter side."""
