@@ -144,7 +144,14 @@ def _solved(
         gear_terms=not settings.perfect_gears,
     )
     solution = restored(solve(relation, whitened), linear.levels)
-    return SolvedFit(linear, summary, noise, whitened, solution, solution.covariance)
+    return SolvedFit(
+        linear=linear,
+        summary=summary,
+        noise=noise,
+        whitened=whitened,
+        solution=solution,
+        model_covariance=solution.covariance,
+    )
 
 
 def _with_own_errors(
@@ -239,12 +246,14 @@ def _evidence(
     """Return the compressed logs and the solution for the posterior."""
     linear, solution = solved.linear, solved.solution
     return Evidence(
-        lifted(solved.summary, linear.levels),
-        split,
-        not settings.perfect_gears,
-        tuple(n for n, good in zip(solution.names, solution.determined, strict=True) if good),
-        solution.jacobian,
-        solved.noise.partial,
-        selected.weights.variance_factor,
-        linear.channels[0].delay_s,
+        summary=lifted(solved.summary, linear.levels),
+        encoder_terms=split,
+        gear_terms=not settings.perfect_gears,
+        determined=tuple(
+            n for n, good in zip(solution.names, solution.determined, strict=True) if good
+        ),
+        jacobian=solution.jacobian,
+        partial=solved.noise.partial,
+        variance_factor=selected.weights.variance_factor,
+        delay_s=linear.channels[0].delay_s,
     )

@@ -147,7 +147,13 @@ def _noise_from(arrays: dict[str, np.ndarray]) -> NoiseModel:
     choice = NoiseSettings(*(str(word) for word in arrays["noise_choice"]))  # pyright: ignore
     models = [
         NoiseModel(
-            row[np.isfinite(row)], float(shock), float(std), float(block_s), (), choice, str(by)
+            coefficients=row[np.isfinite(row)],
+            innovation_std=float(shock),
+            std=float(std),
+            block_s=float(block_s),
+            plateaus=(),
+            choice=choice,
+            by=str(by),
         )
         for row, (shock, std, block_s), by in zip(
             arrays["noise_coefficients"], arrays["noise"], arrays["noise_by"], strict=True

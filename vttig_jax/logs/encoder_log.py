@@ -296,14 +296,18 @@ class EncoderLog:
 
         second = None if driven is None else as_column("driven", driven, len(time))
         raw = RawLog(
-            time,
-            RawChannel(as_column("driving", driving, len(time)), units[0], pair.log.driving_scale),
-            None if second is None else RawChannel(second, units[1], pair.log.driven_scale),
-            column("transmission_error", transmission_error, ANGLE_UNITS[transmission_error_unit]),
-            column("direction", direction),
-            column("axial_mm", axial_mm),
-            column("torque", torque),
-            Source(source, {"time": "time_s"}, kind="argument"),
+            time=time,
+            driving=RawChannel(
+                as_column("driving", driving, len(time)), units[0], pair.log.driving_scale
+            ),
+            driven=None if second is None else RawChannel(second, units[1], pair.log.driven_scale),
+            error=column(
+                "transmission_error", transmission_error, ANGLE_UNITS[transmission_error_unit]
+            ),
+            direction=column("direction", direction),
+            axial_mm=column("axial_mm", axial_mm),
+            torque=column("torque", torque),
+            source=Source(source, {"time": "time_s"}, kind="argument"),
             speed=column("speed", speed),
             acceleration=column("acceleration", acceleration),
         )
@@ -316,13 +320,23 @@ class EncoderLog:
         notes = [*raw.notes, *check_time(raw.time, raw.source)]
         zero = pair.log.zero
         driving, channel_notes = make_channel(
-            "driving", raw.driving, pair.driving.encoder, raw.time, zero, raw.source
+            "driving",
+            raw=raw.driving,
+            encoder=pair.driving.encoder,
+            time=raw.time,
+            zero=zero,
+            source=raw.source,
         )
         notes += channel_notes
         driven = None
         if raw.driven is not None:
             driven, channel_notes = make_channel(
-                "driven", raw.driven, pair.driven.encoder, raw.time, zero, raw.source
+                "driven",
+                raw=raw.driven,
+                encoder=pair.driven.encoder,
+                time=raw.time,
+                zero=zero,
+                source=raw.source,
             )
             notes += channel_notes
         elif pair.log.driven_scale != 1:
@@ -343,19 +357,19 @@ class EncoderLog:
         if driven is not None:
             refuse_stuck(driving, driven, pair.ratio, raw.time, raw.source)
         return cls(
-            raw.time,
-            driving,
-            driven,
-            raw.error,
-            None if raw.direction is None else check_direction(raw.direction, raw.source),
-            raw.axial_mm,
-            raw.torque,
-            pair.ratio,
-            zero,
-            raw.source.name,
-            raw.sha256,
-            tuple(notes),
-            replace(raw.source, line_of=None),  # frees the memory of the whole text
-            raw.speed,
-            raw.acceleration,
+            time=raw.time,
+            driving=driving,
+            driven=driven,
+            error=raw.error,
+            direction=None if raw.direction is None else check_direction(raw.direction, raw.source),
+            axial_mm=raw.axial_mm,
+            torque=raw.torque,
+            ratio=pair.ratio,
+            zero=zero,
+            source=raw.source.name,
+            sha256=raw.sha256,
+            notes=tuple(notes),
+            place=replace(raw.source, line_of=None),  # frees the memory of the whole text
+            speed=raw.speed,
+            acceleration=raw.acceleration,
         )

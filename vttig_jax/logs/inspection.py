@@ -130,20 +130,20 @@ def inspect_log(log: EncoderLog, pair: TwoShafts | None = None) -> Inspection:
     slip = find_slip(log, segments)
     slip_notes = () if slip is None else (slip.sentence,)
     return Inspection(
-        log.source,
-        log.sha256,
-        log.zero,
-        _columns(log),
-        sampling,
-        seen_ratio(log),
-        segments,
-        plateaus,
-        commensurate(log, segments.segments),
-        aliased(plateaus, sampling.rate_hz, _fit_orders(log, pair)),
-        spectrum,
-        support_of(log, segments.segments),
-        (*log.notes, *slip_notes, *segments.notes, *spectrum_notes),
-        blind_lines(log, segments.segments),
+        source=log.source,
+        sha256=log.sha256,
+        zero=log.zero,
+        columns=_columns(log),
+        sampling=sampling,
+        ratio=seen_ratio(log),
+        segments=segments,
+        plateaus=plateaus,
+        commensurate=commensurate(log, segments.segments),
+        aliased=aliased(plateaus, sampling.rate_hz, _fit_orders(log, pair)),
+        spectrum=spectrum,
+        support=support_of(log, segments.segments),
+        notes=(*log.notes, *slip_notes, *segments.notes, *spectrum_notes),
+        lines=blind_lines(log, segments.segments),
     )
 
 
@@ -185,15 +185,15 @@ def _columns(log: EncoderLog) -> tuple[ColumnReport, ...]:
 
 def _channel(role: str, name: str, channel: Channel) -> ColumnReport:
     return ColumnReport(
-        role,
-        name,
-        channel.unit,
-        float(channel.reading.min()),
-        float(channel.reading.max()),
-        channel.resolution / ARCSEC or None,
-        channel.turns,
-        channel.modulus,
-        channel.wraps,
+        role=role,
+        name=name,
+        unit=channel.unit,
+        low=float(channel.reading.min()),
+        high=float(channel.reading.max()),
+        resolution_arcsec=channel.resolution / ARCSEC or None,
+        turns=channel.turns,
+        modulus=channel.modulus,
+        wraps=channel.wraps,
     )
 
 

@@ -133,7 +133,14 @@ def preview_log(
     if {"driving", "driven"} <= set(angles) and len(counts) == 1:
         ratio = slope(angles["driving"], angles["driven"])
     return Preview(
-        str(path), digest, size, tuple(reports), sampling, ratio, tuple(hints), tuple(others)
+        source=str(path),
+        sha256=digest,
+        rows=size,
+        columns=tuple(reports),
+        sampling=sampling,
+        ratio=ratio,
+        notes=tuple(hints),
+        others=tuple(others),
     )
 
 
@@ -244,18 +251,28 @@ def _report(
         wraps = int(np.count_nonzero(wrap_steps(values, modulus)))
         values = unwrap(values, modulus)
     if radians is None:
-        report = ColumnReport(role, name, unit, plain.low, plain.high, None, None, modulus, wraps)
+        report = ColumnReport(
+            role=role,
+            name=name,
+            unit=unit,
+            low=plain.low,
+            high=plain.high,
+            resolution_arcsec=None,
+            turns=None,
+            modulus=modulus,
+            wraps=wraps,
+        )
         return report, values.astype(np.float64)
     report = ColumnReport(
-        role,
-        name,
-        unit,
-        plain.low,
-        plain.high,
-        step_of(values) * radians / ARCSEC or None,
-        float(np.ptp(values)) * radians / REV,
-        modulus,
-        wraps,
+        role=role,
+        name=name,
+        unit=unit,
+        low=plain.low,
+        high=plain.high,
+        resolution_arcsec=step_of(values) * radians / ARCSEC or None,
+        turns=float(np.ptp(values)) * radians / REV,
+        modulus=modulus,
+        wraps=wraps,
     )
     return report, values * radians
 

@@ -135,16 +135,18 @@ def read_raw(
     }
     converted = {role: factor * values[role] for role, factor in factors.items()}
     return RawLog(
-        time,
-        _channel(roles["driving"], values, layout.driving_scale),
-        _channel(roles["driven"], values, layout.driven_scale) if "driven" in roles else None,
-        converted.get("transmission_error"),
-        values.get("direction"),
-        converted.get("axial_mm"),
-        values.get("torque"),
-        source,
-        digest,
-        (*notes, *cut),
+        time=time,
+        driving=_channel(roles["driving"], values, layout.driving_scale),
+        driven=_channel(roles["driven"], values, layout.driven_scale)
+        if "driven" in roles
+        else None,
+        error=converted.get("transmission_error"),
+        direction=values.get("direction"),
+        axial_mm=converted.get("axial_mm"),
+        torque=values.get("torque"),
+        source=source,
+        sha256=digest,
+        notes=(*notes, *cut),
         speed=converted.get("speed"),
         acceleration=converted.get("acceleration"),
     )

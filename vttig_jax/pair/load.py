@@ -90,7 +90,13 @@ def _gear(table: GearTable) -> Gear:
     left, right = table.helix_deg
     width = math.nan if table.face_width_mm is None else table.face_width_mm
     return Gear(
-        table.teeth, left, right, width, table.encoder, table.profile_shift, table.crowning_um
+        teeth=table.teeth,
+        helix_left_deg=left,
+        helix_right_deg=right,
+        face_width_mm=width,
+        encoder=table.encoder,
+        profile_shift=table.profile_shift,
+        crowning_um=table.crowning_um,
     )
 
 

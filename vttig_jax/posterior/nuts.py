@@ -127,7 +127,14 @@ def sample_nuts(
     whitened = whitened_of(target)
     start_key, warmup_key, draw_key = jax.random.split(jax.random.key(seed), 3)
     starts = _starts(whitened, start_key, chains)
-    states, tuned = _warm_up(blackjax, whitened, starts, warmup_key, warmup, acceptance)
+    states, tuned = _warm_up(
+        blackjax,
+        whitened=whitened,
+        starts=starts,
+        key=warmup_key,
+        steps=warmup,
+        acceptance=acceptance,
+    )
     parts = []
     for first in range(0, draws, _CHUNK):
         count = min(_CHUNK, draws - first)

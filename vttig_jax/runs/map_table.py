@@ -72,7 +72,9 @@ def banded_record(
     closing in `closing_mm`, the probability that the gears bind.
     """
     chances = [(closing, banded.smallest.probability_of_binding(closing)) for closing in closing_mm]
-    return map_record(fit, banded.map, banded.step_deg, banded.turns, rows, out) | {
+    return map_record(
+        fit, grid=banded.map, step_deg=banded.step_deg, turns=banded.turns, rows=rows, out=out
+    ) | {
         "probability": banded.band.probability,
         "critical": banded.band.critical,
         "smallest_gap": banded.smallest.to_json(),

@@ -98,7 +98,14 @@ def read_run(path: Path) -> RunRecord:
     if readings is None:
         return RunRecord(places, spec, options, digests)
     digest = str(table["data"].get("readings_sha256", ""))
-    return RunRecord(places, spec, options, digests, _place(path.parent / str(readings)), digest)
+    return RunRecord(
+        logs=places,
+        spec=spec,
+        options=options,
+        sha256=digests,
+        readings=_place(path.parent / str(readings)),
+        readings_sha256=digest,
+    )
 
 
 def require_same_data(run: RunRecord) -> None:

@@ -93,10 +93,16 @@ def command(
     chosen = list(dict.fromkeys(names or _NAMES))
     lengths = _LENGTHS[length]
     if out is None:
-        found = _calibrated(output, chosen, lengths, rigs, seed, posterior)
+        found = _calibrated(
+            output, names=chosen, lengths=lengths, rigs=rigs, seed=seed, posterior=posterior
+        )
     else:
         found = _written(
-            out, overwrite, lambda: _calibrated(output, chosen, lengths, rigs, seed, posterior)
+            out,
+            overwrite,
+            lambda: _calibrated(
+                output, names=chosen, lengths=lengths, rigs=rigs, seed=seed, posterior=posterior
+            ),
         )
     output.emit(found.to_json(), found)
     if not found.is_calibrated:

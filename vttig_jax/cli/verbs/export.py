@@ -160,7 +160,9 @@ def _table(
             " or more."
         )
     table = map_table(grid, step_deg, turns)
-    return csv_text(table, COLUMNS), map_record(fit, grid, step_deg, turns, len(table), out)
+    return csv_text(table, COLUMNS), map_record(
+        fit, grid=grid, step_deg=step_deg, turns=turns, rows=len(table), out=out
+    )
 
 
 def _record(fit: "Fit", compensation: "Compensation", out: Path) -> dict[str, Any]:
@@ -197,12 +199,12 @@ def _origin(run: RunRecord, fit: "Fit") -> "HeaderOrigin":
     from ...control.compensation.c_header import HeaderOrigin
 
     return HeaderOrigin(
-        fit.pair.name,
-        vttig_jax.__version__,
-        fit.zero,
-        fit.conditional_on,
-        fit.sha256,
-        shaft_readings(run, fit),
+        pair=fit.pair.name,
+        version=vttig_jax.__version__,
+        zero=fit.zero,
+        conditional_on=fit.conditional_on,
+        sha256=fit.sha256,
+        readings=shaft_readings(run, fit),
     )
 
 

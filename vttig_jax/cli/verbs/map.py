@@ -81,7 +81,9 @@ def command(
         grid = backlash_map(fit, constant_backlash_deg=constant_backlash_deg)
         grid = replace(grid, coverage=log_coverage(fit))
         table, columns = map_table(grid, step_deg, turns), COLUMNS
-        record = map_record(fit, grid, step_deg, turns, len(table), out)
+        record = map_record(
+            fit, grid=grid, step_deg=step_deg, turns=turns, rows=len(table), out=out
+        )
         shown = grid
     if out is not None:
         _write(out, csv_text(table, columns), record, overwrite)

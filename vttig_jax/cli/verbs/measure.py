@@ -74,7 +74,14 @@ def command(
     gears, stated, notes = {}, {}, {}
     for shaft, tooth in teeth.items():
         table = _stated(spec, shaft)
-        found = _measured(tooth, table, section_mm, thickness_at_mm, span_teeth, ball_mm)
+        found = _measured(
+            tooth,
+            stated=table,
+            section_mm=section_mm,
+            radii_mm=thickness_at_mm,
+            span_teeth=span_teeth,
+            ball_mm=ball_mm,
+        )
         stated[shaft], beside = compare_stated(table, found)
         gears[shaft], notes[shaft] = found, [*found.notes, *beside]
     _require_some(gears, thickness_at_mm)
@@ -83,7 +90,9 @@ def command(
         f"{spec.name or 'gear pair'}: section z = {section_mm:g} mm {place} the middle of the face;"
         " lengths in mm"
     )
-    record = _record(spec, pair, section_mm, gears, stated, notes)
+    record = _record(
+        spec, path=pair, section_mm=section_mm, gears=gears, stated=stated, notes=notes
+    )
     output.emit(record, measures_text(gears, stated, notes, title))
 
 

@@ -121,7 +121,9 @@ def command(
     build = {"tolerance_mm": tolerance_um * 1e-3, "teeth": teeth, "bore_mm": bore_mm}
     with output.progress(_STAGES, "surface") as bar:
         try:
-            wanted = _Wanted(tooth, name, suffix, section_mm, build, bar)
+            wanted = _Wanted(
+                tooth=tooth, name=name, suffix=suffix, section_mm=section_mm, build=build, bar=bar
+            )
             data, found, notes = _builder(suffix)(wanted)
         except PairError as error:
             raise PairError(error.message, where=f"{pair}: {gear}: {error.where}") from None

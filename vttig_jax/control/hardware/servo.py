@@ -121,9 +121,25 @@ class ServoDrive(ShaftDrive):
         gap = shafts.flanks.upper - shafts.flanks.lower
         closed = gap <= bounds.closing_sum * slide.end
         if isinstance(plant, ElasticPlant):
-            result = self._elastic_step(torque, closed, plant, shafts, slide, bounds, step)
+            result = self._elastic_step(
+                torque,
+                closed=closed,
+                plant=plant,
+                shafts=shafts,
+                slide=slide,
+                bounds=bounds,
+                step=step,
+            )
         else:
-            result = self._rigid_step(torque, closed, plant, shafts, slide, bounds, step)
+            result = self._rigid_step(
+                torque,
+                closed=closed,
+                plant=plant,
+                shafts=shafts,
+                slide=slide,
+                bounds=bounds,
+                step=step,
+            )
         return motor, *result
 
     def _rigid_step(
@@ -211,7 +227,9 @@ class ServoDrive(ShaftDrive):
         moved, touch = coupled.step(shafts, course, slide, bounds, step)
         slowing = coupled.slowing(shafts, now, ratio, step)
         flight = self._flight(shafts, course, slowing, bounds, step)
-        return self._shared(moved, flight, flank, ~closed, bounds, slope), touch
+        return self._shared(
+            moved, flight=flight, flank=flank, met=~closed, bounds=bounds, slope=slope
+        ), touch
 
     def _inertia(self, slope: Scalar) -> Scalar:
         """Return m, the inertia of the relative motion at the driven shaft, kg m²."""
@@ -246,7 +264,14 @@ class ServoDrive(ShaftDrive):
         te_slope = slope - bounds.ratio
         angle, speed = moved.angle - turned, moved.speed - rate
         offset, drift = moved.offset - te_slope * turned, moved.drift - te_slope * rate
-        return Shafts(angle, speed, offset, drift, moved.side, bounds.at(angle))
+        return Shafts(
+            angle=angle,
+            speed=speed,
+            offset=offset,
+            drift=drift,
+            side=moved.side,
+            flanks=bounds.at(angle),
+        )
 
 
 class _Offset(eqx.Module):
@@ -259,12 +284,12 @@ class _Offset(eqx.Module):
 def geared(driving: Drag, driven: Drag, slope: Float[Number, ""]) -> Drag:
     """Return inertia and friction of both shafts as one body at the driving shaft: φ̇₂ = k φ̇₁."""
     return Drag(
-        driving.inertia + slope**2 * driven.inertia,
-        driving.coulomb + slope * driven.coulomb,
-        driving.viscous + slope**2 * driven.viscous,
-        slope * driven.stribeck,
-        driven.stribeck_speed / slope,
-        slope * driven.load,
+        inertia=driving.inertia + slope**2 * driven.inertia,
+        coulomb=driving.coulomb + slope * driven.coulomb,
+        viscous=driving.viscous + slope**2 * driven.viscous,
+        stribeck=slope * driven.stribeck,
+        stribeck_speed=driven.stribeck_speed / slope,
+        load=slope * driven.load,
         sticky=driven.sticky,
     )
 

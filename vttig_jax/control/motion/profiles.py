@@ -94,7 +94,15 @@ def trapezoid(
 
     ```
     """
-    sections = sections_of(event, speed_rpm, reversal_deg, dwell_s, ramp_s, slow_share, stop_s)
+    sections = sections_of(
+        event,
+        speed_rpm=speed_rpm,
+        reversal_deg=reversal_deg,
+        dwell_s=dwell_s,
+        ramp_s=ramp_s,
+        slow_share=slow_share,
+        stop_s=stop_s,
+    )
     return _joined(sections, jerky=False)
 
 
@@ -113,7 +121,15 @@ def s_curve(
     The acceleration of a ramp is a triangle: twice that of the trapezoid in the middle, zero at
     both ends.
     """
-    sections = sections_of(event, speed_rpm, reversal_deg, dwell_s, ramp_s, slow_share, stop_s)
+    sections = sections_of(
+        event,
+        speed_rpm=speed_rpm,
+        reversal_deg=reversal_deg,
+        dwell_s=dwell_s,
+        ramp_s=ramp_s,
+        slow_share=slow_share,
+        stop_s=stop_s,
+    )
     return _joined(sections, jerky=True)
 
 

@@ -99,7 +99,14 @@ class ElasticPlant(Plant):
         free -= ratio * (driving.angle - shafts.angle)
         drift = shafts.drift + step * slowing - ratio * (driving.speed - shafts.speed)
 
-        flight = _Flight(shafts.offset, shafts.drift, free, drift, driven_speed, slowing)
+        flight = _Flight(
+            start=shafts.offset,
+            start_rate=shafts.drift,
+            end=free,
+            end_rate=drift,
+            driven_speed=driven_speed,
+            slowing=slowing,
+        )
         landing = self._landing(now, then, flight, step)
         offset, share = landing.offset, landing.share
         met = jnp.where(landing.met & (landing.flank != shafts.side), landing.flank, FREE)
@@ -110,7 +117,14 @@ class ElasticPlant(Plant):
         high = cubic(now.upper, then.upper, now.upper_rate, then.upper_rate, step)
         way = cubic(shafts.angle, driving.angle, shafts.speed, driving.speed, step)
         touch = ContactEvent(met, way.at(share), high.at(share) - low.at(share), share)
-        return Shafts(driving.angle, driving.speed, offset, landing.drift, side, flanks), touch
+        return Shafts(
+            angle=driving.angle,
+            speed=driving.speed,
+            offset=offset,
+            drift=landing.drift,
+            side=side,
+            flanks=flanks,
+        ), touch
 
     def _landing(self, now: Walls, then: Walls, flight: "_Flight", step: Scalar) -> "_Landing":
         """Return the end of a step, with contact, from the flight without contact."""

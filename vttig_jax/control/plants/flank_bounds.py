@@ -87,7 +87,14 @@ class Bounds(eqx.Module):
         """Return the flanks a number of driving turns later."""
         cycles = np.array([first + second * float(self.ratio) for first, second in self.terms])
         phasor: Any = (self.cosine - 1j * self.sine) * np.exp(2j * np.pi * cycles * turns)
-        return Bounds(self.ratio, self.offset, phasor.real, -phasor.imag, self.closing, self.terms)
+        return Bounds(
+            ratio=self.ratio,
+            offset=self.offset,
+            cosine=phasor.real,
+            sine=-phasor.imag,
+            closing=self.closing,
+            terms=self.terms,
+        )
 
     @property
     def closing_sum(self) -> Float[Array, ""]:
@@ -115,7 +122,12 @@ def bounds_of(
     if isinstance(model, ClosedModel):
         phasors: Any = np.stack([model.driving_phasor, model.driven_phasor], axis=1)
         return Bounds(
-            model.ratio, model.offset, phasors.imag, phasors.real, closing, ((1, 0), (0, 1))
+            ratio=model.ratio,
+            offset=model.offset,
+            cosine=phasors.imag,
+            sine=phasors.real,
+            closing=closing,
+            terms=((1, 0), (0, 1)),
         )
     if not isinstance(model, ImplicitModel):
         raise ValueError(
@@ -129,7 +141,12 @@ def bounds_of(
         terms = _by_total_order(spectrum)
     kept: Any = np.stack([spectrum[:, first, second] for first, second in terms], axis=1)
     return Bounds(
-        model.ratio, spectrum[:, 0, 0].real, 2 * kept.real, -2 * kept.imag, closing, terms
+        ratio=model.ratio,
+        offset=spectrum[:, 0, 0].real,
+        cosine=2 * kept.real,
+        sine=-2 * kept.imag,
+        closing=closing,
+        terms=terms,
     )
 
 

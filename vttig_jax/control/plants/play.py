@@ -39,4 +39,11 @@ class PlayPlant(Plant):
         rate = jnp.where(
             below, then.lower_rate, jnp.where(above, then.upper_rate, -ratio * driving.speed)
         )
-        return Shafts(driving.angle, driving.speed, offset, rate, side, flanks), touch
+        return Shafts(
+            angle=driving.angle,
+            speed=driving.speed,
+            offset=offset,
+            drift=rate,
+            side=side,
+            flanks=flanks,
+        ), touch

@@ -68,12 +68,12 @@ class RigidPlant(Plant):
         drift = jnp.where(stays, end_rate, jnp.where(hit, rebound + rest * pull, drift))
         return (
             Shafts(
-                driving.angle,
-                driving.speed,
-                jnp.clip(offset, then.lower, then.upper),
-                drift,
-                jnp.where(stays, side, FREE),
-                flanks,
+                angle=driving.angle,
+                speed=driving.speed,
+                offset=jnp.clip(offset, then.lower, then.upper),
+                drift=drift,
+                side=jnp.where(stays, side, FREE),
+                flanks=flanks,
             ),
             touch,
         )

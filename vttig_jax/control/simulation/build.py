@@ -58,12 +58,12 @@ _SHORTEST_QUEUE = 1
 def drag_of(inertia_kgm2: float, friction: FrictionTable, load: LoadTable) -> Drag:
     """Return the friction and load that act on the driven shaft."""
     return Drag(
-        inertia_kgm2,
-        friction.coulomb_Nm,
-        friction.viscous_Nms,
-        friction.stribeck_Nm,
-        friction.stribeck_rad_s,
-        load.torque_Nm,
+        inertia=inertia_kgm2,
+        coulomb=friction.coulomb_Nm,
+        viscous=friction.viscous_Nms,
+        stribeck=friction.stribeck_Nm,
+        stribeck_speed=friction.stribeck_rad_s,
+        load=load.torque_Nm,
         sticky=friction.stribeck_Nm > 0,
     )
 
@@ -125,15 +125,15 @@ def actuator_of(
     # Lengths are powers of two, so that most new delays need no new compiled program.
     periods = 1 << max(math.ceil(math.log2(max(delay, _SHORTEST_QUEUE))), 0)
     return Actuator(
-        table.speed_mm_s,
-        table.acceleration_mm_s2,
-        table.stroke_mm,
-        table.resolution_mm,
-        delay,
-        back_drivable,
-        periods,
-        np.asarray(table.force_limit_N) if thrust is not None else None,
-        thrust,
+        speed=table.speed_mm_s,
+        acceleration=table.acceleration_mm_s2,
+        stroke=table.stroke_mm,
+        resolution=table.resolution_mm,
+        delay=delay,
+        back_drivable=back_drivable,
+        periods=periods,
+        force_limit=np.asarray(table.force_limit_N) if thrust is not None else None,
+        thrust=thrust,
     )
 
 
@@ -216,13 +216,13 @@ class Builder:
             return motion, _sense(motion)
         return motion_of(
             table.kind,
-            table.event,
-            table.speed_rpm,
-            table.reversal_deg,
-            table.dwell_s,
-            table.ramp_s,
-            table.slow_share,
-            table.stop_s,
+            event=table.event,
+            speed_rpm=table.speed_rpm,
+            reversal_deg=table.reversal_deg,
+            dwell_s=table.dwell_s,
+            ramp_s=table.ramp_s,
+            slow_share=table.slow_share,
+            stop_s=table.stop_s,
         ), 1.0
 
     def _model(self, rig: EccentricityTable | None, flanks: str) -> FlankModel:
@@ -304,7 +304,9 @@ class Builder:
             )
             model = self._part(self._model, _believed(spec), spec.flanks)
             start = float(motion.at(jnp.zeros(())).angle)
-            turns = turn_error(self.pair, model, bounds, sensors, start, spec.seed)
+            turns = turn_error(
+                self.pair, believed=model, rig=bounds, sensors=sensors, angle=start, seed=spec.seed
+            )
         if turns is None:
             return LostController()
         hertz = spec.sampling.controller_hz

@@ -93,17 +93,24 @@ def initial_state(case: Case) -> State:
     point = case.motion.at(jnp.zeros(()))
     flanks = case.bounds.at(point.angle)
     still = jnp.zeros(())
-    shafts = Shafts(point.angle, point.speed, flanks.lower, still, jnp.full((), ON_A), flanks)
+    shafts = Shafts(
+        angle=point.angle,
+        speed=point.speed,
+        offset=flanks.lower,
+        drift=still,
+        side=jnp.full((), ON_A),
+        flanks=flanks,
+    )
     driving, _ = _read(case, shafts, jnp.zeros((), int))
     return State(
-        shafts,
-        case.actuator.at_rest(),
-        MotionEstimate(driving, still, still),
-        case.controller.start(),
-        empty_accumulators(),
-        no_lead() if case.controller.advances else None,
-        point if _can_deviate(case) else None,
-        case.drive.start(point),
+        shafts=shafts,
+        carriage=case.actuator.at_rest(),
+        estimate=MotionEstimate(driving, still, still),
+        controller=case.controller.start(),
+        accumulators=empty_accumulators(),
+        lead=no_lead() if case.controller.advances else None,
+        target=point if _can_deviate(case) else None,
+        motor=case.drive.start(point),
     )
 
 
@@ -149,27 +156,27 @@ def _period(case: Case, state: State, number: Int[Array, ""]) -> tuple[State, Sa
     shown = driven - case.bounds.ratio * driving
     accumulators = add_sample(
         state.accumulators,
-        run,
-        time,
-        shown,
-        shafts.angle,
-        command,
-        position,
-        shafts.flanks.upper - shafts.flanks.lower,
-        shafts.side,
-        carriage,
+        run=run,
+        time=time,
+        error=shown,
+        angle=shafts.angle,
+        command=command,
+        target=position,
+        open_gap=shafts.flanks.upper - shafts.flanks.lower,
+        side=shafts.side,
+        carriage=carriage,
     )
     sample = Sample(
-        time,
-        shafts.angle,
-        shafts.offset,
-        shown,
-        estimate.speed,
-        estimate.acceleration,
-        shafts.flanks.lower + run.closing[0] * carriage.reached,
-        shafts.flanks.upper - run.closing[1] * carriage.reached,
-        command,
-        carriage.reached,
+        time=time,
+        driving=shafts.angle,
+        error=shafts.offset,
+        shown=shown,
+        speed=estimate.speed,
+        acceleration=estimate.acceleration,
+        lower=shafts.flanks.lower + run.closing[0] * carriage.reached,
+        upper=shafts.flanks.upper - run.closing[1] * carriage.reached,
+        command=command,
+        reached=carriage.reached,
     )
     plant = _PlantState(shafts, carriage, accumulators, state.target, state.motor)
     inputs = _PeriodInputs(position, time, state.lead, lead)
@@ -230,7 +237,13 @@ def _plant_step(
         push = thrust.at(shafts.side, shafts.speed, target.acceleration)
     carriage, slide, blocked = case.actuator.step(plant.carriage, inputs.target, closed, step, push)
     motor, shafts, contact = case.drive.step(
-        plant.motor, case.plant, shafts, target, slide, case.bounds, step
+        plant.motor,
+        plant=case.plant,
+        shafts=shafts,
+        target=target,
+        slide=slide,
+        bounds=case.bounds,
+        step=step,
     )
     travel, behind = slide.end - slide.start, None
     if plant.target is not None:
@@ -246,12 +259,12 @@ def _plant_step(
 def _run(case: Case) -> RunFacts:
     motion = case.motion
     return RunFacts(
-        jnp.asarray(motion.braking_s),
-        jnp.asarray(motion.turn_s),
-        jnp.asarray(motion.duration_s),
-        jnp.asarray(case.period),
-        jnp.where(jnp.asarray(case.sense) > 0, ON_B, ON_A),
-        jnp.asarray(case.bounds.closing),
+        braking_s=jnp.asarray(motion.braking_s),
+        turn_s=jnp.asarray(motion.turn_s),
+        duration_s=jnp.asarray(motion.duration_s),
+        period=jnp.asarray(case.period),
+        other_flank=jnp.where(jnp.asarray(case.sense) > 0, ON_B, ON_A),
+        closing=jnp.asarray(case.bounds.closing),
     )
 
 

@@ -66,16 +66,16 @@ def metric_inputs_of(case: Case) -> MetricInputs:
     """Return the inputs of the metrics of one case."""
     sense, closing = jnp.asarray(case.sense), jnp.asarray(case.bounds.closing)
     return MetricInputs(
-        sense,
-        jnp.where(sense > 0, closing[0], closing[1]),
-        jnp.asarray(case.motion.braking_s),
-        jnp.asarray(case.motion.turn_s) < case.motion.duration_s,
-        jnp.full((), not case.controller.closes),
-        jnp.full((), isinstance(case.controller, LostController)),
-        jnp.asarray(case.actuator.stroke),
-        jnp.asarray(case.motion.turn_s),
-        case.motion.at(jnp.asarray(case.motion.turn_s)).angle,
-        jnp.asarray(case.bounds.ratio),
+        sense=sense,
+        closing=jnp.where(sense > 0, closing[0], closing[1]),
+        braking_s=jnp.asarray(case.motion.braking_s),
+        turns=jnp.asarray(case.motion.turn_s) < case.motion.duration_s,
+        idle=jnp.full((), not case.controller.closes),
+        lost=jnp.full((), isinstance(case.controller, LostController)),
+        stroke=jnp.asarray(case.actuator.stroke),
+        turn_s=jnp.asarray(case.motion.turn_s),
+        turn=case.motion.at(jnp.asarray(case.motion.turn_s)).angle,
+        ratio=jnp.asarray(case.bounds.ratio),
     )
 
 

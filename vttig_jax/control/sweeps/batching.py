@@ -122,15 +122,18 @@ class BatchRunner:
         """Run all lanes; `progress` is called with start and end of the finished periods."""
         chunk = max(STEPS // substeps, 1)
         leaves = tuple(map(jnp.asarray, batch.leaves))
-        state, inputs = self._call(_start_lanes, batch, (), leaves, jnp.arange(batch.lanes))
+        state, inputs = self._call(_start_lanes, batch, (), (leaves, jnp.arange(batch.lanes)))
         for first in range(0, periods, chunk):
-            state = self._call(_continue_lanes, batch, (chunk,), leaves, state, jnp.asarray(first))
+            arguments = leaves, state, jnp.asarray(first)
+            state = self._call(_continue_lanes, batch, (chunk,), arguments)
             jax.block_until_ready(state)  # Ctrl-C is handled here
             if progress is not None:
                 progress(first, min(first + chunk, periods))
         return jax.tree.map(np.asarray, (inputs, state.accumulators))
 
-    def _call(self, function: Any, batch: CaseBatch, choices: tuple[Any, ...], *args: Any) -> Any:
+    def _call(
+        self, function: Any, batch: CaseBatch, choices: tuple[Any, ...], args: tuple[Any, ...]
+    ) -> Any:
         key = function, batch.structure, batch.batched, batch.lanes, choices
         if key not in self._compiled:
             began = time.perf_counter()

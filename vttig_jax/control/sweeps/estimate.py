@@ -78,7 +78,14 @@ def estimate(work: SweepWork, folder: Path | None) -> SweepCost:
     compiled = work.runner.compile_s
     run_s = calls * lanes * longest * work.seconds_per_lane_step(lanes) + count * _BUILD_S
     compile_s = (cases.text_combinations - 1) * (work.runner.compile_s - compiled)
-    return SweepCost(count, steps, run_s, compile_s, memory, 2 * rows if folder else 0)
+    return SweepCost(
+        cases=count,
+        lane_steps=steps,
+        run_s=run_s,
+        compile_s=compile_s,
+        memory_bytes=memory,
+        disk_bytes=2 * rows if folder else 0,
+    )
 
 
 def _refuse(resource: str, needed: int, available: int, count: int, cure: str) -> None:

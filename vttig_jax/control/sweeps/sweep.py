@@ -85,10 +85,21 @@ def sweep(
     require_x64("sweep")
     if (resume or overwrite) and out is None:
         raise ValueError("Argument `out` must name a folder for `resume` and `overwrite`.")
-    recipe = recipe_of(spec, pair, folder, rigs, believed, controller)
+    recipe = recipe_of(
+        spec, pair=pair, folder=folder, rigs=rigs, believed=believed, controller=controller
+    )
     with SCENARIO_FILE.error_context("" if isinstance(spec, ScenarioSpec) else str(spec)):
         work = SweepWork(recipe.cases(), _runner(devices))
-    return _run(recipe, work, out, resume, overwrite, dask, announce, progress)
+    return _run(
+        recipe,
+        work=work,
+        out=out,
+        resume=resume,
+        overwrite=overwrite,
+        dask=dask,
+        announce=announce,
+        progress=progress,
+    )
 
 
 def _run(

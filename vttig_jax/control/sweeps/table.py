@@ -117,7 +117,18 @@ def read_sweep(folder: str | Path) -> SweepTable:
     columns = read_table(folder / TABLE)
     axes = tuple(name for name in columns if name not in ("case", "outcome", *METRICS))
     nan = float("nan")
-    return SweepTable(spec, Path(spec.pair).stem, columns, axes, 0, nan, nan, 0, (), folder / TABLE)
+    return SweepTable(
+        spec=spec,
+        pair=Path(spec.pair).stem,
+        columns=columns,
+        axes=axes,
+        lane_steps=0,
+        run_s=nan,
+        compile_s=nan,
+        devices=0,
+        refusals=(),
+        path=folder / TABLE,
+    )
 
 
 def _without_nan(values: np.ndarray) -> np.ndarray:

@@ -150,6 +150,19 @@ class _Carry(eqx.Module):
     opened: Bool[Array, ""]
 
 
+def _first_carry(window: Window, state: object, carriage: Carriage) -> _Carry:
+    zero = jnp.zeros(())
+    return _Carry(
+        estimate=jax.tree.map(jnp.asarray, window.estimate),
+        state=state,
+        carriage=carriage,
+        closed=jnp.asarray(window.closed_first),
+        result=WindowResult(zero, zero),
+        peak=zero,
+        opened=jnp.zeros((), bool),
+    )
+
+
 def run_window(window: Window, width: Float[Array, ""], blur_mm: Float[Array, ""]) -> WindowResult:
     """Simulate a window with smoothed comparisons.
 
@@ -173,7 +186,15 @@ def run_window(window: Window, width: Float[Array, ""], blur_mm: Float[Array, ""
         estimate = window.observer.step(carry.estimate, reading, period)
         speed, acceleration = estimate.speed, estimate.acceleration
         time = number * period
-        measurement = Measurement(time, reading, reading, speed, acceleration, reading, speed)
+        measurement = Measurement(
+            time=time,
+            driving=reading,
+            driven=reading,
+            speed=speed,
+            acceleration=acceleration,
+            reference=reading,
+            reference_speed=speed,
+        )
         state, output = controller.step(carry.state, measurement)
         command = jnp.asarray(controller.as_command(output).shift)
         gap = carry.closed - carry.carriage.unobstructed + excess(carry.carriage, carry.closed)
@@ -190,18 +211,17 @@ def run_window(window: Window, width: Float[Array, ""], blur_mm: Float[Array, ""
             larger = jnp.maximum(interference, excess(carriage, closed[substep]))
             interference = jnp.where(counts & ~opened, larger, interference)
         result = WindowResult(gap, interference)
-        return _Carry(estimate, state, carriage, closed[-1], result, peak, opened), None
+        return _Carry(
+            estimate=estimate,
+            state=state,
+            carriage=carriage,
+            closed=closed[-1],
+            result=result,
+            peak=peak,
+            opened=opened,
+        ), None
 
-    zero = jnp.zeros(())
-    start = _Carry(
-        jax.tree.map(jnp.asarray, window.estimate),
-        controller.start(),
-        actuator.at_rest(),
-        jnp.asarray(window.closed_first),
-        WindowResult(zero, zero),
-        zero,
-        jnp.zeros((), bool),
-    )
+    start = _first_carry(window, controller.start(), actuator.at_rest())
     numbers = jnp.arange(window.reading.shape[0])
     inputs = (numbers, window.reading, window.closed, window.counts, window.after)
     return jax.lax.scan(step, start, jax.tree.map(jnp.asarray, inputs))[0].result

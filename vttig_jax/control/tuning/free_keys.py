@@ -133,4 +133,4 @@ def _free(key: Key, start: float, limits: tuple[float, float] | None) -> FreeKey
         low, high = float(first), float(last)
     elif positive:
         low, high = max(low, start / REACH), min(high, start * REACH)
-    return FreeKey(key.name, key.unit, start, low, high, positive)
+    return FreeKey(name=key.name, unit=key.unit, start=start, low=low, high=high, positive=positive)

@@ -204,8 +204,19 @@ def _maximised(
         roll = jnp.where(number < _SECANT_STEPS, roll, to_end)
         (error, radius), (slope, radius_slope) = jax.jvp(error_and_radius, (roll,), (ones,))
         slope = scene.mates.sense * slope
-        values = curvature, top_radius, error, radius, slope, radius_slope
-        return RollSearch(roll, low, high, state.roll, state.slope, *values)
+        return RollSearch(
+            roll=roll,
+            low=low,
+            high=high,
+            last_roll=state.roll,
+            last_slope=state.slope,
+            curvature=curvature,
+            top_radius=top_radius,
+            error=error,
+            radius=radius,
+            slope=slope,
+            radius_slope=radius_slope,
+        )
 
     unknown = jnp.full_like(start, jnp.nan)
     initial = RollSearch(start, low, high, start, *(unknown,) * 7)

@@ -88,7 +88,14 @@ def over_balls(tooth: Tooth, ball_mm: float, z: float = 0.0) -> OverBalls:
         math.hypot(base, roll) for base, roll in zip(tooth.base_radii, rolls, strict=True)
     )
     heights = z + seats[0][1], z + seats[1][1]
-    if reason := _seat_error(tooth, ball_mm, centre, min(rolls), (left, right), heights):
+    if reason := _seat_error(
+        tooth,
+        ball_mm=ball_mm,
+        centre=centre,
+        roll=min(rolls),
+        contacts=(left, right),
+        heights=heights,
+    ):
         return OverBalls(ball_mm, reason=reason)
     distance = 2 * centre * (math.cos(math.pi / 2 / tooth.teeth) if tooth.teeth % 2 else 1.0)
     return OverBalls(

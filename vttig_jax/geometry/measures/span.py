@@ -81,7 +81,14 @@ def span(tooth: Tooth, z: float = 0.0, teeth: int | None = None) -> Span:
     if reason := _contact_error(tooth, k, contact):
         return Span(None if teeth is None else teeth, reason=reason)
     reason = _measuring_error(tooth, z, normal, value)
-    return Span(k, value, transverse, 2 * contact, reason is None, reason)
+    return Span(
+        teeth=k,
+        value_mm=value,
+        transverse_mm=transverse,
+        contact_diameter_mm=2 * contact,
+        measurable=reason is None,
+        reason=reason,
+    )
 
 
 def _base_helices(tooth: Tooth, z: float) -> tuple[float, float]:

@@ -202,4 +202,13 @@ def bore_grid(grid: ToothGrid, blank: Blank, tolerance_mm: float, start: int) ->
         per_pitch = math.ceil(pitch / widest)
     if not rotation.any():
         z, rotation = z[[0, -1]], rotation[[0, -1]]
-    return BoreGrid(radius, z, rotation, pitch, per_pitch, blank.teeth, blank.whole, start)
+    return BoreGrid(
+        radius=radius,
+        z=z,
+        rotation=rotation,
+        pitch=pitch,
+        per_pitch=per_pitch,
+        teeth=blank.teeth,
+        whole=blank.whole,
+        start=start,
+    )

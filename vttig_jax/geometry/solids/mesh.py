@@ -138,7 +138,14 @@ class _Layout:
                 inner, angle = self.bore.row(row, tooth), float(rotation[row])
                 face = [
                     tooth_face(points[row], index[row], joints),
-                    rim_face(points[row], index[row], joints, inner, pitch, angle),
+                    rim_face(
+                        points[row],
+                        columns=index[row],
+                        joints=joints,
+                        inner=inner,
+                        pitch=pitch,
+                        rotation=angle,
+                    ),
                 ]
                 if tooth == 0:
                     _check_face(nondegenerate(np.concatenate(face)), vertices)

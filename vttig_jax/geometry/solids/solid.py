@@ -81,7 +81,14 @@ def gear_solid(
         if blank.bore_mm > 0 and any(angle.any() for angle in angles):
             rows = zip(heights, angles, strict=True)
             bores = [_bore(blank, pitch, z, angle, tolerance_mm) for z, angle in rows]
-    shape = closed_solid(around, cuts, patches.heights, blank.bore_mm / 2, sector, bores)
+    shape = closed_solid(
+        around,
+        cuts=cuts,
+        heights=patches.heights,
+        bore_radius=blank.bore_mm / 2,
+        sector=sector,
+        bores=bores,
+    )
     if shape is None:
         raise PairError(
             "Open CASCADE cannot sew the faces to a valid solid; change --tolerance-um, or write"

@@ -107,12 +107,27 @@ def log_rows(
         own = np.stack([values[part] for values in channels.own.values()] or [error])
         weight = None if channels.weight is None else channels.weight[part]
         own = own[: len(channels.own)]
-        rows = block_rows(columns, size, driving, driven, own, error, weight)
+        rows = block_rows(
+            columns,
+            size=size,
+            driving_angle=driving,
+            driven_angle=driven,
+            own=own,
+            error=error,
+            weight=weight,
+        )
         seen = (driving, error + channels.level, channels.time[part])
         curve = (block_means(c, size) for c in seen)
         runs.append(BlockRun(segment, rows, TECurve(segment.flank, *curve)))
     row_s = shortest * channels.sample_s
-    return LogRows(columns, tuple(runs), shortest, row_s, noise, channels.log.rounding)
+    return LogRows(
+        columns=columns,
+        runs=tuple(runs),
+        size=shortest,
+        block_s=row_s,
+        noise=noise,
+        rounding=channels.log.rounding,
+    )
 
 
 def _samples_per_turn(driving: Float[np.ndarray, " n"], segments: Sequence[Segment]) -> float:

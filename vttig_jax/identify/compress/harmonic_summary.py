@@ -160,7 +160,14 @@ def _summarised(
     ordered = tuple(flanks[flank] for flank in FLANKS if flank in flanks)
     last_digit = max(log.rounding for log in logs)
     return HarmonicSummary(
-        ordered, terms, columns, logs[0].block_s, embeddings, (), noise, last_digit
+        flanks=ordered,
+        terms=terms,
+        columns=columns,
+        block_s=logs[0].block_s,
+        embeddings=embeddings,
+        plateaus=(),
+        noise=noise,
+        last_digit=last_digit,
     )
 
 

@@ -69,12 +69,12 @@ class IrregularFlank(FlankSummary):
         inverse = np.linalg.inv(chebyshev.chebvander(nodes, NODES - 1))
         none = np.empty((len(pieces), 0, width))
         return cls(
-            flank,
-            triangle,
-            np.sum([rows.T @ rows for rows in pieces], axis=0)[None],
-            none,
-            none,
-            sum(map(len, pieces)),
+            flank=flank,
+            triangle=triangle,
+            lag_products=np.sum([rows.T @ rows for rows in pieces], axis=0)[None],
+            heads=none,
+            tails=none,
+            rows=sum(map(len, pieces)),
             matrices=np.tensordot(inverse, np.array(matrices), 1),
             determinants=inverse @ np.array(determinants),
         ).observed(pseudo)

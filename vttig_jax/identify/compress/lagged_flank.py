@@ -35,12 +35,12 @@ class LaggedFlank(FlankSummary):
         """Return the summary of conditioned runs at equal times."""
         pieces, pseudo, triangle = runs
         return cls(
-            flank,
-            triangle,
-            np.sum([_lag_products(rows, lags) for rows in pieces], axis=0),
-            np.stack([rows[:lags] for rows in pieces]),
-            np.stack([rows[len(rows) - lags :] for rows in pieces]),
-            sum(map(len, pieces)),
+            flank=flank,
+            triangle=triangle,
+            lag_products=np.sum([_lag_products(rows, lags) for rows in pieces], axis=0),
+            heads=np.stack([rows[:lags] for rows in pieces]),
+            tails=np.stack([rows[len(rows) - lags :] for rows in pieces]),
+            rows=sum(map(len, pieces)),
         ).observed(pseudo)
 
     @staticmethod

@@ -133,17 +133,17 @@ def read_channels(
     correction = _axial_correction(log, pair)
     flanks: tuple[Flank, ...] = ("A", "B")
     return Regressors(
-        log,
-        log.time,
-        driving,
-        log.driven_angle,
-        {flank: error - correction.get(flank, 0.0) for flank in flanks},
-        own,
-        delay_s,
-        weight,
-        float(np.median(np.diff(log.time))),
-        pull,
-        level,
+        log=log,
+        time=log.time,
+        driving=driving,
+        driven=log.driven_angle,
+        error={flank: error - correction.get(flank, 0.0) for flank in flanks},
+        own=own,
+        delay_s=delay_s,
+        weight=weight,
+        sample_s=float(np.median(np.diff(log.time))),
+        pull=pull,
+        level=level,
     )
 
 

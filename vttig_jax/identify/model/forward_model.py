@@ -122,7 +122,9 @@ def pair_relation(
     names, linear = _common(columns, flanks)
     ratio = float(pair.ratio)
     if encoder_terms:
-        _add_encoders(names, linear, terms, columns, len(flanks), ratio)
+        _add_encoders(
+            names, linear=linear, terms=terms, columns=columns, flanks=len(flanks), ratio=ratio
+        )
     gears = tuple(f"{shaft}_{axis}" for shaft in _tied_shafts(terms) for axis in "xy")
     return PairRelation(
         names=(*names, *gears),
@@ -163,7 +165,9 @@ def encoder_relation(
 ) -> LinearRelation:
     """Return the forward model of two encoders on perfect gears, the same on both flanks."""
     names, linear = _common(columns, flanks)
-    _add_encoders(names, linear, terms, columns, len(flanks), ratio)
+    _add_encoders(
+        names, linear=linear, terms=terms, columns=columns, flanks=len(flanks), ratio=ratio
+    )
     return LinearRelation(names=tuple(names), linear=np.stack(linear))
 
 

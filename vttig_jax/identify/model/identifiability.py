@@ -61,14 +61,7 @@ def find_identifiability(
     }
     flanks: tuple[Flank, ...] = tuple(f for f, turns in covered.items() if max(turns) >= FULL_TURN)
     if not flanks:
-        most = max((max(turns) for turns in covered.values()), default=0.0)
-        which = "" if only is None else f" on flank {only}"
-        raise NoAnswerError(
-            f"no shaft turned a full revolution in steady contact{which} ({most:.2f} at most);"
-            " record at least one turn at constant speed, better a whole hunting period, or correct"
-            " the unit or counts_per_rev.",
-            where=", ".join(log.source for log in logs),
-        )
+        raise _no_full_turn(covered, only, logs)
     for flank, turns in covered.items():
         if flank not in flanks and max(turns) > 0:
             notes.append(
@@ -92,12 +85,12 @@ def find_identifiability(
     teeth = pair.driving.teeth if isinstance(pair, GearPair) else None
     terms = plan_terms(
         pair.ratio,
-        orders["driving"],
-        orders["driven"],
-        options.mesh_orders,
-        teeth,
+        driving_orders=orders["driving"],
+        driven_orders=orders["driven"],
+        mesh_orders=options.mesh_orders,
+        driving_teeth=teeth,
         # The ratio of a drive may be slightly wrong, and its orders then leak into each other.
-        turns["driving"] if isinstance(pair, Drive) else math.inf,
+        turns=turns["driving"] if isinstance(pair, Drive) else math.inf,
     )
     tied = {h.shaft for h in terms.tied}
     for shaft in ("driving", "driven"):
@@ -105,7 +98,26 @@ def find_identifiability(
             reasons[shaft] = "driving order 1 and driven order 1 are the same frequency"
     used = tuple(tuple(s for s in own if s.flank in flanks) for own in segments)
     return Identifiability(
-        flanks, used, terms, reasons, tuple(short), turns, (*notes, *terms.dropped)
+        flanks=flanks,
+        segments=used,
+        terms=terms,
+        reasons=reasons,
+        short=tuple(short),
+        turns=turns,
+        notes=(*notes, *terms.dropped),
+    )
+
+
+def _no_full_turn(
+    covered: dict[Flank, tuple[float, float]], only: Flank | None, logs: Sequence[EncoderLog]
+) -> NoAnswerError:
+    most = max((max(turns) for turns in covered.values()), default=0.0)
+    which = "" if only is None else f" on flank {only}"
+    return NoAnswerError(
+        f"no shaft turned a full revolution in steady contact{which} ({most:.2f} at most);"
+        " record at least one turn at constant speed, better a whole hunting period, or correct"
+        " the unit or counts_per_rev.",
+        where=", ".join(log.source for log in logs),
     )
 
 

@@ -133,11 +133,11 @@ class LinearFit:
         speeds = [abs(s.speed) for one in self.segments for s in one]
         return log_rows(
             self.channels[log],
-            segments,
-            self.model.terms,
-            self.block_s,
-            self.model.noise,
-            max(speeds, default=0.0),
+            segments=segments,
+            terms=self.model.terms,
+            block_s=self.block_s,
+            noise=self.model.noise,
+            fastest=max(speeds, default=0.0),
         )
 
     @property
@@ -207,13 +207,28 @@ def linear_fit(
     """
     none: list[Samples | None] = [None] * len(inputs)
     channels = tuple(
-        read_channels(one.log, model.pair, model.regressors, model.drift, delay_s, weight, pull)
+        read_channels(
+            one.log,
+            pair=model.pair,
+            regressors=model.regressors,
+            drift=model.drift,
+            delay_s=delay_s,
+            weight=weight,
+            pull=pull,
+        )
         for one, weight, pull in zip(inputs, weights or none, pulls or none, strict=True)
     )
     if block_s is None:
         block_s = block_seconds(channels, [one.segments for one in inputs], model.terms)
         block_s = max(min(block_s, finest_s), block_s / _FINER, min(c.sample_s for c in channels))
     used = tuple(one.segments for one in inputs) if segments is None else tuple(segments)
-    linear = LinearFit(tuple(inputs), model, channels, (), block_s, used)
+    linear = LinearFit(
+        inputs=tuple(inputs),
+        model=model,
+        channels=channels,
+        rows=(),
+        block_s=block_s,
+        segments=used,
+    )
     rows = tuple(linear.rows_of(log, segments) for log, segments in enumerate(used))
     return replace(linear, rows=rows)

@@ -89,7 +89,14 @@ def select_model(
     if same_zero is None:
         same_zero = all(one.log.zero == "reading" for one in inputs)
     drift = _widest_drift(settings, pair, identifiable)
-    model = Model(pair, identifiable.terms, names, drift, same_zero, settings.noise_model)
+    model = Model(
+        pair=pair,
+        terms=identifiable.terms,
+        regressors=names,
+        drift=drift,
+        same_zero=same_zero,
+        noise=settings.noise_model,
+    )
     delay_tried = "delay" in names
     plain = linear_fit(
         inputs, model, delay.seconds, finest_s=_finest(inputs) if delay_tried else np.inf
@@ -112,12 +119,12 @@ def select_model(
         tuple(n for n in each if n in own or n == "offset") for each in linear.summary.columns.own
     ]
     return SelectedModel(
-        linear,
-        linear.summary.keeping(kept),
-        delay,
-        _drift_of(own, model.drift),
-        weights,
-        tuple(notes),
+        linear=linear,
+        summary=linear.summary.keeping(kept),
+        delay=delay,
+        drift=_drift_of(own, model.drift),
+        weights=weights,
+        notes=tuple(notes),
     )
 
 

@@ -200,12 +200,7 @@ def reweighted(
         loss = "bisquare" if suspected else "square"
     if loss == "square":
         return Reweighted(linear, loss)
-    if start is None:
-        start = [1.0 - one.log.spikes for one in linear.inputs]
-    weights: list[Samples] = [
-        np.ones(len(one.log)) if own is None else own
-        for one, own in zip(linear.inputs, start, strict=True)
-    ]
+    weights = _first_weights(linear, start)
     cleaned = any(own.min() < 1 for own in weights)
     stage: Loss = loss if cleaned else "huber"
     if cleaned:
@@ -242,9 +237,24 @@ def reweighted(
         replace(_outliers(linear, log, weights[log], loss, passes), slow=float(off[log].mean()))
         for log in range(len(weights))
     )
-    values = tuple(c.weight for c in linear.channels)
-    pulls = tuple(c.pull for c in linear.channels)
-    return Reweighted(linear, loss, passes, values, factor, found, pulls)
+    return Reweighted(
+        linear=linear,
+        loss=loss,
+        passes=passes,
+        values=tuple(c.weight for c in linear.channels),
+        variance_factor=factor,
+        outliers=found,
+        pulls=tuple(c.pull for c in linear.channels),
+    )
+
+
+def _first_weights(linear: LinearFit, start: Sequence[Samples | None] | None) -> list[Samples]:
+    if start is None:
+        return [1.0 - one.log.spikes for one in linear.inputs]
+    return [
+        np.ones(len(one.log)) if own is None else own
+        for one, own in zip(linear.inputs, start, strict=True)
+    ]
 
 
 def _look_again(
@@ -335,11 +345,11 @@ def _outliers(linear: LinearFit, log: int, weight: Samples, loss: Loss, passes: 
     time, angle = linear.inputs[log].log.time, linear.channels[log].driving
     first = place[low][:_SHOWN]
     return Outliers(
-        loss,
-        passes,
-        float(np.mean(low)),
-        float(np.mean(residual[low] > 0)) if low.any() else 0.0,
-        scale_of(residual)[1] / DEG,
-        float(np.abs(residual[low]).max(initial=0.0)) / DEG,
-        tuple((float(time[k]), float(angle[k] / DEG)) for k in first),
+        loss=loss,
+        passes=passes,
+        share=float(np.mean(low)),
+        positive=float(np.mean(residual[low] > 0)) if low.any() else 0.0,
+        scale_deg=scale_of(residual)[1] / DEG,
+        largest_deg=float(np.abs(residual[low]).max(initial=0.0)) / DEG,
+        first=tuple((float(time[k]), float(angle[k] / DEG)) for k in first),
     )

@@ -74,12 +74,12 @@ def order_table(solved: SolvedFit) -> tuple[Order, ...]:
             )
             table.append(
                 Order(
-                    harmonic.shaft,
-                    harmonic.order,
-                    flank.flank,
-                    amplitude,
-                    std,
-                    phase_deg,
+                    shaft=harmonic.shaft,
+                    order=harmonic.order,
+                    flank=flank.flank,
+                    amplitude_arcsec=amplitude,
+                    std_arcsec=std,
+                    phase_deg=phase_deg,
                     significant=amplitude >= SIGNIFICANT * std,
                 )
             )

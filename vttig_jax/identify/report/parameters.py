@@ -82,17 +82,8 @@ def scalar(solution: Solution, source: str, name: str, unit: str, scale: float) 
     value = float(solution.values[index]) / scale
     std = math.sqrt(float(solution.covariance[index, index])) / scale
     significant = abs(value) >= max(SIGNIFICANT * std, ROUNDING / scale)
-    return Parameter(
-        name,
-        unit,
-        value,
-        std,
-        value - NORMAL_95 * std,
-        value + NORMAL_95 * std,
-        determined=True,
-        significant=significant,
-        reason=None if significant else BELOW,
-    )
+    found = _interval(name, unit, value, std)
+    return found if significant else replace(found, significant=False, reason=BELOW)
 
 
 def polar(
@@ -109,12 +100,12 @@ def polar(
         upper = _upper_limit(amplitude, spread)
         return (
             Parameter(
-                names[0],
-                unit,
-                amplitude,
-                amplitude_std,
-                0.0,
-                upper,
+                name=names[0],
+                unit=unit,
+                value=amplitude,
+                std=amplitude_std,
+                low95=0.0,
+                high95=upper,
                 determined=True,
                 reason="below three standard errors: an upper limit only",
                 upper95=upper,
@@ -143,7 +134,14 @@ def polar_spread(
 def _interval(name: str, unit: str, value: float, std: float) -> Parameter:
     margin = NORMAL_95 * std
     return Parameter(
-        name, unit, value, std, value - margin, value + margin, determined=True, significant=True
+        name=name,
+        unit=unit,
+        value=value,
+        std=std,
+        low95=value - margin,
+        high95=value + margin,
+        determined=True,
+        significant=True,
     )
 
 
@@ -197,7 +195,9 @@ def parameters_of(
         )
         names = (name, f"{shaft}_phase_deg")
         reason = identifiable.reasons.get(shaft) if not settings.perfect_gears else _PERFECT_GEARS
-        found += _polar_or_reason(solution, shaft, names, unit, scale, reason)
+        found += _polar_or_reason(
+            solution, source=shaft, names=names, unit=unit, scale=scale, reason=reason
+        )
     backlash = _constant_backlash(solution, identifiable.short, delay)
     found.append(_with_margin(backlash, delay_margin / DEG))
     for shaft in SHAFTS:
@@ -211,7 +211,14 @@ def parameters_of(
         elif len(identifiable.flanks) == 1:
             reason = _ONE_DIRECTION
         names = (f"{shaft}_encoder_arcsec", f"{shaft}_encoder_phase_deg")
-        found += _polar_or_reason(solution, f"{shaft}_encoder", names, "arcsec", ARCSEC, reason)
+        found += _polar_or_reason(
+            solution,
+            source=f"{shaft}_encoder",
+            names=names,
+            unit="arcsec",
+            scale=ARCSEC,
+            reason=reason,
+        )
     found.append(_delay(solution, delay))
     if delay_margin:
         found.append(_sum(solution, identifiable.short))
@@ -304,17 +311,8 @@ def _delay(solution: Solution, delay: Delay) -> Parameter:
             return replace(found, significant=True, reason=None)
         return replace(found, significant=False, reason=BELOW)
     if delay.state == "insignificant":
-        margin = NORMAL_95 * delay.std_s
-        return Parameter(
-            "delay_s",
-            "s",
-            delay.step_s,
-            delay.std_s,
-            delay.step_s - margin,
-            delay.step_s + margin,
-            determined=True,
-            reason=delay.reason,
-        )
+        found = _interval("delay_s", "s", delay.step_s, delay.std_s)
+        return replace(found, significant=False, reason=delay.reason)
     return undetermined("delay_s", "s", delay.reason)
 
 

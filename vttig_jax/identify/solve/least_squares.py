@@ -112,17 +112,17 @@ def solve(relation: ForwardModel, flanks: tuple[WhitenedFlank, ...]) -> Solution
     left = np.einsum("fij,fj->fi", matrices, tied) - targets
     settled = bool(converged) or _gain(slopes * scale, left.ravel()) <= _SETTLED
     return Solution(
-        relation.names,
-        np.asarray(values),
-        covariance,
-        determined,
-        tied,
-        jacobian,
-        settled and reached <= bound,
-        int(steps),
-        weakest,
-        reached,
-        linear_misfit,
+        names=relation.names,
+        values=np.asarray(values),
+        covariance=covariance,
+        determined=determined,
+        tied=tied,
+        jacobian=jacobian,
+        converged=settled and reached <= bound,
+        steps=int(steps),
+        weakest=weakest,
+        misfit=reached,
+        linear_misfit=linear_misfit,
     )
 
 

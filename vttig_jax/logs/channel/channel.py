@@ -166,17 +166,28 @@ def make_channel(
     scale = as_fraction(str(raw.scale), f"log.{role}_scale")
     radians = encoder.sign * radians * scale.numerator / scale.denominator
     continuous = make_continuous(
-        values, time, Origin(role, raw.unit, source, given, per_turn, radians)
+        values,
+        time,
+        Origin(
+            role=role,
+            unit=raw.unit,
+            source=source,
+            modulus=given,
+            per_turn=per_turn,
+            radians=radians,
+        ),
     )
     channel = Channel(
-        continuous.readings,
-        radians,
-        _first_reading(continuous) if zero == "start" else 0,
-        raw.unit,
-        encoder.counts_per_rev if is_integer and raw.unit == "counts" and scale == 1 else None,
-        continuous.modulus,
-        continuous.wraps,
-        continuous.spikes if continuous.spikes.any() else None,
+        reading=continuous.readings,
+        radians_per_unit=radians,
+        origin=_first_reading(continuous) if zero == "start" else 0,
+        unit=raw.unit,
+        per_turn=encoder.counts_per_rev
+        if is_integer and raw.unit == "counts" and scale == 1
+        else None,
+        modulus=continuous.modulus,
+        wraps=continuous.wraps,
+        spikes=continuous.spikes if continuous.spikes.any() else None,
     )
     return channel, (*notes, *continuous.notes)
 

@@ -83,7 +83,9 @@ def make_continuous(
         )
     candidates = [given] if given is not None else _moduli(values, steady, origin.per_turn)
     attempts = [
-        _unwrapped(values, base, time, modulus, quantum, raw_spikes)
+        _unwrapped(
+            values, base=base, time=time, modulus=modulus, quantum=quantum, raw_spikes=raw_spikes
+        )
         for modulus in candidates
         for base in ([steady] if steady is values else [steady, values])
     ]

@@ -66,13 +66,13 @@ def sampling_of(time: Float[np.ndarray, " n"]) -> Sampling:
     median = float(np.median(interval))
     usual = interval[interval <= GAP * median]
     return Sampling(
-        float(time[-1] - time[0]),
-        1.0 / float(usual.mean()),
-        float(usual.std()),
-        float(interval.min()),
-        float(interval.max()),
-        int(np.count_nonzero(interval > GAP * median)),
-        int(np.count_nonzero(interval == 0)),
+        duration_s=float(time[-1] - time[0]),
+        rate_hz=1.0 / float(usual.mean()),
+        jitter_s=float(usual.std()),
+        shortest_s=float(interval.min()),
+        longest_s=float(interval.max()),
+        gaps=int(np.count_nonzero(interval > GAP * median)),
+        duplicates=int(np.count_nonzero(interval == 0)),
     )
 
 

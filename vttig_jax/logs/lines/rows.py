@@ -112,12 +112,12 @@ def stack(runs: Sequence[Stretch], highest: float) -> Rows:
     origin = float(turns.mean()) if len(turns) else 0.0
     starts = (0, *np.cumsum([len(run.value) for run, _ in ordered]).tolist())
     return Rows(
-        turns - origin,
-        origin,
-        np.concatenate([width for _, width in ordered]),
-        np.concatenate([run.value for run, _ in ordered]),
-        _by_group([run for run, _ in ordered], starts),
-        starts,
+        turns=turns - origin,
+        origin=origin,
+        width=np.concatenate([width for _, width in ordered]),
+        value=np.concatenate([run.value for run, _ in ordered]),
+        nuisance=_by_group([run for run, _ in ordered], starts),
+        starts=starts,
     )
 
 

@@ -243,12 +243,12 @@ class _Search:
                 continue  # a neighbour that is too close decides its amplitude
             lines.append(
                 Line(
-                    cycles,
-                    float(np.sqrt(level[number] * covariance[correction, correction])),
-                    float(amplitude) / ARCSEC,
-                    std / ARCSEC,
-                    float(wrap_deg(phase_deg - 360.0 * (cycles * self.rows.origin))),
-                    self._alarm(float(scores[number])),
+                    cycles_per_rev=cycles,
+                    cycles_std=float(np.sqrt(level[number] * covariance[correction, correction])),
+                    amplitude_arcsec=float(amplitude) / ARCSEC,
+                    amplitude_std_arcsec=std / ARCSEC,
+                    phase_deg=float(wrap_deg(phase_deg - 360.0 * (cycles * self.rows.origin))),
+                    false_alarm=self._alarm(float(scores[number])),
                 )
             )
         return tuple(lines)

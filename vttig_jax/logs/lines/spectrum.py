@@ -87,14 +87,14 @@ class Spectrum:
         moved = np.concatenate([np.abs(np.diff(rows.turns[run])) for run in rows.runs])
         steps = np.quantile(moved, (np.arange(_STEPS) + 0.5) / _STEPS)
         empty = cls(
-            cycles,
-            np.ones_like(cycles),
-            (bins - bins.min(), weights),
-            smoothing**-2,
-            length,
-            first,
-            rows.span,
-            steps,
+            cycles=cycles,
+            remaining=np.ones_like(cycles),
+            spread=(bins - bins.min(), weights),
+            sharpening=smoothing**-2,
+            length=length,
+            first=first,
+            span=rows.span,
+            steps=steps,
         )
         regressed = np.zeros_like(cycles)
         for where, basis in regressors.blocks:

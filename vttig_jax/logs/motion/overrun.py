@@ -51,7 +51,9 @@ def overrunning_segments(
     if gap <= 0 or len(rows) * np.log(usual / max(least, 1e-300)) < EVIDENCE:
         return None
     motion = np.sign(speed.value).astype(np.int8)
-    limit, place = _profiled(log, motion, braking, limit, gap, rows, columns)
+    limit, place = _profiled(
+        log, motion=motion, braking=braking, limit=limit, gap=gap, rows=rows, columns=columns
+    )
     found = [
         fit_student_noise(error, np.column_stack([columns, each])).log_likelihood
         for each in (place[rows], (sense[rows] < 0).astype(np.float64))

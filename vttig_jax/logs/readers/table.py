@@ -53,7 +53,14 @@ def find_table(
             continue
         names = _names(lines[header], candidate)
         _check_width(lines[start], start, names, candidate, source)
-        return TextTable(tuple(names), lines, header, candidate, decimal, source)
+        return TextTable(
+            names=tuple(names),
+            lines=lines,
+            header=header,
+            delimiter=candidate,
+            decimal=decimal,
+            source=source,
+        )
     if highest:
         given = delimiter is not None
         table = _headerless(lines, candidates, source, decimal, highest, given=given)
@@ -133,7 +140,14 @@ def _headerless(
         start = starts[delimiter]
         assert start is not None  # `rows` has no other delimiters
         names = tuple(f"#{k + 1}" for k in range(len(rows[delimiter])))
-        table = TextTable(names, lines, start - 1, delimiter, decimal, source)
+        table = TextTable(
+            names=names,
+            lines=lines,
+            header=start - 1,
+            delimiter=delimiter,
+            decimal=decimal,
+            source=source,
+        )
         if delimiter == "," and decimal is None and not given:
             _refuse_ambiguous_commas(table, highest)
         return table
@@ -174,7 +188,14 @@ def _single_column(
                 continue
             above = _names(lines[k - 1], delimiter) if k else []
             names = tuple(above) if len(above) == 1 else ("#1",)
-            return TextTable(names, lines, k - 1, delimiter, decimal, source)
+            return TextTable(
+                names=names,
+                lines=lines,
+                header=k - 1,
+                delimiter=delimiter,
+                decimal=decimal,
+                source=source,
+            )
     return None
 
 

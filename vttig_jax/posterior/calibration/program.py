@@ -139,7 +139,15 @@ def _draw_batch(
         missing=float(program.scenario.missing > 0),
     )
     motion, names = jnp.asarray(program.motion), program.relation.names
-    return _compiled_draw(keys, motion, program.sizes, shape, program.columns, program.size, names)
+    return _compiled_draw(
+        keys,
+        motion=motion,
+        sizes=program.sizes,
+        scenario=shape,
+        columns=program.columns,
+        size=program.size,
+        names=names,
+    )
 
 
 @partial(jax.jit, static_argnums=(3, 4, 5, 6))

@@ -112,7 +112,15 @@ def draw_rig(key: PRNGKeyArray, scenario: Scenario, sizes: Sizes) -> Rig:
     amplitude = jnp.where(kinds == "mesh", scenario.mesh_deg * DEG, pitch)
     amplitude = jnp.where(kinds == "missing", sizes.missing_rad, amplitude)
     sine, cosine = sincos(jax.random.uniform(keys[4], shape, float, 0.0, REV))
-    return Rig(driving, driven, first, second, gap, amplitude * sine, amplitude * cosine)
+    return Rig(
+        driving=driving,
+        driven=driven,
+        driving_encoder=first,
+        driven_encoder=second,
+        constant_backlash=gap,
+        cosine=amplitude * sine,
+        sine=amplitude * cosine,
+    )
 
 
 def encoder_readings(

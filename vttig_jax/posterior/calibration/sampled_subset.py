@@ -74,7 +74,14 @@ def rig_target(program: Program, rig: RigEvidence, order: int) -> FitTarget:
     indices = list(judged_parameters(relation.names))
     sampled = tuple(relation.names[k] for k in indices)
     jacobian = np.asarray(_jacobian(relation, jnp.asarray(rig.values)))
-    likelihood = likelihood_of(summary, relation, jacobian, rig.values, sampled, order)
+    likelihood = likelihood_of(
+        summary,
+        relation=relation,
+        jacobian=jacobian,
+        values=rig.values,
+        sampled=sampled,
+        order=order,
+    )
     names = (*sampled, NOISE_STD, *(f"partial_{k}" for k in range(1, order + 1)))
     prior = state_prior(Prior(), scenario.pair, sampled, 0.0)
     partial = rig.partial[:order]
@@ -101,7 +108,12 @@ def _evidence(batch: Batch, place: int) -> RigEvidence:
     )
     std = float(modelled.innovation_std)
     return RigEvidence(
-        log, modelled.values, modelled.covariance, std, partial, np.asarray(batch.truth[place])
+        log=log,
+        values=modelled.values,
+        covariance=modelled.covariance,
+        innovation_std=std,
+        partial=partial,
+        truth=np.asarray(batch.truth[place]),
     )
 
 

@@ -121,12 +121,12 @@ def fit_target(fit: Fit, prior: Prior = Prior()) -> FitTarget:
     relation, order = evidence.relation(fit.pair), len(evidence.partial)
     likelihood = likelihood_of(
         evidence.summary,
-        relation,
-        evidence.jacobian,
-        fit.values,
-        sampled,
-        order,
-        evidence.variance_factor,
+        relation=relation,
+        jacobian=evidence.jacobian,
+        values=fit.values,
+        sampled=sampled,
+        order=order,
+        variance_factor=evidence.variance_factor,
     )
     rows = float(likelihood.rows) - likelihood.coefficients
     if not fit.noise.innovation_std > 0 or _is_rounding(fit):

@@ -129,12 +129,28 @@ def _first_order(prior: Prior, pair: GearPair | Drive, source: str, plane: tuple
     if isinstance(pair, Drive):
         bound = prior.amplitude_arcsec
         words = f"{label} first order: {shape} up to {bound:g}″"
-        return Disc(source, plane, "amplitude_arcsec", words, bound * ARCSEC, np.inf, flat)
+        return Disc(
+            name=source,
+            coordinates=plane,
+            field="amplitude_arcsec",
+            words=words,
+            bound=bound * ARCSEC,
+            std=np.inf,
+            flat_in_amplitude=flat,
+        )
     bound = prior.eccentricity_mm
     if bound is None:
         bound = 0.5 * float(pair.module_mm)
     words = f"{label} eccentricity: {shape} up to {bound:g} mm"
-    return Disc(source, plane, "eccentricity_mm", words, bound, np.inf, flat)
+    return Disc(
+        name=source,
+        coordinates=plane,
+        field="eccentricity_mm",
+        words=words,
+        bound=bound,
+        std=np.inf,
+        flat_in_amplitude=flat,
+    )
 
 
 def _encoder(prior: Prior, pair: GearPair | Drive, shaft: str) -> Disc:

@@ -156,13 +156,13 @@ class Profiler:
         (low, below), (high, above) = (path.end(side, quantile) for side in (-1.0, 1.0))
         reasons = [f"{where}: {why}" for where, why in (("below", below), ("above", above)) if why]
         return ProfileInterval(
-            name,
-            self.target.units[index],
-            probability,
-            float(self.best[index]),
-            low,
-            high,
-            "; ".join(reasons) or None,
+            name=name,
+            unit=self.target.units[index],
+            probability=probability,
+            best=float(self.best[index]),
+            low=low,
+            high=high,
+            reason="; ".join(reasons) or None,
         )
 
     @property

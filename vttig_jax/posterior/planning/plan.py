@@ -126,7 +126,15 @@ def plan(
     """
     require_x64("plan")
     speeds = tuple(speed_rpm) if isinstance(speed_rpm, Sequence) else (speed_rpm,)
-    run = PlannedRun(turns, speeds, rate_hz, directions, passes, dwell_s, ramp_s)
+    run = PlannedRun(
+        turns=turns,
+        speeds_rpm=speeds,
+        rate_hz=rate_hz,
+        directions=directions,
+        passes=passes,
+        dwell_s=dwell_s,
+        ramp_s=ramp_s,
+    )
     values = assumed_values(pair, eccentricities, assumed)
     return plan_of_run(
         pair, run, Assumptions(values, noise, orders or pair.fit, perfect_encoders, delay), {}
@@ -151,21 +159,21 @@ def plan_of_run(
     }
     counting = counting_std(pair)
     return Plan(
-        pair,
-        parameters,
-        run,
-        rows.used,
-        assumptions.noise,
-        counting / DEG,
-        rows.noise,
-        rows.identifiable.flanks,
-        conditions(pair, rows, delay, split=split),
-        outcome_of(fitted, solution.converged, settings),
-        solution.covariance,
-        solution.names,
-        rows.identifiable.short,
-        solution.weakest,
-        (
+        pair=pair,
+        parameters=parameters,
+        run=run,
+        used=rows.used,
+        noise=assumptions.noise,
+        counting_std_deg=counting / DEG,
+        blocks=rows.noise,
+        flanks=rows.identifiable.flanks,
+        conditional_on=conditions(pair, rows, delay, split=split),
+        outcome=outcome_of(fitted, solution.converged, settings),
+        covariance=solution.covariance,
+        covariance_names=solution.names,
+        short=rows.identifiable.short,
+        weakest=solution.weakest,
+        notes=(
             *notes(pair, run, rows, assumptions.orders, assumptions.noise),
             *delay_notes(rows, delay, solution, assumed="delay_s" in assumptions.values),
         ),

@@ -171,14 +171,14 @@ def planned_parameter(
     """Return the expected accuracy of one parameter; it has no value yet."""
     is_assumed = assumed is not None
     return PlannedParameter(
-        parameter.name,
-        parameter.unit,
-        parameter.std,
-        assumed,
-        parameter.determined,
-        parameter.determined and (parameter.significant or not is_assumed),
-        parameter.reason if is_assumed or not parameter.determined else None,
-        wanted,
+        name=parameter.name,
+        unit=parameter.unit,
+        std=parameter.std,
+        assumed=assumed,
+        determined=parameter.determined,
+        significant=parameter.determined and (parameter.significant or not is_assumed),
+        reason=parameter.reason if is_assumed or not parameter.determined else None,
+        wanted=wanted,
     )
 
 

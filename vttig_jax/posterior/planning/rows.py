@@ -84,16 +84,17 @@ def planned_rows(
     )
     counts = {flank: sum(map(len, runs)) for flank, runs in rows.by_flank().items()}
     _require_rows(counts, rows.columns.width - 2)
-    triangles = _triangles(rows, blocks), _triangles(ramp_rows, blocks)
+    on_runs, on_ramps = _triangles(rows, blocks), _triangles(ramp_rows, blocks)
     return PlannedRows(
-        identifiable,
-        rows.columns,
-        *triangles,
-        counts,
-        _delay_source(rows.columns, *triangles, one_speed=steady),
-        blocks,
-        sum(counts.values()) * rows.size,
-        run.pass_count * len(run.speeds_rpm) - len(segments),
+        identifiable=identifiable,
+        columns=rows.columns,
+        steady=on_runs,
+        ramps=on_ramps,
+        rows=counts,
+        delay_source=_delay_source(rows.columns, on_runs, on_ramps, one_speed=steady),
+        noise=blocks,
+        used=sum(counts.values()) * rows.size,
+        missed=run.pass_count * len(run.speeds_rpm) - len(segments),
     )
 
 

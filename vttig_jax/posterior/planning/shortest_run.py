@@ -74,7 +74,15 @@ def shortest_run(
                 f"Argument `target` must hold positive standard errors, but {name} is {value!r}."
             )
     speeds = tuple(speed_rpm) if isinstance(speed_rpm, Sequence) else (speed_rpm,)
-    longest = PlannedRun(most_turns, speeds, rate_hz, directions, passes, dwell_s, ramp_s)
+    longest = PlannedRun(
+        turns=most_turns,
+        speeds_rpm=speeds,
+        rate_hz=rate_hz,
+        directions=directions,
+        passes=passes,
+        dwell_s=dwell_s,
+        ramp_s=ramp_s,
+    )
     values = assumed_values(pair, eccentricities, assumed)
     assumptions = Assumptions(values, noise, orders or pair.fit, perfect_encoders, delay)
     return _search(pair, longest, assumptions, target)

@@ -182,7 +182,9 @@ def run_ensembles(
     ```
     """
     header = _header(target, ensembles, walkers, seed, thin)
-    _check_options(steps, until, checkpoint, resume, overwrite, thin)
+    _check_options(
+        steps, until=until, checkpoint=checkpoint, resume=resume, overwrite=overwrite, thin=thin
+    )
     rule = until or Until()
     density = CheckedDensity(target)
     file = (
@@ -204,7 +206,14 @@ def run_ensembles(
             seeds = np.random.SeedSequence(seed).spawn(ensembles)
             record = start(density, seeds, header.walkers, thin)
         warm_up(density, record.points[0])
-        run = _SamplingRun(header, Ensembles(density, record), steps, rule, writer, progress)
+        run = _SamplingRun(
+            header=header,
+            ensembles=Ensembles(density, record),
+            steps=steps,
+            until=rule,
+            checkpoint=writer,
+            progress=progress,
+        )
         diagnosis = run.sample()
     return _chains(header, run.record, rule, diagnosis)
 
@@ -311,7 +320,15 @@ def _header(target: Target, ensembles: int, walkers: int | None, seed: int, thin
         )
     if seed < 0:
         raise ValueError(f"Argument `seed` must not be negative, but is {seed!r}.")
-    return Header(names, units, target.identity, seed, ensembles, walkers, thin)
+    return Header(
+        names=names,
+        units=units,
+        identity=target.identity,
+        seed=seed,
+        ensembles=ensembles,
+        walkers=walkers,
+        thin=thin,
+    )
 
 
 def _check_options(

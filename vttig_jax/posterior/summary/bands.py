@@ -110,7 +110,9 @@ def streamed_band(blocks: Iterable[Float[np.ndarray, "_ m"]], probability: float
     count = math.ceil(probability * len(largest) - 1e-9)
     critical = float(largest[count - 1]) * (1.0 + _ROUNDING)
     centre, std, low, high = (np.concatenate(part) for part in zip(*parts, strict=True))
-    return Band(probability, centre, std, low, high, critical)
+    return Band(
+        probability=probability, centre=centre, std=std, low=low, high=high, critical=critical
+    )
 
 
 @dataclass(frozen=True)
@@ -227,13 +229,13 @@ def band_map(
     grid = BacklashMap(draws.mean_model, first, pair, log_coverage(posterior.fit))
     bands = streamed_band(draws.chunks(angle), probability)
     return BandedMap(
-        grid,
-        angle,
-        bands,
-        grid.first_order_over(angle),
-        posterior.smallest_gap,
-        float(step_deg),
-        float(turns),
+        map=grid,
+        driving_angle=angle,
+        band=bands,
+        first_order=grid.first_order_over(angle),
+        smallest=posterior.smallest_gap,
+        step_deg=float(step_deg),
+        turns=float(turns),
     )
 
 

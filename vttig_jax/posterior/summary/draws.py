@@ -135,7 +135,16 @@ def scalar_of_draws(name: str, unit: str, draws: Float[np.ndarray, " n"]) -> Pos
     if significant and gap and value < 0:
         significant, reason = False, _NEGATIVE
     return PosteriorParameter(
-        name, unit, value, std, low, high, True, significant, reason, median=median
+        name=name,
+        unit=unit,
+        value=value,
+        std=std,
+        low95=low,
+        high95=high,
+        determined=True,
+        significant=significant,
+        reason=reason,
+        median=median,
     )
 
 
@@ -156,23 +165,43 @@ def polar_of_draws(
         reason = f"{names[0]} is below three standard errors"
         return (
             PosteriorParameter(
-                names[0], unit, value, std, 0.0, upper, True, False, _UPPER, upper, median
+                name=names[0],
+                unit=unit,
+                value=value,
+                std=std,
+                low95=0.0,
+                high95=upper,
+                determined=True,
+                significant=False,
+                reason=_UPPER,
+                upper95=upper,
+                median=median,
             ),
             PosteriorParameter(names[1], "deg", determined=True, reason=reason),
         )
     angle = circular_summary(np.arctan2(plane[:, 1], plane[:, 0]) / DEG)
     length_std = float(length.std(ddof=1))
     return (
-        PosteriorParameter(names[0], unit, value, length_std, low, high, True, True, median=median),
         PosteriorParameter(
-            names[1],
-            "deg",
-            angle.mean,
-            angle.std,
-            angle.low,
-            angle.high,
-            True,
-            True,
+            name=names[0],
+            unit=unit,
+            value=value,
+            std=length_std,
+            low95=low,
+            high95=high,
+            determined=True,
+            significant=True,
+            median=median,
+        ),
+        PosteriorParameter(
+            name=names[1],
+            unit="deg",
+            value=angle.mean,
+            std=angle.std,
+            low95=angle.low,
+            high95=angle.high,
+            determined=True,
+            significant=True,
             median=angle.median,
         ),
     )

@@ -353,10 +353,10 @@ def flank_draws(posterior: Posterior) -> "GapDraws":
     """Return draws of both flanks; NaN for an unmeasured flank."""
     fit = posterior.fit
     return GapDraws(
-        fit.pair,
-        tuple(fit.model.terms),
-        posterior.offset,
-        posterior.cosine,
-        posterior.sine,
-        batches(posterior.chosen, posterior.draws.shape[:3]),
+        pair=fit.pair,
+        terms=tuple(fit.model.terms),
+        offset=posterior.offset,
+        cosine=posterior.cosine,
+        sine=posterior.sine,
+        batch=batches(posterior.chosen, posterior.draws.shape[:3]),
     )

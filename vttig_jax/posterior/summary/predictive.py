@@ -187,19 +187,19 @@ def predictive(posterior: Posterior, replicates: int = 500, seed: int = 0) -> Pr
     reach = tuple(NORMAL_95 * np.hypot(run.spread, size) for run in passes)
     within = [np.abs(run) <= half for run, half in zip(deviations, reach, strict=True)]
     return Predictive(
-        posterior,
-        curves,
-        centre,
-        tuple(middle - half for middle, half in zip(centre, reach, strict=True)),
-        tuple(middle + half for middle, half in zip(centre, reach, strict=True)),
-        float(np.mean(np.concatenate(within))),
-        Statistic.of(share_made, share),
-        Statistic.of(rms_made, rms),
-        _jumps(windows, curves, centre, np.array(steps)),
-        correlation.mean(axis=0),
-        low,
-        high,
-        replicates,
+        posterior=posterior,
+        curves=curves,
+        centre=centre,
+        low=tuple(middle - half for middle, half in zip(centre, reach, strict=True)),
+        high=tuple(middle + half for middle, half in zip(centre, reach, strict=True)),
+        inside=float(np.mean(np.concatenate(within))),
+        share=Statistic.of(share_made, share),
+        rms=Statistic.of(rms_made, rms),
+        jumps=_jumps(windows, curves, centre, np.array(steps)),
+        correlation=correlation.mean(axis=0),
+        correlation_low=low,
+        correlation_high=high,
+        replicates=replicates,
     )
 
 
@@ -261,7 +261,16 @@ def _reversals(curves: tuple[TECurve, ...]) -> list[_Window]:
         )
         if before.sum() >= _FEWEST_MEANS and after.sum() >= _FEWEST_MEANS:
             sign = 1.0 if first.flank == "A" else -1.0
-            windows.append(_Window(k, k + 1, before, after, sign, float(low + high) / 2))
+            windows.append(
+                _Window(
+                    first=k,
+                    second=k + 1,
+                    before=before,
+                    after=after,
+                    sign=sign,
+                    driving_angle=float(low + high) / 2,
+                )
+            )
     return windows
 
 

@@ -191,12 +191,12 @@ def agreement(posterior: Posterior, prior: Prior = Prior()) -> Agreement:
     )
     compared = tuple(
         RouteComparison(
-            name,
-            posterior.units[posterior.names.index(name)],
-            _of_fit(fit, name),
-            _of_profile(profiler, name),
-            _of_draws(posterior, name),
-            effective[name],
+            name=name,
+            unit=posterior.units[posterior.names.index(name)],
+            fit=_of_fit(fit, name),
+            profile=_of_profile(profiler, name),
+            sampled=_of_draws(posterior, name),
+            effective=effective[name],
         )
         for name in posterior.physical
     )
