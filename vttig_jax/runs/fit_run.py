@@ -44,7 +44,7 @@ def resolve(
     return RunRecord(logs, load_pair_spec(pair), options, readings=readings)
 
 
-def perform(record: RunRecord) -> tuple["Fit", RunRecord]:
+def perform(record: RunRecord) -> "tuple[Fit, RunRecord]":
     """Fit the logs of a record; return the fit, and the record with the digests of its files.
 
     **Raises** `UsageError` if two logs have the same content.

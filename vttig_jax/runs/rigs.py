@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from ..posterior.summary.posterior import Posterior
 
 
-def drawn_rigs(scenario: Path) -> tuple[tuple["Eccentricities", ...], "Eccentricities | None"]:
+def drawn_rigs(scenario: Path) -> "tuple[tuple[Eccentricities, ...], Eccentricities | None]":
     """Return the posterior draws that a sweep file names, and the rig at the posterior mean."""
     from ..control.scenario.spec import load_sweep_spec
     from ..posterior.summary.rig_draws import rig_draws

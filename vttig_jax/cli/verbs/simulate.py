@@ -193,7 +193,7 @@ def _with_rig(
 
 def _simulated(
     spec: "ScenarioSpec", path: Path, every: int, output: Output, *, draws: bool
-) -> tuple["Simulation", int]:
+) -> "tuple[Simulation, int]":
     """Run a scenario whose paths are relative to its file.
 
     **Returns** the simulation, and the stride of its trace in periods of the controller.

@@ -8,15 +8,12 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ...base.arrays import Numbers
-from ...kinematics.exact import ExactModel
 from ...pair.gear_pair import Drive, Flank, GearPair
 from .column_layout import OFFSET, ColumnLayout, own_parameters
 from .harmonics import SECOND_ORDER, TermPlan
+from .torus import GEARS, Torus, errors_and_slopes, grid
 
 _FIRST = ((1, 0), (0, 1))
-
-_GRID = 8
-"""Points per turn on the grid of both shaft angles: exact for orders below 4; terms in e⁶ alias."""
 
 
 class ForwardModel(eqx.Module):
@@ -35,6 +32,12 @@ class ForwardModel(eqx.Module):
     def coefficients(self, parameters: Float[Array, " p"]) -> Float[Array, "flanks tied"]:
         """Return the tied coefficients of every measured flank, rad."""
 
+    @abstractmethod
+    def linearised(
+        self, parameters: Float[np.ndarray, " p"]
+    ) -> tuple[Float[np.ndarray, "flanks tied"], Float[np.ndarray, "flanks tied p"]]:
+        """Return the tied coefficients and their derivatives, without compiling for this model."""
+
     def linear_part(self, parameters: Float[Array, " p"]) -> Float[Array, "flanks tied"]:
         """Return the contribution of the parameters that only scale a column."""
         return jnp.einsum("p,pft->ft", parameters[: self.linear.shape[0]], self.linear)
@@ -51,29 +54,37 @@ class PairRelation(ForwardModel):
     names: tuple[str, ...] = eqx.field(static=True)
     flanks: tuple[Flank, ...] = eqx.field(static=True)
     linear: Float[Numbers, "p flanks tied"]
-    ratio: Float[Numbers, ""]
-    centre_distance: Float[Numbers, ""]
-    base_sum: Float[Numbers, "2"]
+    torus: Torus
     basis: Float[Numbers, "tied grid"]
+
+    @property
+    def sides(self) -> list[int]:
+        """Places of the measured flanks among both."""
+        return ["AB".index(flank) for flank in self.flanks]
+
+    @property
+    def places(self) -> list[int]:
+        """Places in `GEARS` of the last parameters."""
+        return [GEARS.index(name) for name in self.names[len(self.linear) :]]
 
     def coefficients(self, parameters: Float[Array, " p"]) -> Float[Array, "flanks tied"]:
         """Return the tied coefficients of every measured flank, rad."""
-        value = dict(zip(self.names, parameters, strict=True))
-        zero = jnp.zeros(())
-        get = lambda name: value.get(name, zero)  # noqa: E731
-        model = ExactModel(
-            ratio=jnp.asarray(self.ratio),
-            centre_distance=jnp.asarray(self.centre_distance),
-            base_sum=self.base_sum,
-            driving_offset=get("driving_x") + 1j * get("driving_y"),
-            driven_offset=get("driven_x") + 1j * get("driven_y"),
-            offset=jnp.zeros(2),
-        )
-        driving, driven = (jnp.asarray(angle)[None] for angle in torus())
-        sides = np.array(["AB".index(flank) for flank in self.flanks])
-        senses = np.where(sides == 0, 1.0, -1.0)[:, None]
-        turned = model.turned(driving, driven, self.base_sum[sides][:, None], senses)
+        gears = jnp.zeros(len(GEARS)).at[np.array(self.places)].set(parameters[len(self.linear) :])
+        turned = self.torus.errors(gears, self.flanks)
         return turned @ self.basis.T + self.linear_part(parameters)
+
+    def linearised(
+        self, parameters: Float[np.ndarray, " p"]
+    ) -> tuple[Float[np.ndarray, "flanks tied"], Float[np.ndarray, "flanks tied p"]]:
+        """Return the tied coefficients and their derivatives, without compiling for this model."""
+        first = len(self.linear)
+        gears = np.zeros(len(GEARS))
+        gears[self.places] = parameters[first:]
+        errors, slopes = map(np.asarray, errors_and_slopes(self.torus, gears))
+        linear = np.moveaxis(np.asarray(self.linear), 0, -1)
+        curved = np.einsum("tg,fgp->ftp", self.basis, slopes[self.sides][..., self.places])
+        tied = errors[self.sides] @ np.asarray(self.basis).T + linear @ parameters[:first]
+        return tied, np.concatenate([linear, curved], axis=-1)
 
 
 class LinearRelation(ForwardModel):
@@ -88,6 +99,13 @@ class LinearRelation(ForwardModel):
     def coefficients(self, parameters: Float[Array, " p"]) -> Float[Array, "flanks tied"]:
         """Return the tied coefficients of every measured flank, rad."""
         return self.linear_part(parameters)
+
+    def linearised(
+        self, parameters: Float[np.ndarray, " p"]
+    ) -> tuple[Float[np.ndarray, "flanks tied"], Float[np.ndarray, "flanks tied p"]]:
+        """Return the tied coefficients and their derivatives, without compiling for this model."""
+        slopes = np.moveaxis(np.asarray(self.linear), 0, -1)
+        return slopes @ parameters, slopes
 
 
 def relation_of(
@@ -130,9 +148,11 @@ def pair_relation(
         names=(*names, *gears),
         flanks=flanks,
         linear=np.stack(linear),
-        ratio=np.asarray(ratio),
-        centre_distance=np.asarray(pair.centre_distance_mm),
-        base_sum=np.asarray(pair.base_radii.sum(axis=0)),
+        torus=Torus(
+            ratio=np.asarray(ratio),
+            centre_distance=np.asarray(pair.centre_distance_mm),
+            base_sum=np.asarray(pair.base_radii.sum(axis=0)),
+        ),
         basis=_projection(terms, columns),
     )
 
@@ -169,13 +189,6 @@ def encoder_relation(
         names, linear=linear, terms=terms, columns=columns, flanks=len(flanks), ratio=ratio
     )
     return LinearRelation(names=tuple(names), linear=np.stack(linear))
-
-
-def torus() -> tuple[Float[np.ndarray, " grid"], Float[np.ndarray, " grid"]]:
-    """Return the driving and driven angles of the grid on which the exact relation is evaluated."""
-    angles = 2 * np.pi * np.arange(_GRID) / _GRID
-    driving, driven = np.meshgrid(angles, angles, indexing="ij")
-    return driving.ravel(), driven.ravel()
 
 
 def _common(
@@ -253,7 +266,7 @@ def _projection(terms: TermPlan, columns: ColumnLayout) -> Float[np.ndarray, "ti
     frequency. If the tooth counts give two harmonics the same frequency, the log cannot separate
     them either.
     """
-    driving, driven = torus()
+    driving, driven = grid()
     points = len(driving)
     matrix = np.zeros((columns.own_width + 2 * len(columns.tied), points))
     for place, (name, _) in enumerate(columns.names):

@@ -38,6 +38,10 @@ _UNKNOWN = 1.0
 _FAR, _SHARE = 10.0, 0.5
 """Readings contradict a fit if their mean is off by > 10 standard errors and > half the gap."""
 
+_MOST_ITERATIONS, _SETTLED = 60, 1e-13
+"""Iterations of the driven angle at most, and the change, rad, at which they end. Each divides the
+change by about a thousand, the eccentricity over the radius."""
+
 _STEP = 1e-6
 """Step of the central differences: mm for eccentricities, rad for constant backlash and offset."""
 
@@ -239,13 +243,20 @@ def _rows(
     driving: Float[np.ndarray, " n"], solved: SolvedFit, flank: Flank
 ) -> Float[np.ndarray, "n columns"]:
     """Return the rows of the fit, without y, at angles of the first log."""
-    columns, model = solved.summary.columns, solved.model
-    error = np.asarray(model.transmission_error(driving, flank))
-    driven = float(model.ratio) * driving + error
+    columns, ratio = solved.summary.columns, float(solved.model.ratio)
+    flanks = [one.flank for one in solved.summary.flanks]
+    coefficients = solved.coefficients[flanks.index(flank)]
     rows = np.zeros((len(driving), columns.width - 1))
     rows[:, columns.index(OFFSET)] = 1.0
-    for place, term in enumerate(columns.free + columns.tied):
-        phase = term[0] * driving + term[1] * driven
-        cell = columns.cosine(place)
-        rows[:, cell], rows[:, cell + 1] = np.cos(phase), np.sin(phase)
+    driven, moved = ratio * driving, np.inf
+    # NumPy instead of the implicit model, which would be compiled for every set of orders.
+    for _ in range(_MOST_ITERATIONS):
+        for place, term in enumerate(columns.free + columns.tied):
+            phase = term[0] * driving + term[1] * driven
+            cell = columns.cosine(place)
+            rows[:, cell], rows[:, cell + 1] = np.cos(phase), np.sin(phase)
+        if moved <= _SETTLED:
+            break
+        before, driven = driven, ratio * driving + rows @ coefficients
+        moved = float(np.abs(driven - before).max(initial=0.0))
     return rows

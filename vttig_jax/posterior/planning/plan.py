@@ -4,7 +4,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-import jax.numpy as jnp
 import numpy as np
 
 from ...base.runtime import require_x64
@@ -228,6 +227,6 @@ def _noise_free_solution(
         relation = drive_relation(terms, columns, flanks)
     else:
         relation = pair_relation(pair, terms, columns, flanks, encoder_terms=split)
-    tied = np.asarray(relation.coefficients(jnp.asarray(cartesian(relation.names, values))))
+    tied = relation.linearised(cartesian(relation.names, values))[0]
     with_ramps = joint and rows.delay_source == "ramps"
     return solve(relation, whitened_flanks(rows, columns, tied, with_ramps=with_ramps))
