@@ -10,6 +10,9 @@ from nbclient.exceptions import CellExecutionError
 FOLDER = Path(__file__).resolve().parents[1] / "notebooks"
 NOTEBOOKS = sorted(FOLDER.glob("*.ipynb"))
 
+QUICK = ("01_from_log_to_map", "03_real_logs")
+"""Notebooks that each test run executes; the others are executed by `-m slow`."""
+
 
 def execute(notebook: nbformat.NotebookNode, folder: Path) -> nbformat.NotebookNode:
     """Run all cells in a kernel whose working folder is `folder`; a failing cell raises."""
@@ -31,7 +34,13 @@ def test_there_are_notebooks():
     assert "01_from_log_to_map.ipynb" in {path.name for path in NOTEBOOKS}
 
 
-@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+@pytest.mark.parametrize(
+    "path",
+    [
+        pytest.param(path, id=path.stem, marks=() if path.stem in QUICK else pytest.mark.slow)
+        for path in NOTEBOOKS
+    ],
+)
 def test_notebook_runs(path: Path, tmp_path: Path):
     notebook = nbformat.read(path, as_version=4)
     assert outputs(notebook) == [], "notebooks are kept without outputs"

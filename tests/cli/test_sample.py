@@ -86,6 +86,7 @@ def test_going_on_ends_as_if_never_stopped(vttig, folder, run, tmp_path):
     assert not np.array_equal(_draws(another), _draws(run)[:, : _draws(another).shape[1]])
 
 
+@pytest.mark.slow
 def test_the_stop_rule_ends_it_and_pictures_are_drawn(vttig_json, run):
     code, record = vttig_json("sample", "--out", run, "--resume", "--until", "20")
     assert code == 0 and record["converged"] and record["agreement"]
@@ -259,11 +260,12 @@ def test_a_command_with_resume_is_repeated(vttig, folder, tmp_path):
     assert code == 3 and "another fit (data sha256 differ)" in err
 
 
+@pytest.mark.slow
 def test_killed_and_resumed(folder, tmp_path):
     """The real command, killed while it samples: an import and a fit each, hence the time."""
     script = "import sys; from vttig_jax.cli.main import main; sys.exit(main(sys.argv[1:]))"
     log, pair = str(folder / "log.csv"), str(folder / "pair.toml")
-    common = ["--no-figures", "--steps", "1500", "-q"]
+    common = ["--no-figures", "--steps", "8000", "-q"]
     whole, killed = tmp_path / "whole", tmp_path / "killed"
 
     def start(*arguments: str) -> subprocess.Popen:
@@ -280,7 +282,7 @@ def test_killed_and_resumed(folder, tmp_path):
     assert first.returncode == -signal.SIGKILL
     with h5py.File(checkpoint) as file:
         assert file.keys()
-    assert read_chains(checkpoint).steps < 1500
+    assert read_chains(checkpoint).steps < 8000
     resumed, unbroken = (
         start("--out", str(killed), "--resume"),
         start(log, "--pair", pair, "--out", str(whole)),

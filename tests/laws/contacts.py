@@ -82,6 +82,6 @@ def _of_thickness() -> Iterator[Law]:
 
 CONTACTS = (
     *_of_thickness(),
-    Law("ContactModel.transmission_error", _error, (ANGLES, UNLIKE, RIG), "rad", KINKS),
-    Law("ContactModel.at_both_angles", _held, (ANGLES, UNLIKE, RIG), "rad", KINKS),
+    Law("ContactModel.transmission_error", _error, (ANGLES, UNLIKE, RIG), "rad", KINKS, slow=True),
+    Law("ContactModel.at_both_angles", _held, (ANGLES, UNLIKE, RIG), "rad", KINKS, slow=True),
 )

@@ -15,7 +15,10 @@ MODEL_LENGTHS = {"centre_distance", "base_sum", "driving_offset", "driven_offset
 
 @dataclass(frozen=True)
 class Law:
-    """`function(*arguments)` covers `covers`; `kinks` are further arguments to stand on."""
+    """`function(*arguments)` covers `covers`; `kinks` are further arguments to stand on.
+
+    The laws of a `slow` function take so long to compile that only `-m slow` tests them.
+    """
 
     covers: str
     function: Callable[..., Any]
@@ -24,6 +27,7 @@ class Law:
     kinks: dict[str, tuple[Any, ...]]
     variant: str = ""
     first_is_length: bool = False
+    slow: bool = False
 
     def __str__(self) -> str:
         return f"{self.covers}-{self.variant}" if self.variant else self.covers

@@ -128,8 +128,16 @@ def _of_surface(
         yield Law(covers, law, (rolls, AT, TOOTH), unit, kinks, f"{side} {part}")
 
 
-def _of_length(covers: str, function: Callable[..., Any], first: np.ndarray, unit: str, *others):
-    return Law(covers, function, (first, *others, TOOTH), unit, {}, first_is_length=True)
+def _of_length(
+    covers: str,
+    function: Callable[..., Any],
+    first: np.ndarray,
+    unit: str,
+    *others: Any,
+    slow: bool = False,
+):
+    arguments = (first, *others, TOOTH)
+    return Law(covers, function, arguments, unit, {}, first_is_length=True, slow=slow)
 
 
 SURFACES = (
@@ -143,5 +151,5 @@ SURFACES = (
     _of_length("fillet_span", _fillet_limits, np.array([0.1, 0.4, 0.6]), "rad"),
     _of_length("tip_span", _tip_limits, HEIGHTS, "rad"),
     _of_length("root_span", _root_limits, HEIGHTS, "rad"),
-    _of_length("tooth_section", _outline, HEIGHTS, "mm"),
+    _of_length("tooth_section", _outline, HEIGHTS, "mm", slow=True),
 )

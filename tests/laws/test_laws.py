@@ -10,10 +10,18 @@ from vttig_jax import kinematics
 from vttig_jax.kinematics import functions
 from vttig_jax.kinematics.flank_model import FlankModel
 
-each_law = pytest.mark.parametrize("law", table.LAWS, ids=str)
+SLOW = {True: pytest.mark.slow, False: ()}
+
+each_law = pytest.mark.parametrize(
+    "law", [pytest.param(law, id=str(law), marks=SLOW[law.slow]) for law in table.LAWS]
+)
 each_kink = pytest.mark.parametrize(
     ("law", "kink"),
-    [pytest.param(law, kink, id=f"{law}-{kink}") for law in table.LAWS for kink in law.kinks],
+    [
+        pytest.param(law, kink, id=f"{law}-{kink}", marks=SLOW[law.slow])
+        for law in table.LAWS
+        for kink in law.kinks
+    ],
 )
 
 

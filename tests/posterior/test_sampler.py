@@ -20,7 +20,13 @@ DIFFERENT = {
 }
 
 
-@pytest.mark.parametrize("kind", DIFFERENT)
+@pytest.mark.parametrize(
+    "kind",
+    [
+        pytest.param(kind, marks=() if kind in ("one flank", "a drive") else pytest.mark.slow)
+        for kind in DIFFERENT
+    ],
+)
 def test_what_is_determined_is_sampled(kind):
     """Words, numbers, and a spread that is the fit's where the residual is white."""
     result = DIFFERENT[kind]()

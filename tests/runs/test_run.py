@@ -103,6 +103,7 @@ def test_draws_are_saved_and_resumed(tmp_path, capsys, quick_fit):
     capsys.readouterr()
 
 
+@pytest.mark.slow
 def test_draws_that_were_continued_in_their_folder_are_reported_anew(tmp_path, quick_fit):
     folder = tmp_path / "run"
     vttig_jax.sample(quick_fit, steps=40, seed=3).save(folder)

@@ -47,6 +47,7 @@ def test_encoders_too_coarse_to_tell_the_turns_apart():
     assert run(**coarse | {"driven_encoder__counts_per_rev": 900}).outcome == "ok"
 
 
+@pytest.mark.slow
 def test_a_sweep_says_it_case_by_case():
     from tests.control.sweep_files import sweep_spec
 

@@ -222,6 +222,7 @@ def differ(one: Run, other: Run) -> bool:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("row", ROWS, ids=lambda row: row.name)
 def test_every_key_changes_what_a_simulation_says(runs, row):
     assert differ(*runs[repr(row)])

@@ -24,6 +24,7 @@ AXES = {"motion.reversal_deg": {"from": 200, "to": 350, "num": 32}}
 SMALL = 4
 
 
+@pytest.mark.slow
 def test_a_lost_worker_costs_nothing_but_time(tmp_path, monkeypatch):
     """Two processes that import JAX and compile, one of them twice: that takes its time."""
     small_blocks(SMALL, monkeypatch)

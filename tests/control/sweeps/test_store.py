@@ -191,6 +191,7 @@ vttig_jax.sweep(sweep_spec(AXES, controller="none"), PAIR, out=sys.argv[1])
 """
 
 
+@pytest.mark.slow
 def test_killed_in_the_middle_it_ends_with_the_same_rows(whole, tmp_path):
     """Half a part on the disk; a process of its own takes most of the time."""
     out = tmp_path / "swept"

@@ -18,6 +18,8 @@ from vttig_jax.pair.gear_pair import Flank, Gear, GearPair
 from vttig_jax.pair.rack import Rack
 
 FLANKS: tuple[Flank, Flank] = ("A", "B")
+EACH_FLANK = (pytest.param("A", marks=pytest.mark.slow), "B")
+"""Both flanks go through the same code."""
 ANGLES = np.array([0.013, 0.094])
 WEIGHTS = np.array([1.0, -0.3])
 
@@ -96,7 +98,7 @@ def moved(leaves, place, entry, step):
 SMALL = {"inclination_rad": 1e-7, "deviation_rad": 1e-7, "driving_mm": 1e-5, "driven_mm": 1e-5}
 
 
-@pytest.mark.parametrize("flank", FLANKS)
+@pytest.mark.parametrize("flank", EACH_FLANK)
 def test_every_number_of_a_rig_that_has_everything(flank):
     """Crowned, tilted, deviating, eccentric, shifted: first touch is a single point."""
     alive = compare((gears(), RIG, TILT, DEVIATIONS), flank, SMALL)
@@ -137,7 +139,7 @@ def slopes_of(angles, flank: Flank = "A", **changed: float):
     return found, differences
 
 
-@pytest.mark.parametrize("flank", FLANKS)
+@pytest.mark.parametrize("flank", EACH_FLANK)
 def test_tip_edges_move_with_the_addendum(flank):
     """And so does the transmission error, which knows nothing of it on the flanks."""
     slopes, differences = slopes_of(EDGES[flank], flank, addendum=0.5)
@@ -163,6 +165,7 @@ def test_at_a_kink_the_derivative_is_that_of_one_side():
     assert left <= kink <= right
 
 
+@pytest.mark.slow
 def test_where_everything_ties_the_derivatives_are_those_of_the_exact_relation():
     """All sections and two pairs of teeth touch at once: any of them gives the same."""
     pair, rig = gears((0.0, 0.0), helix=(3.0, 3.0)), known(RIG)
@@ -196,6 +199,7 @@ def test_new_values_compile_nothing():
     assert not seen
 
 
+@pytest.mark.slow
 def test_a_batch_of_rigs_is_a_loop():
     pair = gears()
 

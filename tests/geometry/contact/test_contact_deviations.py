@@ -137,6 +137,7 @@ def test_tip_relief_hands_over_at_the_middle():
     assert model.highest_order == 45.0
 
 
+@pytest.mark.slow
 def test_a_bump_is_found_by_the_grid_of_roll_angles():
     """Of 3 µm on one spot of flank and face, against a search of it by brute force."""
     roll, z = np.linspace(8.0, 22.0, 15), np.linspace(-10.0, 10.0, 11)

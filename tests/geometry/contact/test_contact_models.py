@@ -48,6 +48,7 @@ def test_harmonics_for_the_simulator(paper_pair, rig):
         np.testing.assert_allclose(getattr(found, name), getattr(exact, name), rtol=0, atol=1e-13)
 
 
+@pytest.mark.slow
 def test_harmonics_of_tooth_mesh_are_found_where_they_are_asked_for(paper_pair):
     """A tilted axis: the transmission error has the period of the teeth."""
     model = contact_model(paper_pair, misalignment=Misalignment(0.0, 3e-4), sections=3)

@@ -105,6 +105,7 @@ def recessed(pair: GearPair, change) -> tuple[Tooth, Tooth]:
     return changed, tooth_of(pair, "driven")
 
 
+@pytest.mark.slow
 def test_measured_and_general_recessions_take_the_place_of_the_drawing():
     """A helix measurement, and a plain function: A touches where the gears are thickest."""
     pair, taper = make(), math.tan(math.radians(3.0))

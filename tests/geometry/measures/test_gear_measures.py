@@ -129,6 +129,7 @@ def test_a_section_beyond_the_face_is_refused():
         measure_gear(shop_gear(), section_mm=10.5)
 
 
+@pytest.mark.slow
 def test_measuring_compiles_nothing():
     """A verb that only measures starts as fast as its imports allow."""
     code = """

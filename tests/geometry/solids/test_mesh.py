@@ -105,6 +105,7 @@ def test_the_judges_see_what_is_wrong():
     assert crossings(dataclasses.replace(mesh, vertices=bent)) > 0
 
 
+@pytest.mark.slow
 @settings(max_examples=12)
 @given(any_tooth())
 def test_any_gear_is_a_closed_solid_or_told_why_not(gear):

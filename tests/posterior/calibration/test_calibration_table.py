@@ -127,7 +127,9 @@ def fitted_by_identify(program: Program, rig: int) -> tuple[NoiseModel, Solution
     return noise, solve(program.relation, whitened)
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.slow) for name in CASES[:2]] + [*CASES[2:]]
+)
 def test_vmapped_fit_is_the_fit(name):
     program = Program(SCENARIOS[name].of_length("short"))
     batch = next(step for step in program.batches(3, 0) if isinstance(step, Batch))

@@ -76,7 +76,14 @@ class EccentricitySearch:
         found = np.linalg.qr(rows, mode="r")
         triangle[: len(found)] = found
         inverse = right[kept].T / singular[kept] @ explained.T
-        return cls(relation, scale, triangle, spread, target, inverse)
+        return cls(
+            relation=relation,
+            scale=scale,
+            triangle=triangle,
+            spread=spread,
+            target=target,
+            inverse=inverse,
+        )
 
     def minimise(self, start: Float[np.ndarray, " p"]) -> tuple[Float[np.ndarray, " p"], bool, int]:
         """Return the parameters of least misfit, whether the search settled, and its steps."""
