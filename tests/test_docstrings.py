@@ -48,8 +48,17 @@ def _prints(source: str) -> bool:
     return isinstance(ast.parse(source).body[0], ast.Expr) and "enable_x64" not in source
 
 
+SLOW = ("calibrate",)
+"""Modules whose examples take long; `-m slow` runs them."""
+
 FOUND = [
-    pytest.param(path, name, text, id=f"{path.relative_to(PACKAGE)}-{name}")
+    pytest.param(
+        path,
+        name,
+        text,
+        id=f"{path.relative_to(PACKAGE)}-{name}",
+        marks=pytest.mark.slow if path.stem in SLOW else (),
+    )
     for path in sorted(PACKAGE.rglob("*.py"))
     for name, text in examples(path.read_text(encoding="utf-8")).items()
 ]

@@ -10,8 +10,8 @@ from nbclient.exceptions import CellExecutionError
 FOLDER = Path(__file__).resolve().parents[1] / "notebooks"
 NOTEBOOKS = sorted(FOLDER.glob("*.ipynb"))
 
-QUICK = ("01_from_log_to_map", "03_real_logs")
-"""Notebooks that each test run executes; the others are executed by `-m slow`."""
+QUICK = ("01_from_log_to_map",)
+"""Notebooks that each test run executes; `-m slow` executes the others."""
 
 
 def execute(notebook: nbformat.NotebookNode, folder: Path) -> nbformat.NotebookNode:

@@ -104,6 +104,7 @@ def measured(tmp_path):
     return {option: (option, tmp_path / f"{option}.csv") for option in files}
 
 
+@pytest.mark.slow
 def test_measured_flanks_move_the_contact(vttig, vttig_json, measured, tmp_path):
     """By their deviation over the base radius; their picture lies beside the others."""
     out = tmp_path / "contact"

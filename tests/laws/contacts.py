@@ -77,7 +77,10 @@ def _of_thickness() -> Iterator[Law]:
         ("geometric_backlash", _backlash, SHIFTS),
     ):
         ties = {"where sections tie": (np.zeros(3), AXES, SPUR)}
-        yield Law(covers, function, (first, AXES, UNLIKE), "rad", ties, first_is_length=True)
+        slow = covers == "geometric_backlash"
+        yield Law(
+            covers, function, (first, AXES, UNLIKE), "rad", ties, first_is_length=True, slow=slow
+        )
 
 
 CONTACTS = (

@@ -175,6 +175,7 @@ def test_a_log_is_found_after_a_change_of_folder(tmp_path, monkeypatch, capsys):
     capsys.readouterr()
 
 
+@pytest.mark.slow
 def test_the_draws_of_other_settings_do_not_join(tmp_path, quick_fit, quick_rig):
     quick_fit.save(tmp_path / "run", figures=False)
     other = fit(quick_rig.log(0), quick_rig.pair, delay="off", drift_order=2)

@@ -341,7 +341,7 @@ def _lines(report: "Inspection") -> str:
 
 def _remarks(report: "Inspection") -> list[str]:
     remarks = list(report.notes)
-    if report.ratio.verdict not in ("agrees", "none"):
+    if report.ratio.verdict not in ("agrees", "none") or report.ratio.better:
         remarks.insert(0, report.ratio.sentence)
     for plateau in report.commensurate:
         remarks.append(

@@ -25,6 +25,7 @@ def run(**values):
     return vttig_jax.simulate(spec_of({**SHORT, **AHEAD, **dotted}), PAIR)
 
 
+@pytest.mark.slow
 def test_one_reading_of_both_shafts_is_as_good_as_a_reference():
     known, located = run(), run(judgement__turn="located")
     assert located.outcome == "ok" and located.metrics == known.metrics

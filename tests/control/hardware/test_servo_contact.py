@@ -315,13 +315,8 @@ def test_two_shafts_left_to_themselves_never_gain_energy(seed, still, friction):
         assert np.any(energy[:, -1:] < 0.9 * start)  # impacts take some
 
 
-@pytest.mark.parametrize(
-    "plant",
-    [
-        RigidPlant(DRIVEN, 0.3),
-        pytest.param(ElasticPlant(DRIVEN, 2.0e4, 0.1), marks=pytest.mark.slow),
-    ],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("plant", [RigidPlant(DRIVEN, 0.3), ElasticPlant(DRIVEN, 2.0e4, 0.1)])
 def test_the_gradient_of_where_the_motor_takes_both_is_the_difference(plant):
     told = ramp(50, 2.5e-4)
 

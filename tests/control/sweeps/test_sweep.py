@@ -51,6 +51,7 @@ def test_every_row_is_what_simulate_says(table):
         assert_as_simulated(table, SweepCases(sweep_spec(motion__speed_rpm=55.0), PAIR), 4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("settings", "axes"),
     [
@@ -58,7 +59,7 @@ def test_every_row_is_what_simulate_says(table):
             {"plant": "elastic", "sampling__plant_hz": 4000.0, "flanks": "closed"},
             {"mesh.damping_ratio": [0.1, 0.5], "actuator.delay_s": [0.002, 0.003]},
         ),
-        pytest.param(
+        (
             {
                 "plant": "play",
                 "judgement__observer": "difference",
@@ -70,7 +71,6 @@ def test_every_row_is_what_simulate_says(table):
                 "driven_encoder__phase_deg": 60.0,
             },
             {"seed": [0, 3], "driving_encoder.noise_arcsec": [0.0, 20.0]},
-            marks=pytest.mark.slow,
         ),
     ],
 )

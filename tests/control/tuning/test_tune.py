@@ -214,6 +214,7 @@ def test_what_the_hard_judgement_finds_worse_is_not_taken(monkeypatch):
     assert "nothing better" in str(tuned) and "they stay" in tuned.notes[0]
 
 
+@pytest.mark.slow
 def test_a_setting_that_does_not_matter_is_left_alone():
     tuned = scattered(free=None)
     assert tuple(tuned.values) == SETTINGS["predictive"]  # by default all are free

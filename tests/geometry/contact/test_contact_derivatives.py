@@ -98,7 +98,8 @@ def moved(leaves, place, entry, step):
 SMALL = {"inclination_rad": 1e-7, "deviation_rad": 1e-7, "driving_mm": 1e-5, "driven_mm": 1e-5}
 
 
-@pytest.mark.parametrize("flank", EACH_FLANK)
+@pytest.mark.slow
+@pytest.mark.parametrize("flank", FLANKS)
 def test_every_number_of_a_rig_that_has_everything(flank):
     """Crowned, tilted, deviating, eccentric, shifted: first touch is a single point."""
     alive = compare((gears(), RIG, TILT, DEVIATIONS), flank, SMALL)

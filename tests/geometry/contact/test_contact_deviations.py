@@ -112,6 +112,7 @@ def test_a_single_tooth_shows_where_it_is_in_mesh(gear, flank):
     assert np.abs(fall).max() < 5.0 + 1e-9
 
 
+@pytest.mark.slow
 def test_tip_relief_hands_over_at_the_middle():
     """A parabola off both ends of the driving flank: contact of one pair in its middle only."""
     roll, middle = np.linspace(10.0, 22.0, 13), 15.6

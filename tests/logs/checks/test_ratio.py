@@ -1,9 +1,17 @@
+from fractions import Fraction
+
 import numpy as np
 import pytest
 
 from tests.logs.profiles import counts, drive, geared, spec, trapezoid
 from vttig_jax.base.errors import LogError
-from vttig_jax.logs.checks.ratio import check_ratio, seen_ratio, simple_fraction, slope
+from vttig_jax.logs.checks.ratio import (
+    better_fraction,
+    check_ratio,
+    seen_ratio,
+    simple_fraction,
+    slope,
+)
 from vttig_jax.logs.encoder_log import EncoderLog
 from vttig_jax.pair.pair_file import parse_pair_spec
 
@@ -104,3 +112,24 @@ def test_channels_that_do_not_turn_together_are_refused():
         time, driving, driving / 10 + 0.3 * np.sin(0.1 * driving), pair=pair, unit="deg"
     )
     assert check_ratio(together).verdict == "agrees"
+
+
+@pytest.mark.parametrize(
+    ("given", "seen", "std", "better"),
+    [
+        ("0.3594", 0.3593751, 2e-7, "23/64"),
+        ("0.3594", 0.3593751, 1e-5, None),  # as given within five standard errors
+        ("23/64", 0.3593751, 2e-7, None),
+        ("0.3594", 0.35939, 1e-6, None),  # any number has a fraction of large numbers near it
+        ("0.3594", 0.3593751, 0.0, None),
+    ],
+)
+def test_a_fraction_is_named_that_fits_better(given, seen, std, better):
+    found = better_fraction(Fraction(given), seen, std)
+    assert found == (None if better is None else Fraction(better))
+
+
+def test_the_better_fraction_is_said():
+    found = check_ratio(log(driven=23 / 64 * ANGLE, pair=drive("0.3594")))
+    assert found.verdict == "agrees" and found.better == Fraction(23, 64)
+    assert "23/64 fits, so write that" in found.sentence

@@ -45,6 +45,7 @@ def relabelled(case: CaseResult, ranks: np.ndarray) -> CaseResult:
     return replace(case, ranks=ranks)
 
 
+@pytest.mark.slow
 def test_intervals_hold(small):
     assert small.is_calibrated, str(small)
     for case in small.cases:
@@ -52,6 +53,7 @@ def test_intervals_hold(small):
         assert 0.90 < low <= high < 0.99
 
 
+@pytest.mark.slow
 def test_correlated_noise_taken_for_white_is_seen_to_fail(small):
     white, correlated, _ = small.cases
     assert not rejected(relabelled(white, white.white_samples).cells())
@@ -62,6 +64,7 @@ def test_correlated_noise_taken_for_white_is_seen_to_fail(small):
     assert not Calibration((white, failed), 0).is_calibrated
 
 
+@pytest.mark.slow
 def test_a_wrong_model_that_goes_unseen_is_said(small):
     case = replace(small.cases[0], scenario=replace(small.cases[0].scenario, holds=False))
     found = Calibration((case,), 0)
@@ -69,6 +72,7 @@ def test_a_wrong_model_that_goes_unseen_is_said(small):
     assert "wrong models pass unseen in white (short)" in str(found)
 
 
+@pytest.mark.slow
 def test_record_and_table(small):
     record = small.to_json()
     jsonschema.validate(json.loads(dumps(record)), load_schema("vttig.calibrate/1"))
@@ -77,6 +81,7 @@ def test_record_and_table(small):
     assert "ar_4ms75 (short)" in text and text.endswith("calibrated: yes; right models hold")
 
 
+@pytest.mark.slow
 def test_same_seed_same_ranks_and_other_rigs_in_other_cases(small):
     again = calibrate([SCENARIOS["white"].of_length("short")], rigs=40).cases[0]
     np.testing.assert_array_equal(again.ranks, small.cases[0].ranks[:40])
@@ -89,6 +94,7 @@ def test_arguments_out_of_range(rigs, posterior):
         calibrate([SCENARIOS["white"]], rigs=rigs, posterior=posterior)
 
 
+@pytest.mark.slow
 def test_sampled_ranks_are_near_those_of_laplace(small):
     program = Program(SCENARIOS["ar_4ms75"].of_length("short"))
     batches = [step for step in program.batches(3, 0) if isinstance(step, Batch)]

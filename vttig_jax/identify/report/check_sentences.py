@@ -1,7 +1,10 @@
 """Sentences on the checks of a fit."""
 
+from fractions import Fraction
+
 import numpy as np
 
+from ...logs.checks.ratio import better_fraction
 from ..solve.least_squares import Direction
 from .checks import (
     REMEMBERS,
@@ -103,6 +106,8 @@ def _others(checks: Checks) -> list[str]:
     for log in checks.ratio[:1]:
         if log.seen is not None:
             sentences.append(f"ratio {log.given} given, {log.seen:.9g} ± {log.std:.1g} seen")
+            if better := better_fraction(Fraction(log.given), log.seen, log.std or 0.0):
+                sentences[-1] += f"; {better} fits, so write that if these are the teeth"
     if read := checks.readings:
         joined = "joined the fit" if read.used else "check only"
         sentences.append(

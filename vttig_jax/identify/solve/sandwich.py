@@ -5,12 +5,13 @@ With the score g_b of the parameters p, summed over an uninterrupted block b of 
     C (Σ_b g_b g_bᵀ) C,    C = (JᵀJ)⁻¹,
 
 is valid for residuals of varying size, and for correlation shorter than a block (P. J. Huber 1967,
-H. White 1980). It agrees with C if the noise model is correct. On few turns the correlation is as
-long as a block. There a mean over cosines of the scores g_t of the rows replaces Σ_b g_b g_bᵀ,
+H. White 1980). It agrees with C if the noise model is correct. The quantile is that of Student's
+distribution for one degree of freedom less than there are blocks. On few turns the correlation is
+as long as a block. There a mean over cosines of the scores g_t of the rows replaces Σ_b g_b g_bᵀ,
 
     (1/K) Σ_k Λ_k Λ_kᵀ,    Λ_k = √2 Σ_t cos(πk (t − ½)/T) g_t,    k = 1 … K = 8,
 
-with the quantile of Student's distribution for 8 degrees of freedom (U. K. Müller, J. Econometrics
+with the quantile for 8 degrees of freedom (U. K. Müller, J. Econometrics
 141 (2007) 1331; Y. Sun, J. Econometrics 178 (2014) 659).
 """
 
@@ -29,7 +30,7 @@ from .solved_fit import SolvedFit
 _BLOCKS = 28
 """Approximate number of blocks, which determines their length; chosen value."""
 
-_FEWEST = 12  # blocks for an estimate; chosen value
+_FEWEST = 6  # blocks for an estimate; chosen value
 _SHORTEST = 10  # rows of a block; chosen value
 _COSINES = 8  # cosines of the scores on few turns; chosen value
 
@@ -55,7 +56,7 @@ def widened(solved: SolvedFit, scatter: Scatter) -> Float[np.ndarray, " p"]:
     plain = np.sqrt(np.diag(solved.model_covariance))
     own = standard_errors(solved, Functional(np.eye(len(plain))), scatter)
     ratio = np.divide(own, plain, out=np.ones_like(plain), where=plain > 0)
-    return np.maximum(ratio, _quantile(scatter))
+    return np.maximum(ratio, _quantile(_COSINES) if scatter == "cosines" else 1.0)
 
 
 def standard_errors(
@@ -63,26 +64,27 @@ def standard_errors(
 ) -> Float[np.ndarray, " k"]:
     """Return the standard errors of functions of the fit from the scatter of parts of the log.
 
-    Those of cosines contain the ratio of the 97.5 % quantiles of Student's and the normal
-    distribution. All are 0 if there are fewer than twelve blocks or 32 rows.
+    They contain the ratio of the 97.5 % quantiles of Student's and the normal distribution. All are
+    0 if there are fewer than six blocks or 32 rows.
     """
     rows = _influences(solved, functional)
     if scatter == "blocks":
         sums = _blocks(rows, sum(len(run.rows) for own in solved.linear.rows for run in own.runs))
         if len(sums) < _FEWEST:
             return np.zeros(len(functional.slope))
-        return np.sqrt(len(sums) / (len(sums) - 1) * np.sum(sums**2, axis=0))
+        freedom = len(sums) - 1
+        return _quantile(freedom) * np.sqrt(len(sums) / freedom * np.sum(sums**2, axis=0))
     influence = np.concatenate([np.zeros((0, len(functional.slope))), *rows])
     if len(influence) < 4 * _COSINES:
         return np.zeros(len(functional.slope))
     phase = np.pi * (np.arange(len(influence)) + 0.5) / len(influence)
     cosines = np.sqrt(2) * np.cos(np.outer(np.arange(1, _COSINES + 1), phase))
-    return _quantile(scatter) * np.sqrt(np.mean((cosines @ influence) ** 2, axis=0))
+    return _quantile(_COSINES) * np.sqrt(np.mean((cosines @ influence) ** 2, axis=0))
 
 
-def _quantile(scatter: Scatter) -> float:
-    """Return the factor of the 97.5 % quantile due to the number of parts."""
-    return float(stdtrit(_COSINES, 0.975)) / NORMAL_95 if scatter == "cosines" else 1.0
+def _quantile(freedom: int) -> float:
+    """Return the 97.5 % quantile of Student's distribution over that of the normal one."""
+    return float(stdtrit(freedom, 0.975)) / NORMAL_95
 
 
 def _blocks(rows: Sequence[Float[np.ndarray, "_ k"]], total: int) -> Float[np.ndarray, "blocks k"]:

@@ -32,6 +32,10 @@ BLOCKS = 10  # number of blocks of the jackknife (chosen)
 MOST_ROWS = 20_000
 """Largest number of rows of the regression with first orders; longer logs are thinned (chosen)."""
 
+MOST_TEETH, CHANCE = 200, 0.02
+"""Largest denominator of a fraction that is proposed instead of the given ratio, and the largest
+probability that any fraction with that denominator lies as near by chance (chosen)."""
+
 LARGEST_ORDER = 0.02
 """Largest plausible amplitude of a first order in rad (chosen: 1.5 mm at 80 mm)."""
 
@@ -46,6 +50,13 @@ class SeenRatio:
     std: float | None
     given: Fraction
     verdict: Verdict
+
+    @property
+    def better(self) -> Fraction | None:
+        """Simple fraction that fits the log where the given ratio does not; see its function."""
+        if self.seen is None or self.verdict != "agrees":
+            return None
+        return better_fraction(self.given, self.seen, self.std or 0.0)
 
     @property
     def short(self) -> str:
@@ -63,7 +74,10 @@ class SeenRatio:
             return f"a TE-curve log has no ratio to check; {given} is taken as given."
         seen = f"the log shows a ratio of {self.seen:.6g} ± {self.std:.1g}"
         if self.verdict == "agrees":
-            return f"{seen}, as given ({given})."
+            if self.better is None:
+                return f"{seen}, as given ({given})."
+            fits = f"{self.better} fits, so write that if these are the teeth."
+            return f"{seen}, {given} given; {fits}"
         cure = {
             "swapped": "the inverse: either driving and driven are swapped, then exchange them in"
             " [log] or with --column driving=NAME --column driven=NAME; or the pair file has the"
@@ -167,6 +181,22 @@ def _verdict(seen: float, std: float, given: float) -> Verdict:
         if fits(value):
             return verdict
     return "differs"
+
+
+def better_fraction(given: Fraction, seen: float, std: float) -> Fraction | None:
+    """Return a simple fraction that fits the log where the given ratio does not, or None.
+
+    The given ratio is more than five standard errors off, and the fraction at most three.
+    """
+    if not 0 < DEVIATIONS * std < abs(seen - float(given)):
+        return None
+    for limit in (10, 20, 50, 100, MOST_TEETH):
+        if 0.3 * limit**2 * 6 * std > CHANCE:  # 3/π² limit² fractions lie in a unit
+            return None
+        fraction = Fraction(seen).limit_denominator(limit)
+        if fraction and abs(float(fraction) - seen) <= 3 * std:
+            return fraction
+    return None
 
 
 def simple_fraction(value: float, std: float) -> str:
