@@ -85,3 +85,23 @@ def test_a_bound_that_is_none_is_refused(folder, vttig, value):
     )
     assert code == 2
     assert "--delay-within" in err
+
+
+def test_a_map_for_a_controller_needs_a_bound_of_the_delay(folder, vttig, tmp_path):
+    """At one speed the backlash contains a delay, and a controller would close by both."""
+    files = (folder / "steady.csv", "--pair", folder / "half.toml", "--no-figures")
+    for place, options in (
+        ("open", ()),
+        ("bounded", ("--delay-within", 0.6)),
+        ("told", ("--delay", 5e-4)),
+    ):
+        assert vttig("fit", *files, *options, "--out", tmp_path / place)[0] == 0
+    code, _, err = vttig("export", tmp_path / "open", "--out", tmp_path / "open.json")
+    assert (
+        code == 2 and "--delay-within MILLISECONDS" in err and not (tmp_path / "open.json").exists()
+    )
+    constant = ("--constant-backlash-deg", 0.06)
+    assert vttig("export", tmp_path / "open", "--out", tmp_path / "open.json", *constant)[0] == 0
+    for place in ("bounded", "told"):
+        out = tmp_path / f"{place}.json"
+        assert vttig("export", tmp_path / place, "--out", out)[0] == 0 and out.exists()

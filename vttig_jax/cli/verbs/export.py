@@ -105,6 +105,8 @@ def command(
     vttig_jax.enable_x64()
     opened = Run(run_folder)
     run, fit = opened.record, opened.fit
+    if constant_backlash_deg is None:
+        _require_delay(run, fit, run_folder)
     grid, contact = contact_map(fit, constant_backlash_deg=constant_backlash_deg)
     if (run_folder / CHECKPOINT).exists():
         LOGGER.warning(
@@ -143,6 +145,22 @@ def _check_options(out: Path, suffix: str, *, overwrite: bool) -> None:
         raise UsageError(f"a {suffix} file takes no {' and no '.join(wrong)}; leave it out.")
     if out.exists() and not overwrite:
         raise UsageError("already exists; add --overwrite or choose another name.", where=str(out))
+
+
+def _require_delay(run: RunRecord, fit: "Fit", folder: Path) -> None:
+    """Refuse a map whose backlash contains a delay that nobody has bounded.
+
+    **Raises** `UsageError` for a log at one speed without a delay or a bound of it.
+    """
+    if "no_delay" not in fit.conditional_on or run.options.settings.delay_within_ms is not None:
+        return
+    raise UsageError(
+        "a controller would take this map for the backlash, but the log has one speed, at which a"
+        " delay between the channels looks the same; fit again with --delay SECONDS if you know the"
+        " delay or --delay-within MILLISECONDS if you know its limit, or give"
+        " --constant-backlash-deg.",
+        where=str(folder),
+    )
 
 
 def _table(
