@@ -45,9 +45,16 @@ def attempt(capsys, folder: Path, verb: str, content: bytes) -> tuple[int, str, 
     return code, *capsys.readouterr()
 
 
-@settings(max_examples=150, suppress_health_check=RELAXED)
+@settings(max_examples=50, suppress_health_check=RELAXED)
 @given(case=damage.damaged_logs())
 def test_inspect(folder, capsys, case):
+    check(*attempt(capsys, folder, "inspect", case.content))
+
+
+@pytest.mark.slow
+@settings(max_examples=300, suppress_health_check=RELAXED)
+@given(case=damage.damaged_logs())
+def test_inspect_more(folder, capsys, case):
     check(*attempt(capsys, folder, "inspect", case.content))
 
 

@@ -18,8 +18,6 @@ from vttig_jax.pair.gear_pair import Flank, Gear, GearPair
 from vttig_jax.pair.rack import Rack
 
 FLANKS: tuple[Flank, Flank] = ("A", "B")
-EACH_FLANK = (pytest.param("A", marks=pytest.mark.slow), "B")
-"""Both flanks go through the same code."""
 ANGLES = np.array([0.013, 0.094])
 WEIGHTS = np.array([1.0, -0.3])
 
@@ -140,7 +138,8 @@ def slopes_of(angles, flank: Flank = "A", **changed: float):
     return found, differences
 
 
-@pytest.mark.parametrize("flank", EACH_FLANK)
+@pytest.mark.slow
+@pytest.mark.parametrize("flank", FLANKS)
 def test_tip_edges_move_with_the_addendum(flank):
     """And so does the transmission error, which knows nothing of it on the flanks."""
     slopes, differences = slopes_of(EDGES[flank], flank, addendum=0.5)

@@ -130,6 +130,7 @@ def test_a_fraction_is_named_that_fits_better(given, seen, std, better):
 
 
 def test_the_better_fraction_is_said():
-    found = check_ratio(log(driven=23 / 64 * ANGLE, pair=drive("0.3594")))
+    pair = drive("0.3594")
+    found = check_ratio(EncoderLog.from_arrays(TIME, ANGLE, 23 / 64 * ANGLE, pair=pair, unit="deg"))
     assert found.verdict == "agrees" and found.better == Fraction(23, 64)
     assert "23/64 fits, so write that" in found.sentence
