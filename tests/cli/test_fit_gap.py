@@ -105,3 +105,11 @@ def test_a_map_for_a_controller_needs_a_bound_of_the_delay(folder, vttig, tmp_pa
     for place in ("bounded", "told"):
         out = tmp_path / f"{place}.json"
         assert vttig("export", tmp_path / place, "--out", out)[0] == 0 and out.exists()
+    kept = json.loads((tmp_path / "bounded" / "fit.json").read_text(encoding="utf-8"))
+    assert kept["conditional_on"] == ["delay_within_0.6_ms"]
+    assert any("The interval allows ±0.6 ms" in note for note in kept["notes"])
+    header = tmp_path / "bounded.h"
+    only = ("--quantity", "backlash")
+    assert vttig("export", tmp_path / "bounded", "--out", header, *only)[0] == 0
+    gap = kept["parameters"]["constant_backlash_deg"]
+    assert f"between {gap['low95']:.6g}" in " ".join(header.read_text().split())

@@ -307,7 +307,10 @@ def test_a_reader_that_left_is_no_error():
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="this system has no /dev/full")
-def test_a_full_disk_behind_stdout_is_exit_3():
+@pytest.mark.parametrize("unbuffered", ["", "1"])
+def test_a_full_disk_behind_stdout_is_exit_3(unbuffered, monkeypatch):
+    """Also where the interpreter writes only when it ends."""
+    monkeypatch.setenv("PYTHONUNBUFFERED", unbuffered)
     with open("/dev/full", "w") as full:
         done = run_help(stdout=full)
     assert done.returncode == 3

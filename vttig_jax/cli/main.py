@@ -134,6 +134,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         except BaseException as error:
             code, message, where = _explain(error, narrator)
             _report(code, message, where, error, as_json=_wants_json(arguments))
+            try:
+                sys.stdout.flush()
+            except OSError:  # what cannot be written would fail again when the interpreter ends
+                _silence_stdout()
             return code
 
 

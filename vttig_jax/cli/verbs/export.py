@@ -106,7 +106,7 @@ def command(
     opened = Run(run_folder)
     run, fit = opened.record, opened.fit
     if constant_backlash_deg is None:
-        _require_delay(run, fit, run_folder)
+        _require_delay(fit, run_folder)
     grid, contact = contact_map(fit, constant_backlash_deg=constant_backlash_deg)
     if (run_folder / CHECKPOINT).exists():
         LOGGER.warning(
@@ -147,12 +147,12 @@ def _check_options(out: Path, suffix: str, *, overwrite: bool) -> None:
         raise UsageError("already exists; add --overwrite or choose another name.", where=str(out))
 
 
-def _require_delay(run: RunRecord, fit: "Fit", folder: Path) -> None:
+def _require_delay(fit: "Fit", folder: Path) -> None:
     """Refuse a map whose backlash contains a delay that nobody has bounded.
 
     **Raises** `UsageError` for a log at one speed without a delay or a bound of it.
     """
-    if "no_delay" not in fit.conditional_on or run.options.settings.delay_within_ms is not None:
+    if "no_delay" not in fit.conditional_on:
         return
     raise UsageError(
         "a controller would take this map for the backlash, but the log has one speed, at which a"
@@ -223,7 +223,16 @@ def _origin(run: RunRecord, fit: "Fit") -> "HeaderOrigin":
         conditional_on=fit.conditional_on,
         sha256=fit.sha256,
         readings=shaft_readings(run, fit),
+        backlash_deg=_interval(fit),
     )
+
+
+def _interval(fit: "Fit") -> tuple[float, float] | None:
+    """Return the 95 % interval of the fitted constant backlash, degrees, if there is one."""
+    found = fit.parameters["constant_backlash_deg"]
+    if found.low95 is None or found.high95 is None:
+        return None
+    return found.low95, found.high95
 
 
 def _write(out: Path, text: str, overwrite: bool) -> None:

@@ -197,6 +197,7 @@ class HeaderOrigin:
     - `zero`: zero of both angles, "start" (first sample of the log) or "reading".
     - `conditional_on`: assumptions of the fit. - `sha256`: digest of the logs, "" for none.
     - `readings`: units and origins of both encoder readings; None where they are not known.
+    - `backlash_deg`: 95 % interval of the fitted constant backlash, degrees; None for none.
     """
 
     pair: str
@@ -205,6 +206,7 @@ class HeaderOrigin:
     conditional_on: tuple[str, ...] = ()
     sha256: str = ""
     readings: tuple[ShaftReading, ShaftReading] | None = None
+    backlash_deg: tuple[float, float] | None = None
 
 
 def identifier_of(name: str) -> str:
@@ -371,6 +373,11 @@ def _about(compensation: Compensation, origin: HeaderOrigin, name: str, quantity
     paragraphs += [note.format(NAME=upper, name=name) for note in FUNCTION_NOTES["backlash"]]
     if quantity == "shift":
         paragraphs += [note.format(NAME=upper, name=name) for note in FUNCTION_NOTES["shift"]]
+    if origin.backlash_deg:
+        low, high = origin.backlash_deg
+        paragraphs.append(
+            f"The constant backlash of the fit lies between {low:.6g} and {high:.6g} deg (95 %)."
+        )
     if origin.conditional_on:
         assumed = ", ".join(map(_plain, origin.conditional_on))
         paragraphs.append(f"Holds under the assumptions of the fit: {assumed}.")

@@ -5,7 +5,7 @@ from pathlib import PurePath
 
 import numpy as np
 
-from ...base.units import DEG
+from ...base.units import DEG, REV
 from ...logs.encoder_log import EncoderLog
 from ...pair.gear_pair import Drive, GearPair
 from ..model.identifiability import Identifiability
@@ -85,7 +85,8 @@ def conditions_of(
         conditions += ("given_delay",)
     unsure = selected.delay.state == "open" and not selected.delay.forced
     if unsure and len(selected.summary.flanks) == 2:
-        conditions += ("no_delay",)
+        bound = settings.delay_within_ms
+        conditions += ("no_delay" if bound is None else f"delay_within_{bound:g}_ms",)
     return conditions
 
 
@@ -112,8 +113,10 @@ def _delay_notes(
         speeds = [abs(s.speed) for own in identifiable.segments for s in own]
         shift = 2 * float(identifiable.terms.ratio) * max(speeds) * 1e-6 / DEG
         return [
-            f"no delay is assumed: every microsecond of it would pass for {shift:.2g}° of constant"
-            " backlash, and the speed is too steady to tell; log a second speed"
+            f"one speed does not tell a delay from the backlash: every microsecond looks like"
+            f" {shift:.2g}° of backlash. The interval allows"
+            f" ±{1e3 * selected.delay.bound_s:.4g} ms; log a second speed, or state the delay with"
+            " --delay SECONDS or its limit with --delay-within MILLISECONDS"
         ]
     steady = one_speed([s for own in identifiable.segments for s in own])
     if state == "fitted" and {"delay", "constant_backlash"} <= set(solution.names):
@@ -146,8 +149,15 @@ def _ratio_notes(regressors: tuple[Parameter, ...], log: EncoderLog) -> list[str
     for one in regressors:
         if one.name == "ratio" and one.significant and one.value is not None:
             off, std = (1e6 * part / float(log.ratio) for part in (one.value, one.std or 0.0))
+            turns = float(np.ptp(log.driven_angle)) / REV if log.driven is not None else 0.0
+            cure = (
+                "it is wrong, or a slow error or wind-up looks the same over a part of a turn"
+                if turns < 1
+                else "check the teeth and counts_per_rev, because the numbers of this fit hold for"
+                " the ratio that it found"
+            )
             return [
                 f"the ratio comes out {off - 1e6:+.0f} ± {std:.0f} ppm off {log.ratio} as given;"
-                " over a fraction of a turn a slow error or wind-up looks the same"
+                f" {cure}"
             ]
     return []
