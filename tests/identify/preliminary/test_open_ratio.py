@@ -42,3 +42,33 @@ def test_with_a_fixed_ratio_the_gap_is_lost(log, monkeypatch):
     gap = fit(log, PAIR).parameters["constant_backlash_deg"]
     low, high = known(gap.low95), known(gap.high95)
     assert low < GAP_DEG < high and high - low > 10 * GAP_DEG
+
+
+def joint_log(given: str) -> EncoderLog:
+    """Twenty turns of a motor that turn the joint by a tenth; read with the ratio `given`."""
+    return drive_log(
+        drive(given),
+        there_and_back([60, 120], 10),
+        gap=level(20.0),
+        error=lambda angle, _: 20 * np.sin(angle + 0.3),
+        delay_s=level(2e-3),
+        ratio=1 / 200,
+    )
+
+
+@pytest.mark.parametrize(("given", "freed"), [("1/200", False), ("0.00505", True)])
+def test_a_ratio_is_freed_where_a_part_of_a_driven_turn_contradicts_it(given, freed):
+    """The first order of the joint hides a slope that is 1 % off."""
+    result = fit(joint_log(given), drive(given))
+    ratios = [one.value for one in result.regressors if one.name == "ratio"]
+    assert ratios == (pytest.approx([1 / 200], rel=1e-5) if freed else [])
+    assert any("the ratio comes out" in note for note in result.notes) == freed
+    delay = result.parameters["delay_s"]
+    assert known(delay.low95) < 2e-3 < known(delay.high95)
+
+
+def test_a_wrong_ratio_that_is_kept_leaves_its_slope(monkeypatch):
+    freed = fit(joint_log("0.00505"), drive("0.00505"))
+    monkeypatch.setattr(model_selection, "_demands_a_ratio", lambda *_: False)
+    kept = fit(joint_log("0.00505"), drive("0.00505"))
+    assert kept.residual_rms_deg > 10 * freed.residual_rms_deg

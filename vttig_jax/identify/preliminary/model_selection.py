@@ -55,6 +55,10 @@ _TURNS_FOR_DRIFT = 2.0
 _SINGLE_TURN, _FEW_TURNS = 1.5, 6.0
 """Turns of the driving shaft between which the ratio of a drive is fitted; chosen values."""
 
+_WRONG_RATIO = 12.0
+"""Standard errors by which a log contradicts the given ratio of a drive. The robot axes of known
+ratio reach nine, because their slow errors resemble a slope; chosen value."""
+
 _SIGNIFICANT = 4.0
 """Standard errors above which a torque coefficient is kept without a request; chosen value."""
 
@@ -84,7 +88,8 @@ def select_model(
     settings: FitSettings,
 ) -> SelectedModel:
     """Select the model by as many passes over the logs as the delay and the weights require."""
-    names, delay, notes = _candidates(inputs, settings, _has_open_ratio(pair, identifiable))
+    open_ratio = _has_open_ratio(pair, identifiable)
+    names, delay, notes = _candidates(inputs, settings, open_ratio)
     same_zero = settings.same_zero
     if same_zero is None:
         same_zero = all(one.log.zero == "reading" for one in inputs)
@@ -98,9 +103,13 @@ def select_model(
         noise=settings.noise_model,
     )
     delay_tried = "delay" in names
-    plain = linear_fit(
-        inputs, model, delay.seconds, finest_s=_finest(inputs) if delay_tried else np.inf
-    )
+    finest_s = _finest(inputs) if delay_tried else np.inf
+    plain = linear_fit(inputs, model, delay.seconds, finest_s=finest_s)
+    if "ratio" not in names and _may_hide_a_ratio(pair, identifiable):
+        freed = replace(model, regressors=(*names, "ratio"))
+        other = linear_fit(inputs, freed, delay.seconds, finest_s=finest_s)
+        if _demands_a_ratio(other, settings):
+            model, plain = freed, other
     weights = reweighted(plain, settings.loss)
     linear = weights.linear
     if delay_tried:
@@ -162,6 +171,23 @@ def _has_open_ratio(pair: GearPair | Drive, identifiable: Identifiability) -> bo
     both_ways = len(identifiable.flanks) == 2
     more_than_one = identifiable.turns["driving"] >= _SINGLE_TURN
     return on_few_turns(pair, identifiable) and both_ways and more_than_one
+
+
+def _may_hide_a_ratio(pair: GearPair | Drive, identifiable: Identifiability) -> bool:
+    """Return whether the slope of the log cannot contradict a wrong ratio of a drive.
+
+    On a part of a driven turn the slope is uncertain by the first order of that shaft.
+    """
+    both_ways = len(identifiable.flanks) == 2
+    return isinstance(pair, Drive) and both_ways and "driven" in identifiable.short
+
+
+def _demands_a_ratio(linear: LinearFit, settings: FitSettings) -> bool:
+    """Return whether the log contradicts the given ratio beside all other terms."""
+    own = linear.own
+    names = [*_beside(own, settings), *(["delay"] if "delay" in own.names else [])]
+    value, std = own.estimate("ratio", names)
+    return abs(value) > _WRONG_RATIO * std
 
 
 def on_few_turns(pair: GearPair | Drive, identifiable: Identifiability) -> bool:
