@@ -4,7 +4,8 @@ import datetime
 import json
 import os
 import platform
-from importlib.metadata import version
+from contextlib import suppress
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,7 @@ def environment() -> dict[str, Any]:
         "blas_threads": os.environ.get("OPENBLAS_NUM_THREADS", "not set"),
         "load_average": [round(load, 2) for load in os.getloadavg()],
         "python": platform.python_version(),
-        **{name: version(name) for name in _PACKAGES},
+        **_versions(),
     }
 
 
@@ -31,6 +32,15 @@ def write(name: str, record: dict[str, Any]) -> None:
     RESULTS.mkdir(exist_ok=True)
     text = json.dumps({"environment": environment(), **record}, indent=1, allow_nan=False)
     (RESULTS / name).write_text(text + "\n")
+
+
+def _versions() -> dict[str, str]:
+    """Versions of the packages that are installed; not every study needs all of them."""
+    found = {}
+    for name in _PACKAGES:
+        with suppress(PackageNotFoundError):
+            found[name] = version(name)
+    return found
 
 
 def _cpu() -> str:
