@@ -105,7 +105,8 @@ def select_model(
     delay_tried = "delay" in names
     finest_s = _finest(inputs) if delay_tried else np.inf
     plain = linear_fit(inputs, model, delay.seconds, finest_s=finest_s)
-    if "ratio" not in names and _may_hide_a_ratio(pair, identifiable):
+    # A delay that is left out looks like a slope as well, so that the ratio is judged beside it.
+    if delay_tried and "ratio" not in names and _may_hide_a_ratio(pair, identifiable):
         freed = replace(model, regressors=(*names, "ratio"))
         other = linear_fit(inputs, freed, delay.seconds, finest_s=finest_s)
         if _demands_a_ratio(other, settings):
