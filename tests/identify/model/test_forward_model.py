@@ -214,3 +214,21 @@ def test_encoders_on_perfect_gears_take_the_first_orders():
             for k, phase in enumerate((angle, 0.5625 * angle))
         )
         np.testing.assert_allclose(curve, expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("orders", [((1,), (1,)), ((1,), ()), ((), ())])
+def test_it_is_linearised_as_it_is_differentiated(paper_pair, orders):
+    """Also where the log tells the first order of one shaft only, or of none."""
+    plan = plan_terms(
+        Fraction(45, 80),
+        driving_orders=orders[0],
+        driven_orders=orders[1],
+        mesh_orders=0,
+        driving_teeth=45,
+    )
+    relation = pair_relation(paper_pair, plan, layout_of(plan, 1), BOTH, encoder_terms=False)
+    point = 0.01 * (1.0 + np.arange(len(relation.names)))
+    tied, slopes = relation.linearised(point)
+    np.testing.assert_allclose(tied, relation.coefficients(jnp.asarray(point)), atol=1e-15)
+    differentiated = jax.jacfwd(lambda one: relation.coefficients(one))(jnp.asarray(point))
+    np.testing.assert_allclose(slopes, differentiated, atol=1e-14)

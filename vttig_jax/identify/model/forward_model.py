@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ...base.arrays import Numbers
+from ...kinematics.flank_model import flank_index
 from ...pair.gear_pair import Drive, Flank, GearPair
 from .column_layout import OFFSET, ColumnLayout, own_parameters
 from .harmonics import SECOND_ORDER, TermPlan
@@ -60,7 +61,7 @@ class PairRelation(ForwardModel):
     @property
     def sides(self) -> list[int]:
         """Places of the measured flanks among both."""
-        return ["AB".index(flank) for flank in self.flanks]
+        return [flank_index(flank) for flank in self.flanks]
 
     @property
     def places(self) -> list[int]:
@@ -69,7 +70,8 @@ class PairRelation(ForwardModel):
 
     def coefficients(self, parameters: Float[Array, " p"]) -> Float[Array, "flanks tied"]:
         """Return the tied coefficients of every measured flank, rad."""
-        gears = jnp.zeros(len(GEARS)).at[np.array(self.places)].set(parameters[len(self.linear) :])
+        places = np.array(self.places, np.intp)
+        gears = jnp.zeros(len(GEARS)).at[places].set(parameters[len(self.linear) :])
         turned = self.torus.errors(gears, self.flanks)
         return turned @ self.basis.T + self.linear_part(parameters)
 

@@ -12,6 +12,7 @@ from jaxtyping import Array, Float
 
 from ...base.arrays import Numbers
 from ...kinematics.exact import ExactModel
+from ...kinematics.flank_model import flank_index
 from ...pair.gear_pair import Flank
 
 POINTS = 8
@@ -41,7 +42,7 @@ class Torus(eqx.Module):
             offset=jnp.zeros(2),
         )
         driving, driven = (jnp.asarray(angle)[None] for angle in grid())
-        sides = np.array(["AB".index(flank) for flank in flanks])
+        sides = np.array([flank_index(flank) for flank in flanks])
         senses = np.where(sides == 0, 1.0, -1.0)[:, None]
         return model.turned(driving, driven, self.base_sum[sides][:, None], senses)
 
