@@ -4,8 +4,8 @@
 
 Each mutant is one change in one function of `kinematics`, `identify`, `posterior` or `control`: a
 sign, a comparison, an index, a constant, or a term that is left out. The tests that import the
-changed module run until one fails. Where no test imports it, those of the modules that import it
-do. A mutant that no test kills within the seconds allowed has survived. Two commits are compared by
+changed module run until one fails, the slow ones last. Where no test imports it, those of the
+modules that import it do. A mutant that no test kills within the seconds allowed has survived. Two commits are compared by
 the share that is killed; `--package` is the root of the other commit. Writes results/mutants.json.
 """
 
@@ -130,14 +130,21 @@ def killed(mutant: Mutant, root: Path, copy: Path, seconds: float) -> str:
     files = [str(path.relative_to(root)) for path in tests_of(mutant.module, root)]
     command = [sys.executable, "-m", "pytest", "-x", "-q", "-n", "0", "-p", "no:cacheprovider"]
     try:
-        done = subprocess.run(
-            [*command, *files], cwd=copy, capture_output=True, timeout=seconds, check=False
-        )
+        for kind in ("not slow", "slow"):
+            done = subprocess.run(
+                [*command, "-m", kind, *files],
+                cwd=copy,
+                capture_output=True,
+                timeout=seconds,
+                check=False,
+            )
+            if done.returncode in (1, 2):
+                return "killed"
     except subprocess.TimeoutExpired:
         return "slow"
     finally:
         (copy / place).write_bytes(data)
-    return "killed" if done.returncode == 1 or done.returncode == 2 else "survived"
+    return "survived"
 
 
 def main() -> None:
