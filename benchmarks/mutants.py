@@ -5,8 +5,9 @@
 Each mutant is one change in one function of `kinematics`, `identify`, `posterior` or `control`: a
 sign, a comparison, an index, a constant, or a term that is left out. The tests that import the
 changed module run until one fails, the slow ones last. Where no test imports it, those of the
-modules that import it do. A mutant that no test kills within the seconds allowed has survived. Two commits are compared by
-the share that is killed; `--package` is the root of the other commit. Writes results/mutants.json.
+modules that import it do. A mutant that no test kills within the seconds allowed has survived. Two
+commits are compared by the share that is killed; `--package` is the root of the other commit.
+Writes results/mutants.json.
 """
 
 import argparse

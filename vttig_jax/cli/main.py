@@ -108,7 +108,9 @@ class _LazyGroup(click.Group):
 @click.group(
     cls=_LazyGroup,
     context_settings={"help_option_names": ["-h", "--help"]},
-    epilog="`vttig COMMAND --help` shows the options of a command and an example.",
+    epilog="`vttig COMMAND --help` shows the options of a command and an example. Compiled"
+    " programs are kept in the user's cache folder for the next run; the environment variable"
+    " VTTIG_CACHE names another folder, and VTTIG_CACHE=off keeps none.",
 )
 @click.version_option(package_name="vttig-jax", message="%(prog)s %(version)s")
 def vttig() -> None:

@@ -14,6 +14,7 @@ from click.core import ParameterSource
 from ..logs.readers.column_roles import ROLES
 from ..runs.options import roles_of
 from .output import Narrator, Output
+from .program_cache import kept_programs
 
 
 class Finite(click.FloatRange):
@@ -38,11 +39,14 @@ STEP_DEG = Finite(min=0, min_open=True, max=360)
 """Difference of the driving angle between two rows of a table, deg, at most one turn."""
 
 
-def verb(name: str, *, example: str) -> Callable[[Callable[..., None]], click.Command]:
+def verb(
+    name: str, *, example: str, compiles: bool = True
+) -> Callable[[Callable[..., None]], click.Command]:
     """Make a function a command of `vttig` with the shared options.
 
     The function receives an `Output` as its first argument, then its own options by name. Its
     docstring is the help text. Each line of `example` is a command line, printed below the options.
+    The compiled programs of a verb that `compiles` are kept for its next run.
     """
 
     def decorate(function: Callable[..., None]) -> click.Command:
@@ -51,7 +55,7 @@ def verb(name: str, *, example: str) -> Callable[[Callable[..., None]], click.Co
             name,
             epilog=f"\b\nExample:\n{lines}",
             context_settings={"help_option_names": ["-h", "--help"]},
-        )(_with_shared_options(function))
+        )(_with_shared_options(function, name if compiles else None))
 
     return decorate
 
@@ -73,7 +77,9 @@ def given(names: Collection[str]) -> list[str]:
     ]
 
 
-def _with_shared_options(function: Callable[..., None]) -> Callable[..., None]:
+def _with_shared_options(function: Callable[..., None], kept: str | None) -> Callable[..., None]:
+    """Add the shared options; `kept` names the programs that are kept, None for none."""
+
     @click.option("--json", "as_json", is_flag=True, help="Print one JSON object to stdout.")
     @click.option("-v", "--verbose", count=True, help="Say more on stderr; -vv says all.")
     @click.option("-q", "--quiet", is_flag=True, help="Errors only, no progress bar.")
@@ -94,6 +100,8 @@ def _with_shared_options(function: Callable[..., None]) -> Callable[..., None]:
             if narrator is None:
                 narrator = stack.enter_context(Narrator())
             narrator.tune(verbose, quiet, log_file)
+            if kept is not None:
+                stack.enter_context(kept_programs(kept))
             function(output, **own)
             output.finish()
 

@@ -10,6 +10,7 @@ from ..output import Output
 
 @verb(
     "inspect",
+    compiles=False,
     example="vttig inspect log.csv --pair pair.toml\n"
     "vttig inspect log.csv --column time=t_s --column driving=motor_deg",
 )

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 @verb(
     "measure",
+    compiles=False,
     example="""
 vttig measure pair.toml
 vttig measure pair.toml --section-mm 5 --ball-mm 3.5

@@ -249,12 +249,15 @@ def _rows(
     rows = np.zeros((len(driving), columns.width - 1))
     rows[:, columns.index(OFFSET)] = 1.0
     driven, moved = ratio * driving, np.inf
-    # NumPy instead of the implicit model, which would be compiled for every set of orders.
+    # NumPy instead of the implicit model, which would be compiled for every set of orders. The
+    # cells of orders of the driving shaft do not change with the driven angle.
+    changing = list(enumerate(columns.free + columns.tied))
     for _ in range(_MOST_ITERATIONS):
-        for place, term in enumerate(columns.free + columns.tied):
+        for place, term in changing:
             phase = term[0] * driving + term[1] * driven
             cell = columns.cosine(place)
             rows[:, cell], rows[:, cell + 1] = np.cos(phase), np.sin(phase)
+        changing = [(place, term) for place, term in changing if term[1]]
         if moved <= _SETTLED:
             break
         before, driven = driven, ratio * driving + rows @ coefficients

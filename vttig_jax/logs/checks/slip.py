@@ -92,10 +92,8 @@ def find_slip(log: EncoderLog, segments: Segments) -> Slip | None:
     edges = _window_starts(segment_of)
     if len(edges) < 4:
         return None
-    medians = np.array(
-        [np.median(residual[a:b]) for a, b in zip(edges, [*edges[1:], len(rows)], strict=True)]
-    )
     size = np.diff([*edges, len(rows)])
+    medians = _medians(residual, edges, size)
     means = np.add.reduceat(columns, edges, axis=0) / size[:, None]
     least, speed = _least_step(log, residual), means[:, _speed_place(group)]
     steps = find_steps(medians, means, least, rival=speed)
@@ -112,6 +110,10 @@ def refuse_slip(log: EncoderLog, segments: Segments) -> None:
     if slip is not None:
         raise LogError(slip.sentence, where=log.place.at(row=slip.row))
 
+
+_HUBER_STEPS = 5
+_DEPENDENT = 1e-12
+"""Share of the largest eigenvalue of the normal matrix below which columns count as dependent."""
 
 _DIGITS = 100.0
 """Largest step that may come from rounding, in rounding errors of the transmission error."""
@@ -203,15 +205,27 @@ def _scaled(values: Float[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
 def _huber_residual(
     columns: Float[np.ndarray, "m p"], error: Float[np.ndarray, " m"]
 ) -> Float[np.ndarray, " m"]:
-    """Return the residual of a Huber fit, which late readings influence little."""
+    """Return the residual of a Huber fit, which late readings influence little.
+
+    Every step solves the weighted normal equations for a correction of the residual. Their rounding
+    therefore vanishes with the steps.
+    """
     weight, residual = np.ones(len(error)), error
-    for _ in range(5):
-        root = np.sqrt(weight)
-        solution = np.linalg.lstsq(root[:, None] * columns, root * error, rcond=1e-9)[0]
-        residual = error - columns @ solution
+    for _ in range(_HUBER_STEPS):
+        weighted = columns * weight[:, None]
+        inverse = np.linalg.pinv(weighted.T @ columns, rcond=_DEPENDENT, hermitian=True)
+        residual = residual - columns @ (inverse @ (weighted.T @ residual))
         scale = 1.5 * float(np.median(np.abs(residual))) / 0.6745
         weight = scale / np.maximum(np.abs(residual), max(scale, 1e-300))
     return residual
+
+
+def _medians(
+    values: Float[np.ndarray, " m"], starts: Int[np.ndarray, " w"], size: Int[np.ndarray, " w"]
+) -> Float[np.ndarray, " w"]:
+    """Return the median of every window of neighbouring values."""
+    ordered = values[np.lexsort((values, np.repeat(np.arange(len(size)), size)))]
+    return (ordered[starts + (size - 1) // 2] + ordered[starts + size // 2]) / 2
 
 
 def _window_starts(segment_of: Int[np.ndarray, " m"]) -> Int[np.ndarray, " w"]:

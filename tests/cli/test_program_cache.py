@@ -1,0 +1,170 @@
+"""The compiled programs that a command keeps: checked one by one, never in the way of a result."""
+
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from vttig_jax.cli import program_cache
+from vttig_jax.cli.program_cache import VARIABLE, kept_programs, read_programs, write_programs
+
+PAPER = Path(__file__).parents[2] / "fits" / "paper" / "pair.toml"
+NAMES = ("jit_a-00-cache", "jit_b-11-cache")
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> Path:
+    """Return a folder with two stored programs."""
+    stage, store = tmp_path / "stage", tmp_path / "store"
+    stage.mkdir()
+    store.mkdir()
+    for name in NAMES:
+        (stage / name).write_bytes(name.encode() * 50)
+    (stage / "jit_a-00-atime").write_bytes(b"12345678")
+    write_programs(stage, store, set())
+    return store
+
+
+def loaded(store: Path, tmp_path: Path) -> dict[str, bytes]:
+    target = tmp_path / f"loaded_{time.time_ns()}"
+    target.mkdir()
+    known = read_programs(store, target)
+    found = {path.name: path.read_bytes() for path in target.iterdir()}
+    assert known == set(found)
+    return found
+
+
+def test_programs_come_back_as_they_were(store: Path, tmp_path: Path) -> None:
+    assert loaded(store, tmp_path) == {name: name.encode() * 50 for name in NAMES}
+
+
+def truncated(store: Path) -> None:
+    path = store / NAMES[0]
+    path.write_bytes(path.read_bytes()[:-7])
+
+
+def emptied(store: Path) -> None:
+    (store / NAMES[0]).write_bytes(b"")
+
+
+def flipped(store: Path) -> None:
+    path = store / NAMES[0]
+    data = bytearray(path.read_bytes())
+    data[100] ^= 1
+    path.write_bytes(bytes(data))
+
+
+def replaced(store: Path) -> None:
+    (store / NAMES[0]).write_bytes((store / NAMES[1]).read_bytes())
+
+
+def aged(store: Path) -> None:
+    old = time.time() - 31 * 86400
+    os.utime(store / NAMES[0], (old, old))
+
+
+@pytest.mark.parametrize("damage", [truncated, emptied, flipped, replaced, aged])
+def test_a_damaged_or_old_program_is_left_out_and_removed(damage, store: Path, tmp_path: Path):
+    damage(store)
+    assert set(loaded(store, tmp_path)) == {NAMES[1]}
+    assert not (store / NAMES[0]).exists()
+
+
+def test_two_exchanged_programs_are_both_left_out(store: Path, tmp_path: Path) -> None:
+    first, second = ((store / name).read_bytes() for name in NAMES)
+    (store / NAMES[0]).write_bytes(second)
+    (store / NAMES[1]).write_bytes(first)
+    assert loaded(store, tmp_path) == {}
+
+
+def test_what_a_killed_process_left_is_removed_after_a_day(store: Path, tmp_path: Path) -> None:
+    old = time.time() - 2 * 86400
+    for name in (".stage-dead", ".stage-alive"):
+        (store / name).mkdir()
+    os.utime(store / ".stage-dead", (old, old))
+    loaded(store, tmp_path)
+    assert not (store / ".stage-dead").exists() and (store / ".stage-alive").exists()
+
+
+@pytest.fixture
+def without_jax(monkeypatch, tmp_path: Path):
+    """Return the folder of the programs in a process that has not imported JAX."""
+    monkeypatch.delitem(sys.modules, "jax")
+    monkeypatch.delenv("JAX_COMPILATION_CACHE_DIR", raising=False)
+    monkeypatch.setenv(VARIABLE, str(tmp_path / "programs"))
+    return tmp_path / "programs"
+
+
+def test_new_programs_are_stored_and_old_ones_shown(without_jax: Path) -> None:
+    for shown in (set(), {NAMES[0]}):
+        with kept_programs("fit"):
+            stage = Path(os.environ["JAX_COMPILATION_CACHE_DIR"])
+            assert {path.name for path in stage.iterdir()} == shown
+            (stage / NAMES[0]).write_bytes(b"program")
+        assert "JAX_COMPILATION_CACHE_DIR" not in os.environ and not stage.exists()
+    with kept_programs("sweep"):
+        assert not list(Path(os.environ["JAX_COMPILATION_CACHE_DIR"]).iterdir())
+
+
+def test_another_compiler_has_programs_of_its_own(without_jax: Path, monkeypatch) -> None:
+    before = program_cache._machine()
+    monkeypatch.setattr(program_cache, "version", lambda name: f"{name} of another release")
+    assert program_cache._machine() != before
+
+
+def test_a_full_disk_costs_the_programs_and_nothing_else(without_jax: Path, monkeypatch) -> None:
+    def full(*_: object, **__: object):
+        raise OSError(28, "No space left on device")
+
+    with kept_programs("fit"):
+        stage = Path(os.environ["JAX_COMPILATION_CACHE_DIR"])
+        (stage / NAMES[0]).write_bytes(b"program")
+        monkeypatch.setattr(program_cache.tempfile, "mkstemp", full)
+    assert not stage.exists()
+
+
+@pytest.mark.parametrize("case", ["off", "own cache", "jax", "in the way", "others write"])
+def test_nothing_is_kept(case: str, without_jax: Path, monkeypatch) -> None:
+    if case == "off":
+        monkeypatch.setenv(VARIABLE, "off")
+    elif case == "own cache":
+        monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", "mine")
+    elif case == "jax":
+        monkeypatch.setitem(sys.modules, "jax", sys)
+    elif case == "in the way":
+        without_jax.write_text("a file")
+    else:
+        folder = without_jax / program_cache._machine() / "fit"
+        folder.mkdir(parents=True)
+        folder.chmod(0o777)
+    with kept_programs("fit"):
+        found = os.environ.get("JAX_COMPILATION_CACHE_DIR")
+    assert found == ("mine" if case == "own cache" else None)
+
+
+def test_a_command_answers_the_same_with_damaged_programs(tmp_path: Path) -> None:
+    """Two runs in processes of their own; all programs are damaged between them."""
+    environment = {k: v for k, v in os.environ.items() if k != "JAX_COMPILATION_CACHE_DIR"}
+    environment[VARIABLE] = str(tmp_path)
+    call = "import sys; from vttig_jax.cli.main import main; sys.exit(main())"
+    arguments = ["plan", "--pair", str(PAPER), "--turns", "3", "--speed-rpm", "60", "--rate-hz"]
+    arguments += ["500", "--noise-std-deg", "0.002", "-v", "--json"]
+    command = [sys.executable, "-c", call, *arguments]
+
+    def run() -> subprocess.CompletedProcess[str]:
+        return subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+
+    first = run()
+    stored = list(tmp_path.rglob("*-cache"))
+    assert stored
+    for path in stored:
+        data = bytearray(path.read_bytes())
+        data[len(data) // 2] ^= 255
+        path.write_bytes(bytes(data))
+    second = run()
+    assert second.stdout == first.stdout
+    assert f"{len(stored)} stored programs failed their check" in second.stderr
+    assert "failed" not in first.stderr and "Traceback" not in second.stderr

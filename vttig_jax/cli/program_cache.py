@@ -1,0 +1,143 @@
+"""Compiled programs that the command line keeps between runs.
+
+XLA compiles the programs of a command again in every process. JAX can keep them in a folder, but it
+loads an entry without a check of its content. Here every entry carries the SHA-256 of its name and
+its content. A command copies the entries that pass the check into a folder of its own, which is all
+that JAX sees, and stores the new programs when it ends.
+"""
+
+import hashlib
+import os
+import platform
+import shutil
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from importlib.metadata import version
+from pathlib import Path
+
+from ..base.files.atomic_write import move
+from .output import LOGGER
+
+VARIABLE = "VTTIG_CACHE"
+"""Environment variable: the folder of the programs, or "off"."""
+
+_SUFFIX = "-cache"  # of the files of JAX that hold a program
+_DIGEST = hashlib.sha256().digest_size
+_OLDEST_S = 30 * 86400.0  # age at which an entry is compiled again; chosen value
+_ABANDONED_S = 86400.0  # age at which the folder of a killed process is removed; chosen value
+_MOST_BYTES = 128 << 20  # size of the programs of one command; chosen value
+_SETTINGS = {
+    "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0",
+    "JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES": "-1",
+    "JAX_PERSISTENT_CACHE_ENABLE_XLA_CACHES": "none",
+}
+
+
+@contextmanager
+def kept_programs(command: str) -> Iterator[None]:
+    """Let JAX use the stored programs of a command, and store its new ones at the end.
+
+    Nothing is kept if the variable `VTTIG_CACHE` is "off", if JAX has a cache of its own
+    (`JAX_COMPILATION_CACHE_DIR`) or is imported already, and if the folder cannot be written or
+    belongs to another user. A program that fails the check is compiled again.
+    """
+    folder = _folder()
+    if folder is None or "JAX_COMPILATION_CACHE_DIR" in os.environ or "jax" in sys.modules:
+        yield
+        return
+    store = folder / _machine() / command
+    try:
+        store.mkdir(parents=True, exist_ok=True, mode=0o700)
+        _require_private(store)
+        stage = Path(tempfile.mkdtemp(prefix=".stage-", dir=store))
+    except OSError as error:
+        LOGGER.info("compiled programs are not kept in %s: %s", store, error.strerror or error)
+        yield
+        return
+    known = read_programs(store, stage)
+    settings = {**_SETTINGS, "JAX_COMPILATION_CACHE_DIR": str(stage)}
+    added = [name for name in settings if name not in os.environ]
+    os.environ.update({name: settings[name] for name in added})
+    try:
+        yield
+    finally:
+        for name in added:
+            os.environ.pop(name, None)
+        with suppress(OSError):
+            write_programs(stage, store, known)
+        shutil.rmtree(stage, ignore_errors=True)
+
+
+def read_programs(store: Path, stage: Path) -> set[str]:
+    """Copy the entries of `store` that pass the check to `stage`, and remove the others.
+
+    **Returns** the names of the copied entries.
+    """
+    known, damaged, now, size = set(), 0, time.time(), 0
+    for path in sorted(store.iterdir()):
+        with suppress(OSError):
+            if path.name.startswith("."):
+                if now - path.stat().st_mtime > _ABANDONED_S:
+                    shutil.rmtree(path) if path.is_dir() else path.unlink()
+                continue
+            data = b"" if now - path.stat().st_mtime > _OLDEST_S else path.read_bytes()
+            size += len(data)
+            if data[:_DIGEST] == _digest(path.name, data[_DIGEST:]) and size <= _MOST_BYTES:
+                (stage / path.name).write_bytes(data[_DIGEST:])
+                known.add(path.name)
+            else:
+                damaged += bool(data)
+                path.unlink()
+    if damaged:
+        LOGGER.info("%d stored programs failed their check and are compiled again", damaged)
+    return known
+
+
+def write_programs(stage: Path, store: Path, known: set[str]) -> None:
+    """Store the programs of `stage` that are not `known` with their digests, each atomically."""
+    for path in stage.iterdir():
+        if path.name.endswith(_SUFFIX) and path.name not in known:
+            content = path.read_bytes()
+            descriptor, temporary = tempfile.mkstemp(prefix=".new-", dir=store)
+            with os.fdopen(descriptor, "wb") as file:
+                file.write(_digest(path.name, content) + content)
+            move(Path(temporary), store / path.name)
+
+
+def _digest(name: str, content: bytes) -> bytes:
+    return hashlib.sha256(name.encode() + b"\0" + content).digest()
+
+
+def _folder() -> Path | None:
+    """Return the folder of all programs, or None if the user wants none."""
+    given = os.environ.get(VARIABLE)
+    if given == "off":
+        return None
+    if given:
+        return Path(given)
+    from platformdirs import user_cache_path
+
+    return user_cache_path("vttig")
+
+
+def _machine() -> str:
+    """Return a name for the compiler, the processor and the settings that a program depends on."""
+    features = platform.processor()
+    with suppress(OSError):
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+        features = next((line for line in lines if line.startswith(("flags", "Features"))), "")
+    parts = [version("jax"), version("jaxlib"), sys.version, platform.platform(), features]
+    parts.append(os.environ.get("XLA_FLAGS", ""))
+    return hashlib.sha256("\n".join(parts).encode()).hexdigest()[:16]
+
+
+def _require_private(store: Path) -> None:
+    """Raise `OSError` if others could write programs into `store`, which this user would run."""
+    if not hasattr(os, "getuid"):
+        return
+    seen = store.stat()
+    if seen.st_uid != os.getuid() or seen.st_mode & 0o022:
+        raise PermissionError(None, "other users can write to it")
