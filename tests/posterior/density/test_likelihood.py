@@ -190,9 +190,9 @@ def test_the_misfit_is_the_whitened_quadratic_form():
     noise = np.array([0.7, 0.2])
     likelihood = place.likelihood(2, names)
     point = 1e-4 * np.random.default_rng(2).standard_normal(len(names))
-    factors = eqx.filter_jit(likelihood.factors)(jnp.asarray(noise))
-    residual, nuisance = eqx.filter_jit(likelihood.whitened_residual)(jnp.asarray(point), factors)
-    found = float(jnp.sum(likelihood.diagonal(factors)[:, -1] ** 2) + residual @ residual)
+    factor = eqx.filter_jit(likelihood.reduced)(jnp.asarray(noise)).factor
+    residual, nuisance = eqx.filter_jit(likelihood.whitened_residual)(jnp.asarray(point), factor)
+    found = float(jnp.sum(factor[:, -1, -1] ** 2) + residual @ residual)
     y, x, unit = dense_parts(place, point, [], noise)
     right = x.T @ np.linalg.solve(unit, y)
     gram = x.T @ np.linalg.solve(unit, x)
@@ -263,8 +263,8 @@ def test_a_robust_loss_counts_what_no_coefficient_explains_by_its_factor():
         for factor in (1.0, 1.7)
     )
     noise = np.array([0.4])
-    factors = eqx.filter_jit(plain.factors)(jnp.asarray(noise))
-    left = float(jnp.sum(plain.diagonal(factors)[:, -1] ** 2))
+    factor = eqx.filter_jit(plain.reduced)(jnp.asarray(noise)).factor
+    left = float(jnp.sum(factor[:, -1, -1] ** 2))
     added = -0.5 * 0.7 * left * np.exp(-2 * NOISE)
     for point in (parameters[own], parameters[own] + 1e-6):
         gain = value(robust, point, noise, NOISE) - value(plain, point, noise, NOISE)

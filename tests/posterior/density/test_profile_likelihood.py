@@ -30,7 +30,7 @@ class Made(Density):
     middle: np.ndarray
     inverse: np.ndarray
 
-    def __call__(self, point):
+    def __call__(self, point, rows=None):
         z = self.inverse @ (point - self.middle)
         rest = -0.5 * z[2:] @ z[2:]
         if self.kind == "normal":

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from functools import cached_property, partial
 from typing import Any
 
 import equinox as eqx
@@ -15,10 +16,14 @@ from ...base.errors import NoAnswerError, UsageError
 from ...identify.fit_result import Fit
 from ...identify.noise.reml import LARGEST
 from ...pair.gear_pair import Drive
+from .interpolated_rows import InterpolatedRows, interpolated_rows
 from .likelihood import Likelihood, likelihood_of
 from .prior import OPTIONS, Prior, StatedPrior, state_prior
 
 NOISE_STD = "log_innovation_std"
+_BATCHES = (128, 32)
+"""Numbers of points that are evaluated together; more shapes would be compiled (chosen)."""
+
 _SHAFTS, _AXES = ("driving", "driven"), ("_x", "_y", "_x_difference", "_y_difference")
 
 
@@ -35,8 +40,13 @@ class Density(eqx.Module):
     plane_std: Float[Numbers, " planes"] = eqx.field(converter=float64)
     flat_in_amplitude: tuple[bool, ...] = eqx.field(static=True)
 
-    def __call__(self, point: Float[Array, " d"]) -> Float[Array, ""]:
-        """Return the log-density at one point, −∞ outside the prior."""
+    def __call__(
+        self, point: Float[Array, " d"], rows: InterpolatedRows | None = None
+    ) -> Float[Array, ""]:
+        """Return the log-density at one point, −∞ outside the prior.
+
+        `rows` give the reduced rows of the likelihood; they are exact if it is None.
+        """
         count = len(self.likelihood.sampled_indices)
         inside = jnp.all(jnp.abs(point) <= jnp.asarray(self.bound))
         prior = jnp.zeros(())
@@ -47,7 +57,8 @@ class Density(eqx.Module):
             if self.flat_in_amplitude[k]:
                 prior -= 0.5 * jnp.log(square)
         partial = jnp.clip(point[count + 1 :], -LARGEST, LARGEST)
-        value = self.likelihood(point[:count], partial, point[count]) + prior
+        reduced = None if rows is None else rows(partial)
+        value = self.likelihood(point[:count], partial, point[count], reduced) + prior
         return jnp.where(inside & jnp.isfinite(value), value, -jnp.inf)
 
 
@@ -72,16 +83,53 @@ class FitTarget:
 
     def log_density(self, points: Float[np.ndarray, "walkers d"]) -> Float[np.ndarray, " walkers"]:
         """Return the log-density of every point, NumPy float64."""
-        return np.asarray(_at_points(self.density, points))
+        rows, points = self._rows, np.asarray(points, np.float64)
+        noise = points[:, len(self.names) - len(self.partial) :]
+        inside = rows is not None and rows.holds(noise)
+        way = self._fast if inside else self._exact
+        size = next((n for n in _BATCHES if n <= len(points)), _BATCHES[-1])
+        if len(points) == size:
+            return np.asarray(_at_points(*way, points))
+        filled = np.repeat(points[:1], -len(points) % size, axis=0)
+        parts = np.split(np.concatenate([points, filled]), -(-len(points) // size))
+        return np.concatenate([_at_points(*way, part) for part in parts])[: len(points)]
+
+    @property
+    def partial(self) -> Float[np.ndarray, " order"]:
+        """Partial autocorrelations of the noise at the centre."""
+        return self.centre[self.names.index(NOISE_STD) + 1 :]
+
+    @cached_property
+    def _rows(self) -> InterpolatedRows | None:
+        order = len(self.partial)
+        std = np.sqrt(np.diag(self.covariance))[len(self.names) - order :]
+        return interpolated_rows(self.density.likelihood, self.partial, std)
+
+    @cached_property
+    def _exact(self) -> tuple[Any, list[Array]]:
+        return _flattened((self.density, None))
+
+    @cached_property
+    def _fast(self) -> tuple[Any, list[Array]]:
+        return _flattened((self.density, self._rows))
 
     def starts(self, count: int, generator: np.random.Generator) -> Float[np.ndarray, "count d"]:
         """Draw points from the Laplace approximation."""
         return generator.multivariate_normal(self.centre, self.covariance, count, method="cholesky")
 
 
-@eqx.filter_jit
-def _at_points(density: Density, points: Float[Numbers, "walkers d"]) -> Float[Array, " walkers"]:
-    return jax.vmap(density)(jnp.asarray(points))
+def _flattened(tree: tuple[Density, InterpolatedRows | None]) -> tuple[Any, list[Array]]:
+    """Return the structure of a density and its arrays on the device, once for all evaluations."""
+    arrays, structure = jax.tree.flatten(tree)
+    return structure, [jnp.asarray(array) for array in arrays]
+
+
+@partial(jax.jit, static_argnums=0)
+def _at_points(
+    structure: Any, arrays: list[Array], points: Float[Array, "walkers d"]
+) -> Float[Array, " walkers"]:
+    density, rows = jax.tree.unflatten(structure, arrays)
+    return jax.vmap(lambda point: density(point, rows))(points)
 
 
 def is_physical(name: str) -> bool:

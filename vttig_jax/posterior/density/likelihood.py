@@ -27,6 +27,18 @@ _RIDGE = 1e-13
 two nuisance parameters coincide, and Uᵀ Σ⁻¹ U under the most extreme noise that is tried."""
 
 
+class ReducedRows(eqx.Module):
+    """Rows of all flanks, whitened for innovations of variance one, without the free harmonics.
+
+    **Arguments**
+    - `determinant`: log-determinant of the triangular factor of the eliminated columns.
+    - `factor`: upper triangular factor of the tied columns and y of every flank.
+    """
+
+    determinant: Float[Array, ""]
+    factor: Float[Array, "flanks t t"]
+
+
 class Likelihood(eqx.Module):
     """Log-likelihood of the parameters of a forward model under autoregressive noise.
 
@@ -66,21 +78,25 @@ class Likelihood(eqx.Module):
         gram = jnp.tensordot(weights, jnp.asarray(self.products), 1)
         return jax.lax.linalg.cholesky(gram, symmetrize_input=False)
 
-    def diagonal(self, factors: Float[Array, "flanks q q"]) -> Float[Array, "flanks q"]:
-        """Return the diagonal of R: norms of the columns after elimination of the earlier ones."""
-        return jnp.diagonal(factors * jnp.asarray(self.triangles), axis1=1, axis2=2)
+    def reduced(self, partial: Float[Array, " order"]) -> ReducedRows:
+        """Return the rows after elimination of the free harmonics."""
+        return self._reduced(self.factors(partial))
+
+    def _reduced(self, factors: Float[Array, "flanks q q"]) -> ReducedRows:
+        free, triangles = self.free, jnp.asarray(self.triangles)
+        diagonal = jnp.diagonal(factors * triangles, axis1=1, axis2=2)[:, :free]
+        inner = jnp.swapaxes(factors[:, free:, free:], 1, 2)
+        return ReducedRows(jnp.sum(jnp.log(diagonal)), inner @ triangles[:, free:, free:])
 
     def log_determinant(self, partial: Float[Array, " order"]) -> Float[Array, ""]:
         """Return the log-determinant of the noise covariance for innovations of variance one."""
         return jnp.asarray(self.kind.determinant_of(jnp.asarray(self.determinants), partial))
 
     def whitened_residual(
-        self, sampled: Float[Array, " d"], factors: Float[Array, "flanks q q"]
+        self, sampled: Float[Array, " d"], factor: Float[Array, "flanks t t"]
     ) -> tuple[Float[Array, " r"], Float[Array, "r nuisance"]]:
         """Return the whitened residual of the tied coefficients, and the nuisance columns."""
         parameters = jnp.asarray(self.fixed).at[jnp.asarray(self.sampled_indices)].set(sampled)
-        inner = jnp.swapaxes(factors[:, self.free :, self.free :], 1, 2)
-        factor = inner @ jnp.asarray(self.triangles)[:, self.free :, self.free :]
         tied, target = factor[:, :-1, :-1], factor[:, :-1, -1]
         predicted = self.relation.coefficients(parameters)
         residual = jnp.einsum("fij,fj->fi", tied, predicted) - target
@@ -92,14 +108,17 @@ class Likelihood(eqx.Module):
         sampled: Float[Array, " d"],
         partial: Float[Array, " order"],
         log_innovation_std: Float[Array, ""],
+        rows: ReducedRows | None = None,
     ) -> Float[Array, ""]:
-        """Return the log-likelihood; free and nuisance coefficients are integrated out."""
-        factors = self.factors(partial)
-        residual, nuisance = self.whitened_residual(sampled, factors)
-        diagonal = self.diagonal(factors)
-        misfit = jnp.asarray(self.variance_factor) * jnp.sum(diagonal[:, -1] ** 2)
+        """Return the log-likelihood; free and nuisance coefficients are integrated out.
+
+        `rows` are the reduced rows for `partial`; they are computed if they are not given.
+        """
+        rows = self.reduced(partial) if rows is None else rows
+        residual, nuisance = self.whitened_residual(sampled, rows.factor)
+        misfit = jnp.asarray(self.variance_factor) * jnp.sum(rows.factor[:, -1, -1] ** 2)
         misfit += residual @ residual
-        determinant = jnp.sum(jnp.log(diagonal[:, : self.free]))
+        determinant = rows.determinant
         if nuisance.shape[1]:
             factor = jnp.linalg.cholesky(_ridged(nuisance.T @ nuisance))
             explained = jax.scipy.linalg.solve_triangular(factor, nuisance.T @ residual, lower=True)
@@ -122,7 +141,7 @@ class Likelihood(eqx.Module):
     ) -> Float[Array, "flanks columns"]:
         """Draw the coefficients of all columns at given parameters and noise."""
         factors = self.factors(partial)
-        residual, nuisance = self.whitened_residual(sampled, factors)
+        residual, nuisance = self.whitened_residual(sampled, self._reduced(factors).factor)
         std = jnp.exp(log_innovation_std)
         nuisance_key, free_key = jax.random.split(key)
         parameters = jnp.asarray(self.fixed).at[jnp.asarray(self.sampled_indices)].set(sampled)
