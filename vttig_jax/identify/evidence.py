@@ -57,7 +57,9 @@ class Evidence:
         own = [(name, str(log)) for name, log in columns.names]
         arrays = {
             "harmonics": np.array([h.shaft for h in harmonics]),
-            "harmonic_orders": np.array([(h.order, *h.term) for h in harmonics]).reshape(-1, 3),
+            "harmonic_orders": np.array(
+                [(h.order, *map(float, h.term)) for h in harmonics], np.float64
+            ).reshape(-1, 3),
             "own": np.array(own),
             "counts": np.array([len(terms.free), len(columns.own)]),
             "flags": np.array([self.encoder_terms, self.gear_terms]),
@@ -80,7 +82,7 @@ def evidence_from(arrays: dict[str, np.ndarray], ratio: Fraction) -> Evidence:
     """Return the evidence from the arrays of `Evidence.to_arrays`."""
     free, logs = (int(count) for count in arrays["counts"])
     harmonics = tuple(
-        Harmonic(str(shaft), int(order), (int(first), int(second)))
+        Harmonic(str(shaft), _number(order), (_exact(first), _exact(second)))
         for shaft, (order, first, second) in zip(
             arrays["harmonics"], arrays["harmonic_orders"], strict=True
         )
@@ -113,6 +115,16 @@ def evidence_from(arrays: dict[str, np.ndarray], ratio: Fraction) -> Evidence:
         variance_factor=float(arrays["numbers"][1]),
         delay_s=float(arrays["numbers"][2]),
     )
+
+
+def _number(value: float) -> int | float:
+    """Return an order as it was given: whole numbers are integers."""
+    return int(value) if value == int(value) else float(value)
+
+
+def _exact(value: float) -> int | Fraction:
+    """Return the exact part of a term; a fraction is that of its shortest decimal form."""
+    return int(value) if value == int(value) else Fraction(str(float(value)))
 
 
 def _flank_from(

@@ -147,15 +147,17 @@ def inspect_log(log: EncoderLog, pair: TwoShafts | None = None) -> Inspection:
     )
 
 
-def _fit_orders(log: EncoderLog, pair: TwoShafts | None) -> dict[str, tuple[float, list[int]]]:
+def _fit_orders(
+    log: EncoderLog, pair: TwoShafts | None
+) -> dict[str, tuple[float, Sequence[float]]]:
     fit = HarmonicOrders() if pair is None else pair.fit
     teeth = None if pair is None else pair.driving.teeth
-    orders = {
-        "driving": (1.0, list(fit.driving_orders)),
-        "driven": (float(log.ratio), list(fit.driven_orders)),
+    orders: dict[str, tuple[float, Sequence[float]]] = {
+        "driving": (1.0, fit.driving_orders),
+        "driven": (float(log.ratio), fit.driven_orders),
     }
     if teeth is not None:
-        orders["mesh"] = (float(teeth), list(range(1, fit.mesh_orders + 1)))
+        orders["mesh"] = (float(teeth), range(1, fit.mesh_orders + 1))
     return orders
 
 

@@ -4,9 +4,11 @@
 keys, wrong types and impossible values raise a `PairError` whose `where` names the file and key.
 """
 
+import math
 from fractions import Fraction
 from typing import Annotated, Literal
 
+import msgspec
 from msgspec import Meta
 
 from ..base.errors import PairError
@@ -18,7 +20,10 @@ Helix = Annotated[float, Meta(gt=-45, lt=45)]
 Depth = Annotated[float, Meta(gt=0, le=5)]
 Shift = Annotated[float, Meta(ge=-5, le=5)]
 Crowning = Annotated[float, Meta(ge=0, le=1e6)]
-Order = Annotated[int, Meta(ge=1, le=1000)]
+HIGHEST_ORDER = 1000
+"""Highest harmonic order; chosen, far beyond the teeth of any gear."""
+
+Order = Annotated[float, Meta(gt=0, le=HIGHEST_ORDER)]
 AngleUnit = Literal["counts", "deg", "rad", "rev", "arcsec", "urad"]
 
 
@@ -126,11 +131,36 @@ class UnitTable(Table, frozen=True):
 
 
 class HarmonicOrders(Table, frozen=True):
-    """Table `[fit]`: orders of each shaft and number of tooth-mesh orders in the forward model."""
+    """Table `[fit]`: orders of each shaft and number of tooth-mesh orders in the forward model.
+
+    An order is a positive number of cycles per revolution of its shaft. One that is no whole number
+    is of a shaft that the log does not show, such as 3.087. A whole number is stored as an integer.
+
+    **Raises** `ValueError` for an order that is no positive number up to 1000.
+    """
 
     driving_orders: tuple[Order, ...] = tuple(range(1, 9))
     driven_orders: tuple[Order, ...] = tuple(range(1, 9))
     mesh_orders: Annotated[int, Meta(ge=0, le=20)] = 1
+
+    def __post_init__(self):
+        for name in ("driving_orders", "driven_orders"):
+            orders = tuple(_order(value, name) for value in getattr(self, name))
+            msgspec.structs.force_setattr(self, name, orders)
+
+
+def _order(value: float, name: str) -> int | float:
+    """Return an order, as an integer if it is whole."""
+    try:
+        order = math.nan if isinstance(value, bool | str) else float(value)
+    except (TypeError, ValueError):
+        order = math.nan
+    if not 0 < order <= HIGHEST_ORDER:
+        raise ValueError(
+            f"Argument `{name}` must hold positive numbers up to {HIGHEST_ORDER}, but holds"
+            f" {value!r}."
+        )
+    return int(order) if order.is_integer() else order
 
 
 class PairSpec(Table, frozen=True):

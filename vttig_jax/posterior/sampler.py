@@ -198,7 +198,7 @@ def _flank_models(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return offset, cosines and sines of both flanks, rad; NaN for an unmeasured flank."""
     columns = evidence.summary.columns
-    cosines = np.array([columns.cosine(k) for k in range(len(columns.free + columns.tied))])
+    cosines = np.array([columns.cosine(k) for k in evidence.summary.terms.locked[0]], np.intp)
     offset = np.full((len(coefficients), 2), np.nan)
     cosine, sine = np.full((2, len(coefficients), 2, len(cosines)), np.nan)
     for index, flank in enumerate(evidence.summary.flanks):

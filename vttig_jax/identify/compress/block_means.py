@@ -107,6 +107,15 @@ def _chunks(
         yield start, tables
 
 
+def without_turns(angle: Float[Array, "*shape"], orders: Float[Array, "terms 2"]):
+    """Return an angle without whole turns, so that its multiples keep all digits.
+
+    If one of the orders is fractional, whole turns change the phase and remain.
+    """
+    whole = jnp.all(orders == jnp.round(orders))
+    return angle - jnp.where(whole, REV * jnp.round(angle / REV), 0.0)
+
+
 @jax.jit
 def chunk_sums(
     orders: Float[Array, "terms 2"],
@@ -121,8 +130,7 @@ def chunk_sums(
     the sums of all terms in cache and the blocks in vector lanes. Reductions of XLA would take 1.5
     times as long to run and three times as long to compile.
     """
-    # Whole turns are removed first, so that multiples of the angle keep all digits.
-    driving, driven = (angle - REV * jnp.round(angle / REV) for angle in (driving, driven))
+    driving, driven = (without_turns(angle, orders) for angle in (driving, driven))
 
     def add(index, sums):
         phase = orders[:, :1] * driving[index][None] + orders[:, 1:] * driven[index][None]

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from ...kinematics.harmonic import Term
 from ..settings import REGRESSORS
+from .harmonics import AnyTerm
 
 PER_RIG = ("delay", "ratio", *REGRESSORS)
 """Own columns whose coefficient is common to all logs of a rig."""
@@ -26,8 +26,8 @@ class ColumnLayout:
       are zero in the rows of all other logs.
     """
 
-    free: tuple[Term, ...]
-    tied: tuple[Term, ...]
+    free: tuple[AnyTerm, ...]
+    tied: tuple[AnyTerm, ...]
     own: tuple[tuple[str, ...], ...] = ((OFFSET,),)
 
     @property

@@ -1,28 +1,45 @@
 """Harmonics of a fit: the orders of both shafts and of the mesh, each frequency once."""
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from fractions import Fraction
 
 from ...kinematics.harmonic import Term
 
-SECOND_ORDER: tuple[Term, ...] = ((2, 0), (0, 2), (1, 1), (1, -1))
+AnyTerm = tuple[int | Fraction, int | Fraction]
+"""Term (n₁, n₂) of a fit; an order that is no whole number is an exact fraction."""
+
+SECOND_ORDER: tuple[AnyTerm, ...] = ((2, 0), (0, 2), (1, 1), (1, -1))
 """Second-order terms that two eccentricities excite: the exact relation contains e² there."""
 
 
 @dataclass(frozen=True)
 class Harmonic:
-    """Harmonic of the transmission error: shaft, order, and term (n₁, n₂) of its phase."""
+    """Harmonic of the transmission error: shaft, order, and term (n₁, n₂) of its phase.
+
+    A harmonic of fractional order has the phase k times the unwrapped angle of its shaft.
+    """
 
     shaft: str
-    order: int
-    term: Term
+    order: int | float
+    term: AnyTerm
 
     @property
     def name(self) -> str:
         """Name of the harmonic, for example "driving order 3"."""
         return f"{self.shaft} order {self.order}"
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether the harmonic repeats after whole turns of both shafts."""
+        return all(part == int(part) for part in self.term)
+
+
+def harmonic_of(shaft: str, order: float) -> Harmonic:
+    """Return the harmonic of an order of the driving or driven shaft; its frequency is exact."""
+    number = int(order) if order == int(order) else Fraction(str(order))
+    return Harmonic(shaft, order, (number, 0) if shaft == "driving" else (0, number))
 
 
 @dataclass(frozen=True)
@@ -43,31 +60,54 @@ class TermPlan:
     dropped: tuple[str, ...]
 
     @property
-    def terms(self) -> tuple[Term, ...]:
+    def terms(self) -> tuple[AnyTerm, ...]:
         """Terms (n₁, n₂) of all harmonics, free ones first."""
         return tuple(h.term for h in self.free + self.tied)
 
-    def frequency(self, term: Term) -> Fraction:
+    @property
+    def locked(self) -> tuple[list[int], tuple[Term, ...]]:
+        """Positions and terms of the harmonics that are locked to the positions of both gears."""
+        harmonics = enumerate(self.free + self.tied)
+        whole = [(place, h.term) for place, h in harmonics if h.is_whole]
+        return [place for place, _ in whole], tuple((int(n), int(m)) for _, (n, m) in whole)
+
+    @property
+    def fractional(self) -> tuple[Harmonic, ...]:
+        """Harmonics of fractional order, which no position of the gears determines."""
+        return tuple(h for h in self.free if not h.is_whole)
+
+    def frequency(self, term: AnyTerm) -> Fraction:
         """Return the frequency |n₁ + n₂ i|, cycles per driving revolution."""
         return abs(term[0] + term[1] * self.ratio)
+
+    def exchanged(self, more: Sequence[Harmonic], fewer: Sequence[Harmonic]) -> "TermPlan":
+        """Return the plan with more and with fewer free harmonics."""
+        kept = tuple(h for h in self.free if h not in fewer)
+        return replace(self, free=(*kept, *more))
 
 
 RESOLVED = 0.99
 """Least cycles over the log between two frequencies: a table of one turn lacks its last sample."""
 
 
-_FIRST: tuple[Term, ...] = ((1, 0), (0, 1))
+_FIRST: tuple[AnyTerm, ...] = ((1, 0), (0, 1))
 
 
 def _unresolved(kept: Mapping[Fraction, Harmonic], turns: float) -> list[Fraction]:
-    """Return the frequencies less than one cycle over the log from zero or from a lower order."""
+    """Return the frequencies less than one cycle over the log from zero or from a lower order.
+
+    A fractional order has no lower order that stands for it.
+    """
     resolved: list[Fraction] = [Fraction(0)]
     close = []
     ranked = sorted(kept, key=lambda f: (kept[f].term not in _FIRST, kept[f].order))
     for frequency in ranked:
+        others = resolved if kept[frequency].is_whole else resolved[:1]
         if kept[frequency].term in _FIRST or all(
-            abs(frequency - other) * turns >= RESOLVED for other in resolved
+            abs(frequency - other) * turns >= RESOLVED for other in others
         ):
+            if not kept[frequency].is_whole:
+                continue
             resolved.append(frequency)
         else:
             close.append(frequency)
@@ -76,8 +116,8 @@ def _unresolved(kept: Mapping[Fraction, Harmonic], turns: float) -> list[Fractio
 
 def plan_terms(
     ratio: Fraction,
-    driving_orders: tuple[int, ...],
-    driven_orders: tuple[int, ...],
+    driving_orders: tuple[float, ...],
+    driven_orders: tuple[float, ...],
     mesh_orders: int,
     driving_teeth: int | None,
     turns: float = math.inf,
@@ -89,11 +129,11 @@ def plan_terms(
     first orders of both shafts are never left out for each other. Listed first orders are tied to
     the physical parameters. If tooth counts are known, the
     second-order terms of the exact relation are tied too. `driving_teeth` is None for a drive,
-    which has no tooth-mesh order.
+    which has no tooth-mesh order. A fractional order takes no whole order from the model.
     """
     mesh = range(1, mesh_orders + 1) if driving_teeth else ()
-    wanted = [Harmonic("driving", k, (k, 0)) for k in sorted(set(driving_orders))]
-    wanted += [Harmonic("driven", k, (0, k)) for k in sorted(set(driven_orders))]
+    wanted = [harmonic_of("driving", k) for k in sorted(set(driving_orders))]
+    wanted += [harmonic_of("driven", k) for k in sorted(set(driven_orders))]
     wanted += [Harmonic("mesh", k, (k * (driving_teeth or 0), 0)) for k in mesh]
     wanted.sort(key=lambda h: h.term not in _FIRST)
     kept: dict[Fraction, Harmonic] = {}

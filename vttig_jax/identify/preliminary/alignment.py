@@ -16,7 +16,7 @@ from ...pair.gear_pair import Flank
 from ..compress.block_rows import LogRows
 from ..compress.harmonic_summary import Embedding, HarmonicSummary, summarise
 from ..model.column_layout import ColumnLayout
-from ..model.harmonics import TermPlan
+from ..model.harmonics import AnyTerm, TermPlan
 from ..noise.noise_model import autoregression, residual_rows
 from .nuisance import own_terms
 
@@ -40,9 +40,9 @@ class Start:
     driving: float = 0.0
     driven: float = 0.0
 
-    def turned(self, term: tuple[int, int]) -> float:
+    def turned(self, term: AnyTerm) -> float:
         """Return the phase shift of a harmonic, rad."""
-        return term[0] * self.driving + term[1] * self.driven
+        return float(term[0]) * self.driving + float(term[1]) * self.driven
 
 
 def aligned(rows: Sequence[LogRows], terms: TermPlan) -> tuple[HarmonicSummary, tuple[Start, ...]]:

@@ -10,11 +10,11 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ...base.numerics.sincos import sincos
-from ...base.units import REV
 from ...logs.encoder_log import EncoderLog
 from ...logs.motion.flank_assignment import Ramp
 from ...logs.motion.segments import Segment, Segments
 from ...pair.gear_pair import Drive, Flank, GearPair
+from ..compress.block_means import without_turns
 from ..compress.block_rows import LogRows, block_seconds, log_rows
 from ..compress.harmonic_summary import HarmonicSummary, summarise
 from ..compress.regressors import Drift, Regressors, Samples, read_channels
@@ -65,7 +65,7 @@ def _harmonics(
     driven: Float[Array, " n"],
 ) -> Float[Array, " n"]:
     """Return the sum of the harmonics; cosine and sine coefficients of a term are adjacent."""
-    driving, driven = (angle - REV * jnp.round(angle / REV) for angle in (driving, driven))
+    driving, driven = (without_turns(angle, orders) for angle in (driving, driven))
 
     def add(term, total):
         order = orders[term]

@@ -73,8 +73,16 @@ class PredictedGap:
 
 
 def gap_of_both_flanks(driving: Float[np.ndarray, " n"], solved: SolvedFit) -> PredictedGap:
-    """Return the order-complete gap TE_B − TE_A of two measured flanks."""
-    return _gap_of_rows({flank: _rows(driving, solved, flank) for flank in ("A", "B")}, solved)
+    """Return the order-complete gap TE_B − TE_A of two measured flanks.
+
+    Fractional orders do not count: a reading at an angle does not tell their phase.
+    """
+    rows = {flank: _rows(driving, solved, flank) for flank in ("A", "B")}
+    for place, harmonic in enumerate(solved.summary.terms.free):
+        if not harmonic.is_whole:
+            for own in rows.values():
+                own[:, 2 * place : 2 * place + 2] = 0.0
+    return _gap_of_rows(rows, solved)
 
 
 def mean_gap(driving: Float[np.ndarray, " n"], solved: SolvedFit) -> PredictedGap:
@@ -254,7 +262,7 @@ def _rows(
     changing = list(enumerate(columns.free + columns.tied))
     for _ in range(_MOST_ITERATIONS):
         for place, term in changing:
-            phase = term[0] * driving + term[1] * driven
+            phase = float(term[0]) * driving + float(term[1]) * driven
             cell = columns.cosine(place)
             rows[:, cell], rows[:, cell + 1] = np.cos(phase), np.sin(phase)
         changing = [(place, term) for place, term in changing if term[1]]

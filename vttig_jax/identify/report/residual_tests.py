@@ -9,14 +9,13 @@ from scipy.special import chdtrc
 from ...base.numerics.counting import whole_below
 from ...base.threads import one_blas_thread
 from ...base.units import REV
-from ...kinematics.harmonic import Term
 from ...logs.lines.search import Line, find_lines
 from ...logs.lines.search import Stretch as LineRun
 from ...pair.gear_pair import Flank
 from ..compress.block_means import block_means
 from ..compress.block_rows import LogRows
 from ..model.column_layout import OFFSET, ColumnLayout
-from ..model.harmonics import SECOND_ORDER, TermPlan
+from ..model.harmonics import SECOND_ORDER, AnyTerm, TermPlan
 from ..noise.noise_model import NoiseModel
 from ..preliminary.linear_fit import LinearFit
 from ..solve.residuals import Weights
@@ -163,7 +162,7 @@ def _searched(runs: list[LineRun], false_alarm: float) -> tuple[Line, ...]:
     return find_lines(runs, highest=highest, false_alarm=false_alarm, most=_MOST_LINES)
 
 
-def _is_beside(term: Term, terms: TermPlan) -> bool:
+def _is_beside(term: AnyTerm, terms: TermPlan) -> bool:
     """Return whether a harmonic is a regressor of the search for lines.
 
     The tied second-order terms of the exact relation are none, because they follow from the first

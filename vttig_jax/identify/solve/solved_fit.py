@@ -56,20 +56,22 @@ class SolvedFit:
     def model(self) -> OrderModel:
         """Order-complete flank model with the offset of the first log, rad.
 
-        The values of a flank that was not measured are NaN.
+        Fractional orders are left out, because no position of the gears determines their phase. The
+        values of a flank that was not measured are NaN.
         """
-        terms, columns = self.summary.terms, self.summary.columns
-        count = len(terms.free) + len(terms.tied)
+        plan, columns = self.summary.terms, self.summary.columns
+        places, terms = plan.locked
+        count = len(places)
         offset, cosine, sine = (np.full(shape, np.nan) for shape in ((2,), (2, count), (2, count)))
         for flank, values in zip(self.summary.flanks, self.coefficients, strict=True):
             side = "AB".index(flank.flank)
-            cells = [columns.cosine(position) for position in range(count)]
+            cells = [columns.cosine(position) for position in places]
             offset[side] = values[columns.index(OFFSET)] + self.linear.levels[0]
             cosine[side] = values[cells]
             sine[side] = values[[cell + 1 for cell in cells]]
         return OrderModel(
-            ratio=jnp.asarray(float(terms.ratio)),
-            terms=terms.terms,
+            ratio=jnp.asarray(float(plan.ratio)),
+            terms=terms,
             offset=jnp.asarray(offset),
             cosine=jnp.asarray(cosine),
             sine=jnp.asarray(sine),
