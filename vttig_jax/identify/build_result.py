@@ -25,7 +25,7 @@ from .report.backlash_readings import (
     updated,
     with_constant_backlash,
 )
-from .report.check_records import checks_of
+from .report.check_records import Lines, checks_of
 from .report.checks import REMEMBERS, ReadingsComparison, Whiteness
 from .report.covered_gap import covered_gap
 from .report.estimate import Estimate
@@ -49,14 +49,15 @@ _OF_CHANGE = 0.3  # half-width of the delay's interval as a share of its change;
 
 def build_fit(
     selected: SelectedModel,
+    estimate: Estimate,
     pair: GearPair | Drive,
     identifiable: Identifiability,
     settings: FitSettings,
-    readings: BacklashReadings | None,
+    *,
+    lines: Lines,
 ) -> Fit:
-    """Solve for the parameters, and build the result with orders, checks and notes."""
+    """Build the result with orders, checks and notes; `lines` are those of its residual."""
     linear, split = selected.linear, _is_split(identifiable, settings)
-    estimate = _estimate(selected, pair, identifiable, settings, readings)
     solved, solution = estimate.solved, estimate.solved.solution
     margin, unknown = _gap_margins(selected.delay, identifiable)
     parameters = parameters_of(
@@ -66,7 +67,7 @@ def build_fit(
     orders, residual_rms = order_table(solved), sample_residual_rms(linear, solved.weights)
     curves, residuals = solved.curves_and_residuals
     gap = covered_gap(solved, unknown, estimate.scatter)
-    checks = checks_of(selected, estimate, pair, parameters, orders=orders, gap=gap)
+    checks = checks_of(selected, estimate, pair, parameters, orders=orders, gap=gap, found=lines)
     logs = tuple(log_record(linear, solution, log) for log in range(len(linear.inputs)))
     return Fit(
         pair=pair,
@@ -109,7 +110,7 @@ def _is_split(identifiable: Identifiability, settings: FitSettings) -> bool:
     return len(identifiable.flanks) == 2 and not trusted
 
 
-def _estimate(
+def estimate_of(
     selected: SelectedModel,
     pair: GearPair | Drive,
     identifiable: Identifiability,

@@ -15,13 +15,17 @@ from ..logs.motion.segments import Segments
 from ..logs.readers.backlash_readings import BacklashReadings
 from ..pair.gear_pair import Drive, GearPair
 from ..pair.schema import HarmonicOrders
-from .build_result import build_fit
+from .build_result import build_fit, estimate_of
 from .compress.harmonic_summary import HarmonicSummary
 from .fit_result import Fit, FitRequest
+from .line_orders import joined_lines
 from .model.identifiability import Identifiability, find_identifiability
 from .preliminary.linear_fit import Input
-from .preliminary.model_selection import select_model
+from .preliminary.model_selection import on_few_turns, select_model
+from .report.check_records import Lines
+from .report.residual_tests import joint_lines
 from .settings import FitSettings, from_keywords, takes_settings
+from .solve.solved_fit import SolvedFit
 
 _WORSE_THAN_NONE = 1 - 1.05**2
 """Least share of the variance that a fit explains; below it the residual is 5 % larger than that of
@@ -134,7 +138,7 @@ def _first_only(orders: HarmonicOrders) -> HarmonicOrders:
 
 def _fitted(
     logs: Sequence[EncoderLog],
-    found: Sequence[Segments],
+    segments: Sequence[Segments],
     pair: GearPair | Drive,
     identifiable: Identifiability,
     settings: FitSettings,
@@ -154,12 +158,41 @@ def _fitted(
                 and ramp.segment.stop - ramp.segment.start >= _LEAST_RAMP
             ),
         )
-        for one, each, own in zip(logs, found, identifiable.segments, strict=True)
+        for one, each, own in zip(logs, segments, identifiable.segments, strict=True)
     )
-    selected = select_model(inputs, pair, identifiable, settings)
-    _require_rows(selected.summary, ", ".join(one.log.source for one in inputs))
-    identifiable = replace(identifiable, flanks=tuple(f.flank for f in selected.summary.flanks))
-    return build_fit(selected, pair, identifiable, settings, readings)
+    lines, repeated = Lines(), False
+    while True:
+        selected = select_model(inputs, pair, identifiable, settings)
+        _require_rows(selected.summary, ", ".join(one.log.source for one in inputs))
+        identifiable = replace(identifiable, flanks=tuple(f.flank for f in selected.summary.flanks))
+        estimate = estimate_of(selected, pair, identifiable, settings, readings)
+        # A second round would look for lines in what the first lines leave of their own shape.
+        if repeated or not _may_join(estimate.solved, pair, identifiable, settings):
+            break
+        linear = selected.linear
+        found = joint_lines(linear.rows, estimate.solved.weights)
+        joined, lines = joined_lines(estimate.solved, found), Lines(joint=found)
+        if joined is None:
+            break
+        lines, repeated = Lines(joined.lines), True
+        identifiable = replace(identifiable, terms=joined.terms)
+    return build_fit(
+        selected, estimate, pair=pair, identifiable=identifiable, settings=settings, lines=lines
+    )
+
+
+def _may_join(
+    solved: SolvedFit, pair: GearPair | Drive, identifiable: Identifiability, settings: FitSettings
+) -> bool:
+    """Return whether lines of the residual may join the model.
+
+    A line has one phase only in logs with a common zero, and on few turns of a drive the noise may
+    look like one.
+    """
+    model = solved.linear.model
+    one_zero = model.same_zero or len(solved.linear.rows) == 1
+    clear = not solved.noise.is_rounding and not on_few_turns(pair, identifiable)
+    return settings.lines == "join" and one_zero and clear
 
 
 def _require_pair(log: EncoderLog, pair: GearPair | Drive) -> None:

@@ -170,6 +170,14 @@ class FitSettings(
             "--use-readings",
         ),
     ] = False
+    lines: Annotated[
+        Literal["join", "report"],
+        setting(
+            "Lines of the residual that are no order join the model as fractional orders of the"
+            " driving shaft (join, the default), or are only reported.",
+            "--lines",
+        ),
+    ] = "join"
     noise: Annotated[
         NoiseKind,
         setting(

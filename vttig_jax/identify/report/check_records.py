@@ -1,6 +1,7 @@
 """Construction of the checks of a fit."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from msgspec.structs import replace
 
@@ -18,7 +19,9 @@ from .checks import (
     Checks,
     CoveredGap,
     Disagreement,
+    JoinedLine,
     RatioCheck,
+    ResidualLine,
     Reversal,
 )
 from .closure import closure, reversal_jumps
@@ -29,8 +32,19 @@ from .parameters import Parameter, variable_backlash_deg
 from .per_log import start_of
 from .record import Later
 from .repeatability import halves, passes
-from .residual_tests import explained, lines_left
+from .residual_tests import explained, hidden_shafts, lines_left
 from .same_rig import disagreements, refuse_different_rigs
+
+
+@dataclass(frozen=True)
+class Lines:
+    """Lines that joined the model, and those of both flanks together that a search found.
+
+    `joint` is None if there was no search in the residual of the last fit.
+    """
+
+    joined: tuple[JoinedLine, ...] = ()
+    joint: Sequence[ResidualLine] | None = None
 
 
 def checks_of(
@@ -41,6 +55,7 @@ def checks_of(
     *,
     orders: Sequence[Order],
     gap: CoveredGap,
+    found: Lines = Lines(),
 ) -> Checks:
     """Return all checks of a fit.
 
@@ -52,6 +67,13 @@ def checks_of(
     rows, terms, same_zero = linear.rows, linear.model.terms, linear.model.same_zero
     is_rounding = solved.noise.is_rounding
     longest = max(float(c.time[-1] - c.time[0]) for c in linear.channels)
+    lines = Later(
+        lambda: (
+            []
+            if is_rounding
+            else lines_left(rows, weights, terms, same_zero=same_zero, joint=found.joint)
+        )
+    )
     return Checks(
         order_spectrum=tuple(one for one in orders if one.order == 1 and one.shaft != "mesh"),
         closure=closure(solved.curves_and_residuals[0], pair),
@@ -93,9 +115,9 @@ def checks_of(
                 for difference in halves(own, terms, log)
             ]
         ),
-        lines=Later(
-            lambda: [] if is_rounding else lines_left(rows, weights, terms, same_zero=same_zero)
-        ),
+        lines=lines,
+        joined_lines=found.joined,
+        hidden_shafts=Later(lambda: hidden_shafts([*found.joined, *lines], float(terms.ratio))),
     )
 
 

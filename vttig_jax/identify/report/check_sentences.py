@@ -11,6 +11,8 @@ from .checks import (
     Checks,
     CoveredGap,
     HalfDifference,
+    HiddenShaft,
+    JoinedLine,
     PassDifference,
     ResidualLine,
     Reversal,
@@ -51,7 +53,9 @@ def _repeatability(checks: Checks, several: bool, has_noise: bool) -> list[str]:
     sentences += [_pass(one, several=several) for one in checks.passes[:3]]
     if has_noise:
         sentences += [_half(one) for one in checks.halves if _differs(one)]
+    sentences += [_joined(one) for one in checks.joined_lines]
     sentences += [_line(one) for one in checks.lines]
+    sentences += [_shaft(one) for one in checks.hidden_shafts]
     if (white := checks.whiteness) and white.widening > 1 and white.probability >= REMEMBERS:
         sentences.append(
             "on few turns the noise may remember for a part of a turn: standard errors are taken"
@@ -150,6 +154,23 @@ def _line(one: ResidualLine) -> str:
         f"line left in the residual{place}: {one.amplitude_arcsec:.3g}″ ±"
         f" {one.amplitude_std_arcsec:.1g}″ at {one.cycles_per_rev:.5g} cycles per"
         f" driving revolution (false alarm {one.false_alarm:.1g})"
+    )
+
+
+def _joined(one: JoinedLine) -> str:
+    place = f"; beside it the log does not support {' and '.join(one.replaced)}"
+    return (
+        f"line of the residual at {one.cycles_per_rev:.7g} ± {one.cycles_std:.1g} cycles per"
+        f" driving revolution joined the model as driving order {one.order} (false alarm"
+        f" {one.false_alarm:.1g})" + (place if one.replaced else "")
+    )
+
+
+def _shaft(one: HiddenShaft) -> str:
+    *first, last = map(str, one.orders)
+    return (
+        f"a hidden shaft turns {one.turns_per_rev:.7g} ± {one.turns_std:.1g} times per driving turn"
+        f" (orders {', '.join(first)} and {last} found; coincidence {one.coincidence:.1g})"
     )
 
 

@@ -128,6 +128,32 @@ class ResidualLine(Record, frozen=True):
     false_alarm: float
 
 
+class JoinedLine(Record, frozen=True):
+    """Line of the residual that joined the model as a fractional order of the driving shaft.
+
+    `replaced` names the orders that are not supported beside it and left the model.
+    """
+
+    order: float
+    cycles_per_rev: float
+    cycles_std: float
+    false_alarm: float
+    replaced: tuple[str, ...] = ()
+
+
+class HiddenShaft(Record, frozen=True):
+    """Shaft that the log does not show, of which several lines are orders.
+
+    It turns `turns_per_rev` times per driving turn. `coincidence` is the likelihood of lines at
+    random frequencies against that of this shaft.
+    """
+
+    turns_per_rev: float
+    turns_std: float
+    orders: tuple[int, ...]
+    coincidence: float
+
+
 class ReadingsComparison(Record, frozen=True, omit_defaults=True):
     """Deviations of backlash readings from the gap of a fit without the readings.
 
@@ -175,9 +201,10 @@ class HalfDifference(Record, frozen=True):
 class Checks(Record, frozen=True, kw_only=True):
     """Checks of a fit.
 
-    A check that was not carried out is None or empty. `passes`, `halves` and `lines` are computed
-    when they are first read, and no other part of a fit depends on them. Until then they keep the
-    block rows of the logs in memory. A report and a run folder read all of them.
+    A check that was not carried out is None or empty. `passes`, `halves`, `lines` and
+    `hidden_shafts` are computed when they are first read, and no other part of a fit depends on
+    them. Until then they keep the block rows of the logs in memory. A report and a run folder read
+    all of them.
 
     **Arguments**
     - `order_spectrum`: first orders of both shafts. - `closure`: see `Closure`.
@@ -193,6 +220,7 @@ class Checks(Record, frozen=True, kw_only=True):
     - `outliers`: of every log, for a robust loss. - `weakest_direction`, `solver_steps`: of the
       solver.
     - `passes`, `halves`: comparisons within each log. - `lines`: lines of the residual.
+    - `joined_lines`: lines that joined the model. - `hidden_shafts`: shafts of several lines.
     """
 
     order_spectrum: tuple[Order, ...] = ()
@@ -216,3 +244,5 @@ class Checks(Record, frozen=True, kw_only=True):
     passes: Sequence[PassDifference] = ()
     halves: Sequence[HalfDifference] = ()
     lines: Sequence[ResidualLine] = ()
+    joined_lines: tuple[JoinedLine, ...] = ()
+    hidden_shafts: Sequence[HiddenShaft] = ()

@@ -8,6 +8,7 @@ import numpy as np
 from ...base.units import DEG, REV
 from ...logs.encoder_log import EncoderLog
 from ...pair.gear_pair import Drive, GearPair
+from ..model.harmonics import TermPlan
 from ..model.identifiability import Identifiability
 from ..noise.noise_model import NoiseModel
 from ..preliminary.delay import one_speed
@@ -43,6 +44,7 @@ def notes_of(
         *_delay_notes(selected, identifiable, solved.solution),
         *_ratio_notes(regressors, selected.linear.inputs[0].log),
         *solver_notes(solved.solution),
+        *_fractional_notes(identifiable.terms),
         *differences(logs),
         *([_speed_note(gaps)] if depends_on_speed(gaps) else []),
         *([change.sentence] if change and change.is_clear else []),
@@ -130,6 +132,19 @@ def _delay_notes(
                 + (", and a second speed would separate them" if steady else "")
             ]
     return []
+
+
+def _fractional_notes(terms: TermPlan) -> list[str]:
+    """Return a note on fractional orders, which no result but the fit contains."""
+    names = [harmonic.name for harmonic in terms.fractional]
+    if not names:
+        return []
+    is_, its = ("is", "its phase holds") if len(names) == 1 else ("are", "their phases hold")
+    return [
+        f"{', '.join(names)} {is_} locked to no position of the gears: {its} at the zero of the log"
+        " only, and the flank model of the backlash map, `export`, `locate` and"
+        " `simulate` leaves them out"
+    ]
 
 
 def solver_notes(solution: Solution) -> list[str]:

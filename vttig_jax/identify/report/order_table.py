@@ -18,7 +18,8 @@ _LEAKAGE = 3.0  # distance of a line in resolutions within which it leaks; chose
 class Order:
     """Harmonic a sin(k φ_shaft + p) of the transmission error of one flank, at the driven gear.
 
-    The phase p of a fractional order is that at shaft angle zero of the log. An order is `significant` above three standard errors, unless it is leakage of a line nearby.
+    The phase p of a fractional order is that at shaft angle zero of the log. An order is
+    `significant` above three standard errors, unless it is leakage of a line nearby.
     """
 
     shaft: str

@@ -1,6 +1,7 @@
 """Tests of the residual: correlation that the noise model misses, and lines that are no order."""
 
 from collections.abc import Sequence
+from dataclasses import astuple
 
 import numpy as np
 from jaxtyping import Float
@@ -9,17 +10,19 @@ from scipy.special import chdtrc
 from ...base.numerics.counting import whole_below
 from ...base.threads import one_blas_thread
 from ...base.units import REV
-from ...logs.lines.search import Line, find_lines
+from ...logs.lines.comparison import Comparison
+from ...logs.lines.hidden_shaft import hidden_shaft
 from ...logs.lines.search import Stretch as LineRun
+from ...logs.lines.search import find_lines
 from ...pair.gear_pair import Flank
 from ..compress.block_means import block_means
 from ..compress.block_rows import LogRows
 from ..model.column_layout import OFFSET, ColumnLayout
-from ..model.harmonics import SECOND_ORDER, AnyTerm, TermPlan
+from ..model.harmonics import SECOND_ORDER, AnyTerm, Harmonic, TermPlan
 from ..noise.noise_model import NoiseModel
 from ..preliminary.linear_fit import LinearFit
 from ..solve.residuals import Weights
-from .checks import ResidualLine, Whiteness
+from .checks import HiddenShaft, JoinedLine, ResidualLine, Whiteness
 
 _LAGS = 20  # lags of the autocorrelation; chosen value
 _HIGHEST = 12.0
@@ -30,6 +33,10 @@ _ROWS_KEPT = 4.0  # rows per cycle of the highest frequency in long logs; chosen
 _LEAST_ROWS = 100  # innovations for the test of whiteness; chosen value
 _MOST_CELLS = 50_000  # values of the regressors in a search for lines; chosen value
 _MOST_LINES = 3  # lines per search; chosen value
+_WITHIN = 3.0  # standard errors within which two frequencies are the same; chosen value
+_TOLD = 0.02
+"""Standard error of a frequency, in orders of the driven shaft, up to which it tells them apart."""
+
 _FALSE_ALARM = 1e-3  # probability of a false line; chosen value
 
 
@@ -103,7 +110,12 @@ def explained(linear: LinearFit, kept: ColumnLayout, weights: Sequence[Weights])
 
 @one_blas_thread
 def lines_left(
-    rows: Sequence[LogRows], weights: Sequence[Weights], terms: TermPlan, *, same_zero: bool
+    rows: Sequence[LogRows],
+    weights: Sequence[Weights],
+    terms: TermPlan,
+    *,
+    same_zero: bool,
+    joint: Sequence[ResidualLine] | None = None,
 ) -> list[ResidualLine]:
     """Return the significant lines of the residual, in cycles per driving revolution.
 
@@ -111,10 +123,11 @@ def lines_left(
     "A" or "B". A missing order has a phase of its own on each flank, and the joint search does not
     find an order with opposite phases. Logs with different zeros are searched one by one, because
     the phase of a line that is no order of a shaft differs between them. `log` is then the number
-    of the log from 1; it is 0 for the search in all logs together.
+    of the log from 1; it is 0 for the search in all logs together. `joint` is the result of
+    `joint_lines` if it is known.
     """
     if same_zero or len(rows) == 1:
-        return _lines(rows, weights, terms, 0)
+        return _lines(rows, weights, terms, 0, joint)
     return [
         line
         for number, (log, own) in enumerate(zip(rows, weights, strict=True), 1)
@@ -123,43 +136,115 @@ def lines_left(
 
 
 def _lines(
-    rows: Sequence[LogRows], weights: Sequence[Weights], terms: TermPlan, number: int
+    rows: Sequence[LogRows],
+    weights: Sequence[Weights],
+    terms: TermPlan,
+    number: int,
+    joint: Sequence[ResidualLine] | None = None,
 ) -> list[ResidualLine]:
     """Return the lines of logs with one zero.
 
     A line of a single flank is added if the search on both flanks did not find it.
     """
-    logs = enumerate(zip(rows, weights, strict=True))
-    runs = [run for place, (log, own) in logs for run in _runs(log, own, place)]
+    runs = _all_runs(rows, weights)
     flanks = sorted({flank for flank, _ in runs})
-    turns = max((float(np.ptp(run.angle)) / REV for _, run in runs), default=0.0)
+    turns = turns_of(rows)
     fixed = [h.term for h in terms.free + terms.tied if _is_beside(h.term, terms)]
     known = [float(terms.frequency(term)) for term in fixed]
     found: list[ResidualLine] = []
     for flank in [None, *(flanks if len(flanks) == 2 else [])]:
-        part = [run for own, run in runs if flank in (None, own)]
-        for line in _searched(part, _FALSE_ALARM if flank is None else _FALSE_ALARM / 2):
+        if flank is None and joint is not None:
+            lines = joint
+        else:
+            part = [run for own, run in runs if flank in (None, own)]
+            lines = _searched(part, flank, number)
+        for line in lines:
             near = [*known, *(other.cycles_per_rev for other in found)]
             if all(abs(line.cycles_per_rev - cycles) * turns > 0.5 for cycles in near):
-                found.append(ResidualLine(log=number, flank=flank, **vars(line)))
+                found.append(line)
     return found
 
 
-def _searched(runs: list[LineRun], false_alarm: float) -> tuple[Line, ...]:
+def joint_lines(rows: Sequence[LogRows], weights: Sequence[Weights]) -> list[ResidualLine]:
+    """Return the significant lines of both flanks together, also those close to an order."""
+    return _searched([run for _, run in _all_runs(rows, weights)])
+
+
+def compared(
+    rows: Sequence[LogRows],
+    weights: Sequence[Weights],
+    without: Sequence[Harmonic],
+    cycles: Sequence[float],
+) -> Comparison | None:
+    """Return the comparison of explanations of what a fit leaves without some of its harmonics.
+
+    `cycles` are the frequencies of the fullest explanation. The result is None for too few rows.
+    """
+    runs = _all_runs(rows, weights, [h.term for h in without])
+    highest = _highest([run for _, run in runs])
+    if highest < 1:
+        return None
+    short = [_affordable([run for _, run in runs], highest), [flank for flank, _ in runs]]
+    return Comparison.of(*short, frequencies=cycles, highest=highest)
+
+
+def hidden_shafts(lines: Sequence[ResidualLine | JoinedLine], ratio: float) -> list[HiddenShaft]:
+    """Return the shaft of which the most improbable number of lines are orders, if there is one.
+
+    Lines at whole orders of the driving or driven shaft are not counted.
+    """
+    known: list[tuple[float, float]] = []
+    for line in lines:
+        cycles, std = line.cycles_per_rev, line.cycles_std
+        beside = [*(other for other, _ in known), round(cycles)]
+        if std < _TOLD * ratio:
+            beside.append(round(cycles / ratio) * ratio)
+        if all(abs(cycles - other) > _WITHIN * std for other in beside):
+            known.append((cycles, std))
+    found = hidden_shaft([cycles for cycles, _ in known], [std for _, std in known])
+    return [] if found is None else [HiddenShaft(*astuple(found))]
+
+
+def turns_of(rows: Sequence[LogRows]) -> float:
+    """Return the driving revolutions of the longest run."""
+    angles = [run.curve.driving_angle for log in rows for run in log.runs]
+    return max((float(np.ptp(angle)) / REV for angle in angles), default=0.0)
+
+
+def _all_runs(
+    rows: Sequence[LogRows], weights: Sequence[Weights], without: Sequence[AnyTerm] = ()
+) -> list[tuple[Flank, LineRun]]:
+    logs = enumerate(zip(rows, weights, strict=True))
+    return [run for place, (log, own) in logs for run in _runs(log, own, place, without)]
+
+
+def _highest(runs: Sequence[LineRun]) -> float:
+    """Return the highest frequency of a search, cycles per driving revolution; 0 without runs."""
+    steps = [float(np.quantile(np.abs(np.diff(run.angle)), 0.9)) for run in runs]
+    return min(_HIGHEST, REV / max(steps) / _ROWS_PER_CYCLE) if steps else 0.0
+
+
+def _searched(
+    runs: list[LineRun], flank: Flank | None = None, number: int = 0
+) -> list[ResidualLine]:
     """Search for lines in addition to the regressors of the fit.
 
     A regressor is thus not reported as a line. In long logs this would cost more than the fit.
     There a constant replaces the regressors, whose contribution the residual no longer contains.
     """
-    if not runs:
-        return ()
-    step = max(float(np.quantile(np.abs(np.diff(run.angle)), 0.9)) for run in runs)
-    highest = min(_HIGHEST, REV / step / _ROWS_PER_CYCLE)
+    highest = _highest(runs)
     if highest < 1:
-        return ()
+        return []
+    runs = _affordable(runs, highest)
+    false_alarm = _FALSE_ALARM if flank is None else _FALSE_ALARM / 2
+    lines = find_lines(runs, highest=highest, false_alarm=false_alarm, most=_MOST_LINES)
+    return [ResidualLine(log=number, flank=flank, **vars(line)) for line in lines]
+
+
+def _affordable(runs: list[LineRun], highest: float) -> list[LineRun]:
     if sum(run.nuisance.size for run in runs) > _MOST_CELLS:
-        runs = [_short(run, highest) for run in runs]
-    return find_lines(runs, highest=highest, false_alarm=false_alarm, most=_MOST_LINES)
+        return [_short(run, highest) for run in runs]
+    return runs
 
 
 def _is_beside(term: AnyTerm, terms: TermPlan) -> bool:
@@ -171,20 +256,23 @@ def _is_beside(term: AnyTerm, terms: TermPlan) -> bool:
     return term not in SECOND_ORDER or term in [h.term for h in terms.free]
 
 
-def _runs(log: LogRows, weights: Weights, number: int) -> list[tuple[Flank, LineRun]]:
+def _runs(
+    log: LogRows, weights: Weights, number: int, without: Sequence[AnyTerm] = ()
+) -> list[tuple[Flank, LineRun]]:
     """Return the flank and the residual of every run of a log, with the regressors of its rows.
 
     Rows of weight 0 and short runs are left out. `number` is the number of the log in the group
-    name.
+    name. The residual contains the free harmonics `without`, and the regressors do not.
     """
     columns = log.columns
     place = columns.index(OFFSET)
-    dropped = [
-        columns.cosine(len(columns.free) + k) + part
-        for k, term in enumerate(columns.tied)
-        if term in SECOND_ORDER
-        for part in (0, 1)
-    ]
+    tied = enumerate(columns.tied, len(columns.free))
+    fixed = [columns.cosine(k) for k, term in tied if term in SECOND_ORDER]
+    left = [columns.cosine(k) for k, term in enumerate(columns.free) if term in without]
+    dropped = [cell + part for cell in (*fixed, *left) for part in (0, 1)]
+    weights = {flank: own.copy() for flank, own in weights.items()}
+    for own in weights.values():
+        own[[cell + part for cell in left for part in (0, 1)]] = 0.0
     runs = []
     for run in log.runs:
         share = run.rows[:, place]

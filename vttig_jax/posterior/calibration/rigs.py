@@ -87,7 +87,8 @@ class Readings(NamedTuple):
 
 def order_terms(scenario: Scenario) -> tuple[Term, ...]:
     """Return the orders of a rig besides the first: pitch, mesh, and the one that the fit omits."""
-    free = tuple(h.term for h in terms_of(scenario).free)
+    plan = terms_of(scenario)
+    free = plan.locked[1][: len(plan.free)]
     return (*free, *((MISSING,) if scenario.missing else ()))
 
 

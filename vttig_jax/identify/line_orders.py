@@ -1,0 +1,216 @@
+"""Lines of the residual that are no order become fractional orders of the driving shaft.
+
+A line beside an order leaks into it, and the order may not be there at all. The log decides by the
+likelihood: the line alone, the order alone, or both explain it, under one noise.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..base.threads import one_blas_thread
+from ..logs.lines.comparison import Comparison
+from ..pair.gear_pair import Drive, GearPair
+from .model.harmonics import SECOND_ORDER, Harmonic, TermPlan, harmonic_of
+from .report.checks import JoinedLine, ResidualLine
+from .report.residual_tests import compared, turns_of
+from .solve.solved_fit import SolvedFit
+
+_CERTAIN = 1e-6
+"""Largest probability of a false line that joins the model; below that of a line that is only
+reported, because a wrong term of the model costs more than a wrong sentence (chosen)."""
+
+_NEAR = 2.0
+"""Distance in resolutions, 1 / revolutions of the log, within which an order and a line are
+compared; farther orders take less than a tenth of a line (chosen)."""
+
+_MODULATED = 0.5
+"""Distance in resolutions within which a line beside a supported order is its modulation (chosen).
+"""
+
+
+@dataclass(frozen=True)
+class Joined:
+    """Plan of a fit with lines as fractional orders, and the records of these lines."""
+
+    terms: TermPlan
+    lines: tuple[JoinedLine, ...]
+
+
+@one_blas_thread
+def joined_lines(solved: SolvedFit, found: Sequence[ResidualLine]) -> Joined | None:
+    """Return the plan in which certain lines are fractional orders, or None if it is unchanged.
+
+    `found` are the lines of both flanks together.
+    """
+    linear, terms = solved.linear, solved.linear.model.terms
+    lines = [_Line.found(one) for one in found if one.false_alarm <= _CERTAIN]
+    lines += [_Line.given(one, terms) for one in terms.fractional]
+    turns = turns_of(linear.rows)
+    near = {h: _near(h, lines, terms, turns) for h in terms.free if h.is_whole}
+    orders = [h for h, is_near in near.items() if is_near]
+    lines = [line for line in lines if not line.harmonic or _beside(line, orders, terms, turns)]
+    if not lines:
+        return None
+    without = [*orders, *(line.harmonic for line in lines if line.harmonic)]
+    cycles = [*(float(terms.frequency(h.term)) for h in orders), *(line.cycles for line in lines)]
+    comparison = compared(linear.rows, solved.weights, without, cycles)
+    if comparison is None:
+        return None
+    judge = _Judge(comparison, terms, linear.model.pair, orders, lines)
+    judge.decide()
+    return judge.joined()
+
+
+@dataclass(frozen=True)
+class _Line:
+    """Line that may join, or a fractional order that was given; `harmonic` is None for a line."""
+
+    cycles: float
+    std: float
+    false_alarm: float
+    harmonic: Harmonic | None = None
+
+    @classmethod
+    def found(cls, line: ResidualLine) -> "_Line":
+        return cls(line.cycles_per_rev, line.cycles_std, line.false_alarm)
+
+    @classmethod
+    def given(cls, harmonic: Harmonic, terms: TermPlan) -> "_Line":
+        return cls(float(terms.frequency(harmonic.term)), 0.0, 0.0, harmonic)
+
+
+def _near(harmonic: Harmonic, lines: Sequence[_Line], terms: TermPlan, turns: float) -> bool:
+    frequency = float(terms.frequency(harmonic.term))
+    return any(abs(frequency - line.cycles) * turns < _NEAR for line in lines)
+
+
+def _beside(line: _Line, orders: Sequence[Harmonic], terms: TermPlan, turns: float) -> bool:
+    return any(_near(order, [line], terms, turns) for order in orders)
+
+
+class _Judge:
+    """Decides line by line, the most certain first, which lines and orders explain the log."""
+
+    def __init__(
+        self,
+        comparison: Comparison,
+        terms: TermPlan,
+        pair: GearPair | Drive,
+        orders: Sequence[Harmonic],
+        lines: Sequence[_Line],
+    ) -> None:
+        self.comparison, self.terms, self.pair = comparison, terms, pair
+        self.orders, self.open = list(orders), sorted(lines, key=lambda one: one.false_alarm)
+        self.certain: list[tuple[_Line, list[Harmonic]]] = []
+
+    def decide(self) -> None:
+        """Judge every line beside all others that are not yet refused."""
+        while self.open:
+            line = self.open.pop(0)
+            verdict = self._judged(line)
+            if verdict is not None:
+                self.certain.append(verdict)
+                self.orders = [h for h in self.orders if h not in verdict[1]]
+
+    def joined(self) -> Joined | None:
+        """Return the plan with the certain lines; None if it is the plan of the fit."""
+        more, fewer, records = [], [], []
+        known = {self.terms.frequency(term) for term in self.terms.terms}
+        for line, replaced in self.certain:
+            fewer += replaced
+            if line.harmonic is not None:
+                continue
+            harmonic = harmonic_of("driving", _rounded(line.cycles, line.std))
+            if self.terms.frequency(harmonic.term) in known:
+                continue
+            more.append(harmonic)
+            records.append(
+                JoinedLine(
+                    order=harmonic.order,
+                    cycles_per_rev=line.cycles,
+                    cycles_std=line.std,
+                    false_alarm=line.false_alarm,
+                    replaced=tuple(one.name for one in replaced),
+                )
+            )
+        if not more and not fewer:
+            return None
+        return Joined(self.terms.exchanged(more, fewer), tuple(records))
+
+    def _judged(self, line: _Line) -> tuple[_Line, list[Harmonic]] | None:
+        """Return the line at its refined frequency with the orders that it replaces, or None."""
+        near = [h for h in self.orders if self._apart(h, line.cycles) < _NEAR]
+        others = [one.cycles for one in self.open] + [one.cycles for one, _ in self.certain]
+        others += [self._frequency(h) for h in self.orders if h not in near]
+        if not near and self._whole(line.cycles) is None:
+            return line, []
+        comparison = self.comparison
+        alone = comparison.height([*others, *map(self._frequency, near)])
+        cycles, height, kept = self._without_unsupported(line, near, others)
+        replaced = [h for h in near if h not in kept]
+        coefficients = comparison.coefficients * (1 - len(replaced)) + (line.harmonic is None)
+        if alone - height < coefficients * comparison.penalty:
+            return None
+        if any(self._apart(h, cycles) < _MODULATED for h in kept):
+            return None
+        beside = [*others, *map(self._frequency, kept)]
+        whole = self._whole(cycles)
+        if whole is not None and comparison.height([*beside, whole]) - height < comparison.penalty:
+            return None
+        std = comparison.frequency_std(cycles, beside)
+        return _Line(cycles, std, line.false_alarm, line.harmonic), replaced
+
+    def _without_unsupported(
+        self, line: _Line, near: Sequence[Harmonic], others: Sequence[float]
+    ) -> tuple[float, float, list[Harmonic]]:
+        """Leave out the least supported order near a line until BIC supports all that are left.
+
+        **Returns** the frequency of the line, the height there, and the orders that are left.
+        """
+        kept = list(near)
+        cycles, height = self._best(line, [*others, *map(self._frequency, kept)])
+        while kept:
+            trials = []
+            for order in kept:
+                rest = [self._frequency(h) for h in kept if h is not order]
+                trials.append((*self._best(line, [*others, *rest]), order))
+            found, lowest, order = min(trials, key=lambda trial: trial[1])
+            if lowest - height >= self.comparison.coefficients * self.comparison.penalty:
+                break
+            kept.remove(order)
+            cycles, height = found, lowest
+        return cycles, height, kept
+
+    def _best(self, line: _Line, beside: Sequence[float]) -> tuple[float, float]:
+        if line.harmonic is not None:
+            return line.cycles, self.comparison.height([*beside, line.cycles])
+        return self.comparison.refined(line.cycles, beside)
+
+    def _frequency(self, harmonic: Harmonic) -> float:
+        return float(self.terms.frequency(harmonic.term))
+
+    def _apart(self, harmonic: Harmonic, cycles: float) -> float:
+        return abs(self._frequency(harmonic) - cycles) / self.comparison.resolution
+
+    def _whole(self, cycles: float) -> float | None:
+        """Return the whole order of a shaft within one resolution of a frequency, if there is one.
+
+        The orders of a shaft that turned less than once are closer than the resolution.
+        """
+        ratio, resolution = float(self.terms.ratio), self.comparison.resolution
+        known = [float(max(round(cycles), 1))]
+        if ratio >= resolution:
+            known.append(max(round(cycles / ratio), 1) * ratio)
+        if isinstance(self.pair, GearPair):
+            known += [float(self.terms.frequency(term)) for term in SECOND_ORDER]
+        nearest = min(known, key=lambda whole: abs(whole - cycles))
+        return nearest if abs(nearest - cycles) < resolution else None
+
+
+def _rounded(cycles: float, std: float) -> float:
+    """Return a frequency with the digits that its standard error leaves."""
+    digits = math.ceil(-math.log10(std)) if std > 0 else 9
+    return round(cycles, int(np.clip(digits, 1, 9)))

@@ -1,0 +1,79 @@
+"""Hidden shafts: lines at multiples of one frequency that are too many for a coincidence."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+_HIGHEST = 6
+"""Highest order of a hidden shaft; lines of a shaft have low orders (chosen)."""
+
+_COINCIDENCE = 1e-3  # largest ratio of the likelihoods of coincidence and shaft; chosen value
+
+
+@dataclass(frozen=True)
+class Multiples:
+    """Lines at multiples of one frequency.
+
+    **Arguments**
+    - `turns`: the frequency, turns of the shaft per driving turn. - `std`: its standard error.
+    - `orders`: order of every line of the shaft, ascending.
+    - `coincidence`: likelihood of lines at random frequencies against that of the shaft.
+    """
+
+    turns: float
+    std: float
+    orders: tuple[int, ...]
+    coincidence: float
+
+
+def hidden_shaft(cycles: Sequence[float], stds: Sequence[float]) -> Multiples | None:
+    """Return the frequency of which the most improbable set of lines are multiples, or None.
+
+    A line c₀ ± s₀ of order k₀ would be one of a shaft that turns f = c₀/k₀ times. If another line
+    c ± s is its order m, the density of c is normal about m f with the variance s² + (m s₀/k₀)². If
+    it is not, c lies anywhere between two multiples with the density 1/f. The product of the ratios
+    of these densities over all lines of the shaft, divided by the number of ways to choose k₀ and
+    the lines, is the likelihood of a shaft against that of a coincidence. It must exceed 1000.
+
+    **Arguments**
+    - `cycles`, `stds`: frequencies of lines with standard errors, cycles per driving revolution.
+
+    **Example**
+    ```python
+    >>> from vttig_jax.logs.lines.hidden_shaft import hidden_shaft
+    >>> shaft = hidden_shaft([3.0874, 1.5441, 4.6307], [0.0004, 0.003, 0.003])
+    >>> round(shaft.turns, 4), shaft.orders
+    (1.5437, (1, 2, 3))
+
+    ```
+    """
+    lines = sorted(zip(stds, cycles, strict=True))
+    found = [
+        one
+        for start in range(len(lines) - 1)
+        for order in range(1, _HIGHEST + 1)
+        if (one := _of_order(lines[start:], order, len(lines))) is not None
+    ]
+    best = min(found, key=lambda one: one.coincidence, default=None)
+    return best if best is not None and best.coincidence < _COINCIDENCE else None
+
+
+def _of_order(lines: Sequence[tuple[float, float]], first: int, total: int) -> Multiples | None:
+    """Return the multiples if the first line (std, cycles), the most precise, has this order."""
+    base_std, base = (part / first for part in lines[0])
+    members, chance = {first: lines[0]}, 1.0
+    for std, cycles in lines[1:]:
+        order = round(cycles / base)
+        spread = math.hypot(std, order * base_std)
+        off = (cycles - order * base) / spread
+        coincidence = math.sqrt(2 * math.pi) * spread * math.exp(min(off**2, 100) / 2) / base
+        if 1 <= order <= _HIGHEST and order not in members and coincidence < 1:
+            members[order] = (std, cycles)
+            chance *= coincidence
+    if len(members) < 2 or math.gcd(*members) > 1:
+        return None
+    weights = {order: order / std for order, (std, _) in members.items()}
+    std = 1 / math.hypot(*weights.values())
+    turns = std**2 * sum(weights[order] * c / s for order, (s, c) in members.items())
+    chance *= _HIGHEST * math.comb(total, len(members))
+    return Multiples(turns, std, tuple(sorted(members)), min(chance, 1.0))
