@@ -74,6 +74,7 @@ INNER_FLOORS = {
         "fit_result",
         "store",
         "build_result",
+        "line_orders",
         "fitting",
         "backlash",
     ),

@@ -189,7 +189,17 @@ BAD_TABLES = {
     "order zero": (
         MINIMAL + "[fit]\ndriving_orders = [1, 0]\n",
         "fit.driving_orders[1]",
-        ">= 1, but it is 0.",
+        "expected a number > 0.0, but it is 0.",
+    ),
+    "negative fractional order": (
+        MINIMAL + "[fit]\ndriven_orders = [1, -3.087]\n",
+        "fit.driven_orders[1]",
+        "expected a number > 0.0, but it is -3.087.",
+    ),
+    "order that is no number": (
+        MINIMAL + "[fit]\ndriving_orders = [nan]\n",
+        "fit.driving_orders[0]",
+        "expected a number > 0.0, but it is nan.",
     ),
     "mesh orders": (MINIMAL + "[fit]\nmesh_orders = -1\n", "fit.mesh_orders", "but it is -1."),
     "shift without centre distance": (

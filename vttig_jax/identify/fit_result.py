@@ -267,7 +267,7 @@ def _orders(orders: tuple[Order, ...]) -> list[str]:
 
     The order with the largest amplitude is first; the list is empty if no order is clear.
     """
-    found: dict[tuple[str, float], dict[str, Order]] = {}
+    found: dict[tuple[str, int | float], dict[str, Order]] = {}
     for one in orders:
         if one.order != 1 or one.shaft == "mesh":
             found.setdefault((one.shaft, one.order), {})[one.flank] = one

@@ -21,7 +21,7 @@ from .fit_result import Fit, FitRequest
 from .line_orders import joined_lines
 from .model.identifiability import Identifiability, find_identifiability
 from .preliminary.linear_fit import Input
-from .preliminary.model_selection import on_few_turns, select_model
+from .preliminary.model_selection import have_one_zero, on_few_turns, select_model
 from .report.check_records import Lines
 from .report.residual_tests import joint_lines
 from .settings import FitSettings, from_keywords, takes_settings
@@ -102,6 +102,7 @@ def fit(
         found.append(assigned_segments(one))
     segments = [each.segments for each in found]
     wanted = orders or pair.fit
+    _require_one_phase(logs, wanted, settings)
     identifiable = find_identifiability(logs, segments, pair, wanted, settings.flank)
     for one, each in zip(logs, found, strict=True):
         refuse_slip(one, each)
@@ -175,7 +176,8 @@ def _fitted(
         if joined is None:
             break
         lines, repeated = Lines(joined.lines), True
-        identifiable = replace(identifiable, terms=joined.terms)
+        notes = (*identifiable.notes, *joined.notes)
+        identifiable = replace(identifiable, terms=joined.terms, notes=notes)
     return build_fit(
         selected, estimate, pair=pair, identifiable=identifiable, settings=settings, lines=lines
     )
@@ -202,6 +204,23 @@ def _require_pair(log: EncoderLog, pair: GearPair | Drive) -> None:
             " with the pair that it is fitted with.",
             where=log.source,
         )
+
+
+def _require_one_phase(
+    logs: Sequence[EncoderLog], orders: HarmonicOrders, settings: FitSettings
+) -> None:
+    """Refuse fractional orders of logs without a common zero; their phases differ in every log."""
+    if len(logs) == 1 or have_one_zero(logs, settings):
+        return
+    for shaft in ("driving", "driven"):
+        for order in getattr(orders, f"{shaft}_orders"):
+            if not isinstance(order, int):
+                raise UsageError(
+                    f"{shaft} order {order} has another phase in every log, because no position of"
+                    " the gears determines it; fit the logs one by one, or say --same-zero if both"
+                    " encoders count whole turns from one zero in all of them.",
+                    where=", ".join(log.source for log in logs),
+                )
 
 
 def _require_distinct(logs: Sequence[EncoderLog]) -> None:

@@ -33,10 +33,11 @@ _MODULATED = 0.5
 
 @dataclass(frozen=True)
 class Joined:
-    """Plan of a fit with lines as fractional orders, and the records of these lines."""
+    """Plan of a fit with lines as fractional orders, the records of these lines, and notes."""
 
     terms: TermPlan
     lines: tuple[JoinedLine, ...]
+    notes: tuple[str, ...]
 
 
 @one_blas_thread
@@ -46,9 +47,11 @@ def joined_lines(solved: SolvedFit, found: Sequence[ResidualLine]) -> Joined | N
     `found` are the lines of both flanks together.
     """
     linear, terms = solved.linear, solved.linear.model.terms
-    lines = [_Line.found(one) for one in found if one.false_alarm <= _CERTAIN]
-    lines += [_Line.given(one, terms) for one in terms.fractional]
     turns = turns_of(linear.rows)
+    certain = [_Line.found(one) for one in found if one.false_alarm <= _CERTAIN]
+    # A first order never leaves the model, and beside a line it would share its amplitude with it.
+    lines = [one for one in certain if not _beside(one, terms.tied, terms, turns)]
+    lines += [_Line.given(one, terms) for one in terms.fractional]
     near = {h: _near(h, lines, terms, turns) for h in terms.free if h.is_whole}
     orders = [h for h, is_near in near.items() if is_near]
     lines = [line for line in lines if not line.harmonic or _beside(line, orders, terms, turns)]
@@ -117,13 +120,19 @@ class _Judge:
 
     def joined(self) -> Joined | None:
         """Return the plan with the certain lines; None if it is the plan of the fit."""
-        more, fewer, records = [], [], []
+        more, fewer, records, notes = [], [], [], []
         known = {self.terms.frequency(term) for term in self.terms.terms}
         for line, replaced in self.certain:
             fewer += replaced
+            harmonic = line.harmonic
+            if harmonic is None:
+                harmonic = harmonic_of("driving", _rounded(line.cycles, line.std))
+            notes += [
+                f"{one.name} is left out: the log does not support it beside {harmonic.name}"
+                for one in replaced
+            ]
             if line.harmonic is not None:
                 continue
-            harmonic = harmonic_of("driving", _rounded(line.cycles, line.std))
             if self.terms.frequency(harmonic.term) in known:
                 continue
             more.append(harmonic)
@@ -138,25 +147,25 @@ class _Judge:
             )
         if not more and not fewer:
             return None
-        return Joined(self.terms.exchanged(more, fewer), tuple(records))
+        return Joined(self.terms.exchanged(more, fewer), tuple(records), tuple(notes))
 
     def _judged(self, line: _Line) -> tuple[_Line, list[Harmonic]] | None:
         """Return the line at its refined frequency with the orders that it replaces, or None."""
         near = [h for h in self.orders if self._apart(h, line.cycles) < _NEAR]
-        others = [one.cycles for one in self.open] + [one.cycles for one, _ in self.certain]
-        others += [self._frequency(h) for h in self.orders if h not in near]
+        lines = [one.cycles for one in self.open] + [one.cycles for one, _ in self.certain]
+        others = [self._frequency(h) for h in self.orders if h not in near]
         if not near and self._whole(line.cycles) is None:
             return line, []
         comparison = self.comparison
-        alone = comparison.height([*others, *map(self._frequency, near)])
-        cycles, height, kept = self._without_unsupported(line, near, others)
+        alone = comparison.height([*lines, *others, *map(self._frequency, near)])
+        cycles, height, kept = self._without_unsupported(line, near, others, lines)
         replaced = [h for h in near if h not in kept]
         coefficients = comparison.coefficients * (1 - len(replaced)) + (line.harmonic is None)
         if alone - height < coefficients * comparison.penalty:
             return None
         if any(self._apart(h, cycles) < _MODULATED for h in kept):
             return None
-        beside = [*others, *map(self._frequency, kept)]
+        beside = [*lines, *others, *map(self._frequency, kept)]
         whole = self._whole(cycles)
         if whole is not None and comparison.height([*beside, whole]) - height < comparison.penalty:
             return None
@@ -164,19 +173,23 @@ class _Judge:
         return _Line(cycles, std, line.false_alarm, line.harmonic), replaced
 
     def _without_unsupported(
-        self, line: _Line, near: Sequence[Harmonic], others: Sequence[float]
+        self,
+        line: _Line,
+        near: Sequence[Harmonic],
+        others: Sequence[float],
+        lines: Sequence[float],
     ) -> tuple[float, float, list[Harmonic]]:
         """Leave out the least supported order near a line until BIC supports all that are left.
 
         **Returns** the frequency of the line, the height there, and the orders that are left.
         """
         kept = list(near)
-        cycles, height = self._best(line, [*others, *map(self._frequency, kept)])
+        cycles, height = self._best(line, [*others, *map(self._frequency, kept)], lines)
         while kept:
             trials = []
             for order in kept:
                 rest = [self._frequency(h) for h in kept if h is not order]
-                trials.append((*self._best(line, [*others, *rest]), order))
+                trials.append((*self._best(line, [*others, *rest], lines), order))
             found, lowest, order = min(trials, key=lambda trial: trial[1])
             if lowest - height >= self.comparison.coefficients * self.comparison.penalty:
                 break
@@ -184,10 +197,12 @@ class _Judge:
             cycles, height = found, lowest
         return cycles, height, kept
 
-    def _best(self, line: _Line, beside: Sequence[float]) -> tuple[float, float]:
+    def _best(
+        self, line: _Line, beside: Sequence[float], lines: Sequence[float]
+    ) -> tuple[float, float]:
         if line.harmonic is not None:
-            return line.cycles, self.comparison.height([*beside, line.cycles])
-        return self.comparison.refined(line.cycles, beside)
+            return line.cycles, self.comparison.height([*beside, *lines, line.cycles])
+        return self.comparison.refined(line.cycles, beside, lines)
 
     def _frequency(self, harmonic: Harmonic) -> float:
         return float(self.terms.frequency(harmonic.term))

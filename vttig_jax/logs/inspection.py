@@ -149,10 +149,10 @@ def inspect_log(log: EncoderLog, pair: TwoShafts | None = None) -> Inspection:
 
 def _fit_orders(
     log: EncoderLog, pair: TwoShafts | None
-) -> dict[str, tuple[float, Sequence[float]]]:
+) -> dict[str, tuple[float, Sequence[int | float]]]:
     fit = HarmonicOrders() if pair is None else pair.fit
     teeth = None if pair is None else pair.driving.teeth
-    orders: dict[str, tuple[float, Sequence[float]]] = {
+    orders: dict[str, tuple[float, Sequence[int | float]]] = {
         "driving": (1.0, fit.driving_orders),
         "driven": (float(log.ratio), fit.driven_orders),
     }

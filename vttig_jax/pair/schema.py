@@ -6,7 +6,7 @@ keys, wrong types and impossible values raise a `PairError` whose `where` names 
 
 import math
 from fractions import Fraction
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import msgspec
 from msgspec import Meta
@@ -149,7 +149,7 @@ class HarmonicOrders(Table, frozen=True):
             msgspec.structs.force_setattr(self, name, orders)
 
 
-def _order(value: float, name: str) -> int | float:
+def _order(value: Any, name: str) -> int | float:
     """Return an order, as an integer if it is whole."""
     try:
         order = math.nan if isinstance(value, bool | str) else float(value)

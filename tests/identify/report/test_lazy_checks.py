@@ -30,7 +30,7 @@ def searched(monkeypatch) -> list[int]:
 
 
 def test_lines_are_searched_on_reading_and_once(searched, quick_rig, quick_log):
-    checks = fit(quick_log, quick_rig.pair).checks
+    checks = fit(quick_log, quick_rig.pair, lines="report").checks
     assert checks.solver_steps > 0 and len(checks.ratio) == 1 and searched == []
     first = list(checks.lines)
     assert searched == [1] and list(checks.lines) == first and searched == [1]

@@ -38,7 +38,7 @@ def _fitted(cycles: float) -> Fit:
         return first + 30 * np.sin(cycles * angle)
 
     log = drive_log(PAIR, there_and_back([60, 60, 60], 20), gap=level(200.0), error=error)
-    return fit(log, PAIR, delay="off", noise="white")
+    return fit(log, PAIR, delay="off", noise="white", lines="report")
 
 
 @pytest.fixture(scope="module")

@@ -58,7 +58,7 @@ def test_a_line_that_no_order_explains_is_found(noisy_rig, noisy_fit, noisy_log)
     log = EncoderLog.from_arrays(
         noisy_log.time, noisy_log.driving.reading, spoiled, pair=noisy_rig.pair
     )
-    [line, *_] = fit(log, noisy_rig.pair).checks.lines
+    [line, *_] = fit(log, noisy_rig.pair, lines="report").checks.lines
     assert line.cycles_per_rev == pytest.approx(9.41, abs=0.02)
     assert line.amplitude_arcsec == pytest.approx(86.4, rel=0.1)
     assert line.false_alarm < 1e-6

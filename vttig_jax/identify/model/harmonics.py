@@ -36,7 +36,7 @@ class Harmonic:
         return all(part == int(part) for part in self.term)
 
 
-def harmonic_of(shaft: str, order: float) -> Harmonic:
+def harmonic_of(shaft: str, order: int | float) -> Harmonic:
     """Return the harmonic of an order of the driving or driven shaft; its frequency is exact."""
     number = int(order) if order == int(order) else Fraction(str(order))
     return Harmonic(shaft, order, (number, 0) if shaft == "driving" else (0, number))
@@ -116,8 +116,8 @@ def _unresolved(kept: Mapping[Fraction, Harmonic], turns: float) -> list[Fractio
 
 def plan_terms(
     ratio: Fraction,
-    driving_orders: tuple[float, ...],
-    driven_orders: tuple[float, ...],
+    driving_orders: tuple[int | float, ...],
+    driven_orders: tuple[int | float, ...],
     mesh_orders: int,
     driving_teeth: int | None,
     turns: float = math.inf,

@@ -158,7 +158,7 @@ def _short(pair: GearPair | Drive, turns: dict[str, float], *, both: bool) -> di
     return {"driving": sentence, "driven": sentence}
 
 
-def _nuisance(turns: float, orders: tuple[float, ...]) -> tuple[float, ...]:
+def _nuisance(turns: float, orders: tuple[int | float, ...]) -> tuple[int | float, ...]:
     """Return the orders of a shaft that turned less than once.
 
     Its first order is fitted but not reported, because it would otherwise bias the first order of

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ...logs.encoder_log import EncoderLog
 from ...pair.gear_pair import Drive, GearPair
 from ..compress.harmonic_summary import HarmonicSummary
 from ..compress.regressors import Drift
@@ -90,16 +91,13 @@ def select_model(
     """Select the model by as many passes over the logs as the delay and the weights require."""
     open_ratio = _has_open_ratio(pair, identifiable)
     names, delay, notes = _candidates(inputs, settings, open_ratio)
-    same_zero = settings.same_zero
-    if same_zero is None:
-        same_zero = all(one.log.zero == "reading" for one in inputs)
     drift = _widest_drift(settings, pair, identifiable)
     model = Model(
         pair=pair,
         terms=identifiable.terms,
         regressors=names,
         drift=drift,
-        same_zero=same_zero,
+        same_zero=have_one_zero([one.log for one in inputs], settings),
         noise=settings.noise_model,
     )
     delay_tried = "delay" in names
@@ -136,6 +134,13 @@ def select_model(
         weights=weights,
         notes=tuple(notes),
     )
+
+
+def have_one_zero(logs: Sequence[EncoderLog], settings: FitSettings) -> bool:
+    """Return whether the angles of all logs count from the same zero."""
+    if settings.same_zero is not None:
+        return settings.same_zero
+    return all(log.zero == "reading" for log in logs)
 
 
 def _candidates(

@@ -67,13 +67,8 @@ def checks_of(
     rows, terms, same_zero = linear.rows, linear.model.terms, linear.model.same_zero
     is_rounding = solved.noise.is_rounding
     longest = max(float(c.time[-1] - c.time[0]) for c in linear.channels)
-    lines = Later(
-        lambda: (
-            []
-            if is_rounding
-            else lines_left(rows, weights, terms, same_zero=same_zero, joint=found.joint)
-        )
-    )
+    left = lambda: lines_left(rows, weights, terms, same_zero=same_zero, joint=found.joint)  # noqa: E731
+    lines = Later(lambda: [] if is_rounding else left())
     return Checks(
         order_spectrum=tuple(one for one in orders if one.order == 1 and one.shaft != "mesh"),
         closure=closure(solved.curves_and_residuals[0], pair),
@@ -93,11 +88,7 @@ def checks_of(
         drift_order=drift.order,
         drift_knots_s=drift.knots_s or None,
         drift_stiffness_s=drift.stiffness_s(longest),
-        drift_arcsec=tuple(
-            float(value) / ARCSEC
-            for name, value in zip(solution.names, solution.values, strict=True)
-            if name.startswith(("drift_", "spline_"))
-        ),
+        drift_arcsec=_drift_arcsec(solution),
         outliers=selected.weights.outliers,
         weakest_direction=solution.weakest,
         solver_steps=solution.steps,
@@ -118,6 +109,13 @@ def checks_of(
         lines=lines,
         joined_lines=found.joined,
         hidden_shafts=Later(lambda: hidden_shafts([*found.joined, *lines], float(terms.ratio))),
+    )
+
+
+def _drift_arcsec(solution: Solution) -> tuple[float, ...]:
+    values = zip(solution.names, solution.values, strict=True)
+    return tuple(
+        float(value) / ARCSEC for name, value in values if name.startswith(("drift_", "spline_"))
     )
 
 

@@ -158,11 +158,10 @@ def _line(one: ResidualLine) -> str:
 
 
 def _joined(one: JoinedLine) -> str:
-    place = f"; beside it the log does not support {' and '.join(one.replaced)}"
     return (
         f"line of the residual at {one.cycles_per_rev:.7g} ± {one.cycles_std:.1g} cycles per"
         f" driving revolution joined the model as driving order {one.order} (false alarm"
-        f" {one.false_alarm:.1g})" + (place if one.replaced else "")
+        f" {one.false_alarm:.1g})"
     )
 
 

@@ -12,6 +12,9 @@ from ..solve.solved_fit import SolvedFit
 from .parameters import SIGNIFICANT, polar_spread
 
 _LEAKAGE = 3.0  # distance of a line in resolutions within which it leaks; chosen value
+_MODULATION = 0.1
+"""Share of a fractional order that leaks because its amplitude changes. A line of 15″ on a robot
+axis leaks 0.7″ into the next order (chosen)."""
 
 
 @dataclass(frozen=True)
@@ -94,21 +97,32 @@ def judged_orders(
     ratio: float,
     turns: float,
 ) -> tuple[Order, ...]:
-    """Return the orders, of which those that a line of the residual explains are not significant.
+    """Return the orders, of which those that a line explains are not significant.
 
-    A line that is no order leaks into orders within a few resolutions of it.
+    A line of the residual leaks into orders within a few resolutions of it. A fractional order
+    leaks as far as its amplitude changes over the log, with the load for example.
 
     **Arguments**
     - `ratio`: i. - `turns`: driving revolutions of the longest run.
     """
 
+    def cycles_of(order: Order) -> float:
+        return order.order * (ratio if order.shaft == "driven" else 1.0)
+
+    fractional = [one for one in orders if one.order != int(one.order)]
+
     def is_leakage(order: Order) -> bool:
-        cycles = order.order * (ratio if order.shaft == "driven" else 1.0)
+        beside = [(line.flank, line.cycles_per_rev, line.amplitude_arcsec) for line in lines]
+        if order not in fractional:
+            beside += [
+                (one.flank, cycles_of(one), _MODULATION * one.amplitude_arcsec)
+                for one in fractional
+            ]
         return order.shaft != "mesh" and any(
-            abs(line.cycles_per_rev - cycles) * turns < _LEAKAGE
-            and line.amplitude_arcsec >= order.amplitude_arcsec
-            and line.flank in (None, order.flank)
-            for line in lines
+            abs(cycles - cycles_of(order)) * turns < _LEAKAGE
+            and amplitude >= order.amplitude_arcsec
+            and flank in (None, order.flank)
+            for flank, cycles, amplitude in beside
         )
 
     return tuple(

@@ -55,8 +55,8 @@ class Aliased:
     """Orders of a shaft from `order` to `highest`, which lie above half the sampling rate."""
 
     shaft: str
-    order: float
-    highest: float
+    order: int | float
+    highest: int | float
     speed_rpm: float
 
 
@@ -116,7 +116,7 @@ def commensurate(log: EncoderLog, segments: Sequence[Segment]) -> tuple[Commensu
 def aliased(
     plateaus: Sequence[SpeedPlateau],
     rate_hz: float,
-    orders: Mapping[str, tuple[float, Sequence[float]]],
+    orders: Mapping[str, tuple[float, Sequence[int | float]]],
 ) -> tuple[Aliased, ...]:
     """Find orders of the fit above half the sampling rate at a plateau.
 

@@ -9,7 +9,7 @@ from jaxtyping import Float, Int
 from scipy.optimize import minimize_scalar
 
 from .noise import noise_filter, whitened
-from .regression import orthonormal, waves
+from .regression import APART, orthonormal, waves
 from .rows import Rows, Stretch, stack
 
 _TRIALS = 9  # trial frequencies before the refinement; chosen value
@@ -100,17 +100,24 @@ class Comparison:
         left = self._left(frequencies)
         return self.freedom * float(np.log(max(float(left @ left), 1e-300)))
 
-    def refined(self, cycles: float, beside: Sequence[float]) -> tuple[float, float]:
-        """Return the best frequency within one resolution of `cycles`, and the height there."""
+    def refined(
+        self, cycles: float, beside: Sequence[float], lines: Sequence[float] = ()
+    ) -> tuple[float, float]:
+        """Return the best frequency within one resolution of `cycles`, and the height there.
+
+        It keeps at least the resolution from the frequencies `lines`, where it has it already;
+        otherwise the amplitudes of two lines are undefined.
+        """
 
         def height(frequency: float) -> float:
-            return self.height([*beside, frequency])
+            return self.height([*beside, *lines, frequency])
 
-        trials = cycles + self.resolution * np.linspace(-1, 1, _TRIALS)
-        trials = trials[trials > 0]
-        best = float(min(trials, key=height))
-        around = 2 * self.resolution / (_TRIALS - 1)
-        bounds = (max(best - around, 1e-3 * self.resolution), best + around)
+        apart = APART * self.resolution
+        low = max([apart / 2, cycles - self.resolution, *(c + apart for c in lines if c < cycles)])
+        high = min([cycles + self.resolution, *(c - apart for c in lines if c > cycles)])
+        trials = np.linspace(min(low, cycles), max(high, cycles), _TRIALS)
+        best = int(np.argmin([height(trial) for trial in trials]))
+        bounds = (trials[max(best - 1, 0)], trials[min(best + 1, _TRIALS - 1)])
         options = {"xatol": 1e-3 * self.resolution}
         found: Any = minimize_scalar(height, bounds=bounds, method="bounded", options=options)
         return float(found.x), float(found.fun)
