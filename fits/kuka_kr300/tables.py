@@ -1,4 +1,4 @@
-"""Three axes of a robot, two logs, fitted in three ways: the tables of README.md.
+"""Three axes of a robot, two logs, fitted in four ways: the tables of README.md.
 
     python fits/kuka_kr300/tables.py
 
@@ -19,20 +19,23 @@ vttig_jax.enable_x64()
 HERE = Path(__file__).resolve().parent
 LOGS = HERE.parents[2] / "shared" / "data" / "kuka_kr300"
 
-PLAIN, OFF, MORE = (
+PLAIN, REPORTED, OFF, MORE = (
     "no options",
+    "--lines report",
     "--delay off --noise white",
     "--regressor acceleration --free-ratio",
 )
 WAYS: dict[str, dict[str, Any]] = {
     PLAIN: {},
     OFF: {"delay": "off", "noise": "white"},
+    REPORTED: {"lines": "report"},
     MORE: {"regressors": ("acceleration",), "free_ratio": True},
 }
 """Options of the command, and what they are in Python."""
 
 _HEADERS = {
-    PLAIN: ["delay [ms]", "residual", "B above A", "motor order 1", "strongest line left"],
+    PLAIN: ["delay [ms]", "residual", "B above A", "motor order 1", "strongest line"],
+    REPORTED: ["delay [ms]", "residual", "B above A", "motor order 1", "strongest line"],
     OFF: ["residual", "B above A"],
     MORE: ["delay [ms]", "residual", "B above A", "per rad/s²", "ratio [ppm off]"],
 }
@@ -55,7 +58,7 @@ def row(axis: int, logs: str, way: str) -> list[str]:
         "residual": f"{3600 * fit.residual_rms_deg:.1f}",
         "B above A": f"{3600 * (gap.value or 0.0):+.1f} ± {3600 * (gap.std or 0.0):.1f}",
         "motor order 1": _limit(fit.parameters["driving_amplitude_arcsec"]),
-        "strongest line left": _line(fit),
+        "strongest line": _line(fit),
     }
     for found in fit.regressors:
         if found.name == "ratio":
@@ -78,16 +81,16 @@ def _limit(found: Parameter) -> str:
 
 
 def _line(fit: Fit) -> str:
-    """The strongest of the lines that are left in the residual."""
-    lines = sorted(fit.checks.lines, key=lambda line: -line.amplitude_arcsec)
-    if not lines:
-        return "none"
-    return f"{lines[0].amplitude_arcsec:.1f} at {lines[0].cycles_per_rev:.2f}"
+    """The strongest fractional order or line that is left in the residual."""
+    joined = [(o.amplitude_arcsec, o.order) for o in fit.orders if o.order != int(o.order)]
+    lines = [(line.amplitude_arcsec, line.cycles_per_rev) for line in fit.checks.lines]
+    amplitude, cycles = max([*joined, *lines], default=(0.0, 0.0))
+    return f"{amplitude:.1f} at {cycles:.2f}" if amplitude else "none"
 
 
 def table(way: str) -> str:
     """All axes and logs fitted in one way."""
-    logs = ("A", "B", "AB") if way == PLAIN else ("A", "B")
+    logs = ("A", "B", "AB") if way in (PLAIN, REPORTED) else ("A", "B")
     rows = [row(axis, each, way) for axis in (1, 2, 3) for each in logs]
     return f"{way}\n" + text_table(rows, ["axis", "log", *_HEADERS[way]])
 

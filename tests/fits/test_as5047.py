@@ -32,7 +32,7 @@ def test_encoder_against_the_fourier_transform(data_dir: Path, number: str):
     expected = 90.0 - np.degrees(np.angle(lines[1]))
     assert (phase.value - expected + 180) % 360 - 180 == pytest.approx(0.0, abs=3 * phase.std)
     for order in fit.orders[1:4]:
-        known = 3600 * abs(lines[order.order])
+        known = 3600 * abs(lines[int(order.order)])
         assert order.amplitude_arcsec == pytest.approx(known, abs=4 * order.std_arcsec)
     assert fit.conditional_on == ("perfect_gears",)
 

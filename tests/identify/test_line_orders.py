@@ -132,7 +132,6 @@ def test_a_line_may_differ_between_the_flanks():
 def test_a_line_beside_a_first_order_is_only_reported():
     result = fitted({0.85: 20.0})
     assert not result.checks.joined_lines and result.checks.lines
-    assert not of(result, 1)
 
 
 def test_lines_of_logs_without_a_common_zero_are_only_reported():

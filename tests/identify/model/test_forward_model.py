@@ -47,7 +47,7 @@ def _projected(pair, rig, flank: Flank) -> np.ndarray:
     driven = float(pair.ratio) * driving + error
     every = [np.ones_like(driving)]
     for harmonic in PLAN.tied:
-        phase = harmonic.term[0] * driving + harmonic.term[1] * driven
+        phase = float(harmonic.term[0]) * driving + float(harmonic.term[1]) * driven
         every += [np.cos(phase), np.sin(phase)]
     return np.linalg.lstsq(np.stack(every, axis=1), error, rcond=None)[0]
 
@@ -89,7 +89,9 @@ def test_coinciding_second_orders_go_to_the_first(paper_rig):
     for harmonic in plan.tied:
         # The driven angle of a fit holds the transmission error; its own start is free, so the
         # angles of a coinciding order may be told apart by that error only.
-        phase = harmonic.term[0] * driving + harmonic.term[1] * (0.5 * driving + error)
+        phase = float(harmonic.term[0]) * driving + float(harmonic.term[1]) * (
+            0.5 * driving + error
+        )
         every += [np.cos(phase), np.sin(phase)]
     expected = np.linalg.lstsq(np.stack(every, axis=1), error, rcond=None)[0]
     np.testing.assert_allclose(found, expected, atol=2e-9)
