@@ -83,7 +83,7 @@ def test_kuka_undetermined(kuka: ModuleType, axis: int, log: str):
 
 
 @pytest.mark.parametrize(
-    ("axis", "gap_arcsec", "left_arcsec"), [(1, 299.8, 65.0), (2, 305.7, 67.7), (3, 222.0, 58.2)]
+    ("axis", "gap_arcsec", "left_arcsec"), [(1, 299.8, 65.0), (2, 305.0, 66.8), (3, 222.0, 58.2)]
 )
 def test_kuka_without_delay_looks_like_backlash(
     kuka: ModuleType, axis: int, gap_arcsec: float, left_arcsec: float
