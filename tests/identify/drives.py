@@ -6,7 +6,7 @@ from fractions import Fraction
 import numpy as np
 
 from vttig_jax.logs.encoder_log import EncoderLog
-from vttig_jax.pair.gear_pair import Drive
+from vttig_jax.pair.gear_pair import Drive, GearPair
 from vttig_jax.pair.schema import HarmonicOrders
 
 Curve = Callable[[np.ndarray, np.ndarray], np.ndarray]
@@ -41,7 +41,7 @@ def there_and_back(
 
 
 def drive_log(
-    pair: Drive,
+    pair: Drive | GearPair,
     motion: tuple[Sequence[float], Sequence[float]],
     *,
     gap: Curve,

@@ -15,7 +15,7 @@ from .model.forward_model import relation_of
 from .model.identifiability import Identifiability
 from .noise.noise_model import whiten
 from .preliminary.delay import Delay, one_speed
-from .preliminary.model_selection import SelectedModel, on_few_turns
+from .preliminary.model_selection import SelectedModel
 from .report.backlash_readings import (
     comparison,
     gap_of_both_flanks,
@@ -64,7 +64,8 @@ def build_fit(
         pair, identifiable, solution, settings, selected.delay, delay_margin=margin
     )
     regressors = regressors_of(solution, linear.inputs[0].log)
-    orders, residual_rms = order_table(solved), sample_residual_rms(linear, solved.weights)
+    orders = order_table(solved, estimate.scatter)
+    residual_rms = sample_residual_rms(linear, solved.weights)
     curves, residuals = solved.curves_and_residuals
     gap = covered_gap(solved, unknown, estimate.scatter)
     checks = checks_of(selected, estimate, pair, parameters, orders=orders, gap=gap, found=lines)
@@ -119,8 +120,7 @@ def estimate_of(
 ) -> Estimate:
     """Return the parameters with standard errors that the log itself and the readings support."""
     solved = _solved(selected, pair, identifiable, settings)
-    few_turns = on_few_turns(pair, identifiable)
-    solved, white, scatter = _with_own_errors(solved, few_turns)
+    solved, white, scatter = _with_own_errors(solved, identifiable.few_turns)
     solved, compared = _with_readings(solved, readings, pair, settings.use_readings)
     change = delay_change(selected.linear) if selected.delay.state == "fitted" else None
     return Estimate(_with_change(solved, change), white, scatter, compared, change)
@@ -134,8 +134,9 @@ def _solved(
 ) -> SolvedFit:
     """Return the parameters with the standard errors of the noise model."""
     summary, linear = selected.summary, selected.linear
-    few_turns = on_few_turns(pair, identifiable)
-    noise, whitened = whiten(summary, selected.weights.variance_factor, few_turns=few_turns)
+    noise, whitened = whiten(
+        summary, selected.weights.variance_factor, few_turns=identifiable.few_turns
+    )
     relation = relation_of(
         pair,
         identifiable.terms,

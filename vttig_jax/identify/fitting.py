@@ -19,9 +19,15 @@ from .build_result import build_fit, estimate_of
 from .compress.harmonic_summary import HarmonicSummary
 from .fit_result import Fit, FitRequest
 from .line_orders import joined_lines
-from .model.identifiability import Identifiability, find_identifiability
+from .model.identifiability import (
+    FEW_TURNS,
+    SINGLE_TURN,
+    Identifiability,
+    find_identifiability,
+)
 from .preliminary.linear_fit import Input
-from .preliminary.model_selection import have_one_zero, on_few_turns, select_model
+from .preliminary.model_selection import SelectedModel, have_one_zero, select_model
+from .preliminary.order_selection import entering_orders
 from .report.check_records import Lines
 from .report.residual_tests import joint_lines
 from .settings import FitSettings, from_keywords, takes_settings
@@ -106,10 +112,12 @@ def fit(
     identifiable = find_identifiability(logs, segments, pair, wanted, settings.flank)
     for one, each in zip(logs, found, strict=True):
         refuse_slip(one, each)
-    result = _fitted(logs, found, pair, identifiable, settings, readings=readings)
+    given = (logs, found, pair)
+    result = _fitted(*given, identifiable, settings, wanted=wanted, readings=readings)
     if _is_worse_than_none(result):
-        fewer = find_identifiability(logs, segments, pair, _first_only(wanted), settings.flank)
-        result = _fitted(logs, found, pair, fewer, settings, readings=readings)
+        first = _first_only(wanted)
+        fewer = find_identifiability(logs, segments, pair, first, settings.flank)
+        result = _fitted(*given, fewer, settings, wanted=first, readings=readings)
         note = "higher orders are left out: with them the fit leaves more than without any order"
         result = replace(result, notes=(*result.notes, note))
     if _is_worse_than_none(result):
@@ -139,15 +147,92 @@ def _first_only(orders: HarmonicOrders) -> HarmonicOrders:
 
 def _fitted(
     logs: Sequence[EncoderLog],
-    segments: Sequence[Segments],
+    found: Sequence[Segments],
     pair: GearPair | Drive,
-    identifiable: Identifiability,
+    scope: Identifiability,
     settings: FitSettings,
     *,
+    wanted: HarmonicOrders,
     readings: BacklashReadings | None,
 ) -> Fit:
-    """Select the model of the identifiable orders and fit it."""
-    inputs = tuple(
+    """Select the model of the identifiable orders and fit it.
+
+    On few turns these are the orders that enter, otherwise certain lines join them.
+    """
+
+    def selection(scope: Identifiability) -> tuple[Identifiability, SelectedModel]:
+        selected = select_model(_inputs(logs, found, scope), pair, scope, settings)
+        _require_rows(selected.summary, ", ".join(log.source for log in logs))
+        flanks = tuple(flank.flank for flank in selected.summary.flanks)
+        return replace(scope, flanks=flanks), selected
+
+    given, selected = selection(scope)
+    fewer = _entering(logs, found, pair, scope, settings, wanted=wanted, selected=selected)
+    scope, selected = (given, selected) if fewer is None else selection(fewer)
+    estimate = estimate_of(selected, pair, scope, settings, readings)
+    lines = Lines()
+    if _may_join(estimate.solved, settings):
+        # A second round would look for lines in what the first lines leave of their own shape.
+        linear = selected.linear
+        joint = joint_lines(linear.rows, estimate.solved.weights)
+        joined = joined_lines(estimate.solved, joint, few_turns=scope.few_turns)
+        lines = Lines(joint=joint)
+        if joined is not None:
+            notes = (*scope.notes, *joined.notes)
+            scope, selected = selection(replace(scope, terms=joined.terms, notes=notes))
+            estimate = estimate_of(selected, pair, scope, settings, readings)
+            lines = Lines(joined.lines)
+    return build_fit(
+        selected, estimate, pair=pair, identifiable=scope, settings=settings, lines=lines
+    )
+
+
+def _entering(
+    logs: Sequence[EncoderLog],
+    found: Sequence[Segments],
+    pair: GearPair | Drive,
+    scope: Identifiability,
+    settings: FitSettings,
+    *,
+    wanted: HarmonicOrders,
+    selected: SelectedModel,
+) -> Identifiability | None:
+    """Return the scope with the orders that enter on few turns, or None if it is unchanged."""
+    if not SINGLE_TURN <= scope.turns["driving"] < FEW_TURNS:
+        return None
+    segments = [each.segments for each in found]
+
+    def planned(orders: HarmonicOrders) -> Identifiability:
+        return find_identifiability(logs, segments, pair, orders, settings.flank, remembers=True)
+
+    apart, sure = planned(wanted), scope.few_turns
+    orders = entering_orders(selected.summary, apart.terms.free, wanted, any_noise=sure)
+    if orders is None:
+        return None
+    entered = planned(orders)
+    left_out = [h.name for h in apart.terms.free if h not in entered.terms.free]
+    if not left_out and sure:
+        return None
+    return replace(entered, notes=(*apart.notes, *_not_entered(left_out)))
+
+
+def _not_entered(names: Sequence[str]) -> tuple[str, ...]:
+    """Return the note on orders that did not enter."""
+    if not names:
+        return ()
+    one = len(names) == 1
+    return (
+        f"{', '.join(names)} {'is' if one else 'are'} not in the model: on so few turns"
+        f" {'it is' if one else 'they are'} not larger than noise. Maps and curves do not contain"
+        f" {'it' if one else 'them'}; record more turns",
+    )
+
+
+def _inputs(
+    logs: Sequence[EncoderLog], found: Sequence[Segments], identifiable: Identifiability
+) -> tuple[Input, ...]:
+    """Return the logs with the segments and ramps of the flanks that are fitted."""
+    return tuple(
         Input(
             one,
             each,
@@ -159,42 +244,17 @@ def _fitted(
                 and ramp.segment.stop - ramp.segment.start >= _LEAST_RAMP
             ),
         )
-        for one, each, own in zip(logs, segments, identifiable.segments, strict=True)
-    )
-    lines, repeated = Lines(), False
-    while True:
-        selected = select_model(inputs, pair, identifiable, settings)
-        _require_rows(selected.summary, ", ".join(one.log.source for one in inputs))
-        identifiable = replace(identifiable, flanks=tuple(f.flank for f in selected.summary.flanks))
-        estimate = estimate_of(selected, pair, identifiable, settings, readings)
-        # A second round would look for lines in what the first lines leave of their own shape.
-        if repeated or not _may_join(estimate.solved, pair, identifiable, settings):
-            break
-        linear = selected.linear
-        found = joint_lines(linear.rows, estimate.solved.weights)
-        joined, lines = joined_lines(estimate.solved, found), Lines(joint=found)
-        if joined is None:
-            break
-        lines, repeated = Lines(joined.lines), True
-        notes = (*identifiable.notes, *joined.notes)
-        identifiable = replace(identifiable, terms=joined.terms, notes=notes)
-    return build_fit(
-        selected, estimate, pair=pair, identifiable=identifiable, settings=settings, lines=lines
+        for one, each, own in zip(logs, found, identifiable.segments, strict=True)
     )
 
 
-def _may_join(
-    solved: SolvedFit, pair: GearPair | Drive, identifiable: Identifiability, settings: FitSettings
-) -> bool:
+def _may_join(solved: SolvedFit, settings: FitSettings) -> bool:
     """Return whether lines of the residual may join the model.
 
-    A line has one phase only in logs with a common zero, and on few turns of a drive the noise may
-    look like one.
+    A line has one phase only in logs with a common zero.
     """
-    model = solved.linear.model
-    one_zero = model.same_zero or len(solved.linear.rows) == 1
-    clear = not solved.noise.is_rounding and not on_few_turns(pair, identifiable)
-    return settings.lines == "join" and one_zero and clear
+    one_zero = solved.linear.model.same_zero or len(solved.linear.rows) == 1
+    return settings.lines == "join" and one_zero and not solved.noise.is_rounding
 
 
 def _require_pair(log: EncoderLog, pair: GearPair | Drive) -> None:

@@ -13,14 +13,18 @@ import numpy as np
 from ..base.threads import one_blas_thread
 from ..logs.lines.comparison import Comparison
 from ..pair.gear_pair import Drive, GearPair
+from .compress.block_rows import turns_of
 from .model.harmonics import SECOND_ORDER, Harmonic, TermPlan, harmonic_of
 from .report.checks import JoinedLine, ResidualLine
-from .report.residual_tests import compared, turns_of
+from .report.residual_tests import compared
 from .solve.solved_fit import SolvedFit
 
 _CERTAIN = 1e-6
 """Largest probability of a false line that joins the model; below that of a line that is only
 reported, because a wrong term of the model costs more than a wrong sentence (chosen)."""
+
+_CERTAIN_ON_FEW_TURNS = 1e-12
+"""The same on few turns, where noise that remembers looks more like a line (chosen)."""
 
 _NEAR = 2.0
 """Distance in resolutions, 1 / revolutions of the log, within which an order and a line are
@@ -41,16 +45,19 @@ class Joined:
 
 
 @one_blas_thread
-def joined_lines(solved: SolvedFit, found: Sequence[ResidualLine]) -> Joined | None:
+def joined_lines(
+    solved: SolvedFit, found: Sequence[ResidualLine], *, few_turns: bool
+) -> Joined | None:
     """Return the plan in which certain lines are fractional orders, or None if it is unchanged.
 
     `found` are the lines of both flanks together.
     """
+    certain = _CERTAIN_ON_FEW_TURNS if few_turns else _CERTAIN
     linear, terms = solved.linear, solved.linear.model.terms
     turns = turns_of(linear.rows)
-    certain = [_Line.found(one) for one in found if one.false_alarm <= _CERTAIN]
+    sure = [_Line.found(one) for one in found if one.false_alarm <= certain]
     # A first order never leaves the model, and beside a line it would share its amplitude with it.
-    lines = [one for one in certain if not _beside(one, terms.tied, terms, turns)]
+    lines = [one for one in sure if not _beside(one, terms.tied, terms, turns)]
     lines += [_Line.given(one, terms) for one in terms.fractional]
     near = {h: _near(h, lines, terms, turns) for h in terms.free if h.is_whole}
     orders = [h for h, is_near in near.items() if is_near]

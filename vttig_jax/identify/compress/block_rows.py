@@ -59,6 +59,12 @@ class LogRows:
         return {flank: [run.rows for run in own] for flank, own in runs.items()}
 
 
+def turns_of(rows: Sequence[LogRows]) -> float:
+    """Return the driving revolutions of the longest run."""
+    angles = [run.curve.driving_angle for log in rows for run in log.runs]
+    return max((float(np.ptp(angle)) / REV for angle in angles), default=0.0)
+
+
 def block_seconds(
     channels: Sequence[Regressors], segments: Sequence[Sequence[Segment]], terms: TermPlan
 ) -> float:

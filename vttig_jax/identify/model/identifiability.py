@@ -18,6 +18,13 @@ _FLANKS: tuple[Flank, ...] = ("A", "B")
 FULL_TURN = 0.99
 """Turns that count as a full turn: a table of one turn lacks its last sample, a log its first °."""
 
+FEW_TURNS = 6.0
+"""Turns of the driving shaft below which noise may be correlated over the whole log (chosen)."""
+
+SINGLE_TURN = 1.5
+"""Turns of the driving shaft below which a log is a table of one turn (chosen). Its orders are
+those of the table, and nothing tells noise that remembers from them."""
+
 _LIKE_DRIFT = 0.25
 """Turns below which the first order of a shaft is a parabola to 2 % of its amplitude."""
 
@@ -32,6 +39,7 @@ class Identifiability:
     - `reasons`: shaft → reason why its first order is not reported.
     - `short`: shafts of `reasons` that turned too little.
     - `turns`: shaft → most turns of any log on a flank, smallest value of all flanks.
+    - `few_turns`: whether noise, drift and the terms of the model are hardly told apart.
     - `notes`: sentences for the report.
     """
 
@@ -41,6 +49,7 @@ class Identifiability:
     reasons: dict[str, str]
     short: tuple[str, ...]
     turns: dict[str, float]
+    few_turns: bool = False
     notes: tuple[str, ...] = field(default=())
 
 
@@ -50,23 +59,27 @@ def find_identifiability(
     pair: GearPair | Drive,
     options: HarmonicOrders,
     only: Flank | None,
+    *,
+    remembers: bool = False,
 ) -> Identifiability:
     """Return flanks, segments and harmonics that can be fitted; `only` restricts it to one flank.
 
+    Few turns count as such for a drive, and for a gear pair if the noise `remembers` a part of the
+    log: the exact ratio of a gear pair needs no turns.
+
     **Raises** `NoAnswerError` if no flank covers a revolution of either shaft.
     """
-    notes = []
     covered: dict[Flank, tuple[float, float]] = {
         flank: _coverage(logs, segments, flank) for flank in _FLANKS if only in (None, flank)
     }
     flanks: tuple[Flank, ...] = tuple(f for f, turns in covered.items() if max(turns) >= FULL_TURN)
     if not flanks:
         raise _no_full_turn(covered, only, logs)
-    for flank, turns in covered.items():
-        if flank not in flanks and max(turns) > 0:
-            notes.append(
-                f"flank {flank} is left out: it covers {max(turns):.2f} of a revolution only."
-            )
+    notes = tuple(
+        f"flank {flank} is left out: it covers {max(turns):.2f} of a revolution only."
+        for flank, turns in covered.items()
+        if flank not in flanks and max(turns) > 0
+    )
     turns = {
         shaft: min(covered[flank][k] for flank in flanks)
         for k, shaft in enumerate(("driving", "driven"))
@@ -82,15 +95,15 @@ def find_identifiability(
     for shaft, wanted in orders.items():
         if shaft in short:
             orders[shaft] = _nuisance(turns[shaft], wanted) if len(short) == 1 else ()
-    teeth = pair.driving.teeth if isinstance(pair, GearPair) else None
+    few_turns = turns["driving"] < FEW_TURNS and (remembers or isinstance(pair, Drive))
     terms = plan_terms(
         pair.ratio,
         driving_orders=orders["driving"],
         driven_orders=orders["driven"],
         mesh_orders=options.mesh_orders,
-        driving_teeth=teeth,
+        driving_teeth=pair.driving.teeth if isinstance(pair, GearPair) else None,
         # The ratio of a drive may be slightly wrong, and its orders then leak into each other.
-        turns=turns["driving"] if isinstance(pair, Drive) else math.inf,
+        turns=turns["driving"] if few_turns or isinstance(pair, Drive) else math.inf,
     )
     tied = {h.shaft for h in terms.tied}
     for shaft in ("driving", "driven"):
@@ -104,6 +117,7 @@ def find_identifiability(
         reasons=reasons,
         short=tuple(short),
         turns=turns,
+        few_turns=few_turns,
         notes=(*notes, *terms.dropped),
     )
 

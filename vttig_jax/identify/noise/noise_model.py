@@ -22,6 +22,10 @@ _FORGOTTEN = 20.0
 """Shortest run, in correlation times of the noise, for which the likelihood can distinguish noise
 from structure that the model misses."""
 
+_REMEMBERED = 100.0
+"""Shortest run, in correlation times of the noise, whose low orders have the noise of all others.
+Gear pairs whose standard errors hold on a few turns have 600 (chosen)."""
+
 _WHITE_SHARE = 1e-6
 """Share of the variance by moments that counts as white noise. In a log without noise, the
 structure that a model misses is so predictable that its whitening would leave only the rounding of
@@ -71,6 +75,19 @@ class NoiseModel:
         table = rows.reshape(len(rows), -1)
         white = self.kind.summary.whitened(table, time, self.filter, self.block_s)
         return white.reshape(-1, *rows.shape[1:]) / (self.innovation_std or 1.0)
+
+    def whitening(self, time: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n n"]:
+        """Return the matrix that whitens all rows of one run.
+
+        Its first rows, as many as the order, are the prediction errors of lower orders.
+        """
+        order = len(self.coefficients)
+        matrix = np.zeros((len(time), len(time)))
+        matrix[order:] = self.whitened(np.eye(len(time)), time)
+        for place in range(order):
+            std = self.innovation_std / np.sqrt(np.prod(1 - self.partial[place:] ** 2))
+            matrix[place, : place + 1] = filter_of(self.partial[:place])[::-1] / (std or 1.0)
+        return matrix
 
     def to_json(self) -> dict:
         """Return the fields of `noise` in the JSON object of a fit."""
@@ -195,11 +212,25 @@ def _noise_of(summary: HarmonicSummary, variance_factor: float, few_turns: bool)
     On few turns of a drive the likelihood remains, because moments underestimate the correlation.
     """
     found = _model(summary, filter_of(restricted_partial(summary)), variance_factor, "likelihood")
-    runs = sum(len(flank.heads) for flank in summary.flanks)
-    run_s = summary.block_s * summary.rows / max(runs, 1)
-    if few_turns or found.correlation_s <= run_s / _FORGOTTEN:
+    if few_turns or not _lasts(found, summary, _FORGOTTEN):
         return found
     return _model(summary, autoregression(summary), variance_factor, "moments")
+
+
+def remembers(summary: HarmonicSummary) -> bool:
+    """Return whether the noise remembers so much of a run that low orders have noise of their own.
+
+    Noise that is only rounding does not.
+    """
+    found = _model(summary, filter_of(restricted_partial(summary)), 1.0, "likelihood")
+    return not found.is_rounding and _lasts(found, summary, _REMEMBERED)
+
+
+def _lasts(noise: NoiseModel, summary: HarmonicSummary, times: float) -> bool:
+    """Return whether so many correlation times of the noise exceed a run."""
+    runs = sum(len(flank.heads) for flank in summary.flanks)
+    run_s = summary.block_s * summary.rows / max(runs, 1)
+    return noise.correlation_s > run_s / times
 
 
 def _model(

@@ -134,7 +134,7 @@ def _correlation(summary: HarmonicSummary) -> Partial:
         partial = np.array([rho])
         factors = [flank.factor(filter_of(partial)) for flank in summary.flanks]
         misfit = sum(float(factor[-1, -1] ** 2) for factor in factors)
-        value = _freedom(summary) * np.log(max(misfit, 1e-300))
+        value = freedom_left(summary) * np.log(max(misfit, 1e-300))
         value += sum(flank.log_determinant(partial) for flank in summary.flanks)
         return value + sum(2 * float(np.sum(np.log(np.diag(factor)[:-1]))) for factor in factors)
 
@@ -143,7 +143,7 @@ def _correlation(summary: HarmonicSummary) -> Partial:
     return np.array([float(found.x)] if better else [])
 
 
-def _freedom(summary: HarmonicSummary) -> float:
+def freedom_left(summary: HarmonicSummary) -> float:
     """Return the counted rows minus the number of coefficients, at least 1."""
     coefficients = len(summary.flanks) * (summary.columns.width - 1)
     return max(summary.counted_rows - coefficients, 1.0)
@@ -182,7 +182,7 @@ def _bound(summary: HarmonicSummary, partial: Partial) -> _Bound:
         swallowed += _form(flank, lags, inverse[:, :-1])
     # The rounding of y counts as white noise, because its digits have no meaning.
     residual += summary.rounding * np.eye(lags)
-    scale = _freedom(summary) / max(misfit + summary.rounding, 1e-300)
+    scale = freedom_left(summary) / max(misfit + summary.rounding, 1e-300)
     return _Bound(scale * residual + swallowed, sum(len(flank.heads) for flank in flanks))
 
 

@@ -8,13 +8,14 @@ weights require another.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import msgspec
 import numpy as np
 
 from ...logs.encoder_log import EncoderLog
 from ...pair.gear_pair import Drive, GearPair
 from ..compress.harmonic_summary import HarmonicSummary
 from ..compress.regressors import Drift
-from ..model.identifiability import Identifiability
+from ..model.identifiability import SINGLE_TURN, Identifiability
 from ..noise.noise_model import whiten
 from ..settings import FitSettings
 from .delay import TOLD, Delay, judge_delay, on_its_branch, one_speed
@@ -53,9 +54,6 @@ _ROWS_A_RAMP = 40
 _TURNS_FOR_DRIFT = 2.0
 """Turns of a shaft below which its first order resembles the curvature of a drift."""
 
-_SINGLE_TURN, _FEW_TURNS = 1.5, 6.0
-"""Turns of the driving shaft between which the ratio of a drive is fitted; chosen values."""
-
 _WRONG_RATIO = 12.0
 """Standard errors by which a log contradicts the given ratio of a drive. The robot axes of known
 ratio reach nine, because their slow errors resemble a slope; chosen value."""
@@ -89,6 +87,8 @@ def select_model(
     settings: FitSettings,
 ) -> SelectedModel:
     """Select the model by as many passes over the logs as the delay and the weights require."""
+    if _has_slope(pair, identifiable, settings):
+        settings = msgspec.structs.replace(settings, drift_order=1)
     open_ratio = _has_open_ratio(pair, identifiable)
     names, delay, notes = _candidates(inputs, settings, open_ratio)
     drift = _widest_drift(settings, pair, identifiable)
@@ -174,9 +174,21 @@ def _has_open_ratio(pair: GearPair | Drive, identifiable: Identifiability) -> bo
     Tooth counts make the ratio of a gear pair exact, and many turns show a wrong ratio. On a single
     turn a slope and the first order are nearly the same, and in one direction a slope is a drift.
     """
-    both_ways = len(identifiable.flanks) == 2
-    more_than_one = identifiable.turns["driving"] >= _SINGLE_TURN
-    return on_few_turns(pair, identifiable) and both_ways and more_than_one
+    return len(identifiable.flanks) == 2 and _may_be_off(pair, identifiable)
+
+
+def _may_be_off(pair: GearPair | Drive, identifiable: Identifiability) -> bool:
+    more_than_one = identifiable.turns["driving"] >= SINGLE_TURN
+    return isinstance(pair, Drive) and identifiable.few_turns and more_than_one
+
+
+def _has_slope(
+    pair: GearPair | Drive, identifiable: Identifiability, settings: FitSettings
+) -> bool:
+    """Return whether a wrong ratio of a drive is fitted as a drift: on few turns one way."""
+    asked = settings.drift_order is not None or settings.drift_knots_s is not None
+    one_way = len(identifiable.flanks) == 1 and not settings.free_ratio
+    return one_way and not asked and _may_be_off(pair, identifiable)
 
 
 def _may_hide_a_ratio(pair: GearPair | Drive, identifiable: Identifiability) -> bool:
@@ -194,14 +206,6 @@ def _demands_a_ratio(linear: LinearFit, settings: FitSettings) -> bool:
     names = [*_beside(own, settings), *(["delay"] if "delay" in own.names else [])]
     value, std = own.estimate("ratio", names)
     return abs(value) > _WRONG_RATIO * std
-
-
-def on_few_turns(pair: GearPair | Drive, identifiable: Identifiability) -> bool:
-    """Return whether a drive turned so little that its noise may be correlated over the whole log.
-
-    Noise, drift and the terms of the model are then hardly told apart.
-    """
-    return isinstance(pair, Drive) and identifiable.turns["driving"] < _FEW_TURNS
 
 
 def _finest(inputs: Sequence[Input]) -> float:
@@ -228,7 +232,7 @@ def _widest_drift(
         return Drift(knots_s=settings.drift_knots_s)
     if settings.drift_order is not None:
         return Drift(settings.drift_order)
-    if len(identifiable.flanks) == 2 and on_few_turns(pair, identifiable):
+    if len(identifiable.flanks) == 2 and identifiable.few_turns:
         return Drift(0)
     tied = [
         identifiable.turns[shaft]

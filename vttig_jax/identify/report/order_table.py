@@ -8,6 +8,7 @@ import numpy as np
 
 from ...base.units import ARCSEC
 from ...pair.gear_pair import Flank
+from ..solve.sandwich import Scatter, functional_of, standard_errors
 from ..solve.solved_fit import SolvedFit
 from .parameters import SIGNIFICANT, polar_spread
 
@@ -58,8 +59,11 @@ class FlankLine(Protocol):
         ...
 
 
-def order_table(solved: SolvedFit) -> tuple[Order, ...]:
-    """Return amplitude, standard error and phase of all harmonics of both shafts and the mesh."""
+def order_table(solved: SolvedFit, scatter: Scatter | None = None) -> tuple[Order, ...]:
+    """Return amplitude, standard error and phase of all harmonics of both shafts and the mesh.
+
+    On few turns, where `scatter` is that of cosines, it is the standard error of an amplitude too.
+    """
     table = []
     summary, solution = solved.summary, solved.solution
     harmonics = summary.terms.free + summary.terms.tied
@@ -76,6 +80,12 @@ def order_table(solved: SolvedFit) -> tuple[Order, ...]:
             amplitude, std, phase_deg, _ = polar_spread(
                 values[cells] / ARCSEC, covariance[np.ix_(cells, cells)] / ARCSEC**2
             )
+            if scatter == "cosines" and amplitude:
+                along = np.zeros((1, len(values)))
+                along[0, cells] = values[cells] / (amplitude * ARCSEC)
+                of_fit = functional_of(solved, {flank.flank: along})
+                own = float(standard_errors(solved, of_fit, scatter)[0]) / ARCSEC
+                std = max(std, own)
             table.append(
                 Order(
                     shaft=harmonic.shaft,

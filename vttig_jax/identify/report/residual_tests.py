@@ -16,7 +16,7 @@ from ...logs.lines.search import Stretch as LineRun
 from ...logs.lines.search import find_lines
 from ...pair.gear_pair import Flank
 from ..compress.block_means import block_means
-from ..compress.block_rows import LogRows
+from ..compress.block_rows import LogRows, turns_of
 from ..model.column_layout import OFFSET, ColumnLayout
 from ..model.harmonics import SECOND_ORDER, AnyTerm, Harmonic, TermPlan
 from ..noise.noise_model import NoiseModel
@@ -203,12 +203,6 @@ def hidden_shafts(lines: Sequence[ResidualLine | JoinedLine], ratio: float) -> l
             known.append((cycles, std))
     found = hidden_shaft([cycles for cycles, _ in known], [std for _, std in known])
     return [] if found is None else [HiddenShaft(*astuple(found))]
-
-
-def turns_of(rows: Sequence[LogRows]) -> float:
-    """Return the driving revolutions of the longest run."""
-    angles = [run.curve.driving_angle for log in rows for run in log.runs]
-    return max((float(np.ptp(angle)) / REV for angle in angles), default=0.0)
 
 
 def _all_runs(

@@ -12,12 +12,13 @@ as long as a block. There a mean over cosines of the scores g_t of the rows repl
     (1/K) Σ_k Λ_k Λ_kᵀ,    Λ_k = √2 Σ_t cos(πk (t − ½)/T) g_t,    k = 1 … K = 8,
 
 with the quantile for 8 degrees of freedom (U. K. Müller, J. Econometrics
-141 (2007) 1331; Y. Sun, J. Econometrics 178 (2014) 659).
+141 (2007) 1331; Y. Sun, J. Econometrics 178 (2014) 659). The standard error is at least that under
+noise that remembers from run to run, with Satterthwaite's quantile.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, overload
 
 import numpy as np
 from jaxtyping import Float
@@ -25,6 +26,8 @@ from scipy.special import stdtrit
 
 from ...base.numerics.quantiles import NORMAL_95
 from ...pair.gear_pair import Flank
+from ..compress.block_rows import turns_of
+from ..model.identifiability import SINGLE_TURN
 from .solved_fit import SolvedFit
 
 _BLOCKS = 28
@@ -51,12 +54,29 @@ class Functional:
     free: Mapping[Flank, Float[np.ndarray, "k free"]] = field(default_factory=dict)
 
 
+def functional_of(
+    solved: SolvedFit, rows: Mapping[Flank, Float[np.ndarray, "k columns"]]
+) -> Functional:
+    """Return the sum over flanks of `rows` times the coefficients of the flank."""
+    count = len(next(iter(rows.values())))
+    slope, of_free = np.zeros((count, len(solved.solution.names))), {}
+    for place, (flank, factor) in enumerate(
+        zip(solved.summary.flanks, solved.whitened, strict=True)
+    ):
+        if flank.flank in rows:
+            own, free = rows[flank.flank], factor.free
+            follow = -np.linalg.solve(factor.factor[:free, :free], factor.factor[:free, free:-1])
+            slope += (own[:, free:] + own[:, :free] @ follow) @ solved.solution.jacobian[place]
+            of_free[flank.flank] = own[:, :free]
+    return Functional(slope, of_free)
+
+
 def widened(solved: SolvedFit, scatter: Scatter) -> Float[np.ndarray, " p"]:
     """Return the factor, at least 1, by which the scatter increases each standard error."""
     plain = np.sqrt(np.diag(solved.model_covariance))
     own = standard_errors(solved, Functional(np.eye(len(plain))), scatter)
     ratio = np.divide(own, plain, out=np.ones_like(plain), where=plain > 0)
-    return np.maximum(ratio, _quantile(_COSINES) if scatter == "cosines" else 1.0)
+    return np.maximum(ratio, 1.0)
 
 
 def standard_errors(
@@ -64,27 +84,45 @@ def standard_errors(
 ) -> Float[np.ndarray, " k"]:
     """Return the standard errors of functions of the fit from the scatter of parts of the log.
 
-    They contain the ratio of the 97.5 % quantiles of Student's and the normal distribution. All are
-    0 if there are fewer than six blocks or 32 rows.
+    They contain the ratio of the 97.5 % quantiles of Student's and the normal distribution. Those
+    of blocks are 0 if there are fewer than six; those of cosines are at least those of the noise
+    model.
     """
-    rows = _influences(solved, functional)
-    if scatter == "blocks":
-        sums = _blocks(rows, sum(len(run.rows) for own in solved.linear.rows for run in own.runs))
-        if len(sums) < _FEWEST:
-            return np.zeros(len(functional.slope))
-        freedom = len(sums) - 1
-        return _quantile(freedom) * np.sqrt(len(sums) / freedom * np.sum(sums**2, axis=0))
-    influence = np.concatenate([np.zeros((0, len(functional.slope))), *rows])
-    if len(influence) < 4 * _COSINES:
+    if scatter == "cosines":
+        return _on_few_turns(solved, functional)
+    rows = [one.changes for one in _influences(solved, functional)]
+    sums = _blocks(rows, sum(len(run.rows) for own in solved.linear.rows for run in own.runs))
+    if len(sums) < _FEWEST:
         return np.zeros(len(functional.slope))
+    freedom = len(sums) - 1
+    return _quantile(freedom) * np.sqrt(len(sums) / freedom * np.sum(sums**2, axis=0))
+
+
+def _on_few_turns(solved: SolvedFit, functional: Functional) -> Float[np.ndarray, " k"]:
+    """Return the larger standard errors of cosines of the scores and of noise that remembers.
+
+    In a table of a single turn the cosines alone decide.
+    """
+    found = _influences(solved, functional, whole=True)
+    influence = np.concatenate([one.changes for one in found])
     phase = np.pi * (np.arange(len(influence)) + 0.5) / len(influence)
     cosines = np.sqrt(2) * np.cos(np.outer(np.arange(1, _COSINES + 1), phase))
-    return _quantile(_COSINES) * np.sqrt(np.mean((cosines @ influence) ** 2, axis=0))
+    own = _quantile(_COSINES) * np.sqrt(np.mean((cosines @ influence) ** 2, axis=0))
+    if turns_of(solved.linear.rows) < SINGLE_TURN:
+        return own
+    variance, freedom = solved.remembered_noise.variances(
+        [one.weights for one in found if one.weights is not None]
+    )
+    return np.maximum(own, _quantile(freedom) * np.sqrt(variance))
 
 
-def _quantile(freedom: int) -> float:
+@overload
+def _quantile(count: float) -> float: ...
+@overload
+def _quantile(count: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]: ...
+def _quantile(count):
     """Return the 97.5 % quantile of Student's distribution over that of the normal one."""
-    return float(stdtrit(freedom, 0.975)) / NORMAL_95
+    return stdtrit(count, 0.975) / NORMAL_95
 
 
 def _blocks(rows: Sequence[Float[np.ndarray, "_ k"]], total: int) -> Float[np.ndarray, "blocks k"]:
@@ -98,32 +136,54 @@ def _blocks(rows: Sequence[Float[np.ndarray, "_ k"]], total: int) -> Float[np.nd
     return np.array(sums).reshape(len(sums), -1)
 
 
-def _influences(solved: SolvedFit, functional: Functional) -> list[Float[np.ndarray, "_ k"]]:
-    """Return what the residual of every row changes the functions by, run by run in time order.
+@dataclass(frozen=True, eq=False)
+class _Influence:
+    """Rows of one run, whitened, and what each changes the functions by.
+
+    **Arguments**
+    - `rate`: derivative of the functions with respect to the whitened rows.
+    - `left`: residual of the whitened rows.
+    - `weights`: the same with respect to the rows; None unless all rows are whitened.
+    """
+
+    rate: Float[np.ndarray, "n k"]
+    left: Float[np.ndarray, " n"]
+    weights: Float[np.ndarray, "n k"] | None
+
+    @property
+    def changes(self) -> Float[np.ndarray, "n k"]:
+        """What the residual of every whitened row changes the functions by."""
+        return self.rate * self.left[:, None]
+
+
+def _influences(
+    solved: SolvedFit, functional: Functional, *, whole: bool = False
+) -> list[_Influence]:
+    """Return what every row changes the functions by, run by run in time order.
 
     With the whitened row x of the columns and its residual r, the change of p is C g with the score
-    g of p, and that of β at fixed p is (X_fᵀ X_f)⁻¹ x_f r.
+    g of p, and that of β at fixed p is (X_fᵀ X_f)⁻¹ x_f r. The first rows of a run, as many as the
+    order of the noise, are left out unless the `whole` run is asked for.
     """
     summary, of_score = solved.summary, functional.slope @ solved.model_covariance
-    sides = {flank.flank: place for place, flank in enumerate(summary.flanks)}
+    sides = [flank.flank for flank in summary.flanks]
     found = []
-    for rows, embedding in zip(solved.linear.rows, summary.embeddings, strict=True):
-        for run in sorted(rows.runs, key=lambda run: run.segment.start):
-            flank = run.segment.flank
-            own = solved.noise.at(run.segment.speed)
-            if flank not in sides or len(run.rows) < len(own.filter) + _SHORTEST:
-                continue
-            factor, place = solved.whitened[sides[flank]], sides[flank]
-            white = own.whitened(run.rows @ embedding[flank].T, run.curve.time)
-            free = factor.free
-            upper = factor.factor[:free, :free]
-            regressors = white[:, free:-1] - white[:, :free] @ np.linalg.solve(
-                upper, factor.factor[:free, free:-1]
-            )
-            left = white[:, -1] - white[:, :-1] @ solved.coefficients[place]
-            influence = regressors @ solved.solution.jacobian[place] @ of_score.T
-            if flank in functional.free:
-                of_free = np.linalg.solve(upper, np.linalg.solve(upper.T, white[:, :free].T))
-                influence += (functional.free[flank] @ of_free).T
-            found.append(influence * left[:, None])
+    for _, run, rows in solved.runs:
+        flank = run.segment.flank
+        place, own = sides.index(flank), solved.noise.at(run.segment.speed)
+        whitening = own.whitening(run.curve.time) if whole else None
+        white = own.whitened(rows, run.curve.time) if whitening is None else whitening @ rows
+        factor = solved.whitened[place]
+        free = factor.free
+        upper = factor.factor[:free, :free]
+        regressors = white[:, free:-1] - white[:, :free] @ np.linalg.solve(
+            upper, factor.factor[:free, free:-1]
+        )
+        rate = regressors @ solved.solution.jacobian[place] @ of_score.T
+        if flank in functional.free:
+            of_free = np.linalg.solve(upper, np.linalg.solve(upper.T, white[:, :free].T))
+            rate += (functional.free[flank] @ of_free).T
+        left = white[:, -1] - white[:, :-1] @ solved.coefficients[place]
+        weights = None if whitening is None else whitening.T @ rate
+        found.append(_Influence(rate, left, weights))
     return found

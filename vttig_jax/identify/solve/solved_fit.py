@@ -9,12 +9,18 @@ from jaxtyping import Float
 
 from ...kinematics.harmonic import OrderModel
 from ...kinematics.te_curve import TECurve
+from ..compress.block_rows import BlockRun
 from ..compress.harmonic_summary import HarmonicSummary
 from ..model.column_layout import OFFSET
 from ..noise.noise_model import NoiseModel, WhitenedFlank
 from ..preliminary.linear_fit import LinearFit
 from .least_squares import Solution
+from .remembered_noise import RememberedNoise, Run
 from .residuals import Weights, curves_and_residuals, flank_coefficients, weights_of_logs
+
+_SHORTEST = 10  # rows of a run, beside the order of the noise; chosen value
+_APART_S = 1e9
+"""Time between two logs in s, longer than any memory."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,6 +57,41 @@ class SolvedFit:
     ) -> tuple[tuple[TECurve, ...], tuple[Float[np.ndarray, " _"], ...]]:
         """Block means of the transmission error of every run, and their residuals, rad."""
         return curves_and_residuals(self.linear, self.weights)
+
+    @cached_property
+    def runs(self) -> tuple[tuple[int, BlockRun, Float[np.ndarray, "n columns"]], ...]:
+        """Every run with the number of its log and its rows in all columns, in time order.
+
+        Runs that hold little more than the order of the noise are left out.
+        """
+        flanks = {flank.flank for flank in self.summary.flanks}
+        return tuple(
+            (log, run, run.rows @ embedding[run.segment.flank].T)
+            for log, (rows, embedding) in enumerate(
+                zip(self.linear.rows, self.summary.embeddings, strict=True)
+            )
+            for run in sorted(rows.runs, key=lambda run: run.segment.start)
+            if run.segment.flank in flanks
+            and len(run.rows) >= len(self.noise.at(run.segment.speed).filter) + _SHORTEST
+        )
+
+    @cached_property
+    def remembered_noise(self) -> RememberedNoise:
+        """White noise and noise that remembers, also from run to run; logs are far apart."""
+        flanks = [flank.flank for flank in self.summary.flanks]
+        columns, runs = self.summary.columns, []
+        for log, run, rows in self.runs:
+            design = np.zeros((len(rows), len(flanks), rows.shape[1] - 1))
+            design[:, flanks.index(run.segment.flank)] = rows[:, :-1]
+            runs.append(
+                Run(
+                    time=run.curve.time + log * _APART_S,
+                    share=rows[:, columns.index(OFFSET, log)],
+                    design=design.reshape(len(rows), -1),
+                    value=rows[:, -1],
+                )
+            )
+        return RememberedNoise.of(runs)
 
     @cached_property
     def model(self) -> OrderModel:
