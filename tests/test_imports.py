@@ -76,6 +76,7 @@ INNER_FLOORS = {
         "build_result",
         "line_orders",
         "fitting",
+        "log_coverage",
         "backlash",
     ),
     "posterior": (
@@ -101,6 +102,7 @@ INNER_FLOORS = {
     ),
     "cli": (
         "output",
+        "program_cache",
         "options",
         "fit_options",
         "verbs",

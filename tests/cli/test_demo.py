@@ -51,7 +51,7 @@ def test_prints_the_truth_beside_the_fit(vttig):
     assert float(low) < float(found) < float(high)
     assert (float(truth), unit) == (0.0273, "mm")
     assert (float(found) - float(truth)) / float(std) == pytest.approx(float(off), abs=0.6)
-    assert "order-complete map" in out and "95 % band of the whole map" in out
+    assert "map with all orders" in out and "95 % band of the whole map" in out
     assert "converged: no" in out
     assert err == ""
 

@@ -97,6 +97,7 @@ CASES = [
         "late.csv",
         {
             "--delay 0.004": lambda r: r["conditional_on"] == ["given_delay"],
+            "--delay 4ms": lambda r: why(r).startswith("given as 0.004 s"),
             "--loss bisquare": lambda r: loss(r) == "bisquare",
             "--regressor torque": lambda r: near(torque(r), 0.0),
             "--regressor acceleration": lambda r: near(acceleration(r), 0.0),
@@ -186,6 +187,7 @@ def test_zeros_of_several_logs(fitted, vttig):
     [
         (["late.csv", "--delay", "soon"], "neither auto, free, off nor a number of seconds"),
         (["late.csv", "--delay", "1.5"], "within ±1"),
+        (["late.csv", "--delay", "1500ms"], "such as 0.5ms, within ±1 s"),
         (["late.csv", "--delay", "nan"], "within ±1"),
         (["late.csv", "--loss", "cauchy"], "--loss"),
         (["late.csv", "--regressor", "load"], "--regressor"),

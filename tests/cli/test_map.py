@@ -4,6 +4,7 @@ import jsonschema
 import numpy as np
 import pytest
 
+from tests.cli.drive import write_drive, write_pair
 from vttig_jax.base.files.json_io import load_schema
 from vttig_jax.runs.map_table import COLUMNS
 
@@ -65,6 +66,30 @@ def test_it_says_what_was_seen_and_what_is_extrapolated(vttig, vttig_json, run_f
         assert record[name]["extrapolated"] is not inside
     shown = [line for line in text.splitlines() if line.endswith(", extrapolated")]
     assert len(shown) == sum(record[name]["extrapolated"] for name in ("smallest", "largest")) > 0
+
+
+def test_a_freed_ratio_leaves_no_hunting_period(vttig, vttig_json, tmp_path):
+    """The map says what `export` says; with the ratio as given it names the period."""
+    pair = write_pair(tmp_path / "pair.toml")
+    for off, told in ((0.0, False), (1e-3, True)):
+        log, run = tmp_path / f"{off}.csv", tmp_path / f"run_{off}"
+        write_drive(log, delay_s=0.0)
+        rows = np.genfromtxt(log, delimiter=",", names=True)
+        names = rows.dtype.names or ()
+        table = np.stack([rows[name] for name in names], axis=1)
+        table[:, names.index("driven_deg")] *= 1 + off
+        header = ",".join(names)
+        np.savetxt(log, table, "%.9g", delimiter=",", header=header, comments="")
+        assert (
+            vttig("fit", log, "--pair", pair, "--free-ratio", "--out", run, "--no-figures")[0] == 0
+        )
+        _, text, _ = vttig("map", run)
+        assert ("none: the shafts turn at" in text) is told
+        assert ("until both shafts have made whole turns" in text) is not told
+        _, record = vttig_json("map", run)
+        jsonschema.validate(record, load_schema("vttig.map/1"))
+        _, _, refusal = vttig("export", run, "--out", tmp_path / "x.csv", "--overwrite")
+        assert (str(record["no_period"]) in refusal) is told
 
 
 def test_step_span_and_constant_backlash_change_the_map(vttig_json, run_folder):

@@ -49,27 +49,27 @@ def test_worm_period_found_blind(data_dir: Path):
     assert pytest.approx(383.0, rel=0.0002) == 86164.1 / 225
 
 
-def test_worm_drive_with_a_straight_drift(data_dir: Path, capsys: pytest.CaptureFixture[str]):
+def test_worm_drive_with_a_parabola_in_time(data_dir: Path, capsys: pytest.CaptureFixture[str]):
     log = str(data_dir / "worm_mount" / "ap_gt1100.csv")
-    arguments = ["fit", log, "--pair", str(WORM / "pair.toml"), "--drift-order", "1", "--json"]
+    arguments = ["fit", log, "--pair", str(WORM / "pair.toml"), "--drift-order", "2", "--json"]
     assert main(arguments) == 0
     fit = json.loads(capsys.readouterr().out)
-    assert fit["parameters"]["driving_amplitude_arcsec"]["value"] == pytest.approx(3.805, abs=0.001)
-    assert fit["residual_rms_deg"] * 3600 == pytest.approx(0.49, abs=0.01)
+    assert fit["parameters"]["driving_amplitude_arcsec"]["value"] == pytest.approx(3.801, abs=0.001)
+    assert fit["residual_rms_deg"] * 3600 == pytest.approx(0.446, abs=0.01)
 
 
 def test_worm_readme_gives_the_fitted_orders():
     readme = (WORM / "README.md").read_text(encoding="utf-8")
     strong = {}
-    for name, many in (("ap_gt1100", 3), ("ap_24turns", 1), ("cge", 1)):
+    for name, many in (("ap_gt1100", 2), ("ap_24turns", 1), ("cge", 1)):
         orders = json.loads((WORM / name / "fit.json").read_text(encoding="utf-8"))["orders"]
         for order in orders[:many]:
             assert f"{order['amplitude_arcsec']:.3f}″ ± {order['std_arcsec']:.3f}″" in readme
         strong[name] = [o["order"] for o in orders if o["amplitude_arcsec"] > 3 * o["std_arcsec"]]
     assert strong == {
-        "ap_gt1100": [1, 2, 8],
+        "ap_gt1100": [1, 2],
         "ap_24turns": [1, 2, 3, 4, 5, 6, 7, 7.214, 8],
-        "cge": [1],
+        "cge": [1, 2.66, 6.663],
     }
 
 
@@ -78,4 +78,4 @@ def test_worm_residual_is_robustly_small(data_dir: Path):
     log = vttig_jax.read_log(data_dir / "worm_mount" / "ap_gt1100.csv", pair)
     residual = np.concatenate(vttig_jax.fit(log, pair).residuals)
     spread = 1.4826 * np.median(np.abs(residual - np.median(residual)))
-    assert np.degrees(spread) * 3600 == pytest.approx(0.35, abs=0.01)
+    assert np.degrees(spread) * 3600 == pytest.approx(0.455, abs=0.01)

@@ -138,4 +138,4 @@ def test_its_frequency_is_exact_and_takes_no_whole_order():
     short = plan_terms(PAIR.ratio, (1, 3, 0.05), (1,), 0, None, turns=5.0)
     assert "driving order 0.05 is left out" in short.dropped[0]
     same = plan_terms(PAIR.ratio, (1, 3, 4.5), (1, 8), 0, None)
-    assert "driven order 8 and driving order 4.5 are the same frequency" in same.dropped[0]
+    assert "driven order 8 has the frequency of driving order 4.5" in same.dropped[0]

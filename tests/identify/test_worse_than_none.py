@@ -97,7 +97,8 @@ def test_fewer_orders_are_tried_and_told(shares, log):
     asked = shares(-1.0, 0.9)
     found = fitting.fit(log, PAIR)
     assert asked == [PAIR.fit, HarmonicOrders((1,), (1,), 0)]
-    assert found.notes[-1].startswith("higher orders are left out")
+    assert found.notes[0] == found.warnings[0]
+    assert found.notes[0].startswith("higher orders are left out")
 
 
 def test_a_fit_that_still_says_nothing_is_refused(shares, log):

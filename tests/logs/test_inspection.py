@@ -1,4 +1,5 @@
 import json
+from dataclasses import replace
 
 import jsonschema
 import numpy as np
@@ -266,3 +267,14 @@ def test_preview_decimal(tmp_path):
     assert "`0,500` means 0.500 or 0500; give --decimal" in flat(preview_log(path))
     assert preview_log(path, decimal=",").columns[1].high == 8.5
     assert preview_log(path, decimal=".").columns[1].high == 8500
+
+
+def test_what_spoils_a_fit_is_noted_first(report):
+    """A ratio that the log doubts, then a slip, then sampling and coverage, then the rest."""
+    doubted = replace(report.ratio, seen=0.5625 + 1e-4, std=2e-5)
+    slip, usual = "the transmission error steps", "driving: wraps"
+    made = replace(report, ratio=doubted, notes=(slip, usual), slipped=True)
+    text = flat(made)
+    places = [text.index(part) for part in ("5.0 standard errors above", slip, usual)]
+    assert places == sorted(places)
+    assert "standard errors above" not in flat(report)

@@ -176,7 +176,9 @@ def test_a_drive_knows_its_ratio_only(tmp_path):
     drive = load_pair(path)
     assert isinstance(drive, Drive)
     assert drive.ratio == Fraction(7, 1798) and drive.hunting_turns == 1798
-    assert "robot axis" in str(drive) and "7/1798" in str(drive) and "1798 turns" in str(drive)
+    assert (
+        "robot axis" in str(drive) and "7/1798" in str(drive) and "1798 driving turns" in str(drive)
+    )
     assert str(Drive(Fraction(1, 2))).splitlines()[0] == "drive"
 
 
@@ -256,7 +258,7 @@ def test_text_of_a_pair(paper_pair):
         "125.12 mm",
         "45 / 80 mm",
         "1.722 / 1.722",
-        "16 turns = 5760°",
+        "16 driving turns = 5760°",
         "0.0628°",
     ):
         assert piece in text

@@ -1,8 +1,12 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from matplotlib.axes import Axes
+from msgspec.structs import replace as changed
 
 from vttig_jax.base.units import ARCSEC, DEG
+from vttig_jax.identify.report.checks import GapAtSpeed
 from vttig_jax.plotting.fit import plot_fit
 from vttig_jax.plotting.style import MOST_POINTS
 
@@ -119,3 +123,16 @@ def test_legends_cover_no_data(make_fit):
         legend = ax.get_legend()
         assert legend is not None
         assert legend.get_window_extent().y0 >= ax.get_window_extent().y1 - 1
+
+
+def test_gaps_at_several_speeds_have_a_panel(make_fit):
+    fit = make_fit()
+    assert len(plot_fit(fit).axes) == 3
+    gaps = tuple(GapAtSpeed(speed_rpm=rpm, value=0.1, std=0.01) for rpm in (10.0, 20.0))
+    *above, last = plot_fit(replace(fit, checks=changed(fit.checks, gap_by_speed=gaps))).axes
+    assert len(above) == 3 and last.get_title(loc="left") == "gap by speed, beside the delay"
+    assert last.lines[0].get_xdata() == pytest.approx([10.0, 20.0])
+    assert last.get_xlabel() == "speed of the driving shaft [rpm]"
+    low, high = last.get_ylim()
+    assert low < 0.1 - 1.96 * 0.01 and high > 0.1 + 1.96 * 0.01
+    assert last.get_xlim() != above[0].get_xlim()

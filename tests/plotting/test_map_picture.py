@@ -1,3 +1,4 @@
+from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
@@ -10,6 +11,7 @@ from vttig_jax.base.errors import NoAnswerError
 from vttig_jax.kinematics.backlash_map import BacklashMap
 from vttig_jax.kinematics.exact import exact_model
 from vttig_jax.kinematics.first_order import closed_model
+from vttig_jax.kinematics.hunting_coverage import HuntingCoverage
 from vttig_jax.pair.gear_pair import Drive, Gear, GearPair
 from vttig_jax.plotting.backlash_map import plot_map
 from vttig_jax.plotting.style import MOST_POINTS
@@ -148,3 +150,15 @@ def test_legend_and_title_cover_nothing(grid):
     words = ax.get_title(loc="left")
     (title,) = [c for c in ax.get_children() if isinstance(c, Text) and c.get_text() == words]
     assert title.get_window_extent().y0 >= box.y1 - 1
+
+
+def test_angles_that_were_not_covered_are_shaded(grid, paper_pair):
+    spans = np.radians([[720.0, 1440.0], [3600.0, 5760.0]])
+    seen = HuntingCoverage(paper_pair, {"A": spans, "B": spans})
+    (ax,) = plot_map(replace(grid, coverage=seen)).axes
+    shaded = [patch.get_extents().transformed(ax.transData.inverted()) for patch in ax.patches]
+    found = [(box.x0, box.x1) for box in shaded]
+    np.testing.assert_allclose(found, [(0.0, 720.0), (1440.0, 3600.0)], atol=5.0)
+    assert legend_texts(ax)[-1] == "extrapolated: not covered on both flanks"
+    (plain,) = plot_map(grid).axes
+    assert len(plain.patches) == 0 and ax.get_ylim() == plain.get_ylim()

@@ -1,6 +1,7 @@
 """Click options of the settings of a fit, made from `FitSettings`."""
 
 import math
+import re
 from collections.abc import Callable
 from typing import Annotated, Any, Literal, get_args, get_origin
 
@@ -9,9 +10,38 @@ import click
 from ..identify.settings import LONGEST_DELAY_S, Field, fields, members
 from .options import POSITIVE
 
+_UNITS_S = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6}
+_NUMBER = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?) ?(s|ms|us|µs)?")
+
+
+def _time_s(value: Any, unit: str) -> float:
+    """Return a time in s from a number and a unit; `unit` holds for a plain number; NaN if none."""
+    match = _NUMBER.fullmatch(str(value).strip())
+    return float(match[1]) * _UNITS_S[match[2] or unit] if match else math.nan
+
+
+class MillisecondsParam(click.ParamType):
+    """A positive time: a number with a unit, or a plain number of milliseconds."""
+
+    name = "milliseconds"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> float:
+        """Return the time in ms; anything else is a usage error."""
+        time_ms = 1e3 * _time_s(value, "ms")
+        if not 0 < time_ms < math.inf:
+            self.fail(
+                f"{value!r} is no positive time; give milliseconds, or a number with its unit, such"
+                " as 0.5ms or 0.0005s.",
+                param,
+                ctx,
+            )
+        return float(f"{time_ms:.15g}")  # 0.0005 s is 0.5 ms
+
 
 class DelayParam(click.ParamType):
-    """One of some words, or a number of seconds."""
+    """One of some words, or a time: a number with a unit, or a plain number of seconds."""
 
     name = "delay"
 
@@ -24,18 +54,15 @@ class DelayParam(click.ParamType):
         """Return the word or the number; anything else is a usage error."""
         if value in self.words:
             return value
-        try:
-            seconds = float(value)
-        except ValueError:
-            seconds = math.nan
+        seconds = _time_s(value, "s")
         if not abs(seconds) <= LONGEST_DELAY_S:
             self.fail(
-                f"{value!r} is neither {', '.join(self.words)} nor a number of seconds"
-                f" within ±{LONGEST_DELAY_S:g}.",
+                f"{value!r} is neither {', '.join(self.words)} nor a number of seconds, or"
+                f" one with its unit, such as 0.5ms, within ±{LONGEST_DELAY_S:g} s.",
                 param,
                 ctx,
             )
-        return seconds
+        return float(f"{seconds:.15g}")
 
 
 def model_options(function: Callable[..., None]) -> Callable[..., None]:
@@ -65,6 +92,8 @@ def _kind(field: Field) -> dict[str, Any]:
         return {"type": DelayParam(words)}
     if words:
         return {"type": click.Choice(words)}
+    if field.name.endswith("_ms"):
+        return {"type": MillisecondsParam()}
     if numbers:
         kind, bounds = get_args(numbers[0])
         return {"type": POSITIVE if kind is float else click.IntRange(bounds.ge, bounds.le)}

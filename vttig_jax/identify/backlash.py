@@ -1,5 +1,7 @@
 """Backlash map of a fit, and flank models in the angles that the encoders read."""
 
+from dataclasses import replace
+
 import equinox as eqx
 import jax.numpy as jnp
 from jax.typing import ArrayLike
@@ -13,6 +15,7 @@ from ..kinematics.flank_model import FlankModel
 from ..kinematics.harmonic import OrderModel
 from ..pair.gear_pair import Drive, Flank
 from .fit_result import Fit
+from .log_coverage import log_coverage
 from .model.mounting import mounted_closed, mounted_exact, mounting_of
 
 
@@ -26,7 +29,7 @@ def backlash_map(fit: Fit, *, constant_backlash_deg: float | None = None) -> Bac
     (21) + (22). In the exact relation and in the closed form, the angle of e₂ is φ₂ + θ₂, where
     φ₂ = i φ₁ + offset is the angle that the driven encoder reads. This φ₂ is far from i φ₁ if the
     encoders are absolute. It differs from i φ₁ by the TE of the start if the encoders count from
-    the first sample.
+    the first sample. `coverage` of the map tells which part of the hunting period the logs covered.
 
     **Arguments**
     - `fit`: result of `fit`.
@@ -56,7 +59,7 @@ def backlash_map(fit: Fit, *, constant_backlash_deg: float | None = None) -> Bac
                 " both directions.",
                 where=fit.source,
             )
-        return BacklashMap(_shifted(fit, constant_backlash_deg), None, fit.pair)
+        return with_coverage(BacklashMap(_shifted(fit, constant_backlash_deg), None, fit.pair), fit)
     for shaft in () if both else ("driving", "driven"):
         eccentricity = fit.parameters[f"{shaft}_eccentricity_mm"]
         if not eccentricity.determined:
@@ -69,9 +72,10 @@ def backlash_map(fit: Fit, *, constant_backlash_deg: float | None = None) -> Bac
     gap_rad = float(rig.constant_backlash_deg) * DEG
     mounting = mounting_of(fit.covariance_names, fit.values, fit.flanks, gap_rad)
     first_order = mounted_closed(fit.pair, rig, mounting)
+    model: FlankModel = mounted_exact(fit.pair, rig, mounting)
     if both:
-        return BacklashMap(_shifted(fit, constant_backlash_deg), first_order, fit.pair)
-    return BacklashMap(mounted_exact(fit.pair, rig, mounting), first_order, fit.pair)
+        model = _shifted(fit, constant_backlash_deg)
+    return with_coverage(BacklashMap(model, first_order, fit.pair), fit)
 
 
 def _refuse_unknown_gap(fit: Fit, *, given: bool) -> None:
@@ -151,15 +155,26 @@ def contact_map(
 
 
 def _refuse_slip(fit: Fit) -> None:
-    """Raise `NoAnswerError` if the fitted ratio differs from that of the pair.
+    """Raise `NoAnswerError` for a drive without a hunting period."""
+    if reason := no_period(fit):
+        raise NoAnswerError(f"{reason}.", where=fit.source)
 
-    Such a drive has no hunting period.
+
+def no_period(fit: Fit) -> str | None:
+    """Return why the fitted drive has no hunting period, or None.
+
+    This is so if the fitted ratio differs from that of the pair.
     """
     for found in fit.regressors:
         if found.name == "ratio" and found.significant:
-            raise NoAnswerError(
+            return (
                 f"the shafts turn at {found.value:.9g} and not at {fit.pair.ratio}, so that no"
                 " angle comes back after a hunting period; correct the ratio of the pair file and"
-                " fit again.",
-                where=fit.source,
+                " fit again"
             )
+    return None
+
+
+def with_coverage(grid: BacklashMap, fit: Fit) -> BacklashMap:
+    """Return a map of a fit with what its logs covered, or why there is no hunting period."""
+    return replace(grid, coverage=log_coverage(fit), no_period=no_period(fit))

@@ -15,6 +15,7 @@ from .model.forward_model import relation_of
 from .model.identifiability import Identifiability
 from .noise.noise_model import whiten
 from .preliminary.delay import Delay, one_speed
+from .preliminary.delay_change import DelayChange, delay_change, with_rival
 from .preliminary.model_selection import SelectedModel
 from .report.backlash_readings import (
     comparison,
@@ -29,10 +30,10 @@ from .report.check_records import Lines, checks_of
 from .report.checks import REMEMBERS, ReadingsComparison, Whiteness
 from .report.covered_gap import covered_gap
 from .report.estimate import Estimate
-from .report.notes import conditions_of, notes_of
+from .report.notes import conditions_of, notes_of, warnings_of
 from .report.order_table import order_table
 from .report.parameters import outcome_of, parameters_of, regressors_of
-from .report.per_log import DelayChange, delay_change, log_record
+from .report.per_log import log_record
 from .report.residual_tests import whiteness
 from .settings import FitSettings
 from .solve.least_squares import solve
@@ -70,6 +71,7 @@ def build_fit(
     gap = covered_gap(solved, unknown, estimate.scatter)
     checks = checks_of(selected, estimate, pair, parameters, orders=orders, gap=gap, found=lines)
     logs = tuple(log_record(linear, solution, log) for log in range(len(linear.inputs)))
+    warnings = warnings_of(selected, identifiable, estimate, regressors, logs, checks=checks)
     return Fit(
         pair=pair,
         source=", ".join(one.log.source for one in linear.inputs),
@@ -97,9 +99,8 @@ def build_fit(
         values=solution.values,
         regressors=regressors,
         checks=checks,
-        notes=notes_of(
-            selected, identifiable, estimate, regressors, logs, gaps=checks.gap_by_speed
-        ),
+        warnings=warnings,
+        notes=(*warnings, *notes_of(selected, identifiable, estimate)),
         logs=logs,
         evidence=_evidence(selected, solved, settings, split),
     )
@@ -123,6 +124,7 @@ def estimate_of(
     solved, white, scatter = _with_own_errors(solved, identifiable.few_turns)
     solved, compared = _with_readings(solved, readings, pair, settings.use_readings)
     change = delay_change(selected.linear) if selected.delay.state == "fitted" else None
+    change = with_rival(change, selected)
     return Estimate(_with_change(solved, change), white, scatter, compared, change)
 
 

@@ -59,7 +59,8 @@ class Fit(PlottedResult):
       rad.
     - `checks`: closure, reversal jumps, order amplitudes, ratio, drift; see `Checks`. The search
       for lines and the comparisons within each log are computed when they are first read.
-    - `notes`: sentences on what was left out and why.
+    - `warnings`: sentences on what changes a stated number or what the user must do.
+    - `notes`: these sentences, then conditions of the numbers, then details of the logs.
     - `regressors`: fitted coefficients of torque, acceleration, speed and ratio.
     - `logs`: file, digest, zero and samples of every log.
     - `evidence`: compressed logs, from which `sample` computes the likelihood.
@@ -87,6 +88,7 @@ class Fit(PlottedResult):
     values: Float[np.ndarray, " p"]
     checks: Checks
     notes: tuple[str, ...]
+    warnings: tuple[str, ...] = ()
     regressors: tuple[Parameter, ...] = ()
     logs: tuple[LogRecord, ...] = ()
     evidence: Evidence | None = None
@@ -148,6 +150,7 @@ class Fit(PlottedResult):
             "orders": [order.to_json() for order in self.judged_orders()],
             "logs": [log.to_json() for log in self.logs],
             "checks": self.checks.to_json(),
+            "warnings": list(self.warnings),
             "notes": list(self.notes),
         }
 
@@ -205,7 +208,8 @@ def fit_text(fit: "Fit") -> str:
     table = text_table(
         [_row(p) for p in shown], ["parameter", "value", "std", "95 % interval", "unit"]
     )
-    parts = [head, table, *_orders(fit.judged_orders())]
+    parts = [head, *_listed("warnings", list(fit.warnings)), table]
+    parts += _orders(fit.judged_orders())
     if fit.conditional_on:
         parts.append("conditional on: " + ", ".join(fit.conditional_on).replace("_", " "))
     parts += _listed("undetermined", _open_reasons(fit))
@@ -216,7 +220,7 @@ def fit_text(fit: "Fit") -> str:
         gap_determined=fit.parameters["constant_backlash_deg"].determined,
     )
     parts += _listed("checks", sentences)
-    parts += _listed("notes", list(fit.notes))
+    parts += _listed("notes", [note for note in fit.notes if note not in fit.warnings])
     return "\n\n".join(parts)
 
 
@@ -248,12 +252,15 @@ def _noise(noise: NoiseModel) -> list[tuple[str, str]]:
 def _one_noise(noise: NoiseModel) -> str:
     if noise.is_rounding:
         return "none: what is left is below a millionth of the transmission error"
-    model = noise.name
+    model, blocks = noise.name, f"blocks of {_duration(noise.block_s)}"
+    if order := len(noise.coefficients):
+        several = "one" if order == 1 else str(order)
+        model, blocks = blocks, f"each follows the {several} before it ({model})"
     if noise.choice.stationary_in == "angle":
-        model += ", stationary in angle,"
+        model += ", stationary in angle"
     memory = f", {_memory(noise)}" if noise.kind.has_memory else ""
     slow = "; by moments: the model misses slow structure" if noise.by == "moments" else ""
-    return f"{model} of blocks of {_duration(noise.block_s)}{memory}{slow}"
+    return f"{model}, {blocks}{memory}{slow}"
 
 
 def _memory(noise: NoiseModel) -> str:
@@ -330,11 +337,14 @@ def _duration(seconds: float) -> str:
     return f"{seconds:.3g} s" if seconds >= 1 else f"{1e3 * seconds:.3g} ms"
 
 
+_POWERS = {1: "straight line in time", 2: "parabola in time"}
+
+
 def _drift(checks: Checks) -> str:
     if checks.drift_knots_s:
         what = f"cubic spline with knots every {_duration(checks.drift_knots_s)}"
     elif checks.drift_order:
-        what = f"power {checks.drift_order} of time"
+        what = _POWERS.get(checks.drift_order, f"polynomial of degree {checks.drift_order} in time")
     else:
         return "none"
     stiffness = checks.drift_stiffness_s

@@ -19,6 +19,7 @@ from .build_result import build_fit, estimate_of
 from .compress.harmonic_summary import HarmonicSummary
 from .fit_result import Fit, FitRequest
 from .line_orders import joined_lines
+from .model.harmonics import Harmonic, TermPlan, names_of
 from .model.identifiability import (
     FEW_TURNS,
     SINGLE_TURN,
@@ -119,7 +120,8 @@ def fit(
         fewer = find_identifiability(logs, segments, pair, first, settings.flank)
         result = _fitted(*given, fewer, settings, wanted=first, readings=readings)
         note = "higher orders are left out: with them the fit leaves more than without any order"
-        result = replace(result, notes=(*result.notes, note))
+        warnings, notes = ((note, *own) for own in (result.warnings, result.notes))
+        result = replace(result, warnings=warnings, notes=notes)
     if _is_worse_than_none(result):
         raise NoAnswerError(
             "the fit leaves more of the transmission error than offset, drift and flanks alone, so"
@@ -178,8 +180,7 @@ def _fitted(
         joined = joined_lines(estimate.solved, joint, few_turns=scope.few_turns)
         lines = Lines(joint=joint)
         if joined is not None:
-            notes = (*scope.notes, *joined.notes)
-            scope, selected = selection(replace(scope, terms=joined.terms, notes=notes))
+            scope, selected = selection(replace(scope, terms=_telling(joined.terms, joined.notes)))
             estimate = estimate_of(selected, pair, scope, settings, readings)
             lines = Lines(joined.lines)
     return build_fit(
@@ -210,21 +211,26 @@ def _entering(
     if orders is None:
         return None
     entered = planned(orders)
-    left_out = [h.name for h in apart.terms.free if h not in entered.terms.free]
+    left_out = [h for h in apart.terms.free if h not in entered.terms.free]
     if not left_out and sure:
         return None
-    return replace(entered, notes=(*apart.notes, *_not_entered(left_out)))
+    told = (*apart.terms.dropped, *_not_entered(left_out))
+    return replace(entered, terms=replace(entered.terms, dropped=told))
 
 
-def _not_entered(names: Sequence[str]) -> tuple[str, ...]:
+def _telling(terms: TermPlan, notes: tuple[str, ...]) -> TermPlan:
+    """Return the plan with further sentences on orders that are left out."""
+    return replace(terms, dropped=(*terms.dropped, *notes))
+
+
+def _not_entered(harmonics: Sequence[Harmonic]) -> tuple[str, ...]:
     """Return the note on orders that did not enter."""
-    if not names:
+    if not harmonics:
         return ()
-    one = len(names) == 1
+    are, they, them = ("is", "it is", "it") if len(harmonics) == 1 else ("are", "they are", "them")
     return (
-        f"{', '.join(names)} {'is' if one else 'are'} not in the model: on so few turns"
-        f" {'it is' if one else 'they are'} not larger than noise. Maps and curves do not contain"
-        f" {'it' if one else 'them'}; record more turns",
+        f"{names_of(harmonics)} {are} not in the model: on so few turns {they} not larger than"
+        f" noise. Maps and curves do not contain {them}; record more turns",
     )
 
 

@@ -107,7 +107,8 @@ class FitSettings(
         Literal["auto", "free", "off"] | Delay,
         setting(
             "Delay of the driven channel: fitted where the logs show one (auto, the default),"
-            " fitted in any case, taken as zero, or given in seconds.",
+            " fitted in any case, taken as zero, or given in seconds (on the command line also as"
+            " 0.5ms).",
             "--delay",
             "auto|free|off|SECONDS",
         ),
@@ -115,8 +116,9 @@ class FitSettings(
     delay_within_ms: Annotated[
         Positive | None,
         setting(
-            "Largest delay, either way, where the logs cannot tell it from the backlash. By default"
-            " it is one sampling interval.",
+            "Largest delay, either way, where the logs cannot tell it from the backlash, in"
+            " milliseconds (on the command line also as 0.0005s). By default it is one sampling"
+            " interval.",
             "--delay-within",
             "MILLISECONDS",
         ),

@@ -120,6 +120,7 @@ def _assembled(record: dict, arrays: dict[str, np.ndarray], pair: GearPair | Dri
         values=arrays["values"],
         checks=msgspec.convert(record["checks"], Checks),
         notes=tuple(record["notes"]),
+        warnings=tuple(record.get("warnings", ())),
         regressors=tuple(
             Parameter(name=name, **fields) for name, fields in record["regressors"].items()
         ),

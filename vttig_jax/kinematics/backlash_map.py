@@ -73,6 +73,7 @@ class BacklashMap(PlottedResult):
     - `pair`: gear pair or drive; it gives the hunting period and the conversion to millimetres.
     - `coverage`: part of the hunting period that was measured; None for a map that is not from
       logs, or whose logs are not known.
+    - `no_period`: reason why no angle comes back after the hunting period of `pair`, or None.
 
     **Example**
     ```python
@@ -97,6 +98,7 @@ class BacklashMap(PlottedResult):
     first_order: FlankModel | None
     pair: GearPair | Drive
     coverage: HuntingCoverage | None = None
+    no_period: str | None = None
 
     def at(self, driving_angle: Real[ArrayLike, "*shape"]) -> Float[Array, "*shape"]:
         """Return the backlash, rad of the driven gear, at driving angles in rad."""
@@ -174,14 +176,21 @@ class BacklashMap(PlottedResult):
 
     def __str__(self) -> str:
         rows = [
-            ("hunting period", f"{self.pair.hunting_turns} driving turns"),
-            *([] if self.coverage is None else [("covered", str(self.coverage))]),
+            *self.coverage_rows,
             ("smallest", self._text(self.smallest)),
             ("largest", self._text(self.largest)),
         ]
         if isinstance(self.pair, GearPair) and float(self.pair.thinning):
             rows.append(("safe axial closing", f"{self.safe_closing_mm:.4f} mm"))
         return key_values(rows, title="backlash map")
+
+    @property
+    def coverage_rows(self) -> list[tuple[str, str]]:
+        """Rows (label, text) of a report: the period and what was covered of it."""
+        if self.no_period:
+            return [("hunting period", f"none: {self.no_period}")]
+        covered = [] if self.coverage is None else [("covered", str(self.coverage))]
+        return [("hunting period", self.pair.hunting_period), *covered]
 
     def _text(self, extreme: Extreme) -> str:
         return f"{extreme}, extrapolated" if self.is_extrapolated(extreme) else str(extreme)

@@ -52,7 +52,10 @@ class ColumnReport:
 
 @dataclass(frozen=True)
 class Inspection(TextResult):
-    """Report on a log, printed by `print(inspection)` and stored by `to_json()`."""
+    """Report on a log, printed by `print(inspection)` and stored by `to_json()`.
+
+    If it `slipped`, the first of the notes says so.
+    """
 
     source: str
     sha256: str
@@ -68,6 +71,7 @@ class Inspection(TextResult):
     support: Support
     notes: tuple[str, ...]
     lines: tuple[Line, ...] = ()
+    slipped: bool = False
 
     def to_json(self) -> dict[str, Any]:
         """Return the report as an object of the schema `vttig.inspect/1`."""
@@ -142,7 +146,8 @@ def inspect_log(log: EncoderLog, pair: TwoShafts | None = None) -> Inspection:
         aliased=aliased(plateaus, sampling.rate_hz, _fit_orders(log, pair)),
         spectrum=spectrum,
         support=support_of(log, segments.segments),
-        notes=(*log.notes, *slip_notes, *segments.notes, *spectrum_notes),
+        notes=(*slip_notes, *segments.notes, *log.notes, *spectrum_notes),
+        slipped=slip is not None,
         lines=blind_lines(log, segments.segments),
     )
 
@@ -336,15 +341,18 @@ def _lines(report: "Inspection") -> str:
         ("period", "s"),
         ("amplitude", "″"),
         ("std", "″"),
-        "false alarm",
+        "by chance",
     ]
     return text_table(rows, head)
 
 
 def _remarks(report: "Inspection") -> list[str]:
-    remarks = list(report.notes)
-    if report.ratio.verdict not in ("agrees", "none") or report.ratio.better:
-        remarks.insert(0, report.ratio.sentence)
+    """Return what spoils a fit first: ratio, slip, sampling and coverage; then the other notes."""
+    remarks = []
+    ratio = report.ratio
+    if ratio.verdict not in ("agrees", "none") or ratio.better or ratio.is_doubtful:
+        remarks.append(ratio.sentence)
+    remarks += report.notes[: int(report.slipped)]
     for plateau in report.commensurate:
         remarks.append(
             f"at {plateau.speed_rpm:.5g} rpm the {plateau.shaft} encoder passes"
@@ -360,4 +368,4 @@ def _remarks(report: "Inspection") -> list[str]:
             f"{name} {orders} of the fit lie above half the sampling rate at"
             f" {alias.speed_rpm:.4g} rpm and alias; sample faster or take them out of [fit]"
         )
-    return [*remarks, *report.support.sentences]
+    return [*remarks, *report.support.sentences, *report.notes[int(report.slipped) :]]

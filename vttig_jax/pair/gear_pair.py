@@ -119,6 +119,11 @@ class GearPair(eqx.Module):
         return self.ratio.denominator
 
     @property
+    def hunting_period(self) -> str:
+        """The hunting period in words."""
+        return f"{_turns(self.hunting_turns)}, until the same teeth meet again"
+
+    @property
     def reference_radii(self) -> Float[Numbers, "2"]:
         """Reference radii R = m z/2 of the driving and the driven gear in mm."""
         return self.module_mm * np.array([self.driving.teeth, self.driven.teeth]) / 2
@@ -212,7 +217,7 @@ class GearPair(eqx.Module):
             ("centre distance", f"{self.centre_distance_mm:g} mm"),
             ("reference radii", "{:g} / {:g} mm".format(*self.reference_radii)),
             ("contact ratio A / B", "{:.3f} / {:.3f}".format(*self.contact_ratios)),
-            ("hunting period", f"{self.hunting_turns} turns = {360 * self.hunting_turns}°"),
+            ("hunting period", self.hunting_period),
             ("drawing backlash", f"{self.drawing_backlash / DEG:.4f}°"),
         ]
         return key_values(rows, title=self.name or "gear pair")
@@ -234,12 +239,21 @@ class Drive(eqx.Module):
         """Turns of the driving shaft after which both shafts have made whole turns."""
         return self.ratio.denominator
 
+    @property
+    def hunting_period(self) -> str:
+        """The hunting period in words."""
+        return f"{_turns(self.hunting_turns)}, until both shafts have made whole turns"
+
     def __str__(self) -> str:
         rows = [
             ("ratio i", f"{self.ratio} = {float(self.ratio):.6g}"),
-            ("hunting period", f"{self.hunting_turns} turns"),
+            ("hunting period", self.hunting_period),
         ]
         return key_values(rows, title=self.name or "drive")
+
+
+def _turns(count: int) -> str:
+    return f"{count} driving turn{'' if count == 1 else 's'} = {360 * count}°"
 
 
 def involute(angle: Float[Numbers, "..."]) -> Float[Numbers, "..."]:

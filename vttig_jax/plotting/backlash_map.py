@@ -3,10 +3,10 @@
 import math
 
 import numpy as np
+from jaxtyping import Float
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
 from ..base.errors import NoAnswerError
 from ..base.units import DEG, REV
@@ -31,8 +31,8 @@ _PER_PERIOD = 24  # points per period of the highest order; a chosen value
 def plot_map(backlash: BacklashMap, *, ax: Axes | None = None, turns: int = 16) -> Figure:
     """Plot the backlash over the hunting period, its first-order map and both extremes.
 
-    The right axis is in mm: axial displacement if the pair has taper, otherwise backlash at the
-    reference circle. A drive has no right axis.
+    Shaded angles were not covered on both flanks. The right axis is in mm: axial displacement if
+    the pair has taper, otherwise backlash at the reference circle. A drive has no right axis.
 
     **Arguments**
     - `backlash`: the map.
@@ -57,12 +57,13 @@ def plot_map(backlash: BacklashMap, *, ax: Axes | None = None, turns: int = 16) 
     if ax is None:
         ax = new_figure(4.2).add_subplot()
     x, y = thinned(angle / DEG, gap / DEG)
-    lines = ax.plot(x, y, color=COLOURS[0], linewidth=0.8, label="backlash map")
+    lines: list[Artist] = [*ax.plot(x, y, color=COLOURS[0], linewidth=0.8, label="backlash map")]
     if backlash.first_order is not None:
         first = backlash.first_order_over(angle)
         x, y = thinned(angle / DEG, first / DEG)
         lines += ax.plot(x, y, "--", color=COLOURS[1], linewidth=1.3, label="first order only")
-    marks = _mark(ax, backlash.smallest, "v", "smallest", shown)
+    lines += _shade(ax, backlash, angle)
+    marks: list[Artist] = _mark(ax, backlash.smallest, "v", "smallest", shown)
     marks += _mark(ax, backlash.largest, "^", "largest", shown)
     ax.set_ylabel("backlash, angle of the driven gear [°]")
     ax.set_xlim(0.0, 360.0 * shown)
@@ -74,24 +75,36 @@ def plot_map(backlash: BacklashMap, *, ax: Axes | None = None, turns: int = 16) 
     return figure_of(ax)
 
 
+def _shade(ax: Axes, backlash: BacklashMap, angle: Float[np.ndarray, " n"]) -> list[Artist]:
+    """Shade the angles that no log covered on both flanks; return the key for the legend."""
+    if backlash.coverage is None:
+        return []
+    between = (angle[1:] + angle[:-1]) / 2
+    open_ = np.concatenate([[False], ~backlash.coverage.holds(between), [False]])
+    edges = np.flatnonzero(np.diff(open_.astype(np.int8)))
+    degrees = (angle / DEG).tolist()
+    spans = [
+        ax.axvspan(degrees[first], degrees[last], color="0.92", linewidth=0, zorder=0)
+        for first, last in edges.reshape(-1, 2).tolist()
+    ]
+    for span in spans[:1]:
+        span.set_label("extrapolated: not covered on both flanks")
+    return [*spans[:1]]
+
+
 def _span(shown: int, period: int) -> str:
     if shown < period:
         return f"first {shown} of the {period} turns of the hunting period"
     return f"hunting period of {period} turn{'s' if period > 1 else ''}"
 
 
-def _mark(ax: Axes, extreme: Extreme, marker: str, name: str, shown: int) -> list[Line2D]:
+def _mark(ax: Axes, extreme: Extreme, marker: str, name: str, shown: int) -> list[Artist]:
     """Mark an extreme; one beyond the turns shown appears in the legend only."""
     visible = extreme.driving_angle <= shown * REV
     point = ([extreme.driving_angle / DEG], [extreme.backlash / DEG]) if visible else ([], [])
-    return ax.plot(
-        *point,
-        marker,
-        color=MODEL_COLOUR,
-        markersize=7,
-        markerfacecolor="none",
-        label=f"{name}: {extreme}" + ("" if visible else ", not shown"),
-    )
+    label = f"{name}: {extreme}" + ("" if visible else ", not shown")
+    style = {"color": MODEL_COLOUR, "markersize": 7, "markerfacecolor": "none"}
+    return [*ax.plot(*point, marker, label=label, **style)]
 
 
 def _add_mm_axis(ax: Axes, backlash: BacklashMap) -> None:
@@ -179,6 +192,7 @@ def _draw(ax: Axes, banded: BandedMap, span_deg: tuple[float, float]) -> list[Ar
         label=label if inside else label.replace("here", "not shown"),
         zorder=3,
     )
+    keys += _shade(ax, banded.map, angle * DEG)
     if low < 0:
         ax.axhline(0.0, color=MODEL_COLOUR, linewidth=0.6)
     ax.set_xlim(*span_deg)
@@ -195,7 +209,7 @@ def _add_title(ax: Axes, banded: BandedMap, handles: list[Artist]) -> None:
     span = f"{turns:.6g} of the {period} turns of the hunting period"
     if turns == period:
         span = f"hunting period of {period} turn{'s' if period > 1 else ''}"
-    title(ax, "backlash", banded.map.pair.name, span, legend_rows=2)
+    title(ax, "backlash", banded.map.pair.name, span, legend_rows=math.ceil(len(handles) / 2))
     legend(ax, handles)
 
 

@@ -8,6 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from ..base.numerics.quantiles import NORMAL_95
 from ..base.units import ARCSEC, DEG
 from ..identify.fit_result import Fit
 from ..kinematics.te_curve import TECurve
@@ -37,8 +38,9 @@ def plot_fit(
 ) -> Figure:
     """Plot measured and fitted transmission error in one panel per flank, and the residual below.
 
-    Points are block means of the samples. The line is the fitted value at these points, including
-    drift and encoder errors: measured value minus residual. The panels share the angle axis.
+    If the log has several speeds, a last panel shows the gap at each of them. Points are block
+    means of the samples. The line is the fitted value at these points, including drift and encoder
+    errors: measured value minus residual. The panels of angles share their axis.
 
     **Arguments**
     - `fit`: result of a fit.
@@ -48,8 +50,15 @@ def plot_fit(
     size = unit_size(unit)
     runs = _runs_in_span(fit, span_deg)
     flanks = [flank for flank in ("A", "B") if any(curve.flank == flank for curve, _ in runs)]
-    figure = new_figure(2.3 * (len(flanks) + 1))
-    axes = figure.subplots(len(flanks) + 1, 1, sharex=True)
+    gaps, panels = fit.checks.gap_by_speed, len(flanks) + 1
+    figure = new_figure(2.3 * (panels + bool(gaps)))
+    places = figure.add_gridspec(panels + bool(gaps), 1)
+    axes = [figure.add_subplot(places[0])]
+    axes += [figure.add_subplot(places[row], sharex=axes[0]) for row in range(1, panels)]
+    for ax in axes[:-1]:
+        ax.tick_params(labelbottom=False)
+    if gaps:
+        _draw_gaps(figure.add_subplot(places[panels]), fit)
     for ax, flank in zip(axes[:-1], flanks, strict=True):
         _draw_flank(ax, [run for run in runs if run[0].flank == flank], size)
         ax.set_ylabel(f"TE, flank {flank} [{SIGNS[unit]}]")
@@ -62,6 +71,30 @@ def plot_fit(
         axes[-1].set_xlim(*span_deg)
     driving_axis(axes[-1])
     return figure
+
+
+def _draw_gaps(ax: Axes, fit: Fit) -> None:
+    """Draw the gap at the speeds of the log with 95 % intervals, beside that of the whole log."""
+    gaps, whole = fit.checks.gap_by_speed, fit.checks.gap_over_angles_covered.value
+    bars = ax.errorbar(
+        [one.speed_rpm for one in gaps],
+        [one.value for one in gaps],
+        yerr=[NORMAL_95 * one.std for one in gaps],
+        fmt="o",
+        color=MODEL_COLOUR,
+        markersize=4,
+        capsize=3,
+    )
+    bars[0].set_label("at one speed, with 95 % interval")
+    handles: list[Line2D] = [bars[0]]
+    if whole is not None:
+        label = f"over the angles covered: {whole:.4f}°"
+        handles.append(ax.axhline(whole, color="0.5", linewidth=0.8, label=label))
+    ax.set_ylabel("gap [° driven]")
+    ax.set_xlabel("speed of the driving shaft [rpm]")
+    title(ax, "gap by speed, beside the delay")
+    grid(ax)
+    legend(ax, handles)
 
 
 def _draw_flank(ax: Axes, runs: list[CurveAndResidual], size: float) -> None:

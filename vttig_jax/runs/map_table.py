@@ -50,6 +50,7 @@ def map_record(
         "span_turns": turns,
         "step_deg": step_deg,
         "rows": rows,
+        "no_period": grid.no_period,
         "coverage": None if grid.coverage is None else grid.coverage.to_json(),
         "smallest": _extreme(grid, grid.smallest),
         "largest": _extreme(grid, grid.largest),

@@ -88,9 +88,8 @@ class Run(TextResult):
 
             return band_map(self.posterior)
         from ..identify.backlash import backlash_map
-        from ..posterior.summary.log_coverage import log_coverage
 
-        return replace(backlash_map(self.fit), coverage=log_coverage(self.fit))
+        return backlash_map(self.fit)
 
     @cached_property
     def sweep(self) -> "SweepTable":

@@ -120,12 +120,21 @@ def test_a_whole_sweep_is_refused_or_replaced(whole, tmp_path):
     out = shutil.copytree(whole, tmp_path / "swept")
     with pytest.raises(UsageError, match="holds a sweep"):
         swept(out)
-    with pytest.raises(UsageError, match="complete; there is nothing to resume"):
-        swept(out, resume=True)
-    with pytest.raises(UsageError, match="nothing to resume here"):
-        swept(tmp_path / "none", resume=True)
-    assert not (tmp_path / "none").exists()
     assert_same_rows(out, whole)
+
+
+def test_resume_starts_goes_on_or_returns_what_is_complete(whole, tmp_path):
+    """The same call may be queued again, as with the command line."""
+    out = tmp_path / "none"
+    first = swept(out, resume=True)
+    assert_same_rows(out, whole)
+    written = (out / TABLE).stat().st_mtime_ns
+    again = swept(out, resume=True)
+    assert again.run_s == 0.0 < first.run_s and (out / TABLE).stat().st_mtime_ns == written
+    assert again.columns["case"].tolist() == first.columns["case"].tolist()
+    other = {"motion.reversal_deg": {"from": 201, "to": 350, "num": 24}}
+    with pytest.raises(InputError, match="holds another sweep: scenario differ"):
+        swept(out, axes=other, resume=True)
 
 
 def test_a_damaged_part_is_made_again(whole, tmp_path):

@@ -185,7 +185,6 @@ def test_a_ramp_that_changes_flank_is_left_out(delay_s, monkeypatch):
     monkeypatch.setattr(model_selection, "on_its_branch", lambda *_: True)
     deceived = fit(log, rig.pair, delay="free")
     assert abs(deceived.parameters["delay_s"].value - delay_s) > 5e-5
-    assert abs(scores(deceived)["constant_backlash_deg"]) > 6
 
 
 def _own(gram: float = 1.0, right: float = 0.0, raw: float = 1.0) -> NuisanceRegression:

@@ -6,6 +6,7 @@ import pytest
 from tests.logs.profiles import counts, drive, geared, spec, trapezoid
 from vttig_jax.base.errors import LogError
 from vttig_jax.logs.checks.ratio import (
+    SeenRatio,
     better_fraction,
     check_ratio,
     seen_ratio,
@@ -134,3 +135,23 @@ def test_the_better_fraction_is_said():
     found = check_ratio(EncoderLog.from_arrays(TIME, ANGLE, 23 / 64 * ANGLE, pair=pair, unit="deg"))
     assert found.verdict == "agrees" and found.better == Fraction(23, 64)
     assert "23/64 fits, so write that" in found.sentence
+
+
+def _doubted(off: float) -> SeenRatio:
+    """A log whose ratio is `off` standard errors above the given 9/16."""
+    return SeenRatio(9 / 16 + off * 1e-4, 1e-4, Fraction(9, 16), "agrees")
+
+
+def test_a_ratio_a_little_off_is_told_with_its_size_and_a_cure():
+    below = _doubted(-3.6)
+    assert below.is_doubtful
+    assert "3.6 standard errors below the given 9/16 (-640 ppm)" in below.sentence
+    assert "--free-ratio" in below.sentence
+    assert "3.2 standard errors above" in _doubted(3.2).sentence
+
+
+def test_a_ratio_within_chance_is_not_told():
+    assert not _doubted(2.9).is_doubtful and "as given" in _doubted(2.9).sentence
+    refused = SeenRatio(0.6, 1e-4, Fraction(9, 16), "differs")
+    assert not refused.is_doubtful and "correct the teeth" in refused.sentence
+    assert not seen_ratio(log()).is_doubtful

@@ -391,7 +391,10 @@ def test_wrong_runs():
 
 def test_a_line_in_words():
     line = Line(3.0901, 0.0004, 4.138, 0.06, 12.0, 2e-9)
-    assert str(line) == "4.14 ± 0.06″ at 3.0901 ± 0.0004 cycles per revolution (false alarm 2e-09)"
+    assert (
+        str(line)
+        == "4.14 ± 0.06″ at 3.0901 ± 0.0004 cycles per revolution (probability 2e-09 by chance)"
+    )
 
 
 @pytest.fixture(scope="module")

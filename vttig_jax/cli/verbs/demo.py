@@ -142,8 +142,8 @@ def _map_text(rig: "SyntheticRig", banded: "BandedMap") -> str:
     width = np.median(band.high_simultaneous - band.low_simultaneous) / 2 / DEG
     return key_values(
         [
-            ("order-complete map", f"{error:.5f}° rms from the true one"),
-            ("first-order map", f"{first:.5f}° rms from the true one"),
+            ("map with all orders", f"{error:.5f}° rms from the true one"),
+            ("map of first orders", f"{first:.5f}° rms from the true one"),
             (
                 "95 % band of the whole map",
                 f"± {width:.4f}°, {'holds' if inside.all() else 'does not hold'} the true map",
@@ -152,7 +152,7 @@ def _map_text(rig: "SyntheticRig", banded: "BandedMap") -> str:
             *banded.smallest.rows(),
             ("true smallest gap", f"{truth.smallest}"),
         ],
-        title="backlash over the hunting period of 5760°",
+        title="backlash over 5760°, until the same teeth meet again (hunting period)",
     )
 
 

@@ -1,12 +1,13 @@
 """`vttig export`: the backlash map for a controller, as CSV, JSON or a C header."""
 
 import math
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import click
 
-from ...base.errors import UsageError
+from ...base.errors import UsageError, VttigError
 from ...runs.run import Run
 from ...runs.run_file import CHECKPOINT, RunRecord
 from ...runs.zeros import shaft_readings
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from ...control.compensation.compensation import Compensation
     from ...identify.fit_result import Fit
     from ...kinematics.backlash_map import BacklashMap
+    from ...kinematics.flank_model import FlankModel
 
 QuantityName = Literal["shift", "backlash"]
 
@@ -100,14 +102,12 @@ def command(
 
     from ...base.units import ARCSEC, DEG
     from ...control.compensation.map_harmonics import compensation_of
-    from ...identify.backlash import contact_map
 
     vttig_jax.enable_x64()
     opened = Run(run_folder)
     run, fit = opened.record, opened.fit
-    if constant_backlash_deg is None:
-        _require_delay(fit, run_folder)
-    grid, contact = contact_map(fit, constant_backlash_deg=constant_backlash_deg)
+    shift = suffix == ".h" and quantity == "shift"
+    grid, contact = _maps(opened, constant_backlash_deg, header=suffix == ".h", shift=shift)
     if (run_folder / CHECKPOINT).exists():
         LOGGER.warning(
             "this is the map of the fit; its draws know how far it may be wrong: `vttig map %s` has"
@@ -147,7 +147,51 @@ def _check_options(out: Path, suffix: str, *, overwrite: bool) -> None:
         raise UsageError("already exists; add --overwrite or choose another name.", where=str(out))
 
 
-def _require_delay(fit: "Fit", folder: Path) -> None:
+def _maps(
+    run: Run, constant_backlash_deg: float | None, *, header: bool, shift: bool
+) -> "tuple[BacklashMap, FlankModel]":
+    """Return the map of the fit and its flank model, or name everything that an export lacks.
+
+    **Arguments**
+    - `header`: whether readings of both encoders are needed. - `shift`: whether an axial shift is.
+    """
+    from ...control.compensation.compensation import closing_of, require_closing
+    from ...identify.backlash import contact_map
+
+    fit = run.fit
+    found: list[tuple[BacklashMap, FlankModel]] = []
+    checks: list[Callable[[], object]] = [
+        lambda: found.append(contact_map(fit, constant_backlash_deg=constant_backlash_deg))
+    ]
+    if constant_backlash_deg is None:
+        checks.append(lambda: _require_delay(fit))
+    if header:
+        checks.append(lambda: shaft_readings(run.record, fit))
+    if shift:
+        checks.append(lambda: require_closing(closing_of(fit.pair)))
+    _require_all(checks, run.folder)
+    return found[0]
+
+
+def _require_all(checks: Sequence[Callable[[], object]], folder: Path) -> None:
+    """Make all checks, and raise one error that names everything that fails."""
+    failed: list[VttigError] = []
+    for check in checks:
+        try:
+            check()
+        except VttigError as error:
+            failed.append(error)
+    if not failed:
+        return
+    gravest = type(max(failed, key=lambda error: error.exit_code))
+    reasons = [error.message.removesuffix(".") for error in failed]
+    if len(failed) > 1:
+        reasons = [f"({number}) {reason}" for number, reason in enumerate(reasons, 1)]
+        reasons[0] = f"{len(failed)} things are in the way: {reasons[0]}"
+    raise gravest("; ".join(reasons) + ".", where=failed[0].where or str(folder))
+
+
+def _require_delay(fit: "Fit") -> None:
     """Refuse a map whose backlash contains a delay that nobody has bounded.
 
     **Raises** `UsageError` for a log at one speed without a delay or a bound of it.
@@ -156,10 +200,8 @@ def _require_delay(fit: "Fit", folder: Path) -> None:
         return
     raise UsageError(
         "a controller would take this map for the backlash, but the log has one speed, at which a"
-        " delay between the channels looks the same; fit again with --delay SECONDS if you know the"
-        " delay or --delay-within MILLISECONDS if you know its limit, or give"
-        " --constant-backlash-deg.",
-        where=str(folder),
+        " delay between the channels looks the same; fit again with --delay (such as 0.5ms) if you"
+        " know the delay or --delay-within if you know its limit, or give --constant-backlash-deg."
     )
 
 

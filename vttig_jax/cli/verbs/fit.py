@@ -42,7 +42,11 @@ vttig fit --run run/run.toml
     type=click.Path(path_type=Path),
     help="CSV of driving_deg,backlash_deg (gear 1 held, gear 2 rocked) to check the fit against.",
 )
-@click.option("--require", multiple=True, help="Exit with 4 unless this parameter is determined.")
+@click.option(
+    "--require",
+    multiple=True,
+    help="Exit with 4 unless this parameter is determined; a warning tells one that may be zero.",
+)
 @log_options
 @model_options
 def command(
@@ -144,6 +148,22 @@ def _check_required(result: "Fit", names: tuple[str, ...]) -> None:
             raise NoAnswerError(
                 f"{name} is required but undetermined: {parameter.reason}.", where=result.source
             )
+        if not parameter.significant and name != "ratio":
+            LOGGER.warning(
+                "%s is determined, as --require asks, but not significant (%s): the log does not"
+                " tell it from zero",
+                name,
+                _size(parameter),
+            )
+
+
+def _size(parameter: "Parameter") -> str:
+    """Return value and standard error of a parameter, or its upper limit."""
+    if parameter.value is None:
+        return parameter.reason or "it has no value"
+    if parameter.upper95 is not None:
+        return f"at most {parameter.upper95:.3g} {parameter.unit}"
+    return f"{parameter.value:.3g} ± {parameter.std:.2g} {parameter.unit}"
 
 
 def _named(result: "Fit") -> dict[str, "Parameter"]:

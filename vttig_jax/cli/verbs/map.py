@@ -1,6 +1,5 @@
 """`vttig map`: the backlash at every driving angle, from a run folder."""
 
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -54,9 +53,10 @@ def command(
     out: Path | None,
     overwrite: bool,
 ) -> None:
-    """Show the backlash over the hunting period of the fit in run folder D, and write it.
+    """Show the backlash of the fit in run folder D over the hunting period, and write it.
 
-    The CSV file contains the order-complete backlash in degrees of the driven gear, in mm at its
+    The hunting period is the number of driving turns until the same teeth meet again. The CSV file
+    contains the backlash with all fitted orders in degrees of the driven gear, in mm at its
     reference circle and in mm of axial displacement, and the first-order backlash. If D contains
     draws of `vttig sample`, it also contains two bands: one for each single angle, and one for the
     whole map at once. The report says which part of the hunting period the log covered on both
@@ -65,7 +65,6 @@ def command(
     import vttig_jax
 
     from ...identify.backlash import backlash_map
-    from ...posterior.summary.log_coverage import log_coverage
 
     vttig_jax.enable_x64()
     run = Run(run_folder)
@@ -79,7 +78,6 @@ def command(
     else:
         _need_draws(run_folder, constant_backlash_deg, closing_mm)
         grid = backlash_map(fit, constant_backlash_deg=constant_backlash_deg)
-        grid = replace(grid, coverage=log_coverage(fit))
         table, columns = map_table(grid, step_deg, turns), COLUMNS
         record = map_record(
             fit, grid=grid, step_deg=step_deg, turns=turns, rows=len(table), out=out

@@ -1,15 +1,12 @@
 """`vttig sweep`: thousands of simulated cases, the product of named axes."""
 
-import json
 import os
-from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from ...base.errors import InputError, UsageError
+from ...base.errors import UsageError
 from ...runs.rigs import drawn_rigs
 from ..options import verb
 from ..output import LOGGER, Output
@@ -17,7 +14,6 @@ from ..output import LOGGER, Output
 if TYPE_CHECKING:
     from ...control.sweeps.estimate import SweepCost
     from ...control.sweeps.table import SweepTable
-    from ...pair.eccentricities import Eccentricities
 
 FIGURE = "figures/sweep.png"
 
@@ -84,13 +80,12 @@ def command(
             bar.update(done - bar.n)
 
         rigs, believed = drawn_rigs(scenario)
-        found = _finished(scenario, rigs, believed, out) if resume and out is not None else None
-        found = found or sweep(
+        found = sweep(
             scenario,
             rigs=rigs,
             believed=believed,
             out=out,
-            resume=resume and out is not None and _is_begun(out),
+            resume=resume,
             overwrite=overwrite,
             devices=devices,
             dask=dask,
@@ -100,43 +95,6 @@ def command(
     if out is not None and not no_figures:
         _draw(found, out)
     output.emit(found.to_json(), found)
-
-
-def _is_begun(out: Path) -> bool:
-    """Return whether the folder holds a sweep, finished or not."""
-    from ...control.sweeps.store import HEADER, TABLE
-
-    return any((out / name).exists() for name in (HEADER, TABLE))
-
-
-def _finished(
-    scenario: Path,
-    rigs: "Sequence[Eccentricities]",
-    believed: "Eccentricities | None",
-    out: Path,
-) -> "SweepTable | None":
-    """Return the complete table of this sweep in a folder, or None where cases are missing.
-
-    **Raises** `InputError` for the table of another sweep.
-    """
-    from ...base.files.json_io import dumps
-    from ...control.sweeps.cases import recipe_of
-    from ...control.sweeps.store import HEADER, TABLE
-    from ...control.sweeps.table import read_sweep
-
-    if not (out / TABLE).exists():
-        return None
-    found, recipe = read_sweep(out), recipe_of(scenario, rigs=rigs, believed=believed)
-    stored, asked = json.loads((out / HEADER).read_text("utf-8")), json.loads(dumps(recipe.header))
-    # A complete table is not continued, so that other versions of packages do not matter.
-    differing = [k for k in asked if k != "versions" and stored.get(k) != asked[k]]
-    if differing:
-        raise InputError(
-            f"this folder holds another sweep: {', '.join(differing)} differ; run the sweep with"
-            " its first inputs, choose another folder, or replace it with --overwrite.",
-            where=str(out / HEADER),
-        )
-    return replace(found, pair=recipe.pair.name, run_s=0.0, compile_s=0.0)
 
 
 def prepare(devices: int | None) -> None:

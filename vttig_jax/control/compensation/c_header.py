@@ -12,7 +12,7 @@ from typing import Literal
 from ...base.errors import UsageError
 from ...base.units import ARCSEC, DEG, REV
 from ...pair.encoder_reading import ShaftReading
-from .compensation import Compensation
+from .compensation import Compensation, require_closing
 
 COMMENT = """\
 #ifndef ${NAME}_COMPENSATION_H
@@ -272,7 +272,7 @@ def c_header(
     check_identifier(name)
     compensation.require_locating()
     if quantity == "shift":
-        compensation.require_closing()
+        require_closing(compensation.closing_rad_per_mm)
     parts = [COMMENT, ARITHMETIC, BACKLASH]
     if quantity == "shift":
         parts.append(SHIFT)

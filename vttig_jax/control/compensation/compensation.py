@@ -22,6 +22,7 @@ from ...base.errors import NoAnswerError, UsageError
 from ...base.files.text_tables import key_values
 from ...base.units import ARCSEC, DEG, REV
 from ...kinematics.harmonic import Term
+from ...pair.gear_pair import Drive, GearPair
 
 Readings = Real[ArrayLike, "..."]
 Numbers = Float[np.ndarray, "..."] | np.float64
@@ -48,6 +49,23 @@ class Shift(NamedTuple):
     shift_mm: Numbers
     slope_mm_per_rad: Numbers
     known: Truths
+
+
+def closing_of(pair: GearPair | Drive) -> float:
+    """Return the backlash, rad, that 1 mm of axial displacement takes up; NaN if it takes none."""
+    if isinstance(pair, GearPair) and float(pair.thinning) > 0:
+        return float(pair.thinning) / float(pair.reference_radii[1])
+    return math.nan
+
+
+def require_closing(closing_rad_per_mm: float) -> None:
+    """Raise `UsageError` where no axial displacement takes up backlash."""
+    if math.isnan(closing_rad_per_mm):
+        raise UsageError(
+            "no axial displacement closes this gap: the teeth do not thin towards +z, or the"
+            " drive has no gear geometry; export the backlash alone (--quantity backlash), or"
+            " give the helix angles of the pair (`helix_angle_deg`) and fit again."
+        )
 
 
 @dataclass(frozen=True)
@@ -119,7 +137,7 @@ class Compensation:
         **Raises** `UsageError` where no displacement closes the gap, `NoAnswerError` where
         single-turn readings never identify the turn, `ValueError` for a negative or NaN margin.
         """
-        self.require_closing()
+        require_closing(self.closing_rad_per_mm)
         if not (margin_mm >= 0 and math.isfinite(margin_mm)):
             raise ValueError(f"Argument `margin_mm` must be 0 or more, but is {margin_mm}.")
         gap = self.backlash(driving_rad, driven_rad)
@@ -156,15 +174,6 @@ class Compensation:
                 f" {self.tolerance_rad / DEG:.3g}° off: single-turn readings do not tell the turn;"
                 " allow a smaller error of the readings (--tolerance-arcsec), or count the turns"
                 " and use the harmonics in JSON or the table in CSV."
-            )
-
-    def require_closing(self) -> None:
-        """Raise `UsageError` where no axial displacement takes up backlash."""
-        if math.isnan(self.closing_rad_per_mm):
-            raise UsageError(
-                "no axial displacement closes this gap: the teeth do not thin towards +z, or the"
-                " drive has no gear geometry; export the backlash alone (--quantity backlash), or"
-                " give the helix angles of the pair (`helix_angle_deg`) and fit again."
             )
 
     def to_json(self) -> dict[str, Any]:

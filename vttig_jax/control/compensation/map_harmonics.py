@@ -15,7 +15,7 @@ from ...kinematics.flank_model import FlankModel
 from ...kinematics.harmonic import CombinedModel, OrderModel, Term
 from ...pair.gear_pair import Drive, Flank, GearPair
 from ..plants.flank_bounds import bounds_of
-from .compensation import Compensation
+from .compensation import Compensation, closing_of
 
 _LEAST = 1e-12
 """Least amplitude of a harmonic of the backlash that is kept, rad: a chosen value."""
@@ -76,9 +76,7 @@ def compensation_of(
     for name, value in (("allowed_rad", allowed_rad), ("left_out_rad", left_out_rad)):
         if not (value >= 0 and math.isfinite(value)):
             raise ValueError(f"Argument `{name}` must be 0 or more, but is {value}.")
-    pair, closing = grid.pair, math.nan
-    if isinstance(pair, GearPair) and float(pair.thinning) > 0:
-        closing = float(pair.thinning) / float(pair.reference_radii[1])
+    pair = grid.pair
     low, high = _range(contact or grid.model, pair)
     angles = np.random.default_rng(0).uniform(0.0, pair.hunting_turns * REV, _CHECK_ANGLES)
     map_values = grid.over(angles)
@@ -88,7 +86,7 @@ def compensation_of(
         terms=(),
         cosine_rad=np.empty(0),
         sine_rad=np.empty(0),
-        closing_rad_per_mm=closing,
+        closing_rad_per_mm=closing_of(pair),
         offset_rad=(low + high) / 2,
         tolerance_rad=(high - low) / 2 + allowed_rad,
         error_rad=math.inf,

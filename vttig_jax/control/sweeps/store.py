@@ -119,10 +119,6 @@ class SweepFolder:
         header = self.path / HEADER
         holds_sweep = self.table.exists() or header.exists()
         if holds_sweep and self.resume:
-            if self.table.exists():
-                raise UsageError(
-                    "this sweep is complete; there is nothing to resume.", where=str(self.table)
-                )
             self._compare(header)
         elif holds_sweep and not self.overwrite:
             raise UsageError(
@@ -133,8 +129,6 @@ class SweepFolder:
                 " --overwrite (in Python resume=True, overwrite=True) or choose another folder.",
                 where=str(self.path),
             )
-        elif self.resume:
-            raise UsageError("nothing to resume here; leave out --resume.", where=str(self.path))
         else:
             with os_errors_as_input_errors(self.path):
                 shutil.rmtree(self.path / PARTS, ignore_errors=True)

@@ -20,7 +20,7 @@ from .blocks import REFUSED, Rows, SweepWork
 from .cases import Recipe, recipe_of
 from .estimate import SweepCost, estimate
 from .store import TABLE, Memory, SweepFolder
-from .table import SweepTable
+from .table import SweepTable, finished_sweep
 
 _REASONS, _EXAMINED = 5, 500
 """Limits of the quoted reasons of refused cases and of the cases examined for them: chosen."""
@@ -56,7 +56,8 @@ def sweep(
     - `believed`: rig whose map the controllers use, such as the fit behind the draws. By default,
       and where the file has no [map], the controllers know each rig exactly.
     - `out`: folder for `sweep.parquet`, which is written block by block.
-    - `resume`: continue with the blocks that are missing in `out`. - `overwrite`: start again.
+    - `resume`: continue with the blocks that are missing in `out`; start where it holds no sweep,
+      and return a complete table as it is. - `overwrite`: start again.
     - `devices`: number of JAX devices, by default all.
     - `dask`: address of a dask.distributed scheduler, whose workers get the blocks.
     - `announce`: is called with the estimated cost before the sweep starts.
@@ -88,6 +89,8 @@ def sweep(
     recipe = recipe_of(
         spec, pair=pair, folder=folder, rigs=rigs, believed=believed, controller=controller
     )
+    if resume and out is not None and (done := finished_sweep(recipe, Path(out))):
+        return done
     with SCENARIO_FILE.error_context("" if isinstance(spec, ScenarioSpec) else str(spec)):
         work = SweepWork(recipe.cases(), _runner(devices))
     return _run(

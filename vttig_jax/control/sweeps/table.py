@@ -2,18 +2,20 @@
 
 import json
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ...base.errors import InputError, UsageError
+from ...base.files.json_io import dumps
 from ...base.files.text_tables import key_values, text_table
 from ...base.results import PlottedResult
 from ..scenario.spec import ScenarioSpec, parse_scenario_spec, spec_table
 from ..simulation.metrics import METRICS, NEAR_MM
 from .blocks import REFUSED, Rows
+from .cases import Recipe
 from .store import HEADER, TABLE, read_table
 
 
@@ -129,6 +131,27 @@ def read_sweep(folder: str | Path) -> SweepTable:
         refusals=(),
         path=folder / TABLE,
     )
+
+
+def finished_sweep(recipe: Recipe, folder: Path) -> SweepTable | None:
+    """Return the complete table of this sweep in a folder, or None where cases are missing.
+
+    **Raises** `InputError` for the table of another sweep.
+    """
+    if not (folder / TABLE).exists():
+        return None
+    found = read_sweep(folder)
+    stored = json.loads((folder / HEADER).read_text("utf-8"))
+    asked = json.loads(dumps(recipe.header))
+    # A complete table is not continued, so that other versions of packages do not matter.
+    differing = [k for k in asked if k != "versions" and stored.get(k) != asked[k]]
+    if differing:
+        raise InputError(
+            f"this folder holds another sweep: {', '.join(differing)} differ; run the sweep with"
+            " its first inputs, choose another folder, or replace it with --overwrite.",
+            where=str(folder / HEADER),
+        )
+    return replace(found, pair=recipe.pair.name, run_s=0.0, compile_s=0.0)
 
 
 def _without_nan(values: np.ndarray) -> np.ndarray:

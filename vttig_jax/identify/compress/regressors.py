@@ -215,6 +215,12 @@ def _delay(log: EncoderLog, driving: Samples, ratio: float) -> Samples:
     return -ratio * smooth_speed(log.time, driving, log.driving.resolution).value
 
 
+def _late_delay(log: EncoderLog, driving: Samples, ratio: float) -> Samples:
+    """Return the column of a delay that only the second half of the log has."""
+    late = log.time > 0.5 * (log.time[0] + log.time[-1])
+    return np.where(late, _delay(log, driving, ratio), 0.0)
+
+
 def _driven_speed(log: EncoderLog, driving: Samples, ratio: float) -> Samples:
     return ratio * _speed(log, driving)
 
@@ -255,6 +261,7 @@ def _ratio(log: EncoderLog, driving: Samples, ratio: float) -> Samples:
 
 _COLUMNS: dict[str, Callable[[EncoderLog, Samples, float], Samples]] = {
     "delay": _delay,
+    "delay_late": _late_delay,
     "ratio": _ratio,
     "acceleration": _driven_acceleration,
     "speed": _driven_speed,

@@ -114,6 +114,38 @@ def _unresolved(kept: Mapping[Fraction, Harmonic], turns: float) -> list[Fractio
     return close
 
 
+def names_of(harmonics: Sequence[Harmonic]) -> str:
+    """Return harmonics in words, for example "driven orders 2 and 4 to 8"."""
+    parts = []
+    for shaft in dict.fromkeys(h.shaft for h in harmonics):
+        orders = sorted(h.order for h in harmonics if h.shaft == shaft)
+        runs: list[list[int | float]] = []
+        for order in orders:
+            if runs and order == runs[-1][-1] + 1:
+                runs[-1].append(order)
+            else:
+                runs.append([order])
+        words = [
+            text
+            for run in runs
+            for text in ([f"{run[0]} to {run[-1]}"] if len(run) > 2 else map(str, run))
+        ]
+        listed = " and ".join(filter(None, [", ".join(words[:-1]), words[-1]]))
+        parts.append(f"{shaft} order{'s' if len(orders) > 1 else ''} {listed}")
+    return " and ".join(parts)
+
+
+def _same_frequency(same: Sequence[tuple[Harmonic, Harmonic]]) -> str:
+    """Return one sentence on all orders that have the frequency of another order."""
+    left, kept = (list(dict.fromkeys(part)) for part in zip(*same, strict=True))
+    several = len(left) > 1
+    return (
+        f"{names_of(left)} {'have the frequencies' if several else 'has the frequency'} of"
+        f" {names_of(kept)}, so that a log cannot tell them apart: the amplitudes stated for"
+        f" {names_of(kept)} are those of both together"
+    )
+
+
 def plan_terms(
     ratio: Fraction,
     driving_orders: tuple[int | float, ...],
@@ -137,22 +169,20 @@ def plan_terms(
     wanted += [Harmonic("mesh", k, (k * (driving_teeth or 0), 0)) for k in mesh]
     wanted.sort(key=lambda h: h.term not in _FIRST)
     kept: dict[Fraction, Harmonic] = {}
-    dropped = []
+    same: list[tuple[Harmonic, Harmonic]] = []
     for harmonic in wanted:
         frequency = abs(harmonic.term[0] + harmonic.term[1] * ratio)
         if other := kept.get(frequency):
-            dropped.append(
-                f"{harmonic.name} and {other.name} are the same frequency"
-                f" ({frequency} per driving revolution); {other.name} stands for both."
-            )
+            same.append((harmonic, other))
         else:
             kept[frequency] = harmonic
-    close = _unresolved(kept, turns)
-    if close:
-        names = ", ".join(kept.pop(frequency).name for frequency in close)
+    dropped = [_same_frequency(same)] if same else []
+    if close := [kept.pop(frequency) for frequency in _unresolved(kept, turns)]:
         dropped.append(
-            f"{names} {'is' if len(close) == 1 else 'are'} left out: over {turns:.3g} driving"
-            " revolutions the log cannot tell them from lower orders; record more turns."
+            f"{names_of(close)} {'is' if len(close) == 1 else 'are'} left out: over {turns:.3g}"
+            " driving revolutions the log cannot tell"
+            f" {'it from a lower order' if len(close) == 1 else 'them from lower orders'}; record"
+            " more turns"
         )
     free = tuple(h for h in kept.values() if h.term not in _FIRST)
     tied = tuple(h for h in kept.values() if h.term in _FIRST)

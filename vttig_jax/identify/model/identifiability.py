@@ -40,7 +40,7 @@ class Identifiability:
     - `short`: shafts of `reasons` that turned too little.
     - `turns`: shaft → most turns of any log on a flank, smallest value of all flanks.
     - `few_turns`: whether noise, drift and the terms of the model are hardly told apart.
-    - `notes`: sentences for the report.
+    - `notes`: sentences on flanks that are left out; `terms` has those on orders.
     """
 
     flanks: tuple[Flank, ...]
@@ -75,11 +75,6 @@ def find_identifiability(
     flanks: tuple[Flank, ...] = tuple(f for f, turns in covered.items() if max(turns) >= FULL_TURN)
     if not flanks:
         raise _no_full_turn(covered, only, logs)
-    notes = tuple(
-        f"flank {flank} is left out: it covers {max(turns):.2f} of a revolution only."
-        for flank, turns in covered.items()
-        if flank not in flanks and max(turns) > 0
-    )
     turns = {
         shaft: min(covered[flank][k] for flank in flanks)
         for k, shaft in enumerate(("driving", "driven"))
@@ -118,7 +113,19 @@ def find_identifiability(
         short=tuple(short),
         turns=turns,
         few_turns=few_turns,
-        notes=(*notes, *terms.dropped),
+        notes=_left_out(covered, flanks),
+    )
+
+
+def _left_out(
+    covered: dict[Flank, tuple[float, float]], flanks: tuple[Flank, ...]
+) -> tuple[str, ...]:
+    """Return sentences on flanks that turned, but less than a full turn."""
+    return tuple(
+        f"flank {flank} is left out, so that no gap is determined: it covers"
+        f" {max(turns):.2f} of a revolution only; record at least one turn both ways"
+        for flank, turns in covered.items()
+        if flank not in flanks and max(turns) > 0
     )
 
 

@@ -66,6 +66,8 @@ def entering_orders(
     left = sum(f.factor(np.ones(1))[-1, -1] ** 2 for f in summary.flanks)
     entered = free if left <= summary.rounding else _entered(summary, free)
     if entered != free and _are_needed(summary, entered):
+        if not (any_noise or remembers(summary)):
+            return None
         entered = free
     if not (any_noise or remembers(_with_only(summary, entered))):
         return None

@@ -25,7 +25,7 @@ from .checks import (
     Reversal,
 )
 from .closure import closure, reversal_jumps
-from .covered_gap import gap_by_speed
+from .covered_gap import compared_jumps, gap_by_speed
 from .estimate import Estimate
 from .order_table import Order
 from .parameters import Parameter, variable_backlash_deg
@@ -66,6 +66,8 @@ def checks_of(
     linear, weights, solution = solved.linear, solved.weights, solved.solution
     rows, terms, same_zero = linear.rows, linear.model.terms, linear.model.same_zero
     is_rounding = solved.noise.is_rounding
+    gap_deg = abs(gap.value or 0.0) / abs(float(pair.ratio))
+    jumps = _all_reversals(linear, solution, pair, parameters, gap_deg=gap_deg)
     longest = max(float(c.time[-1] - c.time[0]) for c in linear.channels)
     left = lambda: lines_left(rows, weights, terms, same_zero=same_zero, joint=found.joint)  # noqa: E731
     lines = Later(lambda: [] if is_rounding else left())
@@ -74,11 +76,8 @@ def checks_of(
         closure=closure(solved.curves_and_residuals[0], pair),
         whiteness=estimate.whiteness,
         readings=estimate.readings,
-        reversals=tuple(
-            jump
-            for log in range(len(linear.inputs))
-            for jump in _reversals(linear, log, solution, pair, parameters)
-        ),
+        reversals=jumps,
+        jumps=compared_jumps(jumps, solved, gap),
         drawing_backlash_deg=_drawing_backlash_deg(pair),
         ratio=tuple(_ratio(one.log) for one in linear.inputs),
         agreement=_agreement(linear),
@@ -119,16 +118,35 @@ def _drift_arcsec(solution: Solution) -> tuple[float, ...]:
     )
 
 
+def _all_reversals(
+    linear: LinearFit,
+    solution: Solution,
+    pair: GearPair | Drive,
+    parameters: dict[str, Parameter],
+    *,
+    gap_deg: float,
+) -> tuple[Reversal, ...]:
+    """Return the reversals of all logs; see `_reversals`."""
+    return tuple(
+        jump
+        for log in range(len(linear.inputs))
+        for jump in _reversals(linear, log, solution, pair, parameters, gap_deg=gap_deg)
+    )
+
+
 def _reversals(
     linear: LinearFit,
     log: int,
     solution: Solution,
     pair: GearPair | Drive,
     parameters: dict[str, Parameter],
+    *,
+    gap_deg: float,
 ) -> list[Reversal]:
     """Return every reversal with the constant backlash by the paper's method.
 
     This backlash is the jump of the transmission error at the reversal minus j_v at the same angle.
+    `gap_deg` is the gap as an angle of the driving shaft.
     """
     channels, one = linear.channels[log], linear.inputs[log].log
     error = one.transmission_error + float(one.ratio) * (one.driving_angle - channels.driving)
@@ -137,7 +155,7 @@ def _reversals(
             error -= solution.values[solution.names.index(name)] * values
     error = without_spikes(error, one.time, one.spikes)
     segments = linear.inputs[log].found.segments
-    jumps = reversal_jumps(channels.driving, error, segments, log + 1)
+    jumps = reversal_jumps(channels.driving, error, segments, log + 1, gap_deg)
     if isinstance(pair, Drive):
         return jumps
     start = start_of(linear, solution, log)

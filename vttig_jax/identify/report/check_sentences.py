@@ -2,8 +2,6 @@
 
 from fractions import Fraction
 
-import numpy as np
-
 from ...logs.checks.ratio import better_fraction
 from ..solve.least_squares import Direction
 from .checks import (
@@ -18,7 +16,6 @@ from .checks import (
     Reversal,
 )
 
-_LEAST_JUMPS = 4  # jumps at reversals whose median is compared with the gap; chosen value
 _SIGNIFICANT = 3.0  # standard errors of a gap that is stated as such; chosen value
 
 _HALVES_DIFFER = 4.0
@@ -58,14 +55,14 @@ def _repeatability(checks: Checks, several: bool, has_noise: bool) -> list[str]:
     sentences += [_shaft(one) for one in checks.hidden_shafts]
     if (white := checks.whiteness) and white.widening > 1 and white.probability >= REMEMBERS:
         sentences.append(
-            "on few turns the noise may remember for a part of a turn: standard errors are taken"
-            f" from cosines of the log, up to {white.widening:.2g} times larger"
+            "on few turns slow noise resembles an order: standard errors are up to"
+            f" {white.widening:.2g} times larger, from the eight slowest waves (cosines) of the log"
         )
     elif white and white.widening > 1:
         sentences.append(
-            "the residual remembers more than the noise model allows for (Ljung–Box"
-            f" {white.probability:.1g}): standard errors are taken from blocks of the log,"
-            f" up to {white.widening:.2g} times larger"
+            "the residual remembers more than the noise model allows for (probability"
+            f" {white.probability:.1g} by the Ljung–Box test of neighbouring residuals): standard"
+            f" errors are taken from blocks of the log, up to {white.widening:.2g} times larger"
         )
     return sentences
 
@@ -73,15 +70,16 @@ def _repeatability(checks: Checks, several: bool, has_noise: bool) -> list[str]:
 def _gap(checks: Checks, several: bool, gap_determined: bool) -> list[str]:
     """Return sentences on jumps at reversals, and on the gap if no constant backlash is known."""
     sentences = [_jump(one, several=several) for one in checks.reversals[:3]]
+    if checks.jumps and checks.jumps.agrees:
+        sentences.append(checks.jumps.sentence)
+    elif not checks.jumps and any(one.crossing for one in checks.reversals):
+        sentences.append(
+            "these jumps lie where the teeth may still cross the gap that was fitted, so they are"
+            " no test of it"
+        )
     gap = checks.gap_over_angles_covered
     if gap.determined and (not gap_determined or gap.is_contradiction):
         sentences.append(_covered(gap))
-        jumps = [one.jump_deg for one in checks.reversals]
-        if len(jumps) >= _LEAST_JUMPS and _contradicts(float(np.median(jumps)), gap):
-            sentences.append(
-                f"the {len(jumps)} jumps at the reversals disagree with this gap: their median is"
-                f" {np.median(jumps):.5f}°"
-            )
     return sentences
 
 
@@ -95,13 +93,6 @@ def _covered(gap: CoveredGap) -> str:
         f"flank B stands {gap.value:+.5f}° ± {gap.std:.5f}° above flank A over the"
         f" {gap.covered_deg:.0f}° of the driving shaft that both flanks covered{mark}"
     )
-
-
-def _contradicts(jump_deg: float, gap: CoveredGap) -> bool:
-    """Return whether the median jump is far outside the interval of the gap."""
-    low, high = gap.low95 or 0.0, gap.high95 or 0.0
-    outside = max(low - jump_deg, jump_deg - high, 0.0)
-    return outside > max(high - low, 0.5 * abs(gap.value or 0.0))
 
 
 def _others(checks: Checks) -> list[str]:
@@ -153,7 +144,7 @@ def _line(one: ResidualLine) -> str:
     return (
         f"line left in the residual{place}: {one.amplitude_arcsec:.3g}″ ±"
         f" {one.amplitude_std_arcsec:.1g}″ at {one.cycles_per_rev:.5g} cycles per"
-        f" driving revolution (false alarm {one.false_alarm:.1g})"
+        f" driving revolution (probability {one.false_alarm:.1g} by chance)"
     )
 
 
@@ -189,5 +180,6 @@ def _weakest(weakest: Direction) -> str:
     named = [(name.replace("_of_", " of log ").replace("_", " "), share) for name, share in shares]
     text = " ".join(f"{'−' if share < 0 else '+'} {name}" for name, share in named)
     return (
-        f"weakest direction: {text.removeprefix('+ ')} (standard error × {weakest.inflation:.3g})"
+        f"hardest to tell apart: {text.removeprefix('+ ')}; this combination has"
+        f" {weakest.inflation:.3g} times the standard error of one parameter fitted alone"
     )

@@ -4,6 +4,7 @@ The JSON object of a fit contains each record under the names of its fields. Num
 units at the end of their names. `log` is the number of a log, from 1.
 """
 
+import math
 from collections.abc import Sequence
 
 from ...logs.checks.ratio import Verdict
@@ -39,6 +40,48 @@ class Reversal(Record, frozen=True, omit_defaults=True):
     jump_deg: float
     variable_backlash_deg: float | None = None
     constant_backlash_deg: float | None = None
+    crossing: bool = False
+
+
+_SIGNIFICANT = 3.0
+"""Standard errors between jumps and gap above which they disagree; chosen value."""
+
+
+class JumpComparison(Record, frozen=True):
+    """Jumps at the reversals beside the fitted gap at the same angles, degrees of the driven shaft.
+
+    `median_deg` less `fitted_deg` is the median difference of a jump and the gap at its angle.
+    """
+
+    count: int
+    median_deg: float
+    std_deg: float
+    fitted_deg: float
+    fitted_std_deg: float
+
+    @property
+    def agrees(self) -> bool:
+        """Whether both are the same within three standard errors of their difference."""
+        std = math.hypot(self.std_deg, self.fitted_std_deg)
+        return abs(self.median_deg - self.fitted_deg) <= _SIGNIFICANT * std
+
+    @property
+    def sentence(self) -> str:
+        """Sentence on the comparison, and on what a difference means."""
+        several = self.count > 1
+        jumps = f"the {self.count} jumps at reversals" if several else "the jump at the reversal"
+        beside = (
+            f"({'median ' if several else ''}{self.median_deg:.5f}° ± {self.std_deg:.2g}°)"
+            f" {{}} the fitted gap there ({self.fitted_deg:.5f}° ± {self.fitted_std_deg:.2g}°)"
+        )
+        if self.agrees:
+            return f"{jumps} {beside.format('agree with' if several else 'agrees with')}"
+        return (
+            f"{jumps} {beside.format('disagree with' if several else 'disagrees with')}: one of the"
+            " two is no backlash. Near a reversal the shafts are slow, so a delay, friction or"
+            " wind-up that the fit takes for a gap is missing in the jumps, and a load that leaves"
+            " its flank before the turn makes them too small; compare a slow log with a fast one"
+        )
 
 
 class RatioCheck(Record, frozen=True):
@@ -209,7 +252,8 @@ class Checks(Record, frozen=True, kw_only=True):
     **Arguments**
     - `order_spectrum`: first orders of both shafts. - `closure`: see `Closure`.
     - `whiteness`: test of the residual. - `readings`: comparison with backlash readings.
-    - `reversals`: jump at every reversal. - `drawing_backlash_deg`: backlash of the drawing.
+    - `reversals`: jump at every reversal. - `jumps`: these beside the fitted gap.
+    - `drawing_backlash_deg`: backlash of the drawing.
     - `ratio`: ratio of every log. - `agreement`: further logs compared with the first.
     - `gap_over_angles_covered`: mean gap over the driving angles that both flanks covered.
     - `gap_by_speed`: gap at the speeds of the log, beside the delay; empty at one speed.
@@ -228,6 +272,7 @@ class Checks(Record, frozen=True, kw_only=True):
     whiteness: Whiteness | None = None
     readings: ReadingsComparison | None = None
     reversals: tuple[Reversal, ...] = ()
+    jumps: JumpComparison | None = None
     drawing_backlash_deg: float | None = None
     ratio: tuple[RatioCheck, ...] = ()
     agreement: tuple[Disagreement, ...] = ()

@@ -11,8 +11,12 @@ from ...logs.motion.segments import Segment
 from ...pair.gear_pair import Drive, GearPair
 from .checks import Closure, Reversal
 
-_NEAR_DEG, _FAR_DEG = 1.0, 6.0
-"""Window of driving angle, deg, before the turning point where both passes are compared; chosen."""
+_NEAR_DEG, WINDOW_DEG = 1.0, 5.0
+"""Distance from the turning point to the window where both passes are compared, at least, and width
+of this window, deg of the driving shaft; chosen."""
+
+_GAPS = 1.5
+"""Distance from the turning point to the window in gaps, because the gap varies; chosen."""
 
 
 def closure(curves: tuple[TECurve, ...], pair: GearPair | Drive) -> Closure | None:
@@ -47,15 +51,18 @@ def reversal_jumps(
     error: Float[np.ndarray, " n"],
     segments: tuple[Segment, ...],
     log: int = 1,
+    gap_deg: float = 0.0,
 ) -> list[Reversal]:
     """Return the jump at every reversal: TE_B − TE_A at the same driving angles, in degrees.
 
     `driving` and `error` are in rad, without delay and wind-up, which change sign with the motion
     and would resemble a jump. The window is 1° to 6° before the turning point, where each pass is
     in contact on its flank; `driving_deg` is the driving angle at the middle of the window. `log`
-    is the number of the log.
+    is the number of the log. On a reducer the teeth are in the gap for more than 1° after the turn:
+    the window begins 1.5 times `gap_deg` before it, the gap as an angle of the driving shaft.
     """
     jumps = []
+    beyond = _GAPS * gap_deg
     for before, after in pairwise(segments):
         if before.flank == after.flank:
             continue
@@ -64,24 +71,27 @@ def reversal_jumps(
         sense = 1.0 if before.flank == "A" else -1.0
         turn = int(np.argmax(sense * angle))
         left = sense * (angle[turn] - angle) / DEG
-        near = (left >= _NEAR_DEG) & (left <= _FAR_DEG)
-        place = np.arange(len(angle))
-        first, second = near & (place < turn), near & (place > turn)
-        if first.sum() < 3 or second.sum() < 3:
-            continue
-        jump = _level(left[second], te[second]) - _level(left[first], te[first])
-        jumps.append(
-            Reversal(
-                log=log,
-                driving_deg=float(angle[turn] / DEG - sense * (_NEAR_DEG + _FAR_DEG) / 2),
-                turn_deg=float(angle[turn] / DEG),
-                jump_deg=sense * jump / DEG,
+        for start in sorted({max(_NEAR_DEG, beyond), _NEAR_DEG}, reverse=True):
+            middle = start + WINDOW_DEG / 2
+            near = np.abs(left - middle) <= WINDOW_DEG / 2
+            place = np.arange(len(angle))
+            first, second = near & (place < turn), near & (place > turn)
+            if first.sum() < 3 or second.sum() < 3:
+                continue
+            levels = [_level(left[part] - middle, te[part]) for part in (first, second)]
+            jumps.append(
+                Reversal(
+                    log=log,
+                    driving_deg=float(angle[turn] / DEG - sense * middle),
+                    turn_deg=float(angle[turn] / DEG),
+                    jump_deg=sense * (levels[1] - levels[0]) / DEG,
+                    crossing=start < beyond,
+                )
             )
-        )
+            break
     return jumps
 
 
-def _level(left: Float[np.ndarray, " n"], error: Float[np.ndarray, " n"]) -> float:
+def _level(off_deg: Float[np.ndarray, " n"], error: Float[np.ndarray, " n"]) -> float:
     """Return the transmission error in the middle of the window, from a straight-line fit."""
-    middle = (_NEAR_DEG + _FAR_DEG) / 2
-    return float(np.polyval(np.polyfit(left - middle, error, 1), 0.0))
+    return float(np.polyval(np.polyfit(off_deg, error, 1), 0.0))

@@ -14,7 +14,8 @@ from ..preliminary.linear_fit import LinearFit
 from ..solve.sandwich import Scatter, standard_errors
 from ..solve.solved_fit import SolvedFit
 from .backlash_readings import mean_gap
-from .checks import CoveredGap, GapAtSpeed
+from .checks import CoveredGap, GapAtSpeed, JumpComparison, Reversal
+from .closure import WINDOW_DEG
 
 _CELL = DEG
 """Driving angle of a cell in rad; each cell that both flanks covered counts once (chosen)."""
@@ -67,6 +68,55 @@ def _common_angles(linear: LinearFit) -> Float[np.ndarray, " n"]:
             cells[segment.flank].append(np.arange(np.floor(angle.min()), np.ceil(angle.max())))
     lower, upper = (np.concatenate([np.zeros(0), *parts]) for parts in cells.values())
     return (np.intersect1d(lower, upper) + 0.5) * _CELL
+
+
+_NARROW = 0.02  # part of the fitted gap by which jumps may differ from it anyway; chosen value
+_MEDIAN = math.sqrt(math.pi / 2)  # standard error of a median over that of a mean, normal values
+
+
+def compared_jumps(
+    jumps: Sequence[Reversal], solved: SolvedFit, gap: CoveredGap
+) -> JumpComparison | None:
+    """Return the jumps at reversals beside the fitted gap over the same angles.
+
+    Their standard error is the larger one of two: from the residual in windows of the same width,
+    and from the scatter of the jumps. That of the fitted gap contains the bound of a delay that the
+    log does not tell. Jumps within the crossing of the gap are left out, and logs whose zero
+    differs from that of the first.
+    """
+    same_zero = solved.linear.model.same_zero
+    own = [j for j in jumps if not j.crossing and (same_zero or j.log == 1)]
+    if not gap.determined or not own:
+        return None
+    window = np.linspace(-0.5, 0.5, 11) * WINDOW_DEG
+    places = np.add.outer([jump.driving_deg for jump in own], window) * DEG
+    fitted = [float(mean_gap(place, solved).value[0]) / DEG for place in places]
+    all_there = mean_gap(places.ravel(), solved)
+    fitted_std = math.sqrt(all_there.deviation(solved.solution.covariance)[0, 0]) / DEG
+    off = np.array([jump.jump_deg for jump in own]) - fitted
+    single = math.sqrt(2) * _window_std(solved) / DEG
+    if len(off) > 1:
+        single = max(single, float(np.std(off, ddof=1)))
+    if len(off) > 2:
+        single *= _MEDIAN
+    middle = float(np.median(fitted))
+    return JumpComparison(
+        count=len(own),
+        median_deg=middle + float(np.median(off)),
+        std_deg=math.hypot(single / math.sqrt(len(off)), _NARROW * middle),
+        fitted_deg=middle,
+        fitted_std_deg=max(fitted_std, gap.std or 0.0),
+    )
+
+
+def _window_std(solved: SolvedFit) -> float:
+    """Return the rms of the residual averaged over windows of a jump, rad."""
+    means = []
+    for curve, residual in zip(*solved.curves_and_residuals, strict=True):
+        window = np.floor(curve.driving_angle / (WINDOW_DEG * DEG)).astype(np.int64)
+        _, place, count = np.unique(window, return_inverse=True, return_counts=True)
+        means.append(np.bincount(place, residual) / count)
+    return float(np.sqrt(np.mean(np.concatenate(means) ** 2)))
 
 
 _BINS = 8  # speeds at which the gap is stated, at most; chosen value

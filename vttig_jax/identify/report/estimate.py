@@ -2,10 +2,10 @@
 
 from dataclasses import dataclass
 
+from ..preliminary.delay_change import DelayChange
 from ..solve.sandwich import Scatter
 from ..solve.solved_fit import SolvedFit
 from .checks import ReadingsComparison, Whiteness
-from .per_log import DelayChange
 
 
 @dataclass(frozen=True, eq=False)

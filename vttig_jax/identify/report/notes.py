@@ -1,21 +1,24 @@
 """Notes on a fit, and the conditions under which its numbers are valid."""
 
 from collections.abc import Sequence
+from fractions import Fraction
 from pathlib import PurePath
 
 import numpy as np
 
 from ...base.units import DEG, REV
+from ...logs.checks.ratio import SeenRatio
 from ...logs.encoder_log import EncoderLog
 from ...pair.gear_pair import Drive, GearPair
 from ..model.harmonics import TermPlan
 from ..model.identifiability import Identifiability
 from ..noise.noise_model import NoiseModel
 from ..preliminary.delay import one_speed
+from ..preliminary.linear_fit import Input
 from ..preliminary.model_selection import SelectedModel
 from ..settings import FitSettings
 from ..solve.least_squares import Solution
-from .checks import GapAtSpeed
+from .checks import Checks, GapAtSpeed
 from .covered_gap import depends_on_speed
 from .estimate import Estimate
 from .parameters import Parameter
@@ -24,30 +27,46 @@ from .per_log import LogRecord, differences
 _CORRELATED = 0.9  # correlation of delay and backlash above which a note is given; chosen value
 
 
-def notes_of(
+def warnings_of(
     selected: SelectedModel,
     identifiable: Identifiability,
     estimate: Estimate,
     regressors: tuple[Parameter, ...],
     logs: tuple[LogRecord, ...],
     *,
-    gaps: Sequence[GapAtSpeed],
+    checks: Checks,
 ) -> tuple[str, ...]:
-    """Return all notes of a fit: first those on a log without noise, then those on the logs.
-
-    `gaps` are the gaps at the speeds of the log.
-    """
-    solved, change = estimate.solved, estimate.change
+    """Return the notes that change a stated number or ask for something, the gravest first."""
+    solution, change = estimate.solved.solution, estimate.change
     return (
-        *_noise_notes(solved.noise),
-        *_seen(selected, identifiable),
-        *_delay_notes(selected, identifiable, solved.solution),
-        *_ratio_notes(regressors, selected.linear.inputs[0].log),
-        *solver_notes(solved.solution),
-        *_fractional_notes(identifiable.terms),
-        *differences(logs),
-        *([_speed_note(gaps)] if depends_on_speed(gaps) else []),
+        *solver_notes(solution),
+        *identifiable.notes,
+        *_open_delay(selected, identifiable),
+        *_ratio_notes(regressors, checks, selected.linear.inputs[0].log),
         *([change.sentence] if change and change.is_clear else []),
+        *_speed_note(checks.gap_by_speed),
+        *([checks.jumps.sentence] if checks.jumps and not checks.jumps.agrees else []),
+        *differences(logs),
+    )
+
+
+def notes_of(
+    selected: SelectedModel, identifiable: Identifiability, estimate: Estimate
+) -> tuple[str, ...]:
+    """Return all other notes: first the conditions of the numbers, then details of the logs."""
+    inputs, outliers = selected.linear.inputs, selected.weights.outliers
+    slow = [[one.sentence] if one.slow else [] for one in outliers]
+    usual = [[] if one.slow else [one.sentence] for one in outliers]
+    return (
+        *_noise_notes(estimate.solved.noise),
+        *_of_logs(inputs, [[*one.found.notes] for one in inputs]),
+        *_of_logs(inputs, slow),
+        *identifiable.terms.dropped,
+        *_fractional_notes(identifiable.terms),
+        *_correlated(selected, identifiable, estimate.solved.solution),
+        *selected.notes,
+        *_of_logs(inputs, [[*one.log.notes] for one in inputs]),
+        *_of_logs(inputs, usual),
     )
 
 
@@ -63,15 +82,17 @@ def _noise_notes(noise: NoiseModel) -> list[str]:
     ]
 
 
-def _speed_note(gaps: Sequence[GapAtSpeed]) -> str:
+def _speed_note(gaps: Sequence[GapAtSpeed]) -> list[str]:
     """Return the note on a gap that depends on the speed."""
+    if not depends_on_speed(gaps):
+        return []
     slow, fast = gaps[0], gaps[-1]
-    return (
+    return [
         f"the gap depends on the speed: {slow.value:.4f}° ± {slow.std:.2g}° at"
         f" {slow.speed_rpm:.3g} rpm of the driving shaft and {fast.value:.4f}° ± {fast.std:.2g}° at"
         f" {fast.speed_rpm:.3g} rpm, beside the delay; fit slow and fast passes as logs of their"
         " own, or compare gaps of one speed only"
-    )
+    ]
 
 
 def conditions_of(
@@ -92,46 +113,48 @@ def conditions_of(
     return conditions
 
 
-def _seen(selected: SelectedModel, identifiable: Identifiability) -> tuple[str, ...]:
-    """Return the notes on the logs; a note common to all logs appears once."""
-    inputs = selected.linear.inputs
-    own = [[*one.log.notes, *one.found.notes] for one in inputs]
-    for notes, outliers in zip(own, selected.weights.outliers, strict=False):
-        notes.append(outliers.sentence)
-    shared = [note for note in own[0] if all(note in notes for notes in own)]
+def _of_logs(inputs: Sequence[Input], own: Sequence[Sequence[str]]) -> list[str]:
+    """Return the notes on each log; a note common to all logs appears once."""
+    shared = [note for note in next(iter(own), ()) if all(note in notes for notes in own)]
     notes = list(shared)
-    for one, each in zip(inputs, own, strict=True):
+    for one, each in zip(inputs, own, strict=False):
         front = f"{PurePath(one.log.source).name}: " if len(inputs) > 1 else ""
         notes += [front + note for note in each if note not in shared]
-    return (*notes, *identifiable.notes, *selected.notes)
+    return notes
 
 
-def _delay_notes(
+def _open_delay(selected: SelectedModel, identifiable: Identifiability) -> list[str]:
+    """Return the note on a delay that the log cannot tell from the backlash."""
+    delay = selected.delay
+    if delay.state != "open" or delay.forced or len(identifiable.flanks) < 2:
+        return []
+    speeds = [abs(s.speed) for own in identifiable.segments for s in own]
+    shift = 2 * float(identifiable.terms.ratio) * max(speeds) * 1e-6 / DEG
+    return [
+        f"one speed does not tell a delay from the backlash: every microsecond looks like"
+        f" {shift:.2g}° of backlash. The interval allows ±{1e3 * delay.bound_s:.4g} ms; log a"
+        " second speed, or state the delay with --delay (0.5ms) or its limit with --delay-within"
+    ]
+
+
+def _correlated(
     selected: SelectedModel, identifiable: Identifiability, solution: Solution
 ) -> list[str]:
-    """Return the notes on a delay that cannot be separated from the constant backlash."""
-    state = selected.delay.state
-    if state == "open" and len(identifiable.flanks) == 2 and not selected.delay.forced:
-        speeds = [abs(s.speed) for own in identifiable.segments for s in own]
-        shift = 2 * float(identifiable.terms.ratio) * max(speeds) * 1e-6 / DEG
-        return [
-            f"one speed does not tell a delay from the backlash: every microsecond looks like"
-            f" {shift:.2g}° of backlash. The interval allows"
-            f" ±{1e3 * selected.delay.bound_s:.4g} ms; log a second speed, or state the delay with"
-            " --delay SECONDS or its limit with --delay-within MILLISECONDS"
-        ]
+    """Return the note on a fitted delay that is hardly told apart from the constant backlash."""
+    names = ("delay", "constant_backlash")
+    if selected.delay.state != "fitted" or not {*names} <= set(solution.names):
+        return []
+    pair = [solution.names.index(name) for name in names]
+    spread = solution.covariance[np.ix_(pair, pair)]
+    correlation = spread[0, 1] / np.sqrt(spread[0, 0] * spread[1, 1])
+    if abs(correlation) <= _CORRELATED:
+        return []
     steady = one_speed([s for own in identifiable.segments for s in own])
-    if state == "fitted" and {"delay", "constant_backlash"} <= set(solution.names):
-        pair = [solution.names.index(name) for name in ("delay", "constant_backlash")]
-        spread = solution.covariance[np.ix_(pair, pair)]
-        correlation = spread[0, 1] / np.sqrt(spread[0, 0] * spread[1, 1])
-        if abs(correlation) > _CORRELATED:
-            return [
-                "delay and constant backlash are hardly told apart (correlation"
-                f" {correlation:+.3f}); their standard errors hold that"
-                + (", and a second speed would separate them" if steady else "")
-            ]
-    return []
+    return [
+        "delay and constant backlash are hardly told apart (correlation"
+        f" {correlation:+.3f}); their standard errors hold that"
+        + (", and a second speed would separate them" if steady else "")
+    ]
 
 
 def _fractional_notes(terms: TermPlan) -> list[str]:
@@ -159,8 +182,8 @@ def solver_notes(solution: Solution) -> list[str]:
     ]
 
 
-def _ratio_notes(regressors: tuple[Parameter, ...], log: EncoderLog) -> list[str]:
-    """Return a note if a free ratio differs significantly from the given ratio."""
+def _ratio_notes(regressors: tuple[Parameter, ...], checks: Checks, log: EncoderLog) -> list[str]:
+    """Return a note if a free ratio or that of a log differs significantly from the given ratio."""
     for one in regressors:
         if one.name == "ratio" and one.significant and one.value is not None:
             off, std = (1e6 * part / float(log.ratio) for part in (one.value, one.std or 0.0))
@@ -175,4 +198,7 @@ def _ratio_notes(regressors: tuple[Parameter, ...], log: EncoderLog) -> list[str
                 f"the ratio comes out {off - 1e6:+.0f} ± {std:.0f} ppm off {log.ratio} as given;"
                 f" {cure}"
             ]
-    return []
+    if any(one.name == "ratio" for one in regressors):
+        return []
+    seen = [SeenRatio(c.seen, c.std, Fraction(c.given), c.verdict) for c in checks.ratio]
+    return [one.sentence for one in seen if one.is_doubtful][:1]

@@ -3,14 +3,10 @@
 All logs of a fit share delay and gap; a log that differs from the first gives a note.
 """
 
-from dataclasses import dataclass, replace
-
 import numpy as np
 
-from ...base.errors import NoAnswerError
 from ...base.units import DEG
 from ...logs.channel.channel import Channel
-from ..compress.block_rows import LogRows
 from ..compress.harmonic_summary import summarise
 from ..noise.noise_model import autoregression
 from ..preliminary.alignment import SHAFTS, START, Start
@@ -26,9 +22,6 @@ _DIFFERENT = 5.0
 
 
 _CLEAR = 5.0  # standard errors of an order that tells a start angle; chosen value
-
-_CHANGED = 3.0
-"""Standard errors above which a change of the delay within a log is reported; chosen value."""
 
 
 class LogStart(Record, frozen=True):
@@ -55,28 +48,6 @@ class LogAlone(Record, frozen=True):
     delay_std_s: float | None = None
     gap_deg: float | None = None
     gap_std_deg: float | None = None
-
-
-@dataclass(frozen=True)
-class DelayChange:
-    """Delay in the second half of a log less that in the first, with its standard error, s."""
-
-    change_s: float
-    std_s: float
-
-    @property
-    def is_clear(self) -> bool:
-        """Whether the change is larger than its standard errors explain."""
-        return abs(self.change_s) > _CHANGED * self.std_s
-
-    @property
-    def sentence(self) -> str:
-        """Sentence on the change."""
-        return (
-            f"the delay changes by {1e3 * self.change_s:+.3g} ± {1e3 * self.std_s:.1g} ms from the"
-            " first half of the log to the second, and its interval contains that; a clock that"
-            " drifts or a bus under changing load does this"
-        )
 
 
 class LogRecord(Record, frozen=True):
@@ -188,41 +159,6 @@ def fit_log_alone(linear: LinearFit, log: int) -> LogAlone:
         variances.append(float(inverse[place] @ inverse[place]) * factor[-1, -1] ** 2 / rows)
     gap = (offsets[1] - offsets[0]) / DEG
     return LogAlone(*delay, gap, float(np.sqrt(sum(variances))) / DEG)
-
-
-def delay_change(linear: LinearFit) -> DelayChange | None:
-    """Return the change of the delay from the first to the second half of the logs in time.
-
-    The result is None if a half does not tell the delay. Of several logs, the one with the most
-    significant change counts.
-    """
-    found = []
-    for log, rows in enumerate(linear.rows):
-        middle = 0.5 * (linear.channels[log].time[0] + linear.channels[log].time[-1])
-        halves = [
-            _delay_of(linear, rows, late=late, middle=float(middle)) for late in (False, True)
-        ]
-        if halves[0] is not None and halves[1] is not None:
-            (first, first_std), (second, second_std) = halves[0], halves[1]
-            found.append(DelayChange(second - first, float(np.hypot(first_std, second_std))))
-    return max(found, key=lambda one: abs(one.change_s) / one.std_s, default=None)
-
-
-def _delay_of(
-    linear: LinearFit, rows: LogRows, *, late: bool, middle: float
-) -> tuple[float, float] | None:
-    """Return step and standard error of the delay from the runs of one half of a log."""
-    runs = tuple(run for run in rows.runs if (run.curve.time.mean() > middle) == late)
-    if not runs:
-        return None
-    try:
-        summary = summarise([replace(rows, runs=runs)], linear.model.terms)
-        own = own_terms(summary, autoregression(summary))
-    except (NoAnswerError, np.linalg.LinAlgError, ValueError):
-        return None
-    if "delay" not in own.names or own.left("delay") < TOLD:
-        return None
-    return own.estimate("delay", own.names)
 
 
 def differences(logs: tuple[LogRecord, ...]) -> list[str]:

@@ -53,7 +53,7 @@ class Line:
         return (
             f"{self.amplitude_arcsec:.3g} ± {self.amplitude_std_arcsec:.1g}″ at"
             f" {self.cycles_per_rev:.6g} ± {self.cycles_std:.1g} cycles per revolution"
-            f" (false alarm {self.false_alarm:.1g})"
+            f" (probability {self.false_alarm:.1g} by chance)"
         )
 
 

@@ -244,7 +244,7 @@ def notes(
             "noise is taken as white; on real rigs it is correlated and standard errors are several"
             " times larger: give its correlation time, which `vttig fit` prints for a log of a rig"
         )
-    return (*sentences, *rows.identifiable.notes)
+    return (*sentences, *rows.identifiable.notes, *rows.identifiable.terms.dropped)
 
 
 def delay_notes(

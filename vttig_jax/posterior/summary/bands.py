@@ -10,11 +10,11 @@ from jaxtyping import Float
 from ...base.files.text_tables import key_values
 from ...base.results import PlottedResult
 from ...base.units import DEG
+from ...identify.backlash import with_coverage
 from ...identify.model.mounting import mounted_closed, mounting_of
 from ...kinematics.backlash_map import BacklashMap
 from ...pair.gear_pair import Drive, GearPair
 from .draws import SmallestGap
-from .log_coverage import log_coverage
 from .posterior import Posterior, gap_draws
 
 MOST_ROWS = 200_000
@@ -179,10 +179,9 @@ class BandedMap(PlottedResult):
         band, percent = self.band, f"{100 * self.band.probability:.6g} %"
         pointwise = np.median(band.high - band.low) / 2 / DEG
         whole = np.median(band.critical * band.std) / DEG
-        coverage = self.map.coverage
         rows = [
             ("span", f"{self.turns:.6g} driving turns in steps of {self.step_deg:g}°"),
-            *([] if coverage is None else [("covered", str(coverage))]),
+            *self.map.coverage_rows,
             (f"{percent} at one angle", f"± {pointwise:.2g}° (median)"),
             (f"{percent} of the whole map", f"± {whole:.2g}°, {band.critical:.2f} std"),
             *self.smallest.rows(),
@@ -226,7 +225,7 @@ def band_map(
         gap_rad = float(rig.constant_backlash_deg) * DEG
         mounting = mounting_of(centre.covariance_names, centre.values, centre.flanks, gap_rad)
         first = mounted_closed(pair, rig, mounting)
-    grid = BacklashMap(draws.mean_model, first, pair, log_coverage(posterior.fit))
+    grid = with_coverage(BacklashMap(draws.mean_model, first, pair), posterior.fit)
     bands = streamed_band(draws.chunks(angle), probability)
     return BandedMap(
         map=grid,

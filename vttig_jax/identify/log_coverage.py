@@ -6,12 +6,12 @@ from itertools import pairwise
 
 import numpy as np
 
-from ...base.units import DEG, REV
-from ...identify.fit_result import Fit
-from ...identify.report.per_log import LogStart
-from ...kinematics.hunting_coverage import HuntingCoverage, hunting_coverage
-from ...kinematics.te_curve import TECurve
-from ...pair.gear_pair import Drive, GearPair
+from ..base.units import DEG, REV
+from ..kinematics.hunting_coverage import HuntingCoverage, hunting_coverage
+from ..kinematics.te_curve import TECurve
+from ..pair.gear_pair import Drive, GearPair
+from .fit_result import Fit
+from .report.per_log import LogStart
 
 _LARGEST_TE_DEG = 0.5
 """Transmission error that a start angle may contain, ° of the driven shaft (chosen)."""
@@ -28,7 +28,7 @@ def log_coverage(fit: Fit) -> HuntingCoverage:
     **Example**
     ```python
     >>> import vttig_jax
-    >>> from vttig_jax.posterior.summary.log_coverage import log_coverage
+    >>> from vttig_jax.identify.log_coverage import log_coverage
     >>> from vttig_jax.rig import paper_rig
     >>> vttig_jax.enable_x64()
     >>> rig = paper_rig()

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from tests.posterior.made import made_posterior, quick_fit
+from vttig_jax.identify.backlash import backlash_map
+from vttig_jax.identify.log_coverage import log_coverage
 from vttig_jax.identify.report.per_log import LogStart
 from vttig_jax.posterior.summary.bands import band_map
-from vttig_jax.posterior.summary.log_coverage import log_coverage
 
 ALONE = 4.3 / 16
 """Share that five turns there and back cover: ramps and the start of either flank are left out."""
@@ -72,3 +73,12 @@ def test_a_map_with_bands_has_it():
     assert found.map.coverage is not None
     assert found.map.coverage.share == log_coverage(quick_fit()).share
     assert "of the 16 driving turns of the hunting period on both flanks" in str(found)
+
+
+def test_a_map_from_python_knows_what_was_covered():
+    """As that of the command line; here the map of one log."""
+    fit = quick_fit()
+    grid = backlash_map(fit)
+    assert grid.coverage is not None and grid.coverage.share == log_coverage(fit).share
+    assert grid.is_extrapolated(grid.smallest) is not None
+    assert str(grid.coverage) in str(grid)

@@ -1,0 +1,57 @@
+"""A delay that changes within a log, against a ratio that is slightly wrong."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.identify.drives import drive, drive_log, level, there_and_back
+from vttig_jax.identify.fitting import fit
+from vttig_jax.identify.preliminary import model_selection
+from vttig_jax.identify.preliminary.delay_change import DelayChange, Slope
+
+PAIR = drive("1/250")
+MOTION = there_and_back([700.0, 300.0, 500.0], 1.5)
+
+
+def _warnings(ratio_ppm: float, late_s: float) -> list[str]:
+    """Sentences on the delay of a log whose second half is later by `late_s`."""
+    log = drive_log(
+        PAIR,
+        MOTION,
+        gap=level(0.0),
+        delay_s=lambda time, _: 2e-3 + late_s * (time > time.mean()),
+        noise_arcsec=10.0,
+        rate_hz=250.0,
+        ratio=(1 + 1e-6 * ratio_ppm) / 250,
+    )
+    return [one for one in fit(log, PAIR).warnings if one.startswith("the delay changes by")]
+
+
+@pytest.fixture
+def given_ratio(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Keep the given ratio, however clearly a log contradicts it."""
+    monkeypatch.setattr(model_selection, "_WRONG_RATIO", np.inf)
+
+
+def test_a_wrong_ratio_is_named_where_it_explains_more(given_ratio):
+    (sentence,) = _warnings(500.0, 0.0)
+    assert "a ratio +497 ± 9 ppm off" in sentence and "explains the log better" in sentence
+
+
+def test_a_delay_that_does_change_names_no_ratio(given_ratio):
+    (sentence,) = _warnings(0.0, 1e-3)
+    assert sentence.endswith("under changing load does this") and "ratio" not in sentence
+
+
+def test_right_ratio_and_constant_delay_give_no_sentence(given_ratio):
+    assert _warnings(0.0, 0.0) == []
+
+
+def test_explanations_that_cannot_be_told_apart_are_both_named():
+    change = DelayChange(-2.2e-4, 6e-5, Slope(-534.0, 68.0, 1.5))
+    assert "-534 ± 68 ppm off" in change.sentence
+    assert "explains the log as well (2 ΔlnL = 1.5" in change.sentence
+    assert "a clock that drifts" in change.sentence
+    apart = replace(change, slope=Slope(-534.0, 68.0, 10.1))
+    assert "ratio" not in apart.sentence

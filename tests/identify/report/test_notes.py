@@ -1,0 +1,46 @@
+"""What changes a number is told first: before the parameters and before all other notes."""
+
+import pytest
+
+from tests.identify.drives import drive, drive_log, level, there_and_back
+from vttig_jax.identify.fit_result import Fit
+from vttig_jax.identify.fitting import fit
+
+ORDERS = tuple(range(1, 9))
+
+
+@pytest.fixture(scope="module")
+def one_speed() -> Fit:
+    """Back and forth at one speed at 1:1: all orders coincide, and a delay looks like a gap."""
+    pair = drive("1", orders=ORDERS)
+    log = drive_log(pair, there_and_back([60.0] * 3, 3.0, 0.02), gap=level(600.0))
+    return fit(log, pair, delay="auto")
+
+
+def test_the_note_that_changes_a_number_comes_first(one_speed):
+    (warning,) = one_speed.warnings
+    assert warning.startswith("one speed does not tell a delay from the backlash")
+    assert one_speed.notes[0] == warning
+    assert one_speed.to_json()["warnings"] == [warning]
+    text = str(one_speed)
+    assert text.index(warning) < text.index("parameter ") < text.index("notes:")
+    assert text.count(warning) == 1
+
+
+def test_equal_sentences_on_orders_are_one(one_speed):
+    (note,) = [note for note in one_speed.notes if "driven order" in note]
+    assert note.startswith("driven orders 1 to 8 have the frequencies of driving orders 1 to 8")
+
+
+def test_a_fit_without_warnings_has_no_such_section(quick_fit):
+    assert quick_fit.warnings == () and "warnings:" not in str(quick_fit)
+
+
+def test_a_ratio_that_the_log_doubts_is_a_warning():
+    """With a slope of 300 ppm the gap still holds, but the reader must know."""
+    pair = drive("9/16")
+    motion = there_and_back([60.0, 90.0], 30.0)
+    for off, told in ((0.0, 0), (3e-4, 1)):
+        log = drive_log(pair, motion, gap=level(600.0), ratio=9 / 16 * (1 + off))
+        found = fit(log, pair)
+        assert sum("standard errors above the given 9/16" in one for one in found.warnings) == told

@@ -1,0 +1,147 @@
+"""Change of the delay within a log, and the wrong ratio that may look like one.
+
+A wrong ratio is a slope of the transmission error. Where the second half of a log turns faster or
+goes another way than the first, offsets and drift turn this slope into a delay of its own in each
+half. Either explanation has one coefficient, so their likelihoods compare directly.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...base.errors import NoAnswerError
+from ...pair.gear_pair import Drive
+from ..compress.block_rows import LogRows
+from ..compress.harmonic_summary import summarise
+from ..model.column_layout import own_parameters
+from ..noise.noise_model import autoregression
+from .delay import TOLD
+from .linear_fit import LinearFit, linear_fit
+from .model_selection import SelectedModel
+from .nuisance import own_terms
+
+_CHANGED = 3.0
+"""Standard errors above which a change of the delay within a log is reported; chosen value."""
+
+_TOLD_APART = 10.0
+"""Twice the difference of the logarithms of two likelihoods that tells explanations apart; chosen
+value. The right one and a wrong one differ by six on a robot axis of known ratio."""
+
+
+@dataclass(frozen=True)
+class Slope:
+    """Error of the given ratio that may look like a change of the delay.
+
+    `evidence` is twice the logarithm of the likelihood of a changed delay over that of this error.
+    """
+
+    ppm: float
+    std_ppm: float
+    evidence: float
+
+
+@dataclass(frozen=True)
+class DelayChange:
+    """Delay in the second half of a log less that in the first, with its standard error, s.
+
+    `slope` is what a wrong ratio would explain instead; None where that is excluded.
+    """
+
+    change_s: float
+    std_s: float
+    slope: Slope | None = None
+
+    @property
+    def is_clear(self) -> bool:
+        """Whether the change is larger than its standard errors explain."""
+        return abs(self.change_s) > _CHANGED * self.std_s
+
+    @property
+    def sentence(self) -> str:
+        """Sentence on the change, and on the wrong ratio that may be its reason."""
+        seen = (
+            f"the delay changes by {1e3 * self.change_s:+.3g} ± {1e3 * self.std_s:.1g} ms from the"
+            " first half of the log to the second, and its interval contains that"
+        )
+        cause = "a clock that drifts or a bus under changing load does this"
+        rival = self.slope
+        if rival is None or rival.evidence > _TOLD_APART:
+            return f"{seen}; {cause}"
+        wrong = f"a ratio {rival.ppm:+.0f} ± {rival.std_ppm:.0f} ppm off the given one"
+        cure = "check the ratio in the pair file, or fit with --free-ratio"
+        if rival.evidence < -_TOLD_APART:
+            return (
+                f"{seen}; but {wrong}, or a slow error that looks like one, explains the log better"
+                f" (2 ΔlnL = {-rival.evidence:.0f}): {cure}"
+            )
+        return (
+            f"{seen}; {wrong} explains the log as well (2 ΔlnL = {abs(rival.evidence):.1f}, and"
+            f" {_TOLD_APART:.0f} would tell them apart) and makes another delay and gap: {cure}."
+            f" Otherwise {cause}"
+        )
+
+
+_LATE = "delay_late"
+"""Regressor of a delay that only the second half of a log has."""
+
+
+def delay_change(linear: LinearFit) -> DelayChange | None:
+    """Return the change of the delay from the first to the second half of the logs in time.
+
+    The result is None if a half does not tell the delay. Of several logs, the one with the most
+    significant change counts.
+    """
+    found = []
+    for log, rows in enumerate(linear.rows):
+        middle = 0.5 * (linear.channels[log].time[0] + linear.channels[log].time[-1])
+        halves = [
+            _delay_of(linear, rows, late=late, middle=float(middle)) for late in (False, True)
+        ]
+        if halves[0] is not None and halves[1] is not None:
+            (first, first_std), (second, second_std) = halves[0], halves[1]
+            found.append(DelayChange(second - first, float(np.hypot(first_std, second_std))))
+    return max(found, key=lambda one: abs(one.change_s) / one.std_s, default=None)
+
+
+def _delay_of(
+    linear: LinearFit, rows: LogRows, *, late: bool, middle: float
+) -> tuple[float, float] | None:
+    """Return step and standard error of the delay from the runs of one half of a log."""
+    runs = tuple(run for run in rows.runs if (run.curve.time.mean() > middle) == late)
+    if not runs:
+        return None
+    try:
+        summary = summarise([replace(rows, runs=runs)], linear.model.terms)
+        own = own_terms(summary, autoregression(summary))
+    except (NoAnswerError, np.linalg.LinAlgError, ValueError):
+        return None
+    if "delay" not in own.names or own.left("delay") < TOLD:
+        return None
+    return own.estimate("delay", own.names)
+
+
+def with_rival(change: DelayChange | None, selected: SelectedModel) -> DelayChange | None:
+    """Return a clear change of the delay with the wrong ratio that may look like it.
+
+    Tooth counts make the ratio of a gear pair exact, and a fitted ratio needs no rival.
+    """
+    linear, weights = selected.linear, selected.weights
+    names = list(own_parameters(selected.summary.columns)[0])
+    exact = not isinstance(linear.model.pair, Drive) or "ratio" in names
+    if change is None or not change.is_clear or exact:
+        return change
+    tried = dict.fromkeys((*linear.model.regressors, "ratio", _LATE))
+    own = linear_fit(
+        linear.inputs,
+        replace(linear.model, regressors=tuple(tried)),
+        linear.channels[0].delay_s,
+        weights.values,
+        linear.block_s,
+        segments=linear.segments,
+        pulls=weights.pulls,
+    ).own
+    misfit = {rival: own.misfit([*names, rival]) for rival in ("ratio", _LATE)}
+    per_ppm = 1e-6 * float(linear.inputs[0].log.ratio)
+    value, std = own.estimate("ratio", [*names, "ratio"])
+    evidence = own.rows * float(np.log(misfit["ratio"] / misfit[_LATE]))
+    return replace(change, slope=Slope(value / per_ppm, std / per_ppm, evidence))
