@@ -63,6 +63,9 @@ def test_a_fit_and_its_checks_use_one(monkeypatch):
     monkeypatch.setattr(diagnostics, "find_lines", searching)
     rig = paper_rig(0, PassMotion(reversal_deg=900.0, dwell_s=0.5))
     result = vttig_jax.fit(rig.log(0), rig.pair)
+    assert found == {"fit": {1}, "lines": {1}} and threads() == {2}
+    found.clear()
+    later = vttig_jax.fit(rig.log(0), rig.pair, lines="report")
     assert found == {"fit": {1}} and threads() == {2}
-    assert list(result.checks.lines) is not None
+    assert list(later.checks.lines) == list(result.checks.lines)
     assert found["lines"] == {1} and threads() == {2}

@@ -24,6 +24,9 @@ from vttig_jax.rig.paper import paper_pair
 LENGTHS = (90, 110)
 """Rows of the two runs of every flank."""
 RELATIVE = 1e-9
+ABSOLUTE = RELATIVE * 4 * sum(LENGTHS)
+"""Rounding of a log-likelihood near zero, whose terms are some times the number of rows."""
+
 ASKED = ("constant_backlash", "driving_x", "driving_y", "driven_x", "driven_y")
 POINT = np.array([7e-4, 0.02, -0.01, 0.015, 0.03])
 NOISE = np.log(3e-5)
@@ -147,7 +150,7 @@ def test_it_is_the_dense_restricted_likelihood(noise, flanks):
     padded = np.append(noise, np.zeros(HIGHEST - len(noise)))
     found = value(highest(flanks), parameters[own], padded, NOISE)
     expected = dense(place, parameters, nuisance, noise)
-    assert found == pytest.approx(expected, rel=RELATIVE)
+    assert found == pytest.approx(expected, rel=RELATIVE, abs=ABSOLUTE)
 
 
 @pytest.mark.parametrize("order", [0, 1, 5])
