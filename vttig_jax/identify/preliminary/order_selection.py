@@ -32,10 +32,10 @@ from ..noise.reml import freedom_left, restricted_partial
 _UNLIKELY = 1e-3
 """Probability with which any order enters that the rig does not have; chosen value."""
 
-_GAIN = 3.5
+_GAIN = 4.5
 """Gain of twice the log-likelihood per coefficient with which all candidates stay. It is 1 on
-average without any order, and up to 3.0 for coloured noise that an autoregression describes only
-nearly; tables of encoders and rigs with small orders begin at 4.0 (measured)."""
+average without any order, and up to 4 for coloured noise that an autoregression describes only
+nearly; simulated rigs with small orders begin at 5.5 (measured)."""
 
 _TRIED = 3  # orders per step whose noise is estimated, the largest F first; chosen value
 

@@ -25,8 +25,8 @@ from jaxtyping import Float
 from scipy.special import stdtrit
 
 from ...base.numerics.quantiles import NORMAL_95
+from ...base.units import REV
 from ...pair.gear_pair import Flank
-from ..compress.block_rows import turns_of
 from ..model.identifiability import SINGLE_TURN
 from .solved_fit import SolvedFit
 
@@ -108,12 +108,21 @@ def _on_few_turns(solved: SolvedFit, functional: Functional) -> Float[np.ndarray
     phase = np.pi * (np.arange(len(influence)) + 0.5) / len(influence)
     cosines = np.sqrt(2) * np.cos(np.outer(np.arange(1, _COSINES + 1), phase))
     own = _quantile(_COSINES) * np.sqrt(np.mean((cosines @ influence) ** 2, axis=0))
-    if turns_of(solved.linear.rows) < SINGLE_TURN:
+    if _turns(solved) < SINGLE_TURN:
         return own
     variance, freedom = solved.remembered_noise.variances(
         [one.weights for one in found if one.weights is not None]
     )
     return np.maximum(own, _quantile(freedom) * np.sqrt(variance))
+
+
+def _turns(solved: SolvedFit) -> float:
+    """Return the driving revolutions of all runs of the flank that has fewer."""
+    travel: dict[Flank, float] = {}
+    for run in (run for log in solved.linear.rows for run in log.runs):
+        own = float(np.ptp(run.curve.driving_angle)) / REV
+        travel[run.segment.flank] = travel.get(run.segment.flank, 0.0) + own
+    return min(travel.values(), default=0.0)
 
 
 @overload
