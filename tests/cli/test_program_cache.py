@@ -80,6 +80,15 @@ def test_two_exchanged_programs_are_both_left_out(store: Path, tmp_path: Path) -
     assert loaded(store, tmp_path) == {}
 
 
+def test_more_programs_than_the_limit_are_left_out(
+    store: Path, tmp_path: Path, monkeypatch, caplog
+):
+    monkeypatch.setattr(program_cache, "_MOST_BYTES", (store / NAMES[0]).stat().st_size)
+    with caplog.at_level("INFO", logger="vttig_jax"):
+        assert set(loaded(store, tmp_path)) == {NAMES[0]}
+    assert not (store / NAMES[1]).exists() and "failed their check" not in caplog.text
+
+
 def test_what_a_killed_process_left_is_removed_after_a_day(store: Path, tmp_path: Path) -> None:
     old = time.time() - 2 * 86400
     for name in (".stage-dead", ".stage-alive"):

@@ -79,9 +79,9 @@ def shares(monkeypatch, result):
     def follow(*values: float) -> list[HarmonicOrders]:
         asked: list[HarmonicOrders] = []
 
-        def identifiability(logs, segments, pair, orders, flank):
+        def identifiability(logs, segments, pair, orders, flank, **options):
             asked.append(orders)
-            return find_identifiability(logs, segments, pair, orders, flank)
+            return find_identifiability(logs, segments, pair, orders, flank, **options)
 
         def fitted(*_, **__):
             return _with_share(result, values[len(asked) - 1])

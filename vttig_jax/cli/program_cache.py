@@ -83,13 +83,17 @@ def read_programs(store: Path, stage: Path) -> set[str]:
                 if now - path.stat().st_mtime > _ABANDONED_S:
                     shutil.rmtree(path) if path.is_dir() else path.unlink()
                 continue
-            data = b"" if now - path.stat().st_mtime > _OLDEST_S else path.read_bytes()
-            size += len(data)
-            if data[:_DIGEST] == _digest(path.name, data[_DIGEST:]) and size <= _MOST_BYTES:
+            seen = path.stat()
+            size += seen.st_size
+            if now - seen.st_mtime > _OLDEST_S or size > _MOST_BYTES:
+                path.unlink()
+                continue
+            data = path.read_bytes()
+            if data[:_DIGEST] == _digest(path.name, data[_DIGEST:]):
                 (stage / path.name).write_bytes(data[_DIGEST:])
                 known.add(path.name)
             else:
-                damaged += bool(data)
+                damaged += 1
                 path.unlink()
     if damaged:
         LOGGER.info("%d stored programs failed their check and are compiled again", damaged)

@@ -12,7 +12,7 @@ from ..pair.gear_pair import Drive, Flank, GearPair
 from .evidence import Evidence
 from .fit_result import Fit
 from .model.forward_model import relation_of
-from .model.identifiability import Identifiability
+from .model.identifiability import SINGLE_TURN, Identifiability
 from .noise.noise_model import whiten
 from .preliminary.delay import Delay, one_speed
 from .preliminary.delay_change import DelayChange, delay_change, with_rival
@@ -121,7 +121,7 @@ def estimate_of(
 ) -> Estimate:
     """Return the parameters with standard errors that the log itself and the readings support."""
     solved = _solved(selected, pair, identifiable, settings)
-    solved, white, scatter = _with_own_errors(solved, identifiable.few_turns)
+    solved, white, scatter = _with_own_errors(solved, identifiable)
     solved, compared = _with_readings(solved, readings, pair, settings.use_readings)
     change = delay_change(selected.linear) if selected.delay.state == "fitted" else None
     change = with_rival(change, selected)
@@ -159,11 +159,12 @@ def _solved(
 
 
 def _with_own_errors(
-    solved: SolvedFit, few_turns: bool
+    solved: SolvedFit, identifiable: Identifiability
 ) -> tuple[SolvedFit, Whiteness | None, Scatter | None]:
     """Replace the standard errors by those from the log itself if the noise model may be wrong.
 
-    On few turns cosines of the scores decide. Otherwise a test of the whitened residual decides
+    On few turns cosines of the scores and noise that remembers decide, and in a table of a single
+    turn the cosines alone. Otherwise a test of the whitened residual decides
     whether blocks of the log do. Both are omitted if the residual is rounding, which
     follows the digits of the readings and no noise model.
 
@@ -176,9 +177,12 @@ def _with_own_errors(
     curves, residuals = solved.curves_and_residuals
     noises = [noise.at(curve.mean_speed) for curve in curves]
     white = whiteness(residuals, [curve.time for curve in curves], noises)
+    few_turns = identifiable.few_turns
     if not few_turns and (white is None or white.probability >= REMEMBERS):
         return solved, white, None
-    scatter: Scatter = "cosines" if few_turns else "blocks"
+    scatter: Scatter = "blocks"
+    if few_turns:
+        scatter = "memory" if identifiable.turns["driving"] >= SINGLE_TURN else "cosines"
     widening = widened(solved, scatter)
     covariance = solution.covariance * np.outer(widening, widening)
     if white is not None:

@@ -1,7 +1,7 @@
 """From logs to parameters: the main job, in one function."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 from ..base.errors import LogError, NoAnswerError, UsageError
@@ -30,6 +30,7 @@ from .preliminary.linear_fit import Input
 from .preliminary.model_selection import SelectedModel, have_one_zero, select_model
 from .preliminary.order_selection import entering_orders
 from .report.check_records import Lines
+from .report.estimate import Estimate
 from .report.residual_tests import joint_lines
 from .settings import FitSettings, from_keywords, takes_settings
 from .solve.solved_fit import SolvedFit
@@ -107,18 +108,16 @@ def fit(
         _require_pair(one, pair)
         check_ratio(one)
         found.append(assigned_segments(one))
-    segments = [each.segments for each in found]
     wanted = orders or pair.fit
     _require_one_phase(logs, wanted, settings)
-    identifiable = find_identifiability(logs, segments, pair, wanted, settings.flank)
+    task = _Task(logs, found, pair, settings, readings)
+    scope = task.scope(wanted)
     for one, each in zip(logs, found, strict=True):
         refuse_slip(one, each)
-    given = (logs, found, pair)
-    result = _fitted(*given, identifiable, settings, wanted=wanted, readings=readings)
+    result = _fitted(task, wanted, scope)
     if _is_worse_than_none(result):
         first = _first_only(wanted)
-        fewer = find_identifiability(logs, segments, pair, first, settings.flank)
-        result = _fitted(*given, fewer, settings, wanted=first, readings=readings)
+        result = _fitted(task, first, task.scope(first))
         note = "higher orders are left out: with them the fit leaves more than without any order"
         warnings, notes = ((note, *own) for own in (result.warnings, result.notes))
         result = replace(result, warnings=warnings, notes=notes)
@@ -147,75 +146,78 @@ def _first_only(orders: HarmonicOrders) -> HarmonicOrders:
     )
 
 
-def _fitted(
-    logs: Sequence[EncoderLog],
-    found: Sequence[Segments],
-    pair: GearPair | Drive,
-    scope: Identifiability,
-    settings: FitSettings,
-    *,
-    wanted: HarmonicOrders,
-    readings: BacklashReadings | None,
-) -> Fit:
-    """Select the model of the identifiable orders and fit it.
+@dataclass(frozen=True, eq=False)
+class _Task:
+    """What is fitted: logs with their segments, pair, settings, and backlash readings if given."""
 
-    On few turns these are the orders that enter, otherwise certain lines join them.
-    """
+    logs: Sequence[EncoderLog]
+    found: Sequence[Segments]
+    pair: GearPair | Drive
+    settings: FitSettings
+    readings: BacklashReadings | None
 
-    def selection(scope: Identifiability) -> tuple[Identifiability, SelectedModel]:
-        selected = select_model(_inputs(logs, found, scope), pair, scope, settings)
-        _require_rows(selected.summary, ", ".join(log.source for log in logs))
+    def scope(self, orders: HarmonicOrders, *, remembers: bool = False) -> Identifiability:
+        """Return what can be fitted of these orders."""
+        segments = [each.segments for each in self.found]
+        return find_identifiability(
+            self.logs, segments, self.pair, orders, self.settings.flank, remembers=remembers
+        )
+
+    def selected(self, scope: Identifiability) -> tuple[Identifiability, SelectedModel]:
+        """Return the selected model of a scope, and the scope with the flanks that have rows."""
+        inputs = _inputs(self.logs, self.found, scope)
+        selected = select_model(inputs, self.pair, scope, self.settings)
+        _require_rows(selected.summary, ", ".join(log.source for log in self.logs))
         flanks = tuple(flank.flank for flank in selected.summary.flanks)
         return replace(scope, flanks=flanks), selected
 
-    given, selected = selection(scope)
-    fewer = _entering(logs, found, pair, scope, settings, wanted=wanted, selected=selected)
-    scope, selected = (given, selected) if fewer is None else selection(fewer)
-    estimate = estimate_of(selected, pair, scope, settings, readings)
+    def estimate(self, scope: Identifiability, selected: SelectedModel) -> Estimate:
+        """Return the parameters of a selected model."""
+        return estimate_of(selected, self.pair, scope, self.settings, self.readings)
+
+
+def _fitted(task: _Task, wanted: HarmonicOrders, scope: Identifiability) -> Fit:
+    """Select the model of the identifiable orders, `scope`, and fit it.
+
+    On few turns these are the orders that enter. Certain lines of the residual join them.
+    """
+    scope, selected = task.selected(scope)
+    fewer = _entering(task, wanted, scope, selected)
+    if fewer is not None:
+        scope, selected = task.selected(fewer)
+    estimate = task.estimate(scope, selected)
     lines = Lines()
-    if _may_join(estimate.solved, settings):
+    if _may_join(estimate.solved, task.settings):
         # A second round would look for lines in what the first lines leave of their own shape.
-        linear = selected.linear
-        joint = joint_lines(linear.rows, estimate.solved.weights)
+        joint = joint_lines(selected.linear.rows, estimate.solved.weights)
         joined = joined_lines(estimate.solved, joint, few_turns=scope.few_turns)
         lines = Lines(joint=joint)
         if joined is not None:
-            scope, selected = selection(replace(scope, terms=_telling(joined.terms, joined.notes)))
-            estimate = estimate_of(selected, pair, scope, settings, readings)
+            wider = replace(scope, terms=_telling(joined.terms, joined.notes))
+            scope, selected = task.selected(wider)
+            estimate = task.estimate(scope, selected)
             lines = Lines(joined.lines)
     return build_fit(
-        selected, estimate, pair=pair, identifiable=scope, settings=settings, lines=lines
+        selected, estimate, task.pair, identifiable=scope, settings=task.settings, lines=lines
     )
 
 
 def _entering(
-    logs: Sequence[EncoderLog],
-    found: Sequence[Segments],
-    pair: GearPair | Drive,
-    scope: Identifiability,
-    settings: FitSettings,
-    *,
-    wanted: HarmonicOrders,
-    selected: SelectedModel,
+    task: _Task, wanted: HarmonicOrders, scope: Identifiability, selected: SelectedModel
 ) -> Identifiability | None:
     """Return the scope with the orders that enter on few turns, or None if it is unchanged."""
     if not SINGLE_TURN <= scope.turns["driving"] < FEW_TURNS:
         return None
-    segments = [each.segments for each in found]
-
-    def planned(orders: HarmonicOrders) -> Identifiability:
-        return find_identifiability(logs, segments, pair, orders, settings.flank, remembers=True)
-
-    apart, sure = planned(wanted), scope.few_turns
+    apart, sure = task.scope(wanted, remembers=True), scope.few_turns
     orders = entering_orders(selected.summary, apart.terms.free, wanted, any_noise=sure)
     if orders is None:
         return None
-    entered = planned(orders)
+    entered = task.scope(orders, remembers=True)
     left_out = [h for h in apart.terms.free if h not in entered.terms.free]
     if not left_out and sure:
         return None
-    told = (*apart.terms.dropped, *_not_entered(left_out))
-    return replace(entered, terms=replace(entered.terms, dropped=told))
+    plan = replace(entered.terms, dropped=apart.terms.dropped)
+    return replace(entered, terms=_telling(plan, _not_entered(left_out)))
 
 
 def _telling(terms: TermPlan, notes: tuple[str, ...]) -> TermPlan:

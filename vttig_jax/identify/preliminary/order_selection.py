@@ -66,6 +66,7 @@ def entering_orders(
     left = sum(f.factor(np.ones(1))[-1, -1] ** 2 for f in summary.flanks)
     entered = free if left <= summary.rounding else _entered(summary, free)
     if entered != free and _are_needed(summary, entered):
+        # With all columns, because those that are too close on few turns look like memory as well.
         if not (any_noise or remembers(summary)):
             return None
         entered = free

@@ -27,8 +27,8 @@ def covered_gap(solved: SolvedFit, margin: float, scatter: Scatter | None = None
     **Arguments**
     - `margin`: bound of the gap in rad that a delay within its own bound looks like; 0 for a delay
       that is known or fitted.
-    - `scatter`: parts of the log whose scatter gives the standard error, if it is larger than that
-      of the noise model; cosines always give it.
+    - `scatter`: what gives the standard error, if it is larger than that of the noise model. Noise
+      that remembers always gives it.
     """
     if len(solved.summary.flanks) < 2:
         return CoveredGap(reason="one direction: one flank alone shows no gap")
@@ -40,7 +40,7 @@ def covered_gap(solved: SolvedFit, margin: float, scatter: Scatter | None = None
     value = float(mean.value[0])
     own = 0.0 if scatter is None else float(standard_errors(solved, mean.functional, scatter)[0])
     std = math.sqrt(mean.deviation(solved.solution.covariance)[0, 0])
-    std = own if scatter == "cosines" else max(std, own)
+    std = own if scatter == "memory" else max(std, own)
     half = math.hypot(NORMAL_95 * std, margin)
     low, high = value - half, value + half
     if margin and high > 0:

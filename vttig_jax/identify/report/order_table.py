@@ -62,7 +62,8 @@ class FlankLine(Protocol):
 def order_table(solved: SolvedFit, scatter: Scatter | None = None) -> tuple[Order, ...]:
     """Return amplitude, standard error and phase of all harmonics of both shafts and the mesh.
 
-    On few turns, where `scatter` is that of cosines, it is the standard error of an amplitude too.
+    On few turns, where `scatter` is not that of blocks, its standard error is the least of an
+    amplitude too.
     """
     table = []
     summary, solution = solved.summary, solved.solution
@@ -80,7 +81,7 @@ def order_table(solved: SolvedFit, scatter: Scatter | None = None) -> tuple[Orde
             amplitude, std, phase_deg, _ = polar_spread(
                 values[cells] / ARCSEC, covariance[np.ix_(cells, cells)] / ARCSEC**2
             )
-            if scatter == "cosines" and amplitude:
+            if scatter in ("cosines", "memory") and amplitude:
                 along = np.zeros((1, len(values)))
                 along[0, cells] = values[cells] / (amplitude * ARCSEC)
                 of_fit = functional_of(solved, {flank.flank: along})

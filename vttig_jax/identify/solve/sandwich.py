@@ -25,9 +25,7 @@ from jaxtyping import Float
 from scipy.special import stdtrit
 
 from ...base.numerics.quantiles import NORMAL_95
-from ...base.units import REV
 from ...pair.gear_pair import Flank
-from ..model.identifiability import SINGLE_TURN
 from .solved_fit import SolvedFit
 
 _BLOCKS = 28
@@ -37,8 +35,9 @@ _FEWEST = 6  # blocks for an estimate; chosen value
 _SHORTEST = 10  # rows of a block; chosen value
 _COSINES = 8  # cosines of the scores on few turns; chosen value
 
-Scatter = Literal["blocks", "cosines"]
-"""Parts of the log whose scatter gives the standard errors."""
+Scatter = Literal["blocks", "cosines", "memory"]
+"""What gives the standard errors: the scatter of blocks of the log, that of cosines of the scores,
+or the larger of that of cosines and of noise that remembers."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,11 +84,10 @@ def standard_errors(
     """Return the standard errors of functions of the fit from the scatter of parts of the log.
 
     They contain the ratio of the 97.5 % quantiles of Student's and the normal distribution. Those
-    of blocks are 0 if there are fewer than six; those of cosines are at least those of the noise
-    model.
+    of blocks are 0 if there are fewer than six.
     """
-    if scatter == "cosines":
-        return _on_few_turns(solved, functional)
+    if scatter != "blocks":
+        return _of_cosines(solved, functional, memory=scatter == "memory")
     rows = [one.changes for one in _influences(solved, functional)]
     sums = _blocks(rows, sum(len(run.rows) for own in solved.linear.rows for run in own.runs))
     if len(sums) < _FEWEST:
@@ -98,31 +96,24 @@ def standard_errors(
     return _quantile(freedom) * np.sqrt(len(sums) / freedom * np.sum(sums**2, axis=0))
 
 
-def _on_few_turns(solved: SolvedFit, functional: Functional) -> Float[np.ndarray, " k"]:
-    """Return the larger standard errors of cosines of the scores and of noise that remembers.
+def _of_cosines(
+    solved: SolvedFit, functional: Functional, *, memory: bool
+) -> Float[np.ndarray, " k"]:
+    """Return the standard errors of cosines of the scores.
 
-    In a table of a single turn the cosines alone decide.
+    With `memory` they are at least those of noise that remembers.
     """
     found = _influences(solved, functional, whole=True)
     influence = np.concatenate([one.changes for one in found])
     phase = np.pi * (np.arange(len(influence)) + 0.5) / len(influence)
     cosines = np.sqrt(2) * np.cos(np.outer(np.arange(1, _COSINES + 1), phase))
     own = _quantile(_COSINES) * np.sqrt(np.mean((cosines @ influence) ** 2, axis=0))
-    if _turns(solved) < SINGLE_TURN:
+    if not memory:
         return own
     variance, freedom = solved.remembered_noise.variances(
         [one.weights for one in found if one.weights is not None]
     )
     return np.maximum(own, _quantile(freedom) * np.sqrt(variance))
-
-
-def _turns(solved: SolvedFit) -> float:
-    """Return the driving revolutions of all runs of the flank that has fewer."""
-    travel: dict[Flank, float] = {}
-    for run in (run for log in solved.linear.rows for run in log.runs):
-        own = float(np.ptp(run.curve.driving_angle)) / REV
-        travel[run.segment.flank] = travel.get(run.segment.flank, 0.0) + own
-    return min(travel.values(), default=0.0)
 
 
 @overload

@@ -111,9 +111,10 @@ def refuse_slip(log: EncoderLog, segments: Segments) -> None:
         raise LogError(slip.sentence, where=log.place.at(row=slip.row))
 
 
-_HUBER_STEPS = 5
+_HUBER_STEPS = 5  # weights; they hardly change after four; chosen value
 _DEPENDENT = 1e-12
-"""Share of the largest eigenvalue of the normal matrix below which columns count as dependent."""
+"""Share of the largest eigenvalue of the normal matrix below which columns count as dependent
+(chosen)."""
 
 _DIGITS = 100.0
 """Largest step that may come from rounding, in rounding errors of the transmission error."""
