@@ -17,6 +17,7 @@ from .noise.noise_model import whiten
 from .preliminary.delay import Delay, one_speed
 from .preliminary.delay_change import DelayChange, delay_change, with_rival
 from .preliminary.model_selection import SelectedModel
+from .preliminary.wander import with_walk
 from .report.backlash_readings import (
     comparison,
     gap_of_both_flanks,
@@ -36,6 +37,7 @@ from .report.parameters import outcome_of, parameters_of, regressors_of
 from .report.per_log import log_record
 from .report.residual_tests import whiteness
 from .settings import FitSettings
+from .solve.beside_walk import beside_walk
 from .solve.least_squares import solve
 from .solve.residuals import (
     lifted,
@@ -68,7 +70,8 @@ def build_fit(
     orders = order_table(solved, estimate.scatter)
     residual_rms = sample_residual_rms(linear, solved.weights)
     curves, residuals = solved.curves_and_residuals
-    gap = covered_gap(solved, unknown, estimate.scatter)
+    walk = estimate.walk and estimate.walk.solved
+    gap = covered_gap(solved, unknown, estimate.scatter, walk)
     checks = checks_of(selected, estimate, pair, parameters, orders=orders, gap=gap, found=lines)
     logs = tuple(log_record(linear, solution, log) for log in range(len(linear.inputs)))
     warnings = warnings_of(selected, identifiable, estimate, regressors, logs, checks=checks)
@@ -122,10 +125,21 @@ def estimate_of(
     """Return the parameters with standard errors that the log itself and the readings support."""
     solved = _solved(selected, pair, identifiable, settings)
     solved, white, scatter = _with_own_errors(solved, identifiable)
+    other = None if _has_own_drift(identifiable, settings) else with_walk(selected)
+    walk = None
+    if other is not None:
+        solved, walk = beside_walk(solved, _solved(other, pair, identifiable, settings))
     solved, compared = _with_readings(solved, readings, pair, settings.use_readings)
     change = delay_change(selected.linear) if selected.delay.state == "fitted" else None
     change = with_rival(change, selected)
-    return Estimate(_with_change(solved, change), white, scatter, compared, change)
+    return Estimate(
+        solved=_with_change(solved, change),
+        whiteness=white,
+        scatter=scatter,
+        readings=compared,
+        change=change,
+        walk=walk,
+    )
 
 
 def _solved(
@@ -188,6 +202,12 @@ def _with_own_errors(
     if white is not None:
         white = msgspec.structs.replace(white, widening=float(widening.max()))
     return replace(solved, solution=replace(solution, covariance=covariance)), white, scatter
+
+
+def _has_own_drift(identifiable: Identifiability, settings: FitSettings) -> bool:
+    """Return whether the drift is not selected by the log: on few turns, or on request."""
+    asked = settings.drift_order is not None or settings.drift_knots_s is not None
+    return asked or identifiable.few_turns
 
 
 def _with_readings(

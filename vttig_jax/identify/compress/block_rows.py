@@ -15,7 +15,7 @@ from ..model.column_layout import OFFSET, ColumnLayout
 from ..model.harmonics import TermPlan
 from ..settings import NoiseSettings
 from .block_means import block_means, block_rows, block_size
-from .regressors import Regressors, trimmed
+from .regressors import Drift, Regressors, trimmed
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,6 +36,7 @@ class LogRows:
     - `size`, `block_s`: number of samples and duration in s of a row of the fastest run.
     - `noise`: kind of the noise model.
     - `rounding`: rounding error of y due to the last digit of the readings, rad.
+    - `drift`: drift, which may hold its coefficients near zero.
     """
 
     columns: ColumnLayout
@@ -44,6 +45,7 @@ class LogRows:
     block_s: float
     noise: NoiseSettings = NoiseSettings()
     rounding: float = 0.0
+    drift: Drift = Drift()
 
     def runs_by_flank(self, longer_than: int = 0) -> dict[Flank, list[BlockRun]]:
         """Return flank → its runs with more than `longer_than` rows."""
@@ -57,6 +59,14 @@ class LogRows:
         """Return flank → the rows of each of its runs with more than `longer_than` rows."""
         runs = self.runs_by_flank(longer_than)
         return {flank: [run.rows for run in own] for flank, own in runs.items()}
+
+    def held(self, flank: Flank) -> Float[np.ndarray, "steps q"]:
+        """Return the rows that hold the drift near zero.
+
+        Both flanks share the drift, so that only the flank of the first run has them.
+        """
+        held = self.drift.held(self.columns)
+        return held if self.runs[0].segment.flank == flank else held[:0]
 
 
 def turns_of(rows: Sequence[LogRows]) -> float:
@@ -133,6 +143,7 @@ def log_rows(
         block_s=row_s,
         noise=noise,
         rounding=channels.log.rounding,
+        drift=channels.drift,
     )
 
 

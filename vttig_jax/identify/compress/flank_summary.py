@@ -35,7 +35,7 @@ Times = Float[np.ndarray, " _"]
 Filter = Float[np.ndarray, " _"]
 """Whitening filter of the noise."""
 
-Runs = tuple[list[Rows], Float[np.ndarray, "q q"], Float[np.ndarray, "q q"]]
+Runs = tuple[list[Rows], Float[np.ndarray, "_ q"], Float[np.ndarray, "q q"]]
 """Rows U of every run, the pseudo-observations, and the common triangle F."""
 
 
@@ -152,7 +152,7 @@ class FlankSummary(ABC):
         """Return the summary of rows with only the columns `keep`, in this order."""
         return self.transformed(np.eye(len(self.triangle))[keep])
 
-    def observed(self, pseudo: Float[np.ndarray, "q q"]) -> "FlankSummary":
+    def observed(self, pseudo: Float[np.ndarray, "_ q"]) -> "FlankSummary":
         """Return the summary with the pseudo-observations, which are uncorrelated."""
         stacks = {name: getattr(self, name).copy() for name in self.STACKS}
         for stack in stacks.values():
@@ -212,10 +212,11 @@ class FlankSummary(ABC):
         )
 
 
-def conditioned_runs(runs: Sequence[Rows]) -> Runs:
-    """Condition the rows of all runs together."""
-    whole = conditioned(np.concatenate(runs))
-    return np.split(whole.rows, np.cumsum([len(rows) for rows in runs])[:-1]), *whole[1:]
+def conditioned_runs(runs: Sequence[Rows], *held: Rows) -> Runs:
+    """Condition the rows of all runs together with the rows `held`, which are no measurements."""
+    whole = conditioned(np.concatenate([*runs, *held]))
+    *pieces, last = np.split(whole.rows, np.cumsum([len(rows) for rows in runs]))
+    return pieces, np.concatenate([whole.pseudo, last]), whole.triangle
 
 
 def _stacked(*triangles: Float[np.ndarray, "_ q"]):

@@ -151,7 +151,7 @@ def _summarised(
         for flank, runs in log.runs_by_flank(longer_than=2 * lags).items():
             seen = known.get(flank)
             if seen is None or len(seen[0]) != len(runs):
-                seen = conditioned_runs([run.rows for run in runs])
+                seen = conditioned_runs([run.rows for run in runs], log.held(flank))
             times = [run.curve.time for run in runs]
             part = kind.summary.of_runs(flank, seen, times, logs[0].block_s, lags)
             if len(logs) > 1:
@@ -212,7 +212,9 @@ def _conditioned(log: LogRows) -> tuple[dict[Flank, Runs], int]:
     longest = max((len(run.rows) for run in log.runs), default=0)
     most = int(np.clip(longest // 8, 1, highest))
     by_flank = log.by_flank(longer_than=2 * most)
-    return {flank: conditioned_runs(runs) for flank, runs in by_flank.items()}, most
+    return {
+        flank: conditioned_runs(runs, log.held(flank)) for flank, runs in by_flank.items()
+    }, most
 
 
 def _needed(conditioned: dict[Flank, Runs], most: int) -> int:

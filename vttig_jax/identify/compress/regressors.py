@@ -17,6 +17,7 @@ from ...logs.channel.spikes import without_spikes
 from ...logs.encoder_log import EncoderLog
 from ...logs.motion.segments import Segment
 from ...pair.gear_pair import Drive, Flank, GearPair
+from ..model.column_layout import ColumnLayout
 
 Samples = Float[np.ndarray, " n"]
 
@@ -45,10 +46,13 @@ class Drift:
     **Arguments**
     - `order`: highest power of the scaled time.
     - `knots_s`: distance of the knots of a cubic B-spline, s; 0 for powers of time.
+    - `stiffness`: standard deviation of white noise of the rows in units of that of the step from
+      one coefficient of the spline to the next; 0 for free coefficients.
     """
 
     order: int = 0
     knots_s: float = 0.0
+    stiffness: float = 0.0
 
     def names(self, duration_s: float) -> tuple[str, ...]:
         """Return the names of the columns for a log of this duration."""
@@ -57,11 +61,29 @@ class Drift:
             return tuple(f"spline_{k}" for k in range(1, count + 1))
         return tuple(f"drift_{k}" for k in range(1, self.order + 1))
 
+    def held(self, columns: ColumnLayout) -> Float[np.ndarray, "steps q"]:
+        """Return the steps of the coefficients of the spline as rows, which hold them near zero.
+
+        The coefficients then are a random walk (P. H. C. Eilers, B. D. Marx, Statist. Sci. 11
+        (1996) 89). Its first step starts at the function that the offset replaces.
+        """
+        own = [name for name in columns.own[0] if name.startswith("spline_")]
+        count = len(own) if self.stiffness else 0
+        rows = np.zeros((count, columns.width))
+        start = columns.index(own[0]) if count else 0
+        rows[:, start : start + count] = self.stiffness * steps(count)
+        return rows
+
     def stiffness_s(self, duration_s: float) -> float | None:
         """Return the shortest period the drift can follow, s: two pieces; None without drift."""
         if self.knots_s:
             return 2 * duration_s / max(1, nearest_whole(duration_s / self.knots_s))
         return 2 * duration_s / self.order if self.order else None
+
+
+def steps(count: int) -> Float[np.ndarray, "m m"]:
+    """Return the matrix of the steps of a random walk from zero."""
+    return np.eye(count) - np.eye(count, k=-1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,6 +98,7 @@ class Regressors:
     - `weight`: weight of every sample; None for equal weights.
     - `pull`: part of `error` subtracted to bound the influence of outliers; None for zero.
     - `level`: subtracted level, rad; see `level_of`.
+    - `drift`: drift, whose columns are among `own`.
     """
 
     log: EncoderLog
@@ -89,6 +112,7 @@ class Regressors:
     sample_s: float = 0.0
     pull: Samples | None = None
     level: float = 0.0
+    drift: Drift = Drift()
 
 
 def level_of(log: EncoderLog) -> float:
@@ -144,6 +168,7 @@ def read_channels(
         sample_s=float(np.median(np.diff(log.time))),
         pull=pull,
         level=level,
+        drift=drift,
     )
 
 

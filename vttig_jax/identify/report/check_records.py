@@ -23,6 +23,7 @@ from .checks import (
     RatioCheck,
     ResidualLine,
     Reversal,
+    Wander,
 )
 from .closure import closure, reversal_jumps
 from .covered_gap import compared_jumps, gap_by_speed
@@ -65,7 +66,7 @@ def checks_of(
     solved, drift = estimate.solved, selected.drift
     linear, weights, solution = solved.linear, solved.weights, solved.solution
     rows, terms, same_zero = linear.rows, linear.model.terms, linear.model.same_zero
-    is_rounding = solved.noise.is_rounding
+    is_rounding, walk = solved.noise.is_rounding, estimate.walk
     gap_deg = abs(gap.value or 0.0) / abs(float(pair.ratio))
     jumps = _all_reversals(linear, solution, pair, parameters, gap_deg=gap_deg)
     longest = max(float(c.time[-1] - c.time[0]) for c in linear.channels)
@@ -75,6 +76,7 @@ def checks_of(
         order_spectrum=tuple(one for one in orders if one.order == 1 and one.shaft != "mesh"),
         closure=closure(solved.curves_and_residuals[0], pair),
         whiteness=estimate.whiteness,
+        wander=walk and Wander(walk.step_arcsec, walk.knots_s, walk.widening),
         readings=estimate.readings,
         reversals=jumps,
         jumps=compared_jumps(jumps, solved, gap),

@@ -64,6 +64,12 @@ def _repeatability(checks: Checks, several: bool, has_noise: bool) -> list[str]:
             f" {white.probability:.1g} by the Ljung–Box test of neighbouring residuals): standard"
             f" errors are taken from blocks of the log, up to {white.widening:.2g} times larger"
         )
+    if (wander := checks.wander) and wander.widening > 1:
+        sentences.append(
+            f"the level of the transmission error wanders by {wander.step_arcsec:.3g}″ in"
+            f" {wander.knots_s:.2g} s, which the drift does not follow: a second fit follows it,"
+            f" and its results make standard errors up to {wander.widening:.2g} times larger"
+        )
     return sentences
 
 

@@ -155,6 +155,17 @@ class Whiteness(Record, frozen=True):
     widening: float = 1.0
 
 
+class Wander(Record, frozen=True):
+    """Random walk of the level: standard deviation of a step, and the time of a step.
+
+    `widening` is the largest factor by which it increases a standard error.
+    """
+
+    step_arcsec: float
+    knots_s: float
+    widening: float
+
+
 class ResidualLine(Record, frozen=True):
     """Significant line of the residual; see `logs.lines.search.Line`.
 
@@ -261,6 +272,7 @@ class Checks(Record, frozen=True, kw_only=True):
       beside offset, drift, delay and flank step; None without variance.
     - `drift_order`, `drift_knots_s`, `drift_arcsec`: highest power of time, distance of the knots
       of a spline, and coefficients. - `drift_stiffness_s`: shortest period that the drift follows.
+    - `wander`: random walk of the level beyond the drift; None if the log does not demand it.
     - `outliers`: of every log, for a robust loss. - `weakest_direction`, `solver_steps`: of the
       solver.
     - `passes`, `halves`: comparisons within each log. - `lines`: lines of the residual.
@@ -270,6 +282,7 @@ class Checks(Record, frozen=True, kw_only=True):
     order_spectrum: tuple[Order, ...] = ()
     closure: Closure | None = None
     whiteness: Whiteness | None = None
+    wander: Wander | None = None
     readings: ReadingsComparison | None = None
     reversals: tuple[Reversal, ...] = ()
     jumps: JumpComparison | None = None

@@ -21,7 +21,12 @@ _CELL = DEG
 """Driving angle of a cell in rad; each cell that both flanks covered counts once (chosen)."""
 
 
-def covered_gap(solved: SolvedFit, margin: float, scatter: Scatter | None = None) -> CoveredGap:
+def covered_gap(
+    solved: SolvedFit,
+    margin: float,
+    scatter: Scatter | None = None,
+    walk: SolvedFit | None = None,
+) -> CoveredGap:
     """Return the mean gap of the fitted curves over the angles covered by both flanks.
 
     **Arguments**
@@ -29,6 +34,7 @@ def covered_gap(solved: SolvedFit, margin: float, scatter: Scatter | None = None
       that is known or fitted.
     - `scatter`: what gives the standard error, if it is larger than that of the noise model. Noise
       that remembers always gives it.
+    - `walk`: fit with a random walk as drift, from which the gap is at least so far as it differs.
     """
     if len(solved.summary.flanks) < 2:
         return CoveredGap(reason="one direction: one flank alone shows no gap")
@@ -41,6 +47,10 @@ def covered_gap(solved: SolvedFit, margin: float, scatter: Scatter | None = None
     own = 0.0 if scatter is None else float(standard_errors(solved, mean.functional, scatter)[0])
     std = math.sqrt(mean.deviation(solved.solution.covariance)[0, 0])
     std = own if scatter == "memory" else max(std, own)
+    if walk is not None:
+        other = mean_gap(driving, walk)
+        apart = math.sqrt(other.deviation(walk.solution.covariance)[0, 0])
+        std = max(std, math.hypot(apart, value - float(other.value[0])))
     half = math.hypot(NORMAL_95 * std, margin)
     low, high = value - half, value + half
     if margin and high > 0:

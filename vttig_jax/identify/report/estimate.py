@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from ..preliminary.delay_change import DelayChange
+from ..solve.beside_walk import Walk
 from ..solve.sandwich import Scatter
 from ..solve.solved_fit import SolvedFit
 from .checks import ReadingsComparison, Whiteness
@@ -19,6 +20,7 @@ class Estimate:
       gives them.
     - `readings`: comparison with backlash readings; None without readings.
     - `change`: change of the delay within a log; None if no delay is fitted or no half tells it.
+    - `walk`: fit with a random walk as drift; None if the log does not demand it.
     """
 
     solved: SolvedFit
@@ -26,3 +28,4 @@ class Estimate:
     scatter: Scatter | None
     readings: ReadingsComparison | None
     change: DelayChange | None
+    walk: Walk | None = None

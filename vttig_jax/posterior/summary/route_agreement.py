@@ -98,7 +98,7 @@ class Agreement(TextResult):
     **Arguments**
     - `compared`: comparison of every coordinate.
     - `widening`: factor by which the fit widened its standard errors because its residual is not
-      white; 1 without widening.
+      white or its level wanders; 1 without widening.
     """
 
     compared: tuple[RouteComparison, ...]
@@ -200,8 +200,8 @@ def agreement(posterior: Posterior, prior: Prior = Prior()) -> Agreement:
         )
         for name in posterior.physical
     )
-    white = fit.checks.whiteness
-    return Agreement(compared, white.widening if white else 1.0)
+    widenings = [one.widening for one in (fit.checks.whiteness, fit.checks.wander) if one]
+    return Agreement(compared, max(widenings, default=1.0))
 
 
 def _of_fit(fit: Fit, name: str) -> Route:

@@ -1,0 +1,55 @@
+"""Standard errors of a fit beside one whose drift is a random walk."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...base.units import ARCSEC
+from .solved_fit import SolvedFit
+
+_OF_LEVEL = np.sqrt(0.5)
+"""Step of the level in steps of the coefficients: its value at a knot is (1, 4, 1)/6 of three."""
+
+
+@dataclass(frozen=True, eq=False)
+class Walk:
+    """Fit with a random walk as drift.
+
+    **Arguments**
+    - `solved`: parameters of this fit.
+    - `widening`: largest factor by which it increases a standard error of the first fit.
+    """
+
+    solved: SolvedFit
+    widening: float
+
+    @property
+    def knots_s(self) -> float:
+        """Time of one step of the walk, s."""
+        return self.solved.linear.model.drift.knots_s
+
+    @property
+    def step_arcsec(self) -> float:
+        """Standard deviation of the change of the level from knot to knot, arcsec."""
+        noise, drift = self.solved.noise, self.solved.linear.model.drift
+        step = noise.innovation_std / (drift.stiffness * np.linalg.norm(noise.filter))
+        return float(_OF_LEVEL * step) / ARCSEC
+
+
+def beside_walk(solved: SolvedFit, other: SolvedFit) -> tuple[SolvedFit, Walk]:
+    """Increase the standard errors to the distance from a fit with a random walk as drift.
+
+    With the difference d of two estimates and the standard error s of the second, the first one is
+    √(s² + d²) from the truth.
+    """
+    solution, walk = solved.solution, other.solution
+    std, factor = np.sqrt(np.diag(solution.covariance)), np.ones(len(solution.names))
+    for place, name in enumerate(solution.names):
+        if name in walk.names and std[place] > 0:
+            twin = walk.names.index(name)
+            away = float(solution.values[place] - walk.values[twin])
+            apart = np.hypot(away, np.sqrt(walk.covariance[twin, twin]))
+            factor[place] = max(float(apart / std[place]), 1.0)
+    covariance = solution.covariance * np.outer(factor, factor)
+    wider = replace(solved, solution=replace(solution, covariance=covariance))
+    return wider, Walk(other, float(factor.max(initial=1.0)))
