@@ -28,6 +28,10 @@ VERBS = {
         "vttig_jax.cli.verbs.fit:command",
         "Identify eccentricities and backlash from a log.",
     ),
+    "fit-many": (
+        "vttig_jax.cli.verbs.fit_many:command",
+        "Identify many logs, each of a rig of its own, in one table.",
+    ),
     "map": (
         "vttig_jax.cli.verbs.map:command",
         "Write the backlash at every angle from a fit.",

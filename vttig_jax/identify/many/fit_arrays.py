@@ -98,8 +98,8 @@ def fit_arrays(model: BatchModel, log: LogArrays) -> ArrayFit:
     >>> from vttig_jax.identify import fit_arrays, prepared
     >>> from vttig_jax.rig import PassMotion, paper_rig
     >>> vttig_jax.enable_x64()
-    >>> rig = paper_rig(motion=PassMotion(speed_rpm=120.0, reversal_deg=2880.0))
-    >>> model, arrays = prepared([rig.log(0), rig.log(1)], rig.pair)
+    >>> rig = paper_rig(motion=PassMotion(speed_rpm=240.0, reversal_deg=3600.0))
+    >>> model, arrays = prepared([rig.log(0), rig.log(1)], rig.pair, lags=4)
     >>> found = jax.jit(jax.vmap(lambda log: fit_arrays(model, log)))(arrays)
     >>> found.code.tolist(), found.values.shape == (2, len(model.names))
     ([0, 0], True)

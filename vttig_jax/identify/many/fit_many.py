@@ -29,7 +29,7 @@ from .preparation import (
     prepare,
     require_one_rig,
 )
-from .table import OK, PARTS, FitTable, table_of
+from .table import OK, PARTS, Columns, FitTable, table_of
 
 Row = dict[str, Any]
 
@@ -67,25 +67,44 @@ def fit_many(
     >>> import vttig_jax
     >>> from vttig_jax.rig import PassMotion, paper_rig
     >>> vttig_jax.enable_x64()
-    >>> rig = paper_rig(motion=PassMotion(speed_rpm=120.0, reversal_deg=2880.0))
+    >>> rig = paper_rig(motion=PassMotion(speed_rpm=240.0, reversal_deg=3600.0))
     >>> table = vttig_jax.fit_many([rig.log(seed) for seed in range(3)], rig.pair)
     >>> table.columns["driving_eccentricity_mm"].round(3).tolist()
-    [0.023, 0.023, 0.023]
+    [0.022, 0.022, 0.022]
 
     ```
     """
     require_x64("fit_many")
     settings = batch_settings(changes)
-    batches = Batches(pair, settings, orders or pair.fit, progress)
+    columns = fit_columns(logs, pair, settings, orders or pair.fit, progress=progress)
+    return FitTable(columns=columns, pair=pair.name, settings=settings_table(settings))
+
+
+class Unread(NamedTuple):
+    """A log that could not be read: its name and the error."""
+
+    name: str
+    error: VttigError
+
+
+def fit_columns(
+    logs: Iterable[EncoderLog | Unread],
+    pair: GearPair | Drive,
+    settings: FitSettings,
+    orders: HarmonicOrders,
+    *,
+    shapes: Shapes | None = None,
+    progress: Callable[[int], None] = lambda logs: None,
+) -> Columns:
+    """Return the columns of the table; `shapes` are those of programs compiled before."""
+    batches = Batches(pair, settings, orders, progress, shapes or Shapes())
     for log in logs:
+        if isinstance(log, Unread):
+            batches.refuse(batches.placed(), log.name, log.error)
+            continue
         require_one_rig([log], pair)
         batches.add(log)
-    rows = batches.finished()
-    return FitTable(
-        columns=table_of(rows, parameter_names(pair)),
-        pair=pair.name,
-        settings=settings_table(settings),
-    )
+    return table_of(batches.finished(), parameter_names(pair))
 
 
 def settings_table(settings: FitSettings) -> dict[str, Any]:
@@ -124,7 +143,7 @@ class Batches:
     settings: FitSettings
     orders: HarmonicOrders
     progress: Callable[[int], None]
-    shapes: Shapes = field(default_factory=Shapes)
+    shapes: Shapes
     waiting: dict[_Key, list[_Waiting]] = field(default_factory=dict)
     sizes: dict[_Key, int] = field(default_factory=dict)
     running: tuple[list[_Waiting], Call] | None = None
@@ -133,7 +152,7 @@ class Batches:
 
     def add(self, log: EncoderLog) -> None:
         """Prepare a log, and send its batch to the programs when it is full."""
-        place, self.count = self.count, self.count + 1
+        place = self.placed()
         try:
             ready = prepare(log, self.pair, self.settings, self.orders)
         except VttigError as error:
@@ -145,6 +164,11 @@ class Batches:
         group.append(_Waiting(place, log.source, ready))
         if len(group) == logs_at_once(1 << key.octave):
             self._send(key)
+
+    def placed(self) -> int:
+        """Return the place of the next log in the table."""
+        self.count += 1
+        return self.count - 1
 
     def refuse(self, place: int, name: str, error: VttigError) -> None:
         """Keep the row of a log that is not fitted."""
