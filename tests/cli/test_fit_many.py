@@ -14,7 +14,7 @@ from vttig_jax.control.sweeps import cluster
 from vttig_jax.pair.load import pair_spec
 from vttig_jax.pair.pair_file import spec_table
 from vttig_jax.rig.motion import PassMotion
-from vttig_jax.rig.paper import paper_rig
+from vttig_jax.rig.paper import paper_pair, paper_rig
 from vttig_jax.runs import many_fits
 
 
@@ -27,7 +27,7 @@ def rigs(tmp_path_factory) -> Path:
         rig = paper_rig(number, motion)
         (folder / f"rig{number}.csv").write_text(log_csv(rig.log(number)))
     (folder / "broken.csv").write_text("time_s,driving_counts,driven_counts\n0,1,nonsense\n")
-    (folder / "pair.toml").write_text(tomli_w.dumps(spec_table(pair_spec(rig.pair))))
+    (folder / "pair.toml").write_text(tomli_w.dumps(spec_table(pair_spec(paper_pair()))))
     return folder
 
 
@@ -60,6 +60,7 @@ def test_each_log_has_a_row_and_resuming_changes_nothing(
         single = vttig_jax.fit(vttig_jax.read_log(row["log"], pair), pair, **options)
         for name in record["parameters"]:
             known = single.parameters[name]
+            assert known.std is not None
             assert float(row[name]) == pytest.approx(known.value, abs=0.01 * known.std)
     assert rows[1]["driving_eccentricity_mm"] == ""
     written = (out / "fits.parquet").read_bytes()

@@ -81,6 +81,7 @@ def test_parameters_are_those_of_single_fits(logs, batch, found):
         assert found.innovation_std[place] == pytest.approx(single.noise.innovation_std, rel=1e-6)
         assert found.std[place] == pytest.approx(single.noise.std, rel=1e-6)
     # The two logs differ by their noise, which the comparison above must see.
+    std = np.sqrt(np.diag(found.covariance[0]))
     assert np.abs((found.values[0] - found.values[1]) / std).max() > 0.1
 
 

@@ -77,8 +77,12 @@ def command(
         raise UsageError(in_options(str(error))) from None
     task = ManyFits.of(logs, pair, settings, ReadingOptions(**reading))
     with output.progress(len(logs), "logs") as bar:
+
+        def follow(done: int) -> None:
+            bar.update(done)
+
         found = fit_files(
-            task, out=out, resume=resume, overwrite=overwrite, dask=dask, progress=bar.update
+            task, out=out, resume=resume, overwrite=overwrite, dask=dask, progress=follow
         )
     if csv_file is not None:
         found.to_csv(csv_file)

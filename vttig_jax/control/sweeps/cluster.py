@@ -76,7 +76,7 @@ def run_blocks(
                 where=address,
             ) from None
         workers = len(client.scheduler_info(n_workers=-1)["workers"])
-        sent = client.scatter([shared], broadcast=True)[0]
+        sent = client.scatter(shared, broadcast=True)
         futures = client.map(
             block, list(todo), shared=sent, pure=False, retries=_RETRIES, key="vttig-block"
         )
