@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from jax.sharding import AxisType, Mesh
 from jax.sharding import PartitionSpec as P
+from scipy.signal import lfilter
 
 import vttig_jax
 from vttig_jax.identify import (
@@ -113,14 +114,16 @@ def test_bad_logs_have_codes(program, batch):
     few[:, middle : middle + 60] = True
     split = np.array(first.on_flank)
     split[0, middle] = False
+    steps = np.random.default_rng(1).normal(size=model.shape.samples)
+    wandering = lfilter([1e-4], [1.0, -0.9998], steps)
     bad = [
         first._replace(driven=broken),
         first._replace(on_flank=few),
         first._replace(on_flank=split),
-        first,
+        first._replace(driven=np.asarray(first.driven) + wandering),
     ]
     result = program(stacked(bad, model.shape.samples))
-    codes = [Code.NOT_FINITE, Code.TOO_FEW_ROWS, Code.NO_ROOM, Code.OK]
+    codes = [Code.NOT_FINITE, Code.TOO_FEW_ROWS, Code.NO_ROOM, Code.LONG_MEMORY]
     assert result.code.tolist() == codes
     assert np.all(np.isfinite(np.asarray(result.values)))
 

@@ -37,7 +37,8 @@ class ArrayFit(NamedTuple):
       covariance by the noise model.
     - `innovation_std`, `std`: standard deviations of the innovations and of the block rows, rad.
     - `partial`, `order`: partial autocorrelations of the noise, zero beyond the order, and order.
-    - `code`: a `Code`; the numbers of a log that could not be fitted are zero.
+    - `code`: a `Code`. Up to `TOO_FEW_ROWS` all numbers are zero; with a higher code they are those
+      that the code warns of.
     """
 
     values: Float[Numbers, "*logs p"]
@@ -177,9 +178,12 @@ def solved(model: BatchModel, data: Compressed) -> ArrayFit:
     offset = jnp.asarray([name == OFFSET for name in model.names])
     values = found.values + jnp.where(offset, data.level, 0.0)
     numbers = (values, found.covariance, found.innovation_std, std, noise.partial)
-    usable = _is_usable(data.code)
-    kept = (jnp.where(usable, one, 0.0) for one in numbers)
-    order = jnp.where(usable, noise.order, 0)
+    # A noise so smooth that its whitening has no digits left gives NaN, which the code tells.
+    is_sound = jnp.stack([jnp.all(jnp.isfinite(one)) for one in numbers]).all()
+    late.insert(0, (Code.LONG_MEMORY, ~is_sound))
+    kept_at_all = _is_usable(data.code) & is_sound
+    kept = (jnp.where(kept_at_all, one, 0.0) for one in numbers)
+    order = jnp.where(kept_at_all, noise.order, 0)
     return ArrayFit(*kept, order=order, code=_first(late, data.code))
 
 
