@@ -69,7 +69,10 @@ def main() -> None:
     record["fit_each"], _ = _timed(
         lambda: [vttig_jax.fit(log, rig.pair, **single) for log in some], len(some)
     )
-    peers = [_Peer(model.orders, jax.tree.map(lambda x, k=k: x[k], arrays)) for k in range(DRAWN)]
+    peers = [
+        _Peer(np.asarray(model.orders), jax.tree.map(lambda x, k=k: x[k], arrays))
+        for k in range(DRAWN)
+    ]
     record["scipy_each"], _ = _timed(
         lambda: [peer.solved() for peer in peers[: chosen.peers]], chosen.peers
     )
@@ -127,7 +130,8 @@ class _Peer:
     def solved(self) -> Any:
         """The solution from small amplitudes."""
         start = np.full(self._width, 1e-4)
-        return least_squares(self._residual, start, jac=self._jacobian, method="trf", x_scale="jac")
+        exact: Any = self._jacobian
+        return least_squares(self._residual, start, jac=exact, method="trf", x_scale="jac")
 
     @property
     def _width(self) -> int:
