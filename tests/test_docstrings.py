@@ -67,6 +67,18 @@ FOUND = [
 README = PACKAGE.parent / "README.md"
 
 
+@pytest.mark.parametrize("page", ["many_fits.md"])
+def test_the_examples_of_a_page_run(page):
+    """Each example goes on where the one before it ended, and checks itself with `assert`."""
+    text = (README.parent / "docs" / page).read_text(encoding="utf-8")
+    blocks = [block[2] for block in _FENCE.finditer(text)]
+    names: dict[str, object] = {}
+    for block in blocks:
+        assert "assert " in block and len(block.splitlines()) <= 10
+        exec(compile(block, page, "exec"), names)
+    assert len(blocks) == 2
+
+
 def test_the_example_of_the_readme():
     texts = [block[2] for block in _FENCE.finditer(README.read_text(encoding="utf-8"))]
     assert len(texts) == 1

@@ -76,6 +76,7 @@ INNER_FLOORS = {
         "build_result",
         "line_orders",
         "fitting",
+        "many",
         "log_coverage",
         "backlash",
     ),

@@ -32,6 +32,8 @@ if TYPE_CHECKING:
     from .identify.backlash import backlash_map as backlash_map
     from .identify.fit_result import Fit as Fit
     from .identify.fitting import fit as fit
+    from .identify.many.fit_many import fit_many as fit_many
+    from .identify.many.table import FitTable as FitTable
     from .identify.settings import FitSettings as FitSettings
     from .identify.store import read_fit as read_fit
     from .kinematics.backlash_map import BacklashMap as BacklashMap
@@ -80,6 +82,7 @@ _HOMES = {
     "EncoderLog": "logs.encoder_log",
     "Fit": "identify.fit_result",
     "FitSettings": "identify.settings",
+    "FitTable": "identify.many.table",
     "FlankModel": "kinematics.flank_model",
     "Gear": "pair.gear_pair",
     "GearPair": "pair.gear_pair",
@@ -109,6 +112,7 @@ _HOMES = {
     "exact_backlash": "kinematics.functions",
     "exact_transmission_error": "kinematics.functions",
     "fit": "identify.fitting",
+    "fit_many": "identify.many.fit_many",
     "inspect_log": "logs.inspection",
     "load_pair": "pair.load",
     "locate": "kinematics.turn_location",

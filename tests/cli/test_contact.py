@@ -9,7 +9,7 @@ import pytest
 import vttig_jax
 from tests.pair.texts import CONTRACT, DRIVE, MINIMAL
 from vttig_jax.base.files.json_io import dumps, load_schema
-from vttig_jax.cli.verbs.contact import contact_record, contact_text
+from vttig_jax.cli.verbs.gears.contact import contact_record, contact_text
 from vttig_jax.geometry.backlash.report import gap_report
 from vttig_jax.geometry.contact.contact_model import contact_model
 from vttig_jax.geometry.contact.report import contact_at
@@ -177,7 +177,7 @@ def test_teeth_that_interfere_are_named(vttig):
 
 
 def test_an_existing_result_is_refused_before_anything_is_computed(vttig, tmp_path, monkeypatch):
-    monkeypatch.setattr("vttig_jax.cli.verbs.contact._contacts", None)
+    monkeypatch.setattr("vttig_jax.cli.verbs.gears.contact._contacts", None)
     (tmp_path / "contact.csv").write_text("mine")
     code, _, err = vttig("contact", PAPER, *SHORT, "--out", tmp_path)
     assert code == 2 and "already exists" in err

@@ -72,6 +72,25 @@ def model_options(function: Callable[..., None]) -> Callable[..., None]:
     return function
 
 
+def batch_options(function: Callable[..., None]) -> Callable[..., None]:
+    """Give a verb one option for every setting that the fits of a batch can change."""
+    for field in reversed(fields()):
+        if field.name in BATCH_OPTIONS:
+            own = field._replace(default=BATCH_OPTIONS[field.name])
+            function = _option(own)(function)
+    return function
+
+
+BATCH_OPTIONS: dict[str, Any] = {
+    "flank": None,
+    "perfect_encoders": False,
+    "perfect_gears": False,
+    "delay": "off",
+    "drift_order": 0,
+}
+"""Settings of a batch that have an option, and their defaults."""
+
+
 def _option(field: Field) -> Callable[[Callable[..., None]], Callable[..., None]]:
     return click.option(
         field.option,

@@ -28,6 +28,10 @@ VERBS = {
         "vttig_jax.cli.verbs.fit:command",
         "Identify eccentricities and backlash from a log.",
     ),
+    "fit-many": (
+        "vttig_jax.cli.verbs.fit_many:command",
+        "Identify many logs, each of a rig of its own, in one table.",
+    ),
     "map": (
         "vttig_jax.cli.verbs.map:command",
         "Write the backlash at every angle from a fit.",
@@ -61,15 +65,15 @@ VERBS = {
         "Find the turn in the hunting period from two readings.",
     ),
     "measure": (
-        "vttig_jax.cli.verbs.measure:command",
+        "vttig_jax.cli.verbs.gears.measure:command",
         "Say what a shop measures on the gears of a pair.",
     ),
     "surface": (
-        "vttig_jax.cli.verbs.surface:command",
+        "vttig_jax.cli.verbs.gears.surface:command",
         "Write a gear as a mesh, a CAD solid or a section.",
     ),
     "contact": (
-        "vttig_jax.cli.verbs.contact:command",
+        "vttig_jax.cli.verbs.gears.contact:command",
         "Find where the teeth of a pair touch, from their surfaces.",
     ),
     "export": (

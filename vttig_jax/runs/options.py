@@ -107,10 +107,10 @@ def options_of(given: dict[str, Any]) -> RunOptions:
     try:
         return RunOptions(reading, FitSettings(**values))
     except ValueError as error:
-        raise UsageError(_in_options(str(error))) from None
+        raise UsageError(in_options(str(error))) from None
 
 
-def _in_options(message: str) -> str:
+def in_options(message: str) -> str:
     """Name options of the command line in place of arguments of Python."""
     for name, option in _OPTION.items():
         message = message.replace(f"`{name}`", option)

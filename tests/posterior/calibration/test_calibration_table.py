@@ -7,12 +7,10 @@ are drawn and fitted, and fewer rigs could not tell 95 % from 90 %.
 import json
 from dataclasses import replace
 
-import jax.numpy as jnp
 import jsonschema
 import msgspec
 import numpy as np
 import pytest
-from scipy.optimize import brentq
 
 from vttig_jax.base.files.json_io import dumps, load_schema
 from vttig_jax.identify.compress.block_rows import block_seconds, log_rows
@@ -24,7 +22,6 @@ from vttig_jax.logs.encoder_log import EncoderLog
 from vttig_jax.logs.motion.segments import Segment
 from vttig_jax.pair.load import pair_from_spec, pair_spec
 from vttig_jax.pair.schema import LogLayout
-from vttig_jax.posterior.calibration.batched_fit import best_pi
 from vttig_jax.posterior.calibration.calibrate import Calibration, calibrate
 from vttig_jax.posterior.calibration.case_result import CaseResult
 from vttig_jax.posterior.calibration.coverage import rejected
@@ -146,15 +143,5 @@ def test_vmapped_fit_is_the_fit(name):
         np.testing.assert_allclose(batch.fitted.partial[rig, :order], noise.partial, atol=1e-6)
         std = np.sqrt(np.diag(solution.covariance))
         modelled = batch.fitted.modelled
-        # Normal matrices there, orthogonal factors here: they differ by the rounding of squares.
         assert np.abs((modelled.values[rig] - solution.values) / std).max() < 1e-4
         np.testing.assert_allclose(np.sqrt(np.diag(modelled.covariance[rig])), std, rtol=1e-6)
-
-
-@pytest.mark.parametrize("slope", [-1e3, -0.3, 1e-9, 2.0, 1e6])
-@pytest.mark.parametrize("curvature", [1e-3, 1.0, 1e8])
-def test_lowest_point_of_the_bound(curvature, slope):
-    cubic = lambda p: (curvature * p + slope) * (1 - p**2) + 4 * p  # noqa: E731
-    expected = brentq(cubic, -1.0, 1.0, xtol=1e-15)
-    found = float(best_pi(*(jnp.asarray(float(x)) for x in (curvature, slope, 4.0))))
-    assert found == pytest.approx(expected, abs=1e-10)

@@ -1,8 +1,9 @@
-"""Execution of a sweep on a cluster of `dask.distributed`, one task per block."""
+"""Execution of blocks on a cluster of `dask.distributed`, one task per block."""
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from importlib.util import find_spec
+from typing import Any
 
 import jax
 
@@ -27,8 +28,22 @@ def on_cluster(
     done: Callable[[int, Rows], None],
     progress: Callable[[int], None],
 ) -> int:
+    """Run the blocks of a sweep on the workers of a scheduler; see `run_blocks`."""
+    return run_blocks(address, _block, recipe, todo, done=done, progress=progress)
+
+
+def run_blocks(
+    address: str,
+    block: Callable[[int, Any], tuple[int, int, Rows]],
+    shared: Any,
+    todo: Sequence[int],
+    *,
+    done: Callable[[int, Rows], None],
+    progress: Callable[[int], None],
+) -> int:
     """Run blocks on the workers of a scheduler; a block of a lost worker is given to another one.
 
+    `block(number, shared)` returns the number, the amount for `progress` and the rows of a block.
     Every worker process compiles by itself. `done` is called with each finished block.
 
     **Returns** the number of workers at the beginning.
@@ -61,9 +76,9 @@ def on_cluster(
                 where=address,
             ) from None
         workers = len(client.scheduler_info(n_workers=-1)["workers"])
-        shared = client.scatter(recipe, broadcast=True)
+        sent = client.scatter(shared, broadcast=True)
         futures = client.map(
-            _block, list(todo), recipe=shared, pure=False, retries=_RETRIES, key="vttig-block"
+            block, list(todo), shared=sent, pure=False, retries=_RETRIES, key="vttig-block"
         )
         for future, answer in as_completed(futures, with_results=True, raise_errors=False):
             if future.status != "finished":
@@ -78,7 +93,7 @@ def on_cluster(
     return workers
 
 
-def _block(number: int, recipe: Recipe) -> tuple[int, int, Rows]:
+def _block(number: int, shared: Recipe) -> tuple[int, int, Rows]:
     """Run a block on a worker and return its number, lane-steps and rows."""
     steps = 0
 
@@ -86,7 +101,7 @@ def _block(number: int, recipe: Recipe) -> tuple[int, int, Rows]:
         nonlocal steps
         steps += done
 
-    rows = _work(recipe).run(number, progress)
+    rows = _work(shared).run(number, progress)
     return number, steps, rows
 
 

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager, suppress
 from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -25,8 +25,16 @@ _LOCK = ".lock"
 _ROW_GROUP = 1 << 20
 
 
+class FolderNames(NamedTuple):
+    """Names of a folder with blocks of rows: what it holds, and its files."""
+
+    noun: str = "sweep"
+    table: str = TABLE
+    header: str = HEADER
+
+
 class SweepFolder:
-    """Folder of a sweep, used as a context manager.
+    """Folder of a sweep, or of another table with blocks of rows, used as a context manager.
 
     Every block is written atomically to its own file, so that `resume` continues with the missing
     blocks after a kill. `header` identifies the sweep; a different sweep is not continued.
@@ -36,9 +44,14 @@ class SweepFolder:
     """
 
     def __init__(
-        self, path: Path, header: dict[str, Any], resume: bool = False, overwrite: bool = False
+        self,
+        path: Path,
+        header: dict[str, Any],
+        resume: bool = False,
+        overwrite: bool = False,
+        names: FolderNames = FolderNames(),
     ) -> None:
-        self.path = path
+        self.path, self.names = path, names
         self.header = json.loads(dumps(header))
         self.resume = resume
         self.overwrite = overwrite
@@ -73,14 +86,14 @@ class SweepFolder:
             _LOGGER.warning("%s keeps %d blocks; continue with --resume", self.path, len(self.done))
         elif kind is not None and self._began:
             if not issubclass(kind, Exception):  # such as Ctrl-C
-                _LOGGER.warning("%s keeps nothing: no block of cases was finished yet", self.path)
+                _LOGGER.warning("%s keeps nothing: no block of rows was finished yet", self.path)
             self._undo()
         self._leave()
 
     @property
     def table(self) -> Path:
         """Path of the file with all rows."""
-        return self.path / TABLE
+        return self.path / self.names.table
 
     @property
     def done(self) -> set[int]:
@@ -116,16 +129,16 @@ class SweepFolder:
 
     def _begin(self) -> None:
         """Prepare the folder, or refuse it."""
-        header = self.path / HEADER
+        header, noun = self.path / self.names.header, self.names.noun
         holds_sweep = self.table.exists() or header.exists()
         if holds_sweep and self.resume:
             self._compare(header)
         elif holds_sweep and not self.overwrite:
             raise UsageError(
-                "holds a sweep; replace it with --overwrite (in Python overwrite=True) or choose"
+                f"holds a {noun}; replace it with --overwrite (in Python overwrite=True) or choose"
                 " another folder."
                 if self.table.exists()
-                else "holds an unfinished sweep; continue it with --resume, replace it with"
+                else f"holds an unfinished {noun}; continue it with --resume, replace it with"
                 " --overwrite (in Python resume=True, overwrite=True) or choose another folder.",
                 where=str(self.path),
             )
@@ -146,14 +159,14 @@ class SweepFolder:
             stored = None
         if not isinstance(stored, dict):
             raise InputError(
-                "the header of this sweep is damaged; run the sweep again with --overwrite.",
+                f"the header of this {self.names.noun} is damaged; make it again with --overwrite.",
                 where=str(header),
             )
         differing = [name for name in self.header if stored.get(name) != self.header[name]]
         if differing:
             raise InputError(
-                f"this folder holds another sweep: {', '.join(differing)} differ; run the sweep"
-                " with its first inputs, or replace it with --overwrite.",
+                f"this folder holds another {self.names.noun}: {', '.join(differing)} differ; run"
+                f" the {self.names.noun} with its first inputs, or replace it with --overwrite.",
                 where=str(header),
             )
         with os_errors_as_input_errors(self.path):
@@ -174,8 +187,8 @@ class SweepFolder:
             with suppress(OSError):
                 self._part(number).unlink()
             raise InputError(
-                f"this part of the sweep is damaged ({type(error).__name__}) and was removed; run"
-                " it again with --resume.",
+                f"this part of the {self.names.noun} is damaged ({type(error).__name__}) and was"
+                " removed; run it again with --resume.",
                 where=str(self._part(number)),
             ) from None
 
@@ -183,7 +196,7 @@ class SweepFolder:
         """Remove a sweep that ended before its first block."""
         shutil.rmtree(self.path / PARTS, ignore_errors=True)
         with suppress(OSError):
-            (self.path / HEADER).unlink()
+            (self.path / self.names.header).unlink()
 
     def _leave(self) -> None:
         with suppress(OSError):

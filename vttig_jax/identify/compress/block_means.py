@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from ...base.arrays import Numbers
 from ...base.numerics.counting import whole_below
 from ...base.numerics.sincos import sincos
 from ...base.units import REV
@@ -116,9 +117,8 @@ def without_turns(angle: Float[Array, "*shape"], orders: Float[Array, "terms 2"]
     return angle - jnp.where(whole, REV * jnp.round(angle / REV), 0.0)
 
 
-@jax.jit
-def chunk_sums(
-    orders: Float[Array, "terms 2"],
+def harmonic_sums(
+    orders: Float[Numbers, "terms 2"],
     size: int | Int[Array, ""],
     driving: Float[Array, "height rows"],
     driven: Float[Array, "height rows"],
@@ -128,8 +128,10 @@ def chunk_sums(
 
     The cosine and the sine of a term are adjacent rows. The loop over the samples of a block keeps
     the sums of all terms in cache and the blocks in vector lanes. Reductions of XLA would take 1.5
-    times as long to run and three times as long to compile.
+    times as long to run and three times as long to compile. Derivatives in reverse need a `size`
+    that is a plain number.
     """
+    orders = jnp.asarray(orders)
     driving, driven = (without_turns(angle, orders) for angle in (driving, driven))
 
     def add(index, sums):
@@ -142,3 +144,7 @@ def chunk_sums(
     zero = jnp.zeros((orders.shape[0], driving.shape[1]))
     sums = jax.lax.fori_loop(0, size, add, (zero, zero))
     return jnp.stack(sums, axis=1).reshape(-1, driving.shape[1])
+
+
+chunk_sums = jax.jit(harmonic_sums)
+"""`harmonic_sums` as a program of its own, for any `size` up to the height of the tables."""

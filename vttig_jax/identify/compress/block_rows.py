@@ -82,12 +82,19 @@ def block_seconds(
 
     It is the duration that the fastest log requires; all logs then share one noise model.
     """
-    highest = float(max((terms.frequency(term) for term in terms.terms), default=1))
     return min(
-        c.sample_s * block_size(_samples_per_turn(c.driving, own), highest)
+        c.sample_s * samples_per_row(c.driving, own, terms)
         for c, own in zip(channels, segments, strict=True)
         if own
     )
+
+
+def samples_per_row(
+    driving: Float[np.ndarray, " n"], segments: Sequence[Segment], terms: TermPlan
+) -> int:
+    """Return the number of samples per block row that the segments of one log require."""
+    highest = float(max((terms.frequency(term) for term in terms.terms), default=1))
+    return block_size(_samples_per_turn(driving, segments), highest)
 
 
 def log_rows(

@@ -197,9 +197,14 @@ def shifted(log: EncoderLog, delay_s: float, weight: Samples | None = None) -> S
 
 def trimmed(segment: Segment, channels: Regressors) -> Segment:
     """Return the segment without the samples whose shifted instant is outside it."""
-    lost = whole_above(abs(channels.delay_s) / channels.sample_s) if channels.delay_s else 0
-    start = segment.start + (lost if channels.delay_s > 0 else 0)
-    stop = segment.stop - (lost if channels.delay_s < 0 else 0)
+    return trim(segment, channels.delay_s, channels.sample_s)
+
+
+def trim(segment: Segment, delay_s: float, sample_s: float) -> Segment:
+    """Return the segment without the samples whose instant before `delay_s` is outside it."""
+    lost = whole_above(abs(delay_s) / sample_s) if delay_s else 0
+    start = segment.start + (lost if delay_s > 0 else 0)
+    stop = segment.stop - (lost if delay_s < 0 else 0)
     return Segment(start, max(start, stop), segment.flank, segment.speed)
 
 

@@ -18,7 +18,7 @@ from .reml import restricted_partial
 _REPEATS = 2
 """Further rounds of autoregression and generalised least squares; the second changes nothing."""
 
-_FORGOTTEN = 20.0
+FORGOTTEN = 20.0
 """Shortest run, in correlation times of the noise, for which the likelihood can distinguish noise
 from structure that the model misses."""
 
@@ -212,7 +212,7 @@ def _noise_of(summary: HarmonicSummary, variance_factor: float, few_turns: bool)
     On few turns of a drive the likelihood remains, because moments underestimate the correlation.
     """
     found = _model(summary, filter_of(restricted_partial(summary)), variance_factor, "likelihood")
-    if few_turns or not _lasts(found, summary, _FORGOTTEN):
+    if few_turns or not _lasts(found, summary, FORGOTTEN):
         return found
     return _model(summary, autoregression(summary), variance_factor, "moments")
 

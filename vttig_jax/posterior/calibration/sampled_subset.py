@@ -118,13 +118,15 @@ def _evidence(batch: Batch, place: int) -> RigEvidence:
 
 
 def _summary(program: Program, log: Compressed) -> HarmonicSummary:
+    products = log.products
     flanks = tuple(
-        LaggedFlank.of_products(
+        LaggedFlank(
             flank,
-            program.rows,
-            lag_products=np.asarray(log.lag_products[k]),
-            heads=np.asarray(log.ends[k, :1]),
-            tails=np.asarray(log.ends[k, 1:, ::-1]),
+            triangle=np.asarray(products.triangle[k]),
+            lag_products=np.asarray(products.lag_products[k]),
+            heads=np.asarray(products.ends[k, :1]),
+            tails=np.asarray(products.ends[k, 1:, ::-1]),
+            rows=program.rows,
         )
         for k, flank in enumerate(program.scenario.flanks)
     )

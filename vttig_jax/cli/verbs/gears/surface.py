@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
-from ...base.errors import PairError, UsageError
-from ..options import POSITIVE, Finite, given, verb
-from ..output import Output
+from ....base.errors import PairError, UsageError
+from ...options import POSITIVE, Finite, given, verb
+from ...output import Output
 
 if TYPE_CHECKING:
     from tqdm import tqdm
 
-    from ...geometry.tooth.tooth import Shaft, Tooth
+    from ....geometry.tooth.tooth import Shaft, Tooth
 
 _MESHES, _SOLIDS, _DRAWINGS = (".stl", ".ply", ".obj"), (".step", ".stp"), (".svg", ".dxf")
 _PICTURES = (".png",)
@@ -111,8 +111,8 @@ def command(
     _check_out(out, suffix, overwrite)
     import vttig_jax
 
-    from ...base.files.run_folder import RunFolder
-    from ...pair.pair_file import load_pair_spec
+    from ....base.files.run_folder import RunFolder
+    from ....pair.pair_file import load_pair_spec
 
     vttig_jax.enable_x64()
     spec = load_pair_spec(pair)
@@ -164,9 +164,9 @@ def _check_out(out: Path, suffix: str, overwrite: bool) -> None:
 
 
 def _tooth(spec: Any, path: Path, gear: "Shaft") -> "Tooth":
-    from ...geometry.tooth.tooth import tooth_of
-    from ...pair.gear_pair import GearPair
-    from ...pair.load import pair_from_spec
+    from ....geometry.tooth.tooth import tooth_of
+    from ....pair.gear_pair import GearPair
+    from ....pair.load import pair_from_spec
 
     pair = pair_from_spec(spec)
     if not isinstance(pair, GearPair):
@@ -186,7 +186,7 @@ def _builder(suffix: str) -> Callable[[_Wanted], Written]:
 
 
 def _mesh(wanted: _Wanted) -> Written:
-    from ...geometry.solids.mesh import MESH_FILES, gear_mesh
+    from ....geometry.solids.mesh import MESH_FILES, gear_mesh
 
     write, rounding = MESH_FILES[wanted.suffix]
     mesh = gear_mesh(wanted.tooth, rounding=rounding, progress=wanted.bar.update, **wanted.build)
@@ -201,7 +201,7 @@ def _mesh(wanted: _Wanted) -> Written:
 
 
 def _solid(wanted: _Wanted) -> Written:
-    from ...geometry.solids.solid import gear_solid, step_bytes
+    from ....geometry.solids.solid import gear_solid, step_bytes
 
     solid = gear_solid(wanted.tooth, progress=wanted.bar.update, **wanted.build)
     found = {
@@ -214,7 +214,7 @@ def _solid(wanted: _Wanted) -> Written:
 
 
 def _drawing(wanted: _Wanted) -> Written:
-    from ...geometry.solids.section_drawing import dxf_bytes, section_drawing, svg_bytes
+    from ....geometry.solids.section_drawing import dxf_bytes, section_drawing, svg_bytes
 
     drawing = section_drawing(wanted.tooth, wanted.section_mm, **wanted.build)
     found = {
@@ -228,9 +228,9 @@ def _drawing(wanted: _Wanted) -> Written:
 
 
 def _picture(wanted: _Wanted) -> Written:
-    from ...geometry.solids.blank import blank_of
-    from ...plotting.save import png
-    from ...plotting.tooth import plot_tooth
+    from ....geometry.solids.blank import blank_of
+    from ....plotting.save import png
+    from ....plotting.tooth import plot_tooth
 
     tolerance = wanted.build["tolerance_mm"]
     blank = blank_of(wanted.tooth, teeth=None, bore_mm=0.0, tolerance_mm=tolerance)
@@ -238,7 +238,7 @@ def _picture(wanted: _Wanted) -> Written:
 
 
 def _text(record: dict[str, Any], name: str) -> str:
-    from ...base.files.text_tables import key_values
+    from ....base.files.text_tables import key_values
 
     rows: list[tuple[str, str]] = [
         ("format", str(record["format"]).upper()),

@@ -5,15 +5,15 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ...base.errors import PairError, UsageError
-from ..options import POSITIVE, Finite, verb
-from ..output import Output
+from ....base.errors import PairError, UsageError
+from ...options import POSITIVE, Finite, verb
+from ...output import Output
 
 if TYPE_CHECKING:
-    from ...geometry.measures.comparison import Stated
-    from ...geometry.measures.gear_measures import GearMeasures
-    from ...geometry.tooth.tooth import Tooth
-    from ...pair.schema import PairSpec, StatedTable
+    from ....geometry.measures.comparison import Stated
+    from ....geometry.measures.gear_measures import GearMeasures
+    from ....geometry.tooth.tooth import Tooth
+    from ....pair.schema import PairSpec, StatedTable
 
 
 @verb(
@@ -66,8 +66,8 @@ def command(
     """
     import vttig_jax
 
-    from ...geometry.measures.comparison import compare_stated, measures_text
-    from ...pair.pair_file import load_pair_spec
+    from ....geometry.measures.comparison import compare_stated, measures_text
+    from ....pair.pair_file import load_pair_spec
 
     vttig_jax.enable_x64()
     spec = load_pair_spec(pair)
@@ -99,10 +99,10 @@ def command(
 
 def _teeth(spec: "PairSpec", path: Path, section_mm: float) -> "dict[str, Tooth]":
     """Both gears in their own frames, each of which can be measured."""
-    from ...geometry.measures.validation import check_measurable
-    from ...geometry.tooth.tooth import tooth_of
-    from ...pair.gear_pair import GearPair
-    from ...pair.load import pair_from_spec
+    from ....geometry.measures.validation import check_measurable
+    from ....geometry.tooth.tooth import tooth_of
+    from ....pair.gear_pair import GearPair
+    from ....pair.load import pair_from_spec
 
     pair = pair_from_spec(spec)
     if not isinstance(pair, GearPair):
@@ -126,7 +126,7 @@ def _teeth(spec: "PairSpec", path: Path, section_mm: float) -> "dict[str, Tooth]
 
 
 def _stated(spec: "PairSpec", shaft: str) -> "StatedTable":
-    from ...pair.schema import StatedTable
+    from ....pair.schema import StatedTable
 
     return getattr(spec, shaft).stated or StatedTable()
 
@@ -140,7 +140,7 @@ def _measured(
     ball_mm: float | None,
 ) -> "GearMeasures":
     """The gear measured as asked, else as stated, else as is usual."""
-    from ...geometry.measures.gear_measures import measure_gear
+    from ....geometry.measures.gear_measures import measure_gear
 
     return measure_gear(
         tooth,

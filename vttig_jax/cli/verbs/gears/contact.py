@@ -6,21 +6,21 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ...base.errors import PairError, UsageError
-from ...runs.rigs import fitted_rig
-from ..options import POSITIVE, STEP_DEG, Finite, verb
-from ..output import Output
-from .map import csv_text
+from ....base.errors import PairError, UsageError
+from ....runs.rigs import fitted_rig
+from ...options import POSITIVE, STEP_DEG, Finite, verb
+from ...output import Output
+from ..map import csv_text
 
 if TYPE_CHECKING:
-    from ...base.files.run_folder import RunFolder
-    from ...geometry.backlash.report import GapReport
-    from ...geometry.contact.contact_model import ContactModel
-    from ...geometry.contact.deviations import Deviations
-    from ...geometry.contact.report import Contacts
-    from ...geometry.mounting import Misalignment
-    from ...pair.eccentricities import Eccentricities
-    from ...pair.gear_pair import GearPair
+    from ....base.files.run_folder import RunFolder
+    from ....geometry.backlash.report import GapReport
+    from ....geometry.contact.contact_model import ContactModel
+    from ....geometry.contact.deviations import Deviations
+    from ....geometry.contact.report import Contacts
+    from ....geometry.mounting import Misalignment
+    from ....pair.eccentricities import Eccentricities
+    from ....pair.gear_pair import GearPair
 
 
 _MOST_ROWS = 200_000
@@ -102,8 +102,8 @@ def command(
 
     import vttig_jax
 
-    from ...base.units import DEG
-    from ...geometry.backlash.report import gap_report
+    from ....base.units import DEG
+    from ....geometry.backlash.report import gap_report
 
     vttig_jax.enable_x64()
     gears = _gears(pair)
@@ -142,8 +142,8 @@ def command(
 
 
 def _gears(path: Path) -> "GearPair":
-    from ...pair.gear_pair import GearPair
-    from ...pair.load import load_pair
+    from ....pair.gear_pair import GearPair
+    from ....pair.load import load_pair
 
     pair = load_pair(path)
     if not isinstance(pair, GearPair):
@@ -168,7 +168,7 @@ def _mounted(rig: Path | None, pair: Path, axial_mm: float) -> "Eccentricities":
     import equinox as eqx
     import numpy as np
 
-    from ...pair.eccentricities import Eccentricities
+    from ....pair.eccentricities import Eccentricities
 
     found = Eccentricities() if rig is None else fitted_rig(rig, pair)
     return eqx.tree_at(lambda one: one.axial_mm, found, np.float64(axial_mm))
@@ -177,7 +177,7 @@ def _mounted(rig: Path | None, pair: Path, axial_mm: float) -> "Eccentricities":
 def _measured(maps: Path | None, pitches: Path | None, pair: "GearPair") -> "Deviations | None":
     if maps is None and pitches is None:
         return None
-    from ...geometry.contact.deviations_file import read_deviations
+    from ....geometry.contact.deviations_file import read_deviations
 
     return read_deviations(maps, pitches, pair=pair)
 
@@ -185,7 +185,7 @@ def _measured(maps: Path | None, pitches: Path | None, pair: "GearPair") -> "Dev
 def _misalignment(inclination_urad: float, deviation_urad: float) -> "Misalignment | None":
     if not (inclination_urad or deviation_urad):
         return None
-    from ...geometry.mounting import Misalignment
+    from ....geometry.mounting import Misalignment
 
     return Misalignment(inclination_urad * 1e-6, deviation_urad * 1e-6)
 
@@ -197,7 +197,7 @@ def _model(
     deviations: "Deviations | None",
     centre_distance_mm: float | None,
 ) -> "ContactModel":
-    from ...geometry.contact.contact_model import contact_model
+    from ....geometry.contact.contact_model import contact_model
 
     return contact_model(
         pair,
@@ -209,7 +209,7 @@ def _model(
 
 
 def _contacts(model: "ContactModel", driving: Any, output: Output) -> "dict[str, Contacts]":
-    from ...geometry.contact.report import contact_at
+    from ....geometry.contact.report import contact_at
 
     found = {}
     with output.progress(2, "flanks") as bar:
@@ -224,7 +224,7 @@ def _folder(out: Path | None, overwrite: bool) -> "AbstractContextManager[RunFol
 
     The folder is opened before the computation, so that existing results are refused at once.
     """
-    from ...base.files.run_folder import RunFolder
+    from ....base.files.run_folder import RunFolder
 
     if out is None:
         return nullcontext()
@@ -234,7 +234,7 @@ def _folder(out: Path | None, overwrite: bool) -> "AbstractContextManager[RunFol
 def _write(
     folder: "RunFolder", gears: "GearPair", flanks: "dict[str, Contacts]", record: dict[str, Any]
 ) -> None:
-    from ...base.files.json_io import dumps
+    from ....base.files.json_io import dumps
 
     for name in (_FIGURE.format("A"), _FIGURE.format("B"), _DEVIATIONS):
         folder.discard(name)
@@ -251,9 +251,9 @@ def _figures(gears: "GearPair", flanks: "dict[str, Contacts]") -> dict[str, byte
     """
     import numpy as np
 
-    from ...plotting.contact import plot_contact
-    from ...plotting.deviations import plot_deviations
-    from ...plotting.save import png
+    from ....plotting.contact import plot_contact
+    from ....plotting.deviations import plot_deviations
+    from ....plotting.save import png
 
     drawn = {}
     for name, found in flanks.items():
@@ -282,7 +282,7 @@ def contact_record(
     """Return the object of schema `vttig.contact/1`; `said` holds the fields for its options."""
     import numpy as np
 
-    from ...base.units import DEG
+    from ....base.units import DEG
 
     left, angle = _backlash(flanks) / DEG, flanks["A"].driving_angle / DEG
     known = np.flatnonzero(np.isfinite(left))
@@ -317,7 +317,7 @@ def _backlash(flanks: Flanks) -> Any:
 def _flank(found: "Contacts") -> dict[str, Any]:
     from collections import Counter
 
-    from ...base.units import DEG
+    from ....base.units import DEG
 
     kinds = Counter(found.kind(place) for place in range(len(found.driving_angle)))
     error = found.transmission_error[found.in_contact] / DEG
@@ -338,7 +338,7 @@ def contact_text(
     out: Path | None,
 ) -> str:
     """Return the text that is printed without `--json`."""
-    from ...base.files.text_tables import key_values
+    from ....base.files.text_tables import key_values
 
     rows = [
         (word, f"{one['backlash_deg']:.5f}° at {one['driving_deg']:g}°{_warning(one)}")
@@ -368,7 +368,7 @@ def contact_table(flanks: Flanks) -> str:
     """
     import numpy as np
 
-    from ...base.units import DEG
+    from ....base.units import DEG
 
     left, angle = _backlash(flanks), flanks["A"].driving_angle
     columns = {"driving_deg": angle / DEG, "backlash_deg": left / DEG}

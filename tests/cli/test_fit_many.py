@@ -1,0 +1,129 @@
+"""`vttig fit-many`: rows beside single fits, failures as codes, resuming, and refusals."""
+
+import csv
+import json
+from pathlib import Path
+
+import pyarrow.parquet as pq
+import pytest
+import tomli_w
+
+import vttig_jax
+from vttig_jax.cli.verbs.demo import log_csv
+from vttig_jax.control.sweeps import cluster
+from vttig_jax.pair.load import pair_spec
+from vttig_jax.pair.pair_file import spec_table
+from vttig_jax.rig.motion import PassMotion
+from vttig_jax.rig.paper import paper_pair, paper_rig
+from vttig_jax.runs import many_fits
+
+
+@pytest.fixture(scope="module")
+def rigs(tmp_path_factory) -> Path:
+    """Logs of three rigs of one design, one of them too short, a broken file, and the pair."""
+    folder = tmp_path_factory.mktemp("rigs")
+    for number, turns in enumerate((10, 10, 6)):
+        motion = PassMotion(speed_rpm=240.0, reversal_deg=360.0 * turns)
+        rig = paper_rig(number, motion)
+        (folder / f"rig{number}.csv").write_text(log_csv(rig.log(number)))
+    (folder / "broken.csv").write_text("time_s,driving_counts,driven_counts\n0,1,nonsense\n")
+    (folder / "pair.toml").write_text(tomli_w.dumps(spec_table(pair_spec(paper_pair()))))
+    return folder
+
+
+@pytest.fixture
+def command(rigs) -> tuple:
+    logs = [rigs / name for name in ("rig0.csv", "broken.csv", "rig1.csv", "rig2.csv")]
+    return ("fit-many", *logs, "--pair", rigs / "pair.toml")
+
+
+def test_each_log_has_a_row_and_resuming_changes_nothing(
+    vttig_json, command, rigs, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(many_fits, "_BLOCK", 2)
+    out, table = tmp_path / "out", tmp_path / "fits.csv"
+    code, record = vttig_json(*command, "--out", out, "--resume", "--csv", table)
+    assert code == 0 and record["fitted"] == 2 and record["table"] == "fits.parquet"
+    failed = {Path(one["log"]).name: one for one in record["failed"]}
+    assert (
+        failed["broken.csv"]["code"] == "refused" and "nonsense" in failed["broken.csv"]["reason"]
+    )
+    assert (
+        failed["rig2.csv"]["code"] == "needs_fit"
+        and " turns of the driving" in failed["rig2.csv"]["reason"]
+    )
+    rows = list(csv.DictReader(table.open()))
+    assert [Path(row["log"]).name for row in rows] == [log.name for log in command[1:5]]
+    pair = vttig_jax.load_pair(rigs / "pair.toml")
+    options = {"delay": "off", "drift_order": 0, "loss": "square", "lines": "report"}
+    for row in (rows[0], rows[2]):
+        single = vttig_jax.fit(vttig_jax.read_log(row["log"], pair), pair, **options)
+        for name in record["parameters"]:
+            known = single.parameters[name]
+            assert known.std is not None
+            assert float(row[name]) == pytest.approx(known.value, abs=0.01 * known.std)
+    assert rows[1]["driving_eccentricity_mm"] == ""
+    written = (out / "fits.parquet").read_bytes()
+    assert pq.read_table(out / "fits.parquet").column("code").to_pylist()[0] == "ok"
+
+    # A block is missing, as after a kill; then the table is complete and only read.
+    (out / "parts").mkdir()
+    kept = pq.read_table(out / "fits.parquet")
+    pq.write_table(kept.slice(0, 2), out / "parts" / "00000000.parquet")
+    (out / "fits.parquet").unlink()
+    fitted = []
+    own = many_fits.ManyFits.columns
+    monkeypatch.setattr(
+        many_fits.ManyFits,
+        "columns",
+        lambda self, block, *rest: fitted.append(block) or own(self, block, *rest),
+    )
+    for expected in ([1], [1]):
+        code, again = vttig_json(*command, "--out", out, "--resume")
+        assert code == 0 and fitted == expected and again == record
+    assert pq.read_table(out / "fits.parquet").equals(kept) and written
+
+    # Another task is another table.
+    code, error = vttig_json(*command, "--out", out, "--resume", "--drift-order", "1")
+    assert code == 3 and "settings differ" in error["message"]
+    code, error = vttig_json(*command, "--out", out)
+    assert code == 2 and "holds a table of fits" in error["message"]
+
+
+def test_no_fitted_log_is_no_answer(vttig, rigs, tmp_path):
+    out = tmp_path / "out"
+    code, text, err = vttig(
+        "fit-many",
+        rigs / "broken.csv",
+        rigs / "rig2.csv",
+        "--pair",
+        rigs / "pair.toml",
+        "--out",
+        out,
+    )
+    assert code == 4 and "no log could be fitted" in err
+    assert "turns of the driving shaft" in text
+    assert json.loads((out / "fits.json").read_text())["block"] == 64
+    assert len(pq.read_table(out / "fits.parquet")) == 2
+
+
+@pytest.mark.parametrize(
+    ("options", "code", "words"),
+    [
+        (["--resume"], 2, "for the folder of --out"),
+        (["--out", "x", "--resume", "--overwrite"], 2, "exclude each other"),
+        (["--delay", "free"], 2, "--delay must be"),
+        (["--dask", "tcp://127.0.0.1:1"], 3, "no scheduler answers"),
+    ],
+)
+def test_refusals(vttig, command, options, code, words, monkeypatch):
+    monkeypatch.setattr(cluster, "_WAIT_S", 0.2)
+    found, out, err = vttig(*command, *options)
+    assert (found, out) == (code, "") and words in err and err.count("\n") == 1
+
+
+def test_a_log_is_given_once_and_exists(vttig, command, rigs):
+    code, _, err = vttig("fit-many", command[1], command[1], *command[-2:])
+    assert code == 2 and "given twice" in err
+    code, _, err = vttig("fit-many", rigs / "none.csv", *command[-2:])
+    assert code == 3 and "none.csv" in err and "cannot be read" in err

@@ -1,0 +1,95 @@
+"""`vttig fit-many`: many logs, each of a rig of its own, fitted in batches to one table."""
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from ...base.errors import NoAnswerError, UsageError
+from ...runs.options import ReadingOptions, in_options
+from ..fit_options import BATCH_OPTIONS, batch_options
+from ..options import log_options, verb
+from ..output import LOGGER, Output
+
+
+@verb(
+    "fit-many",
+    example="""
+vttig fit-many rigs/*.csv --pair pair.toml --out fitted
+vttig fit-many rigs/*.csv --pair pair.toml --out fitted --resume
+vttig fit-many rigs/*.csv --pair pair.toml --drift-order 1 --csv fits.csv
+""",
+)
+@click.argument("logs", metavar="LOG...", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option(
+    "--pair", required=True, type=click.Path(path_type=Path), help="TOML file of the gear pair."
+)
+@click.option("--out", type=click.Path(path_type=Path), help="Folder for fits.parquet.")
+@click.option(
+    "--resume",
+    is_flag=True,
+    help="Go on with the table that is unfinished in --out; where there is none, start.",
+)
+@click.option("--overwrite", is_flag=True, help="Replace the table in --out.")
+@click.option("--csv", "csv_file", type=click.Path(path_type=Path), help="Write the table as CSV.")
+@click.option("--dask", metavar="ADDRESS", help="Scheduler of dask.distributed to send blocks to.")
+@log_options
+@batch_options
+def command(
+    output: Output,
+    logs: tuple[Path, ...],
+    pair: Path,
+    out: Path | None,
+    resume: bool,
+    overwrite: bool,
+    csv_file: Path | None,
+    dask: str | None,
+    **options: Any,
+) -> None:
+    """Identify the parameters of many logs, each of a rig of its own, in one table.
+
+    All rigs are built to one pair file. Every log has the parameters of `vttig fit` with the same
+    options; the delay, the drift and the loss are not selected for each log but hold for all. A log
+    that cannot be read or fitted has a code and a reason in its row, and the others are fitted.
+    Blocks of logs are written as they are done: after Ctrl-C or a kill --resume goes on and ends
+    with the same table. A command with --resume may be repeated: it starts, goes on, or only prints
+    the table that is complete.
+    """
+    if out is None and (resume or overwrite):
+        raise UsageError("--resume and --overwrite are for the folder of --out.")
+    if resume and overwrite:
+        raise UsageError("--resume and --overwrite exclude each other; give one of them.")
+    if csv_file is not None and csv_file.exists() and not (overwrite or resume):
+        raise UsageError(
+            "already exists; add --overwrite or choose another name.", where=str(csv_file)
+        )
+    import vttig_jax
+
+    from ...identify.many.preparation import batch_settings
+    from ...runs.many_fits import ManyFits, fit_files
+
+    vttig_jax.enable_x64()
+    reading = {name: value for name, value in options.items() if name not in BATCH_OPTIONS}
+    changes = {name: value for name, value in options.items() if name in BATCH_OPTIONS}
+    try:
+        settings = batch_settings(changes)
+    except ValueError as error:
+        raise UsageError(in_options(str(error))) from None
+    task = ManyFits.of(logs, pair, settings, ReadingOptions(**reading))
+    with output.progress(len(logs), "logs") as bar:
+
+        def follow(done: int) -> None:
+            bar.update(done)
+
+        found = fit_files(
+            task, out=out, resume=resume, overwrite=overwrite, dask=dask, progress=follow
+        )
+    if csv_file is not None:
+        found.to_csv(csv_file)
+    output.emit(found.to_json(), found)
+    failed = len(found) - int(found.is_fitted.sum())
+    if failed == len(found):
+        output.finish()
+        raise NoAnswerError("no log could be fitted; the reasons are in the table.")
+    if failed:
+        LOGGER.warning("%d of %d logs were not fitted; see their reasons", failed, len(found))

@@ -1,0 +1,1 @@
+"""Verbs of gears and their teeth: what a shop measures, surfaces, contact."""

@@ -1,0 +1,179 @@
+"""Products of the block rows of one log inside a compiled program, and their whitening.
+
+The rows Z = U F of a flank are conditioned as in `flank_summary`, and the products are those of
+`LaggedFlank`: the lag products of the rows of U, and the rows next to both ends of every run. The
+shapes do not depend on the log: a run that is shorter than the others ends in rows of zeros. All
+functions handle one log; `jax.vmap` makes them functions of many.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.custom_batching import sequential_vmap
+from jax.scipy.linalg import solve_triangular
+from jaxtyping import Array, Float, Int
+
+RIDGE = 1e-13
+"""Ridge relative to the square of every column: the share that rounding takes from a product."""
+
+_SHIFT = 1e-12
+"""Share of every squared column that is added before rows are conditioned, as in `orthogonal`."""
+
+Filter = Float[Array, " taps"]
+
+
+class RowProducts(NamedTuple):
+    """Products of the rows of one log, flank by flank.
+
+    **Arguments**
+    - `triangle`: F, upper triangular; y is the last of the q columns.
+    - `lag_products`: Γ_0 … Γ_L of the rows of U.
+    - `ends`: the L rows of U next to both ends of every run, the outermost first.
+    - `rows`: number of rows. - `runs`: number of runs that have rows.
+    """
+
+    triangle: Float[Array, "flanks q q"]
+    lag_products: Float[Array, "flanks lags q q"]
+    ends: Float[Array, "flanks ends lag q"]
+    rows: Float[Array, " flanks"]
+    runs: Float[Array, " flanks"]
+
+    @property
+    def lags(self) -> int:
+        """Number of lags L."""
+        return self.ends.shape[2]
+
+
+class Upper(NamedTuple):
+    """Upper triangles without negative numbers on the diagonal, and their inverses."""
+
+    triangle: Float[Array, "*batch q q"]
+    inverse: Float[Array, "*batch q q"]
+
+
+def conditioned(
+    rows: Float[Array, "flanks runs n q"],
+) -> tuple[Float[Array, "flanks runs n q"], Float[Array, "flanks q q"]]:
+    """Return U and F with Z = U F of every flank; the columns of U are nearly orthonormal."""
+    flanks, runs, count, width = rows.shape
+    table = rows.reshape(flanks, runs * count, width)
+    square = jnp.sum(table**2, axis=1)
+    size = jnp.sqrt(jnp.where(square > 0, square, 1.0))
+    scaled = table / size[:, None, :]
+    gram = jnp.swapaxes(scaled, 1, 2) @ scaled
+    upper = upper_and_inverse(gram + _SHIFT * jnp.eye(width)[None])
+    white = scaled @ upper.inverse
+    return white.reshape(rows.shape), upper.triangle * size[:, None, :]
+
+
+def row_products(
+    white: Float[Array, "flanks runs n q"],
+    triangle: Float[Array, "flanks q q"],
+    counts: Int[Array, "flanks runs"],
+    lags: int,
+) -> RowProducts:
+    """Return the products of conditioned rows, of which each run has `counts`.
+
+    Rows beyond the count of a run must be zero.
+    """
+    flanks, runs, count, width = white.shape
+    apart = jnp.pad(white, ((0, 0), (0, 0), (0, lags), (0, 0)))
+    line = apart.reshape(flanks, runs * (count + lags), width)
+    length = line.shape[1]
+    products = [
+        jnp.swapaxes(line[:, lag:], 1, 2) @ line[:, : length - lag] for lag in range(lags + 1)
+    ]
+    used = counts > 0
+    # The first row of a tail is the last one of the run.
+    places = counts[:, :, None] - 1 - np.arange(lags)[None, None]
+    tails = jnp.take_along_axis(white, jnp.maximum(places, 0)[..., None], axis=2)
+    tails = jnp.where((places >= 0)[..., None], tails, 0.0)
+    ends = jnp.concatenate([white[:, :, :lags], tails], axis=1)
+    return RowProducts(
+        triangle=triangle,
+        lag_products=jnp.stack(products, axis=1),
+        ends=ends,
+        rows=jnp.sum(counts, axis=1).astype(float),
+        runs=jnp.sum(used, axis=1).astype(float),
+    )
+
+
+def residual_autocovariance(
+    white: Float[Array, "flanks runs n q"], rows: Float[Array, " flanks"], lags: int
+) -> Float[Array, "flanks taps"]:
+    """Return the autocovariance of the residual of ordinary least squares for lags 0 … `lags`."""
+    flanks, runs, count, width = white.shape
+    table = white.reshape(flanks, runs * count, width)
+    gram = jnp.swapaxes(table, 1, 2) @ table + RIDGE * jnp.eye(width)[None]
+    weights = residual_weights(upper_and_inverse(gram))
+    left = jnp.pad(
+        (table @ weights[:, :, None]).reshape(flanks, runs, count), ((0, 0), (0, 0), (0, lags))
+    )
+    products = [
+        jnp.sum(left[:, :, lag : lag + count] * left[:, :, :count], axis=(1, 2))
+        for lag in range(lags + 1)
+    ]
+    return jnp.stack(products, axis=1) / jnp.maximum(rows, 1.0)[:, None]
+
+
+def inner(products: RowProducts, filter_: Filter) -> Upper:
+    """Return the upper triangle C with CᵀC = Uᵀ Σ⁻¹ U for innovations of variance one.
+
+    The method is that of `LaggedFlank`; taps of the filter beyond the order of the noise are zero.
+    With `products.triangle` F the triangle of the rows Z is C F.
+    """
+    taps = filter_.shape[0]
+    lagged = jnp.stack([filter_[: taps - lag] @ filter_[lag:] for lag in range(taps)])
+    total = jnp.einsum("l,flpq->fpq", lagged, products.lag_products)
+    total = total + jnp.swapaxes(total, 1, 2) - lagged[0] * products.lag_products[:, 0]
+    later = np.add.outer(np.arange(1, taps), np.arange(taps - 1))
+    hankel = jnp.where(later < taps, filter_[np.minimum(later, taps - 1)], 0.0)
+    rings = jnp.einsum("aj,frjq->fraq", hankel, products.ends)
+    total = total - jnp.einsum("frap,fraq->fpq", rings, rings)
+    return upper_and_inverse(total + RIDGE * jnp.eye(total.shape[-1])[None])
+
+
+@jax.custom_jvp
+def upper_and_inverse(gram: Float[Array, "*batch q q"]) -> Upper:
+    """Return the upper Cholesky factor of symmetric matrices, and its inverse.
+
+    Derivatives are products of matrices.
+    """
+    single = _one_matrix
+    for _ in gram.shape[:-2]:
+        single = jax.vmap(single)
+    return Upper(*single(gram))
+
+
+@sequential_vmap
+def _one_matrix(
+    gram: Float[Array, "q q"],
+) -> tuple[Float[Array, "q q"], Float[Array, "q q"]]:
+    """Return the upper factor of one matrix, and its inverse; a batch goes one by one.
+
+    LAPACK calls for a batch share its matrices among the threads of XLA and wait for them. Two such
+    calls side by side wait for each other without end on two cores (jaxlib 0.10).
+    """
+    lower = jnp.linalg.cholesky(gram)
+    inverse = solve_triangular(lower, jnp.eye(gram.shape[0]), lower=True)
+    return lower.T, inverse.T
+
+
+@upper_and_inverse.defjvp
+def _derivative(primals: tuple, tangents: tuple) -> tuple[Upper, Upper]:
+    upper = upper_and_inverse(*primals)
+    moved = _transposed(upper.inverse) @ tangents[0] @ upper.inverse
+    share = np.triu(np.ones(moved.shape[-2:]), 1) + 0.5 * np.eye(moved.shape[-1])
+    half = moved * share.reshape((1,) * (moved.ndim - 2) + share.shape)
+    return upper, Upper(half @ upper.triangle, -upper.inverse @ half)
+
+
+def residual_weights(upper: Upper) -> Float[Array, "flanks q"]:
+    """Return (−β, 1) for the triangles of all flanks; β are the coefficients of the last column."""
+    return upper.triangle[:, -1:, -1] * upper.inverse[:, :, -1]
+
+
+def _transposed(matrix: Float[Array, "*batch p q"]) -> Float[Array, "*batch q p"]:
+    return jnp.swapaxes(matrix, -1, -2)

@@ -1,0 +1,282 @@
+"""Fits of many logs, each of a rig of its own, in batches: one row of a table for each log."""
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import msgspec
+import numpy as np
+
+from ...base.errors import VttigError
+from ...base.runtime import require_x64
+from ...base.units import DEG
+from ...logs.encoder_log import EncoderLog
+from ...pair.gear_pair import Drive, Flank, GearPair
+from ...pair.schema import HarmonicOrders
+from ..model.harmonics import TermPlan
+from ..preliminary.delay import Delay
+from ..report.parameters import SHAFTS, Parameter, parameters_of
+from ..settings import FitSettings
+from ..solve.least_squares import Solution
+from .batch_model import BatchModel, batch_model
+from .batches import Call, Shapes, logs_at_once
+from .codes import Code
+from .fit_arrays import ArrayFit
+from .preparation import (
+    NeedsFitError,
+    PreparedLog,
+    batch_settings,
+    prepare,
+    require_one_rig,
+)
+from .table import OK, PARTS, Columns, FitTable, table_of
+
+Row = dict[str, Any]
+
+
+def fit_many(
+    logs: Iterable[EncoderLog],
+    pair: GearPair | Drive,
+    *,
+    orders: HarmonicOrders | None = None,
+    progress: Callable[[int], None] = lambda logs: None,
+    **changes: Any,
+) -> FitTable:
+    """Identify the parameters of many logs, each of a rig of its own, in one table.
+
+    Every log has the parameters and standard errors of `vttig_jax.fit` with the same settings.
+    Logs of one design share compiled programs, also logs of unequal length. A log that cannot be
+    fitted has a code and a reason in its row, and the others are fitted.
+
+    **Arguments**
+    - `logs`: logs that were read with `pair`; of a generator, only a batch is in memory at a time.
+    - `pair`: the gear pair, or a drive without geometry, that all rigs are built to.
+    - `orders`: harmonic orders to model; those of the pair by default.
+    - `progress`: called with the number of further logs that are done.
+    - Settings are keywords and hold for all logs: `delay` ("off" or seconds), `drift_order`
+      (0 by default), `flank`, `perfect_encoders`, `perfect_gears`. The loss is least squares, and
+      lines do not join the model.
+
+    **Returns** a `FitTable`, whose rows have the order of the logs.
+
+    **Raises** `LogError` for a log that was read for another rig, `ValueError` for wrong settings
+    and without 64-bit floats, `TypeError` for a keyword that is no setting.
+
+    **Example**
+    ```python
+    >>> import vttig_jax
+    >>> from vttig_jax.rig import PassMotion, paper_rig
+    >>> vttig_jax.enable_x64()
+    >>> rig = paper_rig(motion=PassMotion(speed_rpm=240.0, reversal_deg=3600.0))
+    >>> table = vttig_jax.fit_many([rig.log(seed) for seed in range(3)], rig.pair)
+    >>> table.columns["driving_eccentricity_mm"].round(3).tolist()
+    [0.022, 0.022, 0.022]
+
+    ```
+    """
+    require_x64("fit_many")
+    settings = batch_settings(changes)
+    columns = fit_columns(logs, pair, settings, orders or pair.fit, progress=progress)
+    return FitTable(columns=columns, pair=pair.name, settings=settings_table(settings))
+
+
+class Unread(NamedTuple):
+    """A log that could not be read: its name and the error."""
+
+    name: str
+    error: VttigError
+
+
+def fit_columns(
+    logs: Iterable[EncoderLog | Unread],
+    pair: GearPair | Drive,
+    settings: FitSettings,
+    orders: HarmonicOrders,
+    *,
+    shapes: Shapes | None = None,
+    progress: Callable[[int], None] = lambda logs: None,
+) -> Columns:
+    """Return the columns of the table; `shapes` are those of programs compiled before."""
+    batches = Batches(pair, settings, orders, progress, shapes or Shapes())
+    for log in logs:
+        if isinstance(log, Unread):
+            batches.refuse(batches.placed(), log.name, log.error)
+            continue
+        require_one_rig([log], pair)
+        batches.add(log)
+    return table_of(batches.finished(), parameter_names(pair))
+
+
+def settings_table(settings: FitSettings) -> dict[str, Any]:
+    """Return the settings of a batch that can be chosen."""
+    names = ("flank", "perfect_encoders", "perfect_gears", "delay", "drift_order")
+    return {name: msgspec.to_builtins(getattr(settings, name)) for name in names}
+
+
+class _Key(NamedTuple):
+    """What the logs of one call of the programs have in common.
+
+    `octave` is that of the number of samples, so that no log waits for a much longer one.
+    """
+
+    flanks: tuple[Flank, ...]
+    terms: TermPlan
+    octave: int
+
+
+class _Waiting(NamedTuple):
+    """A prepared log: its place in the table, its name and its arrays."""
+
+    place: int
+    name: str
+    log: PreparedLog
+
+
+@dataclass(eq=False)
+class Batches:
+    """Logs that wait for the compiled programs, calls of them, and the rows that are done.
+
+    JAX runs the programs beside Python, which prepares further logs meanwhile.
+    """
+
+    pair: GearPair | Drive
+    settings: FitSettings
+    orders: HarmonicOrders
+    progress: Callable[[int], None]
+    shapes: Shapes
+    waiting: dict[_Key, list[_Waiting]] = field(default_factory=dict)
+    sizes: dict[_Key, int] = field(default_factory=dict)
+    running: tuple[list[_Waiting], Call] | None = None
+    rows: dict[int, Row] = field(default_factory=dict)
+    count: int = 0
+
+    def add(self, log: EncoderLog) -> None:
+        """Prepare a log, and send its batch to the programs when it is full."""
+        place = self.placed()
+        try:
+            ready = prepare(log, self.pair, self.settings, self.orders)
+        except VttigError as error:
+            self.refuse(place, log.source, error)
+            return
+        scope = ready.identifiable
+        key = _Key(scope.flanks, scope.terms, ready.shape.samples.bit_length())
+        group = self.waiting.setdefault(key, [])
+        group.append(_Waiting(place, log.source, ready))
+        if len(group) == logs_at_once(1 << key.octave):
+            self._send(key)
+
+    def placed(self) -> int:
+        """Return the place of the next log in the table."""
+        self.count += 1
+        return self.count - 1
+
+    def refuse(self, place: int, name: str, error: VttigError) -> None:
+        """Keep the row of a log that is not fitted."""
+        code = Code.NEEDS_FIT if isinstance(error, NeedsFitError) else Code.REFUSED
+        self._keep([(place, _failed(name, code, str(error).removeprefix(f"{name}: ")))])
+
+    def finished(self) -> list[Row]:
+        """Fit what is left, and return the rows in the order of the logs."""
+        for key in list(self.waiting):
+            self._send(key)
+        self._collect()
+        return [self.rows[place] for place in range(self.count)]
+
+    def _send(self, key: _Key) -> None:
+        """End the call of the programs before, and start another one.
+
+        Two calls at a time would wait for each other in LAPACK; see `upper_and_inverse`.
+        """
+        group = self.waiting.pop(key)
+        # A further batch has the number of logs of the first, for which a program is compiled.
+        most = self.sizes.setdefault(key, logs_at_once(1 << key.octave, len(group)))
+        scope, shape = group[0].log.identifiable, group[0].log.shape
+        model = batch_model(self.pair, scope.terms, scope.flanks, shape, self.settings)
+        for start in range(0, len(group), most):
+            part = group[start : start + most]
+            self._collect()
+            call = Call.of(model, [one.log for one in part], self.shapes, most)
+            self.running = (part, call)
+
+    def _collect(self) -> None:
+        if self.running is None:
+            return
+        group, call = self.running
+        self.running = None
+        found = call.result()
+        rows = []
+        for number, one in enumerate(group):
+            own = ArrayFit(*(values[number] for values in found))
+            rows.append((one.place, self._row(one, call.model, own)))
+        self._keep(rows)
+
+    def _row(self, one: _Waiting, model: BatchModel, found: ArrayFit) -> Row:
+        code = Code(int(found.code))
+        if code is not Code.OK:
+            return _failed(one.name, code, f"{code.reason}.")
+        parameters = parameters_of(
+            self.pair,
+            one.log.identifiable,
+            _solution(model, found),
+            self.settings,
+            delay_of(self.settings),
+        )
+        row = _cells(parameters)
+        return row | {
+            "log": one.name,
+            "code": OK,
+            "flanks": "".join(one.log.identifiable.flanks),
+            "undetermined": " ".join(
+                name for name, parameter in parameters.items() if not parameter.determined
+            ),
+            "samples_used": float(one.log.arrays.on_flank.sum()),
+            "noise_order": float(found.order),
+            "noise_std_deg": float(found.std) / DEG,
+        }
+
+    def _keep(self, rows: list[tuple[int, Row]]) -> None:
+        self.rows |= dict(rows)
+        self.progress(len(rows))
+
+
+def parameter_names(pair: GearPair | Drive) -> tuple[str, ...]:
+    """Return the parameters of the table, which are those of a fit without its delay."""
+    size = "amplitude_arcsec" if isinstance(pair, Drive) else "eccentricity_mm"
+    gears = [f"{shaft}_{kind}" for shaft in SHAFTS for kind in (size, "phase_deg")]
+    kinds = ("encoder_arcsec", "encoder_phase_deg")
+    encoders = [f"{shaft}_{kind}" for shaft in SHAFTS for kind in kinds]
+    return (*gears, "constant_backlash_deg", *encoders)
+
+
+def delay_of(settings: FitSettings) -> Delay:
+    """Return the delay of a batch, which is not fitted."""
+    if isinstance(settings.delay, str):
+        return Delay("off", reason="not fitted: both channels are sampled at the same instant")
+    return Delay("given", settings.delay, reason=f"given as {settings.delay:g} s, not fitted")
+
+
+def _solution(model: BatchModel, found: ArrayFit) -> Solution:
+    none = np.zeros((len(model.sides), 0))
+    return Solution(
+        names=model.names,
+        values=np.asarray(found.values),
+        covariance=np.asarray(found.covariance),
+        determined=np.ones(len(model.names), bool),
+        tied=none,
+        jacobian=none[:, :, None],
+        converged=True,
+        steps=0,
+    )
+
+
+def _failed(name: str, code: Code, reason: str) -> Row:
+    return {"log": name, "code": code.name.lower(), "reason": reason}
+
+
+def _cells(parameters: Mapping[str, Parameter]) -> Row:
+    """Return the cells of all parameters; a value without significance is a value all the same."""
+    row: Row = {}
+    for name, found in parameters.items():
+        numbers = (found.value, found.std, found.low95, found.high95)
+        row |= {name + part: number for part, number in zip(PARTS, numbers, strict=True)}
+    return row
