@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from importlib.metadata import version
 from itertools import zip_longest
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 
@@ -15,6 +15,9 @@ from ..base.files.run_folder import data_sha256
 from ..pair.pair_file import parse_pair_spec, spec_table
 from ..pair.schema import PairSpec
 from .options import RunOptions, options_from
+
+if TYPE_CHECKING:
+    from ..logs.recognition.question import Guess
 
 CHECKPOINT = "posterior.h5"
 
@@ -32,6 +35,7 @@ class RunRecord:
     - `options`: options of the fit.
     - `sha256`: SHA-256 of every log; empty before they are read.
     - `readings`, `readings_sha256`: file of backlash readings, and its SHA-256.
+    - `guesses`: what was recognised for `spec` without a pair file; not stored.
     """
 
     logs: tuple[Path, ...]
@@ -40,6 +44,7 @@ class RunRecord:
     sha256: tuple[str, ...] = ()
     readings: Path | None = None
     readings_sha256: str = ""
+    guesses: "tuple[Guess, ...]" = ()
 
     def table(self, folder: Path) -> dict[str, Any]:
         """Return the TOML table, with paths relative to the run folder."""

@@ -5,8 +5,8 @@ wide matrix, `rec.pos(:,1)` for the first column of a tall one, and `rec/t` in p
 """
 
 import hashlib
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import ClassVar
 
@@ -24,11 +24,17 @@ MOST_COLUMNS = 256
 
 @dataclass(frozen=True)
 class NestedTable:
-    """Columns of a nested file, which may differ in length, and their values `arrays`."""
+    """Columns of a file, which may differ in length, and their values `arrays`.
+
+    `clocks` is the index of a column → index of the column with its time stamps in s, for channels
+    with stamps of their own; `held` are the columns of which only changes are logged.
+    """
 
     names: tuple[str, ...]
     arrays: tuple[Shaped[np.ndarray, " _"], ...]
     source: str
+    clocks: Mapping[int, int] = field(default_factory=dict)
+    held: frozenset[int] = frozenset()
     line_of: ClassVar[None] = None
 
     def columns(self, indices: Sequence[int]) -> list[Real[np.ndarray, " _"]]:
@@ -38,9 +44,18 @@ class NestedTable:
         """
         return [_as_number(self.arrays[k]) for k in indices]
 
+    def is_dated(self, index: int) -> bool:
+        """Return False, because the columns hold numbers; see `TextTable.is_dated`."""
+        return False
+
     def without_cut_line(self, indices: Sequence[int]) -> "tuple[NestedTable, tuple[str, ...]]":
         """Return the table itself, because it has no lines; see `TextTable.without_cut_line`."""
         return self, ()
+
+
+def has_clocks(table: object) -> bool:
+    """Return whether the channels of a table have time stamps of their own."""
+    return isinstance(table, NestedTable) and bool(table.clocks)
 
 
 def read_nested(path: str | Path) -> tuple[NestedTable, str]:

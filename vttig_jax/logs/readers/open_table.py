@@ -18,10 +18,12 @@ def open_table(
     delimiter: str | None = None,
     decimal: str | None = None,
     requested: Iterable[str | None] = (),
+    headerless: bool = False,
 ) -> tuple[TextTable | NestedTable, str, tuple[str, ...]]:
     """Return the table of a text, MATLAB or HDF5 file, its SHA-256, and notes on assumptions.
 
-    If the `requested` column names contain a number such as `#1`, a text needs no header.
+    If `headerless` or if the `requested` column names contain a number such as `#1`, a text needs
+    no header.
 
     **Raises** `LogError` for a file without table, `UsageError` for HDF5 without h5py.
     """
@@ -35,6 +37,6 @@ def open_table(
             )
         return nested, digest, ()
     text, digest, notes = read_text(path, encoding)
-    highest = max(map(number_of, numbered), default=0)
+    highest = max(map(number_of, numbered), default=int(headerless))
     table = find_table(text, str(path), delimiter=delimiter, decimal=decimal, highest=highest)
     return table, digest, notes
