@@ -6,6 +6,7 @@ from pathlib import Path
 from ...base.errors import LogError
 from .column_names import number_of
 from .delimited import TextTable
+from .layouts.recognised import read_layout
 from .nested import NestedTable, read_nested
 from .table import find_table
 from .text import NESTED, read_text
@@ -37,6 +38,10 @@ def open_table(
             )
         return nested, digest, ()
     text, digest, notes = read_text(path, encoding)
+    if delimiter is None and not numbered:
+        found = read_layout(text, str(path))
+        if found is not None:
+            return found[0], digest, (*notes, *found[1])
     highest = max(map(number_of, numbered), default=int(headerless))
     table = find_table(text, str(path), delimiter=delimiter, decimal=decimal, highest=highest)
     return table, digest, notes

@@ -6,7 +6,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from ..readers.column_names import ANGLES, TIME_UNITS, bracket_of, name_and_unit
-from .vocabulary import COMPOUND, DRIVEN, DRIVING, OTHER_UNITS, QUANTITIES, SETPOINTS, TIME
+from ..readers.units_row import OTHER_UNITS
+from .vocabulary import COMPOUND, DRIVEN, DRIVING, QUANTITIES, SETPOINTS, TIME
 
 _ROLE_WORDS = {"driving": DRIVING, "driven": DRIVEN, "time": TIME}
 _KNOWN = {word: role for role, words in _ROLE_WORDS.items() for word in words}

@@ -73,18 +73,5 @@ SETPOINTS: Final = _words(
 )
 """Words for a setpoint, which is no measured angle."""
 
-OTHER_UNITS: Final = _words(
-    """
-    nm n·m n*m n m mnm a ma ka v mv kv w kw mw °c degc c k f °f % bar mbar pa kpa mpa psi n kn
-    mm m cm um µm μm nm/a hz khz mhz rpm 1/min min-1 r/min u/min rev/min rad/s deg/s °/s rev/s
-    rad/s2 rad/s^2 rad/s² deg/s2 deg/s^2 deg/s² °/s2 °/s^2 °/s² m/s m/s2 m/s^2 m/s² mm/s g kg
-    ohm db lux ppm px pixel pixels bit bool °c/s
-    """
-)
-"""Units in brackets of columns that are no angle."""
-
-NO_UNITS: Final = frozenset(("", "-", "–", "none", "n/a", "1"))
-"""Fields of a row of units that name no unit."""
-
 COMPOUND: Final = 5
 """Fewest letters of a word that is also found at the start or end of a longer word (chosen)."""
