@@ -115,7 +115,10 @@ class _Reading:
             arrays[time.index], notes = seconds, (*notes, *told)
         values = _values(self.roles, arrays, self.source)
         size = len(next(iter(values.values())))
-        return values["time"] if rate is None else np.arange(size) / rate, values, notes
+        if rate is None:
+            return values["time"], values, notes
+        numbers = getattr(self.table, "sample_numbers", None)
+        return (np.arange(size) if numbers is None else numbers) / rate, values, notes
 
     def on_common_clock(
         self, pair: TwoShafts

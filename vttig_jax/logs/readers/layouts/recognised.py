@@ -1,13 +1,14 @@
 """The text layouts that are recognised, in the order of the trials."""
 
 from ..nested import NestedTable
-from . import camonitor, cantools, long_table, twincat
+from . import camonitor, cantools, halsampler, long_table, twincat
 from .channels import Layout
 
 LAYOUTS = (
     Layout("TwinCAT Scope", twincat.matches, twincat.read),
     Layout("cantools decode", cantools.matches, cantools.read),
     Layout("EPICS camonitor", camonitor.matches, camonitor.read),
+    Layout("LinuxCNC halsampler", halsampler.matches, halsampler.read),
     Layout("long table", long_table.matches, long_table.read),
 )
 """Layouts that are no table with one row for one instant."""
