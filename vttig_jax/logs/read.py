@@ -23,12 +23,12 @@ def read_log(
     path: str | Path,
     pair: TwoShafts | None = None,
     *,
-    ratio: str | float | None = None,
+    ratio: str | int | float | None = None,
     teeth: str | None = None,
     counts: int | tuple[int, int] | str | None = None,
     unit: str | Mapping[str, str] | None = None,
     invert: str | Sequence[str] = (),
-    driving_rpm: str | float | None = None,
+    driving_rpm: str | int | float | None = None,
     columns: Mapping[str, str] | None = None,
     decimal: str | None = None,
     sample_rate_hz: int | float | None = None,
@@ -109,7 +109,7 @@ def read_log(
 
 
 def _request(
-    ratio: str | float | None,
+    ratio: str | int | float | None,
     teeth: str | None,
     counts: int | tuple[int, int] | str | None,
     unit: str | Mapping[str, str] | None,

@@ -78,12 +78,12 @@ def two_fits(pairs: Sequence[tuple[Candidate, Candidate]], source: str) -> LogEr
 
 def two_readings(text: str, ratio: Fraction) -> UsageError:
     """Return the question what a ratio without a colon means for columns without names."""
-    above, below = ratio.numerator, ratio.denominator
+    above, slash, below = text.replace(" ", "").partition("/")
+    one, other = f"{below if slash else 1}:{above}", f"{above}:{below if slash else 1}"
     return UsageError(
         f"--ratio {text} has two readings, and no column name tells the shafts apart: write --ratio"
-        f" {below}:{above} if {in_words(ratio)}, or --ratio {above}:{below} if"
-        f" {in_words(1 / ratio)}; or name both columns with --column driving=NAME --column"
-        " driven=NAME."
+        f" {one} if {in_words(ratio)}, or --ratio {other} if {in_words(1 / ratio)}; or name both"
+        " columns with --column driving=NAME --column driven=NAME."
     )
 
 

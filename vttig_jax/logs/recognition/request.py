@@ -119,9 +119,15 @@ def units_of_options(texts: tuple[str, ...]) -> dict[str, str]:
     return units
 
 
+MOST_TURNS = 10_000
+"""Largest number of turns in words; beyond it one shaft turns once (chosen)."""
+
+
 def in_words(ratio: Fraction) -> str:
     """Return a ratio of driven to driving speed as a sentence about turns."""
     driving, driven = ratio.denominator, ratio.numerator
+    if max(driving, driven) > MOST_TURNS:
+        return f"the driving shaft turns once while the driven shaft turns {float(ratio):.9g} times"
     return (
         f"the driving shaft turns {_times(driving)} while the driven shaft turns {_times(driven)}"
     )

@@ -58,9 +58,9 @@ def table_of(channels: Mapping[str, Channel], source: str, *, held: bool) -> Nes
     names: list[str] = []
     arrays: list[np.ndarray] = []
     clocks = {}
-    for name, channel in numeric.items():
+    for number, (name, channel) in enumerate(numeric.items(), 1):
         clocks[len(names)] = len(names) + 1
-        names += [name, f"time of {name} [s]"]
+        names += [name, f"time {number} [s]"]
         arrays += [_numbers(channel, name, source), seconds[name]]
     return NestedTable(
         names=tuple(names),

@@ -24,11 +24,11 @@ class Epoch:
     since: str
     offset_s: int = 0
 
-    def holds(self, low: float, high: float) -> bool:
+    def holds(self, low: int | float, high: int | float) -> bool:
         """Return whether all stamps from `low` to `high` lie between 2001 and 2100."""
         scale = 1_000_000_000 // self.nanoseconds
         first, last = FIRST_S + self.offset_s, LAST_S + self.offset_s
-        return bool(first * scale <= low <= high <= last * scale)
+        return first * scale <= low <= high <= last * scale
 
 
 EPOCHS = (
@@ -43,5 +43,5 @@ EPOCHS = (
 
 def epoch_unit(stamps: Real[np.ndarray, " n"]) -> Epoch | None:
     """Return the epoch whose years 2001 to 2100 hold all stamps, or None."""
-    low, high = stamps.min(), stamps.max()
+    low, high = stamps.min().item(), stamps.max().item()
     return next((epoch for epoch in EPOCHS if epoch.holds(low, high)), None)
