@@ -12,6 +12,7 @@ import msgspec
 
 from ..base.errors import InputError, UsageError
 from ..base.files.run_folder import data_sha256
+from ..logs.readers.binary.formats import folder_sha256, format_of
 from ..pair.pair_file import parse_pair_spec, spec_table
 from ..pair.schema import PairSpec
 from .options import RunOptions, options_from
@@ -125,9 +126,9 @@ def require_same_data(run: RunRecord) -> None:
                 " repeat it from.",
                 where=str(path),
             )
-        if not path.is_file():
+        if not path.is_file() and format_of(path) is None:
             raise InputError(f"the {kind} of this run is no longer there.", where=str(path))
-        if digest != data_sha256([path])[0]:
+        if digest != (folder_sha256(path) if path.is_dir() else data_sha256([path])[0]):
             raise InputError(
                 f"this {kind} has changed since the run (its SHA-256 differs); fit it anew with"
                 " --pair.",

@@ -1,12 +1,13 @@
 """`vttig fit`: identification of the parameters from logs, and the run folder with the result."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from ...base.errors import NoAnswerError, UsageError
+from ...logs.recognition.request import in_words
 from ...runs.fit_run import perform, resolve, save_fit
 from ...runs.options import options_of
 from ...runs.run_file import RunRecord, read_run, require_same_data
@@ -96,7 +97,8 @@ def command(
     if out is not None:
         save_fit(result, out, overwrite=overwrite, figures=not no_figures, record=run)
         LOGGER.info("written to %s", out)
-    output.emit(result.to_json(), result)
+    stated = drive.request.names_a_drive
+    output.emit(result.to_json(), _Answer(result) if stated else result)
     _check_required(result, require)
     if result.outcome == "contradicts":
         # The numbers are part of the answer: they show what contradicts.
@@ -130,6 +132,16 @@ ON_REQUEST = {
     "ratio": "--free-ratio",
 }
 """Parameter or regressor → the option that makes the fit include it."""
+
+
+@dataclass(frozen=True)
+class _Answer:
+    """The answer to a call that states the ratio: the ratio in words, and the fit."""
+
+    result: "Fit"
+
+    def __str__(self) -> str:
+        return f"{in_words(self.result.pair.ratio)}\n\n{self.result}"
 
 
 def _explain_columns(output: Output, run: RunRecord) -> None:

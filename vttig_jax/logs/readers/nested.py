@@ -17,7 +17,7 @@ from ...base.errors import LogError, UsageError
 from .hdf5 import HDF5_SIGNATURE, hdf5_leaves
 from .matlab import matlab_leaves
 from .matrix_columns import matrix_columns
-from .text import NESTED, read_bytes
+from .text import NESTED, printable, read_bytes
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,8 @@ def read_nested(path: str | Path) -> tuple[NestedTable, str]:
             ' `table2struct(T, "ToScalar", true)` converts a table), or export the log as CSV.',
             where=source,
         )
-    table = NestedTable(tuple(columns), tuple(columns.values()), source)
+    names = tuple(map(printable, columns))
+    table = NestedTable(names, tuple(columns.values()), source)
     return table, hashlib.sha256(data).hexdigest()
 
 

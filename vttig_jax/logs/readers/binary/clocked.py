@@ -7,14 +7,12 @@ import numpy as np
 from jaxtyping import Float, Real
 
 from ..nested import NestedTable
+from ..text import printable
 
 
 @dataclass(frozen=True, eq=False)
 class ClockedColumn:
-    """Channel with its values, and its stamps in s or None without own stamps.
-
-    Channels with one `clock` share their stamps.
-    """
+    """Channel with its values, and its stamps in s, or None without stamps of its own."""
 
     name: str
     values: Real[np.ndarray, " n"]
@@ -43,6 +41,6 @@ def table_of(columns: Iterable[ClockedColumn], source: str) -> NestedTable:
                 names.append(f"time {len(stamps)} [s]")
                 arrays.append(one.time - start)
             clocks[len(names)] = clock
-        names.append(one.name)
+        names.append(printable(one.name))
         arrays.append(one.values)
     return NestedTable(tuple(names), tuple(arrays), source, clocks=clocks)
