@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ...base.errors import NoAnswerError, UsageError
+from ...identify.settings import fields
 from ...logs.recognition.request import in_words
 from ...runs.fit_run import perform, resolve, save_fit
 from ...runs.options import options_of
@@ -31,6 +32,12 @@ vttig fit monday.csv friday.csv --pair pair.toml --loss bisquare --regressor tor
 vttig fit log.mat --pair pair.toml --column "driving=rec.pos_deg(1,:)" --sample-rate 250
 vttig fit --run run/run.toml
 """,
+    groups={
+        "The drive": ("ratio", "teeth", "counts", "inverted", "driving_rpm", "pair", "write_pair"),
+        "The log": ("units", "columns", "explain_columns", "decimal", "sample_rate"),
+        "The result": ("out", "overwrite", "no_figures", "require", "readings", "run_path"),
+        "The model": tuple(field.name for field in fields()),
+    },
 )
 @click.argument("logs", metavar="[LOG]...", nargs=-1, type=click.Path(path_type=Path))
 @click.option(

@@ -25,6 +25,10 @@ if TYPE_CHECKING:
     "vttig inspect log.csv --ratio 64:23\n"
     "vttig inspect log.csv --pair pair.toml\n"
     "vttig inspect log.csv --column time=t_s --column driving=motor_deg",
+    groups={
+        "The drive": ("ratio", "teeth", "counts", "inverted", "driving_rpm", "pair", "write_pair"),
+        "The log": ("units", "columns", "explain_columns", "decimal", "sample_rate"),
+    },
 )
 @click.argument("log", type=click.Path(path_type=Path))
 @click.option(
