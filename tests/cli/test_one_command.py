@@ -140,3 +140,19 @@ def test_control_codes_of_a_file_do_not_reach_the_terminal(vttig, tmp_path):
     path.write_text(csv("time_s,motor\x1b[31m_deg,load_deg", T, X, Y))
     _, out, err = vttig("inspect", path)
     assert "\x1b" not in out + err and "motor" in out
+
+
+def test_the_same_from_python(vttig_json, log):
+    import vttig_jax
+
+    vttig_jax.enable_x64()
+    read = vttig_jax.read_log(log, ratio="16:9")
+    found = vttig_jax.fit(read, delay="off").to_json()
+    assert (
+        found["parameters"]
+        == vttig_json("fit", log, "--ratio", "16:9", "--delay", "off")[1]["parameters"]
+    )
+    drive = vttig_jax.Drive(read.ratio)
+    again = read_log(log, drive, columns={"time": "Zeit", "driving": "#2", "driven": "#3"})
+    with pytest.raises(ValueError, match="`pair` must be given"):
+        vttig_jax.fit(again)

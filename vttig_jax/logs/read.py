@@ -35,7 +35,8 @@ def read_log(
 ) -> EncoderLog:
     """Read a log of two encoders, or of one encoder and the transmission error.
 
-    The file is delimited text (CSV, TSV, TXT), MATLAB (.mat) or HDF5 (.h5, .hdf5). Columns of
+    The file is delimited text (CSV, TSV, TXT, and the layouts of some recording programs), MATLAB,
+    HDF5, NumPy, Parquet, Feather, Arrow, TDMS, MDF or a ROS bag. Columns of
     nested files have paths as names, and the last part is enough: `rec.pos_deg(1,:)` or
     `pos_deg(1,:)`. In text `#1` is the first column; in all files `#row` is 0, 1, 2, ….
 
@@ -67,7 +68,7 @@ def read_log(
     >>> from vttig_jax.logs import read_log
     >>> with TemporaryDirectory() as folder:
     ...     path = Path(folder) / "log.csv"
-    ...     _ = path.write_text("".join(f"{k}.0,{k / 2:.1f}\\n" for k in range(9)))
+    ...     _ = path.write_text("".join(f"{8 * k}.0,{4 * k}.0\\n" for k in range(9)))
     ...     log = read_log(path, ratio="2:1", unit="deg", sample_rate_hz=50)
     >>> len(log), round(float(log.time[-1]), 2), log.spec.log.driving
     (9, 0.16, '#1')
