@@ -1,7 +1,7 @@
 """Detection of the delimiter and the header of delimited text."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import islice
 
 from ...base.errors import LogError
@@ -105,31 +105,34 @@ def _first_row(lines: list[str], delimiter: str | None) -> int | None:
     rows of the table have another number of fields.
     """
     rows = _rows_of_numbers(lines, delimiter)
-    if not rows:
+    first, width = next(rows, (None, 0))
+    if first is None:
         return None
-    first = next(iter(rows))
     following = _next_with_content(lines, first)
-    if following is None or rows.get(following) == rows[first]:
+    if following is None or _width_of_numbers(lines[following], delimiter) == width:
         return first
-    later = (
-        k
-        for k, width in rows.items()
-        if width != rows[first] and rows.get(_next_with_content(lines, k) or -1) == width
-    )
-    return next(later, first)
+    for k, other in rows:
+        after = _next_with_content(lines, k)
+        below = 0 if after is None else _width_of_numbers(lines[after], delimiter)
+        if width != other == below:
+            return k
+    return first
 
 
-def _rows_of_numbers(lines: list[str], delimiter: str | None) -> dict[int, int]:
-    """Return line → number of fields of the rows among the first lines."""
-    rows = {}
+def _rows_of_numbers(lines: list[str], delimiter: str | None) -> Iterator[tuple[int, int]]:
+    """Yield line and number of fields of the rows of numbers among the first lines."""
     for k, line in enumerate(lines[:PREAMBLE]):
-        if line.lstrip().startswith(COMMENTS):
-            continue
-        fields = split(line, delimiter)
-        numbers = sum(looks_like_number(field) or looks_like_stamp(field) for field in fields)
-        if len(fields) >= 2 and 2 * numbers >= len(fields):
-            rows[k] = len(fields)
-    return rows
+        if width := _width_of_numbers(line, delimiter):
+            yield k, width
+
+
+def _width_of_numbers(line: str, delimiter: str | None) -> int:
+    """Return the number of fields of a row of numbers, 0 for another line."""
+    if line.lstrip().startswith(COMMENTS):
+        return 0
+    fields = split(line, delimiter)
+    numbers = sum(looks_like_number(field) or looks_like_stamp(field) for field in fields)
+    return len(fields) if len(fields) >= 2 and 2 * numbers >= len(fields) else 0
 
 
 def _next_with_content(lines: list[str], row: int) -> int | None:
