@@ -152,7 +152,7 @@ def test_require_fails_only_for_what_is_undetermined(vttig, rig_folder):
     ("arguments", "code", "words"),
     [
         (["fit"], 2, "LOG is missing"),
-        (["fit", "log.csv"], 2, "--pair is missing"),
+        (["fit", "log.csv"], 2, "the ratio of the drive is missing"),
         (["fit", "absent.csv", "--pair", "pair.toml"], 3, "absent.csv"),
         (["fit", "log.csv", "--pair", "absent.toml"], 3, "absent.toml: no such file"),
         (["fit", "log.csv", "--pair", "pair.toml", "--column", "driving"], 2, "ROLE=NAME"),

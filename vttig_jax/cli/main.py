@@ -87,6 +87,16 @@ VERBS = {
 }
 """Verb → ("module:command", short help)."""
 
+GROUPS = {
+    "From a log": ("inspect", "fit", "map", "sample", "locate", "export"),
+    "Plan and simulate": ("plan", "calibrate", "simulate", "sweep", "tune", "demo"),
+    "The gear": ("measure", "surface", "contact"),
+}
+"""Title in the help → its verbs."""
+
+COMPLETION = "_VTTIG_COMPLETE"
+"""Environment variable by which a shell asks for its completion."""
+
 
 class _Terminated(BaseException):
     """Exception raised on SIGTERM, so that unfinished files are removed before the process ends."""
@@ -105,8 +115,13 @@ class _LazyGroup(click.Group):
         return getattr(import_module(module), attribute)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        with formatter.section("Commands"):
-            formatter.write_dl([(name, help_) for name, (_, help_) in VERBS.items()])
+        grouped = {name for names in GROUPS.values() for name in names}
+        others = tuple(name for name in VERBS if name not in grouped)
+        for title, names in (*GROUPS.items(), ("Others", others)):
+            rows = [(name, VERBS[name][1]) for name in names if name in VERBS]
+            if rows:
+                with formatter.section(title):
+                    formatter.write_dl(rows)
 
 
 @click.group(
@@ -114,7 +129,10 @@ class _LazyGroup(click.Group):
     context_settings={"help_option_names": ["-h", "--help"]},
     epilog="`vttig COMMAND --help` shows the options of a command and an example. Compiled"
     " programs are kept in the user's cache folder for the next run; the environment variable"
-    " VTTIG_CACHE names another folder, and VTTIG_CACHE=off keeps none.",
+    " VTTIG_CACHE names another folder, and VTTIG_CACHE=off keeps none."
+    '\n\nCompletion: put `eval "$(_VTTIG_COMPLETE=bash_source vttig)"` into ~/.bashrc, the same'
+    " with zsh_source into ~/.zshrc, or `_VTTIG_COMPLETE=fish_source vttig | source` into"
+    " ~/.config/fish/config.fish.",
 )
 @click.version_option(package_name="vttig-jax", message="%(prog)s %(version)s")
 def vttig() -> None:
@@ -128,6 +146,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     _tolerate_encodings()
+    if instruction := os.environ.get(COMPLETION):
+        from click.shell_completion import shell_complete
+
+        return shell_complete(vttig, {}, "vttig", COMPLETION, instruction)
     with Narrator() as narrator, _sigterm_raises():
         try:
             code = _invoke(arguments, narrator)

@@ -3,7 +3,7 @@
 import functools
 import math
 import re
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -39,23 +39,50 @@ STEP_DEG = Finite(min=0, min_open=True, max=360)
 """Difference of the driving angle between two rows of a table, deg, at most one turn."""
 
 
+class GroupedCommand(click.Command):
+    """Command whose help lists its options under several titles.
+
+    `groups` is title → names of parameters; options in no group follow under "Options".
+    """
+
+    groups: Mapping[str, Collection[str]] = {}
+
+    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the options of each group, and the others at the end."""
+        shown = {p.name: record for p in self.get_params(ctx) if (record := p.get_help_record(ctx))}
+        for title, names in self.groups.items():
+            with formatter.section(title):
+                formatter.write_dl([shown.pop(name) for name in names if name in shown])
+        if shown:
+            with formatter.section("Options"):
+                formatter.write_dl(list(shown.values()))
+
+
 def verb(
-    name: str, *, example: str, compiles: bool = True
+    name: str,
+    *,
+    example: str,
+    compiles: bool = True,
+    groups: Mapping[str, Collection[str]] | None = None,
 ) -> Callable[[Callable[..., None]], click.Command]:
     """Make a function a command of `vttig` with the shared options.
 
     The function receives an `Output` as its first argument, then its own options by name. Its
     docstring is the help text. Each line of `example` is a command line, printed below the options.
-    The compiled programs of a verb that `compiles` are kept for its next run.
+    The compiled programs of a verb that `compiles` are kept for its next run. `groups` is title →
+    names of the parameters that the help lists under it.
     """
 
     def decorate(function: Callable[..., None]) -> click.Command:
         lines = "\n".join(f"  {line}" for line in example.strip().splitlines())
-        return click.command(
+        made = click.command(
             name,
+            cls=GroupedCommand,
             epilog=f"\b\nExample:\n{lines}",
             context_settings={"help_option_names": ["-h", "--help"]},
         )(_with_shared_options(function, name if compiles else None))
+        made.groups = groups or {}
+        return made
 
     return decorate
 

@@ -14,6 +14,7 @@ from ..logs.motion.flank_assignment import assigned_segments, find_ramps
 from ..logs.motion.segments import Segments
 from ..logs.readers.backlash_readings import BacklashReadings
 from ..pair.gear_pair import Drive, GearPair
+from ..pair.load import pair_from_spec
 from ..pair.schema import HarmonicOrders
 from .build_result import build_fit, estimate_of
 from .compress.harmonic_summary import HarmonicSummary
@@ -48,7 +49,7 @@ ones, and the delay would come out too small (chosen)."""
 @one_blas_thread
 def fit(
     log: EncoderLog | Sequence[EncoderLog],
-    pair: GearPair | Drive,
+    pair: GearPair | Drive | None = None,
     *,
     settings: FitSettings | None = None,
     orders: HarmonicOrders | None = None,
@@ -70,7 +71,8 @@ def fit(
     **Arguments**
     - `log`: an encoder log or transmission-error curve, or several of one rig. They share
       eccentricities, orders, constant backlash and delay; offset and drift are each log's own.
-    - `pair`: the gear pair, or a drive without geometry.
+    - `pair`: the gear pair, or a drive without geometry; by default the drive that the first log
+      was read with, `read_log(path, ratio="64:23")`.
     - `settings`: delay, loss, drift, noise and all other choices; see `FitSettings`. Every field
       of it is a keyword of its own as well, `fit(log, pair, delay="off")`.
     - `orders`: harmonic orders to model; those of the pair by default.
@@ -103,6 +105,7 @@ def fit(
     if not logs:
         raise ValueError("Argument `log` must hold at least one log, but is empty.")
     _require_distinct(logs)
+    pair = _stated_drive(logs[0]) if pair is None else pair
     found = []
     for one in logs:
         _require_pair(one, pair)
@@ -130,6 +133,18 @@ def fit(
     paths = tuple(log.path for log in logs)
     request = FitRequest(settings, wanted, _reading(logs), paths)
     return replace(result, request=request)
+
+
+def _stated_drive(log: EncoderLog) -> GearPair | Drive:
+    """Return the drive that a log was read with.
+
+    **Raises** `ValueError` for a log that was read with a pair.
+    """
+    if log.spec is None:
+        raise ValueError(
+            "Argument `pair` must be given for a log that was read with a pair, but is None."
+        )
+    return pair_from_spec(log.spec)
 
 
 def _is_worse_than_none(result: Fit) -> bool:

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from ..base.errors import LogError
 from ..base.files.text_tables import key_values
 from ..base.units import ANGLE_UNITS, ARCSEC, DEG, REV
+from ..pair.schema import PairSpec
 from .channel.channel import Channel, RawChannel, make_channel
 from .channel.stuck import refuse_stuck
 from .protocols import TwoShafts
@@ -165,6 +166,7 @@ class EncoderLog:
     - `notes`: sentences on detected properties and assumptions.
     - `keywords`: keywords of `read_log` that the log was read with.
     - `path`: absolute path of the file; None for arrays.
+    - `spec`: pair file that says what was stated and recognised without one; None otherwise.
     """
 
     time: Float[np.ndarray, " n"]
@@ -184,6 +186,7 @@ class EncoderLog:
     acceleration: Float[np.ndarray, " n"] | None = None
     keywords: Mapping[str, Any] = field(default_factory=dict, repr=False)
     path: Path | None = None
+    spec: PairSpec | None = field(default=None, repr=False)
 
     @property
     def driving_angle(self) -> Float[np.ndarray, " n"]:

@@ -72,6 +72,8 @@ class Inspection(TextResult):
     notes: tuple[str, ...]
     lines: tuple[Line, ...] = ()
     slipped: bool = False
+    fit_command: str = ""
+    """Command that fits the log as it was read here; "" if a pair file says how."""
 
     def to_json(self) -> dict[str, Any]:
         """Return the report as an object of the schema `vttig.inspect/1`."""
@@ -112,6 +114,7 @@ class Inspection(TextResult):
             "spectrum": [asdict(line) for line in self.spectrum],
             "lines": [asdict(line) for line in self.lines],
             "support": asdict(self.support),
+            **({"fit_command": self.fit_command} if self.fit_command else {}),
             "notes": list(self.notes),
         }
 
@@ -235,6 +238,7 @@ def inspection_text(report: "Inspection") -> str:
         _spectrum_table(report),
         _lines(report),
         bullets("note", _remarks(report)),
+        f"to fit it:\n  {report.fit_command}" if report.fit_command else "",
     ]
     return "\n\n".join(part.rstrip() for part in parts if part)
 

@@ -2,7 +2,8 @@
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
+from fractions import Fraction
 from itertools import groupby
 from pathlib import Path
 from typing import Any
@@ -10,9 +11,11 @@ from typing import Any
 import numpy as np
 from jaxtyping import Real
 
-from ..base.errors import LogError
+from ..base.errors import LogError, VttigError
 from ..base.files.text_tables import key_values
+from ..base.files.toml_io import plain_table
 from ..base.units import ANGLE_UNITS, ARCSEC, REV
+from ..pair.schema import PairSpec
 from .channel.channel import step_of
 from .channel.unwrap import find_modulus, unwrap, wrap_steps
 from .checks.ratio import simple_fraction, slope
@@ -23,17 +26,18 @@ from .read import check_arguments
 from .readers.column_names import (
     ROW,
     TIME_UNITS,
-    default_column,
-    index_of,
     listed,
     name_and_unit,
     units_of,
 )
-from .readers.column_roles import ROLES, ROW_INDEX, SOUGHT
+from .readers.column_roles import ROLES, ROW_INDEX
 from .readers.delimited import TextTable
 from .readers.nested import NestedTable
 from .readers.open_table import open_table
-from .readers.text import NESTED
+from .readers.times.seconds import seconds_of_numbers, seconds_of_stamps
+from .recognition.command import fit_command
+from .recognition.recognise import Search
+from .recognition.request import DriveRequest, in_words
 from .source import Source
 
 SHAFTS = ("driving", "driven", "transmission_error")
@@ -56,6 +60,8 @@ class Preview:
     notes: tuple[str, ...]
     others: tuple[tuple[str, int], ...] = ()
     """Names and lengths of arrays with another length than the record."""
+    fit_command: str = ""
+    """Command that fits the log with the ratio that it shows; "" if something is missing."""
 
     def to_json(self) -> dict[str, Any]:
         """Return the report in the schema `vttig.inspect/1` without parts that need a pair file."""
@@ -70,6 +76,7 @@ class Preview:
             **({"other_arrays": others} if others else {}),
             "sampling": None if self.sampling is None else asdict(self.sampling),
             "ratio": {"given": None, "seen": ratio, "std": std},
+            **({"fit_command": self.fit_command} if self.fit_command else {}),
             "notes": list(self.notes),
         }
 
@@ -83,17 +90,25 @@ class Preview:
             rows.append(("ratio seen", f"{ratio:.6g} ± {std:.1g}, driven over driving ({near})"))
         parts = [self.source, column_table(_grouped(self.columns)), key_values(rows)]
         parts.append(bullets("note", (*_other_arrays(self.others, self.rows), *self.notes)))
+        if self.fit_command and self.ratio is not None:
+            turns = in_words(Fraction(simple_fraction(*self.ratio)))
+            parts.append(f"if {turns}:\n  {self.fit_command}")
         return "\n\n".join(part for part in parts if part)
 
 
 def preview_log(
     path: str | Path,
     *,
+    spec: PairSpec | None = None,
+    request: DriveRequest = DriveRequest(),
     columns: Mapping[str, str] | None = None,
     decimal: str | None = None,
     sample_rate_hz: int | float | None = None,
 ) -> Preview:
-    """Inspect a log without a pair file; the arguments are those of `read_log`.
+    """Inspect a log without a fit; the other arguments are those of `read_log`.
+
+    `spec` names columns and units as a pair file does. Without it they are recognised from their
+    names, and the notes ask for what the names and `request` leave open.
 
     Text without a header has the columns #1, #2, …. The record of a nested file consists of the
     arrays as long as the driving array, or else of the arrays with the most frequent length.
@@ -102,36 +117,41 @@ def preview_log(
     """
     columns = columns or {}
     check_arguments(columns, decimal, sample_rate_hz)
-    nested = Path(path).suffix.lower() in NESTED
-    requested = columns.values() if nested else (*columns.values(), "#1")
-    table, digest, notes = open_table(path, decimal=decimal, requested=requested)
+    table, digest, notes = open_table(
+        path, decimal=decimal, requested=columns.values(), headerless=True
+    )
     table, cut = table.without_cut_line(range(len(table.names)))
-    roles = _roles(table.names, str(path), columns)
-    arrays, broken = _readable(table)
+    search = Search(table, str(path), request, _named(spec, columns))
+    question = _question(search, timed=sample_rate_hz is None)
+    roles = {ROW_INDEX if k is None else k: role for role, k in search.roles.items()}
+    units = dict(search.units) if spec is None else plain_table(spec.unit)
+    arrays, broken = _readable(table, roles)
     size = _size(arrays, roles)
     others = [(table.names[k], len(a)) for k, a in arrays.items() if len(a) != size]
     names = dict(enumerate(table.names)) | {ROW_INDEX: ROW}
     rows = {ROW_INDEX: np.arange(size)} if ROW_INDEX in roles else {}
     arrays = {k: a for k, a in (arrays | rows).items() if len(a) == size}
     source = Source(str(path), {r: names[k] for k, r in roles.items()}, table.line_of)
-    angles: dict[str, np.ndarray] = {}
-    reports = []
-    for k, values in arrays.items():
-        report, angle = _report(names[k], roles.get(k), values)
-        reports.append(report)
-        if angle is not None and report.role is not None:
-            angles[report.role] = angle
+    shown = [_report(names[k], roles.get(k), values, units) for k, values in arrays.items()]
+    reports = [report for report, _ in shown]
+    angles = {r.role: angle for r, angle in shown if angle is not None and r.role is not None}
     hints = [*notes, *cut, *broken, *_unusable_roles(roles, arrays, source, size)]
-    time = _time(roles, names, arrays, size, sample_rate_hz)
+    time = _time(reports, arrays, size, sample_rate_hz)
     sampling = None
     if time is not None:
         hints += check_time(time, source)
         sampling = sampling_of(time)
-    hints += _missing_input(roles, sample_rate_hz, reports)
-    ratio = None
-    counts = {r.unit == "counts" for r in reports if r.role in ("driving", "driven")}
-    if {"driving", "driven"} <= set(angles) and len(counts) == 1:
-        ratio = slope(angles["driving"], angles["driven"])
+    ratio = _ratio(reports, angles)
+    command = ""
+    if spec is None:
+        hints += map(str, search.guesses)
+        hints += _missing_input(roles, sample_rate_hz, reports)
+        hints += [f"a fit asks: {question}"] if question else []
+        if not question and ratio is not None and ratio[0] > 0:
+            shown = _with_ratio(request, ratio)
+            names_of = search.column_names
+            keywords = {"decimal": decimal, "sample_rate_hz": sample_rate_hz}
+            command = fit_command(path, shown, names_of, **keywords)
     return Preview(
         source=str(path),
         sha256=digest,
@@ -141,32 +161,57 @@ def preview_log(
         ratio=ratio,
         notes=tuple(hints),
         others=tuple(others),
+        fit_command=command,
     )
 
 
-def _roles(names: Sequence[str], source: str, columns: Mapping[str, str]) -> dict[int, str]:
-    """Return column index → role, from the given names or else from the default names."""
-    roles = {}
-    for role in ROLES:
-        if columns.get(role) == ROW:
-            index = ROW_INDEX
-        elif role in columns:
-            index = index_of(columns[role], role, names, source)
-        else:
-            index = default_column(role, names, source) if role in SOUGHT else None
-        if index is not None:
-            roles[index] = role
-    return roles
+def _ratio(
+    reports: Sequence[ColumnReport], angles: Mapping[str, np.ndarray]
+) -> tuple[float, float] | None:
+    """Return the slope of driven over driving angle and its standard error, or None."""
+    counts = {r.unit == "counts" for r in reports if r.role in ("driving", "driven")}
+    if not {"driving", "driven"} <= set(angles) or len(counts) != 1:
+        return None
+    return slope(angles["driving"], angles["driven"])
 
 
-def _readable(table: TextTable | NestedTable) -> tuple[dict[int, np.ndarray], list[str]]:
-    """Return all columns of numbers, and a note on each other column."""
-    indices = range(len(table.names))
+def _with_ratio(request: DriveRequest, seen: tuple[float, float]) -> DriveRequest:
+    """Return a request with the simplest fraction near the ratio that a log shows."""
+    near = Fraction(simple_fraction(*seen))
+    return replace(request, ratio=f"{near.denominator}:{near.numerator}")
+
+
+def _named(spec: PairSpec | None, columns: Mapping[str, str]) -> dict[str, str]:
+    """Return role → name from a pair file and from the options, which win."""
+    stated = {} if spec is None else {role: getattr(spec.log, role) for role in ROLES}
+    return {role: name for role, name in stated.items() if name is not None} | dict(columns)
+
+
+def _question(search: Search, *, timed: bool) -> str:
+    """Find the columns; return the question that is left, or ""."""
+    search.take_stated(timed=timed)
     try:
-        return dict(enumerate(table.columns(indices))), []
+        search.find(timed=timed)
+    except VttigError as error:
+        return error.message
+    return ""
+
+
+def _readable(
+    table: TextTable | NestedTable, roles: Mapping[int, str]
+) -> tuple[dict[int, np.ndarray], list[str]]:
+    """Return all columns of numbers, and a note on each other column; dates become seconds."""
+    dated = [k for k in range(len(table.names)) if table.is_dated(k)]
+    indices = [k for k in range(len(table.names)) if k not in dated]
+    arrays, errors = {}, {}
+    for k in dated:
+        if roles.get(k) == "time" and isinstance(table, TextTable):
+            where = f"{table.source}: column `{table.names[k]}`"
+            arrays[k] = seconds_of_stamps(table.texts(k), where)[0]
+    try:
+        return arrays | dict(zip(indices, table.columns(indices), strict=True)), []
     except LogError:
         pass
-    arrays, errors = {}, {}
     for k in indices:
         try:
             arrays[k] = table.columns([k])[0]
@@ -233,11 +278,11 @@ def _other_arrays(others: Sequence[tuple[str, int]], size: int) -> list[str]:
 
 
 def _report(
-    name: str, role: str | None, values: Real[np.ndarray, " n"]
+    name: str, role: str | None, values: Real[np.ndarray, " n"], stated: Mapping[str, str]
 ) -> tuple[ColumnReport, Real[np.ndarray, " n"] | None]:
     """Return a row of the column table, and the unwrapped channel (rad or counts) of a shaft."""
     units = units_of(role) if role else (*units_of("driving"), *TIME_UNITS)
-    unit = name_and_unit(name, units, name)[1]
+    unit = name_and_unit(name, units, name)[1] or stated.get(role or "")
     plain = ColumnReport(role, name, unit, float(values.min()), float(values.max()))
     shaft = role in ("driving", "driven") or (role is None and unit in ("counts", *ANGLE_UNITS))
     if not shaft or unit is None or not np.isfinite(values).all() or np.ptp(values) == 0:
@@ -278,18 +323,16 @@ def _report(
 
 
 def _time(
-    roles: Mapping[int, str],
-    names: Mapping[int, str],
+    reports: Sequence[ColumnReport],
     arrays: Mapping[int, np.ndarray],
     size: int,
     sample_rate_hz: int | float | None,
 ) -> np.ndarray | None:
     if sample_rate_hz is not None:
         return np.arange(size) / sample_rate_hz
-    for k, role in roles.items():
-        if role == "time" and k in arrays:
-            unit = name_and_unit(names[k], tuple(TIME_UNITS), names[k])[1]
-            return arrays[k] * TIME_UNITS[unit or "s"]
+    for report, values in zip(reports, arrays.values(), strict=True):
+        if report.role == "time":
+            return seconds_of_numbers(values, report.unit or "s")
     return None
 
 
@@ -310,8 +353,10 @@ def _missing_input(
     units = {r.role: r.unit for r in reports if r.role in ("driving", "driven")}
     for role, unit in units.items():
         if unit is None:
-            hints.append(f"{role}: its name tells no unit; state it in [unit] of a pair file")
+            hints.append(f"{role}: its name tells no unit; state it with --unit deg")
     if "counts" in units.values():
-        hints.append("turns need counts_per_rev: give --pair; the ratio takes counts as equal")
-    hints.append("this is a first look; --pair PAIR.toml adds flanks, speeds and the orders")
+        hints.append("turns need counts_per_rev: give --counts; the ratio takes counts as equal")
+    hints.append(
+        "this is a first look; --ratio A:B (or --pair PAIR.toml) adds flanks, speeds and the orders"
+    )
     return hints

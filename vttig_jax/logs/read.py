@@ -1,58 +1,57 @@
 """Reading of a log file into an `EncoderLog`."""
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ..base.errors import LogError, UsageError
-from ..base.units import ANGLE_UNITS
-from ..pair.schema import LogLayout, UnitTable
-from .channel.channel import RawChannel
-from .encoder_log import EncoderLog, RawLog
+from ..base.errors import UsageError
+from .encoder_log import EncoderLog
 from .protocols import TwoShafts
-from .readers.column_names import (
-    ACCELERATION_UNITS,
-    LENGTH_UNITS,
-    SPEED_UNITS,
-    TIME_UNITS,
-    name_and_unit,
-)
-from .readers.column_roles import ROLES, ROW_INDEX, Column, find_columns, requested_names
-from .readers.open_table import open_table
-from .source import Source
+from .raw import read_raw
+from .readers.column_roles import ROLES
+from .recognition.recognise import Recognition, recognise
+from .recognition.request import DriveRequest, counts_of, units_of_options
 
 logger = logging.getLogger("vttig_jax")
-
-UNITS = {
-    "transmission_error": ANGLE_UNITS,
-    "axial_mm": LENGTH_UNITS,
-    "speed": SPEED_UNITS,
-    "acceleration": ACCELERATION_UNITS,
-}
-"""Factors from the units of a column to rad, mm, rad/s or rad/s²; channels keep their units."""
 
 
 def read_log(
     path: str | Path,
-    pair: TwoShafts,
+    pair: TwoShafts | None = None,
     *,
+    ratio: str | int | float | None = None,
+    teeth: str | None = None,
+    counts: int | tuple[int, int] | str | None = None,
+    unit: str | Mapping[str, str] | None = None,
+    invert: str | Sequence[str] = (),
+    driving_rpm: str | int | float | None = None,
     columns: Mapping[str, str] | None = None,
     decimal: str | None = None,
     sample_rate_hz: int | float | None = None,
 ) -> EncoderLog:
     """Read a log of two encoders, or of one encoder and the transmission error.
 
-    The file is delimited text (CSV, TSV, TXT), MATLAB (.mat) or HDF5 (.h5, .hdf5). Columns of
+    The file is delimited text (CSV, TSV, TXT, and the layouts of some recording programs), MATLAB,
+    HDF5, NumPy, Parquet, Feather, Arrow, TDMS, MDF or a ROS bag. Columns of
     nested files have paths as names, and the last part is enough: `rec.pos_deg(1,:)` or
     `pos_deg(1,:)`. In text `#1` is the first column; in all files `#row` is 0, 1, 2, ….
 
     **Arguments**
     - `pair`: pair file, or result of `load_pair`: encoders, ratio, and in `log` and `unit` the
-      names and units of the columns.
+      names and units of the columns. Without it `ratio` or `teeth` is needed; the columns are then
+      recognised from their names and the ratio, or the error asks for what they leave open, and
+      `log.spec` is the pair file that says the same.
+    - `ratio`: "64:23", driving turns to driven turns; "9/16" or a number is driven over driving
+      speed.
+    - `teeth`: "45/80", teeth of the driving and of the driven gear.
+    - `counts`: counts per revolution of both encoders, one number if they are equal.
+    - `unit`: unit of the columns whose names say none, or role → unit.
+    - `invert`: "driving", "driven" or both, whose encoder counts backwards.
+    - `driving_rpm`: speed of a driving shaft that a clock turns and that has no encoder, in rpm.
     - `columns`: role ("time", "driving", "driven", "transmission_error", "direction", "axial_mm",
       "torque", "speed" and "acceleration" of the driving shaft) → column name. This argument and
       the next two override `pair.log`.
@@ -67,115 +66,72 @@ def read_log(
     >>> from pathlib import Path
     >>> from tempfile import TemporaryDirectory
     >>> from vttig_jax.logs import read_log
-    >>> from vttig_jax.pair import parse_pair_spec
-    >>> unit = {"driving": "deg", "driven": "deg"}
-    >>> pair = parse_pair_spec({"drive": {"ratio": "1/2"}, "unit": unit})
     >>> with TemporaryDirectory() as folder:
     ...     path = Path(folder) / "log.csv"
-    ...     _ = path.write_text("".join(f"{k}.0,{k / 2:.1f}\\n" for k in range(9)))
-    ...     log = read_log(path, pair, columns={"driving": "#1", "driven": "#2"}, sample_rate_hz=50)
-    >>> len(log), round(float(log.time[-1]), 2)
-    (9, 0.16)
+    ...     _ = path.write_text("".join(f"{8 * k}.0,{4 * k}.0\\n" for k in range(9)))
+    ...     log = read_log(path, ratio="2:1", unit="deg", sample_rate_hz=50)
+    >>> len(log), round(float(log.time[-1]), 2), log.spec.log.driving
+    (9, 0.16, '#1')
 
     ```
     """
+    request = _request(ratio, teeth, counts, unit, (invert, driving_rpm))
+    found: Recognition | None = None
+    if pair is None:
+        found = recognise(
+            path,
+            request,
+            columns=columns or {},
+            decimal=decimal,
+            sample_rate_hz=sample_rate_hz,
+        )
+        pair = found.spec
+    elif request.states_something:
+        raise UsageError(
+            "a pair is given, which states ratio, encoders and units; leave out the other keywords"
+            " or the pair.",
+            where=str(path),
+        )
+    check_arguments(columns or {}, decimal, sample_rate_hz)
     raw = read_raw(
-        path,
-        pair.log,
-        pair.unit,
-        columns=columns or {},
-        decimal=decimal,
-        sample_rate_hz=sample_rate_hz,
+        path, pair, columns=columns or {}, decimal=decimal, sample_rate_hz=sample_rate_hz
     )
     keywords: dict[str, Any] = {"decimal": decimal, "sample_rate_hz": sample_rate_hz}
     log = EncoderLog.from_raw(raw, pair)
     keywords["columns"] = dict(columns or {})
     log = replace(log, keywords=keywords, path=Path(path).resolve())
+    if found is not None:
+        told = tuple(guess.fact for guess in found.guesses)
+        log = replace(log, spec=found.spec, notes=(*told, *log.notes))
     logger.info("%s: %d samples", path, len(log))
     for note in log.notes:
         logger.info("%s: %s", path, note)
     return log
 
 
-def read_raw(
-    path: str | Path,
-    layout: LogLayout,
-    units: UnitTable,
-    *,
-    columns: Mapping[str, str],
-    decimal: str | None,
-    sample_rate_hz: int | float | None,
-) -> RawLog:
-    """Read the columns of a log with their units before unwrapping; arguments as `read_log`."""
-    check_arguments(columns, decimal, sample_rate_hz)
-    rate = sample_rate_hz
-    if rate is None and "time" not in columns:
-        rate = layout.sample_rate_hz
-    name = str(path)
-    table, digest, notes = open_table(
-        path,
-        encoding=layout.encoding,
-        delimiter=layout.delimiter,
-        decimal=decimal or layout.decimal,
-        requested=requested_names(layout, columns).values(),
-    )
-    roles = find_columns(table.names, layout, units, columns, name, timed=rate is None)
-    indices = [column.index for column in roles.values() if column.index != ROW_INDEX]
-    table, cut = table.without_cut_line(indices)
-    source = Source(name, {role: c.name for role, c in roles.items()}, table.line_of)
-    values = _values(roles, dict(zip(indices, table.columns(indices), strict=True)), source)
-    if rate is None:
-        time = values["time"] * TIME_UNITS[roles["time"].unit]
+def _request(
+    ratio: str | int | float | None,
+    teeth: str | None,
+    counts: int | tuple[int, int] | str | None,
+    unit: str | Mapping[str, str] | None,
+    further: tuple[str | Sequence[str], str | float | None],
+) -> DriveRequest:
+    """Return the statements of the keywords, and of `invert` and `driving_rpm` in `further`."""
+    invert, driving_rpm = further
+    if counts is not None and not isinstance(counts, tuple):
+        counts = counts_of(str(counts))
+    if isinstance(unit, Mapping):
+        texts = tuple(f"{role}={name}" for role, name in unit.items())
     else:
-        time = np.arange(len(values["driving"])) / rate
-    if rate is None and name_and_unit(roles["time"].name, tuple(TIME_UNITS), name)[1] is None:
-        notes = (*notes, f"time: column `{roles['time'].name}` names no unit, taken as seconds")
-    factors = {
-        role: units_in[roles[role].unit] for role, units_in in UNITS.items() if role in roles
-    }
-    converted = {role: factor * values[role] for role, factor in factors.items()}
-    return RawLog(
-        time=time,
-        driving=_channel(roles["driving"], values, layout.driving_scale),
-        driven=_channel(roles["driven"], values, layout.driven_scale)
-        if "driven" in roles
-        else None,
-        error=converted.get("transmission_error"),
-        direction=values.get("direction"),
-        axial_mm=converted.get("axial_mm"),
-        torque=values.get("torque"),
-        source=source,
-        sha256=digest,
-        notes=(*notes, *cut),
-        speed=converted.get("speed"),
-        acceleration=converted.get("acceleration"),
+        texts = () if unit is None else (unit,)
+    return DriveRequest(
+        ratio=None if ratio is None else str(ratio),
+        teeth=teeth,
+        counts=counts,
+        units=units_of_options(texts),
+        inverted=(invert,) if isinstance(invert, str) else tuple(invert),
+        driving_rpm=None if driving_rpm is None else str(driving_rpm),
     )
-
-
-def _values(
-    roles: Mapping[str, Column], arrays: Mapping[int, np.ndarray], source: Source
-) -> dict[str, np.ndarray]:
-    """Return the values of every role; all must be as long as the driving column."""
-    reference = roles["driving"].index
-    if reference == ROW_INDEX:
-        reference = next(iter(arrays))
-    size = len(arrays[reference])
-    for role, column in roles.items():
-        length = len(arrays.get(column.index, arrays[reference]))
-        if length != size:
-            first = next(c.name for c in roles.values() if c.index == reference)
-            raise LogError(
-                f"it has {length} values, but `{first}` has {size}; name columns of equal length.",
-                where=source.at(role),
-            )
-    rows = np.arange(size, dtype=np.int64)
-    return {role: arrays.get(column.index, rows) for role, column in roles.items()}
-
-
-def _channel(
-    column: Column, values: Mapping[str, np.ndarray], scale: str | int | float
-) -> RawChannel:
-    return RawChannel(values[column.role], column.unit, scale)
 
 
 def check_arguments(

@@ -25,6 +25,7 @@ HIGHEST_ORDER = 1000
 
 Order = Annotated[float, Meta(gt=0, le=HIGHEST_ORDER)]
 AngleUnit = Literal["counts", "deg", "rad", "rev", "arcsec", "urad"]
+TimeUnit = Literal["s", "ms", "us", "ns", "100ns", "d"]
 
 
 class Encoder(Table, frozen=True):
@@ -106,6 +107,9 @@ class LogLayout(Table, frozen=True):
 
     time: str | None = None
     sample_rate_hz: Positive | None = None
+    driving_rpm: str | float | None = None
+    driving_increments: bool = False
+    driven_increments: bool = False
     driving: str | None = None
     driven: str | None = None
     transmission_error: str | None = None
@@ -123,11 +127,12 @@ class LogLayout(Table, frozen=True):
 
 
 class UnitTable(Table, frozen=True):
-    """Table `[unit]`: units of columns whose names do not end with a unit."""
+    """Table `[unit]`: units of columns whose names do not end with a unit; time is in s if none."""
 
     driving: AngleUnit | None = None
     driven: AngleUnit | None = None
     transmission_error: AngleUnit | None = None
+    time: TimeUnit | None = None
 
 
 class HarmonicOrders(Table, frozen=True):

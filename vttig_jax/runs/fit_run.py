@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from ..base.errors import UsageError
-from ..pair.pair_file import load_pair_spec
+from ..logs.recognition.request import DriveRequest
 from .options import ReadingOptions, RunOptions
 from .run_file import CHECKPOINT, RunRecord
+from .stated_drive import stated_spec
 
 if TYPE_CHECKING:
     from ..base.files.run_folder import RunFolder
@@ -30,18 +31,24 @@ _FOLLOWING = (
 
 
 def resolve(
-    logs: tuple[Path, ...], pair: Path | None, readings: Path | None, options: RunOptions
+    logs: tuple[Path, ...],
+    pair: Path | None,
+    readings: Path | None,
+    options: RunOptions,
+    drive: DriveRequest = DriveRequest(),
 ) -> RunRecord:
     """Return the record of the run that the command line requests.
 
-    **Raises** `UsageError` if the logs or the pair file are missing, and for options that exclude
-    each other.
+    Without a pair file the columns of the logs are recognised with the ratio in `drive`.
+
+    **Raises** `UsageError` if the logs, or the pair file and the ratio, are missing, and for
+    options that exclude each other; `LogError` for a log that can be read in two ways.
     """
-    if not logs or pair is None:
-        missing = "--pair" if logs else "LOG"
-        raise UsageError(f"{missing} is missing; see `vttig fit --help`.")
+    if not logs:
+        raise UsageError("LOG is missing; see `vttig fit --help`.")
     options.check(len(logs), readings=readings is not None)
-    return RunRecord(logs, load_pair_spec(pair), options, readings=readings)
+    spec, guesses = stated_spec(logs, pair, drive, options.reading)
+    return RunRecord(logs, spec, options, readings=readings, guesses=guesses)
 
 
 def perform(record: RunRecord) -> "tuple[Fit, RunRecord]":

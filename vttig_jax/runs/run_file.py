@@ -6,15 +6,19 @@ from dataclasses import dataclass, field
 from importlib.metadata import version
 from itertools import zip_longest
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 
 from ..base.errors import InputError, UsageError
 from ..base.files.run_folder import data_sha256
+from ..logs.readers.binary.formats import folder_sha256, format_of
 from ..pair.pair_file import parse_pair_spec, spec_table
 from ..pair.schema import PairSpec
 from .options import RunOptions, options_from
+
+if TYPE_CHECKING:
+    from ..logs.recognition.question import Guess
 
 CHECKPOINT = "posterior.h5"
 
@@ -32,6 +36,7 @@ class RunRecord:
     - `options`: options of the fit.
     - `sha256`: SHA-256 of every log; empty before they are read.
     - `readings`, `readings_sha256`: file of backlash readings, and its SHA-256.
+    - `guesses`: what was recognised for `spec` without a pair file; not stored.
     """
 
     logs: tuple[Path, ...]
@@ -40,6 +45,7 @@ class RunRecord:
     sha256: tuple[str, ...] = ()
     readings: Path | None = None
     readings_sha256: str = ""
+    guesses: "tuple[Guess, ...]" = ()
 
     def table(self, folder: Path) -> dict[str, Any]:
         """Return the TOML table, with paths relative to the run folder."""
@@ -120,9 +126,9 @@ def require_same_data(run: RunRecord) -> None:
                 " repeat it from.",
                 where=str(path),
             )
-        if not path.is_file():
+        if not path.is_file() and format_of(path) is None:
             raise InputError(f"the {kind} of this run is no longer there.", where=str(path))
-        if digest != data_sha256([path])[0]:
+        if digest != (folder_sha256(path) if path.is_dir() else data_sha256([path])[0]):
             raise InputError(
                 f"this {kind} has changed since the run (its SHA-256 differs); fit it anew with"
                 " --pair.",

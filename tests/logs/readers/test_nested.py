@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from scipy.io import savemat
 
 from vttig_jax.base.errors import LogError
-from vttig_jax.logs.readers.nested import MOST_COLUMNS, NestedTable, read_nested
+from vttig_jax.logs.readers.matrix_columns import MOST_COLUMNS
+from vttig_jax.logs.readers.nested import NestedTable, read_nested
 
 
 def save(tmp_path, variables, name="log.mat", **options):

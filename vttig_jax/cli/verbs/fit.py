@@ -1,14 +1,18 @@
 """`vttig fit`: identification of the parameters from logs, and the run folder with the result."""
 
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from ...base.errors import NoAnswerError, UsageError
+from ...identify.settings import fields
+from ...logs.recognition.request import in_words
 from ...runs.fit_run import perform, resolve, save_fit
 from ...runs.options import options_of
 from ...runs.run_file import RunRecord, read_run, require_same_data
+from ..drive_options import DriveOptions, drive_options
 from ..fit_options import model_options
 from ..options import given, log_options, verb
 from ..output import LOGGER, Output
@@ -21,15 +25,26 @@ if TYPE_CHECKING:
 @verb(
     "fit",
     example="""
-vttig fit log.csv --pair pair.toml
+vttig fit log.csv --ratio 64:23
+vttig fit log.csv --teeth 45/80 --counts 90000,90000 --column driving=enc1 --column driven=enc2
 vttig fit log.csv --pair pair.toml --out run --require constant_backlash_deg
 vttig fit monday.csv friday.csv --pair pair.toml --loss bisquare --regressor torque
 vttig fit log.mat --pair pair.toml --column "driving=rec.pos_deg(1,:)" --sample-rate 250
 vttig fit --run run/run.toml
 """,
+    groups={
+        "The drive": ("ratio", "teeth", "counts", "inverted", "driving_rpm", "pair", "write_pair"),
+        "The log": ("units", "columns", "explain_columns", "decimal", "sample_rate"),
+        "The result": ("out", "overwrite", "no_figures", "require", "readings", "run_path"),
+        "The model": tuple(field.name for field in fields()),
+    },
 )
 @click.argument("logs", metavar="[LOG]...", nargs=-1, type=click.Path(path_type=Path))
-@click.option("--pair", type=click.Path(path_type=Path), help="TOML file of the gear pair.")
+@click.option(
+    "--pair",
+    type=click.Path(path_type=Path),
+    help="TOML file of the gear pair, in place of --ratio or --teeth and the options below them.",
+)
 @click.option(
     "--run", "run_path", type=click.Path(path_type=Path), help="Repeat the run of this run.toml."
 )
@@ -47,6 +62,7 @@ vttig fit --run run/run.toml
     multiple=True,
     help="Exit with 4 unless this parameter is determined; a warning tells one that may be zero.",
 )
+@drive_options
 @log_options
 @model_options
 def command(
@@ -59,13 +75,16 @@ def command(
     no_figures: bool,
     readings: Path | None,
     require: tuple[str, ...],
+    drive: DriveOptions,
     **options: Any,
 ) -> None:
     """Identify the eccentricity and phase of both gears and the backlash from LOG.
 
     LOG is a text file (CSV, TSV), a MATLAB file or an HDF5 file with time and two encoder channels,
-    or with one angle and the transmission error. Several logs of one rig are fitted together: they
-    share eccentricities, orders, backlash and delay. Without --out no file is written.
+    or with one angle and the transmission error. Give the ratio with --ratio or --teeth, or all
+    that a drawing says with --pair. Where a log can be read in two ways the command asks. Several
+    logs of one rig are fitted together: they share eccentricities, orders, backlash and delay.
+    Without --out no file is written.
     """
     if out is None and (overwrite or no_figures):
         name = "--overwrite" if overwrite else "--no-figures"
@@ -73,7 +92,11 @@ def command(
             f"{name} says how to write a run folder; give one with --out, or leave it."
         )
     if run_path is None:
-        run = resolve(logs, pair, readings, options_of(options))
+        run = resolve(logs, pair, readings, options_of(options), drive.request)
+        if drive.explain_columns:
+            _explain_columns(output, run)
+            return
+        drive.tell(run.guesses, run.spec, output)
     else:
         run = _repeated(run_path, options)
     result, run = perform(run)
@@ -81,7 +104,8 @@ def command(
     if out is not None:
         save_fit(result, out, overwrite=overwrite, figures=not no_figures, record=run)
         LOGGER.info("written to %s", out)
-    output.emit(result.to_json(), result)
+    stated = drive.request.names_a_drive
+    output.emit(result.to_json(), _Answer(result) if stated else result)
     _check_required(result, require)
     if result.outcome == "contradicts":
         # The numbers are part of the answer: they show what contradicts.
@@ -117,13 +141,37 @@ ON_REQUEST = {
 """Parameter or regressor → the option that makes the fit include it."""
 
 
+@dataclass(frozen=True)
+class _Answer:
+    """The answer to a call that states the ratio: the ratio in words, and the fit."""
+
+    result: "Fit"
+
+    def __str__(self) -> str:
+        return f"{in_words(self.result.pair.ratio)}\n\n{self.result}"
+
+
+def _explain_columns(output: Output, run: RunRecord) -> None:
+    """Print how the columns of the logs are read."""
+    from ...logs.preview import preview_log
+
+    first, *others = run.logs
+    if others:
+        raise UsageError("--explain-columns explains one log; name one.")
+    report = preview_log(first, spec=run.spec, **run.options.reading.keywords())
+    report = replace(report, notes=(*map(str, run.guesses), *report.notes))
+    output.emit(report.to_json(), report)
+
+
 def _repeated(path: Path, options: dict[str, Any]) -> RunRecord:
     """Return the record of a `run.toml`, to repeat its fit unchanged.
 
     **Raises** `UsageError` if logs, a pair, readings or options of the fit are given too,
     `InputError` if a file of the run is missing or has changed.
     """
-    if asked := given({"logs", "pair", "readings", *options}):
+    stated = {"ratio", "teeth", "counts", "units", "inverted", "driving_rpm"}
+    stated |= {"write_pair", "explain_columns"}
+    if asked := given({"logs", "pair", "readings", *stated, *options}):
         raise UsageError(
             f"--run repeats a run as it was; leave out {' and '.join(asked)}, or leave out --run."
         )

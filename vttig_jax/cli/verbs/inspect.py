@@ -1,18 +1,34 @@
 """`vttig inspect`: what a log holds and what is wrong with it. Needs no jax."""
 
+from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
-from ..options import log_options, roles_of, verb
+from ...base.errors import UsageError
+from ...logs.readers.column_roles import ROLES
+from ..drive_options import DriveOptions, drive_options
+from ..options import log_options, verb
 from ..output import Output
+
+if TYPE_CHECKING:
+    from ...logs.inspection import Inspection
+    from ...logs.preview import Preview
+    from ...runs.options import ReadingOptions
 
 
 @verb(
     "inspect",
     compiles=False,
-    example="vttig inspect log.csv --pair pair.toml\n"
+    example="vttig inspect log.csv\n"
+    "vttig inspect log.csv --ratio 64:23\n"
+    "vttig inspect log.csv --pair pair.toml\n"
     "vttig inspect log.csv --column time=t_s --column driving=motor_deg",
+    groups={
+        "The drive": ("ratio", "teeth", "counts", "inverted", "driving_rpm", "pair", "write_pair"),
+        "The log": ("units", "columns", "explain_columns", "decimal", "sample_rate"),
+    },
 )
 @click.argument("log", type=click.Path(path_type=Path))
 @click.option(
@@ -20,6 +36,7 @@ from ..output import Output
     type=click.Path(path_type=Path),
     help="TOML of the pair or drive; without it only what the columns show by themselves.",
 )
+@drive_options
 @log_options
 def command(
     output: Output,
@@ -28,18 +45,46 @@ def command(
     columns: tuple[str, ...],
     decimal: str | None,
     sample_rate: float | None,
+    drive: DriveOptions,
 ) -> None:
-    """Say what LOG holds: columns, rate, turns, ratio, flanks, speeds and orders."""
+    """Say what LOG holds: columns, rate, turns, ratio, flanks, speeds and orders.
+
+    The command to fit it is printed at the end, with all that was recognised.
+    """
+    from ...logs.preview import preview_log
+    from ...runs.options import ReadingOptions
+
+    reading = ReadingOptions(columns=columns, decimal=decimal, sample_rate=sample_rate)
+    report: Preview | Inspection
+    if pair is None and not drive.request.names_a_drive:
+        if drive.write_pair is not None:
+            raise UsageError("--write-pair needs the ratio; give --ratio 64:23 or --teeth 45/80.")
+        report = preview_log(log, request=drive.request, **reading.keywords())
+    else:
+        report = _inspected(log, pair, reading, drive, output)
+    output.emit(report.to_json(), report)
+
+
+def _inspected(
+    log: Path, pair: Path | None, reading: "ReadingOptions", drive: DriveOptions, output: Output
+) -> "Inspection | Preview":
+    """Return the report on a log whose ratio is known."""
     from ...logs.inspection import inspect_log
     from ...logs.preview import preview_log
     from ...logs.read import read_log
-    from ...pair.pair_file import load_pair_spec
+    from ...logs.recognition.command import fit_command
+    from ...runs.stated_drive import stated_spec
 
-    named = roles_of(columns)
-    if pair is None:
-        report = preview_log(log, columns=named, decimal=decimal, sample_rate_hz=sample_rate)
-    else:
-        spec = load_pair_spec(pair)
-        read = read_log(log, spec, columns=named, decimal=decimal, sample_rate_hz=sample_rate)
-        report = inspect_log(read, spec)
-    output.emit(report.to_json(), report)
+    spec, guesses = stated_spec((log,), pair, drive.request, reading)
+    drive.tell(() if drive.explain_columns else guesses, spec, output)
+    if drive.explain_columns:
+        first = preview_log(log, spec=spec, **reading.keywords())
+        return replace(first, notes=(*map(str, guesses), *first.notes))
+    report = inspect_log(read_log(log, spec, **reading.keywords()), spec)
+    if pair is not None:
+        return report
+    names = {role: name for role in ROLES if (name := getattr(spec.log, role)) is not None}
+    command = fit_command(
+        log, drive.request, names, decimal=reading.decimal, sample_rate_hz=reading.sample_rate
+    )
+    return replace(report, fit_command=command)

@@ -99,7 +99,8 @@ class SeenRatio:
             " [log] or with --column driving=NAME --column driven=NAME; or the pair file has the"
             f" ratio of driving to driven speed, then write {1 / self.given} or exchange the teeth",
             "sign": "the negative: one encoder counts backwards; set `sign = -1` for the one that"
-            " does ([driving] or [driven] encoder), or take it away where it is set",
+            " does ([driving] or [driven] encoder), or take it away where it is set, or give"
+            " --invert driven without a pair file",
             "swapped_sign": "the negative inverse: driving and driven are swapped and one encoder"
             " counts backwards; exchange them with --column and set `sign = -1` for the encoder"
             " that does",

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from ...base.errors import LogError
 from ...base.units import ANGLE_UNITS
 
-TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
+TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "100ns": 1e-7, "d": 86400.0}
 """Seconds per unit."""
 
 LENGTH_UNITS = {"mm": 1.0, "um": 1e-3}
@@ -37,6 +37,13 @@ _UNITS = {
 }
 _SPELLINGS = {
     **{"°": "deg", "″": "arcsec", "µrad": "urad", "μrad": "urad", "µs": "us", "μs": "us"},
+    **dict.fromkeys(("º", "degree", "degrees", "degs", "grados", "gradi", "graus"), "deg"),
+    **dict.fromkeys(("radian", "radians", "radiant"), "rad"),
+    **dict.fromkeys(("turn", "turns", "revs", "revolution", "revolutions", "umdr", "tr"), "rev"),
+    **dict.fromkeys(("count", "cnt", "cts", "inc", "incr", "ink", "inkr"), "counts"),
+    **dict.fromkeys(("increments", "inkremente", "pulses", "ticks", "impulse"), "counts"),
+    **dict.fromkeys(("sec", "secs", "second", "seconds", "sek", "sekunden"), "s"),
+    **{"msec": "ms", "millis": "ms", "usec": "us", "nsec": "ns", "days": "d", "tage": "d"},
     **{"°/s": "deg_per_s", "deg/s": "deg_per_s", "rad/s": "rad_per_s"},
     **{"1/min": "rpm", "r/min": "rpm", "n·m": "nm", "n*m": "nm", "n m": "nm"},
     **{f"{angle}/s{two}": "deg_per_s2" for angle in ("°", "deg") for two in ("2", "^2", "²")},
@@ -62,8 +69,7 @@ def name_and_unit(name: str, units: Sequence[str], where: str) -> tuple[str, str
     """
     bracket = _BRACKET.search(name)
     stem = name[: bracket.start()] if bracket else name
-    inside = bracket[1].lower() if bracket else None
-    inside = _SPELLINGS.get(inside or "", inside)
+    inside = bracket_of(name)
     if inside not in units:
         inside = None
     stem, suffix = stem.strip(), None
@@ -76,6 +82,18 @@ def name_and_unit(name: str, units: Sequence[str], where: str) -> tuple[str, str
     if suffix and inside and suffix != inside:
         raise LogError(f"the name has the units {suffix} and {inside}; keep one.", where=where)
     return stem, suffix or inside
+
+
+def bracket_of(name: str) -> str:
+    """Return the unit in the bracket at the end of a name as this package writes it, or ""."""
+    bracket = _BRACKET.search(name)
+    return unit_spelt(bracket[1]) if bracket else ""
+
+
+def unit_spelt(text: str) -> str:
+    """Return a unit as this package writes it: `°` is `deg`; unknown units in lower case."""
+    text = text.strip().lower()
+    return _SPELLINGS.get(text, text)
 
 
 def number_of(name: str | None) -> int:

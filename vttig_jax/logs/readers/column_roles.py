@@ -80,7 +80,7 @@ def find_columns(
             continue
         if name is not None:
             index = index_of(name, role, names, source)
-        elif role in SOUGHT:
+        elif role in SOUGHT and not (role == "driving" and layout.driving_rpm is not None):
             index = default_column(role, names, source)
         else:
             index = None
@@ -88,6 +88,12 @@ def find_columns(
             place = f"{source}: column `{names[index]}`"
             unit = _unit_of(role, names[index], units, place)
             columns[role] = Column(role, index, names[index], unit)
+    if layout.driving_rpm is not None:
+        if "driving" in columns:
+            raise LogError(
+                "a driving column and `driving_rpm` are both given; keep one of them.", where=source
+            )
+        named = {**named, "driving": ROW}
     return _complete(columns, named, names, source, timed)
 
 
@@ -110,7 +116,7 @@ def _complete(
                 where=source,
             )
     for role in ("time", "driving") if timed else ("driving",):
-        if role not in columns:
+        if role not in columns and named[role] != ROW:
             raise missing(role, names, source)
     if "driven" not in columns and "transmission_error" not in columns:
         raise missing("driven", names, source)
@@ -129,7 +135,7 @@ def _complete(
 def _unit_of(role: str, name: str, units: UnitTable, where: str) -> str:
     """Return the unit from the name of the column and from [unit], which must agree."""
     written = name_and_unit(name, units_of(role), where)[1]
-    if role == "time":
+    if role == "time" and units.time is None:
         return written or "s"
     if role == "axial_mm":
         return written or "mm"

@@ -14,6 +14,7 @@ from jaxtyping import Real
 from ...base.errors import LogError
 from ..channel.channel import EXACT_FLOAT
 from .number_format import choose_decimal, looks_like_number, to_number
+from .times.stamps import looks_like_stamp
 
 
 @dataclass(frozen=True)
@@ -45,6 +46,24 @@ class TextTable:
             content = line.split("#", 1)[0]
             if content.strip():
                 yield number, split(content, self.delimiter)
+
+    def texts(self, index: int) -> list[str]:
+        """Return the fields of a column as they are written.
+
+        **Raises** `LogError` naming the line of a row without this field.
+        """
+        found = []
+        for number, fields in self.rows():
+            if index >= len(fields) or not fields[index]:
+                where = f"{self.source}: line {number}, column `{self.names[index]}`"
+                raise LogError("the field is empty; write a value or remove the line.", where=where)
+            found.append(fields[index])
+        return found
+
+    def is_dated(self, index: int) -> bool:
+        """Return whether the first field of a column is a date with time, or a time of day."""
+        fields = next((fields for _, fields in self.rows()), [])
+        return index < len(fields) and looks_like_stamp(fields[index])
 
     def columns(self, indices: Sequence[int]) -> list[Real[np.ndarray, " n"]]:
         """Return columns as float64, or as int64 if float64 cannot represent their whole numbers.
@@ -128,7 +147,9 @@ def split(line: str, delimiter: str | None, *, trim: bool = True) -> list[str]:
 
 
 def _number_at(fields: list[str], index: int) -> bool:
-    return index < len(fields) and looks_like_number(fields[index])
+    if index >= len(fields):
+        return False
+    return looks_like_number(fields[index]) or looks_like_stamp(fields[index])
 
 
 def _by_field(table: TextTable, indices: Sequence[int], decimal: str) -> list[np.ndarray]:

@@ -5,30 +5,36 @@ wide matrix, `rec.pos(:,1)` for the first column of a tall one, and `rec/t` in p
 """
 
 import hashlib
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
-from jaxtyping import Real, Shaped
+from jaxtyping import Int64, Real, Shaped
 
 from ...base.errors import LogError, UsageError
 from .hdf5 import HDF5_SIGNATURE, hdf5_leaves
 from .matlab import matlab_leaves
-from .text import NESTED, read_bytes
-
-MOST_COLUMNS = 256
-"""Largest number of channels in one matrix, its shorter side (chosen)."""
+from .matrix_columns import matrix_columns
+from .text import NESTED, printable, read_bytes
 
 
 @dataclass(frozen=True)
 class NestedTable:
-    """Columns of a nested file, which may differ in length, and their values `arrays`."""
+    """Columns of a file, which may differ in length, and their values `arrays`.
+
+    `clocks` is the index of a column → index of the column with its time stamps in s, for channels
+    with stamps of their own; `held` are the columns of which only changes are logged.
+    `sample_numbers` are those of the rows where samples are missing.
+    """
 
     names: tuple[str, ...]
     arrays: tuple[Shaped[np.ndarray, " _"], ...]
     source: str
+    clocks: Mapping[int, int] = field(default_factory=dict)
+    held: frozenset[int] = frozenset()
+    sample_numbers: Int64[np.ndarray, " _"] | None = None
     line_of: ClassVar[None] = None
 
     def columns(self, indices: Sequence[int]) -> list[Real[np.ndarray, " _"]]:
@@ -38,9 +44,18 @@ class NestedTable:
         """
         return [_as_number(self.arrays[k]) for k in indices]
 
+    def is_dated(self, index: int) -> bool:
+        """Return False, because the columns hold numbers; see `TextTable.is_dated`."""
+        return False
+
     def without_cut_line(self, indices: Sequence[int]) -> "tuple[NestedTable, tuple[str, ...]]":
         """Return the table itself, because it has no lines; see `TextTable.without_cut_line`."""
         return self, ()
+
+
+def has_clocks(table: object) -> bool:
+    """Return whether the channels of a table have time stamps of their own."""
+    return isinstance(table, NestedTable) and bool(table.clocks)
 
 
 def read_nested(path: str | Path) -> tuple[NestedTable, str]:
@@ -58,7 +73,7 @@ def read_nested(path: str | Path) -> tuple[NestedTable, str]:
     columns: dict[str, np.ndarray] = {}
     try:
         for name, array in leaves(data):
-            columns.update(_columns(name, array))
+            columns.update(matrix_columns(name, array))
     except UsageError:
         raise
     except Exception:  # damaged bytes raise various exceptions
@@ -73,22 +88,9 @@ def read_nested(path: str | Path) -> tuple[NestedTable, str]:
             ' `table2struct(T, "ToScalar", true)` converts a table), or export the log as CSV.',
             where=source,
         )
-    table = NestedTable(tuple(columns), tuple(columns.values()), source)
+    names = tuple(map(printable, columns))
+    table = NestedTable(names, tuple(columns.values()), source)
     return table, hashlib.sha256(data).hexdigest()
-
-
-def _columns(name: str, array: np.ndarray) -> Iterator[tuple[str, Shaped[np.ndarray, " _"]]]:
-    """Yield a vector, the rows of a wide matrix or the columns of a tall one, numbered from 1."""
-    array = array.squeeze()
-    if array.ndim == 1 and array.size > 1:
-        yield name, array
-    if array.ndim != 2 or min(array.shape) > MOST_COLUMNS:
-        return
-    rows, columns = array.shape
-    if rows < columns:
-        yield from ((f"{name}({k + 1},:)", array[k]) for k in range(rows))
-    elif columns < rows:
-        yield from ((f"{name}(:,{k + 1})", array[:, k]) for k in range(columns))
 
 
 def _as_number(values: Shaped[np.ndarray, " _"]) -> Real[np.ndarray, " _"]:

@@ -1,11 +1,13 @@
-"""Reading of a table from a text, MATLAB or HDF5 file."""
+"""Reading of a table from a file of any format."""
 
 from collections.abc import Iterable
 from pathlib import Path
 
 from ...base.errors import LogError
+from .binary.formats import format_of, read_binary
 from .column_names import number_of
 from .delimited import TextTable
+from .layouts.recognised import read_layout
 from .nested import NestedTable, read_nested
 from .table import find_table
 from .text import NESTED, read_text
@@ -18,23 +20,34 @@ def open_table(
     delimiter: str | None = None,
     decimal: str | None = None,
     requested: Iterable[str | None] = (),
+    headerless: bool = False,
 ) -> tuple[TextTable | NestedTable, str, tuple[str, ...]]:
-    """Return the table of a text, MATLAB or HDF5 file, its SHA-256, and notes on assumptions.
+    """Return the table of a file, its SHA-256, and notes on assumptions.
 
-    If the `requested` column names contain a number such as `#1`, a text needs no header.
+    If `headerless` or if the `requested` column names contain a number such as `#1`, a text needs
+    no header.
 
-    **Raises** `LogError` for a file without table, `UsageError` for HDF5 without h5py.
+    **Raises** `LogError` for a file without table, `UsageError` for a format whose package is
+    missing.
     """
     numbered = [name for name in requested if number_of(name)]
-    if Path(path).suffix.lower() in NESTED:
-        nested, digest = read_nested(path)
+    binary = format_of(Path(path))
+    if binary is not None or Path(path).suffix.lower() in NESTED:
+        if binary is None:
+            nested, digest, notes = (*read_nested(path), ())
+        else:
+            nested, digest, notes = read_binary(Path(path), binary)
         if numbered:
             raise LogError(
                 f"there is no column {numbered[0]}; give an array name such as {nested.names[0]}.",
                 where=nested.source,
             )
-        return nested, digest, ()
+        return nested, digest, notes
     text, digest, notes = read_text(path, encoding)
-    highest = max(map(number_of, numbered), default=0)
+    if delimiter is None:
+        found = read_layout(text, str(path))
+        if found is not None:
+            return found[0], digest, (*notes, *found[1])
+    highest = max(map(number_of, numbered), default=int(headerless))
     table = find_table(text, str(path), delimiter=delimiter, decimal=decimal, highest=highest)
     return table, digest, notes

@@ -1,11 +1,14 @@
 """Detection of the delimiter and the header of delimited text."""
 
-from collections.abc import Sequence
+import re
+from collections.abc import Iterator, Sequence
 from itertools import islice
 
 from ...base.errors import LogError
 from .delimited import TextTable, split
 from .number_format import CURE, looks_like_number
+from .times.stamps import looks_like_stamp
+from .units_row import is_units_row, with_units
 
 DELIMITERS = ("\t", ";", ",", "|", None)
 """Delimiters in the order of the trials; None means one or more blanks."""
@@ -16,6 +19,9 @@ PREAMBLE = 1000
 """Number of lines in which the first row of numbers is searched (chosen)."""
 
 COMMENTS = ("#", "%", "//")
+
+_SEPARATOR = re.compile(r'"?sep=(\\t|.)"?', re.IGNORECASE)
+"""First line of a file for Excel, which names the delimiter."""
 
 
 def find_table(
@@ -35,8 +41,11 @@ def find_table(
     **Raises** `LogError` for text without header or without rows below it.
     """
     lines = text.split("\n")
+    stated = _SEPARATOR.fullmatch(lines[0].strip())
+    if stated is not None:
+        lines[0] = ""
     if delimiter is None:
-        candidates = DELIMITERS
+        candidates = DELIMITERS if stated is None else (stated[1].replace("\\t", "\t"),)
     else:
         candidates = (NAMED.get(delimiter, delimiter),)
         if candidates[0] is not None and len(candidates[0]) != 1:
@@ -51,7 +60,7 @@ def find_table(
         header = _header_before(lines, start, candidate)
         if header is None:
             continue
-        names = _names(lines[header], candidate)
+        names = _names_with_units(lines, header, candidate)
         _check_width(lines[start], start, names, candidate, source)
         return TextTable(
             names=tuple(names),
@@ -78,13 +87,58 @@ def _names(line: str, delimiter: str | None) -> list[str]:
     return split(text, delimiter)
 
 
+def _names_with_units(lines: list[str], header: int, delimiter: str | None) -> list[str]:
+    """Return the names in the header line; a row of units stands below the names."""
+    names = _names(lines[header], delimiter)
+    if header == 0 or not is_units_row(split(lines[header], delimiter, trim=False)):
+        return names
+    above = _names(lines[header - 1], delimiter)
+    if len(above) < len(names) or any(map(looks_like_number, above)):
+        return names
+    return with_units(above, split(lines[header], delimiter, trim=False))
+
+
 def _first_row(lines: list[str], delimiter: str | None) -> int | None:
-    """Return the first line of at least two fields of which at least half are numbers."""
+    """Return the first line of at least two fields of which at least half are numbers.
+
+    A line such as `Channels:;3` above the table is left out: the next line is no such row, and the
+    rows of the table have another number of fields.
+    """
+    rows = _rows_of_numbers(lines, delimiter)
+    first, width = next(rows, (None, 0))
+    if first is None:
+        return None
+    following = _next_with_content(lines, first)
+    if following is None or _width_of_numbers(lines[following], delimiter) == width:
+        return first
+    for k, other in rows:
+        after = _next_with_content(lines, k)
+        below = 0 if after is None else _width_of_numbers(lines[after], delimiter)
+        if width != other == below:
+            return k
+    return first
+
+
+def _rows_of_numbers(lines: list[str], delimiter: str | None) -> Iterator[tuple[int, int]]:
+    """Yield line and number of fields of the rows of numbers among the first lines."""
     for k, line in enumerate(lines[:PREAMBLE]):
-        if line.lstrip().startswith(COMMENTS):
-            continue
-        fields = split(line, delimiter)
-        if len(fields) >= 2 and 2 * sum(map(looks_like_number, fields)) >= len(fields):
+        if width := _width_of_numbers(line, delimiter):
+            yield k, width
+
+
+def _width_of_numbers(line: str, delimiter: str | None) -> int:
+    """Return the number of fields of a row of numbers, 0 for another line."""
+    if line.lstrip().startswith(COMMENTS):
+        return 0
+    fields = split(line, delimiter)
+    numbers = sum(looks_like_number(field) or looks_like_stamp(field) for field in fields)
+    return len(fields) if len(fields) >= 2 and 2 * numbers >= len(fields) else 0
+
+
+def _next_with_content(lines: list[str], row: int) -> int | None:
+    """Return the next line that is neither blank nor a comment, or None."""
+    for k in range(row + 1, min(len(lines), PREAMBLE)):
+        if lines[k].strip() and not lines[k].lstrip().startswith(COMMENTS):
             return k
     return None
 

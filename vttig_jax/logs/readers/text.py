@@ -2,6 +2,7 @@
 
 import codecs
 import hashlib
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -20,6 +21,10 @@ BOMS = (
     (codecs.BOM_UTF16_LE, "utf-16"),
     (codecs.BOM_UTF16_BE, "utf-16"),
 )
+
+
+_CONTROL = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f]")
+"""Control codes other than tab, line feed and carriage return."""
 
 
 def read_text(path: str | Path, encoding: str | None) -> tuple[str, str, tuple[str, ...]]:
@@ -69,7 +74,12 @@ def read_text(path: str | Path, encoding: str | None) -> tuple[str, str, tuple[s
             ) from None
         notes = ("not UTF-8, read as Windows-1252 (cp1252)",)
     text = text.removeprefix("\ufeff")  # some codecs keep the byte-order mark
-    return text.replace("\r\n", "\n").replace("\r", "\n"), digest, notes
+    return printable(text.replace("\r\n", "\n").replace("\r", "\n")), digest, notes
+
+
+def printable(text: str) -> str:
+    """Return a text without control codes, which could command the terminal that shows it."""
+    return _CONTROL.sub("\ufffd", text)
 
 
 def _utf16_without_mark(data: bytes) -> str | None:
@@ -113,7 +123,8 @@ def read_bytes(path: str | Path, endings: Sequence[str]) -> bytes:
 
 def _unknown_ending(path: Path) -> LogError:
     return LogError(
-        f"`{path.suffix}` files are not read, only text logs (CSV, TSV, TXT), MATLAB (.mat) and"
-        " HDF5 (.h5, .hdf5) files; export the log as CSV.",
+        f"`{path.suffix}` files are not read, only text logs (CSV, TSV, TXT), MATLAB (.mat), HDF5"
+        " (.h5, .hdf5), NumPy, Parquet, Feather, Arrow, TDMS, MDF and ROS files; export the log as"
+        " CSV.",
         where=str(path),
     )

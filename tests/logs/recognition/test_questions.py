@@ -1,0 +1,156 @@
+"""Logs that can be read in two ways end in a question that names the option which decides."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.logs.rig_log import angles_deg, csv
+from vttig_jax.base.errors import LogError, UsageError
+from vttig_jax.logs import read_log
+
+T, X, Y = angles_deg()
+DEFAULT: dict[str, Any] = {"ratio": "16:9"}
+
+
+@pytest.fixture
+def ask(tmp_path):
+    """Write a log, read it, and return the error with the words of its question."""
+
+    def read(text: str, **options: Any):
+        path = tmp_path / "log.csv"
+        path.write_text(text, encoding="utf-8")
+        with pytest.raises((LogError, UsageError)) as caught:
+            read_log(path, **DEFAULT | options)
+        return str(caught.value)
+
+    return read
+
+
+@pytest.fixture
+def columns(tmp_path):
+    """Write a log, read it, and return role → name."""
+
+    def read(text: str, **options: Any):
+        path = tmp_path / "log.csv"
+        path.write_text(text, encoding="utf-8")
+        spec = read_log(path, **DEFAULT | options).spec
+        assert spec is not None
+        return spec.log
+
+    return read
+
+
+def test_equal_shafts_without_names(ask, columns):
+    text = csv("t,a,b", T, X, X + 0.01 * np.sin(np.radians(X)))
+    told = ask(text, ratio="1:1", unit="deg")
+    assert "`a` drives `b`, or `b` drives `a`" in told and "--column driving='a'" in told
+    named = csv("t,a,load", T, X, X + 0.01 * np.sin(np.radians(X)))
+    assert columns(named, ratio="1:1", unit="deg").driving == "a"
+
+
+def test_setpoint_and_actual(ask, columns):
+    head = "t [s],Motor Soll [°],Motor Ist [°],Last [°]"
+    told = ask(csv(head, T, X, X, Y))
+    assert "2 columns can be driving" in told and "--column driving='Motor Ist [°]'" in told
+    assert "1, 2" not in told and "3.6, 7.2" in told  # the first values
+    picked = columns(csv(head, T, X, X, Y), columns={"driving": "Motor Ist"})
+    assert (picked.driving, picked.driven) == ("Motor Ist [°]", "Last [°]")
+
+
+def test_only_a_setpoint(ask):
+    told = ask(csv("t [s],motor_target_deg,load_deg", T, X, Y))
+    assert "`target` says a setpoint" in told and "--column driving=NAME" in told
+
+
+def test_position_and_speed_alike(ask):
+    speeds = np.gradient(X, T), np.gradient(X * 9 / 16, T)
+    told = ask(csv("t,a,b,c,d", T, X, Y, *speeds), unit="deg")
+    assert "2 pairs of columns have the given ratio" in told
+    assert "`a` drives `b`" in told and "`c` drives `d`" in told
+
+
+def test_one_direction_without_names(ask):
+    one_way = csv("a,b,c", T, 36 * T, 20.25 * T)
+    told = ask(one_way, unit="deg")
+    assert "no column is certainly the time" in told and "--column time=NAME" in told
+    assert all(f"`{name}`" in told for name in "abc")
+
+
+def test_no_ratio(ask, tmp_path):
+    assert "the ratio of the drive is missing" in ask(csv("t,a,b", T, X, Y), ratio=None)
+
+
+def test_two_time_columns(ask, columns):
+    text = csv("time_s,stamp_s,motor_deg,load_deg", T, T + 7, X, Y)
+    assert columns(text).time == "time_s"  # the name that this package itself writes
+    told = ask(text.replace("time_s", "Zeit [s]"))
+    assert "2 columns can be time" in told and "--column time='stamp_s'" in told
+
+
+def test_counts_without_counts_a_turn(ask):
+    counts = np.rint(X * 100).astype(int), np.rint(Y * 100).astype(int)
+    told = ask(csv("t,motor_counts,load_counts", T, *counts))
+    assert "in counts" in told and "--counts A,B" in told
+    assert "in counts" in ask(csv("t,a,b", T, *counts), unit="counts")
+
+
+def test_no_unit(ask):
+    told = ask(csv("t,motor,load", T, X, Y))
+    assert "names no unit" in told and "--unit deg" in told
+    assert "`load`" in ask(csv("t,motor_deg,load", T, X, Y))
+
+
+def test_whole_stamps_without_a_unit(ask, columns):
+    whole = np.arange(len(T)) * 10
+    told = ask(csv("time,motor_deg,load_deg", whole, X, Y))
+    assert "seconds and milliseconds look the same" in told and "--unit time=s" in told
+    assert columns(csv("time,motor_deg,load_deg", whole, X, Y), unit={"time": "ms"}).driving
+
+
+@pytest.mark.parametrize("ratio", ["9/16", "16/9", "0.5625", 50])
+def test_a_ratio_of_two_readings(ask, ratio):
+    told = ask(csv("t,a,b", T, X, Y), unit="deg", ratio=ratio)
+    if ratio == 50:
+        assert "no columns turn as given" in told
+    elif ratio == "0.5625":
+        assert "--ratio 1:0.5625 if the driving shaft turns 16 times" in told
+    else:
+        assert "--ratio 16:9 if the driving shaft turns 16 times" in told
+        assert "--ratio 9:16 if the driving shaft turns 9 times" in told
+
+
+def test_a_slash_with_named_columns(columns):
+    assert columns(csv("t,motor,load", T, X, Y), unit="deg", ratio="9/16").driven == "load"
+
+
+def test_one_encoder_counts_backwards(ask, columns):
+    text = csv("t,a,b", T, X, -Y)
+    assert "--invert driven" in ask(text, unit="deg")
+    assert columns(text, unit="deg", invert="driven").driven == "b"
+
+
+def test_units_that_disagree(ask):
+    told = ask(csv("t,motor_deg [rad],load_deg", T, X, Y))
+    assert "the units deg and rad" in told
+
+
+def test_counts_that_no_column_has(ask):
+    assert "leave it out" in ask(csv("t,motor_deg,load_deg", T, X, Y), counts=100)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"ratio": "16:9", "teeth": "45/80"}, "both state the ratio"),
+        ({"ratio": "0:9"}, "--ratio"),
+        ({"ratio": None, "teeth": "45:80"}, "teeth of the driving and driven gear"),
+        ({"counts": "1,2,3"}, "--counts"),
+        ({"unit": "furlong"}, "is no unit"),
+        ({"unit": {"load": "deg"}}, "is none of"),
+        ({"invert": "load"}, "must be driving or driven"),
+        ({"driving_rpm": "fast"}, "--driving-rpm"),
+    ],
+)
+def test_wrong_statements(ask, options, words):
+    assert words in ask(csv("t,motor_deg,load_deg", T, X, Y), **options)

@@ -1,0 +1,106 @@
+"""Options that replace a pair file: what a user states about a drive and its log."""
+
+import functools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from ..logs.recognition.request import DriveRequest, counts_of, units_of_options
+from ..runs.stated_drive import write_pair
+from .output import LOGGER, Output
+
+if TYPE_CHECKING:
+    from ..logs.recognition.question import Guess
+    from ..pair.schema import PairSpec
+
+_DRIVE_OPTIONS = (
+    click.option(
+        "--ratio",
+        metavar="A:B",
+        help="Driving turns to driven turns, such as 64:23; 9/16 is driven over driving speed.",
+    ),
+    click.option("--teeth", metavar="Z1/Z2", help="Teeth of the driving and the driven gear."),
+    click.option(
+        "--counts",
+        metavar="N,N",
+        callback=lambda _, __, text: None if text is None else counts_of(text),
+        help="Counts per revolution of the driving and the driven encoder.",
+    ),
+    click.option(
+        "--unit",
+        "units",
+        multiple=True,
+        metavar="[ROLE=]UNIT",
+        callback=lambda _, __, texts: units_of_options(texts),
+        help="Unit of columns whose names say none: deg, rad, rev or counts of both shafts, or of"
+        " one role, such as time=ms; may be repeated.",
+    ),
+    click.option(
+        "--invert",
+        "inverted",
+        multiple=True,
+        type=click.Choice(("driving", "driven")),
+        help="This encoder counts backwards.",
+    ),
+    click.option(
+        "--driving-rpm",
+        metavar="RPM",
+        help="Speed of a driving shaft that a clock turns and that has no encoder, such as 60/479.",
+    ),
+    click.option(
+        "--write-pair",
+        type=click.Path(path_type=Path),
+        help="Write the pair file that says the same as the options and the log.",
+    ),
+    click.option(
+        "--explain-columns",
+        is_flag=True,
+        help="Print how the columns of the log are read, and do nothing else.",
+    ),
+)
+
+
+def drive_options(function: Callable[..., None]) -> Callable[..., None]:
+    """Add the options that replace a pair file; the verb receives `drive`, a `DriveOptions`."""
+
+    @functools.wraps(function)
+    def wrapper(*arguments: Any, **options: Any) -> None:
+        request = DriveRequest(
+            ratio=options.pop("ratio"),
+            teeth=options.pop("teeth"),
+            counts=options.pop("counts"),
+            units=options.pop("units"),
+            inverted=options.pop("inverted"),
+            driving_rpm=options.pop("driving_rpm"),
+        )
+        drive = DriveOptions(request, options.pop("write_pair"), options.pop("explain_columns"))
+        function(*arguments, drive=drive, **options)
+
+    for option in reversed(_DRIVE_OPTIONS):
+        wrapper = option(wrapper)
+    return wrapper
+
+
+@dataclass(frozen=True)
+class DriveOptions:
+    """The options that replace a pair file.
+
+    **Arguments**
+    - `request`: what they state. - `write_pair`: path for the pair file that says the same.
+    - `explain_columns`: whether the columns are only explained.
+    """
+
+    request: DriveRequest
+    write_pair: Path | None = None
+    explain_columns: bool = False
+
+    def tell(self, guesses: "Sequence[Guess]", spec: "PairSpec", output: Output) -> None:
+        """Print what was guessed to stderr, unless `-q` is given, and write the pair file."""
+        for guess in () if output.quiet else guesses:
+            click.echo(str(guess), err=True)
+        if self.write_pair is not None:
+            write_pair(self.write_pair, spec)
+            LOGGER.info("written to %s", self.write_pair)

@@ -1,0 +1,148 @@
+"""Channels with time stamps of their own, brought onto one clock.
+
+A channel that is sampled cyclically is interpolated linearly between its samples; the error of that
+is at most |a| h²/8 for an angular acceleration a and an interval h. A channel of which only changes
+are logged keeps its value until one cycle before the next change, and is linear within that cycle.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Real
+
+from ..base.errors import LogError
+from ..base.units import ARCSEC
+from .channel.unwrap import find_modulus, unwrap
+
+CYCLE = 1.5
+"""An interval longer than this many median ones holds the value of a channel of which only changes
+are logged (chosen)."""
+
+FEWEST = 4
+"""Fewest samples of a channel, and of the common part of two channels (chosen)."""
+
+
+@dataclass(frozen=True, eq=False)
+class ClockedChannel:
+    """Readings with their own stamps.
+
+    **Arguments**
+    - `time`: stamps in s, shape (n,). - `values`: readings in their unit, shape (n,).
+    - `radians`: radians per reading, or None for a column that is no angle.
+    - `per_turn`: readings per revolution, at which they may wrap, or None.
+    - `held`: whether only changes are logged.
+    - `modulus`: given modulus of the readings, or None.
+    """
+
+    time: Float[np.ndarray, " n"]
+    values: Real[np.ndarray, " n"]
+    radians: float | None = None
+    per_turn: float | None = None
+    held: bool = False
+    modulus: int | None = None
+
+
+def common_clock(
+    channels: Mapping[str, ClockedChannel], source: str
+) -> tuple[Float[np.ndarray, " m"], dict[str, Real[np.ndarray, " m"]], tuple[str, ...]]:
+    """Return the stamps of the slowest channel, all readings at these stamps, and notes.
+
+    Interpolation is the smaller error the closer the samples are, so that the other, faster
+    channels are interpolated. The stamps are those that all channels cover.
+
+    **Raises** `LogError` for stamps that run backwards and for channels without a common time.
+    """
+    for role, channel in channels.items():
+        _check(role, channel, source)
+    slowest = min(channels, key=lambda role: len(channels[role].time))
+    stamps = channels[slowest].time
+    first = max(channel.time[0] for channel in channels.values())
+    last = min(channel.time[-1] for channel in channels.values())
+    inside = (stamps >= first) & (stamps <= last)
+    if np.count_nonzero(inside) < FEWEST:
+        raise LogError(
+            f"the channels of {' and '.join(channels)} have no common time: they cover"
+            f" {_ranges(channels)}; export channels of one recording.",
+            where=source,
+        )
+    time, values, notes = stamps[inside], {}, []
+    for role, channel in channels.items():
+        if len(channel.time) == len(stamps) and np.array_equal(channel.time, stamps):
+            values[role] = channel.values[inside]
+            continue
+        values[role] = _at(channel, time)
+        notes.append(f"{role}: brought onto the clock of {slowest}, {_bound(channel)}")
+    if notes:
+        notes.append("a constant offset between the clocks is part of the delay of the fit")
+    return time, values, tuple(notes)
+
+
+def _check(role: str, channel: ClockedChannel, source: str) -> None:
+    if len(channel.time) != len(channel.values):
+        raise LogError(
+            f"the {role} channel has {len(channel.values)} values, but {len(channel.time)} stamps;"
+            " export the log again.",
+            where=source,
+        )
+    if len(channel.time) < FEWEST:
+        raise LogError(
+            f"the {role} channel has only {len(channel.time)} samples; record at least {FEWEST}.",
+            where=source,
+        )
+    backwards = np.flatnonzero(np.diff(channel.time) < 0)
+    if backwards.size:
+        raise LogError(
+            f"the time of the {role} channel runs backwards at its sample {backwards[0] + 1}; sort"
+            " the log or cut it there.",
+            where=source,
+        )
+
+
+def _ranges(channels: Mapping[str, ClockedChannel]) -> str:
+    return " and ".join(
+        f"{channel.time[0]:.6g} s to {channel.time[-1]:.6g} s" for channel in channels.values()
+    )
+
+
+def _continuous(channel: ClockedChannel) -> np.ndarray:
+    """Return the readings without wraps."""
+    values = channel.values
+    if channel.radians is None:
+        return values
+    modulus = channel.modulus or find_modulus(values, channel.per_turn)
+    return values if modulus is None else unwrap(values, modulus)
+
+
+def _at(channel: ClockedChannel, time: Float[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
+    """Return the readings at other stamps."""
+    stamps, values = channel.time, _continuous(channel)
+    offset = values[0]
+    values = (values - offset).astype(np.float64)
+    if channel.held:
+        stamps, values = _with_held(stamps, values)
+    found = np.interp(time, stamps, values) + float(offset)
+    return found if channel.modulus is None else np.mod(found, channel.modulus)
+
+
+def _with_held(
+    time: Float[np.ndarray, " n"], values: Float[np.ndarray, " n"]
+) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, " m"]]:
+    """Return the samples with the unchanged ones that the log leaves out."""
+    interval = np.diff(time)
+    cycle = float(np.median(interval))
+    left_out = np.flatnonzero(interval > CYCLE * cycle)
+    stamps = np.insert(time, left_out + 1, time[left_out + 1] - cycle)
+    return stamps, np.insert(values, left_out + 1, values[left_out])
+
+
+def _bound(channel: ClockedChannel) -> str:
+    """Return how a channel was brought onto another clock, and the bound of the error."""
+    how = "held between changes" if channel.held else "interpolated linearly"
+    if channel.radians is None:
+        return how
+    bend = np.abs(np.diff(_continuous(channel).astype(np.float64), 2)) / 8
+    usual, most = abs(channel.radians) / ARCSEC * np.quantile(bend, (0.95, 1.0))
+    return (
+        f"{how}; the error |a|h²/8 is at most {most:.2g}″, and {usual:.2g}″ for 95 % of the samples"
+    )

@@ -1,0 +1,60 @@
+"""Columns of a Parquet, Feather or Arrow file; an Arrow file may also be a stream."""
+
+import io
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+PARQUET = (".parquet", ".pq")
+UNIT_KEYS = (b"unit", b"units", b"unit_string")
+"""Keys in the metadata of a field that hold its unit."""
+
+
+def arrow_columns(path: Path, data: bytes) -> Iterator[tuple[str, np.ndarray]]:
+    """Yield names and columns of numbers and of time stamps; stamps are in s since the first one.
+
+    A unit in the metadata of a field stands in brackets behind its name. Damaged bytes raise
+    various exceptions of pyarrow.
+    """
+    import pyarrow as pa
+
+    table = _table(pa, path, data)
+    for field, column in zip(table.schema, table.columns, strict=True):
+        unit = next((v for k, v in (field.metadata or {}).items() if k.lower() in UNIT_KEYS), b"")
+        name = f"{field.name} [{unit.decode('utf-8', 'replace')}]" if unit else field.name
+        if pa.types.is_timestamp(field.type) or pa.types.is_time(field.type):
+            yield f"{field.name} [s]", _seconds(pa, column)
+        elif pa.types.is_integer(field.type) or pa.types.is_floating(field.type):
+            yield name, np.asarray(column.to_numpy())
+        elif pa.types.is_decimal(field.type):
+            yield name, np.asarray(column.cast(pa.float64()).to_numpy())
+
+
+def _table(pa: Any, path: Path, data: bytes) -> Any:
+    """Return the table of a file in any of the formats."""
+    if path.suffix.lower() in PARQUET:
+        from pyarrow import parquet
+
+        return parquet.read_table(io.BytesIO(data))
+    if data[:4] == b"FEA1":
+        from pyarrow import feather
+
+        return feather.read_table(io.BytesIO(data))
+    if data[:6] == b"ARROW1":
+        with pa.ipc.open_file(pa.BufferReader(data)) as file:
+            return file.read_all()
+    with pa.ipc.open_stream(pa.BufferReader(data)) as stream:
+        return stream.read_all()
+
+
+def _seconds(pa: Any, column: Any) -> np.ndarray:
+    """Return stamps in s since the first one, subtracted as integers; a missing one is NaN."""
+    unit = column.type.unit
+    wide = pa.int32() if column.type.bit_width == 32 else pa.int64()
+    whole = column.cast(wide)
+    numbers = whole.fill_null(0).to_numpy().astype(np.int64)
+    scale = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}[unit]
+    seconds = (numbers - numbers[:1]) * scale
+    return np.where(whole.is_null().to_numpy(zero_copy_only=False), np.nan, seconds)

@@ -1,0 +1,46 @@
+"""Columns of formats whose channels may have time stamps of their own, as a table."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Real
+
+from ..nested import NestedTable
+from ..text import printable
+
+
+@dataclass(frozen=True, eq=False)
+class ClockedColumn:
+    """Channel with its values, and its stamps in s, or None without stamps of its own."""
+
+    name: str
+    values: Real[np.ndarray, " n"]
+    time: Float[np.ndarray, " n"] | None = None
+
+
+def table_of(columns: Iterable[ClockedColumn], source: str) -> NestedTable:
+    """Return the table of all columns; equal stamps become one column of time.
+
+    Stamps that count from an epoch are counted from the earliest one.
+    """
+    found = list(columns)
+    starts = [one.time[0] for one in found if one.time is not None and len(one.time)]
+    start = min(starts, default=0.0)
+    names: list[str] = []
+    arrays: list[np.ndarray] = []
+    clocks: dict[int, int] = {}
+    stamps: list[int] = []
+    for one in found:
+        if one.time is not None:
+            shared = (k for k in stamps if np.array_equal(arrays[k], one.time - start))
+            clock = next(shared, None)
+            if clock is None:
+                clock = len(names)
+                stamps.append(clock)
+                names.append(f"time {len(stamps)} [s]")
+                arrays.append(one.time - start)
+            clocks[len(names)] = clock
+        names.append(printable(one.name))
+        arrays.append(one.values)
+    return NestedTable(tuple(names), tuple(arrays), source, clocks=clocks)

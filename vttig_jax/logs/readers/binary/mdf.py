@@ -1,0 +1,46 @@
+"""Channels of an ASAM MDF file (.mf4, .mdf, .dat of MDF 3), with the time of their group."""
+
+import gc
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .clocked import ClockedColumn
+from .silence import silent
+
+
+def mdf_columns(path: Path, data: bytes) -> Iterator[ClockedColumn]:
+    """Yield the channels `Channel [unit]`; a name that occurs again gets its group in front.
+
+    Damaged bytes raise various exceptions of asammdf.
+    """
+    del data  # asammdf maps the file
+    with silent("asammdf"):
+        from asammdf import MDF
+
+        try:
+            with MDF(path) as file:
+                yield from _channels(file)
+        finally:
+            gc.collect()  # the destructor of a half-open file is noisy, and this is silent
+
+
+def _channels(file: Any) -> Iterator[ClockedColumn]:
+    names: set[str] = set()
+    for g, group in enumerate(file.groups):
+        master = file.masters_db.get(g)
+        for k, channel in enumerate(group.channels):
+            if k == master:
+                continue
+            signal = file.get(group=g, index=k)
+            if signal.samples.dtype.kind not in "biuf" or signal.samples.ndim != 1:
+                continue
+            if len(signal.samples) < 2:
+                continue
+            name = channel.name if channel.name not in names else f"group {g}/{channel.name}"
+            names.add(channel.name)
+            full = f"{name} [{signal.unit}]" if signal.unit else name
+            stamps = None if master is None else np.asarray(signal.timestamps, np.float64)
+            yield ClockedColumn(full, signal.samples, stamps)

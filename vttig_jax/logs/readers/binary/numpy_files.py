@@ -1,0 +1,97 @@
+"""Arrays of a NumPy file, .npy or .npz, after a check of what its headers claim."""
+
+import io
+import zipfile
+from collections.abc import Iterator
+from math import prod
+from pathlib import Path
+
+import numpy as np
+
+from ....base.errors import LogError
+from ..matrix_columns import matrix_columns
+
+MOST_BYTES = 2**34
+"""Largest size of one array, 16 GiB (chosen): a compressed file of a few kB can claim any size."""
+
+
+def numpy_columns(path: Path, data: bytes) -> Iterator[tuple[str, np.ndarray]]:
+    """Yield names and columns; rows or columns of matrices are columns of their own.
+
+    Fields of structured arrays are columns too. The array of a .npy file has the name of the file.
+
+    **Raises** `LogError` for arrays of objects, which are pickles, and for headers that claim more
+    than the file holds; `ValueError` and others for damaged bytes.
+    """
+    if path.suffix.lower() == ".npy":
+        yield from _columns(path.stem, data, len(data), str(path))
+        return
+    with zipfile.ZipFile(io.BytesIO(data)) as archive:
+        for member in archive.infolist():
+            if not member.filename.endswith(".npy"):
+                continue
+            name = member.filename.removesuffix(".npy")
+            if member.file_size > MOST_BYTES:
+                raise _too_large(member.file_size, f"{path}: array `{name}`")
+            with archive.open(member) as file:
+                head = file.read(4096)
+            _check_header(head, member.file_size, f"{path}: array `{name}`")
+            yield from _columns(name, archive.read(member), member.file_size, str(path))
+
+
+def _columns(name: str, data: bytes, size: int, source: str) -> Iterator[tuple[str, np.ndarray]]:
+    _check_header(data[:4096], size, f"{source}: array `{name}`")
+    array = np.load(io.BytesIO(data), allow_pickle=False)
+    if array.dtype.names:
+        for field in array.dtype.names:
+            yield from _plain(f"{name}.{field}", array[field])
+    else:
+        yield from _plain(name, array)
+
+
+def _plain(name: str, array: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
+    if array.dtype.kind == "M":
+        yield f"{name} [s]", _seconds(array)
+    elif array.dtype.kind in "biuf":
+        yield from matrix_columns(name, array)
+
+
+def _seconds(stamps: np.ndarray) -> np.ndarray:
+    """Return datetime64 stamps in s since the first one, subtracted as integers."""
+    whole = stamps.ravel().astype("datetime64[ns]").astype(np.int64)
+    return (whole - whole[0]) / 1e9 if len(whole) else whole.astype(np.float64)
+
+
+def _check_header(head: bytes, size: int, where: str) -> None:
+    """Refuse a header of objects, or one that claims more bytes than there are."""
+    file = io.BytesIO(head)
+    version = np.lib.format.read_magic(file)
+    read = (
+        np.lib.format.read_array_header_1_0
+        if version == (1, 0)
+        else np.lib.format.read_array_header_2_0
+    )
+    shape, _, dtype = read(file)
+    if dtype.hasobject:
+        raise LogError(
+            "the array holds Python objects, which only a pickle can store, and pickles are not"
+            " read; save numbers.",
+            where=where,
+        )
+    claimed = prod(shape) * dtype.itemsize
+    if claimed > MOST_BYTES:
+        raise _too_large(claimed, where)
+    if claimed > size - file.tell():
+        raise LogError(
+            f"the header claims {claimed} bytes, but {size - file.tell()} follow; the file is cut"
+            " off, save it again.",
+            where=where,
+        )
+
+
+def _too_large(claimed: int, where: str) -> LogError:
+    return LogError(
+        f"the header claims {claimed / 2**30:.4g} GiB, more than the {MOST_BYTES / 2**30:g} GiB"
+        " that are read; save a shorter log.",
+        where=where,
+    )

@@ -1,0 +1,56 @@
+"""Channels of a TDMS file of LabVIEW; the time of a waveform follows from its increment."""
+
+import io
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from ....base.errors import LogError
+from .clocked import ClockedColumn
+from .silence import silent
+
+UNIT_KEYS = ("unit_string", "NI_UnitDescription", "unit", "units")
+"""Properties of a channel that hold its unit, in this order."""
+
+
+def tdms_columns(path: Path, data: bytes) -> Iterator[ClockedColumn]:
+    """Yield the channels `Group/Channel [unit]`.
+
+    **Raises** `LogError` for a file that ends within its data, which the library would read
+    without a word. Damaged bytes raise various exceptions of nptdms.
+    """
+    from nptdms import TdmsFile
+
+    with silent("nptdms"):
+        file = TdmsFile.read(io.BytesIO(data))
+    if file.file_status.incomplete_final_segment:
+        lengths = [len(channel) for group in file.groups() for channel in group.channels()]
+        raise LogError(
+            f"the file is cut off: its last segment is incomplete, and its channels have"
+            f" {min(lengths, default=0)} to {max(lengths, default=0)} samples; export it again.",
+            where=str(path),
+        )
+    for group in file.groups():
+        for channel in group.channels():
+            values = channel[:]
+            if len(values) < 2:
+                continue
+            name = f"{group.name}/{channel.name}"
+            if values.dtype.kind == "M":
+                whole = values.astype("datetime64[ns]").astype(np.int64)
+                yield ClockedColumn(f"{name} [s]", (whole - whole[0]) / 1e9)
+                continue
+            if values.dtype.kind not in "biuf":
+                continue
+            unit = next((channel.properties[k] for k in UNIT_KEYS if k in channel.properties), "")
+            full = f"{name} [{unit}]" if unit else name
+            yield ClockedColumn(full, values, _time(dict(channel.properties), len(values)))
+
+
+def _time(properties: dict, size: int) -> np.ndarray | None:
+    """Return the time of a waveform in s, or None if the channel is none."""
+    step = properties.get("wf_increment")
+    if not isinstance(step, int | float) or not step > 0:
+        return None
+    return float(properties.get("wf_start_offset", 0.0)) + step * np.arange(size)

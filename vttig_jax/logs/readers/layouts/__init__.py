@@ -1,0 +1,1 @@
+"""Recognisers of the text layouts of recording programs, which say what they saw."""

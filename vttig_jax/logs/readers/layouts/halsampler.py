@@ -1,0 +1,87 @@
+"""Output of LinuxCNC `halsampler` with lost samples: lines `overrun` between the rows of numbers.
+
+The rows have neither header nor time; the option -t of the program puts the number of the sample
+first. Rows without a line `overrun` are read as any table without a header.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ....base.errors import LogError
+from ..nested import NestedTable
+from ..number_format import looks_like_number
+
+OVERRUN = "overrun"
+LOST = 10
+"""Samples that a gap of unknown length is taken to hold: a pause for all later steps, as any gap
+of more than five samples is (chosen)."""
+
+
+def matches(lines: Sequence[str]) -> bool:
+    """Return whether there are lines `overrun`, and the first other line is numbers only."""
+    if OVERRUN not in (line.strip() for line in lines):
+        return False
+    first = next((line for line in lines if line.strip() not in ("", OVERRUN)), "")
+    return bool(first) and all(map(looks_like_number, first.split()))
+
+
+def read(lines: list[str], source: str) -> tuple[NestedTable, tuple[str, ...]]:
+    """Return the columns #1, #2, … with the number of each sample, and notes on the gaps.
+
+    **Raises** `LogError` for a row of another width or a field that is no number.
+    """
+    rows: list[list[str]] = []
+    gaps: list[int] = []
+    for number, line in enumerate(lines, 1):
+        fields = line.split()
+        if fields == [OVERRUN]:
+            gaps.append(len(rows))
+        elif fields:
+            if rows and len(fields) != len(rows[0]):
+                if not any(rest.strip() for rest in lines[number:]):
+                    break  # the last line is cut off
+                raise LogError(
+                    f"this row has {len(fields)} fields, but the first one has {len(rows[0])};"
+                    " correct it or remove the line.",
+                    where=f"{source}: line {number}",
+                )
+            rows.append(fields)
+    arrays = [_column([row[k] for row in rows], source, k) for k in range(len(rows[0]))]
+    size = len(rows)
+    inner = [gap for gap in gaps if 0 < gap < size]
+    numbers, counted = _sample_numbers(arrays[0], inner)
+    how = "as the sample numbers say" if counted else f"each taken as {LOST} samples"
+    note = f"halsampler: {len(inner)} gaps where samples were lost, {how}"
+    names = tuple(f"#{k + 1}" for k in range(len(arrays)))
+    return NestedTable(names, tuple(arrays), source, sample_numbers=numbers), (note,)
+
+
+def _column(fields: list[str], source: str, k: int) -> np.ndarray:
+    try:
+        if all(field.lstrip("+-").isdigit() for field in fields):
+            return np.array([int(field) for field in fields], np.int64)
+        return np.array([float(field) for field in fields])
+    except (ValueError, OverflowError):
+        raise LogError(
+            "a field is no number; correct it or remove the line.",
+            where=f"{source}: column #{k + 1}",
+        ) from None
+
+
+def _sample_numbers(first: np.ndarray, gaps: list[int]) -> tuple[np.ndarray, bool]:
+    """Return the number of each sample, and whether the first column holds them."""
+    steps = np.diff(first)
+    inside = np.delete(steps, [gap - 1 for gap in gaps])
+    wraps = np.unique(inside[inside != 1])
+    counted = first.dtype.kind == "i" and np.all(inside[inside != 1] < 0) and len(wraps) <= 1
+    if counted and np.mean(inside == 1) > 0.9:
+        modulus = 1 - int(wraps[0]) if len(wraps) else 0
+        if modulus:
+            steps = np.mod(steps, modulus)
+        if np.all(steps > 0):
+            return np.concatenate([[0], np.cumsum(steps)]), True
+    numbers = np.arange(len(first))
+    for gap in gaps:
+        numbers[gap:] += LOST
+    return numbers, False

@@ -1,0 +1,24 @@
+"""The text layouts that are recognised, in the order of the trials."""
+
+from ..nested import NestedTable
+from . import camonitor, cantools, halsampler, long_table, twincat
+from .channels import Layout
+
+LAYOUTS = (
+    Layout("TwinCAT Scope", twincat.matches, twincat.read),
+    Layout("cantools decode", cantools.matches, cantools.read),
+    Layout("EPICS camonitor", camonitor.matches, camonitor.read),
+    Layout("LinuxCNC halsampler", halsampler.matches, halsampler.read),
+    Layout("long table", long_table.matches, long_table.read),
+)
+"""Layouts that are no table with one row for one instant."""
+
+
+def read_layout(text: str, source: str) -> tuple[NestedTable, tuple[str, ...]] | None:
+    """Return the table of a text in one of the layouts with notes, or None for another text.
+
+    **Raises** `LogError` for a text that is damaged in its layout.
+    """
+    lines = text.split("\n")
+    layout = next((one for one in LAYOUTS if one.matches(lines)), None)
+    return None if layout is None else layout.read(lines, source)

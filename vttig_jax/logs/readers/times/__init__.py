@@ -1,0 +1,1 @@
+"""Time stamps: dates, times of day, and numbers since an epoch."""

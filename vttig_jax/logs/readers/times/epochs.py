@@ -1,0 +1,47 @@
+"""Units of numeric time stamps that count from an epoch, told by the size of the numbers."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Real
+
+FIRST_S, LAST_S = 978_307_200, 4_102_444_800
+"""Seconds from 1970 to 2001 and to 2100; a log was recorded between them (chosen)."""
+
+FILETIME_OFFSET = 11_644_473_600
+"""Seconds from 1601, the epoch of FILETIME, to 1970."""
+
+FILETIME = "100ns"
+"""Unit of FILETIME stamps: 100 nanoseconds since 1601."""
+
+
+@dataclass(frozen=True)
+class Epoch:
+    """Unit of stamps, its size in nanoseconds and the instant from which they count."""
+
+    unit: str
+    nanoseconds: int
+    since: str
+    offset_s: int = 0
+
+    def holds(self, low: int | float, high: int | float) -> bool:
+        """Return whether all stamps from `low` to `high` lie between 2001 and 2100."""
+        scale = 1_000_000_000 // self.nanoseconds
+        first, last = FIRST_S + self.offset_s, LAST_S + self.offset_s
+        return first * scale <= low <= high <= last * scale
+
+
+EPOCHS = (
+    Epoch("s", 1_000_000_000, "seconds since 1970"),
+    Epoch("ms", 1_000_000, "milliseconds since 1970"),
+    Epoch("us", 1_000, "microseconds since 1970"),
+    Epoch("ns", 1, "nanoseconds since 1970"),
+    Epoch(FILETIME, 100, "100 ns since 1601 (FILETIME)", FILETIME_OFFSET),
+)
+"""Units by magnitude; their ranges from 2001 to 2100 do not overlap."""
+
+
+def epoch_unit(stamps: Real[np.ndarray, " n"]) -> Epoch | None:
+    """Return the epoch whose years 2001 to 2100 hold all stamps, or None."""
+    low, high = stamps.min().item(), stamps.max().item()
+    return next((epoch for epoch in EPOCHS if epoch.holds(low, high)), None)

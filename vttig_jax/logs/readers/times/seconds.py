@@ -1,0 +1,63 @@
+"""Seconds of a time column from its stamps, without loss of digits."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float, Real
+
+from ....base.errors import LogError
+from ..column_names import TIME_UNITS
+from .stamps import read_stamps
+
+FAR = 2**31
+"""Stamps beyond this are counted from the first one, as float64 has no digits to spare (chosen)."""
+
+FINE_ENOUGH = 0.1
+"""Largest step of the printed stamps as a fraction of the sampling interval (chosen)."""
+
+
+def seconds_of_stamps(fields: Sequence[str], where: str) -> tuple[Float[np.ndarray, " n"], str]:
+    """Return seconds since the first of the written stamps, and a note on the first."""
+    nanoseconds, note = read_stamps(fields, where)
+    return nanoseconds / 1e9, note
+
+
+def seconds_of_numbers(values: Real[np.ndarray, " n"], unit: str) -> Float[np.ndarray, " n"]:
+    """Return numeric stamps in seconds; far from zero they count from the first one.
+
+    Integers are subtracted before they become floats, as float64 holds nanoseconds since 1970 to
+    256 ns only.
+    """
+    if len(values) and np.abs(values.astype(np.float64)).max() > FAR:
+        values = values - values[0]
+    return values * TIME_UNITS[unit]
+
+
+def exact_numbers(fields: Sequence[str]) -> Float[np.ndarray, " n"] | None:
+    """Return written decimal stamps less the first one, subtracted as integers.
+
+    Returns None unless all fields are plain decimal numbers.
+    """
+    parts = [field.replace(",", ".").partition(".") for field in fields]
+    if not all(
+        whole.lstrip("+-").isdigit() and (not part or part.isdigit()) for whole, _, part in parts
+    ):
+        return None
+    digits = max((len(part) for _, _, part in parts), default=0)
+    scaled = [int(whole + part.ljust(digits, "0")) for whole, _, part in parts]
+    return np.array([value - scaled[0] for value in scaled], np.float64) / 10.0**digits
+
+
+def check_days(fields: Sequence[str], seconds: Float[np.ndarray, " n"], where: str) -> None:
+    """Raise `LogError` where the printed decimals of days do not resolve the sampling."""
+    if len(seconds) < 3:
+        return
+    digits = min(len(field.replace(",", ".").partition(".")[2]) for field in fields[:1000])
+    step_s = TIME_UNITS["d"] * 10.0**-digits
+    usual = float(np.median(np.abs(np.diff(seconds))))
+    if step_s > FINE_ENOUGH * usual:
+        raise LogError(
+            f"days with {digits} decimals hold time to {step_s:.2g} s, too coarse for samples"
+            f" {usual:.2g} s apart; export more decimals, or give --sample-rate.",
+            where=where,
+        )

@@ -1,0 +1,166 @@
+"""Time stamps written as dates and times of day: whole nanoseconds from text.
+
+Read are ISO 8601 with or without date, zone, and decimal comma; German dates `01.11.2026`; dates
+with slashes; names of months; AM and PM; and times of day, which may pass midnight.
+"""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import date
+
+import numpy as np
+from jaxtyping import Int64
+
+from ....base.errors import LogError
+
+_MONTHS = ["jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec"]
+_GERMAN = {"mrz": 3, "mär": 3, "mai": 5, "okt": 10, "dez": 12}
+_MONTH = {name: k for k, name in enumerate(_MONTHS, 1)} | _GERMAN
+_DATE = re.compile(
+    r"(?:(?P<year>\d{4})[-/.](?P<month>\d\d?)[-/.](?P<day>\d\d?)"
+    r"|(?P<first>\d\d?)(?P<mark>[-/.])(?P<second>\d\d?)[-/.](?P<last>\d{4}|\d\d)"
+    r"|(?P<d>\d\d?)[- .]+(?P<name>[A-Za-zä]{3})[a-z]*[- .]+(?P<y>\d{4}))"
+)
+_CLOCK = re.compile(
+    r"(?P<hour>\d\d?):(?P<minute>\d\d)(?::(?P<second>\d\d)(?:[.,:](?P<part>\d{1,12}))?)?"
+    r"\s*(?P<half>[AaPp]\.?[Mm]\.?)?\s*(?P<zone>Z|UTC|GMT|[A-Z]{3,4}|[+-]\d\d:?(?:\d\d)?)?"
+)
+_BETWEEN = re.compile(r"[T ,;_]+")
+_ZONE = re.compile(r"([+-])(\d\d):?(\d\d)?")
+DAY_NS = 86_400_000_000_000
+"""Nanoseconds of a day."""
+
+HALF_DAY_NS = DAY_NS // 2
+"""A time of day that falls by more than this has passed midnight (chosen)."""
+
+
+@dataclass(frozen=True)
+class Stamp:
+    """Parts of one stamp: day, or the three numbers of a date, and the time of day in ns."""
+
+    day: str
+    clock_ns: int
+    zone: str
+
+
+def looks_like_stamp(field: str) -> bool:
+    """Return whether a field is a time of day, with or without a date."""
+    return ":" in field and _split(field.strip()) is not None
+
+
+def read_stamps(fields: Sequence[str], where: str) -> tuple[Int64[np.ndarray, " n"], str]:
+    """Return stamps as nanoseconds since the first one, and a note on the first one.
+
+    **Raises** `LogError` for a field of another form, a zone name that changes, and dates such as
+    01/02/2026 that change and have two orders of day and month.
+    """
+    parsed = []
+    for row, field in enumerate(fields):
+        stamp = _split(field.strip())
+        if stamp is None:
+            raise LogError(
+                f"`{field}` in row {row + 1} is no time like that of the first row, `{fields[0]}`;"
+                " correct it or remove the line.",
+                where=where,
+            )
+        parsed.append(stamp)
+    zones = {stamp.zone for stamp in parsed if not _ZONE.fullmatch(stamp.zone)}
+    if len(zones) > 1:
+        raise LogError(
+            f"the time zone changes ({', '.join(sorted(zones))}); export the log in UTC.",
+            where=where,
+        )
+    days = _days({stamp.day for stamp in parsed}, where)
+    shifts = {zone: _zone_ns(zone) for zone in {stamp.zone for stamp in parsed}}
+    first_day = days[parsed[0].day]
+    nanoseconds = np.array(
+        [
+            (days[stamp.day] - first_day) * DAY_NS + stamp.clock_ns - shifts[stamp.zone]
+            for stamp in parsed
+        ],
+        dtype=np.int64,
+    )
+    if not parsed[0].day:
+        falls = np.diff(nanoseconds) < -HALF_DAY_NS
+        nanoseconds[1:] += DAY_NS * np.cumsum(falls)
+    return nanoseconds - nanoseconds[0], f"time: starts at {fields[0].strip()}"
+
+
+def _split(text: str) -> Stamp | None:
+    """Return the parts of a stamp, or None for text of another form."""
+    dated = _DATE.match(text)
+    rest = text
+    if dated is not None:
+        between = _BETWEEN.match(text, dated.end())
+        if between is None:
+            return None
+        rest = text[between.end() :]
+    clock = _CLOCK.fullmatch(rest)
+    if clock is None:
+        return None
+    hour, minute, second = (int(clock[name] or 0) for name in ("hour", "minute", "second"))
+    if clock["half"]:
+        if not 1 <= hour <= 12:
+            return None
+        hour = hour % 12 + 12 * (clock["half"][0] in "pP")
+    if hour > 23 or minute > 59 or second > 60:
+        return None
+    part = int((clock["part"] or "0").ljust(9, "0")[:9])
+    clock_ns = ((hour * 60 + minute) * 60 + second) * 1_000_000_000 + part
+    return Stamp(dated[0] if dated is not None else "", clock_ns, clock["zone"] or "")
+
+
+def _zone_ns(zone: str) -> int:
+    """Return the offset of a numeric zone in nanoseconds; that of a name does not matter."""
+    match = _ZONE.fullmatch(zone)
+    if match is None:
+        return 0
+    minutes = 60 * int(match[2]) + int(match[3] or 0)
+    return (1 if match[1] == "+" else -1) * minutes * 60_000_000_000
+
+
+def _days(texts: set[str], where: str) -> dict[str, int]:
+    """Return text of a date → day number; all dates of a log have one order of day and month."""
+    if texts == {""}:
+        return {"": 0}
+    orders = [order for order in ("day first", "month first") if _in_order(texts, order)]
+    if not orders:
+        raise LogError(f"`{sorted(texts)[0]}` is no date; correct it.", where=where)
+    found = [_in_order(texts, order) for order in orders]
+    first, last = found[0], found[-1]
+    assert first is not None and last is not None  # both are orders that fit
+    low = min(first.values()), min(last.values())
+    if any(first[text] - low[0] != last[text] - low[1] for text in texts):
+        raise LogError(
+            f"`{sorted(texts)[0]}` can be day and month or month and day, and the date changes;"
+            " write the dates as 2026-11-30.",
+            where=where,
+        )
+    return first
+
+
+def _in_order(texts: set[str], order: str) -> dict[str, int] | None:
+    """Return text → day number if all dates exist in this order, else None."""
+    days = {}
+    for text in texts:
+        match = _DATE.fullmatch(text)
+        if match is None:
+            return None
+        try:
+            days[text] = date(*_year_month_day(match, order)).toordinal()
+        except ValueError:
+            return None
+    return days
+
+
+def _year_month_day(match: re.Match[str], order: str) -> tuple[int, int, int]:
+    if match["year"]:
+        return int(match["year"]), int(match["month"]), int(match["day"])
+    if match["name"]:
+        return int(match["y"]), _MONTH.get(match["name"].lower(), 0), int(match["d"])
+    year = int(match["last"]) + (2000 if len(match["last"]) == 2 else 0)
+    first, second = int(match["first"]), int(match["second"])
+    if match["mark"] == "." or order == "day first":
+        return year, second, first
+    return year, first, second

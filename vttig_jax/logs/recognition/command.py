@@ -1,0 +1,48 @@
+"""The `vttig fit` command that says in full what a log was read as."""
+
+import shlex
+from collections.abc import Mapping
+from pathlib import Path
+
+from .request import DriveRequest
+
+
+def fit_command(
+    path: str | Path,
+    request: DriveRequest,
+    columns: Mapping[str, str],
+    *,
+    decimal: str | None = None,
+    sample_rate_hz: int | float | None = None,
+) -> str:
+    """Return a command to copy, with every column named.
+
+    **Example**
+    ```python
+    >>> from vttig_jax.logs.recognition.command import fit_command
+    >>> from vttig_jax.logs.recognition.request import DriveRequest
+    >>> print(fit_command("log.csv", DriveRequest(ratio="16:9"), {"driving": "motor angle"}))
+    vttig fit log.csv --ratio 16:9 --column 'driving=motor angle'
+
+    ```
+    """
+    words = ["vttig", "fit", str(path)]
+    if request.ratio is not None:
+        words += ["--ratio", request.ratio]
+    if request.teeth is not None:
+        words += ["--teeth", request.teeth]
+    if request.counts is not None:
+        words += ["--counts", ",".join(map(str, request.counts))]
+    for role, unit in request.units.items():
+        words += ["--unit", f"{role}={unit}"]
+    for shaft in request.inverted:
+        words += ["--invert", shaft]
+    if request.driving_rpm is not None:
+        words += ["--driving-rpm", request.driving_rpm]
+    for role, name in columns.items():
+        words += ["--column", f"{role}={name}"]
+    if decimal is not None:
+        words += ["--decimal", decimal]
+    if sample_rate_hz is not None:
+        words += ["--sample-rate", f"{sample_rate_hz:.12g}"]
+    return shlex.join(words)

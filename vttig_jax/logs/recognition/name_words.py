@@ -1,0 +1,122 @@
+"""What the name of a column says: role, unit, another quantity, or a setpoint."""
+
+import re
+import unicodedata
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+from ..readers.column_names import ANGLES, TIME_UNITS, bracket_of, name_and_unit
+from ..readers.units_row import OTHER_UNITS
+from .vocabulary import COMPOUND, DRIVEN, DRIVING, QUANTITIES, SETPOINTS, TIME
+
+_ROLE_WORDS = {"driving": DRIVING, "driven": DRIVEN, "time": TIME}
+_KNOWN = {word: role for role, words in _ROLE_WORDS.items() for word in words}
+_PARTS = re.compile(r"[/\\.:]+")
+_CAMEL = re.compile(r"(?<=[a-zß-ÿ0-9])(?=[A-ZÀ-Þ])|(?<=[A-Z])(?=[A-Z][a-z])")
+_WORDS = re.compile(r"[^\W\d_]+")
+_WIDE = re.compile(r"[\u1100-\u11ff\u2e80-\uffef]")
+
+
+@dataclass(frozen=True)
+class NameReading:
+    """What one name says.
+
+    **Arguments**
+    - `role`: "driving", "driven" or "time", or None if the name says none or two of them.
+    - `unit`: unit in the name: one of an angle, of time, or None.
+    - `other`: word or unit of another quantity in the name, "" if there is none.
+    - `setpoint`: word for a setpoint in the name, "" if there is none.
+    """
+
+    role: str | None
+    unit: str | None
+    other: str
+    setpoint: str
+
+    @property
+    def is_angle(self) -> bool:
+        """Whether the column can be an angle of a shaft as far as the name says."""
+        return self.role != "time" and not self.other and self.unit not in TIME_UNITS
+
+
+def read_name(name: str, where: str) -> NameReading:
+    """Return what the name of a column says.
+
+    The last part of a path says the role; if it says none, the whole path does. Two different
+    roles in one name say none.
+
+    **Raises** `LogError` if the name has two different units.
+    """
+    stem, unit = name_and_unit(name, (*ANGLES, *TIME_UNITS), where)
+    inside = bracket_of(name)
+    other = inside if unit is None and inside in OTHER_UNITS else ""
+    last = [part for part in _PARTS.split(stem) if part.strip()][-1:]
+    words = words_of("".join(last))
+    quantities = _found(words, QUANTITIES)
+    role = _role(words) or _role(words_of(stem))
+    if unit in TIME_UNITS and role in ("driving", "driven"):
+        role = None
+    setpoint = _found(words_of(stem), SETPOINTS)
+    return NameReading(role, unit, other or quantities, setpoint)
+
+
+def fold(text: str) -> str:
+    """Return a text in lower case without accents."""
+    decomposed = unicodedata.normalize("NFKD", text.casefold())
+    return "".join(letter for letter in decomposed if not unicodedata.combining(letter))
+
+
+def words_of(text: str) -> list[str]:
+    """Return the folded words of a name; `MotorPos_deg` has motor, pos and deg."""
+    return [fold(word) for word in _WORDS.findall(_CAMEL.sub(" ", text))]
+
+
+def inputs_and_outputs(names: Sequence[str]) -> dict[int, str]:
+    """Return index → role for names that differ only by `in` and `out`."""
+    words = [words_of(name) for name in names]
+    roles: dict[int, str] = {}
+    for k, own in enumerate(words):
+        if own.count("in") != 1:
+            continue
+        twin = ["out" if word == "in" else word for word in own]
+        if words.count(own) == 1 and words.count(twin) == 1:
+            roles |= {k: "driving", words.index(twin): "driven"}
+    return roles
+
+
+def _role(words: Iterable[str]) -> str | None:
+    """Return the only role that words say, or None."""
+    roles = {role for word in words for role in _roles_of(word)}
+    return roles.pop() if len(roles) == 1 else None
+
+
+def _roles_of(word: str) -> set[str]:
+    """Return the roles of one word; the longest known word in it decides."""
+    if word in _KNOWN:
+        return {_KNOWN[word]}
+    wide = bool(_WIDE.search(word))
+    found = [
+        known
+        for known in _KNOWN
+        if (wide and _WIDE.search(known) and known in word)
+        or (not wide and len(known) >= COMPOUND and _is_part(known, word))
+    ]
+    roles = set()
+    for known in sorted(found, key=len, reverse=True):
+        if known in word:
+            roles.add(_KNOWN[known])
+            word = word.replace(known, " ")  # 被駆動 holds 駆動, which says the opposite
+    return roles
+
+
+def _is_part(known: str, word: str) -> bool:
+    return _KNOWN[known] != "time" and (word.startswith(known) or word.endswith(known))
+
+
+def _found(words: Iterable[str], known: frozenset[str]) -> str:
+    """Return the first word that is known, or that holds a known word of an East Asian script."""
+    wide = [word for word in known if _WIDE.search(word)]
+    for word in words:
+        if word in known or any(one in word for one in wide):
+            return word
+    return ""

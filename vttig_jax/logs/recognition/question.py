@@ -1,0 +1,135 @@
+"""Sentences that ask the user where a log can be read in two ways, and what was recognised."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+
+from ...base.errors import LogError, UsageError
+from .candidates import Candidate, listed_facts
+from .request import in_words
+
+
+@dataclass(frozen=True)
+class Guess:
+    """One thing that the command line did not state: what was taken, why, and how to change it."""
+
+    role: str
+    taken: str
+    reason: str
+    option: str
+
+    @property
+    def fact(self) -> str:
+        """What was taken and why, for the notes of a log."""
+        return f"{self.role}: {self.taken}, {self.reason}"
+
+    def __str__(self) -> str:
+        return f"{self.fact}; {self.option} changes it"
+
+
+def several(role: str, candidates: Sequence[Candidate], source: str) -> LogError:
+    """Return the question which of several columns has a role."""
+    options = " or ".join(f"--column {role}='{one.name}'" for one in candidates[:4])
+    return LogError(
+        f"{len(candidates)} columns can be {role}: {listed_facts(list(candidates))}; choose one"
+        f" with {options}.",
+        where=source,
+    )
+
+
+def only_setpoint(role: str, one: Candidate, source: str) -> LogError:
+    """Return the question whether a setpoint stands for the measured angle."""
+    return LogError(
+        f"the only column for {role} is `{one.name}`, and `{one.reading.setpoint}` says a setpoint,"
+        f" which no encoder measured; name the measured column with --column {role}=NAME, or this"
+        f" one with --column {role}='{one.name}'.",
+        where=source,
+    )
+
+
+def no_fit(
+    roles: Sequence[str], candidates: list[Candidate], ratio: Fraction | None, source: str
+) -> LogError:
+    """Return the question for roles that neither the names nor the ratio determine."""
+    named = " and ".join(roles)
+    options = " ".join(f"--column {role}=NAME" for role in roles)
+    if ratio is None:
+        why = "and without a ratio the motion says nothing"
+    elif not candidates:
+        why = "and no other column holds numbers that change"
+    else:
+        why = f"and no columns turn as given ({in_words(ratio)})"
+    seen = f"; there are {listed_facts(candidates)}" if candidates else ""
+    return LogError(f"no column name says {named}, {why}; give {options}{seen}.", where=source)
+
+
+def two_fits(pairs: Sequence[tuple[Candidate, Candidate]], source: str) -> LogError:
+    """Return the question which of several pairs of columns are the shafts."""
+    shown = ", or ".join(f"`{a.name}` drives `{b.name}`" for a, b in pairs[:4])
+    columns = list({one.index: one for pair in pairs for one in pair}.values())
+    first, second = pairs[0]
+    return LogError(
+        f"{len(pairs)} pairs of columns have the given ratio: {shown}; the columns are"
+        f" {listed_facts(columns)}; choose with, for example, --column driving='{first.name}'"
+        f" --column driven='{second.name}'.",
+        where=source,
+    )
+
+
+def two_readings(text: str, ratio: Fraction) -> UsageError:
+    """Return the question what a ratio without a colon means for columns without names."""
+    above, slash, below = text.replace(" ", "").partition("/")
+    one, other = f"{below if slash else 1}:{above}", f"{above}:{below if slash else 1}"
+    return UsageError(
+        f"--ratio {text} has two readings, and no column name tells the shafts apart: write --ratio"
+        f" {one} if {in_words(ratio)}, or --ratio {other} if {in_words(1 / ratio)}; or name both"
+        " columns with --column driving=NAME --column driven=NAME."
+    )
+
+
+def inverted(first: Candidate, second: Candidate, source: str) -> LogError:
+    """Return the sentence on two shafts that turn against each other."""
+    return LogError(
+        f"`{first.name}` and `{second.name}` have the given ratio, but the readings of one grow"
+        " while those of the other fall: one encoder counts backwards; give --invert driven (or"
+        " --invert driving).",
+        where=source,
+    )
+
+
+def no_unit(role: str, one: Candidate, source: str) -> LogError:
+    """Return the question for the unit of a shaft."""
+    return LogError(
+        f"the column {one.facts} for {role} names no unit, and degrees, radians and counts look"
+        f" the same; give --unit deg (or {role}=deg, rad, rev), or --counts A,B with the counts per"
+        " revolution of the driving and of the driven encoder.",
+        where=source,
+    )
+
+
+def no_counts(role: str, name: str, source: str) -> LogError:
+    """Return the question for the counts per revolution of an encoder."""
+    return LogError(
+        f"the column `{name}` of {role} is in counts, and no log says how many make a turn; give"
+        " --counts A,B with the counts per revolution of the driving and of the driven encoder.",
+        where=source,
+    )
+
+
+def no_time(candidates: Sequence[Candidate], source: str) -> LogError:
+    """Return the question for the time."""
+    rising = [one for one in candidates if one.rises]
+    seen = f"; columns that only grow are {listed_facts(rising)}" if rising else ""
+    return LogError(
+        f"no column is certainly the time; give --column time=NAME, or --sample-rate HZ{seen}.",
+        where=source,
+    )
+
+
+def no_time_unit(one: Candidate, source: str) -> LogError:
+    """Return the question for the unit of time stamps without decimals."""
+    return LogError(
+        f"the time stamps are whole numbers without a unit, {one.facts}, and seconds and"
+        " milliseconds look the same; give --unit time=s, ms, us or ns.",
+        where=source,
+    )

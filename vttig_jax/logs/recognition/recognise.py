@@ -1,0 +1,289 @@
+"""Recognition of a log without a pair file: which column has which role, in which unit."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from fractions import Fraction
+from functools import cached_property
+from pathlib import Path
+
+import msgspec
+import numpy as np
+
+from ...base.errors import UsageError
+from ...base.units import ANGLE_UNITS, REV
+from ...pair.schema import DriveTable, Encoder, GearTable, LogLayout, PairSpec, UnitTable
+from ..readers.column_names import ROW, default_column, index_of
+from ..readers.delimited import TextTable
+from ..readers.nested import NestedTable, has_clocks
+from ..readers.open_table import open_table
+from . import question
+from .candidates import Candidate, read_values
+from .name_words import inputs_and_outputs, read_name
+from .question import Guess
+from .request import SHAFTS, DriveRequest
+from .shafts import Scale, by_name, by_ratio
+from .time_column import time_column, time_unit
+
+FURTHER = ("direction", "axial_mm", "torque", "speed", "acceleration")
+"""Roles that are only read if an option names their column."""
+
+
+@dataclass(frozen=True)
+class Recognition:
+    """The pair file that says the same as the options and the log, and what was guessed.
+
+    `columns` is role → name of its column.
+    """
+
+    spec: PairSpec
+    guesses: tuple[Guess, ...]
+    columns: Mapping[str, str]
+
+
+def recognise(
+    path: str | Path,
+    request: DriveRequest,
+    *,
+    columns: Mapping[str, str],
+    decimal: str | None = None,
+    sample_rate_hz: int | float | None = None,
+) -> Recognition:
+    """Recognise the columns of a log from their names and from the given ratio.
+
+    **Arguments**
+    - `request`: ratio, counts per revolution and units as the user stated them.
+    - `columns`, `decimal`, `sample_rate_hz`: as in `read_log`.
+
+    **Raises** `LogError` or `UsageError` with the option that decides, where the log can be read
+    in two ways.
+    """
+    request.check()
+    if not request.names_a_drive:
+        raise UsageError(
+            "the ratio of the drive is missing; give a pair file, or the ratio as driving turns to"
+            ' driven turns, such as "64:23".',
+            where=str(path),
+        )
+    table, _, _ = open_table(path, decimal=decimal, requested=columns.values(), headerless=True)
+    table, _ = table.without_cut_line([])
+    search = Search(table, str(path), request, dict(columns))
+    search.take_stated(timed=sample_rate_hz is None)
+    search.find(timed=sample_rate_hz is None)
+    return Recognition(search.spec(), tuple(search.guesses), search.column_names)
+
+
+@dataclass
+class Search:
+    """The search through one table.
+
+    `take_stated` and `find` fill `roles` (role → index of its column, None for the row number),
+    `units` (role → unit that is not in the name) and `guesses`.
+    """
+
+    table: TextTable | NestedTable
+    source: str
+    request: DriveRequest
+    columns: dict[str, str]
+    roles: dict[str, int | None] = field(default_factory=dict)
+    guesses: list[Guess] = field(default_factory=list)
+    units: dict[str, str] = field(default_factory=dict)
+
+    def take_stated(self, *, timed: bool) -> None:
+        """Take the columns that options name, and those with the names of this package.
+
+        **Raises** `LogError` for a name that no column or several columns have.
+        """
+        self.units = dict(self.request.units)
+        self._take_named()
+        self._take_defaults(timed=timed)
+
+    def find(self, *, timed: bool) -> None:
+        """Find the other columns; what was found before a question stays in `roles`.
+
+        **Raises** `LogError` or `UsageError` with the option that decides.
+        """
+        missing = self._find_named_shafts()
+        if timed and "time" not in self.roles and not has_clocks(self.table):
+            found, guess = time_column(self._free(), self.source)
+            self.roles["time"] = found.index
+            self.guesses.append(guess)
+        if missing:
+            self._find_by_ratio(missing)
+        if timed and self.roles.get("time") is not None:
+            self._find_time_unit()
+        self._check_units()
+
+    @property
+    def column_names(self) -> dict[str, str]:
+        """Role → name of its column, or its number if another column has the same name."""
+        return {role: self._name(index) for role, index in self.roles.items()}
+
+    def _take_named(self) -> None:
+        """Take the columns that options name."""
+        for role, name in self.columns.items():
+            row = name == ROW
+            self.roles[role] = None if row else index_of(name, role, self.names, self.source)
+
+    def _take_defaults(self, *, timed: bool) -> None:
+        """Take the columns with the names that this package writes, such as driving_deg."""
+        second = {"driven", "transmission_error"}
+        for role in ("time", *SHAFTS, "transmission_error"):
+            taken = role in self.roles or (role in second and second & set(self.roles))
+            unused = (role == "time" and not timed) or (role == "driving" and self._clocked)
+            if taken or unused:
+                continue
+            index = default_column(role, self.names, self.source)
+            if index is not None and index not in self.roles.values():
+                self.roles[role] = index
+
+    def _find_named_shafts(self) -> list[str]:
+        """Take the shafts whose names say so; return those that are still missing."""
+        missing = [role for role in SHAFTS if role not in self.roles]
+        if "transmission_error" in self.roles and "driven" in missing:
+            missing.remove("driven")
+        if self._clocked and "driving" in missing:
+            missing.remove("driving")
+        for role in missing:
+            found = by_name(role, self._free(), self.source)
+            if found is not None:
+                self.roles[role] = found.index
+                self._guess(role, found, "by its name")
+        return [role for role in missing if role not in self.roles]
+
+    def _find_by_ratio(self, missing: list[str]) -> None:
+        if missing == ["driven"] and self._clocked:
+            raise question.no_fit(missing, self._free(), None, self.source)
+        fixed = {role: self._candidate(self.roles[role]) for role in SHAFTS if role in self.roles}
+        scale = Scale(self._per_turn, self._common)
+        found = by_ratio(fixed, self._free(), self._ratio, scale, self.source)
+        if not self.request.says_which_shaft:
+            raise question.two_readings(str(self.request.ratio), self._ratio)
+        for role in missing:
+            self.roles[role] = found[role].index
+            self._guess(role, found[role], "the only one that has the given ratio")
+
+    def _find_time_unit(self) -> None:
+        column = self._candidate(self.roles["time"])
+        unit, guess = time_unit(column, self.units.get("time"), self.source)
+        if unit is not None and guess is not None:
+            self.units["time"] = unit
+            self.guesses.append(guess)
+
+    def _check_units(self) -> None:
+        """Fill in counts, and ask for units and counts that are missing."""
+        counted = []
+        for role in SHAFTS:
+            if role not in self.roles:
+                continue
+            one = self._candidate(self.roles[role])
+            unit = one.reading.unit or self.units.get(role)
+            if unit is None and self.request.counts is not None:
+                unit = self.units[role] = "counts"
+            if unit is None:
+                raise question.no_unit(role, one, self.source)
+            if unit == "counts":
+                counted.append(role)
+                if self.request.counts is None:
+                    raise question.no_counts(role, one.name, self.source)
+        if self.request.counts is not None and not counted:
+            raise UsageError("--counts is given, but no column is in counts; leave it out.")
+
+    def spec(self) -> PairSpec:
+        """Return the pair file that says the same."""
+        request = self.request
+        gears = []
+        for k, shaft in enumerate(SHAFTS):
+            encoder = Encoder(
+                counts_per_rev=None if request.counts is None else request.counts[k],
+                sign=-1 if shaft in request.inverted else 1,
+            )
+            gears.append(GearTable(encoder=encoder))
+        ratio = request.teeth if request.ratio is None else request.ratio
+        layout = msgspec.structs.replace(
+            LogLayout(driving_rpm=request.driving_rpm), **self.column_names
+        )
+        return PairSpec(
+            drive=DriveTable(ratio=str(ratio).replace(" ", "")),
+            driving=gears[0],
+            driven=gears[1],
+            log=layout,
+            unit=msgspec.structs.replace(UnitTable(), **self.units),
+        )
+
+    @property
+    def names(self) -> Sequence[str]:
+        """Names of all columns."""
+        return self.table.names
+
+    @property
+    def _clocked(self) -> bool:
+        """Whether a clock turns the driving shaft, so that it needs no column."""
+        return self.request.driving_rpm is not None
+
+    @property
+    def _ratio(self) -> Fraction:
+        return self.request.speed_ratio
+
+    def _free(self) -> list[Candidate]:
+        """Return the columns without a role."""
+        stamps = self.table.clocks.values() if isinstance(self.table, NestedTable) else ()
+        taken = {*self.roles.values(), *stamps}
+        return [one for one in self._candidates if one.index not in taken]
+
+    def _candidate(self, index: int | None) -> Candidate:
+        if index is None:
+            return Candidate(-1, ROW, read_name(ROW, self.source))
+        return self._candidates[index]
+
+    def _guess(self, role: str, one: Candidate, why: str) -> None:
+        self.guesses.append(Guess(role, f"column `{one.name}`", why, f"--column {role}=NAME"))
+
+    def _name(self, index: int | None) -> str:
+        """Return the name of a column, or its number if another column has the same name."""
+        if index is None:
+            return ROW
+        name = self.names[index]
+        return name if self.names.count(name) == 1 else f"#{index + 1}"
+
+    @cached_property
+    def _candidates(self) -> list[Candidate]:
+        """All columns with their values."""
+        indices = range(len(self.names))
+        values = read_values(self.table, list(indices))
+        pairs = inputs_and_outputs(self.names)
+        found = []
+        for k in indices:
+            reading = read_name(self.names[k], f"{self.source}: column `{self.names[k]}`")
+            if reading.role is None and k in pairs:
+                reading = replace(reading, role=pairs[k])
+            dated = k not in values and self.table.is_dated(k)
+            found.append(Candidate(k, self.names[k], reading, values.get(k), dated))
+        return found
+
+    def _per_turn(self, one: Candidate, role: str) -> float | None:
+        """Return the readings per revolution of a column in a role, None without a unit."""
+        unit = one.reading.unit or self.request.units.get(role)
+        counts = self.request.counts
+        if unit is None and counts is not None:
+            unit = "counts"
+        if unit is None:
+            return None
+        sign = -1.0 if role in self.request.inverted else 1.0
+        if unit != "counts":
+            return sign * REV / ANGLE_UNITS[unit]
+        if counts is None:
+            raise question.no_counts(role, one.name, self.source)
+        return sign * counts[SHAFTS.index(role)]
+
+    def _common(self, first: Candidate, second: Candidate) -> tuple[np.ndarray, np.ndarray]:
+        """Return the readings of two columns at common instants."""
+        assert first.values is not None and second.values is not None
+        table = self.table
+        if has_clocks(table) and isinstance(table, NestedTable):
+            stamps = [table.clocks[one.index] for one in (first, second)]
+            if stamps[0] != stamps[1]:
+                a, b = table.columns(stamps)
+                nearest = np.clip(np.searchsorted(b, a), 0, len(b) - 1)
+                return first.values, second.values[nearest]
+        size = min(len(first.values), len(second.values))
+        return first.values[:size], second.values[:size]

@@ -1,0 +1,144 @@
+"""What a user states about a drive and its log beside a pair file: ratio, counts and units."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from fractions import Fraction
+
+from ...base.errors import PairError, UsageError
+from ...base.units import ANGLE_UNITS
+from ...pair.schema import as_fraction, as_ratio
+from ..readers.column_names import ANGLES, TIME_UNITS, unit_spelt
+
+SHAFTS = ("driving", "driven")
+UNITS = {
+    **dict.fromkeys(SHAFTS, ANGLES),
+    "transmission_error": tuple(ANGLE_UNITS),
+    "time": tuple(TIME_UNITS),
+}
+"""Role → units that `--unit` can state."""
+
+
+@dataclass(frozen=True)
+class DriveRequest:
+    """Statements about a drive and its log that replace a pair file.
+
+    **Arguments**
+    - `ratio`: "64:23", driving turns to driven turns; "9/16" or a number is driven over driving
+      speed.
+    - `teeth`: "45/80", teeth of the driving and of the driven gear.
+    - `counts`: counts per revolution of the driving and of the driven encoder.
+    - `units`: role → unit of a column whose name says none.
+    - `inverted`: shafts whose encoder counts against the direction of the other one.
+    - `driving_rpm`: speed in rpm of a driving shaft without an encoder, which a clock turns.
+    """
+
+    ratio: str | None = None
+    teeth: str | None = None
+    counts: tuple[int, int] | None = None
+    units: Mapping[str, str] = field(default_factory=dict)
+    inverted: tuple[str, ...] = ()
+    driving_rpm: str | None = None
+
+    @property
+    def names_a_drive(self) -> bool:
+        """Whether the ratio of the drive is stated."""
+        return self.ratio is not None or self.teeth is not None
+
+    @property
+    def states_something(self) -> bool:
+        """Whether anything at all is stated."""
+        return self != DriveRequest()
+
+    @property
+    def speed_ratio(self) -> Fraction:
+        """Ratio i of the driven to the driving speed.
+
+        **Raises** `UsageError` without a positive ratio.
+        """
+        try:
+            if self.ratio is not None:
+                return as_ratio(self.ratio, "")
+            return _teeth_ratio(str(self.teeth))
+        except PairError as error:
+            option = "--teeth" if self.ratio is None else "--ratio"
+            raise UsageError(f"{option} {error.message}") from None
+
+    @property
+    def says_which_shaft(self) -> bool:
+        """Whether the ratio says which of its numbers belongs to which shaft, as 64:23 does."""
+        return self.teeth is not None or ":" in str(self.ratio)
+
+    def check(self) -> None:
+        """Raise `UsageError` for statements that are invalid or exclude each other."""
+        if self.ratio is not None and self.teeth is not None:
+            raise UsageError("--ratio and --teeth both state the ratio; give one of them.")
+        if self.names_a_drive:
+            _ = self.speed_ratio
+        for shaft in self.inverted:
+            if shaft not in SHAFTS:
+                raise UsageError(f"--invert {shaft!r} must be driving or driven.")
+        if self.driving_rpm is not None:
+            try:
+                as_fraction(self.driving_rpm, "")
+            except PairError as error:
+                raise UsageError(f"--driving-rpm {error.message}") from None
+
+
+def counts_of(text: str) -> tuple[int, int]:
+    """Return the counts per revolution of both shafts from "A,B" or, if they are equal, from "A".
+
+    **Raises** `UsageError` for anything but one or two whole numbers from 1.
+    """
+    parts = [part.strip() for part in text.split(",")]
+    if len(parts) > 2 or not all(part.isascii() and part.isdigit() and int(part) for part in parts):
+        raise UsageError(
+            f"--counts {text!r} must be the counts per revolution of the driving and of the driven"
+            " encoder, for example 90000,90000."
+        )
+    return int(parts[0]), int(parts[-1])
+
+
+def units_of_options(texts: tuple[str, ...]) -> dict[str, str]:
+    """Return role → unit from texts UNIT, which holds for both shafts, or ROLE=UNIT.
+
+    **Raises** `UsageError` for unknown roles and units and for a role that has two units.
+    """
+    units: dict[str, str] = {}
+    for text in texts:
+        left, equals, right = text.partition("=")
+        role, unit = (left.strip(), unit_spelt(right)) if equals else ("", unit_spelt(left))
+        if equals and role not in UNITS:
+            raise UsageError(f"--unit {text!r}: {role!r} is none of {', '.join(UNITS)}.")
+        roles = (role,) if equals else SHAFTS
+        known = UNITS[roles[0]]
+        if unit not in known:
+            raise UsageError(f"--unit {text!r}: {unit!r} is no unit; use {', '.join(known)}.")
+        for one in roles:
+            if units.setdefault(one, unit) != unit:
+                raise UsageError(f"--unit states {units[one]} and {unit} for {one}; give one.")
+    return units
+
+
+MOST_TURNS = 10_000
+"""Largest number of turns in words; beyond it one shaft turns once (chosen)."""
+
+
+def in_words(ratio: Fraction) -> str:
+    """Return a ratio of driven to driving speed as a sentence about turns."""
+    driving, driven = ratio.denominator, ratio.numerator
+    if max(driving, driven) > MOST_TURNS:
+        return f"the driving shaft turns once while the driven shaft turns {float(ratio):.9g} times"
+    return (
+        f"the driving shaft turns {_times(driving)} while the driven shaft turns {_times(driven)}"
+    )
+
+
+def _times(count: int) -> str:
+    return "once" if count == 1 else f"{count} times"
+
+
+def _teeth_ratio(text: str) -> Fraction:
+    driving, slash, driven = text.replace(" ", "").partition("/")
+    if not (slash and driving.isdigit() and driven.isdigit() and int(driving) and int(driven)):
+        raise PairError(f"{text!r} must be the teeth of the driving and driven gear, as in 45/80.")
+    return as_ratio(f"{driving}/{driven}", "")

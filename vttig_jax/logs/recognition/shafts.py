@@ -1,0 +1,120 @@
+"""Recognition of the two shafts: from the names first, then from the given ratio."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from itertools import permutations
+
+import numpy as np
+from jaxtyping import Float
+
+from ..channel.unwrap import find_modulus, unwrap
+from . import question
+from .candidates import Candidate
+
+TOLERANCE = 0.005
+"""Largest relative deviation of the slope of two columns from the given ratio (chosen)."""
+
+APART = 0.05
+"""Largest rms deviation of the driven column from a straight line over the driving one, as a
+fraction of its travel (chosen)."""
+
+MOST_ROWS = 20_000
+"""Largest number of rows of a slope; longer columns are thinned (chosen)."""
+
+
+@dataclass(frozen=True)
+class Scale:
+    """How readings become revolutions: readings per turn of a column in a role.
+
+    `per_turn` returns None if the unit is unknown, and raises `LogError` if counts per revolution
+    are missing. `common` returns the readings of two columns at common instants.
+    """
+
+    per_turn: Callable[[Candidate, str], float | None]
+    common: Callable[[Candidate, Candidate], tuple[np.ndarray, np.ndarray]]
+
+
+def by_name(role: str, candidates: Sequence[Candidate], source: str) -> Candidate | None:
+    """Return the column whose name says a role, or None if no name does.
+
+    **Raises** `LogError` if several names do, or if the only one is a setpoint.
+    """
+    named = [one for one in candidates if one.reading.role == role and one.reading.is_angle]
+    if len(named) > 1:
+        named = [one for one in named if one.turns] or named
+    if len(named) > 1:
+        raise question.several(role, named, source)
+    if named and named[0].reading.setpoint:
+        raise question.only_setpoint(role, named[0], source)
+    return named[0] if named else None
+
+
+def by_ratio(
+    fixed: dict[str, Candidate],
+    candidates: Sequence[Candidate],
+    ratio: Fraction | None,
+    scale: Scale,
+    source: str,
+) -> dict[str, Candidate]:
+    """Return role → column for the shafts that `fixed` lacks, from the given ratio.
+
+    Exactly one assignment must have the slope |driven over driving| = ratio.
+
+    **Raises** `LogError` if none or several do, for columns without a unit, and for shafts that
+    turn against each other.
+    """
+    missing = [role for role in ("driving", "driven") if role not in fixed]
+    turning = [one for one in candidates if one.turns and one.reading.is_angle]
+    free = [one for one in turning if one.reading.role is None]
+    if ratio is None or len(free) < len(missing):
+        raise question.no_fit(missing, turning, ratio, source)
+    unknown: list[tuple[str, Candidate]] = []
+    pairs, signs = [], []
+    for chosen in permutations(free, len(missing)):
+        roles = {**fixed, **dict(zip(missing, chosen, strict=True))}
+        per_turn = {role: scale.per_turn(one, role) for role, one in roles.items()}
+        lacking = [role for role, size in per_turn.items() if size is None]
+        if lacking:
+            unknown.append((lacking[0], roles[lacking[0]]))
+            continue
+        driving, driven = scale.common(roles["driving"], roles["driven"])
+        sign = _fits(
+            _turns(driving, per_turn["driving"]), _turns(driven, per_turn["driven"]), float(ratio)
+        )
+        if sign:
+            pairs.append((roles["driving"], roles["driven"]))
+            signs.append(sign)
+    if unknown:
+        role, one = unknown[0]
+        raise question.no_unit(role, one, source)
+    if not pairs:
+        raise question.no_fit(missing, turning, ratio, source)
+    if len(pairs) > 1:
+        raise question.two_fits(pairs, source)
+    if signs[0] < 0:
+        driving, driven = pairs[0]
+        raise question.inverted(driving, driven, source)
+    return dict(zip(("driving", "driven"), pairs[0], strict=True))
+
+
+def _turns(values: np.ndarray, per_turn: float | None) -> Float[np.ndarray, " n"]:
+    """Return continuous revolutions of readings that may wrap."""
+    assert per_turn is not None  # columns without a unit are asked for before
+    if np.issubdtype(values.dtype, np.floating) and np.all(values == np.rint(values)):
+        values = values.astype(np.int64)
+    modulus = find_modulus(values, abs(per_turn))
+    if modulus is not None:
+        values = unwrap(values, modulus)
+    return (values - values[0]) / per_turn
+
+
+def _fits(x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"], ratio: float) -> int:
+    """Return the sign of the slope of `y` over `x` if its size is the ratio, else 0."""
+    thin = slice(None, None, max(1, len(x) // MOST_ROWS))
+    x, y = x[thin] - x[thin].mean(), y[thin] - y[thin].mean()
+    slope = float(x @ y / (x @ x))
+    apart = float(np.std(y - slope * x)) > APART * float(np.ptp(y))
+    if apart or abs(abs(slope) / ratio - 1) > TOLERANCE:
+        return 0
+    return 1 if slope > 0 else -1

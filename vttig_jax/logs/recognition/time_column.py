@@ -1,0 +1,68 @@
+"""Recognition of the column of time, and of the unit of its stamps."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..readers.column_names import ANGLES
+from ..readers.times.epochs import epoch_unit
+from . import question
+from .candidates import Candidate
+from .question import Guess
+
+SETTER = "--column time=NAME"
+
+
+def time_column(candidates: Sequence[Candidate], source: str) -> tuple[Candidate, Guess]:
+    """Return the column of time among the columns without another role.
+
+    It is the only column of dates or whose name says time, or the only one that only grows, if it
+    is evenly spaced and counts no rows.
+
+    **Raises** `LogError` if no column or several columns can be the time.
+    """
+    named = [one for one in candidates if one.reading.role == "time" or one.dated]
+    named = [one for one in named if one.dated or _grows(one)]
+    if len(named) > 1:
+        raise question.several("time", named, source)
+    if named:
+        why = "the only one of dates or times" if named[0].dated else "by its name"
+        return named[0], Guess("time", f"column `{named[0].name}`", why, SETTER)
+    rising = [one for one in candidates if _can_be_time(one)]
+    if len(rising) != 1 or not rising[0].is_even:
+        raise question.no_time(candidates, source)
+    why = "the only one that grows evenly"
+    return rising[0], Guess("time", f"column `{rising[0].name}`", why, SETTER)
+
+
+def time_unit(one: Candidate, stated: str | None, source: str) -> tuple[str | None, Guess | None]:
+    """Return the unit of time stamps that neither name nor option states, and the guess.
+
+    Both are None if the name states the unit or the stamps are dates.
+
+    **Raises** `LogError` for whole numbers that are no seconds since 1970 or 1601.
+    """
+    if stated is not None or one.reading.unit is not None or one.dated:
+        return None, None
+    assert one.values is not None  # columns without numbers are no candidates
+    epoch = epoch_unit(one.values)
+    if epoch is not None:
+        why = f"from the size of its stamps, {epoch.since}"
+        return epoch.unit, Guess("time", f"in {epoch.unit}", why, "--unit time=UNIT")
+    if np.all(one.values == np.rint(one.values)):
+        raise question.no_time_unit(one, source)
+    return "s", Guess("time", "in seconds", "as its name states no unit", "--unit time=UNIT")
+
+
+def _grows(one: Candidate) -> bool:
+    """Whether the stamps never fall and do not stand still."""
+    values = one.values
+    if values is None or len(values) < 2 or not np.isfinite(values).all():
+        return False
+    return bool(np.all(np.diff(values) >= 0) and values[-1] > values[0])
+
+
+def _can_be_time(one: Candidate) -> bool:
+    reading = one.reading
+    free = reading.role is None and not reading.other and reading.unit not in ANGLES
+    return free and one.rises and not one.is_row_number

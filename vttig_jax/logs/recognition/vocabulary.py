@@ -1,0 +1,77 @@
+"""Words in column names that say a role, another quantity or a setpoint, in common languages.
+
+Words are written without accents and in lower case, as `name_words.fold` returns them. A word that
+could mean another thing in a second language is left out: an unknown word leads to a question, a
+wrong one to a wrong role.
+"""
+
+from typing import Final
+
+
+def _words(text: str) -> frozenset[str]:
+    """Return the words of a text."""
+    return frozenset(text.split())
+
+
+DRIVING: Final = _words(
+    """
+    driving drive driver drv motor mot servo input inp inputshaft antrieb antriebs eingang
+    eingangs ingang ingaand ingaande aandrijving aandrijf ingaende indgang inngang drivande
+    drivende moottori tulo
+    moteur entree menant menante motore ingresso entrata motrice entrada motriz conductor
+    conduttore motora
+    silnik wejscie napedowe napedowy vstup hnaci вход ведущии двигатель мотор giris motoru
+    电机 电动机 馬達 输入 輸入 主动 主動 驱动 驅動 入力 駆動 モータ モーター 입력 모터 구동
+    """
+)
+"""Words for the driving shaft."""
+
+DRIVEN: Final = _words(
+    """
+    driven load output outp outputshaft abtrieb abtriebs ausgang ausgangs last lastseite
+    lastwinkel lastposition lastgeber uitgang uitgaand uitgaande aangedreven belasting utgang
+    utgaende udgang drivna drevet lahto kuorma
+    sortie mene menee charge recepteur uscita condotto carico salida conducido carga saida movida
+    conduzida
+    wyjscie napedzane napedzany obciazenie vystup hnany zatez выход ведомыи нагрузка cikis yuk
+    负载 負載 负荷 负荷 输出 輸出 从动 從動 被动 被動 被驱动 出力 負荷 従動 被駆動 출력 부하
+    """
+)
+"""Words for the driven shaft."""
+
+TIME: Final = _words(
+    """
+    time t zeit zeitpunkt timestamp stamp timestamps zeitstempel datetime date datum uhrzeit clock
+    epoch utc datenum tijd tid tidpunkt aika temps horodatage tempo tiempo fecha hora heure czas
+    cas время zaman 时间 時間 時刻 时刻 시간
+    """
+)
+"""Words for time."""
+
+QUANTITIES: Final = _words(
+    """
+    speed velocity vel rpm omega geschwindigkeit drehzahl vitesse velocidad velocita
+    velocidade hastighet hastighed snelheid toerental predkosc rychlost nopeus скорость hiz
+    速度 转速 轉速 回転数 속도 acceleration accel acc beschleunigung versnelling
+    torque moment drehmoment couple coppia koppel vridmoment torsion par torsor 扭矩 转矩
+    トルク current cur curr strom courant corriente corrente stroom iq id amps ampere 电流 電流
+    temp temperature temperatur temperatuur temperatura 温度 voltage volt volts spannung tension
+    spanning power leistung puissance force kraft pressure druck error err fehler deviation
+    abweichung lag schleppfehler status state zustand flag flags mode modus alarm enable enabled
+    fault index idx row zeile sample samples humidity noise per dps rps nm mm um
+    vibration vib pwm duty gain checksum crc sequence seq utilization percent
+    """
+)
+"""Words for quantities that are no angle of a shaft."""
+
+SETPOINTS: Final = _words(
+    """
+    set setpoint setp sp soll sollwert solllage sollposition target tgt command commanded cmd
+    demand demanded ref reference desired des nominal consigne consigna riferimento ziel
+    leitwert zadana zadany 指令 目标 目標 задание
+    """
+)
+"""Words for a setpoint, which is no measured angle."""
+
+COMPOUND: Final = 5
+"""Fewest letters of a word that is also found at the start or end of a longer word (chosen)."""

@@ -1,0 +1,68 @@
+"""The pair file of a call: read from a file, or stated by options and recognised from the logs."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ..base.errors import LogError, UsageError
+from ..logs.recognition.request import DriveRequest
+from ..pair.pair_file import load_pair_spec, spec_table
+from ..pair.schema import PairSpec
+from .options import ReadingOptions
+
+if TYPE_CHECKING:
+    from ..logs.recognition.question import Guess
+
+
+def stated_spec(
+    logs: tuple[Path, ...], pair: Path | None, drive: DriveRequest, reading: ReadingOptions
+) -> "tuple[PairSpec, tuple[Guess, ...]]":
+    """Return the content of the pair file, or of the file that says the same, and the guesses.
+
+    **Raises** `UsageError` without a ratio or with two, `LogError` for a log that can be read in
+    two ways, and for logs whose columns differ.
+    """
+    if pair is not None:
+        if drive.states_something:
+            raise UsageError(
+                "--pair states ratio, encoders and units already; leave out --ratio, --teeth,"
+                " --counts, --unit, --invert and --driving-rpm, or leave out --pair."
+            )
+        return load_pair_spec(pair), ()
+    from ..logs.recognition.recognise import recognise
+
+    if not drive.names_a_drive:
+        raise UsageError(
+            "the ratio of the drive is missing; give --ratio 64:23 (driving turns to driven turns),"
+            " --teeth 45/80 or --pair PAIR.toml."
+        )
+    first, *others = [recognise(path, drive, **reading.keywords()) for path in logs]
+    for path, other in zip(logs[1:], others, strict=True):
+        if other.spec != first.spec:
+            raise LogError(
+                f"its columns are read in another way than those of {logs[0]}; name them with"
+                " --column, or write a pair file.",
+                where=str(path),
+            )
+    return first.spec, first.guesses
+
+
+def write_pair(path: Path, spec: PairSpec) -> None:
+    """Write a pair file.
+
+    **Raises** `UsageError` for an existing file, `InputError` if it cannot be written.
+    """
+    import tomli_w
+
+    from ..base.files.atomic_write import (
+        move,
+        os_errors_as_input_errors,
+        temporary_path,
+        write_synced,
+    )
+
+    if path.exists():
+        raise UsageError("this file exists; choose another name for --write-pair.", where=str(path))
+    table = {name: value for name, value in spec_table(spec).items() if name != "name" or value}
+    with os_errors_as_input_errors(path):
+        write_synced(temporary_path(path), tomli_w.dumps(table).encode())
+        move(temporary_path(path), path)
