@@ -88,7 +88,7 @@ VERBS = {
 """Verb → ("module:command", short help)."""
 
 GROUPS = {
-    "From a log": ("inspect", "fit", "map", "sample", "locate", "export"),
+    "From a log": ("inspect", "fit", "fit-many", "map", "sample", "locate", "export"),
     "Plan and simulate": ("plan", "calibrate", "simulate", "sweep", "tune", "demo"),
     "The gear": ("measure", "surface", "contact"),
 }
