@@ -84,7 +84,7 @@ def command(
         )
         shown = grid
     if out is not None:
-        _write(out, csv_text(table, columns), record, overwrite)
+        _write(out, csv_text(table, columns), record | {"run": run.record.digest}, overwrite)
     output.emit(record, shown)
 
 
