@@ -40,6 +40,7 @@ INNER_FLOORS = {
         "facade",
         "results",
         "errors",
+        "shown_text",
         "units",
         "angles",
         "arrays",
@@ -102,6 +103,7 @@ INNER_FLOORS = {
     ),
     "cli": (
         "output",
+        "library_messages",
         "program_cache",
         "options",
         "fit_options",

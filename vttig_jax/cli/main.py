@@ -16,8 +16,8 @@ from importlib import import_module
 import click
 
 from ..base.errors import InputError, VttigError
-from ..base.files.json_io import dumps
-from .output import LOGGER, Narrator, print_result
+from .library_messages import library_messages_in_log
+from .output import LOGGER, Narrator, print_json
 
 VERBS = {
     "inspect": (
@@ -124,7 +124,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     _tolerate_encodings()
-    with Narrator() as narrator, _sigterm_raises():
+    with Narrator() as narrator, library_messages_in_log(), _sigterm_raises():
         try:
             code = _invoke(arguments, narrator)
             sys.stdout.flush()
@@ -193,7 +193,7 @@ def _report(code: int, message: str, where: str, error: BaseException, *, as_jso
     if as_json:
         failure = {"schema": "vttig.error/1", "exit": code, "message": message, "where": where}
         with suppress(OSError, VttigError):  # the error may be that stdout cannot be written
-            print_result(dumps(failure, ascii_only=True))
+            print_json(failure)
 
 
 def _wants_json(arguments: list[str]) -> bool:

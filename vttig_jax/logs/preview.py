@@ -12,6 +12,7 @@ from jaxtyping import Real
 
 from ..base.errors import LogError
 from ..base.files.text_tables import key_values
+from ..base.shown_text import shown_name
 from ..base.units import ANGLE_UNITS, ARCSEC, REV
 from .channel.channel import step_of
 from .channel.unwrap import find_modulus, unwrap, wrap_steps
@@ -81,7 +82,7 @@ class Preview:
             ratio, std = self.ratio
             near = simple_fraction(ratio, std)
             rows.append(("ratio seen", f"{ratio:.6g} ± {std:.1g}, driven over driving ({near})"))
-        parts = [self.source, column_table(_grouped(self.columns)), key_values(rows)]
+        parts = [shown_name(self.source), column_table(_grouped(self.columns)), key_values(rows)]
         parts.append(bullets("note", (*_other_arrays(self.others, self.rows), *self.notes)))
         return "\n\n".join(part for part in parts if part)
 

@@ -83,8 +83,9 @@ def command(
             fit, grid=grid, step_deg=step_deg, turns=turns, rows=len(table), out=out
         )
         shown = grid
+    record["run"] = run.record.digest
     if out is not None:
-        _write(out, csv_text(table, columns), record | {"run": run.record.digest}, overwrite)
+        _write(out, csv_text(table, columns), record, overwrite)
     output.emit(record, shown)
 
 

@@ -70,8 +70,7 @@ def command(
     with output.progress(1, "lane-steps") as bar:
 
         def announce(expected: "SweepCost") -> None:
-            if not output.quiet:
-                click.echo(f"to run: {expected}", err=True)
+            output.narrate(f"to run: {expected}")
             bar.total = max(expected.lane_steps, 1)
             bar.unit_scale = True
 
