@@ -52,6 +52,7 @@ INNER_FLOORS = {
     "geometry": ("tooth", "mounting", "measures", "backlash", "contact", "solids"),
     "logs": (
         "source",
+        "magnitudes",
         "protocols",
         "channel",
         "readers",

@@ -19,6 +19,11 @@ _RETRIES = 3
 _WAIT_S = 10
 """Limit of the wait for the scheduler and for its first worker, s: a chosen value."""
 
+_LOST = (
+    "the scheduler was lost; start it and its workers again, and continue with --resume if the"
+    " sweep has an --out."
+)
+
 
 def on_cluster(
     address: str,
@@ -42,6 +47,7 @@ def on_cluster(
         )
     from distributed import Client, as_completed
     from distributed.comm.addressing import get_address_host_port
+    from distributed.comm.core import CommClosedError
 
     try:
         with suppress(NotImplementedError):  # raised for a scheduler in this process
@@ -55,6 +61,8 @@ def on_cluster(
     with client, client.as_current():
         try:
             client.wait_for_workers(1, timeout=_WAIT_S)
+        except CommClosedError:
+            raise InputError(_LOST, where=address) from None
         except TimeoutError:
             raise InputError(
                 f"the scheduler has no workers; start some with `dask worker {address}`.",
@@ -66,6 +74,8 @@ def on_cluster(
             _block, list(todo), recipe=shared, pure=False, retries=_RETRIES, key="vttig-block"
         )
         for future, answer in as_completed(futures, with_results=True, raise_errors=False):
+            if future.status in ("lost", "cancelled"):
+                raise InputError(_LOST, where=address)
             if future.status != "finished":
                 raise InputError(
                     f"a block fails on the workers: {future.exception()}; see their logs, and"

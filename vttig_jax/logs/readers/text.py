@@ -48,11 +48,6 @@ def read_text(path: str | Path, encoding: str | None) -> tuple[str, str, tuple[s
         if codec is not None and codecs.lookup(codec).name.startswith("utf-16"):
             data = data[: len(data) // 2 * 2]  # removes half a character at the end
         text = data.decode(codec or "utf-8")
-    except LookupError:
-        raise LogError(
-            f"unknown encoding {encoding!r}; write utf-8, utf-16 or cp1252.",
-            where="log.encoding",
-        ) from None
     except UnicodeDecodeError as error:
         if codec is not None:
             raise LogError(
@@ -68,8 +63,17 @@ def read_text(path: str | Path, encoding: str | None) -> tuple[str, str, tuple[s
                 where=where,
             ) from None
         notes = ("not UTF-8, read as Windows-1252 (cp1252)",)
+    except (LookupError, ValueError):  # a null character in the name, a codec that always fails
+        raise _unusable(encoding) from None
     text = text.removeprefix("\ufeff")  # some codecs keep the byte-order mark
     return text.replace("\r\n", "\n").replace("\r", "\n"), digest, notes
+
+
+def _unusable(encoding: str | None) -> LogError:
+    return LogError(
+        f"unknown encoding {encoding!r}; write utf-8, utf-16 or cp1252.",
+        where="log.encoding",
+    )
 
 
 def _utf16_without_mark(data: bytes) -> str | None:
