@@ -2,6 +2,7 @@
 
 import io
 import json
+import zipfile
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,6 +12,7 @@ import numpy as np
 
 from ..base.errors import InputError, UsageError
 from ..base.files.commit import settle_if_free
+from ..base.files.limits import MemoryBudget, read_regular
 from ..kinematics.harmonic import OrderModel
 from ..kinematics.te_curve import TECurve
 from ..pair.gear_pair import Drive, GearPair
@@ -68,8 +70,7 @@ def read_fit(folder: str | Path, pair: GearPair | Drive, *, run: str | None = No
         )
     try:
         record = json.loads((folder / "fit.json").read_text(encoding="utf-8"))
-        archive = np.load(io.BytesIO((folder / "summary.npz").read_bytes()), allow_pickle=False)
-        arrays = dict(archive)
+        arrays = _read_arrays(folder / "summary.npz")
         _require_one_run(folder, record, arrays, run)
         return _assembled(record, arrays, pair)
     except InputError:
@@ -82,6 +83,16 @@ def read_fit(folder: str | Path, pair: GearPair | Drive, *, run: str | None = No
             " with --overwrite.",
             where=str(folder),
         ) from None
+
+
+def _read_arrays(path: Path) -> dict[str, np.ndarray]:
+    """Return the arrays of an archive, after a look at the sizes that it declares."""
+    data = read_regular(path)
+    budget = MemoryBudget(str(path), len(data))
+    with zipfile.ZipFile(io.BytesIO(data)) as archive:
+        for member in archive.infolist():
+            budget.take(member.file_size)
+    return dict(np.load(io.BytesIO(data), allow_pickle=False))
 
 
 def _require_one_run(

@@ -12,6 +12,7 @@ import msgspec
 
 from ..base.errors import InputError, UsageError
 from ..base.files.commit import settle_if_free
+from ..base.files.limits import read_regular
 from ..base.files.run_folder import data_sha256
 from ..pair.pair_file import parse_pair_spec, spec_table
 from ..pair.schema import PairSpec
@@ -75,11 +76,13 @@ def read_run(path: Path) -> RunRecord:
     path = path / "run.toml" if path.is_dir() else path
     settle_if_free(path.parent)
     try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
+        table = tomllib.loads(read_regular(path).decode("utf-8"))
     except FileNotFoundError:
         raise UsageError(
             "no such run; make one with `vttig fit LOG --pair PAIR --out DIR`.", where=str(path)
         ) from None
+    except OSError as error:
+        raise InputError(f"cannot be read: {error.strerror}.", where=str(path)) from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise InputError(f"not a run file: {error}.", where=str(path)) from None
     if table.get("schema") != SCHEMA:

@@ -4,6 +4,7 @@ import os
 import pytest
 
 from vttig_jax.base.errors import LogError
+from vttig_jax.logs.readers import text as text_module
 from vttig_jax.logs.readers.text import read_text
 
 TEXT = "time_s,φ_deg\n0,1\n"
@@ -104,7 +105,7 @@ def test_unreadable(tmp_path, monkeypatch, error, words):
     def refuse(*_args, **_options):
         raise error
 
-    monkeypatch.setattr(type(path), "read_bytes", refuse)
+    monkeypatch.setattr(text_module, "read_regular", refuse)
     with pytest.raises(LogError, match=words):
         read_text(path, None)
 

@@ -17,6 +17,7 @@ from typing import Any
 from ..errors import InputError, UsageError
 from .atomic_write import os_errors_as_input_errors as _os_errors_as_input_errors
 from .commit import LOCK, Stage, settle
+from .limits import read_regular
 
 _EXISTS = "already exists; add --overwrite (in Python overwrite=True) or choose another name."
 
@@ -184,8 +185,7 @@ def data_sha256(paths: Iterable[str | Path]) -> list[str]:
     digests = []
     for path in paths:
         try:
-            with open(path, "rb") as file:
-                digests.append(hashlib.file_digest(file, "sha256").hexdigest())
+            digests.append(hashlib.sha256(read_regular(path)).hexdigest())
         except OSError as error:
             raise InputError(f"cannot be read: {error.strerror}.", where=str(path)) from None
     return digests

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from ...base.errors import LogError
+from ...base.files.limits import read_regular
 
 ENDINGS = ("", ".csv", ".tsv", ".txt", ".dat", ".asc", ".log")
 """File endings of delimited text."""
@@ -99,7 +100,7 @@ def read_bytes(path: str | Path, endings: Sequence[str]) -> bytes:
             raise LogError("this is a folder; name the log file in it.", where=where)
         if path.suffix.lower() not in endings and path.exists():
             raise _unknown_ending(path)
-        data = path.read_bytes()
+        data = read_regular(path)
     except FileNotFoundError:
         raise LogError("no such file; check the path of the log.", where=where) from None
     except PermissionError:

@@ -24,6 +24,7 @@ from ...base.files.atomic_write import (
     temporary_path,
 )
 from ...base.files.json_io import dumps
+from ...base.files.limits import MemoryBudget
 from .ensemble_blocks import Record
 from .stop_rule import Until
 
@@ -179,6 +180,9 @@ def read(path: Path) -> tuple[Header, Record, Until]:
             if file.attrs.get("format") != FORMAT:
                 raise ValueError(f"its format is not {FORMAT}")
             text = file["header"][()].decode("utf-8")  # type: ignore[index, union-attr]
+            budget = MemoryBudget(str(path), path.stat().st_size)
+            for name in _ARRAYS:
+                budget.take(int(np.asarray(file[name].nbytes)))  # type: ignore[union-attr]
             arrays = {name: np.asarray(file[name]) for name in _ARRAYS}
             if _checksum(text, arrays) != int(np.asarray(file.attrs["crc32"])):
                 raise ValueError("its checksum does not match")
@@ -188,6 +192,8 @@ def read(path: Path) -> tuple[Header, Record, Until]:
             content[name] = tuple(content[name])
         header = Header(**content)
         return header, Record(steps=steps, thin=header.thin, **arrays), until
+    except InputError:
+        raise
     except PermissionError:
         raise InputError("there is no permission to read it.", where=str(path)) from None
     except FileNotFoundError:
