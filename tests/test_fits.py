@@ -199,8 +199,13 @@ def test_readme_shows_what_the_command_prints(
     assert program == "vttig" and main(arguments) == 0
     assert capsys.readouterr().out.strip() == printed
     if kept is not None:
-        fresh = json.loads((tmp_path / "run" / "fit.json").read_text(encoding="utf-8"))
-        assert differences(json.loads((kept / "fit.json").read_text("utf-8")), fresh) == []
+        answers = [
+            json.loads((place / "fit.json").read_text(encoding="utf-8"))
+            for place in (kept, tmp_path / "run")
+        ]
+        for answer in answers:
+            answer.pop("run", None)  # the digest of a run changes with its last digit
+        assert differences(*answers) == []
 
 
 @pytest.mark.parametrize(("code", "printed"), shown("python"))

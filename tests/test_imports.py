@@ -40,6 +40,7 @@ INNER_FLOORS = {
         "facade",
         "results",
         "errors",
+        "shown_text",
         "units",
         "angles",
         "arrays",
@@ -51,6 +52,7 @@ INNER_FLOORS = {
     "geometry": ("tooth", "mounting", "measures", "backlash", "contact", "solids"),
     "logs": (
         "source",
+        "magnitudes",
         "protocols",
         "channel",
         "readers",
@@ -106,6 +108,7 @@ INNER_FLOORS = {
     ),
     "cli": (
         "output",
+        "library_messages",
         "program_cache",
         "options",
         "fit_options",

@@ -335,7 +335,7 @@ def test_results_that_cannot_be_printed_are_an_input_error(monkeypatch):
 
     monkeypatch.setattr(click, "echo", full)
     with pytest.raises(InputError, match="stdout: results cannot be written: No space"):
-        output_module.print_result("text")
+        output_module.print_text("text")
 
 
 def test_the_library_itself_is_silent(capsys):

@@ -1,7 +1,5 @@
 """Every way to get the pair file wrong: one sentence that names file and key, exit 3."""
 
-from pathlib import Path
-
 import pytest
 
 from tests.pair.texts import CONTRACT, DRIVE, MINIMAL, OTHER_KEYS
@@ -343,7 +341,7 @@ def test_a_file_that_cannot_be_read_is_refused(failure, sentence, write, monkeyp
     def refuse(_):
         raise failure
 
-    monkeypatch.setattr(Path, "read_bytes", refuse)
+    monkeypatch.setattr("vttig_jax.base.files.toml_io.read_regular", refuse)
     with pytest.raises(PairError, match=sentence):
         load_pair(path)
 

@@ -108,7 +108,7 @@ def main(folder: Path) -> None:
     signals, steps, left_over = [], [], 0
     for work, delay_s in moments:
         signals.append(forked(work, delay_s))
-        left_over += (folder / ".posterior.h5.tmp").exists()
+        left_over += any(folder.glob(".posterior.h5.*.tmp"))
         steps.append(read_chains(path).steps if path.exists() else 0)
     last = run(path)
     kept = read_chains(path)

@@ -1,6 +1,7 @@
 """Run folders from Python hold what the command line reads, and the other way round."""
 
 import json
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -8,6 +9,7 @@ import numpy as np
 import pytest
 
 import vttig_jax
+from tests.base.files.disk_states import recorded
 from tests.cli.drive import write_drive, write_pair
 from vttig_jax.base.errors import InputError, LogError, UsageError
 from vttig_jax.cli.main import main
@@ -216,3 +218,63 @@ def test_rooms_are_found_from_the_front_door():
     assert vttig_jax.geometry.tooth_of is not None
     with pytest.raises(AttributeError):
         _ = vttig_jax.cellar
+
+
+@pytest.fixture(scope="module")
+def other(made, tmp_path_factory) -> Path:
+    """A fit of the same log with other settings."""
+    folder = tmp_path_factory.mktemp("other")
+    pair = load_pair(write_pair(folder / "pair.toml"))
+    log = read_log(write_drive(folder / "log.csv", seed=1), pair)
+    fit(log, pair, settings=FitSettings(delay="off")).save(folder / "run", figures=False)
+    return folder / "run"
+
+
+@pytest.mark.parametrize("part", ["fit.json", "summary.npz", "run.toml"])
+def test_files_of_different_runs_are_refused(saved, other, tmp_path, part, capsys):
+    mixed = shutil.copytree(saved, tmp_path / "mixed")
+    shutil.copy(other / part, mixed / part)
+    with pytest.raises(InputError, match="belong to different runs"):
+        _ = open_run(mixed).fit
+    assert main(["export", str(mixed), "--out", str(tmp_path / "c.h")]) == 3
+    assert "belong to different runs" in capsys.readouterr().err
+    assert not (tmp_path / "c.h").exists()
+
+
+def test_a_folder_of_an_older_version_is_read(saved, tmp_path):
+    """Its files carry no digest; a new file among them is refused."""
+    folder = shutil.copytree(saved, tmp_path / "old")
+    for name in ("fit.json", "run.toml"):
+        lines = (folder / name).read_text().splitlines(keepends=True)
+        (folder / name).write_text("".join(line for line in lines if not _names_run(line)))
+    with np.load(folder / "summary.npz") as archive:
+        arrays = {name: archive[name] for name in archive if name != "run"}
+    with pytest.raises(InputError, match="belong to different runs"):
+        _ = open_run(folder).fit
+    np.savez(folder / "summary.npz", allow_pickle=False, **arrays)
+    assert open_run(folder).fit.to_json() == open_run(saved).fit.to_json()
+
+
+def _names_run(line: str) -> bool:
+    return line.lstrip().startswith(('"run":', "run ="))
+
+
+def test_a_killed_overwrite_is_old_or_new_for_every_reader(saved, other, tmp_path):
+    """Every state on the disk, as a kill would leave it, read as `export` reads it."""
+    folder = shutil.copytree(other, tmp_path / "run")
+    (folder / "map.csv").write_text("of the old fit")
+    old, new = open_run(folder).fit, open_run(saved).fit
+    with recorded(folder, tmp_path / "states") as states:
+        new.save(folder, overwrite=True, figures=False)
+    seen = []
+    for state in states:
+        run = open_run(state)
+        is_new = run.fit.to_json() == new.to_json()
+        expected = new if is_new else old
+        assert run.fit.to_json() == expected.to_json()
+        np.testing.assert_array_equal(run.fit.covariance, expected.covariance)
+        assert run.record.options.settings.delay == ("off" if expected is old else SETTINGS.delay)
+        assert (state / "map.csv").exists() != is_new
+        assert not any(path.name.startswith(".new") for path in state.iterdir())
+        seen.append(is_new)
+    assert sorted(seen) == seen and {False, True} == set(seen)

@@ -16,8 +16,8 @@ from importlib import import_module
 import click
 
 from ..base.errors import InputError, VttigError
-from ..base.files.json_io import dumps
-from .output import LOGGER, Narrator, print_result
+from .library_messages import library_messages_in_log
+from .output import LOGGER, Narrator, print_json
 
 VERBS = {
     "inspect": (
@@ -150,7 +150,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         from click.shell_completion import shell_complete
 
         return shell_complete(vttig, {}, "vttig", COMPLETION, instruction)
-    with Narrator() as narrator, _sigterm_raises():
+    with Narrator() as narrator, library_messages_in_log(), _sigterm_raises():
         try:
             code = _invoke(arguments, narrator)
             sys.stdout.flush()
@@ -219,7 +219,7 @@ def _report(code: int, message: str, where: str, error: BaseException, *, as_jso
     if as_json:
         failure = {"schema": "vttig.error/1", "exit": code, "message": message, "where": where}
         with suppress(OSError, VttigError):  # the error may be that stdout cannot be written
-            print_result(dumps(failure, ascii_only=True))
+            print_json(failure)
 
 
 def _wants_json(arguments: list[str]) -> bool:

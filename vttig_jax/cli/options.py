@@ -11,6 +11,7 @@ from typing import Any
 import click
 from click.core import ParameterSource
 
+from ..base.files.limits import most_memory
 from ..logs.readers.column_roles import ROLES
 from ..runs.options import roles_of
 from .output import Narrator, Output
@@ -115,9 +116,22 @@ def _with_shared_options(function: Callable[..., None], kept: str | None) -> Cal
         type=click.Path(dir_okay=False, path_type=Path),
         help="Append all messages, and the traceback of a defect, to this file.",
     )
+    @click.option(
+        "--most-memory",
+        "most_memory_gib",
+        type=POSITIVE,
+        metavar="GIB",
+        help="Memory that a file may take when it is read, instead of 64 times its size (at least"
+        " 0.25 GiB, at most half of the free memory).",
+    )
     @functools.wraps(function)
     def wrapper(
-        as_json: bool, verbose: int, quiet: bool, log_file: Path | None, **own: Any
+        as_json: bool,
+        verbose: int,
+        quiet: bool,
+        log_file: Path | None,
+        most_memory_gib: float | None,
+        **own: Any,
     ) -> None:
         if verbose and quiet:
             raise click.UsageError("Options -v and -q exclude each other; give one of them.")
@@ -127,6 +141,8 @@ def _with_shared_options(function: Callable[..., None], kept: str | None) -> Cal
             if narrator is None:
                 narrator = stack.enter_context(Narrator())
             narrator.tune(verbose, quiet, log_file)
+            limit = None if most_memory_gib is None else int(most_memory_gib * 2**30)
+            stack.enter_context(most_memory(limit))
             if kept is not None:
                 stack.enter_context(kept_programs(kept))
             function(output, **own)

@@ -1,4 +1,8 @@
-"""Output of the commands: results on stdout, messages and progress on stderr, and a log file."""
+"""Output of the commands: results on stdout, messages and progress on stderr, and a log file.
+
+All text for people goes through this module, which shows control characters of foreign names
+instead of sending them to the terminal; `tests/cli/test_printing.py` forbids other ways.
+"""
 
 import logging
 import sys
@@ -11,6 +15,7 @@ import click
 
 from ..base.errors import InputError
 from ..base.files.json_io import dumps
+from ..base.shown_text import lines, one_line
 
 if TYPE_CHECKING:
     from tqdm import tqdm
@@ -38,7 +43,7 @@ class Output:
         because stdout must contain exactly one object even if the command fails after this call.
         """
         if not self.json:
-            print_result(str(text))
+            print_text(str(text))
             return
         if self._object is not None:
             raise RuntimeError("a command gives one JSON object, but `emit` was called twice")
@@ -47,7 +52,12 @@ class Output:
     def finish(self) -> None:
         """Print the stored object."""
         if self._object is not None:
-            print_result(dumps(self._object, ascii_only=True))
+            print_json(self._object)
+
+    def narrate(self, sentence: str) -> None:
+        """Print a sentence about the work to stderr, unless `-q` was given."""
+        if not self.quiet:
+            click.echo(one_line(sentence), err=True)
 
     def progress(self, total: int, desc: str) -> "tqdm[Any]":
         """Return a progress bar that `-q` hides; see the function `progress`."""
@@ -62,15 +72,27 @@ def progress(total: int, desc: str, quiet: bool) -> "tqdm[Any]":
     from tqdm import tqdm
 
     hidden = True if quiet else None  # None hides the bar if stderr is not a terminal
-    return tqdm(total=total, desc=desc, file=sys.stderr, disable=hidden, leave=False)
+    return tqdm(total=total, desc=one_line(desc), file=sys.stderr, disable=hidden, leave=False)
 
 
-def print_result(text: str) -> None:
-    """Print a result to stdout.
+def print_json(obj: dict[str, Any]) -> None:
+    """Print an object to stdout as ASCII, with all control characters escaped as JSON does it.
+
+    **Raises** as `print_text`.
+    """
+    _print(dumps(obj, ascii_only=True).replace("\x7f", "\\u007f"))  # the one that `json` leaves
+
+
+def print_text(text: str) -> None:
+    """Print a text of several lines to stdout.
 
     **Raises** `InputError` if stdout cannot be written, for example on a full disk, and
     `BrokenPipeError` if it is a closed pipe.
     """
+    _print(lines(text))
+
+
+def _print(text: str) -> None:
     try:
         click.echo(text)
     except BrokenPipeError:
@@ -86,7 +108,7 @@ class Narrator(AbstractContextManager["Narrator"]):
         self.log_file: Path | None = None
         self._level = LOGGER.level
         self._stderr = logging.StreamHandler(sys.stderr)
-        self._handlers: list[logging.Handler] = [self._stderr]
+        self._file: logging.Handler | None = None
 
     def __enter__(self) -> "Narrator":
         self._stderr.setFormatter(_Sentence())
@@ -96,10 +118,10 @@ class Narrator(AbstractContextManager["Narrator"]):
         return self
 
     def __exit__(self, *_: object) -> None:
-        for handler in self._handlers:
-            LOGGER.removeHandler(handler)
-        for handler in self._handlers[1:]:
-            handler.close()
+        LOGGER.removeHandler(self._stderr)
+        if self._file is not None:
+            logging.getLogger().removeHandler(self._file)
+            self._file.close()
         LOGGER.setLevel(self._level)
 
     def tune(self, verbose: int, quiet: bool, log_file: Path | None) -> None:
@@ -117,9 +139,9 @@ class Narrator(AbstractContextManager["Narrator"]):
             raise InputError(
                 f"the log file cannot be written: {error.strerror}.", where=str(log_file)
             ) from error
-        handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(name)s: %(message)s"))
-        self._handlers.append(handler)
-        LOGGER.addHandler(handler)
+        handler.setFormatter(_LogLine("%(asctime)s %(levelname)s %(name)s: %(message)s"))
+        self._file = handler
+        logging.getLogger().addHandler(handler)  # so that it holds records of other libraries too
         self.log_file = log_file
 
 
@@ -128,4 +150,15 @@ class _Sentence(logging.Formatter):
 
     def format(self, record: logging.LogRecord) -> str:
         prefix = {logging.WARNING: "warning: ", logging.ERROR: "error: "}
-        return prefix.get(record.levelno, "") + record.getMessage()
+        return prefix.get(record.levelno, "") + one_line(record.getMessage())
+
+
+class _LogLine(logging.Formatter):
+    """Formatter of the log file: one line a message, and below it the traceback of a defect."""
+
+    def formatMessage(self, record: logging.LogRecord) -> str:
+        record.message = one_line(record.message)
+        return super().formatMessage(record)
+
+    def formatException(self, ei: Any) -> str:
+        return lines(super().formatException(ei))

@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from ..base.errors import NoAnswerError
 from ..base.facade import from_front_door
-from ..base.files.text_tables import key_values, text_table
+from ..base.files.text_tables import key_values, listed, text_table
 from ..base.results import PlottedResult
 from ..base.units import ARCSEC, DEG, REV
 from ..kinematics.harmonic import OrderModel
@@ -208,19 +208,19 @@ def fit_text(fit: "Fit") -> str:
     table = text_table(
         [_row(p) for p in shown], ["parameter", "value", "std", "95 % interval", "unit"]
     )
-    parts = [head, *_listed("warnings", list(fit.warnings)), table]
+    parts = [head, *listed("warnings", list(fit.warnings)), table]
     parts += _orders(fit.judged_orders())
     if fit.conditional_on:
         parts.append("conditional on: " + ", ".join(fit.conditional_on).replace("_", " "))
-    parts += _listed("undetermined", _open_reasons(fit))
+    parts += listed("undetermined", _open_reasons(fit))
     sentences = check_sentences(
         fit.checks,
         several_logs=len(fit.logs) > 1,
         has_noise=not fit.noise.is_rounding,
         gap_determined=fit.parameters["constant_backlash_deg"].determined,
     )
-    parts += _listed("checks", sentences)
-    parts += _listed("notes", [note for note in fit.notes if note not in fit.warnings])
+    parts += listed("checks", sentences)
+    parts += listed("notes", [note for note in fit.notes if note not in fit.warnings])
     return "\n\n".join(parts)
 
 
@@ -327,10 +327,6 @@ def _samples(samples: dict[str, int]) -> str:
         f"{samples['read']} read, {samples['used']} used ({samples['forward']} forward,"
         f" {samples['backward']} backward)"
     )
-
-
-def _listed(title: str, lines: list[str]) -> list[str]:
-    return ["\n".join([f"{title}:", *(f"  {line}" for line in lines)])] if lines else []
 
 
 def _duration(seconds: float) -> str:

@@ -2,6 +2,7 @@
 
 import io
 import json
+import zipfile
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,6 +11,8 @@ import msgspec
 import numpy as np
 
 from ..base.errors import InputError, UsageError
+from ..base.files.commit import settle_if_free
+from ..base.files.limits import MemoryBudget, read_regular
 from ..kinematics.harmonic import OrderModel
 from ..kinematics.te_curve import TECurve
 from ..pair.gear_pair import Drive, GearPair
@@ -48,12 +51,16 @@ def fit_arrays(fit: Fit) -> dict[str, np.ndarray]:
     }
 
 
-def read_fit(folder: str | Path, pair: GearPair | Drive) -> Fit:
+def read_fit(folder: str | Path, pair: GearPair | Drive, *, run: str | None = None) -> Fit:
     """Read the fit of a run folder; `pair` is the pair of its `run.toml`.
 
-    **Raises** `UsageError` if the folder contains no fit, and `InputError` if the fit is damaged.
+    `run` is the digest in that `run.toml`; with it, files of other runs are refused.
+
+    **Raises** `UsageError` if the folder contains no fit, and `InputError` if the fit is damaged or
+    its files belong to different runs.
     """
     folder = Path(folder)
+    settle_if_free(folder)
     missing = [name for name in ("fit.json", "summary.npz") if not (folder / name).is_file()]
     if missing:
         raise UsageError(
@@ -63,8 +70,11 @@ def read_fit(folder: str | Path, pair: GearPair | Drive) -> Fit:
         )
     try:
         record = json.loads((folder / "fit.json").read_text(encoding="utf-8"))
-        archive = np.load(io.BytesIO((folder / "summary.npz").read_bytes()), allow_pickle=False)
-        return _assembled(record, dict(archive), pair)
+        arrays = _read_arrays(folder / "summary.npz")
+        _require_one_run(folder, record, arrays, run)
+        return _assembled(record, arrays, pair)
+    except InputError:
+        raise
     except PermissionError:
         raise InputError("no permission to read this fit.", where=str(folder)) from None
     except Exception as error:
@@ -73,6 +83,31 @@ def read_fit(folder: str | Path, pair: GearPair | Drive) -> Fit:
             " with --overwrite.",
             where=str(folder),
         ) from None
+
+
+def _read_arrays(path: Path) -> dict[str, np.ndarray]:
+    """Return the arrays of an archive, after a look at the sizes that it declares."""
+    data = read_regular(path)
+    budget = MemoryBudget(str(path), len(data))
+    with zipfile.ZipFile(io.BytesIO(data)) as archive:
+        for member in archive.infolist():
+            budget.take(member.file_size)
+    return dict(np.load(io.BytesIO(data), allow_pickle=False))
+
+
+def _require_one_run(
+    folder: Path, record: dict, arrays: dict[str, np.ndarray], run: str | None
+) -> None:
+    """Raise `InputError` for files of different runs; files of older versions carry no digest."""
+    digests = {"fit.json": record.get("run", ""), "summary.npz": str(arrays.pop("run", ""))}
+    if run is not None:
+        digests["run.toml"] = run
+    if len(set(digests.values())) > 1:
+        raise InputError(
+            f"{', '.join(digests)} belong to different runs; wait for another vttig that writes"
+            " here, or make the fit again with --overwrite.",
+            where=str(folder),
+        )
 
 
 def _assembled(record: dict, arrays: dict[str, np.ndarray], pair: GearPair | Drive) -> Fit:

@@ -17,6 +17,7 @@ from ..base.units import ANGLE_UNITS, ARCSEC, DEG, REV
 from ..pair.schema import PairSpec
 from .channel.channel import Channel, RawChannel, make_channel
 from .channel.stuck import refuse_stuck
+from .magnitudes import refuse_times, refuse_values
 from .protocols import TwoShafts
 from .source import Source
 
@@ -61,7 +62,7 @@ def check_arguments(
 
 
 def check_finite(raw: "RawLog") -> None:
-    """Raise `LogError` at the first NaN or infinity of any column."""
+    """Raise `LogError` at the first value of any column that is no number or far too large."""
     columns: dict[str, Any] = {
         "time": raw.time,
         "driving": raw.driving.values,
@@ -70,17 +71,12 @@ def check_finite(raw: "RawLog") -> None:
         "direction": raw.direction,
         "axial_mm": raw.axial_mm,
         "torque": raw.torque,
+        "speed": raw.speed,
+        "acceleration": raw.acceleration,
     }
     for role, column in columns.items():
-        if column is None:
-            continue
-        finite = np.isfinite(column)
-        if not finite.all():
-            row = int(np.argmin(finite))
-            raise LogError(
-                f"{column[row]} is not a number; remove the line or correct the reading.",
-                where=raw.source.at(role, row),
-            )
+        if column is not None:
+            refuse_values(role, column, raw.source)
 
 
 def check_time(time: Float[np.ndarray, " n"], source: Source) -> list[str]:
@@ -90,6 +86,7 @@ def check_time(time: Float[np.ndarray, " n"], source: Source) -> list[str]:
             f"the log has only {len(time)} samples; record at least {FEWEST_SAMPLES}.",
             where=source.at("time"),
         )
+    refuse_times(time, source)
     interval = np.diff(time)
     if np.any(interval < 0):
         row = int(np.argmax(interval < 0)) + 1

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..base.files.text_tables import key_values, text_table
 from ..base.results import TextResult
+from ..base.shown_text import one_line, shown_name
 from ..base.threads import one_blas_thread
 from ..base.units import ARCSEC, REV
 from ..pair.schema import HarmonicOrders
@@ -216,7 +217,7 @@ def inspection_text(report: "Inspection") -> str:
     """Return the text of a report without empty sections."""
     segments = report.segments
     parts = [
-        f"{report.source}\n",
+        f"{shown_name(report.source)}\n",
         column_table(report.columns),
         key_values(
             [
@@ -283,7 +284,7 @@ def bullets(title: str, sentences: Sequence[str]) -> str:
     """Return sentences as wrapped lines that each begin with "title:"."""
     indent = " " * (len(title) + 2)
     return "\n".join(
-        fill(f"{title}: {s}", WIDTH, subsequent_indent=indent, break_long_words=False)
+        fill(f"{title}: {one_line(s)}", WIDTH, subsequent_indent=indent, break_long_words=False)
         for s in sentences
     )
 

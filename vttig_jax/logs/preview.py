@@ -14,6 +14,7 @@ from jaxtyping import Real
 from ..base.errors import LogError, VttigError
 from ..base.files.text_tables import key_values
 from ..base.files.toml_io import plain_table
+from ..base.shown_text import shown_name
 from ..base.units import ANGLE_UNITS, ARCSEC, REV
 from ..pair.schema import PairSpec
 from .channel.channel import step_of
@@ -88,7 +89,7 @@ class Preview:
             ratio, std = self.ratio
             near = simple_fraction(ratio, std)
             rows.append(("ratio seen", f"{ratio:.6g} ± {std:.1g}, driven over driving ({near})"))
-        parts = [self.source, column_table(_grouped(self.columns)), key_values(rows)]
+        parts = [shown_name(self.source), column_table(_grouped(self.columns)), key_values(rows)]
         parts.append(bullets("note", (*_other_arrays(self.others, self.rows), *self.notes)))
         if self.fit_command and self.ratio is not None:
             turns = in_words(Fraction(simple_fraction(*self.ratio)))

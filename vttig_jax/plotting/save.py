@@ -22,14 +22,18 @@ from .trace_picture import plot_trace
 _DPI = 150
 
 
-def png(figure: Figure) -> bytes:
-    """Return a figure as PNG at 150 dpi; equal figures give equal bytes."""
+def png(figure: Figure, *, run: str = "") -> bytes:
+    """Return a figure as PNG at 150 dpi; equal figures give equal bytes.
+
+    `run` is the digest of the run that the picture belongs to, which its metadata then name.
+    """
     buffer = BytesIO()
-    figure.savefig(buffer, format="png", dpi=_DPI, metadata={"Software": "vttig_jax"})
+    metadata = {"Software": "vttig_jax"} | ({"Source": f"run {run}"} if run else {})
+    figure.savefig(buffer, format="png", dpi=_DPI, metadata=metadata)
     return buffer.getvalue()
 
 
-def figures(fit: Fit, grid: BacklashMap | None) -> dict[str, bytes]:
+def figures(fit: Fit, grid: BacklashMap | None, *, run: str = "") -> dict[str, bytes]:
     """Return the PNG data of every picture of a fit by file name.
 
     The names are `te_fit.png`, `orders.png`, `residual.png`, and `backlash_map.png` with a map.
@@ -37,6 +41,7 @@ def figures(fit: Fit, grid: BacklashMap | None) -> dict[str, bytes]:
     **Arguments**
     - `fit`: result of a fit.
     - `grid`: its backlash map; None omits that picture.
+    - `run`: digest of the run, for the metadata of the pictures.
     """
     drawn = {
         "te_fit.png": plot_fit(fit),
@@ -45,15 +50,16 @@ def figures(fit: Fit, grid: BacklashMap | None) -> dict[str, bytes]:
     }
     if grid is not None:
         drawn["backlash_map.png"] = plot_map(grid)
-    return {name: png(figure) for name, figure in drawn.items()}
+    return {name: png(figure, run=run) for name, figure in drawn.items()}
 
 
 def posterior_figures(
-    posterior: Posterior, predicted: Predictive, banded: BandedMap | None
+    posterior: Posterior, predicted: Predictive, banded: BandedMap | None, *, run: str = ""
 ) -> dict[str, bytes]:
     """Return the PNG data of every picture of a posterior by file name.
 
-    The names are `corner.png`, `trace.png`, `predictive.png`, and `band.png` with a map.
+    The names are `corner.png`, `trace.png`, `predictive.png`, and `band.png` with a map. `run` is
+    the digest of the run, for the metadata of the pictures.
     """
     drawn = {
         "corner.png": plot_corner(posterior),
@@ -62,7 +68,7 @@ def posterior_figures(
     }
     if banded is not None:
         drawn["band.png"] = plot_band_map(banded)
-    return {name: png(figure) for name, figure in drawn.items()}
+    return {name: png(figure, run=run) for name, figure in drawn.items()}
 
 
 def save_figures(

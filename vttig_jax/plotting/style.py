@@ -13,6 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MultipleLocator
 
+from ..base.shown_text import shown_name
 from ..base.units import ANGLE_UNITS
 
 Unit = Literal["arcsec", "deg"]
@@ -26,6 +27,7 @@ SIGNS: Final = {"arcsec": "arcsec", "deg": "°"}
 
 _WIDTH_IN = 8.0  # width of a figure, inch
 _MAX_TICKS = 9  # of a driving angle axis; a chosen value
+_MOST_LETTERS = 120  # of a name in a heading, which is 8 inches wide; chosen value
 _LEGEND_ROW_PT = 15.0  # height of a legend row, point
 
 
@@ -116,7 +118,7 @@ def driving_axis(ax: Axes) -> None:
 
 
 def _joined(parts: tuple[str, ...]) -> str:
-    return " · ".join(part for part in parts if part)
+    return " · ".join(shown_name(part, _MOST_LETTERS) for part in parts if part)
 
 
 MOST_POINTS = 20_000

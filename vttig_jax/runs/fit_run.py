@@ -1,9 +1,10 @@
 """Fit of a run folder: from the options to `run.toml`, `fit.json` and `summary.npz`."""
 
+import hashlib
 import logging
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 
@@ -14,6 +15,8 @@ from .run_file import CHECKPOINT, RunRecord
 from .stated_drive import stated_spec
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from ..base.files.run_folder import RunFolder
     from ..identify.fit_result import Fit
 
@@ -163,20 +166,39 @@ def refuse_while_sampled(folder: Path) -> None:
 
 def write_fit(writer: "RunFolder", fit: "Fit", record: RunRecord, *, figures: bool = True) -> None:
     """Write a fit into an open run folder, and remove the files that depend on an older fit."""
+    import numpy as np
+
     from ..base.files.json_io import dumps
     from ..identify.store import fit_arrays
 
     for name in _FOLLOWING:
         writer.discard(name)
-    writer.write_toml("run.toml", record.table(writer.path))
-    writer.write_npz("summary.npz", **fit_arrays(fit))
+    table, arrays, content = record.table(writer.path), fit_arrays(fit), fit.to_json()
+    digest = _run_digest(table, arrays, content)
+    writer.write_toml("run.toml", {"schema": table["schema"], "run": digest} | table)
+    writer.write_npz("summary.npz", **arrays, run=np.array(digest))
     if figures:
-        for name, data in _figures(fit).items():
+        for name, data in _figures(fit, digest).items():
             writer.write_bytes(f"figures/{name}", data)
-    writer.write_text("fit.json", dumps(fit.to_json()) + "\n")
+    content = {"schema": content["schema"], "run": digest} | content
+    writer.write_text("fit.json", dumps(content) + "\n")
 
 
-def _figures(fit: "Fit") -> dict[str, bytes]:
+def _run_digest(table: dict[str, Any], arrays: "dict[str, np.ndarray]", content: Any) -> str:
+    """Return the SHA-256 of a run, which all files of its fit carry; equal runs have equal ones.
+
+    The paths of the logs are left out, because the same run may lie in another folder.
+    """
+    from ..base.files.json_io import dumps
+
+    data = {name: table["data"].get(name) for name in ("sha256", "readings_sha256")}
+    digest = hashlib.sha256(dumps([table | {"data": data}, content]).encode())
+    for name, array in arrays.items():
+        digest.update(f"{name} {array.dtype.str} {array.shape}".encode() + array.tobytes())
+    return digest.hexdigest()
+
+
+def _figures(fit: "Fit", digest: str) -> dict[str, bytes]:
     """Return file name → PNG of a fit.
 
     The backlash map is drawn if the log determines the constant backlash.
@@ -185,4 +207,4 @@ def _figures(fit: "Fit") -> dict[str, bytes]:
     from ..plotting.save import figures
 
     grid = backlash_map(fit) if fit.parameters["constant_backlash_deg"].determined else None
-    return figures(fit, grid)
+    return figures(fit, grid, run=digest)

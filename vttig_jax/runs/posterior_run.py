@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..base.errors import UsageError
+from ..base.files.commit import settle_if_free
 from .map_table import banded_record, csv_text
 from .run_file import CHECKPOINT
 
@@ -93,13 +94,12 @@ def save_posterior(
     writer; `InputError` for a full disk, missing permission and a path that is not a
     folder.
     """
-    from ..base.files.json_io import dumps
     from .fit_run import save_fit
 
     folder = Path(folder)
-    place, content = folder / "fit.json", dumps(posterior.fit.to_json()) + "\n"
-    if not place.exists() or place.read_text(encoding="utf-8") != content:
-        if place.exists() and not overwrite:
+    settle_if_free(folder)
+    if not _holds(folder, posterior):
+        if (folder / "fit.json").exists() and not overwrite:
             raise UsageError(
                 "this folder holds another fit than that of the draws; choose another folder, or"
                 " replace it with overwrite=True.",
@@ -114,12 +114,29 @@ def save_posterior(
     write_report(folder, report_on(posterior), figures=figures)
 
 
+def _holds(folder: Path, posterior: "Posterior") -> bool:
+    """Return whether a folder holds the fit of the posterior."""
+    from ..base.files.json_io import dumps
+
+    stored = _read_json(folder / "fit.json")
+    if isinstance(stored, dict):
+        stored.pop("run", None)
+    return stored == json.loads(dumps(posterior.fit.to_json()))
+
+
+def _read_json(path: Path) -> Any:
+    """Return the content of a JSON file, or None if it cannot be read."""
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+
+
 def _is_reported(folder: Path, posterior: "Posterior") -> bool:
     """Return whether the report in a folder is that of chains of this length."""
     try:
-        record = json.loads((folder / REPORT).read_text(encoding="utf-8"))
-        return record["diagnosis"]["steps"] == posterior.diagnosis.steps
-    except (OSError, ValueError, KeyError, TypeError):
+        return _read_json(folder / REPORT)["diagnosis"]["steps"] == posterior.diagnosis.steps
+    except (KeyError, TypeError):
         return False
 
 
@@ -134,16 +151,17 @@ def write_report(folder: Path, report: PosteriorReport, *, figures: bool = True)
 
     banded = report.banded
     outdated = () if _is_reported(folder, report.posterior) else FIGURES
-    with RunFolder(folder, overwrite=True) as writer:
+    run = (_read_json(folder / "fit.json") or {}).get("run", "")
+    with RunFolder(folder, overwrite=True, results=(REPORT,)) as writer:
         for name in outdated:
             writer.discard(name)
         if figures:
-            drawn = posterior_figures(report.posterior, report.predicted, banded)
+            drawn = posterior_figures(report.posterior, report.predicted, banded, run=run)
             for name, data in drawn.items():
                 writer.write_bytes(f"figures/{name}", data)
         if banded is not None:
             table = banded.table()
             record = banded_record(report.posterior.fit, banded, len(table), Path("map.csv"))
             writer.write_text("map.csv", csv_text(table, banded.columns))
-            writer.write_text("map.json", dumps(record) + "\n")
-        writer.write_text(REPORT, dumps(report.to_json()) + "\n")
+            writer.write_text("map.json", dumps(record | {"run": run}) + "\n")
+        writer.write_text(REPORT, dumps(report.to_json() | {"run": run}) + "\n")

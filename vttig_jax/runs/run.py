@@ -66,7 +66,7 @@ class Run(TextResult):
         )
         reading = options.reading.keywords()
         request = FitRequest(options.settings, record.spec.fit, reading, paths)
-        return replace(read_fit(self.folder, self.pair), request=request)
+        return replace(read_fit(self.folder, self.pair, run=record.digest), request=request)
 
     @cached_property
     def posterior(self) -> "Posterior":

@@ -2,7 +2,7 @@
 
 import os
 import tomllib
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib.metadata import version
 from itertools import zip_longest
 from pathlib import Path
@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 
 from ..base.errors import InputError, UsageError
+from ..base.files.commit import settle_if_free
+from ..base.files.limits import read_regular
 from ..base.files.run_folder import data_sha256
 from ..logs.readers.binary.formats import folder_sha256, format_of
 from ..pair.pair_file import parse_pair_spec, spec_table
@@ -37,6 +39,8 @@ class RunRecord:
     - `sha256`: SHA-256 of every log; empty before they are read.
     - `readings`, `readings_sha256`: file of backlash readings, and its SHA-256.
     - `guesses`: what was recognised for `spec` without a pair file; not stored.
+    - `digest`: digest of the run that was read, which all files of its fit carry; "" for a new run
+      and for folders of older versions.
     """
 
     logs: tuple[Path, ...]
@@ -46,6 +50,7 @@ class RunRecord:
     readings: Path | None = None
     readings_sha256: str = ""
     guesses: "tuple[Guess, ...]" = ()
+    digest: str = ""
 
     def table(self, folder: Path) -> dict[str, Any]:
         """Return the TOML table, with paths relative to the run folder."""
@@ -75,12 +80,15 @@ def read_run(path: Path) -> RunRecord:
     **Raises** `UsageError` if the file is missing, and `InputError` if its format is different.
     """
     path = path / "run.toml" if path.is_dir() else path
+    settle_if_free(path.parent)
     try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
+        table = tomllib.loads(read_regular(path).decode("utf-8"))
     except FileNotFoundError:
         raise UsageError(
             "no such run; make one with `vttig fit LOG --pair PAIR --out DIR`.", where=str(path)
         ) from None
+    except OSError as error:
+        raise InputError(f"cannot be read: {error.strerror}.", where=str(path)) from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise InputError(f"not a run file: {error}.", where=str(path)) from None
     if table.get("schema") != SCHEMA:
@@ -101,16 +109,13 @@ def read_run(path: Path) -> RunRecord:
     except UsageError as error:
         raise InputError(f"its options are damaged: {error.message}", where=str(path)) from None
     places = tuple(_place(path.parent / log) for log in logs)
+    record = RunRecord(places, spec, options, digests, digest=str(table.get("run", "")))
     if readings is None:
-        return RunRecord(places, spec, options, digests)
-    digest = str(table["data"].get("readings_sha256", ""))
-    return RunRecord(
-        logs=places,
-        spec=spec,
-        options=options,
-        sha256=digests,
+        return record
+    return replace(
+        record,
         readings=_place(path.parent / str(readings)),
-        readings_sha256=digest,
+        readings_sha256=str(table["data"].get("readings_sha256", "")),
     )
 
 

@@ -11,18 +11,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tests.base.files.disk_states import contents
 from vttig_jax.base.errors import InputError, UsageError
-from vttig_jax.base.files import run_folder as runfolder
+from vttig_jax.base.files import commit
 from vttig_jax.base.files.run_folder import RunFolder, data_sha256
-
-
-def contents(folder: Path) -> dict[str, bytes]:
-    """Every file below a folder, hidden ones too."""
-    return {
-        path.relative_to(folder).as_posix(): path.read_bytes()
-        for path in folder.rglob("*")
-        if path.is_file()
-    }
 
 
 def one_sentence(error: BaseException) -> bool:
@@ -43,7 +35,7 @@ def write_run(
 
 def fill_disk(monkeypatch: pytest.MonkeyPatch, after: int = 0) -> None:
     """Let `after` files through, then stop in the middle of the next."""
-    real = runfolder._write_synced
+    real = commit.write_synced
     written = []
 
     def write(path: Path, data: bytes) -> None:
@@ -54,7 +46,7 @@ def fill_disk(monkeypatch: pytest.MonkeyPatch, after: int = 0) -> None:
         path.write_bytes(data[: len(data) // 2])
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
 
-    monkeypatch.setattr(runfolder, "_write_synced", write)
+    monkeypatch.setattr(commit, "write_synced", write)
 
 
 def test_a_run_writes_all_kinds_of_files_and_nothing_else(tmp_path):
@@ -131,8 +123,13 @@ def test_without_results_an_existing_file_is_refused_when_written(tmp_path):
 
 
 def test_results_are_moved_last(tmp_path, monkeypatch):
-    moved = []
-    monkeypatch.setattr(runfolder, "_move", lambda temporary, target: moved.append(target.name))
+    moved, real = [], os.replace
+
+    def replace(source: Path, target: Path) -> None:
+        moved.append(target.name)
+        real(source, target)
+
+    monkeypatch.setattr(os, "replace", replace)
     with RunFolder(tmp_path, results=("fit.json",)) as run:
         run.write_text("fit.json", "{}")
         run.write_text("run.toml", "")

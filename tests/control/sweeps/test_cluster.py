@@ -6,6 +6,7 @@ import threading
 import time
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -71,3 +72,27 @@ def test_without_the_extra(monkeypatch):
     monkeypatch.setattr(sweep_dask, "find_spec", lambda name: None)
     with pytest.raises(UsageError, match=r"pip install vttig-jax\[dask\]"):
         vttig_jax.sweep(sweep_spec(AXES), PAIR, dask="tcp://127.0.0.1:9")
+
+
+def _nothing(number: int, recipe: object) -> None:
+    """Stand in for a block of cases."""
+
+
+def test_a_lost_scheduler_is_said(monkeypatch):
+    """Its futures are neither finished nor failed, and they hold no exception."""
+    lost = SimpleNamespace(status="lost", exception=lambda: None)
+    monkeypatch.setattr(sweep_dask, "_block", _nothing)
+    monkeypatch.setattr(distributed, "as_completed", lambda *_, **__: iter([(lost, None)]))
+    with (
+        distributed.LocalCluster(
+            n_workers=1,
+            processes=False,
+            protocol="tcp://",
+            host="127.0.0.1",
+            dashboard_address=None,
+            silence_logs=50,
+        ) as cluster,
+        pytest.raises(InputError, match="the scheduler was lost") as caught,
+    ):
+        vttig_jax.sweep(sweep_spec(AXES), PAIR, dask=cluster.scheduler_address)
+    assert "None" not in caught.value.message

@@ -169,7 +169,7 @@ def test_a_full_disk_is_one_sentence_and_keeps_what_is_there(whole, tmp_path, mo
         path.write_bytes(data)
 
     with monkeypatch.context() as patched:
-        patched.setattr("vttig_jax.control.sweeps.store.write_synced", full)
+        patched.setattr("vttig_jax.base.files.atomic_write.write_synced", full)
         with pytest.raises(InputError, match="no space left to write it"):
             swept(out)
     assert len(list((out / PARTS).glob("[0-9]*.parquet"))) == 2
@@ -185,17 +185,17 @@ from tests.control.scenarios import PAIR
 from tests.control import sweep_files
 from tests.control.sweep_files import sweep_spec
 from tests.control.sweeps.test_store import AXES
-from vttig_jax.control.sweeps import store
+from vttig_jax.base.files import atomic_write
 sweep_files.small_blocks(4)
-original = store.write_synced
+original = atomic_write.write_synced
 
 def killing(path, data):
-    if path.name.endswith("2.parquet.tmp"):
+    if "2.parquet." in path.name:
         path.write_bytes(data[: len(data) // 2])
         os.kill(os.getpid(), signal.SIGKILL)
     original(path, data)
 
-store.write_synced = killing
+atomic_write.write_synced = killing
 vttig_jax.sweep(sweep_spec(AXES, controller="none"), PAIR, out=sys.argv[1])
 """
 

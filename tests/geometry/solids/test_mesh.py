@@ -200,12 +200,12 @@ def test_too_many_triangles_are_refused_with_the_tolerance_that_fits(monkeypatch
     gear, words = GEARS["spur"], r"triangles, more than the memory holds .*or fewer --teeth"
     with pytest.raises(UsageError, match=words):
         gear_mesh(GEARS["overlapping fillets, unequal flanks"], tolerance_mm=1e-8)
-    monkeypatch.setattr(grid_refinement, "_free_bytes", lambda: 1_000_000)
+    monkeypatch.setattr(grid_refinement, "free_bytes", lambda: 1_000_000)
     with pytest.raises(UsageError, match=words) as refused:
         gear_mesh(gear, tolerance_mm=0.001)
     mesh = gear_mesh(gear, tolerance_mm=asked_for(refused))
     assert 500 < len(mesh.triangles) <= 1_000_000 / 400
-    monkeypatch.setattr(grid_refinement, "_free_bytes", lambda: 1000)
+    monkeypatch.setattr(grid_refinement, "free_bytes", lambda: 1000)
     with pytest.raises(UsageError, match=r"holds .*; give fewer --teeth"):
         gear_mesh(gear, tolerance_mm=0.001)
     with pytest.raises(UsageError, match="below the accuracy of the file") as refused:

@@ -1,6 +1,8 @@
 """Backlash readings beside a fit: as a check, and as data."""
 
-from dataclasses import replace
+import tracemalloc
+from dataclasses import dataclass, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,6 +12,7 @@ from vttig_jax.base.units import DEG
 from vttig_jax.identify.backlash import backlash_map
 from vttig_jax.identify.fit_result import Fit
 from vttig_jax.identify.fitting import fit
+from vttig_jax.identify.report.backlash_readings import PredictedGap, updated
 from vttig_jax.identify.report.checks import ReadingsComparison
 from vttig_jax.logs.readers.backlash_readings import BacklashReadings
 from vttig_jax.rig.fixed_gear import fixed_gear_readings
@@ -116,3 +119,55 @@ def _std(result: Fit, name: str) -> float:
     std = result.parameters[name].std
     assert std is not None
     return std
+
+
+@dataclass(frozen=True)
+class _Estimate:
+    """What `updated` uses of a solution."""
+
+    values: np.ndarray
+    covariance: np.ndarray
+    tied: np.ndarray
+    jacobian: np.ndarray
+
+
+def _made(count: int) -> tuple[_Estimate, PredictedGap, SimpleNamespace]:
+    """An estimate of parameters of very different sizes, and readings of its gap."""
+    generator = np.random.default_rng(0)
+    sizes = np.array([1e-5, 1e-9, 1.0, 1e-3])
+    mixed = generator.standard_normal((4, 4))
+    covariance = np.outer(sizes, sizes) * (mixed @ mixed.T)
+    gap = PredictedGap(
+        generator.standard_normal(count),
+        generator.standard_normal((count, 4)) / sizes * 1e-5,
+        1e-6 * generator.standard_normal((count, 3)),
+    )
+    estimate = _Estimate(sizes, covariance, np.zeros((1, 4)), np.zeros((1, 4, 4)))
+    readings = SimpleNamespace(backlash=gap.value + 1e-5 * generator.standard_normal(count))
+    return estimate, gap, readings
+
+
+@pytest.mark.parametrize("count", [2, 5, 40])
+def test_the_update_is_that_of_the_dense_formula(count, unchecked):
+    estimate, gap, readings = _made(count)
+    h, p = gap.slope, estimate.covariance
+    off = readings.backlash - gap.value
+    total = h @ p @ h.T + gap.root @ gap.root.T + np.var(off, ddof=1) * np.eye(count)
+    gain = p @ h.T @ np.linalg.inv(total)
+    found = updated(estimate, gap, readings)  # pyright: ignore[reportArgumentType]
+    np.testing.assert_allclose(found.values, estimate.values + gain @ off, rtol=1e-6)
+    expected = p - gain @ h @ p
+    std = np.sqrt(np.diag(p))
+    np.testing.assert_allclose(
+        found.covariance / np.outer(std, std), expected / np.outer(std, std), atol=1e-7
+    )
+
+
+def test_memory_grows_with_the_number_of_readings_and_not_with_its_square(unchecked):
+    estimate, gap, readings = _made(300_000)  # a square of this size takes 720 GB
+    tracemalloc.start()
+    try:
+        updated(estimate, gap, readings)  # pyright: ignore[reportArgumentType]
+        assert tracemalloc.get_traced_memory()[1] < 300_000 * 8 * 60
+    finally:
+        tracemalloc.stop()

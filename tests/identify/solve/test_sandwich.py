@@ -97,7 +97,7 @@ def test_the_gap_has_standard_errors_of_its_own(linear, scatter, least, most):
     """Where the noise model is right, the log agrees with it; memory makes the error larger."""
     solved = _solved(linear, white=False)
     gap = mean_gap(np.linspace(0.0, 5.0, 40), solved)
-    plain = float(np.sqrt(gap.deviation(solved.model_covariance)[0, 0]))
+    plain = float(np.sqrt(gap.variance(solved.model_covariance)[0]))
     own = float(standard_errors(solved, gap.functional, scatter)[0])
     assert least * plain < own < most * plain
     without = float(standard_errors(solved, Functional(gap.slope), scatter)[0])

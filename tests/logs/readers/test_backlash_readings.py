@@ -160,3 +160,17 @@ def test_arrays_are_checked_like_a_file():
     for driving, backlash in (([0.0, 1.0], [0.03]), ([[0.0]], [[0.03]]), ([], [])):
         with pytest.raises(ValueError, match="Argument `backlash_deg` must have one reading"):
             BacklashReadings.from_arrays(driving, backlash)
+
+
+@pytest.mark.parametrize("size", [181.0, 1e17, 1e308])
+@pytest.mark.parametrize("column", [0, 1])
+def test_an_impossible_angle_is_refused_at_its_line(tmp_path, size, column):
+    rows = [[0.0, 0.02], [90.0, 0.03]]
+    rows[1][column] = size * (1e9 if column == 0 and size < 1e9 else 1.0)
+    path = tmp_path / "readings.csv"
+    path.write_text("driving_deg,backlash_deg\n" + "\n".join(f"{a!r},{b!r}" for a, b in rows))
+    with pytest.raises(LogError, match=r"° is not an? ") as caught:
+        read_backlash_readings(path)
+    assert "line 3" in caught.value.where
+    with pytest.raises(LogError, match=r"° is not an? "):
+        BacklashReadings.from_arrays(*np.array(rows).T)

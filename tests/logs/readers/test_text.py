@@ -4,6 +4,7 @@ import os
 import pytest
 
 from vttig_jax.base.errors import LogError
+from vttig_jax.logs.readers import text as text_module
 from vttig_jax.logs.readers.text import read_text
 
 TEXT = "time_s,φ_deg\n0,1\n"
@@ -104,7 +105,7 @@ def test_unreadable(tmp_path, monkeypatch, error, words):
     def refuse(*_args, **_options):
         raise error
 
-    monkeypatch.setattr(type(path), "read_bytes", refuse)
+    monkeypatch.setattr(text_module, "read_regular", refuse)
     with pytest.raises(LogError, match=words):
         read_text(path, None)
 
@@ -115,3 +116,15 @@ def test_no_permission(tmp_path):
     path.chmod(0)
     with pytest.raises(LogError, match="no permission"):
         read_text(path, None)
+
+
+@pytest.mark.parametrize("encoding", ["undefined", "punycode", "a\0b", "base64", "klingon", ""])
+def test_an_encoding_that_reads_nothing_is_refused(tmp_path, encoding):
+    path = tmp_path / "log.csv"
+    path.write_bytes(b"time_s,driving_deg\n0.0,1.\n" * 5)
+    if encoding == "":  # as if it were not given
+        assert read_text(path, encoding)[0].startswith("time_s")
+        return
+    with pytest.raises(LogError, match="unknown encoding") as caught:
+        read_text(path, encoding)
+    assert caught.value.where == "log.encoding"

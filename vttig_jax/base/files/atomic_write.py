@@ -1,36 +1,90 @@
-"""Atomic write of one file: write a temporary file, sync it to disk, then rename it."""
+"""Atomic write of one file: write a temporary file, sync it to disk, then rename it.
+
+The temporary name is random and the file is created exclusively, so that nothing that waits under
+that name is opened, not even a link.
+"""
 
 import errno
 import os
+import re
+import secrets
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from ..errors import InputError
 
+_NAME_LENGTH = 100
+"""Characters of the target that its temporary name repeats, so that the name stays below 255."""
+
 
 def temporary_path(target: Path) -> Path:
-    """Return a temporary name in the folder of `target`, so that both are on one file system."""
-    return target.with_name(f".{target.name}.tmp")
+    """Return a new random name in the folder of `target`, so that both are on one file system."""
+    return target.with_name(f"{_prefix(target)}{secrets.token_hex(8)}.tmp")
+
+
+def remove_abandoned(target: Path) -> None:
+    """Remove the temporary files of `target` that killed processes have left.
+
+    The caller holds the lock of `target`, so that no living process uses them.
+    """
+    name = re.compile(re.escape(_prefix(target)) + r"([0-9a-f]{16}\.)?tmp")
+    with suppress(OSError):
+        for path in target.parent.iterdir():
+            if name.fullmatch(path.name):
+                with suppress(OSError):
+                    path.unlink()
+
+
+def _prefix(target: Path) -> str:
+    return f".{target.name[:_NAME_LENGTH]}."
+
+
+def open_new(path: Path) -> int:
+    """Create a file and return its descriptor; a file or a link of that name is never opened.
+
+    **Raises** `FileExistsError` for an existing name.
+    """
+    flags = os.O_RDWR | os.O_CREAT | os.O_EXCL
+    flags |= getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_BINARY", 0)
+    return os.open(path, flags, 0o666)  # the mode of any new file; the umask removes its bits
 
 
 def write_synced(path: Path, data: bytes) -> None:
-    """Write a file and wait until its bytes are on the disk."""
-    with open(path, "wb") as file:
+    """Write a new file and wait until its bytes are on the disk."""
+    with os.fdopen(open_new(path), "wb") as file:
         file.write(data)
         file.flush()
         os.fsync(file.fileno())
 
 
+def replace_file(target: Path, data: bytes) -> None:
+    """Give a file a new content: the old one or the new one is there at any moment."""
+    temporary = temporary_path(target)
+    try:
+        write_synced(temporary, data)
+        move(temporary, target)
+    except BaseException:
+        with suppress(OSError):
+            temporary.unlink(missing_ok=True)
+        raise
+
+
 def move(temporary: Path, target: Path) -> None:
     """Rename a written file to `target` atomically, and sync the new name to disk."""
     os.replace(temporary, target)
-    if os.name == "posix":  # other systems cannot sync a folder
-        folder = os.open(target.parent, os.O_RDONLY)
-        try:
-            os.fsync(folder)
-        finally:
-            os.close(folder)
+    sync_folder(target.parent)
+
+
+def sync_folder(folder: Path) -> None:
+    """Wait until the names in a folder are on the disk."""
+    if os.name != "posix":  # other systems cannot sync a folder
+        return
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
 
 
 @contextmanager
@@ -54,4 +108,6 @@ def os_error_message(error: OSError) -> str:
         return "a folder is in the way of this file; choose another name."
     if error.errno == errno.ENOENT:
         return "the folder of this file does not exist; create it first."
+    if error.errno == errno.ELOOP:
+        return "a link is in the way of a file that is created here; remove it."
     return f"this file cannot be written: {error.strerror}."

@@ -1,7 +1,8 @@
 """Run folders: all files of a run appear together or not at all.
 
-Every file is written under a temporary name in its folder, synced to disk and renamed with
-`os.replace`. An `OSError` becomes an `InputError` with a message of one sentence.
+Every file is written under a temporary name, synced to disk and renamed with `os.replace`; several
+files are committed as one, see `commit`. An `OSError` becomes an `InputError` with a message of one
+sentence.
 """
 
 import errno
@@ -14,12 +15,10 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from ..errors import InputError, UsageError
-from .atomic_write import move as _move
 from .atomic_write import os_errors_as_input_errors as _os_errors_as_input_errors
-from .atomic_write import temporary_path
-from .atomic_write import write_synced as _write_synced
+from .commit import LOCK, Stage, settle
+from .limits import read_regular
 
-_LOCK = ".lock"
 _EXISTS = "already exists; add --overwrite (in Python overwrite=True) or choose another name."
 
 
@@ -34,7 +33,8 @@ class RunFolder:
     - `path`: the folder; it is created, with its parents, if it does not exist.
     - `overwrite`: replace existing files. The old files stay intact until all new ones are written.
     - `results`: names of the files that mark a finished result. If one exists, the error is raised
-      on entry and not at the end of a long run. They are renamed last.
+      on entry and not at the end of a long run. The rename of the last one switches from the old
+      result to the new one.
 
     **Raises** `UsageError` for an existing file and for a second writer, `InputError` for no space,
     no permission and a path that is not a folder.
@@ -58,7 +58,7 @@ class RunFolder:
         self.path = Path(path)
         self.overwrite = overwrite
         self.results = results
-        self._pending: dict[str, Path] = {}
+        self._stage: Stage | None = None
         self._created_folders: list[Path] = []
         self._discarded: list[str] = []
         self._lock: Any = None
@@ -68,6 +68,7 @@ class RunFolder:
             with _os_errors_as_input_errors(self.path):
                 self._make_folder(self.path)
                 self._acquire_lock()
+                settle(self.path)
             for name in self.results:
                 self._refuse_existing(name)
         except BaseException:
@@ -95,15 +96,13 @@ class RunFolder:
                 f" but {name!r} is not."
             )
         self._refuse_existing(name)
-        target = self.path / name
-        temporary = temporary_path(target)
-        with _os_errors_as_input_errors(target):
-            self._make_folder(target.parent)
-            self._pending[name] = temporary
-            _write_synced(temporary, data)
+        with _os_errors_as_input_errors(self.path / name):
+            if self._stage is None:
+                self._stage = Stage(self.path)
+            self._stage.write(name, data)
 
     def discard(self, name: str) -> None:
-        """Remove an old file when the block ends without exception, unless it is written again."""
+        """Remove an old file with the old result, unless it is written again."""
         self._discarded.append(name)
 
     def write_text(self, name: str, text: str) -> None:
@@ -145,7 +144,7 @@ class RunFolder:
     def _acquire_lock(self) -> None:
         from filelock import FileLock, Timeout
 
-        lock = FileLock(self.path / _LOCK)
+        lock = FileLock(self.path / LOCK)
         try:
             lock.acquire(timeout=0)
         except Timeout:
@@ -160,39 +159,24 @@ class RunFolder:
             raise UsageError(_EXISTS, where=str(self.path / name))
 
     def _commit(self) -> None:
-        moved = []
-        try:
-            for name in sorted(self._pending, key=lambda name: name in self.results):
-                target = self.path / name
-                moved.append(target)
-                with _os_errors_as_input_errors(target):
-                    _move(self._pending[name], target)
-        except BaseException:
-            if not self.overwrite:
-                # Without `overwrite` no older file had these names, so all of them are removed.
-                for target in moved:
-                    target.unlink(missing_ok=True)
-            raise
-        for name in self._discarded:
-            if name not in self._pending:
-                with _os_errors_as_input_errors(self.path / name):
-                    (self.path / name).unlink(missing_ok=True)
+        if self._stage is not None:
+            result = self.results[-1] if self.results else None
+            self._stage.commit(result, self._discarded)
 
     def _clean_up(self) -> None:
         """Remove temporary files, the lock and created folders that are empty."""
-        for temporary in self._pending.values():
-            with suppress(OSError):
-                temporary.unlink(missing_ok=True)
+        if self._stage is not None:
+            self._stage.drop()
+            self._stage = None
         if self._lock is not None:
             # The file is removed while locked; a waiting `filelock` detects that and retries.
             with suppress(OSError):
-                (self.path / _LOCK).unlink()
+                (self.path / LOCK).unlink()
             self._lock.release()
             self._lock = None
         for folder in reversed(self._created_folders):
             with suppress(OSError):
                 folder.rmdir()  # fails, as wanted, for a folder that is not empty
-        self._pending.clear()
         self._created_folders.clear()
 
 
@@ -201,8 +185,7 @@ def data_sha256(paths: Iterable[str | Path]) -> list[str]:
     digests = []
     for path in paths:
         try:
-            with open(path, "rb") as file:
-                digests.append(hashlib.file_digest(file, "sha256").hexdigest())
+            digests.append(hashlib.sha256(read_regular(path)).hexdigest())
         except OSError as error:
             raise InputError(f"cannot be read: {error.strerror}.", where=str(path)) from None
     return digests

@@ -3,6 +3,8 @@
 from collections.abc import Iterable, Sequence
 from typing import Any
 
+from ..shown_text import one_line, shown_name
+
 _ALIGNMENTS = {"l": "left", "r": "right", "c": "center"}
 
 
@@ -38,7 +40,9 @@ def text_table(
             f"Argument `align` must have one letter of l, r, c for each of the {len(headers)}"
             f" headers, but it is {align!r}."
         )
-    titles = [name if isinstance(name, str) else f"{name[0]} [{name[1]}]" for name in headers]
+    titles = [
+        one_line(name if isinstance(name, str) else f"{name[0]} [{name[1]}]") for name in headers
+    ]
     # The titles are the first row, because `tabulate` aligns its own headers differently.
     cells = [titles, *([_cell(value) for value in row] for row in rows)]
     return _lines(
@@ -66,15 +70,21 @@ def key_values(pairs: Iterable[tuple[str, Any]], *, title: str | None = None) ->
     """
     from tabulate import tabulate
 
-    cells = [(name, _cell(value)) for name, value in pairs]
+    cells = [(_cell(name), _cell(value)) for name, value in pairs]
     table = _lines(tabulate(cells, tablefmt="plain", disable_numparse=True))
     if title is None:
         return table
-    return "\n".join([title, *(f"  {line}" for line in table.splitlines())])
+    return "\n".join([shown_name(title), *(f"  {line}" for line in table.splitlines())])
+
+
+def listed(title: str, sentences: Sequence[str]) -> list[str]:
+    """Return a list with one text, the sentences below a title, or an empty list without any."""
+    rows = [f"  {one_line(sentence)}" for sentence in sentences]
+    return ["\n".join([f"{title}:", *rows])] if rows else []
 
 
 def _cell(value: Any) -> str:
-    return "–" if value is None else str(value)
+    return "–" if value is None else one_line(str(value))
 
 
 def _lines(table: str) -> str:

@@ -20,6 +20,7 @@ from msgspec import NODEFAULT, Meta, Struct
 from msgspec.inspect import Metadata, NoneType, UnionType
 
 from ..errors import InputError
+from .limits import read_regular
 
 
 class Table(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -64,7 +65,7 @@ class TomlFile:
         """
         where = str(path)
         try:
-            return tomllib.loads(Path(path).read_bytes().decode("utf-8-sig"))
+            return tomllib.loads(read_regular(path).decode("utf-8-sig"))
         except FileNotFoundError:
             raise self.error(f"no such file; {self.cure}.", where=where) from None
         except IsADirectoryError:

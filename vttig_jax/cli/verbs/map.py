@@ -83,6 +83,7 @@ def command(
             fit, grid=grid, step_deg=step_deg, turns=turns, rows=len(table), out=out
         )
         shown = grid
+    record["run"] = run.record.digest
     if out is not None:
         _write(out, csv_text(table, columns), record, overwrite)
     output.emit(record, shown)

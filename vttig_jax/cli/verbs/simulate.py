@@ -125,9 +125,9 @@ def _print_defaults() -> None:
             f"--print-defaults prints TOML and does nothing else; leave out {', '.join(others)}."
         )
     from ...control.scenario.defaults import default_toml
-    from ..output import print_result
+    from ..output import print_text
 
-    print_result(default_toml().rstrip("\n"))
+    print_text(default_toml().rstrip("\n"))
 
 
 def _toml_value(text: str) -> Any:

@@ -1,6 +1,7 @@
 """`vttig sweep`: thousands of simulated cases, the product of named axes."""
 
 import os
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -8,6 +9,7 @@ import click
 
 from ...base.errors import UsageError
 from ...runs.rigs import drawn_rigs
+from ..library_messages import adopt_loggers
 from ..options import verb
 from ..output import LOGGER, Output
 
@@ -65,13 +67,16 @@ def command(
     if resume and overwrite:
         raise UsageError("--resume and --overwrite exclude each other; give one of them.")
     prepare(devices)
+    if dask is not None and find_spec("distributed") is not None:
+        import distributed  # noqa: F401 -- it adds handlers to its loggers
+
+        adopt_loggers("distributed")
     from ...control.sweeps.sweep import sweep
 
     with output.progress(1, "lane-steps") as bar:
 
         def announce(expected: "SweepCost") -> None:
-            if not output.quiet:
-                click.echo(f"to run: {expected}", err=True)
+            output.narrate(f"to run: {expected}")
             bar.total = max(expected.lane_steps, 1)
             bar.unit_scale = True
 

@@ -1,6 +1,7 @@
 """Recorded motions: the CSV file, the spline through its rows, and the braking and turn times."""
 
 import csv
+import io
 import math
 from collections.abc import Iterator
 from difflib import get_close_matches
@@ -16,6 +17,7 @@ from scipy.interpolate import CubicSpline
 
 from ...base.arrays import Number, Numbers, float64
 from ...base.errors import InputError
+from ...base.files.limits import read_regular
 from ...base.units import DEG
 from .motion import Motion, MotionPoint
 
@@ -138,12 +140,12 @@ def read_columns(path: str | Path) -> tuple[Float[np.ndarray, " n"], Float[np.nd
 def _lines(path: Path) -> Iterator[tuple[int, list[str]]]:
     """Yield number and stripped fields of every line that is neither empty nor a comment."""
     try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            reader = csv.reader(file, strict=True)
-            for row in reader:
-                fields = [field.strip() for field in row]
-                if any(fields) and not fields[0].startswith("#"):
-                    yield reader.line_num, fields
+        file = io.StringIO(read_regular(path).decode("utf-8-sig"), newline="")
+        reader = csv.reader(file, strict=True)
+        for row in reader:
+            fields = [field.strip() for field in row]
+            if any(fields) and not fields[0].startswith("#"):
+                yield reader.line_num, fields
     except FileNotFoundError:
         raise InputError("no such file; check the path of the motion.", where=str(path)) from None
     except IsADirectoryError:

@@ -20,6 +20,11 @@ _RETRIES = 3
 _WAIT_S = 10
 """Limit of the wait for the scheduler and for its first worker, s: a chosen value."""
 
+_LOST = (
+    "the scheduler was lost; start it and its workers again, and continue with --resume if the"
+    " sweep has an --out."
+)
+
 
 def on_cluster(
     address: str,
@@ -57,6 +62,7 @@ def run_blocks(
         )
     from distributed import Client, as_completed
     from distributed.comm.addressing import get_address_host_port
+    from distributed.comm.core import CommClosedError
 
     try:
         with suppress(NotImplementedError):  # raised for a scheduler in this process
@@ -70,6 +76,8 @@ def run_blocks(
     with client, client.as_current():
         try:
             client.wait_for_workers(1, timeout=_WAIT_S)
+        except CommClosedError:
+            raise InputError(_LOST, where=address) from None
         except TimeoutError:
             raise InputError(
                 f"the scheduler has no workers; start some with `dask worker {address}`.",
@@ -81,6 +89,8 @@ def run_blocks(
             block, list(todo), shared=sent, pure=False, retries=_RETRIES, key="vttig-block"
         )
         for future, answer in as_completed(futures, with_results=True, raise_errors=False):
+            if future.status in ("lost", "cancelled"):
+                raise InputError(_LOST, where=address)
             if future.status != "finished":
                 raise InputError(
                     f"a block fails on the workers: {future.exception()}; see their logs, and"

@@ -14,7 +14,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...base.errors import InputError, UsageError
-from ...base.files.atomic_write import move, os_errors_as_input_errors, temporary_path, write_synced
+from ...base.files.atomic_write import (
+    move,
+    open_new,
+    os_errors_as_input_errors,
+    remove_abandoned,
+    replace_file,
+    temporary_path,
+)
 from ...base.files.json_io import dumps
 from .blocks import Rows
 
@@ -108,8 +115,7 @@ class SweepFolder:
         with _os_and_arrow_errors(target):
             buffer = BytesIO()
             pq.write_table(as_arrow(rows), buffer)
-            write_synced(temporary_path(target), buffer.getvalue())
-            move(temporary_path(target), target)
+            replace_file(target, buffer.getvalue())
 
     def finish(self, blocks: int) -> Rows:
         """Join all blocks in one file, remove them, and return the columns."""
@@ -118,10 +124,11 @@ class SweepFolder:
         first = self._read(0)
         temporary = temporary_path(self.table)
         with _os_and_arrow_errors(self.table):
-            with pq.ParquetWriter(temporary, first.schema) as writer:
-                for number in range(blocks):
-                    writer.write_table(self._read(number), row_group_size=_ROW_GROUP)
-            with open(temporary, "rb+") as file:
+            with open(open_new(temporary), "wb") as file:
+                with pq.ParquetWriter(file, first.schema) as writer:
+                    for number in range(blocks):
+                        writer.write_table(self._read(number), row_group_size=_ROW_GROUP)
+                file.flush()
                 os.fsync(file.fileno())
             move(temporary, self.table)
             shutil.rmtree(self.path / PARTS, ignore_errors=True)
@@ -147,8 +154,7 @@ class SweepFolder:
                 shutil.rmtree(self.path / PARTS, ignore_errors=True)
                 self.table.unlink(missing_ok=True)
                 (self.path / PARTS).mkdir()
-                write_synced(temporary_path(header), (dumps(self.header) + "\n").encode())
-                move(temporary_path(header), header)
+                replace_file(header, (dumps(self.header) + "\n").encode())
             self._began = True
 
     def _compare(self, header: Path) -> None:
@@ -199,8 +205,8 @@ class SweepFolder:
             (self.path / self.names.header).unlink()
 
     def _leave(self) -> None:
-        with suppress(OSError):
-            temporary_path(self.table).unlink(missing_ok=True)
+        for target in (self.table, self.path / HEADER):
+            remove_abandoned(target)
         # Unlinked while held: `filelock` detects that a new lock has lost its file.
         with suppress(OSError):
             (self.path / _LOCK).unlink()

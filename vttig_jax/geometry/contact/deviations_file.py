@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...base.errors import InputError
+from ...base.files.limits import read_regular
 from ...pair.gear_pair import GearPair
 from .deviations import Deviations, FlankMap
 
@@ -243,7 +244,7 @@ def _rows(path: Path, columns: tuple[str, ...]) -> Iterator[Row]:
 
 def _text(path: Path) -> str:
     try:
-        return path.read_text("utf-8-sig")
+        return read_regular(path).decode("utf-8-sig").replace("\r\n", "\n")
     except OSError as error:
         raise InputError(f"cannot be read: {error.strerror}.", where=str(path)) from None
     except UnicodeDecodeError as error:

@@ -1,17 +1,15 @@
 """Refinement of a tooth grid to a tolerance, and measured distance of the true surface."""
 
 import math
-import os
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import replace
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
 
 from ...base.errors import PairError, UsageError
+from ...base.files.limits import free_bytes
 from ..tooth.surface import PARTS
 from .gear_profile import GearProfile
 from .tooth_grid import ORDER, Counts, ToothGrid, section_curve
@@ -127,7 +125,6 @@ _PROBE = 8  # intervals of a piece in the estimate; chosen
 _ROUNDS = 24  # largest number of refinements; chosen
 _TRIANGLE_BYTES = 400  # largest memory of a triangle while a gear is built and written; measured
 _COARSEST_UM = 1e5  # largest tolerance that a message proposes, µm; chosen
-_FALLBACK_BYTES = 4 * 2**30  # free memory that is assumed if the system does not report it; chosen
 
 
 def fitting_grid(
@@ -179,7 +176,7 @@ def _check_memory(
     counts: Counts, teeth: int, tolerance_mm: float, estimate: Callable[[float], Counts]
 ) -> None:
     """Raise `UsageError` if a mesh needs more memory than is free."""
-    needed, most = triangles_of(counts, teeth), _free_bytes() // _TRIANGLE_BYTES
+    needed, most = triangles_of(counts, teeth), free_bytes() // _TRIANGLE_BYTES
     if needed <= most:
         return
     # The number of triangles decreases as 1/tolerance or slower.
@@ -288,14 +285,3 @@ def _check_rounding(profile: GearProfile, tolerance: float, rounding: type[np.fl
             f" {rounded_up(8e3 * unit):g} or more"
             + ("." if rounding is np.float64 else ", or write .ply or .obj.")
         )
-
-
-def _free_bytes() -> int:
-    """Return the free memory in bytes, or an assumed value if the system does not report it."""
-    with suppress(OSError):  # MemAvailable includes pages that only cache files, unlike sysconf
-        for line in Path("/proc/meminfo").read_text("ascii").splitlines():
-            if line.startswith("MemAvailable:"):
-                return 1024 * int(line.split()[1])
-    with suppress(AttributeError, ValueError, OSError):
-        return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") // 2
-    return _FALLBACK_BYTES

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ...base.errors import PairError
+from ...base.shown_text import shown_name
 from ..tooth.tooth import Tooth
 from .blank import Blank, blank_of
 from .closing_faces import Triangles, bore_grid, nondegenerate, rim_face, tooth_face, triangle_strip
@@ -205,7 +206,7 @@ def stl_bytes(mesh: GearMesh, name: str) -> bytes:
     records = np.zeros(len(corners), _STL)
     records["normal"] = normal / np.where(length > 0, length, 1.0)
     records["corners"] = corners
-    header = f"vttig {name}, mm".encode("ascii", "replace")[:80].ljust(80)
+    header = f"vttig {shown_name(name)}, mm".encode("ascii", "replace")[:80].ljust(80)
     return header + np.uint32(len(records)).tobytes() + records.tobytes()
 
 
@@ -213,7 +214,7 @@ def ply_bytes(mesh: GearMesh, name: str) -> bytes:
     """Return binary PLY, little-endian, with 64-bit coordinates in mm."""
     faces = np.empty(len(mesh.triangles), _PLY_FACE)
     faces["count"], faces["corners"] = 3, mesh.triangles
-    comment = name.encode("ascii", "replace").decode()
+    comment = shown_name(name).encode("ascii", "replace").decode()
     header = (
         f"ply\nformat binary_little_endian 1.0\ncomment vttig {comment}, mm\n"
         f"element vertex {len(mesh.vertices)}\n"
@@ -226,7 +227,7 @@ def ply_bytes(mesh: GearMesh, name: str) -> bytes:
 def obj_bytes(mesh: GearMesh, name: str) -> bytes:
     """Return Wavefront OBJ with coordinates in mm to 10⁻⁹ and vertices counted from 1."""
     buffer = BytesIO()
-    buffer.write(f"# vttig {name}, mm\n".encode())
+    buffer.write(f"# vttig {shown_name(name)}, mm\n".encode())
     np.savetxt(buffer, mesh.vertices, fmt="v %.9f %.9f %.9f")
     np.savetxt(buffer, mesh.triangles + 1, fmt="f %d %d %d")
     return buffer.getvalue()

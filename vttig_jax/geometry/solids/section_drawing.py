@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...base.errors import UsageError
+from ...base.shown_text import shown_name
 from ..tooth.tooth import Tooth
 from .blank import Blank, blank_of
 from .grid_refinement import section_counts
@@ -149,7 +150,7 @@ def svg_bytes(drawing: SectionDrawing, name: str) -> bytes:
             "viewBox": f"{corner[0]:.6f} {corner[1]:.6f} {width:.6f} {height:.6f}",
         },
     )
-    ElementTree.SubElement(root, "title").text = f"{name}, section z = {drawing.z_mm:g} mm"
+    ElementTree.SubElement(root, "title").text = _title(drawing, name)
     path = {
         "d": _path(drawing),
         "fill": "#e6e6e6",
@@ -198,7 +199,7 @@ def dxf_bytes(drawing: SectionDrawing, name: str) -> bytes:
             "a .dxf file needs the extra `cad`; pip install vttig-jax[cad], or write .svg."
         ) from error
     document = ezdxf.new("R2010", units=ezdxf.units.MM)  # type: ignore[attr-defined]
-    document.header.custom_vars.append("Title", f"{name}, section z = {drawing.z_mm:g} mm")
+    document.header.custom_vars.append("Title", _title(drawing, name))
     space = document.modelspace()
     line = np.column_stack([drawing.points, drawing.bulges])
     space.add_lwpolyline(line.tolist(), format="xyb", close=True)
@@ -207,3 +208,7 @@ def dxf_bytes(drawing: SectionDrawing, name: str) -> bytes:
     text = StringIO()
     document.write(text)
     return text.getvalue().encode("utf-8")
+
+
+def _title(drawing: SectionDrawing, name: str) -> str:
+    return f"{shown_name(name)}, section z = {drawing.z_mm:g} mm"

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ...base.errors import PairError, UsageError
+from ...base.shown_text import shown_name
 from ..tooth.tooth import Tooth
 from .blank import Blank, blank_of
 from .bspline_faces import Patch, tooth_patches
@@ -126,7 +127,7 @@ def step_bytes(solid: GearSolid, name: str) -> bytes:
 
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "gear.step"
-        write_step(solid.shape, path, name.encode("ascii", "replace").decode())
+        write_step(solid.shape, path, shown_name(name).encode("ascii", "replace").decode())
         return path.read_bytes()
 
 

@@ -6,7 +6,12 @@ If the readings are data, they update the Gaussian estimate of the fit,
     G = P Hᵀ (H P Hᵀ + V + σ² 1)⁻¹,    p ← p + G (readings − gap),    P ← P − G H P,
 
 with the covariance P of the parameters p, the derivative H of the gap with respect to p, the
-covariance V of the gap due to the free harmonics at fixed p, and the scatter σ of the readings.
+covariance V = L Lᵀ of the gap due to the free harmonics at fixed p, and the scatter σ of the
+readings. With the singular values s and vectors Q of [H √P, L], in whose span H P lies,
+
+    G = P Hᵀ Q (s² + σ²)⁻¹ Qᵀ,
+
+so that time and memory grow with the number of readings and not with its square.
 """
 
 from collections.abc import Mapping, Sequence
@@ -53,13 +58,13 @@ class PredictedGap:
     **Arguments**
     - `value`: gap, rad.
     - `slope`: derivative with respect to every parameter.
-    - `open_`: covariance due to the free harmonics, rad².
+    - `root`: L, whose L Lᵀ is the covariance due to the free harmonics, rad; shape (n, k).
     - `free`: derivative with respect to the free harmonics of each flank.
     """
 
     value: Float[np.ndarray, " n"]
     slope: Float[np.ndarray, "n p"]
-    open_: Float[np.ndarray, "n n"]
+    root: Float[np.ndarray, "n k"]
     free: Mapping[Flank, Float[np.ndarray, "n free"]] = field(default_factory=dict)
 
     @property
@@ -67,9 +72,9 @@ class PredictedGap:
         """The gap as a function of the coefficients of the fit."""
         return Functional(self.slope, self.free)
 
-    def deviation(self, covariance: Float[np.ndarray, "p p"]) -> Float[np.ndarray, "n n"]:
-        """Return the covariance of the predicted gap, rad²."""
-        return self.slope @ covariance @ self.slope.T + self.open_
+    def variance(self, covariance: Float[np.ndarray, "p p"]) -> Float[np.ndarray, " n"]:
+        """Return the variance of every predicted gap, rad²."""
+        return np.sum(self.slope @ covariance * self.slope, axis=1) + np.sum(self.root**2, axis=1)
 
 
 def gap_of_both_flanks(driving: Float[np.ndarray, " n"], solved: SolvedFit) -> PredictedGap:
@@ -99,7 +104,7 @@ def _gap_of_rows(
     """Return the gap that rows of both flanks give with the coefficients of the fit."""
     count, solution = len(rows["A"]), solved.solution
     value, slope = np.zeros(count), np.zeros((count, len(solution.names)))
-    open_, of_free = np.zeros((count, count)), {}
+    roots, of_free = [np.zeros((count, 0))], {}
     for place, (flank, factor) in enumerate(
         zip(solved.summary.flanks, solved.whitened, strict=True)
     ):
@@ -109,10 +114,9 @@ def _gap_of_rows(
         follow = -inverse @ factor.factor[:free, free:-1]
         value += sign * own @ solved.coefficients[place]
         slope += sign * (own[:, free:] + own[:, :free] @ follow) @ solution.jacobian[place]
-        left = own[:, :free] @ inverse
-        open_ += left @ left.T
+        roots.append(own[:, :free] @ inverse)
         of_free[flank.flank] = sign * own[:, :free]
-    return PredictedGap(value, slope, open_, of_free)
+    return PredictedGap(value, slope, np.concatenate(roots, axis=1), of_free)
 
 
 def gap_of_one_flank(
@@ -145,7 +149,7 @@ def gap_of_one_flank(
     for name, value in at.items():
         up, down = gap(**{name: value + _STEP}), gap(**{name: value - _STEP})
         slope[:, solution.names.index(name)] = (up - down) / (2 * _STEP)
-    return PredictedGap(gap(), slope, np.zeros((len(driving), len(driving))))
+    return PredictedGap(gap(), slope, np.zeros((len(driving), 0)))
 
 
 @eqx.filter_jit
@@ -173,8 +177,17 @@ def updated(solution: Solution, gap: PredictedGap, readings: BacklashReadings) -
     """Return the solution with the readings as further data."""
     off = readings.backlash - gap.value
     scatter = scatter_of(readings, gap)
-    total = gap.deviation(solution.covariance) + scatter**2 * np.eye(len(off))
-    gain = np.linalg.solve(total, gap.slope @ solution.covariance).T
+    # Scaled by the standard errors, because the parameters have different units and sizes.
+    std = np.sqrt(np.diag(solution.covariance))
+    scale = np.where(std > 0, std, 1.0)
+    sizes, vectors = np.linalg.eigh(solution.covariance / np.outer(scale, scale))
+    rooted = vectors * np.sqrt(np.maximum(sizes, 0.0))  # rounding may put a size below zero
+    of_parameters = gap.slope @ (scale[:, np.newaxis] * rooted)
+    spread = np.concatenate([of_parameters, gap.root], axis=1)
+    span, lengths, _ = np.linalg.svd(spread, full_matrices=False)
+    variances = lengths**2 + scatter**2
+    inverse = np.divide(1.0, variances, out=np.zeros_like(variances), where=variances > 0)
+    gain = (span * inverse @ (span.T @ (gap.slope @ solution.covariance))).T
     step = gain @ off
     covariance = solution.covariance - gain @ gap.slope @ solution.covariance
     return replace(
@@ -196,7 +209,7 @@ def comparison(
 ) -> ReadingsComparison:
     """Return the deviations, in degrees, of readings from the gap of a fit without the readings."""
     off = (readings.backlash - gap.value) / DEG
-    spread = np.sqrt(np.mean(np.diag(gap.deviation(solution.covariance)))) / DEG
+    spread = np.sqrt(np.mean(gap.variance(solution.covariance))) / DEG
     return ReadingsComparison(
         source=readings.source,
         sha256=readings.sha256,

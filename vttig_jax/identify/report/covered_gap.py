@@ -45,11 +45,11 @@ def covered_gap(
     mean = mean_gap(driving, solved)
     value = float(mean.value[0])
     own = 0.0 if scatter is None else float(standard_errors(solved, mean.functional, scatter)[0])
-    std = math.sqrt(mean.deviation(solved.solution.covariance)[0, 0])
+    std = math.sqrt(mean.variance(solved.solution.covariance)[0])
     std = own if scatter == "memory" else max(std, own)
     if walk is not None:
         other = mean_gap(driving, walk)
-        apart = math.sqrt(other.deviation(walk.solution.covariance)[0, 0])
+        apart = math.sqrt(other.variance(walk.solution.covariance)[0])
         std = max(std, math.hypot(apart, value - float(other.value[0])))
     half = math.hypot(NORMAL_95 * std, margin)
     low, high = value - half, value + half
@@ -102,7 +102,7 @@ def compared_jumps(
     places = np.add.outer([jump.driving_deg for jump in own], window) * DEG
     fitted = [float(mean_gap(place, solved).value[0]) / DEG for place in places]
     all_there = mean_gap(places.ravel(), solved)
-    fitted_std = math.sqrt(all_there.deviation(solved.solution.covariance)[0, 0]) / DEG
+    fitted_std = math.sqrt(all_there.variance(solved.solution.covariance)[0]) / DEG
     off = np.array([jump.jump_deg for jump in own]) - fitted
     single = math.sqrt(2) * _window_std(solved) / DEG
     if len(off) > 1:

@@ -10,13 +10,19 @@ from numpy.typing import ArrayLike
 
 from ...base.errors import LogError
 from ...base.files.text_tables import key_values
-from ...base.units import ANGLE_UNITS, DEG
+from ...base.units import ANGLE_UNITS, DEG, REV
 from .column_roles import name_and_unit
 from .table import TextTable, find_table
 from .text import read_text
 
 UNITS = {"driving": ("deg", "rad", "rev"), "backlash": ("deg", "arcsec", "urad", "rad")}
 """Columns of a file of readings, and the units that can end their names."""
+
+MOST_DRIVING = 1e6 * REV
+"""Largest driving angle of a reading, rad: a million turns, chosen; its last digit is 1e-9 rad."""
+
+MOST_BACKLASH = REV / 2
+"""Largest backlash of a reading, rad: teeth of every gear engage again within half a turn."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +73,9 @@ class BacklashReadings:
         lines = np.arange(2, 2 + driving.size, dtype=np.int64)
         names = {"driving": "driving_deg", "backlash": "backlash_deg"}
         _check(driving, backlash, names, lines, source)
-        return cls(driving * DEG, backlash * DEG, source, "", lines)
+        driving, backlash = driving * DEG, backlash * DEG
+        _check_sizes(driving, backlash, names, lines, source)
+        return cls(driving, backlash, source, "", lines)
 
     def to_csv(self) -> str:
         """Return the text of a file for `read_backlash_readings`: driving_deg,backlash_deg."""
@@ -128,9 +136,9 @@ def read_backlash_readings(path: str | Path, *, decimal: str | None = None) -> B
     names = {role: table.names[index] for role, (index, _) in columns.items()}
     _check(driving, backlash, names, lines, source)
     factors = {role: ANGLE_UNITS[unit] for role, (_, unit) in columns.items()}
-    return BacklashReadings(
-        driving * factors["driving"], backlash * factors["backlash"], source, digest, lines
-    )
+    driving, backlash = driving * factors["driving"], backlash * factors["backlash"]
+    _check_sizes(driving, backlash, names, lines, source)
+    return BacklashReadings(driving, backlash, source, digest, lines)
 
 
 def _find_table(text: str, source: str, decimal: str | None) -> TextTable:
@@ -204,3 +212,24 @@ def _check(
             " that the backlash is positive.",
             where=f"{source}: line {lines[negative[0]]}, column `{names['backlash']}`",
         )
+
+
+def _check_sizes(
+    driving: Float[np.ndarray, " n"],
+    backlash: Float[np.ndarray, " n"],
+    names: dict[str, str],
+    lines: Int64[np.ndarray, " n"],
+    source: str,
+) -> None:
+    """Raise `LogError` for angles in rad that no reading has."""
+    for role, values, limit, cure in (
+        ("driving", driving, MOST_DRIVING, "an angle of a driving shaft"),
+        ("backlash", backlash, MOST_BACKLASH, "a backlash, which is less than half a turn"),
+    ):
+        large = np.flatnonzero(np.abs(values) > limit)
+        if large.size:
+            raise LogError(
+                f"{values[large[0]] / DEG:.4g}° is not {cure}; correct the value or the unit of its"
+                " column.",
+                where=f"{source}: line {lines[large[0]]}, column `{names[role]}`",
+            )

@@ -6,30 +6,37 @@ from typing import Any
 
 import numpy as np
 
+from ...base.files.limits import MemoryBudget
 from .matlab import DEEPEST, MOST_CELLS
 
 HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 """First bytes of the file, or the bytes at 512 after the header of a MATLAB file."""
 
 
-def hdf5_leaves(data: bytes) -> Iterator[tuple[str, np.ndarray]]:
+def hdf5_leaves(
+    data: bytes, budget: MemoryBudget | None = None
+) -> Iterator[tuple[str, np.ndarray]]:
     """Yield the name and values of every array of numbers in the bytes of a file.
 
     Names are `group/array`, and `group/array.field` for fields of a compound. In MATLAB files the
     names are those of `matlab_leaves`, with rows and columns as in MATLAB. Links and data in other
-    files are not read. Damaged bytes raise various exceptions of h5py.
+    files are not read. Every group and cell is entered once, also if it holds itself. Damaged bytes
+    raise various exceptions of h5py, and arrays of declared sizes beyond the budget raise
+    `InputError` before they are read.
     """
     import h5py
 
     with h5py.File(io.BytesIO(data), "r") as file:
-        yield from _Walk(h5py, file, data.startswith(b"MATLAB")).members(file, "", 0)
+        budget = budget or MemoryBudget("the file", len(data))
+        yield from _Walk(h5py, file, data.startswith(b"MATLAB"), budget).members(file, "", 0)
 
 
 class _Walk:
     """Traversal of one open file."""
 
-    def __init__(self, h5py: Any, file: Any, matlab: bool):
-        self.h5py, self.file, self.matlab = h5py, file, matlab
+    def __init__(self, h5py: Any, file: Any, matlab: bool, budget: MemoryBudget):
+        self.h5py, self.file, self.matlab, self.budget = h5py, file, matlab, budget
+        self.seen: set[tuple[int, int]] = set()
 
     def members(self, group: Any, path: str, depth: int) -> Iterator[tuple[str, np.ndarray]]:
         for name in group:
@@ -41,7 +48,7 @@ class _Walk:
     def leaves(self, item: Any, path: str, name: str, depth: int) -> Iterator[tuple[str, Any]]:
         """Yield the arrays of the member `name` of the group at `path`."""
         full = f"{path}{'.' if self.matlab else '/'}{name}" if path else name
-        if depth > DEEPEST:
+        if depth > DEEPEST or self._was_entered(item):
             return
         if isinstance(item, self.h5py.Group):
             yield from self.members(item, full, depth + 1)
@@ -50,10 +57,12 @@ class _Walk:
         if self.matlab:
             yield from self.matlab_leaves(item, path, name, full, depth)
         elif item.dtype.kind in "biuf":
+            self.budget.take(item.size * item.dtype.itemsize)
             yield full, item[()]
         elif item.dtype.names:
             for field in item.dtype.names:
                 if item.dtype[field].kind in "biuf":
+                    self.budget.take(item.size * item.dtype.itemsize)
                     yield f"{full}.{field}", item[field]
 
     def matlab_leaves(
@@ -64,6 +73,7 @@ class _Walk:
         if {"MATLAB_object_decode", "MATLAB_empty"} & set(item.attrs) or kind == b"char":
             return
         if item.dtype.kind in "biuf":
+            self.budget.take(item.size * item.dtype.itemsize)
             yield full, item[()].T
         elif self.h5py.check_ref_dtype(item.dtype) and item.size <= MOST_CELLS:
             for k, reference in enumerate(item[()].T.ravel(order="F"), 1):
@@ -71,3 +81,14 @@ class _Walk:
                     yield from self.leaves(self.file[reference], path, f"{name}{{{k}}}", depth + 1)
                 elif path:
                     yield from self.leaves(self.file[reference], f"{path}({k})", name, depth + 1)
+
+    def _was_entered(self, item: Any) -> bool:
+        """Return whether a group or an array of references was entered before, and remember it."""
+        if not isinstance(item, self.h5py.Group) and not self.h5py.check_ref_dtype(item.dtype):
+            return False
+        about = self.h5py.h5o.get_info(item.id)
+        place = (int(about.fileno), int(about.addr))
+        if place in self.seen:
+            return True
+        self.seen.add(place)
+        return False

@@ -7,11 +7,14 @@ read outside its buffers and crash the process. Compressed elements have a check
 import io
 import struct
 import warnings
+import zlib
 from collections.abc import Callable, Iterator
 from inspect import signature
 from typing import Any
 
 import numpy as np
+
+from ...base.files.limits import MemoryBudget
 
 MATRIX, COMPRESSED = 14, 15
 FLAGS, SIZE, NAME = {6}, {5, 6}, {1, 16}
@@ -20,21 +23,36 @@ NUMBERS = frozenset((1, 2, 3, 4, 5, 6, 7, 9, 12, 13))
 TEXT = frozenset((16, 17, 18))
 FIRST_NUMERIC_CLASS, LAST_NUMERIC_CLASS, LAST_CLASS = 6, 15, 17
 
+_PART = 1 << 20  # bytes that are unpacked at a time; chosen value
+
 HEADER = 128
 """Number of bytes before the first element; the last two bytes define the byte order."""
 
 
-def check_tags(data: bytes) -> None:
-    """Raise `ValueError` for an element of unknown type or beyond the end of its container."""
+def check_tags(data: bytes, budget: MemoryBudget | None = None) -> None:
+    """Raise `ValueError` for an element of unknown type or beyond the end of its container.
+
+    **Raises** `InputError` for compressed elements that unpack to more than the budget.
+    """
     order = "<" if data[HEADER - 2 : HEADER] == b"IM" else ">"
     place = HEADER
     while place < len(data):
         kind, start, stop = _element(data, place, len(data), order)
         if kind == MATRIX:
             _check_matrix(data, start, stop, order)
-        elif kind != COMPRESSED:
+        elif kind == COMPRESSED:
+            _unpack(data[start:stop], budget or MemoryBudget("the file", len(data)))
+        else:
             raise ValueError(f"type {kind} at byte {place}")
         place = stop
+
+
+def _unpack(packed: bytes, budget: MemoryBudget) -> None:
+    """Count the length of a compressed element without keeping it."""
+    unpacker = zlib.decompressobj()
+    while packed and not unpacker.eof:
+        budget.take(len(unpacker.decompress(packed, _PART)))
+        packed = unpacker.unconsumed_tail
 
 
 def _check_matrix(data: bytes, start: int, stop: int, order: str) -> None:
@@ -90,7 +108,9 @@ MOST_CELLS = 1000
 """Largest number of cells or structs of an array that are read (chosen)."""
 
 
-def matlab_leaves(data: bytes) -> Iterator[tuple[str, np.ndarray]]:
+def matlab_leaves(
+    data: bytes, budget: MemoryBudget | None = None
+) -> Iterator[tuple[str, np.ndarray]]:
     """Yield the name and values of every array of numbers in the bytes of a file.
 
     Fields of structs are named `s.f`, of arrays of structs `s(2).f`, and cells `c{2}`. Objects
@@ -101,7 +121,7 @@ def matlab_leaves(data: bytes) -> Iterator[tuple[str, np.ndarray]]:
     from scipy.io.matlab import MatReadWarning, matfile_version
 
     if matfile_version(io.BytesIO(data))[0] == 1:  # 0 is v4, which has no tags
-        check_tags(data)
+        check_tags(data, budget)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", MatReadWarning)  # objects share the name "None"
         variables = loadmat(io.BytesIO(data), **_sparse_option(loadmat))

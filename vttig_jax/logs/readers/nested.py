@@ -13,7 +13,8 @@ from typing import ClassVar
 import numpy as np
 from jaxtyping import Int64, Real, Shaped
 
-from ...base.errors import LogError, UsageError
+from ...base.errors import InputError, LogError, UsageError
+from ...base.files.limits import MemoryBudget
 from .hdf5 import HDF5_SIGNATURE, hdf5_leaves
 from .matlab import matlab_leaves
 from .matrix_columns import matrix_columns
@@ -72,9 +73,9 @@ def read_nested(path: str | Path) -> tuple[NestedTable, str]:
     leaves = hdf5_leaves if hdf5 else matlab_leaves
     columns: dict[str, np.ndarray] = {}
     try:
-        for name, array in leaves(data):
+        for name, array in leaves(data, MemoryBudget(source, len(data))):
             columns.update(matrix_columns(name, array))
-    except UsageError:
+    except (UsageError, InputError):
         raise
     except Exception:  # damaged bytes raise various exceptions
         raise LogError(

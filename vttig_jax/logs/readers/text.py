@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ...base.errors import LogError
+from ...base.files.limits import read_regular
 
 ENDINGS = ("", ".csv", ".tsv", ".txt", ".dat", ".asc", ".log")
 """File endings of delimited text."""
@@ -53,11 +54,6 @@ def read_text(path: str | Path, encoding: str | None) -> tuple[str, str, tuple[s
         if codec is not None and codecs.lookup(codec).name.startswith("utf-16"):
             data = data[: len(data) // 2 * 2]  # removes half a character at the end
         text = data.decode(codec or "utf-8")
-    except LookupError:
-        raise LogError(
-            f"unknown encoding {encoding!r}; write utf-8, utf-16 or cp1252.",
-            where="log.encoding",
-        ) from None
     except UnicodeDecodeError as error:
         if codec is not None:
             raise LogError(
@@ -73,6 +69,8 @@ def read_text(path: str | Path, encoding: str | None) -> tuple[str, str, tuple[s
                 where=where,
             ) from None
         notes = ("not UTF-8, read as Windows-1252 (cp1252)",)
+    except (LookupError, ValueError):  # a null character in the name, a codec that always fails
+        raise _unusable(encoding) from None
     text = text.removeprefix("\ufeff")  # some codecs keep the byte-order mark
     return printable(text.replace("\r\n", "\n").replace("\r", "\n")), digest, notes
 
@@ -80,6 +78,13 @@ def read_text(path: str | Path, encoding: str | None) -> tuple[str, str, tuple[s
 def printable(text: str) -> str:
     """Return a text without control codes, which could command the terminal that shows it."""
     return _CONTROL.sub("\ufffd", text)
+
+
+def _unusable(encoding: str | None) -> LogError:
+    return LogError(
+        f"unknown encoding {encoding!r}; write utf-8, utf-16 or cp1252.",
+        where="log.encoding",
+    )
 
 
 def _utf16_without_mark(data: bytes) -> str | None:
@@ -105,7 +110,7 @@ def read_bytes(path: str | Path, endings: Sequence[str]) -> bytes:
             raise LogError("this is a folder; name the log file in it.", where=where)
         if path.suffix.lower() not in endings and path.exists():
             raise _unknown_ending(path)
-        data = path.read_bytes()
+        data = read_regular(path)
     except FileNotFoundError:
         raise LogError("no such file; check the path of the log.", where=where) from None
     except PermissionError:

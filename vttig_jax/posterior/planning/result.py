@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float
 
-from ...base.files.text_tables import key_values, text_table
+from ...base.files.text_tables import key_values, listed, text_table
 from ...base.results import TextResult
 from ...base.units import ARCSEC, DEG
 from ...identify.preliminary.delay import Delay
@@ -161,8 +161,8 @@ class Plan(TextResult):
         for p in self.parameters.values():
             if not p.determined:
                 by_reason.setdefault(p.reason or "", []).append(p.name)
-        parts += _listed("undetermined", [f"{', '.join(n)}: {r}" for r, n in by_reason.items()])
-        return "\n\n".join([*parts, *_listed("notes", self.notes)])
+        parts += listed("undetermined", [f"{', '.join(n)}: {r}" for r, n in by_reason.items()])
+        return "\n\n".join([*parts, *listed("notes", self.notes)])
 
 
 def planned_parameter(
@@ -206,10 +206,6 @@ def _noise(plan: Plan) -> str:
     if counting:
         parts.append(f"{counting:.2g}° ({counting * DEG / ARCSEC:.2g}″) of counting")
     return " + ".join(parts)
-
-
-def _listed(title: str, lines: list[str] | tuple[str, ...]) -> list[str]:
-    return ["\n".join([f"{title}:", *(f"  {line}" for line in lines)])] if lines else []
 
 
 def conditions(

@@ -17,11 +17,14 @@ import numpy as np
 from ...base.errors import InputError, UsageError
 from ...base.files.atomic_write import (
     move,
+    open_new,
     os_error_message,
     os_errors_as_input_errors,
+    remove_abandoned,
     temporary_path,
 )
 from ...base.files.json_io import dumps
+from ...base.files.limits import MemoryBudget
 from .ensemble_blocks import Record
 from .stop_rule import Until
 
@@ -85,6 +88,7 @@ class Checkpoint:
                     where=str(self.path),
                 ) from None
         self._lock = lock
+        remove_abandoned(self.path)
         if self.path.exists() and not (self.resume or self.overwrite):
             self._release()
             raise UsageError(
@@ -107,8 +111,7 @@ class Checkpoint:
         return self.path.with_name(f".{self.path.name}.lock")
 
     def _release(self) -> None:
-        with suppress(OSError):
-            temporary_path(self.path).unlink(missing_ok=True)
+        remove_abandoned(self.path)
         # Unlink before the release: `filelock` notices that a lock it just got has no file.
         with suppress(OSError):
             self._lock_path.unlink()
@@ -177,6 +180,9 @@ def read(path: Path) -> tuple[Header, Record, Until]:
             if file.attrs.get("format") != FORMAT:
                 raise ValueError(f"its format is not {FORMAT}")
             text = file["header"][()].decode("utf-8")  # type: ignore[index, union-attr]
+            budget = MemoryBudget(str(path), path.stat().st_size)
+            for name in _ARRAYS:
+                budget.take(int(np.asarray(file[name].nbytes)))  # type: ignore[union-attr]
             arrays = {name: np.asarray(file[name]) for name in _ARRAYS}
             if _checksum(text, arrays) != int(np.asarray(file.attrs["crc32"])):
                 raise ValueError("its checksum does not match")
@@ -186,6 +192,8 @@ def read(path: Path) -> tuple[Header, Record, Until]:
             content[name] = tuple(content[name])
         header = Header(**content)
         return header, Record(steps=steps, thin=header.thin, **arrays), until
+    except InputError:
+        raise
     except PermissionError:
         raise InputError("there is no permission to read it.", where=str(path)) from None
     except FileNotFoundError:
@@ -200,10 +208,10 @@ def read(path: Path) -> tuple[Header, Record, Until]:
 
 
 def _write(path: Path, header: Header, record: Record, until: Until) -> None:
-    """Write a checkpoint to a temporary name and sync it to the disk."""
+    """Write a checkpoint to a new temporary name and sync it to the disk."""
     text = dumps(header.as_json() | {"steps": record.steps, "until": until})
     arrays = {name: getattr(record, name) for name in _ARRAYS}
-    with open(path, "wb+", buffering=0) as raw:
+    with open(open_new(path), "wb+", buffering=0) as raw:
         disk = _ErrorRecordingFile(raw)
         with h5py.File(disk, "w") as file:
             file.attrs["format"] = FORMAT

@@ -11,7 +11,7 @@ from jaxtyping import Float, Int
 
 from ...base.errors import NoAnswerError, UsageError
 from ...base.facade import from_front_door
-from ...base.files.text_tables import key_values, text_table
+from ...base.files.text_tables import key_values, listed, text_table
 from ...base.numerics.partial_autocorrelation import filter_of
 from ...base.results import PlottedResult
 from ...base.runtime import require_x64
@@ -217,8 +217,8 @@ def posterior_text(posterior: Posterior) -> str:
         rows, ["parameter", "mean", "median", "std", "95 % interval", "unit"], align="lrrrrr"
     )
     parts = [head, table]
-    parts += _listed("undetermined", _reasons(parameters))
-    parts += _listed("priors", list(posterior.prior))
+    parts += listed("undetermined", _reasons(parameters))
+    parts += listed("priors", list(posterior.prior))
     if posterior.fit.conditional_on:
         conditions = ", ".join(posterior.fit.conditional_on).replace("_", " ")
         parts.append(f"conditional on: {conditions}")
@@ -240,10 +240,6 @@ def _reasons(parameters: list[PosteriorParameter]) -> list[str]:
         if not parameter.determined:
             by_reason.setdefault(parameter.reason or "", []).append(parameter.name)
     return [f"{', '.join(names)}: {reason}" for reason, names in by_reason.items()]
-
-
-def _listed(title: str, lines: list[str]) -> list[str]:
-    return ["\n".join([f"{title}:", *(f"  {line}" for line in lines)])] if lines else []
 
 
 def _row(parameter: PosteriorParameter) -> list[str]:

@@ -1,0 +1,95 @@
+"""Hostile names of pairs, files, columns, keys and options: nothing of them reaches a terminal."""
+
+import json
+import unicodedata
+from pathlib import Path
+
+import pytest
+import tomli_w
+
+from tests.cli.drive import write_drive
+
+HOSTILE = (
+    "two\nlines\r\nof it",
+    "esc\x1b[2J\x1b]0;title\x07",
+    "c1\x9b31m del\x7f",
+    "\u202egnp.exe\u2066 \u200b",
+    "error: \u2028forged line",
+    "n" * 100_000,
+)
+PAIR = {"drive": {"ratio": "1/2"}, "fit": {"driving_orders": [1, 2], "driven_orders": [1, 2]}}
+
+
+def hidden(text: str) -> list[str]:
+    """Characters of a text that show nothing, but the ends of lines."""
+    return [c for c in text if c != "\n" and unicodedata.category(c) in ("Cc", "Cf", "Zl", "Zp")]
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    write_drive(tmp_path / "log.csv")
+    return tmp_path
+
+
+def test_the_check_sees_what_is_hidden():
+    assert all(hidden(name) or len(name) > 1000 for name in HOSTILE)
+    assert hidden("plain, 30° – ″\n") == []
+
+
+@pytest.mark.parametrize("name", [" ".join(HOSTILE[:-1]), HOSTILE[-1]], ids=["short", "long"])
+def test_names_of_pairs(folder, vttig, name):
+    lengths = {}
+    for kind, said in (("plain", "rig"), ("hostile", name)):
+        (folder / "pair.toml").write_text(tomli_w.dumps({"name": said} | PAIR))
+        out = folder / kind
+        calls = (
+            ("inspect", "log.csv", "--pair", "pair.toml"),
+            ("fit", "log.csv", "--pair", "pair.toml", "--out", out, "-v", "--log-file", "log.txt"),
+            ("map", out, "--out", f"{kind}.csv"),
+            ("export", out, "--out", f"{kind}-export.json", "--constant-backlash-deg", "0.03"),
+        )
+        for call in calls:
+            code, text, err = vttig(*call)
+            assert code == 0, (call, err)
+            assert hidden(text + err) == [] and max(map(len, text.split("\n"))) < 1000
+            lengths.setdefault(call[0], []).append(len(text.split("\n")))
+        assert json.loads((out / "fit.json").read_text())["pair"] == said
+    assert all(plain == hostile for plain, hostile in lengths.values()), lengths
+    assert hidden((folder / "log.txt").read_text()) == []
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_names_in_messages(folder, vttig, name):
+    (folder / "pair.toml").write_text(tomli_w.dumps(PAIR))
+    (folder / "key.toml").write_text(tomli_w.dumps(PAIR | {name: 1}))
+    (folder / "value.toml").write_text(tomli_w.dumps({"log": {"encoding": name}} | PAIR))
+    rows = (folder / "log.csv").read_text().splitlines()
+    cell = name.replace("\n", " ").replace("\r", " ")
+    (folder / "cell.csv").write_text("\n".join([*rows[:9], f"0.3,{cell},1,1,1,1", *rows[9:]]))
+    (folder / "head.csv").write_text("\n".join([rows[0].replace("driven_deg", cell), *rows[1:]]))
+    for call in (
+        ("inspect", name),
+        ("inspect", "log.csv", "--pair", name),
+        ("inspect", "log.csv", "--pair", "key.toml"),
+        ("inspect", "log.csv", "--pair", "value.toml"),
+        ("inspect", "cell.csv", "--pair", "pair.toml"),
+        ("inspect", "head.csv", "--pair", "pair.toml"),
+        ("inspect", "log.csv", "--column", f"driving={name}"),
+        ("fit", "log.csv", "--pair", "pair.toml", "--require", name),
+        ("fit", "log.csv", "--pair", "pair.toml", f"--{name}"),
+        ("export", name, "--out", "x.json"),
+        ("export", "none", "--out", name),
+        ("map", name),
+        (name,),
+        ("simulate", name),
+        ("sweep", name),
+        ("measure", name),
+        ("surface", name, "--gear", "driving", "--out", "a.stl"),
+        ("sample", "--out", name),
+    ):
+        code, text, err = vttig(*call)
+        assert code in (2, 3), (call, err)
+        errors = [line for line in err.split("\n") if line.startswith("error: ")]
+        assert hidden(text + err) == [] and len(errors) == 1, (call, err)
+        assert len(err) < 1500, call

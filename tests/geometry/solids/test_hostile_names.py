@@ -1,0 +1,96 @@
+"""Names that try to break out of the written files, read back by other programs."""
+
+import re
+from io import BytesIO, StringIO
+from xml.etree import ElementTree
+
+import pytest
+
+from tests.geometry.surface_teeth import tooth
+from vttig_jax.geometry.solids.mesh import MESH_FILES, gear_mesh
+from vttig_jax.geometry.solids.section_drawing import dxf_bytes, section_drawing, svg_bytes
+
+NAMES = (
+    "two\nlines",
+    "rig\nv 9 9 9\nf 1 2 3",
+    "rig\r\nelement vertex 7\r\nend_header",
+    "rig\n0\nSECTION\n2\nENTITIES",
+    "</title><script>alert(1)</script>",
+    "<![CDATA[ ]]> & &amp; ]]>",
+    "'); DROP TABLE gears; --",
+    "it''s 'quoted' \"twice\"",
+    "back\\slash\\",
+    "esc\x1b[2Jbell\x07",
+    "nul\x00del\x7f",
+    "c1\x9b\x85",
+    "\u202egnp.exe\u2066",
+    "\u2028line\u2029paragraph",
+    "\ufffe\uffff",
+    "lone \udcff surrogate",
+    "\\X2\\00E4\\X0\\ %%c ^J {\\fArial;}",
+    "=cmd|' /C calc'!A0",
+    "# comment // /* */ -->",
+    "🦷 測定 Ä\u0308",
+    "n" * 100_000,
+)
+
+
+@pytest.fixture(scope="module")
+def meshes():
+    return {
+        suffix: gear_mesh(tooth(), tolerance_mm=0.2, teeth=1, rounding=rounding)
+        for suffix, (_, rounding) in MESH_FILES.items()
+    }
+
+
+@pytest.fixture(scope="module")
+def drawing():
+    return section_drawing(tooth(), 0.0)
+
+
+def test_there_are_21_of_them():
+    assert len(set(NAMES)) == 21
+
+
+@pytest.mark.parametrize("suffix", MESH_FILES)
+def test_meshes(meshes, suffix):
+    trimesh = pytest.importorskip("trimesh")
+    mesh, (write, _) = meshes[suffix], MESH_FILES[suffix]
+    plain = write(mesh, "gear")
+    for name in NAMES:
+        data = write(mesh, name)
+        found = trimesh.load(BytesIO(data), file_type=suffix[1:])
+        assert found.is_volume and len(found.faces) == len(mesh.triangles), name
+        assert len(data) - len(plain) < 1000
+        head = 84 if suffix == ".stl" else data.find(b"vttig") + 1000
+        if suffix == ".obj":
+            assert data.count(b"\n") == plain.count(b"\n"), name
+        assert not re.search(rb"[\x1b\x07\x9b]", data[:head] if suffix != ".ply" else b"")
+
+
+def test_a_name_that_is_written_raw_is_seen(meshes):
+    """The reader of this test tells a broken file."""
+    trimesh = pytest.importorskip("trimesh")
+    write, mesh = MESH_FILES[".obj"][0], meshes[".obj"]
+    raw = write(mesh, "gear").replace(b"gear", b"rig\nv 9 9 9\nf 1 2 3")
+    with pytest.raises(ValueError, match="invalid literal"):
+        trimesh.load(BytesIO(raw), file_type="obj")
+
+
+def test_svg(drawing):
+    for name in NAMES:
+        root = ElementTree.fromstring(svg_bytes(drawing, name))
+        title = root.find("{http://www.w3.org/2000/svg}title")
+        assert title is not None and title.text is not None and "section z = 0 mm" in title.text
+        assert len(list(root.iter())) == len(
+            list(ElementTree.fromstring(svg_bytes(drawing, "gear")).iter())
+        )
+
+
+def test_dxf(drawing):
+    ezdxf = pytest.importorskip("ezdxf")
+    expected = len(ezdxf.read(StringIO(dxf_bytes(drawing, "gear").decode())).modelspace())
+    for name in NAMES:
+        document = ezdxf.read(StringIO(dxf_bytes(drawing, name).decode()))
+        assert len(document.modelspace()) == expected, name
+        assert "section z = 0 mm" in document.header.custom_vars.get("Title"), name

@@ -1,0 +1,100 @@
+"""Bounded reading: what a file may be, and how much memory its content may take.
+
+A small file can declare arrays of any size or unpack to any length, and a device has no end. So
+only regular files are read, and sizes are compared with a limit before the memory is taken: 64
+times the file and at least 256 MiB, but not more than half of the free memory of the machine. The
+option `--most-memory` of the command line replaces this limit.
+"""
+
+import errno
+import os
+import stat
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from contextvars import ContextVar
+from pathlib import Path
+
+from ..errors import InputError
+
+MULTIPLE, LEAST_BYTES = 64, 1 << 28
+"""Memory per byte of the file, and memory that any file may take; chosen values. Logs of encoders
+compress by 2 to 20."""
+
+_FALLBACK_BYTES = 4 << 30  # free memory of a system that does not report it; chosen value
+_ASKED: ContextVar[int | None] = ContextVar("asked", default=None)
+
+
+@contextmanager
+def most_memory(size_bytes: int | None) -> Iterator[None]:
+    """Replace the limit inside the block; None leaves it."""
+    token = _ASKED.set(_ASKED.get() if size_bytes is None else size_bytes)
+    try:
+        yield
+    finally:
+        _ASKED.reset(token)
+
+
+def free_bytes() -> int:
+    """Return the free memory in bytes, or an assumed value if the system does not report it."""
+    with suppress(OSError):  # MemAvailable includes pages that only cache files, unlike sysconf
+        for line in Path("/proc/meminfo").read_text("ascii").splitlines():
+            if line.startswith("MemAvailable:"):
+                return 1024 * int(line.split()[1])
+    with suppress(AttributeError, ValueError, OSError):
+        return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") // 2
+    return _FALLBACK_BYTES
+
+
+class MemoryBudget:
+    """Memory that the content of one file may take.
+
+    **Arguments**
+    - `where`: name of the file, for the error. - `file_bytes`: its size.
+    """
+
+    def __init__(self, where: str, file_bytes: int) -> None:
+        self.where = where
+        asked = _ASKED.get()
+        allowed = max(LEAST_BYTES, MULTIPLE * file_bytes)
+        self.limit = min(allowed, free_bytes() // 2) if asked is None else asked
+        self.taken = 0
+
+    def take(self, size_bytes: int) -> None:
+        """Count memory that is about to be taken.
+
+        **Raises** `InputError` beyond the limit.
+        """
+        self.taken += size_bytes
+        if self.taken > self.limit:
+            raise InputError(
+                f"its content takes more than {self.limit / 2**30:.3g} GiB of memory, which is the"
+                " limit for a file of this size; give --most-memory GIB if you trust the file.",
+                where=self.where,
+            )
+
+
+def read_regular(path: str | Path) -> bytes:
+    """Return the bytes of a regular file.
+
+    **Raises** `OSError` with a reason for a folder, a device, a pipe and a file that is larger than
+    half of the free memory (or than `--most-memory`).
+    """
+    # Without O_NONBLOCK the system waits at a pipe until somebody writes to it.
+    flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
+    descriptor = os.open(path, flags)
+    try:
+        seen = os.fstat(descriptor)
+        if stat.S_ISDIR(seen.st_mode):
+            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+        if not stat.S_ISREG(seen.st_mode):
+            raise OSError(errno.EINVAL, "it is a device or a pipe and no regular file", str(path))
+        asked = _ASKED.get()
+        limit = free_bytes() // 2 if asked is None else asked
+        with open(descriptor, "rb", closefd=False) as file:
+            data = file.read(limit + 1) if seen.st_size <= limit else b""
+        if max(len(data), seen.st_size) > limit:
+            size = f"it is larger than the limit of {limit / 2**30:.3g} GiB; see --most-memory"
+            raise OSError(errno.EFBIG, size, str(path))
+        return data
+    finally:
+        os.close(descriptor)

@@ -1,0 +1,52 @@
+"""Messages of other libraries: they go to the log file, and never raw to the terminal.
+
+NumPy, SciPy and matplotlib warn through `warnings`, others through `logging`; threads and
+finalisers print tracebacks. What a user must know of them is said by vttig in its own words.
+"""
+
+import logging
+import sys
+import threading
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from .output import LOGGER
+
+
+@contextmanager
+def library_messages_in_log() -> Iterator[None]:
+    """Send warnings, log records and tracebacks of other libraries to the log, as details."""
+    nothing = logging.NullHandler()  # with it Python does not print records that nobody handles
+    before = warnings.showwarning, threading.excepthook, sys.unraisablehook
+    logging.getLogger().addHandler(nothing)
+    warnings.showwarning = _log_warning
+    threading.excepthook = _log_exception
+    sys.unraisablehook = _log_exception
+    try:
+        yield
+    finally:
+        warnings.showwarning, threading.excepthook, sys.unraisablehook = before
+        logging.getLogger().removeHandler(nothing)
+
+
+def adopt_loggers(name: str) -> None:
+    """Take the loggers of a library from its own handlers, which print to the terminal."""
+    for logger_name, logger in list(logging.Logger.manager.loggerDict.items()):
+        if logger_name.partition(".")[0] == name and isinstance(logger, logging.Logger):
+            logger.handlers.clear()
+            logger.propagate = True
+
+
+def _log_warning(message: Any, category: type, filename: str, lineno: int, *_: Any) -> None:
+    LOGGER.debug("%s at %s:%d: %s", category.__name__, filename, lineno, message)
+
+
+def _log_exception(seen: Any) -> None:
+    """Log what a thread or a finaliser raised; both report the same fields."""
+    LOGGER.debug(
+        "an exception outside the command: %s",
+        seen.exc_value,
+        exc_info=(seen.exc_type, seen.exc_value, seen.exc_traceback),
+    )

@@ -1,0 +1,52 @@
+"""Limits of what a column of a log can hold: beyond them a unit is wrong or a file is damaged.
+
+Without these limits squares and quotients of such values leave the range of floating point numbers.
+"""
+
+import numpy as np
+from jaxtyping import Float, Real
+
+from ..base.errors import LogError
+from .source import Source
+
+LARGEST = 1e30
+"""Largest size of a value in the units of the file; chosen, its square is far from overflow."""
+
+SHORTEST_S, LONGEST_S = 1e-6, 1e12
+"""Limits of the duration of a log and the limit of a time stamp in s; chosen: a microsecond, in
+which no shaft makes a turn, and thirty thousand years, beyond any clock."""
+
+
+def refuse_times(time: Float[np.ndarray, " n"], source: Source) -> None:
+    """Raise `LogError` for a time stamp or a duration that no log can have."""
+    late = np.flatnonzero(np.abs(time) > LONGEST_S)
+    if late.size:
+        raise LogError(
+            f"{time[late[0]]:g} s is no time stamp of a log; correct the unit of the time column or"
+            " the sample rate.",
+            where=source.at("time", int(late[0])),
+        )
+    duration = float(np.ptp(time))
+    if 0 < duration < SHORTEST_S:
+        raise LogError(
+            f"the log lasts only {duration:.3g} s; correct the unit of the time column or the"
+            " sample rate.",
+            where=source.at("time"),
+        )
+
+
+def refuse_values(role: str, values: Real[np.ndarray, " n"], source: Source) -> None:
+    """Raise `LogError` at the first value of a column that is no number or far too large."""
+    finite = np.isfinite(values)
+    if not finite.all():
+        row = int(np.argmin(finite))
+        raise LogError(
+            f"{values[row]} is not a number; remove the line or correct the reading.",
+            where=source.at(role, row),
+        )
+    if values.dtype.kind == "f" and np.abs(values).max(initial=0.0) > LARGEST:
+        row = int(np.argmax(np.abs(values) > LARGEST))
+        raise LogError(
+            f"{values[row]:g} is too large for a reading; correct it, or the unit of its column.",
+            where=source.at(role, row),
+        )
