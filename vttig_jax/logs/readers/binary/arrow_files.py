@@ -7,7 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from ....base.files.limits import MemoryBudget
+
 PARQUET = (".parquet", ".pq")
+_WIDEST = 8  # bytes of a number
 UNIT_KEYS = (b"unit", b"units", b"unit_string")
 """Keys in the metadata of a field that hold its unit."""
 
@@ -16,7 +19,7 @@ def arrow_columns(path: Path, data: bytes) -> Iterator[tuple[str, np.ndarray]]:
     """Yield names and columns of numbers and of time stamps; stamps are in s since the first one.
 
     A unit in the metadata of a field stands in brackets behind its name. Damaged bytes raise
-    various exceptions of pyarrow.
+    various exceptions of pyarrow, and more numbers than the limit of memory `InputError`.
     """
     import pyarrow as pa
 
@@ -37,7 +40,11 @@ def _table(pa: Any, path: Path, data: bytes) -> Any:
     if path.suffix.lower() in PARQUET:
         from pyarrow import parquet
 
-        return parquet.read_table(io.BytesIO(data))
+        file = parquet.ParquetFile(io.BytesIO(data))
+        MemoryBudget(str(path), len(data)).take(
+            _WIDEST * file.metadata.num_rows * file.metadata.num_columns
+        )
+        return file.read()
     if data[:4] == b"FEA1":
         from pyarrow import feather
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ....base.errors import LogError, UsageError
+from ....base.errors import InputError, LogError, UsageError
 from ..nested import NestedTable
 from ..text import read_bytes
 from .clocked import ClockedColumn, table_of
@@ -93,7 +93,7 @@ def read_binary(path: Path, form: Format) -> tuple[NestedTable, str, tuple[str, 
     reader = _reader(form)
     try:
         table = _table(reader(path, data), source)
-    except (LogError, UsageError):
+    except (InputError, UsageError):
         raise
     except Exception:  # damaged bytes raise various exceptions
         raise LogError(

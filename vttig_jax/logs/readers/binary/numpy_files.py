@@ -9,10 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from ....base.errors import LogError
+from ....base.files.limits import MemoryBudget
 from ..matrix_columns import matrix_columns
-
-MOST_BYTES = 2**34
-"""Largest size of one array, 16 GiB (chosen): a compressed file of a few kB can claim any size."""
 
 
 def numpy_columns(path: Path, data: bytes) -> Iterator[tuple[str, np.ndarray]]:
@@ -21,8 +19,10 @@ def numpy_columns(path: Path, data: bytes) -> Iterator[tuple[str, np.ndarray]]:
     Fields of structured arrays are columns too. The array of a .npy file has the name of the file.
 
     **Raises** `LogError` for arrays of objects, which are pickles, and for headers that claim more
-    than the file holds; `ValueError` and others for damaged bytes.
+    than the file holds; `InputError` beyond the limit of memory; `ValueError` and others for
+    damaged bytes.
     """
+    budget = MemoryBudget(str(path), len(data))
     if path.suffix.lower() == ".npy":
         yield from _columns(path.stem, data, len(data), str(path))
         return
@@ -31,8 +31,7 @@ def numpy_columns(path: Path, data: bytes) -> Iterator[tuple[str, np.ndarray]]:
             if not member.filename.endswith(".npy"):
                 continue
             name = member.filename.removesuffix(".npy")
-            if member.file_size > MOST_BYTES:
-                raise _too_large(member.file_size, f"{path}: array `{name}`")
+            budget.take(member.file_size)
             with archive.open(member) as file:
                 head = file.read(4096)
             _check_header(head, member.file_size, f"{path}: array `{name}`")
@@ -79,19 +78,9 @@ def _check_header(head: bytes, size: int, where: str) -> None:
             where=where,
         )
     claimed = prod(shape) * dtype.itemsize
-    if claimed > MOST_BYTES:
-        raise _too_large(claimed, where)
     if claimed > size - file.tell():
         raise LogError(
             f"the header claims {claimed} bytes, but {size - file.tell()} follow; the file is cut"
             " off, save it again.",
             where=where,
         )
-
-
-def _too_large(claimed: int, where: str) -> LogError:
-    return LogError(
-        f"the header claims {claimed / 2**30:.4g} GiB, more than the {MOST_BYTES / 2**30:g} GiB"
-        " that are read; save a shorter log.",
-        where=where,
-    )
