@@ -79,10 +79,12 @@ def test_the_examples_of_a_page_run(page):
     assert len(blocks) == 2
 
 
-def test_the_example_of_the_readme():
-    texts = [block[2] for block in _FENCE.finditer(README.read_text(encoding="utf-8"))]
+@pytest.mark.parametrize("page", ["README.md", "docs/python.md"])
+def test_the_example_of_a_guide(page):
+    text = (README.parent / page).read_text(encoding="utf-8")
+    texts = [block[2] for block in _FENCE.finditer(text)]
     assert len(texts) == 1
-    problem = run("README.md", texts[0])
+    problem = run(page, texts[0])
     assert not problem, problem
 
 

@@ -1,4 +1,5 @@
 import json
+from pathlib import Path
 
 import pytest
 
@@ -54,6 +55,16 @@ def test_prints_the_truth_beside_the_fit(vttig):
     assert "map with all orders" in out and "95 % band of the whole map" in out
     assert "converged: no" in out
     assert err == ""
+
+
+def test_the_readme_shows_the_fit_of_its_log(demo, vttig, monkeypatch):
+    text = (Path(__file__).parents[2] / "README.md").read_text("utf-8")
+    command = text.partition("```sh\nvttig fit demo/log.csv")[2].partition("\n")[0]
+    shown = text.partition(command)[2].partition("```\n\n```\n")[2].partition("\n```")[0]
+    monkeypatch.chdir(demo.parent)
+    code, out, _ = vttig("fit", "demo/log.csv", *command.split())
+    assert code == 0 and "constant_backlash_deg" in shown
+    assert out.startswith(f"{shown}\n")
 
 
 def test_seed_changes_the_log(demo, vttig_json):

@@ -20,7 +20,7 @@ from vttig_jax.pair.load import pair_spec
 from vttig_jax.pair.pair_file import spec_table
 from vttig_jax.rig.paper import paper_pair
 
-README = Path(__file__).parents[2] / "README.md"
+DOCS = Path(__file__).parents[2] / "docs"
 SCENARIO = """
 pair = "gears/pair.toml"
 [eccentricities]
@@ -92,10 +92,10 @@ def test_text_and_object_are_those_of_the_library(vttig, vttig_json, scenario):
     assert record["scenario"]["motion"]["dwell_s"] == 0.2
 
 
-def test_the_readme_shows_what_is_printed(vttig, tmp_path, monkeypatch):
-    text = README.read_text("utf-8")
-    section = text.partition("**6. Simulate a reversal.**")[2]
-    for name, part in (("pair.toml", text), ("scenario.toml", section)):
+def test_the_page_shows_what_is_printed(vttig, tmp_path, monkeypatch):
+    section = (DOCS / "reversals.md").read_text("utf-8")
+    pair = (DOCS / "pair_file.md").read_text("utf-8")
+    for name, part in (("pair.toml", pair), ("scenario.toml", section)):
         (tmp_path / name).write_text(part.partition("```toml\n")[2].partition("```")[0])
     monkeypatch.chdir(tmp_path)
     printed = section.partition("```\n\n```\n")[2].partition("\n```")[0]
