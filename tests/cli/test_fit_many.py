@@ -122,6 +122,7 @@ def test_refusals(vttig, command, options, code, words, monkeypatch):
     assert (found, out) == (code, "") and words in err and err.count("\n") == 1
 
 
+@pytest.mark.portable
 def test_a_log_is_given_once_and_exists(vttig, command, rigs):
     code, _, err = vttig("fit-many", command[1], command[1], *command[-2:])
     assert code == 2 and "given twice" in err

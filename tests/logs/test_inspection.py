@@ -246,7 +246,8 @@ def test_preview_names_what_is_missing(tmp_path):
     text = flat(seen)
     for words in ("--column time=NAME", "--column driving=NAME", "driven=NAME", "--pair"):
         assert words in text
-    assert seen.sampling is None and seen.ratio is None
+    assert "'None'" not in text
+    assert seen.sampling is not None and seen.ratio is None
     assert [c.turns for c in seen.columns][1] == pytest.approx(799 / 360)
     named = preview_log(path, columns={"driving": "mot_deg", "driven": "se_deg"}, sample_rate_hz=5)
     assert named.ratio is not None and named.ratio[0] == pytest.approx(0.5)

@@ -99,8 +99,8 @@ class DriveOptions:
 
     def tell(self, guesses: "Sequence[Guess]", spec: "PairSpec", output: Output) -> None:
         """Print what was guessed to stderr, unless `-q` is given, and write the pair file."""
-        for guess in () if output.quiet else guesses:
-            click.echo(str(guess), err=True)
+        for guess in guesses:
+            output.narrate(str(guess))
         if self.write_pair is not None:
             write_pair(self.write_pair, spec)
             LOGGER.info("written to %s", self.write_pair)

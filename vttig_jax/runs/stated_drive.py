@@ -53,16 +53,10 @@ def write_pair(path: Path, spec: PairSpec) -> None:
     """
     import tomli_w
 
-    from ..base.files.atomic_write import (
-        move,
-        os_errors_as_input_errors,
-        temporary_path,
-        write_synced,
-    )
+    from ..base.files.atomic_write import os_errors_as_input_errors, replace_file
 
     if path.exists():
         raise UsageError("this file exists; choose another name for --write-pair.", where=str(path))
     table = {name: value for name, value in spec_table(spec).items() if name != "name" or value}
     with os_errors_as_input_errors(path):
-        write_synced(temporary_path(path), tomli_w.dumps(table).encode())
-        move(temporary_path(path), path)
+        replace_file(path, tomli_w.dumps(table).encode())

@@ -10,12 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ...base.files.atomic_write import (
-    move,
-    os_errors_as_input_errors,
-    temporary_path,
-    write_synced,
-)
+from ...base.files.atomic_write import os_errors_as_input_errors, replace_file
 from ...base.files.text_tables import key_values, text_table
 from ...base.results import TextResult
 from .codes import Code
@@ -194,5 +189,4 @@ def _cell(value: Any) -> Any:
 
 def _write(path: Path, data: bytes) -> None:
     with os_errors_as_input_errors(path):
-        write_synced(temporary_path(path), data)
-        move(temporary_path(path), path)
+        replace_file(path, data)

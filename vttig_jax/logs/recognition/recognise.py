@@ -151,7 +151,7 @@ class Search:
         return [role for role in missing if role not in self.roles]
 
     def _find_by_ratio(self, missing: list[str]) -> None:
-        if missing == ["driven"] and self._clocked:
+        if not self.request.names_a_drive or (missing == ["driven"] and self._clocked):
             raise question.no_fit(missing, self._free(), None, self.source)
         fixed = {role: self._candidate(self.roles[role]) for role in SHAFTS if role in self.roles}
         scale = Scale(self._per_turn, self._common)
