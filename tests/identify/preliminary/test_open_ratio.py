@@ -72,3 +72,27 @@ def test_a_wrong_ratio_that_is_kept_leaves_its_slope(monkeypatch):
     monkeypatch.setattr(model_selection, "_demands_a_ratio", lambda *_: False)
     kept = fit(joint_log("0.00505"), drive("0.00505"))
     assert kept.residual_rms_deg > 10 * freed.residual_rms_deg
+
+
+def arm_log(given: str, *, slip: float = 1.0) -> EncoderLog:
+    """Five turns of a motor, two thirds of a turn of the arm that it drives."""
+    return drive_log(
+        drive(given),
+        there_and_back([60, 120, 90], 2.5),
+        gap=level(900.0),
+        error=lambda angle, _: 100 * np.sin(angle + 0.3) + 140 * np.sin(8.728 * angle),
+        ratio=slip / 7.3,
+    )
+
+
+def test_on_few_turns_and_a_part_of_a_driven_turn_the_ratio_is_as_given():
+    """A free ratio and the first order of the arm could cancel each other at any size."""
+    result = fit(arm_log("10/73"), drive("10/73"))
+    assert [one for one in result.regressors if one.name == "ratio"] == []
+    assert known(result.checks.gap_over_angles_covered.value) == pytest.approx(0.25, abs=2e-3)
+
+
+def test_there_a_ratio_that_the_log_contradicts_is_freed():
+    result = fit(arm_log("10/73", slip=1.004), drive("10/73"))
+    (ratio,) = [one for one in result.regressors if one.name == "ratio"]
+    assert known(ratio.value) == pytest.approx(1.004 / 7.3, rel=5e-4)

@@ -172,9 +172,11 @@ def _has_open_ratio(pair: GearPair | Drive, identifiable: Identifiability) -> bo
     """Return whether a wrong ratio would bias the other terms: on few turns of a drive both ways.
 
     Tooth counts make the ratio of a gear pair exact, and many turns show a wrong ratio. On a single
-    turn a slope and the first order are nearly the same, and in one direction a slope is a drift.
+    turn of either shaft a slope and the first order are nearly the same, and in one direction a
+    slope is a drift.
     """
-    return len(identifiable.flanks) == 2 and _may_be_off(pair, identifiable)
+    both_ways = len(identifiable.flanks) == 2
+    return both_ways and "driven" not in identifiable.short and _may_be_off(pair, identifiable)
 
 
 def _may_be_off(pair: GearPair | Drive, identifiable: Identifiability) -> bool:

@@ -4,13 +4,15 @@ The rows have residuals of covariance
 
     K = e^s [(1 − w) exp(−|t − t'| / τ) + w 1].
 
-Restricted likelihood estimates s, ln τ and logit w. A linear function with the weights u of the
-rows then has the variance v = uᵀ K u with Satterthwaite's degrees of freedom
+A few turns tell s, τ and w only roughly, and a fit of many columns hides slow noise. The restricted
+likelihood L of s, ln τ and logit w therefore weighs all values, each as probable as any other
+before the log (D. A. Harville, Biometrika 61 (1974) 383). With s integrated, a linear function with
+the weights u of the rows has the error
 
-    ν = 2 v² / (∇vᵀ A ∇v),    A = 2 H⁻¹,
+    Σ p(τ, w) √v(τ, w) t_ν,    v = uᵀ K u,    p ∝ L,
 
-where H is the Hessian of −2 ln of the likelihood (F. E. Satterthwaite, Biometrics Bull. 2 (1946)
-110). An autoregression of the rows knows less: it takes the runs of a log as independent.
+a mixture of Student's distributions for ν, the number of rows less that of the columns. An
+autoregression of the rows knows less: it takes the runs of a log as independent.
 """
 
 from collections.abc import Sequence
@@ -20,24 +22,24 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 from scipy.linalg import solve_triangular
-from scipy.optimize import minimize
+from scipy.optimize import brentq
+from scipy.special import stdtr, stdtrit
 
 from ..compress.orthogonal import triangle_of
-from ..noise.freedom import satterthwaite
 
 _MOST_ROWS = 300
 """Rows of the likelihood; more are averaged, because its cost grows with their third power."""
 
-_LONGEST = 10.0  # largest correlation time in durations of the log; chosen value
-_LEAST_WHITE, _MOST_WHITE = -9.0, 6.0  # bounds of logit w; chosen values
-_STEP = 0.02  # step of the differences of ln τ and logit w; chosen value
-_SEARCH = {"xatol": 0.02, "fatol": 1e-3, "maxfev": 80}
-"""Tolerances of the search, small beside the standard errors, 0.3 and more (chosen)."""
+_LONGEST = 1.0
+"""Largest correlation time in durations of the log; what remembers longer is a drift (chosen)."""
+
+_LEAST_WHITE, _MOST_WHITE = -8.0, 4.0  # bounds of logit w; chosen values
+_MEMORIES, _WHITES = 14, 9
+"""Numbers of values of ln τ and logit w, in the middle of equal cells; a finer grid changes a
+half-width by less than 5 %."""
 
 _EMPTY = 1e-9  # least singular value of a column that counts, relative; chosen value
-
-Shape = Float[np.ndarray, "2"]
-"""ln τ and logit w."""
+_OUTSIDE = 0.05  # probability of an error beyond the half-width
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,21 +61,26 @@ class Run:
 
 @dataclass(frozen=True, eq=False)
 class RememberedNoise:
-    """Estimated noise of the rows of all runs; neighbouring rows are averaged if there are many.
+    """Probable noises of the rows of all runs; neighbouring rows are averaged if there are many.
 
     **Arguments**
-    - `likelihood`: likelihood of the averaged rows. - `shape`: its largest value.
-    - `size`: rows per averaged row. - `runs`: rows of every run.
+    - `rows`: averaged rows. - `size`: rows per averaged row. - `runs`: rows of every run.
+    - `memory_s`: correlation times τ, s. - `white`: shares w.
+    - `scale`: variance e^s of the largest likelihood at each τ and w, rad².
+    - `probability`: probability of each τ and w.
     """
 
-    likelihood: "_Likelihood"
-    shape: Shape
+    rows: "_Rows"
     size: int
     runs: Sequence[Run]
+    memory_s: Float[np.ndarray, " t"]
+    white: Float[np.ndarray, " w"]
+    scale: Float[np.ndarray, "t w"]
+    probability: Float[np.ndarray, "t w"]
 
     @classmethod
     def of(cls, runs: Sequence[Run]) -> "RememberedNoise":
-        """Estimate the noise."""
+        """Weigh all noises by their likelihood."""
         size = max(1, -(-sum(len(run.time) for run in runs) // _MOST_ROWS))
         found = []
         for run in runs:
@@ -82,41 +89,73 @@ class RememberedNoise:
             found.append(total / np.maximum(total[:, :1], 1e-300))
             found[-1][:, 1] = _sums(run.time, size) / _sums(np.ones(len(run.time)), size)
             found[-1] = found[-1][total[:, 0] > 0]
-        rows = np.concatenate(found)
-        likelihood = _Likelihood.of(rows[:, 1], rows[:, 2:-1], rows[:, -1])
-        return cls(likelihood, likelihood.best(), size, runs)
+        averaged = np.concatenate(found)
+        rows = _Rows.of(averaged[:, 1], averaged[:, 2:-1], averaged[:, -1])
+        longest = np.log(_LONGEST * len(rows.value))
+        memory_s = rows.step * np.exp(_middles(0.0, longest, _MEMORIES))
+        white = 1 / (1 + np.exp(-_middles(_LEAST_WHITE, _MOST_WHITE, _WHITES)))
+        parts = np.array([[rows.parts(memory, share) for share in white] for memory in memory_s])
+        misfit = np.maximum(parts[..., 0], 1e-300)
+        height = rows.freedom * np.log(misfit) + parts[..., 1]
+        likelihood = np.exp((height.min() - height) / 2)
+        return cls(
+            rows=rows,
+            size=size,
+            runs=runs,
+            memory_s=memory_s,
+            white=white,
+            scale=misfit / rows.freedom,
+            probability=likelihood / likelihood.sum(),
+        )
 
-    def variances(
-        self, weights: Sequence[Float[np.ndarray, "_ k"]]
-    ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
-        """Return the variances of functions with these weights of the rows of every run, and ν."""
+    def half_widths(self, weights: Sequence[Float[np.ndarray, "_ k"]]) -> Float[np.ndarray, " k"]:
+        """Return what 95 % of the errors of functions of the rows of every run do not exceed.
+
+        **Arguments**
+        - `weights`: derivatives of the functions with respect to the rows of every run.
+        """
         summed = np.concatenate(
             [
                 _sums(own * run.share[:, None], self.size)[_sums(run.share**2, self.size) > 0]
                 for own, run in zip(weights, self.runs, strict=True)
             ]
         )
-        left = self.likelihood.freedom
+        slow = np.array(
+            [
+                np.sum(summed * (self.rows.correlation(one) @ summed), axis=0)
+                for one in self.memory_s
+            ]
+        )
+        mixed = np.multiply.outer(1 - self.white, slow).swapaxes(0, 1)
+        mixed += np.multiply.outer(self.white, np.sum(summed**2, axis=0))
+        std = np.sqrt(np.maximum(self.scale[..., None] * mixed, 0.0))
+        probability, freedom = self.probability.ravel(), float(self.rows.freedom)
+        return np.array(
+            [_half_width(own, probability, freedom) for own in std.reshape(-1, std.shape[-1]).T]
+        )
 
-        def at(first: float = 0.0, second: float = 0.0):
-            """Return the misfit, the log-determinants and uᵀ K u e^−s at a shifted shape."""
-            shape = self.shape + _STEP * np.array([first, second])
-            variance = np.einsum("nk,nk->k", summed, self.likelihood.covariance(shape) @ summed)
-            return (*self.likelihood.parts(shape), variance)
 
-        middle = at()
-        scale = middle[0] / left
-        height = lambda part: part[0] / scale + part[1] - left - middle[1]  # noqa: E731
-        ends = [[at(step, 0.0) for step in (1.0, -1.0)], [at(0.0, step) for step in (1.0, -1.0)]]
-        mixed = height(at(1.0, 1.0)) + height(at(-1.0, -1.0))
-        mixed -= sum(height(end) for pair in ends for end in pair)
-        hessian = np.diag([left, 0.0, 0.0])
-        hessian[1, 2] = hessian[2, 1] = mixed / (2 * _STEP**2)
-        for place, (up, down) in enumerate(ends, 1):
-            hessian[place, place] = (height(up) + height(down)) / _STEP**2
-            hessian[0, place] = hessian[place, 0] = (down[0] - up[0]) / (2 * _STEP * scale)
-        slope = np.array([middle[2], *((up[2] - down[2]) / (2 * _STEP) for up, down in ends)])
-        return scale * middle[2], satterthwaite(middle[2], slope, hessian)
+def _half_width(
+    std: Float[np.ndarray, " n"], probability: Float[np.ndarray, " n"], freedom: float
+) -> float:
+    """Return the half-width of the 95 % interval of a mixture of Student's distributions."""
+    quantile = float(stdtrit(freedom, 1 - _OUTSIDE / 2))
+    counted = probability > 0
+    std, probability = std[counted], probability[counted]
+    low, high = quantile * float(std.min()), quantile * float(std.max())
+    if not low < high or low == 0:
+        return high
+
+    def excess(width: float) -> float:
+        return 2 * float(probability @ stdtr(freedom, -width / std)) - _OUTSIDE
+
+    found: Any = brentq(excess, 0.99 * low, 1.01 * high)
+    return found
+
+
+def _middles(low: float, high: float, count: int) -> Float[np.ndarray, " count"]:
+    """Return the middles of so many equal cells."""
+    return low + (high - low) * (np.arange(count) + 0.5) / count
 
 
 def _sums(rows: Float[np.ndarray, "n ..."], size: int) -> Float[np.ndarray, "m ..."]:
@@ -125,14 +164,13 @@ def _sums(rows: Float[np.ndarray, "n ..."], size: int) -> Float[np.ndarray, "m .
 
 
 @dataclass(frozen=True, eq=False)
-class _Likelihood:
-    """Restricted likelihood of rows; `basis` is an orthonormal basis of their columns."""
+class _Rows:
+    """Times and values of rows; `basis` is an orthonormal basis of their columns."""
 
     distance: Float[np.ndarray, "n n"]
     basis: Float[np.ndarray, "n q"]
     value: Float[np.ndarray, " n"]
-    shortest: float
-    longest: float
+    step: float
 
     @classmethod
     def of(
@@ -140,17 +178,15 @@ class _Likelihood:
         time: Float[np.ndarray, " n"],
         design: Float[np.ndarray, "n q"],
         value: Float[np.ndarray, " n"],
-    ) -> "_Likelihood":
+    ) -> "_Rows":
         size = np.linalg.norm(design, axis=0)
         scaled = design / np.where(size > 0, size, 1.0)
         left, singular, _ = np.linalg.svd(scaled, full_matrices=False)
-        step = float(np.median(np.diff(time)))
         return cls(
             distance=np.abs(np.subtract.outer(time, time)),
             basis=left[:, singular > _EMPTY * singular[0]],
             value=value,
-            shortest=step,
-            longest=_LONGEST * step * len(time),
+            step=float(np.median(np.diff(time))),
         )
 
     @property
@@ -158,38 +194,16 @@ class _Likelihood:
         """Rows less columns."""
         return max(len(self.value) - self.basis.shape[1], 1)
 
-    def covariance(self, shape: Shape) -> Float[np.ndarray, "n n"]:
-        """Return K e^−s."""
-        white = 1 / (1 + np.exp(-shape[1]))
-        matrix = (1 - white) * np.exp(-self.distance / np.exp(shape[0]))
-        matrix[np.diag_indices_from(matrix)] = 1.0
-        return matrix
+    def correlation(self, memory_s: float) -> Float[np.ndarray, "n n"]:
+        """Return the correlation of noise that remembers so many seconds."""
+        return np.exp(-self.distance / memory_s)
 
-    def parts(self, shape: Shape) -> tuple[float, float]:
+    def parts(self, memory_s: float, white: float) -> tuple[float, float]:
         """Return the misfit, and the sum of the log-determinants of K e^−s and of Xᵀ K⁻¹ X e^s."""
-        lower = np.linalg.cholesky(self.covariance(shape))
+        matrix = (1 - white) * self.correlation(memory_s)
+        matrix[np.diag_indices_from(matrix)] = 1.0
+        lower = np.linalg.cholesky(matrix)
         columns = np.column_stack([self.basis, self.value])
         triangle = triangle_of(solve_triangular(lower, columns, lower=True))
         diagonal = np.append(np.diag(lower), np.diag(triangle)[:-1])
         return float(triangle[-1, -1] ** 2), 2 * float(np.sum(np.log(np.abs(diagonal))))
-
-    def best(self) -> Shape:
-        """Return the shape of the largest likelihood, which may have several maxima."""
-        low = np.array([np.log(self.shortest), _LEAST_WHITE])
-        high = np.array([np.log(self.longest), _MOST_WHITE])
-
-        def height(shape: Shape) -> float:
-            inside = np.clip(shape, low, high)
-            misfit, penalty = self.parts(inside)
-            outside = float(np.sum((inside - shape) ** 2))
-            return self.freedom * np.log(max(misfit, 1e-300)) + penalty + outside
-
-        starts = [
-            np.array([low[0] + share * (high[0] - low[0]), white])
-            for share in np.arange(1, 8) / 8
-            for white in (-5.0, -3.0, -1.5, 0.0)
-        ]
-        found: Any = minimize(
-            height, min(starts, key=height), method="Nelder-Mead", options=_SEARCH
-        )
-        return np.clip(np.asarray(found.x), low, high)

@@ -12,13 +12,13 @@ as long as a block. There a mean over cosines of the scores g_t of the rows repl
     (1/K) Σ_k Λ_k Λ_kᵀ,    Λ_k = √2 Σ_t cos(πk (t − ½)/T) g_t,    k = 1 … K = 8,
 
 with the quantile for 8 degrees of freedom (U. K. Müller, J. Econometrics
-141 (2007) 1331; Y. Sun, J. Econometrics 178 (2014) 659). The standard error is at least that under
-noise that remembers from run to run, with Satterthwaite's quantile.
+141 (2007) 1331; Y. Sun, J. Econometrics 178 (2014) 659). The interval is at least that under noise
+that remembers from run to run.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal, overload
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -110,19 +110,15 @@ def _of_cosines(
     own = _quantile(_COSINES) * np.sqrt(np.mean((cosines @ influence) ** 2, axis=0))
     if not memory:
         return own
-    variance, freedom = solved.remembered_noise.variances(
+    remembered = solved.remembered_noise.half_widths(
         [one.weights for one in found if one.weights is not None]
     )
-    return np.maximum(own, _quantile(freedom) * np.sqrt(variance))
+    return np.maximum(own, remembered / NORMAL_95)
 
 
-@overload
-def _quantile(count: float) -> float: ...
-@overload
-def _quantile(count: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]: ...
-def _quantile(count):
+def _quantile(count: int) -> float:
     """Return the 97.5 % quantile of Student's distribution over that of the normal one."""
-    return stdtrit(count, 0.975) / NORMAL_95
+    return float(stdtrit(count, 0.975)) / NORMAL_95
 
 
 def _blocks(rows: Sequence[Float[np.ndarray, "_ k"]], total: int) -> Float[np.ndarray, "blocks k"]:
