@@ -116,19 +116,24 @@ def _is_split(identifiable: Identifiability, settings: FitSettings) -> bool:
 
 
 def estimate_of(
+    solved: SolvedFit,
     selected: SelectedModel,
     pair: GearPair | Drive,
     identifiable: Identifiability,
+    *,
     settings: FitSettings,
     readings: BacklashReadings | None,
 ) -> Estimate:
-    """Return the parameters with standard errors that the log itself and the readings support."""
-    solved = _solved(selected, pair, identifiable, settings)
+    """Return the parameters with standard errors that the log itself and the readings support.
+
+    **Arguments**
+    - `solved`: parameters with the standard errors of the noise model, from `solve_model`.
+    """
     solved, white, scatter = _with_own_errors(solved, identifiable)
     other = None if _has_own_drift(identifiable, settings) else with_walk(selected)
     walk = None
     if other is not None:
-        solved, walk = beside_walk(solved, _solved(other, pair, identifiable, settings))
+        solved, walk = beside_walk(solved, solve_model(other, pair, identifiable, settings))
     solved, compared = _with_readings(solved, readings, pair, settings.use_readings)
     change = delay_change(selected.linear) if selected.delay.state == "fitted" else None
     change = with_rival(change, selected)
@@ -142,7 +147,7 @@ def estimate_of(
     )
 
 
-def _solved(
+def solve_model(
     selected: SelectedModel,
     pair: GearPair | Drive,
     identifiable: Identifiability,

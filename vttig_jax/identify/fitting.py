@@ -16,7 +16,7 @@ from ..logs.readers.backlash_readings import BacklashReadings
 from ..pair.gear_pair import Drive, GearPair
 from ..pair.load import pair_from_spec
 from ..pair.schema import HarmonicOrders
-from .build_result import build_fit, estimate_of
+from .build_result import build_fit, estimate_of, solve_model
 from .compress.harmonic_summary import HarmonicSummary
 from .fit_result import Fit, FitRequest
 from .line_orders import joined_lines
@@ -186,9 +186,17 @@ class _Task:
         flanks = tuple(flank.flank for flank in selected.summary.flanks)
         return replace(scope, flanks=flanks), selected
 
-    def estimate(self, scope: Identifiability, selected: SelectedModel) -> Estimate:
-        """Return the parameters of a selected model."""
-        return estimate_of(selected, self.pair, scope, self.settings, self.readings)
+    def solved(self, scope: Identifiability, selected: SelectedModel) -> SolvedFit:
+        """Return the parameters with the standard errors of the noise model."""
+        return solve_model(selected, self.pair, scope, self.settings)
+
+    def estimate(
+        self, solved: SolvedFit, scope: Identifiability, selected: SelectedModel
+    ) -> Estimate:
+        """Return the parameters with standard errors that the log itself supports."""
+        return estimate_of(
+            solved, selected, self.pair, scope, settings=self.settings, readings=self.readings
+        )
 
 
 def _fitted(task: _Task, wanted: HarmonicOrders, scope: Identifiability) -> Fit:
@@ -200,18 +208,17 @@ def _fitted(task: _Task, wanted: HarmonicOrders, scope: Identifiability) -> Fit:
     fewer = _entering(task, wanted, scope, selected)
     if fewer is not None:
         scope, selected = task.selected(fewer)
-    estimate = task.estimate(scope, selected)
-    lines = Lines()
-    if _may_join(estimate.solved, task.settings):
+    solved, lines = task.solved(scope, selected), Lines()
+    if _may_join(solved, task.settings):
         # A second round would look for lines in what the first lines leave of their own shape.
-        joint = joint_lines(selected.linear.rows, estimate.solved.weights)
-        joined = joined_lines(estimate.solved, joint, few_turns=scope.few_turns)
+        joint = joint_lines(selected.linear.rows, solved.weights)
+        joined = joined_lines(solved, joint, few_turns=scope.few_turns)
         lines = Lines(joint=joint)
         if joined is not None:
             wider = replace(scope, terms=_telling(joined.terms, joined.notes))
             scope, selected = task.selected(wider)
-            estimate = task.estimate(scope, selected)
-            lines = Lines(joined.lines)
+            solved, lines = task.solved(scope, selected), Lines(joined.lines)
+    estimate = task.estimate(solved, scope, selected)
     return build_fit(
         selected, estimate, task.pair, identifiable=scope, settings=task.settings, lines=lines
     )
