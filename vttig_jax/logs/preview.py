@@ -17,7 +17,7 @@ from ..base.files.toml_io import plain_table
 from ..base.shown_text import shown_name
 from ..base.units import ANGLE_UNITS, ARCSEC, REV
 from ..pair.schema import PairSpec
-from .channel.channel import step_of
+from .channel.steps import step_of
 from .channel.unwrap import find_modulus, unwrap, wrap_steps
 from .checks.ratio import simple_fraction, slope
 from .checks.sampling import Sampling, sampling_of

@@ -5,7 +5,7 @@ import pytest
 
 from tests.logs.profiles import DEG
 from vttig_jax.base.errors import LogError
-from vttig_jax.logs.channel.channel import RawChannel, make_channel, step_of
+from vttig_jax.logs.channel.channel import RawChannel, make_channel
 from vttig_jax.logs.source import Source
 from vttig_jax.pair.schema import Encoder
 
@@ -139,30 +139,3 @@ def test_interpolated_counts_are_read_and_noted():
 def test_whole_floats_become_integers():
     made, notes = channel(RAMP.astype(np.float64))
     assert made.reading.dtype == np.int64 and notes == ()
-
-
-TRAVEL = np.cumsum(np.random.default_rng(0).integers(1, 4, 900_000)).astype(np.float64)
-"""Counts of a shaft that moves by one to three counts a sample."""
-
-
-@pytest.mark.parametrize(
-    ("values", "step"),
-    [
-        (np.array([3, 9, 12]), 1.0),
-        (np.array([0.012, 0.004, 0.4, 0.408, 0.404]), 0.004),
-        (np.array([3.11256, 6.20162, 9.22864, 12.32334]), 1e-5),
-        (np.sqrt(np.arange(2, 50.0)), 0.0),
-        (360 / 16384 * TRAVEL[:90000], 360 / 16384),
-        (0.004 * TRAVEL * (1 + 1e-12 * np.sin(1e6 * np.arange(9e5))), 0.004),
-        (0.012 * TRAVEL[::2] + 0.004 * 7 * np.cumsum(np.arange(450000) % 5 == 0), 0.004),
-    ],
-)
-def test_step(values, step):
-    assert step_of(values) == pytest.approx(step)
-
-
-def test_steps_of_a_constant_speed_say_nothing_about_the_encoder():
-    """A motor at 1.08° a sample is no encoder of 333 counts; the printed digits remain."""
-    turning = np.round(1.08 * np.arange(20000.0), 6)
-    assert step_of(turning) == pytest.approx(0.01)
-    assert step_of(360 / 16384 * np.arange(20000.0)) == 0.0

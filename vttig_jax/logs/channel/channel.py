@@ -13,24 +13,13 @@ from ..source import Source
 from .continuous import GAP as GAP
 from .continuous import Continuous, Origin, make_continuous
 from .spikes import without_spikes
+from .steps import digits_note, step_of
 
 EXACT_FLOAT = 2**53
 """Largest count up to which float64 represents every whole number (53-bit significand)."""
 
 WIDEST = 2**61
 """Limit of the counts; differences of larger int64 counts could overflow."""
-
-_ROUNDING = 1e-10
-"""Readings that differ by this fraction of the largest reading are equal (chosen tolerance)."""
-
-_STEP_TOLERANCE = 0.01
-"""Largest deviation from a multiple of the step, as a fraction of the step (chosen tolerance)."""
-
-_LEAST_CHANGES = 1e-3
-"""Least share of the samples at which an encoder of a shaft in motion changes its step (chosen)."""
-
-_MOST_DIVISIONS = 20
-"""Divisions of Euclid's algorithm; each at least halves the step (chosen)."""
 
 _FAR_OFF = 3.0
 """A first spike farther off than this many of the next steps is not the origin (chosen factor)."""
@@ -105,52 +94,6 @@ class Channel:
         return float(np.ptp(self.angle)) / REV
 
 
-def step_of(values: Real[np.ndarray, " n"]) -> float:
-    """Return the step of which all values are multiples, or 0 if there is none.
-
-    Integers have the step 1. Candidates for floats are the greatest common divisor of the
-    differences and 1 … 1e-9.
-    """
-    if np.issubdtype(values.dtype, np.integer):
-        return 1.0
-    for step in (_common_step(values), *(10.0**-k for k in range(10))):
-        if step > _ROUNDING * np.abs(values).max():
-            multiples = (values - values[0]) / step
-            if np.abs(multiples - np.rint(multiples)).max() < _STEP_TOLERANCE:
-                return step
-    return 0.0
-
-
-def _common_step(values: Real[np.ndarray, " n"]) -> float:
-    """Return the greatest common divisor of the differences of readings, or 0 if there is none.
-
-    Readings that differ only by rounding count as one reading. A shaft of exactly constant speed
-    moves by equal steps, which say nothing about its encoder.
-    """
-    steps = np.diff(values)
-    if len(steps) < 2 or np.mean(_differ(steps[1:], steps[:-1], values)) < _LEAST_CHANGES:
-        return 0.0
-    ordered = np.unique(values)
-    gaps = np.unique(np.diff(ordered))
-    gaps = gaps[gaps > _ROUNDING * np.abs(values).max()]
-    if len(gaps) == 0:
-        return 0.0
-    step = gaps[0]
-    for _ in range(_MOST_DIVISIONS):
-        left = np.abs(gaps - step * np.rint(gaps / step))
-        left = left[left > _STEP_TOLERANCE * step]
-        if len(left) == 0:
-            return float(np.ptp(values) / np.rint(np.diff(ordered) / step).sum())
-        step = left.min()
-    return 0.0
-
-
-def _differ(
-    first: Real[np.ndarray, " n"], second: Real[np.ndarray, " n"], values: Real[np.ndarray, " m"]
-) -> Bool[np.ndarray, " n"]:
-    return np.abs(first - second) > _ROUNDING * np.abs(values).max()
-
-
 def make_channel(
     role: str,
     raw: RawChannel,
@@ -212,6 +155,7 @@ def make_channel(
         wraps=continuous.wraps,
         spikes=continuous.spikes if continuous.spikes.any() else None,
     )
+    notes += digits_note(role, values, abs(radians))
     return channel, (*notes, *continuous.notes)
 
 

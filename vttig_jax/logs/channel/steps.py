@@ -1,0 +1,119 @@
+"""Step of the readings of a channel, and the digits in which a log holds them."""
+
+import numpy as np
+from jaxtyping import Bool, Float, Real
+
+from ...base.units import ARCSEC, DEG
+
+_ROUNDING = 1e-10
+"""Readings that differ by this fraction of the largest reading are equal (chosen tolerance)."""
+
+_STEP_TOLERANCE = 0.01
+"""Largest deviation from a multiple of the step, as a fraction of the step (chosen tolerance)."""
+
+_LEAST_CHANGES = 1e-3
+"""Least share of the samples at which an encoder of a shaft in motion changes its step (chosen)."""
+
+_MOST_DIVISIONS = 20
+"""Divisions of Euclid's algorithm; each at least halves the step (chosen)."""
+
+_SAMPLE = 4000  # readings that are looked at for the digits, at most; chosen value
+_COARSER = 5.0
+"""Ratio of the steps of large and small readings from which the digits are the reason (chosen): one
+digit fewer makes it ten."""
+
+_LEAST_ARCSEC = 0.1
+"""Step below which digits are not worth a note: no encoder is that accurate (chosen)."""
+
+
+def step_of(values: Real[np.ndarray, " n"]) -> float:
+    """Return the step of which all values are multiples, or 0 if there is none.
+
+    Integers have the step 1. Candidates for floats are the greatest common divisor of the
+    differences and 1 … 1e-9.
+    """
+    if np.issubdtype(values.dtype, np.integer):
+        return 1.0
+    for step in (_common_step(values), *(10.0**-k for k in range(10))):
+        if step > _ROUNDING * np.abs(values).max():
+            multiples = (values - values[0]) / step
+            if np.abs(multiples - np.rint(multiples)).max() < _STEP_TOLERANCE:
+                return step
+    return 0.0
+
+
+def _common_step(values: Real[np.ndarray, " n"]) -> float:
+    """Return the greatest common divisor of the differences of readings, or 0 if there is none.
+
+    Readings that differ only by rounding count as one reading. A shaft of exactly constant speed
+    moves by equal steps, which say nothing about its encoder.
+    """
+    steps = np.diff(values)
+    if len(steps) < 2 or np.mean(_differ(steps[1:], steps[:-1], values)) < _LEAST_CHANGES:
+        return 0.0
+    ordered = np.unique(values)
+    gaps = np.unique(np.diff(ordered))
+    gaps = gaps[gaps > _ROUNDING * np.abs(values).max()]
+    if len(gaps) == 0:
+        return 0.0
+    step = gaps[0]
+    for _ in range(_MOST_DIVISIONS):
+        left = np.abs(gaps - step * np.rint(gaps / step))
+        left = left[left > _STEP_TOLERANCE * step]
+        if len(left) == 0:
+            return float(np.ptp(values) / np.rint(np.diff(ordered) / step).sum())
+        step = left.min()
+    return 0.0
+
+
+def _differ(
+    first: Real[np.ndarray, " n"], second: Real[np.ndarray, " n"], values: Real[np.ndarray, " m"]
+) -> Bool[np.ndarray, " n"]:
+    return np.abs(first - second) > _ROUNDING * np.abs(values).max()
+
+
+def digits_note(role: str, values: Real[np.ndarray, " n"], radians: float) -> list[str]:
+    """Return a sentence on readings whose digits hide small angles, or nothing.
+
+    Numbers of 32 bits have 24 binary digits, and a program that prints six digits writes 5345.67.
+    Both are coarse where the angle is large.
+
+    **Arguments**
+    - `radians`: angle of one unit of the readings, rad.
+    """
+    if np.issubdtype(values.dtype, np.integer):
+        return []
+    values = values[:: -(-len(values) // _SAMPLE)].astype(np.float64)
+    top = float(np.abs(values).max())
+    found = _step_of_32_bits(values), _step_of_digits(values)
+    step, reason = max(zip(found, ("numbers of 32 bits", "the printed digits"), strict=True))
+    seen = step * radians / ARCSEC
+    if seen < _LEAST_ARCSEC:
+        return []
+    return [
+        f"{role}: this log cannot show less than {seen:.3g}″, the step of {reason} at"
+        f" {top * radians / DEG:.5g}°; log from a zero nearby, or with more digits"
+    ]
+
+
+def _step_of_32_bits(values: Float[np.ndarray, " n"]) -> float:
+    """Return the distance of neighbouring 32-bit numbers at the largest value, or 0.
+
+    It is 0 for values that have more digits, and for values of a coarser step.
+    """
+    if not np.array_equal(values.astype(np.float32).astype(np.float64), values):
+        return 0.0
+    step = float(np.spacing(np.float32(np.abs(values).max())))
+    return step if step_of(values) < step else 0.0
+
+
+def _step_of_digits(values: Float[np.ndarray, " n"]) -> float:
+    """Return the step of the values of the highest power of ten, if smaller values have less."""
+    size = np.abs(values)
+    if size.max() == 0:
+        return 0.0
+    large = size >= 10.0 ** np.floor(np.log10(size.max()))
+    if min(np.count_nonzero(large), np.count_nonzero(~large)) < 2:
+        return 0.0
+    step, finer = step_of(values[large]), step_of(values[~large])
+    return step if finer > 0 and step > _COARSER * finer else 0.0
