@@ -3,11 +3,11 @@ import struct
 import pytest
 
 import vttig_jax
-from vttig_jax.base.errors import NoAnswerError, UsageError
+from vttig_jax.base.errors import NoAnswerError
 from vttig_jax.identify.backlash import backlash_map
 from vttig_jax.kinematics.backlash_map import BacklashMap
 from vttig_jax.plotting.dispatch import plot
-from vttig_jax.plotting.save import figures, png, save_figures
+from vttig_jax.plotting.save import figures, png
 
 NAMES = ["te_fit.png", "orders.png", "residual.png", "backlash_map.png"]
 
@@ -44,25 +44,6 @@ def test_the_bytes_hold_no_date_and_no_version(make_curve):
 
 def test_without_a_map_its_picture_is_left_out(worm_fit):
     assert list(figures(worm_fit, None)) == NAMES[:3]
-
-
-def test_files_are_what_was_drawn(make_fit, grid, drawn, tmp_path):
-    names = save_figures(make_fit(), grid, tmp_path / "figures")
-    assert names == NAMES
-    assert sorted(path.name for path in (tmp_path / "figures").iterdir()) == sorted(NAMES)
-    for name, data in drawn.items():
-        assert (tmp_path / "figures" / name).read_bytes() == data
-
-
-def test_existing_files_are_kept_unless_told(make_fit, tmp_path):
-    old = tmp_path / "te_fit.png"
-    old.write_bytes(b"older")
-    with pytest.raises(UsageError, match="--overwrite"):
-        save_figures(make_fit(), None, tmp_path)
-    assert [path.name for path in tmp_path.iterdir()] == ["te_fit.png"]
-    assert old.read_bytes() == b"older"
-    save_figures(make_fit(), None, tmp_path, overwrite=True)
-    assert old.read_bytes() != b"older"
 
 
 def test_a_real_log_of_one_direction_can_be_drawn(data_dir, tmp_path):

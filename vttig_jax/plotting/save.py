@@ -1,11 +1,9 @@
 """PNG files of the pictures of a fit and of a posterior."""
 
 from io import BytesIO
-from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from ..base.files.run_folder import RunFolder
 from ..identify.fit_result import Fit
 from ..kinematics.backlash_map import BacklashMap
 from ..posterior.summary.bands import BandedMap
@@ -69,18 +67,3 @@ def posterior_figures(
     if banded is not None:
         drawn["band.png"] = plot_band_map(banded)
     return {name: png(figure, run=run) for name, figure in drawn.items()}
-
-
-def save_figures(
-    fit: Fit, grid: BacklashMap | None, folder: str | Path, *, overwrite: bool = False
-) -> list[str]:
-    """Write `figures(fit, grid)` into a folder, either all or none, and return the file names.
-
-    **Raises** `UsageError` for existing files unless `overwrite`, `InputError` if the folder is
-    not writable.
-    """
-    drawn = figures(fit, grid)
-    with RunFolder(folder, overwrite=overwrite) as run:
-        for name, data in drawn.items():
-            run.write_bytes(name, data)
-    return list(drawn)
