@@ -162,11 +162,12 @@ def _fractional_notes(terms: TermPlan) -> list[str]:
     names = [harmonic.name for harmonic in terms.fractional]
     if not names:
         return []
-    is_, its = ("is", "its phase holds") if len(names) == 1 else ("are", "their phases hold")
+    single = len(names) == 1
+    is_, its = ("is", "its phase holds") if single else ("are", "their phases hold")
     return [
         f"{', '.join(names)} {is_} locked to no position of the gears: {its} at the zero of the log"
-        " only, and the flank model of the backlash map, `export`, `locate` and"
-        " `simulate` leaves them out"
+        " only. The backlash map, `export`, `locate` and `simulate` leave"
+        f" {'it' if single else 'them'} out"
     ]
 
 

@@ -48,7 +48,11 @@ Verdict = Literal["agrees", "swapped", "sign", "swapped_sign", "differs", "none"
 
 @dataclass(frozen=True)
 class SeenRatio:
-    """Ratio in a log (`seen`) and its standard error, None in a TE-curve log, and given ratio."""
+    """Ratio in a log, beside the given one.
+
+    **Arguments**
+    - `seen`, `std`: ratio in the log and its standard error; None in a TE-curve log.
+    """
 
     seen: float | None
     std: float | None
@@ -77,15 +81,20 @@ class SeenRatio:
     @property
     def short(self) -> str:
         """Short text with the ratio in the log and the given ratio."""
-        given = f"{self.given} = {float(self.given):.6g} given"
+        given = f"{self._given} given"
         if self.seen is None:
             return f"{given}, a TE-curve log has none to check"
         return f"{self.seen:.6g} ± {self.std:.1g} seen, {given}"
 
     @property
+    def _given(self) -> str:
+        decimal = f"{float(self.given):.6g}"
+        return decimal if str(self.given) == decimal else f"{self.given} = {decimal}"
+
+    @property
     def sentence(self) -> str:
         """Sentence on the ratio in the log, with the cure if it disagrees with the given one."""
-        given = f"{self.given} = {float(self.given):.6g}"
+        given = self._given
         if self.seen is None:
             return f"a TE-curve log has no ratio to check; {given} is taken as given."
         seen = f"the log shows a ratio of {self.seen:.6g} ± {self.std:.1g}"
@@ -94,20 +103,33 @@ class SeenRatio:
                 return self._doubt(seen) if self.is_doubtful else f"{seen}, as given ({given})."
             fits = f"{self.better} fits, so write that if these are the teeth."
             return f"{seen}, {given} given; {fits}"
-        cure = {
-            "swapped": "the inverse: either driving and driven are swapped, then exchange them in"
-            " [log] or with --column driving=NAME --column driven=NAME; or the pair file has the"
-            f" ratio of driving to driven speed, then write {1 / self.given} or exchange the teeth",
-            "sign": "the negative: one encoder counts backwards; set `sign = -1` for the one that"
-            " does ([driving] or [driven] encoder), or take it away where it is set, or give"
-            " --invert driven without a pair file",
-            "swapped_sign": "the negative inverse: driving and driven are swapped and one encoder"
-            " counts backwards; exchange them with --column and set `sign = -1` for the encoder"
-            " that does",
-            "differs": f"about {simple_fraction(self.seen, self.std or 0.0)}; correct the teeth (or"
-            " [drive] ratio), counts_per_rev or the scale in the pair file",
+        log_has = f"the log's is {self._difference(self.seen)}"
+        return f"{seen}, but {given} is given; {log_has}; {self._cure}."
+
+    def _difference(self, seen: float) -> str:
+        """What the ratio in the log is beside the given one."""
+        return {
+            "swapped": "the inverse: driving and driven are exchanged, or driving turns to driven"
+            " turns were meant",
+            "sign": "the negative: one encoder counts backwards",
+            "swapped_sign": "the negative inverse: driving and driven are exchanged, and one"
+            " encoder counts backwards",
+            "differs": f"about {simple_fraction(seen, self.std or 0.0)}",
         }[self.verdict]
-        return f"{seen}, the pair file says {given}; the log's is {cure}."
+
+    @property
+    def _cure(self) -> str:
+        """What the user changes in the options or in the pair file."""
+        exchanged = "exchange them with --column driving=NAME --column driven=NAME or in [log]"
+        turns = f"{self.given.numerator}:{self.given.denominator}"
+        return {
+            "swapped": f"{exchanged}, or give --ratio {turns} (in the pair file {1 / self.given})",
+            "sign": "give --invert driven, or set `sign = -1` for the encoder that does in the pair"
+            " file, or take it away where it is set",
+            "swapped_sign": f"{exchanged}, and give --invert driven (in the pair file `sign = -1`)",
+            "differs": "correct the teeth or the ratio (--teeth, --ratio or [drive] ratio), or the"
+            " counts and units (--counts, --unit, or counts_per_rev and scale of the pair file)",
+        }[self.verdict]
 
     def _doubt(self, seen: str) -> str:
         assert self.seen is not None  # checked by `is_doubtful`
@@ -130,7 +152,7 @@ def seen_ratio(log: EncoderLog) -> SeenRatio:
 
 
 def check_ratio(log: EncoderLog) -> SeenRatio:
-    """Return `seen_ratio`, or raise `LogError` if the log contradicts the pair file.
+    """Return `seen_ratio`, or raise `LogError` if the log contradicts the given ratio.
 
     A contradiction is a deviation of more than 0.5 % and of more than 5 standard errors.
     """
