@@ -48,8 +48,8 @@ def _prints(source: str) -> bool:
     return isinstance(ast.parse(source).body[0], ast.Expr) and "enable_x64" not in source
 
 
-SLOW = ("calibrate",)
-"""Modules whose examples take long; `-m slow` runs them."""
+SLOW = ("calibrate", "contact_model", "sweep")
+"""Modules whose examples take over five seconds, mostly to compile; `-m slow` runs them."""
 
 FOUND = [
     pytest.param(
