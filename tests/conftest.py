@@ -18,7 +18,8 @@ if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
     _programs = tempfile.mkdtemp(prefix="vttig-tests-")
     atexit.register(shutil.rmtree, _programs, ignore_errors=True)
     os.environ["JAX_COMPILATION_CACHE_DIR"] = _programs
-    os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.1"
+    # Most programs are small and compile in 30 ms; to read one back takes a few.
+    os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
 
 from collections.abc import Iterator
 from contextlib import suppress
@@ -29,7 +30,10 @@ import jaxtyping
 import pytest
 from hypothesis import settings
 
-# Before the first import of the package: its annotations are checked at run time from here on.
+from tests import checked_annotations
+
+# Before the first import of the package: its annotations are checked at run time from here on,
+# at the first calls of every function in every test.
 # The command line names types it imports only when a verb runs, which beartype cannot resolve.
 ROOMS = (
     "base",
@@ -44,7 +48,7 @@ ROOMS = (
     "plotting",
     "runs",
 )
-jaxtyping.install_import_hook([f"vttig_jax.{room}" for room in ROOMS], "beartype.beartype")
+checked_annotations.install([f"vttig_jax.{room}" for room in ROOMS])
 
 import scipy.linalg  # noqa: F401 -- its BLAS is there before the threads are limited
 from threadpoolctl import threadpool_limits
@@ -79,6 +83,12 @@ settings.load_profile("vttig")
 
 _MOST_BYTES = 3 << 30
 """Memory beyond which a worker of the tests lets go of the programs it has compiled."""
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup() -> None:
+    """Check the annotations at the first calls of this test, those of its fixtures included."""
+    checked_annotations.next_test()
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -48,8 +48,8 @@ def _prints(source: str) -> bool:
     return isinstance(ast.parse(source).body[0], ast.Expr) and "enable_x64" not in source
 
 
-SLOW = ("calibrate",)
-"""Modules whose examples take long; `-m slow` runs them."""
+SLOW = ("calibrate", "contact_model", "sweep")
+"""Modules whose examples take over five seconds, mostly to compile; `-m slow` runs them."""
 
 FOUND = [
     pytest.param(
@@ -67,6 +67,7 @@ FOUND = [
 README = PACKAGE.parent / "README.md"
 
 
+@pytest.mark.slow  # `tests/identify/many` calls the same functions and compares what they return
 @pytest.mark.parametrize("page", ["many_fits.md"])
 def test_the_examples_of_a_page_run(page):
     """Each example goes on where the one before it ended, and checks itself with `assert`."""

@@ -45,7 +45,7 @@ def attempt(capsys, folder: Path, verb: str, content: bytes) -> tuple[int, str, 
     return code, *capsys.readouterr()
 
 
-@settings(max_examples=50, suppress_health_check=RELAXED)
+@settings(max_examples=25, suppress_health_check=RELAXED)
 @given(case=damage.damaged_logs())
 def test_inspect(folder, capsys, case):
     check(*attempt(capsys, folder, "inspect", case.content))

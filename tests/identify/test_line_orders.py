@@ -12,6 +12,11 @@ PAIR = drive("9/16", orders=(1, 2, 3, 4))
 MOTION = there_and_back([60, 40], 10)  # ten turns: the resolution is 0.1
 
 
+seeds = pytest.mark.parametrize(
+    "seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 2))]
+)
+
+
 def logged(parts: dict[float, float], *, seed: int = 0, start_turns: float = 0.0, other: float = 1):
     """A log with lines {cycles: arcsec}; on flank B they have `other` times the amplitude."""
 
@@ -45,19 +50,19 @@ def of(result: Fit, order: float) -> list[float]:
     return [one.amplitude_arcsec for one in rows if one.significant]
 
 
+@seeds
 @pytest.mark.parametrize("apart", [0.087, 0.06])
-def test_a_line_takes_the_place_of_the_order_beside_it(apart):
+def test_a_line_takes_the_place_of_the_order_beside_it(apart, seed):
     """Both are closer than the resolution."""
-    for seed in range(3):
-        result = fitted({3 + apart: 20.0}, seed)
-        (line,) = result.checks.joined_lines
-        assert line.replaced == ("driving order 3",)
-        assert abs(line.cycles_per_rev - 3 - apart) < 4 * line.cycles_std < 0.01
-        assert of(result, line.order) == pytest.approx([20.0, 20.0], abs=0.5)
-        assert not of(result, 3) and not result.checks.lines
-        assert f"joined the model as driving order {line.order}" in str(result)
-        assert "driving order 3 is left out" in str(result)
-        assert result.residual_rms_deg * 3600 == pytest.approx(1.0, rel=0.05)
+    result = fitted({3 + apart: 20.0}, seed)
+    (line,) = result.checks.joined_lines
+    assert line.replaced == ("driving order 3",)
+    assert abs(line.cycles_per_rev - 3 - apart) < 4 * line.cycles_std < 0.01
+    assert of(result, line.order) == pytest.approx([20.0, 20.0], abs=0.5)
+    assert not of(result, 3) and not result.checks.lines
+    assert f"joined the model as driving order {line.order}" in str(result)
+    assert "driving order 3 is left out" in str(result)
+    assert result.residual_rms_deg * 3600 == pytest.approx(1.0, rel=0.05)
 
 
 def test_the_digits_are_those_that_the_log_tells():
@@ -77,6 +82,7 @@ def test_an_order_that_is_there_stays():
     assert of(result, line.order) == pytest.approx([20.0, 20.0], abs=1.0)
 
 
+@seeds
 @pytest.mark.parametrize(
     "parts",
     [
@@ -86,13 +92,12 @@ def test_an_order_that_is_there_stays():
         {7 * 9 / 16: 20.0},
     ],
 )
-def test_whole_orders_and_noise_do_not_join(parts):
-    for seed in range(3):
-        result = fitted(parts, seed)
-        assert not result.checks.joined_lines
-        listed = not parts or 3.0 in parts
-        assert listed == (not result.checks.lines)
-        assert result.model.terms == fitted(parts, seed, lines="report").model.terms
+def test_whole_orders_and_noise_do_not_join(parts, seed):
+    result = fitted(parts, seed)
+    assert not result.checks.joined_lines
+    listed = not parts or 3.0 in parts
+    assert listed == (not result.checks.lines)
+    assert result.model.terms == fitted(parts, seed, lines="report").model.terms
 
 
 def test_lines_may_only_be_reported():

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.special import softmax
 
 from vttig_jax.base.errors import NoAnswerError
 from vttig_jax.base.units import ARCSEC, DEG, REV
@@ -27,9 +28,27 @@ def model():
     return paper_rig(1).flank_model()
 
 
+@jax.jit
+def both_flanks(model, driving):
+    """Transmission errors of both flanks."""
+    return tuple(model.transmission_error(driving, flank) for flank in ("A", "B"))
+
+
+likelihood_of = jax.jit(turn_log_likelihood)
+remainders_of = jax.jit(turn_remainders)
+
+
+@jax.jit
+def likelihood(place, end, std):
+    return turn_log_likelihood(place[None], jnp.zeros(1), end[None], std)[0]
+
+
+slopes = jax.jit(jax.grad(likelihood, (0, 1, 2)))
+
+
 def readings(model, ratio: Fraction, driving: float, share: float) -> tuple[float, float]:
     """Both shafts within a turn, the driven one at a share of the way from flank A to B."""
-    lower, upper = (float(model.transmission_error(driving, flank)) for flank in ("A", "B"))
+    lower, upper = map(float, both_flanks(model, driving))
     driven = float(ratio) * driving + lower + share * (upper - lower)
     return driving % REV, driven % REV
 
@@ -55,7 +74,7 @@ def test_every_turn_of_the_paper_is_found(model, turn, within, share, noise, win
 
 
 def test_the_driven_angles_of_the_turns_are_equally_spaced():
-    remainder = np.asarray(turn_remainders(0.0, 0.0, np.zeros(16), np.zeros(16), 45 / 80))
+    remainder = np.asarray(remainders_of(0.0, 0.0, np.zeros(16), np.zeros(16), 45 / 80))
     np.testing.assert_allclose(np.diff(np.sort(remainder)), REV / 16, atol=1e-12)
 
 
@@ -122,22 +141,19 @@ def exact_log_likelihood(x: float, lower: float, upper: float, std: float) -> fl
 @pytest.mark.parametrize("width", [0.0, 1e-9, 1e-6, 1e-3, 0.5, 20.0, -0.5])
 def test_likelihood_is_the_gaussian_averaged_over_the_gap(x, width):
     std = 0.7
-    found = turn_log_likelihood(np.array([x]), np.zeros(1), np.array([width]), std)
+    found = likelihood_of(np.array([x]), np.zeros(1), np.array([width]), std)
     assert float(found[0]) == pytest.approx(exact_log_likelihood(x, 0.0, width, std), rel=1e-7)
 
 
 @pytest.mark.parametrize("width", [0.0, 1e-9, 3e-5, 1e-3, 2.0, -0.5])
 @pytest.mark.parametrize("x", [-8.0, 0.0, 0.4, 30.0])
 def test_slopes_are_finite_and_those_of_differences(x, width):
-    def likelihood(place, end, std):
-        return turn_log_likelihood(place[None], jnp.zeros(1), end[None], std)[0]
-
-    at = tuple(jnp.asarray(value) for value in (x, width, 0.7))
-    for place, slope in enumerate(jax.grad(likelihood, (0, 1, 2))(*at)):
+    at = tuple(np.asarray(value) for value in (x, width, 0.7))
+    for place, slope in enumerate(slopes(*at)):
         step = np.zeros(3)
         step[place] = 1e-5
         ends = [
-            float(likelihood(*(jnp.asarray(v) for v in np.add(at, way * step)))) for way in (1, -1)
+            float(likelihood(*(np.asarray(v) for v in np.add(at, way * step)))) for way in (1, -1)
         ]
         assert np.isfinite(slope)
         if abs(width) > 1e-4 or place != 1:
@@ -159,8 +175,8 @@ def drawn(std: float, count: int = 4000):
 def stated_and_true(reckoned: float, std: float) -> tuple[float, float, float]:
     """Mean of the stated probability, share of right turns, and its standard error."""
     within, driven, turn, lower, upper, ratio = drawn(std)
-    remainder = turn_remainders(within, driven, lower, upper, ratio)
-    chance = np.asarray(jax.nn.softmax(turn_log_likelihood(remainder, lower, upper, reckoned)))
+    remainder = remainders_of(within, driven, lower, upper, ratio)
+    chance = softmax(np.asarray(likelihood_of(remainder, lower, upper, reckoned)), axis=-1)
     best = chance.argmax(axis=1)
     right = (best == turn).mean()
     return chance.max(axis=1).mean(), right, math.sqrt(right * (1 - right) / len(turn))

@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from numpy.typing import ArrayLike
@@ -59,6 +58,12 @@ def absolute(pair: GearPair, rig: Eccentricities) -> Eccentricities:
     return moved
 
 
+@eqx.filter_jit
+def both_flanks(model: CombinedModel, driving, driven):
+    """Transmission errors of both flanks at both angles."""
+    return [model.at_both_angles(driving, driven, flank) for flank in ("A", "B")]
+
+
 def rocked_deg(rig: SyntheticRig, angle_deg: float, steps: int = 20_001) -> float:
     """Path of gear 2 rocked from inside the gap in small steps until either flank stops it.
 
@@ -66,13 +71,12 @@ def rocked_deg(rig: SyntheticRig, angle_deg: float, steps: int = 20_001) -> floa
     """
     model, held = rig.flank_model(), angle_deg * DEG
     assert isinstance(model, CombinedModel)
-    error = jnp.linspace(-0.15, 0.15, steps) * DEG
-    driving, driven = jnp.full(steps, held), float(rig.pair.ratio) * held + error
-    clear_of_a = error >= model.at_both_angles(driving, driven, "A")
-    clear_of_b = error <= model.at_both_angles(driving, driven, "B")
-    free = np.asarray(clear_of_a & clear_of_b)
+    error = np.linspace(-0.15, 0.15, steps) * DEG
+    driving, driven = np.full(steps, held), float(rig.pair.ratio) * held + error
+    on_a, on_b = map(np.asarray, both_flanks(model, driving, driven))
+    free = (error >= on_a) & (error <= on_b)
     assert free.any() and not free[0] and not free[-1]
-    return float(np.ptp(np.asarray(error)[free])) / DEG
+    return float(np.ptp(error[free])) / DEG
 
 
 def test_is_the_exact_backlash(bare):

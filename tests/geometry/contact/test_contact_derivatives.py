@@ -124,15 +124,20 @@ def error(numbers, angles, flank: Flank):
     return model_of(moved, tilt=tilt).transmission_error(angles, flank)
 
 
+error_of = jax.jit(error, static_argnames="flank")
+jacobian_of = jax.jit(jax.jacfwd(error), static_argnames="flank")
+
+
 def slopes_of(angles, flank: Flank = "A", **changed: float):
     """Derivatives at two angles, and central differences."""
-    numbers = {name: jnp.asarray(value) for name, value in (UNTAPERED | changed).items()}
-    found = jax.jacfwd(error)(numbers, angles, flank)
+    numbers = {name: np.asarray(value) for name, value in (UNTAPERED | changed).items()}
+    found = jacobian_of(numbers, angles, flank=flank)
     differences = {}
     for name in changed:
         step = STEPS[name]
         above, below = (
-            error(numbers | {name: numbers[name] + way * step}, angles, flank) for way in (1, -1)
+            np.asarray(error_of(numbers | {name: numbers[name] + way * step}, angles, flank=flank))
+            for way in (1, -1)
         )
         differences[name] = (above - below) / (2 * step)
     return found, differences

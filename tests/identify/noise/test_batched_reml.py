@@ -22,9 +22,18 @@ from vttig_jax.identify.noise.batched_reml import (
 WIDTH, LAGS = 4, 4
 
 
+@jax.jit
+def _summed(rows, counts):
+    return row_products(*conditioned(rows), counts, LAGS)
+
+
 def summed(rows: np.ndarray, counts: list[list[int]]):
     """The products of rows whose runs have these counts."""
-    return jax.jit(lambda z, n: row_products(*conditioned(z), n, LAGS))(rows, np.array(counts))
+    return _summed(rows, np.array(counts))
+
+
+_lowest = jax.jit(best_pi)
+_needed = jax.jit(needed_lags)
 
 
 def drawn(count: int, seed: int = 0) -> np.ndarray:
@@ -42,16 +51,16 @@ def drawn(count: int, seed: int = 0) -> np.ndarray:
 def test_lowest_point_of_the_bound(curvature, slope):
     cubic = lambda p: (curvature * p + slope) * (1 - p**2) + 4 * p  # noqa: E731
     expected = brentq(cubic, -1.0, 1.0, xtol=1e-15)
-    found = float(best_pi(*(jnp.asarray(float(x)) for x in (curvature, slope, 4.0))))
+    found = float(_lowest(*(np.asarray(float(x)) for x in (curvature, slope, 4.0))))
     assert found == pytest.approx(expected, abs=1e-10)
 
 
 def test_the_factor_is_that_of_the_dense_covariance():
-    count, partial = 40, jnp.asarray([0.7, -0.3, 0.0, 0.0])
+    count, partial = 40, np.array([0.7, -0.3, 0.0, 0.0])
     rows = drawn(count)
     products = summed(rows, [[count]])
-    factor = inner(products, filter_of(partial)).triangle @ products.triangle
-    taps = np.asarray(filter_of(partial))
+    taps = np.asarray(jax.jit(filter_of)(partial))
+    factor = np.asarray(jax.jit(inner)(products, taps).triangle) @ np.asarray(products.triangle)
     # The autocovariance of the autoregression from its impulse response.
     response = np.zeros(4000)
     for t in range(len(response)):
@@ -76,25 +85,25 @@ def test_rows_of_zeros_behind_a_run_change_nothing():
 
 
 def test_derivatives_of_the_factor_are_those_of_differences():
-    gram = jnp.asarray(drawn(60)[0, 0].T @ drawn(60)[0, 0])
-    turn = jnp.asarray(np.diag([1.0, 2.0, -1.0, 0.5])) + 0.1
+    gram = drawn(60)[0, 0].T @ drawn(60)[0, 0]
+    turn = np.diag([1.0, 2.0, -1.0, 0.5]) + 0.1
 
+    @jax.jit
     def both(step):
         upper = upper_and_inverse(gram + step * turn)
         return jnp.stack([upper.triangle, upper.inverse])
 
-    exact = jax.jacfwd(both)(0.0)
+    exact = jax.jit(jax.jacfwd(both))(0.0)
     errors = [
         np.abs((both(h) - both(-h)) / (2 * h) - exact).max() / np.abs(exact).max()
         for h in (1e-2, 1e-3)
     ]
     assert errors[0] < 1e-5 and errors[1] < 1e-7
-    assert np.abs(both(0.0)[0] @ both(0.0)[1] - np.eye(WIDTH)).max() < 1e-12
+    assert np.abs(np.matmul(*np.asarray(both(0.0))) - np.eye(WIDTH)).max() < 1e-12
 
 
 @pytest.mark.parametrize(("correlation", "order"), [(0.0, 0), (0.8, 1)])
 def test_needed_lags_follow_the_order_of_the_residual(correlation, order):
-    covariance = jnp.asarray([correlation ** np.arange(17)])
-    found = needed_lags(covariance, jnp.asarray([1000.0]), jnp.asarray(16))
-    assert int(found) == order + 2
-    assert int(needed_lags(covariance, jnp.asarray([1000.0]), jnp.asarray(1))) == 1
+    covariance, rows = np.array([correlation ** np.arange(17)]), np.array([1000.0])
+    assert int(_needed(covariance, rows, np.asarray(16))) == order + 2
+    assert int(_needed(covariance, rows, np.asarray(1))) == 1

@@ -28,7 +28,7 @@ def _ramp_notes(result) -> list[str]:
     return [note for note in result.notes if "ramps keep to the flank" in note]
 
 
-@pytest.mark.parametrize("seed", [0, 1, 2])
+@pytest.mark.parametrize("seed", [0, *(pytest.param(k, marks=pytest.mark.slow) for k in (1, 2))])
 @pytest.mark.parametrize("delay_s", [3e-3, -2e-3])
 def test_one_speed_and_its_ramps_tell_the_delay(delay_s, seed):
     rig = quick_rig(seed, delay_s)
@@ -171,7 +171,7 @@ def _coasting(seed: int, delay_s: float):
     )
 
 
-@pytest.mark.parametrize("delay_s", [3e-3, 0.0])
+@pytest.mark.parametrize("delay_s", [3e-3, pytest.param(0.0, marks=pytest.mark.slow)])
 def test_a_ramp_that_changes_flank_is_left_out(delay_s, monkeypatch):
     rig, log = _coasting(0, delay_s)
     result = fit(log, rig.pair, delay="free")

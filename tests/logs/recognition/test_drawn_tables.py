@@ -120,10 +120,10 @@ def outcome(tmp_path, seed: int) -> tuple[str, str]:
     return "wrong", f"{seed}: {found} with {units} in place of {truth} from {options}"
 
 
-def test_sixty_tables(tmp_path):
-    seen = [outcome(tmp_path, seed) for seed in range(60)]
+def test_thirty_tables(tmp_path):
+    seen = [outcome(tmp_path, seed) for seed in range(30)]
     assert [what for verdict, what in seen if verdict == "wrong"] == []
-    assert sum(verdict == "right" for verdict, _ in seen) >= 15  # asking always is no answer
+    assert sum(verdict == "right" for verdict, _ in seen) >= 8  # asking always is no answer
 
 
 @pytest.mark.slow

@@ -43,7 +43,8 @@ def test_offsets_are_flat_in_a_disc():
 
 def test_encoders_on_a_ring_have_one_size():
     program = Program(SCENARIOS["encoders"])
-    drawn = rigs.draw_rig(jax.random.key(2), program.scenario, program.sizes)
+    draw = jax.jit(rigs.draw_rig, static_argnums=1)
+    drawn = draw(jax.random.key(2), program.scenario, program.sizes)
     assert abs(complex(drawn.driven_encoder)) == pytest.approx(18 * ARCSEC, rel=1e-12)
 
 
@@ -90,13 +91,14 @@ def test_readings_are_the_exact_contact_plus_encoders():
     rig, readings = program.simulated(key)
     model = rigs._contact_model(rig, scenario)
     assert isinstance(model, CombinedModel)
+    error = jax.jit(lambda motion, flank: model.transmission_error(motion, flank), static_argnums=1)
     for flank, motion, driving, clean in zip(
         scenario.flanks, program.motion, readings.driving, readings.clean, strict=True
     ):
-        driven = 0.5625 * motion + np.asarray(model.transmission_error(motion, flank))
+        driven = 0.5625 * motion + np.asarray(error(motion, flank))
         shown = [
-            angle + np.imag(np.asarray(error) * np.exp(1j * angle))
-            for angle, error in [(motion, rig.driving_encoder), (driven, rig.driven_encoder)]
+            angle + np.imag(np.asarray(encoder) * np.exp(1j * angle))
+            for angle, encoder in [(motion, rig.driving_encoder), (driven, rig.driven_encoder)]
         ]
         np.testing.assert_allclose(driving, shown[0], rtol=0, atol=1e-12)
         np.testing.assert_allclose(clean, shown[1] - 0.5625 * shown[0], rtol=0, atol=1e-11)
@@ -114,11 +116,15 @@ def test_counts_are_whole_and_within_one_of_the_angle():
     assert np.abs(off).max() < 2.0 * REV / 90_000
 
 
+@jax.jit
+def noise_paths(keys, correlation):
+    return jax.vmap(lambda key: ar_noise(key, 90, correlation))(keys)
+
+
 @pytest.mark.parametrize("correlation", [0.0, 0.7, 0.98])
 def test_noise_has_the_correlation_it_claims(correlation):
     keys = jax.random.split(jax.random.key(1), 4000)
-    draw = jax.jit(jax.vmap(lambda key: ar_noise(key, 90, jnp.asarray(correlation))))
-    paths = np.asarray(draw(keys))
+    paths = np.asarray(noise_paths(keys, correlation))
     covariance = paths.T @ paths / len(keys)
     lag = np.abs(np.subtract.outer(np.arange(90), np.arange(90)))
     # Entries have a standard error of at most √2/√4000 = 0.022.

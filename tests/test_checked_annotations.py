@@ -1,0 +1,61 @@
+"""The first calls of every test are checked, and the calls after them are those of a user."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from beartype import beartype
+from jaxtyping import Float, TypeCheckError
+
+from tests.checked_annotations import CALLS, first_calls, next_test
+from vttig_jax.pair.gear_pair import involute
+
+WRONG = "not an array"
+
+
+@first_calls(typechecker=beartype)
+def length(x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"]) -> int:
+    return len(x) + len(y)
+
+
+@first_calls(typechecker=beartype)
+@dataclass(frozen=True)
+class Pair:
+    x: Float[np.ndarray, " n"]
+    y: Float[np.ndarray, " n"]
+
+
+@pytest.mark.parametrize("made", [length, Pair])
+@pytest.mark.parametrize(
+    "wrong", [(WRONG, WRONG), (np.zeros(2), np.zeros(3)), (np.zeros((1, 2)),) * 2]
+)
+def test_a_wrong_kind_or_shape_is_refused_at_the_first_call(made, wrong):
+    with pytest.raises(TypeCheckError):
+        made(*wrong)
+
+
+@pytest.mark.parametrize("made", [length, Pair])
+def test_beyond_the_first_calls_it_is_the_plain_function(made):
+    for _ in range(CALLS - 1):
+        made(np.zeros(2), np.zeros(2))
+    with pytest.raises(TypeCheckError):
+        made(WRONG, WRONG)
+    made(WRONG, WRONG)
+    next_test()
+    with pytest.raises(TypeCheckError):
+        made(WRONG, WRONG)
+
+
+@pytest.mark.parametrize("test", [1, 2])
+def test_every_test_checks_functions_of_the_package_again(test):
+    """Each of the two uses up the checks, so the second shows that a test starts anew."""
+    whole = np.array([1])  # an integer where a float is asked for; only a check minds
+    with pytest.raises(TypeCheckError):
+        involute(whole)
+    for _ in range(CALLS):
+        involute(np.full(1, 0.3))
+    assert involute(whole) == np.tan(1) - 1
+
+
+def test_names_and_documentation_are_those_of_the_function():
+    assert involute.__name__ == "involute" and "tan α" in (involute.__doc__ or "")
