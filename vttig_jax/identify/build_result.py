@@ -16,6 +16,7 @@ from .model.identifiability import SINGLE_TURN, Identifiability
 from .noise.noise_model import whiten
 from .preliminary.delay import Delay, one_speed
 from .preliminary.delay_change import DelayChange, delay_change, with_rival
+from .preliminary.delays_of_logs import DelaysOfLogs, delays_of_logs
 from .preliminary.model_selection import SelectedModel
 from .preliminary.wander import with_walk
 from .report.backlash_readings import (
@@ -135,14 +136,16 @@ def estimate_of(
     if other is not None:
         solved, walk = beside_walk(solved, solve_model(other, pair, identifiable, settings))
     solved, compared = _with_readings(solved, readings, pair, settings.use_readings)
-    change = delay_change(selected.linear) if selected.delay.state == "fitted" else None
-    change = with_rival(change, selected)
+    fitted = selected.delay.state == "fitted"
+    change = with_rival(delay_change(selected.linear), selected) if fitted else None
+    delays = delays_of_logs(selected.linear) if fitted else None
     return Estimate(
-        solved=_with_change(solved, change),
+        solved=_with_delays(solved, change, delays),
         whiteness=white,
         scatter=scatter,
         readings=compared,
         change=change,
+        delays=delays,
         walk=walk,
     )
 
@@ -244,18 +247,26 @@ def _with_readings(
     return solved, compared
 
 
-def _with_change(solved: SolvedFit, change: DelayChange | None) -> SolvedFit:
-    """Return the solution with a standard error of the delay that contains its change.
+def _with_delays(
+    solved: SolvedFit, change: DelayChange | None, delays: DelaysOfLogs | None
+) -> SolvedFit:
+    """Return the solution with a standard error of the delay that contains how it changes.
 
     The half-width of the interval is at least 0.3 of a clear change between the halves of a log.
+    If the delays of the logs differ, it contains them and is that of their mean at least.
     """
     solution = solved.solution
-    if change is None or not change.is_clear or "delay" not in solution.names:
+    if "delay" not in solution.names:
         return solved
     place = solution.names.index("delay")
-    std = float(np.sqrt(solution.covariance[place, place]))
+    half = 0.0
+    if change is not None and change.is_clear:
+        half = _OF_CHANGE * abs(change.change_s)
+    if delays is not None and delays.differ:
+        value = solved.linear.channels[0].delay_s + float(solution.values[place])
+        half = max(half, NORMAL_95 * delays.mean_std_s, delays.farthest_s(value))
     scale = np.ones(len(solution.names))
-    scale[place] = max(_OF_CHANGE * abs(change.change_s) / (NORMAL_95 * std), 1.0)
+    scale[place] = max(half / (NORMAL_95 * np.sqrt(solution.covariance[place, place])), 1.0)
     covariance = solution.covariance * np.outer(scale, scale)
     return replace(solved, solution=replace(solution, covariance=covariance))
 

@@ -5,6 +5,7 @@ goes another way than the first, offsets and drift turn this slope into a delay 
 half. Either explanation has one coefficient, so their likelihoods compare directly.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -94,20 +95,22 @@ def delay_change(linear: LinearFit) -> DelayChange | None:
     found = []
     for log, rows in enumerate(linear.rows):
         middle = 0.5 * (linear.channels[log].time[0] + linear.channels[log].time[-1])
-        halves = [
-            _delay_of(linear, rows, late=late, middle=float(middle)) for late in (False, True)
-        ]
+        late = [bool(run.curve.time.mean() > middle) for run in rows.runs]
+        halves = [delay_of(linear, rows, [own == half for own in late]) for half in (False, True)]
         if halves[0] is not None and halves[1] is not None:
             (first, first_std), (second, second_std) = halves[0], halves[1]
             found.append(DelayChange(second - first, float(np.hypot(first_std, second_std))))
     return max(found, key=lambda one: abs(one.change_s) / one.std_s, default=None)
 
 
-def _delay_of(
-    linear: LinearFit, rows: LogRows, *, late: bool, middle: float
+def delay_of(
+    linear: LinearFit, rows: LogRows, counted: Sequence[bool]
 ) -> tuple[float, float] | None:
-    """Return step and standard error of the delay from the runs of one half of a log."""
-    runs = tuple(run for run in rows.runs if (run.curve.time.mean() > middle) == late)
+    """Return the step of the delay from the counted runs of a log, and its standard error, s.
+
+    The result is None if these runs do not tell the delay.
+    """
+    runs = tuple(run for run, own in zip(rows.runs, counted, strict=True) if own)
     if not runs:
         return None
     try:

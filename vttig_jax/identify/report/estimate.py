@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from ..preliminary.delay_change import DelayChange
+from ..preliminary.delays_of_logs import DelaysOfLogs
 from ..solve.beside_walk import Walk
 from ..solve.sandwich import Scatter
 from ..solve.solved_fit import SolvedFit
@@ -20,6 +21,7 @@ class Estimate:
       gives them.
     - `readings`: comparison with backlash readings; None without readings.
     - `change`: change of the delay within a log; None if no delay is fitted or no half tells it.
+    - `delays`: delays of several logs; None if no delay is fitted or fewer than two logs tell it.
     - `walk`: fit with a random walk as drift; None if the log does not demand it.
     """
 
@@ -28,4 +30,5 @@ class Estimate:
     scatter: Scatter | None
     readings: ReadingsComparison | None
     change: DelayChange | None
+    delays: DelaysOfLogs | None
     walk: Walk | None = None

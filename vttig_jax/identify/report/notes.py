@@ -37,13 +37,14 @@ def warnings_of(
     checks: Checks,
 ) -> tuple[str, ...]:
     """Return the notes that change a stated number or ask for something, the gravest first."""
-    solution, change = estimate.solved.solution, estimate.change
+    solution, change, delays = estimate.solved.solution, estimate.change, estimate.delays
     return (
         *solver_notes(solution),
         *identifiable.notes,
         *_open_delay(selected, identifiable),
         *_ratio_notes(regressors, checks, selected.linear.inputs[0].log),
         *([change.sentence] if change and change.is_clear else []),
+        *([delays.sentence] if delays and delays.differ else []),
         *_speed_note(checks.gap_by_speed),
         *([checks.jumps.sentence] if checks.jumps and not checks.jumps.agrees else []),
         *differences(logs),
