@@ -103,3 +103,28 @@ def test_the_map_marks_extremes_that_nobody_saw(paper_pair, paper_rig):
         (line,) = [line for line in str(grid).splitlines() if "smallest" in line]
         assert line.endswith(", extrapolated") is extrapolated
         assert "2 of the 16 driving turns" in str(grid)
+
+
+@pytest.mark.parametrize(
+    ("first", "last", "pairs"), [(0.4, 0.6, 1), (0.0, 0.3, 0), (0.7, 1.2, 0), (0.4, 2.6, 3)]
+)
+def test_a_tooth_pair_counts_where_its_middle_is_covered(first, last, pairs):
+    """The spans are in pitches of the driving gear."""
+    ends = (first / 21, last / 21)
+    found = hunting_coverage(
+        [curve("A", *ends, per_turn=2100), curve("B", *ends[::-1], per_turn=2100)], PAIR
+    )
+    assert found.tooth_pairs == (pairs, 64 * 21)
+    np.testing.assert_allclose(found.both, [TURN * np.array(ends)], atol=1e-12)
+
+
+@pytest.mark.parametrize(("points", "covered"), [([1.0], 0.0), ([1.0, 1.5], 1.0)])
+def test_a_point_covers_half_the_distance_to_its_neighbour(points, covered):
+    """One point alone has no neighbour and covers nothing."""
+    angle = TURN * np.array(points)
+    curves = [TECurve(flank, angle, 0 * angle, angle) for flank in ("A", "B")]
+    found = hunting_coverage(curves, PAIR)
+    assert found.share * 64 == pytest.approx(covered, abs=1e-12)
+    assert found.holds(TURN * np.array([0.74, 0.76, 1.74, 1.76])).tolist() == (
+        [False, True, True, False] if covered else [False] * 4
+    )

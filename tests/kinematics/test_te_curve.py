@@ -24,3 +24,11 @@ def test_text_names_flank_turns_and_range(curve):
 def test_it_cannot_be_changed(curve):
     with pytest.raises(AttributeError):
         curve.flank = "A"
+
+
+def test_mean_speed_is_the_whole_angle_over_the_whole_time():
+    """The time starts late, and the samples are far from equally spaced."""
+    angle, time = np.array([4.0, 3.5, -2.0]), np.array([10.0, 12.5, 13.0])
+    found = TECurve("B", angle, 0 * angle, time)
+    assert found.mean_speed == pytest.approx(2.0, rel=1e-12)
+    assert found.part(slice(0, 1)).mean_speed == 0.0

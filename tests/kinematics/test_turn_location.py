@@ -245,3 +245,12 @@ def test_impossible_arguments_are_refused(changed, words):
 def test_a_ratio_of_rounded_digits_has_no_hunting_period():
     with pytest.raises(NoAnswerError, match='such as "7/1798"'):
         locate(0.0, 0.0, Fraction("0.003893214683"), (0.0, 1e-3), std_rad=1e-3)
+
+
+def test_six_standard_deviations_still_fit(model):
+    first, second = readings(model, PAPER, 20.0, 0.5)
+    found = locate(first, second, PAPER, model, std_rad=STD)
+    misfits = {6.0: True, 6.0 + 1e-12: False}
+    assert {
+        k: dataclasses.replace(found, misfit_rad=k, std_rad=1.0).fits for k in misfits
+    } == misfits

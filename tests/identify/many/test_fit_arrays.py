@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from jax.sharding import AxisType, Mesh
 from jax.sharding import PartitionSpec as P
+from scipy.interpolate import CubicHermiteSpline
 from scipy.signal import lfilter
 
 import vttig_jax
@@ -22,6 +23,7 @@ from vttig_jax.identify import (
     prepared,
 )
 from vttig_jax.identify.many.log_arrays import stacked
+from vttig_jax.identify.many.rows import shifted
 from vttig_jax.pair.schema import HarmonicOrders
 from vttig_jax.rig import PassMotion, paper_rig
 
@@ -156,3 +158,18 @@ def test_derivatives_are_those_of_differences_at_two_steps(batch, found):
         errors.append(abs(float(ends[0] - ends[1]) / (2 * step) / float(slope @ change) - 1))
     # A Gauss–Newton last step differentiates wrongly by 2e-3.
     assert errors[0] < 1e-4 and errors[1] < 1e-6
+
+
+@pytest.mark.parametrize("delay_s", [0.0137, -0.041])
+def test_a_shifted_angle_is_that_of_a_cubic_spline(delay_s):
+    """At unequal times and a jerky motion; the samples behind the log take no part."""
+    generator = np.random.default_rng(4)
+    time = 3.0 + np.cumsum(generator.uniform(0.01, 0.03, 60))
+    angle = np.cumsum(generator.normal(1.0, 2.0, 60))
+    spline = CubicHermiteSpline(time, angle, np.gradient(angle, time))
+    expected = spline(np.clip(time - delay_s, time[0], time[-1]))
+    behind = np.zeros(7)
+    times, angles = (jnp.asarray(np.append(values, behind)) for values in (time, angle))
+    found = shifted(times, angles, jnp.asarray(60), jnp.asarray(delay_s))[:60]
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-10)
+    assert np.abs(expected - np.interp(time - delay_s, time, angle)).max() > 0.1

@@ -10,6 +10,7 @@ from tests.identify.summaries import columns, summary_of
 from tests.oracles.stationary_noise import covariance, path
 from vttig_jax.base.numerics.partial_autocorrelation import filter_of
 from vttig_jax.identify.compress.harmonic_summary import HarmonicSummary
+from vttig_jax.identify.noise.freedom import freedom
 from vttig_jax.identify.noise.reml import _bound, restricted_partial
 
 TRUE = np.array([0.85, -0.3])
@@ -101,3 +102,53 @@ def test_the_order_is_that_of_the_noise(order):
     partial = np.array([0.7, -0.5, 0.4])[:order]
     orders = [len(restricted_partial(_summary(_logs(s, 800, partial), 8))) for s in range(12)]
     assert np.mean(np.array(orders) == order) > 0.7
+
+
+def _gram(partial: np.ndarray, run: np.ndarray) -> np.ndarray:
+    """Products of the columns, with y behind, over the dense covariance."""
+    return run.T @ np.linalg.solve(covariance(filter_of(partial), len(run)), run)
+
+
+def _likelihood_and_variances(theta: np.ndarray, rows: list[np.ndarray], functions: list):
+    """−2 ln restricted likelihood, and the variances of functions of all flanks, dense."""
+    size, partial = np.exp(theta[0]), np.tanh(theta[1:])
+    height, variances = 0.0, np.zeros(functions[0].shape[1])
+    for run, weights in zip(rows, functions, strict=True):
+        dense = size * covariance(filter_of(partial), len(run))
+        spread = np.linalg.inv(_gram(partial, run)[:-1, :-1] / size)
+        left = run[:, -1] - run[:, :-1] @ spread @ (_gram(partial, run)[:-1, -1] / size)
+        height += np.linalg.slogdet(dense)[1] - np.linalg.slogdet(spread)[1]
+        height += left @ np.linalg.solve(dense, left)
+        variances += np.einsum("ck,cd,dk->k", weights, spread, weights)
+    return height, variances
+
+
+@pytest.mark.parametrize("flanks", ["AB", "A"])
+def test_degrees_of_freedom_are_those_of_dense_differences(flanks):
+    """2 ν⁻¹ is the variance of ln v by the inverse Hessian of −ln L (Satterthwaite)."""
+    lengths = dict(zip(flanks, (60, 45), strict=False))
+    partial = np.array([0.7, -0.4])
+    rows = [_logs(7 + place, count, partial)[0] for place, count in enumerate(lengths.values())]
+    summary = summary_of({flank: [run] for flank, run in zip(flanks, rows, strict=True)}, lags=2)
+    generator = np.random.default_rng(1)
+    functions = [generator.standard_normal((rows[0].shape[1] - 1, 3)) for _ in rows]
+    left = sum(map(len, rows)) - len(rows) * (rows[0].shape[1] - 1)
+    misfit = sum(1 / np.linalg.inv(_gram(partial, run))[-1, -1] for run in rows)
+    centre = np.append(np.log(misfit / left), np.arctanh(partial))
+
+    def at(*moves: np.ndarray):
+        return _likelihood_and_variances(centre + np.sum(moves, axis=0), rows, functions)
+
+    moves = 2e-3 * np.eye(3)
+    hessian = [
+        [at(a, b)[0] - at(a, -b)[0] - at(-a, b)[0] + at(-a, -b)[0] for a in moves] for b in moves
+    ]
+    hessian = np.array(hessian) / (2 * 2e-3) ** 2
+    slope = np.array([np.log(at(a)[1]) - np.log(at(-a)[1]) for a in moves]) / (2 * 2e-3)
+    expected = 2 / np.einsum("pk,pq,qk->k", slope, 2 * np.linalg.inv(hessian), slope)
+    responses = [
+        np.linalg.solve(_gram(partial, run)[:-1, :-1], weights)
+        for run, weights in zip(rows, functions, strict=True)
+    ]
+    assert np.linalg.eigvalsh(hessian).min() > 1 and expected.min() > 3
+    np.testing.assert_allclose(freedom(summary, partial, responses), expected, rtol=2e-3)

@@ -268,3 +268,8 @@ def test_a_branch_is_a_quarter_of_the_gap_wide(at, kept):
     rows[1, 1] = 9.0
     assert not on_its_branch(ramp, rows, weights, 0.001)
     assert not on_its_branch(ramp, rows, {"B": weights["B"]}, 1e9)
+
+
+@pytest.mark.parametrize(("slower", "same"), [(19.0, True), (18.99, False)])
+def test_speeds_five_percent_apart_count_as_one(slower, same):
+    assert one_speed([Segment(0, 9, "A", 20.0), Segment(9, 20, "B", -slower)]) is same

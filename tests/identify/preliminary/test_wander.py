@@ -1,19 +1,25 @@
 """A level that wanders: its likelihood, its size, and the intervals beside it."""
 
 from dataclasses import replace
+from types import SimpleNamespace
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
 
 from tests.identify.drives import drive, drive_log, known, level, there_and_back
-from tests.identify.summaries import TERMS, random_log
+from tests.identify.summaries import TERMS, normal_matrix, random_log
+from vttig_jax.base.units import ARCSEC
 from vttig_jax.identify.compress.harmonic_summary import summarise
 from vttig_jax.identify.compress.orthogonal import triangle_of
 from vttig_jax.identify.compress.regressors import Drift, steps
 from vttig_jax.identify.fit_result import Fit
 from vttig_jax.identify.fitting import fit
+from vttig_jax.identify.noise.noise_model import NoiseModel
 from vttig_jax.identify.preliminary.nuisance import NuisanceRegression, own_terms
 from vttig_jax.identify.preliminary.wander import _height
+from vttig_jax.identify.solve.beside_walk import Walk
+from vttig_jax.identify.solve.solved_fit import SolvedFit
 
 PAIR = drive("1/64")
 MOTION = there_and_back([240, 120, 180], 2.5, ramp_s=1.0)
@@ -117,3 +123,27 @@ def test_steps_are_further_rows_of_least_squares(flanks):
         assert held.estimate(name, held.names)[0] == pytest.approx(expected[place], rel=1e-6)
         if name != "delay":
             assert plain.estimate(name, plain.names)[0] != pytest.approx(expected[place], rel=1e-3)
+
+
+@pytest.mark.parametrize("coefficients", [[], [0.8], [1.6, -0.9]])
+def test_the_step_of_the_level_is_that_of_the_added_information(coefficients):
+    """The held rows add the inverse covariance of the spline; its level is (1, 4, 1)/6 of three."""
+    own = ("offset", *(f"spline_{k}" for k in range(1, 6)))
+    drift = Drift(knots_s=1.0, stiffness=7.0)
+    log = replace(random_log(0, own, "AB"), drift=drift)
+    noise = NoiseModel(np.array(coefficients), innovation_std=2 * ARCSEC, std=1.0, block_s=0.1)
+    with_steps, without = (
+        np.sum(
+            [normal_matrix(flank, noise.filter) for flank in summarise([one], TERMS).flanks], axis=0
+        )
+        for one in (log, replace(log, drift=Drift(knots_s=1.0)))
+    )
+    places = [summarise([log], TERMS).columns.index(name) for name in own[1:]]
+    added = (with_steps - without)[np.ix_(places, places)]
+    spline = np.linalg.inv(added) * noise.innovation_std**2
+    # The level at the third knot less that at the second.
+    change = (np.array([0, 0, 1, 4, 1]) - np.array([0, 1, 4, 1, 0])) / 6
+    linear = SimpleNamespace(model=SimpleNamespace(drift=drift))
+    solved = Mock(spec=SolvedFit, noise=noise, linear=linear)
+    expected = np.sqrt(change @ spline @ change) / ARCSEC
+    assert Walk(solved, 1.0).step_arcsec == pytest.approx(expected, rel=1e-6)

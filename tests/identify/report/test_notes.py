@@ -1,10 +1,14 @@
 """What changes a number is told first: before the parameters and before all other notes."""
 
+import numpy as np
 import pytest
 
 from tests.identify.drives import drive, drive_log, level, there_and_back
 from vttig_jax.identify.fit_result import Fit
 from vttig_jax.identify.fitting import fit
+from vttig_jax.identify.report.notes import _ratio_notes
+from vttig_jax.identify.report.parameters import Parameter
+from vttig_jax.logs.encoder_log import EncoderLog
 
 ORDERS = tuple(range(1, 9))
 
@@ -44,3 +48,39 @@ def test_a_ratio_that_the_log_doubts_is_a_warning():
         log = drive_log(pair, motion, gap=level(600.0), ratio=9 / 16 * (1 + off))
         found = fit(log, pair)
         assert sum("standard errors above the given 9/16" in one for one in found.warnings) == told
+
+
+def test_a_microsecond_of_delay_looks_like_its_travel_on_both_flanks():
+    """At one turn a second the driven shaft moves 360° · 3/4 · 1e-6 in it, on either flank."""
+    pair = drive("3/4")
+    log = drive_log(pair, there_and_back([60.0] * 3, 4.0, 0.02), gap=level(600.0))
+    found = fit(log, pair, delay="auto")
+    (warning,) = [one for one in found.warnings if "every microsecond" in one]
+    assert f"every microsecond looks like {2 * 360 * 3 / 4 * 1e-6:.2g}° of backlash" in warning
+
+
+@pytest.mark.parametrize(
+    ("turns", "direct", "cure"),
+    [
+        (3.0, False, "check the teeth and counts_per_rev"),
+        (0.9, False, "looks the same over a part of a turn"),
+        (3.0, True, "looks the same over a part of a turn"),
+    ],
+)
+def test_the_cure_of_a_wrong_ratio_follows_the_turns_of_the_driven_shaft(
+    quick_fit, turns, direct, cure
+):
+    """A log of the transmission error itself shows no turn of the driven shaft."""
+    pair, driving = drive("1/2"), np.linspace(0.0, 2 * turns, 400)
+    off = 3e-4 * driving
+    log = EncoderLog.from_arrays(
+        np.linspace(0.0, 9.0, 400),
+        driving,
+        None if direct else driving / 2 + off,
+        pair=pair,
+        unit="rev",
+        transmission_error=360 * 3600 * off if direct else None,
+    )
+    ratio = Parameter("ratio", "", value=0.5 * (1 + 3e-4), std=5e-6, significant=True)
+    (note,) = _ratio_notes((ratio,), quick_fit.checks, log)
+    assert "comes out +300 ± 10 ppm off 1/2" in note and cure in note

@@ -105,3 +105,22 @@ def test_a_line_of_one_flank_takes_no_order_of_the_other():
     line = msgspec.structs.replace(LINE, flank="B")
     (judged,) = judged_orders([ORDER], [line], 9 / 16, 20.0)
     assert judged.significant
+
+
+@pytest.mark.parametrize(("noise_arcsec", "counts"), [(0.3, True), (300.0, False)])
+def test_an_order_counts_above_three_of_its_standard_errors(noise_arcsec, counts):
+    """The size alone says nothing: 1″ in little noise is an order, and 8″ in much noise is none."""
+
+    def error(angle, _):
+        first = 20 * np.sin(angle + 0.3) + 30 * np.sin(angle * 9 / 16 + 1)
+        return first + (1.0 if counts else 8.0) * np.sin(2 * angle)
+
+    motion = there_and_back([60, 60], 20)
+    log = drive_log(PAIR, motion, gap=level(200.0), error=error, noise_arcsec=noise_arcsec)
+    orders = fit(log, PAIR, delay="off", noise="white", drift_order=0, lines="report").orders
+    found = [one for one in orders if (one.shaft, one.order) == ("driving", 2)]
+    assert len(found) == 2
+    for one in found:
+        assert one.significant is counts
+        assert (one.amplitude_arcsec < 3.0) is counts
+        assert (one.amplitude_arcsec > 3 * one.std_arcsec) is counts

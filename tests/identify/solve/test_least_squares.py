@@ -12,7 +12,7 @@ from vttig_jax.identify.model.forward_model import pair_relation
 from vttig_jax.identify.noise.noise_model import WhitenedFlank, whiten
 from vttig_jax.identify.report.notes import solver_notes
 from vttig_jax.identify.solve.eccentricity_search import EccentricitySearch
-from vttig_jax.identify.solve.least_squares import solve
+from vttig_jax.identify.solve.least_squares import _covariance, solve
 
 
 @pytest.fixture(scope="module")
@@ -133,3 +133,9 @@ def test_what_is_no_minimum_has_not_converged(problem, monkeypatch):
     assert f"{found.misfit:.3g} standard deviations" in note
     monkeypatch.setattr(EccentricitySearch, "minimise", lambda *_: (np.nan * wrong, True, 67))
     assert not solve(relation, whitened).converged
+
+
+def test_data_without_any_slope_determine_nothing():
+    covariance, determined, weakest = _covariance(np.zeros((3, 2)), ("one", "other"))
+    assert determined.tolist() == [False, False] and weakest is None
+    np.testing.assert_array_equal(covariance, np.zeros((2, 2)))
