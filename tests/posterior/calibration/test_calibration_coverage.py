@@ -123,3 +123,15 @@ def test_a_probability_that_is_no_number_does_not_pass_for_a_failure_of_others()
     assert [c.name for c in rejected([Cell("c", "bad", "", 0.0), Cell("c", "x", "", 1.0)])] == [
         "bad"
     ]
+
+
+@pytest.mark.parametrize(("true", "low", "high"), [(0.0, 0.0, 0.02), (2.0, 0.98, 1.0)])
+def test_a_truth_beyond_all_draws_has_the_outermost_rank(true, low, high):
+    """Of 49 draws around 1, none is below 0 or above 2: the rank is in the first or last 1/50."""
+    rigs = 200
+    truth, values = np.tile([true, 0.0], (rigs, 1)), np.tile([1.0, 0.0], (rigs, 1))
+    spread = np.tile(1e-4 * np.eye(2), (rigs, 1, 1))
+    discs = [CoverageDisc("e", 0, 1, np.inf)]
+    ranks = amplitude_ranks(truth, values, spread, discs, draws=49)["e"]
+    assert low <= ranks.min() < low + 0.002
+    assert high - 0.002 < ranks.max() <= high

@@ -93,3 +93,15 @@ def test_every_number_of_points_gives_the_same_values(target, count):
     np.testing.assert_allclose(
         target.log_density(points[:count]), target.log_density(points)[:count], atol=1e-7
     )
+
+
+@pytest.mark.parametrize("limit", ["_MOST_TERMS", "_MOST_NODES"])
+def test_as_many_terms_and_nodes_as_the_most_are_allowed(monkeypatch, limit):
+    """One correlation has as many nodes as terms."""
+    whole = rows_of(1)[1]
+    assert whole is not None
+    monkeypatch.setattr(module, limit, len(whole.degrees))
+    again = rows_of(1)[1]
+    assert again is not None and len(again.degrees) == len(whole.degrees)
+    monkeypatch.setattr(module, limit, len(whole.degrees) - 1)
+    assert rows_of(1)[1] is None

@@ -142,3 +142,17 @@ def test_wrong_arguments_are_named(target):
         profile(target, "partial_1")
     with pytest.raises(ValueError, match="Argument `probability` must be between 0 and 1"):
         profile(target, "driving_x", 1.0)
+
+
+@pytest.mark.parametrize("wall", [0.31, 1.1])
+def test_both_ends_at_the_bound_are_said_wherever_it_is(target, wall):
+    """Both sides of a flat density end there, whether the bound is near or far."""
+    changed, _ = made(target, "walled")
+    size = np.sqrt(np.diag(target.covariance))
+    density = replace(changed.density, inverse=np.diag(0.5 / (wall * size)))
+    found = profile(replace(changed, density=density), "driving_x")
+    ends = np.array([found.low, found.high], float)
+    np.testing.assert_allclose((ends - target.centre[0]) / size[0], [-wall, wall], atol=2e-3)
+    assert found.reason == "; ".join(
+        f"{side}: ends at the bound of the prior" for side in ("below", "above")
+    )

@@ -113,3 +113,13 @@ def test_a_given_delay_is_a_condition():
     assert given.conditional_on == ("given_delay",) and never.conditional_on == ()
     assert given.std(GAP) == never.std(GAP)
     assert "0.002 s" in str(given.parameters["delay_s"].reason)
+
+
+@pytest.mark.parametrize("motion", SPEEDS)
+def test_ramps_are_named_only_where_they_alone_tell_the_delay(motion):
+    speeds = SPEEDS[motion]
+    expected = plan_of(rig_of(speeds, 0.0), speeds)
+    assert expected.parameters["delay_s"].determined
+    named = [note for note in expected.notes if "only the ramps tell the delay" in note]
+    assert len(named) == (1 if len(speeds) == 1 else 0)
+    assert ("only the ramps tell the delay" in str(expected)) is (len(speeds) == 1)

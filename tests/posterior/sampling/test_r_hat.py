@@ -81,3 +81,14 @@ def test_a_middle_step_left_over_is_dropped():
     changed = draws.copy()
     changed[:, 5] = 1e6
     np.testing.assert_array_equal(r_hat(draws), r_hat(changed))
+
+
+@pytest.mark.parametrize(
+    ("values", "largest"), [([7.0, -2.0, 3.0], 1.5 / np.sqrt(np.pi)), ([5.0, 4.0], np.pi**-0.5)]
+)
+def test_normal_scores_are_near_the_expected_order_statistics(values, largest):
+    """The largest of three normal numbers is 3/(2√π) on average, of two 1/√π (H. A. David)."""
+    found = _normal_scores(np.array([values]))[0]
+    assert np.argsort(found).tolist() == np.argsort(values).tolist()
+    assert found.max() == pytest.approx(largest, abs=0.03)
+    assert np.sort(found) == pytest.approx(-np.sort(found)[::-1], abs=1e-12)

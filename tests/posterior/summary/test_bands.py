@@ -1,5 +1,7 @@
 """Bands: calibrated on the draws, valid for the truth, and the map they make."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -163,3 +165,17 @@ def test_one_flank_has_no_map(posterior):
 
     with pytest.raises(NoAnswerError, match="only flank A was measured"):
         band_map(replace(posterior, fit=replace(posterior.fit, flanks=("A",))))
+
+
+def test_the_printed_widths_are_those_of_the_bands(banded):
+    """Of draws that are normal: 1.96 standard deviations at one angle."""
+    half = dict(re.findall(r"95 % (at one angle|of the whole map)\s+± ([0-9.e-]+)°", str(banded)))
+    row = dict(zip(banded.columns, banded.table().T, strict=True))
+    widths = {
+        "at one angle": row["high95_deg"] - row["low95_deg"],
+        "of the whole map": row["high95_simultaneous_deg"] - row["low95_simultaneous_deg"],
+    }
+    for name, width in widths.items():
+        assert float(half[name]) == pytest.approx(np.median(width) / 2, rel=0.05)
+    one_std = np.median(banded.band.std) / DEG
+    assert float(half["at one angle"]) == pytest.approx(1.96 * one_std, rel=0.1)

@@ -8,6 +8,7 @@ import pytest
 from tests.posterior.made import made_posterior, quick_fit
 from vttig_jax.base.numerics.partial_autocorrelation import filter_of
 from vttig_jax.base.units import ARCSEC, DEG
+from vttig_jax.posterior.summary import predictive as module
 from vttig_jax.posterior.summary.predictive import (
     Statistic,
     autocorrelation,
@@ -139,3 +140,30 @@ def test_a_statistic_counts_both_sides():
     assert Statistic.of(made, 974.5).p_value == pytest.approx(0.05, abs=2e-3)
     assert Statistic.of(made, 24.5).p_value == pytest.approx(0.05, abs=2e-3)
     assert 0 < Statistic.of(made, -1.0).p_value < 2e-3
+
+
+@pytest.mark.parametrize(
+    ("measured", "extreme"),
+    [(1000.0, 0), (-1.0, 0), (974.5, 25), (24.5, 25), (999.0, 1), (0.0, 1), (990.0, 10)],
+)
+def test_the_p_value_counts_half_a_replicate_more_on_the_rarer_side(measured, extreme):
+    """Twice (n + 1/2) of 1001, where n of the 1000 replicates are at least as extreme."""
+    found = Statistic.of(np.arange(1000.0), measured).p_value
+    assert found == pytest.approx((2 * extreme + 1) / 1001, rel=1e-12)
+
+
+def test_the_band_of_every_lag_leaves_out_a_fortieth_of_the_replicates_on_each_side(
+    posterior, monkeypatch
+):
+    drawn = []
+
+    def kept(runs, lags):
+        drawn.append(autocorrelation(runs, lags))
+        return drawn[-1]
+
+    monkeypatch.setattr(module, "autocorrelation", kept)
+    found = predictive(posterior, 80)
+    log, replicates = np.array(drawn[::2]), np.array(drawn[1::2])
+    np.testing.assert_allclose(found.correlation, log.mean(axis=0))
+    assert (np.sum(replicates < found.correlation_low, axis=0) == 2).all()
+    assert (np.sum(replicates > found.correlation_high, axis=0) == 2).all()
