@@ -109,10 +109,10 @@ class SeenRatio:
     def _difference(self, seen: float) -> str:
         """What the ratio in the log is beside the given one."""
         return {
-            "swapped": "the inverse: driving and driven are exchanged, or driving turns to driven"
+            "swapped": "the inverse: driving and driven are swapped, or driving turns to driven"
             " turns were meant",
             "sign": "the negative: one encoder counts backwards",
-            "swapped_sign": "the negative inverse: driving and driven are exchanged, and one"
+            "swapped_sign": "the negative inverse: driving and driven are swapped, and one"
             " encoder counts backwards",
             "differs": f"about {simple_fraction(seen, self.std or 0.0)}",
         }[self.verdict]
