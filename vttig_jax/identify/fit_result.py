@@ -95,7 +95,7 @@ class Fit(PlottedResult):
     request: FitRequest | None = None
 
     def judged_orders(self) -> tuple[Order, ...]:
-        """Return the orders, of which those that a line of the residual explains do not count."""
+        """Return the orders; one that a line of the residual explains is not significant."""
         turns = max((float(np.ptp(curve.driving_angle)) / REV for curve in self.curves), default=0)
         return judged_orders(self.orders, self.checks.lines, float(self.pair.ratio), turns)
 

@@ -136,9 +136,9 @@ def fit(
 
 
 def _stated_drive(log: EncoderLog) -> GearPair | Drive:
-    """Return the drive that a log was read with.
+    """Return the gears or the drive that the options of the log state, such as its ratio.
 
-    **Raises** `ValueError` for a log that was read with a pair.
+    **Raises** `ValueError` for a log that was read with a pair, because the log does not keep it.
     """
     if log.spec is None:
         raise ValueError(
@@ -172,7 +172,7 @@ class _Task:
     readings: BacklashReadings | None
 
     def scope(self, orders: HarmonicOrders, *, remembers: bool = False) -> Identifiability:
-        """Return what can be fitted of these orders."""
+        """Return which of these orders the logs can determine."""
         segments = [each.segments for each in self.found]
         return find_identifiability(
             self.logs, segments, self.pair, orders, self.settings.flank, remembers=remembers

@@ -29,7 +29,11 @@ _EVIDENCE = "evidence_"
 
 
 def fit_arrays(fit: Fit) -> dict[str, np.ndarray]:
-    """Return all arrays of a fit: its model, noise, curves, residuals, covariance and evidence."""
+    """Return the arrays that store a fit, by name.
+
+    They hold its harmonics, parameters with covariance, noise, curves and residuals. If the fit
+    keeps its compressed logs (`Fit.evidence`), their names begin with "evidence_".
+    """
     curves = fit.curves
     evidence = {} if fit.evidence is None else fit.evidence.to_arrays()
     return {

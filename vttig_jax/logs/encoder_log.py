@@ -129,7 +129,11 @@ STANDSTILL = DEG
 
 @dataclass(frozen=True)
 class RawLog:
-    """Columns before unwrapping, all of one length: time in s, error in rad."""
+    """Columns of a log before the counts are unwrapped; all have the same length.
+
+    `error` is the transmission error of a TE-curve log, in rad of the driven shaft. The fields are
+    those of `EncoderLog`, in the same units. A column that the log does not have is None.
+    """
 
     time: Float[np.ndarray, " n"]
     driving: RawChannel

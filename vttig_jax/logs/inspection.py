@@ -352,7 +352,10 @@ def _lines(report: "Inspection") -> str:
 
 
 def _remarks(report: "Inspection") -> list[str]:
-    """Return what spoils a fit first: ratio, slip, sampling and coverage; then the other notes."""
+    """Return the sentences of the report on what spoils a fit, then the other notes.
+
+    What spoils a fit comes in this order: ratio, slip, sampling, coverage.
+    """
     remarks = []
     ratio = report.ratio
     if ratio.verdict not in ("agrees", "none") or ratio.better or ratio.is_doubtful:

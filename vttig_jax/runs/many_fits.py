@@ -61,7 +61,7 @@ class ManyFits:
         return -(-len(self.logs) // _BLOCK)
 
     def header(self) -> dict[str, Any]:
-        """Return what identifies the table: digests of the logs, pair, settings and versions."""
+        """Return the properties by which a table is recognised: digests, settings and versions."""
         return {
             "logs": [str(log) for log in self.logs],
             "sha256": data_sha256(self.logs),

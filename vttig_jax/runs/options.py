@@ -60,7 +60,7 @@ class RunOptions(msgspec.Struct, frozen=True):
             raise UsageError(f"{name} compares several logs, but there is one; leave it out.")
 
     def check_drift(self, log: "EncoderLog") -> None:
-        """Refuse a spline of so many pieces that it would follow the gears."""
+        """Raise `UsageError` for a drift spline that has too many pieces and follows the gears."""
         knots_s = self.settings.drift_knots_s
         duration_s = float(log.time[-1] - log.time[0])
         if knots_s is not None and duration_s > MOST_PIECES * knots_s:

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 @click.option(
     "--steps",
     type=click.IntRange(min=40),
-    help="Sample exactly so many steps; by default until the sampler has converged.",
+    help="Number of steps to sample; by default until the sampler has converged.",
 )
 def command(
     output: Output, out: Path | None, overwrite: bool, seed: int, steps: int | None

@@ -53,11 +53,11 @@ vttig fit log.csv --pair pair.toml --out run && vttig sample --out run --steps 5
 @click.option(
     "--seed", type=click.IntRange(0, 2**63 - 1), help="Of the sampler; 0, or that of the draws."
 )
-@click.option("--steps", type=click.IntRange(min=40), help="Make exactly so many steps in all.")
+@click.option("--steps", type=click.IntRange(min=40), help="Make this many steps in all.")
 @click.option(
     "--until",
     type=POSITIVE,
-    help="Sample until every chain is so many autocorrelation times long (50 by default) and the"
+    help="Sample until every chain is this many autocorrelation times long (50 by default) and the"
     " ensembles agree (R-hat 1.01), 50 000 steps at most.",
 )
 @click.option("--ensembles", type=click.IntRange(min=4), help="Independent ones; 4 by default.")

@@ -75,7 +75,7 @@ vttig simulate scenario.toml --trace trace.csv --every 10
     "--every",
     type=click.IntRange(min=1),
     default=1,
-    help="With --trace: keep one of so many periods of the controller; all by default.",
+    help="With --trace: keep one period of the controller in this many; all by default.",
 )
 @click.option("--figure", type=click.Path(path_type=Path), help="PNG of the run to write.")
 @click.option("--overwrite", is_flag=True, help="Replace files that exist.")

@@ -255,7 +255,17 @@ class ServoDrive(ShaftDrive):
         bounds: Bounds,
         slope: Scalar | None = None,
     ) -> Shafts:
-        """Share the change of x that `flank` caused, if it was `met`, between both shafts."""
+        """Return both shafts after the torque of a flank has moved both of them.
+
+        `moved` is the state in which the flank has moved the driven shaft alone. The flank changed
+        x = φ₂ − i φ₁ by the difference between `moved` and `flight`, which is x without contact.
+        Of this change, the driving shaft takes −k m/J₁ and the driven shaft keeps m/J₂ (see the
+        text of this module). Where `met` is false, nothing is shared.
+
+        **Arguments**
+        - `flank`: flank whose torque it is, `ON_A` or `ON_B`.
+        - `slope`: k; by default that of `flank` at `moved`.
+        """
         if slope is None:
             slope = jnp.asarray(bounds.ratio) + _slope(moved.flanks, flank)
         share = slope * self._inertia(slope) / self.driving.inertia

@@ -70,7 +70,12 @@ class ElasticPlant(Plant):
         return self._torque(depths.a) - self._torque(depths.b)
 
     def slowing(self, shafts: Shafts, now: Walls, ratio: Scalar, step: Scalar) -> Scalar:
-        """Return the acceleration of the loaded driven shaft by friction and load, rad/s²."""
+        """Return the acceleration of the driven shaft by friction and load, rad/s².
+
+        It is the mean over a time step (`step`, s), and negative where it slows a positive speed.
+        The torque of the flanks counts only as far as friction at standstill and the load balance
+        it; the acceleration by the flanks themselves is not included. `ratio` is i.
+        """
         force = self.torque(shafts, now)
         push = jnp.where(force == 0, 0.0, self._friction_limited(force))
         driven_speed = ratio * shafts.speed + shafts.drift

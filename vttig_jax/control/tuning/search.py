@@ -166,7 +166,12 @@ class Search:
     def _neighbours(
         self, points: Sequence[Float[np.ndarray, " keys"]], ends: Float[np.ndarray, "keys 2"]
     ) -> list[Float[np.ndarray, " keys"]]:
-        """Return points in which one key differs from a given point, within the bounds."""
+        """Return new points, each of which differs from a given point in one key.
+
+        The key is multiplied by each of `_FACTORS` if it is positive, or changed by each of
+        `_STEPS`. Points and `ends` (least and largest value of each key) are scaled values, as from
+        `FreeKey.scaled`. A point with a key outside its ends is left out.
+        """
         neighbours: dict[tuple[float, ...], np.ndarray] = {}
         for point in points:
             for index, key in enumerate(self.keys):
@@ -190,7 +195,10 @@ def _cost(point: _Point) -> float:
 
 
 def stacked_windows(cases: Sequence[Case]) -> list[Window]:
-    """Return the windows of cases; cases of one structure are stacked along a first axis."""
+    """Return the windows in which the cases are tried, one for each structure of the cases.
+
+    A window holds all cases of its structure, stacked along the first axis of its arrays.
+    """
     groups: dict[CaseStructure, list[Case]] = {}
     for case in cases:
         groups.setdefault(leaves_of(case).structure, []).append(case)

@@ -44,7 +44,13 @@ class Place(IntEnum):
 
 
 class TouchPoint(eqx.Module):
-    """First contact of each tooth pair in a section; `error` in rad is −σ∞ without contact."""
+    """First contact of each tooth pair in a section.
+
+    - `error`: transmission error, rad; −∞ on flank A and +∞ on flank B if the pair does not touch.
+    - `roll`: roll angle of the driving flank, rad.
+    - `share`: place of the section in the common face, 0 … 1.
+    - `place`: part of the flanks that touches, a `Place`.
+    """
 
     error: Float[Array, "*section pair n"]
     roll: Float[Array, "*section pair n"]
@@ -96,7 +102,12 @@ class ContactSearch(eqx.Module):
 
 
 def search(scene: ContactSearch, sections: int) -> TouchPoint:
-    """Return first contacts in sections over the common face; the last row is the best section."""
+    """Return the first contact of every tooth pair in some sections of the common face.
+
+    The result has `sections` + 1 rows: the evenly spaced sections from end to end, and last the
+    section of the first contact of the pair, refined between its neighbours. For one section there
+    is one row, the middle of the face. The gears and angles are those of `scene`.
+    """
     shape = jnp.broadcast_shapes(*(leaf.shape for leaf in jax.tree.leaves(scene.pose)))
     if sections == 1:
         middle = touch_at(scene, jnp.broadcast_to(share_of_middle(scene.mounting), shape))

@@ -52,10 +52,11 @@ def path_of(mates: Mates, distance: Scalar) -> Path:
 def chosen_pairs(
     path: Path, mates: Mates, driving_angle: Float[Array, " n"], pairs: int
 ) -> tuple[Values, Values]:
-    """Return the angles, rad, and numbers of driving teeth at the path of contact, shape (pair, n).
+    """Return the `pairs` driving teeth that are nearest to the middle of the path of contact.
 
-    Angles are from the line of centres. Whole pitches are subtracted first, so that angles over
-    many turns keep their digits.
+    **Returns** two arrays of shape (pair, n): the angle, rad, of each tooth from the line of
+    centres, and its number. Whole pitches are subtracted from `driving_angle`, rad, so that angles
+    over many turns keep their digits.
     """
     middle = mates.sense * (path.pitch_angle + (path.recess - path.approach) / 2)
     nearest = jnp.floor((driving_angle - middle) / mates.pitch + pairs % 2 / 2)

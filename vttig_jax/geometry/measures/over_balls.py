@@ -121,11 +121,15 @@ def usual_ball(tooth: Tooth, z: float = 0.0) -> float:
 
 
 def _ideal_ball(tooth: Tooth, z: float) -> float:
-    """Return the mean diameter, mm, of the balls that touch each flank at the V-circle.
+    """Return the diameter, mm, of a ball that touches the flanks at the V-circle at height z, mm.
 
-    Each flank is taken in a symmetric space of two equal flanks. With the roll length ρ of the
-    V-circle, inv α_M = ψ_b + D/(2 r_b cos β_b) − π/z and r_b tan α_M = ρ + (D/2) cos β_b give α_M,
-    in closed form for β_b = 0.
+    It is the mean of two diameters D, one for the right and one for the left flank. Each is the
+    diameter of a ball that touches both sides of a symmetric space, whose two flanks equal that
+    flank. With the roll length ρ of the V-circle and N teeth, the two equations
+
+        inv α_M = ψ_b + D/(2 r_b cos β_b) − π/N,  r_b tan α_M = ρ + (D/2) cos β_b
+
+    determine α_M and D. For β_b = 0 the solution has a closed form.
     """
     from scipy.optimize import root_scalar
 

@@ -123,7 +123,12 @@ def _transverse(tooth: Tooth, z: float, teeth: int) -> float:
 
 
 def _teeth_spanned(tooth: Tooth, z: float, normal: float | None) -> int:
-    """Return the k whose jaws touch closest to the V-circle, among those that touch the flanks."""
+    """Return the number k of teeth to span, for which the jaws touch closest to the V-circle.
+
+    The jaws touch the flanks for this k. If no such k is near the V-circle, the k closest to it is
+    returned, from 2 to N − 1 for N teeth. `z` is the height, mm. `normal` is the base helix angle
+    of the common normal, rad; None counts as 0.
+    """
     base = float(tooth.base_radii[0])
     circle = float(tooth.reference_radius + tooth.profile_shift_mm)
     target = 2 * math.sqrt(max(circle**2 - base**2, 0.0)) / math.cos(normal or 0.0) ** 2

@@ -58,12 +58,15 @@ def tooth_face(
     columns: Int[np.ndarray, " columns"],
     joints: Int[np.ndarray, "9"],
 ) -> Triangles:
-    """Return the end face of one tooth above the line between its feet, seen from +z.
+    """Return the triangles of the end face of one tooth, above the line between its two feet.
+
+    The triangles are counter-clockwise seen from +z. A column is a place around the profile in the
+    grid of points of a tooth (`ToothGrid`).
 
     **Arguments**
-    - `points`: points of one section, mm.
-    - `columns`: index of the point that represents each column.
-    - `joints`: columns at which the pieces begin and end; see `ToothGrid`.
+    - `points`: points of one section, one for each column, mm.
+    - `columns`: index of the mesh point of each column. Columns at one place share a point.
+    - `joints`: columns at which the pieces of the profile begin and end; see `ToothGrid.joints`.
     """
     foot, corner, middle, other_corner, other_foot = joints[[1, 3, 4, 5, 7]]
     radius = np.hypot(points[:, 0], points[:, 1])
@@ -85,7 +88,9 @@ def rim_face(
     pitch: float,
     rotation: float = 0.0,
 ) -> Triangles:
-    """Return the end face of one pitch between the feet and the bore, seen from +z.
+    """Return the triangles of the end face of one pitch between the tooth feet and the bore.
+
+    The triangles are counter-clockwise seen from +z.
 
     **Arguments**
     - `points`, `columns`, `joints`: as for `tooth_face`.

@@ -101,9 +101,10 @@ class ToothGrid:
         return np.cumsum([0, *self.counts.pieces()])
 
     def point_columns(self) -> Int[np.ndarray, "rows columns"]:
-        """Return the column whose point represents each column; a closed piece is one point.
+        """Return, for each column, the number of the column whose point it uses.
 
-        Closed pieces on the right are represented by the first column, on the left by the last.
+        A column uses its own point, except in a closed piece, whose columns all lie at one place:
+        on the right they use the point of the first column, on the left that of the last column.
         """
         counts, last = self.counts, self.counts.around
         columns = np.broadcast_to(np.arange(last + 1), (len(self.z), last + 1)).copy()

@@ -99,7 +99,11 @@ class FlankSummary(ABC):
 
     @abstractmethod
     def determinant_terms(self, order: int) -> Float[np.ndarray, "*terms"]:
-        """Return the numbers of this flank for `determinant_of`; those of two flanks add up."""
+        """Return the numbers from which `determinant_of` computes the log-determinant.
+
+        `order` is the order of the autoregression. The sum of the numbers of two flanks belongs to
+        both flanks together.
+        """
 
     @staticmethod
     @abstractmethod
@@ -116,7 +120,7 @@ class FlankSummary(ABC):
     def of_products(
         cls, flank: Flank, rows: int, *, lag_products: Float[np.ndarray, "lags q q"], **parts
     ) -> "FlankSummary":
-        """Return the summary of rows Z of which only the products are known.
+        """Return the summary of a flank from the lag products of its rows Z, without the rows.
 
         The products keep half the digits of the rows. `_LOST_DIGITS` is added in every direction,
         so that the triangle exists although the other digits are lost.

@@ -90,13 +90,17 @@ def steps(count: int) -> Float[np.ndarray, "m m"]:
 class Regressors:
     """Samples and regressors of one log, in rad and s.
 
+    The own columns of a log are the columns of the design matrix that belong to it alone, such as
+    its drift; see `ColumnLayout`.
+
     **Arguments**
     - `driving`: φ₁ at the instant of the driven reading, t − `delay_s`.
     - `driven`: φ₂ as read.
     - `error`: flank → φ₂ − i φ₁ minus `level` and the effect of a logged axial position.
     - `own`: name → values of the own columns of the log, without the offset.
     - `weight`: weight of every sample; None for equal weights.
-    - `pull`: part of `error` subtracted to bound the influence of outliers; None for zero.
+    - `pull`: values that Huber's loss subtracts from `error` to limit the influence of outliers;
+      None for zero.
     - `level`: subtracted level, rad; see `level_of`.
     - `drift`: drift, whose columns are among `own`.
     """
@@ -173,10 +177,11 @@ def read_channels(
 
 
 def shifted(log: EncoderLog, delay_s: float, weight: Samples | None = None) -> Samples:
-    """Return φ₁ at t − `delay_s` by cubic interpolation of the samples that are no spikes.
+    """Return φ₁, rad, at the times t − `delay_s`, by cubic interpolation between the samples.
 
-    Samples of little `weight` are left out too, because one late reading would move the angle of
-    the next sample. They move by the travel of the shaft and stay as far from the fit as they were.
+    The interpolation omits spikes and samples of little `weight`, because one late reading would
+    change the angle of the next sample. The angle of a sample of little weight changes by the
+    travel of the shaft, so that its distance from the interpolated curve stays the same.
     """
     angle = log.driving.steady_angle(log.time)
     if delay_s == 0:
@@ -226,7 +231,11 @@ def _drift_columns(time: Samples, drift: Drift) -> dict[str, Samples]:
 
 
 def _axial_correction(log: EncoderLog, pair: GearPair | Drive) -> dict[str, Samples]:
-    """Return what an axial position s adds to the TE: A: + s tan β_L/R₂, B: − s tan β_R/R₂."""
+    """Return the part of the TE that an axial position s causes, rad, for each flank.
+
+    It is + s tan β_L/R₂ on flank A and − s tan β_R/R₂ on flank B. A log without an axial position
+    and a drive without gears have none.
+    """
     if log.axial_mm is None or isinstance(pair, Drive):
         return {}
     (left, right), radius = pair.taper, pair.reference_radii[1]

@@ -56,7 +56,10 @@ class Upper(NamedTuple):
 def conditioned(
     rows: Float[Array, "flanks runs n q"],
 ) -> tuple[Float[Array, "flanks runs n q"], Float[Array, "flanks q q"]]:
-    """Return U and F with Z = U F of every flank; the columns of U are nearly orthonormal."""
+    """Return the conditioned rows U and the triangle F of the rows Z = U F of every flank.
+
+    The columns of U are nearly orthonormal.
+    """
     flanks, runs, count, width = rows.shape
     table = rows.reshape(flanks, runs * count, width)
     square = jnp.sum(table**2, axis=1)
@@ -74,7 +77,7 @@ def row_products(
     counts: Int[Array, "flanks runs"],
     lags: int,
 ) -> RowProducts:
-    """Return the products of conditioned rows, of which each run has `counts`.
+    """Return the lag products of conditioned rows; `counts` is the number of rows of each run.
 
     Rows beyond the count of a run must be zero.
     """

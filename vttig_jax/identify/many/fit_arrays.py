@@ -51,7 +51,10 @@ class ArrayFit(NamedTuple):
 
 
 class WhiteTable(NamedTuple):
-    """Conditioned block rows of one log, with all that the choice of the lags needs.
+    """Conditioned block rows of one log, and the numbers from which the lags are chosen.
+
+    Conditioned rows are the rows U of Z = U F, whose columns are nearly orthonormal; Z are the
+    block rows and F is a triangular matrix.
 
     **Arguments**
     - `white`, `triangle`: rows U and triangle F. - `counts`: rows of every run.
@@ -71,7 +74,10 @@ class WhiteTable(NamedTuple):
 
 
 class Compressed(NamedTuple):
-    """Products of the rows of one log; a log that cannot be fitted has harmless ones."""
+    """Products of the rows of one log; the other fields are as in `WhiteTable`.
+
+    A log that cannot be fitted has substitute products, which cause no error in the compiled fit.
+    """
 
     products: RowProducts
     needed: Int[Numbers, "*logs"]
@@ -126,7 +132,7 @@ def fit_tables(model: BatchModel, tables: WhiteTable) -> ArrayFit:
 
 
 def white_table(model: BatchModel, log: LogArrays) -> WhiteTable:
-    """Return the conditioned block rows of a log, the first part of `fit_arrays`."""
+    """Return the conditioned block rows of a log; this is the first part of `fit_arrays`."""
     table = block_table(model, log)
     white, triangle = conditioned(table.rows)
     rows = jnp.sum(table.counts, axis=1)
@@ -146,7 +152,12 @@ def white_table(model: BatchModel, log: LogArrays) -> WhiteTable:
 
 
 def compressed(model: BatchModel, table: WhiteTable) -> Compressed:
-    """Return the products of conditioned block rows, the second part of `fit_arrays`."""
+    """Return the lag products of the conditioned block rows of one log.
+
+    This is the second part of `fit_arrays`. A log without a code from the first part gets
+    `TOO_FEW_ROWS` where a run has no more rows than lags, and `MORE_LAGS` where the noise needs
+    more lags than the model has.
+    """
     lags = model.shape.lags
     is_short = jnp.any((table.counts > 0) & (table.counts <= lags))
     causes = [(Code.TOO_FEW_ROWS, is_short), (Code.MORE_LAGS, table.needed > lags)]
@@ -219,7 +230,10 @@ def _code_of(
 def _first(
     causes: list[tuple[Code, Bool[Array, ""]]], otherwise: Int[Numbers, ""]
 ) -> Int[Array, ""]:
-    """Return `otherwise` unless it is OK; then the code of the first cause that is true."""
+    """Return the code of the first cause that is true, or OK if none is true.
+
+    A code `otherwise` that is not OK takes precedence and is returned instead.
+    """
     code = jnp.asarray(int(Code.OK))
     for cause, is_true in reversed(causes):
         code = jnp.where(is_true, int(cause), code)

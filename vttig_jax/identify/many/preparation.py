@@ -191,5 +191,5 @@ def _refuse_other_models(
 
 
 def _isolated(error: np.ndarray) -> np.ndarray:
-    """Return what of every sample differs from the median of its neighbours."""
+    """Return the difference of every sample from the median of the samples around it."""
     return error - median_filter(error, _AROUND, mode="nearest")

@@ -179,7 +179,7 @@ def _number(value: Any) -> float:
 
 
 def _cell(value: Any) -> Any:
-    """Return what a cell of CSV holds; whole numbers have no decimals."""
+    """Return a value as a cell of CSV: "" for NaN, and no decimals for whole numbers."""
     if isinstance(value, float):
         if np.isnan(value):
             return ""

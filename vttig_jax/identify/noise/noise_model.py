@@ -227,7 +227,7 @@ def remembers(summary: HarmonicSummary) -> bool:
 
 
 def _lasts(noise: NoiseModel, summary: HarmonicSummary, times: float) -> bool:
-    """Return whether so many correlation times of the noise exceed a run."""
+    """Return whether `times` correlation times of the noise are longer than a mean run."""
     runs = sum(len(flank.heads) for flank in summary.flanks)
     run_s = summary.block_s * summary.rows / max(runs, 1)
     return noise.correlation_s > run_s / times

@@ -201,9 +201,17 @@ def linear_fit(
     segments: Sequence[tuple[Segment, ...]] | None = None,
     pulls: Sequence[AnySamples | None] | None = None,
 ) -> LinearFit:
-    """Compute the rows of the certain segments of all logs, or of the given segments.
+    """Return the linear model of all logs with its block rows, which are computed here.
 
-    The duration of a row is `block_s`, or what the orders allow, but at most `finest_s`.
+    The coefficients and residuals are computed when they are first read from the result.
+
+    **Arguments**
+    - `inputs`, `model`: logs with their segments in certain contact, and the columns of the rows.
+    - `delay_s`: delay of the driven channel that is removed, s.
+    - `weights`, `pulls`: of the samples of each log, from a robust loss; see `Reweighted`.
+    - `block_s`: duration of a row, s; by default the longest that the orders allow, shortened
+      towards `finest_s`, s.
+    - `segments`: segments of each log; by default those of `inputs`.
     """
     none: list[Samples | None] = [None] * len(inputs)
     channels = tuple(

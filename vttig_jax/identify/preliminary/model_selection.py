@@ -86,7 +86,11 @@ def select_model(
     identifiable: Identifiability,
     settings: FitSettings,
 ) -> SelectedModel:
-    """Select the model by as many passes over the logs as the delay and the weights require."""
+    """Select the nuisance parameters, delay, drift and weights of the fit, and compress the logs.
+
+    The harmonics are those of `identifiable`. One pass over the logs is always made; a delay to be
+    found, a ratio in doubt and a robust loss each require further passes.
+    """
     if _has_slope(pair, identifiable, settings):
         settings = msgspec.structs.replace(settings, drift_order=1)
     open_ratio = _has_open_ratio(pair, identifiable)

@@ -183,9 +183,10 @@ class ResidualLine(Record, frozen=True):
 
 
 class JoinedLine(Record, frozen=True):
-    """Line of the residual that joined the model as a fractional order of the driving shaft.
+    """Line of the residual that was added to the model as a fractional order of the driving shaft.
 
-    `replaced` names the orders that are not supported beside it and left the model.
+    `replaced` names the orders near the line that were removed from the model, because BIC does not
+    support them if the model has the line.
     """
 
     order: float
@@ -196,7 +197,7 @@ class JoinedLine(Record, frozen=True):
 
 
 class HiddenShaft(Record, frozen=True):
-    """Shaft that the log does not show, of which several lines are orders.
+    """Shaft without an encoder in the log, to whose orders several lines belong.
 
     It turns `turns_per_rev` times per driving turn. `coincidence` is the likelihood of lines at
     random frequencies against that of this shaft.

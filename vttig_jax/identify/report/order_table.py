@@ -108,7 +108,7 @@ def judged_orders(
     ratio: float,
     turns: float,
 ) -> tuple[Order, ...]:
-    """Return the orders, of which those that a line explains are not significant.
+    """Return the orders; an order that a line explains is marked as not significant.
 
     A line of the residual leaks into orders within a few resolutions of it. A fractional order
     leaks as far as its amplitude changes over the log, with the load for example.

@@ -189,8 +189,9 @@ def compared(
 
 
 def hidden_shafts(lines: Sequence[ResidualLine | JoinedLine], ratio: float) -> list[HiddenShaft]:
-    """Return the shaft of which the most improbable number of lines are orders, if there is one.
+    """Return a list with the shaft to whose orders the lines belong, empty without such a shaft.
 
+    Of several possible shafts, it is the least probable as a coincidence; see `hidden_shaft`.
     Lines at whole orders of the driving or driven shaft are not counted.
     """
     known: list[tuple[float, float]] = []

@@ -61,7 +61,9 @@ class Run:
 
 @dataclass(frozen=True, eq=False)
 class RememberedNoise:
-    """Probable noises of the rows of all runs; neighbouring rows are averaged if there are many.
+    """Probability of each correlation time and white share of the noise of the rows of all runs.
+
+    Neighbouring rows are averaged if there are many.
 
     **Arguments**
     - `rows`: averaged rows. - `size`: rows per averaged row. - `runs`: rows of every run.
@@ -109,10 +111,13 @@ class RememberedNoise:
         )
 
     def half_widths(self, weights: Sequence[Float[np.ndarray, "_ k"]]) -> Float[np.ndarray, " k"]:
-        """Return what 95 % of the errors of functions of the rows of every run do not exceed.
+        """Return the half widths of the 95 % intervals of k functions of the rows.
+
+        The error of a function is a weighted sum of the errors of the rows. Its interval contains
+        95 % of the errors that the probable noises give. The unit is that of the functions.
 
         **Arguments**
-        - `weights`: derivatives of the functions with respect to the rows of every run.
+        - `weights`: for every run, the derivatives of the k functions with respect to its rows.
         """
         summed = np.concatenate(
             [
@@ -154,12 +159,12 @@ def _half_width(
 
 
 def _middles(low: float, high: float, count: int) -> Float[np.ndarray, " count"]:
-    """Return the middles of so many equal cells."""
+    """Return the middles of `count` equal cells between `low` and `high`."""
     return low + (high - low) * (np.arange(count) + 0.5) / count
 
 
 def _sums(rows: Float[np.ndarray, "n ..."], size: int) -> Float[np.ndarray, "m ..."]:
-    """Return the sums over so many neighbouring rows."""
+    """Return the sums over `size` neighbouring rows each; the last sum may have fewer rows."""
     return np.add.reduceat(rows, np.arange(0, len(rows), size), axis=0)
 
 
@@ -195,7 +200,7 @@ class _Rows:
         return max(len(self.value) - self.basis.shape[1], 1)
 
     def correlation(self, memory_s: float) -> Float[np.ndarray, "n n"]:
-        """Return the correlation of noise that remembers so many seconds."""
+        """Return the correlations exp(−|t_j − t_k|/τ) of all pairs of rows; τ is `memory_s`."""
         return np.exp(-self.distance / memory_s)
 
     def parts(self, memory_s: float, white: float) -> tuple[float, float]:

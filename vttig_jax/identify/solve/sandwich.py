@@ -148,18 +148,18 @@ class _Influence:
 
     @property
     def changes(self) -> Float[np.ndarray, "n k"]:
-        """What the residual of every whitened row changes the functions by."""
+        """Change of each function by the residual of each whitened row."""
         return self.rate * self.left[:, None]
 
 
 def _influences(
     solved: SolvedFit, functional: Functional, *, whole: bool = False
 ) -> list[_Influence]:
-    """Return what every row changes the functions by, run by run in time order.
+    """Return the change of each function by the residual of every row, run by run in time order.
 
     With the whitened row x of the columns and its residual r, the change of p is C g with the score
     g of p, and that of β at fixed p is (X_fᵀ X_f)⁻¹ x_f r. The first rows of a run, as many as the
-    order of the noise, are left out unless the `whole` run is asked for.
+    order of the noise, are left out unless `whole` is true.
     """
     summary, of_score = solved.summary, functional.slope @ solved.model_covariance
     sides = [flank.flank for flank in summary.flanks]

@@ -78,7 +78,10 @@ class Channel:
         return REV * turns + rest
 
     def steady_angle(self, time: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """Return φ in rad with the spikes interpolated in `time` (s); a fit does not use it."""
+        """Return φ, rad, in which values interpolated over `time` (s) replace the spikes.
+
+        It is the angle from which speeds, segments and the regressors of a fit are computed.
+        """
         if self.spikes is None:
             return self.angle
         return without_spikes(self.angle, time, self.spikes)

@@ -27,7 +27,7 @@ _LEAST_ARCSEC = 0.1
 
 
 def step_of(values: Real[np.ndarray, " n"]) -> float:
-    """Return the step of which all values are multiples, or 0 if there is none.
+    """Return the step s for which all values differ by multiples of s, or 0 without such a step.
 
     Integers have the step 1. Candidates for floats are the greatest common divisor of the
     differences and 1 … 1e-9.

@@ -68,7 +68,10 @@ class SeenRatio:
 
     @property
     def deviations(self) -> float:
-        """Ratio in the log less the given one, in standard errors; 0 if there is none."""
+        """Ratio in the log minus the given ratio, in standard errors.
+
+        It is 0 if the log shows no ratio or if its standard error is unknown.
+        """
         if self.seen is None or not self.std:
             return 0.0
         return (self.seen - float(self.given)) / self.std

@@ -81,7 +81,7 @@ class Comparison:
 
     @property
     def freedom(self) -> int:
-        """Number of whitened rows less the number of regressors."""
+        """Number of whitened rows minus the number of regressors, at least one."""
         lost = (len(self.taps) - 1) * len(self.rows.runs)
         return max(len(self.value) - lost - sum(basis.shape[1] for _, basis in self.bases), 1)
 

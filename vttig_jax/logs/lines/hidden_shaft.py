@@ -27,7 +27,9 @@ class Multiples:
 
 
 def hidden_shaft(cycles: Sequence[float], stds: Sequence[float]) -> Multiples | None:
-    """Return the frequency of which the most improbable set of lines are multiples, or None.
+    """Return the frequency of a shaft to whose orders several lines belong, or None.
+
+    Of several possible frequencies, it is the least probable as a coincidence.
 
     A line c₀ ± s₀ of order k₀ would be one of a shaft that turns f = c₀/k₀ times. If another line
     c ± s is its order m, the density of c is normal about m f with the variance s² + (m s₀/k₀)². If

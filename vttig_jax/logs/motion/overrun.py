@@ -72,7 +72,7 @@ def overrunning_segments(
 def _braking(log: EncoderLog, speed: Speed) -> Float[np.ndarray, " n"]:
     """Return the deceleration of the driving shaft in rad/s².
 
-    Differences of the speed span so many samples that its quantisation is small beside them.
+    The speed is differenced over an interval that is long enough for its quantisation to be small.
     """
     interval = float(np.median(np.diff(log.time)))
     quantum = speed.quantum / (speed.window * interval)

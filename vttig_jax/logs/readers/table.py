@@ -99,7 +99,7 @@ def _names_with_units(lines: list[str], header: int, delimiter: str | None) -> l
 
 
 def _first_row(lines: list[str], delimiter: str | None) -> int | None:
-    """Return the first line of at least two fields of which at least half are numbers.
+    """Return the first line that has at least two fields, at least half of them numbers.
 
     A line such as `Channels:;3` above the table is left out: the next line is no such row, and the
     rows of the table have another number of fields.

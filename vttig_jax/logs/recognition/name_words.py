@@ -40,10 +40,10 @@ class NameReading:
 
 
 def read_name(name: str, where: str) -> NameReading:
-    """Return what the name of a column says.
+    """Return role, unit, other quantity and setpoint that the name of a column states.
 
-    The last part of a path says the role; if it says none, the whole path does. Two different
-    roles in one name say none.
+    The role is that of the last part of a path, or of the whole path if the last part has none.
+    A name with two different roles has none.
 
     **Raises** `LogError` if the name has two different units.
     """

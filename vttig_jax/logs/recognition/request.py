@@ -65,7 +65,11 @@ class DriveRequest:
 
     @property
     def says_which_shaft(self) -> bool:
-        """Whether the ratio says which of its numbers belongs to which shaft, as 64:23 does."""
+        """Whether each number of the ratio belongs to a known shaft.
+
+        This is so for turns such as "64:23" and for teeth such as "45/80", but not for a ratio of
+        speeds such as "9/16" or 0.5625.
+        """
         return self.teeth is not None or ":" in str(self.ratio)
 
     def check(self) -> None:

@@ -66,8 +66,10 @@ class Sizes(NamedTuple):
     """Numbers of a scenario that need no new compilation.
 
     **Arguments**
-    - `noise_rad`, `correlation`: noise of a sample, and correlation of neighbouring samples.
-    - `encoder_rad`: size of the encoder errors.
+    - `noise_rad`: standard deviation of the noise of a sample.
+    - `correlation`: correlation coefficient of the noise of neighbouring samples.
+    - `encoder_rad`: amplitude of the first order of each encoder error; for errors drawn in a disc,
+      the largest amplitude.
     - `missing_rad`: amplitude of the order that the fit omits.
     """
 
@@ -131,7 +133,7 @@ def encoder_readings(
     sizes: Sizes,
     driving: Float[Array, "flanks n"],
 ) -> Readings:
-    """Return what the encoders of a rig read at the true driving angles `driving`.
+    """Return the readings of both encoders of a rig at the true driving angles `driving`, rad.
 
     The driven shaft follows the exact relation; the noise is on the driven reading.
     """

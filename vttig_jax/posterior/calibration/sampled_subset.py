@@ -28,7 +28,15 @@ posterior: the burn-in is five autocorrelation times (some 70 to 90 steps)."""
 
 @dataclass(frozen=True, eq=False)
 class RigEvidence:
-    """One fitted rig in the form that the sampler needs."""
+    """Compressed log, fit and true parameters of one rig, from which its posterior is sampled.
+
+    **Arguments**
+    - `log`: products of the rows of the log.
+    - `values`, `covariance`: fitted parameters, mm and rad, and their covariance.
+    - `innovation_std`, `partial`: fitted noise: standard deviation of its innovations, rad, and its
+      partial autocorrelations.
+    - `truth`: true values of the parameters, mm and rad.
+    """
 
     log: Compressed
     values: Float[np.ndarray, " p"]

@@ -132,7 +132,12 @@ def whitened_flanks(
 def _delay_source(
     columns: ColumnLayout, steady: Triangles, ramps: Triangles, *, one_speed: bool
 ) -> str:
-    """Return what determines a delay, by the test of a fit: "speeds", "ramps" or ""."""
+    """Return which rows determine the delay: "speeds" or "ramps", or "" if none do.
+
+    The delay is determined under the same condition as in a fit. `steady` and `ramps` are the
+    factors of the rows at steady speed and in ramps. If the run has only one speed (`one_speed`),
+    the rows in ramps count as well.
+    """
     left, raw = 0.0, 0.0
     place = columns.index(DELAY)
     for flank, triangle in steady.items():

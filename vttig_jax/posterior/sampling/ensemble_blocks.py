@@ -84,7 +84,11 @@ class Ensembles:
 def start(
     density: CheckedDensity, seeds: list[np.random.SeedSequence], walkers: int, thin: int
 ) -> Record:
-    """Return the record of ensembles before their first step, each with its own seed."""
+    """Return the record of new ensembles, which have made no step yet.
+
+    Every seed starts one ensemble of `walkers` points, drawn by `starting_points`. The record will
+    hold every `thin`-th step.
+    """
     states = []
     for seed in seeds:
         placing, moving = seed.spawn(2)

@@ -185,14 +185,17 @@ class GapDraws:
 
     @property
     def _speeds(self) -> Float[np.ndarray, " terms"]:
+        """Frequencies ω of the terms, cycles per driving revolution."""
         orders = np.asarray(self.terms, float).reshape(-1, 2)
         return orders @ np.array([1.0, float(self.pair.ratio)])
 
     @cached_property
     def _series(self) -> Complex[np.ndarray, "m terms"]:
-        """Gap as Re Σ z exp(jωφ) plus a constant, with the driven angle at the mean offsets.
+        """Complex amplitudes z of the gap of every draw, rad; see `_speeds` for the ω.
 
-        It neglects only the variation of the TE inside the phase, and is used to locate minima.
+        Without its constant, the gap is Re Σ z exp(jωφ₁). The phase of each term has the driven
+        angle i φ₁ + the mean offset of the flank, so that the variation of the transmission error
+        in the phase is neglected. The series serves only to locate the minima.
         """
         orders = np.asarray(self.terms, float).reshape(-1, 2)
         turned = np.exp(1j * np.outer(self.offset.mean(axis=0), orders[:, 1]))

@@ -229,7 +229,13 @@ def _expected_passes(posterior: Posterior, picked: Int[np.ndarray, " replicates"
 
 @dataclass(frozen=True)
 class _Window:
-    """Block means of both passes before a turn; `sign` makes the step flank B minus flank A."""
+    """Same driving angles before and after a reversal, from a run on either side of it.
+
+    - `first`, `second`: numbers of the runs before and after the reversal.
+    - `before`, `after`: whether a block mean of that run lies at these angles.
+    - `sign`: +1 if the run before is on flank A, −1 if it is on flank B.
+    - `driving_angle`: middle of the angles, rad.
+    """
 
     first: int
     second: int
@@ -245,7 +251,10 @@ class _Window:
 
 
 def _reversals(curves: tuple[TECurve, ...]) -> list[_Window]:
-    """Return the turns between consecutive runs on different flanks over the same angles."""
+    """Return one window for every reversal between two runs on different flanks.
+
+    The window has the driving angles that both runs cover next to the reversal, at most `_WINDOW`.
+    """
     windows = []
     for k, (first, second) in enumerate(pairwise(curves)):
         if first.flank == second.flank or second.time[0] < first.time[-1]:

@@ -49,7 +49,7 @@ def tdms_columns(path: Path, data: bytes) -> Iterator[ClockedColumn]:
 
 
 def _time(properties: dict, size: int) -> np.ndarray | None:
-    """Return the time of a waveform in s, or None if the channel is none."""
+    """Return the times of the samples of a waveform, s; None if the channel is no waveform."""
     step = properties.get("wf_increment")
     if not isinstance(step, int | float) or not step > 0:
         return None

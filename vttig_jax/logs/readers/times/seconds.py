@@ -34,7 +34,7 @@ def seconds_of_numbers(values: Real[np.ndarray, " n"], unit: str) -> Float[np.nd
 
 
 def exact_numbers(fields: Sequence[str]) -> Float[np.ndarray, " n"] | None:
-    """Return written decimal stamps less the first one, subtracted as integers.
+    """Return decimal stamps minus the first one; integers are subtracted, so no digit is lost.
 
     Returns None unless all fields are plain decimal numbers.
     """
