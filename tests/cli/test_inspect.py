@@ -67,7 +67,7 @@ def test_options_reach_the_reader(files, capsys):
     log, pair = files
     swapped = ["--column", "driving=driven_counts", "--column", "driven=driving_counts"]
     code, out, _ = run(capsys, log, "--pair", pair, *swapped)
-    assert code == 0 and "exchange them" in out
+    assert code == 0 and "exchange them" in " ".join(out.split())
     _, out, _ = run(capsys, log, "--pair", pair, "--sample-rate", 50, "--json")
     assert json.loads(out)["sampling"]["rate_hz"] == pytest.approx(50.0)
     log.write_text(log.read_text().replace(",", ";").replace(".", ","))
