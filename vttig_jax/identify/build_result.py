@@ -1,5 +1,6 @@
 """Construction of the result of a fit from the compressed logs."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import msgspec
@@ -30,7 +31,7 @@ from .report.backlash_readings import (
 )
 from .report.check_records import Lines, checks_of
 from .report.checks import REMEMBERS, ReadingsComparison, Whiteness
-from .report.covered_gap import covered_gap
+from .report.covered_gap import covered_gap, gap_deviations, least_stds
 from .report.estimate import Estimate
 from .report.notes import conditions_of, notes_of, warnings_of
 from .report.order_table import order_table
@@ -71,8 +72,7 @@ def build_fit(
     orders = order_table(solved, estimate.scatter)
     residual_rms = sample_residual_rms(linear, solved.weights)
     curves, residuals = solved.curves_and_residuals
-    walk = estimate.walk and estimate.walk.solved
-    gap = covered_gap(solved, unknown, estimate.scatter, walk)
+    gap = covered_gap(estimate, unknown)
     checks = checks_of(selected, estimate, pair, parameters, orders=orders, gap=gap, found=lines)
     logs = tuple(log_record(linear, solution, log) for log in range(len(linear.inputs)))
     warnings = warnings_of(selected, identifiable, estimate, regressors, logs, checks=checks)
@@ -139,14 +139,17 @@ def estimate_of(
     fitted = selected.delay.state == "fitted"
     change = with_rival(delay_change(selected.linear), selected) if fitted else None
     delays = delays_of_logs(selected.linear) if fitted else None
+    deviations = gap_deviations(solved)
+    least = least_stds(deviations, float(identifiable.terms.ratio))
     return Estimate(
-        solved=_with_delays(solved, change, delays),
+        solved=_with_least_stds(_with_delays(solved, change, delays), least),
         whiteness=white,
         scatter=scatter,
         readings=compared,
         change=change,
         delays=delays,
         walk=walk,
+        gap_deviations=deviations,
     )
 
 
@@ -255,18 +258,26 @@ def _with_delays(
     The half-width of the interval is at least 0.3 of a clear change between the halves of a log.
     If the delays of the logs differ, it contains them and is that of their mean at least.
     """
-    solution = solved.solution
-    if "delay" not in solution.names:
+    if "delay" not in solved.solution.names:
         return solved
-    place = solution.names.index("delay")
     half = 0.0
     if change is not None and change.is_clear:
         half = _OF_CHANGE * abs(change.change_s)
     if delays is not None and delays.differ:
-        value = solved.linear.channels[0].delay_s + float(solution.values[place])
+        place = solved.solution.names.index("delay")
+        value = solved.linear.channels[0].delay_s + float(solved.solution.values[place])
         half = max(half, NORMAL_95 * delays.mean_std_s, delays.farthest_s(value))
-    scale = np.ones(len(solution.names))
-    scale[place] = max(half / (NORMAL_95 * np.sqrt(solution.covariance[place, place])), 1.0)
+    return _with_least_stds(solved, {"delay": half / NORMAL_95})
+
+
+def _with_least_stds(solved: SolvedFit, least: Mapping[str, float]) -> SolvedFit:
+    """Return the solution with standard errors of at least those of `least`, with correlations."""
+    solution = solved.solution
+    stds = np.sqrt(np.diag(solution.covariance))
+    wanted = np.array([least.get(name, 0.0) for name in solution.names])
+    scale = np.where(wanted > stds, wanted / np.where(stds > 0, stds, 1.0), 1.0)
+    if np.all(scale == 1.0):
+        return solved
     covariance = solution.covariance * np.outer(scale, scale)
     return replace(solved, solution=replace(solution, covariance=covariance))
 

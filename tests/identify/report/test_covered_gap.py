@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from tests.identify.drives import drive, drive_log, known, level, there_and_back
+from vttig_jax.base.numerics.quantiles import NORMAL_95
 from vttig_jax.base.units import DEG
 from vttig_jax.identify.fit_result import Fit
 from vttig_jax.identify.fitting import fit
@@ -131,6 +132,18 @@ def test_a_gap_that_saturates_with_speed_is_told(saturating):
     assert depends_on_speed(saturating.checks.gap_by_speed)
     (note,) = _speed_notes(saturating)
     assert note.startswith("the gap depends on the speed")
+
+
+def test_the_intervals_of_gap_and_delay_contain_what_no_single_gap_tells(saturating, constant):
+    backlash = saturating.parameters["constant_backlash_deg"]
+    gap, delay = saturating.checks.gap_over_angles_covered, saturating.parameters["delay_s"]
+    for row in saturating.checks.gap_by_speed:
+        assert gap.low95 <= row.value <= gap.high95
+        assert backlash.low95 - 1e-9 <= row.value <= backlash.high95 + 1e-9
+    assert delay.low95 <= DELAY_S <= delay.high95
+    alone = delay.std - constant.parameters["delay_s"].std
+    assert alone > 0 and abs(delay.value - DELAY_S) > NORMAL_95 * constant.parameters["delay_s"].std
+    assert constant.parameters["constant_backlash_deg"].std < 0.05 * backlash.std
 
 
 def test_rows_are_the_gap_and_what_the_fitted_delay_explains(saturating):

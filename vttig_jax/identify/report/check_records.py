@@ -26,7 +26,7 @@ from .checks import (
     Wander,
 )
 from .closure import closure, reversal_jumps
-from .covered_gap import compared_jumps, gap_by_speed
+from .covered_gap import compared_jumps, shifted
 from .estimate import Estimate
 from .order_table import Order
 from .parameters import Parameter, variable_backlash_deg
@@ -84,7 +84,7 @@ def checks_of(
         ratio=tuple(_ratio(one.log) for one in linear.inputs),
         agreement=_agreement(linear),
         gap_over_angles_covered=gap,
-        gap_by_speed=() if gap.value is None else gap_by_speed(solved, gap.value),
+        gap_by_speed=() if gap.value is None else shifted(estimate.gap_deviations, gap.value),
         explained=explained(linear, solved.summary.columns, weights),
         drift_order=drift.order,
         drift_knots_s=drift.knots_s or None,

@@ -1,8 +1,17 @@
-"""Gap over the driving angles that both flanks covered, and at the speeds of the log."""
+"""Gap over the driving angles that both flanks covered, and at the speeds of the log.
+
+A part of the gap proportional to the speed is the delay's. If the gap depends on the speed in
+another way, no single gap describes the log, and a part of the delay may be gap. With deviations
+gₖ from the gap of the fit at the driving speeds ωₖ, the half-width of the interval of the gap is at
+least max |gₖ|. The fit has put the part proportional to the speed into the delay. That part may be
+larger than the rest, so the half-width of the delay is at least 2 (max gₖ − min gₖ) / (2 i (max ωₖ
+− min ωₖ)).
+"""
 
 import math
 from collections.abc import Iterator, Sequence
 
+import msgspec
 import numpy as np
 from jaxtyping import Float, Int
 from scipy.special import chdtrc
@@ -11,31 +20,30 @@ from ...base.numerics.quantiles import NORMAL_95
 from ...base.units import DEG, REV
 from ..model.column_layout import OFFSET
 from ..preliminary.linear_fit import LinearFit
-from ..solve.sandwich import Scatter, standard_errors
+from ..solve.sandwich import standard_errors
 from ..solve.solved_fit import SolvedFit
 from .backlash_readings import mean_gap
 from .checks import CoveredGap, GapAtSpeed, JumpComparison, Reversal
 from .closure import WINDOW_DEG
+from .estimate import Estimate
 
 _CELL = DEG
 """Driving angle of a cell in rad; each cell that both flanks covered counts once (chosen)."""
 
 
-def covered_gap(
-    solved: SolvedFit,
-    margin: float,
-    scatter: Scatter | None = None,
-    walk: SolvedFit | None = None,
-) -> CoveredGap:
+def covered_gap(estimate: Estimate, margin: float) -> CoveredGap:
     """Return the mean gap of the fitted curves over the angles covered by both flanks.
+
+    The standard error is the largest of those by the noise model, by the scatter of parts of the
+    log, by a fit with a random walk as drift, and by the gaps at the speeds. Noise that remembers
+    replaces the first two.
 
     **Arguments**
     - `margin`: bound of the gap in rad that a delay within its own bound looks like; 0 for a delay
       that is known or fitted.
-    - `scatter`: what gives the standard error, if it is larger than that of the noise model. Noise
-      that remembers always gives it.
-    - `walk`: fit with a random walk as drift, from which the gap is at least so far as it differs.
     """
+    solved, scatter = estimate.solved, estimate.scatter
+    walk = estimate.walk and estimate.walk.solved
     if len(solved.summary.flanks) < 2:
         return CoveredGap(reason="one direction: one flank alone shows no gap")
     driving = _common_angles(solved.linear)
@@ -51,6 +59,8 @@ def covered_gap(
         other = mean_gap(driving, walk)
         apart = math.sqrt(other.variance(walk.solution.covariance)[0])
         std = max(std, math.hypot(apart, value - float(other.value[0])))
+    ratio = float(solved.linear.model.terms.ratio)
+    std = max(std, least_stds(estimate.gap_deviations, ratio).get("constant_backlash", 0.0))
     half = math.hypot(NORMAL_95 * std, margin)
     low, high = value - half, value + half
     if margin and high > 0:
@@ -136,15 +146,12 @@ _PIECE_ROWS = 10  # fewest rows of a piece; chosen value
 _UNLIKELY = 1e-5  # probability of the scatter of the gaps if they agree; chosen value
 
 
-def gap_by_speed(solved: SolvedFit, gap_deg: float) -> tuple[GapAtSpeed, ...]:
-    """Return the gap at several speeds of the driving shaft, beside all terms of the fit.
+def gap_deviations(solved: SolvedFit) -> tuple[GapAtSpeed, ...]:
+    """Return by how much the gap at several driving speeds exceeds that of the fit.
 
-    At each speed the residual of flank B less that of flank A is added to the gap of the fit. The
-    scatter of pieces longer than the correlation of the noise gives the standard error. A part
-    proportional to the speed is the delay's. The result is empty at one speed.
-
-    **Arguments**
-    - `gap_deg`: gap of the fit.
+    At each speed this is the residual of flank B less that of flank A, beside all terms of the fit.
+    The scatter of pieces longer than the correlation of the noise gives the standard error. The
+    result is empty at one speed.
     """
     rows = list(_pieces(solved))
     if not rows:
@@ -164,9 +171,12 @@ def gap_by_speed(solved: SolvedFit, gap_deg: float) -> tuple[GapAtSpeed, ...]:
         if None in parts or usual < _APART * last:
             continue
         (high, high_std), (low, low_std) = (part for part in parts if part is not None)
-        gap = gap_deg + (low - high) / DEG
         found.append(
-            GapAtSpeed(speed_rpm=usual, value=gap, std=math.hypot(high_std, low_std) / DEG)
+            GapAtSpeed(
+                speed_rpm=usual,
+                value=(low - high) / DEG,
+                std=math.hypot(high_std, low_std) / DEG,
+            )
         )
     return tuple(found) if len(found) > 1 else ()
 
@@ -212,3 +222,29 @@ def depends_on_speed(gaps: Sequence[GapAtSpeed]) -> bool:
     solution = np.linalg.lstsq(design, value / std, rcond=None)[0]
     misfit = float(np.sum((value / std - design @ solution) ** 2))
     return bool(chdtrc(len(gaps) - 2, misfit) < _UNLIKELY)
+
+
+def shifted(gaps: Sequence[GapAtSpeed], gap_deg: float) -> tuple[GapAtSpeed, ...]:
+    """Return the gaps at the speeds for deviations from a gap of `gap_deg`."""
+    return tuple(msgspec.structs.replace(one, value=gap_deg + one.value) for one in gaps)
+
+
+_LINEAR_PART = 2.0
+"""Part of the gap that is proportional to the speed, in units of the rest; of a gap that saturates
+within the speeds of the log (chosen value)."""
+
+
+def least_stds(deviations: Sequence[GapAtSpeed], ratio: float) -> dict[str, float]:
+    """Return the smallest standard errors of gap (rad) and delay (s) where no single gap holds.
+
+    The result is empty if the gap does not depend on the speed.
+    """
+    if not depends_on_speed(deviations):
+        return {}
+    value = np.array([one.value for one in deviations]) * DEG
+    speed = np.array([one.speed_rpm for one in deviations]) * REV / 60
+    delay = _LINEAR_PART * float(np.ptp(value)) / (2 * abs(ratio) * float(np.ptp(speed)))
+    return {
+        "constant_backlash": float(np.abs(value).max()) / NORMAL_95,
+        "delay": delay / NORMAL_95,
+    }

@@ -7,7 +7,7 @@ from ..preliminary.delays_of_logs import DelaysOfLogs
 from ..solve.beside_walk import Walk
 from ..solve.sandwich import Scatter
 from ..solve.solved_fit import SolvedFit
-from .checks import ReadingsComparison, Whiteness
+from .checks import GapAtSpeed, ReadingsComparison, Whiteness
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,6 +23,7 @@ class Estimate:
     - `change`: change of the delay within a log; None if no delay is fitted or no half tells it.
     - `delays`: delays of several logs; None if no delay is fitted or fewer than two logs tell it.
     - `walk`: fit with a random walk as drift; None if the log does not demand it.
+    - `gap_deviations`: by how much the gap at the speeds of the log exceeds that of the fit.
     """
 
     solved: SolvedFit
@@ -32,3 +33,4 @@ class Estimate:
     change: DelayChange | None
     delays: DelaysOfLogs | None
     walk: Walk | None = None
+    gap_deviations: tuple[GapAtSpeed, ...] = ()

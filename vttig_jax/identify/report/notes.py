@@ -91,8 +91,9 @@ def _speed_note(gaps: Sequence[GapAtSpeed]) -> list[str]:
     return [
         f"the gap depends on the speed: {slow.value:.4f}° ± {slow.std:.2g}° at"
         f" {slow.speed_rpm:.3g} rpm of the driving shaft and {fast.value:.4f}° ± {fast.std:.2g}° at"
-        f" {fast.speed_rpm:.3g} rpm, beside the delay; fit slow and fast passes as logs of their"
-        " own, or compare gaps of one speed only"
+        f" {fast.speed_rpm:.3g} rpm, beside the delay. No single gap describes the log: the"
+        " interval of the gap contains that of every speed, and the delay may hold a part of the"
+        " gap; fit slow and fast passes as logs of their own, or compare gaps of one speed only"
     ]
 
 
