@@ -24,7 +24,7 @@ class Cubic(eqx.Module):
         return self.c1 + share * (2 * self.c2 + 3 * share * self.c3)
 
     def bend(self, share: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
-        """Return the second derivative with respect to the share."""
+        """Return the second derivative of the value with respect to the share of the interval."""
         return 2 * self.c2 + 6 * share * self.c3
 
 

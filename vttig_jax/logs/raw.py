@@ -139,7 +139,7 @@ class _Reading:
     def _channel(
         self, role: str, column: Column, values: np.ndarray, stamps: np.ndarray, pair: TwoShafts
     ) -> ClockedChannel:
-        """Return a column with its stamps, and for an encoder what it needs to be unwrapped."""
+        """Return a column with its time stamps and the period by which an encoder unwraps."""
         held = isinstance(self.table, NestedTable) and column.index in self.table.held
         if role not in ("driving", "driven"):
             return ClockedChannel(stamps, values, held=held)

@@ -61,7 +61,7 @@ class ManyFits:
         return -(-len(self.logs) // _BLOCK)
 
     def header(self) -> dict[str, Any]:
-        """Return the properties by which a table is recognised: digests, settings and versions."""
+        """Return digests, settings and versions; a table with the same ones can be continued."""
         return {
             "logs": [str(log) for log in self.logs],
             "sha256": data_sha256(self.logs),

@@ -171,7 +171,7 @@ def _example(kind: Any, name: str) -> str:
 
 
 def _description_at(kind: Any, parts: list[str]) -> Any:
-    """Return the type description by `msgspec` of the table or value at the parts of a key."""
+    """Return how `msgspec` describes the type of the entry whose dotted key has these parts."""
     description = _without_metadata(msgspec.inspect.type_info(kind))
     for part in parts:
         fields = {field.encode_name: field.type for field in getattr(description, "fields", ())}

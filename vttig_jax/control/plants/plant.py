@@ -114,7 +114,7 @@ def walls(
     shift: Float[Array, ""],
     shift_rate: Float[Array, ""],
 ) -> Walls:
-    """Return the walls at a driving speed (rad/s), axial displacement (mm) and its rate (mm/s)."""
+    """Return both limits of the gap at a driving speed (rad/s), axial shift (mm) and its rate."""
     return Walls(
         flanks.lower + closing[0] * shift,
         flanks.upper - closing[1] * shift,

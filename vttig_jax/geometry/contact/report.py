@@ -97,7 +97,7 @@ class Contacts:
 
     @cached_property
     def line(self) -> Bool[np.ndarray, " n"]:
-        """Whether one tooth pair touches over more than half a grid step, so contact is a line."""
+        """Whether a tooth pair touches along a line: over more than half an axial grid step."""
         grid = max(self.misfit.shape[2] - 2, 1)
         face = np.ptp(self.section_z_mm, axis=(1, 2))
         return self.length_mm > face / grid / 2

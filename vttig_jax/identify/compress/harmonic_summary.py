@@ -172,7 +172,7 @@ def _summarised(
 
 
 def plateau_speeds(speeds: Sequence[float]) -> tuple[float, ...]:
-    """Return the distinct speeds, slowest first; a group exceeds its slowest by at most 5 %."""
+    """Return the mean of every group of speeds that differ by at most 5 %, ascending."""
     found: list[list[float]] = []
     for speed in sorted(abs(speed) for speed in speeds):
         if found and speed <= found[-1][0] * (1 + _SAME_SPEED):

@@ -24,7 +24,7 @@ _UNLIKELY = 1e-3  # probability of the scatter of equal delays; chosen value
 
 @dataclass(frozen=True, eq=False)
 class DelaysOfLogs:
-    """Delay of every log that tells it, with the standard error of its noise, s.
+    """Delay of every log that determines one, and its standard error by the noise, s.
 
     **Arguments**
     - `logs`: numbers of these logs, from 1.

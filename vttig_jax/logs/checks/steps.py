@@ -111,7 +111,7 @@ class _Series:
     def judged(
         self, shape: Float[np.ndarray, " w"], places: list[int], without: NoiseFit
     ) -> tuple[int, float]:
-        """Return how many steps to accept, and 2 Δ ln L beyond what they need."""
+        """Return the number of steps to accept, and 2 Δ ln L above their threshold."""
         accepted, best = 0, 0.0
         for used in range(1, len(places) + 1):
             with_steps = self.noise(self._design(shape, places[:used]), without)

@@ -74,7 +74,7 @@ def choose_decimal(fields: Iterable[str], delimiter: str | None, where: str) -> 
 
 
 def _without_thousands_blanks(field: str) -> str:
-    """Return the field without apostrophes and fixed blanks between thousands."""
+    """Return the field without the apostrophes and no-break spaces that separate thousands."""
     text = field.strip()
     head = _BLANK_GROUPED.match(text)
     if head is None:

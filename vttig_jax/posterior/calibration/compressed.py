@@ -36,7 +36,7 @@ class Compressed(NamedTuple):
 
 
 def compress(readings: Readings, columns: ColumnLayout, size: int, ratio: float) -> Compressed:
-    """Compute the row means of all columns and their products; a row is `size` samples."""
+    """Average all columns over rows of `size` samples, and multiply these averages."""
     error = readings.driven - ratio * readings.driving
 
     def of_flank(flank):

@@ -80,7 +80,7 @@ class Sizes(NamedTuple):
 
 
 class Readings(NamedTuple):
-    """Encoder readings, and the transmission error without noise and counts; rad."""
+    """Encoder readings, and transmission error before noise and quantisation, rad."""
 
     driving: Float[Array, "flanks n"]
     driven: Float[Array, "flanks n"]

@@ -38,7 +38,7 @@ def shortest_run(
     perfect_encoders: bool = False,
     delay: DelayChoice = "auto",
 ) -> Plan:
-    """Return the plan with the fewest whole turns per pass that reaches all wanted standard errors.
+    """Return the plan of fewest whole driving turns a pass that reaches the wanted standard errors.
 
     More turns never give less information once every first order has enough turns. The run is
     therefore lengthened until it suffices, and then bisected.

@@ -346,7 +346,7 @@ def gap_draws(posterior: Posterior) -> "GapDraws":
 
 
 def flank_draws(posterior: Posterior) -> "GapDraws":
-    """Return draws of both flanks; NaN for an unmeasured flank."""
+    """Return drawn coefficients of both flanks, rad; those of an unmeasured flank are NaN."""
     fit = posterior.fit
     return GapDraws(
         pair=fit.pair,

@@ -141,7 +141,7 @@ def _days(texts: set[str], where: str) -> dict[str, int]:
 
 
 def _in_order(texts: set[str], order: str) -> dict[str, int] | None:
-    """Return text → day number if all dates exist in this order, else None."""
+    """Return text → day number if every text is a date with its parts in `order`, else None."""
     days = {}
     for text in texts:
         match = _DATE.fullmatch(text)
