@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import msgspec
 import numpy as np
+from jaxtyping import Float
 
 from ..base.numerics.quantiles import NORMAL_95
 from ..base.units import DEG
@@ -311,4 +312,13 @@ def _evidence(
         partial=solved.noise.partial,
         variance_factor=selected.weights.variance_factor,
         delay_s=linear.channels[0].delay_s,
+        widening=_widening(solved),
     )
+
+
+def _widening(solved: SolvedFit) -> Float[np.ndarray, " p"]:
+    """Return the final standard errors over those of the noise model, at least 1."""
+    final, alone = np.diag(solved.solution.covariance), np.diag(solved.model_covariance)
+    known = np.isfinite(final) & (alone > 0)
+    square = np.divide(final, alone, where=known, out=np.ones(len(final)))
+    return np.sqrt(np.maximum(square, 1.0))

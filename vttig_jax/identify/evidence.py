@@ -27,6 +27,7 @@ class Evidence:
     - `jacobian`: Jacobian of the tied coefficients at the fit, shape (flanks, tied, p).
     - `partial`: partial autocorrelations of the noise.
     - `variance_factor`: factor by which a robust loss increases the variance.
+    - `widening`: standard error of every parameter of the fit over that of the noise model alone.
     - `delay_s`: delay already removed from the angles, s; the parameter `delay` is added to it.
     """
 
@@ -38,6 +39,7 @@ class Evidence:
     partial: Float[np.ndarray, " order"]
     variance_factor: float
     delay_s: float
+    widening: Float[np.ndarray, " p"]
 
     def relation(self, pair: GearPair | Drive) -> ForwardModel:
         """Return the forward model, from parameters to tied coefficients."""
@@ -68,6 +70,7 @@ class Evidence:
             "noise": np.array(astuple(self.summary.noise)),
             "jacobian": self.jacobian,
             "partial": self.partial,
+            "widening": self.widening,
         }
         for flank in self.summary.flanks:
             arrays |= {
@@ -114,6 +117,7 @@ def evidence_from(arrays: dict[str, np.ndarray], ratio: Fraction) -> Evidence:
         partial=arrays["partial"],
         variance_factor=float(arrays["numbers"][1]),
         delay_s=float(arrays["numbers"][2]),
+        widening=arrays.get("widening", np.ones(arrays["jacobian"].shape[2])),
     )
 
 

@@ -150,7 +150,9 @@ def posterior_of(fit: Fit, target: FitTarget, chains: Chains) -> Posterior:
     assert fit.evidence is not None  # `fit_target` has checked this
     flat = chains.flat()
     chosen = np.linspace(0, len(flat) - 1, min(MODEL_DRAWS, len(flat))).round().astype(np.int64)
-    coefficients = coefficient_draws(target.density.likelihood, flat[chosen], chains.seed)
+    density = target.density
+    widest = float(np.max(density.widening))
+    coefficients = coefficient_draws(density.likelihood, flat[chosen], chains.seed, widest)
     offset, cosine, sine = _flank_models(fit.evidence, coefficients)
     discarded = chains.discarded // chains.thin
     return Posterior(
@@ -172,9 +174,14 @@ def posterior_of(fit: Fit, target: FitTarget, chains: Chains) -> Posterior:
 
 
 def coefficient_draws(
-    likelihood: Likelihood, points: Float[np.ndarray, "m d"], seed: int
+    likelihood: Likelihood, points: Float[np.ndarray, "m d"], seed: int, widening: float = 1.0
 ) -> Float[np.ndarray, "m flanks columns"]:
-    """Draw the coefficients of every column once for each point of the sampled density."""
+    """Draw the coefficients of every column once for each point of the sampled density.
+
+    Those that are integrated out scatter `widening` times as widely as the noise model says.
+    """
+    points = points.copy()
+    points[:, len(likelihood.sampled_indices)] += np.log(widening)
     keys = jax.random.split(jax.random.key(seed), len(points))
     drawn = [
         np.asarray(_draws(likelihood, points[start : start + _CHUNK], keys[start : start + _CHUNK]))

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from tests.posterior import quick_fits
-from vttig_jax.identify.report.checks import Checks, Whiteness
 from vttig_jax.posterior.density.prior import Prior
 from vttig_jax.posterior.sampler import sample
 from vttig_jax.posterior.summary.posterior import Posterior
@@ -45,16 +44,22 @@ def test_draws_that_are_too_narrow_and_too_far_off_are_seen(posterior):
     assert "profile interval of driven x is" in found.sentences[2]
 
 
-def test_standard_errors_from_blocks_are_named(posterior):
+def test_a_fit_that_is_less_certain_than_its_noise_widens_profile_and_draws(posterior):
     result = posterior.fit
-    wide = replace(
-        result,
-        covariance=2.3**2 * result.covariance,
-        checks=Checks(whiteness=Whiteness((), 0.0, 0.0, widening=2.3)),
+    wider = replace(result.evidence, widening=2.3 * result.evidence.widening)
+    wide = replace(result, covariance=2.3**2 * result.covariance, evidence=wider)
+    narrow_draws = agreement(replace(posterior, fit=wide))
+    assert "2.3 times the sampled one" in narrow_draws.sentences[0]
+    place = [posterior.names.index(name) for name in posterior.physical]
+    draws = posterior.draws.copy()
+    centre = result.values[[result.covariance_names.index(name) for name in posterior.physical]]
+    draws[..., place] = centre + 2.3 * (draws[..., place] - centre)
+    found = agreement(replace(posterior, fit=wide, draws=draws))
+    assert found.agreed and found.widening == pytest.approx(2.3)
+    assert "intervals" in str(replace(posterior, fit=wide)) and "up to 2.3" in str(
+        replace(posterior, fit=wide)
     )
-    found = agreement(replace(posterior, fit=wide))
-    assert "2.3 times the sampled one" in found.sentences[0]
-    assert "blocks of the log" in found.sentences[0] and "likewise" in found.sentences[0]
+    assert "times the width" not in str(posterior)
 
 
 def test_the_prior_has_to_be_that_of_the_draws(posterior):

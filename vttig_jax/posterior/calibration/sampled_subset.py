@@ -153,6 +153,8 @@ def _density(likelihood, prior: StatedPrior, names: Sequence[str]) -> Density:
         plane_bound=np.array([disc.bound for disc in prior.discs]),
         plane_std=np.array([disc.std for disc in prior.discs]),
         flat_in_amplitude=tuple(disc.flat_in_amplitude for disc in prior.discs),
+        centre=np.zeros(len(bound)),
+        widening=np.ones(len(bound)),
     )
 
 

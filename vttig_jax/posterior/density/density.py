@@ -30,7 +30,11 @@ _SHAFTS, _AXES = ("driving", "driven"), ("_x", "_y", "_x_difference", "_y_differ
 class Density(eqx.Module):
     """Log-density of (sampled parameters, log std of the innovations, partial autocorrelations).
 
-    `bound`, `plane_bound` and `plane_std` are in internal units: mm, rad, s.
+    The log-likelihood of a fit whose standard errors are wider than those of its noise model, w
+    times, has this width too: it is taken at `centre` + (point − `centre`)/w, as in M. Ribatet,
+    D. Cooley and A. C. Davison, Statistica Sinica 22 (2012) 813 for composite ones.
+
+    `centre`, `bound`, `plane_bound` and `plane_std` are in internal units: mm, rad, s.
     """
 
     likelihood: Likelihood
@@ -39,6 +43,13 @@ class Density(eqx.Module):
     plane_bound: Float[Numbers, " planes"] = eqx.field(converter=float64)
     plane_std: Float[Numbers, " planes"] = eqx.field(converter=float64)
     flat_in_amplitude: tuple[bool, ...] = eqx.field(static=True)
+    centre: Float[Numbers, " d"] = eqx.field(converter=float64)
+    widening: Float[Numbers, " d"] = eqx.field(converter=float64)
+
+    def narrowed(self, points: Float[Array, "*n d"]) -> Float[Array, "*n d"]:
+        """Return the points at which the likelihood of the noise model is taken."""
+        centre = jnp.asarray(self.centre)
+        return centre + (points - centre) / jnp.asarray(self.widening)
 
     def __call__(
         self, point: Float[Array, " d"], rows: InterpolatedRows | None = None
@@ -58,7 +69,8 @@ class Density(eqx.Module):
                 prior -= 0.5 * jnp.log(square)
         partial = jnp.clip(point[count + 1 :], -LARGEST, LARGEST)
         reduced = None if rows is None else rows(partial)
-        value = self.likelihood(point[:count], partial, point[count], reduced) + prior
+        sampled = self.narrowed(point)[:count]
+        value = self.likelihood(sampled, partial, point[count], reduced) + prior
         return jnp.where(inside & jnp.isfinite(value), value, -jnp.inf)
 
 
@@ -194,10 +206,12 @@ def fit_target(fit: Fit, prior: Prior = Prior()) -> FitTarget:
     covariance[len(sampled) :, len(sampled) :] = np.diag(noise)
     all_names = (*sampled, NOISE_STD, *partials)
     known_prior = state_prior(prior, fit.pair, sampled, evidence.delay_s)
+    widening = np.ones(len(centre))
+    widening[: len(sampled)] = evidence.widening[indices]
     target = FitTarget(
         names=all_names,
         units=(*(_unit(fit, name) for name in sampled), *("1",) * (1 + order)),
-        density=_density(likelihood, known_prior, all_names),
+        density=_density(likelihood, known_prior, all_names, centre=centre, widening=widening),
         prior=known_prior,
         centre=centre,
         covariance=covariance,
@@ -217,7 +231,14 @@ def _require_one_noise(fit: Fit) -> None:
         )
 
 
-def _density(likelihood: Likelihood, prior: StatedPrior, names: Sequence[str]) -> Density:
+def _density(
+    likelihood: Likelihood,
+    prior: StatedPrior,
+    names: Sequence[str],
+    *,
+    centre: Float[np.ndarray, " d"],
+    widening: Float[np.ndarray, " d"],
+) -> Density:
     bound = np.full(len(names), np.inf)
     for name, size in prior.bounds.items():
         bound[names.index(name)] = size
@@ -232,6 +253,8 @@ def _density(likelihood: Likelihood, prior: StatedPrior, names: Sequence[str]) -
         plane_bound=np.array([disc.bound for disc in prior.discs]),
         plane_std=np.array([disc.std for disc in prior.discs]),
         flat_in_amplitude=tuple(disc.flat_in_amplitude for disc in prior.discs),
+        centre=centre,
+        widening=widening,
     )
 
 
@@ -251,7 +274,9 @@ def _identity(fit: Fit, prior: Prior) -> dict[str, Any]:
     """Return data, model and prior, with which a checkpoint must agree."""
     assert fit.evidence is not None
     summary = fit.evidence.summary
+    largest = float(fit.evidence.widening.max(initial=1.0))
     return {
+        **({"widening": round(largest, 3)} if largest > 1 else {}),
         "data_sha256": fit.sha256,
         "pair": fit.pair.name,
         "flanks": "".join(flank.flank for flank in summary.flanks),

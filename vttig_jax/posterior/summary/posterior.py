@@ -23,6 +23,9 @@ from .gap_draws import GapDraws
 NOISE = ("log_innovation_std", "partial_")
 """Beginnings of the names of noise parameters."""
 
+_WIDER = 1.05
+"""Smallest widening of the density that the report names (chosen)."""
+
 
 @dataclass(frozen=True)
 class Posterior(PlottedResult):
@@ -74,6 +77,15 @@ class Posterior(PlottedResult):
     def parameters(self) -> dict[str, PosteriorParameter]:
         """Parameters of the fit by name, with median and equal-tailed interval."""
         return parameters_of_draws(self.fit, self.names, self.flat, self.delay_offset_s)
+
+    @property
+    def widening(self) -> float:
+        """Largest factor by which the fit is less certain of a sampled parameter than its noise."""
+        evidence = self.fit.evidence
+        if evidence is None:
+            return 1.0
+        factors = dict(zip(self.fit.covariance_names, evidence.widening.tolist(), strict=True))
+        return max((factors[name] for name in self.physical), default=1.0)
 
     def place(self, name: str) -> int:
         """Return the index of a coordinate in `names`."""
@@ -208,6 +220,7 @@ def posterior_text(posterior: Posterior) -> str:
             ("log", posterior.fit.source),
             ("draws", f"{counted}, seed {posterior.seed}"),
             *_gap(posterior),
+            *_widened(posterior),
         ],
         title=f"posterior of {posterior.fit.pair.name or 'fit'}",
     )
@@ -231,6 +244,13 @@ def _gap(posterior: Posterior) -> list[tuple[str, str]]:
         return posterior.smallest_gap.rows()
     except NoAnswerError as error:
         return [("smallest gap", f"not known: {error.message}")]
+
+
+def _widened(posterior: Posterior) -> list[tuple[str, str]]:
+    if posterior.widening < _WIDER:
+        return []
+    words = "times the width that the noise model alone gives, as the standard errors of the fit"
+    return [("intervals", f"up to {posterior.widening:.2g} {words}")]
 
 
 def _reasons(parameters: list[PosteriorParameter]) -> list[str]:

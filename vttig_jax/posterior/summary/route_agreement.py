@@ -97,8 +97,8 @@ class Agreement(TextResult):
 
     **Arguments**
     - `compared`: comparison of every coordinate.
-    - `widening`: factor by which the fit widened its standard errors because its residual is not
-      white or its level wanders; 1 without widening.
+    - `widening`: largest factor by which the standard errors of the fit, and with them the density,
+      are wider than the noise model alone says; 1 without widening.
     """
 
     compared: tuple[RouteComparison, ...]
@@ -128,14 +128,8 @@ class Agreement(TextResult):
             return f"the profile interval of {_label(worst)} is unbounded{_others(resized)}."
         ratio = max(worst.widths(route), key=lambda r: abs(np.log(r)))
         subject = {"fit": "the fit's standard error", "profile": "the profile interval"}[route]
-        reason = ""
-        if route == "fit" and self.widening > 1:
-            reason = (
-                ": its residual is not what its noise model says, so it takes standard errors from"
-                " blocks of the log, which the sampler does not"
-            )
         size = f"{ratio:.2g} times the sampled one"
-        return f"{subject} of {_label(worst)} is {size}{_others(resized)}{reason}."
+        return f"{subject} of {_label(worst)} is {size}{_others(resized)}."
 
     def _centre_words(self, route: str, shifted: Sequence[RouteComparison]) -> str:
         worst = max(shifted, key=lambda c: abs(c.shift(route)))
@@ -200,8 +194,7 @@ def agreement(posterior: Posterior, prior: Prior = Prior()) -> Agreement:
         )
         for name in posterior.physical
     )
-    widenings = [one.widening for one in (fit.checks.whiteness, fit.checks.wander) if one]
-    return Agreement(compared, max(widenings, default=1.0))
+    return Agreement(compared, posterior.widening)
 
 
 def _of_fit(fit: Fit, name: str) -> Route:
