@@ -11,7 +11,7 @@ import numpy as np
 
 from ...base.errors import UsageError
 from ...base.units import ANGLE_UNITS, REV
-from ...pair.schema import DriveTable, Encoder, GearTable, LogLayout, PairSpec, UnitTable
+from ...pair.schema import LogLayout, PairSpec, UnitTable
 from ..readers.column_names import ROW, default_column, index_of
 from ..readers.delimited import TextTable
 from ..readers.nested import NestedTable, has_clocks
@@ -190,23 +190,10 @@ class Search:
 
     def spec(self) -> PairSpec:
         """Return the pair file that says the same."""
-        request = self.request
-        gears = []
-        for k, shaft in enumerate(SHAFTS):
-            encoder = Encoder(
-                counts_per_rev=None if request.counts is None else request.counts[k],
-                sign=-1 if shaft in request.inverted else 1,
-            )
-            gears.append(GearTable(encoder=encoder))
-        ratio = request.teeth if request.ratio is None else request.ratio
-        layout = msgspec.structs.replace(
-            LogLayout(driving_rpm=request.driving_rpm), **self.column_names
-        )
-        return PairSpec(
-            drive=DriveTable(ratio=str(ratio).replace(" ", "")),
-            driving=gears[0],
-            driven=gears[1],
-            log=layout,
+        layout = LogLayout(driving_rpm=self.request.driving_rpm)
+        return msgspec.structs.replace(
+            self.request.spec(),
+            log=msgspec.structs.replace(layout, **self.column_names),
             unit=msgspec.structs.replace(UnitTable(), **self.units),
         )
 
