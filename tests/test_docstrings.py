@@ -64,31 +64,6 @@ FOUND = [
 ]
 
 
-README = PACKAGE.parent / "README.md"
-
-
-@pytest.mark.slow  # `tests/identify/many` calls the same functions and compares what they return
-@pytest.mark.parametrize("page", ["many_fits.md"])
-def test_the_examples_of_a_page_run(page):
-    """Each example goes on where the one before it ended, and checks itself with `assert`."""
-    text = (README.parent / "docs" / page).read_text(encoding="utf-8")
-    blocks = [block[2] for block in _FENCE.finditer(text)]
-    names: dict[str, object] = {}
-    for block in blocks:
-        assert "assert " in block and len(block.splitlines()) <= 10
-        exec(compile(block, page, "exec"), names)
-    assert len(blocks) == 2
-
-
-@pytest.mark.parametrize("page", ["README.md", "docs/python.md"])
-def test_the_example_of_a_guide(page):
-    text = (README.parent / page).read_text(encoding="utf-8")
-    texts = [block[2] for block in _FENCE.finditer(text)]
-    assert len(texts) == 1
-    problem = run(page, texts[0])
-    assert not problem, problem
-
-
 @pytest.mark.parametrize(("path", "name", "text"), FOUND)
 def test_example(path, name, text, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

@@ -107,6 +107,7 @@ INNER_FLOORS = {
         "tuning",
     ),
     "cli": (
+        "words",
         "output",
         "library_messages",
         "program_cache",

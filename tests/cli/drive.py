@@ -32,10 +32,12 @@ def write_drive(
     delay_s: float = DELAY_S,
     torque_arcsec: float = 0.0,
     outliers: int = 0,
+    ratio: float = 0.5,
 ) -> Path:
     """Ten turns forward at two speeds and back; the angles count from `start_deg` of the shafts.
 
-    Noise of 1″, and `outliers` single samples 0.1° above the rest.
+    Noise of 1″, and `outliers` single samples 0.1° above the rest. `ratio` is driven over driving
+    speed.
     """
     generator = np.random.default_rng(seed)
     speeds_rpm = np.array([0, 60, 60, 100, 100, 0, 0, -100, -100, -60, -60, 0, 0])
@@ -51,13 +53,13 @@ def write_drive(
     torque = np.sin(0.7 * time) + 0.1 * generator.standard_normal(len(time))
     arcsec = (
         FIRST_ARCSEC["driving"] * np.sin(late + 0.3)
-        + FIRST_ARCSEC["driven"] * np.sin(late / 2 + 1.1)
+        + FIRST_ARCSEC["driven"] * np.sin(late * ratio + 1.1)
         + np.where(np.interp(time - delay_s, fine, speed) < 0, 100.0, 0.0)
         + torque_arcsec * torque
         + generator.standard_normal(len(time))
     )
     arcsec[generator.choice(len(time), outliers, replace=False)] += 360.0
-    driven = late / 2 + np.radians(arcsec / 3600)
+    driven = late * ratio + np.radians(arcsec / 3600)
     columns = {
         "time_s": time,
         "driving_deg": np.degrees(driving - driving[0]),

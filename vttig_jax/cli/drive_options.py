@@ -1,13 +1,17 @@
-"""Options that replace a pair file: what a user states about a drive and its log."""
+"""Options that replace a pair file: what a user states about a drive and its log.
+
+Every verb that reads logs has all of them; a verb that reads none has those of the drive.
+"""
 
 import functools
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from ..base.errors import UsageError
 from ..logs.recognition.request import DriveRequest, counts_of, units_of_options
 from ..runs.stated_drive import write_pair
 from .output import LOGGER, Output
@@ -15,8 +19,9 @@ from .output import LOGGER, Output
 if TYPE_CHECKING:
     from ..logs.recognition.question import Guess
     from ..pair.schema import PairSpec
+    from ..runs.options import ReadingOptions
 
-_DRIVE_OPTIONS = (
+_OF_THE_DRIVE = (
     click.option(
         "--ratio",
         metavar="A:B",
@@ -29,6 +34,8 @@ _DRIVE_OPTIONS = (
         callback=lambda _, __, text: None if text is None else counts_of(text),
         help="Counts per revolution of the driving and the driven encoder.",
     ),
+)
+_OF_THE_LOG = (
     click.option(
         "--unit",
         "units",
@@ -63,23 +70,52 @@ _DRIVE_OPTIONS = (
 )
 
 
+STATED = ("ratio", "teeth", "counts", "units", "inverted", "driving_rpm")
+"""Parameters that make a `DriveRequest`."""
+
+NAMES = (*STATED, "write_pair", "explain_columns")
+"""All parameters that `drive_options` adds."""
+
+GROUPS = {
+    "The drive": ("ratio", "teeth", "counts", "inverted", "driving_rpm", "pair", "write_pair"),
+    "The log": ("units", "columns", "explain_columns", "decimal", "sample_rate"),
+}
+"""Title in the help → parameters, for every verb that reads logs."""
+
+
+def pair_option(function: Callable[..., None]) -> Callable[..., None]:
+    """Add the option `pair`, which excludes those of the drive."""
+    return click.option(
+        "--pair",
+        type=click.Path(path_type=Path),
+        help="TOML file of the gear pair, in place of --ratio or --teeth and the options below"
+        " them.",
+    )(function)
+
+
 def drive_options(function: Callable[..., None]) -> Callable[..., None]:
     """Add the options that replace a pair file; the verb receives `drive`, a `DriveOptions`."""
 
     @functools.wraps(function)
     def wrapper(*arguments: Any, **options: Any) -> None:
-        request = DriveRequest(
-            ratio=options.pop("ratio"),
-            teeth=options.pop("teeth"),
-            counts=options.pop("counts"),
-            units=options.pop("units"),
-            inverted=options.pop("inverted"),
-            driving_rpm=options.pop("driving_rpm"),
-        )
+        request = DriveRequest(**{name: options.pop(name) for name in STATED})
         drive = DriveOptions(request, options.pop("write_pair"), options.pop("explain_columns"))
         function(*arguments, drive=drive, **options)
 
-    for option in reversed(_DRIVE_OPTIONS):
+    for option in reversed((*_OF_THE_DRIVE, *_OF_THE_LOG)):
+        wrapper = option(wrapper)
+    return wrapper
+
+
+def ratio_options(function: Callable[..., None]) -> Callable[..., None]:
+    """Add the options of a drive without a log; the verb receives `drive`, a `DriveRequest`."""
+
+    @functools.wraps(function)
+    def wrapper(*arguments: Any, **options: Any) -> None:
+        request = DriveRequest(**{name: options.pop(name) for name in ("ratio", "teeth", "counts")})
+        function(*arguments, drive=request, **options)
+
+    for option in reversed(_OF_THE_DRIVE):
         wrapper = option(wrapper)
     return wrapper
 
@@ -104,3 +140,29 @@ class DriveOptions:
         if self.write_pair is not None:
             write_pair(self.write_pair, spec)
             LOGGER.info("written to %s", self.write_pair)
+
+    def only_explains(
+        self,
+        output: Output,
+        logs: Sequence[Path],
+        read: "tuple[PairSpec, Sequence[Guess], ReadingOptions]",
+    ) -> bool:
+        """Print how the columns of a log are read, and return True, if only that is asked.
+
+        Otherwise tell what was guessed. `read` are pair file, guesses and options.
+
+        **Raises** `UsageError` for several logs.
+        """
+        if not self.explain_columns:
+            self.tell(read[1], read[0], output)
+            return False
+        from ..logs.preview import preview_log
+
+        first, *others = logs
+        if others:
+            raise UsageError("--explain-columns explains one log; name one.")
+        spec, guesses, reading = read
+        report = preview_log(first, spec=spec, **reading.keywords())
+        report = replace(report, notes=(*map(str, guesses), *report.notes))
+        output.emit(report.to_json(), report)
+        return True

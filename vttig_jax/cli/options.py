@@ -109,7 +109,12 @@ def _with_shared_options(function: Callable[..., None], kept: str | None) -> Cal
     """Add the shared options; `kept` names the programs that are kept, None for none."""
 
     @click.option("--json", "as_json", is_flag=True, help="Print one JSON object to stdout.")
-    @click.option("-v", "--verbose", count=True, help="Say more on stderr; -vv says all.")
+    @click.option(
+        "-v",
+        "--verbose",
+        count=True,
+        help="Explain the words of the report below it, and say more on stderr; -vv says all.",
+    )
     @click.option("-q", "--quiet", is_flag=True, help="Errors only, no progress bar.")
     @click.option(
         "--log-file",
@@ -135,7 +140,7 @@ def _with_shared_options(function: Callable[..., None], kept: str | None) -> Cal
     ) -> None:
         if verbose and quiet:
             raise click.UsageError("Options -v and -q exclude each other; give one of them.")
-        output = Output(json=as_json, quiet=quiet)
+        output = Output(json=as_json, quiet=quiet, verbose=verbose > 0)
         with ExitStack() as stack:
             narrator = click.get_current_context().find_object(Narrator)
             if narrator is None:

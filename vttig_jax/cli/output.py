@@ -16,6 +16,7 @@ import click
 from ..base.errors import InputError
 from ..base.files.json_io import dumps
 from ..base.shown_text import lines, one_line
+from .words import explained
 
 if TYPE_CHECKING:
     from tqdm import tqdm
@@ -30,10 +31,12 @@ class Output:
     **Arguments**
     - `json`: whether `--json` was given; stdout then contains one JSON object and nothing else.
     - `quiet`: whether `-q` was given; progress bars are then hidden.
+    - `verbose`: whether `-v` was given; the words of a report are then explained below it.
     """
 
     json: bool = False
     quiet: bool = False
+    verbose: bool = False
     _object: Any = field(default=None, init=False, repr=False)
 
     def emit(self, obj: dict[str, Any], text: object) -> None:
@@ -43,7 +46,9 @@ class Output:
         because stdout must contain exactly one object even if the command fails after this call.
         """
         if not self.json:
-            print_text(str(text))
+            shown = str(text)
+            legend = explained(shown) if self.verbose else ""
+            print_text(f"{shown}\n\n{legend}" if legend else shown)
             return
         if self._object is not None:
             raise RuntimeError("a command gives one JSON object, but `emit` was called twice")

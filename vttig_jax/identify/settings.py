@@ -126,8 +126,8 @@ class FitSettings(
     loss: Annotated[
         Literal["auto"] | Loss,
         setting(
-            "Least squares or a robust loss. The default, auto, takes squares unless there are"
-            " outliers, and then bisquare.",
+            "Least squares, or a loss that gives outliers little (huber) or no (bisquare) weight."
+            " The default, auto, takes squares unless there are outliers, and then bisquare.",
             "--loss",
         ),
     ] = "auto"
@@ -145,7 +145,8 @@ class FitSettings(
     drift_order: Annotated[
         Annotated[int, Meta(ge=0, le=HIGHEST_DRIFT)] | None,
         setting(
-            "Highest power of time in the drift. By default BIC chooses 0, 1 or 2.",
+            "Highest power of time in the drift. By default 0, 1 or 2, chosen by BIC, which weighs"
+            " how well the model fits against its number of terms.",
             "--drift-order",
         ),
     ] = None
@@ -183,9 +184,9 @@ class FitSettings(
     noise: Annotated[
         NoiseKind,
         setting(
-            "Noise model: autoregressive (ar, the default), of an order that BIC chooses;"
-            " Ornstein–Uhlenbeck (ou), for samples at unequal times; or white, which real noise"
-            " never is.",
+            "Noise model: autoregressive (ar, the default), where the noise depends on what it was"
+            " in the rows before, as many as BIC chooses; Ornstein–Uhlenbeck (ou), for samples at"
+            " unequal times; or white, which real noise never is.",
             "--noise",
         ),
     ] = "ar"

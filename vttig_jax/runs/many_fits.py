@@ -5,11 +5,11 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from ..base.errors import UsageError, VttigError
+from ..base.errors import LogError, UsageError, VttigError
 from ..base.files.json_io import dumps
 from ..base.files.run_folder import data_sha256
 from ..control.sweeps.cluster import run_blocks
@@ -20,10 +20,17 @@ from ..identify.many.table import Columns, FitTable
 from ..identify.settings import FitSettings
 from ..logs.encoder_log import EncoderLog
 from ..logs.read import read_log
+from ..logs.recognition.recognise import recognise
+from ..logs.recognition.request import DriveRequest
 from ..pair.gear_pair import Drive, GearPair
-from ..pair.load import load_pair, spec_of
+from ..pair.load import pair_from_spec, spec_of
 from ..pair.pair_file import spec_table
+from ..pair.schema import PairSpec
 from .options import ReadingOptions
+from .stated_drive import spec_of_file
+
+if TYPE_CHECKING:
+    from ..logs.recognition.question import Guess
 
 NAMES = FolderNames("table of fits", "fits.parquet", "fits.json")
 """Files of the folder of `vttig fit-many`."""
@@ -35,25 +42,60 @@ _PACKAGES = ("vttig-jax", "jax", "jaxlib", "numpy", "scipy")
 
 @dataclass(frozen=True, eq=False)
 class ManyFits:
-    """Task of `vttig fit-many`: files, pair, settings of the fits and of the reading."""
+    """Task of `vttig fit-many`.
+
+    **Arguments**
+    - `logs`: files. - `spec`: content of their pair file. - `settings`: settings of the fits.
+    - `reading`: how the logs are read.
+    - `drive`: what options state in place of a pair file; the columns of every log are then
+      recognised, and a log whose columns are read in another way has no fit.
+    - `guesses`: what was recognised in the first log.
+    """
 
     logs: tuple[Path, ...]
-    pair: GearPair | Drive
+    spec: PairSpec
     settings: FitSettings
     reading: ReadingOptions
+    drive: DriveRequest = DriveRequest()
+    guesses: "tuple[Guess, ...]" = ()
 
     @classmethod
     def of(
-        cls, logs: Sequence[Path], pair: Path, settings: FitSettings, reading: ReadingOptions
+        cls,
+        logs: Sequence[Path],
+        pair: Path | None,
+        settings: FitSettings,
+        reading: ReadingOptions,
+        drive: DriveRequest = DriveRequest(),
     ) -> "ManyFits":
-        """Read the pair file and check that every log is given once.
+        """Read the pair file, or recognise the first log; check that every log is given once.
 
-        **Raises** `UsageError` for a log that is given twice, `PairError` for the pair file.
+        **Raises** `UsageError` for a log that is given twice and without a ratio, `PairError` for
+        the pair file, `LogError` if the columns of no log are recognised.
         """
         for number, log in enumerate(logs):
             if log in logs[:number]:
                 raise UsageError("given twice; give every log once.", where=str(log))
-        return cls(tuple(logs), load_pair(pair), settings, reading)
+        if pair is not None:
+            return cls(tuple(logs), spec_of_file(pair, drive), settings, reading)
+        drive.spec()  # says that the ratio is missing
+        failed: LogError | None = None
+        for log in logs:
+            try:
+                found = recognise(log, drive, **reading.keywords())
+            except LogError as error:
+                failed = failed or error
+                continue
+            return cls(
+                tuple(logs), found.spec, settings, reading, drive=drive, guesses=found.guesses
+            )
+        assert failed is not None  # click asks for at least one log
+        raise failed
+
+    @property
+    def pair(self) -> GearPair | Drive:
+        """Gear pair or drive of all logs."""
+        return pair_from_spec(self.spec)
 
     @property
     def blocks(self) -> int:
@@ -87,13 +129,26 @@ class ManyFits:
 
     def _read(self, paths: Sequence[Path]) -> Iterator[EncoderLog | Unread]:
         """Yield the logs, named by their paths because many folders hold the same file name."""
+        pair = self.pair
         for path in paths:
             try:
-                log = read_log(path, self.pair, **self.reading.keywords())
+                self._require_same_columns(path)
+                log = read_log(path, pair, **self.reading.keywords())
             except VttigError as error:
                 yield Unread(str(path), error)
                 continue
             yield replace(log, source=str(path))
+
+    def _require_same_columns(self, path: Path) -> None:
+        """Raise `LogError` if options state the drive and a log is read unlike the first one."""
+        if not self.drive.names_a_drive:
+            return
+        if recognise(path, self.drive, **self.reading.keywords()).spec != self.spec:
+            raise LogError(
+                "its columns are read in another way than those of the first log; name them with"
+                " --column, or write a pair file.",
+                where=str(path),
+            )
 
 
 def fit_files(

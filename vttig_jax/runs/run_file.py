@@ -85,11 +85,18 @@ def read_run(path: Path) -> RunRecord:
         table = tomllib.loads(read_regular(path).decode("utf-8"))
     except FileNotFoundError:
         raise UsageError(
-            "no such run; make one with `vttig fit LOG --pair PAIR --out DIR`.", where=str(path)
+            "no such run; make one with `vttig fit LOG --ratio 64:23 --out DIR`, or with --pair.",
+            where=str(path),
         ) from None
     except OSError as error:
         raise InputError(f"cannot be read: {error.strerror}.", where=str(path)) from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        if path.suffix != ".toml":
+            raise InputError(
+                "this is no run folder; if it is a log, fit it first with"
+                f" `vttig fit {path.name} --ratio 64:23 --out run`, and give that folder.",
+                where=str(path),
+            ) from None
         raise InputError(f"not a run file: {error}.", where=str(path)) from None
     if table.get("schema") != SCHEMA:
         raise InputError(

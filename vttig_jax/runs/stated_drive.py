@@ -22,19 +22,10 @@ def stated_spec(
     two ways, and for logs whose columns differ.
     """
     if pair is not None:
-        if drive.states_something:
-            raise UsageError(
-                "--pair states ratio, encoders and units already; leave out --ratio, --teeth,"
-                " --counts, --unit, --invert and --driving-rpm, or leave out --pair."
-            )
-        return load_pair_spec(pair), ()
+        return spec_of_file(pair, drive), ()
     from ..logs.recognition.recognise import recognise
 
-    if not drive.names_a_drive:
-        raise UsageError(
-            "the ratio of the drive is missing; give --ratio 64:23 (driving turns to driven turns),"
-            " --teeth 45/80 or --pair PAIR.toml."
-        )
+    drive.spec()  # says that the ratio is missing
     first, *others = [recognise(path, drive, **reading.keywords()) for path in logs]
     for path, other in zip(logs[1:], others, strict=True):
         if other.spec != first.spec:
@@ -44,6 +35,19 @@ def stated_spec(
                 where=str(path),
             )
     return first.spec, first.guesses
+
+
+def spec_of_file(pair: Path, drive: DriveRequest) -> PairSpec:
+    """Return the content of a pair file, beside which nothing is stated about the drive.
+
+    **Raises** `UsageError` if something is, `PairError` for the file.
+    """
+    if drive.states_something:
+        raise UsageError(
+            "--pair states ratio, encoders and units already; leave out --ratio, --teeth,"
+            " --counts, --unit, --invert and --driving-rpm, or leave out --pair."
+        )
+    return load_pair_spec(pair)
 
 
 def write_pair(path: Path, spec: PairSpec) -> None:

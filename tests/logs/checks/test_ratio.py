@@ -37,6 +37,7 @@ def test_right_ratio():
     ("made", "verdict", "cure"),
     [
         (lambda: log(pair=spec(driven_teeth=81)), "differs", "correct the teeth"),
+        (lambda: log(driving=0.5625 * ANGLE), "differs", 'driving_scale = "16/9" under [log]'),
         (lambda: log(driven=-WHEEL), "sign", "`sign = -1`"),
         (lambda: log(driving=WHEEL, driven=ANGLE), "swapped", "--column driving=NAME"),
         (lambda: log(driving=WHEEL, driven=-ANGLE), "swapped_sign", "exchange them"),

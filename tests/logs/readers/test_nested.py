@@ -70,7 +70,7 @@ def test_numbers_keep_their_digits(values, kind):
 
 @pytest.mark.parametrize(
     ("variables", "words"),
-    [({"name": "rig"}, "no numeric array"), ({"dt": 0.004}, "table2struct")],
+    [({"name": "rig"}, "no numeric array"), ({"dt": 0.004}, "arrays, structs or tables")],
 )
 def test_no_numbers(tmp_path, variables, words):
     with pytest.raises(LogError, match=words) as caught:

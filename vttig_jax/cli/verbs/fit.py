@@ -1,6 +1,6 @@
 """`vttig fit`: identification of the parameters from logs, and the run folder with the result."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +12,7 @@ from ...logs.recognition.request import in_words
 from ...runs.fit_run import perform, resolve, save_fit
 from ...runs.options import options_of
 from ...runs.run_file import RunRecord, read_run, require_same_data
-from ..drive_options import DriveOptions, drive_options
+from ..drive_options import GROUPS, NAMES, DriveOptions, drive_options, pair_option
 from ..fit_options import model_options
 from ..options import given, log_options, verb
 from ..output import LOGGER, Output
@@ -33,18 +33,13 @@ vttig fit log.mat --pair pair.toml --column "driving=rec.pos_deg(1,:)" --sample-
 vttig fit --run run/run.toml
 """,
     groups={
-        "The drive": ("ratio", "teeth", "counts", "inverted", "driving_rpm", "pair", "write_pair"),
-        "The log": ("units", "columns", "explain_columns", "decimal", "sample_rate"),
+        **GROUPS,
         "The result": ("out", "overwrite", "no_figures", "require", "readings", "run_path"),
         "The model": tuple(field.name for field in fields()),
     },
 )
 @click.argument("logs", metavar="[LOG]...", nargs=-1, type=click.Path(path_type=Path))
-@click.option(
-    "--pair",
-    type=click.Path(path_type=Path),
-    help="TOML file of the gear pair, in place of --ratio or --teeth and the options below them.",
-)
+@pair_option
 @click.option(
     "--run", "run_path", type=click.Path(path_type=Path), help="Repeat the run of this run.toml."
 )
@@ -93,10 +88,8 @@ def command(
         )
     if run_path is None:
         run = resolve(logs, pair, readings, options_of(options), drive.request)
-        if drive.explain_columns:
-            _explain_columns(output, run)
+        if drive.only_explains(output, logs, (run.spec, run.guesses, run.options.reading)):
             return
-        drive.tell(run.guesses, run.spec, output)
     else:
         run = _repeated(run_path, options)
     result, run = perform(run)
@@ -151,27 +144,13 @@ class _Answer:
         return f"{in_words(self.result.pair.ratio)}\n\n{self.result}"
 
 
-def _explain_columns(output: Output, run: RunRecord) -> None:
-    """Print how the columns of the logs are read."""
-    from ...logs.preview import preview_log
-
-    first, *others = run.logs
-    if others:
-        raise UsageError("--explain-columns explains one log; name one.")
-    report = preview_log(first, spec=run.spec, **run.options.reading.keywords())
-    report = replace(report, notes=(*map(str, run.guesses), *report.notes))
-    output.emit(report.to_json(), report)
-
-
 def _repeated(path: Path, options: dict[str, Any]) -> RunRecord:
     """Return the record of a `run.toml`, to repeat its fit unchanged.
 
     **Raises** `UsageError` if logs, a pair, readings or options of the fit are given too,
     `InputError` if a file of the run is missing or has changed.
     """
-    stated = {"ratio", "teeth", "counts", "units", "inverted", "driving_rpm"}
-    stated |= {"write_pair", "explain_columns"}
-    if asked := given({"logs", "pair", "readings", *stated, *options}):
+    if asked := given({"logs", "pair", "readings", *NAMES, *options}):
         raise UsageError(
             f"--run repeats a run as it was; leave out {' and '.join(asked)}, or leave out --run."
         )

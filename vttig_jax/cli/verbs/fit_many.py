@@ -7,6 +7,7 @@ import click
 
 from ...base.errors import NoAnswerError, UsageError
 from ...runs.options import ReadingOptions, in_options
+from ..drive_options import GROUPS, DriveOptions, drive_options, pair_option
 from ..fit_options import BATCH_OPTIONS, batch_options
 from ..options import log_options, verb
 from ..output import LOGGER, Output
@@ -15,15 +16,19 @@ from ..output import LOGGER, Output
 @verb(
     "fit-many",
     example="""
+vttig fit-many rigs/*.csv --ratio 64:23 --out fitted
 vttig fit-many rigs/*.csv --pair pair.toml --out fitted
 vttig fit-many rigs/*.csv --pair pair.toml --out fitted --resume
 vttig fit-many rigs/*.csv --pair pair.toml --drift-order 1 --csv fits.csv
 """,
+    groups={
+        **GROUPS,
+        "The result": ("out", "resume", "overwrite", "csv_file", "dask"),
+        "The model": tuple(BATCH_OPTIONS),
+    },
 )
 @click.argument("logs", metavar="LOG...", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option(
-    "--pair", required=True, type=click.Path(path_type=Path), help="TOML file of the gear pair."
-)
+@pair_option
 @click.option("--out", type=click.Path(path_type=Path), help="Folder for fits.parquet.")
 @click.option(
     "--resume",
@@ -33,24 +38,27 @@ vttig fit-many rigs/*.csv --pair pair.toml --drift-order 1 --csv fits.csv
 @click.option("--overwrite", is_flag=True, help="Replace the table in --out.")
 @click.option("--csv", "csv_file", type=click.Path(path_type=Path), help="Write the table as CSV.")
 @click.option("--dask", metavar="ADDRESS", help="Scheduler of dask.distributed to send blocks to.")
+@drive_options
 @log_options
 @batch_options
 def command(
     output: Output,
     logs: tuple[Path, ...],
-    pair: Path,
+    pair: Path | None,
     out: Path | None,
     resume: bool,
     overwrite: bool,
     csv_file: Path | None,
     dask: str | None,
+    drive: DriveOptions,
     **options: Any,
 ) -> None:
     """Identify the parameters of many logs, each of a rig of its own, in one table.
 
-    All rigs are built to one pair file. Every log has the parameters of `vttig fit` with the same
-    options; the delay, the drift and the loss are not selected for each log but hold for all. A log
-    that cannot be read or fitted has a code and a reason in its row, and the others are fitted.
+    All rigs are built to one pair file, or have the same ratio and columns that are read alike.
+    Every log has the parameters of `vttig fit` with the same options; the delay, the drift and the
+    loss are not selected for each log but hold for all. A log that cannot be read or fitted has a
+    code and a reason in its row, and the others are fitted.
     Blocks of logs are written as they are done: after Ctrl-C or a kill --resume goes on and ends
     with the same table. A command with --resume may be repeated: it starts, goes on, or only prints
     the table that is complete.
@@ -75,7 +83,9 @@ def command(
         settings = batch_settings(changes)
     except ValueError as error:
         raise UsageError(in_options(str(error))) from None
-    task = ManyFits.of(logs, pair, settings, ReadingOptions(**reading))
+    task = ManyFits.of(logs, pair, settings, ReadingOptions(**reading), drive.request)
+    if drive.only_explains(output, logs, (task.spec, task.guesses, task.reading)):
+        return
     with output.progress(len(logs), "logs") as bar:
 
         def follow(done: int) -> None:
@@ -89,7 +99,9 @@ def command(
     output.emit(found.to_json(), found)
     failed = len(found) - int(found.is_fitted.sum())
     if failed == len(found):
+        # The table is the answer to `--json`, and says why there are no fits.
         output.finish()
-        raise NoAnswerError("no log could be fitted; the reasons are in the table.")
+        LOGGER.error("no log could be fitted; the reasons are in the table.")
+        raise click.exceptions.Exit(NoAnswerError.exit_code)
     if failed:
         LOGGER.warning("%d of %d logs were not fitted; see their reasons", failed, len(found))

@@ -8,7 +8,7 @@ import click
 
 from ...base.errors import UsageError
 from ...logs.readers.column_roles import ROLES
-from ..drive_options import DriveOptions, drive_options
+from ..drive_options import GROUPS, DriveOptions, drive_options
 from ..options import log_options, verb
 from ..output import Output
 
@@ -25,10 +25,7 @@ if TYPE_CHECKING:
     "vttig inspect log.csv --ratio 64:23\n"
     "vttig inspect log.csv --pair pair.toml\n"
     "vttig inspect log.csv --column time=t_s --column driving=motor_deg",
-    groups={
-        "The drive": ("ratio", "teeth", "counts", "inverted", "driving_rpm", "pair", "write_pair"),
-        "The log": ("units", "columns", "explain_columns", "decimal", "sample_rate"),
-    },
+    groups=GROUPS,
 )
 @click.argument("log", type=click.Path(path_type=Path))
 @click.option(

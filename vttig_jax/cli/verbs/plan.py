@@ -7,6 +7,8 @@ from typing import Any, Literal, get_args
 import click
 
 from ...base.errors import UsageError
+from ...logs.recognition.request import DriveRequest
+from ..drive_options import pair_option, ratio_options
 from ..fit_options import DelayParam
 from ..options import POSITIVE, Finite, verb
 from ..output import Output
@@ -35,12 +37,28 @@ class Named(click.ParamType):
 @verb(
     "plan",
     example="""
+vttig plan --ratio 64:23 --turns 21 --rate-hz 2000 --noise-std-deg 0.002
 vttig plan --pair pair.toml --turns 21 --rate-hz 1987 --noise-std-deg 0.002
 vttig plan --pair pair.toml --turns 21 --noise-std-deg 0.002 --speed-rpm 20 --speed-rpm 60
 vttig plan --pair pair.toml --noise-std-deg 0.002 --want driving_eccentricity_mm=0.0001
 """,
+    groups={
+        "The drive": ("ratio", "teeth", "counts", "pair"),
+        "The run": (
+            "turns",
+            "speeds_rpm",
+            "directions",
+            "passes",
+            "rate_hz",
+            "dwell_s",
+            "ramp_s",
+        ),
+        "The noise": ("noise_std_deg", "noise_correlation_s", "white_std_deg"),
+        "The fit": ("want", "assume", "perfect_encoders", "delay"),
+    },
 )
-@click.option("--pair", type=click.Path(path_type=Path), required=True, help="TOML of the pair.")
+@pair_option
+@ratio_options
 @click.option(
     "--turns",
     type=POSITIVE,
@@ -93,7 +111,8 @@ vttig plan --pair pair.toml --noise-std-deg 0.002 --want driving_eccentricity_mm
 )
 def command(
     output: Output,
-    pair: Path,
+    pair: Path | None,
+    drive: DriveRequest,
     turns: float | None,
     rate_hz: float | None,
     want: tuple[tuple[str, float], ...],
@@ -106,13 +125,15 @@ def command(
     """
     import vttig_jax
 
-    from ...pair.load import load_pair
+    from ...pair.load import pair_from_spec
+    from ...runs.stated_drive import spec_of_file
 
     vttig_jax.enable_x64()
-    rig = load_pair(pair)
+    rig = pair_from_spec(drive.spec() if pair is None else spec_of_file(pair, drive))
     rate_hz = rate_hz or rig.log.sample_rate_hz
     if rate_hz is None:
-        raise UsageError("--rate-hz is missing, and the pair file has no sample_rate_hz.")
+        unless = "" if pair is None else ", and the pair file has no sample_rate_hz"
+        raise UsageError(f"--rate-hz is missing{unless}.")
     if turns is None and not want:
         raise UsageError("--turns is missing; give it, or what to reach with --want.")
     wanted = _once("--want", want)

@@ -10,11 +10,13 @@ import click
 
 from ...base.errors import InputError, NotConvergedError, UsageError
 from ...base.files.run_folder import data_sha256
+from ...identify.settings import fields
 from ...runs.fit_run import perform, resolve, save_fit
 from ...runs.options import options_of
 from ...runs.posterior_run import report_on, write_report
 from ...runs.run import open_run
 from ...runs.run_file import CHECKPOINT, RunRecord, read_run
+from ..drive_options import GROUPS, NAMES, DriveOptions, drive_options, pair_option
 from ..fit_options import model_options
 from ..options import POSITIVE, given, log_options, verb
 from ..output import LOGGER, Output
@@ -29,14 +31,27 @@ if TYPE_CHECKING:
 @verb(
     "sample",
     example="""
-vttig sample log.csv --pair pair.toml --out run
+vttig sample log.csv --ratio 64:23 --out run
 vttig sample log.csv --pair pair.toml --out run --resume
 vttig sample --out run --resume --until 100
 vttig fit log.csv --pair pair.toml --out run && vttig sample --out run --steps 5000 --seed 1
 """,
+    groups={
+        **GROUPS,
+        "The result": ("out", "resume", "overwrite", "no_figures", "readings"),
+        "The sampler": ("seed", "steps", "until", "ensembles", "walkers"),
+        "The prior": (
+            "prior",
+            "eccentricity_mm",
+            "amplitude_arcsec",
+            "backlash_deg",
+            "encoder_arcsec",
+        ),
+        "The model": tuple(field.name for field in fields()),
+    },
 )
 @click.argument("logs", metavar="[LOG]...", nargs=-1, type=click.Path(path_type=Path))
-@click.option("--pair", type=click.Path(path_type=Path), help="TOML file of the gear pair.")
+@pair_option
 @click.option(
     "--out",
     required=True,
@@ -101,6 +116,7 @@ vttig fit log.csv --pair pair.toml --out run && vttig sample --out run --steps 5
     type=click.Path(path_type=Path),
     help="CSV of driving_deg,backlash_deg to check the fit against.",
 )
+@drive_options
 @log_options
 @model_options
 def command(
@@ -122,6 +138,7 @@ def command(
     backlash_deg: float | None,
     encoder_arcsec: float | None,
     readings: Path | None,
+    drive: DriveOptions,
     **options: Any,
 ) -> None:
     """Sample the posterior of the fit of LOG, or of the fit that is in --out.
@@ -129,14 +146,11 @@ def command(
     Several independent ensembles run until their chains are long enough and agree. The draws are
     brought up to date in posterior.h5 every 5 s: after an interrupt or a kill, --resume goes on and
     ends with the same draws as a run that was never stopped; seed, walkers, ensembles and prior are
-    then those of the draws unless given. A command with --resume may be repeated: it starts, goes
-    on, or only writes the report of draws that are complete. Exit code 5 where the sampler has not
-    converged.
+    then those of the draws unless given. A command with --resume may be repeated. The exit code is
+    5 if the sampler has not converged.
     """
-    if resume and overwrite:
-        raise UsageError("--resume and --overwrite exclude each other; give one of them.")
-    if steps is not None and until is not None:
-        raise UsageError("--steps and --until exclude each other; give one of them.")
+    _exclude_each_other({"--resume": resume, "--overwrite": overwrite})
+    _exclude_each_other({"--steps": steps is not None, "--until": until is not None})
     import vttig_jax
 
     from ...posterior.sampler import sample
@@ -145,10 +159,12 @@ def command(
     vttig_jax.enable_x64()
     refuse_existing(out, resume=resume, overwrite=overwrite, fits=bool(logs))
     if logs:
-        run = resolve(logs, pair, readings, options_of(options))
+        run = resolve(logs, pair, readings, options_of(options), drive.request)
+        if drive.only_explains(output, logs, (run.spec, run.guesses, run.options.reading)):
+            return
         fit = _fit_of(run, out, resume=resume, overwrite=overwrite, figures=not no_figures)
     else:
-        fit = _fit_in(out, [*options, "pair", "readings"])
+        fit = _fit_in(out, [*options, *NAMES, "pair", "readings"])
     beliefs = {
         "eccentricity_mm": eccentricity_mm,
         "flat_in": prior,
@@ -156,8 +172,8 @@ def command(
         "encoder_arcsec": encoder_arcsec,
         "backlash_deg": backlash_deg,
     }
-    requested = {"seed": seed, "ensembles": ensembles, "walkers": walkers}
-    settings = _settings(out / CHECKPOINT if resume else None, requested, beliefs, fit)
+    asked = {"seed": seed, "ensembles": ensembles, "walkers": walkers}
+    settings = _settings(out / CHECKPOINT if resume else None, asked, beliefs, fit)
     with sampling_bar(output) as follow, _walkers_in_words():
         posterior = sample(
             fit,
@@ -170,6 +186,12 @@ def command(
             progress=follow,
         )
     _finish(output, out, posterior, figures=not no_figures)
+
+
+def _exclude_each_other(options: dict[str, bool]) -> None:
+    """Raise `UsageError` if all of these options are given."""
+    if all(options.values()):
+        raise UsageError(f"{' and '.join(options)} exclude each other; give one of them.")
 
 
 def _finish(output: Output, out: Path, posterior: "Posterior", *, figures: bool) -> None:

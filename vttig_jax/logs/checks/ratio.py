@@ -40,6 +40,10 @@ MOST_TEETH, CHANCE = 200, 0.02
 """Largest denominator of a fraction that is proposed instead of the given ratio, and the largest
 probability that any fraction with that denominator lies as near by chance (chosen)."""
 
+_DIVIDED = 5e-3
+"""Deviation from 1 of the ratio in a log whose driving angle is given behind the reducer; chosen as
+the deviation from which `check_ratio` refuses a ratio."""
+
 LARGEST_ORDER = 0.02
 """Largest plausible amplitude of a first order in rad (chosen: 1.5 mm at 80 mm)."""
 
@@ -123,6 +127,12 @@ class SeenRatio:
     @property
     def _cure(self) -> str:
         """What the user changes in the options or in the pair file."""
+        if self.verdict == "differs" and self.seen is not None and abs(self.seen - 1) < _DIVIDED:
+            return (
+                "the driving column seems to be divided by the ratio already: write"
+                f' driving_scale = "{1 / self.given}" under [log] of the pair file, which'
+                " --write-pair PAIR.toml writes"
+            )
         exchanged = "exchange them with --column driving=NAME --column driven=NAME or in [log]"
         turns = f"{self.given.numerator}:{self.given.denominator}"
         return {

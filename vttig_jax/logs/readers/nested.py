@@ -5,6 +5,7 @@ wide matrix, `rec.pos(:,1)` for the first column of a tall one, and `rec/t` in p
 """
 
 import hashlib
+import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,8 +18,11 @@ from ...base.errors import InputError, LogError, UsageError
 from ...base.files.limits import MemoryBudget
 from .hdf5 import HDF5_SIGNATURE, hdf5_leaves
 from .matlab import matlab_leaves
+from .matlab_objects import check_objects, object_leaves
 from .matrix_columns import matrix_columns
 from .text import NESTED, printable, read_bytes
+
+logger = logging.getLogger("vttig_jax")
 
 
 @dataclass(frozen=True)
@@ -65,16 +69,19 @@ def read_nested(path: str | Path) -> tuple[NestedTable, str]:
     MATLAB v7.3 files are HDF5. No code in the file is executed, and no other file is read.
 
     **Raises** `LogError` for a missing, damaged or unreadable file or one without numeric arrays,
-    `UsageError` for HDF5 without the package h5py.
+    `UsageError` for MATLAB tables without the package mat-io, unless the file has plain arrays.
     """
     data = read_bytes(path, NESTED)
     source = str(path)
     hdf5 = HDF5_SIGNATURE in (data[:8], data[512:520])
     leaves = hdf5_leaves if hdf5 else matlab_leaves
     columns: dict[str, np.ndarray] = {}
+    budget = MemoryBudget(source, len(data))
     try:
-        for name, array in leaves(data, MemoryBudget(source, len(data))):
+        for name, array in leaves(data, budget):
             columns.update(matrix_columns(name, array))
+        if check_objects(data, hdf5=hdf5, budget=budget):
+            columns.update(_columns_of_objects(Path(path), needed=not columns))
     except (UsageError, InputError):
         raise
     except Exception:  # damaged bytes raise various exceptions
@@ -85,13 +92,32 @@ def read_nested(path: str | Path) -> tuple[NestedTable, str]:
         ) from None
     if not columns:
         raise LogError(
-            "the file has no numeric array; save plain arrays or structs (in MATLAB"
-            ' `table2struct(T, "ToScalar", true)` converts a table), or export the log as CSV.',
+            "the file has no numeric array; save arrays, structs or tables of numbers, or export"
+            " the log as CSV.",
             where=source,
         )
     names = tuple(map(printable, columns))
     table = NestedTable(names, tuple(columns.values()), source)
     return table, hashlib.sha256(data).hexdigest()
+
+
+def _columns_of_objects(path: Path, *, needed: bool) -> dict[str, np.ndarray]:
+    """Return the columns of MATLAB tables.
+
+    Without the library they are left out with a warning.
+
+    **Raises** `UsageError` without the library if the file has nothing else, so that they are
+    `needed`.
+    """
+    columns: dict[str, np.ndarray] = {}
+    try:
+        for name, array in object_leaves(path):
+            columns.update(matrix_columns(name, array))
+    except UsageError as error:
+        if needed:
+            raise
+        logger.warning("%s: they are left out: %s", path, error.message)
+    return columns
 
 
 def _as_number(values: Shaped[np.ndarray, " _"]) -> Real[np.ndarray, " _"]:

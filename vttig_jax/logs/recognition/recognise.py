@@ -9,9 +9,9 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from ...base.errors import UsageError
+from ...base.errors import LogError, UsageError
 from ...base.units import ANGLE_UNITS, REV
-from ...pair.schema import DriveTable, Encoder, GearTable, LogLayout, PairSpec, UnitTable
+from ...pair.schema import LogLayout, PairSpec, UnitTable
 from ..readers.column_names import ROW, default_column, index_of
 from ..readers.delimited import TextTable
 from ..readers.nested import NestedTable, has_clocks
@@ -104,7 +104,8 @@ class Search:
         """
         missing = self._find_named_shafts()
         if timed and "time" not in self.roles and not has_clocks(self.table):
-            found, guess = time_column(self._free(), self.source)
+            free = self._beside("time")
+            found, guess = time_column(free, self.source)
             self.roles["time"] = found.index
             self.guesses.append(guess)
         if missing:
@@ -132,7 +133,12 @@ class Search:
             unused = (role == "time" and not timed) or (role == "driving" and self._clocked)
             if taken or unused:
                 continue
-            index = default_column(role, self.names, self.source)
+            try:
+                index = default_column(role, self.names, self.source)
+            except LogError:
+                if role != "time":
+                    raise
+                index = None  # `find` takes the time beside the shafts, or asks
             if index is not None and index not in self.roles.values():
                 self.roles[role] = index
 
@@ -144,7 +150,7 @@ class Search:
         if self._clocked and "driving" in missing:
             missing.remove("driving")
         for role in missing:
-            found = by_name(role, self._free(), self.source)
+            found = by_name(role, self._beside(role), self.source)
             if found is not None:
                 self.roles[role] = found.index
                 self._guess(role, found, "by its name")
@@ -190,23 +196,10 @@ class Search:
 
     def spec(self) -> PairSpec:
         """Return the pair file that says the same."""
-        request = self.request
-        gears = []
-        for k, shaft in enumerate(SHAFTS):
-            encoder = Encoder(
-                counts_per_rev=None if request.counts is None else request.counts[k],
-                sign=-1 if shaft in request.inverted else 1,
-            )
-            gears.append(GearTable(encoder=encoder))
-        ratio = request.teeth if request.ratio is None else request.ratio
-        layout = msgspec.structs.replace(
-            LogLayout(driving_rpm=request.driving_rpm), **self.column_names
-        )
-        return PairSpec(
-            drive=DriveTable(ratio=str(ratio).replace(" ", "")),
-            driving=gears[0],
-            driven=gears[1],
-            log=layout,
+        layout = LogLayout(driving_rpm=self.request.driving_rpm)
+        return msgspec.structs.replace(
+            self.request.spec(),
+            log=msgspec.structs.replace(layout, **self.column_names),
             unit=msgspec.structs.replace(UnitTable(), **self.units),
         )
 
@@ -229,6 +222,18 @@ class Search:
         stamps = self.table.clocks.values() if isinstance(self.table, NestedTable) else ()
         taken = {*self.roles.values(), *stamps}
         return [one for one in self._candidates if one.index not in taken]
+
+    def _beside(self, role: str) -> list[Candidate]:
+        """Return the free columns in the group of those that have a role, such as `2` of `2/motor`.
+
+        Where no column of the group is named for `role`, all free columns are returned.
+        """
+        free = self._free()
+        taken = [self.names[k] for k in self.roles.values() if k is not None]
+        groups = {name.rpartition("/")[0] for name in taken}
+        near = [one for one in free if {one.name.rpartition("/")[0]} == groups]
+        named = any(one.reading.role == role or (role == "time" and one.dated) for one in near)
+        return near if named else free
 
     def _candidate(self, index: int | None) -> Candidate:
         if index is None:

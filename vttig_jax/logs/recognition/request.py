@@ -6,7 +6,7 @@ from fractions import Fraction
 
 from ...base.errors import PairError, UsageError
 from ...base.units import ANGLE_UNITS
-from ...pair.schema import as_fraction, as_ratio
+from ...pair.schema import DriveTable, Encoder, GearTable, PairSpec, as_fraction, as_ratio
 from ..readers.column_names import ANGLES, TIME_UNITS, unit_spelt
 
 SHAFTS = ("driving", "driven")
@@ -71,6 +71,30 @@ class DriveRequest:
         speeds such as "9/16" or 0.5625.
         """
         return self.teeth is not None or ":" in str(self.ratio)
+
+    def spec(self) -> PairSpec:
+        """Return the pair file that says the same about the drive; it says nothing of a log.
+
+        **Raises** `UsageError` without a ratio and for what `check` refuses.
+        """
+        self.check()
+        if not self.names_a_drive:
+            raise UsageError(
+                "the ratio of the drive is missing; give --ratio 64:23 (driving turns to driven"
+                " turns), --teeth 45/80 or --pair PAIR.toml."
+            )
+        ratio = self.teeth if self.ratio is None else self.ratio
+        gears = [
+            GearTable(
+                encoder=Encoder(
+                    counts_per_rev=None if self.counts is None else self.counts[k],
+                    sign=-1 if shaft in self.inverted else 1,
+                )
+            )
+            for k, shaft in enumerate(SHAFTS)
+        ]
+        drive = DriveTable(ratio=str(ratio).replace(" ", ""))
+        return PairSpec(drive=drive, driving=gears[0], driven=gears[1])
 
     def check(self) -> None:
         """Raise `UsageError` for statements that are invalid or exclude each other."""

@@ -1,7 +1,7 @@
 """The text layouts that are recognised, in the order of the trials."""
 
 from ..nested import NestedTable
-from . import camonitor, cantools, halsampler, long_table, twincat
+from . import camonitor, cantools, halsampler, long_table, sections, twincat
 from .channels import Layout
 
 LAYOUTS = (
@@ -10,6 +10,7 @@ LAYOUTS = (
     Layout("EPICS camonitor", camonitor.matches, camonitor.read),
     Layout("LinuxCNC halsampler", halsampler.matches, halsampler.read),
     Layout("long table", long_table.matches, long_table.read),
+    Layout("file in sections", sections.matches, sections.read),
 )
 """Layouts that are no table with one row for one instant."""
 

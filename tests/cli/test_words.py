@@ -1,0 +1,33 @@
+"""The words of a report are explained under `-v`, those that occur and no others."""
+
+import re
+
+import pytest
+
+from vttig_jax.cli.words import WORDS, explained
+
+
+def test_words_that_occur_and_no_others():
+    found = explained("noise  blocks of 5 ms (AR(2))\nhunting period  16 driving turns")
+    assert found.splitlines()[0] == "words:" and len(found.splitlines()) == 3
+    assert "autoregression" in found and "same teeth meet" in found
+    assert explained("area, hunter, profiled, stdout") == ""
+
+
+@pytest.mark.parametrize("pattern", WORDS)
+def test_every_word_is_a_sentence_of_its_own(pattern):
+    word, meaning = WORDS[pattern]
+    assert word and len(f"  {word}: {meaning}") <= 140 and not meaning.endswith(".")
+    assert re.search(pattern, f"{word.replace('(n)', '(2)')} at 1 τ: {word} 2") or word == "order"
+
+
+def test_a_fit_explains_its_words_under_v(vttig, rig_folder):
+    command = ("fit", rig_folder / "log.csv", "--pair", rig_folder / "pair.toml")
+    _, plain, _ = vttig(*command)
+    code, out, _ = vttig(*command, "-v")
+    assert code == 0 and out.startswith(plain.rstrip("\n")) and "\n\nwords:\n" in out
+    legend = out.partition("\nwords:\n")[2]
+    for word in ("flank A, flank B", "std", "order", "constant backlash", "AR(n)"):
+        assert f"  {word}: " in legend
+    assert "R-hat" not in legend and "words:" not in plain
+    assert "words:" not in vttig(*command, "-v", "--json")[1]

@@ -1,0 +1,67 @@
+"""The Python of README and `docs/` runs, and shows the values that the pages print."""
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+import vttig_jax
+from tests.guides.pages import fences, pages, text_of
+from tests.guides.readers import with_a_sweep, with_own_log
+from tests.test_docstrings import run
+
+WITH_CODE = [page for page in pages() if any(f.language == "python" for f in fences(text_of(page)))]
+
+QUICK = ("docs/logs.md", "docs/python.md", "README.md")
+"""Pages whose code takes a few seconds; the others are slow."""
+
+
+def own_log(tmp_path) -> dict[str, Any]:
+    """A log and the package, which the page on logs imports elsewhere."""
+    with_own_log(tmp_path)
+    return {"vttig_jax": vttig_jax}
+
+
+def sweep_and_posterior(tmp_path) -> dict[str, Any]:
+    """A sweep file, a fit and its posterior."""
+    from vttig_jax.rig import PassMotion, paper_rig
+
+    with_a_sweep(tmp_path)
+    rig = paper_rig(motion=PassMotion(reversal_deg=3600.0))
+    fit = vttig_jax.fit(rig.log(), rig.pair)
+    posterior = vttig_jax.sample(fit, steps=500, seed=0)
+    return {"vttig_jax": vttig_jax, "fit": fit, "posterior": posterior}
+
+
+NAMES: dict[str, Callable[..., dict[str, Any]]] = {
+    "docs/logs.md": own_log,
+    "docs/simulation.md": sweep_and_posterior,
+}
+"""Page → what its code takes for given."""
+
+
+def test_pages_with_code():
+    assert len(WITH_CODE) == 5 and set(NAMES) | set(QUICK) <= set(WITH_CODE)
+
+
+@pytest.mark.parametrize(
+    "page", [pytest.param(p, marks=() if p in QUICK else pytest.mark.slow) for p in WITH_CODE]
+)
+def test_the_code_of_a_page(page, tmp_path, monkeypatch, capsys):
+    """A block goes on where the one before it ended; it shows values or checks itself."""
+    monkeypatch.chdir(tmp_path)
+    names = NAMES[page](tmp_path) if page in NAMES else {}
+    for fence in fences(text_of(page)):
+        if fence.language != "python":
+            continue
+        if ">>>" in fence.text:
+            problem = run(page, fence.text)
+            assert not problem, problem
+        else:
+            assert "assert " in fence.text or page in NAMES
+            exec(compile(fence.text, page, "exec"), names)
+    if page == "docs/logs.md":
+        assert set(names["fit"].flanks) == {"A", "B"}
+        assert str(names["fit"].pair.ratio) == "23/64"
+    if page == "docs/simulation.md":
+        assert names["tuned"].after.cost_deg <= names["tuned"].before.cost_deg

@@ -1,0 +1,73 @@
+"""Explanations of the words in a report, which `-v` prints below it."""
+
+import re
+from collections.abc import Mapping
+
+WORDS: Mapping[str, tuple[str, str]] = {
+    r"\bAR\(\d+\)": (
+        "AR(n)",
+        "autoregression: the noise of a block depends on that of the n blocks before it",
+    ),
+    r"\bflank A\b|\bflanks +A|\bflank B\b|\bflanks +B": (
+        "flank A, flank B",
+        "the flank that carries while the driving angle grows, and the one while it falls",
+    ),
+    r"\bresidual\b": ("residual", "what is left of the transmission error without the model"),
+    r"\bstd\b": ("std", "standard error: the scatter to expect if the log were recorded again"),
+    r"95 % interval": ("95 % interval", "the range that holds the truth in 95 of 100 logs"),
+    r"\borders\b|\border \d": (
+        "order",
+        "cycles per turn of the named shaft, so that driven 2 comes twice per turn of the driven"
+        " shaft",
+    ),
+    r"\bmesh \d": ("mesh 1", "the order of the teeth: once for each pair of teeth"),
+    r"\bclosure\b": (
+        "closure",
+        "difference between two passes over the same pairs of teeth, where gears repeat",
+    ),
+    r"\bjump at\b": ("jump", "step of the driven shaft where the motion turns and crosses the gap"),
+    r"\bj_v\b": ("j_v", "the part of the backlash that the eccentricities make"),
+    r"hardest to tell apart": (
+        "hardest to tell apart",
+        "the combination of parameters that the log determines worst (the weakest direction)",
+    ),
+    r"hunting period": ("hunting period", "turns of the driving shaft until the same teeth meet"),
+    r"\ball orders\b|\border-complete\b": (
+        "all orders",
+        "order-complete: with every fitted order, not with the first orders alone",
+    ),
+    r"\bapparent\b|constant_backlash_deg|constant backlash": (
+        "constant backlash",
+        "backlash without the part that varies with the angle; it holds wind-up and bearings too",
+    ),
+    r"delay_s\b": (
+        "delay_s",
+        "time by which the driven channel is late",
+    ),
+    r"\bdrift\b": ("drift", "slow change over time that no gear makes, such as warming"),
+    r"\d τ\b": ("τ", "autocorrelation time: steps until a chain has forgotten where it was"),
+    r"\bR-hat\b": ("R-hat", "spread between independent chains over that within them; 1 is best"),
+    r"\bprofile\b": ("profile", "interval from the likelihood with all other parameters adapted"),
+    r"posterior predictive": (
+        "posterior predictive",
+        "logs drawn from the result, to see whether the real one looks like them",
+    ),
+}
+"""Pattern of a word in reports → the word, and what it means."""
+
+
+def explained(report: str) -> str:
+    """Return one line for each word of `WORDS` that a report uses, "" without any.
+
+    **Example**
+    ```python
+    >>> from vttig_jax.cli.words import explained
+    >>> print(explained("hunting period  16 driving turns"))
+    words:
+      hunting period: turns of the driving shaft until the same teeth meet
+
+    ```
+    """
+    used = [pair for pattern, pair in WORDS.items() if re.search(pattern, report)]
+    lines = [f"  {word}: {meaning}" for word, meaning in used]
+    return "\n".join(["words:", *lines]) if lines else ""

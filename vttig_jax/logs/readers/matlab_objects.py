@@ -1,0 +1,137 @@
+"""Tables, timetables, dates and durations of MATLAB, which the library mat-io reads.
+
+MATLAB stores them as objects in a part of the file of its own. Its bytes are checked before the
+library reads them, as those of the other variables are.
+"""
+
+import io
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...base.errors import UsageError
+from ...base.files.limits import MemoryBudget
+from .matlab import DEEPEST, HEADER, MOST_CELLS, check_tags
+
+WORKSPACE = "__function_workspace__"
+"""Name under which SciPy returns the bytes of all objects of a file in format v6 or v7."""
+
+SUBSYSTEM = "#subsystem#"
+"""Group of the objects of a file in format v7.3."""
+
+UNIT_KEYS = ("varUnits", "VariableUnits")
+"""Attributes of a timetable and of a table that hold the units of its columns."""
+
+_TO_S = 1e-9
+"""Seconds in a nanosecond."""
+
+
+def check_objects(data: bytes, *, hdf5: bool, budget: MemoryBudget) -> bool:
+    """Return whether a file has objects, after a check of their bytes.
+
+    Damaged bytes raise various exceptions. **Raises** `InputError` for declared sizes beyond the
+    budget.
+    """
+    if hdf5:
+        return _check_hdf5(data, budget)
+    from scipy.io import loadmat
+    from scipy.io.matlab import matfile_version
+
+    if matfile_version(io.BytesIO(data))[0] != 1:  # v4 has no objects
+        return False
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        stored = loadmat(io.BytesIO(data), variable_names=[WORKSPACE]).get(WORKSPACE)
+    if stored is None:
+        return False
+    inner = np.asarray(stored, np.uint8).tobytes()
+    # The inner stream has two bytes of version and two of byte order in place of a header.
+    check_tags(bytes(HEADER - 2) + inner[2:4] + inner[8:], budget)
+    return True
+
+
+def _check_hdf5(data: bytes, budget: MemoryBudget) -> bool:
+    import h5py
+
+    with h5py.File(io.BytesIO(data), "r") as file:
+        if SUBSYSTEM not in file:
+            return False
+
+        def count(_: str, item: Any) -> None:
+            if isinstance(item, h5py.Dataset):
+                if item.is_virtual or item.external:
+                    raise ValueError("data in another file")
+                budget.take(item.size * item.dtype.itemsize)
+
+        file.visititems(count)
+    return True
+
+
+def object_leaves(path: Path) -> Iterator[tuple[str, np.ndarray]]:
+    """Yield the columns of tables, and dates and durations as seconds since the first one.
+
+    Columns are named `T.column`, and `T.column [unit]` if the table states units. Damaged bytes
+    raise various exceptions. **Raises** `UsageError` without the library.
+    """
+    try:
+        from matio import load_from_mat
+    except ImportError:
+        raise UsageError(
+            "tables and other objects of MATLAB need the package mat-io; install it with"
+            ' `pip install "vttig-jax[matlab]"`, or convert the table in MATLAB with'
+            ' `table2struct(T, "ToScalar", true)`.',
+            where=str(path),
+        ) from None
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        variables = load_from_mat(str(path), add_table_attrs=True)
+        for name, value in variables.items():
+            if not name.startswith("__"):
+                yield from _leaves(name, value, 0)
+
+
+def _leaves(path: str, value: Any, depth: int) -> Iterator[tuple[str, np.ndarray]]:
+    if depth > DEEPEST:
+        return
+    if hasattr(value, "columns") and hasattr(value, "index"):  # a DataFrame of pandas
+        yield from _table(path, value)
+    elif not isinstance(value, np.ndarray):
+        return
+    elif value.dtype.kind in "mM":
+        yield f"{path} [s]", _seconds(value)
+    elif value.dtype.names and value.size <= MOST_CELLS:
+        for k, record in enumerate(value.ravel(order="F"), 1):
+            record_path = path if value.size == 1 else f"{path}({k})"
+            for field in value.dtype.names:
+                yield from _leaves(f"{record_path}.{field}", record[field], depth + 1)
+    elif value.dtype == object and value.size <= MOST_CELLS:
+        for k, cell in enumerate(value.ravel(order="F"), 1):
+            yield from _leaves(f"{path}{{{k}}}" if value.size > 1 else path, cell, depth + 1)
+
+
+def _table(path: str, table: Any) -> Iterator[tuple[str, np.ndarray]]:
+    """Yield the row times of a timetable, and the columns of numbers and times."""
+    if table.index.dtype.kind in "mM":
+        yield f"{path}.{table.index.name or 'Time'} [s]", _seconds(table.index.to_numpy())
+    stated = max((np.ravel(table.attrs.get(key, ())) for key in UNIT_KEYS), key=len)
+    for k, column in enumerate(table.columns):
+        values = table[column].to_numpy()
+        unit = str(stated[k]) if len(stated) == len(table.columns) else ""
+        if values.dtype.kind in "mM":
+            yield f"{path}.{column} [s]", _seconds(values)
+        elif values.dtype.kind in "biuf":
+            yield f"{path}.{column} [{unit}]" if unit else f"{path}.{column}", values
+
+
+def _seconds(stamps: np.ndarray) -> np.ndarray:
+    """Return the seconds since the first stamp, subtracted as whole ns; NaN for missing ones."""
+    kind = "datetime64[ns]" if stamps.dtype.kind == "M" else "timedelta64[ns]"
+    whole = stamps.astype(kind).ravel()
+    known = ~np.isnat(whole)
+    if not known.any():
+        return np.full(len(whole), np.nan)
+    counted = whole.astype(np.int64)
+    return np.where(known, (counted - counted[known][0]) * _TO_S, np.nan)
