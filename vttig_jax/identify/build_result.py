@@ -11,7 +11,10 @@ from ..logs.readers.backlash_readings import BacklashReadings
 from ..pair.gear_pair import Drive, Flank, GearPair
 from .evidence import Evidence
 from .fit_result import Fit
+from .given_parameters import given_parameters, without_relation
+from .model.fitted_model import fitted_model
 from .model.forward_model import relation_of
+from .model.given_model import GivenModel
 from .model.identifiability import SINGLE_TURN, Identifiability
 from .noise.noise_model import whiten
 from .preliminary.delay import Delay, one_speed
@@ -64,9 +67,11 @@ def build_fit(
     linear, split = selected.linear, _is_split(identifiable, settings)
     solved, solution = estimate.solved, estimate.solved.solution
     margin, unknown = _gap_margins(selected.delay, identifiable)
+    given = _at_solution(solved)
+    known = identifiable if given is None else without_relation(identifiable)
     parameters = parameters_of(
-        pair, identifiable, solution, settings, selected.delay, delay_margin=margin
-    )
+        pair, known, solution, settings, selected.delay, delay_margin=margin
+    ) | given_parameters(solved, given)
     regressors = regressors_of(solution, linear.inputs[0].log)
     orders = order_table(solved, estimate.scatter)
     residual_rms = sample_residual_rms(linear, solved.weights)
@@ -93,7 +98,8 @@ def build_fit(
         conditional_on=conditions_of(pair, split, settings, selected),
         parameters=parameters,
         orders=orders,
-        model=solved.model,
+        model=solved.model if given is None else fitted_model(given, solved.model),
+        model_name=None if given is None else given.name,
         noise=solved.noise,
         residual_rms_deg=residual_rms / DEG,
         curves=curves,
@@ -106,8 +112,16 @@ def build_fit(
         warnings=warnings,
         notes=(*warnings, *notes_of(selected, identifiable, estimate)),
         logs=logs,
-        evidence=_evidence(selected, solved, settings, split),
+        evidence=_evidence(selected, solved, settings, split) if given is None else None,
     )
+
+
+def _at_solution(solved: SolvedFit) -> GivenModel | None:
+    """Return the given flank model with the parameters of the solution; None without one."""
+    given, solution = solved.linear.model.given, solved.solution
+    if given is None:
+        return None
+    return given.at(np.array([solution.values[solution.names.index(n)] for n in given.names]))
 
 
 def _is_split(identifiable: Identifiability, settings: FitSettings) -> bool:
@@ -169,7 +183,7 @@ def solve_model(
         encoder_terms=_is_split(identifiable, settings),
         gear_terms=not settings.perfect_gears,
     )
-    solution = restored(solve(relation, whitened), linear.levels)
+    solution = restored(solve(relation, whitened), linear.levels, linear.model.given)
     return SolvedFit(
         linear=linear,
         summary=summary,
@@ -232,7 +246,8 @@ def _with_readings(
     if readings is None:
         return solved, None
     flanks: list[Flank] = [flank.flank for flank in solved.summary.flanks]
-    require_gap(pair, flanks, as_data, readings.source)
+    given = solved.linear.model.given is not None
+    require_gap(pair, flanks, as_data, readings.source, given=given)
     driving = readings.driving_angle
     if len(flanks) == 2:
         gap = gap_of_both_flanks(driving, solved)

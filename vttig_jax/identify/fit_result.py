@@ -19,6 +19,7 @@ from ..pair.eccentricities import Eccentricities
 from ..pair.gear_pair import Drive, GearPair
 from ..pair.schema import HarmonicOrders
 from .evidence import Evidence
+from .model.fitted_model import FittedModel, StoredModel
 from .noise.noise_model import NoiseModel
 from .report.check_sentences import check_sentences
 from .report.checks import Checks
@@ -52,7 +53,8 @@ class Fit(PlottedResult):
     - `parameters`: name → `Parameter`, for every parameter of schema `vttig.fit/1`.
     - `orders`: every fitted harmonic of each flank.
     - `model`: order-complete flank model in the absolute angles that the encoders read, encoder
-      errors included.
+      errors included. In a fit with `model=`, `model.given` is that model with fitted parameters.
+    - `model_name`: class of the given flank model; None for the exact relation.
     - `curves`: transmission error of every run as block means. - `residuals`: their residuals, rad.
     - `noise`: noise model of the block means. - `residual_rms_deg`: rms residual of single samples.
     - `covariance`, `covariance_names`: covariance and names of the Cartesian parameters, mm and
@@ -78,7 +80,7 @@ class Fit(PlottedResult):
     conditional_on: tuple[str, ...]
     parameters: dict[str, Parameter]
     orders: tuple[Order, ...]
-    model: OrderModel
+    model: OrderModel | FittedModel | StoredModel
     noise: NoiseModel
     residual_rms_deg: float
     curves: tuple[TECurve, ...]
@@ -93,6 +95,7 @@ class Fit(PlottedResult):
     logs: tuple[LogRecord, ...] = ()
     evidence: Evidence | None = None
     request: FitRequest | None = None
+    model_name: str | None = None
 
     def judged_orders(self) -> tuple[Order, ...]:
         """Return the orders; one that a line of the residual explains is not significant."""
@@ -108,7 +111,10 @@ class Fit(PlottedResult):
         """Return the fitted rig; an undetermined eccentricity counts as zero.
 
         `constant_backlash_deg` replaces the fitted value.
+
+        **Raises** `NoAnswerError` for a fit with a flank model of its own, which has none.
         """
+        _require_relation(self)
         cartesian = dict(zip(self.covariance_names, self.values, strict=True))
         driving, driven = (
             complex(cartesian[f"{shaft}_x"], cartesian[f"{shaft}_y"])
@@ -138,6 +144,7 @@ class Fit(PlottedResult):
             "source": self.source,
             "sha256": self.sha256,
             "pair": self.pair.name,
+            **({} if self.model_name is None else {"flank_model": self.model_name}),
             "flanks": list(self.flanks),
             "samples": self.samples,
             "zero": self.zero,
@@ -158,11 +165,23 @@ class Fit(PlottedResult):
         return fit_text(self)
 
 
+def _require_relation(fit: Fit) -> None:
+    """Raise `NoAnswerError` for a fit of a given flank model, which fits no eccentricities."""
+    if fit.model_name is not None:
+        raise NoAnswerError(
+            f"a fit of the flank model {fit.model_name} has no eccentricities; fit without"
+            " `model` for a rig.",
+            where=fit.source,
+        )
+
+
 def require_rig(fit: Fit) -> None:
     """Raise `NoAnswerError` if a fit does not determine a rig that can be simulated.
 
-    This is the case for a drive without gears, and without a determined constant backlash.
+    This is the case for a drive without gears, for a given flank model, and without a determined
+    constant backlash.
     """
+    _require_relation(fit)
     if isinstance(fit.pair, Drive):
         raise NoAnswerError(
             "a drive without gear geometry has no eccentricities to simulate; give [pair].",
@@ -195,6 +214,7 @@ def fit_text(fit: "Fit") -> str:
             *(("log", one.source) for one in fit.logs[1:] and fit.logs),
             *([] if fit.logs[1:] else [("log", fit.source)]),
             ("outcome", fit.outcome.replace("_", " ")),
+            *([] if fit.model_name is None else [("flank model", fit.model_name)]),
             ("flanks", " and ".join(fit.flanks)),
             ("samples", _samples(fit.samples)),
             ("zero of both angles", _ZEROS[fit.zero]),

@@ -18,6 +18,7 @@ from ..kinematics.te_curve import TECurve
 from ..pair.gear_pair import Drive, GearPair
 from .evidence import evidence_from
 from .fit_result import Fit
+from .model.fitted_model import StoredModel
 from .noise.noise_model import NoiseModel
 from .report.checks import Checks
 from .report.order_table import Order
@@ -35,13 +36,14 @@ def fit_arrays(fit: Fit) -> dict[str, np.ndarray]:
     keeps its compressed logs (`Fit.evidence`), their names begin with "evidence_".
     """
     curves = fit.curves
+    orders = fit.model if isinstance(fit.model, OrderModel) else fit.model.orders
     evidence = {} if fit.evidence is None else fit.evidence.to_arrays()
     return {
         **{_EVIDENCE + name: array for name, array in evidence.items()},
-        "terms": np.asarray(fit.model.terms, np.int64).reshape(-1, 2),
-        "offset": np.asarray(fit.model.offset),
-        "cosine": np.asarray(fit.model.cosine),
-        "sine": np.asarray(fit.model.sine),
+        "terms": np.asarray(orders.terms, np.int64).reshape(-1, 2),
+        "offset": np.asarray(orders.offset),
+        "cosine": np.asarray(orders.cosine),
+        "sine": np.asarray(orders.sine),
         "names": np.asarray(fit.covariance_names),
         "values": fit.values,
         "covariance": fit.covariance,
@@ -129,6 +131,14 @@ def _assembled(record: dict, arrays: dict[str, np.ndarray], pair: GearPair | Dri
         for name, array in arrays.items()
         if name.startswith(_EVIDENCE)
     }
+    orders = OrderModel(
+        ratio=jnp.asarray(float(pair.ratio)),
+        terms=tuple((int(first), int(second)) for first, second in arrays["terms"]),
+        offset=jnp.asarray(arrays["offset"]),
+        cosine=jnp.asarray(arrays["cosine"]),
+        sine=jnp.asarray(arrays["sine"]),
+    )
+    given = record.get("flank_model")
     return Fit(
         pair=pair,
         source=record["source"],
@@ -143,13 +153,8 @@ def _assembled(record: dict, arrays: dict[str, np.ndarray], pair: GearPair | Dri
             name: Parameter(name=name, **fields) for name, fields in record["parameters"].items()
         },
         orders=tuple(Order(**fields) for fields in record["orders"]),
-        model=OrderModel(
-            ratio=jnp.asarray(float(pair.ratio)),
-            terms=tuple((int(first), int(second)) for first, second in arrays["terms"]),
-            offset=jnp.asarray(arrays["offset"]),
-            cosine=jnp.asarray(arrays["cosine"]),
-            sine=jnp.asarray(arrays["sine"]),
-        ),
+        model=orders if given is None else StoredModel(orders.ratio, orders, str(given)),
+        model_name=given,
         noise=_noise_from(arrays),
         residual_rms_deg=record["residual_rms_deg"],
         curves=curves,
