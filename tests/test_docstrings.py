@@ -68,7 +68,7 @@ README = PACKAGE.parent / "README.md"
 
 
 @pytest.mark.slow  # `tests/identify/many` calls the same functions and compares what they return
-@pytest.mark.parametrize("page", ["many_fits.md"])
+@pytest.mark.parametrize("page", ["many_fits.md", "own_model.md"])
 def test_the_examples_of_a_page_run(page):
     """Each example goes on where the one before it ended, and checks itself with `assert`."""
     text = (README.parent / "docs" / page).read_text(encoding="utf-8")

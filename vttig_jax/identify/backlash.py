@@ -51,13 +51,13 @@ def backlash_map(fit: Fit, *, constant_backlash_deg: float | None = None) -> Bac
     ```
     """
     require_x64("backlash_map")
-    if isinstance(fit.model, StoredModel):
-        fit.model.refuse(fit.source)
+    if isinstance(fit.given, StoredModel):
+        fit.given.refuse(fit.source)
     both = len(fit.flanks) == 2
     _refuse_unknown_gap(fit, given=not both and constant_backlash_deg is not None)
-    if isinstance(fit.pair, Drive) or fit.model_name is not None:
+    if isinstance(fit.pair, Drive) or fit.given is not None:
         if not both:
-            what = "drive without gear geometry" if fit.model_name is None else "given flank model"
+            what = "drive without gear geometry" if fit.given is None else "given flank model"
             raise NoAnswerError(
                 f"one flank of a {what} says nothing about the other; record both directions.",
                 where=fit.source,
@@ -99,11 +99,13 @@ def _refuse_unknown_gap(fit: Fit, *, given: bool) -> None:
 def _shifted(fit: Fit, constant_backlash_deg: float | None) -> FlankModel:
     """Return the fitted model with flank B shifted to the given constant backlash."""
     if constant_backlash_deg is None:
-        return fit.model
+        return fit.flank_model
     move = constant_backlash_deg - fit.value("constant_backlash_deg")
-    place = lambda m: m.offset if isinstance(m, OrderModel) else m.orders.offset  # noqa: E731
-    offset = place(fit.model) + jnp.array([0.0, move * DEG])
-    return eqx.tree_at(place, fit.model, offset)
+    offset = fit.model.offset + jnp.array([0.0, move * DEG])
+    orders = eqx.tree_at(lambda model: model.offset, fit.model, offset)
+    if fit.given is None:
+        return orders
+    return eqx.tree_at(lambda model: model.orders, fit.given, orders)
 
 
 class Contact(FlankModel):

@@ -11,7 +11,7 @@ from ..logs.readers.backlash_readings import BacklashReadings
 from ..pair.gear_pair import Drive, Flank, GearPair
 from .evidence import Evidence
 from .fit_result import Fit
-from .given_parameters import given_parameters, without_relation
+from .given_parameters import with_given, without_relation
 from .model.fitted_model import fitted_model
 from .model.forward_model import relation_of
 from .model.given_model import GivenModel
@@ -69,9 +69,9 @@ def build_fit(
     margin, unknown = _gap_margins(selected.delay, identifiable)
     given = _at_solution(solved)
     known = identifiable if given is None else without_relation(identifiable)
-    parameters = parameters_of(
-        pair, known, solution, settings, selected.delay, delay_margin=margin
-    ) | given_parameters(solved, given)
+    parameters = parameters_of(pair, known, solution, settings, selected.delay, delay_margin=margin)
+    if given is not None:
+        parameters = with_given(parameters, solved, given)
     regressors = regressors_of(solution, linear.inputs[0].log)
     orders = order_table(solved, estimate.scatter)
     residual_rms = sample_residual_rms(linear, solved.weights)
@@ -98,8 +98,8 @@ def build_fit(
         conditional_on=conditions_of(pair, split, settings, selected),
         parameters=parameters,
         orders=orders,
-        model=solved.model if given is None else fitted_model(given, solved.model),
-        model_name=None if given is None else given.name,
+        model=solved.model,
+        given=None if given is None else fitted_model(given, solved.model),
         noise=solved.noise,
         residual_rms_deg=residual_rms / DEG,
         curves=curves,
@@ -121,7 +121,7 @@ def _at_solution(solved: SolvedFit) -> GivenModel | None:
     given, solution = solved.linear.model.given, solved.solution
     if given is None:
         return None
-    return given.at(np.array([solution.values[solution.names.index(n)] for n in given.names]))
+    return given.updated(solution.names, solution.values)
 
 
 def _is_split(identifiable: Identifiability, settings: FitSettings) -> bool:

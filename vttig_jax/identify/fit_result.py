@@ -13,6 +13,7 @@ from ..base.facade import from_front_door
 from ..base.files.text_tables import key_values, listed, text_table
 from ..base.results import PlottedResult
 from ..base.units import ARCSEC, DEG, REV
+from ..kinematics.flank_model import FlankModel
 from ..kinematics.harmonic import OrderModel
 from ..kinematics.te_curve import TECurve
 from ..pair.eccentricities import Eccentricities
@@ -53,8 +54,9 @@ class Fit(PlottedResult):
     - `parameters`: name → `Parameter`, for every parameter of schema `vttig.fit/1`.
     - `orders`: every fitted harmonic of each flank.
     - `model`: order-complete flank model in the absolute angles that the encoders read, encoder
-      errors included. In a fit with `model=`, `model.given` is that model with fitted parameters.
-    - `model_name`: class of the given flank model; None for the exact relation.
+      errors included.
+    - `given`: in a fit with `model=`, the sum of that model with its fitted parameters,
+      `given.fitted`, and of `model`, which then holds offsets and free orders; otherwise None.
     - `curves`: transmission error of every run as block means. - `residuals`: their residuals, rad.
     - `noise`: noise model of the block means. - `residual_rms_deg`: rms residual of single samples.
     - `covariance`, `covariance_names`: covariance and names of the Cartesian parameters, mm and
@@ -80,7 +82,7 @@ class Fit(PlottedResult):
     conditional_on: tuple[str, ...]
     parameters: dict[str, Parameter]
     orders: tuple[Order, ...]
-    model: OrderModel | FittedModel | StoredModel
+    model: OrderModel
     noise: NoiseModel
     residual_rms_deg: float
     curves: tuple[TECurve, ...]
@@ -95,12 +97,17 @@ class Fit(PlottedResult):
     logs: tuple[LogRecord, ...] = ()
     evidence: Evidence | None = None
     request: FitRequest | None = None
-    model_name: str | None = None
+    given: FittedModel | StoredModel | None = None
 
     def judged_orders(self) -> tuple[Order, ...]:
         """Return the orders; one that a line of the residual explains is not significant."""
         turns = max((float(np.ptp(curve.driving_angle)) / REV for curve in self.curves), default=0)
         return judged_orders(self.orders, self.checks.lines, float(self.pair.ratio), turns)
+
+    @property
+    def flank_model(self) -> FlankModel:
+        """The whole flank model of the fit: `given`, or `model` of a fit of the exact relation."""
+        return self.model if self.given is None else self.given
 
     def value(self, name: str) -> float:
         """Return the value of a parameter; NaN if it has none."""
@@ -144,7 +151,7 @@ class Fit(PlottedResult):
             "source": self.source,
             "sha256": self.sha256,
             "pair": self.pair.name,
-            **({} if self.model_name is None else {"flank_model": self.model_name}),
+            **({} if self.given is None else {"flank_model": self.given.name}),
             "flanks": list(self.flanks),
             "samples": self.samples,
             "zero": self.zero,
@@ -167,9 +174,9 @@ class Fit(PlottedResult):
 
 def _require_relation(fit: Fit) -> None:
     """Raise `NoAnswerError` for a fit of a given flank model, which fits no eccentricities."""
-    if fit.model_name is not None:
+    if fit.given is not None:
         raise NoAnswerError(
-            f"a fit of the flank model {fit.model_name} has no eccentricities; fit without"
+            f"a fit of the flank model {fit.given.name} has no eccentricities; fit without"
             " `model` for a rig.",
             where=fit.source,
         )
@@ -214,7 +221,7 @@ def fit_text(fit: "Fit") -> str:
             *(("log", one.source) for one in fit.logs[1:] and fit.logs),
             *([] if fit.logs[1:] else [("log", fit.source)]),
             ("outcome", fit.outcome.replace("_", " ")),
-            *([] if fit.model_name is None else [("flank model", fit.model_name)]),
+            *([] if fit.given is None else [("flank model", fit.given.name)]),
             ("flanks", " and ".join(fit.flanks)),
             ("samples", _samples(fit.samples)),
             ("zero of both angles", _ZEROS[fit.zero]),

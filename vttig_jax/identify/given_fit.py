@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from ..base.errors import NoAnswerError, UsageError
 from ..base.units import REV
@@ -26,6 +27,7 @@ from .preliminary.model_selection import (
     select_model,
 )
 from .settings import FitSettings
+from .solve.least_squares import Solution
 
 _MOST_PASSES = 12  # passes after the search; two are enough near the optimum; chosen value
 _SETTLED = 0.01
@@ -61,13 +63,13 @@ def prepared_model(
             " turns from one zero in all of them.",
             where=", ".join(log.source for log in logs),
         )
-    angles = [
-        log.driving_angle[s.start : s.stop]
+    ends = [
+        np.sort(log.driving_angle[[s.start, s.stop - 1]])
         for log, own in zip(logs, found, strict=True)
         for s in own.segments
     ]
-    turns = max((float(np.ptp(angle)) / REV for angle in angles), default=1.0)
-    return GivenModel.of(model).resolved(turns)
+    first, last = max(ends, key=lambda pair: float(pair[1] - pair[0]), default=(0.0, REV))
+    return GivenModel.of(model).resolved(float(first), float(last - first) / REV)
 
 
 def select_given(
@@ -86,16 +88,13 @@ def select_given(
     while True:
         selected = select_model(inputs, pair, identifiable, settings, given)
         solution, passes = solve_model(selected, pair, identifiable, settings).solution, passes + 1
-        places = [solution.names.index(name) for name in given.names]
-        values, determined = solution.values[places], solution.determined[places]
-        size = np.sqrt(np.diag(solution.covariance)[places]) + _DIGITS * np.abs(values) / _SETTLED
-        step = np.where(determined, np.abs(values - given.values), 0.0)
-        moved = np.divide(step, size, out=np.zeros_like(step), where=size > 0)
+        after = given.updated(solution.names, solution.values)
+        moved = _moved(solution, after, given)
         if moved.max() <= _SETTLED:
             return selected
         if passes == _MOST_PASSES:
             break
-        given = given.at(values)
+        given = after
     worst = given.names[int(np.argmax(moved))]
     raise NoAnswerError(
         f"the flank model {given.name} does not settle: {worst} still moves by"
@@ -103,3 +102,16 @@ def select_given(
         " it fewer parameters.",
         where=", ".join(one.log.source for one in inputs),
     )
+
+
+def _moved(solution: Solution, after: GivenModel, before: GivenModel) -> Float[np.ndarray, " p"]:
+    """Return the step of every determined parameter in its standard errors, 0 for the others."""
+    moved = np.zeros(len(after.names))
+    std = dict(zip(solution.names, np.sqrt(np.diag(solution.covariance)), strict=True))
+    open_ones = {n for n, good in zip(solution.names, solution.determined, strict=True) if not good}
+    for place, name in enumerate(after.names):
+        step = abs(float(after.values[place] - before.values[place]))
+        size = std.get(name, 0.0) + _DIGITS / _SETTLED * abs(float(after.values[place]))
+        if step > 0 and name not in open_ones:
+            moved[place] = step / size
+    return moved

@@ -5,17 +5,18 @@ from dataclasses import replace
 import numpy as np
 
 from ..base.numerics.quantiles import NORMAL_95
+from .compress.orthogonal import EMPTY
 from .model.given_model import GivenModel
 from .model.identifiability import Identifiability
 from .report.parameters import BELOW, GIVEN_INSTEAD, SHAFTS, SIGNIFICANT, Parameter, undetermined
 from .solve.solved_fit import SolvedFit
 
-UNIT = "as given"
+_UNIT = "as given"
 """Unit of a parameter of a given flank model, which only its author knows."""
 
-_SHARE = 1e-5
-"""Share of the length of a column below which the free orders explain it; between the 1e-10 of a
-column without data of its own and the 1e-3 of one that is hardly told apart (chosen)."""
+
+_GAP = "constant_backlash_deg"
+_BESIDE = "negative: it is the part of the gap beside that of the flank model"
 
 
 def without_relation(identifiable: Identifiability) -> Identifiability:
@@ -23,25 +24,29 @@ def without_relation(identifiable: Identifiability) -> Identifiability:
     return replace(identifiable, reasons=dict.fromkeys(SHAFTS, GIVEN_INSTEAD))
 
 
-def given_parameters(solved: SolvedFit, given: GivenModel | None) -> dict[str, Parameter]:
-    """Return name → parameter of a given flank model, with standard error and 95 % interval.
+def with_given(
+    parameters: dict[str, Parameter], solved: SolvedFit, given: GivenModel
+) -> dict[str, Parameter]:
+    """Return the parameters of a fit with those of its flank model, `given`, under their names.
 
-    Without a given model there are none.
+    The constant backlash may be negative, because the model may have a gap of its own.
     """
-    solution, found = solved.solution, {}
-    for name in () if given is None else given.names:
-        place = solution.names.index(name)
-        if not solution.determined[place]:
-            found[name] = undetermined(name, UNIT, _open_reason(solved, name))
+    solution, found = solved.solution, dict(parameters)
+    gap = parameters[_GAP]
+    if gap.value is not None and gap.value < 0:
+        found[_GAP] = replace(gap, reason=_BESIDE)
+    for name in given.names:
+        place = solution.names.index(name) if name in solution.names else None
+        if place is None or not solution.determined[place]:
+            start = float(given.values[given.names.index(name)])
+            found[name] = undetermined(name, _UNIT, _open_reason(solved, name, start))
             continue
-        value, std = (
-            float(solution.values[place]),
-            float(np.sqrt(solution.covariance[place, place])),
-        )
+        value = float(solution.values[place])
+        std = float(np.sqrt(solution.covariance[place, place]))
         margin = NORMAL_95 * std
         one = Parameter(
             name=name,
-            unit=UNIT,
+            unit=_UNIT,
             value=value,
             std=std,
             low95=value - margin,
@@ -54,22 +59,19 @@ def given_parameters(solved: SolvedFit, given: GivenModel | None) -> dict[str, P
     return found
 
 
-def _open_reason(solved: SolvedFit, name: str) -> str:
-    """Return why the logs leave a parameter open."""
-    column, solution = solved.summary.columns.index(name), solved.solution
-    whole, left = (
-        sum(float(np.sum(one.factor[rows:, column] ** 2)) for one in solved.whitened)
-        for rows in (0, solved.summary.columns.free_width)
-    )
-    if whole == 0 or left == 0:
-        return "the data leave it open: no sample depends on it"
-    if left < _SHARE**2 * whole:
-        return "the free orders of the fit explain it as well; leave them out of `orders`"
+def _open_reason(solved: SolvedFit, name: str, start: float) -> str:
+    """Return why the logs leave a parameter open; `start` is its value, which has not moved."""
+    solution, own = solved.solution, solved.linear.own
+    if own.raw[own.names.index(name)] <= EMPTY:
+        return f"no sample depends on it; it stays at {start:.6g}"
     others = [
         other
         for other, good in zip(solution.names, solution.determined, strict=True)
         if not good and other != name
     ]
-    if not others:
-        return "the data leave it open: no sample depends on it"
-    return "the data leave it open: it cannot be told from " + ", ".join(others)
+    if name in solution.names and others:
+        return "the data leave it open: it cannot be told from " + ", ".join(others)
+    return (
+        "offset, constant backlash or the free orders of the fit explain it as well; it stays at"
+        f" {start:.6g}"
+    )

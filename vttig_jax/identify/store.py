@@ -36,14 +36,13 @@ def fit_arrays(fit: Fit) -> dict[str, np.ndarray]:
     keeps its compressed logs (`Fit.evidence`), their names begin with "evidence_".
     """
     curves = fit.curves
-    orders = fit.model if isinstance(fit.model, OrderModel) else fit.model.orders
     evidence = {} if fit.evidence is None else fit.evidence.to_arrays()
     return {
         **{_EVIDENCE + name: array for name, array in evidence.items()},
-        "terms": np.asarray(orders.terms, np.int64).reshape(-1, 2),
-        "offset": np.asarray(orders.offset),
-        "cosine": np.asarray(orders.cosine),
-        "sine": np.asarray(orders.sine),
+        "terms": np.asarray(fit.model.terms, np.int64).reshape(-1, 2),
+        "offset": np.asarray(fit.model.offset),
+        "cosine": np.asarray(fit.model.cosine),
+        "sine": np.asarray(fit.model.sine),
         "names": np.asarray(fit.covariance_names),
         "values": fit.values,
         "covariance": fit.covariance,
@@ -153,8 +152,8 @@ def _assembled(record: dict, arrays: dict[str, np.ndarray], pair: GearPair | Dri
             name: Parameter(name=name, **fields) for name, fields in record["parameters"].items()
         },
         orders=tuple(Order(**fields) for fields in record["orders"]),
-        model=orders if given is None else StoredModel(orders.ratio, orders, str(given)),
-        model_name=given,
+        model=orders,
+        given=None if given is None else StoredModel(orders.ratio, str(given)),
         noise=_noise_from(arrays),
         residual_rms_deg=record["residual_rms_deg"],
         curves=curves,

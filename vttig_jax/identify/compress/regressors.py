@@ -157,7 +157,8 @@ def read_channels(
 
     A `given` flank model is subtracted, and its derivatives are columns.
 
-    **Raises** `NoAnswerError` if a given model is not finite at an angle of the log, `UsageError` if the torque is a regressor but the log has no torque column.
+    **Raises** `NoAnswerError` if a given model is not finite at an angle of the log, and
+    `UsageError` if the torque is a regressor but the log has no torque column.
     """
     driving = shifted(log, delay_s, weight)
     ratio = float(log.ratio)
@@ -175,7 +176,9 @@ def read_channels(
             own[name] = _COLUMNS[name](log, smooth, ratio)
     correction = _axial_correction(log, pair)
     flanks: tuple[Flank, ...] = ("A", "B")
-    linearised = {} if given is None else {f: given.on(driving, f, log.source) for f in flanks}
+    linearised: dict[Flank, Linearised] = {}
+    if given is not None:
+        linearised = {flank: given.on(driving, flank, log.source) for flank in flanks}
     modelled = {flank: one.value for flank, one in linearised.items()}
     return Regressors(
         log=log,

@@ -97,7 +97,7 @@ def is_given(name: str) -> bool:
 
 
 def column_of(parameter: str) -> str:
-    """Return the name of the own column that a parameter belongs to, without the number of a log."""
+    """Return the name of the own column of a parameter, without the number of a log."""
     return parameter if is_given(parameter) else parameter.split("_of_")[0]
 
 

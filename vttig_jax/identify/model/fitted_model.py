@@ -18,7 +18,7 @@ from .given_model import GivenModel
 class FittedModel(ImplicitModel):
     """Sum of a given flank model with its fitted parameters, and of the free orders and offsets.
 
-    The given model is `given`. It takes the driving angle, and the orders take both angles.
+    The given model takes the driving angle, and the orders take both angles.
     """
 
     ratio: Float[Array, ""]
@@ -28,7 +28,12 @@ class FittedModel(ImplicitModel):
     given_order: float = eqx.field(static=True)
 
     @property
-    def given(self) -> Any:
+    def name(self) -> str:
+        """Name of the class of the given model."""
+        return type(self.fitted).__name__
+
+    @property
+    def fitted(self) -> Any:
         """The model of the user with its fitted parameters."""
         return eqx.combine(self.arrays, self.constants)
 
@@ -45,7 +50,7 @@ class FittedModel(ImplicitModel):
     ) -> Float[Array, "*shape"]:
         """Return TE of `flank`, rad, for given angles of both shafts."""
         flat = jnp.ravel(driving_angle)
-        given = jnp.reshape(self.given.transmission_error(flat, flank), jnp.shape(driving_angle))
+        given = jnp.reshape(self.fitted.transmission_error(flat, flank), jnp.shape(driving_angle))
         return given + self.orders.at_both_angles(driving_angle, driven_angle, flank)
 
 
@@ -66,7 +71,6 @@ class StoredModel(FlankModel):
     """
 
     ratio: Float[Array, ""]
-    orders: OrderModel
     name: str = eqx.field(static=True)
 
     @property

@@ -9,7 +9,7 @@ a pass the transmission error is
 so that every derivative is a column of the rows, and its coefficient is a step of the parameter.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -17,8 +17,9 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
+from ...base.arrays import Numbers
 from ...base.errors import NoAnswerError, UsageError
 from ...base.units import DEG, REV
 from ...kinematics.backlash_map import chunked
@@ -93,15 +94,21 @@ class GivenModel:
         """Return the model with other values of the parameters."""
         return replace(self, values=np.asarray(values, np.float64))
 
+    def updated(self, names: Sequence[str], values: Float[np.ndarray, " q"]) -> "GivenModel":
+        """Return the model with the values of those of its parameters that are among `names`."""
+        found = dict(zip(names, values, strict=True))
+        kept = zip(self.names, self.values, strict=True)
+        return self.at(np.array([found.get(name, value) for name, value in kept]))
+
     @property
     def fitted(self) -> Any:
         """The model of the user with these values."""
         return _with_values(self.tree, np.asarray(self.values), np.asarray)
 
-    def on(self, angle: Float[np.ndarray, " n"], flank: Flank, where: str = "model") -> Linearised:
+    def on(self, angle: Float[np.ndarray, " n"], flank: Flank, where: str = "") -> Linearised:
         """Return the transmission error, rad, and its derivatives at driving angles, rad.
 
-        `where` is the source of the angles for a message.
+        `where` is the source of the angles for a message; its samples are then counted from 1.
 
         **Raises** `NoAnswerError` naming the parameter, the flank and the angle where a value or a
         derivative is not finite.
@@ -115,20 +122,20 @@ class GivenModel:
             what = f"derivative by {self.names[column - 1]}" if column else "value"
             raise NoAnswerError(
                 f"the flank model {self.name} has no finite {what} on flank {flank} at the driving"
-                f" angle {angle[row] / DEG:.6g}° (row {row + 1}); write it so that it is smooth"
-                " there, or start from other values.",
-                where=where,
+                f" angle {angle[row] / DEG:.6g}°{f' (sample {row + 1})' if where else ''}; write it"
+                " so that it is smooth there, or start from other values.",
+                where=where or "model",
             )
         return Linearised(table[:, 0], table[:, 1:])
 
-    def resolved(self, turns: float) -> "GivenModel":
-        """Return the model with its highest order over a log of so many driving turns.
+    def resolved(self, first: float, turns: float) -> "GivenModel":
+        """Return the model with its highest order over `turns` driving turns from `first`, rad.
 
         It is the highest frequency with a ten-thousandth of the largest power in the spectrum of
         the transmission error or of a derivative.
         """
         count = int(_PER_TURN * np.clip(np.ceil(turns), 1, _TURNS))
-        angle = np.arange(count) * REV / _PER_TURN
+        angle = first + np.arange(count) * REV / _PER_TURN
         highest = 1.0
         for flank in ("A", "B"):
             found = self.on(angle, flank)
@@ -142,8 +149,8 @@ class GivenModel:
 
 
 def error_of(
-    model: Any, values: Float[Array, " p"], angle: Float[Array, " n"], side: int
-) -> Float[Array, " n"]:
+    model: Any, values: Float[Numbers, " p"], angle: Float[Numbers, " n"], side: int
+) -> Float[Numbers, " n"]:
     """Return the transmission error of a model with other values of its parameters, rad."""
     own = _with_values(model, jnp.asarray(values), lambda part: part)
     return own.transmission_error(angle, "AB"[side])
@@ -151,8 +158,8 @@ def error_of(
 
 @eqx.filter_jit
 def _linearised(
-    model: Any, values: Float[Array, " p"], angle: Float[Array, " n"], side: int
-) -> Float[Array, "n columns"]:
+    model: Any, values: Float[Numbers, " p"], angle: Float[Numbers, " n"], side: int
+) -> Float[Numbers, "n columns"]:
     """Return the transmission error and its derivatives side by side."""
     error = lambda some: error_of(model, some, angle, side)  # noqa: E731
     return jnp.column_stack([error(values), jax.jacfwd(error)(jnp.asarray(values))])

@@ -14,8 +14,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
+from ...base.arrays import Number, Numbers
 from ..compress.block_rows import BlockRun
 from ..model.column_layout import is_given
 from ..model.given_model import GivenModel, error_of
@@ -23,6 +24,7 @@ from .linear_fit import LinearFit
 
 _MOST_STEPS = 200  # steps of the solver; chosen value
 _TOLERANCE = 1e-6  # change of a parameter, in standard errors of it alone, at the end; chosen
+_TOLD = 1e-5  # least part of the derivative by a parameter that is its own; chosen value
 _RANK = 1e-9  # least singular value of the other columns that counts, of the largest; chosen
 
 
@@ -41,7 +43,7 @@ class _Rows(eqx.Module):
     columns: Float[np.ndarray, "rows columns"]
     side: int = eqx.field(static=True)
 
-    def left(self, model: Any, values: Float[Array, " p"]) -> Float[Array, " rows"]:
+    def left(self, model: Any, values: Float[Numbers, " p"]) -> Float[Numbers, " rows"]:
         """Return what the model and the other columns leave of the rows, rad."""
         error = error_of(model, values, jnp.asarray(self.angle), self.side)
         columns = jnp.asarray(self.columns)
@@ -60,12 +62,17 @@ def searched(linear: LinearFit) -> GivenModel:
         for log in linear.rows
         for runs in log.runs_by_flank().values()
     )
-    left, slopes = map(np.asarray, _left_and_slopes(given.tree, parts, given.values))
+    found = _left_and_slopes(given.tree, parts, given.values)
+    left, slopes, whole = (np.asarray(each) for each in found)
     size = np.linalg.norm(slopes, axis=0)
-    size[size == 0] = 1.0
+    # A parameter that the other columns explain stays at its start, because its slope is rounding.
+    told = size > _TOLD * whole
+    size[~told] = 1.0
     step = np.linalg.lstsq(slopes / size, left, rcond=_RANK)[0]
     unit = float(np.std(left - slopes / size @ step)) or 1.0
-    found, misfit = map(np.asarray, _minimise(given.tree, parts, given.values, unit / size, unit))
+    scale = np.where(told, unit / size, 0.0)
+    ended = _minimise(given.tree, parts, given.values, scale, np.asarray(unit))
+    found, misfit = (np.asarray(each) for each in ended)
     better = np.all(np.isfinite(found)) and misfit <= np.linalg.norm(left) / unit
     return given.at(found) if better else given
 
@@ -88,31 +95,40 @@ def _rows_of(runs: list[BlockRun], others: list[bool], own: slice) -> _Rows:
     )
 
 
-def _left(model: Any, parts: tuple[_Rows, ...], values: Float[Array, " p"]) -> Float[Array, " r"]:
+def _left(
+    model: Any, parts: tuple[_Rows, ...], values: Float[Numbers, " p"]
+) -> Float[Numbers, " r"]:
     return jnp.concatenate([part.left(model, values) for part in parts])
 
 
 @eqx.filter_jit
 def _left_and_slopes(
-    model: Any, parts: tuple[_Rows, ...], values: Float[Array, " p"]
-) -> tuple[Float[Array, " r"], Float[Array, "r p"]]:
-    """Return the residual at the start, rad, and the negative of its derivatives."""
+    model: Any, parts: tuple[_Rows, ...], values: Float[Numbers, " p"]
+) -> tuple[Float[Numbers, " r"], Float[Numbers, "r p"], Float[Numbers, " p"]]:
+    """Return the residual at the start, rad, the negative of its derivatives, and their sizes.
+
+    The sizes are the lengths of the derivatives of the model itself.
+    """
     values = jnp.asarray(values)
     left = lambda some: _left(model, parts, some)  # noqa: E731
-    return left(values), -jax.jacfwd(left)(values)
+    whole = lambda some: jnp.concatenate(  # noqa: E731
+        [error_of(model, some, jnp.asarray(part.angle), part.side) for part in parts]
+    )
+    sizes = jnp.linalg.norm(jax.jacfwd(whole)(values), axis=0)
+    return left(values), -jax.jacfwd(left)(values), sizes
 
 
 @eqx.filter_jit
 def _minimise(
     model: Any,
     parts: tuple[_Rows, ...],
-    start: Float[Array, " p"],
-    scale: Float[Array, " p"],
-    unit: Float[Array, ""],
-) -> tuple[Float[Array, " p"], Float[Array, ""]]:
+    start: Float[Numbers, " p"],
+    scale: Float[Numbers, " p"],
+    unit: Float[Number, ""],
+) -> tuple[Float[Numbers, " p"], Float[Number, ""]]:
     """Return the parameters of the least misfit, and this misfit in units of `unit`."""
 
-    def misfit(scaled: Float[Array, " p"], _: None) -> Float[Array, " r"]:
+    def misfit(scaled: Float[Numbers, " p"], _: None) -> Float[Numbers, " r"]:
         return _left(model, parts, start + scale * scaled) / unit
 
     solution = optx.least_squares(

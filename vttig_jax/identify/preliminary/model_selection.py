@@ -15,7 +15,7 @@ from ...logs.encoder_log import EncoderLog
 from ...pair.gear_pair import Drive, GearPair
 from ..compress.harmonic_summary import HarmonicSummary
 from ..compress.regressors import Drift
-from ..model.column_layout import column_of
+from ..model.column_layout import column_of, is_given
 from ..model.given_model import GivenModel
 from ..model.identifiability import SINGLE_TURN, Identifiability
 from ..noise.noise_model import whiten
@@ -60,6 +60,9 @@ _WRONG_RATIO = 12.0
 """Standard errors by which a log contradicts the given ratio of a drive. The robot axes of known
 ratio reach nine, because their slow errors resemble a slope; chosen value."""
 
+_TOLD_APART = 1e-10
+"""Least squared share of a given model's column that no offset, gap or order explains; chosen."""
+
 _SIGNIFICANT = 4.0
 """Standard errors above which a torque coefficient is kept without a request; chosen value."""
 
@@ -91,9 +94,8 @@ def select_model(
 ) -> SelectedModel:
     """Select the nuisance parameters, delay, drift and weights of the fit, and compress the logs.
 
-    The harmonics are those of `identifiable`. A `given` flank model is linear near its parameters.
-    One pass over the logs is always made; a delay to be
-    found, a ratio in doubt and a robust loss each require further passes.
+    The harmonics are those of `identifiable`. `given` is the flank model of a pass. One pass over
+    the logs is always made; a delay to be found, a ratio in doubt and a robust loss require more.
     """
     if _has_slope(pair, identifiable, settings):
         settings = msgspec.structs.replace(settings, drift_order=1)
@@ -141,7 +143,7 @@ def plain_fit(
     settings: FitSettings,
     given: GivenModel | None,
 ) -> tuple[LinearFit, Delay, list[str]]:
-    """Return the first pass with all columns that may be selected, its delay, and notes."""
+    """Return the first pass with all columns, its delay, and notes."""
     names, delay, notes = _candidates(inputs, settings, _has_open_ratio(pair, identifiable))
     model = Model(
         pair=pair,
@@ -388,6 +390,7 @@ def _chosen(linear: LinearFit, settings: FitSettings, delay: Delay) -> tuple[set
                 f" ({abs(value) / std:.1f} standard errors, {_SIGNIFICANT:g} are asked for);"
                 " wind-up under a steady torque is part of the apparent backlash"
             )
+    names = [n for n in names if not is_given(n) or own.left(n) > _TOLD_APART]
     return {column_of(name) for name in names}, notes
 
 

@@ -93,7 +93,9 @@ def gap_of_both_flanks(driving: Float[np.ndarray, " n"], solved: SolvedFit) -> P
 def mean_gap(driving: Float[np.ndarray, " n"], solved: SolvedFit) -> PredictedGap:
     """Return the mean over driving angles of the gap of two measured flanks, as a single gap."""
     rows, given = _rows_of_flanks(driving, solved)
-    means = {flank: own.mean(axis=0, keepdims=True) for flank, own in rows.items()}
+    means: dict[Flank, Float[np.ndarray, "1 columns"]] = {
+        flank: own.mean(axis=0, keepdims=True) for flank, own in rows.items()
+    }
     return _gap_of_rows(means, given.mean(keepdims=True), solved)
 
 
@@ -102,8 +104,12 @@ def _rows_of_flanks(
 ) -> tuple[dict[Flank, Float[np.ndarray, "n columns"]], Float[np.ndarray, " n"]]:
     """Return the rows of both flanks, without y, and the gap of a given flank model, rad."""
     flanks: tuple[Flank, ...] = ("A", "B")
-    rows, values = zip(*(_rows(driving, solved, flank) for flank in flanks), strict=True)
-    return dict(zip(flanks, rows, strict=True)), values[1] - values[0]
+    rows: dict[Flank, Float[np.ndarray, "n columns"]] = {}
+    value = []
+    for flank in flanks:
+        rows[flank], own = _rows(driving, solved, flank)
+        value.append(own)
+    return rows, value[1] - value[0]
 
 
 def _gap_of_rows(
@@ -300,7 +306,9 @@ def _rows(
     if (given := solved.linear.model.given) is not None:
         linearised = given.on(driving, flank)
         value = linearised.value
-        rows[:, [columns.index(name) for name in given.names]] = linearised.slopes
+        for slope, name in zip(linearised.slopes.T, given.names, strict=True):
+            if (name, 0) in columns.names:
+                rows[:, columns.index(name)] = slope
     driven, moved = ratio * driving, np.inf
     # NumPy instead of the implicit model, which would be compiled for every set of orders. The
     # cells of orders of the driving shaft do not change with the driven angle.

@@ -103,12 +103,13 @@ def restored(
 ) -> Solution:
     """Return the solution with the level of every log added to its offset.
 
-    The steps of the parameters of a `given` flank model become their values. `tied` does not
-    change, because it belongs to the rows, which have no level and no model.
+    The steps of the fitted parameters of a `given` flank model become their values. `tied` does
+    not change, because it belongs to the rows, which have no level and no model.
     """
     values = solution.values.copy()
     for name, value in () if given is None else zip(given.names, given.values, strict=True):
-        values[solution.names.index(name)] += value
+        if name in solution.names:
+            values[solution.names.index(name)] += value
     for log, level in enumerate(levels):
         values[solution.names.index(offset_name(log, len(levels)))] += level
     return replace(solution, values=values)
