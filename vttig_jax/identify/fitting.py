@@ -124,7 +124,7 @@ def fit(
     given = None if model is None else prepared_model(model, logs, settings, found)
     wanted = orders or (pair.fit if given is None else HarmonicOrders((), (), 0))
     _require_one_phase(logs, wanted, settings)
-    task = _Task(logs, found, pair, settings, readings, given)
+    task = _Task(logs, found, pair, settings, readings=readings, given=given)
     scope = task.scope(wanted)
     for one, each in zip(logs, found, strict=True):
         refuse_slip(one, each)

@@ -150,8 +150,11 @@ class GivenModel:
 
 def error_of(
     model: Any, values: Float[Numbers, " p"], angle: Float[Numbers, " n"], side: int
-) -> Float[Numbers, " n"]:
-    """Return the transmission error of a model with other values of its parameters, rad."""
+) -> Any:
+    """Return the transmission error of a model with other values of its parameters, rad.
+
+    It is what the method of the user returns, one number an angle if the model is right.
+    """
     own = _with_values(model, jnp.asarray(values), lambda part: part)
     return own.transmission_error(angle, "AB"[side])
 
