@@ -16,6 +16,7 @@ from ..kinematics.harmonic import OrderModel
 from ..pair.gear_pair import Drive, Flank
 from .fit_result import Fit
 from .log_coverage import log_coverage
+from .model.fitted_model import StoredModel
 from .model.mounting import mounted_closed, mounted_exact, mounting_of
 
 
@@ -50,13 +51,15 @@ def backlash_map(fit: Fit, *, constant_backlash_deg: float | None = None) -> Bac
     ```
     """
     require_x64("backlash_map")
+    if isinstance(fit.given, StoredModel):
+        fit.given.refuse(fit.source)
     both = len(fit.flanks) == 2
     _refuse_unknown_gap(fit, given=not both and constant_backlash_deg is not None)
-    if isinstance(fit.pair, Drive):
+    if isinstance(fit.pair, Drive) or fit.given is not None:
         if not both:
+            what = "drive without gear geometry" if fit.given is None else "given flank model"
             raise NoAnswerError(
-                "one flank of a drive without gear geometry says nothing about the other; record"
-                " both directions.",
+                f"one flank of a {what} says nothing about the other; record both directions.",
                 where=fit.source,
             )
         return with_coverage(BacklashMap(_shifted(fit, constant_backlash_deg), None, fit.pair), fit)
@@ -96,10 +99,13 @@ def _refuse_unknown_gap(fit: Fit, *, given: bool) -> None:
 def _shifted(fit: Fit, constant_backlash_deg: float | None) -> FlankModel:
     """Return the fitted model with flank B shifted to the given constant backlash."""
     if constant_backlash_deg is None:
-        return fit.model
+        return fit.flank_model
     move = constant_backlash_deg - fit.value("constant_backlash_deg")
     offset = fit.model.offset + jnp.array([0.0, move * DEG])
-    return eqx.tree_at(lambda model: model.offset, fit.model, offset)
+    orders = eqx.tree_at(lambda model: model.offset, fit.model, offset)
+    if fit.given is None:
+        return orders
+    return eqx.tree_at(lambda model: model.orders, fit.given, orders)
 
 
 class Contact(FlankModel):

@@ -13,7 +13,10 @@ from ..logs.readers.backlash_readings import BacklashReadings
 from ..pair.gear_pair import Drive, Flank, GearPair
 from .evidence import Evidence
 from .fit_result import Fit
+from .given_parameters import with_given, without_relation
+from .model.fitted_model import fitted_model
 from .model.forward_model import relation_of
+from .model.given_model import GivenModel
 from .model.identifiability import SINGLE_TURN, Identifiability
 from .noise.noise_model import whiten
 from .preliminary.delay import Delay, one_speed
@@ -66,9 +69,11 @@ def build_fit(
     linear, split = selected.linear, _is_split(identifiable, settings)
     solved, solution = estimate.solved, estimate.solved.solution
     margin, unknown = _gap_margins(selected.delay, identifiable)
-    parameters = parameters_of(
-        pair, identifiable, solution, settings, selected.delay, delay_margin=margin
-    )
+    given = _at_solution(solved)
+    known = identifiable if given is None else without_relation(identifiable)
+    parameters = parameters_of(pair, known, solution, settings, selected.delay, delay_margin=margin)
+    if given is not None:
+        parameters = with_given(parameters, solved, given)
     regressors = regressors_of(solution, linear.inputs[0].log)
     orders = order_table(solved, estimate.scatter)
     residual_rms = sample_residual_rms(linear, solved.weights)
@@ -95,6 +100,7 @@ def build_fit(
         parameters=parameters,
         orders=orders,
         model=solved.model,
+        given=None if given is None else fitted_model(given, solved.model),
         noise=solved.noise,
         residual_rms_deg=residual_rms / DEG,
         curves=curves,
@@ -107,8 +113,16 @@ def build_fit(
         warnings=warnings,
         notes=(*warnings, *notes_of(selected, identifiable, estimate)),
         logs=logs,
-        evidence=_evidence(selected, solved, settings, split),
+        evidence=_evidence(selected, solved, settings, split) if given is None else None,
     )
+
+
+def _at_solution(solved: SolvedFit) -> GivenModel | None:
+    """Return the given flank model with the parameters of the solution; None without one."""
+    given, solution = solved.linear.model.given, solved.solution
+    if given is None:
+        return None
+    return given.updated(solution.names, solution.values)
 
 
 def _is_split(identifiable: Identifiability, settings: FitSettings) -> bool:
@@ -173,7 +187,7 @@ def solve_model(
         encoder_terms=_is_split(identifiable, settings),
         gear_terms=not settings.perfect_gears,
     )
-    solution = restored(solve(relation, whitened), linear.levels)
+    solution = restored(solve(relation, whitened), linear.levels, linear.model.given)
     return SolvedFit(
         linear=linear,
         summary=summary,
@@ -236,7 +250,8 @@ def _with_readings(
     if readings is None:
         return solved, None
     flanks: list[Flank] = [flank.flank for flank in solved.summary.flanks]
-    require_gap(pair, flanks, as_data, readings.source)
+    given = solved.linear.model.given is not None
+    require_gap(pair, flanks, as_data, readings.source, given=given)
     driving = readings.driving_angle
     if len(flanks) == 2:
         gap = gap_of_both_flanks(driving, solved)

@@ -13,12 +13,14 @@ from ..base.facade import from_front_door
 from ..base.files.text_tables import key_values, listed, text_table
 from ..base.results import PlottedResult
 from ..base.units import ARCSEC, DEG, REV
+from ..kinematics.flank_model import FlankModel
 from ..kinematics.harmonic import OrderModel
 from ..kinematics.te_curve import TECurve
 from ..pair.eccentricities import Eccentricities
 from ..pair.gear_pair import Drive, GearPair
 from ..pair.schema import HarmonicOrders
 from .evidence import Evidence
+from .model.fitted_model import FittedModel, StoredModel
 from .noise.noise_model import NoiseModel
 from .report.check_sentences import check_sentences
 from .report.checks import Checks
@@ -53,6 +55,8 @@ class Fit(PlottedResult):
     - `orders`: every fitted harmonic of each flank.
     - `model`: order-complete flank model in the absolute angles that the encoders read, encoder
       errors included.
+    - `given`: in a fit with `model=`, the sum of that model with its fitted parameters,
+      `given.fitted`, and of `model`, which then holds offsets and free orders; otherwise None.
     - `curves`: transmission error of every run as block means. - `residuals`: their residuals, rad.
     - `noise`: noise model of the block means. - `residual_rms_deg`: rms residual of single samples.
     - `covariance`, `covariance_names`: covariance and names of the Cartesian parameters, mm and
@@ -93,11 +97,17 @@ class Fit(PlottedResult):
     logs: tuple[LogRecord, ...] = ()
     evidence: Evidence | None = None
     request: FitRequest | None = None
+    given: FittedModel | StoredModel | None = None
 
     def judged_orders(self) -> tuple[Order, ...]:
         """Return the orders; one that a line of the residual explains is not significant."""
         turns = max((float(np.ptp(curve.driving_angle)) / REV for curve in self.curves), default=0)
         return judged_orders(self.orders, self.checks.lines, float(self.pair.ratio), turns)
+
+    @property
+    def flank_model(self) -> FlankModel:
+        """The whole flank model of the fit: `given`, or `model` of a fit of the exact relation."""
+        return self.model if self.given is None else self.given
 
     def value(self, name: str) -> float:
         """Return the value of a parameter; NaN if it has none."""
@@ -108,7 +118,10 @@ class Fit(PlottedResult):
         """Return the fitted rig; an undetermined eccentricity counts as zero.
 
         `constant_backlash_deg` replaces the fitted value.
+
+        **Raises** `NoAnswerError` for a fit with a flank model of its own, which has none.
         """
+        _require_relation(self)
         cartesian = dict(zip(self.covariance_names, self.values, strict=True))
         driving, driven = (
             complex(cartesian[f"{shaft}_x"], cartesian[f"{shaft}_y"])
@@ -138,6 +151,7 @@ class Fit(PlottedResult):
             "source": self.source,
             "sha256": self.sha256,
             "pair": self.pair.name,
+            **({} if self.given is None else {"flank_model": self.given.name}),
             "flanks": list(self.flanks),
             "samples": self.samples,
             "zero": self.zero,
@@ -158,11 +172,23 @@ class Fit(PlottedResult):
         return fit_text(self)
 
 
+def _require_relation(fit: Fit) -> None:
+    """Raise `NoAnswerError` for a fit of a given flank model, which fits no eccentricities."""
+    if fit.given is not None:
+        raise NoAnswerError(
+            f"a fit of the flank model {fit.given.name} has no eccentricities; fit without"
+            " `model` for a rig.",
+            where=fit.source,
+        )
+
+
 def require_rig(fit: Fit) -> None:
     """Raise `NoAnswerError` if a fit does not determine a rig that can be simulated.
 
-    This is the case for a drive without gears, and without a determined constant backlash.
+    This is the case for a drive without gears, for a given flank model, and without a determined
+    constant backlash.
     """
+    _require_relation(fit)
     if isinstance(fit.pair, Drive):
         raise NoAnswerError(
             "a drive without gear geometry has no eccentricities to simulate; give [pair].",
@@ -195,6 +221,7 @@ def fit_text(fit: "Fit") -> str:
             *(("log", one.source) for one in fit.logs[1:] and fit.logs),
             *([] if fit.logs[1:] else [("log", fit.source)]),
             ("outcome", fit.outcome.replace("_", " ")),
+            *([] if fit.given is None else [("flank model", fit.given.name)]),
             ("flanks", " and ".join(fit.flanks)),
             ("samples", _samples(fit.samples)),
             ("zero of both angles", _ZEROS[fit.zero]),

@@ -19,7 +19,9 @@ from ..pair.schema import HarmonicOrders
 from .build_result import build_fit, estimate_of, solve_model
 from .compress.harmonic_summary import HarmonicSummary
 from .fit_result import Fit, FitRequest
+from .given_fit import prepared_model, select_given
 from .line_orders import joined_lines
+from .model.given_model import GivenModel
 from .model.harmonics import Harmonic, TermPlan, names_of
 from .model.identifiability import (
     FEW_TURNS,
@@ -54,6 +56,7 @@ def fit(
     settings: FitSettings | None = None,
     orders: HarmonicOrders | None = None,
     readings: BacklashReadings | None = None,
+    model: Any = None,
     **changes: Any,
 ) -> Fit:
     """Identify eccentricities, encoder errors and constant backlash from the logs of one rig.
@@ -78,10 +81,17 @@ def fit(
     - `orders`: harmonic orders to model; those of the pair by default.
     - `readings`: backlash read at single angles of the first log, to check the fit against, or to
       join it with `use_readings=True`.
+    - `model`: flank model of your own that takes the place of the exact relation: a pytree with
+      `transmission_error(angle, flank)`, rad of the driven gear, for driving angles in rad. Its
+      leaves that are arrays of floating-point numbers are parameters, with their values as the
+      start; they are found under "model" and their path, `fit.parameters["model.tilt"]`. Offset of
+      each log, constant backlash, delay, drift and wind-up are fitted beside them, and `orders` are
+      none by default; those given are free on each flank.
 
     **Returns** a `Fit`.
 
-    **Raises** `LogError` for a log that contradicts the pair or another log, `NoAnswerError` for
+    **Raises** `UsageError` for a `model` that is no flank model, and for settings that contradict
+    it; `LogError` for a log that contradicts the pair or another log, `NoAnswerError` for
     logs that are too short to say anything, `ValueError` for wrong arguments and without 64-bit
     floats, `TypeError` for a keyword that is no setting.
 
@@ -111,9 +121,10 @@ def fit(
         _require_pair(one, pair)
         check_ratio(one)
         found.append(assigned_segments(one))
-    wanted = orders or pair.fit
+    given = None if model is None else prepared_model(model, logs, settings, found)
+    wanted = orders or (pair.fit if given is None else HarmonicOrders((), (), 0))
     _require_one_phase(logs, wanted, settings)
-    task = _Task(logs, found, pair, settings, readings)
+    task = _Task(logs, found, pair, settings, readings=readings, given=given)
     scope = task.scope(wanted)
     for one, each in zip(logs, found, strict=True):
         refuse_slip(one, each)
@@ -163,25 +174,35 @@ def _first_only(orders: HarmonicOrders) -> HarmonicOrders:
 
 @dataclass(frozen=True, eq=False)
 class _Task:
-    """What is fitted: logs with their segments, pair, settings, and backlash readings if given."""
+    """What is fitted: logs with their segments, pair, settings, backlash readings, flank model."""
 
     logs: Sequence[EncoderLog]
     found: Sequence[Segments]
     pair: GearPair | Drive
     settings: FitSettings
     readings: BacklashReadings | None
+    given: GivenModel | None = None
 
     def scope(self, orders: HarmonicOrders, *, remembers: bool = False) -> Identifiability:
         """Return which of these orders the logs can determine."""
         segments = [each.segments for each in self.found]
         return find_identifiability(
-            self.logs, segments, self.pair, orders, self.settings.flank, remembers=remembers
+            self.logs,
+            segments,
+            self.pair,
+            orders,
+            self.settings.flank,
+            remembers=remembers,
+            given=self.given is not None,
         )
 
     def selected(self, scope: Identifiability) -> tuple[Identifiability, SelectedModel]:
         """Return the selected model of a scope, and the scope with the flanks that have rows."""
         inputs = _inputs(self.logs, self.found, scope)
-        selected = select_model(inputs, self.pair, scope, self.settings)
+        if self.given is None:
+            selected = select_model(inputs, self.pair, scope, self.settings)
+        else:
+            selected = select_given(inputs, self.pair, scope, self.settings, self.given)
         _require_rows(selected.summary, ", ".join(log.source for log in self.logs))
         flanks = tuple(flank.flank for flank in selected.summary.flanks)
         return replace(scope, flanks=flanks), selected

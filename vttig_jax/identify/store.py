@@ -18,6 +18,7 @@ from ..kinematics.te_curve import TECurve
 from ..pair.gear_pair import Drive, GearPair
 from .evidence import evidence_from
 from .fit_result import Fit
+from .model.fitted_model import StoredModel
 from .noise.noise_model import NoiseModel
 from .report.checks import Checks
 from .report.order_table import Order
@@ -129,6 +130,14 @@ def _assembled(record: dict, arrays: dict[str, np.ndarray], pair: GearPair | Dri
         for name, array in arrays.items()
         if name.startswith(_EVIDENCE)
     }
+    orders = OrderModel(
+        ratio=jnp.asarray(float(pair.ratio)),
+        terms=tuple((int(first), int(second)) for first, second in arrays["terms"]),
+        offset=jnp.asarray(arrays["offset"]),
+        cosine=jnp.asarray(arrays["cosine"]),
+        sine=jnp.asarray(arrays["sine"]),
+    )
+    given = record.get("flank_model")
     return Fit(
         pair=pair,
         source=record["source"],
@@ -143,13 +152,8 @@ def _assembled(record: dict, arrays: dict[str, np.ndarray], pair: GearPair | Dri
             name: Parameter(name=name, **fields) for name, fields in record["parameters"].items()
         },
         orders=tuple(Order(**fields) for fields in record["orders"]),
-        model=OrderModel(
-            ratio=jnp.asarray(float(pair.ratio)),
-            terms=tuple((int(first), int(second)) for first, second in arrays["terms"]),
-            offset=jnp.asarray(arrays["offset"]),
-            cosine=jnp.asarray(arrays["cosine"]),
-            sine=jnp.asarray(arrays["sine"]),
-        ),
+        model=orders,
+        given=None if given is None else StoredModel(orders.ratio, str(given)),
         noise=_noise_from(arrays),
         residual_rms_deg=record["residual_rms_deg"],
         curves=curves,

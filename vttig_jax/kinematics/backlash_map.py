@@ -24,7 +24,7 @@ _CHUNK = 8192  # driving angles evaluated at once; a chosen value
 
 def chunked(
     function: Callable[[np.ndarray], object], grid: Float[np.ndarray, " n"]
-) -> Float[np.ndarray, " n"]:
+) -> Float[np.ndarray, "n ..."]:
     """Return `function(grid)`, computed in chunks of one fixed size; the last chunk is padded.
 
     The memory needed is that of one chunk, and grids of any length share one compilation.

@@ -39,6 +39,7 @@ class RunRecord:
     - `sha256`: SHA-256 of every log; empty before they are read.
     - `readings`, `readings_sha256`: file of backlash readings, and its SHA-256.
     - `guesses`: what was recognised for `spec` without a pair file; not stored.
+    - `flank_model`: class of the flank model of a fit in Python; "" without one.
     - `digest`: digest of the run that was read, which all files of its fit carry; "" for a new run
       and for folders of older versions.
     """
@@ -50,6 +51,7 @@ class RunRecord:
     readings: Path | None = None
     readings_sha256: str = ""
     guesses: "tuple[Guess, ...]" = ()
+    flank_model: str = ""
     digest: str = ""
 
     def table(self, folder: Path) -> dict[str, Any]:
@@ -65,6 +67,8 @@ class RunRecord:
         if self.readings is not None:
             data["readings"] = _relative(self.readings, base)
             data["readings_sha256"] = self.readings_sha256
+        if self.flank_model:
+            data["flank_model"] = self.flank_model
         return {
             "schema": SCHEMA,
             "versions": {name: version(name) for name in _PACKAGES},
@@ -116,7 +120,14 @@ def read_run(path: Path) -> RunRecord:
     except UsageError as error:
         raise InputError(f"its options are damaged: {error.message}", where=str(path)) from None
     places = tuple(_place(path.parent / log) for log in logs)
-    record = RunRecord(places, spec, options, digests, digest=str(table.get("run", "")))
+    record = RunRecord(
+        places,
+        spec,
+        options,
+        digests,
+        flank_model=str(table["data"].get("flank_model", "")),
+        digest=str(table.get("run", "")),
+    )
     if readings is None:
         return record
     return replace(
@@ -127,7 +138,16 @@ def read_run(path: Path) -> RunRecord:
 
 
 def require_same_data(run: RunRecord) -> None:
-    """Raise `InputError` if a log or the readings of a run are missing or have changed."""
+    """Raise `InputError` if a run cannot be repeated from its files.
+
+    A log or the readings are missing or have changed, or the fit has a flank model of Python.
+    """
+    if run.flank_model:
+        raise InputError(
+            f"this run has the flank model {run.flank_model}, whose code run.toml does not hold;"
+            " repeat the fit in Python with `vttig_jax.fit(…, model=…)`.",
+            where=", ".join(map(str, run.logs)),
+        )
     files = [("log", log, digest) for log, digest in zip(run.logs, run.sha256, strict=True)]
     if run.readings is not None:
         files.append(("file of readings", run.readings, run.readings_sha256))

@@ -17,14 +17,28 @@ from ..settings import NoiseSettings
 from .block_means import block_means, block_rows, block_size
 from .regressors import Drift, Regressors, trimmed
 
+_DIGITS = 1e-6
+"""Share of a transmission error below which a residual is rounding; see `harmonic_summary`."""
+
 
 @dataclass(frozen=True, eq=False)
 class BlockRun:
-    """Rows of one segment, and its transmission error as block means for pictures and checks."""
+    """Rows of one segment, and its transmission error as block means for pictures and checks.
+
+    `given` is the part of a given flank model, which y of the rows does not contain, with the
+    weights of the rows; None without such a model.
+    """
 
     segment: Segment
     rows: Float[np.ndarray, "n q"]
     curve: TECurve
+    given: Float[np.ndarray, " n"] | None = None
+
+    @property
+    def error(self) -> Float[np.ndarray, " n"]:
+        """Transmission error with the weights of the rows, rad, without its level."""
+        value = self.rows[:, -1]
+        return value if self.given is None else value + self.given
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,25 +90,32 @@ def turns_of(rows: Sequence[LogRows]) -> float:
 
 
 def block_seconds(
-    channels: Sequence[Regressors], segments: Sequence[Sequence[Segment]], terms: TermPlan
+    channels: Sequence[Regressors],
+    segments: Sequence[Sequence[Segment]],
+    terms: TermPlan,
+    given_order: float = 0.0,
 ) -> float:
     """Return the duration of a block in s.
 
     It is the duration that the fastest log requires; all logs then share one noise model.
+    `given_order` is the highest order of a given flank model, 0 without one.
     """
     return min(
-        c.sample_s * samples_per_row(c.driving, own, terms)
+        c.sample_s * samples_per_row(c.driving, own, terms, given_order)
         for c, own in zip(channels, segments, strict=True)
         if own
     )
 
 
 def samples_per_row(
-    driving: Float[np.ndarray, " n"], segments: Sequence[Segment], terms: TermPlan
+    driving: Float[np.ndarray, " n"],
+    segments: Sequence[Segment],
+    terms: TermPlan,
+    given_order: float = 0.0,
 ) -> int:
     """Return the number of samples per block row that the segments of one log require."""
     highest = float(max((terms.frequency(term) for term in terms.terms), default=1))
-    return block_size(_samples_per_turn(driving, segments), highest)
+    return block_size(_samples_per_turn(driving, segments), highest, given_order)
 
 
 def log_rows(
@@ -113,7 +134,7 @@ def log_rows(
     columns = ColumnLayout(
         tuple(h.term for h in terms.free),
         tuple(h.term for h in terms.tied),
-        ((OFFSET, *channels.own),),
+        ((OFFSET, *channels.own, *channels.slopes),),
     )
     shortest = max(1, nearest_whole(block_s / channels.sample_s))
     runs = []
@@ -127,9 +148,10 @@ def log_rows(
         part = slice(segment.start, segment.stop)
         driving, driven = channels.driving[part], channels.driven[part]
         error = channels.error[segment.flank][part]
-        own = np.stack([values[part] for values in channels.own.values()] or [error])
+        present = channels.own_on(segment.flank)
+        own = np.stack([values[part] for values in present.values()] or [error])
         weight = None if channels.weight is None else channels.weight[part]
-        own = own[: len(channels.own)]
+        own = own[: len(present)]
         rows = block_rows(
             columns,
             size=size,
@@ -139,9 +161,12 @@ def log_rows(
             error=error,
             weight=weight,
         )
-        seen = (driving, error + channels.level, channels.time[part])
-        curve = (block_means(c, size) for c in seen)
-        runs.append(BlockRun(segment, rows, TECurve(segment.flank, *curve)))
+        given = channels.given[segment.flank].value[part] if channels.given else None
+        seen = (driving, error + channels.level + (0.0 if given is None else given))
+        curve = (block_means(c, size) for c in (*seen, channels.time[part]))
+        if given is not None:
+            given = _weighted_means(given, size, weight)
+        runs.append(BlockRun(segment, rows, TECurve(segment.flank, *curve), given))
     row_s = shortest * channels.sample_s
     return LogRows(
         columns=columns,
@@ -149,9 +174,30 @@ def log_rows(
         size=shortest,
         block_s=row_s,
         noise=noise,
-        rounding=channels.log.rounding,
+        rounding=float(np.hypot(channels.log.rounding, _rounding_of_given(runs))),
         drift=channels.drift,
     )
+
+
+def _weighted_means(
+    values: Float[np.ndarray, " n"], size: int, weight: Float[np.ndarray, " n"] | None
+) -> Float[np.ndarray, " blocks"]:
+    """Return block means with the weights of the rows; see `block_rows`."""
+    if weight is None:
+        return block_means(values, size)
+    share = block_means(weight, size)
+    return block_means(weight * values, size) / np.sqrt(np.where(share > 0, share, 1.0))
+
+
+def _rounding_of_given(runs: Sequence[BlockRun]) -> float:
+    """Return the rounding error of a given flank model, rad: 1e-6 of its rms value.
+
+    Residuals of that size count as rounding in every fit, because no encoder resolves them.
+    """
+    values = [run.given for run in runs if run.given is not None]
+    if not values:
+        return 0.0
+    return _DIGITS * float(np.sqrt(np.mean(np.concatenate(values) ** 2)))
 
 
 def _samples_per_turn(driving: Float[np.ndarray, " n"], segments: Sequence[Segment]) -> float:

@@ -2,7 +2,7 @@
 regressors other than harmonics: drift, delay, torque, speed, acceleration and ratio."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Float
@@ -18,6 +18,7 @@ from ...logs.encoder_log import EncoderLog
 from ...logs.motion.segments import Segment
 from ...pair.gear_pair import Drive, Flank, GearPair
 from ..model.column_layout import ColumnLayout
+from ..model.given_model import GivenModel, Linearised
 
 Samples = Float[np.ndarray, " n"]
 
@@ -103,6 +104,8 @@ class Regressors:
       None for zero.
     - `level`: subtracted level, rad; see `level_of`.
     - `drift`: drift, whose columns are among `own`.
+    - `slopes`: names of the parameters of a given flank model; empty without one.
+    - `given`: this model on each flank; `error` does not contain it.
     """
 
     log: EncoderLog
@@ -117,6 +120,15 @@ class Regressors:
     pull: Samples | None = None
     level: float = 0.0
     drift: Drift = Drift()
+    slopes: tuple[str, ...] = ()
+    given: dict[Flank, Linearised] = field(default_factory=dict)
+
+    def own_on(self, flank: Flank) -> dict[str, Samples]:
+        """Return name → values of the own columns on a flank, those of a given model included."""
+        if not self.slopes:
+            return self.own
+        slopes = self.given[flank].slopes.T
+        return self.own | dict(zip(self.slopes, slopes, strict=True))
 
 
 def level_of(log: EncoderLog) -> float:
@@ -139,10 +151,14 @@ def read_channels(
     delay_s: float = 0.0,
     weight: Samples | None = None,
     pull: Samples | None = None,
+    given: GivenModel | None = None,
 ) -> Regressors:
     """Shift the driving angle to t − `delay_s`, and compute the columns of `regressors`.
 
-    **Raises** `UsageError` if the torque is a regressor but the log has no torque column.
+    A `given` flank model is subtracted, and its derivatives are columns.
+
+    **Raises** `NoAnswerError` if a given model is not finite at an angle of the log, and
+    `UsageError` if the torque is a regressor but the log has no torque column.
     """
     driving = shifted(log, delay_s, weight)
     ratio = float(log.ratio)
@@ -160,12 +176,16 @@ def read_channels(
             own[name] = _COLUMNS[name](log, smooth, ratio)
     correction = _axial_correction(log, pair)
     flanks: tuple[Flank, ...] = ("A", "B")
+    linearised: dict[Flank, Linearised] = {}
+    if given is not None:
+        linearised = {flank: given.on(driving, flank, log.source) for flank in flanks}
+    modelled = {flank: one.value for flank, one in linearised.items()}
     return Regressors(
         log=log,
         time=log.time,
         driving=driving,
         driven=log.driven_angle,
-        error={flank: error - correction.get(flank, 0.0) for flank in flanks},
+        error={f: error - correction.get(f, 0.0) - modelled.get(f, 0.0) for f in flanks},
         own=own,
         delay_s=delay_s,
         weight=weight,
@@ -173,6 +193,8 @@ def read_channels(
         pull=pull,
         level=level,
         drift=drift,
+        slopes=() if given is None else given.names,
+        given=linearised,
     )
 
 

@@ -12,6 +12,9 @@ PER_RIG = ("delay", "ratio", *REGRESSORS)
 """Own columns whose coefficient is common to all logs of a rig."""
 
 
+GIVEN = "model"
+"""Begin of the name of a parameter of a given flank model; a path such as ".tilt" follows."""
+
 OFFSET = "offset"
 """Name of the first own column of a log, a column of ones."""
 
@@ -85,7 +88,17 @@ class ColumnLayout:
 
 def is_shared(name: str) -> bool:
     """Return whether all logs of a rig share the coefficient of this own column."""
-    return name.split("_")[0] in PER_RIG
+    return is_given(name) or name.split("_")[0] in PER_RIG
+
+
+def is_given(name: str) -> bool:
+    """Return whether a column or a parameter belongs to a given flank model."""
+    return name.startswith((f"{GIVEN}.", f"{GIVEN}["))
+
+
+def column_of(parameter: str) -> str:
+    """Return the name of the own column of a parameter, without the number of a log."""
+    return parameter if is_given(parameter) else parameter.split("_of_")[0]
 
 
 def own_parameters(

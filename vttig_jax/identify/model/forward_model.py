@@ -119,10 +119,13 @@ def relation_of(
     encoder_terms: bool,
     gear_terms: bool,
 ) -> ForwardModel:
-    """Return the forward model of a pair or drive with errors of gears, encoders or both."""
+    """Return the forward model of a pair or drive with errors of gears, encoders or both.
+
+    Without tied harmonics every parameter scales a column, as those of a given flank model do.
+    """
     if not gear_terms:
         return encoder_relation(terms, columns, flanks, float(pair.ratio))
-    if isinstance(pair, Drive):
+    if isinstance(pair, Drive) or not terms.tied:
         return drive_relation(terms, columns, flanks)
     return pair_relation(pair, terms, columns, flanks, encoder_terms=encoder_terms)
 

@@ -153,6 +153,8 @@ def plan_terms(
     mesh_orders: int,
     driving_teeth: int | None,
     turns: float = math.inf,
+    *,
+    all_free: bool = False,
 ) -> TermPlan:
     """Return the harmonics of a fit, without those of the same frequency as another harmonic.
 
@@ -161,7 +163,8 @@ def plan_terms(
     first orders of both shafts are never left out for each other. Listed first orders are tied to
     the physical parameters. If tooth counts are known, the
     second-order terms of the exact relation are tied too. `driving_teeth` is None for a drive,
-    which has no tooth-mesh order. A fractional order takes no whole order from the model.
+    which has no tooth-mesh order. A fractional order takes no whole order from the model. With
+    `all_free` no harmonic is tied: first orders are free like all others.
     """
     mesh = range(1, mesh_orders + 1) if driving_teeth else ()
     wanted = [harmonic_of("driving", k) for k in sorted(set(driving_orders))]
@@ -184,6 +187,8 @@ def plan_terms(
             f" {'it from a lower order' if len(close) == 1 else 'them from lower orders'}; record"
             " more turns"
         )
+    if all_free:
+        return TermPlan(ratio, tuple(kept.values()), (), tuple(dropped))
     free = tuple(h for h in kept.values() if h.term not in _FIRST)
     tied = tuple(h for h in kept.values() if h.term in _FIRST)
     if driving_teeth:

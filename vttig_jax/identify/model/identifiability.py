@@ -61,8 +61,12 @@ def find_identifiability(
     only: Flank | None,
     *,
     remembers: bool = False,
+    given: bool = False,
 ) -> Identifiability:
     """Return flanks, segments and harmonics that can be fitted; `only` restricts it to one flank.
+
+    A `given` flank model takes the place of the first orders. All harmonics are then free, and the
+    rank of the rows decides what the logs determine.
 
     Few turns count as such for a drive, and for a gear pair if the noise `remembers` a part of the
     log: the exact ratio of a gear pair needs no turns.
@@ -83,9 +87,9 @@ def find_identifiability(
     reasons = {
         shaft: f"order 1 is not among {shaft}_orders of [fit]"
         for shaft, wanted in orders.items()
-        if 1 not in wanted
+        if 1 not in wanted and not given
     }
-    short = _short(pair, turns, both=not reasons)
+    short = {} if given else _short(pair, turns, both=not reasons)
     reasons |= short
     for shaft, wanted in orders.items():
         if shaft in short:
@@ -99,9 +103,10 @@ def find_identifiability(
         driving_teeth=pair.driving.teeth if isinstance(pair, GearPair) else None,
         # The ratio of a drive may be slightly wrong, and its orders then leak into each other.
         turns=turns["driving"] if few_turns or isinstance(pair, Drive) else math.inf,
+        all_free=given,
     )
     tied = {h.shaft for h in terms.tied}
-    for shaft in ("driving", "driven"):
+    for shaft in () if given else ("driving", "driven"):
         if shaft not in tied and shaft not in reasons:
             reasons[shaft] = "driving order 1 and driven order 1 are the same frequency"
     used = tuple(tuple(s for s in own if s.flank in flanks) for own in segments)

@@ -19,6 +19,7 @@ from ..compress.block_rows import LogRows, block_seconds, log_rows
 from ..compress.harmonic_summary import HarmonicSummary, summarise
 from ..compress.regressors import Drift, Regressors, Samples, read_channels
 from ..model.column_layout import ColumnLayout
+from ..model.given_model import GivenModel
 from ..model.harmonics import TermPlan
 from ..noise.noise_model import autoregression, residual_rows
 from ..settings import NoiseSettings
@@ -45,8 +46,9 @@ def residual_of(
     harmonics = np.delete(coefficients, own)
     orders = np.asarray(columns.free + columns.tied, np.float64).reshape(-1, 2)
     values = np.full(len(channels.time[part]), coefficients[own.start])
+    present = channels.own_on(segment.flank)
     for place, name in enumerate(columns.own[0][1:], own.start + 1):
-        values += coefficients[place] * channels.own[name][part]
+        values += coefficients[place] * present[name][part]
     if len(orders):
         driving, driven = channels.driving[part], channels.driven[part]
         for start in range(0, len(values), _CHUNK):
@@ -94,7 +96,10 @@ class Input:
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """Model of all passes: rig, harmonics, other columns, common zero, and kind of the noise."""
+    """Model of all passes: rig, harmonics, other columns, common zero, and kind of the noise.
+
+    `given` is a flank model of the user, which is linear near its parameters; None without one.
+    """
 
     pair: GearPair | Drive
     terms: TermPlan
@@ -102,6 +107,7 @@ class Model:
     drift: Drift
     same_zero: bool = True
     noise: NoiseSettings = NoiseSettings()
+    given: GivenModel | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -223,11 +229,13 @@ def linear_fit(
             delay_s=delay_s,
             weight=weight,
             pull=pull,
+            given=model.given,
         )
         for one, weight, pull in zip(inputs, weights or none, pulls or none, strict=True)
     )
     if block_s is None:
-        block_s = block_seconds(channels, [one.segments for one in inputs], model.terms)
+        highest = 0.0 if model.given is None else model.given.highest_order
+        block_s = block_seconds(channels, [one.segments for one in inputs], model.terms, highest)
         block_s = max(min(block_s, finest_s), block_s / _FINER, min(c.sample_s for c in channels))
     used = tuple(one.segments for one in inputs) if segments is None else tuple(segments)
     linear = LinearFit(

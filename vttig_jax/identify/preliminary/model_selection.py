@@ -15,6 +15,8 @@ from ...logs.encoder_log import EncoderLog
 from ...pair.gear_pair import Drive, GearPair
 from ..compress.harmonic_summary import HarmonicSummary
 from ..compress.regressors import Drift
+from ..model.column_layout import column_of, is_given
+from ..model.given_model import GivenModel
 from ..model.identifiability import SINGLE_TURN, Identifiability
 from ..noise.noise_model import whiten
 from ..settings import FitSettings
@@ -58,6 +60,9 @@ _WRONG_RATIO = 12.0
 """Standard errors by which a log contradicts the given ratio of a drive. The robot axes of known
 ratio reach nine, because their slow errors resemble a slope; chosen value."""
 
+_TOLD_APART = 1e-10
+"""Least squared share of a given model's column that no offset, gap or order explains; chosen."""
+
 _SIGNIFICANT = 4.0
 """Standard errors above which a torque coefficient is kept without a request; chosen value."""
 
@@ -85,28 +90,19 @@ def select_model(
     pair: GearPair | Drive,
     identifiable: Identifiability,
     settings: FitSettings,
+    given: GivenModel | None = None,
 ) -> SelectedModel:
     """Select the nuisance parameters, delay, drift and weights of the fit, and compress the logs.
 
-    The harmonics are those of `identifiable`. One pass over the logs is always made; a delay to be
-    found, a ratio in doubt and a robust loss each require further passes.
+    The harmonics are those of `identifiable`. `given` is the flank model of a pass. One pass over
+    the logs is always made; a delay to be found, a ratio in doubt and a robust loss require more.
     """
     if _has_slope(pair, identifiable, settings):
         settings = msgspec.structs.replace(settings, drift_order=1)
-    open_ratio = _has_open_ratio(pair, identifiable)
-    names, delay, notes = _candidates(inputs, settings, open_ratio)
-    drift = _widest_drift(settings, pair, identifiable)
-    model = Model(
-        pair=pair,
-        terms=identifiable.terms,
-        regressors=names,
-        drift=drift,
-        same_zero=have_one_zero([one.log for one in inputs], settings),
-        noise=settings.noise_model,
-    )
+    plain, delay, notes = plain_fit(inputs, pair, identifiable, settings, given)
+    model, names = plain.model, plain.model.regressors
     delay_tried = "delay" in names
     finest_s = _finest(inputs) if delay_tried else np.inf
-    plain = linear_fit(inputs, model, delay.seconds, finest_s=finest_s)
     # A delay that is left out looks like a slope as well, so that the ratio is judged beside it.
     if delay_tried and "ratio" not in names and _may_hide_a_ratio(pair, identifiable):
         freed = replace(model, regressors=(*names, "ratio"))
@@ -138,6 +134,28 @@ def select_model(
         weights=weights,
         notes=tuple(notes),
     )
+
+
+def plain_fit(
+    inputs: tuple[Input, ...],
+    pair: GearPair | Drive,
+    identifiable: Identifiability,
+    settings: FitSettings,
+    given: GivenModel | None,
+) -> tuple[LinearFit, Delay, list[str]]:
+    """Return the first pass with all columns, its delay, and notes."""
+    names, delay, notes = _candidates(inputs, settings, _has_open_ratio(pair, identifiable))
+    model = Model(
+        pair=pair,
+        terms=identifiable.terms,
+        regressors=names,
+        drift=_widest_drift(settings, pair, identifiable),
+        same_zero=have_one_zero([one.log for one in inputs], settings),
+        noise=settings.noise_model,
+        given=given,
+    )
+    finest_s = _finest(inputs) if "delay" in names else np.inf
+    return linear_fit(inputs, model, delay.seconds, finest_s=finest_s), delay, notes
 
 
 def have_one_zero(logs: Sequence[EncoderLog], settings: FitSettings) -> bool:
@@ -372,7 +390,8 @@ def _chosen(linear: LinearFit, settings: FitSettings, delay: Delay) -> tuple[set
                 f" ({abs(value) / std:.1f} standard errors, {_SIGNIFICANT:g} are asked for);"
                 " wind-up under a steady torque is part of the apparent backlash"
             )
-    return {name.split("_of_")[0] for name in names}, notes
+    names = [n for n in names if not is_given(n) or own.left(n) > _TOLD_APART]
+    return {column_of(name) for name in names}, notes
 
 
 def _drift_of(names: set[str], widest: Drift) -> Drift:

@@ -82,28 +82,47 @@ def gap_of_both_flanks(driving: Float[np.ndarray, " n"], solved: SolvedFit) -> P
 
     Fractional orders do not count: a reading at an angle does not tell their phase.
     """
-    rows = {flank: _rows(driving, solved, flank) for flank in ("A", "B")}
+    rows, given = _rows_of_flanks(driving, solved)
     for place, harmonic in enumerate(solved.summary.terms.free):
         if not harmonic.is_whole:
             for own in rows.values():
                 own[:, 2 * place : 2 * place + 2] = 0.0
-    return _gap_of_rows(rows, solved)
+    return _gap_of_rows(rows, given, solved)
 
 
 def mean_gap(driving: Float[np.ndarray, " n"], solved: SolvedFit) -> PredictedGap:
     """Return the mean over driving angles of the gap of two measured flanks, as a single gap."""
-    means = {
-        flank: _rows(driving, solved, flank).mean(axis=0, keepdims=True) for flank in ("A", "B")
+    rows, given = _rows_of_flanks(driving, solved)
+    means: dict[Flank, Float[np.ndarray, "1 columns"]] = {
+        flank: own.mean(axis=0, keepdims=True) for flank, own in rows.items()
     }
-    return _gap_of_rows(means, solved)
+    return _gap_of_rows(means, given.mean(keepdims=True), solved)
+
+
+def _rows_of_flanks(
+    driving: Float[np.ndarray, " n"], solved: SolvedFit
+) -> tuple[dict[Flank, Float[np.ndarray, "n columns"]], Float[np.ndarray, " n"]]:
+    """Return the rows of both flanks, without y, and the gap of a given flank model, rad."""
+    flanks: tuple[Flank, ...] = ("A", "B")
+    rows: dict[Flank, Float[np.ndarray, "n columns"]] = {}
+    value = []
+    for flank in flanks:
+        rows[flank], own = _rows(driving, solved, flank)
+        value.append(own)
+    return rows, value[1] - value[0]
 
 
 def _gap_of_rows(
-    rows: Mapping[str, Float[np.ndarray, "n columns"]], solved: SolvedFit
+    rows: Mapping[Flank, Float[np.ndarray, "n columns"]],
+    given: Float[np.ndarray, " n"],
+    solved: SolvedFit,
 ) -> PredictedGap:
-    """Return the gap that rows of both flanks give with the coefficients of the fit."""
+    """Return the gap that rows of both flanks give with the coefficients of the fit.
+
+    `given` is the gap of a given flank model at the parameters of the last pass, rad.
+    """
     count, solution = len(rows["A"]), solved.solution
-    value, slope = np.zeros(count), np.zeros((count, len(solution.names)))
+    value, slope = given.copy(), np.zeros((count, len(solution.names)))
     roots, of_free = [np.zeros((count, 0))], {}
     for place, (flank, factor) in enumerate(
         zip(solved.summary.flanks, solved.whitened, strict=True)
@@ -242,10 +261,21 @@ def judged(compared: ReadingsComparison, gap: PredictedGap) -> ReadingsCompariso
     return msgspec.structs.replace(compared, contradicts=contradicts)
 
 
-def require_gap(pair: GearPair | Drive, flanks: Sequence[str], as_data: bool, where: str) -> None:
-    """Raise `UsageError` if the fit predicts no gap with which readings can be compared."""
+def require_gap(
+    pair: GearPair | Drive, flanks: Sequence[str], as_data: bool, where: str, *, given: bool = False
+) -> None:
+    """Raise `UsageError` if the fit predicts no gap with which readings can be compared.
+
+    `given` tells whether a given flank model takes the place of the exact relation.
+    """
     if len(flanks) == 2:
         return
+    if given:
+        raise UsageError(
+            "backlash readings need both flanks of a fit with `model`, because only the exact"
+            " relation ties one flank to the other; record both directions.",
+            where=where,
+        )
     if isinstance(pair, Drive):
         raise UsageError(
             "backlash readings need both flanks of a drive without gear geometry; record both"
@@ -262,13 +292,23 @@ def require_gap(pair: GearPair | Drive, flanks: Sequence[str], as_data: bool, wh
 
 def _rows(
     driving: Float[np.ndarray, " n"], solved: SolvedFit, flank: Flank
-) -> Float[np.ndarray, "n columns"]:
-    """Return the rows of the fit, without y, at angles of the first log."""
+) -> tuple[Float[np.ndarray, "n columns"], Float[np.ndarray, " n"]]:
+    """Return the rows of the fit, without y, at angles of the first log.
+
+    The second array is the transmission error of a given flank model, which is zero without one.
+    """
     columns, ratio = solved.summary.columns, float(solved.model.ratio)
     flanks = [one.flank for one in solved.summary.flanks]
     coefficients = solved.coefficients[flanks.index(flank)]
     rows = np.zeros((len(driving), columns.width - 1))
     rows[:, columns.index(OFFSET)] = 1.0
+    value = np.zeros(len(driving))
+    if (given := solved.linear.model.given) is not None:
+        linearised = given.on(driving, flank)
+        value = linearised.value
+        for slope, name in zip(linearised.slopes.T, given.names, strict=True):
+            if (name, 0) in columns.names:
+                rows[:, columns.index(name)] = slope
     driven, moved = ratio * driving, np.inf
     # NumPy instead of the implicit model, which would be compiled for every set of orders. The
     # cells of orders of the driving shaft do not change with the driven angle.
@@ -281,6 +321,6 @@ def _rows(
         changing = [(place, term) for place, term in changing if term[1]]
         if moved <= _SETTLED:
             break
-        before, driven = driven, ratio * driving + rows @ coefficients
+        before, driven = driven, ratio * driving + rows @ coefficients + value
         moved = float(np.abs(driven - before).max(initial=0.0))
-    return rows
+    return rows, value

@@ -158,7 +158,7 @@ def _reversals(
     error = without_spikes(error, one.time, one.spikes)
     segments = linear.inputs[log].found.segments
     jumps = reversal_jumps(channels.driving, error, segments, log + 1, gap_deg)
-    if isinstance(pair, Drive):
+    if isinstance(pair, Drive) or linear.model.given is not None:
         return jumps
     start = start_of(linear, solution, log)
     gap = (solution.names, solution.values, [f.flank for f in linear.summary.flanks])

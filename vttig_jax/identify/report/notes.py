@@ -102,7 +102,9 @@ def conditions_of(
 ) -> tuple[str, ...]:
     """Return the assumptions under which the numbers of the fit are valid."""
     conditions: tuple[str, ...] = ()
-    if settings.perfect_gears:
+    if selected.linear.model.given is not None:
+        conditions = ("flank_model",)
+    elif settings.perfect_gears:
         conditions = ("perfect_gears",)
     elif not (isinstance(pair, Drive) or split):
         conditions = ("perfect_encoders",)

@@ -161,6 +161,7 @@ SHAFTS = ("driving", "driven")
 _ONE_DIRECTION = "one direction: encoder and gear eccentricity are one number"
 _PERFECT = "not fitted: the encoders are taken to be perfect"
 _PERFECT_GEARS = "not fitted: the gears are taken to be perfect"
+GIVEN_INSTEAD = "not fitted: the given flank model takes the place of the exact relation"
 _NO_GEOMETRY = "a drive has no gear geometry that could tell encoder from gear"
 _REGRESSORS = {
     "torque": ("torque_arcsec_per_unit", "arcsec/unit of torque", ARCSEC),
@@ -202,7 +203,7 @@ def parameters_of(
     found.append(_with_margin(backlash, delay_margin / DEG))
     for shaft in SHAFTS:
         reason = identifiable.reasons.get(shaft)
-        if settings.perfect_gears:
+        if settings.perfect_gears or reason == GIVEN_INSTEAD:
             pass
         elif drive:
             reason = _NO_GEOMETRY
@@ -240,7 +241,7 @@ def outcome_of(
         return "not_converged"
     if contradiction:
         return "contradicts"
-    left_out = (_NO_GEOMETRY, _PERFECT, _PERFECT_GEARS)
+    left_out = (_NO_GEOMETRY, _PERFECT, _PERFECT_GEARS, GIVEN_INSTEAD)
     asked = [
         p
         for p in parameters.values()

@@ -146,8 +146,8 @@ def fit_log_alone(linear: LinearFit, log: int) -> LogAlone:
     if "delay" in own.names and own.left("delay") > TOLD:
         step, std = own.estimate("delay", own.names)
         delay = linear.channels[log].delay_s + step, std
-    if len(summary.flanks) != 2:
-        return LogAlone(*delay)
+    if len(summary.flanks) != 2 or linear.model.given is not None:
+        return LogAlone(*delay)  # a given flank model shares its parameters between the flanks
     known = summary.without(["delay"])
     offsets, variances = [], []
     for flank in known.flanks:

@@ -87,7 +87,8 @@ def _half(rows: LogRows, *, late: bool) -> LogRows:
     for run in rows.runs:
         middle = len(run.rows) // 2
         part = slice(middle, None) if late else slice(middle)
-        runs.append(BlockRun(run.segment, run.rows[part], run.curve.part(part)))
+        given = None if run.given is None else run.given[part]
+        runs.append(BlockRun(run.segment, run.rows[part], run.curve.part(part), given))
     return replace(rows, runs=tuple(runs))
 
 

@@ -17,7 +17,7 @@ from ...logs.lines.search import find_lines
 from ...pair.gear_pair import Flank
 from ..compress.block_means import block_means
 from ..compress.block_rows import LogRows, turns_of
-from ..model.column_layout import OFFSET, ColumnLayout
+from ..model.column_layout import OFFSET, ColumnLayout, is_given
 from ..model.harmonics import SECOND_ORDER, AnyTerm, Harmonic, TermPlan
 from ..noise.noise_model import NoiseModel
 from ..preliminary.linear_fit import LinearFit
@@ -82,6 +82,8 @@ def whiteness(
 def explained(linear: LinearFit, kept: ColumnLayout, weights: Sequence[Weights]) -> float | None:
     """Return the share of the variance that the harmonics explain beside all other columns.
 
+    A given flank model counts as harmonics.
+
     It is 1 − S/S₀ with the sums of squares that least squares on offset, drift, delay and
     regressors leave of the residual, S, and of the transmission error, S₀. Each flank of each log
     has its offset; the other columns are those of the layout `kept`. The result is None for S₀ = 0.
@@ -90,15 +92,17 @@ def explained(linear: LinearFit, kept: ColumnLayout, weights: Sequence[Weights])
     for log, (rows, own) in enumerate(zip(linear.rows, weights, strict=True)):
         place = rows.columns.index(OFFSET)
         present = rows.columns.own[0]
-        cells = [rows.columns.index(n) for n in kept.own[log] if n != OFFSET and n in present]
+        nuisance = [n for n in kept.own[log] if n != OFFSET and not is_given(n)]
+        cells = [rows.columns.index(n) for n in nuisance if n in present]
         columns, values = [], []
-        for side, (flank, runs) in enumerate(rows.by_flank().items()):
-            stacked = np.concatenate(runs)
-            stacked = stacked[stacked[:, place] > 0]
+        for side, (flank, runs) in enumerate(rows.runs_by_flank().items()):
+            stacked = np.concatenate([run.rows for run in runs])
+            counted = stacked[:, place] > 0
+            stacked, error = stacked[counted], np.concatenate([r.error for r in runs])[counted]
             offsets = np.zeros((len(stacked), 2))
             offsets[:, side] = stacked[:, place]
             columns.append(np.hstack([offsets, stacked[:, cells]]))
-            values.append(np.stack([stacked @ own[flank], stacked[:, -1]], axis=1))
+            values.append(np.stack([stacked @ own[flank], error], axis=1))
         if values:
             design, value = np.concatenate(columns), np.concatenate(values)
             size = np.linalg.norm(design, axis=0)

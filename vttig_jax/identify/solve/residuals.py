@@ -10,6 +10,7 @@ from ...kinematics.te_curve import TECurve
 from ...pair.gear_pair import Flank
 from ..compress.harmonic_summary import HarmonicSummary
 from ..model.column_layout import OFFSET
+from ..model.given_model import GivenModel
 from ..model.mounting import offset_name
 from ..noise.noise_model import WhitenedFlank
 from ..preliminary.linear_fit import LinearFit, residual_of
@@ -69,7 +70,7 @@ def curves_and_residuals(
                 TECurve(
                     curve.flank,
                     curve.driving_angle[counted],
-                    run.rows[counted, -1] / share + level,
+                    run.error[counted] / share + level,
                     curve.time[counted],
                 )
             )
@@ -97,12 +98,18 @@ def sample_residual_rms(linear: LinearFit, weights: list[Weights]) -> float:
     return float(np.sqrt(square / max(count, 1e-300)))
 
 
-def restored(solution: Solution, levels: Sequence[float]) -> Solution:
+def restored(
+    solution: Solution, levels: Sequence[float], given: GivenModel | None = None
+) -> Solution:
     """Return the solution with the level of every log added to its offset.
 
-    `tied` does not change, because it belongs to the rows, which have no level.
+    The steps of the fitted parameters of a `given` flank model become their values. `tied` does
+    not change, because it belongs to the rows, which have no level and no model.
     """
     values = solution.values.copy()
+    for name, value in () if given is None else zip(given.names, given.values, strict=True):
+        if name in solution.names:
+            values[solution.names.index(name)] += value
     for log, level in enumerate(levels):
         values[solution.names.index(offset_name(log, len(levels)))] += level
     return replace(solution, values=values)

@@ -167,6 +167,13 @@ def fit_target(fit: Fit, prior: Prior = Prior()) -> FitTarget:
     the prior excludes the fit or the fit cannot be sampled.
     """
     evidence = fit.evidence
+    if fit.given is not None:
+        raise UsageError(
+            f"this fit is of the flank model {fit.given.name}, but the density of the sampler knows"
+            " the exact relation only; take the Gaussian of `covariance` and `values`, or fit"
+            " without `model`.",
+            where=fit.source,
+        )
     if evidence is None:
         raise UsageError(
             "this fit holds no lag products, which sampling needs; repeat it with `vttig fit`"

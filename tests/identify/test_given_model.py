@@ -1,0 +1,363 @@
+"""Fits of a flank model of the user's own: a two-stage drive, and the exact relation itself."""
+
+from dataclasses import replace
+from fractions import Fraction
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+
+import vttig_jax
+from vttig_jax.base.errors import InputError, NoAnswerError, UsageError
+from vttig_jax.base.units import ARCSEC, DEG
+from vttig_jax.identify.fitting import fit
+from vttig_jax.kinematics.exact import ExactModel
+from vttig_jax.logs.encoder_log import EncoderLog
+from vttig_jax.logs.motion.flank_assignment import assigned_segments
+from vttig_jax.pair.gear_pair import Drive
+from vttig_jax.pair.schema import HarmonicOrders
+
+RATIO = Fraction(391, 3200)
+DRIVE = Drive(RATIO, name="two stages")
+PLAIN = {"delay": "off", "drift_order": 0, "loss": "square", "lines": "report"}
+"""Settings with which nothing is selected, for a fit beside an oracle."""
+
+GAP = 0.02 * DEG
+TRUTH = np.array([20.0, 50.0, 30.0, 4.0, 6.0, -12.0]) * ARCSEC
+
+
+class TwoStages(eqx.Module):
+    """Sines of three shafts and two meshes, and the cosine of the shaft without an encoder."""
+
+    shafts: jax.Array
+    meshes: jax.Array
+    cosine: jax.Array
+    orders: tuple[float, ...] = eqx.field(
+        static=True, default=(1.0, 23 / 64, 391 / 3200, 5.0, 17 * 23 / 64)
+    )
+
+    def transmission_error(self, angle, flank):
+        phase = angle[:, None] * jnp.asarray(self.orders)[None, :]
+        waves = jnp.sin(phase) @ jnp.concatenate([self.shafts, self.meshes])
+        lag = 0.3 if flank == "B" else 0.0
+        return waves + self.cosine * jnp.cos(self.orders[1] * angle + lag)
+
+
+def two_stages(values: np.ndarray) -> TwoStages:
+    return TwoStages(*(jnp.asarray(part) for part in (values[:3], values[3:5], values[5])))
+
+
+START = two_stages(np.zeros(6))
+
+
+def two_stage_log(
+    seed: int, *, noise_arcsec: float = 2.0, rho: float = 0.0, delay_s: float = 0.0, rpms=(30.0,)
+) -> EncoderLog:
+    """A log of 20 turns forth and back at every speed, with white or AR(1) noise."""
+    rate = 200.0
+    pieces, steps = [np.zeros(40)], 0.0
+    for rpm in rpms:
+        steps = int(20 * 60 / rpm * rate)
+        pieces += [np.full(steps, rpm), np.zeros(40), np.full(steps, -rpm), np.zeros(40)]
+    speed = np.concatenate(pieces) * 2 * np.pi / 60
+    driving = np.concatenate([[0.0], np.cumsum(speed) / rate])
+    time = np.arange(len(driving)) / rate
+    seen = np.interp(time - delay_s, time, driving)
+    backward = np.interp(time - delay_s, time, np.append(speed, 0.0)) < -1e-9
+    model = two_stages(TRUTH)
+    error = np.where(
+        backward,
+        np.asarray(model.transmission_error(jnp.asarray(seen), "B")) + GAP,
+        np.asarray(model.transmission_error(jnp.asarray(seen), "A")),
+    )
+    shocks = np.random.default_rng(seed).standard_normal(len(time)) * np.sqrt(1 - rho**2)
+    for place in range(1, len(shocks)) if rho else ():
+        shocks[place] += rho * shocks[place - 1]
+    driven = seen * float(RATIO) + error + noise_arcsec * ARCSEC * shocks
+    return EncoderLog.from_arrays(
+        time, np.degrees(driving), np.degrees(driven), pair=DRIVE, unit="deg", source=f"two {seed}"
+    )
+
+
+def model_part(result) -> tuple[np.ndarray, np.ndarray]:
+    """Values and standard errors of the parameters of the model."""
+    own = [p for name, p in result.parameters.items() if name.startswith("model.")]
+    return np.array([p.value for p in own]), np.array([p.std for p in own])
+
+
+@pytest.fixture(scope="module")
+def white_log() -> EncoderLog:
+    return two_stage_log(0)
+
+
+@pytest.fixture(scope="module")
+def white_fit(white_log):
+    return fit(white_log, DRIVE, model=START, noise="white", **PLAIN)
+
+
+def test_least_squares_of_the_samples_gives_the_same_numbers(white_log, white_fit):
+    """At 400 samples a turn and orders up to 6.1 a row is four samples, which lose 0.1 %."""
+    used = assigned_segments(white_log).segments
+    joined = lambda array: np.concatenate([array[s.start : s.stop] for s in used])  # noqa: E731
+    angle, error = joined(white_log.driving_angle), joined(white_log.transmission_error)
+    back = np.concatenate([np.full(s.stop - s.start, s.flank == "B") for s in used])
+
+    def left(scaled):
+        model = two_stages(scaled[:6] * ARCSEC)
+        sides = [np.asarray(model.transmission_error(jnp.asarray(angle), f)) for f in ("A", "B")]
+        fitted = np.where(back, sides[1] + scaled[7] * ARCSEC, sides[0]) + scaled[6] * ARCSEC
+        return (error - fitted) / ARCSEC
+
+    found = least_squares(left, np.zeros(8))
+    variance = 2 * found.cost / (len(angle) - 8)
+    std = np.sqrt(np.diag(np.linalg.inv(found.jac.T @ found.jac)) * variance) * ARCSEC
+    gap = white_fit.parameters["constant_backlash_deg"]
+    value, own = model_part(white_fit)
+    value, own = np.append(value, gap.value * DEG), np.append(own, gap.std * DEG)
+    places = [0, 1, 2, 3, 4, 5, 7]
+    np.testing.assert_allclose(own, std[places], rtol=0.01)
+    assert np.max(np.abs(value - found.x[places] * ARCSEC) / std[places]) < 0.15
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_parameters_lie_within_their_intervals(seed):
+    """Beside a delay and correlated noise, which the same machinery as in every fit finds."""
+    log = two_stage_log(seed, rho=0.6, delay_s=2e-3, rpms=(30.0, 60.0))
+    result = fit(log, DRIVE, model=START)
+    value, std = model_part(result)
+    assert np.max(np.abs(value - TRUTH) / std) < 4.0
+    assert result.noise.name.startswith("AR(") and result.noise.name != "AR(0)"
+    delay, gap = result.parameters["delay_s"], result.parameters["constant_backlash_deg"]
+    assert abs(delay.value - 2e-3) < 4 * delay.std and delay.std < 2e-4
+    assert abs(gap.value * DEG - GAP) < 4 * gap.std * DEG
+    assert result.outcome == "ok" and result.conditional_on == ("flank_model",)
+
+
+class Missing(TwoStages):
+    """The drive without the shaft between both stages."""
+
+    def transmission_error(self, angle, flank):
+        part = eqx.tree_at(lambda m: m.shafts, self, self.shafts * jnp.array([1.0, 0.0, 1.0]))
+        part = eqx.tree_at(lambda m: m.cosine, part, 0 * self.cosine)
+        return TwoStages.transmission_error(part, angle, flank)
+
+
+def test_a_model_without_the_middle_shaft_leaves_its_line(white_log, white_fit):
+    result = fit(white_log, DRIVE, model=Missing(*jax.tree.leaves(START)), **PLAIN)
+    assert result.residual_rms_deg > 5 * white_fit.residual_rms_deg
+    cycles = [line.cycles_per_rev for line in result.checks.lines]
+    assert any(abs(one - 23 / 64) < 1e-3 for one in cycles)
+    assert not any(abs(line.cycles_per_rev - 23 / 64) < 1e-3 for line in white_fit.checks.lines)
+    assert "no sample depends on it" in result.parameters["model.cosine"].reason
+    assert result.outcome == "partly_determined"
+
+
+class Turning(eqx.Module):
+    """The middle shaft alone, with its order as a parameter: not linear in it."""
+
+    waves: jax.Array
+    order: jax.Array
+
+    def transmission_error(self, angle, flank):
+        rest = TwoStages.transmission_error(two_stages(jnp.array([*TRUTH, 0.0])[:6]), angle, "A")
+        middle = self.waves[0] * jnp.sin(self.order * angle)
+        middle += self.waves[1] * jnp.cos(self.order * angle + (0.3 if flank == "B" else 0.0))
+        known = TRUTH[1] * jnp.sin(23 / 64 * angle) + TRUTH[5] * jnp.cos(23 / 64 * angle)
+        return rest - known + middle
+
+
+def test_an_order_of_the_model_is_a_parameter_like_others(white_log):
+    start = Turning(jnp.array([1e-4, 1e-5]), jnp.asarray(0.3605))
+    result = fit(white_log, DRIVE, model=start, noise="white", **PLAIN)
+    order = result.parameters["model.order"]
+    assert abs(order.value - 23 / 64) < 4 * order.std and order.std < 3e-5
+    value, std = model_part(result)
+    assert np.max(np.abs(value[:2] - TRUTH[[1, 5]]) / std[:2]) < 4.0
+
+
+class Gears(eqx.Module):
+    """Exact relation of two eccentric gears, at the offsets that the encoders read."""
+
+    driving: jax.Array
+    driven: jax.Array
+    pair: tuple[float, float, tuple[float, float]] = eqx.field(static=True)
+    offsets: tuple[float, float] = eqx.field(static=True)
+
+    def transmission_error(self, angle, flank):
+        ratio, distance, base = self.pair
+        relation = ExactModel(
+            ratio=jnp.asarray(ratio),
+            centre_distance=jnp.asarray(distance),
+            base_sum=jnp.asarray(base),
+            driving_offset=self.driving[0] + 1j * self.driving[1],
+            driven_offset=self.driven[0] + 1j * self.driven[1],
+            offset=jnp.asarray(self.offsets),
+        )
+        return relation.transmission_error(angle, flank) - self.offsets["AB".index(flank)]
+
+
+def test_the_exact_relation_as_a_model_gives_the_numbers_of_a_fit(quick_log, quick_rig):
+    pair, high = quick_rig.pair, tuple(range(2, 9))
+    plain = fit(quick_log, pair, perfect_encoders=True)
+    at = dict(zip(plain.covariance_names, plain.values, strict=True))
+    offsets = (float(at["offset"]), float(at["offset"] + at["constant_backlash"]))
+    numbers = (
+        float(pair.ratio),
+        float(pair.centre_distance_mm),
+        tuple(map(float, pair.base_radii.sum(axis=0))),
+    )
+    start = Gears(jnp.array([0.01, 0.0]), jnp.array([0.0, 0.01]), numbers, offsets)
+    result = fit(quick_log, pair, model=start, orders=HarmonicOrders(high, high, 1))
+    value, std = model_part(result)
+    names = ("driving_x", "driving_y", "driven_x", "driven_y")
+    places = [plain.covariance_names.index(name) for name in names]
+    reference = np.sqrt(np.diag(plain.covariance)[places])
+    assert np.max(np.abs(value - plain.values[places]) / reference) < 0.02
+    np.testing.assert_allclose(std, reference, rtol=1e-3)
+    gap = (one.parameters["constant_backlash_deg"] for one in (plain, result))
+    first, second = gap
+    assert abs(first.value - second.value) < 0.02 * first.std
+    assert result.parameters["driving_eccentricity_mm"].reason.startswith("not fitted")
+    angle = np.radians([0.0, 400.0, 1500.0])
+    grid, own = (vttig_jax.backlash_map(one).at(angle) for one in (plain, result))
+    np.testing.assert_allclose(own, grid, atol=0.05 * first.std * DEG)
+
+
+def test_the_report_the_folder_and_the_pictures_of_a_model(white_fit, tmp_path):
+    text = str(white_fit)
+    assert "flank model          TwoStages" in text and "model.shafts[1]" in text
+    white_fit.save(tmp_path / "run", figures=True)
+    assert (tmp_path / "run" / "figures" / "te_fit.png").is_file()
+    run = vttig_jax.open_run(tmp_path / "run")
+    assert run.fit.parameters == white_fit.parameters and str(run.fit) == text
+    assert run.fit.to_json() == white_fit.to_json()
+    np.testing.assert_array_equal(run.fit.covariance, white_fit.covariance)
+    with pytest.raises(UsageError, match="TwoStages, whose code a run folder does not hold"):
+        vttig_jax.backlash_map(run.fit)
+    fitted = white_fit.given.fitted
+    np.testing.assert_allclose(fitted.shafts, model_part(white_fit)[0][:3], rtol=1e-12)
+
+
+def test_curves_hold_the_whole_transmission_error(white_fit):
+    curve, residual = white_fit.curves[0], white_fit.residuals[0]
+    model = white_fit.flank_model.transmission_error(jnp.asarray(curve.driving_angle), curve.flank)
+    away = curve.transmission_error - residual - np.asarray(model)
+    assert np.max(np.abs(away)) < 0.02 * np.ptp(curve.transmission_error)
+
+
+def test_a_run_with_a_model_is_not_repeated_from_its_file(white_fit, tmp_path):
+    from vttig_jax.runs.run_file import read_run, require_same_data
+
+    white_fit.save(tmp_path / "run", figures=False)
+    with pytest.raises(InputError, match=r"whose code run\.toml does not hold"):
+        require_same_data(read_run(tmp_path / "run"))
+
+
+def test_what_only_the_exact_relation_serves_is_refused(white_fit):
+    with pytest.raises(UsageError, match="the density of the sampler knows the exact relation"):
+        vttig_jax.sample(white_fit)
+    with pytest.raises(NoAnswerError, match="TwoStages has no eccentricities"):
+        white_fit.eccentricities()
+
+
+@pytest.mark.parametrize("name", ["perfect_encoders", "perfect_gears"])
+def test_a_setting_of_the_exact_relation_is_refused_by_name(white_log, name):
+    with pytest.raises(UsageError, match=f"{name} says what the exact relation contains"):
+        fit(white_log, DRIVE, model=START, **{name: True})
+
+
+def test_logs_with_zeros_of_their_own_are_refused(white_log):
+    other = replace(white_log, source="other")
+    with pytest.raises(UsageError, match="several logs with zeros of their own"):
+        fit([white_log, other], DRIVE, model=START)
+
+
+class Wave(eqx.Module):
+    """One wave, with a leaf of any kind."""
+
+    size: object
+    extra: object = None
+
+    def transmission_error(self, angle, flank):
+        return self.size * jnp.cos(angle)
+
+
+class Level(Wave):
+    def transmission_error(self, angle, flank):
+        return self.size
+
+
+class Branch(Wave):
+    def transmission_error(self, angle, flank):
+        return self.size if angle > 1 else angle
+
+
+class Root(Wave):
+    def transmission_error(self, angle, flank):
+        return self.size * jnp.sqrt(jnp.maximum(angle - 40.0, 0.0))
+
+
+class Kink(Wave):
+    def transmission_error(self, angle, flank):
+        return jnp.sqrt(self.size) * jnp.cos(angle)
+
+
+ONE = jnp.asarray(1e-4)
+WRONG = {
+    "no method": (3, "a int has no method `transmission_error", "model"),
+    "no parameters": (Wave(2), "Wave has no parameters", "model"),
+    "a Python float": (Wave(1e-4), "the leaf is a Python float", "model.size"),
+    "a complex number": (Wave(ONE + 1j), "the leaf is a complex number", "model.size"),
+    "no hash": (Wave(ONE, {1}), r"Wave has no hash \(unhashable type: 'set'\)", "model"),
+    "one number": (Level(ONE), r"Level returns float64 of shape \(\) on flank A", "model"),
+    "a condition": (Branch(ONE), "cannot be traced by JAX on flank A", "model"),
+}
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_a_wrong_model_is_refused_in_one_sentence(white_log, case):
+    model, words, where = WRONG[case]
+    with pytest.raises(UsageError, match=words) as caught:
+        fit(white_log, DRIVE, model=model)
+    assert caught.value.where == where and "\n" not in str(caught.value)
+
+
+def test_a_model_without_finite_derivatives_is_named_with_the_place(white_log):
+    words = "Kink has no finite derivative by model.size on flank A at the driving angle"
+    with pytest.raises(NoAnswerError, match=words):
+        fit(white_log, DRIVE, model=Kink(jnp.asarray(0.0)))
+
+
+def test_a_parameter_that_free_orders_explain_stays_at_its_start(white_log):
+    result = fit(white_log, DRIVE, model=Wave(ONE), orders=HarmonicOrders((1,), (), 0), **PLAIN)
+    size = result.parameters["model.size"]
+    assert not size.determined and "free orders of the fit explain it" in size.reason
+    assert "stays at 0.0001" in size.reason
+    (order, _) = result.orders
+    assert (order.shaft, order.order) == ("driving", 1)
+
+
+def test_free_orders_stand_beside_a_model(white_log):
+    """A model of the first order, and the meshes as free orders of each flank."""
+    result = fit(white_log, DRIVE, model=Wave(ONE), orders=HarmonicOrders((5,), (), 0), **PLAIN)
+    for order in result.orders:
+        assert order.order == 5 and abs(order.amplitude_arcsec - 4.0) < 5 * order.std_arcsec
+
+
+class Gap(Wave):
+    def transmission_error(self, angle, flank):
+        return self.size * jnp.sin(angle) + (self.extra if flank == "B" else 0.0)
+
+
+def test_a_gap_of_the_model_counts_beside_the_constant_backlash(white_log):
+    own = fit(white_log, DRIVE, model=Gap(ONE, jnp.asarray(3 * GAP)), **PLAIN)
+    plain = fit(white_log, DRIVE, model=Gap(ONE, jnp.asarray(0.0)), **PLAIN)
+    gaps = [one.parameters["constant_backlash_deg"] for one in (own, plain)]
+    assert abs(gaps[1].value - gaps[0].value - 3 * GAP / DEG) < 1e-9
+    assert "beside that of the flank model" in gaps[0].reason
+    covered = [one.checks.gap_over_angles_covered.value for one in (own, plain)]
+    assert abs(covered[0] - covered[1]) < 1e-9
+    assert "explain it as well" in own.parameters["model.extra"].reason

@@ -1,0 +1,143 @@
+"""Levenberg–Marquardt search of the parameters of a given flank model on the block rows.
+
+The misfit is |y − m(θ) − Z q|, where m is the model at the mean angle of every row and q are the
+coefficients of all other columns Z: offsets, harmonics, drift, delay and regressors. For every θ
+the best q is linear (variable projection: Golub and Pereyra 1973). Each flank of each log has its
+own q here, and the rows count as independent, because their noise is not yet known. The solution is
+only the start of the passes, which use the means of the model over the samples of every row.
+"""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optimistix as optx
+from jaxtyping import Float
+
+from ...base.arrays import Number, Numbers
+from ..compress.block_rows import BlockRun
+from ..model.column_layout import is_given
+from ..model.given_model import GivenModel, error_of
+from .linear_fit import LinearFit
+
+_MOST_STEPS = 200  # steps of the solver; chosen value
+_TOLERANCE = 1e-6  # change of a parameter, in standard errors of it alone, at the end; chosen
+_TOLD = 1e-5  # least part of the derivative by a parameter that is its own; chosen value
+_RANK = 1e-9  # least singular value of the other columns that counts, of the largest; chosen
+
+
+class _Rows(eqx.Module):
+    """Rows of one flank of one log.
+
+    **Arguments**
+    - `angle`: mean driving angle of every row, rad.
+    - `error`: transmission error of the rows less what the other columns explain of it, rad.
+    - `columns`: orthonormal basis of the other columns.
+    - `side`: 0 for flank A, 1 for flank B.
+    """
+
+    angle: Float[np.ndarray, " rows"]
+    error: Float[np.ndarray, " rows"]
+    columns: Float[np.ndarray, "rows columns"]
+    side: int = eqx.field(static=True)
+
+    def left(self, model: Any, values: Float[Numbers, " p"]) -> Float[Numbers, " rows"]:
+        """Return what the model and the other columns leave of the rows, rad."""
+        error = error_of(model, values, jnp.asarray(self.angle), self.side)
+        columns = jnp.asarray(self.columns)
+        return self.error - error + columns @ (columns.T @ error)
+
+
+def searched(linear: LinearFit) -> GivenModel:
+    """Return the given model of a linear fit with the parameters of the least misfit.
+
+    The parameters remain those of the start if the search finds no smaller misfit.
+    """
+    given = linear.model.given
+    assert given is not None  # the caller has a model
+    parts = tuple(
+        _rows_of(runs, [not is_given(name) for name, _ in log.columns.names], log.columns.own_slice)
+        for log in linear.rows
+        for runs in log.runs_by_flank().values()
+    )
+    found = _left_and_slopes(given.tree, parts, given.values)
+    left, slopes, whole = (np.asarray(each) for each in found)
+    size = np.linalg.norm(slopes, axis=0)
+    # A parameter that the other columns explain stays at its start, because its slope is rounding.
+    told = size > _TOLD * whole
+    size[~told] = 1.0
+    step = np.linalg.lstsq(slopes / size, left, rcond=_RANK)[0]
+    unit = float(np.std(left - slopes / size @ step)) or 1.0
+    scale = np.where(told, unit / size, 0.0)
+    ended = _minimise(given.tree, parts, given.values, scale, np.asarray(unit))
+    found, misfit = (np.asarray(each) for each in ended)
+    better = np.all(np.isfinite(found)) and misfit <= np.linalg.norm(left) / unit
+    return given.at(found) if better else given
+
+
+def _rows_of(runs: list[BlockRun], others: list[bool], own: slice) -> _Rows:
+    """Return the rows of runs on one flank; `others` marks the own columns that are kept."""
+    rows = np.concatenate([run.rows for run in runs])
+    error = np.concatenate([run.error for run in runs])
+    kept = np.ones(rows.shape[1] - 1, bool)
+    kept[own] = others
+    columns = rows[:, :-1][:, kept]
+    size = np.linalg.norm(columns, axis=0)
+    left, singular, _ = np.linalg.svd(columns / np.where(size > 0, size, 1.0), full_matrices=False)
+    basis = left[:, singular > _RANK * singular[0]]
+    return _Rows(
+        angle=np.concatenate([run.curve.driving_angle for run in runs]),
+        error=error - basis @ (basis.T @ error),
+        columns=basis,
+        side="AB".index(runs[0].segment.flank),
+    )
+
+
+def _left(
+    model: Any, parts: tuple[_Rows, ...], values: Float[Numbers, " p"]
+) -> Float[Numbers, " r"]:
+    return jnp.concatenate([part.left(model, values) for part in parts])
+
+
+@eqx.filter_jit
+def _left_and_slopes(
+    model: Any, parts: tuple[_Rows, ...], values: Float[Numbers, " p"]
+) -> tuple[Float[Numbers, " r"], Float[Numbers, "r p"], Float[Numbers, " p"]]:
+    """Return the residual at the start, rad, the negative of its derivatives, and their sizes.
+
+    The sizes are the lengths of the derivatives of the model itself.
+    """
+    values = jnp.asarray(values)
+    left = lambda some: _left(model, parts, some)  # noqa: E731
+    whole = lambda some: jnp.concatenate(  # noqa: E731
+        [error_of(model, some, jnp.asarray(part.angle), part.side) for part in parts]
+    )
+    sizes = jnp.linalg.norm(jax.jacfwd(whole)(values), axis=0)
+    return left(values), -jax.jacfwd(left)(values), sizes
+
+
+@eqx.filter_jit
+def _minimise(
+    model: Any,
+    parts: tuple[_Rows, ...],
+    start: Float[Numbers, " p"],
+    scale: Float[Numbers, " p"],
+    unit: Float[Number, ""],
+) -> tuple[Float[Numbers, " p"], Float[Number, ""]]:
+    """Return the parameters of the least misfit, and this misfit in units of `unit`."""
+
+    def misfit(scaled: Float[Numbers, " p"], _: None) -> Float[Numbers, " r"]:
+        return _left(model, parts, start + scale * scaled) / unit
+
+    solution = optx.least_squares(
+        misfit,
+        optx.LevenbergMarquardt(rtol=_TOLERANCE, atol=_TOLERANCE),
+        jnp.zeros_like(start),
+        max_steps=_MOST_STEPS,
+        throw=False,
+        # The solution is never differentiated, and the implicit adjoint doubles the tracing time.
+        adjoint=optx.RecursiveCheckpointAdjoint(),
+    )
+    return start + scale * solution.value, jnp.linalg.norm(misfit(solution.value, None))
