@@ -26,7 +26,7 @@ CHECKPOINT = "posterior.h5"
 
 
 SCHEMA = "vttig.run/1"
-_PACKAGES = ("vttig-jax", "jax", "jaxlib", "equinox", "optimistix", "numpy", "scipy")
+_PACKAGES = ("vttig-jax", "jax", "jaxlib", "equinox", "numpy", "scipy")
 
 
 @dataclass(frozen=True)
