@@ -59,6 +59,7 @@ def errors_and_slopes(
     torus: Torus, gears: Float[Array, "4"]
 ) -> tuple[Float[Array, "2 grid"], Float[Array, "2 grid 4"]]:
     """Return the errors of both flanks and their derivatives with respect to `gears`."""
+
     # The forward derivative comes with the value, so that the relation is traced once.
     def along(direction: Float[Array, "4"]):
         return jax.jvp(lambda one: torus.errors(one), (gears,), (direction,))

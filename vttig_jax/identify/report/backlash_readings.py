@@ -22,7 +22,7 @@ import jax.numpy as jnp
 import msgspec
 import numpy as np
 from jax.typing import ArrayLike
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from ...base.errors import LogError, UsageError
 from ...base.units import DEG
@@ -46,6 +46,8 @@ _FAR, _SHARE = 10.0, 0.5
 _MOST_ITERATIONS, _SETTLED = 60, 1e-13
 """Iterations of the driven angle at most, and the change, rad, at which they end. Each divides the
 change by about a thousand, the eccentricity over the radius."""
+
+_CHUNK = 4096  # angles whose rows are held at once, so that they stay in cache; chosen value
 
 _STEP = 1e-6
 """Step of the central differences: mm for eccentricities, rad for constant backlash and offset."""
@@ -90,11 +92,24 @@ def gap_of_both_flanks(driving: Float[np.ndarray, " n"], solved: SolvedFit) -> P
     return _gap_of_rows(rows, solved)
 
 
-def mean_gap(driving: Float[np.ndarray, " n"], solved: SolvedFit) -> PredictedGap:
-    """Return the mean over driving angles of the gap of two measured flanks, as a single gap."""
-    means = {
-        flank: _rows(driving, solved, flank).mean(axis=0, keepdims=True) for flank in ("A", "B")
-    }
+def mean_gap(
+    driving: Float[np.ndarray, " n"],
+    solved: SolvedFit,
+    times: Int[np.ndarray, " n"] | None = None,
+) -> PredictedGap:
+    """Return the mean over driving angles of the gap of two measured flanks, as a single gap.
+
+    **Arguments**
+    - `times`: how often each angle counts; by default once.
+    """
+    counts = np.ones(len(driving), np.int64) if times is None else times
+    means = {}
+    for flank in ("A", "B"):
+        sums = [
+            counts[start : start + _CHUNK] @ _rows(driving[start : start + _CHUNK], solved, flank)
+            for start in range(0, len(driving), _CHUNK)
+        ]
+        means[flank] = np.sum(sums, axis=0, keepdims=True) / counts.sum()
     return _gap_of_rows(means, solved)
 
 
@@ -269,11 +284,12 @@ def _rows(
     coefficients = solved.coefficients[flanks.index(flank)]
     rows = np.zeros((len(driving), columns.width - 1))
     rows[:, columns.index(OFFSET)] = 1.0
-    driven, moved = ratio * driving, np.inf
+    error, moved = np.zeros(len(driving)), np.inf
     # NumPy instead of the implicit model, which would be compiled for every set of orders. The
     # cells of orders of the driving shaft do not change with the driven angle.
     changing = list(enumerate(columns.free + columns.tied))
     for _ in range(_MOST_ITERATIONS):
+        driven = ratio * driving + error
         for place, term in changing:
             phase = float(term[0]) * driving + float(term[1]) * driven
             cell = columns.cosine(place)
@@ -281,6 +297,6 @@ def _rows(
         changing = [(place, term) for place, term in changing if term[1]]
         if moved <= _SETTLED:
             break
-        before, driven = driven, ratio * driving + rows @ coefficients
-        moved = float(np.abs(driven - before).max(initial=0.0))
+        before, error = error, rows @ coefficients
+        moved = float(np.abs(error - before).max(initial=0.0))
     return rows

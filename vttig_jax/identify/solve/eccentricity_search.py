@@ -25,7 +25,7 @@ _TOLERANCE = 1e-6
 search ends: the next step changes it by about as many standard errors (chosen). Rounding hides
 smaller changes of the squared misfit, and one last step needs no comparison of it."""
 
-_LEAST_STEP = 1e-12  # last step beside the eccentricities, if rounding hides the slope; chosen value
+_LEAST_STEP = 1e-12  # last step beside the eccentricities if rounding hides the slope (chosen)
 
 RANK_TOLERANCE = 1e-6
 """Smallest singular value of a determined direction of the column-scaled Jacobian, relative to the
