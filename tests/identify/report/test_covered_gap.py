@@ -9,9 +9,9 @@ from tests.identify.drives import drive, drive_log, known, level, there_and_back
 from vttig_jax.base.units import DEG
 from vttig_jax.identify.fit_result import Fit
 from vttig_jax.identify.fitting import fit
+from vttig_jax.identify.model.harmonics import plan_terms
 from vttig_jax.identify.report.check_sentences import check_sentences
 from vttig_jax.identify.report.checks import CoveredGap, GapAtSpeed
-from vttig_jax.identify.model.harmonics import plan_terms
 from vttig_jax.identify.report.covered_gap import _distinct, depends_on_speed
 from vttig_jax.logs.encoder_log import EncoderLog
 from vttig_jax.logs.motion.flank_assignment import assigned_segments
