@@ -282,8 +282,8 @@ def _rows(
     columns, ratio = solved.summary.columns, float(solved.model.ratio)
     flanks = [one.flank for one in solved.summary.flanks]
     coefficients = solved.coefficients[flanks.index(flank)]
-    rows = np.zeros((len(driving), columns.width - 1))
-    rows[:, columns.index(OFFSET)] = 1.0
+    table = np.zeros((columns.width - 1, len(driving)))  # one column after the other in memory
+    table[columns.index(OFFSET)] = 1.0
     error, moved = np.zeros(len(driving)), np.inf
     # NumPy instead of the implicit model, which would be compiled for every set of orders. The
     # cells of orders of the driving shaft do not change with the driven angle.
@@ -293,10 +293,11 @@ def _rows(
         for place, term in changing:
             phase = float(term[0]) * driving + float(term[1]) * driven
             cell = columns.cosine(place)
-            rows[:, cell], rows[:, cell + 1] = np.cos(phase), np.sin(phase)
+            np.cos(phase, out=table[cell])
+            np.sin(phase, out=table[cell + 1])
         changing = [(place, term) for place, term in changing if term[1]]
         if moved <= _SETTLED:
             break
-        before, error = error, rows @ coefficients
+        before, error = error, coefficients @ table
         moved = float(np.abs(error - before).max(initial=0.0))
-    return rows
+    return table.T

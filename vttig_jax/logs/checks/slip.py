@@ -200,7 +200,7 @@ def _columns(
         power = np.ones_like(first)
         for _ in range(ORDERS):
             power *= first
-            for wave in (power.real, power.imag):
+            for wave in (np.real(power), np.imag(power)):
                 for mask in flanks:
                     np.multiply(wave, mask, out=table[place])
                     place += 1
