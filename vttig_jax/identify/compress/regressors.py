@@ -165,7 +165,7 @@ def read_channels(
         time=log.time,
         driving=driving,
         driven=log.driven_angle,
-        error={flank: error - correction.get(flank, 0.0) for flank in flanks},
+        error={f: error - correction[f] if f in correction else error for f in flanks},
         own=own,
         delay_s=delay_s,
         weight=weight,
