@@ -83,7 +83,7 @@ def test_run_folder_holds_what_the_next_steps_need(run_folder):
     assert run["data"]["logs"] == ["../log.csv"]
     assert [len(digest) for digest in run["data"]["sha256"]] == [64]
     assert run["pair_file"]["driving"]["teeth"] == 45
-    assert {"vttig-jax", "jax", "optimistix"} <= set(run["versions"])
+    assert {"vttig-jax", "jax", "scipy"} <= set(run["versions"])
     with np.load(run_folder / "summary.npz", allow_pickle=False) as arrays:
         assert arrays["covariance"].shape == (len(arrays["names"]),) * 2
 

@@ -68,8 +68,8 @@ def fit(
 
     plus + E₂ sin(φ₂ + ε₂) − i E₁ sin(φ₁ + ε₁) on both flanks; the other orders are free on each
     flank. A delay d of the driven channel is taken out of the driving angle, φ₁(t − d), until it
-    stands still. The logs are compressed, their noise is autoregressive, and Levenberg–Marquardt
-    works on the compressed logs.
+    stands still. The logs are compressed, their noise is autoregressive, and least squares in a
+    trust region work on the compressed logs.
 
     **Arguments**
     - `log`: an encoder log or transmission-error curve, or several of one rig. They share

@@ -1,5 +1,7 @@
 """Gap over the angles that both flanks covered, and gap at the speeds of a log."""
 
+from fractions import Fraction
+
 import numpy as np
 import pytest
 
@@ -8,9 +10,10 @@ from vttig_jax.base.numerics.quantiles import NORMAL_95
 from vttig_jax.base.units import DEG
 from vttig_jax.identify.fit_result import Fit
 from vttig_jax.identify.fitting import fit
+from vttig_jax.identify.model.harmonics import plan_terms
 from vttig_jax.identify.report.check_sentences import check_sentences
 from vttig_jax.identify.report.checks import CoveredGap, GapAtSpeed
-from vttig_jax.identify.report.covered_gap import depends_on_speed
+from vttig_jax.identify.report.covered_gap import _distinct, depends_on_speed
 from vttig_jax.logs.encoder_log import EncoderLog
 from vttig_jax.logs.motion.flank_assignment import assigned_segments
 
@@ -190,3 +193,30 @@ def test_the_report_states_the_covered_gap_where_no_constant_one_is_known(third)
     assert any("driving shaft that both flanks covered" in sentence for sentence in told)
     known = check_sentences(third.checks, **words, gap_determined=True)
     assert not any("both flanks covered" in sentence for sentence in known)
+
+
+def _gap_wave(angle):
+    """A curve with the period of 9/16: orders of both shafts and of their product."""
+    driven = 9 / 16 * angle
+    return 1.0 + np.cos(angle + 0.3) + 0.5 * np.cos(8 * driven) + 0.2 * np.sin(angle - driven)
+
+
+def test_cells_a_hunting_period_apart_are_counted_and_not_repeated():
+    terms = plan_terms(Fraction(9, 16), (1, 2), (1, 2), 0, None)
+    cells = np.arange(-700, 100 * 360 + 123)
+    angles, times = _distinct(cells, terms)
+    assert len(angles) == 16 * 360 and times.sum() == len(cells)
+    every = _gap_wave((cells + 0.5) * DEG).mean()
+    assert np.average(_gap_wave(angles), weights=times) == pytest.approx(every, abs=1e-12)
+    assert np.average(_gap_wave(angles)) != pytest.approx(every, abs=1e-6)
+
+
+def test_long_runs_with_fractional_orders_use_every_place_of_a_turn():
+    terms = plan_terms(Fraction(9, 16), (1, 1.37), (1,), 0, None)
+    cells = np.arange(150 * 360)
+    angles, times = _distinct(cells, terms)
+    assert len(angles) < 20_000 and np.all(times == 1)
+    places = np.bincount(np.rint(angles / DEG - 0.5).astype(int) % 360, minlength=360)
+    assert places.min() >= places.max() - 1 > 0
+    few, once = _distinct(cells[:7200], terms)
+    assert len(few) == len(once) == 7200

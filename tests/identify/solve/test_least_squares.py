@@ -1,4 +1,4 @@
-"""Levenberg–Marquardt against scipy on the same residuals, and the rank of what it finds."""
+"""The solution against SciPy on the residuals of all parameters, and the rank of what it finds."""
 
 from dataclasses import replace
 
@@ -103,6 +103,19 @@ def test_a_large_offset_leads_nowhere_else(problem):
     moved[relation.names.index("offset")] -= 2.0
     assert np.all(np.abs(moved) < 0.01 * np.sqrt(np.diag(near.covariance)))
     assert far.misfit == pytest.approx(near.misfit, rel=0.01)
+
+
+def test_a_start_outside_the_valid_geometry_is_refused(problem):
+    """Eccentricities of metres let the base circles overlap, and no step leads out of there."""
+    _, _, relation, whitened = problem
+    matrices, targets = (np.stack([flank.tied[part] for flank in whitened]) for part in (0, 1))
+    std = np.sqrt(np.diag(solve(relation, whitened).covariance))
+    search = EccentricitySearch.of(relation, matrices, targets, std)
+    start = np.zeros(len(relation.names))
+    start[relation.names.index("driving_x")] = 120.0
+    values, settled, _ = search.minimise(start)
+    assert not settled and np.array_equal(values, start)
+    assert search.minimise(0 * start)[1]
 
 
 @pytest.mark.parametrize(("off", "settled"), [(0.0, True), (1e-3, True), (0.1, False)])

@@ -99,7 +99,7 @@ def _iterated(
         likelihood = _best_likelihood(innovation, floor) * len(values) / len(innovation)
         if likelihood > best.log_likelihood:
             best = NoiseFit(likelihood, used, residual, weight.copy())
-        square = _scale(innovation, freedom, floor)
+        square = float(_scales(innovation, np.array([freedom]), floor)[0])
         weight[used:] = (freedom + 1) / (freedom + innovation**2 / square)
         weight[:used] = 1.0
     return best
@@ -118,24 +118,25 @@ def _order(
     return len(whitening_filter(products / len(values), len(values))) - 1
 
 
-def _scale(innovation: Float[np.ndarray, " n"], freedom: float, least: float) -> float:
-    """Return the square of the scale s with the largest likelihood, at least `least`."""
+def _scales(
+    innovation: Float[np.ndarray, " n"], freedoms: Float[np.ndarray, " k"], least: float
+) -> Float[np.ndarray, " k"]:
+    """Return the square of the scale s with the largest likelihood for every number of degrees of
+    freedom, at least `least`.
+    """
     least = max(least, 1e-300)
-    square = max(float(np.mean(innovation**2)), least)
+    squares, count = innovation**2, len(innovation)
+    found = np.full(len(freedoms), max(float(squares.sum()) / count, least))
     for _ in range(_SCALES):
-        weight = (freedom + 1) / (freedom + innovation**2 / square)
-        square = max(float(np.mean(weight * innovation**2)), least)
-    return square
+        weight = (freedoms + 1)[:, None] / (freedoms[:, None] + squares / found[:, None])
+        found = np.maximum(weight @ squares / count, least)
+    return found
 
 
 def _best_likelihood(innovation: Float[np.ndarray, " n"], least: float) -> float:
     """Return the largest ln L of the innovations over scale and degrees of freedom."""
-    best = -np.inf
-    count = len(innovation)
-    for freedom in _FREEDOMS:
-        square = _scale(innovation, freedom, least)
-        constant = gammaln((freedom + 1) / 2) - gammaln(freedom / 2)
-        constant -= 0.5 * np.log(np.pi * freedom * square)
-        tails = np.log1p(innovation**2 / (freedom * square))
-        best = max(best, float(count * constant - 0.5 * (freedom + 1) * tails.sum()))
-    return best
+    count, freedoms = len(innovation), np.array(_FREEDOMS)
+    width = freedoms * _scales(innovation, freedoms, least)
+    constant = gammaln((freedoms + 1) / 2) - gammaln(freedoms / 2) - 0.5 * np.log(np.pi * width)
+    tails = np.log1p(innovation**2 / width[:, None]).sum(axis=1)
+    return float(np.max(count * constant - 0.5 * (freedoms + 1) * tails))

@@ -185,7 +185,7 @@ def read_channels(
         time=log.time,
         driving=driving,
         driven=log.driven_angle,
-        error={f: error - correction.get(f, 0.0) - modelled.get(f, 0.0) for f in flanks},
+        error={f: _less(error, correction.get(f), modelled.get(f)) for f in flanks},
         own=own,
         delay_s=delay_s,
         weight=weight,
@@ -196,6 +196,13 @@ def read_channels(
         slopes=() if given is None else given.names,
         given=linearised,
     )
+
+
+def _less(error: Samples, *parts: Samples | None) -> Samples:
+    """Return the error less the known parts; without any, both flanks share one array."""
+    for part in parts:
+        error = error if part is None else error - part
+    return error
 
 
 def shifted(log: EncoderLog, delay_s: float, weight: Samples | None = None) -> Samples:

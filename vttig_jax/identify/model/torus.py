@@ -59,4 +59,9 @@ def errors_and_slopes(
     torus: Torus, gears: Float[Array, "4"]
 ) -> tuple[Float[Array, "2 grid"], Float[Array, "2 grid 4"]]:
     """Return the errors of both flanks and their derivatives with respect to `gears`."""
-    return torus.errors(gears), jax.jacfwd(lambda one: torus.errors(one))(gears)
+
+    # The forward derivative comes with the value, so that the relation is traced once.
+    def along(direction: Float[Array, "4"]):
+        return jax.jvp(lambda one: torus.errors(one), (gears,), (direction,))
+
+    return jax.vmap(along, out_axes=(None, -1))(jnp.eye(len(GEARS)))

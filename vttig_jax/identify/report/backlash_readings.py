@@ -22,7 +22,7 @@ import jax.numpy as jnp
 import msgspec
 import numpy as np
 from jax.typing import ArrayLike
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from ...base.errors import LogError, UsageError
 from ...base.units import DEG
@@ -46,6 +46,8 @@ _FAR, _SHARE = 10.0, 0.5
 _MOST_ITERATIONS, _SETTLED = 60, 1e-13
 """Iterations of the driven angle at most, and the change, rad, at which they end. Each divides the
 change by about a thousand, the eccentricity over the radius."""
+
+_CHUNK = 4096  # angles whose rows are held at once, so that they stay in cache; chosen value
 
 _STEP = 1e-6
 """Step of the central differences: mm for eccentricities, rad for constant backlash and offset."""
@@ -90,13 +92,28 @@ def gap_of_both_flanks(driving: Float[np.ndarray, " n"], solved: SolvedFit) -> P
     return _gap_of_rows(rows, given, solved)
 
 
-def mean_gap(driving: Float[np.ndarray, " n"], solved: SolvedFit) -> PredictedGap:
-    """Return the mean over driving angles of the gap of two measured flanks, as a single gap."""
-    rows, given = _rows_of_flanks(driving, solved)
-    means: dict[Flank, Float[np.ndarray, "1 columns"]] = {
-        flank: own.mean(axis=0, keepdims=True) for flank, own in rows.items()
-    }
-    return _gap_of_rows(means, given.mean(keepdims=True), solved)
+def mean_gap(
+    driving: Float[np.ndarray, " n"],
+    solved: SolvedFit,
+    times: Int[np.ndarray, " n"] | None = None,
+) -> PredictedGap:
+    """Return the mean over driving angles of the gap of two measured flanks, as a single gap.
+
+    **Arguments**
+    - `times`: how often each angle counts; by default once.
+    """
+    counts = np.ones(len(driving), np.int64) if times is None else times
+    means: dict[Flank, Float[np.ndarray, "1 columns"]] = {}
+    value = np.zeros(1)
+    sides: tuple[tuple[Flank, float], ...] = (("A", -1.0), ("B", 1.0))
+    for flank, sign in sides:
+        means[flank] = np.zeros((1, solved.summary.columns.width - 1))
+        for start in range(0, len(driving), _CHUNK):
+            part = slice(start, start + _CHUNK)
+            rows, given = _rows(driving[part], solved, flank)
+            means[flank] += counts[part] @ rows / counts.sum()
+            value += sign * float(counts[part] @ given) / counts.sum()
+    return _gap_of_rows(means, value, solved)
 
 
 def _rows_of_flanks(
@@ -300,27 +317,29 @@ def _rows(
     columns, ratio = solved.summary.columns, float(solved.model.ratio)
     flanks = [one.flank for one in solved.summary.flanks]
     coefficients = solved.coefficients[flanks.index(flank)]
-    rows = np.zeros((len(driving), columns.width - 1))
-    rows[:, columns.index(OFFSET)] = 1.0
+    table = np.zeros((columns.width - 1, len(driving)))  # one column after the other in memory
+    table[columns.index(OFFSET)] = 1.0
     value = np.zeros(len(driving))
     if (given := solved.linear.model.given) is not None:
         linearised = given.on(driving, flank)
         value = linearised.value
         for slope, name in zip(linearised.slopes.T, given.names, strict=True):
             if (name, 0) in columns.names:
-                rows[:, columns.index(name)] = slope
-    driven, moved = ratio * driving, np.inf
+                table[columns.index(name)] = slope
+    error, moved = value, np.inf
     # NumPy instead of the implicit model, which would be compiled for every set of orders. The
     # cells of orders of the driving shaft do not change with the driven angle.
     changing = list(enumerate(columns.free + columns.tied))
     for _ in range(_MOST_ITERATIONS):
+        driven = ratio * driving + error
         for place, term in changing:
             phase = float(term[0]) * driving + float(term[1]) * driven
             cell = columns.cosine(place)
-            rows[:, cell], rows[:, cell + 1] = np.cos(phase), np.sin(phase)
+            np.cos(phase, out=table[cell])
+            np.sin(phase, out=table[cell + 1])
         changing = [(place, term) for place, term in changing if term[1]]
         if moved <= _SETTLED:
             break
-        before, driven = driven, ratio * driving + rows @ coefficients + value
-        moved = float(np.abs(driven - before).max(initial=0.0))
-    return rows, value
+        before, error = error, coefficients @ table + value
+        moved = float(np.abs(error - before).max(initial=0.0))
+    return table.T, value

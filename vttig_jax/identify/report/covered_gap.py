@@ -19,6 +19,7 @@ from scipy.special import chdtrc
 from ...base.numerics.quantiles import NORMAL_95
 from ...base.units import DEG, REV
 from ..model.column_layout import OFFSET
+from ..model.harmonics import TermPlan
 from ..preliminary.linear_fit import LinearFit
 from ..solve.sandwich import standard_errors
 from ..solve.solved_fit import SolvedFit
@@ -29,6 +30,9 @@ from .estimate import Estimate
 
 _CELL = DEG
 """Driving angle of a cell in rad; each cell that both flanks covered counts once (chosen)."""
+
+
+_MOST_CELLS = 20_000  # cells at which a curve with fractional orders is computed; chosen value
 
 
 def covered_gap(estimate: Estimate, margin: float) -> CoveredGap:
@@ -46,17 +50,18 @@ def covered_gap(estimate: Estimate, margin: float) -> CoveredGap:
     walk = estimate.walk and estimate.walk.solved
     if len(solved.summary.flanks) < 2:
         return CoveredGap(reason="one direction: one flank alone shows no gap")
-    driving = _common_angles(solved.linear)
-    if len(driving) == 0:
+    cells = _common_cells(solved.linear)
+    if len(cells) == 0:
         reason = "no driving angle was covered on both flanks; drive both ways over the same angles"
         return CoveredGap(reason=reason)
-    mean = mean_gap(driving, solved)
+    driving, times = _distinct(cells, solved.linear.model.terms)
+    mean = mean_gap(driving, solved, times)
     value = float(mean.value[0])
     own = 0.0 if scatter is None else float(standard_errors(solved, mean.functional, scatter)[0])
     std = math.sqrt(mean.variance(solved.solution.covariance)[0])
     std = own if scatter == "memory" else max(std, own)
     if walk is not None:
-        other = mean_gap(driving, walk)
+        other = mean_gap(driving, walk, times)
         apart = math.sqrt(other.variance(walk.solution.covariance)[0])
         std = max(std, math.hypot(apart, value - float(other.value[0])))
     ratio = float(solved.linear.model.terms.ratio)
@@ -71,23 +76,49 @@ def covered_gap(estimate: Estimate, margin: float) -> CoveredGap:
         low95=low / DEG,
         high95=high / DEG,
         determined=True,
-        covered_deg=len(driving) * _CELL / DEG,
+        covered_deg=len(cells) * _CELL / DEG,
     )
 
 
-def _common_angles(linear: LinearFit) -> Float[np.ndarray, " n"]:
-    """Return the centres of the cells that both flanks covered, in angles of the first log, rad.
+def _common_cells(linear: LinearFit) -> Int[np.ndarray, " n"]:
+    """Return the numbers of the cells that both flanks covered, in angles of the first log.
 
     Logs whose zero differs from that of the first are left out.
     """
-    cells: dict[str, list[np.ndarray]] = {"A": [], "B": []}
+    found = []
     count = len(linear.channels) if linear.model.same_zero else 1
     for channels, segments in zip(linear.channels[:count], linear.segments, strict=False):
         for segment in segments:
             angle = channels.driving[segment.start : segment.stop] / _CELL
-            cells[segment.flank].append(np.arange(np.floor(angle.min()), np.ceil(angle.max())))
-    lower, upper = (np.concatenate([np.zeros(0), *parts]) for parts in cells.values())
-    return (np.intersect1d(lower, upper) + 0.5) * _CELL
+            low, high = int(np.floor(angle.min())), int(np.ceil(angle.max()))
+            found.append(("AB".index(segment.flank), low, high))
+    first = min((low for _, low, _ in found), default=0)
+    covered = np.zeros((2, max((high for *_, high in found), default=first) - first), bool)
+    for side, low, high in found:
+        covered[side, low - first : high - first] = True
+    return first + np.flatnonzero(covered.all(axis=0))
+
+
+def _distinct(
+    cells: Int[np.ndarray, " n"], terms: TermPlan
+) -> tuple[Float[np.ndarray, " m"], Int[np.ndarray, " m"]]:
+    """Return the centres of cells, rad, and how often each counts.
+
+    Cells that are a hunting period apart have the same gap. A fractional order has another period,
+    and of more than `_MOST_CELLS` cells every k-th one counts, with k prime to the cells of a turn,
+    so that all places of a turn still count equally.
+    """
+    turn = round(REV / _CELL)
+    period = terms.ratio.denominator * turn
+    if not terms.fractional and np.ptp(cells) >= period:
+        times = np.bincount(cells % period)
+        cells = np.flatnonzero(times)
+        return (cells + 0.5) * _CELL, times[cells]
+    step = -(-len(cells) // _MOST_CELLS)
+    while math.gcd(step, turn) > 1:
+        step += 1
+    cells = cells[::step]
+    return (cells + 0.5) * _CELL, np.ones(len(cells), np.int64)
 
 
 _NARROW = 0.02  # part of the fitted gap by which jumps may differ from it anyway; chosen value

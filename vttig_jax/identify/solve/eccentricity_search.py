@@ -1,26 +1,31 @@
-"""Levenberg–Marquardt search of the eccentricities, with all linear parameters eliminated.
+"""Search of the eccentricities by a trust region, with all linear parameters eliminated.
 
 The misfit is |M (B g(e) + L q) − t|, where g are the transmission errors on the torus for the
 eccentricities e, and q are the parameters that only scale a column. For every e the best q is
 linear (variable projection: Golub and Pereyra 1973). The projection on what L cannot explain leaves
-|W g(e) − w|, and a QR factorisation brings (W, w) to one shape for all models. One compiled program
-therefore solves every log of every gear pair.
+|W g(e) − w| with a triangular (W, w). Only g and its derivatives are compiled, in one program for
+every log of every gear pair; the few steps of SciPy take less time than a compiled solver takes to
+be traced.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
-import jax
 import numpy as np
-import optimistix as optx
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Float
+from scipy.optimize import least_squares
 
 from ..model.forward_model import PairRelation
-from ..model.torus import GEARS, POINTS, Torus, errors_and_slopes
+from ..model.torus import GEARS, POINTS, errors_and_slopes
 
-_MOST_STEPS = 100  # steps of the solver; chosen value
+_MOST_STEPS = 100  # trial points of the solver; chosen value
 
-_TOLERANCE = 1e-9
-"""Change of an eccentricity, in standard errors of it alone, at which the search ends."""
+_TOLERANCE = 1e-6
+"""Slope of half the squared misfit, per standard error of an eccentricity alone, at which the
+search ends: the next step changes it by about as many standard errors (chosen). Rounding hides
+smaller changes of the squared misfit, and one last step needs no comparison of it."""
+
+_LEAST_STEP = 1e-12  # last step beside the eccentricities if rounding hides the slope (chosen)
 
 RANK_TOLERANCE = 1e-6
 """Smallest singular value of a determined direction of the column-scaled Jacobian, relative to the
@@ -86,37 +91,36 @@ class EccentricitySearch:
         )
 
     def minimise(self, start: Float[np.ndarray, " p"]) -> tuple[Float[np.ndarray, " p"], bool, int]:
-        """Return the parameters of least misfit, whether the search settled, and its steps."""
+        """Return the parameters of least misfit, whether the search settled, and its steps.
+
+        A start outside the valid geometry, where the base circles overlap, is returned as it is.
+        """
         relation, first = self.relation, len(self.relation.linear)
-        scale, gears = np.zeros(len(GEARS)), np.zeros(len(GEARS))
-        scale[relation.places] = self.scale[first:]
-        gears[relation.places] = start[first:] / self.scale[first:]
-        found, settled, steps = _minimise(relation.torus, self.triangle, scale, gears)
-        gears = np.asarray(found)
-        errors = np.asarray(errors_and_slopes(relation.torus, gears)[0])
-        linear = self.inverse @ (self.target - self.spread @ errors.ravel())
-        values = np.concatenate([self.scale[:first] * linear, gears[relation.places]])
-        return values, bool(settled), int(steps)
+        scale, places = self.scale[first:], relation.places
 
+        def evaluated(scaled: Float[np.ndarray, " q"]) -> list[Float[np.ndarray, "..."]]:
+            gears = np.zeros(len(GEARS))
+            gears[places] = scale * scaled
+            errors, slopes = map(np.asarray, errors_and_slopes(relation.torus, gears))
+            return [errors.ravel(), slopes.reshape(_VALUES, -1)[:, places] * scale]
 
-@jax.jit
-def _minimise(
-    torus: Torus,
-    triangle: Float[Array, "values_1 values_1"],
-    scale: Float[Array, "4"],
-    start: Float[Array, "4"],
-) -> tuple[Float[Array, "4"], Bool[Array, ""], Int[Array, ""]]:
-    def misfit(scaled: Float[Array, "4"], _: None) -> Float[Array, " values_1"]:
-        return triangle[:, :-1] @ torus.errors(scale * scaled).ravel() - triangle[:, -1]
+        def misfit(scaled: Float[np.ndarray, " q"]) -> Float[np.ndarray, " values_1"]:
+            return self.triangle[:, :-1] @ evaluated(scaled)[0] - self.triangle[:, -1]
 
-    solution = optx.least_squares(
-        misfit,
-        optx.LevenbergMarquardt(rtol=_TOLERANCE, atol=_TOLERANCE),
-        start,
-        max_steps=_MOST_STEPS,
-        throw=False,
-        # The solution is never differentiated, and the implicit adjoint doubles the tracing time.
-        adjoint=optx.RecursiveCheckpointAdjoint(),
-    )
-    settled = solution.result == optx.RESULTS.successful
-    return scale * solution.value, settled, solution.stats["num_steps"]
+        if not np.isfinite(misfit(start[first:] / scale)).all():
+            return start, False, 1
+        slopes: Any = lambda scaled: self.triangle[:, :-1] @ evaluated(scaled)[1]  # noqa: E731
+        never: Any = None
+        found = least_squares(
+            misfit,
+            start[first:] / scale,
+            jac=slopes,
+            gtol=_TOLERANCE,
+            xtol=_LEAST_STEP,
+            ftol=never,
+            max_nfev=_MOST_STEPS,
+        )
+        best = found.x - np.linalg.lstsq(found.jac, found.fun, rcond=RANK_TOLERANCE)[0]
+        linear = self.inverse @ (self.target - self.spread @ evaluated(best)[0])
+        values = np.concatenate([self.scale[:first] * linear, scale * best])
+        return values, found.status > 0, int(found.nfev)

@@ -57,11 +57,12 @@ class Channel:
     wraps: int = 0
     spikes: Bool[np.ndarray, " n"] | None = None
 
-    @cached_property
+    @property
     def turns_and_rest(self) -> tuple[Int[np.ndarray, " n"], Float[np.ndarray, " n"]]:
         """Whole turns and the remaining angle in rad; φ = 2π turns + rest.
 
         Whole turns of integer counts are subtracted as integers; without `per_turn` they are 0.
+        They are computed at every call, because a log would keep two more columns for each shaft.
         """
         travel = self.reading - self.origin
         if self.per_turn is None:

@@ -86,15 +86,15 @@ def find_slip(log: EncoderLog, segments: Segments) -> Slip | None:
     rows, segment_of, group, forward = _rows(log, segments)
     if len(rows) < 4 * LEAST or np.ptp(log.driving_angle[rows]) < LEAST_TURNS * REV:
         return None
-    columns = _columns(log, rows, group, forward)
-    error = log.transmission_error[rows]
-    residual = _huber_residual(columns, error)
     edges = _window_starts(segment_of)
     if len(edges) < 4:
         return None
+    columns = _columns(log, rows, group, forward)
+    error = log.transmission_error[rows]
+    residual = _huber_residual(columns, error)
     size = np.diff([*edges, len(rows)])
     medians = _medians(residual, edges, size)
-    means = np.add.reduceat(columns, edges, axis=0) / size[:, None]
+    means = (np.add.reduceat(columns.T, edges, axis=1) / size).T
     least, speed = _least_step(log, residual), means[:, _speed_place(group)]
     steps = find_steps(medians, means, least, rival=speed)
     if not steps:
@@ -112,6 +112,7 @@ def refuse_slip(log: EncoderLog, segments: Segments) -> None:
 
 
 _HUBER_STEPS = 5  # weights; they hardly change after four; chosen value
+_FITTED = 200  # rows of the Huber fit for each of its columns; chosen value
 _DEPENDENT = 1e-12
 """Share of the largest eigenvalue of the normal matrix below which columns count as dependent
 (chosen)."""
@@ -186,17 +187,26 @@ def _columns(
     time = log.time[rows]
     span = max(float(np.ptp(time)), 1e-300)
     flanks = [mask for mask in (forward, ~forward) if mask.any()]
-    columns = [(group == k).astype(np.float64) for k in range(int(group.max()) + 1)]
-    columns.append((time - time.mean()) / span)
+    groups, torques = int(group.max()) + 1, int(log.torque is not None)
+    # One column after the other lies in memory, so that each is written and summed at once.
+    table = np.empty((groups + 2 + 4 * ORDERS * len(flanks) + torques, len(rows)))
+    table[:groups] = group == np.arange(groups)[:, None]
+    table[groups] = (time - time.mean()) / span
     speed = smooth_speed(log.time, log.driving_angle, log.driving.resolution).value[rows]
-    columns.append(_scaled(speed))
+    table[groups + 1] = _scaled(speed)
+    place = groups + 2
     for angle in (log.driving_angle[rows], log.driven_angle[rows]):
-        for order in range(1, ORDERS + 1):
-            for wave in (np.cos(order * angle), np.sin(order * angle)):
-                columns += [wave * mask for mask in flanks]
+        first = np.exp(1j * angle)
+        power = np.ones_like(first)
+        for _ in range(ORDERS):
+            power *= first
+            for wave in (np.real(power), np.imag(power)):
+                for mask in flanks:
+                    np.multiply(wave, mask, out=table[place])
+                    place += 1
     if log.torque is not None:
-        columns.append(_scaled(log.torque[rows]))
-    return np.stack(columns, axis=1)
+        table[place] = _scaled(log.torque[rows])
+    return table.T
 
 
 def _scaled(values: Float[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
@@ -208,25 +218,43 @@ def _huber_residual(
 ) -> Float[np.ndarray, " m"]:
     """Return the residual of a Huber fit, which late readings influence little.
 
-    Every step solves the weighted normal equations for a correction of the residual. Their rounding
-    therefore vanishes with the steps.
+    The coefficients are those of one row, drawn at random, of every few neighbours. `find_steps`
+    fits them again beside the steps. Every step solves the weighted normal equations for a
+    correction of the residual. Their rounding therefore vanishes with the steps.
     """
-    weight, residual = np.ones(len(error)), error
+    few = _drawn(len(error), columns.shape[1])
+    rows, left, weight = columns[few], error[few], np.ones(len(few))
+    changes = []
     for _ in range(_HUBER_STEPS):
-        weighted = columns * weight[:, None]
-        inverse = np.linalg.pinv(weighted.T @ columns, rcond=_DEPENDENT, hermitian=True)
-        residual = residual - columns @ (inverse @ (weighted.T @ residual))
-        scale = 1.5 * float(np.median(np.abs(residual))) / 0.6745
-        weight = scale / np.maximum(np.abs(residual), max(scale, 1e-300))
-    return residual
+        weighted = rows * weight[:, None]
+        inverse = np.linalg.pinv(weighted.T @ rows, rcond=_DEPENDENT, hermitian=True)
+        changes.append(inverse @ (weighted.T @ left))
+        left = left - rows @ changes[-1]
+        scale = 1.5 * float(np.median(np.abs(left))) / 0.6745
+        weight = scale / np.maximum(np.abs(left), max(scale, 1e-300))
+    return error - columns @ changes[0] - columns @ np.sum(changes[1:], axis=0)
+
+
+def _drawn(count: int, columns: int) -> Int[np.ndarray, " few"]:
+    """Return one row of every few neighbours, `_FITTED` for each column if there are so many.
+
+    Which one is random, so that outliers at equal distances are not drawn every time.
+    """
+    step = max(1, count // (_FITTED * columns))
+    first = np.arange(0, count - step + 1, step)
+    return first + np.random.default_rng(0).integers(step, size=len(first))
 
 
 def _medians(
     values: Float[np.ndarray, " m"], starts: Int[np.ndarray, " w"], size: Int[np.ndarray, " w"]
 ) -> Float[np.ndarray, " w"]:
     """Return the median of every window of neighbouring values."""
-    ordered = values[np.lexsort((values, np.repeat(np.arange(len(size)), size)))]
-    return (ordered[starts + (size - 1) // 2] + ordered[starts + size // 2]) / 2
+    found = np.empty(len(size))
+    for length in np.unique(size):
+        windows = size == length
+        rows = starts[windows, None] + np.arange(length)
+        found[windows] = np.median(values[rows], axis=1)
+    return found
 
 
 def _window_starts(segment_of: Int[np.ndarray, " m"]) -> Int[np.ndarray, " w"]:

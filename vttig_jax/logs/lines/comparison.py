@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.optimize import minimize_scalar
 
 from .noise import noise_filter, whitened
 from .regression import APART, orthonormal, waves
@@ -108,6 +107,8 @@ class Comparison:
         It keeps at least the resolution from the frequencies `lines`, where it has it already;
         otherwise the amplitudes of two lines are undefined.
         """
+
+        from scipy.optimize import minimize_scalar  # slow to import, and `inspect` compares nothing
 
         def height(frequency: float) -> float:
             return self.height([*beside, *lines, frequency])

@@ -1,6 +1,7 @@
 """Spectrum of the rows over the driving angle by FFT, and the level of its noise."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -115,6 +116,20 @@ class Spectrum:
         length = len(self.spread[0]) * self.remaining * self._gain(taps)
         return np.where(usable, power / np.where(usable, length, 1.0), 0.0)
 
+    @cached_property
+    def windows(
+        self,
+    ) -> tuple[Int[np.ndarray, " k"], Int[np.ndarray, "k m"], Float[np.ndarray, "k m"]]:
+        """Knots of the level, the frequencies around each, and ln of their ratio to the knot."""
+        cycles = self.cycles
+        per_cell = 1 / (self.span * (cycles[1] - cycles[0]))
+        size = min(round(_WINDOW * per_cell), len(cycles))
+        apart = max(round(_KNOT_DISTANCE * per_cell), 1)
+        knots = np.unique(np.append(np.arange(0, len(cycles), apart), len(cycles) - 1))
+        start = np.clip(knots - size // 2, 0, len(cycles) - size)
+        window = start[:, None] + np.arange(size)
+        return knots, window, np.log(cycles[window] / cycles[knots, None])
+
     def _gain(self, taps: Float[np.ndarray, " taps"]) -> Float[np.ndarray, " f"]:
         """Return the mean of |A|² of the filter over the rows, each with its step of the angle."""
         if len(taps) == 1:
@@ -182,41 +197,36 @@ def noise_level(
     near = [np.abs(cycles - line) * spectrum.span < 1 for line in lines]
     usable = (spectrum.remaining >= LEAST_REMAINING) & (height > 0)
     usable &= ~np.any(near, axis=0) if near else True
-    size = min(round(_WINDOW * per_cell), len(cycles))
-    knots = np.unique(
-        np.append(
-            np.arange(0, len(cycles), max(round(_KNOT_DISTANCE * per_cell), 1)), len(cycles) - 1
-        )
-    )
-    start = np.clip(knots - size // 2, 0, len(cycles) - size)
-    window = start[:, None] + np.arange(size)
+    knots, window, distance = spectrum.windows
+    logarithm = np.log(np.maximum(height, 1e-300))
     weight = usable[window].astype(float)
-    distance = np.log(cycles[window] / cycles[knots, None])
-    intercept, inverse = _gamma_regression(distance, height[window], weight)
-    freedom = np.clip(1 / np.maximum(inverse * per_cell, 1e-12), 0.0, size / per_cell)
+    intercept, inverse = _gamma_regression(distance, logarithm[window], weight)
+    most = window.shape[1] / per_cell
+    freedom = np.clip(1 / np.maximum(inverse * per_cell, 1e-12), 0.0, most)
     return Level(cycles[knots], intercept, freedom)
 
 
 def _gamma_regression(
     distance: Float[np.ndarray, "k m"],
-    height: Float[np.ndarray, "k m"],
+    logarithm: Float[np.ndarray, "k m"],
     weight: Float[np.ndarray, "k m"],
 ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
-    """Return the intercepts of ln height = a + b distance, and their variance for exponentials."""
+    """Return the intercepts of ln height = a + b distance, and their variance for exponentials.
+
+    `logarithm` is ln height.
+    """
     total = np.maximum(weight.sum(axis=1), 1e-300)
     centre = (weight * distance).sum(axis=1) / total
     apart = distance - centre[:, None]
     square = np.maximum((weight * apart**2).sum(axis=1), 1e-300)
-    response = np.log(np.maximum(height, 1e-300)) + _EULER
+    response = logarithm + _EULER
     mean = -np.expm1(-_CLIP)
     slope = np.zeros_like(centre)
     level = np.zeros_like(centre)
     for number in range(_ITERATIONS + 1):
         if number:
             log_level = level[:, None] + slope[:, None] * apart
-            relative = np.exp(
-                np.clip(np.log(np.maximum(height, 1e-300)) - log_level, -50.0, np.log(_CLIP))
-            )
+            relative = np.exp(np.clip(logarithm - log_level, -50.0, np.log(_CLIP)))
             response = log_level + relative / mean - 1
         level = (weight * response).sum(axis=1) / total
         slope = (weight * apart * response).sum(axis=1) / square

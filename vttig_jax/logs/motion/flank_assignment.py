@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
-from scipy.optimize import lsq_linear
 
 from ...base.units import DEG, REV
 from ..channel.speed import smooth_speed
@@ -88,6 +87,8 @@ def _flanks(log: EncoderLog, segments: Segments) -> Float[np.ndarray, " n"]:
 
 def _misfit(log: EncoderLog, rows: np.ndarray, flank: Float[np.ndarray, " m"]) -> float:
     """Return the residual sum of squares of a model with a backlash ≥ 0 between these flanks."""
+    from scipy.optimize import lsq_linear  # slow to import, and most logs have no torque
+
     speed = smooth_speed(log.time, log.driving_angle, log.driving.resolution).value[rows]
     assert log.torque is not None  # checked by the caller
     columns = [np.ones(len(rows)), speed, log.torque[rows]]
