@@ -1,6 +1,7 @@
 """Channels of an ASAM MDF file (.mf4, .mdf, .dat of MDF 3), with the time of their group."""
 
 import gc
+import io
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -16,12 +17,12 @@ def mdf_columns(path: Path, data: bytes) -> Iterator[ClockedColumn]:
 
     Damaged bytes raise various exceptions of asammdf.
     """
-    del data  # asammdf maps the file
+    del path
     with silent("asammdf"):
         from asammdf import MDF
 
         try:
-            with MDF(path) as file:
+            with MDF(io.BytesIO(data)) as file:
                 yield from _channels(file)
         finally:
             gc.collect()  # the destructor of a half-open file is noisy, and this is silent
