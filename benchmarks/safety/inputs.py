@@ -42,6 +42,7 @@ def write_inputs(folder: Path) -> None:
     """Write a log, a pair, gears, a scenario, a sweep, and the run folder of a fit."""
     write_drive(folder / "log.csv")
     write_pair(folder / "pair.toml")
+    (folder / "plain.toml").write_text(tomli_w.dumps(DRIVE))
     (folder / "gears.toml").write_text(tomli_w.dumps(GEARS))
     (folder / "scenario.toml").write_text(SCENARIO)
     (folder / "sweep.toml").write_text(SWEEP)

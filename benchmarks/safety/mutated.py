@@ -42,7 +42,7 @@ TOML = {
 
 def damaged(number: int, folder: Path, draw: Random) -> tuple[str, list[list[str]]]:
     """Write one damaged input; return its kind and the calls that read it."""
-    stated = ["--ratio", "2:1"] if draw.random() < 0.5 else ["--pair", "pair.toml"]
+    stated = ["--ratio", "2:1"] if draw.random() < 0.5 else ["--pair", "plain.toml"]
     if number % 5 == 4:
         name = draw.choice(list(TOML))
         path = folder / name

@@ -59,3 +59,11 @@ def test_values(written, column):
 def test_unusual_but_possible(written, column, factor):
     path, pair = written(column, factor)
     assert len(read_log(path, pair)) > 900
+
+
+def test_turns(written):
+    """Angles whose decimal mark is lost are refused, because memory grows with the turns."""
+    path, pair = written("driving_deg", 1e8)
+    with pytest.raises(LogError, match="too many for any order to show"):
+        read_log(path, pair)
+    read_log(written("driving_deg", 1.0)[0], pair)
