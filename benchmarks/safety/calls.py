@@ -31,7 +31,7 @@ _PAGE_BYTES = os.sysconf("SC_PAGE_SIZE")
 
 _LIBRARY = re.compile(
     r"(^|\s)\w*(Warning|Error|Exception): |site-packages|warnings\.warn|^[IWEF]\d{4} |"
-    r"Exception ignored|^Error in |free\(\): |Fatal Python",
+    r"Exception ignored|\[\w[\w.]* (?:WARNING|ERROR|INFO)\]|^Error in |free\(\): |Fatal Python",
     re.MULTILINE,
 )
 """What messages of other libraries look like."""

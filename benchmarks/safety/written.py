@@ -2,8 +2,10 @@
 
 import csv
 import json
+import os
 import re
 import subprocess
+import tempfile
 import tomllib
 from collections.abc import Callable
 from io import BytesIO, StringIO
@@ -95,16 +97,22 @@ def _dxf(data: bytes) -> None:
 
 
 def _step(data: bytes) -> None:
-    import tempfile
-
     from OCP.IFSelect import IFSelect_RetDone
     from OCP.STEPControl import STEPControl_Reader
 
-    with tempfile.NamedTemporaryFile(suffix=".step") as file:
+    with tempfile.NamedTemporaryFile(suffix=".step") as file, tempfile.TemporaryFile() as said:
         file.write(data)
         file.flush()
         reader = STEPControl_Reader()
-        if reader.ReadFile(file.name) != IFSelect_RetDone or not reader.TransferRoots():
+        stdout = os.dup(1)
+        os.dup2(said.fileno(), 1)  # where the reader names syntax that it skips
+        try:
+            done = reader.ReadFile(file.name) == IFSelect_RetDone and reader.TransferRoots()
+        finally:
+            os.dup2(stdout, 1)
+            os.close(stdout)
+        said.seek(0)
+        if not done or b"ERR" in said.read():
             raise ValueError("no STEP file")
 
 
