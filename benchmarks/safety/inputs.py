@@ -1,6 +1,8 @@
 """Valid inputs of all commands in one folder, which studies then spoil."""
 
 import os
+from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 import tomli_w
@@ -54,14 +56,20 @@ def write_inputs(folder: Path) -> None:
 
 
 def _write_log_of_gears(path: Path) -> None:
-    """Simulate a log in a forked process, because a process that has computed cannot be forked."""
-    child = os.fork()
-    if child == 0:
-        try:
-            enable_x64()
-            path.write_text(log_csv(paper_rig(1, PassMotion(reversal_deg=2160.0)).log(1)))
-        finally:
-            os._exit(0)
-    os.waitpid(child, 0)
+    def simulate() -> None:
+        path.write_text(log_csv(paper_rig(1, PassMotion(reversal_deg=2160.0)).log(1)))
+
+    in_a_fork(simulate)
     if not path.exists():
         raise RuntimeError("the log of the gears could not be simulated")
+
+
+def in_a_fork(function: Callable[[], None]) -> None:
+    """Call a function in a forked process, because a process that has computed is not forked."""
+    child = os.fork()
+    if child == 0:
+        with suppress(BaseException):
+            enable_x64()
+            function()
+        os._exit(0)
+    os.waitpid(child, 0)
