@@ -58,7 +58,7 @@ class Ended:
         found = []
         if hidden(text):
             found.append("control or direction character")
-        if "Traceback" in text:
+        if re.search("^Traceback", text, re.MULTILINE):
             found.append("traceback")
         if self.code == 1:
             found.append("exit 1")

@@ -2,8 +2,9 @@
 
     python -m benchmarks.safety.hostile [--texts 400]
 
-Every text stands in one of the places of `places.py`, whose calls cover all commands; every 80th
-also in the commands that compile for long. What reaches the terminal is searched for control and
+Every text stands in one of the places of `places.py`, whose calls cover all commands: a third of
+them in places whose calls build on each other, and every 80th also in the commands that compile for
+long. What reaches the terminal is searched for control and
 direction characters and tracebacks, and every written file is read back by another program. Writes
 results/hostile.json; the exit code is 1 if any fault was found.
 """
@@ -24,7 +25,7 @@ from .places import INDEPENDENT, PLACES, Place, in_slow_commands
 from .texts import texts
 from .written import rejected
 
-SLOW_EVERY = 80
+SLOW_EVERY, FULL_EVERY = 80, 3
 CALLS = 6  # parts into which the independent calls of a place are divided, one for each text
 
 
@@ -48,7 +49,10 @@ def examine(text: str, place: Place, base: Path, turn: int) -> tuple[list[Ended]
 def _one(task: tuple[int, str, Path]) -> tuple[list[Ended], list[str]]:
     """Examine one text in its place, and print what is wrong."""
     number, text, base = task
-    places = [PLACES[number % len(PLACES)]]
+    turn, position = divmod(number, len(PLACES))
+    places = [PLACES[position]]
+    if turn % FULL_EVERY and places[0] not in INDEPENDENT:
+        places = [INDEPENDENT[number % len(INDEPENDENT)]]
     places += [in_slow_commands] * (number % SLOW_EVERY == 0)
     all_ends, all_faults = [], []
     for place in places:
