@@ -16,6 +16,7 @@ import os
 import shutil
 import sys
 import tempfile
+import time
 from pathlib import Path
 
 from ..environment import write
@@ -71,6 +72,7 @@ def main() -> int:
     """Run the study, print its counts and write them."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--texts", type=int, default=400)
+    parser.add_argument("--minutes", type=float, default=240.0, help="end after this time")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--jobs", type=int, default=2, help="processes at a time")
     parser.add_argument("--only", type=int, help="number of the one text to examine")
@@ -79,7 +81,7 @@ def main() -> int:
     codes: collections.Counter[str] = collections.Counter()
     verbs: collections.Counter[str] = collections.Counter()
     faults: collections.Counter[str] = collections.Counter()
-    longest, largest = 0.0, 0
+    done, longest, largest = 0, 0.0, 0
     with tempfile.TemporaryDirectory() as parent:
         os.environ["VTTIG_CACHE"] = str(Path(parent) / "cache")
         base = Path(parent) / "base"
@@ -89,17 +91,22 @@ def main() -> int:
         found = texts(asked.texts, asked.seed)
         tasks = [(number, found[number], base) for number in numbers]
         with multiprocessing.get_context("fork").Pool(asked.jobs, maxtasksperchild=20) as pool:
+            until = time.monotonic() + 60 * asked.minutes
             for ends, faulty in pool.imap_unordered(_one, tasks):
+                done += 1
                 for ended in ends:
                     codes[str(ended.code)] += 1
                     verbs[ended.arguments[0] if ended.arguments[0].isascii() else "?"] += 1
                     longest = max(longest, ended.cpu_s)
                     largest = max(largest, ended.peak_bytes)
                 faults.update(faulty)
+                if time.monotonic() > until:
+                    pool.terminate()
+                    break
     print(f"{sum(codes.values())} calls, faults: {dict(faults)}; codes: {dict(codes)}")
     if asked.only is None:
         record = {
-            "texts": asked.texts,
+            "texts": done,
             "calls": sum(codes.values()),
             "exit_codes": dict(codes),
             "verbs": {name: count for name, count in verbs.items() if count > 9},

@@ -18,6 +18,7 @@ import shutil
 import signal
 import sys
 import tempfile
+import time
 from collections.abc import Callable
 from pathlib import Path
 from random import Random
@@ -108,6 +109,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--verb", choices=VERBS, default="fit")
     parser.add_argument("--kills", type=int, default=40)
+    parser.add_argument("--minutes", type=float, default=60.0, help="end after this time")
     parser.add_argument("--seed", type=int, default=0)
     asked = parser.parse_args()
     preload()
@@ -121,7 +123,8 @@ def main() -> int:
         (base / "old.digest").write_text(reference(verb, base, "old", old=True))
         (base / "new.digest").write_text(reference(verb, base, "new"))
         ended = call([*verb.arguments, "--out", "warm"], base, before=verb.before)
-        while counts["killed"] < asked.kills:
+        until = time.monotonic() + 60 * asked.minutes
+        while counts["killed"] < asked.kills and time.monotonic() < until:
             how, holds = one(verb, base, draw, ended.cpu_s)
             counts["killed"] += how.endswith("killed")
             counts[f"{how}: {holds}"] += 1
