@@ -1,5 +1,6 @@
 """Hostile names of pairs, files, columns, keys and options: nothing of them reaches a terminal."""
 
+import csv
 import json
 import unicodedata
 from pathlib import Path
@@ -93,3 +94,15 @@ def test_names_in_messages(folder, vttig, name):
         errors = [line for line in err.split("\n") if line.startswith("error: ")]
         assert hidden(text + err) == [] and len(errors) == 1, (call, err)
         assert len(err) < 1500, call
+
+
+def test_names_in_a_table_are_no_formulas(folder, vttig):
+    """A spreadsheet computes no cell, and the names that need nothing are as they were."""
+    (folder / "pair.toml").write_text(tomli_w.dumps(PAIR))
+    names = {"=1+1.csv": "'=1+1.csv", "+1.csv": "'+1.csv", "@a.csv": "'@a.csv"}
+    names |= {"esc\x1b[2J.csv": "esc\\x1b[2J.csv", "a=b.csv": "a=b.csv"}
+    for name in names:
+        (folder / name).write_bytes((folder / "log.csv").read_bytes() + b"\n" * len(name))
+    vttig("fit-many", *names, "--pair", "pair.toml", "--csv", "many.csv")
+    rows = list(csv.DictReader((folder / "many.csv").open()))
+    assert [row["log"] for row in rows] == list(names.values())

@@ -59,3 +59,28 @@ def test_values(written, column):
 def test_unusual_but_possible(written, column, factor):
     path, pair = written(column, factor)
     assert len(read_log(path, pair)) > 900
+
+
+@pytest.mark.parametrize(
+    "stamp", ["9" * 400, "9" * 5000, "1e9", "99999999999²", "1" + "." + "9" * 400]
+)
+def test_stamps_of_no_clock(written, stamp):
+    """Very long numbers, and digits that are no numbers, are refused at their line."""
+    path, pair = written("time_s", 1.0)
+    lines = path.read_text().splitlines()
+    lines[1:] = [
+        f"{number}{line[line.index('.') :]}" for number, line in enumerate(lines[1:], 10**10)
+    ]
+    lines[3] = stamp + lines[3][lines[3].index(",") :]
+    path.write_text("\n".join(lines))
+    with pytest.raises(LogError) as caught:
+        read_log(path, pair)
+    assert "line 4" in caught.value.where or "line 5" in caught.value.where, caught.value
+
+
+def test_turns(written):
+    """Angles whose decimal mark is lost are refused, because memory grows with the turns."""
+    path, pair = written("driving_deg", 1e8)
+    with pytest.raises(LogError, match="too many for any order to show"):
+        read_log(path, pair)
+    read_log(written("driving_deg", 1.0)[0], pair)

@@ -12,6 +12,7 @@ import unicodedata
 MOST = 200
 """Characters that are shown of one foreign name; chosen value."""
 
+_FORMULA = ("=", "+", "-", "@")
 _QUOTE = re.compile("`([^`]*)`")
 _LONG_WORD = re.compile(rf"[^\s`]{{{MOST + 1},}}")
 
@@ -54,6 +55,24 @@ def escaped(text: str) -> str:
         mark if mark.isprintable() or unicodedata.category(mark) == "Zs" else _escape(mark)
         for mark in text
     )
+
+
+def csv_cell(text: str) -> str:
+    r"""Return a foreign text as a cell of CSV: with visible escapes, and never a formula.
+
+    Spreadsheets compute a cell that begins with `=`, `+`, `-` or `@`; an apostrophe in front makes
+    it a text.
+
+    **Example**
+    ```python
+    >>> from vttig_jax.base.shown_text import csv_cell
+    >>> print(csv_cell("=1+1"), csv_cell("a=1\n"))
+    '=1+1 a=1\n
+
+    ```
+    """
+    shown = escaped(text)
+    return f"'{shown}" if shown.startswith(_FORMULA) else shown
 
 
 def _escape(mark: str) -> str:

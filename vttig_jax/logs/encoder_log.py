@@ -17,7 +17,7 @@ from ..base.units import ANGLE_UNITS, ARCSEC, DEG, REV
 from ..pair.schema import PairSpec
 from .channel.channel import Channel, RawChannel, make_channel
 from .channel.stuck import refuse_stuck
-from .magnitudes import refuse_times, refuse_values
+from .magnitudes import refuse_times, refuse_turns, refuse_values
 from .protocols import TwoShafts
 from .source import Source
 
@@ -358,6 +358,7 @@ class EncoderLog:
                 " whole log; log a shaft that turns, or correct the unit or counts_per_rev.",
                 where=raw.source.at("driving"),
             )
+        refuse_turns(driving.turns, len(raw.time), raw.source)
         if driven is not None:
             refuse_stuck(driving, driven, pair.ratio, raw.time, raw.source)
         return cls(

@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from ..base.errors import UsageError
+from ..base.errors import UsageError, VttigError
+from ..base.files.standard_input import KEPT_STEM, STDIN, kept_bytes, kept_name
 from ..logs.recognition.request import DriveRequest
 from .options import ReadingOptions, RunOptions
-from .run_file import CHECKPOINT, RunRecord
+from .run_file import CHECKPOINT, RunRecord, read_run
 from .stated_drive import stated_spec
 
 if TYPE_CHECKING:
@@ -49,6 +50,8 @@ def resolve(
     """
     if not logs:
         raise UsageError("LOG is missing; see `vttig fit --help`.")
+    if STDIN in (pair, readings):
+        raise UsageError("only a LOG may come from stdin (-); give the other files by their paths.")
     options.check(len(logs), readings=readings is not None)
     spec, guesses = stated_spec(logs, pair, drive, options.reading)
     return RunRecord(logs, spec, options, readings=readings, guesses=guesses)
@@ -172,8 +175,11 @@ def write_fit(writer: "RunFolder", fit: "Fit", record: RunRecord, *, figures: bo
     from ..base.files.json_io import dumps
     from ..identify.store import fit_arrays
 
-    for name in _FOLLOWING:
+    for name in (*_FOLLOWING, *_unused_kept_logs(writer.path, record)):
         writer.discard(name)
+    for log in record.logs:
+        if (data := kept_bytes(log)) is not None:
+            writer.write_bytes(kept_name(log), data)
     table, arrays, content = record.table(writer.path), fit_arrays(fit), fit.to_json()
     digest = _run_digest(table, arrays, content)
     writer.write_toml("run.toml", {"schema": table["schema"], "run": digest} | table)
@@ -183,6 +189,21 @@ def write_fit(writer: "RunFolder", fit: "Fit", record: RunRecord, *, figures: bo
             writer.write_bytes(f"figures/{name}", data)
     content = {"schema": content["schema"], "run": digest} | content
     writer.write_text("fit.json", dumps(content) + "\n")
+
+
+def _unused_kept_logs(folder: Path, record: RunRecord) -> list[str]:
+    """Return the logs from standard input that only the old run of a folder uses."""
+    try:
+        old = read_run(folder)
+    except VttigError:  # there is no old run, or it is damaged
+        return []
+    used = {log.resolve() for log in record.logs}
+    kept = [log for log in old.logs if log.name.startswith(f"{KEPT_STEM}.")]
+    return [
+        log.name
+        for log in kept
+        if log.resolve().parent == folder.resolve() and log.resolve() not in used
+    ]
 
 
 def _run_digest(table: dict[str, Any], arrays: "dict[str, np.ndarray]", content: Any) -> str:

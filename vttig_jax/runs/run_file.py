@@ -14,6 +14,7 @@ from ..base.errors import InputError, UsageError
 from ..base.files.commit import settle_if_free
 from ..base.files.limits import read_regular
 from ..base.files.run_folder import data_sha256
+from ..base.files.standard_input import kept_bytes, kept_name
 from ..logs.readers.binary.formats import folder_sha256, format_of
 from ..pair.pair_file import parse_pair_spec, spec_table
 from ..pair.schema import PairSpec
@@ -169,6 +170,8 @@ def require_same_data(run: RunRecord) -> None:
 
 
 def _relative(path: Path, base: Path) -> str:
+    if kept_bytes(path) is not None:  # standard input, which is kept in the run folder
+        return kept_name(path)
     return Path(os.path.relpath(path.resolve(), base)).as_posix()
 
 

@@ -1,6 +1,8 @@
 """Names that try to break out of the written files, read back by other programs."""
 
 import re
+import subprocess
+import sys
 from io import BytesIO, StringIO
 from xml.etree import ElementTree
 
@@ -17,7 +19,7 @@ NAMES = (
     "rig\n0\nSECTION\n2\nENTITIES",
     "</title><script>alert(1)</script>",
     "<![CDATA[ ]]> & &amp; ]]>",
-    "'); DROP TABLE gears; --",
+    "');DATA;",
     "it''s 'quoted' \"twice\"",
     "back\\slash\\",
     "esc\x1b[2Jbell\x07",
@@ -94,3 +96,33 @@ def test_dxf(drawing):
         document = ezdxf.read(StringIO(dxf_bytes(drawing, name).decode()))
         assert len(document.modelspace()) == expected, name
         assert "section z = 0 mm" in document.header.custom_vars.get("Title"), name
+
+
+def test_step(tmp_path):
+    """The reader of Open CASCADE names every syntax error on stdout, and reads on."""
+    pytest.importorskip("OCP")
+    from OCP.BRepPrimAPI import BRepPrimAPI_MakeBox
+
+    from vttig_jax.geometry.solids.sewing import write_step
+    from vttig_jax.geometry.solids.solid import _step_name
+
+    shape = BRepPrimAPI_MakeBox(1.0, 1.0, 1.0).Shape()
+    for number, name in enumerate(NAMES):
+        write_step(shape, tmp_path / f"{number}.step", _step_name(name))
+    assert errors_of_step(tmp_path) == ""
+    write_step(shape, tmp_path / "raw.step", "');DATA;")
+    assert "Incorrect Syntax" in errors_of_step(tmp_path)
+
+
+def errors_of_step(folder) -> str:
+    """What a new process says when it reads all files; this one has no printers any more."""
+    code = (
+        "import sys\n"
+        "from OCP.STEPControl import STEPControl_Reader\n"
+        "for path in sys.argv[1:]: STEPControl_Reader().ReadFile(path)"
+    )
+    paths = [str(path) for path in folder.glob("*.step")]
+    done = subprocess.run(
+        [sys.executable, "-c", code, *paths], capture_output=True, text=True, check=True
+    )
+    return done.stdout

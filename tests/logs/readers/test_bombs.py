@@ -6,10 +6,14 @@ import zlib
 
 import h5py
 import numpy as np
+import pyarrow as pa
 import pytest
+from pyarrow import parquet
 
+from tests.logs.binary_logs import WRITERS
 from vttig_jax.base.errors import InputError
 from vttig_jax.base.files.limits import most_memory
+from vttig_jax.logs.readers.binary.formats import format_of, read_binary
 from vttig_jax.logs.readers.nested import read_nested
 
 ROWS = 200_000_000
@@ -76,3 +80,52 @@ def test_a_compressed_element_is_measured_before_it_is_unpacked(tmp_path):
     assert path.stat().st_size < 500_000
     with pytest.raises(InputError, match="--most-memory"):
         read_nested(path)
+
+
+def read(path):
+    form = format_of(path)
+    assert form is not None
+    return read_binary(path, form)[0]
+
+
+@pytest.mark.parametrize(
+    ("suffix", "packed"),
+    [(".feather", True), (".arrow", True), (".parquet", True), (".mf4", True), (".tdms", False)],
+)
+def test_binary_files_are_measured_before_they_are_read(tmp_path, suffix, packed):
+    for needed in {".mf4": ["asammdf"], ".tdms": ["nptdms"]}.get(suffix, []):
+        pytest.importorskip(needed)
+    size = 400_000
+    columns = {"time_s": np.arange(size) * 0.01, "driving_deg": np.zeros(size)}
+    path = tmp_path / f"log{suffix}"
+    path.write_bytes(_zeros(suffix, columns))
+    assert not packed or 3 * path.stat().st_size < 16 * size
+    with most_memory(16 * size - 1), pytest.raises(InputError, match="--most-memory"):
+        read(path)
+    with most_memory(100 * size):
+        assert {len(one) for one in read(path).arrays} == {size}
+
+
+def _zeros(suffix: str, columns) -> bytes:
+    """A file of many equal numbers, packed where its format can pack."""
+    if suffix == ".arrow":
+        table, file = pa.table(columns), io.BytesIO()
+        options = pa.ipc.IpcWriteOptions(compression="zstd")
+        with pa.ipc.new_stream(file, table.schema, options=options) as writer:
+            writer.write_table(table)
+        return file.getvalue()
+    if suffix == ".parquet":
+        file = io.BytesIO()
+        parquet.write_table(pa.table(columns), file, use_dictionary=False, compression="zstd")
+        return file.getvalue()
+    return WRITERS[suffix](columns)
+
+
+def test_a_chunk_of_a_bag_declares_its_size(tmp_path):
+    head = b"\x89MCAP0\r\n"
+    chunk = struct.pack("<QQQI", 0, 0, 1 << 40, 0) + struct.pack("<I", 4) + b"zstd"
+    path = tmp_path / "log.mcap"
+    path.write_bytes(head + bytes([6]) + struct.pack("<Q", len(chunk)) + chunk + head)
+    pytest.importorskip("rosbags")
+    with pytest.raises(InputError, match="--most-memory"):
+        read(path)

@@ -34,6 +34,11 @@ def most_memory(size_bytes: int | None) -> Iterator[None]:
         _ASKED.reset(token)
 
 
+def asked_bytes() -> int | None:
+    """Return the limit that the user asked for, or None."""
+    return _ASKED.get()
+
+
 def free_bytes() -> int:
     """Return the free memory in bytes, or an assumed value if the system does not report it."""
     with suppress(OSError):  # MemAvailable includes pages that only cache files, unlike sysconf

@@ -18,6 +18,7 @@ from ..errors import InputError, UsageError
 from .atomic_write import os_errors_as_input_errors as _os_errors_as_input_errors
 from .commit import LOCK, Stage, settle
 from .limits import read_regular
+from .standard_input import kept_bytes
 
 _EXISTS = "already exists; add --overwrite (in Python overwrite=True) or choose another name."
 
@@ -185,7 +186,9 @@ def data_sha256(paths: Iterable[str | Path]) -> list[str]:
     digests = []
     for path in paths:
         try:
-            digests.append(hashlib.sha256(read_regular(path)).hexdigest())
+            kept = kept_bytes(path)
+            data = read_regular(path) if kept is None else kept
+            digests.append(hashlib.sha256(data).hexdigest())
         except OSError as error:
             raise InputError(f"cannot be read: {error.strerror}.", where=str(path)) from None
     return digests

@@ -8,6 +8,7 @@ import click
 
 from ...base.errors import NoAnswerError, UsageError
 from ...identify.settings import fields
+from ...logs.readers.stdin_log import with_standard_input
 from ...logs.recognition.request import in_words
 from ...runs.fit_run import perform, resolve, save_fit
 from ...runs.options import options_of
@@ -31,6 +32,7 @@ vttig fit log.csv --pair pair.toml --out run --require constant_backlash_deg
 vttig fit monday.csv friday.csv --pair pair.toml --loss bisquare --regressor torque
 vttig fit log.mat --pair pair.toml --column "driving=rec.pos_deg(1,:)" --sample-rate 250
 vttig fit --run run/run.toml
+xz -dc log.csv.xz | vttig fit - --pair pair.toml --out run
 """,
     groups={
         **GROUPS,
@@ -79,7 +81,8 @@ def command(
     or with one angle and the transmission error. Give the ratio with --ratio or --teeth, or all
     that a drawing says with --pair. Where a log can be read in two ways the command asks. Several
     logs of one rig are fitted together: they share eccentricities, orders, backlash and delay.
-    Without --out no file is written.
+    LOG may be - for stdin; it is then kept in --out, so that --run can repeat the fit. Without
+    --out no file is written.
     """
     if out is None and (overwrite or no_figures):
         name = "--overwrite" if overwrite else "--no-figures"
@@ -87,7 +90,7 @@ def command(
             f"{name} says how to write a run folder; give one with --out, or leave it."
         )
     if run_path is None:
-        run = resolve(logs, pair, readings, options_of(options), drive.request)
+        run = resolve(with_standard_input(logs), pair, readings, options_of(options), drive.request)
         if drive.only_explains(output, logs, (run.spec, run.guesses, run.options.reading)):
             return
     else:

@@ -6,6 +6,8 @@ from typing import Any
 import click
 
 from ...base.errors import NoAnswerError, UsageError
+from ...base.files.standard_input import STDIN
+from ...logs.readers.stdin_log import with_standard_input
 from ...runs.options import ReadingOptions, in_options
 from ..drive_options import GROUPS, DriveOptions, drive_options, pair_option
 from ..fit_options import BATCH_OPTIONS, batch_options
@@ -61,7 +63,7 @@ def command(
     code and a reason in its row, and the others are fitted.
     Blocks of logs are written as they are done: after Ctrl-C or a kill --resume goes on and ends
     with the same table. A command with --resume may be repeated: it starts, goes on, or only prints
-    the table that is complete.
+    the table that is complete. One LOG may be - for stdin, which --resume needs again.
     """
     if out is None and (resume or overwrite):
         raise UsageError("--resume and --overwrite are for the folder of --out.")
@@ -83,7 +85,10 @@ def command(
         settings = batch_settings(changes)
     except ValueError as error:
         raise UsageError(in_options(str(error))) from None
-    task = ManyFits.of(logs, pair, settings, ReadingOptions(**reading), drive.request)
+    if dask is not None and STDIN in logs:
+        raise UsageError("stdin (-) is not read by the workers of --dask; save the log as a file.")
+    read = with_standard_input(logs)
+    task = ManyFits.of(read, pair, settings, ReadingOptions(**reading), drive.request)
     if drive.only_explains(output, logs, (task.spec, task.guesses, task.reading)):
         return
     with output.progress(len(logs), "logs") as bar:
@@ -99,8 +104,7 @@ def command(
     output.emit(found.to_json(), found)
     failed = len(found) - int(found.is_fitted.sum())
     if failed == len(found):
-        # The table is the answer to `--json`, and says why there are no fits.
-        output.finish()
+        output.finish()  # the table with the reasons is the answer, so that no error object follows
         LOGGER.error("no log could be fitted; the reasons are in the table.")
         raise click.exceptions.Exit(NoAnswerError.exit_code)
     if failed:

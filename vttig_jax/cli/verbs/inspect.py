@@ -8,6 +8,7 @@ import click
 
 from ...base.errors import UsageError
 from ...logs.readers.column_roles import ROLES
+from ...logs.readers.stdin_log import with_standard_input
 from ..drive_options import GROUPS, DriveOptions, drive_options
 from ..options import log_options, verb
 from ..output import Output
@@ -46,11 +47,13 @@ def command(
 ) -> None:
     """Say what LOG holds: columns, rate, turns, ratio, flanks, speeds and orders.
 
-    The command to fit it is printed at the end, with all that was recognised.
+    LOG may be - for stdin. The command to fit it is printed at the end, with all that was
+    recognised.
     """
     from ...logs.preview import preview_log
     from ...runs.options import ReadingOptions
 
+    (log,) = with_standard_input([log])
     reading = ReadingOptions(columns=columns, decimal=decimal, sample_rate=sample_rate)
     report: Preview | Inspection
     if pair is None and not drive.request.names_a_drive:

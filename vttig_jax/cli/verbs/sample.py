@@ -11,6 +11,7 @@ import click
 from ...base.errors import InputError, NotConvergedError, UsageError
 from ...base.files.run_folder import data_sha256
 from ...identify.settings import fields
+from ...logs.readers.stdin_log import with_standard_input
 from ...runs.fit_run import perform, resolve, save_fit
 from ...runs.options import options_of
 from ...runs.posterior_run import report_on, write_report
@@ -143,6 +144,7 @@ def command(
 ) -> None:
     """Sample the posterior of the fit of LOG, or of the fit that is in --out.
 
+    LOG may be - for stdin; it is then kept in --out.
     Several independent ensembles run until their chains are long enough and agree. The draws are
     brought up to date in posterior.h5 every 5 s: after an interrupt or a kill, --resume goes on and
     ends with the same draws as a run that was never stopped; seed, walkers, ensembles and prior are
@@ -159,7 +161,7 @@ def command(
     vttig_jax.enable_x64()
     refuse_existing(out, resume=resume, overwrite=overwrite, fits=bool(logs))
     if logs:
-        run = resolve(logs, pair, readings, options_of(options), drive.request)
+        run = resolve(with_standard_input(logs), pair, readings, options_of(options), drive.request)
         if drive.only_explains(output, logs, (run.spec, run.guesses, run.options.reading)):
             return
         fit = _fit_of(run, out, resume=resume, overwrite=overwrite, figures=not no_figures)

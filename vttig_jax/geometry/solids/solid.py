@@ -121,13 +121,23 @@ def require_cad() -> None:
         ) from error
 
 
+_STEP_MARKS = str.maketrans("'\\;", "___")
+"""Quotes, backslashes and semicolons have a meaning in STEP, and not all readers find the end of a
+quoted text that holds them."""
+
+
+def _step_name(name: str) -> str:
+    """Return a name as STEP can hold it: one line of ASCII."""
+    return shown_name(name).translate(_STEP_MARKS).encode("ascii", "replace").decode()
+
+
 def step_bytes(solid: GearSolid, name: str) -> bytes:
     """Return a STEP file (AP214, mm) with the solid and its name."""
     from .sewing import write_step
 
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "gear.step"
-        write_step(solid.shape, path, shown_name(name).encode("ascii", "replace").decode())
+        write_step(solid.shape, path, _step_name(name))
         return path.read_bytes()
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from ...base.files.atomic_write import os_errors_as_input_errors, replace_file
 from ...base.files.text_tables import key_values, text_table
 from ...base.results import TextResult
+from ...base.shown_text import csv_cell
 from .codes import Code
 
 Columns = dict[str, np.ndarray]
@@ -74,7 +75,8 @@ class FitTable(TextResult):
     def to_csv(self, path: str | Path | None = None) -> str:
         """Return the table as text with commas, and write it to `path` if it is given.
 
-        A number that a log does not have is an empty cell; others have all their digits.
+        A number that a log does not have is an empty cell; others have all their digits. Texts are
+        cells that no spreadsheet computes, see `csv_cell`.
         """
         text = StringIO()
         out = writer(text, lineterminator="\n")
@@ -180,6 +182,8 @@ def _number(value: Any) -> float:
 
 def _cell(value: Any) -> Any:
     """Return a value as a cell of CSV: "" for NaN, and no decimals for whole numbers."""
+    if isinstance(value, str):
+        return csv_cell(value)
     if isinstance(value, float):
         if np.isnan(value):
             return ""

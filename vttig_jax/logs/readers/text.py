@@ -10,6 +10,7 @@ import numpy as np
 
 from ...base.errors import LogError
 from ...base.files.limits import read_regular
+from ...base.files.standard_input import kept_bytes
 
 ENDINGS = ("", ".csv", ".tsv", ".txt", ".dat", ".asc", ".log")
 """File endings of delimited text."""
@@ -110,7 +111,8 @@ def read_bytes(path: str | Path, endings: Sequence[str]) -> bytes:
             raise LogError("this is a folder; name the log file in it.", where=where)
         if path.suffix.lower() not in endings and path.exists():
             raise _unknown_ending(path)
-        data = read_regular(path)
+        kept = kept_bytes(path)
+        data = read_regular(path) if kept is None else kept
     except FileNotFoundError:
         raise LogError("no such file; check the path of the log.", where=where) from None
     except PermissionError:

@@ -4,6 +4,7 @@ import shlex
 from collections.abc import Mapping
 from pathlib import Path
 
+from ...base.files.standard_input import STDIN, kept_bytes
 from .request import DriveRequest
 
 
@@ -26,7 +27,7 @@ def fit_command(
 
     ```
     """
-    words = ["vttig", "fit", str(path)]
+    words = ["vttig", "fit", _argument(path)]
     if request.ratio is not None:
         words += ["--ratio", request.ratio]
     if request.teeth is not None:
@@ -46,3 +47,10 @@ def fit_command(
     if sample_rate_hz is not None:
         words += ["--sample-rate", f"{sample_rate_hz:.12g}"]
     return shlex.join(words)
+
+
+def _argument(path: str | Path) -> str:
+    """Return a path as an argument that is no option: `-` for stdin, `./-x.csv` for `-x.csv`."""
+    if kept_bytes(path) is not None:
+        return str(STDIN)
+    return f"./{path}" if str(path).startswith("-") else str(path)

@@ -8,9 +8,11 @@ from typing import Any
 import numpy as np
 
 from ....base.files.limits import MemoryBudget
+from .declared_sizes import take_arrow
 
 PARQUET = (".parquet", ".pq")
 _WIDEST = 8  # bytes of a number
+_MAGIC = 8  # bytes of the magic of an Arrow file and its padding
 UNIT_KEYS = (b"unit", b"units", b"unit_string")
 """Keys in the metadata of a field that hold its unit."""
 
@@ -37,22 +39,23 @@ def arrow_columns(path: Path, data: bytes) -> Iterator[tuple[str, np.ndarray]]:
 
 def _table(pa: Any, path: Path, data: bytes) -> Any:
     """Return the table of a file in any of the formats."""
+    budget = MemoryBudget(str(path), len(data))
     if path.suffix.lower() in PARQUET:
         from pyarrow import parquet
 
         file = parquet.ParquetFile(io.BytesIO(data))
-        MemoryBudget(str(path), len(data)).take(
-            _WIDEST * file.metadata.num_rows * file.metadata.num_columns
-        )
+        meta = file.metadata
+        unpacked = sum(meta.row_group(k).total_byte_size for k in range(meta.num_row_groups))
+        budget.take(max(_WIDEST * meta.num_rows * meta.num_columns, unpacked))
         return file.read()
     if data[:4] == b"FEA1":
         from pyarrow import feather
 
         return feather.read_table(io.BytesIO(data))
-    if data[:6] == b"ARROW1":
-        with pa.ipc.open_file(pa.BufferReader(data)) as file:
-            return file.read_all()
-    with pa.ipc.open_stream(pa.BufferReader(data)) as stream:
+    # A file is a stream between its magic and its footer, so that what is counted is what is read.
+    messages = data[_MAGIC:] if data[:6] == b"ARROW1" else data
+    take_arrow(pa.ipc.MessageReader.open_stream(pa.BufferReader(messages)), budget)
+    with pa.ipc.open_stream(pa.BufferReader(messages)) as stream:
         return stream.read_all()
 
 

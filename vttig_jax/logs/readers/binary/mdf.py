@@ -1,14 +1,19 @@
 """Channels of an ASAM MDF file (.mf4, .mdf, .dat of MDF 3), with the time of their group."""
 
 import gc
+import io
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from ....base.files.limits import MemoryBudget
 from .clocked import ClockedColumn
+from .declared_sizes import take_mdf
 from .silence import silent
+
+_SAMPLE = 16  # bytes of a sample and its time stamp
 
 
 def mdf_columns(path: Path, data: bytes) -> Iterator[ClockedColumn]:
@@ -16,24 +21,26 @@ def mdf_columns(path: Path, data: bytes) -> Iterator[ClockedColumn]:
 
     Damaged bytes raise various exceptions of asammdf.
     """
-    del data  # asammdf maps the file
+    budget = MemoryBudget(str(path), len(data))
+    take_mdf(data, budget)
     with silent("asammdf"):
         from asammdf import MDF
 
         try:
-            with MDF(path) as file:
-                yield from _channels(file)
+            with MDF(io.BytesIO(data)) as file:
+                yield from _channels(file, budget)
         finally:
             gc.collect()  # the destructor of a half-open file is noisy, and this is silent
 
 
-def _channels(file: Any) -> Iterator[ClockedColumn]:
+def _channels(file: Any, budget: MemoryBudget) -> Iterator[ClockedColumn]:
     names: set[str] = set()
     for g, group in enumerate(file.groups):
         master = file.masters_db.get(g)
         for k, channel in enumerate(group.channels):
             if k == master:
                 continue
+            budget.take(_SAMPLE * group.channel_group.cycles_nr)
             signal = file.get(group=g, index=k)
             if signal.samples.dtype.kind not in "biuf" or signal.samples.ndim != 1:
                 continue

@@ -10,8 +10,12 @@ from typing import Any
 
 import numpy as np
 
+from ....base.files.limits import MemoryBudget, read_regular
 from .clocked import ClockedColumn
+from .declared_sizes import take_mcap
 from .silence import silent
+
+_SAMPLE = 80  # bytes of a stamp and a number as objects of Python and in their lists
 
 JOINTS = "JointState"
 JOINT_FIELDS = {"position": "rad", "velocity": "rad/s", "effort": "Nm"}
@@ -27,6 +31,7 @@ def rosbag_columns(path: Path, data: bytes) -> Iterator[ClockedColumn]:
     Damaged bytes raise various exceptions of rosbags.
     """
     del data  # rosbags reads the file or the folder
+    budget = _budget(path)
     with silent("rosbags"):
         from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
@@ -38,6 +43,7 @@ def rosbag_columns(path: Path, data: bytes) -> Iterator[ClockedColumn]:
                 stamp_ns = _header_ns(message) or recorded_ns
                 for name, value in _numbers(connection.topic.strip("/"), message, 0):
                     stamps, values = series.setdefault(name, ([], []))
+                    budget.take(_SAMPLE)
                     stamps.append(stamp_ns)
                     values.append(value)
     if not series:
@@ -47,6 +53,16 @@ def rosbag_columns(path: Path, data: bytes) -> Iterator[ClockedColumn]:
         if len(values) > 1:
             seconds = (np.array(stamps, np.int64) - first) / 1e9
             yield ClockedColumn(name, np.array(values), seconds)
+
+
+def _budget(path: Path) -> MemoryBudget:
+    """Return the budget of a bag, from which the packed chunks of its files are taken."""
+    files = [one for one in path.rglob("*") if one.is_file()] if path.is_dir() else [path]
+    budget = MemoryBudget(str(path), sum(one.stat().st_size for one in files))
+    for one in files:
+        if one.suffix.lower() == ".mcap":
+            take_mcap(read_regular(one), budget)
+    return budget
 
 
 def _header_ns(message: Any) -> int:

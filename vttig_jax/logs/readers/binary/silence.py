@@ -11,9 +11,15 @@ from io import StringIO
 @contextmanager
 def silent(*loggers: str) -> Iterator[None]:
     """Keep warnings, log messages and prints of a library off the terminal inside the block."""
-    levels = {name: logging.getLogger(name).level for name in loggers}
+    # Modules of a library may have loggers with levels and handlers of their own.
+    names = [
+        name
+        for name in (*loggers, *logging.root.manager.loggerDict)
+        if name.split(".")[0] in loggers
+    ]
+    levels = {name: logging.getLogger(name).level for name in names}
     hook = sys.unraisablehook
-    for name in loggers:
+    for name in names:
         logging.getLogger(name).setLevel(logging.CRITICAL + 1)
     try:
         sys.unraisablehook = lambda _: None  # destructors of half-open files fail aloud

@@ -7,8 +7,11 @@ from pathlib import Path
 import numpy as np
 
 from ....base.errors import LogError
+from ....base.files.limits import MemoryBudget
 from .clocked import ClockedColumn
 from .silence import silent
+
+_WIDEST = 16  # bytes of a value, for channels of unknown type
 
 UNIT_KEYS = ("unit_string", "NI_UnitDescription", "unit", "units")
 """Properties of a channel that hold its unit, in this order."""
@@ -22,7 +25,11 @@ def tdms_columns(path: Path, data: bytes) -> Iterator[ClockedColumn]:
     """
     from nptdms import TdmsFile
 
+    budget = MemoryBudget(str(path), len(data))
     with silent("nptdms"):
+        declared = TdmsFile.read_metadata(io.BytesIO(data))
+        for channel in (channel for group in declared.groups() for channel in group.channels()):
+            budget.take(len(channel) * getattr(channel.dtype, "itemsize", _WIDEST))
         file = TdmsFile.read(io.BytesIO(data))
     if file.file_status.incomplete_final_segment:
         lengths = [len(channel) for group in file.groups() for channel in group.channels()]

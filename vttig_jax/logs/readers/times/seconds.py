@@ -12,6 +12,8 @@ from .stamps import read_stamps
 FAR = 2**31
 """Stamps beyond this are counted from the first one, as float64 has no digits to spare (chosen)."""
 
+_LONGEST = 40  # characters of a stamp: nanoseconds since 1970 have 20; chosen value
+
 FINE_ENOUGH = 0.1
 """Largest step of the printed stamps as a fraction of the sampling interval (chosen)."""
 
@@ -36,11 +38,14 @@ def seconds_of_numbers(values: Real[np.ndarray, " n"], unit: str) -> Float[np.nd
 def exact_numbers(fields: Sequence[str]) -> Float[np.ndarray, " n"] | None:
     """Return decimal stamps minus the first one; integers are subtracted, so no digit is lost.
 
-    Returns None unless all fields are plain decimal numbers.
+    Returns None unless all fields are plain decimal numbers of at most 40 characters.
     """
+    if any(len(field) > _LONGEST for field in fields):
+        return None
     parts = [field.replace(",", ".").partition(".") for field in fields]
     if not all(
-        whole.lstrip("+-").isdigit() and (not part or part.isdigit()) for whole, _, part in parts
+        whole.lstrip("+-").isdecimal() and (not part or part.isdecimal())
+        for whole, _, part in parts
     ):
         return None
     digits = max((len(part) for _, _, part in parts), default=0)

@@ -1,0 +1,114 @@
+"""A log of named arrays as the bytes of every binary format that is read from one file."""
+
+import io
+from collections.abc import Callable
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+Arrays = dict[str, np.ndarray]
+
+
+def _npz(arrays: Arrays) -> bytes:
+    file = io.BytesIO()
+    np.savez_compressed(file, **arrays)
+    return file.getvalue()
+
+
+def _npy(arrays: Arrays) -> bytes:
+    size = min(map(len, arrays.values()))
+    record = np.zeros(size, [(name, values.dtype) for name, values in arrays.items()])
+    for name, values in arrays.items():
+        record[name] = values[:size]
+    file = io.BytesIO()
+    np.save(file, record)
+    return file.getvalue()
+
+
+def _mat(arrays: Arrays) -> bytes:
+    from scipy.io import savemat
+
+    file = io.BytesIO()
+    savemat(file, {"rec": arrays}, do_compression=len(arrays) % 2 == 0)
+    return file.getvalue()
+
+
+def _hdf5(arrays: Arrays) -> bytes:
+    import h5py
+
+    file = io.BytesIO()
+    with h5py.File(file, "w") as written:
+        for name, values in arrays.items():
+            chunked = {"chunks": True, "compression": "gzip"} if len(values) > 2 else {}
+            written.create_dataset(f"rec/{name}", data=values, **chunked)
+    return file.getvalue()
+
+
+def _table(arrays: Arrays):
+    import pyarrow as pa
+
+    size = min(map(len, arrays.values()))
+    return pa.table({name: values[:size] for name, values in arrays.items()})
+
+
+def _parquet(arrays: Arrays) -> bytes:
+    from pyarrow import parquet
+
+    file = io.BytesIO()
+    parquet.write_table(_table(arrays), file)
+    return file.getvalue()
+
+
+def _feather(arrays: Arrays) -> bytes:
+    from pyarrow import feather
+
+    file = io.BytesIO()
+    feather.write_feather(_table(arrays), file, compression="lz4")
+    return file.getvalue()
+
+
+def _stream(arrays: Arrays) -> bytes:
+    import pyarrow as pa
+
+    file, table = io.BytesIO(), _table(arrays)
+    with pa.ipc.new_stream(file, table.schema) as writer:
+        writer.write_table(table)
+    return file.getvalue()
+
+
+def _tdms(arrays: Arrays) -> bytes:
+    import nptdms
+
+    file = io.BytesIO()
+    with nptdms.TdmsWriter(file) as writer:
+        writer.write_segment([nptdms.ChannelObject("g", n, v) for n, v in arrays.items()])
+    return file.getvalue()
+
+
+def _mdf(arrays: Arrays) -> bytes:
+    import asammdf
+
+    size = min(map(len, arrays.values()))
+    time = next(iter(arrays.values()))[:size]
+    with TemporaryDirectory() as folder, asammdf.MDF(version="4.10") as file:
+        signals = [
+            asammdf.Signal(v[:size], time, name=name) for name, v in list(arrays.items())[1:]
+        ]
+        file.append(signals)
+        path = Path(file.save(Path(folder) / "log.mf4", overwrite=True, compression=2))
+        return path.read_bytes()
+
+
+WRITERS: dict[str, Callable[[Arrays], bytes]] = {
+    ".npz": _npz,
+    ".npy": _npy,
+    ".mat": _mat,
+    ".h5": _hdf5,
+    ".parquet": _parquet,
+    ".feather": _feather,
+    ".arrows": _stream,
+    ".tdms": _tdms,
+    ".mf4": _mdf,
+}
+"""File ending → function that returns the bytes of a file."""

@@ -1,0 +1,51 @@
+"""A log from standard input: `-` in place of its path, and its format by its first bytes."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from ...base.errors import LogError, UsageError
+from ...base.files.standard_input import STDIN, keep, read_standard_input
+from .hdf5 import HDF5_SIGNATURE
+
+SIGNATURES = (
+    (b"MATLAB", ".mat"),
+    (HDF5_SIGNATURE, ".h5"),
+    (b"\x93NUMPY", ".npy"),
+    (b"PK\x03\x04", ".npz"),
+    (b"PAR1", ".parquet"),
+    (b"FEA1", ".feather"),
+    (b"ARROW1", ".arrow"),
+    (b"\xff\xff\xff\xff", ".arrows"),
+    (b"TDSm", ".tdms"),
+    (b"MDF ", ".mf4"),
+    (b"UnFinMF ", ".mf4"),
+    (b"\x89MCAP0", ".mcap"),
+    (b"#ROSBAG", ".bag"),
+    (b"SQLite format 3", ".db3"),
+)
+"""First bytes of the binary formats, and the file ending of each; everything else is text."""
+
+_BY_PATH = (".mcap", ".bag", ".db3")  # their library opens files and no bytes
+
+
+def with_standard_input(logs: Sequence[Path]) -> tuple[Path, ...]:
+    """Read standard input if one of the logs is `-`, and return the logs with a name for it.
+
+    The readers find the bytes under that name. A file that is called `-` needs its folder in front.
+
+    **Raises** `UsageError` if `-` is given twice or stdin is a terminal, `LogError` for a format
+    that is only read from a path, and `InputError` as `read_standard_input`.
+    """
+    if STDIN not in logs:
+        return tuple(logs)
+    if list(logs).count(STDIN) > 1:
+        raise UsageError("stdin (-) is given twice, but it can be read only once.")
+    data = read_standard_input()
+    head = data[:16]
+    ending = next((end for start, end in SIGNATURES if head.startswith(start)), ".csv")
+    if ending in _BY_PATH:
+        raise LogError(
+            "ROS files are not read from stdin; save the file, and give its path.", where=str(STDIN)
+        )
+    name = keep(data, ending)
+    return tuple(name if log == STDIN else log for log in logs)
