@@ -77,7 +77,7 @@ def test_the_examples_of_a_page_run(page):
     for block in blocks:
         assert "assert " in block and len(block.splitlines()) <= 10
         exec(compile(block, page, "exec"), names)
-    assert len(blocks) == 2
+    assert len(blocks) == 3
 
 
 @pytest.mark.parametrize("page", ["README.md", "docs/python.md"])

@@ -9,12 +9,13 @@ from msgspec.structs import replace
 from ...base.errors import InputError
 from ..scenario.spec import ScenarioSpec
 from ..simulation.case import Case
+from ..simulation.settings import with_settings
 from ..sweeps.batching import BatchRunner
 from ..sweeps.blocks import Rows, SweepWork
 from ..sweeps.cases import Recipe, SweepCases
 from .free_keys import FreeKey
 from .result import Score, costs_of, score_of
-from .search import Objective, with_settings
+from .search import Objective
 
 SEARCHED = 256
 """Limit of the cases in the search, a chosen value; the full simulation has all cases."""
@@ -81,12 +82,13 @@ class _WithSettings(SweepCases):
     ) -> None:
         super().__init__(with_keys(recipe.spec, keys, values), recipe.pair, rigs=recipe.rigs)
         self._built = built
-        self._settings = [key.name for key in keys], [np.asarray(value) for value in values]
+        names = [key.name for key in keys]
+        self._settings = dict(zip(names, map(np.asarray, values), strict=True))
 
     def case(self, number: int) -> Case | InputError:
         """See `SweepCases.case`."""
         case = self._built.case(number)
-        return case if isinstance(case, InputError) else with_settings(case, *self._settings)
+        return case if isinstance(case, InputError) else with_settings(case, self._settings)
 
 
 @lru_cache
