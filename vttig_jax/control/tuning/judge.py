@@ -61,7 +61,7 @@ class Judge:
 
     def _rows(self, values: tuple[float, ...]) -> Rows:
         work = SweepWork(_WithSettings(self.recipe, self.cases, self.keys, values), _runner())
-        blocks = [work.run(number, lambda steps: None) for number in range(work.blocks)]
+        blocks = [rows for _, rows in work.run_blocks(range(work.blocks), lambda steps: None)]
         rows = {name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]}
         self._scores.setdefault(values, self._score_rows(rows))
         return rows
