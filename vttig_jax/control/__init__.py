@@ -19,7 +19,13 @@ if TYPE_CHECKING:
     from .scenario.spec import load_scenario_spec as load_scenario_spec
     from .scenario.spec import parse_scenario_spec as parse_scenario_spec
     from .scenario.spec import with_values as with_values
+    from .simulation.case import Case as Case
+    from .simulation.metrics import OUTCOMES as OUTCOMES
+    from .simulation.pure_run import CaseRun as CaseRun
+    from .simulation.pure_run import build_case as build_case
+    from .simulation.pure_run import run as run
     from .simulation.result import Simulation as Simulation
+    from .simulation.settings import with_settings as with_settings
     from .simulation.simulate import simulate as simulate
     from .sweeps.sweep import sweep as sweep
     from .sweeps.table import SweepTable as SweepTable
@@ -27,25 +33,31 @@ if TYPE_CHECKING:
     from .tuning.tune import tune as tune
 
 _HOMES = {
+    "Case": "simulation.case",
+    "CaseRun": "simulation.pure_run",
     "Command": "controllers.controller",
     "Compensation": "compensation.compensation",
     "Controller": "controllers.controller",
     "Measurement": "controllers.controller",
+    "OUTCOMES": "simulation.metrics",
     "Plant": "plants.plant",
     "Simulation": "simulation.result",
     "SweepTable": "sweeps.table",
     "Tuned": "tuning.result",
+    "build_case": "simulation.pure_run",
     "c_header": "compensation.c_header",
     "compensation_of": "compensation.map_harmonics",
     "load_scenario_spec": "scenario.spec",
     "mesh_stiffness": "plants.elastic",
     "parse_scenario_spec": "scenario.spec",
     "recorded": "motion.recorded",
+    "run": "simulation.pure_run",
     "simulate": "simulation.simulate",
     "sine": "motion.sine",
     "sweep": "sweeps.sweep",
     "trapezoid": "motion.profiles",
     "tune": "tuning.tune",
+    "with_settings": "simulation.settings",
     "with_values": "scenario.spec",
 }
 """Public name → submodule."""

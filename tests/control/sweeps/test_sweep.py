@@ -208,10 +208,12 @@ def test_what_differs_gets_lanes_of_its_own_even_if_no_sample_showed_it():
     assert all(len(leaf) == 8 for leaf, apart in zip(nothing.leaves, own, strict=True) if apart)
 
 
-@pytest.mark.parametrize(("cases", "devices", "lanes"), [(1, 1, 8), (9, 1, 16), (9, 2, 16)])
-def test_lanes_are_powers_of_two_a_device(cases, devices, lanes):
+@pytest.mark.parametrize(
+    ("cases", "devices", "lanes"), [(1, 1, 8), (9, 1, 16), (17, 2, 16), (9, 2, 8)]
+)
+def test_lanes_are_powers_of_two_that_occupy_all_devices(cases, devices, lanes):
     assert lanes_for(cases, devices) == lanes
-    assert lanes_for(10**9, devices) == 512 * devices
+    assert lanes_for(10**9, devices) == 512
 
 
 # What is too large.

@@ -201,7 +201,7 @@ def _simulated(
     import vttig_jax
 
     from ...control.simulation.result import Simulation
-    from ...control.simulation.simulate import prepare_case, run
+    from ...control.simulation.simulate import prepare_case, run_in_chunks
 
     vttig_jax.enable_x64()
     pair, case = prepare_case(spec, path.parent, str(path))
@@ -219,7 +219,7 @@ def _simulated(
             bar.total = all_
             bar.update(done - bar.n)
 
-        state, trace = run(case, kept, follow)
+        state, trace = run_in_chunks(case, kept, follow)
     return Simulation(spec, pair, case, state.accumulators, trace), kept
 
 

@@ -8,6 +8,7 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float
 
 from ...base.arrays import Number, Numbers, float64
+from ...base.numerics.straight_through import straight_through
 from ..plants.plant import FREE, Drag, Slide
 
 _STANDSTILL = 1e-6
@@ -98,6 +99,7 @@ class Actuator(eqx.Module):
     - `delay`: transport delay, whole periods of the controller.
     - `periods`: length of the queue, at least `delay` and 1.
     - `force_limit`: N; None for no limit. - `thrust`: forces of the teeth, needed with a limit.
+    - `straight`: whether derivatives pass through the rounding as if there were none.
     """
 
     speed: Float[Number, ""] = eqx.field(converter=float64)
@@ -109,6 +111,7 @@ class Actuator(eqx.Module):
     periods: int = eqx.field(static=True)
     force_limit: Float[Number, ""] | None = None
     thrust: Thrust | None = None
+    straight: bool = eqx.field(static=True, default=False)
 
     def at_rest(self) -> Carriage:
         """Return the fully open state without commands."""
@@ -126,6 +129,8 @@ class Actuator(eqx.Module):
         arrived = jnp.clip(jnp.sum(jnp.where(due, queue, 0.0)), 0.0, self.stroke)
         resolution = jnp.asarray(self.resolution)
         rounded = jnp.floor(arrived / jnp.where(resolution > 0, resolution, 1.0)) * resolution
+        if self.straight:
+            rounded = straight_through(rounded, arrived)
         return replace(carriage, queue=queue[1:]), jnp.where(resolution > 0, rounded, arrived)
 
     def step(

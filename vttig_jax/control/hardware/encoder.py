@@ -7,6 +7,7 @@ from jaxtyping import Array, Float, PRNGKeyArray
 
 from ...base.arrays import Number, float64
 from ...base.numerics.sincos import sincos
+from ...base.numerics.straight_through import straight_through
 
 
 class Sensor(eqx.Module):
@@ -19,6 +20,7 @@ class Sensor(eqx.Module):
     - `count`: angle of one count, rad; 0 for a reading that is not quantised.
     - `amplitude`, `phase`: E and ε, rad. - `noise`: standard deviation, rad.
     - `eccentric`: whether to include E; without it no sine is computed.
+    - `straight`: whether derivatives pass through the rounding as if there were none.
     """
 
     count: Float[Number, ""] = eqx.field(converter=float64)
@@ -26,6 +28,7 @@ class Sensor(eqx.Module):
     phase: Float[Number, ""] = eqx.field(converter=float64)
     noise: Float[Number, ""] = eqx.field(converter=float64)
     eccentric: bool = eqx.field(static=True, default=True)
+    straight: bool = eqx.field(static=True, default=False)
 
     def read(self, angle: Float[Array, ""], noise_draw: Float[Array, ""]) -> Float[Array, ""]:
         """Return the reading (rad) at a true angle (rad) and a draw of the standard normal."""
@@ -34,7 +37,10 @@ class Sensor(eqx.Module):
             reading += self.amplitude * sincos(angle + self.phase)[0]
         count = jnp.asarray(self.count)
         per_rad = 1.0 / jnp.where(count > 0, count, 1.0)
-        return jnp.where(count > 0, jnp.floor(reading * per_rad + 0.5) * count, reading)
+        counted = jnp.floor(reading * per_rad + 0.5) * count
+        if self.straight:
+            counted = straight_through(counted, reading)
+        return jnp.where(count > 0, counted, reading)
 
 
 def noise_draws(key: PRNGKeyArray, period: Array) -> Float[Array, "2"]:

@@ -31,6 +31,7 @@ class Case(eqx.Module):
     - `substeps`: steps of the plant in a period.
     - `noisy`: whether the encoders have noise; without noise no random numbers are drawn.
     - `drive`: drive that lets the driving shaft follow the motion.
+    - `periods`: periods of the controller in a run; 0 to count them from the motion.
     """
 
     motion: Motion
@@ -47,6 +48,7 @@ class Case(eqx.Module):
     substeps: int = eqx.field(static=True, default=1)
     noisy: bool = eqx.field(static=True, default=False)
     drive: ShaftDrive = Prescribed()
+    periods: int = eqx.field(static=True, default=0)
 
 
 class State(eqx.Module):

@@ -1,14 +1,13 @@
 """Metrics and outcome of one run or of an array of runs."""
 
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
-from ...base.arrays import Numbers
+from ...base.arrays import Numbers, namespace
 from ...base.units import DEG
 from ..controllers.turn_location import LostController
 from .accumulators import Accumulators
@@ -19,6 +18,9 @@ Outcome = Literal["ok", "unlocated", "bound", "missed", "stroke", "force", "slow
 `bound`: both flanks block the drive. `missed`: the controller did not detect the braking.
 `stroke`: a command exceeded the stroke of the actuator. `force`: the teeth were stronger than the
 actuator. `slow`: the actuator had not reached its target when the motion turned."""
+
+OUTCOMES: tuple[Outcome, ...] = get_args(Outcome)
+"""Outcomes in the order of their codes."""
 
 METRICS = (
     "te_mean_deg",
@@ -81,8 +83,8 @@ def metric_inputs_of(case: Case) -> MetricInputs:
 
 def metrics_of(
     inputs: MetricInputs, accumulators: Accumulators
-) -> dict[str, Float[np.ndarray, "*shape"]]:
-    """Return the metrics by name; NaN for events that did not happen.
+) -> dict[str, Float[Numbers, "*shape"]]:
+    """Return the metrics by name; NaN for events that did not happen. NumPy gives NumPy.
 
     - `te_mean_deg`, `te_max_deg`, `te_min_deg`: transmission error that the encoders show.
     - `jump_deg`: TE at first contact of the other flank minus TE of the old flank at that angle.
@@ -99,9 +101,9 @@ def metrics_of(
     Interference, travel and axial step belong to the reversal, which ends when the gap is opened
     after it. For a motion that never turns back they belong to the whole run.
     """
-    f, t = jax.tree.map(np.asarray, (inputs, accumulators))
+    f, t, xp = inputs, accumulators, namespace(inputs, accumulators)
     back = f.sense * f.ratio * (f.turn - t.crossing - t.behind)
-    lost = np.where(t.crossing_s <= f.turn_s, 0.0, back)
+    lost = xp.where(t.crossing_s <= f.turn_s, 0.0, back)
     values = (
         t.total / t.samples / DEG,
         t.highest / DEG,
@@ -114,23 +116,27 @@ def metrics_of(
         t.residual_gap / DEG,
         t.interference,
         t.travel,
-        np.where(f.turns, lost, np.nan) / DEG,
+        xp.where(f.turns, lost, np.nan) / DEG,
     )
-    return {name: np.asarray(value) for name, value in zip(METRICS, values, strict=True)}
+    return {name: xp.asarray(value) for name, value in zip(METRICS, values, strict=True)}
+
+
+def outcome_codes(inputs: MetricInputs, accumulators: Accumulators) -> Int[Numbers, "*shape"]:
+    """Return the place in `OUTCOMES` of each run: the first outcome after ok that holds, or ok."""
+    f, t, xp = inputs, accumulators, namespace(inputs, accumulators)
+    holds = [
+        f.lost,
+        t.blocked,
+        f.turns & ~f.idle & xp.isnan(t.detection),
+        t.largest_command > f.stroke + NEAR_MM,
+        t.forced,
+        t.shortfall > NEAR_MM,
+    ]
+    shape = xp.broadcast_shapes(*(xp.shape(one) for one in holds))
+    holds = [xp.broadcast_to(one, shape) for one in holds]
+    return xp.select(holds, [xp.full(shape, code) for code in range(1, len(OUTCOMES))], 0)
 
 
 def outcomes_of(inputs: MetricInputs, accumulators: Accumulators) -> Any:
-    """Return the outcome of each run: the first in the order of `Outcome` that holds, or ok."""
-    f, t = jax.tree.map(np.asarray, (inputs, accumulators))
-    return np.select(
-        [
-            f.lost,
-            t.blocked,
-            f.turns & ~f.idle & np.isnan(t.detection),
-            t.largest_command > f.stroke + NEAR_MM,
-            t.forced,
-            t.shortfall > NEAR_MM,
-        ],
-        ["unlocated", "bound", "missed", "stroke", "force", "slow"],
-        "ok",
-    )
+    """Return the outcome of each run as text, from NumPy arrays."""
+    return np.asarray(OUTCOMES)[outcome_codes(inputs, accumulators)]

@@ -16,7 +16,7 @@ from ..hardware.shaft_drive import Prescribed
 from ..scenario.spec import ScenarioSpec, spec_table
 from .accumulators import Accumulators
 from .case import Case, Sample
-from .metrics import Outcome, metric_inputs_of, metrics_of, outcomes_of
+from .metrics import MetricInputs, Outcome, metric_inputs_of, metrics_of, outcomes_of
 
 _NEAR_MM = 1e-4
 _NEAR_DEG = 1e-6
@@ -222,7 +222,7 @@ class Simulation(PlottedResult):
     @property
     def metrics(self) -> dict[str, float | str | None]:
         """Metrics of `metrics_of` and the outcome; None for events that did not happen."""
-        values = metrics_of(metric_inputs_of(self.case), self.accumulators)
+        values = metrics_of(*self._numbers)
         return {name: _finite(float(value)) for name, value in values.items()} | {
             "outcome": self.outcome
         }
@@ -230,7 +230,12 @@ class Simulation(PlottedResult):
     @property
     def outcome(self) -> Outcome:
         """Outcome: the first in the order of `Outcome` that holds, or ok."""
-        return outcomes_of(metric_inputs_of(self.case), self.accumulators).item()
+        return outcomes_of(*self._numbers).item()
+
+    @property
+    def _numbers(self) -> tuple[MetricInputs, Accumulators]:
+        """Inputs of the metrics as NumPy arrays."""
+        return jax.tree.map(np.asarray, (metric_inputs_of(self.case), self.accumulators))
 
     @property
     def remarks(self) -> tuple[str, ...]:

@@ -64,13 +64,23 @@ def simulate(
     require_x64("simulate")
     if trace_every < 0:
         raise ValueError(f"Argument `trace_every` must be at least 0, but is {trace_every}.")
+    spec, pair, case = scenario_case(scenario, pair, folder, controller)
+    state, trace = run_in_chunks(case, trace_every)
+    return Simulation(spec, pair, case, state.accumulators, trace)
+
+
+def scenario_case(
+    scenario: str | Path | ScenarioSpec,
+    pair: GearPair | None,
+    folder: str | Path | None,
+    controller: Controller | None,
+) -> tuple[ScenarioSpec, GearPair, Case]:
+    """Return the specification, the gears and the case; the arguments are those of `simulate`."""
     source = "" if isinstance(scenario, ScenarioSpec) else str(scenario)
     if folder is None:
         folder = Path(source).parent
     spec = scenario if isinstance(scenario, ScenarioSpec) else load_scenario_spec(scenario)
-    pair, case = prepare_case(spec, Path(folder), source, pair, controller)
-    state, trace = run(case, trace_every)
-    return Simulation(spec, pair, case, state.accumulators, trace)
+    return spec, *prepare_case(spec, Path(folder), source, pair, controller)
 
 
 def prepare_case(
@@ -116,10 +126,10 @@ def periods_of(case: Case) -> int:
     return int(np.floor(float(case.motion.duration_s) / float(case.period) * (1 + 1e-12))) + 1
 
 
-def run(
+def run_in_chunks(
     case: Case, trace_every: int = 0, progress: Callable[[int, int], None] | None = None
 ) -> tuple[State, Trace | None]:
-    """Run a case and return its last state and its trace.
+    """Run a case chunk by chunk, so that Ctrl-C is handled; return its last state and its trace.
 
     `progress` is called with the number of finished periods and of all periods.
     """

@@ -1,15 +1,15 @@
-"""Batches of cases: one compiled program, one case per lane, lanes distributed over devices."""
+"""Batches of cases: one compiled program, one case per lane, one batch per device at a time."""
 
+import threading
 import time
 from collections.abc import Callable, Sequence
+from concurrent.futures import Future
 from functools import partial
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.sharding import AxisType, Mesh
-from jax.sharding import PartitionSpec as P
 
 from ..simulation.accumulators import Accumulators
 from ..simulation.case import Case, State, initial_state, run_periods
@@ -92,15 +92,24 @@ def varying(samples: Sequence[CaseLeaves]) -> tuple[bool, ...]:
 
 
 def lanes_for(cases: int, devices: int) -> int:
-    """Return the number of lanes: a power of two per device, so that few programs are compiled."""
+    """Return the lanes of a batch: a power of two, so that few programs are compiled.
+
+    All devices get a batch if there are enough cases.
+    """
     lanes = _FEWEST
     while lanes < LANES and lanes * devices < cases:
         lanes *= 2
-    return lanes * devices
+    return lanes
 
 
 class BatchRunner:
-    """Runner of batches on devices; `compile_s` is the total time of compilation, s.
+    """Runner of batches on devices, one batch on each at a time; threads may share a runner.
+
+    The cores of a processor are devices of JAX that share memory, so that all of them run the
+    programs of the first one, compiled once; each GPU has programs of its own.
+
+    - `compile_s`: time in which any thread compiled, s.
+    - `device_s`: sum over all threads of the time in which they ran batches, s.
 
     **Arguments**
     - `devices`: devices of JAX, by default all.
@@ -109,8 +118,10 @@ class BatchRunner:
     def __init__(self, devices: Sequence[Any] | None = None) -> None:
         self.devices = list(devices or jax.devices())
         self.compile_s = 0.0
-        self._mesh = Mesh(np.array(self.devices), ("lane",), axis_types=(AxisType.Auto,))
-        self._compiled: dict[Any, Callable[..., Any]] = {}
+        self.device_s = 0.0
+        self._compiled: dict[Any, Future[Callable[..., Any]]] = {}
+        self._lock = threading.Lock()
+        self._compiling, self._began = 0, 0.0
 
     def run(
         self,
@@ -118,49 +129,87 @@ class BatchRunner:
         periods: int,
         substeps: int,
         progress: Callable[[int, int], None] | None = None,
+        place: int = 0,
     ) -> tuple[MetricInputs, Accumulators]:
-        """Run all lanes; `progress` is called with start and end of the finished periods."""
+        """Run all lanes on the device at `place`.
+
+        `progress` is called with start and end of the finished periods, in this thread.
+        """
+        device = self.devices[0 if self.devices[0].platform == "cpu" else place]
         chunk = max(STEPS // substeps, 1)
-        leaves = tuple(map(jnp.asarray, batch.leaves))
-        state, inputs = self._call(_start_lanes, batch, (), (leaves, jnp.arange(batch.lanes)))
+        lanes, leaves = jax.device_put((np.arange(batch.lanes), batch.leaves), device)
+        start = self._program(_start_lanes, batch, (), (leaves, lanes), device)
+        began = time.perf_counter()
+        state, inputs = start(leaves, lanes)
+        run = None
         for first in range(0, periods, chunk):
-            arguments = leaves, state, jnp.asarray(first)
-            state = self._call(_continue_lanes, batch, (chunk,), arguments)
-            jax.block_until_ready(state)  # Ctrl-C is handled here
+            arguments = leaves, state, jax.device_put(np.asarray(first), device)
+            if run is None:
+                self._add_device_time(began)
+                run = self._program(_continue_lanes, batch, (chunk,), arguments, device)
+                began = time.perf_counter()
+            state = jax.block_until_ready(run(*arguments))
             if progress is not None:
                 progress(first, min(first + chunk, periods))
+        self._add_device_time(began)
         return jax.tree.map(np.asarray, (inputs, state.accumulators))
 
-    def _call(
-        self, function: Any, batch: CaseBatch, choices: tuple[Any, ...], args: tuple[Any, ...]
-    ) -> Any:
-        key = function, batch.structure, batch.batched, batch.lanes, choices
-        if key not in self._compiled:
-            began = time.perf_counter()
-            static = self._mesh, batch.structure, batch.batched, *choices
-            self._compiled[key] = function.lower(*static, *args).compile()
-            self.compile_s += time.perf_counter() - began
-        return self._compiled[key](*args)
+    def _add_device_time(self, began: float) -> None:
+        with self._lock:
+            self.device_s += time.perf_counter() - began
+
+    def _program(
+        self,
+        function: Any,
+        batch: CaseBatch,
+        choices: tuple[Any, ...],
+        args: tuple[Any, ...],
+        device: Any,
+    ) -> Callable[..., Any]:
+        """Return a compiled program; threads that need the same one wait for the first of them."""
+        key = function, batch.structure, batch.batched, batch.lanes, choices, device.id
+        with self._lock:
+            known = self._compiled.get(key)
+            if known is None:
+                own = self._compiled[key] = Future()
+                if not self._compiling:
+                    self._began = time.perf_counter()
+                self._compiling += 1
+        if known is not None:
+            return known.result()
+        try:
+            own.set_result(
+                function.lower(batch.structure, batch.batched, *choices, *args).compile()
+            )
+        except BaseException as error:
+            own.set_exception(error)
+            del self._compiled[key]
+            raise
+        finally:
+            with self._lock:
+                self._compiling -= 1
+                if not self._compiling:
+                    self.compile_s += time.perf_counter() - self._began
+        return own.result()
 
 
-@partial(jax.jit, static_argnums=(0, 1, 2))
+@partial(jax.jit, static_argnums=(0, 1))
 def _start_lanes(
-    mesh: Mesh, structure: CaseStructure, batched: tuple[bool, ...], leaves: Any, lane: Any
-) -> Any:
+    structure: CaseStructure, batched: tuple[bool, ...], leaves: Any, lane: Any
+) -> tuple[State, MetricInputs]:
     def start(leaves: Any, lane: Any) -> tuple[State, MetricInputs]:
         case = jax.tree.unflatten(structure.tree, leaves)
         return initial_state(case), metric_inputs_of(case)
 
-    return _over_lanes(mesh, start, (_axes(batched), 0))(leaves, lane)
+    return jax.vmap(start, in_axes=(_axes(batched), 0))(leaves, lane)
 
 
 @partial(
     jax.jit,
-    static_argnums=(0, 1, 2, 3),
+    static_argnums=(0, 1, 2),
     compiler_options={"xla_cpu_prefer_vector_width": 512},
 )
 def _continue_lanes(
-    mesh: Mesh,
     structure: CaseStructure,
     batched: tuple[bool, ...],
     chunk: int,
@@ -172,18 +221,8 @@ def _continue_lanes(
         case = jax.tree.unflatten(structure.tree, leaves)
         return run_periods(case, state, first + jnp.arange(chunk))
 
-    return _over_lanes(mesh, run, (_axes(batched), 0, None))(leaves, state, first)
+    return jax.vmap(run, in_axes=(_axes(batched), 0, None))(leaves, state, first)
 
 
 def _axes(batched: tuple[bool, ...]) -> tuple[int | None, ...]:
     return tuple(0 if has_axis else None for has_axis in batched)
-
-
-def _over_lanes(mesh: Mesh, call: Callable[..., Any], axes: tuple[Any, ...]) -> Callable[..., Any]:
-    """Map a function of one lane over all lanes and devices; `axes` as `in_axes` of `vmap`."""
-    specs = jax.tree.map(
-        lambda axis: P() if axis is None else P("lane"), axes, is_leaf=lambda axis: axis is None
-    )
-    lanes = jax.vmap(call, in_axes=axes)
-    # The check is off, because results that depend on no lane stay unbatched inside.
-    return jax.shard_map(lanes, mesh=mesh, in_specs=specs, out_specs=P("lane"), check_vma=False)

@@ -1,7 +1,11 @@
 """Blocks of a sweep: the cases that one process runs together, each block a table of rows."""
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections import deque
+from collections.abc import Callable, Generator, Iterator, Sequence
+from concurrent.futures import Future
+from contextlib import closing
+from itertools import zip_longest
 from typing import NamedTuple
 
 import numpy as np
@@ -15,6 +19,7 @@ from .batching import (
     LANES,
     STEPS,
     BatchRunner,
+    CaseBatch,
     CaseLeaves,
     CaseStructure,
     batch_of,
@@ -23,6 +28,7 @@ from .batching import (
     varying,
 )
 from .cases import DRAW, SweepCases, rig_table
+from .parallel import Follow, ParallelRuns
 
 Rows = dict[str, np.ndarray]
 """Columns of a table: `case`, the axes, the metrics, `outcome`."""
@@ -48,6 +54,33 @@ class Group(NamedTuple):
     leaves: list[CaseLeaves]
 
 
+class _Batch(NamedTuple):
+    """Batch of a group, with the indices and the numbers of periods of its cases."""
+
+    runner: BatchRunner
+    indices: list[int]
+    cases: CaseBatch
+    periods: np.ndarray
+    substeps: int
+
+    def run(self, place: int, follow: Follow) -> tuple[MetricInputs, Accumulators]:
+        """Run the batch on the device at `place`."""
+
+        def count(before: int, now: int) -> None:
+            done = np.minimum(self.periods, now) - np.minimum(self.periods, before)
+            follow(int(done.sum()) * self.substeps)
+
+        return self.runner.run(self.cases, int(self.periods[-1]), self.substeps, count, place=place)
+
+
+class _Started(NamedTuple):
+    """Block whose batches have started: number, cases, and the runs of its batches."""
+
+    number: int
+    numbers: Sequence[int]
+    runs: list[tuple[list[int], Future[tuple[MetricInputs, Accumulators]]]]
+
+
 class SweepWork:
     """Blocks of a sweep, ready to run.
 
@@ -60,6 +93,8 @@ class SweepWork:
     def __init__(self, cases: SweepCases, runner: BatchRunner) -> None:
         self.cases = cases
         self.runner = runner
+        self.build_s = 0.0
+        """Time in which cases were built and put into lanes, s."""
         samples = [cases.case(number) for number in cases.representative_cases()]
         refused = [case for case in samples if isinstance(case, InputError)]
         self._samples = [case for case in samples if not isinstance(case, InputError)]
@@ -76,16 +111,47 @@ class SweepWork:
 
     def run(self, number: int, progress: Callable[[int], None]) -> Rows:
         """Return the rows of a block; `progress` is called with steps, without those of fillers."""
+        with closing(self.run_blocks([number], progress)) as blocks:
+            return next(blocks)[1]
+
+    def run_blocks(
+        self, numbers: Sequence[int], progress: Callable[[int], None]
+    ) -> Generator[tuple[int, Rows]]:
+        """Yield number and rows of blocks; the next block is built while one runs."""
+        with ParallelRuns(len(self.runner.devices)) as parallel:
+            started = deque[_Started]()
+            for number in numbers:
+                started.append(self._start(number, parallel))
+                if len(started) > 1:
+                    yield self._finish(started.popleft(), parallel, progress)
+            while started:
+                yield self._finish(started.popleft(), parallel, progress)
+
+    def _start(self, number: int, parallel: ParallelRuns) -> "_Started":
+        """Build the cases of a block and start their batches."""
+        began = time.perf_counter()
         first = number * self.block_size
         numbers = range(first, min(first + self.block_size, len(self.cases)))
+        batches = [self._batches(group) for group in self._groups(numbers)]
+        # The first batches of all groups come first, so that their programs compile side by side.
+        turns = [one for turn in zip_longest(*batches) for one in turn if one is not None]
+        runs = [(batch.indices, parallel.start(batch.run)) for batch in turns]
+        self.build_s += time.perf_counter() - began
+        return _Started(number, numbers, runs)
+
+    def _finish(
+        self, started: "_Started", parallel: ParallelRuns, progress: Callable[[int], None]
+    ) -> tuple[int, Rows]:
+        """Wait for the batches of a block and return its number and rows."""
+        numbers = started.numbers
         rows: Rows = {name: np.full(len(numbers), np.nan) for name in METRICS}
         outcome = np.full(len(numbers), REFUSED, dtype="<U9")
-        for group in self._groups(numbers):
-            for indices, inputs, accumulators in self._simulate(group, progress):
-                for name, values in metrics_of(inputs, accumulators).items():
-                    rows[name][indices] = values[: len(indices)]
-                outcome[indices] = outcomes_of(inputs, accumulators)[: len(indices)]
-        return self._case_columns(numbers) | rows | {"outcome": outcome}
+        for indices, future in started.runs:
+            inputs, accumulators = parallel.result(future, progress)
+            for name, values in metrics_of(inputs, accumulators).items():
+                rows[name][indices] = values[: len(indices)]
+            outcome[indices] = outcomes_of(inputs, accumulators)[: len(indices)]
+        return started.number, self._case_columns(numbers) | rows | {"outcome": outcome}
 
     def seconds_per_lane_step(self, lanes: int) -> float:
         """Measure the time of a lane-step, s, with some compiled calls of the first structure."""
@@ -112,26 +178,21 @@ class SweepWork:
             group.leaves.append(leaves)
         return list(groups.values())
 
-    def _simulate(
-        self, group: Group, progress: Callable[[int], None]
-    ) -> Iterator[tuple[list[int], MetricInputs, Accumulators]]:
-        """Run a group in batches of similar length; yield indices, inputs and accumulators."""
+    def _batches(self, group: Group) -> Iterator["_Batch"]:
+        """Yield the batches of a group, each of cases of similar length."""
         batched = self._batched.get(group.leaves[0].structure, _none(group.leaves[0]))
         periods = [periods_of(case) for case in group.cases]
         order = sorted(range(len(periods)), key=lambda index: (periods[index], index))
-        devices, substeps = len(self.runner.devices), group.cases[0].substeps
-        for first in range(0, len(order), LANES * devices):
-            chosen = order[first : first + LANES * devices]
-            leaves = [group.leaves[index] for index in chosen]
-            batch = batch_of(leaves, batched, lanes_for(len(chosen), devices))
-            lengths = np.array([periods[index] for index in chosen])
-
-            def count(before: int, now: int, lengths: np.ndarray = lengths) -> None:
-                done = np.minimum(lengths, now) - np.minimum(lengths, before)
-                progress(int(done.sum()) * substeps)
-
-            results = self.runner.run(batch, periods[chosen[-1]], substeps, count)
-            yield [group.indices[index] for index in chosen], *results
+        lanes = lanes_for(len(order), len(self.runner.devices))
+        for first in range(0, len(order), lanes):
+            chosen = order[first : first + lanes]
+            yield _Batch(
+                self.runner,
+                [group.indices[index] for index in chosen],
+                batch_of([group.leaves[index] for index in chosen], batched, lanes),
+                np.array([periods[index] for index in chosen]),
+                group.cases[0].substeps,
+            )
 
     def _case_columns(self, numbers: Sequence[int]) -> Rows:
         """Return the columns of number, axes and rig of the cases."""

@@ -76,7 +76,8 @@ def estimate(work: SweepWork, folder: Path | None) -> SweepCost:
     calls = cases.text_combinations * work.blocks * math.ceil(group / lanes)
     longest = max(lengths, default=0) if group <= lanes else sum(lengths) / max(len(lengths), 1)
     compiled = work.runner.compile_s
-    run_s = calls * lanes * longest * work.seconds_per_lane_step(lanes) + count * _BUILD_S
+    rounds = math.ceil(calls / len(work.runner.devices))
+    run_s = rounds * lanes * longest * work.seconds_per_lane_step(lanes) + count * _BUILD_S
     compile_s = (cases.text_combinations - 1) * (work.runner.compile_s - compiled)
     return SweepCost(
         cases=count,

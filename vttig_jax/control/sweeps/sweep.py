@@ -3,6 +3,7 @@
 import dataclasses
 import time
 from collections.abc import Callable, Sequence
+from contextlib import closing
 from functools import lru_cache
 from pathlib import Path
 
@@ -139,8 +140,9 @@ def _run(
         began, before = time.perf_counter(), work.runner.compile_s
         devices = len(work.runner.devices)
         if dask is None:
-            for number in todo:
-                store.write(number, work.run(number, add_steps))
+            with closing(work.run_blocks(todo, add_steps)) as blocks:
+                for number, rows in blocks:
+                    store.write(number, rows)
         else:
             from .cluster import on_cluster
 

@@ -9,12 +9,13 @@ from msgspec.structs import replace
 from ...base.errors import InputError
 from ..scenario.spec import ScenarioSpec
 from ..simulation.case import Case
+from ..simulation.settings import with_settings
 from ..sweeps.batching import BatchRunner
 from ..sweeps.blocks import Rows, SweepWork
 from ..sweeps.cases import Recipe, SweepCases
 from .free_keys import FreeKey
 from .result import Score, costs_of, score_of
-from .search import Objective, with_settings
+from .search import Objective
 
 SEARCHED = 256
 """Limit of the cases in the search, a chosen value; the full simulation has all cases."""
@@ -60,7 +61,7 @@ class Judge:
 
     def _rows(self, values: tuple[float, ...]) -> Rows:
         work = SweepWork(_WithSettings(self.recipe, self.cases, self.keys, values), _runner())
-        blocks = [work.run(number, lambda steps: None) for number in range(work.blocks)]
+        blocks = [rows for _, rows in work.run_blocks(range(work.blocks), lambda steps: None)]
         rows = {name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]}
         self._scores.setdefault(values, self._score_rows(rows))
         return rows
@@ -81,12 +82,13 @@ class _WithSettings(SweepCases):
     ) -> None:
         super().__init__(with_keys(recipe.spec, keys, values), recipe.pair, rigs=recipe.rigs)
         self._built = built
-        self._settings = [key.name for key in keys], [np.asarray(value) for value in values]
+        names = [key.name for key in keys]
+        self._settings = dict(zip(names, map(np.asarray, values), strict=True))
 
     def case(self, number: int) -> Case | InputError:
         """See `SweepCases.case`."""
         case = self._built.case(number)
-        return case if isinstance(case, InputError) else with_settings(case, *self._settings)
+        return case if isinstance(case, InputError) else with_settings(case, self._settings)
 
 
 @lru_cache

@@ -6,7 +6,6 @@ reverse mode would store the state of every period.
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
 from typing import Any, Literal, NamedTuple
 
 import equinox as eqx
@@ -17,8 +16,9 @@ from jaxtyping import Array, Float
 from scipy.optimize import minimize
 from scipy.special import logsumexp, softmax
 
-from ...base.units import DEG, REV
+from ...base.units import DEG
 from ..simulation.case import Case
+from ..simulation.settings import with_settings
 from ..sweeps.batching import CaseStructure, leaves_of
 from .brake_window import Window, extent_of, run_window, window_of
 from .free_keys import FreeKey
@@ -40,15 +40,6 @@ _STARTS = 2
 """Number of points from which each stage follows the gradient: a chosen value."""
 _OPTIONS: Mapping[str, Any] = {"options": {"maxiter": 25, "maxfun": 40}}
 """Limits of iterations and evaluations from each point: chosen values."""
-
-_FIELDS = {
-    "judgement.bandwidth_hz": ("observer", "bandwidth_hz", 1.0),
-    "judgement.threshold_rad_s2": ("controller", "threshold", 1.0),
-    "judgement.least_rpm": ("controller", "least_speed", REV / 60.0),
-    "judgement.horizon_s": ("controller", "horizon", 1.0),
-    "judgement.margin_mm": ("controller", "margin", 1.0),
-}
-"""Part and field of a case or window that holds a key, and the factor of its value."""
 
 
 class Stage(NamedTuple):
@@ -231,7 +222,8 @@ def _costs(
 
     def cost_and_slopes(window: Window) -> tuple[Float[Array, ""], Float[Array, " keys"]]:
         def cost(values: Float[Array, " keys"]) -> tuple[Float[Array, ""], Float[Array, ""]]:
-            result = run_window(with_settings(window, names, values), width, blur_mm)
+            settings = dict(zip(names, values, strict=True))
+            result = run_window(with_settings(window, settings), width, blur_mm)
             displacement = result.gap + weight * result.interference
             backlash = displacement * jnp.asarray(window.closing) / DEG
             return backlash, backlash
@@ -240,12 +232,3 @@ def _costs(
         return value, slopes
 
     return jax.vmap(cost_and_slopes)(stack)
-
-
-def with_settings(owner: Any, names: Sequence[str], values: Any) -> Any:
-    """Return a case or a window with other values of some keys."""
-    for name, value in zip(names, values, strict=True):
-        part, field, factor = _FIELDS[name]
-        new = replace(getattr(owner, part), **{field: value * factor})
-        owner = replace(owner, **{part: new})
-    return owner
