@@ -90,7 +90,8 @@ def command(
             f"{name} says how to write a run folder; give one with --out, or leave it."
         )
     if run_path is None:
-        run = resolve(with_standard_input(logs), pair, readings, options_of(options), drive.request)
+        logs = with_standard_input(logs)
+        run = resolve(logs, pair, readings, options_of(options), drive.request)
         if drive.only_explains(output, logs, (run.spec, run.guesses, run.options.reading)):
             return
     else:

@@ -87,8 +87,8 @@ def command(
         raise UsageError(in_options(str(error))) from None
     if dask is not None and STDIN in logs:
         raise UsageError("stdin (-) is not read by the workers of --dask; save the log as a file.")
-    read = with_standard_input(logs)
-    task = ManyFits.of(read, pair, settings, ReadingOptions(**reading), drive.request)
+    logs = with_standard_input(logs)
+    task = ManyFits.of(logs, pair, settings, ReadingOptions(**reading), drive.request)
     if drive.only_explains(output, logs, (task.spec, task.guesses, task.reading)):
         return
     with output.progress(len(logs), "logs") as bar:

@@ -161,7 +161,8 @@ def command(
     vttig_jax.enable_x64()
     refuse_existing(out, resume=resume, overwrite=overwrite, fits=bool(logs))
     if logs:
-        run = resolve(with_standard_input(logs), pair, readings, options_of(options), drive.request)
+        logs = with_standard_input(logs)
+        run = resolve(logs, pair, readings, options_of(options), drive.request)
         if drive.only_explains(output, logs, (run.spec, run.guesses, run.options.reading)):
             return
         fit = _fit_of(run, out, resume=resume, overwrite=overwrite, figures=not no_figures)
