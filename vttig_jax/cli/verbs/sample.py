@@ -51,9 +51,20 @@ vttig fit log.csv --pair pair.toml --out run && vttig sample --out run --steps 5
 @click.option("--overwrite", is_flag=True, help="Replace the fit and the draws that are in --out.")
 @click.option("--no-figures", is_flag=True, help="Leave the pictures out of the run folder.")
 @click.option(
+    "--method",
+    type=click.Choice(["emcee", "importance"]),
+    default="emcee",
+    show_default=True,
+    help="Ensembles of emcee, or importance sampling alone: weighted draws around the fit.",
+)
+@click.option(
     "--seed", type=click.IntRange(0, 2**63 - 1), help="Of the sampler; 0, or that of the draws."
 )
-@click.option("--steps", type=click.IntRange(min=40), help="Make this many steps in all.")
+@click.option(
+    "--steps",
+    type=click.IntRange(min=40),
+    help="Make this many steps in all; with --method importance, draws.",
+)
 @click.option(
     "--until",
     type=POSITIVE,
@@ -111,6 +122,7 @@ def command(
     resume: bool,
     overwrite: bool,
     no_figures: bool,
+    method: Literal["emcee", "importance"],
     seed: int | None,
     steps: int | None,
     until: float | None,
@@ -131,12 +143,18 @@ def command(
     ends with the same draws as a run that was never stopped; seed, walkers, ensembles and prior are
     then those of the draws unless given. A command with --resume may be repeated: it starts, goes
     on, or only writes the report of draws that are complete. Exit code 5 where the sampler has not
-    converged.
+    converged. --method importance takes a second and needs no chains; it has not converged where
+    the posterior is too far from normal (Pareto k̂ above 0.7).
     """
     if resume and overwrite:
         raise UsageError("--resume and --overwrite exclude each other; give one of them.")
     if steps is not None and until is not None:
         raise UsageError("--steps and --until exclude each other; give one of them.")
+    if method == "importance" and (resume or until is not None or walkers is not None):
+        raise UsageError(
+            "--resume, --until and --walkers belong to chains, and --method importance has none;"
+            " leave them out."
+        )
     import vttig_jax
 
     from ...posterior.sampler import sample
@@ -162,6 +180,7 @@ def command(
         posterior = sample(
             fit,
             **settings,
+            method=method,
             steps=steps,
             until=None if until is None else Until(autocorrelation_times=until),
             checkpoint=out / CHECKPOINT,
