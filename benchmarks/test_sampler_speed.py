@@ -15,8 +15,8 @@ from vttig_jax.base.runtime import enable_x64
 from vttig_jax.identify.fitting import fit
 from vttig_jax.posterior.density.density import FitTarget, fit_target
 from vttig_jax.posterior.density.likelihood import Likelihood
-from vttig_jax.posterior.sampling.ensemble_blocks import MOVES
 from vttig_jax.posterior.sampling.ensembles import run_ensembles
+from vttig_jax.posterior.sampling.joint_moves import MOVES
 from vttig_jax.rig.paper import paper_rig
 
 from .environment import write

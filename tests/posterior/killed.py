@@ -46,7 +46,7 @@ class Doomed(Gaussian):
 
 def in_a_call(path: Path) -> None:
     target = Doomed(np.zeros(3), np.eye(3))
-    target.left = 5000
+    target.left = 1250
     run(path, target)
 
 

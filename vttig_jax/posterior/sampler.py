@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import equinox as eqx
 import jax
@@ -22,7 +22,9 @@ from .density.likelihood import Likelihood
 from .density.prior import Prior
 from .sampling.checkpoint import read
 from .sampling.ensembles import FEWEST_ENSEMBLES, Chains, Progress, read_chains, run_ensembles
-from .sampling.stop_rule import Until
+from .sampling.importance import POOL, PosteriorStarts, weighted_draws
+from .sampling.importance_run import run_importance
+from .sampling.stop_rule import BURN_IN, Until
 from .summary.posterior import Posterior
 
 MODEL_DRAWS = 2000
@@ -36,6 +38,7 @@ _CHUNK = 250
 def sample(
     fit: Fit,
     *,
+    method: Literal["emcee", "importance"] = "emcee",
     prior: Prior = Prior(),
     seed: int = 0,
     steps: int | None = None,
@@ -54,11 +57,16 @@ def sample(
     The noise parameters (log std of the innovations, partial autocorrelations) are sampled too.
     Parameters that the fit marks as undetermined are not sampled.
 
+    The walkers start from weighted draws of a Student t distribution around the fit, so that no
+    burn-in is needed; where the weights cannot be trusted (Pareto k̂ > 0.7), they start from the
+    normal approximation and a quarter of the chains is discarded.
+
     **Arguments**
     - `fit`: result of `fit`, or a fit read back from a run folder.
+    - `method`: "emcee", or "importance" for the weighted draws alone, without a Markov chain.
     - `prior`: prior of the parameters, see `Prior`; stated in `Posterior.prior`.
     - `seed`: seed of the random numbers; equal seeds give equal draws.
-    - `steps`: exact number of steps; not together with `until`.
+    - `steps`: exact number of steps, or of draws by importance sampling; not together with `until`.
     - `until`: stop rule; by default chains of 50 autocorrelation times and R-hat ≤ 1.01.
     - `ensembles`, `walkers`: number of independent ensembles (4 or more) and of walkers in each.
     - `checkpoint`: HDF5 file, updated every 5 s.
@@ -87,20 +95,46 @@ def sample(
     ```
     """
     require_x64("sample")
+    if method not in ("emcee", "importance"):
+        raise ValueError(f'Argument `method` must be "emcee" or "importance", but is {method!r}.')
     target = fit_target(fit, prior)
+    place = None if checkpoint is None else Path(checkpoint)
+    if method == "importance":
+        _require_no_chains(until=until, walkers=walkers, resume=resume or None)
+        chains = run_importance(
+            target,
+            ensembles=ensembles,
+            draws=POOL if steps is None else steps,
+            seed=seed,
+            checkpoint=place,
+            overwrite=overwrite,
+        )
+        return posterior_of(fit, target, chains)
+    reliable = weighted_draws(target, POOL, np.random.default_rng(seed)).reliable
     chains = run_ensembles(
-        target,
+        PosteriorStarts(target) if reliable else target,
+        burn_in=0.0 if reliable else BURN_IN,
         ensembles=ensembles,
         walkers=walkers,
         steps=steps,
         until=until,
         seed=seed,
-        checkpoint=None if checkpoint is None else Path(checkpoint),
+        checkpoint=place,
         resume=resume,
         overwrite=overwrite,
         progress=progress,
     )
     return posterior_of(fit, target, chains)
+
+
+def _require_no_chains(**arguments: object) -> None:
+    """Raise an error for arguments that only Markov chains have."""
+    for name, value in arguments.items():
+        if value is not None:
+            raise ValueError(
+                f"Argument `{name}` must be left out for importance sampling, which has no chains,"
+                f" but is {value!r}."
+            )
 
 
 def settings_of(path: str | Path) -> dict[str, Any]:

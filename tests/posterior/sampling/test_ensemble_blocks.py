@@ -15,6 +15,7 @@ from vttig_jax.posterior.sampling.ensemble_blocks import (
     start,
     warm_up,
 )
+from vttig_jax.posterior.sampling.joint_moves import MOVES, Walkers
 from vttig_jax.posterior.sampling.target import CheckedDensity
 
 
@@ -36,9 +37,12 @@ def test_the_draws_are_those_of_emcee():
     found = ensembles.record
     for index in range(4):
         sampler = emcee.EnsembleSampler(
-            16, 2, plain().log_density, moves=list(blocks.MOVES), vectorize=True
+            16, 2, plain().log_density, moves=list(MOVES), vectorize=True
         )
-        state = blocks._emcee_state(first, index)
+        own = blocks._walkers(first, index)
+        state = emcee.State(
+            own.points, log_prob=own.log_density, random_state=own.random.get_state()
+        )
         sampler.run_mcmc(state, 240)
         chain, values = sampler.get_chain(), sampler.get_log_prob()
         assert chain is not None and values is not None
@@ -60,10 +64,9 @@ def test_the_parts_a_run_is_made_of_do_not_matter(parts):
 def test_the_state_of_a_twister_is_kept_with_half_a_pair_of_normal_numbers(unchecked):
     twister = np.random.RandomState(8)
     twister.standard_normal(3)
-    state = emcee.State(np.zeros((4, 2)), log_prob=np.zeros(4), random_state=twister.get_state())
-    record = dataclasses.replace(begun(plain()).record, **blocks._end_state([state]))
-    again = np.random.RandomState()
-    again.set_state(blocks._emcee_state(record, 0).random_state)  # type: ignore[arg-type]
+    own = Walkers(np.zeros((4, 2)), np.zeros(4), twister)
+    record = dataclasses.replace(begun(plain()).record, **blocks._end_state([own]))
+    again = blocks._walkers(record, 0).random
     assert record.rest[0, 1] == 1.0
     assert again.standard_normal(5).tolist() == twister.standard_normal(5).tolist()
 
@@ -79,7 +82,7 @@ def test_seeds_start_and_move_ensembles_apart():
 @pytest.mark.parametrize("interruption", [KeyboardInterrupt, SystemExit])
 def test_an_interrupt_inside_a_block_leaves_the_block_before(interruption, capsys):
     class Interrupted(Gaussian):
-        left = 4 + 2 * 4 * 80 + 100
+        left = 4 + 2 * 80 + 25
 
         def log_density(self, points: np.ndarray) -> np.ndarray:
             self.left -= 1
@@ -106,12 +109,12 @@ def test_an_interrupt_inside_a_block_leaves_the_block_before(interruption, capsy
 def test_every_shape_is_known_before_the_first_step(walkers):
     target = plain(3)
     ensembles = begun(target, walkers)
-    warm_up(CheckedDensity(target), ensembles.record.points[0])
+    warm_up(CheckedDensity(target), ensembles.record.points)
     warm = set(target.sizes)
     target.sizes.clear()
     ensembles.advance(60)
     assert set(target.sizes) <= warm
-    assert walkers not in target.sizes and len(target.sizes) == 4 * 60 * 2
+    assert walkers not in target.sizes and len(target.sizes) == 60 * 2
 
 
 def test_another_density_is_refused_by_a_point():
@@ -134,7 +137,7 @@ def variance(moves: list) -> float:
 
 
 def test_the_moves_draw_the_right_width():
-    assert variance(list(blocks.MOVES)) == pytest.approx(1.0, abs=0.03)
+    assert variance(list(MOVES)) == pytest.approx(1.0, abs=0.03)
 
 
 def test_the_snooker_move_that_is_not_used_draws_too_narrow():

@@ -112,7 +112,7 @@ def test_a_checkpoint_of_another_run_says_what_differs(path, options, words):
 @pytest.mark.parametrize("interruption", [KeyboardInterrupt, SystemExit])
 def test_an_interrupt_leaves_a_checkpoint_and_goes_on(path, interruption):
     class Interrupted(Gaussian):
-        left = 3000
+        left = 750
 
         def log_density(self, points: np.ndarray) -> np.ndarray:
             self.left -= 1
@@ -128,7 +128,7 @@ def test_an_interrupt_leaves_a_checkpoint_and_goes_on(path, interruption):
 
 def test_a_failing_density_leaves_a_checkpoint_too(path):
     class Failing(Gaussian):
-        left = 3000
+        left = 750
 
         def log_density(self, points: np.ndarray) -> np.ndarray:
             self.left -= 1

@@ -67,9 +67,20 @@ vttig fit log.csv --pair pair.toml --out run && vttig sample --out run --steps 5
 @click.option("--overwrite", is_flag=True, help="Replace the fit and the draws that are in --out.")
 @click.option("--no-figures", is_flag=True, help="Leave the pictures out of the run folder.")
 @click.option(
+    "--method",
+    type=click.Choice(["emcee", "importance"]),
+    default="emcee",
+    show_default=True,
+    help="Ensembles of emcee, or importance sampling alone: weighted draws around the fit.",
+)
+@click.option(
     "--seed", type=click.IntRange(0, 2**63 - 1), help="Of the sampler; 0, or that of the draws."
 )
-@click.option("--steps", type=click.IntRange(min=40), help="Make this many steps in all.")
+@click.option(
+    "--steps",
+    type=click.IntRange(min=40),
+    help="Make this many steps in all; with --method importance, draws.",
+)
 @click.option(
     "--until",
     type=POSITIVE,
@@ -128,6 +139,7 @@ def command(
     resume: bool,
     overwrite: bool,
     no_figures: bool,
+    method: Literal["emcee", "importance"],
     seed: int | None,
     steps: int | None,
     until: float | None,
@@ -149,10 +161,16 @@ def command(
     brought up to date in posterior.h5 every 5 s: after an interrupt or a kill, --resume goes on and
     ends with the same draws as a run that was never stopped; seed, walkers, ensembles and prior are
     then those of the draws unless given. A command with --resume may be repeated. The exit code is
-    5 if the sampler has not converged.
+    5 if the sampler has not converged. --method importance takes a second and needs no chains; it
+    has not converged if the posterior is too far from normal (Pareto k̂ above 0.7).
     """
     _exclude_each_other({"--resume": resume, "--overwrite": overwrite})
     _exclude_each_other({"--steps": steps is not None, "--until": until is not None})
+    if method == "importance" and (resume or until is not None or walkers is not None):
+        raise UsageError(
+            "--resume, --until and --walkers belong to chains, and --method importance has none;"
+            " leave them out."
+        )
     import vttig_jax
 
     from ...posterior.sampler import sample
@@ -181,6 +199,7 @@ def command(
         posterior = sample(
             fit,
             **settings,
+            method=method,
             steps=steps,
             until=None if until is None else Until(autocorrelation_times=until),
             checkpoint=out / CHECKPOINT,

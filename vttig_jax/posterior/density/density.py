@@ -1,8 +1,8 @@
 """Posterior density of a fit, likelihood times prior, evaluated at the rows of an array."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
-from functools import cached_property, partial
+from functools import cached_property, lru_cache, partial
 from typing import Any
 
 import equinox as eqx
@@ -16,8 +16,8 @@ from ...base.errors import NoAnswerError, UsageError
 from ...identify.fit_result import Fit
 from ...identify.noise.reml import LARGEST
 from ...pair.gear_pair import Drive
-from .interpolated_rows import InterpolatedRows, interpolated_rows
 from .likelihood import Likelihood, likelihood_of
+from .local_likelihood import LocalLikelihood, local_likelihood, probes, tolerance
 from .prior import OPTIONS, Prior, StatedPrior, state_prior
 
 NOISE_STD = "log_innovation_std"
@@ -51,14 +51,19 @@ class Density(eqx.Module):
         centre = jnp.asarray(self.centre)
         return centre + (points - centre) / jnp.asarray(self.widening)
 
-    def __call__(
-        self, point: Float[Array, " d"], rows: InterpolatedRows | None = None
-    ) -> Float[Array, ""]:
-        """Return the log-density at one point, −∞ outside the prior.
+    def __call__(self, point: Float[Array, " d"]) -> Float[Array, ""]:
+        """Return the log-density at one point, −∞ outside the prior."""
+        value = self.likelihood_at(point) + self.log_prior(point)
+        return jnp.where(jnp.isfinite(value), value, -jnp.inf)
 
-        `rows` give the reduced rows of the likelihood; they are exact if it is None.
-        """
+    def likelihood_at(self, point: Float[Array, " d"]) -> Float[Array, ""]:
+        """Return the log-likelihood at one point."""
         count = len(self.likelihood.sampled_indices)
+        partial = jnp.clip(point[count + 1 :], -LARGEST, LARGEST)
+        return self.likelihood(self.narrowed(point)[:count], partial, point[count])
+
+    def log_prior(self, point: Float[Array, " d"]) -> Float[Array, ""]:
+        """Return the log-density of the prior up to a constant, −∞ outside its bounds."""
         inside = jnp.all(jnp.abs(point) <= jnp.asarray(self.bound))
         prior = jnp.zeros(())
         for k, (x, y) in enumerate(self.planes):
@@ -67,11 +72,7 @@ class Density(eqx.Module):
             prior -= 0.5 * square / jnp.asarray(self.plane_std)[k] ** 2
             if self.flat_in_amplitude[k]:
                 prior -= 0.5 * jnp.log(square)
-        partial = jnp.clip(point[count + 1 :], -LARGEST, LARGEST)
-        reduced = None if rows is None else rows(partial)
-        sampled = self.narrowed(point)[:count]
-        value = self.likelihood(sampled, partial, point[count], reduced) + prior
-        return jnp.where(inside & jnp.isfinite(value), value, -jnp.inf)
+        return jnp.where(inside, prior, -jnp.inf)
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,16 +96,22 @@ class FitTarget:
 
     def log_density(self, points: Float[np.ndarray, "walkers d"]) -> Float[np.ndarray, " walkers"]:
         """Return the log-density of every point, NumPy float64."""
-        rows, points = self._rows, np.asarray(points, np.float64)
-        noise = points[:, len(self.names) - len(self.partial) :]
-        inside = rows is not None and rows.holds(noise)
-        way = self._fast if inside else self._exact
-        size = next((n for n in _BATCHES if n <= len(points)), _BATCHES[-1])
-        if len(points) == size:
-            return np.asarray(_at_points(*way, points))
-        filled = np.repeat(points[:1], -len(points) % size, axis=0)
-        parts = np.split(np.concatenate([points, filled]), -(-len(points) // size))
-        return np.concatenate([_at_points(*way, part) for part in parts])[: len(points)]
+        points = np.asarray(points, np.float64)
+        local = self._local
+        if local is None:
+            return self.exact_log_density(points)
+        values = _in_batches(self._near, points)
+        narrow = self.centre + (points - self.centre) / np.asarray(self.density.widening)
+        far = np.flatnonzero(~local.holds(narrow))
+        if far.size:
+            values[far] = self.exact_log_density(points[far])
+        return values
+
+    def exact_log_density(
+        self, points: Float[np.ndarray, "walkers d"]
+    ) -> Float[np.ndarray, " walkers"]:
+        """Return the log-density of every point without polynomials."""
+        return _in_batches(self._exact, points)
 
     @property
     def partial(self) -> Float[np.ndarray, " order"]:
@@ -112,36 +119,76 @@ class FitTarget:
         return self.centre[self.names.index(NOISE_STD) + 1 :]
 
     @cached_property
-    def _rows(self) -> InterpolatedRows | None:
-        order = len(self.partial)
-        std = np.sqrt(np.diag(self.covariance))[len(self.names) - order :]
-        return interpolated_rows(self.density.likelihood, self.partial, std)
+    def _local(self) -> LocalLikelihood | None:
+        """The likelihood near the fit, if it is equal to the exact one at all probes."""
+        widening = np.asarray(self.density.widening)
+        narrow = self.covariance / np.outer(widening, widening)
+        local = local_likelihood(self.density.likelihood, self.centre, narrow)
+        if local is None:
+            return None
+        near = probes(self.centre, narrow, np.asarray(local.half_width))
+        points = self.centre + (near - self.centre) * widening
+        wanted = self.exact_log_density(points)
+        found = _in_batches(_evaluation(self.density, local), points)
+        same = np.isfinite(wanted) & np.isfinite(found)
+        wrong = np.abs(np.subtract(found, wanted, where=same, out=np.zeros(len(points))))
+        agreed = np.array_equal(np.isfinite(wanted), np.isfinite(found))
+        return local if agreed and wrong.max() <= tolerance(self.density.likelihood) else None
 
     @cached_property
-    def _exact(self) -> tuple[Any, list[Array]]:
-        return _flattened((self.density, None))
+    def _exact(self) -> "_Evaluation":
+        return _evaluation(self.density, None)
 
     @cached_property
-    def _fast(self) -> tuple[Any, list[Array]]:
-        return _flattened((self.density, self._rows))
+    def _near(self) -> "_Evaluation":
+        return _evaluation(self.density, self._local)
 
     def starts(self, count: int, generator: np.random.Generator) -> Float[np.ndarray, "count d"]:
         """Draw points from the Laplace approximation."""
         return generator.multivariate_normal(self.centre, self.covariance, count, method="cholesky")
 
 
-def _flattened(tree: tuple[Density, InterpolatedRows | None]) -> tuple[Any, list[Array]]:
-    """Return the structure of a density and its arrays on the device, once for all evaluations."""
-    arrays, structure = jax.tree.flatten(tree)
-    return structure, [jnp.asarray(array) for array in arrays]
+_Evaluation = Callable[[Float[np.ndarray, "walkers d"]], Float[Array, " walkers"]]
 
 
-@partial(jax.jit, static_argnums=0)
-def _at_points(
-    structure: Any, arrays: list[Array], points: Float[Array, "walkers d"]
-) -> Float[Array, " walkers"]:
-    density, rows = jax.tree.unflatten(structure, arrays)
-    return jax.vmap(lambda point: density(point, rows))(points)
+def _evaluation(density: Density, local: LocalLikelihood | None) -> _Evaluation:
+    """Return the compiled density of many points, exact if `local` is None.
+
+    Its arrays are on the device once for all evaluations.
+    """
+    used = density if local is None else eqx.tree_at(lambda d: d.likelihood, density, None)
+    arrays, structure = jax.tree.flatten((used, local))
+    held = tuple(jnp.asarray(array) for array in arrays)
+    return partial(_program_of(structure), held)
+
+
+@lru_cache(maxsize=16)
+def _program_of(structure: Any) -> Callable[..., Float[Array, " walkers"]]:
+    """Return the program of densities of one structure; a call then compares no structures."""
+
+    @jax.jit
+    def at_points(
+        arrays: tuple[Array, ...], points: Float[Array, "walkers d"]
+    ) -> Float[Array, " walkers"]:
+        density, local = jax.tree.unflatten(structure, arrays)
+        if local is None:
+            return jax.vmap(density)(points)
+        values = local(density.narrowed(points)) + jax.vmap(density.log_prior)(points)
+        return jnp.where(jnp.isfinite(values), values, -jnp.inf)
+
+    return at_points
+
+
+def _in_batches(
+    evaluate: _Evaluation, points: Float[np.ndarray, "walkers d"]
+) -> Float[np.ndarray, " walkers"]:
+    """Return the values of all points, evaluated in batches of few sizes, which compile once."""
+    size = next((n for n in _BATCHES if n <= len(points)), _BATCHES[-1])
+    if len(points) == size:
+        return np.array(evaluate(points))
+    filled = np.repeat(points[:1], -len(points) % size, axis=0)
+    parts = np.split(np.concatenate([points, filled]), -(-len(points) // size))
+    return np.concatenate([evaluate(part) for part in parts])[: len(points)]
 
 
 def is_physical(name: str) -> bool:

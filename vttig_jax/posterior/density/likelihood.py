@@ -50,8 +50,8 @@ class Likelihood(eqx.Module):
     - `spread`: (nuisance, flanks, tied): tied coefficients of every nuisance parameter.
     - `determinants`: sum over the flanks of the numbers that give the log-determinant of the noise.
     - `rows`: weighted number of rows.
-    - `sampled_indices`: indices of the sampled parameters; `fixed`: values of those that are
-      neither sampled nor integrated out.
+    - `sampled_indices`: indices of the sampled parameters; `fixed`: values of the others, from
+      which those that are integrated out are counted.
     - `variance_factor`: factor on the residual variance for a robust loss, 1 for least squares.
     """
 
@@ -108,13 +108,9 @@ class Likelihood(eqx.Module):
         sampled: Float[Array, " d"],
         partial: Float[Array, " order"],
         log_innovation_std: Float[Array, ""],
-        rows: ReducedRows | None = None,
     ) -> Float[Array, ""]:
-        """Return the log-likelihood; free and nuisance coefficients are integrated out.
-
-        `rows` are the reduced rows for `partial`; they are computed if they are not given.
-        """
-        rows = self.reduced(partial) if rows is None else rows
+        """Return the log-likelihood; free and nuisance coefficients are integrated out."""
+        rows = self.reduced(partial)
         residual, nuisance = self.whitened_residual(sampled, rows.factor)
         misfit = jnp.asarray(self.variance_factor) * jnp.sum(rows.factor[:, -1, -1] ** 2)
         misfit += residual @ residual
@@ -175,7 +171,8 @@ def likelihood_of(
     """
     names = list(relation.names)
     nuisance = [k for k, name in enumerate(names) if name not in sampled]
-    fixed = np.where(np.isin(np.arange(len(names)), nuisance), 0.0, values)
+    curved = [k for k in nuisance if k >= relation.linear.shape[0]]
+    fixed = np.where(np.isin(np.arange(len(names)), curved), 0.0, values)
     return Likelihood(
         relation=relation,
         products=np.stack([_product_matrices(flank, order) for flank in summary.flanks], axis=1),

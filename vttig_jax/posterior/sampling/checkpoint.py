@@ -6,10 +6,10 @@ import os
 import time
 import zlib
 from contextlib import suppress
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Any, Literal
 
 import h5py
 import numpy as np
@@ -26,7 +26,7 @@ from ...base.files.atomic_write import (
 from ...base.files.json_io import dumps
 from ...base.files.limits import MemoryBudget
 from .ensemble_blocks import Record
-from .stop_rule import Until
+from .stop_rule import BURN_IN, Until
 
 FORMAT = "vttig.posterior/1"
 SAVE_S = 5.0  # shortest time between two saves, s (chosen)
@@ -38,7 +38,11 @@ _ARRAYS = tuple(
 
 @dataclass(frozen=True)
 class Header:
-    """Settings of a run; only a run with equal settings may continue its checkpoint."""
+    """Settings of a run; only a run with equal settings may continue its checkpoint.
+
+    `burn_in` is the fraction of the chains that is discarded; a run that is continued keeps its
+    own. `pareto_k` and `effective` describe the weights of importance sampling, by ensemble.
+    """
 
     names: tuple[str, ...]
     units: tuple[str, ...]
@@ -47,6 +51,10 @@ class Header:
     ensembles: int
     walkers: int
     thin: int
+    burn_in: float = BURN_IN
+    method: Literal["emcee", "importance"] = "emcee"
+    pareto_k: tuple[float, ...] = ()
+    effective: tuple[float, ...] = ()
 
     def as_json(self) -> dict[str, Any]:
         """Return the header as it is after a round trip through JSON, for comparison."""
@@ -128,6 +136,7 @@ class Checkpoint:
         **Raises** `InputError` that says what differs, or that the file is damaged.
         """
         stored, record, until = read(self.path)
+        self.header = replace(self.header, burn_in=stored.burn_in)
         differences = list(_differences(stored.as_json(), self.header.as_json()))
         if differences:
             first = "; ".join(differences[:3])
@@ -188,8 +197,8 @@ def read(path: Path) -> tuple[Header, Record, Until]:
                 raise ValueError("its checksum does not match")
         content = json.loads(text)
         steps, until = content.pop("steps"), Until(**content.pop("until"))
-        for name in ("names", "units"):
-            content[name] = tuple(content[name])
+        for name in ("names", "units", "pareto_k", "effective"):
+            content[name] = tuple(content.get(name, ()))
         header = Header(**content)
         return header, Record(steps=steps, thin=header.thin, **arrays), until
     except InputError:

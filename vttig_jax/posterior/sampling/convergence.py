@@ -129,6 +129,7 @@ class Diagnosis:
     - `acceptance`: accepted fraction of all proposals.
     - `effective`: effective number of draws of each coordinate, all ensembles together.
     - `steps`: steps made by every ensemble; `until`: stop rule of the run.
+    - `burn_in`: fraction of the chain that was discarded.
     """
 
     names: tuple[str, ...]
@@ -139,6 +140,7 @@ class Diagnosis:
     effective: Float[np.ndarray, " d"]
     steps: int
     until: Until
+    burn_in: float = BURN_IN
 
     @property
     def long_enough(self) -> bool:
@@ -158,7 +160,7 @@ class Diagnosis:
     @property
     def needed(self) -> int:
         """Steps, burn-in included, that make the chains long enough at the present τ."""
-        return steps_needed(float(self.tau.max()), self.until)
+        return steps_needed(float(self.tau.max()), self.until, self.burn_in)
 
     def __str__(self) -> str:
         slowest, farthest = (self.names[int(np.argmax(x))] for x in (self.tau, self.r_hat))
@@ -212,13 +214,14 @@ def diagnose(
     steps: int,
     acceptance: float,
     until: Until,
+    burn_in: float = BURN_IN,
 ) -> Diagnosis:
     """Return the diagnosis of the stored draws of several ensembles; it discards the burn-in.
 
     Long chains are read at no more than 4096 evenly spaced steps for τ and 400 for R-hat. A τ below
     that spacing is set to the spacing, so that no more effective draws are claimed than read.
     """
-    chains = draws[:, burn_in(draws.shape[1]) :]
+    chains = draws[:, discarded(draws.shape[1], burn_in) :]
     kept = chains.shape[1]
     stride = max(1, math.ceil(kept / _TIME_POINTS))
     times = [autocorrelation_time(ensemble[::stride]) for ensemble in chains]
@@ -233,12 +236,13 @@ def diagnose(
         effective=draws.shape[0] * draws.shape[2] * length / tau,
         steps=steps,
         until=until,
+        burn_in=burn_in,
     )
 
 
-def burn_in(kept: int) -> int:
-    """Return the number of stored steps that are discarded: the first quarter."""
-    return int(BURN_IN * kept)
+def discarded(kept: int, burn_in: float) -> int:
+    """Return the number of stored steps that are discarded, `burn_in` of all."""
+    return int(burn_in * kept)
 
 
 def _rounded_down(number: float) -> str:

@@ -3,7 +3,7 @@
 import time
 from collections.abc import Callable
 from contextlib import nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +12,10 @@ from jaxtyping import Float
 
 from ...base.errors import UsageError
 from .checkpoint import Checkpoint, Header, read
-from .convergence import Diagnosis, burn_in, diagnose
+from .convergence import Diagnosis, diagnose, discarded
 from .ensemble_blocks import Ensembles, Record, check_same_density, start, warm_up
-from .stop_rule import BLOCK_STEPS, Until, next_decision
+from .importance import importance_diagnosis
+from .stop_rule import BLOCK_STEPS, BURN_IN, Until, next_decision
 from .target import CheckedDensity, Target
 
 
@@ -69,7 +70,7 @@ class Chains:
     - `log_density`: log density of each draw.
     - `acceptance`: accepted fraction of the proposals of each ensemble.
     - `steps`: steps made by every ensemble.
-    - `discarded`: burn-in in steps, the first quarter of the stored steps.
+    - `discarded`: burn-in in steps, 0 if the walkers started in the posterior.
     - `identity`: JSON values that identify the density, see `Target`.
     - `state`: state of the sampler for a checkpoint; None for draws of another sampler.
     """
@@ -142,6 +143,7 @@ def run_ensembles(
     progress: Callable[[Progress], None] | None = None,
     overwrite: bool = False,
     thin: int = 5,
+    burn_in: float = BURN_IN,
 ) -> Chains:
     """Sample a log density with several independent ensembles of emcee.
 
@@ -160,6 +162,8 @@ def run_ensembles(
     - `progress`: function called after each block of 200 steps.
     - `thin`: store every `thin`-th step. Neighbouring steps differ little (τ is tens of steps), so
       5 needs a fifth of the storage at a small loss.
+    - `burn_in`: fraction of the chains that is discarded; 0 for starts that are draws of the
+      density. A run that is continued keeps its own.
 
     **Raises** `UsageError` or `InputError` for a checkpoint that cannot be used (see `Checkpoint`),
     `NoAnswerError` for a density that is NaN and for starts that cannot be used. A run that has not
@@ -181,7 +185,7 @@ def run_ensembles(
 
     ```
     """
-    header = _header(target, ensembles, walkers, seed, thin)
+    header = replace(_header(target, ensembles, walkers, seed, thin), burn_in=burn_in)
     _check_options(
         steps, until=until, checkpoint=checkpoint, resume=resume, overwrite=overwrite, thin=thin
     )
@@ -195,6 +199,7 @@ def run_ensembles(
     with file as writer:
         if writer is not None and writer.is_begun:
             record = writer.load()
+            header = writer.header
             if steps is not None and steps < record.steps:
                 raise UsageError(
                     f"the checkpoint already holds {record.steps} steps, more than the {steps} of"
@@ -205,7 +210,7 @@ def run_ensembles(
         else:
             seeds = np.random.SeedSequence(seed).spawn(ensembles)
             record = start(density, seeds, header.walkers, thin)
-        warm_up(density, record.points[0])
+        warm_up(density, record.points)
         run = _SamplingRun(
             header=header,
             ensembles=Ensembles(density, record),
@@ -215,7 +220,7 @@ def run_ensembles(
             progress=progress,
         )
         diagnosis = run.sample()
-    return _chains(header, run.record, rule, diagnosis)
+    return chains_of(header, run.record, rule, diagnosis)
 
 
 def read_chains(path: Path) -> Chains:
@@ -224,7 +229,7 @@ def read_chains(path: Path) -> Chains:
     **Raises** `InputError` for a file that is missing, damaged or no checkpoint.
     """
     header, record, until = read(path)
-    return _chains(header, record, until, _diagnosis_of(header, record, until))
+    return chains_of(header, record, until, diagnosis_of(header, record, until))
 
 
 class _SamplingRun:
@@ -284,7 +289,7 @@ class _SamplingRun:
 
     def _diagnosis(self) -> Diagnosis:
         if self.diagnosis is None or self.diagnosis.steps != self.record.steps:
-            self.diagnosis = _diagnosis_of(self.header, self.record, self.until)
+            self.diagnosis = diagnosis_of(self.header, self.record, self.until)
         return self.diagnosis
 
     def _progress_now(self) -> Progress:
@@ -355,7 +360,10 @@ def _check_options(
         raise ValueError("Argument `overwrite` must be left out if `resume` is given.")
 
 
-def _diagnosis_of(header: Header, record: Record, until: Until) -> Diagnosis:
+def diagnosis_of(header: Header, record: Record, until: Until) -> Diagnosis:
+    """Return the diagnosis of the draws of a record by the method that made them."""
+    if header.method == "importance":
+        return importance_diagnosis(header, record.draws, until)
     return diagnose(
         record.draws,
         header.names,
@@ -363,6 +371,7 @@ def _diagnosis_of(header: Header, record: Record, until: Until) -> Diagnosis:
         steps=record.steps,
         acceptance=float(_acceptance(header, record).mean()),
         until=until,
+        burn_in=header.burn_in,
     )
 
 
@@ -370,7 +379,8 @@ def _acceptance(header: Header, record: Record) -> Float[np.ndarray, " ensembles
     return record.accepted / (record.steps * header.walkers)
 
 
-def _chains(header: Header, record: Record, until: Until, diagnosis: Diagnosis) -> Chains:
+def chains_of(header: Header, record: Record, until: Until, diagnosis: Diagnosis) -> Chains:
+    """Return the draws of a record after its burn-in, with their diagnosis."""
     return Chains(
         names=header.names,
         units=header.units,
@@ -379,7 +389,7 @@ def _chains(header: Header, record: Record, until: Until, diagnosis: Diagnosis) 
         acceptance=_acceptance(header, record),
         steps=record.steps,
         thin=record.thin,
-        discarded=burn_in(record.draws.shape[1]) * record.thin,
+        discarded=discarded(record.draws.shape[1], header.burn_in) * record.thin,
         seed=header.seed,
         identity=header.identity,
         diagnosis=diagnosis,

@@ -7,7 +7,7 @@ BLOCK_STEPS = 200
 """Steps of a block (chosen); progress, checkpoint and interrupts are handled between blocks."""
 
 BURN_IN = 0.25
-"""Fraction of the chain that is discarded (chosen)."""
+"""Fraction of a chain that is discarded if it did not start in the posterior (chosen)."""
 
 _FIRST_DECISION = 1000  # steps before the first diagnosis (chosen)
 _GROWTH = 1.2  # a diagnosis reads the whole chain: few are made, and a run overshoots by ≤ 20 %
@@ -60,7 +60,7 @@ def next_decision(steps: int) -> int:
     return decision
 
 
-def steps_needed(tau: float, until: Until) -> int:
+def steps_needed(tau: float, until: Until, burn_in: float = BURN_IN) -> int:
     """Return the steps, burn-in included, that suffice at the autocorrelation time `tau`."""
-    needed = until.autocorrelation_times * tau / (1 - BURN_IN)
+    needed = until.autocorrelation_times * tau / (1 - burn_in)
     return math.ceil(needed / BLOCK_STEPS) * BLOCK_STEPS if math.isfinite(needed) else 0

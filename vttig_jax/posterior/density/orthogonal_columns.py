@@ -1,0 +1,132 @@
+"""Columns of a likelihood, orthogonalised at one noise: exact parts and small parts.
+
+The columns are those that are integrated out (free harmonics of every flank, nuisance parameters),
+then the tied columns of every flank and the residual of the fit. At the noise of the fit the Gram
+matrix of the first ones is the identity, and they are orthogonal to the others.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from .likelihood import Likelihood
+
+
+@dataclass(frozen=True)
+class OrthogonalColumns:
+    """Gram matrix of the columns as a sum of products with the weights of the noise.
+
+    **Arguments**
+    - `gram`: products of all columns. - `eliminated`: number of those that are integrated out.
+    - `determinant`: log-determinant of their Gram matrix before they were orthogonalised.
+    - `at_fit`: Gram matrix of the remaining columns at the noise of the fit.
+    - `flanks`: products of the columns of every flank by itself, the residual last.
+    - `excess`: factor of a robust loss on the residual of each flank, less 1.
+    """
+
+    gram: Float[np.ndarray, "products c c"]
+    eliminated: int
+    determinant: float
+    at_fit: Float[np.ndarray, "kept kept"]
+    flanks: Float[np.ndarray, "products flanks q q"]
+    excess: float
+
+    @property
+    def squares(self) -> Float[np.ndarray, "pairs products"]:
+        """Upper triangle of the Gram matrix of the remaining columns, for every product."""
+        kept = self.gram[:, self.eliminated :, self.eliminated :].copy()
+        kept[:, -1, -1] += self.excess * self.flanks[:, :, -1, -1].sum(axis=1)
+        return _upper(kept)
+
+    @property
+    def diagonal(self) -> Float[np.ndarray, "eliminated products"]:
+        """Diagonal elements of the eliminated columns, for every product."""
+        return np.diagonal(self.gram, axis1=1, axis2=2)[:, : self.eliminated].T
+
+    def small_parts(
+        self, weights: Float[np.ndarray, "n products"]
+    ) -> Float[np.ndarray, "values n"]:
+        """Return what the exact parts leave: of the log-determinant, then of the misfit.
+
+        **Raises** `numpy.linalg.LinAlgError` for a Gram matrix that is not positive definite.
+        """
+        gram = np.tensordot(weights, self.gram, 1)
+        first = self.eliminated
+        lower = np.linalg.cholesky(gram[:, :first, :first])
+        diagonal = np.diagonal(gram[:, :first, :first], axis1=1, axis2=2)
+        squares = np.diagonal(lower, axis1=1, axis2=2) ** 2
+        determinant = np.sum(np.log(squares / diagonal), axis=1)
+        between = np.linalg.solve(lower, gram[:, :first, first:])
+        small = -np.swapaxes(between, 1, 2) @ between
+        if self.excess:
+            flanks = np.tensordot(weights, self.flanks, 1)
+            others = np.linalg.solve(flanks[..., :-1, :-1], flanks[..., :-1, -1:])
+            explained = np.sum(flanks[..., :-1, -1:] * others, axis=(1, 2, 3))
+            small[:, -1, -1] -= self.excess * explained
+        return np.concatenate([determinant[None], _upper(small)])
+
+
+def orthogonal_columns(
+    likelihood: Likelihood,
+    partial: Float[np.ndarray, " order"],
+    tied: Float[np.ndarray, "flanks tied"],
+) -> OrthogonalColumns:
+    """Return the columns, orthogonalised at the noise with these partial autocorrelations.
+
+    `tied` are the tied coefficients whose residual is the last column.
+
+    **Raises** `numpy.linalg.LinAlgError` for columns that depend on each other.
+    """
+    columns, first = _columns(likelihood, tied)
+    weights = np.asarray(likelihood.kind.product_weights(partial))
+    products = np.asarray(likelihood.products)
+    gram = _gram(columns, products).sum(axis=1)
+    at_fit = np.tensordot(weights, gram, 1)
+    lower = np.linalg.cholesky(at_fit[:first, :first])
+    turn = np.eye(len(at_fit))
+    turn[:first, :first] = np.linalg.inv(lower).T
+    turn[:first, first:] = -turn[:first, :first] @ (turn[:first, :first].T @ at_fit[:first, first:])
+    own = np.asarray(likelihood.triangles) @ np.eye(products.shape[-1])
+    other = np.tensordot(weights, _gram(own, products), 1)
+    last = np.linalg.solve(other[:, :-1, :-1], other[:, :-1, -1:])
+    own[..., -1:] -= own[..., :-1] @ last
+    turned = _gram(columns @ turn, products).sum(axis=1)
+    return OrthogonalColumns(
+        gram=turned,
+        eliminated=first,
+        determinant=2.0 * float(np.sum(np.log(np.diag(lower)))),
+        at_fit=np.tensordot(weights, turned[:, first:, first:], 1),
+        flanks=_gram(own, products),
+        excess=float(likelihood.variance_factor) - 1.0,
+    )
+
+
+def _columns(
+    likelihood: Likelihood, tied: Float[np.ndarray, "flanks tied"]
+) -> tuple[Float[np.ndarray, "flanks q c"], int]:
+    """Return all columns in the coordinates of the products, and the number of eliminated ones."""
+    triangles, free = np.asarray(likelihood.triangles), likelihood.free
+    spread = np.asarray(likelihood.spread)
+    flanks, width = tied.shape
+    first = flanks * free + len(spread)
+    columns = np.zeros((flanks, triangles.shape[-1], first + flanks * width + 1))
+    for flank in range(flanks):
+        columns[flank, :free, flank * free : (flank + 1) * free] = np.eye(free)
+        columns[flank, free:-1, flanks * free : first] = spread[:, flank].T
+        start = first + flank * width
+        columns[flank, free:-1, start : start + width] = np.eye(width)
+        columns[flank, free:, -1] = np.append(tied[flank], -1.0)
+    return triangles @ columns, first
+
+
+def _gram(
+    columns: Float[np.ndarray, "flanks q c"], products: Float[np.ndarray, "products flanks q q"]
+) -> Float[np.ndarray, "products flanks c c"]:
+    return np.swapaxes(columns, 1, 2) @ (products @ columns)
+
+
+def _upper(matrices: Float[np.ndarray, "n k k"]) -> Float[np.ndarray, "pairs n"]:
+    """Return the upper triangles; elements beside the diagonal count twice."""
+    first, second = np.triu_indices(matrices.shape[-1])
+    return (matrices[:, first, second] * np.where(first == second, 1.0, 2.0)).T
