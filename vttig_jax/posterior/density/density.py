@@ -46,10 +46,10 @@ class Density(eqx.Module):
     centre: Float[Numbers, " d"] = eqx.field(converter=float64)
     widening: Float[Numbers, " d"] = eqx.field(converter=float64)
 
-    def narrowed(self, points: Float[Array, "*n d"]) -> Float[Array, "*n d"]:
-        """Return the points at which the likelihood of the noise model is taken."""
+    def narrowed(self, point: Float[Array, " d"]) -> Float[Array, " d"]:
+        """Return the point at which the likelihood of the noise model is taken."""
         centre = jnp.asarray(self.centre)
-        return centre + (points - centre) / jnp.asarray(self.widening)
+        return centre + (point - centre) / jnp.asarray(self.widening)
 
     def __call__(self, point: Float[Array, " d"]) -> Float[Array, ""]:
         """Return the log-density at one point, −∞ outside the prior."""
@@ -173,7 +173,7 @@ def _program_of(structure: Any) -> Callable[..., Float[Array, " walkers"]]:
         density, local = jax.tree.unflatten(structure, arrays)
         if local is None:
             return jax.vmap(density)(points)
-        values = local(density.narrowed(points)) + jax.vmap(density.log_prior)(points)
+        values = local(jax.vmap(density.narrowed)(points)) + jax.vmap(density.log_prior)(points)
         return jnp.where(jnp.isfinite(values), values, -jnp.inf)
 
     return at_points
