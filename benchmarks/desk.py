@@ -107,7 +107,7 @@ def warm(row: str, rounds: int) -> dict[str, Any]:
         "fit_s": round(statistics.median(fits), 4),
         "least_fit_s": round(min(fits), 4),
         "peer_s": round(statistics.median(peers), 5),
-        "ratio": round(statistics.median(np.divide(fits, peers)), 1),
+        "ratio": round(float(np.median(np.divide(fits, peers))), 1),
     }
 
 
@@ -190,11 +190,12 @@ def main() -> None:
     if chosen.only != "memory":
         for row in chosen.rows:
             record.setdefault("warm", {})[row] = warm(row, chosen.rounds)
+            write("desk.json", record)
             print(row, record["warm"][row], flush=True)
     if chosen.only != "warm":
         record["memory"] = memory(chosen.memory)
+        write("desk.json", record)
         print(record["memory"])
-    write("desk.json", record)
 
 
 if __name__ == "__main__":
