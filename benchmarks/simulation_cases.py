@@ -11,7 +11,8 @@ from vttig_jax.control.scenario.spec import ScenarioSpec, parse_scenario_spec, w
 from vttig_jax.control.simulation.build import Builder
 from vttig_jax.control.simulation.case import Case
 from vttig_jax.control.simulation.simulate import periods_of
-from vttig_jax.control.sweeps.batching import BatchRunner, CaseBatch, batch_of, leaves_of, varying
+from vttig_jax.control.sweeps.batching import BatchRunner, CaseBatch, batch_of, varying
+from vttig_jax.control.sweeps.case_leaves import leaves_of
 from vttig_jax.control.sweeps.cases import rig_table
 from vttig_jax.rig.paper import paper_eccentricities, paper_pair
 

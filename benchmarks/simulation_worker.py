@@ -24,6 +24,7 @@ from vttig_jax.control.plants import flank_bounds as bounds
 from vttig_jax.control.scenario.spec import ScenarioSpec, parse_scenario_spec, spec_table
 from vttig_jax.control.sweeps import batching as lanes_module
 from vttig_jax.control.sweeps.batching import BatchRunner
+from vttig_jax.control.sweeps.parallel import ParallelRuns
 from vttig_jax.control.sweeps.sweep import _runner
 
 from .simulation_cases import BASE, PAIR, cases_of, ns_per_lane_step, seconds, spec_of, stack_of
@@ -55,7 +56,7 @@ def lanes_task(
         bounds.sincos = sensing.sincos = lambda x: (jnp.sin(x), jnp.cos(x))
     if not wide:
         plain = inspect.unwrap(lanes_module._continue_lanes)
-        lanes_module._continue_lanes = jax.jit(plain, static_argnums=(0, 1, 2, 3))
+        lanes_module._continue_lanes = jax.jit(plain, static_argnums=(0, 1, 2))
     lanes, found = BatchRunner(jax.devices()[:1]), {}
     for size in sizes:
         cases = cases_of(size)
@@ -65,18 +66,27 @@ def lanes_task(
 
 
 def cores_task(rounds: int, lanes: int, periods: int) -> dict[str, Any]:
-    """ns per lane-step on one device and on two, in turns; and whether both say the same."""
-    stack = stack_of(cases_of(lanes))
-    one, two = BatchRunner(jax.devices()[:1]), BatchRunner(jax.devices()[:2])
-    said = [some.run(stack, periods, 1)[1] for some in (one, two)]
+    """ns per lane-step in one thread and in two, in turns; and whether both say the same."""
+    stack, runner = stack_of(cases_of(lanes)), BatchRunner(jax.devices()[:2])
+
+    def in_threads(count: int) -> list[Any]:
+        with ParallelRuns(count) as parallel:
+            runs = [
+                parallel.start(lambda place, follow: runner.run(stack, periods, 1, place=place)[1])
+                for _ in range(count)
+            ]
+            return [parallel.result(run, lambda steps: None) for run in runs]
+
+    said = in_threads(2)
     differs = max(
         float(np.nanmax(np.abs(np.asarray(a, float) - np.asarray(b, float)), initial=0.0))
         for a, b in zip(*said, strict=True)
     )
     found: dict[str, Any] = {"1": [], "2": [], "differs": differs}
     for _ in range(rounds):
-        found["1"] += ns_per_lane_step(one, stack, 1, periods, 1)
-        found["2"] += ns_per_lane_step(two, stack, 1, periods, 1)
+        for count in (1, 2):
+            taken = seconds(lambda count=count: in_threads(count))
+            found[str(count)].append(1e9 * taken / (count * stack.lanes * periods))
     return found
 
 

@@ -16,8 +16,9 @@ from vttig_jax.control.simulation.case import Case
 from vttig_jax.control.simulation.metrics import METRICS
 from vttig_jax.control.sweeps import blocks as sweep_work
 from vttig_jax.control.sweeps import estimate as sweep_estimate
-from vttig_jax.control.sweeps.batching import BatchRunner, batch_of, lanes_for, leaves_of, varying
+from vttig_jax.control.sweeps.batching import BatchRunner, batch_of, lanes_for, varying
 from vttig_jax.control.sweeps.blocks import SweepWork
+from vttig_jax.control.sweeps.case_leaves import leaves_of
 from vttig_jax.control.sweeps.cases import SweepCases
 from vttig_jax.control.sweeps.table import SweepTable
 from vttig_jax.pair.eccentricities import Eccentricities
@@ -206,6 +207,28 @@ def test_what_differs_gets_lanes_of_its_own_even_if_no_sample_showed_it():
     assert nothing.batched == own and nothing.lanes == 8
     assert batch_of(numbers[:1], (False,) * len(own), 8).batched == (False,) * len(own)
     assert all(len(leaf) == 8 for leaf, apart in zip(nothing.leaves, own, strict=True) if apart)
+
+
+def test_leaves_from_parts_are_those_of_the_case():
+    axes = {
+        "motion.kind": ["trapezoid", "s_curve"],
+        "controller": ["none", "feedforward", "predictive"],
+        "driving_encoder.noise_arcsec": [0.0, 1.0],
+        "actuator.force_limit_N": [0.0, 5.0],
+        "sampling.plant_hz": [0.0, 2000.0],
+    }
+    cases = SweepCases(sweep_spec(axes), PAIR)
+    structures = set()
+    for number in range(len(cases)):
+        case, found = cases.case(number), cases.leaves(number)
+        assert isinstance(case, Case) and not isinstance(found, InputError)
+        expected = leaves_of(case)
+        assert found.structure == expected.structure and found[2:] == expected[2:]
+        for one, other in zip(found.leaves, expected.leaves, strict=True):
+            np.testing.assert_array_equal(one, other)
+            assert one.dtype == other.dtype
+        structures.add(found.structure)
+    assert len(structures) == len(cases) == 48
 
 
 @pytest.mark.parametrize(

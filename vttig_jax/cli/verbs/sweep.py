@@ -3,6 +3,7 @@
 import os
 from importlib.util import find_spec
 from pathlib import Path
+from threading import Thread
 from typing import TYPE_CHECKING
 
 import click
@@ -79,6 +80,9 @@ def command(
             output.narrate(f"to run: {expected}")
             bar.total = max(expected.lane_steps, 1)
             bar.unit_scale = True
+            if out is not None and not no_figures:
+                # The modules of the picture are imported while the devices run.
+                Thread(target=_import_plots, daemon=True).start()
 
         def follow(done: float, all_: float) -> None:
             bar.total = max(done, all_)
@@ -125,6 +129,10 @@ def _cores() -> int:
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
+
+
+def _import_plots() -> None:
+    from ...plotting import save, sweep  # noqa: F401
 
 
 def _draw(found: "SweepTable", out: Path) -> None:

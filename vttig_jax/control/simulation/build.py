@@ -4,12 +4,13 @@ import math
 from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 from msgspec import structs
 
+from ...base.arrays import float64
 from ...base.errors import ScenarioError
 from ...base.files.toml_io import plain_table
 from ...base.units import ARCSEC, DEG, REV
@@ -162,6 +163,25 @@ def case_of(
     return Builder(pair, folder, controller).case(spec)
 
 
+class CaseParts(NamedTuple):
+    """Fields of a `Case` by name; a builder gives the same object for equal parts of cases."""
+
+    motion: Motion
+    bounds: Bounds
+    plant: Plant
+    actuator: Actuator
+    observer: Observer
+    controller: Controller
+    driving_sensor: Sensor
+    driven_sensor: Sensor
+    period: Any
+    sense: Any
+    seed: Any
+    substeps: int
+    noisy: bool
+    drive: ShaftDrive
+
+
 class Builder:
     """Builder of the cases of one pair; it builds common parts of cases once.
 
@@ -184,13 +204,17 @@ class Builder:
         **Raises** `ScenarioError` for helix angles with which no displacement closes the gap, and
         for a step of the plant that is too long for the stiffness of the mesh.
         """
+        return Case(**self.parts(spec)._asdict())
+
+    def parts(self, spec: ScenarioSpec) -> CaseParts:
+        """Return the parts of a case; see `case`."""
         motion, sense = self._part(self._motion, spec.motion)
         bounds = self._part(self._bounds, spec.eccentricities, spec.flanks)
         hertz = spec.sampling.controller_hz
         substeps = round(spec.sampling.plant_hz / hertz) or 1
         sensors = (spec.driving_encoder, False), (spec.driven_encoder, True)
         tables = spec.inertia, spec.friction, spec.load, spec.mesh
-        return Case(
+        return CaseParts(
             motion=motion,
             bounds=bounds,
             plant=self._part(self._plant, spec.plant, *tables, hertz, substeps),
@@ -202,9 +226,9 @@ class Builder:
             controller=self._located(spec, bounds, motion),
             driving_sensor=self._part(self._sensor, *sensors[0]),
             driven_sensor=self._part(self._sensor, *sensors[1]),
-            period=1.0 / hertz,
-            sense=sense,
-            seed=np.asarray(spec.seed),
+            period=self._part(float64, 1.0 / hertz),
+            sense=self._part(float64, sense),
+            seed=self._part(np.asarray, spec.seed),
             substeps=substeps,
             noisy=any(table.noise_arcsec > 0 for table, _ in sensors),
         )

@@ -16,7 +16,7 @@ from ...pair.load import load_pair
 from ..controllers.controller import Controller
 from ..scenario.axes import SCENARIO_FILE
 from ..scenario.spec import ScenarioSpec, load_scenario_spec
-from .build import case_of
+from .build import CaseParts, case_of
 from .case import Case, Sample, State, initial_state, run_periods, trace_periods
 from .result import Simulation, Trace
 
@@ -121,7 +121,7 @@ def load_gears(path: Path) -> GearPair:
     return pair
 
 
-def periods_of(case: Case) -> int:
+def periods_of(case: Case | CaseParts) -> int:
     """Return the number of periods of the controller in a run."""
     return int(np.floor(float(case.motion.duration_s) / float(case.period) * (1 + 1e-12))) + 1
 

@@ -12,8 +12,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..simulation.accumulators import Accumulators
-from ..simulation.case import Case, State, initial_state, run_periods
+from ..simulation.case import State, initial_state, run_periods
 from ..simulation.metrics import MetricInputs, metric_inputs_of
+from .case_leaves import CaseLeaves, CaseStructure
 
 STEPS = 1024
 """Plant steps in one compiled call: a chosen value."""
@@ -23,30 +24,6 @@ LANES = 512
 
 _FEWEST = 8
 """Least number of lanes: the float64 numbers in a vector of 512 bits."""
-
-
-class CaseStructure(NamedTuple):
-    """Structure of cases that share one compiled program; it is hashable.
-
-    - `tree`: tree with all static choices. - `shapes`: shapes of the numbers.
-    """
-
-    tree: Any
-    shapes: tuple[tuple[int, ...], ...]
-
-
-class CaseLeaves(NamedTuple):
-    """Structure of one case, and its numbers in the order of the tree."""
-
-    structure: CaseStructure
-    leaves: tuple[Any, ...]
-
-
-def leaves_of(case: Case) -> CaseLeaves:
-    """Split a case into its structure and its numbers."""
-    leaves, tree = jax.tree.flatten(case)
-    leaves = tuple(leaf if isinstance(leaf, np.ndarray) else np.asarray(leaf) for leaf in leaves)
-    return CaseLeaves(CaseStructure(tree, tuple(leaf.shape for leaf in leaves)), leaves)
 
 
 class CaseBatch(NamedTuple):
@@ -169,9 +146,9 @@ class BatchRunner:
         """Return a compiled program; threads that need the same one wait for the first of them."""
         key = function, batch.structure, batch.batched, batch.lanes, choices, device.id
         with self._lock:
-            known = self._compiled.get(key)
+            own, known = Future[Callable[..., Any]](), self._compiled.get(key)
             if known is None:
-                own = self._compiled[key] = Future()
+                self._compiled[key] = own
                 if not self._compiling:
                     self._began = time.perf_counter()
                 self._compiling += 1

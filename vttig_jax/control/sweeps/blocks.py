@@ -20,13 +20,11 @@ from .batching import (
     STEPS,
     BatchRunner,
     CaseBatch,
-    CaseLeaves,
-    CaseStructure,
     batch_of,
     lanes_for,
-    leaves_of,
     varying,
 )
+from .case_leaves import CaseLeaves, CaseStructure, leaves_of
 from .cases import DRAW, SweepCases, rig_table
 from .parallel import Follow, ParallelRuns
 
@@ -50,7 +48,6 @@ class Group(NamedTuple):
     """Cases of one structure, with their indices in the block and their numbers."""
 
     indices: list[int]
-    cases: list[Case]
     leaves: list[CaseLeaves]
 
 
@@ -168,20 +165,18 @@ class SweepWork:
         """Group the cases of a block by structure, without those that cannot run."""
         groups: dict[CaseStructure, Group] = {}
         for index, number in enumerate(numbers):
-            case = self.cases.case(number)
-            if isinstance(case, InputError):
+            leaves = self.cases.leaves(number)
+            if isinstance(leaves, InputError):
                 continue
-            leaves = leaves_of(case)
-            group = groups.setdefault(leaves.structure, Group([], [], []))
+            group = groups.setdefault(leaves.structure, Group([], []))
             group.indices.append(index)
-            group.cases.append(case)
             group.leaves.append(leaves)
         return list(groups.values())
 
     def _batches(self, group: Group) -> Iterator["_Batch"]:
         """Yield the batches of a group, each of cases of similar length."""
         batched = self._batched.get(group.leaves[0].structure, _none(group.leaves[0]))
-        periods = [periods_of(case) for case in group.cases]
+        periods = [case.periods for case in group.leaves]
         order = sorted(range(len(periods)), key=lambda index: (periods[index], index))
         lanes = lanes_for(len(order), len(self.runner.devices))
         for first in range(0, len(order), lanes):
@@ -191,7 +186,7 @@ class SweepWork:
                 [group.indices[index] for index in chosen],
                 batch_of([group.leaves[index] for index in chosen], batched, lanes),
                 np.array([periods[index] for index in chosen]),
-                group.cases[0].substeps,
+                group.leaves[0].substeps,
             )
 
     def _case_columns(self, numbers: Sequence[int]) -> Rows:

@@ -23,6 +23,7 @@ from ..scenario.tables import MapTable
 from ..simulation.build import Builder
 from ..simulation.case import Case
 from ..simulation.simulate import load_gears
+from .case_leaves import CaseLeaves, LeafCache
 
 DRAW = "draw"
 """Name of the axis of rigs drawn from a posterior; this axis varies slowest."""
@@ -66,6 +67,7 @@ class SweepCases:
         if rigs:
             self._lengths.insert(0, len(self.rigs))
         self._builder = Builder(pair, folder, controller)
+        self._leaves = LeafCache()
 
     @property
     def axes(self) -> tuple[str, ...]:
@@ -116,6 +118,13 @@ class SweepCases:
         """Return a case ready to run, or the error that prevents it."""
         try:
             return self._builder.case(self.spec_of(number))
+        except InputError as error:
+            return error
+
+    def leaves(self, number: int) -> CaseLeaves | InputError:
+        """Return structure and numbers of a case, or the error that prevents it."""
+        try:
+            return self._leaves.leaves_of(self._builder.parts(self.spec_of(number)))
         except InputError as error:
             return error
 

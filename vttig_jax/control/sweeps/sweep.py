@@ -137,18 +137,12 @@ def _run(
             if progress is not None:
                 progress(done, expected.lane_steps)
 
+        timed = _TimedStore(store)
         began, before = time.perf_counter(), work.runner.compile_s
-        devices = len(work.runner.devices)
-        if dask is None:
-            with closing(work.run_blocks(todo, add_steps)) as blocks:
-                for number, rows in blocks:
-                    store.write(number, rows)
-        else:
-            from .cluster import on_cluster
-
-            devices = on_cluster(dask, recipe, todo, store.write, add_steps)
+        busy = work.runner.device_s
+        devices = _run_blocks(recipe, work, todo, write=timed.write, progress=add_steps, dask=dask)
         spent = time.perf_counter() - began - (work.runner.compile_s - before)
-        columns = store.finish(work.blocks)
+        columns = timed.finish(work.blocks)
     return SweepTable(
         spec=recipe.spec,
         pair=recipe.pair.name,
@@ -158,9 +152,53 @@ def _run(
         run_s=spent,
         compile_s=work.runner.compile_s - compiled,
         devices=devices,
+        build_s=work.build_s,
+        device_s=(work.runner.device_s - busy) / len(work.runner.devices),
+        write_s=timed.seconds,
         refusals=_refusals(work, columns),
         path=None if path is None else path / TABLE,
     )
+
+
+def _run_blocks(
+    recipe: Recipe,
+    work: SweepWork,
+    todo: Sequence[int],
+    *,
+    write: Callable[[int, Rows], None],
+    progress: Callable[[int], None],
+    dask: str | None,
+) -> int:
+    """Run and write the blocks `todo` here or on a cluster; return the devices or workers."""
+    if dask is not None:
+        from .cluster import on_cluster
+
+        return on_cluster(dask, recipe, todo, write, progress)
+    with closing(work.run_blocks(todo, progress)) as blocks:
+        for number, rows in blocks:
+            write(number, rows)
+    return len(work.runner.devices)
+
+
+class _TimedStore:
+    """Store whose methods add the time that they take to `seconds`."""
+
+    def __init__(self, store: Memory | SweepFolder) -> None:
+        self._store = store
+        self.seconds = 0.0
+
+    def write(self, number: int, rows: Rows) -> None:
+        """Write a block."""
+        began = time.perf_counter()
+        self._store.write(number, rows)
+        self.seconds += time.perf_counter() - began
+
+    def finish(self, blocks: int) -> Rows:
+        """Return the columns of all blocks."""
+        began = time.perf_counter()
+        columns = self._store.finish(blocks)
+        self.seconds += time.perf_counter() - began
+        return columns
 
 
 @lru_cache

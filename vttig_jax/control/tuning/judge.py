@@ -12,6 +12,7 @@ from ..simulation.case import Case
 from ..simulation.settings import with_settings
 from ..sweeps.batching import BatchRunner
 from ..sweeps.blocks import Rows, SweepWork
+from ..sweeps.case_leaves import CaseLeaves, leaves_of
 from ..sweeps.cases import Recipe, SweepCases
 from .free_keys import FreeKey
 from .result import Score, costs_of, score_of
@@ -89,6 +90,11 @@ class _WithSettings(SweepCases):
         """See `SweepCases.case`."""
         case = self._built.case(number)
         return case if isinstance(case, InputError) else with_settings(case, self._settings)
+
+    def leaves(self, number: int) -> CaseLeaves | InputError:
+        """See `SweepCases.leaves`."""
+        case = self.case(number)
+        return case if isinstance(case, InputError) else leaves_of(case)
 
 
 @lru_cache

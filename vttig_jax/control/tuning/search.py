@@ -19,7 +19,7 @@ from scipy.special import logsumexp, softmax
 from ...base.units import DEG
 from ..simulation.case import Case
 from ..simulation.settings import with_settings
-from ..sweeps.batching import CaseStructure, leaves_of
+from ..sweeps.case_leaves import CaseStructure, leaves_of
 from .brake_window import Window, extent_of, run_window, window_of
 from .free_keys import FreeKey
 
