@@ -146,15 +146,10 @@ def command(
     converged. --method importance takes a second and needs no chains; it has not converged where
     the posterior is too far from normal (Pareto k̂ above 0.7).
     """
-    if resume and overwrite:
-        raise UsageError("--resume and --overwrite exclude each other; give one of them.")
-    if steps is not None and until is not None:
-        raise UsageError("--steps and --until exclude each other; give one of them.")
-    if method == "importance" and (resume or until is not None or walkers is not None):
-        raise UsageError(
-            "--resume, --until and --walkers belong to chains, and --method importance has none;"
-            " leave them out."
-        )
+    _refuse_together(resume and overwrite, "--resume and --overwrite")
+    _refuse_together(steps is not None and until is not None, "--steps and --until")
+    if method == "importance":
+        _refuse_options_of_chains(resume or until is not None or walkers is not None)
     import vttig_jax
 
     from ...posterior.sampler import sample
@@ -189,6 +184,19 @@ def command(
             progress=follow,
         )
     _finish(output, out, posterior, figures=not no_figures)
+
+
+def _refuse_options_of_chains(given: bool) -> None:
+    if given:
+        raise UsageError(
+            "--resume, --until and --walkers belong to chains, and --method importance has none;"
+            " leave them out."
+        )
+
+
+def _refuse_together(given: bool, options: str) -> None:
+    if given:
+        raise UsageError(f"{options} exclude each other; give one of them.")
 
 
 def _finish(output: Output, out: Path, posterior: "Posterior", *, figures: bool) -> None:
