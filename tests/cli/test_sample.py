@@ -291,3 +291,17 @@ def test_killed_and_resumed(folder, tmp_path):
         _, err = process.communicate(timeout=180)
         assert process.returncode in (0, 5), err
     np.testing.assert_array_equal(_draws(killed), _draws(whole))
+
+
+def test_importance_sampling_alone_replaces_chains_and_is_not_continued(vttig, run):
+    for option in (["--resume"], ["--overwrite", "--walkers", 64], ["--overwrite", "--until", 9]):
+        code, _, err = vttig("sample", "--out", run, "--method", "importance", *option)
+        assert code == 2 and "--method importance" in err
+    arguments = ("--method", "importance", "--overwrite", "--no-figures", "--steps", 500)
+    code, out, _ = vttig("sample", "--out", run, *arguments)
+    assert code in (0, 5) and "importance sampling" in out
+    kept = json.loads((run / "posterior.json").read_text())
+    assert kept["draws"] == {"ensembles": 4, "steps": 500, "walkers": 1}
+    assert kept["diagnosis"]["sampler"] == "importance" and "pareto_k" in kept["diagnosis"]
+    code, _, err = vttig("sample", "--out", run, "--resume")
+    assert code == 2 and "no chains to continue" in err

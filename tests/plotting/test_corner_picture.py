@@ -22,14 +22,21 @@ def figure(posterior):
 
 
 def panels(figure, count: int = 3) -> np.ndarray:
-    return np.array(figure.axes).reshape(count, count)
+    """Axes by row and column, None above the diagonal."""
+    found = np.full((count, count), None)
+    for ax in figure.axes:
+        place = ax.get_subplotspec()
+        found[place.rowspan.start, place.colspan.start] = ax
+    return found
 
 
 def test_there_is_a_panel_for_every_pair_below_the_diagonal(figure):
     for row in range(3):
         for column in range(3):
             ax = panels(figure)[row, column]
-            assert ax.axison == (column <= row)
+            assert (ax is not None) == (column <= row)
+            if ax is None:
+                continue
             assert bool(ax.collections) == (column < row)
             assert bool(ax.patches) == (column == row)
 
@@ -74,13 +81,13 @@ def test_the_ellipses_are_those_of_the_fit(figure, posterior):
 def test_all_physical_coordinates_by_default_through_plot(posterior):
     figure = plot(posterior)
     count = len(posterior.physical)
-    assert len(figure.axes) == count**2
+    assert len(figure.axes) == count * (count + 1) // 2
     assert "partial" not in "".join(ax.get_xlabel() for ax in figure.axes)
 
 
 def test_a_coordinate_the_fit_does_not_have_is_drawn_without_lines(posterior):
     figure = plot_corner(posterior, names=("driving_x", "partial_1"))
-    first, _, pair, last = figure.axes
+    first, pair, last = figure.axes
     assert first.lines and not pair.lines and not last.lines and pair.collections
 
 

@@ -16,6 +16,7 @@ from .style import COLOURS, MODEL_COLOUR, heading, new_figure
 
 _BINS, _CELLS = 40, 30  # of the histograms in one and two dimensions; chosen values
 _MAX_DRAWS = 50_000  # draws used; a chosen value
+_MARGINS_IN = (0.88, 0.44)  # below and above the panels, for labels and heading; chosen values
 _LEVELS = (0.68, 0.95)
 """Probability inside the ellipses."""
 
@@ -44,13 +45,11 @@ def plot_corner(posterior: Posterior, *, names: Sequence[str] | None = None) -> 
     fits = [_laplace(posterior, name, size) for name, (_, size) in zip(names, units, strict=True)]
     count = len(names)
     figure = new_figure(8.0 if count > 3 else 2.4 * count + 0.6)
-    axes = figure.subplots(count, count, squeeze=False, sharex="col")
+    axes = _axes(figure, count)
     for row in range(count):
-        for column in range(count):
+        for column in range(row + 1):
             ax = axes[row, column]
-            if column > row:
-                ax.set_axis_off()
-            elif column == row:
+            if column == row:
                 _draw_histogram(ax, draws[:, row], fits[row])
             else:
                 covariance = _covariance(posterior, (names[column], names[row]), units, names)
@@ -59,13 +58,31 @@ def plot_corner(posterior: Posterior, *, names: Sequence[str] | None = None) -> 
     labels = [_label(name, unit) for name, (unit, _) in zip(names, units, strict=True)]
     size = "small" if count <= 6 else "x-small"
     for index, label in enumerate(labels):
-        axes[-1, index].set_xlabel(label, fontsize=size)
+        axes[count - 1, index].set_xlabel(label, fontsize=size)
         if index:
             axes[index, 0].set_ylabel(label, fontsize=size)
     figure.align_labels()
     heading(figure, "posterior", posterior.fit.pair.name, posterior.fit.source)
     _add_legend(figure)
     return figure
+
+
+def _axes(figure: Figure, count: int) -> dict[tuple[int, int], Axes]:
+    """Return the axes on and below the diagonal, by row and column.
+
+    Their places are fixed: a layout that measures some hundred labels takes most of the time.
+    """
+    figure.set_layout_engine("none")
+    below, above = (inch / figure.get_figheight() for inch in _MARGINS_IN)
+    grid = figure.add_gridspec(
+        count, count, left=0.115, right=0.985, bottom=below, top=1 - above, wspace=0.16, hspace=0.16
+    )
+    axes: dict[tuple[int, int], Axes] = {}
+    for row in range(count):
+        for column in range(row + 1):
+            shared = axes.get((row - 1, column))
+            axes[row, column] = figure.add_subplot(grid[row, column], sharex=shared)
+    return axes
 
 
 def picture_unit(posterior: Posterior, name: str) -> tuple[str, float]:

@@ -11,7 +11,7 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float, Key
 
-from ..base.errors import InputError
+from ..base.errors import InputError, UsageError
 from ..base.runtime import require_x64
 from ..base.threads import one_blas_thread
 from ..identify.evidence import Evidence
@@ -140,9 +140,16 @@ def _require_no_chains(**arguments: object) -> None:
 def settings_of(path: str | Path) -> dict[str, Any]:
     """Return the keywords of `sample` that continue a checkpoint: seed, ensembles, walkers, prior.
 
-    **Raises** `InputError` for a file that is damaged or no checkpoint.
+    **Raises** `InputError` for a file that is damaged or no checkpoint, `UsageError` for draws of
+    importance sampling, which have no chains.
     """
     header = read(Path(path))[0]
+    if header.method == "importance":
+        raise UsageError(
+            "these draws are those of importance sampling, which has no chains to continue; replace"
+            " them with --overwrite, or choose another folder.",
+            where=str(path),
+        )
     return {
         "seed": header.seed,
         "ensembles": header.ensembles,

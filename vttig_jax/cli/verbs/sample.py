@@ -166,11 +166,8 @@ def command(
     """
     _exclude_each_other({"--resume": resume, "--overwrite": overwrite})
     _exclude_each_other({"--steps": steps is not None, "--until": until is not None})
-    if method == "importance" and (resume or until is not None or walkers is not None):
-        raise UsageError(
-            "--resume, --until and --walkers belong to chains, and --method importance has none;"
-            " leave them out."
-        )
+    if method == "importance":
+        _refuse_options_of_chains(resume or until is not None or walkers is not None)
     import vttig_jax
 
     from ...posterior.sampler import sample
@@ -208,6 +205,15 @@ def command(
             progress=follow,
         )
     _finish(output, out, posterior, figures=not no_figures)
+
+
+def _refuse_options_of_chains(given: bool) -> None:
+    """Raise `UsageError` if an option of chains is given."""
+    if given:
+        raise UsageError(
+            "--resume, --until and --walkers belong to chains, and --method importance has none;"
+            " leave them out."
+        )
 
 
 def _exclude_each_other(options: dict[str, bool]) -> None:

@@ -27,7 +27,8 @@ class Sampled:
 
     **Arguments**
     - `ranks`: ranks of the judged parameters.
-    - `steps`, `burn_in`, `walkers`: size of every rig's ensemble.
+    - `steps`, `burn_in`, `walkers`: size of every rig's ensemble; one that starts in the posterior
+      has no burn-in.
     - `tau`: longest integrated autocorrelation time of every rig, steps.
     """
 

@@ -3,7 +3,6 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-import emcee
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -16,14 +15,18 @@ from ...identify.model.forward_model import ForwardModel
 from ..density.density import NOISE_STD, Density, FitTarget
 from ..density.likelihood import likelihood_of
 from ..density.prior import Prior, StatedPrior, state_prior
+from ..sampling.convergence import autocorrelation_time
+from ..sampling.importance import POOL, PosteriorStarts, weighted_draws
+from ..sampling.joint_moves import Walkers, step_together
+from ..sampling.target import CheckedDensity, starting_points
 from .case_result import Sampled
 from .compressed import Compressed
 from .program import Batch, Program
 from .scenarios import judged_parameters, terms_of
 
 WALKERS, BURN_IN, STEPS = 64, 500, 1500
-"""Size of an ensemble (chosen). It starts from the Laplace approximation, which is nearly the
-posterior: the burn-in is five autocorrelation times (some 70 to 90 steps)."""
+"""Size of an ensemble (chosen). Only an ensemble whose starts have no trusted weights makes the
+steps of the burn-in, which are ten autocorrelation times."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +71,7 @@ def sampled_coverage(
         target = rig_target(program, rig, order)
         generator = np.random.default_rng([seed, number])
         draws = _draws(target, generator, burn_in, steps)
-        tau[number] = emcee.autocorr.integrated_time(draws, tol=0).max()
+        tau[number] = autocorrelation_time(draws).max()
         flat = draws[:, :, : len(indices)].reshape(-1, len(indices))
         ranks[number] = np.mean(flat < rig.truth[list(indices)], axis=0)
         progress(program.scenario.case, 1)
@@ -162,13 +165,17 @@ def _draws(
     target: FitTarget, generator: np.random.Generator, burn_in: int, steps: int
 ) -> Float[np.ndarray, "steps walkers d"]:
     walkers = max(WALKERS, 2 * len(target.names))
-    sampler = emcee.EnsembleSampler(walkers, len(target.names), target.log_density, vectorize=True)
-    random = np.random.RandomState(generator.integers(2**32))
-    start = emcee.State(target.starts(walkers, generator), random_state=random.get_state())
-    after = sampler.run_mcmc(start, burn_in)
-    sampler.reset()
-    sampler.run_mcmc(after, steps)
-    return np.asarray(sampler.get_chain())
+    reliable = weighted_draws(target, POOL, generator).reliable
+    place = PosteriorStarts(target) if reliable else target
+    points, values = starting_points(CheckedDensity(place), walkers, generator)
+    ensemble = Walkers(points, values, np.random.RandomState(generator.integers(2**32)))
+    for _ in range(0 if reliable else burn_in):
+        step_together([ensemble], target.log_density)
+    draws = np.empty((steps, *points.shape))
+    for step in range(steps):
+        step_together([ensemble], target.log_density)
+        draws[step] = ensemble.points
+    return draws
 
 
 @eqx.filter_jit
