@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from ...identify.fit_result import Fit
     from ...posterior.density.prior import Prior
     from ...posterior.sampling.ensembles import Progress
+    from ...posterior.sampling.stop_rule import Until
     from ...posterior.summary.posterior import Posterior
 
 
@@ -71,7 +72,8 @@ vttig fit log.csv --pair pair.toml --out run && vttig sample --out run --steps 5
     type=click.Choice(["emcee", "importance"]),
     default="emcee",
     show_default=True,
-    help="Ensembles of emcee, or importance sampling alone: weighted draws around the fit.",
+    help="Ensembles of emcee, or importance sampling alone: weighted draws around the fit in a"
+    " second, converged if the posterior is nearly normal (Pareto k̂ at most 0.7).",
 )
 @click.option(
     "--seed", type=click.IntRange(0, 2**63 - 1), help="Of the sampler; 0, or that of the draws."
@@ -161,17 +163,14 @@ def command(
     brought up to date in posterior.h5 every 5 s: after an interrupt or a kill, --resume goes on and
     ends with the same draws as a run that was never stopped; seed, walkers, ensembles and prior are
     then those of the draws unless given. A command with --resume may be repeated. The exit code is
-    5 if the sampler has not converged. --method importance takes a second and needs no chains; it
-    has not converged if the posterior is too far from normal (Pareto k̂ above 0.7).
+    5 if the sampler has not converged.
     """
     _exclude_each_other({"--resume": resume, "--overwrite": overwrite})
     _exclude_each_other({"--steps": steps is not None, "--until": until is not None})
-    if method == "importance":
-        _refuse_options_of_chains(resume or until is not None or walkers is not None)
+    _refuse_options_of_chains(method, resume or until is not None or walkers is not None)
     import vttig_jax
 
     from ...posterior.sampler import sample
-    from ...posterior.sampling.stop_rule import Until
 
     vttig_jax.enable_x64()
     refuse_existing(out, resume=resume, overwrite=overwrite, fits=bool(logs))
@@ -198,7 +197,7 @@ def command(
             **settings,
             method=method,
             steps=steps,
-            until=None if until is None else Until(autocorrelation_times=until),
+            until=_stop_rule(until),
             checkpoint=out / CHECKPOINT,
             resume=resume,
             overwrite=overwrite,
@@ -207,9 +206,18 @@ def command(
     _finish(output, out, posterior, figures=not no_figures)
 
 
-def _refuse_options_of_chains(given: bool) -> None:
-    """Raise `UsageError` if an option of chains is given."""
-    if given:
+def _stop_rule(autocorrelation_times: float | None) -> "Until | None":
+    """Return the stop rule of --until; None for the usual one."""
+    from ...posterior.sampling.stop_rule import Until
+
+    if autocorrelation_times is None:
+        return None
+    return Until(autocorrelation_times=autocorrelation_times)
+
+
+def _refuse_options_of_chains(method: str, given: bool) -> None:
+    """Raise `UsageError` if an option of chains is given to a method without chains."""
+    if given and method == "importance":
         raise UsageError(
             "--resume, --until and --walkers belong to chains, and --method importance has none;"
             " leave them out."

@@ -13,6 +13,7 @@ from jaxtyping import Array, Float
 
 from ...base.arrays import Numbers, float64
 from ...base.errors import NoAnswerError, UsageError
+from ...identify.evidence import Evidence
 from ...identify.fit_result import Fit
 from ...identify.noise.reml import LARGEST
 from ...pair.gear_pair import Drive
@@ -213,20 +214,7 @@ def fit_target(fit: Fit, prior: Prior = Prior()) -> FitTarget:
     **Raises** `NoAnswerError` if no parameter is determined or there is no noise, `UsageError` if
     the prior excludes the fit or the fit cannot be sampled.
     """
-    evidence = fit.evidence
-    if fit.given is not None:
-        raise UsageError(
-            f"this fit is of the flank model {fit.given.name}, but the density of the sampler knows"
-            " the exact relation only; take the Gaussian of `covariance` and `values`, or fit"
-            " without `model`.",
-            where=fit.source,
-        )
-    if evidence is None:
-        raise UsageError(
-            "this fit holds no lag products, which sampling needs; repeat it with `vttig fit`"
-            " --overwrite.",
-            where=fit.source,
-        )
+    evidence = _evidence_of(fit)
     _require_one_noise(fit)
     names = list(fit.covariance_names)
     sampled = sampled_names(fit)
@@ -273,6 +261,24 @@ def fit_target(fit: Fit, prior: Prior = Prior()) -> FitTarget:
     )
     _require_inside(target, fit)
     return target
+
+
+def _evidence_of(fit: Fit) -> Evidence:
+    """Return the compressed logs of a fit of the exact relation; raise `UsageError` without."""
+    if fit.given is not None:
+        raise UsageError(
+            f"this fit is of the flank model {fit.given.name}, but the density of the sampler knows"
+            " the exact relation only; take the Gaussian of `covariance` and `values`, or fit"
+            " without `model`.",
+            where=fit.source,
+        )
+    if fit.evidence is None:
+        raise UsageError(
+            "this fit holds no lag products, which sampling needs; repeat it with `vttig fit`"
+            " --overwrite.",
+            where=fit.source,
+        )
+    return fit.evidence
 
 
 def _require_one_noise(fit: Fit) -> None:
