@@ -191,18 +191,10 @@ def command(
     }
     asked = {"seed": seed, "ensembles": ensembles, "walkers": walkers}
     settings = _settings(out / CHECKPOINT if resume else None, asked, beliefs, fit)
+    length = {"steps": steps, "until": _stop_rule(until)}
+    files = {"checkpoint": out / CHECKPOINT, "resume": resume, "overwrite": overwrite}
     with sampling_bar(output) as follow, _walkers_in_words():
-        posterior = sample(
-            fit,
-            **settings,
-            method=method,
-            steps=steps,
-            until=_stop_rule(until),
-            checkpoint=out / CHECKPOINT,
-            resume=resume,
-            overwrite=overwrite,
-            progress=follow,
-        )
+        posterior = sample(fit, **settings, **length, **files, method=method, progress=follow)
     _finish(output, out, posterior, figures=not no_figures)
 
 
