@@ -100,13 +100,12 @@ def test_dxf(drawing):
 
 def test_step(tmp_path):
     """The reader of Open CASCADE names every syntax error on stdout, and reads on."""
-    pytest.importorskip("OCP")
-    from OCP.BRepPrimAPI import BRepPrimAPI_MakeBox
+    primitives = pytest.importorskip("OCP.BRepPrimAPI")
 
     from vttig_jax.geometry.solids.sewing import write_step
     from vttig_jax.geometry.solids.solid import _step_name
 
-    shape = BRepPrimAPI_MakeBox(1.0, 1.0, 1.0).Shape()
+    shape = primitives.BRepPrimAPI_MakeBox(1.0, 1.0, 1.0).Shape()
     for number, name in enumerate(NAMES):
         write_step(shape, tmp_path / f"{number}.step", _step_name(name))
     assert errors_of_step(tmp_path) == ""

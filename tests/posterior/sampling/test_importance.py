@@ -56,7 +56,7 @@ def test_the_shape_of_a_pareto_tail_is_found(shape):
 
 @pytest.mark.parametrize(("shape", "trusted"), [(0.3, True), (0.5, True), (0.9, False)])
 def test_weights_with_a_known_tail(shape, trusted):
-    weights = stats.genpareto.rvs(shape, size=200_000, random_state=2)
+    weights = np.asarray(stats.genpareto.rvs(shape, size=200_000, random_state=2))
     smooth, found = smoothed_log_weights(np.log(weights))
     assert found == pytest.approx(shape, abs=0.12) and (found <= 0.7) == trusted
     assert np.exp(smooth).sum() == pytest.approx(1.0)
