@@ -101,7 +101,7 @@ def test_dxf(drawing):
 def test_step(tmp_path):
     """The reader of Open CASCADE names every syntax error on stdout, and reads on."""
     pytest.importorskip("OCP")
-    from OCP.BRepPrimAPI import BRepPrimAPI_MakeBox
+    from OCP.BRepPrimAPI import BRepPrimAPI_MakeBox  # pyright: ignore[reportAttributeAccessIssue]
 
     from vttig_jax.geometry.solids.sewing import write_step
     from vttig_jax.geometry.solids.solid import _step_name
