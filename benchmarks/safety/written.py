@@ -99,8 +99,8 @@ def _dxf(data: bytes) -> None:
 
 
 def _step(data: bytes) -> None:
-    from OCP.IFSelect import IFSelect_ReturnStatus
-    from OCP.STEPControl import STEPControl_Reader
+    from OCP.IFSelect import IFSelect_ReturnStatus  # pyright: ignore[reportAttributeAccessIssue]
+    from OCP.STEPControl import STEPControl_Reader  # pyright: ignore[reportAttributeAccessIssue]
 
     with tempfile.NamedTemporaryFile(suffix=".step") as file, tempfile.TemporaryFile() as said:
         file.write(data)
