@@ -29,6 +29,9 @@ FILES = {
 }
 """Name → call that writes files and no run folder."""
 
+BEFORE = {f"run/{name}" for name in ("fit.json", "summary.npz", "run.toml", "posterior.h5")}
+"""What `sample` writes before its report."""
+
 
 def on_disk(
     arguments: tuple[str, ...], base: Path, *, kib: int, inodes: int, old: Path | None
@@ -85,9 +88,9 @@ def main() -> int:
                 if step % 2:
                     kib, inodes = 16384, taken[1] + 2 + int(needs[1] * share)
                 ended, names = on_disk(arguments, base, kib=kib, inodes=inodes, old=old)
-                good = ended.code in (0, 5) or (
-                    ended.code == 3 and names in ([], ["old"]) and not ended.faults()
-                )
+                # `sample` writes its fit first, and `--resume` goes on from there.
+                empty = not set(names) - BEFORE if name == "sample" else names in ([], ["old"])
+                good = ended.code in (0, 5) or (ended.code == 3 and empty and not ended.faults())
                 verdict = "written" if ended.code in (0, 5) else "refused"
                 counts[f"{name}: {verdict if good else 'FAULT'}"] += 1
                 if not good:

@@ -2,7 +2,7 @@
 
 import random
 
-PIECES = (
+PIECES: tuple[str, ...] = (
     "\x00", "\x07", "\x08\x08\x08", "\x1b[2J", "\x1b]0;title\x07", "\x1b[31m", "\x7f", "\x85",
     "\x9b31m", "\x9d0;t\x9c", "\r", "\n", "\r\n", "\t", "\x0b", "\x0c", "\u00ad", "\u061c",
     "\u200b", "\u200e", "\u200f", "\u2028", "\u2029", "\u202a", "\u202e", "\u2066", "\u2069",
@@ -27,7 +27,7 @@ PIECES = (
 def texts(count: int, seed: int) -> list[str]:
     """Return texts: every piece alone first, then random joins of two to four pieces."""
     draw = random.Random(seed)
-    found = list(dict.fromkeys(PIECES))[:count]
+    found: list[str] = list(dict.fromkeys(PIECES))[:count]
     while len(found) < count:
         pieces = [draw.choice(PIECES) for _ in range(draw.randint(2, 4))]
         if draw.random() < 0.5:

@@ -10,6 +10,7 @@ import tomllib
 from collections.abc import Callable
 from io import BytesIO, StringIO
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 from .calls import hidden
@@ -79,7 +80,8 @@ def _mesh(suffix: str) -> Callable[[bytes], None]:
     def read(data: bytes) -> None:
         import trimesh
 
-        if not trimesh.load(BytesIO(data), file_type=suffix).is_volume:
+        mesh: Any = trimesh.load(BytesIO(data), file_type=suffix)
+        if not mesh.is_volume:
             raise ValueError("no closed mesh")
 
     return read
@@ -90,15 +92,15 @@ def _svg(data: bytes) -> None:
 
 
 def _dxf(data: bytes) -> None:
-    import ezdxf
+    from ezdxf.filemanagement import read
 
-    if not len(ezdxf.read(StringIO(data.decode("utf-8"))).modelspace()):
+    if not len(read(StringIO(data.decode("utf-8"))).modelspace()):
         raise ValueError("an empty drawing")
 
 
 def _step(data: bytes) -> None:
-    from OCP.IFSelect import IFSelect_RetDone
-    from OCP.STEPControl import STEPControl_Reader
+    from OCP.IFSelect import IFSelect_ReturnStatus  # pyright: ignore[reportAttributeAccessIssue]
+    from OCP.STEPControl import STEPControl_Reader  # pyright: ignore[reportAttributeAccessIssue]
 
     with tempfile.NamedTemporaryFile(suffix=".step") as file, tempfile.TemporaryFile() as said:
         file.write(data)
@@ -107,7 +109,10 @@ def _step(data: bytes) -> None:
         stdout = os.dup(1)
         os.dup2(said.fileno(), 1)  # where the reader names syntax that it skips
         try:
-            done = reader.ReadFile(file.name) == IFSelect_RetDone and reader.TransferRoots()
+            done = (
+                reader.ReadFile(file.name) == IFSelect_ReturnStatus.IFSelect_RetDone
+                and reader.TransferRoots()
+            )
         finally:
             os.dup2(stdout, 1)
             os.close(stdout)

@@ -12,7 +12,7 @@ Arrays = dict[str, np.ndarray]
 
 def _npz(arrays: Arrays) -> bytes:
     file = io.BytesIO()
-    np.savez_compressed(file, **arrays)
+    np.savez_compressed(file, allow_pickle=False, **arrays)
     return file.getvalue()
 
 

@@ -100,12 +100,13 @@ def test_dxf(drawing):
 
 def test_step(tmp_path):
     """The reader of Open CASCADE names every syntax error on stdout, and reads on."""
-    primitives = pytest.importorskip("OCP.BRepPrimAPI")
+    pytest.importorskip("OCP")
+    from OCP.BRepPrimAPI import BRepPrimAPI_MakeBox  # pyright: ignore[reportAttributeAccessIssue]
 
     from vttig_jax.geometry.solids.sewing import write_step
     from vttig_jax.geometry.solids.solid import _step_name
 
-    shape = primitives.BRepPrimAPI_MakeBox(1.0, 1.0, 1.0).Shape()
+    shape = BRepPrimAPI_MakeBox(1.0, 1.0, 1.0).Shape()
     for number, name in enumerate(NAMES):
         write_step(shape, tmp_path / f"{number}.step", _step_name(name))
     assert errors_of_step(tmp_path) == ""
