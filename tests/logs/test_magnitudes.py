@@ -81,6 +81,6 @@ def test_stamps_of_no_clock(written, stamp):
 def test_turns(written):
     """Angles whose decimal mark is lost are refused, because memory grows with the turns."""
     path, pair = written("driving_deg", 1e8)
-    with pytest.raises(LogError, match="too many for any order to show"):
+    with pytest.raises(LogError, match="more than any shaft does"):
         read_log(path, pair)
     read_log(written("driving_deg", 1.0)[0], pair)

@@ -16,9 +16,9 @@ SHORTEST_S, LONGEST_S = 1e-6, 1e12
 """Limits of the duration of a log and the limit of a time stamp in s; chosen: a microsecond, in
 which no shaft makes a turn, and thirty thousand years, beyond any clock."""
 
-MOST_TURNS = 10.0
-"""Largest number of turns between two samples, in the mean of a log; chosen. No order of a shaft
-shows above half a turn, and the memory of a fit grows with the turns."""
+MOST_TURNS = 1000.0
+"""Largest number of turns between two samples, in the mean of a log; chosen: 60 000 rpm and a
+sample a second. More are a wrong unit, and the memory of a fit grows with the turns."""
 
 
 def refuse_times(time: Float[np.ndarray, " n"], source: Source) -> None:
@@ -60,7 +60,7 @@ def refuse_turns(turns: float, samples: int, source: Source) -> None:
     """Raise `LogError` for a driving shaft that turns too often between two samples."""
     if turns > MOST_TURNS * samples:
         raise LogError(
-            f"the driving shaft makes {turns:.4g} turns in {samples} samples, too many for any"
-            " order to show; correct the unit, the decimal mark or counts_per_rev.",
+            f"the driving shaft makes {turns:.4g} turns in {samples} samples, more than any"
+            " shaft does; correct the unit, the decimal mark or counts_per_rev.",
             where=source.at("driving"),
         )

@@ -204,7 +204,7 @@ def _gap_wave(angle):
 def test_cells_a_hunting_period_apart_are_counted_and_not_repeated():
     terms = plan_terms(Fraction(9, 16), (1, 2), (1, 2), 0, None)
     cells = np.arange(-700, 100 * 360 + 123)
-    angles, times = _distinct(cells, terms)
+    angles, times = _distinct(np.array([[-700, 100], [100, 100 * 360 + 123]]), terms)
     assert len(angles) == 16 * 360 and times.sum() == len(cells)
     every = _gap_wave((cells + 0.5) * DEG).mean()
     assert np.average(_gap_wave(angles), weights=times) == pytest.approx(every, abs=1e-12)
@@ -213,10 +213,9 @@ def test_cells_a_hunting_period_apart_are_counted_and_not_repeated():
 
 def test_long_runs_with_fractional_orders_use_every_place_of_a_turn():
     terms = plan_terms(Fraction(9, 16), (1, 1.37), (1,), 0, None)
-    cells = np.arange(150 * 360)
-    angles, times = _distinct(cells, terms)
+    angles, times = _distinct(np.array([[0, 150 * 360]]), terms)
     assert len(angles) < 20_000 and np.all(times == 1)
     places = np.bincount(np.rint(angles / DEG - 0.5).astype(int) % 360, minlength=360)
     assert places.min() >= places.max() - 1 > 0
-    few, once = _distinct(cells[:7200], terms)
+    few, once = _distinct(np.array([[0, 7000], [7000, 7200]]), terms)
     assert len(few) == len(once) == 7200

@@ -18,6 +18,7 @@ from scipy.special import chdtrc
 
 from ...base.numerics.quantiles import NORMAL_95
 from ...base.units import DEG, REV
+from ...pair.gear_pair import Flank
 from ..model.column_layout import OFFSET
 from ..model.harmonics import TermPlan
 from ..preliminary.linear_fit import LinearFit
@@ -50,11 +51,11 @@ def covered_gap(estimate: Estimate, margin: float) -> CoveredGap:
     walk = estimate.walk and estimate.walk.solved
     if len(solved.summary.flanks) < 2:
         return CoveredGap(reason="one direction: one flank alone shows no gap")
-    cells = _common_cells(solved.linear)
-    if len(cells) == 0:
+    ranges = _common_ranges(solved.linear)
+    if len(ranges) == 0:
         reason = "no driving angle was covered on both flanks; drive both ways over the same angles"
         return CoveredGap(reason=reason)
-    driving, times = _distinct(cells, solved.linear.model.terms)
+    driving, times = _distinct(ranges, solved.linear.model.terms)
     mean = mean_gap(driving, solved, times)
     value = float(mean.value[0])
     own = 0.0 if scatter is None else float(standard_errors(solved, mean.functional, scatter)[0])
@@ -76,31 +77,34 @@ def covered_gap(estimate: Estimate, margin: float) -> CoveredGap:
         low95=low / DEG,
         high95=high / DEG,
         determined=True,
-        covered_deg=len(cells) * _CELL / DEG,
+        covered_deg=float(np.sum(ranges[:, 1] - ranges[:, 0])) * _CELL / DEG,
     )
 
 
-def _common_cells(linear: LinearFit) -> Int[np.ndarray, " n"]:
-    """Return the numbers of the cells that both flanks covered, in angles of the first log.
+def _common_ranges(linear: LinearFit) -> Int[np.ndarray, "k 2"]:
+    """Return first cell and end of each range that both flanks covered, by angles of the first log.
 
     Logs whose zero differs from that of the first are left out.
     """
-    found = []
+    found: dict[Flank, list[tuple[int, int]]] = {"A": [], "B": []}
     count = len(linear.channels) if linear.model.same_zero else 1
     for channels, segments in zip(linear.channels[:count], linear.segments, strict=False):
         for segment in segments:
             angle = channels.driving[segment.start : segment.stop] / _CELL
-            low, high = int(np.floor(angle.min())), int(np.ceil(angle.max()))
-            found.append(("AB".index(segment.flank), low, high))
-    first = min((low for _, low, _ in found), default=0)
-    covered = np.zeros((2, max((high for *_, high in found), default=first) - first), bool)
-    for side, low, high in found:
-        covered[side, low - first : high - first] = True
-    return first + np.flatnonzero(covered.all(axis=0))
+            found[segment.flank].append((int(np.floor(angle.min())), int(np.ceil(angle.max()))))
+    ranges = np.array([r for own in found.values() for r in own], np.int64).reshape(-1, 2)
+    edges = np.unique(ranges)
+    on_both = np.ones(max(len(edges) - 1, 0), bool)
+    for own in found.values():
+        change = np.zeros(len(edges), np.int64)
+        for low, high in own:
+            np.add.at(change, np.searchsorted(edges, (low, high)), (1, -1))
+        on_both &= np.cumsum(change)[:-1] > 0
+    return np.stack([edges[:-1][on_both], edges[1:][on_both]], axis=1)
 
 
 def _distinct(
-    cells: Int[np.ndarray, " n"], terms: TermPlan
+    ranges: Int[np.ndarray, "k 2"], terms: TermPlan
 ) -> tuple[Float[np.ndarray, " m"], Int[np.ndarray, " m"]]:
     """Return the centres of cells, rad, and how often each counts.
 
@@ -110,14 +114,20 @@ def _distinct(
     """
     turn = round(REV / _CELL)
     period = terms.ratio.denominator * turn
-    if not terms.fractional and np.ptp(cells) >= period:
-        times = np.bincount(cells % period)
+    if not terms.fractional and np.ptp(ranges) >= period:
+        times = np.zeros(period, np.int64)
+        for low, high in ranges.tolist():
+            whole, rest = divmod(high - low, period)
+            times += whole
+            times[(low + np.arange(rest)) % period] += 1
         cells = np.flatnonzero(times)
         return (cells + 0.5) * _CELL, times[cells]
-    step = -(-len(cells) // _MOST_CELLS)
+    step = -(-int(np.sum(ranges[:, 1] - ranges[:, 0])) // _MOST_CELLS)
     while math.gcd(step, turn) > 1:
         step += 1
-    cells = cells[::step]
+    first = int(ranges.min())
+    parts = [np.arange(low + (first - low) % step, high, step) for low, high in ranges.tolist()]
+    cells = np.concatenate(parts)
     return (cells + 0.5) * _CELL, np.ones(len(cells), np.int64)
 
 
