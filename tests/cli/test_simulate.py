@@ -191,7 +191,7 @@ def test_a_recorded_motion_lies_beside_the_scenario(vttig, scenario, elsewhere, 
         built.append(case)
         raise KeyboardInterrupt  # what a run costs is spared
 
-    monkeypatch.setattr(simulate_module, "run", run)
+    monkeypatch.setattr(simulate_module, "run_in_chunks", run)
     motion = scenario.parent / "gears" / "motion.csv"
     motion.write_text("time_s,driving_deg\n0,0\n1,90\n2,180\n3,90\n4,0\n")
     settings = ("motion.kind=recorded", "motion.file=gears/motion.csv")
@@ -384,7 +384,7 @@ def test_interrupted_it_writes_nothing(vttig, scenario, elsewhere, monkeypatch):
     def interrupted(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(simulate_module, "run", interrupted)
+    monkeypatch.setattr(simulate_module, "run_in_chunks", interrupted)
     code, out, err = vttig("simulate", scenario, "--trace", "trace.csv")
     assert (code, out) == (130, "") and "interrupted" in err
     assert names(elsewhere) == set()

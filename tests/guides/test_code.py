@@ -41,7 +41,7 @@ NAMES: dict[str, Callable[..., dict[str, Any]]] = {
 
 
 def test_pages_with_code():
-    assert len(WITH_CODE) == 5 and set(NAMES) | set(QUICK) <= set(WITH_CODE)
+    assert len(WITH_CODE) == 6 and set(NAMES) | set(QUICK) <= set(WITH_CODE)
 
 
 @pytest.mark.parametrize(

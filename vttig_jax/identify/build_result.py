@@ -332,8 +332,12 @@ def _evidence(
 
 
 def _widening(solved: SolvedFit) -> Float[np.ndarray, " p"]:
-    """Return the final standard errors over those of the noise model, at least 1."""
+    """Return the final standard errors over those of the noise model, at least 1.
+
+    The factor of a constant backlash that only readings tell is 1.
+    """
     final, alone = np.diag(solved.solution.covariance), np.diag(solved.model_covariance)
+    alone = np.pad(alone, (0, len(final) - len(alone)))
     known = np.isfinite(final) & (alone > 0)
     square = np.divide(final, alone, where=known, out=np.ones(len(final)))
     return np.sqrt(np.maximum(square, 1.0))

@@ -226,11 +226,14 @@ class Search:
     def _beside(self, role: str) -> list[Candidate]:
         """Return the free columns in the group of those that have a role, such as `2` of `2/motor`.
 
-        Where no column of the group is named for `role`, all free columns are returned.
+        Numbered groups are sections of a text, each a log of its own; in other groups only the time
+        is looked for beside the shafts. All free columns are returned if none there has the role.
         """
         free = self._free()
         taken = [self.names[k] for k in self.roles.values() if k is not None]
         groups = {name.rpartition("/")[0] for name in taken}
+        if role != "time" and not all(group.isdigit() for group in groups):
+            return free
         near = [one for one in free if {one.name.rpartition("/")[0]} == groups]
         named = any(one.reading.role == role or (role == "time" and one.dated) for one in near)
         return near if named else free
