@@ -77,6 +77,12 @@ def test_one_direction_without_names(ask):
     assert all(f"`{name}`" in told for name in "abc")
 
 
+def test_a_table_of_one_column(ask):
+    told = ask("\n".join(f"{angle:.2f}" for angle in Y % 360), ratio="1:1", sample_rate_hz=100.0)
+    assert "--column driving='#1' --column driven=#row" in told
+    assert "#row" not in ask(csv("a,b", X, X**2), sample_rate_hz=100.0)
+
+
 def test_no_ratio(ask, tmp_path):
     assert "the ratio of the drive is missing" in ask(csv("t,a,b", T, X, Y), ratio=None)
 

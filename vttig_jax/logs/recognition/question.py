@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 from ...base.errors import LogError, UsageError
+from ..readers.column_names import ROW
 from .candidates import Candidate, listed_facts
 from .request import in_words
 
@@ -60,6 +61,12 @@ def no_fit(
     else:
         why = f"and no columns turn as given ({in_words(ratio)})"
     seen = f"; there are {listed_facts(candidates)}" if candidates else ""
+    if len(candidates) == 1 and len(roles) == 2:
+        alone = candidates[0].name
+        seen += (
+            "; if the number of the row is the reading of the other encoder, as in a table of"
+            f" calibration, give --column driving='{alone}' --column driven={ROW}"
+        )
     return LogError(f"no column name says {named}, {why}; give {options}{seen}.", where=source)
 
 
