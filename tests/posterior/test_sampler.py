@@ -54,6 +54,9 @@ def test_draws_belong_to_their_fit(tmp_path):
     np.testing.assert_array_equal(made.draws, read.draws)
     np.testing.assert_array_equal(made.cosine, read.cosine)
     assert read.prior == made.prior and read.seed == 3
+    without = read_posterior(place, result, model_draws=0)
+    np.testing.assert_array_equal(without.draws, made.draws)
+    assert without.cosine.shape == (0, *made.cosine.shape[1:]) and len(made.cosine) > 0
     with pytest.raises(InputError, match="belong to another fit"):
         read_posterior(place, quick_fits.short())
 

@@ -17,7 +17,7 @@ from ..base.threads import one_blas_thread
 from ..identify.evidence import Evidence
 from ..identify.fit_result import Fit
 from ..identify.model.column_layout import OFFSET
-from .density.density import FitTarget, fit_target
+from .density.density import FitTarget, fit_target, target_of
 from .density.likelihood import Likelihood
 from .density.prior import Prior
 from .sampling.checkpoint import read
@@ -158,14 +158,18 @@ def settings_of(path: str | Path) -> dict[str, Any]:
     }
 
 
-def read_posterior(path: str | Path, fit: Fit) -> Posterior:
+def read_posterior(path: str | Path, fit: Fit, *, model_draws: int = MODEL_DRAWS) -> Posterior:
     """Return the posterior of a checkpoint file that belongs to this fit.
+
+    **Arguments**
+    - `model_draws`: number of draws of the flank model, at most; without any, nothing is compiled,
+      and the posterior has no map.
 
     **Raises** `InputError` for a file that is damaged or belongs to another fit.
     """
     require_x64("read_posterior")
     chains = read_chains(Path(path))
-    target = fit_target(fit, _prior_of(chains.identity, path))
+    target = target_of(fit, _prior_of(chains.identity, path))
     different = [key for key, value in target.identity.items() if chains.identity.get(key) != value]
     if different or chains.names != target.names:
         fields = ", ".join(different or ["names"]).replace("_", " ")
@@ -173,7 +177,7 @@ def read_posterior(path: str | Path, fit: Fit) -> Posterior:
             f"these draws belong to another fit ({fields} differ); sample again with --overwrite.",
             where=str(path),
         )
-    return posterior_of(fit, target, chains)
+    return posterior_of(fit, target, chains, model_draws)
 
 
 def _prior_of(identity: dict[str, Any], path: str | Path) -> Prior:
@@ -186,11 +190,13 @@ def _prior_of(identity: dict[str, Any], path: str | Path) -> Prior:
         ) from None
 
 
-def posterior_of(fit: Fit, target: FitTarget, chains: Chains) -> Posterior:
+def posterior_of(
+    fit: Fit, target: FitTarget, chains: Chains, model_draws: int = MODEL_DRAWS
+) -> Posterior:
     """Return the posterior of these chains, with draws of the flank model that they imply."""
     assert fit.evidence is not None  # `fit_target` has checked this
     flat = chains.flat()
-    chosen = np.linspace(0, len(flat) - 1, min(MODEL_DRAWS, len(flat))).round().astype(np.int64)
+    chosen = np.linspace(0, len(flat) - 1, min(model_draws, len(flat))).round().astype(np.int64)
     density = target.density
     widest = float(np.max(density.widening))
     coefficients = coefficient_draws(density.likelihood, flat[chosen], chains.seed, widest)
@@ -221,6 +227,8 @@ def coefficient_draws(
 
     Those that are integrated out scatter `widening` times as widely as the noise model says.
     """
+    if len(points) == 0:
+        return np.zeros((0, len(likelihood.triangles), likelihood.triangles.shape[-1] - 1))
     points = points.copy()
     points[:, len(likelihood.sampled_indices)] += np.log(widening)
     keys = jax.random.split(jax.random.key(seed), len(points))

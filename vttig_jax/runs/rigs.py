@@ -85,7 +85,7 @@ def _require_same_gears(fit: "Fit", path: Path, folder: Path) -> None:
 def _posterior(folder: Path, fit: "Fit") -> "Posterior":
     from ..posterior.sampler import read_posterior
 
-    posterior = read_posterior(folder / CHECKPOINT, fit)
+    posterior = read_posterior(folder / CHECKPOINT, fit, model_draws=0)
     if not posterior.diagnosis.converged:
         logger.warning("the draws have not converged: %s", posterior.diagnosis)
     return posterior

@@ -214,6 +214,16 @@ def fit_target(fit: Fit, prior: Prior = Prior()) -> FitTarget:
     **Raises** `NoAnswerError` if no parameter is determined or there is no noise, `UsageError` if
     the prior excludes the fit or the fit cannot be sampled.
     """
+    target = target_of(fit, prior)
+    _require_inside(target, fit)
+    return target
+
+
+def target_of(fit: Fit, prior: Prior) -> FitTarget:
+    """Return the posterior of a fit; the density is not evaluated.
+
+    **Raises** the errors of `fit_target`, except that for a prior that excludes the fit.
+    """
     evidence = _evidence_of(fit)
     _require_one_noise(fit)
     names = list(fit.covariance_names)
@@ -250,7 +260,7 @@ def fit_target(fit: Fit, prior: Prior = Prior()) -> FitTarget:
     known_prior = state_prior(prior, fit.pair, sampled, evidence.delay_s)
     widening = np.ones(len(centre))
     widening[: len(sampled)] = evidence.widening[indices]
-    target = FitTarget(
+    return FitTarget(
         names=all_names,
         units=(*(_unit(fit, name) for name in sampled), *("1",) * (1 + order)),
         density=_density(likelihood, known_prior, all_names, centre=centre, widening=widening),
@@ -259,8 +269,6 @@ def fit_target(fit: Fit, prior: Prior = Prior()) -> FitTarget:
         covariance=covariance,
         identity=_identity(fit, prior),
     )
-    _require_inside(target, fit)
-    return target
 
 
 def _evidence_of(fit: Fit) -> Evidence:
@@ -355,7 +363,7 @@ def _identity(fit: Fit, prior: Prior) -> dict[str, Any]:
 
 def _require_inside(target: FitTarget, fit: Fit) -> None:
     """Raise `UsageError` if the density is zero at the fit; it names the option that widens it."""
-    if np.isfinite(target.log_density(target.centre[None])[0]):
+    if np.isfinite(target.exact_log_density(target.centre[None])[0]):
         return
     centre, density = target.centre, target.density
     for (x, y), disc in zip(density.planes, target.prior.discs, strict=True):
