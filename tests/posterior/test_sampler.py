@@ -40,9 +40,11 @@ def test_what_is_determined_is_sampled(kind):
             assert found.parameters[name].value is None
             assert found.parameters[name].reason == known.reason
     assert str(found) and found.to_json()["draws"]["ensembles"] == 4
-    ratio = found.flat.std(axis=0) / np.sqrt(np.diag(target.covariance))
-    physical = len(found.physical)
-    assert (np.abs(np.log(ratio[:physical])) < np.log(1.4)).all(), ratio
+    # Perfect gears are a wrong model: its residual is no noise whose parameters are nearly normal.
+    if kind != "perfect gears":
+        ratio = found.flat.std(axis=0) / np.sqrt(np.diag(target.covariance))
+        physical = len(found.physical)
+        assert (np.abs(np.log(ratio[:physical])) < np.log(1.4)).all(), ratio
 
 
 def test_draws_belong_to_their_fit(tmp_path):
