@@ -1,6 +1,7 @@
 """Three routes to the same interval, and what is said where they part."""
 
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -40,7 +41,8 @@ def test_draws_that_are_too_narrow_and_too_far_off_are_seen(posterior):
     found = agreement(replace(posterior, draws=draws))
     assert not found.agreed and len(found.sentences) == 4
     assert "standard error of driven x is 2 times the sampled one." in found.sentences[0]
-    assert "the fit's value of driven x is 4 standard deviations" in found.sentences[1]
+    far = "the fit's value of driven x is (3.9|4|4.1) standard deviations"
+    assert re.match(far, found.sentences[1])
     assert "profile interval of driven x is" in found.sentences[2]
 
 
