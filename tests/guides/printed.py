@@ -9,7 +9,8 @@ from decimal import Decimal
 
 _NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
 _RUN_TIMES = re.compile(
-    r"\b(?:in|for) [\d.e+-]+ s\b|\b[\d.e+-]+ ns each\b|\bcompiled in [\d.e+-]+ s\b|\b\d+ devices?\b"
+    r"\b(?:in|busy for) [\d.e+-]+ s\b|\b[\d.e+-]+ ns each\b|\bcompiled in [\d.e+-]+ s\b"
+    r"|\b\d+ devices?\b"
 )
 UNITS_OF_LAST_DIGIT = 2
 """Units of the last shown digit by which a number may differ: one of rounding and one of

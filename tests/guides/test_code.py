@@ -44,20 +44,28 @@ def test_pages_with_code():
     assert len(WITH_CODE) == 6 and set(NAMES) | set(QUICK) <= set(WITH_CODE)
 
 
+@pytest.mark.parametrize(("page", "number"), [("docs/many_fits.md", 3), ("docs/own_model.md", 2)])
+def test_examples_of_advanced_use_are_short(page, number):
+    blocks = [one.text for one in fences(text_of(page)) if one.language == "python"]
+    assert len(blocks) == number
+    assert max(sum(bool(line.strip()) for line in text.splitlines()) for text in blocks) <= 10
+
+
 @pytest.mark.parametrize(
     "page", [pytest.param(p, marks=() if p in QUICK else pytest.mark.slow) for p in WITH_CODE]
 )
 def test_the_code_of_a_page(page, tmp_path, monkeypatch, capsys):
-    """A block goes on where the one before it ended; the page shows values or checks itself."""
+    """A block goes on where the one before it ended; it shows values or checks itself."""
     monkeypatch.chdir(tmp_path)
     names = NAMES[page](tmp_path) if page in NAMES else {}
-    shown = [fence for fence in fences(text_of(page)) if fence.language == "python"]
-    assert page in NAMES or any(">>>" in one.text or "assert " in one.text for one in shown)
-    for fence in shown:
+    for fence in fences(text_of(page)):
+        if fence.language != "python":
+            continue
         if ">>>" in fence.text:
             problem = run(page, fence.text)
             assert not problem, problem
         else:
+            assert "assert " in fence.text or page in NAMES
             exec(compile(fence.text, page, "exec"), names)
     if page == "docs/logs.md":
         assert set(names["fit"].flanks) == {"A", "B"}

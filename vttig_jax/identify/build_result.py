@@ -165,6 +165,7 @@ def estimate_of(
         delays=delays,
         walk=walk,
         gap_deviations=deviations,
+        least_gap_std=least.get("constant_backlash", 0.0),
     )
 
 

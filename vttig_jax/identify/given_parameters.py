@@ -4,11 +4,18 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..base.numerics.quantiles import NORMAL_95
 from .compress.orthogonal import EMPTY
 from .model.given_model import GivenModel
 from .model.identifiability import Identifiability
-from .report.parameters import BELOW, GIVEN_INSTEAD, SHAFTS, SIGNIFICANT, Parameter, undetermined
+from .report.parameters import (
+    BELOW,
+    GIVEN_INSTEAD,
+    SHAFTS,
+    SIGNIFICANT,
+    Parameter,
+    interval_of,
+    undetermined,
+)
 from .solve.solved_fit import SolvedFit
 
 _UNIT = "as given"
@@ -43,17 +50,7 @@ def with_given(
             continue
         value = float(solution.values[place])
         std = float(np.sqrt(solution.covariance[place, place]))
-        margin = NORMAL_95 * std
-        one = Parameter(
-            name=name,
-            unit=_UNIT,
-            value=value,
-            std=std,
-            low95=value - margin,
-            high95=value + margin,
-            determined=True,
-            significant=True,
-        )
+        one = interval_of(name, _UNIT, value, std)
         small = abs(value) < SIGNIFICANT * std
         found[name] = replace(one, significant=False, reason=BELOW) if small else one
     return found

@@ -13,9 +13,14 @@ from vttig_jax.identify.fitting import fit
 from vttig_jax.identify.model.harmonics import plan_terms
 from vttig_jax.identify.report.check_sentences import check_sentences
 from vttig_jax.identify.report.checks import CoveredGap, GapAtSpeed
-from vttig_jax.identify.report.covered_gap import _distinct, depends_on_speed
+from vttig_jax.identify.report.covered_gap import (
+    _distinct,
+    depends_on_speed,
+    on_both_flanks,
+)
 from vttig_jax.logs.encoder_log import EncoderLog
 from vttig_jax.logs.motion.flank_assignment import assigned_segments
+from vttig_jax.pair.gear_pair import Flank
 
 SLOW = drive("1/10")
 HALF = drive("1/2")
@@ -209,6 +214,21 @@ def test_cells_a_hunting_period_apart_are_counted_and_not_repeated():
     every = _gap_wave((cells + 0.5) * DEG).mean()
     assert np.average(_gap_wave(angles), weights=times) == pytest.approx(every, abs=1e-12)
     assert np.average(_gap_wave(angles)) != pytest.approx(every, abs=1e-6)
+
+
+@pytest.mark.smoke
+def test_ranges_of_both_flanks_are_those_of_single_cells():
+    generator = np.random.default_rng(5)
+    for _ in range(200):
+        found: dict[Flank, list[tuple[int, int]]] = {"A": [], "B": []}
+        cells: dict[str, set[int]] = {"A": set(), "B": set()}
+        for flank, own in found.items():
+            for low in generator.integers(-30, 30, generator.integers(0, 4)).tolist():
+                own.append((low, low + int(generator.integers(0, 20))))
+                cells[flank] |= set(range(*own[-1]))
+        ranges = on_both_flanks(found).tolist()
+        counted = [cell for low, high in ranges for cell in range(low, high)]
+        assert sorted(cells["A"] & cells["B"]) == counted
 
 
 def test_long_runs_with_fractional_orders_use_every_place_of_a_turn():

@@ -9,7 +9,7 @@ larger than the rest, so the half-width of the delay is at least 2 (max gₖ −
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import msgspec
 import numpy as np
@@ -65,8 +65,7 @@ def covered_gap(estimate: Estimate, margin: float) -> CoveredGap:
         other = mean_gap(driving, walk, times)
         apart = math.sqrt(other.variance(walk.solution.covariance)[0])
         std = max(std, math.hypot(apart, value - float(other.value[0])))
-    ratio = float(solved.linear.model.terms.ratio)
-    std = max(std, least_stds(estimate.gap_deviations, ratio).get("constant_backlash", 0.0))
+    std = max(std, estimate.least_gap_std)
     half = math.hypot(NORMAL_95 * std, margin)
     low, high = value - half, value + half
     if margin and high > 0:
@@ -92,6 +91,11 @@ def _common_ranges(linear: LinearFit) -> Int[np.ndarray, "k 2"]:
         for segment in segments:
             angle = channels.driving[segment.start : segment.stop] / _CELL
             found[segment.flank].append((int(np.floor(angle.min())), int(np.ceil(angle.max()))))
+    return on_both_flanks(found)
+
+
+def on_both_flanks(found: Mapping[Flank, Sequence[tuple[int, int]]]) -> Int[np.ndarray, "k 2"]:
+    """Return first cell and end of each range that ranges of both flanks cover, without overlap."""
     ranges = np.array([r for own in found.values() for r in own], np.int64).reshape(-1, 2)
     edges = np.unique(ranges)
     on_both = np.ones(max(len(edges) - 1, 0), bool)

@@ -24,6 +24,7 @@ class Estimate:
     - `delays`: delays of several logs; None if no delay is fitted or fewer than two logs tell it.
     - `walk`: fit with a random walk as drift; None if the log does not demand it.
     - `gap_deviations`: by how much the gap at the speeds of the log exceeds that of the fit.
+    - `least_gap_std`: standard error of the gap, rad, that these deviations demand at least.
     """
 
     solved: SolvedFit
@@ -34,3 +35,4 @@ class Estimate:
     delays: DelaysOfLogs | None
     walk: Walk | None = None
     gap_deviations: tuple[GapAtSpeed, ...] = ()
+    least_gap_std: float = 0.0

@@ -82,7 +82,7 @@ def scalar(solution: Solution, source: str, name: str, unit: str, scale: float) 
     value = float(solution.values[index]) / scale
     std = math.sqrt(float(solution.covariance[index, index])) / scale
     significant = abs(value) >= max(SIGNIFICANT * std, ROUNDING / scale)
-    found = _interval(name, unit, value, std)
+    found = interval_of(name, unit, value, std)
     return found if significant else replace(found, significant=False, reason=BELOW)
 
 
@@ -113,8 +113,8 @@ def polar(
             Parameter(names[1], "deg", determined=True, reason=reason),
         )
     return (
-        _interval(names[0], unit, amplitude, amplitude_std),
-        _interval(names[1], "deg", phase_deg, phase_std_deg),
+        interval_of(names[0], unit, amplitude, amplitude_std),
+        interval_of(names[1], "deg", phase_deg, phase_std_deg),
     )
 
 
@@ -131,7 +131,8 @@ def polar_spread(
     return amplitude, float(np.sqrt(along @ spread @ along)), phase_deg, phase_std / DEG
 
 
-def _interval(name: str, unit: str, value: float, std: float) -> Parameter:
+def interval_of(name: str, unit: str, value: float, std: float) -> Parameter:
+    """Return a determined parameter with its 95 % interval."""
     margin = NORMAL_95 * std
     return Parameter(
         name=name,
@@ -312,7 +313,7 @@ def _delay(solution: Solution, delay: Delay) -> Parameter:
             return replace(found, significant=True, reason=None)
         return replace(found, significant=False, reason=BELOW)
     if delay.state == "insignificant":
-        found = _interval("delay_s", "s", delay.step_s, delay.std_s)
+        found = interval_of("delay_s", "s", delay.step_s, delay.std_s)
         return replace(found, significant=False, reason=delay.reason)
     return undetermined("delay_s", "s", delay.reason)
 
