@@ -12,7 +12,7 @@ WORDS: Mapping[str, tuple[str, str]] = {
         "flank A, flank B",
         "the flank that carries while the driving angle grows, and the one while it falls",
     ),
-    r"\bresidual\b": ("residual", "what is left of the transmission error without the model"),
+    r"\bresidual\b": ("residual", "transmission error less that of the fitted model"),
     r"\bstd\b": ("std", "standard error: the scatter to expect if the log were recorded again"),
     r"95 % interval": ("95 % interval", "the range that holds the truth in 95 of 100 logs"),
     r"\borders\b|\border \d": (
@@ -25,7 +25,7 @@ WORDS: Mapping[str, tuple[str, str]] = {
         "closure",
         "difference between two passes over the same pairs of teeth, where gears repeat",
     ),
-    r"\bjump at\b": ("jump", "step of the driven shaft where the motion turns and crosses the gap"),
+    r"\bjump at\b": ("jump", "step of the driven shaft at a reversal, where it changes flanks"),
     r"\bj_v\b": ("j_v", "the part of the backlash that the eccentricities make"),
     r"hardest to tell apart": (
         "hardest to tell apart",
