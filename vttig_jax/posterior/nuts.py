@@ -15,7 +15,7 @@ from ..base.arrays import Numbers, float64
 from ..base.errors import NoAnswerError, UsageError
 from ..base.runtime import require_x64
 from ..identify.fit_result import Fit
-from ..identify.noise.reml import LARGEST
+from ..identify.noise.restricted_likelihood import LARGEST
 from .density.density import NOISE_STD, Density, FitTarget, fit_target
 from .density.prior import Prior
 from .sampler import posterior_of

@@ -1,5 +1,7 @@
 """The batched estimate of the noise beside that of single fits."""
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -13,11 +15,11 @@ from vttig_jax.identify.compress.row_products import (
     upper_and_inverse,
 )
 from vttig_jax.identify.noise.batched_reml import (
-    best_pi,
     estimated_noise,
     filter_of,
     needed_lags,
 )
+from vttig_jax.identify.noise.restricted_likelihood import LARGEST, best_partial
 
 WIDTH, LAGS = 4, 4
 
@@ -32,7 +34,7 @@ def summed(rows: np.ndarray, counts: list[list[int]]):
     return _summed(rows, np.array(counts))
 
 
-_lowest = jax.jit(best_pi)
+_lowest = jax.jit(best_partial)
 _needed = jax.jit(needed_lags)
 
 
@@ -50,9 +52,11 @@ def drawn(count: int, seed: int = 0) -> np.ndarray:
 @pytest.mark.parametrize("curvature", [1e-3, 1.0, 1e8])
 def test_lowest_point_of_the_bound(curvature, slope):
     cubic = lambda p: (curvature * p + slope) * (1 - p**2) + 4 * p  # noqa: E731
-    expected = brentq(cubic, -1.0, 1.0, xtol=1e-15)
-    found = float(_lowest(*(np.asarray(float(x)) for x in (curvature, slope, 4.0))))
-    assert found == pytest.approx(expected, abs=1e-10)
+    root: Any = brentq(cubic, -1.0, 1.0, xtol=1e-15)
+    expected = np.clip(root, -LARGEST, LARGEST)
+    values = [np.asarray(x) for x in (float(curvature), float(slope), 4.0)]
+    assert float(_lowest(*values)) == pytest.approx(expected, abs=1e-10)
+    assert float(best_partial(*values)) == pytest.approx(expected, abs=1e-10)
 
 
 def test_the_factor_is_that_of_the_dense_covariance():

@@ -11,7 +11,7 @@ from tests.oracles.stationary_noise import covariance, path
 from vttig_jax.base.numerics.partial_autocorrelation import filter_of
 from vttig_jax.identify.compress.harmonic_summary import HarmonicSummary
 from vttig_jax.identify.noise.freedom import freedom
-from vttig_jax.identify.noise.reml import _bound, restricted_partial
+from vttig_jax.identify.noise.reml import lowered, restricted_partial, touching_bound
 
 TRUE = np.array([0.85, -0.3])
 
@@ -90,10 +90,10 @@ def test_no_step_goes_up(seed, start):
     """The bound touches the likelihood where it is taken and lies above it elsewhere."""
     rows = _logs(seed, 80)
     before = np.array(start)
-    bound = _bound(_summary(rows, 4), before)
-    after = bound.lowered(before)
+    bound = touching_bound(_summary(rows, 4), before)
+    after = lowered(bound, before)
     gain = _dense(before, rows) - _dense(after, rows)
-    promised = bound.at(before) - bound.at(after)
+    promised = bound.at(before, filter_of(before)) - bound.at(after, filter_of(after))
     assert gain >= promised - 1e-6 >= -2e-6
 
 

@@ -11,6 +11,7 @@ from ...base.arrays import Number, Numbers, namespace
 from ...base.numerics.partial_autocorrelation import filter_of, log_initial_determinant
 from ...pair.gear_pair import Flank
 from .flank_summary import Filter, FlankSummary, Rows, Runs, Times
+from .lagged_forms import whitened_products
 
 _CACHED_ROWS = 512  # rows per piece of the lag products, which fits in the cache; chosen value
 
@@ -93,28 +94,10 @@ class LaggedFlank(FlankSummary):
         return terms * log_initial_determinant(partial)
 
     def _inner_products(self, filter_: Filter) -> Float[np.ndarray, "q q"]:
-        """Return Uᵀ Σ⁻¹ U.
-
-        The filter is applied to every run with zeros before and after it, which gives Σ_{jk}
-        filter_j filter_k Γ_{k−j}. The response after the end of the run is subtracted, and, with
-        time reversed, the response before its start. The result is the exact quadratic form,
-        initial samples included (I. Gohberg, A. Semencul 1972).
-        """
-        order = len(filter_) - 1
-        products = np.correlate(filter_, filter_, "full")[order:]
-        total = products[0] * self.lag_products[0]
-        for product, gram in zip(products[1:], self.lag_products[1:], strict=False):
-            total = total + product * (gram + gram.T)
-        if order == 0:
-            return total
-        newest = self.ends[:, :order]
-        rings = np.zeros_like(newest)
-        for after in range(order):
-            rings[:, after] = np.einsum(
-                "j,rjq->rq", filter_[after + 1 :], newest[:, : order - after]
-            )
-        rings = rings.reshape(-1, total.shape[0])
-        return total - rings.T @ rings
+        """Return Uᵀ Σ⁻¹ U."""
+        taps = len(filter_)
+        lagged, ends = self.lag_products[:taps], self.ends[:, : taps - 1]
+        return np.asarray(whitened_products(lagged, ends, filter_))
 
 
 def _lag_products(rows: Float[np.ndarray, "n q"], lags: int) -> Float[np.ndarray, "lags q q"]:

@@ -15,6 +15,8 @@ from jax.custom_batching import sequential_vmap
 from jax.scipy.linalg import solve_triangular
 from jaxtyping import Array, Float, Int
 
+from .lagged_forms import whitened_products
+
 RIDGE = 1e-13
 """Ridge relative to the square of every column: the share that rounding takes from a product."""
 
@@ -124,17 +126,12 @@ def residual_autocovariance(
 def inner(products: RowProducts, filter_: Filter) -> Upper:
     """Return the upper triangle C with CᵀC = Uᵀ Σ⁻¹ U for innovations of variance one.
 
-    The method is that of `LaggedFlank`; taps of the filter beyond the order of the noise are zero.
+    The taps of the filter beyond the order of the noise are zero.
     With `products.triangle` F the triangle of the rows Z is C F.
     """
-    taps = filter_.shape[0]
-    lagged = jnp.stack([filter_[: taps - lag] @ filter_[lag:] for lag in range(taps)])
-    total = jnp.einsum("l,flpq->fpq", lagged, products.lag_products)
-    total = total + jnp.swapaxes(total, 1, 2) - lagged[0] * products.lag_products[:, 0]
-    later = np.add.outer(np.arange(1, taps), np.arange(taps - 1))
-    hankel = jnp.where(later < taps, filter_[np.minimum(later, taps - 1)], 0.0)
-    rings = jnp.einsum("aj,frjq->fraq", hankel, products.ends)
-    total = total - jnp.einsum("frap,fraq->fpq", rings, rings)
+    total = jax.vmap(whitened_products, in_axes=(0, 0, None))(
+        products.lag_products, products.ends, filter_
+    )
     return upper_and_inverse(total + RIDGE * jnp.eye(total.shape[-1])[None])
 
 

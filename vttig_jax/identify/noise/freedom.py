@@ -18,7 +18,8 @@ from jaxtyping import Float
 
 from ...base.numerics.partial_autocorrelation import filter_of
 from ..compress.harmonic_summary import HarmonicSummary
-from .reml import LARGEST, freedom_left
+from .reml import freedom_left
+from .restricted_likelihood import LARGEST
 
 _STEP = 5e-3
 """Step of the differences, small beside the standard errors of θ, 0.03 and more (chosen)."""

@@ -15,7 +15,7 @@ from ...base.arrays import Numbers, float64
 from ...base.errors import NoAnswerError, UsageError
 from ...identify.evidence import Evidence
 from ...identify.fit_result import Fit
-from ...identify.noise.reml import LARGEST
+from ...identify.noise.restricted_likelihood import LARGEST
 from ...pair.gear_pair import Drive
 from .likelihood import Likelihood, likelihood_of
 from .local_likelihood import LocalLikelihood, local_likelihood, probes, tolerance

@@ -25,7 +25,7 @@ from jaxtyping import Array, Bool, Float
 
 from ...base.arrays import Numbers, float64, namespace
 from ...identify.compress.flank_summary import FlankSummary
-from ...identify.noise.reml import LARGEST
+from ...identify.noise.restricted_likelihood import LARGEST
 from .likelihood import Likelihood
 from .orthogonal_columns import OrthogonalColumns, orthogonal_columns
 

@@ -25,7 +25,7 @@ from ...base.errors import NoAnswerError
 from ...base.runtime import require_x64
 from ...base.threads import one_blas_thread
 from ...identify.fit_result import Fit
-from ...identify.noise.reml import LARGEST
+from ...identify.noise.restricted_likelihood import LARGEST
 from .density import NOISE_STD, Density, FitTarget, fit_target
 
 _UNBOUNDED_FROM = 64.0
