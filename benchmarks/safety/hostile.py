@@ -9,10 +9,7 @@ direction characters and tracebacks, and every written file is read back by anot
 results/hostile.json; the exit code is 1 if any fault was found.
 """
 
-import argparse
 import collections
-import multiprocessing
-import os
 import shutil
 import sys
 import tempfile
@@ -20,9 +17,9 @@ import time
 from pathlib import Path
 
 from ..environment import write
-from .calls import Ended, call, preload
-from .inputs import write_inputs
+from .calls import Ended, call
 from .places import INDEPENDENT, PLACES, Place, in_slow_commands
+from .study import Tally, options, workers
 from .texts import texts
 from .written import rejected
 
@@ -70,52 +67,29 @@ def _one(task: tuple[int, str, Path]) -> tuple[list[Ended], list[str]]:
 
 def main() -> int:
     """Run the study, print its counts and write them."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--texts", type=int, default=400)
+    parser = options(__doc__, "text", 400)
     parser.add_argument("--minutes", type=float, default=240.0, help="end after this time")
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--jobs", type=int, default=2, help="processes at a time")
-    parser.add_argument("--only", type=int, help="number of the one text to examine")
     asked = parser.parse_args()
-    preload()
-    codes: collections.Counter[str] = collections.Counter()
+    tally, done = Tally(), 0
     verbs: collections.Counter[str] = collections.Counter()
-    faults: collections.Counter[str] = collections.Counter()
-    done, longest, largest = 0, 0.0, 0
-    with tempfile.TemporaryDirectory() as parent:
-        os.environ["VTTIG_CACHE"] = str(Path(parent) / "cache")
-        base = Path(parent) / "base"
-        base.mkdir()
-        write_inputs(base)
-        numbers = range(asked.texts) if asked.only is None else [asked.only]
-        found = texts(asked.texts, asked.seed)
+    found = texts(asked.number, asked.seed)
+    numbers = range(asked.number) if asked.only is None else [asked.only]
+    until = time.monotonic() + 60 * asked.minutes
+    with workers(asked.jobs) as (base, pool):
         tasks = [(number, found[number], base) for number in numbers]
-        with multiprocessing.get_context("fork").Pool(asked.jobs, maxtasksperchild=20) as pool:
-            until = time.monotonic() + 60 * asked.minutes
-            for ends, faulty in pool.imap_unordered(_one, tasks):
-                done += 1
-                for ended in ends:
-                    codes[str(ended.code)] += 1
-                    verbs[ended.arguments[0] if ended.arguments[0].isascii() else "?"] += 1
-                    longest = max(longest, ended.cpu_s)
-                    largest = max(largest, ended.peak_bytes)
-                faults.update(faulty)
-                if time.monotonic() > until:
-                    pool.terminate()
-                    break
-    print(f"{sum(codes.values())} calls, faults: {dict(faults)}; codes: {dict(codes)}")
+        for ends, faults in pool.imap_unordered(_one, tasks):
+            done += 1
+            tally.add(ends, faults)
+            verbs.update(ended.arguments[0] for ended in ends if ended.arguments[0].isascii())
+            if time.monotonic() > until:
+                pool.terminate()
+                break
+    often = {name: count for name, count in verbs.items() if count > 9}
+    record = {"texts": done, "verbs": often} | tally.record()
+    print(record)
     if asked.only is None:
-        record = {
-            "texts": done,
-            "calls": sum(codes.values()),
-            "exit_codes": dict(codes),
-            "verbs": {name: count for name, count in verbs.items() if count > 9},
-            "longest_cpu_s": round(longest, 1),
-            "largest_gib": round(largest / 2**30, 2),
-            "faults": dict(faults),
-        }
         write("hostile.json", record)
-    return int(bool(faults))
+    return int(bool(tally.faults))
 
 
 if __name__ == "__main__":

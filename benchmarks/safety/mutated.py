@@ -9,11 +9,8 @@ the command said before how long it takes, and at most 2 GiB. Writes results/mut
 code is 1 if any fault was found.
 """
 
-import argparse
 import collections
 import contextlib
-import multiprocessing
-import os
 import resource
 import shutil
 import sys
@@ -27,8 +24,8 @@ from tests.logs.binary_logs import WRITERS
 from tests.logs.mutations import damaged_arrays, damaged_bytes, damaged_text
 
 from ..environment import write
-from .calls import LIMIT_S, Ended, call, preload
-from .inputs import write_inputs
+from .calls import LIMIT_S, Ended, call
+from .study import Tally, options, workers
 
 _PLAN = ["plan", "--pair", "gears.toml", "--noise-std-deg", "0.01", "--turns", "21"]
 TOML = {
@@ -104,43 +101,20 @@ def _one(task: tuple[int, int, Path]) -> tuple[str, list[Ended], list[str]]:
 
 def main() -> int:
     """Run the study, print its counts and write them."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--inputs", type=int, default=500)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--jobs", type=int, default=2, help="processes at a time")
-    parser.add_argument("--only", type=int, help="number of the one input to examine")
-    asked = parser.parse_args()
-    preload()
-    codes: collections.Counter[str] = collections.Counter()
+    asked = options(__doc__, "input", 500).parse_args()
+    tally = Tally()
     kinds: collections.Counter[str] = collections.Counter()
-    faults: collections.Counter[str] = collections.Counter()
-    longest, largest = 0.0, 0
-    with tempfile.TemporaryDirectory() as parent:
-        os.environ["VTTIG_CACHE"] = str(Path(parent) / "cache")
-        base = Path(parent) / "base"
-        base.mkdir()
-        write_inputs(base)
-        numbers = range(asked.inputs) if asked.only is None else [asked.only]
+    numbers = range(asked.number) if asked.only is None else [asked.only]
+    with workers(asked.jobs) as (base, pool):
         tasks = [(number, asked.seed, base) for number in numbers]
-        with multiprocessing.get_context("fork").Pool(asked.jobs, maxtasksperchild=20) as pool:
-            for kind, ends, found in pool.imap_unordered(_one, tasks):
-                kinds[kind] += 1
-                codes.update(str(ended.code) for ended in ends)
-                faults.update(found)
-                longest = max([longest, *(ended.cpu_s for ended in ends)])
-                largest = max([largest, *(ended.peak_bytes for ended in ends)])
-    record = {
-        "inputs": dict(kinds),
-        "calls": sum(codes.values()),
-        "exit_codes": dict(codes),
-        "longest_cpu_s": round(longest, 1),
-        "largest_gib": round(largest / 2**30, 2),
-        "faults": dict(faults),
-    }
+        for kind, ends, found in pool.imap_unordered(_one, tasks):
+            kinds[kind] += 1
+            tally.add(ends, found)
+    record = {"inputs": dict(kinds)} | tally.record()
     print(record)
     if asked.only is None:
         write("mutated.json", record)
-    return int(bool(faults))
+    return int(bool(tally.faults))
 
 
 if __name__ == "__main__":
