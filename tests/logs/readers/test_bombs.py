@@ -1,8 +1,10 @@
 """Small files with large content, and objects that hold themselves."""
 
 import io
+import sqlite3
 import struct
 import zlib
+from contextlib import closing
 
 import h5py
 import numpy as np
@@ -12,7 +14,8 @@ from pyarrow import parquet
 
 from tests.logs.binary_logs import WRITERS
 from vttig_jax.base.errors import InputError
-from vttig_jax.base.files.limits import most_memory
+from vttig_jax.base.files.limits import LEAST_BYTES, MemoryBudget, most_memory
+from vttig_jax.logs.readers.binary.bag_sizes import take_bag
 from vttig_jax.logs.readers.binary.formats import format_of, read_binary
 from vttig_jax.logs.readers.nested import read_nested
 
@@ -129,3 +132,49 @@ def test_a_chunk_of_a_bag_declares_its_size(tmp_path):
     pytest.importorskip("rosbags")
     with pytest.raises(InputError, match="--most-memory"):
         read(path)
+
+
+def _ros1(declared: int) -> bytes:
+    """A bag of ROS 1 with one chunk that declares a size."""
+    fields = (b"op=" + bytes([5]), b"compression=bz2", b"size=" + struct.pack("<I", declared))
+    header = b"".join(struct.pack("<I", len(one)) + one for one in fields)
+    chunk = struct.pack("<I", len(header)) + header + struct.pack("<I", 3) + b"BZh"
+    return b"#ROSBAG V2.0\n" + chunk
+
+
+def _messages(path, count: int) -> None:
+    """A table of messages of ROS 2, one of them packed."""
+    packed = pytest.importorskip("backports.zstd").compress(bytes(count))
+    with closing(sqlite3.connect(path)) as base, base:
+        base.execute("CREATE TABLE messages (data BLOB)")
+        base.executemany("INSERT INTO messages VALUES (?)", [(b"\0\1plain",), (packed,)])
+
+
+@pytest.mark.parametrize("kind", [".bag", ".db3", ".zstd"])
+def test_packed_parts_of_a_bag_are_counted_before_they_are_unpacked(tmp_path, kind):
+    pytest.importorskip("rosbags")
+    for size, refused in ((1000, False), (LEAST_BYTES + 1, True)):
+        path = tmp_path / f"{size}{kind}"
+        if kind == ".db3":
+            _messages(path, size)
+        elif kind == ".bag":
+            path.write_bytes(_ros1(size))
+        else:
+            path.write_bytes(pytest.importorskip("backports.zstd").compress(bytes(size)))
+        budget = MemoryBudget(str(path), path.stat().st_size)
+        if refused:
+            with pytest.raises(InputError, match="--most-memory"):
+                take_bag(path, budget)
+        else:
+            take_bag(path, budget)
+            assert budget.taken == size
+
+
+@pytest.mark.parametrize("kind", [".bag", ".db3", ".zstd"])
+def test_a_damaged_bag_has_no_size_and_no_traceback(tmp_path, kind):
+    pytest.importorskip("rosbags")
+    path = tmp_path / f"damaged{kind}"
+    path.write_bytes(b"#ROSBAG V2.0\n\xff\xff\xff")
+    budget = MemoryBudget(str(path), 16)
+    take_bag(path, budget)
+    assert budget.taken == 0

@@ -8,7 +8,6 @@ from ....base.files.limits import MemoryBudget
 
 _DICTIONARY, _BATCH = 2, 3  # kinds of messages in Arrow's `Message.fbs`
 _PART = 1 << 20  # bytes that are unpacked at a time; chosen value
-_MCAP_START, _MCAP_CHUNK = 8, 6  # bytes of the magic, and opcode of a chunk (MCAP specification)
 _DZ, _DZ_HEAD = b"##DZ", 24  # block of packed data and length of its header (ASAM MDF 4.1)
 
 
@@ -57,16 +56,6 @@ def take_mdf(data: bytes, budget: MemoryBudget) -> None:
             except zlib.error:  # the letters occur in other data, or the reader reports the damage
                 pass
         place = data.find(_DZ, place + 1)
-
-
-def take_mcap(data: bytes, budget: MemoryBudget) -> None:
-    """Count the unpacked sizes that the chunks of an MCAP file declare."""
-    place = _MCAP_START
-    while place + 9 <= len(data):
-        length = struct.unpack_from("<Q", data, place + 1)[0]
-        if data[place] == _MCAP_CHUNK and place + 33 <= len(data):
-            budget.take(struct.unpack_from("<Q", data, place + 25)[0])
-        place += 9 + length
 
 
 def _u32(data: bytes, place: int) -> int:

@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from ....base.files.limits import MemoryBudget, read_regular
+from ....base.files.limits import MemoryBudget
+from .bag_sizes import take_bag
 from .clocked import ClockedColumn
-from .declared_sizes import take_mcap
 from .silence import silent
 
 _SAMPLE = 80  # bytes of a stamp and a number as objects of Python and in their lists
@@ -56,12 +56,11 @@ def rosbag_columns(path: Path, data: bytes) -> Iterator[ClockedColumn]:
 
 
 def _budget(path: Path) -> MemoryBudget:
-    """Return the budget of a bag, from which the packed chunks of its files are taken."""
+    """Return the budget of a bag, from which the unpacked sizes of its files are taken."""
     files = [one for one in path.rglob("*") if one.is_file()] if path.is_dir() else [path]
     budget = MemoryBudget(str(path), sum(one.stat().st_size for one in files))
     for one in files:
-        if one.suffix.lower() == ".mcap":
-            take_mcap(read_regular(one), budget)
+        take_bag(one, budget)
     return budget
 
 

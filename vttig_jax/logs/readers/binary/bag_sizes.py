@@ -1,0 +1,97 @@
+"""Unpacked sizes of the files of ROS bags, without unpacking them into memory."""
+
+import sqlite3
+import struct
+import sys
+from contextlib import closing, suppress
+from pathlib import Path
+from typing import Any
+
+from ....base.files.limits import MemoryBudget, read_regular
+
+_PART = 1 << 20  # bytes that are unpacked at a time; chosen value
+_MCAP_START, _MCAP_CHUNK = 8, 6  # bytes of the magic, and opcode of a chunk (MCAP specification)
+_ROS1_MAGIC, _ROS1_CHUNK = b"#ROSBAG V2.0\n", 5  # first line, and opcode of a chunk (bag format 2)
+_ZSTD = b"\x28\xb5\x2f\xfd"  # first bytes of a frame (RFC 8878); a message begins with its encoding
+
+
+def take_bag(path: Path, budget: MemoryBudget) -> None:
+    """Count the unpacked bytes of one file of a bag; files of other kinds count nothing."""
+    match path.suffix.lower():
+        case ".mcap":
+            take_mcap(read_regular(path), budget)
+        case ".bag":
+            take_ros1(read_regular(path), budget)
+        case ".db3":
+            take_messages(path, budget)
+        case ".zstd":
+            take_frame(read_regular(path), budget)
+
+
+def take_mcap(data: bytes, budget: MemoryBudget) -> None:
+    """Count the unpacked sizes that the chunks of an MCAP file declare."""
+    place = _MCAP_START
+    while place + 9 <= len(data):
+        length = struct.unpack_from("<Q", data, place + 1)[0]
+        if data[place] == _MCAP_CHUNK and place + 33 <= len(data):
+            budget.take(struct.unpack_from("<Q", data, place + 25)[0])
+        place += 9 + length
+
+
+def take_ros1(data: bytes, budget: MemoryBudget) -> None:
+    """Count the unpacked sizes that the chunks of a bag of ROS 1 declare.
+
+    A record is a header and data, each behind its length. A header is a row of fields `name=value`,
+    each behind its length; `op` is the kind of the record, and `size` the size of a chunk.
+    """
+    place = len(_ROS1_MAGIC)
+    with suppress(struct.error):  # the file ends inside a record; its reader reports the damage
+        while place < len(data):
+            head = struct.unpack_from("<I", data, place)[0]
+            fields = _ros1_fields(data[place + 4 : place + 4 + head])
+            if fields.get(b"op") == bytes([_ROS1_CHUNK]) and len(fields.get(b"size", b"")) == 4:
+                budget.take(struct.unpack("<I", fields[b"size"])[0])
+            place += 4 + head
+            place += 4 + struct.unpack_from("<I", data, place)[0]
+
+
+def _ros1_fields(header: bytes) -> dict[bytes, bytes]:
+    fields, place = {}, 0
+    while place + 4 <= len(header):
+        length = struct.unpack_from("<I", header, place)[0]
+        name, _, value = header[place + 4 : place + 4 + length].partition(b"=")
+        fields[name] = value
+        place += 4 + length
+    return fields
+
+
+def take_messages(path: Path, budget: MemoryBudget) -> None:
+    """Count the unpacked bytes of the packed messages of a bag of ROS 2 in SQLite."""
+    address = f"{path.resolve().as_uri()}?mode=ro&immutable=1"
+    # The reader of the bag reports the damage of a file that is no table of messages.
+    with suppress(sqlite3.Error), closing(sqlite3.connect(address, uri=True)) as base:
+        for (data,) in base.execute("SELECT data FROM messages"):
+            if isinstance(data, bytes) and data.startswith(_ZSTD):
+                take_frame(data, budget)
+
+
+def take_frame(data: bytes, budget: MemoryBudget) -> None:
+    """Count the bytes to which a frame of Zstandard unpacks, part by part."""
+    zstd = _zstd()
+    unpacker, packed = zstd.ZstdDecompressor(), data
+    with suppress(zstd.ZstdError):  # the reader of the bag reports the damage
+        while not unpacker.eof:
+            part = unpacker.decompress(packed, _PART)
+            packed = b""
+            budget.take(len(part))
+            if not part and unpacker.needs_input:
+                return
+
+
+def _zstd() -> Any:
+    """Return the library that rosbags uses too: part of Python from 3.14 on."""
+    if sys.version_info >= (3, 14):
+        from compression import zstd
+    else:
+        from backports import zstd
+    return zstd
