@@ -62,7 +62,7 @@ def _fit(folder: Path) -> Content:
     import vttig_jax
 
     def settle() -> None:
-        vttig_jax.open_run(folder)
+        _ = vttig_jax.open_run(folder).fit
 
     if folder.exists():
         in_a_fork(settle)
@@ -77,7 +77,7 @@ def _fit(folder: Path) -> Content:
     for path in folder.glob("figures/*.png"):
         from PIL import Image
 
-        runs[path.name] = str(Image.open(path).info.get("run", ""))
+        runs[path.name] = str(Image.open(path).info.get("Source", "")).removeprefix("run ")
     return runs["fit.json"] if len(set(runs.values())) == 1 else f"mixture: {runs}"
 
 
@@ -169,7 +169,10 @@ def reference(verb: Verb, base: Path, name: str, *, old: bool = False) -> Conten
     ended = call([*arguments, "--out", name], base, before=verb.before)
     if ended.code not in (0, 5):
         raise RuntimeError(ended.err.decode())
-    return verb.content(base / name)
+    content = verb.content(base / name)
+    if content.startswith(("none", "mixture")):
+        raise RuntimeError(f"the result of an undisturbed run is read as {content}")
+    return content
 
 
 def left_over(folder: Path) -> list[str]:
