@@ -43,6 +43,10 @@ class Setting(click.ParamType):
         if not (key and equals and text):
             self.fail(f"{value!r} is not of the form key=value.", param, ctx)
         try:
+            text.encode()
+        except UnicodeEncodeError:  # bytes of an argument that are no text become surrogates
+            self.fail(f"the value of {key!r} is not UTF-8: {text}; write it in UTF-8.", param, ctx)
+        try:
             return key, _toml_value(text)
         except ValueError:
             self.fail(
