@@ -291,8 +291,7 @@ def test_progress_shows_nothing_off_a_terminal(capsys):
 
 
 def run_help(**options: Any) -> subprocess.CompletedProcess[str]:
-    code = "import sys\nfrom vttig_jax.cli.main import main\nsys.exit(main(['--help']))"
-    command = [sys.executable, "-c", code]
+    command = [sys.executable, "-m", "vttig_jax", "--help"]
     return subprocess.run(command, stderr=subprocess.PIPE, text=True, check=False, **options)
 
 

@@ -43,6 +43,13 @@ def test_sample_explains_columns_and_writes_nothing(vttig, log):
     assert code == 0 and "Motorwinkel" in out and not (log.parent / "run").exists()
 
 
+def test_sample_explains_columns_beside_an_older_result(vttig, log, run_folder):
+    before = {path: path.stat().st_mtime_ns for path in run_folder.rglob("*")}
+    code, out, _ = vttig("sample", log, *RATIO, "--out", run_folder, "--explain-columns")
+    assert code == 0 and "Motorwinkel" in out
+    assert {path: path.stat().st_mtime_ns for path in run_folder.rglob("*")} == before
+
+
 @pytest.mark.parametrize("option", [RATIO, ("--unit", "deg"), ("--explain-columns",)])
 def test_sample_without_a_log_refuses_them(vttig, run_folder, option):
     code, _, err = vttig("sample", "--out", run_folder, *option)

@@ -173,7 +173,8 @@ def command(
     from ...posterior.sampler import sample
 
     vttig_jax.enable_x64()
-    refuse_existing(out, resume=resume, overwrite=overwrite, fits=bool(logs))
+    if not drive.explain_columns:
+        refuse_existing(out, resume=resume, overwrite=overwrite, fits=bool(logs))
     if logs:
         logs = with_standard_input(logs)
         run = resolve(logs, pair, readings, options_of(options), drive.request)
