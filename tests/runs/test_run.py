@@ -217,7 +217,7 @@ def test_a_figure_has_a_window_when_it_is_shown_and_a_picture_in_notebooks(quick
 def test_rooms_are_found_from_the_front_door():
     assert vttig_jax.geometry.tooth_of is not None
     with pytest.raises(AttributeError):
-        _ = vttig_jax.cellar
+        _ = vttig_jax.cellar  # pyright: ignore[reportAttributeAccessIssue]
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,14 @@
+from .errors import InputError as InputError
+from .errors import LogError as LogError
+from .errors import NoAnswerError as NoAnswerError
+from .errors import NotConvergedError as NotConvergedError
+from .errors import PairError as PairError
+from .errors import ScenarioError as ScenarioError
+from .errors import UsageError as UsageError
+from .errors import VttigError as VttigError
+from .files.text_tables import text_table as text_table
+from .runtime import enable_x64 as enable_x64
+from .runtime import prepare_cpu as prepare_cpu
+from .units import ARCSEC as ARCSEC
+from .units import DEG as DEG
+from .units import REV as REV

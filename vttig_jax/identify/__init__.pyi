@@ -1,0 +1,16 @@
+from .backlash import backlash_map as backlash_map
+from .fit_result import Fit as Fit
+from .fitting import fit as fit
+from .many.batch_model import BatchModel as BatchModel
+from .many.codes import Code as Code
+from .many.fit_arrays import ArrayFit as ArrayFit
+from .many.fit_arrays import fit_arrays as fit_arrays
+from .many.fit_arrays import fit_batch as fit_batch
+from .many.fit_many import fit_many as fit_many
+from .many.log_arrays import LogArrays as LogArrays
+from .many.preparation import prepared as prepared
+from .many.table import FitTable as FitTable
+from .report.checks import Checks as Checks
+from .report.parameters import Parameter as Parameter
+from .settings import FitSettings as FitSettings
+from .store import read_fit as read_fit

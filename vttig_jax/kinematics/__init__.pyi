@@ -1,0 +1,12 @@
+from .backlash_map import BacklashMap as BacklashMap
+from .exact import exact_model as exact_model
+from .first_order import closed_model as closed_model
+from .flank_model import FlankModel as FlankModel
+from .functions import axial_displacement as axial_displacement
+from .functions import backlash as backlash
+from .functions import exact_backlash as exact_backlash
+from .functions import exact_transmission_error as exact_transmission_error
+from .functions import transmission_error as transmission_error
+from .harmonic import OrderModel as OrderModel
+from .te_curve import TECurve as TECurve
+from .turn_location import locate as locate

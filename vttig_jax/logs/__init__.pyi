@@ -1,0 +1,10 @@
+from .checks.slip import find_slip as find_slip
+from .encoder_log import EncoderLog as EncoderLog
+from .inspection import Inspection as Inspection
+from .inspection import inspect_log as inspect_log
+from .lines.rows import Stretch as Stretch
+from .lines.search import find_lines as find_lines
+from .motion.segments import find_segments as find_segments
+from .read import read_log as read_log
+from .readers.backlash_readings import BacklashReadings as BacklashReadings
+from .readers.backlash_readings import read_backlash_readings as read_backlash_readings

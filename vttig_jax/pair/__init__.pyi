@@ -1,0 +1,13 @@
+from .eccentricities import Eccentricities as Eccentricities
+from .encoder_reading import ShaftReading as ShaftReading
+from .encoder_reading import shaft_reading as shaft_reading
+from .gear_pair import Drive as Drive
+from .gear_pair import Gear as Gear
+from .gear_pair import GearPair as GearPair
+from .load import load_pair as load_pair
+from .pair_file import load_pair_spec as load_pair_spec
+from .pair_file import parse_pair_spec as parse_pair_spec
+from .schema import Encoder as Encoder
+from .schema import HarmonicOrders as HarmonicOrders
+from .schema import PairSpec as PairSpec
+from .schema import StatedTable as StatedTable

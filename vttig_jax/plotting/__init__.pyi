@@ -1,0 +1,9 @@
+from .backlash_map import plot_map as plot_map
+from .contact import plot_contact as plot_contact
+from .deviations import plot_deviations as plot_deviations
+from .dispatch import plot as plot
+from .fit import plot_te as plot_te
+from .order_spectrum import plot_orders as plot_orders
+from .residual import plot_residual as plot_residual
+from .save import png as png
+from .tooth import plot_tooth as plot_tooth

@@ -1,0 +1,4 @@
+from .fit_run import save_fit as save_fit
+from .posterior_run import save_posterior as save_posterior
+from .run import Run as Run
+from .run import open_run as open_run
