@@ -55,7 +55,8 @@ _OF_THE_LOG = (
     click.option(
         "--driving-rpm",
         metavar="RPM",
-        help="Speed of a driving shaft that a clock turns and that has no encoder, such as 60/479.",
+        help="Speed of a driving shaft that a clock turns and that has no encoder, such as 60/479;"
+        " sidereal for the worm of a telescope mount, whose driven shaft follows the stars.",
     ),
     click.option(
         "--write-pair",

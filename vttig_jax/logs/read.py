@@ -51,7 +51,8 @@ def read_log(
     - `counts`: counts per revolution of both encoders, one number if they are equal.
     - `unit`: unit of the columns whose names say none, or role → unit.
     - `invert`: "driving", "driven" or both, whose encoder counts backwards.
-    - `driving_rpm`: speed of a driving shaft that a clock turns and that has no encoder, in rpm.
+    - `driving_rpm`: speed of a driving shaft that a clock turns and that has no encoder, in rpm;
+      "sidereal" for the worm of a telescope mount, whose driven shaft follows the stars.
     - `columns`: role ("time", "driving", "driven", "transmission_error", "direction", "axial_mm",
       "torque", "speed" and "acceleration" of the driving shaft) → column name. This argument and
       the next two override `pair.log`.

@@ -58,6 +58,16 @@ def test_setpoint_and_actual(ask, columns):
     assert (picked.driving, picked.driven) == ("Motor Ist [°]", "Last [°]")
 
 
+def test_a_refusal_states_slopes(ask):
+    """Beside first values and range; angles that wrap have the slope of the motion."""
+    told = ask(csv("zeit [s],a,b,c,d", T, X, X % 360, Y, -2 * X), ratio="7:5", unit="deg")
+    assert "`a` 3.6, 7.2, 10.8, … (" in told and "`a`, slope" not in told
+    assert "), slope 1 over `a`; `c`" in told
+    assert "slope 0.56" in told and "slope -2 over `a`" in told
+    counted = csv("a,b,c", T, 36 * T, 20.25 * T)
+    assert "0.02, … (0 … 19.99), 0.01 from row to row" in ask(counted, unit="deg")
+
+
 def test_only_a_setpoint(ask):
     told = ask(csv("t [s],motor_target_deg,load_deg", T, X, Y))
     assert "`target` says a setpoint" in told and "--column driving=NAME" in told

@@ -18,6 +18,10 @@ stamps (chosen)."""
 SHOWN = 3
 """Number of first values in a refusal (chosen)."""
 
+JUMP = 5.0
+"""A step above this many times the 90 % quantile of all steps is a jump, such as that of an angle
+that wraps, and is left out of a slope (chosen)."""
+
 MOST_LISTED = 8
 """Largest number of columns in a refusal (chosen)."""
 
@@ -96,7 +100,29 @@ def read_values(table: TextTable | NestedTable, indices: list[int]) -> Mapping[i
 
 
 def listed_facts(candidates: list[Candidate]) -> str:
-    """Return the columns with first values and ranges, for a refusal."""
-    shown = "; ".join(one.facts for one in candidates[:MOST_LISTED])
+    """Return the columns with first values, ranges and slopes, for a refusal.
+
+    The slope of a column is that over the first column that can be a shaft; the one of a column
+    that only grows is its usual step from row to row.
+    """
+    over = next((one for one in candidates if one.turns and not one.rises), None)
+    shown = "; ".join(one.facts + _slope_in_words(one, over) for one in candidates[:MOST_LISTED])
     more = len(candidates) - MOST_LISTED
     return shown + (f" and {more} more" if more > 0 else "")
+
+
+def _slope_in_words(one: Candidate, over: Candidate | None) -> str:
+    """Return what the slope of a column is, with a comma before it, or ""."""
+    if one.values is not None and one.rises:
+        return f", {float(np.median(np.diff(one.values))):.6g} from row to row"
+    if over is None or one is over or not one.turns:
+        return ""
+    assert one.values is not None and over.values is not None  # columns that turn have values
+    if len(one.values) != len(over.values):
+        return ""
+    steps = np.diff([over.values, one.values], axis=1).astype(np.float64)
+    size = np.abs(steps)
+    steps[:, np.any(size > JUMP * np.quantile(size, 0.9, axis=1, keepdims=True), axis=0)] = 0.0
+    path = np.cumsum(steps, axis=1)
+    x, y = path - path.mean(axis=1, keepdims=True)
+    return f", slope {float(x @ y / (x @ x)):.5g} over `{over.name}`" if x @ x > 0 else ""

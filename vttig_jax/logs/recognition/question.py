@@ -70,6 +70,17 @@ def no_fit(
     return LogError(f"no column name says {named}, {why}; give {options}{seen}.", where=source)
 
 
+def no_driving(candidates: list[Candidate], source: str) -> LogError:
+    """Return the question for the driving angle beside a column of transmission error."""
+    seen = f"; there are {listed_facts(candidates)}" if candidates else ""
+    return LogError(
+        "no column name says driving; give --column driving=NAME, or, where a clock turns the"
+        " driving shaft, --driving-rpm RPM (--driving-rpm sidereal for the worm of a telescope"
+        f" mount){seen}.",
+        where=source,
+    )
+
+
 def two_fits(pairs: Sequence[tuple[Candidate, Candidate]], source: str) -> LogError:
     """Return the question which of several pairs of columns are the shafts."""
     shown = ", or ".join(f"`{a.name}` drives `{b.name}`" for a, b in pairs[:4])

@@ -87,11 +87,13 @@ class Search:
     roles: dict[str, int | None] = field(default_factory=dict)
     guesses: list[Guess] = field(default_factory=list)
     units: dict[str, str] = field(default_factory=dict)
+    _open: LogError | None = None
 
     def take_stated(self, *, timed: bool) -> None:
         """Take the columns that options name, and those with the names of this package.
 
-        **Raises** `LogError` for a name that no column or several columns have.
+        **Raises** `LogError` for a stated name that no column or several columns have. Several
+        columns with one of the names of this package are a question that `find` asks.
         """
         self.units = dict(self.request.units)
         self._take_named()
@@ -102,6 +104,8 @@ class Search:
 
         **Raises** `LogError` or `UsageError` with the option that decides.
         """
+        if self._open is not None:
+            raise self._open
         missing = self._find_named_shafts()
         if timed and "time" not in self.roles and not has_clocks(self.table):
             free = self._beside("time")
@@ -135,10 +139,10 @@ class Search:
                 continue
             try:
                 index = default_column(role, self.names, self.source)
-            except LogError:
-                if role != "time":
-                    raise
+            except LogError as error:
                 index = None  # `find` takes the time beside the shafts, or asks
+                if role != "time":
+                    self._open = self._open or error
             if index is not None and index not in self.roles.values():
                 self.roles[role] = index
 
@@ -157,6 +161,8 @@ class Search:
         return [role for role in missing if role not in self.roles]
 
     def _find_by_ratio(self, missing: list[str]) -> None:
+        if "transmission_error" in self.roles:
+            raise question.no_driving(self._free(), self.source)
         if not self.request.names_a_drive or (missing == ["driven"] and self._clocked):
             raise question.no_fit(missing, self._free(), None, self.source)
         fixed = {role: self._candidate(self.roles[role]) for role in SHAFTS if role in self.roles}
@@ -196,7 +202,7 @@ class Search:
 
     def spec(self) -> PairSpec:
         """Return the pair file that says the same."""
-        layout = LogLayout(driving_rpm=self.request.driving_rpm)
+        layout = LogLayout(driving_rpm=self.request.rpm)
         return msgspec.structs.replace(
             self.request.spec(),
             log=msgspec.structs.replace(layout, **self.column_names),

@@ -18,6 +18,13 @@ UNITS = {
 """Role → units that `--unit` can state."""
 
 
+SIDEREAL = "sidereal"
+"""Word for the speed of a driven shaft that follows the stars."""
+
+SIDEREAL_DAY_S = 86164.0905
+"""Seconds of one turn of the sky (mean sidereal day)."""
+
+
 @dataclass(frozen=True)
 class DriveRequest:
     """Statements about a drive and its log that replace a pair file.
@@ -29,7 +36,8 @@ class DriveRequest:
     - `counts`: counts per revolution of the driving and of the driven encoder.
     - `units`: role → unit of a column whose name says none.
     - `inverted`: shafts whose encoder counts against the direction of the other one.
-    - `driving_rpm`: speed in rpm of a driving shaft without an encoder, which a clock turns.
+    - `driving_rpm`: speed in rpm of a driving shaft without an encoder, which a clock turns;
+      "sidereal" if the driven shaft turns once a sidereal day.
     """
 
     ratio: str | None = None
@@ -62,6 +70,13 @@ class DriveRequest:
         except PairError as error:
             option = "--teeth" if self.ratio is None else "--ratio"
             raise UsageError(f"{option} {error.message}") from None
+
+    @property
+    def rpm(self) -> str | None:
+        """Speed of a driving shaft that a clock turns, in rpm, as a fraction in text."""
+        if self.driving_rpm != SIDEREAL:
+            return self.driving_rpm
+        return f"{60 / SIDEREAL_DAY_S / float(self.speed_ratio):.15g}"
 
     @property
     def says_which_shaft(self) -> bool:
@@ -105,9 +120,9 @@ class DriveRequest:
         for shaft in self.inverted:
             if shaft not in SHAFTS:
                 raise UsageError(f"--invert {shaft!r} must be driving or driven.")
-        if self.driving_rpm is not None:
+        if self.driving_rpm not in (None, SIDEREAL):
             try:
-                as_fraction(self.driving_rpm, "")
+                as_fraction(str(self.driving_rpm), "")
             except PairError as error:
                 raise UsageError(f"--driving-rpm {error.message}") from None
 

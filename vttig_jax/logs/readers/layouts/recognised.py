@@ -1,7 +1,7 @@
 """The text layouts that are recognised, in the order of the trials."""
 
 from ..nested import NestedTable
-from . import camonitor, cantools, halsampler, long_table, sections, twincat
+from . import camonitor, cantools, halsampler, long_table, phd2, sections, twincat
 from .channels import Layout
 
 LAYOUTS = (
@@ -9,6 +9,7 @@ LAYOUTS = (
     Layout("cantools decode", cantools.matches, cantools.read),
     Layout("EPICS camonitor", camonitor.matches, camonitor.read),
     Layout("LinuxCNC halsampler", halsampler.matches, halsampler.read),
+    Layout("PHD2 guide log", phd2.matches, phd2.read),
     Layout("long table", long_table.matches, long_table.read),
     Layout("file in sections", sections.matches, sections.read),
 )
