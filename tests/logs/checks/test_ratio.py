@@ -76,6 +76,18 @@ def test_an_eccentricity_over_few_turns_is_no_wrong_ratio(turns, order):
     assert max(off) > 0.005 or turns > 1
 
 
+@pytest.mark.parametrize(
+    ("turns", "off", "verdict"),
+    [(1.7, 1.008, "agrees"), (1.7, 1.011, "differs"), (20.0, 1.008, "differs")],
+)
+def test_a_ratio_that_is_fitted_on_few_turns_is_refused_later(turns, off, verdict):
+    """Over 1.7 driven turns 0.8 % turn the driven order by 5°, over 20 turns by 58°."""
+    angle = np.linspace(0, 2 * np.pi * turns / 0.5625, 4000)
+    driven = 0.5625 * off * angle + 1e-6 * np.sin(40.3 * angle)
+    made = EncoderLog.from_arrays(angle, angle, driven, pair=spec(), unit="rad")
+    assert seen_ratio(made).verdict == verdict
+
+
 def test_standard_error_covers_independent_noise():
     draws = []
     for seed in range(40):

@@ -19,7 +19,12 @@ from ...base.units import REV
 from ..encoder_log import EncoderLog
 
 TOLERANCE = 0.005
-"""Largest relative deviation of a correct ratio (chosen)."""
+"""Largest relative deviation of a correct ratio over many turns (chosen)."""
+
+SHIFT_TURNS, MOST_TOLERANCE = 0.015, 0.01
+"""On few turns a wrong ratio resembles a first order, and the fit estimates it. The tolerance is
+then the deviation that turns the driven orders by `SHIFT_TURNS` over the log, up to
+`MOST_TOLERANCE`, which is less than one tooth of a gear with 100 (both chosen)."""
 
 DEVIATIONS = 5.0
 """Largest deviation of a correct ratio in standard errors (chosen)."""
@@ -161,13 +166,20 @@ def seen_ratio(log: EncoderLog) -> SeenRatio:
     if log.driven is None:
         return SeenRatio(None, None, log.ratio, "none")
     seen, std = slope(log.driving_angle, log.driven_angle)
-    return SeenRatio(seen, std, log.ratio, _verdict(seen, std, float(log.ratio)))
+    tolerance = _tolerance(float(np.ptp(log.driven_angle)) / REV)
+    return SeenRatio(seen, std, log.ratio, _verdict(seen, std, float(log.ratio), tolerance))
+
+
+def _tolerance(turns: float) -> float:
+    """Return the largest relative deviation of a correct ratio; `turns` of the driven shaft."""
+    return max(TOLERANCE, min(MOST_TOLERANCE, SHIFT_TURNS / max(turns, 1e-9)))
 
 
 def check_ratio(log: EncoderLog) -> SeenRatio:
     """Return `seen_ratio`, or raise `LogError` if the log contradicts the given ratio.
 
-    A contradiction is a deviation of more than 0.5 % and of more than 5 standard errors.
+    A contradiction is a deviation of more than 5 standard errors and of more than 0.5 %, or up to
+    1 % if the driven shaft covers less than three turns.
     """
     ratio = seen_ratio(log)
     if log.driven is not None and ratio.seen is not None:
@@ -229,10 +241,10 @@ def _jackknife(x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"]) -> float:
     return float(np.sqrt((len(slopes) - 1) / len(slopes) * scatter))
 
 
-def _verdict(seen: float, std: float, given: float) -> Verdict:
+def _verdict(seen: float, std: float, given: float, tolerance: float) -> Verdict:
     def fits(value: float) -> bool:
         off = abs(seen - value)
-        return off <= TOLERANCE * abs(value) or off <= DEVIATIONS * std
+        return off <= tolerance * abs(value) or off <= DEVIATIONS * std
 
     candidates: dict[Verdict, float] = {
         "agrees": given,
