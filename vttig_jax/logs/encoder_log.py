@@ -16,6 +16,7 @@ from ..base.files.text_tables import key_values
 from ..base.units import ANGLE_UNITS, ARCSEC, DEG, REV
 from ..pair.schema import PairSpec
 from .channel.channel import Channel, RawChannel, make_channel
+from .channel.speed import Speed, smooth_speed
 from .channel.stuck import refuse_stuck
 from .magnitudes import refuse_times, refuse_turns, refuse_values
 from .protocols import TwoShafts
@@ -214,6 +215,17 @@ class EncoderLog:
         i = self.ratio
         turns = i.denominator * turns2 - i.numerator * turns1
         return (REV / i.denominator) * turns + (rest2 - float(i) * rest1)
+
+    @cached_property
+    def driving_speed(self) -> Speed:
+        """Smoothed speed of the driving shaft, from its angle as read."""
+        return smooth_speed(self.time, self.driving_angle, self.driving.resolution)
+
+    def smooth_speed(self, angle: Float[np.ndarray, " n"]) -> Speed:
+        """Return the smoothed speed of the driving shaft from its angle without spikes, rad."""
+        if angle is self.driving_angle:
+            return self.driving_speed
+        return smooth_speed(self.time, angle, self.driving.resolution)
 
     @cached_property
     def rounding(self) -> float:

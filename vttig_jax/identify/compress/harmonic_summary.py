@@ -20,7 +20,6 @@ from ..settings import NoiseSettings
 from .block_rows import LogRows
 from .flank_summary import FlankSummary, Runs, conditioned_runs
 from .noise_kinds import NOISE, RowNoise
-from .orthogonal import residual_weights
 
 FLANKS: tuple[Flank, ...] = ("A", "B")
 
@@ -219,14 +218,18 @@ def _conditioned(log: LogRows) -> tuple[dict[Flank, Runs], int]:
 
 def _needed(conditioned: dict[Flank, Runs], most: int) -> int:
     needed = 1
-    for pieces, pseudo, _ in conditioned.values():
-        gram = sum((rows.T @ rows for rows in pieces), pseudo.T @ pseudo)
-        weights = residual_weights(np.linalg.cholesky(gram).T)
-        residuals = [rows @ weights for rows in pieces]
-        count = sum(map(len, residuals))
-        covariance = [
-            sum(float(r[lag:] @ r[: len(r) - lag]) for r in residuals) / count
-            for lag in range(most + 1)
-        ]
-        needed = max(needed, len(whitening_filter(np.array(covariance), count)) + 1)
+    for pieces, _, _ in conditioned.values():
+        # The last of nearly orthonormal columns is what the others leave of y.
+        residuals = [np.ascontiguousarray(rows[:, -1]) for rows in pieces]
+        needed = max(needed, _order_of(residuals, most) + 2)
     return min(needed, most)
+
+
+def _order_of(residuals: Sequence[Float[np.ndarray, " _"]], most: int) -> int:
+    """Return the order of the autoregression of residuals, at most `most`."""
+    count = sum(map(len, residuals))
+    covariance = [
+        sum(float(r[lag:] @ r[: len(r) - lag]) for r in residuals) / count
+        for lag in range(most + 1)
+    ]
+    return len(whitening_filter(np.array(covariance), count)) - 1

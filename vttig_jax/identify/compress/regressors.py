@@ -12,7 +12,6 @@ from scipy.ndimage import uniform_filter1d
 from ...base.errors import UsageError
 from ...base.numerics.counting import nearest_whole, whole_above
 from ...base.units import DEG
-from ...logs.channel.speed import smooth_speed
 from ...logs.channel.spikes import without_spikes
 from ...logs.encoder_log import EncoderLog
 from ...logs.motion.segments import Segment
@@ -275,12 +274,12 @@ def _speed(log: EncoderLog, driving: Samples) -> Samples:
     """Return ω₁, rad/s, as logged, or by differences over windows that the resolution allows."""
     if log.speed is not None:
         return log.speed
-    return smooth_speed(log.time, driving, log.driving.resolution).value
+    return log.smooth_speed(driving).value
 
 
 def _delay(log: EncoderLog, driving: Samples, ratio: float) -> Samples:
     """Return −ω₂, which a late driven channel adds to the TE per second of delay."""
-    return -ratio * smooth_speed(log.time, driving, log.driving.resolution).value
+    return -ratio * log.smooth_speed(driving).value
 
 
 def _late_delay(log: EncoderLog, driving: Samples, ratio: float) -> Samples:
@@ -296,7 +295,7 @@ def _driven_speed(log: EncoderLog, driving: Samples, ratio: float) -> Samples:
 def _driven_acceleration(log: EncoderLog, driving: Samples, ratio: float) -> Samples:
     if log.acceleration is not None:
         return ratio * log.acceleration
-    smooth = smooth_speed(log.time, driving, log.driving.resolution)
+    smooth = log.smooth_speed(driving)
     half = max(1, smooth.window // 2)
     place = np.arange(len(log.time))
     low, high = np.maximum(place - half, 0), np.minimum(place + half, len(place) - 1)

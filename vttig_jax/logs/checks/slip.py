@@ -14,7 +14,6 @@ from jaxtyping import Bool, Float, Int
 
 from ...base.errors import LogError
 from ...base.units import DEG, REV
-from ..channel.speed import smooth_speed
 from ..encoder_log import EncoderLog
 from ..motion.segments import Segment, Segments
 from .steps import Step, find_steps
@@ -192,7 +191,7 @@ def _columns(
     table = np.empty((groups + 2 + 4 * ORDERS * len(flanks) + torques, len(rows)))
     table[:groups] = group == np.arange(groups)[:, None]
     table[groups] = (time - time.mean()) / span
-    speed = smooth_speed(log.time, log.driving_angle, log.driving.resolution).value[rows]
+    speed = log.driving_speed.value[rows]
     table[groups + 1] = _scaled(speed)
     place = groups + 2
     for angle in (log.driving_angle[rows], log.driven_angle[rows]):

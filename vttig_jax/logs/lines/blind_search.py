@@ -7,7 +7,6 @@ from jaxtyping import Float
 
 from ...base.numerics.counting import whole_below
 from ...base.units import REV
-from ..channel.speed import smooth_speed
 from ..encoder_log import EncoderLog
 from ..motion.segments import Segment
 from .search import Line, Stretch, find_lines
@@ -32,7 +31,7 @@ def blind_lines(log: EncoderLog, segments: Sequence[Segment]) -> tuple[Line, ...
         return ()
     angle = log.driving.steady_angle(log.time)
     usable = ~log.spikes
-    speed = smooth_speed(log.time, angle, log.driving.resolution)
+    speed = log.smooth_speed(angle)
     steps = np.concatenate([np.abs(np.diff(angle[s.start : s.stop])) for s in segments])
     per_turn = REV / max(float(np.quantile(steps, _FASTEST)), 1e-12)
     highest = min(HIGHEST, per_turn / _ALIAS)

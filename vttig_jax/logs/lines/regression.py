@@ -1,7 +1,8 @@
 """Least-squares fit of lines beside regressors."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ from scipy.linalg import qr
 
 from ...base.units import REV
 from .noise import whitened
-from .rows import Rows
+from .rows import KnownWaves, Rows, Wave
 
 APART = 1.0
 """Least distance of two lines in resolutions, 1 / (revolutions of the log) (chosen)."""
@@ -22,6 +23,10 @@ _CONVERGED = 0.01
 _UNCHANGED = np.ones(1)
 _RANK = 1e-10
 """Least size of a column beside the others, relative to the column itself (chosen)."""
+
+_INDEPENDENT = 1e-6
+"""Least eigenvalue of the products of columns of length one from which the products determine the
+coefficients; they then keep ten digits (chosen)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,11 +46,12 @@ class Regressors:
         return sum(basis.shape[1] for _, basis in self.blocks)
 
     def residual(self, columns: Float[np.ndarray, " n *k"]) -> Float[np.ndarray, " n *k"]:
-        """Return the part of columns outside the regressors."""
-        parts = [
-            columns[where] - basis @ (basis.T @ columns[where]) for where, basis in self.blocks
-        ]
-        return np.concatenate(parts)
+        """Return the part of columns outside the regressors; each column is one piece of memory."""
+        left = np.array(columns.T, order="C")
+        for where, basis in self.blocks:
+            part = left[..., where]
+            part -= (part @ basis) @ basis.T
+        return left.T
 
 
 def orthonormal(
@@ -64,10 +70,43 @@ def orthonormal(
 
 def waves(rows: Rows, frequencies: Sequence[float] | np.ndarray) -> Float[np.ndarray, "n k"]:
     """Return cosine and sine of every line, averaged over the width of each row."""
-    cycles = np.asarray(frequencies, np.float64)
-    angle = REV * rows.turns[:, None] * cycles
-    mean = np.sinc(rows.width[:, None] * cycles)
-    return np.stack([np.cos(angle) * mean, np.sin(angle) * mean], axis=2).reshape(len(angle), -1)
+    return _columns(lambda one: rows.waves.of(one, partial(_wave, rows)), frequencies, rows)
+
+
+def _wave(rows: Rows, cycles: float) -> Wave:
+    angle = REV * cycles * rows.turns
+    table = np.stack([np.cos(angle), np.sin(angle)])
+    if rows.width.any():
+        table *= np.sinc(cycles * rows.width)
+    return table.T
+
+
+def _columns(
+    wave: Callable[[float], Wave], frequencies: Sequence[float] | np.ndarray, rows: Rows
+) -> Float[np.ndarray, "n k"]:
+    """Return the columns of all lines, each of which is one piece of memory."""
+    table = np.empty((2 * len(frequencies), len(rows.turns)))
+    for place, cycles in enumerate(frequencies):
+        table[2 * place : 2 * place + 2] = wave(float(cycles)).T
+    return table.T
+
+
+def fitted(
+    columns: Float[np.ndarray, "n q"], value: Float[np.ndarray, " n"]
+) -> tuple[Float[np.ndarray, " q"], Float[np.ndarray, "q q"]]:
+    """Return the least-squares coefficients of columns, and their covariance for variance 1.
+
+    The products of the columns decide while these are far from dependent, and QR otherwise.
+    """
+    products, right = columns.T @ columns, columns.T @ value
+    size = np.sqrt(np.diag(products))
+    size[size == 0] = 1.0
+    values, vectors = np.linalg.eigh(products / np.outer(size, size))
+    if len(values) and values[0] < _INDEPENDENT:
+        basis, mixing = orthonormal(columns)
+        return mixing @ (basis.T @ value), mixing @ mixing.T
+    root = vectors / np.sqrt(values) / size[:, None]
+    return root @ (root.T @ right), root @ root.T
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,12 +118,14 @@ class LineRegression:
     **Arguments**
     - `taps`: whitening filter along every run; (1,) without whitening.
     - `residual`: whitened value without its regressors, rad, shape (n,).
+    - `waves`: lines whose whitened columns are known.
     """
 
     rows: Rows
     regressors: Regressors
     taps: Float[np.ndarray, " taps"]
     residual: Float[np.ndarray, " n"]
+    waves: KnownWaves = field(default_factory=KnownWaves)
 
     @classmethod
     def of(
@@ -93,17 +134,17 @@ class LineRegression:
         """Project the value of rows on the regressors and whiten it."""
         return cls(rows, regressors, taps, whitened(rows, regressors.residual(rows.value), taps))
 
-    def _outside(self, columns: Float[np.ndarray, " n *k"]) -> Float[np.ndarray, " n *k"]:
-        return whitened(self.rows, self.regressors.residual(columns), self.taps)
-
     def columns(self, frequencies: Sequence[float] | np.ndarray) -> Float[np.ndarray, "n k"]:
         """Return whitened cosine and sine of every line without the regressors."""
-        return self._outside(waves(self.rows, frequencies))
+        return _columns(lambda one: self.waves.of(one, self._white), frequencies, self.rows)
+
+    def _white(self, cycles: float) -> Wave:
+        return whitened(self.rows, self.regressors.residual(waves(self.rows, [cycles])), self.taps)
 
     def after(self, frequencies: Sequence[float] | np.ndarray) -> Float[np.ndarray, " n"]:
         """Return the whitened residual of a fit of regressors and lines."""
-        basis, _ = orthonormal(self.columns(frequencies))
-        return self.residual - basis @ (basis.T @ self.residual)
+        columns = self.columns(frequencies)
+        return self.residual - columns @ fitted(columns, self.residual)[0]
 
     def misfit(self, frequencies: Sequence[float] | np.ndarray) -> float:
         """Return the sum of squares after a fit of regressors and lines."""
@@ -112,9 +153,9 @@ class LineRegression:
 
     def drops(self, frequencies: Float[np.ndarray, " k"]) -> tuple[Float[np.ndarray, " k"], float]:
         """Return the decrease of the sum of squares by each line, and what all lines leave."""
-        basis, mixing = orthonormal(self.columns(frequencies))
-        pairs, covariance = mixing @ (basis.T @ self.residual), mixing @ mixing.T
-        rest = self.residual - basis @ (basis.T @ self.residual)
+        columns = self.columns(frequencies)
+        pairs, covariance = fitted(columns, self.residual)
+        rest = self.residual - columns @ pairs
         drops = [
             pairs[wave] @ np.linalg.pinv(covariance[wave, wave]) @ pairs[wave]
             for wave in (slice(k, k + 2) for k in range(0, len(pairs), 2))
@@ -128,13 +169,13 @@ class LineRegression:
 
         **Returns** the coefficients and their covariance for innovations of variance 1.
         """
+        columns = self.columns(frequencies)
+        pairs, _ = fitted(columns, self.residual)
         wave = waves(self.rows, frequencies)
-        basis, mixing = orthonormal(self._outside(wave))
-        pairs = mixing @ (basis.T @ self.residual)
-        cosine, sine = wave[:, ::2], wave[:, 1::2]
-        slopes = REV * self.rows.turns[:, None] * (pairs[1::2] * cosine - pairs[::2] * sine)
-        basis, mixing = orthonormal(self._outside(np.concatenate([wave, slopes], axis=1)))
-        return mixing @ (basis.T @ self.residual), mixing @ mixing.T
+        change = pairs[1::2] * wave[:, ::2] - pairs[::2] * wave[:, 1::2]
+        slopes = self.regressors.residual(REV * self.rows.turns[:, None] * change)
+        slopes = whitened(self.rows, slopes, self.taps)
+        return fitted(np.concatenate([columns.T, slopes.T]).T, self.residual)
 
     def refine(
         self, frequencies: Float[np.ndarray, " k"], lowest_cycles: float
@@ -146,8 +187,8 @@ class LineRegression:
         """
         count, resolution = len(frequencies), 1 / self.rows.span
         size, lowest = 1.0, self.misfit(frequencies)
+        coefficients, covariance = self.solve(frequencies)
         for _ in range(_STEPS):
-            coefficients, covariance = self.solve(frequencies)
             step = np.clip(coefficients[-count:], -0.25 * resolution, 0.25 * resolution)
             scatter = np.sqrt(np.diag(covariance)[-count:] * lowest / len(self.residual))
             if np.all(np.abs(size * step) <= _CONVERGED * scatter):
@@ -157,6 +198,7 @@ class LineRegression:
             apart = np.min(np.diff(np.sort(trial)), initial=np.inf)
             if misfit < lowest and trial.min() >= lowest_cycles and apart >= APART * resolution:
                 frequencies, lowest = trial, misfit
+                coefficients, covariance = self.solve(frequencies)
             else:
                 size *= 0.5
         return frequencies

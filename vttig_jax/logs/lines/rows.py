@@ -1,7 +1,7 @@
 """Rows of a line search: stretches of one or several logs, stacked and averaged."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from itertools import groupby, pairwise
 from operator import attrgetter
 
@@ -51,6 +51,27 @@ class Stretch:
                 )
 
 
+_KNOWN = 24  # lines whose columns are kept, at most (chosen)
+
+Wave = Float[np.ndarray, "n 2"]
+"""Cosine and sine of a line, one after the other in memory."""
+
+
+@dataclass(frozen=True, eq=False)
+class KnownWaves:
+    """Columns of the lines that were computed last, by their frequency."""
+
+    last: dict[float, Wave] = field(default_factory=dict)
+
+    def of(self, cycles: float, compute: Callable[[float], Wave]) -> Float[np.ndarray, "n 2"]:
+        """Return the columns of a line, which are computed only if they are not known."""
+        if cycles not in self.last:
+            if len(self.last) >= _KNOWN:
+                del self.last[next(iter(self.last))]
+            self.last[cycles] = compute(cycles)
+        return self.last[cycles]
+
+
 @dataclass(frozen=True)
 class Rows:
     """Rows of all runs in one stack.
@@ -61,6 +82,7 @@ class Rows:
     - `value`: rad, shape (n,).
     - `nuisance`: the rows of every group and their regressors, shape (rows of the group, q).
     - `starts`: first row of every run, and n at the end.
+    - `waves`: lines whose columns are known.
     """
 
     turns: Float[np.ndarray, " n"]
@@ -69,6 +91,7 @@ class Rows:
     value: Float[np.ndarray, " n"]
     nuisance: tuple[tuple[slice, Float[np.ndarray, "_ _"]], ...]
     starts: tuple[int, ...]
+    waves: KnownWaves = field(default_factory=KnownWaves, repr=False, compare=False)
 
     @property
     def runs(self) -> list[slice]:

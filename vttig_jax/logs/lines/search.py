@@ -31,6 +31,10 @@ _ROUNDING = 1e-26
 """Largest ratio of the sum of squares to that of the values which is a rounding error (chosen)."""
 
 
+_Level = tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]
+"""Level of the noise at every line, and the number of heights that each is the mean of."""
+
+
 @dataclass(frozen=True)
 class Line:
     """Periodic component a sin(c φ + p) of the transmission error, with φ the driving angle.
@@ -131,8 +135,10 @@ class _Search:
             if self._is_rounding(residual):
                 break
             taps = noise_filter(self.rows, residual)
-            both = (plain, LineRegression.of(self.rows, self.regressors, taps))
-            found = [(*self._highest(part, frequencies), part) for part in both]
+            parts = [plain]
+            if len(taps) > 1:
+                parts.append(LineRegression.of(self.rows, self.regressors, taps))
+            found = [(*self._highest(part, frequencies), part) for part in parts]
             score, cycles, regression = max(found, key=itemgetter(0))
             if score <= 0 or self._alarm(score) > self.false_alarm:
                 break
@@ -146,10 +152,11 @@ class _Search:
             taps = noise_filter(self.rows, plain.after(frequencies))
             regression = LineRegression.of(self.rows, self.regressors, taps)
             frequencies = regression.refine(frequencies, self._lowest)
-            scores = self._scores(regression, frequencies)
+            level = self._level(regression, frequencies)
+            scores = self._scores(regression, frequencies, level)
             worst = int(np.argmin(scores))
             if self._alarm(float(scores[worst])) <= self.false_alarm:
-                return self._lines(regression, frequencies, scores)
+                return self._lines(regression, frequencies, scores, level)
             frequencies = np.delete(frequencies, worst)
         return ()
 
@@ -165,7 +172,7 @@ class _Search:
         return float(score[best]), float(self.spectrum.cycles[best])
 
     def _scores(
-        self, regression: LineRegression, frequencies: Float[np.ndarray, " k"]
+        self, regression: LineRegression, frequencies: Float[np.ndarray, " k"], level: _Level
     ) -> Float[np.ndarray, " k"]:
         """Return z of every line beside all others: −ln P of its height in noise alone.
 
@@ -182,8 +189,8 @@ class _Search:
         without = [self._misfit_without(regression, frequencies, k) for k in range(len(drops))]
         gain = np.log(np.maximum(np.array(without) / misfit, 1.0))
         ratio = 0.5 * max(rows - used, 1) * gain
-        level, freedom = self._level(regression, frequencies)
-        nearby = _score(0.5 * drops / level, freedom)
+        usual, freedom = level
+        nearby = _score(0.5 * drops / usual, freedom)
         return np.where(freedom >= _LEAST_FREEDOM, np.minimum(ratio, nearby), ratio)
 
     def _misfit_without(
@@ -195,9 +202,7 @@ class _Search:
         taps = filter_of_order(self.rows, residual, len(regression.taps) - 1)
         return LineRegression.of(self.rows, self.regressors, taps).misfit(others)
 
-    def _level(
-        self, regression: LineRegression, frequencies: Float[np.ndarray, " k"]
-    ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
+    def _level(self, regression: LineRegression, frequencies: Float[np.ndarray, " k"]) -> _Level:
         height = self.spectrum.height(regression.after(frequencies), regression.taps)
         return noise_level(self.spectrum, height, frequencies).at(frequencies)
 
@@ -222,14 +227,15 @@ class _Search:
         regression: LineRegression,
         frequencies: Float[np.ndarray, " k"],
         scores: Float[np.ndarray, " k"],
+        level: _Level,
     ) -> tuple[Line, ...]:
         """Return the lines with standard errors from the larger of both levels of the noise."""
         coefficients, covariance = regression.solve(frequencies)
         misfit = regression.misfit(frequencies)
         used = self.regressors.rank + 3 * len(frequencies) + len(regression.taps)
         usual = misfit / max(len(self.rows.value) - used, 1)
-        nearby, freedom = self._level(regression, frequencies)
-        level = np.where(freedom >= _LEAST_FREEDOM, np.maximum(nearby, usual), usual)
+        nearby, freedom = level
+        variance = np.where(freedom >= _LEAST_FREEDOM, np.maximum(nearby, usual), usual)
         lines = []
         for number in np.argsort(-scores, kind="stable"):
             cycles = float(frequencies[number])
@@ -238,13 +244,15 @@ class _Search:
             amplitude, phase_deg = amplitude_phase(*pair)
             slope = pair / amplitude if amplitude > 0 else np.array([1.0, 0.0])
             correction = 2 * len(frequencies) + number
-            std = float(np.sqrt(level[number] * (slope @ covariance[wave, wave] @ slope)))
+            std = float(np.sqrt(variance[number] * (slope @ covariance[wave, wave] @ slope)))
             if amplitude < _LEAST_AMPLITUDE * std:
                 continue  # a neighbour that is too close decides its amplitude
             lines.append(
                 Line(
                     cycles_per_rev=cycles,
-                    cycles_std=float(np.sqrt(level[number] * covariance[correction, correction])),
+                    cycles_std=float(
+                        np.sqrt(variance[number] * covariance[correction, correction])
+                    ),
                     amplitude_arcsec=float(amplitude) / ARCSEC,
                     amplitude_std_arcsec=std / ARCSEC,
                     phase_deg=float(wrap_deg(phase_deg - 360.0 * (cycles * self.rows.origin))),

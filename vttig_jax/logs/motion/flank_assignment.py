@@ -11,7 +11,6 @@ import numpy as np
 from jaxtyping import Float
 
 from ...base.units import DEG, REV
-from ..channel.speed import smooth_speed
 from ..encoder_log import EncoderLog
 from .flank_step import seen_gap
 from .overrun import overrunning_segments
@@ -89,7 +88,7 @@ def _misfit(log: EncoderLog, rows: np.ndarray, flank: Float[np.ndarray, " m"]) -
     """Return the residual sum of squares of a model with a backlash ≥ 0 between these flanks."""
     from scipy.optimize import lsq_linear  # slow to import, and most logs have no torque
 
-    speed = smooth_speed(log.time, log.driving_angle, log.driving.resolution).value[rows]
+    speed = log.driving_speed.value[rows]
     assert log.torque is not None  # checked by the caller
     columns = [np.ones(len(rows)), speed, log.torque[rows]]
     for angle in (log.driving_angle[rows], log.driven_angle[rows]):

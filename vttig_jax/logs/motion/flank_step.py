@@ -4,7 +4,6 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ...base.units import REV
-from ..channel.speed import smooth_speed
 from ..encoder_log import EncoderLog
 from .segments import Segments
 
@@ -26,7 +25,7 @@ def seen_gap(log: EncoderLog, by_motion: Segments) -> float:
     sense, rows = flank_rows(log, by_motion)
     if len(rows) < LEAST or len(np.unique(sense[rows])) < 2:
         return 0.0
-    speed = smooth_speed(log.time, log.driving_angle, log.driving.resolution).value[rows]
+    speed = log.driving_speed.value[rows]
     columns, error = columns_of(log, rows, speed), log.transmission_error[rows]
     without = error - columns @ np.linalg.lstsq(columns, error, rcond=1e-9)[0]
     least, gap = squares_with_step(error, columns, sense[rows])

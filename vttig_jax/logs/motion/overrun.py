@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ...base.numerics.student_noise import fit_student_noise
-from ..channel.speed import Speed, smooth_speed
+from ..channel.speed import Speed
 from ..encoder_log import EncoderLog
 from .flank_step import EVIDENCE, LEAST, columns_of, flank_rows, squares_with_step
 from .segments import AFTER_REVERSAL, Segments, find_segments
@@ -23,6 +23,7 @@ _SHARES = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95)
 _FINE = 0.05
 """Largest quantisation of the deceleration, relative to its 90 % quantile (chosen)."""
 
+_MOST_SAMPLES = 20_000  # samples from which the interval of the deceleration is found (chosen)
 _ROUNDS = 3  # refinements of the limit between its neighbours, and of the gap (chosen)
 _FACTORS = (3.0, 1.7, 1.3, 1.15, 1.07, 1.03)
 """Factors by which the limit is changed in the last search (chosen)."""
@@ -37,20 +38,22 @@ def overrunning_segments(
     - `by_motion`: segments with flanks by the direction of motion.
     - `crossing`: travel in rad after a change of flank that is masked.
     """
-    speed = smooth_speed(log.time, log.driving_angle, log.driving.resolution)
-    braking = _braking(log, speed)
+    speed = log.driving_speed
     sense, rows = flank_rows(log, by_motion)
-    braked = braking[rows] > 0
+    half = _half_interval(log, speed)
+    seen = _braking(log, speed, half, rows)
+    braked = seen > 0
     if len(rows) < LEAST or braked.sum() < LEAST / 4:
         return None
     columns = columns_of(log, rows, speed.value[rows])
     error = log.transmission_error[rows]
     usual = squares_with_step(error, columns, sense[rows])[0]
-    limits = list(np.quantile(braking[rows][braked], _SHARES))
-    limit, least, gap = _best_limit(error, columns, sense[rows], braking[rows], limits)
+    limits = list(np.quantile(seen[braked], _SHARES))
+    limit, least, gap = _best_limit(error, columns, sense[rows], seen, limits)
     if gap <= 0 or len(rows) * np.log(usual / max(least, 1e-300)) < EVIDENCE:
         return None
     motion = np.sign(speed.value).astype(np.int8)
+    braking = _braking(log, speed, half, np.arange(len(log)))
     limit, place = _profiled(
         log, motion=motion, braking=braking, limit=limit, gap=gap, rows=rows, columns=columns
     )
@@ -69,22 +72,30 @@ def overrunning_segments(
     return replace(assigned, notes=(*by_motion.notes, note))
 
 
-def _braking(log: EncoderLog, speed: Speed) -> Float[np.ndarray, " n"]:
-    """Return the deceleration of the driving shaft in rad/s².
+def _half_interval(log: EncoderLog, speed: Speed) -> int:
+    """Return the samples on either side between which the speed is differenced.
 
-    The speed is differenced over an interval that is long enough for its quantisation to be small.
+    The interval is long enough for the quantisation of the speed to be small. Evenly spaced samples
+    decide.
     """
     interval = float(np.median(np.diff(log.time)))
     quantum = speed.quantum / (speed.window * interval)
-    places, half = np.arange(len(log)), max(speed.window // 2, 1)
+    rows = np.arange(0, len(log), -(-len(log) // _MOST_SAMPLES))
+    half = max(speed.window // 2, 1)
     while True:
-        low, high = np.maximum(places - half, 0), np.minimum(places + half, len(log) - 1)
-        elapsed = np.maximum(log.time[high] - log.time[low], 1e-300)
-        braking = -np.sign(speed.value) * (speed.value[high] - speed.value[low]) / elapsed
-        usual = float(np.quantile(np.abs(braking), 0.9))
+        usual = float(np.quantile(np.abs(_braking(log, speed, half, rows)), 0.9))
         if quantum <= _FINE * usual * 2 * half * interval or half > len(log) // 50:
-            return braking
+            return half
         half *= 2
+
+
+def _braking(
+    log: EncoderLog, speed: Speed, half: int, rows: Int[np.ndarray, " m"]
+) -> Float[np.ndarray, " m"]:
+    """Return the deceleration of the driving shaft in rad/s² at some samples."""
+    low, high = np.maximum(rows - half, 0), np.minimum(rows + half, len(log) - 1)
+    elapsed = np.maximum(log.time[high] - log.time[low], 1e-300)
+    return -np.sign(speed.value[rows]) * (speed.value[high] - speed.value[low]) / elapsed
 
 
 def _profiled(

@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float, Int8
 
 from ...base.units import DEG
 from ..channel.channel import GAP
-from ..channel.speed import Speed, runs, smooth_speed
+from ..channel.speed import Speed, runs
 from ..encoder_log import EncoderLog
 
 SHARE = 0.4
@@ -191,7 +191,7 @@ def find_segments(log: EncoderLog, crossing: float = AFTER_REVERSAL) -> Segments
     angle = log.driving.steady_angle(time)
     interval = np.diff(time)
     cut = np.concatenate([[True], interval > GAP * np.median(interval)])
-    speed = smooth_speed(time, angle, log.driving.resolution)
+    speed = log.smooth_speed(angle)
     sense = _sense(speed, angle, cut)
     spans = runs(sense, cut)
     motion = tuple(_motion(a, b, int(sense[a]), time, angle) for a, b in spans)
