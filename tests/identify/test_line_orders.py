@@ -1,11 +1,15 @@
 """Lines of the residual join the model; the likelihood tells them from the orders beside them."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from tests.identify.drives import drive, drive_log, level, there_and_back
 from vttig_jax.identify.fit_result import Fit
 from vttig_jax.identify.fitting import fit
+from vttig_jax.logs import read_log
+from vttig_jax.pair import load_pair
 from vttig_jax.pair.schema import HarmonicOrders
 
 PAIR = drive("9/16", orders=(1, 2, 3, 4))
@@ -155,3 +159,13 @@ def test_a_hidden_shaft_is_named():
     assert "a hidden shaft turns 1.54" in str(result)
     other = fitted({1.61: 4.0, 3.0874: 20.0, 4.6311: 5.0})
     assert not other.checks.hidden_shafts
+
+
+@pytest.mark.parametrize("log", ["A", pytest.param("B", marks=pytest.mark.slow)])
+def test_a_robot_axis_has_a_hidden_shaft(data_dir, log):
+    """Its lines beside slow errors are too rough to be multiples; the spectrum at them tells."""
+    pair = load_pair(Path(__file__).parents[2] / "fits" / "kuka_kr300" / "axis2.toml")
+    table = data_dir / "kuka_kr300" / f"kr300_{log}_axes123.csv"
+    (shaft,) = fit(read_log(table, pair), pair).checks.hidden_shafts
+    assert shaft.orders == (1, 2, 3, 4) and shaft.coincidence < 1e-4
+    assert shaft.turns_per_rev == pytest.approx(1.5448, abs=2e-4)

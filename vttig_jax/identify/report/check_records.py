@@ -109,7 +109,7 @@ def checks_of(
         ),
         lines=lines,
         joined_lines=found.joined,
-        hidden_shafts=Later(lambda: hidden_shafts([*found.joined, *lines], float(terms.ratio))),
+        hidden_shafts=Later(lambda: hidden_shafts(rows, weights, terms, [*found.joined, *lines])),
     )
 
 

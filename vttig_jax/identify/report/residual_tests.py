@@ -10,8 +10,9 @@ from scipy.special import chdtrc
 from ...base.numerics.counting import whole_below
 from ...base.threads import one_blas_thread
 from ...base.units import REV
+from ...logs.lines.comb import shaft_of_multiples
 from ...logs.lines.comparison import Comparison
-from ...logs.lines.hidden_shaft import hidden_shaft
+from ...logs.lines.hidden_shaft import Multiples, hidden_shaft
 from ...logs.lines.search import Stretch as LineRun
 from ...logs.lines.search import find_lines
 from ...pair.gear_pair import Flank
@@ -29,6 +30,9 @@ _HIGHEST = 12.0
 """Highest frequency of the search for lines, cycles per driving revolution."""
 
 _ROWS_PER_CYCLE = 3.0  # fewest rows per cycle of the highest frequency; chosen value
+_ROWS_PER_MULTIPLE = 2.0
+"""Fewest rows per cycle of a multiple of a known line, whose frequency no alias puts in doubt."""
+
 _ROWS_KEPT = 4.0  # rows per cycle of the highest frequency in long logs; chosen value
 _LEAST_ROWS = 100  # innovations for the test of whiteness; chosen value
 _MOST_CELLS = 50_000  # values of the regressors in a search for lines; chosen value
@@ -37,6 +41,7 @@ _WITHIN = 3.0  # standard errors within which two frequencies are the same; chos
 _TOLD = 0.02
 """Standard error of a frequency, in orders of the driven shaft, up to which it tells them apart."""
 
+_CERTAIN = 1e-6  # largest probability of a false line whose shaft is sought; chosen value
 _FALSE_ALARM = 1e-3  # probability of a false line; chosen value
 
 
@@ -192,12 +197,20 @@ def compared(
     return Comparison.of(*short, frequencies=cycles, highest=highest)
 
 
-def hidden_shafts(lines: Sequence[ResidualLine | JoinedLine], ratio: float) -> list[HiddenShaft]:
+def hidden_shafts(
+    rows: Sequence[LogRows],
+    weights: Sequence[Weights],
+    terms: TermPlan,
+    lines: Sequence[ResidualLine | JoinedLine],
+) -> list[HiddenShaft]:
     """Return a list with the shaft to whose orders the lines belong, empty without such a shaft.
 
-    Of several possible shafts, it is the least probable as a coincidence; see `hidden_shaft`.
-    Lines at whole orders of the driving or driven shaft are not counted.
+    The frequencies of the lines tell it if they are sharp, see `hidden_shaft`; otherwise the
+    spectrum at the multiples of a certain line does, see `shaft_of_multiples`. Lines at whole
+    orders of the driving or driven shaft are not counted. Logs without a common zero have no common
+    spectrum.
     """
+    ratio = float(terms.ratio)
     known: list[tuple[float, float]] = []
     for line in lines:
         cycles, std = line.cycles_per_rev, line.cycles_std
@@ -207,7 +220,41 @@ def hidden_shafts(lines: Sequence[ResidualLine | JoinedLine], ratio: float) -> l
         if all(abs(cycles - other) > _WITHIN * std for other in beside):
             known.append((cycles, std))
     found = hidden_shaft([cycles for cycles, _ in known], [std for _, std in known])
+    found = found or _shaft_of_spectrum(rows, weights, terms, lines)
     return [] if found is None else [HiddenShaft(*astuple(found))]
+
+
+def _shaft_of_spectrum(
+    rows: Sequence[LogRows],
+    weights: Sequence[Weights],
+    terms: TermPlan,
+    lines: Sequence[ResidualLine | JoinedLine],
+) -> Multiples | None:
+    ratio, resolution = float(terms.ratio), 1 / max(turns_of(rows), 1e-9)
+
+    def is_order(cycles: float) -> bool:
+        driven = abs(cycles - round(cycles / ratio) * ratio) < resolution < ratio
+        return driven or abs(cycles - round(cycles)) < resolution
+
+    certain = [one for one in lines if isinstance(one, JoinedLine)]
+    certain += [
+        one
+        for one in lines
+        if isinstance(one, ResidualLine) and one.flank is None and one.log == 0
+        if one.false_alarm <= _CERTAIN and not is_order(one.cycles_per_rev)
+    ]
+    if not certain:
+        return None
+    bases = [one.cycles_per_rev for one in sorted(certain, key=lambda one: one.false_alarm)]
+    runs = _all_runs(rows, weights, [h.term for h in terms.fractional])
+    highest = _highest([run for _, run in runs], _ROWS_PER_MULTIPLE)
+    short = _affordable([run for _, run in runs], highest)
+    flanks = [flank for flank, _ in runs]
+    sides = [
+        [run for own, run in zip(flanks, short, strict=True) if own == flank]
+        for flank in sorted(set(flanks))
+    ]
+    return shaft_of_multiples(sides, bases, highest=highest, is_order=is_order)
 
 
 def _all_runs(
@@ -217,10 +264,10 @@ def _all_runs(
     return [run for place, (log, own) in logs for run in _runs(log, own, place, without)]
 
 
-def _highest(runs: Sequence[LineRun]) -> float:
+def _highest(runs: Sequence[LineRun], rows_per_cycle: float = _ROWS_PER_CYCLE) -> float:
     """Return the highest frequency of a search, cycles per driving revolution; 0 without runs."""
     steps = [float(np.quantile(np.abs(np.diff(run.angle)), 0.9)) for run in runs]
-    return min(_HIGHEST, REV / max(steps) / _ROWS_PER_CYCLE) if steps else 0.0
+    return min(_HIGHEST, REV / max(steps) / rows_per_cycle) if steps else 0.0
 
 
 def _searched(

@@ -4,10 +4,10 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-_HIGHEST = 6
+HIGHEST_ORDER = 6
 """Highest order of a hidden shaft; lines of a shaft have low orders (chosen)."""
 
-_COINCIDENCE = 1e-3  # largest ratio of the likelihoods of coincidence and shaft; chosen value
+COINCIDENCE = 1e-3  # largest likelihood of a coincidence beside that of a shaft; chosen value
 
 
 @dataclass(frozen=True)
@@ -17,7 +17,8 @@ class Multiples:
     **Arguments**
     - `turns`: the frequency, turns of the shaft per driving turn. - `std`: its standard error.
     - `orders`: order of every line of the shaft, ascending.
-    - `coincidence`: likelihood of lines at random frequencies against that of the shaft.
+    - `coincidence`: likelihood of lines at random frequencies against that of the shaft, or a bound
+      of the probability that such lines look like it.
     """
 
     turns: float
@@ -53,11 +54,11 @@ def hidden_shaft(cycles: Sequence[float], stds: Sequence[float]) -> Multiples | 
     found = [
         one
         for start in range(len(lines) - 1)
-        for order in range(1, _HIGHEST + 1)
+        for order in range(1, HIGHEST_ORDER + 1)
         if (one := _of_order(lines[start:], order, len(lines))) is not None
     ]
     best = min(found, key=lambda one: one.coincidence, default=None)
-    return best if best is not None and best.coincidence < _COINCIDENCE else None
+    return best if best is not None and best.coincidence < COINCIDENCE else None
 
 
 def _of_order(lines: Sequence[tuple[float, float]], first: int, total: int) -> Multiples | None:
@@ -69,7 +70,7 @@ def _of_order(lines: Sequence[tuple[float, float]], first: int, total: int) -> M
         spread = math.hypot(std, order * base_std)
         off = (cycles - order * base) / spread
         coincidence = math.sqrt(2 * math.pi) * spread * math.exp(min(off**2, 100) / 2) / base
-        if 1 <= order <= _HIGHEST and order not in members and coincidence < 1:
+        if 1 <= order <= HIGHEST_ORDER and order not in members and coincidence < 1:
             members[order] = (std, cycles)
             chance *= coincidence
     if len(members) < 2 or math.gcd(*members) > 1:
@@ -77,5 +78,5 @@ def _of_order(lines: Sequence[tuple[float, float]], first: int, total: int) -> M
     weights = {order: order / std for order, (std, _) in members.items()}
     std = 1 / math.hypot(*weights.values())
     turns = std**2 * sum(weights[order] * c / s for order, (s, c) in members.items())
-    chance *= _HIGHEST * math.comb(total, len(members))
+    chance *= HIGHEST_ORDER * math.comb(total, len(members))
     return Multiples(turns, std, tuple(sorted(members)), min(chance, 1.0))

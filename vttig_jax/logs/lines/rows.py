@@ -112,7 +112,7 @@ def stack(runs: Sequence[Stretch], highest: float) -> Rows:
     """
     if not runs:
         raise ValueError("Argument `runs` must hold at least one run, but is empty.")
-    step = _typical_step(runs)
+    step = typical_step(runs)
     if step * highest > 0.5:
         raise ValueError(
             f"Argument `highest` must be at most {0.5 / step:.4g} cycles per revolution, but is"
@@ -156,7 +156,7 @@ def _by_group(
     return tuple(blocks)
 
 
-def _typical_step(runs: Sequence[Stretch]) -> float:
+def typical_step(runs: Sequence[Stretch]) -> float:
     """Return the median of the revolutions from row to row, weighted by travel."""
     steps = np.sort(np.concatenate([np.abs(np.diff(run.angle)) for run in runs])) / REV
     path = np.cumsum(steps)

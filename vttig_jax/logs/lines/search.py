@@ -167,7 +167,7 @@ class _Search:
         height = self.spectrum.height(regression.after(frequencies), regression.taps)
         level = noise_level(self.spectrum, height, frequencies)
         usual, freedom = level.at(self.spectrum.cycles)
-        score = np.where(self._free(frequencies), _score(height / usual, freedom), -1.0)
+        score = np.where(self._free(frequencies), relative_height(height / usual, freedom), -1.0)
         best = int(np.argmax(score))
         return float(score[best]), float(self.spectrum.cycles[best])
 
@@ -190,7 +190,7 @@ class _Search:
         gain = np.log(np.maximum(np.array(without) / misfit, 1.0))
         ratio = 0.5 * max(rows - used, 1) * gain
         usual, freedom = level
-        nearby = _score(0.5 * drops / usual, freedom)
+        nearby = relative_height(0.5 * drops / usual, freedom)
         return np.where(freedom >= _LEAST_FREEDOM, np.minimum(ratio, nearby), ratio)
 
     def _misfit_without(
@@ -262,7 +262,7 @@ class _Search:
         return tuple(lines)
 
 
-def _score(
+def relative_height(
     relative: Float[np.ndarray, " f"], freedom: Float[np.ndarray, " f"]
 ) -> Float[np.ndarray, " f"]:
     """Return z of an exponential variable that is as improbable as a height above its level.

@@ -1,0 +1,231 @@
+"""Hidden shafts by the spectrum: too much power at multiples of the frequency of one line.
+
+Frequencies of weak lines are known too roughly to tell multiples from other lines, and weak lines
+may not be found at all. The height of the spectrum at the multiples tells more.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from scipy.interpolate import CubicSpline
+from scipy.special import gammaincc
+
+from ...base.threads import one_blas_thread
+from .comparison import Comparison
+from .hidden_shaft import COINCIDENCE, HIGHEST_ORDER, Multiples
+from .noise import noise_filter
+from .regression import LineRegression, Regressors
+from .rows import Rows, Stretch, stack, typical_step
+from .search import relative_height
+from .spectrum import LEAST_CYCLES, Spectrum, noise_level
+
+_MOST_BASES = 3  # lines, the most certain first, of which a shaft must have one; chosen value
+_PRESENT = math.log(1e3)
+"""Least −ln P of the height of a line at a given frequency in noise alone (chosen)."""
+
+_APART = 3.0
+"""Resolutions from a line within which its own modulation is, and no rank is counted (chosen)."""
+
+_LEAST_APART = 4.0  # least distance of two multiples in resolutions; chosen value
+_NYQUIST = 0.49  # cycles a row of the highest multiple; chosen value
+_FINER = 8  # frequencies between two of the spectrum; chosen value
+_STEP = 0.05  # step of the curvature in resolutions; chosen value
+
+
+@one_blas_thread
+def shaft_of_multiples(
+    sides: Sequence[Sequence[Stretch]],
+    lines: Sequence[float],
+    *,
+    highest: float,
+    is_order: Callable[[float], bool],
+) -> Multiples | None:
+    """Return the frequency of a shaft to whose orders lines belong, or None.
+
+    A known line c would be one of order k of a shaft that turns f = c/k times. All multiples m f
+    are then fitted, the strongest first, each with amplitudes of its own on every side. For every
+    multiple, p is the share of the spectrum in which the rest stands at least as high above the
+    noise nearby. If lines lie at random frequencies, p is uniform, whatever the heights of the
+    lines and the colour of the noise. The product of the r smallest of M such shares is at most x
+    with a probability below (M over r) Q(r, −ln x), where Q is the upper incomplete gamma function.
+    This bound times the number of the tried c, k and r must be below 0.001.
+
+    **Arguments**
+    - `sides`: stretches of every side (a flank), from which the known lines are not removed.
+    - `lines`: frequencies of certain lines in cycles per revolution, the most certain first.
+    - `highest`: highest frequency of a multiple in cycles per revolution.
+    - `is_order`: whether a frequency is a whole order of a shaft with an encoder; such a multiple
+      is not counted.
+
+    **Example**
+    ```python
+    >>> import numpy as np
+    >>> from vttig_jax.logs import Stretch
+    >>> from vttig_jax.logs.lines.comb import shaft_of_multiples
+    >>> angle = 2 * np.pi * np.linspace(0.0, 40.0, 4000)
+    >>> noise = np.random.default_rng(0).normal(0.0, 1e-5, 4000)
+    >>> value = noise + 5e-5 * np.sin(3.0874 * angle)
+    >>> value += sum(2e-5 * np.sin(m * 1.5437 * angle) for m in (1, 3, 4))
+    >>> run = Stretch(angle, value, np.ones((4000, 1)))
+    >>> shaft = shaft_of_multiples([[run]], [3.0874], highest=12.0, is_order=lambda f: False)
+    >>> round(shaft.turns, 3), shaft.orders
+    (1.544, (1, 2, 3, 4))
+
+    ```
+    """
+    steps = [typical_step(side) for side in sides if side]
+    highest = min([highest, *(_NYQUIST / step for step in steps if step > 0)])
+    bases = [line for line in lines if line < highest][:_MOST_BASES]
+    spectra = [_Side.of(side, highest) for side in sides if bases]
+    if not spectra or any(one is None for one in spectra):
+        return None
+    grid = _finer(max((one.spectrum for one in spectra if one), key=lambda s: s.span))
+    trials = len(bases) * HIGHEST_ORDER
+    found = [
+        one
+        for base in bases
+        for one in _of_base(base, [side for side in spectra if side], grid, is_order)
+    ]
+    best = min(found, key=lambda one: one.coincidence, default=None)
+    if best is None or trials * best.coincidence >= COINCIDENCE:
+        return None
+    turns, std = _refined(sides, best, highest)
+    return Multiples(turns, std, best.orders, trials * best.coincidence)
+
+
+@dataclass(frozen=True, eq=False)
+class _Side:
+    """Rows of a side with their spectrum."""
+
+    rows: Rows
+    spectrum: Spectrum
+    plain: LineRegression
+
+    @classmethod
+    def of(cls, runs: Sequence[Stretch], highest: float) -> "_Side | None":
+        rows = stack(runs, highest)
+        if highest * rows.span <= LEAST_CYCLES:
+            return None
+        regressors = Regressors.of(rows)
+        spectrum = Spectrum.of(rows, regressors, highest)
+        if len(spectrum.cycles) < 2:
+            return None
+        return cls(rows, spectrum, LineRegression.of(rows, regressors))
+
+    def heights(
+        self, fixed: Sequence[float], grid: Float[np.ndarray, " f"]
+    ) -> Float[np.ndarray, " f"]:
+        """Return −ln P of the heights above the noise nearby that lines leave, on a finer grid.
+
+        The autoregression may follow a strong line and hide it, so that the larger height counts of
+        those with and without whitening.
+        """
+        left = self.plain.after(fixed)
+        taps = noise_filter(self.rows, left)
+        white = LineRegression.of(self.rows, self.plain.regressors, taps)
+        pairs = ((left, self.plain.taps), (white.after(fixed), taps))
+        score = np.maximum(*(self._above(fixed, *pair) for pair in pairs))
+        inside = np.clip(grid, self.spectrum.cycles[0], self.spectrum.cycles[-1])
+        return np.asarray(CubicSpline(self.spectrum.cycles, score)(inside))
+
+    def _above(
+        self,
+        fixed: Sequence[float],
+        innovations: Float[np.ndarray, " n"],
+        taps: Float[np.ndarray, " taps"],
+    ) -> Float[np.ndarray, " f"]:
+        height = self.spectrum.height(innovations, taps)
+        level = noise_level(self.spectrum, height, np.array(fixed)).at(self.spectrum.cycles)
+        return relative_height(height / level[0], level[1])
+
+
+def _finer(spectrum: Spectrum) -> Float[np.ndarray, " f"]:
+    cycles = spectrum.cycles
+    return np.linspace(cycles[0], cycles[-1], _FINER * (len(cycles) - 1) + 1)
+
+
+def _of_base(
+    base: float,
+    sides: Sequence[_Side],
+    grid: Float[np.ndarray, " f"],
+    is_order: Callable[[float], bool],
+) -> list[Multiples]:
+    """Return the shafts of all orders that a line may have, without trials taken into account."""
+    resolution = 1 / max(side.spectrum.span for side in sides)
+    first = np.sum([side.heights([base], grid) for side in sides], axis=0)
+    found = []
+    for order in range(1, HIGHEST_ORDER + 1):
+        turns = base / order
+        tried = [
+            m
+            for m in range(1, HIGHEST_ORDER + 1)
+            if m != order and grid[0] <= m * turns <= grid[-1] and not is_order(m * turns)
+        ]
+        if turns < _LEAST_APART * resolution or not tried:
+            continue
+        shares = _shares(base, {m: m * turns for m in tried}, sides, grid, first)
+        orders = tuple(sorted([order, *shares]))
+        if shares and math.gcd(*orders) == 1:
+            found.append(Multiples(turns, 0.0, orders, _chance([*shares.values()], len(tried))))
+    return found
+
+
+def _shares(
+    base: float,
+    open_: dict[int, float],
+    sides: Sequence[_Side],
+    grid: Float[np.ndarray, " f"],
+    heights: Float[np.ndarray, " f"],
+) -> dict[int, float]:
+    """Return the share p of every multiple that stands above the noise, the strongest first."""
+    span = max(side.spectrum.span for side in sides)
+    fixed, shares = [base], {}
+    while open_:
+        at = {m: float(np.interp(cycles, grid, heights)) for m, cycles in open_.items()}
+        best = max(at, key=lambda m: at[m])
+        if at[best] < _PRESENT:
+            break
+        counted = np.all(np.abs(grid[:, None] - np.array(fixed)) * span > _APART, axis=1)
+        as_high = int(np.count_nonzero(heights[counted] >= at[best]))
+        shares[best] = (1 + as_high) / (1 + int(np.count_nonzero(counted)))
+        fixed.append(open_.pop(best))
+        if open_:
+            heights = np.sum([side.heights(fixed, grid) for side in sides], axis=0)
+    return shares
+
+
+def _chance(shares: Sequence[float], tried: int) -> float:
+    """Return the bound of the probability of the product of the smallest shares, for all r."""
+    products = np.cumsum(-np.log(np.sort(shares)))
+    bounds = [
+        math.comb(tried, r) * float(gammaincc(r, product))
+        for r, product in enumerate(products, start=1)
+    ]
+    return min(1.0, len(bounds) * min(bounds))
+
+
+def _refined(
+    sides: Sequence[Sequence[Stretch]], shaft: Multiples, highest: float
+) -> tuple[float, float]:
+    """Return the frequency at which all multiples together fit best, and its standard error."""
+    from scipy.optimize import minimize_scalar  # slow to import, and `inspect` compares nothing
+
+    runs = [run for side in sides for run in side]
+    names = [str(number) for number, side in enumerate(sides) for _ in side]
+    lines = [order * shaft.turns for order in shaft.orders]
+    comparison = Comparison.of(runs, names, frequencies=lines, highest=highest)
+    near = 0.5 * comparison.resolution / max(shaft.orders)
+
+    def height(turns: float) -> float:
+        return comparison.height([order * turns for order in shaft.orders])
+
+    bounds = (shaft.turns - near, shaft.turns + near)
+    options = {"xatol": 1e-3 * near}
+    found: Any = minimize_scalar(height, bounds=bounds, method="bounded", options=options)
+    turns, step = float(found.x), _STEP * near
+    low, middle, high = (height(turns + sign * step) for sign in (-1.0, 0.0, 1.0))
+    return turns, step * float(np.sqrt(2 / max(low + high - 2 * middle, 1e-300)))
