@@ -4,9 +4,11 @@ The parent has imported the libraries, but has started no computation, so that a
 start of Python. What reaches the descriptors 1 and 2 is caught, also from compiled libraries.
 """
 
+import atexit
 import io
 import os
 import re
+import shutil
 import signal
 import sys
 import tempfile
@@ -82,7 +84,18 @@ def hidden(text: str) -> list[str]:
 
 
 def preload() -> None:
-    """Import all that the commands need, without starting a computation."""
+    """Import all that the commands need, without starting a computation.
+
+    `vttig` keeps no compiled programs where JAX is imported already, so JAX keeps them itself.
+    """
+    programs = tempfile.mkdtemp(prefix="programs-")
+    atexit.register(_remove_as, os.getpid(), programs)
+    os.environ |= {
+        "JAX_COMPILATION_CACHE_DIR": programs,
+        "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0",
+        "JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES": "-1",
+        "JAX_PERSISTENT_CACHE_ENABLE_XLA_CACHES": "none",
+    }
     import asammdf  # noqa: F401
     import h5py  # noqa: F401
     import jax  # noqa: F401
@@ -100,6 +113,12 @@ def preload() -> None:
 
     for verb in VERBS:
         vttig.get_command(Context(vttig), verb)
+
+
+def _remove_as(process: int, folder: str) -> None:
+    """Remove a folder in the process that made it, but not in those forked from it."""
+    if os.getpid() == process:
+        shutil.rmtree(folder, ignore_errors=True)
 
 
 def call(

@@ -7,13 +7,16 @@ Half of the kills come after a random time, half at one of the calls of `os.repl
 `os.fsync`, `os.mkdir` and `os.unlink`, before or after it. `fit` writes into a new folder or
 replaces another fit with --overwrite, with pictures. The folder has to hold the old, the new or no
 result; without a result the command is repeated (with --resume where the command has it), and its
-result has to be that of an undisturbed run, bit for bit. Adds its counts to results/kills.json.
+result has to be that of an undisturbed run, bit for bit. What a kill has left byte by byte as an
+earlier one is not repeated again. Adds its counts to results/kills.json.
 """
 
 import argparse
 import collections
+import hashlib
 import json
 import os
+import re
 import shutil
 import signal
 import sys
@@ -29,6 +32,9 @@ from .calls import call, preload
 from .verbs import VERBS, Verb, left_over, reference, write_all
 
 CALLS = ("replace", "rename", "fsync", "mkdir", "unlink")
+
+_RANDOM = re.compile(r"[0-9a-f]{16}|(?<=\.new-)\w+")
+"""Random parts of temporary names."""
 
 
 def aimed(number: int, *, after: bool) -> Callable[[], None]:
@@ -66,10 +72,21 @@ def timed(delay_s: float) -> Callable[[], None]:
     return patch
 
 
-def one(verb: Verb, base: Path, draw: Random, whole_s: float) -> tuple[str, str]:
+def left_state(out: Path) -> str:
+    """Return the digest of all names and bytes below a folder, without random parts of names."""
+    digest = hashlib.sha256()
+    for path in sorted(out.rglob("*"), key=lambda path: _RANDOM.sub("", str(path))):
+        digest.update(_RANDOM.sub("", str(path.relative_to(out))).encode())
+        digest.update(path.read_bytes() if path.is_file() else b"folder")
+    return digest.hexdigest() if out.exists() else "nothing"
+
+
+def one(
+    verb: Verb, base: Path, draw: Random, whole_s: float, repeated: set[str]
+) -> tuple[str, str]:
     """Kill one call; return how it was killed, and what became of the folder."""
     overwrite = not verb.resumes and draw.random() < 0.5
-    out = base / "killed"
+    out, seen = base / "killed", base / "seen"
     shutil.rmtree(out, ignore_errors=True)
     options = []
     if overwrite:
@@ -88,20 +105,29 @@ def one(verb: Verb, base: Path, draw: Random, whole_s: float) -> tuple[str, str]
     ended = call([*arguments, *options], base, before=before)
     how = f"{how}, {'overwrite' if overwrite else 'new'}"
     how += ", killed" if ended.code == -signal.SIGKILL else ", ended"
-    found = verb.content(out)
+    state = f"{overwrite} {left_state(out)}"
+    shutil.rmtree(seen, ignore_errors=True)
+    if out.exists():
+        shutil.copytree(out, seen)
+    found = verb.content(seen)  # a reader settles the copy, and the command below the folder itself
     old, new = ((base / f"{name}.digest").read_text() for name in ("old", "new"))
     if found not in (old, new, "none") or (found == "none" and overwrite):
         return how, f"FAULT {found}"
+    if verb.settles and (left := left_over(seen)):
+        return how, f"FAULT left by a reader {left}"
     holds = {new: "new", old: "old"}.get(found, "none")
-    if holds != "new":
-        again = ["--resume"] if verb.resumes else options
-        ended = call([*arguments, *again], base, before=verb.before)
-        if verb.content(out) != new:
-            return how, f"FAULT repeated: exit {ended.code} {ended.err[-200:]!r}"
-        holds += ", then new"
+    if holds == "new":
+        return how, holds
+    if state in repeated:
+        return how, f"{holds}, as one before"
+    repeated.add(state)
+    again = ["--resume"] if verb.resumes else options
+    ended = call([*arguments, *again], base, before=verb.before)
+    if verb.content(out) != new:
+        return how, f"FAULT repeated: exit {ended.code} {ended.err[-200:]!r}"
     if left := left_over(out):
         return how, f"FAULT left {left}"
-    return how, holds
+    return how, f"{holds}, then new"
 
 
 def main() -> int:
@@ -123,9 +149,9 @@ def main() -> int:
         (base / "old.digest").write_text(reference(verb, base, "old", old=True))
         (base / "new.digest").write_text(reference(verb, base, "new"))
         ended = call([*verb.arguments, "--out", "warm"], base, before=verb.before)
-        until = time.monotonic() + 60 * asked.minutes
+        until, repeated = time.monotonic() + 60 * asked.minutes, set[str]()
         while counts["killed"] < asked.kills and time.monotonic() < until:
-            how, holds = one(verb, base, draw, ended.cpu_s)
+            how, holds = one(verb, base, draw, ended.cpu_s, repeated)
             counts["killed"] += how.endswith("killed")
             counts[f"{how}: {holds}"] += 1
             if holds.startswith("FAULT"):

@@ -31,6 +31,7 @@ class Verb:
     - `arguments`: of the first call; `old`: of a call with another result, for --overwrite.
     - `content`: digest of the result in a folder.
     - `resumes`: whether the call is repeated with --resume after it was stopped.
+    - `settles`: whether a reader removes what a killed call has left.
     - `before`: called in the process of the command, for example to make blocks small.
     """
 
@@ -38,6 +39,7 @@ class Verb:
     old: tuple[str, ...]
     content: Callable[[Path], Content]
     resumes: bool
+    settles: bool = False
     before: Callable[[], None] = lambda: None
 
 
@@ -126,37 +128,50 @@ def _one_log_a_block() -> None:
     many_fits._BLOCK = 1
 
 
+def _small_pictures() -> None:
+    from matplotlib.figure import Figure
+
+    from vttig_jax.plotting import save
+
+    names = ("te_fit.png", "orders.png", "residual.png", "backlash_map.png")
+    save.figures = lambda fit, grid, *, run="": {  # pyright: ignore[reportAttributeAccessIssue]
+        name: save.png(Figure(figsize=(1, 1)), run=run) for name in names
+    }
+
+
 def _save_often() -> None:
     from vttig_jax.posterior.sampling import checkpoint
 
-    checkpoint.SAVE_S = 0.0
+    checkpoint.SAVE_S = checkpoint._WAIT_PER_WRITE = 0.0
 
 
 _PAIR = ("--pair", "pair.toml")
 _RIGS = ("--pair", "gears.toml")
-_DRAWS = ("--steps", "240", "--walkers", "32", "--ensembles", "4", "--no-figures")
+_DRAWS = ("--steps", "420", "--walkers", "32", "--ensembles", "4", "--no-figures")
 VERBS = {
-    "fit": Verb(("fit", "log.csv", *_PAIR), ("fit", "other.csv", *_PAIR), _fit, False),
+    "fit": Verb(
+        ("fit", "log.csv", *_PAIR), ("fit", "other.csv", *_PAIR), _fit, False, True, _small_pictures
+    ),
     "sample": Verb(
         ("sample", "log.csv", *_PAIR, *_DRAWS),
         ("sample", "other.csv", *_PAIR, *_DRAWS),
         _draws,
         True,
-        _save_often,
+        before=_save_often,
     ),
     "sweep": Verb(
         ("sweep", "sweep.toml", "--no-figures"),
         ("sweep", "sweep2.toml", "--no-figures"),
         _table("sweep.parquet"),
         True,
-        _small_blocks,
+        before=_small_blocks,
     ),
     "fit-many": Verb(
         ("fit-many", *(f"rig{k}.csv" for k in range(4)), *_RIGS),
         ("fit-many", "rig0.csv", *_RIGS),
         _table("fits.parquet"),
         True,
-        _one_log_a_block,
+        before=_one_log_a_block,
     ),
 }
 """Name → command."""

@@ -35,6 +35,10 @@ def boom(kind: str, out: str) -> None:
         raise KeyError("two\nlines")
     if kind == "disk":
         raise OSError(28, "No space left on device", "x.csv")
+    if kind == "memory":
+        raise MemoryError
+    if kind == "device memory":
+        raise RuntimeError("RESOURCE_EXHAUSTED: Out of memory allocating 671 GiB.")
     if kind == "interrupt":
         raise KeyboardInterrupt
     if kind == "terminate":
@@ -94,11 +98,17 @@ def test_json_is_one_strict_object(capsys):
     assert only_object(out) == {"schema": "toy/1", "twice": 6, "none": None}
 
 
+NO_MEMORY = (
+    "there is not enough memory for this; close other programs, or ask for less (a shorter log,"
+    " fewer orders or cases)."
+)
 ENDS = [
     ("log", 3, "log.csv", "column `driven` is missing; name it with --column."),
     ("usage", 2, "", "needs the extra `sample`; pip install vttig-jax[sample]."),
     ("answer", 4, "log.csv: driven", "the shaft stands still; turn it."),
     ("disk", 3, "x.csv", "No space left on device."),
+    ("memory", 3, "", NO_MEMORY),
+    ("device memory", 3, "", NO_MEMORY),
     ("interrupt", 130, "", "interrupted before it was done."),
 ]
 

@@ -95,6 +95,10 @@ GROUPS = {
 }
 """Title in the help → its verbs."""
 
+_NO_MEMORY = (
+    "there is not enough memory for this; close other programs, or ask for less (a shorter log,"
+    " fewer orders or cases)."
+)
 _OBJECTS = 50_000  # new objects after which Python searches for unused cycles; chosen value
 
 COMPLETION = "_VTTIG_COMPLETE"
@@ -195,6 +199,8 @@ def _explain(error: BaseException, narrator: Narrator) -> tuple[int, str, str]:
         return 143, "terminated before it was done.", ""
     if isinstance(error, OSError) and error.strerror:
         return InputError.exit_code, f"{error.strerror}.", str(error.filename or "")
+    if isinstance(error, MemoryError) or str(error).startswith("RESOURCE_EXHAUSTED"):  # also of jax
+        return InputError.exit_code, _NO_MEMORY, ""
     if narrator.log_file is None:
         cure = "run it again with --log-file FILE and report the traceback in that file"
     else:

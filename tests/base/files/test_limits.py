@@ -1,5 +1,6 @@
 """Bounded reading: regular files only, and memory that is compared with a limit first."""
 
+import io
 import os
 import threading
 
@@ -67,3 +68,24 @@ def test_the_budget_grows_with_the_file_up_to_the_machine(monkeypatch):
     with pytest.raises(InputError, match="--most-memory") as caught:
         budget.take(1)
     assert caught.value.where == "log.h5"
+
+
+class _Counted(io.BytesIO):
+    """A stream that remembers the most bytes it was asked for."""
+
+    most = 0
+
+    def read(self, size: int | None = -1) -> bytes:
+        self.most = max(self.most, -1 if size is None else size)
+        return super().read(size)
+
+
+@pytest.mark.parametrize(("size", "expected"), [(10, 10), (10, 4), (0, 0), (40 << 20, 0)])
+def test_no_more_is_asked_for_than_is_expected(size, expected):
+    stream = _Counted(bytes(range(256)) * (size // 256) + bytes(size % 256))
+    assert limits.read_at_most(stream, 8 << 30, expected) == stream.getvalue()
+    assert stream.most < (17 << 20)
+
+
+def test_a_stream_beyond_the_limit_is_read_to_just_beyond_it():
+    assert 100 < len(limits.read_at_most(io.BytesIO(bytes(1000)), 100)) <= 300

@@ -7,6 +7,7 @@ option `--most-memory` of the command line replaces this limit.
 """
 
 import errno
+import io
 import os
 import stat
 from collections.abc import Iterator
@@ -20,6 +21,7 @@ MULTIPLE, LEAST_BYTES = 64, 1 << 28
 """Memory per byte of the file, and memory that any file may take; chosen values. Logs of encoders
 compress by 2 to 20."""
 
+_PART = 1 << 24  # bytes that are read at a time from a stream of unknown length; chosen value
 _FALLBACK_BYTES = 4 << 30  # free memory of a system that does not report it; chosen value
 _ASKED: ContextVar[int | None] = ContextVar("asked", default=None)
 
@@ -78,6 +80,22 @@ class MemoryBudget:
             )
 
 
+def read_at_most(file: io.BufferedIOBase, limit: int, expected: int = 0) -> bytes:
+    """Return the bytes of a stream up to its end, or its first bytes, more than `limit` of them.
+
+    Python takes the memory of all bytes that are asked for before it reads them, so that a limit
+    of the machine on the memory of a process would refuse small files if all of `limit` was asked
+    for. `expected` is the number of bytes that the stream probably has.
+    """
+    data = file.read(expected + 1)
+    if len(data) <= expected:
+        return data
+    parts = [data]
+    while len(parts[-1]) and sum(map(len, parts)) <= limit:
+        parts.append(file.read(min(_PART, limit + 1)))
+    return b"".join(parts)
+
+
 def read_regular(path: str | Path) -> bytes:
     """Return the bytes of a regular file.
 
@@ -96,7 +114,7 @@ def read_regular(path: str | Path) -> bytes:
         asked = _ASKED.get()
         limit = free_bytes() // 2 if asked is None else asked
         with open(descriptor, "rb", closefd=False) as file:
-            data = file.read(limit + 1) if seen.st_size <= limit else b""
+            data = read_at_most(file, limit, seen.st_size) if seen.st_size <= limit else b""
         if max(len(data), seen.st_size) > limit:
             size = f"it is larger than the limit of {limit / 2**30:.3g} GiB; see --most-memory"
             raise OSError(errno.EFBIG, size, str(path))

@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 from ..errors import InputError, UsageError
-from .limits import asked_bytes, free_bytes
+from .limits import asked_bytes, free_bytes, read_at_most
 
 STDIN = Path("-")
 """What a user gives in place of a file."""
@@ -36,7 +36,7 @@ def read_standard_input() -> bytes:
         raise UsageError("stdin is a terminal; pipe a log into it, or give a path.", where="stdin")
     limit = asked_bytes() or min(MOST_BYTES, free_bytes() // 2)
     try:
-        data = stream.buffer.read(limit + 1)
+        data = read_at_most(stream.buffer, limit)
     except OSError as error:
         raise InputError(f"cannot be read: {error.strerror}.", where="stdin") from None
     if len(data) > limit:

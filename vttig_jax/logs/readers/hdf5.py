@@ -1,13 +1,19 @@
 """Reading of the numeric arrays of an HDF5 file, also in the format MATLAB v7.3."""
 
 import io
+import zlib
 from collections.abc import Iterator
+from math import prod
 from typing import Any
 
 import numpy as np
 
-from ...base.files.limits import MemoryBudget
+from ...base.files.limits import LEAST_BYTES, MemoryBudget
 from .matlab import DEEPEST, MOST_CELLS
+
+_DEFLATE, _CHECKSUM = 1, 3  # numbers of the filters gzip and fletcher32 of HDF5
+_PART = 1 << 20  # bytes that are unpacked at a time; chosen value
+_HARMLESS = LEAST_BYTES // 1032  # size of a chunk that unpacks to little: deflate packs 1032 to 1
 
 HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 """First bytes of the file, or the bytes at 512 after the header of a MATLAB file."""
@@ -29,6 +35,38 @@ def hdf5_leaves(
     with h5py.File(io.BytesIO(data), "r") as file:
         budget = budget or MemoryBudget("the file", len(data))
         yield from _Walk(h5py, file, data.startswith(b"MATLAB"), budget).members(file, "", 0)
+
+
+def take_dataset(item: Any, budget: MemoryBudget) -> None:
+    """Count the memory that the reading of a data set takes: its values or its largest chunk.
+
+    **Raises** `ValueError` for a chunk that unpacks to more than it has room for, which HDF5 would
+    unpack to the end.
+    """
+    size = item.dtype.itemsize
+    room = prod(item.chunks or ()) * size
+    budget.take(max(item.size * size, room if item.chunks else 0))
+    if not item.chunks:
+        return
+    plist = item.id.get_create_plist()
+    filters = [plist.get_filter(k)[0] for k in range(plist.get_nfilters())]
+    if _DEFLATE not in filters:
+        return
+    if filters.count(_DEFLATE) > 1 or set(filters[filters.index(_DEFLATE) + 1 :]) - {_CHECKSUM}:
+        raise ValueError(f"unusual filters {filters}")
+
+    def check(about: Any) -> None:
+        if about.size <= _HARMLESS:
+            return
+        mask, packed = item.id.read_direct_chunk(about.chunk_offset)
+        unpacker, unpacked = zlib.decompressobj(), 0
+        while packed and not unpacker.eof and not mask:
+            unpacked += len(unpacker.decompress(packed, _PART))
+            packed = unpacker.unconsumed_tail
+            if unpacked > room + _PART:
+                raise ValueError(f"a chunk of {room} bytes unpacks to more than {unpacked}")
+
+    item.id.chunk_iter(check)
 
 
 class _Walk:
@@ -57,12 +95,12 @@ class _Walk:
         if self.matlab:
             yield from self.matlab_leaves(item, path, name, full, depth)
         elif item.dtype.kind in "biuf":
-            self.budget.take(item.size * item.dtype.itemsize)
+            take_dataset(item, self.budget)
             yield full, item[()]
         elif item.dtype.names:
             for field in item.dtype.names:
                 if item.dtype[field].kind in "biuf":
-                    self.budget.take(item.size * item.dtype.itemsize)
+                    take_dataset(item, self.budget)
                     yield f"{full}.{field}", item[field]
 
     def matlab_leaves(
@@ -73,7 +111,7 @@ class _Walk:
         if {"MATLAB_object_decode", "MATLAB_empty"} & set(item.attrs) or kind == b"char":
             return
         if item.dtype.kind in "biuf":
-            self.budget.take(item.size * item.dtype.itemsize)
+            take_dataset(item, self.budget)
             yield full, item[()].T
         elif self.h5py.check_ref_dtype(item.dtype) and item.size <= MOST_CELLS:
             for k, reference in enumerate(item[()].T.ravel(order="F"), 1):

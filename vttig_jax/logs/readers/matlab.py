@@ -1,7 +1,8 @@
 """Reading of the numeric arrays of a MATLAB file (v4 to v7), after a check of its elements.
 
 `scipy.io.loadmat` does not check the type and length before each element; damaged values make it
-read outside its buffers and crash the process. Compressed elements have a checksum.
+read outside its buffers and crash the process. It also takes memory for as many cells, structs and
+letters as an element claims to have.
 """
 
 import io
@@ -10,6 +11,7 @@ import warnings
 import zlib
 from collections.abc import Callable, Iterator
 from inspect import signature
+from math import prod
 from typing import Any
 
 import numpy as np
@@ -19,11 +21,13 @@ from ...base.files.limits import MemoryBudget
 MATRIX, COMPRESSED = 14, 15
 FLAGS, SIZE, NAME = {6}, {5, 6}, {1, 16}
 COMPLEX = 0x800
+CELL, STRUCT, OBJECT, CHAR = 1, 2, 3, 4
 NUMBERS = frozenset((1, 2, 3, 4, 5, 6, 7, 9, 12, 13))
 TEXT = frozenset((16, 17, 18))
 FIRST_NUMERIC_CLASS, LAST_NUMERIC_CLASS, LAST_CLASS = 6, 15, 17
 
 _PART = 1 << 20  # bytes that are unpacked at a time; chosen value
+_ITEM, _FIELD, _LETTER = 128, 1024, 4  # memory of a cell, a field and a letter in bytes, rounded
 
 HEADER = 128
 """Number of bytes before the first element; the last two bytes define the byte order."""
@@ -32,30 +36,51 @@ HEADER = 128
 def check_tags(data: bytes, budget: MemoryBudget | None = None) -> None:
     """Raise `ValueError` for an element of unknown type or beyond the end of its container.
 
-    **Raises** `InputError` for compressed elements that unpack to more than the budget.
+    **Raises** `InputError` for elements that take more memory than the budget.
     """
     order = "<" if data[HEADER - 2 : HEADER] == b"IM" else ">"
+    budget = budget or MemoryBudget("the file", len(data))
     place = HEADER
     while place < len(data):
         kind, start, stop = _element(data, place, len(data), order)
         if kind == MATRIX:
-            _check_matrix(data, start, stop, order)
+            _check_matrix(data, start, stop, order, budget)
         elif kind == COMPRESSED:
-            _unpack(data[start:stop], budget or MemoryBudget("the file", len(data)))
+            _check_packed(data[start:stop], order, budget)
         else:
             raise ValueError(f"type {kind} at byte {place}")
         place = stop
 
 
-def _unpack(packed: bytes, budget: MemoryBudget) -> None:
-    """Count the length of a compressed element without keeping it."""
+def _check_packed(packed: bytes, order: str, budget: MemoryBudget) -> None:
+    """Check the array in a compressed element; of numbers only the first bytes are kept."""
     unpacker = zlib.decompressobj()
-    while packed and not unpacker.eof:
-        budget.take(len(unpacker.decompress(packed, _PART)))
-        packed = unpacker.unconsumed_tail
+    kept = [unpacker.decompress(packed, _PART)]
+    size = len(kept[0])
+    budget.take(size)
+    plain = _holds_numbers(kept[0], order)
+    while not unpacker.eof:
+        part = unpacker.decompress(unpacker.unconsumed_tail, _PART)
+        if not part and not unpacker.eof:
+            raise ValueError("a compressed element is cut off")
+        budget.take(len(part))
+        size += len(part)
+        if not plain:
+            kept.append(part)
+    content = b"".join(kept)
+    kind, start, stop = _element(content, 0, size, order)
+    if kind != MATRIX:
+        raise ValueError(f"type {kind} in a compressed element")
+    _check_matrix(content, start, stop, order, budget)
 
 
-def _check_matrix(data: bytes, start: int, stop: int, order: str) -> None:
+def _holds_numbers(head: bytes, order: str) -> bool:
+    """Return whether an element is an array of real numbers, whose tags are all near its start."""
+    flags = struct.unpack_from(f"{order}I", head, 16)[0]  # behind the tags of array and flags
+    return FIRST_NUMERIC_CLASS <= flags & 0xFF <= LAST_NUMERIC_CLASS and not flags & COMPLEX
+
+
+def _check_matrix(data: bytes, start: int, stop: int, order: str, budget: MemoryBudget) -> None:
     """Check an array: flags, for most classes size and name, then numbers, text or arrays."""
     if start == stop:  # an empty array within a struct
         return
@@ -79,11 +104,36 @@ def _check_matrix(data: bytes, start: int, stop: int, order: str) -> None:
         ):
             raise ValueError(f"no array of numbers at byte {start}")
         return
+    if CELL <= group <= CHAR:
+        _check_count(data, parts, group, order, budget)
     for kind, begin, end in parts:
         if kind not in NUMBERS | TEXT | {MATRIX}:
             raise ValueError(f"type {kind} at byte {begin}")
         if kind == MATRIX:
-            _check_matrix(data, begin, end, order)
+            _check_matrix(data, begin, end, order, budget)
+
+
+def _check_count(
+    data: bytes, parts: list[tuple[int, int, int]], group: int, order: str, budget: MemoryBudget
+) -> None:
+    """Refuse an array that claims more or fewer cells or fields than follow."""
+    (_, begin, end), rest = parts[1], parts[3:]
+    sizes = struct.unpack_from(f"{order}{(end - begin) // 4}i", data, begin)
+    count = prod(sizes)
+    if min(sizes, default=-1) < 0:
+        raise ValueError(f"a size below zero at byte {begin}")
+    if group == CHAR:
+        budget.take(_LETTER * count)  # SciPy fills up with spaces what does not follow
+        return
+    fields = 1
+    if group != CELL:
+        rest = rest[1:] if group == OBJECT else rest  # the name of the class
+        (_, begin, _), (_, first, last), *rest = rest
+        fields = (last - first) // max(struct.unpack_from(f"{order}i", data, begin)[0], 1)
+        budget.take(_FIELD * fields)
+    if len(rest) != count * fields:
+        raise ValueError(f"{count * fields} arrays at byte {begin}")
+    budget.take(_ITEM * len(rest))
 
 
 def _element(data: bytes, place: int, stop: int, order: str) -> tuple[int, int, int]:

@@ -14,6 +14,7 @@ import numpy as np
 
 from ...base.errors import UsageError
 from ...base.files.limits import MemoryBudget
+from .hdf5 import take_dataset
 from .matlab import DEEPEST, HEADER, MOST_CELLS, check_tags
 
 WORKSPACE = "__function_workspace__"
@@ -64,7 +65,7 @@ def _check_hdf5(data: bytes, budget: MemoryBudget) -> bool:
             if isinstance(item, h5py.Dataset):
                 if item.is_virtual or item.external:
                     raise ValueError("data in another file")
-                budget.take(item.size * item.dtype.itemsize)
+                take_dataset(item, budget)
 
         file.visititems(count)
     return True

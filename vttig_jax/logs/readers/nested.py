@@ -82,7 +82,7 @@ def read_nested(path: str | Path) -> tuple[NestedTable, str]:
             columns.update(matrix_columns(name, array))
         if check_objects(data, hdf5=hdf5, budget=budget):
             columns.update(_columns_of_objects(Path(path), needed=not columns))
-    except (UsageError, InputError):
+    except (UsageError, InputError, MemoryError):
         raise
     except Exception:  # damaged bytes raise various exceptions
         raise LogError(

@@ -1,5 +1,6 @@
 """Unpacked sizes of the files of ROS bags, without unpacking them into memory."""
 
+import bz2
 import sqlite3
 import struct
 import sys
@@ -33,8 +34,13 @@ def take_mcap(data: bytes, budget: MemoryBudget) -> None:
     place = _MCAP_START
     while place + 9 <= len(data):
         length = struct.unpack_from("<Q", data, place + 1)[0]
-        if data[place] == _MCAP_CHUNK and place + 33 <= len(data):
-            budget.take(struct.unpack_from("<Q", data, place + 25)[0])
+        if data[place] == _MCAP_CHUNK and place + 41 <= len(data):
+            declared, _, size = struct.unpack_from("<QII", data, place + 25)
+            budget.take(declared)
+            begin = place + 41 + size
+            kind = data[place + 41 : begin]
+            (packed,) = struct.unpack_from("<Q", data, begin) if begin + 8 <= len(data) else (0,)
+            _check_chunk(kind, data[begin + 8 : begin + 8 + packed], declared)
         place += 9 + length
 
 
@@ -49,10 +55,14 @@ def take_ros1(data: bytes, budget: MemoryBudget) -> None:
         while place < len(data):
             head = struct.unpack_from("<I", data, place)[0]
             fields = _ros1_fields(data[place + 4 : place + 4 + head])
-            if fields.get(b"op") == bytes([_ROS1_CHUNK]) and len(fields.get(b"size", b"")) == 4:
-                budget.take(struct.unpack("<I", fields[b"size"])[0])
             place += 4 + head
-            place += 4 + struct.unpack_from("<I", data, place)[0]
+            length = struct.unpack_from("<I", data, place)[0]
+            if fields.get(b"op") == bytes([_ROS1_CHUNK]) and len(fields.get(b"size", b"")) == 4:
+                (declared,) = struct.unpack("<I", fields[b"size"])
+                budget.take(declared)
+                packed = data[place + 4 : place + 4 + length]
+                _check_chunk(fields.get(b"compression", b""), packed, declared)
+            place += 4 + length
 
 
 def _ros1_fields(header: bytes) -> dict[bytes, bytes]:
@@ -65,14 +75,58 @@ def _ros1_fields(header: bytes) -> dict[bytes, bytes]:
     return fields
 
 
+def _check_chunk(kind: bytes, packed: bytes, declared: int) -> None:
+    """Raise `ValueError` for a chunk that unpacks to more than it declares.
+
+    rosbags unpacks a chunk to the end, whatever it declares.
+    """
+    if kind == b"bz2":
+        unpacker: Any = bz2.BZ2Decompressor()
+    elif kind == b"lz4":
+        from lz4.frame import LZ4FrameDecompressor
+
+        unpacker = LZ4FrameDecompressor()
+    elif kind == b"zstd":
+        unpacker = _zstd().ZstdDecompressor()
+    else:
+        return
+    unpacked = 0
+    with suppress(OSError, RuntimeError, EOFError, _zstd().ZstdError):  # the reader reports damage
+        while not unpacker.eof and (packed or not unpacker.needs_input):
+            unpacked += len(unpacker.decompress(packed, _PART))
+            packed = b""
+            if unpacked > declared:
+                break
+    if unpacked > declared:
+        raise ValueError(f"a chunk of {declared} bytes unpacks to more")
+
+
 def take_messages(path: Path, budget: MemoryBudget) -> None:
     """Count the unpacked bytes of the packed messages of a bag of ROS 2 in SQLite."""
+    _require_stored(path)
     address = f"{path.resolve().as_uri()}?mode=ro&immutable=1"
     # The reader of the bag reports the damage of a file that is no table of messages.
     with suppress(sqlite3.Error), closing(sqlite3.connect(address, uri=True)) as base:
         for (data,) in base.execute("SELECT data FROM messages"):
             if isinstance(data, bytes) and data.startswith(_ZSTD):
                 take_frame(data, budget)
+
+
+def _require_stored(path: Path) -> None:
+    """Raise `ValueError` for a table that is computed while it is read, for example a view.
+
+    A view can have rows without end, and a computed column values of any size.
+    """
+    address = f"{path.resolve().as_uri()}?mode=ro&immutable=1"
+    with suppress(sqlite3.Error), closing(sqlite3.connect(address, uri=True)) as base:
+        for name, kind, root in base.execute("SELECT name, type, rootpage FROM sqlite_master"):
+            if kind == "view" or (kind == "table" and not root):
+                raise ValueError(f"`{name}` is no stored table")
+        stored = base.execute("SELECT name FROM sqlite_master WHERE type = 'table'").fetchall()
+        for (name,) in stored:
+            columns = base.execute("SELECT hidden FROM pragma_table_xinfo(?)", (name,))
+            if any(hidden for (hidden,) in columns):
+                raise ValueError(f"`{name}` has a computed column")
 
 
 def take_frame(data: bytes, budget: MemoryBudget) -> None:

@@ -93,7 +93,7 @@ def read_binary(path: Path, form: Format) -> tuple[NestedTable, str, tuple[str, 
     reader = _reader(form)
     try:
         table = _table(reader(path, data), source)
-    except (InputError, UsageError):
+    except (InputError, UsageError, MemoryError):
         raise
     except Exception:  # damaged bytes raise various exceptions
         raise LogError(

@@ -11,6 +11,7 @@ import numpy as np
 from ....base.files.limits import MemoryBudget
 from .clocked import ClockedColumn
 from .declared_sizes import take_mdf
+from .mdf_links import check_links
 from .silence import silent
 
 _SAMPLE = 16  # bytes of a sample and its time stamp
@@ -22,6 +23,7 @@ def mdf_columns(path: Path, data: bytes) -> Iterator[ClockedColumn]:
     Damaged bytes raise various exceptions of asammdf.
     """
     budget = MemoryBudget(str(path), len(data))
+    check_links(data)
     take_mdf(data, budget)
     with silent("asammdf"):
         from asammdf import MDF

@@ -1,0 +1,91 @@
+"""Lists of the blocks of an MDF file, followed before its reader follows them without an end.
+
+Blocks name the next block of their list and the first block of a list below them by its address. A
+damaged address can name a block that comes before, and asammdf would go round for ever.
+"""
+
+import struct
+from collections.abc import Iterator
+
+_HEADER = 64
+"""Address of the first block in all versions."""
+
+_LINKS: dict[bytes, tuple[frozenset[bytes], ...]] = {
+    b"##HD": tuple(map(frozenset, ([b"##DG"], [b"##FH"], [b"##CH"], [b"##AT"], [b"##EV"]))),
+    b"##DG": (frozenset([b"##DG"]), frozenset([b"##CG"])),
+    b"##CG": (frozenset([b"##CG"]), frozenset([b"##CN"])),
+    b"##CN": (frozenset([b"##CN"]), frozenset([b"##CN", b"##CA"])),
+    b"##CA": (frozenset([b"##CN", b"##CA"]),),
+    b"##CH": (frozenset([b"##CH"]), frozenset([b"##CH"])),
+    b"##FH": (frozenset([b"##FH"]),),
+    b"##AT": (frozenset([b"##AT"]),),
+    b"##EV": (frozenset([b"##EV"]),),
+    b"##DL": (frozenset([b"##DL"]),),
+    b"##LD": (frozenset([b"##LD"]),),
+}
+"""MDF 4: kind of a block → kinds to which its first links lead (ASAM MDF 4.1, chapter 5)."""
+
+_DATA_LINK = 2
+"""Link of a group of data (DG) to its data, which may be a list."""
+
+_LINKS_3: dict[bytes, tuple[tuple[int, bytes], ...]] = {
+    b"HD": ((4, b"DG"),),
+    b"DG": ((4, b"DG"), (8, b"CG")),
+    b"CG": ((4, b"CG"), (8, b"CN")),
+    b"CN": ((4, b"CN"),),
+}
+"""MDF 3: kind of a block → places of its links, and the kinds to which they lead."""
+
+
+def check_links(data: bytes) -> None:
+    """Raise `ValueError` for a list of blocks that comes back to itself or has wrong blocks."""
+    links = _links_4 if data[_HEADER : _HEADER + 2] == b"##" else _links_3
+    open_blocks, done = {_HEADER}, set[int]()
+    road = [(_HEADER, links(data, _HEADER))]
+    while road:
+        place, following = road[-1]
+        target = next(following, None)
+        if target is None:
+            road.pop()
+            open_blocks.discard(place)
+            done.add(place)
+        elif target in open_blocks:
+            raise ValueError(f"the block at byte {target} follows itself")
+        elif target not in done:
+            open_blocks.add(target)
+            road.append((target, links(data, target)))
+
+
+def _links_4(data: bytes, place: int) -> Iterator[int]:
+    """Yield the addresses of the lists that a block of MDF 4 goes on with or begins."""
+    kind = data[place : place + 4]
+    if kind not in _LINKS and kind != b"##HL":
+        return
+    (count,) = struct.unpack_from("<Q", data, place + 16)
+    for slot, kinds in enumerate(_LINKS.get(kind, (frozenset([b"##DL", b"##LD"]),))):
+        if slot < count:
+            yield from _target(data, place + 24 + 8 * slot, kinds)
+    if kind == b"##DG" and count > _DATA_LINK:
+        yield from _target(data, place + 24 + 8 * _DATA_LINK, None)
+
+
+def _target(data: bytes, place: int, kinds: frozenset[bytes] | None) -> Iterator[int]:
+    (target,) = struct.unpack_from("<Q", data, place)
+    if not 0 < target <= len(data) - 24:  # none, or one that the reader cannot follow
+        return
+    if kinds is not None and data[target : target + 4] not in kinds:
+        raise ValueError(f"a block of the wrong kind at byte {target}")
+    yield target
+
+
+def _links_3(data: bytes, place: int) -> Iterator[int]:
+    """Yield the addresses of the lists that a block of MDF 3 goes on with or begins."""
+    order = ">" if data[24:26] != b"\0\0" else "<"
+    for offset, kind in _LINKS_3.get(data[place : place + 2], ()):
+        if place + offset + 4 > len(data):
+            continue
+        (target,) = struct.unpack_from(f"{order}I", data, place + offset)
+        if 0 < target < len(data):
+            if data[target : target + 2] != kind:
+                raise ValueError(f"a block of the wrong kind at byte {target}")
+            yield target
