@@ -68,6 +68,12 @@ CASES = {
 }
 
 
+@pytest.fixture(autouse=True, params=[0, blocks._FEW_CELLS], ids=["compiled", "short by NumPy"])
+def both_ways(request, monkeypatch):
+    """Runs of few samples are summed by NumPy, others by the compiled program."""
+    monkeypatch.setattr(blocks, "_FEW_CELLS", request.param)
+
+
 @pytest.mark.parametrize("case", CASES.values(), ids=list(CASES))
 def test_rows_are_plain_means(case):
     channels = _channels(case)
@@ -150,8 +156,9 @@ def test_an_incomplete_block_is_dropped():
     np.testing.assert_array_equal(block_means(np.arange(7.0), 3), [1.0, 4.0])
 
 
-def test_block_sizes_up_to_a_power_of_two_share_one_compilation():
+def test_block_sizes_up_to_a_power_of_two_share_one_compilation(monkeypatch):
     """5 … 8 samples make tables of 8; 9 need tables of 16."""
+    monkeypatch.setattr(blocks, "_FEW_CELLS", 0)
     columns = ColumnLayout(((6, 1), (7, 2), (8, 3)), ((1, 0),), ((OFFSET,),))
     compiled = []
     blocks.chunk_sums.clear_cache()  # pyright: ignore[reportAttributeAccessIssue]

@@ -1,5 +1,7 @@
 """The summary against the rows it stands for."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter
@@ -15,6 +17,7 @@ from tests.identify.summaries import (
 )
 from tests.oracles.stationary_noise import quadratic
 from vttig_jax.base.numerics.partial_autocorrelation import filter_of
+from vttig_jax.identify.compress import harmonic_summary
 from vttig_jax.identify.compress.harmonic_summary import needed_lags, summarise
 from vttig_jax.identify.compress.regressors import Drift
 from vttig_jax.identify.settings import HIGHEST_LAG
@@ -143,3 +146,34 @@ def test_lags_follow_the_order_of_the_noise(poles, least, most):
 def test_short_logs_have_few_lags():
     assert needed_lags(random_log(3, ("offset",), "A", 20)) <= 2
     assert needed_lags(made_log([], ("offset",), "")) == 1
+
+
+def test_further_runs_are_added_to_the_summary_of_the_first_runs(monkeypatch):
+    """The sum is the summary of all runs, and no row of the first runs is read again."""
+    whole = random_log(5, ("offset",), "ABAB", count=2000)
+    for run in whole.runs:
+        run.rows[:, -1] = lfilter([1.0], [1.0, -0.9], run.rows[:, -1])
+    first = replace(whole, runs=whole.runs[:2])
+    plain, base = summarise([whole], TERMS), summarise([first], TERMS)
+    monkeypatch.setattr(harmonic_summary, "_summarised", None)  # the call would fail
+    added = summarise([whole], TERMS, base=(base, [first]))
+    for one, other, part in zip(plain.flanks, added.flanks, base.flanks, strict=True):
+        assert one.lag_products.shape == other.lag_products.shape
+        assert one.rows == other.rows > part.rows
+        filter_ = filter_of(np.array([-0.8]))
+        expected = normal_matrix(one, filter_)
+        tolerance = 1e-9 * np.abs(expected).max()
+        np.testing.assert_allclose(normal_matrix(other, filter_), expected, atol=tolerance)
+        assert np.abs(normal_matrix(part, filter_) - expected).max() > 1e3 * tolerance
+
+
+def test_runs_that_need_more_lags_are_summarised_anew():
+    """White first runs and strongly correlated further ones."""
+    whole = random_log(6, ("offset",), "AA", count=2000)
+    rows = whole.runs[1].rows
+    rows[:, -1] = lfilter([1.0], [1.0, -0.5, 0.3, -0.6], 5 * rows[:, -1])
+    first = replace(whole, runs=whole.runs[:1])
+    base = summarise([first], TERMS)
+    added = summarise([whole], TERMS, base=(base, [first]))
+    assert len(added.flanks[0].lag_products) - 1 == needed_lags(whole)
+    assert len(base.flanks[0].lag_products) - 1 < needed_lags(whole)

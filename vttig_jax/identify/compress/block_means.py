@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from ...base.arrays import Numbers
+from ...base.arrays import Numbers, namespace
 from ...base.numerics.counting import whole_below
 from ...base.numerics.sincos import sincos
 from ...base.units import REV
@@ -26,6 +26,10 @@ _CHUNK_CELLS = 32_768
 """Number of terms times rows of a chunk, so that the sums of a chunk stay in cache."""
 
 _MOST_ROWS = 2048  # block rows of a chunk; chosen value
+
+_FEW_CELLS = 65_536
+"""Number of terms times samples of a run up to which NumPy sums it. A compiled chunk of so few rows
+would consist mostly of padding (chosen)."""
 
 
 def block_size(samples_per_turn: float, highest_order: float, given_order: float = 0.0) -> int:
@@ -68,9 +72,13 @@ def block_rows(
     orders = np.asarray(columns.free + columns.tied, np.float64).reshape(-1, 2)
     per_chunk = max(1, min(_CHUNK_CELLS // max(len(orders), 1), _MOST_ROWS))
     channels = [driving_angle, driven_angle] + ([] if weight is None else [weight])
-    for start, tables in _chunks(size, per_chunk, blocks, channels):
-        sums = np.asarray(chunk_sums(orders, size, *tables)).T
-        rows[start : start + per_chunk, harmonics] = sums[: blocks - start] / size
+    if len(orders) * blocks * size <= _FEW_CELLS:
+        tables = [channel[: blocks * size].reshape(blocks, size) for channel in channels]
+        rows[:, harmonics] = _short_sums(orders, *tables).T / size
+    else:
+        for start, tables in _chunks(size, per_chunk, blocks, channels):
+            sums = np.asarray(chunk_sums(orders, size, *tables)).T
+            rows[start : start + per_chunk, harmonics] = sums[: blocks - start] / size
     weighted = (lambda values: values) if weight is None else (lambda values: weight * values)
     rows[:, own_columns.start] = 1.0 if weight is None else block_means(weight, size)
     for place, values in enumerate(own, own_columns.start + 1):
@@ -110,13 +118,29 @@ def _chunks(
         yield start, tables
 
 
-def without_turns(angle: Float[Array, "*shape"], orders: Float[Array, "terms 2"]):
+def without_turns(angle: Float[Numbers, "*shape"], orders: Float[Numbers, "terms 2"]):
     """Return an angle without whole turns, so that its multiples keep all digits.
 
     If one of the orders is fractional, whole turns change the phase and remain.
     """
-    whole = jnp.all(orders == jnp.round(orders))
-    return angle - jnp.where(whole, REV * jnp.round(angle / REV), 0.0)
+    xp = namespace(angle, orders)
+    whole = xp.all(orders == xp.round(orders))
+    return angle - xp.where(whole, REV * xp.round(angle / REV), 0.0)
+
+
+def _short_sums(
+    orders: Float[np.ndarray, "terms 2"],
+    driving: Float[np.ndarray, "rows size"],
+    driven: Float[np.ndarray, "rows size"],
+    weight: Float[np.ndarray, "rows size"] | None = None,
+) -> Float[np.ndarray, "columns rows"]:
+    """Return `harmonic_sums` of few samples; a table has a row for every block."""
+    driving, driven = (without_turns(angle, orders) for angle in (driving, driven))
+    phase = np.tensordot(orders, np.stack([driving, driven]), 1)
+    waves = np.stack([np.cos(phase), np.sin(phase)], axis=1)
+    if weight is not None:
+        waves *= weight
+    return waves.sum(axis=-1).reshape(2 * len(orders), len(driving))
 
 
 def harmonic_sums(

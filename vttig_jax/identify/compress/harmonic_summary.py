@@ -20,6 +20,7 @@ from ..settings import NoiseSettings
 from .block_rows import LogRows
 from .flank_summary import FlankSummary, Runs, conditioned_runs
 from .noise_kinds import NOISE, RowNoise
+from .orthogonal import residual_weights
 
 FLANKS: tuple[Flank, ...] = ("A", "B")
 
@@ -115,14 +116,17 @@ def summarise(
     logs: Sequence[LogRows],
     terms: TermPlan,
     layout: tuple[ColumnLayout, tuple[Embedding, ...]] | None = None,
+    *,
+    base: tuple[HarmonicSummary, Sequence[LogRows]] | None = None,
 ) -> HarmonicSummary:
     """Sum the rows of several logs of one rig.
 
     All logs share the free and tied harmonics. `layout` gives the common columns and the embedding
     of every log; by default each log has its own columns. The noise decides the number of lags.
+    `base` is the summary of the first runs of each log, in the default layout, and these runs.
     """
     layout = _side_by_side(logs) if layout is None else layout
-    whole = _summarised(logs, terms, layout)
+    whole = (base and _extended(*base, logs)) or _summarised(logs, terms, layout)
     noise = logs[0].noise
     if noise.of == "rig":
         return whole
@@ -170,6 +174,45 @@ def _summarised(
     )
 
 
+def _extended(
+    base: HarmonicSummary, first: Sequence[LogRows], logs: Sequence[LogRows]
+) -> HarmonicSummary | None:
+    """Return the summary `base` of the runs `first` with the further runs of one log.
+
+    The result is None where the summary of all runs has other lags than that of the first runs,
+    and where the noise or several logs make the sum more than one of flanks.
+    """
+    if len(logs) > 1 or base.plateaus or not base.flanks or logs[0].drift.stiffness:
+        return None
+    lags = len(base.flanks[0].lag_products) - 1
+    log = replace(logs[0], runs=logs[0].runs[len(first[0].runs) :])
+    if not lags or {flank.flank for flank in base.flanks} != set(logs[0].runs_by_flank(2 * lags)):
+        return None
+    flanks = []
+    for flank in base.flanks:
+        runs = log.runs_by_flank(longer_than=2 * lags).get(flank.flank, [])
+        if runs:
+            seen = conditioned_runs([run.rows for run in runs])
+            times = [run.curve.time for run in runs]
+            flank += base.kind.summary.of_runs(flank.flank, seen, times, logs[0].block_s, lags)
+        flanks.append(flank)
+    most = _most_lags(logs[0])
+    found = {
+        flank.flank: [
+            run.rows @ _plain_weights(flank)
+            for run in logs[0].runs_by_flank(longer_than=2 * most).get(flank.flank, [])
+        ]
+        for flank in flanks
+    }
+    needed = max((_order_of(left, most) + 2 for left in found.values() if left), default=1)
+    return replace(base, flanks=tuple(flanks)) if min(needed, most) == lags else None
+
+
+def _plain_weights(flank: FlankSummary) -> Float[np.ndarray, " q"]:
+    """Return the weights (−β, 1) of ordinary least squares."""
+    return residual_weights(np.linalg.cholesky(flank.lag_products[0]).T @ flank.triangle)
+
+
 def plateau_speeds(speeds: Sequence[float]) -> tuple[float, ...]:
     """Return the mean of every group of speeds that differ by at most 5 %, ascending."""
     found: list[list[float]] = []
@@ -205,15 +248,20 @@ def needed_lags(log: LogRows) -> int:
 
 def _conditioned(log: LogRows) -> tuple[dict[Flank, Runs], int]:
     """Return the conditioned rows that decide the number of lags, and the largest number."""
-    highest = NOISE[log.noise.kind].highest_lag
-    if highest == 0:
+    most = _most_lags(log)
+    if most == 0:
         return {}, 0
-    longest = max((len(run.rows) for run in log.runs), default=0)
-    most = int(np.clip(longest // 8, 1, highest))
     by_flank = log.by_flank(longer_than=2 * most)
     return {
         flank: conditioned_runs(runs, log.held(flank)) for flank, runs in by_flank.items()
     }, most
+
+
+def _most_lags(log: LogRows) -> int:
+    """Return the largest number of lags that the noise and the longest run allow."""
+    highest = NOISE[log.noise.kind].highest_lag
+    longest = max((len(run.rows) for run in log.runs), default=0)
+    return int(np.clip(longest // 8, 1, highest)) if highest else 0
 
 
 def _needed(conditioned: dict[Flank, Runs], most: int) -> int:

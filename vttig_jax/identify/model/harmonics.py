@@ -98,17 +98,17 @@ def _unresolved(kept: Mapping[Fraction, Harmonic], turns: float) -> list[Fractio
 
     A fractional order has no lower order that stands for it.
     """
-    resolved: list[Fraction] = [Fraction(0)]
-    close = []
+    resolved = [0.0]
+    close: list[Fraction] = []
     ranked = sorted(kept, key=lambda f: (kept[f].term not in _FIRST, kept[f].order))
     for frequency in ranked:
         others = resolved if kept[frequency].is_whole else resolved[:1]
         if kept[frequency].term in _FIRST or all(
-            abs(frequency - other) * turns >= RESOLVED for other in others
+            abs(float(frequency) - other) * turns >= RESOLVED for other in others
         ):
             if not kept[frequency].is_whole:
                 continue
-            resolved.append(frequency)
+            resolved.append(float(frequency))
         else:
             close.append(frequency)
     return close

@@ -244,7 +244,7 @@ def _model(
     return NoiseModel(
         -filter_[1:],
         float(np.sqrt(variance)),
-        _std(summary, filter_),
+        residual_std(summary, filter_),
         summary.block_s,
         choice=summary.noise,
         by="rounding" if left <= summary.rounding else by,
@@ -295,7 +295,7 @@ def residual_rows(
     return [residual_weights(flank.factor(filter_)) for flank in summary.flanks]
 
 
-def _std(summary: HarmonicSummary, filter_: Float[np.ndarray, " taps"]) -> float:
+def residual_std(summary: HarmonicSummary, filter_: Float[np.ndarray, " taps"]) -> float:
     """Return the rms residual of generalised least squares, at least that of rounding."""
     square = 0.0
     for flank in summary.flanks:

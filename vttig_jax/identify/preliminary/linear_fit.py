@@ -119,6 +119,7 @@ class LinearFit:
     - `channels`, `rows`: samples with regressors, and block rows, of every log.
     - `block_s`: duration of a row, s.
     - `segments`: segments of each log from which the rows are computed.
+    - `base`: fit of the first runs of each log, whose summary is a part of that of all runs.
     """
 
     inputs: tuple[Input, ...]
@@ -127,11 +128,14 @@ class LinearFit:
     rows: tuple[LogRows, ...]
     block_s: float
     segments: tuple[tuple[Segment, ...], ...]
+    base: "LinearFit | None" = None
 
     @cached_property
     def _aligned(self) -> tuple[HarmonicSummary, tuple[Start, ...]]:
         if self.model.same_zero or len(self.rows) == 1:
-            return summarise(self.rows, self.model.terms), (Start(),) * len(self.rows)
+            none = (Start(),) * len(self.rows)
+            base = self.base and (self.base.summary, self.base.rows)
+            return summarise(self.rows, self.model.terms, base=base), none
         return aligned(self.rows, self.model.terms)
 
     def rows_of(self, log: int, segments: Sequence[Segment]) -> LogRows:

@@ -10,15 +10,17 @@ from dataclasses import dataclass, replace
 
 import msgspec
 import numpy as np
+from jaxtyping import Float
 
 from ...logs.encoder_log import EncoderLog
 from ...pair.gear_pair import Drive, GearPair
+from ..compress.block_rows import LogRows
 from ..compress.harmonic_summary import HarmonicSummary
 from ..compress.regressors import Drift
 from ..model.column_layout import column_of, is_given
 from ..model.given_model import GivenModel
 from ..model.identifiability import SINGLE_TURN, Identifiability
-from ..noise.noise_model import whiten
+from ..noise.noise_model import residual_std
 from ..settings import FitSettings
 from .delay import TOLD, Delay, judge_delay, on_its_branch, one_speed
 from .linear_fit import Input, LinearFit, Model, linear_fit
@@ -317,40 +319,43 @@ def _with_ramps(linear: LinearFit) -> tuple[LinearFit, list[str]]:
     A fit with the accelerating ramps decides: in others the driven side may run ahead.
     """
     total = sum(len(one.ramps) for one in linear.inputs)
-    up = _joined(linear, [[ramp.speeding_up for ramp in one.ramps] for one in linear.inputs])
-    noise, _ = whiten(up.summary)
-    keep: list[list[bool]] = []
-    for log, one in enumerate(linear.inputs):
-        rows = _ramp_rows(linear, log)
-        keep.append(
-            [
-                on_its_branch(ramp, found, up.residual_rows[log], noise.std)
-                for ramp, found in zip(one.ramps, rows, strict=True)
-            ]
-        )
+    ramps = [
+        [linear.rows_of(log, [ramp.segment]) for ramp in one.ramps]
+        for log, one in enumerate(linear.inputs)
+    ]
+    speeding_up = [[ramp.speeding_up for ramp in one.ramps] for one in linear.inputs]
+    up = _joined(linear, ramps, speeding_up)
+    std = residual_std(up.summary, up.filter)
+    keep = [
+        [
+            on_its_branch(ramp, _rows_of(found), up.residual_rows[log], std)
+            for ramp, found in zip(one.ramps, ramps[log], strict=True)
+        ]
+        for log, one in enumerate(linear.inputs)
+    ]
     used = sum(map(sum, keep))
     note = f"{used} of {total} ramps keep to the flank of their motion and count for the delay"
-    return _joined(linear, keep), [note] if total else []
+    joined = up if keep == speeding_up else _joined(linear, ramps, keep)
+    return joined, [note] if total else []
 
 
-def _ramp_rows(linear: LinearFit, log: int):
-    """Return the rows of every ramp of a log; empty for a ramp shorter than a row."""
-    found = []
-    for ramp in linear.inputs[log].ramps:
-        runs = linear.rows_of(log, [ramp.segment]).runs
-        found.append(runs[0].rows if runs else [])
-    return found
+def _rows_of(ramp: LogRows) -> Float[np.ndarray, "n q"]:
+    """Return the rows of a ramp; none for a ramp shorter than a row."""
+    return ramp.runs[0].rows if ramp.runs else np.zeros((0, ramp.columns.width))
 
 
-def _joined(linear: LinearFit, keep: Sequence[Sequence[bool]]) -> LinearFit:
+def _joined(
+    linear: LinearFit, ramps: Sequence[Sequence[LogRows]], keep: Sequence[Sequence[bool]]
+) -> LinearFit:
+    """Return the linear fit of its own rows and of those ramps that are to be kept."""
     rows, used = [], []
     for log, chosen in enumerate(keep):
-        ramps = linear.inputs[log].ramps
-        segments = [ramp.segment for ramp, good in zip(ramps, chosen, strict=True) if good]
-        more = linear.rows_of(log, segments)
-        rows.append(replace(linear.rows[log], runs=linear.rows[log].runs + more.runs))
-        used.append((*linear.segments[log], *segments))
-    return replace(linear, rows=tuple(rows), segments=tuple(used))
+        segments = [one.segment for one in linear.inputs[log].ramps]
+        kept = [k for k, good in enumerate(chosen) if good]
+        runs = [run for k in kept for run in ramps[log][k].runs]
+        rows.append(replace(linear.rows[log], runs=(*linear.rows[log].runs, *runs)))
+        used.append((*linear.segments[log], *(segments[k] for k in kept)))
+    return replace(linear, rows=tuple(rows), segments=tuple(used), base=linear)
 
 
 def _beside(own: NuisanceRegression, settings: FitSettings) -> list[str]:

@@ -23,7 +23,7 @@ _SHARES = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95)
 _FINE = 0.05
 """Largest quantisation of the deceleration, relative to its 90 % quantile (chosen)."""
 
-_MOST_SAMPLES = 20_000  # samples from which the interval of the deceleration is found (chosen)
+_MOST_SAMPLES = 5000  # samples from which the interval of the deceleration is found (chosen)
 _ROUNDS = 3  # refinements of the limit between its neighbours, and of the gap (chosen)
 _FACTORS = (3.0, 1.7, 1.3, 1.15, 1.07, 1.03)
 """Factors by which the limit is changed in the last search (chosen)."""
