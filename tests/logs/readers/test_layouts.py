@@ -1,9 +1,11 @@
 """Layouts of recording programs: the same numbers as the angles from which they were written."""
 
+import re
+
 import numpy as np
 import pytest
 
-from tests.logs.rig_log import angles_deg
+from tests.logs.rig_log import angles_deg, csv
 from vttig_jax.base.errors import LogError
 from vttig_jax.logs import read_log
 
@@ -137,6 +139,36 @@ def test_layouts(read, text, options, size):
     log = read(text, **options)
     assert abs(len(log) - size) <= 1
     assert max(deviation_deg(log)) < 1e-4 + 1.1e-4  # four digits, and interpolation
+
+
+def test_a_time_with_a_decimal_comma_is_no_description(read):
+    """Sample times below 1 ms are written as `0,2`; every row of them is kept."""
+    with_comma = re.sub(r"(?m)^(\d+)\t", r"\1,0\t", twincat())
+    assert with_comma != twincat()
+    log, plain = read(with_comma), read(twincat())
+    np.testing.assert_array_equal(log.driven.reading, plain.driven.reading)
+    np.testing.assert_array_equal(log.time, plain.time)
+
+
+def test_a_cut_row_of_twincat_is_left_out(read):
+    whole = twincat().removesuffix("EOF\r\n")
+    log = read(whole + f"{10 * SIZE}\t")
+    assert "is cut off and left out" in " ".join(log.notes)
+    np.testing.assert_array_equal(log.driving.reading, read(whole).driving.reading)
+
+
+def test_empty_rows_and_columns_of_a_sheet(read):
+    lines = units_row().splitlines()
+    sheet = "\r\n".join([*(f"{line};;" for line in lines), ";;;;;", ";;;;;", ""])
+    log = read(sheet)
+    assert len(log) == SIZE and log.spec.log.driven == "Abtrieb [°]"
+
+
+def test_a_preamble_of_pairs_is_skipped(read):
+    """Several lines of a word and a number above the table are no rows of it."""
+    table = csv("Time\tMotor\tLoad\n[s]\t[deg]\t[deg]", T, X, Y, mark="\t")
+    log = read(f"Device:\tXYZ\nDate:\t2026-11-01 10:00\nChannels\t2\n\n{table}")
+    assert len(log) == SIZE and log.spec.log.driving == "Motor [deg]"
 
 
 def test_stamps_of_their_own_matter(read):

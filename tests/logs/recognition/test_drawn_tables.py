@@ -3,10 +3,12 @@
 import numpy as np
 import pytest
 
+from tests.logs.recognition.draws import LANGUAGES, drawn_table
 from tests.logs.rig_log import csv
 from vttig_jax.base.errors import LogError, UsageError
 from vttig_jax.base.units import ANGLE_UNITS, DEG
 from vttig_jax.logs import read_log
+from vttig_jax.logs.recognition.name_words import read_name
 
 NAMES = (
     ("driving", "driven"),
@@ -131,6 +133,82 @@ def test_three_hundred_tables(tmp_path):
     seen = [outcome(tmp_path, seed) for seed in range(300)]
     assert [what for verdict, what in seen if verdict == "wrong"] == []
     assert sum(verdict == "right" for verdict, _ in seen) >= 75
+
+
+def in_languages(tmp_path, seeds: range) -> tuple[list[str], int]:
+    """What was read wrongly, and the number of tables read right, of tables in many languages."""
+    wrong, right = [], 0
+    path = tmp_path / "log.csv"
+    for seed in seeds:
+        table = drawn_table(seed)
+        path.write_text(table.text, encoding="utf-8")
+        try:
+            log = read_log(path, **table.options)
+        except (LogError, UsageError):
+            continue
+        assert log.spec is not None and log.driven is not None
+        found = {role: getattr(log.spec.log, role) for role in table.roles}
+        if found == table.roles and {log.driving.unit, log.driven.unit} == {table.unit}:
+            right += 1
+        else:
+            wrong.append(f"{seed}: {found} in place of {table.roles} from {table.options}")
+    return wrong, right
+
+
+def test_tables_in_many_languages(tmp_path):
+    wrong, right = in_languages(tmp_path, range(7000, 7040))
+    assert wrong == [] and right >= 10
+
+
+@pytest.mark.slow
+def test_a_thousand_tables_in_many_languages(tmp_path):
+    wrong, right = in_languages(tmp_path, range(1000))
+    assert wrong == [] and right >= 350
+
+
+@pytest.mark.parametrize("language", [name for name in LANGUAGES if name != "none"])
+def test_names_of_shafts_in_a_language(language):
+    """Every pair of names says its roles, alone and beside the word for an angle."""
+    words = LANGUAGES[language]
+    for first, second in words.shafts:
+        for angle in ("", *words.angle):
+            assert read_name(f"{first} {angle}".strip(), "log.csv").role == "driving"
+            assert read_name(f"{angle}_{second}".strip("_"), "log.csv").role == "driven"
+    assert all(read_name(name, "log.csv").role == "time" for name in words.time if name != "zzz")
+    others = [*words.setpoint, *words.others.values()]
+    readings = [read_name(f"{words.shafts[0][0]} {word}", "log.csv") for word in others]
+    assert all(reading.setpoint or reading.other for reading in readings)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "Motordrehzahl",
+        "Motortemperatur",
+        "Motorsollwert",
+        "Antriebssollwinkel",
+        "Abtriebsdrehmoment",
+        "Lastmoment",
+        "motortemp",
+        "motorvarvtal",
+        "outputtorque",
+        "inputspeed",
+        "load_N",
+        "motor_following_error",
+        "모터전류",
+    ],
+)
+def test_compounds_that_are_no_angle(name):
+    reading = read_name(name, "log.csv")
+    assert reading.other or reading.setpoint
+
+
+@pytest.mark.parametrize(
+    "name", ["Motorwinkel", "Lastlage", "temps", "outputangle", "Motorgeber", "angle"]
+)
+def test_names_without_another_quantity(name):
+    reading = read_name(name, "log.csv")
+    assert not reading.other and not reading.setpoint
 
 
 def test_a_wrong_answer_is_seen(tmp_path, monkeypatch):

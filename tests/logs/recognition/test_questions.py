@@ -102,6 +102,8 @@ def test_two_time_columns(ask, columns):
     assert columns(text).time == "time_s"  # the name that this package itself writes
     told = ask(text.replace("time_s", "Zeit [s]"))
     assert "2 columns can be time" in told and "--column time='stamp_s'" in told
+    assert "2 columns can be time" in ask(csv("clock,x [s],motor_deg,load_deg", T, T + 7, X, Y))
+    assert columns(csv("x [s],y,motor_deg,load_deg", T, 2 * T, X, Y)).time == "x [s]"
 
 
 def test_counts_without_counts_a_turn(ask):
@@ -134,6 +136,32 @@ def test_a_ratio_of_two_readings(ask, ratio):
     else:
         assert "--ratio 16:9 if the driving shaft turns 16 times" in told
         assert "--ratio 9:16 if the driving shaft turns 9 times" in told
+
+
+def test_equal_speeds_have_one_reading(columns):
+    text = csv("t,motor,b", T, X, X + 0.01 * np.sin(np.radians(X)))
+    assert columns(text, ratio="1", unit="deg").driven == "b"
+
+
+def test_columns_of_another_unit_are_named(ask):
+    told = ask(csv("t,motor [gon],load [gon]", T, X / 0.9, Y / 0.9))
+    assert "left out, as their names say another quantity: `motor [gon]` (gon)" in told
+
+
+@pytest.mark.parametrize("first_day", [46327.25, 739922.25])
+def test_days_without_a_unit(ask, columns, first_day):
+    stamps = [f"{first_day + t / 86400:.10f}" for t in T]
+    text = csv("time,motor_deg,load_deg", stamps, X, Y)
+    assert "give --unit time=d or --unit time=s" in ask(text)
+    assert columns(text, unit={"time": "d"}).time == "time"
+    later = csv("time,motor_deg,load_deg", first_day + T, X, Y)
+    assert columns(later).time == "time"  # steps of 10 ms are no parts of a day
+
+
+def test_stamps_that_cannot_be_read(ask):
+    stamps = [f"2026-305T00:00:{t:06.3f}" for t in T]
+    told = ask(csv("time,motor_deg,load_deg", stamps, X, Y))
+    assert "neither numbers nor dates" in told and "--sample-rate" in told
 
 
 def test_a_slash_with_named_columns(columns):

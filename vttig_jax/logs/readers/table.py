@@ -1,6 +1,7 @@
 """Detection of the delimiter and the header of delimited text."""
 
 import re
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from itertools import islice
 
@@ -19,6 +20,9 @@ PREAMBLE = 1000
 """Number of lines in which the first row of numbers is searched (chosen)."""
 
 COMMENTS = ("#", "%", "//")
+
+EMPTY = " \t\r;,|"
+"""Characters of a line without content, such as the empty rows that end a sheet."""
 
 _SEPARATOR = re.compile(r'"?sep=(\\t|.)"?', re.IGNORECASE)
 """First line of a file for Excel, which names the delimiter."""
@@ -41,6 +45,8 @@ def find_table(
     **Raises** `LogError` for text without header or without rows below it.
     """
     lines = text.split("\n")
+    end = next((k for k in range(len(lines), 0, -1) if lines[k - 1].strip(EMPTY)), len(lines))
+    lines[end:] = [""] if end < len(lines) else []
     stated = _SEPARATOR.fullmatch(lines[0].strip())
     if stated is not None:
         lines[0] = ""
@@ -102,12 +108,18 @@ def _first_row(lines: list[str], delimiter: str | None) -> int | None:
     """Return the first line that has at least two fields, at least half of them numbers.
 
     A line such as `Channels:;3` above the table is left out: the next line is no such row, and the
-    rows of the table have another number of fields.
+    rows of the table have another number of fields. Several such lines are left out if at least
+    twice as many rows have another number of fields.
     """
-    rows = _rows_of_numbers(lines, delimiter)
-    first, width = next(rows, (None, 0))
-    if first is None:
+    found = list(_rows_of_numbers(lines, delimiter))
+    if not found:
         return None
+    first, width = found[0]
+    widths = Counter(width for _, width in found)
+    usual, times = widths.most_common(1)[0]
+    if times >= 2 * widths[width]:
+        return next(k for k, width in found if width == usual)
+    rows = iter(found[1:])
     following = _next_with_content(lines, first)
     if following is None or _width_of_numbers(lines[following], delimiter) == width:
         return first

@@ -80,7 +80,7 @@ class Candidate:
             return f"`{self.name}` with dates or times"
         if self.values is None or not len(self.values):
             return f"`{self.name}` without numbers"
-        first = ", ".join(f"{value:.9g}" for value in self.values[:SHOWN])
+        first = ", ".join(f"{value:.12g}" for value in self.values[:SHOWN])
         return f"`{self.name}` {first}, … ({self.values.min():.6g} … {self.values.max():.6g})"
 
 

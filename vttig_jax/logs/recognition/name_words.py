@@ -1,16 +1,16 @@
 """What the name of a column says: role, unit, another quantity, or a setpoint."""
 
 import re
-import unicodedata
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from ..readers.column_names import ANGLES, TIME_UNITS, bracket_of, name_and_unit
 from ..readers.units_row import OTHER_UNITS
-from .vocabulary import COMPOUND, DRIVEN, DRIVING, QUANTITIES, SETPOINTS, TIME
+from .vocabulary import COMPOUND, DRIVEN, DRIVING, QUANTITIES, SETPOINTS, SHORT, TIME, fold
 
 _ROLE_WORDS = {"driving": DRIVING, "driven": DRIVEN, "time": TIME}
 _KNOWN = {word: role for role, words in _ROLE_WORDS.items() for word in words}
+_LONGEST_FIRST = sorted((one for one in DRIVING | DRIVEN if len(one) >= SHORT), key=len)[::-1]
 _PARTS = re.compile(r"[/\\.:]+")
 _CAMEL = re.compile(r"(?<=[a-zß-ÿ0-9])(?=[A-ZÀ-Þ])|(?<=[A-Z])(?=[A-Z][a-z])")
 _WORDS = re.compile(r"[^\W\d_]+")
@@ -58,12 +58,6 @@ def read_name(name: str, where: str) -> NameReading:
         role = None
     setpoint = _found(words_of(stem), SETPOINTS)
     return NameReading(role, unit, other or quantities, setpoint)
-
-
-def fold(text: str) -> str:
-    """Return a text in lower case without accents."""
-    decomposed = unicodedata.normalize("NFKD", text.casefold())
-    return "".join(letter for letter in decomposed if not unicodedata.combining(letter))
 
 
 def words_of(text: str) -> list[str]:
@@ -114,9 +108,26 @@ def _is_part(known: str, word: str) -> bool:
 
 
 def _found(words: Iterable[str], known: frozenset[str]) -> str:
-    """Return the first word that is known, or that holds a known word of an East Asian script."""
-    wide = [word for word in known if _WIDE.search(word)]
+    """Return the first word that is known or that holds a known word, or ""."""
     for word in words:
-        if word in known or any(one in word for one in wide):
+        if word in known or any(_holds(word, one) for one in known):
             return word
     return ""
+
+
+def _holds(word: str, known: str) -> bool:
+    """Return whether a longer word holds a known one, as compounds of several languages do.
+
+    A short known word counts only beside a word of a shaft: `motortemp`, but not `temps`.
+    """
+    if known not in word:
+        return False
+    if _WIDE.search(known) or len(known) >= COMPOUND:
+        return True
+    shafts = (one for one in _LONGEST_FIRST if word.startswith(one) or word.endswith(one))
+    shaft = next(shafts, "")
+    if not shaft or len(known) < SHORT:
+        return False
+    rest = word.replace(shaft, "")
+    starts = rest.startswith(known) or rest.startswith(f"s{known}")  # Antriebssoll has an s between
+    return starts or rest.endswith(known)

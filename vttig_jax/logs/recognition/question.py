@@ -6,7 +6,7 @@ from fractions import Fraction
 
 from ...base.errors import LogError, UsageError
 from ..readers.column_names import ROW
-from .candidates import Candidate, listed_facts
+from .candidates import MOST_LISTED, Candidate, listed_facts
 from .request import in_words
 
 
@@ -49,9 +49,16 @@ def only_setpoint(role: str, one: Candidate, source: str) -> LogError:
 
 
 def no_fit(
-    roles: Sequence[str], candidates: list[Candidate], ratio: Fraction | None, source: str
+    roles: Sequence[str],
+    candidates: list[Candidate],
+    ratio: Fraction | None,
+    source: str,
+    others: Sequence[Candidate] = (),
 ) -> LogError:
-    """Return the question for roles that neither the names nor the ratio determine."""
+    """Return the question for roles that neither the names nor the ratio determine.
+
+    `others` are columns whose names say another quantity than an angle.
+    """
     named = " and ".join(roles)
     options = " ".join(f"--column {role}=NAME" for role in roles)
     if ratio is None:
@@ -67,6 +74,9 @@ def no_fit(
             "; if the number of the row is the reading of the other encoder, as in a table of"
             f" calibration, give --column driving='{alone}' --column driven={ROW}"
         )
+    if others:
+        shown = ", ".join(f"`{one.name}` ({one.reading.other})" for one in others[:MOST_LISTED])
+        seen += f"; left out, as their names say another quantity: {shown}"
     return LogError(f"no column name says {named}, {why}; give {options}{seen}.", where=source)
 
 
@@ -149,5 +159,24 @@ def no_time_unit(one: Candidate, source: str) -> LogError:
     return LogError(
         f"the time stamps are whole numbers without a unit, {one.facts}, and seconds and"
         " milliseconds look the same; give --unit time=s, ms, us or ns.",
+        where=source,
+    )
+
+
+def unreadable_time(one: Candidate, source: str) -> LogError:
+    """Return the question for the time beside a column whose stamps cannot be read."""
+    return LogError(
+        f"the stamps of the time column `{one.name}` are neither numbers nor dates such as"
+        " 2026-11-30T12:00:00.25; write them so, name another column with --column time=NAME, or"
+        " give --sample-rate HZ.",
+        where=source,
+    )
+
+
+def days_or_seconds(one: Candidate, source: str) -> LogError:
+    """Return the question whether time stamps are days or seconds."""
+    return LogError(
+        f"the time stamps, {one.facts}, may be days, as Excel and MATLAB count them, or seconds;"
+        " give --unit time=d or --unit time=s.",
         where=source,
     )

@@ -82,10 +82,10 @@ class DriveRequest:
     def says_which_shaft(self) -> bool:
         """Whether each number of the ratio belongs to a known shaft.
 
-        This is so for turns such as "64:23" and for teeth such as "45/80", but not for a ratio of
-        speeds such as "9/16" or 0.5625.
+        This is so for turns such as "64:23", for teeth such as "45/80" and for equal speeds, but
+        not for another ratio of speeds such as "9/16" or 0.5625.
         """
-        return self.teeth is not None or ":" in str(self.ratio)
+        return self.teeth is not None or ":" in str(self.ratio) or self.speed_ratio == 1
 
     def spec(self) -> PairSpec:
         """Return the pair file that says the same about the drive; it says nothing of a log.

@@ -68,7 +68,8 @@ def by_ratio(
     turning = [one for one in candidates if one.turns and one.reading.is_angle]
     free = [one for one in turning if one.reading.role is None]
     if ratio is None or len(free) < len(missing):
-        raise question.no_fit(missing, turning, ratio, source)
+        others = [one for one in candidates if one.turns and one.reading.other]
+        raise question.no_fit(missing, turning, ratio, source, others)
     unknown: list[tuple[str, Candidate]] = []
     pairs, signs = [], []
     for chosen in permutations(free, len(missing)):

@@ -3,8 +3,9 @@
 from collections.abc import Sequence
 
 import numpy as np
+from jaxtyping import Real
 
-from ..readers.column_names import ANGLES
+from ..readers.column_names import ANGLES, TIME_UNITS
 from ..readers.times.epochs import epoch_unit
 from . import question
 from .candidates import Candidate
@@ -12,17 +13,22 @@ from .question import Guess
 
 SETTER = "--column time=NAME"
 
+DAYS = ((36_526, 73_051), (730_486, 767_011))
+"""Days of 2000 to 2100 as Excel (since 1900) and as MATLAB (since the year 0) count them."""
+
+SHORT_S = 1e-4
+"""Steps below this many seconds are rather parts of a day (chosen)."""
+
 
 def time_column(candidates: Sequence[Candidate], source: str) -> tuple[Candidate, Guess]:
     """Return the column of time among the columns without another role.
 
-    It is the only column of dates or whose name says time, or the only one that only grows, if it
-    is evenly spaced and counts no rows.
+    It is the only column of dates or whose name says time or a unit of time, or the only one that
+    only grows, if it is evenly spaced and counts no rows.
 
     **Raises** `LogError` if no column or several columns can be the time.
     """
-    named = [one for one in candidates if one.reading.role == "time" or one.dated]
-    named = [one for one in named if one.dated or _grows(one)]
+    named = [one for one in candidates if one.dated or _says_time(one)]
     if len(named) > 1:
         raise question.several("time", named, source)
     if named:
@@ -40,18 +46,39 @@ def time_unit(one: Candidate, stated: str | None, source: str) -> tuple[str | No
 
     Both are None if the name states the unit or the stamps are dates.
 
-    **Raises** `LogError` for whole numbers that are no seconds since 1970 or 1601.
+    **Raises** `LogError` for stamps that are neither numbers nor dates, for whole numbers that are
+    no seconds since 1970 or 1601, and for numbers that may be days.
     """
-    if stated is not None or one.reading.unit is not None or one.dated:
+    if one.dated:
         return None, None
-    assert one.values is not None  # columns without numbers are no candidates
+    if one.values is None:
+        raise question.unreadable_time(one, source)
+    if stated is not None or one.reading.unit is not None or not len(one.values):
+        return None, None
     epoch = epoch_unit(one.values)
     if epoch is not None:
         why = f"from the size of its stamps, {epoch.since}"
         return epoch.unit, Guess("time", f"in {epoch.unit}", why, "--unit time=UNIT")
     if np.all(one.values == np.rint(one.values)):
         raise question.no_time_unit(one, source)
+    if _may_be_days(one.values):
+        raise question.days_or_seconds(one, source)
     return "s", Guess("time", "in seconds", "as its name states no unit", "--unit time=UNIT")
+
+
+def _may_be_days(values: Real[np.ndarray, " n"]) -> bool:
+    """Return whether numbers are days of this century, in steps that are short for seconds."""
+    steps = np.diff(values)
+    short = len(steps) > 0 and float(np.median(np.abs(steps))) < SHORT_S
+    return short and any(first <= values[0] <= last for first, last in DAYS)
+
+
+def _says_time(one: Candidate) -> bool:
+    """Return whether the name says time, or only a unit of time, and the stamps can be time."""
+    reading = one.reading
+    if reading.role == "time":
+        return _grows(one)
+    return reading.unit in TIME_UNITS and reading.role is None and not reading.other and one.rises
 
 
 def _grows(one: Candidate) -> bool:

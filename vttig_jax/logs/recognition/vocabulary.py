@@ -1,16 +1,23 @@
 """Words in column names that say a role, another quantity or a setpoint, in common languages.
 
-Words are written without accents and in lower case, as `name_words.fold` returns them. A word that
-could mean another thing in a second language is left out: an unknown word leads to a question, a
-wrong one to a wrong role.
+A word that could mean another thing in a second language is left out: an unknown word leads to a
+question, a wrong one to a wrong role.
 """
 
+import unicodedata
 from typing import Final
 
 
+def fold(text: str) -> str:
+    """Return a text in lower case without accents."""
+    decomposed = unicodedata.normalize("NFKD", text.casefold())
+    plain = "".join(letter for letter in decomposed if not unicodedata.combining(letter))
+    return unicodedata.normalize("NFC", plain)  # joins the syllables of Korean again
+
+
 def _words(text: str) -> frozenset[str]:
-    """Return the words of a text."""
-    return frozenset(text.split())
+    """Return the words of a text as `fold` writes them."""
+    return frozenset(fold(text).split())
 
 
 DRIVING: Final = _words(
@@ -20,7 +27,7 @@ DRIVING: Final = _words(
     drivende moottori tulo
     moteur entree menant menante motore ingresso entrata motrice entrada motriz conductor
     conduttore motora
-    silnik wejscie napedowe napedowy vstup hnaci вход ведущии двигатель мотор giris motoru
+    silnik wejscie napedowe napedowy vstup hnaci вход ведущий двигатель мотор giris motoru
     电机 电动机 馬達 输入 輸入 主动 主動 驱动 驅動 入力 駆動 モータ モーター 입력 모터 구동
     """
 )
@@ -30,10 +37,10 @@ DRIVEN: Final = _words(
     """
     driven load output outp outputshaft abtrieb abtriebs ausgang ausgangs last lastseite
     lastwinkel lastposition lastgeber uitgang uitgaand uitgaande aangedreven belasting utgang
-    utgaende udgang drivna drevet lahto kuorma
+    utgaende udgang drivna drivet drevet lahto kuorma
     sortie mene menee charge recepteur uscita condotto carico salida conducido carga saida movida
     conduzida
-    wyjscie napedzane napedzany obciazenie vystup hnany zatez выход ведомыи нагрузка cikis yuk
+    wyjscie napedzane napedzany obciazenie vystup hnany zatez выход ведомый нагрузка cikis yuk
     负载 負載 负荷 负荷 输出 輸出 从动 從動 被动 被動 被驱动 出力 負荷 従動 被駆動 출력 부하
     """
 )
@@ -41,7 +48,8 @@ DRIVEN: Final = _words(
 
 TIME: Final = _words(
     """
-    time t zeit zeitpunkt timestamp stamp timestamps zeitstempel datetime date datum uhrzeit clock
+    time t elapsed uptime zeit zeitpunkt laufzeit messzeit
+    timestamp stamp timestamps zeitstempel datetime date datum uhrzeit clock
     epoch utc datenum tijd tid tidpunkt aika temps horodatage tempo tiempo fecha hora heure czas
     cas время zaman 时间 時間 時刻 时刻 시간
     """
@@ -59,6 +67,10 @@ QUANTITIES: Final = _words(
     spanning power leistung puissance force kraft pressure druck error err fehler deviation
     abweichung lag schleppfehler status state zustand flag flags mode modus alarm enable enabled
     fault index idx row zeile sample samples humidity noise per dps rps nm mm um
+    v n w velo cell file kn kg ma mv kv kw bar hz khz degc voltaje tensione intensite courants
+    proud napeti prad
+    napiecie varvtal spanningen leistung vermogen puissance potencia potenza teplota temp момент
+    температура ток мощность напряжение sicaklik tork akim 토크 온도 전류 전압 電流 電圧 功率
     vibration vib pwm duty gain checksum crc sequence seq utilization percent
     """
 )
@@ -68,10 +80,16 @@ SETPOINTS: Final = _words(
     """
     set setpoint setp sp soll sollwert solllage sollposition target tgt command commanded cmd
     demand demanded ref reference desired des nominal consigne consigna riferimento ziel
-    leitwert zadana zadany 指令 目标 目標 задание
+    leitwert zadana zadany referencia gewenst gewenste borvarde cible objetivo
+    obiettivo hedef уставка wanted setvalue 指令 目标 目標 задание 목표 지령
     """
 )
 """Words for a setpoint, which is no measured angle."""
 
 COMPOUND: Final = 5
-"""Fewest letters of a word that is also found at the start or end of a longer word (chosen)."""
+"""Fewest letters of a word that is also found in a longer word, such as `drehzahl` in
+`motordrehzahl`; a word of a role must stand at its start or end (chosen)."""
+
+SHORT: Final = 4
+"""Fewest letters of a word for another quantity beside a word of a shaft, such as `temp` in
+`motortemp` (chosen)."""

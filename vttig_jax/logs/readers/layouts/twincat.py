@@ -13,7 +13,7 @@ import numpy as np
 from ....base.errors import LogError
 from ..delimited import split
 from ..nested import NestedTable
-from ..number_format import to_number
+from ..number_format import looks_like_number, to_number
 from ..units_row import unit_in
 
 _HEAD = 60
@@ -55,6 +55,10 @@ def read(lines: list[str], source: str) -> tuple[NestedTable, tuple[str, ...]]:
         if delimiter != "," and any("," in field for _, row in rows[:9] for field in row)
         else "."
     )
+    notes = [f"TwinCAT Scope: {len(times)} groups of channels with a time of their own"]
+    if len(rows) > 1 and _is_cut(rows[-1][1], described, decimal):
+        notes.append(f"the last line ({rows[-1][0]}) is cut off and left out")
+        rows.pop()
     columns: list[str] = []
     arrays: list[np.ndarray] = []
     clocks: dict[int, int] = {}
@@ -72,8 +76,19 @@ def read(lines: list[str], source: str) -> tuple[NestedTable, tuple[str, ...]]:
             clocks[len(columns)] = stamps
             columns.append(name)
             arrays.append(values)
-    notes = (f"TwinCAT Scope: {len(times)} groups of channels with a time of their own",)
-    return NestedTable(tuple(columns), tuple(arrays), source, clocks=clocks), notes
+    return NestedTable(tuple(columns), tuple(arrays), source, clocks=clocks), tuple(notes)
+
+
+def _is_cut(row: Sequence[str], described: Mapping[str, list[str]], decimal: str) -> bool:
+    """Return whether a group has a time in this row, but not all of its channels."""
+    timed = False
+    for k, name in enumerate(described["Name"]):
+        read = k < len(row) and to_number(row[k], decimal) is not None
+        if name == "Name":
+            timed = read
+        elif timed and not read and _name(described, k):
+            return True
+    return False
 
 
 def _delimiter(lines: Sequence[str]) -> str:
@@ -89,7 +104,7 @@ def _description(lines: Sequence[str], delimiter: str) -> tuple[Mapping[str, lis
     start = 0
     for k, line in enumerate(lines[:_HEAD]):
         fields = split(line, delimiter, trim=False)
-        if fields and fields[0] and to_number(fields[0], ".") is None and "=" not in fields[0]:
+        if fields and fields[0] and not looks_like_number(fields[0]) and "=" not in fields[0]:
             if fields[0] == "Name" or "Name" in described:
                 described[fields[0]] = fields  # the last row Name is that of the channels
             start = k + 1

@@ -1,7 +1,8 @@
 """Time stamps written as dates and times of day: whole nanoseconds from text.
 
-Read are ISO 8601 with or without date, zone, and decimal comma; German dates `01.11.2026`; dates
-with slashes; names of months; AM and PM; and times of day, which may pass midnight.
+Read are ISO 8601 with or without date, zone, and decimal comma, also in its basic form
+`20261101T235950.5`; German dates `01.11.2026`; dates with slashes; names of months; AM and PM;
+times of day, which may pass midnight; and minutes and seconds `59:50.5`, which may pass the hour.
 """
 
 import re
@@ -20,33 +21,41 @@ _MONTH = {name: k for k, name in enumerate(_MONTHS, 1)} | _GERMAN
 _DATE = re.compile(
     r"(?:(?P<year>\d{4})[-/.](?P<month>\d\d?)[-/.](?P<day>\d\d?)"
     r"|(?P<first>\d\d?)(?P<mark>[-/.])(?P<second>\d\d?)[-/.](?P<last>\d{4}|\d\d)"
-    r"|(?P<d>\d\d?)[- .]+(?P<name>[A-Za-zä]{3})[a-z]*[- .]+(?P<y>\d{4}))"
+    r"|(?P<d>\d\d?)[- .]+(?P<name>[A-Za-zä]{3})[a-z]*[- .]+(?P<y>\d{4})"
+    r"|(?P<first_name>[A-Za-zä]{3})[a-z]*[- .]+(?P<dd>\d\d?),?[- ]+(?P<yy>\d{4}))"
 )
 _CLOCK = re.compile(
     r"(?P<hour>\d\d?):(?P<minute>\d\d)(?::(?P<second>\d\d)(?:[.,:](?P<part>\d{1,12}))?)?"
     r"\s*(?P<half>[AaPp]\.?[Mm]\.?)?\s*(?P<zone>Z|UTC|GMT|[A-Z]{3,4}|[+-]\d\d:?(?:\d\d)?)?"
 )
+_BASIC = re.compile(r"(\d{4})(\d\d)(\d\d)T(\d\d)(\d\d)(\d\d)(.*)")
+_MINUTES = re.compile(r"(\d\d?):(\d\d)[.,](\d{1,12})")
 _BETWEEN = re.compile(r"[T ,;_]+")
 _ZONE = re.compile(r"([+-])(\d\d):?(\d\d)?")
+HOUR_NS = 3_600_000_000_000
+"""Nanoseconds of an hour."""
+
 DAY_NS = 86_400_000_000_000
 """Nanoseconds of a day."""
-
-HALF_DAY_NS = DAY_NS // 2
-"""A time of day that falls by more than this has passed midnight (chosen)."""
 
 
 @dataclass(frozen=True)
 class Stamp:
-    """Parts of one stamp: day, or the three numbers of a date, and the time of day in ns."""
+    """Parts of one stamp: its date as text, the time of day in ns, and the zone.
+
+    Without a date, the clock starts again after `period_ns`.
+    """
 
     day: str
     clock_ns: int
     zone: str
+    period_ns: int = DAY_NS
 
 
 def looks_like_stamp(field: str) -> bool:
     """Return whether a field is a time of day, with or without a date."""
-    return ":" in field and _split(field.strip()) is not None
+    text = field.strip()
+    return (":" in text or _BASIC.fullmatch(text) is not None) and _split(text) is not None
 
 
 def read_stamps(fields: Sequence[str], where: str) -> tuple[Int64[np.ndarray, " n"], str]:
@@ -82,13 +91,21 @@ def read_stamps(fields: Sequence[str], where: str) -> tuple[Int64[np.ndarray, " 
         dtype=np.int64,
     )
     if not parsed[0].day:
-        falls = np.diff(nanoseconds) < -HALF_DAY_NS
-        nanoseconds[1:] += DAY_NS * np.cumsum(falls)
+        period = parsed[0].period_ns
+        falls = np.diff(nanoseconds) < -period // 2  # the clock has passed midnight or the hour
+        nanoseconds[1:] += period * np.cumsum(falls)
     return nanoseconds - nanoseconds[0], f"time: starts at {fields[0].strip()}"
 
 
 def _split(text: str) -> Stamp | None:
     """Return the parts of a stamp, or None for text of another form."""
+    minutes = _MINUTES.fullmatch(text)
+    if minutes is not None:
+        if int(minutes[1]) > 59 or int(minutes[2]) > 59:
+            return None
+        seconds = int(minutes[1]) * 60 + int(minutes[2])
+        return Stamp("", seconds * 1_000_000_000 + _part_ns(minutes[3]), "", HOUR_NS)
+    text = _BASIC.sub(r"\1-\2-\3T\4:\5:\6\7", text)
     dated = _DATE.match(text)
     rest = text
     if dated is not None:
@@ -106,9 +123,13 @@ def _split(text: str) -> Stamp | None:
         hour = hour % 12 + 12 * (clock["half"][0] in "pP")
     if hour > 23 or minute > 59 or second > 60:
         return None
-    part = int((clock["part"] or "0").ljust(9, "0")[:9])
-    clock_ns = ((hour * 60 + minute) * 60 + second) * 1_000_000_000 + part
+    clock_ns = ((hour * 60 + minute) * 60 + second) * 1_000_000_000 + _part_ns(clock["part"] or "0")
     return Stamp(dated[0] if dated is not None else "", clock_ns, clock["zone"] or "")
+
+
+def _part_ns(digits: str) -> int:
+    """Return decimals of a second in nanoseconds."""
+    return int(digits.ljust(9, "0")[:9])
 
 
 def _zone_ns(zone: str) -> int:
@@ -159,6 +180,8 @@ def _year_month_day(match: re.Match[str], order: str) -> tuple[int, int, int]:
         return int(match["year"]), int(match["month"]), int(match["day"])
     if match["name"]:
         return int(match["y"]), _MONTH.get(match["name"].lower(), 0), int(match["d"])
+    if match["first_name"]:
+        return int(match["yy"]), _MONTH.get(match["first_name"].lower(), 0), int(match["dd"])
     year = int(match["last"]) + (2000 if len(match["last"]) == 2 else 0)
     first, second = int(match["first"]), int(match["second"])
     if match["mark"] == "." or order == "day first":
