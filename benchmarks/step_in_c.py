@@ -56,6 +56,14 @@ FIELDS = (*_SHAFTS, *_FLANKS, *_OTHERS, "closes", "shift", *METRICS)
 _OWN = 2 * 8 + 3
 
 
+def _called(command: Sequence[str]) -> str:
+    """What the compiler says; ends the program where it refuses."""
+    done = subprocess.run(command, capture_output=True, text=True)
+    if done.returncode:
+        raise SystemExit(f"cc refused {SOURCE.name}:\n{done.stderr}")
+    return done.stdout + done.stderr
+
+
 class StepInC:
     """The compiled program. **Raises** `RuntimeError` where `cc` is missing."""
 
@@ -66,12 +74,12 @@ class StepInC:
         library = folder / f"step_{block}_{abs(hash(tuple(flags)))}.so"
         sizes = {"LANES": block, "FIELDS": len(FIELDS), "OWN": _OWN, "SHARED": _SHARED}
         defined = [f"-D{name}={value}" for name, value in sizes.items()]
-        common = [LOOPS, "-std=gnu11", "-shared", "-fPIC", "-fopt-info-vec-optimized"]
-        command = [CC, *flags, *common, *defined, "-o", str(library), str(SOURCE), "-lm"]
-        done = subprocess.run(command, capture_output=True, text=True)
-        if done.returncode:
-            raise SystemExit(f"cc refused {SOURCE.name}:\n{done.stderr}")
-        self.said = done.stdout + done.stderr
+        common = [LOOPS, "-std=gnu11", "-fPIC", "-fopt-info-vec-optimized"]
+        compiled = library.with_suffix(".o")
+        command = [CC, *flags, *common, *defined, "-c", "-o", str(compiled), str(SOURCE)]
+        self.said = _called(command)
+        # Linked with -ffast-math, it would make subnormal numbers zero in the whole process.
+        _called([CC, "-shared", "-o", str(library), str(compiled), "-lm"])
         self._run = ctypes.CDLL(str(library)).run
         self._run.argtypes = [ctypes.c_void_p] * 3 + [ctypes.c_long] * 2
         self._run.restype = None

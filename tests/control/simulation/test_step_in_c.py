@@ -46,6 +46,12 @@ def test_the_scan_is_what_c_makes_of_the_same_formulas(program, periods, expecte
     assert max(differs.values()) <= CLOSE, differs
 
 
+def test_the_program_in_c_leaves_subnormal_numbers_in_the_process(program, periods):
+    program.run(program.prepared(_cases()), periods)
+    smallest = np.finfo(np.float64).tiny
+    assert float(smallest) / 2 > 0 and (np.full(8, smallest) / 2 > 0).all()
+
+
 def test_every_metric_is_at_work(expected):
     """None of the compared numbers is trivial: lanes differ, and everything has happened."""
     rows = dict(zip(FIELDS, expected, strict=True))
