@@ -1,6 +1,6 @@
 """Transmission error and backlash of gear pairs, identified from encoder logs, in JAX.
 
-The names below are the stable ones. Each is imported when first used, so `import vttig_jax` itself
+`__all__` lists the stable names. Each is imported when it is first used: `import vttig_jax` itself
 imports neither jax nor numpy and configures nothing.
 """
 

@@ -76,7 +76,7 @@ def test_undamaged(folder, capsys):
     for verb in ("inspect", "fit"):
         code, out, err = attempt(capsys, folder, verb, content)
         check(code, out, err)
-        assert code == 0 and "stand off" not in out and "steps by" not in out
+        assert code == 0 and "from their neighbours" not in out and "steps by" not in out
 
 
 def _changed(role: str, change) -> bytes:

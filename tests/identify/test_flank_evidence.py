@@ -83,8 +83,8 @@ def test_a_torque_that_tells_nothing_leaves_it_to_the_motion(paper_pair, kind):
     found = assigned_segments(log)
     assert _agreement(found, sense) == 1.0
     assert [note for note in found.notes if note.startswith(NOTE)] == [
-        "flanks assigned by the motion: the sign of the torque column tells them no better, so it"
-        " counts as a regressor only"
+        "flanks assigned by the motion: the sign of the torque column does not tell them better,"
+        " so the column is only a regressor"
     ]
     bare = assigned_segments(_log(time, angle, driven, paper_pair))
     assert found.segments == bare.segments

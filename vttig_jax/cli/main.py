@@ -238,7 +238,7 @@ def _wants_json(arguments: list[str]) -> bool:
 
 
 def _tolerate_encodings() -> None:
-    """Replace characters that a terminal cannot show, such as ″ or Greek, by a mark."""
+    """Print a question mark for a character that the terminal cannot show, such as ″ or φ."""
     for stream in (sys.stdout, sys.stderr):
         reconfigure = getattr(stream, "reconfigure", None)
         if reconfigure is not None:

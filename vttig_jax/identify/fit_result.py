@@ -286,8 +286,9 @@ def _one_noise(noise: NoiseModel) -> str:
     if noise.choice.stationary_in == "angle":
         model += ", stationary in angle"
     memory = f", {_memory(noise)}" if noise.kind.has_memory else ""
-    slow = "; by moments: the model misses slow structure" if noise.by == "moments" else ""
-    return f"{model}, {blocks}{memory}{slow}"
+    if noise.by == "moments":
+        memory += "; from moments, because the model leaves slow structure in the residual"
+    return f"{model}, {blocks}{memory}"
 
 
 def _memory(noise: NoiseModel) -> str:

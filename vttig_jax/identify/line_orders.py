@@ -218,9 +218,11 @@ class _Judge:
         return abs(self._frequency(harmonic) - cycles) / self.comparison.resolution
 
     def _whole(self, cycles: float) -> float | None:
-        """Return the whole order of a shaft within one resolution of a frequency, if there is one.
+        """Return the known frequency within one resolution of `cycles`, or None.
 
-        The orders of a shaft that turned less than once are closer than the resolution.
+        Known are the whole orders of both shafts and the second orders of the exact relation. A
+        driven shaft that turned less than once is left out: its orders are closer than the
+        resolution.
         """
         ratio, resolution = float(self.terms.ratio), self.comparison.resolution
         known = [float(max(round(cycles), 1))]

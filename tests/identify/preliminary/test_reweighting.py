@@ -113,7 +113,7 @@ def test_wild_driving_readings_are_bridged(clean):
     bad = _spoiled(log, rig.pair, 0, "driving")
     result = fit(bad, rig.pair, loss="square")
     assert _relative([result], [before]) <= 1.5 * _relative([before], [before])
-    assert any("a fit bridges them" in note for note in result.notes)
+    assert any("a fit interpolates them" in note for note in result.notes)
 
 
 def test_what_is_told_of_them(clean):

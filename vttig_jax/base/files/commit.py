@@ -40,7 +40,7 @@ class Stage:
         self._digests: dict[str, str] = {}
 
     def write(self, name: str, data: bytes) -> None:
-        """Write a file of the stage; `name` uses `/` for subfolders. A second write replaces it."""
+        """Write a file into the stage, or write it anew; `name` uses `/` for subfolders."""
         staged = self.path / name
         staged.parent.mkdir(parents=True, exist_ok=True)
         staged.unlink(missing_ok=True)
@@ -78,7 +78,7 @@ class Stage:
         _follow(self.path, record)
 
     def drop(self) -> None:
-        """Remove the stage, unless the result is switched and other files still have to follow."""
+        """Remove the stage, unless the result is already moved and other files still have to be."""
         record = _read_record(self.path)
         if record is None or not _is_switched(self.path, record):
             shutil.rmtree(self.path, ignore_errors=True)
@@ -105,7 +105,7 @@ def settle(folder: Path) -> None:
 
 
 def settle_if_free(folder: Path) -> None:
-    """Settle a folder before it is read, where no other process writes and writing is allowed."""
+    """Settle a folder before it is read, if no other process writes to it and this one may."""
     if not has_stages(folder):
         return
     from filelock import FileLock, Timeout
@@ -173,7 +173,7 @@ def _move_staged(stage: Path, names: Iterable[str]) -> None:
 
 
 def _follow(stage: Path, record: dict[str, Any]) -> None:
-    """Move all files of a switched commit that are still in the stage, and remove old files."""
+    """Finish a commit whose result is moved: move the other files, and remove the old files."""
     _move_staged(stage, record["files"])
     for name in record["removed"]:
         target = stage.parent / name
@@ -183,7 +183,7 @@ def _follow(stage: Path, record: dict[str, Any]) -> None:
 
 
 def _undo(stage: Path, record: dict[str, Any]) -> None:
-    """Remove the files of a commit without switch that were moved, where they are unchanged."""
+    """Undo a commit whose result is not moved: remove the moved files that nobody has changed."""
     folders = set()
     for name, digest in record["files"].items():
         target = stage.parent / name

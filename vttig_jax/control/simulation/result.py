@@ -155,7 +155,7 @@ def _jump(run: "Simulation") -> str:
         return "none: the other flank is never met"
     text = f"{_angle(metrics['jump_deg'] * DEG)} at {float(run.accumulators.crossing) / DEG:.3f}°"
     paper = metrics.get("jump_paper_deg")
-    return text if paper is None else f"{text}; reading before less reading after {paper:+.5f}°"
+    return text if paper is None else f"{text}; reading before minus reading after {paper:+.5f}°"
 
 
 def _lost(run: "Simulation") -> str:

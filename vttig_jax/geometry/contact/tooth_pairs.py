@@ -85,7 +85,7 @@ def mates_of(
     deviations: Deviations | None,
     side: int,
 ) -> Mates:
-    """Return flank A (0) or B (1) of both gears with `standing` = 0."""
+    """Return the flanks A (`side` 0) or B (1) of both gears; their `standing` is still 0."""
     driving, driven = teeth
     given: list[dict[str, Any]] = [{}, {}]
     if deviations is not None:

@@ -120,7 +120,7 @@ def needed_lags(
 
 
 def filter_of(partial: Partial) -> Filter:
-    """Return the whitening filter by Levinson's recursion, for π_k = 0 beyond the order."""
+    """Return the whitening filter by Levinson's recursion; π_k must be 0 beyond the order."""
 
     def longer(filter_, step):
         mirror, value = step

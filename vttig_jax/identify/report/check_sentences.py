@@ -127,7 +127,7 @@ def _pass(one: PassDifference, *, several: bool) -> str:
     first, second = one.passes
     place = f" of log {one.log}" if several else ""
     return (
-        f"flank {one.flank}{place}, pass {second} less pass {first}: {one.mean_deg:+.5f}°"
+        f"flank {one.flank}{place}, pass {second} minus pass {first}: {one.mean_deg:+.5f}°"
         f" mean, {one.scatter_deg:.5f}° scatter over {one.overlap_deg:.0f}°"
     )
 

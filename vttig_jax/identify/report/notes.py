@@ -167,10 +167,10 @@ def _fractional_notes(terms: TermPlan) -> list[str]:
     if not names:
         return []
     single = len(names) == 1
-    is_, its = ("is", "its phase holds") if single else ("are", "their phases hold")
+    have, hold = ("has", "its phase holds") if single else ("have", "their phases hold")
     return [
-        f"{', '.join(names)} {is_} locked to no position of the gears: {its} at the zero of the log"
-        " only. The backlash map, `export`, `locate` and `simulate` leave"
+        f"{', '.join(names)} {have} no fixed position on the gears: {hold} only at the zero of the"
+        " log. The backlash map, `export`, `locate` and `simulate` leave"
         f" {'it' if single else 'them'} out"
     ]
 

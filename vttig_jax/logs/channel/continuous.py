@@ -115,13 +115,13 @@ def make_continuous(
         )
     if outliers.any():
         number, off = int(np.count_nonzero(outliers)), np.abs(readings - smooth).max()
-        verb = "stands" if number == 1 else "stand"
+        verb = "differs" if number == 1 else "differ"
         notes.append(
             f"{origin.role}: {number} of {len(values)} readings ({number / len(values):.2g}) {verb}"
-            f" off their neighbours by up to {off * abs(origin.radians) / DEG:.3g}°, as late or"
+            f" from their neighbours by up to {off * abs(origin.radians) / DEG:.3g}°, as late or"
             " disturbed readings do; "
             + (
-                "a fit bridges them"
+                "a fit interpolates them"
                 if origin.role == "driving"
                 else "a robust loss leaves them out"
             )

@@ -38,8 +38,8 @@ def assigned_segments(log: EncoderLog) -> Segments:
     if not by_motion.segments or _torque_fits_better(log, by_torque, by_motion):
         return by_torque
     note = (
-        "flanks assigned by the motion: the sign of the torque column tells them no better, so it"
-        " counts as a regressor only"
+        "flanks assigned by the motion: the sign of the torque column does not tell them better,"
+        " so the column is only a regressor"
     )
     return replace(by_motion, notes=(*by_motion.notes, note))
 

@@ -158,7 +158,7 @@ class ImportanceDiagnosis(Diagnosis):
         return "the posterior is too far from normal for its weights: sample with --method emcee"
 
     def to_json(self) -> dict[str, Any]:
-        """Return the fields of `Diagnosis`, with `pareto_k` and the name of the sampler."""
+        """Return the record of a `Diagnosis` with two more keys, `pareto_k` and `sampler`."""
         shape = self.pareto_k if np.isfinite(self.pareto_k) else None
         return super().to_json() | {"pareto_k": shape, "sampler": "importance"}
 

@@ -18,8 +18,9 @@ _SAMPLE = 16  # bytes of a sample and its time stamp
 
 
 def mdf_columns(path: Path, data: bytes) -> Iterator[ClockedColumn]:
-    """Yield the channels `Channel [unit]`; a name that occurs again gets its group in front.
+    """Yield every channel of a file under the name `Channel [unit]`.
 
+    Where a name occurs again, its group stands in front: `group 2/Channel [unit]`.
     Damaged bytes raise various exceptions of asammdf.
     """
     budget = MemoryBudget(str(path), len(data))

@@ -26,8 +26,9 @@ DEEPEST = 4
 
 
 def rosbag_columns(path: Path, data: bytes) -> Iterator[ClockedColumn]:
-    """Yield `topic/joint/position [rad]` and `topic/field`, with their stamps.
+    """Yield the numbers of all messages, with their time stamps.
 
+    The position of a joint is `topic/joint/position [rad]`, any other number `topic/field`.
     Damaged bytes raise various exceptions of rosbags.
     """
     del data  # rosbags reads the file or the folder

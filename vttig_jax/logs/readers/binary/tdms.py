@@ -18,7 +18,7 @@ UNIT_KEYS = ("unit_string", "NI_UnitDescription", "unit", "units")
 
 
 def tdms_columns(path: Path, data: bytes) -> Iterator[ClockedColumn]:
-    """Yield the channels `Group/Channel [unit]`.
+    """Yield every channel of a file under the name `Group/Channel [unit]`.
 
     **Raises** `LogError` for a file that ends within its data, which the library would read
     without a word. Damaged bytes raise various exceptions of nptdms.
