@@ -113,8 +113,6 @@ def one(
     old, new = ((base / f"{name}.digest").read_text() for name in ("old", "new"))
     if found not in (old, new, "none") or (found == "none" and overwrite):
         return how, f"FAULT {found}"
-    if verb.settles and (left := left_over(seen)):
-        return how, f"FAULT left by a reader {left}"
     holds = {new: "new", old: "old"}.get(found, "none")
     if holds == "new":
         return how, holds

@@ -50,7 +50,7 @@ class Tally:
         }
 
 
-def options(description: str, counted: str, number: int) -> argparse.ArgumentParser:
+def options(description: str | None, counted: str, number: int) -> argparse.ArgumentParser:
     """Return a parser with the options of a study of so many texts or inputs."""
     parser = argparse.ArgumentParser(description=description)
     parser.add_argument(f"--{counted}s", type=int, default=number, dest="number")

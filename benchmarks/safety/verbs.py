@@ -31,7 +31,6 @@ class Verb:
     - `arguments`: of the first call; `old`: of a call with another result, for --overwrite.
     - `content`: digest of the result in a folder.
     - `resumes`: whether the call is repeated with --resume after it was stopped.
-    - `settles`: whether a reader removes what a killed call has left.
     - `before`: called in the process of the command, for example to make blocks small.
     """
 
@@ -39,7 +38,6 @@ class Verb:
     old: tuple[str, ...]
     content: Callable[[Path], Content]
     resumes: bool
-    settles: bool = False
     before: Callable[[], None] = lambda: None
 
 
@@ -150,28 +148,28 @@ _RIGS = ("--pair", "gears.toml")
 _DRAWS = ("--steps", "420", "--walkers", "32", "--ensembles", "4", "--no-figures")
 VERBS = {
     "fit": Verb(
-        ("fit", "log.csv", *_PAIR), ("fit", "other.csv", *_PAIR), _fit, False, True, _small_pictures
+        ("fit", "log.csv", *_PAIR), ("fit", "other.csv", *_PAIR), _fit, False, _small_pictures
     ),
     "sample": Verb(
         ("sample", "log.csv", *_PAIR, *_DRAWS),
         ("sample", "other.csv", *_PAIR, *_DRAWS),
         _draws,
         True,
-        before=_save_often,
+        _save_often,
     ),
     "sweep": Verb(
         ("sweep", "sweep.toml", "--no-figures"),
         ("sweep", "sweep2.toml", "--no-figures"),
         _table("sweep.parquet"),
         True,
-        before=_small_blocks,
+        _small_blocks,
     ),
     "fit-many": Verb(
         ("fit-many", *(f"rig{k}.csv" for k in range(4)), *_RIGS),
         ("fit-many", "rig0.csv", *_RIGS),
         _table("fits.parquet"),
         True,
-        before=_one_log_a_block,
+        _one_log_a_block,
     ),
 }
 """Name → command."""

@@ -160,7 +160,7 @@ def test_all_together_and_again(fitted, folder, vttig_json):
     code, again = vttig_json("fit", "--run", out)
     assert code == 0
     kept = json.loads((out / "fit.json").read_text())
-    assert len(kept.pop("run")) == 64
+    assert len(kept.pop("run")) == len(kept.pop("arrays")) == 64
     assert again == kept
 
 

@@ -241,6 +241,33 @@ def test_files_of_different_runs_are_refused(saved, other, tmp_path, part, capsy
     assert not (tmp_path / "c.h").exists()
 
 
+@pytest.mark.parametrize("name", ["offset", "values", "evidence_widening", "evidence_A_triangle"])
+@pytest.mark.parametrize("change", [lambda array: array[:0], lambda array: array * 1.0000001])
+def test_arrays_that_were_changed_are_refused(saved, tmp_path, name, change, capsys):
+    changed = shutil.copytree(saved, tmp_path / "changed")
+    with np.load(saved / "summary.npz") as archive:
+        arrays = dict(archive)
+    np.savez(changed / "summary.npz", allow_pickle=False, **arrays)
+    assert open_run(changed).fit.to_json() == open_run(saved).fit.to_json()
+    arrays[name] = change(arrays[name])
+    np.savez(changed / "summary.npz", allow_pickle=False, **arrays)
+    assert main(["map", str(changed)]) == 3
+    assert "holds other arrays than the fit" in capsys.readouterr().err
+
+
+def test_shapes_that_do_not_fit_are_refused_without_a_digest(saved, tmp_path, capsys):
+    changed = shutil.copytree(saved, tmp_path / "changed")
+    record = json.loads((changed / "fit.json").read_text())
+    del record["arrays"]
+    (changed / "fit.json").write_text(json.dumps(record))
+    with np.load(saved / "summary.npz") as archive:
+        arrays = dict(archive)
+    arrays["offset"] = arrays["offset"][:0]
+    np.savez(changed / "summary.npz", allow_pickle=False, **arrays)
+    assert main(["map", str(changed)]) == 3
+    assert "`offset` has the shape (0,)" in capsys.readouterr().err
+
+
 def test_a_folder_of_an_older_version_is_read(saved, tmp_path):
     """Its files carry no digest; a new file among them is refused."""
     folder = shutil.copytree(saved, tmp_path / "old")
@@ -256,7 +283,7 @@ def test_a_folder_of_an_older_version_is_read(saved, tmp_path):
 
 
 def _names_run(line: str) -> bool:
-    return line.lstrip().startswith(('"run":', "run ="))
+    return line.lstrip().startswith(('"run":', '"arrays":', "run ="))
 
 
 def test_a_killed_overwrite_is_old_or_new_for_every_reader(saved, other, tmp_path):

@@ -1,5 +1,6 @@
 """Files of a fit: `fit.json` for people, `summary.npz` for the next command; no pickles."""
 
+import hashlib
 import io
 import json
 import zipfile
@@ -56,6 +57,14 @@ def fit_arrays(fit: Fit) -> dict[str, np.ndarray]:
     }
 
 
+def arrays_digest(arrays: dict[str, np.ndarray]) -> str:
+    """Return the SHA-256 of named arrays: of their names, types, shapes and values."""
+    digest = hashlib.sha256()
+    for name, array in sorted(arrays.items()):
+        digest.update(f"{name} {array.dtype.str} {array.shape}".encode() + array.tobytes())
+    return digest.hexdigest()
+
+
 def read_fit(folder: str | Path, pair: GearPair | Drive, *, run: str | None = None) -> Fit:
     """Read the fit of a run folder; `pair` is the pair of its `run.toml`.
 
@@ -77,8 +86,9 @@ def read_fit(folder: str | Path, pair: GearPair | Drive, *, run: str | None = No
         record = json.loads((folder / "fit.json").read_text(encoding="utf-8"))
         arrays = _read_arrays(folder / "summary.npz")
         _require_one_run(folder, record, arrays, run)
+        _require_unchanged(record, arrays)
         return _assembled(record, arrays, pair)
-    except InputError:
+    except (InputError, MemoryError):
         raise
     except PermissionError:
         raise InputError("no permission to read this fit.", where=str(folder)) from None
@@ -113,6 +123,29 @@ def _require_one_run(
             " here, or make the fit again with --overwrite.",
             where=str(folder),
         )
+
+
+def _require_unchanged(record: dict, arrays: dict[str, np.ndarray]) -> None:
+    """Raise `ValueError` for other arrays than those of the fit, or for shapes that do not fit.
+
+    Files of older versions carry no digest of their arrays.
+    """
+    if record.get("arrays") not in (None, arrays_digest(arrays)):
+        raise ValueError("summary.npz holds other arrays than the fit")
+    terms, names = len(arrays["terms"]), len(arrays["names"])
+    samples = int(arrays["curve_lengths"].sum())
+    shapes = {
+        "terms": (terms, 2),
+        "offset": (2,),
+        "cosine": (2, terms),
+        "sine": (2, terms),
+        "values": (names,),
+        "covariance": (names, names),
+        **dict.fromkeys(("driving_angle", "transmission_error", "time", "residual"), (samples,)),
+    }
+    for name, shape in shapes.items():
+        if arrays[name].shape != shape:
+            raise ValueError(f"`{name}` has the shape {arrays[name].shape} and not {shape}")
 
 
 def _assembled(record: dict, arrays: dict[str, np.ndarray], pair: GearPair | Drive) -> Fit:

@@ -16,8 +16,6 @@ from .run_file import CHECKPOINT, RunRecord, read_run
 from .stated_drive import stated_spec
 
 if TYPE_CHECKING:
-    import numpy as np
-
     from ..base.files.run_folder import RunFolder
     from ..identify.fit_result import Fit
 
@@ -173,7 +171,7 @@ def write_fit(writer: "RunFolder", fit: "Fit", record: RunRecord, *, figures: bo
     import numpy as np
 
     from ..base.files.json_io import dumps
-    from ..identify.store import fit_arrays
+    from ..identify.store import arrays_digest, fit_arrays
 
     for name in (*_FOLLOWING, *_unused_kept_logs(writer.path, record)):
         writer.discard(name)
@@ -181,13 +179,14 @@ def write_fit(writer: "RunFolder", fit: "Fit", record: RunRecord, *, figures: bo
         if (data := kept_bytes(log)) is not None:
             writer.write_bytes(kept_name(log), data)
     table, arrays, content = record.table(writer.path), fit_arrays(fit), fit.to_json()
-    digest = _run_digest(table, arrays, content)
+    held = arrays_digest(arrays)
+    digest = _run_digest(table, held, content)
     writer.write_toml("run.toml", {"schema": table["schema"], "run": digest} | table)
     writer.write_npz("summary.npz", **arrays, run=np.array(digest))
     if figures:
         for name, data in _figures(fit, digest).items():
             writer.write_bytes(f"figures/{name}", data)
-    content = {"schema": content["schema"], "run": digest} | content
+    content = {"schema": content["schema"], "run": digest, "arrays": held} | content
     writer.write_text("fit.json", dumps(content) + "\n")
 
 
@@ -206,18 +205,16 @@ def _unused_kept_logs(folder: Path, record: RunRecord) -> list[str]:
     ]
 
 
-def _run_digest(table: dict[str, Any], arrays: "dict[str, np.ndarray]", content: Any) -> str:
+def _run_digest(table: dict[str, Any], arrays: str, content: Any) -> str:
     """Return the SHA-256 of a run, which all files of its fit carry; equal runs have equal ones.
 
-    The paths of the logs are left out, because the same run may lie in another folder.
+    `arrays` is the digest of the arrays. The paths of the logs are left out, because the same run
+    may lie in another folder.
     """
     from ..base.files.json_io import dumps
 
     data = {name: table["data"].get(name) for name in ("sha256", "readings_sha256")}
-    digest = hashlib.sha256(dumps([table | {"data": data}, content]).encode())
-    for name, array in arrays.items():
-        digest.update(f"{name} {array.dtype.str} {array.shape}".encode() + array.tobytes())
-    return digest.hexdigest()
+    return hashlib.sha256(dumps([table | {"data": data}, content, arrays]).encode()).hexdigest()
 
 
 def _figures(fit: "Fit", digest: str) -> dict[str, bytes]:

@@ -120,7 +120,8 @@ def _holds(folder: Path, posterior: "Posterior") -> bool:
 
     stored = _read_json(folder / "fit.json")
     if isinstance(stored, dict):
-        stored.pop("run", None)
+        for digest in ("run", "arrays"):
+            stored.pop(digest, None)
     return stored == json.loads(dumps(posterior.fit.to_json()))
 
 

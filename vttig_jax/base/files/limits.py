@@ -14,6 +14,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from pathlib import Path
+from typing import BinaryIO
 
 from ..errors import InputError
 
@@ -80,7 +81,7 @@ class MemoryBudget:
             )
 
 
-def read_at_most(file: io.BufferedIOBase, limit: int, expected: int = 0) -> bytes:
+def read_at_most(file: BinaryIO | io.BufferedIOBase, limit: int, expected: int = 0) -> bytes:
     """Return the bytes of a stream up to its end, or its first bytes, more than `limit` of them.
 
     Python takes the memory of all bytes that are asked for before it reads them, so that a limit
