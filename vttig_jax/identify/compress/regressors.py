@@ -6,8 +6,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Float
-from scipy.interpolate import BSpline, CubicHermiteSpline
-from scipy.ndimage import uniform_filter1d
 
 from ...base.errors import UsageError
 from ...base.numerics.counting import nearest_whole, whole_above
@@ -214,6 +212,8 @@ def shifted(log: EncoderLog, delay_s: float, weight: Samples | None = None) -> S
     angle = log.driving.steady_angle(log.time)
     if delay_s == 0:
         return angle
+    from scipy.interpolate import CubicHermiteSpline  # slow to import, and needed for delays only
+
     doubtful = np.zeros(len(angle), bool) if weight is None else weight < DROPPED
     spikes = np.zeros(len(angle), bool) if log.driving.spikes is None else log.driving.spikes
     time, first = np.unique(log.time, return_index=True)
@@ -247,6 +247,8 @@ def _drift_columns(time: Samples, drift: Drift) -> dict[str, Samples]:
     if not drift.knots_s:
         scaled = (time - origin) / half
         return {name: scaled**power for power, name in enumerate(names, 1)}
+    from scipy.interpolate import BSpline  # slow to import, and seldom needed
+
     pieces = len(names) - 2
     inner = np.linspace(time[0], time[-1], pieces + 1)
     step = (time[-1] - time[0]) / pieces
@@ -312,6 +314,8 @@ def _torque_columns(log: EncoderLog) -> dict[str, Samples]:
             " torque=NAME or in [log].",
             where=log.source,
         )
+    from scipy.ndimage import uniform_filter1d  # slow to import, and needed with a torque only
+
     columns = {}
     interval, duration = np.median(np.diff(log.time)), np.ptp(log.time)
     for number, window_s in enumerate(TORQUE_WINDOWS_S):

@@ -13,7 +13,6 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-import optimistix as optx
 from jaxtyping import Float
 
 from ...base.arrays import Number, Numbers
@@ -127,6 +126,7 @@ def _minimise(
     unit: Float[Number, ""],
 ) -> tuple[Float[Numbers, " p"], Float[Number, ""]]:
     """Return the parameters of the least misfit, and this misfit in units of `unit`."""
+    import optimistix as optx  # slow to import, and seldom needed
 
     def misfit(scaled: Float[Numbers, " p"], _: None) -> Float[Numbers, " r"]:
         return _left(model, parts, start + scale * scaled) / unit

@@ -17,7 +17,6 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy.ndimage import median_filter
-from scipy.special import bdtrc
 
 from ...base.units import DEG
 from ..compress.regressors import DROPPED, Samples
@@ -313,6 +312,8 @@ def slow_readings(time: Samples, weight: Samples) -> Bool[np.ndarray, " n"]:
     long, doubtful = interval > _LONG * np.median(np.diff(time)), weight < DROPPED
     if not long.any() or long.mean() > _MOST_SLOW:
         return np.zeros(len(time), bool)
+    from scipy.special import bdtrc  # slow to import, and seldom needed
+
     often, seldom = float(doubtful[long].mean()), float(doubtful[~long].mean())
     chance = float(bdtrc(doubtful[long].sum() - 1, long.sum(), max(seldom, 1e-9)))
     return long & (often > _OFTEN * seldom) & (often > _SEEN) & (chance < _CHANCE)
