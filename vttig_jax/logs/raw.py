@@ -1,15 +1,18 @@
 """Reading of the columns of a log by their roles, before unwrapping."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from jaxtyping import Real
 
 from ..base.errors import LogError
 from ..base.units import ANGLE_UNITS, REV
 from ..pair.schema import LogLayout, as_fraction
-from .channel.channel import RawChannel
+from .channel.channel import EXACT_FLOAT, RawChannel
 from .clocks import ClockedChannel, common_clock
 from .encoder_log import RawLog
 from .protocols import TwoShafts
@@ -43,21 +46,28 @@ def read_raw(
     rate = sample_rate_hz
     if rate is None and "time" not in columns:
         rate = layout.sample_rate_hz
-    table, digest, notes = open_table(
+    opened = partial(  # line numbers are read again, so that the text takes no memory until then
+        open_table,
         path,
         encoding=layout.encoding,
         delimiter=layout.delimiter,
         decimal=decimal or layout.decimal,
-        requested=requested_names(layout, columns).values(),
+        requested=tuple(requested_names(layout, columns).values()),
     )
+    table, digest, notes = opened()
     own_time = requested_names(layout, columns)["time"] is None and has_clocks(table)
     timed = rate is None and not own_time
     roles = find_columns(table.names, layout, pair.unit, columns, name, timed=timed)
-    reading = _Reading(table, roles, Source(name, {r: c.name for r, c in roles.items()}))
+    source = Source(name, {r: c.name for r, c in roles.items()})
+    line_of = partial(_line_of, opened) if isinstance(table, TextTable) else None
+    reading = _Reading(table, roles, source, line_of)
+    del table
     if rate is None and own_time:
         time, values, told = reading.on_common_clock(pair)
     else:
         time, values, told = reading.in_rows(rate, stated=pair.unit.time is not None)
+    source = reading.source
+    del reading  # and the text
     factors = {
         role: units_in[roles[role].unit] for role, units_in in UNITS.items() if role in roles
     }
@@ -72,12 +82,19 @@ def read_raw(
         direction=values.get("direction"),
         axial_mm=converted.get("axial_mm"),
         torque=values.get("torque"),
-        source=reading.source,
+        source=source,
         sha256=digest,
         notes=(*notes, *told),
         speed=converted.get("speed"),
         acceleration=converted.get("acceleration"),
     )
+
+
+def _line_of(opened: Callable[[], tuple[TextTable | NestedTable, str, Any]], row: int) -> int:
+    """Return the line number of a row of a text that is opened again."""
+    table = opened()[0]
+    assert isinstance(table, TextTable)  # other tables have no line numbers
+    return table.line_of(row)
 
 
 @dataclass
@@ -87,6 +104,7 @@ class _Reading:
     table: TextTable | NestedTable
     roles: Mapping[str, Column]
     source: Source
+    line_of: Callable[[int], int] | None
 
     def in_rows(
         self, rate: int | float | None, *, stated: bool
@@ -104,7 +122,7 @@ class _Reading:
         ]
         indices = [column.index for column in used]
         self.table, notes = self.table.without_cut_line(indices)
-        self.source = Source(self.source.name, self.source.columns, self.table.line_of)
+        self.source = Source(self.source.name, self.source.columns, self.line_of)
         arrays = dict(zip(indices, self.table.columns(indices), strict=True))
         if time is not None:
             if time.index == ROW_INDEX:
@@ -186,7 +204,19 @@ def _channel(column: Column, values: Mapping[str, np.ndarray], layout: LogLayout
     readings = values[column.role]
     if getattr(layout, f"{column.role}_increments"):
         readings = np.cumsum(readings)
+    if column.unit == "counts":
+        readings = _whole(readings)
     return RawChannel(readings, column.unit, getattr(layout, f"{column.role}_scale"))
+
+
+def _whole(readings: Real[np.ndarray, " n"]) -> Real[np.ndarray, " n"]:
+    """Return whole counts as int64, so that a log does not keep them in two types."""
+    if readings.dtype.kind != "f" or not np.isfinite(readings).all():
+        return readings
+    largest = max(readings.max(initial=0.0), -readings.min(initial=0.0))
+    if largest >= EXACT_FLOAT or not np.all(readings == np.rint(readings)):
+        return readings
+    return readings.astype(np.int64)
 
 
 def _clock_channel(time: np.ndarray, layout: LogLayout) -> RawChannel:

@@ -99,6 +99,7 @@ def read_log(
     )
     keywords: dict[str, Any] = {"decimal": decimal, "sample_rate_hz": sample_rate_hz}
     log = EncoderLog.from_raw(raw, pair)
+    del raw
     keywords["columns"] = dict(columns or {})
     log = replace(log, keywords=keywords, path=Path(path).resolve())
     if found is not None:

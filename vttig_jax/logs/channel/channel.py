@@ -179,7 +179,7 @@ def _exact_values(role: str, raw: RawChannel, source: Source) -> tuple[np.ndarra
     if raw.unit != "counts":
         return values.astype(np.float64), []
     if np.issubdtype(values.dtype, np.integer):
-        values = values.astype(np.int64)
+        values = values.astype(np.int64, copy=False)
         too_large = (values >= WIDEST) | (values <= -WIDEST)
         if too_large.any():
             row = int(np.argmax(too_large))

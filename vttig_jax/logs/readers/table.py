@@ -7,6 +7,7 @@ from itertools import islice
 
 from ...base.errors import LogError
 from .delimited import TextTable, split
+from .lines import Lines
 from .number_format import CURE, looks_like_number
 from .times.stamps import looks_like_stamp
 from .units_row import is_units_row, with_units
@@ -44,12 +45,10 @@ def find_table(
 
     **Raises** `LogError` for text without header or without rows below it.
     """
-    lines = text.split("\n")
-    end = next((k for k in range(len(lines), 0, -1) if lines[k - 1].strip(EMPTY)), len(lines))
-    lines[end:] = [""] if end < len(lines) else []
+    lines = Lines.of(text).without_empty_end(EMPTY)
     stated = _SEPARATOR.fullmatch(lines[0].strip())
     if stated is not None:
-        lines[0] = ""
+        lines = Lines.of(text[len(lines[0]) : lines.stop])
     if delimiter is None:
         candidates = DELIMITERS if stated is None else (stated[1].replace("\\t", "\t"),)
     else:
@@ -93,7 +92,7 @@ def _names(line: str, delimiter: str | None) -> list[str]:
     return split(text, delimiter)
 
 
-def _names_with_units(lines: list[str], header: int, delimiter: str | None) -> list[str]:
+def _names_with_units(lines: Lines, header: int, delimiter: str | None) -> list[str]:
     """Return the names in the header line; a row of units stands below the names."""
     names = _names(lines[header], delimiter)
     if header == 0 or not is_units_row(split(lines[header], delimiter, trim=False)):
@@ -104,7 +103,7 @@ def _names_with_units(lines: list[str], header: int, delimiter: str | None) -> l
     return with_units(above, split(lines[header], delimiter, trim=False))
 
 
-def _first_row(lines: list[str], delimiter: str | None) -> int | None:
+def _first_row(lines: Lines, delimiter: str | None) -> int | None:
     """Return the first line that has at least two fields, at least half of them numbers.
 
     A line such as `Channels:;3` above the table is left out: the next line is no such row, and the
@@ -131,7 +130,7 @@ def _first_row(lines: list[str], delimiter: str | None) -> int | None:
     return first
 
 
-def _rows_of_numbers(lines: list[str], delimiter: str | None) -> Iterator[tuple[int, int]]:
+def _rows_of_numbers(lines: Lines, delimiter: str | None) -> Iterator[tuple[int, int]]:
     """Yield line and number of fields of the rows of numbers among the first lines."""
     for k, line in enumerate(lines[:PREAMBLE]):
         if width := _width_of_numbers(line, delimiter):
@@ -143,11 +142,13 @@ def _width_of_numbers(line: str, delimiter: str | None) -> int:
     if line.lstrip().startswith(COMMENTS):
         return 0
     fields = split(line, delimiter)
+    if len(fields) < 2:
+        return 0
     numbers = sum(looks_like_number(field) or looks_like_stamp(field) for field in fields)
-    return len(fields) if len(fields) >= 2 and 2 * numbers >= len(fields) else 0
+    return len(fields) if 2 * numbers >= len(fields) else 0
 
 
-def _next_with_content(lines: list[str], row: int) -> int | None:
+def _next_with_content(lines: Lines, row: int) -> int | None:
     """Return the next line that is neither blank nor a comment, or None."""
     for k in range(row + 1, min(len(lines), PREAMBLE)):
         if lines[k].strip() and not lines[k].lstrip().startswith(COMMENTS):
@@ -155,7 +156,7 @@ def _next_with_content(lines: list[str], row: int) -> int | None:
     return None
 
 
-def _header_before(lines: list[str], start: int, delimiter: str | None) -> int | None:
+def _header_before(lines: Lines, start: int, delimiter: str | None) -> int | None:
     width = len(split(lines[start], delimiter))
     fallback = None
     for k in range(start - 1, -1, -1):
@@ -184,7 +185,7 @@ def _check_width(
 
 
 def _headerless(
-    lines: list[str],
+    lines: Lines,
     candidates: Sequence[str | None],
     source: str,
     decimal: str | None,
@@ -240,7 +241,7 @@ def _refuse_ambiguous_commas(table: TextTable, highest: int) -> None:
 
 
 def _single_column(
-    lines: list[str], candidates: Sequence[str | None], source: str, decimal: str | None
+    lines: Lines, candidates: Sequence[str | None], source: str, decimal: str | None
 ) -> TextTable | None:
     """Return a single column with or without a name; each line may end with a delimiter."""
     for delimiter in candidates:
@@ -265,7 +266,7 @@ def _single_column(
     return None
 
 
-def _no_table(lines: list[str], candidates: Sequence[str | None], source: str) -> LogError:
+def _no_table(lines: Lines, candidates: Sequence[str | None], source: str) -> LogError:
     for delimiter in candidates:
         start = _first_row(lines, delimiter)
         if start is not None:

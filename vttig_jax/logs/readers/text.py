@@ -28,6 +28,9 @@ BOMS = (
 _CONTROL = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f]")
 """Control codes other than tab, line feed and carriage return."""
 
+_PLAIN = b"\t\n\r" + bytes(range(0x20, 0x7F))
+"""Bytes of an ASCII text without control codes; they are counted faster than by the pattern."""
+
 
 def read_text(path: str | Path, encoding: str | None) -> tuple[str, str, tuple[str, ...]]:
     """Return the text, the SHA-256 of its bytes, and notes on an assumed encoding.
@@ -72,8 +75,11 @@ def read_text(path: str | Path, encoding: str | None) -> tuple[str, str, tuple[s
         notes = ("not UTF-8, read as Windows-1252 (cp1252)",)
     except (LookupError, ValueError):  # a null character in the name, a codec that always fails
         raise _unusable(encoding) from None
+    is_plain = text.isascii() and not data.translate(None, _PLAIN)
+    del data  # before a text that differs takes memory too
     text = text.removeprefix("\ufeff")  # some codecs keep the byte-order mark
-    return printable(text.replace("\r\n", "\n").replace("\r", "\n")), digest, notes
+    text = text.replace("\r\n", "\n").replace("\r", "\n")
+    return text if is_plain else printable(text), digest, notes
 
 
 def printable(text: str) -> str:

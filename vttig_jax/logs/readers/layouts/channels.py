@@ -1,11 +1,12 @@
 """Channels with stamps of their own, gathered line by line, as a table."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from ....base.errors import LogError
+from ..lines import Lines
 from ..nested import NestedTable
 from ..times.seconds import exact_numbers
 from ..times.stamps import looks_like_stamp, read_stamps
@@ -35,12 +36,12 @@ class Layout:
 
     **Arguments**
     - `name`: what the layout is called in notes.
-    - `matches`: whether the first lines are of this layout.
+    - `matches`: whether the lines are of this layout.
     - `read`: the table and its notes, from all lines and the name of the file.
     """
 
     name: str
-    matches: Callable[[Sequence[str]], bool]
+    matches: Callable[[Lines], bool]
     read: Callable[[list[str], str], tuple[NestedTable, tuple[str, ...]]]
 
 

@@ -4,11 +4,10 @@ The rows have neither header nor time; the option -t of the program puts the num
 first. Rows without a line `overrun` are read as any table without a header.
 """
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from ....base.errors import LogError
+from ..lines import Lines
 from ..nested import NestedTable
 from ..number_format import looks_like_number
 
@@ -18,9 +17,9 @@ LOST = 10
 of more than five samples is (chosen)."""
 
 
-def matches(lines: Sequence[str]) -> bool:
+def matches(lines: Lines) -> bool:
     """Return whether there are lines `overrun`, and the first other line is numbers only."""
-    if OVERRUN not in (line.strip() for line in lines):
+    if not lines.have(OVERRUN) or OVERRUN not in (line.strip() for line in lines):
         return False
     first = next((line for line in lines if line.strip() not in ("", OVERRUN)), "")
     return bool(first) and all(map(looks_like_number, first.split()))

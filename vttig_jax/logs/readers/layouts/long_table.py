@@ -56,7 +56,7 @@ def read(lines: list[str], source: str) -> tuple[NestedTable, tuple[str, ...]]:
 def _columns(lines: Sequence[str]) -> tuple[str, tuple[int, int, int]] | None:
     """Return the delimiter and the columns of time, name and value, or None."""
     for delimiter in _DELIMITERS:
-        content = (line for line in lines[1:] if line.strip())
+        content = (line for line in islice(lines, 1, None) if line.strip())
         rows = [split(line, delimiter) for line in islice(content, _SAMPLE)]
         if len(rows) < _FEWEST or not 3 <= len(rows[0]) <= 5:
             continue

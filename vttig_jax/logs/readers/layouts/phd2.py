@@ -17,6 +17,7 @@ from jaxtyping import Float
 from ....base.errors import LogError
 from ....base.units import DEG
 from ..delimited import split
+from ..lines import Lines
 from ..nested import NestedTable
 from ..number_format import to_number
 from ..text import printable
@@ -195,7 +196,7 @@ class Session:
         return text
 
 
-def matches(lines: Sequence[str]) -> bool:
+def matches(lines: Lines) -> bool:
     """Return whether the first lines and the names of a table are those of a guide log."""
     first = any(map(_FIRST.match, lines[:SPARE]))
     return first and any(line.startswith(HEADER) for line in lines)

@@ -1,5 +1,6 @@
 """The text layouts that are recognised, in the order of the trials."""
 
+from ..lines import Lines
 from ..nested import NestedTable
 from . import camonitor, cantools, halsampler, long_table, phd2, sections, twincat
 from .channels import Layout
@@ -21,6 +22,6 @@ def read_layout(text: str, source: str) -> tuple[NestedTable, tuple[str, ...]] |
 
     **Raises** `LogError` for a text that is damaged in its layout.
     """
-    lines = text.split("\n")
+    lines = Lines.of(text)
     layout = next((one for one in LAYOUTS if one.matches(lines)), None)
-    return None if layout is None else layout.read(lines, source)
+    return None if layout is None else layout.read(list(lines), source)

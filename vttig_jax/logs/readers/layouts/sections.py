@@ -12,6 +12,7 @@ import numpy as np
 
 from ....base.errors import LogError
 from ..delimited import split
+from ..lines import Lines
 from ..nested import NestedTable
 from ..number_format import looks_like_number, to_number
 from ..text import printable
@@ -26,7 +27,7 @@ FEWEST_ROWS = 3
 _BELOW_FIRST = 2
 """Lines of the first header and the first row, among which no second section begins."""
 
-_WORD = re.compile(r"""\s*["']?[^\W\d_]""")
+_WORD = re.compile(r"""^\s*["']?[^\W\d_]""", re.MULTILINE)
 """Beginning of a line of names."""
 
 
@@ -48,9 +49,9 @@ class Section:
     others: list[int] = field(default_factory=list)
 
 
-def matches(lines: Sequence[str]) -> bool:
+def matches(lines: Lines) -> bool:
     """Return whether the text has at least two tables with names of their own."""
-    return any(map(_WORD.match, lines[_BELOW_FIRST:])) and len(_sections(lines)[0]) > 1
+    return lines.match(_WORD, _BELOW_FIRST) and len(_sections(list(lines))[0]) > 1
 
 
 def read(lines: list[str], source: str) -> tuple[NestedTable, tuple[str, ...]]:
