@@ -43,7 +43,13 @@ def test_completion_script(capsys, monkeypatch, shell):
 
 
 @pytest.mark.parametrize(
-    ("words", "expected"), [("vttig in", "inspect"), ("vttig fit --rat", "--ratio")]
+    ("words", "expected"),
+    [
+        ("vttig in", "inspect"),
+        ("vttig fit --rat", "--ratio"),
+        ("vttig fit --unit co", "counts"),
+        ("vttig fit --unit time=m", "time=ms"),
+    ],
 )
 def test_completion_answers(capsys, monkeypatch, words, expected):
     monkeypatch.setenv("_VTTIG_COMPLETE", "bash_complete")

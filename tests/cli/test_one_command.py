@@ -97,6 +97,20 @@ def test_an_inverted_encoder(vttig, vttig_json, log):
     assert gap["value"] == pytest.approx(GAP_DEG, abs=1e-4)
 
 
+@pytest.mark.parametrize("stated", [(), ("--ratio", "16:9")])
+def test_inspect_prints_the_command_for_an_inverted_encoder(vttig, log, stated):
+    log.write_text(csv("Zeit [s],Motorwinkel [°],Abtriebswinkel [°]", T, X, -Y))
+    command = vttig("inspect", log, *stated)[1].splitlines()[-1]
+    assert "--ratio 16:9 --invert driven" in command
+    code, out, _ = vttig("inspect", *shlex.split(command)[2:])
+    assert code == 0 and "ratio       0.5625" in out
+
+
+def test_inspect_prints_no_command_that_a_fit_refuses(vttig, log):
+    told = " ".join(vttig("inspect", log, "--ratio", "9:16")[1].split())
+    assert "the inverse" in told and "to fit it" not in told
+
+
 def test_a_clock_turns_the_driving_shaft(vttig_json, tmp_path):
     time = np.arange(4000) * 2.0
     error = 5.0 * np.sin(2 * np.pi * time / 479 + 0.3)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..base.errors import UsageError
-from ..logs.recognition.request import DriveRequest, counts_of, units_of_options
+from ..logs.recognition.request import UNITS, DriveRequest, counts_of, units_of_options
 from ..runs.stated_drive import write_pair
 from .output import LOGGER, Output
 
@@ -20,6 +20,16 @@ if TYPE_CHECKING:
     from ..logs.recognition.question import Guess
     from ..pair.schema import PairSpec
     from ..runs.options import ReadingOptions
+
+
+def _units(_: click.Context, __: click.Parameter, incomplete: str) -> list[str]:
+    """Return the units that complete the value of `--unit`."""
+    role, equals, _rest = incomplete.partition("=")
+    known = UNITS.get(role, ()) if equals else UNITS["driving"]
+    return [
+        text for one in known if (text := f"{role}={one}" if equals else one).startswith(incomplete)
+    ]
+
 
 _OF_THE_DRIVE = (
     click.option(
@@ -42,6 +52,7 @@ _OF_THE_LOG = (
         multiple=True,
         metavar="[ROLE=]UNIT",
         callback=lambda _, __, texts: units_of_options(texts),
+        shell_complete=_units,
         help="Unit of columns whose names say none: deg, rad, rev or counts of both shafts, or of"
         " one role, such as time=ms; may be repeated.",
     ),

@@ -92,7 +92,7 @@ class Preview:
         parts = [shown_name(self.source), column_table(_grouped(self.columns)), key_values(rows)]
         parts.append(bullets("note", (*_other_arrays(self.others, self.rows), *self.notes)))
         if self.fit_command and self.ratio is not None:
-            turns = in_words(Fraction(simple_fraction(*self.ratio)))
+            turns = in_words(Fraction(simple_fraction(abs(self.ratio[0]), self.ratio[1])))
             parts.append(f"if {turns}:\n  {self.fit_command}")
         return "\n\n".join(part for part in parts if part)
 
@@ -148,7 +148,7 @@ def preview_log(
         hints += map(str, search.guesses)
         hints += _missing_input(roles, sample_rate_hz, reports)
         hints += [f"a fit asks: {question}"] if question else []
-        if not question and ratio is not None and ratio[0] > 0:
+        if not question and ratio is not None and ratio[0] != 0:
             shown = _with_ratio(request, ratio)
             names_of = search.column_names
             keywords = {"decimal": decimal, "sample_rate_hz": sample_rate_hz}
@@ -177,8 +177,12 @@ def _ratio(
 
 
 def _with_ratio(request: DriveRequest, seen: tuple[float, float]) -> DriveRequest:
-    """Return a request with the simplest fraction near the ratio that a log shows."""
-    near = Fraction(simple_fraction(*seen))
+    """Return a request with the simplest fraction near the ratio that a log shows.
+
+    Where the shafts turn against each other, the driven encoder is inverted.
+    """
+    near = Fraction(simple_fraction(abs(seen[0]), seen[1]))
+    request = request if seen[0] > 0 else request.with_driven_inverted()
     return replace(request, ratio=f"{near.denominator}:{near.numerator}")
 
 

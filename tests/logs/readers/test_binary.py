@@ -208,3 +208,12 @@ def test_a_folder_that_is_no_bag(tmp_path):
     (tmp_path / "folder").mkdir()
     with pytest.raises(LogError, match="this is a folder"):
         read_log(tmp_path / "folder", ratio="16:9")
+
+
+def test_a_duration_is_time(tmp_path):
+    stamps = pa.array(np.rint(T * 1e9).astype(np.int64), pa.duration("ns"))
+    feather.write_feather(pa.table([stamps, X, Y], ["t", "motor_deg", "load_deg"]), tmp_path / "d")
+    path = (tmp_path / "d").rename(tmp_path / "log.feather")
+    log = read_log(path, ratio="16:9")
+    np.testing.assert_allclose(log.time - log.time[0], T - T[0], atol=1e-9)
+    assert log.spec is not None and log.spec.log.time == "t [s]"

@@ -242,6 +242,17 @@ def test_a_cut_end_is_left_out(read, make):
     assert any("cut off" in note for note in log.notes)
 
 
+def test_unnamed_channels_that_end_at_different_times(read):
+    """The ratio is looked for where both channels have samples."""
+    lines = ["time_s,channel,value"]
+    for k in range(SIZE):
+        lines.append(f"{T[k]:.4f},a [deg],{X[k]:.6f}")
+        if k < 0.8 * SIZE:
+            lines.append(f"{T[k] + 1e-3:.4f},b [deg],{Y[k]:.6f}")
+    log = read("\n".join(lines) + "\n")
+    assert log.spec is not None and log.spec.log.driving == "a [deg]"
+
+
 def test_channels_without_a_common_time(read):
     lines = [f"{k / 10:.1f},motor_deg,{k}\n" for k in range(50)]
     lines += [f"{100 + k / 10:.1f},load_deg,{k}\n" for k in range(50)]

@@ -81,10 +81,13 @@ def _inspected(
         first = preview_log(log, spec=spec, **reading.keywords())
         return replace(first, notes=(*map(str, guesses), *first.notes))
     report = inspect_log(read_log(log, spec, **reading.keywords()), spec)
-    if pair is not None:
-        return report
+    if pair is not None or report.ratio.verdict in ("swapped", "swapped_sign", "differs"):
+        return report  # a fit would refuse the log; the notes name the cures
+    request = drive.request
+    if report.ratio.verdict == "sign":
+        request = request.with_driven_inverted()
     names = {role: name for role in ROLES if (name := getattr(spec.log, role)) is not None}
     command = fit_command(
-        log, drive.request, names, decimal=reading.decimal, sample_rate_hz=reading.sample_rate
+        log, request, names, decimal=reading.decimal, sample_rate_hz=reading.sample_rate
     )
     return replace(report, fit_command=command)

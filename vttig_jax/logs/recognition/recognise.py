@@ -297,7 +297,7 @@ class Search:
             stamps = [table.clocks[one.index] for one in (first, second)]
             if stamps[0] != stamps[1]:
                 a, b = table.columns(stamps)
-                nearest = np.clip(np.searchsorted(b, a), 0, len(b) - 1)
-                return first.values, second.values[nearest]
+                inside = (a >= b[0]) & (a <= b[-1])
+                return first.values[inside], second.values[np.searchsorted(b, a[inside])]
         size = min(len(first.values), len(second.values))
         return first.values[:size], second.values[:size]

@@ -1,7 +1,7 @@
 """What a user states about a drive and its log beside a pair file: ratio, counts and units."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 
 from ...base.errors import PairError, UsageError
@@ -110,6 +110,11 @@ class DriveRequest:
         ]
         drive = DriveTable(ratio=str(ratio).replace(" ", ""))
         return PairSpec(drive=drive, driving=gears[0], driven=gears[1])
+
+    def with_driven_inverted(self) -> "DriveRequest":
+        """Return the request with the other direction of the driven encoder."""
+        others = tuple(shaft for shaft in self.inverted if shaft != "driven")
+        return replace(self, inverted=others if "driven" in self.inverted else (*others, "driven"))
 
     def check(self) -> None:
         """Raise `UsageError` for statements that are invalid or exclude each other."""

@@ -80,6 +80,8 @@ def by_ratio(
             unknown.append((lacking[0], roles[lacking[0]]))
             continue
         driving, driven = scale.common(roles["driving"], roles["driven"])
+        if len(driving) < 2:
+            continue  # the two channels have no common time
         sign = _fits(
             _turns(driving, per_turn["driving"]), _turns(driven, per_turn["driven"]), float(ratio)
         )

@@ -29,7 +29,8 @@ def arrow_columns(path: Path, data: bytes) -> Iterator[tuple[str, np.ndarray]]:
     for field, column in zip(table.schema, table.columns, strict=True):
         unit = next((v for k, v in (field.metadata or {}).items() if k.lower() in UNIT_KEYS), b"")
         name = f"{field.name} [{unit.decode('utf-8', 'replace')}]" if unit else field.name
-        if pa.types.is_timestamp(field.type) or pa.types.is_time(field.type):
+        kinds = pa.types.is_timestamp, pa.types.is_time, pa.types.is_duration
+        if any(is_kind(field.type) for is_kind in kinds):
             yield f"{field.name} [s]", _seconds(pa, column)
         elif pa.types.is_integer(field.type) or pa.types.is_floating(field.type):
             yield name, np.asarray(column.to_numpy())
