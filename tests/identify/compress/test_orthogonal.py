@@ -42,7 +42,7 @@ def test_factors_are_orthonormal_and_give_the_rows_back():
 def test_conditioned_rows_are_well_conditioned_and_give_the_rows_back(angle: float):
     """Whatever the rows are: with two equal columns, and with a y that they explain exactly."""
     rows = _near(angle)
-    found = conditioned(rows)
+    found = conditioned(rows.copy())
     whole = np.vstack([found.rows, found.pseudo])
     singular = np.linalg.svd(whole, compute_uv=False)
     assert singular[-1] > 0.5e-4 and singular[0] < 1 + 1e-9

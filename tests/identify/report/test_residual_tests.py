@@ -6,11 +6,14 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from tests.identify.summaries import random_log
 from vttig_jax.identify.fitting import fit
 from vttig_jax.identify.noise.noise_model import NoiseModel
+from vttig_jax.identify.report import residual_tests
 from vttig_jax.identify.report.checks import Whiteness
 from vttig_jax.identify.report.repeatability import passes
 from vttig_jax.identify.report.residual_tests import whiteness
+from vttig_jax.identify.solve.residuals import Weights
 from vttig_jax.kinematics.te_curve import TECurve
 from vttig_jax.logs.encoder_log import EncoderLog
 from vttig_jax.pair.schema import HarmonicOrders
@@ -121,3 +124,20 @@ def test_passes_of_a_rig_that_goes_forth_twice(noisy_rig):
     for one in found:
         assert abs(one.mean_deg) < 0.0005
         assert one.overlap_deg > 700
+
+
+def test_a_long_run_is_searched_the_same_without_a_copy_of_its_regressors(monkeypatch):
+    log, generator = random_log(2, ("offset",), "AB", count=900), np.random.default_rng(3)
+    weights: Weights = {
+        run.segment.flank: generator.standard_normal(log.columns.width) for run in log.runs
+    }
+    copied = residual_tests._all_runs([log], [weights])
+    monkeypatch.setattr(residual_tests, "_MOST_CELLS", 1000)
+    bare = residual_tests._all_runs([log], [weights])
+    for run, (_, one), (_, other) in zip(log.runs, copied, bare, strict=True):
+        np.testing.assert_allclose(one.value, run.rows @ weights[run.segment.flank])
+        assert one.nuisance.strides != other.nuisance.strides == (0, 0)
+        short = [residual_tests._affordable([each], 0.3)[0] for each in (one, other)]
+        assert len(short[0].value) < len(one.value)
+        for name in ("angle", "value", "nuisance"):
+            np.testing.assert_array_equal(*(getattr(each, name) for each in short))

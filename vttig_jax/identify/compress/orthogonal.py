@@ -55,16 +55,18 @@ def conditioned(rows: Float[np.ndarray, "n q"]) -> Factored:
     F is the Cholesky factor of ZᵀZ + 1e-12 of its diagonal, and U = Z F⁻¹ by substitution, which is
     exact to the last digits of Z. With pseudo-observations no singular value of U is below 1e-4, so
     products of its rows keep eight digits in the worst direction (shifted CholeskyQR, T. Fukaya et
-    al., SIAM J. Sci. Comput. 42 (2020) A477). The condition number of ZᵀZ has no effect.
+    al., SIAM J. Sci. Comput. 42 (2020) A477). The condition number of ZᵀZ has no effect. U takes
+    the memory of `rows`, whose values are lost.
     """
     size = _sizes(rows)
-    scaled = rows / size
-    gram = scaled.T @ scaled
+    rows /= size
+    gram = rows.T @ rows
     gram[np.diag_indices(len(gram))] += _SHIFT
     triangle = np.linalg.cholesky(gram).T
-    white = _substituted(triangle, scaled)
     return Factored(
-        white, _substituted(triangle, PSEUDO_OBSERVATION * np.eye(len(gram))), triangle * size
+        _substituted(triangle, rows),
+        _substituted(triangle, PSEUDO_OBSERVATION * np.eye(len(gram))),
+        triangle * size,
     )
 
 
@@ -100,8 +102,8 @@ def _sizes(rows: Float[np.ndarray, "n q"]) -> Float[np.ndarray, " q"]:
 def _substituted(
     triangle: Float[np.ndarray, "q q"], rows: Float[np.ndarray, "n q"]
 ) -> Float[np.ndarray, "n q"]:
-    """Return `rows` times the inverse of an upper triangle."""
-    solved: Any = solve_triangular(triangle, rows.T, trans=1, check_finite=False)
+    """Return `rows`, whose values are lost, times the inverse of an upper triangle."""
+    solved: Any = solve_triangular(triangle, rows.T, trans=1, check_finite=False, overwrite_b=True)
     return solved.T
 
 

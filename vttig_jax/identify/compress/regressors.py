@@ -160,7 +160,11 @@ def read_channels(
     driving = shifted(log, delay_s, weight)
     ratio = float(log.ratio)
     level = level_of(log)
-    error = (log.transmission_error - level) + ratio * (log.driving_angle - driving)
+    error = log.transmission_error
+    if level:
+        error = error - level
+    if driving is not log.driving_angle:
+        error = error + ratio * (log.driving_angle - driving)
     if pull is not None:
         error = error - pull
     # A late reading would show as a speed that the shaft never had.

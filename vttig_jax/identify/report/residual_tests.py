@@ -98,16 +98,16 @@ def explained(linear: LinearFit, kept: ColumnLayout, weights: Sequence[Weights])
         place = rows.columns.index(OFFSET)
         present = rows.columns.own[0]
         nuisance = [n for n in kept.own[log] if n != OFFSET and not is_given(n)]
-        cells = [rows.columns.index(n) for n in nuisance if n in present]
+        cells = np.array([rows.columns.index(n) for n in nuisance if n in present], np.int64)
         columns, values = [], []
         for side, (flank, runs) in enumerate(rows.runs_by_flank().items()):
-            stacked = np.concatenate([run.rows for run in runs])
-            counted = stacked[:, place] > 0
-            stacked, error = stacked[counted], np.concatenate([r.error for r in runs])[counted]
-            offsets = np.zeros((len(stacked), 2))
-            offsets[:, side] = stacked[:, place]
-            columns.append(np.hstack([offsets, stacked[:, cells]]))
-            values.append(np.stack([stacked @ own[flank], error], axis=1))
+            for run in runs:
+                counted = np.flatnonzero(run.rows[:, place] > 0)
+                offsets = np.zeros((len(counted), 2))
+                offsets[:, side] = run.rows[counted, place]
+                columns.append(np.hstack([offsets, run.rows[np.ix_(counted, cells)]]))
+                left = run.rows @ own[flank]
+                values.append(np.stack([left, run.error], axis=1)[counted])
         if values:
             design, value = np.concatenate(columns), np.concatenate(values)
             size = np.linalg.norm(design, axis=0)
@@ -316,6 +316,7 @@ def _runs(
     fixed = [columns.cosine(k) for k, term in tied if term in SECOND_ORDER]
     left = [columns.cosine(k) for k, term in enumerate(columns.free) if term in without]
     dropped = [cell + part for cell in (*fixed, *left) for part in (0, 1)]
+    kept = np.delete(np.arange(columns.width - 1), dropped)
     weights = {flank: own.copy() for flank, own in weights.items()}
     for own in weights.values():
         own[[cell + part for cell in left for part in (0, 1)]] = 0.0
@@ -324,11 +325,14 @@ def _runs(
         share = run.rows[:, place]
         counted = share > 0
         if counted.sum() >= _LAGS:
-            rows = run.rows[counted] / share[counted, None]
-            residual = rows @ weights[run.segment.flank]
+            residual = (run.rows @ weights[run.segment.flank])[counted] / share[counted]
             group = f"{run.segment.flank} of log {number}"
             angle = run.curve.driving_angle[counted]
-            nuisance = np.delete(rows[:, :-1], dropped, axis=1)
+            shape = (len(residual), len(kept))
+            # A search with a run of more cells leaves its regressors out, so they are not copied.
+            nuisance = np.broadcast_to(1.0, shape)
+            if nuisance.size <= _MOST_CELLS:
+                nuisance = run.rows[np.ix_(counted, kept)] / share[counted, None]
             runs.append((run.segment.flank, LineRun(angle, residual, nuisance, group)))
     return runs
 

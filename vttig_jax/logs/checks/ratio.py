@@ -228,9 +228,9 @@ def _jackknife(x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"]) -> float:
     """Return the delete-one-block jackknife standard error of the slope."""
     blocks = min(BLOCKS, len(x) // 2)
     edges = np.linspace(0, len(x), blocks + 1).astype(np.int64)[:-1]
-    size, sx, sy, sxx, sxy = (
-        np.add.reduceat(column, edges) for column in (np.ones(len(x)), x, y, x * x, x * y)
-    )
+    size = np.diff(np.append(edges, len(x))).astype(np.float64)
+    sx, sy = (np.add.reduceat(column, edges) for column in (x, y))
+    sxx, sxy = (np.add.reduceat(x * column, edges) for column in (x, y))
     n, mx, my, mxx, mxy = (part.sum() - part for part in (size, sx, sy, sxx, sxy))
     spread = n * mxx - mx * mx
     usable = spread > 0

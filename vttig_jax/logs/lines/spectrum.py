@@ -32,7 +32,9 @@ _KNOT_DISTANCE = 5
 _CLIP = 5.0
 """Largest height in the fit of the level, relative to the level: lines are no noise (chosen)."""
 
-_ITERATIONS = 8
+_ITERATIONS, _SETTLED = 8, 1e-5
+"""Most steps of the fit of the level, and the change of its logarithm that ends it (chosen)."""
+
 _CACHED_KNOTS = 256  # knots fitted at once, so that their windows stay in the cache (chosen)
 _STEPS, _TABLE = 16, 4096  # quantiles of the steps, frequencies in the table of a filter (chosen)
 _EULER = 0.5772156649015329  # minus the mean of the logarithm of an exponential variable
@@ -239,8 +241,10 @@ def _gamma_regression(
             response /= mean
             response += log_level
             response -= 1
-        level = np.einsum("km,km->k", weight, response) / total
+        before, level = level, np.einsum("km,km->k", weight, response) / total
         slope = np.einsum("km,km->k", lever, response) / square
+        if np.abs(level - before).max() < _SETTLED:
+            break
     return level - slope * centre, 1 / total + centre**2 / square
 
 
