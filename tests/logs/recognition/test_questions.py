@@ -87,6 +87,14 @@ def test_one_direction_without_names(ask):
     assert all(f"`{name}`" in told for name in "abc")
 
 
+def test_time_and_unit_are_asked_for_together(ask):
+    plain = csv("a,b,c", np.arange(len(T)), X, Y)
+    told = ask(plain)
+    assert "--sample-rate" in told and "No name states the unit" in told and "--counts A,B" in told
+    assert "No name states" not in ask(plain, unit="deg")
+    assert "No name states" not in ask(csv("a,b [deg],c", np.arange(len(T)), X, Y))
+
+
 def test_a_table_of_one_column(ask):
     told = ask("\n".join(f"{angle:.2f}" for angle in Y % 360), ratio="1:1", sample_rate_hz=100.0)
     assert "--column driving='#1' --column driven=#row" in told

@@ -154,6 +154,15 @@ def no_time(candidates: Sequence[Candidate], source: str) -> LogError:
     )
 
 
+def also_no_unit(error: LogError) -> LogError:
+    """Return a question for the time that asks for the unit of the angles as well."""
+    return LogError(
+        f"{error.message} No name states the unit of the angles either: give --unit deg (or rad,"
+        " rev), or --counts A,B with the counts per revolution of both encoders.",
+        where=error.where,
+    )
+
+
 def no_time_unit(one: Candidate, source: str) -> LogError:
     """Return the question for the unit of time stamps without decimals."""
     return LogError(

@@ -109,7 +109,10 @@ class Search:
         missing = self._find_named_shafts()
         if timed and "time" not in self.roles and not has_clocks(self.table):
             free = self._beside("time")
-            found, guess = time_column(free, self.source)
+            try:
+                found, guess = time_column(free, self.source)
+            except LogError as error:
+                raise (question.also_no_unit(error) if self._lacks_units else error) from None
             self.roles["time"] = found.index
             self.guesses.append(guess)
         if missing:
@@ -218,6 +221,13 @@ class Search:
     def _clocked(self) -> bool:
         """Whether a clock turns the driving shaft, so that it needs no column."""
         return self.request.driving_rpm is not None
+
+    @property
+    def _lacks_units(self) -> bool:
+        """Whether neither options nor the name of any column that turns state a unit."""
+        stated = self.request.counts is not None or set(SHAFTS) & set(self.units)
+        turning = [one for one in self._candidates if one.turns and one.reading.is_angle]
+        return not stated and not any(one.reading.unit for one in turning)
 
     @property
     def _ratio(self) -> Fraction:
