@@ -55,6 +55,7 @@ def test_intervals_that_do_not_hold_are_exit_4(vttig, monkeypatch):
     ("arguments", "said"),
     [
         (("--rigs", "3"), "20"),
+        (("--rigs", "1000000000000"), "1000000"),
         (("--rigs", "50", "--posterior", "51"), "--posterior 51 is more than --rigs 50"),
         (("--scenario", "rainbow"), "rainbow"),
         (("--overwrite",), "--out"),

@@ -305,3 +305,9 @@ def test_importance_sampling_alone_replaces_chains_and_is_not_continued(vttig, r
     assert kept["diagnosis"]["sampler"] == "importance" and "pareto_k" in kept["diagnosis"]
     code, _, err = vttig("sample", "--out", run, "--resume")
     assert code == 2 and "no chains to continue" in err
+
+
+@pytest.mark.parametrize("option", ["--ensembles", "--walkers", "--steps"])
+def test_numbers_that_no_machine_holds_are_refused_at_once(vttig, tmp_path, option):
+    code, _, err = vttig("sample", "--out", tmp_path, option, "1000000000000")
+    assert code == 2 and f"Invalid value for '{option}'" in err

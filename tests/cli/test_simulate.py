@@ -345,6 +345,7 @@ def test_a_trace_beyond_any_disk_is_refused():
         ("S --set pair=no.toml", 3, "pair: there is no file no.toml"),
         ("S --set motion.kind=recorded --set motion.file=no.csv", 3, "no.csv: no such file"),
         ("S --set motion.kind=recorded --set motion.file=gears", 3, "gears: this is a folder"),
+        ("S --set motion.speed_rpm=1e-300", 2, "steps, but at most 1e+12 are simulated"),
         ("S --every 3", 2, "--every thins out the rows of --trace"),
         ("S --trace gears", 2, "gears: --trace is a folder"),
         ("S --trace trace.txt", 2, "choose a name that ends with .csv"),

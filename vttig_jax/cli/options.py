@@ -124,7 +124,7 @@ def _with_shared_options(function: Callable[..., None], kept: str | None) -> Cal
     @click.option(
         "--most-memory",
         "most_memory_gib",
-        type=POSITIVE,
+        type=Finite(0.0, 1 << 20, min_open=True),  # up to a pebibyte
         metavar="GIB",
         help="Memory that a file may take when it is read, instead of 64 times its size (at least"
         " 0.25 GiB, at most half of the free memory).",

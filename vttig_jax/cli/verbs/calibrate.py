@@ -28,6 +28,7 @@ _NAMES = (
 """Those of `posterior.calibration.scenarios`, which imports jax; a test holds the two together."""
 
 _FEWEST = 20
+_MOST_RIGS = 1_000_000  # all numbers of the rigs are kept; chosen value
 
 _LENGTHS: dict[str, list["Length"]] = {
     "short": ["short"],
@@ -53,7 +54,7 @@ vttig calibrate --scenario encoders --rigs 400 --posterior 100 --out calibration
 )
 @click.option(
     "--rigs",
-    type=click.IntRange(min=_FEWEST),
+    type=click.IntRange(_FEWEST, _MOST_RIGS),
     default=2000,
     show_default=True,
     help="Drawn and fitted in every scenario.",
@@ -119,6 +120,8 @@ def _calibrated(
 
     vttig_jax.enable_x64()
     cases: list[Any] = [SCENARIOS[name].of_length(one) for one in lengths for name in names]
+    sampled = f", {posterior} of them sampled too" if posterior else ""
+    output.narrate(f"to run: {len(cases)} times {rigs} rigs{sampled}; Ctrl-C ends it")
     with output.progress((rigs + posterior) * len(cases), "rigs") as bar:
 
         def progress(case: str, done: int) -> None:

@@ -80,7 +80,7 @@ vttig fit log.csv --pair pair.toml --out run && vttig sample --out run --steps 5
 )
 @click.option(
     "--steps",
-    type=click.IntRange(min=40),
+    type=click.IntRange(40, 1_000_000_000),
     help="Make this many steps in all; with --method importance, draws.",
 )
 @click.option(
@@ -89,10 +89,10 @@ vttig fit log.csv --pair pair.toml --out run && vttig sample --out run --steps 5
     help="Sample until every chain is this many autocorrelation times long (50 by default) and the"
     " ensembles agree (R-hat 1.01), 50 000 steps at most.",
 )
-@click.option("--ensembles", type=click.IntRange(min=4), help="Independent ones; 4 by default.")
+@click.option("--ensembles", type=click.IntRange(4, 1000), help="Independent ones; 4 by default.")
 @click.option(
     "--walkers",
-    type=click.IntRange(min=4),
+    type=click.IntRange(4, 1_000_000),
     help="Of each ensemble, even and at least twice the coordinates; 64 by default.",
 )
 @click.option(

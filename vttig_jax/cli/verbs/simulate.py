@@ -24,6 +24,9 @@ _MOST_ROWS, _MOST_SHOWN = 20_000_000, 1_000_000
 _LONG, _STEPS_PER_MIN = 2e7, 2e7
 """Number of plant steps above which the run time is announced, and steps per minute (about)."""
 
+_MOST_STEPS = 1e12
+"""Largest number of plant steps, about a month; chosen value."""
+
 _QUOTED = ('"', "'", "[", "{")
 """First characters of a value that must be TOML, and not a text without quotes."""
 
@@ -211,11 +214,19 @@ def _simulated(
     pair, case = prepare_case(spec, path.parent, str(path))
     periods = float(case.motion.duration_s) * spec.sampling.controller_hz
     kept = _stride(periods, every, draws)
-    if periods * case.substeps > _LONG:
+    steps = periods * case.substeps
+    if not steps <= _MOST_STEPS:
+        raise UsageError(
+            f"a run of {float(case.motion.duration_s):.3g} s has {steps:.3g} steps, but at most"
+            f" {_MOST_STEPS:.0e} are simulated; choose a higher speed, a shorter motion or a lower"
+            " rate of the controller.",
+            where=str(path),
+        )
+    if steps > _LONG:
         LOGGER.warning(
             "to run: %.3g steps, some %.0f min; Ctrl-C ends it and writes nothing",
-            periods * case.substeps,
-            max(periods * case.substeps / _STEPS_PER_MIN, 1.0),
+            steps,
+            max(steps / _STEPS_PER_MIN, 1.0),
         )
     with output.progress(1, "simulate") as bar:
 
