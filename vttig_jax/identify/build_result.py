@@ -44,6 +44,7 @@ from .report.per_log import log_record
 from .report.residual_tests import whiteness
 from .settings import FitSettings
 from .solve.beside_walk import beside_walk
+from .solve.frozen_levels import with_frozen_levels
 from .solve.least_squares import solve
 from .solve.residuals import (
     lifted,
@@ -146,6 +147,9 @@ def estimate_of(
     - `solved`: parameters with the standard errors of the noise model, from `solve_model`.
     """
     solved, white, scatter = _with_own_errors(solved, identifiable)
+    frozen = None
+    if identifiable.turns["driving"] >= SINGLE_TURN:  # a table of one turn holds places
+        solved, frozen = with_frozen_levels(solved)
     other = None if _has_own_drift(identifiable, settings) else with_walk(selected)
     walk = None
     if other is not None:
@@ -164,6 +168,7 @@ def estimate_of(
         change=change,
         delays=delays,
         walk=walk,
+        frozen=frozen,
         gap_deviations=deviations,
         least_gap_std=least.get("constant_backlash", 0.0),
     )

@@ -6,13 +6,14 @@ are logged keeps its value until one cycle before the next change, and is linear
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Float, Real
 
 from ..base.errors import LogError
 from ..base.units import ARCSEC
+from .channel.steps import step_of
 from .channel.unwrap import find_modulus, unwrap
 
 CYCLE = 1.5
@@ -43,10 +44,24 @@ class ClockedChannel:
     modulus: int | None = None
 
 
-def common_clock(
-    channels: Mapping[str, ClockedChannel], source: str
-) -> tuple[Float[np.ndarray, " m"], dict[str, Real[np.ndarray, " m"]], tuple[str, ...]]:
-    """Return the stamps of the slowest channel, all readings at these stamps, and notes.
+@dataclass(frozen=True, eq=False)
+class OneClock:
+    """Readings on one clock.
+
+    **Arguments**
+    - `time`: stamps in s, shape (m,). - `values`: readings by role. - `notes`: sentences on them.
+    - `steps`: step of the readings before they were interpolated, by role, in the unit of the
+      channel; channels that were not interpolated have none.
+    """
+
+    time: Float[np.ndarray, " m"]
+    values: Mapping[str, Real[np.ndarray, " m"]]
+    notes: tuple[str, ...] = ()
+    steps: Mapping[str, float] = field(default_factory=dict)
+
+
+def common_clock(channels: Mapping[str, ClockedChannel], source: str) -> "OneClock":
+    """Return all readings at the stamps of the slowest channel.
 
     Interpolation is the smaller error the closer the samples are, so that the other, faster
     channels are interpolated. The stamps are those that all channels cover.
@@ -66,16 +81,16 @@ def common_clock(
             f" {_ranges(channels)}; export channels of one recording.",
             where=source,
         )
-    time, values, notes = stamps[inside], {}, []
+    time, values, steps, notes = stamps[inside], {}, {}, []
     for role, channel in channels.items():
         if len(channel.time) == len(stamps) and np.array_equal(channel.time, stamps):
             values[role] = channel.values[inside]
             continue
-        values[role] = _at(channel, time)
+        values[role], steps[role] = _at(channel, time), step_of(channel.values)
         notes.append(f"{role}: brought onto the clock of {slowest}, {_bound(channel)}")
     if notes:
         notes.append("a constant offset between the clocks is part of the delay of the fit")
-    return time, values, tuple(notes)
+    return OneClock(time, values, tuple(notes), steps)
 
 
 def _check(role: str, channel: ClockedChannel, source: str) -> None:

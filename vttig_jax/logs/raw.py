@@ -13,7 +13,7 @@ from ..base.errors import LogError
 from ..base.units import ANGLE_UNITS, REV
 from ..pair.schema import LogLayout, as_fraction
 from .channel.channel import EXACT_FLOAT, RawChannel
-from .clocks import ClockedChannel, common_clock
+from .clocks import ClockedChannel, OneClock, common_clock
 from .encoder_log import RawLog
 from .protocols import TwoShafts
 from .readers.column_names import ACCELERATION_UNITS, LENGTH_UNITS, SPEED_UNITS
@@ -63,10 +63,10 @@ def read_raw(
     reading = _Reading(table, roles, source, line_of)
     del table
     if rate is None and own_time:
-        time, values, told = reading.on_common_clock(pair)
+        found = reading.on_common_clock(pair)
     else:
-        time, values, told = reading.in_rows(rate, stated=pair.unit.time is not None)
-    source = reading.source
+        found = OneClock(*reading.in_rows(rate, stated=pair.unit.time is not None))
+    time, values, source = found.time, found.values, reading.source
     del reading  # and the text
     factors = {
         role: units_in[roles[role].unit] for role, units_in in UNITS.items() if role in roles
@@ -76,15 +76,15 @@ def read_raw(
         time=time,
         driving=_clock_channel(time, layout)
         if "driving" not in roles
-        else _channel(roles["driving"], values, layout),
-        driven=_channel(roles["driven"], values, layout) if "driven" in roles else None,
+        else _channel(roles["driving"], found, layout),
+        driven=_channel(roles["driven"], found, layout) if "driven" in roles else None,
         error=converted.get("transmission_error"),
         direction=values.get("direction"),
         axial_mm=converted.get("axial_mm"),
         torque=values.get("torque"),
         source=source,
         sha256=digest,
-        notes=(*notes, *told),
+        notes=(*notes, *found.notes),
         speed=converted.get("speed"),
         acceleration=converted.get("acceleration"),
     )
@@ -138,9 +138,7 @@ class _Reading:
         numbers = getattr(self.table, "sample_numbers", None)
         return (np.arange(size) if numbers is None else numbers) / rate, values, notes
 
-    def on_common_clock(
-        self, pair: TwoShafts
-    ) -> tuple[np.ndarray, dict[str, np.ndarray], tuple[str, ...]]:
+    def on_common_clock(self, pair: TwoShafts) -> OneClock:
         """Return time in s and readings by role on one clock, and notes."""
         assert isinstance(self.table, NestedTable)  # only such tables have clocks
         channels = {}
@@ -199,14 +197,15 @@ def _values(
     return {role: arrays.get(column.index, rows) for role, column in roles.items()}
 
 
-def _channel(column: Column, values: Mapping[str, np.ndarray], layout: LogLayout) -> RawChannel:
+def _channel(column: Column, found: OneClock, layout: LogLayout) -> RawChannel:
     """Return the readings of a shaft; increments are summed."""
-    readings = values[column.role]
+    readings = found.values[column.role]
     if getattr(layout, f"{column.role}_increments"):
         readings = np.cumsum(readings)
     if column.unit == "counts":
         readings = _whole(readings)
-    return RawChannel(readings, column.unit, getattr(layout, f"{column.role}_scale"))
+    scale = getattr(layout, f"{column.role}_scale")
+    return RawChannel(readings, column.unit, scale, found.steps.get(column.role, 0.0))
 
 
 def _whole(readings: Real[np.ndarray, " n"]) -> Real[np.ndarray, " n"]:

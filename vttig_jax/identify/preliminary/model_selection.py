@@ -23,6 +23,7 @@ from ..model.identifiability import SINGLE_TURN, Identifiability
 from ..noise.noise_model import residual_std
 from ..settings import FitSettings
 from .delay import TOLD, Delay, judge_delay, on_its_branch, one_speed
+from .delay_check import delay_bound_s, explaining
 from .linear_fit import Input, LinearFit, Model, linear_fit
 from .nuisance import NuisanceRegression
 from .robust import Reweighted, reweighted
@@ -65,8 +66,7 @@ ratio reach nine, because their slow errors resemble a slope; chosen value."""
 _TOLD_APART = 1e-10
 """Least squared share of a given model's column that no offset, gap or order explains; chosen."""
 
-_SIGNIFICANT = 4.0
-"""Standard errors above which a torque coefficient is kept without a request; chosen value."""
+_SIGNIFICANT = 4.0  # standard errors above which an unasked torque coefficient is kept (chosen)
 
 
 @dataclass(frozen=True, eq=False)
@@ -284,17 +284,17 @@ def _with_delay(weights: Reweighted, settings: FitSettings) -> tuple[LinearFit, 
             forced=settings.delay == "free" or _is_told_on_one_flank(plain),
             two_flanks=len(linear.summary.flanks) == 2,
             steady=steady,
-            within_s=_delay_bound_s(inputs, settings),
+            within_s=delay_bound_s(inputs, settings),
         )
         if delay.is_settled or steps == _MOST_STEPS:
             break
         delay = delay.stepped()
         plain = weights.look(inputs, model, delay.seconds, block_s)
-    if delay.state == "fitted":
-        return linear, delay, notes
-    if plain.channels[0].delay_s != 0:
-        plain = weights.look(inputs, model, 0.0, block_s)
-    return plain, delay, []
+    delay = explaining(delay, weights, plain, bound_s=delay_bound_s(inputs, settings))
+    if delay.state != "fitted":
+        moved = plain.channels[0].delay_s != 0
+        return weights.look(inputs, model, 0.0, block_s) if moved else plain, delay, []
+    return linear, delay, notes
 
 
 def _is_told_on_one_flank(plain: LinearFit) -> bool:
@@ -304,13 +304,6 @@ def _is_told_on_one_flank(plain: LinearFit) -> bool:
     taken as zero would then bias this order.
     """
     return len(plain.summary.flanks) == 1 and plain.own.left("delay") >= TOLD
-
-
-def _delay_bound_s(inputs: Sequence[Input], settings: FitSettings) -> float:
-    """Return the bound of a delay that the logs do not tell: a sampling interval unless given."""
-    if settings.delay_within_ms is not None:
-        return 1e-3 * settings.delay_within_ms
-    return max(float(np.median(np.diff(one.log.time))) for one in inputs)
 
 
 def _with_ramps(linear: LinearFit) -> tuple[LinearFit, list[str]]:

@@ -60,6 +60,8 @@ def covered_gap(estimate: Estimate, margin: float) -> CoveredGap:
     value = float(mean.value[0])
     own = 0.0 if scatter is None else float(standard_errors(solved, mean.functional, scatter)[0])
     std = math.sqrt(mean.variance(solved.solution.covariance)[0])
+    if scatter == "memory" and estimate.frozen is not None:
+        own = math.hypot(own, math.sqrt(estimate.frozen.covariance(solved, mean.functional)[0, 0]))
     std = own if scatter == "memory" else max(std, own)
     if walk is not None:
         other = mean_gap(driving, walk, times)

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from ..preliminary.delay_change import DelayChange
 from ..preliminary.delays_of_logs import DelaysOfLogs
 from ..solve.beside_walk import Walk
+from ..solve.frozen_levels import FrozenLevels
 from ..solve.sandwich import Scatter
 from ..solve.solved_fit import SolvedFit
 from .checks import GapAtSpeed, ReadingsComparison, Whiteness
@@ -23,6 +24,7 @@ class Estimate:
     - `change`: change of the delay within a log; None if no delay is fitted or no half tells it.
     - `delays`: delays of several logs; None if no delay is fitted or fewer than two logs tell it.
     - `walk`: fit with a random walk as drift; None if the log does not demand it.
+    - `frozen`: rounding that does not average out; None where it does.
     - `gap_deviations`: by how much the gap at the speeds of the log exceeds that of the fit.
     - `least_gap_std`: standard error of the gap, rad, that these deviations demand at least.
     """
@@ -34,5 +36,6 @@ class Estimate:
     change: DelayChange | None
     delays: DelaysOfLogs | None
     walk: Walk | None = None
+    frozen: FrozenLevels | None = None
     gap_deviations: tuple[GapAtSpeed, ...] = ()
     least_gap_std: float = 0.0

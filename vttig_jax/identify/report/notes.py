@@ -45,6 +45,7 @@ def warnings_of(
         *_ratio_notes(regressors, checks, selected.linear.inputs[0].log),
         *([change.sentence] if change and change.is_clear else []),
         *([delays.sentence] if delays and delays.differ else []),
+        *([estimate.frozen.sentence] if estimate.frozen else []),
         *_speed_note(checks.gap_by_speed),
         *([checks.jumps.sentence] if checks.jumps and not checks.jumps.agrees else []),
         *differences(logs),

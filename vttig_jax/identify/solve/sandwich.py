@@ -26,6 +26,7 @@ from scipy.special import stdtrit
 
 from ...base.numerics.quantiles import NORMAL_95
 from ...pair.gear_pair import Flank
+from ..model.column_layout import OFFSET
 from .solved_fit import SolvedFit
 
 _BLOCKS = 28
@@ -96,6 +97,12 @@ def standard_errors(
     return _quantile(freedom) * np.sqrt(len(sums) / freedom * np.sum(sums**2, axis=0))
 
 
+def changes_by_constants(solved: SolvedFit, functional: Functional) -> Float[np.ndarray, "runs k"]:
+    """Return the change of each function by a constant of 1 rad in each run of `solved.runs`."""
+    found = _influences(solved, functional)
+    return np.array([one.rate.T @ one.constant for one in found]).reshape(len(found), -1)
+
+
 def _of_cosines(
     solved: SolvedFit, functional: Functional, *, memory: bool
 ) -> Float[np.ndarray, " k"]:
@@ -140,10 +147,12 @@ class _Influence:
     - `rate`: derivative of the functions with respect to the whitened rows.
     - `left`: residual of the whitened rows.
     - `weights`: the same with respect to the rows; None unless all rows are whitened.
+    - `constant`: whitened rows of a constant.
     """
 
     rate: Float[np.ndarray, "n k"]
     left: Float[np.ndarray, " n"]
+    constant: Float[np.ndarray, " n"]
     weights: Float[np.ndarray, "n k"] | None
 
     @property
@@ -181,5 +190,6 @@ def _influences(
             rate += (functional.free[flank] @ of_free).T
         left = white[:, -1] - white[:, :-1] @ solved.coefficients[place]
         weights = None if whitening is None else whitening.T @ rate
-        found.append(_Influence(rate, left, weights))
+        constant = white[:, summary.columns.index(OFFSET)]
+        found.append(_Influence(rate, left, constant, weights))
     return found

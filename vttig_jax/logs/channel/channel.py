@@ -27,11 +27,15 @@ _FAR_OFF = 3.0
 
 @dataclass(frozen=True)
 class RawChannel:
-    """Column as read: values in `unit`, and the rational scale of the pair file."""
+    """Column as read: values in `unit`, and the rational scale of the pair file.
+
+    `step` is the step in `unit` of readings that were then interpolated, 0 for others.
+    """
 
     values: Real[np.ndarray, " n"]
     unit: str
     scale: str | int | float = 1
+    step: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +50,7 @@ class Channel:
     - `modulus`: modulus of the wrapped readings in `unit`; None without wraps.
     - `wraps`: number of wraps.
     - `spikes`: true at readings far from their neighbours (see `spikes.py`); None without spikes.
+    - `step`: step in `unit` of readings that were then interpolated, 0 for others.
     """
 
     reading: Real[np.ndarray, " n"]
@@ -56,6 +61,7 @@ class Channel:
     modulus: int | float | None = None
     wraps: int = 0
     spikes: Bool[np.ndarray, " n"] | None = None
+    step: float = 0.0
 
     @property
     def turns_and_rest(self) -> tuple[Int[np.ndarray, " n"], Float[np.ndarray, " n"]]:
@@ -158,6 +164,7 @@ def make_channel(
         modulus=continuous.modulus,
         wraps=continuous.wraps,
         spikes=continuous.spikes if continuous.spikes.any() else None,
+        step=raw.step,
     )
     notes += digits_note(role, values, abs(radians))
     return channel, (*notes, *continuous.notes)

@@ -34,15 +34,21 @@ def step_of(values: Real[np.ndarray, " n"]) -> float:
     """
     if np.issubdtype(values.dtype, np.integer):
         return 1.0
-    for step in (_common_step(values), *(10.0**-k for k in range(10))):
-        if step > _ROUNDING * np.abs(values).max():
-            multiples = (values - values[0]) / step
-            if np.abs(multiples - np.rint(multiples)).max() < _STEP_TOLERANCE:
-                return step
+    for step in (common_step(values), *(10.0**-k for k in range(10))):
+        if are_multiples(values, step):
+            return step
     return 0.0
 
 
-def _common_step(values: Real[np.ndarray, " n"]) -> float:
+def are_multiples(values: Real[np.ndarray, " n"], step: float) -> bool:
+    """Return whether all values differ by multiples of a step that their rounding cannot hide."""
+    if step <= _ROUNDING * np.abs(values).max():
+        return False
+    multiples = (values - values[0]) / step
+    return bool(np.abs(multiples - np.rint(multiples)).max() < _STEP_TOLERANCE)
+
+
+def common_step(values: Real[np.ndarray, " n"]) -> float:
     """Return the greatest common divisor of the differences of readings, or 0 if there is none.
 
     Readings that differ only by rounding count as one reading. A shaft of exactly constant speed

@@ -1,0 +1,108 @@
+"""Rounding of the readings that the motion freezes, so that no average removes it.
+
+Readings with the step s have errors of variance s²/12 in all. If a shaft turns by a whole number of
+steps per sample, or by a simple fraction of one, these errors repeat, and a part of them is a
+constant of the run. A run that is nearly straight shows it: what the readings scatter about a
+straight line is the part that averages out, and the rest of s²/12 is the variance of the constant.
+With R equidistant places within a step the scatter is (1 − 1/R²) s²/12. Motion that deviates from
+the line by a step or more, and noise of that size, move the places, and then nothing is left.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+from ..channel.channel import Channel
+from ..channel.steps import are_multiples, common_step
+from ..encoder_log import EncoderLog
+from ..motion.segments import Segment
+
+_LEAST_SHARE = 0.01
+"""Share of s²/12 below which a constant is not told from the scatter; ten places (chosen)."""
+
+_FEWEST = 8  # samples of a run for a scatter; chosen value
+_OF_ROUNDING = 1 / 6  # variance of the difference of two rounded readings, in steps
+_PART = 0.5  # part of the advance that the clocks are apart, if it is not known; chosen value
+_LEAST_STEPS = 1.5  # steps a sample; slower motion has no step but that of its samples (chosen)
+
+
+def frozen_stds(log: EncoderLog, segments: Sequence[Segment]) -> Float[np.ndarray, " runs"]:
+    """Return the standard deviation of the constant rounding error of each run, rad, driven shaft.
+
+    It is 0 for a log with a transmission error, whose angles are places and no readings.
+
+    **Arguments**
+    - `segments`: runs at nearly constant speed.
+    """
+    total = np.zeros(len(segments))
+    if log.driven is None:
+        return total
+    channels = (log.driving, log.driven)
+    share_of = frozen_share_between_clocks if any(c.step for c in channels) else frozen_share
+    for own, gain in enumerate((float(log.ratio), 1.0)):
+        step = _step(channels[own], channels[1 - own])
+        if step == 0:
+            continue
+        size = gain * abs(channels[own].radians_per_unit) * step
+        for place, segment in enumerate(segments):
+            readings = channels[own].reading[segment.start : segment.stop]
+            total[place] += size**2 * share_of((readings - readings[0]) / step) / 12
+    return np.sqrt(total)
+
+
+def _step(channel: Channel, other: Channel) -> float:
+    """Return the step of the readings in their unit, or 0 if it is not known.
+
+    A shaft whose readings advance equally shows no step. It then is that of the other channel, if
+    the readings are multiples of it, because encoders of one rig are often alike.
+    """
+    if channel.step or channel.reading.dtype.kind in "iu":
+        return channel.step or 1.0
+    own = common_step(channel.reading)
+    if own > 0:
+        return own
+    whole = other.reading.dtype.kind in "iu"
+    alike = other.step or (1.0 if whole else common_step(other.reading))
+    alike *= abs(other.radians_per_unit / channel.radians_per_unit)
+    return alike if are_multiples(channel.reading, alike) else 0.0
+
+
+def frozen_share_between_clocks(steps: Float[np.ndarray, " n"]) -> float:
+    """Return the share of the variance of a second rounding that is constant in a run.
+
+    A program that brings whole counts to its own clock adds a part of the advance per sample to
+    them, and rounds again. At constant speed every sample has nearly the same advance, so that this
+    rounding is a constant at any speed. It averages out where the advance itself changes by a step.
+    The readings do not show whether a program did so. `steps` are the interpolated readings in
+    steps.
+    """
+    if len(steps) < _FEWEST:
+        return 0.0
+    change = max(float(np.var(np.diff(steps))) - _OF_ROUNDING, 0.0)
+    share = 1 - 12 * _PART**2 * change
+    return share if share > _LEAST_SHARE else 0.0
+
+
+def frozen_share(steps: Float[np.ndarray, " n"]) -> float:
+    """Return the share of the rounding variance that is constant; `steps` are readings in steps.
+
+    Where every sample is a step further, the step is only that of the samples, and the share is 0.
+
+    **Example**
+    ```python
+    >>> import numpy as np
+    >>> from vttig_jax.logs.checks.frozen_rounding import frozen_share
+    >>> steps = [np.rint(each * np.arange(400) + 0.1) for each in (45.0, 45.5, 45.1234)]
+    >>> [round(frozen_share(one), 2) for one in steps]
+    [1.0, 0.25, 0.0]
+
+    ```
+    """
+    if len(steps) < _FEWEST or abs(steps[-1] - steps[0]) < _LEAST_STEPS * (len(steps) - 1):
+        return 0.0
+    place = np.linspace(-1.0, 1.0, len(steps))
+    centred = steps - steps.mean()
+    left = centred - place * (place @ centred) / (place @ place)
+    share = 1 - 12 * float(left @ left) / (len(steps) - 2)
+    return share if share > max(_LEAST_SHARE, 8 / len(steps)) else 0.0
