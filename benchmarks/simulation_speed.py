@@ -30,7 +30,7 @@ from vttig_jax.control.simulation.case import initial_state, run_periods, trace_
 from vttig_jax.control.sweeps.batching import BatchRunner
 
 from .environment import write
-from .simulation_beside_c import base_and_c
+from .simulation_beside_c import base_and_c, exact_and_c
 from .simulation_cases import (
     CLOSE,
     LANES,
@@ -233,6 +233,7 @@ def lanes(rounds: int) -> dict[str, Any]:
 
 _ROWS: Mapping[str, Callable[[int], dict[str, Any]]] = {
     "c": base_and_c,
+    "c_exact": exact_and_c,
     "sines": sines,
     "cores": cores,
     "sweeps": sweeps,

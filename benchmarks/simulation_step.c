@@ -1,7 +1,8 @@
 /* One step of the simulator in C: what `vttig_jax.control.simulation.case` does in a period of the controller
  * for the rigid plant with prescribed motion in straight lines, two quantised encoders, the
  * tracking filter and the paper's controller, all metrics included. Same arithmetic, line by line;
- * see the Python for what it means.
+ * see the Python for what it means. With TERMS 2 the flanks are closed, with TERMS 6 they are the
+ * exact ones of the default scenario: the implicit relation as harmonics of both shafts.
  *
  * Lanes lie side by side (structure of arrays) in blocks of LANES, a block small enough for the
  * cache; the lane is the innermost loop. Numbers that all lanes share are scalars. What has not
@@ -12,6 +13,9 @@
 
 #ifndef LANES
 #define LANES 64
+#endif
+#ifndef TERMS
+#define TERMS 2
 #endif
 #define PIECES 6
 #define EDGES (PIECES + 2) /* the starts of the pieces, and where the two standstills begin */
@@ -29,13 +33,14 @@ typedef struct {
 typedef struct {
     double period, other;
     double speed[EDGES], acceleration[EDGES];
-    double ratio, offset[2], cosine[2][2], sine[2][2], closing[2];
+    double ratio, offset[2], cosine[2][TERMS], sine[2][TERMS], closing[2];
     double inertia, coulomb, load, fading, restitution;
     double fastest, braking, stroke, resolution, queued, yields;
     double correct_angle, correct_speed, correct_acceleration; /* over the innovation */
     double threshold, least_speed, margin;
-    double map_offset, map_cosine[2], map_sine[2], map_closing, map_ratio; /* of the gap */
+    double map_offset, map_cosine[TERMS], map_sine[TERMS], map_closing, map_ratio; /* of the gap */
     double driving_count, driven_count;
+    double order[TERMS]; /* cycles of every harmonic per driving turn */
 } Shared;
 
 typedef struct {
@@ -89,6 +94,46 @@ INLINE Wave sincos_(double x)
     const double one = odd ? cosine : sine, other = odd ? sine : cosine;
     const int back = (quadrant == 1.0) | (quadrant == 2.0);
     return (Wave){quadrant >= 2.0 ? -one : one, back ? -other : other};
+}
+
+INLINE Wave plus(Wave a, Wave b)
+{
+    return (Wave){a.sine * b.cosine + a.cosine * b.sine, a.cosine * b.cosine - a.sine * b.sine};
+}
+
+/* All harmonics of both shafts, by angle addition. */
+INLINE void waves(Wave one, Wave two, Wave *all)
+{
+#if TERMS == 2
+    all[0] = one;
+    all[1] = two;
+#elif TERMS == 6
+    all[0] = two;
+    all[1] = plus(two, two);
+    all[2] = plus(one, (Wave){-two.sine, two.cosine});
+    all[3] = one;
+    all[4] = plus(one, two);
+    all[5] = plus(one, one);
+#else
+#error "TERMS must be 2 or 6"
+#endif
+}
+
+INLINE double sum(const double *cosine, const double *sine, const Wave *all)
+{
+    double total = 0.0;
+    for (int t = 0; t < TERMS; t++)
+        total += cosine[t] * all[t].cosine + sine[t] * all[t].sine;
+    return total;
+}
+
+INLINE double slope_of(const double *cosine, const double *sine, const double *order,
+                       const Wave *all)
+{
+    double total = 0.0;
+    for (int t = 0; t < TERMS; t++)
+        total += order[t] * (sine[t] * all[t].cosine - cosine[t] * all[t].sine);
+    return total;
 }
 
 INLINE double at(Cubic c, double u) { return c.c0 + u * (c.c1 + u * (c.c2 + u * c.c3)); }
@@ -154,10 +199,9 @@ static __attribute__((noinline)) void period(State *restrict s, const Own *restr
         const int slows = moves & (along < -p->threshold), gains = moves & (along > p->threshold);
         const int was_closing = s->closes[l] != 0;
         const int closing = slows | (was_closing & !gains);
-        const Wave map1 = sincos_(driving), map2 = sincos_(p->map_ratio * driving);
-        const double believed = p->map_offset
-            + (p->map_cosine[0] * map1.cosine + p->map_sine[0] * map1.sine)
-            + (p->map_cosine[1] * map2.cosine + p->map_sine[1] * map2.sine);
+        Wave map[TERMS];
+        waves(sincos_(driving), sincos_(p->map_ratio * driving), map);
+        const double believed = p->map_offset + sum(p->map_cosine, p->map_sine, map);
         const double wish = believed * p->map_closing - p->margin;
         const double was_shift = s->shift[l];
         const double shift = (closing & !was_closing) ? most(wish, 0.0) : was_shift;
@@ -240,16 +284,13 @@ static __attribute__((noinline)) void period(State *restrict s, const Own *restr
         ahead_speed += since * ahead_acceleration;
 
         /* flanks */
-        const Wave one = sincos_(ahead), two = sincos_(ratio * ahead);
+        Wave all[TERMS];
+        waves(sincos_(ahead), sincos_(ratio * ahead), all);
         Flanks f;
-        f.lower = p->offset[0] + (p->cosine[0][0] * one.cosine + p->sine[0][0] * one.sine)
-            + (p->cosine[0][1] * two.cosine + p->sine[0][1] * two.sine);
-        f.upper = p->offset[1] + (p->cosine[1][0] * one.cosine + p->sine[1][0] * one.sine)
-            + (p->cosine[1][1] * two.cosine + p->sine[1][1] * two.sine);
-        f.lower_slope = (p->sine[0][0] * one.cosine - p->cosine[0][0] * one.sine)
-            + ratio * (p->sine[0][1] * two.cosine - p->cosine[0][1] * two.sine);
-        f.upper_slope = (p->sine[1][0] * one.cosine - p->cosine[1][0] * one.sine)
-            + ratio * (p->sine[1][1] * two.cosine - p->cosine[1][1] * two.sine);
+        f.lower = p->offset[0] + sum(p->cosine[0], p->sine[0], all);
+        f.upper = p->offset[1] + sum(p->cosine[1], p->sine[1], all);
+        f.lower_slope = slope_of(p->cosine[0], p->sine[0], p->order, all);
+        f.upper_slope = slope_of(p->cosine[1], p->sine[1], p->order, all);
 
         /* actuator */
         const double closed = (f.upper - f.lower) * per_rad;

@@ -44,6 +44,8 @@ _OTHERS = (
     *("unobstructed", "rate", "reached", "queue"),
     *("seen_angle", "seen_speed", "seen_acceleration"),
 )
+TERMS = (((1, 0), (0, 1)), ((0, 1), (0, 2), (1, -1), (1, 0), (1, 1), (2, 0)))
+"""Harmonics of closed and of exact flanks, in the order of the C program."""
 METRICS = (
     *("samples", "total", "highest", "lowest", "first", "before", "after"),
     *("gap", "crossing", "crossing_s", "detection", "detection_s", "false_closings"),
@@ -67,12 +69,15 @@ def _called(command: Sequence[str]) -> str:
 class StepInC:
     """The compiled program. **Raises** `RuntimeError` where `cc` is missing."""
 
-    def __init__(self, folder: Path, flags: Sequence[str] = FAST, block: int = 64) -> None:
+    def __init__(
+        self, folder: Path, flags: Sequence[str] = FAST, block: int = 64, terms: int = 2
+    ) -> None:
         if CC is None:
             raise RuntimeError("no C compiler (`cc`) on this machine")
-        self.block = block
-        library = folder / f"step_{block}_{abs(hash(tuple(flags)))}.so"
-        sizes = {"LANES": block, "FIELDS": len(FIELDS), "OWN": _OWN, "SHARED": _SHARED}
+        self.block, self.terms = block, terms
+        library = folder / f"step_{block}_{terms}_{abs(hash(tuple(flags)))}.so"
+        sizes = {"LANES": block, "TERMS": terms, "FIELDS": len(FIELDS), "OWN": _OWN}
+        sizes |= {"SHARED": _shared_numbers(terms)}
         defined = [f"-D{name}={value}" for name, value in sizes.items()]
         common = [LOOPS, "-std=gnu11", "-fPIC", "-fopt-info-vec-optimized"]
         compiled = library.with_suffix(".o")
@@ -94,6 +99,7 @@ class StepInC:
         """Memory that the program runs on: start of all cases, a whole number of blocks."""
         blocks, left = divmod(len(cases), self.block)
         assert not left, (len(cases), self.block)
+        assert len(cases[0].bounds.terms) == self.terms, cases[0].bounds.terms
 
         def rows(values: np.ndarray) -> np.ndarray:
             """(rows, lanes) to (blocks, rows, lanes of a block), in lines of the cache."""
@@ -130,11 +136,19 @@ def scanned(cases: Sequence[Case], periods: int) -> np.ndarray:
 
 def difference(one: np.ndarray, other: np.ndarray) -> dict[str, float]:
     """Largest difference of every field, relative where a value is beyond 1; inf where only one
-    of both has happened."""
+    of both has happened.
+
+    In a gap that is closed on both flanks the last digit says which of them carries, so that side
+    and drift are compared in the other lanes only.
+    """
+    unobstructed, reached = FIELDS.index("unobstructed"), FIELDS.index("reached")
+    held = (one[reached] < one[unobstructed]) & (other[reached] < other[unobstructed])
     found = {}
     for name, a, b in zip(FIELDS, one, other, strict=True):
         never = (np.abs(a) == NEVER) != (np.abs(b) == NEVER)
         apart = np.abs(a - b) / np.maximum(1.0, np.abs(b))
+        if name in ("side", "drift"):
+            apart = np.where(held, 0.0, apart)
         found[name] = float(np.where(never, np.inf, apart).max())
     return found
 
@@ -213,7 +227,8 @@ def _shared(case: Case) -> np.ndarray:
     assert isinstance(plant, RigidPlant) and isinstance(observer, AlphaBetaGamma)
     assert isinstance(controller, AccelerationController) and case.substeps == 1
     assert not (plant.drag.sticky or case.noisy or case.driving_sensor.eccentric)
-    assert actuator.periods == 1 and case.bounds.terms == ((1, 0), (0, 1))
+    terms = case.bounds.terms
+    assert actuator.periods == 1 and terms in TERMS and controller.bounds.terms == terms
     period, drag, bounds = float(case.period), plant.drag, case.bounds
     pole = np.exp(-REV * observer.bandwidth_hz * period)
     believed = controller.bounds
@@ -232,13 +247,16 @@ def _shared(case: Case) -> np.ndarray:
         *(np.diff(believed.offset), np.diff(believed.cosine, axis=0)),
         *(np.diff(believed.sine, axis=0), 1.0 / np.sum(believed.closing), believed.ratio),
         *(case.driving_sensor.count, case.driven_sensor.count),
+        [first + second * float(bounds.ratio) for first, second in terms],
     ]
     flat = np.concatenate([np.ravel(np.asarray(value, np.float64)) for value in values])
-    assert len(flat) == _SHARED
+    assert len(flat) == _shared_numbers(len(terms))
     return flat
 
 
-_SHARED = 2 + 16 + 1 + 2 + 4 + 4 + 2 + 5 + 6 + 3 + 3 + 1 + 2 + 2 + 2 + 2
+def _shared_numbers(terms: int) -> int:
+    """Numbers of `Shared` for so many harmonics of the flanks."""
+    return 2 + 16 + 1 + 2 + 4 * terms + 2 + 5 + 6 + 3 + 3 + 1 + 2 * terms + 2 + 2 + terms
 
 
 def _aligned(values: np.ndarray) -> np.ndarray:

@@ -37,7 +37,7 @@ def expected(periods: int) -> np.ndarray:
     return scanned(_cases(), periods)
 
 
-def _cases(**values: float) -> list[Case]:
+def _cases(**values: float | str) -> list[Case]:
     return cases_of(LANES, {**SHORT, **values}, turns=(120.0, 240.0))
 
 
@@ -50,6 +50,19 @@ def test_the_program_in_c_leaves_subnormal_numbers_in_the_process(program, perio
     program.run(program.prepared(_cases()), periods)
     smallest = np.finfo(np.float64).tiny
     assert float(smallest) / 2 > 0 and (np.full(8, smallest) / 2 > 0).all()
+
+
+@pytest.mark.slow
+def test_exact_flanks_are_what_c_makes_of_the_same_harmonics(tmp_path):
+    cases = _cases(flanks="exact")
+    program = StepInC(tmp_path, FAST, terms=len(cases[0].bounds.terms))
+    periods = periods_for(cases)
+    expected = scanned(cases, periods)
+    differs = difference(program.run(program.prepared(cases), periods), expected)
+    assert max(differs.values()) <= CLOSE, differs
+    memory = program.prepared(cases)
+    memory.shared[-program.terms] = 0.0  # the driven shaft's first order has no slope
+    assert difference(program.run(memory, periods), expected)["upper_slope"] > 1e3 * CLOSE
 
 
 def test_every_metric_is_at_work(expected):

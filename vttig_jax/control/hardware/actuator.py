@@ -123,15 +123,14 @@ class Actuator(eqx.Module):
         self, carriage: Carriage, command: Float[Array, ""]
     ) -> tuple[Carriage, Float[Array, ""]]:
         """Queue a command (mm); return the one due now, limited to the stroke and rounded down."""
-        queue = jnp.append(carriage.queue, command)
-        # The newest command is the last entry.
-        due = jnp.arange(self.periods + 1) == self.periods - jnp.asarray(self.delay)
-        arrived = jnp.clip(jnp.sum(jnp.where(due, queue, 0.0)), 0.0, self.stroke)
+        queue, due = _queued(carriage.queue, command, jnp.asarray(self.delay))
+        arrived = jnp.clip(due, 0.0, self.stroke)
         resolution = jnp.asarray(self.resolution)
         rounded = jnp.floor(arrived / jnp.where(resolution > 0, resolution, 1.0)) * resolution
         if self.straight:
             rounded = straight_through(rounded, arrived)
-        return replace(carriage, queue=queue[1:]), jnp.where(resolution > 0, rounded, arrived)
+        arrived = jnp.where(resolution > 0, rounded, arrived)
+        return replace(carriage, queue=queue), arrived
 
     def step(
         self,
@@ -154,7 +153,8 @@ class Actuator(eqx.Module):
         brake, rate = self.acceleration * step, 1.0 / step
         steps = jnp.floor(0.5 * (jnp.sqrt(1 + jnp.abs(error) * (8 * rate / brake)) - 1))
         stopping_speed = jnp.abs(error) * rate / (steps + 1) + 0.5 * brake * steps
-        goal, stalled = jnp.sign(error) * jnp.minimum(self.speed, stopping_speed), None
+        fastest = jnp.minimum(self.speed, stopping_speed)
+        goal, stalled = jnp.where(error < 0, -fastest, fastest), None
         if self.force_limit is not None and push is not None:
             limit = jnp.asarray(self.force_limit)
             driven = push.opening_force > limit
@@ -173,6 +173,27 @@ class Actuator(eqx.Module):
         moved = (reached - carriage.reached) * rate
         slide = Slide(carriage.reached, reached, moved, moved)
         return Carriage(position, speed, reached, carriage.queue, stalled), slide, blocked
+
+
+_PICKED = 16
+"""Longest queue whose entries are picked one by one: a chosen value."""
+
+
+def _queued(
+    queue: Float[Array, " periods"], command: Float[Array, ""], delay: Float[Array, ""]
+) -> tuple[Float[Array, " periods"], Float[Array, ""]]:
+    """Return the queue with a new last command, without the first, and the command due now.
+
+    Entries of a short queue are picked one by one: a sum over them is no loop over lanes.
+    """
+    periods, longer = len(queue), jnp.append(queue, command)
+    if periods > _PICKED:
+        is_due = jnp.arange(periods + 1) == periods - delay
+        return longer[1:], jnp.sum(jnp.where(is_due, longer, 0.0))
+    due = command
+    for age in range(1, periods + 1):
+        due = jnp.where(delay == age, queue[periods - age], due)
+    return longer[1:], due
 
 
 def can_back_drive(

@@ -79,21 +79,28 @@ class PieceMotion(Motion):
         return MotionPoint(angle, speed, acceleration)
 
     def _piece_at(self, time: Float[Array, "*shape"]) -> _Piece:
-        """Return the piece or standstill that began last, by one comparison each.
+        """Return the piece or standstill that began last.
 
-        Adjacent pieces share the time of their boundary, so there is no instant between them.
+        Adjacent pieces share the time of their boundary, so there is no instant between them. The
+        number of those that have begun is counted first: XLA keeps one array instead of the result
+        of each comparison, and a loop that writes many of them uses no vectors.
         """
         pieces = self.start.shape[0]
-        angle: Any = jnp.zeros_like(time)
-        zero = jnp.zeros_like(time)
-        active = self._values_of(None, zero, zero)
+        zero: Any = jnp.zeros_like(time)
+        angle, edges, active = zero, list[Any](), self._values_of(None, zero, zero)
+        values = list[_Piece]()
         for index in range(pieces):
             start = self.start[index]
-            active = _select(time >= start, self._values_of(index, start, angle), active)
+            edges.append(start)
+            values.append(self._values_of(index, start, angle))
             angle = angle + self._angle_of(index)
             if index + 1 == pieces or index in self.pauses:
                 end = start + jnp.asarray(self.duration[index])
-                active = _select(time >= end, self._values_of(None, end, angle), active)
+                edges.append(end)
+                values.append(self._values_of(None, end, angle))
+        begun = sum(jnp.where(time >= edge, 1.0, 0.0) for edge in edges)
+        for number, value in enumerate(values, 1):
+            active = _select(begun >= number, value, active)
         return active
 
     def _values_of(self, index: int | None, start: Any, angle: Any) -> _Piece:
