@@ -98,7 +98,7 @@ class PieceMotion(Motion):
                 end = start + jnp.asarray(self.duration[index])
                 edges.append(end)
                 values.append(self._values_of(None, end, angle))
-        begun = sum(jnp.where(time >= edge, 1.0, 0.0) for edge in edges)
+        begun: Any = sum(jnp.where(time >= edge, 1.0, 0.0) for edge in edges)
         for number, value in enumerate(values, 1):
             active = _select(begun >= number, value, active)
         return active
