@@ -30,9 +30,10 @@ def seconds_of_numbers(values: Real[np.ndarray, " n"], unit: str) -> Float[np.nd
     Integers are subtracted before they become floats, as float64 holds nanoseconds since 1970 to
     256 ns only.
     """
-    if len(values) and np.abs(values.astype(np.float64)).max() > FAR:
+    if len(values) and max(float(values.max()), -float(values.min())) > FAR:
         values = values - values[0]
-    return values * TIME_UNITS[unit]
+    factor = TIME_UNITS[unit]
+    return values if factor == 1 and values.dtype.kind == "f" else values * factor
 
 
 def exact_numbers(fields: Sequence[str]) -> Float[np.ndarray, " n"] | None:
