@@ -210,6 +210,15 @@ def test_a_log_file_that_cannot_be_written_is_refused(capsys, tmp_path):
     assert f"error: {path}: the log file cannot be written" in capsys.readouterr().err
 
 
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes in the file system")
+def test_a_log_file_that_is_a_pipe_is_refused_at_once(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    command = [sys.executable, "-m", "vttig_jax", "measure", "x.toml", "--log-file", "pipe"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 3
+    assert done.stderr == "error: pipe: the log file is a pipe and no regular file.\n"
+
+
 def test_the_logger_is_left_as_it_was(tmp_path):
     before = (LOGGER.level, list(LOGGER.handlers), signal.getsignal(signal.SIGTERM))
     main(["toy", "3", "-v", "--log-file", str(tmp_path / "vttig.log")])

@@ -138,6 +138,8 @@ class Narrator(AbstractContextManager["Narrator"]):
         self._stderr.setLevel(logging.ERROR if quiet else levels[min(verbose, 2)])
         if log_file is None:
             return
+        if log_file.is_fifo():  # the system waits at a pipe until somebody reads from it
+            raise InputError("the log file is a pipe and no regular file.", where=str(log_file))
         try:
             handler = logging.FileHandler(log_file, encoding="utf-8")
         except OSError as error:
