@@ -2,6 +2,7 @@
 
 from io import BytesIO
 
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from ..identify.fit_result import Fit
@@ -27,7 +28,14 @@ def png(figure: Figure, *, run: str = "") -> bytes:
     """
     buffer = BytesIO()
     metadata = {"Software": "vttig_jax"} | ({"Source": f"run {run}"} if run else {})
-    figure.savefig(buffer, format="png", dpi=_DPI, metadata=metadata)
+    canvas, dpi = figure.canvas, figure.dpi
+    try:
+        figure.set_dpi(_DPI)
+        # `savefig` draws every figure twice, once to find places that only some formats need.
+        FigureCanvasAgg(figure).print_png(buffer, metadata=metadata)
+    finally:
+        figure.set_canvas(canvas)
+        figure.set_dpi(dpi)
     return buffer.getvalue()
 
 
