@@ -127,7 +127,8 @@ def _covariance(
 def _draw_histogram(
     ax: Axes, draws: Float[np.ndarray, " n"], laplace: tuple[float, float] | None
 ) -> None:
-    ax.hist(draws, _BINS, density=True, color=COLOURS[0], alpha=0.45, edgecolor="none")
+    heights, edges = np.histogram(draws, _BINS, density=True)
+    ax.stairs(heights, edges, fill=True, color=COLOURS[0], alpha=0.45, linewidth=0)
     if laplace is not None and laplace[1] > 0:
         value, std = laplace
         x = np.linspace(value - 4 * std, value + 4 * std, 121)

@@ -204,10 +204,18 @@ def amplitude_spectrum(
     value = np.concatenate([run - np.mean(run) for run in residuals])
     starts = np.cumsum([0, *(len(run) for run in residuals)])[:-1]
     counts = np.array([len(run) for run in residuals])
+    # exp(2πj f t) of a block of frequencies is that of its first one times that of the distances,
+    # which are the same in every block, so that few exponentials are needed.
+    distances = np.exp(2j * np.pi * (cycles[:_CHUNK, None] - cycles[0]) * turns)
     amplitude = np.concatenate(
         [
-            _amplitudes(np.exp(2j * np.pi * chunk[:, None] * turns), value, starts, counts)
-            for chunk in np.split(cycles, range(_CHUNK, len(cycles), _CHUNK))
+            _amplitudes(
+                np.exp(2j * np.pi * block[0] * turns) * distances[: len(block)],
+                value,
+                starts,
+                counts,
+            )
+            for block in np.split(cycles, range(_CHUNK, len(cycles), _CHUNK))
         ]
     )
     return cycles, amplitude
@@ -222,7 +230,7 @@ def _amplitudes(
     """Return the amplitude at each trial frequency from 2×2 normal equations without run means."""
     sums = np.add.reduceat(trial, starts, axis=1)
     power = trial.shape[1] - np.sum(np.abs(sums) ** 2 / counts, axis=1)
-    square: Any = np.sum(trial**2, axis=1) - np.sum(sums**2 / counts, axis=1)
+    square: Any = np.einsum("kn,kn->k", trial, trial) - np.sum(sums**2 / counts, axis=1)
     right: Any = trial @ value
     cc, ss, cs = 0.5 * (power + square.real), 0.5 * (power - square.real), 0.5 * square.imag
     determinant = np.maximum(cc * ss - cs**2, 1e-6 * trial.shape[1] ** 2)
