@@ -16,7 +16,6 @@ from jaxtyping import Complex, Float
 
 from ...base.errors import PairError
 from ...base.units import REV
-from ...kinematics.backlash_map import chunked
 from ...kinematics.flank_model import flank_index
 from ...kinematics.harmonic import OrderModel
 from ...pair.gear_pair import Drive, Flank, GearPair
@@ -24,6 +23,10 @@ from .draws import SmallestGap
 
 _CHUNK = 256
 """Angles per block (chosen): 8 MB of curves for 4000 draws."""
+
+_MOST_STEPS = 20  # Newton steps to the driven angle; chosen value, three are needed
+_SETTLED = 1e-9
+"""Last Newton step, rad (chosen): the error after it is its square, below the rounding error."""
 
 _PER_PERIOD = 8  # grid points per period of the highest order (chosen)
 _CANDIDATES = 6  # local minima of a draw that are refined (chosen)
@@ -33,6 +36,33 @@ _MOST_PHASES = 4_000_000  # most bytes of an array over draws, candidates and te
 
 Angles = Float[np.ndarray, " n"]
 Curves = Float[np.ndarray, "n m"]
+
+
+def linearised_series(
+    ratio: float,
+    terms: tuple[tuple[int, int], ...],
+    offset: float | np.ndarray,
+    cosine: Float[np.ndarray, " terms"],
+    sine: Float[np.ndarray, " terms"],
+    driving_angle: Angles,
+) -> tuple[Angles, Float[np.ndarray, "n c"]]:
+    """Return TE of a series, see `OrderModel`, and its derivative by offset, cosines and sines.
+
+    The driven angle is found by Newton steps, so that nothing is compiled for the number of angles.
+    """
+    orders = np.asarray(terms, float).reshape(-1, 2)
+    ideal = np.outer(driving_angle, orders[:, 0]) + np.outer(ratio * driving_angle, orders[:, 1])
+    error = np.zeros(len(ideal))
+    for _ in range(_MOST_STEPS):
+        phase = ideal + np.outer(error, orders[:, 1])
+        waves = np.cos(phase), np.sin(phase)
+        slope = waves[0] @ (sine * orders[:, 1]) - waves[1] @ (cosine * orders[:, 1])
+        step = (offset + waves[0] @ cosine + waves[1] @ sine - error) / (1.0 - slope)
+        error = error + step
+        if not np.abs(step).max(initial=0.0) > _SETTLED:
+            break
+    basis = np.concatenate([np.ones((len(ideal), 1)), *waves], axis=1)
+    return error, basis / (1.0 - slope)[:, None]
 
 
 @dataclass(frozen=True)
@@ -99,16 +129,9 @@ class GapDraws:
         self, driving_angle: Angles, flank: Flank
     ) -> tuple[Angles, Float[np.ndarray, "n c"]]:
         """Return TE of the mean coefficients, rad, and its derivative by all coefficients."""
-        model, side = self.mean_model, flank_index(flank)
-        centre = chunked(lambda piece: model.transmission_error(piece, flank), driving_angle)
-        orders = np.asarray(self.terms, float).reshape(-1, 2)
-        driven = float(self.pair.ratio) * driving_angle + centre
-        phase = np.outer(driving_angle, orders[:, 0]) + np.outer(driven, orders[:, 1])
-        cosine, sine = np.cos(phase), np.sin(phase)
-        harmonics = np.asarray(model.cosine)[side], np.asarray(model.sine)[side]
-        slope = cosine @ (harmonics[1] * orders[:, 1]) - sine @ (harmonics[0] * orders[:, 1])
-        basis = np.concatenate([np.ones((len(phase), 1)), cosine, sine], axis=1)
-        return centre, basis / (1.0 - slope)[:, None]
+        side = flank_index(flank)
+        coefficients = (part[:, side].mean(axis=0) for part in (self.offset, self.cosine, self.sine))
+        return linearised_series(float(self.pair.ratio), self.terms, *coefficients, driving_angle)
 
     def deviations(self, flank: Flank) -> Float[np.ndarray, "c m"]:
         """Return the coefficients (offset, cosines, sines) of every draw minus their mean, rad."""

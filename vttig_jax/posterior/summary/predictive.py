@@ -16,7 +16,10 @@ from ...base.files.text_tables import key_values
 from ...base.numerics.quantiles import NORMAL_95
 from ...base.results import PlottedResult
 from ...base.units import ARCSEC, DEG
+from ...kinematics.flank_model import flank_index
+from ...kinematics.harmonic import OrderModel
 from ...kinematics.te_curve import TECurve
+from .gap_draws import linearised_series
 from .posterior import Posterior, flank_draws
 
 _WINDOW = 10.0 * DEG
@@ -172,7 +175,10 @@ def predictive(posterior: Posterior, replicates: int = 500, seed: int = 0) -> Pr
     numbers, correlations, steps = [], [], []
     for k in range(replicates):
         shifts = [run.basis @ run.deviations[:, k] for run in passes]
-        noise = [autoregressive(generator, filters[k], innovation[k], len(c)) for c in curves]
+        settling = _settling(filters[k])
+        noise = [
+            _filtered(generator, filters[k], innovation[k], len(c), settling) for c in curves
+        ]
         # Residual of the log under this draw, beside the noise of its replicate.
         residual = [run - move for run, move in zip(deviations, shifts, strict=True)]
         limit = NORMAL_95 * noise_std[k]
@@ -219,12 +225,19 @@ def _expected_passes(posterior: Posterior, picked: Int[np.ndarray, " replicates"
     passes = []
     for curve, residual in zip(fit.curves, fit.residuals, strict=True):
         mean, basis = model.linearised(curve.driving_angle, curve.flank)
-        fitted = np.asarray(fit.model.transmission_error(curve.driving_angle, curve.flank))
+        fitted = _series_of(fit.model, curve)
         deviations = model.deviations(curve.flank)
         spread = np.sqrt(np.einsum("nc,cd,nd->n", basis, np.cov(deviations), basis, optimize=True))
         centre = curve.transmission_error - residual + mean - fitted
         passes.append(_Pass(centre, spread, basis, deviations[:, picked]))
     return passes
+
+
+def _series_of(model: OrderModel, curve: TECurve) -> Float[np.ndarray, " n"]:
+    """Return the TE of a model at the angles of a run."""
+    side = flank_index(curve.flank)
+    own = (np.asarray(part)[side] for part in (model.offset, model.cosine, model.sine))
+    return linearised_series(float(model.ratio), model.terms, *own, curve.driving_angle)[0]
 
 
 @dataclass(frozen=True)
@@ -301,20 +314,39 @@ def autoregressive(
     generator: np.random.Generator, filter_: Float[np.ndarray, " taps"], std: float, count: int
 ) -> Float[np.ndarray, " count"]:
     """Return stationary noise that this filter whitens to innovations of this std."""
+    return _filtered(generator, filter_, std, count, _settling(filter_))
+
+
+def _settling(filter_: Float[np.ndarray, " taps"]) -> int:
+    """Return the number of samples after which the effect of the start is below 1e-4."""
+    slowest = float(np.abs(np.roots(filter_)).max(initial=0.0))
+    return min(int(10 / max(1.0 - slowest, 1e-4)), 100_000)
+
+
+def _filtered(
+    generator: np.random.Generator,
+    filter_: Float[np.ndarray, " taps"],
+    std: float,
+    count: int,
+    settling: int,
+) -> Float[np.ndarray, " count"]:
     from scipy.signal import lfilter  # slow to import
 
-    slowest = float(np.abs(np.roots(filter_)).max(initial=0.0))
-    # After this many samples the effect of the start is below 1e-4.
-    warm_up = min(int(10 / max(1.0 - slowest, 1e-4)), 100_000)
-    noise = lfilter(np.ones(1), filter_, std * generator.standard_normal(count + warm_up))
-    return np.asarray(noise)[warm_up:]
+    noise = lfilter(np.ones(1), filter_, std * generator.standard_normal(count + settling))
+    return np.asarray(noise)[settling:]
 
 
 def autocorrelation(runs: list[Float[np.ndarray, " _"]], lags: int) -> Float[np.ndarray, " lags"]:
     """Return the correlation at lags 1 … `lags` within runs, all runs together."""
-    square = sum(float(run @ run) for run in runs)
-    products = [sum(float(run[lag:] @ run[:-lag]) for run in runs) for lag in range(1, lags + 1)]
-    return np.array(products) / square
+    from scipy.fft import next_fast_len
+
+    length = next_fast_len(max(len(run) for run in runs) + lags, real=True)
+    power = np.zeros(length // 2 + 1)
+    for run in runs:
+        spectrum = np.fft.rfft(run, length)
+        power += spectrum.real**2 + spectrum.imag**2
+    products = np.fft.irfft(power, length)
+    return products[1 : lags + 1] / products[0]
 
 
 def _rms(runs: list[Float[np.ndarray, " _"]]) -> float:
