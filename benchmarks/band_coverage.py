@@ -29,7 +29,7 @@ from vttig_jax.posterior.calibration.program import Batch, Program
 from vttig_jax.posterior.calibration.rigs import Rig, Sizes, encoder_readings
 from vttig_jax.posterior.calibration.sampled_subset import RigEvidence, rig_target
 from vttig_jax.posterior.calibration.scenarios import SCENARIOS, Scenario
-from vttig_jax.posterior.sampler import coefficient_draws
+from vttig_jax.posterior.density.coefficients import coefficient_draws
 from vttig_jax.posterior.summary.bands import Band, streamed_band
 from vttig_jax.posterior.summary.gap_draws import GapDraws
 

@@ -5,7 +5,8 @@ from unittest.mock import Mock
 import jax.numpy as jnp
 import numpy as np
 
-from vttig_jax.posterior.density.density import NOISE_STD, Density, FitTarget
+from vttig_jax.posterior.density.density import NOISE_STD, FitTarget
+from vttig_jax.posterior.density.evaluation import Density
 from vttig_jax.posterior.nuts import whitened_of
 
 

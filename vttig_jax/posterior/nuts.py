@@ -16,11 +16,13 @@ from ..base.errors import NoAnswerError, UsageError
 from ..base.runtime import require_x64
 from ..identify.fit_result import Fit
 from ..identify.noise.restricted_likelihood import LARGEST
-from .density.density import NOISE_STD, Density, FitTarget, fit_target
+from .density.density import NOISE_STD, FitTarget, fit_target
+from .density.evaluation import Density
 from .density.prior import Prior
 from .sampler import posterior_of
 from .sampling.convergence import Diagnosis, autocorrelation_time, r_hat
-from .sampling.ensembles import FEWEST_ENSEMBLES, Chains, Progress
+from .sampling.ensembles import FEWEST_ENSEMBLES, Chains
+from .sampling.progress import Progress
 from .sampling.stop_rule import Until
 from .summary.posterior import Posterior
 

@@ -4,12 +4,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Literal
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jax.typing import ArrayLike
-from jaxtyping import Array, Float, Key
+from jaxtyping import Float
 
 from ..base.errors import InputError, UsageError
 from ..base.runtime import require_x64
@@ -17,21 +13,19 @@ from ..base.threads import one_blas_thread
 from ..identify.evidence import Evidence
 from ..identify.fit_result import Fit
 from ..identify.model.column_layout import OFFSET
+from .density.coefficients import coefficient_draws
 from .density.density import FitTarget, fit_target, target_of
-from .density.likelihood import Likelihood
 from .density.prior import Prior
 from .sampling.checkpoint import read
-from .sampling.ensembles import FEWEST_ENSEMBLES, Chains, Progress, read_chains, run_ensembles
+from .sampling.ensembles import FEWEST_ENSEMBLES, Chains, read_chains, run_ensembles
 from .sampling.importance import POOL, PosteriorStarts, weighted_draws
 from .sampling.importance_run import run_importance
+from .sampling.progress import Progress
 from .sampling.stop_rule import BURN_IN, Until
 from .summary.posterior import Posterior
 
 MODEL_DRAWS = 2000
 """Number of flank-model draws (chosen), spread evenly over the draws of the parameters."""
-
-_CHUNK = 250
-"""Points per compiled call of `coefficient_draws` (chosen)."""
 
 
 @one_blas_thread
@@ -218,35 +212,6 @@ def posterior_of(
         delay_offset_s=fit.evidence.delay_s,
         chains=chains,
     )
-
-
-def coefficient_draws(
-    likelihood: Likelihood, points: Float[np.ndarray, "m d"], seed: int, widening: float = 1.0
-) -> Float[np.ndarray, "m flanks columns"]:
-    """Draw the coefficients of every column once for each point of the sampled density.
-
-    Those that are integrated out scatter `widening` times as widely as the noise model says.
-    """
-    if len(points) == 0:
-        return np.zeros((0, len(likelihood.triangles), likelihood.triangles.shape[-1] - 1))
-    points = points.copy()
-    points[:, len(likelihood.sampled_indices)] += np.log(widening)
-    keys = jax.random.split(jax.random.key(seed), len(points))
-    drawn = [
-        np.asarray(_draws(likelihood, points[start : start + _CHUNK], keys[start : start + _CHUNK]))
-        for start in range(0, len(points), _CHUNK)
-    ]
-    return np.concatenate(drawn)
-
-
-@eqx.filter_jit
-def _draws(likelihood: Likelihood, points: Float[ArrayLike, "m d"], keys: Key[Array, " m"]):
-    count = len(likelihood.sampled_indices)
-
-    def draw(point, key):
-        return likelihood.draw_coefficients(point[:count], point[count + 1 :], point[count], key)
-
-    return jax.vmap(draw)(jnp.asarray(points), keys)
 
 
 def _flank_models(

@@ -1,7 +1,7 @@
 """The likelihood from lag products, against dense Gaussian log-densities of the same rows."""
 
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import cache
 from typing import Any
 
 import equinox as eqx
@@ -18,6 +18,7 @@ from tests.oracles.stationary_noise import covariance, path
 from vttig_jax.base.numerics.partial_autocorrelation import filter_of
 from vttig_jax.identify.compress.harmonic_summary import HarmonicSummary
 from vttig_jax.identify.model.forward_model import ForwardModel, pair_relation
+from vttig_jax.posterior.density.coefficients import coefficient_draws
 from vttig_jax.posterior.density.likelihood import Likelihood, likelihood_of
 from vttig_jax.rig.paper import paper_pair
 
@@ -307,14 +308,8 @@ def test_drawn_coefficients_have_mean_and_covariance_of_generalised_least_square
     parameters, own, nuisance = split(place)
     noise = np.array([0.6, -0.2])
     likelihood = place.likelihood(2)
-    draw = partial(
-        likelihood.draw_coefficients,
-        jnp.asarray(parameters[own]),
-        jnp.asarray(noise),
-        jnp.asarray(NOISE),
-    )
-    count = 5_000
-    drawn = np.asarray(jax.jit(jax.vmap(draw))(jax.random.split(jax.random.key(0), count)))
+    point, count = np.concatenate([parameters[own], [NOISE], noise]), 5_000
+    drawn = coefficient_draws(likelihood, np.tile(point, (count, 1)), seed=0)
     mean, spread = dense_coefficients(place, parameters, nuisance, noise)
     flat = drawn.reshape(count, -1)
     size = np.sqrt(np.diag(spread))

@@ -11,7 +11,8 @@ from scipy.optimize import brentq, minimize
 from scipy.stats import chi2
 
 from tests.posterior import quick_fits
-from vttig_jax.posterior.density.density import Density, FitTarget, fit_target
+from vttig_jax.posterior.density.density import FitTarget, fit_target
+from vttig_jax.posterior.density.evaluation import Density
 from vttig_jax.posterior.density.prior import Prior
 from vttig_jax.posterior.density.profile_likelihood import Profiler, profile, profiles
 

@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from tests.posterior.densities import Gaussian, plain
-from vttig_jax.posterior.sampling.ensembles import Chains, Progress, run_ensembles
+from vttig_jax.posterior.sampling.ensembles import Chains, run_ensembles
+from vttig_jax.posterior.sampling.progress import Progress
 from vttig_jax.posterior.sampling.stop_rule import Until
 
 

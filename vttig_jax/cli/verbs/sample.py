@@ -25,7 +25,7 @@ from ..output import LOGGER, Output
 if TYPE_CHECKING:
     from ...identify.fit_result import Fit
     from ...posterior.density.prior import Prior
-    from ...posterior.sampling.ensembles import Progress
+    from ...posterior.sampling.progress import Progress
     from ...posterior.sampling.stop_rule import Until
     from ...posterior.summary.posterior import Posterior
 

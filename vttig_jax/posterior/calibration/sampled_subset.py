@@ -12,7 +12,8 @@ from jaxtyping import Array, Float
 from ...identify.compress.harmonic_summary import HarmonicSummary
 from ...identify.compress.lagged_flank import LaggedFlank
 from ...identify.model.forward_model import ForwardModel
-from ..density.density import NOISE_STD, Density, FitTarget
+from ..density.density import NOISE_STD, FitTarget
+from ..density.evaluation import Density
 from ..density.likelihood import likelihood_of
 from ..density.prior import Prior, StatedPrior, state_prior
 from ..sampling.convergence import autocorrelation_time

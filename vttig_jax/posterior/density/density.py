@@ -1,79 +1,33 @@
 """Posterior density of a fit, likelihood times prior, evaluated at the rows of an array."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from functools import cached_property, lru_cache, partial
+from functools import cached_property
 from typing import Any
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
-from ...base.arrays import Numbers, float64
 from ...base.errors import NoAnswerError, UsageError
 from ...identify.evidence import Evidence
 from ...identify.fit_result import Fit
 from ...identify.noise.restricted_likelihood import LARGEST
 from ...pair.gear_pair import Drive
+from .evaluation import (
+    BATCHES,
+    Density,
+    Evaluation,
+    evaluation,
+    exact_value_and_gradient,
+    in_batches,
+    near_value_and_gradient,
+)
 from .likelihood import Likelihood, likelihood_of
 from .local_likelihood import LocalLikelihood, local_likelihood, probes, tolerance
 from .prior import OPTIONS, Prior, StatedPrior, state_prior
 
 NOISE_STD = "log_innovation_std"
-_BATCHES = (128, 32)
-"""Numbers of points that are evaluated together; more shapes would be compiled (chosen)."""
-
 _SHAFTS, _AXES = ("driving", "driven"), ("_x", "_y", "_x_difference", "_y_difference")
-
-
-class Density(eqx.Module):
-    """Log-density of (sampled parameters, log std of the innovations, partial autocorrelations).
-
-    The log-likelihood of a fit whose standard errors are wider than those of its noise model, w
-    times, has this width too: it is taken at `centre` + (point − `centre`)/w, as in M. Ribatet,
-    D. Cooley and A. C. Davison, Statistica Sinica 22 (2012) 813 for composite ones.
-
-    `centre`, `bound`, `plane_bound` and `plane_std` are in internal units: mm, rad, s.
-    """
-
-    likelihood: Likelihood
-    bound: Float[Numbers, " d"] = eqx.field(converter=float64)
-    planes: tuple[tuple[int, int], ...] = eqx.field(static=True)
-    plane_bound: Float[Numbers, " planes"] = eqx.field(converter=float64)
-    plane_std: Float[Numbers, " planes"] = eqx.field(converter=float64)
-    flat_in_amplitude: tuple[bool, ...] = eqx.field(static=True)
-    centre: Float[Numbers, " d"] = eqx.field(converter=float64)
-    widening: Float[Numbers, " d"] = eqx.field(converter=float64)
-
-    def narrowed(self, point: Float[Array, " d"]) -> Float[Array, " d"]:
-        """Return the point at which the likelihood of the noise model is taken."""
-        centre = jnp.asarray(self.centre)
-        return centre + (point - centre) / jnp.asarray(self.widening)
-
-    def __call__(self, point: Float[Array, " d"]) -> Float[Array, ""]:
-        """Return the log-density at one point, −∞ outside the prior."""
-        value = self.likelihood_at(point) + self.log_prior(point)
-        return jnp.where(jnp.isfinite(value), value, -jnp.inf)
-
-    def likelihood_at(self, point: Float[Array, " d"]) -> Float[Array, ""]:
-        """Return the log-likelihood at one point."""
-        count = len(self.likelihood.sampled_indices)
-        partial = jnp.clip(point[count + 1 :], -LARGEST, LARGEST)
-        return self.likelihood(self.narrowed(point)[:count], partial, point[count])
-
-    def log_prior(self, point: Float[Array, " d"]) -> Float[Array, ""]:
-        """Return the log-density of the prior up to a constant, −∞ outside its bounds."""
-        inside = jnp.all(jnp.abs(point) <= jnp.asarray(self.bound))
-        prior = jnp.zeros(())
-        for k, (x, y) in enumerate(self.planes):
-            square = point[x] ** 2 + point[y] ** 2
-            inside &= square <= jnp.asarray(self.plane_bound)[k] ** 2
-            prior -= 0.5 * square / jnp.asarray(self.plane_std)[k] ** 2
-            if self.flat_in_amplitude[k]:
-                prior -= 0.5 * jnp.log(square)
-        return jnp.where(inside, prior, -jnp.inf)
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,9 +55,8 @@ class FitTarget:
         local = self._local
         if local is None:
             return self.exact_log_density(points)
-        values = _in_batches(self._near, points)
-        narrow = self.centre + (points - self.centre) / np.asarray(self.density.widening)
-        far = np.flatnonzero(~local.holds(narrow))
+        values = in_batches(self._near, points)
+        far = np.flatnonzero(~local.holds(np.asarray(self.density.narrowed(points))))
         if far.size:
             values[far] = self.exact_log_density(points[far])
         return values
@@ -112,7 +65,16 @@ class FitTarget:
         self, points: Float[np.ndarray, "walkers d"]
     ) -> Float[np.ndarray, " walkers"]:
         """Return the log-density of every point without polynomials."""
-        return _in_batches(self._exact, points)
+        return in_batches(self._exact, points)
+
+    def value_and_gradient(
+        self, point: Float[np.ndarray, " d"]
+    ) -> tuple[float, Float[np.ndarray, " d"]]:
+        """Return the log-density of one point and its gradient; near the fit nothing compiles."""
+        local, density = self._local, self.density
+        if local is None or not local.holds(np.asarray(density.narrowed(point[None])))[0]:
+            return exact_value_and_gradient(density, point)
+        return near_value_and_gradient(density, local, point)
 
     @property
     def partial(self) -> Float[np.ndarray, " order"]:
@@ -130,66 +92,25 @@ class FitTarget:
         near = probes(self.centre, narrow, np.asarray(local.half_width))
         points = self.centre + (near - self.centre) * widening
         wanted = self.exact_log_density(points)
-        found = _in_batches(_evaluation(self.density, local), points)
+        # As many points as the sampler evaluates at once, so that one program is compiled for both.
+        many = np.resize(points, (BATCHES[0], points.shape[1]))
+        found = in_batches(evaluation(self.density, local), many)[: len(points)]
         same = np.isfinite(wanted) & np.isfinite(found)
         wrong = np.abs(np.subtract(found, wanted, where=same, out=np.zeros(len(points))))
         agreed = np.array_equal(np.isfinite(wanted), np.isfinite(found))
         return local if agreed and wrong.max() <= tolerance(self.density.likelihood) else None
 
     @cached_property
-    def _exact(self) -> "_Evaluation":
-        return _evaluation(self.density, None)
+    def _exact(self) -> Evaluation:
+        return evaluation(self.density, None)
 
     @cached_property
-    def _near(self) -> "_Evaluation":
-        return _evaluation(self.density, self._local)
+    def _near(self) -> Evaluation:
+        return evaluation(self.density, self._local)
 
     def starts(self, count: int, generator: np.random.Generator) -> Float[np.ndarray, "count d"]:
         """Draw points from the Laplace approximation."""
         return generator.multivariate_normal(self.centre, self.covariance, count, method="cholesky")
-
-
-_Evaluation = Callable[[Float[np.ndarray, "walkers d"]], Float[Array, " walkers"]]
-
-
-def _evaluation(density: Density, local: LocalLikelihood | None) -> _Evaluation:
-    """Return the compiled density of many points, exact if `local` is None.
-
-    Its arrays are on the device once for all evaluations.
-    """
-    used = density if local is None else eqx.tree_at(lambda d: d.likelihood, density, None)
-    arrays, structure = jax.tree.flatten((used, local))
-    held = tuple(jnp.asarray(array) for array in arrays)
-    return partial(_program_of(structure), held)
-
-
-@lru_cache(maxsize=16)
-def _program_of(structure: Any) -> Callable[..., Float[Array, " walkers"]]:
-    """Return the program of densities of one structure; a call then compares no structures."""
-
-    @jax.jit
-    def at_points(
-        arrays: tuple[Array, ...], points: Float[Array, "walkers d"]
-    ) -> Float[Array, " walkers"]:
-        density, local = jax.tree.unflatten(structure, arrays)
-        if local is None:
-            return jax.vmap(density)(points)
-        values = local(jax.vmap(density.narrowed)(points)) + jax.vmap(density.log_prior)(points)
-        return jnp.where(jnp.isfinite(values), values, -jnp.inf)
-
-    return at_points
-
-
-def _in_batches(
-    evaluate: _Evaluation, points: Float[np.ndarray, "walkers d"]
-) -> Float[np.ndarray, " walkers"]:
-    """Return the values of all points, evaluated in batches of few sizes, which compile once."""
-    size = next((n for n in _BATCHES if n <= len(points)), _BATCHES[-1])
-    if len(points) == size:
-        return np.array(evaluate(points))
-    filled = np.repeat(points[:1], -len(points) % size, axis=0)
-    parts = np.split(np.concatenate([points, filled]), -(-len(points) // size))
-    return np.concatenate([evaluate(part) for part in parts])[: len(points)]
 
 
 def is_physical(name: str) -> bool:

@@ -15,7 +15,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, PRNGKeyArray
+from jaxtyping import Array, Float
 
 from ...base.arrays import Numbers, float64
 from ...identify.compress.flank_summary import FlankSummary
@@ -116,7 +116,7 @@ class Likelihood(eqx.Module):
         misfit += residual @ residual
         determinant = rows.determinant
         if nuisance.shape[1]:
-            factor = jnp.linalg.cholesky(_ridged(nuisance.T @ nuisance))
+            factor = jnp.linalg.cholesky(ridged(nuisance.T @ nuisance))
             explained = jax.scipy.linalg.solve_triangular(factor, nuisance.T @ residual, lower=True)
             misfit -= explained @ explained
             determinant += jnp.sum(jnp.log(jnp.diagonal(factor)))
@@ -127,32 +127,6 @@ class Likelihood(eqx.Module):
             + 0.5 * self.log_determinant(partial)
             + 0.5 * misfit * jnp.exp(-2 * log_innovation_std)
         )
-
-    def draw_coefficients(
-        self,
-        sampled: Float[Array, " d"],
-        partial: Float[Array, " order"],
-        log_innovation_std: Float[Array, ""],
-        key: PRNGKeyArray,
-    ) -> Float[Array, "flanks columns"]:
-        """Draw the coefficients of all columns at given parameters and noise."""
-        factors = self.factors(partial)
-        residual, nuisance = self.whitened_residual(sampled, self._reduced(factors).factor)
-        std = jnp.exp(log_innovation_std)
-        nuisance_key, free_key = jax.random.split(key)
-        parameters = jnp.asarray(self.fixed).at[jnp.asarray(self.sampled_indices)].set(sampled)
-        tied = self.relation.coefficients(parameters)
-        if nuisance.shape[1]:
-            factor = jnp.linalg.cholesky(_ridged(nuisance.T @ nuisance)).T
-            mean = -jax.scipy.linalg.cho_solve((factor, False), nuisance.T @ residual)
-            normal = jax.random.normal(nuisance_key, mean.shape)
-            spread = jax.scipy.linalg.solve_triangular(factor, std * normal)
-            tied = tied + jnp.einsum("n,nft->ft", mean + spread, jnp.asarray(self.spread))
-        upper = (jnp.swapaxes(factors, 1, 2) @ jnp.asarray(self.triangles))[:, : self.free]
-        target = upper[:, :, -1] - jnp.einsum("fij,fj->fi", upper[:, :, self.free : -1], tied)
-        target += std * jax.random.normal(free_key, target.shape)
-        free = jax.vmap(jax.scipy.linalg.solve_triangular)(upper[:, :, : self.free], target)
-        return jnp.concatenate([free, tied], axis=1)
 
 
 def likelihood_of(
@@ -195,5 +169,6 @@ def _product_matrices(flank: FlankSummary, order: int) -> Float[np.ndarray, "pro
     return products
 
 
-def _ridged(gram: Float[Array, "n n"]) -> Float[Array, "n n"]:
-    return gram + _RIDGE * jnp.diag(jnp.diagonal(gram))
+def ridged(gram: Float[Numbers, "*stack n n"]) -> Float[Numbers, "*stack n n"]:
+    """Return normal matrices with a ridge relative to the square of every column."""
+    return gram + _RIDGE * gram * np.eye(gram.shape[-1])

@@ -19,11 +19,10 @@ from itertools import product
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Bool, Float, Inexact
 
-from ...base.arrays import Numbers, float64, namespace
+from ...base.arrays import Number, Numbers, float64, namespace
 from ...identify.compress.flank_summary import FlankSummary
 from ...identify.noise.restricted_likelihood import LARGEST
 from .likelihood import Likelihood
@@ -37,6 +36,8 @@ _PROBES = 64  # points at which the error is measured; chosen value
 _REACHES = (1.0, 2.0, 3.0)  # spread of these points in standard deviations; chosen values
 _TOLERANCE = 1e-8  # largest error of the log-likelihood; chosen value
 _ROUNDING = 1e-13  # part of it for every row, because sums over the rows are rounded; chosen value
+_IMAGINARY = 1e-30  # step whose square vanishes beside every number; chosen value
+_DIFFERENCE = 1e-5  # step of the partial autocorrelations; chosen value
 _GROUP = 8  # diagonal elements that are multiplied before the logarithm; chosen value
 
 Columns = Float[np.ndarray, "_ n"]
@@ -72,25 +73,55 @@ class LocalLikelihood(eqx.Module):
     curved: tuple[int, ...] = eqx.field(static=True)
     degrees: tuple[int, int] = eqx.field(static=True)
 
-    def __call__(self, points: Float[Array, "n d"]) -> Float[Array, " n"]:
+    def __call__(self, points: Float[Numbers, "n d"]) -> Float[Numbers, " n"]:
         """Return the log-likelihood of every point; it holds only inside the box."""
-        count = self.sampled
-        scaled = ((points - jnp.asarray(self.centre)[None]) / jnp.asarray(self.half_width)[None]).T
-        vector = jnp.asarray(self.tied) @ _tied_terms(scaled[:count], self.curved, self.degrees[0])
-        log_std, partial = points[:, count], points[:, count + 1 :]
-        weights = jax.vmap(self.kind.product_weights, out_axes=1)(partial)
-        terms = _terms(scaled[count + 1 :], self.degrees[1])
-        square = jnp.asarray(self.square) @ jnp.concatenate([weights, terms])
+        partial = points[:, self.sampled + 1 :]
+        return self._at(points, *jax.vmap(self._of_noise, out_axes=(1, 0))(partial))
+
+    def value_and_gradient(
+        self, point: Float[np.ndarray, " d"]
+    ) -> tuple[float, Float[np.ndarray, " d"]]:
+        """Return the log-likelihood of one point in the box and its slope; nothing is compiled.
+
+        All is analytic but the weights of the noise, so that an imaginary step gives the slope to
+        rounding error: W. Squire, G. Trapp, SIAM Review 40 (1998) 110.
+        """
+        partial, first = point[self.sampled + 1 :], self.sampled + 1
+        numbers = np.tile(np.append(*self._of_noise(partial))[:, None], len(point)).astype(complex)
+        for k in range(len(partial)):
+            step = _DIFFERENCE * np.eye(len(partial))[k]
+            ahead, back = (np.append(*self._of_noise(partial + s * step)) for s in (1.0, -1.0))
+            numbers[:, first + k] += 1j * _IMAGINARY * (ahead - back) / (2 * _DIFFERENCE)
+        points = point + 1j * _IMAGINARY * np.eye(len(point))
+        values = self._at(points, numbers[:-1], numbers[-1])
+        return float(values[0].real), np.asarray(values.imag) / _IMAGINARY
+
+    def _of_noise(
+        self, partial: Float[Numbers, " order"]
+    ) -> tuple[Float[Numbers, " products"], Number]:
+        """Return the weights of the products, and the log-determinant of the noise."""
+        initial = namespace(partial).asarray(self.initial)
+        return self.kind.product_weights(partial), self.kind.determinant_of(initial, partial)
+
+    def _at(
+        self,
+        points: Inexact[Numbers, "n d"],
+        weights: Inexact[Numbers, "products n"],
+        initial: Inexact[Numbers, " n"],
+    ) -> Inexact[Numbers, " n"]:
+        xp, count = namespace(points), self.sampled
+        scaled = ((points - xp.asarray(self.centre)[None]) / xp.asarray(self.half_width)[None]).T
+        vector = xp.asarray(self.tied) @ _tied_terms(scaled[:count], self.curved, self.degrees[0])
+        log_std, terms = points[:, count], _terms(scaled[count + 1 :], self.degrees[1])
+        square = xp.asarray(self.square) @ xp.concatenate([weights, terms])
         first, second = np.triu_indices(len(self.tied))
-        misfit = jnp.sum(square * vector[first] * vector[second], axis=0)
-        determinant = _log_product(jnp.asarray(self.diagonal) @ weights)
-        determinant += jnp.asarray(self.determinant) @ terms
-        initial = jnp.asarray(self.initial)
-        determinant += jax.vmap(lambda one: self.kind.determinant_of(initial, one))(partial)
+        misfit = xp.sum(square * vector[first] * vector[second], axis=0)
+        determinant = _log_product(xp.asarray(self.diagonal) @ weights) + initial
+        determinant += xp.asarray(self.determinant) @ terms
         return -(
-            jnp.asarray(self.freedom) * log_std
+            xp.asarray(self.freedom) * log_std
             + 0.5 * determinant
-            + 0.5 * misfit * jnp.exp(-2 * log_std)
+            + 0.5 * misfit * xp.exp(-2 * log_std)
         )
 
     def holds(self, points: Float[np.ndarray, "n d"]) -> Bool[np.ndarray, " n"]:
@@ -256,7 +287,7 @@ def _degrees(coordinates: int, degree: int) -> tuple[tuple[int, ...], ...]:
     return tuple((own, *rest) for own, part in enumerate(shorter) for rest in part)
 
 
-def _terms(scaled: Float[Numbers, "p n"], degree: int) -> Float[Numbers, "terms n"]:
+def _terms(scaled: Inexact[Numbers, "p n"], degree: int) -> Inexact[Numbers, "terms n"]:
     """Return the products of Chebyshev polynomials up to a total degree at points of ±1."""
     xp = namespace(scaled)
     degrees = np.array(_degrees(len(scaled), degree), int)
@@ -270,16 +301,16 @@ def _terms(scaled: Float[Numbers, "p n"], degree: int) -> Float[Numbers, "terms 
 
 
 def _tied_terms(
-    scaled: Float[Numbers, "s n"], curved: tuple[int, ...], degree: int
-) -> Float[Numbers, "terms n"]:
+    scaled: Inexact[Numbers, "s n"], curved: tuple[int, ...], degree: int
+) -> Inexact[Numbers, "terms n"]:
     """Return the linear parameters, then the terms of the curved ones, the constant first."""
     linear = np.array([k for k in range(len(scaled)) if k not in curved], int)
     others = _terms(scaled[np.array(curved, int)], degree)
     return namespace(scaled).concatenate([scaled[linear], others])
 
 
-def _log_product(values: Float[Array, "k n"]) -> Float[Array, " n"]:
+def _log_product(values: Inexact[Numbers, "k n"]) -> Inexact[Numbers, " n"]:
     """Return the sum of the logarithms; values near 1 are multiplied in groups first."""
-    missing = -len(values) % _GROUP
-    padded = jnp.concatenate([values, jnp.ones((missing, values.shape[1]))])
-    return jnp.sum(jnp.log(jnp.prod(padded.reshape(-1, _GROUP, values.shape[1]), axis=1)), axis=0)
+    xp, missing = namespace(values), -len(values) % _GROUP
+    padded = xp.concatenate([values, xp.ones((missing, values.shape[1]))])
+    return xp.sum(xp.log(xp.prod(padded.reshape(-1, _GROUP, values.shape[1]), axis=1)), axis=0)

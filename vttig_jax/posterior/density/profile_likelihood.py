@@ -12,21 +12,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 from scipy.optimize import brentq, minimize
 from scipy.stats import chi2
 
-from ...base.arrays import Numbers
 from ...base.errors import NoAnswerError
 from ...base.runtime import require_x64
 from ...base.threads import one_blas_thread
 from ...identify.fit_result import Fit
 from ...identify.noise.restricted_likelihood import LARGEST
-from .density import NOISE_STD, Density, FitTarget, fit_target
+from .density import NOISE_STD, FitTarget, fit_target
 
 _UNBOUNDED_FROM = 64.0
 """Distance in standard errors beyond which a side counts as unbounded (chosen)."""
@@ -172,9 +168,12 @@ class Profiler:
 
     def value_and_gradient(self, u: Point) -> tuple[float, Point]:
         """Return minus the log-density and its gradient in u; outside the prior a high wall."""
-        value, gradient = _value_and_gradient(self.target.density, u, self._noise)
+        point = np.append(u[: self._noise], self._partial(u))
+        value, gradient = self.target.value_and_gradient(point)
         if np.isfinite(value):
-            return float(value), np.asarray(gradient)
+            gradient = np.array(gradient)
+            gradient[self._noise :] *= LARGEST * (1.0 - np.tanh(u[self._noise :]) ** 2)
+            return -value, -gradient
         away = (u - self._start) / self._spread
         return _WALL * (1.0 + float(away @ away)), 2.0 * _WALL * away / self._spread
 
@@ -278,13 +277,3 @@ class _ProfilePath:
         if value < _WALL:
             self.offsets[steps] = point - self.top - steps * self.along
         return 2.0 * (value - self.least_value)
-
-
-@eqx.filter_jit
-def _value_and_gradient(
-    density: Density, u: Float[Numbers, " d"], noise: int
-) -> tuple[Float[Array, ""], Float[Array, " d"]]:
-    def minus(u):
-        return -density(jnp.concatenate([u[:noise], LARGEST * jnp.tanh(u[noise:])]))
-
-    return jax.value_and_grad(minus)(jnp.asarray(u))

@@ -125,7 +125,8 @@ class Diagnosis:
     **Arguments**
     - `tau`: integrated autocorrelation time of each coordinate in steps, mean of the ensembles.
     - `shortest`: steps after burn-in divided by the largest `tau`.
-    - `r_hat`: rank-normalised split R-hat of each coordinate between ensembles.
+    - `r_hat`: rank-normalised split R-hat of each coordinate between ensembles; NaN if it was not
+      computed, because the chains are too short anyway.
     - `acceptance`: accepted fraction of all proposals.
     - `effective`: effective number of draws of each coordinate, all ensembles together.
     - `steps`: steps made by every ensemble; `until`: stop rule of the run.
@@ -148,6 +149,11 @@ class Diagnosis:
         return self.shortest >= self.until.autocorrelation_times
 
     @property
+    def compared(self) -> bool:
+        """Whether R-hat was computed."""
+        return not np.isnan(self.r_hat).any()
+
+    @property
     def agreed(self) -> bool:
         """Whether the ensembles agree in every coordinate."""
         return bool((self.r_hat <= self.until.r_hat).all())
@@ -167,6 +173,8 @@ class Diagnosis:
         length = f"shortest chain {_rounded_down(self.shortest)} τ"
         if not self.long_enough:
             length += f" (`{slowest}`), {self.until.autocorrelation_times:g} asked for"
+        if not self.compared:
+            return f"converged: no; {length}; acceptance {self.acceptance:.2f}"
         agreement = f"R-hat {_rounded_up(float(self.r_hat.max()))}"
         if not self.agreed:
             agreement += f" (`{farthest}`), at most {self.until.r_hat:g} asked for"
@@ -215,8 +223,12 @@ def diagnose(
     acceptance: float,
     until: Until,
     burn_in: float = BURN_IN,
+    short_compared: bool = True,
 ) -> Diagnosis:
     """Return the diagnosis of the stored draws of several ensembles; it discards the burn-in.
+
+    R-hat takes most of the time. Without `short_compared` it is left out, NaN, for chains that are
+    not long enough, because these have not converged whatever it is.
 
     Long chains are read at no more than 4096 evenly spaced steps for τ and 400 for R-hat. A τ below
     that spacing is set to the spacing, so that no more effective draws are claimed than read.
@@ -227,11 +239,15 @@ def diagnose(
     times = [autocorrelation_time(ensemble[::stride]) for ensemble in chains]
     tau = np.maximum(np.mean(times, axis=0), 1.0) * (stride * thin)
     length = kept * thin
+    shortest = float(length / tau.max())
+    agreement = np.full(len(tau), np.nan)
+    if short_compared or shortest >= until.autocorrelation_times:
+        agreement = r_hat(chains[:, :: max(1, kept // _RANK_POINTS)])
     return Diagnosis(
         names=names,
         tau=tau,
-        shortest=float(length / tau.max()),
-        r_hat=r_hat(chains[:, :: max(1, kept // _RANK_POINTS)]),
+        shortest=shortest,
+        r_hat=agreement,
         acceptance=acceptance,
         effective=draws.shape[0] * draws.shape[2] * length / tau,
         steps=steps,

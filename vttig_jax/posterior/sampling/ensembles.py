@@ -15,47 +15,9 @@ from .checkpoint import Checkpoint, Header, read
 from .convergence import Diagnosis, diagnose, discarded
 from .ensemble_blocks import Ensembles, Record, check_same_density, start, warm_up
 from .importance import importance_diagnosis
+from .progress import Progress, progress_after
 from .stop_rule import BLOCK_STEPS, BURN_IN, Until, next_decision
 from .target import CheckedDensity, Target
-
-
-@dataclass(frozen=True)
-class Progress:
-    """State of a running sampler after a block of steps.
-
-    **Arguments**
-    - `steps`: steps made by every ensemble, including those before a resume.
-    - `total`: requested number of steps; None while the stop rule decides.
-    - `steps_per_s`: steps of every ensemble per second, in this session.
-    - `remaining_s`: remaining time, s; if the stop rule decides, it follows from the present
-      estimate of the autocorrelation time and is None before there is one.
-    - `diagnosis`: latest diagnosis as text, "" before the first.
-    """
-
-    steps: int
-    total: int | None
-    steps_per_s: float
-    remaining_s: float | None
-    diagnosis: str
-
-
-def progress_after(
-    done: int, total: int | None, until: Until, diagnosis: Diagnosis | None, steps_per_s: float
-) -> Progress:
-    """Return the progress after `done` steps, with the time to `total` or to the likely stop."""
-    goal = total
-    if goal is None and diagnosis is not None:
-        # The number of steps is unknown while the ensembles disagree.
-        needed = diagnosis.needed if diagnosis.agreed else until.most_steps
-        goal = min(next_decision(max(needed, done) - 1), until.most_steps)
-    return Progress(
-        steps=done,
-        total=total,
-        steps_per_s=steps_per_s,
-        remaining_s=None if goal is None else max(0.0, (goal - done) / steps_per_s),
-        diagnosis="" if diagnosis is None else str(diagnosis),
-    )
-
 
 FEWEST_ENSEMBLES = 4  # fewest ensembles that R-hat compares (chosen)
 FEWEST_KEPT = 8  # fewest stored steps of a run (chosen)
@@ -280,7 +242,7 @@ class _SamplingRun:
         done = self.record.steps
         if done >= self._last_step():
             return True
-        return self.steps is None and _is_decision_step(done) and self._diagnosis().converged
+        return self.steps is None and _is_decision_step(done) and self._running().converged
 
     def _block(self) -> int:
         """Return the number of steps to the next multiple of a block, or to the end."""
@@ -288,14 +250,24 @@ class _SamplingRun:
         return min(BLOCK_STEPS - done % BLOCK_STEPS, self._last_step() - done)
 
     def _diagnosis(self) -> Diagnosis:
-        if self.diagnosis is None or self.diagnosis.steps != self.record.steps:
+        known = self.diagnosis
+        if known is None or known.steps != self.record.steps or not known.compared:
             self.diagnosis = diagnosis_of(self.header, self.record, self.until)
+        assert self.diagnosis is not None
+        return self.diagnosis
+
+    def _running(self) -> Diagnosis:
+        """Return the diagnosis that decides whether to go on: short chains are not compared."""
+        if self.diagnosis is None or self.diagnosis.steps != self.record.steps:
+            self.diagnosis = diagnosis_of(
+                self.header, self.record, self.until, short_compared=False
+            )
         return self.diagnosis
 
     def _progress_now(self) -> Progress:
         done = self.record.steps
         if _is_decision_step(done):
-            self._diagnosis()
+            self._running()
         rate = (done - self._began_steps) / max(time.monotonic() - self._began_s, 1e-9)
         return progress_after(done, self.steps, self.until, self.diagnosis, rate)
 
@@ -360,7 +332,9 @@ def _check_options(
         raise ValueError("Argument `overwrite` must be left out if `resume` is given.")
 
 
-def diagnosis_of(header: Header, record: Record, until: Until) -> Diagnosis:
+def diagnosis_of(
+    header: Header, record: Record, until: Until, *, short_compared: bool = True
+) -> Diagnosis:
     """Return the diagnosis of the draws of a record by the method that made them."""
     if header.method == "importance":
         return importance_diagnosis(header, record.draws, until)
@@ -372,6 +346,7 @@ def diagnosis_of(header: Header, record: Record, until: Until) -> Diagnosis:
         acceptance=float(_acceptance(header, record).mean()),
         until=until,
         burn_in=header.burn_in,
+        short_compared=short_compared,
     )
 
 

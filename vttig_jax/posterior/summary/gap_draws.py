@@ -130,8 +130,9 @@ class GapDraws:
     ) -> tuple[Angles, Float[np.ndarray, "n c"]]:
         """Return TE of the mean coefficients, rad, and its derivative by all coefficients."""
         side = flank_index(flank)
-        coefficients = (part[:, side].mean(axis=0) for part in (self.offset, self.cosine, self.sine))
-        return linearised_series(float(self.pair.ratio), self.terms, *coefficients, driving_angle)
+        parts = self.offset, self.cosine, self.sine
+        mean = (part[:, side].mean(axis=0) for part in parts)
+        return linearised_series(float(self.pair.ratio), self.terms, *mean, driving_angle)
 
     def deviations(self, flank: Flank) -> Float[np.ndarray, "c m"]:
         """Return the coefficients (offset, cosines, sines) of every draw minus their mean, rad."""

@@ -176,9 +176,7 @@ def predictive(posterior: Posterior, replicates: int = 500, seed: int = 0) -> Pr
     for k in range(replicates):
         shifts = [run.basis @ run.deviations[:, k] for run in passes]
         settling = _settling(filters[k])
-        noise = [
-            _filtered(generator, filters[k], innovation[k], len(c), settling) for c in curves
-        ]
+        noise = [_filtered(generator, filters[k], innovation[k], len(c), settling) for c in curves]
         # Residual of the log under this draw, beside the noise of its replicate.
         residual = [run - move for run, move in zip(deviations, shifts, strict=True)]
         limit = NORMAL_95 * noise_std[k]
