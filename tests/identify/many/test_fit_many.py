@@ -1,6 +1,7 @@
 """The batch of logs beside single fits: shapes, refusals by name, and the table."""
 
 import csv
+import time
 from fractions import Fraction
 from io import StringIO
 
@@ -11,6 +12,7 @@ import pytest
 import vttig_jax
 from vttig_jax.base.errors import LogError, NoAnswerError
 from vttig_jax.identify import FitTable
+from vttig_jax.identify.many import fit_many as fit_many_module
 from vttig_jax.identify.many.batch_model import BatchShape, rounded_up
 from vttig_jax.identify.many.batches import Shapes, logs_at_once
 from vttig_jax.identify.many.codes import Code
@@ -104,3 +106,24 @@ def test_the_table_is_written_as_csv_and_parquet(tmp_path):
     assert read.column("e_mm").to_pylist() == [0.1 + 0.2, None]
     assert len(table) == 2 and table.failures == (("b,c", "empty", "it has no samples"),)
     assert "2, 1 fitted" in str(table) and "b,c: it has no samples" in str(table)
+
+
+def test_logs_are_prepared_ahead_of_their_turn_in_their_order(monkeypatch):
+    """Later logs are ready first here, and few logs are taken before they are needed."""
+    monkeypatch.setattr(fit_many_module, "_cores", lambda: 3)
+    taken = []
+
+    def drawn():
+        for number in range(40):
+            taken.append(number)
+            yield Unread(str(number), LogError("broken."))
+
+    def slow(log: Unread) -> Unread:
+        time.sleep(0.004 if int(log.name) % 3 == 0 else 0.0)
+        return log
+
+    seen = []
+    for name, found in fit_many_module._in_turn(slow, drawn()):
+        assert found.name == name and len(taken) - len(seen) <= 2 * 3 + 1
+        seen.append(int(name))
+    assert seen == list(range(40))

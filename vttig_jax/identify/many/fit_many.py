@@ -1,6 +1,9 @@
 """Fits of many logs, each of a rig of its own, in batches: one row of a table for each log."""
 
-from collections.abc import Callable, Iterable, Mapping
+import os
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -9,6 +12,7 @@ import numpy as np
 
 from ...base.errors import VttigError
 from ...base.runtime import require_x64
+from ...base.threads import one_blas_thread
 from ...base.units import DEG
 from ...logs.encoder_log import EncoderLog
 from ...pair.gear_pair import Drive, Flank, GearPair
@@ -32,6 +36,9 @@ from .preparation import (
 from .table import OK, PARTS, Columns, FitTable, table_of
 
 Row = dict[str, Any]
+
+_MOST_THREADS = 4
+"""Threads that prepare logs (chosen): Python itself runs in one of them at a time."""
 
 
 def fit_many(
@@ -81,12 +88,13 @@ def fit_many(
 
 
 class Unread(NamedTuple):
-    """A log that could not be read: its name and the error."""
+    """A log that could not be read or prepared: its name and the error."""
 
     name: str
     error: VttigError
 
 
+@one_blas_thread
 def fit_columns(
     logs: Iterable[EncoderLog | Unread],
     pair: GearPair | Drive,
@@ -97,14 +105,54 @@ def fit_columns(
     progress: Callable[[int], None] = lambda logs: None,
 ) -> Columns:
     """Return the columns of the table; `shapes` are those of programs compiled before."""
-    batches = Batches(pair, settings, orders, progress, shapes or Shapes())
-    for log in logs:
+    batches = Batches(progress, settings, pair, shapes or Shapes())
+
+    def ready(log: EncoderLog | Unread) -> PreparedLog | Unread:
         if isinstance(log, Unread):
-            batches.refuse(batches.placed(), log.name, log.error)
-            continue
+            return log
         require_one_rig([log], pair)
-        batches.add(log)
+        try:
+            return prepare(log, pair, settings, orders)
+        except VttigError as error:
+            return Unread(log.source, error)
+
+    for name, found in _in_turn(ready, logs):
+        batches.add(name, found)
     return table_of(batches.finished(), parameter_names(pair))
+
+
+def _in_turn(
+    ready: Callable[[EncoderLog | Unread], PreparedLog | Unread],
+    logs: Iterable[EncoderLog | Unread],
+) -> Iterator[tuple[str, PreparedLog | Unread]]:
+    """Yield the name of every log and what `ready` makes of it, in the order of the logs.
+
+    Several logs are prepared at a time, because NumPy lets other threads run during its work. Few
+    are held, so that a long series of logs is not read at once.
+    """
+    threads = min(_cores(), _MOST_THREADS)
+    with ThreadPoolExecutor(threads) as pool:
+        running: deque[tuple[str, Future[PreparedLog | Unread]]] = deque()
+        try:
+            for log in logs:
+                name = log.name if isinstance(log, Unread) else log.source
+                running.append((name, pool.submit(ready, log)))
+                if len(running) > 2 * threads:
+                    first, future = running.popleft()
+                    yield first, future.result()
+            while running:
+                first, future = running.popleft()
+                yield first, future.result()
+        finally:
+            for _, future in running:
+                future.cancel()
+
+
+def _cores() -> int:
+    """Return the number of cores that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
 
 
 def settings_table(settings: FitSettings) -> dict[str, Any]:
@@ -136,13 +184,12 @@ class _Waiting(NamedTuple):
 class Batches:
     """Logs that wait for the compiled programs, calls of them, and the rows that are done.
 
-    JAX runs the programs beside Python, which prepares further logs meanwhile.
+    JAX runs the programs beside Python, and further logs are prepared meanwhile.
     """
 
-    pair: GearPair | Drive
-    settings: FitSettings
-    orders: HarmonicOrders
     progress: Callable[[int], None]
+    settings: FitSettings
+    pair: GearPair | Drive
     shapes: Shapes
     waiting: dict[_Key, list[_Waiting]] = field(default_factory=dict)
     sizes: dict[_Key, int] = field(default_factory=dict)
@@ -150,28 +197,24 @@ class Batches:
     rows: dict[int, Row] = field(default_factory=dict)
     count: int = 0
 
-    def add(self, log: EncoderLog) -> None:
-        """Prepare a log, and send its batch to the programs when it is full."""
-        place = self.placed()
-        try:
-            ready = prepare(log, self.pair, self.settings, self.orders)
-        except VttigError as error:
-            self.refuse(place, log.source, error)
+    def add(self, name: str, ready: PreparedLog | Unread) -> None:
+        """Add a prepared log, and send its batch to the programs when it is full."""
+        place = self._placed()
+        if isinstance(ready, Unread):
+            self._refuse(place, name, ready.error)
             return
         scope = ready.identifiable
         key = _Key(scope.flanks, scope.terms, ready.shape.samples.bit_length())
         group = self.waiting.setdefault(key, [])
-        group.append(_Waiting(place, log.source, ready))
+        group.append(_Waiting(place, name, ready))
         if len(group) == logs_at_once(1 << key.octave):
             self._send(key)
 
-    def placed(self) -> int:
-        """Return the place of the next log in the table."""
+    def _placed(self) -> int:
         self.count += 1
         return self.count - 1
 
-    def refuse(self, place: int, name: str, error: VttigError) -> None:
-        """Keep the row of a log that is not fitted."""
+    def _refuse(self, place: int, name: str, error: VttigError) -> None:
         code = Code.NEEDS_FIT if isinstance(error, NeedsFitError) else Code.REFUSED
         self._keep([(place, _failed(name, code, str(error).removeprefix(f"{name}: ")))])
 
