@@ -41,7 +41,7 @@ def coefficient_draws(
 @eqx.filter_jit
 def _inputs(
     likelihood: Likelihood, points: Float[Numbers, "m d"], keys: Key[Array, " m"]
-) -> tuple[Array, Array, Array, Array]:
+) -> tuple[Numbers, Numbers, Array, Array]:
     """Return weights of the noise, tied coefficients and normal numbers of every point."""
     count, places = len(likelihood.sampled_indices), jnp.asarray(likelihood.sampled_indices)
     free = likelihood.products.shape[1], likelihood.free

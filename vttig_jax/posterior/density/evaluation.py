@@ -55,7 +55,7 @@ class Density(eqx.Module):
         """Return the log-likelihood at one point."""
         count = len(self.likelihood.sampled_indices)
         partial = jnp.clip(point[count + 1 :], -LARGEST, LARGEST)
-        return self.likelihood(self.narrowed(point)[:count], partial, point[count])
+        return self.likelihood(jnp.asarray(self.narrowed(point))[:count], partial, point[count])
 
     def log_prior(self, point: Inexact[Numbers, "*point"]) -> Inexact[Numbers, "*n"]:
         """Return the log-density of the prior up to a constant, −∞ outside its bounds.
@@ -123,7 +123,7 @@ def near_value_and_gradient(
     """Return the log-density of a point near the fit and its gradient; nothing is compiled."""
     value, slope = local.value_and_gradient(np.asarray(density.narrowed(point)))
     steps = point[:, None] + 1j * _IMAGINARY * np.eye(len(point))
-    prior = np.asarray(density.log_prior(steps))
+    prior: Any = density.log_prior(steps)
     value += float(prior[0].real)
     gradient = slope / np.asarray(density.widening) + prior.imag / _IMAGINARY
     return (value if np.isfinite(value) else -np.inf), gradient

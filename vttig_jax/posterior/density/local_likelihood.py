@@ -16,9 +16,11 @@ likelihood, and a point outside the box is left to the exact one.
 """
 
 from itertools import product
+from typing import Any
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Inexact
 
@@ -76,7 +78,8 @@ class LocalLikelihood(eqx.Module):
     def __call__(self, points: Float[Numbers, "n d"]) -> Float[Numbers, " n"]:
         """Return the log-likelihood of every point; it holds only inside the box."""
         partial = points[:, self.sampled + 1 :]
-        return self._at(points, *jax.vmap(self._of_noise, out_axes=(1, 0))(partial))
+        weights, initial = jax.vmap(self._of_noise, out_axes=(1, 0))(partial)
+        return self._at(points, weights, jnp.asarray(initial))
 
     def value_and_gradient(
         self, point: Float[np.ndarray, " d"]
@@ -93,8 +96,8 @@ class LocalLikelihood(eqx.Module):
             ahead, back = (np.append(*self._of_noise(partial + s * step)) for s in (1.0, -1.0))
             numbers[:, first + k] += 1j * _IMAGINARY * (ahead - back) / (2 * _DIFFERENCE)
         points = point + 1j * _IMAGINARY * np.eye(len(point))
-        values = self._at(points, numbers[:-1], numbers[-1])
-        return float(values[0].real), np.asarray(values.imag) / _IMAGINARY
+        values: Any = self._at(points, numbers[:-1], numbers[-1])
+        return float(values[0].real), values.imag / _IMAGINARY
 
     def _of_noise(
         self, partial: Float[Numbers, " order"]

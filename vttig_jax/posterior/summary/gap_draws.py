@@ -6,9 +6,10 @@ Newton step accounts. The curves of all draws are therefore one matrix product, 
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -41,27 +42,28 @@ Curves = Float[np.ndarray, "n m"]
 def linearised_series(
     ratio: float,
     terms: tuple[tuple[int, int], ...],
-    offset: float | np.ndarray,
-    cosine: Float[np.ndarray, " terms"],
-    sine: Float[np.ndarray, " terms"],
+    coefficients: Sequence[Any],
     driving_angle: Angles,
 ) -> tuple[Angles, Float[np.ndarray, "n c"]]:
-    """Return TE of a series, see `OrderModel`, and its derivative by offset, cosines and sines.
+    """Return TE of a series and its derivative by all coefficients; see `OrderModel`.
 
-    The driven angle is found by Newton steps, so that nothing is compiled for the number of angles.
+    `coefficients` are the offset, the cosines and the sines of one flank. The driven angle is found
+    by Newton steps, so that nothing is compiled for the number of angles.
     """
+    offset, cosine, sine = coefficients
     orders = np.asarray(terms, float).reshape(-1, 2)
     ideal = np.outer(driving_angle, orders[:, 0]) + np.outer(ratio * driving_angle, orders[:, 1])
-    error = np.zeros(len(ideal))
-    for _ in range(_MOST_STEPS):
+    error, steps = np.zeros(len(ideal)), 0
+    while True:
         phase = ideal + np.outer(error, orders[:, 1])
-        waves = np.cos(phase), np.sin(phase)
-        slope = waves[0] @ (sine * orders[:, 1]) - waves[1] @ (cosine * orders[:, 1])
-        step = (offset + waves[0] @ cosine + waves[1] @ sine - error) / (1.0 - slope)
-        error = error + step
-        if not np.abs(step).max(initial=0.0) > _SETTLED:
+        in_phase, quadrature = np.cos(phase), np.sin(phase)
+        slope = in_phase @ (sine * orders[:, 1]) - quadrature @ (cosine * orders[:, 1])
+        step = (offset + in_phase @ cosine + quadrature @ sine - error) / (1.0 - slope)
+        error, steps = error + step, steps + 1
+        moved = np.abs(step).max(initial=0.0)
+        if not moved > _SETTLED or steps == _MOST_STEPS:  # NaN of an unmeasured flank ends too
             break
-    basis = np.concatenate([np.ones((len(ideal), 1)), *waves], axis=1)
+    basis = np.concatenate([np.ones((len(ideal), 1)), in_phase, quadrature], axis=1)
     return error, basis / (1.0 - slope)[:, None]
 
 
@@ -131,8 +133,8 @@ class GapDraws:
         """Return TE of the mean coefficients, rad, and its derivative by all coefficients."""
         side = flank_index(flank)
         parts = self.offset, self.cosine, self.sine
-        mean = (part[:, side].mean(axis=0) for part in parts)
-        return linearised_series(float(self.pair.ratio), self.terms, *mean, driving_angle)
+        mean = [part[:, side].mean(axis=0) for part in parts]
+        return linearised_series(float(self.pair.ratio), self.terms, mean, driving_angle)
 
     def deviations(self, flank: Flank) -> Float[np.ndarray, "c m"]:
         """Return the coefficients (offset, cosines, sines) of every draw minus their mean, rad."""

@@ -8,6 +8,7 @@ values.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -234,8 +235,8 @@ def _expected_passes(posterior: Posterior, picked: Int[np.ndarray, " replicates"
 def _series_of(model: OrderModel, curve: TECurve) -> Float[np.ndarray, " n"]:
     """Return the TE of a model at the angles of a run."""
     side = flank_index(curve.flank)
-    own = (np.asarray(part)[side] for part in (model.offset, model.cosine, model.sine))
-    return linearised_series(float(model.ratio), model.terms, *own, curve.driving_angle)[0]
+    own = [np.asarray(part)[side] for part in (model.offset, model.cosine, model.sine)]
+    return linearised_series(float(model.ratio), model.terms, own, curve.driving_angle)[0]
 
 
 @dataclass(frozen=True)
@@ -339,10 +340,8 @@ def autocorrelation(runs: list[Float[np.ndarray, " _"]], lags: int) -> Float[np.
     from scipy.fft import next_fast_len
 
     length = next_fast_len(max(len(run) for run in runs) + lags, real=True)
-    power = np.zeros(length // 2 + 1)
-    for run in runs:
-        spectrum = np.fft.rfft(run, length)
-        power += spectrum.real**2 + spectrum.imag**2
+    spectra = (np.fft.rfft(run, length) for run in runs)
+    power: Any = sum(spectrum.real**2 + spectrum.imag**2 for spectrum in spectra)
     products = np.fft.irfft(power, length)
     return products[1 : lags + 1] / products[0]
 
