@@ -13,6 +13,7 @@ import numpy as np
 from ...base.files.text_tables import text_table
 from ...base.numerics.quantiles import NORMAL_95
 from ...base.results import TextResult
+from ...base.threads import one_blas_thread
 from ...identify.fit_result import Fit
 from ..density.density import fit_target
 from ..density.prior import Prior
@@ -160,6 +161,7 @@ class Agreement(TextResult):
         return f"{table}\n\n{words}"
 
 
+@one_blas_thread
 def agreement(posterior: Posterior, prior: Prior = Prior()) -> Agreement:
     """Compare the fit, the profile likelihood and the draws, coordinate by coordinate.
 
