@@ -41,6 +41,7 @@ INNER_FLOORS = {
         "results",
         "errors",
         "shown_text",
+        "logger",
         "units",
         "angles",
         "arrays",

@@ -15,10 +15,11 @@ import pytest
 from vttig_jax.base.errors import InputError, LogError, NoAnswerError, UsageError
 from vttig_jax.base.files.json_io import load_schema
 from vttig_jax.base.files.run_folder import RunFolder
+from vttig_jax.base.logger import LOGGER
 from vttig_jax.cli import output as output_module
 from vttig_jax.cli.main import VERBS, main
 from vttig_jax.cli.options import verb
-from vttig_jax.cli.output import LOGGER, Output, progress
+from vttig_jax.cli.output import Output, progress
 
 pytestmark = pytest.mark.smoke
 

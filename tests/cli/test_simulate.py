@@ -333,7 +333,7 @@ def test_a_trace_beyond_any_disk_is_refused():
         ("S --set seed=1.5", 2, "--set seed: expected a whole number"),
         ("S --set seed", 2, "'seed' is not of the form key=value"),
         ("S --set seed=", 2, "not of the form key=value"),
-        # The identifier of the test is plain text: a worker of pytest-xdist cannot send the bytes.
+        # The identifier is plain text: a worker of pytest-xdist cannot send lone surrogates.
         pytest.param(
             "S --set controller=\udced\udcff",
             2,

@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..base.errors import UsageError
+from ..base.logger import LOGGER
 from ..logs.recognition.request import UNITS, DriveRequest, counts_of, units_of_options
 from ..runs.stated_drive import write_pair
-from .output import LOGGER, Output
+from .output import Output
 
 if TYPE_CHECKING:
     from ..logs.recognition.question import Guess

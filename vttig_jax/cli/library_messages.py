@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from .output import LOGGER
+from ..base.logger import LOGGER
 
 
 @contextmanager

@@ -17,8 +17,9 @@ from importlib import import_module
 import click
 
 from ..base.errors import InputError, VttigError
+from ..base.logger import LOGGER
 from .library_messages import library_messages_in_log
-from .output import LOGGER, Narrator, print_json
+from .output import Narrator, print_json
 
 VERBS = {
     "inspect": (

@@ -15,13 +15,12 @@ import click
 
 from ..base.errors import InputError
 from ..base.files.json_io import dumps
+from ..base.logger import LOGGER
 from ..base.shown_text import lines, one_line
 from .words import explained
 
 if TYPE_CHECKING:
     from tqdm import tqdm
-
-LOGGER = logging.getLogger("vttig_jax")
 
 
 @dataclass

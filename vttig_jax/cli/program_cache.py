@@ -19,7 +19,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 from ..base.files.atomic_write import move
-from .output import LOGGER
+from ..base.logger import LOGGER
 
 VARIABLE = "VTTIG_CACHE"
 """Environment variable: the folder of the programs, or "off"."""

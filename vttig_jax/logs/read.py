@@ -1,6 +1,5 @@
 """Reading of a log file into an `EncoderLog`."""
 
-import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -9,14 +8,13 @@ from typing import Any
 import numpy as np
 
 from ..base.errors import UsageError
+from ..base.logger import LOGGER
 from .encoder_log import EncoderLog
 from .protocols import TwoShafts
 from .raw import read_raw
 from .readers.column_roles import ROLES
 from .recognition.recognise import Recognition, recognise
 from .recognition.request import DriveRequest, counts_of, units_of_options
-
-logger = logging.getLogger("vttig_jax")
 
 
 def read_log(
@@ -105,9 +103,9 @@ def read_log(
     if found is not None:
         told = tuple(guess.fact for guess in found.guesses)
         log = replace(log, spec=found.spec, notes=(*told, *log.notes))
-    logger.info("%s: %d samples", path, len(log))
+    LOGGER.info("%s: %d samples", path, len(log))
     for note in log.notes:
-        logger.info("%s: %s", path, note)
+        LOGGER.info("%s: %s", path, note)
     return log
 
 

@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ...base.errors import NoAnswerError, UsageError
+from ...base.logger import LOGGER
 from ..options import verb
-from ..output import LOGGER, Output
+from ..output import Output
 
 if TYPE_CHECKING:
     from ...posterior.calibration.calibrate import Calibration

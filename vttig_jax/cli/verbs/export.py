@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING, Any, Literal
 import click
 
 from ...base.errors import UsageError, VttigError
+from ...base.logger import LOGGER
 from ...runs.run import Run
 from ...runs.run_file import CHECKPOINT, RunRecord
 from ...runs.zeros import shaft_readings
 from ..options import STEP_DEG, Finite, given, verb
-from ..output import LOGGER, Output
+from ..output import Output
 from .map import COLUMNS, MOST_ROWS, csv_text, map_record, map_table
 
 if TYPE_CHECKING:

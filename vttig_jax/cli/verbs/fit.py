@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ...base.errors import NoAnswerError, UsageError
+from ...base.logger import LOGGER
 from ...identify.settings import fields
 from ...logs.readers.stdin_log import with_standard_input
 from ...logs.recognition.request import in_words
@@ -16,7 +17,7 @@ from ...runs.run_file import RunRecord, read_run, require_same_data
 from ..drive_options import GROUPS, NAMES, DriveOptions, drive_options, pair_option
 from ..fit_options import model_options
 from ..options import given, log_options, verb
-from ..output import LOGGER, Output
+from ..output import Output
 
 if TYPE_CHECKING:
     from ...identify.fit_result import Fit

@@ -7,12 +7,13 @@ import click
 
 from ...base.errors import NoAnswerError, UsageError
 from ...base.files.standard_input import STDIN
+from ...base.logger import LOGGER
 from ...logs.readers.stdin_log import with_standard_input
 from ...runs.options import ReadingOptions, in_options
 from ..drive_options import GROUPS, DriveOptions, drive_options, pair_option
 from ..fit_options import BATCH_OPTIONS, batch_options
 from ..options import log_options, verb
-from ..output import LOGGER, Output
+from ..output import Output
 
 
 @verb(

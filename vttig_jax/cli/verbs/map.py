@@ -6,11 +6,12 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ...base.errors import UsageError
+from ...base.logger import LOGGER
 from ...runs.map_table import COLUMNS, banded_record, csv_text, map_record, map_table
 from ...runs.run import Run
 from ...runs.run_file import CHECKPOINT
 from ..options import POSITIVE, STEP_DEG, Finite, verb
-from ..output import LOGGER, Output
+from ..output import Output
 
 if TYPE_CHECKING:
     from ...posterior.summary.bands import BandedMap

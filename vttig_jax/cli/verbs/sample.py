@@ -10,6 +10,7 @@ import click
 
 from ...base.errors import InputError, NotConvergedError, UsageError
 from ...base.files.run_folder import data_sha256
+from ...base.logger import LOGGER
 from ...identify.settings import fields
 from ...logs.readers.stdin_log import with_standard_input
 from ...runs.fit_run import perform, resolve, save_fit
@@ -20,7 +21,7 @@ from ...runs.run_file import CHECKPOINT, RunRecord, read_run
 from ..drive_options import GROUPS, NAMES, DriveOptions, drive_options, pair_option
 from ..fit_options import model_options
 from ..options import POSITIVE, given, log_options, verb
-from ..output import LOGGER, Output
+from ..output import Output
 
 if TYPE_CHECKING:
     from ...identify.fit_result import Fit

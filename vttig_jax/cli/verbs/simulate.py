@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ...base.errors import ScenarioError, UsageError
+from ...base.logger import LOGGER
 from ...runs.rigs import fitted_rig
 from ..options import given, verb
-from ..output import LOGGER, Output
+from ..output import Output
 from .map import csv_text
 
 if TYPE_CHECKING:

@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING
 import click
 
 from ...base.errors import UsageError
+from ...base.logger import LOGGER
 from ...runs.rigs import drawn_rigs
 from ..library_messages import adopt_loggers
 from ..options import verb
-from ..output import LOGGER, Output
+from ..output import Output
 
 if TYPE_CHECKING:
     from ...control.sweeps.estimate import SweepCost

@@ -2,7 +2,6 @@
 
 import errno
 import json
-import logging
 import os
 import shutil
 from collections.abc import Iterator
@@ -23,9 +22,8 @@ from ...base.files.atomic_write import (
     temporary_path,
 )
 from ...base.files.json_io import dumps
+from ...base.logger import LOGGER
 from .blocks import Rows
-
-_LOGGER = logging.getLogger("vttig_jax")
 
 TABLE, PARTS, HEADER = "sweep.parquet", "parts", "sweep.json"
 _LOCK = ".lock"
@@ -90,10 +88,10 @@ class SweepFolder:
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         if kind is not None and self.done:
-            _LOGGER.warning("%s keeps %d blocks; continue with --resume", self.path, len(self.done))
+            LOGGER.warning("%s keeps %d blocks; continue with --resume", self.path, len(self.done))
         elif kind is not None and self._began:
             if not issubclass(kind, Exception):  # such as Ctrl-C
-                _LOGGER.warning("%s keeps nothing: no block of rows was finished yet", self.path)
+                LOGGER.warning("%s keeps nothing: no block of rows was finished yet", self.path)
             self._undo()
         self._leave()
 

@@ -5,7 +5,6 @@ wide matrix, `rec.pos(:,1)` for the first column of a tall one, and `rec/t` in p
 """
 
 import hashlib
-import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,13 +15,12 @@ from jaxtyping import Int64, Real, Shaped
 
 from ...base.errors import InputError, LogError, UsageError
 from ...base.files.limits import MemoryBudget
+from ...base.logger import LOGGER
 from .hdf5 import HDF5_SIGNATURE, hdf5_leaves
 from .matlab import matlab_leaves
 from .matlab_objects import check_objects, object_leaves
 from .matrix_columns import matrix_columns
 from .text import NESTED, printable, read_bytes
-
-logger = logging.getLogger("vttig_jax")
 
 
 @dataclass(frozen=True)
@@ -116,7 +114,7 @@ def _columns_of_objects(path: Path, *, needed: bool) -> dict[str, np.ndarray]:
     except UsageError as error:
         if needed:
             raise
-        logger.warning("%s: they are left out: %s", path, error.message)
+        LOGGER.warning("%s: they are left out: %s", path, error.message)
     return columns
 
 
