@@ -32,7 +32,10 @@ def library_messages_in_log() -> Iterator[None]:
 
 
 def adopt_loggers(name: str) -> None:
-    """Take the loggers of a library from its own handlers, which print to the terminal."""
+    """Remove the handlers of a library's loggers, because they print to the terminal.
+
+    The records then go to the root logger and so to the log file.
+    """
     for logger_name, logger in list(logging.Logger.manager.loggerDict.items()):
         if logger_name.partition(".")[0] == name and isinstance(logger, logging.Logger):
             logger.handlers.clear()
@@ -44,7 +47,12 @@ def _log_warning(message: Any, category: type, filename: str, lineno: int, *_: A
 
 
 def _log_exception(seen: Any) -> None:
-    """Log what a thread or a finaliser raised; both report the same fields."""
+    """Write an exception that was raised in a thread or a finaliser to the log file.
+
+    Python calls this function as `threading.excepthook` and as `sys.unraisablehook`. The arguments
+    of these hooks are of different classes, but both have the fields `exc_type`, `exc_value` and
+    `exc_traceback`.
+    """
     LOGGER.debug(
         "an exception outside the command: %s",
         seen.exc_value,

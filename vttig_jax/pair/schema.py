@@ -127,7 +127,11 @@ class LogLayout(Table, frozen=True):
 
 
 class UnitTable(Table, frozen=True):
-    """Table `[unit]`: units of columns whose names do not end with a unit; time is in s if none."""
+    """Table `[unit]`: units of the columns of a log whose names do not state a unit.
+
+    If a name and this table both state a unit, they must agree. If neither states the unit of the
+    time, it is s; for angles a unit is required.
+    """
 
     driving: AngleUnit | None = None
     driven: AngleUnit | None = None

@@ -39,7 +39,10 @@ class EncoderError:
     phase_deg: float = 0.0
 
     def reading(self, angle: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """Return the reading (rad) at a true `angle` (rad)."""
+        """Return the reading φ + E sin(φ + ε) at the true angle φ = `angle`, both in rad.
+
+        Only the eccentricity is included; noise and quantisation are not.
+        """
         return angle + self.amplitude_arcsec * ARCSEC * np.sin(angle + self.phase_deg * DEG)
 
 

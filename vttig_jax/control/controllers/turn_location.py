@@ -1,4 +1,4 @@
-"""Turn of the hunting period that a controller assumes when it starts."""
+"""Location of the driving turn within the hunting period, which a controller needs at its start."""
 
 from typing import Any
 
@@ -23,14 +23,17 @@ _LEAST_STD = 1e-9
 
 
 class LostController(Controller):
-    """Controller that does not know the turn within the hunting period and refuses to start."""
+    """Controller for a run in which the turn within the hunting period could not be located.
+
+    It commands an axial displacement of zero in every period, so the gap remains open.
+    """
 
     def start(self) -> tuple[()]:
         """Return an empty state."""
         return ()
 
     def step(self, state: Any, seen: Measurement) -> tuple[Any, Float[Array, ""]]:
-        """Return a displacement of zero."""
+        """Return the unchanged state and a displacement of zero, mm."""
         return state, jnp.zeros(())
 
 
@@ -42,7 +45,9 @@ def turn_error(
     angle: float,
     seed: int,
 ) -> int | None:
-    """Locate the turn before the run; return the error in turns, or None where location fails.
+    """Locate the turn within the hunting period before the run, and return the error in turns.
+
+    The error is the located turn minus the true one; it is None if the turn cannot be located.
 
     Both encoders are read once, modulo one turn, while the driven shaft rests on flank A. The
     controller knows the standard deviation of a reading, √(count²/12 + E²/2 + noise²).

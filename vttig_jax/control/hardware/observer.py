@@ -27,7 +27,10 @@ class Observer(eqx.Module):
     def step(
         self, before: MotionEstimate, reading: Float[Array, ""], period: Float[Array, ""]
     ) -> MotionEstimate:
-        """Return the estimate after the next reading (rad), one period (s) after the last."""
+        """Return the estimate after the next reading (rad), one `period` (s) after the last.
+
+        `before` is the estimate after the last reading.
+        """
 
 
 class AlphaBetaGamma(Observer):
@@ -44,7 +47,10 @@ class AlphaBetaGamma(Observer):
     def step(
         self, before: MotionEstimate, reading: Float[Array, ""], period: Float[Array, ""]
     ) -> MotionEstimate:
-        """See `Observer.step`."""
+        """Return the estimate after the next reading (rad), one `period` (s) after the last.
+
+        The last estimate is extrapolated at constant acceleration and corrected by the innovation.
+        """
         pole = jnp.exp(-REV * self.bandwidth_hz * period)
         angle = before.angle + period * (before.speed + 0.5 * period * before.acceleration)
         speed = before.speed + period * before.acceleration
@@ -60,7 +66,7 @@ class AlphaBetaGamma(Observer):
 class FilteredDifference(Observer):
     """First-order low pass of the differences of readings, and of the differences of speeds.
 
-    The speed lags by 1/(2π f), the acceleration by twice that.
+    The speed lags by 1/(2π f), and the acceleration lags by twice this time.
     """
 
     bandwidth_hz: Float[Number, ""] = eqx.field(converter=float64)
@@ -68,7 +74,10 @@ class FilteredDifference(Observer):
     def step(
         self, before: MotionEstimate, reading: Float[Array, ""], period: Float[Array, ""]
     ) -> MotionEstimate:
-        """See `Observer.step`."""
+        """Return the estimate after the next reading (rad), one `period` (s) after the last.
+
+        The angle is the reading itself; the speed and the acceleration are filtered differences.
+        """
         weight = 1 - jnp.exp(-REV * self.bandwidth_hz * period)
         speed = before.speed + weight * ((reading - before.angle) / period - before.speed)
         change = (speed - before.speed) / period

@@ -45,7 +45,7 @@ class Impact(eqx.Module):
     """Result of an impact.
 
     - `press`: state at the end of the time. - `met`: whether there was contact at any time.
-    - `entry`: time until the first contact; the whole time without contact.
+    - `entry`: time until the first contact, 1/ω; if there was no contact, the whole time.
     """
 
     press: Press
@@ -54,9 +54,10 @@ class Impact(eqx.Module):
 
 
 class Pulls(eqx.Module):
-    """Acceleration into the flank by all but the contact torque, rad per 1/ω², constant per phase.
+    """Acceleration of the body into the flank by all torques except the contact torque.
 
-    Friction differs `before` the contact, while `pressed`, and `after` it.
+    It is in rad per 1/ω² and constant in each of three phases: `before` the contact, while
+    `pressed`, and `after` the contact. The phases differ by the friction.
     """
 
     before: Scalar
@@ -151,10 +152,16 @@ def _advance(state: _Progress, piece: _Piece, pull: Scalar, damping_ratio: Scala
 
 
 def _separation(press: Press, remaining: Scalar, loose: Truth, pull: Scalar, damping_ratio: Scalar):
-    """Follow a body without contact torque inside the flank until it leaves or is loaded again.
+    """Move a body that is still inside the flank but has no contact torque.
 
-    **Returns** its state, the remaining time, and whether it left. If it is loaded again, the next
-    step continues.
+    The contact torque is zero when the damper cancels the spring (`loose`). The body then moves at
+    the constant acceleration `pull` (rad per 1/ω²) until one of three events: it leaves the flank
+    at the penetration zero, the law p + 2 ζ ṗ gives a torque again, or the `remaining` time (1/ω)
+    has passed. After the second event the body stays where it is until the end of this time step,
+    and the next time step continues from there. A body that is not `loose` is not moved.
+
+    **Returns** the penetration and its rate, the time that remains (1/ω), and True if the body left
+    the flank.
     """
     damper = 2 * damping_ratio
     square = press.rate**2 - 2 * pull * press.depth
@@ -171,7 +178,7 @@ def _separation(press: Press, remaining: Scalar, loose: Truth, pull: Scalar, dam
 
 
 def _series_time(piece: _Piece, damping_ratio: Scalar) -> Scalar:
-    """Return the time (1/ω) that the series of a piece covers."""
+    """Return the time (1/ω) over which the power series of a piece is accurate enough."""
     square = damping_ratio**2 - 1
     over = (square > 0) & (piece.damper > 0)
     fast = jnp.where(over, damping_ratio + _sqrt(square), 1.0)

@@ -1,4 +1,7 @@
-"""Case of a simulation, ready to run: its numbers are arrays, its choices are types."""
+"""Case of a simulation that is ready to run.
+
+Its numbers are arrays, and its choices, for example the kind of controller, are types.
+"""
 
 from typing import Any
 
@@ -21,7 +24,7 @@ from .accumulators import Accumulators, RunFacts, add_plant_step, add_sample, em
 
 
 class Case(eqx.Module):
-    """Simulated rig with its motion and its controller.
+    """Simulated rig with the motion of its driving shaft and with its controller.
 
     **Arguments**
     - `motion`, `bounds`, `plant`, `actuator`, `observer`, `controller`: parts of the case.
@@ -55,7 +58,7 @@ class State(eqx.Module):
     """State of a run at the start of a period.
 
     - `lead`: lead of the driving shaft over its motion; None for a controller without lead.
-    - `target`: point of the motion; None where the driving shaft always stands there.
+    - `target`: point of the motion; None if the driving shaft always follows the motion exactly.
     - `motor`: state of the drive.
     """
 
@@ -195,7 +198,13 @@ def _period(case: Case, state: State, number: Int[Array, ""]) -> tuple[State, Sa
 
 
 class _PlantState(eqx.Module):
-    """Part of the state that the steps of the plant change."""
+    """Part of the state that every step of the plant changes; the rest changes once per period.
+
+    - `shafts`: motion of both shafts and the flank in contact. - `carriage`: state of the actuator.
+    - `accumulators`: sums, extremes and first times of the run so far.
+    - `target`: point of the motion at the end of the step, or None; see `State`.
+    - `motor`: state of the drive.
+    """
 
     shafts: Shafts
     carriage: Carriage
@@ -205,10 +214,11 @@ class _PlantState(eqx.Module):
 
 
 class _PeriodInputs(eqx.Module):
-    """Constants of one period for the steps of the plant.
+    """Values that are the same in all steps of the plant within one period.
 
-    - `target`: target of the actuator, mm. - `time`: start of the period, s.
-    - `before`, `after`: lead of the driving shaft at both ends, or None.
+    - `target`: position that the actuator approaches, mm. - `time`: start of the period, s.
+    - `before`, `after`: lead of the driving shaft over its motion at the start and at the end of
+      the period, or None for a controller without lead.
     """
 
     target: Float[Array, ""]

@@ -11,10 +11,11 @@ from ..tooth.tooth import Tooth
 
 
 def recession_slopes(tooth: Tooth, z: Float[Numbers, "*shape"]) -> Float[Numbers, "*shape 2"]:
-    """Return the slope dδ/dz of the left and the right flank at height z: tan β if straight.
+    """Return the slope dδ/dz of the left and the right flank at height z (mm).
 
-    It is positive where the flank thins the tooth towards +z. The central difference with a step of
-    a thousandth of the module is exact for straight and for crowned flanks.
+    For a straight flank it is tan β. It is positive if the tooth becomes thinner towards +z. The
+    slope is a central difference with a step of a thousandth of the module, which is exact for
+    straight and for crowned flanks.
     """
     step = 1e-3 * tooth.module_mm
     return (tooth.recessions(z + step) - tooth.recessions(z - step)) / (2 * step)
@@ -25,7 +26,7 @@ def base_helix_angles(tooth: Tooth, z: Float[Numbers, "*shape"]) -> Float[Number
 
         tan β_b = (r_b/R) dδ/dz
 
-    They are positive where the flank thins the tooth towards +z; the left flank is then left-handed
+    They are positive if the tooth becomes thinner towards +z; the left flank is then left-handed
     and the right flank right-handed.
     """
     xp, slopes = namespace(tooth, z), recession_slopes(tooth, z)
@@ -34,9 +35,13 @@ def base_helix_angles(tooth: Tooth, z: Float[Numbers, "*shape"]) -> Float[Number
 
 
 def base_half_angles(tooth: Tooth, z: Float[Numbers, "*shape"]) -> Float[Numbers, "*shape 2"]:
-    """Return the angles, rad, from the tooth's centre line to its flanks on the base circles.
+    """Return the half angles of the tooth on the base circles at height z (mm), rad.
 
-    ψ_b(z) = (π m/4 + x m tan αₜ − δ(z))/R + inv αₜ
+        ψ_b(z) = (π m/4 + x m tan αₜ − δ(z))/R + inv αₜ
+
+    They are the angles from the centre line of the tooth to its left and its right flank, each on
+    the base circle of this flank. x m is the profile shift, R the reference radius and δ the
+    recession of the flank, all in mm. See `Tooth.half_angles` for other radii.
     """
     radius = tooth.reference_radius + 0 * z
     angles = tooth.half_angles(radius, z)

@@ -93,7 +93,7 @@ def gear_mesh(
     vertices = layout.vertices(points).astype(rounding).astype(float)
     triangles = layout.triangles(points, vertices)
     used = np.zeros(len(vertices), bool)
-    used[triangles] = True  # the points of closed pieces remain unused
+    used[triangles] = True  # points of pieces that have no area are in no triangle
     progress()
     return GearMesh(
         vertices=vertices[used],
@@ -106,7 +106,10 @@ def gear_mesh(
 
 
 class _Layout:
-    """Indices of the points: rows of the teeth, then the bore."""
+    """Numbering of the points of the mesh: the points of the teeth come first, then the bore.
+
+    The points of the teeth are numbered section by section along the face width.
+    """
 
     def __init__(self, grid: ToothGrid, blank: Blank, tolerance_mm: float) -> None:
         self.grid, self.blank = grid, blank
@@ -156,7 +159,12 @@ class _Layout:
         return nondegenerate(np.concatenate(triangles))
 
     def _cuts(self) -> list[Triangles]:
-        """Return the cut faces of a sector between the bottoms of its outer spaces and the bore."""
+        """Return the triangles of the first and of the last cut face of a sector.
+
+        A sector is cut in the middle of the tooth space at each of its two ends. A cut face reaches
+        from the bottom of this space to the bore, over the whole face width. Each triangle is three
+        vertex indices, counter-clockwise seen from outside.
+        """
         rows = np.arange(len(self.grid.z)) * self.width
         first, last = (
             triangle_strip(rows + column, self.bore.edge(last=column > 0), self.grid.z, self.bore.z)
@@ -165,7 +173,7 @@ class _Layout:
         return [first, last[:, ::-1]]
 
     def _outside(self, tooth: int, columns: np.ndarray) -> np.ndarray:
-        """Return the indices of the points of one tooth, row by row."""
+        """Return the vertex indices of the points of one tooth; each section is one row."""
         along = tooth * self.grid.counts.around + columns
         rows = np.arange(len(columns))[:, None] * self.width
         return rows + (along % self.width if self.blank.whole else along)

@@ -92,18 +92,23 @@ def fillet_span(tooth: Tooth, side: Side) -> Float[Numbers, "2"]:
 
 
 def tip_span(tooth: Tooth, z: Real[ArrayLike, "*shape"], side: Side) -> Float[Numbers, "*shape 2"]:
-    """Return the roll angles at the end of the flank on the tip circle and at the tip middle, rad.
+    """Return the roll angles at both ends of one half of the tip land at height z (mm), rad.
 
-    If the second lies beyond the first, the tooth is pointed; the angles are not clipped.
+    The first angle belongs to the end of the flank on the tip circle, the second one to the middle
+    of the tip land on the tip circle. From the first to the second the angle increases on the left
+    side and decreases on the right side. If the order is reversed, the tooth is pointed: its flanks
+    intersect below the tip circle. The angles are not clipped then.
     """
     return _roll_of_land(tooth, z, side, tip_arcs)
 
 
 def root_span(tooth: Tooth, z: Real[ArrayLike, "*shape"], side: Side) -> Float[Numbers, "*shape 2"]:
-    """Return the roll angles in the middle of the root land and at the fillet's end on it, rad.
+    """Return the roll angles at both ends of one half of the root land at height z (mm), rad.
 
-    The middle lies between this tooth and its neighbour on that side. If the fillets of both teeth
-    overlap, the middle lies beyond the second angle; the angles are not clipped.
+    The first angle belongs to the middle of the root land, between this tooth and its neighbour on
+    that side, and the second one to the end of the fillet on the root circle. From the first to the
+    second the angle increases on the left side and decreases on the right side. If the order is
+    reversed, the fillets of both teeth overlap. The angles are not clipped then.
     """
     return _roll_of_land(tooth, z, side, root_arcs)
 

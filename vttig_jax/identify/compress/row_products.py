@@ -49,7 +49,7 @@ class RowProducts(NamedTuple):
 
 
 class Upper(NamedTuple):
-    """Upper triangles without negative numbers on the diagonal, and their inverses."""
+    """Upper triangular matrices whose diagonals are not negative, and their inverses."""
 
     triangle: Float[Array, "*batch q q"]
     inverse: Float[Array, "*batch q q"]
@@ -137,9 +137,10 @@ def inner(products: RowProducts, filter_: Filter) -> Upper:
 
 @jax.custom_jvp
 def upper_and_inverse(gram: Float[Array, "*batch q q"]) -> Upper:
-    """Return the upper Cholesky factor of symmetric matrices, and its inverse.
+    """Return the upper Cholesky factor C of symmetric matrices G = CᵀC, and its inverse C⁻¹.
 
-    Derivatives are products of matrices.
+    The derivative is computed from C and C⁻¹ by products of matrices, without another
+    factorisation.
     """
     single = _one_matrix
     for _ in gram.shape[:-2]:
@@ -151,10 +152,11 @@ def upper_and_inverse(gram: Float[Array, "*batch q q"]) -> Upper:
 def _one_matrix(
     gram: Float[Array, "q q"],
 ) -> tuple[Float[Array, "q q"], Float[Array, "q q"]]:
-    """Return the upper factor of one matrix, and its inverse; a batch goes one by one.
+    """Return the upper Cholesky factor C of one matrix G = CᵀC, and the inverse C⁻¹ of the factor.
 
-    LAPACK calls for a batch share its matrices among the threads of XLA and wait for them. Two such
-    calls side by side wait for each other without end on two cores (jaxlib 0.10).
+    `sequential_vmap` handles the matrices of a batch one after the other in a loop. A LAPACK call
+    for a whole batch would distribute its matrices over the threads of XLA and wait for them. On
+    two cores, two such calls at the same time can wait for each other forever (jaxlib 0.10).
     """
     lower = jnp.linalg.cholesky(gram)
     inverse = solve_triangular(lower, jnp.eye(gram.shape[0]), lower=True)

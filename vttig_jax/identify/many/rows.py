@@ -15,13 +15,13 @@ from .log_arrays import LogArrays
 
 
 class BlockTable(NamedTuple):
-    """Block rows of one log, flank by flank and run by run; rows beyond the count are zero.
+    """Block rows of one log, in arrays of a fixed size; unused rows of a run are zero.
 
     **Arguments**
-    - `rows`: rows in the layout [free | offset, drift | tied | y].
-    - `counts`: rows of every run. - `level`: angle that was subtracted from y, rad.
-    - `is_finite`, `fits`: whether all used samples are finite, and whether the shapes of the
-      program hold all runs and rows.
+    - `rows`: rows of every flank and run, with the columns [free | offset, drift | tied | y].
+    - `counts`: number of rows of every run. - `level`: angle that was subtracted from y, rad.
+    - `is_finite`: whether all samples of the log are finite.
+    - `fits`: whether the arrays of the program are large enough for all runs, rows and samples.
     """
 
     rows: Float[Array, "flanks runs n q"]
@@ -60,7 +60,7 @@ def block_table(model: BatchModel, log: LogArrays) -> BlockTable:
 
 
 def _continuous(angle: Float[Array, " n"], valid: Bool[Array, " n"]) -> Float[Array, " n"]:
-    """Return an angle with the whole turns between its samples put back."""
+    """Return an angle (rad) unwrapped, so that neighbours differ by at most half a turn."""
     jumps = jnp.where(valid[1:], jnp.round(jnp.diff(angle) / REV), 0.0)
     return angle - REV * jnp.concatenate([jnp.zeros(1), jnp.cumsum(jumps)])
 
@@ -94,7 +94,7 @@ def shifted(
 
 
 def _level(error: Float[Array, " n"], used: Bool[Array, " n"]) -> Float[Array, ""]:
-    """Return the mean of the used samples, rounded to whole degrees, rad."""
+    """Return the mean of the used samples in rad, rounded to a whole number of degrees."""
     count = jnp.maximum(jnp.sum(used), 1)
     return jnp.round(jnp.sum(jnp.where(used, error, 0.0)) / count / DEG) * DEG
 
@@ -109,7 +109,16 @@ def _scaled(time: Float[Array, " n"], length: Int[Numbers, ""]) -> Float[Array, 
 def _runs(
     model: BatchModel, used: Bool[Array, "flanks n"], size: Int[Numbers, ""]
 ) -> tuple[Int[Array, "flanks runs"], Int[Array, "flanks runs"], Bool[Array, ""]]:
-    """Return the first sample and the number of rows of every run, and whether all have room."""
+    """Find the runs of every flank, that is, the sequences of consecutive samples on this flank.
+
+    `used` marks the samples on each flank, and `size` is the number of samples of one row. The
+    arrays of the compiled program have fixed sizes, `model.shape`: at most `runs` runs per flank,
+    `rows` rows per run and `height` samples per row.
+
+    **Returns** the index of the first sample of every run, its number of complete rows (limited to
+    the size of the array; 0 where there is no run), and True if all runs, rows and samples fit in
+    the arrays.
+    """
     shape = model.shape
     wide = jnp.pad(used, ((0, 0), (1, 1)))
     first, last = wide[:, 1:-1] & ~wide[:, :-2], wide[:, 1:-1] & ~wide[:, 2:]

@@ -27,7 +27,7 @@ from .restricted_likelihood import (
 )
 
 _NEAR = 1e-2
-"""Largest change of a π_k by the last Newton step; a larger one is no polish (chosen)."""
+"""Largest change of a π_k in the last Newton step; a larger step is not taken (chosen)."""
 
 Partial = Float[Array, " lags"]
 Filter = Float[Array, " taps"]
@@ -144,17 +144,27 @@ def freedom_left(products: RowProducts) -> Float[Array, ""]:
 
 
 def misfit_of(products: RowProducts, upper: Upper) -> Float[Array, ""]:
-    """Return the whitened misfit of all flanks from the triangles of `inner`."""
+    """Return the sum over all flanks of the squared length of the whitened residual, rad².
+
+    `upper` is the result of `inner`.
+    """
     return jnp.sum(_residual_length(products, upper) ** 2)
 
 
 def residual_rows(products: RowProducts, upper: Upper) -> Float[Array, "flanks q"]:
-    """Return the weights w of every flank: u · w is the residual by generalised least squares."""
+    """Return weights w of every flank; u · w is the residual of generalised least squares, rad.
+
+    u is a row of U, the conditioned rows of `products`.
+    """
     return _residual_length(products, upper)[:, None] * upper.inverse[:, :, -1]
 
 
 def _residual_length(products: RowProducts, upper: Upper) -> Float[Array, " flanks"]:
-    """Return the length of the whitened residual of every flank."""
+    """Return the length |Σ^(−1/2) (y − X β)| of the whitened residual of every flank, rad.
+
+    `upper` is the triangle C of `inner` for the filter of the noise. With the triangle F of
+    `products`, the length is the last diagonal element of C F.
+    """
     return upper.triangle[:, -1, -1] * products.triangle[:, -1, -1]
 
 

@@ -54,12 +54,16 @@ class DelayChange:
 
     @property
     def is_clear(self) -> bool:
-        """Whether the change is larger than its standard errors explain."""
+        """Whether the change is larger than three of its standard errors."""
         return abs(self.change_s) > _CHANGED * self.std_s
 
     @property
     def sentence(self) -> str:
-        """Sentence on the change, and on the wrong ratio that may be its reason."""
+        """Sentence that reports the change of the delay (ms) and its possible cause.
+
+        If a wrong ratio explains the log about as well or better, the sentence also gives the error
+        of the ratio (ppm) and says how to check it.
+        """
         seen = (
             f"the delay changes by {1e3 * self.change_s:+.3g} ± {1e3 * self.std_s:.1g} ms from the"
             " first half of the log to the second, and its interval contains that"
@@ -83,14 +87,14 @@ class DelayChange:
 
 
 _LATE = "delay_late"
-"""Regressor of a delay that only the second half of a log has."""
+"""Name of the regressor for a delay in the second half of a log only."""
 
 
 def delay_change(linear: LinearFit) -> DelayChange | None:
-    """Return the change of the delay from the first to the second half of the logs in time.
+    """Return the change of the delay from the first half of a log (in time) to the second half.
 
-    The result is None if a half does not tell the delay. Of several logs, the one with the most
-    significant change counts.
+    Of several logs, the one with the most significant change counts. The result is None if in no
+    log both halves determine the delay.
     """
     found = []
     for log, rows in enumerate(linear.rows):
@@ -106,9 +110,10 @@ def delay_change(linear: LinearFit) -> DelayChange | None:
 def delay_of(
     linear: LinearFit, rows: LogRows, counted: Sequence[bool]
 ) -> tuple[float, float] | None:
-    """Return the step of the delay from the counted runs of a log, and its standard error, s.
+    """Return the correction of the delay that some runs of a log give, and its standard error, s.
 
-    The result is None if these runs do not tell the delay.
+    The correction is relative to the delay of the linear fit. `counted` marks the runs that are
+    used. The result is None if these runs do not determine the delay.
     """
     runs = tuple(run for run, own in zip(rows.runs, counted, strict=True) if own)
     if not runs:

@@ -32,8 +32,8 @@ class _Rows(eqx.Module):
 
     **Arguments**
     - `angle`: mean driving angle of every row, rad.
-    - `error`: transmission error of the rows less what the other columns explain of it, rad.
-    - `columns`: orthonormal basis of the other columns.
+    - `error`: transmission error of the rows minus its projection on the other columns, rad.
+    - `columns`: orthonormal basis of the other columns Z.
     - `side`: 0 for flank A, 1 for flank B.
     """
 
@@ -43,7 +43,7 @@ class _Rows(eqx.Module):
     side: int = eqx.field(static=True)
 
     def left(self, model: Any, values: Float[Numbers, " p"]) -> Float[Numbers, " rows"]:
-        """Return what the model and the other columns leave of the rows, rad."""
+        """Return the residual of the rows after the model and the best other columns, rad."""
         error = error_of(model, values, jnp.asarray(self.angle), self.side)
         columns = jnp.asarray(self.columns)
         return self.error - error + columns @ (columns.T @ error)
@@ -64,7 +64,8 @@ def searched(linear: LinearFit) -> GivenModel:
     found = _left_and_slopes(given.tree, parts, given.values)
     left, slopes, whole = (np.asarray(each) for each in found)
     size = np.linalg.norm(slopes, axis=0)
-    # A parameter that the other columns explain stays at its start, because its slope is rounding.
+    # If the other columns explain the effect of a parameter, its slope is only a rounding error;
+    # the parameter then keeps its start value.
     told = size > _TOLD * whole
     size[~told] = 1.0
     step = np.linalg.lstsq(slopes / size, left, rcond=_RANK)[0]
@@ -77,7 +78,12 @@ def searched(linear: LinearFit) -> GivenModel:
 
 
 def _rows_of(runs: list[BlockRun], others: list[bool], own: slice) -> _Rows:
-    """Return the rows of runs on one flank; `others` marks the own columns that are kept."""
+    """Join the block rows of all runs of one log on one flank.
+
+    The parameters of the given flank model are searched, so their columns must not be among the
+    other columns Z. `own` is the slice of the columns that only this log has (offset, drift, delay,
+    …); `others` has one entry for each of them, and it is False for a column of the flank model.
+    """
     rows = np.concatenate([run.rows for run in runs])
     error = np.concatenate([run.error for run in runs])
     kept = np.ones(rows.shape[1] - 1, bool)

@@ -48,9 +48,10 @@ _SIGNIFICANT = 3.0
 
 
 class JumpComparison(Record, frozen=True):
-    """Jumps at the reversals beside the fitted gap at the same angles, degrees of the driven shaft.
+    """Comparison of the jumps at the reversals with the fitted gap at the same driving angles.
 
-    `median_deg` less `fitted_deg` is the median difference of a jump and the gap at its angle.
+    Angles are in degrees of the driven shaft. `median_deg` minus `fitted_deg` is the median of the
+    differences between a jump and the fitted gap at its angle.
     """
 
     count: int
@@ -67,7 +68,7 @@ class JumpComparison(Record, frozen=True):
 
     @property
     def sentence(self) -> str:
-        """Sentence on the comparison, and on what a difference means."""
+        """Sentence that reports the comparison and explains a disagreement."""
         several = self.count > 1
         jumps = f"the {self.count} jumps at reversals" if several else "the jump at the reversal"
         beside = (
@@ -94,7 +95,12 @@ class RatioCheck(Record, frozen=True):
 
 
 class Disagreement(Record, frozen=True):
-    """First order of one log and flank, and its difference from that of the first log."""
+    """Comparison of the first order of one shaft and flank between a log and the first log.
+
+    `first_arcsec` and `this_arcsec` are the amplitudes in both logs. `difference_arcsec` is the
+    absolute value |c − c₁| of the difference of the complex amplitudes; for logs without a common
+    zero it is the difference of the amplitudes. `std_arcsec` is its standard error.
+    """
 
     log: int
     shaft: str
@@ -113,8 +119,9 @@ friction or wind-up (chosen value)."""
 class CoveredGap(Record, frozen=True):
     """TE_B − TE_A averaged over the driving angles that both flanks covered, in degrees.
 
-    The mean counts each of the `covered_deg` degrees once. The interval contains the bound of a
-    delay that the log cannot tell from the gap; it is then cut at zero, where no gap can be below.
+    The mean counts each of the `covered_deg` degrees once. If the log cannot distinguish a delay
+    from the gap, the interval also contains the bound of the delay, and it is cut at zero, because
+    a gap cannot be negative.
     """
 
     value: float | None = None
@@ -127,11 +134,15 @@ class CoveredGap(Record, frozen=True):
 
     @property
     def is_contradiction(self) -> bool:
-        """Whether the whole interval lies below zero, where no gap can be."""
+        """Whether the whole interval lies below zero, although a gap cannot be negative."""
         return self.determined and self.high95 is not None and self.high95 < 0
 
     def contradicts(self, residual_rms_deg: float) -> bool:
-        """Return whether the whole interval lies below zero, and the value by six rms residuals."""
+        """Return whether the gap is clearly negative, which contradicts the log.
+
+        The whole interval must lie below zero, and the value must lie below zero by more than six
+        times `residual_rms_deg`, the rms residual.
+        """
         return self.is_contradiction and -(self.value or 0.0) > _CLEARLY * residual_rms_deg
 
 
@@ -242,7 +253,13 @@ class PassDifference(Record, frozen=True):
 
 
 class HalfDifference(Record, frozen=True):
-    """First order of one shaft in the first and in the second half of all passes of a log."""
+    """Comparison of the first order of one shaft and flank between two halves of a log.
+
+    Every pass is divided in the middle. The first halves of all passes are fitted together, and so
+    are the second halves. `first_arcsec` and `second_arcsec` are the amplitudes of both fits.
+    `difference_arcsec` is the absolute value |c₂ − c₁| of the difference of the complex amplitudes,
+    so that it includes a change of the phase. `std_arcsec` is its standard error.
+    """
 
     log: int
     shaft: str

@@ -46,7 +46,7 @@ class Slip:
 
     @property
     def sentence(self) -> str:
-        """Sentence on the step, with the cure."""
+        """Sentence that reports the step and says what the user can do."""
         return (
             f"the transmission error steps by {self.size_deg:.3g}° at {self.time_s:.6g} s and"
             " stays: an encoder slipped on its shaft or a tooth jumped; cut the log at"
@@ -58,7 +58,8 @@ def find_slip(log: EncoderLog, segments: Segments) -> Slip | None:
     """Find the largest lasting step of the transmission error, or return None.
 
     **Arguments**
-    - `segments`: result of `find_segments` for `log`; only samples on a certain flank are used.
+    - `segments`: result of `find_segments` for `log`; samples outside the segments are not used,
+      because the flank in contact is not known there.
 
     A step is claimed if the likelihood demands it and a step of the delay explains it no better;
     see `find_steps`. It cannot be detected if the flank or the speed changes permanently at the
@@ -125,7 +126,15 @@ def _rows(
 ) -> tuple[
     Int[np.ndarray, " m"], Int[np.ndarray, " m"], Int[np.ndarray, " m"], Bool[np.ndarray, " m"]
 ]:
-    """Return rows on a certain flank without spikes, with segment, group and "flank A" of each."""
+    """Select the samples of the fit, and return four arrays with one entry per selected sample.
+
+    A sample is selected if it belongs to a segment, where the contacting flank is known, and is not
+    a spike. A long log is thinned to about `MOST_ROWS` samples.
+
+    **Returns** the index of the sample in the log, the number of its segment in the order of time,
+    the number of its group (segments of one flank and one speed, see `_groups`), and True if flank
+    A is in contact.
+    """
     spikes = log.spikes
     thin = max(1, (segments.forward + segments.backward) // MOST_ROWS)
     ordered = sorted(segments.segments, key=lambda segment: segment.start)

@@ -29,10 +29,12 @@ def noise_filter(rows: Rows, residual: Float[np.ndarray, " n"]) -> Float[np.ndar
 def filter_of_order(
     rows: Rows, residual: Float[np.ndarray, " n"], order: int
 ) -> Float[np.ndarray, " taps"]:
-    """Return the filter with the least squared innovations.
+    """Return the whitening filter (1, −a₁, …, −a_p) of order p that a least-squares fit gives.
 
-    Lag products assume zeros beyond the ends of a run. In a short log this flattens a resonance of
-    the noise, and the part that the filter misses looks like a line.
+    Every value of the residual that has p predecessors in its run is regressed on them (covariance
+    method). The Yule–Walker equations are not used, because the autocovariance treats the values
+    beyond the ends of a run as zeros. In a short log this makes a resonance of the noise too broad,
+    and the remaining part of the resonance looks like a line.
     """
     if order == 0:
         return np.ones(1)
@@ -49,7 +51,10 @@ def filter_of_order(
 def whitened(
     rows: Rows, columns: Float[np.ndarray, " n *k"], taps: Float[np.ndarray, " taps"]
 ) -> Float[np.ndarray, " n *k"]:
-    """Return filtered columns; the first rows of every run, where the filter has no past, are 0."""
+    """Return the columns filtered along every run.
+
+    The first p rows of every run do not have enough predecessors for the filter; they become 0.
+    """
     order = len(taps) - 1
     if order == 0:
         return columns
@@ -64,7 +69,10 @@ def whitened(
 def transposed(
     innovations: Float[np.ndarray, " n"], taps: Float[np.ndarray, " taps"]
 ) -> Float[np.ndarray, " n"]:
-    """Return the product of the transposed filter with innovations, as from `whitened`."""
+    """Return Wᵀ e, where e are the `innovations` and W is the matrix of the filter of `whitened`.
+
+    The innovations must be 0 in the first rows of every run, as in a result of `whitened`.
+    """
     order = len(taps) - 1
     if order == 0:
         return innovations

@@ -22,7 +22,7 @@ ROLES = (
 """Roles in `--column role=name`."""
 
 SOUGHT = ("time", "driving", "driven", "transmission_error")
-"""Roles whose columns are searched by their default names."""
+"""Roles whose columns are searched by default names if no name is given."""
 
 ROW_INDEX = -1
 """Index of the column `#row`, which is not in the table."""
@@ -44,7 +44,10 @@ class Column:
 
 
 def requested_names(layout: LogLayout, overrides: Mapping[str, str]) -> dict[str, str | None]:
-    """Return the column name of every role from `overrides`, or else from [log], or else None."""
+    """Return role → column name from `overrides`, otherwise from [log]; None if neither has one.
+
+    An override of `driven` replaces a `transmission_error` of [log], and vice versa.
+    """
     named = {role: overrides.get(role) or getattr(layout, role) for role in ROLES}
     for role, other in (("driven", "transmission_error"), ("transmission_error", "driven")):
         if role in overrides and other not in overrides:
@@ -61,10 +64,19 @@ def find_columns(
     *,
     timed: bool,
 ) -> dict[str, Column]:
-    """Find the columns of a log; `timed` is False if a sample rate replaces the time column.
+    """Return the column of every role in `ROLES` that the log has.
 
-    A name comes from `overrides`, or else from [log]; without one the default name is searched.
-    `#1` is the first column, and `#row` is the number 0, 1, 2, … of the row.
+    The name of the column is taken from `overrides` if it is given there, otherwise from `layout`.
+    If neither gives a name, the roles in `SOUGHT` are searched by their default names, and other
+    roles have no column. The role `driving` has none if `layout.driving_rpm` is given. The name
+    `#1` means the first column of the file. The name `#row` means the row numbers 0, 1, 2, …, which
+    are not a column of the file.
+
+    **Arguments**
+    - `names`: names of the columns in the file. - `layout`: table [log] of the pair file.
+    - `units`: table [unit] of the pair file. - `overrides`: role → name, as from `--column`.
+    - `source`: name of the log, for error messages.
+    - `timed`: False if a sample rate replaces the time column.
 
     **Raises** `LogError` for missing, ambiguous or repeated columns and for contradictory units.
     """
@@ -104,7 +116,12 @@ def _complete(
     source: str,
     timed: bool,
 ) -> dict[str, Column]:
-    """Drop an unnamed curve beside two shafts; refuse missing and repeated columns."""
+    """Return the columns with either `driven` or `transmission_error`, after some checks.
+
+    If both were found, the one that was named is kept; if neither was named, `driven` is kept.
+
+    **Raises** `LogError` if both were named, for a missing column and for a column with two roles.
+    """
     if "driven" in columns and "transmission_error" in columns:
         if named["transmission_error"] is not None and named["driven"] is None:
             del columns["driven"]
@@ -133,7 +150,11 @@ def _complete(
 
 
 def _unit_of(role: str, name: str, units: UnitTable, where: str) -> str:
-    """Return the unit from the name of the column and from [unit], which must agree."""
+    """Return the unit that the name of the column or the table [unit] states.
+
+    **Raises** `LogError` if both state different units, if a required unit is missing, or if the
+    unit is none of this role.
+    """
     written = name_and_unit(name, units_of(role), where)[1]
     if role == "time" and units.time is None:
         return written or "s"

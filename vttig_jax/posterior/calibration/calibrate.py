@@ -96,7 +96,7 @@ class Calibration:
 
     @cached_property
     def failed(self) -> tuple[Cell, ...]:
-        """Cells of right scenarios that are outside the tolerance.
+        """Cells that the test rejects although the fit of their scenario has the right model.
 
         Coverages, sampled coverages and rank histograms of amplitudes are three families, each with
         a family-wise error of 1 %.
@@ -109,18 +109,23 @@ class Calibration:
 
     @cached_property
     def unseen(self) -> tuple[str, ...]:
-        """Wrong scenarios whose intervals nevertheless hold."""
+        """Scenarios with a wrong model in which the test rejects no coverage."""
         wrong = [case for case in self.cases if not case.scenario.holds]
         return tuple(case.scenario.case for case in wrong if not rejected(case.cells()))
 
     @property
     def is_calibrated(self) -> bool:
-        """Whether the right scenarios hold and the wrong ones fail."""
+        """Whether the calibration is passed.
+
+        In every scenario whose fit has the right model (`Scenario.holds`), the intervals must
+        contain the true values as often as they claim. In every scenario with a wrong model, the
+        test must reject at least one coverage.
+        """
         return not (self.failed or self.unseen)
 
     @property
     def sentence(self) -> str:
-        """Sentence on what is wrong with the calibration, "" if nothing is."""
+        """Sentence that names the scenarios that did not pass; "" if all passed."""
         wrong = []
         if self.failed:
             cases = ", ".join(dict.fromkeys(cell.case for cell in self.failed))
@@ -130,7 +135,11 @@ class Calibration:
         return f"{'; '.join(wrong)}." if wrong else ""
 
     def verdict(self, case: CaseResult) -> str:
-        """Return the verdict on a case."""
+        """Return the verdict on a case, which depends on the model of its fit.
+
+        It is "holds" or "FAILS" for the right model, and "seen to fail" or "NOT SEEN" for a wrong
+        one.
+        """
         if not case.scenario.holds:
             return "NOT SEEN" if case.scenario.case in self.unseen else "seen to fail"
         return "FAILS" if any(c.case == case.scenario.case for c in self.failed) else "holds"

@@ -50,14 +50,14 @@ class LocalLikelihood(eqx.Module):
     """Log-likelihood of many points (sampled parameters, log std, partial autocorrelations).
 
     **Arguments**
-    - `centre`, `half_width`: box in which it holds; infinite for the log std.
-    - `tied`: from the terms of the parameters to δ and 1; see `_tied_terms`.
-    - `square`: from the weights of the products and the terms of π to the upper triangle of the
-      matrix of the misfit.
-    - `diagonal`: from the weights to the diagonal elements G_ii.
-    - `determinant`: from the terms of π to the remaining log-determinant.
-    - `initial`: numbers that give the log-determinant of the noise.
-    - `freedom`: rows less coefficients.
+    - `centre`, `half_width`: box in which it holds; its width is infinite for the log std.
+    - `tied`: matrix that is multiplied with the basis functions of `_tied_terms` to give [δ, 1].
+    - `square`: matrix that is multiplied with the weights of the lag products and the polynomial
+      terms of π to give the upper triangle of H + small.
+    - `diagonal`: matrix that is multiplied with the weights to give the diagonal elements G_ii.
+    - `determinant`: coefficients of the polynomial in π for the remaining part of log|G|.
+    - `initial`: numbers from which `kind.determinant_of` computes the log-determinant of the noise.
+    - `freedom`: number of rows minus number of coefficients.
     - `curved`: indices of the parameters in which δ is not linear; `degrees`: total degrees of the
       polynomials in these parameters and in π.
     """
@@ -86,8 +86,9 @@ class LocalLikelihood(eqx.Module):
     ) -> tuple[float, Float[np.ndarray, " d"]]:
         """Return the log-likelihood of one point in the box and its slope; nothing is compiled.
 
-        All is analytic but the weights of the noise, so that an imaginary step gives the slope to
-        rounding error: W. Squire, G. Trapp, SIAM Review 40 (1998) 110.
+        The slope comes from an imaginary step and is exact to rounding (W. Squire, G. Trapp, SIAM
+        Review 40 (1998) 110). Only the numbers of the noise (weights and log-determinant) are not
+        analytic; their slopes are central differences.
         """
         partial, first = point[self.sampled + 1 :], self.sampled + 1
         numbers = np.tile(np.append(*self._of_noise(partial))[:, None], len(point)).astype(complex)
@@ -306,7 +307,14 @@ def _terms(scaled: Inexact[Numbers, "p n"], degree: int) -> Inexact[Numbers, "te
 def _tied_terms(
     scaled: Inexact[Numbers, "s n"], curved: tuple[int, ...], degree: int
 ) -> Inexact[Numbers, "terms n"]:
-    """Return the linear parameters, then the terms of the curved ones, the constant first."""
+    """Return the basis functions of the polynomial for the tied coefficients, at n points.
+
+    `scaled` are the sampled parameters at these points, scaled to −1 … 1 in the box. The tied
+    coefficients depend linearly on most of them; `curved` are the indices of the others. The first
+    rows of the result are the linear parameters themselves. The following rows are the products of
+    Chebyshev polynomials of the curved parameters up to the total `degree`; the first of them is
+    the constant 1.
+    """
     linear = np.array([k for k in range(len(scaled)) if k not in curved], int)
     others = _terms(scaled[np.array(curved, int)], degree)
     return namespace(scaled).concatenate([scaled[linear], others])

@@ -33,16 +33,22 @@ Triangles = dict[str, Float[np.ndarray, "c c"]]
 
 @dataclass(frozen=True, eq=False)
 class PlannedRows:
-    """Rows that a fit would make of the run.
+    """Regression rows that a fit would compute from the log of a planned run.
+
+    A row contains the means over a block of neighbouring samples. The planned log is computed from
+    the prescribed motion without noise, and its rows are whitened with the assumed noise.
 
     **Arguments**
-    - `identifiable`: flanks, shafts and harmonics that are identifiable.
-    - `columns`: columns of the rows, including the delay.
-    - `steady`, `ramps`: triangular factors of the steady runs, and of the ramps.
-    - `rows`: flank → number of rows of the steady runs.
-    - `delay_source`: what determines a delay: "speeds", "ramps" or "" for nothing.
-    - `noise`: noise of the blocks; `used`: number of samples of the steady runs.
-    - `missed`: number of passes without a steady run.
+    - `identifiable`: flanks, segments and harmonics that the run would determine.
+    - `columns`: names of the columns (regressors) of the rows, including the delay.
+    - `steady`, `ramps`: flank → upper triangular factor R of the whitened regressors X, with
+      RᵀR = XᵀX, in units of the innovation std; from the parts at steady speed and from the ramps.
+    - `rows`: flank → number of rows at steady speed.
+    - `delay_source`: rows that determine the delay: "speeds" (several steady speeds), "ramps", or
+      "" if no rows determine it.
+    - `noise`: autoregressive noise of the block means.
+    - `used`: number of samples at steady speed, on all flanks together.
+    - `missed`: number of passes that have no part at steady speed.
     """
 
     identifiable: Identifiability
@@ -111,7 +117,11 @@ def whitened_flanks(
     *,
     with_ramps: bool,
 ) -> tuple[WhitenedFlank, ...]:
-    """Return the input of the solver: triangular factors, and y from the tied coefficients."""
+    """Return the triangular factor of each flank, the input of the solver.
+
+    The last column y is computed from the tied coefficients `tied`. The last row is the length of
+    the residual, which is √(number of rows) in units of the innovation std.
+    """
     full = planned.columns
     kept = [k for k in range(full.width - 1) if DELAY in columns.own[0] or k != full.index(DELAY)]
     flanks = []

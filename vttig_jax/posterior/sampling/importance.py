@@ -52,7 +52,7 @@ class WeightedDraws:
 
     @property
     def reliable(self) -> bool:
-        """Whether k̂ says that the weights can be trusted."""
+        """Whether the weights can be trusted, because k̂ is at most `LARGEST_K`."""
         return self.k_hat <= LARGEST_K
 
     @property
@@ -63,7 +63,11 @@ class WeightedDraws:
     def resampled(
         self, count: int, generator: np.random.Generator, *, replace: bool
     ) -> Int[np.ndarray, " count"]:
-        """Return indices of `count` draws of equal weight; without `replace` all differ."""
+        """Choose `count` draws with a probability proportional to their weight.
+
+        **Returns** the indices of the chosen draws, which then have equal weight. If `replace` is
+        False, no index occurs twice.
+        """
         if replace:  # systematic resampling has the least variance
             places = (np.arange(count) + generator.random()) / count
             found = np.searchsorted(np.cumsum(self.weights), places)
@@ -91,7 +95,7 @@ def weighted_draws(
 class PosteriorStarts:
     """Target whose walkers start from draws of the density itself, so that no burn-in is needed.
 
-    Every call weights draws of its own, so that ensembles with different generators are
+    Every call of `starts` makes new draws. Ensembles with different generators are therefore
     independent.
     """
 
@@ -117,7 +121,12 @@ class PosteriorStarts:
         return self.target.log_density(points)
 
     def starts(self, count: int, generator: np.random.Generator) -> Float[np.ndarray, "count d"]:
-        """Return different weighted draws, each taken with its weight."""
+        """Return `count` different starting points, drawn from the density of the target.
+
+        Sixteen weighted draws are made for every start. The starts are chosen from them without
+        replacement, with a probability proportional to the weight. If fewer than `count` draws have
+        a weight above zero, the starts of `target` are returned instead.
+        """
         draws = weighted_draws(self.target, _PER_WALKER * count, generator)
         if np.count_nonzero(draws.weights) < count:
             return self.target.starts(count, generator)

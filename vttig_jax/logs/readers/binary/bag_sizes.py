@@ -1,4 +1,8 @@
-"""Unpacked sizes of the files of ROS bags, without unpacking them into memory."""
+"""Unpacked sizes of the files of ROS bags, without unpacking them into memory.
+
+Every function adds sizes in bytes to a `MemoryBudget`, whose method `take` raises `InputError`
+beyond its limit.
+"""
 
 import bz2
 import sqlite3
@@ -17,7 +21,7 @@ _ZSTD = b"\x28\xb5\x2f\xfd"  # first bytes of a frame (RFC 8878); a message begi
 
 
 def take_bag(path: Path, budget: MemoryBudget) -> None:
-    """Count the unpacked bytes of one file of a bag; files of other kinds count nothing."""
+    """Add the unpacked size of one file of a bag to the budget; other kinds of file add nothing."""
     match path.suffix.lower():
         case ".mcap":
             take_mcap(read_regular(path), budget)
@@ -30,7 +34,10 @@ def take_bag(path: Path, budget: MemoryBudget) -> None:
 
 
 def take_mcap(data: bytes, budget: MemoryBudget) -> None:
-    """Count the unpacked sizes that the chunks of an MCAP file declare."""
+    """Add the unpacked sizes that the chunks of an MCAP file declare to the budget.
+
+    **Raises** `ValueError` for a chunk that unpacks to more than it declares.
+    """
     place = _MCAP_START
     while place + 9 <= len(data):
         length = struct.unpack_from("<Q", data, place + 1)[0]
@@ -45,10 +52,13 @@ def take_mcap(data: bytes, budget: MemoryBudget) -> None:
 
 
 def take_ros1(data: bytes, budget: MemoryBudget) -> None:
-    """Count the unpacked sizes that the chunks of a bag of ROS 1 declare.
+    """Add the unpacked sizes that the chunks of a bag of ROS 1 declare to the budget.
 
-    A record is a header and data, each behind its length. A header is a row of fields `name=value`,
-    each behind its length; `op` is the kind of the record, and `size` the size of a chunk.
+    A record consists of a header and data, and the length of each precedes it. A header consists of
+    fields `name=value`, each preceded by its length. The field `op` is the kind of the record, and
+    the field `size` is the unpacked size of a chunk.
+
+    **Raises** `ValueError` for a chunk that unpacks to more than it declares.
     """
     place = len(_ROS1_MAGIC)
     with suppress(struct.error):  # the file ends inside a record; its reader reports the damage
@@ -78,7 +88,8 @@ def _ros1_fields(header: bytes) -> dict[bytes, bytes]:
 def _check_chunk(kind: bytes, packed: bytes, declared: int) -> None:
     """Raise `ValueError` for a chunk that unpacks to more than it declares.
 
-    rosbags unpacks a chunk to the end, whatever it declares.
+    This check is necessary because rosbags unpacks a chunk to its end and ignores the declared
+    size.
     """
     if kind == b"bz2":
         unpacker: Any = bz2.BZ2Decompressor()
@@ -102,7 +113,13 @@ def _check_chunk(kind: bytes, packed: bytes, declared: int) -> None:
 
 
 def take_messages(path: Path, budget: MemoryBudget) -> None:
-    """Count the unpacked bytes of the packed messages of a bag of ROS 2 in SQLite."""
+    """Add the unpacked sizes of all compressed messages in a bag of ROS 2 in SQLite to the budget.
+
+    A message is compressed if it begins like a frame of Zstandard; other messages add nothing.
+
+    **Raises** `InputError` beyond the limit of the budget, `ValueError` for a table whose rows are
+    computed and not stored.
+    """
     _require_stored(path)
     address = f"{path.resolve().as_uri()}?mode=ro&immutable=1"
     # The reader of the bag reports the damage of a file that is no table of messages.
@@ -115,7 +132,7 @@ def take_messages(path: Path, budget: MemoryBudget) -> None:
 def _require_stored(path: Path) -> None:
     """Raise `ValueError` for a table that is computed while it is read, for example a view.
 
-    A view can have rows without end, and a computed column values of any size.
+    A view can have infinitely many rows, and the values of a computed column can have any size.
     """
     address = f"{path.resolve().as_uri()}?mode=ro&immutable=1"
     with suppress(sqlite3.Error), closing(sqlite3.connect(address, uri=True)) as base:
@@ -130,7 +147,7 @@ def _require_stored(path: Path) -> None:
 
 
 def take_frame(data: bytes, budget: MemoryBudget) -> None:
-    """Count the bytes to which a frame of Zstandard unpacks, part by part."""
+    """Unpack a frame of Zstandard part by part and add the size of every part to the budget."""
     zstd = _zstd()
     unpacker, packed = zstd.ZstdDecompressor(), data
     with suppress(zstd.ZstdError):  # the reader of the bag reports the damage

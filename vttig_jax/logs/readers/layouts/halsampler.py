@@ -13,12 +13,16 @@ from ..number_format import looks_like_number
 
 OVERRUN = "overrun"
 LOST = 10
-"""Samples that a gap of unknown length is taken to hold: a pause for all later steps, as any gap
-of more than five samples is (chosen)."""
+"""Number of samples assumed to be lost in a gap of unknown length (chosen). It is more than five,
+so that all later steps take the gap for a pause."""
 
 
 def matches(lines: Lines) -> bool:
-    """Return whether there are lines `overrun`, and the first other line is numbers only."""
+    """Return whether a file is an output of halsampler with lost samples.
+
+    This is the case if at least one line consists of the word `overrun`, and if the first line that
+    is neither empty nor `overrun` contains only numbers.
+    """
     if not lines.have(OVERRUN) or OVERRUN not in (line.strip() for line in lines):
         return False
     first = next((line for line in lines if line.strip() not in ("", OVERRUN)), "")

@@ -43,7 +43,7 @@ DAY_NS = 86_400_000_000_000
 class Stamp:
     """Parts of one stamp: its date as text, the time of day in ns, and the zone.
 
-    Without a date, the clock starts again after `period_ns`.
+    A stamp without a date starts again from zero after `period_ns`.
     """
 
     day: str
@@ -133,7 +133,11 @@ def _part_ns(digits: str) -> int:
 
 
 def _zone_ns(zone: str) -> int:
-    """Return the offset of a numeric zone in nanoseconds; that of a name does not matter."""
+    """Return the offset from UTC of a numeric zone such as `+02:00`, in nanoseconds.
+
+    The result is 0 for a zone name or for no zone. Its offset has no effect, because it is the same
+    for all stamps of a log and only time differences are used.
+    """
     match = _ZONE.fullmatch(zone)
     if match is None:
         return 0
