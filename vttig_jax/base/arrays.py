@@ -13,7 +13,7 @@ Numbers = jax.Array | np.ndarray
 """Array that is a NumPy array outside compiled functions and a JAX array inside them."""
 
 Number = Numbers | np.float64
-"""Scalar of the same kind; NumPy operations on 0-dimensional arrays return `np.float64`."""
+"""Scalar counterpart of `Numbers`; NumPy operations on 0-dimensional arrays give `np.float64`."""
 
 
 def float64(value: Any) -> Any:
@@ -39,7 +39,10 @@ _Result = TypeVar("_Result")
 
 
 def compiled(function: Callable[_Arguments, _Result]) -> Callable[_Arguments, _Result]:
-    """Jit `function` and trace plain numbers like arrays, so that new values do not recompile."""
+    """Return `function` jitted, with Python numbers among its arguments traced like arrays.
+
+    So a call with new values does not recompile the function.
+    """
     jitted = eqx.filter_jit(function)
 
     def traced(leaf: Any) -> Any:

@@ -1,4 +1,4 @@
-"""Lazy import of the public names of the package and of its rooms at their first use."""
+"""Lazy import of the public names of the package and of its rooms (subpackages) at first use."""
 
 from collections.abc import Callable
 from importlib import import_module
@@ -9,8 +9,9 @@ from typing import Any
 def lazy_names(package: str) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
     """Return `__getattr__`, `__dir__` and `__all__` of a package that imports lazily (PEP 562).
 
-    The stub of the package, `__init__.pyi`, states its public names, one import a line. Editors and
-    type checkers read the same stub. A room (`from . import room as room`) is no public name.
+    The stub of the package, `__init__.pyi`, states its public names, one import per line. Editors
+    and type checkers read the same stub. A subpackage (`from . import room as room`) is imported
+    lazily too, but it is not in `__all__`.
 
     **Example**
     ```python
@@ -39,5 +40,8 @@ def lazy_names(package: str) -> tuple[Callable[[str], Any], Callable[[], list[st
 
 
 def from_front_door(name: str) -> Any:
-    """Return a public name of the package, for methods of results that lead to a higher room."""
+    """Return the object with the public name `name` of `vttig_jax`.
+
+    Methods of results use it to call code of a higher subpackage that they must not import.
+    """
     return getattr(import_module(__name__.split(".")[0]), name)

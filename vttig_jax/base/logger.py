@@ -6,9 +6,9 @@ from .shown_text import one_line
 
 
 class _Printable(logging.Filter):
-    """Shows control characters and lone surrogates of foreign names by visible escapes.
+    """Replaces control characters and lone surrogates in messages by visible escapes.
 
-    Handlers of other programs get the records too, and a lone surrogate is no text in UTF-8.
+    Handlers of other programs get the records too, and UTF-8 cannot encode a lone surrogate.
     """
 
     def filter(self, record: logging.LogRecord) -> bool:

@@ -37,7 +37,8 @@ _OPTIONS = (
     "xla_cpu_use_multi_output_fusion",
     "xla_cpu_small_while_loop_byte_threshold=1000000000",
 )
-"""One loop for results that share operands; one function for a `lax.scan` of up to 1e9 bytes."""
+"""Options of XLA: results that share operands are computed in one loop, and a `lax.scan` of up to
+1e9 bytes becomes one function."""
 
 
 def prepare_cpu(devices: int = 1) -> None:

@@ -1,8 +1,8 @@
 r"""Text for people: control characters of foreign names are shown, and long names are cut.
 
-Names of pairs, files and columns come from anywhere. A terminal obeys control characters in them,
-and characters that change the direction of text make a name look like another one. Here they become
-visible escapes such as `\x1b`. Everything that the command line prints passes `one_line` or
+Names of pairs, files and columns can hold any characters. A terminal obeys control characters in
+them, and characters that change the direction of text make a name look like another one. Here they
+become visible escapes such as `\x1b`. Everything that the command line prints passes `one_line` or
 `lines`; names in tables, titles and pictures pass `shown_name`.
 """
 
@@ -44,7 +44,7 @@ def lines(text: str) -> str:
 
 
 def escaped(text: str) -> str:
-    """Return a text with a visible escape in place of every character that shows nothing itself.
+    """Return a text with a visible escape in place of every character that is not visible.
 
     These are control and format characters (also those of direction), separators of lines, lone
     surrogates and characters that are not assigned. Spaces of all kinds stay.

@@ -25,9 +25,10 @@ _CHUNK = 8192  # driving angles evaluated at once; a chosen value
 def chunked(
     function: Callable[[np.ndarray], object], grid: Float[np.ndarray, " n"]
 ) -> Float[np.ndarray, "n ..."]:
-    """Return `function(grid)`, computed in chunks of one fixed size; the last chunk is padded.
+    """Return `function(grid)` of an elementwise `function`, computed in chunks of 8192 points.
 
-    The memory needed is that of one chunk, and grids of any length share one compilation.
+    The last chunk is padded to the same size. So the function is compiled once for grids of any
+    length, and the memory for one chunk is sufficient.
     """
     values = []
     for start in range(0, len(grid), _CHUNK):
@@ -48,8 +49,8 @@ _MOST_POINTS = 2**24  # upper limit of the number of grid points
 class Extreme:
     """Smallest or largest backlash and the driving angle at which it occurs, both in rad.
 
-    `tooth_pair` holds the tooth numbers of both gears. Teeth are counted from 1 in the order in
-    which they come into mesh from φ = 0 on. It is None where the tooth counts are unknown.
+    `tooth_pair` holds the numbers of the driving and the driven tooth in mesh there. Teeth are
+    counted from 1 in the order in which they come into mesh from φ = 0 on. It is None where the tooth counts are unknown.
     """
 
     backlash: float
@@ -105,11 +106,11 @@ class BacklashMap(PlottedResult):
         return _backlash(self.model, jnp.asarray(driving_angle, float))
 
     def over(self, grid: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """Return the backlash, rad, over a grid of any length; it is evaluated in chunks."""
+        """Return the backlash, rad, at a grid of any length of driving angles in rad."""
         return chunked(self.at, grid)
 
     def first_order_over(self, grid: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """Return the first-order backlash (21), (22), rad, over a grid; NaN without geometry."""
+        """Return the backlash, rad, of `first_order` at driving angles in rad; NaN without it."""
         if (model := self.first_order) is None:
             return np.full(len(grid), np.nan)
         return chunked(lambda angles: _backlash(model, jnp.asarray(angles)), grid)
@@ -126,10 +127,10 @@ class BacklashMap(PlottedResult):
 
     @property
     def safe_closing_mm(self) -> float:
-        """Axial displacement, mm, that closes the smallest backlash and so binds at no angle.
+        """Largest axial displacement, mm, at which the gears bind at no driving angle.
 
-        s = j_min R₂/(tan β_L + tan β_R). It is NaN for a drive, infinite for untapered gears, and
-        zero or negative if the smallest backlash is already zero or negative.
+        It reduces the smallest backlash to zero: s = j_min R₂/(tan β_L + tan β_R). It is NaN for a
+        drive, infinite for untapered gears, and zero or negative if the smallest backlash is already zero or negative.
         """
         if isinstance(self.pair, Drive):
             return float("nan")
@@ -138,15 +139,19 @@ class BacklashMap(PlottedResult):
         return gap_mm / thinning if thinning else float("inf")
 
     def is_extrapolated(self, extreme: Extreme) -> bool | None:
-        """Return whether no log covered this angle on both flanks; None without a coverage."""
+        """Return whether the angle of `extreme` was not measured on both flanks.
+
+        The result is None if the coverage is unknown.
+        """
         if self.coverage is None:
             return None
         return not bool(self.coverage.holds(np.array([extreme.driving_angle]))[0])
 
     def _extreme(self, sense: float) -> Extreme:
-        """Search a grid over the hunting period and refine the highest peaks of the grid.
+        """Return the largest (`sense` = 1) or the smallest (`sense` = −1) backlash.
 
-        Peaks of different turns differ by less than the grid resolves, so many are refined.
+        A grid over the hunting period is searched, and its 64 highest peaks are refined. One peak
+        is not enough, because peaks of different turns differ by less than the grid resolves.
         """
         per_turn = _PER_PERIOD * math.ceil(max(self.model.highest_order, 1.0))
         width = REV / per_turn
@@ -186,7 +191,7 @@ class BacklashMap(PlottedResult):
 
     @property
     def coverage_rows(self) -> list[tuple[str, str]]:
-        """Rows (label, text) of a report: the period and what was covered of it."""
+        """Rows (label, text) of a report: the hunting period and the measured part of it."""
         if self.no_period:
             return [("hunting period", f"none: {self.no_period}")]
         covered = [] if self.coverage is None else [("covered", str(self.coverage))]

@@ -14,8 +14,9 @@ from .flank_model import ImplicitModel, flank_index
 class ExactModel(ImplicitModel):
     """Flank model from the common tangent of the two moving base circles.
 
-    C₁, C₂ are the base-circle centres, a = |C₂ − C₁|, δ is the angle of C₁→C₂ and
-    Δinv = inv α_w(a) − inv α_w(a₀) with cos α_w(a) = (r_b1 + r_b2)/a. Then
+    C₁, C₂ are the base-circle centres, a = |C₂ − C₁|, δ is the angle from the line between the
+    rotation axes to C₁→C₂, and Δinv = inv α_w(a) − inv α_w(a₀) with the nominal centre distance a₀
+    and cos α_w(a) = (r_b1 + r_b2)/a. Then
 
         TE_A = −(1 + i)(δ + Δinv) + s tan β_L / R₂
         TE_B = −(1 + i)(δ − Δinv) − s tan β_R / R₂ + j_c
@@ -52,7 +53,7 @@ class ExactModel(ImplicitModel):
     def turned(self, driving_angle, driven_angle, base_sum, sense):
         """Return −(1 + i)(δ + sense·Δinv), rad; `base_sum` is r_b1 + r_b2 of the flank, mm.
 
-        All arguments broadcast.
+        Angles are in rad. `sense` is 1 for flank A and −1 for flank B. All arguments broadcast.
         """
         driving = _turned(self.driving_offset, driving_angle)
         driven = _turned(self.driven_offset, driven_angle)
@@ -65,7 +66,7 @@ class ExactModel(ImplicitModel):
 
 
 def exact_model(pair: GearPair, eccentricities: Eccentricities) -> ExactModel:
-    """Return the exact flank model of a rig."""
+    """Return the exact flank model of a gear pair with these eccentricities."""
     driving, driven = eccentricities.cartesian
     return ExactModel(
         ratio=jnp.asarray(float(pair.ratio), float),

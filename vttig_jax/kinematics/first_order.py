@@ -20,7 +20,7 @@ PressureAngle = Literal["working", "reference"]
 class ClosedModel(FlankModel):
     """Flank model of first order in the eccentricities.
 
-    With K = 1/r_b2, ψ₁ = φ₁ + θ₁ and χ₂ = i φ₁ + θ₂:
+    With K = 1/r_b2, ψ₁ = φ₁ + θ₁, χ₂ = i φ₁ + θ₂ and the transverse pressure angle α:
 
         TE_A = K [e₁ sin(ψ₁ + α) + e₂ sin(χ₂ − α)] + s tan β_L / R₂
         TE_B = K [e₁ sin(ψ₁ − α) + e₂ sin(χ₂ + α)] − s tan β_R / R₂ + j_c
@@ -57,10 +57,11 @@ def closed_model(
     *,
     pressure_angle: PressureAngle = "working",
 ) -> ClosedModel:
-    """Return the first-order flank model of a rig.
+    """Return the first-order flank model of a gear pair with these eccentricities.
 
     `pressure_angle` selects α: "working" is α_w at the nominal centre distance and is five times
-    closer to the exact relation; "reference" is αₜ of the drawing, as in the paper. K stays 1/r_b2.
+    closer to the exact relation; "reference" is αₜ of the drawing, as in the paper. K is always
+    1/r_b2.
     """
     if pressure_angle not in ("working", "reference"):
         raise ValueError(

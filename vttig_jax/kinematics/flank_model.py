@@ -60,7 +60,7 @@ def fixed_point(step: Callable[[Any, Any], Any], args: Any) -> Float[Array, "...
     """Solve t = step(t, args) elementwise by iteration from t = 0.
 
     `step` must be a contraction in t. For an eccentric gear the contraction factor is e₂/R₂ (about
-    1e-3), so five iterations reach the last bit. The derivative is computed from the solution,
+    1e-3), so five iterations reach machine precision. The derivative is computed from the solution,
 
         dt = (∂step/∂args · dargs) / (1 − ∂step/∂t),
 

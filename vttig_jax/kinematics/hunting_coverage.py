@@ -24,8 +24,8 @@ _WHOLE = 1.0 - 1e-9
 class HuntingCoverage:
     """Driving angles of the hunting period that the curves of a fit cover.
 
-    Both flanks must be seen at a driving angle for its backlash to be measured. At other angles a
-    backlash map continues the fitted orders.
+    The backlash at a driving angle is measured only if curves of both flanks cover this angle. At
+    other angles a backlash map extrapolates with the fitted orders.
 
     **Arguments**
     - `pair`: gear pair or drive; it gives the hunting period.
@@ -40,7 +40,7 @@ class HuntingCoverage:
 
     @cached_property
     def both(self) -> Spans:
-        """Intervals that are covered on both flanks."""
+        """Intervals of the driving angle, rad, that are covered on both flanks."""
         first, second = (self.spans.get(flank, np.empty((0, 2))) for flank in ("A", "B"))
         edges = np.unique(np.concatenate([first.ravel(), second.ravel()]))
         middle = (edges[1:] + edges[:-1]) / 2
@@ -53,7 +53,10 @@ class HuntingCoverage:
 
     @property
     def tooth_pairs(self) -> tuple[int, int] | None:
-        """Number of tooth pairs that meet at covered angles, and of all; None for a drive."""
+        """Number of tooth pairs that mesh at covered angles, and number of all tooth pairs.
+
+        The result is None for a drive, whose tooth counts are unknown.
+        """
         if isinstance(self.pair, Drive):
             return None
         count = self.pair.driving.teeth * self.pair.hunting_turns
@@ -116,14 +119,14 @@ def hunting_coverage(
 ) -> HuntingCoverage:
     """Return the part of the hunting period that curves cover.
 
-    A curve covers the angles from its first to its last point and half a distance of its points
-    beyond both.
+    A curve covers the interval from its smallest to its largest driving angle, extended at both
+    ends by half the mean distance of its points.
 
     **Arguments**
     - `curves`: measured curves of both flanks.
     - `pair`: gear pair or drive.
-    - `starts`: for each curve, the place of its zero in the hunting period, rad, or None if it is
-      not known; by default all zero.
+    - `starts`: for each curve, the angle in the hunting period, rad, at which the driving angle
+      of the curve is zero, or None if it is not known; by default 0 for all curves.
 
     **Example**
     ```python
@@ -149,7 +152,10 @@ def hunting_coverage(
 
 
 def _pieces(curve: TECurve, start: float, period: float) -> list[tuple[float, float]]:
-    """Return the one or two intervals within one period that a curve covers."""
+    """Return the one or two intervals (begin, end) in [0, period], rad, that a curve covers.
+
+    `start` is the angle in the hunting period at which the driving angle of the curve is zero.
+    """
     low, high = float(curve.driving_angle.min()), float(curve.driving_angle.max())
     half = 0.5 * (high - low) / (len(curve) - 1) if len(curve) > 1 else 0.0
     length = high - low + 2 * half
@@ -170,7 +176,7 @@ def _union(pieces: Float[np.ndarray, "_ 2"]) -> Spans:
 
 
 def _joined(edges: Float[np.ndarray, " _"], kept: Bool[np.ndarray, " _"]) -> Spans:
-    """Return the kept intervals between neighbouring edges, joined where they touch."""
+    """Join the intervals edges[k] … edges[k + 1] with kept[k] true where they touch."""
     change = np.diff(np.concatenate([[False], kept, [False]]).astype(np.int8))
     return np.stack([edges[np.flatnonzero(change > 0)], edges[np.flatnonzero(change < 0)]], axis=1)
 

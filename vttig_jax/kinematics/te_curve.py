@@ -32,7 +32,7 @@ class TECurve:
         return len(self.driving_angle)
 
     def part(self, points: slice) -> "TECurve":
-        """Return a part of the curve: some consecutive points."""
+        """Return the curve of the consecutive points that the slice `points` selects."""
         arrays = (self.driving_angle, self.transmission_error, self.time)
         return TECurve(self.flank, *(values[points] for values in arrays))
 

@@ -27,7 +27,7 @@ from ..pair.gear_pair import Flank
 from .flank_model import FlankModel, flank_index
 
 FARTHEST = 6.0
-"""Largest distance from the flanks, in standard deviations, that still fits a turn (chosen)."""
+"""Largest misfit, in standard deviations, with which readings still fit a turn (chosen)."""
 
 TITLE = "place in the hunting period"
 
@@ -45,7 +45,8 @@ class Located:
     - `turn`: number of the turn, 0 … hunting turns − 1, counted from φ₁ = 0.
     - `probability`: posterior probability of that turn; all turns have the same prior probability.
     - `driving_rad`: φ₁ in [0, 2π hunting turns), rad.
-    - `runner_up`, `runner_up_probability`: second most probable turn; None and 0 if there is one.
+    - `runner_up`, `runner_up_probability`: second most probable turn and its probability; None and
+      0 if the hunting period has only one turn.
     - `misfit_rad`: distance of the driven shaft from the gap, or from the known flank, rad.
     - `std_rad`: standard deviation of φ₂ − i φ₁ that was assumed, rad.
     - `probabilities`: posterior probabilities of all turns, shape (hunting turns,).
@@ -183,8 +184,9 @@ def turn_remainders(
     upper: Real[ArrayLike, "*#shape turns"],
     ratio: Real[ArrayLike, ""],
 ) -> Float[Array, "*shape turns"]:
-    """Return x_k = φ₂ − i (φ₁ + 2πk), rad, at every turn k, within half a turn of the gap middle.
+    """Return x_k = φ₂ − i (φ₁ + 2πk), rad, for every turn k.
 
+    Whole turns are added to x_k so that it lies within half a turn of the middle of the gap.
     `driving` and `driven` are φ₁ and φ₂ in rad modulo one turn, `lower` and `upper` the TE of the
     flanks at every turn in rad, and `ratio` is i.
     """
@@ -205,8 +207,9 @@ def turn_log_likelihood(
 ) -> Float[Array, "*shape turns"]:
     """Return ln p(x_k | k) of every turn: a uniform density of the gap convolved with a Gaussian.
 
-    For a gap of width zero it is the Gaussian itself. `softmax` over the last axis gives the
-    probability of every turn. A negative backlash counts as a gap of its absolute width.
+    Arguments are in rad: `remainder` is x_k, `lower` and `upper` are TE_A and TE_B at every turn,
+    `std` is the standard deviation of x_k. For a gap of width zero the density is the Gaussian.
+    `softmax` over the last axis gives the probability of every turn. A negative backlash counts as a gap of its absolute width.
     """
     std = jnp.asarray(std, float)
     remainder, lower, upper = jnp.broadcast_arrays(
@@ -214,7 +217,8 @@ def turn_log_likelihood(
     )
     first, second = ((remainder - te) / std for te in (lower, upper))
     high, low = jnp.maximum(first, second), jnp.minimum(first, second)
-    # The lower tail is used: near 1 the difference of two distribution functions is rounding.
+    # The lower tail is used, because near 1 the difference of two distribution functions is lost in
+    # rounding.
     mirrored = high + low > 0
     high, low = jnp.where(mirrored, -low, high), jnp.where(mirrored, -high, low)
     middle, width = (high + low) / 2, high - low

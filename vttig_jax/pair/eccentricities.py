@@ -20,7 +20,8 @@ class Eccentricities(eqx.Module):
     - `driving_phase_deg`, `driven_phase_deg`: angles θ₁, θ₂ in degrees from the line of centres to
       the offset at φ = 0, each positive in the direction in which its gear turns for positive φ.
     - `constant_backlash_deg`: backlash j_c for e₁ = e₂ = 0, in degrees of the driven gear.
-    - `axial_mm`: axial displacement s of the driven gear in mm, towards the driving thick end.
+    - `axial_mm`: axial displacement s of the driven gear in mm, positive towards the end of the
+      face where the teeth of the driving gear are thick.
     """
 
     driving_mm: Scalar = eqx.field(converter=float64, default=0.0)

@@ -36,9 +36,10 @@ class ShaftReading:
         return self.radians_per_unit * (reading - self.origin)
 
     def angle_of_deg(self, reading_deg: float) -> float:
-        """Return φ in rad for a reading in degrees of the shaft, positive as the encoder counts.
+        """Return φ in rad for a reading in degrees of the shaft.
 
-        These degrees already contain the scale of the log column.
+        `reading_deg` increases with the counts of the encoder. The scale of the log column is
+        already applied to it.
         """
         sign = math.copysign(1.0, self.radians_per_unit)
         return sign * reading_deg * DEG - self.radians_per_unit * self.origin

@@ -33,8 +33,8 @@ class Gear(eqx.Module):
     - `face_width_mm`: face width b in mm, or NaN if unknown.
     - `encoder`: encoder on the shaft of this gear.
     - `profile_shift`: profile shift coefficient x, in multiples of `GearPair.depth_module_mm`.
-    - `crowning_um`: recession of each flank at both ends of the face in µm along the reference
-      circle.
+    - `crowning_um`: distance by which each flank recedes at both ends of the face, relative to the
+      middle of the face, in µm along the reference circle.
     """
 
     teeth: int = eqx.field(static=True)
@@ -149,7 +149,7 @@ class GearPair(eqx.Module):
 
     @property
     def taper(self) -> Float[Numbers, "2"]:
-        """Shift of flanks A and B per unit of axial displacement: tan β_L, tan β_R of gear 2."""
+        """Tangential shift of flanks A and B per axial displacement: tan β_L, tan β_R of gear 2."""
         left, right = self.driven.helix_left_deg, self.driven.helix_right_deg
         xp = namespace(left, right)
         return xp.tan(xp.stack([left, right]) * DEG)
@@ -224,7 +224,7 @@ class GearPair(eqx.Module):
 
 
 class Drive(eqx.Module):
-    """Two-shaft drive with known ratio and unknown geometry; its results are angles only."""
+    """Two-shaft drive with known ratio and unknown gear geometry; all its results are angles."""
 
     ratio: Fraction = eqx.field(static=True)
     driving: GearTable = eqx.field(static=True, default=GearTable())

@@ -33,7 +33,7 @@ def pair_from_spec(spec: PairSpec) -> GearPair | Drive:
 
 
 def pair_spec(pair: GearPair) -> PairSpec:
-    """Return the pair file of a gear pair with equal pressure angles.
+    """Return the contents of the pair file of a gear pair with equal pressure angles.
 
     **Raises** `ValueError` for different pressure angles, for which the file has no key.
     """
@@ -60,7 +60,7 @@ def pair_spec(pair: GearPair) -> PairSpec:
 
 
 def spec_of(pair: GearPair | Drive) -> PairSpec:
-    """Return the pair file of a gear pair with equal pressure angles, or of a drive.
+    """Return the contents of the pair file of a gear pair with equal pressure angles or a drive.
 
     **Raises** `ValueError` for different pressure angles, for which the file has no key.
     """
@@ -106,7 +106,7 @@ def _rack(spec: PairSpec) -> Rack:
 
 
 def _rack_table(rack: Rack) -> RackTable:
-    """Return the rack with depths in transverse modules, the unit in the file of a `GearPair`."""
+    """Return table `[rack]` with depths in transverse modules, as `pair_spec` writes m."""
     addendum, clearance = (
         float(depth * rack.depth_ratio) for depth in (rack.addendum, rack.clearance)
     )

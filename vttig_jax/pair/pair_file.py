@@ -1,4 +1,4 @@
-"""Reading and validation of the pair file; errors name the wrong key."""
+"""Reading and validation of the pair file; every error names the key that is wrong."""
 
 import math
 from pathlib import Path
@@ -131,7 +131,10 @@ def _check_centre_distance(spec: PairSpec, distance: float) -> None:
 
 
 def _backlash_free_distance(spec: PairSpec, reference: float, shift_mm: float) -> float:
-    """Return the centre distance in mm without backlash, inv α_w = inv α + x m tan α/a₀."""
+    """Return the centre distance in mm without backlash, inv α_w = inv α + x m tan α/a₀.
+
+    `reference` is the sum a₀ of the reference radii in mm; `shift_mm` is x m = (x₁ + x₂) m.
+    """
     alpha = sum(transverse_pressure_angles_deg(spec)) / 2 * DEG
     involute = math.tan(alpha) - alpha + shift_mm * math.tan(alpha) / reference
     if involute <= 0:

@@ -14,14 +14,14 @@ from msgspec import Meta
 from ..base.errors import PairError
 from ..base.files.toml_io import Table
 
-Positive = Annotated[float, Meta(gt=0, le=1e9)]  # chosen limits; this one excludes infinity
+Positive = Annotated[float, Meta(gt=0, le=1e9)]  # all limits are chosen; 1e9 excludes infinity
 Angle = Annotated[float, Meta(gt=0, lt=45)]
 Helix = Annotated[float, Meta(gt=-45, lt=45)]
 Depth = Annotated[float, Meta(gt=0, le=5)]
 Shift = Annotated[float, Meta(ge=-5, le=5)]
 Crowning = Annotated[float, Meta(ge=0, le=1e6)]
 HIGHEST_ORDER = 1000
-"""Highest harmonic order; chosen, far beyond the teeth of any gear."""
+"""Highest harmonic order that a pair file may state (chosen)."""
 
 Order = Annotated[float, Meta(gt=0, le=HIGHEST_ORDER)]
 AngleUnit = Literal["counts", "deg", "rad", "rev", "arcsec", "urad"]
@@ -76,7 +76,10 @@ class GearTable(Table, frozen=True):
 
 
 class RackTable(Table, frozen=True):
-    """Table `[rack]`: basic rack of both gears in modules (normal modules if that is given)."""
+    """Table `[rack]`: basic rack of both gears, in normal modules if `normal_module_mm` is given.
+
+    Otherwise the unit of all depths is the transverse module.
+    """
 
     addendum: Depth = 1.0
     clearance: Annotated[float, Meta(ge=0, le=2)] = 0.25
@@ -127,7 +130,7 @@ class LogLayout(Table, frozen=True):
 
 
 class UnitTable(Table, frozen=True):
-    """Table `[unit]`: units of the columns of a log whose names do not state a unit.
+    """Table `[unit]`: units of those columns of a log whose names do not state a unit.
 
     If a name and this table both state a unit, they must agree. If neither states the unit of the
     time, it is s; for angles a unit is required.
@@ -142,8 +145,8 @@ class UnitTable(Table, frozen=True):
 class HarmonicOrders(Table, frozen=True):
     """Table `[fit]`: orders of each shaft and number of tooth-mesh orders in the forward model.
 
-    An order is a positive number of cycles per revolution of its shaft. One that is no whole number
-    is of a shaft that the log does not show, such as 3.087. A whole number is stored as an integer.
+    An order is a positive number of cycles per revolution of its shaft. A non-integer order, such
+    as 3.087, describes another shaft whose angle is not logged. Whole numbers become integers.
 
     **Raises** `ValueError` for an order that is no positive number up to 1000.
     """
@@ -197,7 +200,7 @@ class PairSpec(Table, frozen=True):
 def as_ratio(value: str | float | int, where: str) -> Fraction:
     """Convert a ratio of driven to driving speed to a positive fraction, or raise `PairError`.
 
-    `"16:9"`, driving turns to driven turns as on a reducer, is `"9/16"`.
+    `"16:9"` states driving turns to driven turns, as on a reducer, and is the ratio `"9/16"`.
     """
     driving, colon, driven = str(value).partition(":")
     if not colon:
@@ -226,7 +229,10 @@ def as_fraction(value: str | float | int, where: str) -> Fraction:
 
 
 def _decimal(text: str) -> Fraction:
-    """Return a decimal number exactly; 0 for one too large or small, which costs time otherwise."""
+    """Return the exact value of a decimal number; 0 if it is not in 1e-9 … 1e12.
+
+    The conversion of numbers with huge exponents would take too long.
+    """
     return Fraction(text) if "/" not in text and 1e-9 <= float(text) <= 1e12 else Fraction(0)
 
 

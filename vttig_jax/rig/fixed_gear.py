@@ -15,7 +15,7 @@ from .imperfections import EncoderError, quantised
 from .synthetic import SyntheticRig
 
 _ITERATIONS = 12
-"""Fixed-point steps; each contracts by the encoder error, 1e-4 at 20″; a chosen value."""
+"""Number of fixed-point steps (chosen); an encoder error of 20″ gives a contraction of 1e-4."""
 
 
 def fixed_gear_readings(
@@ -25,14 +25,15 @@ def fixed_gear_readings(
 
         j = reading(φ₂ on flank B) − reading(φ₂ on flank A),  φ₂ = i φ₁ + TE(φ₁)
 
-    The contact is the true contact of the rig. Gear 1 is turned until its encoder reads
-    `driving_deg`, with the zero of `rig.log()`; the encoder of gear 2 has its own error and counts.
+    TE is the true transmission error of the rig. Gear 1 is turned until its encoder reads
+    `driving_deg`, which has the same zero as `rig.log()`. Readings of gear 2 contain the error of
+    its encoder and are rounded down to its counts.
 
     **Arguments**
     - `rig`: the rig; its motion, delay and noise of the transmission error are not used.
     - `driving_deg`: readings of the driving encoder, deg, shape (n,).
     - `std_deg`: standard deviation of one backlash reading before quantisation, deg.
-    - `seed`: seed of that noise.
+    - `seed`: seed of the noise with `std_deg`.
 
     **Raises** `ValueError` if the gap is closed at an angle or the noise makes a reading negative,
     for arguments out of range, and without 64-bit floats.
@@ -79,7 +80,10 @@ def fixed_gear_readings(
 
 
 def _true_angle(reading: Float[np.ndarray, " n"], encoder: EncoderError) -> Float[np.ndarray, " n"]:
-    """Return the true angle (rad) of a reading (rad) of an encoder that reads zero at zero."""
+    """Return the true angle, rad, at which an encoder has this reading, rad.
+
+    The zero of the encoder is set so that it reads zero at the true angle zero.
+    """
     zero = encoder.reading(np.zeros(1))
     angle = reading
     for _ in range(_ITERATIONS):

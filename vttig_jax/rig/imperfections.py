@@ -21,7 +21,8 @@ _FLANKS: tuple[Flank, ...] = ("A", "B")
 class OrderError:
     """Harmonic a·sin(k φ_shaft + p) in the transmission error of one flank.
 
-    For `shaft` "mesh" the order is in cycles per tooth of the driving gear.
+    a is `amplitude_deg`, k is `order` in cycles per turn of `shaft`, and p is `phase_deg`. For `shaft`
+    "mesh" the order is in cycles per tooth of the driving gear.
     """
 
     shaft: Shaft
@@ -48,7 +49,10 @@ class EncoderError:
 
 @dataclass(frozen=True)
 class Noise:
-    """Gaussian noise of the transmission error with correlation exp(−|t|/`correlation_s`)."""
+    """Gaussian noise of the transmission error with autocorrelation exp(−|t|/`correlation_s`).
+
+    For `correlation_s` = 0 the noise is white.
+    """
 
     std_deg: float = 0.0
     correlation_s: float = 0.0
@@ -79,10 +83,10 @@ def random_orders(
     mesh_amplitude_deg: float,
     highest: int = 8,
 ) -> tuple[OrderError, ...]:
-    """Draw orders 2 … `highest` of both shafts and the tooth-mesh order, separately for each flank.
+    """Draw random harmonics of both flanks: orders 2 … `highest` of each shaft and tooth mesh.
 
-    Amplitudes and phases are random. On each flank the orders of both shafts together have the rms
-    value `pitch_rms_deg`, and the mesh order has the amplitude `mesh_amplitude_deg`.
+    Amplitudes and phases are drawn separately for each flank. On each flank the orders of both
+    shafts together have the rms value `pitch_rms_deg`, and the mesh order has the amplitude `mesh_amplitude_deg`.
     """
     errors: list[OrderError] = []
     for flank in _FLANKS:

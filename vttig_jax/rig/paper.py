@@ -27,7 +27,10 @@ def paper_pair() -> GearPair:
 
 
 def paper_eccentricities() -> Eccentricities:
-    """Return Table 2 of the paper; 0.038° is its jump of 0.0443° at 7560° minus j_v there."""
+    """Return the eccentricities of Table 2 of the paper and a constant backlash of 0.038°.
+
+    0.038° is the paper's jump of 0.0443° at 7560° minus the variable backlash j_v at this angle.
+    """
     return Eccentricities(
         driving_mm=0.0226,
         driving_phase_deg=49.5,

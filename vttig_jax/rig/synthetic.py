@@ -48,8 +48,8 @@ class SyntheticRig:
     - `pair`, `eccentricities`: true values. Both angles are zero at the start, on flank A.
     - `motion`: motion of the driving shaft.
     - `orders`: further harmonics of the transmission error.
-    - `driving_encoder`, `driven_encoder`: once-per-turn errors; counts are those of the pair's
-      encoders (readings in degrees without them).
+    - `driving_encoder`, `driven_encoder`: once-per-turn errors of the encoders. The counts per
+      revolution are those of `pair`; if one is missing, both readings are in degrees.
     - `noise`: noise of the transmission error.
     - `delay_s`: delay, s; the driven reading with time stamp t is the angle at t − `delay_s`.
     - `rate_hz`: sampling rate, Hz.
@@ -66,7 +66,10 @@ class SyntheticRig:
     rate_hz: float = 1987.0
 
     def flank_model(self) -> FlankModel:
-        """Return the true flank model: exact eccentricities plus `orders`, TE_A(0, 0) = 0."""
+        """Return the true flank model: the exact model of the eccentricities plus `orders`.
+
+        One constant is subtracted from both flanks, so that TE_A = 0 at φ₁ = φ₂ = 0.
+        """
         exact = exact_model(self.pair, self.eccentricities)
         harmonics = order_model(self.pair, self.orders)
         zero = jnp.asarray(0.0)

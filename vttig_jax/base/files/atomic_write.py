@@ -1,7 +1,7 @@
 """Atomic write of one file: write a temporary file, sync it to disk, then rename it.
 
-The temporary name is random and the file is created exclusively, so that nothing that waits under
-that name is opened, not even a link.
+The temporary name is random and the file is created exclusively, so that an existing file or link
+of the same name is never opened.
 """
 
 import errno
@@ -15,7 +15,7 @@ from pathlib import Path
 from ..errors import InputError
 
 _NAME_LENGTH = 100
-"""Characters of the target that its temporary name repeats, so that the name stays below 255."""
+"""Number of characters of the target name in the temporary name, which must stay below 255."""
 
 
 def temporary_path(target: Path) -> Path:
@@ -59,7 +59,7 @@ def write_synced(path: Path, data: bytes) -> None:
 
 
 def replace_file(target: Path, data: bytes) -> None:
-    """Give a file a new content: the old one or the new one is there at any moment."""
+    """Replace the content of a file atomically: a reader finds the old content or the new one."""
     temporary = temporary_path(target)
     try:
         write_synced(temporary, data)
@@ -77,7 +77,7 @@ def move(temporary: Path, target: Path) -> None:
 
 
 def sync_folder(folder: Path) -> None:
-    """Wait until the names in a folder are on the disk."""
+    """Wait until the entries (file names) of a folder are on the disk."""
     if os.name != "posix":  # other systems cannot sync a folder
         return
     descriptor = os.open(folder, os.O_RDONLY)
@@ -97,7 +97,7 @@ def os_errors_as_input_errors(path: Path) -> Iterator[None]:
 
 
 def os_error_message(error: OSError) -> str:
-    """Return the message for an `OSError` of a write, with the cure."""
+    """Return the message for an `OSError` of a write, with advice to the user."""
     if error.errno in (errno.ENOSPC, errno.EDQUOT):
         return "there is no space left to write it; free some space or choose another disk."
     if error.errno in (errno.EACCES, errno.EPERM, errno.EROFS):

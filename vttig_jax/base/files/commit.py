@@ -40,7 +40,7 @@ class Stage:
         self._digests: dict[str, str] = {}
 
     def write(self, name: str, data: bytes) -> None:
-        """Write a file into the stage, or write it anew; `name` uses `/` for subfolders."""
+        """Write a file into the stage, or replace it there; `name` uses `/` for subfolders."""
         staged = self.path / name
         staged.parent.mkdir(parents=True, exist_ok=True)
         staged.unlink(missing_ok=True)
@@ -48,10 +48,12 @@ class Stage:
         write_synced(staged, data)
 
     def commit(self, result: str | None, removed: Iterable[str]) -> None:
-        """Make all files visible and remove the files `removed`; `result` marks the result.
+        """Make all staged files visible and remove the old files `removed`.
 
-        **Raises** `InputError` for an operation that the system refuses. Before the switch the
-        folder is then as it was. After the switch the stage stays, so that `settle` can go on.
+        `result` is the file whose rename is the switch; by default it is the last one written.
+
+        **Raises** `InputError` for an operation that the system refuses. If it fails before the
+        switch, the folder is unchanged. After the switch the stage stays for `settle` to finish.
         """
         if not self._digests:
             return
@@ -78,7 +80,7 @@ class Stage:
         _follow(self.path, record)
 
     def drop(self) -> None:
-        """Remove the stage, unless the result is already moved and other files still have to be."""
+        """Remove the stage, unless the switch is done and files in the stage are still to move."""
         record = _read_record(self.path)
         if record is None or not _is_switched(self.path, record):
             shutil.rmtree(self.path, ignore_errors=True)
@@ -105,7 +107,10 @@ def settle(folder: Path) -> None:
 
 
 def settle_if_free(folder: Path) -> None:
-    """Settle a folder before it is read, if no other process writes to it and this one may."""
+    """Call `settle` before a folder is read, if no other process writes to it.
+
+    Nothing happens if this process has no permission to write to the folder.
+    """
     if not has_stages(folder):
         return
     from filelock import FileLock, Timeout
@@ -138,7 +143,7 @@ def _read_record(stage: Path) -> dict[str, Any] | None:
 
 
 def is_inside(folder: Path, name: Any) -> bool:
-    """Return whether a relative name stays in a folder, also where the folder holds links."""
+    """Return whether a relative name stays in a folder, also if the folder contains links."""
     parts = PurePosixPath(name)
     if parts.is_absolute() or ".." in parts.parts or not parts.name:
         return False

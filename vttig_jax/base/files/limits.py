@@ -1,9 +1,9 @@
-"""Bounded reading: what a file may be, and how much memory its content may take.
+"""Bounded reading: only regular files are read, and their content takes limited memory.
 
 A small file can declare arrays of any size or unpack to any length, and a device has no end. So
-only regular files are read, and sizes are compared with a limit before the memory is taken: 64
-times the file and at least 256 MiB, but not more than half of the free memory of the machine. The
-option `--most-memory` of the command line replaces this limit.
+sizes are compared with a limit before memory is allocated. The limit is 64 times the size of the
+file and at least 256 MiB, but not more than half of the free memory of the machine. The option
+`--most-memory` of the command line replaces this limit.
 """
 
 import errno
@@ -29,7 +29,7 @@ _ASKED: ContextVar[int | None] = ContextVar("asked", default=None)
 
 @contextmanager
 def most_memory(size_bytes: int | None) -> Iterator[None]:
-    """Replace the limit inside the block; None leaves it."""
+    """Replace the memory limit by `size_bytes` inside the block; None keeps the limit."""
     token = _ASKED.set(_ASKED.get() if size_bytes is None else size_bytes)
     try:
         yield
@@ -38,7 +38,7 @@ def most_memory(size_bytes: int | None) -> Iterator[None]:
 
 
 def asked_bytes() -> int | None:
-    """Return the limit that the user asked for, or None."""
+    """Return the memory limit in bytes that the user asked for, or None."""
     return _ASKED.get()
 
 
@@ -68,7 +68,7 @@ class MemoryBudget:
         self.taken = 0
 
     def take(self, size_bytes: int) -> None:
-        """Count memory that is about to be taken.
+        """Add `size_bytes`, which are about to be allocated, to the memory of this file.
 
         **Raises** `InputError` beyond the limit.
         """
@@ -82,11 +82,11 @@ class MemoryBudget:
 
 
 def read_at_most(file: BinaryIO | io.BufferedIOBase, limit: int, expected: int = 0) -> bytes:
-    """Return the bytes of a stream up to its end, or its first bytes, more than `limit` of them.
+    """Return all bytes of a stream, or more than `limit` of its first bytes if it is longer.
 
-    Python takes the memory of all bytes that are asked for before it reads them, so that a limit
-    of the machine on the memory of a process would refuse small files if all of `limit` was asked
-    for. `expected` is the number of bytes that the stream probably has.
+    Python allocates the memory for all requested bytes before it reads them. A request of `limit`
+    bytes could fail for a small file, where the system limits the memory of a process. So the
+    stream is read in parts. `expected` is the number of bytes that it probably has.
     """
     data = file.read(expected + 1)
     if len(data) <= expected:

@@ -103,7 +103,7 @@ class RunFolder:
             self._stage.write(name, data)
 
     def discard(self, name: str) -> None:
-        """Remove an old file with the old result, unless it is written again."""
+        """Mark an old file: the commit of the new result removes it unless it is written again."""
         self._discarded.append(name)
 
     def write_text(self, name: str, text: str) -> None:

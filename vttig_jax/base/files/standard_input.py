@@ -1,4 +1,4 @@
-"""Standard input as a file: its bytes are read once, kept, and found by a name like any file's.
+"""Standard input as a file: its bytes are read once and kept in memory under a file name.
 
 A log is opened several times (to recognise its columns, to read them, to take its digest), but a
 pipe can be read only once.
@@ -12,9 +12,9 @@ from ..errors import InputError, UsageError
 from .limits import asked_bytes, free_bytes, read_at_most
 
 STDIN = Path("-")
-"""What a user gives in place of a file."""
+"""Path by which a user selects standard input."""
 
-MOST_BYTES = 1 << 30  # of a stream, whose end is not known before it is read; chosen value
+MOST_BYTES = 1 << 30  # limit of a stream, whose length is not known in advance; chosen value
 
 KEPT_STEM = "stdin"
 """Name of a kept log in a run folder, without its ending."""
@@ -49,7 +49,7 @@ def read_standard_input() -> bytes:
 
 
 def keep(data: bytes, ending: str) -> Path:
-    """Keep bytes under a name with this file ending, and return the name."""
+    """Keep `data` in memory under a name with the file ending `ending`; return the name."""
     name = _PREFIX + ending
     _KEPT[name] = data
     return Path(name)

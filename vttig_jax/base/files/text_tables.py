@@ -78,7 +78,10 @@ def key_values(pairs: Iterable[tuple[str, Any]], *, title: str | None = None) ->
 
 
 def listed(title: str, sentences: Sequence[str]) -> list[str]:
-    """Return a list with one text, the sentences below a title, or an empty list without any."""
+    """Return a list with one text: the title and below it the sentences, one per line.
+
+    The list is empty if there are no sentences.
+    """
     rows = [f"  {one_line(sentence)}" for sentence in sentences]
     return ["\n".join([f"{title}:", *rows])] if rows else []
 

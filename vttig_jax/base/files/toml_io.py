@@ -50,7 +50,8 @@ class TomlFile:
     - `error`: class of the errors.
     - `noun`: name of this kind of file, with its article.
     - `cure`: advice in the message for a missing file.
-    - `content`: predicate on the expected content, for a file that is not valid TOML.
+    - `content`: words on the expected content that follow `noun` in the message for a file that
+      is not valid TOML.
     """
 
     error: type[InputError]
@@ -116,7 +117,10 @@ def plain_table(struct: Struct) -> dict[str, Any]:
 
 
 def did_you_mean(name: str, known: Iterable[str], otherwise: str) -> str:
-    """Return a question with the closest known name, or the sentence `otherwise`."""
+    """Return "did you mean …?" with the known name closest to `name`.
+
+    If no known name is close, return the sentence `otherwise`.
+    """
     close = difflib.get_close_matches(name, known, 1)
     return f"did you mean `{close[0]}`?" if close else otherwise
 

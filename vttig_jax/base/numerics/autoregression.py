@@ -12,9 +12,10 @@ def whitening_filter(
 ) -> Float[np.ndarray, " taps"]:
     """Return the filter (1, −a₁, …, −a_p) of the autoregression with this autocovariance.
 
-    Levinson's recursion computes the filters; BIC for `rows` samples selects the order p < lags.
-    AIC selects too high orders in a short log: the filter follows the gap that the fitted harmonics
-    leave in the spectrum of the residual, and standard errors become two to three times too small.
+    `autocovariance` starts at lag 0. Levinson's recursion computes the filters of all orders; BIC
+    for `rows` samples selects the order p < lags. AIC selects too high orders in a short
+    log: the filter follows the gap that the fitted harmonics leave in the spectrum of the residual,
+    and standard errors become two to three times too small.
     A positive autocovariance (divided by all rows at every lag) gives a stationary autoregression.
     """
     filter_, variance = np.ones(1), autocovariance[0]
@@ -34,7 +35,9 @@ def whitening_filter(
 
 
 def levinson_step(filter_: Any, partial: Any, xp: ModuleType = np) -> Any:
-    """Return the filter of the next order from its last partial autocorrelation (Levinson).
+    """Return the whitening filter of order p + 1 from `filter_` of order p by Levinson's step.
+
+    `partial` is the partial autocorrelation at lag p + 1.
 
     `xp` is the array namespace of both arguments, numpy or jax.numpy.
     """

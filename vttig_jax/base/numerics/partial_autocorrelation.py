@@ -2,7 +2,7 @@
 
 ε_t = Σ_j a_j ε_{t−j} + innovation is stationary if and only if its partial autocorrelations
 π_1 … π_p all lie within ±1 (O. Barndorff-Nielsen, G. Schou, J. Multivariate Anal. 3 (1973) 408).
-Levinson's recursion computes its whitening filter (1, −a₁, …, −a_p) from them.
+Levinson's recursion computes the whitening filter (1, −a₁, …, −a_p) from π_1 … π_p.
 """
 
 from typing import overload
@@ -49,8 +49,8 @@ def partial_of(filter_: Float[np.ndarray, " taps"]) -> Float[np.ndarray, " p"]:
 def log_initial_determinant(partial: Float[Numbers, " p"]) -> Float[Number, ""]:
     """Return the log-determinant of the covariance of p successive samples.
 
-    For innovations of variance one it is −Σ_k k log(1 − π_k²); each later sample only adds the
-    log-variance of its innovation.
+    For innovations of variance one it is −Σ_k k log(1 − π_k²). Each sample after the first p adds
+    only the log-variance of its innovation to the log-determinant.
     """
     xp = namespace(partial)
     return -xp.sum(xp.arange(1, partial.shape[0] + 1) * xp.log1p(-(partial**2)))

@@ -18,14 +18,21 @@ _FREEDOMS = (2.0, 4.0, 10.0, 1e6)
 """Degrees of freedom that are tried; the last is a normal distribution (chosen)."""
 
 _LOG_RATIO = np.array([lgamma((one + 1) / 2) - lgamma(one / 2) for one in _FREEDOMS])
-"""ln Γ((ν + 1)/2) − ln Γ(ν/2) of each; `math.lgamma` starts quickly, unlike scipy.special."""
+"""ln Γ((ν + 1)/2) − ln Γ(ν/2) for each ν; `math.lgamma` starts quickly, unlike scipy.special."""
 
 _ROUNDS, _SCALES = 5, 10  # iterations of the fit, and of the scale in each (chosen)
 
 
 @dataclass(frozen=True)
 class NoiseFit:
-    """Largest ln L, and there the order of the autoregression, the residual and the weights."""
+    """Fit with the largest ln L; residual and weights have one entry for each row.
+
+    **Arguments**
+    - `log_likelihood`: ln L of the values after scaling; it compares fits of the same values.
+    - `order`: order p of the autoregression.
+    - `residual`: values − columns · β, in the unit of the values.
+    - `weight`: weights of the innovations; outliers have small weights.
+    """
 
     log_likelihood: float
     order: int
@@ -42,15 +49,18 @@ def fit_student_noise(
 ) -> NoiseFit:
     """Fit values = columns · β + noise by the largest likelihood.
 
-    The noise is an autoregression whose innovations e have Student's distribution,
-    ln L = Σ ln t_ν(e / s) − n ln s. Coefficients, autoregression and weights (ν + 1) / (ν + e²/s²)
-    alternate; K. L. Lange, R. J. A. Little, J. M. G. Taylor, JASA 84 (1989) 881. BIC selects the
-    order unless it is given. The first rows without a past do not count.
+    The noise is an autoregression whose innovations e have Student's distribution with scale s,
+    ln L = Σ ln t_ν(e / s) − n ln s. Each iteration updates the autoregression, β and the weights
+    (ν + 1) / (ν + e²/s²) in turn; K. L. Lange, R. J. A. Little, J. M. G. Taylor, JASA 84 (1989)
+    881. The first p rows have no complete past and give no innovations.
 
     **Arguments**
+    - `values`, `columns`: observations and design matrix.
     - `starts`: fits of fewer columns, whose residuals are further starts of the iteration.
-    - `floor`: standard deviation of white noise that every series has at least. Without it an
-      autoregression predicts a series without noise exactly, and one step is a single outlier.
+    - `order`: order p of the autoregression; by default BIC selects it.
+    - `floor`: least standard deviation of white noise in every series, in the unit of `values`.
+      Otherwise an autoregression would predict a series without noise exactly, and treat a step
+      in it as one outlier.
     """
     scale = max(float(np.ptp(values)), 1e-300)
     size = np.linalg.norm(columns, axis=0)
@@ -77,9 +87,9 @@ def _iterated(
     order: int | None,
     least: float,
 ) -> NoiseFit:
-    """Return the best of several iterations with weights of one number of degrees of freedom.
+    """Return the best fit of several iterations with weights for `freedom` degrees of freedom.
 
-    `least` is the variance of white noise that the series has at least.
+    `least` is the least variance of white noise in the series.
     """
     residual, weight = start.residual, start.weight.copy()
     highest = min(_HIGHEST_ORDER, len(values) // _ROWS_PER_LAG)
@@ -114,7 +124,10 @@ def _order(
     highest: int,
     least: float,
 ) -> int:
-    """Return the order by BIC from lag products in which outliers count little."""
+    """Return the order of the autoregression that BIC selects from weighted lag products.
+
+    The weights, at most one, reduce outliers. `highest` is the largest order that is tried.
+    """
     values = residual * np.minimum(weight, 1.0)
     products = np.array([values[lag:] @ values[: len(values) - lag] for lag in range(highest + 1)])
     products[0] += least * len(values)
@@ -124,8 +137,9 @@ def _order(
 def _scales(
     innovation: Float[np.ndarray, " n"], freedoms: Float[np.ndarray, " k"], least: float
 ) -> Float[np.ndarray, " k"]:
-    """Return the square of the scale s with the largest likelihood for every number of degrees of
-    freedom, at least `least`.
+    """Return the square of the scale s with the largest likelihood for each of `freedoms`.
+
+    The result is at least `least`.
     """
     least = max(least, 1e-300)
     squares, count = innovation**2, len(innovation)
