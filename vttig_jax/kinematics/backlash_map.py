@@ -50,7 +50,8 @@ class Extreme:
     """Smallest or largest backlash and the driving angle at which it occurs, both in rad.
 
     `tooth_pair` holds the numbers of the driving and the driven tooth in mesh there. Teeth are
-    counted from 1 in the order in which they come into mesh from φ = 0 on. It is None where the tooth counts are unknown.
+    counted from 1 in the order in which they come into mesh from φ = 0 on. It is None where the
+    tooth counts are unknown.
     """
 
     backlash: float
@@ -130,7 +131,8 @@ class BacklashMap(PlottedResult):
         """Largest axial displacement, mm, at which the gears bind at no driving angle.
 
         It reduces the smallest backlash to zero: s = j_min R₂/(tan β_L + tan β_R). It is NaN for a
-        drive, infinite for untapered gears, and zero or negative if the smallest backlash is already zero or negative.
+        drive, infinite for untapered gears, and zero or negative if the smallest backlash is
+        already zero or negative.
         """
         if isinstance(self.pair, Drive):
             return float("nan")
@@ -139,7 +141,7 @@ class BacklashMap(PlottedResult):
         return gap_mm / thinning if thinning else float("inf")
 
     def is_extrapolated(self, extreme: Extreme) -> bool | None:
-        """Return whether the angle of `extreme` was not measured on both flanks.
+        """Return whether no log covers the angle of `extreme` on flank A or none does on flank B.
 
         The result is None if the coverage is unknown.
         """

@@ -209,7 +209,8 @@ def turn_log_likelihood(
 
     Arguments are in rad: `remainder` is x_k, `lower` and `upper` are TE_A and TE_B at every turn,
     `std` is the standard deviation of x_k. For a gap of width zero the density is the Gaussian.
-    `softmax` over the last axis gives the probability of every turn. A negative backlash counts as a gap of its absolute width.
+    `softmax` over the last axis gives the probability of every turn. A negative backlash counts as
+    a gap of its absolute width.
     """
     std = jnp.asarray(std, float)
     remainder, lower, upper = jnp.broadcast_arrays(

@@ -21,8 +21,8 @@ _FLANKS: tuple[Flank, ...] = ("A", "B")
 class OrderError:
     """Harmonic a·sin(k φ_shaft + p) in the transmission error of one flank.
 
-    a is `amplitude_deg`, k is `order` in cycles per turn of `shaft`, and p is `phase_deg`. For `shaft`
-    "mesh" the order is in cycles per tooth of the driving gear.
+    a is `amplitude_deg`, k is `order` in cycles per turn of `shaft`, and p is `phase_deg`. For
+    `shaft` "mesh" the order is in cycles per tooth of the driving gear.
     """
 
     shaft: Shaft
@@ -86,7 +86,8 @@ def random_orders(
     """Draw random harmonics of both flanks: orders 2 … `highest` of each shaft and tooth mesh.
 
     Amplitudes and phases are drawn separately for each flank. On each flank the orders of both
-    shafts together have the rms value `pitch_rms_deg`, and the mesh order has the amplitude `mesh_amplitude_deg`.
+    shafts together have the rms value `pitch_rms_deg`, and the mesh order has the amplitude
+    `mesh_amplitude_deg`.
     """
     errors: list[OrderError] = []
     for flank in _FLANKS:
