@@ -2,9 +2,10 @@
 fitted.
 
 A block mean of y = Xβ + ε is exactly the mean of X times β plus the mean of ε, for any motion
-inside the block. The average of the regressors therefore loses only frequencies above the block
-rate; it shortens the log and whitens its noise. The same holds for weighted means. The row of a
-block with the mean weight s is multiplied by √s.
+inside the block. Averaging the regressors and y therefore loses only frequencies above the block
+rate; it shortens the log and makes its noise whiter. The same holds for weighted means. If the
+samples have weights with the mean s in a block, the row of this block is its weighted mean times
+√s.
 """
 
 from collections.abc import Iterator
@@ -23,22 +24,22 @@ from ..model.column_layout import ColumnLayout
 Samples = Float[np.ndarray, " n"]
 
 _CHUNK_CELLS = 32_768
-"""Number of terms times rows of a chunk, so that the sums of a chunk stay in cache."""
+"""Largest number of terms times block rows of a chunk, so that its sums stay in the cache."""
 
 _MOST_ROWS = 2048  # block rows of a chunk; chosen value
 
 _FEW_CELLS = 65_536
-"""Number of terms times samples of a run up to which NumPy sums it. A compiled chunk of so few rows
-would consist mostly of padding (chosen)."""
+"""NumPy sums a run if its number of terms times samples is at most this. A compiled chunk of so few
+rows would consist mostly of padding (chosen)."""
 
 
 def block_size(samples_per_turn: float, highest_order: float, given_order: float = 0.0) -> int:
-    """Return the samples per block.
+    """Return the number of samples per block; all orders are in cycles per driving turn.
 
-    There are four blocks per cycle of the highest order, limited to 32 … 256 blocks per turn, but
-    at least 2.5 blocks per cycle, so that the means keep every modelled order. A given flank model
-    has 16 blocks per cycle of its highest order, `given_order`: its orders may be parameters, and
-    means over a sixteenth of a cycle increase their standard errors by 0.6 %.
+    There are four blocks per cycle of `highest_order`, limited to 32 … 256 blocks per turn, but
+    at least 2.5 blocks per cycle, so that the means keep every modelled order. For a given flank
+    model there are at least 16 blocks per cycle of its highest order, `given_order`: its orders may
+    be parameters, and means over a sixteenth of a cycle increase their standard errors by 0.6 %.
     """
     blocks = max(min(4.0 * highest_order, 256.0), 32.0, 2.5 * highest_order, 16.0 * given_order)
     return max(1, whole_below(samples_per_turn / blocks))
@@ -61,8 +62,8 @@ def block_rows(
     - `columns`: layout of one log.
     - `size`: samples per block.
     - `driving_angle`, `driven_angle`: shaft angles, rad.
-    - `own`: values of the own columns of the log, without the offset.
-    - `error`: y, in any unit.
+    - `own`: samples of the own columns of the log, such as drift, without the offset.
+    - `error`: transmission error y, in any unit.
     - `weight`: weight of every sample, 0 … 1; None for equal weights.
     """
     blocks = len(error) // size
@@ -99,11 +100,11 @@ def block_means(channel: Samples, size: int) -> Float[np.ndarray, " blocks"]:
 def _chunks(
     size: int, per_chunk: int, blocks: int, channels: list[Samples]
 ) -> Iterator[tuple[int, list[np.ndarray]]]:
-    """Yield the number of the first block of each chunk, and tables of the channels in this chunk.
+    """Yield the index of the first block of each chunk, and one table of the chunk for each channel.
 
-    A table has one column per block and is padded with zeros, so that sums over a column run in
-    vector lanes. Its height is rounded up to a power of two, so that logs of any speed share a few
-    compilations.
+    A column of a table holds the `size` samples of one block, so that the blocks are summed in
+    parallel vector lanes; the rest of the table is zero. A table has `per_chunk` columns. Its height
+    is `size` rounded up to a power of two, so that logs of any speed share a few compilations.
     """
     height = 1 << (size - 1).bit_length()
     for start in range(0, blocks, per_chunk):
@@ -119,9 +120,10 @@ def _chunks(
 
 
 def without_turns(angle: Float[Numbers, "*shape"], orders: Float[Numbers, "terms 2"]):
-    """Return an angle without whole turns, so that its multiples keep all digits.
+    """Return an angle (rad) minus its whole turns, so that its multiples keep all digits.
 
-    If one of the orders is fractional, whole turns change the phase and remain.
+    If one of the orders is fractional, the angle is returned unchanged, because whole turns change
+    the phase of this order.
     """
     xp = namespace(angle, orders)
     whole = xp.all(orders == xp.round(orders))
@@ -134,7 +136,7 @@ def _short_sums(
     driven: Float[np.ndarray, "rows size"],
     weight: Float[np.ndarray, "rows size"] | None = None,
 ) -> Float[np.ndarray, "columns rows"]:
-    """Return `harmonic_sums` of few samples; a table has a row for every block."""
+    """Return the same sums as `harmonic_sums`, with NumPy; a table has one row for every block."""
     driving, driven = (without_turns(angle, orders) for angle in (driving, driven))
     phase = np.tensordot(orders, np.stack([driving, driven]), 1)
     waves = np.stack([np.cos(phase), np.sin(phase)], axis=1)
@@ -152,10 +154,11 @@ def harmonic_sums(
 ) -> Float[Array, "columns rows"]:
     """Return the sums of cosine and sine of every term over the first `size` rows of the tables.
 
-    The cosine and the sine of a term are adjacent rows. The loop over the samples of a block keeps
-    the sums of all terms in cache and the blocks in vector lanes. Reductions of XLA would take 1.5
-    times as long to run and three times as long to compile. Derivatives in reverse need a `size`
-    that is a plain number.
+    A table has one column per block, and the phase of a term (n₁, n₂) is n₁ φ₁ + n₂ φ₂. In the
+    result the cosine and the sine of a term are adjacent rows. The loop over the samples of a block
+    keeps the sums of all terms in cache and the blocks in vector lanes. Reductions of XLA would take
+    1.5 times as long to run and three times as long to compile. Reverse-mode differentiation
+    requires that `size` is a Python integer.
     """
     orders = jnp.asarray(orders)
     driving, driven = (without_turns(angle, orders) for angle in (driving, driven))

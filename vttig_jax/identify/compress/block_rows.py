@@ -1,4 +1,4 @@
-"""Block rows of one log: means over blocks of its certain segments, with all columns of the fit."""
+"""Block rows of one log: means over blocks of the segments in certain contact, for all columns."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,15 +18,15 @@ from .block_means import block_means, block_rows, block_size
 from .regressors import Drift, Regressors, trimmed
 
 _DIGITS = 1e-6
-"""Share of a transmission error below which a residual is rounding; see `harmonic_summary`."""
+"""A residual below this share of the transmission error is rounding; see `harmonic_summary`."""
 
 
 @dataclass(frozen=True, eq=False)
 class BlockRun:
     """Rows of one segment, and its transmission error as block means for pictures and checks.
 
-    `given` is the part of a given flank model, which y of the rows does not contain, with the
-    weights of the rows; None without such a model.
+    `given` holds the block means of a given flank model, with the weights of the rows. This model
+    was subtracted from y of the rows. `given` is None without such a model.
     """
 
     segment: Segment
@@ -36,7 +36,10 @@ class BlockRun:
 
     @property
     def error(self) -> Float[np.ndarray, " n"]:
-        """Transmission error with the weights of the rows, rad, without its level."""
+        """Block means of the TE with the weights of the rows, rad; the level is subtracted.
+
+        A given flank model, which y does not contain, is added again.
+        """
         value = self.rows[:, -1]
         return value if self.given is None else value + self.given
 
@@ -50,7 +53,7 @@ class LogRows:
     - `size`, `block_s`: number of samples and duration in s of a row of the fastest run.
     - `noise`: kind of the noise model.
     - `rounding`: rounding error of y due to the last digit of the readings, rad.
-    - `drift`: drift, which may hold its coefficients near zero.
+    - `drift`: model of the drift; the steps of its coefficients may be penalised, see `Drift`.
     """
 
     columns: ColumnLayout
@@ -75,16 +78,17 @@ class LogRows:
         return {flank: [run.rows for run in own] for flank, own in runs.items()}
 
     def held(self, flank: Flank) -> Float[np.ndarray, "steps q"]:
-        """Return the rows that hold the drift near zero.
+        """Return the additional rows that penalise the steps of the drift; see `Drift.held`.
 
-        Both flanks share the drift, so that only the flank of the first run has them.
+        Both flanks share the drift, so only the flank of the first run gets these rows. For the
+        other flank the result has no rows.
         """
         held = self.drift.held(self.columns)
         return held if self.runs[0].segment.flank == flank else held[:0]
 
 
 def turns_of(rows: Sequence[LogRows]) -> float:
-    """Return the driving revolutions of the longest run."""
+    """Return the number of driving revolutions in the longest run of all logs."""
     angles = [run.curve.driving_angle for log in rows for run in log.runs]
     return max((float(np.ptp(angle)) / REV for angle in angles), default=0.0)
 
@@ -97,8 +101,8 @@ def block_seconds(
 ) -> float:
     """Return the duration of a block in s.
 
-    It is the duration that the fastest log requires; all logs then share one noise model.
-    `given_order` is the highest order of a given flank model, 0 without one.
+    It is the shortest of the durations that the logs require, so that all logs share one noise
+    model. `given_order` is the highest order of a given flank model, 0 without one.
     """
     return min(
         c.sample_s * samples_per_row(c.driving, own, terms, given_order)
@@ -128,8 +132,8 @@ def log_rows(
 ) -> LogRows:
     """Return the block rows of the given segments of a log.
 
-    If the noise is stationary in angle, every row covers the angle that a segment of speed
-    `fastest` covers in `block_s`.
+    A row lasts `block_s`, in s. If the noise is stationary in angle, every row instead covers the
+    angle that a segment with the speed `fastest`, in rad/s, covers in `block_s`.
     """
     columns = ColumnLayout(
         tuple(h.term for h in terms.free),
@@ -182,7 +186,7 @@ def log_rows(
 def _weighted_means(
     values: Float[np.ndarray, " n"], size: int, weight: Float[np.ndarray, " n"] | None
 ) -> Float[np.ndarray, " blocks"]:
-    """Return block means with the weights of the rows; see `block_rows`."""
+    """Return block means with the weights of the rows: mean(w x)/√mean(w); see `block_rows`."""
     if weight is None:
         return block_means(values, size)
     share = block_means(weight, size)

@@ -4,9 +4,9 @@ The rows Z = [regressors, y] are stored as Z = U F with nearly orthonormal colum
 triangle F. Products are formed only of the rows of U, so the condition number of the regressors is
 not squared. Only the spread of the noise spectrum is squared, which is known beforehand.
 
-Each final class is for one kind of noise. It keeps those products of the rows from which Uᵀ Σ⁻¹ U
-follows for any parameters of this noise, so that the rows are not needed again. The parameters are
-partial autocorrelations and their whitening filter.
+Each subclass is for one kind of noise with the covariance Σ. It keeps the products of the rows from
+which Uᵀ Σ⁻¹ U can be computed for any parameters of this noise, so that the rows are not needed
+again. The parameters are partial autocorrelations, or the whitening filter that follows from them.
 """
 
 from abc import ABC, abstractmethod
@@ -24,7 +24,8 @@ from ...pair.gear_pair import Flank
 from .orthogonal import conditioned, orthonormal, triangle_of
 
 _LOST_DIGITS = 1e-13
-"""Share of the squared norm of a column, well above the rounding of products (1e-16)."""
+"""Ridge that `of_products` adds, relative to the squared norm of a column. It is well above the
+rounding of products (1e-16)."""
 
 Rows = Float[np.ndarray, "_ q"]
 """Rows of one run."""
@@ -43,8 +44,9 @@ Runs = tuple[list[Rows], Float[np.ndarray, "_ q"], Float[np.ndarray, "q q"]]
 class FlankSummary(ABC):
     """Products of the block rows of one flank, summed over its runs.
 
-    A final class adds its own products and names in `STACKS` those that change with the rows, and
-    in `SUMS` those that do not. The first matrix of a stack contains the pseudo-observations.
+    A subclass adds its own products. `STACKS` names the arrays of (q, q) matrices, which change if
+    the columns of U are transformed. `SUMS` names the arrays that do not change then. The first
+    matrix of a stack contains the pseudo-observations.
 
     **Arguments**
     - `triangle`: F, shape (q, q); y is the last of the q columns of the rows Z = U F.
@@ -63,8 +65,8 @@ class FlankSummary(ABC):
     STACKS: ClassVar[tuple[str, ...]]
     SUMS: ClassVar[tuple[str, ...]]
     QUADRATIC: ClassVar[bool]
-    """Whether Uᵀ Σ⁻¹ U is a quadratic form of the whitening filter with the lag products. Other
-    noise has at most one partial autocorrelation."""
+    """Whether Uᵀ Σ⁻¹ U is a quadratic form of the whitening filter whose coefficients are the lag
+    products. If it is not, the noise has at most one partial autocorrelation."""
 
     @classmethod
     @abstractmethod
@@ -79,9 +81,10 @@ class FlankSummary(ABC):
     @staticmethod
     @abstractmethod
     def whitened(rows: Rows, time: Times, filter_: Filter, block_s: float) -> Rows:
-        """Return the innovations of the rows of one run without its first rows.
+        """Return the innovations of the rows of one run.
 
-        The first rows, as many as the order of the noise, have no complete history.
+        The first rows, as many as the order of the noise, have no complete history and are left
+        out.
         """
 
     @abstractmethod
@@ -101,8 +104,8 @@ class FlankSummary(ABC):
     def determinant_terms(self, order: int) -> Float[np.ndarray, "*terms"]:
         """Return the numbers from which `determinant_of` computes the log-determinant.
 
-        `order` is the order of the autoregression. The sum of the numbers of two flanks belongs to
-        both flanks together.
+        `order` is the order of the autoregression. The numbers of two flanks may be added: the sum
+        gives the log-determinant of both flanks together.
         """
 
     @staticmethod
@@ -114,7 +117,7 @@ class FlankSummary(ABC):
 
     @abstractmethod
     def _inner_products(self, filter_: Filter) -> Float[np.ndarray, "q q"]:
-        """Return Uᵀ Σ⁻¹ U."""
+        """Return Uᵀ Σ⁻¹ U for a whitening filter and innovations of variance one."""
 
     @classmethod
     def of_products(
@@ -122,8 +125,8 @@ class FlankSummary(ABC):
     ) -> "FlankSummary":
         """Return the summary of a flank from the lag products of its rows Z, without the rows.
 
-        The products keep half the digits of the rows. `_LOST_DIGITS` is added in every direction,
-        so that the triangle exists although the other digits are lost.
+        The products keep only half the digits of the rows. The ridge `_LOST_DIGITS` is added in
+        every direction, so that the triangle exists in spite of the lost digits.
         """
         size = np.sqrt(np.maximum(np.diag(lag_products[0]), 0.0))
         size[size == 0] = 1.0
@@ -148,7 +151,7 @@ class FlankSummary(ABC):
         return one._joined(two).observed(pseudo)
 
     def transformed(self, matrix: Float[np.ndarray, "new q"]) -> "FlankSummary":
-        """Return the summary of the rows `matrix` z instead of z."""
+        """Return the summary of the transformed rows `matrix` · z, where z is a row of Z."""
         turn, _, pseudo, triangle = _stacked(self.triangle @ matrix.T)
         return self._turned(turn, triangle).observed(pseudo)
 
@@ -157,7 +160,10 @@ class FlankSummary(ABC):
         return self.transformed(np.eye(len(self.triangle))[keep])
 
     def observed(self, pseudo: Float[np.ndarray, "_ q"]) -> "FlankSummary":
-        """Return the summary with the pseudo-observations, which are uncorrelated."""
+        """Return the summary with the rows `pseudo` added, the pseudo-observations.
+
+        Their errors are uncorrelated, so only the first matrix of every stack changes.
+        """
         stacks = {name: getattr(self, name).copy() for name in self.STACKS}
         for stack in stacks.values():
             stack[0] += pseudo.T @ pseudo
@@ -181,7 +187,10 @@ class FlankSummary(ABC):
         return self.inner(filter_) @ self.triangle
 
     def residual(self, filter_: Filter) -> Float[np.ndarray, " q"]:
-        """Return the weights w: u · w is the residual of y by generalised least squares."""
+        """Return weights w such that, for a row u of U, u · w is the residual of y.
+
+        The residual is that of generalised least squares under the noise of `filter_`.
+        """
         inner = self.inner(filter_)
         last = np.zeros(len(inner))
         last[-1] = inner[-1, -1] * self.triangle[-1, -1]
@@ -206,7 +215,7 @@ class FlankSummary(ABC):
         return replace(self, triangle=triangle, heads=heads, tails=tails, **stacks)
 
     def _joined(self, other: "FlankSummary") -> "FlankSummary":
-        """Return the summary of the runs of both; both have the same triangle."""
+        """Return the summary of the runs of both summaries, which have the same triangle."""
         names = ("rows", *self.STACKS, *self.SUMS)
         return replace(
             self,
@@ -217,14 +226,17 @@ class FlankSummary(ABC):
 
 
 def conditioned_runs(runs: Sequence[Rows], *held: Rows) -> Runs:
-    """Condition the rows of all runs together with the rows `held`, which are no measurements."""
+    """Condition the rows of all runs together with the rows `held`, which are no measurements.
+
+    The conditioned rows `held`, such as those of `Drift.held`, become pseudo-observations.
+    """
     whole = conditioned(np.concatenate([*runs, *held]))
     *pieces, last = np.split(whole.rows, np.cumsum([len(rows) for rows in runs]))
     return pieces, np.concatenate([whole.pseudo, last]), whole.triangle
 
 
 def _stacked(*triangles: Float[np.ndarray, "_ q"]):
-    """Return the common form of the rows of one or two triangles.
+    """Factor the rows that one or two triangles stand for together.
 
     **Returns** the matrix that maps the rows U of each triangle to the common rows U, the
     pseudo-observations, and the common triangle.

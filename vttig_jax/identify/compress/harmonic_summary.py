@@ -25,13 +25,14 @@ from .orthogonal import residual_weights
 FLANKS: tuple[Flank, ...] = ("A", "B")
 
 ROUNDING = 1e-12
-"""Share of y² below which residuals are rounding: 1e-6 of the transmission error, squared. No
-encoder resolves 1e-6 of it; readings of 1e4 rad with 16 digits round by a hundredth of that."""
+"""Squared residuals below this share of y² count as rounding: y is the transmission error, and the
+share of y is 1e-6. No encoder resolves that. The rounding of readings of 1e4 rad with 16 digits is
+a hundred times smaller."""
 
 _SAME_SPEED = 0.05  # largest relative difference of two speeds that count as equal; chosen value
 
 Embedding = dict[Flank, Float[np.ndarray, "_ _"]]
-"""Flank → matrix that maps a row of one log alone to a row of all logs."""
+"""Flank → matrix that maps a row with the columns of one log to a row with those of all logs."""
 
 
 @dataclass(frozen=True)
@@ -42,8 +43,8 @@ class HarmonicSummary:
     - `flanks`: summary of every flank that has samples in certain contact.
     - `terms`, `columns`: harmonics of the fit, and layout of the rows.
     - `block_s`: duration of a block, s.
-    - `embeddings`: for each log, the matrices from its rows to the rows of all logs.
-    - `plateaus`: summary of every speed alone, if each speed has a noise model of its own.
+    - `embeddings`: matrices of each log that map its rows to the columns of all logs.
+    - `plateaus`: a separate summary for every speed, if each speed has its own noise model.
     - `noise`: assumed kind of the noise model.
     - `last_digit`: rounding error of y due to the last digit of the readings, rad.
     """
@@ -59,7 +60,7 @@ class HarmonicSummary:
 
     @property
     def kind(self) -> RowNoise:
-        """Treatment of the assumed kind of noise."""
+        """The `RowNoise` of the assumed kind of noise: how rows are summarised for it."""
         return NOISE[self.noise.kind]
 
     @property
@@ -69,7 +70,7 @@ class HarmonicSummary:
 
     @property
     def counted_rows(self) -> float:
-        """Number of block rows of all flanks; a row of a robust loss counts by its weight."""
+        """Sum of the weights of all block rows; their number if no robust loss gives weights."""
         offsets = [self.columns.index(OFFSET, log) for log in range(len(self.columns.own))]
         return sum(flank.square(k) for flank in self.flanks for k in offsets)
 
@@ -119,11 +120,12 @@ def summarise(
     *,
     base: tuple[HarmonicSummary, Sequence[LogRows]] | None = None,
 ) -> HarmonicSummary:
-    """Sum the rows of several logs of one rig.
+    """Return the summary of the block rows of several logs of one rig.
 
     All logs share the free and tied harmonics. `layout` gives the common columns and the embedding
     of every log; by default each log has its own columns. The noise decides the number of lags.
-    `base` is the summary of the first runs of each log, in the default layout, and these runs.
+    `base` holds a known summary of the first runs of each log, in the default layout, and the rows
+    of these runs; where possible, only the further runs are then added to this summary.
     """
     layout = _side_by_side(logs) if layout is None else layout
     whole = (base and _extended(*base, logs)) or _summarised(logs, terms, layout)
@@ -177,10 +179,11 @@ def _summarised(
 def _extended(
     base: HarmonicSummary, first: Sequence[LogRows], logs: Sequence[LogRows]
 ) -> HarmonicSummary | None:
-    """Return the summary `base` of the runs `first` with the further runs of one log.
+    """Add the further runs of one log to the summary `base` of its runs `first`.
 
-    The result is None where the summary of all runs has other lags than that of the first runs,
-    and where the noise or several logs make the sum more than one of flanks.
+    The result is None if this is not possible: if the runs together need another number of lags
+    or have another flank, for noise without lags, for several logs, if every speed has its own
+    noise model, and if the steps of the drift are penalised.
     """
     if len(logs) > 1 or base.plateaus or not base.flanks or logs[0].drift.stiffness:
         return None
@@ -209,12 +212,15 @@ def _extended(
 
 
 def _plain_weights(flank: FlankSummary) -> Float[np.ndarray, " q"]:
-    """Return the weights (−β, 1) of ordinary least squares."""
+    """Return the weights (−β, 1), where β are the coefficients of ordinary least squares."""
     return residual_weights(np.linalg.cholesky(flank.lag_products[0]).T @ flank.triangle)
 
 
 def plateau_speeds(speeds: Sequence[float]) -> tuple[float, ...]:
-    """Return the mean of every group of speeds that differ by at most 5 %, ascending."""
+    """Return the mean of every group of speeds, ascending; the sign of a speed is ignored.
+
+    Neighbouring speeds in a group differ by at most 5 %.
+    """
     found: list[list[float]] = []
     for speed in sorted(abs(speed) for speed in speeds):
         if found and speed <= found[-1][0] * (1 + _SAME_SPEED):
@@ -234,7 +240,10 @@ def _at_speed(log: LogRows, speed: float, speeds: Sequence[float]) -> LogRows:
 
 
 def _side_by_side(logs: Sequence[LogRows]) -> tuple[ColumnLayout, tuple[Embedding, ...]]:
-    """Return the layout and embeddings of logs with a common zero, which share the harmonics."""
+    """Return the layout and the embeddings of logs with a common zero.
+
+    The logs share the harmonics, and each log has its own offset, drift and other own columns.
+    """
     columns = ColumnLayout(
         logs[0].columns.free, logs[0].columns.tied, tuple(log.columns.own[0] for log in logs)
     )
@@ -242,12 +251,15 @@ def _side_by_side(logs: Sequence[LogRows]) -> tuple[ColumnLayout, tuple[Embeddin
 
 
 def needed_lags(log: LogRows) -> int:
-    """Return the number of lags: the order of the autoregression of the ordinary residual, + 2."""
+    """Return the number of lags that a log needs for autoregressive noise.
+
+    It is the order of the autoregression of the residual of ordinary least squares, plus 2.
+    """
     return _needed(*_conditioned(log))
 
 
 def _conditioned(log: LogRows) -> tuple[dict[Flank, Runs], int]:
-    """Return the conditioned rows that decide the number of lags, and the largest number."""
+    """Return flank → conditioned rows, which decide the number of lags, and its upper limit."""
     most = _most_lags(log)
     if most == 0:
         return {}, 0
@@ -267,14 +279,14 @@ def _most_lags(log: LogRows) -> int:
 def _needed(conditioned: dict[Flank, Runs], most: int) -> int:
     needed = 1
     for pieces, _, _ in conditioned.values():
-        # The last of nearly orthonormal columns is what the others leave of y.
+        # The columns are nearly orthonormal: the last is the scaled residual of y on the others.
         residuals = [np.ascontiguousarray(rows[:, -1]) for rows in pieces]
         needed = max(needed, _order_of(residuals, most) + 2)
     return min(needed, most)
 
 
 def _order_of(residuals: Sequence[Float[np.ndarray, " _"]], most: int) -> int:
-    """Return the order of the autoregression of residuals, at most `most`."""
+    """Return the order of the autoregression of residuals that BIC selects, at most `most`."""
     count = sum(map(len, residuals))
     covariance = [
         sum(float(r[lag:] @ r[: len(r) - lag]) for r in residuals) / count

@@ -32,7 +32,9 @@ _SMALLEST, _LARGEST = 0.01, 0.999
 @final
 @dataclass(frozen=True)
 class IrregularFlank(FlankSummary):
-    """Products of the whitened rows U of one flank at the nodes; `lag_products` is only Γ_0.
+    """Products of the whitened rows U of one flank as functions of log τ.
+
+    `lag_products` contains only Γ_0.
 
     **Arguments**
     - `matrices`: Chebyshev coefficients of Uᵀ Σ⁻¹ U over the nodes, shape (nodes, q, q).
@@ -98,7 +100,7 @@ class IrregularFlank(FlankSummary):
 
     @staticmethod
     def product_weights(partial: Float[Numbers, " order"]) -> Float[Numbers, " products"]:
-        """Return the weights of the nodes, or 1 for white noise."""
+        """Return the weights of the Chebyshev coefficients, or 1 for white noise."""
         return node_weights(partial[0]) if partial.shape[0] else namespace(partial).ones(1)
 
     def determinant_terms(self, order: int) -> Float[np.ndarray, " terms"]:
@@ -109,7 +111,7 @@ class IrregularFlank(FlankSummary):
     def determinant_of(
         terms: Float[Numbers, " terms"], partial: Float[Numbers, " order"]
     ) -> Float[Number, ""]:
-        """Return the log-determinant for these coefficients."""
+        """Return the log-determinant from its Chebyshev coefficients `terms`."""
         return IrregularFlank.product_weights(partial) @ terms
 
     def _inner_products(self, filter_: Filter) -> Float[np.ndarray, "q q"]:
@@ -137,8 +139,9 @@ def whitened_run(
 ) -> tuple[Float[np.ndarray, "n q"], float]:
     """Return the whitened rows of one run, and log|Σ|.
 
-    `rho` is the correlation at the distance `distance_s`. As in a first-order autoregression with
-    ρ, the unit is that of the innovations, and the noise has the variance 1/(1 − ρ²).
+    `rho` is the correlation ρ of rows at the distance `distance_s`, in s. Σ is the covariance of
+    noise with the variance 1/(1 − ρ²): as in a first-order autoregression, rows at this distance
+    then have innovations of variance one.
     """
     ratio = rho ** (np.diff(time) / distance_s)
     left = np.sqrt(1 - ratio**2)

@@ -46,7 +46,7 @@ class LaggedFlank(FlankSummary):
 
     @staticmethod
     def whitened(rows: Rows, time: Times, filter_: Filter, block_s: float) -> Rows:
-        """Return the rows of one run behind the filter, without those before its last tap."""
+        """Return the filtered rows of one run, without the first p rows for a filter of order p."""
         order, count = len(filter_) - 1, len(rows)
         white = np.zeros_like(rows[order:])
         for lag, weight in enumerate(filter_):
@@ -58,7 +58,7 @@ class LaggedFlank(FlankSummary):
         return len(self.heads) * float(log_initial_determinant(partial))
 
     def weighted_products(self, order: int) -> Float[np.ndarray, "products q q"]:
-        """Return Γ_l + Γ_lᵀ for every lag l, then the products of the ends of the runs."""
+        """Return Γ_0, Γ_l + Γ_lᵀ for l = 1 … `order`, and the products of the ends of the runs."""
         lagged = self.lag_products[: order + 1]
         lagged = [gram + gram.T if lag else gram for lag, gram in enumerate(lagged)]
         ends = self.ends[:, :order]
@@ -74,7 +74,7 @@ class LaggedFlank(FlankSummary):
 
     @staticmethod
     def product_weights(partial: Float[Numbers, " order"]) -> Float[Numbers, " products"]:
-        """Return Σ_j f_j f_{j+l} of the filter for every lag l, then f_j f_k for 1 ≤ j ≤ k."""
+        """Return Σ_j f_j f_{j+l} for every lag l, then f_j f_k for 1 ≤ j ≤ k; f is the filter."""
         xp = namespace(partial)
         filter_ = filter_of(partial)
         taps = filter_.shape[0]
@@ -90,7 +90,7 @@ class LaggedFlank(FlankSummary):
     def determinant_of(
         terms: Float[Numbers, ""], partial: Float[Numbers, " order"]
     ) -> Float[Number, ""]:
-        """Return the log-determinant for this number of runs."""
+        """Return the log-determinant for the number of runs, `terms`."""
         return terms * log_initial_determinant(partial)
 
     def _inner_products(self, filter_: Filter) -> Float[np.ndarray, "q q"]:

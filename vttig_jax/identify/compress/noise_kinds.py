@@ -13,7 +13,8 @@ class RowNoise:
     """One kind of noise of the rows.
 
     **Arguments**
-    - `summary`: class of the flank summaries. - `highest_lag`: highest order that needs lags.
+    - `summary`: class of the flank summaries.
+    - `highest_lag`: largest number of lags; 0 for noise that needs no lag products.
     - `name`: name of the noise model; `{order}` stands for its order.
     - `has_memory`: whether the rows may be correlated.
     """
@@ -29,4 +30,4 @@ NOISE: dict[NoiseKind, RowNoise] = {
     "white": RowNoise(LaggedFlank, 0, "white", has_memory=False),
     "ou": RowNoise(IrregularFlank, 0, "Ornstein–Uhlenbeck"),
 }
-"""Kind of noise in the settings → its treatment."""
+"""Kind of noise in the settings → its `RowNoise`."""

@@ -19,7 +19,8 @@ is above rounding (1e-15) and 1e4 times below the limit of a determined directio
 other coefficients change by less than 1e-14 of their value for a condition number of 1e3."""
 
 EMPTY = 1e-16
-"""Sum of squares below which a column is zero: its pseudo-observation has the square 1e-20."""
+"""A column with a smaller sum of squares counts as zero. The pseudo-observation of a column of
+zeros has the square 1e-20."""
 
 _SHIFT = 1e-12
 """Share of every squared column that is added before rows are conditioned: a hundred times the
@@ -102,7 +103,7 @@ def _sizes(rows: Float[np.ndarray, "n q"]) -> Float[np.ndarray, " q"]:
 def _substituted(
     triangle: Float[np.ndarray, "q q"], rows: Float[np.ndarray, "n q"]
 ) -> Float[np.ndarray, "n q"]:
-    """Return `rows`, whose values are lost, times the inverse of an upper triangle."""
+    """Return `rows` times the inverse of an upper triangle; the array `rows` is overwritten."""
     solved: Any = solve_triangular(triangle, rows.T, trans=1, check_finite=False, overwrite_b=True)
     return solved.T
 

@@ -21,8 +21,9 @@ Samples = Float[np.ndarray, " n"]
 
 
 TORQUE_WINDOWS_S = (0.0, 0.05, 0.1, 0.2, 0.4, 0.8)
-"""Windows of the torque averages that are tried as wind-up, s; chosen values. The torque reading of
-a motor is noisy, and noise in a regressor biases its coefficient to zero. The best one is kept."""
+"""Durations of the averages of the torque, s; chosen values. Each average is tried as the regressor
+of the wind-up, and the best one is kept. The torque reading of a motor is noisy, and noise in a
+regressor biases its coefficient towards zero."""
 
 
 DROPPED = 0.5
@@ -44,8 +45,8 @@ class Drift:
     **Arguments**
     - `order`: highest power of the scaled time.
     - `knots_s`: distance of the knots of a cubic B-spline, s; 0 for powers of time.
-    - `stiffness`: standard deviation of white noise of the rows in units of that of the step from
-      one coefficient of the spline to the next; 0 for free coefficients.
+    - `stiffness`: standard deviation of the white noise of the rows divided by that of the step
+      from one coefficient of the spline to the next; 0 for free coefficients.
     """
 
     order: int = 0
@@ -60,10 +61,11 @@ class Drift:
         return tuple(f"drift_{k}" for k in range(1, self.order + 1))
 
     def held(self, columns: ColumnLayout) -> Float[np.ndarray, "steps q"]:
-        """Return the steps of the coefficients of the spline as rows, which hold them near zero.
+        """Return additional rows that penalise the steps between neighbouring spline coefficients.
 
-        The coefficients then are a random walk (P. H. C. Eilers, B. D. Marx, Statist. Sci. 11
-        (1996) 89). Its first step starts at the function that the offset replaces.
+        A row states "this step is zero" with the weight `stiffness`, so that the coefficients are
+        a random walk (P. H. C. Eilers, B. D. Marx, Statist. Sci. 11 (1996) 89). The walk starts
+        at zero, the coefficient of the basis function that the offset replaces.
         """
         own = [name for name in columns.own[0] if name.startswith("spline_")]
         count = len(own) if self.stiffness else 0
@@ -73,7 +75,10 @@ class Drift:
         return rows
 
     def stiffness_s(self, duration_s: float) -> float | None:
-        """Return the shortest period the drift can follow, s: two pieces; None without drift."""
+        """Return the shortest period that the drift can follow, s; None without drift.
+
+        It is twice the length of a piece of the spline, or 2 `duration_s`/`order` for powers.
+        """
         if self.knots_s:
             return 2 * duration_s / max(1, nearest_whole(duration_s / self.knots_s))
         return 2 * duration_s / self.order if self.order else None
@@ -102,7 +107,7 @@ class Regressors:
     - `level`: subtracted level, rad; see `level_of`.
     - `drift`: drift, whose columns are among `own`.
     - `slopes`: names of the parameters of a given flank model; empty without one.
-    - `given`: this model on each flank; `error` does not contain it.
+    - `given`: flank → values and derivatives of the given model; `error` does not contain it.
     """
 
     log: EncoderLog
@@ -152,7 +157,8 @@ def read_channels(
 ) -> Regressors:
     """Shift the driving angle to t − `delay_s`, and compute the columns of `regressors`.
 
-    A `given` flank model is subtracted, and its derivatives are columns.
+    A `given` flank model is subtracted from the transmission error, and its derivatives are
+    columns. `weight` and `pull` are those of a robust loss; see `Regressors`.
 
     **Raises** `NoAnswerError` if a given model is not finite at an angle of the log, and
     `UsageError` if the torque is a regressor but the log has no torque column.
@@ -167,7 +173,7 @@ def read_channels(
         error = error + ratio * (log.driving_angle - driving)
     if pull is not None:
         error = error - pull
-    # A late reading would show as a speed that the shaft never had.
+    # Outliers are removed here, because a late reading would look like a change of the speed.
     smooth = driving if weight is None else without_spikes(driving, log.time, weight < DROPPED)
     own = _drift_columns(log.time, drift)
     for name in regressors:
@@ -200,7 +206,10 @@ def read_channels(
 
 
 def _less(error: Samples, *parts: Samples | None) -> Samples:
-    """Return the error less the known parts; without any, both flanks share one array."""
+    """Return `error` minus all `parts` that are not None.
+
+    Without such a part the result is the array `error` itself, which both flanks then share.
+    """
     for part in parts:
         error = error if part is None else error - part
     return error
@@ -238,7 +247,7 @@ def trimmed(segment: Segment, channels: Regressors) -> Segment:
 
 
 def trim(segment: Segment, delay_s: float, sample_s: float) -> Segment:
-    """Return the segment without the samples whose instant before `delay_s` is outside it."""
+    """Return the segment without the samples whose shifted time t − `delay_s` is outside it."""
     lost = whole_above(abs(delay_s) / sample_s) if delay_s else 0
     start = segment.start + (lost if delay_s > 0 else 0)
     stop = segment.stop - (lost if delay_s < 0 else 0)
@@ -284,12 +293,12 @@ def _speed(log: EncoderLog, driving: Samples) -> Samples:
 
 
 def _delay(log: EncoderLog, driving: Samples, ratio: float) -> Samples:
-    """Return −ω₂, which a late driven channel adds to the TE per second of delay."""
+    """Return −ω₂, rad/s: the change of the TE per second by which the driven channel is late."""
     return -ratio * log.smooth_speed(driving).value
 
 
 def _late_delay(log: EncoderLog, driving: Samples, ratio: float) -> Samples:
-    """Return the column of a delay that only the second half of the log has."""
+    """Return the column of a delay in the second half of the log: −ω₂ there, 0 before."""
     late = log.time > 0.5 * (log.time[0] + log.time[-1])
     return np.where(late, _delay(log, driving, ratio), 0.0)
 
@@ -311,7 +320,11 @@ def _driven_acceleration(log: EncoderLog, driving: Samples, ratio: float) -> Sam
 
 
 def _torque_columns(log: EncoderLog) -> dict[str, Samples]:
-    """Return the torque, and its means over windows of 3 samples to a twentieth of the log."""
+    """Return name → column of the torque, and of its moving averages.
+
+    A window of `TORQUE_WINDOWS_S` is used if it lasts at least 3 samples and at most a twentieth
+    of the log.
+    """
     if log.torque is None:
         raise UsageError(
             "the torque is asked for, but the log has no torque column; name it with --column"

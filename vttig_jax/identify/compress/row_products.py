@@ -18,7 +18,8 @@ from jaxtyping import Array, Float, Int
 from .lagged_forms import whitened_products
 
 RIDGE = 1e-13
-"""Ridge relative to the square of every column: the share that rounding takes from a product."""
+"""Ridge on the diagonal of a matrix of products, relative to the square of every column. It is as
+large as the rounding error of a product."""
 
 _SHIFT = 1e-12
 """Share of every squared column that is added before rows are conditioned, as in `orthogonal`."""
@@ -126,8 +127,8 @@ def residual_autocovariance(
 def inner(products: RowProducts, filter_: Filter) -> Upper:
     """Return the upper triangle C with CᵀC = Uᵀ Σ⁻¹ U for innovations of variance one.
 
-    The taps of the filter beyond the order of the noise are zero.
-    With `products.triangle` F the triangle of the rows Z is C F.
+    The taps of the filter beyond the order of the noise are zero. F is `products.triangle`. The
+    upper triangle of the whitened rows Z is then C F.
     """
     total = jax.vmap(whitened_products, in_axes=(0, 0, None))(
         products.lag_products, products.ends, filter_
@@ -173,7 +174,10 @@ def _derivative(primals: tuple, tangents: tuple) -> tuple[Upper, Upper]:
 
 
 def residual_weights(upper: Upper) -> Float[Array, "flanks q"]:
-    """Return (−β, 1) for the triangles of all flanks; β are the coefficients of the last column."""
+    """Return the weights (−β, 1) of every flank; their product with a row is its residual.
+
+    β are the least-squares coefficients of y, the last column, on the other columns.
+    """
     return upper.triangle[:, -1:, -1] * upper.inverse[:, :, -1]
 
 
