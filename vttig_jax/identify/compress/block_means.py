@@ -100,11 +100,12 @@ def block_means(channel: Samples, size: int) -> Float[np.ndarray, " blocks"]:
 def _chunks(
     size: int, per_chunk: int, blocks: int, channels: list[Samples]
 ) -> Iterator[tuple[int, list[np.ndarray]]]:
-    """Yield the index of the first block of each chunk, and one table of the chunk for each channel.
+    """Yield the index of the first block of each chunk, and a table of the chunk for each channel.
 
     A column of a table holds the `size` samples of one block, so that the blocks are summed in
-    parallel vector lanes; the rest of the table is zero. A table has `per_chunk` columns. Its height
-    is `size` rounded up to a power of two, so that logs of any speed share a few compilations.
+    parallel vector lanes; the rest of the table is zero. A table has `per_chunk` columns. Its
+    height is `size` rounded up to a power of two, so that logs of any speed share a few
+    compilations.
     """
     height = 1 << (size - 1).bit_length()
     for start in range(0, blocks, per_chunk):
@@ -156,8 +157,8 @@ def harmonic_sums(
 
     A table has one column per block, and the phase of a term (n₁, n₂) is n₁ φ₁ + n₂ φ₂. In the
     result the cosine and the sine of a term are adjacent rows. The loop over the samples of a block
-    keeps the sums of all terms in cache and the blocks in vector lanes. Reductions of XLA would take
-    1.5 times as long to run and three times as long to compile. Reverse-mode differentiation
+    keeps the sums of all terms in cache and the blocks in vector lanes. Reductions of XLA would
+    take 1.5 times as long to run and three times as long to compile. Reverse-mode differentiation
     requires that `size` is a Python integer.
     """
     orders = jnp.asarray(orders)

@@ -13,7 +13,7 @@ PER_RIG = ("delay", "ratio", *REGRESSORS)
 
 
 GIVEN = "model"
-"""Begin of the name of a parameter of a given flank model; a path such as ".tilt" follows."""
+"""Prefix of the name of a parameter of a given flank model; a path such as ".tilt" follows."""
 
 OFFSET = "offset"
 """Name of the first own column of a log, a column of ones."""
@@ -63,9 +63,9 @@ class ColumnLayout:
         return self.free_width + self.names.index((name, log))
 
     def cosine(self, position: int) -> int:
-        """Return the index of the cosine column of harmonic number `position` of (free, tied).
+        """Return the index of the cosine column of a harmonic; its sine column is the next one.
 
-        Its sine column is the next one.
+        `position` is the index of the harmonic in the list of free harmonics and then tied ones.
         """
         return 2 * position + (0 if position < len(self.free) else self.own_width)
 
@@ -87,7 +87,7 @@ class ColumnLayout:
 
 
 def is_shared(name: str) -> bool:
-    """Return whether all logs of a rig share the coefficient of this own column."""
+    """Return whether all logs of a rig share the coefficient of the own column `name`."""
     return is_given(name) or name.split("_")[0] in PER_RIG
 
 
@@ -97,7 +97,7 @@ def is_given(name: str) -> bool:
 
 
 def column_of(parameter: str) -> str:
-    """Return the name of the own column of a parameter, without the number of a log."""
+    """Return the name of the own column whose coefficient is `parameter`, without a log number."""
     return parameter if is_given(parameter) else parameter.split("_of_")[0]
 
 

@@ -1,4 +1,4 @@
-"""Flank model of a fit with a given flank model, and its place holder in a run folder."""
+"""Flank model of a fit with a flank model of the user, and its placeholder in a run folder."""
 
 from typing import Any, NoReturn
 
@@ -18,7 +18,8 @@ from .given_model import GivenModel
 class FittedModel(ImplicitModel):
     """Sum of a given flank model with its fitted parameters, and of the free orders and offsets.
 
-    The given model takes the driving angle, and the orders take both angles.
+    The given model is a function of the driving angle, and the orders are functions of both shaft
+    angles.
     """
 
     ratio: Float[Array, ""]
@@ -65,7 +66,9 @@ def _array(leaf: Any) -> Any:
 
 
 class StoredModel(FlankModel):
-    """Place holder of a given flank model, whose code no run folder holds; every use raises.
+    """Placeholder for a given flank model, because a run folder does not store its code.
+
+    Every use of it raises an error.
 
     **Raises** `UsageError` with the name of the class and the cure.
     """

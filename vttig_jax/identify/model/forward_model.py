@@ -18,7 +18,9 @@ _FIRST = ((1, 0), (0, 1))
 
 
 class ForwardModel(eqx.Module):
-    """Coefficients of the tied columns (own and tied of every flank) as a function of parameters.
+    """Map from the physical parameters to the coefficients of the own and tied columns.
+
+    Both kinds of columns together are called tied here; each flank has its own coefficients.
 
     The parameters are a vector with the names `names`: lengths in mm, angles in rad, eccentricities
     and encoder errors in Cartesian form (x + jy = amplitude · exp(j phase)). The first parameters
@@ -37,7 +39,10 @@ class ForwardModel(eqx.Module):
     def linearised(
         self, parameters: Float[np.ndarray, " p"]
     ) -> tuple[Float[np.ndarray, "flanks tied"], Float[np.ndarray, "flanks tied p"]]:
-        """Return the tied coefficients and their derivatives, without compiling for this model."""
+        """Return the tied coefficients and their derivatives with respect to the parameters.
+
+        Nothing is compiled for this model alone.
+        """
 
     def linear_part(self, parameters: Float[Array, " p"]) -> Float[Array, "flanks tied"]:
         """Return the contribution of the parameters that only scale a column."""
@@ -60,12 +65,12 @@ class PairRelation(ForwardModel):
 
     @property
     def sides(self) -> list[int]:
-        """Places of the measured flanks among both."""
+        """Index of every measured flank: 0 for A, 1 for B."""
         return [flank_index(flank) for flank in self.flanks]
 
     @property
     def places(self) -> list[int]:
-        """Places in `GEARS` of the last parameters."""
+        """Index in `GEARS` of every eccentricity coordinate; these are the last parameters."""
         return [GEARS.index(name) for name in self.names[len(self.linear) :]]
 
     def coefficients(self, parameters: Float[Array, " p"]) -> Float[Array, "flanks tied"]:
@@ -78,7 +83,10 @@ class PairRelation(ForwardModel):
     def linearised(
         self, parameters: Float[np.ndarray, " p"]
     ) -> tuple[Float[np.ndarray, "flanks tied"], Float[np.ndarray, "flanks tied p"]]:
-        """Return the tied coefficients and their derivatives, without compiling for this model."""
+        """Return the tied coefficients and their derivatives with respect to the parameters.
+
+        Nothing is compiled for this model alone.
+        """
         first = len(self.linear)
         gears = np.zeros(len(GEARS))
         gears[self.places] = parameters[first:]
@@ -105,7 +113,10 @@ class LinearRelation(ForwardModel):
     def linearised(
         self, parameters: Float[np.ndarray, " p"]
     ) -> tuple[Float[np.ndarray, "flanks tied"], Float[np.ndarray, "flanks tied p"]]:
-        """Return the tied coefficients and their derivatives, without compiling for this model."""
+        """Return the tied coefficients and their derivatives with respect to the parameters.
+
+        Nothing is compiled for this model alone.
+        """
         slopes = np.moveaxis(np.asarray(self.linear), 0, -1)
         return slopes @ parameters, slopes
 
@@ -121,7 +132,8 @@ def relation_of(
 ) -> ForwardModel:
     """Return the forward model of a pair or drive with errors of gears, encoders or both.
 
-    Without tied harmonics every parameter scales a column, as those of a given flank model do.
+    `gear_terms` and `encoder_terms` state which errors have parameters. Without tied harmonics,
+    for example with a given flank model, every parameter only scales a column.
     """
     if not gear_terms:
         return encoder_relation(terms, columns, flanks, float(pair.ratio))
@@ -140,7 +152,7 @@ def pair_relation(
 ) -> PairRelation:
     """Return the forward model of a gear pair.
 
-    A shaft whose first order is not tied has no parameters.
+    A shaft whose first order is not tied has no parameters of its gear and of its encoder.
     """
     names, linear = _common(columns, flanks)
     ratio = float(pair.ratio)
@@ -169,7 +181,7 @@ def drive_relation(
 
     The first order of a shaft has a common part and a difference between the flanks. The common
     part gives the amplitude of the drive. Half the difference is added on flank B and subtracted on
-    flank A, so that the difference is the variable backlash.
+    flank A, so that the difference B − A is the variable backlash.
     """
     names, linear = _common(columns, flanks)
     halves = np.array([-0.5 if flank == "A" else 0.5 for flank in flanks])
@@ -265,11 +277,11 @@ def _first_order_columns(
 
 
 def _projection(terms: TermPlan, columns: ColumnLayout) -> Float[np.ndarray, "tied grid"]:
-    """Return the matrix from values on the torus to tied coefficients.
+    """Return the matrix that maps TE values on the grid of the torus to the tied coefficients.
 
-    The mean belongs to the offset of every log, and a harmonic to the tied column of the same
-    frequency. If the tooth counts give two harmonics the same frequency, the log cannot separate
-    them either.
+    The mean contributes to the offset of every log, and a harmonic contributes to the tied column
+    of the same frequency. If the tooth counts give two harmonics the same frequency, both
+    contribute to one column, because the log cannot separate them either.
     """
     driving, driven = grid()
     points = len(driving)

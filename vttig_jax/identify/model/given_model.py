@@ -1,12 +1,12 @@
-"""Flank model of the user's own: its parameters, their names, and its values with derivatives.
+"""Flank model that the user gives: its parameters, their names, and its values with derivatives.
 
 The model is a pytree with a method `transmission_error(angle, flank)`, for example an `eqx.Module`.
-Its leaves that are arrays of floating-point numbers are the parameters θ. Near the parameters θ₀ of
-a pass the transmission error is
+Its leaves that are arrays of floating-point numbers are the parameters θ. The fit passes over the
+logs several times. Near the parameters θ₀ of one pass the transmission error is
 
     m(φ₁; θ) = m(φ₁; θ₀) + Σ_j (θ_j − θ₀_j) ∂m/∂θ_j,
 
-so that every derivative is a column of the rows, and its coefficient is a step of the parameter.
+so every derivative is a column of the block rows, and its coefficient is the step θ_j − θ₀_j.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -33,12 +33,12 @@ _PER_TURN = 2048
 
 _TURNS = 16  # driving turns from which the highest order is measured, at most; chosen value
 _SHARE = 1e-4
-"""Share of the largest power in a spectrum from which an order counts: 1 % of an amplitude."""
+"""Least share of the largest power in a spectrum for which an order counts: 1 % in amplitude."""
 
 
 @dataclass(frozen=True, eq=False)
 class Linearised:
-    """Transmission error of a given model, rad, and its derivatives, one column a parameter."""
+    """Transmission error of a given model, rad, and its derivatives: one column per parameter."""
 
     value: Float[np.ndarray, " n"]
     slopes: Float[np.ndarray, "n p"]
@@ -46,11 +46,12 @@ class Linearised:
 
 @dataclass(frozen=True, eq=False)
 class GivenModel:
-    """Flank model of the user with the parameters of a pass.
+    """Flank model of the user with the values of its parameters in one pass over the logs.
 
     **Arguments**
-    - `tree`: the model. - `names`: names of its parameters, "model" and the path of the leaf.
-    - `values`: their values.
+    - `tree`: the model as the user gave it.
+    - `names`: names of its parameters, "model" and the path of the leaf.
+    - `values`: values of the parameters in this pass.
     - `highest_order`: highest order of the model, cycles per driving turn.
     """
 
@@ -61,7 +62,7 @@ class GivenModel:
 
     @classmethod
     def of(cls, model: Any) -> "GivenModel":
-        """Return the model with the parameters of its leaves as they are.
+        """Check the model of the user, and return it with the values that its leaves hold.
 
         **Raises** `UsageError` for an object that is no flank model, for a model without
         parameters, for leaves that are neither parameters nor constants, and where the transmission
@@ -95,14 +96,14 @@ class GivenModel:
         return replace(self, values=np.asarray(values, np.float64))
 
     def updated(self, names: Sequence[str], values: Float[np.ndarray, " q"]) -> "GivenModel":
-        """Return the model with the values of those of its parameters that are among `names`."""
+        """Return the model with `values` for the parameters `names`; other names are ignored."""
         found = dict(zip(names, values, strict=True))
         kept = zip(self.names, self.values, strict=True)
         return self.at(np.array([found.get(name, value) for name, value in kept]))
 
     @property
     def fitted(self) -> Any:
-        """The model of the user with these values."""
+        """The model of the user, with `values` in its leaves."""
         return _with_values(self.tree, np.asarray(self.values), np.asarray)
 
     def on(self, angle: Float[np.ndarray, " n"], flank: Flank, where: str = "") -> Linearised:
@@ -129,10 +130,11 @@ class GivenModel:
         return Linearised(table[:, 0], table[:, 1:])
 
     def resolved(self, first: float, turns: float) -> "GivenModel":
-        """Return the model with its highest order over `turns` driving turns from `first`, rad.
+        """Return the model with its `highest_order`, in cycles per driving turn.
 
-        It is the highest frequency with a ten-thousandth of the largest power in the spectrum of
-        the transmission error or of a derivative.
+        It is the highest frequency with at least 1e-4 of the largest power in the spectrum of the
+        transmission error or of a derivative. The spectra are taken over `turns` driving turns, at
+        most 16, from the driving angle `first`, rad.
         """
         count = int(_PER_TURN * np.clip(np.ceil(turns), 1, _TURNS))
         angle = first + np.arange(count) * REV / _PER_TURN
@@ -153,7 +155,8 @@ def error_of(
 ) -> Any:
     """Return the transmission error of a model with other values of its parameters, rad.
 
-    It is what the method of the user returns, one number an angle if the model is right.
+    `side` is 0 for flank A and 1 for flank B. The result is what the method of the user returns:
+    one number per angle if the model is correct.
     """
     own = _with_values(model, jnp.asarray(values), lambda part: part)
     return own.transmission_error(angle, "AB"[side])
@@ -163,7 +166,7 @@ def error_of(
 def _linearised(
     model: Any, values: Float[Numbers, " p"], angle: Float[Numbers, " n"], side: int
 ) -> Float[Numbers, "n columns"]:
-    """Return the transmission error and its derivatives side by side."""
+    """Return the transmission error (first column) and its derivatives by the parameters."""
     error = lambda some: error_of(model, some, angle, side)  # noqa: E731
     return jnp.column_stack([error(values), jax.jacfwd(error)(jnp.asarray(values))])
 
@@ -183,7 +186,10 @@ def _numbers(leaf: Any) -> Float[np.ndarray, " count"]:
 
 
 def _with_values(model: Any, values: Any, convert: Callable[[Any], Any]) -> Any:
-    """Return the model with the parameters taken one after the other from a vector."""
+    """Return the model with the parameters taken one after the other from the vector `values`.
+
+    `convert` is applied to the new value of every leaf.
+    """
     leaves, tree = jax.tree.flatten(model)
     start, found = 0, []
     for leaf in leaves:
@@ -197,7 +203,7 @@ def _with_values(model: Any, values: Any, convert: Callable[[Any], Any]) -> Any:
 
 
 def _names(model: Any) -> Iterator[str]:
-    """Yield the names of the parameters.
+    """Yield the name of every scalar parameter, for example "model.tilt" or "model.waves[2]".
 
     **Raises** `UsageError` for a leaf that may be meant as a parameter but is none.
     """

@@ -37,7 +37,10 @@ class Harmonic:
 
 
 def harmonic_of(shaft: str, order: int | float) -> Harmonic:
-    """Return the harmonic of an order of the driving or driven shaft; its frequency is exact."""
+    """Return the harmonic of an order of a shaft; a fractional order becomes an exact fraction.
+
+    `shaft` is "driving" or "driven".
+    """
     number = int(order) if order == int(order) else Fraction(str(order))
     return Harmonic(shaft, order, (number, 0) if shaft == "driving" else (0, number))
 
@@ -66,14 +69,17 @@ class TermPlan:
 
     @property
     def locked(self) -> tuple[list[int], tuple[Term, ...]]:
-        """Positions and terms of the harmonics that are locked to the positions of both gears."""
+        """Indices and terms (n₁, n₂) of the harmonics that the positions of both gears determine.
+
+        These are the harmonics of whole orders. The indices count free harmonics, then tied ones.
+        """
         harmonics = enumerate(self.free + self.tied)
         whole = [(place, h.term) for place, h in harmonics if h.is_whole]
         return [place for place, _ in whole], tuple((int(n), int(m)) for _, (n, m) in whole)
 
     @property
     def fractional(self) -> tuple[Harmonic, ...]:
-        """Harmonics of fractional order, which no position of the gears determines."""
+        """Harmonics of fractional order; the gear positions do not determine their phases."""
         return tuple(h for h in self.free if not h.is_whole)
 
     def frequency(self, term: AnyTerm) -> Fraction:
@@ -81,22 +87,24 @@ class TermPlan:
         return abs(term[0] + term[1] * self.ratio)
 
     def exchanged(self, more: Sequence[Harmonic], fewer: Sequence[Harmonic]) -> "TermPlan":
-        """Return the plan with more and with fewer free harmonics."""
+        """Return the plan with the free harmonics `more` added and `fewer` removed."""
         kept = tuple(h for h in self.free if h not in fewer)
         return replace(self, free=(*kept, *more))
 
 
 RESOLVED = 0.99
-"""Least cycles over the log between two frequencies: a table of one turn lacks its last sample."""
+"""Two frequencies are resolved if they differ by at least this many cycles over the log. The number
+is below 1, because a table of one turn lacks its last sample."""
 
 
 _FIRST: tuple[AnyTerm, ...] = ((1, 0), (0, 1))
 
 
 def _unresolved(kept: Mapping[Fraction, Harmonic], turns: float) -> list[Fraction]:
-    """Return the frequencies less than one cycle over the log from zero or from a lower order.
+    """Return the frequencies that are less than one cycle over the log from zero or a lower order.
 
-    A fractional order has no lower order that stands for it.
+    `turns` is the number of driving turns of the log. First orders are always resolved, and
+    fractional orders are only compared with zero.
     """
     resolved = [0.0]
     close: list[Fraction] = []
@@ -115,7 +123,7 @@ def _unresolved(kept: Mapping[Fraction, Harmonic], turns: float) -> list[Fractio
 
 
 def names_of(harmonics: Sequence[Harmonic]) -> str:
-    """Return harmonics in words, for example "driven orders 2 and 4 to 8"."""
+    """Return the names of harmonics as text, for example "driven orders 2 and 4 to 8"."""
     parts = []
     for shaft in dict.fromkeys(h.shaft for h in harmonics):
         orders = sorted(h.order for h in harmonics if h.shaft == shaft)
@@ -136,7 +144,10 @@ def names_of(harmonics: Sequence[Harmonic]) -> str:
 
 
 def _same_frequency(same: Sequence[tuple[Harmonic, Harmonic]]) -> str:
-    """Return one sentence on all orders that have the frequency of another order."""
+    """Return a sentence that lists the orders left out because they have the frequency of another.
+
+    `same` holds pairs of a harmonic that is left out and the harmonic that is kept.
+    """
     left, kept = (list(dict.fromkeys(part)) for part in zip(*same, strict=True))
     several = len(left) > 1
     return (
@@ -159,12 +170,12 @@ def plan_terms(
     """Return the harmonics of a fit, without those of the same frequency as another harmonic.
 
     Two frequencies are the same for a log of `turns` driving revolutions if they differ by less
-    than one cycle over the log. First orders stand for others, and low orders for higher ones; the
-    first orders of both shafts are never left out for each other. Listed first orders are tied to
-    the physical parameters. If tooth counts are known, the
-    second-order terms of the exact relation are tied too. `driving_teeth` is None for a drive,
-    which has no tooth-mesh order. A fractional order takes no whole order from the model. With
-    `all_free` no harmonic is tied: first orders are free like all others.
+    than one cycle over the log. A first order is then kept rather than any other order, and a low
+    order rather than a higher one; the first orders of both shafts are both kept unless their
+    frequencies are exactly equal. First orders in the lists are tied to the physical parameters. If
+    tooth counts are known, the second-order terms of the exact relation are tied too.
+    `driving_teeth` is None for a drive, which has no tooth-mesh order. A fractional order close to
+    a whole order does not remove it. With `all_free` no harmonic is tied.
     """
     mesh = range(1, mesh_orders + 1) if driving_teeth else ()
     wanted = [harmonic_of("driving", k) for k in sorted(set(driving_orders))]

@@ -16,17 +16,18 @@ from .harmonics import TermPlan, plan_terms
 
 _FLANKS: tuple[Flank, ...] = ("A", "B")
 FULL_TURN = 0.99
-"""Turns that count as a full turn: a table of one turn lacks its last sample, a log its first °."""
+"""Least turns that count as a full turn: a table of one turn lacks its last sample, and a log may
+lack about a degree."""
 
 FEW_TURNS = 6.0
 """Turns of the driving shaft below which noise may be correlated over the whole log (chosen)."""
 
 SINGLE_TURN = 1.5
-"""Turns of the driving shaft below which a log is a table of one turn (chosen). Its orders are
-those of the table, and nothing tells noise that remembers from them."""
+"""Turns of the driving shaft below which a log is a table of one turn (chosen). Noise with a long
+correlation time cannot be distinguished from the orders of such a table."""
 
 _LIKE_DRIFT = 0.25
-"""Turns below which the first order of a shaft is a parabola to 2 % of its amplitude."""
+"""Below this many turns of a shaft its first order is a parabola, to 2 % of its amplitude."""
 
 
 @dataclass(frozen=True)
@@ -38,9 +39,9 @@ class Identifiability:
     - `terms`: harmonics of the fit.
     - `reasons`: shaft → reason why its first order is not reported.
     - `short`: shafts of `reasons` that turned too little.
-    - `turns`: shaft → most turns of any log on a flank, smallest value of all flanks.
-    - `few_turns`: whether noise, drift and the terms of the model are hardly told apart.
-    - `notes`: sentences on flanks that are left out; `terms` has those on orders.
+    - `turns`: shaft → turns in the log that covers most; of both flanks the smaller value.
+    - `few_turns`: whether the turns are too few to separate noise, drift and orders clearly.
+    - `notes`: sentences on flanks that are left out; the sentences on orders are in `terms`.
     """
 
     flanks: tuple[Flank, ...]
@@ -63,13 +64,13 @@ def find_identifiability(
     remembers: bool = False,
     given: bool = False,
 ) -> Identifiability:
-    """Return flanks, segments and harmonics that can be fitted; `only` restricts it to one flank.
+    """Return the flanks, segments and harmonics that can be fitted.
 
-    A `given` flank model takes the place of the first orders. All harmonics are then free, and the
-    rank of the rows decides what the logs determine.
+    `only` restricts the fit to one flank. With a `given` flank model, which replaces the first
+    orders, all harmonics are free, and the rank of the rows decides what the logs determine.
 
-    Few turns count as such for a drive, and for a gear pair if the noise `remembers` a part of the
-    log: the exact ratio of a gear pair needs no turns.
+    The result has `few_turns` for a drive with fewer than `FEW_TURNS` turns. For a gear pair, whose
+    ratio is exact, this also requires `remembers`: noise correlated over a good part of the log.
 
     **Raises** `NoAnswerError` if no flank covers a revolution of either shaft.
     """
@@ -125,7 +126,7 @@ def find_identifiability(
 def _left_out(
     covered: dict[Flank, tuple[float, float]], flanks: tuple[Flank, ...]
 ) -> tuple[str, ...]:
-    """Return sentences on flanks that turned, but less than a full turn."""
+    """Return sentences on the flanks that moved, but cover less than a full turn."""
     return tuple(
         f"flank {flank} is left out, so that no gap is determined: it covers"
         f" {max(turns):.2f} of a revolution only; record at least one turn both ways"
@@ -185,9 +186,10 @@ def _short(pair: GearPair | Drive, turns: dict[str, float], *, both: bool) -> di
 
 
 def _nuisance(turns: float, orders: tuple[int | float, ...]) -> tuple[int | float, ...]:
-    """Return the orders of a shaft that turned less than once.
+    """Return the orders that are fitted for a shaft that turned less than once: (1,) or none.
 
-    Its first order is fitted but not reported, because it would otherwise bias the first order of
-    the other shaft. Below a quarter turn it cannot be distinguished from drift and is left out.
+    The first order is a nuisance parameter: it is fitted but not reported, because without it the
+    first order of the other shaft would be biased. Below a quarter turn it cannot be distinguished
+    from drift and is left out.
     """
     return (1,) if 1 in orders and turns >= _LIKE_DRIFT else ()

@@ -1,9 +1,10 @@
 """Mounting of the driven encoder: flank models in the angles that both encoders read.
 
 The driven gear is at φ₂ = i φ₁ + m + TE. The mounting m is the reading of the driven encoder where
-the driving encoder reads zero, minus the TE there. It is radians if the angles are zero at the
-reading zero, and the small TE of the start if both encoders count from the first sample. The phase
-of the driven eccentricity counts from φ₂ = 0 in both cases: e₂ is at φ₂ + θ₂ = i φ₁ + m + θ₂.
+the driving encoder reads zero, minus the TE there. It may be several radians if the encoders are
+absolute. If both encoders count from the first sample, it is as small as the TE at the start. The
+phase θ₂ of the driven eccentricity e₂ counts from φ₂ = 0 in both cases: the angle of e₂ is
+φ₂ + θ₂ = i φ₁ + m + θ₂, apart from the TE.
 """
 
 from collections.abc import Sequence
@@ -34,7 +35,8 @@ def mounting_of(
 ) -> float:
     """Return the mounting m of a log from the parameters of a fit, rad.
 
-    It is the offset of flank A, or of flank B alone minus the `constant_backlash` (rad).
+    It is the offset of flank A. If flank B alone was measured, it is the offset of flank B minus
+    the `constant_backlash` (rad).
     """
     logs = sum(name.split("_of_")[0] == OFFSET for name in names)
     offset = float(values[list(names).index(offset_name(log, logs))])

@@ -16,14 +16,14 @@ from ...kinematics.flank_model import flank_index
 from ...pair.gear_pair import Flank
 
 POINTS = 8
-"""Points per turn of each shaft: exact for orders below 4; terms in e⁶ alias."""
+"""Points per turn of each shaft. Orders below 4 are exact; only terms of order e⁶ alias to them."""
 
 GEARS = ("driving_x", "driving_y", "driven_x", "driven_y")
 """The coordinates of both eccentricities, mm, in the order in which the functions take them."""
 
 
 class Torus(eqx.Module):
-    """Numbers of a gear pair that its relation contains: lengths in mm."""
+    """Constants of the exact relation of a gear pair: ratio i, and lengths in mm."""
 
     ratio: Float[Numbers, ""]
     centre_distance: Float[Numbers, ""]
@@ -60,7 +60,7 @@ def errors_and_slopes(
 ) -> tuple[Float[Array, "2 grid"], Float[Array, "2 grid 4"]]:
     """Return the errors of both flanks and their derivatives with respect to `gears`."""
 
-    # The forward derivative comes with the value, so that the relation is traced once.
+    # Forward mode gives the value and the derivative together, so the relation is traced once.
     def along(direction: Float[Array, "4"]):
         return jax.jvp(lambda one: torus.errors(one), (gears,), (direction,))
 
