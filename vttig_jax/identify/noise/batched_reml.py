@@ -34,7 +34,7 @@ Filter = Float[Array, " taps"]
 
 
 class Noise(NamedTuple):
-    """Autoregression of the rows: partial autocorrelations, zero beyond the order, and order."""
+    """Autoregression of the rows: its order, and partial autocorrelations, zero beyond the order."""
 
     partial: Partial
     order: Int[Array, ""]
@@ -45,9 +45,9 @@ def estimated_noise(
 ) -> Noise:
     """Return the noise whose order, at most `most`, has the lowest BIC.
 
-    `rounding` is the sum of squares that counts as white noise, because its digits have no meaning.
-    The result is differentiable at a fixed order: its last step is a Newton step on the restricted
-    likelihood, whose derivative is that of the maximum.
+    `rounding` is the sum of squares of the rounding errors of y, rad², which count as white noise.
+    The result is differentiable at a fixed order: the last step is a Newton step on the restricted
+    likelihood, and its derivative is that of the maximum of the likelihood.
     """
     fixed = jax.lax.stop_gradient((products, rounding))
     found = _descended(*fixed, most)
@@ -58,7 +58,10 @@ def estimated_noise(
 
 
 def _slope(partial: Partial, products: RowProducts, rounding: Float[Array, ""]) -> Partial:
-    """Return the gradient of the restricted likelihood, which is that of the touching bound."""
+    """Return the gradient of F = −2 ln(restricted likelihood) with respect to the π_k.
+
+    It equals the gradient of the bound that touches F at `partial`.
+    """
     bound = _touching_bound(products, rounding, partial)
     filter_, turn = jax.vjp(filter_of, partial)
     own = -2 * jnp.arange(1, partial.shape[0] + 1) * partial / (partial**2 - 1)
@@ -74,10 +77,11 @@ def newton_step(
 ) -> Float[Array, " p"]:
     """Return `start` after one Newton step in the components `free`.
 
-    Only `slope` may depend on the data for a derivative. At a minimum the derivative of the step is
-    then −H⁻¹ ∂g/∂data with the gradient g and its derivative H, which is that of the minimum. The
-    curvature of a Gauss–Newton step is not H and gives another derivative. A step above `most` in
-    any component is not taken.
+    `slope` is the gradient g of the function to be minimised, and `curvature` is its Hessian H.
+    Automatic differentiation by the data passes through `slope` only. At a minimum the derivative
+    of the result is therefore −H⁻¹ ∂g/∂data, which is the derivative of the minimum itself. With
+    the Gauss–Newton approximation of H it would be another one. If any component of the step
+    exceeds `most`, the step is not taken.
     """
     start, curvature = jax.lax.stop_gradient((start, curvature))
     both = free[:, None] & free[None, :]
@@ -89,7 +93,7 @@ def newton_step(
 
 
 def _descended(products: RowProducts, rounding: Float[Array, ""], most: Int[Numbers, ""]) -> Noise:
-    """Return the noise by searches of the order and descents at this order."""
+    """Return the noise: search the order by BIC, then lower the bound at this order repeatedly."""
     total = jnp.sum(products.rows)
 
     def search(_, state):
@@ -114,7 +118,11 @@ def _descended(products: RowProducts, rounding: Float[Array, ""], most: Int[Numb
 def needed_lags(
     autocovariance: Float[Array, "flanks taps"], rows: Float[Array, " flanks"], most: Int[Array, ""]
 ) -> Int[Array, ""]:
-    """Return the number of lags as `compress` does: order of the ordinary residual plus two."""
+    """Return the number of lags, as `needed_lags` of `harmonic_summary` does, at most `most`.
+
+    It is the autoregressive order of the residual of ordinary least squares, plus two.
+    `autocovariance` is that of this residual on every flank.
+    """
     orders = jax.vmap(_yule_walker_order)(autocovariance, rows, jnp.stack([most] * len(rows)))
     return jnp.clip(jnp.max(orders) + 2, 1, most)
 
@@ -138,7 +146,7 @@ def _mirrors(lags: int) -> Float[np.ndarray, "lags taps taps"]:
 
 
 def freedom_left(products: RowProducts) -> Float[Array, ""]:
-    """Return the rows minus the number of coefficients, at least 1."""
+    """Return the number of rows minus the number of coefficients of all flanks, at least 1."""
     flanks, _, width, _ = products.lag_products.shape
     return jnp.maximum(jnp.sum(products.rows) - flanks * (width - 1), 1.0)
 
@@ -171,7 +179,10 @@ def _residual_length(products: RowProducts, upper: Upper) -> Float[Array, " flan
 def _of_best_order(
     bound: Bound, most: Int[Numbers, ""], rows: Float[Array, ""]
 ) -> tuple[Partial, Int[Array, ""]]:
-    """Return the order with the lowest BIC; each order starts from the previous result."""
+    """Return the partial autocorrelations of the order with the lowest BIC, and this order.
+
+    Each order starts from the result of the previous order. `rows` is the number of all rows.
+    """
     cost = jnp.log(jnp.maximum(rows, 2.0))
 
     def longer(step, state):
@@ -194,7 +205,10 @@ def _of_best_order(
 
 
 def _lowered(bound: Bound, partial: Partial, order: Int[Array, ""]) -> Partial:
-    """Return `partial` with every π_k up to `order` minimised in turn, the last first."""
+    """Return `partial` after one coordinate descent: the bound is minimised over one π_k at a time.
+
+    k runs from `order` down to 1.
+    """
 
     def better(step, partial):
         k = order - 1 - step

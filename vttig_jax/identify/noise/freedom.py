@@ -22,11 +22,12 @@ from .reml import freedom_left
 from .restricted_likelihood import LARGEST
 
 _STEP = 5e-3
-"""Step of the differences, small beside the standard errors of θ, 0.03 and more (chosen)."""
+"""Step of θ for numerical derivatives. It is small compared with the standard errors of θ, which
+are at least 0.03 (chosen)."""
 
 _LEAST = 1.0
-"""Least eigenvalue of H. A smaller one belongs to a parameter that the log does not tell; its
-standard error is then limited to √2 (chosen)."""
+"""Lower limit of the eigenvalues of H. A smaller one belongs to a parameter that the log does not
+determine; its standard error is then limited to √2 (chosen)."""
 
 FEWEST = 3.0  # least degrees of freedom that are returned; chosen value
 
@@ -40,7 +41,8 @@ def freedom(
 
     **Arguments**
     - `partial`: partial autocorrelations of the noise.
-    - `responses`: for every flank, the covariance of its coefficients with the functions.
+    - `responses`: for every flank, the covariance of its coefficients (rows of the array) with the
+      k functions (columns).
     """
     filters = filter_of(partial)
     misfit = sum(float(flank.factor(filters)[-1, -1] ** 2) for flank in summary.flanks)
@@ -51,7 +53,10 @@ def freedom(
     )
 
     def at(*moved: tuple[int, float]) -> tuple[float, Float[np.ndarray, " k"]]:
-        """Return −2 ln likelihood and 1/v, up to a factor, at a shifted θ."""
+        """Return −2 ln likelihood, and 1/v up to a factor, at a shifted θ.
+
+        A pair in `moved` is the index of a parameter in θ and its shift in steps.
+        """
         theta = centre.copy()
         for place, steps in moved:
             theta[place] += steps * _STEP
@@ -81,7 +86,7 @@ def satterthwaite(
     slope: Float[np.ndarray, "p k"],
     hessian: Float[np.ndarray, "p p"],
 ) -> Float[np.ndarray, " k"]:
-    """Return ν = 2 v² / (∇vᵀ 2 H⁻¹ ∇v), at least `FEWEST`."""
+    """Return ν = 2 v² / (∇vᵀ 2 H⁻¹ ∇v), at least `FEWEST`; 1/v instead of v gives the same ν."""
     size, directions = np.linalg.eigh(hessian)
     spread = 2 * np.sum((directions.T @ slope) ** 2 / np.maximum(size, _LEAST)[:, None], axis=0)
     return np.maximum(2 * variance**2 / np.maximum(spread, 1e-300), FEWEST)

@@ -23,16 +23,16 @@ FORGOTTEN = 20.0
 from structure that the model misses."""
 
 _REMEMBERED = 100.0
-"""Shortest run, in correlation times of the noise, whose low orders have the noise of all others.
-Gear pairs whose standard errors hold on a few turns have 600 (chosen)."""
+"""In a run shorter than this many correlation times of the noise, low orders have more noise than
+the other orders (chosen). Gear pairs whose standard errors are correct on a few turns have 600."""
 
 _WHITE_SHARE = 1e-6
-"""Share of the variance by moments that counts as white noise. In a log without noise, the
-structure that a model misses is so predictable that its whitening would leave only the rounding of
-the rest."""
+"""Share of the variance that is added as white noise if the noise is estimated from moments. In a
+log without noise, the structure that a model misses is so predictable that its whitening would
+leave only rounding errors."""
 
 _ROWS_A_COEFFICIENT = 3
-"""Rows per coefficient above which a speed has a noise model of its own."""
+"""A speed has its own noise model if it has more rows per column of the fit than this."""
 
 
 @dataclass(frozen=True)
@@ -112,7 +112,7 @@ class NoiseModel:
 
     @property
     def kind(self) -> RowNoise:
-        """Treatment of the assumed kind of noise."""
+        """The `RowNoise` of the assumed kind of noise: how rows are summarised for it."""
         return NOISE[self.choice.kind]
 
     @property
@@ -127,7 +127,7 @@ class NoiseModel:
 
     @property
     def partial(self) -> Float[np.ndarray, " p"]:
-        """Partial autocorrelations."""
+        """Partial autocorrelations π_1 … π_p of the noise."""
         return partial_of(self.filter)
 
     @property
@@ -160,7 +160,10 @@ class WhitenedFlank:
         return np.linalg.solve(self.factor[: self.free, : self.free], right)
 
     def covariance(self, of_tied: Float[np.ndarray, "t t"]) -> Float[np.ndarray, "c c"]:
-        """Return the covariance of all coefficients (free, tied), given that of the tied ones."""
+        """Return the covariance of all coefficients (free, tied) of the flank.
+
+        `of_tied` is the covariance of the tied coefficients.
+        """
         inverse = np.linalg.inv(self.factor[: self.free, : self.free])
         follow = -inverse @ self.factor[: self.free, self.free : -1]
         spread = np.vstack([follow, np.eye(len(of_tied))])
@@ -218,16 +221,17 @@ def _noise_of(summary: HarmonicSummary, variance_factor: float, few_turns: bool)
 
 
 def remembers(summary: HarmonicSummary) -> bool:
-    """Return whether the noise remembers so much of a run that low orders have noise of their own.
+    """Return whether the correlation time of the noise is a notable part of a run.
 
-    Noise that is only rounding does not.
+    Low orders then have more noise than other orders. The result is False if the noise is only
+    rounding.
     """
     found = _model(summary, filter_of(restricted_partial(summary)), 1.0, "likelihood")
     return not found.is_rounding and _lasts(found, summary, _REMEMBERED)
 
 
 def _lasts(noise: NoiseModel, summary: HarmonicSummary, times: float) -> bool:
-    """Return whether `times` correlation times of the noise are longer than a mean run."""
+    """Return whether a run, on average, is shorter than `times` correlation times of the noise."""
     runs = sum(len(flank.heads) for flank in summary.flanks)
     run_s = summary.block_s * summary.rows / max(runs, 1)
     return noise.correlation_s > run_s / times
@@ -236,7 +240,10 @@ def _lasts(noise: NoiseModel, summary: HarmonicSummary, times: float) -> bool:
 def _model(
     summary: HarmonicSummary, filter_: Float[np.ndarray, " taps"], variance_factor: float, by: str
 ) -> NoiseModel:
-    """Return the noise model of a whitening filter; the variance is at least that of rounding."""
+    """Return the noise model with a given whitening filter; `by` is the method that estimated it.
+
+    The innovations have the variance of the whitened residual, at least that of rounding.
+    """
     left = sum(flank.factor(filter_)[-1, -1] ** 2 for flank in summary.flanks)
     coefficients = len(summary.flanks) * (summary.columns.width - 1)
     variance = variance_factor * max(left, summary.rounding)
@@ -255,9 +262,9 @@ def autoregression(summary: HarmonicSummary) -> Float[np.ndarray, " taps"]:
     """Return the whitening filter of the residual of a linear fit, estimated by moments.
 
     It is used while the model is still being selected. The structure that such a model misses is
-    correlated over the whole log. The likelihood would treat it as noise and remove it by
-    whitening, with all evidence of it. Moments, divided by the number of all rows at every lag, do
-    not. Noise that is no autoregression is estimated by the likelihood nevertheless.
+    correlated over the whole log. The likelihood would treat it as noise, and whitening would then
+    remove all evidence of it. Autocovariances divided by the number of all rows at every lag avoid
+    this. Ornstein–Uhlenbeck noise is nevertheless estimated by the likelihood.
     """
     if not summary.kind.summary.QUADRATIC:
         return filter_of(restricted_partial(summary))
@@ -296,7 +303,7 @@ def residual_rows(
 
 
 def residual_std(summary: HarmonicSummary, filter_: Float[np.ndarray, " taps"]) -> float:
-    """Return the rms residual of generalised least squares, at least that of rounding."""
+    """Return the rms residual of generalised least squares, rad, at least that of rounding."""
     square = 0.0
     for flank in summary.flanks:
         residual = flank.residual(filter_)

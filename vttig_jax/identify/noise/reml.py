@@ -43,7 +43,8 @@ Partial = Float[np.ndarray, " p"]
 def restricted_partial(summary: HarmonicSummary) -> Partial:
     """Return the partial autocorrelations of the noise; BIC selects their number.
 
-    Noise that is no autoregression has at most one, that of rows at the median distance.
+    Ornstein–Uhlenbeck noise has at most one: the correlation of rows at the median distance in
+    time.
     """
     if not summary.kind.summary.QUADRATIC:
         return _correlation(summary)
@@ -62,10 +63,10 @@ def restricted_partial(summary: HarmonicSummary) -> Partial:
 
 
 def _representable(partial: Partial) -> Partial:
-    """Return `partial`, reduced until the digits of a float suffice for the noise spectrum.
+    """Return `partial`, reduced until the range of the noise spectrum suits the digits of a float.
 
-    The residual of a wrong model can be so smooth that its whitening removes all digits of slow
-    columns.
+    The residual of a wrong model can be so smooth that whitening with its noise model removes all
+    digits of slowly varying columns.
     """
     while True:
         gain = np.abs(np.fft.rfft(filter_of(partial), _FREQUENCIES))
@@ -133,11 +134,12 @@ def touching_bound(summary: HarmonicSummary, partial: Partial) -> Bound:
 
 
 def lowered(bound: Bound, partial: Partial) -> Partial:
-    """Return the partial autocorrelations after one coordinate descent.
+    """Return the partial autocorrelations after one coordinate descent of the bound.
 
-    The last one is first because it is still undetermined in a search of the order. With the
-    filter f_k of the first k and its reverse f_k*, the whole filter is the polynomial
-    A f_k + B f_k*. One step back replaces A by A − π_k B and B by z (B − π_k A) (Szegő).
+    The bound is minimised over one π_k at a time. The last π_k is the first one, because it has no
+    estimate yet in a search of the order. With the filter f_k of the first k partial
+    autocorrelations and its reverse f_k*, the whole filter is the polynomial A f_k + B f_k*. One
+    step to a lower k replaces A by A − π_k B and B by z (B − π_k A) (Szegő).
     """
     partial = partial.copy()
     taps = len(partial) + 1

@@ -28,11 +28,12 @@ from ...base.numerics.partial_autocorrelation import log_initial_determinant
 from ..compress.lagged_forms import filter_form
 
 LARGEST = 0.999
-"""Bound of a partial autocorrelation. Noise above it is a drift, and the whitened offset would be
-smaller than the rounding of the lag products."""
+"""Largest absolute value of a partial autocorrelation. Noise above it is a drift, and the whitened
+offset would be smaller than the rounding of the lag products."""
 
 SEARCHES = 2
-"""Number of searches of the order: from ordinary residuals, then from whitened ones."""
+"""Number of searches of the order: first from the residual of ordinary least squares, then from
+that of generalised least squares."""
 
 SWEEPS = 3  # coordinate descents per order in a search; chosen value
 MOST_STEPS = 40  # coordinate descents after the search of the order; chosen value
@@ -43,7 +44,7 @@ _LEAST_MISFIT = 1e-300  # least misfit, so that the misfit of a log without nois
 
 
 class Bound(NamedTuple):
-    """Upper bound fᵀ `form` f − `runs` Σ_k k log(1 − π_k²) of F."""
+    """Upper bound fᵀ T f − R Σ_k k log(1 − π_k²) of F; T is `form`, and R is `runs`."""
 
     form: Float[Numbers, "taps taps"]
     runs: Float[Number, ""] | int
@@ -63,10 +64,10 @@ def misfit_weight(
     rounding: Float[Number, ""] | float,
     filter_: Float[Numbers, " taps"],
 ) -> Float[Number, ""]:
-    """Return (N − Q)/S, the slope of (N − Q) log S.
+    """Return (N − Q)/S, the derivative of (N − Q) log S with respect to S.
 
-    S is the whitened `misfit` of all flanks together with the rounding of y, a sum of squares that
-    counts as white noise, because its digits have no meaning.
+    S is the whitened `misfit` of all flanks plus the whitened rounding of y. `rounding` is the sum
+    of squares of the rounding errors, which count as white noise, and `freedom` is N − Q.
     """
     total = misfit + rounding * (filter_ @ filter_)
     return freedom / namespace(total).maximum(total, _LEAST_MISFIT)
@@ -79,13 +80,13 @@ def flank_form(
     left: Float[Number, ""] | float,
     weight: Float[Number, ""] | float,
 ) -> Float[Numbers, "taps taps"]:
-    """Return the part of one flank in T.
+    """Return the contribution of one flank to the matrix T of the bound.
 
     **Arguments**
     - `lag_products`, `ends`: products of the rows U, as in `lagged_forms`.
-    - `inverse`: inverse of the upper triangle C with CᵀC = Uᵀ Σ⁻¹ U at the point of contact. Its
-      columns but the last are combinations of the regressors with whitened products 1, whose sum
-      is the slope of log|Xᵀ Σ⁻¹ X|.
+    - `inverse`: inverse of the upper triangle C with CᵀC = Uᵀ Σ⁻¹ U at the point where the bound
+      touches F. Its columns, except the last, combine the regressors to columns that are
+      orthonormal after whitening; the sum of their squares gives the slope of log|Xᵀ Σ⁻¹ X|.
     - `left`: length of the whitened residual; `left` times the last column gives the residual.
     - `weight`: the slope (N − Q)/S, by which the square of the residual is multiplied.
     """
@@ -97,7 +98,7 @@ def flank_form(
 def rounding_form(
     rounding: Float[Number, ""] | float, weight: Float[Number, ""] | float, taps: int
 ) -> Float[Numbers, "taps taps"]:
-    """Return the part of the rounding of y in T."""
+    """Return the contribution of the rounding of y to the matrix T of the bound."""
     return weight * rounding * np.eye(taps)
 
 

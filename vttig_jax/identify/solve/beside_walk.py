@@ -1,4 +1,4 @@
-"""Standard errors of a fit beside one whose drift is a random walk."""
+"""Standard errors of a fit, increased by a comparison with a fit whose drift is a random walk."""
 
 from dataclasses import dataclass, replace
 
@@ -8,15 +8,16 @@ from ...base.units import ARCSEC
 from .solved_fit import SolvedFit
 
 _OF_LEVEL = np.sqrt(0.5)
-"""Step of the level in steps of the coefficients: its value at a knot is (1, 4, 1)/6 of three."""
+"""Standard deviation of the step of the drift from knot to knot, relative to that of the step of a
+coefficient. At a knot the drift is (1, 4, 1)/6 of three neighbouring coefficients."""
 
 
 @dataclass(frozen=True, eq=False)
 class Walk:
-    """Fit with a random walk as drift.
+    """Second fit of the same logs, with a random walk as drift.
 
     **Arguments**
-    - `solved`: parameters of this fit.
+    - `solved`: parameters of this second fit.
     - `widening`: largest factor by which it increases a standard error of the first fit.
     """
 
@@ -37,10 +38,12 @@ class Walk:
 
 
 def beside_walk(solved: SolvedFit, other: SolvedFit) -> tuple[SolvedFit, Walk]:
-    """Increase the standard errors to the distance from a fit with a random walk as drift.
+    """Increase the standard errors of `solved` by its difference from the fit `other`.
 
-    With the difference d of two estimates and the standard error s of the second, the first one is
-    √(s² + d²) from the truth.
+    The drift of `other` is a random walk. With the difference d of both estimates of a parameter
+    and the standard error s of the second, the standard error of the first is at least √(s² + d²).
+
+    **Returns** `solved` with the increased covariance, and the record of the comparison.
     """
     solution, walk = solved.solution, other.solution
     std, factor = np.sqrt(np.diag(solution.covariance)), np.ones(len(solution.names))

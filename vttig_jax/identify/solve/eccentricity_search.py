@@ -1,11 +1,12 @@
 """Search of the eccentricities by a trust region, with all linear parameters eliminated.
 
-The misfit is |M (B g(e) + L q) − t|, where g are the transmission errors on the torus for the
-eccentricities e, and q are the parameters that only scale a column. For every e the best q is
-linear (variable projection: Golub and Pereyra 1973). The projection on what L cannot explain leaves
-|W g(e) − w| with a triangular (W, w). Only g and its derivatives are compiled, in one program for
-every log of every gear pair; the few steps of SciPy take less time than a compiled solver takes to
-be traced.
+The misfit is |M (B g(e) + L q) − t|. Here g are the transmission errors on the torus for the
+eccentricities e, B projects them on the tied columns, q are the parameters that only scale a column
+(L), M contains the whitened columns of all flanks, and t the whitened y. For every e the best q
+follows by linear least squares (variable projection: Golub and Pereyra 1973). A projection
+orthogonal to M L and a QR factorisation leave |W g(e) − w| with a triangular matrix (W, w). Only g
+and its derivatives are compiled, in one program for every log of every gear pair; the few steps of
+SciPy take less time than the tracing of a compiled solver.
 """
 
 from dataclasses import dataclass
@@ -21,27 +22,30 @@ from ..model.torus import GEARS, POINTS, errors_and_slopes
 _MOST_STEPS = 100  # trial points of the solver; chosen value
 
 _TOLERANCE = 1e-6
-"""Slope of half the squared misfit, per standard error of an eccentricity alone, at which the
-search ends: the next step changes it by about as many standard errors (chosen). Rounding hides
-smaller changes of the squared misfit, and one last step needs no comparison of it."""
+"""The search ends if the gradient of half the squared misfit is smaller than this. Eccentricities
+are measured in their standard errors, so the next step would change them by about this many
+standard errors (chosen). Rounding hides smaller changes of the squared misfit. One Gauss–Newton
+step, which needs no comparison of misfits, follows."""
 
-_LEAST_STEP = 1e-12  # last step beside the eccentricities if rounding hides the slope (chosen)
+_LEAST_STEP = 1e-12  # relative step at which the search ends if rounding hides the slope (chosen)
 
 RANK_TOLERANCE = 1e-6
 """Smallest singular value of a determined direction of the column-scaled Jacobian, relative to the
-largest. A direction without data has 1e-10, the weight of a pseudo-observation (`orthogonal`)."""
+largest singular value. A direction without data has about 1e-10, the weight of a pseudo-observation
+(`orthogonal`)."""
 
 _VALUES = 2 * POINTS**2
-"""Transmission errors of both flanks on the grid."""
+"""Number of transmission errors of both flanks on the grid."""
 
 
 @dataclass(frozen=True)
 class EccentricitySearch:
-    """Misfit of the eccentricities alone, and the linear parameters that belong to them.
+    """Misfit as a function of the eccentricities alone, and the best linear parameters for them.
 
     **Arguments**
-    - `relation`: forward model. - `scale`: standard error of each parameter alone.
-    - `triangle`: (W, w), triangular, in standard deviations.
+    - `relation`: forward model.
+    - `scale`: standard error that each parameter would have if it were fitted alone.
+    - `triangle`: (W, w), triangular, in standard deviations of the noise.
     - `spread`: M B, from the errors of both flanks on the grid to whitened rows.
     - `target`: t. - `inverse`: pseudo-inverse of the whitened columns M L, for parameters that are
       divided by `scale`.
@@ -91,9 +95,10 @@ class EccentricitySearch:
         )
 
     def minimise(self, start: Float[np.ndarray, " p"]) -> tuple[Float[np.ndarray, " p"], bool, int]:
-        """Return the parameters of least misfit, whether the search settled, and its steps.
+        """Return the parameters of least misfit, and whether the search settled.
 
-        A start outside the valid geometry, where the base circles overlap, is returned as it is.
+        The third result is the number of trial points. A start outside the valid geometry, where
+        the base circles overlap, is returned unchanged.
         """
         relation, first = self.relation, len(self.relation.linear)
         scale, places = self.scale[first:], relation.places

@@ -1,8 +1,9 @@
-"""Levels of the runs that rounding moves, because the motion freezes it.
+"""Rounding errors that are constant in a run because of its motion, and shift the level of the run.
 
-A constant rounding error u of each run, with the standard deviation q, adds Σ q² a aᵀ over the runs
-to the covariance of the parameters, where a is their change by a constant of 1 in the run. At two
-speeds the delay extrapolates the levels, so that q becomes several times larger in the gap.
+If the rounding error of a run is a constant with the standard deviation q, the covariance of the
+parameters increases by q² a aᵀ, where a is the change of the parameters if the TE of this run
+increases by 1 rad. The contributions of all runs add up. With two speeds the delay extrapolates the
+levels of the runs, so that the error of the gap is several times larger than q.
 """
 
 from dataclasses import dataclass, replace
@@ -21,20 +22,20 @@ class FrozenLevels:
     """Rounding errors that are constant in a run.
 
     **Arguments**
-    - `stds`: their standard deviations in rad of the driven shaft, one of every run; 0 where the
-      rounding averages out.
+    - `stds`: standard deviation of the constant error of every run, rad of the driven shaft; 0 if
+      the rounding averages out.
     """
 
     stds: Float[np.ndarray, " runs"]
 
     def covariance(self, solved: SolvedFit, functional: Functional) -> Float[np.ndarray, "k k"]:
-        """Return the covariance of functions of the fit by these errors."""
+        """Return the covariance of functions of the fit that these errors cause."""
         moved = changes_by_constants(solved, functional)
         return (moved * self.stds[:, None] ** 2).T @ moved
 
     @property
     def sentence(self) -> str:
-        """Sentence on the rounding errors."""
+        """Sentence that reports the rounding errors, and says how to avoid them."""
         count, total = int(np.count_nonzero(self.stds)), len(self.stds)
         some = "all" if count == total else f"{count} of {total}"
         return (
@@ -47,9 +48,9 @@ class FrozenLevels:
 
 
 def with_frozen_levels(solved: SolvedFit) -> tuple[SolvedFit, FrozenLevels | None]:
-    """Add the frozen rounding of the runs to the covariance; None where all rounding averages out.
+    """Add the effect of constant rounding errors of the runs to the covariance of the parameters.
 
-    **Returns** the solution and the record of the rounding.
+    **Returns** the solution, and the record of these errors; None if all rounding averages out.
     """
     logs = [one.log for one in solved.linear.inputs]
     runs = [[run.segment for of, run, _ in solved.runs if of == log] for log in range(len(logs))]

@@ -18,7 +18,7 @@ _SETTLED = 0.01
 number of solver steps depends on rounding and is no criterion."""
 
 _NAMED = 0.2
-"""Share of a direction above which a parameter is named; chosen value."""
+"""A parameter is listed for a direction if its share in it is larger than this; chosen value."""
 
 
 @dataclass(frozen=True)
@@ -67,12 +67,13 @@ class Direction:
 
 
 def solve(relation: ForwardModel, flanks: tuple[WhitenedFlank, ...]) -> Solution:
-    """Minimise Σ_f |R_tt h_f(p) − R_ty|² over the parameters p.
+    """Minimise Σ_f |R_tt h_f(p) − R_ty|² over the parameters p; f runs over the flanks.
 
-    The residuals are in standard deviations. The parameters are scaled to O(1) by the Jacobian at
-    zero eccentricity, where the forward model is linear within 1e-3. The solver starts from the
-    linear solution. If that ends above the misfit of the linear solution, where the model has other
-    minima, the solver starts again from zero eccentricity.
+    h_f are the tied coefficients of the forward model. The residuals are in standard deviations.
+    The parameters are scaled to O(1) by the Jacobian at zero eccentricity, where the forward model
+    is linear within 1e-3. The solver starts from the linear solution. The model can have other
+    minima. If the solver ends above the misfit of the linear solution, it starts again from zero
+    eccentricity.
     """
     matrices, targets = (np.stack([flank.tied[part] for flank in flanks]) for part in (0, 1))
     slopes = _whitened(matrices, relation.linearised(np.zeros(len(relation.names)))[1])
@@ -121,7 +122,10 @@ def solve(relation: ForwardModel, flanks: tuple[WhitenedFlank, ...]) -> Solution
 
 
 def _gain(slopes: Float[np.ndarray, "r p"], left: Float[np.ndarray, " r"]) -> float:
-    """Return the length, in standard deviations, that a Gauss–Newton step removes from `left`."""
+    """Return the length of the part of `left` that one more Gauss–Newton step would remove.
+
+    `left` is the whitened residual, and `slopes` its Jacobian; both are in standard deviations.
+    """
     step = np.linalg.lstsq(slopes, left, rcond=RANK_TOLERANCE)[0]
     return float(np.linalg.norm(slopes @ step))
 
@@ -136,7 +140,10 @@ def _whitened(
 def _covariance(
     jacobian: Float[np.ndarray, "r p"], names: tuple[str, ...]
 ) -> tuple[Float[np.ndarray, "p p"], np.ndarray, Direction | None]:
-    """Return (JᵀJ)⁻¹ on the determined directions, the determined parameters, and the weakest."""
+    """Return the covariance (JᵀJ)⁻¹ of the determined directions, with two further results.
+
+    They are a mask that is True for determined parameters, and the weakest determined direction.
+    """
     size = np.linalg.norm(jacobian, axis=0)
     size[size == 0] = 1.0
     _, singular, directions = np.linalg.svd(jacobian / size, full_matrices=True)
@@ -151,7 +158,7 @@ def _covariance(
 def _weakest(
     singular: Float[np.ndarray, " d"], directions: Float[np.ndarray, "d p"], names: tuple[str, ...]
 ) -> Direction:
-    """Return the direction of the smallest singular value with its largest parameters."""
+    """Return the direction with the smallest singular value, with its main parameters, at most 4."""
     direction = directions[np.argmin(singular)]
     order = [k for k in np.argsort(-np.abs(direction)) if abs(direction[k]) > _NAMED][:4]
     sign = np.sign(direction[order[0]])

@@ -1,18 +1,18 @@
-"""Noise of few turns: white noise and noise that remembers, also from one run to the next.
+"""Noise model for few turns: white noise, and noise that is correlated also from run to run.
 
 The rows have residuals of covariance
 
     K = e^s [(1 − w) exp(−|t − t'| / τ) + w 1].
 
-A few turns tell s, τ and w only roughly, and a fit of many columns hides slow noise. The restricted
-likelihood L of s, ln τ and logit w therefore weighs all values, each as probable as any other
-before the log (D. A. Harville, Biometrika 61 (1974) 383). With s integrated, a linear function with
-the weights u of the rows has the error
+A few turns determine s, τ and w only roughly, and a fit of many columns hides slow noise. All
+values are therefore weighted by their restricted likelihood L, with a uniform prior of s, ln τ and
+logit w (D. A. Harville, Biometrika 61 (1974) 383). With s integrated out, a linear function of the
+rows with the weights u has the error
 
     Σ p(τ, w) √v(τ, w) t_ν,    v = uᵀ K u,    p ∝ L,
 
-a mixture of Student's distributions for ν, the number of rows less that of the columns. An
-autoregression of the rows knows less: it takes the runs of a log as independent.
+a mixture of Student's distributions with ν degrees of freedom, the number of rows minus the number
+of columns. An autoregression of the rows, in contrast, treats the runs of a log as independent.
 """
 
 from collections.abc import Sequence
@@ -31,20 +31,20 @@ _MOST_ROWS = 300
 """Rows of the likelihood; more are averaged, because its cost grows with their third power."""
 
 _LONGEST = 1.0
-"""Largest correlation time in durations of the log; what remembers longer is a drift (chosen)."""
+"""Largest correlation time, relative to the duration of the log; slower noise is drift (chosen)."""
 
 _LEAST_WHITE, _MOST_WHITE = -8.0, 4.0  # bounds of logit w; chosen values
 _MEMORIES, _WHITES = 14, 9
 """Numbers of values of ln τ and logit w, in the middle of equal cells; a finer grid changes a
 half-width by less than 5 %."""
 
-_EMPTY = 1e-9  # least singular value of a column that counts, relative; chosen value
+_EMPTY = 1e-9  # least singular value of the columns, relative to the largest; chosen value
 _OUTSIDE = 0.05  # probability of an error beyond the half-width
 
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """Rows of one run, multiplied by their shares.
+    """Rows of one run; `design` and `value` are multiplied by `share`.
 
     **Arguments**
     - `time`: times, s; those of different logs are far apart.
@@ -61,15 +61,16 @@ class Run:
 
 @dataclass(frozen=True, eq=False)
 class RememberedNoise:
-    """Probability of each correlation time and white share of the noise of the rows of all runs.
+    """Probability of each correlation time τ and share w of white noise, for the rows of all runs.
 
     Neighbouring rows are averaged if there are many.
 
     **Arguments**
-    - `rows`: averaged rows. - `size`: rows per averaged row. - `runs`: rows of every run.
-    - `memory_s`: correlation times τ, s. - `white`: shares w.
-    - `scale`: variance e^s of the largest likelihood at each τ and w, rad².
-    - `probability`: probability of each τ and w.
+    - `rows`: averaged rows. - `size`: number of rows that are averaged to one.
+    - `runs`: rows of every run before the averages.
+    - `memory_s`: correlation times τ, s. - `white`: shares w of white noise in the variance.
+    - `scale`: for each τ and w, the variance e^s with the largest likelihood, rad².
+    - `probability`: probability of each τ and w; the sum is 1.
     """
 
     rows: "_Rows"
@@ -82,7 +83,7 @@ class RememberedNoise:
 
     @classmethod
     def of(cls, runs: Sequence[Run]) -> "RememberedNoise":
-        """Weigh all noises by their likelihood."""
+        """Return the probabilities of all τ and w on a grid, from their restricted likelihood."""
         size = max(1, -(-sum(len(run.time) for run in runs) // _MOST_ROWS))
         found = []
         for run in runs:
@@ -113,8 +114,9 @@ class RememberedNoise:
     def half_widths(self, weights: Sequence[Float[np.ndarray, "_ k"]]) -> Float[np.ndarray, " k"]:
         """Return the half widths of the 95 % intervals of k functions of the rows.
 
-        The error of a function is a weighted sum of the errors of the rows. Its interval contains
-        95 % of the errors that the probable noises give. The unit is that of the functions.
+        The error of a function is a weighted sum of the errors of the rows. The distribution of
+        this error is averaged over τ and w with their probabilities. The unit is that of the
+        functions.
 
         **Arguments**
         - `weights`: for every run, the derivatives of the k functions with respect to its rows.
@@ -143,7 +145,11 @@ class RememberedNoise:
 def _half_width(
     std: Float[np.ndarray, " n"], probability: Float[np.ndarray, " n"], freedom: float
 ) -> float:
-    """Return the half-width of the 95 % interval of a mixture of Student's distributions."""
+    """Return the half-width of the 95 % interval of a mixture of Student's distributions.
+
+    Component k of the mixture has the scale `std[k]`, the weight `probability[k]` and `freedom`
+    degrees of freedom.
+    """
     quantile = float(stdtrit(freedom, 1 - _OUTSIDE / 2))
     counted = probability > 0
     std, probability = std[counted], probability[counted]
@@ -164,13 +170,17 @@ def _middles(low: float, high: float, count: int) -> Float[np.ndarray, " count"]
 
 
 def _sums(rows: Float[np.ndarray, "n ..."], size: int) -> Float[np.ndarray, "m ..."]:
-    """Return the sums over `size` neighbouring rows each; the last sum may have fewer rows."""
+    """Return the sums of every `size` neighbouring rows; the last sum may have fewer rows."""
     return np.add.reduceat(rows, np.arange(0, len(rows), size), axis=0)
 
 
 @dataclass(frozen=True, eq=False)
 class _Rows:
-    """Times and values of rows; `basis` is an orthonormal basis of their columns."""
+    """Averaged rows: distances in time, design matrix and values.
+
+    `distance` holds |t_j − t_k| and `step` is the median distance of neighbours, s. `basis` is an
+    orthonormal basis of the columns of the design matrix, and `value` is the TE, rad.
+    """
 
     distance: Float[np.ndarray, "n n"]
     basis: Float[np.ndarray, "n q"]
@@ -196,7 +206,7 @@ class _Rows:
 
     @property
     def freedom(self) -> int:
-        """Rows less columns."""
+        """Number of rows minus number of independent columns, at least 1."""
         return max(len(self.value) - self.basis.shape[1], 1)
 
     def correlation(self, memory_s: float) -> Float[np.ndarray, "n n"]:
@@ -204,7 +214,10 @@ class _Rows:
         return np.exp(-self.distance / memory_s)
 
     def parts(self, memory_s: float, white: float) -> tuple[float, float]:
-        """Return the misfit, and the sum of the log-determinants of K e^−s and of Xᵀ K⁻¹ X e^s."""
+        """Return the whitened misfit, and the sum of two log-determinants.
+
+        These are ln|K e^−s| and ln|Xᵀ K⁻¹ X e^s| for the τ `memory_s` and the w `white`.
+        """
         matrix = (1 - white) * self.correlation(memory_s)
         matrix[np.diag_indices_from(matrix)] = 1.0
         lower = np.linalg.cholesky(matrix)

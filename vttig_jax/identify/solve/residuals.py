@@ -38,7 +38,7 @@ def flank_coefficients(
 def weights_of_logs(
     summary: HarmonicSummary, coefficients: list[Float[np.ndarray, " columns"]]
 ) -> list[Weights]:
-    """Return the weights (−β, 1) of every flank for the rows of each log alone."""
+    """Return for each log the weights (−β, 1) of every flank, for the columns of this log."""
     rows: dict[Flank, np.ndarray] = {
         flank.flank: np.append(-values, 1.0)
         for flank, values in zip(summary.flanks, coefficients, strict=True)
@@ -54,8 +54,8 @@ def curves_and_residuals(
 ) -> tuple[tuple[TECurve, ...], tuple[Float[np.ndarray, " _"], ...]]:
     """Return the block means of the transmission error of every run, and their residuals, rad.
 
-    A block is left out if a robust loss gives all its samples the weight 0, and so is a run without
-    any other block.
+    A block is left out if a robust loss gives all its samples the weight 0. A run is left out if
+    this applies to all its blocks.
     """
     curves, residuals = [], []
     for rows, level, own in zip(linear.rows, linear.levels, weights, strict=True):
@@ -79,10 +79,9 @@ def curves_and_residuals(
 
 
 def sample_residual_rms(linear: LinearFit, weights: list[Weights]) -> float:
-    """Return the rms residual of single samples, rad.
+    """Return the rms residual of single samples, rad, with the weights of the robust loss.
 
-    Samples have the weights of the robust loss. Long logs are thinned to 20 000 … 40 000 evenly
-    spaced samples.
+    Of long logs only 20 000 … 40 000 evenly spaced samples are used.
     """
     segments = [run.segment for rows in linear.rows for run in rows.runs]
     stride = max(1, sum(s.stop - s.start for s in segments) // _MOST_SAMPLES)
@@ -103,8 +102,9 @@ def restored(
 ) -> Solution:
     """Return the solution with the level of every log added to its offset.
 
-    The steps of the fitted parameters of a `given` flank model become their values. `tied` does
-    not change, because it belongs to the rows, which have no level and no model.
+    The solution contains the steps of the parameters of a `given` flank model from their values in
+    this pass; these values are added. `tied` does not change, because it belongs to the rows, from
+    which the level and the given model were subtracted.
     """
     values = solution.values.copy()
     for name, value in () if given is None else zip(given.names, given.values, strict=True):
@@ -118,7 +118,7 @@ def restored(
 def lifted(summary: HarmonicSummary, levels: Sequence[float]) -> HarmonicSummary:
     """Return the summary of the rows with the level of every log added to y.
 
-    Functions that use the offsets need this summary.
+    Functions that use the offsets of the solution from `restored` need this summary.
     """
     if not any(levels):
         return summary

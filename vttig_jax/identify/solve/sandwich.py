@@ -11,9 +11,9 @@ as long as a block. There a mean over cosines of the scores g_t of the rows repl
 
     (1/K) Σ_k Λ_k Λ_kᵀ,    Λ_k = √2 Σ_t cos(πk (t − ½)/T) g_t,    k = 1 … K = 8,
 
-with the quantile for 8 degrees of freedom (U. K. Müller, J. Econometrics
-141 (2007) 1331; Y. Sun, J. Econometrics 178 (2014) 659). The interval is at least that under noise
-that remembers from run to run.
+with the quantile for 8 degrees of freedom (U. K. Müller, J. Econometrics 141 (2007) 1331; Y. Sun,
+J. Econometrics 178 (2014) 659). The interval is at least as wide as that for noise which is
+correlated from run to run (`remembered_noise`).
 """
 
 from collections.abc import Mapping, Sequence
@@ -37,8 +37,8 @@ _SHORTEST = 10  # rows of a block; chosen value
 _COSINES = 8  # cosines of the scores on few turns; chosen value
 
 Scatter = Literal["blocks", "cosines", "memory"]
-"""What gives the standard errors: the scatter of blocks of the log, that of cosines of the scores,
-or the larger of that of cosines and of noise that remembers."""
+"""Source of the standard errors: "blocks", the scatter of blocks of the log; "cosines", the scatter
+of cosine sums Λ_k of the scores; "memory", the larger one of "cosines" and `remembered_noise`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +46,8 @@ class Functional:
     """Linear functions of the parameters p and of the free coefficients β of each flank.
 
     **Arguments**
-    - `slope`: derivative with respect to p, with the best β for p, shape (k, p).
+    - `slope`: derivative with respect to p, where β follows as the best one for each p, shape
+      (k, p).
     - `free`: derivative with respect to β at fixed p, shape (k, free columns) for each flank.
     """
 
@@ -57,7 +58,10 @@ class Functional:
 def functional_of(
     solved: SolvedFit, rows: Mapping[Flank, Float[np.ndarray, "k columns"]]
 ) -> Functional:
-    """Return the sum over flanks of `rows` times the coefficients of the flank."""
+    """Return k linear functions: the sum over the flanks of `rows` times the coefficients.
+
+    The coefficients are those of all columns of the flank, free and tied, without y.
+    """
     count = len(next(iter(rows.values())))
     slope, of_free = np.zeros((count, len(solved.solution.names))), {}
     for place, (flank, factor) in enumerate(
@@ -72,7 +76,10 @@ def functional_of(
 
 
 def widened(solved: SolvedFit, scatter: Scatter) -> Float[np.ndarray, " p"]:
-    """Return the factor, at least 1, by which the scatter increases each standard error."""
+    """Return the factor, at least 1, by which each standard error of a parameter increases.
+
+    The factor is the standard error from the scatter divided by that of the noise model.
+    """
     plain = np.sqrt(np.diag(solved.model_covariance))
     own = standard_errors(solved, Functional(np.eye(len(plain))), scatter)
     ratio = np.divide(own, plain, out=np.ones_like(plain), where=plain > 0)
@@ -84,8 +91,8 @@ def standard_errors(
 ) -> Float[np.ndarray, " k"]:
     """Return the standard errors of functions of the fit from the scatter of parts of the log.
 
-    They contain the ratio of the 97.5 % quantiles of Student's and the normal distribution. Those
-    of blocks are 0 if there are fewer than six.
+    They are multiplied by the ratio of the 97.5 % quantiles of Student's and the normal
+    distribution. With blocks they are 0 if there are fewer than six blocks.
     """
     if scatter != "blocks":
         return _of_cosines(solved, functional, memory=scatter == "memory")
@@ -98,7 +105,10 @@ def standard_errors(
 
 
 def changes_by_constants(solved: SolvedFit, functional: Functional) -> Float[np.ndarray, "runs k"]:
-    """Return the change of each function by a constant of 1 rad in each run of `solved.runs`."""
+    """Return the change of each function if the TE of one run of `solved.runs` increases by 1 rad.
+
+    Each row of the result belongs to one run.
+    """
     found = _influences(solved, functional)
     return np.array([one.rate.T @ one.constant for one in found]).reshape(len(found), -1)
 
@@ -106,9 +116,9 @@ def changes_by_constants(solved: SolvedFit, functional: Functional) -> Float[np.
 def _of_cosines(
     solved: SolvedFit, functional: Functional, *, memory: bool
 ) -> Float[np.ndarray, " k"]:
-    """Return the standard errors of cosines of the scores.
+    """Return the standard errors from cosine sums of the scores.
 
-    With `memory` they are at least those of noise that remembers.
+    With `memory` they are at least those from `remembered_noise`.
     """
     found = _influences(solved, functional, whole=True)
     influence = np.concatenate([one.changes for one in found])
@@ -124,12 +134,18 @@ def _of_cosines(
 
 
 def _quantile(count: int) -> float:
-    """Return the 97.5 % quantile of Student's distribution over that of the normal one."""
+    """Return the 97.5 % quantile of Student's distribution divided by that of the normal one.
+
+    `count` is the number of degrees of freedom.
+    """
     return float(stdtrit(count, 0.975)) / NORMAL_95
 
 
 def _blocks(rows: Sequence[Float[np.ndarray, "_ k"]], total: int) -> Float[np.ndarray, "blocks k"]:
-    """Return the sums over blocks of rows; `total` is the number of all rows of the logs."""
+    """Return the sums over blocks of neighbouring rows; no block extends over two runs.
+
+    `rows` holds an array for every run, and `total` is the number of rows of all logs.
+    """
     length = max(_SHORTEST, total // _BLOCKS)
     sums = [
         piece.sum(axis=0)
@@ -141,13 +157,14 @@ def _blocks(rows: Sequence[Float[np.ndarray, "_ k"]], total: int) -> Float[np.nd
 
 @dataclass(frozen=True, eq=False)
 class _Influence:
-    """Rows of one run, whitened, and what each changes the functions by.
+    """Influence of the whitened rows of one run on k functions of the fit.
 
     **Arguments**
-    - `rate`: derivative of the functions with respect to the whitened rows.
+    - `rate`: derivative of the functions with respect to y of the whitened rows.
     - `left`: residual of the whitened rows.
-    - `weights`: the same with respect to the rows; None unless all rows are whitened.
-    - `constant`: whitened rows of a constant.
+    - `constant`: whitened offset column, the change of the whitened rows if y increases by 1.
+    - `weights`: derivative of the functions with respect to y of the rows before whitening; None
+      unless all rows are whitened.
     """
 
     rate: Float[np.ndarray, "n k"]
@@ -157,18 +174,18 @@ class _Influence:
 
     @property
     def changes(self) -> Float[np.ndarray, "n k"]:
-        """Change of each function by the residual of each whitened row."""
+        """Change of each function that the residual of each whitened row causes."""
         return self.rate * self.left[:, None]
 
 
 def _influences(
     solved: SolvedFit, functional: Functional, *, whole: bool = False
 ) -> list[_Influence]:
-    """Return the change of each function by the residual of every row, run by run in time order.
+    """Return the influence of the rows on each function, run by run in time order.
 
-    With the whitened row x of the columns and its residual r, the change of p is C g with the score
-    g of p, and that of β at fixed p is (X_fᵀ X_f)⁻¹ x_f r. The first rows of a run, as many as the
-    order of the noise, are left out unless `whole` is true.
+    The residual r of a whitened row x of the columns changes p by C g, where g is the score of p,
+    and β at fixed p by (X_fᵀ X_f)⁻¹ x_f r, where f marks the free columns. The first rows of a run,
+    as many as the order of the noise, are left out unless `whole` is true.
     """
     summary, of_score = solved.summary, functional.slope @ solved.model_covariance
     sides = [flank.flank for flank in summary.flanks]

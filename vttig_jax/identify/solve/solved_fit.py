@@ -48,7 +48,7 @@ class SolvedFit:
 
     @cached_property
     def weights(self) -> list[Weights]:
-        """Residual weights of the rows of each log."""
+        """Weights (−β, 1) of every flank for the rows of each log; row · weights is a residual."""
         return weights_of_logs(self.summary, self.coefficients)
 
     @cached_property
@@ -60,9 +60,10 @@ class SolvedFit:
 
     @cached_property
     def runs(self) -> tuple[tuple[int, BlockRun, Float[np.ndarray, "n columns"]], ...]:
-        """Every run with the number of its log and its rows in all columns, in time order.
+        """Number of the log (from 0), run, and rows in the columns of all logs, of every run.
 
-        Runs that hold little more than the order of the noise are left out.
+        The runs are in time order. A run is left out unless it has at least ten rows more than the
+        whitening filter has taps.
         """
         flanks = {flank.flank for flank in self.summary.flanks}
         return tuple(
@@ -77,7 +78,10 @@ class SolvedFit:
 
     @cached_property
     def remembered_noise(self) -> RememberedNoise:
-        """White noise and noise that remembers, also from run to run; logs are far apart."""
+        """Noise model of all runs with correlation from run to run; see `RememberedNoise`.
+
+        The times of the logs are shifted so far apart that different logs are not correlated.
+        """
         flanks = [flank.flank for flank in self.summary.flanks]
         columns, runs = self.summary.columns, []
         for log, run, rows in self.runs:
