@@ -22,7 +22,7 @@ from ..pair.schema import HarmonicOrders
 from .evidence import Evidence
 from .model.fitted_model import FittedModel, StoredModel
 from .noise.noise_model import NoiseModel
-from .report.check_sentences import check_sentences
+from .report.check_sentences import check_sentences, doubt
 from .report.checks import Checks
 from .report.order_table import Order, judged_orders
 from .report.parameters import Outcome, Parameter
@@ -384,7 +384,7 @@ def _row(parameter: Parameter) -> list[str]:
     if p.upper95 is not None:
         return [p.name, f"< {number(p.upper95)}", number(p.std), "upper limit", p.unit]
     span = f"{number(p.low95)} … {number(p.high95)}"
-    unlike = " (as given)" if p.name == "ratio" else " (not significant)"
+    unlike = " (as given)" if p.name == "ratio" else doubt(p.value, p.std, p.low95, p.high95)
     mark = "" if p.significant else unlike
     return [p.name, number(p.value) + mark, number(p.std), span, p.unit]
 

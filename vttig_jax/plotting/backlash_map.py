@@ -176,7 +176,7 @@ def _draw(ax: Axes, banded: BandedMap, span_deg: tuple[float, float]) -> list[Ar
     x, y = thinned(angle, band.centre[shown] / DEG)
     keys += ax.plot(x, y, color=COLOURS[0], linewidth=0.8, label="mean of the draws")
     place, share = banded.smallest.place
-    low, median, high = np.quantile(banded.smallest.gap, [0.025, 0.5, 0.975]) / DEG
+    low, median, high = (limit / DEG for limit in banded.smallest.interval)
     inside = span_deg[0] <= place / DEG <= span_deg[1]
     label = f"smallest gap {median:.5f}° ({low:.5f}° … {high:.5f}°), {100 * share:.0f} % here"
     x = [place / DEG] if inside else [np.nan]

@@ -93,3 +93,21 @@ def test_ramps_of_many_samples_tell_the_delay():
     gap, delay = result.parameters[NAME], result.parameters["delay_s"]
     assert abs(known(gap.value) - GAP_DEG) < 4 * known(gap.std) < 1e-3
     assert abs(known(delay.value) - DELAY_S) < 4 * known(delay.std) < 1e-5
+
+
+def test_a_sum_below_zero_is_told_with_both_causes(fits):
+    """Exchanged columns at a ratio of 1, and the same log as it is, which has no such warning."""
+    pair = drive("1")
+    log = drive_log(
+        pair, there_and_back([60, 60], 6, ramp_s=0.005), gap=level(200.0), delay_s=level(0.0)
+    )
+    turned = EncoderLog.from_arrays(
+        log.time, log.driven_angle, log.driving_angle, pair=pair, unit="rad"
+    )
+    found = fit(turned, pair)
+    assert known(found.parameters[SUM].value) == pytest.approx(-GAP_DEG, rel=0.05)
+    told = [one for one in found.warnings if "below zero" in one]
+    # 200″ of gap are twice 77 µs at 360 degrees a second.
+    assert len(told) == 1 and "late by at least 0.077 ms" in told[0] and "exchange" in told[0]
+    for good in (fit(log, pair), fits[None]):
+        assert not any("below zero" in one for one in good.warnings)

@@ -168,3 +168,14 @@ def test_a_ratio_within_chance_is_not_told():
     refused = SeenRatio(0.6, 1e-4, Fraction(9, 16), "differs")
     assert not refused.is_doubtful and "correct the teeth" in refused.sentence
     assert not seen_ratio(log()).is_doubtful
+
+
+def test_a_rounded_inverse_is_answered_with_the_fraction_of_the_log():
+    """16/9 given as 1.7778 for a log of 9/16: the inverse of 1.7778 would be a wrong ratio."""
+    pair = parse_pair_spec({"drive": {"ratio": "1.7778"}})
+    made = EncoderLog.from_arrays(TIME, ANGLE, WHEEL, pair=pair, unit="deg")
+    ratio = seen_ratio(made)
+    assert ratio.verdict == "swapped" and "--ratio 16:9 (in the pair file 9/16)" in ratio.sentence
+    teeth = parse_pair_spec({"drive": {"ratio": "16/9"}})
+    exact = EncoderLog.from_arrays(TIME, ANGLE, WHEEL, pair=teeth, unit="deg")
+    assert "--ratio 16:9 (in the pair file 9/16)" in seen_ratio(exact).sentence

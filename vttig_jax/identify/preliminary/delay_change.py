@@ -66,7 +66,8 @@ class DelayChange:
         """
         seen = (
             f"the delay changes by {1e3 * self.change_s:+.3g} ± {1e3 * self.std_s:.1g} ms from the"
-            " first half of the log to the second, and its interval contains that"
+            " first half of the log to the second; the stated delay is a mean over the log, and its"
+            " interval reaches at least 0.3 of the change to each side"
         )
         cause = "a clock that drifts or a bus under changing load does this"
         rival = self.slope

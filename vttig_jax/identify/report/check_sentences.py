@@ -16,7 +16,7 @@ from .checks import (
     Reversal,
 )
 
-_SIGNIFICANT = 3.0  # standard errors of a gap that is stated as such; chosen value
+_SIGNIFICANT = 3.0  # standard errors of a value that is stated as such; chosen value
 
 _HALVES_DIFFER = 4.0
 """Standard errors above which a change between the halves of a log is reported; chosen value."""
@@ -71,6 +71,26 @@ def _repeatability(checks: Checks, several: bool, has_noise: bool) -> list[str]:
             f" and its results make standard errors up to {wander.widening:.2g} times larger"
         )
     return sentences
+
+
+def doubt(value: float | None, std: float | None, low95: float | None, high95: float | None) -> str:
+    """Return the words in brackets behind a value that is not significant.
+
+    **Example**
+    ```python
+    >>> from vttig_jax.identify.report.check_sentences import doubt
+    >>> doubt(-0.5, 0.2, -0.9, -0.1)
+    ' (below three standard errors)'
+    >>> doubt(-0.5, 0.01, -0.52, -0.48)
+    ' (below zero)'
+
+    ```
+    """
+    if value is None or std is None or low95 is None or high95 is None or low95 <= 0 <= high95:
+        return " (not significant)"
+    if abs(value) < _SIGNIFICANT * std:
+        return " (below three standard errors)"
+    return " (below zero)" if value < 0 else " (not significant)"
 
 
 def _gap(checks: Checks, several: bool, gap_determined: bool) -> list[str]:

@@ -21,7 +21,7 @@ from ..solve.least_squares import Solution
 from .checks import Checks, GapAtSpeed
 from .covered_gap import depends_on_speed
 from .estimate import Estimate
-from .parameters import Parameter
+from .parameters import SIGNIFICANT, Parameter
 from .per_log import LogRecord, differences
 
 _CORRELATED = 0.9  # correlation of delay and backlash above which a note is given; chosen value
@@ -42,6 +42,7 @@ def warnings_of(
         *solver_notes(solution),
         *identifiable.notes,
         *_open_delay(selected, identifiable),
+        *_negative_sum(selected, identifiable, solution),
         *_ratio_notes(regressors, checks, selected.linear.inputs[0].log),
         *([change.sentence] if change and change.is_clear else []),
         *([delays.sentence] if delays and delays.differ else []),
@@ -139,6 +140,27 @@ def _open_delay(selected: SelectedModel, identifiable: Identifiability) -> list[
         f"one speed does not tell a delay from the backlash: every microsecond looks like"
         f" {shift:.2g}° of backlash. The interval allows ±{1e3 * delay.bound_s:.4g} ms; log a"
         " second speed, or state the delay with --delay (0.5ms) or its limit with --delay-within"
+    ]
+
+
+def _negative_sum(
+    selected: SelectedModel, identifiable: Identifiability, solution: Solution
+) -> list[str]:
+    """Return the note on a sum of backlash and delay that is below zero."""
+    is_sum = selected.delay.state == "open" and not selected.delay.forced
+    if not is_sum or len(identifiable.flanks) < 2 or "constant_backlash" not in solution.names:
+        return []
+    index = solution.names.index("constant_backlash")
+    value, std = solution.values[index], np.sqrt(solution.covariance[index, index])
+    if not value < -SIGNIFICANT * std:
+        return []
+    speeds = [abs(s.speed) for own in identifiable.segments for s in own]
+    late_ms = -1e3 * value / (2 * float(identifiable.terms.ratio) * max(speeds))
+    return [
+        "the sum of backlash and delay is below zero, which no gap is: the driving channel is late"
+        f" by at least {late_ms:.2g} ms, or the columns are exchanged, which at a ratio of 1 shows"
+        " only here; exchange them with --column driving=NAME --column driven=NAME, or give the"
+        " delay with --delay"
     ]
 
 

@@ -139,15 +139,27 @@ class SeenRatio:
                 " --write-pair PAIR.toml writes"
             )
         exchanged = "exchange them with --column driving=NAME --column driven=NAME or in [log]"
-        turns = f"{self.given.numerator}:{self.given.denominator}"
+        turns, inverse = self._inverse
         return {
-            "swapped": f"{exchanged}, or give --ratio {turns} (in the pair file {1 / self.given})",
-            "sign": "give --invert driven, or set `sign = -1` for the encoder that does in the pair"
-            " file, or take it away where it is set",
+            "swapped": f"{exchanged}, or give --ratio {turns} (in the pair file {inverse})",
+            "sign": "give --invert driven, or take it away if it is given; in a pair file set"
+            " `sign = -1` for the encoder that does, or take it away where it is set",
             "swapped_sign": f"{exchanged}, and give --invert driven (in the pair file `sign = -1`)",
             "differs": "correct the teeth or the ratio (--teeth, --ratio or [drive] ratio), or the"
             " counts and units (--counts, --unit, or counts_per_rev and scale of the pair file)",
         }[self.verdict]
+
+    @property
+    def _inverse(self) -> tuple[str, str]:
+        """Inverse of the given ratio, as driving to driven turns and as the speed ratio.
+
+        Where the given ratio is a rounded decimal, the ratio of the log as a simple fraction.
+        """
+        found = 1 / self.given
+        if max(found.numerator, found.denominator) > MOST_TEETH and self.seen:
+            seen = Fraction(simple_fraction(self.seen, 3 * (self.std or 0.0)))
+            found = seen if max(seen.numerator, seen.denominator) <= MOST_TEETH else found
+        return f"{found.denominator}:{found.numerator}", str(found)
 
     def _doubt(self, seen: str) -> str:
         assert self.seen is not None  # checked by `is_doubtful`

@@ -267,12 +267,25 @@ class SmallestGap:
     - `gap`: smallest backlash of every draw, rad of the driven gear, shape (m,).
     - `driving_angle`: driving angle of that gap, rad, within the hunting period.
     - `batch`: batch of every draw, shape (m,); different batches are independent.
+    - `upper`: upper limit of the smallest gap from the band of all draws, rad, 97.5 %.
     """
 
     pair: GearPair | Drive
     gap: Float[np.ndarray, " m"]
     driving_angle: Float[np.ndarray, " m"]
     batch: Int[np.ndarray, " m"]
+    upper: float
+
+    @property
+    def interval(self) -> tuple[float, float, float]:
+        """Lower limit, median and upper limit of the smallest gap, rad, 95 %.
+
+        The lower limit and the median are quantiles of the draws. Uncertain orders make the curve
+        of a draw uneven, so that its smallest value lies below the true one. The upper limit is
+        therefore at least that of the band, which does not share this error.
+        """
+        low, median, high = (float(part) for part in np.quantile(self.gap, _TAILS))
+        return low, median, max(high, self.upper)
 
     @property
     def safe_closing_mm(self) -> Float[np.ndarray, " m"]:
@@ -313,9 +326,9 @@ class SmallestGap:
         angle, share = self.place
         closing = None
         if not isinstance(self.pair, Drive) and float(self.pair.thinning):
-            closing = _moments_and_quantiles(self.safe_closing_mm)
+            closing = self._summary(1 / _backlash_per_mm(self.pair))
         return {
-            "backlash_deg": _moments_and_quantiles(self.gap / DEG),
+            "backlash_deg": self._summary(1 / DEG),
             "driving_deg": angle / DEG,
             "share_there": share,
             "safe_closing_mm": closing,
@@ -338,6 +351,17 @@ class SmallestGap:
             rows.append(("safe axial closing", safe))
         return rows
 
+    def _summary(self, scale: float) -> dict[str, float]:
+        """Return moments and interval of the smallest gap times `scale`."""
+        low, median, high = self.interval
+        return {
+            "mean": float(self.gap.mean()) * scale,
+            "std": float(self.gap.std(ddof=1)) * scale,
+            "median": median * scale,
+            "low95": low * scale,
+            "high95": high * scale,
+        }
+
     def _batch_error(self, values: Float[np.ndarray, " m"]) -> float:
         """Return the standard error of the mean from the means of independent batches."""
         _, batch, counts = np.unique(self.batch, return_inverse=True, return_counts=True)
@@ -355,14 +379,3 @@ def _backlash_per_mm(pair: GearPair | Drive) -> float:
         kind = "a drive without gear geometry" if isinstance(pair, Drive) else "gears without taper"
         raise NoAnswerError(f"no axial displacement closes the gap of {kind}.")
     return thinning / float(pair.reference_radii[1])
-
-
-def _moments_and_quantiles(draws: Float[np.ndarray, " m"]) -> dict[str, float]:
-    low, median, high = (float(part) for part in np.quantile(draws, _TAILS))
-    return {
-        "mean": float(draws.mean()),
-        "std": float(draws.std(ddof=1)),
-        "median": median,
-        "low95": low,
-        "high95": high,
-    }

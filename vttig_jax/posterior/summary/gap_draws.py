@@ -30,6 +30,7 @@ _SETTLED = 1e-9
 """Last Newton step, rad (chosen): the error after it is its square, below the rounding error."""
 
 _PER_PERIOD = 8  # grid points per period of the highest order (chosen)
+_LIMIT_PLACES, _LIMIT_DRAWS = 200, 2000  # size of the band for the upper limit (chosen)
 _CANDIDATES = 6  # local minima of a draw that are refined (chosen)
 _NEWTON = 4  # Newton steps to a minimum (chosen)
 _MOST_POINTS = 2**22  # most grid points of a hunting period (chosen)
@@ -123,7 +124,21 @@ class GapDraws:
         best = gaps.argmin(axis=1)[:, None]
         place = np.take_along_axis(angles, best, axis=1)[:, 0] % (self.pair.hunting_turns * REV)
         gap = np.take_along_axis(gaps, best, axis=1)[:, 0]
-        return SmallestGap(self.pair, gap, place, self.batch)
+        return SmallestGap(self.pair, gap, place, self.batch, self._upper_limit(place))
+
+    def _upper_limit(self, places: Angles) -> float:
+        """Return a 97.5 % upper limit of the smallest gap, rad.
+
+        The smallest gap is at most the gap at any angle, and so at most the lowest point of an
+        upper band that holds at `places` together.
+        """
+        places = np.unique(places)
+        places = places[np.linspace(0, len(places) - 1, _LIMIT_PLACES).astype(int)]
+        centre, basis = self._gap_basis(places)
+        deviations = basis @ self._gap_deviations[:, :_LIMIT_DRAWS]
+        std = np.maximum(deviations.std(axis=1), 1e-300)
+        highest = (deviations / std[:, None]).max(axis=0)
+        return float(np.min(centre + np.quantile(highest, 0.975) * std))
 
     # Linear curves
 

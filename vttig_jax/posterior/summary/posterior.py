@@ -16,6 +16,7 @@ from ...base.numerics.partial_autocorrelation import filter_of
 from ...base.results import PlottedResult
 from ...base.runtime import require_x64
 from ...identify.fit_result import Fit
+from ...identify.report.check_sentences import doubt
 from ..sampling.ensembles import Chains
 from .draws import PosteriorParameter, Share, SmallestGap, batches, parameters_of_draws, shown_unit
 from .gap_draws import GapDraws
@@ -271,7 +272,7 @@ def _row(parameter: PosteriorParameter) -> list[str]:
     if p.upper95 is not None:
         shown = [f"< {number(p.upper95)}", number(p.median), number(p.std), "upper limit"]
         return [p.name, *shown, p.unit]
-    mark = "" if p.significant else " (not significant)"
+    mark = "" if p.significant else doubt(p.value, p.std, p.low95, p.high95)
     span = f"{number(p.low95)} … {number(p.high95)}"
     return [p.name, number(p.value) + mark, number(p.median), number(p.std), span, p.unit]
 
