@@ -65,7 +65,7 @@ class Mounting(eqx.Module):
         return _turned(self.driving_offset, driving_angle)
 
     def driven_centre(self, driven_angle: Values) -> Plane:
-        """Return the centre of the driven base circle from its axis, mm; it turns clockwise."""
+        """Return the driven base circle centre relative to its axis, mm; φ₂ > 0 is clockwise."""
         along, across = _turned(self.driven_offset, driven_angle)
         return along, -across
 
@@ -83,9 +83,10 @@ class Mounting(eqx.Module):
         return x - along * factor, y - across * factor, -(tilt + up * height)
 
     def face(self, point: Plane | None = None) -> tuple[Values, Values]:
-        """Return the lowest and highest z of the common face, mm, at a point if it is given.
+        """Return the lowest and highest z of the common face, mm.
 
-        Both are 0 if neither width is known. If the faces do not overlap, lowest > highest.
+        For a tilted driven axis they depend on x and y and hold at `point`, if it is given. Both
+        are 0 if neither width is known. If the faces do not overlap, lowest > highest.
         """
         driving, driven = jnp.where(jnp.isnan(self.half_widths), jnp.inf, self.half_widths)
         tilt, up = jnp.zeros(()), jnp.ones(())

@@ -10,7 +10,7 @@ from .exact import ExactModel
 from .flank_model import ImplicitModel, flank_index
 
 Term = tuple[int, int]
-"""Orders (n₁, n₂) of one harmonic with the phase n₁ φ₁ + n₂ φ₂; tooth mesh k is (k z₁, 0)."""
+"""Orders (n₁, n₂) of one harmonic with phase n₁ φ₁ + n₂ φ₂; (k z₁, 0) for tooth-mesh order k."""
 
 
 class OrderModel(ImplicitModel):

@@ -29,7 +29,10 @@ TimeUnit = Literal["s", "ms", "us", "ns", "100ns", "d"]
 
 
 class Encoder(Table, frozen=True):
-    """Encoder on one shaft; a counter wraps to zero at `modulus` counts."""
+    """Encoder on one shaft; a counter wraps to zero at `modulus` counts.
+
+    `sign` is −1 if the counts decrease while the angle φ of the shaft increases.
+    """
 
     counts_per_rev: Annotated[int, Meta(ge=1)] | None = None
     accuracy_arcsec: Positive | None = None

@@ -134,7 +134,10 @@ def _without_none(table: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _message_and_key(error: str, value: Any, kind: Any) -> tuple[str, str]:
-    """Convert a message of `msgspec` to a message for the user and the dotted key."""
+    """Convert a message of `msgspec` to a message for the user and the dotted key.
+
+    `value` is the value that was converted, and `kind` the type that was expected.
+    """
     text, _, path = error.partition(" - at `$")
     dotted = path.rstrip("`").lstrip(".")
     parts = re.findall(r"[^.\[\]]+", dotted)
@@ -185,7 +188,7 @@ def _description_at(kind: Any, parts: list[str]) -> Any:
 
 
 def _without_metadata(kind: Any) -> Any:
-    """Return a description without metadata and, for an optional type, without None."""
+    """Return a type description of `msgspec` without metadata and, if optional, without None."""
     while isinstance(kind, Metadata | UnionType):
         if isinstance(kind, Metadata):
             kind = kind.type

@@ -145,10 +145,10 @@ def backlash_and_contact(
 
 
 def _contact_heights(gears: Teeth, axial: Values) -> Values:
-    """Return the heights at which flank A and flank B are thickest, mm.
+    """Return the heights z, mm, of least clearance; the last axis is (flank A, flank B).
 
-    The sum of both recessions is smallest there at any centre distance, because r_w1/R₁ = r_w2/R₂.
-    Derivatives keep the height as a fixed share of the common face.
+    The sum of the recessions of both gears is smallest there at any centre distance, because
+    r_w1/R₁ = r_w2/R₂. For derivatives the height is a fixed share of the common face.
     """
     fixed, shift = jax.tree.map(jax.lax.stop_gradient, (gears, axial))
     low, high = (end[..., None] for end in common_face(fixed, shift))
@@ -181,7 +181,11 @@ def _recession_sum(gears: Teeth, axial: Values, z: Values) -> Values:
 
 
 def _newton_step(recession: Callable[[Values], Values], share: Values, cell: Values) -> Values:
-    """Return Newton's step to the minimum of `recession`, 0 if its curvature is not positive."""
+    """Return Newton's step to the minimum of `recession`, limited to ± `cell`.
+
+    `share` is the present place in the common face, 0 … 1. The step is 0 if the curvature is not
+    positive.
+    """
     ones = jnp.ones_like(share)[..., None]
 
     def first(values: Values) -> Values:
@@ -194,7 +198,10 @@ def _newton_step(recession: Callable[[Values], Values], share: Values, cell: Val
 
 
 def _best(recession: Values, shares: Values) -> Values:
-    """Return the share with the smallest recession; of equal ones, the one closest to mid-row."""
+    """Return the share with the smallest recession along the last axis.
+
+    Of equal recessions the one closest to the middle of the row is taken.
+    """
     count = shares.shape[-1]
     off_middle = np.abs(np.arange(count) - (count - 1) / 2)
     tied = recession <= recession.min(axis=-1, keepdims=True) + 1e-13
@@ -203,7 +210,7 @@ def _best(recession: Values, shares: Values) -> Values:
 
 
 def _thickness(gears: Teeth, distance: Values, axial: Values, z: Values) -> Values:
-    """Return the sum of both half arcs on the working pitch circles on flanks A and B, mm."""
+    """Return r_w1 ψ₁ + r_w2 ψ₂ on the working pitch circles, mm; the last axis is (A, B)."""
     driving, driven = gears
     teeth = driving.teeth + driven.teeth
     first, second = (jnp.broadcast_to(distance * gear.teeth / teeth, z.shape) for gear in gears)

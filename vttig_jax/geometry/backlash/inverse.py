@@ -42,7 +42,7 @@ def axial_for_backlash(
     - `least_overlap_mm`: smallest permitted overlap of the faces.
     - `teeth`: gears (driving, driven) if they differ from the drawing.
 
-    **Raises** `PairError` if no position has this backlash; it names the backlash of the stroke.
+    **Raises** `PairError` if no position has this backlash; the message states the possible range.
 
     **Example**
     ```python
@@ -97,7 +97,7 @@ def axial_for_backlash(
 
 
 def _root(excess: Excess, ends: Float[np.ndarray, "2"], values: Float[np.ndarray, "2"]) -> float:
-    """Return the position, mm, of zero excess between two positions with excess of either sign."""
+    """Return the position, mm, of zero excess between two ends whose excess has opposite signs."""
     for end, value in zip(ends, values, strict=True):
         if value == 0:
             return float(end)
@@ -105,7 +105,10 @@ def _root(excess: Excess, ends: Float[np.ndarray, "2"], values: Float[np.ndarray
 
 
 def _stroke(gears: Teeth, overlap: float) -> float:
-    """Return the largest shift from s = 0, mm; infinite if a face width is unknown."""
+    """Return the largest |s|, mm, at which the faces overlap by `overlap` mm.
+
+    It is infinite if a face width is unknown.
+    """
     widths = np.array([float(gear.face_width_mm) for gear in gears])
     if np.isnan(widths).any():
         return math.inf

@@ -1,4 +1,4 @@
-"""Report of the backlash from the drawing by section, compared with the apparent one of a fit."""
+"""Report of the drawn backlash by section, compared with the apparent backlash of a fit."""
 
 from dataclasses import dataclass
 
@@ -57,7 +57,10 @@ class GapReport:
 
     @property
     def difference(self) -> float | None:
-        """Apparent minus drawn backlash, rad: thinner teeth, axes apart, wind-up and bearings."""
+        """Apparent minus drawn backlash, rad; None without a fit.
+
+        Its causes are thinner teeth, a larger centre distance, torsional wind-up and bearing play.
+        """
         return None if self.apparent is None else self.apparent - self.logged_backlash
 
     def __str__(self) -> str:

@@ -26,7 +26,8 @@ class FlankMap(eqx.Module):
     - `roll_mm`: roll lengths √(r² − r_b²) of the rows, two or more, increasing, shape (n,).
     - `z_mm`: heights of the columns in the gear's own frame, where the tooth thins towards +z, two
       or more, increasing, shape (m,).
-    - `deviation_um`: deviations, shape (n, m); they may be traced, roll lengths and heights not.
+    - `deviation_um`: deviations, shape (n, m). JAX may trace them, but not roll lengths and
+      heights.
 
     **Raises** `PairError` for points that do not increase or are not finite, and for other shapes.
 
@@ -65,7 +66,7 @@ class FlankMap(eqx.Module):
         self.along_roll, self.along_z = _pieces(self.roll_mm), _pieces(self.z_mm)
 
     def prepared(self) -> "Bicubic":
-        """Return the map as polynomials of its patches."""
+        """Return the map with one bicubic polynomial for each patch between neighbouring knots."""
         polynomials = jnp.einsum(
             "aip,bjq,pq->ijab", self.along_roll, self.along_z, jnp.asarray(self.deviation_um)
         )
@@ -74,7 +75,10 @@ class FlankMap(eqx.Module):
 
 
 class Bicubic(eqx.Module):
-    """Piecewise bicubic polynomials of a `FlankMap`."""
+    """Piecewise bicubic polynomials of a `FlankMap`.
+
+    `roll` and `z` are the knots in mm; `polynomials` has the 16 coefficients of each patch.
+    """
 
     roll: Float[Array, " n"]
     z: Float[Array, " m"]
@@ -164,9 +168,10 @@ def _check_finite(values: np.ndarray, name: str) -> None:
 
 
 def _pieces(knots: np.ndarray) -> np.ndarray:
-    """Return the coefficients of each piece, highest power first, as linear maps of knot values.
+    """Return the linear map from values at the knots to the coefficients of a cubic spline.
 
-    Two points give a line and three points a parabola, each written as a cubic.
+    The shape is (power, piece, knot); the highest power comes first. Two points give a line and
+    three points a parabola, each written as a cubic.
     """
     coefficients = CubicSpline(knots, np.eye(len(knots))).c
     missing = np.zeros((4 - len(coefficients), *coefficients.shape[1:]))
@@ -176,6 +181,6 @@ def _pieces(knots: np.ndarray) -> np.ndarray:
 def _place(knots: Array, values: Numbers) -> tuple[Array, Array]:
     """Return the index of the piece of each value and the distance from the start of the piece."""
     inside = jnp.clip(values, knots[0], knots[-1])
-    # A sum over the few knots is vectorised, a search is not.
+    # XLA vectorises a sum over the few knots, but not a search.
     piece = sum((inside >= knot).astype(int) for knot in knots[1:-1]) + jnp.zeros_like(inside, int)
     return piece, inside - knots[piece]

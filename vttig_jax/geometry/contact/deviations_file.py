@@ -113,7 +113,10 @@ def _map(path: str, rows: list[Row], pair: GearPair) -> FlankMap:
 
 
 def _check_on_flank(path: str, row: Row, pair: GearPair) -> None:
-    """Raise `InputError` for a point off the flank: a diameter, an angle or another z origin."""
+    """Raise `InputError` for a point that is not on the flank.
+
+    Such a point has, for example, a diameter or an angle as roll length, or another zero of z.
+    """
     gear, side = row.flank
     roll, z, _ = row.values
     base, tip = float(pair.base_radii[gear, side]), float(pair.tip_radii[gear])
@@ -136,7 +139,7 @@ def _check_on_flank(path: str, row: Row, pair: GearPair) -> None:
 
 
 def _check_size(path: str, row: Row, pair: GearPair) -> None:
-    """Raise `InputError` for a large deviation, which is in another unit or in a wrong column."""
+    """Raise `InputError` for a deviation so large that its unit or its column is wrong."""
     most = _MOST_MODULES * 1e3 * float(pair.module_mm)
     if abs(row.values[-1]) > most:
         raise InputError(
@@ -180,7 +183,10 @@ def _both_flanks(
 def _unique(
     path: str, rows: list[Row], count: int, name: Callable[..., str]
 ) -> dict[tuple[float, ...], tuple[float, ...]]:
-    """Return the values by their first `count` values, which must differ between rows."""
+    """Return a dictionary from the first `count` values of each row to all its values.
+
+    Raise `InputError` if two rows have the same first values; `name` formats them for the message.
+    """
     by_key: dict[tuple[float, ...], Row] = {}
     for row in rows:
         first = by_key.setdefault(row.values[:count], row)

@@ -65,7 +65,15 @@ class SearchGrid(eqx.Module):
 
 
 class FirstContact(eqx.Module):
-    """First contact at each driving angle; its arrays carry no derivatives."""
+    """First contact at each driving angle; its arrays carry no derivatives.
+
+    **Arguments**
+    - `error`: TE at first contact, rad.
+    - `roll`: roll angle of the driving flank, rad.
+    - `share`: place of the section in the common face, 0 … 1.
+    - `place`: part of the flanks that touches, as a number of `Place`.
+    - `tooth`: number of the driving tooth, 0 for the one between the axes at φ = 0.
+    """
 
     error: Float[Array, " n"]
     roll: Float[Array, " n"]
@@ -81,7 +89,11 @@ def contact_search(
     driving_angle: Float[Array, " n"],
     driven_angle: Float[Array, " n"] | None,
 ) -> ContactSearch:
-    """Return the search at driving angles; `driven_angle`, if given, fixes the driven centre."""
+    """Return the search problem at driving angles, rad.
+
+    `driven_angle`, rad, fixes the centre of the driven base circle. If it is None, the centre is
+    placed at the φ₂ of the contact.
+    """
     path = path_of(mates, mounting.centre_distance)
     tooth_angle, number = chosen_pairs(path, mates, driving_angle, search_grid.tooth_pairs)
     guess = None
@@ -98,7 +110,7 @@ def contact_search(
 
 
 def earliest_contact(scene: ContactSearch, touch: TouchPoint) -> FirstContact:
-    """Return the first contact among all sections and tooth pairs."""
+    """Return the first contact at each angle among the contacts `touch` of sections and pairs."""
     section, pair = nearest_best(scene.mates.sense * touch.error)
     column = jnp.arange(touch.error.shape[-1])
 
@@ -191,7 +203,10 @@ def _error_and_slope(
     driven_angle: Float[Array, " n"],
     contact: FirstContact,
 ) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
-    """Return TE, rad, and its slope by the φ₂ of the driven centre, which has no derivative."""
+    """Return TE, rad, and ∂TE/∂φ₂ for the φ₂ that places the driven base circle centre.
+
+    The slope carries no derivatives.
+    """
     pose = Pose(
         driving_angle - contact.tooth * mates.pitch,
         contact.tooth,

@@ -1,4 +1,4 @@
-"""Two mating flanks: points of one flank and the driven angle at which the other touches them.
+"""Two mating flanks: driving flank points, and the driven angle at which the mate touches them.
 
 A flank is the involute of the base circle with the roll angle u. It is rotated in every section by
 the recession δ(z) and in every point by the deviation f:
@@ -146,7 +146,10 @@ class Mates(eqx.Module):
         )
 
     def driven_tooth(self, number: Values) -> Values:
-        """Return the number of the driven tooth that touches a driving one: on B the next one."""
+        """Return the number of the driven tooth that touches the driving tooth `number`.
+
+        It is the same number on flank A and the next number on flank B.
+        """
         return number + (1 - self.sense) / 2
 
     def _point(self, pose: Pose, roll: Values, z: Values) -> Plane:
@@ -158,7 +161,10 @@ class Mates(eqx.Module):
 
 
 def flank_of(tooth: Tooth, index: int, start: Scalar, **deviations) -> Flank:
-    """Return the flank of one side (0 left, 1 right) of a gear; `start` is a roll angle, rad."""
+    """Return the flank of one side (0 left, 1 right) of a gear.
+
+    `start` is the roll angle at the start of the flank, rad; `deviations` are `map` and `pitch`.
+    """
     alpha, base = jnp.asarray(tooth.pressure_angles[index]), jnp.asarray(tooth.base_radii[index])
     arc = math.pi * tooth.module_mm / 4 + tooth.profile_shift_mm * jnp.tan(alpha)
     return Flank(

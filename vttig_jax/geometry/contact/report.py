@@ -47,8 +47,8 @@ class Contacts:
     - `section_z_mm`, `section_radius_mm`: height and driving radius of the first contact in each
       section and for each pair.
     - `section_pair`: number of the driving tooth of each pair, counted from 1.
-    - `misfit`: distance of each of these contacts from the first contact, rad of the driven gear;
-      infinite where flanks cannot touch.
+    - `misfit`: driven angle, rad, between the first contact and each of the contacts by section and
+      pair; infinite where flanks cannot touch.
     - `tolerance`: misfit in rad up to which surfaces touch.
     """
 
@@ -69,7 +69,7 @@ class Contacts:
 
     @cached_property
     def touching(self) -> Bool[np.ndarray, "n k s"]:
-        """Whether each section and tooth pair touches."""
+        """Whether the flanks of each tooth pair touch in each section."""
         return self.misfit <= self.tolerance
 
     @cached_property
@@ -203,7 +203,10 @@ def contact_at(
 
 
 def _batches(values: Float[np.ndarray, " n"]) -> list[np.ndarray]:
-    """Split values into one or more batches of one of two lengths; the last one is padded."""
+    """Split values into batches of 64, or of 1024 if there are more than 64 values.
+
+    The last batch is padded with its last value; without values there is one batch of zeros.
+    """
     if not len(values):
         return [np.zeros(_AT_ONCE[0])]
     count = _AT_ONCE[len(values) > _AT_ONCE[0]]

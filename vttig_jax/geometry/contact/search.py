@@ -136,7 +136,10 @@ def search(scene: ContactSearch, sections: int) -> TouchPoint:
 
 
 def _bracket(scene: ContactSearch, grid: TouchPoint) -> Bracket:
-    """Return the best section of the grid and its neighbours; at an end it is its own neighbour."""
+    """Return the section of the grid with the first contact between its two neighbours.
+
+    At an end of the face the section itself replaces the missing neighbour.
+    """
     rows = jax.tree.map(lambda values: values[:-1], grid)
     count = rows.error.shape[0]
     best = _best(scene.mates.sense * rows.error, (count,))
@@ -147,7 +150,7 @@ def _bracket(scene: ContactSearch, grid: TouchPoint) -> Bracket:
 
 
 def _narrowed(scene: ContactSearch, bracket: Bracket, trial: TouchPoint) -> Bracket:
-    """Return a bracket that includes a trial section, with the best section in the middle."""
+    """Return the bracket narrowed by a trial section; the earliest contact is in the middle."""
     left, middle, right = bracket
     better = scene.mates.sense * trial.error > scene.mates.sense * middle.error
     inner, outer = _where(better, trial, middle), _where(better, middle, trial)
@@ -197,8 +200,9 @@ class RollSearch(eqx.Module):
 def _maximised(
     scene: ContactSearch, share: Values, start: Values, low: Values, high: Values
 ) -> RollSearch:
-    """Search the extreme, and the end of the driven flank if the extreme is outside the flank.
+    """Search the roll angle at which σφ₂ is largest, between `low` and `high`, rad.
 
+    If the extreme is outside the driven flank, the end of this flank is searched instead.
     The secant method on the slope is followed by Newton's method on the radius. The slope is used
     one step after its evaluation, because XLA would compute it again for each use.
     """
@@ -260,7 +264,7 @@ def _newton_step(scene: ContactSearch, state: RollSearch) -> Values:
 
 
 def _touch_point(scene: ContactSearch, share: Values, state: RollSearch) -> TouchPoint:
-    """Return the contact, and what touches, at the end of a search."""
+    """Return the contact that a finished search found, with the part of the flanks that touches."""
     low, high = scene.limits
     inner, outer = scene.radii
     roll, top_radius, radius, error = state.roll, state.top_radius, state.radius, state.error
@@ -280,16 +284,20 @@ def _touch_point(scene: ContactSearch, share: Values, state: RollSearch) -> Touc
 
 
 def nearest_best(height: Values) -> tuple[Index, Index]:
-    """Return section and pair of the largest of (section, pair, n); ties take the middle one."""
+    """Return indices of section and pair of the largest `height`, shape (section, pair, n).
+
+    Both results have shape (n,). Of equal heights the one closest to mid-grid is taken.
+    """
     pairs = height.shape[1]
     best = _best(height.reshape(-1, height.shape[2]), height.shape[:2])
     return best // pairs, best % pairs
 
 
 def _best(height: Values, sizes: tuple[int, ...]) -> Index:
-    """Return the index of the largest along the first axis, of equal ones the closest to mid-grid.
+    """Return the index of the largest height along the first axis.
 
-    `sizes` is the shape of the grid that the first axis flattens.
+    Of equal heights the one closest to the middle of the grid is taken. `sizes` is the shape of the
+    grid that the first axis flattens.
     """
     count = height.shape[0]
     indices = jnp.unravel_index(jnp.arange(count), sizes)

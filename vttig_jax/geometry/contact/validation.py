@@ -29,7 +29,7 @@ _SPARE = 0.2
 
 
 def known(*trees: Any) -> bool:
-    """Return whether no number of the trees is traced."""
+    """Return whether the pytrees contain only known numbers, none that JAX traces."""
     return not any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(trees))
 
 

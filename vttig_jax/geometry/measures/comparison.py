@@ -105,7 +105,10 @@ def measures_text(
 
 
 def _rows(gears: list[GearMeasures]) -> list[tuple[str, str, _Cell]]:
-    """Return the label, the key of the stated value and the value of each row; lengths in mm."""
+    """Return label, key of the stated value ("" for none) and a function for each row.
+
+    The function takes the measures of a gear and returns the cell; lengths are in mm.
+    """
     radii = [thickness.radius_mm for thickness in gears[0].thickness_at]
     tapered = any(measures.tapered for measures in gears)
     return [
@@ -155,7 +158,7 @@ def _at_radius(index: int, radius: float) -> list[tuple[str, str, _Cell]]:
 
 
 def _handed(degrees: float, hands: str) -> str:
-    """Return the angle with L or R; `hands` are the hands for positive and negative angles."""
+    """Return the absolute angle with L or R, the first of `hands` for a positive angle."""
     if round(degrees, 4) == 0:
         return "0.0000"
     return f"{abs(degrees):.4f} {hands[0] if degrees > 0 else hands[1]}"

@@ -234,7 +234,10 @@ def _involute_thickness(tooth: Tooth, radius: float, section: float) -> FaceThic
 
 
 def _slope(tooth: Tooth, ball: OverBalls, section: float) -> float | None:
-    """Return dM/dz from the derivative of Σ inv α(r_M) = … − (δ_L + δ_R)/R at the contacts."""
+    """Return the change dM/dz of the measurement over balls, mm/mm; None without a measurement.
+
+    It follows from the derivative of Σ inv α(r_M) = … − (δ_L + δ_R)/R at the points of contact.
+    """
     if ball.centre_diameter_mm is None or ball.contact_z_mm is None:
         return None
     heights = np.array(ball.contact_z_mm)

@@ -167,7 +167,10 @@ def _stand_off(tooth: Tooth, side: int, half: float, z: float) -> tuple[float, f
 
 
 def _searched_stand_off(tooth: Tooth, side: int, half: float, z: float) -> tuple[float, float]:
-    """Return the same for any recession: the maximum over 361 latitudes, then refined."""
+    """Return E, rad, and ζ, mm, as `_stand_off` does, for any recession.
+
+    The maximum over 361 latitudes of the ball, ζ = `half` · sin(latitude), is refined.
+    """
     from scipy.optimize import minimize_scalar
 
     base, radius = float(tooth.base_radii[side]), float(tooth.reference_radius)
@@ -199,7 +202,11 @@ def _seat_error(
     contacts: tuple[float, float],
     heights: tuple[float, float],
 ) -> str | None:
-    """Return a sentence unless the ball touches both flanks, and only them, inside the face."""
+    """Return None if the ball touches both flanks inside the face and nothing else.
+
+    Otherwise return a sentence. `centre` is r_M, `contacts` and `heights` are the contact radii and
+    z on both flanks, and `roll` is the smaller roll length of the contacts, all in mm.
+    """
     ball = f"A ball of {ball_mm:g} mm"
     tip, root = float(tooth.tip_radius), float(tooth.root_radius)
     if max(contacts) > tip:

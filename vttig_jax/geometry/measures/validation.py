@@ -89,7 +89,7 @@ def _check_spaces(tooth: Tooth, heights: Float[np.ndarray, " n"]) -> None:
 
 
 def _cure(tooth: Tooth, heights: Float[np.ndarray, " n"], worst: int) -> str:
-    """Return the cure for the worst section: less taper, or less shift if sections are alike."""
+    """Return the advice for section `worst`: less taper, or less shift if sections are alike."""
     recession = tooth.recessions(heights).sum(axis=-1)
     if np.ptp(recession) and recession[worst] > 0:
         return "the face narrower, the helix angles smaller"

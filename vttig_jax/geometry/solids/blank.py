@@ -48,7 +48,11 @@ def blank_of(
     section_mm: float | None = None,
     finest_mm: float = _FINEST_MM,
 ) -> Blank:
-    """Check a gear and the options of a solid, over the face or in one section; see `gear_mesh`."""
+    """Check a gear and the options of a solid, which are those of `gear_mesh`; return its `Blank`.
+
+    The whole face is checked, or only the section at height `section_mm`. `finest_mm` is the
+    smallest permitted tolerance.
+    """
     if not 0 < tolerance_mm < math.inf:
         raise ValueError(f"Argument `tolerance_mm` must be above 0, but is {tolerance_mm}.")
     if tolerance_mm < finest_mm:

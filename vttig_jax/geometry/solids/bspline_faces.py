@@ -66,12 +66,13 @@ class Patch:
 
 @dataclass(frozen=True)
 class ToothPatches:
-    """Surfaces of one tooth by stretches along the face.
+    """Surfaces of one tooth, divided along the face into stretches with the same pieces.
 
     **Arguments**
-    - `stretches`: the eight pieces of each stretch in their order, None for a closed piece.
+    - `stretches`: the eight pieces of each stretch in the order `ORDER`, None for a missing piece.
     - `heights`: limits of the stretches, mm.
-    - `error_mm`: largest distance of the true surface, measured between the points.
+    - `error_mm`: largest distance of the true surface from the B-splines, measured between the
+      points of interpolation.
     """
 
     stretches: tuple[tuple[Patch | None, ...], ...]
@@ -80,7 +81,7 @@ class ToothPatches:
 
 
 def tooth_patches(profile: GearProfile, tolerance_mm: float) -> ToothPatches:
-    """Interpolate the pieces of a tooth so that the true surface is within a tolerance, mm.
+    """Return B-splines through points of a tooth, within `tolerance_mm` of the true surface.
 
     **Raises** `PairError` if this needs too many points.
     """
@@ -137,7 +138,7 @@ def _errors(
 ) -> Float[np.ndarray, "3 stretches 8"]:
     """Return the largest distance of each surface from the true one at equal parameters, mm.
 
-    The three values are those of all points, of the rows and of the columns of the interpolation.
+    The first axis is the error at all points, on interpolated rows and on interpolated columns.
     """
     true, joints = grid.points(_FINER), grid.joints * _FINER
     errors, start = np.zeros((3, len(stretches), len(ORDER))), 0
@@ -154,7 +155,10 @@ def _errors(
 
 
 def _finer(counts: Counts, errors: np.ndarray, tolerance: float) -> Counts:
-    """Increase the points in the direction with an error, assuming an error of fourth order."""
+    """Return more intervals in each direction whose error is too large for the tolerance, mm.
+
+    The error is assumed to decrease with the fourth power of the number of intervals.
+    """
     _, across, along = errors
 
     def refined(count: int, error: float) -> int:

@@ -1,7 +1,7 @@
 """Faces that close a gear: end faces and bore.
 
 The end face of a tooth is a strip of triangles between its right and its left side. The rim below
-is a strip between the feet of the teeth and the bore. Neither adds points.
+is a strip between the feet of the teeth and the bore. The strips use only existing points.
 """
 
 import math

@@ -105,7 +105,7 @@ class GearProfile:
 
     @cached_property
     def _cache(self) -> dict[bytes, Float[np.ndarray, "n 2"]]:
-        """Starts by heights; points, closed pieces and bore need them at the same heights."""
+        """Results of `starts` by heights; points, closed pieces and bore use the same heights."""
         return {}
 
     def _starts(self, z: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 2"]:

@@ -29,11 +29,12 @@ _POINTS = 1_000_000
 def chordal_error(
     grid: ToothGrid, points: Float[np.ndarray, "rows columns 3"]
 ) -> tuple[float, float]:
-    """Return the largest distance of the true surface from the triangles, and in sections, mm.
+    """Return the largest distance, mm, of the true surface from the triangles.
 
-    The true surface is evaluated at 6 × 6 points of each quadrilateral; an allowance for the points
-    between them is added. Inside a quadrilateral it is the distance from the plane of the triangle;
-    on edges in sections and between pieces, which may be sharp, it is the distance from the edge.
+    The second result is the largest distance of a section of the true surface from its chords. The
+    true surface is evaluated at 6 × 6 points of each quadrilateral; an allowance for the points
+    between them is added. The distance inside a quadrilateral is that from the plane of the
+    triangle; on edges in sections and between pieces, which may be sharp, it is that from the edge.
 
     **Arguments**
     - `grid`: grid of the tooth.
@@ -119,7 +120,7 @@ def _from_edge(low: np.ndarray, high: np.ndarray, at: np.ndarray) -> float:
 
 
 _ACROSS = 0.55
-"""Part of the tolerance for the chords of a section; the rest is for the face (chosen)."""
+"""Part of the tolerance for chords in sections; the rest is for errors along the face (chosen)."""
 
 _PROBE = 8  # intervals of a piece in the estimate; chosen
 _ROUNDS = 24  # largest number of refinements; chosen
@@ -243,8 +244,10 @@ def _plane_curve(profile: GearProfile, counts: Counts, z: np.ndarray, finer: int
 
 
 def _estimate(profile: GearProfile, stretches: tuple[float, ...], tolerance: float) -> Counts:
-    """Estimate the counts around from sections, and along from twist and bending of the joints.
+    """Estimate the numbers of intervals around the tooth and along the face.
 
+    The first follow from the sagitta of curves in sections; the second from the twist of the tooth
+    and from the bending of the lines between its pieces.
     The error due to twist is |Δψ| s/(4 k), with the rotation Δψ of a stretch, its number of
     sections k and the longest interval s around the tooth.
     """

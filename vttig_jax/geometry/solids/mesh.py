@@ -191,7 +191,7 @@ def _triangles(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> Triangles:
 
 
 def _check_face(triangles: Triangles, vertices: np.ndarray) -> None:
-    """Raise `PairError` unless the triangles of an end face are counter-clockwise, so disjoint."""
+    """Raise `PairError` if a triangle of an end face is clockwise and so overlaps another one."""
     a, b, c = (vertices[triangles[:, k], :2] for k in range(3))
     u, v = b - a, c - a
     if not (u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0] > 0).all():

@@ -162,7 +162,11 @@ def _row(pieces: Sequence[Patch | None], blank: Blank, pitch: float) -> list[Pat
 
 
 def _cuts(row: list[Patch], blank: Blank, pitch: float, turned: np.ndarray) -> list[Patch]:
-    """Return ruled surfaces between outer spaces and bore with normals out of the sector."""
+    """Return the first and last cut face of a sector in one stretch, with outward normals.
+
+    They are ruled surfaces between the bottom of an outer space and the bore. `turned` is the
+    rotation of the bore in each row, rad.
+    """
     line, last_line = row[0].points[:, 0], row[-1].points[:, -1]
     sweep = np.array([0.0, blank.teeth * pitch])
     inner = _on_bore(blank, line[:, 2], turned - pitch / 2, sweep)
@@ -173,7 +177,10 @@ def _cuts(row: list[Patch], blank: Blank, pitch: float, turned: np.ndarray) -> l
 
 
 def _bore(blank: Blank, pitch: float, z: np.ndarray, turned: np.ndarray, tolerance: float) -> Patch:
-    """Return the bore surface of a sector whose cut faces wind around the axis."""
+    """Return the bore surface of a sector whose cut faces wind around the axis.
+
+    `z` and `turned` are the height, mm, and the rotation of the bore, rad, of each row.
+    """
     step = (20 * tolerance / blank.bore_mm) ** 0.25  # a cubic leaves less than r h⁴/80
     sweep = blank.teeth * pitch
     around = np.linspace(0.0, sweep, max(4, math.ceil(sweep / step)) + 1)

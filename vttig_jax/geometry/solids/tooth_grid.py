@@ -24,7 +24,12 @@ _CLOSED = 1e-9
 
 @dataclass(frozen=True)
 class Counts:
-    """Number of intervals of each piece and of each stretch of the face."""
+    """Numbers of intervals of the grid of one tooth.
+
+    **Arguments**
+    - `root`, `fillet`, `flank`, `tip`: intervals of these pieces on each side of the tooth.
+    - `sections`: intervals along the face in each of its stretches.
+    """
 
     root: int
     fillet: int

@@ -18,7 +18,7 @@ Points = Float[Array, "*shape 3"]
 
 
 class Curvatures(eqx.Module):
-    """Curvatures of a surface; a convex surface, with its centre in the material, is positive.
+    """Curvatures of a surface, positive where it is convex (centre of curvature in the material).
 
     **Arguments**
     - `first`: first fundamental form in the parameters (roll angle in rad, z in mm).

@@ -8,8 +8,9 @@ The right half is the mirror image of the left one, so (2) is (1) with x₁ → 
 the right flank. The recession δ(l) replaces the l tan β of the paper, and the profile reference
 line is above the pitch line by the profile shift.
 
-When the gear has turned by +φ (counter-clockwise), the rack is at x = −φ r₂ and the pitch point is
-at (φ r₂, 0) in S₁. A rack point generates the gear when its normal passes through the pitch point:
+S₁ is the frame of the rack, S₂ that of the gear. When the gear has turned by +φ
+(counter-clockwise), the rack is at x = −φ r₂ and the pitch point is at (φ r₂, 0) in S₁. A rack
+point generates the gear when its normal passes through the pitch point:
 
     y₁ = −(x₁ − φ r₂) tan α    on AC (10),    y₁ = (x₁ − φ r₂) tan α    on DF.
 
@@ -103,7 +104,10 @@ class RackSide(eqx.Module):
         return self._point(x, d * xp.cos(alpha) - self.addendum + self.shift, z)
 
     def arc(self, normal_angle: Values, z: Values) -> Points:
-        """Return the arc point, mm, of a normal angle below x₁, rad: α at the flank to π/2."""
+        """Return the arc point, mm, whose normal points `normal_angle`, rad, below the x₁ axis.
+
+        The angle runs from α at the joint with the flank to π/2 at the tip line.
+        """
         xp = namespace(self, normal_angle, z)
         x, y = self.arc_centre
         x = x + self.recedes(z) + self.tip_radius * xp.cos(normal_angle)

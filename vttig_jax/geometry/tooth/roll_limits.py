@@ -114,7 +114,10 @@ def root_span(tooth: Tooth, z: Real[ArrayLike, "*shape"], side: Side) -> Float[N
 
 
 def tip_arcs(tooth: Tooth, z: Float[Numbers, "*shape"]) -> Float[Numbers, "*shape 2 2"]:
-    """Return the clockwise angles, rad, of (start, end) of each half (left, right) of the tip."""
+    """Return the clockwise angles, rad, of both ends of each half of the tip land.
+
+    Axis −2 is the half (left, right). Axis −1 is (end of the flank, middle of the land).
+    """
     xp = namespace(tooth, z)
     ends = tooth.half_angles(xp.zeros_like(z) + tooth.tip_radius, z)
     middle = (ends - ends[..., ::-1]) / 2
@@ -122,7 +125,10 @@ def tip_arcs(tooth: Tooth, z: Float[Numbers, "*shape"]) -> Float[Numbers, "*shap
 
 
 def root_arcs(tooth: Tooth, z: Float[Numbers, "*shape"]) -> Float[Numbers, "*shape 2 2"]:
-    """Return the clockwise angles, rad, of (start, end) of each half (left, right) of the root."""
+    """Return the clockwise angles, rad, of both ends of each half of the root land.
+
+    Axis −2 is the half (left, right). Axis −1 is (middle of the land, end of the fillet).
+    """
     xp = namespace(tooth, z)
     ends = root_angles(tooth, z)
     middle = (ends - ends[..., ::-1]) / 2 + math.pi / tooth.teeth
@@ -148,7 +154,10 @@ def _clockwise(angles: Numbers) -> Numbers:
 def _roll_of_land(
     tooth: Tooth, z: Real[ArrayLike, "..."], side: Side, arcs: Callable[..., Numbers]
 ) -> Numbers:
-    """Return the roll angles of a land; its normal is vertical, so φ is the clockwise angle."""
+    """Return the roll angles, rad, of a land; `arcs` is `tip_arcs` or `root_arcs`.
+
+    The normal of a land is vertical, so that φ is the clockwise angle.
+    """
     rack, xp = rack_side(tooth, side), namespace(tooth, z)
     height = xp.asarray(z, float)
     offset = xp.asarray(rack.mirror * rack.recedes(height) / rack.pitch_radius)

@@ -17,8 +17,8 @@ class ToothSection(eqx.Module):
     """Sections of a tooth from the middle of one root land to the middle of the next one.
 
     **Arguments**
-    - `points`: x, y, z in mm, counter-clockwise seen from +z with the material on the left;
-      outlines turned by whole pitches 2π/teeth join.
+    - `points`: x, y, z in mm, counter-clockwise seen from +z with the material on the left; the
+      outline, rotated by one pitch 2π/teeth, continues where the outline itself ends.
     - `pieces`: (side, part) of each piece in order; neighbouring pieces share their common point.
     - `intervals`: number of intervals of each piece.
     """

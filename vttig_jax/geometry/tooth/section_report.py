@@ -175,8 +175,9 @@ def _end_radius(tooth: Tooth, thickness: float) -> float:
 
 
 def _largest_radius(tooth: Tooth, land: np.ndarray) -> np.ndarray:
-    """Return the arc radius, mm, for which the cutter tip has no land, from its present land, mm.
+    """Return the arc radius, mm, for which the tip of the cutter has no land.
 
+    `land` is the width of this land, mm, with the arcs as drawn; it is negative if they overlap.
     An arc takes (1 − sin α)/cos α of its radius from half of the cutter's tip.
     """
     angles = [float(rack_side(tooth, side).pressure_angle) for side in SIDES]
