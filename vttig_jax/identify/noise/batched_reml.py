@@ -34,7 +34,7 @@ Filter = Float[Array, " taps"]
 
 
 class Noise(NamedTuple):
-    """Autoregression of the rows: its order, and partial autocorrelations, zero beyond the order."""
+    """Autoregression of the rows: order, and partial autocorrelations, zero beyond the order."""
 
     partial: Partial
     order: Int[Array, ""]

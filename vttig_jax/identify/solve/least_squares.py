@@ -158,7 +158,7 @@ def _covariance(
 def _weakest(
     singular: Float[np.ndarray, " d"], directions: Float[np.ndarray, "d p"], names: tuple[str, ...]
 ) -> Direction:
-    """Return the direction with the smallest singular value, with its main parameters, at most 4."""
+    """Return the direction with the smallest singular value, and up to 4 of its main parameters."""
     direction = directions[np.argmin(singular)]
     order = [k for k in np.argsort(-np.abs(direction)) if abs(direction[k]) > _NAMED][:4]
     sign = np.sign(direction[order[0]])
