@@ -24,7 +24,7 @@ def enable_x64() -> None:
 
 
 def require_x64(caller: str) -> None:
-    """Raise `ValueError` with the cure if 64-bit floats are off; `caller` is a public function."""
+    """Raise `ValueError` with advice if 64-bit floats are off; `caller` names a public function."""
     if not jax.config.read("jax_enable_x64"):
         raise ValueError(
             f"`{caller}` needs 64-bit floats, but JAX is in 32-bit mode: call"

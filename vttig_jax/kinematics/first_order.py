@@ -35,7 +35,7 @@ class ClosedModel(FlankModel):
 
     @property
     def highest_order(self) -> float:
-        """Larger of the two first orders of the shafts, in cycles per driving turn."""
+        """First order of the faster shaft, max(1, i), in cycles per driving turn."""
         return max(1.0, float(self.ratio))
 
     def transmission_error(

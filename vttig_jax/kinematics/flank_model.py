@@ -46,7 +46,7 @@ class FlankModel(eqx.Module):
 
 
 def flank_index(flank: Flank) -> int:
-    """Return the index of a flank on every flank axis: 0 for A, 1 for B."""
+    """Return the index of `flank` in arrays with a flank axis: 0 for "A", 1 for "B"."""
     if flank not in ("A", "B"):
         raise ValueError(f'Argument `flank` must be "A" or "B", but is {flank!r}.')
     return 0 if flank == "A" else 1
@@ -81,7 +81,7 @@ def _(step, primals, tangents):
 
 @partial(jax.jit, static_argnums=0)
 def _iterated(step: Callable[[Any, Any], Any], args: Any) -> Float[Array, "..."]:
-    """Iterate until the value settles; compiled once for each `step`, also when called eagerly."""
+    """Return the fixed point after iteration to machine precision; compiled once per `step`."""
 
     def unsettled(state):
         value, previous, iteration = state

@@ -78,7 +78,7 @@ class Located:
         return self.misfit_rad <= FARTHEST * self.std_rad
 
     def rows(self) -> list[tuple[str, str]]:
-        """Return names and values for printing."""
+        """Return (name, text) pairs of the report."""
         rows = [
             ("turn", f"{self.turn} of 0 … {self.hunting_turns - 1}"),
             ("driving angle", f"{self.driving_rad / DEG:.4f}° of {360 * self.hunting_turns}°"),
@@ -248,7 +248,7 @@ def _flanks(
 
 
 def _require_possible(driving_rad: float, driven_rad: float, std_rad: float, turns: int) -> None:
-    """Raise an error for numbers that are not finite and for periods that no encoder resolves."""
+    """Raise an error for angles that are not finite, an invalid `std_rad` and too many turns."""
     if not (np.isfinite(driving_rad) and np.isfinite(driven_rad)):
         raise ValueError(
             "Arguments `driving_rad` and `driven_rad` must be finite, but are"

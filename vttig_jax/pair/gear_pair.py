@@ -143,7 +143,7 @@ class GearPair(eqx.Module):
 
     @property
     def working_radii(self) -> Float[Numbers, "2"]:
-        """Working pitch radii of the driving and the driven gear in mm."""
+        """Working pitch radii of both gears in mm: r_w1 + r_w2 = a and r_w1/r_w2 = z₁/z₂."""
         fraction = float(1 / (1 + 1 / self.ratio))
         return self.centre_distance_mm * np.array([fraction, 1 - fraction])
 
@@ -166,13 +166,13 @@ class GearPair(eqx.Module):
 
     @property
     def tip_radii(self) -> Float[Numbers, "2"]:
-        """Tip radii R + (h_ap + x) m of the driving and the driven gear in mm."""
+        """Tip radii R + (h_ap + x) m of both gears in mm; here m is `depth_module_mm`."""
         height = self.rack.addendum + self._profile_shifts
         return self.reference_radii + self.depth_module_mm * height
 
     @property
     def root_radii(self) -> Float[Numbers, "2"]:
-        """Root radii R − (h_ap + c_p − x) m of the driving and the driven gear in mm."""
+        """Root radii R − (h_ap + c_p − x) m of both gears in mm; here m is `depth_module_mm`."""
         depth = self.rack.addendum + self.rack.clearance
         return self.reference_radii - self.depth_module_mm * (depth - self._profile_shifts)
 

@@ -92,7 +92,7 @@ def transverse_pressure_angles_deg(spec: PairSpec) -> tuple[float, float]:
 
 
 def depth_ratio(spec: PairSpec) -> float:
-    """Return the module of depths and profile shifts divided by the transverse module."""
+    """Return mₙ/m = cos β if the normal module is given, else 1; see `Rack.depth_ratio`."""
     assert spec.pair is not None
     given_normal = spec.pair.normal_module_mm is not None
     return math.cos(spec.driving.helix_deg[0] * DEG) if given_normal else 1.0

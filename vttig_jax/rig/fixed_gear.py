@@ -104,7 +104,10 @@ def _positions(
 def _difference(
     rig: SyntheticRig, on_a: Float[np.ndarray, " n"], on_b: Float[np.ndarray, " n"]
 ) -> Float[np.ndarray, " n"]:
-    """Return the driven reading on flank B minus that on flank A, rad; quantised with counts."""
+    """Return the driven reading on flank B minus the one on flank A, rad.
+
+    Both readings are rounded down to counts if the encoder has counts per revolution.
+    """
     low, high = (rig.driven_encoder.reading(position) for position in (on_a, on_b))
     per_rev = rig.pair.driven.encoder.counts_per_rev
     if per_rev is None:

@@ -19,7 +19,7 @@ _NAME_LENGTH = 100
 
 
 def temporary_path(target: Path) -> Path:
-    """Return a new random name in the folder of `target`, so that both are on one file system."""
+    """Return a path with a new random name in the folder of `target`, on the same file system."""
     return target.with_name(f"{_prefix(target)}{secrets.token_hex(8)}.tmp")
 
 

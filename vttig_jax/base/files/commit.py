@@ -178,7 +178,7 @@ def _move_staged(stage: Path, names: Iterable[str]) -> None:
 
 
 def _follow(stage: Path, record: dict[str, Any]) -> None:
-    """Finish a commit whose result is moved: move the other files, and remove the old files."""
+    """Finish a commit after its switch: move the other new files and remove the old files."""
     _move_staged(stage, record["files"])
     for name in record["removed"]:
         target = stage.parent / name
@@ -188,7 +188,7 @@ def _follow(stage: Path, record: dict[str, Any]) -> None:
 
 
 def _undo(stage: Path, record: dict[str, Any]) -> None:
-    """Undo a commit whose result is not moved: remove the moved files that nobody has changed."""
+    """Undo a commit before its switch: remove the moved files that are still unchanged."""
     folders = set()
     for name, digest in record["files"].items():
         target = stage.parent / name

@@ -178,7 +178,7 @@ def _example(kind: Any, name: str) -> str:
 
 
 def _description_at(kind: Any, parts: list[str]) -> Any:
-    """Return how `msgspec` describes the type of the entry whose dotted key has these parts."""
+    """Return the type description by `msgspec` of the entry with the dotted key `parts`."""
     description = _without_metadata(msgspec.inspect.type_info(kind))
     for part in parts:
         fields = {field.encode_name: field.type for field in getattr(description, "fields", ())}
@@ -253,7 +253,7 @@ def keys(struct: type[Struct], above: str = "") -> Iterator[Key]:
 
 
 def value_keys(struct: type[Struct], above: str = "") -> Iterator[Key]:
-    """Yield the keys that hold a value, also those of the tables inside the table."""
+    """Yield the keys of a table that hold a value, including those of all its subtables."""
     for entry in keys(struct, above):
         if entry.table is None:
             yield entry
@@ -273,7 +273,7 @@ def _types(kind: Any) -> Iterator[Any]:
 
 
 def _metas(kind: Any) -> Iterator[Meta]:
-    """Yield the descriptions of a type, then the descriptions of its union members."""
+    """Yield the `Meta` descriptions of a type, then those of its union members."""
     yield from (item for item in getattr(kind, "__metadata__", ()) if isinstance(item, Meta))
     for member in get_args(kind) if _is_union(kind) else ():
         yield from _metas(member)

@@ -174,7 +174,7 @@ def _contact_heights(gears: Teeth, axial: Values) -> Values:
 
 
 def _recession_sum(gears: Teeth, axial: Values, z: Values) -> Values:
-    """Return the sum of δ of both gears on flanks A and B, mm; flanks are the axis −2 of z."""
+    """Return the sum of the recessions of both gears, mm; axis −2 of `z` is (flank A, flank B)."""
     driving, driven = gears
     total = driving.recessions(z) + driven.recessions(-(z + axial))[..., ::-1]
     return jnp.stack([total[..., 0, :, 0], total[..., 1, :, 1]], axis=-2)
@@ -220,6 +220,6 @@ def _thickness(gears: Teeth, distance: Values, axial: Values, z: Values) -> Valu
 
 
 def _clearance(gears: Teeth, distance: Values, thickness: Values) -> Values:
-    """Return the backlash, rad of the driven gear, for the sum of both tooth thicknesses, mm."""
+    """Return (2π r_w1/z₁ − `thickness`)/r_w2, the backlash, rad, for both thicknesses in mm."""
     share = 1 / (gears[0].teeth + gears[1].teeth)
     return (2 * math.pi * distance * share - thickness) / (distance * gears[1].teeth * share)

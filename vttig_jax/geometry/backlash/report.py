@@ -52,7 +52,7 @@ class GapReport:
 
     @property
     def interferes(self) -> Bool[np.ndarray, " n"]:
-        """Whether the teeth of a section are thicker than the space."""
+        """Whether the backlash of each section is negative: teeth thicker than the space."""
         return self.section_backlash < 0
 
     @property

@@ -54,7 +54,10 @@ class ContactModel(ImplicitModel):
 
     @property
     def highest_order(self) -> float:
-        """First order of the faster shaft, or tooth mesh order if contact varies over a mesh."""
+        """Highest order in cycles per driving turn: z₁ if the contact varies over a tooth mesh.
+
+        Otherwise it is the first order of the faster shaft.
+        """
         plain = self.mounting.misalignment is None and self.deviations is None
         uniform = plain and same_everywhere(self.teeth, self.mounting.centre_distance)
         return max(1.0, float(self.ratio)) if uniform else float(self.teeth[0].teeth)
@@ -224,7 +227,7 @@ def contact_model(
 
 
 def _as_pytree(tooth: Tooth) -> Tooth:
-    """Wrap recessions that are plain functions as pytrees without numbers."""
+    """Return the gear with recessions that are plain functions wrapped as pytrees for JAX."""
     recession = tuple(
         flank if isinstance(flank, eqx.Module) else jax.tree_util.Partial(flank)
         for flank in tooth.recession
@@ -233,6 +236,6 @@ def _as_pytree(tooth: Tooth) -> Tooth:
 
 
 def _knots(deviations: Deviations | None, direction: str) -> int:
-    """Return the number of points of the finest map along one direction."""
+    """Return the number of points of the finest map along `direction`, a field of `FlankMap`."""
     maps = () if deviations is None else deviations.maps
     return max((len(getattr(flank_map, direction)) for flank_map in maps), default=0)

@@ -150,7 +150,7 @@ def _first_contacts(
     driving_angle: Float[Array, " n"],
     driven_angle: Float[Array, " n"] | None,
 ) -> FirstContact:
-    """Search the driving angles batch by batch."""
+    """Return the first contacts; the driving angles are searched batch by batch."""
 
     def search_batch(angles: tuple[Array, Array | None]) -> FirstContact:
         scene = contact_search(mates, mounting, search_grid, *angles)
@@ -192,7 +192,7 @@ def error_at(
     driven_angle: Float[Array, " n"],
     contact: FirstContact,
 ) -> Float[Array, " n"]:
-    """Return TE at a known contact, rad, with the driven centre at a given φ₂."""
+    """Return TE at a known contact, rad; `driven_angle` places the driven base circle centre."""
     return _error_and_slope(mates, mounting, driving_angle, driven_angle, contact)[0]
 
 

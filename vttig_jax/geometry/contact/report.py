@@ -90,14 +90,14 @@ class Contacts:
 
     @cached_property
     def length_mm(self) -> Float[np.ndarray, " n"]:
-        """Longest distance along z between sections in which one tooth pair touches, mm."""
+        """Length of contact along z, mm: the longest of all tooth pairs at each driving angle."""
         low = np.where(self.touching, self.section_z_mm, np.inf).min(axis=2)
         high = np.where(self.touching, self.section_z_mm, -np.inf).max(axis=2)
         return np.maximum(high - low, 0.0).max(axis=1)
 
     @cached_property
     def line(self) -> Bool[np.ndarray, " n"]:
-        """Whether a tooth pair touches along a line: over more than half an axial grid step."""
+        """Whether the contact is a line, longer than half the distance of neighbouring sections."""
         grid = max(self.misfit.shape[2] - 2, 1)
         face = np.ptp(self.section_z_mm, axis=(1, 2))
         return self.length_mm > face / grid / 2

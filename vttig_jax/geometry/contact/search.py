@@ -78,7 +78,10 @@ class ContactSearch(eqx.Module):
     points: int = eqx.field(static=True)
 
     def reach(self, roll: Values, share: Values) -> Reach:
-        """Return `Mates.reach` after one step of Newton's method for the driven centre."""
+        """Return `Mates.reach`, corrected by one Newton step for the motion of the driven centre.
+
+        If `guess` is None, the centre is fixed and nothing is corrected.
+        """
         reach = self.mates.reach(self.mounting, self.pose, roll, share)
         if self.guess is None:
             return reach
@@ -94,7 +97,7 @@ class ContactSearch(eqx.Module):
 
     @property
     def radii(self) -> tuple[Array, Array]:
-        """Limits of the distance of the driven flank from its base circle centre, mm."""
+        """Radii at the start and at the tip of the driven flank, mm."""
         flank = self.mates.driven
         start, tip = jnp.asarray(flank.start), jnp.asarray(flank.tip)
         base = flank.base_radius

@@ -54,7 +54,7 @@ def compare_stated(stated: StatedTable, found: GearMeasures) -> tuple[dict[str, 
 
 
 def _different_conditions(stated: StatedTable, computed: GearMeasures) -> dict[str, str]:
-    """Return by key a sentence on the measuring condition in which both values differ."""
+    """Return a sentence for each stated value measured under other conditions than computed."""
     if computed.section_mm:
         return {
             key: f"The stated {measure} is that of the middle of the face, not of"
@@ -139,7 +139,7 @@ def _rows(gears: list[GearMeasures]) -> list[tuple[str, str, _Cell]]:
 def _by_side(
     gears: list[GearMeasures], label: str, values: Callable[[GearMeasures], tuple[float, float]]
 ) -> list[tuple[str, str, _Cell]]:
-    """Return one row if both flanks are alike in all gears, else one row for each flank."""
+    """Return one row if left and right value agree in all gears, else one row for each flank."""
     if all(values(g)[0] == values(g)[1] for g in gears):
         return [(label, "", lambda g: values(g)[0])]
     return [

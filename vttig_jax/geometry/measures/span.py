@@ -144,7 +144,7 @@ def _teeth_spanned(tooth: Tooth, z: float, normal: float | None) -> int:
 
 
 def _contact_error(tooth: Tooth, teeth: int, contact: float) -> str | None:
-    """Return a sentence if the jaws do not touch the involutes of the outermost flanks."""
+    """Return a sentence if jaws at radius `contact`, mm, miss the involutes, else None."""
     form = form_radius(tooth, "left")  # equal base circles have equal form circles
     tip = float(tooth.tip_radius)
     over = f"Over {teeth} teeth the jaws would touch at a diameter of {2 * contact:.4f} mm,"

@@ -92,7 +92,7 @@ def _heights(tooth: Tooth, section_mm: float | None) -> Float[np.ndarray, " n"]:
 
 
 def _check_bore(profile: GearProfile, heights: Float[np.ndarray, " n"], bore: float) -> None:
-    """Raise `UsageError` if the bore reaches a chord between the feet of a tooth."""
+    """Raise `UsageError` if a bore diameter, mm, is too small or leaves no rim below the teeth."""
     root, rotation = float(profile.tooth.root_radius), profile.rotation(heights).sum(axis=-1)
     widest = min(profile.feet_angle - float(rotation.min()), profile.pitch)
     rim = 2 * root * math.cos(widest / 2)

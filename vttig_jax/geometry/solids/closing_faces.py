@@ -109,7 +109,7 @@ def rim_face(
 
 
 def nondegenerate(triangles: Triangles) -> Triangles:
-    """Return the triangles with three different points."""
+    """Return the triangles without those that have the same point at two corners."""
     a, b, c = triangles.T
     return triangles[(a != b) & (b != c) & (c != a)]
 
@@ -147,7 +147,7 @@ class BoreGrid:
 
     @property
     def width(self) -> int:
-        """Number of points in a row."""
+        """Number of points on the bore in each section."""
         return max(self.teeth * self.per_pitch + (0 if self.whole else 1), 1)
 
     @property
@@ -166,18 +166,18 @@ class BoreGrid:
         return np.stack(np.broadcast_arrays(x, y, self.z[:, None]), axis=-1).reshape(-1, 3)
 
     def row(self, row: int, tooth: int) -> Int[np.ndarray, " columns"]:
-        """Return the indices of the points below one tooth, from one space to the next."""
+        """Return the indices of the bore points below `tooth` in row `row`, from space to space."""
         along = tooth * self.per_pitch + np.arange(self.per_pitch + 1)
         along = along % self.width if self.whole else along
         return self.start + (row % len(self.z)) * self.width + along
 
     def edge(self, *, last: bool) -> Int[np.ndarray, " rows"]:
-        """Return the point indices on the first or last cut face of a sector, upwards."""
+        """Return the indices of bore points on the first or last cut face of a sector by z."""
         column = self.width - 1 if last else 0
         return self.start + np.arange(len(self.z)) * self.width + column
 
     def triangles(self) -> list[Triangles]:
-        """Return the triangles of the bore, seen from the axis."""
+        """Return the triangles of the bore, counter-clockwise seen from the axis."""
         triangles = []
         for row in range(len(self.z) - 1 if self.per_pitch else 0):
             increasing = self.rotation[row + 1] > self.rotation[row]

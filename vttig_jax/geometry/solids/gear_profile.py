@@ -125,7 +125,7 @@ class GearProfile:
         return starts
 
     def _crossing_bounds(self, target: Array) -> tuple[Array, Array]:
-        """Return bounds of u of the right curve at which the sum of both angles is the target."""
+        """Return bounds of u of the right curve where the sum of both ψ₀ is `target`, rad."""
         u, radius = self.right._table
         both = self.right(u)[1] + np.interp(radius, self.left._table[1], self.left(u)[1])
         first = np.argmax(both[:, None] <= target, axis=0)  # the sum decreases from the root
@@ -160,7 +160,10 @@ class GearProfile:
         return sorted(z for z in breaks if low + margin < z < high - margin)
 
     def _levels(self) -> list[float]:
-        """Return Σδ/R, rad, at which the fillets just touch or the crossing leaves a fillet."""
+        """Return values of (δ_left + δ_right)/R, rad, at which the bottom of the space changes.
+
+        There the fillets just touch, or their crossing passes from a fillet to a flank.
+        """
         joints = [half(np.ones(()))[0] for half in (self.left, self.right)]
         return [x - self.pitch for x in (self.feet_angle, *(float(self._sum(r)) for r in joints))]
 
@@ -170,7 +173,7 @@ class GearProfile:
         return sum(float(half(np.zeros(()))[1]) for half in (self.left, self.right))
 
     def _sum(self, radius: Array) -> Array:
-        """Return the sum of ψ₀ of both sides, rad, at a radius, mm."""
+        """Return ψ₀ of the left plus ψ₀ of the right side, rad, at a radius, mm."""
         left, right = (half(half.at_radius(radius))[1] for half in (self.left, self.right))
         return np.asarray(left + right)
 

@@ -53,7 +53,7 @@ def chordal_error(
 
 
 def _errors(grid: ToothGrid, points: np.ndarray, true: np.ndarray) -> tuple[float, float]:
-    """Return the largest distances in some rows, mm: in quadrilaterals and in sections."""
+    """Return the largest distances of `true` from the triangles and from the section chords, mm."""
     inside, across = 0.0, 0.0
     steps = np.arange(_FINER + 1) / _FINER
     corners = points[:-1, :-1], points[:-1, 1:], points[1:, 1:], points[1:, :-1]
@@ -200,7 +200,10 @@ def rounded_up(value: float) -> float:
 def section_counts(
     profile: GearProfile, z: Float[np.ndarray, " n"], tolerance_mm: float, teeth: int
 ) -> tuple[Counts, float]:
-    """Return interval counts around the tooth for chords within a tolerance, and the error, mm."""
+    """Return interval counts around the tooth for sections at heights z, and the error, mm.
+
+    The chords are within `tolerance_mm` of the curves; `teeth` determines the memory.
+    """
 
     def estimate(tolerance: float) -> Counts:
         return _around(profile, z, tolerance)[0]
@@ -267,7 +270,10 @@ def _estimate(profile: GearProfile, stretches: tuple[float, ...], tolerance: flo
 
 
 def _finer(counts: Counts, error: float, across: float, tolerance: float) -> Counts:
-    """Return the next counts: finer sections if their error is too large, else more sections."""
+    """Return larger counts: around the tooth if the error in sections is too large, else along it.
+
+    `error` is the total error and `across` the error in sections, both in mm.
+    """
     if across > max(_ACROSS, 0.7) * tolerance:
         factor = math.sqrt(across / (_ACROSS * tolerance))
         return replace(

@@ -107,7 +107,10 @@ Line = Float[np.ndarray, "_"]
 
 
 def _outline(blank: Blank, counts: Counts, z: Line) -> tuple[Line, Line, Line]:
-    """Return angles (rad) and radii (mm) of corners, and angles (rad) of arcs, 0 for a chord."""
+    """Return polar angles, rad, and radii, mm, of the corners and the angles of arcs after them.
+
+    The angle of an arc is in rad; it is 0 for a chord.
+    """
     profile = blank.profile
     radius, clockwise = (row[0] for row in section_curve(profile, counts, z))
     joints = ToothGrid(profile, counts, (z[0], z[0])).joints

@@ -130,7 +130,10 @@ def _end_curve(patch: Patch, end: int) -> Geom_BSplineCurve:
 
 
 def _surface(patch: Patch) -> Geom_BSplineSurface:
-    """Return a surface with U around and V along, so that its normal points out of the gear."""
+    """Return the B-spline surface of a patch; its normal points out of the gear.
+
+    The parameter U runs around the gear and V along the face.
+    """
     poles = np.swapaxes(patch.poles, 0, 1)
     points = Array2_gp_Pnt(1, poles.shape[0], 1, poles.shape[1])
     for i, line in enumerate(poles):
@@ -151,7 +154,7 @@ def _knots(repeated: np.ndarray) -> tuple[Array1_double, Array1_int]:
 
 
 def volume(shape: Shape) -> float:
-    """Return the volume in mm³."""
+    """Return the volume of a closed solid, mm³."""
     properties = GProp_GProps()
     # Without the error argument the relative accuracy is only 2e-5.
     BRepGProp.VolumeProperties_s(shape, properties, _VOLUME_ERROR)

@@ -127,7 +127,7 @@ quoted text that holds them."""
 
 
 def _step_name(name: str) -> str:
-    """Return a name as STEP can hold it: one line of ASCII."""
+    """Return the name as one line of ASCII without characters that have a meaning in STEP."""
     return shown_name(name).translate(_STEP_MARKS).encode("ascii", "replace").decode()
 
 
@@ -142,7 +142,7 @@ def step_bytes(solid: GearSolid, name: str) -> bytes:
 
 
 def _row(pieces: Sequence[Patch | None], blank: Blank, pitch: float) -> list[Patch]:
-    """Return the surfaces around all teeth in one stretch."""
+    """Return the surfaces of all teeth in one stretch of the face, counter-clockwise."""
     right_root, *middle, left_root = pieces
     right_tip, left_tip = middle[2], middle[3]
     assert right_tip is not None and left_tip is not None  # pointed teeth are refused
@@ -188,7 +188,7 @@ def _bore(blank: Blank, pitch: float, z: np.ndarray, turned: np.ndarray, toleran
 
 
 def _on_bore(blank: Blank, z: np.ndarray, start: np.ndarray, around: np.ndarray) -> np.ndarray:
-    """Return points x, y, z, mm, on the bore by row and by angle from the start of the row, rad."""
+    """Return bore points x, y, z, mm, at angles `start` of each row plus `around`, rad."""
     angle, radius = start[:, None] + around, blank.bore_mm / 2
     x, y = -radius * np.sin(angle), radius * np.cos(angle)
     return np.stack(np.broadcast_arrays(x, y, z[:, None]), axis=-1)

@@ -158,7 +158,7 @@ def side_index(side: Side) -> int:
 
 
 def paper_angle(rack: RackSide, roll: Values, z: Values) -> Values:
-    """Return φ of the paper, rad, for a roll angle counted from the receded flank, rad."""
+    """Return φ = roll ± δ(z)/r₂ of the paper, rad, for a roll angle, rad, and a height z, mm."""
     return roll + rack.mirror * rack.recedes(z) / rack.pitch_radius
 
 

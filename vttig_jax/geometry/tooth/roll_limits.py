@@ -146,7 +146,7 @@ def root_angles(tooth: Tooth, z: Float[Numbers, "*shape"]) -> Float[Numbers, "*s
 
 
 def _clockwise(angles: Numbers) -> Numbers:
-    """Convert angles towards each side (left, right) to angles that are positive on the right."""
+    """Return clockwise angles from angles measured towards each side; axis −2 is (left, right)."""
     left, right = angles[..., 0, :], angles[..., 1, :]
     return namespace(angles).stack([-left, right], axis=-2)
 

@@ -68,7 +68,7 @@ class SectionReport:
 
     @property
     def sound(self) -> Bool[np.ndarray, " n"]:
-        """Whether the section has none of these defects."""
+        """Whether the section has no defect: no undercut, no overlap, not pointed, not gone."""
         return ~(self.undercut.any(axis=1) | self.pointed | self.fillet_overlap | self.gone)
 
     def remarks(self, section: int) -> str:
