@@ -1,9 +1,10 @@
-"""Start angles of further logs: the positions of their zeros in the angles of the first log.
+"""Start angles of all logs after the first: shaft angles at which their counters were zero.
 
-An incremental counter starts at zero at any position of the shaft. For a log that starts at the
-angle a, the harmonic n₁φ₁ + n₂φ₂ has the phase shift n₁a₁ + n₂a₂, which rotates the cosine and sine
-columns of its rows. A log is thus shifted without another pass. The start angle is estimated from
-the orders of both logs. It is a parameter of the fit; its derivative is a sum of columns too.
+An incremental counter starts at zero at any position of the shaft. If a log starts at the shaft
+angles a₁ and a₂ of the first log, its harmonic n₁φ₁ + n₂φ₂ has the phase shift n₁a₁ + n₂a₂. This
+shift rotates the cosine and sine columns of the rows, so the samples need not be read again. The
+start angles are estimated from the orders that the log shares with the first log. They are
+parameters of the fit, and the derivative by a start angle is a linear combination of the columns.
 """
 
 from collections.abc import Mapping, Sequence
@@ -22,7 +23,7 @@ from .nuisance import own_terms
 
 SHAFTS = ("driving", "driven")
 START = {shaft: f"{shaft}_start" for shaft in SHAFTS}
-"""Own column of a log: derivative of the model with respect to its start angle."""
+"""Shaft → name of the column that only one log has: derivative of the model by its start angle."""
 
 _GRID = 1440  # trial start angles per turn; chosen value
 _MOST_STEPS = 20  # iterations; chosen value
@@ -30,7 +31,7 @@ _STILL = 0.01  # step, in standard errors, below which the iteration stops; chos
 _LONGEST = np.radians(20.0)  # largest step, rad; chosen value
 
 Coefficients = Mapping[Flank, Float[np.ndarray, " q"]]
-"""Flank → coefficients of every column but y."""
+"""Flank → cosine and sine coefficients of the harmonics, without the columns of single logs."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +47,10 @@ class Start:
 
 
 def aligned(rows: Sequence[LogRows], terms: TermPlan) -> tuple[HarmonicSummary, tuple[Start, ...]]:
-    """Estimate the start angles of all logs but the first, and sum the logs in its angles."""
+    """Return the summary of all logs in the angles of the first log, and the start angles.
+
+    `rows` are the block rows of every log. The start angles of the first log are zero.
+    """
     alone = [_alone(own, terms) for own in rows]
     starts = [Start(), *(_first_guess(alone[0], one, terms) for one in alone[1:])]
     model: Coefficients = alone[0]
@@ -77,7 +81,7 @@ def aligned(rows: Sequence[LogRows], terms: TermPlan) -> tuple[HarmonicSummary, 
 
 
 def _alone(rows: LogRows, terms: TermPlan) -> Coefficients:
-    """Return the cosine and sine coefficients of the harmonics of one log alone, free and tied."""
+    """Return the coefficients of all harmonics (free and tied) from the rows of one log alone."""
     summary = summarise([rows], terms)
     solved = residual_rows(summary, autoregression(summary))
     return {
@@ -93,7 +97,10 @@ def _harmonics(
 
 
 def _first_guess(first: Coefficients, other: Coefficients, terms: TermPlan) -> Start:
-    """Return the start angles at which the orders of two logs agree best, for each shaft."""
+    """Return the start angles of the log `other` at which its orders agree best with `first`.
+
+    Each shaft is searched separately, on a grid over one turn, with the orders of this shaft only.
+    """
     found = []
     for shaft in range(2):
         agreement = np.zeros(_GRID)
@@ -116,7 +123,12 @@ def _phasor(harmonics: Float[np.ndarray, " h"], place: int) -> complex:
 def _embeddings(
     rows: Sequence[LogRows], terms: TermPlan, starts: Sequence[Start], model: Coefficients
 ) -> tuple[ColumnLayout, tuple[Embedding, ...]]:
-    """Return the common layout, and per log and flank the matrix from its rows to that layout."""
+    """Return the column layout of all logs, and for each log and flank its embedding matrix.
+
+    The matrix has one row per column of the common layout and one column per column of the log. It
+    rotates the harmonics by the start angles and adds the columns of the start angles, which are
+    the derivatives of `model`.
+    """
     extra = tuple(START.values())
     columns = ColumnLayout(
         rows[0].columns.free,
@@ -145,7 +157,10 @@ def _embeddings(
 def _placed(
     columns: ColumnLayout, log: int, narrow: ColumnLayout
 ) -> Float[np.ndarray, "wide narrow"]:
-    """Return the matrix from rows of one log to the common layout; its start columns are zero."""
+    """Return the matrix that moves each column of one log to its place in the common layout.
+
+    The columns of the start angles remain zero.
+    """
     matrix = np.zeros((columns.width, narrow.width))
     places = [
         *range(narrow.free_width),
@@ -159,7 +174,11 @@ def _placed(
 def _slope(
     harmonics: Float[np.ndarray, " h"], terms: TermPlan, columns: ColumnLayout, shaft: int
 ) -> Float[np.ndarray, " wide"]:
-    """Return the derivative of the model by the angle of a shaft, as weights of the columns."""
+    """Return the derivative of the model with respect to the angle of one shaft.
+
+    It is a linear combination of the columns; the result contains the weight of each column.
+    `shaft` is 0 for the driving shaft and 1 for the driven shaft.
+    """
     slope = np.zeros(columns.width)
     for place, term in enumerate(terms.terms):
         cell = columns.cosine(place)

@@ -1,8 +1,9 @@
-"""Delay between the two channels: its significance, and the remaining step of its estimate.
+"""Delay of the driven channel: decision whether it is fitted, and the next step of its estimate.
 
-A driven reading that is late by d adds −d ω₂ to the transmission error. This term is odd in speed
-and resembles backlash. Only a change of speed on a flank separates them. The coefficient of −ω₂ is
-the first step. The driving angle is then taken at t − d, because a delay shifts the harmonics too.
+A driven reading that is late by d adds −d ω₂ to the transmission error. This term changes its sign
+with the direction of motion and therefore resembles backlash; only different speeds on one flank
+separate the two. The first estimate of d is the coefficient of the column −ω₂. The next pass takes
+the driving angle at t − d, because a delay also shifts the harmonics, and estimates the rest of d.
 """
 
 from collections.abc import Mapping, Sequence
@@ -22,16 +23,17 @@ SIGNIFICANT = 4.0
 """Standard errors above which a delay is fitted without a request; chosen value."""
 
 TOLD = 1e-4
-"""Smallest squared share of −ω₂ not explained by offsets and harmonics with which a delay is
-identifiable: a speed variation of 1 %. Resolution alone can give an apparent variation of 0.5 %."""
+"""A delay is identifiable if offsets and harmonics leave at least this share of the sum of squares
+of the column −ω₂ unexplained. The value corresponds to a speed variation of 1 %. The resolution of
+the encoder alone can give an apparent variation of 0.5 %."""
 
 SAME_SPEED = 0.05  # largest relative difference of speeds that count as equal; chosen value
 _WIDE = 2.0
-"""Standard errors of a delay that must lie within its bound; chosen value."""
+"""A delay is open if its bound is smaller than this number of standard errors; chosen value."""
 
 _SMALL, _SMALLEST_S = 0.01, 1e-9  # step that counts as zero: in standard errors, and in s
 _BRANCH = 0.25
-"""Largest distance of a ramp from its flank, as a share of the gap; chosen value."""
+"""Largest residual of a ramp that lies on its flank, as a share of the gap; chosen value."""
 
 State = Literal["fitted", "insignificant", "open", "given", "off"]
 
@@ -43,10 +45,10 @@ class Delay:
     **Arguments**
     - `state`: "fitted" (a parameter of the solution), "insignificant" (estimated, taken as zero),
       "open" (the logs do not determine it), "given" or "off".
-    - `seconds`: shift of the driving angle, s.
-    - `step_s`, `std_s`: further step of the linear model, and its standard error, s.
-    - `reason`: reason why it is not fitted.
-    - `within_s`: bound of |delay|, s, if the logs do not determine it.
+    - `seconds`: delay that is already removed: the driving angle is taken this much earlier, s.
+    - `step_s`, `std_s`: delay that the linear model finds in addition, and its standard error, s.
+    - `reason`: reason why the delay is not fitted.
+    - `within_s`: assumed bound of |delay|, s, if the logs do not determine the delay.
     - `forced`: whether the user requires the delay, even if the logs do not determine it.
     """
 
@@ -65,10 +67,11 @@ class Delay:
         return self.state != "fitted" or abs(self.step_s) <= small
 
     def unknown_s(self, *, steady: bool) -> float:
-        """Return the size of a delay, s, that the fit leaves in the gap between the flanks.
+        """Return the largest delay, s, that may remain in the fitted gap between the flanks.
 
-        It is the bound of a delay that the logs do not tell, and at one speed (`steady`) the half
-        width of the interval of an insignificant delay, which the fit takes as zero.
+        If the logs do not determine the delay, it is the bound of the delay. If the delay is
+        insignificant and all runs have one speed (`steady`), it is the half-width of the 95 %
+        interval of the delay, because the fit takes the delay as zero.
         """
         if self.state == "insignificant" and steady:
             return NORMAL_95 * self.std_s
@@ -76,11 +79,11 @@ class Delay:
 
     @property
     def bound_s(self) -> float:
-        """Bound of a delay that the logs do not tell, s; 0 for any other delay."""
+        """Bound of |delay|, s, if the logs do not determine the delay; otherwise 0."""
         return self.within_s if self.state == "open" and not self.forced else 0.0
 
     def stepped(self) -> "Delay":
-        """Return the delay with the step added."""
+        """Return the delay with `step_s` added to `seconds`, for the next pass."""
         return replace(self, seconds=self.seconds + self.step_s, step_s=0.0)
 
 
@@ -94,12 +97,15 @@ def judge_delay(
     steady: bool,
     within_s: float,
 ) -> Delay:
-    """Decide on the delay by a linear model with the coefficients `beside` and the delay.
+    """Decide whether the delay is fitted, insignificant or open (not determined by the logs).
 
-    At one speed (`steady`) an insignificant delay is open if its standard error is beyond the bound
-    `within_s` of its size, s.
-
-    If `forced`, the delay is fitted in any case.
+    **Arguments**
+    - `own`: linear regression. - `beside`: its coefficients that are estimated with the delay.
+    - `seconds`: delay that is already removed, s.
+    - `forced`: fit the delay even if it is insignificant.
+    - `two_flanks`: whether the logs cover both flanks. - `steady`: whether all runs have one speed;
+      an insignificant delay is then open if two standard errors exceed `within_s`.
+    - `within_s`: assumed bound of |delay|, s.
     """
     like = "the constant backlash" if two_flanks else "an offset"
     reason = f"at one steady speed a delay cannot be told from {like}; log a second speed"
@@ -133,10 +139,10 @@ def on_its_branch(
     residual_rows: Mapping[Flank, Float[np.ndarray, " q"]],
     noise_std: float,
 ) -> bool:
-    """Return whether a ramp stays on the flank of its motion.
-
-    The residuals of at least 95 % of its rows must be at most a quarter of the gap plus three
-    standard deviations of the noise. `residual_rows` gives the weights (−β, 1) of each flank.
+    """Return whether the teeth stay on the flank of their direction of motion during a ramp.
+    A ramp is the part of a log in which the speed changes. At least 95 % of its `rows` must have a
+    residual of at most a quarter of the gap plus three times `noise_std`, rad. `residual_rows`
+    contains the weights (−β, 1) of each flank, so that a row times these weights is its residual.
     """
     own = ramp.segment.flank
     if own not in residual_rows or len(rows) == 0:

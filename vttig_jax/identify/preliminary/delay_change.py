@@ -1,8 +1,9 @@
 """Change of the delay within a log, and the wrong ratio that may look like one.
 
-A wrong ratio is a slope of the transmission error. Where the second half of a log turns faster or
-goes another way than the first, offsets and drift turn this slope into a delay of its own in each
-half. Either explanation has one coefficient, so their likelihoods compare directly.
+A wrong ratio gives the transmission error a slope. If speed or direction differ between the two
+halves of a log, the offsets and the drift absorb a part of this slope, and the rest looks like a
+different delay in each half. Both explanations (changed delay, wrong ratio) have one coefficient,
+so that their likelihoods can be compared directly.
 """
 
 from collections.abc import Sequence
@@ -25,15 +26,16 @@ _CHANGED = 3.0
 """Standard errors above which a change of the delay within a log is reported; chosen value."""
 
 _TOLD_APART = 10.0
-"""Twice the difference of the logarithms of two likelihoods that tells explanations apart; chosen
-value. The right one and a wrong one differ by six on a robot axis of known ratio."""
+"""Twice the difference of two log-likelihoods above which one of the two explanations is preferred;
+chosen value. On a robot axis of known ratio the right and the wrong explanation differ by six."""
 
 
 @dataclass(frozen=True)
 class Slope:
-    """Error of the given ratio that may look like a change of the delay.
+    """Error of the given ratio, in ppm, that may look like a change of the delay.
 
-    `evidence` is twice the logarithm of the likelihood of a changed delay over that of this error.
+    `evidence` is 2 (ln L₁ − ln L₂), where L₁ is the likelihood of a changed delay and L₂ is the
+    likelihood of a wrong ratio. It is negative if the wrong ratio explains the log better.
     """
 
     ppm: float
@@ -43,9 +45,10 @@ class Slope:
 
 @dataclass(frozen=True)
 class DelayChange:
-    """Delay in the second half of a log less that in the first, with its standard error, s.
+    """Delay in the second half of a log minus the delay in the first half, with standard error, s.
 
-    `slope` is what a wrong ratio would explain instead; None where that is excluded.
+    `slope` is the error of the ratio that would explain the change instead; it is None if it was
+    not tested or if the ratio is exact.
     """
 
     change_s: float
@@ -88,14 +91,14 @@ class DelayChange:
 
 
 _LATE = "delay_late"
-"""Name of the regressor for a delay in the second half of a log only."""
+"""Name of the regressor of a delay that exists only in the second half of a log."""
 
 
 def delay_change(linear: LinearFit) -> DelayChange | None:
     """Return the change of the delay from the first half of a log (in time) to the second half.
 
-    Of several logs, the one with the most significant change counts. The result is None if in no
-    log both halves determine the delay.
+    The change is computed for every log, and the most significant one is returned. The result is
+    None if there is no log whose two halves both determine the delay.
     """
     found = []
     for log, rows in enumerate(linear.rows):
@@ -111,10 +114,10 @@ def delay_change(linear: LinearFit) -> DelayChange | None:
 def delay_of(
     linear: LinearFit, rows: LogRows, counted: Sequence[bool]
 ) -> tuple[float, float] | None:
-    """Return the correction of the delay that some runs of a log give, and its standard error, s.
+    """Return the correction of the delay from some runs of one log, and its standard error, s.
 
-    The correction is relative to the delay of the linear fit. `counted` marks the runs that are
-    used. The result is None if these runs do not determine the delay.
+    The correction is added to the delay that the linear fit has already removed. `counted` is True
+    for each run that is used. The result is None if these runs do not determine the delay.
     """
     runs = tuple(run for run, own in zip(rows.runs, counted, strict=True) if own)
     if not runs:
@@ -130,9 +133,10 @@ def delay_of(
 
 
 def with_rival(change: DelayChange | None, selected: SelectedModel) -> DelayChange | None:
-    """Return a clear change of the delay with the wrong ratio that may look like it.
+    """Return the change of the delay, and compare it with a wrong ratio as another explanation.
 
-    Tooth counts make the ratio of a gear pair exact, and a fitted ratio needs no rival.
+    The comparison (`slope`) is added only to a significant change, and only if the ratio may be
+    wrong: tooth counts make the ratio of a gear pair exact, and a fitted ratio is already free.
     """
     linear, weights = selected.linear, selected.weights
     names = list(own_parameters(selected.summary.columns)[0])

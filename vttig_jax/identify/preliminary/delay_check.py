@@ -1,4 +1,4 @@
-"""Bound of a delay that a log does not tell, and check that a fitted one explains the log."""
+"""Bound of a delay that the logs do not determine, and check that a fitted delay explains them."""
 
 from collections.abc import Sequence
 
@@ -11,20 +11,20 @@ from .linear_fit import Input, LinearFit
 from .robust import Reweighted
 
 _MORE = 1.05
-"""Residual with a delay over that without it, above which it does not explain the log (chosen)."""
+"""A fitted delay is rejected if it increases the residual by more than this factor (chosen)."""
 
 _WORSE = "the delay that resembles the slow errors of the log leaves a larger residual than none"
 
 
 def explaining(delay: Delay, weights: Reweighted, linear: LinearFit, *, bound_s: float) -> Delay:
-    """Return the delay, or an open one if it is several samples and leaves more than none does.
+    """Return the fitted delay, or an open delay if the residual is larger than without a delay.
 
-    In a run-up the speed grows like the drift. Neither is then known beside the other, and the
-    steps of the delay may run away to one that no column explains.
+    In a run-up the speed grows in the same way as the drift. The log then cannot separate delay and
+    drift, and the steps of the delay may diverge to a value that does not explain the log.
 
     **Arguments**
-    - `linear`: fit at the shift of the delay.
-    - `bound_s`: largest delay that is not looked at, and bound of an open one, s.
+    - `weights`: weights of the samples. - `linear`: fit from which the delay is removed.
+    - `bound_s`: a delay up to this bound is not checked; also the bound of an open delay, s.
     """
     if delay.state != "fitted" or abs(delay.seconds) <= bound_s:
         return delay
@@ -34,7 +34,10 @@ def explaining(delay: Delay, weights: Reweighted, linear: LinearFit, *, bound_s:
 
 
 def delay_bound_s(inputs: Sequence[Input], settings: FitSettings) -> float:
-    """Return the bound of a delay that the logs do not tell: a sampling interval unless given."""
+    """Return the bound, s, of a delay that the logs do not determine.
+
+    It is the setting `delay_within_ms`, or by default the longest median sampling interval.
+    """
     if settings.delay_within_ms is not None:
         return 1e-3 * settings.delay_within_ms
     return max(float(np.median(np.diff(one.log.time))) for one in inputs)

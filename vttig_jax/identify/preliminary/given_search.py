@@ -1,10 +1,11 @@
-"""Levenberg–Marquardt search of the parameters of a given flank model on the block rows.
+"""Levenberg–Marquardt search for the parameters of a flank model that the user gives.
 
-The misfit is |y − m(θ) − Z q|, where m is the model at the mean angle of every row and q are the
-coefficients of all other columns Z: offsets, harmonics, drift, delay and regressors. For every θ
-the best q is linear (variable projection: Golub and Pereyra 1973). Each flank of each log has its
-own q here, and the rows count as independent, because their noise is not yet known. The solution is
-only the start of the passes, which use the means of the model over the samples of every row.
+The search minimises |y − m(θ) − Z q| over all block rows. y is the transmission error, m is the
+model at the mean angle of each row, and q are the coefficients of all other columns Z: offsets,
+harmonics, drift, delay and regressors. For every θ, linear least squares gives the best q (variable
+projection: Golub and Pereyra 1973). Here each flank of each log has a separate q, and the rows
+count as independent, because their noise is not yet known. The result is only the start value of
+the passes, which average the model over the samples of each row.
 """
 
 from typing import Any
@@ -22,9 +23,9 @@ from ..model.given_model import GivenModel, error_of
 from .linear_fit import LinearFit
 
 _MOST_STEPS = 200  # steps of the solver; chosen value
-_TOLERANCE = 1e-6  # change of a parameter, in standard errors of it alone, at the end; chosen
-_TOLD = 1e-5  # least part of the derivative by a parameter that is its own; chosen value
-_RANK = 1e-9  # least singular value of the other columns that counts, of the largest; chosen
+_TOLERANCE = 1e-6  # the search ends below this change, in standard errors of a parameter; chosen
+_TOLD = 1e-5  # least part of a derivative that the other columns do not explain; chosen value
+_RANK = 1e-9  # singular values below this share of the largest one count as zero; chosen value
 
 
 class _Rows(eqx.Module):
@@ -43,16 +44,16 @@ class _Rows(eqx.Module):
     side: int = eqx.field(static=True)
 
     def left(self, model: Any, values: Float[Numbers, " p"]) -> Float[Numbers, " rows"]:
-        """Return the residual of the rows after the model and the best other columns, rad."""
+        """Return the residual, rad, after subtraction of the model and of the best fit of Z."""
         error = error_of(model, values, jnp.asarray(self.angle), self.side)
         columns = jnp.asarray(self.columns)
         return self.error - error + columns @ (columns.T @ error)
 
 
 def searched(linear: LinearFit) -> GivenModel:
-    """Return the given model of a linear fit with the parameters of the least misfit.
+    """Return the flank model of a linear fit with the parameters of the smallest misfit.
 
-    The parameters remain those of the start if the search finds no smaller misfit.
+    If the search does not reduce the misfit, the start parameters are kept.
     """
     given = linear.model.given
     assert given is not None  # the caller has a model
@@ -110,9 +111,9 @@ def _left(
 def _left_and_slopes(
     model: Any, parts: tuple[_Rows, ...], values: Float[Numbers, " p"]
 ) -> tuple[Float[Numbers, " r"], Float[Numbers, "r p"], Float[Numbers, " p"]]:
-    """Return the residual at the start, rad, the negative of its derivatives, and their sizes.
-
-    The sizes are the lengths of the derivatives of the model itself.
+    """Return the residual (rad) at `values`, its negative derivatives, and their lengths.
+    Residual and derivatives are after the projection on the other columns Z. The lengths are those
+    of the derivatives of the model before the projection, one for each parameter.
     """
     values = jnp.asarray(values)
     left = lambda some: _left(model, parts, some)  # noqa: E731
@@ -131,7 +132,10 @@ def _minimise(
     scale: Float[Numbers, " p"],
     unit: Float[Number, ""],
 ) -> tuple[Float[Numbers, " p"], Float[Number, ""]]:
-    """Return the parameters of the least misfit, and this misfit in units of `unit`."""
+    """Return the parameters of the smallest misfit, and this misfit in units of `unit` (rad).
+
+    The solver starts at `start`; `scale` is the step of each parameter that counts as one unit.
+    """
     import optimistix as optx  # slow to import, and seldom needed
 
     def misfit(scaled: Float[Numbers, " p"], _: None) -> Float[Numbers, " r"]:

@@ -1,4 +1,4 @@
-"""Linear fit of the block rows of all logs, and its residuals of single samples."""
+"""Linear fit of the block rows of all logs, and the residuals of its single samples."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -38,7 +38,8 @@ def residual_of(
 ) -> Float[np.ndarray, " n"]:
     """Return the transmission error minus the model at every `stride`-th sample of a segment, rad.
 
-    `columns` is the layout of this log alone, and `weights` are its residual weights (−β, 1).
+    `columns` is the column layout of this log alone. `weights` are (−β, 1) with the coefficients β
+    of the fit on the flank of the segment: the product of a row and `weights` is its residual.
     """
     part = slice(segment.start, segment.stop, stride)
     own = columns.own_slice
@@ -66,7 +67,11 @@ def _harmonics(
     driving: Float[Array, " n"],
     driven: Float[Array, " n"],
 ) -> Float[Array, " n"]:
-    """Return the sum of the harmonics; cosine and sine coefficients of a term are adjacent."""
+    """Return the sum of all harmonics at the given shaft angles, rad.
+
+    A row (n₁, n₂) of `orders` is the harmonic n₁φ₁ + n₂φ₂. `coefficients` contains the cosine and
+    the sine coefficient of each harmonic in turn.
+    """
     driving, driven = (without_turns(angle, orders) for angle in (driving, driven))
 
     def add(term, total):
@@ -78,15 +83,20 @@ def _harmonics(
 
 
 AnySamples = Float[np.ndarray, " _"]
-"""Samples of one of several logs with different lengths."""
+"""One value per sample of one log; the logs of a sequence may have different lengths."""
 
 _FINER = 8.0
-"""Largest factor by which short ramps shorten the rows that the orders require; chosen value."""
+"""Short ramps may shorten the rows (blocks of samples) by at most this factor; chosen value."""
 
 
 @dataclass(frozen=True, eq=False)
 class Input:
-    """One log, all its segments found, the segments that the fit uses, and its ramps."""
+    """One log and its parts.
+
+    **Arguments**
+    - `found`: all segments that were found. - `segments`: segments of steady speed that are fitted.
+    - `ramps`: parts with changing speed; they can help to determine the delay.
+    """
 
     log: EncoderLog
     found: Segments
@@ -96,9 +106,12 @@ class Input:
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """Model of all passes: rig, harmonics, other columns, common zero, and kind of the noise.
+    """Model that all passes over the logs have in common.
 
-    `given` is a flank model of the user, which is linear near its parameters; None without one.
+    **Arguments**
+    - `terms`: harmonics. - `regressors`: names of further columns, such as "delay" and "torque".
+    - `same_zero`: whether the angles of all logs count from the same zero.
+    - `given`: flank model of the user, linearised at its parameters; None without such a model.
     """
 
     pair: GearPair | Drive
@@ -112,14 +125,15 @@ class Model:
 
 @dataclass(frozen=True, eq=False)
 class LinearFit:
-    """Rows of every log for one delay and one set of weights.
+    """Block rows of all logs for one delay and one set of weights, and the linear fit of them.
 
     **Arguments**
     - `inputs`, `model`: logs, and model of all passes.
     - `channels`, `rows`: samples with regressors, and block rows, of every log.
     - `block_s`: duration of a row, s.
     - `segments`: segments of each log from which the rows are computed.
-    - `base`: fit of the first runs of each log, whose summary is a part of that of all runs.
+    - `base`: fit of the first runs of each log, if there is one. Its summary is reused, so that
+      only the further runs are added.
     """
 
     inputs: tuple[Input, ...]
@@ -139,7 +153,7 @@ class LinearFit:
         return aligned(self.rows, self.model.terms)
 
     def rows_of(self, log: int, segments: Sequence[Segment]) -> LogRows:
-        """Return the rows of segments of a log, with the duration of the rows of this fit."""
+        """Return the block rows of the given segments; each row lasts `block_s`, as in this fit."""
         speeds = [abs(s.speed) for one in self.segments for s in one]
         return log_rows(
             self.channels[log],
@@ -157,12 +171,12 @@ class LinearFit:
 
     @property
     def summary(self) -> HarmonicSummary:
-        """Summary of all logs, with all own columns."""
+        """Summary of the rows of all logs, with offset, drift, delay and all regressors."""
         return self._aligned[0]
 
     @property
     def starts(self) -> tuple[Start, ...]:
-        """Start angles of every log, in the angles of the first log."""
+        """Angles of both shafts at the zero of every log, relative to the first log, rad."""
         return self._aligned[1]
 
     @cached_property
@@ -172,12 +186,16 @@ class LinearFit:
 
     @cached_property
     def own(self) -> NuisanceRegression:
-        """Regression of drift, delay and the other own columns."""
+        """Regression of drift, delay and regressors after the elimination of the harmonics."""
         return own_terms(self.summary, self.filter)
 
     @cached_property
     def residual_rows(self) -> tuple[dict[Flank, Float[np.ndarray, " q"]], ...]:
-        """For each log: flank → weights (−β, 1) of the linear model in the layout of that log."""
+        """For each log: flank → weights (−β, 1) in the column layout of this log.
+
+        β are the coefficients of the linear model; the product of a row and the weights is its
+        residual, rad.
+        """
         solved = residual_rows(self.summary, self.filter)
         flanks: list[Flank] = [f.flank for f in self.summary.flanks]
         return tuple(
@@ -189,7 +207,10 @@ class LinearFit:
         )
 
     def residuals(self, log: int, stride: int = 1) -> list[Samples]:
-        """Return the residuals of the measured samples of every run of a log, rad."""
+        """Return the residuals of every `stride`-th sample of a log, one array per run, rad.
+
+        They belong to the measured samples: what Huber's loss subtracted from a sample is added.
+        """
         weights, channels, rows = self.residual_rows[log], self.channels[log], self.rows[log]
         found = []
         for run in rows.runs:
@@ -211,16 +232,17 @@ def linear_fit(
     segments: Sequence[tuple[Segment, ...]] | None = None,
     pulls: Sequence[AnySamples | None] | None = None,
 ) -> LinearFit:
-    """Return the linear model of all logs with its block rows, which are computed here.
+    """Compute the block rows of all logs, and return the linear fit of these rows.
 
     The coefficients and residuals are computed when they are first read from the result.
 
     **Arguments**
     - `inputs`, `model`: logs with their segments in certain contact, and the columns of the rows.
-    - `delay_s`: delay of the driven channel that is removed, s.
-    - `weights`, `pulls`: of the samples of each log, from a robust loss; see `Reweighted`.
-    - `block_s`: duration of a row, s; by default the longest that the orders allow, shortened
-      towards `finest_s`, s.
+    - `delay_s`: delay of the driven channel that is removed before the fit, s.
+    - `weights`, `pulls`: weights of the samples of each log from a robust loss, and values that are
+      subtracted from the samples, rad; see `Reweighted`.
+    - `block_s`: duration of a row, s. By default it is the longest that the orders allow, or
+      `finest_s` if that is shorter, but at least an eighth of the former.
     - `segments`: segments of each log; by default those of `inputs`.
     """
     none: list[Samples | None] = [None] * len(inputs)

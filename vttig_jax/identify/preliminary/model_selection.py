@@ -1,8 +1,8 @@
 """Selection of delay, drift and regressors by passes over the logs.
 
-The linear model of the rows determines which drift, delay and regressors are significant, the next
-step of the delay, and the weight of every sample. One pass suffices if neither the delay nor the
-weights require another.
+A pass fits the linear model to the block rows. It shows which drift, delay and regressors are
+significant, how the delay must change, and which weight each sample gets. A further pass is made
+only if the delay or the weights change.
 """
 
 from collections.abc import Sequence
@@ -29,20 +29,20 @@ from .nuisance import NuisanceRegression
 from .robust import Reweighted, reweighted
 
 AUTOMATIC_DRIFT = 2
-"""Highest power of time that is selected without a request; chosen value."""
+"""Highest power of time of the drift if the user requests no drift; chosen value."""
 
 
 def drift_names(names: Sequence[str], order: int) -> list[str]:
-    """Return those of `names` that are coefficients of powers of time up to `order`."""
+    """Return the entries of `names` that are drift coefficients of powers of time 1 … `order`."""
     powers = {f"drift_{power}" for power in range(1, order + 1)}
     return [name for name in names if name.split("_of_")[0] in powers]
 
 
 def choose_drift(own: NuisanceRegression, beside: Sequence[str] = ()) -> int:
-    """Return the power of time, 0 to 2, with the lowest BIC; `beside` are also in the model.
+    """Return the highest power of time of the drift, 0 to 2, by the lowest BIC.
 
-    All powers have the noise model of the highest power. With a separate noise model for each, a
-    missing drift would appear as correlation of the noise.
+    `beside` names further coefficients of the models. All models have the noise model of power 2;
+    with a separate noise model for each, a missing drift would look like correlated noise.
     """
     if own.is_exact:
         return 0
@@ -52,21 +52,21 @@ def choose_drift(own: NuisanceRegression, beside: Sequence[str] = ()) -> int:
     return scores.index(min(scores))
 
 
-_MOST_STEPS = 10  # steps of the delay; chosen value
+_MOST_STEPS = 10  # largest number of passes that find the delay; chosen value
 _ROWS_A_RAMP = 40
-"""Number of rows per ramp: more than twice the highest order of the noise."""
+"""Number of rows per ramp: more than twice the highest order of the autoregressive noise."""
 
 _TURNS_FOR_DRIFT = 2.0
-"""Turns of a shaft below which its first order resembles the curvature of a drift."""
+"""With fewer turns, the first order of a shaft resembles the curvature of a drift."""
 
 _WRONG_RATIO = 12.0
-"""Standard errors by which a log contradicts the given ratio of a drive. The robot axes of known
-ratio reach nine, because their slow errors resemble a slope; chosen value."""
+"""Standard errors of the ratio above which a log contradicts the given ratio of a drive; chosen
+value. Robot axes of known ratio reach nine, because their slow errors resemble a slope."""
 
 _TOLD_APART = 1e-10
-"""Least squared share of a given model's column that no offset, gap or order explains; chosen."""
+"""Columns of a given model are kept if more than this share of their squares is unexplained."""
 
-_SIGNIFICANT = 4.0  # standard errors above which an unasked torque coefficient is kept (chosen)
+_SIGNIFICANT = 4.0  # a torque coefficient that is not requested is kept above these std (chosen)
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +74,7 @@ class SelectedModel:
     """Selected model and compressed logs, the input of the solver.
 
     **Arguments**
-    - `linear`: last pass. - `summary`: summary of all logs with the selected own columns.
+    - `linear`: fit of the last pass. - `summary`: rows of all logs with the selected columns only.
     - `delay`, `drift`: selected delay and drift. - `weights`: result of the robust loss.
     - `notes`: sentences for the report.
     """
@@ -96,8 +96,8 @@ def select_model(
 ) -> SelectedModel:
     """Select the nuisance parameters, delay, drift and weights of the fit, and compress the logs.
 
-    The harmonics are those of `identifiable`. `given` is the flank model of a pass. One pass over
-    the logs is always made; a delay to be found, a ratio in doubt and a robust loss require more.
+    The harmonics are those of `identifiable`. `given` is a flank model of the user. One pass over
+    the logs is always made; a delay, a doubtful ratio and a robust loss need more passes.
     """
     if _has_slope(pair, identifiable, settings):
         settings = msgspec.structs.replace(settings, drift_order=1)
@@ -105,7 +105,7 @@ def select_model(
     model, names = plain.model, plain.model.regressors
     delay_tried = "delay" in names
     finest_s = _finest(inputs) if delay_tried else np.inf
-    # A delay that is left out looks like a slope as well, so that the ratio is judged beside it.
+    # A missing delay also looks like a slope, so the ratio is tested with the delay in the model.
     if delay_tried and "ratio" not in names and _may_hide_a_ratio(pair, identifiable):
         freed = replace(model, regressors=(*names, "ratio"))
         other = linear_fit(inputs, freed, delay.seconds, finest_s=finest_s)
@@ -116,7 +116,7 @@ def select_model(
     if delay_tried:
         linear, delay, told = _with_delay(weights, settings)
         if weights.loss != "square" and delay.state == "fitted":
-            # The first weights were computed without the delay, and in ramps from neighbours only.
+            # The first weights come from a model without the delay and, in ramps, from spikes only.
             weights = reweighted(
                 linear, weights.loss, weights.values if weights.loss == "bisquare" else None
             )
@@ -145,7 +145,7 @@ def plain_fit(
     settings: FitSettings,
     given: GivenModel | None,
 ) -> tuple[LinearFit, Delay, list[str]]:
-    """Return the first pass with all columns, its delay, and notes."""
+    """Return the fit of the first pass with all candidate columns, its delay, and notes."""
     names, delay, notes = _candidates(inputs, settings, _has_open_ratio(pair, identifiable))
     model = Model(
         pair=pair,
@@ -161,7 +161,7 @@ def plain_fit(
 
 
 def have_one_zero(logs: Sequence[EncoderLog], settings: FitSettings) -> bool:
-    """Return whether the angles of all logs count from the same zero."""
+    """Return whether the shaft angles of all logs have the same zero."""
     if settings.same_zero is not None:
         return settings.same_zero
     return all(log.zero == "reading" for log in logs)
@@ -170,9 +170,9 @@ def have_one_zero(logs: Sequence[EncoderLog], settings: FitSettings) -> bool:
 def _candidates(
     inputs: Sequence[Input], settings: FitSettings, open_ratio: bool
 ) -> tuple[tuple[str, ...], Delay, list[str]]:
-    """Return the tried columns other than offset and drift, the initial delay, and notes.
+    """Return the candidate columns except offset and drift, the initial delay, and notes.
 
-    `open_ratio` tells that the given ratio may be slightly wrong.
+    If `open_ratio` is True, the error of the given ratio is a candidate.
     """
     names: list[str] = list(settings.regressors)
     notes: list[str] = []
@@ -193,11 +193,11 @@ def _candidates(
 
 
 def _has_open_ratio(pair: GearPair | Drive, identifiable: Identifiability) -> bool:
-    """Return whether a wrong ratio would bias the other terms: on few turns of a drive both ways.
+    """Return whether the error of the ratio must be fitted, because it would bias other terms.
 
-    Tooth counts make the ratio of a gear pair exact, and many turns show a wrong ratio. On a single
-    turn of either shaft a slope and the first order are nearly the same, and in one direction a
-    slope is a drift.
+    This is so for a drive with few turns in both directions. Tooth counts make the ratio of a gear
+    pair exact, and many turns show a wrong ratio. A single turn cannot separate a slope from the
+    first order, and in one direction the slope is fitted as a drift.
     """
     both_ways = len(identifiable.flanks) == 2
     return both_ways and "driven" not in identifiable.short and _may_be_off(pair, identifiable)
@@ -211,23 +211,23 @@ def _may_be_off(pair: GearPair | Drive, identifiable: Identifiability) -> bool:
 def _has_slope(
     pair: GearPair | Drive, identifiable: Identifiability, settings: FitSettings
 ) -> bool:
-    """Return whether a wrong ratio of a drive is fitted as a drift: on few turns one way."""
+    """Return whether a drift absorbs a wrong ratio: on few turns of a drive in one direction."""
     asked = settings.drift_order is not None or settings.drift_knots_s is not None
     one_way = len(identifiable.flanks) == 1 and not settings.free_ratio
     return one_way and not asked and _may_be_off(pair, identifiable)
 
 
 def _may_hide_a_ratio(pair: GearPair | Drive, identifiable: Identifiability) -> bool:
-    """Return whether the slope of the log cannot contradict a wrong ratio of a drive.
+    """Return whether a wrong ratio of a drive may remain unseen in the slope of the log.
 
-    On a part of a driven turn the slope is uncertain by the first order of that shaft.
+    If the driven shaft makes only a part of a turn, its unknown first order adds to the slope.
     """
     both_ways = len(identifiable.flanks) == 2
     return isinstance(pair, Drive) and both_ways and "driven" in identifiable.short
 
 
 def _demands_a_ratio(linear: LinearFit, settings: FitSettings) -> bool:
-    """Return whether the log contradicts the given ratio beside all other terms."""
+    """Return whether a fit with a free ratio contradicts the given ratio."""
     own = linear.own
     names = [*_beside(own, settings), *(["delay"] if "delay" in own.names else [])]
     value, std = own.estimate("ratio", names)
@@ -235,7 +235,7 @@ def _demands_a_ratio(linear: LinearFit, settings: FitSettings) -> bool:
 
 
 def _finest(inputs: Sequence[Input]) -> float:
-    """Return the longest row, s, with enough rows per ramp; infinite if ramps are not needed."""
+    """Return the longest row, s, that gives a ramp enough rows; infinite if no ramp is needed."""
     if not one_speed([s for one in inputs for s in one.segments]):
         return np.inf
     ramps = [
@@ -249,10 +249,10 @@ def _finest(inputs: Sequence[Input]) -> float:
 def _widest_drift(
     settings: FitSettings, pair: GearPair | Drive, identifiable: Identifiability
 ) -> Drift:
-    """Return the requested drift, or the highest tried; none if another term resembles drift.
+    """Return the requested drift, or the highest drift that may be selected.
 
-    On few turns that is a first order, or on both flanks of a drive the gap beside correlated
-    noise.
+    Without a request there is no drift if it resembles another term: a first order on few turns,
+    or the gap of a drive under correlated noise.
     """
     if settings.drift_knots_s is not None:
         return Drift(knots_s=settings.drift_knots_s)
@@ -269,7 +269,7 @@ def _widest_drift(
 
 
 def _with_delay(weights: Reweighted, settings: FitSettings) -> tuple[LinearFit, Delay, list[str]]:
-    """Decide on the delay and iterate it until it is settled; at one speed, add the ramps."""
+    """Iterate the delay until it is settled; at one speed, the fit includes the ramps."""
     plain = weights.linear
     inputs, model, block_s = plain.inputs, plain.model, plain.block_s
     steady = one_speed([s for one in inputs for s in one.segments])
@@ -298,10 +298,10 @@ def _with_delay(weights: Reweighted, settings: FitSettings) -> tuple[LinearFit, 
 
 
 def _is_told_on_one_flank(plain: LinearFit) -> bool:
-    """Return whether one flank alone, without ramps, identifies the delay.
+    """Return whether the logs cover one flank only, and identify the delay without ramps.
 
-    There it resembles no gap, but a first order if the speed swings once a turn. A delay that is
-    taken as zero would then bias this order.
+    If the speed varies once per turn, a delay looks like a first order there. A delay that is
+    wrongly taken as zero would bias this order.
     """
     return len(plain.summary.flanks) == 1 and plain.own.left("delay") >= TOLD
 
@@ -309,7 +309,8 @@ def _is_told_on_one_flank(plain: LinearFit) -> bool:
 def _with_ramps(linear: LinearFit) -> tuple[LinearFit, list[str]]:
     """Return the linear fit with the ramps that stay on their flank, and a note on their number.
 
-    A fit with the accelerating ramps decides: in others the driven side may run ahead.
+    A fit with only the accelerating ramps decides which ramps stay on their flank: when the drive
+    slows down, the driven side may leave its flank.
     """
     total = sum(len(one.ramps) for one in linear.inputs)
     ramps = [
@@ -333,14 +334,14 @@ def _with_ramps(linear: LinearFit) -> tuple[LinearFit, list[str]]:
 
 
 def _rows_of(ramp: LogRows) -> Float[np.ndarray, "n q"]:
-    """Return the rows of a ramp; none for a ramp shorter than a row."""
+    """Return the rows of a ramp as an array; it has no rows if the ramp is shorter than a row."""
     return ramp.runs[0].rows if ramp.runs else np.zeros((0, ramp.columns.width))
 
 
 def _joined(
     linear: LinearFit, ramps: Sequence[Sequence[LogRows]], keep: Sequence[Sequence[bool]]
 ) -> LinearFit:
-    """Return the linear fit of its own rows and of those ramps that are to be kept."""
+    """Return the linear fit with those `ramps` added that are marked True in `keep`."""
     rows, used = [], []
     for log, chosen in enumerate(keep):
         segments = [one.segment for one in linear.inputs[log].ramps]
@@ -352,7 +353,7 @@ def _joined(
 
 
 def _beside(own: NuisanceRegression, settings: FitSettings) -> list[str]:
-    """Return the own coefficients, without the delay, that BIC selects or the user requires."""
+    """Return the selected coefficients other than the delay: drift, regressors, best torque."""
     slow = ("drift_", "spline_", "torque_")
     others = [n for n in own.names if n != "delay" and not n.startswith(slow)]
     splines = [n for n in own.names if n.startswith("spline_")]
@@ -367,14 +368,14 @@ def _beside(own: NuisanceRegression, settings: FitSettings) -> list[str]:
 
 
 def _best_torque(own: NuisanceRegression, known: list[str]) -> list[str]:
-    """Return the torque average with the smallest misfit in a model with `known` and the delay."""
+    """Return the torque average with the smallest misfit beside `known` and the delay, if any."""
     windows = [n for n in own.names if n.startswith("torque_")]
     beside = [*known, *(["delay"] if "delay" in own.names else [])]
     return [min(windows, key=lambda name: own.misfit([*beside, name]))] if windows else []
 
 
 def _chosen(linear: LinearFit, settings: FitSettings, delay: Delay) -> tuple[set[str], list[str]]:
-    """Return the names of the selected own columns, and sentences on those left out."""
+    """Return the names of the selected columns of drift, delay and regressors, and notes."""
     own = linear.own
     fitted = ["delay"] if delay.state == "fitted" else []
     names = [*_beside(own, settings), *fitted]

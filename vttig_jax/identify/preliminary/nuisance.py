@@ -1,8 +1,9 @@
-"""Coefficients of the own columns of the logs in the linear model, with standard errors.
+"""Linear regression of drift, delay and regressors after the elimination of the harmonics.
 
-All harmonics, free and tied, have independent coefficients on each flank. Offsets, drift, delay and
-the other regressors have one coefficient for both flanks, and the gap has one for all logs. This
-model needs no forward model and no iteration. It selects regressors and gives steps of the delay.
+In this model all harmonics, free and tied, have independent coefficients on each flank. Offset,
+drift, delay and each regressor of a log have one coefficient for both flanks. The gap between the
+flanks is one coefficient for all logs. The model needs no forward model and no iteration. It is
+used to select regressors and to compute the next step of the delay.
 """
 
 from collections.abc import Sequence
@@ -18,14 +19,14 @@ from ..model.column_layout import OFFSET, own_parameters
 
 @dataclass(frozen=True)
 class NuisanceRegression:
-    """Least squares of the own coefficients, in units of the innovations.
+    """Least squares of the coefficients of drift, delay and regressors on whitened rows.
 
     **Arguments**
     - `names`: names of the coefficients.
-    - `triangle`: upper triangle of the columns of the coefficients and of y, the last column, after
-      elimination of harmonics and offsets.
-    - `rows`: number of block rows minus that of the coefficients of harmonics, offsets and gap.
-    - `total`, `raw`: sums of squares of y and of the own columns before the elimination.
+    - `triangle`: upper triangular factor of the columns of these coefficients and of y, which is
+      the last column, after the elimination of harmonics, offsets and gap.
+    - `rows`: number of block rows minus the number of eliminated coefficients.
+    - `total`, `raw`: sums of squares of y and of each column before the elimination.
     """
 
     names: tuple[str, ...]
@@ -36,21 +37,28 @@ class NuisanceRegression:
 
     @property
     def is_exact(self) -> bool:
-        """Whether the residual of the model is only rounding."""
+        """Whether the residual of the model with all coefficients is only rounding error."""
         return self.misfit(self.names) <= ROUNDING * self.total
 
     def left(self, name: str) -> float:
-        """Return the squared share of a regressor that harmonics and offsets do not explain."""
+        """Return the share of the sum of squares of a column that the eliminated ones leave.
+
+        It is 0 … 1; near 0, harmonics, offsets and gap explain the column, and its coefficient is
+        not identifiable.
+        """
         place = self.names.index(name)
         square = float(self.triangle[:, place] @ self.triangle[:, place])
         return square / float(self.raw[place]) if self.raw[place] > EMPTY else 0.0
 
     def misfit(self, names: Sequence[str]) -> float:
-        """Return the sum of squared innovations for these coefficients, at least the rounding."""
+        """Return the residual sum of squares of the fit with these coefficients only.
+
+        It is never smaller than the rounding error.
+        """
         return max(float(self._among(names)[-1, -1] ** 2), ROUNDING * self.total)
 
     def estimate(self, name: str, among: Sequence[str]) -> tuple[float, float]:
-        """Return a coefficient and its standard error in a fit of all coefficients `among`."""
+        """Return the coefficient `name` and its standard error in a fit of the names `among`."""
         triangle = self._among(among)
         inverse = np.linalg.inv(triangle[:-1, :-1])[list(among).index(name)]
         variance = self.misfit(among) / max(self.rows - len(among), 1.0)
@@ -63,12 +71,15 @@ class NuisanceRegression:
         return self.rows * np.log(left) + len(names) * np.log(max(self.rows, 2.0))
 
     def _among(self, names: Sequence[str]) -> Float[np.ndarray, "r r"]:
-        """Return the triangle of these coefficients and y."""
+        """Return the upper triangular factor of the columns `names` and y."""
         return triangle_of(self.triangle[:, [*(self.names.index(n) for n in names), -1]])
 
 
 def own_terms(summary: HarmonicSummary, filter_: Float[np.ndarray, " taps"]) -> NuisanceRegression:
-    """Eliminate the harmonics of every flank, the offsets and the gap under a whitening filter."""
+    """Whiten the rows, and eliminate the harmonics of every flank, the offsets and the gap.
+
+    The result is the regression of the remaining columns: drift, delay and regressors.
+    """
     columns = summary.columns
     names, places = own_parameters(columns)
     own = np.arange(columns.own_slice.start, columns.own_slice.stop)

@@ -1,16 +1,18 @@
-"""Selection of the higher orders on few turns, where noise resembles them.
+"""Selection of the higher orders in a log of few turns, where slow noise resembles an order.
 
-A higher order enters the model if the joint test that its coefficients are zero on every flank,
+A higher order enters the model if the joint F test that its coefficients are zero on all flanks f,
 
     F = Σ_f b_fᵀ C_f⁻¹ b_f / r,
 
-with r coefficients b_f of covariance C_f, is significant. The noise of the test is estimated by
-restricted likelihood with the order in the model, because it would otherwise contain the order. The
+is significant. b_f are the cosine and sine coefficients of the order on flank f, C_f is their
+covariance, and r is the number of coefficients on all flanks. The noise is estimated by restricted
+likelihood with the order in the model, because otherwise the noise would contain the order. The
 degrees of freedom are those of A. Fai and P. Cornelius (J. Stat. Comput. Simul. 54 (1996) 363).
 First orders are parameters and always stay.
 
-One order after the other cannot enter where each is small beside the others that are still outside.
-All candidates therefore stay if the likelihood with the noise that they leave demands them.
+The orders enter one after the other. This fails if each order alone is small compared with the
+orders that are still missing. Therefore all candidates stay if the likelihood of the model with all
+of them is much larger.
 """
 
 from collections.abc import Sequence
@@ -30,14 +32,15 @@ from ..noise.noise_model import remembers
 from ..noise.reml import freedom_left, restricted_partial
 
 _UNLIKELY = 1e-3
-"""Probability with which any order enters that the rig does not have; chosen value."""
+"""Probability that at least one order enters that the rig does not have; chosen value."""
 
 _GAIN = 4.5
-"""Gain of twice the log-likelihood per coefficient with which all candidates stay (chosen). It is 1
-on average without any order. Coloured noise, which an autoregression describes only nearly,
-exceeded 3.5 in one of 72 rigs; rigs with small orders begin at 5.5 (measured)."""
+"""All candidates stay if twice the log-likelihood grows by more than this per coefficient (chosen).
+The average growth is 1 if the rig has no such order. With coloured noise, which an autoregression
+describes only nearly, one of 72 rigs exceeded 3.5; rigs with small orders reach at least 5.5
+(measured)."""
 
-_TRIED = 3  # orders per step whose noise is estimated, the largest F first; chosen value
+_TRIED = 3  # orders with the largest F of a step, for which the noise is estimated; chosen value
 
 
 def entering_orders(
@@ -47,17 +50,17 @@ def entering_orders(
     *,
     any_noise: bool,
 ) -> HarmonicOrders | None:
-    """Return the orders of those wanted that the log shows: first orders, and what enters.
+    """Return the orders of `wanted` that stay in the model: first orders, and orders that enter.
 
-    Mesh orders enter with all below them. All orders stay in a log without noise, and the result is
-    then that of all candidates.
+    If a mesh order enters, all lower mesh orders stay too. In a log without noise all candidates
+    stay.
 
     **Arguments**
     - `summary`: rows with the columns of all candidates.
     - `candidates`: higher orders that may enter.
-    - `any_noise`: whether noise of any memory counts. Otherwise the result is None for noise that
-      does not remember a part of the log. So many orders may hide the memory of the noise, and
-      orders that are left out may look like one; both are asked.
+    - `any_noise`: make the selection for any noise. If it is False, the result is None unless the
+      noise is correlated over a part of the log. This is tested with all candidates, which may hide
+      the correlation, and without them, because missing orders may look like correlation.
     """
     free = {h.term for h in candidates}
     none = _with_only(summary, set())
@@ -66,7 +69,7 @@ def entering_orders(
     left = sum(f.factor(np.ones(1))[-1, -1] ** 2 for f in summary.flanks)
     entered = free if left <= summary.rounding else _entered(summary, free)
     if entered != free and _are_needed(summary, entered):
-        # With all columns, because those that are too close on few turns look like memory as well.
+        # Tested with all columns, because missing orders also look like correlated noise.
         if not (any_noise or remembers(summary)):
             return None
         entered = free
@@ -82,7 +85,7 @@ def entering_orders(
 
 
 def _entered(summary: HarmonicSummary, candidates: set[AnyTerm]) -> set[AnyTerm]:
-    """Return the candidates that enter, one after the other, the most significant first."""
+    """Return the candidates that enter the model, one after the other, most significant first."""
     entered: set[AnyTerm] = set()
     while candidates - entered:
         partial = restricted_partial(_with_only(summary, entered))
@@ -100,7 +103,7 @@ def _entered(summary: HarmonicSummary, candidates: set[AnyTerm]) -> set[AnyTerm]
 
 
 def _are_needed(summary: HarmonicSummary, entered: set[AnyTerm]) -> bool:
-    """Return whether the likelihood demands all candidates instead of those that entered."""
+    """Return whether the model with all candidates is much more likely than that with `entered`."""
     fewer = _with_only(summary, entered)
     gain = _log_likelihood(summary) - _log_likelihood(fewer)
     more = len(summary.flanks) * (summary.columns.free_width - fewer.columns.free_width)
@@ -108,7 +111,7 @@ def _are_needed(summary: HarmonicSummary, entered: set[AnyTerm]) -> bool:
 
 
 def _log_likelihood(summary: HarmonicSummary) -> float:
-    """Return the largest log-likelihood of the rows with the noise that they leave."""
+    """Return the log-likelihood of the rows, with the noise estimated from their own residual."""
     partial = restricted_partial(summary)
     misfit = sum(float(f.factor(filter_of(partial))[-1, -1] ** 2) for f in summary.flanks)
     height = summary.counted_rows * np.log(max(misfit, summary.rounding, 1e-300))
@@ -117,7 +120,7 @@ def _log_likelihood(summary: HarmonicSummary) -> float:
 
 
 def _with_only(summary: HarmonicSummary, free: set[AnyTerm]) -> HarmonicSummary:
-    """Return the summary with only these free harmonics."""
+    """Return the summary without the free harmonics that are not in `free`."""
     columns = summary.columns
     kept = [place for place, term in enumerate(columns.free) if term in free]
     cells = [2 * place + part for place in kept for part in (0, 1)]
@@ -133,7 +136,11 @@ def _with_only(summary: HarmonicSummary, free: set[AnyTerm]) -> HarmonicSummary:
 def _test(
     summary: HarmonicSummary, term: AnyTerm, partial: Float[np.ndarray, " order"]
 ) -> tuple[float, list[Float[np.ndarray, "columns r"]]]:
-    """Return F, and for every flank the covariance of all coefficients with those of the term."""
+    """Return the statistic F of a term, and its responses on every flank, for the given noise.
+
+    The responses of a flank are the covariances of all its coefficients with those of the term, in
+    the principal directions of the latter. `partial` are the partial autocorrelations of the noise.
+    """
     place = 2 * summary.columns.free.index(term)
     cells, filter_ = [place, place + 1], filter_of(partial)
     total = misfit = 0.0
@@ -155,7 +162,7 @@ def _test(
 def _probability(
     summary: HarmonicSummary, term: AnyTerm, partial: Float[np.ndarray, " order"]
 ) -> float:
-    """Return the probability of a larger F if the term is zero on every flank."""
+    """Return the p-value of the F test: the probability of a larger F if the term is absent."""
     statistic, responses = _test(summary, term, partial)
     each, count = freedom(summary, partial, responses), 2 * len(responses)
     mean = float(np.sum(each / (each - 2.0)))

@@ -1,10 +1,10 @@
 """Robust loss functions, and the passes that reweight the samples until the weights converge.
 
-With u = r/s and the robust scale s of the residuals of a log (1.4826 times their median distance
-from their median):
+The weight w of a sample with the residual r depends on u = r/s. s is the robust scale of the
+residuals of the log: 1.4826 times the median of their absolute differences from their median.
 
-    Huber      w = min(1, 1.345/|u|)            bounded influence
-    bisquare   w = (1 − (u/4.685)²)², 0 beyond  redescending: a far outlier has no influence
+    Huber      w = min(1, 1.345/|u|)             bounded influence
+    bisquare   w = (1 − (u/4.685)²)², |u| < 4.685; otherwise 0: a far outlier has no influence
 
 Both keep 95 % of the efficiency of least squares under Gaussian noise (P. J. Huber, E. M.
 Ronchetti, Robust Statistics, 2nd ed. 2009).
@@ -27,24 +27,25 @@ HUBER, BISQUARE = 1.345, 4.685
 FAR, FAR_SHARE = 8.0, 2e-3
 """A log has outliers if more than 0.2 % of its residuals exceed 8 robust scales; chosen values."""
 
-_AROUND = 9  # samples of the median filter around a sample; chosen value
+_AROUND = 9  # samples in the window of the running median; chosen value
 
 _ROUNDING = 1e-10
-"""Scale, rad, below which residuals are rounding: 2e-5″, about one count of 36 bits per turn."""
+"""Smallest robust scale, rad, because smaller residuals are rounding: 2e-5″, about 1/2³⁶ turn."""
 
 
 def scale_of(residual: Float[np.ndarray, " n"]) -> tuple[float, float]:
-    """Return the median of residuals, and 1.4826 times the median distance from it, above zero."""
+    """Return the median of the residuals and their robust scale, which is never zero, rad."""
     middle = float(np.median(residual))
     return middle, max(1.4826 * float(np.median(np.abs(residual - middle))), _ROUNDING)
 
 
 def has_outliers(pieces: Sequence[Float[np.ndarray, " _"]]) -> bool:
-    """Return whether many more isolated residuals exceed eight robust scales than for a bell curve.
+    """Return whether more than 0.2 % of the residuals are outliers. `pieces` are those of each run.
 
-    A wrong model also gives large residuals, but adjacent ones. An outlier differs from the median
-    of the nine samples around it too. The median of every run is subtracted, so that offsets of
-    opposite sign on the two flanks hide no outlier.
+    An outlier exceeds eight robust scales both as a residual and as its difference from the running
+    median of nine samples: a wrong model also gives large residuals, but over many neighbouring
+    samples. The median of each run is subtracted first, so that different offsets of the two flanks
+    do not hide an outlier.
     """
     pieces = [piece - np.median(piece) for piece in pieces if len(piece)]
     if not pieces:
@@ -58,7 +59,7 @@ def has_outliers(pieces: Sequence[Float[np.ndarray, " _"]]) -> bool:
 def weights_of(
     residual: Float[np.ndarray, " n"], scale: float, loss: Loss
 ) -> Float[np.ndarray, " n"]:
-    """Return the weight 0 … 1 of every residual."""
+    """Return the weight 0 … 1 of every residual; `scale` is the robust scale, in the same unit."""
     far = np.abs(residual) / scale
     if loss == "huber":
         return HUBER / np.maximum(far, HUBER)
@@ -70,12 +71,13 @@ def weights_of(
 def variance_factor(
     residual: Float[np.ndarray, " n"], scale: float, loss: Loss, size: int
 ) -> float:
-    """Return the factor by which a robust loss increases the variance of the last least squares.
+    """Return the true variance of a robust estimate over the variance that the last pass computes.
 
-    An estimate with influence ψ = w r has the variance E ψ²/(E ψ′)². Huber's loss moves samples to
-    their ψ, and all rows count: least squares gives E ψ². The bisquare loss weights the rows, and
-    divides their misfit by E w of them: this gives E wr²/(E w)² for single samples and E ψ²/(E w)³
-    for rows of `size` > 1 samples. The slope ψ′ is computed from the residuals.
+    An estimate with the influence ψ = w r has the variance E ψ²/(E ψ′)², where E is the mean over
+    the samples and ψ′ the derivative by r. The last pass is ordinary least squares on the rows.
+    Huber's loss replaces each sample by its ψ with full weight, so least squares computes E ψ². The
+    bisquare loss weights the samples, so least squares computes E wr²/(E w)² for rows of one
+    sample, and E ψ²/(E w)³ for rows of `size` > 1 samples.
     """
     if loss == "square":
         return 1.0
@@ -94,13 +96,14 @@ def variance_factor(
 
 @dataclass(frozen=True)
 class Outliers:
-    """Down-weighted samples of one log.
+    """Outliers of one log: samples that count less than half.
 
     **Arguments**
     - `loss`, `passes`: loss function, and number of passes.
-    - `share`: their share of all used samples. - `positive`: share of them above the fit.
-    - `scale_deg`: robust scale of all residuals. - `largest_deg`: largest of their residuals.
-    - `first`: (time in s, driving angle in deg) of the first five.
+    - `share`: share of the used samples that are outliers. - `positive`: share of the outliers that
+      lie above the fit.
+    - `scale_deg`: robust scale of all residuals. - `largest_deg`: largest residual of an outlier.
+    - `first`: (time in s, driving angle in deg) of the first five outliers.
     - `slow`: share of all samples that are left out because they follow a long interval.
     """
 
@@ -144,17 +147,17 @@ class Outliers:
 
 MOST_PASSES = 20  # passes of a robust loss over the logs; chosen value
 _HUBER_FIRST = 5
-"""Passes with the convex loss before the redescending loss, which would not leave a bad start."""
+"""Passes with Huber's loss before the bisquare loss, which can keep the error of a bad start."""
 
 _STILL = 1e-3  # mean change of the weights below which they have converged; chosen value
 _MOST_TESTED = 20_000  # samples, about, for outlier test and variance factor; chosen value
 _SHOWN = 5  # outliers listed in the report
 
-_LONG = 1.2  # interval of a slow reading, in median intervals; chosen value
+_LONG = 1.2  # a reading is slow if its interval exceeds this many median intervals; chosen value
 _MOST_SLOW = 0.4  # largest share of slow readings that is left out; chosen value
 _OFTEN, _SEEN, _CHANCE = 4.0, 0.03, 1e-9
-"""Least ratio of outliers among slow and other readings, their least share among slow ones, and
-largest probability of as many by chance; chosen values."""
+"""Slow readings are left out if outliers are 4 times more frequent among them than among the other
+readings, if 3 % of them are outliers, and if this happens by chance with p < 1e-9; chosen."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,11 +165,13 @@ class Reweighted:
     """Linear fit with weighted samples.
 
     **Arguments**
-    - `linear`: last pass. - `values`: weights of every log; None for equal weights.
+    - `linear`: fit of the last pass. - `values`: for each log the weights of its samples; None for
+      equal weights.
     - `loss`, `passes`: loss function, and number of passes.
     - `variance_factor`: factor by which the loss increases the variance.
     - `outliers`: outliers of every log; empty for the square loss.
-    - `pulls`: values that Huber's loss subtracts from the samples in place of weights, rad.
+    - `pulls`: for each log the values that Huber's loss subtracts from its samples instead of
+      weighting them, rad; None for the other losses.
     """
 
     linear: LinearFit
@@ -180,7 +185,7 @@ class Reweighted:
     def look(
         self, inputs: tuple[Input, ...], model: Model, delay_s: float, block_s: float
     ) -> LinearFit:
-        """Return another pass with the same weights."""
+        """Make another pass over the logs with the same weights, and return its linear fit."""
         return linear_fit(inputs, model, delay_s, self.values, block_s, pulls=self.pulls)
 
 
@@ -273,10 +278,11 @@ def _look_again(
 
 
 def _pull(linear: LinearFit, log: int, weight: Samples) -> Samples:
-    """Return (1 − w) r of every sample; after its subtraction the residual is ψ = w r.
+    """Return (1 − w) r of every sample of a log, which Huber's loss subtracts from the sample, rad.
 
-    In correlated noise a down-weighted row would have neighbours of full weight, and the whitening
-    would give it the largest weight. A moved sample keeps its full weight.
+    The residual is then ψ = w r, and the sample keeps its full weight. Different weights would not
+    work in correlated noise: the whitening would give a down-weighted row between rows of full
+    weight the largest influence.
     """
     pull = np.zeros(len(weight))
     for run, residual in zip(linear.rows[log].runs, linear.residuals(log), strict=True):
@@ -291,7 +297,10 @@ def _pieces(linear: LinearFit, log: int) -> list[Samples]:
 
 
 def _scaled(linear: LinearFit, log: int, off: Bool[np.ndarray, " n"]) -> Float[np.ndarray, " m"]:
-    """Return the residuals of a log without the samples `off`, in units of their robust scale."""
+    """Return the residuals of a log divided by their robust scale.
+
+    Samples that are marked in `off` are left out, and of a long log only every k-th is returned.
+    """
     runs, pieces = linear.rows[log].runs, linear.residuals(log)
     kept = [
         piece[~off[run.segment.start : run.segment.stop]]
@@ -303,10 +312,11 @@ def _scaled(linear: LinearFit, log: int, off: Bool[np.ndarray, " n"]) -> Float[n
 
 
 def slow_readings(time: Samples, weight: Samples) -> Bool[np.ndarray, " n"]:
-    """Return the samples after long intervals if many of them, and few others, are outliers.
+    """Return the mask of the late readings of a slow bus, which the fit must leave out.
 
-    A slow bus makes an interval long and a reading late. Where the shaft is slow itself, a late
-    reading stands off too little to be seen, but it still biases the gap.
+    They are all samples after a long interval if many of these and few other samples are outliers
+    (small `weight`). Otherwise no sample is marked. At a low speed a late reading is too close to
+    the fit to be an outlier, but it still biases the gap.
     """
     interval = np.diff(time, prepend=time[0])
     long, doubtful = interval > _LONG * np.median(np.diff(time)), weight < DROPPED
@@ -325,7 +335,7 @@ def _weights(linear: LinearFit, log: int, loss: Loss) -> Samples:
     weight = np.ones(len(linear.inputs[log].log))
     ramps = linear.inputs[log].ramps
     if ramps:
-        # The fit of the steady speeds has no residuals in a ramp, so spikes give its weights.
+        # The fit of the steady speeds has no residuals in a ramp. There, a spike has the weight 0.
         on = ~linear.inputs[log].log.spikes
         for ramp in ramps:
             part = slice(ramp.segment.start, ramp.segment.stop)

@@ -1,14 +1,15 @@
-"""Wander of the level of the transmission error, a random walk beside the noise of the rows.
+"""Wander: a random walk of the level of the transmission error, in addition to the noise.
 
-Temperature, clearance and load move the level of a log. A parabola of time follows it only roughly,
-and noise that is independent from run to run hides the rest from the standard errors of the delay
-and the gap. A second fit therefore has a cubic B-spline of time whose coefficients are a random
-walk. The restricted likelihood of the rows decides on its size. With Q coefficients of the other
-columns and m steps of standard deviation σ/κ, beside white innovations of standard deviation σ,
+Temperature, clearance and load change the level during a log. A parabola of time follows the level
+only roughly. The noise model takes the runs as independent, so the standard errors of delay and gap
+do not contain the rest. A second fit therefore has a cubic B-spline of time as drift, whose
+coefficients are a random walk. The restricted likelihood of the N whitened rows X determines the
+size of its steps. With Q coefficients of the other columns, white innovations of standard deviation
+σ, and m steps D b between the spline coefficients b, of standard deviation σ/κ, it minimises
 
     F(κ) = (N − Q) ln S(κ) + ln |XᵀX + κ² DᵀD| − m ln κ²,
 
-where S is the least sum of squares, steps included, and κ → ∞ is the model without wander
+where S is the least sum of squares of residuals and steps. κ → ∞ is the model without wander
 (D. A. Harville, J. Amer. Statist. Assoc. 72 (1977) 320).
 """
 
@@ -28,22 +29,23 @@ from .model_selection import SelectedModel
 from .nuisance import NuisanceRegression
 
 _PIECES = 24
-"""Pieces of the spline of all logs together, six for each of four legs; chosen value."""
+"""Number of spline pieces of all logs together: six for each of four legs; chosen value."""
 
 _FEWEST_LEGS, _MOST_LEGS = 4, 24
-"""Legs of a log, each in one direction, with which a walk is tried. In fewer legs it resembles the
-gap; over more legs the level averages out (chosen)."""
+"""Numbers of legs of a log with which a random walk is tried (chosen); a leg is a part in one
+direction. With fewer legs the walk resembles the gap; with more legs it averages out."""
 
 _GAIN = 20.0
-"""Least 2 Δ ln L of the random walk; chosen value."""
+"""The model has the walk only if it increases 2 ln L by at least this value; chosen value."""
 
 _STIFFEST, _SOFTEST = 1e4, 1e-3  # bounds of κ; chosen values
 
 
 def with_walk(selected: SelectedModel) -> SelectedModel | None:
-    """Return the model with a random walk as drift, or None if the likelihood does not demand it.
+    """Return the selected model with a random walk as drift.
 
-    A walk is tried on logs that reverse a few times. In one direction it resembles a delay.
+    The result is None if the walk does not increase the likelihood enough, or if it is not tried.
+    It is tried only if every log has 4 to 24 legs; in one direction it would resemble a delay.
     """
     linear = selected.linear
     legs = [_legs(rows.runs) for rows in linear.rows]
@@ -65,13 +67,13 @@ def with_walk(selected: SelectedModel) -> SelectedModel | None:
 
 
 def _legs(runs: Sequence[BlockRun]) -> int:
-    """Return the number of pieces of a log in one direction."""
+    """Return the number of legs of a log: parts between two reversals of the direction."""
     flanks = [run.segment.flank for run in sorted(runs, key=lambda run: run.segment.start)]
     return len(list(groupby(flanks)))
 
 
 def _look(selected: SelectedModel, drift: Drift) -> LinearFit:
-    """Return the linear fit with another drift, at the same delay and weights."""
+    """Make a pass with another drift but the same delay and weights, and return its linear fit."""
     linear = selected.linear
     model = replace(linear.model, drift=drift)
     seconds = linear.channels[0].delay_s
@@ -79,9 +81,9 @@ def _look(selected: SelectedModel, drift: Drift) -> LinearFit:
 
 
 def _held(linear: LinearFit) -> Drift | None:
-    """Return the drift with the stiffness of the largest likelihood, or None if it gains nothing.
+    """Return the drift with the stiffness κ of the largest likelihood; None if it gains too little.
 
-    `linear` is the fit with free coefficients of the spline.
+    `linear` is a fit with a spline whose coefficients are free.
     """
     own = linear.own
     if own.is_exact:
@@ -93,13 +95,13 @@ def _held(linear: LinearFit) -> Drift | None:
     )
     if _height(own, np.inf) - float(found.fun) < _GAIN:
         return None
-    # The rows of the steps pass the filter of the noise as uncorrelated observations.
+    # The whitening filter also scales the step rows, which count as uncorrelated observations.
     stiffness = float(np.exp(found.x)) / np.sqrt(float(linear.filter @ linear.filter))
     return Drift(knots_s=linear.model.drift.knots_s, stiffness=stiffness)
 
 
 def _height(own: NuisanceRegression, stiffness: float) -> float:
-    """Return F; infinite stiffness means no spline."""
+    """Return F(κ) of the module docstring; `stiffness` is κ, and infinity means no spline."""
     splines = [k for k, name in enumerate(own.names) if name.startswith("spline_")]
     others = [k for k in range(len(own.names)) if k not in splines]
     if np.isinf(stiffness):
@@ -117,7 +119,10 @@ def _height(own: NuisanceRegression, stiffness: float) -> float:
 
 
 def _logs(names: list[str]) -> list[list[int]]:
-    """Return the places of the names of each log; those of a log are neighbours."""
+    """Return for each log the indices of its spline coefficients in `names`.
+
+    The names of one log are consecutive and begin with "spline_1".
+    """
     logs: list[list[int]] = []
     for place, name in enumerate(names):
         if name.split("_of_")[0] == "spline_1":
