@@ -1,13 +1,15 @@
-"""Backlash readings at single angles: a check of a fit, or further data for it.
+"""Backlash readings at single driving angles: a check of a fit, or further data for it.
 
-Gear 1 is fixed, and gear 2 is moved from flank to flank: the reading is TE_B − TE_A at that angle.
-If the readings are data, they update the Gaussian estimate of the fit,
+For a reading, gear 1 is fixed, and gear 2 is turned from one flank to the other. The reading is the
+gap TE_B − TE_A at this driving angle, rad. If the readings are used as data, they update the
+Gaussian estimate of the fit,
 
     G = P Hᵀ (H P Hᵀ + V + σ² 1)⁻¹,    p ← p + G (readings − gap),    P ← P − G H P,
 
 with the covariance P of the parameters p, the derivative H of the gap with respect to p, the
 covariance V = L Lᵀ of the gap due to the free harmonics at fixed p, and the scatter σ of the
-readings. With the singular values s and vectors Q of [H √P, L], in whose span H P lies,
+readings. H P lies in the span of [H √P, L]. With the singular values s and the left singular
+vectors Q of this matrix,
 
     G = P Hᵀ Q (s² + σ²)⁻¹ Qᵀ,
 
@@ -38,16 +40,17 @@ from ..solve.solved_fit import SolvedFit
 from .checks import ReadingsComparison
 
 _UNKNOWN = 1.0
-"""Standard error, rad, of a constant backlash that no log determines; chosen, far above any gap."""
+"""Standard error, rad, of a constant backlash that the logs do not determine; chosen value, much
+larger than any gap."""
 
 _FAR, _SHARE = 10.0, 0.5
 """Readings contradict a fit if their mean is off by > 10 standard errors and > half the gap."""
 
 _MOST_ITERATIONS, _SETTLED = 60, 1e-13
-"""Iterations of the driven angle at most, and the change, rad, at which they end. Each divides the
-change by about a thousand, the eccentricity over the radius."""
+"""Largest number of iterations of the driven angle, and the change, rad, at which they end. Each
+iteration reduces the change about a thousand times, which is the radius over the eccentricity."""
 
-_CHUNK = 4096  # angles whose rows are held at once, so that they stay in cache; chosen value
+_CHUNK = 4096  # angles whose rows are computed at once, so that they stay in cache; chosen value
 
 _STEP = 1e-6
 """Step of the central differences: mm for eccentricities, rad for constant backlash and offset."""
@@ -55,13 +58,13 @@ _STEP = 1e-6
 
 @dataclass(frozen=True)
 class PredictedGap:
-    """Gap that a fit predicts at the angles of readings.
+    """Gap TE_B − TE_A that a fit predicts at n driving angles.
 
     **Arguments**
     - `value`: gap, rad.
-    - `slope`: derivative with respect to every parameter.
-    - `root`: L, whose L Lᵀ is the covariance due to the free harmonics, rad; shape (n, k).
-    - `free`: derivative with respect to the free harmonics of each flank.
+    - `slope`: derivative of the gap with respect to every parameter.
+    - `root`: matrix L, rad; L Lᵀ is the covariance of the gap due to the free harmonics.
+    - `free`: flank → derivative of the gap with respect to the free coefficients of this flank.
     """
 
     value: Float[np.ndarray, " n"]
@@ -71,7 +74,7 @@ class PredictedGap:
 
     @property
     def functional(self) -> Functional:
-        """The gap as a function of the coefficients of the fit."""
+        """The gap as a linear function of the parameters and the free coefficients of the fit."""
         return Functional(self.slope, self.free)
 
     def variance(self, covariance: Float[np.ndarray, "p p"]) -> Float[np.ndarray, " n"]:
@@ -80,9 +83,10 @@ class PredictedGap:
 
 
 def gap_of_both_flanks(driving: Float[np.ndarray, " n"], solved: SolvedFit) -> PredictedGap:
-    """Return the order-complete gap TE_B − TE_A of two measured flanks.
+    """Return the gap TE_B − TE_A with all whole orders of a fit of both flanks.
 
-    Fractional orders do not count: a reading at an angle does not tell their phase.
+    `driving` contains the driving angles, rad. Fractional orders are left out, because their phase
+    at a reading is not known.
     """
     rows, given = _rows_of_flanks(driving, solved)
     for place, harmonic in enumerate(solved.summary.terms.free):
@@ -97,10 +101,11 @@ def mean_gap(
     solved: SolvedFit,
     times: Int[np.ndarray, " n"] | None = None,
 ) -> PredictedGap:
-    """Return the mean over driving angles of the gap of two measured flanks, as a single gap.
+    """Return the mean of the gap TE_B − TE_A over driving angles, as one gap (n = 1).
 
     **Arguments**
-    - `times`: how often each angle counts; by default once.
+    - `driving`: driving angles, rad. - `solved`: fit of both flanks.
+    - `times`: how many times each angle counts in the mean; by default once.
     """
     counts = np.ones(len(driving), np.int64) if times is None else times
     means: dict[Flank, Float[np.ndarray, "1 columns"]] = {}
@@ -119,7 +124,10 @@ def mean_gap(
 def _rows_of_flanks(
     driving: Float[np.ndarray, " n"], solved: SolvedFit
 ) -> tuple[dict[Flank, Float[np.ndarray, "n columns"]], Float[np.ndarray, " n"]]:
-    """Return the rows of both flanks, without y, and the gap of a given flank model, rad."""
+    """Return the regressors of each flank (rows without y), and the gap of a given flank model.
+
+    The gap, rad, is zero without a given flank model.
+    """
     flanks: tuple[Flank, ...] = ("A", "B")
     rows: dict[Flank, Float[np.ndarray, "n columns"]] = {}
     value = []
@@ -134,9 +142,9 @@ def _gap_of_rows(
     given: Float[np.ndarray, " n"],
     solved: SolvedFit,
 ) -> PredictedGap:
-    """Return the gap that rows of both flanks give with the coefficients of the fit.
+    """Return the gap that follows from the regressors of both flanks and the coefficients of a fit.
 
-    `given` is the gap of a given flank model at the parameters of the last pass, rad.
+    `given` is the gap of a given flank model at its last linearisation, rad; zero without one.
     """
     count, solution = len(rows["A"]), solved.solution
     value, slope = given.copy(), np.zeros((count, len(solution.names)))
@@ -158,9 +166,11 @@ def _gap_of_rows(
 def gap_of_one_flank(
     driving: Float[np.ndarray, " n"], pair: GearPair, solution: Solution, flank: Flank
 ) -> PredictedGap:
-    """Return the exact gap of the fitted eccentricities; `solution` contains a constant backlash.
+    """Return the gap that the exact relation predicts from a fit of one flank.
 
-    The offset of the first log gives the position of the driven gear; see `mounting`.
+    It follows from the fitted eccentricities and the constant backlash, which must be a parameter
+    of `solution`. The offset of the first log gives the position of the driven gear; see
+    `mounting`. `driving` contains the driving angles, rad.
     """
     offset = next(n for n in (OFFSET, offset_name(0, 2)) if n in solution.names)
     names = ("driving_x", "driving_y", "driven_x", "driven_y", "constant_backlash", offset)
@@ -194,7 +204,10 @@ def _backlash(model: ExactModel, driving: Float[ArrayLike, " n"]):
 
 
 def with_constant_backlash(solution: Solution) -> Solution:
-    """Return the solution of one flank with an unknown constant backlash as a further parameter."""
+    """Return the solution of one flank with the constant backlash added as a parameter.
+
+    Its value is zero, with a very large standard error, until readings determine it.
+    """
     count = len(solution.names)
     covariance = np.zeros((count + 1, count + 1))
     covariance[:count, :count] = solution.covariance
@@ -210,7 +223,7 @@ def with_constant_backlash(solution: Solution) -> Solution:
 
 
 def updated(solution: Solution, gap: PredictedGap, readings: BacklashReadings) -> Solution:
-    """Return the solution with the readings as further data."""
+    """Return the solution after the update by the readings; `gap` is predicted at their angles."""
     off = readings.backlash - gap.value
     scatter = scatter_of(readings, gap)
     # Scaled by the standard errors, because the parameters have different units and sizes.
@@ -235,7 +248,7 @@ def updated(solution: Solution, gap: PredictedGap, readings: BacklashReadings) -
 
 
 def scatter_of(readings: BacklashReadings, gap: PredictedGap) -> float:
-    """Return the standard deviation of single readings from the fit plus a common shift, rad."""
+    """Return the standard deviation of (reading − predicted gap) about its mean, rad."""
     off = readings.backlash - gap.value
     return float(np.std(off, ddof=1)) if len(off) > 1 else float(np.abs(off[0]) or _UNKNOWN)
 
@@ -243,7 +256,10 @@ def scatter_of(readings: BacklashReadings, gap: PredictedGap) -> float:
 def comparison(
     readings: BacklashReadings, gap: PredictedGap, solution: Solution, *, used: bool
 ) -> ReadingsComparison:
-    """Return the deviations, in degrees, of readings from the gap of a fit without the readings."""
+    """Compare the readings with the gap that a fit without these readings predicts, in degrees.
+
+    `used` is only recorded: whether the readings are also data of the final fit.
+    """
     off = (readings.backlash - gap.value) / DEG
     spread = np.sqrt(np.mean(gap.variance(solution.covariance))) / DEG
     return ReadingsComparison(
@@ -261,8 +277,9 @@ def comparison(
 
 
 def judged(compared: ReadingsComparison, gap: PredictedGap) -> ReadingsComparison:
-    """Return the comparison with `contradicts`: a wrong unit, zero or rig.
+    """Return the comparison with its field `contradicts`: whether the mean is far from the gap.
 
+    A contradiction points to a wrong unit, a wrong zero or another rig.
     **Raises** `LogError` if readings used as data contradict the fit.
     """
     usual = float(np.mean(np.abs(gap.value))) / DEG
@@ -283,7 +300,8 @@ def require_gap(
 ) -> None:
     """Raise `UsageError` if the fit predicts no gap with which readings can be compared.
 
-    `given` tells whether a given flank model takes the place of the exact relation.
+    Both flanks always suffice. One flank suffices only for a gear pair whose readings are data
+    (`as_data`). `given` is True if a flank model of the user replaces the exact relation.
     """
     if len(flanks) == 2:
         return
@@ -310,14 +328,14 @@ def require_gap(
 def _rows(
     driving: Float[np.ndarray, " n"], solved: SolvedFit, flank: Flank
 ) -> tuple[Float[np.ndarray, "n columns"], Float[np.ndarray, " n"]]:
-    """Return the rows of the fit, without y, at angles of the first log.
+    """Return the regressors (rows without y) of one flank at driving angles of the first log.
 
-    The second array is the transmission error of a given flank model, which is zero without one.
+    The second array is the transmission error of a given flank model, rad; zero without one.
     """
     columns, ratio = solved.summary.columns, float(solved.model.ratio)
     flanks = [one.flank for one in solved.summary.flanks]
     coefficients = solved.coefficients[flanks.index(flank)]
-    table = np.zeros((columns.width - 1, len(driving)))  # one column after the other in memory
+    table = np.zeros((columns.width - 1, len(driving)))  # transposed: a regressor is contiguous
     table[columns.index(OFFSET)] = 1.0
     value = np.zeros(len(driving))
     if (given := solved.linear.model.given) is not None:
@@ -327,8 +345,8 @@ def _rows(
             if (name, 0) in columns.names:
                 table[columns.index(name)] = slope
     error, moved = value, np.inf
-    # NumPy instead of the implicit model, which would be compiled for every set of orders. The
-    # cells of orders of the driving shaft do not change with the driven angle.
+    # NumPy replaces the implicit model, which would be compiled for every set of orders. Orders of
+    # the driving shaft do not depend on the driven angle and are computed only once.
     changing = list(enumerate(columns.free + columns.tied))
     for _ in range(_MOST_ITERATIONS):
         driven = ratio * driving + error

@@ -1,4 +1,4 @@
-"""Construction of the checks of a fit."""
+"""Computation of the checks of a fit as the records of `checks`."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -39,9 +39,12 @@ from .same_rig import disagreements, refuse_different_rigs
 
 @dataclass(frozen=True)
 class Lines:
-    """Lines that joined the model, and those of both flanks together that a search found.
+    """Spectral lines of the residual that were found before the checks are computed.
 
-    `joint` is None if there was no search in the residual of the last fit.
+    **Arguments**
+    - `joined`: lines that were added to the model as fractional orders.
+    - `joint`: lines of both flanks together in the residual of the last fit; None if this residual
+      has not been searched.
     """
 
     joined: tuple[JoinedLine, ...] = ()
@@ -60,8 +63,8 @@ def checks_of(
 ) -> Checks:
     """Return all checks of a fit.
 
-    The comparisons within each log and the lines are computed later. They keep the block rows but
-    not the samples.
+    The comparisons of passes and halves and the search for lines are computed when they are first
+    read; until then they keep the block rows of the logs in memory, but not the samples.
     """
     solved, drift = estimate.solved, selected.drift
     linear, weights, solution = solved.linear, solved.weights, solved.solution
@@ -128,7 +131,7 @@ def _all_reversals(
     *,
     gap_deg: float,
 ) -> tuple[Reversal, ...]:
-    """Return the reversals of all logs; see `_reversals`."""
+    """Return the reversals of all logs, with the jump of the transmission error at each one."""
     return tuple(
         jump
         for log in range(len(linear.inputs))
@@ -145,10 +148,11 @@ def _reversals(
     *,
     gap_deg: float,
 ) -> list[Reversal]:
-    """Return every reversal with the constant backlash by the paper's method.
+    """Return the reversals of one log, each with the constant backlash by the paper's method.
 
-    This backlash is the jump of the transmission error at the reversal minus j_v at the same angle.
-    `gap_deg` is the gap as an angle of the driving shaft.
+    This constant backlash is the jump of the transmission error at the reversal minus the variable
+    backlash j_v at the same angle. It is None for a drive and for a given flank model. `log` counts
+    from 0. `gap_deg` is the gap as an angle of the driving shaft.
     """
     channels, one = linear.channels[log], linear.inputs[log].log
     error = one.transmission_error + float(one.ratio) * (one.driving_angle - channels.driving)

@@ -16,7 +16,7 @@ from .checks import (
     Reversal,
 )
 
-_SIGNIFICANT = 3.0  # standard errors of a value that is stated as such; chosen value
+_SIGNIFICANT = 3.0  # standard errors above which a value is significant; chosen value
 
 _HALVES_DIFFER = 4.0
 """Standard errors above which a change between the halves of a log is reported; chosen value."""
@@ -28,7 +28,7 @@ def check_sentences(
     """Return a sentence for every check with a reportable result.
 
     **Arguments**
-    - `checks`: checks of a fit. - `several_logs`: whether the sentences name the log.
+    - `checks`: checks of a fit. - `several_logs`: whether the sentences say which log they are on.
     - `has_noise`: whether the log has noise; otherwise changes between its halves are not reported.
     - `gap_determined`: whether the constant backlash is a determined parameter.
     """
@@ -40,7 +40,7 @@ def check_sentences(
 
 
 def _repeatability(checks: Checks, several: bool, has_noise: bool) -> list[str]:
-    """Return sentences on closure, passes, halves, lines in the residual, and whiteness."""
+    """Return sentences on closure, passes, halves, residual lines, whiteness and wander."""
     sentences = []
     if found := checks.closure:
         sentences.append(
@@ -74,7 +74,7 @@ def _repeatability(checks: Checks, several: bool, has_noise: bool) -> list[str]:
 
 
 def doubt(value: float | None, std: float | None, low95: float | None, high95: float | None) -> str:
-    """Return the words in brackets behind a value that is not significant.
+    """Return a remark in brackets that says why a value is not significant.
 
     **Example**
     ```python
@@ -94,7 +94,10 @@ def doubt(value: float | None, std: float | None, low95: float | None, high95: f
 
 
 def _gap(checks: Checks, several: bool, gap_determined: bool) -> list[str]:
-    """Return sentences on jumps at reversals, and on the gap if no constant backlash is known."""
+    """Return sentences on the jumps at reversals, and on the mean gap over the covered angles.
+
+    The mean gap is reported if the constant backlash is not determined, or if the gap is negative.
+    """
     sentences = [_jump(one, several=several) for one in checks.reversals[:3]]
     if checks.jumps and checks.jumps.agrees:
         sentences.append(checks.jumps.sentence)
@@ -122,7 +125,7 @@ def _covered(gap: CoveredGap) -> str:
 
 
 def _others(checks: Checks) -> list[str]:
-    """Return sentences on ratio, readings, weakest direction and drawing."""
+    """Return sentences on ratio, backlash readings, weakest direction and drawing backlash."""
     sentences = []
     for log in checks.ratio[:1]:
         if log.seen is not None:

@@ -19,7 +19,11 @@ REMEMBERS = 1e-3
 
 
 class Closure(Record, frozen=True):
-    """Difference of the transmission error after one hunting period `period_deg`."""
+    """Difference of the transmission error between two angles one hunting period apart.
+
+    `period_deg` is the hunting period and `overlap_deg` the angle over which the difference was
+    taken, both as driving angles.
+    """
 
     period_deg: float
     overlap_deg: float
@@ -28,10 +32,11 @@ class Closure(Record, frozen=True):
 
 
 class Reversal(Record, frozen=True, omit_defaults=True):
-    """Jump of the transmission error at a reversal, TE_B − TE_A at the angle `driving_deg`.
+    """Jump of the transmission error at a reversal: TE_B − TE_A at the angle `driving_deg`.
 
-    A fit of a gear pair also gives the variable backlash j_v at this angle, and the constant
-    backlash by the paper's method, which is the jump minus j_v.
+    `turn_deg` is the driving angle of the turning point. For a gear pair the record also contains
+    the variable backlash j_v at `driving_deg` and the constant backlash by the paper's method,
+    which is the jump minus j_v. `crossing` is True if the teeth may still be inside the gap there.
     """
 
     log: int
@@ -50,8 +55,9 @@ _SIGNIFICANT = 3.0
 class JumpComparison(Record, frozen=True):
     """Comparison of the jumps at the reversals with the fitted gap at the same driving angles.
 
-    Angles are in degrees of the driven shaft. `median_deg` minus `fitted_deg` is the median of the
-    differences between a jump and the fitted gap at its angle.
+    Values are in degrees of the driven shaft. `fitted_deg` is the median of the fitted gap at the
+    jumps. `median_deg` is `fitted_deg` plus the median of (jump − fitted gap at its angle). `count`
+    is the number of jumps.
     """
 
     count: int
@@ -62,7 +68,7 @@ class JumpComparison(Record, frozen=True):
 
     @property
     def agrees(self) -> bool:
-        """Whether both are the same within three standard errors of their difference."""
+        """Whether jumps and fitted gap differ by at most three standard errors."""
         std = math.hypot(self.std_deg, self.fitted_std_deg)
         return abs(self.median_deg - self.fitted_deg) <= _SIGNIFICANT * std
 
@@ -86,7 +92,10 @@ class JumpComparison(Record, frozen=True):
 
 
 class RatioCheck(Record, frozen=True):
-    """Given ratio of a log, and the ratio that the log shows; None for a TE-curve log."""
+    """Given ratio of a log, and the ratio that its angles show.
+
+    `seen` and its standard error `std` are None for a log that contains only a TE curve.
+    """
 
     given: str
     seen: float | None
@@ -112,16 +121,17 @@ class Disagreement(Record, frozen=True):
 
 
 _CLEARLY = 6.0
-"""Least size of a gap below zero that contradicts the log, in rms residuals; a smaller one may be
-friction or wind-up (chosen value)."""
+"""A negative gap contradicts the log if its size is more than this number of rms residuals; a
+smaller negative gap may come from friction or wind-up (chosen value)."""
 
 
 class CoveredGap(Record, frozen=True):
     """TE_B − TE_A averaged over the driving angles that both flanks covered, in degrees.
 
-    The mean counts each of the `covered_deg` degrees once. If the log cannot distinguish a delay
-    from the gap, the interval also contains the bound of the delay, and it is cut at zero, because
-    a gap cannot be negative.
+    The mean counts each of the `covered_deg` degrees once. If the log cannot separate a delay from
+    the gap, the interval is widened by the effect of the largest possible delay, and its negative
+    part is cut off, because a gap cannot be negative. If the gap is not `determined`, `reason` says
+    why, and the numbers are None.
     """
 
     value: float | None = None
@@ -147,7 +157,7 @@ class CoveredGap(Record, frozen=True):
 
 
 class GapAtSpeed(Record, frozen=True):
-    """Gap at a speed of the driving shaft, in degrees of the driven shaft."""
+    """Gap at one speed of the driving shaft, with standard error, degrees of the driven shaft."""
 
     speed_rpm: float
     value: float
@@ -155,9 +165,10 @@ class GapAtSpeed(Record, frozen=True):
 
 
 class Whiteness(Record, frozen=True):
-    """Autocorrelation of the whitened residual from lag 1, and its Ljung–Box test.
+    """Autocorrelation of the whitened residual at lags 1, 2, …, and its Ljung–Box test.
 
-    `widening` is the largest factor by which blocks of the log increase a standard error.
+    `ljung_box` is the test statistic and `probability` its p-value. `widening` is the largest
+    factor by which a standard error grows if it is estimated from the scatter of blocks of the log.
     """
 
     autocorrelation: tuple[float, ...]
@@ -167,9 +178,10 @@ class Whiteness(Record, frozen=True):
 
 
 class Wander(Record, frozen=True):
-    """Random walk of the level: standard deviation of a step, and the time of a step.
+    """Random walk of the level of the transmission error.
 
-    `widening` is the largest factor by which it increases a standard error.
+    `step_arcsec` is the standard deviation of a step, and `knots_s` is the time of a step.
+    `widening` is the largest factor by which the walk increases a standard error.
     """
 
     step_arcsec: float
@@ -208,10 +220,11 @@ class JoinedLine(Record, frozen=True):
 
 
 class HiddenShaft(Record, frozen=True):
-    """Shaft without an encoder in the log, to whose orders several lines belong.
+    """Shaft without an encoder, found because several lines are multiples of its frequency.
 
-    It turns `turns_per_rev` times per driving turn. `coincidence` is the likelihood of lines at
-    random frequencies against that of this shaft.
+    It turns `turns_per_rev` times per driving turn, and `orders` are the multiples that were found.
+    `coincidence` is the likelihood of lines at random frequencies divided by the likelihood of this
+    shaft.
     """
 
     turns_per_rev: float
@@ -221,10 +234,11 @@ class HiddenShaft(Record, frozen=True):
 
 
 class ReadingsComparison(Record, frozen=True, omit_defaults=True):
-    """Deviations of backlash readings from the gap of a fit without the readings.
+    """Deviations of backlash readings from the gap that a fit without these readings predicts.
 
-    `used` tells whether the readings are further data of the fit. `contradicts` is None for one
-    flank, which expects no gap.
+    `scatter_deg` is the standard deviation of the deviations about their mean, and
+    `expected_std_deg` the standard error of the predicted gap. `used` is True if the readings are
+    data of the final fit. `contradicts` is None for one flank, which predicts no gap.
     """
 
     source: str
@@ -241,7 +255,10 @@ class ReadingsComparison(Record, frozen=True, omit_defaults=True):
 
 
 class PassDifference(Record, frozen=True):
-    """Difference of two consecutive passes over the same angles, the later minus the earlier."""
+    """Difference of the transmission error of two consecutive passes: later minus earlier pass.
+
+    It is taken over the `overlap_deg` of driving angle that both passes cover on the same flank.
+    """
 
     log: int
     flank: Flank
@@ -274,25 +291,24 @@ class Checks(Record, frozen=True, kw_only=True):
     """Checks of a fit.
 
     A check that was not carried out is None or empty. `passes`, `halves`, `lines` and
-    `hidden_shafts` are computed when they are first read, and no other part of a fit depends on
-    them. Until then they keep the block rows of the logs in memory. A report and a run folder read
-    all of them.
+    `hidden_shafts` are computed when they are first read, for example by a report. Until then they
+    keep the block rows of the logs in memory. No other part of a fit depends on them.
 
     **Arguments**
     - `order_spectrum`: first orders of both shafts. - `closure`: see `Closure`.
     - `whiteness`: test of the residual. - `readings`: comparison with backlash readings.
-    - `reversals`: jump at every reversal. - `jumps`: these beside the fitted gap.
+    - `reversals`: jump at every reversal. - `jumps`: comparison of the jumps with the fitted gap.
     - `drawing_backlash_deg`: backlash of the drawing.
     - `ratio`: ratio of every log. - `agreement`: further logs compared with the first.
     - `gap_over_angles_covered`: mean gap over the driving angles that both flanks covered.
-    - `gap_by_speed`: gap at the speeds of the log, beside the delay; empty at one speed.
-    - `explained`: share of the variance of the transmission error that the harmonics explain,
-      beside offset, drift, delay and flank step; None without variance.
+    - `gap_by_speed`: gap at several speeds, after removal of the delay; empty at one speed.
+    - `explained`: share of the variance of the transmission error that the harmonics explain, after
+      offset, drift, delay and flank step are removed; None without variance.
     - `drift_order`, `drift_knots_s`, `drift_arcsec`: highest power of time, distance of the knots
       of a spline, and coefficients. - `drift_stiffness_s`: shortest period that the drift follows.
-    - `wander`: random walk of the level beyond the drift; None if the log does not demand it.
-    - `outliers`: of every log, for a robust loss. - `weakest_direction`, `solver_steps`: of the
-      solver.
+    - `wander`: random walk of the level beyond the drift; None if the log shows none.
+    - `outliers`: outliers of every log; empty for least squares. - `solver_steps`: steps of the
+      solver. - `weakest_direction`: combination of parameters with the largest standard error.
     - `passes`, `halves`: comparisons within each log. - `lines`: lines of the residual.
     - `joined_lines`: lines that joined the model. - `hidden_shafts`: shafts of several lines.
     """

@@ -1,4 +1,4 @@
-"""Checks without the model of the fit: closure, and the jump at a reversal."""
+"""Checks that do not use the fitted model: closure, and the jump at a reversal."""
 
 from itertools import pairwise
 
@@ -12,11 +12,12 @@ from ...pair.gear_pair import Drive, GearPair
 from .checks import Closure, Reversal
 
 _NEAR_DEG, WINDOW_DEG = 1.0, 5.0
-"""Distance from the turning point to the window where both passes are compared, at least, and width
-of this window, deg of the driving shaft; chosen."""
+"""The passes before and after a reversal are compared in a window of driving angles. These are its
+smallest distance from the turning point and its width, deg of the driving shaft; chosen values."""
 
 _GAPS = 1.5
-"""Distance from the turning point to the window in gaps, because the gap varies; chosen."""
+"""Smallest distance from the turning point to the window, in gaps; above 1 because the gap varies
+with the angle. Chosen value."""
 
 
 def closure(curves: tuple[TECurve, ...], pair: GearPair | Drive) -> Closure | None:
@@ -55,11 +56,13 @@ def reversal_jumps(
 ) -> list[Reversal]:
     """Return the jump at every reversal: TE_B − TE_A at the same driving angles, in degrees.
 
-    `driving` and `error` are in rad, without delay and wind-up, which change sign with the motion
-    and would resemble a jump. The window is 1° to 6° before the turning point, where each pass is
-    in contact on its flank; `driving_deg` is the driving angle at the middle of the window. `log`
-    is the number of the log. On a reducer the teeth are in the gap for more than 1° after the turn:
-    the window begins 1.5 times `gap_deg` before it, the gap as an angle of the driving shaft.
+    `driving` and `error` are in rad. Delay and wind-up must be removed from them, because they
+    change their sign with the direction and would look like a jump. Both passes are compared in a
+    window of driving angles from 1° to 6° before the turning point, where the teeth are in contact.
+    `driving_deg` of the result is the middle of the window. `log` is the number of the log.
+
+    On a reducer the teeth cross the gap during more than 1° after the turn. Therefore the window
+    begins at least 1.5 times `gap_deg` before the turn; this is the gap as a driving angle.
     """
     jumps = []
     beyond = _GAPS * gap_deg
@@ -93,5 +96,8 @@ def reversal_jumps(
 
 
 def _level(off_deg: Float[np.ndarray, " n"], error: Float[np.ndarray, " n"]) -> float:
-    """Return the transmission error in the middle of the window, from a straight-line fit."""
+    """Return the transmission error at `off_deg` = 0 from a straight-line fit.
+
+    `off_deg` is the angle of the samples from the middle of the window.
+    """
     return float(np.polyval(np.polyfit(off_deg, error, 1), 0.0))

@@ -1,11 +1,11 @@
-"""Gap over the driving angles that both flanks covered, and at the speeds of the log.
+"""Mean gap over the driving angles that both flanks covered, and gap at the speeds of the log.
 
-A part of the gap proportional to the speed is the delay's. If the gap depends on the speed in
-another way, no single gap describes the log, and a part of the delay may be gap. With deviations
-gₖ from the gap of the fit at the driving speeds ωₖ, the half-width of the interval of the gap is at
-least max |gₖ|. The fit has put the part proportional to the speed into the delay. That part may be
-larger than the rest, so the half-width of the delay is at least 2 (max gₖ − min gₖ) / (2 i (max ωₖ
-− min ωₖ)).
+The fit assigns every part of the gap that is proportional to the speed to the delay. If the gap
+depends on the speed in another way, no single gap describes the log, and the fitted delay may
+contain a part of the gap. Let gₖ be the deviations from the fitted gap at the driving speeds ωₖ.
+The half-width of the interval of the gap is then at least max |gₖ|. The part of the gap that is
+proportional to the speed is taken as up to twice these deviations, so that the half-width of the
+delay is at least 2 (max gₖ − min gₖ) / (2 i (max ωₖ − min ωₖ)), with the ratio i.
 """
 
 import math
@@ -30,21 +30,22 @@ from .closure import WINDOW_DEG
 from .estimate import Estimate
 
 _CELL = DEG
-"""Driving angle of a cell in rad; each cell that both flanks covered counts once (chosen)."""
+"""Driving angles are divided into cells of this width, rad. Each cell that both flanks covered
+counts once (chosen)."""
 
 
 _MOST_CELLS = 20_000  # cells at which a curve with fractional orders is computed; chosen value
 
 
 def covered_gap(estimate: Estimate, margin: float) -> CoveredGap:
-    """Return the mean gap of the fitted curves over the angles covered by both flanks.
+    """Return the mean gap of the fitted curves over the driving angles that both flanks covered.
 
-    The standard error is the largest of those by the noise model, by the scatter of parts of the
-    log, by a fit with a random walk as drift, and by the gaps at the speeds. Noise that remembers
-    replaces the first two.
+    Its standard error is the largest of four: from the noise model, from the scatter of parts of
+    the log, from a fit with a random walk as drift, and from the gaps at different speeds. If the
+    noise is correlated over a part of the log, its own estimate replaces the first two.
 
     **Arguments**
-    - `margin`: bound of the gap in rad that a delay within its own bound looks like; 0 for a delay
+    - `margin`: largest gap, rad, that an unknown delay within its bound can imitate; 0 for a delay
       that is known or fitted.
     """
     solved, scatter = estimate.solved, estimate.scatter
@@ -83,9 +84,10 @@ def covered_gap(estimate: Estimate, margin: float) -> CoveredGap:
 
 
 def _common_ranges(linear: LinearFit) -> Int[np.ndarray, "k 2"]:
-    """Return first cell and end of each range that both flanks covered, by angles of the first log.
+    """Return the ranges of driving angle that both flanks covered, as cells of 1°.
 
-    Logs whose zero differs from that of the first are left out.
+    A row contains the first cell of a range and the cell after its last. Angles count from the zero
+    of the first log; logs with another zero are left out.
     """
     found: dict[Flank, list[tuple[int, int]]] = {"A": [], "B": []}
     count = len(linear.channels) if linear.model.same_zero else 1
@@ -97,7 +99,11 @@ def _common_ranges(linear: LinearFit) -> Int[np.ndarray, "k 2"]:
 
 
 def on_both_flanks(found: Mapping[Flank, Sequence[tuple[int, int]]]) -> Int[np.ndarray, "k 2"]:
-    """Return first cell and end of each range that ranges of both flanks cover, without overlap."""
+    """Return the ranges of cells that are covered on both flanks, without overlap.
+
+    `found` contains for each flank its covered ranges, which may overlap. A range is the first cell
+    and the cell after the last one.
+    """
     ranges = np.array([r for own in found.values() for r in own], np.int64).reshape(-1, 2)
     edges = np.unique(ranges)
     on_both = np.ones(max(len(edges) - 1, 0), bool)
@@ -112,11 +118,11 @@ def on_both_flanks(found: Mapping[Flank, Sequence[tuple[int, int]]]) -> Int[np.n
 def _distinct(
     ranges: Int[np.ndarray, "k 2"], terms: TermPlan
 ) -> tuple[Float[np.ndarray, " m"], Int[np.ndarray, " m"]]:
-    """Return the centres of cells, rad, and how often each counts.
+    """Return the centres of the cells of `ranges`, rad, and how many times each cell counts.
 
-    Cells that are a hunting period apart have the same gap. A fractional order has another period,
-    and of more than `_MOST_CELLS` cells every k-th one counts, with k prime to the cells of a turn,
-    so that all places of a turn still count equally.
+    Cells that are one hunting period apart have the same gap and are computed once. This does not
+    hold with fractional orders. Of more than `_MOST_CELLS` cells only every k-th one is then used;
+    k has no common divisor with the number of cells per turn, so that all angles count equally.
     """
     turn = round(REV / _CELL)
     period = terms.ratio.denominator * turn
@@ -137,19 +143,19 @@ def _distinct(
     return (cells + 0.5) * _CELL, np.ones(len(cells), np.int64)
 
 
-_NARROW = 0.02  # part of the fitted gap by which jumps may differ from it anyway; chosen value
-_MEDIAN = math.sqrt(math.pi / 2)  # standard error of a median over that of a mean, normal values
+_NARROW = 0.02  # standard error of a jump that is always added, as a part of the gap; chosen value
+_MEDIAN = math.sqrt(math.pi / 2)  # standard error of the median / of the mean, for normal values
 
 
 def compared_jumps(
     jumps: Sequence[Reversal], solved: SolvedFit, gap: CoveredGap
 ) -> JumpComparison | None:
-    """Return the jumps at reversals beside the fitted gap over the same angles.
+    """Compare the jumps at the reversals with the fitted gap at the same driving angles.
 
-    Their standard error is the larger one of two: from the residual in windows of the same width,
-    and from the scatter of the jumps. That of the fitted gap contains the bound of a delay that the
-    log does not tell. Jumps within the crossing of the gap are left out, and logs whose zero
-    differs from that of the first.
+    The standard error of a jump is the larger one of two: from the residual in windows of the same
+    width, and from the scatter of the jumps. The standard error of the fitted gap includes the
+    bound of a delay that the log does not determine. Jumps where the teeth may still cross the gap
+    are left out, and so are logs with another zero. The result is None if no jump is left.
     """
     same_zero = solved.linear.model.same_zero
     own = [j for j in jumps if not j.crossing and (same_zero or j.log == 1)]
@@ -177,7 +183,7 @@ def compared_jumps(
 
 
 def _window_std(solved: SolvedFit) -> float:
-    """Return the rms of the residual averaged over windows of a jump, rad."""
+    """Return the rms, rad, of the means of the residual over windows as wide as that of a jump."""
     means = []
     for curve, residual in zip(*solved.curves_and_residuals, strict=True):
         window = np.floor(curve.driving_angle / (WINDOW_DEG * DEG)).astype(np.int64)
@@ -186,19 +192,19 @@ def _window_std(solved: SolvedFit) -> float:
     return float(np.sqrt(np.mean(np.concatenate(means) ** 2)))
 
 
-_BINS = 8  # speeds at which the gap is stated, at most; chosen value
-_APART = 1.15  # least ratio of neighbouring speeds; chosen value
-_LEAST_PIECES = 4  # pieces of a flank at a speed; chosen value
+_BINS = 8  # largest number of speeds at which the gap is computed; chosen value
+_APART = 1.15  # smallest ratio of neighbouring speeds; chosen value
+_LEAST_PIECES = 4  # fewest pieces of a flank at one speed; chosen value
 _PIECE_ROWS = 10  # fewest rows of a piece; chosen value
-_UNLIKELY = 1e-5  # probability of the scatter of the gaps if they agree; chosen value
+_UNLIKELY = 1e-5  # the gap depends on the speed if the p-value of equal gaps is lower; chosen value
 
 
 def gap_deviations(solved: SolvedFit) -> tuple[GapAtSpeed, ...]:
-    """Return by how much the gap at several driving speeds exceeds that of the fit.
+    """Return the gap at several driving speeds minus the gap of the fit.
 
-    At each speed this is the residual of flank B less that of flank A, beside all terms of the fit.
-    The scatter of pieces longer than the correlation of the noise gives the standard error. The
-    result is empty at one speed.
+    At each speed it is the mean residual of flank B minus the mean residual of flank A. The runs
+    are divided into pieces that are longer than the correlation of the noise; the scatter of the
+    means of these pieces gives the standard error. The result is empty if there is one speed only.
     """
     rows = list(_pieces(solved))
     if not rows:
@@ -229,7 +235,11 @@ def gap_deviations(solved: SolvedFit) -> tuple[GapAtSpeed, ...]:
 
 
 def _pieces(solved: SolvedFit) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
-    """Yield speed, residual, flank (1 for A, −1 for B) and number of the piece of every row."""
+    """Yield four arrays for every run, with one value per row of the run.
+
+    They are the driving speed (rad/s), the residual (rad), the flank (1 for A, −1 for B) and the
+    number of the piece to which the row belongs.
+    """
     number = 0
     for rows, own in zip(solved.linear.rows, solved.weights, strict=True):
         share_place = rows.columns.index(OFFSET)
@@ -251,7 +261,10 @@ def _pieces(solved: SolvedFit) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndar
 def _mean_of_pieces(
     value: Float[np.ndarray, " n"], piece: Int[np.ndarray, " n"]
 ) -> tuple[float, float] | None:
-    """Return the mean and its standard error from the scatter of pieces; None for too few."""
+    """Return the mean of `value`, and its standard error from the scatter between pieces.
+
+    `piece` is the number of the piece of each value. The result is None for too few pieces.
+    """
     _, index, count = np.unique(piece, return_inverse=True, return_counts=True)
     if len(count) < _LEAST_PIECES:
         return None
@@ -261,7 +274,10 @@ def _mean_of_pieces(
 
 
 def depends_on_speed(gaps: Sequence[GapAtSpeed]) -> bool:
-    """Return whether the gaps differ by more than a delay explains: by a part linear in speed."""
+    """Return whether the gap depends on the speed in another way than a delay explains.
+
+    A delay explains a part that is linear in the speed; a χ² test is made of the rest.
+    """
     if len(gaps) < 3:
         return False
     speed, value, std = np.array([(g.speed_rpm, g.value, g.std) for g in gaps]).T
@@ -272,19 +288,20 @@ def depends_on_speed(gaps: Sequence[GapAtSpeed]) -> bool:
 
 
 def shifted(gaps: Sequence[GapAtSpeed], gap_deg: float) -> tuple[GapAtSpeed, ...]:
-    """Return the gaps at the speeds for deviations from a gap of `gap_deg`."""
+    """Return the gap at each speed: `gap_deg` plus the deviation in `gaps`."""
     return tuple(msgspec.structs.replace(one, value=gap_deg + one.value) for one in gaps)
 
 
 _LINEAR_PART = 2.0
-"""Part of the gap that is proportional to the speed, in units of the rest; of a gap that saturates
-within the speeds of the log (chosen value)."""
+"""Largest part of the gap that is proportional to the speed, in units of the remaining part. The
+value is that of a gap that stops growing within the speeds of the log (chosen value)."""
 
 
 def least_stds(deviations: Sequence[GapAtSpeed], ratio: float) -> dict[str, float]:
-    """Return the smallest standard errors of gap (rad) and delay (s) where no single gap holds.
+    """Return lower bounds of the standard errors of gap (rad) and delay (s).
 
-    The result is empty if the gap does not depend on the speed.
+    They are needed if the gap depends on the speed, because no single gap then describes the log;
+    otherwise the result is empty. The keys are parameter names, and `ratio` is i.
     """
     if not depends_on_speed(deviations):
         return {}

@@ -1,4 +1,4 @@
-"""Parameters of a fit with the tests that set their standard errors."""
+"""Parameters of a fit, with the tests that determine their standard errors."""
 
 from dataclasses import dataclass
 
@@ -13,20 +13,21 @@ from .checks import GapAtSpeed, ReadingsComparison, Whiteness
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """Solution of a fit with its final standard errors, and the records of what changed them.
+    """Solution of a fit with its final standard errors, and the tests that changed them.
 
     **Arguments**
     - `solved`: parameters, and the logs and the noise from which they were estimated.
-    - `whiteness`: test of the whitened residual; None for rounding and for too few rows.
+    - `whiteness`: test of the whitened residual; None for a log without noise or too few rows.
     - `scatter`: parts of the log whose scatter gives the standard errors; None if the noise model
       gives them.
     - `readings`: comparison with backlash readings; None without readings.
-    - `change`: change of the delay within a log; None if no delay is fitted or no half tells it.
-    - `delays`: delays of several logs; None if no delay is fitted or fewer than two logs tell it.
-    - `walk`: fit with a random walk as drift; None if the log does not demand it.
-    - `frozen`: rounding that does not average out; None where it does.
-    - `gap_deviations`: by how much the gap at the speeds of the log exceeds that of the fit.
-    - `least_gap_std`: standard error of the gap, rad, that these deviations demand at least.
+    - `change`: change of the delay between the halves of a log; None if no delay is fitted or the
+      halves do not determine it.
+    - `delays`: delay of each log; None if no delay is fitted or fewer than two logs determine it.
+    - `walk`: fit with a random walk as drift; None if the log shows no random walk.
+    - `frozen`: rounding of the encoders that does not average out; None if it averages out.
+    - `gap_deviations`: gap at several speeds minus the gap of the fit.
+    - `least_gap_std`: lower bound of the standard error of the gap, rad, from these deviations.
     """
 
     solved: SolvedFit

@@ -1,4 +1,4 @@
-"""Notes on a fit, and the conditions under which its numbers are valid."""
+"""Notes on a fit, and the assumptions under which its numbers are valid."""
 
 from collections.abc import Sequence
 from fractions import Fraction
@@ -36,7 +36,7 @@ def warnings_of(
     *,
     checks: Checks,
 ) -> tuple[str, ...]:
-    """Return the notes that change a stated number or ask for something, the gravest first."""
+    """Return the warnings: notes on doubtful numbers or on actions of the user, gravest first."""
     solution, change, delays = estimate.solved.solution, estimate.change, estimate.delays
     return (
         *solver_notes(solution),
@@ -56,7 +56,7 @@ def warnings_of(
 def notes_of(
     selected: SelectedModel, identifiable: Identifiability, estimate: Estimate
 ) -> tuple[str, ...]:
-    """Return all other notes: first the conditions of the numbers, then details of the logs."""
+    """Return the notes that are not warnings: first conditions of the numbers, then log details."""
     inputs, outliers = selected.linear.inputs, selected.weights.outliers
     slow = [[one.sentence] if one.slow else [] for one in outliers]
     usual = [[] if one.slow else [one.sentence] for one in outliers]
@@ -102,7 +102,10 @@ def _speed_note(gaps: Sequence[GapAtSpeed]) -> list[str]:
 def conditions_of(
     pair: GearPair | Drive, split: bool, settings: FitSettings, selected: SelectedModel
 ) -> tuple[str, ...]:
-    """Return the assumptions under which the numbers of the fit are valid."""
+    """Return the names of the assumptions under which the numbers of the fit are valid.
+
+    `split` is True if the fit separates encoder errors from gear errors.
+    """
     conditions: tuple[str, ...] = ()
     if selected.linear.model.given is not None:
         conditions = ("flank_model",)
@@ -120,7 +123,11 @@ def conditions_of(
 
 
 def _of_logs(inputs: Sequence[Input], own: Sequence[Sequence[str]]) -> list[str]:
-    """Return the notes on each log; a note common to all logs appears once."""
+    """Return the notes on the logs in one list; a note that all logs share appears once.
+
+    `own` contains the notes on each log. Other notes begin with the name of the log if there are
+    several.
+    """
     shared = [note for note in next(iter(own), ()) if all(note in notes for notes in own)]
     notes = list(shared)
     for one, each in zip(inputs, own, strict=False):
@@ -130,7 +137,7 @@ def _of_logs(inputs: Sequence[Input], own: Sequence[Sequence[str]]) -> list[str]
 
 
 def _open_delay(selected: SelectedModel, identifiable: Identifiability) -> list[str]:
-    """Return the note on a delay that the log cannot tell from the backlash."""
+    """Return a note if the log cannot separate the delay from the backlash."""
     delay = selected.delay
     if delay.state != "open" or delay.forced or len(identifiable.flanks) < 2:
         return []
@@ -167,7 +174,7 @@ def _negative_sum(
 def _correlated(
     selected: SelectedModel, identifiable: Identifiability, solution: Solution
 ) -> list[str]:
-    """Return the note on a fitted delay that is hardly told apart from the constant backlash."""
+    """Return a note if fitted delay and constant backlash are strongly correlated."""
     names = ("delay", "constant_backlash")
     if selected.delay.state != "fitted" or not {*names} <= set(solution.names):
         return []
@@ -185,7 +192,7 @@ def _correlated(
 
 
 def _fractional_notes(terms: TermPlan) -> list[str]:
-    """Return a note on fractional orders, which no result but the fit contains."""
+    """Return a note on fractional orders, which only the fit contains and other results omit."""
     names = [harmonic.name for harmonic in terms.fractional]
     if not names:
         return []
@@ -211,7 +218,7 @@ def solver_notes(solution: Solution) -> list[str]:
 
 
 def _ratio_notes(regressors: tuple[Parameter, ...], checks: Checks, log: EncoderLog) -> list[str]:
-    """Return a note if a free ratio or that of a log differs significantly from the given ratio."""
+    """Return a note if the fitted ratio, or the ratio seen in a log, contradicts the given one."""
     for one in regressors:
         if one.name == "ratio" and one.significant and one.value is not None:
             off, std = (1e6 * part / float(log.ratio) for part in (one.value, one.std or 0.0))

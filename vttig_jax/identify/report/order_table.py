@@ -1,4 +1,4 @@
-"""Table of the fitted harmonics of every flank with standard errors, and their flank model."""
+"""Table of the fitted harmonics of every flank, with amplitude, phase and standard error."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -12,18 +12,18 @@ from ..solve.sandwich import Scatter, functional_of, standard_errors
 from ..solve.solved_fit import SolvedFit
 from .parameters import SIGNIFICANT, polar_spread
 
-_LEAKAGE = 3.0  # distance of a line in resolutions within which it leaks; chosen value
+_LEAKAGE = 3.0  # a line leaks into orders nearer than this number of resolutions; chosen value
 _MODULATION = 0.1
-"""Share of a fractional order that leaks because its amplitude changes. A line of 15″ on a robot
-axis leaks 0.7″ into the next order (chosen)."""
+"""Share of the amplitude of a fractional order that leaks into neighbouring orders, because the
+amplitude changes. A line of 15″ on a robot axis leaks 0.7″ into the next order (chosen)."""
 
 
 @dataclass(frozen=True)
 class Order:
     """Harmonic a sin(k φ_shaft + p) of the transmission error of one flank, at the driven gear.
 
-    The phase p of a fractional order is that at shaft angle zero of the log. An order is
-    `significant` above three standard errors, unless it is leakage of a line nearby.
+    The phase p of a fractional order holds for the zero of the shaft angle of the log. An order is
+    `significant` if its amplitude is at least three standard errors and it is no leakage of a line.
     """
 
     shaft: str
@@ -41,11 +41,11 @@ class Order:
 
 @runtime_checkable
 class FlankLine(Protocol):
-    """Line of the residual of one flank, or of both if `flank` is None."""
+    """Spectral line of the residual of one flank, or of both flanks if `flank` is None."""
 
     @property
     def flank(self) -> Flank | None:
-        """Return the flank."""
+        """Return the flank of the line, or None for both flanks."""
         ...
 
     @property
@@ -55,15 +55,15 @@ class FlankLine(Protocol):
 
     @property
     def amplitude_arcsec(self) -> float:
-        """Return the amplitude."""
+        """Return the amplitude of the line, arc seconds."""
         ...
 
 
 def order_table(solved: SolvedFit, scatter: Scatter | None = None) -> tuple[Order, ...]:
     """Return amplitude, standard error and phase of all harmonics of both shafts and the mesh.
 
-    On few turns, where `scatter` is not that of blocks, its standard error is the least of an
-    amplitude too.
+    `scatter` says from which parts of the log standard errors are estimated. On few turns (scatter
+    "cosines" or "memory") the standard error of an amplitude is at least this estimate.
     """
     table = []
     summary, solution = solved.summary, solved.solution
@@ -108,13 +108,14 @@ def judged_orders(
     ratio: float,
     turns: float,
 ) -> tuple[Order, ...]:
-    """Return the orders; an order that a line explains is marked as not significant.
+    """Return the orders; an order that is leakage of a line is marked as not significant.
 
-    A line of the residual leaks into orders within a few resolutions of it. A fractional order
-    leaks as far as its amplitude changes over the log, with the load for example.
+    A line of the residual leaks into orders within three resolutions (1/`turns` cycles per driving
+    revolution) if its amplitude is at least that of the order. A fractional order leaks because its
+    amplitude changes over the log, for example with the load; a tenth of its amplitude counts.
 
     **Arguments**
-    - `ratio`: i. - `turns`: driving revolutions of the longest run.
+    - `ratio`: driven speed over driving speed. - `turns`: driving revolutions of the longest run.
     """
 
     def cycles_of(order: Order) -> float:

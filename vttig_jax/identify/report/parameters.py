@@ -20,7 +20,7 @@ from ..solve.least_squares import Solution
 Outcome = Literal["ok", "partly_determined", "not_determined", "not_converged", "contradicts"]
 
 
-SIGNIFICANT = 3.0  # standard errors; chosen value
+SIGNIFICANT = 3.0  # standard errors above which a value is significant; chosen value
 BELOW = "below three standard errors"
 ROUNDING = 1e-11
 """Angle, rad, below which a value is rounding and never significant."""
@@ -32,8 +32,8 @@ class Parameter:
 
     If the data do not determine the parameter, `determined` is False, `value` is None, and `reason`
     is given. A value below three standard errors is not `significant`: an amplitude then has an
-    upper limit `upper95`, and its phase has no value. `low95` and `high95` are equal-tailed
-    (Laplace); those of a phase are around its value and may be outside [0°, 360°).
+    upper limit `upper95`, and its phase has no value. `low95` and `high95` are the bounds of the
+    equal-tailed 95 % interval (Laplace approximation); for a phase they may be outside [0°, 360°).
     """
 
     name: str
@@ -48,7 +48,7 @@ class Parameter:
     upper95: float | None = None
 
     def moved(self, by: float) -> "Parameter":
-        """Return the parameter with `by` added to value and interval."""
+        """Return the parameter with `by` added to its value and to both bounds of its interval."""
         if self.value is None or self.low95 is None or self.high95 is None:
             return self
         return replace(self, value=self.value + by, low95=self.low95 + by, high95=self.high95 + by)
@@ -77,7 +77,10 @@ def undetermined(name: str, unit: str, reason: str) -> Parameter:
 
 
 def scalar(solution: Solution, source: str, name: str, unit: str, scale: float) -> Parameter:
-    """Return the parameter of one coordinate `source`; `scale` is internal units per `unit`."""
+    """Return the parameter `name` from the value `source` of the solution.
+
+    `scale` is the number of internal units (mm or rad) per `unit`.
+    """
     index = solution.names.index(source)
     value = float(solution.values[index]) / scale
     std = math.sqrt(float(solution.covariance[index, index])) / scale
@@ -89,7 +92,7 @@ def scalar(solution: Solution, source: str, name: str, unit: str, scale: float) 
 def polar(
     solution: Solution, source: str, names: tuple[str, str], unit: str, scale: float
 ) -> tuple[Parameter, Parameter]:
-    """Return amplitude and phase of the Cartesian pair `source`_x, `source`_y."""
+    """Return amplitude and phase from the values `source`_x and `source`_y of the solution."""
     index = [solution.names.index(f"{source}_{axis}") for axis in "xy"]
     offset = solution.values[index] / scale
     spread = solution.covariance[np.ix_(index, index)] / scale**2
@@ -121,7 +124,7 @@ def polar(
 def polar_spread(
     offset: Float[np.ndarray, "2"], spread: Float[np.ndarray, "2 2"]
 ) -> tuple[float, float, float, float]:
-    """Return amplitude, its standard error, phase and its standard error in deg, to first order."""
+    """Return amplitude, its standard error, phase (deg) and its standard error, to first order."""
     amplitude, phase_deg = (float(part) for part in amplitude_phase(offset[1], offset[0]))
     if amplitude == 0:
         return 0.0, float(np.sqrt(np.max(np.linalg.eigvalsh(spread)))), 0.0, 180.0
@@ -147,7 +150,7 @@ def interval_of(name: str, unit: str, value: float, std: float) -> Parameter:
 
 
 def _upper_limit(amplitude: float, spread: Float[np.ndarray, "2 2"]) -> float:
-    """Return the 95 % quantile of the length of a plane Gaussian vector of circular spread."""
+    """Return the 95 % quantile of the length of a 2-D Gaussian vector with isotropic spread."""
     variance = float(np.trace(spread)) / 2
     from scipy.special import chndtrix  # imported here because it is slow and seldom needed
 
@@ -170,7 +173,7 @@ _REGRESSORS = {
     "speed": ("speed_s", "s", 1.0),
     "ratio": ("ratio", "1", 1.0),
 }
-"""Own column → name, unit, and internal units per unit of its coefficient."""
+"""Regressor column → name and unit of its coefficient, and internal units per this unit."""
 
 
 def parameters_of(
@@ -184,8 +187,9 @@ def parameters_of(
 ) -> dict[str, Parameter]:
     """Return name → `Parameter` for all parameters of a fit, in the order of its JSON object.
 
-    At one speed the logs determine the sum of the backlash and 2 ω₂ times the delay only. Then the
-    sum is a parameter, and the interval of the constant backlash contains `delay_margin`, rad.
+    At one speed the logs determine only the sum of the backlash and 2 ω₂ times the delay. The sum
+    is then a parameter too, and the interval of the constant backlash is widened by `delay_margin`,
+    rad, the largest backlash that the unknown delay can imitate.
     """
     drive = isinstance(pair, Drive)
     found: list[Parameter] = []
@@ -234,9 +238,9 @@ def outcome_of(
     *,
     contradiction: bool = False,
 ) -> Outcome:
-    """Return the outcome of the fit; it ignores parameters that the settings exclude.
+    """Return the outcome of the fit; parameters that the settings exclude do not count.
 
-    `contradiction` tells that the gap is below zero, which no reading of the log allows.
+    `contradiction` is True if the gap is clearly negative, which is physically impossible.
     """
     if not converged:
         return "not_converged"
@@ -302,7 +306,7 @@ def regressors_of(solution: Solution, log: EncoderLog) -> tuple[Parameter, ...]:
 
 
 def _delay(solution: Solution, delay: Delay) -> Parameter:
-    """Return the delay: shift of the driving angle plus the last step."""
+    """Return the parameter `delay_s`: the shift of the driving angle plus the last step, s."""
     if delay.state == "fitted":
         place = solution.names.index("delay")
         if not solution.determined[place]:
@@ -343,7 +347,7 @@ def _constant_backlash(solution: Solution, short: tuple[str, ...], delay: Delay)
 
 
 def _with_margin(backlash: Parameter, margin: float) -> Parameter:
-    """Return the backlash whose interval contains a delay that looks like up to `margin`, deg."""
+    """Return the backlash with an interval widened by `margin`, deg, for an unknown delay."""
     if margin == 0 or backlash.value is None or backlash.std is None:
         return backlash
     half = math.hypot(NORMAL_95 * backlash.std, margin)
@@ -364,7 +368,7 @@ def _with_margin(backlash: Parameter, margin: float) -> Parameter:
 
 
 def _sum(solution: Solution, short: tuple[str, ...]) -> Parameter:
-    """Return the sum of the backlash over the angles and 2 ω₂ times the delay, degrees."""
+    """Return the parameter that is the sum of the backlash and 2 ω₂ times the delay, degrees."""
     name = "backlash_plus_delay_deg"
     if short:
         reason = f"the {' and the '.join(short)} shaft turned too little"
@@ -379,9 +383,10 @@ def _sum(solution: Solution, short: tuple[str, ...]) -> Parameter:
 def variable_backlash_deg(
     pair: GearPair, parameters: dict[str, Parameter], driving_deg: float, driven_deg: float
 ) -> float:
-    """Return the variable backlash (21) of the fitted eccentricities with a phase, degrees.
+    """Return the variable backlash, equation (21), of the fitted eccentricities, degrees.
 
-    `driving_deg` and `driven_deg` are the shaft angles from the zeros of these phases.
+    An eccentricity without value or phase counts as zero. `driving_deg` and `driven_deg` are the
+    shaft angles, counted from the zeros of the phases.
     """
     total = 0.0
     for shaft, sign, angle_deg in (("driven", 1.0, driven_deg), ("driving", -1.0, driving_deg)):

@@ -1,6 +1,7 @@
-"""Record of each log of a fit, with the delay and gap of the log alone.
+"""Record of each log of a fit, with the delay and the gap that this log alone shows.
 
-All logs of a fit share delay and gap; a log that differs from the first gives a note.
+All logs of a fit share one delay and one gap. If a log alone shows a delay or gap that differs from
+the first log, the report has a note.
 """
 
 import numpy as np
@@ -21,14 +22,14 @@ _DIFFERENT = 5.0
 """Standard errors above which a difference between logs is reported; chosen value."""
 
 
-_CLEAR = 5.0  # standard errors of an order that tells a start angle; chosen value
+_CLEAR = 5.0  # an order above these standard errors determines a start angle; chosen value
 
 
 class LogStart(Record, frozen=True):
-    """Angles of both shafts at the zero of a log, in the angles of the first log, with their std.
+    """Angles of both shafts, relative to the first log, at which the angles of a log are zero.
 
-    The std is 0 for an angle that is not fitted. Both are None for an angle that no significant
-    order of both logs tells.
+    Each angle has a standard error, which is 0 for an angle that is not fitted. Both are None if
+    no order is significant in both logs, so that the start angle is not known.
     """
 
     driving_deg: float | None
@@ -40,8 +41,8 @@ class LogStart(Record, frozen=True):
 class LogAlone(Record, frozen=True):
     """Delay and gap that one log alone shows, with their standard errors.
 
-    The gap is a mean over the covered angles, with the common delay. A value that the log does not
-    determine is None.
+    The gap is the difference of the offsets of flank B and flank A, after removal of the delay that
+    all logs share. A value that the log does not determine is None.
     """
 
     delay_s: float | None = None
@@ -54,9 +55,10 @@ class LogRecord(Record, frozen=True):
     """One log of a fit.
 
     **Arguments**
-    - `source`, `sha256`: file and digest. - `zero`: zero of its angles, "start" or "reading".
-    - `start`: start angles. - `zero_readings`: shaft → reading at the zero of its angle.
-    - `samples`: number of samples read, used, on either flank, and masked.
+    - `source`, `sha256`: file and digest. - `zero`: its angles are zero at the first sample
+      ("start") or at the encoder reading zero ("reading").
+    - `start`: start angles. - `zero_readings`: shaft → see `_zero_reading`.
+    - `samples`: number of samples read, used, used on each flank, and not used (masked).
     - `alone`: what this log alone shows.
     """
 
@@ -106,7 +108,7 @@ def _zero_reading(channel: Channel, zero: str) -> int | float:
 
 
 def start_of(linear: LinearFit, solution: Solution, log: int) -> LogStart:
-    """Return the start angles of a log relative to the first log."""
+    """Return the start angles of a log relative to the first log; `log` counts from 0."""
     found: list[float | None] = []
     fitted = [shaft for shaft in SHAFTS if f"{START[shaft]}_of_{log + 1}" in solution.names]
     told = _told_shafts(linear, log) if fitted else set()
@@ -135,7 +137,7 @@ def _told_shafts(linear: LinearFit, log: int) -> set[str]:
 
 
 def fit_log_alone(linear: LinearFit, log: int) -> LogAlone:
-    """Return delay and gap of one log."""
+    """Return delay and gap from the rows of one log alone; `log` counts from 0."""
     if len(linear.rows) == 1:
         summary, filter_, own = linear.summary, linear.filter, linear.own
     else:

@@ -19,7 +19,7 @@ class Record(msgspec.Struct, frozen=True):
 class Later(Sequence[Item]):
     """Sequence that is computed when it is first read.
 
-    The function is forgotten after its first success, together with the data that it refers to.
+    After the computation the function is deleted, which frees the data that it refers to.
 
     **Arguments**
     - `compute`: function that returns the items.

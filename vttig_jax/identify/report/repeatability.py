@@ -1,4 +1,4 @@
-"""Repeatability of a log: comparison of passes on one flank, and of halves of the passes."""
+"""Repeatability of a log: comparison of its passes, and of first and second halves of passes."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -21,10 +21,10 @@ _LEAST_OVERLAP = 10 * DEG  # rad; chosen value
 
 
 def passes(curves: Sequence[TECurve], log: int = 1) -> list[PassDifference]:
-    """Return the differences of consecutive passes over the same angles on one flank, in degrees.
+    """Return the differences of the transmission error between consecutive passes of each flank.
 
-    There is one entry, later minus earlier, per pair of passes with an overlap of at least 10°.
-    `log` is the number of the log.
+    There is one entry (later minus earlier pass, in degrees) for each two consecutive passes whose
+    driving angles overlap by at least 10°. `log` is the number of the log.
     """
     found = []
     for flank in FLANKS:

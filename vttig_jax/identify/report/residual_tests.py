@@ -1,4 +1,4 @@
-"""Tests of the residual: correlation that the noise model misses, and lines that are no order."""
+"""Tests of the residual of a fit: correlation that the noise model misses, and spectral lines."""
 
 from collections.abc import Sequence
 from dataclasses import astuple
@@ -31,18 +31,19 @@ _HIGHEST = 12.0
 
 _ROWS_PER_CYCLE = 3.0  # fewest rows per cycle of the highest frequency; chosen value
 _ROWS_PER_MULTIPLE = 2.0
-"""Fewest rows per cycle of a multiple of a known line, whose frequency no alias puts in doubt."""
+"""Fewest rows per cycle of a multiple of a known line. Fewer rows suffice than for a line, because
+the frequency of a multiple is known and cannot be confused with an alias."""
 
-_ROWS_KEPT = 4.0  # rows per cycle of the highest frequency in long logs; chosen value
+_ROWS_KEPT = 4.0  # rows per cycle of the highest frequency after averaging long logs; chosen value
 _LEAST_ROWS = 100  # innovations for the test of whiteness; chosen value
-_MOST_CELLS = 50_000  # values of the regressors in a search for lines; chosen value
+_MOST_CELLS = 50_000  # largest size (rows × regressors) of a search with regressors; chosen value
 _MOST_LINES = 3  # lines per search; chosen value
 _WITHIN = 3.0  # standard errors within which two frequencies are the same; chosen value
 _TOLD = 0.02
-"""Standard error of a frequency, in orders of the driven shaft, up to which it tells them apart."""
+"""Below this standard error, in driven orders, a frequency is compared with the driven orders."""
 
-_CERTAIN = 1e-6  # largest probability of a false line whose shaft is sought; chosen value
-_FALSE_ALARM = 1e-3  # probability of a false line; chosen value
+_CERTAIN = 1e-6  # a hidden shaft is searched from lines with a lower false alarm rate; chosen value
+_FALSE_ALARM = 1e-3  # largest false alarm probability of a reported line; chosen value
 
 
 def whiteness(
@@ -85,13 +86,12 @@ def whiteness(
 
 
 def explained(linear: LinearFit, kept: ColumnLayout, weights: Sequence[Weights]) -> float | None:
-    """Return the share of the variance that the harmonics explain beside all other columns.
+    """Return the share of the variance that the harmonics explain in addition to other columns.
 
-    A given flank model counts as harmonics.
-
-    It is 1 − S/S₀ with the sums of squares that least squares on offset, drift, delay and
-    regressors leave of the residual, S, and of the transmission error, S₀. Each flank of each log
-    has its offset; the other columns are those of the layout `kept`. The result is None for S₀ = 0.
+    The share is 1 − S/S₀. Offset, drift, delay and regressors are fitted by least squares to the
+    residual, which leaves the sum of squares S, and to the transmission error, which leaves S₀. A
+    given flank model counts as harmonics. Each flank of each log has its own offset; the other
+    columns are those of the layout `kept`. The result is None for S₀ = 0.
     """
     squares = np.zeros(2)
     for log, (rows, own) in enumerate(zip(linear.rows, weights, strict=True)):
@@ -126,14 +126,14 @@ def lines_left(
     same_zero: bool,
     joint: Sequence[ResidualLine] | None = None,
 ) -> list[ResidualLine]:
-    """Return the significant lines of the residual, in cycles per driving revolution.
+    """Return the significant spectral lines of the residual.
 
-    Both flanks are searched together, where `flank` is None, and then each flank alone, where it is
-    "A" or "B". A missing order has a phase of its own on each flank, and the joint search does not
-    find an order with opposite phases. Logs with different zeros are searched one by one, because
-    the phase of a line that is no order of a shaft differs between them. `log` is then the number
-    of the log from 1; it is 0 for the search in all logs together. `joint` is the result of
-    `joint_lines` if it is known.
+    Both flanks are searched together (`flank` of a line is None), and then each flank alone
+    (`flank` is "A" or "B"), because a missing order may have opposite phases on the flanks, so that
+    the joint search does not find it. Logs with different zeros are searched one by one, because
+    the phase of a line that is no order of a shaft differs between them; `log` of a line is then
+    the number of the log from 1. It is 0 for a search in all logs together. `joint` is the result
+    of `joint_lines` if it is already computed.
     """
     if same_zero or len(rows) == 1:
         return _lines(rows, weights, terms, 0, joint)
@@ -151,9 +151,10 @@ def _lines(
     number: int,
     joint: Sequence[ResidualLine] | None = None,
 ) -> list[ResidualLine]:
-    """Return the lines of logs with one zero.
+    """Return the lines of logs whose angles have the same zero.
 
-    A line of a single flank is added if the search on both flanks did not find it.
+    First come the lines of both flanks together, then those of single flanks at other frequencies.
+    Lines within half a resolution of a fitted order are left out. `number` is stored as `log`.
     """
     runs = _all_runs(rows, weights)
     flanks = sorted({flank for flank, _ in runs})
@@ -175,7 +176,7 @@ def _lines(
 
 
 def joint_lines(rows: Sequence[LogRows], weights: Sequence[Weights]) -> list[ResidualLine]:
-    """Return the significant lines of both flanks together, also those close to an order."""
+    """Return the significant lines of both flanks together, including lines close to an order."""
     return _searched([run for _, run in _all_runs(rows, weights)])
 
 
@@ -185,9 +186,11 @@ def compared(
     without: Sequence[Harmonic],
     cycles: Sequence[float],
 ) -> Comparison | None:
-    """Return the comparison of explanations of what a fit leaves without some of its harmonics.
+    """Prepare a comparison of several sets of lines and orders that may explain the residual.
 
-    `cycles` are the frequencies of the fullest explanation. The result is None for too few rows.
+    The compared residual is that of the fit without the harmonics `without`. `cycles` are all
+    frequencies that may explain it, cycles per driving revolution. The result is None for too few
+    rows.
     """
     runs = _all_runs(rows, weights, [h.term for h in without])
     highest = _highest([run for _, run in runs])
@@ -203,12 +206,12 @@ def hidden_shafts(
     terms: TermPlan,
     lines: Sequence[ResidualLine | JoinedLine],
 ) -> list[HiddenShaft]:
-    """Return a list with the shaft to whose orders the lines belong, empty without such a shaft.
+    """Return a list with the hidden shaft whose orders are the lines; empty if there is none.
 
-    The frequencies of the lines tell it if they are sharp, see `hidden_shaft`; otherwise the
-    spectrum at the multiples of a certain line does, see `shaft_of_multiples`. Lines at whole
-    orders of the driving or driven shaft are not counted. Logs without a common zero have no common
-    spectrum.
+    If the frequencies of the lines are exact enough, they determine the shaft; see `hidden_shaft`.
+    Otherwise the spectrum at the multiples of a certain line is used; see `shaft_of_multiples`.
+    Lines at whole orders of the driving or driven shaft do not count. The second method is not
+    possible for lines that were found in single logs without a common zero.
     """
     ratio = float(terms.ratio)
     known: list[tuple[float, float]] = []
@@ -273,10 +276,10 @@ def _highest(runs: Sequence[LineRun], rows_per_cycle: float = _ROWS_PER_CYCLE) -
 def _searched(
     runs: list[LineRun], flank: Flank | None = None, number: int = 0
 ) -> list[ResidualLine]:
-    """Search for lines in addition to the regressors of the fit.
+    """Return the significant lines of the runs; `flank` and `number` are stored in the result.
 
-    A regressor is thus not reported as a line. In long logs this would cost more than the fit.
-    There a constant replaces the regressors, whose contribution the residual no longer contains.
+    The regressors of the fit are fitted together with each line, so that no regressor is reported
+    as a line. In long logs this would take longer than the fit; a constant replaces them there.
     """
     highest = _highest(runs)
     if highest < 1:
@@ -294,10 +297,10 @@ def _affordable(runs: list[LineRun], highest: float) -> list[LineRun]:
 
 
 def _is_beside(term: AnyTerm, terms: TermPlan) -> bool:
-    """Return whether a harmonic is a regressor of the search for lines.
+    """Return whether a harmonic is a regressor in the search for lines.
 
-    The tied second-order terms of the exact relation are none, because they follow from the first
-    orders. As regressors they would absorb a second order that the model misses.
+    The tied second-order terms of the exact relation are not, because they follow from the first
+    orders. As free regressors they would absorb a second order that the model misses.
     """
     return term not in SECOND_ORDER or term in [h.term for h in terms.free]
 
@@ -305,10 +308,11 @@ def _is_beside(term: AnyTerm, terms: TermPlan) -> bool:
 def _runs(
     log: LogRows, weights: Weights, number: int, without: Sequence[AnyTerm] = ()
 ) -> list[tuple[Flank, LineRun]]:
-    """Return the flank and the residual of every run of a log, with the regressors of its rows.
+    """Return every run of a log as its flank, its residual and the regressors of its rows.
 
-    Rows of weight 0 and short runs are left out. `number` is the number of the log in the group
-    name. The residual contains the free harmonics `without`, and the regressors do not.
+    Rows of weight 0 and short runs are left out. `number` is the number of the log in the name of
+    the group of the run. The free harmonics `without` are not subtracted from the residual and are
+    no regressors.
     """
     columns = log.columns
     place = columns.index(OFFSET)
@@ -329,7 +333,7 @@ def _runs(
             group = f"{run.segment.flank} of log {number}"
             angle = run.curve.driving_angle[counted]
             shape = (len(residual), len(kept))
-            # A search with a run of more cells leaves its regressors out, so they are not copied.
+            # If the run is larger, the search uses no regressors, so they are not copied.
             nuisance = np.broadcast_to(1.0, shape)
             if nuisance.size <= _MOST_CELLS:
                 nuisance = run.rows[np.ix_(counted, kept)] / share[counted, None]
@@ -338,9 +342,9 @@ def _runs(
 
 
 def _short(run: LineRun, highest: float) -> LineRun:
-    """Return a run as block means over a quarter of the shortest cycle.
+    """Return a run averaged over blocks of a quarter cycle of the frequency `highest`.
 
-    Its only regressor is a constant.
+    The only regressor of the result is a constant.
     """
     turns = max(float(np.ptp(run.angle)) / REV, 1e-9)
     size = max(1, whole_below(len(run.angle) / turns / (_ROWS_KEPT * highest)))

@@ -1,4 +1,4 @@
-"""Test that several logs are of one rig: first orders of each log against those of the first."""
+"""Test whether several logs are of one rig: first orders of each log and of the first log."""
 
 from collections.abc import Sequence
 
@@ -27,9 +27,10 @@ and by more than eight standard errors; chosen values."""
 def disagreements(
     rows: Sequence[LogRows], terms: TermPlan, starts: Sequence[Start], *, same_zero: bool
 ) -> list[Disagreement]:
-    """Return the differences of the first orders of every log and flank from the first log.
+    """Return the differences between the first orders of each log and those of the first log.
 
-    If the logs have no common zero, the phases are unknown, and amplitudes are compared.
+    `starts` are the start angles of the logs. If the logs have no common zero (`same_zero` False),
+    their phases cannot be compared, and only the amplitudes are compared.
     """
     first = first_orders(rows[0], terms, starts[0])
     found = []
@@ -71,7 +72,7 @@ def refuse_different_rigs(found: Sequence[Disagreement], sources: list[str]) -> 
 
 
 def first_orders(rows: LogRows, terms: TermPlan, start: Start) -> Phasors:
-    """Return the first orders that one log alone determines, in the angles of the first log."""
+    """Return the first orders from one log alone, with phases relative to the first log."""
     found = phasors(rows, terms, start)
     first = ((1, 0), (0, 1))
     return {(h.shaft, flank): value for (h, flank), value in found.items() if h.term in first}
@@ -80,7 +81,11 @@ def first_orders(rows: LogRows, terms: TermPlan, start: Start) -> Phasors:
 def phasors(
     rows: LogRows, terms: TermPlan, start: Start
 ) -> dict[tuple[Harmonic, Flank], tuple[complex, float]]:
-    """Return a exp(jp) and its standard error, rad, of every harmonic that one log determines."""
+    """Return a exp(jp) and its standard error, rad, of every harmonic from one log alone.
+
+    `start` turns the phases p into the angles of the first log. Flanks with too few rows are left
+    out.
+    """
     summary = summarise([rows], terms)
     filter_ = autoregression(summary)
     result = {}
@@ -101,6 +106,9 @@ def phasors(
 
 
 def _std(covariance: Float[np.ndarray, "c c"], cell: int) -> float:
-    """Return the standard error of a phasor in its least certain direction."""
+    """Return the largest standard error of a phasor over all directions in the complex plane.
+
+    `cell` is the place of its cosine coefficient in `covariance`.
+    """
     pair = covariance[cell : cell + 2, cell : cell + 2]
     return float(np.sqrt(np.linalg.eigvalsh(pair)[-1]))
