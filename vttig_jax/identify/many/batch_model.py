@@ -1,4 +1,4 @@
-"""What all logs of a batch share: the model of the fit, and the shapes of the compiled program."""
+"""Model of the fit and array sizes of the compiled program, common to all logs of a batch."""
 
 from dataclasses import replace
 from typing import NamedTuple
@@ -18,13 +18,13 @@ from .log_arrays import SIDES, LogArrays
 
 
 class BatchShape(NamedTuple):
-    """Sizes of the arrays of a compiled program.
+    """Sizes of the arrays of a compiled program; every log of a batch must fit in them.
 
     **Arguments**
-    - `samples`: samples of a padded log.
-    - `runs`: most runs on a flank. - `rows`: most block rows of a run.
-    - `height`: most samples of a row.
-    - `lags`: most lags of the noise.
+    - `samples`: number of samples of a log after padding.
+    - `runs`: largest number of runs on a flank. - `rows`: largest number of block rows of a run.
+    - `height`: largest number of samples of a row.
+    - `lags`: largest order of the autoregressive noise.
     """
 
     samples: int
@@ -34,27 +34,27 @@ class BatchShape(NamedTuple):
     lags: int = HIGHEST_LAG
 
     def rounded(self) -> "BatchShape":
-        """Return a shape at least as large, so that similar batches share one program."""
+        """Return the shape with all sizes but `lags` rounded up, so that batches share programs."""
         fine = (rounded_up(self.samples), rounded_up(self.runs), rounded_up(self.rows))
         return BatchShape(*fine, rounded_up(self.height), self.lags)
 
     def over(self, other: "BatchShape") -> "BatchShape":
-        """Return the smallest shape that holds both."""
+        """Return the smallest shape that is large enough for both shapes."""
         return BatchShape(*map(max, self, other))
 
 
 _STEPS = 8
-"""Rounded sizes between two powers of two: an array is at most an eighth too large (chosen)."""
+"""Number of rounded sizes between two powers of two: rounding adds at most an eighth (chosen)."""
 
 
 def rounded_up(size: int) -> int:
-    """Return the size, or the next of eight sizes between two powers of two."""
+    """Return the size rounded up to the next of eight sizes between two powers of two."""
     step = max(1, (1 << (size - 1).bit_length()) // (2 * _STEPS)) if size > 0 else 1
     return -(-size // step) * step
 
 
 def shape_of(arrays: LogArrays, lags: int = HIGHEST_LAG) -> BatchShape:
-    """Return the sizes that the arrays of one log need."""
+    """Return the sizes that the arrays of one log need; `lags` is only copied."""
     runs, rows = 1, 1
     for mask in arrays.on_flank:
         edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]])))
@@ -65,13 +65,13 @@ def shape_of(arrays: LogArrays, lags: int = HIGHEST_LAG) -> BatchShape:
 
 
 class BatchModel(eqx.Module):
-    """Model of the fit of every log, and the shapes of the program.
+    """Model with which every log of a batch is fitted, and the array sizes of the program.
 
     **Arguments**
-    - `relation`: forward model. - `orders`: orders of the harmonics, free ones first.
+    - `relation`: forward model. - `orders`: orders (n₁, n₂) of the harmonics, free harmonics first.
     - `ratio`: driven speed divided by driving speed.
-    - `free`: number of columns of free harmonics. - `drift`: highest power of time.
-    - `sides`: places of the measured flanks among A and B.
+    - `free`: number of columns of free harmonics. - `drift`: highest power of time of the drift.
+    - `sides`: indices of the measured flanks; 0 is flank A and 1 is flank B.
     - `delayed`: whether logs have a delay; without one the driving angle is taken as it is.
     - `shape`: sizes of the arrays.
     """
@@ -92,11 +92,11 @@ class BatchModel(eqx.Module):
 
     @property
     def width(self) -> int:
-        """Number of columns, y included."""
+        """Number of columns of the rows: harmonics, offset, drift and y."""
         return 2 * len(self.orders) + self.drift + 2
 
     def with_shape(self, shape: BatchShape) -> "BatchModel":
-        """Return the model for arrays of another shape."""
+        """Return the same model for arrays of the sizes `shape`."""
         return replace(self, shape=shape)
 
 
@@ -107,10 +107,10 @@ def batch_model(
     shape: BatchShape,
     settings: FitSettings = FitSettings(),
 ) -> BatchModel:
-    """Return the model that `vttig_jax.fit` has for these harmonics, flanks and settings.
+    """Return the model that `vttig_jax.fit` uses for these harmonics, flanks and settings.
 
-    Of the settings it takes `perfect_encoders`, `perfect_gears`, the power `drift_order` of the
-    drift (0 unless given) and whether a delay is given in seconds.
+    It uses only these settings: `perfect_encoders`, `perfect_gears`, `drift_order` (0 if it is
+    None), and whether `delay` is a number of seconds other than 0.
     """
     drift = settings.drift_order or 0
     own = (OFFSET, *Drift(drift).names(0.0))

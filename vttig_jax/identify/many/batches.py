@@ -1,4 +1,4 @@
-"""Compiled programs of a batch, and the few shapes that logs of unequal length share."""
+"""Calls of the compiled programs of a batch; logs of unequal length share a few array shapes."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,26 +14,31 @@ from .log_arrays import LogArrays, stacked
 from .preparation import PreparedLog
 
 _LAGS = (4, 8, 16)
-"""Numbers of lags for which a program is compiled; the noise of a few logs counts them (chosen)."""
+"""Numbers of noise lags for which a program is compiled; each call uses the smallest sufficient
+one (chosen)."""
 
 _MOST_LOGS, _FEW_LOGS = 64, 8
-"""Logs of a call of the compiled programs: about half a second. Smaller batches take 8 (chosen)."""
+"""Number of logs in one call of a program, about half a second; 8 for few logs (chosen)."""
 
 _MOST_SAMPLES = 4_000_000
-"""Samples of a call, which bounds its memory to some 500 MB (chosen)."""
+"""Largest number of samples in one call, which limits its memory to about 500 MB (chosen)."""
 
 _LARGER = 2.0
-"""Factor by which a known shape may be larger than a log; a new one must be compiled (chosen)."""
+"""A known shape is reused if it is at most this factor larger than needed; otherwise a program for
+a new shape is compiled (chosen)."""
 
 
 class Shapes:
-    """Shapes of the programs that were compiled so far."""
+    """Collection of the array shapes for which programs have been compiled so far."""
 
     def __init__(self) -> None:
         self._known: list[BatchShape] = []
 
     def holding(self, shape: BatchShape) -> BatchShape:
-        """Return a known shape that is large enough and not much too large, or a new one."""
+        """Return a known shape that is large enough but not much too large for `shape`.
+
+        If there is none, `shape` is rounded up, and the result is added to the known shapes.
+        """
         fitting = [
             known
             for known in self._known
@@ -48,18 +53,23 @@ class Shapes:
 
 
 def logs_at_once(samples: int, logs: int = _MOST_LOGS) -> int:
-    """Return the number of logs that a call of the programs takes."""
+    """Return how many logs one call takes: a power of two that is small enough for the memory.
+
+    `samples` is the length of a padded log, and `logs` is the number of logs that wait.
+    """
     most = _FEW_LOGS if logs <= _FEW_LOGS else _MOST_LOGS
     return max(1, min(most, 1 << (max(1, _MOST_SAMPLES // samples).bit_length() - 1)))
 
 
 @dataclass(frozen=True, eq=False)
 class Call:
-    """One call of the programs; its rows are computed while other logs are prepared.
+    """One call of the compiled programs for several logs.
+
+    JAX computes the block rows in the background, while Python prepares further logs.
 
     **Arguments**
-    - `model`: model with the shapes of the call. - `logs`: number of logs.
-    - `tables`: rows of the logs, which tell how many lags their noise needs.
+    - `model`: model with the array sizes of the call. - `logs`: number of logs, without padding.
+    - `tables`: block rows of the logs, and the number of lags that their noise needs.
     """
 
     model: BatchModel
@@ -70,14 +80,20 @@ class Call:
     def of(
         cls, model: BatchModel, logs: Sequence[PreparedLog], shapes: Shapes, count: int
     ) -> "Call":
-        """Send at most `count` logs to the first program; the others of the call are empty."""
+        """Start the first program (block rows) for `logs`, padded to `count` with empty logs.
+
+        `shapes` are the known shapes, from which the call takes one.
+        """
         shape = shapes.holding(reduce(BatchShape.over, (log.shape for log in logs)))
         batch = stacked([log.arrays for log in logs], shape.samples, count)
         own = model.with_shape(shape)
         return cls(own, len(logs), _tables(own, batch))
 
     def result(self) -> ArrayFit:
-        """Return the fits, with as many lags as the noise of these logs needs."""
+        """Run the second program, which fits the logs, and return the fits.
+
+        Its number of lags is the smallest compiled one that the noise of these logs needs.
+        """
         needed = int(np.asarray(self.tables.needed)[: self.logs].max())
         lags = next(lags for lags in _LAGS if lags >= needed)
         shape = self.model.shape._replace(lags=lags)

@@ -1,10 +1,10 @@
-"""Result codes of the fits of a batch, and what each of them means."""
+"""Result codes of the fits of a batch, and a sentence on the meaning of each code."""
 
 from enum import IntEnum
 
 
 class Code(IntEnum):
-    """Why a log of a batch has no parameters, or none to be trusted; 0 for a good fit."""
+    """Result of the fit of one log: OK, or why its parameters are missing or not reliable."""
 
     OK = 0
     EMPTY = 1
@@ -20,7 +20,7 @@ class Code(IntEnum):
 
     @property
     def reason(self) -> str:
-        """Sentence on the code, "" for a good fit."""
+        """Sentence that explains the code; "" for OK."""
         return _REASONS[self]
 
 

@@ -25,8 +25,8 @@ from .log_arrays import LogArrays
 from .optimum import estimate, row_std
 from .rows import BlockTable, block_table
 
-_LEAST = 1e-300  # rounding in rad² that keeps logarithms finite; chosen value
-_ROWS_A_LAG = 8  # rows of the longest run for every lag, as in `compress.harmonic_summary`
+_LEAST = 1e-300  # smallest rounding, rad², so that logarithms stay finite; chosen value
+_ROWS_A_LAG = 8  # at most one lag for every 8 rows of the longest run (as in a fit)
 
 
 class ArrayFit(NamedTuple):
@@ -36,9 +36,9 @@ class ArrayFit(NamedTuple):
     - `values`, `covariance`: parameters in the order of `BatchModel.names`, mm and rad, and their
       covariance by the noise model.
     - `innovation_std`, `std`: standard deviations of the innovations and of the block rows, rad.
-    - `partial`, `order`: partial autocorrelations of the noise, zero beyond the order, and order.
-    - `code`: a `Code`. Up to `TOO_FEW_ROWS` all numbers are zero; with a higher code they are those
-      that the code warns of.
+    - `partial`, `order`: partial autocorrelations of the noise, zero beyond its order; this order.
+    - `code`: a `Code`. For codes 1 to 4 (`EMPTY` to `TOO_FEW_ROWS`) all numbers are zero. For a
+      higher code the numbers are given, but they are not reliable for the reason of the code.
     """
 
     values: Float[Numbers, "*logs p"]
@@ -51,17 +51,17 @@ class ArrayFit(NamedTuple):
 
 
 class WhiteTable(NamedTuple):
-    """Conditioned block rows of one log, and the numbers from which the lags are chosen.
+    """Conditioned block rows of one log, and the number of lags that its noise needs.
 
-    Conditioned rows are the rows U of Z = U F, whose columns are nearly orthonormal; Z are the
-    block rows and F is a triangular matrix.
+    The block rows are Z = U F with a triangular matrix F, so that the columns of the conditioned
+    rows U are nearly orthonormal.
 
     **Arguments**
-    - `white`, `triangle`: rows U and triangle F. - `counts`: rows of every run.
-    - `needed`: lags that the noise needs.
+    - `white`, `triangle`: rows U and matrix F. - `counts`: number of rows of every run.
+    - `needed`: number of lags that the noise needs.
     - `level`: angle that was subtracted from y, rad.
-    - `rounding`: sum of squares of y, rad², that is only rounding.
-    - `code`: code of the log so far.
+    - `rounding`: a residual sum of squares up to this value, rad², is only rounding error.
+    - `code`: code of the log from the checks before the fit.
     """
 
     white: Float[Array, "*logs flanks runs n q"]
@@ -74,9 +74,9 @@ class WhiteTable(NamedTuple):
 
 
 class Compressed(NamedTuple):
-    """Products of the rows of one log; the other fields are as in `WhiteTable`.
+    """Lag products of the rows of one log; the other fields are as in `WhiteTable`.
 
-    A log that cannot be fitted has substitute products, which cause no error in the compiled fit.
+    A log that cannot be fitted has substitute products, with which the compiled fit gives no NaN.
     """
 
     products: RowProducts
@@ -119,14 +119,14 @@ def fit_arrays(model: BatchModel, log: LogArrays) -> ArrayFit:
 def fit_batch(model: BatchModel, logs: LogArrays) -> ArrayFit:
     """Return the fits of a batch, the same as `jax.vmap` of `fit_arrays` in less time.
 
-    The rows of one log after the other are compressed, so that they stay in cache; the noise and
-    the parameters of all logs are then found side by side. It is as pure as `fit_arrays`.
+    The rows are compressed for one log after the other, so that they stay in the cache. Then noise
+    and parameters of all logs are estimated in parallel. The function is pure, as `fit_arrays` is.
     """
     return fit_tables(model, jax.lax.map(lambda log: white_table(model, log), logs))
 
 
 def fit_tables(model: BatchModel, tables: WhiteTable) -> ArrayFit:
-    """Return the fits of the conditioned rows of a batch."""
+    """Return the fits of a batch from the conditioned rows of its logs."""
     products = jax.lax.map(lambda table: compressed(model, table), tables)
     return jax.vmap(lambda one: solved(model, one))(products)
 
@@ -154,9 +154,9 @@ def white_table(model: BatchModel, log: LogArrays) -> WhiteTable:
 def compressed(model: BatchModel, table: WhiteTable) -> Compressed:
     """Return the lag products of the conditioned block rows of one log.
 
-    This is the second part of `fit_arrays`. A log without a code from the first part gets
-    `TOO_FEW_ROWS` where a run has no more rows than lags, and `MORE_LAGS` where the noise needs
-    more lags than the model has.
+    This is the second part of `fit_arrays`. If the code of the first part is OK, the log gets the
+    code `TOO_FEW_ROWS` if a run has no more rows than lags, or `MORE_LAGS` if the noise needs more
+    lags than the model has.
     """
     lags = model.shape.lags
     is_short = jnp.any((table.counts > 0) & (table.counts <= lags))
@@ -171,7 +171,7 @@ def compressed(model: BatchModel, table: WhiteTable) -> Compressed:
 
 
 def solved(model: BatchModel, data: Compressed) -> ArrayFit:
-    """Return the fit of compressed rows, the last part of `fit_arrays`."""
+    """Return the fit of one log from its lag products; this is the last part of `fit_arrays`."""
     products = data.products
     rounding = jnp.maximum(data.rounding, _LEAST)
     noise = estimated_noise(products, data.needed, rounding)
@@ -189,7 +189,7 @@ def solved(model: BatchModel, data: Compressed) -> ArrayFit:
     offset = jnp.asarray([name == OFFSET for name in model.names])
     values = found.values + jnp.where(offset, data.level, 0.0)
     numbers = (values, found.covariance, found.innovation_std, std, noise.partial)
-    # A noise so smooth that its whitening has no digits left gives NaN, which the code tells.
+    # Very smooth noise makes the whitening lose all digits; the NaN is reported by the code.
     is_sound = jnp.stack([jnp.all(jnp.isfinite(one)) for one in numbers]).all()
     late.insert(0, (Code.LONG_MEMORY, ~is_sound))
     kept_at_all = _is_usable(data.code) & is_sound
@@ -204,7 +204,10 @@ def _is_usable(code: Int[Numbers, ""]) -> Bool[Array, ""]:
 
 
 def _harmless(products: RowProducts) -> RowProducts:
-    """Return products of white rows, so that a log without a fit leads to no NaN anywhere."""
+    """Return products of white noise rows, which replace those of a log that cannot be fitted.
+
+    They have the same shapes as `products`, and the fit of them contains no NaN.
+    """
     one = jnp.eye(products.triangle.shape[-1])[None] * jnp.ones((len(products.rows), 1, 1))
     lagged = jnp.zeros_like(products.lag_products).at[:, 0].set(one)
     plenty = jnp.full_like(products.rows, 4.0 * one.shape[-1])
@@ -215,7 +218,7 @@ def _harmless(products: RowProducts) -> RowProducts:
 def _code_of(
     model: BatchModel, log: LogArrays, table: BlockTable, needed: Int[Array, ""]
 ) -> Int[Array, ""]:
-    """Return the code of a log before its fit."""
+    """Return the code of a log from checks of its rows before the fit."""
     rows = jnp.sum(table.counts, axis=1)
     usable = rows - needed * 2 * jnp.sum(table.counts > 0, axis=1)
     causes = [
@@ -230,9 +233,9 @@ def _code_of(
 def _first(
     causes: list[tuple[Code, Bool[Array, ""]]], otherwise: Int[Numbers, ""]
 ) -> Int[Array, ""]:
-    """Return the code of the first cause that is true, or OK if none is true.
+    """Return the code of the first cause whose condition is true, or OK if none is true.
 
-    A code `otherwise` that is not OK takes precedence and is returned instead.
+    If the earlier code `otherwise` is not OK, it is returned instead.
     """
     code = jnp.asarray(int(Code.OK))
     for cause, is_true in reversed(causes):

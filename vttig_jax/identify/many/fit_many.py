@@ -1,4 +1,4 @@
-"""Fits of many logs, each of a rig of its own, in batches: one row of a table for each log."""
+"""Fits of many logs, each from a separate rig, in batches: one table row for each log."""
 
 import os
 from collections import deque
@@ -38,7 +38,8 @@ from .table import OK, PARTS, Columns, FitTable, table_of
 Row = dict[str, Any]
 
 _MOST_THREADS = 4
-"""Threads that prepare logs (chosen): Python itself runs in one of them at a time."""
+"""Number of threads that prepare logs (chosen). More would not help, because only one thread at a
+time runs Python code."""
 
 
 def fit_many(
@@ -88,7 +89,7 @@ def fit_many(
 
 
 class Unread(NamedTuple):
-    """A log that could not be read or prepared: its name and the error."""
+    """A log that could not be read or prepared for the fit: its name and the error."""
 
     name: str
     error: VttigError
@@ -104,7 +105,11 @@ def fit_columns(
     shapes: Shapes | None = None,
     progress: Callable[[int], None] = lambda logs: None,
 ) -> Columns:
-    """Return the columns of the table; `shapes` are those of programs compiled before."""
+    """Return the columns of the table of fits.
+
+    `shapes` are the array shapes for which programs are compiled already. `progress` is called with
+    the number of further logs that are done.
+    """
     batches = Batches(progress, settings, pair, shapes or Shapes())
 
     def ready(log: EncoderLog | Unread) -> PreparedLog | Unread:
@@ -125,10 +130,10 @@ def _in_turn(
     ready: Callable[[EncoderLog | Unread], PreparedLog | Unread],
     logs: Iterable[EncoderLog | Unread],
 ) -> Iterator[tuple[str, PreparedLog | Unread]]:
-    """Yield the name of every log and what `ready` makes of it, in the order of the logs.
+    """Yield (name of the log, result of `ready`) for every log, in the order of the logs.
 
-    Several logs are prepared at a time, because NumPy lets other threads run during its work. Few
-    are held, so that a long series of logs is not read at once.
+    Several threads prepare logs at the same time, because NumPy releases Python's lock. Only a few
+    logs are in memory at a time, so that a long series of logs is not read at once.
     """
     threads = min(_cores(), _MOST_THREADS)
     with ThreadPoolExecutor(threads) as pool:
@@ -156,15 +161,16 @@ def _cores() -> int:
 
 
 def settings_table(settings: FitSettings) -> dict[str, Any]:
-    """Return the settings of a batch that can be chosen."""
+    """Return name → value of the settings that the user of a batch can choose."""
     names = ("flank", "perfect_encoders", "perfect_gears", "delay", "drift_order")
     return {name: msgspec.to_builtins(getattr(settings, name)) for name in names}
 
 
 class _Key(NamedTuple):
-    """What the logs of one call of the programs have in common.
+    """Properties that all logs of one call must share.
 
-    `octave` is that of the number of samples, so that no log waits for a much longer one.
+    `octave` is the bit length of the number of samples: logs of one call differ in length by less
+    than a factor of two, so that padding wastes little time.
     """
 
     flanks: tuple[Flank, ...]
@@ -173,7 +179,7 @@ class _Key(NamedTuple):
 
 
 class _Waiting(NamedTuple):
-    """A prepared log: its place in the table, its name and its arrays."""
+    """A prepared log that waits for its call: row in the table (from 0), name, and arrays."""
 
     place: int
     name: str
@@ -182,9 +188,14 @@ class _Waiting(NamedTuple):
 
 @dataclass(eq=False)
 class Batches:
-    """Logs that wait for the compiled programs, calls of them, and the rows that are done.
+    """Queue of the compiled programs: waiting logs, the running call, and finished table rows.
 
-    JAX runs the programs beside Python, and further logs are prepared meanwhile.
+    JAX runs a program in the background, while Python prepares further logs.
+
+    **Arguments**
+    - `waiting`: logs that wait. - `sizes`: number of logs per call, for each key.
+    - `running`: logs of the running call, and this call. - `rows`: finished rows by their place.
+    - `count`: number of logs that were added.
     """
 
     progress: Callable[[int], None]
@@ -198,7 +209,7 @@ class Batches:
     count: int = 0
 
     def add(self, name: str, ready: PreparedLog | Unread) -> None:
-        """Add a prepared log, and send its batch to the programs when it is full."""
+        """Add a prepared log; if its group is then full, start a call of the programs for it."""
         place = self._placed()
         if isinstance(ready, Unread):
             self._refuse(place, name, ready.error)
@@ -219,19 +230,19 @@ class Batches:
         self._keep([(place, _failed(name, code, str(error).removeprefix(f"{name}: ")))])
 
     def finished(self) -> list[Row]:
-        """Fit what is left, and return the rows in the order of the logs."""
+        """Fit the logs that still wait, and return all rows in the order of the logs."""
         for key in list(self.waiting):
             self._send(key)
         self._collect()
         return [self.rows[place] for place in range(self.count)]
 
     def _send(self, key: _Key) -> None:
-        """End the call of the programs before, and start another one.
+        """Wait for the running call, and start a call for the waiting logs of `key`.
 
-        Two calls at a time would wait for each other in LAPACK; see `upper_and_inverse`.
+        Two calls at the same time would block each other in LAPACK; see `upper_and_inverse`.
         """
         group = self.waiting.pop(key)
-        # A further batch has the number of logs of the first, for which a program is compiled.
+        # A later batch has the same number of logs as the first, so that its program is reused.
         most = self.sizes.setdefault(key, logs_at_once(1 << key.octave, len(group)))
         scope, shape = group[0].log.identifiable, group[0].log.shape
         model = batch_model(self.pair, scope.terms, scope.flanks, shape, self.settings)
@@ -283,7 +294,7 @@ class Batches:
 
 
 def parameter_names(pair: GearPair | Drive) -> tuple[str, ...]:
-    """Return the parameters of the table, which are those of a fit without its delay."""
+    """Return the names of the parameters in the table: those of a fit without the delay."""
     size = "amplitude_arcsec" if isinstance(pair, Drive) else "eccentricity_mm"
     gears = [f"{shaft}_{kind}" for shaft in SHAFTS for kind in (size, "phase_deg")]
     kinds = ("encoder_arcsec", "encoder_phase_deg")
@@ -292,7 +303,7 @@ def parameter_names(pair: GearPair | Drive) -> tuple[str, ...]:
 
 
 def delay_of(settings: FitSettings) -> Delay:
-    """Return the delay of a batch, which is not fitted."""
+    """Return the delay for the result of a batch, in which the delay is given or off."""
     if isinstance(settings.delay, str):
         return Delay("off", reason="not fitted: both channels are sampled at the same instant")
     return Delay("given", settings.delay, reason=f"given as {settings.delay:g} s, not fitted")
@@ -317,7 +328,7 @@ def _failed(name: str, code: Code, reason: str) -> Row:
 
 
 def _cells(parameters: Mapping[str, Parameter]) -> Row:
-    """Return the cells of all parameters; a value without significance is a value all the same."""
+    """Return the table cells of all parameters; values that are not significant are included."""
     row: Row = {}
     for name, found in parameters.items():
         numbers = (found.value, found.std, found.low95, found.high95)

@@ -1,4 +1,4 @@
-"""One log as arrays of a fixed length, which a compiled fit takes, and many of them as a batch."""
+"""One log as arrays of a fixed length for a compiled fit, and a batch of several logs."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -11,17 +11,17 @@ from ...logs.encoder_log import EncoderLog
 from ...logs.motion.segments import Segment
 
 SIDES = "AB"
-"""Flanks in the order of the masks."""
+"""Flanks in the order of the masks `LogArrays.on_flank`."""
 
 
 class LogArrays(NamedTuple):
     """Samples of one log, padded to a common length n; a batch has a leading axis.
 
     **Arguments**
-    - `time`: time in s. - `driving`, `driven`: shaft angles in rad. Whole turns may be taken off
-      each reading, as long as a shaft turns by less than half a turn between two samples.
+    - `time`: time in s. - `driving`, `driven`: shaft angles in rad. They may be wrapped (modulo one
+      turn), as long as a shaft turns by less than half a turn between two samples.
     - `on_flank`: masks of the samples that are certainly on flank A and on flank B.
-    - `length`: number of samples; those behind it are padding, which nothing depends on.
+    - `length`: number of samples of the log; later samples are padding and have no effect.
     - `size`: samples per block row. - `delay_s`: delay of the driven channel, s.
     - `last_digit`: rounding error of the transmission error, rad.
     """
@@ -39,9 +39,10 @@ class LogArrays(NamedTuple):
 def arrays_of(
     log: EncoderLog, segments: Sequence[Segment], size: int, delay_s: float = 0.0
 ) -> LogArrays:
-    """Return the arrays of a log with the samples of `segments` on their flanks.
+    """Return the arrays of a log; the masks mark the samples of `segments` on their flanks.
 
-    A reading that is a spike is interpolated, as in a single fit.
+    `size` is the number of samples per block row. Spikes of the driving channel are replaced by
+    interpolated readings, as in a single fit.
     """
     on_flank = np.zeros((2, len(log)), bool)
     for one in segments:
@@ -59,7 +60,7 @@ def arrays_of(
 
 
 def padded(arrays: LogArrays, samples: int) -> LogArrays:
-    """Return the arrays of one log with `samples` samples; the last one is repeated."""
+    """Return the arrays of one log padded to `samples` samples by repeating the last sample."""
     more = samples - arrays.time.shape[-1]
     channels = {
         name: np.pad(getattr(arrays, name), (0, more), "edge")
@@ -70,7 +71,7 @@ def padded(arrays: LogArrays, samples: int) -> LogArrays:
 
 
 def empty(samples: int) -> LogArrays:
-    """Return the arrays of a log without samples, which fills a batch."""
+    """Return the arrays of a log of length 0, which fills an unused place of a batch."""
     zero = np.zeros(samples)
     return LogArrays(
         time=zero,
@@ -85,7 +86,10 @@ def empty(samples: int) -> LogArrays:
 
 
 def stacked(logs: Sequence[LogArrays], samples: int, count: int | None = None) -> LogArrays:
-    """Return a batch of logs, padded to `samples` samples and with empty logs to `count` logs."""
+    """Return a batch of logs: each is padded to `samples` samples, and the batch to `count` logs.
+
+    Empty logs fill the batch. By default `count` is the number of logs.
+    """
     full = [padded(one, samples) for one in logs]
     full += [empty(samples)] * ((len(full) if count is None else count) - len(full))
     return LogArrays(*(np.stack(parts) for parts in zip(*full, strict=True)))

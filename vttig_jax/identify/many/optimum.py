@@ -1,4 +1,4 @@
-"""Noise and parameters of one compressed log inside a compiled program, with derivatives."""
+"""Parameters of one compressed log for a given noise inside a compiled, differentiable program."""
 
 from typing import NamedTuple
 
@@ -14,14 +14,14 @@ from ..noise.batched_reml import freedom_left, misfit_of, newton_step, residual_
 _STEPS = 5
 """Gauss–Newton steps: the forward model is linear to 1e-3, so each step gains three digits."""
 
-_NEAR = 1.0  # largest change by the Newton step, in standard errors of one parameter alone (chosen)
+_NEAR = 1.0  # largest change by the last Newton step, in standard errors of a parameter (chosen)
 
 _SETTLED, _NOT_ABOVE, _ROUNDING = 0.01, 0.01, 1e-6
-"""Limits of a minimum, as in `solve.least_squares`."""
+"""Limits by which a point counts as a minimum; see `solve.least_squares`."""
 
 _LEAST_SHARE = 1e-6
-"""Least length of a column of the scaled Jacobian beside all others, as a share of its own length;
-below it the samples leave a combination of parameters open (chosen)."""
+"""The samples do not determine all parameters if less than this share of the length of a column of
+the scaled Jacobian is orthogonal to the columns before it (chosen)."""
 
 
 class Estimate(NamedTuple):
@@ -55,10 +55,14 @@ def estimate(
     free: int,
     rounding: Float[Array, ""],
 ) -> Estimate:
-    """Return the least-squares parameters of one log, as `whiten` and `solve` do.
+    """Return the generalised least-squares parameters of one log, as `whiten` and `solve` do.
 
-    The first `free` columns are eliminated. `upper` are the triangles of `inner` for the noise.
-    Gauss–Newton steps find the minimum; the Newton step that follows gives the derivative.
+    **Arguments**
+    - `upper`: triangular factors of the whitened rows, from `inner`. - `relation`: forward model.
+    - `free`: number of first columns that are eliminated (free harmonics, offset and drift).
+    - `rounding`: smallest residual sum of squares, rad².
+
+    Gauss–Newton steps find the minimum; one Newton step then makes the result differentiable.
     """
     misfit = jnp.maximum(misfit_of(products, upper), rounding)
     variance = misfit / freedom_left(products)
@@ -93,7 +97,10 @@ def estimate(
 def _searched(
     relation: ForwardModel, matrix: Float[Array, "flanks t t"], target: Float[Array, "flanks t"]
 ) -> _Search:
-    """Return the parameters after the Gauss–Newton steps from zero."""
+    """Return the parameters after the Gauss–Newton steps, which start at zero.
+
+    `matrix` and `target` are the whitened tied columns and the whitened y of each flank.
+    """
 
     def step(number, state):
         slopes, left = _whitened(matrix, target, *_linearised(relation, state.values))
@@ -109,7 +116,7 @@ def _searched(
 def _linearised(
     relation: ForwardModel, values: Float[Array, " p"]
 ) -> tuple[Float[Array, "flanks t"], Float[Array, "flanks t p"]]:
-    """Return the tied coefficients and their derivatives."""
+    """Return the tied coefficients of the forward model and their derivatives at `values`."""
 
     def twice(values):
         tied = relation.coefficients(values)
@@ -122,7 +129,7 @@ def _linearised(
 def _bend(
     relation: ForwardModel, values: Float[Array, " p"], weights: Float[Array, "flanks t"]
 ) -> Float[Array, "p p"]:
-    """Return the second derivatives of the sum of weights times tied coefficients."""
+    """Return the Hessian, with respect to the parameters, of Σ weights · (tied coefficients)."""
     return jax.hessian(lambda x: jnp.sum(weights * relation.coefficients(x)))(values)
 
 
@@ -132,18 +139,18 @@ def _whitened(
     tied: Float[Array, "flanks t"],
     slopes: Float[Array, "flanks t p"],
 ) -> tuple[Float[Array, "flanks t p"], Float[Array, "flanks t"]]:
-    """Return Jacobian and residual of the whitened relation, in innovations."""
+    """Return Jacobian and residual of the whitened equations, in innovation standard deviations."""
     return matrix @ slopes, jnp.einsum("fij,fj->fi", matrix, tied) - target
 
 
 def _scale(slopes: Float[Array, "flanks t p"]) -> Float[Array, " p"]:
-    """Return the standard error of every parameter alone; 1 for one without any effect."""
+    """Return the standard error of each parameter in a fit of it alone; 1 if it has no effect."""
     size = jnp.sqrt(jnp.sum(slopes**2, axis=(0, 1)))
     return 1 / jnp.where(size > 0, size, 1.0)
 
 
 def row_std(products: RowProducts, upper: Upper) -> Float[Array, ""]:
-    """Return the rms residual of generalised least squares, rad."""
+    """Return the rms of the unwhitened residual of generalised least squares, rad."""
     weights = residual_rows(products, upper)
     square = jnp.einsum("fp,fpq,fq->", weights, products.lag_products[:, 0], weights)
     return jnp.sqrt(jnp.maximum(square, 0.0) / jnp.maximum(jnp.sum(products.rows), 1.0))
@@ -152,7 +159,7 @@ def row_std(products: RowProducts, upper: Upper) -> Float[Array, ""]:
 def _gauss_newton(
     slopes: Float[Array, "r p"], left: Float[Array, " r"]
 ) -> tuple[Float[Array, " p"], Upper]:
-    """Return the Gauss–Newton step, and the triangle of the slopes."""
+    """Return the least-squares solution x of slopes · x = left, and the factor of slopes."""
     upper = upper_and_inverse(slopes.T @ slopes + RIDGE * jnp.eye(slopes.shape[1]))
     return upper.inverse @ (upper.inverse.T @ (slopes.T @ left)), upper
 
@@ -163,7 +170,11 @@ def _is_minimum(
     gain: Float[Array, " r"],
     linear_misfit: Float[Array, ""],
 ) -> Bool[Array, ""]:
-    """Return whether a further step gains little, and the misfit is near the linear one."""
+    """Return whether the Gauss–Newton steps have reached a minimum.
+
+    A further step (`gain`) must reduce the residual `left` very little, and the misfit must not be
+    much larger than `linear_misfit`, the misfit after the first step.
+    """
     whole = jnp.linalg.norm(target)
     first = jnp.where(jnp.isfinite(linear_misfit), linear_misfit, whole)
     bound = first + _NOT_ABOVE * jnp.maximum(first, 1.0) + _ROUNDING * whole

@@ -1,4 +1,4 @@
-"""What is done with every log of a batch before the compiled fit: flanks, orders and arrays."""
+"""Preparation of every log of a batch for the compiled fit: checks, flanks, orders and arrays."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ from ..settings import HIGHEST_LAG, FitSettings, fields
 from .batch_model import BatchModel, BatchShape, batch_model, shape_of
 from .log_arrays import LogArrays, arrays_of, stacked
 
-_AROUND = 9  # samples of the median filter that shows isolated readings, as in `robust`
+_AROUND = 9  # window of the running median that shows isolated readings, samples; as in `robust`
 
 _BATCH = {
     "delay": "off",
@@ -34,17 +34,17 @@ _BATCH = {
     "lines": "report",
     "drift_order": 0,
 }
-"""Settings of a batch that are not the defaults of a single fit."""
+"""Default settings of a batch that differ from the defaults of a single fit."""
 
 _OPEN = ("flank", "perfect_encoders", "perfect_gears", "delay", "loss", "drift_order")
-"""Settings that a batch can change; the others have one value."""
+"""Settings that the user of a batch can change; all other settings are fixed."""
 
 
 def batch_settings(changes: dict[str, Any]) -> FitSettings:
-    """Return the settings of a batch.
+    """Return the settings of a batch with the `changes` of the user.
 
-    They are one model for all logs: no delay or one in seconds, no drift or powers of time up to
-    `drift_order`, least squares, no joining lines, autoregressive noise.
+    All logs of a batch have one model: no delay or a given one in seconds, no drift or powers of
+    time up to `drift_order`, least squares, no lines that join the model, autoregressive noise.
 
     **Raises** `TypeError` for a keyword that is no setting, and `ValueError` for a setting that a
     batch does not have.
@@ -76,12 +76,12 @@ def _one_value(name: str, wanted: Any, seen: Any) -> str:
 
 
 class NeedsFitError(NoAnswerError):
-    """A single fit of the log has terms that the model of a batch does not have."""
+    """The log must be fitted alone, because it needs terms that the model of a batch lacks."""
 
 
 @dataclass(frozen=True, eq=False)
 class PreparedLog:
-    """Arrays of one log, what can be fitted of it, and the sizes that its arrays need."""
+    """Arrays of one log, its identifiable flanks and harmonics, and the sizes of its arrays."""
 
     arrays: LogArrays
     identifiable: Identifiability
@@ -169,9 +169,9 @@ def prepared(
 def _refuse_other_models(
     log: EncoderLog, scope: Identifiability, segments: Sequence[Segment]
 ) -> None:
-    """Refuse a log for which `fit` has terms that a batch does not have.
+    """Raise `NeedsFitError` if a log needs terms that the model of a batch does not have.
 
-    **Raises** `NeedsFitError`.
+    Such a log has a torque or axial column, few turns of the driving shaft, or outliers.
     """
     seen = None
     if log.torque is not None:
@@ -191,5 +191,5 @@ def _refuse_other_models(
 
 
 def _isolated(error: np.ndarray) -> np.ndarray:
-    """Return the difference of every sample from the median of the samples around it."""
+    """Return every sample minus the running median, which shows isolated deviations."""
     return error - median_filter(error, _AROUND, mode="nearest")

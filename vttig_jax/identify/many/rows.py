@@ -1,4 +1,4 @@
-"""Block rows of one log inside a compiled program, the same as those of `compress.block_rows`."""
+"""Block rows of one log inside a compiled program, equal to those of `compress.block_rows`."""
 
 from typing import NamedTuple
 
@@ -32,7 +32,7 @@ class BlockTable(NamedTuple):
 
 
 class _Samples(NamedTuple):
-    """Channels with finite numbers only: scaled time, shaft angles and transmission error."""
+    """Finite samples: time scaled to −1 … 1, shaft angles and transmission error, rad."""
 
     time: Float[Array, " n"]
     driving: Float[Array, " n"]
@@ -41,7 +41,7 @@ class _Samples(NamedTuple):
 
 
 def block_table(model: BatchModel, log: LogArrays) -> BlockTable:
-    """Return the block rows of a log."""
+    """Return the block rows of a log: means of all columns over `log.size` consecutive samples."""
     shape = model.shape
     valid = jnp.arange(shape.samples) < log.length
     used = jnp.asarray(log.on_flank)[np.array(model.sides)] & valid[None]
@@ -71,9 +71,10 @@ def shifted(
     length: Int[Numbers, ""],
     delay_s: Float[Numbers, ""],
 ) -> Float[Array, " n"]:
-    """Return φ₁ at t − `delay_s` by the cubic interpolation of `compress.regressors`.
+    """Return the driving angle φ₁ at the times t − `delay_s`, rad, by cubic interpolation.
 
-    Its slopes at the samples are those of `numpy.gradient`.
+    The interpolation is that of `compress.regressors`: its slopes at the samples are those of
+    `numpy.gradient`. Samples from the index `length` on are padding.
     """
     last = jnp.maximum(length - 1, 1)
     step = jnp.diff(time)

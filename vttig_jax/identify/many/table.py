@@ -1,4 +1,4 @@
-"""Table of the fits of many logs: one row a log, with parameters or with a code and a reason."""
+"""Table of the fits of many logs: one row per log, with parameters or with a code and a reason."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -17,22 +17,22 @@ from ...base.shown_text import csv_cell
 from .codes import Code
 
 Columns = dict[str, np.ndarray]
-"""Name → values of a column; numbers that a log does not have are NaN."""
+"""Name of a column → its values, one per log; a missing number is NaN."""
 
 WORDS = ("log", "code", "reason", "flanks", "undetermined")
 """Columns of text."""
 
 NUMBERS = ("samples_used", "noise_order", "noise_std_deg")
-"""Columns of numbers beside the parameters."""
+"""Columns of numbers that are no parameters."""
 
 PARTS = ("", "_std", "_low95", "_high95")
-"""Endings of the four columns of a parameter."""
+"""Endings of the names of the four columns of a parameter: value, std, bounds of the interval."""
 
 OK = Code.OK.name.lower()
 """Code of a log that was fitted."""
 
 _QUOTED = 5
-"""Most logs that are named for each code in the report; chosen value."""
+"""Largest number of logs that the report names for each code; chosen value."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,10 +73,10 @@ class FitTable(TextResult):
         return tuple(rows)
 
     def to_csv(self, path: str | Path | None = None) -> str:
-        """Return the table as text with commas, and write it to `path` if it is given.
+        """Return the table as CSV text, and write it to `path` if it is given.
 
-        A number that a log does not have is an empty cell; others have all their digits. Texts are
-        cells that no spreadsheet computes, see `csv_cell`.
+        A missing number is an empty cell; all other numbers have full precision. Text is written so
+        that no spreadsheet takes it for a formula; see `csv_cell`.
         """
         text = StringIO()
         out = writer(text, lineterminator="\n")
@@ -88,7 +88,7 @@ class FitTable(TextResult):
         return text.getvalue()
 
     def to_parquet(self, path: str | Path) -> None:
-        """Write the table as Parquet; a number that a log does not have is null."""
+        """Write the table to `path` as Parquet; a missing number is null."""
         import pyarrow as pa
         import pyarrow.parquet as pq
 
@@ -146,7 +146,11 @@ class FitTable(TextResult):
         return dict(Counter(self.columns["code"].tolist()).most_common())
 
     def _spread(self, name: str) -> dict[str, Any]:
-        """Return number, median and extremes of a parameter over the logs that have it."""
+        """Return statistics of a parameter over the logs that have a value of it.
+
+        They are the number of these logs, the median, minimum and maximum of the values, and the
+        median standard error.
+        """
         values = self.columns[name]
         known = ~np.isnan(values)
         if not known.any():
@@ -162,7 +166,10 @@ class FitTable(TextResult):
 
 
 def table_of(rows: Sequence[Mapping[str, Any]], parameters: Sequence[str]) -> Columns:
-    """Return the columns of rows, each of which has some of the cells."""
+    """Return the columns of a table from its rows.
+
+    A row may lack cells: a missing text becomes "", and a missing number becomes NaN.
+    """
     numbers = [*NUMBERS, *(name + part for name in parameters for part in PARTS)]
     words = {name: np.array([str(row.get(name, "")) for row in rows], str) for name in WORDS}
     cells = {
@@ -172,7 +179,7 @@ def table_of(rows: Sequence[Mapping[str, Any]], parameters: Sequence[str]) -> Co
 
 
 def joined(parts: Sequence[Columns]) -> Columns:
-    """Return the rows of several tables below each other."""
+    """Return one table with the rows of all tables `parts`, in this order."""
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
