@@ -1,14 +1,17 @@
-"""Cubic Hermite interpolation within one time step, and the first root of the cubic."""
+"""Cubic Hermite interpolation within one time step, and the root of the cubic.
+
+A share τ is the elapsed fraction of the step, 0 … 1.
+"""
 
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-_HALLEY = 3  # Halley iterations, enough to reach rounding on the nearly straight curves of a step
+_HALLEY = 3  # Halley iterations; for the nearly straight curves of a step the root is then exact
 
 
 class Cubic(eqx.Module):
-    """c₀ + c₁ τ + c₂ τ² + c₃ τ³ for τ in [0, 1]."""
+    """Cubic polynomial c₀ + c₁ τ + c₂ τ² + c₃ τ³ for the share τ of the step, 0 … 1."""
 
     c0: Float[Array, "*shape"]
     c1: Float[Array, "*shape"]
@@ -16,20 +19,20 @@ class Cubic(eqx.Module):
     c3: Float[Array, "*shape"]
 
     def at(self, share: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
-        """Return the value at a share of the step."""
+        """Return the value at the share τ of the step."""
         return self.c0 + share * (self.c1 + share * (self.c2 + share * self.c3))
 
     def slope(self, share: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
-        """Return the derivative with respect to the share."""
+        """Return the derivative with respect to the share τ."""
         return self.c1 + share * (2 * self.c2 + 3 * share * self.c3)
 
     def bend(self, share: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
-        """Return the second derivative of the value with respect to the share of the interval."""
+        """Return the second derivative with respect to the share τ."""
         return 2 * self.c2 + 6 * share * self.c3
 
 
 def cubic(start, end, start_rate, end_rate, step) -> Cubic:
-    """Return the Hermite cubic through both values and rates (per s) at the ends of a step (s)."""
+    """Return the cubic with the given values and rates (per s) at both ends of a step (s)."""
     first, last, change = start_rate * step, end_rate * step, end - start
     return Cubic(start, first, 3 * change - 2 * first - last, first + last - 2 * change)
 
@@ -37,8 +40,9 @@ def cubic(start, end, start_rate, end_rate, step) -> Cubic:
 def first_root(curve: Cubic) -> Float[Array, "*shape"]:
     """Return the share at which a curve with start ≥ 0 and end < 0 crosses zero (Halley's method).
 
-    Curves of one short step are nearly straight: three iterations from the root of the chord reach
-    the last bit. For any other curve the result is an arbitrary share in [0, 1].
+    The iteration starts at the root of the chord. Curves of one short step are nearly straight, so
+    three iterations reach full precision. For a curve without this change of sign, the result is
+    an arbitrary share in [0, 1].
     """
     end = curve.at(jnp.ones_like(curve.c0))
     share = _clipped(curve.c0 / _nonzero(curve.c0 - end))

@@ -1,1 +1,1 @@
-"""Controllers: two that close the gap, their smooth versions, and a feedforward baseline."""
+"""Controllers: two close the gap, two are their smooth versions, one is a feedforward baseline."""

@@ -1,4 +1,4 @@
-"""Controller of the paper (Fig. 7), which closes on deceleration and opens on acceleration."""
+"""Controller of the paper (Fig. 7): it closes the gap on deceleration, opens it on acceleration."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -10,24 +10,28 @@ from .controller import Controller, Measurement
 
 
 class Latch(eqx.Module):
-    """State: whether the controller closes the gap, and the stored displacement in mm."""
+    """State: whether the gap is commanded closed (`closing`), and the displacement `shift`, mm.
+
+    The displacement is computed once, when `closing` becomes true, and kept until it is false.
+    """
 
     closing: Bool[Array, ""]
     shift: Float[Array, ""]
 
 
 class AccelerationController(Controller):
-    """Controller that closes the gap by the backlash at the angle where it detects the braking.
+    """Controller that closes the gap by the backlash at the angle where it detects a deceleration.
 
         s = j(φ₁)/(tan β_L/R₂ + tan β_R/R₂) − margin                                   (16)
 
-    The driving shaft decelerates while its estimated acceleration exceeds the threshold against the
-    direction of motion. It accelerates while the threshold is exceeded in the direction of motion;
-    then the gap opens again. Below `least_speed` the direction is not known, and the state stays.
+    Let a be the estimated acceleration of the driving shaft in its direction of motion. The gap
+    closes when a < −threshold, s is kept, and the gap opens again when a > threshold. Below
+    `least_speed` the direction of motion is not known, and the controller keeps its state.
 
     **Arguments**
-    - `bounds`: flanks of the map that the controller uses. - `threshold`: acceleration, rad/s².
-    - `least_speed`: speed, rad/s. - `margin`: displacement that stays open, mm.
+    - `bounds`: flanks of the backlash map that the controller uses.
+    - `threshold`: acceleration, rad/s². - `least_speed`: driving speed, rad/s.
+    - `margin`: displacement by which the gap stays open, mm.
     """
 
     bounds: Bounds
@@ -40,7 +44,7 @@ class AccelerationController(Controller):
         return Latch(jnp.zeros((), bool), jnp.zeros(()))
 
     def step(self, state: Latch, seen: Measurement) -> tuple[Latch, Float[Array, ""]]:
-        """Return the state after one period and the commanded displacement in mm."""
+        """Return the state after one controller period and the commanded displacement, mm."""
         moving = jnp.abs(seen.speed) > self.least_speed
         forward = jnp.sign(seen.speed) * seen.acceleration
         decelerates = moving & (forward < -self.threshold)

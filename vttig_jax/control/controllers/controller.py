@@ -11,10 +11,10 @@ from jaxtyping import Array, Float
 class Measurement(eqx.Module):
     """Inputs of a controller in one period.
 
-    - `time`: s. - `driving`, `driven`: readings of both encoders, rad.
+    - `time`: time of the readings, s. - `driving`, `driven`: encoder readings of both shafts, rad.
     - `speed`, `acceleration`: estimates for the driving shaft, rad/s and rad/s².
-    - `reference`, `reference_speed`: angle and speed of the prescribed motion, which only the
-      controller of the motor knows, rad and rad/s.
+    - `reference`, `reference_speed`: angle (rad) and speed (rad/s) of the prescribed motion of the
+      driving shaft. Only a controller that is part of the motor control can use them.
     """
 
     time: Float[Array, ""]
@@ -30,7 +30,8 @@ class Command(eqx.Module):
     """Output of a controller in one period.
 
     - `shift`: axial displacement of gear 2 towards a closed gap, mm.
-    - `advance`: lead of the driving shaft over its motion at the end of the period, rad.
+    - `advance`: angle by which the driving shaft leads its prescribed motion at the end of the
+      period, rad.
     """
 
     shift: Float[Array, ""] | float
@@ -40,7 +41,7 @@ class Command(eqx.Module):
 class Controller(eqx.Module):
     """Base class of controllers, which command the axial displacement of gear 2 in every period.
 
-    The displacement is in mm, positive towards a closed gap. A controller of your own is one class:
+    The displacement is in mm, positive towards a closed gap. To write a controller, derive a class:
 
     ```python
     >>> import jax.numpy as jnp
@@ -56,7 +57,7 @@ class Controller(eqx.Module):
 
     ```
 
-    A controller that also moves the motor sets `advances` and returns a `Command`:
+    A controller that also moves the motor sets `advances = True` and returns a `Command`:
 
     ```python
     >>> import jax.numpy as jnp
@@ -74,8 +75,9 @@ class Controller(eqx.Module):
 
     ```
 
-    - `closes`: whether it ever shifts gear 2; without it, the outcome is never "missed".
-    - `advances`: whether it moves the motor.
+    - `closes`: whether the controller ever shifts gear 2. If false, the outcome of a run is never
+      "missed".
+    - `advances`: whether the controller moves the motor.
     """
 
     closes: ClassVar[bool] = True
@@ -92,7 +94,8 @@ class Controller(eqx.Module):
     def as_command(self, output: Any) -> Command:
         """Convert the second output of `step` to a `Command`.
 
-        **Raises** `ValueError` for an `advance` other than 0 of a class that does not advance.
+        **Raises** `ValueError` if `advance` is not 0 although the class attribute `advances` is
+        false.
         """
         if not isinstance(output, Command):
             return Command(output)

@@ -1,4 +1,4 @@
-"""Baseline controller: the motor jumps across the gap, and no gear is shifted."""
+"""Baseline controller: the motor moves quickly across the gap, and gear 2 is not shifted."""
 
 from typing import ClassVar
 
@@ -11,14 +11,16 @@ from ..plants.flank_bounds import Bounds
 from .controller import Command, Controller, Measurement
 
 _STILL = 1e-6
-"""Speed below which the motion stands, rad/s: a chosen value above the rounding of recordings."""
+"""Reference speed below which the shaft counts as at rest, rad/s; a chosen value.
+
+It lies above the rounding errors of recorded motions."""
 
 
 class LeadJump(eqx.Module):
-    """State of the jump across the gap.
+    """State of the motor's movement across the gap (the "jump").
 
     - `time`: time of the last period, s. - `sense`: last direction of the motion, 1 or −1.
-    - `progress`: elapsed share of the jump time. - `advance`: last commanded lead, rad.
+    - `progress`: p, the completed part of the jump, 0 … 1. - `advance`: last commanded lead, rad.
     """
 
     time: Float[Array, ""]
@@ -28,17 +30,19 @@ class LeadJump(eqx.Module):
 
 
 class FeedforwardController(Controller):
-    """Controller that lets the driving shaft lead a reversed motion by the gap at its own angle.
+    """Controller that turns the driving shaft by the gap ahead of the reference after a reversal.
 
         φ₁ = φ_ref − S j(φ₁)/i,  S = p³ (10 − 15 p + 6 p²)
 
-    p rises from 0 to 1 within the jump time once the motion runs backwards, and falls to 0 once it
-    runs forwards. With S = 1 on flank B the driven shaft stands where flank A would put it,
-    φ₂ = i φ_ref + TE_A(φ₁): this compensates the lost motion, but not the transmission error of the
-    flanks. The reversal is read from the motion, as in a motor controller; no encoder is needed.
+    While the reference moves backwards, p rises from 0 to 1 within the jump time; while it moves
+    forwards, p falls to 0. With S = 1 and contact on flank B, the driven shaft is at
+    φ₂ = i φ_ref + TE_A(φ₁), as if flank A were in contact: this compensates the lost motion, but
+    not the transmission error of the flanks. The controller detects the reversal in the reference
+    motion, as a motor controller does, and needs no encoder.
 
     **Arguments**
-    - `bounds`: flanks of the map that the controller uses. - `jump_s`: time of the jump, s.
+    - `bounds`: flanks of the backlash map that the controller uses.
+    - `jump_s`: duration of the movement across the gap, s.
     """
 
     closes: ClassVar[bool] = False
@@ -53,7 +57,7 @@ class FeedforwardController(Controller):
         return LeadJump(zero, jnp.ones(()), zero, zero)
 
     def step(self, state: LeadJump, seen: Measurement) -> tuple[LeadJump, Command]:
-        """Return the state after one period and the command of the lead."""
+        """Return the state after one controller period and the command with the lead (rad)."""
         moving = jnp.abs(seen.reference_speed) > _STILL
         sense = jnp.where(moving, jnp.sign(seen.reference_speed), state.sense)
         period = seen.time - state.time

@@ -1,4 +1,4 @@
-"""Controller that closes by the gap at the predicted stop, at most by the present gap."""
+"""Controller that closes the gap before the shaft stops, with a predicted stopping angle."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -18,18 +18,20 @@ class PredictiveState(eqx.Module):
 class PredictiveController(Controller):
     """Controller that closes before the shaft stops, by the smallest of three gaps on its path.
 
-    With speed ω and deceleration a the shaft stops within ω/a at φ₁ + ω²/2a. While this time is
-    shorter than the horizon, and while the shaft stands, the controller commands in every period
+    With speed ω and deceleration a the shaft stops after the time ω/a at the angle φ₁ + ω²/2a.
+    While ω/a is shorter than the horizon, and while the shaft stands, the commanded displacement is
 
         s = min{ j(φ₁), j(φ₁ + ω·lead), j(φ₁ + ω²/2a) } / (tan β_L/R₂ + tan β_R/R₂) − margin
 
-    and otherwise s = 0. s never exceeds the displacement for the present gap, so that a late, early
-    or cancelled stop does not close it too far; it opens again once the shaft runs steadily.
+    and otherwise s = 0. It is computed anew in every period and never exceeds the displacement
+    that closes the present gap j(φ₁). The gap is therefore not closed too far if the stop comes
+    late or early or is cancelled. It opens again when the shaft no longer brakes.
 
     **Arguments**
-    - `bounds`: flanks of the map that the controller uses. - `horizon`: time before the stop, s.
-    - `least_speed`: speed below which the shaft stands, rad/s.
-    - `margin`: displacement that stays open, mm. - `lead`: delay of the actuator, s.
+    - `bounds`: flanks of the backlash map that the controller uses.
+    - `horizon`: longest time before the predicted stop at which the gap closes, s.
+    - `least_speed`: speed below which the shaft counts as standing, rad/s.
+    - `margin`: displacement by which the gap stays open, mm. - `lead`: delay of the actuator, s.
     """
 
     bounds: Bounds
@@ -45,7 +47,7 @@ class PredictiveController(Controller):
     def step(
         self, state: PredictiveState, seen: Measurement
     ) -> tuple[PredictiveState, Float[Array, ""]]:
-        """Return the state after one period and the commanded displacement in mm."""
+        """Return the state after one controller period and the commanded displacement, mm."""
         speed = jnp.abs(seen.speed)
         stands = speed < self.least_speed
         deceleration = -jnp.sign(seen.speed) * seen.acceleration

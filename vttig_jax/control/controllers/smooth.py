@@ -1,13 +1,14 @@
 """Differentiable closing controllers: thresholds become a C² smoothstep for gradient-based tuning.
 
-A comparison such as "the deceleration exceeds the threshold" jumps from 0 to 1, so that its slope
-is zero wherever the slope exists. Here the comparison rises over a width w:
+A comparison such as "the deceleration exceeds the threshold" jumps from 0 to 1, so its derivative
+is zero wherever it exists. Here the comparison rises smoothly from 0 to 1 for x from −w to w:
 
     step(x) = p³ (10 − 15 p + 6 p²),   p = (x/w + 1)/2 clipped to 0 … 1
 
-x is the excess over the threshold, divided by the threshold. The step is 0 for x ≤ −w, 1 for x ≥ w
-and twice differentiable. The tail of a logistic function would close the gap when it is repeated
-in a thousand periods. For w → 0 both controllers become the original ones.
+x is the compared quantity minus its threshold, divided by the threshold. The step is exactly 0 for
+x ≤ −w, exactly 1 for x ≥ w and twice differentiable. A logistic function is unsuitable: it is never
+exactly 0, and its small values would close the gap when they add up over a thousand periods. For
+w → 0 both controllers become the original ones.
 """
 
 import equinox as eqx
@@ -20,35 +21,42 @@ from .controller import Controller, Measurement
 from .predictive import PredictiveController
 
 _LONGEST_STOP = 4.0
-"""Longest stopping time for which the stopping angle is exact, in horizons: a chosen value."""
+"""Stopping time, in multiples of the horizon, up to which the stopping angle is exact.
+
+A chosen value."""
 _TINY = 1e-9
-"""Share of `least_speed` that is added to the speed to avoid 0/0 at rest: a chosen value."""
+"""Fraction of `least_speed` that is added to the speed to avoid 0/0 at rest; a chosen value."""
 
 
 def smooth_step(excess: Float[Array, ""], width: Float[Array, ""]) -> Float[Array, ""]:
-    """Return the degree 0 … 1 to which a dimensionless excess is positive; see the module."""
+    """Return the smoothed comparison `excess` > 0 as a number 0 … 1 (step(x) of this module).
+
+    `excess` (x) and `width` (w) have no dimension.
+    """
     share = jnp.clip(0.5 * (excess / width + 1.0), 0.0, 1.0)
     return share**3 * (10 + share * (6 * share - 15))
 
 
 class SmoothLatch(eqx.Module):
-    """State: how far the latch is set, 0 … 1, and the stored displacement in mm."""
+    """State: `closing`, from 0 (gap open) to 1 (gap closed), and the stored `shift`, mm."""
 
     closing: Float[Array, ""]
     shift: Float[Array, ""]
 
 
 class SmoothAccelerationController(Controller):
-    """`AccelerationController` with smoothed comparisons and a latch w that fills and drains.
+    """`AccelerationController` with smoothed comparisons and a latch w between 0 and 1.
 
-    c and g are the degrees 0 … 1 of deceleration and acceleration, and s₀ is the displacement for
-    the gap at the present angle. In every period the latch and the stored displacement become
+    c and g are the smoothed comparisons for "decelerates" and "accelerates", 0 … 1, and s₀ is the
+    displacement that closes the gap at the present angle. In every period the latch w (`closing`)
+    and the stored displacement s (`shift`) become
 
         w ← (1 − g(1 − c)) w + c (1 − w),   s ← (1 − g(1 − c)) s + c (1 − w) s₀
 
     **Arguments**
     - `hard`: the original controller.
-    - `width`: width of the comparisons, relative to threshold and least speed.
+    - `width`: width of a smoothed comparison, as a fraction of its threshold (`threshold` or
+      `least_speed` of the original controller).
     """
 
     hard: AccelerationController
@@ -73,7 +81,7 @@ class SmoothAccelerationController(Controller):
 
 
 class SmoothPredictiveState(eqx.Module):
-    """State: degree 0 … 1 to which the shaft has moved since the run began."""
+    """State: `moved`, the smoothed comparison for "the shaft has moved since the start", 0 … 1."""
 
     moved: Float[Array, ""]
 
@@ -81,12 +89,13 @@ class SmoothPredictiveState(eqx.Module):
 class SmoothPredictiveController(Controller):
     """`PredictiveController` with smoothed comparisons.
 
-    It commands the original displacement times the degree 0 … 1 to which the shaft stands or stops.
+    It commands the displacement of the original controller times a factor 0 … 1, the smoothed
+    comparison for "the shaft has moved, and it stands or is about to stop".
 
     **Arguments**
     - `hard`: the original controller.
-    - `width`: width of the comparisons, relative to the least speed and, where the speed is
-      compared with deceleration times horizon, to speed plus least speed.
+    - `width`: width of the comparisons. It is relative to `least_speed`, but for the comparison of
+      the speed with deceleration times horizon, it is relative to speed plus `least_speed`.
     """
 
     hard: PredictiveController
@@ -118,9 +127,12 @@ class SmoothPredictiveController(Controller):
 
 
 def smoothed(controller: Controller, width: Float[Array, ""] | float) -> Controller:
-    """Return a built-in closing controller with comparisons of this relative width.
+    """Return the smooth version of a built-in closing controller.
 
-    **Raises** `ValueError` for any other controller.
+    `width` is the relative width of its comparisons.
+
+    **Raises** `ValueError` unless `controller` is an `AccelerationController` or a
+    `PredictiveController`.
     """
     if isinstance(controller, AccelerationController):
         return SmoothAccelerationController(controller, width)

@@ -1,4 +1,7 @@
-"""Location of the driving turn within the hunting period, which a controller needs at its start."""
+"""Identification of the driving turn within the hunting period, from encoders that read one turn.
+
+A controller needs the turn at its start, because the backlash map differs from turn to turn.
+"""
 
 from typing import Any
 
@@ -16,10 +19,11 @@ from ..plants.flank_bounds import Bounds
 from .controller import Controller, Measurement
 
 CERTAINTY = 0.999
-"""Least probability at which a controller accepts a located turn: a chosen value."""
+"""Lowest probability at which a controller accepts a located turn; a chosen value."""
 
 _LEAST_STD = 1e-9
-"""Least standard deviation of a reading, rad: a chosen value for encoders without errors."""
+"""Lower limit of the assumed standard deviation, rad, for encoders without errors; a chosen value.
+"""
 
 
 class LostController(Controller):
@@ -47,10 +51,11 @@ def turn_error(
 ) -> int | None:
     """Locate the turn within the hunting period before the run, and return the error in turns.
 
-    The error is the located turn minus the true one; it is None if the turn cannot be located.
+    The error is the located turn minus the true turn of the driving shaft. The function returns
+    None if the turn cannot be located with the probability `CERTAINTY`.
 
     Both encoders are read once, modulo one turn, while the driven shaft rests on flank A. The
-    controller knows the standard deviation of a reading, √(count²/12 + E²/2 + noise²).
+    location uses the true standard deviation of a reading, √(count²/12 + E²/2 + noise²).
 
     **Arguments**
     - `believed`: flank model that the controller uses. - `rig`: flanks of the simulated gears.
@@ -78,5 +83,5 @@ def turn_error(
 
 
 def _variance(sensor: Sensor) -> float:
-    """Return the variance of one reading about the true angle, rad²."""
+    """Return the variance of one encoder reading minus the true angle, rad²."""
     return float(sensor.count**2 / 12 + sensor.amplitude**2 / 2 + sensor.noise**2)

@@ -19,7 +19,8 @@ class Push(eqx.Module):
     """Axial forces of the teeth on gear 2, N.
 
     - `closing_resistance`: force that resists further closing.
-    - `opening_force`: force that pushes gear 2 back; a negative value is friction that holds it.
+    - `opening_force`: force that pushes gear 2 towards the open gap; if it is negative, friction
+      holds gear 2 with this force.
     """
 
     closing_resistance: Float[Array, ""]
@@ -27,14 +28,14 @@ class Push(eqx.Module):
 
 
 class Thrust(eqx.Module):
-    """Axial force of the loaded flank, from the torque that the motion requires.
+    """Model of the axial force of the loaded flank, from the torque that the motion requires.
 
         F = T/R₂ (tan β ± μ),  T = J₂ i φ̈₁ + drag(i φ̇₁)
 
-    The sign is + for closing and − for opening. At standstill, closing has to turn the driven
-    shaft, so its friction adds to the resistance. Without contact the force is zero. The extra
-    force of a gap that is closed on both flanks is left out: a prescribed motion has unlimited
-    torque and does not determine it (see `can_back_drive`).
+    The sign is + for closing and − for opening. At standstill a closing movement has to turn the
+    driven shaft, so the friction of that shaft adds to the resistance. Without contact the force is
+    zero. The additional force in a closed gap, with contact on both flanks, is not included: a
+    prescribed motion has unlimited torque, so this force is undetermined (see `can_back_drive`).
 
     **Arguments**
     - `drag`: inertia and friction of the driven shaft. - `taper`: tan β of both flanks.
@@ -50,7 +51,10 @@ class Thrust(eqx.Module):
     def at(
         self, side: Float[Array, ""], speed: Float[Array, ""], acceleration: Float[Array, ""]
     ) -> Push:
-        """Return the forces of flank `side` at a driving speed (rad/s), acceleration (rad/s²)."""
+        """Return the axial forces if flank `side` is loaded.
+
+        `speed` (rad/s) and `acceleration` (rad/s²) are those of the driving shaft.
+        """
         drag, driven_speed = self.drag, self.ratio * speed
         stribeck = drag.stribeck / (1 + (driven_speed / drag.stribeck_speed) ** 2)
         moves = jnp.abs(driven_speed) > _STANDSTILL
@@ -68,10 +72,11 @@ class Thrust(eqx.Module):
 class Carriage(eqx.Module):
     """State of the actuator.
 
-    - `unobstructed`, `rate`: position (mm) and speed (mm/s) that ignore the closed gap.
-    - `reached`: actual position, mm; the closed gap may hold it back.
-    - `queue`: delayed commands, the oldest first, mm.
-    - `stalled`: whether the teeth exceed its force limit; None without a limit.
+    - `unobstructed`, `rate`: position (mm) and speed (mm/s) without the obstacle of a closed gap.
+    - `reached`: actual position, mm; it is smaller if the closed gap holds the carriage back.
+    - `queue`: last commands, mm, the oldest first.
+    - `stalled`: whether the axial force of the teeth exceeds the force limit of the actuator; None
+      without a limit.
     """
 
     unobstructed: Float[Array, ""]
@@ -82,24 +87,25 @@ class Carriage(eqx.Module):
 
 
 class Actuator(eqx.Module):
-    """Trapezoidal positioning with a transport delay.
+    """Actuator with trapezoidal positioning and a transport delay.
 
-    It accelerates and brakes at one rate and stops on the command, which is rounded down to its
-    resolution. At the closed gap it stalls, and a shrinking gap pushes it back: `unobstructed`
-    continues, `reached` does not. If the teeth cannot push it back, the drive blocks.
+    The actuator accelerates and brakes at the same rate and stops at the commanded position, which
+    is rounded down to its resolution. When the gap is closed, the actuator stalls, and a shrinking
+    gap pushes it back: `Carriage.unobstructed` follows the command further, `Carriage.reached` does
+    not. If the teeth cannot push the actuator back, the drive blocks.
 
-    With a force limit, it brakes and stops when the loaded flank resists with more than the limit.
-    When that flank pushes with more than the limit, it moves back, at most at its own speed and to
-    its end stop.
+    With a force limit, the actuator brakes and stops when the loaded flank resists with a larger
+    force. When the flank pushes with a larger force, the actuator moves back, at most with `speed`
+    and at most to the position zero.
 
     **Arguments**
-    - `speed`, `acceleration`: limits, mm/s and mm/s². - `stroke`: travel, mm.
-    - `resolution`: step, mm; 0 for a continuous position.
-    - `back_drivable`: whether the drive can push it back; see `can_back_drive`.
-    - `delay`: transport delay, whole periods of the controller.
-    - `periods`: length of the queue, at least `delay` and 1.
+    - `speed`, `acceleration`: limits, mm/s and mm/s². - `stroke`: largest position, mm.
+    - `resolution`: step of the position, mm; 0 for a continuous position.
+    - `back_drivable`: whether the teeth can push the actuator back; see `can_back_drive`.
+    - `delay`: transport delay in whole controller periods.
+    - `periods`: length of the queue of commands, at least `delay` and at least 1.
     - `force_limit`: N; None for no limit. - `thrust`: forces of the teeth, needed with a limit.
-    - `straight`: whether derivatives pass through the rounding as if there were none.
+    - `straight`: whether derivatives are computed as if the command were not rounded.
     """
 
     speed: Float[Number, ""] = eqx.field(converter=float64)
@@ -114,7 +120,7 @@ class Actuator(eqx.Module):
     straight: bool = eqx.field(static=True, default=False)
 
     def at_rest(self) -> Carriage:
-        """Return the fully open state without commands."""
+        """Return the initial state: position, speed and all queued commands are zero (gap open)."""
         zero = jnp.zeros(())
         stalled = None if self.force_limit is None else jnp.zeros((), bool)
         return Carriage(zero, zero, zero, jnp.zeros(self.periods), stalled)
@@ -122,7 +128,11 @@ class Actuator(eqx.Module):
     def commanded(
         self, carriage: Carriage, command: Float[Array, ""]
     ) -> tuple[Carriage, Float[Array, ""]]:
-        """Queue a command (mm); return the one due now, limited to the stroke and rounded down."""
+        """Add a command (mm) to the queue and return the state and the target position (mm).
+
+        The target is the command of `delay` periods ago, limited to 0 … `stroke` and rounded down
+        to the resolution.
+        """
         queue, due = _queued(carriage.queue, command, jnp.asarray(self.delay))
         arrived = jnp.clip(due, 0.0, self.stroke)
         resolution = jnp.asarray(self.resolution)
@@ -140,16 +150,18 @@ class Actuator(eqx.Module):
         step: Float[Array, ""],
         push: Push | None = None,
     ) -> tuple[Carriage, Slide, Bool[Array, ""]]:
-        """Slide for a step (s) towards a target (mm), limited by the `closed` position after it.
+        """Move the carriage for one time step (s) towards a target (mm).
 
-        `push`: forces of the teeth, for a limited force.
+        `closed`: position at which the gap is closed at the end of the step, mm. `push`: forces of
+        the teeth, needed with a force limit.
 
         **Returns** the state, the motion, and whether the drive is blocked: the gap at the end of
-        the step is too small for the carriage, and the drive cannot push the carriage back.
+        the step is too small for the carriage, and the teeth cannot push the carriage back.
         """
         error = target - carriage.unobstructed
-        # Highest speed v from which full braking, from the next step on, stops on the target: the
-        # m further steps cover step (v + (v − b) + … + (v − m b)), b the speed lost in a step.
+        # Highest speed v of this step from which full braking in the next m steps stops exactly at
+        # the target: the distance is step · (v + (v − b) + … + (v − m b)), where b (`brake`) is the
+        # decrease of the speed per step.
         brake, rate = self.acceleration * step, 1.0 / step
         steps = jnp.floor(0.5 * (jnp.sqrt(1 + jnp.abs(error) * (8 * rate / brake)) - 1))
         stopping_speed = jnp.abs(error) * rate / (steps + 1) + 0.5 * brake * steps
@@ -176,15 +188,16 @@ class Actuator(eqx.Module):
 
 
 _PICKED = 16
-"""Longest queue whose entries are picked one by one: a chosen value."""
+"""Longest queue whose entries are compared with the delay one by one; a chosen value."""
 
 
 def _queued(
     queue: Float[Array, " periods"], command: Float[Array, ""], delay: Float[Array, ""]
 ) -> tuple[Float[Array, " periods"], Float[Array, ""]]:
-    """Return the queue with a new last command, without the first, and the command due now.
+    """Return the queue after one period, and the command that takes effect (mm).
 
-    Entries of a short queue are picked one by one: a sum over them is no loop over lanes.
+    The new queue ends with `command` and lacks the oldest one. `delay` is in periods.
+    A short queue is searched with one selection per entry, which is faster in a batch than a sum.
     """
     periods, longer = len(queue), jnp.append(queue, command)
     if periods > _PICKED:
@@ -201,8 +214,8 @@ def can_back_drive(
 ) -> Bool[Array, "*shape"]:
     """Return whether teeth wedged between both flanks can push the actuator back.
 
-    A flank force F has the axial component F (tan β − μ): the wedge is self-locking if μ ≥ tan β.
-    Otherwise a prescribed motion, whose torque is unlimited, overcomes any actuator.
+    A flank force F has the axial component F (tan β − μ), so the wedge is self-locking if μ ≥ tan β
+    on both flanks. Otherwise a prescribed motion, with unlimited torque, pushes back any actuator.
 
     **Arguments**
     - `taper`: tan β of both flanks. - `friction`: friction coefficient μ of the flanks.

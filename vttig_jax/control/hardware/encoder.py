@@ -13,14 +13,14 @@ from ...base.numerics.straight_through import straight_through
 class Sensor(eqx.Module):
     """Encoder with the reading floor((φ + E sin(φ + ε) + noise)/count + 1/2) count.
 
-    Zero lies in the middle of a count: the reading of a shaft at rest on a whole number of counts
-    does not alternate.
+    The angle is rounded to the nearest count. The reading of a shaft that rests at a whole number
+    of counts, for example at zero, is therefore not disturbed by small noise.
 
     **Arguments**
     - `count`: angle of one count, rad; 0 for a reading that is not quantised.
     - `amplitude`, `phase`: E and ε, rad. - `noise`: standard deviation, rad.
     - `eccentric`: whether to include E; without it no sine is computed.
-    - `straight`: whether derivatives pass through the rounding as if there were none.
+    - `straight`: whether derivatives are computed as if the reading were not rounded.
     """
 
     count: Float[Number, ""] = eqx.field(converter=float64)
@@ -31,7 +31,10 @@ class Sensor(eqx.Module):
     straight: bool = eqx.field(static=True, default=False)
 
     def read(self, angle: Float[Array, ""], noise_draw: Float[Array, ""]) -> Float[Array, ""]:
-        """Return the reading (rad) at a true angle (rad) and a draw of the standard normal."""
+        """Return the reading (rad) at the true angle `angle` (rad).
+
+        `noise_draw` is a draw of the standard normal distribution; `noise` multiplies it.
+        """
         reading = angle + self.noise * noise_draw
         if self.eccentric:
             reading += self.amplitude * sincos(angle + self.phase)[0]
@@ -44,5 +47,8 @@ class Sensor(eqx.Module):
 
 
 def noise_draws(key: PRNGKeyArray, period: Array) -> Float[Array, "2"]:
-    """Return two standard normal draws that depend on the key and the controller period only."""
+    """Return one standard normal draw for each encoder, in the controller period number `period`.
+
+    The draws depend on the key and the period alone.
+    """
     return jax.random.normal(jax.random.fold_in(key, period), (2,))

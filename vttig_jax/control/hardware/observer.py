@@ -19,7 +19,7 @@ class MotionEstimate(eqx.Module):
 
 
 class Observer(eqx.Module):
-    """State estimator that takes one reading per controller period."""
+    """Estimator of angle, speed and acceleration that takes one reading per controller period."""
 
     bandwidth_hz: eqx.AbstractVar[Float[Number, ""]]
 
@@ -34,12 +34,13 @@ class Observer(eqx.Module):
 
 
 class AlphaBetaGamma(Observer):
-    """Tracking filter of constant acceleration with a triple pole.
+    """Tracking filter with a constant-acceleration model and a triple pole θ = exp(−2π f T).
 
-    The prediction is corrected by α, β/T and γ/T² times the innovation, with the pole
-    θ = exp(−2π f T): α = 1 − θ³, β = 3/2 (1 − θ)² (1 + θ), γ = (1 − θ)³ (E. Brookner, Tracking and
-    Kalman Filtering Made Easy, 1998, fading memory). The filter has no lag at constant
-    acceleration; its speed overshoots after a step of the acceleration.
+    f is `bandwidth_hz` and T the period. α, β/T and γ/T² times the innovation (reading minus
+    predicted angle) correct angle, speed and acceleration, with α = 1 − θ³,
+    β = 3/2 (1 − θ)² (1 + θ), γ = (1 − θ)³ (E. Brookner, Tracking and Kalman Filtering Made Easy,
+    1998, fading memory). The filter has no lag at constant acceleration; after a step of the
+    acceleration the estimated speed overshoots.
     """
 
     bandwidth_hz: Float[Number, ""] = eqx.field(converter=float64)
@@ -64,9 +65,10 @@ class AlphaBetaGamma(Observer):
 
 
 class FilteredDifference(Observer):
-    """First-order low pass of the differences of readings, and of the differences of speeds.
+    """Observer with first-order low passes of difference quotients; f is `bandwidth_hz`.
 
-    The speed lags by 1/(2π f), and the acceleration lags by twice this time.
+    The speed is filtered from the differences of readings, the acceleration from the differences of
+    this speed. The speed lags by 1/(2π f), and the acceleration lags by twice this time.
     """
 
     bandwidth_hz: Float[Number, ""] = eqx.field(converter=float64)

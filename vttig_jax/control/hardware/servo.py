@@ -5,9 +5,9 @@ k = i + ∂TE_A/∂φ₁ (flank B: likewise, with the other sign). This conserve
 
     q̈ = F/m,  m = J₁ J₂/(J₁ + k² J₂),  q = φ₂ − k φ₁
 
-so the contact is that of one body of inertia m with a wall that moves like the driving shaft
-without contact. The change of q is shared: m/J₂ of it moves the driven shaft, −k m/J₁ of it the
-driving shaft.
+so the contact is computed as that of one body of inertia m with a wall that moves as the driving
+shaft would move without contact. The contact changes q by Δq. Of this change the driven shaft takes
+Δφ₂ = (m/J₂) Δq and the driving shaft Δφ₁ = −(k m/J₁) Δq.
 """
 
 from dataclasses import replace
@@ -28,7 +28,7 @@ from .shaft_drive import ShaftDrive, Tracking
 class Motor(eqx.Module):
     """State of the servo.
 
-    - `angle`, `speed`: last reference, rad and rad/s. - `integral`: ∫ of the speed error, rad.
+    - `angle`, `speed`: last reference, rad and rad/s. - `integral`: ∫e dt (see `Servo`), rad.
     - `limited`: whether the torque was at its limit.
     """
 
@@ -39,12 +39,12 @@ class Motor(eqx.Module):
 
 
 class Servo(eqx.Module):
-    """Cascade controller, sampled once in every plant step; the torque is held during the step.
+    """Cascade of a position and a speed controller, evaluated once per plant step.
 
         e = ω_ref + k_v (φ_ref − φ₁) − ω₁,  T = clip(k_p e + k_i ∫e dt, ±T_max)
 
-    The servo measures its own shaft without error. Anti-windup: at the torque limit the integrator
-    freezes unless the error reduces the torque.
+    The torque is constant during the step. The servo measures the driving shaft without error.
+    Anti-windup: at the torque limit the integrator stops unless the error would reduce the torque.
 
     **Arguments**
     - `speed_gain`: k_p, N m s/rad. - `integral_gain`: k_i, N m/rad. - `position_gain`: k_v, 1/s.
@@ -63,7 +63,10 @@ class Servo(eqx.Module):
         speed: Float[Array, ""],
         step: Float[Array, ""],
     ) -> tuple[Float[Array, ""], Motor]:
-        """Return torque (N m) and new state for a step (s) at an angle (rad) and speed (rad/s)."""
+        """Return the torque (N m) for one time step (s), and the new state.
+
+        `angle` (rad) and `speed` (rad/s) are those of the driving shaft at the start of the step.
+        """
         error = motor.speed + self.position_gain * (motor.angle - angle) - speed
         integral = motor.integral + step * error
         demanded = self.speed_gain * error + self.integral_gain * integral
@@ -79,14 +82,15 @@ Scalar = Float[Array, ""]
 class ServoDrive(ShaftDrive):
     """Servo motor with inertia and friction.
 
-    Teeth in contact form one body with both inertias and frictions while the flank has to push
-    (`play`, `rigid`). An impact exchanges momentum (`rigid`; in `play` the driven shaft has none).
-    `elastic` teeth exert a torque on both shafts. The torque of the wedge in a closed gap and of
-    the actuator on the driving shaft is left out.
+    With the plants `play` and `rigid`, both shafts move as one body, with the inertia and friction
+    of both, while a flank transmits torque. In the plant `rigid` an impact exchanges momentum
+    between the shafts; in `play` the driven shaft has no inertia. In the plant `elastic` the teeth
+    exert a torque on both shafts. The torque on the driving shaft that the actuator causes by
+    closing the gap, and that of the wedge in a closed gap, are not included.
 
     **Arguments**
     - `servo`: control law. - `driving`: inertia and friction of the driving shaft.
-    - `driven`: those of the driven shaft; in `play` without inertia.
+    - `driven`: inertia and friction of the driven shaft; for `play` its inertia is zero.
     """
 
     servo: Servo
@@ -94,7 +98,7 @@ class ServoDrive(ShaftDrive):
     driven: Drag
 
     def start(self, target: MotionPoint) -> Motor:
-        """Return the state at the first reference."""
+        """Return the initial state, with `target` as the first reference."""
         return Motor(target.angle, target.speed, jnp.zeros(()), jnp.zeros((), bool))
 
     def tracking(self, state: Any, shafts: Shafts) -> Tracking:
@@ -152,7 +156,10 @@ class ServoDrive(ShaftDrive):
         bounds: Bounds,
         step: Scalar,
     ) -> tuple[Shafts, ContactEvent]:
-        """Step rigid teeth: one body in contact, two bodies in flight, and impacts."""
+        """Return both shafts after a time step with rigid teeth, and the contact event.
+
+        In contact both shafts are one body, in flight two bodies; `torque` is that of the motor.
+        """
         side, ratio = shafts.side, jnp.asarray(bounds.ratio)
         slope = ratio + _slope(shafts.flanks, side)
         separate = self.driving.acceleration(shafts.speed, torque, step)
@@ -162,7 +169,7 @@ class ServoDrive(ShaftDrive):
         pushed = jnp.where(side > 0, jnp.maximum(separate, joint), jnp.minimum(separate, joint))
         pushed = jnp.where(closed, joint, jnp.where(side == FREE, separate, pushed))
         course = _course(shafts, pushed, step)
-        # A change of the flank's slope changes both speeds by one impulse between the shafts.
+        # When the slope of the flank changes, an impulse between the shafts adapts both speeds.
         next_slope = ratio + _slope(bounds.at(course.angle), side)
         driven, driving = self.driven.inertia, jnp.asarray(self.driving.inertia)
         kept = (driving + slope * next_slope * driven) / (driving + next_slope**2 * driven)
@@ -189,7 +196,7 @@ class ServoDrive(ShaftDrive):
         ), touch
 
     def _slowing(self, shafts: Shafts, bounds: Bounds, step: Scalar) -> Scalar:
-        """Return the acceleration of the driven shaft in flight, rad/s²; 0 without inertia."""
+        """Return the acceleration of the driven shaft in flight, rad/s²; 0 if it has no inertia."""
         driven_speed = bounds.ratio * shafts.speed + shafts.drift
         heavy = jnp.asarray(self.driven.inertia) > 0
         drag = eqx.tree_at(
@@ -207,7 +214,10 @@ class ServoDrive(ShaftDrive):
         bounds: Bounds,
         step: Scalar,
     ) -> tuple[Shafts, ContactEvent]:
-        """Step elastic teeth: the flank in contact exerts a torque on both shafts."""
+        """Return both shafts after a time step with elastic teeth, and the contact event.
+
+        The flank in contact exerts a torque on both shafts; `torque` is that of the motor, N m.
+        """
         ratio, closing = jnp.asarray(bounds.ratio), jnp.asarray(bounds.closing)
         now = walls(shafts.flanks, shafts.speed, closing, slide.start, slide.start_rate)
         nearer = jnp.where(2 * shafts.offset > now.lower + now.upper, ON_B, -ON_B)
@@ -232,14 +242,17 @@ class ServoDrive(ShaftDrive):
         ), touch
 
     def _inertia(self, slope: Scalar) -> Scalar:
-        """Return m, the inertia of the relative motion at the driven shaft, kg m²."""
+        """Return m = J₁ J₂/(J₁ + k² J₂), the inertia of the relative motion, kg m² (k: `slope`)."""
         driving, driven = jnp.asarray(self.driving.inertia), self.driven.inertia
         return driving * driven / (driving + slope**2 * driven)
 
     def _flight(
         self, shafts: Shafts, course: MotionPoint, slowing: Scalar, bounds: Bounds, step: Scalar
     ) -> "_Offset":
-        """Return x and its rate at the end of a step without contact."""
+        """Return x and its rate at the end of a step without contact.
+
+        `course`: driving shaft at the end. `slowing`: acceleration of the driven shaft, rad/s².
+        """
         turned = step * (bounds.ratio * shafts.speed + shafts.drift + 0.5 * step * slowing)
         return _Offset(
             shafts.offset + turned - bounds.ratio * (course.angle - shafts.angle),
@@ -263,8 +276,8 @@ class ServoDrive(ShaftDrive):
         text of this module). Where `met` is false, nothing is shared.
 
         **Arguments**
-        - `flank`: flank whose torque it is, `ON_A` or `ON_B`.
-        - `slope`: k; by default that of `flank` at `moved`.
+        - `flank`: flank that exerts the torque, `ON_A` or `ON_B`.
+        - `slope`: k = i + ∂TE/∂φ₁; by default computed for `flank` at the state `moved`.
         """
         if slope is None:
             slope = jnp.asarray(bounds.ratio) + _slope(moved.flanks, flank)
@@ -292,7 +305,10 @@ class _Offset(eqx.Module):
 
 
 def geared(driving: Drag, driven: Drag, slope: Float[Number, ""]) -> Drag:
-    """Return inertia and friction of both shafts as one body at the driving shaft: φ̇₂ = k φ̇₁."""
+    """Return inertia, friction and load of both shafts as one body, referred to the driving shaft.
+
+    `slope` is k in φ̇₂ = k φ̇₁.
+    """
     return Drag(
         inertia=driving.inertia + slope**2 * driven.inertia,
         coulomb=driving.coulomb + slope * driven.coulomb,
@@ -305,7 +321,7 @@ def geared(driving: Drag, driven: Drag, slope: Float[Number, ""]) -> Drag:
 
 
 def _slope(flanks: Flanks, side: Scalar) -> Scalar:
-    """Return dTE/dφ₁ of a flank; that of flank A without contact."""
+    """Return dTE/dφ₁ of the flank `side`; for `FREE`, the slope of flank A."""
     return jnp.where(side > 0, flanks.upper_slope, flanks.lower_slope)
 
 

@@ -14,28 +14,31 @@ from ..plants.plant import ContactEvent, Plant, Shafts, Slide
 
 
 class Tracking(eqx.Module):
-    """Tracking `error` of the driving shaft, rad, and whether its torque was `limited`."""
+    """Tracking `error` of the driving shaft, rad, and whether the motor torque was `limited`."""
 
     error: Float[Array, ""]
     limited: Bool[Array, ""]
 
 
 class ShaftDrive(eqx.Module):
-    """Drive that moves both shafts one step, given the target of the driving shaft."""
+    """Base class of drives, which compute the motion of both shafts in one plant step.
+
+    The target is the point of the motion that the driving shaft should reach at the end.
+    """
 
     @abstractmethod
     def start(self, target: MotionPoint) -> Any:
-        """Return the state at rest: any pytree of arrays."""
+        """Return the initial state of the drive, at rest at `target`: any pytree of arrays."""
 
     def tracking(self, state: Any, shafts: Shafts) -> "Tracking | None":
-        """Return the tracking error; None for a drive that has none by definition."""
+        """Return the tracking error; None for a drive that follows its target exactly."""
         return None
 
     @abstractmethod
     def expected(
         self, shafts: Shafts, target: MotionPoint, step: Float[Array, ""]
     ) -> Float[Array, ""]:
-        """Predict the driving angle (rad) at the end of a step (s)."""
+        """Return the predicted driving angle (rad) at the end of a time step (s)."""
 
     @abstractmethod
     def step(
@@ -48,7 +51,11 @@ class ShaftDrive(eqx.Module):
         bounds: Bounds,
         step: Float[Array, ""],
     ) -> tuple[Any, Shafts, ContactEvent]:
-        """Return the drive's state and both shafts after a step (s), and its contact event."""
+        """Return drive state and both shafts after a time step (s), and the contact event in it.
+
+        - `state`, `shafts`: at the start. - `target`: goal of the driving shaft at the end.
+        - `slide`: axial displacement during the step.
+        """
 
 
 class Prescribed(ShaftDrive):
@@ -79,19 +86,22 @@ class Prescribed(ShaftDrive):
 
 
 class Lead(eqx.Module):
-    """Feedforward lead of the driving shaft on its motion, rad, and the rate of the lead, rad/s."""
+    """Angle by which the driving shaft leads its prescribed motion, rad, and its rate, rad/s."""
 
     angle: Float[Array, ""]
     speed: Float[Array, ""]
 
 
 def no_lead() -> Lead:
-    """Return the zero lead."""
+    """Return a lead of zero with the rate zero."""
     return Lead(jnp.zeros(()), jnp.zeros(()))
 
 
 def next_lead(lead: Lead, advance: Float[Array, ""], period: Float[Array, ""]) -> Lead:
-    """Return the next lead: the commanded `advance` (rad) and its mean rate over the period (s)."""
+    """Return the lead at the end of the next period (s).
+
+    Its angle is the commanded `advance` (rad); its rate is the mean rate over the period.
+    """
     return Lead(advance, (advance - lead.angle) / period)
 
 
@@ -102,7 +112,10 @@ def led(
     share: Float[Array, ""] | float,
     period: Float[Array, ""],
 ) -> MotionPoint:
-    """Add the lead, a cubic from `before` to `after`, to `point` at a share of the period (s)."""
+    """Return the motion `point` plus the lead at the elapsed fraction `share` of a period (s).
+
+    The lead is a cubic from `before` at the start to `after` at the end of the period.
+    """
     share = jnp.asarray(share)
     lead = cubic(before.angle, after.angle, before.speed, after.speed, period)
     rate = 1.0 / period

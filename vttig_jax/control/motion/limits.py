@@ -1,4 +1,7 @@
-"""Checks of the numbers of a motion, with their error messages; traced values are not checked."""
+"""Checks of the numbers of a motion, with their error messages.
+
+Numbers that JAX traces have no value and are not checked.
+"""
 
 import math
 from collections.abc import Callable
@@ -10,7 +13,9 @@ from jax.core import Tracer
 from ...base.units import DEG
 
 _ROUNDING = 1e-12
-"""Relative excess of the ramps over the reversal angle that counts as rounding; a chosen value."""
+"""Relative excess of the ramp angles over the reversal angle that is ignored as rounding error.
+
+A chosen value."""
 
 _RULES: dict[str, tuple[Callable[[float], bool], str]] = {
     "speed_rpm": (lambda value: value > 0, "be positive"),
@@ -23,7 +28,7 @@ _RULES: dict[str, tuple[Callable[[float], bool], str]] = {
 
 
 def is_concrete(value: Any) -> bool:
-    """Return whether a number has a value, which it lacks while JAX traces it."""
+    """Return whether a number has a value; it has none while JAX traces it."""
     return not isinstance(value, Tracer)
 
 
@@ -63,9 +68,12 @@ def check_choice(names: tuple[str, ...], **values: str) -> None:
 
 
 def steady_time(reversal_deg: Any, distance: Any, ramps: Any, speed: Any, parts: str) -> Any:
-    """Return the time (s) at steady `speed` (rad/s) for `distance` minus all `ramps` (both rad).
+    """Return the time (s) at steady speed in a pass of the motion: (distance − ramps)/speed.
 
-    **Raises** `ValueError` if `ramps` exceeds `distance`; `parts` describes `ramps` in the message.
+    `distance` is the angle of the pass, `ramps` that of all its ramps, rad; `speed` is in rad/s.
+
+    **Raises** `ValueError` if `ramps` exceeds `distance`. The message quotes `reversal_deg`, and
+    `parts`, a description of the ramps.
     """
     time = (distance - ramps) / speed
     if not is_concrete(time) or time >= 0:

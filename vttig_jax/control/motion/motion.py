@@ -23,8 +23,8 @@ class MotionPoint(eqx.Module):
 class Motion(eqx.Module):
     """Prescribed motion of the driving shaft; the gears have no effect on it.
 
-    The shaft stands still before 0 and from `duration_s` on. Every number is traced: new values
-    need no compilation, and a batch of motions is one `vmap`.
+    The shaft stands still before the time 0 and from `duration_s` on. JAX traces every number of a
+    motion: new values need no compilation, and `vmap` runs a batch of motions.
 
     - `duration_s`: end of the run, s.
     - `braking_s`: start of the deceleration before the turn, s; in a motion that only slows down,
@@ -41,5 +41,5 @@ class Motion(eqx.Module):
     def at(self, time: Real[ArrayLike, "*shape"]) -> MotionPoint:
         """Return angle, speed and acceleration at times in s.
 
-        At a step of the acceleration, the value after the step is returned.
+        Where the acceleration is discontinuous, the value after the discontinuity is returned.
         """

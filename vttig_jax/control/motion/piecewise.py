@@ -1,4 +1,4 @@
-"""Piecewise motions of constant or triangular acceleration, and their sections for each event."""
+"""Motions in pieces of constant or triangular acceleration, and the sections of each event."""
 
 from collections.abc import Callable
 from typing import Any, Literal, NamedTuple
@@ -18,9 +18,11 @@ Pieces = Float[Numbers, " pieces"]
 
 
 class _Piece(NamedTuple):
-    """Active piece at a time: its start, its values there and `half` its duration (rad and s).
+    """Piece of a motion, or standstill, that is active at a time; units rad and s.
 
-    At standstill all values but the angle are zero. Without jerk the last two are None.
+    `angle` … `jerk` are its values at the time `start`, and `half` is half of its duration. At
+    standstill all values except the angle are zero. In a motion without jerk, `jerk` and `half` are
+    None.
     """
 
     start: Any
@@ -32,21 +34,24 @@ class _Piece(NamedTuple):
 
 
 class PieceMotion(Motion):
-    """Sequence of pieces with standstills between. In piece k, u seconds after its start,
+    """Sequence of pieces, with standstills between some of them.
+
+    In piece k, u seconds after its start, the angle is
 
         φ = φ_k + u (ω_k + u a_k/2) + j_k (u³ − 2w³)/6        w = max(u − T_k/2, 0)
 
     The jerk is j_k in the first half of the duration T_k and −j_k in the second half, so a whole
     ramp of an S-curve is one piece. φ_k is the sum of the angles T (ω + T (a/2 + T j/8)) of all
-    earlier pieces, so no term grows with time. Speed and acceleration are the derivatives of φ.
+    earlier pieces, so u stays small and loses no digits. Speed and acceleration are derivatives of
+    φ.
 
-    The values of the active piece are selected one by one and evaluated once. A scan over many
-    lanes is fastest with selections; a sum over all pieces was five times slower with jerk.
+    The coefficients of the active piece are selected first, and the polynomial is evaluated once.
+    In a batch of runs this is faster than a sum over all pieces (five times with jerk).
 
     **Arguments** (arrays of shape (pieces,))
     - `start`, `duration`: times of every piece, s. A piece starts at the end of the one before it,
       or later if that one is among `pauses`.
-    - `speed`, `acceleration`: at the start of the piece, rad/s and rad/s².
+    - `speed`, `acceleration`: values at the start of the piece, rad/s and rad/s².
     - `jerk`: in the first half of the piece, rad/s³.
     - `duration_s`, `braking_s`, `turn_s`: see `Motion`.
     - `pauses`: pieces followed by a standstill, besides the last piece.
@@ -79,11 +84,11 @@ class PieceMotion(Motion):
         return MotionPoint(angle, speed, acceleration)
 
     def _piece_at(self, time: Float[Array, "*shape"]) -> _Piece:
-        """Return the piece or standstill that began last.
+        """Return the piece or standstill that is active at a time (s): the one that began last.
 
-        Adjacent pieces share the time of their boundary, so there is no instant between them. The
-        number of those that have begun is counted first: XLA keeps one array instead of the result
-        of each comparison, and a loop that writes many of them uses no vectors.
+        A piece ends exactly where the next one starts, so there is no gap between them. The number
+        of pieces that have begun is counted first, so XLA stores one array instead of the result of
+        each comparison. A compiled loop that stores many results would not be vectorised.
         """
         pieces = self.start.shape[0]
         zero: Any = jnp.zeros_like(time)
@@ -104,7 +109,10 @@ class PieceMotion(Motion):
         return active
 
     def _values_of(self, index: int | None, start: Any, angle: Any) -> _Piece:
-        """Return the values of a piece, or of a standstill (None)."""
+        """Return the piece with number `index`, or a standstill if `index` is None.
+
+        `start` (s) and `angle` (rad) are its start and the angle there.
+        """
         rest = index is None
         return _Piece(
             start,
@@ -141,7 +149,8 @@ EVENTS = ("reversal", "slow_down", "aborted", "emergency_stop")
 class Section(NamedTuple):
     """Section of a run: steady speed, ramp between two speeds, or standstill; rad/s and s.
 
-    `mark` is set if `Motion.braking_s` or `Motion.turn_s` is the start of the section.
+    `speed` is that at the start. `mark` is "braking" or "turn" if `Motion.braking_s` or
+    `Motion.turn_s` is the start of the section.
     """
 
     shape: Literal["steady", "ramp", "rest"]
@@ -152,13 +161,16 @@ class Section(NamedTuple):
 
 
 class _Values(NamedTuple):
-    """Values of a motion in rad and s."""
+    """Values of a motion in rad and s: steady speed, ramp time, dwell time, and `steady`."""
 
     speed: Any
     ramp: Any
     dwell: Any
     steady: Callable[[Any, str], Any]
-    """Time at steady speed, given the ramps as seconds at steady speed with equal angle."""
+    """Function that returns the time at steady speed (s) in a pass of the motion.
+
+    Its arguments are the angle of all ramps divided by the steady speed (s), and a description of
+    the ramps for error messages."""
 
 
 def sections_of(
@@ -200,7 +212,10 @@ def sections_of(
 
 
 def _forward_pass(values: _Values, stop: Any, parts: str) -> list[Section]:
-    """Return the forward pass with a stopping time of its own."""
+    """Return the sections of the forward pass, which stops within the time `stop` (s).
+
+    `parts` describes its ramps in error messages.
+    """
     return [
         Section("ramp", values.ramp, 0.0, values.speed),
         Section("steady", values.steady(0.5 * (values.ramp + stop), parts), values.speed),
@@ -219,9 +234,14 @@ def _return_pass(values: _Values) -> list[Section]:
 
 
 def _slow_pass(values: _Values, share: Any, slow_time: Any) -> list[Section]:
-    """Return the forward pass with a slow-down half way; no time at slow speed for None."""
+    """Return the sections of the forward pass with a slow-down half way.
+
+    `share` is slow speed over steady speed, and `slow_time` the time at slow speed (s). If
+    `slow_time` is None, the shaft accelerates again at once, and the stop counts as the braking.
+    """
     slow, slowing = share * values.speed, values.ramp * (1.0 - share)
-    ramps = values.ramp + slowing * (1.0 + share)  # two of each kind
+    # Angle of two full ramps and of the two ramps between both speeds, over the steady speed.
+    ramps = values.ramp + slowing * (1.0 + share)
     if slow_time is not None:
         ramps = ramps + share * slow_time
     steady = values.steady(ramps, "all ramps and the slow-down")

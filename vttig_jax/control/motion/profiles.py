@@ -118,8 +118,8 @@ def s_curve(
 ) -> PieceMotion:
     """Return the motion of `trapezoid`, with equal times and angles, but with S-curve ramps.
 
-    The acceleration of a ramp is a triangle: twice that of the trapezoid in the middle, zero at
-    both ends.
+    The acceleration of a ramp is a triangle over time: zero at both ends, and in the middle twice
+    the constant acceleration of `trapezoid`.
     """
     sections = sections_of(
         event,
@@ -134,7 +134,7 @@ def s_curve(
 
 
 def _joined(sections: list[Section], *, jerky: bool) -> PieceMotion:
-    """Return the motion of consecutive sections."""
+    """Return the motion that consists of consecutive sections; `jerky` for S-curve ramps."""
     clock: Any = float64(0.0)
     pieces: list[tuple[Any, ...]] = []
     pauses: list[int] = []
@@ -165,9 +165,9 @@ def _joined(sections: list[Section], *, jerky: bool) -> PieceMotion:
 
 
 def _piece(section: Section, jerky: bool) -> tuple[Any, Any, Any, Any]:
-    """Return duration, speed, acceleration and jerk of a section in motion."""
+    """Return duration, initial speed, initial acceleration and jerk of a section in motion."""
     duration = section.duration
-    zero = 0.0 * duration  # an array like the others, because they are stacked
+    zero = 0.0 * duration  # an array of the same kind as the other values, with which it is stacked
     speed = section.speed + zero
     if section.shape == "steady":
         return duration, speed, zero, zero

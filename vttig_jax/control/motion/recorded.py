@@ -22,31 +22,32 @@ from ...base.units import DEG
 from .motion import Motion, MotionPoint
 
 BACK: Final = 0.01
-"""Smallest return that counts as a turn, as a share of the range of angles; a chosen value."""
+"""Smallest backward angle that counts as a turn, as a fraction of the range of angles; chosen."""
 
 FULL: Final = 0.98
-"""Share of the highest speed below which the shaft brakes; a chosen value."""
+"""Fraction of the highest speed; when the speed falls below it, braking begins; a chosen value."""
 
 SLOW: Final = 0.9
-"""Share of the highest speed below which a motion without turn has slowed down; a chosen value."""
+"""Fraction of the highest speed below which a motion without turn counts as slowed down; chosen."""
 
 _SAME_ANGLE: Final = 1e-9
-"""Difference of equal angles, as a share of the range of angles; a chosen tolerance."""
+"""Difference up to which angles count as equal, as a fraction of the range of angles; chosen."""
 
 _AVERAGING: Final = 1e-3
-"""Averaging time of a speed as a share of the run; a chosen value."""
+"""Averaging time of a speed, as a fraction of the duration of the run; a chosen value."""
 
 _STEPS: Final = 8
-"""Speeds per averaging time; a chosen value."""
+"""Number of overlapping mean speeds computed per averaging time; a chosen value."""
 
 
 def turn_of(time: Float[np.ndarray, " n"], angle: Float[np.ndarray, " n"]) -> tuple[float, float]:
     """Return the turn time (s) and the direction of the run before it, +1 or −1.
 
-    The direction is that in which the angle first leaves its start by `BACK` of the range of all
-    angles. The shaft has turned if it returns by as much from its farthest angle so far; the turn
-    is the last row at that farthest angle. A smaller return is play, noise or one encoder count.
-    Without a turn, the time of the last row is returned.
+    Let a be the fraction `BACK` of the range of all angles. The direction is the one in which the
+    angle first differs from its initial value by more than a. The shaft has turned when it moves
+    back by more than a from its farthest angle so far, and the turn is the last row at that
+    farthest angle. A smaller backward movement is play, noise or one encoder count. Without a turn,
+    the time of the last row is returned. `time` is in s; `angle` may have any unit.
     """
     travel = angle - angle[0]
     threshold = BACK * np.ptp(angle)
@@ -62,9 +63,10 @@ def turn_of(time: Float[np.ndarray, " n"], angle: Float[np.ndarray, " n"]) -> tu
 def braking_of(spline: CubicSpline, turn_s: float, sense: float) -> float:
     """Return the time (s) when the shaft leaves its highest speed.
 
-    Speeds are means over a thousandth of the run, to suppress single encoder counts. The time is
-    the middle of the last mean before the turn that reaches `FULL` of the highest speed; without a
-    turn, of the last one before the speed first falls below `SLOW` of the highest.
+    A speed is the mean over a thousandth of the run, to suppress single encoder counts, and its
+    time is the middle of this interval. The function returns the time of the last speed before the
+    turn that reaches the fraction `FULL` of the highest speed. Without a turn, only speeds before
+    the first one below the fraction `SLOW` are considered. `sense` is the direction, 1 or −1.
     """
     end = float(spline.x[-1])
     edges = np.linspace(0.0, end, round(_STEPS / _AVERAGING) + 1)
@@ -88,15 +90,16 @@ SHORTEST_S: Final = 1e-9
 """Shortest time between two rows, s; a chosen value."""
 
 LARGEST: Final = 1e12
-"""Largest time (s) or angle (deg) in the file; double precision is too coarse beyond."""
+"""Largest time (s) or angle (deg) in the file; for larger numbers double precision is too coarse.
+"""
 
 _FORMAT_HINT: Final = "it needs the columns time_s and driving_deg, separated by commas"
 
 
 def read_columns(path: str | Path) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-    """Return times (s) and driving angles (deg), checked row by row.
+    """Return times (s) and driving angles (deg) of a CSV file, checked row by row.
 
-    **Raises** `InputError` naming file, line and cure.
+    **Raises** `InputError` that names the file, the line and the cure.
     """
     path = Path(path)
     lines = _lines(path)
@@ -138,7 +141,7 @@ def read_columns(path: str | Path) -> tuple[Float[np.ndarray, " n"], Float[np.nd
 
 
 def _lines(path: Path) -> Iterator[tuple[int, list[str]]]:
-    """Yield number and stripped fields of every line that is neither empty nor a comment."""
+    """Yield line number and stripped fields of every line that is neither empty nor a comment."""
     try:
         file = io.StringIO(read_regular(path).decode("utf-8-sig"), newline="")
         reader = csv.reader(file, strict=True)
@@ -210,7 +213,8 @@ class RecordedMotion(Motion):
 
     **Arguments**
     - `knots`: times in s; the first is 0.
-    - `coefficients`: of u³, u², u and 1, u the time since the knot; rad and s; shape (n − 1, 4).
+    - `coefficients`: coefficients of u³, u², u and 1 in every interval, where u is the time since
+      its first knot; rad and s; shape (n − 1, 4).
     - `duration_s`, `braking_s`, `turn_s`: see `Motion`.
     """
 
@@ -239,15 +243,16 @@ class RecordedMotion(Motion):
 def recorded(time: Real[np.ndarray, " n"], driving_angle: Real[np.ndarray, " n"]) -> RecordedMotion:
     """Return the motion through driving angles in rad at times in s, evenly spaced or not.
 
-    A cubic spline with continuous acceleration passes through every row. It is at rest at both
-    ends, like the shaft before and after the run; a recording that begins or ends in motion reaches
-    or loses its speed within a few rows. Noise is not removed: differentiated twice, one count of
-    14.4″ at 1 kHz gives 70 rad/s², so smooth or thin a log first.
+    A cubic spline with continuous acceleration passes through every row. Its speed is zero at both
+    ends, as the shaft stands before and after the run. If the recording begins or ends in motion,
+    the spline therefore reaches or loses its speed within a few rows. Noise is not removed: one
+    encoder count of 14.4″ at 1 kHz, differentiated twice, gives 70 rad/s², so smooth a log or take
+    fewer rows of it first.
 
-    The run starts at the first time, which becomes 0. `turn_s` is the last row at the farthest
-    angle before the shaft returns by more than 1 % of the range of angles. `braking_s` is the last
-    time before it with 98 % of the highest speed (means over a thousandth of the run); without a
-    turn, the last such time before the speed first falls below 90 %.
+    The first time becomes 0. `turn_s` is the last row at the farthest angle before the shaft moves
+    back by more than 1 % of the range of angles. `braking_s` is the last time before `turn_s` with
+    at least 98 % of the highest speed (means over a thousandth of the run). Without a turn, it is
+    the last such time before the speed first falls below 90 %.
 
     **Raises** `ValueError` for arrays of different length or less than two rows, numbers that are
     not finite, times that do not increase and angles that never change.

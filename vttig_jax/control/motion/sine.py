@@ -16,14 +16,14 @@ Scalar = Float[Number, ""]
 
 
 class SineMotion(Motion):
-    """Motion of one period φ = A (1 − cos 2πft)/2 = A sin² πft from rest to rest; see `sine`.
+    """Motion φ = A (1 − cos 2πft)/2 = A sin² πft of one period, from rest to rest; see `sine`.
 
     The speed is highest after a quarter of the period, where braking begins; the turn is at half
-    the period. The speed is continuous at both ends; the acceleration steps by 2A(πf)².
+    the period. At both ends the speed is continuous, and the acceleration jumps by 2A(πf)².
 
     **Arguments**
     - `peak_to_peak`: A, rad; negative for a motion that starts backwards.
-    - `duration_s`: 1/f; `braking_s`, `turn_s`: see `Motion`.
+    - `duration_s`: one period 1/f, s. - `braking_s`, `turn_s`: see `Motion`.
     """
 
     peak_to_peak: Scalar = eqx.field(converter=float64)
@@ -50,7 +50,8 @@ class SineMotion(Motion):
 def sine(speed_rpm: Real[ArrayLike, ""], reversal_deg: Real[ArrayLike, ""]) -> SineMotion:
     """Return a motion to `reversal_deg` and back as one sine period with peak speed `speed_rpm`.
 
-    The peak speed is πfA, hence f = ω/(πA). The motion has no ramps and no standstill.
+    With amplitude A and frequency f (see `SineMotion`) the peak speed is ω = πfA, hence f = ω/(πA).
+    The motion has no ramps and no standstill.
 
     **Raises** `ValueError` for a speed that is not positive, a reversal at zero, and numbers that
     are not finite. Traced values are not checked.

@@ -37,16 +37,16 @@ class ElasticPlant(Plant):
 
         T₂ = max(0, c p + clip(d ṗ, ±c p))
 
-    One step covers a whole impact (see `elastic_impact`) with uniformly accelerated walls and
-    constant friction. Any step is stable, and the mesh never returns more energy than it took.
-    After one impact the shaft is at rest in the flank if the contact persists, or if the
-    rebound would return within the same step. A gap that is forced shut holds the shaft at rest
-    between both springs.
+    One time step covers a whole impact (see `elastic_impact`). During the step the flanks have
+    constant acceleration, and friction is constant. A step of any length is stable, and the mesh
+    never returns more energy than it has absorbed. At most one impact per step is computed: if the
+    contact lasts longer, or if the shaft would meet the flank again within the step, the shaft ends
+    at rest relative to the flank. If the gap is closed, the shaft rests between both springs.
 
     **Arguments**
     - `drag`: inertia and friction of the driven shaft.
     - `stiffness`: c, N m/rad at the driven shaft; see `mesh_stiffness`.
-    - `damping_ratio`: ζ; with a prescribed driving motion it refers to J₂ alone.
+    - `damping_ratio`: ζ; with a prescribed driving motion its inertia is J₂ alone.
     - `effective`: inertia of the relative motion of both shafts, kg m², if the driving shaft can
       move (`coupled`); it replaces J₂ in the contact law and in the definition of ζ.
     """
@@ -57,15 +57,19 @@ class ElasticPlant(Plant):
     effective: Float[Number, ""] | None = None
 
     def coupled(self, effective: Float[Number, ""]) -> "ElasticPlant":
-        """Return the same teeth with the inertia (kg m²) of two shafts that move each other.
+        """Return the same plant for a driving shaft that the teeth can move.
 
-        Friction is then constant over the whole step, including impacts, so that any difference
-        from `slowing` is caused by the flank alone.
+        `effective` is the inertia of the relative motion of both shafts, kg m². In this plant
+        friction is constant over the whole step, including impacts, so the acceleration differs
+        from `slowing` by the contact torque alone.
         """
         return ElasticPlant(self.drag, self.stiffness, self.damping_ratio, effective)
 
     def torque(self, shafts: Shafts, now: Walls) -> Scalar:
-        """Return the torque of the flanks on the driven shaft, N m; that of flank A is positive."""
+        """Return the torque of both flanks on the driven shaft, N m; flank A acts positively.
+
+        `now` holds the position and the rate of both flanks.
+        """
         depths = _depths(now, shafts.offset, shafts.drift)
         return self._torque(depths.a) - self._torque(depths.b)
 
@@ -73,8 +77,8 @@ class ElasticPlant(Plant):
         """Return the acceleration of the driven shaft by friction and load, rad/s².
 
         It is the mean over a time step (`step`, s), and negative where it slows a positive speed.
-        The torque of the flanks counts only as far as friction at standstill and the load balance
-        it; the acceleration by the flanks themselves is not included. `ratio` is i.
+        The acceleration by the contact torque is not included, but friction and load oppose the
+        contact torque as far as they can balance it at standstill. `ratio` is i.
         """
         force = self.torque(shafts, now)
         push = jnp.where(force == 0, 0.0, self._friction_limited(force))
@@ -82,7 +86,10 @@ class ElasticPlant(Plant):
         return self.drag.acceleration(driven_speed, push, step) - push / self.drag.inertia
 
     def _friction_limited(self, torque: Scalar) -> Scalar:
-        """Return the part of a torque (N m) that friction at standstill and the load balance."""
+        """Return `torque` (N m), limited to what friction and the load can balance at standstill.
+
+        The range is T_load ± (T_c + T_s).
+        """
         limit = jnp.asarray(self.drag.coulomb) + self.drag.stribeck
         return jnp.clip(torque, self.drag.load - limit, self.drag.load + limit)
 
@@ -115,7 +122,7 @@ class ElasticPlant(Plant):
         landing = self._landing(now, then, flight, step)
         offset, share = landing.offset, landing.share
         met = jnp.where(landing.met & (landing.flank != shafts.side), landing.flank, FREE)
-        # As with rigid teeth, a gap that has closed newly loads the opposite flank.
+        # As with rigid teeth: when the gap closes, the flank opposite to `side` is newly loaded.
         met = jnp.where(then.lower > then.upper, -shafts.side, met)
         side = touching(offset < then.lower, offset > then.upper, shafts.side)
         low = cubic(now.lower, then.lower, now.lower_rate, then.lower_rate, step)
@@ -132,7 +139,10 @@ class ElasticPlant(Plant):
         ), touch
 
     def _landing(self, now: Walls, then: Walls, flight: "_Flight", step: Scalar) -> "_Landing":
-        """Return the end of a step, with contact, from the flight without contact."""
+        """Return the driven shaft at the end of a step, from the flight without contact.
+
+        `now` and `then` are the flanks at the start and the end of the step (s).
+        """
         rate = jnp.sqrt(jnp.asarray(self.stiffness) / self._inertia)
         starts = _depths(now, flight.start, flight.start_rate)
         ends = _depths(then, flight.end, flight.end_rate)
@@ -157,7 +167,7 @@ class ElasticPlant(Plant):
         depth, speed = result.press.depth, rate * result.press.rate
         offset = jnp.where(on_a, then.lower - depth, then.upper + depth)
         offset = jnp.where(result.met, offset, flight.end)
-        # If the step reaches the other flank too, that contact starts the next step.
+        # If the rebound also reaches the other flank, the shaft stops there until the next step.
         offset = jnp.where(on_a, jnp.minimum(offset, then.upper), jnp.maximum(offset, then.lower))
         drift = jnp.where(on_a, then.lower_rate - speed, then.upper_rate + speed)
         drift = jnp.where(result.met, drift, flight.end_rate)
@@ -168,11 +178,15 @@ class ElasticPlant(Plant):
     def _friction_change(
         self, flight: "_Flight", start: Press, lag: Scalar, sense: Scalar, step: Scalar
     ) -> Scalar:
-        """Return the acceleration by friction on a flank minus that in flight, rad/s².
+        """Return the acceleration by friction with contact minus that in flight, rad/s².
 
-        On a flank that is loaded at the start, friction opposes the contact torque up to its limit;
-        in an impact, which is shorter than the step, it does not. After an impact within the step
-        it opposes the rebound; 1/(1 + 3 ζ) approximates the restitution.
+        If the flank is loaded at the start of the step, friction opposes the contact torque up to
+        the friction limit. If the impact occurs within the step, friction opposes the motion after
+        the rebound; 1/(1 + 3 ζ) approximates the coefficient of restitution.
+
+        **Arguments**
+        - `start`: penetration at the start. - `sense`: 1 for flank A, −1 for flank B.
+        - `lag`: rate of the flank minus rate of the shaft at the end of the flight, rad/s.
         """
         pressed = start.depth > 0
         rebound = (1 + 1 / (1 + 3 * jnp.asarray(self.damping_ratio))) * lag
@@ -194,7 +208,7 @@ class ElasticPlant(Plant):
 
 
 def mesh_stiffness(c_gamma_N_mm_um: float, face_width_mm: float, base_radius_mm: float) -> float:
-    """Return c (N m/rad at the driven shaft) for a mesh stiffness of ISO 6336.
+    """Return the torsional mesh stiffness c (N m/rad at the driven shaft) from that of ISO 6336.
 
         c = c_γ b r_b2²
 
@@ -214,10 +228,10 @@ def mesh_stiffness(c_gamma_N_mm_um: float, face_width_mm: float, base_radius_mm:
 
 
 def largest_step(stiffness: float, damping_ratio: float, inertia: float) -> float:
-    """Return the longest step (s) that resolves the contact; any step is stable.
+    """Return the longest time step (s) that resolves the oscillation in a lasting contact.
 
-    In a longer step a lasting contact counts as at rest, and its oscillation is lost; positions
-    stay accurate to an arcsecond far beyond this step.
+    Longer steps are stable too, but then a shaft in lasting contact is set to rest, and its
+    oscillation is lost. Positions stay accurate to an arcsecond with much longer steps.
 
     **Arguments**
     - `stiffness`: c, N m/rad. - `damping_ratio`: ζ. - `inertia`: J₂, kg m².
@@ -234,14 +248,18 @@ def largest_step(stiffness: float, damping_ratio: float, inertia: float) -> floa
 
 
 class _Depths(eqx.Module):
-    """Penetration of the driven shaft into flank A and B, rad and rad/s."""
+    """Penetration of the driven shaft into flanks A and B, rad, and its rate, rad/s."""
 
     a: Press
     b: Press
 
 
 class _Flight(eqx.Module):
-    """Step without contact: x and its rate at both ends, φ̇₂ at the start and φ̈₂; rad and s."""
+    """Motion of the driven shaft in a step without contact; units rad and s.
+
+    - `start`, `start_rate`, `end`, `end_rate`: x and dx/dt at the start and the end of the step.
+    - `driven_speed`: φ̇₂ at the start. - `slowing`: φ̈₂ by friction and load.
+    """
 
     start: Scalar
     start_rate: Scalar
@@ -252,7 +270,11 @@ class _Flight(eqx.Module):
 
 
 class _Landing(eqx.Module):
-    """Offset x and its rate at the end of a step; whether and at which share it met `flank`."""
+    """Driven shaft at the end of a step.
+
+    - `offset`, `drift`: x and its rate, rad and rad/s. - `met`: whether the shaft touched `flank`.
+    - `share`: elapsed fraction of the step at the first contact.
+    """
 
     offset: Scalar
     drift: Scalar
@@ -269,9 +291,13 @@ def _depths(bounds: Walls, offset: Scalar, drift: Scalar) -> _Depths:
 
 
 def _wedged(then: Walls, pull: Scalar, landing: _Landing) -> _Landing:
-    """Place the shaft of a closed gap where both springs and the pull onto flank A balance."""
+    """Place the driven shaft of a closed gap in equilibrium; leave it unchanged in an open gap.
+
+    The spring forces of both flanks balance `pull`, the acceleration towards flank A divided by
+    c/J (rad).
+    """
     overlap = then.lower - then.upper
-    # A pull larger than the overlap unloads one of the flanks.
+    # If the pull exceeds the overlap, one of the flanks is unloaded.
     depth = jnp.minimum(jnp.maximum(0.5 * (overlap + pull), pull), overlap + pull)
     drift = 0.5 * (then.lower_rate + then.upper_rate)
     closed = overlap > 0

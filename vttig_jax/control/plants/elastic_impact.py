@@ -1,16 +1,17 @@
-"""One impact on a spring with a damper, from flight to flight, without small time steps.
+"""One impact of a body on a flank with spring and damper, computed without small time steps.
 
-At a penetration p of a body into a flank (negative: outside) the torque per inertia is
+At a penetration p of the body into the flank (negative outside) the torque per inertia is
 
     F/J = max(0, ω² p + clip(2 ζ ω ṗ, ±ω² p)),  ω = √(c/J)
 
 (Modelica's ElastoBacklash: the damping is limited to the spring torque; the flank never pulls).
-A step that samples this torque must be much shorter than the contact, about π/ω. The law is
-piecewise linear, and an impact passes its pieces in a fixed order:
+An ordinary integrator would need steps much shorter than the contact, which lasts about π/ω. The
+law is piecewise linear, and an impact passes its pieces in a fixed order (torque in brackets):
 
     flight → stiff (2 c p) → both (c p + d ṗ) → loose (0) → flight
 
-Each piece is a power series in time and ends at the root of another one. Time is in units of 1/ω.
+In each piece p is a power series in time. The piece ends at the root of a second power series, its
+condition of validity. All times are in units of 1/ω.
 """
 
 from collections.abc import Sequence
@@ -24,13 +25,14 @@ from jaxtyping import Array, Bool, Float
 Scalar = Float[Array, ""]
 Truth = Bool[Array, ""]
 Series = Sequence[Scalar]
-"""Coefficients, lowest power first."""
+"""Coefficients of a power series in time, lowest power first."""
 
 _ORDER = 12  # highest power of a series; a chosen value
 _SERIES_TIME = 1.3
-"""Time, 1/ω, that a series covers: its truncation error is below 1.3¹³/13! = 5e-9 of the depth."""
+"""Longest time (1/ω) for one series; the truncation error is 1.3¹³/13! = 5e-9 of the depth or less.
+"""
 _SERIES_TIME_OVERDAMPED = 2.0
-"""The same in decay times of the faster mode, whose error decays; a chosen value."""
+"""Longest time for one series if ζ > 1, in decay times of the faster mode; a chosen value."""
 _NEWTON = 4  # Newton iterations; a chosen value
 
 
@@ -44,7 +46,7 @@ class Press(eqx.Module):
 class Impact(eqx.Module):
     """Result of an impact.
 
-    - `press`: state at the end of the time. - `met`: whether there was contact at any time.
+    - `press`: penetration at the end of the given time. - `met`: whether there was any contact.
     - `entry`: time until the first contact, 1/ω; if there was no contact, the whole time.
     """
 
@@ -56,8 +58,8 @@ class Impact(eqx.Module):
 class Pulls(eqx.Module):
     """Acceleration of the body into the flank by all torques except the contact torque.
 
-    It is in rad per 1/ω² and constant in each of three phases: `before` the contact, while
-    `pressed`, and `after` the contact. The phases differ by the friction.
+    It is in rad per 1/ω² and constant in each of three phases: `before` the contact, during the
+    contact (`pressed`), and `after` the contact. Its value differs only by the friction.
     """
 
     before: Scalar
@@ -66,9 +68,9 @@ class Pulls(eqx.Module):
 
 
 class _Progress(eqx.Module):
-    """State of an impact after some pieces.
+    """State of an impact between two pieces of the contact law.
 
-    - `press`: state of the body. - `remaining`: remaining time, 1/ω.
+    - `press`: penetration and its rate. - `remaining`: time until the end of the step, 1/ω.
     - `loose`: whether the contact torque has become zero.
     """
 
@@ -78,10 +80,10 @@ class _Progress(eqx.Module):
 
 
 class _Piece(eqx.Module):
-    """Piece of the contact law.
+    """Linear piece of the contact law.
 
-    - `spring`, `damper`: factors of c and d in this piece.
-    - `depth`, `rate`: the piece lasts while depth · p + rate · (d/c) ṗ is positive.
+    - `spring`, `damper`: factors of c and d, so that the torque is spring · c p + damper · d ṗ.
+    - `depth`, `rate`: the piece applies while depth · p + rate · (d/c) ṗ is positive.
     - `releases`: whether the contact torque is zero after this piece.
     """
 
@@ -95,15 +97,16 @@ class _Piece(eqx.Module):
 _STIFF = (2.0, 0.0, -1.0, 1.0, 0.0)
 _BOTH = (1.0, 1.0, 1.0, 1.0, 1.0)
 _PIECES = np.array([_STIFF, _BOTH, _BOTH, _BOTH])
-"""Three series of `both` cover 3.9/ω, longer than a contact with a rebound (up to a damping ratio
-of 5, where the rebound has 7 % of the speed)."""
+"""The piece `_BOTH` is computed with three consecutive series. Together they cover 3.9/ω. For
+damping ratios up to 5 a contact with a rebound is shorter; at 5 the rebound has 7 % of the speed.
+"""
 
 
 def impact(start: Press, pulls: Pulls, time: Scalar, damping_ratio: Scalar) -> Impact:
-    """Follow a body for a time (1/ω) through at most one impact.
+    """Return the state of a body after a time (1/ω) with at most one impact.
 
-    If the contact persists, or the rebound would return within the time, the body ends at rest
-    in the flank at p = max(0, pull). The energy therefore never increases.
+    If the contact outlasts the series, or if the body would meet the flank again within the time,
+    the body ends at rest at p = max(0, pull). The energy therefore never increases.
     """
     entry = jnp.where(start.depth > 0, 0.0, _arrival(start, pulls.before))
     met = entry <= time
@@ -134,7 +137,10 @@ def longest_contact(damping_ratio: float) -> float:
 
 
 def _advance(state: _Progress, piece: _Piece, pull: Scalar, damping_ratio: Scalar) -> _Progress:
-    """Advance to the end of a piece, of its series or of the remaining time."""
+    """Advance until the piece, the validity of its series or the remaining time ends.
+
+    The earliest of these three ends counts. `pull` is the acceleration by other torques.
+    """
     press, remaining, loose = state.press, state.remaining, state.loose
     damper = 2 * damping_ratio
     inside = piece.depth * press.depth + piece.rate * damper * press.rate
@@ -203,10 +209,10 @@ def _value_slope(series: Series, time: Scalar) -> tuple[Scalar, Scalar]:
 
 
 def _root(series: Series, limit: Scalar) -> Scalar:
-    """Return the root of a series that is ≥ 0 at zero and negative at `limit`."""
+    """Return the root of a series between the time 0 (value ≥ 0) and `limit` (value ≤ 0)."""
     end, _ = _value_slope(series, limit)
 
-    # Without the loop XLA would repeat these operations for every use of the root.
+    # `fori_loop` prevents that XLA recomputes these operations for every use of the root.
     def newton(_, time):
         value, slope = _value_slope(series, time)
         return jnp.clip(time - value / _nonzero(slope), 0.0, limit)
@@ -220,7 +226,7 @@ def _flight(press: Press, pull: Scalar, time: Scalar) -> Press:
 
 
 def _arrival(press: Press, pull: Scalar) -> Scalar:
-    """Return the time when a flight from depth ≤ 0 enters the flank; ∞ if it never does."""
+    """Return the time (1/ω) until a body in flight from depth ≤ 0 enters the flank; ∞ if never."""
     square = press.rate**2 - 2 * pull * press.depth
     root = _sqrt(square)
     inwards = press.rate > 0
@@ -231,7 +237,7 @@ def _arrival(press: Press, pull: Scalar) -> Scalar:
 
 
 def _sqrt(value: Scalar) -> Scalar:
-    """Return the square root with a finite slope everywhere; 0 for negative values."""
+    """Return the square root, or 0 for values ≤ 0; its derivative is finite everywhere."""
     positive = value > 0
     return jnp.where(positive, jnp.sqrt(jnp.where(positive, value, 1.0)), 0.0)
 

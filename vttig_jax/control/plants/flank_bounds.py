@@ -1,11 +1,12 @@
-"""Both flanks as harmonics of the shaft angles: the bounds of the driven gear, with their slopes.
+"""Both flanks as harmonic series in the shaft angles: the limits of the driven gear in the gap.
 
-A reversal is simulated in the offset x = φ₂ − i φ₁; flank A is its lower bound, flank B the upper:
+A reversal is simulated in the offset x = φ₂ − i φ₁. Flank A is its lower bound, flank B the upper
+(s is the axial displacement):
 
     TE_A(φ₁) + s tan β_L/R₂  ≤  x  ≤  TE_B(φ₁) − s tan β_R/R₂
 
-An exact flank model is implicit in φ₂ and too slow inside a scan. In contact it is a function of φ₁
-alone, with a known spectrum of n₁ + n₂ i cycles per turn, so it is expanded once as
+An exact flank model is implicit in φ₂ and too slow inside a scan. In contact the TE is a function
+of φ₁ alone, with harmonics of n₁ + n₂ i cycles per driving turn, so it is expanded once as
 
     TE_f(φ₁) = Re Σ_t c_ft exp(j (n₁ φ₁ + n₂ i φ₁))
 
@@ -28,17 +29,17 @@ from ...kinematics.flank_model import FlankModel, ImplicitModel, fixed_point
 from ...kinematics.harmonic import Term
 
 _NEGLIGIBLE = 1e-12
-"""Coefficient in rad below which a harmonic is left out; a chosen tolerance."""
+"""Coefficient, rad, up to which a harmonic is omitted if `highest` is given; a chosen tolerance."""
 
 _TRUNCATION = 5e-10
-"""Largest sum, in rad, of all harmonics left out by default; a chosen tolerance."""
+"""Largest sum of the amplitudes of all omitted harmonics, rad, by default; a chosen tolerance."""
 
 _HIGHEST = 6
-"""Highest order of each shaft by default; eccentric gears have no relevant higher orders."""
+"""Default for the highest order of each shaft; higher orders of eccentric gears are negligible."""
 
 
 class Flanks(eqx.Module):
-    """TE of flank A and B, rad, and their slopes dTE/dφ₁."""
+    """TE on flank A (`lower`) and flank B (`upper`), rad, and their slopes dTE/dφ₁."""
 
     lower: Float[Array, "*shape"]
     upper: Float[Array, "*shape"]
@@ -51,9 +52,10 @@ class Bounds(eqx.Module):
 
     **Arguments**
     - `ratio`: i.
-    - `offset`: mean TE of flank A and B, rad.
+    - `offset`: mean TE of flanks A and B, rad.
     - `cosine`, `sine`: coefficients of cos and sin (n₁ φ₁ + n₂ i φ₁), rad, shape (2, terms).
-    - `closing`: tan β_L/R₂ and tan β_R/R₂, rad/mm: axial displacement moves flank A up, B down.
+    - `closing`: tan β_L/R₂ and tan β_R/R₂, rad/mm: TE change per axial displacement, upwards on
+      flank A and downwards on flank B.
     - `terms`: (n₁, n₂) of every harmonic.
     """
 
@@ -65,7 +67,7 @@ class Bounds(eqx.Module):
     terms: tuple[Term, ...] = eqx.field(static=True)
 
     def at(self, driving_angle: Float[Array, "*shape"]) -> Flanks:
-        """Return both flanks at a driving angle (rad), axial displacement zero."""
+        """Return both flanks at a driving angle (rad) for an axial displacement of zero."""
         ratio = jnp.asarray(self.ratio)
         waves = _waves(self.terms, driving_angle, ratio * driving_angle)
         cosine, sine, offset = (jnp.asarray(c) for c in (self.cosine, self.sine, self.offset))
@@ -76,7 +78,7 @@ class Bounds(eqx.Module):
         )
 
     def gap(self, driving_angle: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
-        """Return the backlash j = TE_B − TE_A, rad, axial displacement zero."""
+        """Return the backlash j = TE_B − TE_A (rad) at a driving angle (rad) for s = 0."""
         waves = _waves(self.terms, driving_angle, jnp.asarray(self.ratio) * driving_angle)
         cosine, sine, offset = (
             jnp.asarray(c)[1] - jnp.asarray(c)[0] for c in (self.cosine, self.sine, self.offset)
@@ -84,7 +86,7 @@ class Bounds(eqx.Module):
         return offset + _sum(cosine, sine, waves)
 
     def turned(self, turns: int) -> "Bounds":
-        """Return the flanks a number of driving turns later."""
+        """Return flanks whose values at φ₁ are those of these flanks at φ₁ + 2π · `turns`."""
         cycles = np.array([first + second * float(self.ratio) for first, second in self.terms])
         phasor: Any = (self.cosine - 1j * self.sine) * np.exp(2j * np.pi * cycles * turns)
         return Bounds(
@@ -98,7 +100,7 @@ class Bounds(eqx.Module):
 
     @property
     def closing_sum(self) -> Float[Array, ""]:
-        """Decrease of the backlash per axial displacement, rad/mm, (16)."""
+        """Decrease of the backlash per axial displacement, rad/mm; see equation (16)."""
         return jnp.sum(jnp.asarray(self.closing))
 
 
@@ -109,13 +111,15 @@ def bounds_of(
 ) -> Bounds:
     """Expand a closed or implicit flank model into harmonics.
 
-    The transmission error is periodic in both angles (a torus); its two-dimensional Fourier series
-    on enough points is exact to rounding.
+    The transmission error is a periodic function of each shaft angle. Its two-dimensional Fourier
+    series, computed on enough points, is exact to rounding.
 
     **Arguments**
-    - `highest`: highest order of each shaft; harmonics above 1e-12 rad are kept. By default all
-      with |n₁| + |n₂| ≤ n are kept, n the smallest that leaves out at most 5e-10 rad: 2 for rigs
-      like the paper's, so that they share one compiled program.
+    - `closing`: see `Bounds`.
+    - `highest`: highest order of each shaft; all harmonics above 1e-12 rad are kept. By default the
+      harmonics with |n₁| + |n₂| ≤ n are kept, where n is the smallest number for which the omitted
+      harmonics sum up to at most 5e-10 rad. n is 2 for rigs like that of the paper, which therefore
+      share one compiled program.
 
     **Raises** `ValueError` for a model that is neither closed nor implicit.
     """
@@ -151,7 +155,10 @@ def bounds_of(
 
 
 def _spectrum(model: ImplicitModel, highest: tuple[int, int]) -> Complex[np.ndarray, "2 n1 n2"]:
-    """Return the Fourier coefficients in both angles by flank; negative orders wrap around."""
+    """Return the Fourier coefficients (rad) of both flanks in both angles.
+
+    The indices are flank, n₁ and n₂; negative orders stand at the end of an axis, as in an FFT.
+    """
     counts = [4 * order + 4 for order in highest]
     first, second = np.meshgrid(
         *(2 * np.pi * np.arange(count) / count for count in counts), indexing="ij"
@@ -161,13 +168,16 @@ def _spectrum(model: ImplicitModel, highest: tuple[int, int]) -> Complex[np.ndar
 
 
 def _half_plane(highest: tuple[int, int]) -> list[Term]:
-    """Return the orders of both shafts without the constant; of ±(n₁, n₂) only one is listed."""
+    """Return all pairs (n₁, n₂) of orders up to `highest` without (0, 0).
+
+    Of (n₁, n₂) and (−n₁, −n₂), which are the same harmonic, only one is listed.
+    """
     orders = itertools.product(range(highest[0] + 1), range(-highest[1], highest[1] + 1))
     return [(first, second) for first, second in orders if first > 0 or second > 0]
 
 
 def _by_total_order(spectrum: Any) -> tuple[Term, ...]:
-    """Return all harmonics up to the smallest total order whose truncation is tolerable."""
+    """Return all harmonics with |n₁| + |n₂| ≤ n, for the smallest n within `_TRUNCATION`."""
     terms = _half_plane((_HIGHEST, _HIGHEST))
     for highest in range(1, 2 * _HIGHEST):
         beyond = [term for term in terms if abs(term[0]) + abs(term[1]) > highest]
@@ -177,7 +187,10 @@ def _by_total_order(spectrum: Any) -> tuple[Term, ...]:
 
 
 def _strength(spectrum: Any, term: Term) -> float:
-    """Return the larger coefficient of a harmonic on both flanks (half its amplitude), rad."""
+    """Return the larger of the coefficients of a harmonic on both flanks, rad.
+
+    The coefficient is half the amplitude of the harmonic.
+    """
     return float(np.abs(spectrum[:, term[0], term[1]]).max())
 
 
@@ -202,13 +215,16 @@ def _step_b(error, args):
 
 
 def _waves(terms: tuple[Term, ...], driving: Array, driven: Array) -> list[Any]:
-    """Return (sin, cos) of all n₁ driving + n₂ driven by angle addition: one sincos per angle."""
+    """Return (sin, cos) of n₁ `driving` + n₂ `driven` (rad) for all terms (n₁, n₂).
+
+    The function uses angle addition, so it computes only one sincos per shaft.
+    """
     powers = ({0: None, 1: sincos(driving)}, {0: None, 1: sincos(driven)})
     return [_times(_power(powers[0], first), _power(powers[1], second)) for first, second in terms]
 
 
 def _sum(cosine: Array, sine: Array, waves: list[Any]) -> Array:
-    """Return Σ cosine cos + sine sin over the harmonics."""
+    """Return the sum of cosine · cos + sine · sin over all harmonics; `waves` are (sin, cos)."""
     total = jnp.zeros(())
     for index, (wave_sine, wave_cosine) in enumerate(waves):
         total = total + (cosine[index] * wave_cosine + sine[index] * wave_sine)
@@ -216,7 +232,10 @@ def _sum(cosine: Array, sine: Array, waves: list[Any]) -> Array:
 
 
 def _power(powers: dict, order: int):
-    """Return (sin, cos) of `order` times the angle of powers[1]; None for order 0 (angle zero)."""
+    """Return (sin, cos) of `order` · α, where powers[1] is (sin α, cos α); None for order 0.
+
+    The results for positive orders are stored in `powers`.
+    """
     if order < 0:
         sine, cosine = _power(powers, -order)
         return -sine, cosine
@@ -226,7 +245,7 @@ def _power(powers: dict, order: int):
 
 
 def _times(first, second):
-    """Return (sin, cos) of the sum of two angles; None stands for the angle zero."""
+    """Return (sin, cos) of the sum of two angles, given (sin, cos) of both; None is angle zero."""
     if first is None or second is None:
         return first or second
     return (

@@ -1,4 +1,7 @@
-"""Base class of the plants, their state, and what they share: friction, walls and contact."""
+"""Base class of the plants, their state, and their common parts: friction, walls and contact.
+
+A wall is the position of a flank in the offset x = φ₂ − i φ₁, which limits the driven shaft.
+"""
 
 from abc import abstractmethod
 
@@ -19,7 +22,7 @@ class Shafts(eqx.Module):
     - `angle`, `speed`: of the driving shaft, rad and rad/s.
     - `offset`, `drift`: x = φ₂ − i φ₁ and its derivative, rad and rad/s.
     - `side`: loaded flank, `ON_A`, `ON_B`, or `FREE` without contact.
-    - `flanks`: both flanks at `angle`, axial displacement zero.
+    - `flanks`: both flanks at `angle` for an axial displacement of zero.
     """
 
     angle: Float[Array, ""]
@@ -40,11 +43,12 @@ class Slide(eqx.Module):
 
 
 class ContactEvent(eqx.Module):
-    """First contact with a flank within the step.
+    """First new contact with a flank within a time step.
 
-    - `side`: flank, `FREE` without contact.
-    - `angle`: driving angle at the contact, rad. - `gap`: remaining backlash there, rad.
-    - `share`: share of the step before the contact.
+    - `side`: the flank (`ON_A` or `ON_B`), or `FREE` if there was no new contact.
+    - `angle`: driving angle at the contact, rad.
+    - `gap`: backlash at that instant, reduced by the axial displacement, rad.
+    - `share`: elapsed fraction of the step at the contact, 0 … 1.
     """
 
     side: Float[Array, ""]
@@ -58,8 +62,8 @@ class Drag(eqx.Module):
 
         T = T_load + (T_c + T_s / (1 + (ω/ω_s)²)) sgn ω + b ω
 
-    (Stribeck term: D. P. Hess, A. Soom, J. Tribology 112 (1990) 147). At standstill friction
-    takes any value up to T_c + T_s and never turns the shaft.
+    (Stribeck term: D. P. Hess, A. Soom, J. Tribology 112 (1990) 147). At standstill the friction
+    torque balances the other torques up to ±(T_c + T_s); friction never sets the shaft in motion.
 
     **Arguments**
     - `inertia`: kg m². - `coulomb`, `stribeck`, `load`: T_c, T_s, T_load, N m.
@@ -77,8 +81,12 @@ class Drag(eqx.Module):
     def acceleration(
         self, speed: Float[Array, ""], torque: Float[Array, ""] | float, step: Float[Array, ""]
     ) -> Float[Array, ""]:
-        """Return the mean acceleration (rad/s²) in a step (s) at a speed (rad/s), torque (N m)."""
-        # Viscous friction lets the speed decay exponentially; dry friction stops the shaft at most.
+        """Return the mean acceleration (rad/s²) over a time step (s).
+
+        `speed` is the speed at its start, rad/s; `torque` drives the shaft, N m.
+        """
+        # With viscous friction the speed decays exponentially. Dry friction can stop the shaft
+        # within the step but never reverses its motion.
         inertia, limit = jnp.asarray(self.inertia), jnp.asarray(self.coulomb)
         viscous = jnp.expm1(-self.viscous * step / inertia) * (inertia / step)
         push = jnp.asarray(torque) - self.load + viscous * speed
@@ -89,17 +97,21 @@ class Drag(eqx.Module):
 
 
 class Plant(eqx.Module):
-    """Model of both shafts; see `PlayPlant`, `RigidPlant` and `ElasticPlant`."""
+    """Model of the driven shaft and the contact; see `PlayPlant`, `RigidPlant`, `ElasticPlant`."""
 
     @abstractmethod
     def step(
         self, shafts: Shafts, driving: MotionPoint, slide: Slide, bounds: Bounds, step: Number
     ) -> tuple[Shafts, ContactEvent]:
-        """Return both shafts after a step (s) at whose end the driving shaft is at `driving`."""
+        """Return both shafts after a time step (s), and the first new contact in it.
+
+        - `shafts`: state at the start. - `driving`: driving shaft at the end of the step.
+        - `slide`: axial displacement during the step. - `bounds`: flanks.
+        """
 
 
 class Walls(eqx.Module):
-    """Offset x on both flanks, rad, and its rates, rad/s."""
+    """Offset x in contact with flank A (`lower`) and flank B (`upper`), rad; rates in rad/s."""
 
     lower: Float[Array, ""]
     upper: Float[Array, ""]
@@ -114,7 +126,11 @@ def walls(
     shift: Float[Array, ""],
     shift_rate: Float[Array, ""],
 ) -> Walls:
-    """Return both limits of the gap at a driving speed (rad/s), axial shift (mm) and its rate."""
+    """Return both limits of the offset x and their rates.
+
+    - `speed`: driving speed, rad/s. - `closing`: see `Bounds`.
+    - `shift`, `shift_rate`: axial displacement, mm, and its rate, mm/s.
+    """
     return Walls(
         flanks.lower + closing[0] * shift,
         flanks.upper - closing[1] * shift,
@@ -126,7 +142,11 @@ def walls(
 def touching(
     below: Bool[Array, ""], above: Bool[Array, ""], side: Float[Array, ""]
 ) -> Float[Array, ""]:
-    """Return the loaded flank if x is at or beyond a wall; a closed gap keeps the last `side`."""
+    """Return the loaded flank, or `FREE` if x lies between the walls.
+
+    `below` and `above`: whether x is at or beyond the wall of flank A or B. If both are true (the
+    gap is closed), the last loaded flank `side` is kept.
+    """
     loaded = jnp.where(below, ON_A, jnp.where(above, ON_B, FREE))
     return jnp.where(below & above & (side != FREE), side, loaded)
 
@@ -134,5 +154,9 @@ def touching(
 def newly_met(
     below: Bool[Array, ""], above: Bool[Array, ""], side: Float[Array, ""], before: Float[Array, ""]
 ) -> Float[Array, ""]:
-    """Return the newly loaded flank or `FREE`; in a closed gap the one opposite to `before`."""
+    """Return the flank that has become loaded in this step, or `FREE` if there is none.
+
+    `before` and `side`: loaded flank before and after the step. In a closed gap (`below` and
+    `above`) the flank opposite to `before` is the newly loaded one.
+    """
     return jnp.where(below & above, -before, jnp.where(side == before, FREE, side))

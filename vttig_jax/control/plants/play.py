@@ -13,6 +13,7 @@ from .plant import ContactEvent, Plant, Shafts, Slide, newly_met, touching, wall
 class PlayPlant(Plant):
     """Plant whose driven shaft stands still in the gap and does not rebound from a flank.
 
+    In a step in which the driving shaft turns by Δφ₁, the offset x = φ₂ − i φ₁ becomes
     x ← min(max(x − i Δφ₁, lower wall), upper wall)
     """
 

@@ -15,9 +15,10 @@ from .plant import FREE, ContactEvent, Drag, Plant, Shafts, Slide, newly_met, to
 class RigidPlant(Plant):
     """Plant with inertia and friction in the gap and Newton's impact law at the flanks.
 
-    In the gap J₂ φ̈₂ = −drag. The driven shaft meets a flank with relative speed w and leaves it
-    with −ε w. If it would return within the same step, it stays in contact until the flank moves
-    away. The instant of the impact is located within the step.
+    In the gap J₂ φ̈₂ = −T with the drag torque T. The driven shaft meets a flank with the relative
+    speed w and leaves it with −ε w. If it would meet the flank again within the same step, it stays
+    in contact until the flank moves away from it. The instant of the impact is computed within the
+    step.
 
     **Arguments**
     - `drag`: inertia and friction of the driven shaft.

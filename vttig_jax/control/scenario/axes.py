@@ -1,4 +1,7 @@
-"""Axes of a sweep: the `[sweep]` table of a sweep file, and its checks. Needs no jax."""
+"""Axes of a sweep: the `[sweep]` table of a sweep file, and its checks. This module needs no jax.
+
+An axis is a key of the scenario with the values that the sweep gives to it.
+"""
 
 from collections.abc import Mapping
 from typing import Annotated, Any
@@ -21,7 +24,7 @@ _Bound = Annotated[float, key("an end of the range, included", ge=-1e12, le=1e12
 
 
 class Range(Table, frozen=True, rename={"first": "from", "last": "to"}):
-    """Table `{ from, to, num }`: evenly spaced values including both ends."""
+    """Table `{ from, to, num }` of an axis: `num` evenly spaced values including both ends."""
 
     first: _Bound
     last: _Bound
@@ -29,7 +32,7 @@ class Range(Table, frozen=True, rename={"first": "from", "last": "to"}):
 
     @property
     def values(self) -> tuple[float, ...]:
-        """All values in order."""
+        """All values of the range, from the first to the last."""
         return tuple(np.linspace(self.first, self.last, self.num).tolist())
 
 
@@ -47,8 +50,9 @@ class Sweep(Struct, frozen=True, kw_only=True):
 
     **Arguments**
     - `axes`: dotted key of the scenario → its values or their range.
-    - `zip`: groups of axes that advance together instead of being combined.
-    - `whole`: axes whose key takes whole numbers only.
+    - `zip`: groups of axes that advance together: case by case, all axes of a group take their next
+      value, instead of every combination of their values.
+    - `whole`: axes whose key takes only whole numbers.
     """
 
     axes: dict[str, Range | tuple[Value, ...]]
@@ -57,9 +61,10 @@ class Sweep(Struct, frozen=True, kw_only=True):
 
     @property
     def groups(self) -> tuple[tuple[str, ...], ...]:
-        """Axes of the Cartesian product, slowest first, each as a group of names in file order.
+        """Factors of the Cartesian product, slowest first: groups of axes that advance together.
 
-        The position of a group is that of its first name.
+        An axis outside `zip` is a group of one name. Names in a group are in file order, and the
+        position of a group is that of its first name in the file.
         """
         groups: dict[str, tuple[str, ...]] = {}
         for name in self.axes:
@@ -69,7 +74,7 @@ class Sweep(Struct, frozen=True, kw_only=True):
         return tuple(groups.values())
 
     def values(self, name: str) -> tuple[Value, ...]:
-        """Return the values of one axis in the type of its key."""
+        """Return the values of one axis, converted to the type of its key."""
         axis = self.axes[name]
         if not isinstance(axis, Range):
             return axis
@@ -77,10 +82,10 @@ class Sweep(Struct, frozen=True, kw_only=True):
 
     @property
     def table(self) -> dict[str, Any]:
-        """Table `[sweep]` as written in a file.
+        """Table `[sweep]` as it is written in a file.
 
-        TOML writers put tables last, but the order of the axes is significant. After a range,
-        which is a table, a list is therefore written as a table too.
+        TOML writers put subtables after all other keys, but the order of the axes matters. After an
+        axis with a range, which is a subtable, each list is therefore written as a subtable too.
         """
         table: dict[str, Any] = {"zip": [list(group) for group in self.zip]} if self.zip else {}
         ranges = False
@@ -104,9 +109,11 @@ def unknown_key(name: str, known: Mapping[str, Key]) -> str:
 
 
 def parse_sweep(table: Any, known: Mapping[str, Key]) -> Sweep:
-    """Validate `[sweep]`; `known` are the keys allowed as axes.
+    """Validate the parsed table `[sweep]` and return the sweep.
 
-    **Raises** `ScenarioError` whose `where` is the dotted key.
+    `known` holds the keys that are allowed as axes, by their dotted names.
+
+    **Raises** `ScenarioError`; its attribute `where` is the dotted key.
     """
     table = SCENARIO_FILE.convert(table, dict[str, Any], "sweep")
     axes = {name: _axis(name, value, known) for name, value in table.items() if name != "zip"}
@@ -172,7 +179,7 @@ def _range(table: dict[str, Any], known: Key, where: str) -> Range:
 
 
 def _check_group(sweep: Sweep, group: tuple[str, ...], where: str) -> None:
-    """Check that the axes of a group can advance together."""
+    """Check that a group of `zip` has two or more axes of the sweep with equally many values."""
     for name in group:
         if name not in sweep.axes:
             hint = did_you_mean(

@@ -28,8 +28,9 @@ _LAST_TABLES = ("rig", "sweep")
 def default_toml() -> str:
     """Return a scenario file with the default, unit and meaning of every key.
 
-    The text is valid TOML; with the keys marked as required uncommented it is a complete scenario.
-    The alternative to [eccentricities] and the tables of a sweep file are comments at the end.
+    The text is valid TOML. If the keys marked as required are uncommented, it is a complete
+    scenario. The table [rig], which replaces [eccentricities], and the table [sweep] of a sweep
+    file follow as comments at the end.
 
     **Example**
     ```python
@@ -53,7 +54,10 @@ def default_toml() -> str:
 
 
 def _lines(table: list[Key], hidden: bool = False) -> str:
-    """Return one line per key with aligned comments; `hidden` comments out all keys."""
+    """Return one line of TOML per key with aligned comments.
+
+    If `hidden`, all keys are commented out; otherwise only those without a default.
+    """
     starts = []
     for entry in table:
         absent = entry.required or entry.default is None

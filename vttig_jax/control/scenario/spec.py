@@ -1,8 +1,8 @@
-"""Scenario file: reading, validation of each key and of combinations of keys. Needs no jax.
+"""Scenario file: reading, and validation of single keys and of combinations of keys.
 
-`ScenarioSpec` is the TOML of one simulated case, or of many with `[sweep]`; each table is one
-`msgspec` struct (`control/scenario/tables.py`). Every error is a `ScenarioError` whose `where`
-names file and key.
+`ScenarioSpec` holds the TOML content for one simulated case, or for many cases with `[sweep]`. Each
+table is one `msgspec` struct (`control/scenario/tables.py`). Every error is a `ScenarioError` whose
+attribute `where` names file and key. This module needs no jax.
 """
 
 import math
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
 
 def check_scenario(spec: "ScenarioSpec") -> None:
-    """Raise `ScenarioError`, with the dotted key as `where`, for keys that contradict."""
+    """Raise `ScenarioError` if keys contradict each other; its `where` is the dotted key."""
     check_rig(spec)
     _check_motion(spec.motion)
     _check_rates(spec.sampling)
@@ -57,10 +57,11 @@ def check_rig(spec: "ScenarioSpec") -> None:
 
 
 def smallest_reversal_deg(motion: "MotionTable") -> float:
-    """Return the driving angle (deg) of all ramps of a trapezoid or S-curve.
+    """Return the smallest valid `reversal_deg`: the angle of all ramps of one pass, deg.
 
-    A ramp covers half the angle of the steady speed in the same time. A slow-down to the share s
-    adds two ramps between speeds 1 and s, each with (1 − s) times the ramp time, and the time at s.
+    A ramp covers half the angle that the steady speed ω covers in the same time. A slow-down to the
+    speed s ω adds two ramps between ω and s ω, each with (1 − s) times the ramp time, and the time
+    at s ω.
     """
     ramps, share = motion.ramp_s, motion.slow_share
     if motion.event in ("slow_down", "aborted"):
@@ -103,7 +104,7 @@ def _check_motion(motion: "MotionTable") -> None:
 
 
 def _rounded_up(value: float) -> str:
-    """Return the value rounded up to six digits."""
+    """Return the value as text, rounded up to six significant digits."""
     step = 10.0 ** (math.floor(math.log10(value)) - 5)
     return f"{math.ceil(value / step * (1 - 1e-12)) * step:.6g}"
 
@@ -121,7 +122,7 @@ def _check_rates(sampling: "SamplingTable") -> None:
 
 
 class ScenarioSpec(Table, frozen=True):
-    """Complete scenario or sweep file, with either `eccentricities` or `rig`."""
+    """Content of a scenario or sweep file; it has either `eccentricities` or `rig`, not both."""
 
     pair: Annotated[
         str, key("pair file, relative to this file", min_length=1, examples=["pair.toml"])
@@ -160,13 +161,14 @@ KEYS = {
     for entry in value_keys(ScenarioSpec)
     if not entry.name.startswith(("rig.", "sweep."))
 }
-"""Every key of one case by its dotted name; all of them are allowed as axes of a sweep."""
+"""Every key of one case by its dotted name; each of them can be an axis of a sweep."""
 
 
 def parse_scenario_spec(table: Mapping[str, Any], source: str = "") -> ScenarioSpec:
-    """Validate a parsed TOML table; `source` is the file name for messages.
+    """Validate a parsed TOML table and return it as a specification.
 
-    The axes of a sweep are validated one by one; `with_values` validates each case as a whole.
+    `source` is the file name for error messages. In a sweep the values of every axis are validated
+    separately here; `with_values` validates the combination of values in each case.
     """
     with SCENARIO_FILE.error_context(source):
         _check_places(table)
@@ -214,17 +216,17 @@ def load_sweep_spec(path: str | Path) -> ScenarioSpec:
 
 
 def spec_table(spec: ScenarioSpec) -> dict[str, Any]:
-    """Return the TOML table of a spec: `parse_scenario_spec(spec_table(spec)) == spec`."""
+    """Return the specification as a TOML table, the inverse of `parse_scenario_spec`."""
     table = plain_table(replace(spec, sweep=None))
     return table if spec.sweep is None else {**table, "sweep": spec.sweep.table}
 
 
 def with_values(spec: ScenarioSpec, values: Mapping[str, Any]) -> ScenarioSpec:
-    """Return one case: the scenario with other values, validated again.
+    """Return the scenario of one case: the given one with other values, validated again.
 
     **Arguments**
-    - `spec`: scenario or sweep; the result has no `[sweep]`, and no `rig` if `values` contains
-      eccentricities.
+    - `spec`: scenario or sweep. The result has no `[sweep]`. If `values` contains eccentricities,
+      they replace `rig`.
     - `values`: dotted key → value, a Python number or text.
 
     **Raises** `ScenarioError` for an unknown key, a value out of bounds and contradicting keys.
@@ -256,7 +258,7 @@ def _with_values(spec: ScenarioSpec, values: Mapping[str, Any]) -> ScenarioSpec:
 
 
 def _check_places(table: Mapping[str, Any]) -> None:
-    """Check that `zip` and `rig` are not in the wrong table."""
+    """Check that `zip` is not at the top of the file and `rig` is not in [sweep]."""
     if "zip" in table:
         raise ScenarioError("not at the top level; move it to [sweep].", where="zip")
     sweep = table.get("sweep")

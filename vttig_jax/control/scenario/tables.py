@@ -1,7 +1,7 @@
 """Tables of a scenario file: every key with its default, bounds, unit and meaning.
 
-Needs no jax. The bounds exclude infinity and not-a-number. Meanings and units are ASCII, so that
-the printed file is valid UTF-8 in any terminal encoding.
+This module needs no jax. The bounds exclude infinity and not-a-number. Meanings and units are
+ASCII, so that the printed file is valid UTF-8 in any terminal encoding.
 """
 
 from typing import Annotated, Literal
@@ -23,7 +23,7 @@ _NOT_NEGATIVE = {"ge": 0, "le": 1e9}
 
 
 class EccentricityTable(Table, frozen=True):
-    """Table `[eccentricities]` of the rig, without defaults; examples: Table 2 of the paper."""
+    """Table `[eccentricities]` of the rig, without defaults. Examples: Table 2 of the paper."""
 
     driving_mm: Annotated[
         float, key("eccentricity of the driving gear", "mm", ge=0, le=1e3, examples=[0.0226])
@@ -52,7 +52,7 @@ class EccentricityTable(Table, frozen=True):
 
 
 class MapTable(Table, frozen=True):
-    """Table `[map]`: rig that the controller assumes; for absent keys it has the true values."""
+    """Table `[map]`: rig that the controller assumes; absent keys have the true values."""
 
     driving_mm: (
         Annotated[
@@ -261,10 +261,10 @@ class SamplingTable(Table, frozen=True):
 
 
 class RigTable(Table, frozen=True, rename={"run": "from"}):
-    """Table `rig`: the result of a run folder instead of `[eccentricities]`.
+    """Table `rig`: the result in a run folder of `vttig fit`, instead of `[eccentricities]`.
 
-    One case has the fitted rig, or the posterior mean if there is a posterior; a sweep has rigs
-    drawn from the posterior.
+    A single case uses the fitted rig, or the posterior mean if the folder has a posterior. A sweep
+    uses rigs drawn from the posterior.
     """
 
     run: Annotated[str, key("run folder of `vttig fit`", min_length=1, examples=["RUN"])]

@@ -1,1 +1,1 @@
-"""One simulated run: its case, its scan over the periods, and its result."""
+"""One simulated run: its case, its loop over the controller periods, and its result."""

@@ -16,8 +16,8 @@ class RunFacts(eqx.Module):
     """Constants of a run that its accumulators need.
 
     - `braking_s`, `turn_s`, `duration_s`: times of the motion, s. - `period`: controller period, s.
-    - `other_flank`: flank that carries after the turn.
-    - `closing`: TE per axial displacement of both flanks, rad/mm, shape (2,).
+    - `other_flank`: flank that carries after the turn, `ON_A` or `ON_B`.
+    - `closing`: change of the TE per axial displacement on flanks A and B, rad/mm, shape (2,).
     """
 
     braking_s: Float[Array, ""]
@@ -31,21 +31,25 @@ class RunFacts(eqx.Module):
 class Accumulators(eqx.Module):
     """Running metrics in rad, mm and s; NaN for events that have not happened.
 
-    - `samples`, `total`, `highest`, `lowest`: number, sum and extremes of the transmission error
-      that the encoders show, minus its value `first` in the first sample.
-    - `before`, `after`: last shown TE on the old flank, first after contact of the other flank.
+    The crossing is the first contact with the other flank after the start of braking.
+
+    - `samples`, `total`, `highest`, `lowest`: number, sum and extremes of the samples of the TE
+      from both encoder readings, minus its value `first` in the first sample.
+    - `before`, `after`: last such TE on the old flank, and first such TE after the crossing.
     - `gap`, `crossing`, `behind`: backlash, driving angle, and lag of the driving shaft behind its
-      motion at that contact. - `crossing_s`: time of the first sample after the contact.
+      motion at the crossing. - `crossing_s`: time of the first sample after the crossing.
     - `detection`, `detection_s`: driving angle and time of the first command to close between
       braking and the turn. - `false_closings`: number of commands to close before braking.
-    - `residual_gap`, `shortfall`: backlash and missing travel of the actuator at the turn.
-    - `opened`: whether the gap was opened again after the turn. This ends the reversal; the stop at
-      the end of the run is no part of it. - `retracted`: whether the gap was closed once more.
-    - `largest_command`: largest command until the gap opens again.
-    - `interference`: largest distance by which the closed gap held the actuator back.
-    - `travel`, `farthest`: distance travelled by the actuator, and its farthest position.
-    - `following_error`: largest tracking error of a servo motor, rad. - `limited_s`: time that the
-      motor spent at its torque limit. - `forced`: whether the actuator was weaker than the teeth.
+    - `residual_gap`, `shortfall`: backlash at the turn, and distance that the actuator still lacks
+      to its target at the turn.
+    - `opened`: whether a command to open the gap came after the turn. It ends the reversal; a stop
+      at the end of the run does not belong to the reversal.
+    - `retracted`: whether the controller closed the gap again after `opened`.
+    - `largest_command`: largest command until `opened`.
+    - `interference`: largest distance by which the closed gap held the actuator back, likewise.
+    - `travel`, `farthest`: path length and farthest position of the actuator until `retracted`.
+    - `following_error`: largest tracking error of a servo motor, rad. - `limited_s`: time of the
+      motor at its torque limit. - `forced`: whether the teeth exceeded the actuator's force limit.
     - `commanded`: last command. - `blocked`, `blocked_s`: whether and since when the drive blocks.
     """
 
@@ -103,10 +107,11 @@ def add_sample(
     side: Float[Array, ""],
     carriage: Carriage,
 ) -> Accumulators:
-    """Add the sample of one period.
+    """Return the accumulators after the sample of one period at `time` (s); units rad and mm.
 
-    `error`: shown TE. `angle`: true driving angle. `command`, `target`: displacement that the
-    controller commands and the actuator pursues. `open_gap`: backlash without displacement.
+    `error`: TE from both encoder readings. `angle`: true driving angle. `command`: displacement
+    that the controller commands. `target`: position that the actuator approaches (delayed command).
+    `open_gap`: backlash for a displacement of zero. `side`: loaded flank.
     """
     counts = (time <= run.duration_s) & ~old.blocked
     first = jnp.where(old.samples == 0, error, old.first)
@@ -117,7 +122,7 @@ def add_sample(
     starts = closes & (old.commanded == 0)
     braking = time >= run.braking_s
     detects = closes & braking & (time < run.turn_s) & jnp.isnan(old.detection)
-    # The period nearest to the turn is taken because the shaft moves least there.
+    # The residual gap is taken in the period nearest to the turn, where the shaft moves least.
     turned = counts & (time >= run.turn_s - 0.5 * run.period) & (time < run.duration_s)
     at_turn = turned & jnp.isnan(old.residual_gap)
     gap = open_gap - (run.closing[0] + run.closing[1]) * carriage.reached
@@ -158,10 +163,11 @@ def add_plant_step(
     behind: Float[Array, ""] | None = None,
     tracking: Tracking | None = None,
 ) -> Accumulators:
-    """Add a step of the plant that ends at `time`, in which the actuator moves by `travel`.
+    """Return the accumulators after a plant step of length `step` that ends at `time`, both in s.
 
-    `behind`: lag of the driving shaft at the contact, rad; None for a shaft that never lags.
-    `tracking`: tracking error and limit of a servo motor; None without one.
+    `contact`: first new contact in the step. `travel`: movement of the actuator, mm. `blocked`:
+    whether the drive blocks. `behind`: lag of the driving shaft at the contact, rad; None if the
+    shaft cannot lag. `tracking`: tracking error and torque limit of a servo motor, or None.
     """
     counts = (time <= run.duration_s) & ~old.blocked
     meets = counts & (contact.side == run.other_flank)

@@ -57,7 +57,7 @@ _SHORTEST_QUEUE = 1
 
 
 def drag_of(inertia_kgm2: float, friction: FrictionTable, load: LoadTable) -> Drag:
-    """Return the friction and load that act on the driven shaft."""
+    """Return the inertia, friction and load of the driven shaft."""
     return Drag(
         inertia=inertia_kgm2,
         coulomb=friction.coulomb_Nm,
@@ -123,7 +123,7 @@ def actuator_of(
             force = servo.torque_limit_Nm / (ratio * radius_m) * (float(pair.taper.max()) - sliding)
             back_drivable = back_drivable & (force >= table.force_limit_N)
     delay = delay_of(table, controller_hz)
-    # Lengths are powers of two, so that most new delays need no new compiled program.
+    # The length of the queue is a power of two, so most new delays need no new compiled program.
     periods = 1 << max(math.ceil(math.log2(max(delay, _SHORTEST_QUEUE))), 0)
     return Actuator(
         speed=table.speed_mm_s,
@@ -148,9 +148,9 @@ _OBSERVERS: dict[str, Callable[[float], Observer]] = {
     "difference": FilteredDifference,
 }
 _CACHED_PARTS = 4096
-"""Number of parts that a builder caches: a chosen value."""
+"""Largest number of parts of cases that a builder caches; a chosen value."""
 _LOOP_PERIODS = 3.0
-"""Delay from a reading to the resulting actuator position, periods of the controller."""
+"""Delay from an encoder reading to the resulting actuator position, in controller periods."""
 
 
 def case_of(
@@ -164,7 +164,7 @@ def case_of(
 
 
 class CaseParts(NamedTuple):
-    """Fields of a `Case` by name; a builder gives the same object for equal parts of cases."""
+    """Fields of a `Case` by name. Equal parts of several cases are the same object in a builder."""
 
     motion: Motion
     bounds: Bounds
@@ -183,11 +183,11 @@ class CaseParts(NamedTuple):
 
 
 class Builder:
-    """Builder of the cases of one pair; it builds common parts of cases once.
+    """Builder of the cases of one gear pair; it builds a part that several cases share only once.
 
     **Arguments**
     - `pair`: gears of the scenarios. - `folder`: folder of recorded motions.
-    - `controller`: your own controller instead of those of the scenarios.
+    - `controller`: controller of the user, instead of those of the scenarios.
     """
 
     def __init__(
@@ -317,7 +317,7 @@ class Builder:
         return actuator_of(self.pair, *arguments)
 
     def _located(self, spec: ScenarioSpec, bounds: Bounds, motion: Motion) -> Controller:
-        """Return the controller with its map at the turn that it assumes."""
+        """Return the controller with the map of the driving turn at which it assumes to start."""
         source, turns = spec.judgement.turn, None
         if source == "known" or spec.controller == "none":
             turns = 0
@@ -376,13 +376,13 @@ class Builder:
 
 
 def _believed(spec: ScenarioSpec) -> EccentricityTable:
-    """Return the eccentricities of the map that the controller uses."""
+    """Return the eccentricities of the controller's map: [map], and the true ones for the rest."""
     assert spec.eccentricities is not None  # checked where the scenario is read
     values = {name: value for name, value in plain_table(spec.map).items() if value is not None}
     return structs.replace(spec.eccentricities, **values)
 
 
 def _sense(motion: Motion) -> float:
-    """Return the direction, 1 or −1, of the motion before braking."""
+    """Return the direction, 1 or −1, in which the motion runs before the braking."""
     angle = motion.at(jnp.asarray(motion.braking_s)).angle - motion.at(jnp.zeros(())).angle
     return -1.0 if float(angle) < 0 else 1.0

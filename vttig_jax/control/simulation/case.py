@@ -1,6 +1,6 @@
-"""Case of a simulation that is ready to run.
+"""Case of a simulation that is ready to run, and its loop over the controller periods.
 
-Its numbers are arrays, and its choices, for example the kind of controller, are types.
+The numbers of a case are arrays. Choices, such as the kind of controller, are classes of its parts.
 """
 
 from typing import Any
@@ -30,11 +30,11 @@ class Case(eqx.Module):
     - `motion`, `bounds`, `plant`, `actuator`, `observer`, `controller`: parts of the case.
     - `driving_sensor`, `driven_sensor`: encoders that the controller reads.
     - `period`: period of the controller, s. - `seed`: seed of the encoder noise.
-    - `sense`: 1 for a run that begins forwards, −1 backwards.
-    - `substeps`: steps of the plant in a period.
+    - `sense`: 1 if the run begins forwards, −1 if backwards.
+    - `substeps`: number of plant steps per period.
     - `noisy`: whether the encoders have noise; without noise no random numbers are drawn.
     - `drive`: drive that lets the driving shaft follow the motion.
-    - `periods`: periods of the controller in a run; 0 to count them from the motion.
+    - `periods`: number of controller periods in a run; 0 to compute it from the motion.
     """
 
     motion: Motion
@@ -57,9 +57,10 @@ class Case(eqx.Module):
 class State(eqx.Module):
     """State of a run at the start of a period.
 
-    - `lead`: lead of the driving shaft over its motion; None for a controller without lead.
-    - `target`: point of the motion; None if the driving shaft always follows the motion exactly.
-    - `motor`: state of the drive.
+    - `shafts`, `carriage`: states of both shafts and the actuator. - `estimate`: of the observer.
+    - `controller`, `motor`: states of the controller and the drive. - `accumulators`: so far.
+    - `lead`: angle by which the driving shaft leads its motion; None if the controller sets none.
+    - `target`: present point of the motion; None if the driving shaft follows it exactly.
     """
 
     shafts: Shafts
@@ -75,10 +76,11 @@ class State(eqx.Module):
 class Sample(eqx.Module):
     """Sample of one period in a trace, in s, rad and mm.
 
-    - `driving`, `error`: true driving angle and transmission error φ₂ − i φ₁.
-    - `shown`: transmission error of both readings. - `speed`, `acceleration`: estimates.
+    - `driving`, `error`: true driving angle and true transmission error φ₂ − i φ₁.
+    - `shown`: transmission error computed from both encoder readings.
+    - `speed`, `acceleration`: estimates of the observer for the driving shaft.
     - `lower`, `upper`: TE on flank A and flank B at the axial displacement `reached`.
-    - `command`: commanded axial displacement.
+    - `command`, `reached`: commanded and actual axial displacement.
     """
 
     time: Float[Numbers, "*shape"]
@@ -125,7 +127,10 @@ def _can_deviate(case: Case) -> bool:
 
 
 def trace_periods(case: Case, state: State, periods: Int[Array, " n"]) -> tuple[State, Sample]:
-    """Run the periods with these numbers and return the last state and a sample of each period."""
+    """Run the given periods and return the last state and a sample of each period.
+
+    `periods` holds consecutive numbers of controller periods, counted from 0 at the time 0.
+    """
 
     def step(state: State, number: Int[Array, ""]) -> tuple[State, Sample]:
         return _period(case, state, number)
@@ -134,7 +139,7 @@ def trace_periods(case: Case, state: State, periods: Int[Array, " n"]) -> tuple[
 
 
 def run_periods(case: Case, state: State, periods: Int[Array, " n"]) -> State:
-    """Run the periods with these numbers and return the last state."""
+    """Run the given periods and return the last state; see `trace_periods`."""
 
     def step(state: State, number: Int[Array, ""]) -> tuple[State, None]:
         return _period(case, state, number)[0], None
@@ -198,7 +203,7 @@ def _period(case: Case, state: State, number: Int[Array, ""]) -> tuple[State, Sa
 
 
 class _PlantState(eqx.Module):
-    """Part of the state that every step of the plant changes; the rest changes once per period.
+    """Part of the run's state that changes in every plant step; the rest changes once per period.
 
     - `shafts`: motion of both shafts and the flank in contact. - `carriage`: state of the actuator.
     - `accumulators`: sums, extremes and first times of the run so far.
@@ -214,11 +219,11 @@ class _PlantState(eqx.Module):
 
 
 class _PeriodInputs(eqx.Module):
-    """Values that are the same in all steps of the plant within one period.
+    """Values that are constant in all plant steps of one controller period.
 
     - `target`: position that the actuator approaches, mm. - `time`: start of the period, s.
-    - `before`, `after`: lead of the driving shaft over its motion at the start and at the end of
-      the period, or None for a controller without lead.
+    - `before`, `after`: angle by which the driving shaft leads its motion at the start and at the
+      end of the period, or None if the controller sets no lead.
     """
 
     target: Float[Array, ""]
@@ -234,7 +239,7 @@ def _plant_step(
     plant: _PlantState,
     number: Float[Array, ""],
 ) -> _PlantState:
-    """Return the state after step `number` (from 1) of the plant in a period."""
+    """Return the state after the plant step with this number, counted from 1 in each period."""
     step = jnp.asarray(case.period) / case.substeps
     end = inputs.time + number * step
     target = point = case.motion.at(end)
@@ -283,7 +288,7 @@ def _run(case: Case) -> RunFacts:
 def _read(
     case: Case, shafts: Shafts, number: Int[Array, ""]
 ) -> tuple[Float[Array, ""], Float[Array, ""]]:
-    """Return the readings of both encoders, rad."""
+    """Return the readings of the driving and the driven encoder in period `number`, rad."""
     noise = jnp.zeros(2)
     if case.noisy:
         noise = noise_draws(jax.random.key(case.seed), number)

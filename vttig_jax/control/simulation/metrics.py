@@ -14,13 +14,14 @@ from .accumulators import Accumulators
 from .case import Case
 
 Outcome = Literal["ok", "unlocated", "bound", "missed", "stroke", "force", "slow"]
-"""`unlocated`: the controller did not know the turn of the hunting period and refused to start.
-`bound`: both flanks block the drive. `missed`: the controller did not detect the braking.
-`stroke`: a command exceeded the stroke of the actuator. `force`: the teeth were stronger than the
-actuator. `slow`: the actuator had not reached its target when the motion turned."""
+"""`unlocated`: the controller could not locate the turn of the hunting period and did not start.
+`bound`: both flanks were in contact and blocked the drive. `missed`: the controller did not detect
+the braking. `stroke`: a command exceeded the stroke of the actuator. `force`: the force of the
+teeth exceeded the force limit of the actuator. `slow`: the actuator had not reached its target when
+the motion turned."""
 
 OUTCOMES: tuple[Outcome, ...] = get_args(Outcome)
-"""Outcomes in the order of their codes."""
+"""All outcomes; the code of an outcome is its index here."""
 
 METRICS = (
     "te_mean_deg",
@@ -38,17 +39,17 @@ METRICS = (
 )
 
 NEAR_MM = 1e-4
-"""Axial displacement that counts as zero, mm: a chosen tolerance."""
+"""Axial displacement up to which a displacement counts as zero, mm; a chosen tolerance."""
 
 
 class MetricInputs(eqx.Module):
     """Values of a case from which its metrics are computed.
 
-    - `sense`: 1 for a run that begins forwards, −1 backwards.
-    - `closing`: TE per axial displacement on the flank that carries first, rad/mm.
+    - `sense`: 1 if the run begins forwards, −1 if backwards.
+    - `closing`: TE change per axial displacement on the flank that carries first, rad/mm.
     - `braking_s`, `turns`: start of braking, s, and whether the motion turns back.
-    - `idle`: whether the controller never closes the gap.
-    - `lost`: whether the controller refused to start. - `stroke`: stroke of the actuator, mm.
+    - `idle`: whether the controller is of a kind that never closes the gap.
+    - `lost`: whether the turn could not be located. - `stroke`: stroke of the actuator, mm.
     - `turn_s`, `turn`: time and driving angle of the turn, s and rad. - `ratio`: i.
     """
 
@@ -84,22 +85,26 @@ def metric_inputs_of(case: Case) -> MetricInputs:
 def metrics_of(
     inputs: MetricInputs, accumulators: Accumulators
 ) -> dict[str, Float[Numbers, "*shape"]]:
-    """Return the metrics by name; NaN for events that did not happen. NumPy gives NumPy.
+    """Return the metrics by name; NaN for events that did not happen.
 
-    - `te_mean_deg`, `te_max_deg`, `te_min_deg`: transmission error that the encoders show.
-    - `jump_deg`: TE at first contact of the other flank minus TE of the old flank at that angle.
-    - `jump_paper_deg`: last sample on the old flank minus the first one after that contact, as the
-      paper reads its curves.
-    - `axial_step_deg`: TE by which closing moves the driven gear on the flank that carries.
+    NumPy arrays give NumPy arrays. The crossing is the first contact with the other flank.
+
+    - `te_mean_deg`, `te_max_deg`, `te_min_deg`: transmission error from both encoder readings,
+      relative to the first sample.
+    - `jump_deg`: TE of the other flank minus TE of the old flank at the driving angle of the
+      crossing.
+    - `jump_paper_deg`: last sample on the old flank minus the first one after the crossing, as the
+      paper reads it from its curves.
+    - `axial_step_deg`: change of the TE on the first carrying flank by the axial displacement.
     - `detection_deg`, `detection_delay_s`: driving angle of the first command to close, and its
       delay after the start of braking. - `residual_gap_deg`: backlash when the motion turns.
     - `interference_mm`: largest distance by which the closed gap held the actuator back.
-    - `actuator_travel_mm`: distance that the actuator travelled in both directions.
-    - `lost_motion_deg`: return of the motion, at the driven gear, until the first contact of the
-      other flank; 0 for a contact before the turn.
+    - `actuator_travel_mm`: path length of the actuator, in both directions together.
+    - `lost_motion_deg`: angle, at the driven gear, that the motion turns back until the crossing;
+      0 if the crossing comes before the turn.
 
-    Interference, travel and axial step belong to the reversal, which ends when the gap is opened
-    after it. For a motion that never turns back they belong to the whole run.
+    Interference, travel and axial step are those of the reversal, which ends with the command to
+    open the gap after the turn. If the motion never turns back, they are those of the whole run.
     """
     f, t, xp = inputs, accumulators, namespace(inputs, accumulators)
     back = f.sense * f.ratio * (f.turn - t.crossing - t.behind)
@@ -122,7 +127,10 @@ def metrics_of(
 
 
 def outcome_codes(inputs: MetricInputs, accumulators: Accumulators) -> Int[Numbers, "*shape"]:
-    """Return the place in `OUTCOMES` of each run: the first outcome after ok that holds, or ok."""
+    """Return the code of each run, its index in `OUTCOMES`.
+
+    If several outcomes other than ok apply, the first in `OUTCOMES` counts; if none applies, ok.
+    """
     f, t, xp = inputs, accumulators, namespace(inputs, accumulators)
     holds = [
         f.lost,
@@ -138,5 +146,5 @@ def outcome_codes(inputs: MetricInputs, accumulators: Accumulators) -> Int[Numbe
 
 
 def outcomes_of(inputs: MetricInputs, accumulators: Accumulators) -> Any:
-    """Return the outcome of each run as text, from NumPy arrays."""
+    """Return the outcome of each run as text; the arguments must hold NumPy arrays."""
     return np.asarray(OUTCOMES)[outcome_codes(inputs, accumulators)]

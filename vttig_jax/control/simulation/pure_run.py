@@ -1,4 +1,4 @@
-"""Run of a case as a pure function, to be composed with `jit`, `vmap` and derivatives."""
+"""Run of a case as a pure function, which `jit`, `vmap` and derivatives of JAX can transform."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -27,8 +27,8 @@ _ROUNDINGS: tuple[Rounding, ...] = get_args(Rounding)
 class CaseRun(eqx.Module):
     """Result of `run`.
 
-    - `metrics`: name → value, in the units of the names; NaN for events that did not happen.
-    - `outcome`: place of the outcome in `OUTCOMES`; 0 is ok.
+    - `metrics`: name → value, in the unit at the end of the name; NaN for events that did not
+      happen. - `outcome`: index of the outcome in `OUTCOMES`; 0 is ok.
     - `trace`: samples of all periods in s, rad and mm, or None.
     """
 
@@ -47,20 +47,20 @@ def build_case(
     rounding: Rounding = "exact",
     smooth_width: float | None = None,
 ) -> Case:
-    """Build the case of a scenario for `run`: a pytree of numbers, with its choices as types.
+    """Build the case of a scenario for `run`: a pytree whose leaves are the numbers of the case.
 
-    Counts of encoders, steps of the actuator and comparisons of a controller are piecewise
-    constant, so that derivatives do not see them. `rounding` and `smooth_width` change that.
+    Encoder counts, actuator steps and comparisons in a controller are piecewise constant functions,
+    whose derivative is zero. `rounding` and `smooth_width` replace them.
 
     **Arguments**
     - `scenario`, `pair`, `folder`, `controller`: as for `simulate`.
-    - `periods`: periods of the controller in a run; by default those of the motion. Periods after
-      the end of the motion do not count; a batch of motions needs those of the longest.
-    - `rounding`: "exact" as the hardware rounds, with derivatives of zero; "none" for encoders
-      and an actuator without steps; "straight_through" for the rounded values with the derivatives
-      of unrounded ones, which are then not those of the result.
-    - `smooth_width`: relative width of smoothed comparisons, as `tune` uses them; by default the
-      controller is that of the scenario.
+    - `periods`: number of controller periods in a run; by default that of the motion. Periods after
+      the end of the motion have no effect; a batch of motions needs the number of the longest one.
+    - `rounding`: "exact" rounds as the hardware does, with derivatives of zero. "none" has encoders
+      and an actuator without steps. "straight_through" computes rounded values, but derivatives as
+      if they were not rounded, so the derivatives are not exactly those of the result.
+    - `smooth_width`: relative width of the smoothed comparisons, as in `tune`; by default the
+      controller of the scenario is used without smoothing.
 
     **Raises** what `simulate` raises, and `ValueError` for `periods` below 1, an unknown
     `rounding`, and a `smooth_width` that is not positive or whose controller has no smoothed form.
@@ -95,7 +95,7 @@ def build_case(
 
 
 def _rounded(case: Case, rounding: Rounding) -> Case:
-    """Return the case with another treatment of encoder counts and of steps of the actuator."""
+    """Return the case with the given treatment of encoder counts and actuator steps."""
     if rounding == "exact":
         return case
     straight = rounding == "straight_through"
@@ -113,11 +113,11 @@ def _rounded(case: Case, rounding: Rounding) -> Case:
 def run(case: Case, *, trace: bool = False) -> CaseRun:
     """Run a case from its first period to its last; a pure function of the numbers of the case.
 
-    It works under `jax.jit`, `jax.vmap` over stacked cases, and derivatives. Forward mode
-    (`jax.jacfwd`) suits a few inputs and long runs; `jax.grad` keeps the state of every period. The
-    derivatives are those of the run as it went: events such as a contact or a detection move
-    with the numbers inside their period, but no derivative tells that an event would happen in
-    another period. See `build_case` for `rounding` and `smooth_width`.
+    It works with `jax.jit`, `jax.vmap` over stacked cases, and derivatives. Forward mode
+    (`jax.jacfwd`) suits few inputs and long runs; `jax.grad` stores the state of every period. The
+    derivatives hold for the sequence of events in this run: the instant of a contact or a detection
+    moves within its period, but derivatives do not include that the event could move to another
+    period. See `build_case` for `rounding` and `smooth_width`.
 
     **Arguments**
     - `case`: from `build_case`. - `trace`: whether to return the sample of every period.

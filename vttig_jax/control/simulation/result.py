@@ -20,7 +20,7 @@ from .metrics import MetricInputs, Outcome, metric_inputs_of, metrics_of, outcom
 
 _NEAR_MM = 1e-4
 _NEAR_DEG = 1e-6
-"""Least interference in mm and least backlash in degrees that get a remark: chosen values."""
+"""Interference (mm) and backlash (deg) above which the report has a remark; chosen values."""
 
 _EVENTS = {
     "reversal": "reversal",
@@ -43,7 +43,7 @@ def simulation_text(run: "Simulation") -> str:
 
 
 def sentences(run: "Simulation") -> Iterator[str]:
-    """Yield the remarks about a run as sentences."""
+    """Yield the remarks about a run, each of them one sentence."""
     t, outcome = run.accumulators, run.outcome
     if outcome != "ok":
         yield _ending(run)
@@ -75,7 +75,7 @@ def sentences(run: "Simulation") -> Iterator[str]:
 
 
 def _ending(run: "Simulation") -> str:
-    """Return the sentence about an outcome other than ok, with its cure."""
+    """Return the sentence that explains an outcome other than ok and proposes a remedy."""
     t = run.accumulators
     return {
         "bound": f"The drive blocks after {float(t.blocked_s):.3f} s: the gap has become smaller"
@@ -135,7 +135,7 @@ def _motion(run: "Simulation") -> str:
 
 
 def _detection(run: "Simulation") -> str:
-    """Return the delay from the braking to the first command to close, and its driving angle."""
+    """Return as text when the first command to close came after the braking, and at which angle."""
     t = run.accumulators
     if np.isnan(t.detection):
         return "never"
@@ -149,7 +149,7 @@ def _detection(run: "Simulation") -> str:
 
 
 def _jump(run: "Simulation") -> str:
-    """Return the jump of the transmission error in both definitions."""
+    """Return as text the jump of the transmission error, as `jump_deg` and `jump_paper_deg`."""
     metrics = _numeric_metrics(run)
     if "jump_deg" not in metrics:
         return "none: the other flank is never met"
@@ -159,7 +159,7 @@ def _jump(run: "Simulation") -> str:
 
 
 def _lost(run: "Simulation") -> str:
-    """Return the lost motion and the time until the other flank carries."""
+    """Return as text the lost motion, and the time from the turn until the other flank carries."""
     since = max(float(run.accumulators.crossing_s - run.case.motion.turn_s), 0.0)
     text = _angle(_numeric_metrics(run)["lost_motion_deg"] * DEG)
     return f"{text}, the other flank carries {1e3 * since:.3g} ms after the turn"
@@ -178,7 +178,7 @@ def _angle(value: float) -> str:
 
 @dataclass(frozen=True)
 class Trace:
-    """Samples of a run, shape (n,): s, rad and mm; the fields are those of `Sample`."""
+    """Samples of a run: a `Sample` whose fields are arrays of shape (n,), in s, rad and mm."""
 
     samples: Sample
 
@@ -210,7 +210,7 @@ class Simulation(PlottedResult):
 
     **Arguments**
     - `spec`, `pair`, `case`: scenario, gears and case.
-    - `accumulators`: running metrics in internal units. - `trace`: samples, or None.
+    - `accumulators`: running metrics at the end, in rad, mm and s. - `trace`: samples, or None.
     """
 
     spec: ScenarioSpec
@@ -229,7 +229,7 @@ class Simulation(PlottedResult):
 
     @property
     def outcome(self) -> Outcome:
-        """Outcome: the first in the order of `Outcome` that holds, or ok."""
+        """Outcome of the run. If several apply, the first in the order of `Outcome` counts."""
         return outcomes_of(*self._numbers).item()
 
     @property
@@ -244,14 +244,14 @@ class Simulation(PlottedResult):
 
     @property
     def controller(self) -> str:
-        """Name of the controller; the class name of a controller of your own."""
+        """Name of the controller in the scenario, or the class name of a controller of the user."""
         kind = type(self.case.controller)
         built_in = kind.__module__.startswith("vttig_jax.")
         return self.spec.controller if built_in else kind.__name__
 
     @property
     def servo(self) -> bool:
-        """Whether a servo motor moves the driving shaft, so that it may deviate from its motion."""
+        """Whether a servo motor turns the driving shaft, which then can deviate from its motion."""
         return not isinstance(self.case.drive, Prescribed)
 
     @property
@@ -260,7 +260,10 @@ class Simulation(PlottedResult):
         return float(self.case.motion.turn_s) < float(self.case.motion.duration_s)
 
     def place(self, time_s: Float[Number, ""] | float) -> tuple[float, float]:
-        """Return driving angle and backlash of the open gap, both in rad, at a time in s."""
+        """Return the driving angle of the motion and its backlash at a time in s, both in rad.
+
+        The backlash is that for an axial displacement of zero.
+        """
         angle = self.case.motion.at(float(time_s)).angle
         return float(angle), float(self.case.bounds.gap(angle))
 

@@ -1,4 +1,4 @@
-"""Other values of the settings of a controller in a case that is built already."""
+"""Change of controller settings in a case that is already built."""
 
 from collections.abc import Mapping
 from dataclasses import fields, replace
@@ -16,13 +16,13 @@ _FIELDS = {
     "judgement.horizon_s": ("controller", "horizon", 1.0),
     "judgement.margin_mm": ("controller", "margin", 1.0),
 }
-"""Part and field of a case or window that holds a key, and the factor of its value."""
+"""Dotted key → part of a case or window, its field for the key, and factor from key to field."""
 
 
 def with_settings(owner: _Owner, settings: Mapping[str, Any]) -> _Owner:
-    """Return a case, or a window of tuning, with other values of some keys of [judgement].
+    """Return a case, or a window of tuning, with new values for some keys of [judgement].
 
-    The values may be traced, so that `jax.grad` gives derivatives by them. They are not checked.
+    JAX may trace the values, so derivatives with respect to them work. They are not checked.
 
     **Arguments**
     - `owner`: case or window. - `settings`: dotted key → value in the unit of the key.

@@ -21,7 +21,9 @@ from .case import Case, Sample, State, initial_state, run_periods, trace_periods
 from .result import Simulation, Trace
 
 CHUNK = 1024
-"""Plant steps in one compiled call: short enough for Ctrl-C, long enough to be fast; chosen."""
+"""Plant steps in one compiled call; a chosen value.
+
+Between two calls Ctrl-C can interrupt the run; much shorter calls would be slow."""
 
 
 def simulate(
@@ -32,14 +34,15 @@ def simulate(
     controller: Controller | None = None,
     trace_every: int = 0,
 ) -> Simulation:
-    """Simulate one drive through its motion with the controller of the scenario.
+    """Simulate the run of one scenario: the gear drive, its motion and its controller.
 
     **Arguments**
     - `scenario`: a scenario file (TOML) or its specification.
     - `pair`: gears instead of the pair file that the scenario names.
-    - `folder`: folder for relative paths; by default that of the file, or the working folder.
-    - `controller`: your own controller instead of that of the scenario; see `Controller`.
-    - `trace_every`: distance of the samples in the trace, in periods; 0 keeps no trace.
+    - `folder`: folder for relative paths; by default that of the scenario file, or else the working
+      folder.
+    - `controller`: controller of the user, instead of that of the scenario; see `Controller`.
+    - `trace_every`: number of periods from one sample of the trace to the next; 0 for no trace.
 
     **Raises** `ScenarioError` with file and key, `PairError`, and `ValueError` without 64-bit
     floats or for a `trace_every` below 0.
@@ -129,9 +132,10 @@ def periods_of(case: Case | CaseParts) -> int:
 def run_in_chunks(
     case: Case, trace_every: int = 0, progress: Callable[[int, int], None] | None = None
 ) -> tuple[State, Trace | None]:
-    """Run a case chunk by chunk, so that Ctrl-C is handled; return its last state and its trace.
+    """Run a case in chunks, between which Ctrl-C is handled; return the last state and the trace.
 
-    `progress` is called with the number of finished periods and of all periods.
+    `trace_every`: see `simulate`. `progress` is called with the number of finished periods and the
+    number of all periods.
     """
     periods = periods_of(case)
     state, samples = initial_state(case), list[Sample]()
