@@ -109,11 +109,11 @@ def _shifted(fit: Fit, constant_backlash_deg: float | None) -> FlankModel:
 
 
 class Contact(FlankModel):
-    """Flank model of a measured flank, and of the other flank at the distance of a known backlash.
+    """Flank model of a measured flank; the other flank follows from a known backlash.
 
     **Arguments**
     - `measured`, `flank`: fitted orders of the measured flank, and that flank.
-    - `gap`: flank model that gives the backlash between both flanks.
+    - `gap`: flank model from which only the backlash, TE_B − TE_A, is used.
     """
 
     ratio: Float[Array, ""]
@@ -182,5 +182,8 @@ def no_period(fit: Fit) -> str | None:
 
 
 def with_coverage(grid: BacklashMap, fit: Fit) -> BacklashMap:
-    """Return a map of a fit with what its logs covered, or why there is no hunting period."""
+    """Return the map `grid` with the angles that the logs covered.
+
+    It also states why there is no hunting period, if the fitted ratio is not that of the pair.
+    """
     return replace(grid, coverage=log_coverage(fit), no_period=no_period(fit))

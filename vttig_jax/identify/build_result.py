@@ -54,7 +54,7 @@ from .solve.residuals import (
 from .solve.sandwich import Scatter, widened
 from .solve.solved_fit import SolvedFit
 
-_OF_CHANGE = 0.3  # half-width of the delay's interval as a share of its change; chosen value
+_OF_CHANGE = 0.3  # least half-width of the interval of the delay, relative to its change; chosen
 
 
 def build_fit(
@@ -66,7 +66,7 @@ def build_fit(
     *,
     lines: Lines,
 ) -> Fit:
-    """Build the result with orders, checks and notes; `lines` are those of its residual."""
+    """Build the result with orders, checks and notes; `lines` are spectral lines; see `Lines`."""
     linear, split = selected.linear, _is_split(identifiable, settings)
     solved, solution = estimate.solved, estimate.solved.solution
     margin, unknown = _gap_margins(selected.delay, identifiable)
@@ -209,13 +209,13 @@ def _with_own_errors(
 ) -> tuple[SolvedFit, Whiteness | None, Scatter | None]:
     """Replace the standard errors by those from the log itself if the noise model may be wrong.
 
-    On few turns cosines of the scores and noise that remembers decide, and in a table of a single
-    turn the cosines alone. Otherwise a test of the whitened residual decides
-    whether blocks of the log do. Both are omitted if the residual is rounding, which
-    follows the digits of the readings and no noise model.
+    On few turns they come from cosine sums of the scores and from noise correlated from run to run,
+    in a table of a single turn from the cosine sums alone. On more turns they come from the scatter
+    of blocks of the log, if a test shows that the whitened residual is still correlated. If the
+    residual is only rounding, which follows no noise model, there is no test and no replacement.
 
-    **Returns** the solution, the record of the test, and the parts of the log whose scatter gives
-    the standard errors; None if the noise model gives them.
+    **Returns** the solution, the record of the test, and the source of the standard errors; it is
+    None if they are those of the noise model.
     """
     noise, solution = solved.noise, solved.solution
     if noise.is_rounding:
@@ -237,7 +237,7 @@ def _with_own_errors(
 
 
 def _has_own_drift(identifiable: Identifiability, settings: FitSettings) -> bool:
-    """Return whether the drift is not selected by the log: on few turns, or on request."""
+    """Return whether the drift is not selected by BIC, because of few turns or a setting of it."""
     asked = settings.drift_order is not None or settings.drift_knots_s is not None
     return asked or identifiable.few_turns
 
@@ -275,10 +275,11 @@ def _with_readings(
 def _with_delays(
     solved: SolvedFit, change: DelayChange | None, delays: DelaysOfLogs | None
 ) -> SolvedFit:
-    """Return the solution with a standard error of the delay that contains how it changes.
+    """Return the solution with a standard error of the delay that allows for changes of the delay.
 
-    The half-width of the interval is at least 0.3 of a clear change between the halves of a log.
-    If the delays of the logs differ, it contains them and is that of their mean at least.
+    The half-width of its 95 % interval is at least 0.3 of a clear change between the halves of a
+    log. If the delays of the logs differ, the interval contains all of them, and it is at least as
+    wide as the interval of their mean.
     """
     if "delay" not in solved.solution.names:
         return solved
@@ -293,7 +294,7 @@ def _with_delays(
 
 
 def _with_least_stds(solved: SolvedFit, least: Mapping[str, float]) -> SolvedFit:
-    """Return the solution with standard errors of at least those of `least`, with correlations."""
+    """Increase the standard errors to at least those in `least`; correlations do not change."""
     solution = solved.solution
     stds = np.sqrt(np.diag(solution.covariance))
     wanted = np.array([least.get(name, 0.0) for name in solution.names])
@@ -305,10 +306,10 @@ def _with_least_stds(solved: SolvedFit, least: Mapping[str, float]) -> SolvedFit
 
 
 def _gap_margins(delay: Delay, identifiable: Identifiability) -> tuple[float, float]:
-    """Return the gaps in rad that an unknown delay looks like, 2 i |ω₁| d; 0 for one flank.
+    """Return two bounds of the error of the gap by an unknown delay d, 2 i |ω₁| d in rad.
 
-    **Returns** that of a delay that the logs do not tell, and that of a delay which the fit leaves
-    in the gap between the flanks.
+    **Returns** the bound for a delay that the logs do not determine, and the bound for any delay
+    that the fit leaves in the gap between the flanks. Both are 0 for one flank.
     """
     segments = [s for own in identifiable.segments for s in own]
     if len(identifiable.flanks) < 2 or not segments:
@@ -338,9 +339,9 @@ def _evidence(
 
 
 def _widening(solved: SolvedFit) -> Float[np.ndarray, " p"]:
-    """Return the final standard errors over those of the noise model, at least 1.
+    """Return the final standard errors divided by those of the noise model, at least 1.
 
-    The factor of a constant backlash that only readings tell is 1.
+    The factor of a constant backlash that only readings determine is 1.
     """
     final, alone = np.diag(solved.solution.covariance), np.diag(solved.model_covariance)
     alone = np.pad(alone, (0, len(final) - len(alone)))

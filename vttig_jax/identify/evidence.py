@@ -27,7 +27,7 @@ class Evidence:
     - `jacobian`: Jacobian of the tied coefficients at the fit, shape (flanks, tied, p).
     - `partial`: partial autocorrelations of the noise.
     - `variance_factor`: factor by which a robust loss increases the variance.
-    - `widening`: standard error of every parameter of the fit over that of the noise model alone.
+    - `widening`: final standard error of every parameter divided by that of the noise model alone.
     - `delay_s`: delay already removed from the angles, s; the parameter `delay` is added to it.
     """
 
@@ -127,14 +127,14 @@ def _number(value: float) -> int | float:
 
 
 def _exact(value: float) -> int | Fraction:
-    """Return the exact part of a term; a fraction is that of its shortest decimal form."""
+    """Return an order of a term as an integer, or as the fraction of its shortest decimal form."""
     return int(value) if value == int(value) else Fraction(str(float(value)))
 
 
 def _flank_from(
     arrays: dict[str, np.ndarray], flank: Flank, kind: type[FlankSummary]
 ) -> FlankSummary:
-    """Return the summary of a flank; older arrays have no triangle but products of its rows."""
+    """Return the summary of a flank; older arrays hold products of the rows Z and no triangle."""
     names = [field.name for field in fields(kind) if field.name not in ("flank", "rows")]
     parts = {name: arrays[f"{flank}_{name}"] for name in names if f"{flank}_{name}" in arrays}
     rows = int(arrays[f"{flank}_rows"])

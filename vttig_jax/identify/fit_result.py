@@ -100,7 +100,7 @@ class Fit(PlottedResult):
     given: FittedModel | StoredModel | None = None
 
     def judged_orders(self) -> tuple[Order, ...]:
-        """Return the orders; one that a line of the residual explains is not significant."""
+        """Return the orders; one that a line of the residual explains is marked not significant."""
         turns = max((float(np.ptp(curve.driving_angle)) / REV for curve in self.curves), default=0)
         return judged_orders(self.orders, self.checks.lines, float(self.pair.ratio), turns)
 
@@ -119,7 +119,7 @@ class Fit(PlottedResult):
 
         `constant_backlash_deg` replaces the fitted value.
 
-        **Raises** `NoAnswerError` for a fit with a flank model of its own, which has none.
+        **Raises** `NoAnswerError` for a fit of a given flank model, which has no eccentricities.
         """
         _require_relation(self)
         cartesian = dict(zip(self.covariance_names, self.values, strict=True))

@@ -67,9 +67,9 @@ def fit(
         r_b2 φ₂ = r_b1 φ₁ − (r_b1 + r_b2)(δ ± Δinv) (+ r_b2 j_c on flank B),
 
     plus + E₂ sin(φ₂ + ε₂) − i E₁ sin(φ₁ + ε₁) on both flanks; the other orders are free on each
-    flank. A delay d of the driven channel is taken out of the driving angle, φ₁(t − d), until it
-    stands still. The logs are compressed, their noise is autoregressive, and least squares in a
-    trust region work on the compressed logs.
+    flank. A delay d of the driven channel is corrected by using the driving angle φ₁(t − d); this
+    is repeated until d settles. The logs are compressed, their noise is autoregressive, and least
+    squares in a trust region work on the compressed logs.
 
     **Arguments**
     - `log`: an encoder log or transmission-error curve, or several of one rig. They share
@@ -164,7 +164,7 @@ def _is_worse_than_none(result: Fit) -> bool:
 
 
 def _first_only(orders: HarmonicOrders) -> HarmonicOrders:
-    """Return the first orders of those wanted."""
+    """Return `orders` without all orders above the first of each shaft."""
     return HarmonicOrders(
         driving_orders=tuple(k for k in orders.driving_orders if k == 1),
         driven_orders=tuple(k for k in orders.driven_orders if k == 1),
@@ -184,7 +184,7 @@ class _Task:
     given: GivenModel | None = None
 
     def scope(self, orders: HarmonicOrders, *, remembers: bool = False) -> Identifiability:
-        """Return which of these orders the logs can determine."""
+        """Return the flanks, segments and harmonics that the logs can determine of `orders`."""
         segments = [each.segments for each in self.found]
         return find_identifiability(
             self.logs,
@@ -197,7 +197,7 @@ class _Task:
         )
 
     def selected(self, scope: Identifiability) -> tuple[Identifiability, SelectedModel]:
-        """Return the selected model of a scope, and the scope with the flanks that have rows."""
+        """Return the scope, reduced to flanks that have block rows, and its selected model."""
         inputs = _inputs(self.logs, self.found, scope)
         if self.given is None:
             selected = select_model(inputs, self.pair, scope, self.settings)
@@ -223,7 +223,8 @@ class _Task:
 def _fitted(task: _Task, wanted: HarmonicOrders, scope: Identifiability) -> Fit:
     """Select the model of the identifiable orders, `scope`, and fit it.
 
-    On few turns these are the orders that enter. Certain lines of the residual join them.
+    On few turns only the orders that the log clearly shows stay in the model. Certain spectral
+    lines of the residual are added as fractional orders.
     """
     scope, selected = task.selected(scope)
     fewer = _entering(task, wanted, scope, selected)
@@ -231,7 +232,7 @@ def _fitted(task: _Task, wanted: HarmonicOrders, scope: Identifiability) -> Fit:
         scope, selected = task.selected(fewer)
     solved, lines = task.solved(scope, selected), Lines()
     if _may_join(solved, task.settings):
-        # A second round would look for lines in what the first lines leave of their own shape.
+        # There is no second round: it would find what remains of lines that are no exact sines.
         joint = joint_lines(selected.linear.rows, solved.weights)
         joined = joined_lines(solved, joint, few_turns=scope.few_turns)
         lines = Lines(joint=joint)
@@ -248,7 +249,10 @@ def _fitted(task: _Task, wanted: HarmonicOrders, scope: Identifiability) -> Fit:
 def _entering(
     task: _Task, wanted: HarmonicOrders, scope: Identifiability, selected: SelectedModel
 ) -> Identifiability | None:
-    """Return the scope with the orders that enter on few turns, or None if it is unchanged."""
+    """Return the scope with only those orders that the log clearly shows, for few turns.
+
+    The result is None if the scope does not change.
+    """
     if not SINGLE_TURN <= scope.turns["driving"] < FEW_TURNS:
         return None
     apart, sure = task.scope(wanted, remembers=True), scope.few_turns
@@ -264,12 +268,12 @@ def _entering(
 
 
 def _telling(terms: TermPlan, notes: tuple[str, ...]) -> TermPlan:
-    """Return the plan with further sentences on orders that are left out."""
+    """Return the harmonics with the sentences `notes` on orders left out added to `dropped`."""
     return replace(terms, dropped=(*terms.dropped, *notes))
 
 
 def _not_entered(harmonics: Sequence[Harmonic]) -> tuple[str, ...]:
-    """Return the note on orders that did not enter."""
+    """Return a sentence on orders that are not in the model, because few turns do not show them."""
     if not harmonics:
         return ()
     are, they, them = ("is", "it is", "it") if len(harmonics) == 1 else ("are", "they are", "them")

@@ -1,7 +1,8 @@
-"""Passes over the logs until the parameters of a given flank model stand still.
+"""Passes over the logs, repeated until the parameters of a given flank model settle.
 
-Every pass makes the model linear at its parameters. Its derivatives are columns beside delay, drift
-and regressors, and their coefficients under the noise of the pass are Gauss–Newton steps.
+Every pass linearises the model at the present values of its parameters. The derivatives are columns
+of the block rows like delay, drift and regressors. Their coefficients, estimated with the noise
+model of the pass, are the Gauss–Newton steps of the parameters.
 """
 
 from collections.abc import Sequence
@@ -31,14 +32,14 @@ from .solve.least_squares import Solution
 
 _MOST_PASSES = 12  # passes after the search; two are enough near the optimum; chosen value
 _SETTLED = 0.01
-"""Largest step of the last pass in standard errors. The solution contains this step, so that its
-error is that of the curvature of the model over the step (chosen)."""
+"""Largest step of the last pass in standard errors (chosen). The solution contains this step, so
+its remaining error comes only from the curvature of the model over the step."""
 
 _DIGITS = 1e-9  # step of a parameter, relative to it, that counts as rounding; chosen value
 
 
 _OF_RELATION = ("perfect_encoders", "perfect_gears")
-"""Settings that only the exact relation knows."""
+"""Settings that apply only to a fit of the exact relation."""
 
 
 def prepared_model(
@@ -105,7 +106,7 @@ def select_given(
 
 
 def _moved(solution: Solution, after: GivenModel, before: GivenModel) -> Float[np.ndarray, " p"]:
-    """Return the step of every determined parameter in its standard errors, 0 for the others."""
+    """Return the step of every parameter in its standard errors, 0 for undetermined parameters."""
     moved = np.zeros(len(after.names))
     std = dict(zip(solution.names, np.sqrt(np.diag(solution.covariance)), strict=True))
     open_ones = {n for n, good in zip(solution.names, solution.determined, strict=True) if not good}

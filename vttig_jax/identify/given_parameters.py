@@ -27,7 +27,7 @@ _BESIDE = "negative: it is the part of the gap beside that of the flank model"
 
 
 def without_relation(identifiable: Identifiability) -> Identifiability:
-    """Return the identifiability with the reason why no eccentricity and no encoder is fitted."""
+    """Return the identifiability with the reason why eccentricities and encoders are not fitted."""
     return replace(identifiable, reasons=dict.fromkeys(SHAFTS, GIVEN_INSTEAD))
 
 
@@ -36,7 +36,7 @@ def with_given(
 ) -> dict[str, Parameter]:
     """Return the parameters of a fit with those of its flank model, `given`, under their names.
 
-    The constant backlash may be negative, because the model may have a gap of its own.
+    The constant backlash may be negative, because the flank model may contain a gap itself.
     """
     solution, found = solved.solution, dict(parameters)
     gap = parameters[_GAP]
@@ -57,7 +57,7 @@ def with_given(
 
 
 def _open_reason(solved: SolvedFit, name: str, start: float) -> str:
-    """Return why the logs leave a parameter open; `start` is its value, which has not moved."""
+    """Return why the logs do not determine a parameter; `start` is its unchanged start value."""
     solution, own = solved.solution, solved.linear.own
     if own.raw[own.names.index(name)] <= EMPTY:
         return f"no sample depends on it; it stays at {start:.6g}"

@@ -1,7 +1,8 @@
-"""Lines of the residual that are no order become fractional orders of the driving shaft.
+"""Spectral lines of the residual that are no order become fractional orders of the driving shaft.
 
-A line beside an order leaks into it, and the order may not be there at all. The log decides by the
-likelihood: the line alone, the order alone, or both explain it, under one noise.
+A line close to an order leaks into it, and the order itself may not exist. The likelihood of the
+log decides between three explanations under one noise model: the line alone, the order alone, or
+both.
 """
 
 import math
@@ -20,24 +21,24 @@ from .report.residual_tests import compared
 from .solve.solved_fit import SolvedFit
 
 _CERTAIN = 1e-6
-"""Largest probability of a false line that joins the model; below that of a line that is only
-reported, because a wrong term of the model costs more than a wrong sentence (chosen)."""
+"""Largest false-alarm probability of a line that joins the model. It is smaller than that of a line
+which is only reported, because a wrong term does more harm than a wrong sentence (chosen)."""
 
 _CERTAIN_ON_FEW_TURNS = 1e-12
-"""The same on few turns, where noise that remembers looks more like a line (chosen)."""
+"""The same on few turns, where noise with a long correlation looks more like a line (chosen)."""
 
 _NEAR = 2.0
-"""Distance in resolutions, 1 / revolutions of the log, within which an order and a line are
-compared; farther orders take less than a tenth of a line (chosen)."""
+"""An order and a line are compared if their distance is below this many resolutions; a resolution
+is 1/(revolutions of the log). Farther orders take up less than a tenth of a line (chosen)."""
 
 _MODULATED = 0.5
-"""Distance in resolutions within which a line beside a supported order is its modulation (chosen).
+"""A line within this many resolutions of a supported order is a modulation of the order (chosen).
 """
 
 
 @dataclass(frozen=True)
 class Joined:
-    """Plan of a fit with lines as fractional orders, the records of these lines, and notes."""
+    """Harmonics of a fit with lines as fractional orders, the records of these lines, and notes."""
 
     terms: TermPlan
     lines: tuple[JoinedLine, ...]
@@ -56,7 +57,7 @@ def joined_lines(
     linear, terms = solved.linear, solved.linear.model.terms
     turns = turns_of(linear.rows)
     sure = [_Line.found(one) for one in found if one.false_alarm <= certain]
-    # A first order never leaves the model, and beside a line it would share its amplitude with it.
+    # A first order always stays in the model; it would share its amplitude with a line close to it.
     lines = [one for one in sure if not _beside(one, terms.tied, terms, turns)]
     lines += [_Line.given(one, terms) for one in terms.fractional]
     near = {h: _near(h, lines, terms, turns) for h in terms.free if h.is_whole}
@@ -76,7 +77,10 @@ def joined_lines(
 
 @dataclass(frozen=True)
 class _Line:
-    """Line that may join, or a fractional order that was given; `harmonic` is None for a line."""
+    """Line that may join the model, or a fractional order of the user, which has a `harmonic`.
+
+    `cycles` is the frequency in cycles per driving revolution, and `std` its standard error.
+    """
 
     cycles: float
     std: float
@@ -117,7 +121,7 @@ class _Judge:
         self.certain: list[tuple[_Line, list[Harmonic]]] = []
 
     def decide(self) -> None:
-        """Judge every line beside all others that are not yet refused."""
+        """Judge every line together with all other lines that are not yet refused."""
         while self.open:
             line = self.open.pop(0)
             verdict = self._judged(line)
@@ -186,9 +190,11 @@ class _Judge:
         others: Sequence[float],
         lines: Sequence[float],
     ) -> tuple[float, float, list[Harmonic]]:
-        """Leave out the least supported order near a line until BIC supports all that are left.
+        """Leave out the least supported of the orders `near` until BIC supports all that remain.
 
-        **Returns** the frequency of the line, the height there, and the orders that are left.
+        `others` and `lines` are the frequencies of the other orders and lines of the model.
+
+        **Returns** the frequency of the line, −2 log-likelihood there, and the orders that remain.
         """
         kept = list(near)
         cycles, height = self._best(line, [*others, *map(self._frequency, kept)], lines)
@@ -235,6 +241,6 @@ class _Judge:
 
 
 def _rounded(cycles: float, std: float) -> float:
-    """Return a frequency with the digits that its standard error leaves."""
+    """Return a frequency, rounded to the decimals that its standard error justifies."""
     digits = math.ceil(-math.log10(std)) if std > 0 else 9
     return round(cycles, int(np.clip(digits, 1, 9)))

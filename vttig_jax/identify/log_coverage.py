@@ -41,7 +41,7 @@ def log_coverage(fit: Fit) -> HuntingCoverage:
     numbers = _log_numbers(fit.curves)
     if numbers and numbers[-1] + 1 == len(places):
         return hunting_coverage(fit.curves, fit.pair, [places[number] for number in numbers])
-    # The curves of single logs are not told apart, but logs with a common zero need no place.
+    # It is unknown which curve belongs to which log, but logs with a common zero need no place.
     common = 0.0 if all(place == 0.0 for place in places) else None
     return hunting_coverage(fit.curves, fit.pair, [common] * len(fit.curves))
 

@@ -101,7 +101,7 @@ def read_fit(folder: str | Path, pair: GearPair | Drive, *, run: str | None = No
 
 
 def _read_arrays(path: Path) -> dict[str, np.ndarray]:
-    """Return the arrays of an archive, after a look at the sizes that it declares."""
+    """Return the arrays of an archive, after a check that their declared sizes fit in memory."""
     data = read_regular(path)
     budget = MemoryBudget(str(path), len(data))
     with zipfile.ZipFile(io.BytesIO(data)) as archive:
