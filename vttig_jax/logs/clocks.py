@@ -1,8 +1,9 @@
-"""Channels with time stamps of their own, brought onto one clock.
+"""Interpolation of channels with separate time stamps to common time stamps.
 
-A channel that is sampled cyclically is interpolated linearly between its samples; the error of that
-is at most |a| h²/8 for an angular acceleration a and an interval h. A channel of which only changes
-are logged keeps its value until one cycle before the next change, and is linear within that cycle.
+A channel that is sampled cyclically is interpolated linearly between its samples. The error of the
+interpolation is at most |a| h²/8 for an angular acceleration a and a sampling interval h. A channel
+of which only changes are logged ("held") keeps its value until one cycle before the next change,
+and is linear within that cycle.
 """
 
 from collections.abc import Mapping
@@ -17,22 +18,22 @@ from .channel.steps import step_of
 from .channel.unwrap import find_modulus, unwrap
 
 CYCLE = 1.5
-"""An interval longer than this many median ones holds the value of a channel of which only changes
-are logged (chosen)."""
+"""In a channel of which only changes are logged, the value was constant in an interval longer than
+this many median intervals (chosen)."""
 
 FEWEST = 4
-"""Fewest samples of a channel, and of the common part of two channels (chosen)."""
+"""Least number of samples of a channel, and of the common time of all channels (chosen)."""
 
 
 @dataclass(frozen=True, eq=False)
 class ClockedChannel:
-    """Readings with their own stamps.
+    """Readings of one channel with their time stamps.
 
     **Arguments**
     - `time`: stamps in s, shape (n,). - `values`: readings in their unit, shape (n,).
     - `radians`: radians per reading, or None for a column that is no angle.
     - `per_turn`: readings per revolution, at which they may wrap, or None.
-    - `held`: whether only changes are logged.
+    - `held`: whether the log holds only the changes of the readings.
     - `modulus`: given modulus of the readings, or None.
     """
 
@@ -46,12 +47,12 @@ class ClockedChannel:
 
 @dataclass(frozen=True, eq=False)
 class OneClock:
-    """Readings on one clock.
+    """Readings of all channels at common time stamps.
 
     **Arguments**
-    - `time`: stamps in s, shape (m,). - `values`: readings by role. - `notes`: sentences on them.
-    - `steps`: step of the readings before they were interpolated, by role, in the unit of the
-      channel; channels that were not interpolated have none.
+    - `time`: stamps in s, shape (m,). - `values`: role → readings. - `notes`: notes on the change.
+    - `steps`: role → step of the readings before they were interpolated, in the unit of the
+      channel; channels that were not interpolated have no entry.
     """
 
     time: Float[np.ndarray, " m"]
@@ -61,10 +62,10 @@ class OneClock:
 
 
 def common_clock(channels: Mapping[str, ClockedChannel], source: str) -> "OneClock":
-    """Return all readings at the stamps of the slowest channel.
+    """Return the readings of all channels at the time stamps of the slowest channel.
 
-    Interpolation is the smaller error the closer the samples are, so that the other, faster
-    channels are interpolated. The stamps are those that all channels cover.
+    The faster channels are interpolated, because the error of interpolation is smaller for closer
+    samples. Only the stamps within the common time of all channels are kept.
 
     **Raises** `LogError` for stamps that run backwards and for channels without a common time.
     """
@@ -121,7 +122,7 @@ def _ranges(channels: Mapping[str, ClockedChannel]) -> str:
 
 
 def _continuous(channel: ClockedChannel) -> np.ndarray:
-    """Return the readings without wraps."""
+    """Return the readings unwrapped, with the given or a detected modulus."""
     values = channel.values
     if channel.radians is None:
         return values
@@ -130,7 +131,7 @@ def _continuous(channel: ClockedChannel) -> np.ndarray:
 
 
 def _at(channel: ClockedChannel, time: Float[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
-    """Return the readings at other stamps."""
+    """Return the readings interpolated at the stamps `time` (s); they wrap at a given modulus."""
     stamps, values = channel.time, _continuous(channel)
     offset = values[0]
     values = (values - offset).astype(np.float64)
@@ -143,7 +144,10 @@ def _at(channel: ClockedChannel, time: Float[np.ndarray, " m"]) -> Float[np.ndar
 def _with_held(
     time: Float[np.ndarray, " n"], values: Float[np.ndarray, " n"]
 ) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, " m"]]:
-    """Return the samples with the unchanged ones that the log leaves out."""
+    """Return time and values with one inserted sample before each change after a long interval.
+
+    The inserted sample has the unchanged value, one cycle (median interval) before the change.
+    """
     interval = np.diff(time)
     cycle = float(np.median(interval))
     left_out = np.flatnonzero(interval > CYCLE * cycle)
@@ -152,7 +156,7 @@ def _with_held(
 
 
 def _bound(channel: ClockedChannel) -> str:
-    """Return how a channel was brought onto another clock, and the bound of the error."""
+    """Return a text on how a channel was interpolated, with the bound of the error for an angle."""
     how = "held between changes" if channel.held else "interpolated linearly"
     if channel.radians is None:
         return how

@@ -24,7 +24,8 @@ from .source import Source
 
 FEWEST_SAMPLES = 4
 PAUSE = 5.0
-"""Least number of samples; intervals longer than this many median ones are pauses (chosen)."""
+"""Least number of samples of a log; intervals longer than `PAUSE` median intervals are pauses
+(chosen)."""
 
 
 def as_column(name: str, values: ArrayLike, size: int | None) -> Real[np.ndarray, " n"]:
@@ -44,7 +45,10 @@ def as_column(name: str, values: ArrayLike, size: int | None) -> Real[np.ndarray
 def check_arguments(
     with_driven: bool, with_error: bool, units: tuple[str, str], error_unit: str
 ) -> None:
-    """Raise `ValueError` unless exactly one second channel is given and all units are known."""
+    """Raise `ValueError` for wrong combinations of arguments or unknown units.
+
+    Exactly one of `driven` and `transmission_error` must be given. `units` are those of the shafts.
+    """
     if with_driven == with_error:
         seen = "both are" if with_driven else "neither is"
         raise ValueError(
@@ -63,7 +67,7 @@ def check_arguments(
 
 
 def check_finite(raw: "RawLog") -> None:
-    """Raise `LogError` at the first value of any column that is no number or far too large."""
+    """Raise `LogError` at the first value of any column that is not finite or far too large."""
     columns: dict[str, Any] = {
         "time": raw.time,
         "driving": raw.driving.values,
@@ -81,7 +85,7 @@ def check_finite(raw: "RawLog") -> None:
 
 
 def check_time(time: Float[np.ndarray, " n"], source: Source) -> list[str]:
-    """Return notes on the time stamps; raise `LogError` for too few or decreasing ones."""
+    """Return notes on the time stamps; raise `LogError` for too few or decreasing stamps."""
     if len(time) < FEWEST_SAMPLES:
         raise LogError(
             f"the log has only {len(time)} samples; record at least {FEWEST_SAMPLES}.",
@@ -125,7 +129,7 @@ def check_direction(direction: Real[np.ndarray, " n"], source: Source) -> Int8[n
 
 
 STANDSTILL = DEG
-"""Least travel in rad of the driving shaft; a shaft with less has not moved (chosen)."""
+"""Least travel of the driving shaft in rad; with less travel the shaft stands still (chosen)."""
 
 
 @dataclass(frozen=True)
@@ -166,9 +170,10 @@ class EncoderLog:
       ("reading").
     - `source`, `sha256`: file name and digest of its bytes ("" for arrays).
     - `notes`: sentences on detected properties and assumptions.
-    - `keywords`: keywords of `read_log` that the log was read with.
+    - `keywords`: keyword arguments with which `read_log` read the log.
     - `path`: absolute path of the file; None for arrays.
-    - `spec`: pair file that says what was stated and recognised without one; None otherwise.
+    - `spec`: if the log was read without a pair file, the equivalent pair file from the stated and
+      recognised facts; None otherwise.
     """
 
     time: Float[np.ndarray, " n"]
@@ -218,18 +223,19 @@ class EncoderLog:
 
     @cached_property
     def driving_speed(self) -> Speed:
-        """Smoothed speed of the driving shaft, from its angle as read."""
+        """Smoothed speed of the driving shaft, from its angle with spikes."""
         return smooth_speed(self.time, self.driving_angle, self.driving.resolution)
 
     def smooth_speed(self, angle: Float[np.ndarray, " n"]) -> Speed:
-        """Return the smoothed speed of the driving shaft from its angle without spikes, rad."""
+        """Return the smoothed speed of the driving shaft from `angle`, its angle in rad without
+        spikes."""
         if angle is self.driving_angle:
             return self.driving_speed
         return smooth_speed(self.time, angle, self.driving.resolution)
 
     @cached_property
     def rounding(self) -> float:
-        """Rounding error of the transmission error in rad."""
+        """Floating-point rounding error of the transmission error in rad."""
         return float(np.finfo(np.float64).eps * np.abs(self.driven_angle).max())
 
     @cached_property
@@ -277,7 +283,7 @@ class EncoderLog:
         acceleration: ArrayLike | None = None,
         source: str = "arrays",
     ) -> "EncoderLog":
-        """Create a log from arrays of shape (n,) with the validation of a file.
+        """Create a log from arrays of shape (n,), which are validated like the columns of a file.
 
         **Arguments**
         - `time_s`: time in s. `driving`, `driven`: readings in `unit` (one unit, or one per shaft):
@@ -331,7 +337,7 @@ class EncoderLog:
 
     @classmethod
     def from_raw(cls, raw: RawLog, pair: TwoShafts) -> "EncoderLog":
-        """Validate the columns, unwrap the channels and apply the zero of the pair file."""
+        """Validate the columns, unwrap the channels, set the zero angle, and return the log."""
         check_finite(raw)
         notes = [*raw.notes, *check_time(raw.time, raw.source)]
         zero = pair.log.zero

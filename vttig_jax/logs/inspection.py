@@ -38,7 +38,10 @@ from .protocols import TwoShafts
 
 @dataclass(frozen=True)
 class ColumnReport:
-    """Column of a log; `turns` and `resolution_arcsec` are None unless it is an angle."""
+    """Properties of one column of a log; `low` and `high` are the range of its values in `unit`.
+
+    `turns` and `resolution_arcsec` (encoder step) are None if the column is not an angle.
+    """
 
     role: str | None
     name: str
@@ -55,7 +58,7 @@ class ColumnReport:
 class Inspection(TextResult):
     """Report on a log, printed by `print(inspection)` and stored by `to_json()`.
 
-    If it `slipped`, the first of the notes says so.
+    If a slip was found, `slipped` is true and the first of the notes reports the slip.
     """
 
     source: str
@@ -74,7 +77,7 @@ class Inspection(TextResult):
     lines: tuple[Line, ...] = ()
     slipped: bool = False
     fit_command: str = ""
-    """Command that fits the log as it was read here; "" if a pair file says how."""
+    """Command that fits the log with the same columns and options; "" if a pair file was given."""
 
     def to_json(self) -> dict[str, Any]:
         """Return the report as an object of the schema `vttig.inspect/1`."""
@@ -264,7 +267,8 @@ def column_table(columns: "Sequence[ColumnReport]") -> str:
 
 
 def sampling_rows(sampling: Sampling, rows: int) -> list[tuple[str, str]]:
-    """Return names and values of the properties of the time stamps."""
+    """Return the rows (name, text) of a table of the time stamps; `rows` is the number of
+    samples."""
     share = sampling.jitter_s * sampling.rate_hz
     properties = [
         ("samples", f"{rows} in {sampling.duration_s:.6g} s"),
@@ -324,7 +328,8 @@ def _spectrum_table(report: "Inspection") -> str:
 
 
 def _lines(report: "Inspection") -> str:
-    """Return the table of the blind search, with periods if the speed is steady."""
+    """Return the table of the lines of the blind search, with periods in s if the speed is
+    steady."""
     if not report.lines:
         return ""
     speeds = [abs(plateau.speed_rpm) for plateau in report.plateaus]
@@ -352,9 +357,9 @@ def _lines(report: "Inspection") -> str:
 
 
 def _remarks(report: "Inspection") -> list[str]:
-    """Return the sentences of the report on what spoils a fit, then the other notes.
+    """Return the sentences of the report: first problems that spoil a fit, then the other notes.
 
-    What spoils a fit comes in this order: ratio, slip, sampling, coverage.
+    The order of the problems is ratio, slip, sampling, coverage.
     """
     remarks = []
     ratio = report.ratio

@@ -1,6 +1,7 @@
-"""Limits of what a column of a log can hold: beyond them a unit is wrong or a file is damaged.
+"""Limits of plausible values in a log: beyond them a unit is wrong or a file is damaged.
 
-Without these limits squares and quotients of such values leave the range of floating point numbers.
+Without these limits, squares and quotients of such values exceed the range of floating-point
+numbers.
 """
 
 import numpy as np
@@ -10,15 +11,16 @@ from ..base.errors import LogError
 from .source import Source
 
 LARGEST = 1e30
-"""Largest size of a value in the units of the file; chosen, its square is far from overflow."""
+"""Largest magnitude of a value in the units of the file (chosen: its square is far from
+overflow)."""
 
 SHORTEST_S, LONGEST_S = 1e-6, 1e12
-"""Limits of the duration of a log and the limit of a time stamp in s; chosen: a microsecond, in
-which no shaft makes a turn, and thirty thousand years, beyond any clock."""
+"""Least duration of a log and largest time stamp, both in s. Chosen: in a microsecond no shaft
+makes a turn, and thirty thousand years are beyond any clock."""
 
 MOST_TURNS = 1000.0
-"""Largest number of turns between two samples, in the mean of a log; chosen: 60 000 rpm and a
-sample a second. More are a wrong unit, and the memory of a fit grows with the turns."""
+"""Largest mean number of turns between two samples (chosen: 60 000 rpm and one sample per second).
+A larger number comes from a wrong unit, and the memory of a fit grows with the turns."""
 
 
 def refuse_times(time: Float[np.ndarray, " n"], source: Source) -> None:
@@ -40,7 +42,7 @@ def refuse_times(time: Float[np.ndarray, " n"], source: Source) -> None:
 
 
 def refuse_values(role: str, values: Real[np.ndarray, " n"], source: Source) -> None:
-    """Raise `LogError` at the first value of a column that is no number or far too large."""
+    """Raise `LogError` at the first value of a column that is not finite or far too large."""
     finite = np.isfinite(values)
     if not finite.all():
         row = int(np.argmin(finite))
@@ -57,7 +59,10 @@ def refuse_values(role: str, values: Real[np.ndarray, " n"], source: Source) -> 
 
 
 def refuse_turns(turns: float, samples: int, source: Source) -> None:
-    """Raise `LogError` for a driving shaft that turns too often between two samples."""
+    """Raise `LogError` if the driving shaft makes more than `MOST_TURNS` turns per sample.
+
+    `turns` are the turns in the whole log, `samples` is its number of samples.
+    """
     if turns > MOST_TURNS * samples:
         raise LogError(
             f"the driving shaft makes {turns:.4g} turns in {samples} samples, more than any"

@@ -42,15 +42,19 @@ from .recognition.request import DriveRequest, in_words
 from .source import Source
 
 SHAFTS = ("driving", "driven", "transmission_error")
-"""Roles whose column defines the length of the record, in this order."""
+"""Roles whose column defines the length of the record; the first role with a column is used."""
 
 MOST_COLUMNS = 30
-"""Largest number of columns without grouping the columns of a matrix (chosen)."""
+"""A table of more columns than this shows the columns of one matrix in one row (chosen)."""
 
 
 @dataclass(frozen=True)
 class Preview:
-    """Properties of a log without a pair file; `columns` are those of the record."""
+    """Properties of a log that is read without a pair file.
+
+    The record consists of the arrays of equal length that belong together; `rows` is this length
+    and `columns` describes them. `ratio` is the ratio in the log with its standard error.
+    """
 
     source: str
     sha256: str
@@ -60,9 +64,9 @@ class Preview:
     ratio: tuple[float, float] | None
     notes: tuple[str, ...]
     others: tuple[tuple[str, int], ...] = ()
-    """Names and lengths of arrays with another length than the record."""
+    """Names and lengths of the arrays whose length differs from that of the record."""
     fit_command: str = ""
-    """Command that fits the log with the ratio that it shows; "" if something is missing."""
+    """Command that fits the log with the ratio estimated from it; "" if information is missing."""
 
     def to_json(self) -> dict[str, Any]:
         """Return the report in the schema `vttig.inspect/1` without parts that need a pair file."""
@@ -106,10 +110,10 @@ def preview_log(
     decimal: str | None = None,
     sample_rate_hz: int | float | None = None,
 ) -> Preview:
-    """Inspect a log without a fit; the other arguments are those of `read_log`.
+    """Return a preview of a log; `columns`, `decimal` and `sample_rate_hz` are as in `read_log`.
 
-    `spec` names columns and units as a pair file does. Without it they are recognised from their
-    names, and the notes ask for what the names and `request` leave open.
+    `spec` is a pair file that names columns and units. Without it they are recognised from the
+    column names, and the notes ask for information that neither the names nor `request` give.
 
     Text without a header has the columns #1, #2, …. The record of a nested file consists of the
     arrays as long as the driving array, or else of the arrays with the most frequent length.
@@ -177,9 +181,9 @@ def _ratio(
 
 
 def _with_ratio(request: DriveRequest, seen: tuple[float, float]) -> DriveRequest:
-    """Return a request with the simplest fraction near the ratio that a log shows.
+    """Return `request` with the simplest fraction near the ratio `seen` (value, standard error).
 
-    Where the shafts turn against each other, the driven encoder is inverted.
+    If the readings of the shafts have opposite directions, the driven encoder is inverted.
     """
     near = Fraction(simple_fraction(abs(seen[0]), seen[1]))
     request = request if seen[0] > 0 else request.with_driven_inverted()
@@ -187,13 +191,16 @@ def _with_ratio(request: DriveRequest, seen: tuple[float, float]) -> DriveReques
 
 
 def _named(spec: PairSpec | None, columns: Mapping[str, str]) -> dict[str, str]:
-    """Return role → name from a pair file and from the options, which win."""
+    """Return role → column name from a pair file and from the options, which have priority."""
     stated = {} if spec is None else {role: getattr(spec.log, role) for role in ROLES}
     return {role: name for role, name in stated.items() if name is not None} | dict(columns)
 
 
 def _question(search: Search, *, timed: bool) -> str:
-    """Find the columns; return the question that is left, or ""."""
+    """Let `search` find the columns; return the question that remains open, or "".
+
+    `timed` is true if a time column is needed.
+    """
     search.take_stated(timed=timed)
     try:
         search.find(timed=timed)
@@ -205,7 +212,10 @@ def _question(search: Search, *, timed: bool) -> str:
 def _readable(
     table: TextTable | NestedTable, roles: Mapping[int, str]
 ) -> tuple[dict[int, np.ndarray], list[str]]:
-    """Return all columns of numbers, and a note on each other column; dates become seconds."""
+    """Return index → values of all numeric columns, and notes on the columns that are not read.
+
+    A time column of dates is converted to seconds.
+    """
     dated = [k for k in range(len(table.names)) if table.is_dated(k)]
     indices = [k for k in range(len(table.names)) if k not in dated]
     arrays, errors = {}, {}
@@ -231,7 +241,10 @@ def _readable(
 
 
 def _size(arrays: Mapping[int, np.ndarray], roles: Mapping[int, str]) -> int:
-    """Return the length of the first available shaft, or else the most frequent length."""
+    """Return the length of the record: that of the first column in `SHAFTS` that is available.
+
+    Without such a column it is the most frequent length.
+    """
     lengths = {role: len(arrays[k]) for k, role in roles.items() if k in arrays}
     for role in SHAFTS:
         if role in lengths:
@@ -251,7 +264,7 @@ def _unusable_roles(
 
 
 def _grouped(columns: Sequence[ColumnReport]) -> list[ColumnReport]:
-    """Return the columns; if there are many, join unused columns of one matrix."""
+    """Return the columns; if there are many, join the columns of one matrix that have no role."""
     if len(columns) <= MOST_COLUMNS:
         return list(columns)
     shown = []
@@ -273,7 +286,7 @@ def _matrix(name: str) -> str:
 
 
 def _other_arrays(others: Sequence[tuple[str, int]], size: int) -> list[str]:
-    """Return notes on the arrays that are not in the record, grouped by length."""
+    """Return notes on arrays (name, length) outside the record of length `size`, by length."""
     lengths = sorted({length for _, length in others}, reverse=True)
     return [
         f"arrays of {length} values are no part of this record of {size}: "
@@ -285,7 +298,10 @@ def _other_arrays(others: Sequence[tuple[str, int]], size: int) -> list[str]:
 def _report(
     name: str, role: str | None, values: Real[np.ndarray, " n"], stated: Mapping[str, str]
 ) -> tuple[ColumnReport, Real[np.ndarray, " n"] | None]:
-    """Return a row of the column table, and the unwrapped channel (rad or counts) of a shaft."""
+    """Return a row of the column table, and the unwrapped readings if the column is a shaft.
+
+    The readings are in rad or counts. `stated` is role → unit for a name without a unit.
+    """
     units = units_of(role) if role else (*units_of("driving"), *TIME_UNITS)
     unit = name_and_unit(name, units, name)[1] or stated.get(role or "")
     plain = ColumnReport(role, name, unit, float(values.min()), float(values.max()))
@@ -344,7 +360,7 @@ def _time(
 def _missing_input(
     roles: Mapping[int, str], sample_rate_hz: int | float | None, reports: list[ColumnReport]
 ) -> list[str]:
-    """Return hints on input that a fit still needs, with the options that supply it."""
+    """Return notes on information that a fit still needs, with the options that supply it."""
     assigned = set(roles.values())
     hints = []
     if "time" not in assigned and sample_rate_hz is None:

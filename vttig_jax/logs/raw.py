@@ -30,7 +30,7 @@ UNITS = {
     "speed": SPEED_UNITS,
     "acceleration": ACCELERATION_UNITS,
 }
-"""Factors from the units of a column to rad, mm, rad/s or rad/s²; channels keep their units."""
+"""Role → unit → factor to rad, mm, rad/s or rad/s². The channels of the shafts keep their units."""
 
 
 def read_raw(
@@ -41,12 +41,12 @@ def read_raw(
     decimal: str | None,
     sample_rate_hz: int | float | None,
 ) -> RawLog:
-    """Read the columns of a log with their units before unwrapping; arguments as `read_log`."""
+    """Read the columns of a log with their units, before unwrapping; arguments as in `read_log`."""
     layout, name = pair.log, str(path)
     rate = sample_rate_hz
     if rate is None and "time" not in columns:
         rate = layout.sample_rate_hz
-    opened = partial(  # line numbers are read again, so that the text takes no memory until then
+    opened = partial(  # reads the file again for a line number, so that no text stays in memory
         open_table,
         path,
         encoding=layout.encoding,
@@ -91,7 +91,7 @@ def read_raw(
 
 
 def _line_of(opened: Callable[[], tuple[TextTable | NestedTable, str, Any]], row: int) -> int:
-    """Return the line number of a row of a text that is opened again."""
+    """Return the line number of a row of a text file, which is opened again for this purpose."""
     table = opened()[0]
     assert isinstance(table, TextTable)  # other tables have no line numbers
     return table.line_of(row)
@@ -99,7 +99,7 @@ def _line_of(opened: Callable[[], tuple[TextTable | NestedTable, str, Any]], row
 
 @dataclass
 class _Reading:
-    """The columns with a role in one table, and where they stand for messages."""
+    """Columns of one table that have a role, and their positions in the file for messages."""
 
     table: TextTable | NestedTable
     roles: Mapping[str, Column]
@@ -109,10 +109,10 @@ class _Reading:
     def in_rows(
         self, rate: int | float | None, *, stated: bool
     ) -> tuple[np.ndarray, dict[str, np.ndarray], tuple[str, ...]]:
-        """Return time in s and readings by role, row by row, and notes.
+        """Return time in s, role → readings, and notes, if all columns share the rows of the table.
 
         **Arguments**
-        - `rate`: samples per second, None with a column of time.
+        - `rate`: sampling rate in Hz; None if there is a column of time.
         - `stated`: whether the unit of the time was stated.
         """
         time = self.roles.get("time") if rate is None else None
@@ -139,7 +139,7 @@ class _Reading:
         return (np.arange(size) if numbers is None else numbers) / rate, values, notes
 
     def on_common_clock(self, pair: TwoShafts) -> OneClock:
-        """Return time in s and readings by role on one clock, and notes."""
+        """Return the readings of columns with separate time stamps at common time stamps."""
         assert isinstance(self.table, NestedTable)  # only such tables have clocks
         channels = {}
         for role, column in self.roles.items():
@@ -155,7 +155,7 @@ class _Reading:
     def _channel(
         self, role: str, column: Column, values: np.ndarray, stamps: np.ndarray, pair: TwoShafts
     ) -> ClockedChannel:
-        """Return a column with its time stamps and the period by which an encoder unwraps."""
+        """Return a column with its time stamps and, for a shaft, its scale and modulus."""
         held = isinstance(self.table, NestedTable) and column.index in self.table.held
         if role not in ("driving", "driven"):
             return ClockedChannel(stamps, values, held=held)
@@ -179,7 +179,7 @@ class _Reading:
 def _values(
     roles: Mapping[str, Column], arrays: Mapping[int, np.ndarray], source: Source
 ) -> dict[str, np.ndarray]:
-    """Return the values of every role; all must be as long as the driving column."""
+    """Return role → values; raise `LogError` if a column differs in length from the driving one."""
     first_role = next(role for role in ("driving", "driven", *roles) if role in roles)
     reference = roles[first_role].index
     if reference == ROW_INDEX:
@@ -198,7 +198,7 @@ def _values(
 
 
 def _channel(column: Column, found: OneClock, layout: LogLayout) -> RawChannel:
-    """Return the readings of a shaft; increments are summed."""
+    """Return the channel of a shaft; if its readings are increments, they are summed."""
     readings = found.values[column.role]
     if getattr(layout, f"{column.role}_increments"):
         readings = np.cumsum(readings)
@@ -209,7 +209,10 @@ def _channel(column: Column, found: OneClock, layout: LogLayout) -> RawChannel:
 
 
 def _whole(readings: Real[np.ndarray, " n"]) -> Real[np.ndarray, " n"]:
-    """Return whole counts as int64, so that a log does not keep them in two types."""
+    """Return readings that are whole numbers as int64, and other readings unchanged.
+
+    Therefore a log does not store the same counts in two types.
+    """
     if readings.dtype.kind != "f" or not np.isfinite(readings).all():
         return readings
     largest = max(readings.max(initial=0.0), -readings.min(initial=0.0))
@@ -219,7 +222,8 @@ def _whole(readings: Real[np.ndarray, " n"]) -> Real[np.ndarray, " n"]:
 
 
 def _clock_channel(time: np.ndarray, layout: LogLayout) -> RawChannel:
-    """Return the revolutions of a driving shaft that a clock turns, speed × time."""
+    """Return the channel of a driving shaft without encoder at constant speed: speed × time in
+    rev."""
     assert layout.driving_rpm is not None  # checked by `find_columns`
     rpm = as_fraction(layout.driving_rpm, "log.driving_rpm")
     return RawChannel((time - time[0]) * float(rpm) / 60, "rev", layout.driving_scale)

@@ -41,16 +41,16 @@ def read_log(
     **Arguments**
     - `pair`: pair file, or result of `load_pair`: encoders, ratio, and in `log` and `unit` the
       names and units of the columns. Without it `ratio` or `teeth` is needed; the columns are then
-      recognised from their names and the ratio, or the error asks for what they leave open, and
-      `log.spec` is the pair file that says the same.
+      recognised from their names and the ratio, and `log.spec` is the equivalent pair file. If they
+      are not unique, the error asks for the missing information.
     - `ratio`: "64:23", driving turns to driven turns; "9/16" or a number is driven over driving
       speed.
     - `teeth`: "45/80", teeth of the driving and of the driven gear.
     - `counts`: counts per revolution of both encoders, one number if they are equal.
-    - `unit`: unit of the columns whose names say none, or role → unit.
+    - `unit`: unit of the shaft columns whose names contain no unit, or role → unit.
     - `invert`: "driving", "driven" or both, whose encoder counts backwards.
-    - `driving_rpm`: speed of a driving shaft that a clock turns and that has no encoder, in rpm;
-      "sidereal" for the worm of a telescope mount, whose driven shaft follows the stars.
+    - `driving_rpm`: speed in rpm of a driving shaft that turns at constant speed and has no
+      encoder; "sidereal" for the worm of a telescope mount, whose driven shaft follows the stars.
     - `columns`: role ("time", "driving", "driven", "transmission_error", "direction", "axial_mm",
       "torque", "speed" and "acceleration" of the driving shaft) → column name. This argument and
       the next two override `pair.log`.
@@ -116,7 +116,7 @@ def _request(
     unit: str | Mapping[str, str] | None,
     further: tuple[str | Sequence[str], str | float | None],
 ) -> DriveRequest:
-    """Return the statements of the keywords, and of `invert` and `driving_rpm` in `further`."""
+    """Return the keywords of `read_log` as a request; `further` is (`invert`, `driving_rpm`)."""
     invert, driving_rpm = further
     if counts is not None and not isinstance(counts, tuple):
         counts = counts_of(str(counts))

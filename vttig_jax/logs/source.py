@@ -6,12 +6,13 @@ from dataclasses import dataclass, field
 
 @dataclass(frozen=True)
 class Source:
-    """Origin of a log.
+    """Origin of a log, from which error messages take the position of a value.
 
     **Arguments**
     - `name`: file name as given by the user, or "arrays".
     - `columns`: role ("driving", …) → name of its column.
-    - `line_of`: function from row to line number; without it messages name samples, from 0.
+    - `line_of`: function from row to line number; without it messages give the number of the
+      sample, counted from 0.
     - `kind`: noun for a channel in messages, "column" or "argument".
     """
 

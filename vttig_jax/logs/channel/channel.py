@@ -22,14 +22,16 @@ WIDEST = 2**61
 """Limit of the counts; differences of larger int64 counts could overflow."""
 
 _FAR_OFF = 3.0
-"""A first spike farther off than this many of the next steps is not the origin (chosen factor)."""
+"""The first reading is not the origin if it is a spike whose distance from the next valid reading
+exceeds this multiple of the step between the next two valid readings (chosen factor)."""
 
 
 @dataclass(frozen=True)
 class RawChannel:
-    """Column as read: values in `unit`, and the rational scale of the pair file.
+    """Column of a log before unwrapping: values in `unit` and the rational scale of the pair file.
 
-    `step` is the step in `unit` of readings that were then interpolated, 0 for others.
+    `step` is the step (in `unit`) that the readings had before they were interpolated in time; it
+    is 0 for readings that were not interpolated.
     """
 
     values: Real[np.ndarray, " n"]
@@ -50,7 +52,8 @@ class Channel:
     - `modulus`: modulus of the wrapped readings in `unit`; None without wraps.
     - `wraps`: number of wraps.
     - `spikes`: true at readings far from their neighbours (see `spikes.py`); None without spikes.
-    - `step`: step in `unit` of readings that were then interpolated, 0 for others.
+    - `step`: step (in `unit`) of the readings before they were interpolated in time; 0 for readings
+      that were not interpolated.
     """
 
     reading: Real[np.ndarray, " n"]
@@ -67,8 +70,8 @@ class Channel:
     def turns_and_rest(self) -> tuple[Int[np.ndarray, " n"], Float[np.ndarray, " n"]]:
         """Whole turns and the remaining angle in rad; φ = 2π turns + rest.
 
-        Whole turns of integer counts are subtracted as integers; without `per_turn` they are 0.
-        They are computed at every call, because a log would keep two more columns for each shaft.
+        Whole turns of integer counts are subtracted as integers; without `per_turn` turns are 0.
+        Both arrays are computed at every call and not stored, which saves memory in long logs.
         """
         travel = self.reading - self.origin
         if self.per_turn is None:
@@ -95,7 +98,7 @@ class Channel:
 
     @cached_property
     def resolution(self) -> float:
-        """Step of the readings in rad; 0 if no step is found."""
+        """Quantisation step of the readings as a shaft angle in rad; 0 if no step is found."""
         return abs(self.radians_per_unit) * step_of(self.reading)
 
     @property
@@ -112,7 +115,10 @@ def make_channel(
     zero: str,
     source: Source,
 ) -> tuple[Channel, tuple[str, ...]]:
-    """Unwrap a column and find its scale and zero; return the channel and notes on assumptions.
+    """Unwrap a column, set its scale and zero angle, and return the channel and notes.
+
+    The notes are sentences on assumptions. With `zero` = "start" the angle is zero at the first
+    valid reading, otherwise at the reading 0.
 
     **Raises** `LogError` for counts without counts per revolution, constant readings, readings
     beyond the given modulus, jumps that are not wraps, and pauses that hide wraps.
@@ -171,7 +177,10 @@ def make_channel(
 
 
 def _first_reading(channel: Continuous) -> int | float:
-    """Return the first reading, or the next valid one; a far spike would shift every phase."""
+    """Return the reading that defines angle zero: the first reading, unless it is a far spike.
+
+    Then it is the first valid reading, because a far spike would shift the phases of all orders.
+    """
     valid = np.flatnonzero(~channel.spikes)[:2]
     if channel.spikes[0] and len(valid) == 2:
         first, second = channel.readings[valid].astype(np.float64)
@@ -181,7 +190,7 @@ def _first_reading(channel: Continuous) -> int | float:
 
 
 def _exact_values(role: str, raw: RawChannel, source: Source) -> tuple[np.ndarray, list[str]]:
-    """Return whole counts as int64 and all other values as float64, with notes."""
+    """Return the values (whole counts as int64, all other values as float64) and notes."""
     values = raw.values
     if raw.unit != "counts":
         return values.astype(np.float64), []

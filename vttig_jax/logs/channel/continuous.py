@@ -13,15 +13,15 @@ from .stalls import repeats, stalls
 from .unwrap import find_modulus, stray_jump, unwrap, wrap_steps
 
 GAP = 5.001
-"""Sampling intervals longer than this many median intervals are gaps (chosen)."""
+"""Sampling intervals longer than this many median intervals are gaps in time (chosen)."""
 
 _FROZEN = 30
-"""A channel with this many equal readings before a jump was frozen (chosen)."""
+"""A channel with at least this many equal readings before a jump was frozen (chosen)."""
 
 
 @dataclass(frozen=True)
 class Origin:
-    """Origin and scale of the readings of a channel.
+    """Description of a channel for unwrapping: role, unit, source in the log, modulus and scale.
 
     **Arguments**
     - `role`: "driving" or "driven". `unit`: unit of the readings.
@@ -50,10 +50,11 @@ class Continuous:
 
 @dataclass(frozen=True, eq=False)
 class _Attempt:
-    """Candidate of unwrapping; `cost` is its travel plus one fast step for each spike.
+    """Result of unwrapping with one candidate of the modulus, and its `cost`.
 
-    Spikes can hide or imitate a modulus, and a counter that dithers at its wrap imitates spikes.
-    Therefore the candidate with the lowest cost is chosen.
+    The cost is the total travel without spikes plus one fast step (95 % quantile of the steps) for
+    each spike. Spikes can hide or imitate a modulus, and a counter that dithers at its wrap looks
+    like spikes. Therefore the candidate with the lowest cost is chosen.
     """
 
     modulus: int | float | None
@@ -130,7 +131,7 @@ def make_continuous(
 
 
 def _filled(values: Real[np.ndarray, " n"], mask: Bool[np.ndarray, " n"]) -> Real[np.ndarray, " n"]:
-    """Return `values` with each masked one replaced by the last unmasked value before it."""
+    """Return `values` with each masked value replaced by the last unmasked value before it."""
     if not mask.any():
         return values
     last = np.maximum.accumulate(np.where(mask, -1, np.arange(len(values))))
@@ -140,7 +141,10 @@ def _filled(values: Real[np.ndarray, " n"], mask: Bool[np.ndarray, " n"]) -> Rea
 def _moduli(
     values: Real[np.ndarray, " n"], steady: Real[np.ndarray, " n"], per_turn: int | float
 ) -> list[int | float | None]:
-    """Return candidates of the modulus, first that of the readings without spikes."""
+    """Return one or two candidates of the modulus.
+
+    The first is found in `steady` (readings without spikes), the second in `values` if it differs.
+    """
     modulus = find_modulus(steady, per_turn)
     with_spikes = modulus if steady is values else find_modulus(values, per_turn)
     return [modulus] if modulus == with_spikes else [modulus, with_spikes]
@@ -154,10 +158,11 @@ def _unwrapped(
     quantum: float,
     raw_spikes: Bool[np.ndarray, " n"],
 ) -> _Attempt:
-    """Unwrap `values` with the wraps of `base`.
+    """Unwrap `values` at the rows where `base` wraps, and return the result with its cost.
 
-    If `base` has no spikes, each spike of `values` is placed within half a modulus of `base`, so
-    that it does not shift the later readings.
+    `base` is either `values` itself or `values` with filled spikes (`raw_spikes`). In the second
+    case each spike of `values` is placed within half a modulus of `base`, so that it does not shift
+    the later readings. `quantum` is the step of the readings, 0 if they have none.
     """
     wraps = 0 if modulus is None else int(np.count_nonzero(wrap_steps(base, modulus)))
     if modulus is None or not wraps:
@@ -184,7 +189,10 @@ def _refuse_step(
     modulus: int | float | None,
     origin: Origin,
 ) -> None:
-    """Raise `LogError` for a lasting jump: a reset, an index reload or an unknown modulus."""
+    """Raise `LogError` for a jump after which the readings do not return.
+
+    The causes are a counter reset, an index reload, a frozen channel or an unknown modulus.
+    """
     row = stray_jump(smooth, time, quantum)
     if row is None:
         return
@@ -212,7 +220,7 @@ def _refuse_blind_pause(
     modulus: int | float,
     origin: Origin,
 ) -> None:
-    """Raise `LogError` if a pause may contain a turn of more than 0.4 of the modulus."""
+    """Raise `LogError` if the shaft may turn by over 0.4 of the modulus in a pause of the log."""
     interval = np.diff(time)
     step = np.abs(np.diff(smooth)).astype(np.float64)
     for k in np.flatnonzero(interval > GAP * np.median(interval)):

@@ -1,4 +1,4 @@
-"""Speed of a shaft from its angle, smoothed over the quantisation, and runs of equal state."""
+"""Speed of a shaft from its angle, smoothed over many encoder steps, and runs of equal state."""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -9,21 +9,23 @@ from jaxtyping import Bool, Float, Shaped
 from .spikes import spikes, without_spikes
 
 TRAVEL = 199.9
-"""Travel in quanta for one speed difference at top speed; quantisation is then 0.5 % of it.
-
-This limit and those below are chosen and not round: travels of counters are whole counts, and
-rounding errors would decide about a travel that lies exactly on a limit."""
+"""Travel, in quanta (encoder steps), of one speed difference at top speed; a quantum is then 0.5 %
+of the travel. This limit and the two below are chosen and deliberately not round: counters travel
+whole counts, and rounding errors would decide about a travel that lies exactly on a limit."""
 
 DWELL = 0.010_001
 """Speeds below this fraction of the top speed are standstill."""
 
 STILL = 4.5
-"""Speeds below this many quanta per window are standstill."""
+"""Speeds below this many quanta per smoothing window are standstill."""
 
 
 @dataclass(frozen=True)
 class Speed:
-    """Smoothed speed in rad/s; each difference spans `window` samples; `dwell` is a limit."""
+    """Smoothed speed `value` in rad/s; each speed difference spans `window` samples.
+
+    `quantum` is the angle step or noise in rad. Speeds below `dwell` (rad/s) are standstill.
+    """
 
     value: Float[np.ndarray, " n"]
     window: int
@@ -34,7 +36,7 @@ class Speed:
 def smooth_speed(
     time: Float[np.ndarray, " n"], angle: Float[np.ndarray, " n"], resolution: float
 ) -> Speed:
-    """Return central differences (φ_{k+w/2} − φ_{k−w/2}) / (t_{k+w/2} − t_{k−w/2}).
+    """Return the speed at each sample k as (φ_{k+w/2} − φ_{k−w/2}) / (t_{k+w/2} − t_{k−w/2}).
 
     At the top speed the window w covers `TRAVEL` quanta; a quantum is the larger of `resolution`
     in rad and twice the noise. The window is at most a twentieth of the log, and shorter at the
@@ -66,7 +68,10 @@ def runs(state: Shaped[np.ndarray, " n"], cut: Bool[np.ndarray, " n"]) -> list[t
 
 
 def _noise(time: Float[np.ndarray, " n"], angle: Float[np.ndarray, " n"]) -> float:
-    """Return the robust angle noise in rad, from deviations from the line between neighbours."""
+    """Return a robust standard deviation of the angle noise in rad.
+
+    It comes from the deviation of each sample from the line between its two neighbours.
+    """
     span = time[2:] - time[:-2]
     weight = np.divide(time[1:-1] - time[:-2], span, out=np.full_like(span, 0.5), where=span > 0)
     bend = angle[1:-1] - angle[:-2] - weight * (angle[2:] - angle[:-2])

@@ -20,20 +20,21 @@ LAG = 2
 
 QUANTA = 8.01
 DEVIATIONS = 10.0
-"""A spike deviates by more than this many encoder steps plus this many standard deviations.
-`QUANTA` lies between whole steps, so that rounding does not decide."""
+"""A spike deviates from the local line by more than `QUANTA` encoder steps plus `DEVIATIONS`
+standard deviations. `QUANTA` lies between whole steps, so that rounding does not decide."""
 
 NEIGHBOUR_FACTOR = 8.0
-"""It deviates by this factor more than its neighbours in the median; at a kink all deviate."""
+"""A spike deviates by more than this factor times the median deviation of its neighbours; at a kink
+of the motion the neighbours deviate too."""
 
 INTERVAL_SHARE = 0.3
-"""It deviates by more than the travel of the shaft in this fraction of a sampling interval."""
+"""A spike deviates by more than the travel of the shaft in this fraction of a sampling interval."""
 
 MAX_SHARE = 0.2
 """If a larger fraction of the samples deviates, the motion itself is rough and has no spikes."""
 
 PASSES = 3
-"""Number of passes; spikes close to others are found after those are removed."""
+"""Number of passes; a spike close to a larger spike is found after the larger one is removed."""
 
 _CHUNK = 1 << 16
 
@@ -80,7 +81,7 @@ def spikes(
 def _detect(
     angle: Float[np.ndarray, " n"], time: Float[np.ndarray, " n"], quantum: float
 ) -> Bool[np.ndarray, " n"]:
-    """Return the spikes that one pass can detect."""
+    """Return the mask of the spikes that one pass detects."""
     count = len(angle)
     mask = np.zeros(count, bool)
     bend = _bend(angle, time)
@@ -115,7 +116,7 @@ def _detect(
 def without_spikes(
     values: Real[np.ndarray, " n"], time: Float[np.ndarray, " n"], mask: Bool[np.ndarray, " n"]
 ) -> Real[np.ndarray, " n"]:
-    """Return `values` with the masked ones interpolated in time; integers stay integers.
+    """Return `values` in which the masked values are interpolated in time; integers stay integers.
 
     **Arguments**
     - `values`: unwrapped readings or angles. `time`: time in s. `mask`: true at every spike.
@@ -142,7 +143,10 @@ def without_spikes(
 
 
 def _bend(angle: Float[np.ndarray, " n"], time: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-    """Return the deviation from the line between both neighbours; end samples copy the next one."""
+    """Return the deviation of each sample from the line through its two neighbours.
+
+    The first and the last sample get the deviation of the sample next to them.
+    """
     span = time[2:] - time[:-2]
     weight = np.divide(time[1:-1] - time[:-2], span, out=np.full_like(span, 0.5), where=span > 0)
     inner = angle[1:-1] - angle[:-2] - weight * (angle[2:] - angle[:-2])
@@ -157,7 +161,10 @@ def _robust_deviation(values: Float[np.ndarray, " n"]) -> float:
 def _slopes(
     angle: Float[np.ndarray, " n"], time: Float[np.ndarray, " n"]
 ) -> Float[np.ndarray, " n"]:
-    """Return the median within ±`REACH` samples of the slopes over ±`LAG` samples."""
+    """Return the local slope at each sample.
+
+    It is the median, within ±`REACH` samples, of the slopes from `LAG` before to `LAG` after.
+    """
     from scipy.ndimage import median_filter
 
     rise, run = angle[2 * LAG :] - angle[: -2 * LAG], time[2 * LAG :] - time[: -2 * LAG]
@@ -178,7 +185,7 @@ def _from_local_line(
     slope: Float[np.ndarray, " n"],
     rows: Int[np.ndarray, " m"],
 ) -> Float[np.ndarray, " m"]:
-    """Return the deviations of the samples `rows` from the local line of their neighbours."""
+    """Return the deviations of the samples `rows` from the local line through their neighbours."""
     near = _window(rows, HALF, len(angle))
     ahead = angle[near] - slope[rows, None] * (time[near] - time[rows, None])
     return angle[rows] - np.median(ahead, axis=1)

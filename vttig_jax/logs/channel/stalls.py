@@ -1,10 +1,13 @@
-"""Repeated readings of a turning shaft by stalls or a lower sampling rate; limits are chosen."""
+"""Repeated readings of a turning shaft, caused by stalls of the logger or a lower sampling rate.
+
+All limits below are chosen.
+"""
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, Real
 
 SHORTEST = 4
-"""Least number of equal readings of a stall."""
+"""Least number of equal successive readings of a stall."""
 
 MARGIN = 8
 """Number of samples on either side of a stall from which its speed is taken."""
@@ -13,10 +16,12 @@ JUMP_TOLERANCE = 0.3
 """Relative tolerance between the jump after a stall and the turn of the shaft during it."""
 
 QUANTA = 8.0
-"""Least turn during a stall in encoder steps; a third of it per sample for repeated readings."""
+"""Least turn of the shaft during a stall, in encoder steps. To detect repeated readings, the shaft
+must move at least a third of this number of steps per sample."""
 
 REGULAR = 0.9
-"""Least fraction of the changes of a moving channel that have the same spacing in samples."""
+"""Readings repeat regularly if at least this fraction of the changes of a moving channel has the
+same spacing in samples."""
 
 
 def stalls(
@@ -26,7 +31,7 @@ def stalls(
 
     **Arguments**
     - `readings`: unwrapped readings, shape (n,). `time`: time in s. `quantum`: step of `readings`.
-    - `usual`: number of equal readings that is normal; up to 3 are always normal.
+    - `usual`: number of equal successive readings that is normal; up to 3 are always normal.
 
     **Returns** true at every repeated reading of a stall, without its first reading.
     """
@@ -67,9 +72,10 @@ def _slope(
 
 
 def repeats(readings: Real[np.ndarray, " n"], quantum: float) -> int:
-    """Return how often each reading repeats during motion; 1 for a channel read at every sample.
+    """Return how many samples hold the same reading during motion; 1 if every sample is new.
 
-    Only motion of several encoder steps per sample is used, and the repetition must be regular.
+    Only motion of several encoder steps (`quantum`) per sample is used, and the number must be the
+    same at nearly all changes of the reading.
 
     **Example**
     ```python

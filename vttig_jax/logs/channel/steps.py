@@ -1,4 +1,4 @@
-"""Step of the readings of a channel, and the digits in which a log holds them."""
+"""Quantisation step of the readings of a channel, and the digits with which the log stores them."""
 
 import numpy as np
 from jaxtyping import Bool, Float, Real
@@ -6,24 +6,25 @@ from jaxtyping import Bool, Float, Real
 from ...base.units import ARCSEC, DEG
 
 _ROUNDING = 1e-10
-"""Readings that differ by this fraction of the largest reading are equal (chosen tolerance)."""
+"""Readings that differ by at most this fraction of the largest reading are equal (chosen)."""
 
 _STEP_TOLERANCE = 0.01
 """Largest deviation from a multiple of the step, as a fraction of the step (chosen tolerance)."""
 
 _LEAST_CHANGES = 1e-3
-"""Least share of the samples at which an encoder of a shaft in motion changes its step (chosen)."""
+"""Least share of the samples at which the difference of successive readings must change; otherwise
+the speed is exactly constant and shows no encoder step (chosen)."""
 
 _MOST_DIVISIONS = 20
-"""Divisions of Euclid's algorithm; each at least halves the step (chosen)."""
+"""Largest number of divisions in Euclid's algorithm; each at least halves the step (chosen)."""
 
-_SAMPLE = 4000  # readings that are looked at for the digits, at most; chosen value
+_SAMPLE = 4000  # largest number of readings in the test of the digits (chosen)
 _COARSER = 5.0
-"""Ratio of the steps of large and small readings from which the digits are the reason (chosen): one
-digit fewer makes it ten."""
+"""If the step of large readings exceeds that of small readings by this factor, the printed digits
+limit the large ones (chosen); one digit fewer is a factor of ten."""
 
 _LEAST_ARCSEC = 0.1
-"""Step below which digits are not worth a note: no encoder is that accurate (chosen)."""
+"""Smallest step in arcsec that is worth a note; no encoder is more accurate (chosen)."""
 
 
 def step_of(values: Real[np.ndarray, " n"]) -> float:
@@ -41,7 +42,10 @@ def step_of(values: Real[np.ndarray, " n"]) -> float:
 
 
 def are_multiples(values: Real[np.ndarray, " n"], step: float) -> bool:
-    """Return whether all values differ by multiples of a step that their rounding cannot hide."""
+    """Return whether all values differ by multiples of `step`.
+
+    A step that is not larger than the rounding errors of the values gives False.
+    """
     if step <= _ROUNDING * np.abs(values).max():
         return False
     multiples = (values - values[0]) / step
@@ -79,12 +83,13 @@ def _differ(
 
 
 def digits_note(role: str, values: Real[np.ndarray, " n"], radians: float) -> list[str]:
-    """Return a sentence on readings whose digits hide small angles, or nothing.
+    """Return a note if the stored digits are too coarse for small angles, else an empty list.
 
-    Numbers of 32 bits have 24 binary digits, and a program that prints six digits writes 5345.67.
-    Both are coarse where the angle is large.
+    Floating-point numbers of 32 bits have 24 binary digits, and a program that prints six digits
+    writes 5345.67. Both are coarse where the angle is large.
 
     **Arguments**
+    - `role`: "driving" or "driven". `values`: readings.
     - `radians`: angle of one unit of the readings, rad.
     """
     if np.issubdtype(values.dtype, np.integer):
@@ -103,9 +108,9 @@ def digits_note(role: str, values: Real[np.ndarray, " n"], radians: float) -> li
 
 
 def _step_of_32_bits(values: Float[np.ndarray, " n"]) -> float:
-    """Return the distance of neighbouring 32-bit numbers at the largest value, or 0.
+    """Return the distance between neighbouring 32-bit floats at the largest value, or 0.
 
-    It is 0 for values that have more digits, and for values of a coarser step.
+    It is 0 if the values have more digits than 32-bit floats, or a step at least as coarse.
     """
     if not np.array_equal(values.astype(np.float32).astype(np.float64), values):
         return 0.0
@@ -114,7 +119,10 @@ def _step_of_32_bits(values: Float[np.ndarray, " n"]) -> float:
 
 
 def _step_of_digits(values: Float[np.ndarray, " n"]) -> float:
-    """Return the step of the values of the highest power of ten, if smaller values have less."""
+    """Return the step of the values with the most digits before the point, or 0.
+
+    It is 0 unless the smaller values have a much finer step, so that printed digits are the cause.
+    """
     size = np.abs(values)
     if size.max() == 0:
         return 0.0

@@ -11,16 +11,17 @@ from ..source import Source
 from .channel import Channel
 
 FAR = 5 * DEG
-"""Least turn in rad of the driven shaft for a test; it is much larger than any backlash."""
+"""Least turn of the moving shaft for a test, in rad of the driven shaft; it is much larger than any
+backlash."""
 
 QUANTA = 8.0
-"""Least turn for a test in steps of the coarser encoder."""
+"""Least turn for a test, in steps of the coarser of the two encoders."""
 
 STILL = 0.02
-"""Largest fraction of the motion that a stuck channel may show."""
+"""A channel is stuck if it moves by at most this fraction of the motion of the other shaft."""
 
 SHORTEST = 20
-"""Length of the shortest tested stretch in samples; each longer one has the factor 4."""
+"""Length of the shortest tested stretch in samples; each next length is 4 times as long."""
 
 
 def refuse_stuck(
@@ -60,7 +61,11 @@ def refuse_stuck(
 def _stuck(
     angle: Float[np.ndarray, " n"], other: Float[np.ndarray, " n"], far: float, dither: float
 ) -> tuple[int, int] | None:
-    """Return the first stretch [start, stop) where only `other` moves by at least `far`."""
+    """Return the first stretch [start, stop) where `other` moves and `angle` stands still, or None.
+
+    `other` must move by at least `far`; `angle` may move by `STILL` of that motion, or by `dither`.
+    All are in rad of the driven shaft.
+    """
     length = SHORTEST
     while length <= len(angle):
         edges = np.arange(0, len(angle) - length + 1, length)
@@ -77,7 +82,10 @@ def _stuck(
 
 
 def _extent(angle: Float[np.ndarray, " n"], start: int, stop: int, slack: float) -> tuple[int, int]:
-    """Return the longest stretch around [start, stop) in which the angle stays within `slack`."""
+    """Return the longest stretch around [start, stop) in which the angle stays constant.
+
+    It may differ by up to `slack`, in rad, from its value in the middle of [start, stop).
+    """
     level = angle[(start + stop) // 2]
     outside = np.abs(angle - level) > slack
     before = np.flatnonzero(outside[:start])

@@ -9,14 +9,19 @@ from jaxtyping import Float, Int, Real
 
 SMALLEST_COUNTER = 2**8
 LARGEST_COUNTER = 2**53
-"""Limits in counts of a detected power of two; a larger range has a wrong reading (chosen)."""
+"""Smallest and largest modulus in counts that is detected as a power of two (chosen). Readings with
+a range beyond the largest one contain a wrong reading."""
 
 MAX_ROUGHNESS = 0.15
-"""Largest fraction of the roughness at the jumps that may remain after unwrapping (chosen)."""
+"""A modulus is accepted if unwrapping leaves less than this fraction of the roughness at the jumps
+(chosen); see `_roughness`."""
 
 
 def wrap_steps(reading: Real[np.ndarray, " n"], modulus: int | float) -> Int[np.ndarray, " steps"]:
-    """Return wraps between neighbouring samples: +1 at the upper end of the counter, −1 at 0."""
+    """Return the wraps between neighbouring samples: +1 upwards, −1 downwards and 0 without a wrap.
+
+    Upwards means past the upper end of the counter to 0. The shape is (n − 1,).
+    """
     step = np.diff(reading)
     if np.issubdtype(reading.dtype, np.integer):
         modulus = int(modulus)
@@ -25,7 +30,7 @@ def wrap_steps(reading: Real[np.ndarray, " n"], modulus: int | float) -> Int[np.
 
 
 def unwrap(reading: Real[np.ndarray, " n"], modulus: int | float) -> Real[np.ndarray, " n"]:
-    """Return the continuous values `reading` + kM with k = 0 at the first; int64 stays exact.
+    """Return the continuous values `reading` + kM (k = 0 at the first sample); int64 stays exact.
 
     **Arguments**
     - `reading`: counts (int64) or angles (float64) in one unit, shape (n,).
@@ -76,9 +81,10 @@ def stray_jump(
     """Return the row after the first step that motion cannot explain, or None.
 
     A step is isolated if it exceeds 8 times the steps two samples before and after it; then both
-    steps of one bad sample are isolated. It is stray if it also exceeds 4 times all steps that are
-    not isolated. Steps refer to the median sampling interval, so that a pause of the log is not a
-    jump. A shaft that moves only by isolated steps has no stray step.
+    steps of one bad sample are isolated. It is stray if it also exceeds 4 times every step that is
+    not isolated. 8 `quantum` (step of the readings) are added to both limits. Steps refer to the
+    median sampling interval, so that a pause of the log is not a jump. A shaft that moves only by
+    isolated steps has no stray step.
     """
     step = np.abs(steps_per_interval(reading, time))
     if len(step) < 5:
@@ -97,7 +103,10 @@ def stray_jump(
 def steps_per_interval(
     reading: Real[np.ndarray, " n"], time: Float[np.ndarray, " n"]
 ) -> Float[np.ndarray, " steps"]:
-    """Return the steps of a channel per median interval; a shorter interval counts as one."""
+    """Return the steps between successive readings, scaled to the median sampling interval.
+
+    Steps over an interval shorter than the median are not scaled.
+    """
     interval = np.diff(time)
     usual = np.median(interval)
     weight = np.maximum(interval / usual, 1.0) if usual > 0 else 1.0
@@ -105,7 +114,10 @@ def steps_per_interval(
 
 
 def _roughness(step: Real[np.ndarray, " steps"], at: Int[np.ndarray, " wraps"]) -> float:
-    """Return 1 (against division by 0) plus the changes of the step before and after rows `at`."""
+    """Return the roughness at the wraps: the sum of the changes of the step before and after `at`.
+
+    `at` holds the indices of the steps that wrap. 1 is added to the sum against division by 0.
+    """
     change = np.abs(np.diff(step.astype(np.float64)))
     before, after = at[at > 0] - 1, at[at < len(change)]
     return 1.0 + float(change[before].sum() + change[after].sum())

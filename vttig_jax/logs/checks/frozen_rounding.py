@@ -1,11 +1,11 @@
-"""Rounding of the readings that the motion freezes, so that no average removes it.
+"""Part of the rounding error of the readings that is constant in a run, so that averages keep it.
 
-Readings with the step s have errors of variance s²/12 in all. If a shaft turns by a whole number of
-steps per sample, or by a simple fraction of one, these errors repeat, and a part of them is a
-constant of the run. A run that is nearly straight shows it: what the readings scatter about a
-straight line is the part that averages out, and the rest of s²/12 is the variance of the constant.
-With R equidistant places within a step the scatter is (1 − 1/R²) s²/12. Motion that deviates from
-the line by a step or more, and noise of that size, move the places, and then nothing is left.
+Readings with the step s have rounding errors of the total variance s²/12. If a shaft turns by a
+whole number of steps per sample, or by a simple fraction of a step, the errors repeat, and a part
+of them is constant in the run. A run at nearly constant speed shows this part: the scatter of the
+readings about a straight line averages out, and the rest of s²/12 is the variance of the constant.
+With R equidistant places within a step the scatter is (1 − 1/R²) s²/12. If the motion or the noise
+deviates from the line by a step or more, the errors vary and no constant part remains.
 """
 
 from collections.abc import Sequence
@@ -19,18 +19,19 @@ from ..encoder_log import EncoderLog
 from ..motion.segments import Segment
 
 _LEAST_SHARE = 0.01
-"""Share of s²/12 below which a constant is not told from the scatter; ten places (chosen)."""
+"""Constants with a smaller share of s²/12 are not distinguishable from the scatter; the limit is
+that of R = 10 places (chosen)."""
 
-_FEWEST = 8  # samples of a run for a scatter; chosen value
-_OF_ROUNDING = 1 / 6  # variance of the difference of two rounded readings, in steps
-_PART = 0.5  # part of the advance that the clocks are apart, if it is not known; chosen value
-_LEAST_STEPS = 1.5  # steps a sample; slower motion has no step but that of its samples (chosen)
+_FEWEST = 8  # least number of samples of a run to estimate its scatter; chosen value
+_OF_ROUNDING = 1 / 6  # variance of the difference of two rounded readings, in squared steps
+_PART = 0.5  # assumed offset of the two clocks as a fraction of a sample interval; chosen value
+_LEAST_STEPS = 1.5  # least steps per sample; slower motion does not show the encoder step (chosen)
 
 
 def frozen_stds(log: EncoderLog, segments: Sequence[Segment]) -> Float[np.ndarray, " runs"]:
-    """Return the standard deviation of the constant rounding error of each run, rad, driven shaft.
+    """Return the standard deviation of the constant rounding error of each run, rad driven angle.
 
-    It is 0 for a log with a transmission error, whose angles are places and no readings.
+    It is 0 for a TE-curve log, whose angles are positions and not rounded readings.
 
     **Arguments**
     - `segments`: runs at nearly constant speed.
@@ -52,10 +53,10 @@ def frozen_stds(log: EncoderLog, segments: Sequence[Segment]) -> Float[np.ndarra
 
 
 def _step(channel: Channel, other: Channel) -> float:
-    """Return the step of the readings in their unit, or 0 if it is not known.
+    """Return the step of the readings of `channel` in their unit, or 0 if it is unknown.
 
-    A shaft whose readings advance equally shows no step. It then is that of the other channel, if
-    the readings are multiples of it, because encoders of one rig are often alike.
+    Readings that advance equally show no step. Then the step of the `other` channel is used if the
+    readings are multiples of it, because encoders of one rig are often alike.
     """
     if channel.step or channel.reading.dtype.kind in "iu":
         return channel.step or 1.0
@@ -69,13 +70,13 @@ def _step(channel: Channel, other: Channel) -> float:
 
 
 def frozen_share_between_clocks(steps: Float[np.ndarray, " n"]) -> float:
-    """Return the share of the variance of a second rounding that is constant in a run.
+    """Return the constant share, in a run, of the variance of a second rounding.
 
-    A program that brings whole counts to its own clock adds a part of the advance per sample to
-    them, and rounds again. At constant speed every sample has nearly the same advance, so that this
-    rounding is a constant at any speed. It averages out where the advance itself changes by a step.
-    The readings do not show whether a program did so. `steps` are the interpolated readings in
-    steps.
+    A program that interpolates whole counts to its own clock adds a part of the advance per sample
+    and rounds again. At constant speed the advance is nearly the same in every sample, so that this
+    rounding error is constant at any speed. It averages out where the advance changes by a step.
+    The readings do not show whether a program did this. `steps` are the interpolated readings in
+    units of the step.
     """
     if len(steps) < _FEWEST:
         return 0.0
@@ -85,9 +86,10 @@ def frozen_share_between_clocks(steps: Float[np.ndarray, " n"]) -> float:
 
 
 def frozen_share(steps: Float[np.ndarray, " n"]) -> float:
-    """Return the share of the rounding variance that is constant; `steps` are readings in steps.
+    """Return the share of the rounding variance s²/12 that is constant in a run.
 
-    Where every sample is a step further, the step is only that of the samples, and the share is 0.
+    `steps` are the readings in units of the step s. For motion of about one step per sample the
+    share is 0, because the found step may be only the travel per sample.
 
     **Example**
     ```python

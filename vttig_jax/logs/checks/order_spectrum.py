@@ -1,4 +1,4 @@
-"""Order spectrum of the transmission error by least squares on samples with certain flank."""
+"""Order spectrum of the transmission error by least squares on samples whose flank is certain."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,7 +15,8 @@ CHUNK = 65536
 """Highest order, and rows per block of the Gram matrix (chosen)."""
 
 SEPARABLE = 0.02
-"""Least eigenvalue of the normalised Gram matrix for separable orders (chosen)."""
+"""Orders are separable if the least eigenvalue of the normalised Gram matrix reaches this value
+(chosen)."""
 
 
 @dataclass(frozen=True)
@@ -31,11 +32,11 @@ class OrderLine:
 def order_spectrum(
     log: EncoderLog, segments: Sequence[Segment]
 ) -> tuple[tuple[OrderLine, ...], tuple[str, ...]]:
-    """Estimate amplitudes of orders 1 … 8 of both shafts on each flank, with notes on omissions.
+    """Return amplitudes of orders 1 … 8 of both shafts on each flank, and notes on omitted orders.
 
-    On each flank TE = c₀ + c₁ t + Σ (a cos kφ + b sin kφ) over the orders k of each shaft that
-    turned at least once there. Driven orders equal to a driving order are omitted. If the log is
-    too short to separate neighbouring orders, the highest orders are omitted.
+    The model on each flank is TE = c₀ + c₁ t + Σ (a cos kφ + b sin kφ) over the orders k of each
+    shaft that turns at least once there. Driven orders equal to a driving order are omitted. If the
+    log is too short to separate neighbouring orders, the highest orders are omitted.
     """
     lines: list[OrderLine] = []
     notes: list[str] = []
@@ -92,7 +93,7 @@ def _gram(
     shafts: Sequence[str],
     terms: Sequence[tuple[str, int]],
 ) -> Float[np.ndarray, "p p"]:
-    """Return the Gram matrix of the columns 1, t, cos and sin of every term, and the error."""
+    """Return the Gram matrix of the columns 1, t, cos and sin of every term, and the TE (last)."""
     index = np.concatenate([np.arange(s.start, s.stop) for s in segments])
     time = log.time[index]
     time = (time - time.mean()) / max(np.ptp(time) / 2, 1e-300)

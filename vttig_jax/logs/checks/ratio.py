@@ -1,9 +1,9 @@
 """Comparison of the ratio in a log with the ratio in the pair file.
 
-The ratio is the slope of driven over driving angle. A periodic transmission error is not noise, so
-the standard error is the largest of three: from the residual, with one independent value per driven
-turn; from a block jackknife; and the change of the slope when first orders of both shafts are
-fitted as well, which is the effect of an eccentricity over less than a turn.
+The ratio is the slope of driven over driving angle. A periodic transmission error is not white
+noise. Therefore the standard error is the largest of three: from the residual, with one independent
+value per driven turn; from a block jackknife; and the change of the slope when first orders of both
+shafts are fitted as well, which is the effect of an eccentricity over less than a turn.
 """
 
 import math
@@ -22,19 +22,20 @@ TOLERANCE = 0.005
 """Largest relative deviation of a correct ratio over many turns (chosen)."""
 
 SHIFT_TURNS, MOST_TOLERANCE = 0.015, 0.01
-"""On few turns a wrong ratio resembles a first order, and the fit estimates it. The tolerance is
-then the deviation that turns the driven orders by `SHIFT_TURNS` over the log, up to
-`MOST_TOLERANCE`, which is less than one tooth of a gear with 100 (both chosen)."""
+"""Over few turns the slope of a log is uncertain, because a first order resembles a wrong ratio.
+The relative tolerance is then `SHIFT_TURNS` / (turns of the driven shaft), up to `MOST_TOLERANCE`,
+which is one tooth of a gear with 100 teeth (both chosen)."""
 
 DEVIATIONS = 5.0
 """Largest deviation of a correct ratio in standard errors (chosen)."""
 
 DOUBTFUL = 3.0
-"""Deviation of the given ratio in standard errors from which it is reported (chosen). Over 112
-simulated logs of right ratio the largest was 1.7."""
+"""A deviation of more than this many standard errors from the given ratio is reported (chosen). In
+112 simulated logs with the correct ratio the largest deviation was 1.7."""
 
 APART = 0.05
-"""Largest rms residual of the driven angle at any ratio, relative to its travel (chosen)."""
+"""Largest rms residual of the driven angle after the regression, as a fraction of its travel
+(chosen)."""
 
 BLOCKS = 10  # number of blocks of the jackknife (chosen)
 
@@ -43,11 +44,11 @@ MOST_ROWS = 20_000
 
 MOST_TEETH, CHANCE = 200, 0.02
 """Largest denominator of a fraction that is proposed instead of the given ratio, and the largest
-probability that any fraction with that denominator lies as near by chance (chosen)."""
+probability that some fraction up to that denominator lies so near by chance (chosen)."""
 
 _DIVIDED = 5e-3
-"""Deviation from 1 of the ratio in a log whose driving angle is given behind the reducer; chosen as
-the deviation from which `check_ratio` refuses a ratio."""
+"""If the ratio in the log deviates from 1 by less than this, the driving angle was probably already
+divided by the ratio; chosen equal to the tolerance of `check_ratio`."""
 
 LARGEST_ORDER = 0.02
 """Largest plausible amplitude of a first order in rad (chosen: 1.5 mm at 80 mm)."""
@@ -57,7 +58,7 @@ Verdict = Literal["agrees", "swapped", "sign", "swapped_sign", "differs", "none"
 
 @dataclass(frozen=True)
 class SeenRatio:
-    """Ratio in a log, beside the given one.
+    """Ratio estimated from a log, and the `given` ratio of the pair file.
 
     **Arguments**
     - `seen`, `std`: ratio in the log and its standard error; None in a TE-curve log.
@@ -70,7 +71,7 @@ class SeenRatio:
 
     @property
     def better(self) -> Fraction | None:
-        """Simple fraction that fits the log where the given ratio does not; see its function."""
+        """Simple fraction that fits the log if the given ratio does not; see `better_fraction`."""
         if self.seen is None or self.verdict != "agrees":
             return None
         return better_fraction(self.given, self.seen, self.std or 0.0)
@@ -87,7 +88,7 @@ class SeenRatio:
 
     @property
     def is_doubtful(self) -> bool:
-        """Whether the log is off the given ratio by more than chance, but does not refuse it."""
+        """Whether the ratio in the log deviates by more than chance, but is not refused."""
         return self.verdict == "agrees" and abs(self.deviations) > DOUBTFUL
 
     @property
@@ -105,7 +106,7 @@ class SeenRatio:
 
     @property
     def sentence(self) -> str:
-        """Sentence on the ratio in the log, with the cure if it disagrees with the given one."""
+        """Sentence on the ratio in the log, with advice if it disagrees with the given ratio."""
         given = self._given
         if self.seen is None:
             return f"a TE-curve log has no ratio to check; {given} is taken as given."
@@ -119,7 +120,7 @@ class SeenRatio:
         return f"{seen}, but {given} is given; {log_has}; {self._cure}."
 
     def _difference(self, seen: float) -> str:
-        """What the ratio in the log is beside the given one."""
+        """Text on the relation of the ratio in the log to the given ratio."""
         return {
             "swapped": "the inverse: driving and driven are swapped, or driving turns to driven"
             " turns were meant",
@@ -131,7 +132,7 @@ class SeenRatio:
 
     @property
     def _cure(self) -> str:
-        """What the user changes in the options or in the pair file."""
+        """Advice to the user on options or entries of the pair file to change."""
         if self.verdict == "differs" and self.seen is not None and abs(self.seen - 1) < _DIVIDED:
             return (
                 "the driving column seems to be divided by the ratio already: write"
@@ -183,7 +184,7 @@ def seen_ratio(log: EncoderLog) -> SeenRatio:
 
 
 def _tolerance(turns: float) -> float:
-    """Return the largest relative deviation of a correct ratio; `turns` of the driven shaft."""
+    """Return the largest relative deviation of a correct ratio over `turns` of the driven shaft."""
     return max(TOLERANCE, min(MOST_TOLERANCE, SHIFT_TURNS / max(turns, 1e-9)))
 
 
@@ -271,14 +272,15 @@ def _verdict(seen: float, std: float, given: float, tolerance: float) -> Verdict
 
 
 def better_fraction(given: Fraction, seen: float, std: float) -> Fraction | None:
-    """Return a simple fraction that fits the log where the given ratio does not, or None.
+    """Return a simple fraction that fits the log if the given ratio does not, else None.
 
-    The given ratio is more than five standard errors off, and the fraction at most three.
+    The given ratio must deviate from `seen` by more than five standard errors `std`, and the
+    fraction by at most three.
     """
     if not 0 < DEVIATIONS * std < abs(seen - float(given)):
         return None
     for limit in (10, 20, 50, 100, MOST_TEETH):
-        if 0.3 * limit**2 * 6 * std > CHANCE:  # 3/π² limit² fractions lie in a unit
+        if 0.3 * limit**2 * 6 * std > CHANCE:  # 3/π² limit² fractions lie in [0, 1]
             return None
         fraction = Fraction(seen).limit_denominator(limit)
         if fraction and abs(float(fraction) - seen) <= 3 * std:
@@ -287,7 +289,7 @@ def better_fraction(given: Fraction, seen: float, std: float) -> Fraction | None
 
 
 def simple_fraction(value: float, std: float) -> str:
-    """Return the simplest fraction within one standard error, or the number as text."""
+    """Return as text the simplest fraction within one standard error of `value`, or `value`."""
     for limit in (10, 20, 50, 100, 200, 500):
         fraction = Fraction(value).limit_denominator(limit)
         if fraction and abs(float(fraction) - value) <= max(std, 1e-6 * abs(value)):

@@ -12,7 +12,8 @@ from ..encoder_log import EncoderLog
 from ..motion.segments import Segment
 
 COMMENSURATE = 1e-3
-"""Counts per sample this close to a whole number make the quantisation constant (chosen)."""
+"""If the counts per sample are this close to a whole number, the quantisation error is constant
+(chosen)."""
 
 SAME_SPEED = 0.03
 """Segments with a smaller relative difference of speed belong to one plateau (chosen)."""
@@ -20,7 +21,7 @@ SAME_SPEED = 0.03
 
 @dataclass(frozen=True)
 class Sampling:
-    """Properties of the time stamps of a log; intervals are in s."""
+    """Properties of the time stamps of a log; `gaps` and `duplicates` are numbers of intervals."""
 
     duration_s: float
     rate_hz: float
@@ -52,7 +53,7 @@ class Commensurate:
 
 @dataclass(frozen=True)
 class Aliased:
-    """Orders of a shaft from `order` to `highest`, which lie above half the sampling rate."""
+    """Orders of a shaft, from `order` to `highest`, that lie above half the sampling rate."""
 
     shaft: str
     order: int | float
@@ -61,7 +62,10 @@ class Aliased:
 
 
 def sampling_of(time: Float[np.ndarray, " n"]) -> Sampling:
-    """Return rate (from the mean interval) and jitter (standard deviation), both without gaps."""
+    """Return the properties of the time stamps in s.
+
+    Rate (from the mean interval) and jitter (standard deviation of the intervals) exclude gaps.
+    """
     interval = np.diff(time)
     median = float(np.median(interval))
     usual = interval[interval <= GAP * median]
@@ -77,7 +81,7 @@ def sampling_of(time: Float[np.ndarray, " n"]) -> Sampling:
 
 
 def plateaus_of(segments: Sequence[Segment]) -> tuple[SpeedPlateau, ...]:
-    """Combine segments of one flank and nearly equal speed, in the order of the log."""
+    """Return plateaus: segments of one flank and nearly equal speed, in the order of the log."""
     groups: list[list[Segment]] = []
     for segment in segments:
         for group in groups:
@@ -97,7 +101,10 @@ def _plateau(group: Sequence[Segment]) -> SpeedPlateau:
 
 
 def commensurate(log: EncoderLog, segments: Sequence[Segment]) -> tuple[Commensurate, ...]:
-    """Find shafts in counts that turn by a whole number of counts per sample in a segment."""
+    """Return shafts with readings in whole counts that turn by a whole number of counts per sample.
+
+    Each shaft and number is reported once, for the first segment with it.
+    """
     findings = {}
     for shaft, channel in (("driving", log.driving), ("driven", log.driven)):
         if channel is None or not np.issubdtype(channel.reading.dtype, np.integer):
@@ -118,7 +125,7 @@ def aliased(
     rate_hz: float,
     orders: Mapping[str, tuple[float, Sequence[int | float]]],
 ) -> tuple[Aliased, ...]:
-    """Find orders of the fit above half the sampling rate at a plateau.
+    """Return for each shaft the orders of the fit above half the sampling rate at the top speed.
 
     **Arguments**
     - `orders`: shaft → (its speed relative to the driving shaft, its orders in the fit).

@@ -23,13 +23,14 @@ MOST_ROWS = 40_000
 
 WINDOWS = 600
 LEAST = 4
-"""Number of windows over the whole log, and number of rows of the shortest window."""
+"""Number of windows over the whole log, and least number of rows per window."""
 
 ORDERS = 4
 """Number of orders of each shaft in the fit."""
 
 LEAST_TURNS = 2.0
-"""Least number of driving turns; over less, part of a harmonic looks like a step."""
+"""Least number of driving turns for a search; over fewer turns a part of a harmonic looks like a
+step."""
 
 SAME_SPEED = 0.1
 """Segments of one flank within this relative difference of speed share an offset."""
@@ -37,7 +38,10 @@ SAME_SPEED = 0.1
 
 @dataclass(frozen=True)
 class Slip:
-    """Step of TE by `size_deg` (driven shaft) at `time_s`; `row` is the first row after it."""
+    """Step of TE by `size_deg` (driven shaft) at `time_s`; `row` is the first row after it.
+
+    `std_deg` is the standard error of the size.
+    """
 
     time_s: float
     row: int
@@ -111,14 +115,14 @@ def refuse_slip(log: EncoderLog, segments: Segments) -> None:
         raise LogError(slip.sentence, where=log.place.at(row=slip.row))
 
 
-_HUBER_STEPS = 5  # weights; they hardly change after four; chosen value
-_FITTED = 200  # rows of the Huber fit for each of its columns; chosen value
+_HUBER_STEPS = 5  # number of reweightings; the weights hardly change after four; chosen value
+_FITTED = 200  # rows of the Huber fit per column of its design matrix; chosen value
 _DEPENDENT = 1e-12
-"""Share of the largest eigenvalue of the normal matrix below which columns count as dependent
-(chosen)."""
+"""Columns count as dependent if an eigenvalue of the normal matrix is below this share of the
+largest one (chosen)."""
 
 _DIGITS = 100.0
-"""Largest step that may come from rounding, in rounding errors of the transmission error."""
+"""Largest step that rounding can cause, as a multiple of the rounding error of the TE."""
 
 
 def _rows(
@@ -168,10 +172,11 @@ def _groups(segments: list[Segment]) -> list[int]:
 
 
 def _least_step(log: EncoderLog, residual: Float[np.ndarray, " m"]) -> float:
-    """Return the least step in rad: half the scatter of the residual, or one encoder count.
+    """Return the least size of a slip in rad of the driven shaft.
 
-    The step of readings in degrees is not used, because for steady motion it is the travel per
-    sample. The rounding error of the readings is a lower limit for a log without noise.
+    It is the largest of half the scatter of the residual, one encoder count, and a multiple of the
+    rounding error, which matters in a log without noise. The step of readings in degrees is not
+    used, because for steady motion it is the travel per sample.
     """
     limits = [0.5 * float(np.median(np.abs(residual))) / 0.6745, _DIGITS * log.rounding]
     for channel, ratio in ((log.driving, abs(float(log.ratio))), (log.driven, 1.0)):
@@ -181,7 +186,7 @@ def _least_step(log: EncoderLog, residual: Float[np.ndarray, " m"]) -> float:
 
 
 def _speed_place(group: Int[np.ndarray, " m"]) -> int:
-    """Return the column of the speed, behind the offsets of the groups and the drift."""
+    """Return the index of the speed column, which follows the group offsets and the drift."""
     return int(group.max()) + 2
 
 
@@ -191,12 +196,12 @@ def _columns(
     group: Int[np.ndarray, " m"],
     forward: Bool[np.ndarray, " m"],
 ) -> Float[np.ndarray, "m p"]:
-    """Return the regressors of TE other than a slip, each scaled to about 1."""
+    """Return the design matrix of all effects in TE except a slip, columns scaled to about 1."""
     time = log.time[rows]
     span = max(float(np.ptp(time)), 1e-300)
     flanks = [mask for mask in (forward, ~forward) if mask.any()]
     groups, torques = int(group.max()) + 1, int(log.torque is not None)
-    # One column after the other lies in memory, so that each is written and summed at once.
+    # Each column is contiguous in memory, so that writing and summing it is fast.
     table = np.empty((groups + 2 + 4 * ORDERS * len(flanks) + torques, len(rows)))
     table[:groups] = group == np.arange(groups)[:, None]
     table[groups] = (time - time.mean()) / span
@@ -224,11 +229,11 @@ def _scaled(values: Float[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
 def _huber_residual(
     columns: Float[np.ndarray, "m p"], error: Float[np.ndarray, " m"]
 ) -> Float[np.ndarray, " m"]:
-    """Return the residual of a Huber fit, which late readings influence little.
+    """Return the residual of a Huber fit of `error`, on which late readings have little influence.
 
-    The coefficients are those of one row, drawn at random, of every few neighbours. `find_steps`
-    fits them again beside the steps. Every step solves the weighted normal equations for a
-    correction of the residual. Their rounding therefore vanishes with the steps.
+    The fit uses one random row of every few neighbouring rows. `find_steps` fits the coefficients
+    again together with the steps. Every iteration solves the weighted normal equations for a
+    correction of the coefficients; thus the rounding errors of the solution vanish.
     """
     few = _drawn(len(error), columns.shape[1])
     rows, left, weight = columns[few], error[few], np.ones(len(few))
@@ -244,9 +249,10 @@ def _huber_residual(
 
 
 def _drawn(count: int, columns: int) -> Int[np.ndarray, " few"]:
-    """Return one row of every few neighbours, `_FITTED` for each column if there are so many.
+    """Return the indices of one random row from each block of neighbouring rows.
 
-    Which one is random, so that outliers at equal distances are not drawn every time.
+    About `_FITTED` rows per column are drawn if there are so many. The choice within a block is
+    random, so that outliers at equal distances are not drawn every time.
     """
     step = max(1, count // (_FITTED * columns))
     first = np.arange(0, count - step + 1, step)
@@ -256,7 +262,7 @@ def _drawn(count: int, columns: int) -> Int[np.ndarray, " few"]:
 def _medians(
     values: Float[np.ndarray, " m"], starts: Int[np.ndarray, " w"], size: Int[np.ndarray, " w"]
 ) -> Float[np.ndarray, " w"]:
-    """Return the median of every window of neighbouring values."""
+    """Return the median of every window; a window has `size` values from index `starts` on."""
     found = np.empty(len(size))
     for length in np.unique(size):
         windows = size == length
@@ -266,7 +272,7 @@ def _medians(
 
 
 def _window_starts(segment_of: Int[np.ndarray, " m"]) -> Int[np.ndarray, " w"]:
-    """Return the first rows of windows of about equal length, each within one segment."""
+    """Return the first index of every window; windows have similar length, each in one segment."""
     length = max(LEAST, len(segment_of) // WINDOWS)
     starts = np.flatnonzero(np.diff(segment_of, prepend=-1))
     edges = []
@@ -283,7 +289,10 @@ def _first_row_after(
     step: Step,
     correction: Float[np.ndarray, " m"],
 ) -> int:
-    """Return the first row after the step, searched near its window."""
+    """Return the first row of the log after the step, searched within two windows of `step`.
+
+    `correction` is the change of the fit of TE by the coefficients that belong to the step.
+    """
     low = int(edges[max(step.window - 2, 0)])
     high = int(edges[min(step.window + 2, len(edges) - 1)])
     level = (residual - correction)[low:high] - step.base

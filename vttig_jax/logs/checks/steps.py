@@ -1,4 +1,4 @@
-"""Steps of a series beside regressors, in coloured noise with outliers.
+"""Detection of steps in a series, fitted together with regressors, in coloured noise with outliers.
 
 All limits below are chosen values unless they say otherwise.
 """
@@ -11,23 +11,25 @@ from jaxtyping import Float
 from ...base.numerics.student_noise import NoiseFit, fit_student_noise
 
 EVIDENCE = 100.0
-"""Least 2 Δ ln L of a step; the largest of 100 simulated rigs without a step was 86."""
+"""Least 2 Δ ln L of a step; in 100 simulated rigs without a step the largest value was 86."""
 
 MOST = 3
 """Largest number of steps that are searched, one after the other."""
 
 NEAR = 6
-"""Number of values within which two steps are the same."""
+"""Two steps at most this many values apart are the same step."""
 
 _FLOOR = 0.01
-"""Least noise of the series, in the least size of a step; smaller noise adds no evidence."""
+"""Least standard deviation of the noise, as a fraction of the least step size; smaller noise adds
+no evidence."""
 
 _BETTER = 20.0
-"""Least 2 Δ ln L by which another explanation is preferred. At one
-speed a step of the delay and a step of the angle are equally likely."""
+"""Least 2 Δ ln L by which steps of the coefficient of `rival` are preferred. At one speed a step of
+the delay and a step of the angle are equally likely."""
 
 LEAST_REMAINDER = 0.02
-"""Least squared norm of a step beside the columns, relative to the length of its shorter side."""
+"""Least squared norm of the part of a step orthogonal to the columns, relative to the sum of
+squares on the shorter side of the step."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,10 +52,10 @@ def find_steps(
     least: float = 0.0,
     rival: Float[np.ndarray, " w"] | None = None,
 ) -> list[Step]:
-    """Find steps that the likelihood demands, in a fit together with other columns.
+    """Return the steps that the likelihood demands, in a fit together with other regressors.
 
-    Steps are accepted together if they raise twice the logarithm of the likelihood by at least
-    `EVIDENCE` each, and if steps of the coefficient of `rival` are not clearly better. The noise is
+    Steps are accepted together if they raise 2 ln L by at least `EVIDENCE` for each step, and if
+    steps of the coefficient of `rival` are not clearly better. The noise is
     autoregressive with innovations of Student's distribution, and its order, its coefficients and
     the degrees of freedom are fitted with and without the steps.
 
@@ -80,14 +82,18 @@ def find_steps(
 
 @dataclass(frozen=True, eq=False)
 class _Series:
-    """Values beside columns, with white noise of at least the standard deviation `floor`."""
+    """Series and its regressors `columns`; the noise has at least the std `floor`."""
 
     values: Float[np.ndarray, " w"]
     columns: Float[np.ndarray, "w p"]
     floor: float
 
     def places(self, shape: Float[np.ndarray, " w"]) -> list[int]:
-        """Return where steps of the coefficient of `shape` help most, one after the other."""
+        """Return up to `MOST` indices at which a step reduces the sum of squares most.
+
+        A step multiplies `shape` (ones for a step of the value) from its index on. The steps are
+        found one after the other.
+        """
         places: list[int] = []
         while len(self.values) >= 4 * NEAR and len(places) < MOST:
             place = self._best_place(shape, places)
@@ -105,13 +111,19 @@ class _Series:
         return len(self.values) * float(np.log(squares[0] / squares[1]))
 
     def noise(self, design: Float[np.ndarray, "w q"], *starts: NoiseFit) -> NoiseFit:
-        """Return the largest likelihood beside the columns of a design."""
+        """Return the noise model with the largest likelihood, fitted together with `design`.
+
+        `starts` are further fits from which the search starts.
+        """
         return fit_student_noise(self.values, design, *starts, floor=self.floor)
 
     def judged(
         self, shape: Float[np.ndarray, " w"], places: list[int], without: NoiseFit
     ) -> tuple[int, float]:
-        """Return the number of steps to accept, and 2 Δ ln L above their threshold."""
+        """Return how many of the steps at `places` to accept, and 2 Δ ln L minus its threshold.
+
+        `without` is the noise model without steps. 0 steps have the value 0.
+        """
         accepted, best = 0, 0.0
         for used in range(1, len(places) + 1):
             with_steps = self.noise(self._design(shape, places[:used]), without)
@@ -125,7 +137,7 @@ class _Series:
         return accepted, best
 
     def sharpened(self, places: list[int], without: NoiseFit) -> list[int]:
-        """Return the steps, each at the place near its own with the largest likelihood."""
+        """Return the indices of the steps, each moved to the nearby index of largest likelihood."""
         sharp, constant, last = list(places), np.ones(len(self.values)), len(self.values) - 1
         for k, place in enumerate(places):
             nearby = range(max(place - NEAR // 2, 1), min(place + NEAR // 2 + 1, last))
@@ -143,7 +155,10 @@ class _Series:
         return np.hstack([self.columns, shape[:, None] * _steps(places, len(shape))])
 
     def _best_place(self, shape: Float[np.ndarray, " w"], taken: list[int]) -> int | None:
-        """Return where one more step, not near those `taken`, reduces the sum of squares most."""
+        """Return the index at which one more step reduces the sum of squares most, or None.
+
+        It is not near the steps `taken`.
+        """
         count = len(self.values)
         basis = _basis(self._design(shape, taken))
         residual = _without(basis, self.values)
@@ -182,7 +197,7 @@ def _measured(
     places: list[int],
     least: float,
 ) -> list[Step]:
-    """Return the steps at `places` of at least the size `least`, after a common fit."""
+    """Fit steps at `places` together with `columns`; return those of at least the size `least`."""
     count, width = columns.shape
     steps = _steps(places, count)
     design = np.hstack([columns, steps])

@@ -15,17 +15,17 @@ HIGHEST = 12.0
 """Highest frequency of the search in cycles per driving revolution (chosen)."""
 
 _FASTEST = 0.9
-"""Quantile of the driving speed that limits the frequency of a line (chosen)."""
+"""Quantile of the driving angle per sample from which the highest frequency is limited (chosen)."""
 
 _ALIAS, _ROWS_PER_CYCLE = 3.0, 5.0  # least samples and rows per cycle of the highest frequency
-_LEAST_ROWS, _MOST = 20, 5  # least rows of a stretch, most lines (chosen)
+_LEAST_ROWS, _MOST = 20, 5  # least averaged rows of a stretch, largest number of lines (chosen)
 
 
 def blind_lines(log: EncoderLog, segments: Sequence[Segment]) -> tuple[Line, ...]:
-    """Find significant lines of the transmission error on certain flanks, sorted by significance.
+    """Return significant lines of the transmission error in the segments, most significant first.
 
-    The regressors are an offset of each flank, time, its square, speed and torque, so that drift or
-    a delay between the channels is not detected as a line.
+    The regressors of each flank are an offset, time, its square, speed and torque. Therefore drift
+    or a delay between the channels is not detected as a line.
     """
     if not segments:
         return ()

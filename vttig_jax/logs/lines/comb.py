@@ -1,7 +1,7 @@
-"""Hidden shafts by the spectrum: too much power at multiples of the frequency of one line.
+"""Hidden shafts from the spectrum: too much power at multiples of the frequency of one line.
 
-Frequencies of weak lines are known too roughly to tell multiples from other lines, and weak lines
-may not be found at all. The height of the spectrum at the multiples tells more.
+The frequencies of weak lines are too uncertain to decide whether they are multiples, and the
+search may miss weak lines. Therefore the height of the spectrum at the multiples is tested.
 """
 
 import math
@@ -23,17 +23,19 @@ from .rows import Rows, Stretch, stack, typical_step
 from .search import relative_height
 from .spectrum import LEAST_CYCLES, Spectrum, noise_level
 
-_MOST_BASES = 3  # lines, the most certain first, of which a shaft must have one; chosen value
+_MOST_BASES = 3  # number of the most certain lines; a shaft must contain one of them (chosen)
 _PRESENT = math.log(1e3)
-"""Least −ln P of the height of a line at a given frequency in noise alone (chosen)."""
+"""A multiple is present if −ln P of its height is at least this value, where P is the probability
+of such a height in noise alone at a given frequency (chosen)."""
 
 _APART = 3.0
-"""Resolutions from a line within which its own modulation is, and no rank is counted (chosen)."""
+"""Heights within this many resolutions of a line are not counted for the share p, because the line
+and its own modulation cause them (chosen)."""
 
 _LEAST_APART = 4.0  # least distance of two multiples in resolutions; chosen value
-_NYQUIST = 0.49  # cycles a row of the highest multiple; chosen value
-_FINER = 8  # frequencies between two of the spectrum; chosen value
-_STEP = 0.05  # step of the curvature in resolutions; chosen value
+_NYQUIST = 0.49  # largest frequency of a multiple in cycles per row; chosen value
+_FINER = 8  # steps of the fine grid per frequency step of the spectrum; chosen value
+_STEP = 0.05  # step for the curvature, relative to the range of the refinement; chosen value
 
 
 @one_blas_thread
@@ -44,13 +46,13 @@ def shaft_of_multiples(
     highest: float,
     is_order: Callable[[float], bool],
 ) -> Multiples | None:
-    """Return the frequency of a shaft to whose orders lines belong, or None.
+    """Return the shaft whose orders explain lines of the spectrum, or None.
 
-    A known line c would be one of order k of a shaft that turns f = c/k times. All multiples m f
-    are then fitted, the strongest first, each with amplitudes of its own on every side. For every
-    multiple, p is the share of the spectrum in which the rest stands at least as high above the
-    noise nearby. If lines lie at random frequencies, p is uniform, whatever the heights of the
-    lines and the colour of the noise. The product of the r smallest of M such shares is at most x
+    If a known line c has order k, its shaft turns f = c/k times per revolution. All multiples m f
+    are then fitted, the strongest first, with separate amplitudes on every side. For every
+    multiple, p is the share of the spectrum that stands at least as high above the local noise
+    level as the multiple. If lines lie at random frequencies, p is uniform, whatever the heights of
+    the lines and the colour of the noise. The product of the r smallest of M shares is at most x
     with a probability below (M over r) Q(r, −ln x), where Q is the upper incomplete gamma function.
     This bound times the number of the tried c, k and r must be below 0.001.
 
@@ -99,7 +101,7 @@ def shaft_of_multiples(
 
 @dataclass(frozen=True, eq=False)
 class _Side:
-    """Rows of a side with their spectrum."""
+    """Rows of one side (flank), their spectrum, and the regression without whitening (`plain`)."""
 
     rows: Rows
     spectrum: Spectrum
@@ -119,10 +121,11 @@ class _Side:
     def heights(
         self, fixed: Sequence[float], grid: Float[np.ndarray, " f"]
     ) -> Float[np.ndarray, " f"]:
-        """Return −ln P of the heights above the noise nearby that lines leave, on a finer grid.
+        """Return −ln P of the heights above the local noise level after a fit of the lines `fixed`.
 
-        The autoregression may follow a strong line and hide it, so that the larger height counts of
-        those with and without whitening.
+        The heights are interpolated at the frequencies `grid`. The autoregression may follow a
+        strong line and hide it; therefore the larger of the heights with and without whitening is
+        used.
         """
         left = self.plain.after(fixed)
         taps = noise_filter(self.rows, left)
@@ -154,7 +157,10 @@ def _of_base(
     grid: Float[np.ndarray, " f"],
     is_order: Callable[[float], bool],
 ) -> list[Multiples]:
-    """Return the shafts of all orders that a line may have, without trials taken into account."""
+    """Return a possible shaft for every order that the line `base` may have.
+
+    The coincidence of each shaft does not include the factor for the number of trials.
+    """
     resolution = 1 / max(side.spectrum.span for side in sides)
     first = np.sum([side.heights([base], grid) for side in sides], axis=0)
     found = []
@@ -181,7 +187,11 @@ def _shares(
     grid: Float[np.ndarray, " f"],
     heights: Float[np.ndarray, " f"],
 ) -> dict[int, float]:
-    """Return the share p of every multiple that stands above the noise, the strongest first."""
+    """Return the share p (see `shaft_of_multiples`) of every multiple that stands above the noise.
+
+    `open_` maps the order of each tried multiple to its frequency; the strongest is fitted first.
+    `heights` are −ln P on `grid` after a fit of `base`.
+    """
     span = max(side.spectrum.span for side in sides)
     fixed, shares = [base], {}
     while open_:
@@ -199,7 +209,10 @@ def _shares(
 
 
 def _chance(shares: Sequence[float], tried: int) -> float:
-    """Return the bound of the probability of the product of the smallest shares, for all r."""
+    """Return the bound of the chance probability of the shares p, the least over all r.
+
+    `tried` is the number M of tried multiples; the bound includes the factor for the number of r.
+    """
     products = np.cumsum(-np.log(np.sort(shares)))
     bounds = [
         math.comb(tried, r) * float(gammaincc(r, product))
@@ -211,7 +224,7 @@ def _chance(shares: Sequence[float], tried: int) -> float:
 def _refined(
     sides: Sequence[Sequence[Stretch]], shaft: Multiples, highest: float
 ) -> tuple[float, float]:
-    """Return the frequency at which all multiples together fit best, and its standard error."""
+    """Return the shaft frequency at which all multiples together fit best, and its std."""
     from scipy.optimize import minimize_scalar  # slow to import, and `inspect` compares nothing
 
     runs = [run for side in sides for run in side]

@@ -1,4 +1,4 @@
-"""Comparison of explanations of a residual by periodic terms of different frequencies."""
+"""Comparison of several sets of periodic terms, each of which may explain a residual."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,20 +12,20 @@ from .regression import APART, orthonormal, waves
 from .rows import Rows, Stretch, stack
 
 _TRIALS = 9  # trial frequencies before the refinement; chosen value
-_STEP = 0.05  # step of the curvature in resolutions, 1 / revolutions of the log; chosen value
+_STEP = 0.05  # step for the curvature in resolutions, 1 / revolutions of the log; chosen value
 
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """Generalised least squares of terms a cos(cφ) + b sin(cφ) beside regressors, in one noise.
+    """Generalised least squares of terms a cos(cφ) + b sin(cφ) together with regressors.
 
-    Every side has coefficients of its own for every frequency. All explanations are compared under
-    the noise that the fullest of them leaves.
+    An explanation is a set of frequencies c; every side (flank) has separate coefficients a, b. All
+    explanations use one noise model, from the residual of the explanation with most frequencies.
 
     **Arguments**
     - `taps`: whitening filter along every run.
     - `sides`: indices of the rows of every side.
-    - `bases`: rows of every group and an orthonormal basis of its whitened regressors.
+    - `bases`: rows of every group of runs and an orthonormal basis of its whitened regressors.
     - `value`: whitened value without its regressors, rad, shape (n,).
     """
 
@@ -43,10 +43,11 @@ class Comparison:
         frequencies: Sequence[float],
         highest: float,
     ) -> "Comparison":
-        """Compare explanations of runs; `frequencies` are those of the fullest explanation.
+        """Prepare a comparison for `runs`.
 
         **Arguments**
-        - `sides`: side of every run. Runs of one group have one side.
+        - `sides`: name of the side of every run. Runs of one group have one side.
+        - `frequencies`: all frequencies of the largest explanation, which defines the noise model.
         - `highest`: highest frequency in cycles per revolution.
         """
         rows = stack(runs, highest)
@@ -91,21 +92,21 @@ class Comparison:
 
     @property
     def coefficients(self) -> int:
-        """Number of coefficients of one frequency."""
+        """Number of coefficients that one frequency adds: two for every side."""
         return 2 * len(self.sides)
 
     def height(self, frequencies: Sequence[float]) -> float:
-        """Return −2 log-likelihood of an explanation, up to a constant common to all."""
+        """Return −2 ln L of a fit of these frequencies, up to a constant common to all fits."""
         left = self._left(frequencies)
         return self.freedom * float(np.log(max(float(left @ left), 1e-300)))
 
     def refined(
         self, cycles: float, beside: Sequence[float], lines: Sequence[float] = ()
     ) -> tuple[float, float]:
-        """Return the best frequency within one resolution of `cycles`, and the height there.
+        """Return the best frequency within one resolution of `cycles`, and −2 ln L there.
 
-        It keeps at least the resolution from the frequencies `lines`, where it has it already;
-        otherwise the amplitudes of two lines are undefined.
+        The frequencies `beside` and `lines` are fitted too. If `cycles` is at least one resolution
+        from each of `lines`, so is the result, because amplitudes of closer lines are undefined.
         """
 
         from scipy.optimize import minimize_scalar  # slow to import, and `inspect` compares nothing
@@ -124,7 +125,10 @@ class Comparison:
         return float(found.x), float(found.fun)
 
     def frequency_std(self, cycles: float, beside: Sequence[float]) -> float:
-        """Return the standard error of a frequency, from the curvature of the log-likelihood."""
+        """Return the standard error of the frequency `cycles`, from the curvature of ln L.
+
+        The frequencies `beside` are fitted too and stay fixed.
+        """
         step = _STEP * self.resolution
         low, middle, high = (
             self.height([*beside, cycles + sign * step]) for sign in (-1.0, 0.0, 1.0)
@@ -136,7 +140,7 @@ class Comparison:
         return np.concatenate(parts)
 
     def _left(self, frequencies: Sequence[float]) -> Float[np.ndarray, " n"]:
-        """Return the whitened residual of an explanation."""
+        """Return the whitened residual of a fit of regressors and these frequencies."""
         if not len(frequencies):
             return self.value
         columns = self._outside(whitened(self.rows, waves(self.rows, frequencies), self.taps))

@@ -1,4 +1,4 @@
-"""Hidden shafts: lines at multiples of one frequency that are too many for a coincidence."""
+"""Hidden shafts: more lines at multiples of one frequency than a coincidence can explain."""
 
 import math
 from collections.abc import Sequence
@@ -7,18 +7,18 @@ from dataclasses import dataclass
 HIGHEST_ORDER = 6
 """Highest order of a hidden shaft; lines of a shaft have low orders (chosen)."""
 
-COINCIDENCE = 1e-3  # largest likelihood of a coincidence beside that of a shaft; chosen value
+COINCIDENCE = 1e-3  # largest likelihood ratio of a coincidence to a shaft; chosen value
 
 
 @dataclass(frozen=True)
 class Multiples:
-    """Lines at multiples of one frequency.
+    """Hidden shaft: lines at multiples of one frequency.
 
     **Arguments**
     - `turns`: the frequency, turns of the shaft per driving turn. - `std`: its standard error.
     - `orders`: order of every line of the shaft, ascending.
-    - `coincidence`: likelihood of lines at random frequencies against that of the shaft, or a bound
-      of the probability that such lines look like it.
+    - `coincidence`: ratio of the likelihood of lines at random frequencies to that of the shaft, or
+      an upper bound of the probability that random lines imitate the shaft.
     """
 
     turns: float
@@ -28,15 +28,14 @@ class Multiples:
 
 
 def hidden_shaft(cycles: Sequence[float], stds: Sequence[float]) -> Multiples | None:
-    """Return the frequency of a shaft to whose orders several lines belong, or None.
+    """Return the shaft whose orders explain several of the lines, or None.
 
-    Of several possible frequencies, it is the least probable as a coincidence.
-
-    A line c₀ ± s₀ of order k₀ would be one of a shaft that turns f = c₀/k₀ times. If another line
-    c ± s is its order m, the density of c is normal about m f with the variance s² + (m s₀/k₀)². If
-    it is not, c lies anywhere between two multiples with the density 1/f. The product of the ratios
-    of these densities over all lines of the shaft, divided by the number of ways to choose k₀ and
-    the lines, is the likelihood of a shaft against that of a coincidence. It must exceed 1000.
+    Of several possible shafts, the one that is least probable as a coincidence is returned.
+    If a line c₀ ± s₀ has order k₀, its shaft turns f = c₀/k₀ times. If another line c ± s has order
+    m of this shaft, the density of c is normal about m f with the variance s² + (m s₀/k₀)². If not,
+    c lies anywhere between two multiples with the density 1/f. The product of the ratios of these
+    densities over all lines of the shaft, divided by the number of ways to choose k₀ and the lines,
+    is the likelihood ratio of a shaft to a coincidence. It must exceed 1000.
 
     **Arguments**
     - `cycles`, `stds`: frequencies of lines with standard errors, cycles per driving revolution.
@@ -62,7 +61,10 @@ def hidden_shaft(cycles: Sequence[float], stds: Sequence[float]) -> Multiples | 
 
 
 def _of_order(lines: Sequence[tuple[float, float]], first: int, total: int) -> Multiples | None:
-    """Return the multiples if the first line (std, cycles), the most precise, has this order."""
+    """Return the shaft whose order `first` is the first of `lines`, or None.
+
+    `lines` are pairs (std, cycles), the most precise first; `total` is the number of all lines.
+    """
     base_std, base = (part / first for part in lines[0])
     members, chance = {first: lines[0]}, 1.0
     for std, cycles in lines[1:]:

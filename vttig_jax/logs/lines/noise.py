@@ -10,7 +10,7 @@ from .rows import Rows
 
 HIGHEST_ORDER = 32
 _ROWS_PER_LAG = 12
-"""Highest order of the autoregression, and least number of rows per order (chosen)."""
+"""Highest order p of the autoregression, and least number of rows per unit of p (chosen)."""
 
 
 def noise_filter(rows: Rows, residual: Float[np.ndarray, " n"]) -> Float[np.ndarray, " taps"]:
@@ -29,7 +29,7 @@ def noise_filter(rows: Rows, residual: Float[np.ndarray, " n"]) -> Float[np.ndar
 def filter_of_order(
     rows: Rows, residual: Float[np.ndarray, " n"], order: int
 ) -> Float[np.ndarray, " taps"]:
-    """Return the whitening filter (1, −a₁, …, −a_p) of order p that a least-squares fit gives.
+    """Return the whitening filter (1, −a₁, …, −a_p) of order p from a least-squares fit.
 
     Every value of the residual that has p predecessors in its run is regressed on them (covariance
     method). The Yule–Walker equations are not used, because the autocovariance treats the values
@@ -53,13 +53,14 @@ def whitened(
 ) -> Float[np.ndarray, " n *k"]:
     """Return the columns filtered along every run.
 
-    The first p rows of every run do not have enough predecessors for the filter; they become 0.
+    The filter `taps` has order p. The first p rows of every run have too few predecessors and
+    become 0.
     """
     order = len(taps) - 1
     if order == 0:
         return columns
     shift = order - (order + 1) // 2  # the last tap belongs to the row itself
-    # Every column is one piece of memory, which the filter needs to be fast.
+    # Every column is contiguous in memory, which the filter needs to be fast.
     filtered = correlate1d(columns.T, taps[::-1], axis=-1, mode="constant", origin=shift).T
     for run in rows.runs:
         filtered[run.start : min(run.start + order, run.stop)] = 0.0
@@ -69,7 +70,7 @@ def whitened(
 def transposed(
     innovations: Float[np.ndarray, " n"], taps: Float[np.ndarray, " taps"]
 ) -> Float[np.ndarray, " n"]:
-    """Return Wᵀ e, where e are the `innovations` and W is the matrix of the filter of `whitened`.
+    """Return Wᵀ e, where e are the `innovations` and W is the matrix of the filter in `whitened`.
 
     The innovations must be 0 in the first rows of every run, as in a result of `whitened`.
     """

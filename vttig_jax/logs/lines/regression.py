@@ -1,4 +1,4 @@
-"""Least-squares fit of lines beside regressors."""
+"""Least-squares fit of lines (cosine and sine of unknown frequency) together with regressors."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -14,30 +14,33 @@ from .noise import whitened
 from .rows import KnownWaves, Rows, Wave
 
 APART = 1.0
-"""Least distance of two lines in resolutions, 1 / (revolutions of the log) (chosen)."""
+"""Least distance of two lines, in resolutions; a resolution is 1 / (revolutions of the log)
+(chosen)."""
 
 _STEPS = 16
 _CONVERGED = 0.01
-"""Largest number of steps, and last step of a frequency in standard errors (chosen)."""
+"""Largest number of Gauss–Newton steps; the steps end when each is at most this many standard
+errors of its frequency (chosen)."""
 
 _UNCHANGED = np.ones(1)
 _RANK = 1e-10
-"""Least size of a column beside the others, relative to the column itself (chosen)."""
+"""A column is independent if the part orthogonal to the other columns has at least this norm,
+relative to the column (chosen)."""
 
 _INDEPENDENT = 1e-6
-"""Least eigenvalue of the products of columns of length one from which the products determine the
-coefficients; they then keep ten digits (chosen)."""
+"""The normal equations are used if the least eigenvalue of the Gram matrix of normalised columns
+reaches this value; the coefficients then keep ten digits (chosen)."""
 
 
 @dataclass(frozen=True, eq=False)
 class Regressors:
-    """Orthonormal basis of the regressors of every group, in the order of the rows."""
+    """Rows of every group and an orthonormal basis of its regressors, in the order of the rows."""
 
     blocks: tuple[tuple[slice, Float[np.ndarray, "_ _"]], ...]
 
     @classmethod
     def of(cls, rows: Rows) -> "Regressors":
-        """Decompose the regressors of rows; linearly dependent columns are omitted."""
+        """Orthonormalise the regressors of `rows`; linearly dependent columns are omitted."""
         return cls(tuple((where, orthonormal(columns)[0]) for where, columns in rows.nuisance))
 
     @property
@@ -46,7 +49,7 @@ class Regressors:
         return sum(basis.shape[1] for _, basis in self.blocks)
 
     def residual(self, columns: Float[np.ndarray, " n *k"]) -> Float[np.ndarray, " n *k"]:
-        """Return the part of columns outside the regressors; each column is one piece of memory."""
+        """Return the part of `columns` orthogonal to the regressors, column-major in memory."""
         left = np.array(columns.T, order="C")
         for where, basis in self.blocks:
             part = left[..., where]
@@ -57,7 +60,10 @@ class Regressors:
 def orthonormal(
     columns: Float[np.ndarray, "n q"],
 ) -> tuple[Float[np.ndarray, "n r"], Float[np.ndarray, "q r"]]:
-    """Return an orthonormal basis = columns @ mixing, and mixing, without dependent columns."""
+    """Return an orthonormal basis of `columns`, and the matrix `mixing`: basis = columns @ mixing.
+
+    Linearly dependent columns are omitted, so that r ≤ q.
+    """
     size = np.linalg.norm(columns, axis=0)
     size[size == 0] = 1.0
     factors: Any = qr(columns / size, mode="economic", pivoting=True, check_finite=False)
@@ -69,7 +75,10 @@ def orthonormal(
 
 
 def waves(rows: Rows, frequencies: Sequence[float] | np.ndarray) -> Float[np.ndarray, "n k"]:
-    """Return cosine and sine of every line, averaged over the width of each row."""
+    """Return cosine and sine of every line at every row, two columns for each frequency.
+
+    Both are averaged over the angle `rows.width` over which the row itself was averaged.
+    """
     return _columns(lambda one: rows.waves.of(one, partial(_wave, rows)), frequencies, rows)
 
 
@@ -84,7 +93,10 @@ def _wave(rows: Rows, cycles: float) -> Wave:
 def _columns(
     wave: Callable[[float], Wave], frequencies: Sequence[float] | np.ndarray, rows: Rows
 ) -> Float[np.ndarray, "n k"]:
-    """Return the columns of all lines, each of which is one piece of memory."""
+    """Return cosine and sine of all lines, in column-major memory order.
+
+    `wave` computes the two columns of one frequency.
+    """
     table = np.empty((2 * len(frequencies), len(rows.turns)))
     for place, cycles in enumerate(frequencies):
         table[2 * place : 2 * place + 2] = wave(float(cycles)).T
@@ -94,9 +106,9 @@ def _columns(
 def fitted(
     columns: Float[np.ndarray, "n q"], value: Float[np.ndarray, " n"]
 ) -> tuple[Float[np.ndarray, " q"], Float[np.ndarray, "q q"]]:
-    """Return the least-squares coefficients of columns, and their covariance for variance 1.
+    """Return the least-squares coefficients of `columns` and their covariance for noise variance 1.
 
-    The products of the columns decide while these are far from dependent, and QR otherwise.
+    The normal equations are solved if the columns are far from dependent; otherwise QR is used.
     """
     products, right = columns.T @ columns, columns.T @ value
     size = np.sqrt(np.diag(products))
@@ -111,14 +123,14 @@ def fitted(
 
 @dataclass(frozen=True, eq=False)
 class LineRegression:
-    """Least-squares fit of lines to the whitened residual of the regressors.
+    """Least-squares fit of lines to the whitened residual after a fit of the regressors.
 
-    The regressors are projected out of value and lines before both are whitened.
+    The regressors are projected out of the value and the lines before both are whitened.
 
     **Arguments**
     - `taps`: whitening filter along every run; (1,) without whitening.
     - `residual`: whitened value without its regressors, rad, shape (n,).
-    - `waves`: lines whose whitened columns are known.
+    - `waves`: cache of the whitened columns of lines.
     """
 
     rows: Rows
@@ -131,11 +143,11 @@ class LineRegression:
     def of(
         cls, rows: Rows, regressors: Regressors, taps: Float[np.ndarray, " taps"] = _UNCHANGED
     ) -> "LineRegression":
-        """Project the value of rows on the regressors and whiten it."""
+        """Remove the regressors from the value of `rows`, and whiten the rest with `taps`."""
         return cls(rows, regressors, taps, whitened(rows, regressors.residual(rows.value), taps))
 
     def columns(self, frequencies: Sequence[float] | np.ndarray) -> Float[np.ndarray, "n k"]:
-        """Return whitened cosine and sine of every line without the regressors."""
+        """Return the whitened cosine and sine of every line, orthogonal to the regressors."""
         return _columns(lambda one: self.waves.of(one, self._white), frequencies, self.rows)
 
     def _white(self, cycles: float) -> Wave:
@@ -152,7 +164,10 @@ class LineRegression:
         return float(residual @ residual)
 
     def drops(self, frequencies: Float[np.ndarray, " k"]) -> tuple[Float[np.ndarray, " k"], float]:
-        """Return the decrease of the sum of squares by each line, and what all lines leave."""
+        """Return the decrease of the sum of squares by each line, and the remaining sum of squares.
+
+        The decrease is that by one line when all other lines are fitted; the sum is after all.
+        """
         columns = self.columns(frequencies)
         pairs, covariance = fitted(columns, self.residual)
         rest = self.residual - columns @ pairs
@@ -165,9 +180,10 @@ class LineRegression:
     def solve(
         self, frequencies: Float[np.ndarray, " k"]
     ) -> tuple[Float[np.ndarray, " 3*k"], Float[np.ndarray, "3*k 3*k"]]:
-        """Fit cosine and sine of each line, and then corrections of the frequencies.
+        """Fit cosine and sine of each line together with a linear correction of each frequency.
 
-        **Returns** the coefficients and their covariance for innovations of variance 1.
+        **Returns** the coefficients (2 k of the waves, then k corrections in cycles per revolution)
+        and their covariance for innovations of variance 1.
         """
         columns = self.columns(frequencies)
         pairs, _ = fitted(columns, self.residual)
@@ -180,7 +196,7 @@ class LineRegression:
     def refine(
         self, frequencies: Float[np.ndarray, " k"], lowest_cycles: float
     ) -> Float[np.ndarray, " k"]:
-        """Refine frequencies to the least misfit by Gauss–Newton; a failed step is halved.
+        """Return frequencies with the least misfit, by Gauss–Newton; a failed step is halved.
 
         Two lines keep a distance of at least the resolution; otherwise their amplitudes are
         undefined. No frequency falls below `lowest_cycles`.

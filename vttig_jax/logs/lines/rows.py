@@ -1,4 +1,4 @@
-"""Rows of a line search: stretches of one or several logs, stacked and averaged."""
+"""Rows of a line search: stretches of one or several logs, averaged in blocks and stacked."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -12,7 +12,7 @@ from ...base.numerics.counting import whole_below
 from ...base.units import REV
 
 _ROWS_PER_CYCLE = 6.0
-"""Rows per cycle of the highest frequency; denser rows are averaged (chosen)."""
+"""Rows per cycle of the highest frequency; denser rows are averaged in blocks (chosen)."""
 
 _LEAST_ROWS = 1000
 """Least number of rows that averaging leaves (chosen)."""
@@ -51,20 +51,20 @@ class Stretch:
                 )
 
 
-_KNOWN = 24  # lines whose columns are kept, at most (chosen)
+_KNOWN = 24  # largest number of lines whose columns are cached (chosen)
 
 Wave = Float[np.ndarray, "n 2"]
-"""Cosine and sine of a line, one after the other in memory."""
+"""Columns of one line: cosine and sine at every row; each column is contiguous in memory."""
 
 
 @dataclass(frozen=True, eq=False)
 class KnownWaves:
-    """Columns of the lines that were computed last, by their frequency."""
+    """Cache of the columns of the lines that were computed last; the key is the frequency."""
 
     last: dict[float, Wave] = field(default_factory=dict)
 
     def of(self, cycles: float, compute: Callable[[float], Wave]) -> Float[np.ndarray, "n 2"]:
-        """Return the columns of a line, which are computed only if they are not known."""
+        """Return the columns of the line at `cycles`, computed only if not in the cache."""
         if cycles not in self.last:
             if len(self.last) >= _KNOWN:
                 del self.last[next(iter(self.last))]
@@ -74,15 +74,15 @@ class KnownWaves:
 
 @dataclass(frozen=True)
 class Rows:
-    """Rows of all runs in one stack.
+    """Rows of all runs, one run after the other.
 
     **Arguments**
     - `turns`: driving revolutions minus their mean `origin`, shape (n,).
     - `width`: revolutions over which each row is averaged, shape (n,).
-    - `value`: rad, shape (n,).
+    - `value`: transmission error or residual in rad, shape (n,).
     - `nuisance`: the rows of every group and their regressors, shape (rows of the group, q).
     - `starts`: first row of every run, and n at the end.
-    - `waves`: lines whose columns are known.
+    - `waves`: cache of the columns of lines.
     """
 
     turns: Float[np.ndarray, " n"]
@@ -157,14 +157,20 @@ def _by_group(
 
 
 def typical_step(runs: Sequence[Stretch]) -> float:
-    """Return the median of the revolutions from row to row, weighted by travel."""
+    """Return the travel-weighted median of the distance between successive rows, in revolutions.
+
+    Half of the total travel consists of steps up to this size.
+    """
     steps = np.sort(np.concatenate([np.abs(np.diff(run.angle)) for run in runs])) / REV
     path = np.cumsum(steps)
     return float(steps[np.searchsorted(path, 0.5 * path[-1])]) if len(steps) and path[-1] else 0.0
 
 
 def _averaged(run: Stretch, block: int) -> tuple[Stretch, Float[np.ndarray, " m"]]:
-    """Return means over blocks of nearly equal size, and the revolutions that each extends over."""
+    """Return the run averaged over blocks of rows, and the width of each block in revolutions.
+
+    A block has at most `block` rows, and all have nearly equal size.
+    """
     count = -(-len(run.value) // block)
     if count == len(run.value):
         return run, np.zeros(count)

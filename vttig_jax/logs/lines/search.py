@@ -20,19 +20,21 @@ from .spectrum import LEAST_CYCLES, Spectrum, false_alarm_probability, noise_lev
 
 _LEAST_ROWS = 24
 _LEAST_FREEDOM = 4.0
-"""Least number of heights for a level of the noise; below it the autoregression judges alone."""
+"""Least number of independent heights that define the local noise level. With fewer heights, only
+the autoregression defines the noise."""
 
 _LEAST_AMPLITUDE = 3.0  # least amplitude of a line in standard errors (chosen)
 
 _SPARE = 3
-"""Lines beyond `most` that are looked for, so that the noise without lines is known (chosen)."""
+"""Number of candidates beyond `most`, so that further lines do not count as noise (chosen)."""
 
 _ROUNDING = 1e-26
-"""Largest ratio of the sum of squares to that of the values which is a rounding error (chosen)."""
+"""A residual is rounding error if its sum of squares is at most this fraction of that of the values
+(chosen)."""
 
 
 _Level = tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]
-"""Level of the noise at every line, and the number of heights that each is the mean of."""
+"""Noise level at every line, and the number of independent heights over which it is averaged."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +67,7 @@ class Line:
 def find_lines(
     runs: Sequence[Stretch], *, highest: float, false_alarm: float = 1e-3, most: int = 5
 ) -> tuple[Line, ...]:
-    """Find periodic lines in coloured noise beside the regressors, the most significant first.
+    """Return periodic lines in coloured noise, the most significant first.
 
     The trial frequencies extend from 1.5 cycles over the whole log to `highest`, in steps of a
     quarter of the resolution. Each trial adds a cosine and a sine of the driving angle to the
@@ -115,7 +117,7 @@ def find_lines(
 
 @dataclass(frozen=True, eq=False)
 class _Search:
-    """Candidates above the level of the noise, and the test that they pass."""
+    """Search for candidate lines above the noise level, and test of their significance."""
 
     rows: Rows
     regressors: Regressors
@@ -123,10 +125,11 @@ class _Search:
     false_alarm: float
 
     def candidates(self, most: int) -> Float[np.ndarray, " k"]:
-        """Add the line that stands highest above the level of the noise, one after the other.
+        """Return the frequencies of up to `most` candidate lines.
 
-        The autoregression can follow a strong line and hide it in the whitened spectrum. In the
-        spectrum without whitening the level of the noise nearby stands for its colour.
+        Each step adds the line that stands highest above the noise level and refines all
+        frequencies. The autoregression can follow a strong line and hide it in the whitened
+        spectrum; therefore the spectrum without whitening is searched too, with its local level.
         """
         plain = LineRegression.of(self.rows, self.regressors)
         frequencies = np.zeros(0)
@@ -146,7 +149,10 @@ class _Search:
         return frequencies
 
     def surviving(self, frequencies: Float[np.ndarray, " k"]) -> tuple[Line, ...]:
-        """Take out the least certain line until all pass; return them, the most certain first."""
+        """Remove the least certain line until all lines pass the test of the false alarm.
+
+        Return the remaining lines, the most certain first.
+        """
         plain = LineRegression.of(self.rows, self.regressors)
         while len(frequencies):
             taps = noise_filter(self.rows, plain.after(frequencies))
@@ -163,7 +169,10 @@ class _Search:
     def _highest(
         self, regression: LineRegression, frequencies: Float[np.ndarray, " k"]
     ) -> tuple[float, float]:
-        """Return score and frequency of the candidate that stands highest above the noise."""
+        """Return score (−ln P) and frequency of the peak highest above the noise level.
+
+        The lines `frequencies` are fitted first, and peaks near them are excluded.
+        """
         height = self.spectrum.height(regression.after(frequencies), regression.taps)
         level = noise_level(self.spectrum, height, frequencies)
         usual, freedom = level.at(self.spectrum.cycles)
@@ -174,12 +183,12 @@ class _Search:
     def _scores(
         self, regression: LineRegression, frequencies: Float[np.ndarray, " k"], level: _Level
     ) -> Float[np.ndarray, " k"]:
-        """Return z of every line beside all others: −ln P of its height in noise alone.
+        """Return z = −ln P of every line, where P is the probability of its height in noise alone.
 
-        It is the smaller one of two. The first is the likelihood ratio against an autoregression of
-        the same order that is fitted without the line, because a narrow resonance of the noise
-        looks like a line. The second is the height above the level of the whitened spectrum nearby,
-        which knows what the autoregression misses.
+        All other lines are fitted too. z is the smaller of two values. The first is the likelihood
+        ratio against an autoregression of the same order that is fitted without the line, because
+        a narrow resonance of the noise looks like a line. The second is the height above the local
+        level of the whitened spectrum, which includes noise that the autoregression misses.
         """
         drops, misfit = regression.drops(frequencies)
         if misfit <= 0:
@@ -196,7 +205,10 @@ class _Search:
     def _misfit_without(
         self, regression: LineRegression, frequencies: Float[np.ndarray, " k"], line: int
     ) -> float:
-        """Return the sum of squares without a line, for the best filter of the same order."""
+        """Return the sum of squares without the line of index `line`.
+
+        The whitening filter is fitted again without this line and has the same order.
+        """
         others = np.delete(frequencies, line)
         residual = LineRegression.of(self.rows, self.regressors).after(others)
         taps = filter_of_order(self.rows, residual, len(regression.taps) - 1)
@@ -229,7 +241,10 @@ class _Search:
         scores: Float[np.ndarray, " k"],
         level: _Level,
     ) -> tuple[Line, ...]:
-        """Return the lines with standard errors from the larger of both levels of the noise."""
+        """Return the lines, the most certain first.
+
+        Their standard errors use the larger noise level: the mean or the local one.
+        """
         coefficients, covariance = regression.solve(frequencies)
         misfit = regression.misfit(frequencies)
         used = self.regressors.rank + 3 * len(frequencies) + len(regression.taps)
@@ -246,7 +261,7 @@ class _Search:
             correction = 2 * len(frequencies) + number
             std = float(np.sqrt(variance[number] * (slope @ covariance[wave, wave] @ slope)))
             if amplitude < _LEAST_AMPLITUDE * std:
-                continue  # a neighbour that is too close decides its amplitude
+                continue  # the amplitude is not separable from that of a close neighbour
             lines.append(
                 Line(
                     cycles_per_rev=cycles,
@@ -265,9 +280,9 @@ class _Search:
 def relative_height(
     relative: Float[np.ndarray, " f"], freedom: Float[np.ndarray, " f"]
 ) -> Float[np.ndarray, " f"]:
-    """Return z of an exponential variable that is as improbable as a height above its level.
+    """Return z = −ln P, where P is the probability of a height of `relative` times the noise level.
 
-    The level is itself a mean of `freedom` heights, so that the ratio has an F distribution with 2
-    and 2 `freedom` degrees of freedom: P = (1 + ratio / freedom)^−freedom = exp(−z).
+    The level is itself a mean of `freedom` heights, so that `relative` has an F distribution with 2
+    and 2 `freedom` degrees of freedom: P = (1 + relative / freedom)^−freedom = exp(−z).
     """
     return freedom * np.log1p(relative / np.maximum(freedom, 1e-300))

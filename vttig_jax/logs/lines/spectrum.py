@@ -16,9 +16,10 @@ LEAST_CYCLES = 1.5
 """Least number of cycles of a line over the whole log, to separate it from drift (chosen)."""
 
 LEAST_REMAINING = 0.25
-"""Least part of a line that the regressors leave, as a fraction of its power (chosen)."""
+"""A frequency is usable if at least this fraction of the power of a line there is orthogonal to the
+regressors (chosen)."""
 
-_OVERSAMPLING = 4  # frequencies per resolution, 1 / (revolutions of the log) (chosen)
+_OVERSAMPLING = 4  # frequencies per resolution; resolution = 1 / (revolutions of the log) (chosen)
 _BINS_PER_CYCLE = 4  # angle bins per cycle of the highest frequency (chosen)
 _MOST_BINS = 2**24
 """Largest length of a transform; it limits the memory to 0.5 GB (chosen)."""
@@ -27,30 +28,34 @@ _SPREAD, _NODES = 7, 24  # bins of the spreading of a row, nodes of its transfor
 
 _WINDOW = 40
 _KNOT_DISTANCE = 5
-"""Resolutions over which the level is smooth, and between two places where it is fitted (chosen)"""
+"""Width of the window in which the noise level is fitted, and distance of two knots of the fit;
+both in resolutions (chosen)."""
 
 _CLIP = 5.0
-"""Largest height in the fit of the level, relative to the level: lines are no noise (chosen)."""
+"""Heights above this multiple of the level are clipped in the fit of the level, because they may be
+lines and not noise (chosen)."""
 
 _ITERATIONS, _SETTLED = 8, 1e-5
-"""Most steps of the fit of the level, and the change of its logarithm that ends it (chosen)."""
+"""Largest number of iterations in the fit of the level; the fit ends earlier if the logarithm of
+the level changes by less than `_SETTLED` (chosen)."""
 
 _CACHED_KNOTS = 256  # knots fitted at once, so that their windows stay in the cache (chosen)
-_STEPS, _TABLE = 16, 4096  # quantiles of the steps, frequencies in the table of a filter (chosen)
+_STEPS, _TABLE = 16, 4096  # quantiles of row distances, frequencies in a filter table (chosen)
 _EULER = 0.5772156649015329  # minus the mean of the logarithm of an exponential variable
 
 
 @dataclass(frozen=True)
 class Spectrum:
-    """Equidistant frequencies, and the part of a line at each that the regressors leave.
+    """Equidistant frequencies, and the part of a line at each that is orthogonal to the regressors.
 
     **Arguments**
     - `cycles`: frequencies in cycles per revolution, shape (f,).
     - `remaining`: fraction of the power of a line outside the regressors, shape (f,).
-    - `spread`: first angle bin that every row is spread over, shape (n,), and its weights there.
+    - `spread`: first angle bin of every row, shape (n,), and the weights with which the row is
+      spread over this and the next bins, shape (n, w).
     - `sharpening`: correction of the power for the spreading, shape (f,).
-    - `length`: length of the transform.
-    - `first`: index of the first frequency in the transform.
+    - `length`: number of angle bins in the Fourier transform.
+    - `first`: index of the first of `cycles` in the transform.
     - `span`: revolutions between the lowest and the highest angle.
     - `steps`: quantiles of the revolutions from row to row, shape (s,).
     """
@@ -66,7 +71,7 @@ class Spectrum:
 
     @classmethod
     def of(cls, rows: Rows, regressors: Regressors, highest: float) -> "Spectrum":
-        """Return the frequencies from 1.5 cycles over the log to `highest`.
+        """Return a spectrum whose frequencies extend from 1.5 cycles over the log to `highest`.
 
         **Raises** `ValueError` if the log is too long for a transform.
         """
@@ -111,8 +116,8 @@ class Spectrum:
     ) -> Float[np.ndarray, " f"]:
         """Return half the decrease of the sum of squares by a line at every frequency.
 
-        For white innovations of variance 1 it has an exponential distribution with mean 1. Cosine
-        and sine are taken as orthogonal and equally long.
+        For white innovations of variance 1 it has an exponential distribution with mean 1. As an
+        approximation, cosine and sine are taken as orthogonal and of equal norm.
         """
         usable = self.remaining >= LEAST_REMAINING
         power = self._power(transposed(innovations, taps), slice(None))
@@ -123,7 +128,10 @@ class Spectrum:
     def windows(
         self,
     ) -> tuple[Int[np.ndarray, " k"], Int[np.ndarray, "k m"], Float[np.ndarray, "k m"]]:
-        """Knots of the level, the frequencies around each, and ln of their ratio to the knot."""
+        """Indices of the knots, the window of indices around each, and ln(frequency / knot) there.
+
+        A knot is a frequency at which the noise level is fitted.
+        """
         cycles = self.cycles
         per_cell = 1 / (self.span * (cycles[1] - cycles[0]))
         size = min(round(_WINDOW * per_cell), len(cycles))
@@ -135,7 +143,10 @@ class Spectrum:
         return knots, window, (distance[window] - distance[knots, None]).astype(np.float32)
 
     def _gain(self, taps: Float[np.ndarray, " taps"]) -> Float[np.ndarray, " f"]:
-        """Return the mean of |A|² of the filter over the rows, each with its step of the angle."""
+        """Return the mean power gain |A|² of the filter at every frequency.
+
+        The gain depends on the angle from row to row; the mean is over the quantiles `steps`.
+        """
         if len(taps) == 1:
             return np.ones_like(self.cycles)
         table = np.abs(np.asarray(rfft(taps, 2 * _TABLE))) ** 2
@@ -146,7 +157,7 @@ class Spectrum:
         return total / len(self.steps)
 
     def _power(self, values: Float[np.ndarray, " m"], where: slice) -> Float[np.ndarray, " f"]:
-        """Return |Σ v exp(2πi f turns)|²."""
+        """Return |Σ v exp(2πi f turns)|² at all frequencies f, for values v at the rows `where`."""
         bins, weights = self.spread
         sums = np.zeros(self.length + _SPREAD)
         for k in range(_SPREAD):
@@ -159,7 +170,7 @@ class Spectrum:
 
 
 def _kernel(distance: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
-    """Return exp(β (√(1 − (2 x / w)²) − 1)) at a distance of x bins, w the width of the kernel.
+    """Return the kernel exp(β (√(1 − (2 x / w)²) − 1)) at a distance of x bins; w is its width.
 
     A. Barnett, J. Magland, L. af Klinteberg, SIAM J. Sci. Comput. 41, C479 (2019); β = 2.3 w.
     """
@@ -171,7 +182,8 @@ def _kernel(distance: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
 class Level:
     """Level of the noise: its variance per row at the frequencies `cycles`.
 
-    `freedom` is the number of independent heights that a value of the level is the mean of.
+    `logarithm` is ln of the level. `freedom` is the number of independent heights over which each
+    value of the level is averaged.
     """
 
     cycles: Float[np.ndarray, " k"]
@@ -181,7 +193,7 @@ class Level:
     def at(
         self, cycles: Float[np.ndarray, " f"]
     ) -> tuple[Float[np.ndarray, " f"], Float[np.ndarray, " f"]]:
-        """Return level and freedom at other frequencies."""
+        """Return level and freedom, interpolated at the given frequencies."""
         level = np.exp(np.interp(cycles, self.cycles, self.logarithm))
         return level, np.interp(cycles, self.cycles, self.freedom)
 
@@ -189,12 +201,12 @@ class Level:
 def noise_level(
     spectrum: Spectrum, height: Float[np.ndarray, " f"], lines: Float[np.ndarray, " k"]
 ) -> Level:
-    """Fit the level of the noise around every frequency: a power of the frequency over 40 cells.
+    """Return the noise level, fitted as a power of the frequency within 40 cells around each knot.
 
     A cell is one resolution. The heights of noise have an exponential distribution with the level
     as mean, so that the fit is a regression of the gamma family with logarithmic link. Heights
-    above five times the level count as five times the level, and frequencies within one cell of a
-    line of `lines` or inside the regressors do not count.
+    above five times the level count as five times the level. Frequencies within one cell of one of
+    `lines` are excluded, and so are those that the regressors explain.
     """
     cycles = spectrum.cycles
     per_cell = 1 / (spectrum.span * (cycles[1] - cycles[0]))
@@ -220,9 +232,10 @@ def _gamma_regression(
     logarithm: Float[np.ndarray, "k m"],
     weight: Float[np.ndarray, "k m"],
 ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
-    """Return the intercepts of ln height = a + b distance, and their variance for exponentials.
+    """Fit ln level = a + b · distance in every window; return the a and their variances.
 
-    `logarithm` is ln height. Floats of 32 bits are enough, because a level scatters by a tenth.
+    `logarithm` is ln height, for heights with an exponential distribution about the level. Floats
+    of 32 bits are enough, because a level scatters by a tenth. Values of `weight` 0 are excluded.
     """
     total = np.maximum(weight.sum(axis=1), 1e-30)
     centre = np.einsum("km,km->k", weight, distance) / total
@@ -251,7 +264,7 @@ def _gamma_regression(
 def false_alarm_probability(
     height: float, turns: Float[np.ndarray, " n"], bandwidth: float
 ) -> float:
-    """Return the probability that noise alone reaches a height anywhere in a spectrum.
+    """Return the probability that noise alone reaches `height` anywhere in a spectrum.
 
     Baluev, MNRAS 385, 1279 (2008), for a known noise level (z there): 1 − (1 − e⁻ᶻ) e⁻ᵗ with
     τ = W e⁻ᶻ √z and W = bandwidth √(4π var turns). It is an upper bound that is sharp for small

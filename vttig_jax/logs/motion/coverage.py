@@ -13,7 +13,11 @@ from .segments import Segment
 
 @dataclass(frozen=True)
 class Support:
-    """Turns of each shaft over the samples on a certain flank, and conclusions as sentences."""
+    """Turns of each shaft over the samples whose flank is certain, and conclusions as sentences.
+
+    A shaft is `resolved` if its first order can be determined and separated from that of the other.
+    `flanks` holds the flanks with samples, "A" and "B".
+    """
 
     driving_turns: float
     driven_turns: float
@@ -24,10 +28,10 @@ class Support:
 
 
 def support_of(log: EncoderLog, segments: Sequence[Segment]) -> Support:
-    """Evaluate the coverage of the segments on a certain flank.
+    """Return the turns of both shafts over the segments, and what a fit can determine from them.
 
-    The first order of a shaft needs one turn of it. The first orders of both shafts are separable
-    only after 1/|1 − i| driving turns, one beat period; with i = 1 they are never separable.
+    The first order of a shaft needs one turn of this shaft. Both first orders are separable
+    only after 1/|1 − i| driving turns (one beat period, i = ratio); with i = 1 they never are.
     """
     driving, driven = (_turns(angle, segments) for angle in (log.driving_angle, log.driven_angle))
     beat = 1 / abs(1 - log.ratio) if log.ratio != 1 else None

@@ -1,8 +1,9 @@
 """Assignment of a flank to every segment by torque or motion, and the ramps between speeds.
 
 The loaded flank follows the transmitted torque. However, the torque of a motor also accelerates
-its rotor and overcomes friction, and without a gap it gives no information. Therefore both are
-tested in a linear model with a step between the flanks; the torque is used if it fits better.
+its rotor and overcomes friction, and without a gap it gives no information. Therefore torque and
+direction of motion are both tested in a linear model with a step between the flanks; the torque is
+used if it fits better.
 """
 
 from dataclasses import dataclass, replace
@@ -17,18 +18,25 @@ from .overrun import overrunning_segments
 from .segments import AFTER_REVERSAL, Segment, Segments, find_segments
 
 _BETTER = 0.5
-"""The torque is used if its misfit is below this fraction of that of the motion (chosen)."""
+"""The torque is used if the residual sum of squares with its flanks is below this fraction of that
+with the flanks of the motion (chosen)."""
 
 _GAPS = 2.0
-"""Travel after a reversal that is left out, in mean gaps, because the gap varies (chosen)."""
+"""Travel after a reversal that is masked, as a multiple of the mean gap (chosen). It exceeds 1
+because the gap varies along the teeth."""
 
 _DISAGREEING = 0.01
 _MOST_SAMPLES = 20_000
-"""Least fraction of contradictory samples for a test, and its largest size in samples (chosen)."""
+"""Torque and motion are compared if their flanks differ at least at this fraction of samples. The
+comparison uses at most about `_MOST_SAMPLES` samples (both chosen)."""
 
 
 def assigned_segments(log: EncoderLog) -> Segments:
-    """Return segments with flanks from the best column of the log; a note names that column."""
+    """Return segments whose flanks come from the direction column, the torque or the motion.
+
+    The direction column has priority; the torque must fit better than the motion. A note names the
+    choice.
+    """
     by_torque = find_segments(log)
     if log.direction is not None:
         return by_torque
@@ -45,9 +53,10 @@ def assigned_segments(log: EncoderLog) -> Segments:
 
 
 def _by_motion(log: EncoderLog, found: Segments) -> Segments:
-    """Return segments by the motion, or those of a load that overruns.
+    """Return segments with flanks by the direction of motion, or those of a load that overruns.
 
-    The start of a run is left out until the driving shaft has crossed the gap that the log shows.
+    `found` holds segments by the motion. The start of each run is masked until the driving shaft
+    has crossed the gap that the log shows.
     """
     crossing = _GAPS * seen_gap(log, found) / float(log.ratio)
     if crossing > AFTER_REVERSAL:
@@ -66,7 +75,10 @@ def _flanks_of(found: Segments) -> set[str]:
 
 
 def _torque_fits_better(log: EncoderLog, by_torque: Segments, by_motion: Segments) -> bool:
-    """Return whether a step at the sign of the torque explains more than one at the motion's."""
+    """Return whether flanks by the torque explain the transmission error better than by the motion.
+
+    Both models have a step between the flanks. If both assignments nearly agree, return True.
+    """
     torque, motion = _flanks(log, by_torque), _flanks(log, by_motion)
     both = np.flatnonzero((torque != 0) & (motion != 0))
     if np.mean(torque[both] != motion[both]) < _DISAGREEING:
@@ -85,7 +97,11 @@ def _flanks(log: EncoderLog, segments: Segments) -> Float[np.ndarray, " n"]:
 
 
 def _misfit(log: EncoderLog, rows: np.ndarray, flank: Float[np.ndarray, " m"]) -> float:
-    """Return the residual sum of squares of a model with a backlash ≥ 0 between these flanks."""
+    """Return the residual sum of squares of a linear model of the transmission error at `rows`.
+
+    The model has an offset, speed, torque, first orders, and a backlash ≥ 0 between the flanks.
+    `flank` is +1 on flank A and −1 on flank B.
+    """
     from scipy.optimize import lsq_linear  # slow to import, and most logs have no torque
 
     speed = log.driving_speed.value[rows]
@@ -106,7 +122,7 @@ def _misfit(log: EncoderLog, rows: np.ndarray, flank: Float[np.ndarray, " m"]) -
 
 @dataclass(frozen=True)
 class Ramp:
-    """Samples of a run before or after its steady speed, with the flank of its motion.
+    """Samples of a run before or after its steady speed, with the flank by the direction of motion.
 
     While the driving shaft accelerates its load (`speeding_up`), the flank is nearly certain. While
     it slows down, the inertia of the driven side may move the contact to the other flank.
@@ -117,7 +133,7 @@ class Ramp:
 
 
 def find_ramps(log: EncoderLog, segments: Segments) -> tuple[Ramp, ...]:
-    """Find the ramps before and after the segments of every run, without crossings of the gap.
+    """Return the ramps before and after the segments of every run, without crossings of the gap.
 
     If a column of the log defines the flank instead of the motion, there are no ramps.
     """

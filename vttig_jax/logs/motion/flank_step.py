@@ -1,4 +1,4 @@
-"""Step of the transmission error between the flanks, in a plain linear model of few samples."""
+"""Step of the transmission error between the flanks, from a linear model of up to 1000 samples."""
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -8,7 +8,7 @@ from ..encoder_log import EncoderLog
 from .segments import Segments
 
 EVIDENCE = 50.0
-"""Least 2 Δ ln L of one assignment of the flanks over another (chosen)."""
+"""Least likelihood ratio 2 Δ ln L by which one model of the flanks must beat another (chosen)."""
 
 LEAST = 100
 """Least number of samples of a comparison (chosen)."""
@@ -17,7 +17,7 @@ _MOST = 1000  # largest number of samples that are compared (chosen)
 
 
 def seen_gap(log: EncoderLog, by_motion: Segments) -> float:
-    """Return the step of the transmission error between the flanks, rad, or 0 without evidence.
+    """Return the step of the transmission error from flank A to B in rad, or 0 without evidence.
 
     **Arguments**
     - `by_motion`: segments with flanks by the direction of motion.
@@ -36,7 +36,11 @@ def seen_gap(log: EncoderLog, by_motion: Segments) -> float:
 def flank_rows(
     log: EncoderLog, segments: Segments
 ) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " m"]]:
-    """Return +1 on flank A, −1 on flank B and 0 elsewhere, and evenly spaced samples on a flank."""
+    """Return the flank of every sample, and the indices of samples for a comparison.
+
+    The flank is +1 on A, −1 on B and 0 elsewhere. The indices are evenly spaced among the samples
+    on a flank that are no spikes.
+    """
     sense = np.zeros(len(log), np.int8)
     for segment in segments.segments:
         sense[segment.start : segment.stop] = 1 if segment.flank == "A" else -1
@@ -47,7 +51,10 @@ def flank_rows(
 def columns_of(
     log: EncoderLog, rows: Int[np.ndarray, " m"], speed: Float[np.ndarray, " m"]
 ) -> Float[np.ndarray, "m p"]:
-    """Return offset, speed and first orders of the shafts that turned once, at some samples."""
+    """Return a design matrix at the samples `rows`, one row per sample.
+
+    Its columns are an offset, the scaled speed, and cosine and sine of each shaft that turned once.
+    """
     columns = [np.ones(len(rows)), speed / max(float(np.abs(speed).max()), 1e-300)]
     for angle in (log.driving_angle[rows], log.driven_angle[rows]):
         columns += [np.cos(angle), np.sin(angle)] if np.ptp(angle) >= REV else []
@@ -57,7 +64,10 @@ def columns_of(
 def squares_with_step(
     error: Float[np.ndarray, " m"], columns: Float[np.ndarray, "m p"], flank: Int[np.ndarray, " m"]
 ) -> tuple[float, float]:
-    """Return the sum of squares of a model with a step between the flanks, and that step, rad."""
+    """Fit `error` (rad) by `columns` and a step that flank B adds.
+
+    Return the residual sum of squares in rad² and the step in rad.
+    """
     design = np.column_stack([columns, (flank < 0).astype(np.float64)])
     solution = np.linalg.lstsq(design, error, rcond=1e-9)[0]
     return float(np.sum((error - design @ solution) ** 2)), float(solution[-1])

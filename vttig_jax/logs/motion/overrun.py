@@ -2,8 +2,8 @@
 
 Friction slows a free load by a limited deceleration. If the drive brakes harder, the load leaves
 flank A of a forward motion and lies on flank B until the drive brakes less. The limit is unknown.
-It is profiled, and the assignment by it is taken if the likelihood demands it and its gap is
-positive.
+It is found by a search for the least sum of squares. The flanks by this limit are used if the
+likelihood improves enough and the estimated gap is positive.
 """
 
 from dataclasses import replace
@@ -18,15 +18,15 @@ from .flank_step import EVIDENCE, LEAST, columns_of, flank_rows, squares_with_st
 from .segments import AFTER_REVERSAL, Segments, find_segments
 
 _SHARES = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95)
-"""Limits that are tried, as quantiles of the deceleration (chosen)."""
+"""First trial values of the limit, as quantiles of the positive decelerations (chosen)."""
 
 _FINE = 0.05
 """Largest quantisation of the deceleration, relative to its 90 % quantile (chosen)."""
 
-_MOST_SAMPLES = 5000  # samples from which the interval of the deceleration is found (chosen)
-_ROUNDS = 3  # refinements of the limit between its neighbours, and of the gap (chosen)
+_MOST_SAMPLES = 5000  # largest number of samples to choose the differencing interval (chosen)
+_ROUNDS = 3  # number of refinements of the limit by bisection, and of the gap (chosen)
 _FACTORS = (3.0, 1.7, 1.3, 1.15, 1.07, 1.03)
-"""Factors by which the limit is changed in the last search (chosen)."""
+"""Factors by which the final search multiplies and divides the limit (chosen)."""
 
 
 def overrunning_segments(
@@ -36,7 +36,7 @@ def overrunning_segments(
 
     **Arguments**
     - `by_motion`: segments with flanks by the direction of motion.
-    - `crossing`: travel in rad after a change of flank that is masked.
+    - `crossing`: travel in rad of the driving shaft that is masked after a change of flank.
     """
     speed = log.driving_speed
     sense, rows = flank_rows(log, by_motion)
@@ -73,10 +73,10 @@ def overrunning_segments(
 
 
 def _half_interval(log: EncoderLog, speed: Speed) -> int:
-    """Return the samples on either side between which the speed is differenced.
+    """Return half the interval, in samples, for the speed difference that gives the deceleration.
 
-    The interval is long enough for the quantisation of the speed to be small. Evenly spaced samples
-    decide.
+    The interval is so long that the quantisation of the deceleration is small. It is tested at
+    evenly spaced samples.
     """
     interval = float(np.median(np.diff(log.time)))
     quantum = speed.quantum / (speed.window * interval)
@@ -92,7 +92,10 @@ def _half_interval(log: EncoderLog, speed: Speed) -> int:
 def _braking(
     log: EncoderLog, speed: Speed, half: int, rows: Int[np.ndarray, " m"]
 ) -> Float[np.ndarray, " m"]:
-    """Return the deceleration of the driving shaft in rad/s² at some samples."""
+    """Return the deceleration of the driving shaft in rad/s² at the samples `rows`.
+
+    It is positive while the shaft slows down. `half` is half the differencing interval in samples.
+    """
     low, high = np.maximum(rows - half, 0), np.minimum(rows + half, len(log) - 1)
     elapsed = np.maximum(log.time[high] - log.time[low], 1e-300)
     return -np.sign(speed.value[rows]) * (speed.value[high] - speed.value[low]) / elapsed
@@ -107,10 +110,14 @@ def _profiled(
     rows: Int[np.ndarray, " m"],
     columns: Float[np.ndarray, "m p"],
 ) -> tuple[float, Float[np.ndarray, " n"]]:
-    """Return the limit with the least sum of squares, and the place in the gap at every sample.
+    """Return the limit in rad/s² with the least sum of squares, and the load's place in the gap.
+
+    The place is given at every sample: 0 on flank A, 1 on flank B.
 
     **Arguments**
+    - `motion`: sign of the speed. `braking`: deceleration of the driving shaft, rad/s².
     - `limit`, `gap`: first estimates, rad/s² of the driving shaft and rad of the driven shaft.
+    - `rows`, `columns`: samples of the comparison and their design matrix.
     """
     error, ratio = log.transmission_error[rows], float(log.ratio)
     found: dict[float, tuple[float, float, np.ndarray]] = {}
@@ -142,9 +149,9 @@ def _place(
 ) -> Float[np.ndarray, " n"]:
     """Return the place of the load in the gap at every sample: 0 on flank A, 1 on flank B.
 
-    The load runs ahead by ẍ = `excess`, rad/s², and 0 ≤ x ≤ `gap`, rad of the driving shaft. At
-    x = 0 it is on the flank of the motion, where a reversal leaves it, and at x = `gap` on the
-    other flank.
+    The load runs ahead of the drive by x with ẍ = `excess` (braking beyond the limit, rad/s²) and
+    0 ≤ x ≤ `gap`, in rad of the driving shaft. At x = 0 the load lies on the flank of the motion,
+    and at x = `gap` on the other flank. A reversal (change of `motion`) resets x to 0.
     """
     ahead, x, rate = np.zeros(len(log)), 0.0, 0.0
     steps = np.diff(log.time, prepend=log.time[0]).tolist()
@@ -166,7 +173,7 @@ def _place(
 def _flanks(
     sense: Int[np.ndarray, " m"], braking: Float[np.ndarray, " m"], limit: float
 ) -> Int[np.ndarray, " m"]:
-    """Return +1 for flank A and −1 for flank B, with the other flank beyond the limit."""
+    """Return +1 for flank A, −1 for flank B: `sense`, reversed where `braking` exceeds `limit`."""
     beyond: Bool[np.ndarray, " m"] = braking > limit
     return np.where(beyond, -sense, sense).astype(np.int8)
 
@@ -178,7 +185,10 @@ def _best_limit(
     braking: Float[np.ndarray, " m"],
     limits: list[float],
 ) -> tuple[float, float, float]:
-    """Return the limit with the least sum of squares, that sum, and the gap there."""
+    """Return the limit in rad/s² with the least sum of squares, the sum, and the gap of its fit.
+
+    The search starts with the trial values `limits`; `sense` is the flank by the motion, ±1.
+    """
 
     def tried(limit: float) -> tuple[float, float]:
         return squares_with_step(error, columns, _flanks(sense, braking, limit))

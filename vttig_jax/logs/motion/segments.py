@@ -17,28 +17,30 @@ from ..channel.speed import Speed, runs
 from ..encoder_log import EncoderLog
 
 SHARE = 0.4
-"""Least fraction of the travel of a run for its first plateau, within the tolerance (chosen)."""
+"""The first plateau of a run must hold at least this fraction of the travel of the run (chosen)."""
 
 FURTHER = 0.15
-"""Least fraction of the travel for each further plateau of the run (chosen)."""
+"""Each further plateau must hold at least this fraction of the travel of the run (chosen)."""
 
 TOLERANCE = 0.03
-"""Relative tolerance of a plateau speed (chosen); a sine has 0.24 of its travel within 3 %."""
+"""Relative tolerance of the speed at a plateau (chosen). A sine motion has 0.24 of its travel
+within 3 % of one speed, which is less than `SHARE`."""
 
 RAMP = 0.1
 """A speed that differs from that of the plateau by more than this fraction is a ramp (chosen)."""
 
 FLUCTUATION = 0.3
-"""Least deviation from the plateau, relative to it, that ends a steady stretch (chosen).
-
+"""Least deviation from the plateau speed, relative to it, that ends a steady stretch (chosen).
 Smaller deviations between two parts at the plateau speed are fluctuations of the drive or errors of
-the time stamps, and they do not move the contact to the other flank."""
+the time stamps; they do not move the contact to the other flank."""
 
 _BIN = 0.01  # width of the bins of the logarithm of speed
 
 
 def levels(speed: Float[np.ndarray, " n"], travel: Float[np.ndarray, " n"]) -> list[float]:
-    """Return the plateau speeds of a run, longest first; empty without a steady speed.
+    """Return the plateau speeds of a run in rad/s, the plateau with most travel first.
+
+    The list is empty if the run has no steady speed.
 
     **Arguments**
     - `speed`: magnitudes > 0 in rad/s. `travel`: travel in rad at each sample.
@@ -65,7 +67,8 @@ def steady(
 ) -> list[tuple[int, int]]:
     """Return stretches [start, stop) of a run at the speed `level`, without the ends of ramps.
 
-    A stretch continues through fluctuations of the speed. At each end beside a ramp, it is
+    A sample is at the level if its speed deviates by at most `tolerance` (relative). A stretch
+    continues through fluctuations below `FLUCTUATION`. At each end beside a ramp, it is
     shortened by the duration of the ramp from 10 % off the level to the tolerance, and by half the
     smoothing window.
     """
@@ -80,7 +83,10 @@ def steady(
 
 
 def _margin(outside: Float[np.ndarray, " m"], level: float, window: int) -> int:
-    """Return the number of samples to omit at an end, from the speeds beyond it, nearest first."""
+    """Return the number of samples to omit at one end of a stretch.
+
+    `outside` holds the speeds beyond this end, the nearest sample first.
+    """
     if len(outside) == 0:
         return 0
     ramp = np.abs(outside / level - 1.0) > RAMP
@@ -90,9 +96,10 @@ def _margin(outside: Float[np.ndarray, " m"], level: float, window: int) -> int:
 def _merged(
     inside: Bool[np.ndarray, " n"], outside: Bool[np.ndarray, " n"], window: int
 ) -> list[tuple[int, int]]:
-    """Return stretches of `inside`, and drop short ones.
+    """Return the stretches [start, stop) in which `inside` is true, without short stretches.
 
-    They are joined over gaps of up to a window, and over gaps without any sample of `outside`.
+    Two stretches are joined if at most `window` samples lie between them, or if no sample between
+    them is true in `outside`.
     """
     left = np.concatenate([[0], np.cumsum(outside)])
     padded = np.concatenate([[False], inside, [False]])
@@ -112,8 +119,9 @@ Flank = Literal["A", "B"]
 Kind = Literal["forward", "dwell", "backward"]
 
 AFTER_REVERSAL = (1 - 1e-6) * DEG
-"""Driving angle in rad masked after a reversal and after a start from standstill: one degree
-(chosen), slightly reduced so that no reading lies on the limit, where rounding would decide."""
+"""Travel of the driving shaft, in rad, that is masked after a reversal and after a start from
+standstill: one degree (chosen), slightly reduced so that no reading lies exactly on the limit,
+where rounding errors would decide."""
 
 SHORTEST_RUN = 15.5
 """A run with a travel of fewer quanta than this is noise at standstill (chosen)."""
@@ -150,7 +158,10 @@ class MotionPhase:
 
 @dataclass(frozen=True)
 class Segments:
-    """Division of a log; `forward` counts the samples on flank A, `backward` those on flank B."""
+    """Division of a log into segments on a certain flank and phases of one motion.
+
+    `read` is the number of samples of the log.
+    """
 
     segments: tuple[Segment, ...]
     motion: tuple[MotionPhase, ...]
@@ -169,7 +180,7 @@ class Segments:
 
     @property
     def masked(self) -> int:
-        """Number of samples without certain flank."""
+        """Number of samples whose flank is not certain."""
         return self.read - self.forward - self.backward
 
     def _count(self, flank: Flank) -> int:
@@ -181,10 +192,11 @@ def find_segments(log: EncoderLog, crossing: float = AFTER_REVERSAL) -> Segments
 
     - At steady speed the direction of motion defines the flank; ramps, dwell and the start of a
       run, over `crossing` rad of the driving shaft, are masked.
-    - A run without steady speed (sine, hand-driven) is used above 10 % of its top speed; see note.
+    - In a run without steady speed (sine, hand-driven) the samples above 10 % of its top speed are
+      used, and a note reports this.
     - `log.direction` replaces the direction of motion; 0 is masked. The sign of `log.torque`
-      replaces it if |torque| is at least 5 % of its 95th percentile, ramps included. With both
-      columns, they must agree.
+      replaces it where |torque| is at least 5 % of its 95th percentile, ramps included. If the log
+      has both columns, samples where they disagree are masked.
     - Gaps in time (more than 5 median intervals) and changes of plateau separate segments.
     """
     time = log.time
@@ -224,7 +236,10 @@ def find_segments(log: EncoderLog, crossing: float = AFTER_REVERSAL) -> Segments
 def _sense(
     speed: Speed, angle: Float[np.ndarray, " n"], cut: Bool[np.ndarray, " n"]
 ) -> Int8[np.ndarray, " n"]:
-    """Return +1, 0 or −1 per sample; a run whose travel is below its noise is dwell."""
+    """Return the direction of motion per sample: +1, −1, or 0 at standstill.
+
+    A run whose travel is below the noise counts as standstill.
+    """
     sense = np.where(np.abs(speed.value) > speed.dwell, np.sign(speed.value), 0).astype(np.int8)
     for start, stop in runs(sense, cut):
         if sense[start] and abs(angle[stop - 1] - angle[start]) < SHORTEST_RUN * speed.quantum:
@@ -249,7 +264,10 @@ def _mean_speed(
 def _certain(
     log: EncoderLog, angle: Float[np.ndarray, " n"], speed: Speed, moving: list[tuple[int, int]]
 ) -> tuple[Bool[np.ndarray, " n"], int]:
-    """Return the mask of samples with certain flank, and the number of runs without plateau."""
+    """Return the mask of samples fast and steady enough, and the number of runs without plateau.
+
+    With a torque column all moving samples are in the mask.
+    """
     certain = np.zeros(len(log), bool)
     if log.torque is not None:
         for start, stop in moving:
@@ -273,7 +291,10 @@ def _certain(
 
 
 def _flank(log: EncoderLog, sense: Int8[np.ndarray, " n"]) -> Int8[np.ndarray, " n"]:
-    """Return +1 for flank A, −1 for flank B and 0 for neither, by the best column of the log."""
+    """Return the flank per sample: +1 for A, −1 for B, 0 if unknown.
+
+    It comes from the direction column and the sign of the torque, or else from `sense` (motion).
+    """
     flank = sense if log.direction is None else log.direction
     if log.torque is not None:
         loaded = np.abs(log.torque) >= TORQUE * np.quantile(np.abs(log.torque), 0.95)
@@ -285,7 +306,10 @@ def _flank(log: EncoderLog, sense: Int8[np.ndarray, " n"]) -> Int8[np.ndarray, "
 def _starts(
     flank: Int8[np.ndarray, " n"], cut: Bool[np.ndarray, " n"], moving: list[tuple[int, int]]
 ) -> list[int]:
-    """Return the samples of a flank change, a reversal or a start from standstill, in order."""
+    """Return the indices, in order, where the flank changes or a run of one direction begins.
+
+    A run that begins at a gap in time (`cut`) is not included.
+    """
     starts: set[int] = {start for start, _ in moving if not cut[start]}
     known = np.flatnonzero(flank)
     flips = np.flatnonzero(np.diff(flank[known]))
@@ -296,7 +320,7 @@ def _starts(
 def _crossing(
     starts: list[int], angle: Float[np.ndarray, " n"], travel: float
 ) -> Bool[np.ndarray, " n"]:
-    """Return the mask of samples within a travel in rad from a start."""
+    """Return the mask of the samples within `travel` rad after one of the indices `starts`."""
     masked = np.zeros(len(angle), bool)
     for start, stop in zip(starts, [*starts[1:], len(angle)], strict=False):
         beyond = np.abs(angle[start:stop] - angle[start]) >= travel

@@ -1,1 +1,1 @@
-"""Recognition of the columns of a log from their names, and from the given ratio."""
+"""Recognition of the columns of a log from their names and from the given ratio."""

@@ -1,4 +1,4 @@
-"""Columns that may be time or the angle of a shaft, with the facts that decide."""
+"""Columns that may be time or the angle of a shaft, with the properties that decide."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -12,25 +12,25 @@ from ..readers.nested import NestedTable
 from .name_words import NameReading
 
 EVEN = 1e-3
-"""Largest deviation of a time step from the median one, as a fraction of it, of evenly spaced
-stamps (chosen)."""
+"""Time stamps are evenly spaced if each time step deviates from the median step by at most this
+fraction of it (chosen)."""
 
 SHOWN = 3
-"""Number of first values in a refusal (chosen)."""
+"""Number of values of a column that an error message shows (chosen)."""
 
 JUMP = 5.0
 """A step above this many times the 90 % quantile of all steps is a jump, such as that of an angle
-that wraps, and is left out of a slope (chosen)."""
+that wraps, and is not used for a slope (chosen)."""
 
 MOST_LISTED = 8
-"""Largest number of columns in a refusal (chosen)."""
+"""Largest number of columns that an error message lists (chosen)."""
 
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """Column with its name and its values, None if they are no numbers.
+    """Column that may have a role, with its name and its values (None if they are not numbers).
 
-    `dated` is true for a column of dates or times of day.
+    `reading` is the meaning of the name. `dated` is true for a column of dates or times of day.
     """
 
     index: int
@@ -41,7 +41,7 @@ class Candidate:
 
     @property
     def rises(self) -> bool:
-        """Whether every value exceeds the one before it."""
+        """Whether every value exceeds the previous value."""
         return self.values is not None and len(self.values) > 1 and bool(np.all(self._steps > 0))
 
     @property
@@ -53,7 +53,7 @@ class Candidate:
 
     @property
     def is_row_number(self) -> bool:
-        """Whether the values count the rows, possibly in a counter that starts again."""
+        """Whether the values number the rows, possibly with restarts at 0."""
         if self.values is None or len(self.values) < 2:
             return False
         steps = self._steps
@@ -63,7 +63,7 @@ class Candidate:
 
     @property
     def turns(self) -> bool:
-        """Whether the values can be those of a shaft: numbers that change and are no row number."""
+        """Whether the values can be a shaft angle: numbers that change and are not row numbers."""
         if self.values is None or len(self.values) < 2 or not np.isfinite(self.values).all():
             return False
         return bool(np.ptp(self.values) > 0) and not self.is_row_number
@@ -75,7 +75,7 @@ class Candidate:
 
     @property
     def facts(self) -> str:
-        """Name, first values and range for a refusal."""
+        """Text with name, first values and range for an error message."""
         if self.dated:
             return f"`{self.name}` with dates or times"
         if self.values is None or not len(self.values):
@@ -85,7 +85,7 @@ class Candidate:
 
 
 def read_values(table: TextTable | NestedTable, indices: list[int]) -> Mapping[int, np.ndarray]:
-    """Return the values of those columns that hold numbers only."""
+    """Return index → values for those columns of `indices` that contain only numbers."""
     try:
         return dict(zip(indices, table.columns(indices), strict=True))
     except LogError:
@@ -100,10 +100,10 @@ def read_values(table: TextTable | NestedTable, indices: list[int]) -> Mapping[i
 
 
 def listed_facts(candidates: list[Candidate]) -> str:
-    """Return the columns with first values, ranges and slopes, for a refusal.
+    """Return a list of columns with first values, ranges and slopes as text for an error message.
 
-    The slope of a column is that over the first column that can be a shaft; the one of a column
-    that only grows is its usual step from row to row.
+    The slope of a column is its slope over the first column that can be a shaft. A column that only
+    grows has its median step from row to row instead.
     """
     over = next((one for one in candidates if one.turns and not one.rises), None)
     shown = "; ".join(one.facts + _slope_in_words(one, over) for one in candidates[:MOST_LISTED])
@@ -112,7 +112,10 @@ def listed_facts(candidates: list[Candidate]) -> str:
 
 
 def _slope_in_words(one: Candidate, over: Candidate | None) -> str:
-    """Return what the slope of a column is, with a comma before it, or ""."""
+    """Return the slope of a column as text that begins with a comma, or "" without a slope.
+
+    `over` is the column over which the slope is taken.
+    """
     if one.values is not None and one.rises:
         return f", {float(np.median(np.diff(one.values))):.6g} from row to row"
     if over is None or one is over or not one.turns:

@@ -1,4 +1,4 @@
-"""The `vttig fit` command that says in full what a log was read as."""
+"""The `vttig fit` command that states all options and columns with which a log was read."""
 
 import shlex
 from collections.abc import Mapping
@@ -16,7 +16,7 @@ def fit_command(
     decimal: str | None = None,
     sample_rate_hz: int | float | None = None,
 ) -> str:
-    """Return a command to copy, with every column named.
+    """Return a command that the user can copy and that names every column.
 
     **Example**
     ```python
@@ -50,7 +50,10 @@ def fit_command(
 
 
 def _argument(path: str | Path) -> str:
-    """Return a path as an argument that is no option: `-` for stdin, `./-x.csv` for `-x.csv`."""
+    """Return a path as text that is not taken for an option: `./-x.csv` for `-x.csv`.
+
+    Standard input is `-`.
+    """
     if kept_bytes(path) is not None:
         return str(STDIN)
     return f"./{path}" if str(path).startswith("-") else str(path)

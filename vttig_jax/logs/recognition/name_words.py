@@ -1,4 +1,4 @@
-"""What the name of a column says: role, unit, another quantity, or a setpoint."""
+"""Meaning of a column name: its role, unit, another quantity, or a setpoint."""
 
 import re
 from collections.abc import Iterable, Sequence
@@ -19,12 +19,12 @@ _WIDE = re.compile(r"[\u1100-\u11ff\u2e80-\uffef]")
 
 @dataclass(frozen=True)
 class NameReading:
-    """What one name says.
+    """Meaning of one column name.
 
     **Arguments**
-    - `role`: "driving", "driven" or "time", or None if the name says none or two of them.
-    - `unit`: unit in the name: one of an angle, of time, or None.
-    - `other`: word or unit of another quantity in the name, "" if there is none.
+    - `role`: "driving", "driven" or "time", or None if the name contains none or two of them.
+    - `unit`: unit of an angle or of time in the name, or None.
+    - `other`: word or unit in the name for a quantity other than angle and time, "" if none.
     - `setpoint`: word for a setpoint in the name, "" if there is none.
     """
 
@@ -35,15 +35,15 @@ class NameReading:
 
     @property
     def is_angle(self) -> bool:
-        """Whether the column can be an angle of a shaft as far as the name says."""
+        """Whether the name allows that the column is the angle of a shaft."""
         return self.role != "time" and not self.other and self.unit not in TIME_UNITS
 
 
 def read_name(name: str, where: str) -> NameReading:
-    """Return role, unit, other quantity and setpoint that the name of a column states.
+    """Return role, unit, other quantity and setpoint that the name of a column contains.
 
-    The role is that of the last part of a path, or of the whole path if the last part has none.
-    A name with two different roles has none.
+    The role comes from the last part of a path, or from the whole path if the last part has no
+    role. A name with two different roles gets no role. `where` is the position for messages.
 
     **Raises** `LogError` if the name has two different units.
     """
@@ -61,12 +61,13 @@ def read_name(name: str, where: str) -> NameReading:
 
 
 def words_of(text: str) -> list[str]:
-    """Return the folded words of a name; `MotorPos_deg` has motor, pos and deg."""
+    """Return the words of a name in lower case; `MotorPos_deg` gives motor, pos and deg."""
     return [fold(word) for word in _WORDS.findall(_CAMEL.sub(" ", text))]
 
 
 def inputs_and_outputs(names: Sequence[str]) -> dict[int, str]:
-    """Return index → role for names that differ only by `in` and `out`."""
+    """Return index → role for pairs of names that differ only by `in` (driving) and `out`
+    (driven)."""
     words = [words_of(name) for name in names]
     roles: dict[int, str] = {}
     for k, own in enumerate(words):
@@ -79,13 +80,13 @@ def inputs_and_outputs(names: Sequence[str]) -> dict[int, str]:
 
 
 def _role(words: Iterable[str]) -> str | None:
-    """Return the only role that words say, or None."""
+    """Return the role of the words, or None if they have no role or several roles."""
     roles = {role for word in words for role in _roles_of(word)}
     return roles.pop() if len(roles) == 1 else None
 
 
 def _roles_of(word: str) -> set[str]:
-    """Return the roles of one word; the longest known word in it decides."""
+    """Return the roles of one word; of the known words in it, longer ones have priority."""
     if word in _KNOWN:
         return {_KNOWN[word]}
     wide = bool(_WIDE.search(word))
@@ -99,7 +100,7 @@ def _roles_of(word: str) -> set[str]:
     for known in sorted(found, key=len, reverse=True):
         if known in word:
             roles.add(_KNOWN[known])
-            word = word.replace(known, " ")  # 被駆動 holds 駆動, which says the opposite
+            word = word.replace(known, " ")  # 被駆動 contains 駆動, which means the opposite
     return roles
 
 
@@ -108,7 +109,7 @@ def _is_part(known: str, word: str) -> bool:
 
 
 def _found(words: Iterable[str], known: frozenset[str]) -> str:
-    """Return the first word that is known or that holds a known word, or ""."""
+    """Return the first of `words` that is in `known` or contains a word of `known`, or ""."""
     for word in words:
         if word in known or any(_holds(word, one) for one in known):
             return word
@@ -116,9 +117,9 @@ def _found(words: Iterable[str], known: frozenset[str]) -> str:
 
 
 def _holds(word: str, known: str) -> bool:
-    """Return whether a longer word holds a known one, as compounds of several languages do.
+    """Return whether `word` is a compound that contains the known word `known`.
 
-    A short known word counts only beside a word of a shaft: `motortemp`, but not `temps`.
+    A short known word counts only next to a word for a shaft: `motortemp`, but not `temps`.
     """
     if known not in word:
         return False

@@ -1,4 +1,4 @@
-"""Sentences that ask the user where a log can be read in two ways, and what was recognised."""
+"""Questions to the user if a log can be read in two ways, and notes on what was recognised."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,7 +12,8 @@ from .request import in_words
 
 @dataclass(frozen=True)
 class Guess:
-    """One thing that the command line did not state: what was taken, why, and how to change it."""
+    """Choice that the user did not state: what was chosen, the reason, and the option to change
+    it."""
 
     role: str
     taken: str
@@ -21,7 +22,7 @@ class Guess:
 
     @property
     def fact(self) -> str:
-        """What was taken and why, for the notes of a log."""
+        """Text on the choice and its reason, for the notes of a log."""
         return f"{self.role}: {self.taken}, {self.reason}"
 
     def __str__(self) -> str:
@@ -29,7 +30,7 @@ class Guess:
 
 
 def several(role: str, candidates: Sequence[Candidate], source: str) -> LogError:
-    """Return the question which of several columns has a role."""
+    """Return the question which of several columns has the role `role`."""
     options = " or ".join(f"--column {role}='{one.name}'" for one in candidates[:4])
     return LogError(
         f"{len(candidates)} columns can be {role}: {listed_facts(list(candidates))}; choose one"
@@ -39,7 +40,7 @@ def several(role: str, candidates: Sequence[Candidate], source: str) -> LogError
 
 
 def only_setpoint(role: str, one: Candidate, source: str) -> LogError:
-    """Return the question whether a setpoint stands for the measured angle."""
+    """Return the question whether a setpoint column may replace the measured angle."""
     return LogError(
         f"the only column for {role} is `{one.name}`, and `{one.reading.setpoint}` says a setpoint,"
         f" which no encoder measured; name the measured column with --column {role}=NAME, or this"
@@ -57,7 +58,8 @@ def no_fit(
 ) -> LogError:
     """Return the question for roles that neither the names nor the ratio determine.
 
-    `others` are columns whose names say another quantity than an angle.
+    `candidates` are columns that can be a shaft, `others` columns whose names mean a quantity other
+    than an angle.
     """
     named = " and ".join(roles)
     options = " ".join(f"--column {role}=NAME" for role in roles)
@@ -81,7 +83,7 @@ def no_fit(
 
 
 def no_driving(candidates: list[Candidate], source: str) -> LogError:
-    """Return the question for the driving angle beside a column of transmission error."""
+    """Return the question for the driving angle in a log with a transmission error."""
     seen = f"; there are {listed_facts(candidates)}" if candidates else ""
     return LogError(
         "no column name says driving; give --column driving=NAME, or, where a clock turns the"
@@ -116,7 +118,7 @@ def two_readings(text: str, ratio: Fraction) -> UsageError:
 
 
 def inverted(first: Candidate, second: Candidate, source: str) -> LogError:
-    """Return the sentence on two shafts that turn against each other."""
+    """Return the error for two shafts whose readings have opposite directions."""
     return LogError(
         f"`{first.name}` and `{second.name}` have the given ratio, but the readings of one grow"
         " while those of the other fall: one encoder counts backwards; give --invert driven (or"
@@ -155,7 +157,7 @@ def no_time(candidates: Sequence[Candidate], source: str) -> LogError:
 
 
 def also_no_unit(error: LogError) -> LogError:
-    """Return a question for the time that asks for the unit of the angles as well."""
+    """Return `error`, a question for the time, that also asks for the unit of the angles."""
     return LogError(
         f"{error.message} No name states the unit of the angles either: give --unit deg (or rad,"
         " rev), or --counts A,B with the counts per revolution of both encoders.",
@@ -173,7 +175,7 @@ def no_time_unit(one: Candidate, source: str) -> LogError:
 
 
 def unreadable_time(one: Candidate, source: str) -> LogError:
-    """Return the question for the time beside a column whose stamps cannot be read."""
+    """Return the question for the time if the stamps of the time column cannot be read."""
     return LogError(
         f"the stamps of the time column `{one.name}` are neither numbers nor dates such as"
         " 2026-11-30T12:00:00.25; write them so, name another column with --column time=NAME, or"

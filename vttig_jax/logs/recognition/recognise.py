@@ -25,12 +25,13 @@ from .shafts import Scale, by_name, by_ratio
 from .time_column import time_column, time_unit
 
 FURTHER = ("direction", "axial_mm", "torque", "speed", "acceleration")
-"""Roles that are only read if an option names their column."""
+"""Roles whose columns are read only if an option names the column."""
 
 
 @dataclass(frozen=True)
 class Recognition:
-    """The pair file that says the same as the options and the log, and what was guessed.
+    """Pair file `spec` that is equivalent to the options and the recognised columns, and the
+    guesses.
 
     `columns` is role → name of its column.
     """
@@ -54,8 +55,8 @@ def recognise(
     - `request`: ratio, counts per revolution and units as the user stated them.
     - `columns`, `decimal`, `sample_rate_hz`: as in `read_log`.
 
-    **Raises** `LogError` or `UsageError` with the option that decides, where the log can be read
-    in two ways.
+    **Raises** `LogError` or `UsageError` if the log can be read in two ways; the message names the
+    option that decides.
     """
     request.check()
     if not request.names_a_drive:
@@ -74,7 +75,7 @@ def recognise(
 
 @dataclass
 class Search:
-    """The search through one table.
+    """Search for the columns of all roles in one table.
 
     `take_stated` and `find` fill `roles` (role → index of its column, None for the row number),
     `units` (role → unit that is not in the name) and `guesses`.
@@ -90,17 +91,17 @@ class Search:
     _open: LogError | None = None
 
     def take_stated(self, *, timed: bool) -> None:
-        """Take the columns that options name, and those with the names of this package.
+        """Assign roles to columns that options name and to columns with names that vttig writes.
 
-        **Raises** `LogError` for a stated name that no column or several columns have. Several
-        columns with one of the names of this package are a question that `find` asks.
+        **Raises** `LogError` for a stated name that no column or several columns have. If several
+        columns match a name that vttig writes, `find` raises the question later.
         """
         self.units = dict(self.request.units)
         self._take_named()
         self._take_defaults(timed=timed)
 
     def find(self, *, timed: bool) -> None:
-        """Find the other columns; what was found before a question stays in `roles`.
+        """Find the remaining columns; roles found before a question is raised stay in `roles`.
 
         **Raises** `LogError` or `UsageError` with the option that decides.
         """
@@ -123,17 +124,17 @@ class Search:
 
     @property
     def column_names(self) -> dict[str, str]:
-        """Role → name of its column, or its number if another column has the same name."""
+        """Role → name of its column, or `#number` if another column has the same name."""
         return {role: self._name(index) for role, index in self.roles.items()}
 
     def _take_named(self) -> None:
-        """Take the columns that options name."""
+        """Assign roles to the columns that options name."""
         for role, name in self.columns.items():
             row = name == ROW
             self.roles[role] = None if row else index_of(name, role, self.names, self.source)
 
     def _take_defaults(self, *, timed: bool) -> None:
-        """Take the columns with the names that this package writes, such as driving_deg."""
+        """Assign roles to the columns with names that this package writes, such as driving_deg."""
         second = {"driven", "transmission_error"}
         for role in ("time", *SHAFTS, "transmission_error"):
             taken = role in self.roles or (role in second and second & set(self.roles))
@@ -143,14 +144,14 @@ class Search:
             try:
                 index = default_column(role, self.names, self.source)
             except LogError as error:
-                index = None  # `find` takes the time beside the shafts, or asks
+                index = None  # `find` looks for the time next to the shafts, or asks
                 if role != "time":
                     self._open = self._open or error
             if index is not None and index not in self.roles.values():
                 self.roles[role] = index
 
     def _find_named_shafts(self) -> list[str]:
-        """Take the shafts whose names say so; return those that are still missing."""
+        """Assign the shafts by the column names; return the roles that are still missing."""
         missing = [role for role in SHAFTS if role not in self.roles]
         if "transmission_error" in self.roles and "driven" in missing:
             missing.remove("driven")
@@ -185,7 +186,8 @@ class Search:
             self.guesses.append(guess)
 
     def _check_units(self) -> None:
-        """Fill in counts, and ask for units and counts that are missing."""
+        """Set the unit "counts" where counts are given; raise a question for missing units or
+        counts."""
         counted = []
         for role in SHAFTS:
             if role not in self.roles:
@@ -204,7 +206,7 @@ class Search:
             raise UsageError("--counts is given, but no column is in counts; leave it out.")
 
     def spec(self) -> PairSpec:
-        """Return the pair file that says the same."""
+        """Return the pair file that is equivalent to the request and the found columns."""
         layout = LogLayout(driving_rpm=self.request.rpm)
         return msgspec.structs.replace(
             self.request.spec(),
@@ -219,12 +221,12 @@ class Search:
 
     @property
     def _clocked(self) -> bool:
-        """Whether a clock turns the driving shaft, so that it needs no column."""
+        """Whether the driving shaft has a given constant speed and therefore needs no column."""
         return self.request.driving_rpm is not None
 
     @property
     def _lacks_units(self) -> bool:
-        """Whether neither options nor the name of any column that turns state a unit."""
+        """Whether neither an option nor the name of any possible shaft column states a unit."""
         stated = self.request.counts is not None or set(SHAFTS) & set(self.units)
         turning = [one for one in self._candidates if one.turns and one.reading.is_angle]
         return not stated and not any(one.reading.unit for one in turning)
@@ -234,16 +236,17 @@ class Search:
         return self.request.speed_ratio
 
     def _free(self) -> list[Candidate]:
-        """Return the columns without a role."""
+        """Return the columns without a role that are not time stamps of another column."""
         stamps = self.table.clocks.values() if isinstance(self.table, NestedTable) else ()
         taken = {*self.roles.values(), *stamps}
         return [one for one in self._candidates if one.index not in taken]
 
     def _beside(self, role: str) -> list[Candidate]:
-        """Return the free columns in the group of those that have a role, such as `2` of `2/motor`.
+        """Return the columns without a role among which `role` is searched.
 
-        Numbered groups are sections of a text, each a log of its own; in other groups only the time
-        is looked for beside the shafts. All free columns are returned if none there has the role.
+        They are in the same group as the columns with a role; `2` is the group of `2/motor`.
+        Numbered groups are sections of a text, each with a separate log. For other groups this
+        holds only for the time. If no column of the group fits, all free columns are returned.
         """
         free = self._free()
         taken = [self.names[k] for k in self.roles.values() if k is not None]
@@ -263,7 +266,7 @@ class Search:
         self.guesses.append(Guess(role, f"column `{one.name}`", why, f"--column {role}=NAME"))
 
     def _name(self, index: int | None) -> str:
-        """Return the name of a column, or its number if another column has the same name."""
+        """Return the name of a column, or `#number` if another column has the same name."""
         if index is None:
             return ROW
         name = self.names[index]
@@ -285,7 +288,10 @@ class Search:
         return found
 
     def _per_turn(self, one: Candidate, role: str) -> float | None:
-        """Return the readings per revolution of a column in a role, None without a unit."""
+        """Return the readings per revolution of a column in a role, or None without a unit.
+
+        The number is negative for an inverted encoder.
+        """
         unit = one.reading.unit or self.request.units.get(role)
         counts = self.request.counts
         if unit is None and counts is not None:

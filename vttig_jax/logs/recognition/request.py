@@ -1,4 +1,4 @@
-"""What a user states about a drive and its log beside a pair file: ratio, counts and units."""
+"""Statements of a user on a drive and its log that replace a pair file: ratio, counts, units."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -15,14 +15,14 @@ UNITS = {
     "transmission_error": tuple(ANGLE_UNITS),
     "time": tuple(TIME_UNITS),
 }
-"""Role → units that `--unit` can state."""
+"""Role → units that the option `--unit` accepts for it."""
 
 
 SIDEREAL = "sidereal"
 """Word for the speed of a driven shaft that follows the stars."""
 
 SIDEREAL_DAY_S = 86164.0905
-"""Seconds of one turn of the sky (mean sidereal day)."""
+"""Mean sidereal day in s, in which a telescope that follows the stars turns once."""
 
 
 @dataclass(frozen=True)
@@ -34,10 +34,10 @@ class DriveRequest:
       speed.
     - `teeth`: "45/80", teeth of the driving and of the driven gear.
     - `counts`: counts per revolution of the driving and of the driven encoder.
-    - `units`: role → unit of a column whose name says none.
-    - `inverted`: shafts whose encoder counts against the direction of the other one.
-    - `driving_rpm`: speed in rpm of a driving shaft without an encoder, which a clock turns;
-      "sidereal" if the driven shaft turns once a sidereal day.
+    - `units`: role → unit of a column whose name contains no unit.
+    - `inverted`: shafts whose encoder counts backwards ("driving", "driven").
+    - `driving_rpm`: constant speed in rpm of a driving shaft without an encoder; "sidereal" if the
+      driven shaft turns once per sidereal day.
     """
 
     ratio: str | None = None
@@ -73,7 +73,8 @@ class DriveRequest:
 
     @property
     def rpm(self) -> str | None:
-        """Speed of a driving shaft that a clock turns, in rpm, as a fraction in text."""
+        """Speed in rpm of a driving shaft at constant speed, as text; None without
+        `driving_rpm`."""
         if self.driving_rpm != SIDEREAL:
             return self.driving_rpm
         return f"{60 / SIDEREAL_DAY_S / float(self.speed_ratio):.15g}"
@@ -82,13 +83,14 @@ class DriveRequest:
     def says_which_shaft(self) -> bool:
         """Whether each number of the ratio belongs to a known shaft.
 
-        This is so for turns such as "64:23", for teeth such as "45/80" and for equal speeds, but
-        not for another ratio of speeds such as "9/16" or 0.5625.
+        It is true for turns such as "64:23", for teeth such as "45/80" and for equal speeds. It is
+        false for other ratios of speeds such as "9/16" or 0.5625.
         """
         return self.teeth is not None or ":" in str(self.ratio) or self.speed_ratio == 1
 
     def spec(self) -> PairSpec:
-        """Return the pair file that says the same about the drive; it says nothing of a log.
+        """Return the pair file that is equivalent to the statements on the drive, without a log
+        layout.
 
         **Raises** `UsageError` without a ratio and for what `check` refuses.
         """
@@ -112,7 +114,7 @@ class DriveRequest:
         return PairSpec(drive=drive, driving=gears[0], driven=gears[1])
 
     def with_driven_inverted(self) -> "DriveRequest":
-        """Return the request with the other direction of the driven encoder."""
+        """Return the request with the direction of the driven encoder reversed."""
         others = tuple(shaft for shaft in self.inverted if shaft != "driven")
         return replace(self, inverted=others if "driven" in self.inverted else (*others, "driven"))
 
@@ -147,7 +149,7 @@ def counts_of(text: str) -> tuple[int, int]:
 
 
 def units_of_options(texts: tuple[str, ...]) -> dict[str, str]:
-    """Return role → unit from texts UNIT, which holds for both shafts, or ROLE=UNIT.
+    """Return role → unit from texts of the form UNIT (for both shafts) or ROLE=UNIT.
 
     **Raises** `UsageError` for unknown roles and units and for a role that has two units.
     """
@@ -168,7 +170,8 @@ def units_of_options(texts: tuple[str, ...]) -> dict[str, str]:
 
 
 MOST_TURNS = 10_000
-"""Largest number of turns in words; beyond it one shaft turns once (chosen)."""
+"""Largest number of turns in a sentence. For a larger number, the sentence gives the turns of the
+driven shaft for one turn of the driving shaft (chosen)."""
 
 
 def in_words(ratio: Fraction) -> str:

@@ -25,10 +25,11 @@ MOST_ROWS = 20_000
 
 @dataclass(frozen=True)
 class Scale:
-    """How readings become revolutions: readings per turn of a column in a role.
+    """Functions that convert the readings of columns to revolutions at common instants.
 
-    `per_turn` returns None if the unit is unknown, and raises `LogError` if counts per revolution
-    are missing. `common` returns the readings of two columns at common instants.
+    `per_turn` returns the readings per revolution of a column in a role; it returns None if the
+    unit is unknown, and raises `LogError` if counts per revolution are missing. `common` returns
+    the readings of two columns at common instants.
     """
 
     per_turn: Callable[[Candidate, str], float | None]
@@ -36,9 +37,9 @@ class Scale:
 
 
 def by_name(role: str, candidates: Sequence[Candidate], source: str) -> Candidate | None:
-    """Return the column whose name says a role, or None if no name does.
+    """Return the column whose name contains the role `role`, or None if there is no such name.
 
-    **Raises** `LogError` if several names do, or if the only one is a setpoint.
+    **Raises** `LogError` for several such columns, or if the only one is a setpoint.
     """
     named = [one for one in candidates if one.reading.role == role and one.reading.is_angle]
     if len(named) > 1:
@@ -61,8 +62,8 @@ def by_ratio(
 
     Exactly one assignment must have the slope |driven over driving| = ratio.
 
-    **Raises** `LogError` if none or several do, for columns without a unit, and for shafts that
-    turn against each other.
+    **Raises** `LogError` if no assignment or several have this slope, for columns without a unit,
+    and for shafts whose readings have opposite directions.
     """
     missing = [role for role in ("driving", "driven") if role not in fixed]
     turning = [one for one in candidates if one.turns and one.reading.is_angle]
@@ -102,7 +103,7 @@ def by_ratio(
 
 
 def _turns(values: np.ndarray, per_turn: float | None) -> Float[np.ndarray, " n"]:
-    """Return continuous revolutions of readings that may wrap."""
+    """Return the unwrapped readings in revolutions, from 0 on; the readings may wrap."""
     assert per_turn is not None  # columns without a unit are asked for before
     if np.issubdtype(values.dtype, np.floating) and np.all(values == np.rint(values)):
         values = values.astype(np.int64)
@@ -113,7 +114,7 @@ def _turns(values: np.ndarray, per_turn: float | None) -> Float[np.ndarray, " n"
 
 
 def _fits(x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"], ratio: float) -> int:
-    """Return the sign of the slope of `y` over `x` if its size is the ratio, else 0."""
+    """Return the sign of the slope of `y` over `x` (revolutions) if its size is `ratio`, else 0."""
     thin = slice(None, None, max(1, len(x) // MOST_ROWS))
     x, y = x[thin] - x[thin].mean(), y[thin] - y[thin].mean()
     slope = float(x @ y / (x @ x))

@@ -1,4 +1,4 @@
-"""Recognition of the column of time, and of the unit of its stamps."""
+"""Recognition of the time column and of the unit of its stamps."""
 
 from collections.abc import Sequence
 
@@ -14,17 +14,18 @@ from .question import Guess
 SETTER = "--column time=NAME"
 
 DAYS = ((36_526, 73_051), (730_486, 767_011))
-"""Days of 2000 to 2100 as Excel (since 1900) and as MATLAB (since the year 0) count them."""
+"""Ranges of day numbers from 2000 to 2100, as Excel (since 1900) and MATLAB (since the year 0)
+count days."""
 
 SHORT_S = 1e-4
-"""Steps below this many seconds are rather parts of a day (chosen)."""
+"""Numbers with smaller steps than this may be days and not seconds (chosen)."""
 
 
 def time_column(candidates: Sequence[Candidate], source: str) -> tuple[Candidate, Guess]:
-    """Return the column of time among the columns without another role.
+    """Return the time column among the columns without another role, and the guess.
 
-    It is the only column of dates or whose name says time or a unit of time, or the only one that
-    only grows, if it is evenly spaced and counts no rows.
+    It is the only column of dates, or with a name for time or a unit of time. Without such a column
+    it is the only one whose values always grow, are evenly spaced and are not row numbers.
 
     **Raises** `LogError` if no column or several columns can be the time.
     """
@@ -42,9 +43,9 @@ def time_column(candidates: Sequence[Candidate], source: str) -> tuple[Candidate
 
 
 def time_unit(one: Candidate, stated: str | None, source: str) -> tuple[str | None, Guess | None]:
-    """Return the unit of time stamps that neither name nor option states, and the guess.
+    """Return the unit of time stamps if neither name nor option states it, and the guess.
 
-    Both are None if the name states the unit or the stamps are dates.
+    Both are None if name or option (`stated`) state the unit, or if the stamps are dates.
 
     **Raises** `LogError` for stamps that are neither numbers nor dates, for whole numbers that are
     no seconds since 1970 or 1601, and for numbers that may be days.
@@ -67,14 +68,14 @@ def time_unit(one: Candidate, stated: str | None, source: str) -> tuple[str | No
 
 
 def _may_be_days(values: Real[np.ndarray, " n"]) -> bool:
-    """Return whether numbers are days of this century, in steps that are short for seconds."""
+    """Return whether the stamps may be days: day numbers of 2000 to 2100 with very small steps."""
     steps = np.diff(values)
     short = len(steps) > 0 and float(np.median(np.abs(steps))) < SHORT_S
     return short and any(first <= values[0] <= last for first, last in DAYS)
 
 
 def _says_time(one: Candidate) -> bool:
-    """Return whether the name says time, or only a unit of time, and the stamps can be time."""
+    """Return whether the name means time, or contains only a unit of time, and the stamps grow."""
     reading = one.reading
     if reading.role == "time":
         return _grows(one)

@@ -1,7 +1,7 @@
-"""Words in column names that say a role, another quantity or a setpoint, in common languages.
+"""Words in column names for a role, another quantity or a setpoint, in common languages.
 
-A word that could mean another thing in a second language is left out: an unknown word leads to a
-question, a wrong one to a wrong role.
+A word with another meaning in a second language is not in the lists: an unknown word leads to a
+question to the user, but a wrong word leads to a wrong role.
 """
 
 import unicodedata
@@ -12,11 +12,11 @@ def fold(text: str) -> str:
     """Return a text in lower case without accents."""
     decomposed = unicodedata.normalize("NFKD", text.casefold())
     plain = "".join(letter for letter in decomposed if not unicodedata.combining(letter))
-    return unicodedata.normalize("NFC", plain)  # joins the syllables of Korean again
+    return unicodedata.normalize("NFC", plain)  # joins Korean syllables again
 
 
 def _words(text: str) -> frozenset[str]:
-    """Return the words of a text as `fold` writes them."""
+    """Return the words of a text in lower case without accents."""
     return frozenset(fold(text).split())
 
 
@@ -74,7 +74,7 @@ QUANTITIES: Final = _words(
     vibration vib pwm duty gain checksum crc sequence seq utilization percent
     """
 )
-"""Words for quantities that are no angle of a shaft."""
+"""Words for quantities other than the angle of a shaft."""
 
 SETPOINTS: Final = _words(
     """
@@ -84,12 +84,12 @@ SETPOINTS: Final = _words(
     obiettivo hedef уставка wanted setvalue 指令 目标 目標 задание 목표 지령
     """
 )
-"""Words for a setpoint, which is no measured angle."""
+"""Words for a setpoint, which is not a measured angle."""
 
 COMPOUND: Final = 5
-"""Fewest letters of a word that is also found in a longer word, such as `drehzahl` in
-`motordrehzahl`; a word of a role must stand at its start or end (chosen)."""
+"""Least number of letters of a word that is also searched inside a longer word, such as `drehzahl`
+in `motordrehzahl`; a word for a role must be at the start or end of the longer word (chosen)."""
 
 SHORT: Final = 4
-"""Fewest letters of a word for another quantity beside a word of a shaft, such as `temp` in
-`motortemp` (chosen)."""
+"""Least number of letters of a word for another quantity that is joined to a word for a shaft, such
+as `temp` in `motortemp` (chosen)."""
