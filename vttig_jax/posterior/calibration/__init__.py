@@ -1,1 +1,1 @@
-"""Calibration: whether nominal 95 % intervals contain the truth in 95 % of the rigs."""
+"""Calibration: test whether nominal 95 % intervals contain the true value in 95 % of the rigs."""

@@ -1,4 +1,4 @@
-"""Fit of one compressed log as a fixed program for `jax.vmap`, with noise and covariance."""
+"""Fit of one compressed log as a function for `jax.vmap`, with noise and covariance."""
 
 from typing import NamedTuple
 
@@ -17,7 +17,10 @@ from .compressed import Compressed
 
 
 class BatchEstimate(NamedTuple):
-    """Parameters of a forward model, their covariance and the innovation std; mm and rad."""
+    """Parameters of a forward model, their covariance, and standard deviation of the innovations.
+
+    Units are mm and rad.
+    """
 
     values: Float[Numbers, "*logs p"]
     covariance: Float[Numbers, "*logs p p"]
@@ -25,12 +28,14 @@ class BatchEstimate(NamedTuple):
 
 
 class Fitted(NamedTuple):
-    """One log fitted with its estimated noise, and with the noise taken as white.
+    """Three fits of one log, with different noise models.
 
     **Arguments**
-    - `partial`, `order`: partial autocorrelations of the noise, and their number.
-    - `white_rows`, `white_samples`: white noise of the rows; white noise of the samples, which is
-      ordinary least squares with standard errors from the scatter of single samples.
+    - `modelled`: fit with the estimated autoregressive noise of the rows.
+    - `partial`, `order`: partial autocorrelations of this noise, and its order.
+    - `white_rows`: fit with white noise of the rows.
+    - `white_samples`: fit with white noise of the samples, that is, ordinary least squares with
+      standard errors from the scatter of single samples.
     """
 
     modelled: BatchEstimate
@@ -47,9 +52,9 @@ def fit_compressed(
     rows: Int[ArrayLike, ""],
     size: Int[ArrayLike, ""],
 ) -> Fitted:
-    """Fit one log with `rows` rows of `size` samples per flank.
+    """Return the fits of one log that has `rows` rows of `size` samples on each flank.
 
-    The first `free` columns are eliminated.
+    `relation` is the forward model. The first `free` columns, the free harmonics, are eliminated.
     """
     rounding = ROUNDING * log.square
     noise = estimated_noise(log.products, log.needed, rounding)

@@ -1,4 +1,7 @@
-"""Calibration: rigs are drawn and fitted, and intervals that contain the truth are counted."""
+"""Calibration: random rigs are fitted, and the intervals that contain the true value are counted.
+
+The share of these intervals is then compared with their nominal probability.
+"""
 
 import time
 from collections.abc import Callable, Sequence
@@ -34,7 +37,10 @@ _HEADERS = (
 
 
 def calibration_text(result: "Calibration") -> str:
-    """Return the coverage of every case, from the worst to the best parameter, and the verdict."""
+    """Return the report: a table with the range of coverages in every case, and the verdict.
+
+    The range goes from the parameter with the lowest coverage to that with the highest.
+    """
     rows = [_row(result, case) for case in result.cases]
     parts = [text_table(rows, _HEADERS, align="lrrrrrrrrl")]
     parts += [_sampled_row(case) for case in result.cases if case.sampled is not None]
@@ -89,17 +95,17 @@ Progress = Callable[[str, int], None]
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """Coverages of all cases, in the order of the scenarios; `seed` is that of the rigs."""
+    """Results of all cases in the order of the scenarios; `seed` is the random seed of the rigs."""
 
     cases: tuple[CaseResult, ...]
     seed: int
 
     @cached_property
     def failed(self) -> tuple[Cell, ...]:
-        """Cells that the test rejects although the fit of their scenario has the right model.
+        """Tested numbers that the test rejects although the fit of their scenario is right.
 
-        Coverages, sampled coverages and rank histograms of amplitudes are three families, each with
-        a family-wise error of 1 %.
+        The coverages, the coverages of the sampled rigs and the rank histograms of amplitudes are
+        tested as three families. Each family has a false rejection with a probability of 1 %.
         """
         right = [case for case in self.cases if case.scenario.holds]
         families = (CaseResult.cells, CaseResult.sampled_cells, CaseResult.amplitude_cells)
@@ -206,7 +212,10 @@ def calibrate(
 def run_case(
     program: Program, rigs: int, seed: int, posterior: int, progress: Progress
 ) -> CaseResult:
-    """Draw and fit the rigs of one case, and sample some of them."""
+    """Draw and fit `rigs` rigs of one case, and return the ranks of their true values.
+
+    The posteriors of the first `posterior` rigs are sampled too.
+    """
     start, scenario = time.perf_counter(), program.scenario
     batches: list[Batch] = []
     for step in program.batches(rigs, seed):
@@ -263,7 +272,7 @@ def _ranks(truth: np.ndarray, estimate: BatchEstimate) -> np.ndarray:
 
 
 def _discs(scenario: Scenario, names: tuple[str, ...]) -> list[CoverageDisc]:
-    """Return the vectors of a rig that are drawn flat in a disc and fitted."""
+    """Return the fitted vectors (x, y) of a rig that are drawn with uniform density in a disc."""
     radii = {"driving": LARGEST_ECCENTRICITY_MM, "driven": LARGEST_ECCENTRICITY_MM}
     if scenario.encoders == "disc" and scenario.encoder_terms:
         radii |= {f"{shaft}_encoder": scenario.encoder_arcsec * ARCSEC for shaft in list(radii)}

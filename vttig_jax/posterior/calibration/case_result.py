@@ -1,4 +1,4 @@
-"""Result of one scenario at one length."""
+"""Result of the calibration for one scenario with one length of run."""
 
 from dataclasses import dataclass, field
 
@@ -23,12 +23,12 @@ Ranks = Float[np.ndarray, "rigs p"]
 
 @dataclass(frozen=True)
 class Sampled:
-    """Ranks of the true values of some rigs among draws of the sampler.
+    """Ranks of the true values of some rigs among draws from their sampled posteriors.
 
     **Arguments**
-    - `ranks`: ranks of the judged parameters.
-    - `steps`, `burn_in`, `walkers`: size of every rig's ensemble; one that starts in the posterior
-      has no burn-in.
+    - `ranks`: for each rig and judged parameter, the share of draws below the true value.
+    - `steps`, `burn_in`, `walkers`: size of the ensemble of every rig. An ensemble whose start
+      points are draws from the posterior has no burn-in.
     - `tau`: longest integrated autocorrelation time of every rig, steps.
     """
 
@@ -43,15 +43,17 @@ class Sampled:
 class CaseResult:
     """Ranks of the true values of all rigs of one scenario.
 
+    A rank is the estimated probability of values below the true value, 0 … 1.
+
     **Arguments**
     - `names`: names of the judged parameters.
-    - `rows`, `row_s`: rows of all flanks, and the duration of one, s.
-    - `ranks`: rank of every true value in its Laplace approximation; `white_rows`, `white_samples`:
-      the same if the noise of the rows, or of single samples, is taken as white.
-    - `amplitudes`: name → ranks of true amplitudes.
+    - `rows`, `row_s`: number of rows of all flanks together, and duration of one row, s.
+    - `ranks`: ranks in the Laplace approximation of the fit; `white_rows`, `white_samples`: the
+      same for a fit that takes the noise of the rows, or of single samples, as white.
+    - `amplitudes`: name → ranks of the true amplitudes.
     - `orders`: order of the autoregression of every rig.
-    - `std`: mean standard errors, mm and rad.
-    - `seconds`: run time, s.
+    - `std`: standard error of each parameter, mean over the rigs, mm and rad.
+    - `seconds`: computing time of the case, s. - `sampled`: sampled rigs; None without sampling.
     """
 
     scenario: Scenario
@@ -69,7 +71,7 @@ class CaseResult:
 
     @property
     def samples(self) -> int:
-        """Samples of all flanks."""
+        """Number of samples of a log, all flanks together."""
         return self.scenario.samples * len(self.scenario.flanks)
 
     def range_of(self, ranks: Ranks, level: float) -> tuple[float, float]:
@@ -78,17 +80,20 @@ class CaseResult:
         return min(shares), max(shares)
 
     def cells(self) -> list[Cell]:
-        """Return the coverages of the Laplace route, as tested numbers."""
+        """Return the coverages of the Laplace approximation, as numbers to be tested."""
         return self._cells(self.ranks, BANDS, "Laplace")
 
     def sampled_cells(self) -> list[Cell]:
-        """Return the coverages of the sampled subset."""
+        """Return the coverages of the sampled rigs, as numbers to be tested."""
         if self.sampled is None:
             return []
         return self._cells(self.sampled.ranks, SAMPLED_BANDS, "sampled")
 
     def amplitude_cells(self) -> list[Cell]:
-        """Return the rank histograms of amplitudes, tested with the tolerance of the coverages."""
+        """Return the rank histograms of the amplitudes, as numbers to be tested.
+
+        The test has the same tolerance as that of the coverages.
+        """
         return [
             Cell(self.scenario.case, name, "rank histogram", histogram_p_value(ranks))
             for name, ranks in self.amplitudes.items()
@@ -107,7 +112,7 @@ class CaseResult:
         ]
 
     def to_json(self) -> dict:
-        """Return the fields of a case in `vttig.calibrate/1`."""
+        """Return the JSON object of the case in the schema `vttig.calibrate/1`."""
         s = self.scenario
         record = {
             "scenario": s.name,

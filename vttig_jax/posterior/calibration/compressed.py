@@ -1,4 +1,4 @@
-"""Products of readings inside a compiled program; `jax.vmap` makes the functions those of many."""
+"""Compression of simulated readings inside a compiled program, for one log or under `jax.vmap`."""
 
 from typing import NamedTuple
 
@@ -21,12 +21,12 @@ from .rigs import Readings
 
 
 class Compressed(NamedTuple):
-    """Rows of one log in the form that its fit needs.
+    """Block rows of one log in the compressed form that its fit needs.
 
     **Arguments**
-    - `products`: products of the rows. - `needed`: lags that the noise needs.
+    - `products`: lag products of the rows. - `needed`: number of lags that the noise needs.
     - `square`: sum of squares of y, rad².
-    - `scatter`: sum of squares of the sample noise about the row means, for each flank.
+    - `scatter`: sum over each flank of (sample noise − its mean over the row)², rad².
     """
 
     products: RowProducts
@@ -36,7 +36,10 @@ class Compressed(NamedTuple):
 
 
 def compress(readings: Readings, columns: ColumnLayout, size: int, ratio: float) -> Compressed:
-    """Average all columns over rows of `size` samples, and multiply these averages."""
+    """Average all columns over rows of `size` samples, and return the products of these rows.
+
+    `columns` is the layout of the rows, and `ratio` is driven speed over driving speed.
+    """
     error = readings.driven - ratio * readings.driving
 
     def of_flank(flank):
@@ -67,7 +70,10 @@ def _rows(
     driven: Float[Array, " n"],
     error: Float[Array, " n"],
 ) -> Float[Array, "blocks q"]:
-    """Return row means in the layout [free | offset | tied | y], without an incomplete last row."""
+    """Return block rows with the columns [free | offset | tied | y].
+
+    A row is the mean over `size` samples; samples behind the last complete row are left out.
+    """
     blocks = error.shape[0] // size
     tables = [part[: blocks * size].reshape(blocks, size).T for part in (driving, driven)]
     orders = np.asarray(columns.free + columns.tied, np.float64).reshape(-1, 2)
@@ -78,7 +84,7 @@ def _rows(
 
 
 def _scatter(noise: Float[Array, " n"], size: int) -> Float[Array, ""]:
-    """Return the sum of squares of the samples about the mean of their row."""
+    """Return Σ (sample − mean of its row)² over all complete rows of `size` samples."""
     blocks = noise.shape[0] // size
     table = noise[: blocks * size].reshape(blocks, size)
     return jnp.sum((table - table.mean(axis=1, keepdims=True)) ** 2)

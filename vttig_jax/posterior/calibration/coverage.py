@@ -1,4 +1,4 @@
-"""Coverage of intervals with bounds, rank histograms, and binomial tests of all cells (Holm)."""
+"""Coverage of intervals with its bounds, rank histograms, and tests of many of these numbers."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,16 +8,17 @@ from jaxtyping import Float
 from scipy import stats
 
 LEVELS = (0.50, 0.68, 0.90, 0.95)  # nominal probabilities of the intervals
-BINS = 20  # of a rank histogram (chosen)
+BINS = 20  # number of bins of a rank histogram (chosen)
 
-_BOUNDS = 0.95  # probability of the Clopper–Pearson bounds
+_BOUNDS = 0.95  # confidence level of the Clopper–Pearson bounds
 
 
 @dataclass(frozen=True)
 class Coverage:
-    """Number of `rigs` intervals of a nominal level that contain the truth.
+    """Number `hits` of intervals that contain the true value, out of `rigs` intervals.
 
-    `low` and `high` are Clopper–Pearson bounds of the fraction, 95 %.
+    `level` is the nominal probability of the intervals. `low` and `high` are the 95 %
+    Clopper–Pearson bounds of the true fraction of hits.
     """
 
     level: float
@@ -40,7 +41,9 @@ def coverage(ranks: Float[np.ndarray, " rigs"], level: float) -> Coverage:
     """Return the coverage of equal-tailed intervals, from the ranks of the true values.
 
     **Arguments**
-    - `ranks`: probability below the true value, 0 … 1; NaN, a failed fit, counts as a miss.
+    - `ranks`: estimated probability of values below the true value, 0 … 1; NaN (a failed fit)
+      counts as an interval that does not contain the true value.
+    - `level`: nominal probability of the intervals.
 
     **Example**
     ```python
@@ -64,17 +67,17 @@ def normal_ranks(
     values: Float[np.ndarray, "rigs p"],
     std: Float[np.ndarray, "rigs p"],
 ) -> Float[np.ndarray, "rigs p"]:
-    """Return the rank of the truth in a normal distribution (Laplace)."""
+    """Return the ranks of the true values in normal distributions: Φ((truth − values) / std)."""
     return stats.norm.cdf((truth - values) / std)
 
 
 def histogram(ranks: Float[np.ndarray, " rigs"], bins: int = BINS) -> list[int]:
-    """Return the number of ranks in equal bins."""
+    """Return the number of ranks in each of `bins` equal bins of 0 … 1; NaN is left out."""
     return np.histogram(ranks[np.isfinite(ranks)], bins, (0.0, 1.0))[0].tolist()
 
 
 def uniformity(ranks: Float[np.ndarray, " rigs"], bins: int = BINS) -> float:
-    """Return the probability of a histogram at least this uneven if the ranks are uniform (χ²)."""
+    """Return the p-value of a χ² test that the ranks are uniformly distributed."""
     return float(stats.chisquare(histogram(ranks, bins)).pvalue)
 
 
@@ -96,10 +99,11 @@ def amplitude_ranks(
     seed: int = 0,
     draws: int = 400,
 ) -> dict[str, Float[np.ndarray, " rigs"]]:
-    """Return the rank of every true amplitude among draws from the Laplace approximation.
+    """Return for each disc the rank of every true amplitude among draws from the fitted normal.
 
-    The rigs are drawn flat in discs, so draws outside any of the discs are discarded. The others
-    follow the posterior under the prior of the rigs, and their ranks are uniform.
+    The vectors of the rigs are drawn with uniform density in discs. Draws with a vector outside its
+    disc are therefore discarded; the remaining draws follow the posterior under this prior. The
+    ranks of the true amplitudes are uniform if the fit is calibrated.
     """
     generator = np.random.default_rng(seed)
     ranks = {disc.name: np.full(len(truth), np.nan) for disc in discs}
@@ -118,17 +122,20 @@ def amplitude_ranks(
 
 
 BANDS = {0.68: (0.64, 0.72), 0.95: (0.925, 0.975)}
-"""Nominal level → true coverages that count as calibrated (chosen)."""
+"""Nominal level → lowest and highest true coverage that count as calibrated (chosen)."""
 
 SAMPLED_BANDS = {0.68: (0.61, 0.75), 0.95: (0.91, 0.98)}
-"""The same for a sampled subset of some hundred rigs (chosen)."""
+"""Nominal level → the same for the sampled rigs, of which there are some hundred (chosen)."""
 
-FAMILY_WISE = 0.01  # family-wise error of a test (chosen)
+FAMILY_WISE = 0.01  # probability of at least one false rejection in a family of tests (chosen)
 
 
 @dataclass(frozen=True)
 class Cell:
-    """Tested number, with its probability if the intervals are calibrated."""
+    """Tested number of one parameter in one case, with the p-value of the test.
+
+    `what` says what is tested, and `probability` is the p-value if the intervals are calibrated.
+    """
 
     case: str
     name: str
@@ -137,7 +144,7 @@ class Cell:
 
 
 def coverage_p_value(result: Coverage, band: tuple[float, float]) -> float:
-    """Return the probability of a coverage this far out if the true one lies within `band`."""
+    """Return the binomial p-value of a coverage if the true coverage lies within `band`."""
     low, high = band
     below = stats.binom.cdf(result.hits, result.rigs, low)
     above = stats.binom.sf(result.hits - 1, result.rigs, high)
@@ -147,10 +154,11 @@ def coverage_p_value(result: Coverage, band: tuple[float, float]) -> float:
 def histogram_p_value(
     ranks: Float[np.ndarray, " rigs"], band: tuple[float, float] = BANDS[0.95]
 ) -> float:
-    """Return the probability of a rank histogram this uneven if standard errors are tolerable.
+    """Return the p-value of a χ² test of a rank histogram that tolerates slightly uneven ranks.
 
-    χ² of n ranks in K bins of true shares p_i has the noncentrality n K Σ (p_i − 1/K)². The
-    tolerated one is that of standard errors whose 95 % intervals hold at the lower end of `band`.
+    With n ranks in K bins of true probabilities p_i, χ² has the noncentrality n K Σ (p_i − 1/K)².
+    The tolerated p_i are those of standard errors so small that the coverage of the 95 % intervals
+    is only the lower end of `band`.
     """
     counted = np.array(histogram(ranks))
     scale = stats.norm.ppf((1 + band[0]) / 2) / stats.norm.ppf(0.975)

@@ -1,4 +1,4 @@
-"""Compiled programs of a scenario: draw and compress a few rigs, fit many."""
+"""Compiled programs of a scenario: one draws and compresses a few rigs, another fits many."""
 
 import zlib
 from collections.abc import Iterator
@@ -21,10 +21,11 @@ from .rigs import Readings, Rig, Sizes, draw_rig, encoder_readings, missing_ampl
 from .scenarios import Scenario, columns_of, driving_angles, relation_of, row_size, terms_of
 
 _SAMPLES_AT_ONCE = 1_500_000
-"""Samples that a compiled call draws (chosen): about a second, after which Ctrl-C takes effect."""
+"""Number of samples that one compiled call simulates (chosen): about one second, because Ctrl-C
+takes effect only between calls."""
 
 _RIGS_AT_ONCE = 128
-"""Rigs that a compiled call fits (chosen)."""
+"""Number of rigs that one compiled call fits (chosen)."""
 
 
 class Batch(NamedTuple):
@@ -38,7 +39,7 @@ class Batch(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Program:
-    """Quantities of a scenario that all its rigs share."""
+    """Simulation and fit of the rigs of one scenario, with the quantities that all rigs share."""
 
     scenario: Scenario
 
@@ -49,7 +50,7 @@ class Program:
 
     @cached_property
     def relation(self) -> PairRelation:
-        """Forward model, from parameters to tied coefficients."""
+        """Forward model, which computes the tied coefficients from the parameters."""
         return relation_of(self.scenario)
 
     @cached_property
@@ -77,18 +78,24 @@ class Program:
         return Sizes(*(jnp.asarray(float(x)) for x in (*numbers, missing_amplitude(s))))
 
     def keys(self, seed: int, rigs: Int[np.ndarray, " n"]) -> Key[Array, " n"]:
-        """Return keys of rigs by number; they differ between cases, which are thus independent."""
+        """Return the random keys of the rigs with the numbers `rigs`.
+
+        The keys also depend on the case, so that the rigs of two cases are independent.
+        """
         case = zlib.crc32(self.scenario.case.encode())
         base = jax.random.fold_in(jax.random.key(seed), np.uint32(case))
         return jax.vmap(partial(jax.random.fold_in, base))(jnp.asarray(rigs))
 
     def simulated(self, key: PRNGKeyArray) -> tuple[Rig, Readings]:
-        """Return one rig and its readings."""
+        """Return one random rig and its encoder readings."""
         return _compiled_simulation(key, self.scenario, self.sizes, jnp.asarray(self.motion))
 
     def batches(self, rigs: int, seed: int) -> Iterator[Batch | int]:
-        """Fit `rigs` rigs; yield the number of rigs after each draw, then the batch of them."""
-        # A power of two divides the batch, so that all cases share one batch shape.
+        """Draw and fit `rigs` rigs in batches.
+
+        Yield the number of rigs after each draw (for the progress), and then the fitted batch.
+        """
+        # The number per draw is a power of two, which divides the number of rigs in a batch.
         most = min(_RIGS_AT_ONCE, max(1, _SAMPLES_AT_ONCE // self.motion.size))
         per_call, per_batch = 1 << (most.bit_length() - 1), _RIGS_AT_ONCE
         fit = _fitting(self)
@@ -102,7 +109,10 @@ class Program:
 
 
 def _fit_batch(parts: list, fit, per_batch: int, wanted: int) -> Batch:
-    """Fit the drawn rigs, padded to the one shape that is compiled."""
+    """Fit the drawn rigs, and return the first `wanted` of them.
+
+    They are padded to `per_batch` rigs, so that `fit` is compiled for one shape only.
+    """
     joined = jax.tree.map(lambda *array: np.concatenate([np.asarray(p) for p in array]), *parts)
     count = len(joined[1])
     padded = jax.tree.map(
@@ -127,7 +137,8 @@ _compiled_simulation = jax.jit(_simulated, static_argnums=1)
 def _draw_batch(
     program: Program, keys: Key[Array, " n"]
 ) -> tuple[Rig, Float[Array, "rigs p"], Compressed]:
-    # Fields that are in `Sizes` or not used in the computation must not cause a compilation.
+    # These fields are constant here, so that a change of them does not cause a new compilation:
+    # the computation does not use them, or takes them from `Sizes`.
     shape = replace(
         program.scenario,
         name="",

@@ -1,4 +1,4 @@
-"""Rigs drawn from the prior of a scenario, their stationary noise, and their encoder readings."""
+"""Random rigs from the prior of a scenario, with their noise and their encoder readings."""
 
 from typing import NamedTuple
 
@@ -18,10 +18,11 @@ from .scenarios import Scenario, columns_of, driving_angles, row_size, terms_of
 def ar_noise(
     key: PRNGKeyArray, count: int, correlation: Float[Array, ""]
 ) -> Float[Array, " count"]:
-    """Return x_t = ρ x_{t−1} + √(1 − ρ²) w_t of unit variance, from its stationary start.
+    """Return `count` samples of stationary noise x_t = ρ x_{t−1} + √(1 − ρ²) w_t of unit variance.
 
-    The recursion is linear: within blocks of m ≈ √n samples it is one product with the triangle of
-    the powers of ρ, and the ends of the blocks follow from each other in the same way with ρᵐ.
+    ρ is `correlation`, and w_t is white noise. The samples are divided into blocks of m ≈ √count.
+    Within all blocks the recursion is one matrix product with the powers of ρ; the last samples of
+    the blocks follow the same recursion with ρᵐ.
     """
     size = int(np.ceil(np.sqrt(count)))
     shocks = jax.random.normal(key, (size, size))
@@ -34,24 +35,29 @@ def ar_noise(
 
 
 def _powers(base: Float[Array, ""], size: int) -> Float[Array, "size size"]:
-    """Return the lower triangle of base^(row − column)."""
+    """Return the lower triangular matrix with the elements base^(row − column)."""
     distance = np.subtract.outer(np.arange(size), np.arange(size))
     return jnp.where(distance >= 0, base ** np.maximum(distance, 0.0), 0.0)
 
 
-LARGEST_ECCENTRICITY_MM = 0.03  # of both gears (chosen)
+LARGEST_ECCENTRICITY_MM = 0.03  # largest eccentricity of each gear (chosen)
 BACKLASH_DEG = (0.065, 0.12)
-"""Range of the constant backlash, ° (chosen): the gap stays open with the errors of a rig."""
+"""Range of the constant backlash, ° (chosen): large enough that the gap of every rig stays open."""
 
 MISSING: Term = (0, 2)
-"""Order that `missing` adds: 1.125 cycles per driving turn, close to the first driving order."""
+"""Order that a scenario with `missing` adds to the rig but not to the fit: driven order 2, which
+has 1.125 cycles per driving turn, close to the first driving order."""
 
 _ITERATIONS = 3
-"""Iterations (chosen); each gains three digits on the constant backlash, 1e-3 rad."""
+"""Number of iterations of the transmission error (chosen); each gains three digits."""
 
 
 class Rig(NamedTuple):
-    """True values of one rig, mm and rad; x + jy = amplitude · exp(j phase)."""
+    """True values of one rig, mm and rad.
+
+    Eccentricities and encoder errors are complex: x + jy = amplitude · exp(j phase). `cosine` and
+    `sine` are the coefficients of the further orders on flanks A and B.
+    """
 
     driving: Complex[Array, ""]
     driven: Complex[Array, ""]
@@ -63,7 +69,7 @@ class Rig(NamedTuple):
 
 
 class Sizes(NamedTuple):
-    """Numbers of a scenario that need no new compilation.
+    """Numbers of a scenario that can change without a new compilation.
 
     **Arguments**
     - `noise_rad`: standard deviation of the noise of a sample.
@@ -80,7 +86,10 @@ class Sizes(NamedTuple):
 
 
 class Readings(NamedTuple):
-    """Encoder readings, and transmission error before noise and quantisation, rad."""
+    """Encoder readings of every flank, rad.
+
+    `clean` is the transmission error from the readings without noise and quantisation.
+    """
 
     driving: Float[Array, "flanks n"]
     driven: Float[Array, "flanks n"]
@@ -88,17 +97,19 @@ class Readings(NamedTuple):
 
 
 def order_terms(scenario: Scenario) -> tuple[Term, ...]:
-    """Return the orders of a rig besides the first: pitch, mesh, and the one that the fit omits."""
+    """Return the higher orders of a rig: pitch, mesh, and the order that the fit omits."""
     plan = terms_of(scenario)
     free = plan.locked[1][: len(plan.free)]
     return (*free, *((MISSING,) if scenario.missing else ()))
 
 
 def draw_rig(key: PRNGKeyArray, scenario: Scenario, sizes: Sizes) -> Rig:
-    """Draw one rig: offsets flat in a disc, constant backlash flat, phases uniform.
+    """Draw one random rig.
 
-    The pitch orders of a flank have Rayleigh amplitudes that together have the rms of the scenario,
-    like those of `rig.imperfections.random_orders`.
+    Eccentricities are uniform in a disc, encoder errors uniform in a disc or on a ring, and the
+    constant backlash and all phases are uniform in an interval. The pitch orders of a flank have
+    Rayleigh amplitudes, scaled so that all together have the rms of the scenario, as in
+    `rig.imperfections.random_orders`.
     """
     keys = jax.random.split(key, 6)
     driving, driven = (LARGEST_ECCENTRICITY_MM * _in_disc(k) for k in jax.random.split(keys[0]))
@@ -135,7 +146,8 @@ def encoder_readings(
 ) -> Readings:
     """Return the readings of both encoders of a rig at the true driving angles `driving`, rad.
 
-    The driven shaft follows the exact relation; the noise is on the driven reading.
+    The driven shaft follows the exact relation. The noise is added to the driven reading only. If
+    the scenario has `counts_per_rev`, both readings are rounded to counts.
     """
     ratio = float(scenario.pair.ratio)
     driven = ratio * driving + _transmission_errors(rig, scenario, driving)
@@ -178,7 +190,7 @@ def _transmission_errors(
 
 
 def truth_of(rig: Rig, names: tuple[str, ...]) -> Float[Array, " p"]:
-    """Return the true parameters of a forward model by name; 0 for offsets."""
+    """Return the true values of the parameters `names` of a forward model; offsets are 0."""
     values = {"constant_backlash": rig.constant_backlash}
     for source in ("driving", "driven", "driving_encoder", "driven_encoder"):
         value = getattr(rig, source)
@@ -208,13 +220,13 @@ def _contact_model(rig: Rig, scenario: Scenario) -> CombinedModel:
 
 
 def _reading(error: Complex[Array, ""], angle: Float[Array, "*n"]) -> Float[Array, "*n"]:
-    """Return φ + E sin(φ + ε)."""
+    """Return the encoder reading φ + E sin(φ + ε) at the angle φ, for error = E exp(jε), rad."""
     sine, cosine = sincos(angle)
     return angle + error.real * sine + error.imag * cosine
 
 
 def _in_disc(key: PRNGKeyArray) -> Complex[Array, ""]:
-    """Return a point of the unit disc, uniform in area."""
+    """Return a random point of the unit disc, with uniform density over its area."""
     radius, turn = jax.random.uniform(key, (2,))
     return jnp.sqrt(radius) * jnp.exp(1j * REV * turn)
 
@@ -230,10 +242,10 @@ def _order_kind(term: Term, scenario: Scenario) -> str:
 
 
 def missing_amplitude(scenario: Scenario) -> float:
-    """Return the amplitude, rad, of the omitted order: `missing` standard errors of one quadrature.
+    """Return the amplitude, rad, of the order that the fit omits.
 
-    It is the standard error of a fit that includes the order, with separate coefficients of every
-    harmonic on each flank; two eccentricities and two encoders have the same effect.
+    It is `missing` times the standard error of one coefficient (cosine or sine) of this order in a
+    fit that includes it, with separate coefficients of every harmonic on each flank.
     """
     if not scenario.missing:
         return 0.0

@@ -1,4 +1,4 @@
-"""Coverage of sampled posteriors: some rigs of a case, one ensemble each."""
+"""Coverage of sampled posteriors: some rigs of a case are sampled, with one ensemble per rig."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -26,8 +26,8 @@ from .program import Batch, Program
 from .scenarios import judged_parameters, terms_of
 
 WALKERS, BURN_IN, STEPS = 64, 500, 1500
-"""Size of an ensemble (chosen). Only an ensemble whose starts have no trusted weights makes the
-steps of the burn-in, which are ten autocorrelation times."""
+"""Size of an ensemble (chosen). The burn-in, about ten autocorrelation times, is made only if
+importance sampling gives no reliable start points."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,10 +59,10 @@ def sampled_coverage(
     steps: int = STEPS,
     burn_in: int = BURN_IN,
 ) -> Sampled:
-    """Sample the posterior of the first `rigs` rigs, with one ensemble of 64 walkers each.
+    """Sample the posteriors of the first `rigs` rigs, and return the ranks of their true values.
 
-    All are sampled with noise of one order, the highest of any of them, so that the density
-    compiles once.
+    Each rig has one ensemble of at least 64 walkers. All rigs are sampled with the same order of
+    the noise, which is the highest order among them, so that the density is compiled only once.
     """
     evidence = [_evidence(batch, k) for batch in batches for k in range(len(batch.truth))][:rigs]
     order = max(int(np.count_nonzero(rig.partial)) for rig in evidence)
@@ -80,7 +80,10 @@ def sampled_coverage(
 
 
 def rig_target(program: Program, rig: RigEvidence, order: int) -> FitTarget:
-    """Return the posterior of one rig: the density of `vttig sample`, from the vmapped fit."""
+    """Return the posterior of one rig, with noise of the given order.
+
+    It is the density of `vttig sample`, built from the batched fit of the rig.
+    """
     relation, scenario = program.relation, program.scenario
     summary = _summary(program, rig.log)
     indices = list(judged_parameters(relation.names))

@@ -1,4 +1,4 @@
-"""Scenarios of a calibration: rigs, noise, motion and model, each as a short and a long run."""
+"""Scenarios of a calibration: rig, noise, motion and model of the fit, with a short or long run."""
 
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -20,11 +20,11 @@ Length = Literal["short", "long"]
 DRIVING_TURNS: dict[Length, float] = {"short": 2 * 80 / 45, "long": 21.0}
 """Turns of the driving shaft in each direction.
 
-Two turns of the driving shaft do not separate its first order from that of the driven one (a beat
-takes 2.29 turns); the short run is two turns of the *driven* shaft."""
+The short run is two turns of the *driven* shaft. Two turns of the driving shaft would not suffice:
+the first orders of both shafts have a beat of 2.29 driving turns and could not be separated."""
 
 _FIRST = HarmonicOrders(driving_orders=(1,), driven_orders=(1,), mesh_orders=1)
-"""First orders and the tooth mesh, which needs rows of 5.5 ms at 60 rpm."""
+"""First orders of both shafts and of the tooth mesh; the mesh needs rows of 5.5 ms at 60 rpm."""
 
 _ALL = HarmonicOrders()
 _SHORT_PITCH = HarmonicOrders(driving_orders=tuple(range(1, 5)), driven_orders=tuple(range(1, 5)))
@@ -36,18 +36,20 @@ class Scenario:
 
     **Arguments**
     - `name`, `words`: name and description in the table.
-    - `holds`: True if the model of the fit is right, so that its intervals must hold.
+    - `holds`: True if the model of the fit is right, so that its intervals must be calibrated;
+      False for a wrong model, which the calibration must detect.
     - `length`, `turns`: length of the run; driving turns in each direction.
     - `rate_hz`, `speed_rpm`: sampling rate, and speed of the driving shaft.
-    - `noise_std_deg`, `correlation_s`: noise of a sample of the transmission error.
-    - `counts_per_rev`: counts of both encoders; None for readings without steps.
-    - `encoder_arcsec`: size of the encoder errors. `encoders` "disc" draws them flat in the disc of
-      that radius, "ring" with that size and any phase.
-    - `options`: orders that the rig has and the fit models; their sizes are `pitch_rms_deg` and
-      `mesh_deg`.
+    - `noise_std_deg`, `correlation_s`: standard deviation and correlation time of the noise of a
+      sample of the transmission error.
+    - `counts_per_rev`: counts of both encoders; None for readings without quantisation.
+    - `encoder_arcsec`: amplitude of the encoder errors. With `encoders` = "disc" it is the radius
+      of a disc of uniform density; with "ring" every error has this amplitude and a random phase.
+    - `options`: orders that the rig has and the fit models; `pitch_rms_deg` is the rms of all pitch
+      orders of a flank together, and `mesh_deg` the amplitude of a mesh order.
     - `missing`: amplitude, in standard errors, of a second order of the driven gear that the rig
       has and the fit omits.
-    - `encoder_terms`, `flanks`: as in the fit.
+    - `encoder_terms`, `flanks`: whether the fit has encoder errors, and the recorded flanks.
     """
 
     name: str
@@ -75,7 +77,7 @@ class Scenario:
 
     @property
     def samples(self) -> int:
-        """Samples in each direction."""
+        """Number of samples in each direction."""
         return int(self.turns * 60.0 / self.speed_rpm * self.rate_hz)
 
     @property
@@ -85,13 +87,14 @@ class Scenario:
 
     @property
     def case(self) -> str:
-        """Name and length."""
+        """Name of the case: name and length of the scenario, for example "white (long)"."""
         return f"{self.name} ({self.length})"
 
     def of_length(self, length: Length) -> "Scenario":
         """Return the scenario with a short or long run.
 
-        A short run does not separate orders 5 to 8 of one shaft from those of the other.
+        A short run with all orders has only orders 1 to 4 of the shafts, because it cannot separate
+        the orders 5 to 8 of one shaft from those of the other shaft.
         """
         options = self.options
         if options == _ALL and length == "short":
@@ -137,7 +140,7 @@ SCENARIOS: dict[str, Scenario] = {scenario.name: scenario for scenario in _SCENA
 
 
 JUDGED = ("constant_backlash", "driving_", "driven_")
-"""Beginnings of the names of judged parameters."""
+"""Beginnings of the names of the parameters whose coverage is tested; offsets are not tested."""
 
 
 def terms_of(scenario: Scenario) -> TermPlan:
@@ -153,12 +156,12 @@ def terms_of(scenario: Scenario) -> TermPlan:
 
 
 def columns_of(terms: TermPlan) -> ColumnLayout:
-    """Return the layout of the rows of one log without drift."""
+    """Return the column layout of one log without drift."""
     return ColumnLayout(tuple(h.term for h in terms.free), tuple(h.term for h in terms.tied))
 
 
 def relation_of(scenario: Scenario) -> PairRelation:
-    """Return the forward model, from parameters to tied coefficients."""
+    """Return the forward model, which computes the tied coefficients from the parameters."""
     terms = terms_of(scenario)
     return pair_relation(
         scenario.pair,
@@ -170,7 +173,7 @@ def relation_of(scenario: Scenario) -> PairRelation:
 
 
 def judged_parameters(names: tuple[str, ...]) -> tuple[int, ...]:
-    """Return the indices of the judged parameters."""
+    """Return the indices in `names` of the parameters whose coverage is tested."""
     return tuple(k for k, name in enumerate(names) if name.startswith(JUDGED))
 
 
@@ -178,7 +181,10 @@ _RIPPLE, _RIPPLE_ORDER = 0.001, 6  # relative ripple of the speed, and its order
 
 
 def driving_angles(scenario: Scenario) -> Float[np.ndarray, "flanks n"]:
-    """Return the true driving angle forward (flank A) and backward (flank B), rad."""
+    """Return the true driving angles of each flank, rad: forward on flank A, backward on flank B.
+
+    The speed has a small ripple.
+    """
     time = np.arange(scenario.samples) / scenario.rate_hz
     forward = REV * scenario.speed_rpm / 60.0 * time
     passes = {"A": forward, "B": REV * scenario.turns - forward}
@@ -187,7 +193,7 @@ def driving_angles(scenario: Scenario) -> Float[np.ndarray, "flanks n"]:
 
 
 def row_size(scenario: Scenario) -> int:
-    """Return the samples per row, as the fit chooses them for this motion."""
+    """Return the number of samples per row, which is that of a fit of this motion."""
     terms = terms_of(scenario)
     highest = float(max(terms.frequency(term) for term in terms.terms))
     steps = np.abs(np.diff(driving_angles(scenario)[0]))

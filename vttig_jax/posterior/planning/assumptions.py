@@ -1,4 +1,4 @@
-"""Amplitudes and phases that a plan assumes: the standard error of a phase depends on them."""
+"""Amplitudes and phases that a plan assumes, because the standard errors depend on them."""
 
 import math
 from collections.abc import Mapping
@@ -25,11 +25,11 @@ def assumed_values(
     eccentricities: Eccentricities | None,
     given: Mapping[str, float] | None,
 ) -> dict[str, float]:
-    """Return amplitudes and phases by the parameter names of a fit.
+    """Return parameter name of a fit → assumed value, for amplitudes, phases and the delay.
 
-    By default eccentricities are 0.02 mm, encoder errors the accuracy of the encoder or 10″,
-    amplitudes of a drive 60″, and phases zero. The size of a delay, `delay_s`, is assumed only if
-    it is given.
+    The default of an eccentricity is 0.02 mm. That of an encoder error is the accuracy of the
+    encoder, or 10″ if it is not known. That of the amplitude of a drive is 60″, and that of a phase
+    is zero. `given` replaces defaults; the delay `delay_s` has no default.
 
     **Raises** `ValueError` for other names and for invalid numbers.
     """
@@ -77,9 +77,10 @@ def assumed_values(
 
 
 def cartesian(names: tuple[str, ...], values: Mapping[str, float]) -> Float[np.ndarray, " p"]:
-    """Return the parameters of a forward model: x + jy = amplitude · exp(j phase), others zero.
+    """Return the parameters `names` of a forward model, in mm and rad, from amplitudes and phases.
 
-    A delay is zero too, because a fit takes it out of the driving angle.
+    x + jy = amplitude · exp(j phase); all other parameters are zero. The delay is zero too, because
+    a fit removes it from the driving angle before it estimates the parameters.
     """
     parameters = dict.fromkeys(names, 0.0)
     for name, size in values.items():

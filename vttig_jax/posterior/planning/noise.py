@@ -1,4 +1,4 @@
-"""Noise that a plan assumes: autoregressive noise of block means, and counting noise."""
+"""Noise that a plan assumes: autoregressive noise of block means, and quantisation by counting."""
 
 import math
 from collections.abc import Sequence
@@ -13,23 +13,24 @@ from scipy.signal import lfilter
 from ...base.units import DEG, REV
 from ...pair.gear_pair import Drive, GearPair
 
-_HIGHEST_ORDER = 512  # of an autoregression (chosen)
+_HIGHEST_ORDER = 512  # highest order of an autoregression (chosen)
 _SETTLED = 1e-10
 """Relative decrease of the innovation variance below which the order is high enough (chosen)."""
 
 
 @dataclass(frozen=True)
 class PlannedNoise:
-    """Noise of single samples of the transmission error: correlated, white, and from counting.
+    """Noise of single samples of the transmission error: correlated part, white part and counting.
 
         cov(t) = `std_deg`² exp(−|t|/`correlation_s`) + [t = 0] (`white_std_deg`² + counting)
 
-    The counting error of both encoders, step²/12 each and that of the driving one times i², is
-    added from the pair.
+    The counting error has the variance (s₂² + i² s₁²)/12 with the angular steps s₁, s₂ of driving
+    and driven encoder and the ratio i. It follows from the pair and is added later.
 
     **Arguments**
-    - `std_deg`, `correlation_s`: size and correlation time of the correlated part; 0 s is white.
-    - `white_std_deg`: standard deviation of a white part that is not from counting.
+    - `std_deg`, `correlation_s`: standard deviation and correlation time of the correlated part;
+      with 0 s this part is white too.
+    - `white_std_deg`: standard deviation of a white part that does not come from counting.
 
     **Raises** `ValueError` for values that are negative or not finite.
 
@@ -60,7 +61,8 @@ class PlannedNoise:
     ) -> Float[np.ndarray, " lags"]:
         """Return the autocovariance of means of `size` samples at lags of 0 … `lags` blocks, rad².
 
-        With ρ the correlation of neighbouring samples and m = `size`, in units of σ²/m²:
+        Without the white part and in units of σ²/m², where ρ is the correlation of neighbouring
+        samples, σ = `std_deg` and m = `size`:
 
             γ_0 = m + 2 Σ_{k<m} (m − k) ρ^k,   γ_l = ρ^((l−1)m + 1) ((1 − ρ^m)/(1 − ρ))²
 
@@ -85,11 +87,13 @@ class PlannedNoise:
         most: int = _HIGHEST_ORDER,
         order: int | None = None,
     ) -> "BlockNoise":
-        """Return the noise of means of `size` samples, as an autoregression.
+        """Return the autoregressive noise of block means over `size` samples at the rate `rate_hz`.
 
         **Arguments**
-        - `most`: highest order; the order doubles from 1 until the innovation changes by < 1e-10.
-        - `order`: fixed order instead.
+        - `counting_rad`: standard deviation of the counting error of one sample.
+        - `most`: highest order. The order is doubled, from 1 on, until the innovation variance
+          changes by less than 1e-10 of its value.
+        - `order`: fixed order, which replaces this search.
         """
         lags = order if order is not None else min(most, _HIGHEST_ORDER)
         covariance = self.autocovariance(size, rate_hz, max(lags, 1), counting_rad)
@@ -105,11 +109,13 @@ class PlannedNoise:
 
 @dataclass(frozen=True)
 class BlockNoise:
-    """Autoregressive noise of block means with known parameters.
+    """Autoregressive noise of order p of block means, with known parameters.
 
     **Arguments**
-    - `autocovariance`: at lags 0 … p, rad². `filter`: whitening filter (1, −a₁, …, −a_p).
-    - `innovation_std`: rad. `block_s`: duration of a block, s.
+    - `autocovariance`: autocovariance at the lags 0 … p blocks, rad².
+    - `filter`: whitening filter (1, −a₁, …, −a_p).
+    - `innovation_std`: standard deviation of the innovations, rad. - `block_s`: duration of a
+      block, s.
     """
 
     autocovariance: Float[np.ndarray, " taps"]
@@ -123,10 +129,11 @@ class BlockNoise:
         return math.sqrt(float(self.autocovariance[0]))
 
     def whitened(self, rows: Float[np.ndarray, "n q"]) -> Float[np.ndarray, "n q"]:
-        """Return the rows of one run whitened, in units of the innovation std.
+        """Return the whitened rows of one run, in units of the innovation standard deviation.
 
         The first p rows are multiplied by the inverse Cholesky factor of their covariance, and the
-        others are filtered: together this is the exact likelihood of a stationary autoregression.
+        remaining rows are filtered. Together this gives the exact likelihood of a stationary
+        autoregression.
         """
         order = min(len(self.filter) - 1, len(rows))
         white = np.asarray(lfilter(self.filter, [1.0], rows, axis=0)) / self.innovation_std
@@ -148,20 +155,24 @@ def _predictor(
 
 
 _FEW_PHASES = 4
-"""Quantisation at no more than this many positions within a count is not noise (chosen)."""
+"""If the samples lie at no more than this number of positions within a count, the quantisation is
+no noise (chosen)."""
 
 _MOST_SLOW_CYCLES = 10.0
-"""Cycles per turn up to which a counting error resembles a fitted order (chosen), …"""
+"""A counting error with fewer cycles per turn resembles a fitted order (chosen), …"""
 
 _SAMPLES_PER_CYCLE = 50.0
-"""… if a cycle has more samples than this (chosen); with fewer it changes between samples."""
+"""… if each cycle also has more than this number of samples (chosen)."""
 
 _RATE_STEP = 0.0065
-"""Relative step of the search for another sampling rate (chosen)."""
+"""Relative step of the search for a better sampling rate (chosen)."""
 
 
 def counting_std(pair: GearPair | Drive) -> float:
-    """Return the std of the transmission error from counting, rad: √(s₂²/12 + i² s₁²/12)."""
+    """Return the standard deviation of the counting error, rad: √(s₂²/12 + i² s₁²/12).
+
+    s₁ and s₂ are the angular steps of driving and driven encoder; a step that is not known is 0.
+    """
     steps = [0.0 if count is None else REV / count for count in _counts(pair)]
     return math.hypot(float(pair.ratio) * steps[0], steps[1]) / math.sqrt(12)
 
@@ -194,7 +205,7 @@ def _frozen(pair: GearPair | Drive, speed_rpm: float, rate_hz: float) -> list[tu
         fraction = Fraction(counts).limit_denominator(_FEW_PHASES)
         samples = rate_hz / turns_a_second
         cycles = abs(counts - float(fraction)) * fraction.denominator * samples
-        # Below one count per sample every count is passed at a different time within a sample.
+        # Below one count per sample, the counts are passed at varying times between two samples.
         if fraction >= 1 and cycles < min(_MOST_SLOW_CYCLES, samples / _SAMPLES_PER_CYCLE):
             frozen.append((shaft, fraction))
     return frozen

@@ -1,4 +1,4 @@
-"""Expected standard errors of a run that is not made yet, from its Fisher information."""
+"""Expected standard errors of a run that is not yet recorded, from its Fisher information."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ from .rows import DELAY, PlannedRows, columns_of, planned_rows, whitened_flanks
 from .run import Directions, PlannedRun
 
 DelayChoice = Literal["auto", "free", "off"] | float
-"""The setting `delay` of a fit."""
+"""Values of the setting `delay` of a fit: "auto", "free", "off", or a number of seconds."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class Assumptions:
 
     @property
     def settings(self) -> FitSettings:
-        """Settings of the fit that is planned."""
+        """Settings of the fit for which the run is planned."""
         return FitSettings(perfect_encoders=self.perfect_encoders, delay=self.delay)
 
 
@@ -75,34 +75,34 @@ def plan(
 ) -> Plan:
     """Return the expected standard errors of all parameters that a fit of this run will report.
 
-    The noise-free motion passes through the averages, harmonics and forward model of
-    `identify.fit`. Its rows X are whitened with the known noise. J is the Jacobian of the model:
+    The block rows X are computed from the noise-free motion as in `identify.fit`. With the
+    covariance C of the noise of these block means, and the Jacobian J of the tied coefficients with
+    respect to the parameters,
 
-        covariance = (Jᵀ XᵀC⁻¹X J)⁻¹,   C the covariance of the noise of block means.
+        covariance = (Jᵀ XᵀC⁻¹X J)⁻¹.
 
-    The free orders of every flank are eliminated. No unbiased method has smaller errors; those of
-    the fit, which must also estimate C, are larger by a few percent.
+    The free orders of every flank are eliminated. No unbiased method has smaller standard errors
+    (Cramér–Rao bound). Those of the fit are a few percent larger, because it also estimates C.
 
     **Arguments**
     - `pair`: gear pair, or a drive without geometry.
     - `turns`: turns of the driving shaft in every pass, ramps included.
     - `rate_hz`: sampling rate, Hz.
     - `noise`: noise of single samples of the transmission error, without counting.
-    - `speed_rpm`: speed of the driving shaft; several speeds, each with its own passes in one
-      recording, separate a delay from the constant backlash.
+    - `speed_rpm`: speed of the driving shaft, or several speeds, each with its own passes in one
+      recording. Several speeds separate a delay from the constant backlash.
     - `directions`: "both", "forward" or "backward".
     - `passes`: passes at every speed; by default 2 for both directions, 1 for one.
-    - `dwell_s`, `ramp_s`: standstill after every pass, time from standstill to speed, s.
+    - `dwell_s`, `ramp_s`: standstill after every pass, and time from standstill to speed, s.
     - `eccentricities`: assumed eccentricities; 0.02 mm each by default. They determine the standard
-      error of a phase; constant backlash and axial position among them change no standard error.
-    - `assumed`: amplitudes, phases and delay by the names of a fit, "driving_encoder_arcsec" and
-      others. `delay_s` of 0 plans for two channels that are read at the same instant.
+      error of a phase; their constant backlash and axial position change no standard error.
+    - `assumed`: assumed amplitudes, phases and delay by the parameter names of a fit, for example
+      "driving_encoder_arcsec". `delay_s` = 0 assumes that both channels are read at one instant.
     - `orders`: harmonic orders to model; those of the pair by default.
     - `perfect_encoders`: fit no encoder eccentricity.
-    - `delay`: as in the fit. "auto" fits a delay if the motion tells it from the constant backlash,
-      by several speeds or else by the ramps, except where an assumed `delay_s` is too small to be
-      found, below 4 standard errors. "free" fits it in any case, "off" never, and a number of
-      seconds is taken as known.
+    - `delay`: as in the fit. "auto" fits a delay if several speeds, or else the ramps, separate it
+      from the constant backlash; it is not fitted if the assumed `delay_s` is below 4 standard
+      errors. "free" always fits a delay, "off" never, and a number of seconds is a known delay.
 
     **Returns** a `Plan`.
 
@@ -182,7 +182,10 @@ def plan_of_run(
 def _solved(
     pair: GearPair | Drive, rows: PlannedRows, assumptions: Assumptions, *, split: bool
 ) -> tuple[Solution, Delay]:
-    """Return the solution that the fit will choose, and what it will report on a delay."""
+    """Return the expected solution of the fit, and the delay that the fit will report.
+
+    `split` is True if the fit separates encoder errors from gear errors.
+    """
 
     def solution(*, joint: bool) -> Solution:
         return _noise_free_solution(pair, rows, assumptions.values, split=split, joint=joint)
@@ -205,7 +208,7 @@ def _solved(
 
 
 def _unfitted(choice: str | float) -> Delay:
-    """Return the delay of a fit that is told not to look for one."""
+    """Return the delay of a fit that does not fit it: "off", or given in seconds."""
     if isinstance(choice, str):
         reason = "not fitted: both channels are taken to be sampled at the same instant"
         return Delay("off", reason=reason)
@@ -220,7 +223,12 @@ def _noise_free_solution(
     split: bool,
     joint: bool,
 ) -> Solution:
-    """Return the solution of a log without noise; its covariance is that of a log with noise."""
+    """Return the solution of a planned log: noise-free parameters, covariance of a log with noise.
+
+    **Arguments**
+    - `values`: assumed amplitudes and phases. - `split`: fit encoder errors and gear errors.
+    - `joint`: fit a delay too.
+    """
     columns = columns_of(rows, with_delay=joint)
     terms, flanks = rows.identifiable.terms, rows.identifiable.flanks
     if isinstance(pair, Drive):

@@ -1,4 +1,4 @@
-"""Result of a plan: objects, table, notes and JSON."""
+"""Result of a plan: its classes, report and JSON object, and the notes on it."""
 
 import math
 from dataclasses import dataclass, field
@@ -24,12 +24,12 @@ class PlannedParameter:
     """Expected accuracy of one parameter.
 
     **Arguments**
-    - `std`: expected standard error in `unit`; None if there will be none.
-    - `assumed`: assumed amplitude, phase or delay; None if it has no effect.
-    - `determined`: False if this kind of run cannot determine it, for the `reason` given.
-    - `significant`: False for an amplitude below three standard errors, and its phase: the fit will
-      give an upper limit.
-    - `wanted`: requested standard error, if any.
+    - `std`: expected standard error in `unit`; None if the fit will give none.
+    - `assumed`: assumed amplitude, phase or delay; None if no value is assumed.
+    - `determined`: False if the run cannot determine the parameter; `reason` then says why.
+    - `significant`: False if the assumed amplitude is below three standard errors. The fit will
+      then give only an upper limit of the amplitude, and no phase.
+    - `wanted`: requested standard error in `unit`; None without a request.
     """
 
     name: str
@@ -42,7 +42,7 @@ class PlannedParameter:
     wanted: float | None = None
 
     def to_json(self) -> dict:
-        """Return the fields under `parameters`."""
+        """Return the JSON object of the parameter, as it stands under `parameters` of a plan."""
         return {
             "std": self.std,
             "unit": self.unit,
@@ -56,15 +56,18 @@ class PlannedParameter:
 
 @dataclass(frozen=True)
 class Plan(TextResult):
-    """Expected result of the fit of a run that is not made yet.
+    """Expected result of the fit of a run that is not yet recorded.
 
     **Arguments**
     - `parameters`: parameter name of a fit → `PlannedParameter`.
     - `run`: motion; `used`: number of its samples at steady speed, which the fit uses.
-    - `noise`, `counting_std_deg`, `blocks`: assumed noise of samples, counting, block means.
-    - `flanks`, `conditional_on`, `outcome`: as in the fit.
-    - `covariance`, `covariance_names`: expected, of the Cartesian parameters, mm and rad.
-    - `short`: shafts that turn too little; `weakest`: direction with the largest standard error.
+    - `noise`, `counting_std_deg`, `blocks`: assumed noise of the samples, standard deviation of the
+      counting error, and noise of the block means.
+    - `flanks`, `conditional_on`, `outcome`: as in the result of a fit.
+    - `covariance`, `covariance_names`: expected covariance of the Cartesian parameters, mm and rad,
+      and their names.
+    - `short`: shafts that turn too little. - `weakest`: combination of parameters with the largest
+      standard error.
     - `notes`: sentences for the reader.
     """
 
@@ -91,11 +94,11 @@ class Plan(TextResult):
 
     @property
     def samples(self) -> int:
-        """Samples of the whole recording."""
+        """Number of samples of the whole recording."""
         return self.run.samples
 
     def std(self, name: str) -> float:
-        """Return the expected standard error of a parameter; infinite if there is none."""
+        """Return the expected standard error of a parameter in its unit; infinite if None."""
         std = self.parameters[name].std
         return math.inf if std is None else std
 
@@ -168,7 +171,10 @@ class Plan(TextResult):
 def planned_parameter(
     parameter: Parameter, assumed: float | None, wanted: float | None
 ) -> PlannedParameter:
-    """Return the expected accuracy of one parameter; it has no value yet."""
+    """Return the expected accuracy of a parameter of the planned fit.
+
+    `assumed` is its assumed value and `wanted` its requested standard error; both may be None.
+    """
     is_assumed = assumed is not None
     return PlannedParameter(
         name=parameter.name,
@@ -211,7 +217,10 @@ def _noise(plan: Plan) -> str:
 def conditions(
     pair: GearPair | Drive, rows: PlannedRows, delay: Delay, *, split: bool
 ) -> tuple[str, ...]:
-    """Return the assumptions behind the standard errors, in the words of a fit."""
+    """Return the assumptions behind the standard errors, by the same names as in a fit.
+
+    `split` is True if the fit separates encoder errors from gear errors.
+    """
     names: tuple[str, ...] = () if isinstance(pair, Drive) or split else ("perfect_encoders",)
     if delay.state == "given":
         names += ("given_delay",)
@@ -227,7 +236,7 @@ def notes(
     options: HarmonicOrders,
     noise: PlannedNoise,
 ) -> tuple[str, ...]:
-    """Return notes on effects that increase the standard errors, and on what the fit leaves out."""
+    """Return notes on effects that increase the standard errors, and on what is not fitted."""
     sentences = [*frozen_counts(pair, run.speeds_rpm, run.rate_hz), *_aliased(pair, run, options)]
     if rows.missed > 0:
         sentences.append(
@@ -246,12 +255,13 @@ def notes(
 def delay_notes(
     rows: PlannedRows, delay: Delay, solution: Solution, *, assumed: bool
 ) -> tuple[str, ...]:
-    """Return notes on a fitted delay: what it costs, and what tells it.
+    """Return notes on a fitted delay: its effect on the constant backlash, and what determines it.
 
-    With the delay known, the variance of the constant backlash is var(g) − cov(g, d)²/var(d).
+    If the delay d were known, the constant backlash g would have the smaller variance
+    var(g) − cov(g, d)²/var(d).
 
     **Arguments**
-    - `assumed`: whether the plan assumes a size of the delay.
+    - `assumed`: whether the plan assumes a value of the delay.
     """
     if delay.state != "fitted" or "constant_backlash" not in solution.names:
         return ()

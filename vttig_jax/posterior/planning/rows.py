@@ -1,4 +1,4 @@
-"""Block rows of a run that is not made yet, computed as a fit of its log would, and whitened."""
+"""Whitened block rows of a run that is not yet recorded, computed as in a fit of its log."""
 
 from dataclasses import dataclass
 
@@ -25,10 +25,10 @@ from .run import PlannedRun
 DELAY = "delay"
 
 _ROWS_A_RAMP = 40
-"""Rows of a ramp, as in a fit."""
+"""Number of rows per ramp, as in a fit."""
 
 Triangles = dict[str, Float[np.ndarray, "c c"]]
-"""Flank → triangular factor of the whitened regressors, in units of the innovation std."""
+"""Flank → upper triangular factor R of the whitened regressors X, with RᵀR = XᵀX."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +65,7 @@ class PlannedRows:
 def planned_rows(
     run: PlannedRun, pair: GearPair | Drive, options: HarmonicOrders, noise: PlannedNoise
 ) -> PlannedRows:
-    """Process the noise-free motion as a fit would, and whiten its rows with the known noise.
+    """Compute the rows of the noise-free motion as a fit does, and whiten them with `noise`.
 
     **Raises** `NoAnswerError` if no shaft turns once, or if the rows are too few to fit.
     """
@@ -105,7 +105,7 @@ def planned_rows(
 
 
 def columns_of(planned: PlannedRows, *, with_delay: bool) -> ColumnLayout:
-    """Return the columns of the rows with the delay or without it."""
+    """Return the column layout of the rows, with or without the column of the delay."""
     nuisance = [name for name in planned.columns.own[0] if with_delay or name != DELAY]
     return ColumnLayout(planned.columns.free, planned.columns.tied, (tuple(nuisance),))
 
@@ -117,10 +117,11 @@ def whitened_flanks(
     *,
     with_ramps: bool,
 ) -> tuple[WhitenedFlank, ...]:
-    """Return the triangular factor of each flank, the input of the solver.
+    """Return the triangular factor of the whitened rows of each flank, which the solver needs.
 
-    The last column y is computed from the tied coefficients `tied`. The last row is the length of
-    the residual, which is √(number of rows) in units of the innovation std.
+    The last column y is computed from the assumed tied coefficients `tied`. The last row contains
+    the expected length of the residual: √(number of rows), in units of the innovation standard
+    deviation. `with_ramps` adds the rows of the ramps.
     """
     full = planned.columns
     kept = [k for k in range(full.width - 1) if DELAY in columns.own[0] or k != full.index(DELAY)]

@@ -16,24 +16,25 @@ from ...rig.motion import PassMotion
 Directions = Literal["both", "forward", "backward"]
 
 MOST_SAMPLES = 10_000_000
-"""Most samples of a run (chosen), so that it fits the memory of a small machine."""
+"""Largest number of samples of a run (chosen), so that it fits in the memory of a small machine."""
 
 _FINE_COUNTS = 100_000_000
-"""Counts per turn of an encoder whose number of counts is not known (chosen)."""
+"""Assumed counts per turn of an encoder whose number of counts is not known (chosen)."""
 
 
 @dataclass(frozen=True)
 class PlannedRun:
-    """Steady speed over `turns` of the driving shaft, with ramps and dwells, in one recording.
+    """Planned motion in one recording: passes at steady speed, each with ramps and a dwell.
 
     **Arguments**
     - `turns`: turns of the driving shaft in every pass, ramps included.
     - `speeds_rpm`: speeds of the driving shaft; each has its own passes, one after the other.
-    - `directions`: "both" turns forward and back.
+    - `directions`: "both" (alternately forward and backward), "forward" or "backward".
     - `passes`: passes at every speed; by default 2 for both directions, 1 for one.
-    - `rate_hz`: sampling rate, Hz. `dwell_s`, `ramp_s`: as in `rig.motion.PassMotion`.
+    - `rate_hz`: sampling rate, Hz.
+    - `dwell_s`, `ramp_s`: standstill after every pass, and time from standstill to speed, s.
 
-    **Raises** `ValueError` that names the argument.
+    **Raises** `ValueError` that names the wrong argument.
     """
 
     turns: float
@@ -81,12 +82,12 @@ class PlannedRun:
 
     @property
     def least_turns(self) -> float:
-        """Turns of the two ramps; a pass cannot be shorter."""
+        """Turns of the two ramps of a pass at the highest speed; a pass cannot be shorter."""
         return max(self.speeds_rpm) / 60 * self.ramp_s
 
     @property
     def motions(self) -> tuple[PassMotion, ...]:
-        """Motions of the driving shaft at every speed, each from zero."""
+        """Motion of the driving shaft for every speed; each begins at angle 0 and time 0."""
         times_s = self.dwell_s, self.ramp_s
         return tuple(
             PassMotion(speed, 360.0 * self.turns, *times_s, self.pass_count, ripple=0.0)
@@ -100,11 +101,13 @@ class PlannedRun:
 
     @property
     def samples(self) -> int:
-        """Samples of the whole recording."""
+        """Number of samples of the whole recording."""
         return int(self.duration_s * self.rate_hz) + 1
 
     def log(self, pair: GearPair | Drive) -> EncoderLog:
-        """Return the log of ideal encoders on a perfect pair: the motion, without errors and gap.
+        """Return the log of the motion with ideal encoders and gears: no errors, noise or gap.
+
+        The readings are rounded to counts.
 
         **Raises** `UsageError` for more samples than fit in memory.
         """

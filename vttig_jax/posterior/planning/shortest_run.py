@@ -1,4 +1,4 @@
-"""The shortest run that reaches wanted standard errors."""
+"""Search for the shortest run whose fit reaches the wanted standard errors."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -16,7 +16,7 @@ from .plan import Assumptions, DelayChoice, plan_of_run
 from .result import Plan
 from .run import MOST_SAMPLES, Directions, PlannedRun
 
-MOST_TURNS = 1000.0  # of a pass (chosen)
+MOST_TURNS = 1000.0  # default of the largest number of turns of a pass (chosen)
 
 
 @one_blas_thread
@@ -38,15 +38,17 @@ def shortest_run(
     perfect_encoders: bool = False,
     delay: DelayChoice = "auto",
 ) -> Plan:
-    """Return the plan of fewest whole driving turns a pass that reaches the wanted standard errors.
+    """Return the plan with the fewest turns per pass that reaches the wanted standard errors.
 
-    More turns never give less information once every first order has enough turns. The run is
-    therefore lengthened until it suffices, and then bisected.
+    The number of driving turns per pass is whole. More turns never give less information once every
+    first order has enough turns. Therefore the run is first lengthened until it reaches the target,
+    and then the number of turns is found by bisection.
 
     **Arguments**
     - `target`: name of a parameter → wanted standard error in its unit, for example
       `{"driving_eccentricity_mm": 1e-4}`.
-    - `most_turns`: upper bound of the search, 1000 by default; never beyond ten million samples.
+    - `most_turns`: largest number of turns per pass, 1000 by default. A run of more than ten
+      million samples is never tried.
     - other arguments: as in `plan`.
 
     **Raises** `NoAnswerError` with the reason if no run of this kind reaches the target.
@@ -94,7 +96,10 @@ def _search(
     assumptions: Assumptions,
     target: Mapping[str, float],
 ) -> Plan:
-    """Lengthen the run until it suffices, then bisect it; std ∝ 1/√turns predicts the turns."""
+    """Return the plan with the fewest turns: lengthen the run until it suffices, then bisect.
+
+    The next number of turns is predicted with std ∝ 1/√turns. `longest` has the most turns allowed.
+    """
     most = _most_turns(longest)
     least = max(1, math.ceil(longest.least_turns))
 
@@ -124,7 +129,10 @@ def _search(
 
 
 def _estimated_turns(result: Plan | NoAnswerError, target: Mapping[str, float]) -> int:
-    """Return the turns that reach the target if every standard error falls as 1/√turns."""
+    """Return the number of turns that reaches the target if every standard error ∝ 1/√turns.
+
+    The result is 0 if no prediction is possible.
+    """
     if isinstance(result, NoAnswerError):
         return 0
     excess = max(result.std(name) / wanted for name, wanted in target.items())
@@ -132,7 +140,7 @@ def _estimated_turns(result: Plan | NoAnswerError, target: Mapping[str, float]) 
 
 
 def _most_turns(longest: PlannedRun) -> int:
-    """Return the most whole turns within the bound of the search and that of memory."""
+    """Return the largest whole number of turns that the user and the memory allow."""
     samples = sum(60 / speed for speed in longest.speeds_rpm) * longest.pass_count * longest.rate_hz
     return max(1, math.floor(min(longest.turns, 0.95 * MOST_SAMPLES / samples)))
 
@@ -156,7 +164,7 @@ def _reaches_target(result: Plan | NoAnswerError, target: Mapping[str, float]) -
 
 
 def _require_possible(result: Plan, target: Mapping[str, float]) -> None:
-    """Raise an error if both shafts turn enough and a parameter is still undetermined."""
+    """Raise `NoAnswerError` if both shafts turn enough, but a wanted parameter is undetermined."""
     for name in () if result.short else target:
         if not result.parameters[name].determined:
             reason = result.parameters[name].reason
