@@ -30,7 +30,7 @@ def backlash_map(fit: Fit, *, constant_backlash_deg: float | None = None) -> Bac
     (21) + (22). In the exact relation and in the closed form, the angle of e₂ is φ₂ + θ₂, where
     φ₂ = i φ₁ + offset is the angle that the driven encoder reads. This φ₂ is far from i φ₁ if the
     encoders are absolute. It differs from i φ₁ by the TE of the start if the encoders count from
-    the first sample. `coverage` of the map tells which part of the hunting period the logs covered.
+    the first sample. `coverage` of the map is the part of the hunting period that the logs covered.
 
     **Arguments**
     - `fit`: result of `fit`.
@@ -161,7 +161,7 @@ def contact_map(
 
 
 def _refuse_slip(fit: Fit) -> None:
-    """Raise `NoAnswerError` for a drive without a hunting period."""
+    """Raise `NoAnswerError` if the fitted ratio shows that there is no hunting period."""
     if reason := no_period(fit):
         raise NoAnswerError(f"{reason}.", where=fit.source)
 

@@ -19,7 +19,7 @@ from .report.parameters import (
 from .solve.solved_fit import SolvedFit
 
 _UNIT = "as given"
-"""Unit of a parameter of a given flank model, which only its author knows."""
+"""Unit that is shown for a parameter of a given flank model; the model does not state the unit."""
 
 
 _GAP = "constant_backlash_deg"

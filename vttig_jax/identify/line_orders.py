@@ -130,7 +130,7 @@ class _Judge:
                 self.orders = [h for h in self.orders if h not in verdict[1]]
 
     def joined(self) -> Joined | None:
-        """Return the plan with the certain lines; None if it is the plan of the fit."""
+        """Return the harmonics of the fit with the certain lines; None if they do not change."""
         more, fewer, records, notes = [], [], [], []
         known = {self.terms.frequency(term) for term in self.terms.terms}
         for line, replaced in self.certain:
@@ -224,9 +224,9 @@ class _Judge:
         return abs(self._frequency(harmonic) - cycles) / self.comparison.resolution
 
     def _whole(self, cycles: float) -> float | None:
-        """Return the known frequency within one resolution of `cycles`, or None.
+        """Return the frequency of an expected order within one resolution of `cycles`, or None.
 
-        Known are the whole orders of both shafts and the second orders of the exact relation. A
+        Expected are whole orders of both shafts and second orders of the exact relation. A
         driven shaft that turned less than once is left out: its orders are closer than the
         resolution.
         """

@@ -14,7 +14,7 @@ from .fit_result import Fit
 from .report.per_log import LogStart
 
 _LARGEST_TE_DEG = 0.5
-"""Transmission error that a start angle may contain, ° of the driven shaft (chosen)."""
+"""Largest transmission error assumed in a start angle of a log, ° of the driven shaft (chosen)."""
 
 
 def log_coverage(fit: Fit) -> HuntingCoverage:
@@ -23,7 +23,7 @@ def log_coverage(fit: Fit) -> HuntingCoverage:
     The curves of the first log have the zero of the map. A further log with a zero of its own has
     start angles a₁ and a₂ that are known up to whole turns of their shafts. It lies in the turn k
     of the driving shaft for which i (a₁ + 2πk) is closest to a₂ modulo 2π. Where the start angles
-    are too uncertain to tell neighbouring turns, its curves are not placed.
+    are too uncertain to separate neighbouring turns, the curves of this log are not placed.
 
     **Example**
     ```python

@@ -18,7 +18,7 @@ from .least_squares import Solution
 from .remembered_noise import RememberedNoise, Run
 from .residuals import Weights, curves_and_residuals, flank_coefficients, weights_of_logs
 
-_SHORTEST = 10  # rows of a run, beside the order of the noise; chosen value
+_SHORTEST = 10  # least rows of a run in addition to the taps of the noise filter; chosen value
 _APART_S = 1e9
 """Time between two logs in s, longer than any memory."""
 
