@@ -368,7 +368,7 @@ def _beside(own: NuisanceRegression, settings: FitSettings) -> list[str]:
 
 
 def _best_torque(own: NuisanceRegression, known: list[str]) -> list[str]:
-    """Return the torque average with the smallest misfit beside `known` and the delay, if any."""
+    """Return the torque average, if any, that has the least misfit with `known` and the delay."""
     windows = [n for n in own.names if n.startswith("torque_")]
     beside = [*known, *(["delay"] if "delay" in own.names else [])]
     return [min(windows, key=lambda name: own.misfit([*beside, name]))] if windows else []

@@ -196,8 +196,8 @@ def reweighted(
 ) -> Reweighted:
     """Weight the samples by their residuals, in at most twenty passes.
 
-    "auto" selects the bisquare loss if a log has outliers, otherwise the square loss. `start` holds
-    initial weights; by default spikes have the weight 0 and all other samples the weight 1.
+    "auto" selects the bisquare loss if a log has outliers, otherwise the square loss. `start` are
+    the initial weights of each log; by default spikes have the weight 0, others the weight 1.
     """
     if loss == "auto":
         suspected = any(has_outliers(_pieces(linear, log)) for log in range(len(linear.inputs)))

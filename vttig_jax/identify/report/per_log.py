@@ -101,8 +101,8 @@ def log_record(linear: LinearFit, solution: Solution, log: int) -> LogRecord:
 def _zero_reading(channel: Channel, zero: str) -> int | float:
     """Return the reading at which the angle is zero: the first reading, unless it is a spike.
 
-    If the angles are zero at the reading zero, return the first reading, which tells where the log
-    started.
+    If the angles are zero at the reading zero (`zero` is "reading"), the result is instead the
+    first reading of the log, which shows where the log starts.
     """
     return channel.origin if zero == "start" else channel.reading[0].item()
 

@@ -27,9 +27,9 @@ def assumed_values(
 ) -> dict[str, float]:
     """Return parameter name of a fit → assumed value, for amplitudes, phases and the delay.
 
-    The default of an eccentricity is 0.02 mm. That of an encoder error is the accuracy of the
-    encoder, or 10″ if it is not known. That of the amplitude of a drive is 60″, and that of a phase
-    is zero. `given` replaces defaults; the delay `delay_s` has no default.
+    The defaults are 0.02 mm for an eccentricity, the accuracy of the encoder (10″ if it is unknown)
+    for an encoder error, 60″ for the amplitude of a drive, and zero for a phase. `given` replaces
+    defaults. The delay `delay_s` has no default.
 
     **Raises** `ValueError` for other names and for invalid numbers.
     """

@@ -146,7 +146,7 @@ def plan_of_run(
     assumptions: Assumptions,
     wanted: Mapping[str, float],
 ) -> Plan:
-    """Return the plan of a run; `wanted` standard errors are shown beside the expected ones."""
+    """Return the plan of a run; the report compares the expected standard errors with `wanted`."""
     rows = planned_rows(run, pair, assumptions.orders, assumptions.noise)
     settings = assumptions.settings
     split = not settings.perfect_encoders and len(rows.identifiable.flanks) == 2
