@@ -1,4 +1,4 @@
-"""Plants, controllers and the scenario file that names them: one simulated reversal, or many."""
+"""Simulation of one reversal or of many: plants, controllers, and scenario files that name them."""
 
 from ..base.facade import lazy_names
 

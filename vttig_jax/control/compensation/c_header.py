@@ -1,4 +1,4 @@
-"""C header of a backlash map, without library calls, loops of varying length or state."""
+"""C header of a backlash map. Its code has no state, library call or loop of variable length."""
 
 import math
 import re
@@ -176,13 +176,13 @@ Quantity = Literal["shift", "backlash"]
 
 _IDENTIFIER = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 _LONGEST = 31
-"""Limit of the characters of a prefix: C99 compilers need only compare 63 characters of a name."""
+"""Longest prefix, characters: C99 compilers need to compare only 63 characters of a whole name."""
 
 _WIDTH = 88
 """Characters of a line of comments and tables: a chosen value."""
 
 _JOINED = "\x1f"
-"""Placeholder for a blank at which a line must not be broken."""
+"""Placeholder for a space at which a line must not be broken."""
 
 _TURN = (6.283185005187988, 3.0199157663446385e-07, 2.1561211432632476e-14)
 """2π in three parts; the products of the first two with whole numbers below 2²⁸ are exact."""
@@ -210,7 +210,7 @@ class HeaderOrigin:
 
 
 def identifier_of(name: str) -> str:
-    """Make a prefix for C names from the name of a pair: lower-case ASCII, at most 31 characters.
+    """Return a prefix for C names from the name of a pair: lower-case ASCII, 31 characters at most.
 
     **Example**
     ```python
@@ -228,7 +228,7 @@ def identifier_of(name: str) -> str:
 
 
 def check_identifier(name: str) -> str:
-    """Return the prefix; **raises** `UsageError` where C names cannot begin with it."""
+    """Return the prefix `name`; **raises** `UsageError` if C names cannot begin with it."""
     if not _IDENTIFIER.fullmatch(name) or len(name) > _LONGEST:
         raise UsageError(
             f"{name!r} cannot begin the names of a C header; give a letter, then letters, digits"
@@ -296,8 +296,8 @@ def c_header(
 
 
 def _numbers(compensation: Compensation) -> dict[str, str]:
-    """Return the constants and tables of the code by placeholder."""
-    # C has no table without rows.
+    """Return the text of each constant and table of the C code by its placeholder."""
+    # C has no empty arrays: without harmonics, one with the amplitude zero is written.
     terms = compensation.terms or ((1, 0),)
     cosine, sine = (
         list(map(float, values)) if compensation.terms else [0.0]
@@ -336,14 +336,14 @@ def _number(value: float | int) -> str:
 
 
 def _rows(items: Iterable[str]) -> str:
-    """Write initialisers on lines of fixed width and break none of them."""
+    """Return C initialisers on lines of limited width; no line breaks within an initialiser."""
     text = ", ".join(item.replace(" ", _JOINED) for item in items)
     lines = wrap(text, _WIDTH, initial_indent=" " * 8, subsequent_indent=" " * 8)
     return "\n".join(lines).replace(_JOINED, " ")
 
 
 def _about(compensation: Compensation, origin: HeaderOrigin, name: str, quantity: Quantity) -> str:
-    """Return the comment at the head of the file."""
+    """Return the text of the comment at the beginning of the header file."""
     zero = {
         "start": "where the encoders stood at the first sample of the log",
         "reading": "where the encoders read zero",
@@ -392,7 +392,7 @@ def _paragraph(text: str) -> str:
 
 
 def _plain(text: str) -> str:
-    """Reduce a text to one line of printable ASCII that neither opens nor ends a comment."""
+    """Return a text as one line of printable ASCII that neither opens nor ends a C comment."""
     folded = unicodedata.normalize("NFKD", " ".join(text.split()))
     letters = "".join(letter for letter in folded if not unicodedata.combining(letter))
     return re.sub(r"[^ -~]", "_", letters).replace("*/", "*|").replace("/*", "|*")

@@ -2,11 +2,12 @@
 
     j(φ₁, ξ) = c₀ + Σ_t [cosine_t cos(n₁ φ₁ + n₂ ξ) + sine_t sin(n₁ φ₁ + n₂ ξ)],    ξ = i φ₁
 
-Both angles enter modulo one turn, so that the turn of the hunting period is not needed. ξ is the
-reading φ₂ minus the transmission error, which need not be known: at a given φ₁ only as many values
-of ξ are possible as the hunting period has turns. They are 2π/turns apart, and the reading lies
-next to the right one. If the reading is too far from all of them, the readings do not belong to
-this pair at these zeros, and the gap is unknown.
+Both angles are needed only modulo one turn, so the turn within the hunting period need not be
+counted. ξ is the reading φ₂ minus the transmission error. The transmission error need not be known:
+at a given φ₁ only as many values of ξ are possible as the hunting period has turns. They are
+2π/turns apart, and the right value is the one nearest to the reading φ₂ minus the middle of the
+range of the transmission error. If the reading is too far from all possible values, the readings
+do not belong to this pair with these zeros, and the backlash is unknown.
 """
 
 import math
@@ -30,9 +31,9 @@ Truths = Bool[np.ndarray, "..."] | np.bool_
 
 
 class GapReading(NamedTuple):
-    """Backlash in rad of the driven gear, its derivative by φ₁, and whether they are known.
+    """Backlash (rad of the driven gear), its derivative with respect to φ₁, and whether known.
 
-    Value and derivative are 0 where they are unknown.
+    Where `known` is false, value and derivative are 0.
     """
 
     backlash_rad: Numbers
@@ -41,9 +42,9 @@ class GapReading(NamedTuple):
 
 
 class Shift(NamedTuple):
-    """Axial displacement that closes the gap, mm, its derivative by φ₁, and whether they are known.
+    """Axial displacement that closes the gap (mm), its derivative by φ₁, and whether known.
 
-    Value and derivative are 0 where they are unknown.
+    Where `known` is false, value and derivative are 0.
     """
 
     shift_mm: Numbers
@@ -52,14 +53,17 @@ class Shift(NamedTuple):
 
 
 def closing_of(pair: GearPair | Drive) -> float:
-    """Return the backlash, rad, that 1 mm of axial displacement takes up; NaN if it takes none."""
+    """Return the decrease of the backlash per axial displacement, rad/mm; NaN if not positive.
+
+    It is (tan β_L + tan β_R)/R₂.
+    """
     if isinstance(pair, GearPair) and float(pair.thinning) > 0:
         return float(pair.thinning) / float(pair.reference_radii[1])
     return math.nan
 
 
 def require_closing(closing_rad_per_mm: float) -> None:
-    """Raise `UsageError` where no axial displacement takes up backlash."""
+    """Raise `UsageError` if no axial displacement reduces the backlash (the argument is NaN)."""
     if math.isnan(closing_rad_per_mm):
         raise UsageError(
             "no axial displacement closes this gap: the teeth do not thin towards +z, or the"
@@ -76,12 +80,12 @@ class Compensation:
     - `ratio`: i, driven over driving speed.
     - `constant_rad`: mean backlash over the hunting period, rad of the driven gear.
     - `terms`: orders (n₁, n₂) of the harmonics. - `cosine_rad`, `sine_rad`: amplitudes, rad.
-    - `closing_rad_per_mm`: backlash that a mm of axial displacement takes up,
-      (tan β_L + tan β_R)/R₂; NaN where no displacement takes up backlash.
-    - `offset_rad`: middle of the range of the transmission error, gap included, rad.
-    - `tolerance_rad`: largest distance of φ₂ − i φ₁ − `offset_rad` from a multiple of the spacing:
-      half of that range plus the error that is allowed to the readings, rad.
-    - `error_rad`: largest difference from the map at 8192 angles of the hunting period, rad.
+    - `closing_rad_per_mm`: decrease of the backlash per axial displacement,
+      (tan β_L + tan β_R)/R₂; NaN if no displacement reduces the backlash.
+    - `offset_rad`: middle of the range of the transmission error of both flanks, rad.
+    - `tolerance_rad`: largest accepted distance of φ₂ − i φ₁ − `offset_rad` from a multiple of
+      `spacing_rad`: half of that range plus the allowed error of the readings, rad.
+    - `error_rad`: largest difference between the harmonics and the map at 8192 angles, rad.
     """
 
     ratio: Fraction
@@ -101,21 +105,22 @@ class Compensation:
 
     @property
     def spacing_rad(self) -> float:
-        """Distance between the driven angles that belong to one driving angle, 2π/turns."""
+        """Distance between the values of ξ possible at one driving angle, 2π/turns, rad."""
         return REV / self.hunting_turns
 
     @property
     def is_locating(self) -> bool:
-        """Whether the tolerance separates neighbouring angles, so that the turn is identifiable."""
+        """Whether single-turn readings identify the turn: tolerance below half the spacing."""
         return self.tolerance_rad < self.spacing_rad / 2
 
     def backlash(self, driving_rad: Readings, driven_rad: Readings) -> GapReading:
-        """Return the backlash at single-turn readings, rad from the zeros of the fit.
+        """Return the backlash at single-turn readings, both in rad from the zeros of the fit.
 
-        It is unknown where a reading is not finite, or farther than the tolerance from every
-        position that the pair can have. It is negative where the map says that the pair binds.
+        It is unknown if a reading is not finite, or if the readings are farther than the tolerance
+        from every possible position of the pair. According to the map, the pair binds where the
+        backlash is negative.
 
-        **Raises** `NoAnswerError` where single-turn readings never identify the turn.
+        **Raises** `NoAnswerError` if single-turn readings cannot identify the turn.
         """
         self.require_locating()
         first, second = np.broadcast_arrays(
@@ -132,7 +137,7 @@ class Compensation:
         return GapReading(np.where(known, value, 0.0)[()], np.where(known, slope, 0.0)[()], known)
 
     def shift(self, driving_rad: Readings, driven_rad: Readings, margin_mm: float = 0.0) -> Shift:
-        """Return the axial displacement that closes the gap, less `margin_mm` and at least 0.
+        """Return the axial displacement that closes the gap minus `margin_mm`, but at least 0, mm.
 
         **Raises** `UsageError` where no displacement closes the gap, `NoAnswerError` where
         single-turn readings never identify the turn, `ValueError` for a negative or NaN margin.
@@ -152,7 +157,7 @@ class Compensation:
     def at_both_angles(
         self, driving_rad: Numbers | float, ideal_rad: Numbers | float
     ) -> tuple[Numbers, Numbers]:
-        """Return j(φ₁, ξ) in rad and dj/dφ₁ along ξ = i φ₁."""
+        """Return j(φ₁, ξ) in rad, and its derivative with respect to φ₁ if ξ moves with i φ₁."""
         value = np.full(np.shape(driving_rad), self.constant_rad)
         slope = np.zeros(np.shape(driving_rad))
         ratio = float(self.ratio)
@@ -166,7 +171,7 @@ class Compensation:
         return value[()], slope[()]
 
     def require_locating(self) -> None:
-        """Raise `NoAnswerError` where single-turn readings do not identify the turn."""
+        """Raise `NoAnswerError` if single-turn readings cannot identify the turn."""
         if not self.is_locating:
             raise NoAnswerError(
                 f"the driven angles of the {self.hunting_turns} turns of the hunting period are"
@@ -177,7 +182,7 @@ class Compensation:
             )
 
     def to_json(self) -> dict[str, Any]:
-        """Return the fields of schema `vttig.compensation/1` that do not depend on the files."""
+        """Return the fields of schema `vttig.compensation/1` except those about the input files."""
         harmonics = zip(self.terms, self.cosine_rad, self.sine_rad, strict=True)
         closing = self.closing_rad_per_mm
         return {

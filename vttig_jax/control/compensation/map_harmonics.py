@@ -1,4 +1,4 @@
-"""Harmonics of a backlash map, with a check against the map."""
+"""Computation of the harmonics of a backlash map, with a comparison with the map."""
 
 import math
 from dataclasses import replace
@@ -18,22 +18,24 @@ from ..plants.flank_bounds import bounds_of
 from .compensation import Compensation, closing_of
 
 _LEAST = 1e-12
-"""Least amplitude of a harmonic of the backlash that is kept, rad: a chosen value."""
+"""Amplitude up to which a harmonic of the backlash is always omitted, rad; a chosen value."""
 
 _TOLERANCE = 1e-9
-"""Largest error against the map, rad: a thousandth of the resolution of the finest encoder."""
+"""Largest accepted error of all harmonics, rad: 1/1000 of the finest encoder's resolution."""
 
 _CHECK_ANGLES = 8192
 """Number of angles at which the harmonics are compared with the map: a chosen value."""
 
 _MARGINS = (8, 16, 32)
-"""Margins above the orders of the model, for products of its harmonics: chosen values."""
+"""Orders above the highest order of the model that are tried in turn; chosen values.
+
+They are needed because the backlash also contains products of the model's harmonics."""
 
 _MOST_CELLS = 2**26
-"""Limit of grid points of both angles times harmonics of the model: 0.5 GB."""
+"""Largest number of grid points of both angles times harmonics of the model (0.5 GB)."""
 
 _PER_PERIOD, _MOST_POINTS = 32, 2**24
-"""Grid for the range of the TE: points per period of the highest order, and limit of all points."""
+"""Grid for the range of the TE: points per cycle of the highest order, and most points in all."""
 
 
 def compensation_of(
@@ -47,11 +49,11 @@ def compensation_of(
 
     **Arguments**
     - `grid`: backlash map of a pair or a drive.
-    - `contact`: flank model of the transmission errors that the encoders show; by default that of
-      the map.
-    - `allowed_rad`: error of φ₂ − i φ₁ that is allowed to the readings, rad.
-    - `left_out_rad`: limit for the sum of the amplitudes that are left out, weakest first, rad. At
-      0 every harmonic above 1e-12 rad is kept.
+    - `contact`: flank model of the transmission error in the encoder readings; by default the model
+      of the map.
+    - `allowed_rad`: largest error of φ₂ − i φ₁ in the readings, rad.
+    - `left_out_rad`: largest sum of the amplitudes of the omitted harmonics, rad; the weakest are
+      omitted first. With 0 every harmonic above 1e-12 rad is kept.
 
     **Raises** `PairError` for a hunting period that is too long or orders that are too high,
     `NoAnswerError` where the harmonics miss the map, `ValueError` for negative tolerances.
@@ -101,7 +103,11 @@ def _with_harmonics(
     angles: Float[np.ndarray, " n"],
     map_values: Float[np.ndarray, " n"],
 ) -> Compensation:
-    """Return all harmonics of the backlash; raise the orders until the error is small enough."""
+    """Return the compensation with all harmonics, up to orders for which the error is small enough.
+
+    `constant` has no harmonics. `angles` (driving angles, rad) and `map_values` (backlash, rad) are
+    for comparison.
+    """
     result = _with_error(constant, angles, map_values)
     if result.error_rad <= _LEAST:
         return result  # a constant gap, which has no harmonics
@@ -128,7 +134,7 @@ def _with_harmonics(
 
 
 def _highest(model: FlankModel, margin: int) -> tuple[int, int]:
-    """Return the highest orders of both shafts: those of the model plus `margin`."""
+    """Return the highest order to compute for each shaft: that of the model plus `margin`."""
     terms: tuple[Term, ...] = ()
     if isinstance(model, OrderModel):
         terms = model.terms
@@ -146,7 +152,10 @@ def _highest(model: FlankModel, margin: int) -> tuple[int, int]:
 
 
 def _without_weak(full: Compensation, left_out_rad: float) -> Compensation:
-    """Return the compensation without the weakest harmonics, sorted by their orders."""
+    """Return the compensation without its weakest harmonics; the others are sorted by order.
+
+    `left_out_rad` is the largest sum of the omitted amplitudes, rad.
+    """
     amplitude = np.hypot(full.cosine_rad, full.sine_rad)
     order = np.argsort(amplitude, kind="stable")
     weak = (np.cumsum(amplitude[order]) <= left_out_rad) | (amplitude[order] <= _LEAST)
@@ -162,13 +171,13 @@ def _without_weak(full: Compensation, left_out_rad: float) -> Compensation:
 def _with_error(
     result: Compensation, angles: Float[np.ndarray, " n"], map_values: Float[np.ndarray, " n"]
 ) -> Compensation:
-    """Return the compensation with its largest error against the map."""
+    """Return the compensation with `error_rad`, its largest difference from the map at `angles`."""
     value, _ = result.at_both_angles(angles, float(result.ratio) * angles)
     return replace(result, error_rad=float(np.abs(value - map_values).max()))
 
 
 def _range(contact: FlankModel, pair: GearPair | Drive) -> tuple[float, float]:
-    """Return the least and largest transmission error of both flanks over the hunting period."""
+    """Return the smallest and largest TE of both flanks over the hunting period, rad."""
     per_turn = _PER_PERIOD * math.ceil(max(contact.highest_order, 1.0))
     if pair.hunting_turns * per_turn > _MOST_POINTS:
         raise PairError(

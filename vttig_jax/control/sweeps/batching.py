@@ -1,4 +1,7 @@
-"""Batches of cases: one compiled program, one case per lane, one batch per device at a time."""
+"""Batches of cases. A batch is run by one compiled program with one case per lane.
+
+Each device runs one batch at a time.
+"""
 
 import threading
 import time
@@ -20,17 +23,18 @@ STEPS = 1024
 """Plant steps in one compiled call: a chosen value."""
 
 LANES = 512
-"""Limit of lanes on one device, so that their state stays in its cache: a chosen value."""
+"""Largest number of lanes on one device, so that their state fits its cache; a chosen value."""
 
 _FEWEST = 8
-"""Least number of lanes: the float64 numbers in a vector of 512 bits."""
+"""Smallest number of lanes: a 512-bit vector holds 8 float64 numbers."""
 
 
 class CaseBatch(NamedTuple):
-    """Cases of one structure in lanes.
+    """Cases of one structure, one per lane.
 
-    - `batched`: for each number, whether it has a lane axis. - `leaves`: numbers, with a first axis
-      over the lanes or shared by all lanes. - `lanes`: number of lanes, fillers included.
+    - `structure`: see `CaseStructure`. - `leaves`: arrays of the cases, each either with a first
+      axis over the lanes or shared by all lanes. - `batched`: which arrays have this axis.
+    - `lanes`: number of lanes, including those filled with copies.
     """
 
     structure: CaseStructure
@@ -40,9 +44,9 @@ class CaseBatch(NamedTuple):
 
 
 def batch_of(cases: Sequence[CaseLeaves], batched: tuple[bool, ...], lanes: int) -> CaseBatch:
-    """Put cases into lanes; copies of the last case fill the remaining lanes.
+    """Return a batch of the cases; copies of the last case fill the remaining lanes.
 
-    A number that differs between the cases gets a lane axis even where `batched` is false.
+    An array that differs between the cases gets a lane axis even if `batched` is false for it.
     """
     filled = [*cases, *[cases[-1]] * (lanes - len(cases))]
     leaves, has_axis = list[Any](), list[bool]()
@@ -60,7 +64,7 @@ def _same(first: np.ndarray, second: np.ndarray) -> bool:
 
 
 def varying(samples: Sequence[CaseLeaves]) -> tuple[bool, ...]:
-    """Return for each number whether it differs between cases of one structure."""
+    """Return for each array of the cases of one structure whether it differs between them."""
     first = samples[0].leaves
     return tuple(
         any(not _same(sample.leaves[index], leaf) for sample in samples[1:])
@@ -69,9 +73,9 @@ def varying(samples: Sequence[CaseLeaves]) -> tuple[bool, ...]:
 
 
 def lanes_for(cases: int, devices: int) -> int:
-    """Return the lanes of a batch: a power of two, so that few programs are compiled.
+    """Return the number of lanes of a batch: a power of two, so that few programs are compiled.
 
-    All devices get a batch if there are enough cases.
+    It is small enough that every device gets a batch if there are enough cases.
     """
     lanes = _FEWEST
     while lanes < LANES and lanes * devices < cases:
@@ -80,10 +84,10 @@ def lanes_for(cases: int, devices: int) -> int:
 
 
 class BatchRunner:
-    """Runner of batches on devices, one batch on each at a time; threads may share a runner.
+    """Runner of batches on devices, one batch per device at a time; threads may share a runner.
 
-    The cores of a processor are devices of JAX that share memory, so that all of them run the
-    programs of the first one, compiled once; each GPU has programs of its own.
+    Processor cores that are JAX devices share their memory, so all of them use programs compiled
+    once for the first core. For each GPU the programs are compiled separately.
 
     - `compile_s`: time in which any thread compiled, s.
     - `device_s`: sum over all threads of the time in which they ran batches, s.
@@ -108,9 +112,10 @@ class BatchRunner:
         progress: Callable[[int, int], None] | None = None,
         place: int = 0,
     ) -> tuple[MetricInputs, Accumulators]:
-        """Run all lanes on the device at `place`.
+        """Run a batch on the device number `place`; return metric inputs and accumulators per lane.
 
-        `progress` is called with start and end of the finished periods, in this thread.
+        `periods` and `substeps` as in `Case`. `progress` is called in this thread with the first
+        and the last finished period of each compiled call.
         """
         device = self.devices[0 if self.devices[0].platform == "cpu" else place]
         chunk = max(STEPS // substeps, 1)
@@ -143,7 +148,7 @@ class BatchRunner:
         args: tuple[Any, ...],
         device: Any,
     ) -> Callable[..., Any]:
-        """Return a compiled program; threads that need the same one wait for the first of them."""
+        """Return a compiled program. If several threads need the same one, only one compiles it."""
         key = function, batch.structure, batch.batched, batch.lanes, choices, device.id
         with self._lock:
             own, known = Future[Callable[..., Any]](), self._compiled.get(key)

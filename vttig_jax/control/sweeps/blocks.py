@@ -1,4 +1,4 @@
-"""Blocks of a sweep: the cases that one process runs together, each block a table of rows."""
+"""Blocks of a sweep: cases that one process runs together, and whose rows are stored together."""
 
 import time
 from collections import deque
@@ -35,17 +35,20 @@ REFUSED = "refused"
 """Outcome of a case whose values contradict each other, so that it is not simulated."""
 
 _BLOCK_STEPS = 1 << 28
-"""Limit of lane-steps in a block, chosen for about ten seconds: an interruption loses one block."""
+"""Largest number of lane-steps in a block; a chosen value for about ten seconds.
+
+A lane-step is one plant step of one case. An interruption loses at most the running blocks."""
 
 _LEAST, _MOST = 64, 4 * LANES
-"""Limits of the number of cases of one structure in a block: chosen values."""
+"""Smallest and largest number of cases of one structure in a block; chosen values."""
 
 _MOST_KINDS, _CALLS = 16, 4
-"""Limit of the text combinations that enlarge a block; number of timed calls: chosen values."""
+"""Largest number of text combinations that is used for the block size, and number of compiled calls
+in the measurement of the time per lane-step; chosen values."""
 
 
 class Group(NamedTuple):
-    """Cases of one structure, with their indices in the block and their numbers."""
+    """Cases of one structure: their indices in the block, and their arrays (`leaves`)."""
 
     indices: list[int]
     leaves: list[CaseLeaves]
@@ -61,7 +64,7 @@ class _Batch(NamedTuple):
     substeps: int
 
     def run(self, place: int, follow: Follow) -> tuple[MetricInputs, Accumulators]:
-        """Run the batch on the device at `place`."""
+        """Run the batch on device number `place`; `follow` gets the finished lane-steps."""
 
         def count(before: int, now: int) -> None:
             done = np.minimum(self.periods, now) - np.minimum(self.periods, before)
@@ -71,7 +74,10 @@ class _Batch(NamedTuple):
 
 
 class _Started(NamedTuple):
-    """Block whose batches have started: number, cases, and the runs of its batches."""
+    """Block whose batches have started: block number, case numbers, and the runs of its batches.
+
+    A run is the list of case indices in the block, and the future of the result.
+    """
 
     number: int
     numbers: Sequence[int]
@@ -107,7 +113,7 @@ class SweepWork:
         return -(-len(self.cases) // self.block_size)
 
     def run(self, number: int, progress: Callable[[int], None]) -> Rows:
-        """Return the rows of a block; `progress` is called with steps, without those of fillers."""
+        """Return the rows of a block; `progress` gets finished lane-steps, without filled lanes."""
         with closing(self.run_blocks([number], progress)) as blocks:
             return next(blocks)[1]
 
@@ -151,7 +157,7 @@ class SweepWork:
         return started.number, self._case_columns(numbers) | rows | {"outcome": outcome}
 
     def seconds_per_lane_step(self, lanes: int) -> float:
-        """Measure the time of a lane-step, s, with some compiled calls of the first structure."""
+        """Measure the time per lane-step, s, with a few compiled calls for the first structure."""
         case = self._samples[0]
         first = leaves_of(case)
         batch = batch_of([first], self._batched[first.structure], lanes)
@@ -162,7 +168,7 @@ class SweepWork:
         return (time.perf_counter() - began) / (lanes * _CALLS * periods * case.substeps)
 
     def _groups(self, numbers: Sequence[int]) -> list[Group]:
-        """Group the cases of a block by structure, without those that cannot run."""
+        """Return the cases of a block, grouped by structure, without those that cannot run."""
         groups: dict[CaseStructure, Group] = {}
         for index, number in enumerate(numbers):
             leaves = self.cases.leaves(number)
@@ -174,7 +180,7 @@ class SweepWork:
         return list(groups.values())
 
     def _batches(self, group: Group) -> Iterator["_Batch"]:
-        """Yield the batches of a group, each of cases of similar length."""
+        """Yield the batches of a group; the cases of a batch have runs of similar length."""
         batched = self._batched.get(group.leaves[0].structure, _none(group.leaves[0]))
         periods = [case.periods for case in group.leaves]
         order = sorted(range(len(periods)), key=lambda index: (periods[index], index))
@@ -190,7 +196,7 @@ class SweepWork:
             )
 
     def _case_columns(self, numbers: Sequence[int]) -> Rows:
-        """Return the columns of number, axes and rig of the cases."""
+        """Return the columns with the case number, the value of every axis, and the drawn rig."""
         values = [self.cases.values(number) for number in numbers]
         columns: Rows = {"case": np.array(numbers, np.int64)}
         for axis in self.cases.axes:
@@ -205,14 +211,17 @@ class SweepWork:
 
 
 def _block_size(samples: Sequence[Case], combinations: int) -> int:
-    """Return the cases of a block: a power of two per combination, fewer where runs are long."""
+    """Return the number of cases in a block: `combinations` times a power of two.
+
+    Long runs give smaller blocks.
+    """
     steps = float(np.mean([periods_of(case) * case.substeps for case in samples]))
     size = int(np.clip(_BLOCK_STEPS / (combinations * steps), _LEAST, _MOST))
     return combinations << (size.bit_length() - 1)
 
 
 def _varying(samples: Sequence[Case]) -> dict[CaseStructure, tuple[bool, ...]]:
-    """Return for each structure which numbers get a lane axis."""
+    """Return for each structure which of its arrays differ between cases (need a lane axis)."""
     groups: dict[CaseStructure, list[CaseLeaves]] = {}
     for leaves in map(leaves_of, samples):
         groups.setdefault(leaves.structure, []).append(leaves)

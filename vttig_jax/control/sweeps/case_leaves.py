@@ -1,4 +1,6 @@
-"""Structure and numbers of cases: what a compiled program depends on, and what it is given."""
+"""Structure and leaves of cases. A compiled program depends on the structure; the leaves, arrays of
+numbers, are its inputs.
+"""
 
 from dataclasses import fields
 from typing import Any, NamedTuple
@@ -11,13 +13,13 @@ from ..simulation.case import Case
 from ..simulation.simulate import periods_of
 
 _MOST_PARTS = 1 << 16
-"""Number of parts whose numbers are kept: a chosen value."""
+"""Largest number of parts of cases whose leaves are cached; a chosen value."""
 
 
 class CaseStructure(NamedTuple):
     """Structure of cases that share one compiled program; it is hashable.
 
-    - `tree`: tree with all static choices. - `shapes`: shapes of the numbers.
+    - `tree`: pytree structure with all static choices. - `shapes`: shapes of the leaves.
     """
 
     tree: Any
@@ -25,7 +27,7 @@ class CaseStructure(NamedTuple):
 
 
 class CaseLeaves(NamedTuple):
-    """Structure of one case, its numbers in the order of the tree, and the length of its run.
+    """Structure of one case, its leaves in the order of the pytree, and the length of its run.
 
     - `periods`: periods of the controller in a run. - `substeps`: steps of the plant in a period.
     """
@@ -37,7 +39,7 @@ class CaseLeaves(NamedTuple):
 
 
 def leaves_of(case: Case) -> CaseLeaves:
-    """Split a case into its structure and its numbers."""
+    """Return the structure and the leaves of a case."""
     leaves, tree = _flat(case)
     structure = CaseStructure(tree, tuple(leaf.shape for leaf in leaves))
     return CaseLeaves(structure, leaves, periods_of(case), case.substeps)
@@ -49,7 +51,10 @@ def _flat(tree: Any) -> tuple[tuple[Any, ...], Any]:
 
 
 class _FlatPart(NamedTuple):
-    """Numbers of a part and the number of its structure; `part` is kept so that its id stays."""
+    """Leaves of a part of a case, and a number that identifies its structure.
+
+    `part` is stored so that its `id`, the key in the cache, is not reused.
+    """
 
     part: Any
     leaves: tuple[Any, ...]
@@ -57,10 +62,10 @@ class _FlatPart(NamedTuple):
 
 
 class LeafCache:
-    """Leaves of cases from those of their parts, each of which is taken apart only once.
+    """Cache that assembles the leaves of a case from the leaves of its parts.
 
-    The cases of a sweep share most of their parts, and making a `Case` of them costs more than all
-    else that a case needs.
+    The cases of a sweep share most of their parts, and each part is flattened only once. Building a
+    `Case` object for every case would take more time than everything else.
     """
 
     def __init__(self) -> None:
@@ -69,7 +74,7 @@ class LeafCache:
         self._structures: dict[Any, CaseStructure] = {}
 
     def leaves_of(self, parts: CaseParts) -> CaseLeaves:
-        """Return what `leaves_of` returns for the case of these parts."""
+        """Return the same as the function `leaves_of` for the case with these parts."""
         flat = [self._flat_part(getattr(parts, name)) for name in _DYNAMIC]
         key = (*(part.structure for part in flat), parts.substeps, parts.noisy)
         structure = self._structures.get(key)
@@ -95,4 +100,4 @@ _DYNAMIC = tuple(
     for field in fields(Case)
     if not field.metadata.get("static", False) and field.name in CaseParts._fields
 )
-"""Parts with numbers, in the order of the leaves of a case."""
+"""Names of the fields of a case that hold numbers, in the order of its leaves."""

@@ -1,4 +1,4 @@
-"""Cases of a sweep by number, and the recipe from which another process builds them."""
+"""Cases of a sweep by their numbers, and the recipe from which any process can build them."""
 
 import hashlib
 import math
@@ -29,7 +29,7 @@ DRAW = "draw"
 """Name of the axis of rigs drawn from a posterior; this axis varies slowest."""
 
 _MOST_TEXTS = 16
-"""Limit of the values of a text axis that are all examined: a chosen value."""
+"""Largest number of values of a text axis of which all are examined; a chosen value."""
 
 _RIG = (
     "driving_mm",
@@ -41,12 +41,12 @@ _RIG = (
 
 
 class SweepCases:
-    """Cases of a sweep, each built on request.
+    """Cases of a sweep, numbered from 0; a case is built when it is requested.
 
     **Arguments**
     - `spec`: specification of the sweep. - `pair`: gears. - `folder`: folder of recorded motions.
-    - `rigs`: eccentricities instead of those of the file; all cases are run for each rig.
-    - `controller`: your own controller instead of that of the file.
+    - `rigs`: eccentricities that replace those of the file; all cases are run for each rig.
+    - `controller`: controller of the user that replaces that of the file.
     """
 
     def __init__(
@@ -71,7 +71,7 @@ class SweepCases:
 
     @property
     def axes(self) -> tuple[str, ...]:
-        """Names of the axes in file order, `draw` first."""
+        """Names of the axes in file order; with `rigs`, the axis `draw` comes first."""
         return (*([DRAW] if self.rigs else []), *self._sweep.axes)
 
     def length(self, axis: str) -> int:
@@ -88,7 +88,7 @@ class SweepCases:
 
     @property
     def text_combinations(self) -> int:
-        """Number of combinations of the text values, which select the compiled program."""
+        """Number of combinations of text values; each needs a compiled program."""
         return math.prod(
             length
             for group, length in zip(self._groups, self._lengths[bool(self.rigs) :], strict=True)
@@ -96,7 +96,7 @@ class SweepCases:
         )
 
     def values(self, number: int) -> dict[str, Value]:
-        """Return the value of every axis in a case."""
+        """Return the value of every axis in the case with this number."""
         indices = self._indices(number)
         values: dict[str, Value] = {DRAW: indices.pop(0)} if self.rigs else {}
         for group, index in zip(self._groups, indices, strict=True):
@@ -122,14 +122,17 @@ class SweepCases:
             return error
 
     def leaves(self, number: int) -> CaseLeaves | InputError:
-        """Return structure and numbers of a case, or the error that prevents it."""
+        """Return structure and leaves of a case, or the error that prevents it."""
         try:
             return self._leaves.leaves_of(self._builder.parts(self.spec_of(number)))
         except InputError as error:
             return error
 
     def representative_cases(self) -> list[int]:
-        """Return case numbers that vary each axis: first, second and last values, and all texts."""
+        """Return the numbers of cases in which one axis at a time differs from the first case.
+
+        An axis takes its second and last value; a text axis takes all values.
+        """
         numbers = {0: None, len(self) - 1: None}
         stride = len(self)
         names = [(DRAW,), *self._groups] if self.rigs else list(self._groups)
@@ -141,7 +144,7 @@ class SweepCases:
         return list(numbers)
 
     def _indices(self, number: int) -> list[int]:
-        """Return the index on each axis, slowest axis first."""
+        """Return the index of the value on each axis (or group of axes), slowest axis first."""
         indices = []
         for length in reversed(self._lengths):
             number, index = divmod(number, length)
@@ -173,7 +176,7 @@ class Recipe:
 
     @property
     def header(self) -> dict[str, Any]:
-        """Record of the sweep, which must agree when the sweep is resumed."""
+        """Record of the inputs of the sweep; a sweep can be resumed only with an equal record."""
         return {
             "schema": "vttig.sweep_parts/1",
             "versions": {name: version(name) for name in _PACKAGES},
@@ -218,7 +221,7 @@ def recipe_of(
 
 
 def _digest(tree: Any) -> str:
-    """Return the SHA-256 of a tree and all its numbers."""
+    """Return the SHA-256 digest of the structure of a pytree and of all its numbers."""
     leaves, structure = jax.tree.flatten(tree)
     digest = hashlib.sha256(str(structure).encode())
     for leaf in leaves:

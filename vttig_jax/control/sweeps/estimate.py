@@ -14,7 +14,7 @@ from .batching import LANES, lanes_for
 from .blocks import SweepWork
 
 _SAMPLED = 64
-"""Number of cases whose length is examined: a chosen value."""
+"""Number of cases whose run length is examined; a chosen value."""
 
 _CELL = 8  # bytes of a number
 _STATE = 3 * 100 * _CELL
@@ -24,7 +24,7 @@ _BUILD_S = 2e-4
 """Time to build a case, s."""
 
 _SHARE = 0.8
-"""Largest share of the memory and of the free disk that a sweep may take: a chosen value."""
+"""Largest fraction of the memory and of the free disk space that a sweep may use; chosen."""
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ def estimate(work: SweepWork, folder: Path | None) -> SweepCost:
     sampled = [case for case in map(cases.case, numbers) if isinstance(case, Case)]
     lengths = [periods_of(case) * case.substeps for case in sampled]
     steps = count / len(numbers) * sum(lengths)
-    # All lanes run as long as the longest case beside them, fillers included.
+    # Every lane of a batch, filled or not, runs as long as the longest case of the batch.
     group = min(count, work.block_size) / cases.text_combinations
     lanes = lanes_for(math.ceil(group), len(work.runner.devices))
     calls = cases.text_combinations * work.blocks * math.ceil(group / lanes)

@@ -1,4 +1,4 @@
-"""Threads that run batches side by side, one for each device; the caller waits and follows.
+"""Threads that run batches in parallel, one per device; the calling thread reports the progress.
 
 XLA releases the interpreter while it compiles and while it runs, so that threads use all cores, and
 programs of different controllers are compiled side by side.
@@ -18,9 +18,9 @@ Follow = Callable[[int], None]
 
 
 class ParallelRuns:
-    """Threads for `places` runs at a time, used as a context manager.
+    """Threads for up to `places` simultaneous runs, used as a context manager.
 
-    An exception in its block, such as Ctrl-C, ends all runs when they next report their progress.
+    An exception in the `with` block, such as Ctrl-C, ends every run at its next progress report.
     """
 
     def __init__(self, places: int) -> None:
@@ -51,7 +51,10 @@ class ParallelRuns:
         return future
 
     def result(self, future: "Future[_Result]", progress: Follow) -> _Result:
-        """Wait for a run, while `progress` is called in this thread with the steps of all runs."""
+        """Wait for a run and return its result.
+
+        Meanwhile `progress` is called in this thread with the finished steps of all runs.
+        """
         while not future.done():
             progress(self._steps.get())
         while True:

@@ -1,4 +1,4 @@
-"""Sweep on disk: one Parquet file per block while it runs, one file for all at the end."""
+"""Storage of a sweep on disk: one Parquet file per block while it runs, one for all at the end."""
 
 import errno
 import json
@@ -31,7 +31,7 @@ _ROW_GROUP = 1 << 20
 
 
 class FolderNames(NamedTuple):
-    """Names of a folder with blocks of rows: what it holds, and its files."""
+    """Names for a folder with blocks of rows: noun for messages, file of the table, header file."""
 
     noun: str = "sweep"
     table: str = TABLE
@@ -116,7 +116,7 @@ class SweepFolder:
             replace_file(target, buffer.getvalue())
 
     def finish(self, blocks: int) -> Rows:
-        """Join all blocks in one file, remove them, and return the columns."""
+        """Join all blocks in one file, remove the files of the blocks, and return the columns."""
         import pyarrow.parquet as pq
 
         first = self._read(0)
@@ -133,7 +133,7 @@ class SweepFolder:
         return read_table(self.table)
 
     def _begin(self) -> None:
-        """Prepare the folder, or refuse it."""
+        """Prepare the folder for writing, or raise an error if it holds a sweep to be kept."""
         header, noun = self.path / self.names.header, self.names.noun
         holds_sweep = self.table.exists() or header.exists()
         if holds_sweep and self.resume:
@@ -156,7 +156,7 @@ class SweepFolder:
             self._began = True
 
     def _compare(self, header: Path) -> None:
-        """Refuse a folder whose header belongs to a different sweep."""
+        """Raise `InputError` if the header in the folder belongs to a different sweep."""
         try:
             stored = json.loads(header.read_text(encoding="utf-8"))
         except (OSError, ValueError):

@@ -24,7 +24,7 @@ from .store import TABLE, Memory, SweepFolder
 from .table import SweepTable, finished_sweep
 
 _REASONS, _EXAMINED = 5, 500
-"""Limits of the quoted reasons of refused cases and of the cases examined for them: chosen."""
+"""Largest number of reported reasons for refusal, and of refused cases examined to find them."""
 
 
 def sweep(
@@ -53,9 +53,9 @@ def sweep(
     **Arguments**
     - `spec`: a sweep file (TOML) or its specification.
     - `pair`, `folder`, `controller`: as for `simulate`.
-    - `rigs`: draws of a rig instead of its eccentricities; all other cases are run for each draw.
-    - `believed`: rig whose map the controllers use, such as the fit behind the draws. By default,
-      and where the file has no [map], the controllers know each rig exactly.
+    - `rigs`: drawn rigs that replace the eccentricities; all cases are run for each of them.
+    - `believed`: rig whose map the controllers use, such as the fit behind the draws. By default
+      the controllers use [map] of the file, and the exact map of each rig for absent keys.
     - `out`: folder for `sweep.parquet`, which is written block by block.
     - `resume`: continue with the blocks that are missing in `out`; start where it holds no sweep,
       and return a complete table as it is. - `overwrite`: start again.
@@ -203,7 +203,7 @@ class _TimedStore:
 
 @lru_cache
 def _runner(devices: int | None) -> BatchRunner:
-    """Return a cached runner on the first devices of JAX, or on all.
+    """Return a cached runner on the first `devices` JAX devices, or on all of them for None.
 
     **Raises** `ValueError` for a number of devices that JAX does not have.
     """

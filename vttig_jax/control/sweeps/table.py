@@ -56,7 +56,7 @@ class SweepTable(PlottedResult):
         return dict(Counter(self.columns["outcome"].tolist()).most_common())
 
     def groups(self) -> list[tuple[str, np.ndarray]]:
-        """Return name and mask of each group of cases with the same text values."""
+        """Return the groups of cases with equal text values on all axes: name, and mask of rows."""
         texts = [axis for axis in self.axes if self.columns[axis].dtype.kind == "U"]
         if not texts:
             return [("all", np.ones(len(self.columns["case"]), bool))]
@@ -173,7 +173,7 @@ def _share(mask: np.ndarray) -> float | None:
 
 
 def _spread(values: np.ndarray) -> dict[str, float] | None:
-    """Return the mean, the central 95 % and the maximum of all cases."""
+    """Return the mean, the 2.5 % and 97.5 % quantiles and the maximum; None without values."""
     if not len(values):
         return None
     low, high = np.quantile(values, [0.025, 0.975])

@@ -1,10 +1,10 @@
-"""Window of a run around the turn, which decides the residual gap and the interference.
+"""Window of a run around the turn, which determines the residual gap and the interference.
 
 With a prescribed motion neither the driving angle nor its reading depends on the controller. Both
-are computed beforehand, with counts and noise of the encoder, so that the scan contains only
-observer, controller and actuator. The window begins shortly before the braking, with an open gap
-and a settled observer. It ends when the shaft has reached its speed after the turn, or with the
-run if the motion never turns back.
+are computed beforehand, with counts and noise of the encoder, so the loop over the periods contains
+only observer, controller and actuator. The window begins shortly before the braking, with an open
+gap and an observer without transients. It ends when the shaft has reached its speed after the turn,
+or at the end of the run if the motion never turns back.
 """
 
 import math
@@ -25,10 +25,11 @@ from ..hardware.observer import MotionEstimate, Observer
 from ..simulation.case import Case
 
 LEAD_IN_S = 0.2
-"""Time from the start of the window to the braking, s: a chosen value."""
+"""Time from the start of the window to the start of braking, s; a chosen value."""
 
 _FULL, _TIMES = 0.98, 256
-"""Share of the highest speed after the turn that ends the window, and times examined: chosen."""
+"""Fraction of the highest speed after the turn at which the window ends, and number of times at
+which the speed is computed to find this end; chosen values."""
 
 
 class Window(eqx.Module):
@@ -36,10 +37,11 @@ class Window(eqx.Module):
 
     - `reading`: readings of the driving encoder, rad. - `closed`: axial displacement that closes
       the gap at the end of each plant step, mm. - `closed_first`: at the start of the window.
-    - `counts`: false for filler periods. - `after`: whether the motion has turned.
+    - `counts`: false for periods that only fill the arrays. - `after`: true after the turn.
     - `turn`: index of the period nearest to the turn, −1 without a turn.
-    - `estimate`: estimate of the observer one period earlier, which equals the motion.
-    - `period`: s. - `closing`: backlash per displacement, rad/mm. - Others: parts of the case.
+    - `estimate`: observer estimate one period before the window, equal to the true motion.
+    - `period`: controller period, s. - `closing`: decrease of backlash per displacement, rad/mm.
+    - `actuator`, `observer`, `controller`: parts of the case.
     """
 
     reading: Float[Numbers, " n"]
@@ -57,7 +59,7 @@ class Window(eqx.Module):
 
 
 class Extent(NamedTuple):
-    """First period of a window, and number of its periods."""
+    """Number of the first controller period of a window, and how many periods the window has."""
 
     first: int
     periods: int
@@ -85,7 +87,7 @@ def _window_times(case: Case) -> tuple[Float[Array, ""], Float[Array, ""]]:
 
 
 def window_of(case: Case, extent: Extent, periods: int) -> Window:
-    """Return the window of a case, with fillers up to this number of periods."""
+    """Return the window of a case, filled up to an array length of `periods`."""
     arrays = _window_arrays(case, jnp.asarray(extent.first), jnp.asarray(extent.periods), periods)
     return Window(
         *jax.tree.map(np.asarray, arrays),
@@ -132,8 +134,9 @@ def _window_arrays(
 class WindowResult(eqx.Module):
     """Result of a window, mm of axial displacement.
 
-    - `gap`: displacement that would close the gap at the turn, 0 without a turn.
-    - `interference`: how far the closed gap holds the actuator back at most, until it opens again.
+    - `gap`: further displacement that would close the gap at the turn; 0 without a turn.
+    - `interference`: largest distance by which the closed gap holds the actuator back until the
+      controller opens the gap again.
     """
 
     gap: Float[Array, ""]
@@ -171,7 +174,8 @@ def run_window(window: Window, width: Float[Array, ""], blur_mm: Float[Array, ""
     The rest of the actuator is differentiable.
 
     **Arguments**
-    - `width`: relative width; see `controllers/smooth.py`. - `blur_mm`: width b of softplus, mm.
+    - `width`: relative width of the comparisons; see `controllers/smooth.py`.
+    - `blur_mm`: width b of the softplus function, mm.
     """
     controller, actuator = smoothed(window.controller, width), window.actuator
     half_step = 0.5 * jnp.asarray(actuator.resolution)

@@ -19,7 +19,7 @@ SETTINGS: Mapping[str, tuple[str, ...]] = {
 """Controller → its numeric settings."""
 
 REACH = 1000.0
-"""Largest factor between a positive number and its start in the search: a chosen value."""
+"""Largest factor by which the search changes a positive number from its start; a chosen value."""
 
 Limits = Mapping[str, tuple[float, float]]
 
@@ -28,11 +28,12 @@ Limits = Mapping[str, tuple[float, float]]
 class FreeKey:
     """Tuned number as a function of a scaled variable u, which starts at 0.
 
-    A positive number is start·exp(u), any other number is start + u·step.
+    A number that must be positive is start·exp(u), any other number is start + u·step. `step` is an
+    argument of the methods, in the unit of the number.
 
     **Arguments**
     - `name`, `unit`: name and unit of the key. - `start`: value in the scenario.
-    - `low`, `high`: bounds of the number. - `positive`: whether it must be above 0.
+    - `low`, `high`: bounds of the number. - `positive`: whether the number must be above 0.
     """
 
     name: str
@@ -48,7 +49,7 @@ class FreeKey:
         return min(max(free, self.low), self.high)
 
     def scaled(self, value: float, step: float) -> float:
-        """Return the u at which the number has this value."""
+        """Return the scaled variable u at which the number has the given value."""
         return math.log(value / self.start) if self.positive else (value - self.start) / step
 
     def slope(self, u: float, step: float) -> float:

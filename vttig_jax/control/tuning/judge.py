@@ -1,4 +1,4 @@
-"""Full simulation of settings: all cases of a sweep with the original controller."""
+"""Evaluation of settings by full simulation of all cases with the original controller."""
 
 from collections.abc import Sequence
 from functools import lru_cache
@@ -19,11 +19,15 @@ from .result import Score, costs_of, score_of
 from .search import Objective
 
 SEARCHED = 256
-"""Limit of the cases in the search, a chosen value; the full simulation has all cases."""
+"""Largest number of cases in the search, a chosen value; the full simulation has all cases."""
 
 
 class Judge:
-    """Full simulation of all cases for given values of the keys, with a cache of the scores."""
+    """Evaluation of values of the tuned keys by full simulation of all cases; scores are cached.
+
+    The arguments are the inputs of the sweep, the tuned keys, and the objective with its weight of
+    the interference.
+    """
 
     def __init__(
         self, recipe: Recipe, keys: tuple[FreeKey, ...], objective: Objective, weight: float
@@ -40,7 +44,7 @@ class Judge:
         self.costs = costs_of(self._rows(self.start), weight, self.closing)
 
     def score(self, values: tuple[float, ...]) -> Score:
-        """Return the score of values over all cases of the sweep."""
+        """Return the score of the given values of the keys over all cases of the sweep."""
         if values not in self._scores:
             self._scores[values] = self._score_rows(self._rows(values))
         return self._scores[values]
@@ -48,7 +52,8 @@ class Judge:
     def search_cases(self) -> list[Case]:
         """Return the cases for the search: all, or a sample without replacement.
 
-        For the objective "worst", half of the sample are the worst cases at the start.
+        For the objective "worst", half of the sample are the cases with the highest cost at the
+        start values.
         """
         numbers = np.flatnonzero(~np.isnan(self.costs))
         if len(numbers) > SEARCHED:
@@ -72,7 +77,7 @@ class Judge:
 
 
 class _WithSettings(SweepCases):
-    """Cases of a sweep with other values of some keys; their other parts are built once."""
+    """Cases of a sweep with other values of some keys, derived from the cases in `built`."""
 
     def __init__(
         self,
@@ -104,6 +109,6 @@ def _runner() -> BatchRunner:
 
 
 def with_keys(spec: ScenarioSpec, keys: Sequence[FreeKey], values: Sequence[float]) -> ScenarioSpec:
-    """Return a sweep whose [judgement] has these values."""
+    """Return the sweep with the given values of the keys in [judgement]."""
     new = {key.name.rpartition(".")[2]: value for key, value in zip(keys, values, strict=True)}
     return replace(spec, judgement=replace(spec.judgement, **new))

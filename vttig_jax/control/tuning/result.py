@@ -45,12 +45,14 @@ class Score:
 
     @property
     def rank(self) -> tuple[int, float]:
-        """Rank, where less is better: number of blocked drives, then objective of the others."""
+        """Rank, the lower the better: number of cases with a blocked drive, then the objective."""
         return self.outcomes.get("bound", 0), self.cost_deg
 
 
 def costs_of(rows: Rows, weight: float, closing: float) -> np.ndarray:
-    """Return the cost of every case in degrees: infinite for a blocked drive, NaN if refused.
+    """Return the cost of every case, residual gap + weight · interference, in degrees of backlash.
+
+    The cost is infinite for a blocked drive and NaN for a refused case.
 
     **Arguments**
     - `closing`: backlash per axial displacement, rad/mm.
@@ -97,7 +99,7 @@ class Tuned(TextResult):
     - `before`, `after`: scores of the start and of the result over all `cases`.
     - `objective`, `interference_weight`: definition of the objective.
     - `cases`, `searched`: number of all cases, and of those in the search.
-    - `stages`: stages of the search. - `notes`: sentences that a reader must not overlook.
+    - `stages`: stages of the search. - `notes`: important remarks, one sentence each.
     """
 
     spec: ScenarioSpec

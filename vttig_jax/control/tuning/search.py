@@ -1,4 +1,4 @@
-"""Gradient search for settings with smoothed runs, whose width shrinks from stage to stage.
+"""Gradient search for controller settings; smoothing becomes narrower from stage to stage.
 
 The gradient uses forward mode, because a run has a handful of settings and thousands of periods;
 reverse mode would store the state of every period.
@@ -30,8 +30,9 @@ WIDTHS = (0.5, 0.25, 0.12, 0.05, 0.02, 0.005)
 """Relative widths of the comparisons, one per stage of the search: chosen values."""
 
 _SHARE, _LEAST_MM = 0.1, 1e-4
-"""Step of a displacement as a share of the gap, which is also its softplus width at width 1; least
-step, mm: chosen values."""
+"""Step of a displacement as a fraction of that which closes the gap, and smallest step, mm.
+
+The step times the relative width is the width of the softplus. Chosen values."""
 _TEMPERATURE = 0.5
 """Softmax temperature of the worst-case objective, as a fraction of the smoothing width: chosen."""
 _FACTORS, _STEPS = (0.1, 0.3, 0.7, 1.4, 3.0, 10.0), (-3.0, -1.0, 1.0, 2.0, 4.0, 7.0)
@@ -46,7 +47,7 @@ class Stage(NamedTuple):
     """Result of one stage.
 
     - `width`: relative width of the comparisons. - `values`: values of the free keys.
-    - `start_deg`, `end_deg`: smoothed objective at the best earlier point and at the end.
+    - `start_deg`, `end_deg`: smoothed objective at the best point of earlier stages and at the end.
     - `evaluations`: number of evaluations with gradient.
     """
 
@@ -80,7 +81,10 @@ class Search:
     def costs(
         self, values: Sequence[float], width: float
     ) -> tuple[Float[np.ndarray, " cases"], Float[np.ndarray, "cases keys"]]:
-        """Return the cost of every case in degrees of backlash, and its gradient by the keys."""
+        """Return the cost of every case (deg of backlash) and its gradient by `values` of the keys.
+
+        `width` is the relative width of the comparisons.
+        """
         settings = jnp.asarray(values, float)
         numbers = jnp.array([width, width * self.step_mm, self.weight])
         parts = [_costs(stack, settings, numbers, self._names) for stack in self._stacks]
@@ -92,7 +96,8 @@ class Search:
     ) -> tuple[float, Float[np.ndarray, " keys"]]:
         """Return the objective and its gradient: the mean, or T ln Σ exp(cost/T) for the largest.
 
-        At the largest width it is always the mean: the largest cost has the gradient of one case.
+        T is the temperature. At the largest width the objective is always the mean, because the
+        gradient of the largest cost would depend on a single case.
         """
         costs, slopes = self.costs(values, width)
         if self.objective == "expected" or width >= WIDTHS[0]:
@@ -103,10 +108,10 @@ class Search:
         ) @ slopes
 
     def stages(self) -> Iterator[Stage]:
-        """Run the stages with shrinking width, each from the best points of the earlier stages.
+        """Yield the result of each stage; a stage starts at the best points of earlier stages.
 
-        Each stage first tries every key alone at some distance, because the gradient of a threshold
-        above all decelerations is zero.
+        Each stage first tries larger changes of every single key, because gradients can vanish: a
+        threshold above all decelerations has the gradient zero.
         """
         known = [np.zeros(len(self.keys))]
         ends = np.array([key.ends(self.step_mm) for key in self.keys])
@@ -141,14 +146,14 @@ class Search:
             yield Stage(width, self._values(after.u), *costs, calls)
 
     def neighbours(self, values: Sequence[float]) -> list[tuple[float, ...]]:
-        """Return values in which one key differs, by the steps that every stage tries."""
+        """Return copies of `values` in which one key differs by one of the steps of a stage."""
         ends = np.array([key.ends(self.step_mm) for key in self.keys])
         u = [key.scaled(x, self.step_mm) for key, x in zip(self.keys, values, strict=True)]
         return [self._values(other) for other in self._neighbours([np.array(u)], ends)]
 
     @property
     def _unit(self) -> float:
-        """Unit of the scaled cost, deg."""
+        """Cost that the optimiser sees as 1: the backlash of one step, deg."""
         return self.step_mm * self._per_mm
 
     def _values(self, u: Sequence[float] | np.ndarray) -> tuple[float, ...]:

@@ -50,9 +50,10 @@ def tune(
 
         residual gap + weight · interference
 
-    Both terms are backlash in degrees of the driven gear; s mm of interference count as the
-    backlash that s takes up. w degrees of residual gap cost as much as one degree of interference:
-    with an uncertain map, the best margin lets a share 1/(1 + w) of the rigs interfere.
+    Both terms are backlash in degrees of the driven gear; an interference of s mm counts as the
+    backlash that a displacement by s removes. With the weight w, w degrees of residual gap cost as
+    much as one degree of interference. With an uncertain map, the fraction 1/(1 + w) of the rigs
+    therefore interferes at the best margin.
 
     The search follows the gradient of smoothed controllers (`controllers/smooth.py`), whose width
     shrinks in stages. It simulates from shortly before the braking to the speed after the turn,
@@ -169,7 +170,10 @@ def _nearby(judge: Judge, search: Search, last: Stage) -> tuple[float, ...]:
 
 
 def _without_small_gains(judge: Judge, best: tuple[float, ...]) -> tuple[float, ...]:
-    """Reset every key with a small gain, as long as the values stay better than the start."""
+    """Return `best` with every key reset to its start if the key gains less than `_LEAST_GAIN`.
+
+    A key is reset only if the values stay better than the start.
+    """
     first, tuned = judge.score(judge.start), judge.score(best)
     while True:
         for index, start in enumerate(judge.start):
