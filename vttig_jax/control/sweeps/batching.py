@@ -114,8 +114,8 @@ class BatchRunner:
     ) -> tuple[MetricInputs, Accumulators]:
         """Run a batch on the device number `place`; return metric inputs and accumulators per lane.
 
-        `periods` and `substeps` as in `Case`. `progress` is called in this thread with the first
-        and the last finished period of each compiled call.
+        `periods` and `substeps` as in `Case`. After each compiled call `progress` is called in this
+        thread with the numbers of finished periods before and after it.
         """
         device = self.devices[0 if self.devices[0].platform == "cpu" else place]
         chunk = max(STEPS // substeps, 1)
