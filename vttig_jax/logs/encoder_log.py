@@ -227,8 +227,7 @@ class EncoderLog:
         return smooth_speed(self.time, self.driving_angle, self.driving.resolution)
 
     def smooth_speed(self, angle: Float[np.ndarray, " n"]) -> Speed:
-        """Return the smoothed speed of the driving shaft from `angle`, its angle in rad without
-        spikes."""
+        """Return the smoothed driving speed from the driving angle without spikes, rad."""
         if angle is self.driving_angle:
             return self.driving_speed
         return smooth_speed(self.time, angle, self.driving.resolution)

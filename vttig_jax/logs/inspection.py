@@ -267,8 +267,7 @@ def column_table(columns: "Sequence[ColumnReport]") -> str:
 
 
 def sampling_rows(sampling: Sampling, rows: int) -> list[tuple[str, str]]:
-    """Return the rows (name, text) of a table of the time stamps; `rows` is the number of
-    samples."""
+    """Return (name, text) of the properties of the time stamps of a log with `rows` samples."""
     share = sampling.jitter_s * sampling.rate_hz
     properties = [
         ("samples", f"{rows} in {sampling.duration_s:.6g} s"),
@@ -328,8 +327,7 @@ def _spectrum_table(report: "Inspection") -> str:
 
 
 def _lines(report: "Inspection") -> str:
-    """Return the table of the lines of the blind search, with periods in s if the speed is
-    steady."""
+    """Return the table of the lines of the blind search, with periods if the speed is steady."""
     if not report.lines:
         return ""
     speeds = [abs(plateau.speed_rpm) for plateau in report.plateaus]

@@ -222,8 +222,7 @@ def _whole(readings: Real[np.ndarray, " n"]) -> Real[np.ndarray, " n"]:
 
 
 def _clock_channel(time: np.ndarray, layout: LogLayout) -> RawChannel:
-    """Return the channel of a driving shaft without encoder at constant speed: speed × time in
-    rev."""
+    """Return the revolutions, speed × time, of a driving shaft that has no encoder."""
     assert layout.driving_rpm is not None  # checked by `find_columns`
     rpm = as_fraction(layout.driving_rpm, "log.driving_rpm")
     return RawChannel((time - time[0]) * float(rpm) / 60, "rev", layout.driving_scale)

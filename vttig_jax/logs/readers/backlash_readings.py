@@ -1,4 +1,4 @@
-"""Backlash readings at single angles: gear 1 is held and gear 2 is moved to both flanks."""
+"""Backlash readings at single angles: gear 1 is held and gear 2 is turned to both flanks."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,13 +16,14 @@ from .table import TextTable, find_table
 from .text import read_text
 
 UNITS = {"driving": ("deg", "rad", "rev"), "backlash": ("deg", "arcsec", "urad", "rad")}
-"""Columns of a file of readings, and the units that can end their names."""
+"""Columns of a file of readings, and the units with which their names may end."""
 
 MOST_DRIVING = 1e6 * REV
-"""Largest driving angle of a reading, rad: a million turns, chosen; its last digit is 1e-9 rad."""
+"""Largest driving angle of a reading in rad (chosen: a million turns, at which the last digit of
+float64 is 1e-9 rad)."""
 
 MOST_BACKLASH = REV / 2
-"""Largest backlash of a reading, rad: teeth of every gear engage again within half a turn."""
+"""Largest backlash of a reading in rad: half a turn, within which the next teeth engage."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +48,7 @@ class BacklashReadings:
     def from_arrays(
         cls, driving_deg: ArrayLike, backlash_deg: ArrayLike, *, source: str = "arrays"
     ) -> "BacklashReadings":
-        """Create readings from arrays of shape (n,) in degrees with the validation of a file.
+        """Create readings from arrays of shape (n,) in degrees, validated like those of a file.
 
         **Raises** `ValueError` for arrays of other shapes, `LogError` for a reading that is not
         finite or is negative.
@@ -69,7 +70,7 @@ class BacklashReadings:
                 "Argument `backlash_deg` must have one reading for each of `driving_deg`, both of"
                 f" shape (n,), but the shapes are {driving.shape} and {backlash.shape}."
             )
-        # Line numbers in the file of `to_csv`, whose header is line 1.
+        # Line numbers in the file that `to_csv` writes; its header is line 1.
         lines = np.arange(2, 2 + driving.size, dtype=np.int64)
         names = {"driving": "driving_deg", "backlash": "backlash_deg"}
         _check(driving, backlash, names, lines, source)
@@ -196,7 +197,10 @@ def _check(
     lines: Int64[np.ndarray, " n"],
     source: str,
 ) -> None:
-    """Raise `LogError` for invalid readings in the units of the file."""
+    """Raise `LogError` for values that are not finite and for negative backlash.
+
+    The values are in the units of the file; `names` is role → column name.
+    """
     for role, values in (("driving", driving), ("backlash", backlash)):
         invalid = np.flatnonzero(~np.isfinite(values))
         if invalid.size:
@@ -221,7 +225,7 @@ def _check_sizes(
     lines: Int64[np.ndarray, " n"],
     source: str,
 ) -> None:
-    """Raise `LogError` for angles in rad that no reading has."""
+    """Raise `LogError` for angles (rad) beyond `MOST_DRIVING` or `MOST_BACKLASH`."""
     for role, values, limit, cure in (
         ("driving", driving, MOST_DRIVING, "an angle of a driving shaft"),
         ("backlash", backlash, MOST_BACKLASH, "a backlash, which is less than half a turn"),

@@ -1,8 +1,8 @@
 """Columns of a long text of plain numbers, read by pyarrow block by block.
 
-pyarrow reads a line in a tenth of the time of NumPy's parser. Its import takes as long as 100 000
-lines of NumPy's parser, so short texts are left to NumPy. Both round correctly, so that they return
-the same numbers.
+pyarrow reads a line in a tenth of the time of NumPy's parser. However, the import of pyarrow takes
+as long as NumPy's parser needs for 100 000 lines; therefore NumPy reads short texts. Both round
+correctly, so that they return the same numbers.
 """
 
 from collections.abc import Sequence
@@ -13,15 +13,16 @@ from jaxtyping import Float
 from .lines import Lines
 
 LONG = 1 << 22
-"""Characters from which a text is read here: about 170 000 lines of time and two counters (chosen
-where both ways take the same time)."""
+"""Least number of characters of a text that pyarrow reads: about 170 000 lines of time and two
+counters (chosen where both parsers take the same time)."""
 
 BLOCK = 1 << 20
-"""Characters of a block; several copies of a block exist at a time (chosen)."""
+"""Number of characters of a block; several copies of a block are in memory at a time (chosen)."""
 
 
 _REFUSED = '#"('
-"""Marks of comments and quotes, and of `nan(1)`, which only pyarrow takes for a number."""
+"""Characters of comments, of quotes, and of `nan(1)`, which pyarrow reads as a number but NumPy
+does not; a text with one of them is not read here."""
 
 
 def read_in_blocks(
@@ -31,10 +32,10 @@ def read_in_blocks(
     decimal: str,
     indices: Sequence[int],
 ) -> list[Float[np.ndarray, " n"]] | None:
-    """Return the columns `indices` of the rows from the line `first`, or None.
+    """Return the columns `indices` of all rows from the line with index `first` on, or None.
 
-    None means that NumPy's parser has to read them: the text is short, has comments, quotes or
-    blanks as delimiters, or has a row or a field that pyarrow does not read.
+    None means that NumPy's parser must read them: the text is short, has comments or quotes, is
+    delimited by blanks, or has a row or a field that pyarrow does not read.
     """
     if lines.stop < LONG or delimiter is None or not indices:
         return None
@@ -57,7 +58,7 @@ def read_in_blocks(
         null_values=[],
         decimal_point=decimal,
     )
-    pool = pa.system_memory_pool()  # the default one keeps the memory of all blocks
+    pool = pa.system_memory_pool()  # the default pool keeps the memory of all blocks
     arrays = [np.empty(len(lines) - first) for _ in indices]
     size = 0
     for block in lines.blocks(first, BLOCK):

@@ -1,4 +1,4 @@
-"""Units in column names, and the search of a column by its name."""
+"""Units in column names, and the search for a column by its name."""
 
 import difflib
 import re
@@ -8,20 +8,20 @@ from ...base.errors import LogError
 from ...base.units import ANGLE_UNITS
 
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "100ns": 1e-7, "d": 86400.0}
-"""Seconds per unit."""
+"""Seconds in one of each unit of time."""
 
 LENGTH_UNITS = {"mm": 1.0, "um": 1e-3}
-"""Millimetres per unit."""
+"""Millimetres in one of each unit of length."""
 
 SPEED_UNITS = {
     "rpm": ANGLE_UNITS["rev"] / 60,
     "deg_per_s": ANGLE_UNITS["deg"],
     "rad_per_s": 1.0,
 }
-"""rad/s per unit."""
+"""Angular speed in rad/s of one of each unit of speed."""
 
 ACCELERATION_UNITS = {"deg_per_s2": ANGLE_UNITS["deg"], "rad_per_s2": 1.0}
-"""rad/s² per unit."""
+"""Angular acceleration in rad/s² of one of each unit of acceleration."""
 
 ANGLES = ("counts", *ANGLE_UNITS)
 
@@ -58,12 +58,14 @@ ROW = "#row"
 
 
 def units_of(role: str) -> Sequence[str]:
-    """Return the units that a role can have."""
+    """Return the units that a column with the role `role` can have."""
     return _UNITS.get(role, ())
 
 
 def name_and_unit(name: str, units: Sequence[str], where: str) -> tuple[str, str | None]:
-    """Split `driving_deg`, `driving [deg]` or `driving (deg)` into "driving" and "deg".
+    """Split `driving_deg`, `driving [deg]` or `driving (deg)` into name "driving" and unit "deg".
+
+    The unit is None if the name has none of `units`. `where` is the position for messages.
 
     **Raises** `LogError` if the suffix and the bracket differ.
     """
@@ -85,28 +87,28 @@ def name_and_unit(name: str, units: Sequence[str], where: str) -> tuple[str, str
 
 
 def bracket_of(name: str) -> str:
-    """Return the unit in the bracket at the end of a name as this package writes it, or ""."""
+    """Return the text in the bracket at the end of a name, in the spelling of a unit, or ""."""
     bracket = _BRACKET.search(name)
     return unit_spelt(bracket[1]) if bracket else ""
 
 
 def unit_spelt(text: str) -> str:
-    """Return a unit as this package writes it: `°` is `deg`; unknown units in lower case."""
+    """Return a unit in the spelling of this package, `deg` for `°`; unknown units in lower case."""
     text = text.strip().lower()
     return _SPELLINGS.get(text, text)
 
 
 def number_of(name: str | None) -> int:
-    """Return 3 for `#3`, the third column, and 0 for a name without column number."""
+    """Return the column number in a name, 3 for `#3` (the third column), or 0 for other names."""
     match = _NUMBER.fullmatch(name or "")
     return int(match[1]) if match else 0
 
 
 def index_of(name: str, role: str, names: Sequence[str], source: str) -> int:
-    """Return the index of a column from its number, its name, or the last parts of its path.
+    """Return the index of the column that `name` means: a number, a name, or the end of a path.
 
-    An exact name is preferred to one that differs in case, blanks or unit. `b.t` and `t` are last
-    parts of `a.b.t` and of `a/b/t`.
+    An exact match is preferred to a match that differs in case, blanks or unit. `b.t` and `t` are
+    ends of the paths `a.b.t` and `a/b/t`.
 
     **Raises** `LogError` if no column or several columns match.
     """
@@ -148,7 +150,10 @@ def _index_of_number(number: int, name: str, names: Sequence[str], source: str) 
 
 
 def default_column(role: str, names: Sequence[str], source: str) -> int | None:
-    """Return the column with the default name of a role, or None; two columns are an error."""
+    """Return the index of the column with the default name of a role, or None.
+
+    **Raises** `LogError` if several columns have this name.
+    """
     matches: list[int] = []
     path_matches: list[int] = []
     for k, name in enumerate(names):
@@ -170,7 +175,7 @@ def default_column(role: str, names: Sequence[str], source: str) -> int | None:
 
 
 def missing(role: str, names: Sequence[str], source: str, name: str | None = None) -> LogError:
-    """Return the error for a missing column, with the names of the existing ones."""
+    """Return the error for a missing column, which lists the names of the existing columns."""
     patterns = {"time": "time_s", "driven": "driven_* or transmission_error_*"}
     wanted = name or patterns.get(role, f"{role}_*")
     close = difflib.get_close_matches(name or role, names, 1, 0.5)
@@ -184,7 +189,7 @@ def missing(role: str, names: Sequence[str], source: str, name: str | None = Non
 
 
 def listed(names: Iterable[str]) -> str:
-    """Return the first twelve names; columns of a matrix are joined as `x(1…6,:)`."""
+    """Return the first twelve names as text; columns of one matrix are joined as `x(1…6,:)`."""
     groups: dict[str, list[str]] = {}
     for name in names:
         groups.setdefault(_matrix_name(name), []).append(name)
@@ -202,7 +207,7 @@ def listed(names: Iterable[str]) -> str:
 
 
 def _matrix_name(name: str) -> str:
-    """Return the matrix of a column: `x` for `x(3,:)`."""
+    """Return the name of the matrix of a column: `x` for `x(3,:)`."""
     return _INDEX.sub("", name)
 
 

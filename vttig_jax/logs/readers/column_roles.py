@@ -19,7 +19,7 @@ ROLES = (
     "speed",
     "acceleration",
 )
-"""Roles in `--column role=name`."""
+"""Roles that the option `--column role=name` accepts."""
 
 SOUGHT = ("time", "driving", "driven", "transmission_error")
 """Roles whose columns are searched by default names if no name is given."""
@@ -116,9 +116,10 @@ def _complete(
     source: str,
     timed: bool,
 ) -> dict[str, Column]:
-    """Return the columns with either `driven` or `transmission_error`, after some checks.
+    """Check the columns, and return them with either `driven` or `transmission_error`.
 
-    If both were found, the one that was named is kept; if neither was named, `driven` is kept.
+    If both were found, the one with a given name is kept; if neither was named, `driven` is kept.
+    `named` is role → given name.
 
     **Raises** `LogError` if both were named, for a missing column and for a column with two roles.
     """
@@ -150,10 +151,10 @@ def _complete(
 
 
 def _unit_of(role: str, name: str, units: UnitTable, where: str) -> str:
-    """Return the unit that the name of the column or the table [unit] states.
+    """Return the unit that the column name or the table [unit] of the pair file states.
 
     **Raises** `LogError` if both state different units, if a required unit is missing, or if the
-    unit is none of this role.
+    role cannot have this unit.
     """
     written = name_and_unit(name, units_of(role), where)[1]
     if role == "time" and units.time is None:

@@ -1,8 +1,8 @@
 """Table of delimited text, with its rows as fields and its columns as arrays.
 
-pyarrow reads the columns of a long text block by block, and NumPy's C parser those of a short text
-and what pyarrow refuses. If both fail, they are read field by field; this either converts the field
-(quotes, thousands marks) or raises an error that names line and column.
+pyarrow reads the columns of a long text block by block. NumPy's C parser reads short texts and
+texts that pyarrow refuses. If both fail, the columns are read field by field; this either converts
+each field (quotes, thousands marks) or raises an error that names line and column.
 """
 
 import csv
@@ -24,7 +24,8 @@ from .times.stamps import looks_like_stamp
 class TextTable:
     """Table in a text file.
 
-    `lines` are all lines of the file; the rows start after the line with index `header` (or −1).
+    `lines` are all lines of the file. The rows start after the line with index `header`, which is
+    −1 for a file without header.
     """
 
     names: tuple[str, ...]
@@ -36,7 +37,7 @@ class TextTable:
 
     @property
     def body(self) -> Iterator[str]:
-        """Lines below the header."""
+        """All lines below the header."""
         return self.lines.starting_at(self.header + 1)
 
     def line_of(self, row: int) -> int:
@@ -98,7 +99,7 @@ class TextTable:
         return columns
 
     def without_cut_line(self, indices: Sequence[int]) -> "tuple[TextTable, tuple[str, ...]]":
-        """Return the table without an incomplete last line, and a note on that line.
+        """Return the table without an incomplete last line, and a note if the line was incomplete.
 
         The line is incomplete if a field of `indices` is missing or unreadable, but readable in the
         row above, or if fields are missing and no line end follows. A single row is always kept.
@@ -126,7 +127,10 @@ class TextTable:
         return replace(self, lines=self.lines.before(rows[0])), (note,)
 
     def _marks(self, indices: Sequence[int]) -> tuple[bool | None, str]:
-        """Return whether the marks are decimal commas (None: no C parser) and the decimal mark."""
+        """Return whether the numbers have decimal commas, and the decimal mark.
+
+        The first value is None if a C parser cannot read the columns `indices`.
+        """
         first = self.header + 1
         if not self.lines.have('"' if self.delimiter == "," else ",", first) and (
             self.decimal != ","
@@ -134,7 +138,7 @@ class TextTable:
             return False, "."
         decimal, points = self.decimal, self.lines.have(".", first)
         if decimal is None and self.delimiter in (";", "\t") and not points:
-            # This is what `choose_decimal` says, without a list of all fields.
+            # This is the result of `choose_decimal`, without a list of all fields.
             rows = (row for _, row in self.rows())
             commas = any("," in row[k] for row in rows for k in indices if k < len(row))
             decimal = "," if commas else "."
@@ -170,7 +174,7 @@ def _number_at(fields: list[str], index: int) -> bool:
 
 
 def _largest(values: Real[np.ndarray, " n"]) -> float:
-    """Return the largest size of a number without a copy of the column."""
+    """Return the largest magnitude in a column, computed without a copy of the column."""
     if not len(values):
         return 0.0
     ends = np.fmax.reduce(values), -np.fmin.reduce(values)
@@ -178,7 +182,7 @@ def _largest(values: Real[np.ndarray, " n"]) -> float:
 
 
 def _by_field(table: TextTable, indices: Sequence[int], decimal: str) -> list[np.ndarray]:
-    """Read the columns field by field; this is slow and only used if the C parser fails."""
+    """Return the columns, read field by field; this is slow and only used if the C parser fails."""
     values: list[list[float]] = [[] for _ in indices]
     for number, fields in table.rows():
         for column, index in zip(values, indices, strict=True):

@@ -1,4 +1,4 @@
-"""Reading of the numeric arrays of an HDF5 file, also in the format MATLAB v7.3."""
+"""Reading of the numeric arrays of an HDF5 file, which may be a MATLAB v7.3 file."""
 
 import io
 import zlib
@@ -13,10 +13,10 @@ from .matlab import DEEPEST, MOST_CELLS
 
 _DEFLATE, _CHECKSUM = 1, 3  # numbers of the filters gzip and fletcher32 of HDF5
 _PART = 1 << 20  # bytes that are unpacked at a time; chosen value
-_HARMLESS = LEAST_BYTES // 1032  # size of a chunk that unpacks to little: deflate packs 1032 to 1
+_HARMLESS = LEAST_BYTES // 1032  # packed size without a check: deflate packs at most 1032 to 1
 
 HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
-"""First bytes of the file, or the bytes at 512 after the header of a MATLAB file."""
+"""First bytes of an HDF5 file; in a MATLAB file they follow the header, at byte 512."""
 
 
 def hdf5_leaves(
@@ -26,9 +26,9 @@ def hdf5_leaves(
 
     Names are `group/array`, and `group/array.field` for fields of a compound. In MATLAB files the
     names are those of `matlab_leaves`, with rows and columns as in MATLAB. Links and data in other
-    files are not read. Every group and cell is entered once, also if it holds itself. Damaged bytes
-    raise various exceptions of h5py, and arrays of declared sizes beyond the budget raise
-    `InputError` before they are read.
+    files are not read. Every group and cell is read only once, even if it contains itself. Damaged
+    bytes raise various exceptions of h5py. An array whose declared size exceeds the memory `budget`
+    raises `InputError` before it is read.
     """
     import h5py
 
@@ -38,10 +38,10 @@ def hdf5_leaves(
 
 
 def take_dataset(item: Any, budget: MemoryBudget) -> None:
-    """Count the memory that the reading of a data set takes: its values or its largest chunk.
+    """Take the memory for reading a data set (its values or its largest chunk) from the budget.
 
-    **Raises** `ValueError` for a chunk that unpacks to more than it has room for, which HDF5 would
-    unpack to the end.
+    **Raises** `ValueError` for a chunk that unpacks to more bytes than its declared size, because
+    HDF5 would unpack all of it.
     """
     size = item.dtype.itemsize
     room = prod(item.chunks or ()) * size
@@ -70,7 +70,7 @@ def take_dataset(item: Any, budget: MemoryBudget) -> None:
 
 
 class _Walk:
-    """Traversal of one open file."""
+    """Traversal of all groups and arrays of one open file."""
 
     def __init__(self, h5py: Any, file: Any, matlab: bool, budget: MemoryBudget):
         self.h5py, self.file, self.matlab, self.budget = h5py, file, matlab, budget
@@ -106,7 +106,7 @@ class _Walk:
     def matlab_leaves(
         self, item: Any, path: str, name: str, full: str, depth: int
     ) -> Iterator[tuple[str, Any]]:
-        """Yield arrays of a MATLAB item: column-major data, or references of cells and structs."""
+        """Yield the arrays of a MATLAB item: data, or references to cells and structs."""
         kind = item.attrs.get("MATLAB_class", b"")
         if {"MATLAB_object_decode", "MATLAB_empty"} & set(item.attrs) or kind == b"char":
             return
@@ -121,7 +121,7 @@ class _Walk:
                     yield from self.leaves(self.file[reference], f"{path}({k})", name, depth + 1)
 
     def _was_entered(self, item: Any) -> bool:
-        """Return whether a group or an array of references was entered before, and remember it."""
+        """Return whether a group or an array of references was read before, and mark it as read."""
         if not isinstance(item, self.h5py.Group) and not self.h5py.check_ref_dtype(item.dtype):
             return False
         about = self.h5py.h5o.get_info(item.id)

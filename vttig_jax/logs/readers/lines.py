@@ -1,4 +1,5 @@
-"""Lines of a text that stays one string: a list of lines takes three times the memory of a log."""
+"""Lines of a text that is stored as one string; a list of lines would take three times the
+memory."""
 
 import re
 from collections.abc import Iterator, Sequence
@@ -8,10 +9,11 @@ from itertools import islice
 from typing import overload
 
 _HEAD = 1024
-"""Lines that are kept as a list, because headers and layouts are looked for among them (chosen)."""
+"""Number of first lines that are stored as a list, because the search for headers and layouts reads
+them often (chosen)."""
 
 _BLOCK = 1 << 20
-"""Characters that are split into lines at a time (chosen)."""
+"""Number of characters that are split into lines at a time (chosen)."""
 
 
 @dataclass(frozen=True)
@@ -23,7 +25,7 @@ class Lines(Sequence[str]):
 
     @classmethod
     def of(cls, text: str) -> "Lines":
-        """Return all lines of a text."""
+        """Return the lines of a whole text."""
         return cls(text, len(text))
 
     @cached_property
@@ -58,7 +60,7 @@ class Lines(Sequence[str]):
         return next(self.starting_at(index % len(self)))
 
     def starting_at(self, index: int) -> Iterator[str]:
-        """Yield the lines from the line `index`."""
+        """Yield the lines from the line with index `index` (from 0) to the end."""
         return islice(self._walk(), index, None)
 
     def backwards(self) -> Iterator[str]:
@@ -70,16 +72,17 @@ class Lines(Sequence[str]):
             stop = start - 1
 
     def before(self, index: int) -> "Lines":
-        """Return the lines before the line `index`, which is not the first."""
+        """Return the lines before the line with index `index` ≥ 1."""
         stop = self.stop
         for _ in range(len(self) - index):
             stop = self.text.rfind("\n", 0, stop)
         return Lines(self.text, stop)
 
     def without_empty_end(self, marks: str) -> "Lines":
-        """Return the lines up to the last one with another character than `marks`.
+        """Return the lines up to the last line that has a character other than `marks`.
 
-        One empty line follows if lines are left out. A text without such a line stays as it is.
+        If lines are omitted, one empty line follows. A text without such a line is returned
+        unchanged.
         """
         stop = self.stop
         for line in self.backwards():
@@ -89,24 +92,27 @@ class Lines(Sequence[str]):
         return self
 
     def start_of(self, index: int) -> int:
-        """Return the place in the text at which the line `index` starts."""
+        """Return the character position in the text at which the line with index `index` starts."""
         place = 0
         for _ in range(index):
             place = self.text.index("\n", place, self.stop) + 1
         return place
 
     def have(self, mark: str, first: int = 0) -> bool:
-        """Return whether `mark` is in the lines from the line `first`."""
+        """Return whether `mark` occurs in the line with index `first` or a later line."""
         return len(self) > first and self.text.find(mark, self.start_of(first), self.stop) >= 0
 
     def match(self, pattern: re.Pattern[str], first: int) -> bool:
-        """Return whether a pattern with the flag MULTILINE is found from the line `first`."""
+        """Return whether a pattern (flag MULTILINE) matches from the line with index `first` on."""
         if len(self) <= first:
             return False
         return pattern.search(self.text, self.start_of(first), self.stop) is not None
 
     def blocks(self, first: int, size: int) -> Iterator[str]:
-        """Yield whole lines from the line `first`, about `size` characters at a time."""
+        """Yield blocks of whole lines from the line with index `first` on.
+
+        A block has about `size` characters.
+        """
         place = self.start_of(first) if len(self) > first else self.stop
         while place < self.stop:
             end = self.text.rfind("\n", place, min(place + size, self.stop)) + 1
@@ -118,7 +124,7 @@ class Lines(Sequence[str]):
             place = end
 
     def _walk(self) -> Iterator[str]:
-        """Yield all lines."""
+        """Yield all lines without their line ends."""
         for block in self.blocks(0, _BLOCK):
             lines = block.split("\n")
             yield from lines[:-1]

@@ -1,8 +1,8 @@
 """Reading of the numeric arrays of a MATLAB file (v4 to v7), after a check of its elements.
 
-`scipy.io.loadmat` does not check the type and length before each element; damaged values make it
-read outside its buffers and crash the process. It also takes memory for as many cells, structs and
-letters as an element claims to have.
+`scipy.io.loadmat` does not check the type and length in the tag before each element. Damaged tags
+make it read outside its buffers and crash the process. It also allocates memory for as many cells,
+structs and letters as an element declares.
 """
 
 import io
@@ -27,16 +27,17 @@ TEXT = frozenset((16, 17, 18))
 FIRST_NUMERIC_CLASS, LAST_NUMERIC_CLASS, LAST_CLASS = 6, 15, 17
 
 _PART = 1 << 20  # bytes that are unpacked at a time; chosen value
-_ITEM, _FIELD, _LETTER = 128, 1024, 4  # memory of a cell, a field and a letter in bytes, rounded
+_ITEM, _FIELD, _LETTER = 128, 1024, 4  # rounded memory of a cell, a field and a letter in bytes
 
 HEADER = 128
 """Number of bytes before the first element; the last two bytes define the byte order."""
 
 
 def check_tags(data: bytes, budget: MemoryBudget | None = None) -> None:
-    """Raise `ValueError` for an element of unknown type or beyond the end of its container.
+    """Check the tag (type and length) of every element in the bytes of a MATLAB file.
 
-    **Raises** `InputError` for elements that take more memory than the budget.
+    **Raises** `ValueError` for an element of unknown type or beyond the end of its container, and
+    `InputError` for elements that take more memory than the budget.
     """
     order = "<" if data[HEADER - 2 : HEADER] == b"IM" else ">"
     budget = budget or MemoryBudget("the file", len(data))
@@ -53,7 +54,7 @@ def check_tags(data: bytes, budget: MemoryBudget | None = None) -> None:
 
 
 def _check_packed(packed: bytes, order: str, budget: MemoryBudget) -> None:
-    """Check the array in a compressed element; of numbers only the first bytes are kept."""
+    """Check the array in a compressed element; for an array of numbers only its start is stored."""
     unpacker = zlib.decompressobj()
     kept = [unpacker.decompress(packed, _PART)]
     size = len(kept[0])
@@ -75,13 +76,19 @@ def _check_packed(packed: bytes, order: str, budget: MemoryBudget) -> None:
 
 
 def _holds_numbers(head: bytes, order: str) -> bool:
-    """Return whether an element is an array of real numbers, whose tags are all near its start."""
-    flags = struct.unpack_from(f"{order}I", head, 16)[0]  # behind the tags of array and flags
+    """Return whether an element with the start `head` is an array of real numbers.
+
+    All tags of such an array are near its start.
+    """
+    flags = struct.unpack_from(f"{order}I", head, 16)[0]  # after the tags of array and flags
     return FIRST_NUMERIC_CLASS <= flags & 0xFF <= LAST_NUMERIC_CLASS and not flags & COMPLEX
 
 
 def _check_matrix(data: bytes, start: int, stop: int, order: str, budget: MemoryBudget) -> None:
-    """Check an array: flags, for most classes size and name, then numbers, text or arrays."""
+    """Check the elements of the array in data[start:stop].
+
+    They are flags, for most classes size and name, and then numbers, text or arrays.
+    """
     if start == stop:  # an empty array within a struct
         return
     parts = []
@@ -116,14 +123,17 @@ def _check_matrix(data: bytes, start: int, stop: int, order: str, budget: Memory
 def _check_count(
     data: bytes, parts: list[tuple[int, int, int]], group: int, order: str, budget: MemoryBudget
 ) -> None:
-    """Refuse an array that claims more or fewer cells or fields than follow."""
+    """Raise `ValueError` for an array that declares another number of cells or fields than it has.
+
+    `parts` are (type, start, end) of its elements, `group` is its class.
+    """
     (_, begin, end), rest = parts[1], parts[3:]
     sizes = struct.unpack_from(f"{order}{(end - begin) // 4}i", data, begin)
     count = prod(sizes)
     if min(sizes, default=-1) < 0:
         raise ValueError(f"a size below zero at byte {begin}")
     if group == CHAR:
-        budget.take(_LETTER * count)  # SciPy fills up with spaces what does not follow
+        budget.take(_LETTER * count)  # SciPy fills missing letters with spaces
         return
     fields = 1
     if group != CELL:
@@ -137,7 +147,7 @@ def _check_count(
 
 
 def _element(data: bytes, place: int, stop: int, order: str) -> tuple[int, int, int]:
-    """Return the type of the element at `place`, and the start and end of its content."""
+    """Return the type of the element at byte `place`, and the start and end of its content."""
     if place + 8 > stop:
         raise ValueError(f"no room for an element at byte {place}")
     kind, length = struct.unpack_from(f"{order}II", data, place)
@@ -152,10 +162,10 @@ def _element(data: bytes, place: int, stop: int, order: str) -> tuple[int, int, 
 
 
 DEEPEST = 16
-"""Largest depth of structs and cells that are read (chosen)."""
+"""Largest nesting depth of structs and cells that are read (chosen)."""
 
 MOST_CELLS = 1000
-"""Largest number of cells or structs of an array that are read (chosen)."""
+"""An array with more cells or structs than this is not read (chosen)."""
 
 
 def matlab_leaves(
@@ -181,7 +191,7 @@ def matlab_leaves(
 
 
 def _sparse_option(loadmat: Callable[..., dict]) -> dict[str, bool]:
-    """Return the argument on sparse arrays that newer versions of SciPy expect."""
+    """Return the argument for sparse arrays that newer versions of SciPy expect, or no argument."""
     return {"spmatrix": False} if "spmatrix" in signature(loadmat).parameters else {}
 
 

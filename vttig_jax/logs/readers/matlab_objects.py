@@ -1,7 +1,7 @@
 """Tables, timetables, dates and durations of MATLAB, which the library mat-io reads.
 
-MATLAB stores them as objects in a part of the file of its own. Its bytes are checked before the
-library reads them, as those of the other variables are.
+MATLAB stores them as objects in a separate part of the file. The bytes of this part are checked
+before the library reads them, like those of the other variables.
 """
 
 import io
@@ -21,17 +21,17 @@ WORKSPACE = "__function_workspace__"
 """Name under which SciPy returns the bytes of all objects of a file in format v6 or v7."""
 
 SUBSYSTEM = "#subsystem#"
-"""Group of the objects of a file in format v7.3."""
+"""Name of the group with the objects of a file in format v7.3."""
 
 UNIT_KEYS = ("varUnits", "VariableUnits")
-"""Attributes of a timetable and of a table that hold the units of its columns."""
+"""Names of the attributes with the units of the columns, for a timetable and for a table."""
 
 _TO_S = 1e-9
-"""Seconds in a nanosecond."""
+"""Factor from nanoseconds to seconds."""
 
 
 def check_objects(data: bytes, *, hdf5: bool, budget: MemoryBudget) -> bool:
-    """Return whether a file has objects, after a check of their bytes.
+    """Check the bytes of the objects in a file, and return whether the file has objects.
 
     Damaged bytes raise various exceptions. **Raises** `InputError` for declared sizes beyond the
     budget.
@@ -72,7 +72,9 @@ def _check_hdf5(data: bytes, budget: MemoryBudget) -> bool:
 
 
 def object_leaves(path: Path) -> Iterator[tuple[str, np.ndarray]]:
-    """Yield the columns of tables, and dates and durations as seconds since the first one.
+    """Yield name and values of table columns, dates and durations.
+
+    Dates and durations are converted to seconds since the first value.
 
     Columns are named `T.column`, and `T.column [unit]` if the table states units. Damaged bytes
     raise various exceptions. **Raises** `UsageError` without the library.
@@ -114,7 +116,10 @@ def _leaves(path: str, value: Any, depth: int) -> Iterator[tuple[str, np.ndarray
 
 
 def _table(path: str, table: Any) -> Iterator[tuple[str, np.ndarray]]:
-    """Yield the row times of a timetable, and the columns of numbers and times."""
+    """Yield name and values of the row times of a timetable and of numeric and time columns.
+
+    `table` is a DataFrame.
+    """
     if table.index.dtype.kind in "mM":
         yield f"{path}.{table.index.name or 'Time'} [s]", _seconds(table.index.to_numpy())
     stated = max((np.ravel(table.attrs.get(key, ())) for key in UNIT_KEYS), key=len)
@@ -128,7 +133,10 @@ def _table(path: str, table: Any) -> Iterator[tuple[str, np.ndarray]]:
 
 
 def _seconds(stamps: np.ndarray) -> np.ndarray:
-    """Return the seconds since the first stamp, subtracted as whole ns; NaN for missing ones."""
+    """Return the seconds since the first valid stamp; NaN for missing stamps.
+
+    The subtraction is exact, in whole nanoseconds.
+    """
     kind = "datetime64[ns]" if stamps.dtype.kind == "M" else "timedelta64[ns]"
     whole = stamps.astype(kind).ravel()
     known = ~np.isnat(whole)

@@ -1,4 +1,4 @@
-"""Columns of a matrix: the rows of a wide one or the columns of a tall one, numbered from 1."""
+"""Channels in a matrix: the rows of a wide matrix or the columns of a tall one, from number 1."""
 
 from collections.abc import Iterator
 
@@ -10,7 +10,7 @@ MOST_COLUMNS = 256
 
 
 def matrix_columns(name: str, array: np.ndarray) -> Iterator[tuple[str, Shaped[np.ndarray, " _"]]]:
-    """Yield a vector, the rows of a wide matrix or the columns of a tall one."""
+    """Yield name and values of a vector, the rows of a wide matrix or the columns of a tall one."""
     array = array.squeeze()
     if array.ndim == 1 and array.size > 1:
         yield name, array

@@ -1,4 +1,6 @@
-"""Table of the nested arrays of a MATLAB or HDF5 file; rows or columns of matrices are its columns.
+"""Table of the nested arrays of a MATLAB or HDF5 file.
+
+Its columns are vectors, and rows or columns of matrices.
 
 Names are paths in the notation of the file format: `rec.t`, `rec.pos(1,:)` for the first row of a
 wide matrix, `rec.pos(:,1)` for the first column of a tall one, and `rec/t` in plain HDF5 files.
@@ -27,9 +29,9 @@ from .text import NESTED, printable, read_bytes
 class NestedTable:
     """Columns of a file, which may differ in length, and their values `arrays`.
 
-    `clocks` is the index of a column → index of the column with its time stamps in s, for channels
-    with stamps of their own; `held` are the columns of which only changes are logged.
-    `sample_numbers` are those of the rows where samples are missing.
+    `clocks` is index of a column → index of the column with its time stamps in s, for channels with
+    separate time stamps. `held` are the indices of columns of which only changes are logged.
+    `sample_numbers` are the numbers of the rows in the full record if samples are missing.
     """
 
     names: tuple[str, ...]
@@ -57,7 +59,7 @@ class NestedTable:
 
 
 def has_clocks(table: object) -> bool:
-    """Return whether the channels of a table have time stamps of their own."""
+    """Return whether channels of a table have separate time stamps."""
     return isinstance(table, NestedTable) and bool(table.clocks)
 
 
@@ -100,12 +102,11 @@ def read_nested(path: str | Path) -> tuple[NestedTable, str]:
 
 
 def _columns_of_objects(path: Path, *, needed: bool) -> dict[str, np.ndarray]:
-    """Return the columns of MATLAB tables.
+    """Return name → values of the columns of MATLAB tables.
 
-    Without the library they are left out with a warning.
-
-    **Raises** `UsageError` without the library if the file has nothing else, so that they are
-    `needed`.
+    Without the package mat-io they are omitted with a warning.
+    **Raises** `UsageError` without the package if the columns are `needed`, because the file has no
+    other columns.
     """
     columns: dict[str, np.ndarray] = {}
     try:

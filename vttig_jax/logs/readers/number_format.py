@@ -1,8 +1,9 @@
 """Conversion of written numbers with a decimal point or comma and thousands marks.
 
-Thousands marks are the other mark, apostrophes and fixed blanks: 1,234.5, 1'234.5 and 1 234.5.
-`1,234` can mean 1.234 or 1234. Between tabs or semicolons the comma is a decimal comma. Elsewhere
-`decimal` is required, unless another number in the log resolves the ambiguity.
+Thousands marks are the mark that is not the decimal mark, apostrophes and no-break spaces: 1,234.5,
+1'234.5 and 1 234.5. `1,234` can mean 1.234 or 1234. If tabs or semicolons delimit the fields, the
+comma is a decimal comma. Otherwise the argument `decimal` is required, unless another number in the
+log resolves the ambiguity.
 """
 
 import re
@@ -23,7 +24,7 @@ CURE = 'give --decimal "." or --decimal ","'
 
 
 def looks_like_number(field: str) -> bool:
-    """Return whether a field is a number with one of the decimal marks (also nan and inf)."""
+    """Return whether a field is a number with a decimal point or comma, or nan or inf."""
     text = _without_thousands_blanks(field)
     return bool(
         any(number.fullmatch(text) for number in _NUMBER.values())
@@ -35,7 +36,7 @@ def looks_like_number(field: str) -> bool:
 def to_number(field: str, decimal: str) -> float | None:
     """Return the value of a field with a known decimal mark, or None if it is not a number.
 
-    The other mark may group thousands (`1,234.5` with a decimal point).
+    With a decimal point, commas may group thousands (`1,234.5`), and vice versa.
     """
     text = _without_thousands_blanks(field)
     if _NOT_FINITE.fullmatch(text):
@@ -49,7 +50,7 @@ def to_number(field: str, decimal: str) -> float | None:
 
 
 def choose_decimal(fields: Iterable[str], delimiter: str | None, where: str) -> str:
-    """Return the decimal mark of number fields, some of which contain a comma.
+    """Return the decimal mark "." or "," of number fields, some of which may contain a comma.
 
     **Raises** `LogError` if the mark is ambiguous.
     """

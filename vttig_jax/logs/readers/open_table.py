@@ -24,8 +24,8 @@ def open_table(
 ) -> tuple[TextTable | NestedTable, str, tuple[str, ...]]:
     """Return the table of a file, its SHA-256, and notes on assumptions.
 
-    If `headerless` or if the `requested` column names contain a number such as `#1`, a text needs
-    no header.
+    A text needs no header if `headerless` is true or if one of the `requested` column names is a
+    number such as `#1`.
 
     **Raises** `LogError` for a file without table, `UsageError` for a format whose package is
     missing.

@@ -1,4 +1,4 @@
-"""A log from standard input: `-` in place of its path, and its format by its first bytes."""
+"""Log from standard input: its path is `-`, and its first bytes define the file format."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -23,15 +23,16 @@ SIGNATURES = (
     (b"#ROSBAG", ".bag"),
     (b"SQLite format 3", ".db3"),
 )
-"""First bytes of the binary formats, and the file ending of each; everything else is text."""
+"""First bytes and file ending of each binary format; data with other first bytes are text."""
 
-_BY_PATH = (".mcap", ".bag", ".db3")  # their library opens files and no bytes
+_BY_PATH = (".mcap", ".bag", ".db3")  # their libraries open only files
 
 
 def with_standard_input(logs: Sequence[Path]) -> tuple[Path, ...]:
-    """Read standard input if one of the logs is `-`, and return the logs with a name for it.
+    """Read standard input if one of the paths `logs` is `-`, and replace this path by a name.
 
-    The readers find the bytes under that name. A file that is called `-` needs its folder in front.
+    Return the paths. The readers find the bytes under the new name. For a file with the name `-`
+    the user gives the folder too.
 
     **Raises** `UsageError` if `-` is given twice or stdin is a terminal, `LogError` for a format
     that is only read from a path, and `InputError` as `read_standard_input`.

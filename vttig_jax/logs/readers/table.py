@@ -13,7 +13,7 @@ from .times.stamps import looks_like_stamp
 from .units_row import is_units_row, with_units
 
 DELIMITERS = ("\t", ";", ",", "|", None)
-"""Delimiters in the order of the trials; None means one or more blanks."""
+"""Delimiters in the order in which they are tried; None means one or more blanks."""
 
 NAMED = {"tab": "\t", "\\t": "\t", "space": None, " ": None, "semicolon": ";", "comma": ","}
 
@@ -23,10 +23,10 @@ PREAMBLE = 1000
 COMMENTS = ("#", "%", "//")
 
 EMPTY = " \t\r;,|"
-"""Characters of a line without content, such as the empty rows that end a sheet."""
+"""Characters of a line without content, such as an empty row at the end of a spreadsheet."""
 
 _SEPARATOR = re.compile(r'"?sep=(\\t|.)"?', re.IGNORECASE)
-"""First line of a file for Excel, which names the delimiter."""
+"""Pattern of the first line of a file for Excel that names the delimiter."""
 
 
 def find_table(
@@ -93,7 +93,7 @@ def _names(line: str, delimiter: str | None) -> list[str]:
 
 
 def _names_with_units(lines: Lines, header: int, delimiter: str | None) -> list[str]:
-    """Return the names in the header line; a row of units stands below the names."""
+    """Return the column names; a row of units as header line is added to the names above it."""
     names = _names(lines[header], delimiter)
     if header == 0 or not is_units_row(split(lines[header], delimiter, trim=False)):
         return names
@@ -104,10 +104,11 @@ def _names_with_units(lines: Lines, header: int, delimiter: str | None) -> list[
 
 
 def _first_row(lines: Lines, delimiter: str | None) -> int | None:
-    """Return the first line that has at least two fields, at least half of them numbers.
+    """Return the index of the first row of numbers of the table, or None.
 
-    A line such as `Channels:;3` above the table is left out: the next line is no such row, and the
-    rows of the table have another number of fields. Several such lines are left out if at least
+    A row of numbers has at least two fields, at least half of them numbers. A line such as
+    `Channels:;3` above the table is skipped, because the next line is not a row of numbers and the
+    rows of the table have another number of fields. Several such lines are skipped if at least
     twice as many rows have another number of fields.
     """
     found = list(_rows_of_numbers(lines, delimiter))
@@ -131,14 +132,14 @@ def _first_row(lines: Lines, delimiter: str | None) -> int | None:
 
 
 def _rows_of_numbers(lines: Lines, delimiter: str | None) -> Iterator[tuple[int, int]]:
-    """Yield line and number of fields of the rows of numbers among the first lines."""
+    """Yield line index and number of fields of each row of numbers among the first lines."""
     for k, line in enumerate(lines[:PREAMBLE]):
         if width := _width_of_numbers(line, delimiter):
             yield k, width
 
 
 def _width_of_numbers(line: str, delimiter: str | None) -> int:
-    """Return the number of fields of a row of numbers, 0 for another line."""
+    """Return the number of fields of a row of numbers, or 0 for any other line."""
     if line.lstrip().startswith(COMMENTS):
         return 0
     fields = split(line, delimiter)
@@ -149,7 +150,7 @@ def _width_of_numbers(line: str, delimiter: str | None) -> int:
 
 
 def _next_with_content(lines: Lines, row: int) -> int | None:
-    """Return the next line that is neither blank nor a comment, or None."""
+    """Return the index of the first line after `row` with content that is no comment, or None."""
     for k in range(row + 1, min(len(lines), PREAMBLE)):
         if lines[k].strip() and not lines[k].lstrip().startswith(COMMENTS):
             return k
@@ -195,7 +196,7 @@ def _headerless(
 ) -> TextTable | None:
     """Return the rows of numbers as a table with columns #1, #2, …, or None without rows.
 
-    `given` is true for a delimiter from the user; a comma between digits is then a delimiter.
+    `given` is true if the user stated the delimiter; a comma between digits is then a delimiter.
     """
     quoted = any('"' in line for line in lines[:PREAMBLE])
     if decimal == "," and not given and not quoted:
@@ -222,7 +223,10 @@ def _headerless(
 
 
 def _refuse_ambiguous_commas(table: TextTable, highest: int) -> None:
-    """Raise `LogError` for `147,31`: two columns or one number; a high column number decides it."""
+    """Raise `LogError` for rows such as `147,31`, which are two columns or one decimal number.
+
+    If `highest`, the highest requested column number, needs all columns, the comma delimits them.
+    """
     width = len(table.names)
     if width % 2 or 2 * highest > width:
         return
@@ -243,7 +247,10 @@ def _refuse_ambiguous_commas(table: TextTable, highest: int) -> None:
 def _single_column(
     lines: Lines, candidates: Sequence[str | None], source: str, decimal: str | None
 ) -> TextTable | None:
-    """Return a single column with or without a name; each line may end with a delimiter."""
+    """Return a table of one column with or without a name, or None.
+
+    Each line may end with a delimiter.
+    """
     for delimiter in candidates:
         for k, line in enumerate(lines[:PREAMBLE]):
             if not line.strip() or line.lstrip().startswith(COMMENTS):

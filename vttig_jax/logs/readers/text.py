@@ -29,7 +29,7 @@ _CONTROL = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f]")
 """Control codes other than tab, line feed and carriage return."""
 
 _PLAIN = b"\t\n\r" + bytes(range(0x20, 0x7F))
-"""Bytes of an ASCII text without control codes; they are counted faster than by the pattern."""
+"""Bytes of an ASCII text without control codes; a test with them is faster than the pattern."""
 
 
 def read_text(path: str | Path, encoding: str | None) -> tuple[str, str, tuple[str, ...]]:
@@ -76,14 +76,14 @@ def read_text(path: str | Path, encoding: str | None) -> tuple[str, str, tuple[s
     except (LookupError, ValueError):  # a null character in the name, a codec that always fails
         raise _unusable(encoding) from None
     is_plain = text.isascii() and not data.translate(None, _PLAIN)
-    del data  # before a text that differs takes memory too
+    del data  # before a changed copy of the text takes memory too
     text = text.removeprefix("\ufeff")  # some codecs keep the byte-order mark
     text = text.replace("\r\n", "\n").replace("\r", "\n")
     return text if is_plain else printable(text), digest, notes
 
 
 def printable(text: str) -> str:
-    """Return a text without control codes, which could command the terminal that shows it."""
+    """Return a text with control codes replaced, because they could control the user's terminal."""
     return _CONTROL.sub("\ufffd", text)
 
 

@@ -1,4 +1,4 @@
-"""A row of units below the names of the columns."""
+"""Detection of a row of units below the names of the columns."""
 
 from collections.abc import Sequence
 
@@ -13,16 +13,19 @@ _OTHER = """
 """
 
 OTHER_UNITS = frozenset(_OTHER.split())
-"""Units of columns that are no angle and no time, in lower case."""
+"""Units of quantities other than angle and time, in lower case."""
 
 NO_UNITS = frozenset(("", "-", "–", "none", "(none)", "n/a", "1"))
-"""Fields of a row of units that name no unit."""
+"""Fields in a row of units that mean "no unit"."""
 
 _BRACKETS = {"[": "]", "(": ")"}
 
 
 def unit_in(field: str) -> str | None:
-    """Return the unit that a field of a row of units names, "" for none, None if it is no unit."""
+    """Return the unit in a field of a row of units.
+
+    It is "" for a field that means "no unit", and None for a field that is not a unit.
+    """
     text = field.strip()
     if text[:1] in _BRACKETS and text.endswith(_BRACKETS[text[0]]):
         text = text[1:-1]
@@ -33,13 +36,13 @@ def unit_in(field: str) -> str | None:
 
 
 def is_units_row(fields: Sequence[str]) -> bool:
-    """Return whether every field is a unit or empty, and at least one is a unit."""
+    """Return whether every field is a unit or means "no unit", and at least one is a unit."""
     units = [unit_in(field) for field in fields]
     return None not in units and any(units)
 
 
 def with_units(names: Sequence[str], fields: Sequence[str]) -> list[str]:
-    """Return the names with the units of the row below them in brackets."""
+    """Return the names with the units in brackets; `fields` is the row of units below the names."""
     padded = [*fields, *[""] * (len(names) - len(fields))]
     return [
         f"{name} [{field.strip().strip('[]()')}]" if unit_in(field) else name

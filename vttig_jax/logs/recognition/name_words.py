@@ -66,8 +66,7 @@ def words_of(text: str) -> list[str]:
 
 
 def inputs_and_outputs(names: Sequence[str]) -> dict[int, str]:
-    """Return index → role for pairs of names that differ only by `in` (driving) and `out`
-    (driven)."""
+    """Return index → role for names that differ only by `in` (driving) and `out` (driven)."""
     words = [words_of(name) for name in names]
     roles: dict[int, str] = {}
     for k, own in enumerate(words):

@@ -12,8 +12,7 @@ from .request import in_words
 
 @dataclass(frozen=True)
 class Guess:
-    """Choice that the user did not state: what was chosen, the reason, and the option to change
-    it."""
+    """Choice that the user did not state, with its reason and the option that changes it."""
 
     role: str
     taken: str

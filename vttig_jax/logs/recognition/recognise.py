@@ -30,8 +30,7 @@ FURTHER = ("direction", "axial_mm", "torque", "speed", "acceleration")
 
 @dataclass(frozen=True)
 class Recognition:
-    """Pair file `spec` that is equivalent to the options and the recognised columns, and the
-    guesses.
+    """Guesses, and the pair file `spec` equivalent to the options and the recognised columns.
 
     `columns` is role → name of its column.
     """
@@ -186,8 +185,7 @@ class Search:
             self.guesses.append(guess)
 
     def _check_units(self) -> None:
-        """Set the unit "counts" where counts are given; raise a question for missing units or
-        counts."""
+        """Set the unit "counts" if counts are given; ask for missing units or counts."""
         counted = []
         for role in SHAFTS:
             if role not in self.roles:

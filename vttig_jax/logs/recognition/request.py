@@ -73,8 +73,7 @@ class DriveRequest:
 
     @property
     def rpm(self) -> str | None:
-        """Speed in rpm of a driving shaft at constant speed, as text; None without
-        `driving_rpm`."""
+        """Constant speed of the driving shaft in rpm, as text; None without `driving_rpm`."""
         if self.driving_rpm != SIDEREAL:
             return self.driving_rpm
         return f"{60 / SIDEREAL_DAY_S / float(self.speed_ratio):.15g}"
@@ -89,8 +88,7 @@ class DriveRequest:
         return self.teeth is not None or ":" in str(self.ratio) or self.speed_ratio == 1
 
     def spec(self) -> PairSpec:
-        """Return the pair file that is equivalent to the statements on the drive, without a log
-        layout.
+        """Return the pair file equivalent to the statements on the drive, without a log layout.
 
         **Raises** `UsageError` without a ratio and for what `check` refuses.
         """

@@ -12,16 +12,16 @@ from .declared_sizes import take_arrow
 
 PARQUET = (".parquet", ".pq")
 _WIDEST = 8  # bytes of a number
-_MAGIC = 8  # bytes of the magic of an Arrow file and its padding
+_MAGIC = 8  # bytes of the signature at the start of an Arrow file, with padding
 UNIT_KEYS = (b"unit", b"units", b"unit_string")
-"""Keys in the metadata of a field that hold its unit."""
+"""Keys under which the metadata of a field may contain its unit."""
 
 
 def arrow_columns(path: Path, data: bytes) -> Iterator[tuple[str, np.ndarray]]:
     """Yield names and columns of numbers and of time stamps; stamps are in s since the first one.
 
-    A unit in the metadata of a field stands in brackets behind its name. Damaged bytes raise
-    various exceptions of pyarrow, and more numbers than the limit of memory `InputError`.
+    A unit in the metadata of a field is appended to its name in brackets. Damaged bytes raise
+    various exceptions of pyarrow; numbers beyond the memory limit raise `InputError`.
     """
     import pyarrow as pa
 
@@ -39,7 +39,7 @@ def arrow_columns(path: Path, data: bytes) -> Iterator[tuple[str, np.ndarray]]:
 
 
 def _table(pa: Any, path: Path, data: bytes) -> Any:
-    """Return the table of a file in any of the formats."""
+    """Return the pyarrow table of a Parquet, Feather or Arrow file."""
     budget = MemoryBudget(str(path), len(data))
     if path.suffix.lower() in PARQUET:
         from pyarrow import parquet
@@ -53,7 +53,7 @@ def _table(pa: Any, path: Path, data: bytes) -> Any:
         from pyarrow import feather
 
         return feather.read_table(io.BytesIO(data))
-    # A file is a stream between its magic and its footer, so that what is counted is what is read.
+    # An Arrow file is a stream between signature and footer; the counted messages are those read.
     messages = data[_MAGIC:] if data[:6] == b"ARROW1" else data
     take_arrow(pa.ipc.MessageReader.open_stream(pa.BufferReader(messages)), budget)
     with pa.ipc.open_stream(pa.BufferReader(messages)) as stream:
@@ -61,7 +61,7 @@ def _table(pa: Any, path: Path, data: bytes) -> Any:
 
 
 def _seconds(pa: Any, column: Any) -> np.ndarray:
-    """Return stamps in s since the first one, subtracted as integers; a missing one is NaN."""
+    """Return stamps in s since the first stamp, subtracted as integers; a missing stamp is NaN."""
     unit = column.type.unit
     wide = pa.int32() if column.type.bit_width == 32 else pa.int64()
     whole = column.cast(wide)

@@ -15,9 +15,9 @@ from typing import Any
 from ....base.files.limits import MemoryBudget, read_regular
 
 _PART = 1 << 20  # bytes that are unpacked at a time; chosen value
-_MCAP_START, _MCAP_CHUNK = 8, 6  # bytes of the magic, and opcode of a chunk (MCAP specification)
+_MCAP_START, _MCAP_CHUNK = 8, 6  # bytes of the signature, opcode of a chunk (MCAP specification)
 _ROS1_MAGIC, _ROS1_CHUNK = b"#ROSBAG V2.0\n", 5  # first line, and opcode of a chunk (bag format 2)
-_ZSTD = b"\x28\xb5\x2f\xfd"  # first bytes of a frame (RFC 8878); a message begins with its encoding
+_ZSTD = b"\x28\xb5\x2f\xfd"  # first bytes of a frame (RFC 8878); no plain message begins with them
 
 
 def take_bag(path: Path, budget: MemoryBudget) -> None:
@@ -160,7 +160,7 @@ def take_frame(data: bytes, budget: MemoryBudget) -> None:
 
 
 def _zstd() -> Any:
-    """Return the library that rosbags uses too: part of Python from 3.14 on."""
+    """Return the Zstandard library that rosbags uses; it is part of Python from 3.14 on."""
     if sys.version_info >= (3, 14):
         from compression import zstd
     else:

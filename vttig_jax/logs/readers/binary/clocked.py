@@ -1,4 +1,4 @@
-"""Columns of formats whose channels may have time stamps of their own, as a table."""
+"""Table of the columns of formats whose channels may have separate time stamps."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from ..text import printable
 
 @dataclass(frozen=True, eq=False)
 class ClockedColumn:
-    """Channel with its values, and its stamps in s, or None without stamps of its own."""
+    """Channel with its values and time stamps in s; `time` is None without separate stamps."""
 
     name: str
     values: Real[np.ndarray, " n"]
@@ -20,9 +20,9 @@ class ClockedColumn:
 
 
 def table_of(columns: Iterable[ClockedColumn], source: str) -> NestedTable:
-    """Return the table of all columns; equal stamps become one column of time.
+    """Return the table of all columns; channels with equal stamps share one column of time.
 
-    Stamps that count from an epoch are counted from the earliest one.
+    All stamps are counted from the earliest stamp of all channels.
     """
     found = list(columns)
     starts = [one.time[0] for one in found if one.time is not None and len(one.time)]

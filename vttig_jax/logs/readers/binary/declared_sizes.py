@@ -1,4 +1,4 @@
-"""Sizes that packed blocks of binary files declare or have, without unpacking them into memory."""
+"""Declared or real sizes of packed blocks in binary files, without unpacking them into memory."""
 
 import struct
 import zlib
@@ -12,10 +12,10 @@ _DZ, _DZ_HEAD = b"##DZ", 24  # block of packed data and length of its header (AS
 
 
 def take_arrow(stream: Any, budget: MemoryBudget) -> None:
-    """Count the unpacked buffers of all messages of an Arrow stream.
+    """Add the unpacked sizes of the buffers of all messages of an Arrow stream to the budget.
 
-    Every packed buffer begins with its unpacked size, which its reader allocates (Arrow columnar
-    format, section "Compression"). `stream` is a `pyarrow.ipc.MessageReader`.
+    Every packed buffer begins with its unpacked size, and pyarrow allocates this size (Arrow
+    columnar format, section "Compression"). `stream` is a `pyarrow.ipc.MessageReader`.
     """
     for message in stream:
         if message.body is None:
@@ -42,10 +42,10 @@ def take_arrow(stream: Any, budget: MemoryBudget) -> None:
 
 
 def take_mdf(data: bytes, budget: MemoryBudget) -> None:
-    """Count the unpacked bytes of all packed blocks of an MDF 4 file."""
+    """Add the unpacked sizes of all packed blocks of an MDF 4 file to the budget."""
     place = data.find(_DZ)
     while place >= 0:
-        start = place + _DZ_HEAD + 24  # behind type, parameter and both sizes
+        start = place + _DZ_HEAD + 24  # after type, parameter and both sizes
         if len(data) >= start:
             size = struct.unpack_from("<Q", data, start - 8)[0]
             unpacker, packed = zlib.decompressobj(), data[start : start + min(size, len(data))]
@@ -53,7 +53,7 @@ def take_mdf(data: bytes, budget: MemoryBudget) -> None:
                 while packed and not unpacker.eof:
                     budget.take(len(unpacker.decompress(packed, _PART)))
                     packed = unpacker.unconsumed_tail
-            except zlib.error:  # the letters occur in other data, or the reader reports the damage
+            except zlib.error:  # ##DZ occurs in other data, or the reader reports the damage
                 pass
         place = data.find(_DZ, place + 1)
 
@@ -63,7 +63,7 @@ def _u32(data: bytes, place: int) -> int:
 
 
 def _field(data: bytes, table: int, slot: int) -> int:
-    """Return the place of a field of a FlatBuffers table, or 0 if the table does not have it."""
+    """Return the byte position of a field of a FlatBuffers table, or 0 if the field is missing."""
     shape = table - struct.unpack_from("<i", data, table)[0]
     if 6 + 2 * slot > struct.unpack_from("<H", data, shape)[0]:
         return 0

@@ -1,4 +1,4 @@
-"""Which reader a binary file needs, and which extra of the package its reader needs."""
+"""Binary formats: the reader of each, and the optional dependency that the reader needs."""
 
 import hashlib
 from collections.abc import Callable, Iterable
@@ -20,10 +20,10 @@ class Format:
     """Binary format.
 
     **Arguments**
-    - `name`: what the format is called. - `endings`: its file endings.
+    - `name`: name of the format in messages. - `endings`: its file endings.
     - `reader`: "module:function" that yields columns from the path and the bytes of a file.
-    - `needs`: name in `import` of the library; `extra`: extra of this package that installs it.
-    - `note`: note on the time of its channels, "" if there is nothing to say.
+    - `needs`: import name of the library; `extra`: extra of vttig-jax that installs it.
+    - `note`: note on the time of its channels, "" without a note.
     """
 
     name: str
@@ -67,7 +67,7 @@ FORMATS = (
         note="ROS: stamps are those in the headers of the messages, else those of the recording",
     ),
 )
-"""Binary formats beside MATLAB and HDF5."""
+"""Binary formats other than MATLAB and HDF5."""
 
 BAG = "metadata.yaml"
 """File in the folder of a ROS 2 bag."""
@@ -108,7 +108,7 @@ def read_binary(path: Path, form: Format) -> tuple[NestedTable, str, tuple[str, 
 
 
 def folder_sha256(path: Path) -> str:
-    """Return one SHA-256 of the names and bytes of all files in a folder."""
+    """Return one common SHA-256 of the names and bytes of all files in a folder."""
     digest = hashlib.sha256()
     for file in sorted(one for one in path.rglob("*") if one.is_file()):
         digest.update(f"{file.relative_to(path).as_posix()}\0".encode())
@@ -130,7 +130,7 @@ def _reader(form: Format) -> Callable[[Path, bytes], Iterable[Any]]:
 
 
 def _table(columns: Iterable[tuple[str, np.ndarray] | ClockedColumn], source: str) -> NestedTable:
-    """Return the table of named arrays or of channels with stamps of their own."""
+    """Return the table of named arrays or of channels with separate time stamps."""
     return table_of(
         (one if isinstance(one, ClockedColumn) else ClockedColumn(*one) for one in columns), source
     )

@@ -20,7 +20,7 @@ _SAMPLE = 16  # bytes of a sample and its time stamp
 def mdf_columns(path: Path, data: bytes) -> Iterator[ClockedColumn]:
     """Yield every channel of a file under the name `Channel [unit]`.
 
-    Where a name occurs again, its group stands in front: `group 2/Channel [unit]`.
+    A repeated name is preceded by its group: `group 2/Channel [unit]`.
     Damaged bytes raise various exceptions of asammdf.
     """
     budget = MemoryBudget(str(path), len(data))
@@ -33,7 +33,7 @@ def mdf_columns(path: Path, data: bytes) -> Iterator[ClockedColumn]:
             with MDF(io.BytesIO(data)) as file:
                 yield from _channels(file, budget)
         finally:
-            gc.collect()  # the destructor of a half-open file is noisy, and this is silent
+            gc.collect()  # runs noisy destructors of half-open files inside `silent`
 
 
 def _channels(file: Any, budget: MemoryBudget) -> Iterator[ClockedColumn]:

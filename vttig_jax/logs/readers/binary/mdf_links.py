@@ -1,14 +1,14 @@
-"""Lists of the blocks of an MDF file, followed before its reader follows them without an end.
+"""Check of the linked lists of blocks in an MDF file, before asammdf reads the file.
 
-Blocks name the next block of their list and the first block of a list below them by its address. A
-damaged address can name a block that comes before, and asammdf would go round for ever.
+A block contains the addresses of the next block of its list and of the first block of each list
+below it. A damaged address can lead back to an earlier block, and asammdf would never stop.
 """
 
 import struct
 from collections.abc import Iterator
 
 _HEADER = 64
-"""Address of the first block in all versions."""
+"""Address (byte position) of the first block in all versions of MDF."""
 
 _LINKS: dict[bytes, tuple[frozenset[bytes], ...]] = {
     b"##HD": tuple(map(frozenset, ([b"##DG"], [b"##FH"], [b"##CH"], [b"##AT"], [b"##EV"]))),
@@ -26,7 +26,7 @@ _LINKS: dict[bytes, tuple[frozenset[bytes], ...]] = {
 """MDF 4: kind of a block → kinds to which its first links lead (ASAM MDF 4.1, chapter 5)."""
 
 _DATA_LINK = 2
-"""Link of a group of data (DG) to its data, which may be a list."""
+"""Index of the link from a data group (DG) to its data, which may be a list."""
 
 _LINKS_3: dict[bytes, tuple[tuple[int, bytes], ...]] = {
     b"HD": ((4, b"DG"),),
@@ -34,11 +34,11 @@ _LINKS_3: dict[bytes, tuple[tuple[int, bytes], ...]] = {
     b"CG": ((4, b"CG"), (8, b"CN")),
     b"CN": ((4, b"CN"),),
 }
-"""MDF 3: kind of a block → places of its links, and the kinds to which they lead."""
+"""MDF 3: kind of a block → byte offsets of its links, and the kinds to which they lead."""
 
 
 def check_links(data: bytes) -> None:
-    """Raise `ValueError` for a list of blocks that comes back to itself or has wrong blocks."""
+    """Raise `ValueError` for a circular list of blocks or a block of the wrong kind."""
     links = _links_4 if data[_HEADER : _HEADER + 2] == b"##" else _links_3
     open_blocks, done = {_HEADER}, set[int]()
     road = [(_HEADER, links(data, _HEADER))]
@@ -57,7 +57,7 @@ def check_links(data: bytes) -> None:
 
 
 def _links_4(data: bytes, place: int) -> Iterator[int]:
-    """Yield the addresses of the lists that a block of MDF 4 goes on with or begins."""
+    """Yield the addresses of the blocks to which the block of MDF 4 at byte `place` links."""
     kind = data[place : place + 4]
     if kind not in _LINKS and kind != b"##HL":
         return
@@ -71,7 +71,7 @@ def _links_4(data: bytes, place: int) -> Iterator[int]:
 
 def _target(data: bytes, place: int, kinds: frozenset[bytes] | None) -> Iterator[int]:
     (target,) = struct.unpack_from("<Q", data, place)
-    if not 0 < target <= len(data) - 24:  # none, or one that the reader cannot follow
+    if not 0 < target <= len(data) - 24:  # no address, or one that the reader cannot follow
         return
     if kinds is not None and data[target : target + 4] not in kinds:
         raise ValueError(f"a block of the wrong kind at byte {target}")
@@ -79,7 +79,7 @@ def _target(data: bytes, place: int, kinds: frozenset[bytes] | None) -> Iterator
 
 
 def _links_3(data: bytes, place: int) -> Iterator[int]:
-    """Yield the addresses of the lists that a block of MDF 3 goes on with or begins."""
+    """Yield the addresses of the blocks to which the block of MDF 3 at byte `place` links."""
     order = ">" if data[24:26] != b"\0\0" else "<"
     for offset, kind in _LINKS_3.get(data[place : place + 2], ()):
         if place + offset + 4 > len(data):

@@ -1,4 +1,4 @@
-"""Arrays of a NumPy file, .npy or .npz, after a check of what its headers claim."""
+"""Arrays of a NumPy file, .npy or .npz, after a check of the sizes that its headers declare."""
 
 import io
 import zipfile
@@ -14,12 +14,12 @@ from ..matrix_columns import matrix_columns
 
 
 def numpy_columns(path: Path, data: bytes) -> Iterator[tuple[str, np.ndarray]]:
-    """Yield names and columns; rows or columns of matrices are columns of their own.
+    """Yield names and columns; each row or column of a matrix is a separate column.
 
     Fields of structured arrays are columns too. The array of a .npy file has the name of the file.
 
-    **Raises** `LogError` for arrays of objects, which are pickles, and for headers that claim more
-    than the file holds; `InputError` beyond the limit of memory; `ValueError` and others for
+    **Raises** `LogError` for arrays of objects, which are pickles, and for headers that declare
+    more bytes than the file has; `InputError` beyond the memory limit; `ValueError` and others for
     damaged bytes.
     """
     budget = MemoryBudget(str(path), len(data))
@@ -56,13 +56,16 @@ def _plain(name: str, array: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
 
 
 def _seconds(stamps: np.ndarray) -> np.ndarray:
-    """Return datetime64 stamps in s since the first one, subtracted as integers."""
+    """Return datetime64 stamps in s since the first stamp, subtracted as integers."""
     whole = stamps.ravel().astype("datetime64[ns]").astype(np.int64)
     return (whole - whole[0]) / 1e9 if len(whole) else whole.astype(np.float64)
 
 
 def _check_header(head: bytes, size: int, where: str) -> None:
-    """Refuse a header of objects, or one that claims more bytes than there are."""
+    """Raise `LogError` for an array of objects or a header that declares too many bytes.
+
+    `size` is the number of bytes of the array file with its header `head`.
+    """
     file = io.BytesIO(head)
     version = np.lib.format.read_magic(file)
     read = (

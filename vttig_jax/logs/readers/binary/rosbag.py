@@ -15,7 +15,7 @@ from .bag_sizes import take_bag
 from .clocked import ClockedColumn
 from .silence import silent
 
-_SAMPLE = 80  # bytes of a stamp and a number as objects of Python and in their lists
+_SAMPLE = 80  # bytes of a stamp and a number as Python objects, with their places in lists
 
 JOINTS = "JointState"
 JOINT_FIELDS = {"position": "rad", "velocity": "rad/s", "effort": "Nm"}
@@ -26,7 +26,7 @@ DEEPEST = 4
 
 
 def rosbag_columns(path: Path, data: bytes) -> Iterator[ClockedColumn]:
-    """Yield the numbers of all messages, with their time stamps.
+    """Yield one column for each numeric field of the messages, with its time stamps.
 
     The position of a joint is `topic/joint/position [rad]`, any other number `topic/field`.
     Damaged bytes raise various exceptions of rosbags.
@@ -57,7 +57,7 @@ def rosbag_columns(path: Path, data: bytes) -> Iterator[ClockedColumn]:
 
 
 def _budget(path: Path) -> MemoryBudget:
-    """Return the budget of a bag, from which the unpacked sizes of its files are taken."""
+    """Return the memory budget of a bag minus the unpacked sizes of its files."""
     files = [one for one in path.rglob("*") if one.is_file()] if path.is_dir() else [path]
     budget = MemoryBudget(str(path), sum(one.stat().st_size for one in files))
     for one in files:
@@ -66,7 +66,7 @@ def _budget(path: Path) -> MemoryBudget:
 
 
 def _header_ns(message: Any) -> int:
-    """Return the stamp in the header in ns since 1970; 0 without a header or without a stamp."""
+    """Return the stamp in the header of a message in ns since 1970, or 0 without a stamp."""
     stamp = getattr(getattr(message, "header", None), "stamp", None)
     if stamp is None:
         return 0
@@ -74,7 +74,7 @@ def _header_ns(message: Any) -> int:
 
 
 def _numbers(path: str, message: Any, depth: int) -> Iterator[tuple[str, float]]:
-    """Yield the numeric fields of a message with their paths."""
+    """Yield path and value of every numeric field of a message and of the messages in it."""
     if type(message).__name__.endswith(JOINTS):
         yield from _joints(path, message)
         return

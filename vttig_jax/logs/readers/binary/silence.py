@@ -1,4 +1,4 @@
-"""Silence of libraries that write warnings of their own to the terminal."""
+"""Suppression of the warnings and messages that libraries write to the terminal."""
 
 import logging
 import sys
@@ -10,8 +10,11 @@ from io import StringIO
 
 @contextmanager
 def silent(*loggers: str) -> Iterator[None]:
-    """Keep warnings, log messages and prints of a library off the terminal inside the block."""
-    # Modules of a library may have loggers with levels and handlers of their own.
+    """Suppress warnings, log messages and prints of libraries within a `with` block.
+
+    `loggers` are the names of the loggers of the libraries.
+    """
+    # Modules of a library may have separate loggers with separate levels and handlers.
     names = [
         name
         for name in (*loggers, *logging.root.manager.loggerDict)
@@ -22,7 +25,7 @@ def silent(*loggers: str) -> Iterator[None]:
     for name in names:
         logging.getLogger(name).setLevel(logging.CRITICAL + 1)
     try:
-        sys.unraisablehook = lambda _: None  # destructors of half-open files fail aloud
+        sys.unraisablehook = lambda _: None  # destructors of half-open files print errors
         with warnings.catch_warnings(), redirect_stderr(StringIO()), redirect_stdout(StringIO()):
             warnings.simplefilter("ignore")
             yield

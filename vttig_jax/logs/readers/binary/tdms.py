@@ -1,4 +1,4 @@
-"""Channels of a TDMS file of LabVIEW; the time of a waveform follows from its increment."""
+"""Channels of a TDMS file of LabVIEW; the time of a waveform is computed from its increment."""
 
 import io
 from collections.abc import Iterator
@@ -14,14 +14,14 @@ from .silence import silent
 _WIDEST = 16  # bytes of a value, for channels of unknown type
 
 UNIT_KEYS = ("unit_string", "NI_UnitDescription", "unit", "units")
-"""Properties of a channel that hold its unit, in this order."""
+"""Properties of a channel that may contain its unit, in order of priority."""
 
 
 def tdms_columns(path: Path, data: bytes) -> Iterator[ClockedColumn]:
     """Yield every channel of a file under the name `Group/Channel [unit]`.
 
-    **Raises** `LogError` for a file that ends within its data, which the library would read
-    without a word. Damaged bytes raise various exceptions of nptdms.
+    **Raises** `LogError` for a file that ends within its data, which nptdms would read without a
+    warning. Damaged bytes raise various exceptions of nptdms.
     """
     from nptdms import TdmsFile
 
@@ -56,7 +56,7 @@ def tdms_columns(path: Path, data: bytes) -> Iterator[ClockedColumn]:
 
 
 def _time(properties: dict, size: int) -> np.ndarray | None:
-    """Return the times of the samples of a waveform, s; None if the channel is no waveform."""
+    """Return the times of the samples of a waveform in s; None if the channel is no waveform."""
     step = properties.get("wf_increment")
     if not isinstance(step, int | float) or not step > 0:
         return None

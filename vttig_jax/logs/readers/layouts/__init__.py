@@ -1,1 +1,1 @@
-"""Recognisers of the text layouts of recording programs, which say what they saw."""
+"""Readers that recognise the text layouts of recording programs and report them in notes."""

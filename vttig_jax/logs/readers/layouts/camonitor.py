@@ -1,7 +1,7 @@
-"""Output of EPICS `camonitor`: one line for each change of a channel, in no common order.
+"""Output of EPICS `camonitor`: one line for each change of a channel, channels in any order.
 
-A line holds the name in 30 columns, date and time, and the value, followed by status and severity
-if they are not normal. Lines with `***` say that a channel is disconnected.
+A line contains the name in 30 characters, date and time, and the value, followed by status and
+severity if they are not normal. Lines with `***` mean that a channel is disconnected.
 """
 
 import re
@@ -14,11 +14,11 @@ from .channels import SPARE, Channel, table_of
 _LINE = re.compile(r"(\S+)\s+(\d{4}-\d\d-\d\d \d\d:\d\d:\d\d(?:\.\d+)?)\s+(\S+)(?:\s+(.*))?")
 _STOP = "***"
 INVALID = "INVALID"
-"""Severity of a value that the channel itself calls wrong."""
+"""Severity of a value that the channel itself marks as wrong."""
 
 
 def matches(lines: Sequence[str]) -> bool:
-    """Return whether the first lines with content are changes of channels."""
+    """Return whether all of the first non-empty lines are changes or disconnections of channels."""
     content = [line for line in lines[:SPARE] if line.strip()]
     found = [line for line in content if _LINE.fullmatch(line.strip()) or _STOP in line]
     return len(found) == len(content) and any(_LINE.fullmatch(line.strip()) for line in content)

@@ -1,4 +1,4 @@
-"""Output of `candump | cantools decode`, on one line for a message or on several lines."""
+"""Output of `candump | cantools decode`, with one line or several lines for each message."""
 
 import re
 from collections.abc import Iterator, Sequence
@@ -21,7 +21,7 @@ def matches(lines: Sequence[str]) -> bool:
 
 
 def read(lines: list[str], source: str) -> tuple[NestedTable, tuple[str, ...]]:
-    """Return the signals `Message.Signal [unit]` with their stamps, and notes.
+    """Return a table of signals with names `Message.Signal [unit]` and their stamps, and notes.
 
     **Raises** `LogError` if no frame could be decoded; an incomplete last message is left out.
     """
@@ -51,7 +51,7 @@ def read(lines: list[str], source: str) -> tuple[NestedTable, tuple[str, ...]]:
 
 
 def _messages(lines: Sequence[str]) -> Iterator[tuple[int, str, str]]:
-    """Yield line number, stamp, and `Message(signals)` joined to one line."""
+    """Yield line number, stamp, and the text `Message(signals)` joined to one line."""
     number, stamp, parts = 0, "", []
     for k, line in enumerate(lines, 1):
         frame = _FRAME.fullmatch(line.strip())

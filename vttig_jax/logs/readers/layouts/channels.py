@@ -1,4 +1,4 @@
-"""Channels with stamps of their own, gathered line by line, as a table."""
+"""Table of channels with separate time stamps, which are collected line by line."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -12,12 +12,12 @@ from ..times.seconds import exact_numbers
 from ..times.stamps import looks_like_stamp, read_stamps
 
 SPARE = 16
-"""Lines at the start of a text in which a recogniser looks for its layout (chosen)."""
+"""Number of first lines of a text in which a layout is recognised (chosen)."""
 
 
 @dataclass
 class Channel:
-    """Stamps and values of one channel as text, with the number of the line of each."""
+    """Stamps and values of one channel as text, and the line number of each sample."""
 
     stamps: list[str] = field(default_factory=list)
     values: list[str] = field(default_factory=list)
@@ -35,9 +35,9 @@ class Layout:
     """A text layout of a recording program.
 
     **Arguments**
-    - `name`: what the layout is called in notes.
-    - `matches`: whether the lines are of this layout.
-    - `read`: the table and its notes, from all lines and the name of the file.
+    - `name`: name of the layout in notes.
+    - `matches`: function that returns whether lines have this layout.
+    - `read`: function of all lines and the file name that returns the table and its notes.
     """
 
     name: str
@@ -46,9 +46,9 @@ class Layout:
 
 
 def table_of(channels: Mapping[str, Channel], source: str, *, held: bool) -> NestedTable:
-    """Return a table with the stamps of every channel in s since the earliest one.
+    """Return a table of the numeric channels with their stamps in s since the earliest stamp.
 
-    `held` says that only changes are logged.
+    `held` is true if only changes are logged.
 
     **Raises** `LogError` for a file without numbers and for stamps that cannot be read.
     """
@@ -84,7 +84,7 @@ def _number(text: str) -> float | None:
 
 
 def _numbers(channel: Channel, name: str, source: str) -> np.ndarray:
-    """Return the values, whole numbers as int64."""
+    """Return the values of a channel: as int64 if all are whole numbers, else as float64."""
     try:
         if all(value.lstrip("+-").isdigit() for value in channel.values):
             return np.array([int(value) for value in channel.values], np.int64)
@@ -98,7 +98,7 @@ def _numbers(channel: Channel, name: str, source: str) -> np.ndarray:
 
 
 def _seconds(channels: Mapping[str, Channel], source: str) -> dict[str, np.ndarray]:
-    """Return the stamps of all channels in s since the earliest one, subtracted as integers."""
+    """Return channel → stamps in s since the earliest stamp, subtracted as integers."""
     stamps = [stamp for channel in channels.values() for stamp in channel.stamps]
     if looks_like_stamp(stamps[0]):
         seconds = read_stamps(stamps, source)[0] / 1e9

@@ -1,7 +1,7 @@
 """Output of LinuxCNC `halsampler` with lost samples: lines `overrun` between the rows of numbers.
 
-The rows have neither header nor time; the option -t of the program puts the number of the sample
-first. Rows without a line `overrun` are read as any table without a header.
+The rows have neither header nor time. With the option -t of halsampler, the first field is the
+number of the sample. An output without a line `overrun` is read like any table without a header.
 """
 
 import numpy as np
@@ -14,7 +14,7 @@ from ..number_format import looks_like_number
 OVERRUN = "overrun"
 LOST = 10
 """Number of samples assumed to be lost in a gap of unknown length (chosen). It is more than five,
-so that all later steps take the gap for a pause."""
+so that all later steps treat the gap as a pause."""
 
 
 def matches(lines: Lines) -> bool:
@@ -73,7 +73,10 @@ def _column(fields: list[str], source: str, k: int) -> np.ndarray:
 
 
 def _sample_numbers(first: np.ndarray, gaps: list[int]) -> tuple[np.ndarray, bool]:
-    """Return the number of each sample, and whether the first column holds them."""
+    """Return the number of each sample, and whether the first column contains these numbers.
+
+    `first` is the first column; `gaps` are the indices of the rows after a gap.
+    """
     steps = np.diff(first)
     inside = np.delete(steps, [gap - 1 for gap in gaps])
     wraps = np.unique(inside[inside != 1])

@@ -1,4 +1,4 @@
-"""Long tables: one line for one value, with time, name of the channel and value."""
+"""Long tables: each line has the time, the name of the channel and one value."""
 
 from collections.abc import Sequence
 from itertools import islice, pairwise
@@ -12,22 +12,22 @@ from .channels import Channel, table_of
 
 _DELIMITERS = ("\t", ";", ",")
 _SAMPLE = 400
-"""Lines from which the layout is recognised (chosen)."""
+"""Number of rows from which the layout is recognised (chosen)."""
 
 _MOST_CHANNELS = 50
-"""Largest number of different names among these lines (chosen)."""
+"""Largest number of different channel names in these rows (chosen)."""
 
 _FEWEST = 4
-"""Fewest lines of every channel on average (chosen)."""
+"""Least mean number of rows per channel (chosen)."""
 
 
 def matches(lines: Sequence[str]) -> bool:
-    """Return whether the rows are a time, one of a few names, and a number."""
+    """Return whether each row consists of a time, one of a few channel names, and a number."""
     return _columns(lines) is not None
 
 
 def read(lines: list[str], source: str) -> tuple[NestedTable, tuple[str, ...]]:
-    """Return the channels with their stamps, and notes; an incomplete last line is left out.
+    """Return the channels with their stamps, and notes; an incomplete last line is omitted.
 
     **Raises** `LogError` for a row of another form.
     """
@@ -54,7 +54,7 @@ def read(lines: list[str], source: str) -> tuple[NestedTable, tuple[str, ...]]:
 
 
 def _columns(lines: Sequence[str]) -> tuple[str, tuple[int, int, int]] | None:
-    """Return the delimiter and the columns of time, name and value, or None."""
+    """Return the delimiter and the column indices of time, name and value, or None."""
     for delimiter in _DELIMITERS:
         content = (line for line in islice(lines, 1, None) if line.strip())
         rows = [split(line, delimiter) for line in islice(content, _SAMPLE)]
@@ -88,7 +88,7 @@ def _roles(rows: list[list[str]], head: list[str]) -> tuple[int, int, int] | Non
 
 
 def _repeats(column: list[str]) -> bool:
-    """Return whether a column holds few names, each often and not in long blocks only."""
+    """Return whether a column contains few different names, each often and mixed with others."""
     different = len(set(column))
     changes = sum(a != b for a, b in pairwise(column))
     often = different * _FEWEST <= len(column) or different * 2 <= len(column) < _FEWEST * 4

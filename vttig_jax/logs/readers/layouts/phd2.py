@@ -1,10 +1,10 @@
-"""Guide log of PHD2: the error of a telescope mount, from distances of a star and guide pulses.
+"""Guide log of PHD2: transmission error of a telescope mount, from star distances and guide pulses.
 
-The mount turns at sidereal rate, so that a clock gives the angle of the worm. In every session
+The mount turns at sidereal rate, so that the time gives the angle of the worm. In every session
 "Guiding Begins" the transmission error is RARawDistance × pixel scale / cos(declination), plus the
-sum of the pulses before it × guide rate: without the pulses the star would be as far away. A pulse
-to the west counts positive, because it makes RARawDistance smaller. Dithering and a new lock
-position move the zero of the distances and are taken out. Rows `DROP` have no star.
+sum of all previous pulses × guide rate; this is the distance that the star would have without the
+pulses. A pulse to the west counts positive, because it makes RARawDistance smaller. Dithering and a
+new lock position move the zero of the distances; these moves are removed. Rows `DROP` have no star.
 """
 
 import re
@@ -24,16 +24,17 @@ from ..text import printable
 from .channels import SPARE
 
 NAMES = ("time_s", "transmission_error_arcsec")
-"""Columns of a session."""
+"""Names of the two columns of a session."""
 
 HEADER = "Frame,Time,mount,"
-"""Beginning of the line of names."""
+"""Beginning of the line with the column names."""
 
 FEWEST_ROWS = 8
-"""Rows of the shortest session that is kept (chosen)."""
+"""Least number of rows of a session that is used (chosen)."""
 
 APART = 1.2
-"""Ratio of the calibrated to the reported guide rate from which a note tells it (chosen)."""
+"""A note reports the calibrated guide rate if it differs from the reported guide rate by at least
+this factor (chosen)."""
 
 _FIRST = re.compile(r".*PHD2? .*[Ll]og version|Guiding Begins at|Calibration Begins at")
 _BEGIN = re.compile(r"Guiding Begins at\s*(.*)")
@@ -59,15 +60,15 @@ _NEEDED = {
 
 @dataclass
 class Session:
-    """One session of guiding, as it is written.
+    """One session of guiding with the values of the file.
 
     **Arguments**
-    - `start`: date and time of the beginning. - `line`: number of its line.
-    - `facts`: numbers of the heading by the keys of `_FACTS`.
+    - `start`: date and time of the beginning. - `line`: number of the line where it begins.
+    - `facts`: key of `_FACTS` → number in the heading.
     - `lock`: lock position in px. - `time`: stamps in s.
-    - `distance`: RARawDistance less the moves of the lock position, in px.
+    - `distance`: RARawDistance corrected for the moves of the lock position, in px.
     - `pulses`: sum of the pulses before each row in ms, positive to the west.
-    - `dropped`: number of rows without a star. - `unusable`: why nothing can be taken, or "".
+    - `dropped`: number of rows without a star. - `unusable`: why the session is not used, or "".
     """
 
     start: str
@@ -84,7 +85,7 @@ class Session:
     _pulsed: float = 0.0
 
     def add_line(self, line: str, following: str, place: str) -> None:
-        """Take what one line says; `following` is the next one.
+        """Store the content of one line; `following` is the next line, `place` is for messages.
 
         **Raises** `LogError` for a row of another form.
         """
@@ -107,7 +108,7 @@ class Session:
             self.lock = float(match[1]), float(match[2])
 
     def _event(self, line: str, following: str) -> None:
-        """Take a move of the lock position or a pulse by hand from a line INFO."""
+        """Store a move of the lock position or a manual guide pulse from a line INFO."""
         dither, lock, hand = _DITHER.match(line), _NEW_LOCK.match(line), _BY_HAND.match(line)
         if dither is not None:
             self._moved += float(dither[1])
@@ -121,7 +122,7 @@ class Session:
             self.lock = float(lock[1]), float(lock[2])
 
     def _relock(self, x: float, y: float) -> None:
-        """Take out a new lock position: its move along the axis of right ascension."""
+        """Store the move (px) to a new lock position (x, y) along the axis of right ascension."""
         if self.lock is None or "angle" not in self.facts:
             self.unusable = "the lock position was moved, and the heading states no xAngle"
             return
@@ -153,7 +154,7 @@ class Session:
 
     @property
     def reason(self) -> str:
-        """Why the session is left out, or ""."""
+        """Reason why the session is not used, or ""."""
         lacking = [text for key, text in _NEEDED.items() if key not in self.facts]
         if self.unusable:
             return self.unusable
@@ -197,7 +198,7 @@ class Session:
 
 
 def matches(lines: Lines) -> bool:
-    """Return whether the first lines and the names of a table are those of a guide log."""
+    """Return whether the first lines and a line of column names are those of a guide log."""
     first = any(map(_FIRST.match, lines[:SPARE]))
     return first and any(line.startswith(HEADER) for line in lines)
 
@@ -233,7 +234,7 @@ def _left_out(sessions: Mapping[int, Session]) -> str:
 
 
 def _sessions(lines: Sequence[str], source: str) -> Iterator[Session]:
-    """Yield the sessions of guiding."""
+    """Yield all sessions of guiding in the order of the file."""
     current: Session | None = None
     last = next((k for k in range(len(lines) - 1, -1, -1) if lines[k].strip()), 0)
     for k, line in enumerate(lines):

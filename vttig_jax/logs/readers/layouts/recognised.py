@@ -1,4 +1,4 @@
-"""The text layouts that are recognised, in the order of the trials."""
+"""Text layouts that are recognised, in the order in which they are tested."""
 
 from ..lines import Lines
 from ..nested import NestedTable
@@ -14,11 +14,11 @@ LAYOUTS = (
     Layout("long table", long_table.matches, long_table.read),
     Layout("file in sections", sections.matches, sections.read),
 )
-"""Layouts that are no table with one row for one instant."""
+"""Layouts other than a table with one row for each instant."""
 
 
 def read_layout(text: str, source: str) -> tuple[NestedTable, tuple[str, ...]] | None:
-    """Return the table of a text in one of the layouts with notes, or None for another text.
+    """Return the table and notes of a text in one of the layouts, or None for another text.
 
     **Raises** `LogError` for a text that is damaged in its layout.
     """

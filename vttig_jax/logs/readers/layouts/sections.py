@@ -19,27 +19,27 @@ from ..text import printable
 from ..times.stamps import looks_like_stamp, read_stamps
 
 DELIMITERS = (",", ";", "\t")
-"""Delimiters in the order of the trials."""
+"""Delimiters in the order in which they are tried."""
 
 FEWEST_ROWS = 3
-"""Rows of the smallest table that counts as a section (chosen)."""
+"""Least number of rows of a table that counts as a section (chosen)."""
 
 _BELOW_FIRST = 2
-"""Lines of the first header and the first row, among which no second section begins."""
+"""Number of lines of the first header and the first row; no second section can begin in them."""
 
 _WORD = re.compile(r"""^\s*["']?[^\W\d_]""", re.MULTILINE)
-"""Beginning of a line of names."""
+"""Pattern of the beginning of a line of names."""
 
 
 @dataclass
 class Section:
-    """A table in a text.
+    """One table of a text with several tables.
 
     **Arguments**
     - `heading`: first line of the text above the names, "" without one.
     - `names`: names of its columns. - `line`: number of the line of names.
-    - `rows`: number of the line and the fields of every row.
-    - `others`: numbers of the lines between the rows that are no rows.
+    - `rows`: line number and fields of every row.
+    - `others`: numbers of the lines between the rows that are not rows.
     """
 
     heading: str
@@ -50,12 +50,12 @@ class Section:
 
 
 def matches(lines: Lines) -> bool:
-    """Return whether the text has at least two tables with names of their own."""
+    """Return whether the text has at least two tables, each with a line of names."""
     return lines.match(_WORD, _BELOW_FIRST) and len(_sections(list(lines))[0]) > 1
 
 
 def read(lines: list[str], source: str) -> tuple[NestedTable, tuple[str, ...]]:
-    """Return the columns of all sections, and notes on what the sections are.
+    """Return the columns of all sections, and notes that describe the sections.
 
     **Raises** `LogError` for text in a column of numbers.
     """
@@ -75,7 +75,7 @@ def read(lines: list[str], source: str) -> tuple[NestedTable, tuple[str, ...]]:
 
 
 def _sections(lines: Sequence[str]) -> tuple[list[Section], str]:
-    """Return the sections of a text and its delimiter; none for a text with fewer than two."""
+    """Return the sections of a text and its delimiter; no sections if there are fewer than two."""
     for delimiter in DELIMITERS:
         found = [one for one in _walk(lines, delimiter) if len(one.rows) >= FEWEST_ROWS]
         if len(found) > 1:
@@ -112,7 +112,7 @@ def _walk(lines: Sequence[str], delimiter: str) -> Iterator[Section]:
 
 
 def _is_header(fields: list[str], lines: Sequence[str], number: int, delimiter: str) -> bool:
-    """Return whether fields are names above a row of numbers."""
+    """Return whether `fields`, from the line `number`, are names above a row of numbers."""
     if len(fields) < 2 or any(map(looks_like_number, fields)) or not all(fields):
         return False
     below = next((line for line in lines[number : number + 3] if line.strip()), "")
@@ -127,19 +127,22 @@ def _has_numbers(fields: list[str]) -> bool:
 
 
 def _numeric(section: Section) -> list[int]:
-    """Return the columns whose first row is a number or a date."""
+    """Return the indices of the columns whose first row is a number or a date."""
     first = section.rows[0][1]
     return [k for k, text in enumerate(first) if looks_like_number(text) or looks_like_stamp(text)]
 
 
 def _decimal(found: Sequence[Section], delimiter: str) -> str:
-    """Return the decimal mark: a comma where fields have one and it does not part them."""
+    """Return the decimal mark: a comma if fields contain commas that are not delimiters."""
     fields = (text for one in found for _, row in one.rows[:9] for text in row)
     return "," if delimiter != "," and any("," in text for text in fields) else "."
 
 
 def _values(texts: list[tuple[int, str]], decimal: str, place: str) -> np.ndarray:
-    """Return the numbers of a column; dates become seconds since the first one."""
+    """Return the numbers of a column; dates are converted to seconds since the first date.
+
+    `texts` are line number and field of every row.
+    """
     if texts and not looks_like_number(texts[0][1]):
         stamps = read_stamps([text for _, text in texts], place)[0]
         return (stamps - stamps[0]) / 1e9
@@ -155,7 +158,7 @@ def _values(texts: list[tuple[int, str]], decimal: str, place: str) -> np.ndarra
 
 
 def _note(number: int, section: Section, rows: int) -> str:
-    """Return a sentence on a section: where it is, what it holds, and what is left out."""
+    """Return a note on a section: its position, its rows, and the rows that are omitted."""
     heading = f" `{printable(section.heading[:40])}`" if section.heading else ""
     text = f"section {number}{heading} at line {section.line}: {rows} rows"
     left_out = len(section.rows) - rows

@@ -1,8 +1,9 @@
 """Export of TwinCAT Scope View: groups of channels, each with its own column of time.
 
-The rows of names begin with `Name`. The column headed `Name` again is the time of its group in ms;
-there is one group for each sample time, and groups of longer sample times end earlier. Rows such as
-`SymbolName` and `Unit` describe the channels. The last row may be `EOF`.
+The row of names begins with `Name`. Every column with the name `Name` is the time in ms of the
+group of channels that follows it. There is one group for each sample time, and groups with longer
+sample times have fewer rows. Rows such as `SymbolName` and `Unit` describe the channels. The last
+row may be `EOF`.
 """
 
 import re
@@ -17,14 +18,14 @@ from ..number_format import looks_like_number, to_number
 from ..units_row import unit_in
 
 _HEAD = 60
-"""Lines in which the rows that describe the channels are looked for (chosen)."""
+"""Number of first lines that may describe the channels (chosen)."""
 
 DELIMITERS = ("\t", ";", ",", " ", ":")
-"""Delimiters that the export offers, in the order of the trials."""
+"""Delimiters that the export of TwinCAT offers."""
 
 END = "EOF"
 MS = 1e-3
-"""Seconds of a millisecond, the unit of the time columns."""
+"""Seconds in a millisecond, which is the unit of the time columns."""
 
 
 def matches(lines: Sequence[str]) -> bool:
@@ -80,7 +81,7 @@ def read(lines: list[str], source: str) -> tuple[NestedTable, tuple[str, ...]]:
 
 
 def _is_cut(row: Sequence[str], described: Mapping[str, list[str]], decimal: str) -> bool:
-    """Return whether a group has a time in this row, but not all of its channels."""
+    """Return whether `row` is incomplete: a group has a time in it, but a channel has no value."""
     timed = False
     for k, name in enumerate(described["Name"]):
         read = k < len(row) and to_number(row[k], decimal) is not None
@@ -92,21 +93,24 @@ def _is_cut(row: Sequence[str], described: Mapping[str, list[str]], decimal: str
 
 
 def _delimiter(lines: Sequence[str]) -> str:
-    """Return the delimiter behind `SampleTime[ms]`."""
+    """Return the delimiter, which is the character after `SampleTime[ms]`."""
     line = next(line for line in lines[:_HEAD] if line.startswith("SampleTime[ms]"))
     mark = line[len("SampleTime[ms]") :][:1]
     return mark if mark in DELIMITERS else "\t"
 
 
 def _description(lines: Sequence[str], delimiter: str) -> tuple[Mapping[str, list[str]], int]:
-    """Return the rows that describe the channels by their first field, and the first row below."""
+    """Return the rows that describe the channels, and the index of the first row of numbers.
+
+    The describing rows are a mapping first field → fields.
+    """
     described: dict[str, list[str]] = {}
     start = 0
     for k, line in enumerate(lines[:_HEAD]):
         fields = split(line, delimiter, trim=False)
         if fields and fields[0] and not looks_like_number(fields[0]) and "=" not in fields[0]:
             if fields[0] == "Name" or "Name" in described:
-                described[fields[0]] = fields  # the last row Name is that of the channels
+                described[fields[0]] = fields  # the last row `Name` has the channels
             start = k + 1
         elif fields and fields[0] and described:
             break
@@ -114,7 +118,7 @@ def _description(lines: Sequence[str], delimiter: str) -> tuple[Mapping[str, lis
 
 
 def _name(described: Mapping[str, list[str]], k: int) -> str:
-    """Return the name of a channel with its unit in brackets, and its symbol if it has no name."""
+    """Return the name of a channel (or its symbol without a name) with its unit in brackets."""
     field = {key: row[k].strip() for key, row in described.items() if k < len(row)}
     name = field.get("Name") or field.get("SymbolName", "")
     unit = re.sub(r"\s*\(.*\)$", "", field.get("Unit", "").strip()) if name else ""
@@ -122,7 +126,7 @@ def _name(described: Mapping[str, list[str]], k: int) -> str:
 
 
 def _length(rows: Sequence[tuple[int, list[str]]], column: int) -> int:
-    """Return the number of rows of a group; it ends where its time is empty."""
+    """Return the number of rows of a group, which ends where its time column is empty."""
     for k, (_, row) in enumerate(rows):
         if column >= len(row) or not row[column]:
             return k
@@ -132,7 +136,7 @@ def _length(rows: Sequence[tuple[int, list[str]]], column: int) -> int:
 def _numbers(
     rows: Sequence[tuple[int, list[str]]], column: int, about: tuple[str, str, str]
 ) -> np.ndarray:
-    """Return a column; `about` are the decimal mark, the file and the name for messages."""
+    """Return the values of a column; `about` is (decimal mark, file name, column name)."""
     decimal, source, name = about
     values = []
     for number, row in rows:

@@ -1,4 +1,4 @@
-"""The time of a log in seconds from its column: written stamps or numbers."""
+"""Conversion of the time column of a log, written dates or numbers, to seconds."""
 
 import numpy as np
 from jaxtyping import Float, Real
@@ -10,8 +10,8 @@ from ..nested import NestedTable
 from .seconds import check_days, exact_numbers, seconds_of_numbers, seconds_of_stamps
 
 FAR = 1e6
-"""Written stamps beyond this number are subtracted as whole numbers, to keep all digits (chosen:
-float64 holds 1e6 s to 0.1 ns)."""
+"""Stamps in text beyond this number are subtracted as whole numbers to keep all digits (chosen:
+float64 represents 1e6 s with a step of 0.1 ns)."""
 
 
 def column_seconds(

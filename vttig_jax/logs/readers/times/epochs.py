@@ -1,4 +1,4 @@
-"""Units of numeric time stamps that count from an epoch, told by the size of the numbers."""
+"""Units of numeric time stamps that count from an epoch, recognised from their magnitude."""
 
 from dataclasses import dataclass
 
@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Real
 
 FIRST_S, LAST_S = 978_307_200, 4_102_444_800
-"""Seconds from 1970 to 2001 and to 2100; a log was recorded between them (chosen)."""
+"""Seconds from 1970 to 2001 and to 2100; every log was recorded between these years (chosen)."""
 
 FILETIME_OFFSET = 11_644_473_600
 """Seconds from 1601, the epoch of FILETIME, to 1970."""
@@ -17,7 +17,10 @@ FILETIME = "100ns"
 
 @dataclass(frozen=True)
 class Epoch:
-    """Unit of stamps, its size in nanoseconds and the instant from which they count."""
+    """Unit of stamps, its length in ns, and the epoch from which the stamps count.
+
+    `since` is a text for notes; `offset_s` are the seconds from the epoch to 1970.
+    """
 
     unit: str
     nanoseconds: int
@@ -38,10 +41,10 @@ EPOCHS = (
     Epoch("ns", 1, "nanoseconds since 1970"),
     Epoch(FILETIME, 100, "100 ns since 1601 (FILETIME)", FILETIME_OFFSET),
 )
-"""Units by magnitude; their ranges from 2001 to 2100 do not overlap."""
+"""Units that are recognised; their number ranges for 2001 to 2100 do not overlap."""
 
 
 def epoch_unit(stamps: Real[np.ndarray, " n"]) -> Epoch | None:
-    """Return the epoch whose years 2001 to 2100 hold all stamps, or None."""
+    """Return the epoch with which all stamps lie between 2001 and 2100, or None."""
     low, high = stamps.min().item(), stamps.max().item()
     return next((epoch for epoch in EPOCHS if epoch.holds(low, high)), None)

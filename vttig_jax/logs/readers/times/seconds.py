@@ -1,4 +1,4 @@
-"""Seconds of a time column from its stamps, without loss of digits."""
+"""Conversion of the stamps of a time column to seconds without loss of digits."""
 
 from collections.abc import Sequence
 
@@ -10,25 +10,26 @@ from ..column_names import TIME_UNITS
 from .stamps import read_stamps
 
 FAR = 2**31
-"""Stamps beyond this are counted from the first one, as float64 has no digits to spare (chosen)."""
+"""If stamps exceed this number, the first stamp is subtracted, because float64 has too few digits
+(chosen)."""
 
-_LONGEST = 40  # characters of a stamp: nanoseconds since 1970 have 20; chosen value
+_LONGEST = 40  # most characters of a stamp (chosen); nanoseconds since 1970 have 20
 
 FINE_ENOUGH = 0.1
 """Largest step of the printed stamps as a fraction of the sampling interval (chosen)."""
 
 
 def seconds_of_stamps(fields: Sequence[str], where: str) -> tuple[Float[np.ndarray, " n"], str]:
-    """Return seconds since the first of the written stamps, and a note on the first."""
+    """Return the seconds since the first stamp from written dates or times, and a note on it."""
     nanoseconds, note = read_stamps(fields, where)
     return nanoseconds / 1e9, note
 
 
 def seconds_of_numbers(values: Real[np.ndarray, " n"], unit: str) -> Float[np.ndarray, " n"]:
-    """Return numeric stamps in seconds; far from zero they count from the first one.
+    """Return numeric stamps in seconds; stamps beyond `FAR` are counted from the first stamp.
 
-    Integers are subtracted before they become floats, as float64 holds nanoseconds since 1970 to
-    256 ns only.
+    Integers are subtracted before the conversion to float64, because float64 represents nanoseconds
+    since 1970 only with a step of 256 ns.
     """
     if len(values) and max(float(values.max()), -float(values.min())) > FAR:
         values = values - values[0]
@@ -37,9 +38,9 @@ def seconds_of_numbers(values: Real[np.ndarray, " n"], unit: str) -> Float[np.nd
 
 
 def exact_numbers(fields: Sequence[str]) -> Float[np.ndarray, " n"] | None:
-    """Return decimal stamps minus the first one; integers are subtracted, so no digit is lost.
+    """Return decimal stamps minus the first stamp, subtracted as integers without loss of digits.
 
-    Returns None unless all fields are plain decimal numbers of at most 40 characters.
+    The result is None unless all fields are plain decimal numbers of at most 40 characters.
     """
     if any(len(field) > _LONGEST for field in fields):
         return None
@@ -55,7 +56,7 @@ def exact_numbers(fields: Sequence[str]) -> Float[np.ndarray, " n"] | None:
 
 
 def check_days(fields: Sequence[str], seconds: Float[np.ndarray, " n"], where: str) -> None:
-    """Raise `LogError` where the printed decimals of days do not resolve the sampling."""
+    """Raise `LogError` if stamps in days have too few decimals to resolve the sampling interval."""
     if len(seconds) < 3:
         return
     digits = min(len(field.replace(",", ".").partition(".")[2]) for field in fields[:1000])

@@ -1,7 +1,7 @@
-"""Time stamps written as dates and times of day: whole nanoseconds from text.
+"""Conversion of written dates and times of day to whole nanoseconds.
 
-Read are ISO 8601 with or without date, zone, and decimal comma, also in its basic form
-`20261101T235950.5`; German dates `01.11.2026`; dates with slashes; names of months; AM and PM;
+The accepted forms are ISO 8601 with or without date, zone, and decimal comma, also in its basic
+form `20261101T235950.5`; German dates `01.11.2026`; dates with slashes; names of months; AM and PM;
 times of day, which may pass midnight; and minutes and seconds `59:50.5`, which may pass the hour.
 """
 
@@ -33,17 +33,17 @@ _MINUTES = re.compile(r"(\d\d?):(\d\d)[.,](\d{1,12})")
 _BETWEEN = re.compile(r"[T ,;_]+")
 _ZONE = re.compile(r"([+-])(\d\d):?(\d\d)?")
 HOUR_NS = 3_600_000_000_000
-"""Nanoseconds of an hour."""
+"""Nanoseconds in an hour."""
 
 DAY_NS = 86_400_000_000_000
-"""Nanoseconds of a day."""
+"""Nanoseconds in a day."""
 
 
 @dataclass(frozen=True)
 class Stamp:
     """Parts of one stamp: its date as text, the time of day in ns, and the zone.
 
-    A stamp without a date starts again from zero after `period_ns`.
+    The time of a stamp without a date restarts at zero after `period_ns`.
     """
 
     day: str
@@ -59,7 +59,7 @@ def looks_like_stamp(field: str) -> bool:
 
 
 def read_stamps(fields: Sequence[str], where: str) -> tuple[Int64[np.ndarray, " n"], str]:
-    """Return stamps as nanoseconds since the first one, and a note on the first one.
+    """Return stamps as nanoseconds since the first stamp, and a note on the first stamp.
 
     **Raises** `LogError` for a field of another form, a zone name that changes, and dates such as
     01/02/2026 that change and have two orders of day and month.
@@ -128,7 +128,7 @@ def _split(text: str) -> Stamp | None:
 
 
 def _part_ns(digits: str) -> int:
-    """Return decimals of a second in nanoseconds."""
+    """Return the decimals of a second, as text, in nanoseconds."""
     return int(digits.ljust(9, "0")[:9])
 
 
