@@ -37,16 +37,17 @@ class ElasticPlant(Plant):
 
         T₂ = max(0, c p + clip(d ṗ, ±c p))
 
-    One time step covers a whole impact (see `elastic_impact`). During the step the flanks have
-    constant acceleration, and friction is constant. A step of any length is stable, and the mesh
-    never returns more energy than it has absorbed. At most one impact per step is computed: if the
-    contact lasts longer, or if the shaft would meet the flank again within the step, the shaft ends
-    at rest relative to the flank. If the gap is closed, the shaft rests between both springs.
+    One time step covers a whole impact (see `elastic_impact`). In the step the flanks have constant
+    acceleration, and friction is constant before, during and after the contact. A step of any
+    length is stable, and the mesh never returns more energy than it has absorbed. At most one
+    impact per step is computed: if the contact persists, or if the shaft would meet the flank again
+    within the step, the shaft ends at rest relative to the flank. In a closed gap the shaft rests
+    between both springs.
 
     **Arguments**
     - `drag`: inertia and friction of the driven shaft.
     - `stiffness`: c, N m/rad at the driven shaft; see `mesh_stiffness`.
-    - `damping_ratio`: ζ; with a prescribed driving motion its inertia is J₂ alone.
+    - `damping_ratio`: ζ; if the driving motion is prescribed, it is defined with J₂ alone.
     - `effective`: inertia of the relative motion of both shafts, kg m², if the driving shaft can
       move (`coupled`); it replaces J₂ in the contact law and in the definition of ζ.
     """

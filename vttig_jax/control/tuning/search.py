@@ -30,7 +30,7 @@ WIDTHS = (0.5, 0.25, 0.12, 0.05, 0.02, 0.005)
 """Relative widths of the comparisons, one per stage of the search: chosen values."""
 
 _SHARE, _LEAST_MM = 0.1, 1e-4
-"""Step of a displacement as a fraction of that which closes the gap, and smallest step, mm.
+"""Step of a displacement as a fraction of the displacement that closes the gap; smallest step, mm.
 
 The step times the relative width is the width of the softplus. Chosen values."""
 _TEMPERATURE = 0.5
