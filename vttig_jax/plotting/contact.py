@@ -20,7 +20,7 @@ from ..pair.gear_pair import GearPair
 from .style import COLOURS, FLANK_COLOURS, MODEL_COLOUR, grid, heading, legend, new_figure, title
 
 _TEETH = 3
-"""Teeth of each gear drawn on either side of the line of centres; a chosen value."""
+"""Number of teeth of each gear drawn on either side of the line of centres; a chosen value."""
 
 _COUNTS = Counts(root=8, fillet=16, flank=32, tip=8, sections=(1,))
 
@@ -138,7 +138,7 @@ def _outline(tooth: Tooth, z: float, flipped: bool) -> Complex[np.ndarray, " n"]
 
 
 def _draw_flank(ax: Axes, contacts: Contacts, place: int) -> None:
-    """Draw the contact lines on the driving flank."""
+    """Draw the driving flank (radius over z) with the contact lines of angles within one pitch."""
     driving = contacts.model.teeth[0]
     pitch = 2 * math.pi / driving.teeth
     ahead = contacts.driving_angle - contacts.driving_angle[place]

@@ -15,7 +15,10 @@ COLUMNS = ("driving_deg", "backlash_deg", "backlash_mm", "axial_mm", "backlash_f
 
 
 def map_table(grid: "BacklashMap", step_deg: float, turns: float) -> Any:
-    """Return the columns `COLUMNS`, shape (rows, 5); NaN where the pair has no geometry."""
+    """Return the columns `COLUMNS`, shape (rows, 5), at steps of `step_deg` of the driving angle.
+
+    The rows cover `turns` driving revolutions. Lengths are NaN if the pair does not define them.
+    """
     import numpy as np
 
     from ..base.units import DEG

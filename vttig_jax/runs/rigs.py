@@ -1,4 +1,4 @@
-"""Rigs of a run folder for the simulator, which does not depend on fits."""
+"""Rigs for the simulator, read from a run folder, so that the simulator does not import fits."""
 
 import logging
 from pathlib import Path
@@ -17,7 +17,10 @@ if TYPE_CHECKING:
 
 
 def drawn_rigs(scenario: Path) -> "tuple[tuple[Eccentricities, ...], Eccentricities | None]":
-    """Return the posterior draws that a sweep file names, and the rig at the posterior mean."""
+    """Return rigs drawn from the posterior that the sweep file `scenario` names, and a mean rig.
+
+    The mean rig is the rig at the posterior mean. Return `(), None` without a [rig] table.
+    """
     from ..control.scenario.spec import load_sweep_spec
     from ..posterior.summary.rig_draws import rig_draws
 
@@ -57,7 +60,7 @@ def _fit(folder: Path, pair: Path) -> "Fit":
 
 
 def _require_same_gears(fit: "Fit", path: Path, folder: Path) -> None:
-    """Raise `InputError` for other gears, whose fit would give plausible but wrong numbers."""
+    """Raise `InputError` if the pair file at `path` describes other gears than the fit."""
     import numpy as np
 
     from ..pair.gear_pair import GearPair

@@ -1,4 +1,4 @@
-"""The pair file of a call: read from a file, or stated by options and recognised from the logs."""
+"""Content of the pair file for one command: read from a file, or built from options and logs."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,7 +16,10 @@ if TYPE_CHECKING:
 def stated_spec(
     logs: tuple[Path, ...], pair: Path | None, drive: DriveRequest, reading: ReadingOptions
 ) -> "tuple[PairSpec, tuple[Guess, ...]]":
-    """Return the content of the pair file, or of the file that says the same, and the guesses.
+    """Return the content of the pair file `pair`, or an equivalent content, and the guesses.
+
+    Without `pair`, the content is built from the options in `drive` and from the columns of the
+    logs; the guesses are what was inferred from the logs.
 
     **Raises** `UsageError` without a ratio or with two, `LogError` for a log that can be read in
     two ways, and for logs whose columns differ.
@@ -38,9 +41,9 @@ def stated_spec(
 
 
 def spec_of_file(pair: Path, drive: DriveRequest) -> PairSpec:
-    """Return the content of a pair file, beside which nothing is stated about the drive.
+    """Return the content of a pair file; options must not describe the drive in addition to it.
 
-    **Raises** `UsageError` if something is, `PairError` for the file.
+    **Raises** `UsageError` if options describe the drive, `PairError` for the file.
     """
     if drive.states_something:
         raise UsageError(

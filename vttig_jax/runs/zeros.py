@@ -1,4 +1,4 @@
-"""Zeros of the angles of a run, which relate later encoder readings to the angles of its fit."""
+"""Conversion of later encoder readings to the angles of a fit, whose zeros a run folder keeps."""
 
 from typing import TYPE_CHECKING
 
@@ -21,8 +21,8 @@ SHAFTS = ("driving", "driven")
 def shaft_readings(run: RunRecord, fit: "Fit") -> tuple[ShaftReading, ShaftReading]:
     """Return the conversions from readings of both encoders to the angles φ₁ and φ₂ of a fit.
 
-    If the angles of the fit are zero at the reading zero, a reading is the angle except for sign
-    and scale. If they are zero at the first sample, the reading of that sample is subtracted.
+    If the fit counts its angles from the encoder reading zero, the angle is the reading times a
+    sign and a scale. If it counts from the first sample, the first reading is subtracted before.
 
     **Raises** `NoAnswerError` for a log with a transmission error in place of the driven channel,
     and `InputError` if the unit of the first reading is unknown.
@@ -52,7 +52,10 @@ def _shaft_reading(run: RunRecord, fit: "Fit", shaft: str) -> ShaftReading:
 
 
 def _unit(run: RunRecord, fit: "Fit", shaft: str) -> str:
-    """Return the unit of a shaft: counts for integers, else from name, pair file or log."""
+    """Return the unit of the first reading of `shaft`.
+
+    It is "counts" for an integer; else the column name, the pair file or the log gives it.
+    """
     if isinstance(fit.zero_readings[shaft], int):
         return "counts"
     name = requested_names(run.spec.log, roles_of(run.options.reading.columns))[shaft]

@@ -1,7 +1,7 @@
-"""Draws of the coefficients that the likelihood integrates out, one for every point.
+"""Draws of the linear coefficients that the likelihood integrates out, one draw per point.
 
-The random numbers, the weights of the noise and the tied coefficients come from one small compiled
-program. The algebra of each point is a handful of small matrices, which NumPy factors in stacks.
+A compiled JAX program computes the random numbers, the noise weights and the tied coefficients of
+every point. NumPy then factors the small matrices of all points of a chunk in one call.
 """
 
 import equinox as eqx
@@ -20,9 +20,10 @@ _CHUNK = 250
 def coefficient_draws(
     likelihood: Likelihood, points: Float[np.ndarray, "m d"], seed: int, widening: float = 1.0
 ) -> Float[np.ndarray, "m flanks columns"]:
-    """Draw the coefficients of every column once for each point of the sampled density.
+    """Draw the coefficients of all columns of the design matrix once for each row of `points`.
 
-    Those that are integrated out scatter `widening` times as widely as the noise model says.
+    The noise std is multiplied by `widening` when the integrated-out coefficients are drawn. The
+    last axis of the result holds the free columns, then the tied columns.
     """
     count = len(points)
     if count == 0:
@@ -42,7 +43,10 @@ def coefficient_draws(
 def _inputs(
     likelihood: Likelihood, points: Float[Numbers, "m d"], keys: Key[Array, " m"]
 ) -> tuple[Numbers, Numbers, Array, Array]:
-    """Return weights of the noise, tied coefficients and normal numbers of every point."""
+    """Return noise weights, tied coefficients, and standard normal numbers for every point.
+
+    The normal numbers come last: first for the nuisance parameters, then for the free columns.
+    """
     count, places = len(likelihood.sampled_indices), jnp.asarray(likelihood.sampled_indices)
     free = likelihood.products.shape[1], likelihood.free
 
@@ -69,7 +73,8 @@ def _drawn(
 ) -> Float[np.ndarray, "m flanks columns"]:
     """Return one draw of the coefficients of all columns for each point.
 
-    `std` is that of the innovations, and `weights` are those of the noise.
+    `std` is the standard deviation of the noise innovations. `weights` multiply the stored products
+    of the likelihood and depend on the noise. `normal` and `free_normal` are standard normal.
     """
     free, spread = likelihood.free, np.asarray(likelihood.spread)
     lower = np.linalg.cholesky(np.tensordot(weights, np.asarray(likelihood.products), 1))

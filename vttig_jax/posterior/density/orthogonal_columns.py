@@ -1,8 +1,9 @@
-"""Columns of a likelihood, orthogonalised at one noise: exact parts and small parts.
+"""Columns of a likelihood, orthogonalised with the noise weights of one noise model.
 
-The columns are those that are integrated out (free harmonics of every flank, nuisance parameters),
-then the tied columns of every flank and the residual of the fit. At the noise of the fit the Gram
-matrix of the first ones is the identity, and they are orthogonal to the others.
+The columns that are integrated out come first: free harmonics of every flank, then nuisance
+parameters. The kept columns follow: tied columns of every flank, then the residual of the fit. At
+the noise of the fit, the integrated-out columns have the identity as their Gram matrix and are
+orthogonal to the kept columns; at other noise, small corrections remain.
 """
 
 from dataclasses import dataclass
@@ -15,14 +16,16 @@ from .likelihood import Likelihood
 
 @dataclass(frozen=True)
 class OrthogonalColumns:
-    """Gram matrix of the columns as a sum of products with the weights of the noise.
+    """Gram matrix of the columns, which is Σ_k weight_k(noise) · gram[k].
 
     **Arguments**
-    - `gram`: products of all columns. - `eliminated`: number of those that are integrated out.
-    - `determinant`: log-determinant of their Gram matrix before they were orthogonalised.
-    - `at_fit`: Gram matrix of the remaining columns at the noise of the fit.
-    - `flanks`: products of the columns of every flank by itself, the residual last.
-    - `excess`: factor of a robust loss on the residual of each flank, less 1.
+    - `gram`: one matrix per noise weight, for all columns.
+    - `eliminated`: number of columns that are integrated out.
+    - `determinant`: log-determinant of the Gram matrix of the integrated-out columns at the noise
+      of the fit, before they were orthogonalised.
+    - `at_fit`: Gram matrix of the kept columns at the noise of the fit.
+    - `flanks`: as `gram`, for each flank alone; its last column is the residual of that flank.
+    - `excess`: variance factor of the likelihood (robust loss), minus 1.
     """
 
     gram: Float[np.ndarray, "products c c"]
@@ -34,20 +37,23 @@ class OrthogonalColumns:
 
     @property
     def squares(self) -> Float[np.ndarray, "pairs products"]:
-        """Upper triangle of the Gram matrix of the remaining columns, for every product."""
+        """Upper triangle of the Gram matrix of the kept columns, one column per noise weight."""
         kept = self.gram[:, self.eliminated :, self.eliminated :].copy()
         kept[:, -1, -1] += self.excess * self.flanks[:, :, -1, -1].sum(axis=1)
         return _upper(kept)
 
     @property
     def diagonal(self) -> Float[np.ndarray, "eliminated products"]:
-        """Diagonal elements of the eliminated columns, for every product."""
+        """Diagonal of `gram` for the integrated-out columns, one column per noise weight."""
         return np.diagonal(self.gram, axis1=1, axis2=2)[:, : self.eliminated].T
 
     def small_parts(
         self, weights: Float[np.ndarray, "n products"]
     ) -> Float[np.ndarray, "values n"]:
-        """Return what the exact parts leave: of the log-determinant, then of the misfit.
+        """Return the corrections that `diagonal` and `squares` do not contain, per noise.
+
+        The first row corrects the log-determinant of the integrated-out columns. The other rows
+        correct the upper triangle of the Gram matrix of the kept columns.
 
         **Raises** `numpy.linalg.LinAlgError` for a Gram matrix that is not positive definite.
         """
@@ -74,7 +80,7 @@ def orthogonal_columns(
 ) -> OrthogonalColumns:
     """Return the columns, orthogonalised at the noise with these partial autocorrelations.
 
-    `tied` are the tied coefficients whose residual is the last column.
+    `tied` holds the tied coefficients; the last column is the residual that they leave.
 
     **Raises** `numpy.linalg.LinAlgError` for columns that depend on each other.
     """
@@ -105,7 +111,7 @@ def orthogonal_columns(
 def _columns(
     likelihood: Likelihood, tied: Float[np.ndarray, "flanks tied"]
 ) -> tuple[Float[np.ndarray, "flanks q c"], int]:
-    """Return all columns in the coordinates of the products, and the number of eliminated ones."""
+    """Return all columns, multiplied by `triangles`, and the number of integrated-out columns."""
     triangles, free = np.asarray(likelihood.triangles), likelihood.free
     spread = np.asarray(likelihood.spread)
     flanks, width = tied.shape
@@ -127,6 +133,6 @@ def _gram(
 
 
 def _upper(matrices: Float[np.ndarray, "n k k"]) -> Float[np.ndarray, "pairs n"]:
-    """Return the upper triangles; elements beside the diagonal count twice."""
+    """Return the upper triangle of each matrix; off-diagonal elements are multiplied by 2."""
     first, second = np.triu_indices(matrices.shape[-1])
     return (matrices[:, first, second] * np.where(first == second, 1.0, 2.0)).T

@@ -59,9 +59,9 @@ class Prior:
 
 @dataclass(frozen=True)
 class Disc:
-    """Plane of two named coordinates: flat within `bound`, or normal with `std`.
+    """Prior of two coordinates (x, y): flat within the radius `bound`, or normal with `std`.
 
-    `field` is the field of `Prior` that gives the size, and `words` is the prior as a sentence.
+    `field` names the field of `Prior` that gives `bound` or `std`; `words` describes this prior.
     """
 
     name: str
@@ -78,8 +78,8 @@ class StatedPrior:
     """Prior of the coordinates of one fit.
 
     **Arguments**
-    - `discs`: planes of the eccentricities, encoder errors and first orders.
-    - `bounds`: largest size of the other coordinates, by name.
+    - `discs`: priors of the (x, y) pairs: eccentricities, encoder errors and first orders.
+    - `bounds`: largest absolute value of every other coordinate, by name (radians or seconds).
     - `sentences`: the prior in words.
     """
 
@@ -101,7 +101,10 @@ class StatedPrior:
 def state_prior(
     prior: Prior, pair: GearPair | Drive, names: Sequence[str], delay_s: float
 ) -> StatedPrior:
-    """Return the prior of the coordinates `names` of a fit that has already removed `delay_s`."""
+    """Return the prior of the coordinates `names`.
+
+    `delay_s` is the delay that the fit has already removed, s; it widens the bound of "delay".
+    """
     discs = []
     for shaft in SHAFTS:
         for kind in ("", "_difference"):

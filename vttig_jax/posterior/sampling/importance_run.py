@@ -22,7 +22,7 @@ def run_importance(
 
     **Arguments**
     - `target`: density to sample, with its Laplace approximation.
-    - `ensembles`: number of independent samples, at least 4; `draws`: draws of each.
+    - `ensembles`: number of independent sets of draws, at least 4; `draws`: draws in each set.
     - `seed`, `checkpoint`, `overwrite`: as in `run_ensembles`.
 
     **Returns** chains of one walker each, whose steps are the draws; check `diagnosis.converged`.

@@ -1,8 +1,9 @@
 """Moves of emcee for several independent ensembles, with one evaluation of the density for all.
 
-A call of a compiled density costs as much as some tens of its points, so that ensembles which wait
-for each other are faster than one after the other. Every ensemble has its own random generator and
-its own choice of moves; its chain is to the last bit the chain of `emcee.EnsembleSampler`.
+One call of the compiled density has a fixed cost, equal to that of some tens of points. It is
+therefore faster to evaluate the proposals of all ensembles in one call. Every ensemble has its own
+random generator and its own choice of moves; its chain equals that of `emcee.EnsembleSampler` bit
+by bit.
 """
 
 from collections.abc import Callable, Sequence
@@ -21,7 +22,7 @@ of emcee 3.1.6 violates detailed balance (it divides its unit vector by √norm)
 the mixture, the variance of that Gaussian comes out 22 % too small."""
 
 _HALVES = 2
-"""Parts of an ensemble that move in turn, as in every move above."""
+"""Number of parts of an ensemble; while one part moves, the other stays fixed."""
 
 _CUMULATIVE = np.cumsum([weight for _, weight in MOVES])
 

@@ -1,8 +1,8 @@
 """Pareto smoothing of importance weights, with the shape k̂ that says whether to trust them.
 
-A. Vehtari, D. Simpson, A. Gelman, Y. Yao, J. Gabry, J. Mach. Learn. Res. 25 (2024) 72. The tail of
-the weights is fitted by a generalised Pareto distribution (J. Zhang, M. A. Stephens, Technometrics
-51 (2009) 316), and its weights are replaced by the quantiles of that distribution.
+A. Vehtari, D. Simpson, A. Gelman, Y. Yao, J. Gabry, J. Mach. Learn. Res. 25 (2024) 72. A
+generalised Pareto distribution is fitted to the largest weights (J. Zhang, M. A. Stephens,
+Technometrics 51 (2009) 316). Quantiles of this distribution then replace these weights.
 """
 
 import numpy as np
@@ -61,8 +61,8 @@ def smoothed_log_weights(log_weights: Values) -> tuple[Values, float]:
 def fitted_pareto(excess: Values) -> tuple[float, float]:
     """Return shape k̂ and scale of a generalised Pareto distribution of positive, sorted values.
 
-    The estimate of Zhang and Stephens is the mean of θ = −k/σ over its likelihood, on a grid. The
-    shape is drawn slightly towards 0.5, which matters for short tails only.
+    Zhang and Stephens estimate θ = −k/σ as its mean on a grid, weighted with the likelihood. A weak
+    prior then moves the shape towards 0.5, which matters for short tails only.
     """
     count = len(excess)
     grid = np.arange(1, _GRID + int(np.sqrt(count)) + 1)

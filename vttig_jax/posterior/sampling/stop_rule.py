@@ -4,7 +4,9 @@ import math
 from dataclasses import dataclass
 
 BLOCK_STEPS = 200
-"""Steps of a block (chosen); progress, checkpoint and interrupts are handled between blocks."""
+"""Number of steps in a block (chosen).
+
+Progress, checkpoints and interrupts are handled between blocks."""
 
 BURN_IN = 0.25
 """Fraction of a chain that is discarded if it did not start in the posterior (chosen)."""
@@ -61,6 +63,10 @@ def next_decision(steps: int) -> int:
 
 
 def steps_needed(tau: float, until: Until, burn_in: float = BURN_IN) -> int:
-    """Return the steps, burn-in included, that suffice at the autocorrelation time `tau`."""
+    """Return the number of steps, burn-in included, that `until` requires.
+
+    `tau` is the autocorrelation time in steps, and `burn_in` is a fraction. Return 0 if the
+    number is not finite.
+    """
     needed = until.autocorrelation_times * tau / (1 - burn_in)
     return math.ceil(needed / BLOCK_STEPS) * BLOCK_STEPS if math.isfinite(needed) else 0

@@ -10,7 +10,7 @@ from .posterior import Posterior
 
 
 def rig_draws(posterior: Posterior, draws: int = 200, seed: int = 0) -> tuple[Eccentricities, ...]:
-    """Draw rigs: joint draws of both eccentricities and the constant backlash.
+    """Return rigs: joint posterior draws of both eccentricities and the constant backlash.
 
     An eccentricity that the log does not determine is zero. A rig has no orders above the first and
     no encoder errors.
@@ -42,7 +42,7 @@ def rig_draws(posterior: Posterior, draws: int = 200, seed: int = 0) -> tuple[Ec
 
 
 def _offset(posterior: Posterior, shaft: str) -> np.ndarray:
-    """Return e·exp(jθ) of every draw, mm."""
+    """Return the eccentricity e·exp(jθ) = x + jy of `shaft` for every posterior draw, mm."""
     if not posterior.fit.parameters[f"{shaft}_eccentricity_mm"].determined:
         return np.zeros(len(posterior.flat), complex)
     return posterior.values(f"{shaft}_x") + 1j * posterior.values(f"{shaft}_y")
