@@ -233,7 +233,7 @@ def _readable(
         except LogError as error:
             errors[k] = error
     if not arrays:
-        raise errors[0]
+        raise next(iter(errors.values()))
     notes = [
         f"column `{table.names[k]}` is not read: {error.message}" for k, error in errors.items()
     ]

@@ -4,7 +4,7 @@ import h5py
 import numpy as np
 import pytest
 
-from vttig_jax.logs.readers.hdf5 import hdf5_leaves
+from vttig_jax.logs.readers.binary.hdf5 import hdf5_leaves
 
 
 @pytest.fixture

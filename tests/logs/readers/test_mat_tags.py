@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.io.matlab import matfile_version
 
-from vttig_jax.logs.readers.matlab import HEADER, check_tags
+from vttig_jax.logs.readers.binary.matlab import HEADER, check_tags
 
 DATA = Path(scipy.io.__file__).parent / "matlab" / "tests" / "data"
 

@@ -5,7 +5,7 @@ import pytest
 from scipy.io import savemat
 from scipy.sparse import eye
 
-from vttig_jax.logs.readers.matlab import MOST_CELLS, matlab_leaves
+from vttig_jax.logs.readers.binary.matlab import MOST_CELLS, matlab_leaves
 
 
 def leaves(variables, **options):

@@ -18,9 +18,9 @@ from jaxtyping import Int64, Real, Shaped
 from ...base.errors import InputError, LogError, UsageError
 from ...base.files.limits import MemoryBudget
 from ...base.logger import LOGGER
-from .hdf5 import HDF5_SIGNATURE, hdf5_leaves
-from .matlab import matlab_leaves
-from .matlab_objects import check_objects, object_leaves
+from .binary.hdf5 import HDF5_SIGNATURE, hdf5_leaves
+from .binary.matlab import matlab_leaves
+from .binary.matlab_objects import check_objects, object_leaves
 from .matrix_columns import matrix_columns
 from .text import NESTED, printable, read_bytes
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from ...base.errors import LogError, UsageError
 from ...base.files.standard_input import STDIN, keep, read_standard_input
-from .hdf5 import HDF5_SIGNATURE
+from .binary.hdf5 import HDF5_SIGNATURE
 
 SIGNATURES = (
     (b"MATLAB", ".mat"),

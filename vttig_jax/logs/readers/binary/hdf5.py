@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ...base.files.limits import LEAST_BYTES, MemoryBudget
+from ....base.files.limits import LEAST_BYTES, MemoryBudget
 from .matlab import DEEPEST, MOST_CELLS
 
 _DEFLATE, _CHECKSUM = 1, 3  # numbers of the filters gzip and fletcher32 of HDF5

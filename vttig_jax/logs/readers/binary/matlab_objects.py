@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from ...base.errors import UsageError
-from ...base.files.limits import MemoryBudget
+from ....base.errors import UsageError
+from ....base.files.limits import MemoryBudget
 from .hdf5 import take_dataset
 from .matlab import DEEPEST, HEADER, MOST_CELLS, check_tags
 

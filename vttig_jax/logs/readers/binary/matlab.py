@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from ...base.files.limits import MemoryBudget
+from ....base.files.limits import MemoryBudget
 
 MATRIX, COMPRESSED = 14, 15
 FLAGS, SIZE, NAME = {6}, {5, 6}, {1, 16}
