@@ -80,8 +80,8 @@ def test_the_flank_model_has_no_fractional_order(fitted):
     grid = backlash_map(fitted)
     gap = np.asarray(grid.over(np.linspace(0, 80, 400))) / ARCSEC
     assert np.allclose(gap, 200.0, atol=2.0)
-    (note,) = [text for text in fitted.notes if "no position of the gears" in text]
-    assert note.startswith("driving order 3.087, driven order 1.7 are")
+    (note,) = [text for text in fitted.notes if "no fixed position on the gears" in text]
+    assert note.startswith("driving order 3.087, driven order 1.7 have")
 
 
 def test_the_evidence_and_the_run_folder_keep_it(fitted, tmp_path):
