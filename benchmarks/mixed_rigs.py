@@ -108,6 +108,7 @@ def answer(task: tuple[str, int, str]) -> Answer:
             truth = zoo_file(zoo)["write"](kind, seed, folder)["numbers"]
         logs = sorted(map(str, folder.glob("log*.csv")))
         code, record, said = called(["fit", *logs, "--pair", str(folder / "pair.toml"), "--json"])
+        said = said.replace(f"{folder}/", "")
     if "parameters" not in record:
         return Answer(kind, seed, code, said.strip().splitlines()[-1] if said.strip() else "", ())
     claims = tuple(
