@@ -18,7 +18,7 @@ def fitted(seed: int, advances: tuple[float, ...]) -> Fit:
     for advance in advances:
         for sense in (1, -1):
             samples = int(TURNS * COUNTS / advance)
-            run = place + sense * advance * np.arange(1, samples + 1) + generator.uniform(-1, 1)
+            run = place + sense * advance * np.arange(1, samples + 1) + generator.uniform(-3, 3)
             parts.append(run)
             senses.append(np.full(samples, sense))
             place = run[-1]

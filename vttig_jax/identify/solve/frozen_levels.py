@@ -2,17 +2,19 @@
 
 If the rounding error of a run is a constant with the standard deviation q, the covariance of the
 parameters increases by q² a aᵀ, where a is the change of the parameters if the TE of this run
-increases by 1 rad. The contributions of all runs add up. With two speeds the delay extrapolates the
-levels of the runs, so that the error of the gap is several times larger than q.
+increases by 1 rad. The contributions of all runs add up. If runs share one error, their a add up
+instead, so that a gap, which is a difference of runs, does not change. With two speeds the delay
+extrapolates the levels of the runs, so that the error of the gap is several times larger than q.
 """
 
 from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
+from scipy.linalg import block_diag
 
 from ...base.units import ARCSEC
-from ...logs.checks.frozen_rounding import frozen_stds
+from ...logs.checks.frozen_rounding import frozen_rounding
 from .sandwich import Functional, changes_by_constants
 from .solved_fit import SolvedFit
 
@@ -22,16 +24,19 @@ class FrozenLevels:
     """Rounding errors that are constant in a run.
 
     **Arguments**
-    - `stds`: standard deviation of the constant error of every run, rad of the driven shaft; 0 if
-      the rounding averages out.
+    - `stds`: standard deviation of the independent constant error of every run, rad of the driven
+      shaft; 0 if the rounding averages out.
+    - `shared`: standard deviations of errors that runs have in common, one row for each error.
     """
 
     stds: Float[np.ndarray, " runs"]
+    shared: Float[np.ndarray, "errors runs"]
 
     def covariance(self, solved: SolvedFit, functional: Functional) -> Float[np.ndarray, "k k"]:
         """Return the covariance of functions of the fit that these errors cause."""
         moved = changes_by_constants(solved, functional)
-        return (moved * self.stds[:, None] ** 2).T @ moved
+        own, together = self.stds[:, None] * moved, self.shared @ moved
+        return own.T @ own + together.T @ together
 
     @property
     def sentence(self) -> str:
@@ -50,14 +55,17 @@ class FrozenLevels:
 def with_frozen_levels(solved: SolvedFit) -> tuple[SolvedFit, FrozenLevels | None]:
     """Add the effect of constant rounding errors of the runs to the covariance of the parameters.
 
-    **Returns** the solution, and the record of these errors; None if all rounding averages out.
+    **Returns** the solution, and the record of these errors; None if all rounding averages out or
+    moves the zero of the angles only.
     """
     logs = [one.log for one in solved.linear.inputs]
     runs = [[run.segment for of, run, _ in solved.runs if of == log] for log in range(len(logs))]
-    stds = np.concatenate([frozen_stds(log, own) for log, own in zip(logs, runs, strict=True)])
-    if not np.any(stds > 0):
+    rounding = [frozen_rounding(log, own) for log, own in zip(logs, runs, strict=True)]
+    stds = np.concatenate([one.stds for one in rounding])
+    shared = np.asarray(block_diag(*[one.shared for one in rounding]))
+    if not (np.any(stds) or np.any(shared)):
         return solved, None
-    solution, found = solved.solution, FrozenLevels(stds)
+    solution, found = solved.solution, FrozenLevels(stds, shared)
     own = found.covariance(solved, Functional(np.eye(len(solution.names))))
     wider = replace(solution, covariance=solution.covariance + own)
-    return replace(solved, solution=wider), found
+    return replace(solved, solution=wider), found if np.any(stds) else None

@@ -6,9 +6,14 @@ of them is constant in the run. A run at nearly constant speed shows this part: 
 readings about a straight line averages out, and the rest of s²/12 is the variance of the constant.
 With R equidistant places within a step the scatter is (1 − 1/R²) s²/12. If the motion or the noise
 deviates from the line by a step or more, the errors vary and no constant part remains.
+
+The constants of two runs are independent, unless the readings pass from one run to the other by
+whole steps per sample, ramps included, as a computed trajectory does. Then the readings of both
+runs have the same place within a step, and the same error, which only moves the zero of the angle.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
@@ -25,31 +30,88 @@ that of R = 10 places (chosen)."""
 _FEWEST = 8  # least number of samples of a run to estimate its scatter; chosen value
 _OF_ROUNDING = 1 / 6  # variance of the difference of two rounded readings, in squared steps
 _PART = 0.5  # assumed offset of the two clocks as a fraction of a sample interval; chosen value
+_FEWEST_OF_RAMP = 4  # least number of equal growths of the advance in a ramp; chosen value
+_LEAST_JUMP = 4  # steps; a smaller change may be the rounding of a slow one; chosen value
 _LEAST_STEPS = 1.5  # least steps per sample; slower motion does not show the encoder step (chosen)
 
 
-def frozen_stds(log: EncoderLog, segments: Sequence[Segment]) -> Float[np.ndarray, " runs"]:
-    """Return the standard deviation of the constant rounding error of each run, rad driven angle.
+@dataclass(frozen=True, eq=False)
+class FrozenRounding:
+    """Constant rounding errors of the runs of a log, rad driven angle.
 
-    It is 0 for a TE-curve log, whose angles are positions and not rounded readings.
+    **Arguments**
+    - `stds`: standard deviation of the error of each run that is independent of other runs.
+    - `shared`: standard deviation of the error that all runs have in common, for each run; one row
+      for each shaft whose readings pass from run to run by whole steps.
+    """
+
+    stds: Float[np.ndarray, " runs"]
+    shared: Float[np.ndarray, "shafts runs"]
+
+
+def frozen_rounding(log: EncoderLog, segments: Sequence[Segment]) -> FrozenRounding:
+    """Return the constant rounding errors of the runs.
+
+    They are 0 for a TE-curve log, whose angles are positions and not rounded readings.
 
     **Arguments**
     - `segments`: runs at nearly constant speed.
     """
-    total = np.zeros(len(segments))
-    if log.driven is None:
-        return total
+    own, shared = np.zeros(len(segments)), np.zeros((0, len(segments)))
+    if log.driven is None or len(segments) == 0:
+        return FrozenRounding(own, shared)
     channels = (log.driving, log.driven)
-    share_of = frozen_share_between_clocks if any(c.step for c in channels) else frozen_share
-    for own, gain in enumerate((float(log.ratio), 1.0)):
-        step = _step(channels[own], channels[1 - own])
+    two_clocks = any(channel.step for channel in channels)
+    share_of = frozen_share_between_clocks if two_clocks else frozen_share
+    for place, gain in enumerate((float(log.ratio), 1.0)):
+        channel = channels[place]
+        step = _step(channel, channels[1 - place])
         if step == 0:
             continue
-        size = gain * abs(channels[own].radians_per_unit) * step
-        for place, segment in enumerate(segments):
-            readings = channels[own].reading[segment.start : segment.stop]
-            total[place] += size**2 * share_of((readings - readings[0]) / step) / 12
-    return np.sqrt(total)
+        runs = [channel.reading[one.start : one.stop] for one in segments]
+        shares = np.array([share_of((run - run[0]) / step) for run in runs])
+        stds = gain * abs(channel.radians_per_unit) * step * np.sqrt(shares / 12)
+        span = slice(min(one.start for one in segments), max(one.stop for one in segments))
+        if not two_clocks and moves_by_whole_steps(channel.reading[span] / step):
+            shared = np.vstack([shared, stds])
+        else:
+            own = np.hypot(own, stds)
+    return FrozenRounding(own, shared)
+
+
+def moves_by_whole_steps(steps: Float[np.ndarray, " n"]) -> bool:
+    """Return whether all readings have the same place within a step, whatever the place is.
+
+    It is so if every change of speed is one jump from sample to sample, or a ramp in which the
+    advance per sample grows by the same whole number of steps each time. A ramp may have one other
+    value at each of its ends. A motor or a hand does not move so exactly. Motion that does not
+    change its speed gives False, because nothing shows how exactly it would change.
+
+    **Arguments**
+    - `steps`: readings in units of the step.
+
+    **Example**
+    ```python
+    >>> import numpy as np
+    >>> from vttig_jax.logs.checks.frozen_rounding import moves_by_whole_steps
+    >>> advance = np.repeat([45, -45, 30, -30], 100)
+    >>> moves_by_whole_steps(np.cumsum(advance)), moves_by_whole_steps(np.cumsum(advance[:100]))
+    (True, False)
+
+    ```
+    """
+    growth = np.rint(np.diff(steps, 2))
+    if not np.any(growth):
+        return False
+    starts = np.flatnonzero(np.concatenate([[True], np.diff(growth) != 0]))
+    values, lengths = growth[starts], np.diff(np.append(starts, len(growth)))
+    long = lengths >= _FEWEST_OF_RAMP
+    steady = long & (values == 0)
+    change = np.cumsum(steady)[~steady]  # number of the steady part before, one for each piece
+    ramp = long[~steady]
+    ramps = np.bincount(change, ramp)
+    small = ~ramp & (np.abs(values[~steady]) < _LEAST_JUMP) & (ramps[change] == 0)
+    return not np.any(small) and bool(np.all(np.bincount(change, ~ramp) <= ramps + 1))
 
 
 def _step(channel: Channel, other: Channel) -> float:
