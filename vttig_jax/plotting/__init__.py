@@ -1,4 +1,4 @@
-"""Pictures of the objects of all rooms."""
+"""Pictures of fits, backlash maps, posteriors, simulations, sweeps, teeth and contacts."""
 
 from ..base.facade import lazy_names
 

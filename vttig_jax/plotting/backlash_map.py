@@ -31,8 +31,9 @@ _PER_PERIOD = 24  # points per period of the highest order; a chosen value
 def plot_map(backlash: BacklashMap, *, ax: Axes | None = None, turns: int = 16) -> Figure:
     """Plot the backlash over the hunting period, its first-order map and both extremes.
 
-    Shaded angles were not covered on both flanks. The right axis is in mm: axial displacement if
-    the pair has taper, otherwise backlash at the reference circle. A drive has no right axis.
+    Shaded angles were not covered on both flanks by the logs. The right axis is in mm: axial
+    displacement that closes the backlash if the pair has taper, otherwise backlash at the reference
+    circle. A drive has no right axis.
 
     **Arguments**
     - `backlash`: the map.
@@ -76,7 +77,10 @@ def plot_map(backlash: BacklashMap, *, ax: Axes | None = None, turns: int = 16) 
 
 
 def _shade(ax: Axes, backlash: BacklashMap, angle: Float[np.ndarray, " n"]) -> list[Artist]:
-    """Shade the angles that no log covered on both flanks; return the key for the legend."""
+    """Shade the angles that the logs did not cover on both flanks; return the legend entry.
+
+    The list is empty if no angle is shaded.
+    """
     if backlash.coverage is None:
         return []
     between = (angle[1:] + angle[:-1]) / 2
@@ -99,7 +103,7 @@ def _span(shown: int, period: int) -> str:
 
 
 def _mark(ax: Axes, extreme: Extreme, marker: str, name: str, shown: int) -> list[Artist]:
-    """Mark an extreme; one beyond the turns shown appears in the legend only."""
+    """Mark the smallest or largest backlash; beyond the turns shown it is only in the legend."""
     visible = extreme.driving_angle <= shown * REV
     point = ([extreme.driving_angle / DEG], [extreme.backlash / DEG]) if visible else ([], [])
     label = f"{name}: {extreme}" + ("" if visible else ", not shown")
@@ -108,7 +112,7 @@ def _mark(ax: Axes, extreme: Extreme, marker: str, name: str, shown: int) -> lis
 
 
 def _add_mm_axis(ax: Axes, backlash: BacklashMap) -> None:
-    """Add the right axis: j_mm = j R₂, or s = j R₂/(tan β_L + tan β_R)."""
+    """Add the right axis, mm: s = j R₂/(tan β_L + tan β_R), or j R₂ for a pair without taper."""
     pair = backlash.pair
     if isinstance(pair, Drive):
         return

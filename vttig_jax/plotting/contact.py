@@ -131,7 +131,10 @@ def _touch_points(driving: Tooth, contacts: Contacts, place: int, centre: comple
 
 
 def _outline(tooth: Tooth, z: float, flipped: bool) -> Complex[np.ndarray, " n"]:
-    """Return the outline of a tooth along x, seen from the other side if `flipped`."""
+    """Return the outline of a tooth in the section `z`, mm, as complex numbers x + jy.
+
+    The tooth points along the x axis; if `flipped`, it is seen from the other side.
+    """
     radius, clockwise = section_curve(gear_profile(tooth), _COUNTS, np.array([z]))
     sense = 1.0 if flipped else -1.0
     return radius[0] * np.exp(1j * sense * clockwise[0])

@@ -70,7 +70,8 @@ def plot_corner(posterior: Posterior, *, names: Sequence[str] | None = None) -> 
 def _axes(figure: Figure, count: int) -> dict[tuple[int, int], Axes]:
     """Return the axes on and below the diagonal, by row and column.
 
-    Their places are fixed: a layout that measures some hundred labels takes most of the time.
+    Their positions are set directly, because a layout engine that measures some hundred labels
+    would take most of the time.
     """
     figure.set_layout_engine("none")
     below, above = (inch / figure.get_figheight() for inch in _MARGINS_IN)
@@ -86,7 +87,7 @@ def _axes(figure: Figure, count: int) -> dict[tuple[int, int], Axes]:
 
 
 def picture_unit(posterior: Posterior, name: str) -> tuple[str, float]:
-    """Return the unit of a coordinate in pictures, and its size in internal units."""
+    """Return the unit of a coordinate in pictures, and the size of this unit in internal units."""
     unit = posterior.units[posterior.place(name)]
     if name == "constant_backlash":
         return "°", DEG
@@ -102,7 +103,10 @@ def _label(name: str, unit: str) -> str:
 
 
 def _laplace(posterior: Posterior, name: str, size: float) -> tuple[float, float] | None:
-    """Return estimate and standard error of the fit, or None without this coordinate."""
+    """Return value and standard error of a coordinate in the fit, in units of `size`.
+
+    Return None if the fit does not have this coordinate.
+    """
     fit = posterior.fit
     if name not in fit.covariance_names:
         return None
@@ -170,7 +174,7 @@ def _ellipse(covariance: Float[np.ndarray, "2 2"], level: float) -> Float[np.nda
 
 
 def _limits(draws: Float[np.ndarray, " n"]) -> tuple[float, float]:
-    """Return axis limits, with a margin, that exclude the outermost thousandth of the draws."""
+    """Return axis limits that contain 99.9 % of the draws, with a margin."""
     low, high = (float(part) for part in np.quantile(draws, [0.0005, 0.9995]))
     margin = 0.08 * (high - low) or max(abs(low), 1.0) * 1e-6
     return low - margin, high + margin

@@ -21,7 +21,7 @@ _SPLINE_POINTS = 201  # points of each spline curve; a chosen value
 _ROW_IN = 2.3  # height of a row, inch
 
 NamedMap = tuple[str, str, FlankMap]
-"""Gear, flank and its map."""
+"""Gear ("driving" or "driven"), flank ("A" or "B") and the map of this flank."""
 
 
 def plot_deviations(deviations: Deviations, pair: GearPair | None = None) -> Figure:
@@ -161,7 +161,7 @@ def _style_axes(ax: Axes, label: str) -> None:
 
 
 def _mark_ends(profile: Axes, helix: Axes, pair: GearPair, gear: str, flank: str) -> None:
-    """Mark the ends of the flank and of the face."""
+    """Mark the ends of the flank (form circle, tip) in `profile`, and of the face in `helix`."""
     number, side = _GEARS.index(gear), _FLANKS.index(flank)
     teeth = tooth_of(pair, "driving"), tooth_of(pair, "driven")
     base, tip = float(pair.base_radii[number, side]), float(pair.tip_radii[number])

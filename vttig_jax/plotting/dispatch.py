@@ -29,7 +29,9 @@ from .tooth import plot_tooth
 
 @singledispatch
 def plot(obj: object, **options: Any) -> Figure:
-    """Draw an object in a matplotlib figure without a pyplot window, with options by its type.
+    """Draw an object in a matplotlib figure without a pyplot window.
+
+    The options depend on the type of the object:
 
     - `TECurve`: transmission error over driving angle; `ax`, `unit`.
     - `Fit`: measured and fitted values of each flank, and the residual; `unit`, `span_deg`.

@@ -40,7 +40,7 @@ def plot_fit(
 
     If the log has several speeds, a last panel shows the gap at each of them. Points are block
     means of the samples. The line is the fitted value at these points, including drift and encoder
-    errors: measured value minus residual. The panels of angles share their axis.
+    errors: measured value minus residual. All panels over the driving angle have the same axis.
 
     **Arguments**
     - `fit`: result of a fit.
@@ -74,7 +74,7 @@ def plot_fit(
 
 
 def _draw_gaps(ax: Axes, fit: Fit) -> None:
-    """Draw the gap at the speeds of the log with 95 % intervals, beside that of the whole log."""
+    """Draw the gap at each speed of the log with 95 % intervals, and the gap of the whole log."""
     gaps, whole = fit.checks.gap_by_speed, fit.checks.gap_over_angles_covered.value
     bars = ax.errorbar(
         [one.speed_rpm for one in gaps],
@@ -144,7 +144,7 @@ def _dots(
 
 
 def _runs_in_span(fit: Fit, span_deg: tuple[float, float] | None) -> list[CurveAndResidual]:
-    """Return the runs, or their parts between two driving angles in deg."""
+    """Return all runs with their residuals, or their parts between two driving angles in deg."""
     runs = list(zip(fit.curves, fit.residuals, strict=True))
     if span_deg is None:
         return runs

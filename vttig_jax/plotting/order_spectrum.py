@@ -9,7 +9,7 @@ from ..identify.report.order_table import Order
 from .style import FLANK_COLOURS, grid, heading, new_figure
 
 _SHAFTS = {"driving": "driving order", "driven": "driven order", "mesh": "mesh order"}
-_SIGNIFICANT = 3.0  # standard errors; a chosen value
+_SIGNIFICANT = 3.0  # least significant amplitude, in standard errors; a chosen value
 _WIDTH = 0.38  # of a bar, orders
 _SHIFT = {"A": -_WIDTH / 2, "B": _WIDTH / 2}
 
@@ -77,7 +77,7 @@ def _significant(order: Order) -> bool:
 
 
 def _scale(ax: Axes, orders: tuple[Order, ...], log: bool) -> None:
-    """Set a logarithmic axis from a third of the smallest amplitude, or a linear one from zero."""
+    """Set the amplitude axis: logarithmic from a third of the least amplitude, or linear from 0."""
     positive = [o.amplitude_arcsec for o in orders if o.amplitude_arcsec > 0]
     if not log or not positive:
         ax.set_ylim(bottom=0.0)

@@ -31,9 +31,10 @@ _TURNS = 2.0  # driving turns shown by default; a chosen value
 def plot_predictive(found: Predictive, *, unit: Unit = "arcsec", turns: float = _TURNS) -> Figure:
     """Plot block means with their 95 % predictive interval, and the residual's autocorrelation.
 
-    The upper panels, one per flank, show the first turns of the longest run and mark means outside
-    the interval. The next panel shows all measured minus expected means with the interval, the last
-    one the autocorrelation of the residual with the band of 95 % of the replicates at each lag.
+    The upper panels, one per flank, show the first turns of the longest run and mark block means
+    outside the interval. The next panel shows the differences between measured and expected block
+    means of all runs, with the interval. The last panel shows the autocorrelation of the residual,
+    with the band that contains 95 % of the replicates at each lag.
 
     **Arguments**
     - `found`: predictive comparison.

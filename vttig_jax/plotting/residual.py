@@ -35,7 +35,10 @@ Runs = Sequence[Float[np.ndarray, " _"]]
 
 
 def plot_residual(fit: Fit) -> Figure:
-    """Plot the residual block means of a fit, whitened by its noise model."""
+    """Plot the residual block means of a fit with their spectrum and autocorrelation.
+
+    The autocorrelation is that of the residual whitened by the noise model of the fit.
+    """
     angles = [curve.driving_angle for curve in fit.curves]
     turns = [max(float(np.ptp(angle)) / REV, 1e-9) for angle in angles]
     noises = [fit.noise.at(curve.mean_speed) for curve in fit.curves]
@@ -176,7 +179,10 @@ _MARKER_STYLE = {
 def autocorrelation(
     white: Runs, lags: int
 ) -> tuple[Float[np.ndarray, " lags"], Float[np.ndarray, " lags"]]:
-    """Return the autocorrelation within runs at lags 0 … `lags`, and the numbers of pairs."""
+    """Return the autocorrelation at lags 0 … `lags`, and the number of pairs at each lag.
+
+    A pair of values is always from one run; the products of all runs are averaged.
+    """
     lags = min(lags, max((len(run) for run in white), default=1) - 1)
     products, pairs = np.zeros(lags + 1), np.zeros(lags + 1)
     for run in white:
@@ -192,8 +198,9 @@ def amplitude_spectrum(
 ) -> tuple[Float[np.ndarray, " f"], Float[np.ndarray, " f"]]:
     """Return frequencies (cycles per revolution) and their least-squares amplitudes (rad).
 
-    The frequencies go from one cycle over all revolutions to `highest` in steps of a quarter of the
-    resolution, or in larger steps if there would be more than 20 000.
+    The lowest frequency is one cycle over all revolutions, which is also the resolution. The
+    frequencies go up to `highest` in steps of a quarter of the resolution, or in larger steps if
+    there would be more than 20 000.
     """
     turns = np.concatenate(list(angles)) / REV
     span = float(np.ptp(turns))
@@ -204,8 +211,8 @@ def amplitude_spectrum(
     value = np.concatenate([run - np.mean(run) for run in residuals])
     starts = np.cumsum([0, *(len(run) for run in residuals)])[:-1]
     counts = np.array([len(run) for run in residuals])
-    # exp(2πj f t) of a block of frequencies is that of its first one times that of the distances,
-    # which are the same in every block, so that few exponentials are needed.
+    # For the frequencies f₀ + d of a block, exp(2πj f t) = exp(2πj f₀ t) · exp(2πj d t). The
+    # distances d are the same in every block, so that few exponentials are needed.
     distances = np.exp(2j * np.pi * (cycles[:_CHUNK, None] - cycles[0]) * turns)
     amplitude = np.concatenate(
         [
@@ -227,7 +234,11 @@ def _amplitudes(
     starts: Int[np.ndarray, " r"],
     counts: Int[np.ndarray, " r"],
 ) -> Float[np.ndarray, " k"]:
-    """Return the amplitude at each trial frequency from 2×2 normal equations without run means."""
+    """Return the amplitude at each trial frequency from 2×2 normal equations.
+
+    `trial` is exp(2πj f t), with one row per frequency. `starts` and `counts` are first row and
+    number of rows of each run; the means of the runs are eliminated from the equations.
+    """
     sums = np.add.reduceat(trial, starts, axis=1)
     power = trial.shape[1] - np.sum(np.abs(sums) ** 2 / counts, axis=1)
     square: Any = np.einsum("kn,kn->k", trial, trial) - np.sum(sums**2 / counts, axis=1)

@@ -24,7 +24,7 @@ _DPI = 150
 def png(figure: Figure, *, run: str = "") -> bytes:
     """Return a figure as PNG at 150 dpi; equal figures give equal bytes.
 
-    `run` is the digest of the run that the picture belongs to, which its metadata then name.
+    `run` is the digest of the run of the picture; if it is given, it is written to the metadata.
     """
     buffer = BytesIO()
     metadata = {"Software": "vttig_jax"} | ({"Source": f"run {run}"} if run else {})

@@ -1,4 +1,4 @@
-"""Picture of a simulated run: the whole run, and its braking and turning enlarged."""
+"""Picture of a simulated run: the whole run, and enlarged views of its braking and turning."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -27,13 +27,14 @@ from .style import (
 )
 
 _BEFORE, _AFTER = 0.2, 0.3
-"""Times shown before and after a ramp, as shares of its duration; chosen values."""
+"""Times shown before and after a speed ramp, as shares of its duration; chosen values."""
 
 _SHORTEST_RAMP, _LONGEST_VIEW = 0.01, 0.7
 """Shortest ramp and longest enlarged view, as shares of the run; chosen values."""
 
 _STANDSTILL = 1e-5
-"""Distance from the turn that counts as standstill, as a share of the range of angles."""
+"""Largest distance from the angle of the turn at which the shaft counts as standing still, as a
+share of the range of angles while braking."""
 
 _OBSERVED, _COMMAND, _CLOSED = "0.65", COLOURS[1], COLOURS[4]
 
@@ -44,7 +45,12 @@ Mark = tuple[float, str, ColorType]
 
 @dataclass(frozen=True)
 class _Rows:
-    """Trace in the units of the picture: s, the unit of TE, mm and rpm."""
+    """Trace in the units of the picture.
+
+    `time` is in s. True and `measured` TE (`error`) and flanks A and B (`lower`, `upper`) are in
+    the unit of TE. Axial shifts are in mm: commanded, `reached`, and needed to close the gap. The
+    speed of the driving shaft and its estimate (`observed`) are in rpm.
+    """
 
     time: Float[np.ndarray, " n"]
     error: Float[np.ndarray, " n"]
@@ -157,9 +163,10 @@ def _marks(simulation: Simulation) -> dict[str, Mark]:
 
 
 def _enlarged_spans(simulation: Simulation, end: float) -> list[Span]:
-    """Return the ramps before and after the turn, or the time after braking without a turn.
+    """Return the time spans, s, of the enlarged views: the speed ramps before and after the turn.
 
-    The list is empty if a view would show most of the run; `end` is the end of the trace, s.
+    If the motion does not turn, return one span from the start of braking to `end`, the end of the
+    trace. The list is empty if a view would show most of the run.
     """
     motion = simulation.case.motion
     braking, turn = float(motion.braking_s), float(motion.turn_s)
@@ -177,7 +184,7 @@ def _enlarged_spans(simulation: Simulation, end: float) -> list[Span]:
 
 
 def _useful_spans(spans: list[Span], end: float) -> list[Span]:
-    """Return the spans cut to the trace, or none if one of them covers most of it."""
+    """Return the spans, cut to the trace, or an empty list if one of them covers most of it."""
     cut = [(max(first, 0.0), min(last, end)) for first, last in spans if first < end]
     return [] if any(last - first > _LONGEST_VIEW * end for first, last in cut) else cut
 
@@ -210,7 +217,7 @@ def _draw_row(
     rows: _Rows,
     spans: list[Span],
 ) -> Handles:
-    """Draw one quantity in all enlarged views on one scale."""
+    """Draw one quantity in all enlarged views, `axes`, with the same vertical scale."""
     handles: Handles = {}
     for ax, span in zip(axes, spans, strict=True):
         if ax is not axes[0]:
@@ -277,7 +284,7 @@ def _line(
 
 
 def _mark(axes: list[Axes], span: Span, marks: dict[str, Mark]) -> Handles:
-    """Draw vertical lines through the views of one span."""
+    """Draw the vertical lines of the events inside `span` in all `axes` of this span."""
     handles: Handles = {}
     for event, (time, style, colour) in marks.items():
         if span[0] <= time <= span[1]:

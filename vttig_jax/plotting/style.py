@@ -40,7 +40,8 @@ class Picture(Figure):
             from matplotlib import pyplot
 
             window = pyplot.figure()
-            type(window.canvas).new_manager(self, window.number)  # takes the place of the window
+            # This figure takes the place of the empty figure in the new window.
+            type(window.canvas).new_manager(self, window.number)
         super().show(warn)
 
     def _repr_png_(self) -> bytes:
@@ -69,14 +70,14 @@ def unit_size(unit: str) -> float:
 
 
 def heading(figure: Figure, *parts: str) -> None:
-    """Set the heading of a figure; a `$` in a file name is not mathematics."""
+    """Set the heading of a figure from `parts`; a `$` in them does not start a formula."""
     figure.suptitle(
         _joined(parts), x=0.01, horizontalalignment="left", fontsize="medium", parse_math=False
     )
 
 
 def title(ax: Axes, *parts: str, legend_rows: int = 0) -> None:
-    """Set the title of axes at the upper left, above `legend_rows` rows of a wide legend."""
+    """Set the title of axes at the upper left, with space below for `legend_rows` legend rows."""
     ax.set_title(
         _joined(parts),
         loc="left",
@@ -122,16 +123,19 @@ def _joined(parts: tuple[str, ...]) -> str:
 
 
 MOST_POINTS = 20_000
-"""Points kept in a line: an order of magnitude more than the pixels of a page."""
+"""Largest number of points of a line (chosen), about ten times the pixels across a page."""
 
 
 def thinned(
     x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"], most: int = MOST_POINTS
 ) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, " m"]]:
-    """Return the end points and the minimum and maximum of y in equal pieces, in their order.
+    """Return fewer points of a line, which look the same in a picture.
+
+    The line is divided into pieces of equally many points. The points of minimum and maximum y of
+    each piece and the two end points are kept, in their order.
 
     **Arguments**
-    - `x`, `y`: a line; NaN in y is ignored if its piece has numbers.
+    - `x`, `y`: the line; NaN in y is ignored if its piece also has numbers.
     - `most`: largest number of points, at least 4; shorter lines are returned unchanged.
 
     **Example**

@@ -14,14 +14,15 @@ _ROWS = (
     ("interference_mm", "closed too\nfar by [mm]"),
 )
 _LOST = ("lost_motion_deg", "lost motion\nat the turn [°]")
-"""Metric that only a feedforward controller can reduce."""
+"""Metric that only a feedforward controller can reduce. It is drawn if the sweep has one."""
 
 _LINES = ("-", "--", "-.", ":")
 """Line styles that keep coinciding curves visible."""
 
 _BAND = (0.025, 0.975)  # quantiles at the edges of a band
 _MAX_POSITIONS = 400
-"""Largest number of positions on the axis; more are averaged in groups; a chosen value."""
+"""Largest number of positions on the axis; if there are more, neighbours are merged into groups; a
+chosen value."""
 
 _MAX_COLOURS = 8  # colours of one picture; a chosen value
 _MAX_MARKERS = 40  # positions that have a marker each; a chosen value
@@ -72,7 +73,7 @@ def plot_sweep(table: SweepTable, *, axis: str | None = None, by: str | None = N
 
 
 def _groups(table: SweepTable, axis: str, by: str | None) -> list[tuple[str, np.ndarray]]:
-    """Return the name and the mask of the cases of each colour."""
+    """Return, for each colour, the name of its group and the mask of the cases in this group."""
     if by is None:
         if any(table.columns[name].dtype.kind == "U" for name in table.axes):
             return table.groups()
@@ -113,7 +114,7 @@ def _feeds_forward(table: SweepTable) -> bool:
 
 
 def _draw_band(ax: Axes, positions: np.ndarray, values: np.ndarray, style: tuple, name: str):
-    """Draw median and band of the values at every position."""
+    """Draw median and band of the values at every position; return the line for the legend."""
     colour, dashes = style
     valid = ~np.isnan(values)
     positions, values = positions[valid], values[valid]

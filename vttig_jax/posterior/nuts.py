@@ -27,18 +27,18 @@ from .sampling.stop_rule import Until
 from .summary.posterior import Posterior
 
 _CHUNK = 100
-"""Draws per compiled call (chosen); an interrupt takes effect between two calls."""
+"""Draws of every chain per compiled call (chosen). An interrupt takes effect between two calls."""
 
 _MOST_REDRAWS = 50
-"""Most attempts to draw starts inside the prior (chosen)."""
+"""Largest number of attempts to draw starts inside the prior (chosen)."""
 
 
 @dataclass(frozen=True)
 class NutsDiagnosis(Diagnosis):
     """Convergence of NUTS chains, each treated as an ensemble of one walker.
 
-    `divergences` counts trajectories whose energy error diverged: there the curvature of the
-    density is too large for the step size, and the draws miss the region behind.
+    `divergences` counts trajectories whose energy error diverged. At such a place the curvature of
+    the density is too large for the step size, and the draws miss the region beyond it.
     """
 
     divergences: int = 0
@@ -65,9 +65,11 @@ class NutsDiagnosis(Diagnosis):
 
 
 class Whitened(eqx.Module):
-    """Log-density of y: x = `centre` + `factor` y, partial autocorrelations π = bound · tanh x.
+    """Log-density of the whitened coordinates y, in which the Laplace approximation is N(0, 1).
 
-    Near the Laplace approximation y is standard normal. The value includes the Jacobian of tanh.
+    With x = `centre` + `factor` y, the first `noise` elements of x are coordinates of `density`.
+    The others give the partial autocorrelations π = `LARGEST` · tanh x. The log-density includes
+    the Jacobian of tanh.
     """
 
     density: Density
@@ -100,8 +102,9 @@ def sample_nuts(
 ) -> Posterior:
     """Sample the posterior of a fit by NUTS (M. D. Hoffman, A. Gelman, JMLR 15 (2014) 1593).
 
-    The density is that of `sample`; only the sampling method differs. If both samplers agree,
-    neither has missed a part. Step size and mass matrix of every chain adapt during its warm-up.
+    The density is that of `sample`; only the sampling method differs. If both samplers agree, it is
+    unlikely that one has missed a part of the posterior. Step size and mass matrix of every chain
+    adapt during its warm-up.
 
     **Arguments**
     - `fit`, `prior`, `seed`: as in `sample`.
@@ -151,7 +154,7 @@ def sample_nuts(
 
 
 def whitened_of(target: FitTarget) -> Whitened:
-    """Return a target's density in coordinates with a standard normal Laplace approximation."""
+    """Return the density of `target` in coordinates whose Laplace approximation is N(0, 1)."""
     noise = target.names.index(NOISE_STD) + 1
     inner = np.clip(target.centre[noise:] / LARGEST, -0.99, 0.99)
     gain = np.append(np.ones(noise), 1.0 / (LARGEST * (1.0 - inner**2)))
@@ -173,7 +176,7 @@ def _blackjax() -> Any:
 
 
 def _starts(whitened: Whitened, key: PRNGKeyArray, chains: int) -> Float[Array, "chains d"]:
-    """Draw starts from the Laplace approximation that lie inside the prior."""
+    """Return whitened starts of the chains: draws of the Laplace approximation inside the prior."""
     shape = (chains, len(whitened.centre))
     starts = jax.random.normal(key, shape)
     for attempt in range(1, _MOST_REDRAWS):
@@ -220,7 +223,10 @@ def _chains(
     divergences: int,
     seed: int,
 ) -> Chains:
-    """Return the draws as chains of one-walker ensembles; the warm-up is already removed."""
+    """Return the draws as `Chains`, in which every NUTS chain is an ensemble of one walker.
+
+    `points` are the draws without the warm-up, and `acceptance` is the acceptance rate of each.
+    """
     count, steps, _ = points.shape
     draws = points[:, :, None]
     tau = np.maximum(np.mean([autocorrelation_time(chain) for chain in draws], axis=0), 1.0)

@@ -47,9 +47,9 @@ def sample(
     """Sample the posterior of a fit with several independent ensembles of emcee.
 
     The density is the restricted likelihood of the compressed logs times the prior. Free orders,
-    offsets, drift and wind-up are integrated out. Eccentricities and encoder errors are Cartesian.
-    The noise parameters (log std of the innovations, partial autocorrelations) are sampled too.
-    Parameters that the fit marks as undetermined are not sampled.
+    offsets, drift and wind-up are integrated out. Eccentricities and encoder errors are sampled as
+    x and y components. The noise parameters (log std of the innovations, partial autocorrelations)
+    are sampled too. Parameters that the fit marks as undetermined are not sampled.
 
     The walkers start from weighted draws of a Student t distribution around the fit, so that no
     burn-in is needed; where the weights cannot be trusted (Pareto k̂ > 0.7), they start from the
@@ -60,7 +60,8 @@ def sample(
     - `method`: "emcee", or "importance" for the weighted draws alone, without a Markov chain.
     - `prior`: prior of the parameters, see `Prior`; stated in `Posterior.prior`.
     - `seed`: seed of the random numbers; equal seeds give equal draws.
-    - `steps`: exact number of steps, or of draws by importance sampling; not together with `until`.
+    - `steps`: exact number of steps, or of draws of each ensemble by importance sampling; not
+      together with `until`.
     - `until`: stop rule; by default chains of 50 autocorrelation times and R-hat ≤ 1.01.
     - `ensembles`, `walkers`: number of independent ensembles (4 or more) and of walkers in each.
     - `checkpoint`: HDF5 file, updated every 5 s.
@@ -122,7 +123,7 @@ def sample(
 
 
 def _require_no_chains(**arguments: object) -> None:
-    """Raise an error for arguments that only Markov chains have."""
+    """Raise `ValueError` if one of the `arguments`, which only Markov chains use, is not None."""
     for name, value in arguments.items():
         if value is not None:
             raise ValueError(
@@ -132,7 +133,9 @@ def _require_no_chains(**arguments: object) -> None:
 
 
 def settings_of(path: str | Path) -> dict[str, Any]:
-    """Return the keywords of `sample` that continue a checkpoint: seed, ensembles, walkers, prior.
+    """Return the arguments with which `sample` continues a checkpoint, by name.
+
+    They are `seed`, `ensembles`, `walkers` and `prior`.
 
     **Raises** `InputError` for a file that is damaged or no checkpoint, `UsageError` for draws of
     importance sampling, which have no chains.
@@ -156,8 +159,8 @@ def read_posterior(path: str | Path, fit: Fit, *, model_draws: int = MODEL_DRAWS
     """Return the posterior of a checkpoint file that belongs to this fit.
 
     **Arguments**
-    - `model_draws`: number of draws of the flank model, at most; without any, nothing is compiled,
-      and the posterior has no map.
+    - `model_draws`: largest number of draws of the flank model. With 0, no JAX program is compiled,
+      and the posterior has no backlash map.
 
     **Raises** `InputError` for a file that is damaged or belongs to another fit.
     """
@@ -187,7 +190,10 @@ def _prior_of(identity: dict[str, Any], path: str | Path) -> Prior:
 def posterior_of(
     fit: Fit, target: FitTarget, chains: Chains, model_draws: int = MODEL_DRAWS
 ) -> Posterior:
-    """Return the posterior of these chains, with draws of the flank model that they imply."""
+    """Return the posterior of these chains, with draws of the flank model.
+
+    Each of at most `model_draws` draws of the parameters gives one draw of the flank model.
+    """
     assert fit.evidence is not None  # `fit_target` has checked this
     flat = chains.flat()
     chosen = np.linspace(0, len(flat) - 1, min(model_draws, len(flat))).round().astype(np.int64)
@@ -217,7 +223,10 @@ def posterior_of(
 def _flank_models(
     evidence: Evidence, coefficients: Float[np.ndarray, "m flanks columns"]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return offset, cosines and sines of both flanks, rad; NaN for an unmeasured flank."""
+    """Return draws of the offset, cosines and sines of both flanks, rad, from `coefficients`.
+
+    The shapes are (m, 2), (m, 2, terms) and (m, 2, terms). An unmeasured flank has NaN.
+    """
     columns = evidence.summary.columns
     cosines = np.array([columns.cosine(k) for k in evidence.summary.terms.locked[0]], np.intp)
     offset = np.full((len(coefficients), 2), np.nan)

@@ -1,4 +1,6 @@
-"""Draws of the linear coefficients that the likelihood integrates out, one draw per point.
+"""Draws of the linear coefficients that the likelihood integrates out.
+
+A point holds sampled parameters and noise parameters; one set of coefficients is drawn for it.
 
 A compiled JAX program computes the random numbers, the noise weights and the tied coefficients of
 every point. NumPy then factors the small matrices of all points of a chunk in one call.
@@ -22,8 +24,9 @@ def coefficient_draws(
 ) -> Float[np.ndarray, "m flanks columns"]:
     """Draw the coefficients of all columns of the design matrix once for each row of `points`.
 
-    The noise std is multiplied by `widening` when the integrated-out coefficients are drawn. The
-    last axis of the result holds the free columns, then the tied columns.
+    A row holds sampled parameters, log std and partial autocorrelations. The noise std is
+    multiplied by `widening` when the integrated-out coefficients are drawn. The last axis of the
+    result holds the free columns, then the tied columns.
     """
     count = len(points)
     if count == 0:
@@ -43,9 +46,10 @@ def coefficient_draws(
 def _inputs(
     likelihood: Likelihood, points: Float[Numbers, "m d"], keys: Key[Array, " m"]
 ) -> tuple[Numbers, Numbers, Array, Array]:
-    """Return noise weights, tied coefficients, and standard normal numbers for every point.
+    """Return four arrays with one row per point, the inputs of `_drawn`.
 
-    The normal numbers come last: first for the nuisance parameters, then for the free columns.
+    They are the weights of the lag products, the tied coefficients, and standard normal numbers for
+    the nuisance parameters and for the free columns.
     """
     count, places = len(likelihood.sampled_indices), jnp.asarray(likelihood.sampled_indices)
     free = likelihood.products.shape[1], likelihood.free
@@ -73,8 +77,9 @@ def _drawn(
 ) -> Float[np.ndarray, "m flanks columns"]:
     """Return one draw of the coefficients of all columns for each point.
 
-    `std` is the standard deviation of the noise innovations. `weights` multiply the stored products
-    of the likelihood and depend on the noise. `normal` and `free_normal` are standard normal.
+    `std` is the standard deviation of the noise innovations, rad. `weights` depend on the noise and
+    multiply `likelihood.products`. `tied` are the tied coefficients before the draw of the nuisance
+    parameters is added. `normal` and `free_normal` are standard normal numbers.
     """
     free, spread = likelihood.free, np.asarray(likelihood.spread)
     lower = np.linalg.cholesky(np.tensordot(weights, np.asarray(likelihood.products), 1))

@@ -1,4 +1,4 @@
-"""Posterior density of a fit, likelihood times prior, evaluated at the rows of an array."""
+"""Posterior density of a fit: likelihood times prior, evaluated at many points at once."""
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -37,8 +37,8 @@ class FitTarget:
     **Arguments**
     - `names`, `units`: names and units (mm, rad, s) of the coordinates, noise parameters last.
     - `density`, `prior`: density to sample, and the prior in words.
-    - `centre`, `covariance`: of the Laplace approximation, from which walkers start.
-    - `identity`: data, options and prior; a checkpoint must agree with them.
+    - `centre`, `covariance`: mean and covariance of the Laplace approximation.
+    - `identity`: data, options and prior; those of a checkpoint must be equal to continue it.
     """
 
     names: tuple[str, ...]
@@ -50,7 +50,7 @@ class FitTarget:
     identity: dict[str, Any]
 
     def log_density(self, points: Float[np.ndarray, "walkers d"]) -> Float[np.ndarray, " walkers"]:
-        """Return the log-density of every point, NumPy float64."""
+        """Return the log-density of every point; near the fit it comes from polynomials."""
         points = np.asarray(points, np.float64)
         local = self._local
         if local is None:
@@ -64,13 +64,13 @@ class FitTarget:
     def exact_log_density(
         self, points: Float[np.ndarray, "walkers d"]
     ) -> Float[np.ndarray, " walkers"]:
-        """Return the log-density of every point without polynomials."""
+        """Return the log-density of every point from the exact likelihood, without polynomials."""
         return in_batches(self._exact, points)
 
     def value_and_gradient(
         self, point: Float[np.ndarray, " d"]
     ) -> tuple[float, Float[np.ndarray, " d"]]:
-        """Return the log-density of one point and its gradient; near the fit nothing compiles."""
+        """Return the log-density of one point and its gradient; near the fit without compiling."""
         local, density = self._local, self.density
         if local is None or not local.holds(np.asarray(density.narrowed(point[None])))[0]:
             return exact_value_and_gradient(density, point)
@@ -83,7 +83,10 @@ class FitTarget:
 
     @cached_property
     def _local(self) -> LocalLikelihood | None:
-        """The likelihood near the fit, if it is equal to the exact one at all probes."""
+        """Polynomial likelihood near the fit; None if it differs from the exact one at a probe.
+
+        Differences up to `tolerance` are allowed.
+        """
         widening = np.asarray(self.density.widening)
         narrow = self.covariance / np.outer(widening, widening)
         local = local_likelihood(self.density.likelihood, self.centre, narrow)
@@ -92,7 +95,8 @@ class FitTarget:
         near = probes(self.centre, narrow, np.asarray(local.half_width))
         points = self.centre + (near - self.centre) * widening
         wanted = self.exact_log_density(points)
-        # As many points as the sampler evaluates at once, so that one program is compiled for both.
+        # The probes are repeated to the number of points that the sampler evaluates at once, so
+        # that the probes and the sampler use the same compiled program.
         many = np.resize(points, (BATCHES[0], points.shape[1]))
         found = in_batches(evaluation(self.density, local), many)[: len(points)]
         same = np.isfinite(wanted) & np.isfinite(found)
@@ -109,19 +113,22 @@ class FitTarget:
         return evaluation(self.density, self._local)
 
     def starts(self, count: int, generator: np.random.Generator) -> Float[np.ndarray, "count d"]:
-        """Draw points from the Laplace approximation."""
+        """Draw `count` starting points from the Laplace approximation."""
         return generator.multivariate_normal(self.centre, self.covariance, count, method="cholesky")
 
 
 def is_physical(name: str) -> bool:
-    """Return whether this parameter of a forward model is one that is sampled."""
+    """Return whether the forward-model parameter of this name is sampled if it is determined."""
     if name in ("constant_backlash", "delay"):
         return True
     return name.startswith(_SHAFTS) and name.endswith(_AXES)
 
 
 def sampled_names(fit: Fit) -> list[str]:
-    """Return the names of the physical parameters that are sampled, in the order of the fit."""
+    """Return the names of the physical parameters that the logs determine, in fit order.
+
+    These parameters are sampled.
+    """
     determined = () if fit.evidence is None else fit.evidence.determined
     return [name for name in fit.covariance_names if is_physical(name) and name in determined]
 
@@ -141,9 +148,9 @@ def fit_target(fit: Fit, prior: Prior = Prior()) -> FitTarget:
 
 
 def target_of(fit: Fit, prior: Prior) -> FitTarget:
-    """Return the posterior of a fit; the density is not evaluated.
+    """Return the posterior of a fit as `fit_target` does, but without evaluating the density.
 
-    **Raises** the errors of `fit_target`, except that for a prior that excludes the fit.
+    **Raises** the errors of `fit_target`, but no error for a prior that excludes the fit.
     """
     evidence = _evidence_of(fit)
     _require_one_noise(fit)
@@ -193,7 +200,10 @@ def target_of(fit: Fit, prior: Prior) -> FitTarget:
 
 
 def _evidence_of(fit: Fit) -> Evidence:
-    """Return the compressed logs of a fit of the exact relation; raise `UsageError` without."""
+    """Return the compressed logs of a fit.
+
+    **Raises** `UsageError` for a fit of a given flank model and for one without compressed logs.
+    """
     if fit.given is not None:
         raise UsageError(
             f"this fit is of the flank model {fit.given.name}, but the density of the sampler knows"
@@ -211,7 +221,7 @@ def _evidence_of(fit: Fit) -> Evidence:
 
 
 def _require_one_noise(fit: Fit) -> None:
-    """Raise an error if the noise model differs between speeds."""
+    """Raise `UsageError` if the fit has a separate noise model for each speed plateau."""
     if fit.noise.plateaus:
         raise UsageError(
             "the sampler needs one noise model for the whole rig, but this fit has one per speed;"
@@ -254,13 +264,13 @@ def _unit(fit: Fit, name: str) -> str:
 
 
 def _is_rounding(fit: Fit) -> bool:
-    """Return whether the noise is only the rounding error of the transmission error."""
+    """Return whether the noise is so small that it is only rounding of the transmission error."""
     largest = max((np.abs(c.transmission_error).max(initial=0.0) for c in fit.curves), default=0.0)
     return fit.noise.innovation_std <= 1e-10 * float(largest)
 
 
 def _identity(fit: Fit, prior: Prior) -> dict[str, Any]:
-    """Return data, model and prior, with which a checkpoint must agree."""
+    """Return JSON values of data, model and prior; those of a checkpoint must be equal."""
     assert fit.evidence is not None
     summary = fit.evidence.summary
     largest = float(fit.evidence.widening.max(initial=1.0))
@@ -283,7 +293,11 @@ def _identity(fit: Fit, prior: Prior) -> dict[str, Any]:
 
 
 def _require_inside(target: FitTarget, fit: Fit) -> None:
-    """Raise `UsageError` if the density is zero at the fit; it names the option that widens it."""
+    """Raise an error if the density is zero at the fit.
+
+    If a bound of the prior is the cause, it is a `UsageError` that names the option to widen it.
+    Otherwise it is a `NoAnswerError`.
+    """
     if np.isfinite(target.exact_log_density(target.centre[None])[0]):
         return
     centre, density = target.centre, target.density

@@ -1,4 +1,4 @@
-"""Log-density of a fit: its value at many points, and its slope at one."""
+"""Log-density of a fit: its value at many points, and its gradient at one point."""
 
 from collections.abc import Callable
 from functools import lru_cache, partial
@@ -16,19 +16,21 @@ from .likelihood import Likelihood
 from .local_likelihood import LocalLikelihood
 
 BATCHES = (128, 32)
-"""Numbers of points that are evaluated together; more shapes would be compiled (chosen)."""
+"""Numbers of points per call of the compiled density (chosen). Each number compiles a program."""
 
-_IMAGINARY = 1e-30  # step whose square vanishes beside every number; chosen value
+_IMAGINARY = 1e-30  # imaginary step of derivatives; its square is negligible; chosen value
 
 
 class Density(eqx.Module):
     """Log-density of (sampled parameters, log std of the innovations, partial autocorrelations).
 
-    The log-likelihood of a fit whose standard errors are wider than those of its noise model, w
-    times, has this width too: it is taken at `centre` + (point − `centre`)/w, as in M. Ribatet,
-    D. Cooley and A. C. Davison, Statistica Sinica 22 (2012) 813 for composite ones.
+    If the standard errors of the fit are w times those of its noise model, the likelihood is made
+    wider by the same factors w (`widening`). It is evaluated at `centre` + (point − `centre`)/w, as
+    M. Ribatet, D. Cooley and A. C. Davison, Statistica Sinica 22 (2012) 813, do for composite
+    likelihoods.
 
-    `centre`, `bound`, `plane_bound` and `plane_std` are in internal units: mm, rad, s.
+    `planes` are index pairs of coordinates (x, y), each with the prior of one `Disc`. `centre`,
+    `bound`, `plane_bound` and `plane_std` are in internal units: mm, rad, s.
     """
 
     likelihood: Likelihood
@@ -41,7 +43,7 @@ class Density(eqx.Module):
     widening: Float[Numbers, " d"] = eqx.field(converter=float64)
 
     def narrowed(self, point: Float[Numbers, "*n d"]) -> Float[Numbers, "*n d"]:
-        """Return the point at which the likelihood of the noise model is taken."""
+        """Return `centre` + (point − `centre`)/`widening`, where the likelihood is evaluated."""
         xp = namespace(point)
         centre = xp.asarray(self.centre)
         return centre + (point - centre) / xp.asarray(self.widening)
@@ -52,7 +54,7 @@ class Density(eqx.Module):
         return jnp.where(jnp.isfinite(value), value, -jnp.inf)
 
     def likelihood_at(self, point: Float[Array, " d"]) -> Float[Array, ""]:
-        """Return the log-likelihood at one point."""
+        """Return the log-likelihood, widened by `widening`, at one point."""
         count = len(self.likelihood.sampled_indices)
         partial = jnp.clip(point[count + 1 :], -LARGEST, LARGEST)
         return self.likelihood(jnp.asarray(self.narrowed(point))[:count], partial, point[count])
@@ -60,7 +62,8 @@ class Density(eqx.Module):
     def log_prior(self, point: Inexact[Numbers, "*point"]) -> Inexact[Numbers, "*n"]:
         """Return the log-density of the prior up to a constant, −∞ outside its bounds.
 
-        A NumPy array may be complex and hold one point a column, shape (d, n).
+        `point` is one point, shape (d,), or a NumPy array with n points as columns, shape (d, n).
+        Such an array may be complex, for derivatives by an imaginary step.
         """
         xp = namespace(point)
         inside = xp.all(xp.abs(point.T) <= xp.asarray(self.bound), axis=-1)
@@ -78,9 +81,10 @@ Evaluation = Callable[[Float[np.ndarray, "walkers d"]], Float[Array, " walkers"]
 
 
 def evaluation(density: Density, local: LocalLikelihood | None) -> Evaluation:
-    """Return the compiled density of many points, exact if `local` is None.
+    """Return a compiled function that gives the log-density of many points.
 
-    Its arrays are on the device once for all evaluations.
+    It uses the polynomial likelihood `local`, or the exact likelihood if `local` is None. The
+    arrays of the density are copied to the device only once.
     """
     used = density if local is None else eqx.tree_at(lambda d: d.likelihood, density, None)
     arrays, structure = jax.tree.flatten((used, local))
@@ -90,7 +94,10 @@ def evaluation(density: Density, local: LocalLikelihood | None) -> Evaluation:
 
 @lru_cache(maxsize=16)
 def _program_of(structure: Any) -> Callable[..., Float[Array, " walkers"]]:
-    """Return the program of densities of one structure; a call then compares no structures."""
+    """Return the compiled program of all densities with the same tree structure.
+
+    Its arguments are arrays only, so that JAX does not compare tree structures in every call.
+    """
 
     @jax.jit
     def at_points(
@@ -108,7 +115,10 @@ def _program_of(structure: Any) -> Callable[..., Float[Array, " walkers"]]:
 def in_batches(
     evaluate: Evaluation, points: Float[np.ndarray, "walkers d"]
 ) -> Float[np.ndarray, " walkers"]:
-    """Return the values of all points, evaluated in batches of few sizes, which compile once."""
+    """Return the values of all points, evaluated in batches of equal size.
+
+    The size is one of `BATCHES`, so that few programs are compiled. The last batch is filled up.
+    """
     size = next((n for n in BATCHES if n <= len(points)), BATCHES[-1])
     if len(points) == size:
         return np.array(evaluate(points))
@@ -120,7 +130,7 @@ def in_batches(
 def near_value_and_gradient(
     density: Density, local: LocalLikelihood, point: Float[np.ndarray, " d"]
 ) -> tuple[float, Float[np.ndarray, " d"]]:
-    """Return the log-density of a point near the fit and its gradient; nothing is compiled."""
+    """Return the log-density of a point near the fit and its gradient, without compiling."""
     value, slope = local.value_and_gradient(np.asarray(density.narrowed(point)))
     steps = point[:, None] + 1j * _IMAGINARY * np.eye(len(point))
     prior: Any = density.log_prior(steps)
@@ -132,7 +142,7 @@ def near_value_and_gradient(
 def exact_value_and_gradient(
     density: Density, point: Float[np.ndarray, " d"]
 ) -> tuple[float, Float[np.ndarray, " d"]]:
-    """Return the log-density of a point and its gradient without polynomials."""
+    """Return the log-density of a point and its gradient from the exact likelihood."""
     value, gradient = _value_and_gradient(density, point)
     return float(value), np.asarray(gradient)
 

@@ -1,11 +1,12 @@
 """Likelihood of parameters and noise, computed from lag products instead of samples.
 
-The rows of a flank are Z = U F, where U has orthonormal columns. With f the whitening filter of the
-noise, Uᵀ Σ⁻¹ U = Σ_{jk} f_j f_k (Γ_{k−j} − end terms) = CᵀC, and R = C F is the triangular factor
-of the whitened rows. The leading part of R integrates out the free harmonics; the normal matrix K
-integrates out the nuisance parameters (offsets, drift, wind-up). For n rows in r runs,
+The rows of a flank are Z = U F, where U has orthonormal columns with the lag products Γ. With f the
+whitening filter of the noise, Uᵀ Σ⁻¹ U = Σ_{jk} f_j f_k (Γ_{k−j} − end terms) = CᵀC, and R = C F is
+the triangular factor of the whitened rows. The leading block of R integrates out the free
+harmonics; the normal matrix K integrates out the nuisance parameters (offsets, drift, wind-up). For
+n rows in r runs, with innovations of variance σ² and partial autocorrelations π_k,
 
-    −2 log p = (n − coefficients) log σ² + Σ_f log|R_f,freeᵀ R_f,free| + log|K|
+    −2 log p = (n − coefficients) log σ² + Σ_flanks log|R_freeᵀ R_free| + log|K|
                − r Σ_k k log(1 − π_k²) + misfit / σ².
 """
 
@@ -23,15 +24,18 @@ from ...identify.compress.harmonic_summary import HarmonicSummary
 from ...identify.model.forward_model import ForwardModel
 
 _RIDGE = 1e-13
-"""Ridge relative to the square of every column (chosen). It keeps the normal matrix factorable when
-two nuisance parameters coincide, and Uᵀ Σ⁻¹ U under the most extreme noise that is tried."""
+"""Ridge relative to the squared norm of every column (chosen). With it, the normal matrix has a
+Cholesky factor even if two nuisance parameters have equal columns, and so has Uᵀ Σ⁻¹ U for the most
+extreme noise that is tried."""
 
 
 class ReducedRows(eqx.Module):
-    """Rows of all flanks, whitened for innovations of variance one, without the free harmonics.
+    """Triangular factors of the whitened rows after elimination of the free harmonics.
+
+    The rows are whitened for innovations of variance one.
 
     **Arguments**
-    - `determinant`: log-determinant of the triangular factor of the eliminated columns.
+    - `determinant`: log-determinant of the factors of the free columns, summed over the flanks.
     - `factor`: upper triangular factor of the tied columns and y of every flank.
     """
 
@@ -47,12 +51,15 @@ class Likelihood(eqx.Module):
     - `kind`: class of the flank summaries, which gives the weights of `products`.
     - `products`: matrices of every flank whose weighted sum is Uᵀ Σ⁻¹ U.
     - `triangles`: triangular factor F of every flank.
-    - `spread`: (nuisance, flanks, tied): tied coefficients of every nuisance parameter.
-    - `determinants`: sum over the flanks of the numbers that give the log-determinant of the noise.
-    - `rows`: weighted number of rows.
-    - `sampled_indices`: indices of the sampled parameters; `fixed`: values of the others, from
-      which those that are integrated out are counted.
+    - `spread`: derivatives of the tied coefficients with respect to every nuisance parameter.
+    - `determinants`: numbers from which `kind.determinant_of` computes the log-determinant of the
+      noise, summed over the flanks.
+    - `rows`: number of rows, or the sum of their weights for a robust loss.
+    - `sampled_indices`: indices of the sampled parameters in the parameters of `relation`.
+    - `fixed`: values of all parameters; the sampled values replace some of them, and nuisance
+      parameters are integrated out as differences from them.
     - `variance_factor`: factor on the residual variance for a robust loss, 1 for least squares.
+    - `free`: number of free columns of each flank.
     """
 
     relation: ForwardModel
@@ -69,7 +76,7 @@ class Likelihood(eqx.Module):
 
     @property
     def coefficients(self) -> int:
-        """Number of coefficients integrated out."""
+        """Number of coefficients integrated out: nuisance parameters and all free harmonics."""
         return self.spread.shape[0] + self.products.shape[1] * self.free
 
     def factors(self, partial: Float[Array, " order"]) -> Float[Array, "flanks q q"]:
@@ -79,7 +86,7 @@ class Likelihood(eqx.Module):
         return jax.lax.linalg.cholesky(gram, symmetrize_input=False)
 
     def reduced(self, partial: Float[Array, " order"]) -> ReducedRows:
-        """Return the rows after elimination of the free harmonics."""
+        """Return the triangular factors that remain after elimination of the free harmonics."""
         return self._reduced(self.factors(partial))
 
     def _reduced(self, factors: Float[Array, "flanks q q"]) -> ReducedRows:
@@ -95,7 +102,11 @@ class Likelihood(eqx.Module):
     def whitened_residual(
         self, sampled: Float[Array, " d"], factor: Float[Array, "flanks t t"]
     ) -> tuple[Float[Array, " r"], Float[Array, "r nuisance"]]:
-        """Return the whitened residual of the tied coefficients, and the nuisance columns."""
+        """Return the whitened residual of the tied rows, and the whitened nuisance columns.
+
+        The residual is the prediction from the `sampled` parameters minus the measurement. `factor`
+        is `ReducedRows.factor`.
+        """
         parameters = jnp.asarray(self.fixed).at[jnp.asarray(self.sampled_indices)].set(sampled)
         tied, target = factor[:, :-1, :-1], factor[:, :-1, -1]
         predicted = self.relation.coefficients(parameters)
@@ -138,10 +149,10 @@ def likelihood_of(
     order: int,
     variance_factor: float = 1.0,
 ) -> Likelihood:
-    """Return the likelihood of the `sampled` parameters under noise of this order.
+    """Return the likelihood of the `sampled` parameters under autoregressive noise of this order.
 
-    Every other parameter is integrated out along its column of `jacobian`: the forward model is
-    linear in all parameters except the eccentricities.
+    Every other parameter is integrated out with its column of `jacobian`, because the forward model
+    is linear in all parameters except the eccentricities. `values` are the parameters of the fit.
     """
     names = list(relation.names)
     nuisance = [k for k, name in enumerate(names) if name not in sampled]
@@ -163,12 +174,12 @@ def likelihood_of(
 
 
 def _product_matrices(flank: FlankSummary, order: int) -> Float[np.ndarray, "products q q"]:
-    """Return the products of a flank with a ridge."""
+    """Return the matrices of `flank.weighted_products`, with a ridge added to the first one."""
     products = flank.weighted_products(order).copy()
     products[0] += _RIDGE * np.eye(len(flank.triangle))
     return products
 
 
 def ridged(gram: Float[Numbers, "*stack n n"]) -> Float[Numbers, "*stack n n"]:
-    """Return normal matrices with a ridge relative to the square of every column."""
+    """Return the normal matrices `gram` with their diagonals multiplied by 1 + `_RIDGE`."""
     return gram + _RIDGE * gram * np.eye(gram.shape[-1])

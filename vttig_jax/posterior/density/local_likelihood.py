@@ -7,12 +7,12 @@ its diagonal moves by some tenths, and its other elements hardly at all. So
 
     log|G| = Σ log G_ii + small,    misfit = [δ, 1] (H + small) [δ, 1]ᵀ,
 
-where H is the Gram matrix of the other columns, δ = β − β₀ are the differences of the tied
-coefficients from those of the fit, and the last column is the residual of the fit. G_ii and H are
-exact sums of the lag products with weights that π gives. The small parts are polynomials of π, and
-δ is a polynomial of the parameters, both within a box around the fit and with an error that is
-measured at other points of the box. Where no polynomial reaches the tolerance there is no such
-likelihood, and a point outside the box is left to the exact one.
+where δ = β − β₀ are the tied coefficients minus those of the fit. H is the Gram matrix of the
+columns that are kept: the tied columns and, as the last one, the residual of the fit. G_ii and H
+are exact sums of the lag products with weights that depend on π. The small parts are approximated
+by polynomials of π, and δ by polynomials of the parameters, within a box around the fit. The errors
+are measured at separate points of the box. If no polynomial reaches the tolerance, a fit has no
+local likelihood. For points outside the box, the exact likelihood is used.
 """
 
 from itertools import product
@@ -33,14 +33,14 @@ from .orthogonal_columns import OrthogonalColumns, orthogonal_columns
 _WIDTHS = 7.0  # half-width of the box in standard deviations; chosen value
 _DEGREES = tuple(range(2, 13))  # total degrees in π that are tried; chosen values
 _CURVED_DEGREES = (2, 3, 4)  # total degrees in the eccentricities that are tried; chosen values
-_MOST_TERMS = 500  # polynomials of π beyond which the exact likelihood costs less; chosen value
+_MOST_TERMS = 500  # most terms in π; with more, the exact likelihood costs less; chosen value
 _PROBES = 64  # points at which the error is measured; chosen value
-_REACHES = (1.0, 2.0, 3.0)  # spread of these points in standard deviations; chosen values
-_TOLERANCE = 1e-8  # largest error of the log-likelihood; chosen value
-_ROUNDING = 1e-13  # part of it for every row, because sums over the rows are rounded; chosen value
-_IMAGINARY = 1e-30  # step whose square vanishes beside every number; chosen value
-_DIFFERENCE = 1e-5  # step of the partial autocorrelations; chosen value
-_GROUP = 8  # diagonal elements that are multiplied before the logarithm; chosen value
+_REACHES = (1.0, 2.0, 3.0)  # spreads of these points in standard deviations; chosen values
+_TOLERANCE = 1e-8  # largest error of the log-likelihood, apart from rounding; chosen value
+_ROUNDING = 1e-13  # rounding error of the log-likelihood per row; chosen value
+_IMAGINARY = 1e-30  # imaginary step of derivatives; its square is negligible; chosen value
+_DIFFERENCE = 1e-5  # step of π for central differences; chosen value
+_GROUP = 8  # diagonal elements whose product has one common logarithm; chosen value
 
 Columns = Float[np.ndarray, "_ n"]
 """One column per point."""
@@ -50,7 +50,7 @@ class LocalLikelihood(eqx.Module):
     """Log-likelihood of many points (sampled parameters, log std, partial autocorrelations).
 
     **Arguments**
-    - `centre`, `half_width`: box in which it holds; its width is infinite for the log std.
+    - `centre`, `half_width`: box in which it is valid; its width is infinite for the log std.
     - `tied`: matrix that is multiplied with the basis functions of `_tied_terms` to give [δ, 1].
     - `square`: matrix that is multiplied with the weights of the lag products and the polynomial
       terms of π to give the upper triangle of H + small.
@@ -58,6 +58,7 @@ class LocalLikelihood(eqx.Module):
     - `determinant`: coefficients of the polynomial in π for the remaining part of log|G|.
     - `initial`: numbers from which `kind.determinant_of` computes the log-determinant of the noise.
     - `freedom`: number of rows minus number of coefficients.
+    - `sampled`: number of sampled parameters.
     - `curved`: indices of the parameters in which δ is not linear; `degrees`: total degrees of the
       polynomials in these parameters and in π.
     """
@@ -76,7 +77,7 @@ class LocalLikelihood(eqx.Module):
     degrees: tuple[int, int] = eqx.field(static=True)
 
     def __call__(self, points: Float[Numbers, "n d"]) -> Float[Numbers, " n"]:
-        """Return the log-likelihood of every point; it holds only inside the box."""
+        """Return the log-likelihood of every point; the values are valid only inside the box."""
         partial = points[:, self.sampled + 1 :]
         weights, initial = jax.vmap(self._of_noise, out_axes=(1, 0))(partial)
         return self._at(points, weights, jnp.asarray(initial))
@@ -84,11 +85,11 @@ class LocalLikelihood(eqx.Module):
     def value_and_gradient(
         self, point: Float[np.ndarray, " d"]
     ) -> tuple[float, Float[np.ndarray, " d"]]:
-        """Return the log-likelihood of one point in the box and its slope; nothing is compiled.
+        """Return the log-likelihood of one point in the box and its gradient, without compiling.
 
-        The slope comes from an imaginary step and is exact to rounding (W. Squire, G. Trapp, SIAM
-        Review 40 (1998) 110). Only the numbers of the noise (weights and log-determinant) are not
-        analytic; their slopes are central differences.
+        The gradient comes from an imaginary step and is exact to rounding (W. Squire, G. Trapp,
+        SIAM Review 40 (1998) 110). Only the weights of the lag products and the log-determinant of
+        the noise do not accept complex π; their derivatives are central differences.
         """
         partial, first = point[self.sampled + 1 :], self.sampled + 1
         numbers = np.tile(np.append(*self._of_noise(partial))[:, None], len(point)).astype(complex)
@@ -103,7 +104,7 @@ class LocalLikelihood(eqx.Module):
     def _of_noise(
         self, partial: Float[Numbers, " order"]
     ) -> tuple[Float[Numbers, " products"], Number]:
-        """Return the weights of the products, and the log-determinant of the noise."""
+        """Return the weights of the lag products, and the log-determinant of the noise, at π."""
         initial = namespace(partial).asarray(self.initial)
         return self.kind.product_weights(partial), self.kind.determinant_of(initial, partial)
 
@@ -140,7 +141,8 @@ def local_likelihood(
 ) -> LocalLikelihood | None:
     """Return the likelihood near `centre`, or None if no polynomial reaches the tolerance.
 
-    `centre` and `covariance` are those of (sampled parameters, log std, partial autocorrelations).
+    `centre` and `covariance` are mean and covariance of the Laplace approximation, for the
+    coordinates (sampled parameters, log std, partial autocorrelations).
     """
     count = len(likelihood.sampled_indices)
     half_width = _half_width(centre, covariance, count)
@@ -184,7 +186,10 @@ def probes(
     covariance: Float[np.ndarray, "d d"],
     half_width: Float[np.ndarray, " d"],
 ) -> Float[np.ndarray, "probes d"]:
-    """Return points of the box at which the error is measured: draws of several spreads."""
+    """Return random points of the box at which the error is measured.
+
+    They are normal draws with one, two and three times the standard deviations of `covariance`.
+    """
     generator = np.random.default_rng(0)
     draws = generator.multivariate_normal(0 * centre, covariance, _PROBES, method="cholesky")
     draws *= np.resize(_REACHES, _PROBES)[:, None]
@@ -192,14 +197,18 @@ def probes(
 
 
 def tolerance(likelihood: Likelihood) -> float:
-    """Return the largest error of the log-likelihood that is accepted."""
+    """Return the largest accepted error of the local log-likelihood; it grows with the rows."""
     return _TOLERANCE + _ROUNDING * float(likelihood.rows)
 
 
 def _half_width(
     centre: Float[np.ndarray, " d"], covariance: Float[np.ndarray, "d d"], sampled: int
 ) -> Float[np.ndarray, " d"]:
-    """Return the half-width of the box, which stays inside the stationary noise."""
+    """Return the half-widths of the box, infinite for the log std.
+
+    A partial autocorrelation moves at most half of its distance from ± `LARGEST`, so that the noise
+    is stationary in the whole box.
+    """
     half_width = _WIDTHS * np.sqrt(np.diag(covariance))
     half_width[sampled] = np.inf
     inner = 0.5 * (LARGEST - np.abs(centre[sampled + 1 :]))
@@ -210,7 +219,7 @@ def _half_width(
 def _tied_at(
     likelihood: Likelihood, sampled: Float[np.ndarray, "n s"]
 ) -> Float[np.ndarray, "n flanks tied"]:
-    """Return the tied coefficients at some values of the sampled parameters."""
+    """Return the tied coefficients for each row of `sampled`, values of the sampled parameters."""
     parameters = np.repeat(np.asarray(likelihood.fixed)[None], len(sampled), axis=0)
     parameters[:, list(likelihood.sampled_indices)] = sampled
     return np.stack([likelihood.relation.linearised(own)[0] for own in parameters])
@@ -223,7 +232,11 @@ def _tied_polynomial(
     half_width: Float[np.ndarray, " d"],
     points: Float[np.ndarray, "probes d"],
 ) -> tuple[tuple[int, ...], int, Float[np.ndarray, "kept terms"]] | None:
-    """Return the curved parameters, their total degree and the matrix of δ and 1, or None."""
+    """Return the polynomial for δ, or None if no degree reaches the tolerance at `points`.
+
+    The polynomial consists of the indices of the curved parameters, the total degree in them, and
+    the matrix `LocalLikelihood.tied`, which gives [δ, 1].
+    """
     count = len(likelihood.sampled_indices)
     middle, width = centre[:count], half_width[:count]
     linear = likelihood.relation.linear.shape[0]
@@ -252,9 +265,11 @@ def _small_polynomial(
     vectors: Columns,
     likelihood: Likelihood,
 ) -> tuple[int, Float[np.ndarray, "values terms"]] | None:
-    """Return the total degree and the coefficients of the small parts, or None.
+    """Return the total degree and the coefficients of the polynomials of π for the small parts.
 
-    `vectors` are [δ, 1] of the probes in units of the innovations.
+    Return None if no degree reaches the tolerance. `box` is centre and half-width of π. `probed`
+    holds π of the probes, scaled to the box, and `vectors` holds [δ, 1] of the probes divided by
+    the std of the innovations.
     """
     centre, width = box
     weights_of = likelihood.kind.product_weights
@@ -283,7 +298,7 @@ def _small_polynomial(
 
 
 def _degrees(coordinates: int, degree: int) -> tuple[tuple[int, ...], ...]:
-    """Return the degrees in every coordinate of all products up to a total degree."""
+    """Return, for each product of polynomials up to a total `degree`, its degree per coordinate."""
     every = product(range(degree + 1), repeat=coordinates) if coordinates < 5 else None
     if every is not None:
         return tuple(one for one in every if sum(one) <= degree)
@@ -292,7 +307,10 @@ def _degrees(coordinates: int, degree: int) -> tuple[tuple[int, ...], ...]:
 
 
 def _terms(scaled: Inexact[Numbers, "p n"], degree: int) -> Inexact[Numbers, "terms n"]:
-    """Return the products of Chebyshev polynomials up to a total degree at points of ±1."""
+    """Return all products of Chebyshev polynomials up to a total `degree`, at n points.
+
+    `scaled` has one column per point, with coordinates from −1 to 1.
+    """
     xp = namespace(scaled)
     degrees = np.array(_degrees(len(scaled), degree), int)
     terms = xp.ones((len(degrees), scaled.shape[1]))
@@ -321,7 +339,10 @@ def _tied_terms(
 
 
 def _log_product(values: Inexact[Numbers, "k n"]) -> Inexact[Numbers, " n"]:
-    """Return the sum of the logarithms; values near 1 are multiplied in groups first."""
+    """Return the sum of the logarithms of each column.
+
+    The values are near 1, so they can be multiplied in groups first to save logarithms.
+    """
     xp, missing = namespace(values), -len(values) % _GROUP
     padded = xp.concatenate([values, xp.ones((missing, values.shape[1]))])
     return xp.sum(xp.log(xp.prod(padded.reshape(-1, _GROUP, values.shape[1]), axis=1)), axis=0)

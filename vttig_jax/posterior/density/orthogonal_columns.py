@@ -14,8 +14,9 @@ from jaxtyping import Float
 from .likelihood import Likelihood
 
 _DEPENDENT = 1e-12
-"""Least squared share of a column that the columns before it leave; rounding leaves about 1e-16,
-and columns that are fitted leave 1e-6 and more (chosen)."""
+"""Smallest accepted share of the squared norm of a column that the columns before it do not explain
+(chosen). Rounding alone leaves a share of about 1e-16, and the columns of a fit leave 1e-6 and
+more."""
 
 
 @dataclass(frozen=True)
@@ -28,7 +29,8 @@ class OrthogonalColumns:
     - `determinant`: log-determinant of the Gram matrix of the integrated-out columns at the noise
       of the fit, before they were orthogonalised.
     - `at_fit`: Gram matrix of the kept columns at the noise of the fit.
-    - `flanks`: as `gram`, for each flank alone; its last column is the residual of that flank.
+    - `flanks`: as `gram`, but of the columns of each flank alone; the last column is the residual
+      of a fit of all other columns to this flank.
     - `excess`: variance factor of the likelihood (robust loss), minus 1.
     """
 
@@ -54,10 +56,11 @@ class OrthogonalColumns:
     def small_parts(
         self, weights: Float[np.ndarray, "n products"]
     ) -> Float[np.ndarray, "values n"]:
-        """Return the corrections that `diagonal` and `squares` do not contain, per noise.
+        """Return the corrections that `diagonal` and `squares` do not contain.
 
-        The first row corrects the log-determinant of the integrated-out columns. The other rows
-        correct the upper triangle of the Gram matrix of the kept columns.
+        `weights` has one row per noise model, and the result has one column per noise model. The
+        first row corrects the log-determinant of the integrated-out columns. The other rows correct
+        the upper triangle of the Gram matrix of the kept columns.
 
         **Raises** `numpy.linalg.LinAlgError` for a Gram matrix that is not positive definite.
         """
@@ -84,7 +87,7 @@ def orthogonal_columns(
 ) -> OrthogonalColumns:
     """Return the columns, orthogonalised at the noise with these partial autocorrelations.
 
-    `tied` holds the tied coefficients; the last column is the residual that they leave.
+    `tied` holds the tied coefficients of the fit; the last column is the residual of the fit.
 
     **Raises** `numpy.linalg.LinAlgError` for columns that depend on each other.
     """
@@ -118,7 +121,10 @@ def orthogonal_columns(
 def _columns(
     likelihood: Likelihood, tied: Float[np.ndarray, "flanks tied"]
 ) -> tuple[Float[np.ndarray, "flanks q c"], int]:
-    """Return all columns, multiplied by `triangles`, and the number of integrated-out columns."""
+    """Return all columns as combinations of the columns of U, and how many are integrated out.
+
+    `triangles` (F) turns combinations of the columns of Z = U F into combinations of those of U.
+    """
     triangles, free = np.asarray(likelihood.triangles), likelihood.free
     spread = np.asarray(likelihood.spread)
     flanks, width = tied.shape

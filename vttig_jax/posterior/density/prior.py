@@ -25,17 +25,19 @@ OPTIONS = {
 
 @dataclass(frozen=True)
 class Prior:
-    """Priors of the physical parameters; the noise has flat log std and partial autocorrelations.
+    """Priors of the physical parameters.
+
+    The priors of the noise are always flat in its log std and its partial autocorrelations.
 
     **Arguments**
     - `eccentricity_mm`: largest eccentricity of a gear, mm; by default half the module.
-    - `flat_in`: "plane" is flat in the offset (x, y), hence ∝ e in the amplitude; "amplitude" is
-      flat in the amplitude.
-    - `amplitude_arcsec`: largest first order of a drive, ″; also the largest encoder error if the
-      pair names no accuracy.
+    - `flat_in`: "plane" is a flat density over (x, y), so that the density of the amplitude is
+      proportional to the amplitude; "amplitude" is a flat density of the amplitude.
+    - `amplitude_arcsec`: largest amplitude of a first order of a drive, ″; also the largest encoder
+      error if the pair names no accuracy.
     - `encoder_arcsec`: standard deviation of both components of an encoder's error, ″; by default
       the `accuracy_arcsec` of the pair, and flat if the pair has none.
-    - `backlash_deg`: largest size of the constant backlash, °.
+    - `backlash_deg`: largest absolute value of the constant backlash, °.
 
     **Raises** `ValueError` that names the argument.
     """
@@ -61,7 +63,9 @@ class Prior:
 class Disc:
     """Prior of two coordinates (x, y): flat within the radius `bound`, or normal with `std`.
 
-    `field` names the field of `Prior` that gives `bound` or `std`; `words` describes this prior.
+    `bound` and `std` are in internal units (mm, rad). If `flat_in_amplitude`, the density is flat
+    in the amplitude instead of flat in the plane. `field` names the field of `Prior` that gives
+    `bound` or `std`; `words` describes this prior.
     """
 
     name: str

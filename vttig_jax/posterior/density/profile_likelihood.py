@@ -4,8 +4,9 @@ With ℓ(x) the log-density and ℓ̂ its maximum, the interval of coordinate k 
 
     2 (ℓ̂ − max {ℓ(x): x_k = c}) ≤ q,    q the quantile of χ² with one degree of freedom.
 
-The others include the noise, and the density includes the prior. No draws and no normal
-approximation are needed: S. A. Murphy, A. W. van der Vaart, J. Am. Stat. Assoc. 95 (2000) 449.
+The maximum is over all other coordinates, including those of the noise, and the density includes
+the prior. No draws and no normal approximation are needed: S. A. Murphy, A. W. van der Vaart, J.
+Am. Stat. Assoc. 95 (2000) 449.
 """
 
 from collections.abc import Sequence
@@ -28,10 +29,12 @@ _UNBOUNDED_FROM = 64.0
 """Distance in standard errors beyond which a side counts as unbounded (chosen)."""
 
 _TOLERANCE = 1e-4
-"""Gradient per standard error at a maximum (chosen); its error in the log-density is 1e-8."""
+"""Gradient, per standard error, at which a search for a maximum ends (chosen). The log-density at
+its end is then too low by about 1e-8."""
 
 _WALL = 1e6
-"""Objective outside the prior (chosen); it grows with the squared distance from the start."""
+"""Value in place of minus the log-density outside the prior (chosen). It grows with the squared
+distance from the start."""
 
 _DIFFERENCE_STEP = 1e-3  # step of gradient differences, in standard errors (chosen)
 _LEAST_CURVATURE = 1e-3  # lower bound of the scaled curvatures (chosen)
@@ -48,7 +51,7 @@ class ProfileInterval:
     **Arguments**
     - `best`: value at the maximum of the density.
     - `low`, `high`: ends of the interval; None for an unbounded side.
-    - `reason`: why an end is missing or is the bound of the prior.
+    - `reason`: sentence if an end is missing or is the bound of the prior, else None.
     """
 
     name: str
@@ -109,7 +112,7 @@ def profile(of: Fit | FitTarget, name: str, probability: float = 0.95) -> Profil
 def profiles(
     of: Fit | FitTarget, names: Sequence[str] | None = None, probability: float = 0.95
 ) -> dict[str, ProfileInterval]:
-    """Return profile intervals by name, by default of all coordinates that are not noise."""
+    """Return profile intervals by name, by default of all coordinates except the noise."""
     profiler = Profiler(_target(of))
     wanted = profiler.physical if names is None else names
     return {name: profiler.interval(name, probability) for name in wanted}
@@ -123,7 +126,8 @@ def _target(of: Fit | FitTarget) -> FitTarget:
 class Profiler:
     """Maximum of the density of one target, with all coordinates free or with one held.
 
-    It works on u: the coordinates, with arctanh(π/bound) for a partial autocorrelation π.
+    The search uses the coordinates u, which are those of the target, except that arctanh(π/bound)
+    takes the place of a partial autocorrelation π; the bound is `LARGEST`.
     """
 
     def __init__(self, target: FitTarget):
@@ -167,7 +171,10 @@ class Profiler:
         return np.append(self._maximum[0][: self._noise], self._partial(self._maximum[0]))
 
     def value_and_gradient(self, u: Point) -> tuple[float, Point]:
-        """Return minus the log-density and its gradient in u; outside the prior a high wall."""
+        """Return minus the log-density and its gradient in u.
+
+        Outside the prior, return a high value that grows with the distance from the start.
+        """
         point = np.append(u[: self._noise], self._partial(u))
         value, gradient = self.target.value_and_gradient(point)
         if np.isfinite(value):
@@ -188,7 +195,7 @@ class Profiler:
 
     @cached_property
     def _gain(self) -> Point:
-        """Derivative du/dx at the start."""
+        """Derivatives du/dx with respect to the coordinates x of the target, at the start."""
         inner = np.tanh(self._start[self._noise :])
         return np.append(np.ones(self._noise), 1.0 / (LARGEST * (1.0 - inner**2)))
 
@@ -219,7 +226,10 @@ class Profiler:
         return (vectors / np.maximum(values, _LEAST_CURVATURE)) @ vectors.T * np.outer(size, size)
 
     def maximise(self, start: Point, directions: Float[np.ndarray, "d m"]) -> tuple[Point, float]:
-        """Return the maximum over `start` + `directions` z; the directions scale z to order one."""
+        """Return the point `start` + `directions` z with the largest density, in u.
+
+        Also return minus its log-density. With the lengths of `directions`, z is of order one.
+        """
 
         def scaled(z):
             value, slope = self.value_and_gradient(start + directions @ z)
@@ -233,8 +243,9 @@ class Profiler:
 class _ProfilePath:
     """Maxima of the density with one coordinate held some standard errors from its best value.
 
-    The columns of the Cholesky factor with that coordinate first are `along`, which the other
-    coordinates follow in a normal density, and `across`, the directions of their deviations.
+    The covariance is factored with this coordinate first. The first column of the Cholesky factor,
+    `along`, is the path of these maxima if the density is normal. The other columns, `across`, are
+    the directions of deviations from this path.
     """
 
     def __init__(self, profiler: Profiler, place: int):
@@ -248,7 +259,11 @@ class _ProfilePath:
         self.offsets = {0.0: np.zeros(len(top))}
 
     def end(self, side: float, quantile: float) -> tuple[float | None, str | None]:
-        """Return where twice the log-density has fallen by `quantile`, and a remark or None."""
+        """Return one end of the interval, and a remark or None.
+
+        At the end, twice the log-density is `quantile` below its maximum. `side` is −1 for the
+        lower and +1 for the upper end. An unbounded side has None as its end.
+        """
         # Search each distance once: a second search from a nearer start may end slightly lower.
         excess = {0.0: -quantile}
 

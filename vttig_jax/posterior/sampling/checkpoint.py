@@ -1,4 +1,4 @@
-"""HDF5 checkpoint files, replaced atomically: a kill at any moment leaves a complete file."""
+"""HDF5 checkpoint files, replaced atomically: a process that is killed leaves a complete file."""
 
 import io
 import json
@@ -30,7 +30,7 @@ from .stop_rule import BURN_IN, Until
 
 FORMAT = "vttig.posterior/1"
 SAVE_S = 5.0  # shortest time between two saves, s (chosen)
-_WAIT_PER_WRITE = 20.0  # writing takes at most 1/20 of the time (chosen)
+_WAIT_PER_WRITE = 20.0  # least time between two saves, in durations of one save (chosen)
 _ARRAYS = tuple(
     field.name for field in fields(Record) if field.name not in ("steps", "thin")
 )  # names of the HDF5 datasets
@@ -40,8 +40,9 @@ _ARRAYS = tuple(
 class Header:
     """Settings of a run; only a run with equal settings may continue its checkpoint.
 
-    `burn_in` is the fraction of the chains that is discarded; a run that is continued keeps its
-    own. `pareto_k` and `effective` describe the weights of importance sampling, by ensemble.
+    `burn_in` is the fraction of the chains that is discarded; a continued run uses that of its
+    checkpoint. `pareto_k` (shape k̂ of the weights) and `effective` (effective number of draws) have
+    one value per ensemble for importance sampling, and are empty for emcee.
     """
 
     names: tuple[str, ...]
@@ -120,14 +121,15 @@ class Checkpoint:
 
     def _release(self) -> None:
         remove_abandoned(self.path)
-        # Unlink before the release: `filelock` notices that a lock it just got has no file.
+        # Delete the lock file before the release: another process that gets the lock at this moment
+        # notices through `filelock` that its file is missing.
         with suppress(OSError):
             self._lock_path.unlink()
         self._lock.release()
 
     @property
     def is_begun(self) -> bool:
-        """Whether there is a file that this run continues."""
+        """Whether this run continues an existing checkpoint file."""
         return self.resume and self.path.exists()
 
     def load(self) -> Record:
@@ -150,7 +152,7 @@ class Checkpoint:
         return record
 
     def due(self) -> bool:
-        """Return whether to save now: every 5 s, less often if writing is slow."""
+        """Return whether a save is due: every 5 s, less often if writing is slow."""
         return time.monotonic() - self._last_s >= max(SAVE_S, _WAIT_PER_WRITE * self._cost_s)
 
     def save(self, record: Record, until: Until) -> None:
@@ -217,7 +219,7 @@ def read(path: Path) -> tuple[Header, Record, Until]:
 
 
 def _write(path: Path, header: Header, record: Record, until: Until) -> None:
-    """Write a checkpoint to a new temporary name and sync it to the disk."""
+    """Write a checkpoint to the new temporary file `path` and sync it to the disk."""
     text = dumps(header.as_json() | {"steps": record.steps, "until": until})
     arrays = {name: getattr(record, name) for name in _ARRAYS}
     with open(open_new(path), "wb+", buffering=0) as raw:
@@ -290,7 +292,10 @@ def _checksum(text: str, arrays: dict[str, np.ndarray]) -> int:
 
 
 def _differences(stored: Any, expected: Any, place: str = "") -> Any:
-    """Yield sentences on the differences of two JSON values, in the order of the first."""
+    """Yield a clause on each difference between two JSON values, in the order of `stored`.
+
+    `place` is the path of the values in the whole JSON object.
+    """
     if isinstance(stored, dict) and isinstance(expected, dict):
         for key in [*stored, *(key for key in expected if key not in stored)]:
             inner = f"{place}.{key}" if place else key

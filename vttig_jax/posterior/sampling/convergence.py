@@ -12,7 +12,7 @@ from scipy.fft import next_fast_len
 from .stop_rule import BURN_IN, Until, steps_needed
 
 WINDOW = 5.0
-"""The autocorrelation sum ends at the first lag of at least this many τ (rule of Sokal)."""
+"""The sum of the autocorrelations ends at the first lag of at least this many τ (rule of Sokal)."""
 
 
 def autocorrelation_time(
@@ -23,9 +23,9 @@ def autocorrelation_time(
         τ = 1 + 2 Σ ρ(k),  k = 1 … M,  M the first lag ≥ 5 τ(M),
 
     Here ρ is the autocorrelation averaged over the walkers (Goodman and Weare; Sokal), about the
-    mean of the whole ensemble. Taken about its own mean, a walker that never moves away would seem
-    to mix at once; about the common mean its correlation does not decay, and τ grows with the
-    chain. A coordinate that does not move at all has τ = `steps`.
+    mean of the whole ensemble. If each walker had a mean of its own, walkers that stay in different
+    places would seem to mix at once. About the common mean their autocorrelation does not decay,
+    and τ grows with the chain. A coordinate that does not move at all has τ = `steps`.
 
     **Example**
     ```python
@@ -50,7 +50,10 @@ def autocorrelation_time(
 
 
 def _autocovariance(series: Float[np.ndarray, "steps walkers"]) -> Float[np.ndarray, " steps"]:
-    """Return the autocovariance summed over the walkers, by FFT with zero padding."""
+    """Return the sum over the walkers of their autocovariances, by lag, about the common mean.
+
+    It is computed by FFT with zero padding.
+    """
     steps = len(series)
     length = next_fast_len(2 * steps, real=True)
     # Transposed so that the FFT runs along contiguous memory.
@@ -64,16 +67,17 @@ def r_hat(draws: Float[np.ndarray, "ensembles steps walkers d"]) -> Float[np.nda
 
         R̂ = √[((n − 1)/n · W + B/n) / W]
 
-    It is the larger of two values, on normal scores of the ranks (bulk) and of |x − median|
-    (folded). A group is one half in time of one ensemble with all its walkers, B/n the variance of
-    the group means, W the mean variance inside a group. The walkers of an ensemble are proposed
-    from each other, so all of them can miss the same half of a posterior and still agree; only
-    independent ensembles show this.
+    It is the larger of two values: one from the normal scores of the ranks of x (bulk), one from
+    those of |x − median| (folded). The n draws of all walkers of one ensemble in the first or in
+    the second half of the steps are one group. B/n is the variance of the group means, and W is the
+    mean variance inside a group. The proposals of a walker depend on the other walkers of its
+    ensemble, so all of them can miss the same half of a posterior and still agree. Only independent
+    ensembles show this.
 
     Correlation between steps does not change W and adds to B the error of a mean of n/τ draws.
     This makes R-hat larger, never smaller: at 50 τ and 64 walkers by less than 0.001, so the draws
-    are not thinned by τ here. The middle step of an odd number is dropped. A constant coordinate
-    has R-hat 1 if all ensembles agree, else infinity.
+    are not thinned by τ here. If the number of steps is odd, the middle step is dropped. A constant
+    coordinate has R-hat 1 if all ensembles agree, else infinity.
 
     **Example**
     ```python
@@ -100,7 +104,10 @@ def _r_hat_of_coordinate(groups: Float[np.ndarray, "groups n"]) -> float:
 
 
 def _normal_scores(values: Float[np.ndarray, "groups n"]) -> Float[np.ndarray, "groups n"]:
-    """Return the normal quantiles of the ranks (Blom), which limit the effect of heavy tails."""
+    """Return the normal scores of the values: the normal quantiles of their ranks (Blom).
+
+    They limit the effect of heavy tails.
+    """
     ranks = stats.rankdata(values, method="average").reshape(values.shape)
     return special.ndtri((ranks - 0.375) / (values.size + 0.25))
 
@@ -114,8 +121,8 @@ def _split_r_hat(groups: Float[np.ndarray, "groups n"]) -> float:
     return float(np.sqrt((count - 1) / count + between / within))
 
 
-_TIME_POINTS = 4096  # most steps of an ensemble that τ is computed from (chosen)
-_RANK_POINTS = 400  # the same for R-hat: sorting is slow, and 400 × 64 draws fix R-hat to 0.001
+_TIME_POINTS = 4096  # most steps of an ensemble from which τ is computed (chosen)
+_RANK_POINTS = 400  # steps for R-hat, up to twice as many; 400 × 64 draws give it to 0.001 (chosen)
 
 
 @dataclass(frozen=True)
@@ -150,7 +157,7 @@ class Diagnosis:
 
     @property
     def compared(self) -> bool:
-        """Whether R-hat was computed."""
+        """Whether R-hat was computed, so that the ensembles are compared with each other."""
         return not np.isnan(self.r_hat).any()
 
     @property
@@ -165,7 +172,7 @@ class Diagnosis:
 
     @property
     def needed(self) -> int:
-        """Steps, burn-in included, that make the chains long enough at the present τ."""
+        """Number of steps, burn-in included, after which the chains are long enough at this τ."""
         return steps_needed(float(self.tau.max()), self.until, self.burn_in)
 
     def __str__(self) -> str:
@@ -194,7 +201,10 @@ class Diagnosis:
         )
 
     def to_json(self) -> dict[str, Any]:
-        """Return the numbers by name of the coordinate; non-finite numbers are written as null."""
+        """Return the JSON object of the diagnosis, with the values of coordinates by their names.
+
+        NaN and infinity are written as null.
+        """
 
         def by_name(values: np.ndarray) -> dict[str, float]:
             return dict(zip(self.names, values.tolist(), strict=True))
@@ -225,13 +235,15 @@ def diagnose(
     burn_in: float = BURN_IN,
     short_compared: bool = True,
 ) -> Diagnosis:
-    """Return the diagnosis of the stored draws of several ensembles; it discards the burn-in.
+    """Return the diagnosis of the stored draws of several ensembles, without the burn-in.
 
-    R-hat takes most of the time. Without `short_compared` it is left out, NaN, for chains that are
-    not long enough, because these have not converged whatever it is.
+    `draws` holds every `thin`-th of the `steps`. R-hat takes most of the time. If `short_compared`
+    is False, it is not computed (NaN) for chains that are not long enough, because these have not
+    converged anyway.
 
-    Long chains are read at no more than 4096 evenly spaced steps for τ and 400 for R-hat. A τ below
-    that spacing is set to the spacing, so that no more effective draws are claimed than read.
+    From long chains, at most 4096 evenly spaced steps are used for τ and 400 to 800 for R-hat. A τ
+    below the spacing is set to the spacing, so that the effective draws are not more than those
+    used.
     """
     chains = draws[:, discarded(draws.shape[1], burn_in) :]
     kept = chains.shape[1]
@@ -257,7 +269,7 @@ def diagnose(
 
 
 def discarded(kept: int, burn_in: float) -> int:
-    """Return the number of stored steps that are discarded, `burn_in` of all."""
+    """Return how many of `kept` stored steps are discarded: the fraction `burn_in`."""
     return int(burn_in * kept)
 
 

@@ -17,8 +17,9 @@ class Record:
     """State of several ensembles after some steps; a checkpoint holds all of it.
 
     `draws` and `log_density` belong to every `thin`-th step, `points` and `point_log_density` to
-    the last one. `keys` and `rest` (position, has_gauss, cached_gaussian) are the states of the
-    ensembles' Mersenne twisters.
+    the last step. `accepted` is the number of accepted proposals. `keys` and `rest` (position,
+    has_gauss, cached_gaussian) are the states of the ensembles' random generators, which are
+    Mersenne twisters.
     """
 
     steps: int
@@ -67,7 +68,10 @@ class Ensembles:
         )
 
     def _buffers_for(self, kept: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return arrays with capacity for `kept` steps; it doubles, so that growing is rare."""
+        """Return the arrays of draws and log densities, with capacity for `kept` stored steps.
+
+        If they are too small, their capacity is at least doubled, so that copying is rare.
+        """
         capacity = self._buffers[0].shape[1]
         if kept > capacity:
             larger = max(kept, 2 * capacity)
@@ -78,10 +82,10 @@ class Ensembles:
 def start(
     density: CheckedDensity, seeds: list[np.random.SeedSequence], walkers: int, thin: int
 ) -> Record:
-    """Return the record of new ensembles, which have made no step yet.
+    """Return the record of new ensembles before their first step.
 
-    Every seed starts one ensemble of `walkers` points, drawn by `starting_points`. The record will
-    hold every `thin`-th step.
+    Each seed starts one ensemble of `walkers` points, which `starting_points` draws. The record
+    will hold every `thin`-th step.
     """
     states = []
     for seed in seeds:
@@ -100,14 +104,19 @@ def start(
 
 
 def warm_up(density: CheckedDensity, points: Float[np.ndarray, "ensembles walkers d"]) -> None:
-    """Evaluate the density once for as many points as a step asks for, so that it compiles now."""
+    """Compile the density before the first step, by one evaluation.
+
+    It has as many points as each evaluation of a step: half of the walkers of every ensemble.
+    """
     density(points[:, ::2].reshape(-1, points.shape[-1]))
 
 
 def check_same_density(density: CheckedDensity, record: Record, path: Path) -> None:
-    """Check that the density has the values stored in the record; the code may have changed.
+    """Check that the density of the first ensemble at its last points equals the stored values.
 
-    **Raises** `InputError` that names a point.
+    It differs if the code has changed since the checkpoint `path` was written.
+
+    **Raises** `InputError` that names the point with the largest difference.
     """
     stored = record.point_log_density[0]
     values = density(record.points[0].copy())
@@ -123,7 +132,7 @@ def check_same_density(density: CheckedDensity, record: Record, path: Path) -> N
 
 
 def _walkers(record: Record, index: int) -> Walkers:
-    """Return copies of the walkers of one ensemble, with a generator in its state."""
+    """Return copies of the walkers of ensemble `index`, with a random generator in its state."""
     position, has_gauss, cached = record.rest[index].tolist()
     random = np.random.RandomState()
     random.set_state(("MT19937", record.keys[index], int(position), int(has_gauss), cached))

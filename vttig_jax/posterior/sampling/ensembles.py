@@ -1,4 +1,4 @@
-"""Sampling of a log density with independent ensembles until they are long and agree."""
+"""Sampling of a log density with independent ensembles, until they are long enough and agree."""
 
 import time
 from collections.abc import Callable
@@ -52,7 +52,7 @@ class Chains:
 
     @property
     def kept(self) -> Float[np.ndarray, "ensembles after walkers d"]:
-        """Draws after burn-in."""
+        """Stored draws after the burn-in."""
         return self.draws[:, self.discarded // self.thin :]
 
     def flat(self) -> Float[np.ndarray, "n d"]:
@@ -63,7 +63,7 @@ class Chains:
         """Write the checkpoint file that `vttig sample --resume` continues.
 
         **Raises** `UsageError` for draws without the state of the sampler and for a file that
-        exists, `InputError` for no space and no permission.
+        exists, `InputError` for a full disk or missing permission.
         """
         if self.state is None:
             raise UsageError(
@@ -76,9 +76,10 @@ class Chains:
             file.save(record, until)
 
     def continues(self, path: Path) -> bool:
-        """Return whether a checkpoint file holds these chains up to their present or fewer steps.
+        """Return whether a checkpoint file holds these chains, or only their first steps.
 
-        Equal settings and an equal seed give equal draws, so only these and the steps are compared.
+        Equal settings and seeds give equal draws, so only the settings, the seeds and the numbers
+        of steps are compared.
 
         **Raises** `InputError` for a file that is damaged or no checkpoint.
         """
@@ -125,7 +126,7 @@ def run_ensembles(
     - `thin`: store every `thin`-th step. Neighbouring steps differ little (τ is tens of steps), so
       5 needs a fifth of the storage at a small loss.
     - `burn_in`: fraction of the chains that is discarded; 0 for starts that are draws of the
-      density. A run that is continued keeps its own.
+      density. A continued run uses the fraction of its checkpoint.
 
     **Raises** `UsageError` or `InputError` for a checkpoint that cannot be used (see `Checkpoint`),
     `NoAnswerError` for a density that is NaN and for starts that cannot be used. A run that has not
@@ -257,7 +258,7 @@ class _SamplingRun:
         return self.diagnosis
 
     def _running(self) -> Diagnosis:
-        """Return the diagnosis that decides whether to go on: short chains are not compared."""
+        """Return the diagnosis that decides whether to go on; it has no R-hat of short chains."""
         if self.diagnosis is None or self.diagnosis.steps != self.record.steps:
             self.diagnosis = diagnosis_of(
                 self.header, self.record, self.until, short_compared=False
@@ -335,7 +336,10 @@ def _check_options(
 def diagnosis_of(
     header: Header, record: Record, until: Until, *, short_compared: bool = True
 ) -> Diagnosis:
-    """Return the diagnosis of the draws of a record by the method that made them."""
+    """Return the diagnosis of the draws of a record, as `header.method` requires.
+
+    `short_compared` is that of `diagnose`, which is used for emcee.
+    """
     if header.method == "importance":
         return importance_diagnosis(header, record.draws, until)
     return diagnose(
@@ -355,7 +359,7 @@ def _acceptance(header: Header, record: Record) -> Float[np.ndarray, " ensembles
 
 
 def chains_of(header: Header, record: Record, until: Until, diagnosis: Diagnosis) -> Chains:
-    """Return the draws of a record after its burn-in, with their diagnosis."""
+    """Return the draws of a record, burn-in included, as `Chains` with their diagnosis."""
     return Chains(
         names=header.names,
         units=header.units,

@@ -14,15 +14,15 @@ from .stop_rule import Until
 from .target import Target
 
 POOL = 4096  # draws of one ensemble by default (chosen)
-_PER_WALKER = 16  # weighted draws from which one walker is started (chosen)
-_FEWEST_EFFECTIVE = 400.0  # effective draws of each ensemble that are asked for (chosen)
+_PER_WALKER = 16  # weighted draws that are made for the start of one walker (chosen)
+_FEWEST_EFFECTIVE = 400.0  # effective draws that each ensemble needs (chosen)
 
 FREEDOM = 8.0
 """Degrees of freedom of the Student t distribution (chosen): its tails are wider than normal."""
 
 
 class LaplaceTarget(Target, Protocol):
-    """Log density with a Laplace approximation: its maximum and the inverse of its curvature."""
+    """Log density with its Laplace approximation, a normal distribution around its maximum."""
 
     @property
     def centre(self) -> Float[np.ndarray, " d"]:
@@ -78,9 +78,10 @@ class WeightedDraws:
 def weighted_draws(
     target: LaplaceTarget, count: int, generator: np.random.Generator
 ) -> WeightedDraws:
-    """Draw from a Student t distribution and weight the draws with the density of the target.
+    """Draw from a Student t distribution and weight the draws with the density p of the target.
 
-    With x = μ + L z √(ν/χ²_ν), the weight is p(x) (1 + |z|²/χ²_ν)^((ν + d)/2).
+    A draw is x = μ + L z √(ν/χ²_ν) with z standard normal, μ and LLᵀ the mean and covariance of the
+    Laplace approximation, and ν = `FREEDOM`. Its weight is p(x) (1 + |z|²/χ²_ν)^((ν + d)/2).
     """
     normal = generator.standard_normal((count, len(target.centre)))
     normal *= np.sqrt(FREEDOM / generator.chisquare(FREEDOM, (count, 1)))
@@ -135,10 +136,10 @@ class PosteriorStarts:
 
 @dataclass(frozen=True)
 class ImportanceDiagnosis(Diagnosis):
-    """Quality of importance sampling; each ensemble is a sample of its own.
+    """Quality of importance sampling, in which each ensemble is an independent set of draws.
 
-    `tau` is the number of draws for one effective draw, and `pareto_k` the largest shape k̂ of the
-    weights of an ensemble.
+    `tau` is the number of draws per effective draw, `shortest` the smallest number of effective
+    draws of an ensemble, and `pareto_k` the largest shape k̂ of the weights of an ensemble.
     """
 
     pareto_k: float = np.inf
@@ -175,7 +176,10 @@ class ImportanceDiagnosis(Diagnosis):
 def importance_diagnosis(
     header: Header, draws: Float[np.ndarray, "ensembles n one d"], until: Until
 ) -> ImportanceDiagnosis:
-    """Return the diagnosis of the draws of importance sampling."""
+    """Return the diagnosis of equally weighted draws of importance sampling.
+
+    The effective numbers of draws and the shapes k̂ of the original weights are in `header`.
+    """
     count = draws.shape[1]
     effective = np.maximum(header.effective, 1e-300)
     every = np.ones(len(header.names))
@@ -196,7 +200,10 @@ def importance_diagnosis(
 def importance_record(
     target: LaplaceTarget, ensembles: int, count: int, seed: int
 ) -> tuple[Header, Record]:
-    """Return equally weighted draws of some independent samples, in the form of a checkpoint."""
+    """Return independent sets of equally weighted draws, in the form of a checkpoint.
+
+    `ensembles` is the number of sets, and `count` is the number of draws in each.
+    """
     generators = [np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(ensembles)]
     samples = [weighted_draws(target, count, generator) for generator in generators]
     chosen = [

@@ -6,7 +6,7 @@ from .ensembles import FEWEST_ENSEMBLES, Chains, chains_of, diagnosis_of
 from .importance import POOL, LaplaceTarget, importance_record
 from .stop_rule import Until
 
-FEWEST_DRAWS = 40  # draws whose weights have a tail that can be fitted (chosen)
+FEWEST_DRAWS = 40  # fewest draws of an ensemble; the tail of their weights can be fitted (chosen)
 
 
 def run_importance(

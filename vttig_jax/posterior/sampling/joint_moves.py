@@ -31,7 +31,10 @@ LogDensity = Callable[[Float[np.ndarray, "n d"]], Float[np.ndarray, " n"]]
 
 @dataclass(frozen=True)
 class Walkers:
-    """Walkers of one ensemble, their log densities and their random generator; all three change."""
+    """Walkers of one ensemble, their log densities and their random generator.
+
+    A step changes all three in place.
+    """
 
     points: Float[np.ndarray, "walkers d"]
     log_density: Float[np.ndarray, " walkers"]

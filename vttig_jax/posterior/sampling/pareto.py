@@ -9,7 +9,8 @@ import numpy as np
 from jaxtyping import Float
 
 LARGEST_K = 0.7
-"""Shape above which the error of a weighted mean falls too slowly (Vehtari et al.)."""
+"""Shape k̂ above which the error of a weighted mean falls too slowly with the number of draws
+(Vehtari et al.)."""
 
 _TAIL_SHARE, _TAIL_ROOTS = 0.2, 3.0  # the tail has min(0.2 n, 3 √n) weights (Vehtari et al.)
 _FEWEST = 5  # weights of a tail that can be fitted (Vehtari et al.)
@@ -59,7 +60,7 @@ def smoothed_log_weights(log_weights: Values) -> tuple[Values, float]:
 
 
 def fitted_pareto(excess: Values) -> tuple[float, float]:
-    """Return shape k̂ and scale of a generalised Pareto distribution of positive, sorted values.
+    """Return shape k̂ and scale of a generalised Pareto distribution of positive, ascending values.
 
     Zhang and Stephens estimate θ = −k/σ as its mean on a grid, weighted with the likelihood. A weak
     prior then moves the shape towards 0.5, which matters for short tails only.

@@ -12,7 +12,7 @@ BURN_IN = 0.25
 """Fraction of a chain that is discarded if it did not start in the posterior (chosen)."""
 
 _FIRST_DECISION = 1000  # steps before the first diagnosis (chosen)
-_GROWTH = 1.2  # a diagnosis reads the whole chain: few are made, and a run overshoots by ≤ 20 %
+_GROWTH = 1.2  # ratio of the steps of two diagnoses, each of which reads the whole chain (chosen)
 
 
 @dataclass(frozen=True)
@@ -65,8 +65,8 @@ def next_decision(steps: int) -> int:
 def steps_needed(tau: float, until: Until, burn_in: float = BURN_IN) -> int:
     """Return the number of steps, burn-in included, that `until` requires.
 
-    `tau` is the autocorrelation time in steps, and `burn_in` is a fraction. Return 0 if the
-    number is not finite.
+    `tau` is the autocorrelation time in steps, and `burn_in` is the fraction of the steps that is
+    discarded. Return 0 if the number is not finite.
     """
     needed = until.autocorrelation_times * tau / (1 - burn_in)
     return math.ceil(needed / BLOCK_STEPS) * BLOCK_STEPS if math.isfinite(needed) else 0

@@ -1,4 +1,4 @@
-"""Log density as the sampler needs it, checks of its values, and starts of the walkers."""
+"""Interface of a log density for the sampler, checks of its values, and starts of the walkers."""
 
 from typing import Any, Protocol, runtime_checkable
 
@@ -11,7 +11,8 @@ MOST_REDRAWS = 50
 """Most times that starts outside the support are redrawn (chosen)."""
 
 LARGEST_CONDITION = 1e8
-"""Largest condition number of the scaled starts (chosen), so that moves reach every direction."""
+"""Largest condition number of the scaled starts (chosen). Moves are combinations of the walkers, so
+that they cannot reach a direction in which the starts do not spread."""
 
 
 @runtime_checkable
@@ -47,7 +48,7 @@ class Target(Protocol):
 
 
 class CheckedDensity:
-    """Log density of a target; values that cannot be used raise an error of one sentence."""
+    """Log density of a target, which raises an error for values that cannot be used."""
 
     def __init__(self, target: Target):
         self.target = target
@@ -94,7 +95,8 @@ def starting_points(
         outside = np.flatnonzero(~np.isfinite(values))
         if not outside.size:
             break
-        redrawn = _draw_starts(density.target, walkers, generator)  # all: one compiled shape
+        # All walkers are redrawn, so that the density is compiled for one shape only.
+        redrawn = _draw_starts(density.target, walkers, generator)
         redrawn_values = density(redrawn)
         inside = np.flatnonzero(np.isfinite(redrawn_values))[: outside.size]
         points[outside[: inside.size]] = redrawn[inside]
@@ -126,7 +128,8 @@ def _outside_message(density: CheckedDensity, points: np.ndarray, values: np.nda
             f"{count}, for example {density.describe(points[0])}; the prior excludes the starts, so"
             " widen its bounds."
         )
-    # Coordinate with the largest difference between starts outside and inside, in its spread.
+    # Coordinate with the largest distance between the mean start outside and the mean start inside,
+    # relative to its standard deviation.
     shift = np.abs(points[~inside].mean(0) - points[inside].mean(0))
     spread = points.std(0)
     worst = int(np.argmax(np.divide(shift, spread, out=np.zeros_like(shift), where=spread > 0)))

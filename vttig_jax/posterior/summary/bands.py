@@ -79,10 +79,11 @@ def band(curves: Float[np.ndarray, "m n"], probability: float = 0.95) -> Band:
 
 
 def streamed_band(blocks: Iterable[Float[np.ndarray, "_ m"]], probability: float = 0.95) -> Band:
-    """Return the bands from blocks of the curve, each (points, m) for the same m draws; one pass.
+    """Return the bands of a curve whose draws come in blocks of points, which are read once.
 
-    The simultaneous band is calibrated on the draws: its half width is the smallest multiple of the
-    standard deviation for which at least `probability` of the draws lie inside at every point.
+    A block has the shape (points, m), with the same m draws in every block. The simultaneous band
+    is calibrated on the draws: its half width is the smallest multiple of the standard deviation
+    for which at least `probability` of the draws lie inside at every point.
     O. H. Sørensen, M. Plagborg-Møller, J. Appl. Econometrics 34 (2019) 1 ("sup-t").
 
     **Raises** `ValueError` for a probability outside (0, 1), fewer than two draws, or no points.
@@ -123,7 +124,7 @@ class BandedMap(PlottedResult):
     - `map`: order-complete map of the mean coefficients.
     - `driving_angle`: driving angles, rad, shape (n,).
     - `band`: band of the backlash, rad of the driven gear.
-    - `first_order`: closed form (21) + (22), rad; NaN without gear geometry.
+    - `first_order`: first-order backlash, closed form (21) + (22), rad; NaN without gear geometry.
     - `smallest`: draws of the smallest gap over the whole hunting period.
     - `step_deg`, `turns`: step and span of the grid, ° and turns of the driving shaft.
     """
@@ -154,9 +155,11 @@ class BandedMap(PlottedResult):
         )
 
     def table(self) -> Float[np.ndarray, "n columns"]:
-        """Return the rows of `columns`; NaN without geometry, axial columns also without taper.
+        """Return the table with the columns `columns` and one row per driving angle.
 
-        Axial displacement is j R₂/(tan β_L + tan β_R), so its bands are those of the backlash.
+        The axial displacement that closes the backlash j is j R₂/(tan β_L + tan β_R), and its bands
+        are those of j times this factor. Columns in mm are NaN without gear geometry, and axial
+        columns also without taper.
         """
         radius, axial = millimetres(self.map.pair)
         band = self.band
@@ -198,8 +201,8 @@ def band_map(
     """Return the backlash map of a posterior with pointwise and simultaneous bands.
 
     The map is order-complete: j = TE_B − TE_A of every draw of both flanks. The simultaneous band
-    holds the whole map at the grid angles. To hold it between them too, choose a step that resolves
-    the tooth mesh.
+    contains the whole map at the grid angles. If it should also contain the map between them,
+    choose a step that resolves the tooth mesh.
 
     **Arguments**
     - `step_deg`: step of the driving angle, °.
@@ -239,7 +242,11 @@ def band_map(
 
 
 def millimetres(pair: GearPair | Drive) -> tuple[float, float]:
-    """Return mm at the reference circle and mm of axial displacement per rad; NaN if undefined."""
+    """Return two lengths in mm per rad of backlash; NaN if undefined.
+
+    The first is the arc at the reference circle of the driven gear. The second is the axial
+    displacement that closes the backlash.
+    """
     if isinstance(pair, Drive):
         return math.nan, math.nan
     radius, thinning = float(pair.reference_radii[1]), float(pair.thinning)

@@ -1,4 +1,4 @@
-"""Values, intervals, limits and probabilities from draws; phases have circular statistics."""
+"""Values, intervals, limits and probabilities from draws, with circular statistics for phases."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,8 +21,8 @@ class CircularSummary:
     **Arguments**
     - `mean`: circular mean, in [0, 360).
     - `std`: circular standard deviation √(−2 ln R), R the length of the mean unit vector.
-    - `median`, `low`, `high`: mean plus quantiles of the signed difference from it; they lie
-      around the mean and may leave [0, 360).
+    - `median`, `low`, `high`: mean plus quantiles of the signed differences of the draws from the
+      mean; they may lie outside [0, 360).
     """
 
     mean: float
@@ -67,7 +67,7 @@ _NEGATIVE = "negative, which no gap is: friction or wind-up ahead of the gap, or
 _UPPER = "below three standard errors: an upper limit only"
 _NOT_SAMPLED = "not sampled: the value of the fit"
 _BATCHES = 8
-"""Batches in time into which the draws of one ensemble are divided (chosen)."""
+"""Number of batches of successive steps into which the draws of one ensemble are split (chosen)."""
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ class PosteriorParameter(Parameter):
 
 
 def shown_unit(name: str, unit: str) -> tuple[str, float]:
-    """Return the unit in which a coordinate is reported, and internal units per that unit."""
+    """Return the unit in which a coordinate is reported, and its size in internal units."""
     if name == "constant_backlash":
         return "deg", DEG
     return {"rad": ("arcsec", ARCSEC)}.get(unit, (unit, 1.0))
@@ -101,8 +101,10 @@ def parameters_of_draws(
 ) -> dict[str, PosteriorParameter]:
     """Return every parameter of the fit by name, in the order of the fit.
 
-    A parameter that the fit marks as undetermined stays undetermined for the same reason: the draws
-    of its coordinate only repeat the prior. A parameter without a coordinate is that of the fit.
+    `flat` holds the draws of the coordinates `names`. `delay_offset_s` is added to the draws of the
+    delay. A parameter that the fit marks as undetermined stays undetermined for the same reason:
+    the draws of its coordinate only repeat the prior. A parameter without a coordinate keeps the
+    values of the fit.
     """
     column = {name: flat[:, index] for index, name in enumerate(names)}
     parameters: dict[str, PosteriorParameter] = {}
@@ -125,7 +127,10 @@ def parameters_of_draws(
 
 
 def scalar_of_draws(name: str, unit: str, draws: Float[np.ndarray, " n"]) -> PosteriorParameter:
-    """Return mean, spread and equal-tailed interval of a coordinate that is itself a parameter."""
+    """Return a parameter with mean, std, median and equal-tailed interval of its `draws`.
+
+    `draws` are in the unit `unit` of the parameter.
+    """
     value, std = float(draws.mean()), float(draws.std(ddof=1))
     low, median, high = (float(part) for part in np.quantile(draws, _TAILS))
     gap = name == "constant_backlash_deg"
@@ -151,10 +156,11 @@ def scalar_of_draws(name: str, unit: str, draws: Float[np.ndarray, " n"]) -> Pos
 def polar_of_draws(
     names: tuple[str, str], unit: str, plane: Float[np.ndarray, "n 2"]
 ) -> tuple[PosteriorParameter, PosteriorParameter]:
-    """Return amplitude and phase from draws of a plane vector.
+    """Return the parameters amplitude and phase from draws (x, y) of a vector.
 
-    Below three standard errors (of the coordinate along the mean) the amplitude has its 95 %
-    quantile as an upper limit, and the phase has no value.
+    If the length of the mean vector is below three standard errors of the component along it, the
+    amplitude has its 95 % quantile as an upper limit, and the phase has no value. `names` are those
+    of the two parameters, and `unit` is that of `plane` and of the amplitude.
     """
     along_std = polar_spread(plane.mean(axis=0), np.cov(plane.T))
     value, std = along_std[0], along_std[1]
@@ -210,11 +216,12 @@ def polar_of_draws(
 def batches(
     chosen: Int[np.ndarray, " m"], shape: Sequence[int], stretches: int = _BATCHES
 ) -> Int[np.ndarray, " m"]:
-    """Return the batch of every chosen draw, given by its ensemble and its stretch of steps.
+    """Return the number of the batch of every chosen draw.
 
+    The steps of every ensemble are divided into `stretches` equal parts, and each part is a batch.
     Draws of different batches are nearly independent, so the scatter of the batch means gives the
-    Monte-Carlo error of their mean. `shape` is (ensembles, steps, walkers), the order in which the
-    draws are flattened.
+    Monte-Carlo error of their mean. `chosen` are indices of the flattened draws, and `shape` is
+    their shape (ensembles, steps, walkers) before.
     """
     _, steps, walkers = shape
     step = chosen // walkers % steps
@@ -223,7 +230,10 @@ def batches(
 
 
 def _source(name: str) -> tuple[str, float]:
-    """Return the coordinate of a parameter (or the stem of its _x and _y), and its scale."""
+    """Return the coordinate of a parameter, and the size of the parameter's unit in internal units.
+
+    For an amplitude and a phase it is the common part of the coordinate names …_x and …_y.
+    """
     if name == "constant_backlash_deg":
         return "constant_backlash", DEG
     if name == "delay_s":
@@ -236,7 +246,7 @@ def _source(name: str) -> tuple[str, float]:
 
 
 def _phase_name(name: str) -> str | None:
-    """Return the phase that belongs to an amplitude; None for any other parameter."""
+    """Return the name of the phase that belongs to an amplitude; None for other parameters."""
     if name.endswith(("_eccentricity_mm", "_amplitude_arcsec", "_encoder_arcsec")):
         return f"{_source(name)[0]}_phase_deg"
     return None
@@ -289,17 +299,20 @@ class SmallestGap:
 
     @property
     def safe_closing_mm(self) -> Float[np.ndarray, " m"]:
-        """Closing that takes up the smallest gap of each draw, s = j_min R₂/(tan β_L + tan β_R).
+        """Axial closing, mm, that takes up the smallest gap j_min of each draw.
+
+        It is s = j_min R₂/(tan β_L + tan β_R).
 
         **Raises** `NoAnswerError` for a drive and for untapered gears, which no closing affects.
         """
         return self.gap / _backlash_per_mm(self.pair)
 
     def probability_of_binding(self, closing_mm: float) -> Share:
-        """Return the fraction of draws in which a closing s, mm, binds anywhere.
+        """Return the fraction of draws in which an axial closing s, mm, makes the gears bind.
 
-        It binds if s > j_min R₂/(tan β_L + tan β_R). Its standard error is the larger of the
-        binomial one, with an extra half draw on each side, and that of the batch means.
+        They bind if s > j_min R₂/(tan β_L + tan β_R). The standard error of the fraction is the
+        larger of two: the binomial one, after adding half a draw that binds and half a draw that
+        does not, and that of the batch means.
         """
         binds = (self.safe_closing_mm < closing_mm).astype(float)
         count, value = len(binds), float(binds.mean())
@@ -311,7 +324,7 @@ class SmallestGap:
     def place(self) -> tuple[float, float]:
         """Driving angle, rad, at which most draws have their smallest gap, and their fraction.
 
-        Draws within one tooth of each other (for a drive: a twelfth of a turn) count as one place.
+        Draws within one tooth of this angle (for a drive: a twelfth of a turn) are counted.
         """
         teeth = 12 if isinstance(self.pair, Drive) else self.pair.driving.teeth
         bins = np.floor(self.driving_angle / (REV / teeth)).astype(int)
@@ -336,7 +349,7 @@ class SmallestGap:
         }
 
     def rows(self) -> list[tuple[str, str]]:
-        """Return names and values for the report."""
+        """Return names and values, as text, for the report."""
         record = self.to_json()
         gap, closing = record["backlash_deg"], record["safe_closing_mm"]
         where = (
@@ -352,7 +365,7 @@ class SmallestGap:
         return rows
 
     def _summary(self, scale: float) -> dict[str, float]:
-        """Return moments and interval of the smallest gap times `scale`."""
+        """Return mean, std, median and 95 % interval of the smallest gap, times `scale`."""
         low, median, high = self.interval
         return {
             "mean": float(self.gap.mean()) * scale,
@@ -363,7 +376,7 @@ class SmallestGap:
         }
 
     def _batch_error(self, values: Float[np.ndarray, " m"]) -> float:
-        """Return the standard error of the mean from the means of independent batches."""
+        """Return the standard error of the mean of `values`, from the means of the batches."""
         _, batch, counts = np.unique(self.batch, return_inverse=True, return_counts=True)
         if len(counts) < 2:
             return 0.0
@@ -373,7 +386,10 @@ class SmallestGap:
 
 
 def _backlash_per_mm(pair: GearPair | Drive) -> float:
-    """Return the backlash, rad, that one mm of axial displacement takes up."""
+    """Return the backlash, rad, that an axial displacement of one mm takes up.
+
+    **Raises** `NoAnswerError` for a drive and for gears without taper.
+    """
     thinning = 0.0 if isinstance(pair, Drive) else float(pair.thinning)
     if isinstance(pair, Drive) or not thinning:
         kind = "a drive without gear geometry" if isinstance(pair, Drive) else "gears without taper"

@@ -1,8 +1,9 @@
-"""Draws of the backlash map, of its smallest gap, and of the closing that binds nowhere.
+"""Draws of the backlash map, and of the smallest gap with its driving angle.
 
 The order-complete flank model is linear in its coefficients if both shaft angles are known. The
-driven angle of a draw differs from that of the mean coefficients by microradians, for which one
-Newton step accounts. The curves of all draws are therefore one matrix product, basis times draws.
+driven angle of a draw differs by microradians from that of the mean coefficients, and one Newton
+step corrects this difference. The curves of all draws are therefore one matrix product, basis times
+draws.
 """
 
 import math
@@ -25,12 +26,13 @@ from .draws import SmallestGap
 _CHUNK = 256
 """Angles per block (chosen): 8 MB of curves for 4000 draws."""
 
-_MOST_STEPS = 20  # Newton steps to the driven angle; chosen value, three are needed
+_MOST_STEPS = 20  # most Newton steps to the driven angle; chosen value, three are needed
 _SETTLED = 1e-9
-"""Last Newton step, rad (chosen): the error after it is its square, below the rounding error."""
+"""Size of the last Newton step, rad (chosen). The remaining error is about its square, which is
+below the rounding error."""
 
 _PER_PERIOD = 8  # grid points per period of the highest order (chosen)
-_LIMIT_PLACES, _LIMIT_DRAWS = 200, 2000  # size of the band for the upper limit (chosen)
+_LIMIT_PLACES, _LIMIT_DRAWS = 200, 2000  # angles and draws for the upper limit (chosen)
 _CANDIDATES = 6  # local minima of a draw that are refined (chosen)
 _NEWTON = 4  # Newton steps to a minimum (chosen)
 _MOST_POINTS = 2**22  # most grid points of a hunting period (chosen)
@@ -46,10 +48,11 @@ def linearised_series(
     coefficients: Sequence[Any],
     driving_angle: Angles,
 ) -> tuple[Angles, Float[np.ndarray, "n c"]]:
-    """Return TE of a series and its derivative by all coefficients; see `OrderModel`.
+    """Return TE of a harmonic series, rad, and its derivatives by all coefficients.
 
-    `coefficients` are the offset, the cosines and the sines of one flank. The driven angle is found
-    by Newton steps, so that nothing is compiled for the number of angles.
+    `terms` are the orders (n₁, n₂) of the harmonics, as in `OrderModel`. `coefficients` are the
+    offset, the cosines and the sines of one flank, rad. NumPy finds the driven angle by Newton
+    steps, so that JAX need not compile a program for each number of angles.
     """
     offset, cosine, sine = coefficients
     orders = np.asarray(terms, float).reshape(-1, 2)
@@ -62,7 +65,7 @@ def linearised_series(
         step = (offset + in_phase @ cosine + quadrature @ sine - error) / (1.0 - slope)
         error, steps = error + step, steps + 1
         moved = np.abs(step).max(initial=0.0)
-        if not moved > _SETTLED or steps == _MOST_STEPS:  # NaN of an unmeasured flank ends too
+        if not moved > _SETTLED or steps == _MOST_STEPS:  # `not >` also ends the loop for NaN
             break
     basis = np.concatenate([np.ones((len(ideal), 1)), in_phase, quadrature], axis=1)
     return error, basis / (1.0 - slope)[:, None]
@@ -111,7 +114,7 @@ class GapDraws:
         return centre[:, None] + basis @ self._gap_deviations
 
     def chunks(self, driving_angle: Angles) -> Iterator[Curves]:
-        """Yield `over` for blocks of angles, which limits the memory."""
+        """Yield the result of `over` for successive blocks of angles, which limits the memory."""
         for start in range(0, len(driving_angle), _CHUNK):
             yield self.over(driving_angle[start : start + _CHUNK])
 
@@ -129,8 +132,9 @@ class GapDraws:
     def _upper_limit(self, places: Angles) -> float:
         """Return a 97.5 % upper limit of the smallest gap, rad.
 
-        The smallest gap is at most the gap at any angle, and so at most the lowest point of an
-        upper band that holds at `places` together.
+        The smallest gap is at most the gap at any angle. It is therefore at most the lowest point
+        of a one-sided band that the gaps at all `places` (driving angles, rad) do not exceed with
+        this probability.
         """
         places = np.unique(places)
         places = places[np.linspace(0, len(places) - 1, _LIMIT_PLACES).astype(int)]
@@ -145,7 +149,7 @@ class GapDraws:
     def linearised(
         self, driving_angle: Angles, flank: Flank
     ) -> tuple[Angles, Float[np.ndarray, "n c"]]:
-        """Return TE of the mean coefficients, rad, and its derivative by all coefficients."""
+        """Return TE of the mean coefficients, rad, and its derivatives by all coefficients."""
         side = flank_index(flank)
         parts = self.offset, self.cosine, self.sine
         mean = [part[:, side].mean(axis=0) for part in parts]
@@ -171,7 +175,10 @@ class GapDraws:
     # The smallest gap
 
     def _candidates(self) -> tuple[Float[np.ndarray, "m k"], float]:
-        """Return the lowest local minima of every draw on a grid, and the step of the grid."""
+        """Return driving angles, rad, of the lowest local minima of every draw, and the grid step.
+
+        The angles are points of a grid over the hunting period with this step, rad.
+        """
         width = REV / (_PER_PERIOD * math.ceil(max(self.mean_model.highest_order, 1.0)))
         count = round(self.pair.hunting_turns * REV / width)
         if count > _MOST_POINTS:
@@ -203,10 +210,11 @@ class GapDraws:
         return np.where(np.isfinite(lowest), places, best).T, width
 
     def _possible_minima(self, count: int, width: float) -> np.ndarray:
-        """Return the grid points at which any draw can have its smallest gap.
+        """Return the indices of the grid points near which a draw can have its smallest gap.
 
-        The deviation of a draw from the mean curve is at most its Mahalanobis length times the
-        standard deviation there (Cauchy and Schwarz); points too high for the longest draw are out.
+        The grid has `count` points in steps of `width`, rad. The deviation of a draw from the mean
+        curve is at most its Mahalanobis length times the standard deviation at the same angle
+        (Cauchy and Schwarz). Points at which even the longest draw stays too high are left out.
         """
         deviations = self._gap_deviations
         values, vectors = np.linalg.eigh(np.cov(deviations))
@@ -219,14 +227,14 @@ class GapDraws:
             part = slice(start, min(start + 16 * _CHUNK, count))
             centre[part], basis = self._gap_basis(np.arange(part.start, part.stop) * width)
             reach[part] = longest * np.linalg.norm(basis @ roots, axis=1)
-        # The curvature bounds how much lower a curve can be between grid points.
+        # Between grid points, a curve is at most `dip` lower, by the bound `bend` of its curvature.
         bend = float(np.abs(self._series).max(axis=0) @ self._speeds**2)
         dip = bend * width**2 / 8
         return np.flatnonzero(centre - reach - dip <= np.min(centre + reach) + 1e-15)
 
     @property
     def _speeds(self) -> Float[np.ndarray, " terms"]:
-        """Frequencies ω of the terms, cycles per driving revolution."""
+        """Frequencies ω = n₁ + i n₂ of the terms, cycles per driving revolution."""
         orders = np.asarray(self.terms, float).reshape(-1, 2)
         return orders @ np.array([1.0, float(self.pair.ratio)])
 
@@ -234,9 +242,9 @@ class GapDraws:
     def _series(self) -> Complex[np.ndarray, "m terms"]:
         """Complex amplitudes z of the gap of every draw, rad; see `_speeds` for the ω.
 
-        Without its constant, the gap is Re Σ z exp(jωφ₁). The phase of each term has the driven
-        angle i φ₁ + the mean offset of the flank, so that the variation of the transmission error
-        in the phase is neglected. The series serves only to locate the minima.
+        Without its constant, the gap is approximately Re Σ z exp(jωφ₁). For the phases, the driven
+        angle is taken as i φ₁ plus the mean offset of the flank, which neglects the variation of
+        the transmission error. The series serves only to locate the minima.
         """
         orders = np.asarray(self.terms, float).reshape(-1, 2)
         turned = np.exp(1j * np.outer(self.offset.mean(axis=0), orders[:, 1]))
@@ -244,7 +252,10 @@ class GapDraws:
         return flanks[:, 1] - flanks[:, 0]
 
     def _minima(self, angles: Float[np.ndarray, "m k"], width: float) -> Float[np.ndarray, "m k"]:
-        """Return the minimum beside each grid point, by Newton steps within one grid step."""
+        """Return the driving angle, rad, of the minimum near each of the grid points `angles`.
+
+        Newton steps with the series `_series` find it, at most one grid step `width` away.
+        """
         speeds, series = self._speeds, self._series
         refined = angles.copy()
         for part in self._draw_slices(angles.shape[1]):
@@ -260,7 +271,10 @@ class GapDraws:
         return refined
 
     def _exact_gaps(self, angles: Float[np.ndarray, "m k"]) -> Float[np.ndarray, "m k"]:
-        """Return the gap of every draw at its own angles, by fixed-point iteration."""
+        """Return the gap, rad, of every draw (row) at its k driving angles.
+
+        The driven angle is found by fixed-point iteration.
+        """
         orders = np.asarray(self.terms, float).reshape(-1, 2)
         gaps = np.empty_like(angles)
         for part in self._draw_slices(angles.shape[1]):

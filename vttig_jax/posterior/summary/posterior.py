@@ -22,10 +22,10 @@ from .draws import PosteriorParameter, Share, SmallestGap, batches, parameters_o
 from .gap_draws import GapDraws
 
 NOISE = ("log_innovation_std", "partial_")
-"""Beginnings of the names of noise parameters."""
+"""The names of all noise parameters begin with one of these."""
 
 _WIDER = 1.05
-"""Smallest widening of the density that the report names (chosen)."""
+"""Smallest `widening` that the report mentions (chosen)."""
 
 
 @dataclass(frozen=True)
@@ -41,11 +41,12 @@ class Posterior(PlottedResult):
     - `offset`, `cosine`, `sine`: m joint draws of the order-complete flank model, rad, shapes
       (m, 2), (m, 2, terms), (m, 2, terms), with the terms of `fit.model`; NaN for an unmeasured
       flank.
-    - `chosen`: index of the flat draw that each of the m belongs to, in the order of `draws`.
+    - `chosen`: for each of the m draws of the flank model, the index in `flat` of the draw of the
+      parameters from which it was computed.
     - `diagnosis`: convergence of the sampler: `converged`, `to_json()` and `str()`.
     - `prior`: sentences that state the priors.
     - `seed`: seed of the sampler.
-    - `delay_offset_s`: delay, s, that the fit removed before; the `delay` coordinate is the rest.
+    - `delay_offset_s`: delay that the fit removed before, s; it is added to the coordinate `delay`.
     - `chains`: the chains of the sampler, burn-in included.
     """
 
@@ -81,7 +82,7 @@ class Posterior(PlottedResult):
 
     @property
     def widening(self) -> float:
-        """Largest factor by which the fit is less certain of a sampled parameter than its noise."""
+        """Largest ratio of the standard error of a sampled parameter to that of the noise model."""
         evidence = self.fit.evidence
         if evidence is None:
             return 1.0
@@ -121,7 +122,7 @@ class Posterior(PlottedResult):
 
     @property
     def centred_fit(self) -> Fit:
-        """Fit with the mean of the draws in place of its values."""
+        """Copy of the fit in which the means of the draws replace the values of the parameters."""
         values = self.fit.values.copy()
         for index, name in enumerate(self.fit.covariance_names):
             if name in self.names:
@@ -140,10 +141,10 @@ class Posterior(PlottedResult):
     def noise(
         self, rows: Int[np.ndarray, " r"]
     ) -> tuple[list[Float[np.ndarray, " taps"]], Float[np.ndarray, " r"], Float[np.ndarray, " r"]]:
-        """Return whitening filter, innovation std and noise std, rad, of some flat draws.
+        """Return whitening filter, innovation std and noise std, rad, of the draws `flat[rows]`.
 
-        They follow from `log_innovation_std` and the partial autocorrelations; without these
-        coordinates they are those of the fit.
+        They follow from the coordinates `log_innovation_std` and `partial_1` … If the draws do not
+        have these coordinates, the noise of the fit is returned for every row.
         """
         fitted = self.fit.noise
         if "log_innovation_std" not in self.names:
@@ -176,7 +177,7 @@ class Posterior(PlottedResult):
         return to_arviz(self)
 
     def to_json(self) -> dict:
-        """Return the object of schema `vttig.posterior/1`: that of the fit and the draws."""
+        """Return the JSON object of schema `vttig.posterior/1`: that of the fit, with the draws."""
         record = self.fit.to_json()
         gap, reason = None, None
         try:
@@ -288,17 +289,18 @@ def decimals(std: float, value: float) -> int:
 def to_arviz(posterior: Posterior) -> Any:
     """Return the draws as an `InferenceData` before arviz 1, as an xarray `DataTree` from then on.
 
-    A chain is an ensemble. Its draws are walker by walker, and every walker in the order of time:
-    draw (walker, step) has the index `walker` · `steps` + `step`, and `attrs` hold both counts.
+    A chain of arviz is an ensemble. It holds all steps of the first walker in the order of time,
+    then those of the second walker, and so on: the draw of a walker at a step has the index
+    `walker` · `steps` + `step`, and `attrs` hold the numbers of walkers and steps.
 
-    In this order arviz estimates the effective draws as the diagnosis of the posterior does. The
-    autocorrelation of such a chain is that of its walkers, averaged, about the mean of the whole
-    ensemble: at a lag of t steps only t of `steps` products join two walkers, and these have no
-    correlation, because in the stationary state the walkers are independent at equal times. In the
-    order step by step, neighbouring draws belong to different walkers, the autocorrelation is not
-    seen, and the effective draws are too many by the autocorrelation time. With one chain a walker
-    they are right too, but chains as short as that make R-hat large, and the walkers of an ensemble
-    are proposed from each other; ensembles are independent.
+    With this order arviz estimates the effective draws as the diagnosis of the posterior does: the
+    autocorrelation of the chain is the mean of those of its walkers about the mean of the ensemble.
+    At a lag of t steps only t of `steps` products join two walkers, and these are uncorrelated,
+    because in the stationary state the walkers are independent at equal times. If the draws were
+    ordered step by step, neighbouring draws would belong to different walkers, and the number of
+    effective draws would be too large by the factor τ. If every walker were a chain, the number
+    would be right, but R-hat would be large for such short chains, and the walkers of an ensemble
+    are not independent of each other, while ensembles are.
 
     Variables are the coordinates in internal units, which their `attrs` name. arviz 1 shows 89 %
     intervals by default: pass `ci_prob=0.95` (before arviz 1: `hdi_prob`).
@@ -339,7 +341,7 @@ def to_arviz(posterior: Posterior) -> Any:
 def _walker_by_walker(
     values: Float[np.ndarray, "ensembles steps walkers"],
 ) -> Float[np.ndarray, "ensembles n"]:
-    """Return one row an ensemble: the time series of its walkers, one after the other."""
+    """Return one row per ensemble: all steps of its first walker, then of its second, and so on."""
     return values.swapaxes(1, 2).reshape(len(values), -1)
 
 

@@ -1,4 +1,4 @@
-"""Posterior predictive check: block means, residuals and jumps of a log against replicates.
+"""Posterior predictive check: block means, residuals and reversal jumps of a log and of replicates.
 
 A replicate is a log simulated from the model: the flank model of one draw with the autoregressive
 noise of the same draw. Drift, wind-up, delay and the starts of further logs keep their fitted
@@ -24,9 +24,10 @@ from .gap_draws import linearised_series
 from .posterior import Posterior, flank_draws
 
 _WINDOW = 10.0 * DEG
-"""Driving angle, rad, before a turn over which both passes are compared (chosen)."""
+"""Largest range of driving angles next to a reversal in which both passes are compared, rad
+(chosen)."""
 
-_FEWEST_MEANS, _MOST_LAGS = 3, 40  # block means of a window, lags of a correlation (chosen)
+_FEWEST_MEANS, _MOST_LAGS = 3, 40  # least block means in a window, most lags shown (chosen)
 _DOUBTFUL_P = 0.01
 """p-value below which the report says that the model would hardly give this (chosen)."""
 
@@ -41,7 +42,7 @@ class Statistic:
     **Arguments**
     - `measured`: value of the log; if it depends on the draw, its mean over the draws.
     - `predicted`, `low`, `high`: mean and 95 % interval of the replicates.
-    - `p_value`: two-sided fraction of replicates at least as extreme.
+    - `p_value`: two-sided fraction of replicates at least as extreme as the log.
     """
 
     measured: float
@@ -58,14 +59,17 @@ class Statistic:
         return cls(float(np.mean(measured)), float(replicated.mean()), low, high, p_value)
 
     def words(self, form: str, scale: float) -> str:
-        """Return measured and predicted values in a unit of `scale`, with a verdict."""
+        """Return a text with the measured value, the interval of the replicates and a verdict.
+
+        The format string `form` shows a value divided by `scale`, the size of its unit.
+        """
         doubt = self.p_value < _DOUBTFUL_P
         verdict = "the model would hardly give this" if doubt else "as the model predicts"
         measured, low, high = (form.format(x / scale) for x in (self.measured, self.low, self.high))
         return f"{measured} (replicates {low} … {high}), {verdict} (p = {self.p_value:.2g})"
 
     def to_json(self, scale: float) -> dict:
-        """Return the fields in a unit of `scale`."""
+        """Return the fields, divided by `scale`, the size of the unit in the JSON object."""
         return {
             "measured": self.measured / scale,
             "predicted": self.predicted / scale,
@@ -79,8 +83,8 @@ class Statistic:
 class Jump:
     """Step of the transmission error at a reversal, flank B minus flank A, rad.
 
-    `driving_angle` is the centre of the window before the turn in which both passes are compared;
-    the step is the difference of the mean block means in it.
+    `driving_angle`, rad, is the centre of the range of angles next to the reversal that both passes
+    cover. `step` compares the means of the block means of both passes in this range.
     """
 
     driving_angle: float
@@ -98,7 +102,8 @@ class Predictive(PlottedResult):
     - `curves`: measured block means.
     - `centre`, `low`, `high`: centre and ends of their 95 % predictive interval, rad, run by run.
     - `inside`: fraction of the block means inside the interval.
-    - `share`, `rms`: fraction within 1.96 noise std, and rms (rad), of the residual of each draw.
+    - `share`, `rms`: of the residual that each draw leaves, the fraction within 1.96 standard
+      deviations of the noise of this draw, and the rms, rad.
     - `jumps`: steps at every reversal between passes that overlap.
     - `correlation`, `correlation_low`, `correlation_high`: autocorrelation of the residual at lags
       1, 2, … and its 95 % interval in the replicates, lag by lag.
@@ -155,8 +160,9 @@ def predictive(posterior: Posterior, replicates: int = 500, seed: int = 0) -> Pr
     """Compare the block means of a log with logs that its posterior predicts.
 
     The p-values are Bayesian: fractions of replicates at least as extreme as the log (A. Gelman,
-    X.-L. Meng, H. Stern, Statistica Sinica 6 (1996) 733). They use the log twice, so they
-    concentrate in the middle if the model is right; only a small value is informative.
+    X.-L. Meng, H. Stern, Statistica Sinica 6 (1996) 733). The log is used twice, for the posterior
+    and for the comparison. If the model is right, the p-values are therefore rarely small, and only
+    a small value is informative.
 
     **Arguments**
     - `posterior`: posterior whose fit holds the block means.
@@ -210,7 +216,11 @@ def predictive(posterior: Posterior, replicates: int = 500, seed: int = 0) -> Pr
 
 @dataclass(frozen=True)
 class _Pass:
-    """Expected block means of one run: centre, spread over draws, and shift by each draw."""
+    """Expected block means of one run, rad: their centre, and their spread over all draws.
+
+    `basis` @ `deviations` is the difference between the expectation of each replicate's draw and
+    the centre.
+    """
 
     centre: Float[np.ndarray, " n"]
     spread: Float[np.ndarray, " n"]
@@ -219,7 +229,10 @@ class _Pass:
 
 
 def _expected_passes(posterior: Posterior, picked: Int[np.ndarray, " replicates"]) -> list[_Pass]:
-    """Return the fitted runs, shifted by the difference between mean draw and fit."""
+    """Return the expected block means of every run; `picked` are the draws of the replicates.
+
+    The centre is the fitted run plus the difference of TE between the mean draw and the fit.
+    """
     model, fit = flank_draws(posterior), posterior.fit
     passes = []
     for curve, residual in zip(fit.curves, fit.residuals, strict=True):
@@ -233,7 +246,7 @@ def _expected_passes(posterior: Posterior, picked: Int[np.ndarray, " replicates"
 
 
 def _series_of(model: OrderModel, curve: TECurve) -> Float[np.ndarray, " n"]:
-    """Return the TE of a model at the angles of a run."""
+    """Return the TE of a flank model, rad, at the driving angles and on the flank of a run."""
     side = flank_index(curve.flank)
     own = [np.asarray(part)[side] for part in (model.offset, model.cosine, model.sine)]
     return linearised_series(float(model.ratio), model.terms, own, curve.driving_angle)[0]
@@ -241,12 +254,12 @@ def _series_of(model: OrderModel, curve: TECurve) -> Float[np.ndarray, " n"]:
 
 @dataclass(frozen=True)
 class _Window:
-    """Same driving angles before and after a reversal, from a run on either side of it.
+    """Range of driving angles next to a reversal that the runs before and after it both cover.
 
-    - `first`, `second`: numbers of the runs before and after the reversal.
-    - `before`, `after`: whether a block mean of that run lies at these angles.
+    - `first`, `second`: indices of the runs before and after the reversal.
+    - `before`, `after`: for each block mean of these two runs, whether it lies in the range.
     - `sign`: +1 if the run before is on flank A, −1 if it is on flank B.
-    - `driving_angle`: middle of the angles, rad.
+    - `driving_angle`: middle of the range, rad.
     """
 
     first: int
@@ -257,7 +270,10 @@ class _Window:
     driving_angle: float
 
     def step(self, runs: Sequence[Float[np.ndarray, " _"]]) -> float:
-        """Return the mean of flank B minus the mean of flank A, for runs shaped like the curves."""
+        """Return the mean on flank B minus the mean on flank A in the range.
+
+        `runs` holds one array per run, with a value for each of its block means.
+        """
         after, before = runs[self.second][self.after], runs[self.first][self.before]
         return self.sign * float(after.mean() - before.mean())
 
@@ -312,12 +328,12 @@ def _jumps(
 def autoregressive(
     generator: np.random.Generator, filter_: Float[np.ndarray, " taps"], std: float, count: int
 ) -> Float[np.ndarray, " count"]:
-    """Return stationary noise that this filter whitens to innovations of this std."""
+    """Return `count` stationary noise values, which `filter_` whitens to innovations of `std`."""
     return _filtered(generator, filter_, std, count, _settling(filter_))
 
 
 def _settling(filter_: Float[np.ndarray, " taps"]) -> int:
-    """Return the number of samples after which the effect of the start is below 1e-4."""
+    """Return after how many samples a start value has decayed below 1e-4, at most 100 000."""
     slowest = float(np.abs(np.roots(filter_)).max(initial=0.0))
     return min(int(10 / max(1.0 - slowest, 1e-4)), 100_000)
 
@@ -336,7 +352,7 @@ def _filtered(
 
 
 def autocorrelation(runs: list[Float[np.ndarray, " _"]], lags: int) -> Float[np.ndarray, " lags"]:
-    """Return the correlation at lags 1 … `lags` within runs, all runs together."""
+    """Return the autocorrelation at lags 1 … `lags`, from products inside runs, over all runs."""
     from scipy.fft import next_fast_len
 
     length = next_fast_len(max(len(run) for run in runs) + lags, real=True)
@@ -355,7 +371,10 @@ def _share(runs: list[Float[np.ndarray, " _"]], reach: float) -> float:
 
 
 def _p_value(replicated: Draws, measured: Draws | float) -> float:
-    """Return the two-sided fraction of replicates at least as extreme; it is never quite zero."""
+    """Return the two-sided fraction of replicates at least as extreme as the measured value.
+
+    `measured` may differ between replicates. The fraction is never exactly zero.
+    """
     above = (np.sum(replicated >= measured) + 0.5) / (len(replicated) + 1)
     below = (np.sum(replicated <= measured) + 0.5) / (len(replicated) + 1)
     return float(min(1.0, 2 * min(above, below)))

@@ -16,11 +16,12 @@ def rig_draws(posterior: Posterior, draws: int = 200, seed: int = 0) -> tuple[Ec
     no encoder errors.
 
     **Arguments**
-    - `draws`: number of rigs, all from different draws. - `seed`: seed of the random selection.
+    - `draws`: number of rigs, all from different draws.
+    - `seed`: seed of the random selection of the draws.
 
     **Raises** `NoAnswerError` without gear geometry, constant backlash or enough draws.
 
-    For `sweep(…, rigs=rig_draws(posterior, 200), believed=fit.eccentricities())`.
+    Use in a sweep: `sweep(…, rigs=rig_draws(posterior, 200), believed=fit.eccentricities())`.
     """
     fit = posterior.fit
     require_rig(fit)

@@ -1,8 +1,9 @@
 """Comparison of three intervals of a coordinate: curvature of the fit, profile likelihood, sampler.
 
-The three routes share only the likelihood: if they agree, none of them has failed, and a
-disagreement is reported. Widths and centres are compared in sampled standard deviations. The
-tolerance includes the Monte-Carlo error of the draws.
+The three routes share only the likelihood. If they agree, it is unlikely that one has failed; a
+disagreement is reported. Differences of the centres are in standard deviations of the draws, and
+half widths are divided by those of the draws. The tolerances include the Monte-Carlo error of the
+draws.
 """
 
 from collections.abc import Sequence
@@ -68,8 +69,9 @@ class RouteComparison:
     def monte_carlo_margin(self) -> float:
         """Monte-Carlo error of the draws times `MONTE_CARLO`, as a fraction of the std.
 
-        The standard error of a mean is σ/√n; that of half the distance between the 16 and 84 %
-        quantiles, or of 2.5 and 97.5 %, is 0.96 and 0.95 of its value, over √n.
+        For n effective draws of a normal density, the standard error of the mean is σ/√n. The
+        relative standard error of a half width is 0.96/√n for the 16 and 84 % quantiles and 0.95/√n
+        for the 2.5 and 97.5 % quantiles.
         """
         return MONTE_CARLO / np.sqrt(max(self.effective, 1.0))
 
@@ -112,7 +114,7 @@ class Agreement(TextResult):
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """Sentences on disagreements, with the worst coordinate of each kind first."""
+        """Sentences on disagreements; each names the worst coordinate and counts the others."""
         sentences = []
         for route in ("fit", "profile"):
             resized = [c for c in self.compared if c.width_differs(route)]
