@@ -1,4 +1,4 @@
-"""Run folders: what the command line writes, for Python too."""
+"""Run folders, which the command line writes: writing and reading them from Python too."""
 
 from ..base.facade import lazy_names
 

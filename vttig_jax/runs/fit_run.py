@@ -1,4 +1,7 @@
-"""Fit of a run folder: from the options to `run.toml`, `fit.json` and `summary.npz`."""
+"""Computation of a fit from the options of a command, and its files in a run folder.
+
+The files are `run.toml`, `fit.json`, `summary.npz` and the pictures.
+"""
 
 import hashlib
 import logging
@@ -29,7 +32,8 @@ _FOLLOWING = (
     *(f"figures/{name}.png" for name in ("te_fit", "orders", "residual", "backlash_map")),
     *(f"figures/{name}.png" for name in ("corner", "trace", "band", "predictive")),
 )
-"""Files that depend on the fit; a new fit makes them invalid."""
+"""Files of a run folder that are computed from the fit; they are removed when a new fit is written.
+"""
 
 
 def resolve(
@@ -41,7 +45,8 @@ def resolve(
 ) -> RunRecord:
     """Return the record of the run that the command line requests.
 
-    Without a pair file the columns of the logs are recognised with the ratio in `drive`.
+    `pair` and `readings` are the paths of the pair file and of a file of backlash readings, or
+    None. Without a pair file the columns of the logs are recognised with the ratio in `drive`.
 
     **Raises** `UsageError` if the logs, or the pair file and the ratio, are missing, and for
     options that exclude each other; `LogError` for a log that can be read in two ways.
@@ -56,7 +61,7 @@ def resolve(
 
 
 def perform(record: RunRecord) -> "tuple[Fit, RunRecord]":
-    """Fit the logs of a record; return the fit, and the record with the digests of its files.
+    """Fit the logs of a record; return the fit, and the record with the SHA-256 of its files.
 
     **Raises** `UsageError` if two logs have the same content.
     """
@@ -80,7 +85,7 @@ def perform(record: RunRecord) -> "tuple[Fit, RunRecord]":
 
 
 def record_of(fit: "Fit") -> RunRecord:
-    """Return the record of a fit that was computed in Python.
+    """Return the run record (logs, pair file and options) of a fit that was computed in Python.
 
     **Raises** `UsageError` for a fit from `read_fit`, which has no settings.
     """
@@ -126,7 +131,8 @@ def save_fit(
 ) -> None:
     """Write a run folder: `run.toml`, `fit.json`, `summary.npz` and the pictures.
 
-    The folder does not change until all files are written. Draws of an older fit are removed.
+    The folder does not change until all files are written. Posterior draws of an older fit in the
+    folder are removed.
 
     **Arguments**
     - `fit`: result of `vttig_jax.fit`, or the fit of an open run.
@@ -135,9 +141,9 @@ def save_fit(
     - `figures`: draw the pictures too.
     - `record`: logs and options of the fit; by default those stored in `fit`.
 
-    **Raises** `UsageError` for an existing fit without `overwrite`, for a second writer and for a
-    fit without settings; `InputError` for a full disk, missing permission and a path that is not a
-    folder.
+    **Raises** `UsageError` for an existing fit without `overwrite`, for a fit without settings, and
+    if another process writes to the folder; `InputError` for a full disk, missing permission and a
+    path that is not a folder.
     """
     from ..base.files.run_folder import RunFolder
 
@@ -167,7 +173,10 @@ def refuse_while_sampled(folder: Path) -> None:
 
 
 def write_fit(writer: "RunFolder", fit: "Fit", record: RunRecord, *, figures: bool = True) -> None:
-    """Write a fit into an open run folder, and remove the files that depend on an older fit."""
+    """Write a fit into an open run folder, and remove the files that depend on an older fit.
+
+    Logs that came from standard input are stored in the folder.
+    """
     import numpy as np
 
     from ..base.files.json_io import dumps
@@ -191,7 +200,10 @@ def write_fit(writer: "RunFolder", fit: "Fit", record: RunRecord, *, figures: bo
 
 
 def _unused_kept_logs(folder: Path, record: RunRecord) -> list[str]:
-    """Return the logs from standard input that only the old run of a folder uses."""
+    """Return the names of files that the new run `record` in `folder` does not need.
+
+    They are logs from standard input that were stored in the folder for its old run.
+    """
     try:
         old = read_run(folder)
     except VttigError:  # there is no old run, or it is damaged
@@ -206,10 +218,11 @@ def _unused_kept_logs(folder: Path, record: RunRecord) -> list[str]:
 
 
 def _run_digest(table: dict[str, Any], arrays: str, content: Any) -> str:
-    """Return the SHA-256 of a run, which all files of its fit carry; equal runs have equal ones.
+    """Return the SHA-256 that identifies a run and is stored in all files of its fit.
 
-    `arrays` is the digest of the arrays. The paths of the logs are left out, because the same run
-    may lie in another folder.
+    `table` is the content of `run.toml`, `arrays` the digest of the arrays in `summary.npz`, and
+    `content` the content of `fit.json`. The paths of the logs are left out, so that the same run in
+    another folder has the same digest.
     """
     from ..base.files.json_io import dumps
 
@@ -218,7 +231,7 @@ def _run_digest(table: dict[str, Any], arrays: str, content: Any) -> str:
 
 
 def _figures(fit: "Fit", digest: str) -> dict[str, bytes]:
-    """Return file name → PNG of a fit.
+    """Return the pictures of a fit: file name → content of the PNG file.
 
     The backlash map is drawn if the log determines the constant backlash.
     """

@@ -1,4 +1,7 @@
-"""Fits of many log files in one table, written block by block so that it can be resumed."""
+"""Fits of many log files in one table.
+
+The table is written block by block, so that an interrupted computation can be continued.
+"""
 
 import json
 from collections.abc import Callable, Iterator, Sequence
@@ -33,23 +36,23 @@ if TYPE_CHECKING:
     from ..logs.recognition.question import Guess
 
 NAMES = FolderNames("table of fits", "fits.parquet", "fits.json")
-"""Files of the folder of `vttig fit-many`."""
+"""Name of the result in messages, and names of the files that `vttig fit-many` writes."""
 
-_BLOCK = 64  # logs of a block, as many as a call of the compiled programs takes; chosen value
+_BLOCK = 64  # logs per block, equal to the logs per call of a compiled program; chosen value
 
 _PACKAGES = ("vttig-jax", "jax", "jaxlib", "numpy", "scipy")
 
 
 @dataclass(frozen=True, eq=False)
 class ManyFits:
-    """Task of `vttig fit-many`.
+    """Task of `vttig fit-many`: many logs, all fitted with one pair file and the same settings.
 
     **Arguments**
     - `logs`: files. - `spec`: content of their pair file. - `settings`: settings of the fits.
-    - `reading`: how the logs are read.
-    - `drive`: what options state in place of a pair file; the columns of every log are then
-      recognised, and a log whose columns are read in another way has no fit.
-    - `guesses`: what was recognised in the first log.
+    - `reading`: options for reading the logs.
+    - `drive`: statements of the user in place of a pair file; the columns of every log are then
+      recognised, and a log whose columns differ from those of the first log gets no fit.
+    - `guesses`: columns and units that were recognised in the first log without a pair file.
     """
 
     logs: tuple[Path, ...]
@@ -68,10 +71,12 @@ class ManyFits:
         reading: ReadingOptions,
         drive: DriveRequest = DriveRequest(),
     ) -> "ManyFits":
-        """Read the pair file, or recognise the first log; check that every log is given once.
+        """Make a task from the pair file, or without one from the columns of the first log.
 
-        **Raises** `UsageError` for a log that is given twice and without a ratio, `PairError` for
-        the pair file, `LogError` if the columns of no log are recognised.
+        If the columns of the first log are not recognised, the next log is tried.
+
+        **Raises** `UsageError` for a log that is given twice or a missing ratio, `PairError` for a
+        wrong pair file, `LogError` if the columns of no log are recognised.
         """
         for number, log in enumerate(logs):
             if log in logs[:number]:
@@ -103,7 +108,10 @@ class ManyFits:
         return -(-len(self.logs) // _BLOCK)
 
     def header(self) -> dict[str, Any]:
-        """Return digests, settings and versions; a table with the same ones can be continued."""
+        """Return the header of the table: digests of the logs, pair, settings and versions.
+
+        An unfinished table can be continued only by a task with an equal header.
+        """
         return {
             "logs": [str(log) for log in self.logs],
             "sha256": data_sha256(self.logs),
@@ -117,7 +125,11 @@ class ManyFits:
     def columns(
         self, block: int, shapes: Shapes, progress: Callable[[int], None] = lambda logs: None
     ) -> Columns:
-        """Read and fit the logs of a block."""
+        """Read and fit the logs of block number `block`; return the columns with one row per log.
+
+        `shapes` collects the array shapes of the compiled programs. `progress` is called with the
+        number of further logs that are done.
+        """
         return fit_columns(
             self._read(self.logs[block * _BLOCK : (block + 1) * _BLOCK]),
             self.pair,
@@ -128,7 +140,10 @@ class ManyFits:
         )
 
     def _read(self, paths: Sequence[Path]) -> Iterator[EncoderLog | Unread]:
-        """Yield the logs, named by their paths because many folders hold the same file name."""
+        """Yield every log, or an `Unread` with the error for a log that cannot be used.
+
+        The source of a log is its path, because files in different folders may have equal names.
+        """
         pair = self.pair
         for path in paths:
             try:
@@ -140,7 +155,10 @@ class ManyFits:
             yield replace(log, source=str(path))
 
     def _require_same_columns(self, path: Path) -> None:
-        """Raise `LogError` if options state the drive and a log is read unlike the first one."""
+        """Raise `LogError` if the columns of a log are recognised unlike those of the first log.
+
+        With a pair file nothing is checked.
+        """
         if not self.drive.names_a_drive:
             return
         if recognise(path, self.drive, **self.reading.keywords()).spec != self.spec:
@@ -163,8 +181,9 @@ def fit_files(
     """Fit all logs of a task, and write the table to the folder `out` if it is given.
 
     **Arguments**
-    - `resume`: continue with the blocks that are missing in `out`; start where it holds no table,
-      and return a complete table as it is. - `overwrite`: start again.
+    - `resume`: continue with the blocks that are missing in `out`. If `out` holds no table, start
+      from the beginning; if it holds the complete table, return that table.
+    - `overwrite`: replace the table in `out`.
     - `dask`: address of a dask.distributed scheduler whose workers fit the blocks; they must find
       the logs under the same paths.
     - `progress`: called with the number of further logs that are done.
@@ -195,7 +214,7 @@ def _logs_of(task: ManyFits, block: int) -> tuple[Path, ...]:
 
 
 def _on_worker(number: int, shared: ManyFits) -> tuple[int, int, Columns]:
-    """Fit a block on a worker and return its number, its number of logs and its columns."""
+    """Fit block `number` on a dask worker; return its number, number of logs, and columns."""
     from ..base.runtime import enable_x64
 
     enable_x64()
@@ -207,13 +226,13 @@ def _table(task: ManyFits, columns: Columns, path: Path | None) -> FitTable:
 
 
 def _finished(task: ManyFits, header: dict[str, Any], out: Path) -> FitTable | None:
-    """Return the complete table of this task, or None where there is none or another one."""
+    """Return the table in `out` if it is complete and belongs to this task, else None."""
     try:
         stored = json.loads((out / NAMES.header).read_text("utf-8"))
     except (OSError, ValueError):
         return None
     asked = json.loads(dumps(header))
-    # A complete table is not continued, so that other versions of packages do not matter.
+    # The versions of packages may differ, because a complete table is not continued.
     same = isinstance(stored, dict) and all(
         stored.get(name) == asked[name] for name in asked if name != "versions"
     )

@@ -11,13 +11,14 @@ if TYPE_CHECKING:
     from ..posterior.summary.bands import BandedMap
 
 COLUMNS = ("driving_deg", "backlash_deg", "backlash_mm", "axial_mm", "backlash_first_order_deg")
-"""Columns of `map.csv` for a map without draws."""
+"""Columns of `map.csv` for a map without posterior draws."""
 
 
 def map_table(grid: "BacklashMap", step_deg: float, turns: float) -> Any:
-    """Return the columns `COLUMNS`, shape (rows, 5), at steps of `step_deg` of the driving angle.
+    """Return the values of `COLUMNS`, shape (rows, 5), at driving angles 0°, `step_deg`, ….
 
-    The rows cover `turns` driving revolutions. Lengths are NaN if the pair does not define them.
+    The rows cover `turns` driving revolutions. Lengths in mm are NaN if the pair does not define
+    them.
     """
     import numpy as np
 
@@ -38,8 +39,9 @@ def map_table(grid: "BacklashMap", step_deg: float, turns: float) -> Any:
 def map_record(
     fit: "Fit", grid: "BacklashMap", step_deg: float, turns: float, rows: int, out: Path | None
 ) -> dict[str, Any]:
-    """Return the object of schema `vttig.map/1`.
+    """Return the content of `map.json`, an object of schema `vttig.map/1`.
 
+    `rows` and `out` are the number of rows and the path of the CSV file. In the object,
     `coverage.spans_deg` are the driving angles that were measured on both flanks; the rows of
     `map.csv` outside them are extrapolated.
     """
@@ -70,10 +72,10 @@ def banded_record(
     out: Path | None,
     closing_mm: tuple[float, ...] = (),
 ) -> dict[str, Any]:
-    """Return the object of schema `vttig.map/1` of a map with bands.
+    """Return the object of schema `vttig.map/1` for a map with bands; see `map_record`.
 
-    It also contains the probability of the band, the smallest gap of the draws and, for each
-    closing in `closing_mm`, the probability that the gears bind.
+    It also contains the probability of the band, the smallest gap of the draws and, for each axial
+    displacement in `closing_mm`, the probability that the gears bind.
     """
     chances = [(closing, banded.smallest.probability_of_binding(closing)) for closing in closing_mm]
     return map_record(
@@ -101,7 +103,7 @@ def _extreme(grid: "BacklashMap", extreme: "Extreme") -> dict[str, Any]:
 
 
 def csv_text(table: Any, columns: Sequence[str] = COLUMNS) -> str:
-    """Return the table as CSV; NaN becomes an empty field."""
+    """Return an array of shape (rows, columns) as CSV with a header; NaN becomes an empty field."""
     import numpy as np
 
     buffer = io.StringIO()

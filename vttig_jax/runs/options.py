@@ -1,4 +1,4 @@
-"""The options of one `vttig fit` as `run.toml` keeps them: how a log is read, and the settings."""
+"""Options of one call of `vttig fit` as stored in `run.toml`: for reading logs, and for the fit."""
 
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Annotated, Any
@@ -14,20 +14,25 @@ if TYPE_CHECKING:
     from ..logs.encoder_log import EncoderLog
 
 MOST_PIECES = 300
-"""Largest number of spline pieces over one log; chosen, as more of them follow the gears."""
+"""Largest number of pieces of the drift spline over one log (chosen). A spline with more pieces
+would follow the transmission error of the gears."""
 
 _OPTION = {field.name: field.option.split("/")[0] for field in fields()}
 
 
 class ReadingOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """How a log is read, by the names of `run.toml`; columns are texts ROLE=NAME."""
+    """Options for reading a log, with the names that `run.toml` uses.
+
+    `columns` are texts ROLE=NAME, `decimal` is the decimal mark, and `sample_rate` (Hz) replaces a
+    time column.
+    """
 
     columns: tuple[str, ...] = ()
     decimal: Annotated[str, Meta(pattern="^[.,]$")] | None = None
     sample_rate: Positive | None = None
 
     def keywords(self) -> dict[str, Any]:
-        """Return the keywords of `read_log`."""
+        """Return these options as keyword arguments of `read_log`."""
         return {
             "columns": roles_of(self.columns),
             "decimal": self.decimal,
@@ -36,15 +41,15 @@ class ReadingOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
 
 
 class RunOptions(msgspec.Struct, frozen=True):
-    """Everything that `run.toml` says about a fit beside its data and its pair file."""
+    """Options of a fit in `run.toml`: how its logs are read, and the settings of the fit."""
 
     reading: ReadingOptions = ReadingOptions()
     settings: FitSettings = FitSettings()
 
     def check(self, logs: int, *, readings: bool) -> None:
-        """Refuse options that exclude each other or say nothing about this many logs.
+        """Raise `UsageError` for options that exclude each other or do not apply.
 
-        **Raises** `UsageError`.
+        `logs` is the number of logs; `readings` is true if backlash readings are given.
         """
         roles_of(self.reading.columns)
         settings = self.settings
@@ -60,7 +65,7 @@ class RunOptions(msgspec.Struct, frozen=True):
             raise UsageError(f"{name} compares several logs, but there is one; leave it out.")
 
     def check_drift(self, log: "EncoderLog") -> None:
-        """Raise `UsageError` for a drift spline that has too many pieces and follows the gears."""
+        """Raise `UsageError` if the drift spline would have more than `MOST_PIECES` over a log."""
         knots_s = self.settings.drift_knots_s
         duration_s = float(log.time[-1] - log.time[0])
         if knots_s is not None and duration_s > MOST_PIECES * knots_s:
@@ -82,7 +87,7 @@ class RunOptions(msgspec.Struct, frozen=True):
 
 
 def options_from(table: dict[str, Any]) -> RunOptions:
-    """Read the table `[options]`; an option that an older run does not have takes its default.
+    """Return the options in the table `[options]` of `run.toml`; missing options have defaults.
 
     **Raises** `msgspec.ValidationError` or `TypeError` for a damaged table.
     """
@@ -97,7 +102,7 @@ def options_from(table: dict[str, Any]) -> RunOptions:
 
 
 def options_of(given: dict[str, Any]) -> RunOptions:
-    """Build the options from the parameters of the command line.
+    """Return the options from the parameters of a command: name → value.
 
     **Raises** `UsageError` for two options that exclude each other.
     """
@@ -111,7 +116,7 @@ def options_of(given: dict[str, Any]) -> RunOptions:
 
 
 def in_options(message: str) -> str:
-    """Name options of the command line in place of arguments of Python."""
+    """Return an error message with Python arguments replaced by options of the command line."""
     for name, option in _OPTION.items():
         message = message.replace(f"`{name}`", option)
     return message.removeprefix("Arguments ").removeprefix("Argument ")
@@ -120,7 +125,8 @@ def in_options(message: str) -> str:
 def roles_of(columns: Iterable[str]) -> dict[str, str]:
     """Return role → name of the column from texts ROLE=NAME.
 
-    **Raises** `UsageError` for another form, a role there is not and one that is named twice.
+    **Raises** `UsageError` for a text of another form, an unknown role, and a role that occurs
+    twice.
     """
     named: dict[str, str] = {}
     for text in columns:

@@ -18,12 +18,17 @@ if TYPE_CHECKING:
 
 REPORT = "posterior.json"
 FIGURES = tuple(f"figures/{name}.png" for name in ("corner", "trace", "predictive", "band"))
-"""Pictures of the draws."""
+"""Pictures of the posterior draws in a run folder."""
 
 
 @dataclass(frozen=True)
 class PosteriorReport:
-    """Posterior with its predictive check, its map, and the comparison of fit and draws."""
+    """Posterior and the results computed from it.
+
+    - `predicted`: posterior predictive check. - `routes`: comparison of fit, profile likelihood and
+      draws; None if the draws have not converged. - `banded`: backlash map with bands; None if the
+      log does not determine the constant backlash.
+    """
 
     posterior: "Posterior"
     predicted: "Predictive"
@@ -50,10 +55,10 @@ class PosteriorReport:
 
 
 def report_on(posterior: "Posterior") -> PosteriorReport:
-    """Check the posterior against its log, compare it with fit and profile, and map the backlash.
+    """Return the report on a posterior: predictive check, comparison with the fit, and map.
 
-    The comparison is made only if the draws have converged, the map only if the log determines the
-    constant backlash.
+    The comparison with fit and profile likelihood is made only if the draws have converged, the map
+    only if the log determines the constant backlash.
     """
     from ..posterior.density.prior import Prior
     from ..posterior.summary.bands import band_map
@@ -90,9 +95,9 @@ def save_posterior(
     - `overwrite`: replace the fit and the draws that are in the folder.
     - `figures`: draw the pictures too.
 
-    **Raises** `UsageError` for existing draws or another fit without `overwrite`, and for a second
-    writer; `InputError` for a full disk, missing permission and a path that is not a
-    folder.
+    **Raises** `UsageError` for existing draws or another fit without `overwrite`, and if another
+    process writes to the folder; `InputError` for a full disk, missing permission and a path that
+    is not a folder.
     """
     from .fit_run import save_fit
 
@@ -115,7 +120,7 @@ def save_posterior(
 
 
 def _holds(folder: Path, posterior: "Posterior") -> bool:
-    """Return whether a folder holds the fit of the posterior."""
+    """Return whether `fit.json` in a folder equals the fit from which the posterior was drawn."""
     from ..base.files.json_io import dumps
 
     stored = _read_json(folder / "fit.json")
@@ -134,7 +139,7 @@ def _read_json(path: Path) -> Any:
 
 
 def _is_reported(folder: Path, posterior: "Posterior") -> bool:
-    """Return whether the report in a folder is that of chains of this length."""
+    """Return whether the report in a folder states as many steps as the chains of `posterior`."""
     try:
         return _read_json(folder / REPORT)["diagnosis"]["steps"] == posterior.diagnosis.steps
     except (KeyError, TypeError):
@@ -144,7 +149,8 @@ def _is_reported(folder: Path, posterior: "Posterior") -> bool:
 def write_report(folder: Path, report: PosteriorReport, *, figures: bool = True) -> None:
     """Write `posterior.json`, the map with its bands, and the pictures.
 
-    Without `figures`, pictures of shorter chains are removed.
+    If the folder has a report on chains with another number of steps, its pictures are removed,
+    even without `figures`.
     """
     from ..base.files.json_io import dumps
     from ..base.files.run_folder import RunFolder

@@ -1,4 +1,7 @@
-"""Rigs for the simulator, read from a run folder, so that the simulator does not import fits."""
+"""Rigs (eccentricities and constant backlash) for the simulator, read from a run folder.
+
+They are read here, so that the simulator does not import the modules of fits and posteriors.
+"""
 
 import logging
 from pathlib import Path
@@ -17,9 +20,10 @@ if TYPE_CHECKING:
 
 
 def drawn_rigs(scenario: Path) -> "tuple[tuple[Eccentricities, ...], Eccentricities | None]":
-    """Return rigs drawn from the posterior that the sweep file `scenario` names, and a mean rig.
+    """Return rigs drawn from a posterior, and the rig at the posterior mean.
 
-    The mean rig is the rig at the posterior mean. Return `(), None` without a [rig] table.
+    The table [rig] of the sweep file `scenario` names the run folder of the posterior. Without this
+    table, return `(), None`.
     """
     from ..control.scenario.spec import load_sweep_spec
     from ..posterior.summary.rig_draws import rig_draws

@@ -1,4 +1,4 @@
-"""A run folder, opened: its logs, fit, posterior, map and sweep."""
+"""Access to a run folder from Python: its logs, fit, posterior, map and sweep."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -25,13 +25,13 @@ SWEEP = "sweep.parquet"
 
 @dataclass(frozen=True)
 class Run(TextResult):
-    """A run folder. Everything in it is read when it is first asked for.
+    """Run folder; each part of it is read at the first access to its property.
 
     **Arguments**
     - `folder`: the folder.
 
-    Each property raises `UsageError` where the folder does not hold that part, with the command
-    that makes it, and `InputError` where the part is damaged.
+    If the folder does not hold a part, its property raises `UsageError` and names the command that
+    makes the part. If the part is damaged, the property raises `InputError`.
     """
 
     folder: Path
@@ -43,7 +43,7 @@ class Run(TextResult):
 
     @property
     def logs(self) -> dict[Path, str]:
-        """The log files and the SHA-256 of each."""
+        """Path of each log file → its SHA-256; "" for a log from arrays."""
         return dict(zip(self.record.logs, self.record.sha256, strict=True))
 
     @cached_property
@@ -55,7 +55,7 @@ class Run(TextResult):
 
     @cached_property
     def fit(self) -> "Fit":
-        """The fit, with the settings that it was made with."""
+        """The fit, together with its settings."""
         from ..identify.fit_result import FitRequest
         from ..identify.store import read_fit
 
@@ -70,7 +70,7 @@ class Run(TextResult):
 
     @cached_property
     def posterior(self) -> "Posterior":
-        """The posterior of the draws that `vttig sample` left."""
+        """The posterior, from the draws that `vttig sample` has written into the folder."""
         from ..posterior.sampler import read_posterior
 
         if not (self.folder / CHECKPOINT).exists():
@@ -82,7 +82,7 @@ class Run(TextResult):
 
     @cached_property
     def map(self) -> "BacklashMap | BandedMap":
-        """The backlash at every angle; with its bands where the folder holds draws."""
+        """Backlash at every driving angle, with bands if the folder holds posterior draws."""
         if (self.folder / CHECKPOINT).exists():
             from ..posterior.summary.bands import band_map
 

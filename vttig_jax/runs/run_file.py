@@ -39,10 +39,10 @@ class RunRecord:
     - `options`: options of the fit.
     - `sha256`: SHA-256 of every log; empty before they are read.
     - `readings`, `readings_sha256`: file of backlash readings, and its SHA-256.
-    - `guesses`: what was recognised for `spec` without a pair file; not stored.
-    - `flank_model`: class of the flank model of a fit in Python; "" without one.
-    - `digest`: digest of the run that was read, which all files of its fit carry; "" for a new run
-      and for folders of older versions.
+    - `guesses`: what was recognised in the logs to build `spec` without a pair file; not stored.
+    - `flank_model`: class name of the flank model that a user gave in Python; "" without one.
+    - `digest`: SHA-256 that identifies a stored run and is in all files of its fit; "" for a new
+      run and for folders of older versions.
     """
 
     logs: tuple[Path, ...]
@@ -56,7 +56,7 @@ class RunRecord:
     digest: str = ""
 
     def table(self, folder: Path) -> dict[str, Any]:
-        """Return the TOML table, with paths relative to the run folder."""
+        """Return the content of `run.toml` with paths relative to the run folder `folder`."""
         base = folder.resolve()
         data: dict[str, Any] = {
             "logs": [
@@ -141,7 +141,8 @@ def read_run(path: Path) -> RunRecord:
 def require_same_data(run: RunRecord) -> None:
     """Raise `InputError` if a run cannot be repeated from its files.
 
-    A log or the readings are missing or have changed, or the fit has a flank model of Python.
+    That is so if a log or the file of readings is missing, has changed or never was a file, and if
+    the flank model is a Python class of the user.
     """
     if run.flank_model:
         raise InputError(

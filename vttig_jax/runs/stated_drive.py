@@ -16,10 +16,10 @@ if TYPE_CHECKING:
 def stated_spec(
     logs: tuple[Path, ...], pair: Path | None, drive: DriveRequest, reading: ReadingOptions
 ) -> "tuple[PairSpec, tuple[Guess, ...]]":
-    """Return the content of the pair file `pair`, or an equivalent content, and the guesses.
+    """Return the content of the pair file, and the guesses.
 
     Without `pair`, the content is built from the options in `drive` and from the columns of the
-    logs; the guesses are what was inferred from the logs.
+    logs; the guesses are then what was recognised in the first log. With `pair` there are none.
 
     **Raises** `UsageError` without a ratio or with two, `LogError` for a log that can be read in
     two ways, and for logs whose columns differ.

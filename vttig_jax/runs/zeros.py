@@ -1,4 +1,4 @@
-"""Conversion of later encoder readings to the angles of a fit, whose zeros a run folder keeps."""
+"""Conversion of encoder readings to the angles of a fit; a run folder stores the zeros for it."""
 
 from typing import TYPE_CHECKING
 
@@ -22,7 +22,8 @@ def shaft_readings(run: RunRecord, fit: "Fit") -> tuple[ShaftReading, ShaftReadi
     """Return the conversions from readings of both encoders to the angles φ₁ and φ₂ of a fit.
 
     If the fit counts its angles from the encoder reading zero, the angle is the reading times a
-    sign and a scale. If it counts from the first sample, the first reading is subtracted before.
+    sign and a scale. If it counts from the first sample of the log, the reading of that sample is
+    subtracted first.
 
     **Raises** `NoAnswerError` for a log with a transmission error in place of the driven channel,
     and `InputError` if the unit of the first reading is unknown.
@@ -52,9 +53,10 @@ def _shaft_reading(run: RunRecord, fit: "Fit", shaft: str) -> ShaftReading:
 
 
 def _unit(run: RunRecord, fit: "Fit", shaft: str) -> str:
-    """Return the unit of the first reading of `shaft`.
+    """Return the unit of the reading of `shaft` in the first sample.
 
-    It is "counts" for an integer; else the column name, the pair file or the log gives it.
+    It is "counts" if the reading is an integer. Otherwise it comes from the column name, the pair
+    file or the log, in this order.
     """
     if isinstance(fit.zero_readings[shaft], int):
         return "counts"
