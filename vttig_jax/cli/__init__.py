@@ -1,1 +1,1 @@
-"""The command line, one file a verb."""
+"""The command line `vttig`; each of its commands (verbs) has one module in `verbs`."""

@@ -1,6 +1,7 @@
 """Options that replace a pair file: what a user states about a drive and its log.
 
-Every verb that reads logs has all of them; a verb that reads none has those of the drive.
+Every command (verb) that reads logs has all of these options. A command without a log has only the
+options of the drive: ratio, teeth and counts.
 """
 
 import functools
@@ -84,7 +85,7 @@ _OF_THE_LOG = (
 
 
 STATED = ("ratio", "teeth", "counts", "units", "inverted", "driving_rpm")
-"""Parameters that make a `DriveRequest`."""
+"""Names of the command parameters from which a `DriveRequest` is made."""
 
 NAMES = (*STATED, "write_pair", "explain_columns")
 """All parameters that `drive_options` adds."""
@@ -97,7 +98,7 @@ GROUPS = {
 
 
 def pair_option(function: Callable[..., None]) -> Callable[..., None]:
-    """Add the option `pair`, which excludes those of the drive."""
+    """Add the option `--pair` to a command; it excludes the options that describe the drive."""
     return click.option(
         "--pair",
         type=click.Path(path_type=Path),
@@ -135,11 +136,12 @@ def ratio_options(function: Callable[..., None]) -> Callable[..., None]:
 
 @dataclass(frozen=True)
 class DriveOptions:
-    """The options that replace a pair file.
+    """Options of a command that replace a pair file.
 
     **Arguments**
-    - `request`: what they state. - `write_pair`: path for the pair file that says the same.
-    - `explain_columns`: whether the columns are only explained.
+    - `request`: statements about the drive and the log. - `write_pair`: path to which the
+      equivalent pair file is written, or None.
+    - `explain_columns`: whether the command only prints how the columns are read.
     """
 
     request: DriveRequest
@@ -147,7 +149,7 @@ class DriveOptions:
     explain_columns: bool = False
 
     def tell(self, guesses: "Sequence[Guess]", spec: "PairSpec", output: Output) -> None:
-        """Print what was guessed to stderr, unless `-q` is given, and write the pair file."""
+        """Print the guesses to stderr, unless `-q` is given, and write the requested pair file."""
         for guess in guesses:
             output.narrate(str(guess))
         if self.write_pair is not None:
@@ -160,9 +162,10 @@ class DriveOptions:
         logs: Sequence[Path],
         read: "tuple[PairSpec, Sequence[Guess], ReadingOptions]",
     ) -> bool:
-        """Print how the columns of a log are read, and return True, if only that is asked.
+        """With `--explain-columns`, print how the columns of a log are read, and return True.
 
-        Otherwise tell what was guessed. `read` are pair file, guesses and options.
+        Without it, call `tell` and return False. `read` holds the content of the pair file, the
+        guesses and the options for reading.
 
         **Raises** `UsageError` for several logs.
         """

@@ -1,4 +1,4 @@
-"""Click options of the settings of a fit, made from `FitSettings`."""
+"""Command-line options for the settings of a fit, generated from the fields of `FitSettings`."""
 
 import math
 import re
@@ -15,20 +15,23 @@ _NUMBER = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?) ?(s|ms|us|µs
 
 
 def _time_s(value: Any, unit: str) -> float:
-    """Return a time in s from a number and a unit; `unit` holds for a plain number; NaN if none."""
+    """Return the time in s that a text such as `0.5ms` states, or NaN if the text is no time.
+
+    `unit` is the unit of a plain number.
+    """
     match = _NUMBER.fullmatch(str(value).strip())
     return float(match[1]) * _UNITS_S[match[2] or unit] if match else math.nan
 
 
 class MillisecondsParam(click.ParamType):
-    """A positive time: a number with a unit, or a plain number of milliseconds."""
+    """Option type for a positive time: a number with a unit, or a plain number of milliseconds."""
 
     name = "milliseconds"
 
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> float:
-        """Return the time in ms; anything else is a usage error."""
+        """Return the time in ms, or report a usage error."""
         time_ms = 1e3 * _time_s(value, "ms")
         if not 0 < time_ms < math.inf:
             self.fail(
@@ -41,7 +44,7 @@ class MillisecondsParam(click.ParamType):
 
 
 class DelayParam(click.ParamType):
-    """One of some words, or a time: a number with a unit, or a plain number of seconds."""
+    """Option type for one of `words`, or a time: a number with a unit, or a number of seconds."""
 
     name = "delay"
 
@@ -51,7 +54,7 @@ class DelayParam(click.ParamType):
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> str | float:
-        """Return the word or the number; anything else is a usage error."""
+        """Return the word or the time in s, or report a usage error."""
         if value in self.words:
             return value
         seconds = _time_s(value, "s")
@@ -66,14 +69,14 @@ class DelayParam(click.ParamType):
 
 
 def model_options(function: Callable[..., None]) -> Callable[..., None]:
-    """Give a verb one option for every field of `FitSettings`."""
+    """Add to a command one option for every field of `FitSettings`."""
     for field in reversed(fields()):
         function = _option(field)(function)
     return function
 
 
 def batch_options(function: Callable[..., None]) -> Callable[..., None]:
-    """Give a verb one option for every setting that the fits of a batch can change."""
+    """Add to a command one option for every setting in `BATCH_OPTIONS`, with the default there."""
     for field in reversed(fields()):
         if field.name in BATCH_OPTIONS:
             own = field._replace(default=BATCH_OPTIONS[field.name])
@@ -88,7 +91,7 @@ BATCH_OPTIONS: dict[str, Any] = {
     "delay": "off",
     "drift_order": 0,
 }
-"""Settings of a batch that have an option, and their defaults."""
+"""Settings for which `vttig fit-many` has an option → default of the option."""
 
 
 def _option(field: Field) -> Callable[[Callable[..., None]], Callable[..., None]]:

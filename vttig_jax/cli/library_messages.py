@@ -1,7 +1,7 @@
-"""Messages of other libraries: they go to the log file, and never raw to the terminal.
+"""Redirection of messages of other libraries from the terminal to the log file.
 
 NumPy, SciPy and matplotlib warn through `warnings`, others through `logging`; threads and
-finalisers print tracebacks. What a user must know of them is said by vttig in its own words.
+finalisers print tracebacks. If a user must know about a problem, vttig reports it in its own words.
 """
 
 import logging

@@ -94,7 +94,7 @@ GROUPS = {
     "Plan and simulate": ("plan", "calibrate", "simulate", "sweep", "tune", "demo"),
     "The gear": ("measure", "surface", "contact"),
 }
-"""Title in the help → its verbs."""
+"""Title in the help → verbs that are listed under it."""
 
 _NO_MEMORY = (
     "there is not enough memory for this; close other programs, or ask for less (a shorter log,"
@@ -103,7 +103,7 @@ _NO_MEMORY = (
 _OBJECTS = 50_000  # new objects after which Python searches for unused cycles; chosen value
 
 COMPLETION = "_VTTIG_COMPLETE"
-"""Environment variable by which a shell asks for its completion."""
+"""Environment variable by which a shell requests the completion of a command line."""
 
 
 class _Terminated(BaseException):
@@ -258,7 +258,7 @@ def _silence_stdout() -> None:
 def _seldom_collected() -> Iterator[None]:
     """Let Python search for unused cycles less often: imports make many objects and no cycles.
 
-    With the threshold of Python, 700 new objects, the search takes an eighth of the imports.
+    With the threshold of Python, 700 new objects, the search takes an eighth of the import time.
     """
     before = gc.get_threshold()
     gc.set_threshold(_OBJECTS, *before[1:])

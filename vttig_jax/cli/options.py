@@ -70,8 +70,8 @@ def verb(
 
     The function receives an `Output` as its first argument, then its own options by name. Its
     docstring is the help text. Each line of `example` is a command line, printed below the options.
-    The compiled programs of a verb that `compiles` are kept for its next run. `groups` is title →
-    names of the parameters that the help lists under it.
+    If `compiles` is true, the compiled programs of the command are stored for its next run.
+    `groups` is title → names of the parameters that the help lists under this title.
     """
 
     def decorate(function: Callable[..., None]) -> click.Command:
@@ -106,7 +106,10 @@ def given(names: Collection[str]) -> list[str]:
 
 
 def _with_shared_options(function: Callable[..., None], kept: str | None) -> Callable[..., None]:
-    """Add the shared options; `kept` names the programs that are kept, None for none."""
+    """Add the options that all commands share.
+
+    `kept` is the name under which compiled programs are stored; with None, none are stored.
+    """
 
     @click.option("--json", "as_json", is_flag=True, help="Print one JSON object to stdout.")
     @click.option(

@@ -84,7 +84,8 @@ def print_json(obj: dict[str, Any]) -> None:
 
     **Raises** as `print_text`.
     """
-    _print(dumps(obj, ascii_only=True).replace("\x7f", "\\u007f"))  # the one that `json` leaves
+    # DEL is the only control character that `json` does not escape.
+    _print(dumps(obj, ascii_only=True).replace("\x7f", "\\u007f"))
 
 
 def print_text(text: str) -> None:
@@ -160,7 +161,7 @@ class _Sentence(logging.Formatter):
 
 
 class _LogLine(logging.Formatter):
-    """Formatter of the log file: one line a message, and below it the traceback of a defect."""
+    """Formatter of the log file: one line per message, and below it the traceback of a defect."""
 
     def formatMessage(self, record: logging.LogRecord) -> str:
         record.message = one_line(record.message)

@@ -1,9 +1,9 @@
-"""Compiled programs that the command line keeps between runs.
+"""Storage of compiled programs between runs of the command line.
 
 XLA compiles the programs of a command again in every process. JAX can keep them in a folder, but it
-loads an entry without a check of its content. Here every entry carries the SHA-256 of its name and
-its content. A command copies the entries that pass the check into a folder of its own, which is all
-that JAX sees, and stores the new programs when it ends.
+loads an entry (a file with one program) without a check of its content. Here every entry begins
+with the SHA-256 of its name and content. A command copies the entries that pass the check into a
+temporary folder, which is the only folder that JAX uses, and stores the new programs when it ends.
 """
 
 import hashlib
@@ -26,9 +26,9 @@ VARIABLE = "VTTIG_CACHE"
 
 _SUFFIX = "-cache"  # of the files of JAX that hold a program
 _DIGEST = hashlib.sha256().digest_size
-_OLDEST_S = 30 * 86400.0  # age at which an entry is compiled again; chosen value
+_OLDEST_S = 30 * 86400.0  # age at which an entry is removed and compiled again; chosen value
 _ABANDONED_S = 86400.0  # age at which the folder of a killed process is removed; chosen value
-_MOST_BYTES = 128 << 20  # size of the programs of one command; chosen value
+_MOST_BYTES = 128 << 20  # largest total size of the programs of one command; chosen value
 _SETTINGS = {
     "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0",
     "JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES": "-1",
@@ -38,11 +38,11 @@ _SETTINGS = {
 
 @contextmanager
 def kept_programs(command: str) -> Iterator[None]:
-    """Let JAX use the stored programs of a command, and store its new ones at the end.
+    """Let JAX use the stored programs of a command, and store its new programs at the end.
 
-    Nothing is kept if the variable `VTTIG_CACHE` is "off", if JAX has a cache of its own
-    (`JAX_COMPILATION_CACHE_DIR`) or is imported already, and if the folder cannot be written or
-    belongs to another user. A program that fails the check is compiled again.
+    Nothing is stored if the variable `VTTIG_CACHE` is "off", if the user has set a cache folder for
+    JAX (`JAX_COMPILATION_CACHE_DIR`), if JAX is already imported, or if the folder cannot be
+    written or other users can write to it. A program that fails the check is compiled again.
     """
     folder = _folder()
     if folder is None or "JAX_COMPILATION_CACHE_DIR" in os.environ or "jax" in sys.modules:
@@ -72,7 +72,9 @@ def kept_programs(command: str) -> Iterator[None]:
 
 
 def read_programs(store: Path, stage: Path) -> set[str]:
-    """Copy the entries of `store` that pass the check to `stage`, and remove the others.
+    """Copy the valid entries of the folder `store` to the folder `stage`.
+
+    Entries that fail the check, are too old or exceed the total size are removed from `store`.
 
     **Returns** the names of the copied entries.
     """
@@ -101,7 +103,10 @@ def read_programs(store: Path, stage: Path) -> set[str]:
 
 
 def write_programs(stage: Path, store: Path, known: set[str]) -> None:
-    """Store the programs of `stage` that are not `known` with their digests, each atomically."""
+    """Store the new programs of the folder `stage` in `store`, each atomically with its digest.
+
+    `known` holds the names of the programs that `store` already has.
+    """
     for path in stage.iterdir():
         if path.name.endswith(_SUFFIX) and path.name not in known:
             content = path.read_bytes()
@@ -116,7 +121,7 @@ def _digest(name: str, content: bytes) -> bytes:
 
 
 def _folder() -> Path | None:
-    """Return the folder of all programs, or None if the user wants none."""
+    """Return the folder of the stored programs, or None if the user wants none to be stored."""
     given = os.environ.get(VARIABLE)
     if given == "off":
         return None
@@ -128,7 +133,10 @@ def _folder() -> Path | None:
 
 
 def _machine() -> str:
-    """Return a name for the compiler, the processor and the settings that a program depends on."""
+    """Return a short digest of everything that a compiled program depends on.
+
+    These are the versions of JAX and Python, the system, the processor and the flags of XLA.
+    """
     features = platform.processor()
     with suppress(OSError):
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()

@@ -1,4 +1,4 @@
-"""Explanations of the words in a report, which `-v` prints below it."""
+"""Explanations of technical words in a report; `-v` prints them below the report."""
 
 import re
 from collections.abc import Mapping
@@ -53,11 +53,11 @@ WORDS: Mapping[str, tuple[str, str]] = {
         "logs drawn from the result, to see whether the real one looks like them",
     ),
 }
-"""Pattern of a word in reports → the word, and what it means."""
+"""Regular expression that finds a word in a report → the word, and its explanation."""
 
 
 def explained(report: str) -> str:
-    """Return one line for each word of `WORDS` that a report uses, "" without any.
+    """Return a text with one line for each word of `WORDS` that a report uses, or "".
 
     **Example**
     ```python

@@ -1,1 +1,1 @@
-"""The verbs of `vttig`, one module each."""
+"""The commands (verbs) of `vttig`, one module each."""

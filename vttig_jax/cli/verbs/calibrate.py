@@ -1,4 +1,4 @@
-"""`vttig calibrate`: does a nominal 95 % interval hold the truth in 95 % of the rigs?"""
+"""`vttig calibrate`: check that 95 % intervals contain the truth in 95 % of simulated rigs."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -26,10 +26,11 @@ _NAMES = (
     "missing_order",
     "encoders_left_out",
 )
-"""Those of `posterior.calibration.scenarios`, which imports jax; a test holds the two together."""
+"""Names of the scenarios in `posterior.calibration.scenarios`. They are repeated here, because that
+module imports JAX; a test compares both."""
 
 _FEWEST = 20
-_MOST_RIGS = 1_000_000  # all numbers of the rigs are kept; chosen value
+_MOST_RIGS = 1_000_000  # largest number of rigs, as all results stay in memory; chosen value
 
 _LENGTHS: dict[str, list["Length"]] = {
     "short": ["short"],
@@ -133,7 +134,10 @@ def _calibrated(
 
 
 def _written(out: Path, overwrite: bool, make: Any) -> "Calibration":
-    """Make a calibration and write it; a folder that may not be written is refused before."""
+    """Compute a calibration with `make()`, write it to the folder `out`, and return it.
+
+    A folder that must not be overwritten is refused before the computation.
+    """
     from ...base.files.json_io import dumps
     from ...base.files.run_folder import RunFolder
 

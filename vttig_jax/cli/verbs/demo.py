@@ -1,4 +1,4 @@
-"""`vttig demo`: the rig of the paper, simulated and identified, compared with its true values."""
+"""`vttig demo`: simulate the rig of the paper, fit it, and compare the fit with the true values."""
 
 import io
 from pathlib import Path
@@ -126,7 +126,7 @@ def _row(name: str, true: float, found: "PosteriorReport") -> list[str]:
 
 
 def _map_text(rig: "SyntheticRig", banded: "BandedMap") -> str:
-    """Return the comparison of the map of the draws with the true map."""
+    """Return a text that compares the backlash map of the posterior with the true map."""
     import numpy as np
 
     from ...base.files.text_tables import key_values
@@ -192,7 +192,7 @@ def _write_fit(
 
 
 def log_csv(log: "EncoderLog") -> str:
-    """Return a log of two encoders with readings in counts as CSV."""
+    """Return a log as CSV with the time in s and the readings of both encoders in counts."""
     import numpy as np
 
     assert log.driven is not None  # a synthetic rig logs both shafts

@@ -151,10 +151,13 @@ def _check_options(out: Path, suffix: str, *, overwrite: bool) -> None:
 def _maps(
     run: Run, constant_backlash_deg: float | None, *, header: bool, shift: bool
 ) -> "tuple[BacklashMap, FlankModel]":
-    """Return the map of the fit and its flank model, or name everything that an export lacks.
+    """Return the backlash map of the fit, and its flank model.
+
+    If the export is impossible, one error names all reasons.
 
     **Arguments**
-    - `header`: whether readings of both encoders are needed. - `shift`: whether an axial shift is.
+    - `header`: whether a C header is written, which needs the readings of both encoders.
+    - `shift`: whether the header gives the axial shift that closes the gap.
     """
     from ...control.compensation.compensation import closing_of, require_closing
     from ...identify.backlash import contact_map
@@ -175,7 +178,7 @@ def _maps(
 
 
 def _require_all(checks: Sequence[Callable[[], object]], folder: Path) -> None:
-    """Make all checks, and raise one error that names everything that fails."""
+    """Call all `checks`; if some of them raise errors, raise one error with all their messages."""
     failed: list[VttigError] = []
     for check in checks:
         try:
@@ -193,9 +196,9 @@ def _require_all(checks: Sequence[Callable[[], object]], folder: Path) -> None:
 
 
 def _require_delay(fit: "Fit") -> None:
-    """Refuse a map whose backlash contains a delay that nobody has bounded.
+    """Refuse a fit whose constant backlash may contain the effect of an unknown delay.
 
-    **Raises** `UsageError` for a log at one speed without a delay or a bound of it.
+    **Raises** `UsageError` for a log at one speed if the user gave neither a delay nor its limit.
     """
     if "no_delay" not in fit.conditional_on:
         return
@@ -209,7 +212,7 @@ def _require_delay(fit: "Fit") -> None:
 def _table(
     fit: "Fit", grid: "BacklashMap", step_deg: float, out: Path
 ) -> tuple[str, dict[str, Any]]:
-    """Return the table of the map over the hunting period, and the object of schema `vttig.map/1`.
+    """Return the map over the hunting period as CSV, and the object of schema `vttig.map/1`.
 
     **Raises** `UsageError` for a step that gives too many rows.
     """
@@ -271,7 +274,7 @@ def _origin(run: RunRecord, fit: "Fit") -> "HeaderOrigin":
 
 
 def _interval(fit: "Fit") -> tuple[float, float] | None:
-    """Return the 95 % interval of the fitted constant backlash, degrees, if there is one."""
+    """Return the ends of the 95 % interval of the fitted constant backlash in degrees, or None."""
     found = fit.parameters["constant_backlash_deg"]
     if found.low95 is None or found.high95 is None:
         return None

@@ -106,7 +106,7 @@ def command(
     output.emit(result.to_json(), _Answer(result) if stated else result)
     _check_required(result, require)
     if result.outcome == "contradicts":
-        # The numbers are part of the answer: they show what contradicts.
+        # The result is printed before the error, because its numbers show the contradiction.
         output.finish()
         LOGGER.error("%s: %s", result.source, _contradiction(result))
         raise click.exceptions.Exit(NoAnswerError.exit_code)
@@ -141,7 +141,7 @@ ON_REQUEST = {
 
 @dataclass(frozen=True)
 class _Answer:
-    """The answer to a call that states the ratio: the ratio in words, and the fit."""
+    """Printed result of a fit whose ratio an option states: the ratio in words, then the fit."""
 
     result: "Fit"
 
@@ -190,7 +190,7 @@ def _check_required(result: "Fit", names: tuple[str, ...]) -> None:
 
 
 def _size(parameter: "Parameter") -> str:
-    """Return value and standard error of a parameter, or its upper limit."""
+    """Return value and standard error of a parameter, or its upper limit, as text."""
     if parameter.value is None:
         return parameter.reason or "it has no value"
     if parameter.upper95 is not None:
@@ -199,5 +199,5 @@ def _size(parameter: "Parameter") -> str:
 
 
 def _named(result: "Fit") -> dict[str, "Parameter"]:
-    """Return name → parameter or regressor."""
+    """Return name → parameter or regressor of a fit."""
     return result.parameters | {one.name: one for one in result.regressors}

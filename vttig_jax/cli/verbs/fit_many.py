@@ -1,4 +1,4 @@
-"""`vttig fit-many`: many logs, each of a rig of its own, fitted in batches to one table."""
+"""`vttig fit-many`: fit many logs, each of another rig, in batches; the result is one table."""
 
 from pathlib import Path
 from typing import Any
@@ -105,7 +105,7 @@ def command(
     output.emit(found.to_json(), found)
     failed = len(found) - int(found.is_fitted.sum())
     if failed == len(found):
-        output.finish()  # the table with the reasons is the answer, so that no error object follows
+        output.finish()  # with --json the table is the only object; no error object follows
         LOGGER.error("no log could be fitted; the reasons are in the table.")
         raise click.exceptions.Exit(NoAnswerError.exit_code)
     if failed:

@@ -1,4 +1,4 @@
-"""`vttig inspect`: what a log holds and what is wrong with it. Needs no jax."""
+"""`vttig inspect`: report the content of a log and its faults. It does not import JAX."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -82,7 +82,7 @@ def _inspected(
         return replace(first, notes=(*map(str, guesses), *first.notes))
     report = inspect_log(read_log(log, spec, **reading.keywords()), spec)
     if pair is not None or report.ratio.verdict in ("swapped", "swapped_sign", "differs"):
-        return report  # a fit would refuse the log; the notes name the cures
+        return report  # a fit would refuse the log; the notes name the remedies
     request = drive.request
     if report.ratio.verdict == "sign":
         request = request.with_driven_inverted()

@@ -1,4 +1,4 @@
-"""`vttig locate`: the turn within the hunting period, from one reading of each shaft."""
+"""`vttig locate`: find the turn within the hunting period from one reading of each shaft."""
 
 import math
 from decimal import Decimal, InvalidOperation
@@ -23,18 +23,21 @@ if TYPE_CHECKING:
 
 
 _LARGEST_DEG, _LARGEST_COUNT = 1e9, 2**53
-"""Largest readings; a larger float does not resolve an angle within one turn."""
+"""Largest readings in degrees and in counts; a larger float does not resolve an angle in a turn."""
 
 
 class Reading(NamedTuple):
-    """Number, and the step of its last digit: 0.1 for 123.4."""
+    """Encoder reading as the user wrote it: its value, and the step of its last digit.
+
+    The step is 0.1 for 123.4.
+    """
 
     value: float
     step: float
 
 
 class WrittenNumber(click.ParamType):
-    """Type of a finite number that keeps the step of its last digit."""
+    """Option type for a finite number; the step of its last digit is stored too."""
 
     name = "number"
 

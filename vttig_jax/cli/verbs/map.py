@@ -91,7 +91,7 @@ def command(
 
 
 def banded_map(run: Run, step_deg: float, turns: float, probability: float) -> "BandedMap":
-    """Return the map of the draws in a run folder, with its bands."""
+    """Return the backlash map with bands from the posterior draws in a run folder."""
     from ...posterior.summary.bands import band_map
 
     posterior = run.posterior
@@ -112,7 +112,10 @@ def _bindings(record: dict[str, Any]) -> str:
 
 
 def _need_draws(folder: Path, constant: float | None, closing_mm: tuple[float, ...]) -> None:
-    """Raise `UsageError` for `--closing-mm` without draws, or with a constant backlash."""
+    """Raise `UsageError` for `--closing-mm`, which needs draws and their constant backlash.
+
+    This is called if the folder has no draws, or if the user gave a constant backlash (`constant`).
+    """
     if not closing_mm:
         return
     if constant is not None:

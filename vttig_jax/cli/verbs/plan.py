@@ -1,4 +1,4 @@
-"""`vttig plan`: expected standard errors before anything is measured."""
+"""`vttig plan`: predict the standard errors of a planned run before anything is measured."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -18,14 +18,14 @@ NOT_NEGATIVE = Finite(min=0)
 
 
 class Named(click.ParamType):
-    """NAME=NUMBER."""
+    """Option type of the form NAME=NUMBER."""
 
     name = "name=number"
 
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> tuple[str, float]:
-        """Name and finite number, or a usage error."""
+        """Return the name and the finite number, or report a usage error."""
         if isinstance(value, tuple):
             return value
         name, equals, number = value.partition("=")
@@ -147,7 +147,7 @@ def _planned(rig: Any, turns: float | None, wanted: dict[str, float], keywords: 
 
     if wanted:
         return shortest_run(rig, wanted, most_turns=turns or MOST_TURNS, **keywords)
-    assert turns is not None  # held by the caller
+    assert turns is not None  # checked by the caller
     return plan(rig, turns=turns, **keywords)
 
 
@@ -162,7 +162,10 @@ def _keywords(
     perfect_encoders: bool,
     **same: Any,
 ) -> dict[str, Any]:
-    """The keywords of `plan` that the options stand for; `same` are those of the same name."""
+    """Return the keyword arguments of `plan` from the options of the command.
+
+    `same` holds the options whose names and values are passed on unchanged.
+    """
     from ...posterior.planning.noise import PlannedNoise
 
     if noise_correlation_s and not noise_std_deg:
@@ -194,11 +197,14 @@ _OPTIONS = {
     "assumed": "--assume",
     "noise": "--noise-std-deg",
 }
-"""Argument → option, where they differ by more than their dashes."""
+"""Argument of a function → option, for options whose name is not the argument with dashes."""
 
 
 def _checked(function: Callable[..., Any], *arguments: Any) -> Any:
-    """Call a function of the library; what it says of an argument is said of the option."""
+    """Call a function; in its error messages, replace the name of an argument by the option.
+
+    **Raises** `UsageError` with the changed message.
+    """
     try:
         return function(*arguments)
     except ValueError as error:

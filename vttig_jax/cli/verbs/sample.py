@@ -1,4 +1,4 @@
-"""`vttig sample`: from logs, or the fit in a run folder, to the posterior."""
+"""`vttig sample`: sample the posterior of logs, or of the fit in a run folder."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -201,7 +201,7 @@ def command(
 
 
 def _stop_rule(autocorrelation_times: float | None) -> "Until | None":
-    """Return the stop rule of --until; None for the usual one."""
+    """Return the stop rule of --until; None without the option, for the default rule."""
     from ...posterior.sampling.stop_rule import Until
 
     if autocorrelation_times is None:
@@ -243,7 +243,11 @@ def _finish(output: Output, out: Path, posterior: "Posterior", *, figures: bool)
 def _settings(
     resumed: Path | None, asked: dict[str, Any], beliefs: dict[str, Any], fit: "Fit"
 ) -> dict[str, Any]:
-    """Keywords of `sample`: what was asked for, then what a resumed run has, then the defaults."""
+    """Return the keyword arguments of `sample`.
+
+    The options `asked` and those of the prior, `beliefs`, have priority over the settings of the
+    checkpoint `resumed`. An option that is None was not given.
+    """
     from ...posterior.density.prior import Prior
     from ...posterior.sampler import settings_of
 
@@ -272,7 +276,10 @@ def _require_effect(fit: "Fit", prior: "Prior", given: list[str]) -> None:
 
 @contextmanager
 def _walkers_in_words() -> Iterator[None]:
-    """How many walkers there must be is known only with the fit."""
+    """Convert an error of `sample` in its argument `walkers` to a usage error of `--walkers`.
+
+    The least number of walkers is known only after the fit.
+    """
     try:
         yield
     except ValueError as error:
@@ -289,9 +296,10 @@ def refuse_existing(
     fits: bool = True,
     resumes: bool = True,
 ) -> None:
-    """Say before the work what would be replaced: draws, and where it `fits`, a fit.
+    """Raise `UsageError`, before the work, if results in the folder `out` would be replaced.
 
-    `resumes`: whether the verb has --resume.
+    Results are draws and, if the command makes a fit (`fits`), a fit. `resumes`: whether the
+    command has the option --resume. `resume`: whether it is given.
     """
     if out is None or resume or overwrite:
         return
@@ -343,7 +351,10 @@ def _require_same_request(record: RunRecord, out: Path) -> None:
 
 
 def _fit_in(out: Path, names: list[str]) -> "Fit":
-    """Return the fit of a run folder, which has its own options."""
+    """Return the fit of a run folder.
+
+    The stored fit has its own options. `names` are options of a fit that must not be given.
+    """
     if asked := given(names):
         raise UsageError(
             f"{' and '.join(asked)} belong to a fit, but without LOG the fit in {out} is sampled;"
@@ -354,7 +365,10 @@ def _fit_in(out: Path, names: list[str]) -> "Fit":
 
 @contextmanager
 def sampling_bar(output: Output) -> "Iterator[Callable[[Progress], None]]":
-    """A bar over the steps, its end moving where the stop rule decides."""
+    """Show a progress bar over the steps, and yield the function that updates it.
+
+    If a stop rule ends the chains, the total of the bar is an estimate that changes.
+    """
     with output.progress(1000, "sample") as bar:
 
         def follow(progress: "Progress") -> None:

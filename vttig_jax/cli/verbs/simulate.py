@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from ...control.simulation.result import Simulation
 
 _MOST_ROWS, _MOST_SHOWN = 20_000_000, 1_000_000
-"""Largest number of rows of a trace, and of rows that a picture is drawn from."""
+"""Largest number of rows of a trace file, and of a trace that is only for a picture."""
 
 _LONG, _STEPS_PER_MIN = 2e7, 2e7
 """Number of plant steps above which the run time is announced, and steps per minute (about)."""
@@ -240,9 +240,10 @@ def _simulated(
 
 
 def _stride(periods: float, every: int, draws: bool) -> int:
-    """Return the stride of the trace in periods; 0 for no trace.
+    """Return the stride of the trace in controller periods; 0 for no trace.
 
-    The trace serves a CSV file with one of `every` periods, and a picture if `draws`.
+    A CSV file gets one row for every `every` periods; 0 means no CSV file. If `draws` is true, the
+    trace also serves a picture.
 
     **Raises** `UsageError` for a CSV file with too many rows.
     """

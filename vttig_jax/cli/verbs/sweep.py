@@ -1,4 +1,4 @@
-"""`vttig sweep`: thousands of simulated cases, the product of named axes."""
+"""`vttig sweep`: simulate thousands of cases, the Cartesian product of named axes."""
 
 import os
 from importlib.util import find_spec
@@ -108,7 +108,10 @@ def command(
 
 
 def prepare(devices: int | None) -> None:
-    """Make devices of the cores, where JAX has not begun."""
+    """Let JAX use processor cores as `devices` devices, by default all cores.
+
+    **Raises** `UsageError` for more devices than cores, or than JAX has if it is already running.
+    """
     import vttig_jax
 
     if devices is not None and devices > _cores():
@@ -116,7 +119,7 @@ def prepare(devices: int | None) -> None:
     try:
         vttig_jax.prepare_cpu(devices or _cores())
     except ValueError as error:
-        # JAX runs already: what it has must do.
+        # JAX is already running, so that its number of devices cannot be changed.
         import jax
 
         there = len(jax.devices())
@@ -126,7 +129,7 @@ def prepare(devices: int | None) -> None:
 
 
 def _cores() -> int:
-    """Cores that this process may use."""
+    """Return the number of cores that this process may use."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
@@ -137,7 +140,7 @@ def _import_plots() -> None:
 
 
 def _draw(found: "SweepTable", out: Path) -> None:
-    """The picture, where there is an axis of numbers to draw it over."""
+    """Write the picture of a sweep to the folder `out`, if the sweep has an axis of numbers."""
     from ...base.files.run_folder import RunFolder
     from ...plotting.save import png
     from ...plotting.sweep import numeric_axes, plot_sweep

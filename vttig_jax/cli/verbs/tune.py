@@ -1,4 +1,4 @@
-"""`vttig tune`: settings of a controller by gradient, over all cases of a sweep."""
+"""`vttig tune`: optimise the settings of a controller by gradients over all cases of a sweep."""
 
 import re
 from pathlib import Path
@@ -19,14 +19,14 @@ ObjectiveName = Literal["expected", "worst"]
 
 
 class FreeSetting(click.ParamType):
-    """KEY or KEY=LOW:HIGH."""
+    """Option type of the form KEY or KEY=LOW:HIGH."""
 
     name = "key[=low:high]"
 
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> tuple[str, tuple[float, float] | None]:
-        """Dotted key and its limits, or a usage error."""
+        """Return the dotted key and its limits (None without limits), or report a usage error."""
         if isinstance(value, tuple):
             return value
         key, equals, text = (part.strip() for part in value.partition("="))
@@ -122,7 +122,7 @@ def command(
 
 
 def _check_out(scenario: Path, out: Path | None, *, overwrite: bool) -> None:
-    """Refuse before the search what could not be written after it."""
+    """Raise `UsageError`, before the search, for a file that could not be written after it."""
     if out is None:
         if overwrite:
             raise UsageError("--overwrite is for the file of --out.")
@@ -141,13 +141,13 @@ def _check_out(scenario: Path, out: Path | None, *, overwrite: bool) -> None:
 def _check_keys(
     scenario: Path, keys: list[str] | None, limits: dict[str, tuple[float, float]]
 ) -> None:
-    """What is wrong with the keys is wrong on the command line."""
+    """Raise `UsageError` for keys or limits of `--free` that cannot be tuned in this sweep."""
     from ...control.scenario.spec import load_sweep_spec
     from ...control.tuning.free_keys import SETTINGS, free_keys
 
     spec = load_sweep_spec(scenario)
     if spec.controller not in SETTINGS:
-        return  # `tune` says so, with the file
+        return  # `tune` raises this error and names the file
     try:
         free_keys(spec, keys, limits)
     except ValueError as error:

@@ -1,1 +1,1 @@
-"""Verbs of gears and their teeth: what a shop measures, surfaces, contact."""
+"""Commands (verbs) on gears and their teeth: measures for a workshop, surfaces, and contact."""

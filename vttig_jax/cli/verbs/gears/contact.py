@@ -28,7 +28,7 @@ _RECORD = "contact.json"
 _FIGURE, _DEVIATIONS = "figures/contact_{}.png", "figures/deviations.png"
 
 _STEEPEST = Finite(min=-1e5, max=1e5)
-"""Range of the tilts in µrad, wider than the tilts of any real pair of gears."""
+"""Permitted range of a tilt of the axes in µrad, wider than the tilts of any real pair of gears."""
 
 
 @verb(
@@ -220,7 +220,7 @@ def _contacts(model: "ContactModel", driving: Any, output: Output) -> "dict[str,
 
 
 def _folder(out: Path | None, overwrite: bool) -> "AbstractContextManager[RunFolder | None]":
-    """Open the run folder `out`; without one, return a context that does nothing.
+    """Open the run folder `out`; if `out` is None, return a context that does nothing.
 
     The folder is opened before the computation, so that existing results are refused at once.
     """
@@ -245,7 +245,7 @@ def _write(
 
 
 def _figures(gears: "GearPair", flanks: "dict[str, Contacts]") -> dict[str, bytes]:
-    """Return file name → PNG.
+    """Return the pictures: file name → content of the PNG file.
 
     The figures are each flank at its first angle with contact, and the measured deviations.
     """
@@ -279,7 +279,7 @@ def contact_record(
     gap: "GapReport",
     out: Path | None,
 ) -> dict[str, Any]:
-    """Return the object of schema `vttig.contact/1`; `said` holds the fields for its options."""
+    """Return the object of schema `vttig.contact/1`; `said` holds its fields for the options."""
     import numpy as np
 
     from ....base.units import DEG
@@ -362,9 +362,9 @@ def _warning(place: dict[str, float]) -> str:
 
 
 def contact_table(flanks: Flanks) -> str:
-    """Return the CSV table with one row per driving angle.
+    """Return a CSV table with one row per driving angle.
 
-    Values are empty at angles without contact.
+    Fields are empty at angles without contact on the flank.
     """
     import numpy as np
 

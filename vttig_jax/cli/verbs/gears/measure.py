@@ -1,4 +1,7 @@
-"""`vttig measure`: what a shop can check with caliper, micrometer and balls, from the drawing."""
+"""`vttig measure`: values that a workshop can check with caliper, micrometer and balls.
+
+They are computed from the pair file.
+"""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -98,7 +101,10 @@ def command(
 
 
 def _teeth(spec: "PairSpec", path: Path, section_mm: float) -> "dict[str, Tooth]":
-    """Both gears in their own frames, each of which can be measured."""
+    """Return shaft → tooth of both gears, each in its own frame.
+
+    **Raises** `PairError` or `UsageError` for a gear that cannot be measured at `section_mm`.
+    """
     from ....geometry.measures.validation import check_measurable
     from ....geometry.tooth.tooth import tooth_of
     from ....pair.gear_pair import GearPair
@@ -139,7 +145,11 @@ def _measured(
     span_teeth: int | None,
     ball_mm: float | None,
 ) -> "GearMeasures":
-    """The gear measured as asked, else as stated, else as is usual."""
+    """Return the measures of a gear.
+
+    The number of spanned teeth and the ball diameter come from the options, or else from the table
+    `stated` of the pair file, or else from the defaults of `measure_gear`.
+    """
     from ....geometry.measures.gear_measures import measure_gear
 
     return measure_gear(
@@ -152,7 +162,7 @@ def _measured(
 
 
 def _require_some(gears: "dict[str, GearMeasures]", radii_mm: tuple[float, ...]) -> None:
-    """Refuse a radius at which neither gear has a tooth."""
+    """Raise `UsageError` for a radius that lies on the involutes of neither gear."""
     for at, radius in enumerate(radii_mm):
         missing = [found.thickness_at[at].section is None for found in gears.values()]
         if all(missing):
@@ -174,7 +184,7 @@ def _record(
     stated: "dict[str, dict[str, Stated]]",
     notes: dict[str, list[str]],
 ) -> dict[str, Any]:
-    """The object of schema `vttig.measure/1`."""
+    """Return the object of schema `vttig.measure/1`."""
     return {
         "schema": "vttig.measure/1",
         "pair": spec.name,

@@ -1,4 +1,4 @@
-"""`vttig surface`: a gear as a mesh, a CAD solid, the drawing of a section or a picture."""
+"""`vttig surface`: write a gear as a mesh, a CAD solid, the drawing of a section or a picture."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -18,17 +18,18 @@ if TYPE_CHECKING:
 _MESHES, _SOLIDS, _DRAWINGS = (".stl", ".ply", ".obj"), (".step", ".stp"), (".svg", ".dxf")
 _PICTURES = (".png",)
 _STAGES = 4
-"""At most: of a solid surfaces, sewing, volume and the file."""
+"""Largest number of stages of the progress bar: surfaces, sewing, volume and file of a solid."""
 
 Written = tuple[bytes, dict[str, Any], tuple[str, ...]]
-"""The file, what is said of it beside file and size, and notes."""
+"""Content of the file, further fields of the record that describe it, and notes."""
 
 
 class _Wanted(NamedTuple):
-    """What is to be written.
+    """Description of the file to be written.
 
-    - `tooth`, `name`: of the gear. - `suffix`: of the file. - `section_mm`: height of a drawing.
-    - `build`: options that meshes, solids and drawings share. - `bar`: to tell progress.
+    - `tooth`, `name`: tooth and name of the gear. - `suffix`: ending of the file name.
+    - `section_mm`: height of the section of a drawing, from the middle of the face.
+    - `build`: options that meshes, solids and drawings share. - `bar`: progress bar.
     """
 
     tooth: "Tooth"
@@ -147,7 +148,7 @@ def command(
 
 
 def _check_out(out: Path, suffix: str, overwrite: bool) -> None:
-    """Refuse what cannot be written before anything is computed."""
+    """Raise `UsageError`, before anything is computed, for a file that could not be written."""
     known = (*_MESHES, *_SOLIDS, *_DRAWINGS, *_PICTURES)
     if suffix not in known:
         raise UsageError(
