@@ -19,8 +19,8 @@ SHOWN = 3
 """Number of values of a column that an error message shows (chosen)."""
 
 JUMP = 5.0
-"""A step above this many times the 90 % quantile of all steps is a jump, such as that of an angle
-that wraps, and is not used for a slope (chosen)."""
+"""A step from row to row is a jump if it exceeds the 90 % quantile of all steps by this factor, as
+where an angle wraps. Jumps are not used for a slope (chosen)."""
 
 MOST_LISTED = 8
 """Largest number of columns that an error message lists (chosen)."""
@@ -28,9 +28,10 @@ MOST_LISTED = 8
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """Column that may have a role, with its name and its values (None if they are not numbers).
+    """Column of a log that may be the time or the angle of a shaft.
 
-    `reading` is the meaning of the name. `dated` is true for a column of dates or times of day.
+    `index` is its position in the table, from 0. `reading` is the meaning of its name. `values` is
+    None if they are not numbers. `dated` is true for a column of dates or times of day.
     """
 
     index: int
@@ -46,14 +47,14 @@ class Candidate:
 
     @property
     def is_even(self) -> bool:
-        """Whether the values are evenly spaced."""
+        """Whether the values are evenly spaced, with the tolerance `EVEN`."""
         steps = self._steps
         usual = float(np.median(steps))
         return bool(np.abs(steps - usual).max() <= EVEN * abs(usual))
 
     @property
     def is_row_number(self) -> bool:
-        """Whether the values number the rows, possibly with restarts at 0."""
+        """Whether the values count the rows in steps of 1, possibly with restarts at 0."""
         if self.values is None or len(self.values) < 2:
             return False
         steps = self._steps
@@ -102,8 +103,8 @@ def read_values(table: TextTable | NestedTable, indices: list[int]) -> Mapping[i
 def listed_facts(candidates: list[Candidate]) -> str:
     """Return a list of columns with first values, ranges and slopes as text for an error message.
 
-    The slope of a column is its slope over the first column that can be a shaft. A column that only
-    grows has its median step from row to row instead.
+    The slope is that of a regression over the first column that can be a shaft angle and does not
+    only grow. For a column that only grows, the median step from row to row is listed instead.
     """
     over = next((one for one in candidates if one.turns and not one.rises), None)
     shown = "; ".join(one.facts + _slope_in_words(one, over) for one in candidates[:MOST_LISTED])
@@ -114,7 +115,7 @@ def listed_facts(candidates: list[Candidate]) -> str:
 def _slope_in_words(one: Candidate, over: Candidate | None) -> str:
     """Return the slope of a column as text that begins with a comma, or "" without a slope.
 
-    `over` is the column over which the slope is taken.
+    `one` is the column, and `over` the column over which its slope is taken (the abscissa).
     """
     if one.values is not None and one.rises:
         return f", {float(np.median(np.diff(one.values))):.6g} from row to row"

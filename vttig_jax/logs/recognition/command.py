@@ -18,6 +18,8 @@ def fit_command(
 ) -> str:
     """Return a command that the user can copy and that names every column.
 
+    `path` is the log, and `columns` is role → name of its column.
+
     **Example**
     ```python
     >>> from vttig_jax.logs.recognition.command import fit_command

@@ -42,8 +42,9 @@ class NameReading:
 def read_name(name: str, where: str) -> NameReading:
     """Return role, unit, other quantity and setpoint that the name of a column contains.
 
-    The role comes from the last part of a path, or from the whole path if the last part has no
-    role. A name with two different roles gets no role. `where` is the position for messages.
+    Slashes, dots and colons divide a name into parts, as in `rec/motor.pos`. The role comes from
+    the last part, or from the whole name if the last part has no role. A name with two different
+    roles gets no role. `where` names file and column in error messages.
 
     **Raises** `LogError` if the name has two different units.
     """
@@ -85,7 +86,10 @@ def _role(words: Iterable[str]) -> str | None:
 
 
 def _roles_of(word: str) -> set[str]:
-    """Return the roles of one word; of the known words in it, longer ones have priority."""
+    """Return the roles of one word, from the known words that it contains.
+
+    A longer known word has priority over a shorter one that is a part of it.
+    """
     if word in _KNOWN:
         return {_KNOWN[word]}
     wide = bool(_WIDE.search(word))

@@ -1,4 +1,7 @@
-"""Questions to the user if a log can be read in two ways, and notes on what was recognised."""
+"""Questions to the user if a log can be read in two ways, and notes on what was recognised.
+
+A question is an error that the caller raises; its message names the options that decide.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,7 +15,10 @@ from .request import in_words
 
 @dataclass(frozen=True)
 class Guess:
-    """Choice that the user did not state, with its reason and the option that changes it."""
+    """Column or unit that was recognised and not stated by the user, for example for a role.
+
+    `taken` is the choice, `reason` says why, and `option` is the option that changes it.
+    """
 
     role: str
     taken: str
@@ -106,7 +112,11 @@ def two_fits(pairs: Sequence[tuple[Candidate, Candidate]], source: str) -> LogEr
 
 
 def two_readings(text: str, ratio: Fraction) -> UsageError:
-    """Return the question what a ratio without a colon means for columns without names."""
+    """Return the question whether a ratio such as 9/16 is driven over driving speed or the inverse.
+
+    It arises if no column name distinguishes the shafts. `text` is the ratio as the user wrote it,
+    `ratio` its value as driven over driving speed.
+    """
     above, slash, below = text.replace(" ", "").partition("/")
     one, other = f"{below if slash else 1}:{above}", f"{above}:{below if slash else 1}"
     return UsageError(

@@ -30,9 +30,11 @@ FURTHER = ("direction", "axial_mm", "torque", "speed", "acceleration")
 
 @dataclass(frozen=True)
 class Recognition:
-    """Guesses, and the pair file `spec` equivalent to the options and the recognised columns.
+    """Result of `recognise`.
 
-    `columns` is role → name of its column.
+    - `spec`: content of a pair file that is equivalent to the options and the recognised columns.
+    - `guesses`: what was recognised without a statement of the user.
+    - `columns`: role → name of its column.
     """
 
     spec: PairSpec
@@ -76,8 +78,9 @@ def recognise(
 class Search:
     """Search for the columns of all roles in one table.
 
-    `take_stated` and `find` fill `roles` (role → index of its column, None for the row number),
-    `units` (role → unit that is not in the name) and `guesses`.
+    `columns` is role → name of the column that an option names. `take_stated` and `find` fill
+    `roles` (role → index of its column, None for the row number), `units` (role → unit that is not
+    in the column name) and `guesses`.
     """
 
     table: TextTable | NestedTable
@@ -92,15 +95,19 @@ class Search:
     def take_stated(self, *, timed: bool) -> None:
         """Assign roles to columns that options name and to columns with names that vttig writes.
 
+        `timed` is true if the log needs a time column, because no sample rate is given.
+
         **Raises** `LogError` for a stated name that no column or several columns have. If several
-        columns match a name that vttig writes, `find` raises the question later.
+        columns match a name that vttig writes, `find` raises this error later.
         """
         self.units = dict(self.request.units)
         self._take_named()
         self._take_defaults(timed=timed)
 
     def find(self, *, timed: bool) -> None:
-        """Find the remaining columns; roles found before a question is raised stay in `roles`.
+        """Find the columns of the remaining roles; `timed` as in `take_stated`.
+
+        If an error is raised, the roles that were found before it stay in `roles`.
 
         **Raises** `LogError` or `UsageError` with the option that decides.
         """
@@ -240,11 +247,12 @@ class Search:
         return [one for one in self._candidates if one.index not in taken]
 
     def _beside(self, role: str) -> list[Candidate]:
-        """Return the columns without a role among which `role` is searched.
+        """Return the columns without a role among which the column of `role` is searched.
 
-        They are in the same group as the columns with a role; `2` is the group of `2/motor`.
-        Numbered groups are sections of a text, each with a separate log. For other groups this
-        holds only for the time. If no column of the group fits, all free columns are returned.
+        The group of a column is the part of its name before the last slash: `2` for `2/motor`. Only
+        the group of the columns with a role is searched if groups are numbered, which are sections
+        of a text with one log each, or if `role` is the time. If no name in this group fits the
+        role, all columns without a role are returned.
         """
         free = self._free()
         taken = [self.names[k] for k in self.roles.values() if k is not None]
@@ -304,7 +312,11 @@ class Search:
         return sign * counts[SHAFTS.index(role)]
 
     def _common(self, first: Candidate, second: Candidate) -> tuple[np.ndarray, np.ndarray]:
-        """Return the readings of two columns at common instants."""
+        """Return the readings of two columns at common instants.
+
+        If the columns have different time stamps, each reading of `first` is paired with the next
+        reading of `second` at the same or a later time.
+        """
         assert first.values is not None and second.values is not None
         table = self.table
         if has_clocks(table) and isinstance(table, NestedTable):

@@ -20,7 +20,7 @@ APART = 0.05
 fraction of its travel (chosen)."""
 
 MOST_ROWS = 20_000
-"""Largest number of rows of a slope; longer columns are thinned (chosen)."""
+"""Columns with more than about this number of rows are thinned for the slope (chosen)."""
 
 
 @dataclass(frozen=True)
@@ -58,9 +58,10 @@ def by_ratio(
     scale: Scale,
     source: str,
 ) -> dict[str, Candidate]:
-    """Return role → column for the shafts that `fixed` lacks, from the given ratio.
+    """Return role → column for both shafts, from the given ratio of driven to driving speed.
 
-    Exactly one assignment must have the slope |driven over driving| = ratio.
+    `fixed` is role → column for the shafts that are already known. Exactly one assignment of the
+    other columns must have |slope of the driven over the driving angle| = ratio.
 
     **Raises** `LogError` if no assignment or several have this slope, for columns without a unit,
     and for shafts whose readings have opposite directions.
@@ -103,7 +104,10 @@ def by_ratio(
 
 
 def _turns(values: np.ndarray, per_turn: float | None) -> Float[np.ndarray, " n"]:
-    """Return the unwrapped readings in revolutions, from 0 on; the readings may wrap."""
+    """Return the readings in revolutions, unwrapped and minus the first one.
+
+    `per_turn` is the number of readings per revolution, negative for an inverted encoder.
+    """
     assert per_turn is not None  # columns without a unit are asked for before
     if np.issubdtype(values.dtype, np.floating) and np.all(values == np.rint(values)):
         values = values.astype(np.int64)
@@ -114,7 +118,10 @@ def _turns(values: np.ndarray, per_turn: float | None) -> Float[np.ndarray, " n"
 
 
 def _fits(x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"], ratio: float) -> int:
-    """Return the sign of the slope of `y` over `x` (revolutions) if its size is `ratio`, else 0."""
+    """Return the sign of the slope of `y` over `x` if its magnitude is `ratio`, else 0.
+
+    `x` and `y` are angles in revolutions; the tolerances are `TOLERANCE` and `APART`.
+    """
     thin = slice(None, None, max(1, len(x) // MOST_ROWS))
     x, y = x[thin] - x[thin].mean(), y[thin] - y[thin].mean()
     slope = float(x @ y / (x @ x))

@@ -18,7 +18,7 @@ DAYS = ((36_526, 73_051), (730_486, 767_011))
 count days."""
 
 SHORT_S = 1e-4
-"""Numbers with smaller steps than this may be days and not seconds (chosen)."""
+"""Time stamps with a smaller median step than this may be days instead of seconds (chosen)."""
 
 
 def time_column(candidates: Sequence[Candidate], source: str) -> tuple[Candidate, Guess]:
