@@ -1,15 +1,16 @@
-"""Part of the rounding error of the readings that is constant in a run, so that averages keep it.
+"""Constant part of the rounding error of the readings in a run, which averaging does not remove.
 
 Readings with the step s have rounding errors of the total variance s²/12. If a shaft turns by a
 whole number of steps per sample, or by a simple fraction of a step, the errors repeat, and a part
 of them is constant in the run. A run at nearly constant speed shows this part: the scatter of the
 readings about a straight line averages out, and the rest of s²/12 is the variance of the constant.
-With R equidistant places within a step the scatter is (1 − 1/R²) s²/12. If the motion or the noise
-deviates from the line by a step or more, the errors vary and no constant part remains.
+If the true angles of the samples have only R equidistant places within a step, the scatter is
+(1 − 1/R²) s²/12. If the motion or the noise deviates from the line by a step or more, the errors
+vary and no constant part remains.
 
-The constants of two runs are independent, unless the readings pass from one run to the other by
-whole steps per sample, ramps included, as a computed trajectory does. Then the readings of both
-runs have the same place within a step, and the same error, which only moves the zero of the angle.
+The constants of two runs are independent, unless the shaft moves by whole steps per sample from one
+run to the other, ramps included, as in a computed trajectory. Then the angles of both runs have the
+same place within a step, and the same error, which only shifts the zero of the angle.
 """
 
 from collections.abc import Sequence
@@ -30,8 +31,8 @@ that of R = 10 places (chosen)."""
 _FEWEST = 8  # least number of samples of a run to estimate its scatter; chosen value
 _OF_ROUNDING = 1 / 6  # variance of the difference of two rounded readings, in squared steps
 _PART = 0.5  # assumed offset of the two clocks as a fraction of a sample interval; chosen value
-_FEWEST_OF_RAMP = 4  # least number of equal growths of the advance in a ramp; chosen value
-_LEAST_JUMP = 4  # steps; a smaller change may be the rounding of a slow one; chosen value
+_FEWEST_OF_RAMP = 4  # least number of equal changes of the advance per sample in a ramp (chosen)
+_LEAST_JUMP = 4  # steps; a smaller change of the advance may come from rounding; chosen value
 _LEAST_STEPS = 1.5  # least steps per sample; slower motion does not show the encoder step (chosen)
 
 
@@ -40,9 +41,9 @@ class FrozenRounding:
     """Constant rounding errors of the runs of a log, rad driven angle.
 
     **Arguments**
-    - `stds`: standard deviation of the error of each run that is independent of other runs.
-    - `shared`: standard deviation of the error that all runs have in common, for each run; one row
-      for each shaft whose readings pass from run to run by whole steps.
+    - `stds`: for each run, standard deviation of the error that is independent of other runs.
+    - `shared`: for each run, standard deviation of the error that all runs have in common; one row
+      for each shaft that moves from run to run by whole steps per sample.
     """
 
     stds: Float[np.ndarray, " runs"]
@@ -50,9 +51,10 @@ class FrozenRounding:
 
 
 def frozen_rounding(log: EncoderLog, segments: Sequence[Segment]) -> FrozenRounding:
-    """Return the constant rounding errors of the runs.
+    """Return the standard deviations of the constant rounding errors of the runs.
 
-    They are 0 for a TE-curve log, whose angles are positions and not rounded readings.
+    They are 0 for a log that gives the transmission error in place of the driven channel (TE-curve
+    log), because its angles are positions and not rounded readings.
 
     **Arguments**
     - `segments`: runs at nearly constant speed.
@@ -82,10 +84,10 @@ def frozen_rounding(log: EncoderLog, segments: Sequence[Segment]) -> FrozenRound
 def moves_by_whole_steps(steps: Float[np.ndarray, " n"]) -> bool:
     """Return whether all readings have the same place within a step, whatever the place is.
 
-    It is so if every change of speed is one jump from sample to sample, or a ramp in which the
-    advance per sample grows by the same whole number of steps each time. A ramp may have one other
-    value at each of its ends. A motor or a hand does not move so exactly. Motion that does not
-    change its speed gives False, because nothing shows how exactly it would change.
+    This is assumed if every change of speed is one jump from sample to sample, or a ramp in which
+    the advance per sample grows by the same whole number of steps each time. A ramp may have one
+    other value at each of its ends. A motor or a hand does not move so exactly. Motion at constant
+    speed gives False, because it does not show how exactly the speed would change.
 
     **Arguments**
     - `steps`: readings in units of the step.
@@ -117,8 +119,8 @@ def moves_by_whole_steps(steps: Float[np.ndarray, " n"]) -> bool:
 def _step(channel: Channel, other: Channel) -> float:
     """Return the step of the readings of `channel` in their unit, or 0 if it is unknown.
 
-    Readings that advance equally show no step. Then the step of the `other` channel is used if the
-    readings are multiples of it, because encoders of one rig are often alike.
+    Readings with equal advance per sample do not show their step. Then the step of the `other`
+    channel is used if the readings are multiples of it, as encoders of one rig are often alike.
     """
     if channel.step or channel.reading.dtype.kind in "iu":
         return channel.step or 1.0
@@ -132,11 +134,11 @@ def _step(channel: Channel, other: Channel) -> float:
 
 
 def frozen_share_between_clocks(steps: Float[np.ndarray, " n"]) -> float:
-    """Return the constant share, in a run, of the variance of a second rounding.
+    """Return the share of the variance of a second rounding that is constant in a run.
 
     A program that interpolates whole counts to its own clock adds a part of the advance per sample
-    and rounds again. At constant speed the advance is nearly the same in every sample, so that this
-    rounding error is constant at any speed. It averages out where the advance changes by a step.
+    and rounds a second time. At constant speed the advance is nearly equal in all samples, so that
+    this rounding error is constant at any speed. It averages out if the advance changes by a step.
     The readings do not show whether a program did this. `steps` are the interpolated readings in
     units of the step.
     """

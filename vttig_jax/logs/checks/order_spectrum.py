@@ -1,4 +1,4 @@
-"""Order spectrum of the transmission error by least squares on samples whose flank is certain."""
+"""Order spectrum of the transmission error, by least squares over samples with a certain flank."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -34,9 +34,10 @@ def order_spectrum(
 ) -> tuple[tuple[OrderLine, ...], tuple[str, ...]]:
     """Return amplitudes of orders 1 … 8 of both shafts on each flank, and notes on omitted orders.
 
-    The model on each flank is TE = c₀ + c₁ t + Σ (a cos kφ + b sin kφ) over the orders k of each
-    shaft that turns at least once there. Driven orders equal to a driving order are omitted. If the
-    log is too short to separate neighbouring orders, the highest orders are omitted.
+    The model of each flank is TE = c₀ + c₁ t + Σ (a cos kφ + b sin kφ). The sum is over the orders
+    k of each shaft that turns at least once on this flank; φ is the angle of the shaft. Driven
+    orders equal to a driving order are omitted. If the log is too short to separate neighbouring
+    orders, the highest orders are omitted.
     """
     lines: list[OrderLine] = []
     notes: list[str] = []

@@ -61,7 +61,9 @@ class SeenRatio:
     """Ratio estimated from a log, and the `given` ratio of the pair file.
 
     **Arguments**
-    - `seen`, `std`: ratio in the log and its standard error; None in a TE-curve log.
+    - `seen`, `std`: ratio in the log and its standard error; None for a log that gives the
+      transmission error in place of the driven channel (TE-curve log).
+    - `verdict`: whether `seen` agrees with `given`, or else with its inverse or its negative.
     """
 
     seen: float | None
@@ -152,9 +154,10 @@ class SeenRatio:
 
     @property
     def _inverse(self) -> tuple[str, str]:
-        """Inverse of the given ratio, as driving to driven turns and as the speed ratio.
+        """Inverse of the given ratio, as text "driving turns:driven turns" and as speed ratio.
 
-        Where the given ratio is a rounded decimal, the ratio of the log as a simple fraction.
+        If the given ratio is a rounded decimal, the inverse is replaced by the ratio in the log as
+        a simple fraction.
         """
         found = 1 / self.given
         if max(found.numerator, found.denominator) > MOST_TEETH and self.seen:
@@ -191,8 +194,8 @@ def _tolerance(turns: float) -> float:
 def check_ratio(log: EncoderLog) -> SeenRatio:
     """Return `seen_ratio`, or raise `LogError` if the log contradicts the given ratio.
 
-    A contradiction is a deviation of more than 5 standard errors and of more than 0.5 %, or up to
-    1 % if the driven shaft covers less than three turns.
+    A contradiction is a deviation of more than 5 standard errors and also of more than 0.5 % (up to
+    1 % if the driven shaft covers less than three turns), or shafts that do not turn together.
     """
     ratio = seen_ratio(log)
     if log.driven is not None and ratio.seen is not None:
@@ -211,7 +214,10 @@ def check_ratio(log: EncoderLog) -> SeenRatio:
 
 
 def slope(driving: Float[np.ndarray, " n"], driven: Float[np.ndarray, " n"]) -> tuple[float, float]:
-    """Return the slope of `driven` over `driving` (rad) and its standard error (see module)."""
+    """Return the slope of `driven` over `driving` (rad) and its standard error.
+
+    The module docstring says how the standard error is estimated.
+    """
     x, y = driving - driving.mean(), driven - driven.mean()
     value = float(x @ y / (x @ x))
     residual = y - value * x

@@ -21,7 +21,11 @@ SAME_SPEED = 0.03
 
 @dataclass(frozen=True)
 class Sampling:
-    """Properties of the time stamps of a log; `gaps` and `duplicates` are numbers of intervals."""
+    """Properties of the time stamps of a log; see `sampling_of` for rate and jitter.
+
+    `gaps` is the number of intervals longer than `GAP` median intervals, `duplicates` the number of
+    intervals of length 0. `shortest_s` and `longest_s` are the extremes of the intervals.
+    """
 
     duration_s: float
     rate_hz: float
@@ -44,7 +48,10 @@ class SpeedPlateau:
 
 @dataclass(frozen=True)
 class Commensurate:
-    """Plateau at which a shaft turns by a whole number of counts per sample."""
+    """Segment in which `shaft` turns by a whole number of counts per sample.
+
+    `speed_rpm` is the signed speed of the driving shaft.
+    """
 
     shaft: str
     speed_rpm: float
@@ -53,7 +60,10 @@ class Commensurate:
 
 @dataclass(frozen=True)
 class Aliased:
-    """Orders of a shaft, from `order` to `highest`, that lie above half the sampling rate."""
+    """Orders of a shaft, from `order` to `highest`, that lie above half the sampling rate.
+
+    `speed_rpm` is the driving speed at which they do so.
+    """
 
     shaft: str
     order: int | float
@@ -103,7 +113,7 @@ def _plateau(group: Sequence[Segment]) -> SpeedPlateau:
 def commensurate(log: EncoderLog, segments: Sequence[Segment]) -> tuple[Commensurate, ...]:
     """Return shafts with readings in whole counts that turn by a whole number of counts per sample.
 
-    Each shaft and number is reported once, for the first segment with it.
+    Each combination of shaft and number of counts is reported once, for its first segment.
     """
     findings = {}
     for shaft, channel in (("driving", log.driving), ("driven", log.driven)):

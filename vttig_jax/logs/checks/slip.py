@@ -38,9 +38,10 @@ SAME_SPEED = 0.1
 
 @dataclass(frozen=True)
 class Slip:
-    """Step of TE by `size_deg` (driven shaft) at `time_s`; `row` is the first row after it.
+    """Step of the transmission error by `size_deg` (degrees of the driven shaft) at `time_s`.
 
-    `std_deg` is the standard error of the size.
+    `row` is the index of the first sample after the step; `std_deg` is the standard error of the
+    size.
     """
 
     time_s: float
@@ -65,9 +66,9 @@ def find_slip(log: EncoderLog, segments: Segments) -> Slip | None:
     - `segments`: result of `find_segments` for `log`; samples outside the segments are not used,
       because the flank in contact is not known there.
 
-    A step is claimed if the likelihood demands it and a step of the delay explains it no better;
-    see `find_steps`. It cannot be detected if the flank or the speed changes permanently at the
-    same instant.
+    A step is reported if it raises the likelihood enough, unless a step of the delay explains the
+    log clearly better; see `find_steps`. It cannot be detected if the flank or the speed changes
+    permanently at the same instant.
 
     **Example**
     ```python

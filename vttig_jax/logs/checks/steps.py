@@ -52,7 +52,7 @@ def find_steps(
     least: float = 0.0,
     rival: Float[np.ndarray, " w"] | None = None,
 ) -> list[Step]:
-    """Return the steps that the likelihood demands, in a fit together with other regressors.
+    """Return the steps that raise the likelihood enough, in a fit together with other regressors.
 
     Steps are accepted together if they raise 2 ln L by at least `EVIDENCE` for each step, and if
     steps of the coefficient of `rival` are not clearly better. The noise is
@@ -82,7 +82,7 @@ def find_steps(
 
 @dataclass(frozen=True, eq=False)
 class _Series:
-    """Series and its regressors `columns`; the noise has at least the std `floor`."""
+    """Series and its regressors `columns`; `floor` is the least standard deviation of the noise."""
 
     values: Float[np.ndarray, " w"]
     columns: Float[np.ndarray, "w p"]
@@ -103,7 +103,7 @@ class _Series:
         return places
 
     def squares_ratio(self, shape: Float[np.ndarray, " w"], places: list[int]) -> float:
-        """Return n ln (sum of squares without steps / with steps)."""
+        """Return n ln (sum of squares without steps / with steps at `places`), n values."""
         squares = []
         for used in ([], places):
             residual = _without(_basis(self._design(shape, used)), self.values)
@@ -122,7 +122,7 @@ class _Series:
     ) -> tuple[int, float]:
         """Return how many of the steps at `places` to accept, and 2 Δ ln L minus its threshold.
 
-        `without` is the noise model without steps. 0 steps have the value 0.
+        `without` is the noise model without steps. If no step is accepted, the second value is 0.
         """
         accepted, best = 0, 0.0
         for used in range(1, len(places) + 1):
@@ -157,7 +157,7 @@ class _Series:
     def _best_place(self, shape: Float[np.ndarray, " w"], taken: list[int]) -> int | None:
         """Return the index at which one more step reduces the sum of squares most, or None.
 
-        It is not near the steps `taken`.
+        Indices near the steps at `taken` are excluded.
         """
         count = len(self.values)
         basis = _basis(self._design(shape, taken))

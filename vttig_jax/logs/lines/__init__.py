@@ -1,1 +1,1 @@
-"""Search for periodic lines in the transmission error or a residual."""
+"""Search for lines, periodic parts of unknown frequency, in a transmission error or a residual."""

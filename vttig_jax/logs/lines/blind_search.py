@@ -15,9 +15,10 @@ HIGHEST = 12.0
 """Highest frequency of the search in cycles per driving revolution (chosen)."""
 
 _FASTEST = 0.9
-"""Quantile of the driving angle per sample from which the highest frequency is limited (chosen)."""
+"""Quantile of the driving angle per sample; the highest frequency is limited so that a cycle has at
+least `_ALIAS` steps of this size (chosen)."""
 
-_ALIAS, _ROWS_PER_CYCLE = 3.0, 5.0  # least samples and rows per cycle of the highest frequency
+_ALIAS, _ROWS_PER_CYCLE = 3.0, 5.0  # least samples, and averaged rows, per cycle of `highest`
 _LEAST_ROWS, _MOST = 20, 5  # least averaged rows of a stretch, largest number of lines (chosen)
 
 

@@ -1,7 +1,9 @@
-"""Hidden shafts from the spectrum: too much power at multiples of the frequency of one line.
+"""Search for hidden shafts: more power than noise has at multiples of one frequency (a comb).
 
 The frequencies of weak lines are too uncertain to decide whether they are multiples, and the
-search may miss weak lines. Therefore the height of the spectrum at the multiples is tested.
+search may miss weak lines. Therefore the height of the spectrum at the multiples is tested. The
+height at a frequency is half the decrease of the sum of squares by a line there. A resolution is
+1 / (revolutions of the log), in cycles per revolution.
 """
 
 import math
@@ -23,7 +25,7 @@ from .rows import Rows, Stretch, stack, typical_step
 from .search import relative_height
 from .spectrum import LEAST_CYCLES, Spectrum, noise_level
 
-_MOST_BASES = 3  # number of the most certain lines; a shaft must contain one of them (chosen)
+_MOST_BASES = 3  # a shaft must contain one of this number of most certain lines (chosen)
 _PRESENT = math.log(1e3)
 """A multiple is present if −ln P of its height is at least this value, where P is the probability
 of such a height in noise alone at a given frequency (chosen)."""
@@ -35,7 +37,7 @@ and its own modulation cause them (chosen)."""
 _LEAST_APART = 4.0  # least distance of two multiples in resolutions; chosen value
 _NYQUIST = 0.49  # largest frequency of a multiple in cycles per row; chosen value
 _FINER = 8  # steps of the fine grid per frequency step of the spectrum; chosen value
-_STEP = 0.05  # step for the curvature, relative to the range of the refinement; chosen value
+_STEP = 0.05  # step for the curvature, relative to half the range of the refinement; chosen value
 
 
 @one_blas_thread
@@ -46,15 +48,15 @@ def shaft_of_multiples(
     highest: float,
     is_order: Callable[[float], bool],
 ) -> Multiples | None:
-    """Return the shaft whose orders explain lines of the spectrum, or None.
+    """Return the hidden shaft whose orders explain lines of the spectrum, or None.
 
-    If a known line c has order k, its shaft turns f = c/k times per revolution. All multiples m f
-    are then fitted, the strongest first, with separate amplitudes on every side. For every
-    multiple, p is the share of the spectrum that stands at least as high above the local noise
-    level as the multiple. If lines lie at random frequencies, p is uniform, whatever the heights of
-    the lines and the colour of the noise. The product of the r smallest of M shares is at most x
-    with a probability below (M over r) Q(r, −ln x), where Q is the upper incomplete gamma function.
-    This bound times the number of the tried c, k and r must be below 0.001.
+    If a known line c has order k, its shaft turns f = c/k times per driving revolution. All
+    multiples m f are then fitted, the strongest first, with separate amplitudes on every side. For
+    every multiple, p is the share of the spectrum that stands at least as high above the local
+    noise level as the multiple. If lines lie at random frequencies, p is uniform, whatever the
+    heights of the lines and the colour of the noise. The product of the r smallest of M shares is
+    at most x with a probability below (M over r) Q(r, −ln x), where Q is the upper incomplete gamma
+    function. This bound times the number of the tried c, k and r must be below 0.001.
 
     **Arguments**
     - `sides`: stretches of every side (a flank), from which the known lines are not removed.
@@ -101,7 +103,7 @@ def shaft_of_multiples(
 
 @dataclass(frozen=True, eq=False)
 class _Side:
-    """Rows of one side (flank), their spectrum, and the regression without whitening (`plain`)."""
+    """Rows of one side (flank), their spectrum, and the unwhitened line regression `plain`."""
 
     rows: Rows
     spectrum: Spectrum
@@ -121,11 +123,11 @@ class _Side:
     def heights(
         self, fixed: Sequence[float], grid: Float[np.ndarray, " f"]
     ) -> Float[np.ndarray, " f"]:
-        """Return −ln P of the heights above the local noise level after a fit of the lines `fixed`.
+        """Return −ln P at the frequencies `grid`, after a fit of lines at the frequencies `fixed`.
 
-        The heights are interpolated at the frequencies `grid`. The autoregression may follow a
-        strong line and hide it; therefore the larger of the heights with and without whitening is
-        used.
+        P is the probability that noise of the local level alone has the height of the spectrum at
+        the frequency. The autoregression may follow a strong line and hide it; therefore the larger
+        of the values with and without whitening is used.
         """
         left = self.plain.after(fixed)
         taps = noise_filter(self.rows, left)
@@ -157,9 +159,10 @@ def _of_base(
     grid: Float[np.ndarray, " f"],
     is_order: Callable[[float], bool],
 ) -> list[Multiples]:
-    """Return a possible shaft for every order that the line `base` may have.
+    """Return a possible shaft for every order that the line at the frequency `base` may have.
 
-    The coincidence of each shaft does not include the factor for the number of trials.
+    `grid` holds the frequencies of the spectrum. The coincidence of each shaft does not include the
+    factor for the number of trials.
     """
     resolution = 1 / max(side.spectrum.span for side in sides)
     first = np.sum([side.heights([base], grid) for side in sides], axis=0)
@@ -209,9 +212,10 @@ def _shares(
 
 
 def _chance(shares: Sequence[float], tried: int) -> float:
-    """Return the bound of the chance probability of the shares p, the least over all r.
+    """Return the upper bound of the probability of the shares p by chance, the least over all r.
 
-    `tried` is the number M of tried multiples; the bound includes the factor for the number of r.
+    See `shaft_of_multiples`. `tried` is the number M of tried multiples; the bound includes the
+    factor for the number of r.
     """
     products = np.cumsum(-np.log(np.sort(shares)))
     bounds = [
@@ -224,7 +228,10 @@ def _chance(shares: Sequence[float], tried: int) -> float:
 def _refined(
     sides: Sequence[Sequence[Stretch]], shaft: Multiples, highest: float
 ) -> tuple[float, float]:
-    """Return the shaft frequency at which all multiples together fit best, and its std."""
+    """Return the shaft frequency at which all multiples together fit best, and its standard error.
+
+    Both are in turns per driving revolution.
+    """
     from scipy.optimize import minimize_scalar  # slow to import, and `inspect` compares nothing
 
     runs = [run for side in sides for run in side]

@@ -12,7 +12,7 @@ from .regression import APART, orthonormal, waves
 from .rows import Rows, Stretch, stack
 
 _TRIALS = 9  # trial frequencies before the refinement; chosen value
-_STEP = 0.05  # step for the curvature in resolutions, 1 / revolutions of the log; chosen value
+_STEP = 0.05  # step for the curvature of ln L, in units of `Comparison.resolution`; chosen value
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,7 +26,7 @@ class Comparison:
     - `taps`: whitening filter along every run.
     - `sides`: indices of the rows of every side.
     - `bases`: rows of every group of runs and an orthonormal basis of its whitened regressors.
-    - `value`: whitened value without its regressors, rad, shape (n,).
+    - `value`: whitened value minus its fit by the regressors, rad, shape (n,).
     """
 
     rows: Rows
@@ -76,7 +76,7 @@ class Comparison:
 
     @property
     def resolution(self) -> float:
-        """One cycle over the log, cycles per revolution."""
+        """Frequency of one cycle over the whole log, in cycles per revolution."""
         return 1 / self.rows.span
 
     @property
@@ -96,7 +96,7 @@ class Comparison:
         return 2 * len(self.sides)
 
     def height(self, frequencies: Sequence[float]) -> float:
-        """Return −2 ln L of a fit of these frequencies, up to a constant common to all fits."""
+        """Return −2 ln L of a fit of lines at `frequencies`, up to a constant of the comparison."""
         left = self._left(frequencies)
         return self.freedom * float(np.log(max(float(left @ left), 1e-300)))
 
@@ -105,8 +105,9 @@ class Comparison:
     ) -> tuple[float, float]:
         """Return the best frequency within one resolution of `cycles`, and −2 ln L there.
 
-        The frequencies `beside` and `lines` are fitted too. If `cycles` is at least one resolution
-        from each of `lines`, so is the result, because amplitudes of closer lines are undefined.
+        Lines at the fixed frequencies `beside` and `lines` are fitted too. If `cycles` is at least
+        one resolution from each of `lines`, so is the result, because the amplitudes of closer
+        lines are undefined.
         """
 
         from scipy.optimize import minimize_scalar  # slow to import, and `inspect` compares nothing
@@ -127,7 +128,7 @@ class Comparison:
     def frequency_std(self, cycles: float, beside: Sequence[float]) -> float:
         """Return the standard error of the frequency `cycles`, from the curvature of ln L.
 
-        The frequencies `beside` are fitted too and stay fixed.
+        Lines at the fixed frequencies `beside` are fitted too.
         """
         step = _STEP * self.resolution
         low, middle, high = (
@@ -140,7 +141,7 @@ class Comparison:
         return np.concatenate(parts)
 
     def _left(self, frequencies: Sequence[float]) -> Float[np.ndarray, " n"]:
-        """Return the whitened residual of a fit of regressors and these frequencies."""
+        """Return the whitened residual of a fit of the regressors and of lines at `frequencies`."""
         if not len(frequencies):
             return self.value
         columns = self._outside(whitened(self.rows, waves(self.rows, frequencies), self.taps))

@@ -61,9 +61,10 @@ def hidden_shaft(cycles: Sequence[float], stds: Sequence[float]) -> Multiples | 
 
 
 def _of_order(lines: Sequence[tuple[float, float]], first: int, total: int) -> Multiples | None:
-    """Return the shaft whose order `first` is the first of `lines`, or None.
+    """Return the shaft for which the first of `lines` has the order `first`, or None.
 
-    `lines` are pairs (std, cycles), the most precise first; `total` is the number of all lines.
+    `lines` are pairs (standard error, frequency) in cycles per revolution, the most precise first.
+    `total` is the number of all lines.
     """
     base_std, base = (part / first for part in lines[0])
     members, chance = {first: lines[0]}, 1.0

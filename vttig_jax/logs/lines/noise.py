@@ -1,4 +1,7 @@
-"""Autoregression of the noise along every run."""
+"""Autoregression of the noise along every run, and whitening by it.
+
+A run is an uninterrupted stretch of rows.
+"""
 
 import numpy as np
 from jaxtyping import Float
@@ -14,7 +17,7 @@ _ROWS_PER_LAG = 12
 
 
 def noise_filter(rows: Rows, residual: Float[np.ndarray, " n"]) -> Float[np.ndarray, " taps"]:
-    """Return the whitening filter (1, −a₁, …, −a_p) of a residual; BIC selects the order."""
+    """Return the whitening filter (1, −a₁, …, −a_p) of a residual; BIC selects the order p."""
     longest = max(run.stop - run.start for run in rows.runs)
     most = min(HIGHEST_ORDER, len(residual) // _ROWS_PER_LAG, longest // 4)
     products = np.zeros(most + 1)

@@ -19,8 +19,8 @@ APART = 1.0
 
 _STEPS = 16
 _CONVERGED = 0.01
-"""Largest number of Gauss–Newton steps; the steps end when each is at most this many standard
-errors of its frequency (chosen)."""
+"""Largest number of Gauss–Newton steps. The iteration ends earlier if the step of every frequency
+is at most `_CONVERGED` standard errors of this frequency (chosen)."""
 
 _UNCHANGED = np.ones(1)
 _RANK = 1e-10
@@ -29,12 +29,12 @@ relative to the column (chosen)."""
 
 _INDEPENDENT = 1e-6
 """The normal equations are used if the least eigenvalue of the Gram matrix of normalised columns
-reaches this value; the coefficients then keep ten digits (chosen)."""
+reaches this value; the coefficients are then correct to ten digits (chosen)."""
 
 
 @dataclass(frozen=True, eq=False)
 class Regressors:
-    """Rows of every group and an orthonormal basis of its regressors, in the order of the rows."""
+    """Pairs of the rows of a group and an orthonormal basis of its regressors, in row order."""
 
     blocks: tuple[tuple[slice, Float[np.ndarray, "_ _"]], ...]
 
@@ -129,7 +129,7 @@ class LineRegression:
 
     **Arguments**
     - `taps`: whitening filter along every run; (1,) without whitening.
-    - `residual`: whitened value without its regressors, rad, shape (n,).
+    - `residual`: value minus its fit by the regressors, then whitened, rad, shape (n,).
     - `waves`: cache of the whitened columns of lines.
     """
 
@@ -147,7 +147,7 @@ class LineRegression:
         return cls(rows, regressors, taps, whitened(rows, regressors.residual(rows.value), taps))
 
     def columns(self, frequencies: Sequence[float] | np.ndarray) -> Float[np.ndarray, "n k"]:
-        """Return the whitened cosine and sine of every line, orthogonal to the regressors."""
+        """Return cosine and sine of every line, made orthogonal to the regressors and whitened."""
         return _columns(lambda one: self.waves.of(one, self._white), frequencies, self.rows)
 
     def _white(self, cycles: float) -> Wave:
@@ -159,14 +159,15 @@ class LineRegression:
         return self.residual - columns @ fitted(columns, self.residual)[0]
 
     def misfit(self, frequencies: Sequence[float] | np.ndarray) -> float:
-        """Return the sum of squares after a fit of regressors and lines."""
+        """Return the sum of squares of the whitened residual of a fit of regressors and lines."""
         residual = self.after(frequencies)
         return float(residual @ residual)
 
     def drops(self, frequencies: Float[np.ndarray, " k"]) -> tuple[Float[np.ndarray, " k"], float]:
         """Return the decrease of the sum of squares by each line, and the remaining sum of squares.
 
-        The decrease is that by one line when all other lines are fitted; the sum is after all.
+        The decrease by a line is relative to a fit of all other lines. The remaining sum of squares
+        is that of a fit of all lines.
         """
         columns = self.columns(frequencies)
         pairs, covariance = fitted(columns, self.residual)
@@ -182,8 +183,8 @@ class LineRegression:
     ) -> tuple[Float[np.ndarray, " 3*k"], Float[np.ndarray, "3*k 3*k"]]:
         """Fit cosine and sine of each line together with a linear correction of each frequency.
 
-        **Returns** the coefficients (2 k of the waves, then k corrections in cycles per revolution)
-        and their covariance for innovations of variance 1.
+        **Returns** the coefficients (2 k of cosines and sines, then k corrections of frequencies in
+        cycles per revolution) and their covariance for innovations of variance 1.
         """
         columns = self.columns(frequencies)
         pairs, _ = fitted(columns, self.residual)
@@ -196,10 +197,10 @@ class LineRegression:
     def refine(
         self, frequencies: Float[np.ndarray, " k"], lowest_cycles: float
     ) -> Float[np.ndarray, " k"]:
-        """Return frequencies with the least misfit, by Gauss–Newton; a failed step is halved.
+        """Return the frequencies of least misfit near `frequencies`, by Gauss–Newton iteration.
 
-        Two lines keep a distance of at least the resolution; otherwise their amplitudes are
-        undefined. No frequency falls below `lowest_cycles`.
+        A step that fails is halved. Two lines keep a distance of at least the resolution; otherwise
+        their amplitudes are undefined. No frequency falls below `lowest_cycles`.
         """
         count, resolution = len(frequencies), 1 / self.rows.span
         size, lowest = 1.0, self.misfit(frequencies)

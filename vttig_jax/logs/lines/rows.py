@@ -20,7 +20,7 @@ _LEAST_ROWS = 1000
 
 @dataclass(frozen=True)
 class Stretch:
-    """Uninterrupted stretch of a log, with its rows in time order.
+    """Uninterrupted stretch of a log, also called a run, with its rows in time order.
 
     **Arguments**
     - `angle`: driving angle in rad, shape (n,), with the same zero for all runs. It may be another
@@ -80,8 +80,8 @@ class Rows:
     - `turns`: driving revolutions minus their mean `origin`, shape (n,).
     - `width`: revolutions over which each row is averaged, shape (n,).
     - `value`: transmission error or residual in rad, shape (n,).
-    - `nuisance`: the rows of every group and their regressors, shape (rows of the group, q).
-    - `starts`: first row of every run, and n at the end.
+    - `nuisance`: for every group the slice of its rows, and its regressors, shape (rows, q).
+    - `starts`: index of the first row of every run, and n at the end.
     - `waves`: cache of the columns of lines.
     """
 
@@ -147,7 +147,10 @@ def stack(runs: Sequence[Stretch], highest: float) -> Rows:
 def _by_group(
     runs: Sequence[Stretch], starts: Sequence[int]
 ) -> tuple[tuple[slice, Float[np.ndarray, "_ _"]], ...]:
-    """Return the rows and regressors of every group of neighbouring runs."""
+    """Return the slice of rows and the regressors of every group; runs of a group are neighbours.
+
+    `starts` holds the index of the first row of every run, and the number of rows at the end.
+    """
     blocks, first = [], 0
     for _, members in groupby(runs, key=attrgetter("group")):
         parts = [run.nuisance for run in members]

@@ -20,13 +20,14 @@ from .spectrum import LEAST_CYCLES, Spectrum, false_alarm_probability, noise_lev
 
 _LEAST_ROWS = 24
 _LEAST_FREEDOM = 4.0
-"""Least number of independent heights that define the local noise level. With fewer heights, only
-the autoregression defines the noise."""
+"""Least number of rows beyond one per regressor, and least number of independent heights that
+define the local noise level. With fewer heights, only the autoregression defines the noise."""
 
 _LEAST_AMPLITUDE = 3.0  # least amplitude of a line in standard errors (chosen)
 
 _SPARE = 3
-"""Number of candidates beyond `most`, so that further lines do not count as noise (chosen)."""
+"""Number of candidates beyond the requested number of lines, so that further lines do not count as
+noise (chosen)."""
 
 _ROUNDING = 1e-26
 """A residual is rounding error if its sum of squares is at most this fraction of that of the values
@@ -71,19 +72,20 @@ def find_lines(
 
     The trial frequencies extend from 1.5 cycles over the whole log to `highest`, in steps of a
     quarter of the resolution. Each trial adds a cosine and a sine of the driving angle to the
-    regressors. All columns are whitened by the autoregression of the residual and weighted by its
-    local size. The best line is added with a refined frequency, and the noise is estimated again.
-    It is accepted if the probability that noise alone reaches its height anywhere in the scan is
-    below `false_alarm`. The search continues up to `most` lines. More than 10 000 rows are averaged
-    in blocks.
+    regressors. All columns are whitened by the autoregression of the residual, and the height of a
+    trial is compared with the local noise level of the spectrum. The best line is added with a
+    refined frequency, and the noise is estimated again. A line is accepted if the probability that
+    noise alone reaches its height anywhere in the scan is below `false_alarm`. Rows denser than six
+    per cycle of `highest` are averaged in blocks.
 
     **Arguments**
     - `runs`: uninterrupted stretches with rows in time order; see `Stretch`.
     - `highest`: highest frequency in cycles per revolution; at most half the rows per revolution.
     - `false_alarm`: largest false-alarm probability of a line, between 0 and 1.
+    - `most`: largest number of lines.
 
-    **Raises** `ValueError` for a `highest` above the limit of aliasing, or with more than 200 000
-    trial frequencies.
+    **Raises** `ValueError` for a `highest` above the limit of aliasing, or with more than about 4
+    million trial frequencies.
 
     **Example**
     ```python
@@ -129,7 +131,7 @@ class _Search:
 
         Each step adds the line that stands highest above the noise level and refines all
         frequencies. The autoregression can follow a strong line and hide it in the whitened
-        spectrum; therefore the spectrum without whitening is searched too, with its local level.
+        spectrum; therefore the spectrum without whitening is searched too, with its noise level.
         """
         plain = LineRegression.of(self.rows, self.regressors)
         frequencies = np.zeros(0)
@@ -149,7 +151,7 @@ class _Search:
         return frequencies
 
     def surviving(self, frequencies: Float[np.ndarray, " k"]) -> tuple[Line, ...]:
-        """Remove the least certain line until all lines pass the test of the false alarm.
+        """Remove the least certain line until the false-alarm probability of all is small enough.
 
         Return the remaining lines, the most certain first.
         """

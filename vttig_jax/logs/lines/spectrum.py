@@ -24,7 +24,7 @@ _BINS_PER_CYCLE = 4  # angle bins per cycle of the highest frequency (chosen)
 _MOST_BINS = 2**24
 """Largest length of a transform; it limits the memory to 0.5 GB (chosen)."""
 
-_SPREAD, _NODES = 7, 24  # bins of the spreading of a row, nodes of its transform; error 1e-6
+_SPREAD, _NODES = 7, 24  # bins over which a row is spread, quadrature nodes; error 1e-6
 
 _WINDOW = 40
 _KNOT_DISTANCE = 5
@@ -39,18 +39,18 @@ _ITERATIONS, _SETTLED = 8, 1e-5
 """Largest number of iterations in the fit of the level; the fit ends earlier if the logarithm of
 the level changes by less than `_SETTLED` (chosen)."""
 
-_CACHED_KNOTS = 256  # knots fitted at once, so that their windows stay in the cache (chosen)
+_CACHED_KNOTS = 256  # knots fitted at once; their windows fit the processor cache (chosen)
 _STEPS, _TABLE = 16, 4096  # quantiles of row distances, frequencies in a filter table (chosen)
 _EULER = 0.5772156649015329  # minus the mean of the logarithm of an exponential variable
 
 
 @dataclass(frozen=True)
 class Spectrum:
-    """Equidistant frequencies, and the part of a line at each that is orthogonal to the regressors.
+    """Equidistant frequencies, and the data from which the heights at them are computed by FFT.
 
     **Arguments**
     - `cycles`: frequencies in cycles per revolution, shape (f,).
-    - `remaining`: fraction of the power of a line outside the regressors, shape (f,).
+    - `remaining`: fraction of the power of a line orthogonal to the regressors, shape (f,).
     - `spread`: first angle bin of every row, shape (n,), and the weights with which the row is
       spread over this and the next bins, shape (n, w).
     - `sharpening`: correction of the power for the spreading, shape (f,).
@@ -116,8 +116,9 @@ class Spectrum:
     ) -> Float[np.ndarray, " f"]:
         """Return half the decrease of the sum of squares by a line at every frequency.
 
-        For white innovations of variance 1 it has an exponential distribution with mean 1. As an
-        approximation, cosine and sine are taken as orthogonal and of equal norm.
+        `innovations` is the residual whitened by the filter `taps`. For white innovations of
+        variance 1 the result has an exponential distribution with mean 1. As an approximation,
+        cosine and sine are taken as orthogonal and of equal norm.
         """
         usable = self.remaining >= LEAST_REMAINING
         power = self._power(transposed(innovations, taps), slice(None))
@@ -145,7 +146,7 @@ class Spectrum:
     def _gain(self, taps: Float[np.ndarray, " taps"]) -> Float[np.ndarray, " f"]:
         """Return the mean power gain |A|² of the filter at every frequency.
 
-        The gain depends on the angle from row to row; the mean is over the quantiles `steps`.
+        The gain depends on the angle from row to row; it is averaged over the quantiles `steps`.
         """
         if len(taps) == 1:
             return np.ones_like(self.cycles)
@@ -163,7 +164,7 @@ class Spectrum:
         for k in range(_SPREAD):
             sums += np.bincount(bins[where] + k, values * weights[where, k], len(sums))
         stop = self.first + len(self.cycles)
-        # Bins beyond the length belong to the start: the transform is periodic.
+        # The transform is periodic: bins beyond its length are added to the first bins.
         sums[:_SPREAD] += sums[self.length :]
         transform = np.asarray(rfft(sums[: self.length]))[self.first : stop]
         return np.abs(transform) ** 2 * self.sharpening
@@ -234,8 +235,9 @@ def _gamma_regression(
 ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
     """Fit ln level = a + b · distance in every window; return the a and their variances.
 
-    `logarithm` is ln height, for heights with an exponential distribution about the level. Floats
-    of 32 bits are enough, because a level scatters by a tenth. Values of `weight` 0 are excluded.
+    `logarithm` is ln height; the heights have an exponential distribution with the level as mean.
+    Heights with `weight` 0 are excluded. Floats of 32 bits are enough, because the relative
+    standard error of a level is about 0.1.
     """
     total = np.maximum(weight.sum(axis=1), 1e-30)
     centre = np.einsum("km,km->k", weight, distance) / total

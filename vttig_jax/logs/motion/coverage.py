@@ -15,8 +15,9 @@ from .segments import Segment
 class Support:
     """Turns of each shaft over the samples whose flank is certain, and conclusions as sentences.
 
-    A shaft is `resolved` if its first order can be determined and separated from that of the other.
-    `flanks` holds the flanks with samples, "A" and "B".
+    `driving_resolved` and `driven_resolved` say whether the first order of the shaft can be
+    determined and separated from that of the other shaft. `flanks` holds the flanks that have
+    samples, "A" and "B".
     """
 
     driving_turns: float

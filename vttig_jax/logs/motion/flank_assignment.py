@@ -1,9 +1,9 @@
 """Assignment of a flank to every segment by torque or motion, and the ramps between speeds.
 
-The loaded flank follows the transmitted torque. However, the torque of a motor also accelerates
-its rotor and overcomes friction, and without a gap it gives no information. Therefore torque and
-direction of motion are both tested in a linear model with a step between the flanks; the torque is
-used if it fits better.
+The sign of the transmitted torque defines the loaded flank. However, the torque of a motor also
+accelerates its rotor and overcomes friction, and in a drive without backlash it says nothing about
+flanks. Therefore torque and direction of motion are both tested in a linear model with a step
+between the flanks; the torque is used if it fits better.
 """
 
 from dataclasses import dataclass, replace
@@ -53,7 +53,7 @@ def assigned_segments(log: EncoderLog) -> Segments:
 
 
 def _by_motion(log: EncoderLog, found: Segments) -> Segments:
-    """Return segments with flanks by the direction of motion, or those of a load that overruns.
+    """Return segments with flanks by the direction of motion, or by that of an overrunning load.
 
     `found` holds segments by the motion. The start of each run is masked until the driving shaft
     has crossed the gap that the log shows.
@@ -135,7 +135,7 @@ class Ramp:
 def find_ramps(log: EncoderLog, segments: Segments) -> tuple[Ramp, ...]:
     """Return the ramps before and after the segments of every run, without crossings of the gap.
 
-    If a column of the log defines the flank instead of the motion, there are no ramps.
+    If a torque or direction column of the log defines the flank, no ramps are returned.
     """
     if log.torque is not None or log.direction is not None:
         return ()

@@ -53,7 +53,8 @@ def columns_of(
 ) -> Float[np.ndarray, "m p"]:
     """Return a design matrix at the samples `rows`, one row per sample.
 
-    Its columns are an offset, the scaled speed, and cosine and sine of each shaft that turned once.
+    Its columns are an offset, the scaled speed, and cosine and sine of the angle of each shaft that
+    covers at least one turn.
     """
     columns = [np.ones(len(rows)), speed / max(float(np.abs(speed).max()), 1e-300)]
     for angle in (log.driving_angle[rows], log.driven_angle[rows]):
@@ -64,7 +65,7 @@ def columns_of(
 def squares_with_step(
     error: Float[np.ndarray, " m"], columns: Float[np.ndarray, "m p"], flank: Int[np.ndarray, " m"]
 ) -> tuple[float, float]:
-    """Fit `error` (rad) by `columns` and a step that flank B adds.
+    """Fit the transmission error `error` (rad) by `columns` and a step from flank A to flank B.
 
     Return the residual sum of squares in rad² and the step in rad.
     """

@@ -1,4 +1,4 @@
-"""Flank of a load that overruns: its inertia carries it to the other flank while the drive brakes.
+"""Flank of an overrunning load: its inertia carries it to the other flank while the drive brakes.
 
 Friction slows a free load by a limited deceleration. If the drive brakes harder, the load leaves
 flank A of a forward motion and lies on flank B until the drive brakes less. The limit is unknown.
@@ -24,7 +24,7 @@ _FINE = 0.05
 """Largest quantisation of the deceleration, relative to its 90 % quantile (chosen)."""
 
 _MOST_SAMPLES = 5000  # largest number of samples to choose the differencing interval (chosen)
-_ROUNDS = 3  # number of refinements of the limit by bisection, and of the gap (chosen)
+_ROUNDS = 3  # number of bisections of the limit, and of iterations of the gap (chosen)
 _FACTORS = (3.0, 1.7, 1.3, 1.15, 1.07, 1.03)
 """Factors by which the final search multiplies and divides the limit (chosen)."""
 
@@ -73,10 +73,10 @@ def overrunning_segments(
 
 
 def _half_interval(log: EncoderLog, speed: Speed) -> int:
-    """Return half the interval, in samples, for the speed difference that gives the deceleration.
+    """Return half of the interval over which speed differences are taken, in samples.
 
-    The interval is so long that the quantisation of the deceleration is small. It is tested at
-    evenly spaced samples.
+    A speed difference gives the deceleration. The interval is so long that the quantisation of the
+    deceleration is small. This is tested at evenly spaced samples.
     """
     interval = float(np.median(np.diff(log.time)))
     quantum = speed.quantum / (speed.window * interval)

@@ -1,4 +1,4 @@
-"""Segments of a log on a certain flank, and the steady stretches of a run.
+"""Segments of a log in which the contacting flank is certain, and steady stretches of a run.
 
 At steady speed the direction of motion defines the loaded flank: A while φ₁ increases, B while it
 decreases. Ramps, dwell and the crossing of the gap after a reversal are masked. A torque or
@@ -65,12 +65,12 @@ def levels(speed: Float[np.ndarray, " n"], travel: Float[np.ndarray, " n"]) -> l
 def steady(
     speed: Float[np.ndarray, " n"], level: float, tolerance: float, window: int
 ) -> list[tuple[int, int]]:
-    """Return stretches [start, stop) of a run at the speed `level`, without the ends of ramps.
+    """Return stretches [start, stop) of a run at the speed `level` (rad/s), without ends of ramps.
 
     A sample is at the level if its speed deviates by at most `tolerance` (relative). A stretch
-    continues through fluctuations below `FLUCTUATION`. At each end beside a ramp, it is
-    shortened by the duration of the ramp from 10 % off the level to the tolerance, and by half the
-    smoothing window.
+    continues through fluctuations below `FLUCTUATION`. At each end beside a ramp, it is shortened
+    by the duration of the ramp from 10 % off the level to the tolerance, and by half the smoothing
+    window. `window` is the length of that window in samples.
     """
     deviation = np.abs(speed / level - 1.0)
     stretches = []
@@ -83,7 +83,7 @@ def steady(
 
 
 def _margin(outside: Float[np.ndarray, " m"], level: float, window: int) -> int:
-    """Return the number of samples to omit at one end of a stretch.
+    """Return the number of samples to omit at one end of a stretch; see `steady`.
 
     `outside` holds the speeds beyond this end, the nearest sample first.
     """
@@ -124,7 +124,8 @@ standstill: one degree (chosen), slightly reduced so that no reading lies exactl
 where rounding errors would decide."""
 
 SHORTEST_RUN = 15.5
-"""A run with a travel of fewer quanta than this is noise at standstill (chosen)."""
+"""A run whose travel is fewer quanta than this is noise at standstill (chosen). A quantum is the
+step or the noise of the driving angle; see `Speed`."""
 
 RAGGED = 0.100_01
 """Least speed for a certain flank in a run without plateau, relative to its top speed (chosen)."""
@@ -138,7 +139,10 @@ SHORTEST = 8
 
 @dataclass(frozen=True)
 class Segment:
-    """Samples [start, stop) with certain contact on `flank`; `speed` is the mean ω₁, rad/s."""
+    """Samples [start, stop) with certain contact on `flank`.
+
+    `speed` is the mean speed of the driving shaft in rad/s, negative if φ₁ falls.
+    """
 
     start: int
     stop: int
@@ -148,7 +152,10 @@ class Segment:
 
 @dataclass(frozen=True)
 class MotionPhase:
-    """Samples [start, stop) with one direction or dwell; `speed` is the mean ω₁, rad/s."""
+    """Samples [start, stop) with one direction of motion, or with standstill (dwell).
+
+    `speed` is the mean speed of the driving shaft in rad/s, negative if φ₁ falls.
+    """
 
     start: int
     stop: int
@@ -158,9 +165,9 @@ class MotionPhase:
 
 @dataclass(frozen=True)
 class Segments:
-    """Division of a log into segments on a certain flank and phases of one motion.
+    """Division of a log into segments with a certain flank, and into phases of motion.
 
-    `read` is the number of samples of the log.
+    `segments` are parts of the phases `motion`. `read` is the number of samples of the log.
     """
 
     segments: tuple[Segment, ...]
@@ -266,7 +273,8 @@ def _certain(
 ) -> tuple[Bool[np.ndarray, " n"], int]:
     """Return the mask of samples fast and steady enough, and the number of runs without plateau.
 
-    With a torque column all moving samples are in the mask.
+    `moving` holds the runs as [start, stop). With a torque column all moving samples are in the
+    mask.
     """
     certain = np.zeros(len(log), bool)
     if log.torque is not None:
@@ -306,9 +314,10 @@ def _flank(log: EncoderLog, sense: Int8[np.ndarray, " n"]) -> Int8[np.ndarray, "
 def _starts(
     flank: Int8[np.ndarray, " n"], cut: Bool[np.ndarray, " n"], moving: list[tuple[int, int]]
 ) -> list[int]:
-    """Return the indices, in order, where the flank changes or a run of one direction begins.
+    """Return, in ascending order, the indices where the flank changes or a run begins.
 
-    A run that begins at a gap in time (`cut`) is not included.
+    The runs `moving` are those of one direction. A run that begins at a gap in time (`cut`) is not
+    included.
     """
     starts: set[int] = {start for start, _ in moving if not cut[start]}
     known = np.flatnonzero(flank)
