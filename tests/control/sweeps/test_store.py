@@ -16,7 +16,15 @@ from tests.control import sweep_files
 from tests.control.scenarios import PAIR
 from tests.control.sweep_files import sweep_spec
 from vttig_jax.base.errors import InputError, UsageError
-from vttig_jax.control.sweeps.store import HEADER, PARTS, TABLE, SweepFolder, read_table
+from vttig_jax.base.files.atomic_write import temporary_path
+from vttig_jax.control.sweeps.store import (
+    HEADER,
+    PARTS,
+    TABLE,
+    FolderNames,
+    SweepFolder,
+    read_table,
+)
 
 AXES = {"motion.reversal_deg": {"from": 200, "to": 350, "num": 24}}
 
@@ -155,6 +163,17 @@ def test_a_second_writer_is_refused(tmp_path):
         pytest.raises(UsageError, match="another vttig is writing"),
     ):
         swept(out)
+
+
+def test_temporary_files_of_a_killed_writer_are_removed_whatever_the_names(tmp_path):
+    names = FolderNames("table", "fits.parquet", "fits.json")
+    mine = tmp_path / ".mine.tmp"
+    for target in (names.table, names.header):
+        temporary_path(tmp_path / target).write_text("half")
+    mine.write_text("of the user")
+    with SweepFolder(tmp_path, {}, names=names):
+        pass
+    assert sorted(tmp_path.glob(".*")) == [mine]
 
 
 def test_a_full_disk_is_one_sentence_and_keeps_what_is_there(whole, tmp_path, monkeypatch):

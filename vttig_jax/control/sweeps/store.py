@@ -203,7 +203,7 @@ class SweepFolder:
             (self.path / self.names.header).unlink()
 
     def _leave(self) -> None:
-        for target in (self.table, self.path / HEADER):
+        for target in (self.table, self.path / self.names.header):
             remove_abandoned(target)
         # Unlinked while held: `filelock` detects that a new lock has lost its file.
         with suppress(OSError):
