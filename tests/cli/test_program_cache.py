@@ -80,13 +80,17 @@ def test_two_exchanged_programs_are_both_left_out(store: Path, tmp_path: Path) -
     assert loaded(store, tmp_path) == {}
 
 
-def test_more_programs_than_the_limit_are_left_out(
-    store: Path, tmp_path: Path, monkeypatch, caplog
+@pytest.mark.parametrize("newest", [0, 1])
+def test_the_oldest_programs_beyond_the_limit_are_left_out(
+    newest: int, store: Path, tmp_path: Path, monkeypatch, caplog
 ):
-    monkeypatch.setattr(program_cache, "_MOST_BYTES", (store / NAMES[0]).stat().st_size)
+    kept, other = NAMES[newest], NAMES[1 - newest]
+    monkeypatch.setattr(program_cache, "_MOST_BYTES", (store / kept).stat().st_size)
+    an_hour_ago = time.time() - 3600
+    os.utime(store / other, (an_hour_ago, an_hour_ago))
     with caplog.at_level("INFO", logger="vttig_jax"):
-        assert set(loaded(store, tmp_path)) == {NAMES[0]}
-    assert not (store / NAMES[1]).exists() and "failed their check" not in caplog.text
+        assert set(loaded(store, tmp_path)) == {kept}
+    assert not (store / other).exists() and "failed their check" not in caplog.text
 
 
 def test_what_a_killed_process_left_is_removed_after_a_day(store: Path, tmp_path: Path) -> None:

@@ -76,16 +76,17 @@ def read_programs(store: Path, stage: Path) -> set[str]:
 
     Entries that fail the check, are too old or exceed the total size are removed from `store`.
 
+    The newest entries are copied first, up to the limit of the size.
+
     **Returns** the names of the copied entries.
     """
     known, damaged, now, size = set(), 0, time.time(), 0
-    for path in sorted(store.iterdir()):
+    for path, seen in _newest_first(store):
         with suppress(OSError):
             if path.name.startswith("."):
-                if now - path.stat().st_mtime > _ABANDONED_S:
+                if now - seen.st_mtime > _ABANDONED_S:
                     shutil.rmtree(path) if path.is_dir() else path.unlink()
                 continue
-            seen = path.stat()
             size += seen.st_size
             if now - seen.st_mtime > _OLDEST_S or size > _MOST_BYTES:
                 path.unlink()
@@ -100,6 +101,15 @@ def read_programs(store: Path, stage: Path) -> set[str]:
     if damaged:
         LOGGER.info("%d stored programs failed their check and are compiled again", damaged)
     return known
+
+
+def _newest_first(store: Path) -> list[tuple[Path, os.stat_result]]:
+    """Return what is in a folder, by time and then by name; entries that vanish are left out."""
+    found = []
+    for path in store.iterdir():
+        with suppress(OSError):  # another command has removed it
+            found.append((path, path.stat()))
+    return sorted(found, key=lambda entry: (-entry[1].st_mtime_ns, entry[0].name))
 
 
 def write_programs(stage: Path, store: Path, known: set[str]) -> None:

@@ -16,9 +16,15 @@ from vttig_jax.control.simulation.case import Case
 from vttig_jax.control.simulation.metrics import METRICS
 from vttig_jax.control.sweeps import blocks as sweep_work
 from vttig_jax.control.sweeps import estimate as sweep_estimate
-from vttig_jax.control.sweeps.batching import BatchRunner, batch_of, lanes_for, varying
+from vttig_jax.control.sweeps.batching import (
+    BatchRunner,
+    CaseBatch,
+    batch_of,
+    lanes_for,
+    varying,
+)
 from vttig_jax.control.sweeps.blocks import SweepWork
-from vttig_jax.control.sweeps.case_leaves import leaves_of
+from vttig_jax.control.sweeps.case_leaves import CaseStructure, leaves_of
 from vttig_jax.control.sweeps.cases import SweepCases
 from vttig_jax.control.sweeps.table import SweepTable
 from vttig_jax.pair.eccentricities import Eccentricities
@@ -190,6 +196,24 @@ def test_new_values_compile_nothing():
     assert before > 0
     work(222.0).run(0, lambda steps: None)
     assert lanes.compile_s == before
+
+
+def test_a_program_that_did_not_compile_is_forgotten_before_the_others_hear_of_it():
+    """A thread that waits for the program may ask for it again at once."""
+    runner = BatchRunner()
+    known = list[int]()
+
+    class Broken:
+        def lower(self, *_):
+            (own,) = runner._compiled.values()
+            own.add_done_callback(lambda _: known.append(len(runner._compiled)))
+            raise MemoryError
+
+    batch, broken = CaseBatch(CaseStructure("tree", ()), (), (), 8), Broken()
+    for _ in range(2):
+        with pytest.raises(MemoryError):
+            runner._program(broken, batch, (), (), runner.devices[0])
+    assert known == [0, 0]
 
 
 def test_lane_steps_are_those_of_the_cases_alone(table):

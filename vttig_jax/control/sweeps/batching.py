@@ -164,8 +164,9 @@ class BatchRunner:
                 function.lower(batch.structure, batch.batched, *choices, *args).compile()
             )
         except BaseException as error:
+            with self._lock:  # before the waiting threads go on, so that one of them may try again
+                del self._compiled[key]
             own.set_exception(error)
-            del self._compiled[key]
             raise
         finally:
             with self._lock:
