@@ -1,6 +1,7 @@
 """Binary formats: the same numbers as the arrays that were stored, and refusals of bad files."""
 
 import io
+import logging
 import zipfile
 
 import h5py
@@ -13,6 +14,8 @@ from tests.logs.rig_log import angles_deg
 from vttig_jax.base.errors import LogError, UsageError
 from vttig_jax.logs import read_log
 from vttig_jax.logs.readers.binary import formats
+from vttig_jax.logs.readers.binary.mdf import mdf_columns
+from vttig_jax.logs.readers.binary.silence import each_silent
 
 T, X, Y = angles_deg(turns=2)
 STAMPS = np.datetime64("2026-11-01T22:15:03", "ns") + np.rint(T * 1e9).astype(np.int64)
@@ -138,6 +141,34 @@ def test_wrong_bytes_are_refused(tmp_path, name):
     path.write_bytes(b"time_s,motor_deg\n0,1\n" * 40)
     with pytest.raises((LogError, UsageError), match="damaged"):
         read_log(path, ratio="16:9")
+
+
+def test_the_reader_of_mdf_silences_the_library_and_not_who_reads_its_channels(tmp_path, capfd):
+    mdf(tmp_path / "log.mf4")
+    level = logging.getLogger("asammdf").level
+    names = []
+    for column in mdf_columns(tmp_path / "log.mf4", (tmp_path / "log.mf4").read_bytes()):
+        print(column.name)
+        names.append(column.name)
+        assert logging.getLogger("asammdf").level == level
+    assert names == ["MotorAngle [deg]", "LoadAngle [deg]"]
+    assert capfd.readouterr().out.split("\n")[:-1] == names
+
+
+def test_a_silent_generator_that_is_given_up_is_closed_silently(capfd):
+    def noisy():
+        try:
+            print("in")
+            yield 1
+            yield 2
+        finally:
+            print("out")
+
+    shown = each_silent(noisy())
+    assert next(shown) == 1
+    shown.close()
+    print("told")
+    assert capfd.readouterr().out == "told\n"
 
 
 def header(text: str, body: bytes = b"") -> bytes:

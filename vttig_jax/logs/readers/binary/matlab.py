@@ -9,7 +9,7 @@ import io
 import struct
 import warnings
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from inspect import signature
 from math import prod
 from typing import Any
@@ -28,6 +28,9 @@ FIRST_NUMERIC_CLASS, LAST_NUMERIC_CLASS, LAST_CLASS = 6, 15, 17
 
 _PART = 1 << 20  # bytes that are unpacked at a time; chosen value
 _ITEM, _FIELD, _LETTER = 128, 1024, 4  # rounded memory of a cell, a field and a letter in bytes
+
+Leaves = Iterable[tuple[str, np.ndarray]] | None
+"""Paths and values of leaves, or None for a value that holds other values."""
 
 HEADER = 128
 """Number of bytes before the first element; the last two bytes define the byte order."""
@@ -187,7 +190,7 @@ def matlab_leaves(
         variables = loadmat(io.BytesIO(data), **_sparse_option(loadmat))
     for name, value in variables.items():
         if not name.startswith("__"):
-            yield from _leaves(name, value, 0)
+            yield from leaves(name, value, _numbers)
 
 
 def _sparse_option(loadmat: Callable[..., dict]) -> dict[str, bool]:
@@ -195,17 +198,40 @@ def _sparse_option(loadmat: Callable[..., dict]) -> dict[str, bool]:
     return {"spmatrix": False} if "spmatrix" in signature(loadmat).parameters else {}
 
 
-def _leaves(path: str, value: Any, depth: int) -> Iterator[tuple[str, np.ndarray]]:
-    # Objects and functions are subclasses of `ndarray`.
-    if type(value) is not np.ndarray or depth > DEEPEST:
+def _numbers(path: str, value: Any) -> Leaves:
+    if type(value) is not np.ndarray:  # objects and functions are subclasses of `ndarray`
+        return ()
+    return [(path, value)] if value.dtype.kind in "biuf" else None
+
+
+def leaves(
+    path: str,
+    value: Any,
+    own: Callable[[str, Any], Leaves],
+    *,
+    lone_cells: bool = True,
+    depth: int = 0,
+) -> Iterator[tuple[str, np.ndarray]]:
+    """Yield path and values of the leaves in nested structs and cells.
+
+    **Arguments**
+    - `own`: returns the leaves that a value with this path is itself, or None to look into it.
+    - `lone_cells`: whether an array of one cell is named `c{1}` like an array of more, or `c`.
+    """
+    if depth > DEEPEST:
         return
-    if value.dtype.kind in "biuf":
-        yield path, value
-    elif value.dtype.names and value.size <= MOST_CELLS:
+    found = own(path, value)
+    if found is not None:
+        yield from found
+        return
+    inner: list[tuple[str, Any]] = []
+    if value.dtype.names and value.size <= MOST_CELLS:
         for k, record in enumerate(value.ravel(order="F"), 1):
             record_path = path if value.size == 1 else f"{path}({k})"
-            for field in value.dtype.names:
-                yield from _leaves(f"{record_path}.{field}", record[field], depth + 1)
+            inner += [(f"{record_path}.{field}", record[field]) for field in value.dtype.names]
     elif value.dtype == object and value.size <= MOST_CELLS:
+        numbered = lone_cells or value.size > 1
         for k, cell in enumerate(value.ravel(order="F"), 1):
-            yield from _leaves(f"{path}{{{k}}}", cell, depth + 1)
+            inner.append((f"{path}{{{k}}}" if numbered else path, cell))
+    for name, item in inner:
+        yield from leaves(name, item, own, lone_cells=lone_cells, depth=depth + 1)

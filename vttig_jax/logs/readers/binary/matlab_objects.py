@@ -15,7 +15,7 @@ import numpy as np
 from ....base.errors import UsageError
 from ....base.files.limits import MemoryBudget
 from .hdf5 import take_dataset
-from .matlab import DEEPEST, HEADER, MOST_CELLS, check_tags
+from .matlab import HEADER, Leaves, check_tags, leaves
 
 WORKSPACE = "__function_workspace__"
 """Name under which SciPy returns the bytes of all objects of a file in format v6 or v7."""
@@ -93,26 +93,15 @@ def object_leaves(path: Path) -> Iterator[tuple[str, np.ndarray]]:
         variables = load_from_mat(str(path), add_table_attrs=True)
         for name, value in variables.items():
             if not name.startswith("__"):
-                yield from _leaves(name, value, 0)
+                yield from leaves(name, value, _objects, lone_cells=False)
 
 
-def _leaves(path: str, value: Any, depth: int) -> Iterator[tuple[str, np.ndarray]]:
-    if depth > DEEPEST:
-        return
+def _objects(path: str, value: Any) -> Leaves:
     if hasattr(value, "columns") and hasattr(value, "index"):  # a DataFrame of pandas
-        yield from _table(path, value)
-    elif not isinstance(value, np.ndarray):
-        return
-    elif value.dtype.kind in "mM":
-        yield f"{path} [s]", _seconds(value)
-    elif value.dtype.names and value.size <= MOST_CELLS:
-        for k, record in enumerate(value.ravel(order="F"), 1):
-            record_path = path if value.size == 1 else f"{path}({k})"
-            for field in value.dtype.names:
-                yield from _leaves(f"{record_path}.{field}", record[field], depth + 1)
-    elif value.dtype == object and value.size <= MOST_CELLS:
-        for k, cell in enumerate(value.ravel(order="F"), 1):
-            yield from _leaves(f"{path}{{{k}}}" if value.size > 1 else path, cell, depth + 1)
+        return _table(path, value)
+    if not isinstance(value, np.ndarray):
+        return ()
+    return [(f"{path} [s]", _seconds(value))] if value.dtype.kind in "mM" else None
 
 
 def _table(path: str, table: Any) -> Iterator[tuple[str, np.ndarray]]:

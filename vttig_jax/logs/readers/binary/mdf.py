@@ -2,7 +2,7 @@
 
 import gc
 import io
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,7 @@ from ....base.files.limits import MemoryBudget
 from .clocked import ClockedColumn
 from .declared_sizes import take_mdf
 from .mdf_links import check_links
-from .silence import silent
+from .silence import each_silent
 
 _SAMPLE = 16  # bytes of a sample and its time stamp
 
@@ -26,14 +26,17 @@ def mdf_columns(path: Path, data: bytes) -> Iterator[ClockedColumn]:
     budget = MemoryBudget(str(path), len(data))
     check_links(data)
     take_mdf(data, budget)
-    with silent("asammdf"):
-        from asammdf import MDF
+    yield from each_silent(_columns(data, budget), "asammdf")
 
-        try:
-            with MDF(io.BytesIO(data)) as file:
-                yield from _channels(file, budget)
-        finally:
-            gc.collect()  # runs noisy destructors of half-open files inside `silent`
+
+def _columns(data: bytes, budget: MemoryBudget) -> Generator[ClockedColumn, None, None]:
+    from asammdf import MDF
+
+    try:
+        with MDF(io.BytesIO(data)) as file:
+            yield from _channels(file, budget)
+    finally:
+        gc.collect()  # runs noisy destructors of half-open files where nobody sees their messages
 
 
 def _channels(file: Any, budget: MemoryBudget) -> Iterator[ClockedColumn]:

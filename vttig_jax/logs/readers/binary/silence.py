@@ -3,9 +3,12 @@
 import logging
 import sys
 import warnings
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from io import StringIO
+from typing import TypeVar
+
+_Item = TypeVar("_Item")
 
 
 @contextmanager
@@ -33,3 +36,18 @@ def silent(*loggers: str) -> Iterator[None]:
         sys.unraisablehook = hook
         for name, level in levels.items():
             logging.getLogger(name).setLevel(level)
+
+
+def each_silent(items: Generator[_Item, None, None], *loggers: str) -> Generator[_Item, None, None]:
+    """Yield the items of a generator that runs within `silent`; the code between them does not."""
+    try:
+        while True:
+            with silent(*loggers):
+                try:
+                    item = next(items)
+                except StopIteration:
+                    return
+            yield item
+    finally:
+        with silent(*loggers):
+            items.close()
