@@ -32,6 +32,7 @@ _BASIC = re.compile(r"(\d{4})(\d\d)(\d\d)T(\d\d)(\d\d)(\d\d)(.*)")
 _MINUTES = re.compile(r"(\d\d?):(\d\d)[.,](\d{1,12})")
 _BETWEEN = re.compile(r"[T ,;_]+")
 _ZONE = re.compile(r"([+-])(\d\d):?(\d\d)?")
+_UTC = ("Z", "UTC", "GMT")
 HOUR_NS = 3_600_000_000_000
 """Nanoseconds in an hour."""
 
@@ -74,14 +75,8 @@ def read_stamps(fields: Sequence[str], where: str) -> tuple[Int64[np.ndarray, " 
                 where=where,
             )
         parsed.append(stamp)
-    zones = {stamp.zone for stamp in parsed if not _ZONE.fullmatch(stamp.zone)}
-    if len(zones) > 1:
-        raise LogError(
-            f"the time zone changes ({', '.join(sorted(zones))}); export the log in UTC.",
-            where=where,
-        )
     days = _days({stamp.day for stamp in parsed}, where)
-    shifts = {zone: _zone_ns(zone) for zone in {stamp.zone for stamp in parsed}}
+    shifts = _shifts_ns({stamp.zone for stamp in parsed}, where)
     first_day = days[parsed[0].day]
     nanoseconds = np.array(
         [
@@ -132,15 +127,32 @@ def _part_ns(digits: str) -> int:
     return int(digits.ljust(9, "0")[:9])
 
 
-def _zone_ns(zone: str) -> int:
-    """Return the offset from UTC of a numeric zone such as `+02:00`, in nanoseconds.
+def _shifts_ns(zones: set[str], where: str) -> dict[str, int]:
+    """Return zone of a stamp → what is subtracted from its clock, in nanoseconds.
 
-    The result is 0 for a zone name or for no zone. Its offset has no effect, because it is the same
-    for all stamps of a log and only time differences are used.
+    A zone that all stamps share has no effect, because only time differences are used: then it may
+    be a name such as CET, or "" for none.
+
+    **Raises** `LogError` for zones that differ, unless every one of them states its offset from
+    UTC.
     """
+    if len(zones) == 1:
+        return dict.fromkeys(zones, 0)
+    found = {zone: _zone_ns(zone) for zone in zones}
+    known = {zone: shift for zone, shift in found.items() if shift is not None}
+    if len(known) < len(found):
+        names = ", ".join(sorted(zone or "none" for zone in zones))
+        raise LogError(f"the time zone changes ({names}); export the log in UTC.", where=where)
+    return known
+
+
+def _zone_ns(zone: str) -> int | None:
+    """Return the offset from UTC of a zone such as `+02:00` or `Z` in ns; None if it is unknown."""
+    if zone in _UTC:
+        return 0
     match = _ZONE.fullmatch(zone)
     if match is None:
-        return 0
+        return None
     minutes = 60 * int(match[2]) + int(match[3] or 0)
     return (1 if match[1] == "+" else -1) * minutes * 60_000_000_000
 
