@@ -107,6 +107,7 @@ def test_one_of_many_logs(folder, vttig_json, vttig, piped):
         (("-", "--pair", "-"), b"1", 2, "only a LOG"),
         (("-", "--ratio", "2:1"), b"", 3, "the file is empty"),
         (("-", "--ratio", "2:1", "--most-memory", "1e-6"), b"1" * 5000, 3, "--most-memory"),
+        (("-", "--ratio", "2:1", "--most-memory", "1e-12"), b"1" * 5000, 3, "--most-memory"),
         (("-", "--ratio", "2:1", "--most-memory", "1e308"), b"1" * 5000, 2, "--most-memory"),
         (("-", "--ratio", "2:1"), b"\x89MCAP0\r\n", 3, "ROS"),
         (("-", "--ratio", "2:1"), b"\x89HDF\r\n\x1a\n damaged", 3, "damaged"),

@@ -32,3 +32,10 @@ def test_mean_speed_is_the_whole_angle_over_the_whole_time():
     found = TECurve("B", angle, 0 * angle, time)
     assert found.mean_speed == pytest.approx(2.0, rel=1e-12)
     assert found.part(slice(0, 1)).mean_speed == 0.0
+
+
+def test_a_part_without_points_says_so(curve):
+    empty = curve.part(slice(0, 0))
+    assert (len(empty), empty.mean_speed, empty.peak_to_peak) == (0, 0.0, 0.0)
+    text = str(empty)
+    assert "flank B" in text and "points" in text and "driving angle" not in text

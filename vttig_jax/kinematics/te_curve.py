@@ -38,21 +38,24 @@ class TECurve:
 
     @property
     def peak_to_peak(self) -> float:
-        """Largest minus smallest TE, rad; noise biases it upwards."""
-        return float(np.ptp(self.transmission_error))
+        """Largest minus smallest TE, rad; 0 without points. Noise biases it upwards."""
+        return float(np.ptp(self.transmission_error)) if len(self) else 0.0
 
     @property
     def mean_speed(self) -> float:
-        """Absolute mean speed of the driving shaft, rad/s; 0 for a single point."""
-        duration = float(self.time[-1] - self.time[0]) if len(self) else 0.0
+        """Absolute mean speed of the driving shaft, rad/s; 0 for fewer than two points."""
+        if len(self) < 2:
+            return 0.0
+        duration = float(self.time[-1] - self.time[0])
         return abs(float(self.driving_angle[-1] - self.driving_angle[0])) / (duration or np.inf)
 
     def __str__(self) -> str:
-        first, last = self.driving_angle[0], self.driving_angle[-1]
-        rows = [
-            ("points", f"{len(self)}"),
-            ("driving angle", f"{first / DEG:.3f}° … {last / DEG:.3f}°"),
-            ("turns", f"{abs(last - first) / REV:.3f}"),
-            ("peak to peak", f"{self.peak_to_peak / DEG:.5f}°"),
-        ]
+        rows = [("points", f"{len(self)}")]
+        if len(self):
+            first, last = self.driving_angle[0], self.driving_angle[-1]
+            rows += [
+                ("driving angle", f"{first / DEG:.3f}° … {last / DEG:.3f}°"),
+                ("turns", f"{abs(last - first) / REV:.3f}"),
+                ("peak to peak", f"{self.peak_to_peak / DEG:.5f}°"),
+            ]
         return key_values(rows, title=f"transmission error, flank {self.flank}")

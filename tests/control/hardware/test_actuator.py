@@ -225,7 +225,7 @@ def test_the_drive_blocks_where_the_gap_shrinks_below_what_does_not_yield():
 @pytest.mark.parametrize("taper", [(3.0, 3.0), (0.0, 5.0), (5.0, -2.0), (-4.0, 1.0)])
 def test_the_steepest_flank_pushes_unless_the_wedge_is_flatter_than_its_friction(taper):
     slopes = np.tan(np.radians(taper))
-    locked = np.abs(slopes).max()
+    locked = slopes.max()  # a flank of negative taper pushes towards the closed gap
     for friction in (0.0, 0.5 * locked, locked * (1 - 1e-9)):
         assert can_back_drive(slopes, friction)
     for friction in (locked, locked * (1 + 1e-9), 0.5):

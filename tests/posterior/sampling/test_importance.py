@@ -73,6 +73,9 @@ def test_weights_of_zero_stay_zero_and_too_few_are_never_trusted():
     assert smoothed_log_weights(np.full(400, -np.inf))[1] == np.inf
     assert smoothed_log_weights(np.zeros(400))[1] == -np.inf
     assert smoothed_log_weights(np.append(np.full(399, -np.inf), 0.0))[1] == np.inf
+    few, shape = smoothed_log_weights(np.array([0.0, np.log(3.0), -np.inf, np.log(4.0)]))
+    np.testing.assert_allclose(np.exp(few), [0.125, 0.375, 0.0, 0.5], rtol=1e-12)
+    assert shape == np.inf
 
 
 def test_weighted_draws_have_the_moments_of_the_density():

@@ -34,7 +34,8 @@ def read_standard_input() -> bytes:
         raise UsageError("nothing is connected to stdin; give the path of the log.", where="stdin")
     if stream.isatty():
         raise UsageError("stdin is a terminal; pipe a log into it, or give a path.", where="stdin")
-    limit = asked_bytes() or min(MOST_BYTES, free_bytes() // 2)
+    asked = asked_bytes()
+    limit = min(MOST_BYTES, free_bytes() // 2) if asked is None else asked
     try:
         data = read_at_most(stream.buffer, limit)
     except OSError as error:

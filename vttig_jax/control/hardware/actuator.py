@@ -214,10 +214,12 @@ def can_back_drive(
 ) -> Bool[Array, "*shape"]:
     """Return whether teeth wedged between both flanks can push the actuator back.
 
-    A flank force F has the axial component F (tan β − μ), so the wedge is self-locking if μ ≥ tan β
-    on both flanks. Otherwise a prescribed motion, with unlimited torque, pushes back any actuator.
+    A flank force F pushes towards the open gap with F (tan β − μ), so the wedge is self-locking if
+    μ ≥ tan β on both flanks. Otherwise a prescribed motion, with unlimited torque, pushes back any
+    actuator.
 
     **Arguments**
-    - `taper`: tan β of both flanks. - `friction`: friction coefficient μ of the flanks.
+    - `taper`: tan β of both flanks; the force on a flank with a negative one closes the gap.
+    - `friction`: friction coefficient μ of the flanks.
     """
-    return jnp.max(jnp.abs(jnp.asarray(taper)), axis=-1) > jnp.asarray(friction)
+    return jnp.max(jnp.asarray(taper), axis=-1) > jnp.asarray(friction)

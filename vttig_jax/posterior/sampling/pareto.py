@@ -23,8 +23,11 @@ Values = Float[np.ndarray, " n"]
 def smoothed_log_weights(log_weights: Values) -> tuple[Values, float]:
     """Return normalised, Pareto-smoothed log-weights and the shape k̂ of their tail.
 
-    Weights of zero (−∞) stay zero. k̂ is infinite if fewer than five weights are in the tail or all
-    of them are zero, and −∞ if all weights of the tail are equal.
+    The tail consists of the min(0.2 n, 3 √n) largest weights. Those that exceed all weights below
+    the tail are smoothed if there are at least five of them; otherwise no weight is smoothed. k̂ is
+    then infinite, or −∞ if none of them does, although the tail has five. Weights of zero (−∞) stay
+    zero. If all weights are zero or the largest is no finite number, the result is equal weights
+    and an infinite k̂.
 
     **Example**
     ```python
@@ -39,9 +42,11 @@ def smoothed_log_weights(log_weights: Values) -> tuple[Values, float]:
     """
     largest = np.max(log_weights, initial=-np.inf)
     count = int(min(_TAIL_SHARE * len(log_weights), _TAIL_ROOTS * np.sqrt(len(log_weights))))
-    if count < _FEWEST or not np.isfinite(largest):
+    if not np.isfinite(largest):
         return np.full(len(log_weights), -np.log(max(len(log_weights), 1))), np.inf
     shifted = log_weights - largest
+    if count < _FEWEST:
+        return shifted - np.log(np.sum(np.exp(shifted))), np.inf
     order = np.argsort(shifted, kind="stable")
     tail, cut = order[-count:], shifted[order[-count - 1]]
     excess = np.exp(shifted[tail]) - np.exp(cut)
