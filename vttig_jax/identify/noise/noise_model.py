@@ -178,8 +178,8 @@ def whiten(
     """Estimate the noise, and return it with the triangle of the whitened rows of every flank.
 
     `variance_factor` is the factor by which a robust loss increases the variance. If every speed
-    has a noise model of its own, a speed with too few rows gets the noise model of all speeds. On
-    `few_turns` noise may be correlated over a whole run.
+    has a noise model of its own, a speed with too few rows gets the noise model of all speeds. If
+    `few_turns`, the restricted likelihood is used even for noise correlated over a whole run.
     """
     noise = _noise_of(summary, variance_factor, few_turns)
     parts = [(summary, noise)]
@@ -212,7 +212,8 @@ def _noise_of(summary: HarmonicSummary, variance_factor: float, few_turns: bool)
 
     If the noise is correlated over a whole run, it cannot be distinguished from slow structure that
     the model misses. The likelihood would treat this structure as noise and fit only the fast part.
-    On few turns of a drive the likelihood remains, because moments underestimate the correlation.
+    On few turns of a drive the likelihood is used nevertheless, because moments underestimate the
+    correlation.
     """
     found = _model(summary, filter_of(restricted_partial(summary)), variance_factor, "likelihood")
     if few_turns or not _lasts(found, summary, FORGOTTEN):
@@ -221,7 +222,7 @@ def _noise_of(summary: HarmonicSummary, variance_factor: float, few_turns: bool)
 
 
 def remembers(summary: HarmonicSummary) -> bool:
-    """Return whether the correlation time of the noise is a notable part of a run.
+    """Return whether the correlation time of the noise is more than 1/100 of the mean run.
 
     Low orders then have more noise than other orders. The result is False if the noise is only
     rounding.

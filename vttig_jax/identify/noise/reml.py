@@ -136,8 +136,8 @@ def touching_bound(summary: HarmonicSummary, partial: Partial) -> Bound:
 def lowered(bound: Bound, partial: Partial) -> Partial:
     """Return the partial autocorrelations after one coordinate descent of the bound.
 
-    The bound is minimised over one π_k at a time. The last π_k is the first one, because it has no
-    estimate yet in a search of the order. With the filter f_k of the first k partial
+    The bound is minimised over one π_k at a time, from the last π_k to the first, because the last
+    one has no estimate yet in a search of the order. With the filter f_k of the first k partial
     autocorrelations and its reverse f_k*, the whole filter is the polynomial A f_k + B f_k*. One
     step to a lower k replaces A by A − π_k B and B by z (B − π_k A) (Szegő).
     """

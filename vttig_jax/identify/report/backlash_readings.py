@@ -44,7 +44,8 @@ _UNKNOWN = 1.0
 larger than any gap."""
 
 _FAR, _SHARE = 10.0, 0.5
-"""Readings contradict a fit if their mean is off by > 10 standard errors and > half the gap."""
+"""Readings contradict a fit if the mean of (reading − predicted gap) is more than ten standard
+errors and more than half of the mean gap (chosen)."""
 
 _MOST_ITERATIONS, _SETTLED = 60, 1e-13
 """Largest number of iterations of the driven angle, and the change, rad, at which they end. Each
@@ -104,7 +105,8 @@ def mean_gap(
     """Return the mean of the gap TE_B − TE_A over driving angles, as one gap (n = 1).
 
     **Arguments**
-    - `driving`: driving angles, rad. - `solved`: fit of both flanks.
+    - `driving`: driving angles, rad.
+    - `solved`: fit of both flanks.
     - `times`: how many times each angle counts in the mean; by default once.
     """
     counts = np.ones(len(driving), np.int64) if times is None else times
@@ -277,9 +279,11 @@ def comparison(
 
 
 def judged(compared: ReadingsComparison, gap: PredictedGap) -> ReadingsComparison:
-    """Return the comparison with its field `contradicts`: whether the mean is far from the gap.
+    """Return the comparison with its field `contradicts` set; `gap` is that of the comparison.
 
-    A contradiction points to a wrong unit, a wrong zero or another rig.
+    The field is True if the mean of (reading − predicted gap) is far from zero. This points to a
+    wrong unit, a wrong zero or another rig.
+
     **Raises** `LogError` if readings used as data contradict the fit.
     """
     usual = float(np.mean(np.abs(gap.value))) / DEG

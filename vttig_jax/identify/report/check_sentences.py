@@ -28,7 +28,8 @@ def check_sentences(
     """Return a sentence for every check with a reportable result.
 
     **Arguments**
-    - `checks`: checks of a fit. - `several_logs`: whether the sentences say which log they are on.
+    - `checks`: checks of a fit.
+    - `several_logs`: whether the fit has several logs, so that the sentences name the log.
     - `has_noise`: whether the log has noise; otherwise changes between its halves are not reported.
     - `gap_determined`: whether the constant backlash is a determined parameter.
     """

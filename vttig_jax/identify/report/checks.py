@@ -257,7 +257,8 @@ class ReadingsComparison(Record, frozen=True, omit_defaults=True):
 class PassDifference(Record, frozen=True):
     """Difference of the transmission error of two consecutive passes: later minus earlier pass.
 
-    It is taken over the `overlap_deg` of driving angle that both passes cover on the same flank.
+    It is computed over the `overlap_deg` degrees of driving angle that both passes cover on the
+    same flank. `scatter_deg` is the standard deviation of the difference about its mean.
     """
 
     log: int
@@ -310,7 +311,7 @@ class Checks(Record, frozen=True, kw_only=True):
     - `outliers`: outliers of every log; empty for least squares. - `solver_steps`: steps of the
       solver. - `weakest_direction`: combination of parameters with the largest standard error.
     - `passes`, `halves`: comparisons within each log. - `lines`: lines of the residual.
-    - `joined_lines`: lines that joined the model. - `hidden_shafts`: shafts of several lines.
+    - `joined_lines`: lines that were added to the model. - `hidden_shafts`: see `HiddenShaft`.
     """
 
     order_spectrum: tuple[Order, ...] = ()

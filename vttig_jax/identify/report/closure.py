@@ -21,7 +21,9 @@ with the angle. Chosen value."""
 
 
 def closure(curves: tuple[TECurve, ...], pair: GearPair | Drive) -> Closure | None:
-    """Compare the transmission error of every run with that one hunting period later (Fig. 12).
+    """Compare the transmission error of every run with its values one hunting period later.
+
+    Fig. 12 of the paper shows this comparison.
 
     **Returns** rms and mean of the difference, and the angle over which it was compared, in
     degrees; None if no run is longer than the period.
@@ -61,8 +63,9 @@ def reversal_jumps(
     window of driving angles from 1° to 6° before the turning point, where the teeth are in contact.
     `driving_deg` of the result is the middle of the window. `log` is the number of the log.
 
-    On a reducer the teeth cross the gap during more than 1° after the turn. Therefore the window
-    begins at least 1.5 times `gap_deg` before the turn; this is the gap as a driving angle.
+    On a reducer the teeth cross the gap during more than 1° of driving angle after the turn.
+    Therefore the window begins at least 1.5 times `gap_deg` before the turn, if the passes are long
+    enough. `gap_deg` is the gap as an angle of the driving shaft.
     """
     jumps = []
     beyond = _GAPS * gap_deg

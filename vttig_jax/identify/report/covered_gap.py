@@ -42,7 +42,8 @@ def covered_gap(estimate: Estimate, margin: float) -> CoveredGap:
 
     Its standard error is the largest of four: from the noise model, from the scatter of parts of
     the log, from a fit with a random walk as drift, and from the gaps at different speeds. If the
-    noise is correlated over a part of the log, its own estimate replaces the first two.
+    correlation time of the noise is a notable part of a run (scatter "memory"), an estimate for
+    this case replaces the first two.
 
     **Arguments**
     - `margin`: largest gap, rad, that an unknown delay within its bound can imitate; 0 for a delay
@@ -121,8 +122,9 @@ def _distinct(
     """Return the centres of the cells of `ranges`, rad, and how many times each cell counts.
 
     Cells that are one hunting period apart have the same gap and are computed once. This does not
-    hold with fractional orders. Of more than `_MOST_CELLS` cells only every k-th one is then used;
-    k has no common divisor with the number of cells per turn, so that all angles count equally.
+    hold with fractional orders. If there are then more than `_MOST_CELLS` cells, only every k-th
+    cell is used; k has no common divisor with the number of cells per turn, so that all angles
+    count equally.
     """
     turn = round(REV / _CELL)
     period = terms.ratio.denominator * turn
@@ -143,7 +145,7 @@ def _distinct(
     return (cells + 0.5) * _CELL, np.ones(len(cells), np.int64)
 
 
-_NARROW = 0.02  # standard error of a jump that is always added, as a part of the gap; chosen value
+_NARROW = 0.02  # added to the standard error of the jumps, as a share of the gap; chosen value
 _MEDIAN = math.sqrt(math.pi / 2)  # standard error of the median / of the mean, for normal values
 
 
@@ -183,7 +185,7 @@ def compared_jumps(
 
 
 def _window_std(solved: SolvedFit) -> float:
-    """Return the rms, rad, of the means of the residual over windows as wide as that of a jump."""
+    """Return the rms, rad, of the means of the residual in windows of the width `WINDOW_DEG`."""
     means = []
     for curve, residual in zip(*solved.curves_and_residuals, strict=True):
         window = np.floor(curve.driving_angle / (WINDOW_DEG * DEG)).astype(np.int64)
@@ -276,7 +278,8 @@ def _mean_of_pieces(
 def depends_on_speed(gaps: Sequence[GapAtSpeed]) -> bool:
     """Return whether the gap depends on the speed in another way than a delay explains.
 
-    A delay explains a part that is linear in the speed; a χ² test is made of the rest.
+    A delay explains a part that is linear in the speed. A straight line is fitted to the gaps over
+    the speed, and a χ² test is made of the remaining differences.
     """
     if len(gaps) < 3:
         return False

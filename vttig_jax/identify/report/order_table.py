@@ -62,8 +62,8 @@ class FlankLine(Protocol):
 def order_table(solved: SolvedFit, scatter: Scatter | None = None) -> tuple[Order, ...]:
     """Return amplitude, standard error and phase of all harmonics of both shafts and the mesh.
 
-    `scatter` says from which parts of the log standard errors are estimated. On few turns (scatter
-    "cosines" or "memory") the standard error of an amplitude is at least this estimate.
+    `scatter` names the parts of the log whose scatter gives standard errors. On few turns (scatter
+    "cosines" or "memory") the standard error of an amplitude is at least that from this scatter.
     """
     table = []
     summary, solution = solved.summary, solved.solution
@@ -115,7 +115,9 @@ def judged_orders(
     amplitude changes over the log, for example with the load; a tenth of its amplitude counts.
 
     **Arguments**
-    - `ratio`: driven speed over driving speed. - `turns`: driving revolutions of the longest run.
+    - `lines`: lines of the residual.
+    - `ratio`: driven speed over driving speed.
+    - `turns`: driving revolutions of the longest run.
     """
 
     def cycles_of(order: Order) -> float:

@@ -306,7 +306,7 @@ def regressors_of(solution: Solution, log: EncoderLog) -> tuple[Parameter, ...]:
 
 
 def _delay(solution: Solution, delay: Delay) -> Parameter:
-    """Return the parameter `delay_s`: the shift of the driving angle plus the last step, s."""
+    """Return the parameter `delay_s`: the delay removed before the fit plus the fitted rest, s."""
     if delay.state == "fitted":
         place = solution.names.index("delay")
         if not solution.determined[place]:

@@ -57,7 +57,7 @@ class LogRecord(Record, frozen=True):
     **Arguments**
     - `source`, `sha256`: file and digest. - `zero`: its angles are zero at the first sample
       ("start") or at the encoder reading zero ("reading").
-    - `start`: start angles. - `zero_readings`: shaft → see `_zero_reading`.
+    - `start`: start angles. - `zero_readings`: shaft → encoder reading, see `_zero_reading`.
     - `samples`: number of samples read, used, used on each flank, and not used (masked).
     - `alone`: what this log alone shows.
     """

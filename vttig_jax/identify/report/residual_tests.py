@@ -25,7 +25,7 @@ from ..preliminary.linear_fit import LinearFit
 from ..solve.residuals import Weights
 from .checks import HiddenShaft, JoinedLine, ResidualLine, Whiteness
 
-_LAGS = 20  # lags of the autocorrelation; chosen value
+_LAGS = 20  # number of lags of the autocorrelation; chosen value
 _HIGHEST = 12.0
 """Highest frequency of the search for lines, cycles per driving revolution."""
 
@@ -35,12 +35,13 @@ _ROWS_PER_MULTIPLE = 2.0
 the frequency of a multiple is known and cannot be confused with an alias."""
 
 _ROWS_KEPT = 4.0  # rows per cycle of the highest frequency after averaging long logs; chosen value
-_LEAST_ROWS = 100  # innovations for the test of whiteness; chosen value
+_LEAST_ROWS = 100  # fewest innovations for the test of whiteness; chosen value
 _MOST_CELLS = 50_000  # largest size (rows × regressors) of a search with regressors; chosen value
 _MOST_LINES = 3  # lines per search; chosen value
 _WITHIN = 3.0  # standard errors within which two frequencies are the same; chosen value
 _TOLD = 0.02
-"""Below this standard error, in driven orders, a frequency is compared with the driven orders."""
+"""A line is compared with the whole orders of the driven shaft if the standard error of its
+frequency is below this, in cycles per driven revolution."""
 
 _CERTAIN = 1e-6  # a hidden shaft is searched from lines with a lower false alarm rate; chosen value
 _FALSE_ALARM = 1e-3  # largest false alarm probability of a reported line; chosen value
@@ -299,8 +300,8 @@ def _affordable(runs: list[LineRun], highest: float) -> list[LineRun]:
 def _is_beside(term: AnyTerm, terms: TermPlan) -> bool:
     """Return whether a harmonic is a regressor in the search for lines.
 
-    The tied second-order terms of the exact relation are not, because they follow from the first
-    orders. As free regressors they would absorb a second order that the model misses.
+    The tied second-order terms of the exact relation are no regressors, because they follow from
+    the first orders. As free regressors they would absorb a second order that the model misses.
     """
     return term not in SECOND_ORDER or term in [h.term for h in terms.free]
 
