@@ -225,7 +225,8 @@ def _chains(
 ) -> Chains:
     """Return the draws as `Chains`, in which every NUTS chain is an ensemble of one walker.
 
-    `points` are the draws without the warm-up, and `acceptance` is the acceptance rate of each.
+    `points` are the draws without the warm-up, and `acceptance` is the acceptance rate of every
+    draw of every chain.
     """
     count, steps, _ = points.shape
     draws = points[:, :, None]

@@ -52,8 +52,8 @@ def sample(
     are sampled too. Parameters that the fit marks as undetermined are not sampled.
 
     The walkers start from weighted draws of a Student t distribution around the fit, so that no
-    burn-in is needed; where the weights cannot be trusted (Pareto k̂ > 0.7), they start from the
-    normal approximation and a quarter of the chains is discarded.
+    burn-in is needed. If the weights cannot be trusted (Pareto k̂ > 0.7), the walkers start from the
+    normal approximation of the fit, and the first quarter of the chains is discarded.
 
     **Arguments**
     - `fit`: result of `fit`, or a fit read back from a run folder.
@@ -65,8 +65,8 @@ def sample(
     - `until`: stop rule; by default chains of 50 autocorrelation times and R-hat ≤ 1.01.
     - `ensembles`, `walkers`: number of independent ensembles (4 or more) and of walkers in each.
     - `checkpoint`: HDF5 file, updated every 5 s.
-    - `resume`: continue the checkpoint if there is one, else start; the draws equal those of an
-      uninterrupted run.
+    - `resume`: continue the checkpoint if there is one, otherwise start a new run; the draws equal
+      those of an uninterrupted run.
     - `overwrite`: replace an existing checkpoint.
     - `progress`: function called after every block of steps.
 

@@ -118,7 +118,11 @@ class FitTarget:
 
 
 def is_physical(name: str) -> bool:
-    """Return whether the forward-model parameter of this name is sampled if it is determined."""
+    """Return whether a forward-model parameter of this name is physical, so that it can be sampled.
+
+    Physical parameters are constant backlash, delay, and the components of eccentricities, first
+    orders and encoder errors.
+    """
     if name in ("constant_backlash", "delay"):
         return True
     return name.startswith(_SHAFTS) and name.endswith(_AXES)

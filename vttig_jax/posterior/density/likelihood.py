@@ -151,8 +151,9 @@ def likelihood_of(
 ) -> Likelihood:
     """Return the likelihood of the `sampled` parameters under autoregressive noise of this order.
 
-    Every other parameter is integrated out with its column of `jacobian`, because the forward model
-    is linear in all parameters except the eccentricities. `values` are the parameters of the fit.
+    Every other parameter is integrated out with its column of `jacobian`. This is exact for all
+    parameters except eccentricities, in which the forward model is not linear. `values` are the
+    parameters of the fit.
     """
     names = list(relation.names)
     nuisance = [k for k, name in enumerate(names) if name not in sampled]

@@ -206,8 +206,8 @@ def _half_width(
 ) -> Float[np.ndarray, " d"]:
     """Return the half-widths of the box, infinite for the log std.
 
-    A partial autocorrelation moves at most half of its distance from ± `LARGEST`, so that the noise
-    is stationary in the whole box.
+    For a partial autocorrelation it is at most half of the distance from the centre to ± `LARGEST`,
+    so that the noise is stationary in the whole box.
     """
     half_width = _WIDTHS * np.sqrt(np.diag(covariance))
     half_width[sampled] = np.inf

@@ -121,9 +121,10 @@ def orthogonal_columns(
 def _columns(
     likelihood: Likelihood, tied: Float[np.ndarray, "flanks tied"]
 ) -> tuple[Float[np.ndarray, "flanks q c"], int]:
-    """Return all columns as combinations of the columns of U, and how many are integrated out.
+    """Return the coefficients of all columns in U, and the number of integrated-out columns.
 
-    `triangles` (F) turns combinations of the columns of Z = U F into combinations of those of U.
+    A column is a linear combination of the columns of U. Its coefficients are those in the columns
+    of Z = U F, multiplied by F (`triangles`).
     """
     triangles, free = np.asarray(likelihood.triangles), likelihood.free
     spread = np.asarray(likelihood.spread)

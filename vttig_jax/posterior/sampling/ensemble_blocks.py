@@ -106,7 +106,7 @@ def start(
 def warm_up(density: CheckedDensity, points: Float[np.ndarray, "ensembles walkers d"]) -> None:
     """Compile the density before the first step, by one evaluation.
 
-    It has as many points as each evaluation of a step: half of the walkers of every ensemble.
+    The number of points is that of each evaluation in a step: half of the walkers of all ensembles.
     """
     density(points[:, ::2].reshape(-1, points.shape[-1]))
 
@@ -114,7 +114,7 @@ def warm_up(density: CheckedDensity, points: Float[np.ndarray, "ensembles walker
 def check_same_density(density: CheckedDensity, record: Record, path: Path) -> None:
     """Check that the density of the first ensemble at its last points equals the stored values.
 
-    It differs if the code has changed since the checkpoint `path` was written.
+    They differ if the code has changed since the checkpoint `path` was written.
 
     **Raises** `InputError` that names the point with the largest difference.
     """

@@ -34,7 +34,7 @@ class Chains:
     - `steps`: steps made by every ensemble.
     - `discarded`: burn-in in steps, 0 if the walkers started in the posterior.
     - `identity`: JSON values that identify the density, see `Target`.
-    - `state`: state of the sampler for a checkpoint; None for draws of another sampler.
+    - `state`: state of the sampler for a checkpoint; None for NUTS, which has no checkpoints.
     """
 
     names: tuple[str, ...]
@@ -119,8 +119,8 @@ def run_ensembles(
     - `until`: stop rule (default `Until()`), evaluated after 1000, 1200, 1600 … steps.
     - `seed`: seed of the random numbers; equal seeds give equal draws.
     - `checkpoint`: HDF5 file, updated every 5 s, at the end and on an interrupt.
-    - `resume`: continue the checkpoint if there is one, else start; the draws equal those of an
-      uninterrupted run.
+    - `resume`: continue the checkpoint if there is one, otherwise start a new run; the draws equal
+      those of an uninterrupted run.
     - `overwrite`: replace the checkpoint. The old file stays until a new one is written.
     - `progress`: function called after each block of 200 steps.
     - `thin`: store every `thin`-th step. Neighbouring steps differ little (τ is tens of steps), so

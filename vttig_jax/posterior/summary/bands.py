@@ -33,9 +33,11 @@ class Band:
     **Arguments**
     - `probability`: probability of both bands.
     - `centre`, `std`: mean and standard deviation of the draws, shape (n,).
-    - `low`, `high`: equal-tailed interval at each point; it holds the curve at *one* point.
-    - `low_simultaneous`, `high_simultaneous`: centre ∓ `critical` · std; holds the *whole* curve.
-    - `critical`: quantile of the largest deviation in standard deviations (sup-t).
+    - `low`, `high`: equal-tailed interval at each point; it contains the curve at any *one* point.
+    - `low_simultaneous`, `high_simultaneous`: centre ∓ `critical` · std; the band between them
+      contains the *whole* curve.
+    - `critical`: quantile, over the draws, of the largest deviation of a draw from the centre in
+      standard deviations (sup-t).
     """
 
     probability: float

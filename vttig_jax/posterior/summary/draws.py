@@ -221,7 +221,7 @@ def batches(
     The steps of every ensemble are divided into `stretches` equal parts, and each part is a batch.
     Draws of different batches are nearly independent, so the scatter of the batch means gives the
     Monte-Carlo error of their mean. `chosen` are indices of the flattened draws, and `shape` is
-    their shape (ensembles, steps, walkers) before.
+    (ensembles, steps, walkers), the shape of the draws.
     """
     _, steps, walkers = shape
     step = chosen // walkers % steps
@@ -277,7 +277,7 @@ class SmallestGap:
     - `gap`: smallest backlash of every draw, rad of the driven gear, shape (m,).
     - `driving_angle`: driving angle of that gap, rad, within the hunting period.
     - `batch`: batch of every draw, shape (m,); different batches are independent.
-    - `upper`: upper limit of the smallest gap from the band of all draws, rad, 97.5 %.
+    - `upper`: 97.5 % upper limit of the smallest gap, rad, from an upper band of the gap.
     """
 
     pair: GearPair | Drive
@@ -292,7 +292,7 @@ class SmallestGap:
 
         The lower limit and the median are quantiles of the draws. Uncertain orders make the curve
         of a draw uneven, so that its smallest value lies below the true one. The upper limit is
-        therefore at least that of the band, which does not share this error.
+        therefore at least `upper`, which comes from a band and does not have this error.
         """
         low, median, high = (float(part) for part in np.quantile(self.gap, _TAILS))
         return low, median, max(high, self.upper)

@@ -82,7 +82,10 @@ class Posterior(PlottedResult):
 
     @property
     def widening(self) -> float:
-        """Largest ratio of the standard error of a sampled parameter to that of the noise model."""
+        """Largest ratio of the final to the noise-model standard error of a sampled parameter.
+
+        The fit records these ratios; 1 without a record.
+        """
         evidence = self.fit.evidence
         if evidence is None:
             return 1.0
@@ -165,7 +168,7 @@ class Posterior(PlottedResult):
         return [np.asarray(filter_of(row)) for row in partial], innovation, std
 
     def probability_of_binding(self, closing_mm: float) -> Share:
-        """Return the fraction of draws in which an axial closing, mm, binds, and its error."""
+        """Return the share of draws in which an axial closing, mm, binds, with standard error."""
         return self.smallest_gap.probability_of_binding(closing_mm)
 
     def save(self, folder: str | Path, *, overwrite: bool = False, figures: bool = True) -> None:
@@ -279,7 +282,7 @@ def _row(parameter: PosteriorParameter) -> list[str]:
 
 
 def decimals(std: float, value: float) -> int:
-    """Return the decimals that show two digits of a standard deviation."""
+    """Return the number of decimals for two digits of `std`, or for eight of `value` if it is 0."""
     import math
 
     size = std if std > 0 else abs(value) * 1e-6

@@ -167,7 +167,7 @@ def predictive(posterior: Posterior, replicates: int = 500, seed: int = 0) -> Pr
     **Arguments**
     - `posterior`: posterior whose fit holds the block means.
     - `replicates`: number of simulated logs, at least 40.
-    - `seed`: seed of the noise of the replicates.
+    - `seed`: seed of the choice of the draws and of the noise of the replicates.
     """
     if replicates < 40:
         raise ValueError(f"Argument `replicates` must be at least 40, but is {replicates}.")
