@@ -23,11 +23,11 @@ Values = Float[np.ndarray, " n"]
 def smoothed_log_weights(log_weights: Values) -> tuple[Values, float]:
     """Return normalised, Pareto-smoothed log-weights and the shape k̂ of their tail.
 
-    The tail consists of the min(0.2 n, 3 √n) largest weights. Those that exceed all weights below
-    the tail are smoothed if there are at least five of them; otherwise no weight is smoothed. k̂ is
-    then infinite, or −∞ if none of them does, although the tail has five. Weights of zero (−∞) stay
-    zero. If all weights are zero or the largest is no finite number, the result is equal weights
-    and an infinite k̂.
+    The tail is the min(0.2 n, 3 √n) largest weights. The weights of the tail that are larger than
+    all weights below it are smoothed if they are at least five. If there are fewer of them or the
+    tail has fewer than five weights, nothing is smoothed and k̂ is infinite; if a tail of five or
+    more has none of them, k̂ is −∞. Weights of zero (log-weight −∞) stay zero. If all weights are
+    zero or the largest is not finite, the weights are equal and k̂ is infinite.
 
     **Example**
     ```python
