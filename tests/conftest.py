@@ -1,5 +1,5 @@
-# ruff: noqa: E402 -- threads, import hook and 64-bit mode are set before what they govern
-"""What every test shares: double precision, checked annotations, quiet threads, the paper's rig."""
+# ruff: noqa: E402 -- threads, import hook and 64-bit mode are set before the imports they affect
+"""Setup and fixtures of all tests: 64-bit mode, checked annotations, threads, the paper's rig."""
 
 import atexit
 import ctypes
@@ -8,17 +8,17 @@ import os
 import shutil
 import tempfile
 
-# The linear algebra pools read these once, when numpy is imported.
+# The thread pools of linear algebra read these variables once, when numpy is imported.
 for _pool in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_pool, "1")
 os.environ.setdefault("MPLBACKEND", "Agg")
 
-# Workers, notebooks and commands in processes of their own share what one of them has compiled.
+# Test workers, notebooks and commands in separate processes share the compiled programs.
 if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
     _programs = tempfile.mkdtemp(prefix="vttig-tests-")
     atexit.register(shutil.rmtree, _programs, ignore_errors=True)
     os.environ["JAX_COMPILATION_CACHE_DIR"] = _programs
-    # Most programs are small and compile in 30 ms; to read one back takes a few.
+    # Most programs are small and compile in 30 ms; reading one from the folder takes a few ms.
     os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
 
 from collections.abc import Iterator
@@ -32,9 +32,9 @@ from hypothesis import settings
 
 from tests import checked_annotations
 
-# Before the first import of the package: its annotations are checked at run time from here on,
-# at the first calls of every function in every test.
-# The command line names types it imports only when a verb runs, which beartype cannot resolve.
+# This precedes the first import of the package: from here on, its annotations are checked at run
+# time, at the first calls of every function in every test. The command line is not checked, because
+# it imports some types only when a command runs, and beartype cannot resolve their names.
 ROOMS = (
     "base",
     "pair",
@@ -50,7 +50,7 @@ ROOMS = (
 )
 checked_annotations.install([f"vttig_jax.{room}" for room in ROOMS])
 
-import scipy.linalg  # noqa: F401 -- its BLAS is there before the threads are limited
+import scipy.linalg  # noqa: F401 -- its BLAS must be loaded before its threads are limited
 from threadpoolctl import threadpool_limits
 
 import vttig_jax
@@ -58,7 +58,7 @@ import vttig_jax
 # In a single process, plugins import numpy before the variables above are set.
 threadpool_limits(int(os.environ["OPENBLAS_NUM_THREADS"]), user_api="blas")
 vttig_jax.enable_x64()
-# Arrays of different rank do not broadcast: the code names the axes that it adds.
+# Broadcasting between arrays of different rank is an error: the code adds axes explicitly.
 jax.config.update("jax_numpy_rank_promotion", "raise")
 
 from vttig_jax.pair.eccentricities import Eccentricities
@@ -68,7 +68,7 @@ SELECTIONS = ("smoke", "portable")
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
-    """Do not import test files that have no test of the selection that is asked for."""
+    """Ignore test files that contain no test with the marker that the option -m selects."""
     marker = config.option.markexpr
     if marker not in SELECTIONS or not collection_path.match("test_*.py"):
         return None
@@ -82,18 +82,18 @@ settings.load_profile("vttig")
 
 
 _MOST_BYTES = 3 << 30
-"""Memory beyond which a worker of the tests lets go of the programs it has compiled."""
+"""Memory in bytes above which a test worker discards its compiled programs."""
 
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtest_setup() -> None:
-    """Check the annotations at the first calls of this test, those of its fixtures included."""
+    """Check annotations at the first calls of each function in this test and in its fixtures."""
     checked_annotations.next_test()
 
 
 @pytest.fixture(scope="module", autouse=True)
 def bounded_memory() -> Iterator[None]:
-    """Forget compiled programs, some megabytes each, when they have become many."""
+    """Discard the compiled programs after a module if the worker uses more than `_MOST_BYTES`."""
     yield
     usage = Path("/proc/self/statm")
     if not usage.exists():  # not Linux: a worker grows to some 6 GB
@@ -101,13 +101,13 @@ def bounded_memory() -> Iterator[None]:
     if int(usage.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") > _MOST_BYTES:
         jax.clear_caches()
         gc.collect()
-        with suppress(AttributeError):  # a C library that gives memory back by itself
+        with suppress(AttributeError):  # a C library without this function returns memory itself
             ctypes.CDLL(None).malloc_trim(0)
 
 
 @pytest.fixture(scope="session")
 def paper_pair() -> GearPair:
-    """Table 1 of the paper."""
+    """Gear pair of Table 1 of the paper."""
     return GearPair(
         Gear(45, 3.0, 3.0, 20.0),
         Gear(80, 3.0, 3.0, 20.0),
@@ -120,7 +120,7 @@ def paper_pair() -> GearPair:
 
 @pytest.fixture(scope="session")
 def paper_rig() -> Eccentricities:
-    """Table 2 of the paper with its constant backlash."""
+    """Eccentricities of Table 2 of the paper, and the constant backlash of its rig."""
     return Eccentricities(
         driving_mm=0.0226,
         driving_phase_deg=49.5,
@@ -138,26 +138,26 @@ def _without_annotation_checks() -> Iterator[None]:
 
 @pytest.fixture
 def unchecked() -> Iterator[None]:
-    """Annotations are not checked, as for a user.
+    """Switch off the checks of annotations, which a user does not have either.
 
-    For tests of what a wrong argument then meets, and for studies that repeat hundreds of times
-    what other tests run with checks: the checks double the time of code on small arrays.
+    This is for tests of errors for wrong arguments, and for studies that repeat code hundreds of
+    times that other tests run with checks: the checks double the time of code on small arrays.
     """
     yield from _without_annotation_checks()
 
 
 @pytest.fixture(scope="module")
 def unchecked_module() -> Iterator[None]:
-    """As `unchecked`, for modules that run whole commands and examples as a user does.
+    """Switch off the checks of annotations for modules that run whole commands and examples.
 
-    Other tests check each part of what they call.
+    Other tests run each part of these commands with checks.
     """
     yield from _without_annotation_checks()
 
 
 @pytest.fixture(scope="session")
 def data_dir() -> Path:
-    """The folder of measured logs beside the repository; the test is skipped where it is absent."""
+    """Folder of measured logs beside the repository; without it, the test is skipped."""
     folder = Path(__file__).resolve().parents[2] / "shared" / "data"
     if not folder.is_dir():
         pytest.skip(f"the measured logs are not on this machine (looked for {folder})")

@@ -21,7 +21,7 @@ def as_for_a_user(unchecked_module) -> None:
 
 @pytest.fixture(scope="session")
 def rig_folder(tmp_path_factory) -> Path:
-    """A folder with the log of six turns of the paper's rig and back, and its pair file."""
+    """Folder with the pair file of the paper's rig, and a log of six turns forward and back."""
     folder = tmp_path_factory.mktemp("rig")
     rig = paper_rig(1, PassMotion(reversal_deg=2160.0))
     (folder / "log.csv").write_text(log_csv(rig.log(1)))
@@ -31,7 +31,7 @@ def rig_folder(tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="session")
 def run_folder(rig_folder) -> Path:
-    """The run folder of a fit of that log."""
+    """Run folder with a fit of the log in `rig_folder`."""
     out = rig_folder / "run"
     log, pair = str(rig_folder / "log.csv"), str(rig_folder / "pair.toml")
     assert main(["fit", log, "--pair", pair, "--out", str(out), "--no-figures"]) == 0
@@ -40,7 +40,7 @@ def run_folder(rig_folder) -> Path:
 
 @pytest.fixture
 def pair_file(tmp_path):
-    """Write a pair file with this text."""
+    """Function that writes a pair file with the given text and returns its path."""
 
     def write(text, name="pair.toml"):
         path = tmp_path / name
@@ -52,7 +52,7 @@ def pair_file(tmp_path):
 
 @pytest.fixture
 def vttig(capsys):
-    """Run `vttig` in this process: exit code, stdout, stderr."""
+    """Function that runs `vttig` in this process and returns exit code, stdout and stderr."""
 
     def run(*arguments) -> tuple[int, str, str]:
         capsys.readouterr()
@@ -64,7 +64,10 @@ def vttig(capsys):
 
 @pytest.fixture
 def vttig_json(vttig):
-    """Run `vttig --json`: exit code and the one object on stdout, valid under its schema."""
+    """Function that runs `vttig --json` and returns the exit code and the JSON object on stdout.
+
+    The object is validated with its schema.
+    """
 
     def run(*arguments) -> tuple[int, dict]:
         code, out, _ = vttig(*arguments, "--json")

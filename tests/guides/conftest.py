@@ -12,7 +12,7 @@ def as_for_a_user(unchecked_module) -> None:
 
 @pytest.fixture(scope="session")
 def demo(tmp_path_factory) -> Path:
-    """The folder that `vttig demo --out demo` leaves."""
+    """Folder that `vttig demo --out demo` has written."""
     out = tmp_path_factory.mktemp("demo") / "demo"
     assert main(["demo", "--out", str(out), "--quiet"]) == 0
     return out

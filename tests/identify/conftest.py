@@ -1,4 +1,4 @@
-"""Short runs of the paper's rig that many tests look at."""
+"""Short simulated logs of the paper's rig and their fits, which many tests share."""
 
 from dataclasses import replace
 
@@ -14,7 +14,7 @@ from vttig_jax.rig.synthetic import SyntheticRig
 
 @pytest.fixture(scope="session")
 def noisy_rig() -> SyntheticRig:
-    """Five turns forth and back, everything a real rig adds."""
+    """Rig with five turns forward and back, and with all errors and noise of a real rig."""
     return make_paper_rig(0, PassMotion(reversal_deg=1800.0))
 
 
@@ -30,7 +30,10 @@ def noisy_fit(noisy_rig, noisy_log) -> Fit:
 
 @pytest.fixture(scope="session")
 def clean_rig(paper_pair, paper_rig) -> SyntheticRig:
-    """Two eccentric gears and nothing else, no counts; a little over one hunting period."""
+    """Rig with the eccentricities as its only errors, and without encoder steps.
+
+    Its motion covers a little more than one hunting period.
+    """
     motion = PassMotion(speed_rpm=180.0, reversal_deg=6600.0, dwell_s=0.5)
     return SyntheticRig(paper_pair, paper_rig, motion, rate_hz=900.0)
 
@@ -47,7 +50,7 @@ def clean_fit(clean_rig, clean_log) -> Fit:
 
 @pytest.fixture(scope="session")
 def quick_rig() -> SyntheticRig:
-    """The noisy rig sampled as coarsely as its tooth mesh allows: fits in a tenth of a second."""
+    """The noisy rig at the lowest sampling rate that its tooth mesh allows; a fit takes 0.1 s."""
     return replace(make_paper_rig(0, PassMotion(reversal_deg=1800.0, dwell_s=0.5)), rate_hz=700.0)
 
 

@@ -1,4 +1,4 @@
-"""Fits made by hand: pictures need no identification."""
+"""Fits with chosen numbers: tests of pictures need no identification."""
 
 from collections.abc import Callable
 from fractions import Fraction
@@ -30,7 +30,10 @@ ORDERS = (
 
 @pytest.fixture(scope="session")
 def make_curve() -> Callable[..., TECurve]:
-    """A sine of 70″ on either flank, flank B backwards and 0.04° higher."""
+    """Function that returns a TE curve of one flank, a sine of 70″.
+
+    The curve of flank B runs backwards and is 0.04° higher.
+    """
     return made_curve
 
 
@@ -46,7 +49,7 @@ def made_curve(
 
 @pytest.fixture(scope="session")
 def make_fit(paper_pair) -> Callable[..., Fit]:
-    """A `Fit` with the curves, orders and names asked for."""
+    """Function that returns a `Fit` with the given curves, orders, source and pair."""
 
     def make(
         curves=None,
@@ -96,7 +99,7 @@ def make_fit(paper_pair) -> Callable[..., Fit]:
 
 @pytest.fixture(scope="session")
 def worm_fit(make_fit) -> Fit:
-    """One direction of a drive: flank B was never seen and its model holds NaN."""
+    """Fit of a drive that turned in one direction: the model of flank B contains NaN."""
     return make_fit(
         curves=(made_curve("A"),),
         orders=(Order("driving", 1, "A", 3.8, 0.05, 68.0),),

@@ -1,4 +1,4 @@
-"""A short run of the paper's rig, fitted once."""
+"""A short simulated log of the paper's rig, and its fit, which the tests share."""
 
 from dataclasses import replace
 
@@ -13,7 +13,7 @@ from vttig_jax.rig.synthetic import SyntheticRig
 
 @pytest.fixture(scope="session")
 def quick_rig() -> SyntheticRig:
-    """Five turns forth and back, sampled as coarsely as the tooth mesh allows."""
+    """Rig with five turns forward and back, at the lowest sampling rate that its mesh allows."""
     return replace(paper_rig(0, PassMotion(reversal_deg=1800.0, dwell_s=0.5)), rate_hz=700.0)
 
 

@@ -1,4 +1,4 @@
-"""Accumulators of a run: sums, extremes and first times, updated in every period."""
+"""Accumulators of a run: sums, extremes and first times, updated in every period and plant step."""
 
 from dataclasses import fields, replace
 
@@ -46,11 +46,13 @@ class Accumulators(eqx.Module):
       at the end of the run does not belong to the reversal.
     - `retracted`: whether the controller closed the gap again after `opened`.
     - `largest_command`: largest command until `opened`.
-    - `interference`: largest distance by which the closed gap held the actuator back, likewise.
+    - `interference`: largest distance by which the closed gap held the actuator back until
+      `opened`.
     - `travel`, `farthest`: path length and farthest position of the actuator until `retracted`.
     - `following_error`: largest tracking error of a servo motor, rad. - `limited_s`: time of the
       motor at its torque limit. - `forced`: whether the teeth exceeded the actuator's force limit.
-    - `commanded`: last command. - `blocked`, `blocked_s`: whether and since when the drive blocks.
+    - `commanded`: last command, mm. - `blocked`, `blocked_s`: whether and since when the drive is
+      blocked by contact on both flanks.
     """
 
     samples: Float[Numbers, "*shape"]

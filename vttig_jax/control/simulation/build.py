@@ -164,7 +164,7 @@ def case_of(
 
 
 class CaseParts(NamedTuple):
-    """Fields of a `Case` by name. Equal parts of several cases are the same object in a builder."""
+    """Fields of a `Case` by name. In one builder, equal parts of several cases are one object."""
 
     motion: Motion
     bounds: Bounds
@@ -317,7 +317,11 @@ class Builder:
         return actuator_of(self.pair, *arguments)
 
     def _located(self, spec: ScenarioSpec, bounds: Bounds, motion: Motion) -> Controller:
-        """Return the controller with the map of the driving turn at which it assumes to start."""
+        """Return the controller, or a `LostController` if it cannot locate its driving turn.
+
+        If the controller locates a wrong turn of the hunting period, its map is shifted by this
+        error.
+        """
         source, turns = spec.judgement.turn, None
         if source == "known" or spec.controller == "none":
             turns = 0
@@ -376,7 +380,7 @@ class Builder:
 
 
 def _believed(spec: ScenarioSpec) -> EccentricityTable:
-    """Return the eccentricities of the controller's map: [map], and the true ones for the rest."""
+    """Return the eccentricities of the controller's map: those in [map], else the true ones."""
     assert spec.eccentricities is not None  # checked where the scenario is read
     values = {name: value for name, value in plain_table(spec.map).items() if value is not None}
     return structs.replace(spec.eccentricities, **values)

@@ -1,6 +1,7 @@
 """Case of a simulation that is ready to run, and its loop over the controller periods.
 
-The numbers of a case are arrays. Choices, such as the kind of controller, are classes of its parts.
+The numbers of a case are arrays of JAX or NumPy. Choices, such as the kind of controller, are the
+classes of its parts, and decide which program is compiled.
 """
 
 from typing import Any
@@ -27,7 +28,8 @@ class Case(eqx.Module):
     """Simulated rig with the motion of its driving shaft and with its controller.
 
     **Arguments**
-    - `motion`, `bounds`, `plant`, `actuator`, `observer`, `controller`: parts of the case.
+    - `motion`: motion of the driving shaft. - `bounds`: TE on flank A and flank B over its angle.
+    - `plant`, `actuator`, `observer`, `controller`: further parts of the case.
     - `driving_sensor`, `driven_sensor`: encoders that the controller reads.
     - `period`: period of the controller, s. - `seed`: seed of the encoder noise.
     - `sense`: 1 if the run begins forwards, −1 if backwards.
@@ -55,10 +57,12 @@ class Case(eqx.Module):
 
 
 class State(eqx.Module):
-    """State of a run at the start of a period.
+    """State of a run at the start of a controller period.
 
-    - `shafts`, `carriage`: states of both shafts and the actuator. - `estimate`: of the observer.
-    - `controller`, `motor`: states of the controller and the drive. - `accumulators`: so far.
+    - `shafts`, `carriage`: states of both shafts and the actuator.
+    - `estimate`: motion of the driving shaft that the observer estimates.
+    - `controller`, `motor`: states of the controller and the drive.
+    - `accumulators`: sums, extremes and first times of the run so far.
     - `lead`: angle by which the driving shaft leads its motion; None if the controller sets none.
     - `target`: present point of the motion; None if the driving shaft follows it exactly.
     """
@@ -127,7 +131,7 @@ def _can_deviate(case: Case) -> bool:
 
 
 def trace_periods(case: Case, state: State, periods: Int[Array, " n"]) -> tuple[State, Sample]:
-    """Run the given periods and return the last state and a sample of each period.
+    """Run the given periods from `state` on; return the last state and a sample of each period.
 
     `periods` holds consecutive numbers of controller periods, counted from 0 at the time 0.
     """
@@ -139,7 +143,7 @@ def trace_periods(case: Case, state: State, periods: Int[Array, " n"]) -> tuple[
 
 
 def run_periods(case: Case, state: State, periods: Int[Array, " n"]) -> State:
-    """Run the given periods and return the last state; see `trace_periods`."""
+    """Run the given periods from `state` on and return the last state; see `trace_periods`."""
 
     def step(state: State, number: Int[Array, ""]) -> tuple[State, None]:
         return _period(case, state, number)[0], None

@@ -39,7 +39,7 @@ METRICS = (
 )
 
 NEAR_MM = 1e-4
-"""Axial displacement up to which a displacement counts as zero, mm; a chosen tolerance."""
+"""Axial displacements up to this value, in mm, count as zero; a chosen tolerance."""
 
 
 class MetricInputs(eqx.Module):
@@ -49,8 +49,10 @@ class MetricInputs(eqx.Module):
     - `closing`: TE change per axial displacement on the flank that carries first, rad/mm.
     - `braking_s`, `turns`: start of braking, s, and whether the motion turns back.
     - `idle`: whether the controller is of a kind that never closes the gap.
-    - `lost`: whether the turn could not be located. - `stroke`: stroke of the actuator, mm.
-    - `turn_s`, `turn`: time and driving angle of the turn, s and rad. - `ratio`: i.
+    - `lost`: whether the controller could not locate its turn within the hunting period.
+    - `stroke`: stroke of the actuator, mm.
+    - `turn_s`, `turn`: time (s) and driving angle (rad) at which the motion turns back.
+    - `ratio`: ratio i of the driven to the driving speed.
     """
 
     sense: Float[Numbers, "*shape"]
@@ -87,7 +89,8 @@ def metrics_of(
 ) -> dict[str, Float[Numbers, "*shape"]]:
     """Return the metrics by name; NaN for events that did not happen.
 
-    NumPy arrays give NumPy arrays. The crossing is the first contact with the other flank.
+    NumPy arguments give NumPy arrays, JAX arguments give JAX arrays. The crossing is the first
+    contact with the other flank.
 
     - `te_mean_deg`, `te_max_deg`, `te_min_deg`: transmission error from both encoder readings,
       relative to the first sample.

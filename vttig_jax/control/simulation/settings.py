@@ -25,7 +25,8 @@ def with_settings(owner: _Owner, settings: Mapping[str, Any]) -> _Owner:
     JAX may trace the values, so derivatives with respect to them work. They are not checked.
 
     **Arguments**
-    - `owner`: case or window. - `settings`: dotted key → value in the unit of the key.
+    - `owner`: case, or window (the part of a run around the turn, which `tune` simulates).
+    - `settings`: dotted key → value in the unit of the key.
 
     **Raises** `ValueError` for a key that the controller of the case does not use.
 

@@ -132,7 +132,7 @@ def periods_of(case: Case | CaseParts) -> int:
 def run_in_chunks(
     case: Case, trace_every: int = 0, progress: Callable[[int, int], None] | None = None
 ) -> tuple[State, Trace | None]:
-    """Run a case in chunks, between which Ctrl-C is handled; return the last state and the trace.
+    """Run a case in chunks, between which Ctrl-C can interrupt it; return last state and trace.
 
     `trace_every`: see `simulate`. `progress` is called with the number of finished periods and the
     number of all periods.

@@ -64,7 +64,10 @@ def _same(first: np.ndarray, second: np.ndarray) -> bool:
 
 
 def varying(samples: Sequence[CaseLeaves]) -> tuple[bool, ...]:
-    """Return for each array of the cases of one structure whether it differs between them."""
+    """Return, for each array of a case, whether it differs between the cases `samples`.
+
+    All cases must have one structure.
+    """
     first = samples[0].leaves
     return tuple(
         any(not _same(sample.leaves[index], leaf) for sample in samples[1:])
@@ -148,7 +151,7 @@ class BatchRunner:
         args: tuple[Any, ...],
         device: Any,
     ) -> Callable[..., Any]:
-        """Return a compiled program. If several threads need the same one, only one compiles it."""
+        """Return a compiled program; if several threads need the same one, only one compiles it."""
         key = function, batch.structure, batch.batched, batch.lanes, choices, device.id
         with self._lock:
             own, known = Future[Callable[..., Any]](), self._compiled.get(key)

@@ -113,14 +113,17 @@ class SweepWork:
         return -(-len(self.cases) // self.block_size)
 
     def run(self, number: int, progress: Callable[[int], None]) -> Rows:
-        """Return the rows of a block; `progress` gets finished lane-steps, without filled lanes."""
+        """Return the rows of a block; `progress` gets the number of further finished lane-steps.
+
+        Lanes that are only filled with copies are not counted.
+        """
         with closing(self.run_blocks([number], progress)) as blocks:
             return next(blocks)[1]
 
     def run_blocks(
         self, numbers: Sequence[int], progress: Callable[[int], None]
     ) -> Generator[tuple[int, Rows]]:
-        """Yield number and rows of blocks; the next block is built while one runs."""
+        """Yield number and rows of the blocks; the next block is built while a block runs."""
         with ParallelRuns(len(self.runner.devices)) as parallel:
             started = deque[_Started]()
             for number in numbers:

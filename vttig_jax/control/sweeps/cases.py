@@ -29,7 +29,7 @@ DRAW = "draw"
 """Name of the axis of rigs drawn from a posterior; this axis varies slowest."""
 
 _MOST_TEXTS = 16
-"""Largest number of values of a text axis of which all are examined; a chosen value."""
+"""All values of a text axis are examined if there are at most this number of them; chosen value."""
 
 _RIG = (
     "driving_mm",
@@ -131,7 +131,8 @@ class SweepCases:
     def representative_cases(self) -> list[int]:
         """Return the numbers of cases in which one axis at a time differs from the first case.
 
-        An axis takes its second and last value; a text axis takes all values.
+        A numeric axis takes its second and last value, a text axis all its values. The last case of
+        the sweep is included.
         """
         numbers = {0: None, len(self) - 1: None}
         stride = len(self)
@@ -144,7 +145,10 @@ class SweepCases:
         return list(numbers)
 
     def _indices(self, number: int) -> list[int]:
-        """Return the index of the value on each axis (or group of axes), slowest axis first."""
+        """Return the index of the value on each axis, or group of axes that advance together.
+
+        The axis that varies slowest comes first.
+        """
         indices = []
         for length in reversed(self._lengths):
             number, index = divmod(number, length)

@@ -46,10 +46,11 @@ def run_blocks(
     done: Callable[[int, Rows], None],
     progress: Callable[[int], None],
 ) -> int:
-    """Run blocks on the workers of a scheduler; a block of a lost worker is given to another one.
+    """Run blocks on the workers of a scheduler; if a worker is lost, another one runs its block.
 
-    `block(number, shared)` returns the number, the amount for `progress` and the rows of a block.
-    Every worker process compiles by itself. `done` is called with each finished block.
+    `block(number, shared)` returns the block number, the amount of work for `progress`, and the
+    rows of the block. Every worker process compiles its own programs. `done` is called with number
+    and rows of each finished block.
 
     **Returns** the number of workers at the beginning.
 
@@ -116,7 +117,7 @@ def _block(number: int, shared: Recipe) -> tuple[int, int, Rows]:
 
 
 _WORK: dict[str, SweepWork] = {}
-"""Compiled programs of this worker by the header of their sweep."""
+"""Header of a sweep → its work with the compiled programs of this worker; at most one sweep."""
 
 
 def _work(recipe: Recipe) -> SweepWork:

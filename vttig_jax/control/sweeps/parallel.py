@@ -14,11 +14,11 @@ from typing import TypeVar
 _Result = TypeVar("_Result")
 
 Follow = Callable[[int], None]
-"""Function that is called with finished steps."""
+"""Function that is called with the number of further finished steps."""
 
 
 class ParallelRuns:
-    """Threads for up to `places` simultaneous runs, used as a context manager.
+    """Threads for up to `places` simultaneous runs, one per device, used as a context manager.
 
     An exception in the `with` block, such as Ctrl-C, ends every run at its next progress report.
     """

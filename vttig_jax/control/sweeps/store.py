@@ -44,8 +44,9 @@ class SweepFolder:
     Every block is written atomically to its own file, so that `resume` continues with the missing
     blocks after a kill. `header` identifies the sweep; a different sweep is not continued.
 
-    **Raises** `UsageError` for a folder with a sweep without `resume` or `overwrite`, and for a
-    second writer; `InputError` for a different sweep, a full disk, or missing permissions.
+    **Raises** `UsageError` for a folder with a sweep without `resume` or `overwrite`, and while
+    another process writes to it; `InputError` for a different sweep, a full disk, or missing
+    permissions.
     """
 
     def __init__(
@@ -205,7 +206,7 @@ class SweepFolder:
     def _leave(self) -> None:
         for target in (self.table, self.path / self.names.header):
             remove_abandoned(target)
-        # Unlinked while held: `filelock` detects that a new lock has lost its file.
+        # The file is removed while the lock is held: `filelock` detects that a lock lost its file.
         with suppress(OSError):
             (self.path / _LOCK).unlink()
         self._lock.release()
@@ -215,7 +216,7 @@ class SweepFolder:
 
 
 class Memory(AbstractContextManager["Memory"]):
-    """Store of the blocks of a sweep without a folder."""
+    """Store that keeps the blocks of a sweep in memory, for a sweep without a folder."""
 
     def __init__(self) -> None:
         self._blocks: dict[int, Rows] = {}
@@ -233,7 +234,7 @@ class Memory(AbstractContextManager["Memory"]):
         self._blocks[number] = rows
 
     def finish(self, blocks: int) -> Rows:
-        """Concatenate all blocks."""
+        """Return the columns of all blocks, concatenated."""
         parts = [self._blocks[number] for number in range(blocks)]
         return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 

@@ -57,8 +57,9 @@ def sweep(
     - `believed`: rig whose map the controllers use, such as the fit behind the draws. By default
       the controllers use [map] of the file, and the exact map of each rig for absent keys.
     - `out`: folder for `sweep.parquet`, which is written block by block.
-    - `resume`: continue with the blocks that are missing in `out`; start where it holds no sweep,
-      and return a complete table as it is. - `overwrite`: start again.
+    - `resume`: continue with the blocks that are missing in `out`. If `out` holds no sweep, start
+      from the beginning; if it holds the complete table, return that table.
+    - `overwrite`: replace the sweep in `out`.
     - `devices`: number of JAX devices, by default all.
     - `dask`: address of a dask.distributed scheduler, whose workers get the blocks.
     - `announce`: is called with the estimated cost before the sweep starts.
@@ -169,7 +170,10 @@ def _run_blocks(
     progress: Callable[[int], None],
     dask: str | None,
 ) -> int:
-    """Run and write the blocks `todo` here or on a cluster; return the devices or workers."""
+    """Run and write the blocks `todo`, in this process or on a cluster.
+
+    **Returns** the number of devices or workers.
+    """
     if dask is not None:
         from .cluster import on_cluster
 
@@ -217,7 +221,7 @@ def _runner(devices: int | None) -> BatchRunner:
 
 
 def _refusals(work: SweepWork, columns: Rows) -> tuple[tuple[int, str], ...]:
-    """Return the first refused case of each reason, and the reason."""
+    """Return the first examined refused case of each reason, as pairs (case number, reason)."""
     refused = columns["case"][columns["outcome"] == REFUSED]
     examined = refused[np.linspace(0, len(refused) - 1, min(len(refused), _EXAMINED)).astype(int)]
     reasons: dict[str, int] = {}

@@ -144,7 +144,7 @@ def read_sweep(folder: str | Path) -> SweepTable:
 
 
 def finished_sweep(recipe: Recipe, folder: Path) -> SweepTable | None:
-    """Return the complete table of this sweep in a folder, or None where cases are missing.
+    """Return the complete table of this sweep in a folder, or None if there is no complete table.
 
     **Raises** `InputError` for the table of another sweep.
     """
@@ -153,7 +153,7 @@ def finished_sweep(recipe: Recipe, folder: Path) -> SweepTable | None:
     found = read_sweep(folder)
     stored = json.loads((folder / HEADER).read_text("utf-8"))
     asked = json.loads(dumps(recipe.header))
-    # A complete table is not continued, so that other versions of packages do not matter.
+    # The versions of packages may differ, because a complete table is not continued.
     differing = [k for k in asked if k != "versions" and stored.get(k) != asked[k]]
     if differing:
         raise InputError(
