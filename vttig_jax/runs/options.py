@@ -65,7 +65,7 @@ class RunOptions(msgspec.Struct, frozen=True):
             raise UsageError(f"{name} compares several logs, but there is one; leave it out.")
 
     def check_drift(self, log: "EncoderLog") -> None:
-        """Raise `UsageError` if the drift spline would have more than `MOST_PIECES` over a log."""
+        """Raise `UsageError` if the drift spline has more than `MOST_PIECES` pieces over a log."""
         knots_s = self.settings.drift_knots_s
         duration_s = float(log.time[-1] - log.time[0])
         if knots_s is not None and duration_s > MOST_PIECES * knots_s:

@@ -23,7 +23,7 @@ MOST_ROWS = 40_000
 
 WINDOWS = 600
 LEAST = 4
-"""Number of windows over the whole log, and least number of rows per window."""
+"""Largest number of windows over the whole log (about), and least number of rows per window."""
 
 ORDERS = 4
 """Number of orders of each shaft in the fit."""
@@ -230,11 +230,11 @@ def _scaled(values: Float[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
 def _huber_residual(
     columns: Float[np.ndarray, "m p"], error: Float[np.ndarray, " m"]
 ) -> Float[np.ndarray, " m"]:
-    """Return the residual of a Huber fit of `error`, on which late readings have little influence.
+    """Return the residual of a Huber fit of `error` by `columns`; outliers have little influence.
 
     The fit uses one random row of every few neighbouring rows. `find_steps` fits the coefficients
     again together with the steps. Every iteration solves the weighted normal equations for a
-    correction of the coefficients; thus the rounding errors of the solution vanish.
+    correction of the coefficients, which removes rounding errors of earlier iterations.
     """
     few = _drawn(len(error), columns.shape[1])
     rows, left, weight = columns[few], error[few], np.ones(len(few))
@@ -252,8 +252,9 @@ def _huber_residual(
 def _drawn(count: int, columns: int) -> Int[np.ndarray, " few"]:
     """Return the indices of one random row from each block of neighbouring rows.
 
-    About `_FITTED` rows per column are drawn if there are so many. The choice within a block is
-    random, so that outliers at equal distances are not drawn every time.
+    `count` and `columns` are the numbers of rows and columns. About `_FITTED` rows per column are
+    drawn if there are so many. The choice within a block is random, so that outliers at equal
+    distances are not drawn every time.
     """
     step = max(1, count // (_FITTED * columns))
     first = np.arange(0, count - step + 1, step)
@@ -290,9 +291,10 @@ def _first_row_after(
     step: Step,
     correction: Float[np.ndarray, " m"],
 ) -> int:
-    """Return the first row of the log after the step, searched within two windows of `step`.
+    """Return the index in the log of the first sample after the step.
 
-    `correction` is the change of the fit of TE by the coefficients that belong to the step.
+    It is searched within two windows of `step`. `correction` is the change of the fitted TE by the
+    coefficients that were fitted together with the step.
     """
     low = int(edges[max(step.window - 2, 0)])
     high = int(edges[min(step.window + 2, len(edges) - 1)])

@@ -55,9 +55,9 @@ def find_steps(
     """Return the steps that raise the likelihood enough, in a fit together with other regressors.
 
     Steps are accepted together if they raise 2 ln L by at least `EVIDENCE` for each step, and if
-    steps of the coefficient of `rival` are not clearly better. The noise is
-    autoregressive with innovations of Student's distribution, and its order, its coefficients and
-    the degrees of freedom are fitted with and without the steps.
+    steps of the coefficient of `rival` are not clearly better. The noise is autoregressive with
+    innovations of Student's distribution. Its order, its coefficients and the degrees of freedom
+    are fitted with and without the steps.
 
     **Arguments**
     - `values`: the series, shape (w,). `columns`: regressors of other effects, shape (w, p).
@@ -91,8 +91,8 @@ class _Series:
     def places(self, shape: Float[np.ndarray, " w"]) -> list[int]:
         """Return up to `MOST` indices at which a step reduces the sum of squares most.
 
-        A step multiplies `shape` (ones for a step of the value) from its index on. The steps are
-        found one after the other.
+        The regressor of a step is 0 before its index and `shape` from its index on; ones give a
+        step of the value. The steps are found one after the other.
         """
         places: list[int] = []
         while len(self.values) >= 4 * NEAR and len(places) < MOST:
@@ -103,7 +103,11 @@ class _Series:
         return places
 
     def squares_ratio(self, shape: Float[np.ndarray, " w"], places: list[int]) -> float:
-        """Return n ln (sum of squares without steps / with steps at `places`), n values."""
+        """Return n ln (S₀ / S₁) with the number n of values.
+
+        S₀ is the sum of squares without steps, S₁ that with steps at `places`; see `places` for
+        `shape`.
+        """
         squares = []
         for used in ([], places):
             residual = _without(_basis(self._design(shape, used)), self.values)

@@ -1,4 +1,4 @@
-"""Coverage of a log: turns of each shaft and directions, as conditions for a fit."""
+"""Coverage of a log: turns of each shaft and directions, which decide what a fit can determine."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -53,7 +53,7 @@ def assigned_segments(log: EncoderLog) -> Segments:
 
 
 def _by_motion(log: EncoderLog, found: Segments) -> Segments:
-    """Return segments with flanks by the direction of motion, or by that of an overrunning load.
+    """Return segments with flanks by the direction of motion, or those of an overrunning load.
 
     `found` holds segments by the motion. The start of each run is masked until the driving shaft
     has crossed the gap that the log shows.

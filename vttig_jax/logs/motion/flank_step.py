@@ -1,4 +1,4 @@
-"""Step of the transmission error between the flanks, from a linear model of up to 1000 samples."""
+"""Step of the transmission error between the flanks, from a linear fit to up to 1000 samples."""
 
 import numpy as np
 from jaxtyping import Float, Int
