@@ -1,7 +1,7 @@
 """Interpolation of channels with separate time stamps to common time stamps.
 
-A channel that is sampled cyclically is interpolated linearly between its samples. The error of the
-interpolation is at most |a| h²/8 for an angular acceleration a and a sampling interval h. A channel
+A channel with a sample at every common time stamp is not interpolated. A channel that is sampled
+cyclically is interpolated linearly between its samples. The error of the interpolation is at most |a| h²/8 for an angular acceleration a and a sampling interval h. A channel
 of which only changes are logged ("held") keeps its value until one cycle before the next change,
 and is linear within that cycle.
 """
@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from jaxtyping import Float, Real
+from jaxtyping import Float, Int, Real
 
 from ..base.errors import LogError
 from ..base.units import ARCSEC
@@ -20,6 +20,9 @@ from .channel.unwrap import find_modulus, unwrap
 CYCLE = 1.5
 """In a channel of which only changes are logged, the value was constant in an interval longer than
 this many median intervals (chosen)."""
+
+SAME = 1e-6
+"""Stamps that differ by at most this fraction of the median interval are the same time (chosen)."""
 
 FEWEST = 4
 """Least number of samples of a channel, and of the common time of all channels (chosen)."""
@@ -87,9 +90,16 @@ def common_clock(channels: Mapping[str, ClockedChannel], source: str) -> "OneClo
         if len(channel.time) == len(stamps) and np.array_equal(channel.time, stamps):
             values[role] = channel.values[inside]
             continue
+        rows = _rows_at(channel.time, time)
+        if rows is not None:
+            values[role] = (
+                _continuous(channel)[rows] if channel.modulus is None else channel.values[rows]
+            )
+            notes.append(f"{role}: only its samples at the times of {slowest} are used")
+            continue
         values[role], steps[role] = _at(channel, time), step_of(channel.values)
         notes.append(f"{role}: brought onto the clock of {slowest}, {_bound(channel)}")
-    if notes:
+    if steps:
         notes.append("a constant offset between the clocks is part of the delay of the fit")
     return OneClock(time, values, tuple(notes), steps)
 
@@ -128,6 +138,15 @@ def _continuous(channel: ClockedChannel) -> np.ndarray:
         return values
     modulus = channel.modulus or find_modulus(values, channel.per_turn)
     return values if modulus is None else unwrap(values, modulus)
+
+
+def _rows_at(
+    stamps: Float[np.ndarray, " n"], time: Float[np.ndarray, " m"]
+) -> Int[np.ndarray, " m"] | None:
+    """Return the rows of `stamps` that are the times `time`, or None if one is missing."""
+    near = SAME * float(np.median(np.diff(stamps)))
+    rows = np.minimum(np.searchsorted(stamps, time - near), len(stamps) - 1)
+    return rows if np.all(np.abs(stamps[rows] - time) <= near) else None
 
 
 def _at(channel: ClockedChannel, time: Float[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:

@@ -181,6 +181,15 @@ def test_stamps_of_their_own_matter(read):
     assert any("part of the delay" in note for note in log.notes)
 
 
+def test_samples_at_the_same_times_are_taken_and_not_interpolated(read):
+    """Every second sample of the driving shaft lies at the time of one of the driven shaft."""
+    log = read(twincat())
+    assert log.driving.step == 0 and any("only its samples at the times" in n for n in log.notes)
+    assert not any("offset between the clocks" in one for one in log.notes)
+    written = np.array([float(f"{one:.6f}") for one in X[::2]])
+    assert np.array_equal(np.asarray(log.driving.reading), written)
+
+
 def test_a_value_of_which_only_changes_are_logged_is_held(read):
     """The shafts rest for 3 s; a straight line through the rest would be degrees off."""
     lines = []
