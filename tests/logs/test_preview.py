@@ -100,9 +100,37 @@ def test_text_without_a_header(tmp_path):
     named = preview_log(path, columns={"time": "#1", "driving": "#2", "driven": "#3"})
     assert [c.role for c in named.columns] == ["time", "driving", "driven"]
     assert named.sampling is not None and named.sampling.rate_hz == pytest.approx(10.0)
-    assert "driving: its name tells no unit" in flat(named)
+    assert "`#2` 0, 7.5, 15, … (0 … 367.5) for driving names no unit" in flat(named)
     with pytest.raises(LogError, match="no column #4; the log has 3"):
         preview_log(path, columns={"driving": "#4"})
+
+
+@pytest.mark.parametrize(
+    ("names", "asked"),
+    [
+        ("t_s,motor enc_deg,motor actual_deg,load_deg", "2 columns can be driving"),
+        ("t_s,motor_deg,load_deg,output_deg", "2 columns can be driven"),
+        ("t_s,motor Soll_deg,x_deg,load_deg", "says a setpoint"),
+        ("t_s,a,b,c", "no column name says driving and driven"),
+    ],
+)
+def test_a_question_on_the_shafts_does_not_hide_the_time(tmp_path, names, asked):
+    """`fit` takes the same time column as soon as the shafts are named."""
+    path = tmp_path / "log.csv"
+    rows = (f"{k / 10},{x},{x + 0.25},{x / 2}\n" for k, x in enumerate(ANGLES[0] % 300))
+    path.write_text(names + "\n" + "".join(rows))
+    seen = preview_log(path)
+    assert [c.name for c in seen.columns if c.role == "time"] == ["t_s"]
+    assert seen.sampling is not None and asked in flat(seen)
+    assert "no column is certainly the time" not in flat(seen) and seen.fit_command == ""
+
+
+def test_all_questions_are_asked_at_once(tmp_path):
+    path = tmp_path / "log.csv"
+    rows = (f"{k},{x},{x / 2}\n" for k, x in enumerate(ANGLES[0] % 300))
+    path.write_text("t,motor,load\n" + "".join(rows))
+    text = flat(preview_log(path))
+    assert "--unit time=s, ms, us or ns" in text and "for driving names no unit" in text
 
 
 def test_the_number_of_the_row_as_a_column(tmp_path):

@@ -1,9 +1,10 @@
 """Interpolation of channels with separate time stamps to common time stamps.
 
 A channel with a sample at every common time stamp is not interpolated. A channel that is sampled
-cyclically is interpolated linearly between its samples. The error of the interpolation is at most |a| h²/8 for an angular acceleration a and a sampling interval h. A channel
-of which only changes are logged ("held") keeps its value until one cycle before the next change,
-and is linear within that cycle.
+cyclically is interpolated linearly between its samples. The error of the interpolation is at most
+|a| h²/8 for an angular acceleration a and a sampling interval h. A channel of which only changes
+are logged ("held") keeps its value until one cycle before the next change, and is linear within
+that cycle.
 """
 
 from collections.abc import Mapping

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Real
 
-from ..base.errors import LogError, VttigError
+from ..base.errors import LogError
 from ..base.files.text_tables import key_values
 from ..base.files.toml_io import plain_table
 from ..base.shown_text import shown_name
@@ -127,7 +127,8 @@ def preview_log(
     )
     table, cut = table.without_cut_line(range(len(table.names)))
     search = Search(table, str(path), request, _named(spec, columns))
-    question = _question(search, timed=sample_rate_hz is None)
+    search.take_stated(timed=sample_rate_hz is None)
+    questions = search.questions(timed=sample_rate_hz is None)
     roles = {ROW_INDEX if k is None else k: role for role, k in search.roles.items()}
     units = dict(search.units) if spec is None else plain_table(spec.unit)
     arrays, broken = _readable(table, roles)
@@ -150,9 +151,9 @@ def preview_log(
     command = ""
     if spec is None:
         hints += map(str, search.guesses)
-        hints += _missing_input(roles, sample_rate_hz, reports)
-        hints += [f"a fit asks: {question}"] if question else []
-        if not question and ratio is not None and ratio[0] != 0:
+        hints += _missing_input(reports)
+        hints += [f"a fit asks: {question.message}" for question in questions]
+        if not questions and ratio is not None and ratio[0] != 0:
             shown = _with_ratio(request, ratio)
             names_of = search.column_names
             keywords = {"decimal": decimal, "sample_rate_hz": sample_rate_hz}
@@ -194,19 +195,6 @@ def _named(spec: PairSpec | None, columns: Mapping[str, str]) -> dict[str, str]:
     """Return role → column name from a pair file and from the options, which have priority."""
     stated = {} if spec is None else {role: getattr(spec.log, role) for role in ROLES}
     return {role: name for role, name in stated.items() if name is not None} | dict(columns)
-
-
-def _question(search: Search, *, timed: bool) -> str:
-    """Let `search` find the columns; return the question that remains open, or "".
-
-    `timed` is true if a time column is needed.
-    """
-    search.take_stated(timed=timed)
-    try:
-        search.find(timed=timed)
-    except VttigError as error:
-        return error.message
-    return ""
 
 
 def _readable(
@@ -357,25 +345,10 @@ def _time(
     return None
 
 
-def _missing_input(
-    roles: Mapping[int, str], sample_rate_hz: int | float | None, reports: list[ColumnReport]
-) -> list[str]:
-    """Return notes on information that a fit still needs, with the options that supply it."""
-    assigned = set(roles.values())
+def _missing_input(reports: Sequence[ColumnReport]) -> list[str]:
+    """Return notes on what a preview cannot say."""
     hints = []
-    if "time" not in assigned and sample_rate_hz is None:
-        hints.append("no time column found; name it with --column time=NAME or give --sample-rate")
-    if "driving" not in assigned:
-        hints.append("no driving column found; name it with --column driving=NAME")
-    if not assigned & {"driven", "transmission_error"}:
-        hints.append(
-            "no driven column found; name it with --column driven=NAME (or transmission_error=NAME)"
-        )
-    units = {r.role: r.unit for r in reports if r.role in ("driving", "driven")}
-    for role, unit in units.items():
-        if unit is None:
-            hints.append(f"{role}: its name tells no unit; state it with --unit deg")
-    if "counts" in units.values():
+    if any(r.unit == "counts" for r in reports if r.role in ("driving", "driven")):
         hints.append("turns need counts_per_rev: give --counts; the ratio takes counts as equal")
     hints.append(
         "this is a first look; --ratio A:B (or --pair PAIR.toml) adds flanks, speeds and the orders"

@@ -1,6 +1,7 @@
 """Recognition of a log without a pair file: which column has which role, in which unit."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import cached_property
@@ -9,7 +10,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from ...base.errors import LogError, UsageError
+from ...base.errors import LogError, UsageError, VttigError
 from ...base.units import ANGLE_UNITS, REV
 from ...pair.schema import LogLayout, PairSpec, UnitTable
 from ..readers.column_names import ROW, default_column, index_of
@@ -74,6 +75,15 @@ def recognise(
     return Recognition(search.spec(), tuple(search.guesses), search.column_names)
 
 
+@contextmanager
+def _collected(asked: list[VttigError]) -> Iterator[None]:
+    """Append a question that the body raises to `asked`."""
+    try:
+        yield
+    except VttigError as error:
+        asked.append(error)
+
+
 @dataclass
 class Search:
     """Search for the columns of all roles in one table.
@@ -107,26 +117,34 @@ class Search:
     def find(self, *, timed: bool) -> None:
         """Find the columns of the remaining roles; `timed` as in `take_stated`.
 
-        If an error is raised, the roles that were found before it stay in `roles`.
+        If an error is raised, the roles that were found stay in `roles`.
 
-        **Raises** `LogError` or `UsageError` with the option that decides.
+        **Raises** `LogError` or `UsageError`: the first question, with the option that decides.
         """
-        if self._open is not None:
-            raise self._open
-        missing = self._find_named_shafts()
+        if asked := self.questions(timed=timed):
+            raise asked[0]
+
+    def questions(self, *, timed: bool) -> list[VttigError]:
+        """Find the columns of the remaining roles, and return the questions that stay open.
+
+        A question does not stop the search for columns that are independent of it, so that a log
+        with an open question has the same time column as without it.
+        """
+        asked: list[VttigError] = [] if self._open is None else [self._open]
+        missing = self._find_named_shafts(asked)
+        shafts_open = bool(asked)
         if timed and "time" not in self.roles and not has_clocks(self.table):
-            free = self._beside("time")
-            try:
-                found, guess = time_column(free, self.source)
-            except LogError as error:
-                raise (question.also_no_unit(error) if self._lacks_units else error) from None
-            self.roles["time"] = found.index
-            self.guesses.append(guess)
-        if missing:
-            self._find_by_ratio(missing)
+            with _collected(asked):
+                self._find_time()
+        if missing and not shafts_open and (not asked or not self.request.names_a_drive):
+            with _collected(asked):
+                self._find_by_ratio(missing)
         if timed and self.roles.get("time") is not None:
-            self._find_time_unit()
-        self._check_units()
+            with _collected(asked):
+                self._find_time_unit()
+        with _collected(asked):
+            self._check_units(complete=not asked)
+        return asked
 
     @property
     def column_names(self) -> dict[str, str]:
@@ -156,19 +174,31 @@ class Search:
             if index is not None and index not in self.roles.values():
                 self.roles[role] = index
 
-    def _find_named_shafts(self) -> list[str]:
-        """Assign the shafts by the column names; return the roles that are still missing."""
+    def _find_named_shafts(self, asked: list[VttigError]) -> list[str]:
+        """Assign the shafts by the column names; return the roles that are still missing.
+
+        Open questions are appended to `asked`.
+        """
         missing = [role for role in SHAFTS if role not in self.roles]
         if "transmission_error" in self.roles and "driven" in missing:
             missing.remove("driven")
         if self._clocked and "driving" in missing:
             missing.remove("driving")
         for role in missing:
-            found = by_name(role, self._beside(role), self.source)
-            if found is not None:
-                self.roles[role] = found.index
-                self._guess(role, found, "by its name")
+            with _collected(asked):
+                found = by_name(role, self._beside(role), self.source)
+                if found is not None:
+                    self.roles[role] = found.index
+                    self._guess(role, found, "by its name")
         return [role for role in missing if role not in self.roles]
+
+    def _find_time(self) -> None:
+        try:
+            found, guess = time_column(self._beside("time"), self.source)
+        except LogError as error:
+            raise (question.also_no_unit(error) if self._lacks_units else error) from None
+        self.roles["time"] = found.index
+        self.guesses.append(guess)
 
     def _find_by_ratio(self, missing: list[str]) -> None:
         if "transmission_error" in self.roles:
@@ -191,8 +221,11 @@ class Search:
             self.units["time"] = unit
             self.guesses.append(guess)
 
-    def _check_units(self) -> None:
-        """Set the unit "counts" if counts are given; ask for missing units or counts."""
+    def _check_units(self, *, complete: bool) -> None:
+        """Set the unit "counts" if counts are given; ask for missing units or counts.
+
+        `complete` is true if both shafts are known.
+        """
         counted = []
         for role in SHAFTS:
             if role not in self.roles:
@@ -207,7 +240,7 @@ class Search:
                 counted.append(role)
                 if self.request.counts is None:
                     raise question.no_counts(role, one.name, self.source)
-        if self.request.counts is not None and not counted:
+        if complete and self.request.counts is not None and not counted:
             raise UsageError("--counts is given, but no column is in counts; leave it out.")
 
     def spec(self) -> PairSpec:
