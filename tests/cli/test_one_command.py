@@ -65,6 +65,7 @@ def test_the_written_pair_file_says_the_same(vttig, vttig_json, log, tmp_path):
     first = vttig_json("fit", path, *stated, "--delay", "off")[1]
     second = vttig_json("fit", path, "--pair", pair, "--delay", "off")[1]
     assert first["parameters"] == second["parameters"]
+    assert "_scale" not in pair.read_text()  # keys at their default are left out
     code, _, err = vttig("inspect", path, *stated)
     assert code == 2 and "this file exists" in err
     assert vttig("inspect", path, "--write-pair", tmp_path / "new.toml")[0] == 2

@@ -10,7 +10,7 @@ import pytest
 from tests.pair.texts import CONTRACT, DRIVE, MINIMAL, OTHER_KEYS
 from vttig_jax.pair.gear_pair import Drive, GearPair
 from vttig_jax.pair.load import load_pair
-from vttig_jax.pair.pair_file import load_pair_spec, parse_pair_spec, spec_table
+from vttig_jax.pair.pair_file import load_pair_spec, parse_pair_spec, spec_table, stated_table
 from vttig_jax.pair.schema import (
     Encoder,
     GearTable,
@@ -125,11 +125,19 @@ def test_keys_of_the_teeth(write):
 
 
 @pytest.mark.parametrize("text", [CONTRACT, OTHER_KEYS, TOOTH_KEYS, MINIMAL, DRIVE])
-def test_a_spec_goes_back_to_the_table_it_came_from(text):
+@pytest.mark.parametrize("table_of", [spec_table, stated_table])
+def test_a_spec_goes_back_to_the_table_it_came_from(text, table_of):
     spec = parse_pair_spec(tomllib.loads(text))
-    table = spec_table(spec)
+    table = table_of(spec)
     assert parse_pair_spec(table) == spec
     assert "None" not in str(table)
+
+
+def test_a_written_pair_file_has_no_defaults():
+    table = stated_table(parse_pair_spec(tomllib.loads(DRIVE)))
+    assert "driving_scale" not in table.get("log", {}) and not {"rack", "fit", "unit"} & set(table)
+    changed = tomllib.loads(DRIVE) | {"log": {"driving_scale": 2, "zero": "start"}}
+    assert stated_table(parse_pair_spec(changed))["log"] == {"driving_scale": 2}
 
 
 def test_sections_reach_the_computed_objects(write):

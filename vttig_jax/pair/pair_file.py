@@ -163,6 +163,36 @@ def spec_table(spec: PairSpec) -> dict[str, Any]:
     return plain_table(spec)
 
 
+def stated_table(spec: PairSpec) -> dict[str, Any]:
+    """Return the TOML table of a spec without the keys that have their default.
+
+    `parse_pair_spec(stated_table(spec)) == spec` holds, too.
+
+    **Example**
+    ```python
+    >>> from vttig_jax.pair.pair_file import stated_table
+    >>> from vttig_jax.pair.schema import DriveTable, LogLayout, PairSpec
+    >>> stated_table(PairSpec(drive=DriveTable(ratio="16:9"), log=LogLayout(time="t_s")))
+    {'drive': {'ratio': '16:9'}, 'log': {'time': 't_s'}}
+
+    ```
+    """
+    return _without(plain_table(spec), plain_table(PairSpec()))
+
+
+def _without(table: dict[str, Any], defaults: dict[str, Any]) -> dict[str, Any]:
+    """Return `table` without the entries of `defaults` and without tables that become empty."""
+    kept = {}
+    for key, value in table.items():
+        usual = defaults.get(key)
+        if isinstance(value, dict) and isinstance(usual, dict):
+            value = _without(value, usual)
+            usual = {}
+        if value != usual:
+            kept[key] = value
+    return kept
+
+
 def _check_tables(spec: PairSpec) -> None:
     """Raise `PairError` for contradictory keys and for an undefined ratio."""
     if (spec.pair is None) == (spec.drive is None):

@@ -5,12 +5,16 @@ from typing import TYPE_CHECKING
 
 from ..base.errors import LogError, UsageError
 from ..logs.recognition.request import DriveRequest
-from ..pair.pair_file import load_pair_spec, spec_table
+from ..pair.pair_file import load_pair_spec, stated_table
 from ..pair.schema import PairSpec
 from .options import ReadingOptions
 
 if TYPE_CHECKING:
     from ..logs.recognition.question import Guess
+
+_HEAD = (
+    "Pair file of vttig, from the options and the log. Keys that are left out have their default."
+)
 
 
 def stated_spec(
@@ -54,7 +58,7 @@ def spec_of_file(pair: Path, drive: DriveRequest) -> PairSpec:
 
 
 def write_pair(path: Path, spec: PairSpec) -> None:
-    """Write a pair file.
+    """Write a pair file with those keys that do not have their default.
 
     **Raises** `UsageError` for an existing file, `InputError` if it cannot be written.
     """
@@ -64,6 +68,6 @@ def write_pair(path: Path, spec: PairSpec) -> None:
 
     if path.exists():
         raise UsageError("this file exists; choose another name for --write-pair.", where=str(path))
-    table = {name: value for name, value in spec_table(spec).items() if name != "name" or value}
+    text = f"# {_HEAD}\n{tomli_w.dumps(stated_table(spec))}"
     with os_errors_as_input_errors(path):
-        replace_file(path, tomli_w.dumps(table).encode())
+        replace_file(path, text.encode())

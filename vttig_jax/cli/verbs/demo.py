@@ -179,7 +179,7 @@ def _write_fit(
 
     from ...base.files.run_folder import RunFolder
     from ...pair.load import pair_spec
-    from ...pair.pair_file import spec_table
+    from ...pair.pair_file import stated_table
 
     spec = pair_spec(rig.pair)
     data = log_csv(log)
@@ -187,7 +187,7 @@ def _write_fit(
     run = RunRecord((out / "log.csv",), spec, sha256=(digest,))
     with RunFolder(out, overwrite=overwrite, results=("fit.json",)) as folder:
         folder.write_text("log.csv", data)
-        folder.write_toml("pair.toml", spec_table(spec))
+        folder.write_toml("pair.toml", stated_table(spec))
         write_fit(folder, result, run)
 
 
