@@ -111,7 +111,7 @@ def test_text_without_a_header(tmp_path):
         ("t_s,motor enc_deg,motor actual_deg,load_deg", "2 columns can be driving"),
         ("t_s,motor_deg,load_deg,output_deg", "2 columns can be driven"),
         ("t_s,motor Soll_deg,x_deg,load_deg", "says a setpoint"),
-        ("t_s,a,b,c", "no column name says driving and driven"),
+        ("t_s,a,b,c", "give --ratio A:B (driving turns to driven turns)"),
     ],
 )
 def test_a_question_on_the_shafts_does_not_hide_the_time(tmp_path, names, asked):

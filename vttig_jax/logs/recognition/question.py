@@ -60,16 +60,21 @@ def no_fit(
     ratio: Fraction | None,
     source: str,
     others: Sequence[Candidate] = (),
+    *,
+    clocked: bool = False,
 ) -> LogError:
     """Return the question for roles that neither the names nor the ratio determine.
 
     `candidates` are columns that can be a shaft, `others` columns whose names mean a quantity other
-    than an angle.
+    than an angle. `clocked` is true if a clock turns the driving shaft, so that the log shows no
+    ratio.
     """
     named = " and ".join(roles)
     options = " ".join(f"--column {role}=NAME" for role in roles)
     if ratio is None:
         why = "and without a ratio the motion says nothing"
+        if not clocked:
+            options = f"--ratio A:B (driving turns to driven turns) or --teeth Z1/Z2, or {options}"
     elif not candidates:
         why = "and no other column holds numbers that change"
     else:

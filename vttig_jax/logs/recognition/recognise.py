@@ -204,7 +204,7 @@ class Search:
         if "transmission_error" in self.roles:
             raise question.no_driving(self._free(), self.source)
         if not self.request.names_a_drive or (missing == ["driven"] and self._clocked):
-            raise question.no_fit(missing, self._free(), None, self.source)
+            raise question.no_fit(missing, self._free(), None, self.source, clocked=self._clocked)
         fixed = {role: self._candidate(self.roles[role]) for role in SHAFTS if role in self.roles}
         scale = Scale(self._per_turn, self._common)
         found = by_ratio(fixed, self._free(), self._ratio, scale, self.source)
