@@ -56,11 +56,23 @@ def _draws(out: Path) -> np.ndarray:
 def test_too_few_steps_are_said_and_kept(vttig, folder, run):
     code, out, err = vttig("sample", "--out", run, "--resume", "--no-figures", "--steps", STEPS)
     assert code == 5
-    assert "converged: no; shortest chain" in out
-    assert "the sampler has not converged" in err and "--resume" in err
+    assert out.startswith("not converged: ") and "converged: no; shortest chain" in out
+    assert "the sampler has not converged" in err and f"`vttig sample {run} --resume`" in err
     assert {"posterior.h5", "posterior.json", "fit.json", "summary.npz", "run.toml"} <= {
         path.name for path in run.iterdir()
     }
+
+
+def test_the_run_folder_is_the_argument(vttig, folder, run, tmp_path):
+    again = ("--resume", "--no-figures", "--steps", STEPS, "--json")
+    named, said = (vttig("sample", *place, *again) for place in ((run,), ("--out", run)))
+    assert named[:2] == said[:2] and named[0] == 5
+    code, _, err = vttig("sample", run, "--out", tmp_path / "other")
+    assert code == 2 and f"`vttig sample {run}` samples the fit in it" in err
+    code, _, err = vttig("sample", folder / "log.csv", "--pair", folder / "pair.toml")
+    assert code == 2 and f"`vttig sample {folder / 'log.csv'} --out run`" in err
+    code, _, err = vttig("sample", "--resume")
+    assert code == 2 and "`vttig sample run`" in err
 
 
 def test_the_json_holds_what_the_folder_holds(vttig_json, run):

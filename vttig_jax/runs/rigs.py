@@ -35,7 +35,7 @@ def drawn_rigs(scenario: Path) -> "tuple[tuple[Eccentricities, ...], Eccentricit
     fit = _fit(folder, scenario.parent / load_sweep_spec(scenario).pair)
     if not (folder / CHECKPOINT).exists():
         raise InputError(
-            f"there is no {CHECKPOINT} in {folder}; make it with `vttig sample --out {folder}`.",
+            f"there is no {CHECKPOINT} in {folder}; make it with `vttig sample {folder}`.",
             where=f"{scenario}: rig.from",
         )
     posterior = _posterior(folder, fit)

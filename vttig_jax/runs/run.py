@@ -75,7 +75,7 @@ class Run(TextResult):
 
         if not (self.folder / CHECKPOINT).exists():
             raise UsageError(
-                f"there are no draws here; make them with `vttig sample --out {self.folder}`.",
+                f"there are no draws here; make them with `vttig sample {self.folder}`.",
                 where=str(self.folder),
             )
         return read_posterior(self.folder / CHECKPOINT, self.fit)

@@ -57,6 +57,14 @@ def test_the_line_of_ensembles_that_disagree_names_the_coordinate_and_the_cure()
     )
 
 
+def test_a_warning_says_what_it_means_and_what_to_do():
+    assert made().warning == ""
+    for one, cure in ((made(tau=60.0), "--steps 4000"), (made(r_hat=1.25), "--steps 2000")):
+        meaning, *_, last = one.warning.split("; ")
+        assert meaning.startswith("not converged: ") and "intervals may be wrong" in meaning
+        assert cure in last
+
+
 def test_what_fails_by_a_hair_does_not_read_as_passed():
     assert "shortest chain 49 τ (`a`)" in str(made(tau=750 / 49.99))
     assert "R-hat 1.011 (`b`)" in str(made(r_hat=1.01001))

@@ -124,7 +124,7 @@ def _need_draws(folder: Path, constant: float | None, closing_mm: tuple[float, .
             " --constant-backlash-deg."
         )
     raise UsageError(
-        f"--closing-mm needs draws; make them with `vttig sample --out {folder}`.",
+        f"--closing-mm needs draws; make them with `vttig sample {folder}`.",
         where=str(folder),
     )
 

@@ -1,5 +1,6 @@
 """`vttig sample`: sample the posterior of logs, or of the fit in a run folder."""
 
+import shlex
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -36,8 +37,8 @@ if TYPE_CHECKING:
     example="""
 vttig sample log.csv --ratio 64:23 --out run
 vttig sample log.csv --pair pair.toml --out run --resume
-vttig sample --out run --resume --until 100
-vttig fit log.csv --pair pair.toml --out run && vttig sample --out run --steps 5000 --seed 1
+vttig sample run --resume --until 100
+vttig fit log.csv --pair pair.toml --out run && vttig sample run --steps 5000 --seed 1
 """,
     groups={
         **GROUPS,
@@ -57,9 +58,8 @@ vttig fit log.csv --pair pair.toml --out run && vttig sample --out run --steps 5
 @pair_option
 @click.option(
     "--out",
-    required=True,
     type=click.Path(path_type=Path),
-    help="Run folder: keeps fit, draws and pictures. Without LOG the fit in it is sampled.",
+    help="Run folder of fit, draws and pictures. Without LOG, or in its place, its fit is sampled.",
 )
 @click.option(
     "--resume",
@@ -138,7 +138,7 @@ def command(
     output: Output,
     logs: tuple[Path, ...],
     pair: Path | None,
-    out: Path,
+    out: Path | None,
     resume: bool,
     overwrite: bool,
     no_figures: bool,
@@ -157,15 +157,15 @@ def command(
     drive: DriveOptions,
     **options: Any,
 ) -> None:
-    """Sample the posterior of the fit of LOG, or of the fit that is in --out.
+    """Sample the posterior of the fit of LOG, or of the fit in a run folder.
 
-    LOG may be - for stdin; it is then kept in --out.
-    Several independent ensembles run until their chains are long enough and agree. The draws are
-    brought up to date in posterior.h5 every 5 s: after an interrupt or a kill, --resume goes on and
-    ends with the same draws as a run that was never stopped; seed, walkers, ensembles and prior are
-    then those of the draws unless given. A command with --resume may be repeated. The exit code is
-    5 if the sampler has not converged.
+    LOG may be - for stdin; it is then kept in --out. Several independent ensembles run until their
+    chains are long enough and agree. The draws are brought up to date in posterior.h5 every 5 s:
+    after an interrupt or a kill, --resume goes on and ends with the same draws as a run that was
+    never stopped; seed, walkers, ensembles and prior are then those of the draws unless given. A
+    command with --resume may be repeated. The exit code is 5 if the sampler has not converged.
     """
+    logs, out = _logs_and_folder(logs, out)
     _exclude_each_other({"--resume": resume, "--overwrite": overwrite})
     _exclude_each_other({"--steps": steps is not None, "--until": until is not None})
     _refuse_options_of_chains(method, resume or until is not None or walkers is not None)
@@ -198,6 +198,25 @@ def command(
     with sampling_bar(output) as follow, _walkers_in_words():
         posterior = sample(fit, **settings, **length, **files, method=method, progress=follow)
     _finish(output, out, posterior, figures=not no_figures)
+
+
+def _logs_and_folder(logs: tuple[Path, ...], out: Path | None) -> tuple[tuple[Path, ...], Path]:
+    """Return the logs and the run folder, which may be the only argument.
+
+    **Raises** `UsageError` without a run folder, with the command to give.
+    """
+    if runs := [path for path in logs if (path / "fit.json").is_file()]:
+        if len(logs) == 1 and out in (None, runs[0]):
+            return (), runs[0]
+        cure = f"`vttig sample {shlex.quote(str(runs[0]))}` samples the fit in it"
+        raise UsageError(f"a run folder is no log; {cure}.", where=str(runs[0]))
+    if out is None:
+        raise UsageError(
+            f"the draws need a run folder: `vttig sample {shlex.join(map(str, logs)) or 'log.csv'}"
+            " --out run`, with the other options, fits and samples a log, and `vttig sample run`"
+            " samples the fit in run."
+        )
+    return logs, out
 
 
 def _stop_rule(autocorrelation_times: float | None) -> "Until | None":
@@ -234,9 +253,10 @@ def _finish(output: Output, out: Path, posterior: "Posterior", *, figures: bool)
     LOGGER.info("written to %s", out)
     output.emit(report.to_json(), report)
     if not posterior.diagnosis.converged:
+        command = f"`vttig sample {shlex.quote(str(out))} --resume`"
+        text = str(posterior.diagnosis).replace("--resume", command).removeprefix("converged: no; ")
         raise NotConvergedError(
-            f"{posterior.diagnosis}.".replace("converged: no; ", "the sampler has not converged: "),
-            where=str(out / CHECKPOINT),
+            f"the sampler has not converged: {text}.", where=str(out / CHECKPOINT)
         )
 
 

@@ -191,6 +191,17 @@ class Diagnosis:
             accepted + cure
         )
 
+    @property
+    def warning(self) -> str:
+        """Sentence on what draws that have not converged mean for a user; "" for converged ones."""
+        if self.converged:
+            return ""
+        return (
+            "not converged: these draws do not represent the posterior yet, so their means and"
+            " intervals may be wrong; the fit that they start from does not depend on them;"
+            f" {self._cure()}"
+        )
+
     def _cure(self) -> str:
         if not self.long_enough:
             goal = max(self.needed, self.steps + 1)

@@ -4,6 +4,7 @@ import importlib
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from textwrap import fill
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,9 @@ from .gap_draws import GapDraws
 
 NOISE = ("log_innovation_std", "partial_")
 """The names of all noise parameters begin with one of these."""
+
+_WIDTH = 100
+"""Characters in a line of the sentence above the report (chosen)."""
 
 _WIDER = 1.05
 """Smallest `widening` that the report mentions (chosen)."""
@@ -234,7 +238,8 @@ def posterior_text(posterior: Posterior) -> str:
     table = text_table(
         rows, ["parameter", "mean", "median", "std", "95 % interval", "unit"], align="lrrrrr"
     )
-    parts = [head, table]
+    warning = posterior.diagnosis.warning
+    parts = [fill(f"{warning}.", _WIDTH), head, table] if warning else [head, table]
     parts += listed("undetermined", _reasons(parameters))
     parts += listed("priors", list(posterior.prior))
     if posterior.fit.conditional_on:
