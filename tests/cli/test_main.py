@@ -155,6 +155,8 @@ USAGES = [
     (["toy", "3", "-v", "-q"], "vttig toy", "Options -v and -q exclude each other"),
     (["nonesuch"], "vttig", "No such command 'nonesuch'"),
     ([], "vttig", "a command is missing"),
+    (["-v"], "vttig", "-v is no option here: options follow the command"),
+    (["-q", "toy", "3"], "vttig", "-q is no option here: options follow the command"),
 ]
 
 

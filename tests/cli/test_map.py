@@ -20,7 +20,8 @@ def test_prints_the_extremes_and_writes_nothing(vttig, run_folder, tmp_path, mon
     assert "smallest" in out
     assert "safe axial closing" in out
     assert err == ""
-    assert list(tmp_path.iterdir()) == []
+    assert list(tmp_path.iterdir()) == [] and "no file is written; `--out map.csv`" in out
+    assert "no file" not in vttig("map", run_folder, "--out", tmp_path / "map.csv")[1]
 
 
 @pytest.mark.portable

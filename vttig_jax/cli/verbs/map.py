@@ -87,6 +87,8 @@ def command(
     record["run"] = run.record.digest
     if out is not None:
         _write(out, csv_text(table, columns), record, overwrite)
+    else:
+        shown = f"{shown}\n\nno file is written; `--out map.csv` writes the {len(table)} rows of this map"
     output.emit(record, shown)
 
 
