@@ -218,8 +218,8 @@ def _explain_usage(error: click.ClickException) -> tuple[int, str, str]:
     elif isinstance(error, click.NoSuchOption) and command == "vttig":
         # click stops at options before the command, such as `vttig -v fit log.csv`
         sentence = (
-            f"{error.option_name} is no option here: options follow the command, as in `vttig fit log.csv -v`;"
-            " `vttig --version` prints the version"
+            f"{error.option_name} is no option here: options follow the command, as in"
+            " `vttig fit log.csv -v`; `vttig --version` prints the version"
         )
     else:
         sentence = " ".join(error.format_message().split()).rstrip(".")

@@ -88,7 +88,7 @@ def command(
     if out is not None:
         _write(out, csv_text(table, columns), record, overwrite)
     else:
-        shown = f"{shown}\n\nno file is written; `--out map.csv` writes the {len(table)} rows of this map"
+        shown = f"{shown}\n\nno file is written; `--out map.csv` writes the map, {len(table)} rows"
     output.emit(record, shown)
 
 
