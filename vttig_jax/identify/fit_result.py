@@ -22,6 +22,7 @@ from ..pair.schema import HarmonicOrders
 from .evidence import Evidence
 from .model.fitted_model import FittedModel, StoredModel
 from .noise.noise_model import NoiseModel
+from .noise.noise_text import duration_text, noise_rows
 from .report.check_sentences import check_sentences, doubt
 from .report.checks import Checks
 from .report.order_table import Order, judged_orders
@@ -227,7 +228,7 @@ def fit_text(fit: "Fit") -> str:
             ("zero of both angles", _ZEROS[fit.zero]),
             *_starts(fit.logs),
             ("residual", f"{rms:.5f}° rms ({rms * DEG / ARCSEC:.2f}″)"),
-            *_noise(fit.noise),
+            *noise_rows(fit.noise, _longest_s(fit.curves)),
             ("drift", _drift(fit.checks)),
         ],
         title=fit.pair.name or "fit",
@@ -251,6 +252,12 @@ def fit_text(fit: "Fit") -> str:
     return "\n\n".join(parts)
 
 
+def _longest_s(curves: tuple[TECurve, ...]) -> float:
+    """Return the time from the first to the last row of the runs; the longest of several logs."""
+    spans = [(c.time[0], c.time[-1]) for c in curves if len(c)]
+    return max((end for _, end in spans), default=0.0) - min((t for t, _ in spans), default=0.0)
+
+
 def _open_reasons(fit: "Fit") -> list[str]:
     """Return lines with undetermined parameters and the reason.
 
@@ -261,40 +268,6 @@ def _open_reasons(fit: "Fit") -> list[str]:
         if not parameter.determined:
             together.setdefault(parameter.reason or "", []).append(parameter.name)
     return [f"{', '.join(names)}: {reason}" for reason, names in together.items()]
-
-
-def _noise(noise: NoiseModel) -> list[tuple[str, str]]:
-    """Return the report rows (label, text) of the noise.
-
-    If each speed has its own noise model, there is one row for each speed.
-    """
-    if noise.plateaus:
-        return [
-            (f"noise at {speed * 60 / REV:.4g} rpm", _one_noise(own))
-            for speed, own in noise.plateaus
-        ]
-    return [("noise", _one_noise(noise))]
-
-
-def _one_noise(noise: NoiseModel) -> str:
-    if noise.is_rounding:
-        return "none: what is left is below a millionth of the transmission error"
-    model, blocks = noise.name, f"blocks of {_duration(noise.block_s)}"
-    if order := len(noise.coefficients):
-        several = "one" if order == 1 else str(order)
-        model, blocks = blocks, f"each follows the {several} before it ({model})"
-    if noise.choice.stationary_in == "angle":
-        model += ", stationary in angle"
-    memory = f", {_memory(noise)}" if noise.kind.has_memory else ""
-    if noise.by == "moments":
-        memory += "; from moments, because the model leaves slow structure in the residual"
-    return f"{model}, {blocks}{memory}"
-
-
-def _memory(noise: NoiseModel) -> str:
-    if noise.correlation_s < noise.block_s:
-        return "correlated over less than a block"
-    return f"correlation time {_duration(noise.correlation_s)}"
 
 
 def _orders(orders: tuple[Order, ...]) -> list[str]:
@@ -357,22 +330,18 @@ def _samples(samples: dict[str, int]) -> str:
     )
 
 
-def _duration(seconds: float) -> str:
-    return f"{seconds:.3g} s" if seconds >= 1 else f"{1e3 * seconds:.3g} ms"
-
-
 _POWERS = {1: "straight line in time", 2: "parabola in time"}
 
 
 def _drift(checks: Checks) -> str:
     if checks.drift_knots_s:
-        what = f"cubic spline with knots every {_duration(checks.drift_knots_s)}"
+        what = f"cubic spline with knots every {duration_text(checks.drift_knots_s)}"
     elif checks.drift_order:
         what = _POWERS.get(checks.drift_order, f"polynomial of degree {checks.drift_order} in time")
     else:
         return "none"
     stiffness = checks.drift_stiffness_s
-    return what + (f", follows nothing faster than {_duration(stiffness)}" if stiffness else "")
+    return what + (f", follows nothing faster than {duration_text(stiffness)}" if stiffness else "")
 
 
 def _row(parameter: Parameter) -> list[str]:
