@@ -236,7 +236,7 @@ def fit_text(fit: "Fit") -> str:
     table = text_table(
         [_row(p) for p in shown], ["parameter", "value", "std", "95 % interval", "unit"]
     )
-    parts = [head, *listed("warnings", list(fit.warnings)), table]
+    parts = [head, *_with_errors("warnings", list(fit.warnings)), table]
     parts += _orders(fit.judged_orders())
     if fit.conditional_on:
         parts.append("conditional on: " + ", ".join(fit.conditional_on).replace("_", " "))
@@ -247,9 +247,15 @@ def fit_text(fit: "Fit") -> str:
         has_noise=not fit.noise.is_rounding,
         gap_determined=fit.parameters["constant_backlash_deg"].determined,
     )
-    parts += listed("checks", sentences)
-    parts += listed("notes", [note for note in fit.notes if note not in fit.warnings])
+    parts += _with_errors("checks", sentences)
+    parts += _with_errors("notes", [note for note in fit.notes if note not in fit.warnings])
     return "\n\n".join(parts)
+
+
+def _with_errors(title: str, sentences: list[str]) -> list[str]:
+    """Return a list of sentences whose title says what ± means, if a sentence has ` ± `."""
+    meaning = " (± is one standard error)" if any(" ± " in one for one in sentences) else ""
+    return listed(title + meaning, sentences)
 
 
 def _longest_s(curves: tuple[TECurve, ...]) -> float:

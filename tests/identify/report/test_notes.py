@@ -37,7 +37,15 @@ def test_equal_sentences_on_orders_are_one(one_speed):
 
 
 def test_a_fit_without_warnings_has_no_such_section(quick_fit):
-    assert quick_fit.warnings == () and "warnings:" not in str(quick_fit)
+    assert quick_fit.warnings == () and "\nwarnings" not in str(quick_fit)
+
+
+def test_sections_with_errors_say_what_they_are(quick_fit):
+    parts = str(quick_fit).split("\n\n")
+    (checks,) = (part for part in parts if part.startswith("checks"))
+    assert " ± " in checks and checks.startswith("checks (± is one standard error):\n")
+    told = [part for part in parts if part.startswith(("checks", "notes", "warnings"))]
+    assert all((" (± is one standard error):" in one) == (" ± " in one[26:]) for one in told)
 
 
 def test_a_ratio_that_the_log_doubts_is_a_warning():

@@ -18,6 +18,12 @@ from .checks import (
 
 _SIGNIFICANT = 3.0  # standard errors above which a value is significant; chosen value
 
+BOTH_GAPS = (
+    "This mean contains what the eccentricities add at these angles; constant_backlash_deg is only"
+    " the part that is the same at every angle"
+)
+"""Sentence on the two gaps of a report."""
+
 _HALVES_DIFFER = 4.0
 """Standard errors above which a change between the halves of a log is reported; chosen value."""
 
@@ -121,7 +127,7 @@ def _covered(gap: CoveredGap) -> str:
         mark = ""
     return (
         f"flank B stands {gap.value:+.5f}° ± {gap.std:.5f}° above flank A over the"
-        f" {gap.covered_deg:.0f}° of the driving shaft that both flanks covered{mark}"
+        f" {gap.covered_deg:.0f}° of the driving shaft that both flanks covered{mark}. {BOTH_GAPS}"
     )
 
 
