@@ -9,10 +9,11 @@ height at a frequency is half the decrease of the sum of squares by a line there
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from scipy.interpolate import CubicSpline
 from scipy.special import gammaincc
 
@@ -20,10 +21,10 @@ from ...base.threads import one_blas_thread
 from .comparison import Comparison
 from .hidden_shaft import COINCIDENCE, HIGHEST_ORDER, Multiples
 from .noise import noise_filter
+from .noise_level import noise_level, relative_height
 from .regression import LineRegression, Regressors
 from .rows import Rows, Stretch, stack, typical_step
-from .search import relative_height
-from .spectrum import LEAST_CYCLES, Spectrum, noise_level
+from .spectrum import LEAST_CYCLES, Spectrum
 
 _MOST_BASES = 3  # a shaft must contain one of this number of most certain lines (chosen)
 _PRESENT = math.log(1e3)
@@ -37,6 +38,10 @@ and its own modulation cause them (chosen)."""
 _LEAST_APART = 4.0  # least distance of two multiples in resolutions; chosen value
 _NYQUIST = 0.49  # largest frequency of a multiple in cycles per row; chosen value
 _FINER = 8  # steps of the fine grid per frequency step of the spectrum; chosen value
+_NEARBY = 30
+"""Frequencies on each side of one from which its height is interpolated; those farther away change
+it by less than 1e-15 of their own heights."""
+
 _STEP = 0.05  # step for the curvature, relative to half the range of the refinement; chosen value
 
 
@@ -120,9 +125,7 @@ class _Side:
             return None
         return cls(rows, spectrum, LineRegression.of(rows, regressors))
 
-    def heights(
-        self, fixed: Sequence[float], grid: Float[np.ndarray, " f"]
-    ) -> Float[np.ndarray, " f"]:
+    def after(self, fixed: Sequence[float], grid: Float[np.ndarray, " f"]) -> "_Heights":
         """Return −ln P at the frequencies `grid`, after a fit of lines at the frequencies `fixed`.
 
         P is the probability that noise of the local level alone has the height of the spectrum at
@@ -130,22 +133,64 @@ class _Side:
         of the values with and without whitening is used.
         """
         left = self.plain.after(fixed)
-        taps = noise_filter(self.rows, left)
-        white = LineRegression.of(self.rows, self.plain.regressors, taps)
-        pairs = ((left, self.plain.taps), (white.after(fixed), taps))
-        score = np.maximum(*(self._above(fixed, *pair) for pair in pairs))
-        inside = np.clip(grid, self.spectrum.cycles[0], self.spectrum.cycles[-1])
-        return np.asarray(CubicSpline(self.spectrum.cycles, score)(inside))
+        white = self.plain.whitened(noise_filter(self.rows, left))
+        spectra = [self.spectrum.height(left, self.plain.taps)]
+        if white is not self.plain:
+            spectra.append(self.spectrum.height(white.after(fixed), white.taps))
+        return _Heights(self.spectrum, np.array(fixed), tuple(spectra), grid)
 
-    def _above(
+
+@dataclass(frozen=True, eq=False)
+class _Heights:
+    """Heights −ln P above the local noise level after a fit of the lines `fixed`.
+
+    They are computed at the frequencies of the spectrum and interpolated at those of `grid`.
+    """
+
+    spectrum: Spectrum
+    fixed: Float[np.ndarray, " k"]
+    spectra: tuple[Float[np.ndarray, " _"], ...]
+    grid: Float[np.ndarray, " f"]
+
+    @cached_property
+    def everywhere(self) -> Float[np.ndarray, " f"]:
+        """Heights at all frequencies of the grid."""
+        places = np.arange(len(self.spectrum.cycles))
+        return self._interpolated(self._scores(places), places, self.grid)
+
+    def at(self, cycles: Sequence[float]) -> Float[np.ndarray, " m"]:
+        """Return the heights at some frequencies; only heights near them are computed."""
+        count = len(self.spectrum.cycles)
+        if count <= len(cycles) * 2 * _NEARBY:
+            return np.interp(cycles, self.grid, self.everywhere)
+        middles = np.searchsorted(self.spectrum.cycles, cycles)
+        starts = np.clip(middles - _NEARBY, 0, count - 2 * _NEARBY)
+        near = starts[:, None] + np.arange(2 * _NEARBY)
+        scores = self._scores(near.ravel()).reshape(near.shape)
+        right = np.clip(np.searchsorted(self.grid, cycles), 1, len(self.grid) - 1)
+        found = []
+        for one, score, places, place in zip(cycles, scores, near, right, strict=True):
+            ends = self.grid[place - 1 : place + 1]
+            found.append(np.interp(one, ends, self._interpolated(score, places, ends)))
+        return np.array(found)
+
+    def _scores(self, places: Int[np.ndarray, " p"]) -> Float[np.ndarray, " p"]:
+        """Return the heights at the frequencies of the spectrum with the indices `places`."""
+        cycles = self.spectrum.cycles[places]
+        scores = []
+        for height in self.spectra:
+            level = noise_level(self.spectrum, height, self.fixed, near=cycles).at(cycles)
+            scores.append(relative_height(height[places] / level[0], level[1]))
+        return np.max(scores, axis=0)
+
+    def _interpolated(
         self,
-        fixed: Sequence[float],
-        innovations: Float[np.ndarray, " n"],
-        taps: Float[np.ndarray, " taps"],
-    ) -> Float[np.ndarray, " f"]:
-        height = self.spectrum.height(innovations, taps)
-        level = noise_level(self.spectrum, height, np.array(fixed)).at(self.spectrum.cycles)
-        return relative_height(height / level[0], level[1])
+        scores: Float[np.ndarray, " p"],
+        places: Int[np.ndarray, " p"],
+        at: Float[np.ndarray, " m"],
+    ) -> Float[np.ndarray, " m"]:
+        inside = np.clip(at, self.spectrum.cycles[0], self.spectrum.cycles[-1])
+        return np.asarray(CubicSpline(self.spectrum.cycles[places], scores)(inside))
 
 
 def _finer(spectrum: Spectrum) -> Float[np.ndarray, " f"]:
@@ -165,22 +210,34 @@ def _of_base(
     factor for the number of trials.
     """
     resolution = 1 / max(side.spectrum.span for side in sides)
-    first = np.sum([side.heights([base], grid) for side in sides], axis=0)
-    found = []
+    first = [side.after([base], grid) for side in sides]
+    tried: dict[int, dict[int, float]] = {}
     for order in range(1, HIGHEST_ORDER + 1):
         turns = base / order
-        tried = [
-            m
+        multiples = {
+            m: m * turns
             for m in range(1, HIGHEST_ORDER + 1)
             if m != order and grid[0] <= m * turns <= grid[-1] and not is_order(m * turns)
-        ]
-        if turns < _LEAST_APART * resolution or not tried:
+        }
+        if multiples and turns >= _LEAST_APART * resolution:
+            tried[order] = multiples
+    every = sorted({cycles for multiples in tried.values() for cycles in multiples.values()})
+    at = dict(zip(every, _sum_at(first, every), strict=True))
+    found = []
+    for order, multiples in tried.items():
+        if max(at[cycles] for cycles in multiples.values()) < _PRESENT:
             continue
-        shares = _shares(base, {m: m * turns for m in tried}, sides, grid, first)
+        shares = _shares(base, dict(multiples), sides, grid, first)
         orders = tuple(sorted([order, *shares]))
         if shares and math.gcd(*orders) == 1:
-            found.append(Multiples(turns, 0.0, orders, _chance([*shares.values()], len(tried))))
+            chance = _chance([*shares.values()], len(multiples))
+            found.append(Multiples(base / order, 0.0, orders, chance))
     return found
+
+
+def _sum_at(sides: Sequence[_Heights], cycles: Sequence[float]) -> Float[np.ndarray, " m"]:
+    """Return the sum of the heights of all sides at the given frequencies."""
+    return np.sum([one.at(cycles) for one in sides], axis=0) if len(cycles) else np.zeros(0)
 
 
 def _shares(
@@ -188,26 +245,27 @@ def _shares(
     open_: dict[int, float],
     sides: Sequence[_Side],
     grid: Float[np.ndarray, " f"],
-    heights: Float[np.ndarray, " f"],
+    first: Sequence[_Heights],
 ) -> dict[int, float]:
     """Return the share p (see `shaft_of_multiples`) of every multiple that stands above the noise.
 
     `open_` maps the order of each tried multiple to its frequency; the strongest is fitted first.
-    `heights` are −ln P on `grid` after a fit of `base`.
+    `first` are the heights of every side after a fit of `base`.
     """
     span = max(side.spectrum.span for side in sides)
-    fixed, shares = [base], {}
+    fixed, shares, found = [base], {}, first
     while open_:
-        at = {m: float(np.interp(cycles, grid, heights)) for m, cycles in open_.items()}
+        at = dict(zip(open_, _sum_at(found, [*open_.values()]), strict=True))
         best = max(at, key=lambda m: at[m])
         if at[best] < _PRESENT:
             break
         counted = np.all(np.abs(grid[:, None] - np.array(fixed)) * span > _APART, axis=1)
+        heights = np.sum([one.everywhere for one in found], axis=0)
         as_high = int(np.count_nonzero(heights[counted] >= at[best]))
         shares[best] = (1 + as_high) / (1 + int(np.count_nonzero(counted)))
         fixed.append(open_.pop(best))
         if open_:
-            heights = np.sum([side.heights(fixed, grid) for side in sides], axis=0)
+            found = [side.after(fixed, grid) for side in sides]
     return shares
 
 

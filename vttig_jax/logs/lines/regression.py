@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -79,12 +79,20 @@ def waves(rows: Rows, frequencies: Sequence[float] | np.ndarray) -> Float[np.nda
 
     Both are averaged over the angle `rows.width` over which the row itself was averaged.
     """
-    return _columns(lambda one: rows.waves.of(one, partial(_wave, rows)), frequencies, rows)
+    return _columns(partial(_known_wave, rows), frequencies, rows)
+
+
+def _known_wave(rows: Rows, cycles: float) -> Wave:
+    return rows.waves.of(cycles, partial(_wave, rows))
 
 
 def _wave(rows: Rows, cycles: float) -> Wave:
-    angle = REV * cycles * rows.turns
-    table = np.stack([np.cos(angle), np.sin(angle)])
+    angle = cycles * rows.turns
+    angle -= np.rint(angle)  # NumPy is faster for small angles
+    angle *= REV
+    table = np.empty((2, len(angle)))
+    np.cos(angle, out=table[0])
+    np.sin(angle, out=table[1])
     if rows.width.any():
         table *= np.sinc(cycles * rows.width)
     return table.T
@@ -130,28 +138,47 @@ class LineRegression:
     **Arguments**
     - `taps`: whitening filter along every run; (1,) without whitening.
     - `residual`: value minus its fit by the regressors, then whitened, rad, shape (n,).
-    - `waves`: cache of the whitened columns of lines.
+    - `plain`: the same regression without whitening, which keeps the projected columns; None if
+      this one is not whitened.
+    - `waves`, `slopes`: caches of the whitened columns of lines and of their derivatives.
     """
 
     rows: Rows
     regressors: Regressors
     taps: Float[np.ndarray, " taps"]
     residual: Float[np.ndarray, " n"]
+    plain: "LineRegression | None" = None
     waves: KnownWaves = field(default_factory=KnownWaves)
+    slopes: KnownWaves = field(default_factory=KnownWaves)
 
     @classmethod
     def of(
         cls, rows: Rows, regressors: Regressors, taps: Float[np.ndarray, " taps"] = _UNCHANGED
     ) -> "LineRegression":
         """Remove the regressors from the value of `rows`, and whiten the rest with `taps`."""
-        return cls(rows, regressors, taps, whitened(rows, regressors.residual(rows.value), taps))
+        plain = cls(rows, regressors, _UNCHANGED, regressors.residual(rows.value))
+        return plain.whitened(taps)
+
+    def whitened(self, taps: Float[np.ndarray, " taps"]) -> "LineRegression":
+        """Return the same regression, whitened with `taps`; `self` must not be whitened."""
+        if len(taps) == 1:
+            return self
+        residual = whitened(self.rows, self.residual, taps)
+        return LineRegression(self.rows, self.regressors, taps, residual, self)
 
     def columns(self, frequencies: Sequence[float] | np.ndarray) -> Float[np.ndarray, "n k"]:
         """Return cosine and sine of every line, made orthogonal to the regressors and whitened."""
-        return _columns(lambda one: self.waves.of(one, self._white), frequencies, self.rows)
+        return _columns(self._wave, frequencies, self.rows)
+
+    def _wave(self, cycles: float) -> Wave:
+        return self.waves.of(cycles, self._projected if self.plain is None else self._white)
+
+    def _projected(self, cycles: float) -> Wave:
+        return self.regressors.residual(_known_wave(self.rows, cycles))
 
     def _white(self, cycles: float) -> Wave:
-        return whitened(self.rows, self.regressors.residual(waves(self.rows, [cycles])), self.taps)
+        assert self.plain is not None
+        return whitened(self.rows, self.plain._wave(cycles), self.taps)
 
     def after(self, frequencies: Sequence[float] | np.ndarray) -> Float[np.ndarray, " n"]:
         """Return the whitened residual of a fit of regressors and lines."""
@@ -186,36 +213,70 @@ class LineRegression:
         **Returns** the coefficients (2 k of cosines and sines, then k corrections of frequencies in
         cycles per revolution) and their covariance for innovations of variance 1.
         """
-        columns = self.columns(frequencies)
-        pairs, _ = fitted(columns, self.residual)
-        wave = waves(self.rows, frequencies)
-        change = pairs[1::2] * wave[:, ::2] - pairs[::2] * wave[:, 1::2]
-        slopes = self.regressors.residual(REV * self.rows.turns[:, None] * change)
-        slopes = whitened(self.rows, slopes, self.taps)
-        return fitted(np.concatenate([columns.T, slopes.T]).T, self.residual)
+        return self._solved(self._fit(frequencies))
 
     def refine(
         self, frequencies: Float[np.ndarray, " k"], lowest_cycles: float
     ) -> Float[np.ndarray, " k"]:
         """Return the frequencies of least misfit near `frequencies`, by Gauss–Newton iteration.
 
-        A step that fails is halved. Two lines keep a distance of at least the resolution; otherwise
-        their amplitudes are undefined. No frequency falls below `lowest_cycles`.
+        A step that fails is halved, and a step moves only the lines that are not yet at their best
+        frequency. Two lines keep a distance of at least the resolution; otherwise their amplitudes
+        are undefined. No frequency falls below `lowest_cycles`.
         """
         count, resolution = len(frequencies), 1 / self.rows.span
-        size, lowest = 1.0, self.misfit(frequencies)
-        coefficients, covariance = self.solve(frequencies)
+        size, best = 1.0, self._fit(frequencies)
+        coefficients, covariance = self._solved(best)
         for _ in range(_STEPS):
             step = np.clip(coefficients[-count:], -0.25 * resolution, 0.25 * resolution)
-            scatter = np.sqrt(np.diag(covariance)[-count:] * lowest / len(self.residual))
-            if np.all(np.abs(size * step) <= _CONVERGED * scatter):
+            scatter = np.sqrt(np.diag(covariance)[-count:] * best.misfit / len(self.residual))
+            moves = np.abs(size * step) > _CONVERGED * scatter
+            if not moves.any():
                 break
-            trial = frequencies + size * step
-            misfit = self.misfit(trial)
+            trial = best.frequencies + np.where(moves, size * step, 0.0)
             apart = np.min(np.diff(np.sort(trial)), initial=np.inf)
-            if misfit < lowest and trial.min() >= lowest_cycles and apart >= APART * resolution:
-                frequencies, lowest = trial, misfit
-                coefficients, covariance = self.solve(frequencies)
+            allowed = trial.min() >= lowest_cycles and apart >= APART * resolution
+            found = self._fit(trial) if allowed else best
+            if found.misfit < best.misfit:
+                best = found
+                coefficients, covariance = self._solved(best)
             else:
                 size *= 0.5
-        return frequencies
+        return best.frequencies
+
+    def _fit(self, frequencies: Float[np.ndarray, " k"]) -> "_Fitted":
+        columns = self.columns(frequencies)
+        pairs = fitted(columns, self.residual)[0]
+        rest = self.residual - columns @ pairs
+        return _Fitted(frequencies, pairs, float(rest @ rest))
+
+    def _solved(
+        self, found: "_Fitted"
+    ) -> tuple[Float[np.ndarray, " 3*k"], Float[np.ndarray, "3*k 3*k"]]:
+        """Fit the lines of `found` and a linear correction of their frequencies; see `solve`."""
+        count, pairs = len(found.frequencies), found.pairs
+        table = np.empty((3 * count, len(self.residual)))
+        for place, cycles in enumerate(found.frequencies):
+            table[2 * place : 2 * place + 2] = self._wave(float(cycles)).T
+            slopes = self._slopes(float(cycles)).T
+            np.matmul(pairs[2 * place : 2 * place + 2], slopes, out=table[2 * count + place])
+        return fitted(table.T, self.residual)
+
+    def _slopes(self, cycles: float) -> Wave:
+        """Return the derivatives of the columns of a line with respect to its frequency."""
+        return self.slopes.of(cycles, self._slopes_now)
+
+    def _slopes_now(self, cycles: float) -> Wave:
+        if self.plain is not None:
+            return whitened(self.rows, self.plain._slopes(cycles), self.taps)
+        cosine, sine = _known_wave(self.rows, cycles).T
+        turns = REV * self.rows.turns
+        return self.regressors.residual(np.stack([-turns * sine, turns * cosine]).T)
+
+
+class _Fitted(NamedTuple):
+    """Frequencies of lines, coefficients of their columns, and the sum of squares that remains."""
+
+    frequencies: Float[np.ndarray, " k"]
+    pairs: Float[np.ndarray, " 2*k"]
+    misfit: float

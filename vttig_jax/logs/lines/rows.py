@@ -51,7 +51,7 @@ class Stretch:
                 )
 
 
-_KNOWN = 24  # largest number of lines whose columns are cached (chosen)
+_KNOWN = 12  # largest number of lines whose columns are cached (chosen)
 
 Wave = Float[np.ndarray, "n 2"]
 """Columns of one line: cosine and sine at every row; each column is contiguous in memory."""

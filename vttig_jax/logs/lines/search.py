@@ -5,6 +5,7 @@ Lines of a belt, a bearing ring or an inner gear stage appear without a known to
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from operator import itemgetter
 
 import numpy as np
@@ -14,9 +15,10 @@ from ...base.angles import amplitude_phase, wrap_deg
 from ...base.threads import one_blas_thread
 from ...base.units import ARCSEC
 from .noise import filter_of_order, noise_filter
+from .noise_level import false_alarm_probability, may_be_highest, noise_level, relative_height
 from .regression import APART, LineRegression, Regressors
 from .rows import Rows, Stretch, stack
-from .spectrum import LEAST_CYCLES, Spectrum, false_alarm_probability, noise_level
+from .spectrum import LEAST_CYCLES, Spectrum
 
 _LEAST_ROWS = 24
 _LEAST_FREEDOM = 4.0
@@ -126,6 +128,11 @@ class _Search:
     spectrum: Spectrum
     false_alarm: float
 
+    @cached_property
+    def plain(self) -> LineRegression:
+        """Regression without whitening, from which all whitened ones are made."""
+        return LineRegression.of(self.rows, self.regressors)
+
     def candidates(self, most: int) -> Float[np.ndarray, " k"]:
         """Return the frequencies of up to `most` candidate lines.
 
@@ -133,16 +140,15 @@ class _Search:
         frequencies. The autoregression can follow a strong line and hide it in the whitened
         spectrum; therefore the spectrum without whitening is searched too, with its noise level.
         """
-        plain = LineRegression.of(self.rows, self.regressors)
         frequencies = np.zeros(0)
         while len(frequencies) < most:
-            residual = plain.after(frequencies)
+            residual = self.plain.after(frequencies)
             if self._is_rounding(residual):
                 break
             taps = noise_filter(self.rows, residual)
-            parts = [plain]
+            parts = [self.plain]
             if len(taps) > 1:
-                parts.append(LineRegression.of(self.rows, self.regressors, taps))
+                parts.append(self.plain.whitened(taps))
             found = [(*self._highest(part, frequencies), part) for part in parts]
             score, cycles, regression = max(found, key=itemgetter(0))
             if score <= 0 or self._alarm(score) > self.false_alarm:
@@ -155,10 +161,9 @@ class _Search:
 
         Return the remaining lines, the most certain first.
         """
-        plain = LineRegression.of(self.rows, self.regressors)
         while len(frequencies):
-            taps = noise_filter(self.rows, plain.after(frequencies))
-            regression = LineRegression.of(self.rows, self.regressors, taps)
+            taps = noise_filter(self.rows, self.plain.after(frequencies))
+            regression = self.plain.whitened(taps)
             frequencies = regression.refine(frequencies, self._lowest)
             level = self._level(regression, frequencies)
             scores = self._scores(regression, frequencies, level)
@@ -176,11 +181,15 @@ class _Search:
         The lines `frequencies` are fitted first, and peaks near them are excluded.
         """
         height = self.spectrum.height(regression.after(frequencies), regression.taps)
-        level = noise_level(self.spectrum, height, frequencies)
-        usual, freedom = level.at(self.spectrum.cycles)
-        score = np.where(self._free(frequencies), relative_height(height / usual, freedom), -1.0)
+        open_ = np.flatnonzero(self._free(frequencies))
+        places = open_[may_be_highest(self.spectrum, height, frequencies, open_)]
+        if not len(places):
+            return -1.0, 0.0
+        cycles = self.spectrum.cycles[places]
+        usual, freedom = noise_level(self.spectrum, height, frequencies, near=cycles).at(cycles)
+        score = relative_height(height[places] / usual, freedom)
         best = int(np.argmax(score))
-        return float(score[best]), float(self.spectrum.cycles[best])
+        return float(score[best]), float(cycles[best])
 
     def _scores(
         self, regression: LineRegression, frequencies: Float[np.ndarray, " k"], level: _Level
@@ -212,21 +221,24 @@ class _Search:
         The whitening filter is fitted again without this line and has the same order.
         """
         others = np.delete(frequencies, line)
-        residual = LineRegression.of(self.rows, self.regressors).after(others)
+        residual = self.plain.after(others)
         taps = filter_of_order(self.rows, residual, len(regression.taps) - 1)
-        return LineRegression.of(self.rows, self.regressors, taps).misfit(others)
+        return self.plain.whitened(taps).misfit(others)
 
     def _level(self, regression: LineRegression, frequencies: Float[np.ndarray, " k"]) -> _Level:
         height = self.spectrum.height(regression.after(frequencies), regression.taps)
-        return noise_level(self.spectrum, height, frequencies).at(frequencies)
+        return noise_level(self.spectrum, height, frequencies, near=frequencies).at(frequencies)
 
     @property
     def _lowest(self) -> float:
         return LEAST_CYCLES / self.rows.span
 
     def _free(self, frequencies: Float[np.ndarray, " k"]) -> Bool[np.ndarray, " f"]:
-        distance = np.abs(self.spectrum.cycles[:, None] - frequencies) * self.spectrum.span
-        return np.all(distance >= APART, axis=1)
+        cycles = self.spectrum.cycles
+        free = np.ones(len(cycles), bool)
+        for frequency in frequencies:
+            free &= np.abs(cycles - frequency) * self.spectrum.span >= APART
+        return free
 
     def _alarm(self, score: float) -> float:
         cycles = self.spectrum.cycles
@@ -277,14 +289,3 @@ class _Search:
                 )
             )
         return tuple(lines)
-
-
-def relative_height(
-    relative: Float[np.ndarray, " f"], freedom: Float[np.ndarray, " f"]
-) -> Float[np.ndarray, " f"]:
-    """Return z = −ln P, where P is the probability of a height of `relative` times the noise level.
-
-    The level is itself a mean of `freedom` heights, so that `relative` has an F distribution with 2
-    and 2 `freedom` degrees of freedom: P = (1 + relative / freedom)^−freedom = exp(−z).
-    """
-    return freedom * np.log1p(relative / np.maximum(freedom, 1e-300))
