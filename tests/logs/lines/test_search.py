@@ -8,7 +8,13 @@ from scipy.signal import lfilter
 
 from vttig_jax.base.angles import difference_deg
 from vttig_jax.base.units import ARCSEC, DEG, REV
-from vttig_jax.logs.lines.noise_level import false_alarm_probability, noise_level
+from vttig_jax.logs.lines.noise import filter_of_order, transposed, whitened
+from vttig_jax.logs.lines.noise_level import (
+    false_alarm_probability,
+    may_be_highest,
+    noise_level,
+    relative_height,
+)
 from vttig_jax.logs.lines.regression import APART, LineRegression, Regressors, orthonormal
 from vttig_jax.logs.lines.rows import Rows, Stretch, stack
 from vttig_jax.logs.lines.search import Line, find_lines
@@ -180,6 +186,53 @@ def test_the_level_follows_a_slope_and_no_line(slope):
     assert np.all(np.abs(np.mean(logarithms, axis=0)) < 0.25)
     spread = np.std(logarithms, axis=0)
     np.testing.assert_allclose(np.median(spread**2 * level.freedom), 1.0, rtol=0.4)
+
+
+def test_the_level_at_some_frequencies_is_that_of_the_whole_spectrum():
+    """And the rough choice of frequencies contains the highest, however strong the lines are."""
+    turns = np.linspace(0.0, 900.0, 9000)
+    for seed in range(3):
+        noise = coloured(9000, [1.0, -0.9], seed)
+        value = noise + sum(sine(REV * turns, c, 0.5 * 10**seed, 0.0) for c in (1.234, 3.07))
+        rows = stack([run_of(REV * turns, value, np.ones((9000, 1)))], 4.0)
+        spectrum = Spectrum.of(rows, Regressors.of(rows), 4.0)
+        height = spectrum.height(rows.value - rows.value.mean(), np.ones(1))
+        lines = np.array([1.234])
+        level, freedom = noise_level(spectrum, height, lines).at(spectrum.cycles)
+        some = spectrum.cycles[np.random.default_rng(seed).integers(0, len(level), 40)]
+        near = noise_level(spectrum, height, lines, near=some).at(some)
+        np.testing.assert_allclose(near[0], np.interp(some, spectrum.cycles, level), rtol=1e-4)
+        places = np.flatnonzero(np.abs(spectrum.cycles - 1.234) * 900 >= 1)
+        score = relative_height(height / level, freedom)[places]
+        kept = may_be_highest(spectrum, height, lines, places)
+        assert kept[np.argmax(score)] and kept.mean() < 0.2
+
+
+@pytest.mark.parametrize(
+    "poles", [[1.0, -0.5], [1.0, -1.76, 0.94], [1.0, -2.994, 2.988011, -0.994010994]]
+)
+def test_the_filter_is_the_regression_on_predecessors(poles):
+    """Against least squares over every row with enough predecessors, for smooth noise as well."""
+    rows = stack([run_of(STEADY, coloured(1500, poles, k), None, "AB"[k]) for k in (0, 1)], 25.0)
+    order = len(poles) + 2
+    lines, right = [], []
+    for run in rows.runs:
+        values = rows.value[run]
+        for k in range(order, len(values)):
+            lines.append(values[k - order : k][::-1])
+            right.append(values[k])
+    exact = np.linalg.lstsq(np.array(lines), np.array(right), rcond=None)[0]
+    taps = filter_of_order(rows, rows.value, order)
+    np.testing.assert_allclose(taps, [1.0, *-exact], rtol=1e-5, atol=1e-6)
+    white = whitened(rows, rows.value, taps)
+    for run in rows.runs:
+        expected = np.convolve(rows.value[run], taps)[order : run.stop - run.start]
+        np.testing.assert_allclose(white[run][order:], expected, atol=1e-14 * abs(rows.value).max())
+        assert not white[run][:order].any()
+    probe, other = np.random.default_rng(1).standard_normal((2, len(white)))
+    other[white == 0] = 0.0
+    left, back = whitened(rows, probe, taps) @ other, probe @ transposed(other, taps)
+    np.testing.assert_allclose(left, back, rtol=1e-9)
 
 
 @pytest.mark.usefixtures("unchecked")

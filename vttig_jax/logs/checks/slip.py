@@ -16,6 +16,7 @@ from ...base.errors import LogError
 from ...base.units import DEG, REV
 from ..encoder_log import EncoderLog
 from ..motion.segments import Segment, Segments
+from .slip_effects import Effects
 from .steps import Step, find_steps
 
 MOST_ROWS = 40_000
@@ -24,9 +25,6 @@ MOST_ROWS = 40_000
 WINDOWS = 600
 LEAST = 4
 """Largest number of windows over the whole log (about), and least number of rows per window."""
-
-ORDERS = 4
-"""Number of orders of each shaft in the fit."""
 
 LEAST_TURNS = 2.0
 """Least number of driving turns for a search; over fewer turns a part of a harmonic looks like a
@@ -94,18 +92,16 @@ def find_slip(log: EncoderLog, segments: Segments) -> Slip | None:
     edges = _window_starts(segment_of)
     if len(edges) < 4:
         return None
-    columns = _columns(log, rows, group, forward)
-    error = log.transmission_error[rows]
-    residual = _huber_residual(columns, error)
+    effects = Effects.of(log, rows, group, forward)
+    residual = _huber_residual(effects, log.transmission_error[rows])
     size = np.diff([*edges, len(rows)])
-    medians = _medians(residual, edges, size)
-    means = (np.add.reduceat(columns.T, edges, axis=1) / size).T
-    least, speed = _least_step(log, residual), means[:, _speed_place(group)]
+    medians, means = _medians(residual, edges, size), effects.means(edges, size)
+    least, speed = _least_step(log, residual), means[:, effects.speed_place]
     steps = find_steps(medians, means, least, rival=speed)
     if not steps:
         return None
     largest = max(steps, key=lambda step: abs(step.size))
-    row = _first_row_after(rows, residual, edges, largest, columns @ largest.coefficients)
+    row = _first_row_after(rows, residual, edges, largest, effects.times(largest.coefficients))
     return Slip(float(log.time[row]), row, largest.size / DEG, largest.std / DEG)
 
 
@@ -186,58 +182,15 @@ def _least_step(log: EncoderLog, residual: Float[np.ndarray, " m"]) -> float:
     return max(limits)
 
 
-def _speed_place(group: Int[np.ndarray, " m"]) -> int:
-    """Return the index of the speed column, which follows the group offsets and the drift."""
-    return int(group.max()) + 2
-
-
-def _columns(
-    log: EncoderLog,
-    rows: Int[np.ndarray, " m"],
-    group: Int[np.ndarray, " m"],
-    forward: Bool[np.ndarray, " m"],
-) -> Float[np.ndarray, "m p"]:
-    """Return the design matrix of all effects in TE except a slip, columns scaled to about 1."""
-    time = log.time[rows]
-    span = max(float(np.ptp(time)), 1e-300)
-    flanks = [mask for mask in (forward, ~forward) if mask.any()]
-    groups, torques = int(group.max()) + 1, int(log.torque is not None)
-    # Each column is contiguous in memory, so that writing and summing it is fast.
-    table = np.empty((groups + 2 + 4 * ORDERS * len(flanks) + torques, len(rows)))
-    table[:groups] = group == np.arange(groups)[:, None]
-    table[groups] = (time - time.mean()) / span
-    speed = log.driving_speed.value[rows]
-    table[groups + 1] = _scaled(speed)
-    place = groups + 2
-    for angle in (log.driving_angle[rows], log.driven_angle[rows]):
-        first = np.exp(1j * angle)
-        power = np.ones_like(first)
-        for _ in range(ORDERS):
-            power *= first
-            for wave in (np.real(power), np.imag(power)):
-                for mask in flanks:
-                    np.multiply(wave, mask, out=table[place])
-                    place += 1
-    if log.torque is not None:
-        table[place] = _scaled(log.torque[rows])
-    return table.T
-
-
-def _scaled(values: Float[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
-    return values / max(float(np.abs(values).max()), 1e-300)
-
-
-def _huber_residual(
-    columns: Float[np.ndarray, "m p"], error: Float[np.ndarray, " m"]
-) -> Float[np.ndarray, " m"]:
-    """Return the residual of a Huber fit of `error` by `columns`; outliers have little influence.
+def _huber_residual(effects: Effects, error: Float[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
+    """Return the residual of a Huber fit of `error` by `effects`; outliers have little influence.
 
     The fit uses one random row of every few neighbouring rows. `find_steps` fits the coefficients
     again together with the steps. Every iteration solves the weighted normal equations for a
     correction of the coefficients, which removes rounding errors of earlier iterations.
     """
-    few = _drawn(len(error), columns.shape[1])
-    rows, left, weight = columns[few], error[few], np.ones(len(few))
+    few = _drawn(len(error), effects.width)
+    rows, left, weight = effects.at(few), error[few], np.ones(len(few))
     changes = []
     for _ in range(_HUBER_STEPS):
         weighted = rows * weight[:, None]
@@ -246,7 +199,7 @@ def _huber_residual(
         left = left - rows @ changes[-1]
         scale = 1.5 * float(np.median(np.abs(left))) / 0.6745
         weight = scale / np.maximum(np.abs(left), max(scale, 1e-300))
-    return error - columns @ changes[0] - columns @ np.sum(changes[1:], axis=0)
+    return error - effects.times(changes[0]) - effects.times(np.sum(changes[1:], axis=0))
 
 
 def _drawn(count: int, columns: int) -> Int[np.ndarray, " few"]:

@@ -4,6 +4,7 @@ All limits below are chosen values unless they say otherwise.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float
@@ -110,7 +111,7 @@ class _Series:
         """
         squares = []
         for used in ([], places):
-            residual = _without(_basis(self._design(shape, used)), self.values)
+            residual = _without(self._basis(shape, used), self.values)
             squares.append(max(float(residual @ residual), 1e-300))
         return len(self.values) * float(np.log(squares[0] / squares[1]))
 
@@ -158,13 +159,27 @@ class _Series:
     ) -> Float[np.ndarray, "w q"]:
         return np.hstack([self.columns, shape[:, None] * _steps(places, len(shape))])
 
+    @cached_property
+    def _of_columns(self) -> Float[np.ndarray, "w r"]:
+        return _basis(self.columns)
+
+    def _basis(self, shape: Float[np.ndarray, " w"], places: list[int]) -> Float[np.ndarray, "w r"]:
+        """Return an orthonormal basis of the columns and of steps, which are independent."""
+        basis = self._of_columns
+        if not places:
+            return basis
+        steps = shape[:, None] * _steps(places, len(shape))
+        for _ in range(2):  # the second time removes the rounding errors of the first
+            steps = _without(basis, steps)
+        return np.hstack([basis, np.linalg.qr(steps)[0]])
+
     def _best_place(self, shape: Float[np.ndarray, " w"], taken: list[int]) -> int | None:
         """Return the index at which one more step reduces the sum of squares most, or None.
 
         Indices near the steps at `taken` are excluded.
         """
         count = len(self.values)
-        basis = _basis(self._design(shape, taken))
+        basis = self._basis(shape, taken)
         residual = _without(basis, self.values)
         # The column of step k is `shape` from row k on, so its products are sums over the tail.
         tail = np.cumsum((shape[:, None] * basis)[::-1], axis=0)[::-1]
@@ -185,8 +200,8 @@ def _steps(places: list[int], count: int) -> Float[np.ndarray, "w s"]:
 
 
 def _without(
-    basis: Float[np.ndarray, "w r"], values: Float[np.ndarray, " w"]
-) -> Float[np.ndarray, " w"]:
+    basis: Float[np.ndarray, "w r"], values: Float[np.ndarray, " w *k"]
+) -> Float[np.ndarray, " w *k"]:
     return values - basis @ (basis.T @ values)
 
 

@@ -250,9 +250,7 @@ class LineRegression:
         rest = self.residual - columns @ pairs
         return _Fitted(frequencies, pairs, float(rest @ rest))
 
-    def _solved(
-        self, found: "_Fitted"
-    ) -> tuple[Float[np.ndarray, " 3*k"], Float[np.ndarray, "3*k 3*k"]]:
+    def _solved(self, found: "_Fitted") -> tuple[Float[np.ndarray, " c"], Float[np.ndarray, "c c"]]:
         """Fit the lines of `found` and a linear correction of their frequencies; see `solve`."""
         count, pairs = len(found.frequencies), found.pairs
         table = np.empty((3 * count, len(self.residual)))
