@@ -23,7 +23,11 @@ class VttigError(Exception):
 
 
 class UsageError(VttigError):
-    """The call cannot be executed: an optional package is missing, or a file already exists."""
+    """The call or the command cannot be executed in this form.
+
+    Examples: an argument is missing or contradicts another one, a request does not suit the data,
+    an optional package is not installed, or a file that would be written already exists.
+    """
 
     exit_code = 2
 

@@ -12,15 +12,20 @@ from ..base.units import DEG, REV
 class PassMotion:
     """Motion of trapezoidal speed from 0 to `reversal_deg` and back, with a dwell after each pass.
 
+    A pass is one motion in one direction; forward and backward passes alternate.
+
     **Arguments**
     - `speed_rpm`: steady speed of the driving shaft.
     - `reversal_deg`: driving angle of the reversal.
     - `dwell_s`: standstill after every pass.
     - `ramp_s`: time from standstill to the steady speed, at constant acceleration.
     - `passes`: number of passes, one more than reversals; 1 for a forward pass only.
-    - `ripple`, `ripple_order`: relative speed ripple and its cycles per driving revolution.
+    - `ripple`, `ripple_order`: amplitude of the speed ripple as a fraction of the speed, and its
+      cycles per driving revolution.
 
-    **Raises** `ValueError` for a reversal inside the ramps and for values that are not positive.
+    **Raises** `ValueError` if `reversal_deg` is too small for both ramps, if `speed_rpm`,
+    `reversal_deg`, `passes` or `ripple_order` is not positive, and if `dwell_s`, `ramp_s` or
+    `ripple` is negative; these three may be 0.
     """
 
     speed_rpm: float = 60.0

@@ -79,12 +79,14 @@ class Compensation:
     **Arguments**
     - `ratio`: i, driven over driving speed.
     - `constant_rad`: mean backlash over the hunting period, rad of the driven gear.
-    - `terms`: orders (n₁, n₂) of the harmonics. - `cosine_rad`, `sine_rad`: amplitudes, rad.
+    - `terms`: orders (n₁, n₂) of the harmonics of the backlash.
+    - `cosine_rad`, `sine_rad`: cosine and sine coefficient of each harmonic, rad.
     - `closing_rad_per_mm`: decrease of the backlash per axial displacement,
       (tan β_L + tan β_R)/R₂; NaN if no displacement reduces the backlash.
     - `offset_rad`: middle of the range of the transmission error of both flanks, rad.
     - `tolerance_rad`: largest accepted distance of φ₂ − i φ₁ − `offset_rad` from a multiple of
-      `spacing_rad`: half of that range plus the allowed error of the readings, rad.
+      `spacing_rad`: half of that range plus the allowed error of the readings, rad. `spacing_rad`
+      is 2π divided by the driving turns in the hunting period.
     - `error_rad`: largest difference between the harmonics and the map at 8192 angles, rad.
     """
 
@@ -105,12 +107,19 @@ class Compensation:
 
     @property
     def spacing_rad(self) -> float:
-        """Distance between the values of ξ possible at one driving angle, 2π/turns, rad."""
+        """Distance between the driven angles ξ that are possible at one driving angle, rad.
+
+        It is 2π/`hunting_turns`: in each turn of the hunting period, the same driving angle modulo
+        one turn belongs to another driven angle modulo one turn.
+        """
         return REV / self.hunting_turns
 
     @property
     def is_locating(self) -> bool:
-        """Whether single-turn readings identify the turn: tolerance below half the spacing."""
+        """Whether single-turn readings identify the driving turn within the hunting period.
+
+        They do if `tolerance_rad` is less than half of `spacing_rad`.
+        """
         return self.tolerance_rad < self.spacing_rad / 2
 
     def backlash(self, driving_rad: Readings, driven_rad: Readings) -> GapReading:

@@ -41,7 +41,8 @@ class Command(eqx.Module):
 class Controller(eqx.Module):
     """Base class of controllers, which command the axial displacement of gear 2 in every period.
 
-    The displacement is in mm, positive towards a closed gap. To write a controller, derive a class:
+    The displacement is in mm, positive towards a closed gap. The argument `seen` of `step` is a
+    `Measurement`: readings in rad, speeds in rad/s. To write a controller, derive a class:
 
     ```python
     >>> import jax.numpy as jnp
@@ -57,7 +58,8 @@ class Controller(eqx.Module):
 
     ```
 
-    A controller that also moves the motor sets `advances = True` and returns a `Command`:
+    A controller that also moves the motor sets `advances = True` and returns a `Command`. Its
+    `advance`, rad, is added to the prescribed angle of the driving shaft:
 
     ```python
     >>> import jax.numpy as jnp

@@ -232,9 +232,10 @@ def _sum(cosine: Array, sine: Array, waves: list[Any]) -> Array:
 
 
 def _power(powers: dict, order: int):
-    """Return (sin, cos) of `order` · α, where powers[1] is (sin α, cos α); None for order 0.
+    """Return (sin, cos) of `order` · α by angle addition; None for order 0.
 
-    The results for positive orders are stored in `powers`.
+    `powers` maps orders to known results. At the start it must hold {0: None, 1: (sin α, cos α)};
+    results for further positive orders are stored in it. A negative order negates the sine.
     """
     if order < 0:
         sine, cosine = _power(powers, -order)

@@ -178,7 +178,10 @@ def _angle(value: float) -> str:
 
 @dataclass(frozen=True)
 class Trace:
-    """Samples of a run: a `Sample` whose fields are arrays of shape (n,), in s, rad and mm."""
+    """Samples of a run: a `Sample` whose fields are arrays of shape (n,).
+
+    Times are in s, angles in rad and displacements in mm; `columns` gives angles in degrees.
+    """
 
     samples: Sample
 
@@ -188,7 +191,12 @@ class Trace:
         return cls(jax.tree.map(lambda *values: np.concatenate(values), *chunks))
 
     def columns(self) -> dict[str, Float[np.ndarray, " n"]]:
-        """Return the columns of a table; their names end with their units."""
+        """Return the samples as a table, column name → values.
+
+        All angles are converted from rad to degrees: `driving_deg`, `te_deg`, `te_shown_deg`,
+        `flank_a_deg` and `flank_b_deg`. The other columns are `time_s`, `speed_rad_s`,
+        `acceleration_rad_s2`, `command_mm` and `axial_mm`.
+        """
         s = self.samples
         angles = {"driving": s.driving, "te": s.error, "te_shown": s.shown}
         angles |= {"flank_a": s.lower, "flank_b": s.upper}
@@ -268,7 +276,9 @@ class Simulation(PlottedResult):
         return float(angle), float(self.case.bounds.gap(angle))
 
     def columns(self) -> dict[str, Float[np.ndarray, " n"]]:
-        """Return the columns of the trace until the drive blocks; see `Trace.columns`.
+        """Return the table of the trace, angles in degrees; see `Trace.columns`.
+
+        If the drive blocks during the run, the table ends at this time.
 
         **Raises** `ValueError` for a run without a trace.
         """

@@ -33,7 +33,10 @@ which the speed is computed to find this end; chosen values."""
 
 
 class Window(eqx.Module):
-    """Window of one case; n periods of the controller.
+    """Part of the motion of one case that is simulated: n periods of the controller.
+
+    It begins `LEAD_IN_S` before braking and ends when the speed after the turn is nearly the
+    highest speed again. Without a turn it ends with the motion.
 
     - `reading`: readings of the driving encoder, rad. - `closed`: axial displacement that closes
       the gap at the end of each plant step, mm. - `closed_first`: at the start of the window.
@@ -66,7 +69,7 @@ class Extent(NamedTuple):
 
 
 def extent_of(case: Case) -> Extent:
-    """Return the extent of the window of a case."""
+    """Return the first controller period of the window of a case, and its number of periods."""
     start, until = map(float, _window_times(case))
     period, duration = float(case.period), float(case.motion.duration_s)
     first = math.floor(start / period)

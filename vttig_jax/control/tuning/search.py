@@ -146,7 +146,11 @@ class Search:
             yield Stage(width, self._values(after.u), *costs, calls)
 
     def neighbours(self, values: Sequence[float]) -> list[tuple[float, ...]]:
-        """Return copies of `values` in which one key differs by one of the steps of a stage."""
+        """Return copies of `values` in which one key is changed by one of the steps of a stage.
+
+        A positive key is multiplied by one of `_FACTORS`. Another key is increased by one of
+        `_STEPS`, in units of its own step. Copies outside the limits of the key are left out.
+        """
         ends = np.array([key.ends(self.step_mm) for key in self.keys])
         u = [key.scaled(x, self.step_mm) for key, x in zip(self.keys, values, strict=True)]
         return [self._values(other) for other in self._neighbours([np.array(u)], ends)]
@@ -191,9 +195,12 @@ def _cost(point: _Point) -> float:
 
 
 def stacked_windows(cases: Sequence[Case]) -> list[Window]:
-    """Return the windows in which the cases are tried, one for each structure of the cases.
+    """Return the windows that are simulated during the search, one for each structure of cases.
 
-    A window holds all cases of its structure, stacked along the first axis of its arrays.
+    The `Window` of a case is the part of its motion around braking and turning back. Cases have one
+    structure if their pytrees, with the controller classes, and their array shapes are equal. Their
+    windows are stacked: the cases are the first axis of every array, and shorter windows are filled
+    up to the length of the longest one.
     """
     groups: dict[CaseStructure, list[Case]] = {}
     for case in cases:

@@ -210,7 +210,11 @@ def _best(recession: Values, shares: Values) -> Values:
 
 
 def _thickness(gears: Teeth, distance: Values, axial: Values, z: Values) -> Values:
-    """Return r_w1 ψ₁ + r_w2 ψ₂ on the working pitch circles, mm; the last axis is (A, B)."""
+    """Return the half thicknesses r_w1 ψ₁ + r_w2 ψ₂ of both teeth on the working pitch circles, mm.
+
+    The last axis of the result is (flank A, flank B). The sum over this axis is the thickness of a
+    driving tooth plus that of a driven tooth. `distance` and `axial` are a and s, mm.
+    """
     driving, driven = gears
     teeth = driving.teeth + driven.teeth
     first, second = (jnp.broadcast_to(distance * gear.teeth / teeth, z.shape) for gear in gears)
@@ -220,6 +224,10 @@ def _thickness(gears: Teeth, distance: Values, axial: Values, z: Values) -> Valu
 
 
 def _clearance(gears: Teeth, distance: Values, thickness: Values) -> Values:
-    """Return (2π r_w1/z₁ − `thickness`)/r_w2, the backlash, rad, for both thicknesses in mm."""
+    """Return the backlash (2π r_w1/z₁ − `thickness`)/r_w2, rad of the driven gear.
+
+    `distance` is the centre distance a = r_w1 + r_w2, mm. `thickness` is the sum of the thickness
+    of a driving tooth and of a driven tooth, each on its working pitch circle, mm.
+    """
     share = 1 / (gears[0].teeth + gears[1].teeth)
     return (2 * math.pi * distance * share - thickness) / (distance * gears[1].teeth * share)

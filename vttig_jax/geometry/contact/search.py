@@ -44,7 +44,10 @@ class Place(IntEnum):
 
 
 class TouchPoint(eqx.Module):
-    """First contact of each tooth pair in a section.
+    """First contact of each tooth pair in a section, at n positions of the driving gear.
+
+    Of all roll angles, the first contact has the largest driven angle φ₂ on flank A and the
+    smallest on flank B.
 
     - `error`: transmission error, rad; −∞ on flank A and +∞ on flank B if the pair does not touch.
     - `roll`: roll angle of the driving flank, rad.
@@ -66,7 +69,7 @@ class ContactSearch(eqx.Module):
 
     **Arguments**
     - `mates`, `mounting`: flanks and position of the gears; they are not differentiated.
-    - `pose`: position of the driving gear, arrays of shape (pair, n) or (1, n).
+    - `pose`: n positions of the driving gear, arrays of shape (pair, n) or (1, n).
     - `guess`: TE, rad, that places the driven base circle centre first; None if it is fixed.
     - `points`: number of roll angles on the grid.
     """
@@ -107,9 +110,10 @@ class ContactSearch(eqx.Module):
 def search(scene: ContactSearch, sections: int) -> TouchPoint:
     """Return the first contact of every tooth pair in some sections of the common face.
 
-    The result has `sections` + 1 rows: the evenly spaced sections from end to end, and last the
-    section of the first contact of the pair, refined between its neighbours. For one section there
-    is one row, the middle of the face. The gears and angles are those of `scene`.
+    The result has `sections` + 1 rows. The first rows are evenly spaced sections from end to end
+    of the common face. The last row is, for each tooth pair, the section in which it touches first,
+    refined between the neighbouring sections. If `sections` is 1, the result has only one row, the
+    middle of the face. The gears and their positions are those of `scene`.
     """
     shape = jnp.broadcast_shapes(*(leaf.shape for leaf in jax.tree.leaves(scene.pose)))
     if sections == 1:
@@ -165,7 +169,11 @@ def _narrowed(scene: ContactSearch, bracket: Bracket, trial: TouchPoint) -> Brac
 
 
 def touch_at(scene: ContactSearch, share: Float[Array, "pair n"]) -> TouchPoint:
-    """Return the first contact of each tooth pair in the section at a share of the common face."""
+    """Return the first contact of each tooth pair in one section; see `TouchPoint`.
+
+    `share` is the place of the section in the common face, from 0 at one end to 1 at the other. It
+    is given for each tooth pair and for each of the n positions of the driving gear in `scene`.
+    """
     low, high = scene.limits
     spacing = (high - low) / (scene.points - 1)
     grid = low + spacing * jnp.arange(scene.points)[:, None, None]

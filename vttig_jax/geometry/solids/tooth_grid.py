@@ -27,7 +27,8 @@ class Counts:
     """Numbers of intervals of the grid of one tooth.
 
     **Arguments**
-    - `root`, `fillet`, `flank`, `tip`: intervals of these pieces on each side of the tooth.
+    - `root`, `fillet`, `flank`, `tip`: intervals along the profile in these parts on each side of
+      the tooth.
     - `sections`: intervals along the face in each of its stretches.
     """
 
@@ -48,11 +49,17 @@ class Counts:
         return sum(self.sections)
 
     def of(self, part: Part) -> int:
-        """Return the number of intervals of one part."""
+        """Return the number of intervals along the profile in one part on one side of the tooth.
+
+        `part` is "root", "fillet", "flank" or "tip".
+        """
         return getattr(self, part)
 
     def pieces(self) -> list[int]:
-        """Return the number of intervals of each of the eight pieces."""
+        """Return the number of intervals along the profile of each of the eight pieces.
+
+        The pieces are the four parts on both sides of the tooth, in the sequence of `ORDER`.
+        """
         return [self.of(part) for _, part in ORDER]
 
 

@@ -23,7 +23,11 @@ def flank_roll(
 ) -> Float[Number, "*shape"]:
     """Return the roll angle of a flank point at a radius, rad; NaN below the base circle.
 
-        roll = ± [√(r²/r_b² − 1) − tan α − (π m/4 + shift tan α)/R],    r, shift in mm
+        roll = ± [√(r²/r_b² − 1) − tan α − (π m/4 + shift tan α)/R],    + left, − right flank
+
+    Without recession it is the counter-clockwise rotation of the gear, from the position in which
+    the centre line of the tooth passes through the pitch point, to the position in which the rack
+    cuts this point. The radius r, the profile shift and the reference radius R are in mm.
 
     **Example**
     ```python

@@ -44,7 +44,8 @@ def filter_form(
 ) -> Float[Numbers, "taps taps"]:
     """Return the matrix T with fᵀ T f = tr(Wᵀ Uᵀ Σ⁻¹ U W) for every filter f.
 
-    `weights` is W: each of its columns is a combination of the columns of U.
+    `weights` is W: each column of W holds the factors of one linear combination of the q columns
+    of U.
     """
     xp = namespace(weights)
     taps = lag_products.shape[0]
@@ -56,10 +57,11 @@ def filter_form(
 
 
 def _summed_diagonals(square: Float[Numbers, "n n"]) -> Float[Numbers, "n n"]:
-    """Return the matrix whose element (a, b) is Σ_s square[a − s, b − s].
+    """Return the matrix with the elements Σ_s square[a − s, b − s] for s = 0 … min(a, b).
 
-    Rows of 2n numbers become rows of 2n − 1 numbers, so that each diagonal of the mirrored matrix
-    becomes a column, and the sum is a cumulative sum over the rows.
+    A result is the sum of the element (a, b) and of all elements before it on its diagonal. The
+    program reverses the order of the columns and appends n zeros to every row. The same numbers in
+    rows of 2n − 1 instead of 2n have each diagonal in one column, where a cumulative sum is taken.
     """
     xp = namespace(square)
     n = square.shape[0]

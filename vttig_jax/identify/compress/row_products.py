@@ -30,8 +30,11 @@ Filter = Float[Array, " taps"]
 class RowProducts(NamedTuple):
     """Products of the rows of one log, flank by flank.
 
+    Z = U F are the rows of a flank: the columns of the fit and, as the last of the q columns, the
+    transmission error y. U are the conditioned rows, whose columns are nearly orthonormal.
+
     **Arguments**
-    - `triangle`: F, upper triangular; y is the last of the q columns.
+    - `triangle`: upper triangular matrix F of every flank.
     - `lag_products`: Γ_0 … Γ_L of the rows of U.
     - `ends`: the L rows of U next to both ends of every run, the outermost first.
     - `rows`: number of rows. - `runs`: number of runs that have rows.
@@ -125,10 +128,11 @@ def residual_autocovariance(
 
 
 def inner(products: RowProducts, filter_: Filter) -> Upper:
-    """Return the upper triangle C with CᵀC = Uᵀ Σ⁻¹ U for innovations of variance one.
+    """Return the upper triangle C with CᵀC = Uᵀ Σ⁻¹ U, and its inverse, for every flank.
 
-    The taps of the filter beyond the order of the noise are zero. F is `products.triangle`. The
-    upper triangle of the whitened rows Z is then C F.
+    Σ is the covariance of the noise with the whitening filter `filter_` and innovations of variance
+    one; taps beyond the order of the noise are zero. With F, which is `products.triangle`, the
+    product C F is the upper triangle of the whitened rows Z: (C F)ᵀ(C F) = Zᵀ Σ⁻¹ Z.
     """
     total = jax.vmap(whitened_products, in_axes=(0, 0, None))(
         products.lag_products, products.ends, filter_

@@ -20,7 +20,9 @@ _FIRST = ((1, 0), (0, 1))
 class ForwardModel(eqx.Module):
     """Map from the physical parameters to the coefficients of the own and tied columns.
 
-    Both kinds of columns together are called tied here; each flank has its own coefficients.
+    The columns are those of `ColumnLayout`. In this module, "tied coefficients" and the axis "tied"
+    of an array mean the own columns of all logs, followed by the columns of the tied harmonics.
+    Each flank has its own coefficients.
 
     The parameters are a vector with the names `names`: lengths in mm, angles in rad, eccentricities
     and encoder errors in Cartesian form (x + jy = amplitude · exp(j phase)). The first parameters
@@ -266,7 +268,11 @@ def _tied_shafts(terms: TermPlan) -> list[str]:
 def _first_order_columns(
     terms: TermPlan, columns: ColumnLayout
 ) -> dict[str, tuple[Float[np.ndarray, " tied"], Float[np.ndarray, " tied"]]]:
-    """Return shaft → unit vectors of the cosine and the sine column of its first order."""
+    """Return shaft → two unit vectors, which select the columns of its first order.
+
+    The first vector selects the cosine column among the own and tied columns, the second one the
+    sine column. Shafts whose first order is not tied are left out.
+    """
     unit = np.eye(columns.own_width + 2 * len(columns.tied))
     places = {
         harmonic.shaft: columns.own_width + 2 * index
@@ -279,9 +285,11 @@ def _first_order_columns(
 def _projection(terms: TermPlan, columns: ColumnLayout) -> Float[np.ndarray, "tied grid"]:
     """Return the matrix that maps TE values on the grid of the torus to the tied coefficients.
 
-    The mean contributes to the offset of every log, and a harmonic contributes to the tied column
-    of the same frequency. If the tooth counts give two harmonics the same frequency, both
-    contribute to one column, because the log cannot separate them either.
+    A row of the matrix is one of the own columns of all logs or one column of a tied harmonic. The
+    product of a row and the TE values (rad) is a Fourier coefficient: the mean for the offset of
+    every log, and the cosine or sine coefficient for a tied harmonic. The rows of other own
+    columns, such as drift, are zero. If the tooth counts give two harmonics the same frequency,
+    their coefficients are added, because the log cannot separate them either.
     """
     driving, driven = grid()
     points = len(driving)

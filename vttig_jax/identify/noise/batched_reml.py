@@ -152,17 +152,20 @@ def freedom_left(products: RowProducts) -> Float[Array, ""]:
 
 
 def misfit_of(products: RowProducts, upper: Upper) -> Float[Array, ""]:
-    """Return the sum over all flanks of the squared length of the whitened residual, rad².
+    """Return the squared length of the whitened residual of one log, summed over its flanks, rad².
 
-    `upper` is the result of `inner`.
+    `upper` is the result of `inner` for the same `products` and the filter of the noise. The length
+    follows from `upper` and `products.triangle` together; see `_residual_length`.
     """
     return jnp.sum(_residual_length(products, upper) ** 2)
 
 
 def residual_rows(products: RowProducts, upper: Upper) -> Float[Array, "flanks q"]:
-    """Return weights w of every flank; u · w is the residual of generalised least squares, rad.
+    """Return one weight vector w per flank, which turns a row into its residual y − xβ, rad.
 
-    u is a row of U, the conditioned rows of `products`.
+    The residual of generalised least squares, not whitened, is u · w. Here u is a row of U, the
+    conditioned rows from which `products` was computed; y is part of their last column. `upper` is
+    the result of `inner` for the same `products` and the filter of the noise.
     """
     return _residual_length(products, upper)[:, None] * upper.inverse[:, :, -1]
 

@@ -86,7 +86,15 @@ def satterthwaite(
     slope: Float[np.ndarray, "p k"],
     hessian: Float[np.ndarray, "p p"],
 ) -> Float[np.ndarray, " k"]:
-    """Return ν = 2 v² / (∇vᵀ 2 H⁻¹ ∇v), at least `FEWEST`; 1/v instead of v gives the same ν."""
+    """Return the degrees of freedom ν = 2 v² / (∇vᵀ 2 H⁻¹ ∇v) of k variances, at least `FEWEST`.
+
+    Eigenvalues of H below `_LEAST` are replaced by `_LEAST`.
+
+    **Arguments**
+    - `variance`: variances v, or 1/v, which gives the same ν if `slope` is also that of 1/v.
+    - `slope`: ∇v, the derivatives of v (or 1/v) with respect to the p noise parameters θ.
+    - `hessian`: H, the Hessian of −2 ln(restricted likelihood) with respect to θ.
+    """
     size, directions = np.linalg.eigh(hessian)
     spread = 2 * np.sum((directions.T @ slope) ** 2 / np.maximum(size, _LEAST)[:, None], axis=0)
     return np.maximum(2 * variance**2 / np.maximum(spread, 1e-300), FEWEST)

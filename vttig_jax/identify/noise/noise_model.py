@@ -47,7 +47,7 @@ class NoiseModel:
       this object is then the noise model of all speeds together.
     - `choice`: assumed kind of the noise model.
     - `by`: method of the estimate, "likelihood" or "moments"; "rounding" if the log has no noise
-      and the residual is rounding.
+      and the residual is only rounding error of floating-point numbers.
     """
 
     coefficients: Float[np.ndarray, " p"]
@@ -117,7 +117,11 @@ class NoiseModel:
 
     @property
     def is_rounding(self) -> bool:
-        """Whether the log has no noise, so that the residual is only rounding."""
+        """Whether the residual is only rounding error of floating-point numbers.
+
+        The log then has no noise, for example in a simulation. The limit is
+        `HarmonicSummary.rounding`; the steps of an encoder are larger and count as noise.
+        """
         return self.by == "rounding"
 
     @property
@@ -243,7 +247,8 @@ def _model(
 ) -> NoiseModel:
     """Return the noise model with a given whitening filter; `by` is the method that estimated it.
 
-    The innovations have the variance of the whitened residual, at least that of rounding.
+    The innovations have the variance of the whitened residual times `variance_factor`. The
+    variance is at least that of the floating-point rounding errors.
     """
     left = sum(flank.factor(filter_)[-1, -1] ** 2 for flank in summary.flanks)
     coefficients = len(summary.flanks) * (summary.columns.width - 1)
@@ -304,7 +309,10 @@ def residual_rows(
 
 
 def residual_std(summary: HarmonicSummary, filter_: Float[np.ndarray, " taps"]) -> float:
-    """Return the rms residual of generalised least squares, rad, at least that of rounding."""
+    """Return the rms residual of generalised least squares, rad.
+
+    It is at least the rms of the floating-point rounding errors.
+    """
     square = 0.0
     for flank in summary.flanks:
         residual = flank.residual(filter_)

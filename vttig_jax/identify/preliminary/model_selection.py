@@ -249,10 +249,11 @@ def _finest(inputs: Sequence[Input]) -> float:
 def _widest_drift(
     settings: FitSettings, pair: GearPair | Drive, identifiable: Identifiability
 ) -> Drift:
-    """Return the requested drift, or the highest drift that may be selected.
+    """Return the drift that the user requests, or else the highest drift that may be selected.
 
-    Without a request there is no drift if it resembles another term: a first order on few turns,
-    or the gap of a drive under correlated noise.
+    Without a request it is `AUTOMATIC_DRIFT`, or no drift in two cases: on both flanks with
+    `few_turns`, where a drift resembles the gap, and if a shaft whose first order is reported makes
+    fewer than `_TURNS_FOR_DRIFT` turns, where a drift resembles this order.
     """
     if settings.drift_knots_s is not None:
         return Drift(knots_s=settings.drift_knots_s)

@@ -60,11 +60,13 @@ def noise_level(
 ) -> Level:
     """Return the noise level, fitted as a power of the frequency within 40 cells around each knot.
 
-    A cell is one resolution. The heights of noise have an exponential distribution with the level
-    as mean, so that the fit is a regression of the gamma family with logarithmic link. Heights
-    above five times the level count as five times the level. Frequencies within one cell of one of
-    `lines` are excluded, and so are those that the regressors explain. If frequencies `near` are
-    given, only the knots on both sides of each of them are fitted; the level is valid there only.
+    A cell is one resolution of the spectrum, 1 / (revolutions of the log). A knot is a frequency at
+    which the level is fitted. `height` is the result of `Spectrum.height`. The heights of noise
+    have an exponential distribution with the level as mean, so that the fit is a regression of the
+    gamma family with logarithmic link. Heights above five times the level count as five times the
+    level. Frequencies within one cell of one of `lines` (cycles per revolution) are excluded, and
+    so are those that the regressors explain. If frequencies `near` are given, only the knots on
+    both sides of each of them are fitted; the level is valid there only.
     """
     knots = _knots(spectrum)
     if near is not None:
@@ -79,10 +81,12 @@ def may_be_highest(
     lines: Float[np.ndarray, " k"],
     places: Int[np.ndarray, " p"],
 ) -> Bool[np.ndarray, " p"]:
-    """Return which of the frequencies of index `places` may stand highest above the noise level.
+    """Return for each of `places` whether its height may be the highest of all `places`.
 
-    The level is first estimated from few frequencies, so that the whole work is only necessary
-    for those that this function returns.
+    Heights are compared relative to the noise level. `places` are indices of frequencies in
+    `spectrum.cycles`, and the other arguments are those of `noise_level`. The level is only
+    roughly estimated here, from few frequencies. The exact level is then needed only at the places
+    for which the result is true.
     """
     knots = _knots(spectrum)
     if len(knots) <= _MANY_KNOTS or not len(places):
@@ -109,9 +113,9 @@ def _level(
     knots: Int[np.ndarray, " q"],
     stride: int = 1,
 ) -> Level:
-    """Return the level at the frequencies of index `knots` from every frequency of index `stride`.
+    """Return the level at the knots, fitted to every `stride`-th frequency of their windows.
 
-    See `noise_level`.
+    `knots` are indices in `spectrum.cycles`. The other arguments are those of `noise_level`.
     """
     cycles, per_cell = spectrum.cycles, spectrum.per_cell
     usable = (spectrum.remaining >= LEAST_REMAINING) & (height > 0)
@@ -148,11 +152,20 @@ def _gamma_regression(
     logarithm: Float[np.ndarray, "k m"],
     weight: Float[np.ndarray, "k m"],
 ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
-    """Fit ln level = a + b · distance in every window; return the a and their variances.
+    """Fit ln(level) = a + b · distance in each of k windows of m frequencies.
 
-    `logarithm` is ln height; the heights have an exponential distribution with the level as mean.
-    Heights with `weight` 0 are excluded. Floats of 32 bits are enough, because the relative
-    standard error of a level is about 0.1.
+    Return the intercepts a, which are ln(level) at the knots, and their variances. The variances
+    hold for independent heights. There are several frequencies per resolution, so their heights
+    are correlated, and the caller must enlarge the variances.
+
+    The heights have an exponential distribution with the level as mean. Heights above `_CLIP` times
+    the level count as `_CLIP` times the level, and the mean is corrected for that. Floats of 32
+    bits are enough, because the relative standard error of a level is about 0.1.
+
+    **Arguments**
+    - `distance`: ln(frequency / frequency of the knot of the window); 0 at the knot.
+    - `logarithm`: ln(height) at these frequencies.
+    - `weight`: 1 for a height that is used, 0 for one that is excluded.
     """
     total = np.maximum(weight.sum(axis=1), 1e-30)
     centre = np.einsum("km,km->k", weight, distance) / total

@@ -50,7 +50,8 @@ class CaseResult:
     - `rows`, `row_s`: number of rows of all flanks together, and duration of one row, s.
     - `ranks`: ranks in the Laplace approximation of the fit; `white_rows`, `white_samples`: the
       same for a fit that takes the noise of the rows, or of single samples, as white.
-    - `amplitudes`: name → ranks of the true amplitudes.
+    - `amplitudes`: name of a vector (x, y), such as an eccentricity → for each rig, the rank of the
+      true length of this vector.
     - `orders`: order of the autoregression of every rig.
     - `std`: standard error of each parameter, mean over the rigs, mm and rad.
     - `seconds`: computing time of the case, s. - `sampled`: sampled rigs; None without sampling.
@@ -80,19 +81,27 @@ class CaseResult:
         return min(shares), max(shares)
 
     def cells(self) -> list[Cell]:
-        """Return the coverages of the Laplace approximation, as numbers to be tested."""
+        """Return one `Cell` per parameter and level for the Laplace approximation of the fit.
+
+        It holds the p-value of the coverage; `coverage_p_value` computes it with `BANDS`.
+        """
         return self._cells(self.ranks, BANDS, "Laplace")
 
     def sampled_cells(self) -> list[Cell]:
-        """Return the coverages of the sampled rigs, as numbers to be tested."""
+        """Return one `Cell` per parameter and level for the sampled rigs; empty without them.
+
+        It holds the p-value of the coverage; `coverage_p_value` computes it with `SAMPLED_BANDS`.
+        """
         if self.sampled is None:
             return []
         return self._cells(self.sampled.ranks, SAMPLED_BANDS, "sampled")
 
     def amplitude_cells(self) -> list[Cell]:
-        """Return the rank histograms of the amplitudes, as numbers to be tested.
+        """Return for each of `amplitudes` a `Cell` with the p-value of its rank histogram.
 
-        The test has the same tolerance as that of the coverages.
+        It is the p-value of a χ² test for uniformly distributed ranks; see `histogram_p_value`. The
+        test tolerates standard errors that are slightly too small, as much as the band of the
+        coverage of 95 % intervals does.
         """
         return [
             Cell(self.scenario.case, name, "rank histogram", histogram_p_value(ranks))

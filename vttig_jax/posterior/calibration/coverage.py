@@ -83,7 +83,11 @@ def uniformity(ranks: Float[np.ndarray, " rigs"], bins: int = BINS) -> float:
 
 @dataclass(frozen=True)
 class CoverageDisc:
-    """Indices of x and y of one vector, and the radius of the disc that it was drawn from."""
+    """Prior of one vector (x, y) of parameters: uniform density in a disc around (0, 0).
+
+    `x` and `y` are the indices of both coordinates among the parameters, and `radius` is the radius
+    of the disc in the unit of these parameters.
+    """
 
     name: str
     x: int
@@ -132,9 +136,11 @@ FAMILY_WISE = 0.01  # probability of at least one false rejection in a family of
 
 @dataclass(frozen=True)
 class Cell:
-    """Tested number of one parameter in one case, with the p-value of the test.
+    """Result of one statistical test: the p-value for one parameter in one case of calibration.
 
-    `what` says what is tested, and `probability` is the p-value if the intervals are calibrated.
+    `case` and `name` are the names of the case and of the parameter, and `what` is the tested
+    statistic in words. `probability` is the p-value: the probability of a result at least as
+    extreme if the intervals are calibrated.
     """
 
     case: str

@@ -84,9 +84,11 @@ class ProfileInterval:
 def profile(of: Fit | FitTarget, name: str, probability: float = 0.95) -> ProfileInterval:
     """Return the profile interval of one coordinate of the posterior of a fit.
 
+    The density that is maximised includes the prior, so an end can be the bound of the prior.
+
     **Arguments**
     - `of`: fit (with the default prior), or target of a fit with another prior.
-    - `name`: name of a coordinate in `FitTarget.names`.
+    - `name`: name of a coordinate in `FitTarget.names`, but not of a partial autocorrelation.
     - `probability`: probability of the interval, between 0 and 1.
 
     **Raises** `ValueError` for a wrong name or probability, `NoAnswerError` if the density has no
@@ -112,7 +114,10 @@ def profile(of: Fit | FitTarget, name: str, probability: float = 0.95) -> Profil
 def profiles(
     of: Fit | FitTarget, names: Sequence[str] | None = None, probability: float = 0.95
 ) -> dict[str, ProfileInterval]:
-    """Return profile intervals by name, by default of all coordinates except the noise."""
+    """Return name → profile interval, by default for all coordinates except those of the noise.
+
+    The arguments are those of `profile`; `names` are the names of several coordinates.
+    """
     profiler = Profiler(_target(of))
     wanted = profiler.physical if names is None else names
     return {name: profiler.interval(name, probability) for name in wanted}
@@ -124,7 +129,9 @@ def _target(of: Fit | FitTarget) -> FitTarget:
 
 
 class Profiler:
-    """Maximum of the density of one target, with all coordinates free or with one held.
+    """Search for the maximum of a posterior density, with all coordinates free or with one held.
+
+    The density is that of `target` and includes the prior.
 
     The search uses the coordinates u, which are those of the target, except that arctanh(π/bound)
     takes the place of a partial autocorrelation π; the bound is `LARGEST`.
@@ -140,7 +147,14 @@ class Profiler:
         return self.target.names[: self._noise - 1]
 
     def interval(self, name: str, probability: float = 0.95) -> ProfileInterval:
-        """Return the profile interval of a coordinate; see `profile`."""
+        """Return the profile interval of one coordinate of the posterior density, prior included.
+
+        `name` is a physical coordinate or `log_innovation_std`, not a partial autocorrelation.
+        `probability` is that of the interval. The end of an unbounded side is None.
+
+        **Raises** `ValueError` for a wrong name or probability, `NoAnswerError` if the density has
+        no maximum.
+        """
         if name not in self.target.names[: self._noise]:
             raise ValueError(
                 f"Argument `name` must be one of {', '.join(self.target.names[: self._noise])},"

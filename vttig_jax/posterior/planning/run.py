@@ -26,6 +26,8 @@ _FINE_COUNTS = 100_000_000
 class PlannedRun:
     """Planned motion in one recording: passes at steady speed, each with ramps and a dwell.
 
+    A pass is one motion over the angle `turns` in one direction, from standstill to standstill.
+
     **Arguments**
     - `turns`: turns of the driving shaft in every pass, ramps included.
     - `speeds_rpm`: speeds of the driving shaft; each has its own passes, one after the other.
@@ -75,7 +77,7 @@ class PlannedRun:
 
     @property
     def pass_count(self) -> int:
-        """Number of passes at every speed."""
+        """Number of passes at every speed; forward and backward motions are separate passes."""
         if self.passes is not None:
             return self.passes
         return 2 if self.directions == "both" else 1

@@ -114,7 +114,11 @@ class GapDraws:
         return centre[:, None] + basis @ self._gap_deviations
 
     def chunks(self, driving_angle: Angles) -> Iterator[Curves]:
-        """Yield the result of `over` for successive blocks of angles, which limits the memory."""
+        """Yield the backlash of every draw for successive blocks of `driving_angle` (rad).
+
+        Each block is a result of `over`: rad of the driven gear, shape (angles of the block, m).
+        Blocks of at most `_CHUNK` angles limit the memory.
+        """
         for start in range(0, len(driving_angle), _CHUNK):
             yield self.over(driving_angle[start : start + _CHUNK])
 
