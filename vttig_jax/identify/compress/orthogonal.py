@@ -59,15 +59,16 @@ def conditioned(rows: Float[np.ndarray, "n q"]) -> Factored:
     al., SIAM J. Sci. Comput. 42 (2020) A477). The condition number of ZᵀZ has no effect. U takes
     the memory of `rows`, whose values are lost.
     """
-    size = _sizes(rows)
-    rows /= size
     gram = rows.T @ rows
+    size = np.sqrt(np.diag(gram))
+    size[size == 0] = 1.0
+    gram /= np.outer(size, size)
     gram[np.diag_indices(len(gram))] += _SHIFT
-    triangle = np.linalg.cholesky(gram).T
+    triangle = np.linalg.cholesky(gram).T * size
     return Factored(
         _substituted(triangle, rows),
-        _substituted(triangle, PSEUDO_OBSERVATION * np.eye(len(gram))),
-        triangle * size,
+        _substituted(triangle, PSEUDO_OBSERVATION * np.diag(size)),
+        triangle,
     )
 
 

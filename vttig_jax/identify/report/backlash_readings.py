@@ -34,6 +34,7 @@ from ...pair.eccentricities import Eccentricities
 from ...pair.gear_pair import Drive, Flank, GearPair
 from ..model.column_layout import OFFSET
 from ..model.mounting import mounted_exact, mounting_of, offset_name
+from ..model.waves import Waves
 from ..solve.least_squares import Solution
 from ..solve.sandwich import Functional
 from ..solve.solved_fit import SolvedFit
@@ -352,13 +353,13 @@ def _rows(
     # NumPy replaces the implicit model, which would be compiled for every set of orders. Orders of
     # the driving shaft do not depend on the driven angle and are computed only once.
     changing = list(enumerate(columns.free + columns.tied))
+    of_driving = Waves(driving)
     for _ in range(_MOST_ITERATIONS):
-        driven = ratio * driving + error
+        of_driven = Waves(ratio * driving + error)
         for place, term in changing:
-            phase = float(term[0]) * driving + float(term[1]) * driven
+            wave = of_driving.of(term[0]) * of_driven.of(term[1])
             cell = columns.cosine(place)
-            np.cos(phase, out=table[cell])
-            np.sin(phase, out=table[cell + 1])
+            table[cell], table[cell + 1] = np.real(wave), np.imag(wave)
         changing = [(place, term) for place, term in changing if term[1]]
         if moved <= _SETTLED:
             break

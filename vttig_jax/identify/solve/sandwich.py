@@ -193,20 +193,23 @@ def _influences(
     for _, run, rows in solved.runs:
         flank = run.segment.flank
         place, own = sides.index(flank), solved.noise.at(run.segment.speed)
-        whitening = own.whitening(run.curve.time) if whole else None
-        white = own.whitened(rows, run.curve.time) if whitening is None else whitening @ rows
         factor = solved.whitened[place]
         free = factor.free
         upper = factor.factor[:free, :free]
-        regressors = white[:, free:-1] - white[:, :free] @ np.linalg.solve(
-            upper, factor.factor[:free, free:-1]
-        )
-        rate = regressors @ solved.solution.jacobian[place] @ of_score.T
+        tied = solved.solution.jacobian[place] @ of_score.T
+        # Few combinations of the columns are whitened, and not all columns.
+        combined = np.zeros((rows.shape[1], len(of_score) + 2))
+        combined[:free, :-2] = -np.linalg.solve(upper, factor.factor[:free, free:-1]) @ tied
+        combined[free:-1, :-2] = tied
         if flank in functional.free:
-            of_free = np.linalg.solve(upper, np.linalg.solve(upper.T, white[:, :free].T))
-            rate += (functional.free[flank] @ of_free).T
-        left = white[:, -1] - white[:, :-1] @ solved.coefficients[place]
+            of_free = np.linalg.solve(upper.T, functional.free[flank].T)
+            combined[:free, :-2] += np.linalg.solve(upper, of_free)
+        combined[:, -2] = [*-solved.coefficients[place], 1.0]
+        combined[summary.columns.index(OFFSET), -1] = 1.0
+        whitening = own.whitening(run.curve.time) if whole else None
+        table = rows @ combined
+        white = own.whitened(table, run.curve.time) if whitening is None else whitening @ table
+        rate, left, constant = white[:, :-2], white[:, -2], white[:, -1]
         weights = None if whitening is None else whitening.T @ rate
-        constant = white[:, summary.columns.index(OFFSET)]
         found.append(_Influence(rate, left, constant, weights))
     return found
