@@ -152,9 +152,8 @@ def main() -> int:
             how, holds = one(verb, base, draw, ended.cpu_s, repeated)
             counts["killed"] += how.endswith("killed")
             counts[f"{how}: {holds}"] += 1
-            if holds.startswith("FAULT"):
-                print(how, holds, flush=True)
-                counts["faults"] += 1
+            counts["faults"] += holds.startswith("FAULT")
+            print(f"{counts['killed']} of {asked.kills}, {how}: {holds}", flush=True)
     for name, count in sorted(counts.items()):
         print(f"{count:5d}  {name}")
     path = RESULTS / "kills.json"

@@ -8,17 +8,14 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
+from vttig_jax.base.numerics.partial_autocorrelation import filter_of
 from vttig_jax.identify.compress.row_products import (
     conditioned,
     inner,
     row_products,
     upper_and_inverse,
 )
-from vttig_jax.identify.noise.batched_reml import (
-    estimated_noise,
-    filter_of,
-    needed_lags,
-)
+from vttig_jax.identify.noise.batched_reml import estimated_noise, needed_lags
 from vttig_jax.identify.noise.restricted_likelihood import LARGEST, best_partial
 
 WIDTH, LAGS = 4, 4

@@ -4,7 +4,7 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 
 def whitening_filter(
@@ -43,3 +43,14 @@ def levinson_step(filter_: Any, partial: Any, xp: ModuleType = np) -> Any:
     """
     extended = xp.concatenate([filter_, xp.zeros(1)])
     return extended - partial * extended[::-1]
+
+
+def mirror_places(lags: int) -> Int[np.ndarray, "lags taps"]:
+    """Return for every order k = 1 … `lags` the places that turn a filter around for its next step.
+
+    The filter has the full length `lags` + 1: (f_0 … f_{k−1}, 0 …). Its values at row k − 1 are
+    (0, f_{k−1} … f_0, 0 …). The last value is 0 at every order below `lags`, so all zeros are taken
+    from there.
+    """
+    places = np.arange(1, lags + 1)[:, None] - np.arange(lags + 1)
+    return np.where(places >= 0, places, lags)

@@ -5,13 +5,19 @@
 Levinson's recursion computes the whitening filter (1, −a₁, …, −a_p) from π_1 … π_p.
 """
 
-from typing import overload
+from typing import Any, overload
 
+import jax.numpy as jnp
 import numpy as np
+from jax import lax
 from jaxtyping import Array, Float
 
 from ..arrays import Number, Numbers, namespace
-from .autoregression import levinson_step
+from .autoregression import levinson_step, mirror_places
+
+_WRITTEN_OUT = 3
+"""Orders up to which a compiled program contains every step of the recursion and not a loop: it is
+faster for few orders, and takes longer to compile for many (chosen)."""
 
 
 @overload
@@ -31,10 +37,24 @@ def filter_of(partial: Float[Numbers, " p"]) -> Float[Numbers, " taps"]:
     ```
     """
     xp = namespace(partial)
+    if isinstance(partial, Array) and partial.shape[0] > _WRITTEN_OUT:
+        return _looped(partial)
     filter_ = xp.ones(1)
     for order in range(partial.shape[0]):
         filter_ = levinson_step(filter_, partial[order], xp)
     return filter_
+
+
+def _looped(partial: Float[Array, " p"]) -> Float[Array, " taps"]:
+    """Return the filter of `filter_of` by one loop over filters of the full length."""
+
+    def longer(filter_: Any, step: tuple[Any, Any]) -> tuple[Any, None]:
+        places, value = step
+        return filter_ - value * filter_[places], None
+
+    lags = partial.shape[0]
+    steps = jnp.asarray(mirror_places(lags)), partial
+    return lax.scan(longer, jnp.zeros(lags + 1).at[0].set(1.0), steps)[0]
 
 
 def partial_of(filter_: Float[np.ndarray, " taps"]) -> Float[np.ndarray, " p"]:

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from ...base.arrays import Numbers
+from ...base.numerics.partial_autocorrelation import filter_of
 from ..compress.harmonic_summary import ROUNDING
 from ..compress.row_products import (
     RowProducts,
@@ -16,7 +17,7 @@ from ..compress.row_products import (
     row_products,
 )
 from ..model.column_layout import OFFSET
-from ..noise.batched_reml import estimated_noise, filter_of, needed_lags
+from ..noise.batched_reml import estimated_noise, needed_lags
 from ..noise.noise_model import FORGOTTEN
 from ..settings import HIGHEST_LAG
 from .batch_model import BatchModel

@@ -9,10 +9,11 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ...base.arrays import Numbers
+from ...base.numerics.autoregression import mirror_places
+from ...base.numerics.partial_autocorrelation import filter_of
 from ..compress.row_products import RowProducts, Upper, inner, upper_and_inverse
 from .restricted_likelihood import (
     MOST_STEPS,
@@ -30,7 +31,6 @@ _NEAR = 1e-2
 """Largest change of a π_k in the last Newton step; a larger step is not taken (chosen)."""
 
 Partial = Float[Array, " lags"]
-Filter = Float[Array, " taps"]
 
 
 class Noise(NamedTuple):
@@ -125,24 +125,6 @@ def needed_lags(
     """
     orders = jax.vmap(_yule_walker_order)(autocovariance, rows, jnp.stack([most] * len(rows)))
     return jnp.clip(jnp.max(orders) + 2, 1, most)
-
-
-def filter_of(partial: Partial) -> Filter:
-    """Return the whitening filter by Levinson's recursion; π_k must be 0 beyond the order."""
-
-    def longer(filter_, step):
-        mirror, value = step
-        return filter_ - value * (mirror @ filter_), None
-
-    start = jnp.zeros(partial.shape[0] + 1).at[0].set(1.0)
-    return jax.lax.scan(longer, start, (jnp.asarray(_mirrors(partial.shape[0])), partial))[0]
-
-
-def _mirrors(lags: int) -> Float[np.ndarray, "lags taps taps"]:
-    """Return for every order k the matrix from (f_0 … f_{k−1}, 0 …) to (0, f_{k−1} … f_0, 0 …)."""
-    place = np.arange(lags + 1)
-    sums = place[:, None] + place[None, :]
-    return (sums[None] == np.arange(1, lags + 1)[:, None, None]).astype(float)
 
 
 def freedom_left(products: RowProducts) -> Float[Array, ""]:
@@ -248,8 +230,8 @@ def _yule_walker_order(
 
     def longer(state, step):
         filter_, variance = state
-        order, mirror = step
-        mirrored = mirror @ filter_
+        order, places = step
+        mirrored = filter_[places]
         partial = mirrored @ autocovariance / variance
         variance = jnp.maximum(variance * (1 - partial**2), least)
         score = rows * jnp.log(variance) + jnp.log(rows) * order
@@ -258,6 +240,6 @@ def _yule_walker_order(
 
     first = jnp.maximum(autocovariance[0], least)
     start = jnp.zeros(taps).at[0].set(1.0), first
-    steps = jnp.arange(1, taps), jnp.asarray(_mirrors(taps - 1))
+    steps = jnp.arange(1, taps), jnp.asarray(mirror_places(taps - 1))
     _, scores = jax.lax.scan(longer, start, steps)
     return jnp.argmin(jnp.concatenate([rows * jnp.log(first)[None], scores]))

@@ -8,11 +8,12 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Float, Int
 
 from ...base.arrays import Numbers
+from ...base.numerics.partial_autocorrelation import filter_of
 from ...identify.compress.harmonic_summary import ROUNDING
 from ...identify.compress.row_products import inner
 from ...identify.many.optimum import estimate
 from ...identify.model.forward_model import ForwardModel
-from ...identify.noise.batched_reml import Partial, estimated_noise, filter_of
+from ...identify.noise.batched_reml import Partial, estimated_noise
 from .compressed import Compressed
 
 
