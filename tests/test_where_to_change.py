@@ -12,7 +12,7 @@ ROWS = [line for line in TABLE.splitlines() if line.startswith("| ") and "`" in 
 
 
 def missing(row: str) -> list[str]:
-    """Files of a row that do not exist; a name without a folder is in the folder named before it."""
+    """Files of a row that do not exist; a name without a folder is in the folder before it."""
     lacking, folder = [], None
     for name in re.findall(r"`([^`\s]+(?:\.py|\.pyi|\.md|\.json|\.toml|/))`", row):
         places = [base / name for base in (PACKAGE, ROOT, folder) if base is not None]
