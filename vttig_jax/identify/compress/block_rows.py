@@ -153,9 +153,8 @@ def log_rows(
         driving, driven = channels.driving[part], channels.driven[part]
         error = channels.error[segment.flank][part]
         present = channels.own_on(segment.flank)
-        own = np.stack([values[part] for values in present.values()] or [error])
+        own = [values[part] for values in present.values()]
         weight = None if channels.weight is None else channels.weight[part]
-        own = own[: len(present)]
         rows = block_rows(
             columns,
             size=size,

@@ -155,7 +155,9 @@ def _reversals(
     from 0. `gap_deg` is the gap as an angle of the driving shaft.
     """
     channels, one = linear.channels[log], linear.inputs[log].log
-    error = one.transmission_error + float(one.ratio) * (one.driving_angle - channels.driving)
+    error = one.driving_angle - channels.driving
+    error *= float(one.ratio)
+    error += one.transmission_error
     for name, values in channels.own.items():
         if is_shared(name) and name in solution.names:
             error -= solution.values[solution.names.index(name)] * values

@@ -76,13 +76,14 @@ def reversal_jumps(
         angle, te = driving[window], error[window]
         sense = 1.0 if before.flank == "A" else -1.0
         turn = int(np.argmax(sense * angle))
-        left = sense * (angle[turn] - angle) / DEG
+        left = angle[turn] - angle
+        left *= sense / DEG
         for start in sorted({max(_NEAR_DEG, beyond), _NEAR_DEG}, reverse=True):
             middle = start + WINDOW_DEG / 2
-            near = np.abs(left - middle) <= WINDOW_DEG / 2
-            place = np.arange(len(angle))
-            first, second = near & (place < turn), near & (place > turn)
-            if first.sum() < 3 or second.sum() < 3:
+            off = left - middle
+            near = np.flatnonzero(np.abs(off, out=off) <= WINDOW_DEG / 2)
+            first, second = near[near < turn], near[near > turn]
+            if len(first) < 3 or len(second) < 3:
                 continue
             levels = [_level(left[part] - middle, te[part]) for part in (first, second)]
             jumps.append(

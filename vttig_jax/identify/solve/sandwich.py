@@ -190,7 +190,7 @@ def _influences(
     summary, of_score = solved.summary, functional.slope @ solved.model_covariance
     sides = [flank.flank for flank in summary.flanks]
     found = []
-    for _, run, rows in solved.runs:
+    for _, run, embedding in solved.runs:
         flank = run.segment.flank
         place, own = sides.index(flank), solved.noise.at(run.segment.speed)
         factor = solved.whitened[place]
@@ -198,7 +198,7 @@ def _influences(
         upper = factor.factor[:free, :free]
         tied = solved.solution.jacobian[place] @ of_score.T
         # Few combinations of the columns are whitened, and not all columns.
-        combined = np.zeros((rows.shape[1], len(of_score) + 2))
+        combined = np.zeros((summary.columns.width, len(of_score) + 2))
         combined[:free, :-2] = -np.linalg.solve(upper, factor.factor[:free, free:-1]) @ tied
         combined[free:-1, :-2] = tied
         if flank in functional.free:
@@ -207,7 +207,7 @@ def _influences(
         combined[:, -2] = [*-solved.coefficients[place], 1.0]
         combined[summary.columns.index(OFFSET), -1] = 1.0
         whitening = own.whitening(run.curve.time) if whole else None
-        table = rows @ combined
+        table = run.rows @ (embedding.T @ combined)
         white = own.whitened(table, run.curve.time) if whitening is None else whitening @ table
         rate, left, constant = white[:, :-2], white[:, -2], white[:, -1]
         weights = None if whitening is None else whitening.T @ rate

@@ -59,15 +59,16 @@ class SolvedFit:
         return curves_and_residuals(self.linear, self.weights)
 
     @cached_property
-    def runs(self) -> tuple[tuple[int, BlockRun, Float[np.ndarray, "n columns"]], ...]:
-        """Number of the log (from 0), run, and rows in the columns of all logs, of every run.
+    def runs(self) -> tuple[tuple[int, BlockRun, Float[np.ndarray, "columns own"]], ...]:
+        """Number of the log (from 0), run, and embedding of its rows, of every run.
 
-        The runs are in time order. A run is left out unless it has at least ten rows more than the
-        whitening filter has taps.
+        The embedding maps a row of the run to a row with the columns of all logs. The runs are in
+        time order. A run is left out unless it has at least ten rows more than the whitening filter
+        has taps.
         """
         flanks = {flank.flank for flank in self.summary.flanks}
         return tuple(
-            (log, run, run.rows @ embedding[run.segment.flank].T)
+            (log, run, embedding[run.segment.flank])
             for log, (rows, embedding) in enumerate(
                 zip(self.linear.rows, self.summary.embeddings, strict=True)
             )
@@ -84,7 +85,8 @@ class SolvedFit:
         """
         flanks = [flank.flank for flank in self.summary.flanks]
         columns, runs = self.summary.columns, []
-        for log, run, rows in self.runs:
+        for log, run, embedding in self.runs:
+            rows = run.rows @ embedding.T
             design = np.zeros((len(rows), len(flanks), rows.shape[1] - 1))
             design[:, flanks.index(run.segment.flank)] = rows[:, :-1]
             runs.append(

@@ -102,17 +102,20 @@ def moves_by_whole_steps(steps: Float[np.ndarray, " n"]) -> bool:
 
     ```
     """
-    growth = np.rint(np.diff(steps, 2))
+    growth = np.diff(steps, 2)
+    np.rint(growth, out=growth)
     if not np.any(growth):
         return False
-    starts = np.flatnonzero(np.concatenate([[True], np.diff(growth) != 0]))
-    values, lengths = growth[starts], np.diff(np.append(starts, len(growth)))
-    long = lengths >= _FEWEST_OF_RAMP
-    steady = long & (values == 0)
+    starts = np.flatnonzero(np.concatenate([[True], growth[1:] != growth[:-1]]))
+    values, count = growth[starts], len(growth)
+    still, little = values == 0, np.abs(values) < _LEAST_JUMP
+    del growth, values  # they may be as long as the log
+    long = np.diff(starts, append=count) >= _FEWEST_OF_RAMP
+    steady = long & still
     change = np.cumsum(steady)[~steady]  # number of the steady part before, one for each piece
     ramp = long[~steady]
     ramps = np.bincount(change, ramp)
-    small = ~ramp & (np.abs(values[~steady]) < _LEAST_JUMP) & (ramps[change] == 0)
+    small = ~ramp & little[~steady] & (ramps[change] == 0)
     return not np.any(small) and bool(np.all(np.bincount(change, ~ramp) <= ramps + 1))
 
 
