@@ -1,7 +1,10 @@
 """Help in groups, and completion by the shell."""
 
+import shlex
 import shutil
 import subprocess
+import sys
+from pathlib import Path
 
 import pytest
 
@@ -57,3 +60,70 @@ def test_completion_answers(capsys, monkeypatch, words, expected):
     monkeypatch.setenv("COMP_CWORD", str(len(words.split()) - 1))
     assert main([]) == 0
     assert expected in capsys.readouterr().out
+
+
+LOG = "t [s];Motor Winkel [°];load_deg;x;x\n" + "".join(
+    f"{k},0;{k},5;{k},1;1;2\n" for k in range(9)
+)
+
+
+@pytest.mark.parametrize("verb", ["fit", "inspect", "sample", "fit-many"])
+@pytest.mark.parametrize(
+    ("typed", "found"),
+    [
+        (["dri"], ["driving=", "driven="]),
+        (["ti"], ["time=t [s]", "time=Motor Winkel [°]", "time=load_deg", "time=#4", "time=#5"]),
+        (["driven=lo"], ["driven=load_deg"]),
+        (["driven=none"], []),
+    ],
+)
+def test_columns_of_the_log_are_completed(tmp_path, capsys, monkeypatch, verb, typed, found):
+    log = tmp_path / "a log.csv"
+    log.write_text(LOG)
+    words = ["vttig", verb, str(log).replace(" ", "\\ "), "--column", *typed]
+    monkeypatch.setenv("_VTTIG_COMPLETE", "zsh_complete")
+    monkeypatch.setenv("COMP_WORDS", " ".join(words))
+    monkeypatch.setenv("COMP_CWORD", "4")
+    assert main([]) == 0
+    values = capsys.readouterr().out.splitlines()[1::3]
+    assert values == found
+
+
+@pytest.mark.parametrize("name", ["missing.csv", "empty.csv", "noise.csv"])
+def test_a_log_that_cannot_be_read_completes_nothing(tmp_path, capsys, monkeypatch, name):
+    (tmp_path / "empty.csv").touch()
+    (tmp_path / "noise.csv").write_bytes(bytes(range(256)))
+    monkeypatch.setenv("_VTTIG_COMPLETE", "fish_complete")
+    monkeypatch.setenv("COMP_WORDS", f"vttig fit {tmp_path / name} --column driving=")
+    monkeypatch.setenv("COMP_CWORD", "driving=")
+    assert main([]) == 0
+    assert capsys.readouterr() == ("\n", "")
+
+
+@pytest.mark.skipif(shutil.which("bash") is None, reason="bash is not installed")
+@pytest.mark.parametrize(
+    ("words", "replies"),
+    [
+        (["--column", "driving", "="], ["t\\ \\[s\\]", "Motor\\ Winkel\\ \\[°\\]"]),
+        (["--column", "driving", "=", "Mo"], ["Motor\\ Winkel\\ \\[°\\]"]),
+        (["--column", "time", "=", "t", "--column", "driven", "=", "lo"], ["load_deg"]),
+        (["--column", "=", "driven", "=", "lo"], ["load_deg"]),
+        (["--unit", "time", "=", "m"], ["ms"]),
+        (["--ratio", "64", ":", "23", "--column", "driven", "=", "lo"], ["load_deg"]),
+    ],
+)
+def test_bash_divides_words_at_equals_signs(tmp_path, monkeypatch, words, replies):
+    """Bash gives `driving=Mo` as three words, and replaces only the last by the reply."""
+    log = tmp_path / "log.csv"
+    log.write_text(LOG)
+    vttig = Path(sys.executable).with_name("vttig")
+    if not vttig.exists():
+        pytest.skip("the command is not installed beside python")
+    line = shlex.join(["vttig", "fit", str(log), *words])
+    script = (
+        f'eval "$(_VTTIG_COMPLETE=bash_source {shlex.quote(str(vttig))})"; compopt() {{ :; }}\n'
+        f"COMP_WORDS=({line}); COMP_CWORD=$((${{#COMP_WORDS[@]}} - 1)); COMPREPLY=()\n"
+        f"_vttig_completion {shlex.quote(str(vttig))}; printf '%s\\n' \"${{COMPREPLY[@]}}\""
+    )
+    found = subprocess.run(["bash", "-c", script], capture_output=True, text=True, check=True)
+    assert found.stdout.splitlines()[: len(replies)] == replies and not found.stderr

@@ -155,9 +155,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     _tolerate_encodings()
     if instruction := os.environ.get(COMPLETION):
-        from click.shell_completion import shell_complete
+        from .completion import answer
 
-        return shell_complete(vttig, {}, "vttig", COMPLETION, instruction)
+        return answer(vttig, "vttig", COMPLETION, instruction)
     with _seldom_collected(), Narrator() as narrator, library_messages_in_log(), _sigterm_raises():
         try:
             code = _invoke(arguments, narrator)

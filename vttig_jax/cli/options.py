@@ -169,6 +169,7 @@ def log_options(function: Callable[..., None]) -> Callable[..., None]:
                 multiple=True,
                 metavar="ROLE=NAME",
                 callback=_checked,
+                shell_complete=_columns_of_log,
                 help=f"Name the column of a role ({', '.join(ROLES)}); may be repeated. #1 is the"
                 " first column of a text file, #row the number 0, 1, 2, … of the row.",
             ),
@@ -183,6 +184,14 @@ def log_options(function: Callable[..., None]) -> Callable[..., None]:
     ):
         function = option(function)
     return function
+
+
+def _columns_of_log(
+    context: click.Context, parameter: click.Parameter, incomplete: str
+) -> list[str]:
+    from .completion import columns_of_log
+
+    return columns_of_log(context, parameter, incomplete)
 
 
 def _checked(
