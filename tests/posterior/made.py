@@ -20,6 +20,10 @@ class Diagnosis:
 
     converged: bool = True
 
+    @property
+    def warning(self) -> str:
+        return "" if self.converged else "not converged: sample on"
+
     def to_json(self) -> dict:
         return {"converged": self.converged, "r_hat": 1.001}
 

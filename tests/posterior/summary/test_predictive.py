@@ -81,6 +81,23 @@ def test_a_jump_the_model_does_not_make_is_seen(posterior, found):
     assert jump.step.predicted == pytest.approx(found.jumps[0].step.predicted, abs=5e-4 * DEG)
 
 
+def test_errors_beyond_the_noise_model_are_in_the_replicates(posterior):
+    """Draws as wide as such errors need replicates that have them, too."""
+    wide = {
+        name: part.mean(axis=0) + 20 * (part - part.mean(axis=0))
+        for name in ("offset", "cosine", "sine")
+        for part in [getattr(posterior, name)]
+    }
+    assert posterior.widening == 1.0 and posterior.fit.evidence is not None
+    evidence = posterior.fit.evidence
+    evidence = replace(evidence, widening=np.full_like(evidence.widening, 20.0))
+    told = replace(posterior, **wide, fit=replace(posterior.fit, evidence=evidence))
+    seen, known = predictive(replace(posterior, **wide), 200), predictive(told, 200)
+    assert seen.rms.p_value < 0.01 and seen.outside_lags > 10
+    assert known.rms.p_value > 0.1 and known.share.p_value > 0.1 and known.outside_lags < 5
+    assert all(jump.step.p_value > 0.05 for jump in known.jumps)
+
+
 def test_one_flank_has_no_jump(posterior):
     fit = posterior.fit
     alone = replace(fit, flanks=("A",), curves=fit.curves[:1], residuals=fit.residuals[:1])

@@ -3,6 +3,10 @@
 A replicate is a log simulated from the model: the flank model of one draw with the autoregressive
 noise of the same draw. Drift, wind-up, delay and the starts of further logs keep their fitted
 values.
+
+If the draws are wider than the noise model alone gives, the log has errors that the noise model
+lacks, such as rounding that is constant in a run. The replicates then have such errors, too: the
+deviation of another draw, as far as it exceeds the width of the noise model.
 """
 
 from collections.abc import Sequence
@@ -173,8 +177,9 @@ def predictive(posterior: Posterior, replicates: int = 500, seed: int = 0) -> Pr
         raise ValueError(f"Argument `replicates` must be at least 40, but is {replicates}.")
     generator = np.random.default_rng(seed)
     picked = generator.integers(0, len(posterior.chosen), replicates)
+    others = np.random.default_rng([seed, 1]).integers(0, len(posterior.chosen), replicates)
     filters, innovation, noise_std = posterior.noise(posterior.chosen[picked])
-    curves, passes = posterior.fit.curves, _expected_passes(posterior, picked)
+    curves, passes = posterior.fit.curves, _expected_passes(posterior, picked, others)
     centre = tuple(run.centre for run in passes)
     deviations = [c.transmission_error - middle for c, middle in zip(curves, centre, strict=True)]
     lags = max(1, min(_MOST_LAGS, *(len(curve) // 4 for curve in curves)))
@@ -184,6 +189,7 @@ def predictive(posterior: Posterior, replicates: int = 500, seed: int = 0) -> Pr
         shifts = [run.basis @ run.deviations[:, k] for run in passes]
         settling = _settling(filters[k])
         noise = [_filtered(generator, filters[k], innovation[k], len(c), settling) for c in curves]
+        noise = [own + run.basis @ run.errors[:, k] for own, run in zip(noise, passes, strict=True)]
         # Residual of the log under this draw, beside the noise of its replicate.
         residual = [run - move for run, move in zip(deviations, shifts, strict=True)]
         limit = NORMAL_95 * noise_std[k]
@@ -219,21 +225,28 @@ class _Pass:
     """Expected block means of one run, rad: their centre, and their spread over all draws.
 
     `basis` @ `deviations` is the difference between the expectation of each replicate's draw and
-    the centre.
+    the centre. `basis` @ `errors` is the error of each replicate that its noise lacks.
     """
 
     centre: Float[np.ndarray, " n"]
     spread: Float[np.ndarray, " n"]
     basis: Float[np.ndarray, "n c"]
     deviations: Float[np.ndarray, "c replicates"]
+    errors: Float[np.ndarray, "c replicates"]
 
 
-def _expected_passes(posterior: Posterior, picked: Int[np.ndarray, " replicates"]) -> list[_Pass]:
-    """Return the expected block means of every run; `picked` are the draws of the replicates.
+def _expected_passes(
+    posterior: Posterior,
+    picked: Int[np.ndarray, " replicates"],
+    others: Int[np.ndarray, " replicates"],
+) -> list[_Pass]:
+    """Return the expected block means of every run.
 
+    `picked` are the draws of the replicates, `others` those from which they get further errors.
     The centre is the fitted run plus the difference of TE between the mean draw and the fit.
     """
     model, fit = flank_draws(posterior), posterior.fit
+    lacking = np.sqrt(max(1.0 - posterior.widening**-2, 0.0))
     passes = []
     for curve, residual in zip(fit.curves, fit.residuals, strict=True):
         mean, basis = model.linearised(curve.driving_angle, curve.flank)
@@ -241,7 +254,8 @@ def _expected_passes(posterior: Posterior, picked: Int[np.ndarray, " replicates"
         deviations = model.deviations(curve.flank)
         spread = np.sqrt(np.einsum("nc,cd,nd->n", basis, np.cov(deviations), basis, optimize=True))
         centre = curve.transmission_error - residual + mean - fitted
-        passes.append(_Pass(centre, spread, basis, deviations[:, picked]))
+        errors = lacking * deviations[:, others]
+        passes.append(_Pass(centre, spread, basis, deviations[:, picked], errors))
     return passes
 
 
