@@ -114,6 +114,7 @@ INNER_FLOORS = {
         "output",
         "library_messages",
         "program_cache",
+        "completion",
         "options",
         "fit_options",
         "drive_options",
