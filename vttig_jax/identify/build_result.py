@@ -20,7 +20,8 @@ from .model.given_model import GivenModel
 from .model.identifiability import SINGLE_TURN, Identifiability
 from .noise.noise_model import whiten
 from .preliminary.delay import Delay, one_speed
-from .preliminary.delay_change import DelayChange, delay_change, with_rival
+from .preliminary.delay_blocks import blocks_of_logs
+from .preliminary.delay_change import DelayChange, change_between_fits, delay_change, with_rival
 from .preliminary.delays_of_logs import DelaysOfLogs, delays_of_logs
 from .preliminary.model_selection import SelectedModel
 from .preliminary.wander import with_walk
@@ -53,6 +54,7 @@ from .solve.residuals import (
 )
 from .solve.sandwich import Scatter, widened
 from .solve.solved_fit import SolvedFit
+from .solve.uncertain_delay import with_uncertain_delay
 
 _OF_CHANGE = 0.3  # least half-width of the interval of the delay, relative to its change; chosen
 
@@ -147,6 +149,7 @@ def estimate_of(
     - `solved`: parameters with the standard errors of the noise model, from `solve_model`.
     """
     solved, white, scatter = _with_own_errors(solved, identifiable)
+    own_errors = _widening(solved)
     frozen = None
     if identifiable.turns["driving"] >= SINGLE_TURN:  # a table of one turn holds places
         solved, frozen = with_frozen_levels(solved)
@@ -156,8 +159,15 @@ def estimate_of(
         solved, walk = beside_walk(solved, solve_model(other, pair, identifiable, settings))
     solved, compared = _with_readings(solved, readings, pair, settings.use_readings)
     fitted = selected.delay.state == "fitted"
-    change = with_rival(delay_change(selected.linear), selected) if fitted else None
+    change, blocks = None, ()
+    if fitted and walk is None:
+        factor = float(own_errors[solved.solution.names.index("delay")])
+        blocks = blocks_of_logs(selected, factor)
+        change = with_rival(delay_change(blocks), selected)
+    elif fitted:  # a level that moves within a block looks like another delay there
+        change = with_rival(change_between_fits(selected.linear), selected)
     delays = delays_of_logs(selected.linear) if fitted else None
+    solved = with_uncertain_delay(solved, selected.delay, blocks)
     deviations = gap_deviations(solved)
     least = least_stds(deviations, float(identifiable.terms.ratio))
     return Estimate(

@@ -32,6 +32,7 @@ _WIDE = 2.0
 """A delay is open if its bound is smaller than this number of standard errors; chosen value."""
 
 _SMALL, _SMALLEST_S = 0.01, 1e-9  # step that counts as zero: in standard errors, and in s
+_LEAST_SHARE = 0.05  # least share of a step of the delay; chosen value
 _BRANCH = 0.25
 """Largest residual of a ramp that lies on its flank, as a share of the gap; chosen value."""
 
@@ -49,6 +50,8 @@ class Delay:
     - `step_s`, `std_s`: delay that the linear model finds in addition, and its standard error, s.
     - `reason`: reason why the delay is not fitted.
     - `within_s`: assumed bound of |delay|, s, if the logs do not determine the delay.
+    - `share`: change of the residual when the driving angle moves by a delay, over the change that
+      the column of the smoothed speed predicts; it is below 1 if the readings jitter.
     - `forced`: whether the user requires the delay, even if the logs do not determine it.
     """
 
@@ -59,6 +62,7 @@ class Delay:
     reason: str = ""
     forced: bool = False
     within_s: float = 0.0
+    share: float = 1.0
 
     @property
     def is_settled(self) -> bool:
@@ -81,6 +85,16 @@ class Delay:
     def bound_s(self) -> float:
         """Bound of |delay|, s, if the logs do not determine the delay; otherwise 0."""
         return self.within_s if self.state == "open" and not self.forced else 0.0
+
+    def after(self, step_s: float) -> "Delay":
+        """Return the delay with the `share` that the step `step_s` of the last pass reveals.
+
+        If the column of the smoothed speed were exact, `step_s` would leave nothing to correct. If
+        the rest `self.step_s` is the share 1 − s of it, the coefficient of this column has to be
+        multiplied by 1/s to become a delay, and so has its standard error.
+        """
+        share = 1 - self.step_s / step_s
+        return replace(self, share=float(np.clip(share, _LEAST_SHARE, 1.0)))
 
     def stepped(self) -> "Delay":
         """Return the delay with `step_s` added to `seconds`, for the next pass."""

@@ -18,6 +18,7 @@ from ..compress.harmonic_summary import summarise
 from ..model.column_layout import own_parameters
 from ..noise.noise_model import autoregression
 from .delay import TOLD
+from .delay_blocks import DelayBlocks
 from .linear_fit import LinearFit, linear_fit
 from .model_selection import SelectedModel
 from .nuisance import own_terms
@@ -94,11 +95,26 @@ _LATE = "delay_late"
 """Name of the regressor of a delay that exists only in the second half of a log."""
 
 
-def delay_change(linear: LinearFit) -> DelayChange | None:
-    """Return the change of the delay from the first half of a log (in time) to the second half.
+def delay_change(blocks: Sequence[DelayBlocks]) -> DelayChange | None:
+    """Return the change of the delay from the first half of a log to the second half.
 
-    The change is computed for every log, and the most significant one is returned. The result is
-    None if there is no log whose two halves both determine the delay.
+    `blocks` are the delays of the blocks of each log. The most significant change of all logs is
+    returned. The result is None if there is no log whose two halves both determine the delay.
+    """
+    found = []
+    for one in blocks:
+        if one.halves is not None:
+            (first, second), covariance = one.halves
+            variance = covariance[0, 0] + covariance[1, 1] - 2 * covariance[0, 1]
+            found.append(DelayChange(float(second - first), float(np.sqrt(variance))))
+    return _clearest(found)
+
+
+def change_between_fits(linear: LinearFit) -> DelayChange | None:
+    """Return the change of the delay as `delay_change` does, from one fit of each half of a log.
+
+    Harmonics, gap and drift of such a fit are those of its half, so that a level that wanders from
+    half to half does not look like a change of the delay.
     """
     found = []
     for log, rows in enumerate(linear.rows):
@@ -108,6 +124,10 @@ def delay_change(linear: LinearFit) -> DelayChange | None:
         if halves[0] is not None and halves[1] is not None:
             (first, first_std), (second, second_std) = halves[0], halves[1]
             found.append(DelayChange(second - first, float(np.hypot(first_std, second_std))))
+    return _clearest(found)
+
+
+def _clearest(found: Sequence[DelayChange]) -> DelayChange | None:
     return max(found, key=lambda one: abs(one.change_s) / one.std_s, default=None)
 
 

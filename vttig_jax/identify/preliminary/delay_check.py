@@ -6,7 +6,7 @@ import numpy as np
 
 from ..noise.noise_model import whiten
 from ..settings import FitSettings
-from .delay import Delay
+from .delay import TOLD, Delay
 from .linear_fit import Input, LinearFit
 from .robust import Reweighted
 
@@ -41,3 +41,12 @@ def delay_bound_s(inputs: Sequence[Input], settings: FitSettings) -> float:
     if settings.delay_within_ms is not None:
         return 1e-3 * settings.delay_within_ms
     return max(float(np.median(np.diff(one.log.time))) for one in inputs)
+
+
+def is_told_on_one_flank(plain: LinearFit) -> bool:
+    """Return whether the logs cover one flank only, and identify the delay without ramps.
+
+    If the speed varies once per turn, a delay looks like a first order there. A delay that is
+    wrongly taken as zero would bias this order.
+    """
+    return len(plain.summary.flanks) == 1 and plain.own.left("delay") >= TOLD

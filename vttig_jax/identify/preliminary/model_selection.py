@@ -22,8 +22,8 @@ from ..model.given_model import GivenModel
 from ..model.identifiability import SINGLE_TURN, Identifiability
 from ..noise.noise_model import residual_std
 from ..settings import FitSettings
-from .delay import TOLD, Delay, judge_delay, on_its_branch, one_speed
-from .delay_check import delay_bound_s, explaining
+from .delay import Delay, judge_delay, on_its_branch, one_speed
+from .delay_check import delay_bound_s, explaining, is_told_on_one_flank
 from .linear_fit import Input, LinearFit, Model, linear_fit
 from .nuisance import NuisanceRegression
 from .robust import Reweighted, reweighted
@@ -121,7 +121,7 @@ def select_model(
                 linear, weights.loss, weights.values if weights.loss == "bisquare" else None
             )
             plain = weights.look(inputs, model, delay.seconds, linear.block_s)
-            linear, delay, told = _with_delay(replace(weights, linear=plain), settings)
+            linear, delay, told = _with_delay(replace(weights, linear=plain), settings, delay.share)
         notes += told
     own, told = _chosen(linear, settings, delay)
     notes += told
@@ -269,12 +269,17 @@ def _widest_drift(
     return Drift(AUTOMATIC_DRIFT if min(tied, default=0.0) >= _TURNS_FOR_DRIFT else 0)
 
 
-def _with_delay(weights: Reweighted, settings: FitSettings) -> tuple[LinearFit, Delay, list[str]]:
-    """Iterate the delay until it is settled; at one speed, the fit includes the ramps."""
+def _with_delay(
+    weights: Reweighted, settings: FitSettings, share: float = 1.0
+) -> tuple[LinearFit, Delay, list[str]]:
+    """Iterate the delay until it is settled; at one speed, the fit includes the ramps.
+
+    `share` is that of the delay (see `Delay`) if the first pass already settles it.
+    """
     plain = weights.linear
     inputs, model, block_s = plain.inputs, plain.model, plain.block_s
     steady = one_speed([s for one in inputs for s in one.segments])
-    steps = 0
+    steps, step_s = 0, 0.0
     while True:
         steps += 1
         linear, notes = _with_ramps(plain) if steady else (plain, [])
@@ -282,13 +287,15 @@ def _with_delay(weights: Reweighted, settings: FitSettings) -> tuple[LinearFit, 
             linear.own,
             _beside(linear.own, settings),
             plain.channels[0].delay_s,
-            forced=settings.delay == "free" or _is_told_on_one_flank(plain),
+            forced=settings.delay == "free" or is_told_on_one_flank(plain),
             two_flanks=len(linear.summary.flanks) == 2,
             steady=steady,
             within_s=delay_bound_s(inputs, settings),
         )
+        delay = delay.after(step_s) if step_s else replace(delay, share=share)
         if delay.is_settled or steps == _MOST_STEPS:
             break
+        step_s = delay.step_s
         delay = delay.stepped()
         plain = weights.look(inputs, model, delay.seconds, block_s)
     delay = explaining(delay, weights, plain, bound_s=delay_bound_s(inputs, settings))
@@ -296,15 +303,6 @@ def _with_delay(weights: Reweighted, settings: FitSettings) -> tuple[LinearFit, 
         moved = plain.channels[0].delay_s != 0
         return weights.look(inputs, model, 0.0, block_s) if moved else plain, delay, []
     return linear, delay, notes
-
-
-def _is_told_on_one_flank(plain: LinearFit) -> bool:
-    """Return whether the logs cover one flank only, and identify the delay without ramps.
-
-    If the speed varies once per turn, a delay looks like a first order there. A delay that is
-    wrongly taken as zero would bias this order.
-    """
-    return len(plain.summary.flanks) == 1 and plain.own.left("delay") >= TOLD
 
 
 def _with_ramps(linear: LinearFit) -> tuple[LinearFit, list[str]]:

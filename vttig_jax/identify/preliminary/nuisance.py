@@ -6,8 +6,8 @@ flanks is one coefficient for all logs. The model needs no forward model and no 
 used to select regressors and to compute the next step of the delay.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -23,14 +23,15 @@ class NuisanceRegression:
 
     **Arguments**
     - `names`: names of the coefficients.
-    - `triangle`: upper triangular factor of the columns of these coefficients and of y, which is
-      the last column, after the elimination of harmonics, offsets and gap.
+    - `triangle`: factor of the columns of these coefficients and of y, which is the last column,
+      after the elimination of harmonics, offsets and gap. It is upper triangular, except after
+      `merged`.
     - `rows`: number of block rows minus the number of eliminated coefficients.
     - `total`, `raw`: sums of squares of y and of each column before the elimination.
     """
 
     names: tuple[str, ...]
-    triangle: Float[np.ndarray, "q q"]
+    triangle: Float[np.ndarray, "r q"]
     rows: float
     total: float
     raw: Float[np.ndarray, " p"]
@@ -50,6 +51,20 @@ class NuisanceRegression:
         square = float(self.triangle[:, place] @ self.triangle[:, place])
         return square / float(self.raw[place]) if self.raw[place] > EMPTY else 0.0
 
+    def merged(self, groups: Mapping[str, Sequence[str]]) -> "NuisanceRegression":
+        """Return the regression with a further column for each group: the sum of its columns.
+
+        The columns of a group are zero in the rows in which another column of it is not.
+        """
+        places = [[self.names.index(name) for name in group] for group in groups.values()]
+        sums = [self.triangle[:, own].sum(axis=1, keepdims=True) for own in places]
+        return replace(
+            self,
+            names=(*self.names, *groups),
+            triangle=np.concatenate([self.triangle[:, :-1], *sums, self.triangle[:, -1:]], axis=1),
+            raw=np.concatenate([self.raw, [self.raw[own].sum() for own in places]]),
+        )
+
     def misfit(self, names: Sequence[str]) -> float:
         """Return the residual sum of squares of the fit with these coefficients only.
 
@@ -59,11 +74,24 @@ class NuisanceRegression:
 
     def estimate(self, name: str, among: Sequence[str]) -> tuple[float, float]:
         """Return the coefficient `name` and its standard error in a fit of the names `among`."""
+        value, covariance, _ = self.estimates([name], among)
+        return float(value[0]), float(np.sqrt(covariance[0, 0]))
+
+    def estimates(
+        self, names: Sequence[str], among: Sequence[str]
+    ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, "k k"], Float[np.ndarray, " k"]]:
+        """Return the coefficients `names` and their covariance matrix in a fit of `among`.
+
+        The third result is the share of the sum of squares of each column that all other columns
+        leave.
+        """
         triangle = self._among(among)
-        inverse = np.linalg.inv(triangle[:-1, :-1])[list(among).index(name)]
+        inverse = np.linalg.inv(triangle[:-1, :-1])[[list(among).index(name) for name in names]]
         variance = self.misfit(among) / max(self.rows - len(among), 1.0)
-        std = float(np.sqrt(inverse @ inverse * variance))
-        return float(inverse @ triangle[:-1, -1]), std
+        square = inverse @ inverse.T
+        raw = self.raw[[self.names.index(name) for name in names]]
+        left = 1 / np.maximum(np.diag(square) * raw, 1.0)
+        return inverse @ triangle[:-1, -1], square * variance, np.where(raw > EMPTY, left, 0.0)
 
     def bic(self, names: Sequence[str]) -> float:
         """Return the Bayesian information criterion of a model with only these coefficients."""
