@@ -135,6 +135,16 @@ def test_numbers_of_columns_under_a_header_change_nothing():
     assert find_table(text, "x", highest=2) == find_table(text, "x")
 
 
+@pytest.mark.parametrize("head", ["! columns: t[s] a[deg]", "time motor angle", "of rig 7 by Ann"])
+def test_words_between_blanks_are_no_names_of_fewer_columns(head):
+    """Names that are shifted against the columns would give a wrong role."""
+    rows = "\n0.5 1\n1.5 2\n"
+    assert find_table(head + rows, "log.csv", highest=1).names == ("#1", "#2")
+    with pytest.raises(LogError, match="without a header"):
+        find_table(head + rows, "log.csv")
+    assert find_table(f"t a\n{head}{rows}", "log.csv").names == ("t", "a")
+
+
 def test_places_without_a_header():
     table = find_table("# us\n1,2\n\n3,4\n5,oops\n6,7\n", "log.csv", highest=2)
     assert [table.line_of(row) for row in (0, 1)] == [2, 4]

@@ -114,6 +114,13 @@ def test_two_time_columns(ask, columns):
     assert columns(csv("x [s],y,motor_deg,load_deg", T, 2 * T, X, Y)).time == "x [s]"
 
 
+def test_two_time_columns_of_the_same_stamps_are_one(ask, columns):
+    names = "motor time [s],motor [°],load time [s],load [°]"
+    assert columns(csv(names, T, X, T, Y)).time == "motor time [s]"
+    assert "2 columns can be time" in ask(csv(names, T, X, T + 0.001, Y))
+    assert "2 columns can be time" in ask(csv(names.replace("load time [s]", "t [ms]"), T, X, T, Y))
+
+
 def test_counts_without_counts_a_turn(ask):
     counts = np.rint(X * 100).astype(int), np.rint(Y * 100).astype(int)
     told = ask(csv("t,motor_counts,load_counts", T, *counts))

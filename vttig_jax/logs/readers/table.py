@@ -158,12 +158,19 @@ def _next_with_content(lines: Lines, row: int) -> int | None:
 
 
 def _header_before(lines: Lines, start: int, delimiter: str | None) -> int | None:
+    """Return the index of the header of the table whose first row is `start`, or None.
+
+    If no line has the number of names, it is the nearest line of several names. Between blanks,
+    more names than columns are no header: a name has several words, or the line is a sentence.
+    """
     width = len(split(lines[start], delimiter))
     fallback = None
     for k in range(start - 1, -1, -1):
         names = _names(lines[k], delimiter)
         if len(names) == width:
             return k
+        if delimiter is None and len(names) > width:
+            continue
         if fallback is None and len(names) >= 2 and not lines[k].lstrip().startswith(COMMENTS):
             fallback = k
     return fallback

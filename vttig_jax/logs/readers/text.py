@@ -69,7 +69,8 @@ def read_text(path: str | Path, encoding: str | None) -> tuple[str, str, tuple[s
         except UnicodeDecodeError:
             raise LogError(
                 "the file is binary or has an unknown encoding; logs are text (CSV, TSV, TXT),"
-                " MATLAB (.mat) or HDF5 (.h5).",
+                " MATLAB (.mat) or HDF5 (.h5); save a text of another encoding, such as Shift"
+                " JIS, as UTF-8.",
                 where=where,
             ) from None
         notes = ("not UTF-8, read as Windows-1252 (cp1252)",)

@@ -25,13 +25,17 @@ def time_column(candidates: Sequence[Candidate], source: str) -> tuple[Candidate
     """Return the time column among the columns without another role, and the guess.
 
     It is the only column of dates, or with a name for time or a unit of time. Without such a column
-    it is the only one whose values always grow, are evenly spaced and are not row numbers.
+    it is the only one whose values always grow, are evenly spaced and are not row numbers. Columns
+    of the same stamps count as one.
 
     **Raises** `LogError` if no column or several columns can be the time.
     """
     named = [one for one in candidates if one.dated or _says_time(one)]
-    if len(named) > 1:
+    if len(named) > 1 and not _are_the_same(named):
         raise question.several("time", named, source)
+    if len(named) > 1:
+        why = f"the same stamps as `{named[1].name}`"
+        return named[0], Guess("time", f"column `{named[0].name}`", why, SETTER)
     if named:
         why = "the only one of dates or times" if named[0].dated else "by its name"
         return named[0], Guess("time", f"column `{named[0].name}`", why, SETTER)
@@ -80,6 +84,17 @@ def _says_time(one: Candidate) -> bool:
     if reading.role == "time":
         return _grows(one)
     return reading.unit in TIME_UNITS and reading.role is None and not reading.other and one.rises
+
+
+def _are_the_same(candidates: Sequence[Candidate]) -> bool:
+    """Return whether all columns hold the same numbers in the same unit."""
+    first, *others = candidates
+    return first.values is not None and all(
+        one.reading.unit == first.reading.unit
+        and one.values is not None
+        and np.array_equal(one.values, first.values)
+        for one in others
+    )
 
 
 def _grows(one: Candidate) -> bool:

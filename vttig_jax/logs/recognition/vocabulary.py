@@ -27,7 +27,8 @@ DRIVING: Final = _words(
     drivende moottori tulo
     moteur entree menant menante motore ingresso entrata motrice entrada motriz conductor
     conduttore motora
-    silnik wejscie napedowe napedowy vstup hnaci вход ведущий двигатель мотор giris motoru
+    silnik silnika wejscie wejscia napedowe napedowy vstup hnaci giris motoru
+    вход входа ведущий двигатель двигателя мотор мотора
     电机 电动机 馬達 输入 輸入 主动 主動 驱动 驅動 入力 駆動 モータ モーター 입력 모터 구동
     """
 )
@@ -40,7 +41,8 @@ DRIVEN: Final = _words(
     utgaende udgang drivna drivet drevet lahto kuorma
     sortie mene menee charge recepteur uscita condotto carico salida conducido carga saida movida
     conduzida
-    wyjscie napedzane napedzany obciazenie vystup hnany zatez выход ведомый нагрузка cikis yuk
+    wyjscie wyjscia napedzane napedzany obciazenie obciazenia vystup hnany zatez cikis yuk
+    выход выхода ведомый нагрузка нагрузки
     负载 負載 负荷 负荷 输出 輸出 从动 從動 被动 被動 被驱动 出力 負荷 従動 被駆動 출력 부하
     """
 )
