@@ -27,6 +27,7 @@ from .delay_check import delay_bound_s, explaining, is_told_on_one_flank
 from .linear_fit import Input, LinearFit, Model, linear_fit
 from .nuisance import NuisanceRegression
 from .robust import Reweighted, reweighted
+from .robust_start import with_second_start
 
 AUTOMATIC_DRIFT = 2
 """Highest power of time of the drift if the user requests no drift; chosen value."""
@@ -111,7 +112,7 @@ def select_model(
         other = linear_fit(inputs, freed, delay.seconds, finest_s=finest_s)
         if _demands_a_ratio(other, settings):
             model, plain = freed, other
-    weights = reweighted(plain, settings.loss)
+    weights = with_second_start(reweighted(plain, settings.loss), plain)
     linear = weights.linear
     if delay_tried:
         linear, delay, told = _with_delay(weights, settings)
