@@ -49,8 +49,8 @@ _FAR, _SHARE = 10.0, 0.5
 errors and more than half of the mean gap (chosen)."""
 
 _MOST_ITERATIONS, _SETTLED = 60, 1e-13
-"""Largest number of iterations of the driven angle, and the change, rad, at which they end. Each
-iteration reduces the change about a thousand times, which is the radius over the eccentricity."""
+"""Largest number of Newton's iterations of the driven angle, and the change, rad, at which they
+end."""
 
 _CHUNK = 4096  # angles whose rows are computed at once, so that they stay in cache; chosen value
 
@@ -353,7 +353,11 @@ def _rows(
     # NumPy replaces the implicit model, which would be compiled for every set of orders. Orders of
     # the driving shaft do not depend on the driven angle and are computed only once.
     changing = list(enumerate(columns.free + columns.tied))
-    of_driving = Waves(driving)
+    of_driving, slopes = Waves(driving), np.zeros_like(coefficients)
+    for place, term in changing:
+        cell = columns.cosine(place)
+        slopes[cell] = float(term[1]) * coefficients[cell + 1]
+        slopes[cell + 1] = -float(term[1]) * coefficients[cell]
     for _ in range(_MOST_ITERATIONS):
         of_driven = Waves(ratio * driving + error)
         for place, term in changing:
@@ -363,6 +367,8 @@ def _rows(
         changing = [(place, term) for place, term in changing if term[1]]
         if moved <= _SETTLED:
             break
-        before, error = error, coefficients @ table + value
-        moved = float(np.abs(error - before).max(initial=0.0))
+        off, slope = np.stack([coefficients, slopes]) @ table
+        step = (off + value - error) / (1 - slope)  # Newton's step for the driven angle
+        error = error + step
+        moved = float(np.abs(step).max(initial=0.0))
     return table.T, value

@@ -17,9 +17,9 @@ _CLIP = 5.0
 """Heights above this multiple of the level are clipped in the fit of the level, because they may be
 lines and not noise (chosen)."""
 
-_ITERATIONS, _SETTLED = 8, 1e-5
-"""Largest number of iterations in the fit of the level; the fit ends earlier if the logarithm of
-the level changes by less than `_SETTLED` (chosen)."""
+_ITERATIONS, _OF_ROUGH, _SETTLED = 8, 3, 1e-5
+"""Largest number of iterations in the fit of the level, and of a rough one; the fit ends earlier if
+the logarithm of the level changes by less than `_SETTLED` (chosen)."""
 
 _CACHED_KNOTS = 256  # knots fitted at once; their windows fit the processor cache (chosen)
 _EULER = 0.5772156649015329  # minus the mean of the logarithm of an exponential variable
@@ -137,6 +137,7 @@ def _level(
             (distance[first] - origin[part, None]).astype(np.float32),
             logarithm[first],
             weight[first],
+            _ITERATIONS if stride == 1 else _OF_ROUGH,
         )
         for part in (slice(k, k + _CACHED_KNOTS) for k in range(0, len(knots), _CACHED_KNOTS))
         for first in (start[part],)
@@ -151,6 +152,7 @@ def _gamma_regression(
     distance: Float[np.ndarray, "k m"],
     logarithm: Float[np.ndarray, "k m"],
     weight: Float[np.ndarray, "k m"],
+    iterations: int,
 ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
     """Fit ln(level) = a + b · distance in each of k windows of m frequencies.
 
@@ -174,7 +176,7 @@ def _gamma_regression(
     square = np.maximum(np.einsum("km,km->k", lever, apart), 1e-30)
     response, mean = logarithm + np.float32(_EULER), np.float32(-np.expm1(-_CLIP))
     slope, level, log_level = np.zeros_like(centre), np.zeros_like(centre), np.empty_like(apart)
-    for number in range(_ITERATIONS + 1):
+    for number in range(iterations + 1):
         if number:
             np.multiply(apart, slope[:, None], out=log_level)
             log_level += level[:, None]
