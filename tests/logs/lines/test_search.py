@@ -68,6 +68,12 @@ def test_a_planted_line_is_found_with_its_numbers(poles, cycles):
     assert line.false_alarm < 1e-6
 
 
+def test_a_run_without_rows_changes_nothing():
+    run = run_of(STEADY, sine(STEADY, 3.09, 0.4, 40.0) + coloured(1500, [1.0], 1))
+    empty = Stretch(np.zeros(0), np.zeros(0), np.zeros((0, run.nuisance.shape[1])))
+    assert find_lines([run, empty, run], highest=25.0) == find_lines([run, run], highest=25.0)
+
+
 @pytest.mark.usefixtures("unchecked")
 def test_standard_errors_are_those_of_many_draws():
     """Amplitude and frequency over their standard errors have unit spread."""

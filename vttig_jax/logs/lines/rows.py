@@ -95,8 +95,8 @@ class Rows:
 
     @property
     def runs(self) -> list[slice]:
-        """Slice of the rows of every run."""
-        return [slice(first, stop) for first, stop in pairwise(self.starts)]
+        """Slice of the rows of every run that has rows; a run shorter than one block has none."""
+        return [slice(first, stop) for first, stop in pairwise(self.starts) if stop > first]
 
     @property
     def span(self) -> float:
