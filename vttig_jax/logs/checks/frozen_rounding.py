@@ -103,7 +103,8 @@ def moves_by_whole_steps(steps: Float[np.ndarray, " n"]) -> bool:
     ```
     """
     growth = np.diff(steps, 2)
-    np.rint(growth, out=growth)
+    if growth.dtype.kind == "f":
+        np.rint(growth, out=growth)
     if not np.any(growth):
         return False
     starts = np.flatnonzero(np.concatenate([[True], growth[1:] != growth[:-1]]))
