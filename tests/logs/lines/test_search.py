@@ -406,15 +406,6 @@ def test_nothing_to_find():
     assert find_lines([run_of(angle, sine(angle, 3.0, 9.0, 0.0))], highest=20.0, most=0) == ()
 
 
-def test_an_empty_run_changes_nothing():
-    generator = np.random.default_rng(4)
-    values = sine(STEADY, 3.09, 40.0, 300.0) + 10 * generator.standard_normal(len(STEADY))
-    run = run_of(STEADY, values)
-    empty = Stretch(np.empty(0), np.empty(0), np.empty((0, 3)))
-    [line] = find_lines([run], highest=20.0)
-    assert find_lines([empty, run, empty], highest=20.0) == (line,)
-
-
 def test_columns_that_repeat_each_other_count_once():
     doubled = np.column_stack([powers(1500), powers(1500), np.zeros(1500)])
     rows = stack([run_of(STEADY, np.ones(1500), doubled)], 20.0)

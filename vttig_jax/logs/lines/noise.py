@@ -32,8 +32,6 @@ def noise_filter(rows: Rows, residual: Float[np.ndarray, " n"]) -> Float[np.ndar
     products = np.zeros(most + 1)
     for run in rows.runs:
         values = residual[run]
-        if len(values) == 0:  # `np.correlate` refuses it
-            continue
         padded = np.concatenate([np.zeros(most), values])
         products += np.correlate(padded, values, mode="valid")[::-1]
     order = len(whitening_filter(products / len(residual), len(residual))) - 1
