@@ -21,7 +21,13 @@ from .model.identifiability import SINGLE_TURN, Identifiability
 from .noise.noise_model import whiten
 from .preliminary.delay import Delay, one_speed
 from .preliminary.delay_blocks import blocks_of_logs
-from .preliminary.delay_change import DelayChange, change_between_fits, delay_change, with_rival
+from .preliminary.delay_change import (
+    DelayChange,
+    change_between_fits,
+    delay_change,
+    with_rival,
+    with_two_delays,
+)
 from .preliminary.delays_of_logs import DelaysOfLogs, delays_of_logs
 from .preliminary.model_selection import SelectedModel
 from .preliminary.wander import with_walk
@@ -44,7 +50,7 @@ from .report.parameters import outcome_of, parameters_of, regressors_of
 from .report.per_log import log_record
 from .report.residual_tests import whiteness
 from .settings import FitSettings
-from .solve.beside_walk import beside_walk
+from .solve.beside import beside, beside_walk
 from .solve.frozen_levels import with_frozen_levels
 from .solve.least_squares import solve
 from .solve.residuals import (
@@ -71,10 +77,11 @@ def build_fit(
     """Build the result with orders, checks and notes; `lines` are spectral lines; see `Lines`."""
     linear, split = selected.linear, _is_split(identifiable, settings)
     solved, solution = estimate.solved, estimate.solved.solution
-    margin, unknown = _gap_margins(selected.delay, identifiable)
+    delay = _with_change(selected.delay, estimate.change)
+    margin, unknown = _gap_margins(delay, identifiable)
     given = _at_solution(solved)
     known = identifiable if given is None else without_relation(identifiable)
-    parameters = parameters_of(pair, known, solution, settings, selected.delay, delay_margin=margin)
+    parameters = parameters_of(pair, known, solution, settings, delay, delay_margin=margin)
     if given is not None:
         parameters = with_given(parameters, solved, given)
     regressors = regressors_of(solution, linear.inputs[0].log)
@@ -159,13 +166,20 @@ def estimate_of(
         solved, walk = beside_walk(solved, solve_model(other, pair, identifiable, settings))
     solved, compared = _with_readings(solved, readings, pair, settings.use_readings)
     fitted = selected.delay.state == "fitted"
+    # Delays of opposite signs in the two halves have a mean that is not significant.
+    tested = fitted or selected.delay.state == "insignificant"
     change, blocks = None, ()
-    if fitted and walk is None:
-        factor = float(own_errors[solved.solution.names.index("delay")])
-        blocks = blocks_of_logs(selected, factor)
+    if tested and walk is None:
+        names = solved.solution.names
+        factor = own_errors[names.index("delay")] if fitted else own_errors.max(initial=1.0)
+        blocks = blocks_of_logs(selected, float(factor))
         change = with_rival(delay_change(blocks), selected)
-    elif fitted:  # a level that moves within a block looks like another delay there
+    elif tested:  # a level that moves within a block looks like another delay there
         change = with_rival(change_between_fits(selected.linear), selected)
+    two_delays = None
+    if change is not None and change.is_clear:
+        two_delays = solve_model(with_two_delays(selected), pair, identifiable, settings)
+        solved, _ = beside(solved, two_delays, without=("delay",))
     delays = delays_of_logs(selected.linear) if fitted else None
     solved = with_uncertain_delay(solved, selected.delay, blocks)
     deviations = gap_deviations(solved)
@@ -178,6 +192,7 @@ def estimate_of(
         change=change,
         delays=delays,
         walk=walk,
+        two_delays=two_delays,
         frozen=frozen,
         gap_deviations=deviations,
         least_gap_std=least.get("constant_backlash", 0.0),
@@ -293,14 +308,22 @@ def _with_delays(
     """
     if "delay" not in solved.solution.names:
         return solved
-    half = 0.0
-    if change is not None and change.is_clear:
-        half = _OF_CHANGE * abs(change.change_s)
+    half = _least_half_width_s(change)
     if delays is not None and delays.differ:
         place = solved.solution.names.index("delay")
         value = solved.linear.channels[0].delay_s + float(solved.solution.values[place])
         half = max(half, NORMAL_95 * delays.mean_std_s, delays.farthest_s(value))
     return _with_least_stds(solved, {"delay": half / NORMAL_95})
+
+
+def _with_change(delay: Delay, change: DelayChange | None) -> Delay:
+    """Return the delay; the interval of one that is not fitted also contains part of a change."""
+    return replace(delay, std_s=max(delay.std_s, _least_half_width_s(change) / NORMAL_95))
+
+
+def _least_half_width_s(change: DelayChange | None) -> float:
+    """Return the least half-width of the interval of a delay with this change, s."""
+    return 0.0 if change is None or not change.is_clear else _OF_CHANGE * abs(change.change_s)
 
 
 def _with_least_stds(solved: SolvedFit, least: Mapping[str, float]) -> SolvedFit:

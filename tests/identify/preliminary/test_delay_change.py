@@ -6,9 +6,12 @@ import numpy as np
 import pytest
 
 from tests.identify.drives import drive, drive_log, level, there_and_back
+from vttig_jax.identify import build_result
+from vttig_jax.identify.fit_result import Fit
 from vttig_jax.identify.fitting import fit
 from vttig_jax.identify.preliminary import model_selection
 from vttig_jax.identify.preliminary.delay_change import DelayChange, Slope
+from vttig_jax.identify.report.estimate import Estimate
 
 PAIR = drive("1/250")
 MOTION = there_and_back([700.0, 300.0, 500.0], 1.5)
@@ -55,3 +58,45 @@ def test_explanations_that_cannot_be_told_apart_are_both_named():
     assert "a clock that drifts" in change.sentence
     apart = replace(change, slope=Slope(-534.0, 68.0, 10.1))
     assert "ratio" not in apart.sentence
+
+
+@pytest.mark.parametrize(
+    ("late_s", "rpms"),
+    [(0.0, [200.0, 400.0, 600.0]), (-2e-3, [200.0, 400.0, 600.0]), (-0.5e-3, [600.0, 200.0])],
+)
+def test_the_gap_contains_that_of_a_fit_with_two_delays(
+    late_s: float, rpms: list[float], monkeypatch
+):
+    """All runs forth precede all runs back, so that a drift takes the place of a changed delay.
+
+    Delays of +1 and −1 ms have the mean zero, which the fit takes for no delay.
+    """
+    pair = drive("5/6")
+    speeds = [*rpms, *(-rpm for rpm in rpms)]
+    motion = [0.3, *([0.2, 3.0, 0.2, 0.3] * len(speeds))], [0.0]
+    for rpm in speeds:
+        motion[1].extend([rpm, rpm, 0.0, 0.0])
+    log = drive_log(
+        pair,
+        motion,
+        gap=level(3600.0),
+        delay_s=lambda time, _: 1e-3 + late_s * (time > time.mean()),
+        noise_arcsec=200.0,
+    )
+    found = fit(log, pair)
+    for low, high, truth in _intervals(found):
+        assert low < truth < high
+    assert any("the delay changes by" in one for one in found.warnings) == (late_s != 0)
+    delay = found.parameters["delay_s"]
+    assert delay.std is not None and 1.96 * delay.std >= 0.29 * abs(late_s)
+    monkeypatch.setattr(build_result, "beside", lambda solved, *_, **__: (solved, 1.0))
+    monkeypatch.setattr(Estimate, "rivals", ())
+    holds = [low < truth < high for low, high, truth in _intervals(fit(log, pair))]
+    assert all(holds) == (late_s == 0)
+
+
+def _intervals(found: Fit) -> list[tuple[float, float, float]]:
+    """Interval of the gap and of the constant backlash, deg, each with the truth."""
+    gap, constant = found.checks.gap_over_angles_covered, found.parameters["constant_backlash_deg"]
+    bounds = [(one.low95, one.high95) for one in (gap, constant)]
+    return [(low, high, 1.0) for low, high in bounds if low is not None and high is not None]

@@ -3,13 +3,41 @@
 import numpy as np
 import pytest
 
+from tests.identify.drives import drive, drive_log, level, there_and_back
 from vttig_jax.base.units import ARCSEC, DEG
-from vttig_jax.identify.report.parameters import polar, polar_spread, scalar, undetermined
+from vttig_jax.identify.fit_result import Fit
+from vttig_jax.identify.fitting import fit
+from vttig_jax.identify.report.parameters import LARGEST, polar, polar_spread, scalar, undetermined
 from vttig_jax.identify.solve.least_squares import Solution
 
 pytestmark = pytest.mark.smoke
 
 NAMES = ("amplitude", "phase")
+
+
+def test_an_interval_of_more_than_a_revolution_withdraws_the_value(monkeypatch):
+    """A shorter revolution takes the place of a log that knows so little."""
+    pair = drive("9/16", orders=(1, 2))
+
+    def error(angle, _):
+        return 30 * np.sin(angle + 0.3)
+
+    def fitted(revolution_arcsec: float) -> Fit:
+        monkeypatch.setitem(LARGEST, "arcsec", revolution_arcsec)
+        monkeypatch.setitem(LARGEST, "deg", revolution_arcsec / 3600)
+        motion = there_and_back([30, 60], 8)
+        return fit(drive_log(pair, motion, gap=level(200.0), error=error), pair)
+
+    names = ("driving_amplitude_arcsec", "driving_phase_deg", "constant_backlash_deg")
+    known, unknown = fitted(31.0), fitted(1e-4)
+    for name in names:
+        assert known.parameters[name].determined
+        withdrawn = unknown.parameters[name]
+        assert withdrawn.value is None and "wider than one revolution" in withdrawn.reason
+    assert known.orders and not unknown.orders
+    assert known.checks.gap_over_angles_covered.determined
+    assert "one revolution" in unknown.checks.gap_over_angles_covered.reason
+    assert fitted(29.0).parameters["driving_amplitude_arcsec"].value is None
 
 
 def _solution(values, covariance) -> Solution:

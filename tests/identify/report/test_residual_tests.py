@@ -7,6 +7,7 @@ import pytest
 from scipy.signal import lfilter
 
 from tests.identify.summaries import random_log
+from vttig_jax.base.units import ARCSEC
 from vttig_jax.identify.fitting import fit
 from vttig_jax.identify.noise.noise_model import NoiseModel
 from vttig_jax.identify.report import residual_tests
@@ -16,6 +17,7 @@ from vttig_jax.identify.report.residual_tests import whiteness
 from vttig_jax.identify.solve.residuals import Weights
 from vttig_jax.kinematics.te_curve import TECurve
 from vttig_jax.logs.encoder_log import EncoderLog
+from vttig_jax.logs.lines.search import Stretch as LineRun
 from vttig_jax.pair.schema import HarmonicOrders
 from vttig_jax.rig.imperfections import OrderError
 from vttig_jax.rig.motion import PassMotion
@@ -141,3 +143,16 @@ def test_a_long_run_is_searched_the_same_without_a_copy_of_its_regressors(monkey
         assert len(short[0].value) < len(one.value)
         for name in ("angle", "value", "nuisance"):
             np.testing.assert_array_equal(*(getattr(each, name) for each in short))
+
+
+@pytest.mark.parametrize("columns", [1, 1200])  # with many cells the search averages the rows
+def test_a_few_fast_rows_limit_the_search(columns: int):
+    """A cycle of the highest frequency has two rows where the log has most of its travel, too."""
+    rng = np.random.default_rng(0)
+    count = 6400
+    angle = 2 * np.pi * np.cumsum(np.where(np.arange(count) % 800 < 79, 0.26, 0.026))
+    value = ARCSEC * (20 * np.sin(0.37 * angle) + rng.normal(0, 5, count))
+    run = LineRun(angle, value, np.ones((count, columns)))
+    assert run.nuisance.size > residual_tests._MOST_CELLS or columns == 1
+    found = residual_tests._searched([run])
+    assert [line.cycles_per_rev for line in found] == pytest.approx([0.37], abs=0.001)

@@ -113,6 +113,15 @@ def test_two_speeds_in_one_direction_are_two_plateaus():
     assert abs(found.segments[0].stop - 9000) < 100 and abs(found.segments[1].start - 10_000) < 100
 
 
+@pytest.mark.parametrize("cycles", [5, 150])
+def test_two_speeds_in_turn_are_steady_however_long_the_log_is(cycles: int):
+    time = np.arange(cycles * 400) / 100.0
+    angle = np.cumsum(np.where(np.arange(len(time)) % 400 < 200, 0.6, 1.8))
+    found = find_segments(logged(time, angle))
+    assert [s.flank for s in found.segments] == ["A"] * 2 * cycles
+    assert np.count_nonzero(flanks(found)) > 0.8 * len(time)
+
+
 def test_sine_motion_is_ragged():
     time = np.arange(8000) / 500.0
     angle = 900 * (1 - np.cos(2 * np.pi * time / 8))

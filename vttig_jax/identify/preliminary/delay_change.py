@@ -71,7 +71,8 @@ class DelayChange:
         seen = (
             f"the delay changes by {1e3 * self.change_s:+.3g} ± {1e3 * self.std_s:.1g} ms from the"
             " first half of the log to the second; the stated delay is a mean over the log, and its"
-            " interval reaches at least 0.3 of the change to each side"
+            " interval reaches at least 0.3 of the change to each side; all other intervals contain"
+            " the values of a fit with one delay in each half"
         )
         cause = "a clock that drifts or a bus under changing load does this"
         rival = self.slope
@@ -152,6 +153,20 @@ def delay_of(
     return own.estimate("delay", own.names)
 
 
+def with_two_delays(selected: SelectedModel) -> SelectedModel:
+    """Return the selected model with another delay in the second half of each log."""
+    linear = selected.linear
+    model = replace(linear.model, regressors=(*linear.model.regressors, _LATE))
+    delay_s = linear.channels[0].delay_s
+    other = selected.weights.look(linear.inputs, model, delay_s, linear.block_s)
+    kept = {"delay", *(name for own in selected.summary.columns.own for name in own)}
+    own = [
+        tuple(name for name in each if name in kept or name.startswith(_LATE))
+        for each in other.summary.columns.own
+    ]
+    return replace(selected, linear=other, summary=other.summary.keeping(own))
+
+
 def with_rival(change: DelayChange | None, selected: SelectedModel) -> DelayChange | None:
     """Return the change of the delay, and compare it with a wrong ratio as another explanation.
 
@@ -159,7 +174,7 @@ def with_rival(change: DelayChange | None, selected: SelectedModel) -> DelayChan
     wrong: tooth counts make the ratio of a gear pair exact, and a fitted ratio is already free.
     """
     linear, weights = selected.linear, selected.weights
-    names = list(own_parameters(selected.summary.columns)[0])
+    names = list(dict.fromkeys((*own_parameters(selected.summary.columns)[0], "delay")))
     exact = not isinstance(linear.model.pair, Drive) or "ratio" in names
     if change is None or not change.is_clear or exact:
         return change

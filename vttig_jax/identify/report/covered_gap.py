@@ -28,6 +28,7 @@ from .backlash_readings import mean_gap
 from .checks import CoveredGap, GapAtSpeed, JumpComparison, Reversal
 from .closure import WINDOW_DEG
 from .estimate import Estimate
+from .parameters import LARGEST, OPEN
 
 _CELL = DEG
 """Driving angles are divided into cells of this width, rad. Each cell that both flanks covered
@@ -40,8 +41,9 @@ _MOST_CELLS = 20_000  # cells at which a curve with fractional orders is compute
 def covered_gap(estimate: Estimate, margin: float) -> CoveredGap:
     """Return the mean gap of the fitted curves over the driving angles that both flanks covered.
 
-    Its standard error is the largest of four: from the noise model, from the scatter of parts of
-    the log, from a fit with a random walk as drift, and from the gaps at different speeds. If the
+    Its standard error is the largest of these: from the noise model, from the scatter of parts of
+    the log, from a fit with a random walk as drift, from a fit with two delays, and from the gaps
+    at different speeds. If the
     correlation time of the noise is a notable part of a run (scatter "memory"), an estimate for
     this case replaces the first two.
 
@@ -50,7 +52,6 @@ def covered_gap(estimate: Estimate, margin: float) -> CoveredGap:
       that is known or fitted.
     """
     solved, scatter = estimate.solved, estimate.scatter
-    walk = estimate.walk and estimate.walk.solved
     if len(solved.summary.flanks) < 2:
         return CoveredGap(reason="one direction: one flank alone shows no gap")
     ranges = _common_ranges(solved.linear)
@@ -65,12 +66,14 @@ def covered_gap(estimate: Estimate, margin: float) -> CoveredGap:
     if scatter == "memory" and estimate.frozen is not None:
         own = math.hypot(own, math.sqrt(estimate.frozen.covariance(solved, mean.functional)[0, 0]))
     std = own if scatter == "memory" else max(std, own)
-    if walk is not None:
-        other = mean_gap(driving, walk, times)
-        apart = math.sqrt(other.variance(walk.solution.covariance)[0])
+    for rival in estimate.rivals:
+        other = mean_gap(driving, rival, times)
+        apart = math.sqrt(other.variance(rival.solution.covariance)[0])
         std = max(std, math.hypot(apart, value - float(other.value[0])))
     std = max(std, estimate.least_gap_std)
     half = math.hypot(NORMAL_95 * std, margin)
+    if half / DEG > LARGEST["deg"]:
+        return CoveredGap(reason=OPEN)
     low, high = value - half, value + half
     if margin and high > 0:
         low, value = max(low, 0.0), max(value, 0.0)

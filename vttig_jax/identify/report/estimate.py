@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from ..preliminary.delay_change import DelayChange
 from ..preliminary.delays_of_logs import DelaysOfLogs
-from ..solve.beside_walk import Walk
+from ..solve.beside import Walk
 from ..solve.frozen_levels import FrozenLevels
 from ..solve.sandwich import Scatter
 from ..solve.solved_fit import SolvedFit
@@ -25,6 +25,8 @@ class Estimate:
       halves do not determine it.
     - `delays`: delay of each log; None if no delay is fitted or fewer than two logs determine it.
     - `walk`: fit with a random walk as drift; None if the log shows no random walk.
+    - `two_delays`: fit with another delay in the second half of each log; None if the delay does
+      not change.
     - `frozen`: rounding of the encoders that does not average out; None if it averages out.
     - `gap_deviations`: gap at several speeds minus the gap of the fit.
     - `least_gap_std`: lower bound of the standard error of the gap, rad, from these deviations.
@@ -37,6 +39,13 @@ class Estimate:
     change: DelayChange | None
     delays: DelaysOfLogs | None
     walk: Walk | None = None
+    two_delays: SolvedFit | None = None
     frozen: FrozenLevels | None = None
     gap_deviations: tuple[GapAtSpeed, ...] = ()
     least_gap_std: float = 0.0
+
+    @property
+    def rivals(self) -> tuple[SolvedFit, ...]:
+        """Second fits of the same logs, whose values the intervals of the first contain."""
+        of_walk = None if self.walk is None else self.walk.solved
+        return tuple(one for one in (of_walk, self.two_delays) if one is not None)

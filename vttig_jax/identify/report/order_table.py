@@ -10,7 +10,7 @@ from ...base.units import ARCSEC
 from ...pair.gear_pair import Flank
 from ..solve.sandwich import Scatter, functional_of, standard_errors
 from ..solve.solved_fit import SolvedFit
-from .parameters import SIGNIFICANT, polar_spread
+from .parameters import LARGEST, SIGNIFICANT, polar_spread
 
 _LEAKAGE = 3.0  # a line leaks into orders nearer than this number of resolutions; chosen value
 _MODULATION = 0.1
@@ -62,6 +62,8 @@ class FlankLine(Protocol):
 def order_table(solved: SolvedFit, scatter: Scatter | None = None) -> tuple[Order, ...]:
     """Return amplitude, standard error and phase of all harmonics of both shafts and the mesh.
 
+    Harmonics whose standard error is larger than one revolution are left out.
+
     `scatter` names the parts of the log whose scatter gives standard errors. On few turns (scatter
     "cosines" or "memory") the standard error of an amplitude is at least that from this scatter.
     """
@@ -87,6 +89,8 @@ def order_table(solved: SolvedFit, scatter: Scatter | None = None) -> tuple[Orde
                 of_fit = functional_of(solved, {flank.flank: along})
                 own = float(standard_errors(solved, of_fit, scatter)[0]) / ARCSEC
                 std = max(std, own)
+            if std > LARGEST["arcsec"]:
+                continue
             table.append(
                 Order(
                     shaft=harmonic.shaft,

@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from ...base.angles import amplitude_phase
 from ...base.numerics.quantiles import NORMAL_95
-from ...base.units import ARCSEC, DEG
+from ...base.units import ARCSEC, DEG, REV
 from ...logs.encoder_log import EncoderLog
 from ...pair.gear_pair import Drive, GearPair
 from ..model.identifiability import Identifiability
@@ -22,6 +22,10 @@ Outcome = Literal["ok", "partly_determined", "not_determined", "not_converged", 
 
 SIGNIFICANT = 3.0  # standard errors above which a value is significant; chosen value
 BELOW = "below three standard errors"
+LARGEST = {"arcsec": REV / ARCSEC, "deg": REV / DEG}
+"""Unit → one revolution. An error of a gear is far smaller, so a wider interval says nothing."""
+
+OPEN = "the interval is wider than one revolution, so that the log says nothing about the value"
 ROUNDING = 1e-11
 """Angle, rad, below which a value is rounding and never significant."""
 
@@ -271,8 +275,12 @@ def _polar_or_reason(
     if reason is None:
         index = [solution.names.index(f"{source}_{axis}") for axis in "xy"]
         if all(solution.determined[index]):
-            return polar(solution, source, names, unit, scale)
-        reason = "the data leave it open: " + _companions(solution, index)
+            amplitude, phase = polar(solution, source, names, unit, scale)
+            if (amplitude.high95 or 0.0) <= LARGEST.get(unit, math.inf):
+                return amplitude, phase
+            reason = OPEN
+        else:
+            reason = "the data leave it open: " + _companions(solution, index)
     return undetermined(names[0], unit, reason), undetermined(names[1], "deg", reason)
 
 
@@ -340,6 +348,8 @@ def _constant_backlash(solution: Solution, short: tuple[str, ...], delay: Delay)
         reason = "the data leave it open: " + _companions(solution, [index])
         return undetermined(name, "deg", reason)
     found = scalar(solution, "constant_backlash", name, "deg", DEG)
+    if NORMAL_95 * (found.std or 0.0) > LARGEST["deg"]:
+        return undetermined(name, "deg", OPEN)
     if found.significant and (found.value or 0.0) < 0:
         reason = "negative, which no gap is: friction or wind-up ahead of the gap, or a wrong sign"
         return replace(found, significant=False, reason=reason)

@@ -13,6 +13,7 @@ from ...base.units import REV
 from ...logs.lines.comb import shaft_of_multiples
 from ...logs.lines.comparison import Comparison
 from ...logs.lines.hidden_shaft import Multiples, hidden_shaft
+from ...logs.lines.rows import highest_resolved
 from ...logs.lines.search import Stretch as LineRun
 from ...logs.lines.search import find_lines
 from ...pair.gear_pair import Flank
@@ -269,9 +270,16 @@ def _all_runs(
 
 
 def _highest(runs: Sequence[LineRun], rows_per_cycle: float = _ROWS_PER_CYCLE) -> float:
-    """Return the highest frequency of a search, cycles per driving revolution; 0 without runs."""
-    steps = [float(np.quantile(np.abs(np.diff(run.angle)), 0.9)) for run in runs]
-    return min(_HIGHEST, REV / max(steps) / rows_per_cycle) if steps else 0.0
+    """Return the highest frequency of a search, cycles per driving revolution; 0 without runs.
+
+    Both 90 % of the rows and the rows that cover half of the travel have at least `rows_per_cycle`
+    rows in a cycle. In a log that mostly stands still, the second limit is the lower one.
+    """
+    if not runs:
+        return 0.0
+    step = max(float(np.quantile(np.abs(np.diff(run.angle)), 0.9)) for run in runs)
+    by_rows = REV / (rows_per_cycle * step) if step > 0 else np.inf
+    return min(_HIGHEST, by_rows, highest_resolved(runs, rows_per_cycle))
 
 
 def _searched(
@@ -347,7 +355,7 @@ def _short(run: LineRun, highest: float) -> LineRun:
 
     The only regressor of the result is a constant.
     """
-    turns = max(float(np.ptp(run.angle)) / REV, 1e-9)
-    size = max(1, whole_below(len(run.angle) / turns / (_ROWS_KEPT * highest)))
+    most = min(highest_resolved([run], _ROWS_KEPT) / highest, len(run.angle))
+    size = max(1, whole_below(most))
     angle, value = (block_means(values, size) for values in (run.angle, run.value))
     return LineRun(angle, value, np.ones((len(angle), 1)), run.group)

@@ -9,6 +9,7 @@ from ...base.numerics.counting import whole_below
 from ...base.units import REV
 from ..encoder_log import EncoderLog
 from ..motion.segments import Segment
+from .rows import highest_resolved
 from .search import Line, Stretch, find_lines
 
 HIGHEST = 12.0
@@ -51,7 +52,8 @@ def blind_lines(log: EncoderLog, segments: Sequence[Segment]) -> tuple[Line, ...
             continue
         means = [channel[rows].reshape(-1, size).mean(axis=1) for channel in channels]
         runs.append(Stretch(means[0], means[1], np.stack(means[2:], axis=1), segment.flank))
-    return find_lines(runs, highest=highest, most=_MOST) if runs and highest >= 1 else ()
+    highest = min(highest, highest_resolved(runs)) if runs else 0.0
+    return find_lines(runs, highest=highest, most=_MOST) if highest >= 1 else ()
 
 
 def _scaled(values: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:

@@ -23,7 +23,7 @@ from .hidden_shaft import COINCIDENCE, HIGHEST_ORDER, Multiples
 from .noise import noise_filter
 from .noise_level import noise_level, relative_height
 from .regression import LineRegression, Regressors
-from .rows import Rows, Stretch, stack, typical_step
+from .rows import Rows, Stretch, highest_resolved, stack
 from .spectrum import LEAST_CYCLES, Spectrum
 
 _MOST_BASES = 3  # a shaft must contain one of this number of most certain lines (chosen)
@@ -86,8 +86,8 @@ def shaft_of_multiples(
 
     ```
     """
-    steps = [typical_step(side) for side in sides if side]
-    highest = min([highest, *(_NYQUIST / step for step in steps if step > 0)])
+    resolved = [highest_resolved(side, 1 / _NYQUIST) for side in sides if side]
+    highest = min([highest, *resolved])
     bases = [line for line in lines if line < highest][:_MOST_BASES]
     spectra = [_Side.of(side, highest) for side in sides if bases]
     if not spectra or any(one is None for one in spectra):

@@ -113,9 +113,9 @@ def stack(runs: Sequence[Stretch], highest: float) -> Rows:
     if not runs:
         raise ValueError("Argument `runs` must hold at least one run, but is empty.")
     step = typical_step(runs)
-    if step * highest > 0.5:
+    if highest > (most := highest_resolved(runs)):
         raise ValueError(
-            f"Argument `highest` must be at most {0.5 / step:.4g} cycles per revolution, but is"
+            f"Argument `highest` must be at most {most:.4g} cycles per revolution, but is"
             f" {highest:.4g}: the rows are {step:.3g} revolutions apart."
         )
     block = sum(len(run.value) for run in runs) // _LEAST_ROWS
@@ -157,6 +157,15 @@ def _by_group(
         blocks.append((slice(starts[first], starts[first + len(parts)]), np.concatenate(parts)))
         first += len(parts)
     return tuple(blocks)
+
+
+def highest_resolved(runs: Sequence[Stretch], rows_per_cycle: float = 2.0) -> float:
+    """Return the frequency with this number of rows per cycle, in cycles per revolution.
+
+    The rows are `typical_step` apart. The result is infinite if no angle of the runs changes.
+    """
+    step = typical_step(runs)
+    return 1 / (rows_per_cycle * step) if step > 0 else np.inf
 
 
 def typical_step(runs: Sequence[Stretch]) -> float:

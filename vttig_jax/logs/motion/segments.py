@@ -34,6 +34,11 @@ FLUCTUATION = 0.3
 Smaller deviations between two parts at the plateau speed are fluctuations of the drive or errors of
 the time stamps; they do not move the contact to the other flank."""
 
+_LEAST, _LONG = 0.01, 10
+"""A steady stretch has at least the first fraction of the samples of its run, but a stretch of the
+second number of smoothing windows is always long enough: in a long run that changes between two
+speeds every stretch is a small fraction (chosen)."""
+
 _BIN = 0.01  # width of the bins of the logarithm of speed
 
 
@@ -111,7 +116,7 @@ def _merged(
             joined[-1][1] = int(stop)
         else:
             joined.append([int(start), int(stop)])
-    least = max(window, 0.01 * len(inside))
+    least = max(window, min(_LEAST * len(inside), _LONG * window))
     return [(start, stop) for start, stop in joined if stop - start >= least]
 
 

@@ -1,5 +1,6 @@
-"""Standard errors of a fit, increased by a comparison with a fit whose drift is a random walk."""
+"""Standard errors of a fit, increased by a comparison with a second fit of the same logs."""
 
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -38,21 +39,30 @@ class Walk:
 
 
 def beside_walk(solved: SolvedFit, other: SolvedFit) -> tuple[SolvedFit, Walk]:
+    """Return `beside` for a fit `other` whose drift is a random walk, with a record of it."""
+    wider, factor = beside(solved, other)
+    return wider, Walk(other, factor)
+
+
+def beside(
+    solved: SolvedFit, other: SolvedFit, *, without: Collection[str] = ()
+) -> tuple[SolvedFit, float]:
     """Increase the standard errors of `solved` by its difference from the fit `other`.
 
-    The drift of `other` is a random walk. With the difference d of both estimates of a parameter
-    and the standard error s of the second, the standard error of the first is at least √(s² + d²).
+    With the difference d of both estimates of a parameter and the standard error s of the second,
+    the standard error of the first is at least √(s² + d²). Parameters in `without` are not
+    compared, because they mean something else in the second fit.
 
-    **Returns** `solved` with the increased covariance, and the record of the comparison.
+    **Returns** `solved` with the increased covariance, and the largest factor of a standard error.
     """
-    solution, walk = solved.solution, other.solution
+    solution, second = solved.solution, other.solution
     std, factor = np.sqrt(np.diag(solution.covariance)), np.ones(len(solution.names))
     for place, name in enumerate(solution.names):
-        if name in walk.names and std[place] > 0:
-            twin = walk.names.index(name)
-            away = float(solution.values[place] - walk.values[twin])
-            apart = np.hypot(away, np.sqrt(walk.covariance[twin, twin]))
+        if name in second.names and name not in without and std[place] > 0:
+            twin = second.names.index(name)
+            away = float(solution.values[place] - second.values[twin])
+            apart = np.hypot(away, np.sqrt(second.covariance[twin, twin]))
             factor[place] = max(float(apart / std[place]), 1.0)
     covariance = solution.covariance * np.outer(factor, factor)
     wider = replace(solved, solution=replace(solution, covariance=covariance))
-    return wider, Walk(other, float(factor.max(initial=1.0)))
+    return wider, float(factor.max(initial=1.0))
