@@ -18,7 +18,7 @@ from vttig_jax.identify.fitting import fit
 from vttig_jax.identify.noise.noise_model import NoiseModel
 from vttig_jax.identify.preliminary.nuisance import NuisanceRegression, own_terms
 from vttig_jax.identify.preliminary.wander import _height
-from vttig_jax.identify.solve.beside_walk import Walk
+from vttig_jax.identify.solve.beside import Walk
 from vttig_jax.identify.solve.solved_fit import SolvedFit
 
 PAIR = drive("1/64")
