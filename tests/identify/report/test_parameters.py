@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 from tests.identify.drives import drive, drive_log, level, there_and_back
+from vttig_jax.base.numerics.polar_spread import polar_spread
 from vttig_jax.base.units import ARCSEC, DEG
 from vttig_jax.identify.fit_result import Fit
 from vttig_jax.identify.fitting import fit
-from vttig_jax.identify.report.parameters import LARGEST, polar, polar_spread, scalar, undetermined
+from vttig_jax.identify.report.parameters import LARGEST, polar, scalar, undetermined
 from vttig_jax.identify.solve.least_squares import Solution
 
 pytestmark = pytest.mark.smoke

@@ -135,6 +135,19 @@ def test_sine_motion_is_ragged():
     assert np.count_nonzero(state) > 0.9 * np.count_nonzero(speed > 0.1 * speed.max())
 
 
+def test_a_sine_of_rising_frequency_is_followed():
+    """A window that is right at its start would span several of its last periods."""
+    time = np.arange(9000) / 75.0
+    periods = 0.4 * time + 1.5 / 120 * time**2  # 0.4 to 3.4 Hz
+    angle = 2500 / (1 + time / 5) * np.sin(2 * np.pi * periods)
+    noise = np.random.default_rng(0).normal(0, 0.2, len(time))
+    found = find_segments(logged(time, angle + noise))
+    state, forward = flanks(found), np.sign(np.gradient(angle))
+    used = state != 0
+    assert used.mean() > 0.6
+    assert (state[used] == forward[used]).mean() > 0.99
+
+
 def test_one_direction_all_the_way():
     time = np.arange(5000) / 500.0
     found = find_segments(logged(time, 360 * time))

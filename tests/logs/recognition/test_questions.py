@@ -8,6 +8,9 @@ import pytest
 from tests.logs.rig_log import angles_deg, csv
 from vttig_jax.base.errors import LogError, UsageError
 from vttig_jax.logs import read_log
+from vttig_jax.logs.recognition.candidates import Candidate
+from vttig_jax.logs.recognition.name_words import read_name
+from vttig_jax.logs.recognition.question import no_fit
 
 T, X, Y = angles_deg()
 DEFAULT: dict[str, Any] = {"ratio": "16:9"}
@@ -47,6 +50,28 @@ def test_equal_shafts_without_names(ask, columns):
     assert "`a` drives `b`, or `b` drives `a`" in told and "--column driving='a'" in told
     named = csv("t,a,load", T, X, X + 0.01 * np.sin(np.radians(X)))
     assert columns(named, ratio="1:1", unit="deg").driving == "a"
+
+
+def test_one_encoder_in_two_units_is_no_pair_of_shafts(ask):
+    wave = X + 0.01 * np.sin(np.radians(X))
+
+    def exact(head: str, *columns: np.ndarray) -> str:
+        rows = np.stack([T, *columns], axis=1).tolist()
+        return "\n".join([head, *(",".join(map(repr, row)) for row in rows)]) + "\n"
+
+    text = exact("t,p [rad],q [rev],r [rev]", np.radians(X), X / 360, wave / 360)
+    told = ask(text, ratio="1:1")
+    assert "`p [rad]` drives `r [rev]`" in told and "`q [rev]` drives `r [rev]`" in told
+    assert "`p [rad]` drives `q [rev]`" not in told and "`q [rev]` drives `p [rad]`" not in told
+    only = ask(exact("t,p [rad],q [rev]", np.radians(X), X / 360), ratio="1:1")
+    assert "`p [rad]` drives `q [rev]`" in only
+
+
+def test_columns_with_a_unit_of_angles_are_listed_first():
+    names = ("u", "p cmd [rad]", "q [rad]")
+    columns = [Candidate(k, name, read_name(name, ""), X) for k, name in enumerate(names)]
+    told = str(no_fit(("driving", "driven"), columns, None, "log.csv"))
+    assert told.index("`q [rad]`") < told.index("`p cmd [rad]`") < told.index("`u`")
 
 
 def test_setpoint_and_actual(ask, columns):

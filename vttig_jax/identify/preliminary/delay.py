@@ -74,11 +74,11 @@ class Delay:
         """Return the largest delay, s, that may remain in the fitted gap between the flanks.
 
         If the logs do not determine the delay, it is the bound of the delay. If the delay is
-        insignificant and all runs have one speed (`steady`), it is the half-width of the 95 %
-        interval of the delay, because the fit takes the delay as zero.
+        insignificant and all runs have one speed (`steady`), it is 1.96 √(d² + s²) with its
+        estimate d and standard error s, because the fit takes the delay as zero.
         """
         if self.state == "insignificant" and steady:
-            return NORMAL_95 * self.std_s
+            return NORMAL_95 * float(np.hypot(self.step_s, self.std_s))
         return self.bound_s
 
     @property

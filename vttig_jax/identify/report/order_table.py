@@ -6,11 +6,12 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
+from ...base.numerics.polar_spread import polar_spread
 from ...base.units import ARCSEC
 from ...pair.gear_pair import Flank
 from ..solve.sandwich import Scatter, functional_of, standard_errors
 from ..solve.solved_fit import SolvedFit
-from .parameters import LARGEST, SIGNIFICANT, polar_spread
+from .parameters import LARGEST, SIGNIFICANT
 
 _LEAKAGE = 3.0  # a line leaks into orders nearer than this number of resolutions; chosen value
 _MODULATION = 0.1

@@ -5,9 +5,8 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Float
 
-from ...base.angles import amplitude_phase
+from ...base.numerics.polar_spread import polar_spread, upper_limit
 from ...base.numerics.quantiles import NORMAL_95
 from ...base.units import ARCSEC, DEG, REV
 from ...logs.encoder_log import EncoderLog
@@ -104,7 +103,7 @@ def polar(
     significant = amplitude >= SIGNIFICANT * amplitude_std
     if not significant:
         reason = f"{names[0]} is below three standard errors"
-        upper = _upper_limit(amplitude, spread)
+        upper = upper_limit(amplitude, spread)
         return (
             Parameter(
                 name=names[0],
@@ -125,19 +124,6 @@ def polar(
     )
 
 
-def polar_spread(
-    offset: Float[np.ndarray, "2"], spread: Float[np.ndarray, "2 2"]
-) -> tuple[float, float, float, float]:
-    """Return amplitude, its standard error, phase (deg) and its standard error, to first order."""
-    amplitude, phase_deg = (float(part) for part in amplitude_phase(offset[1], offset[0]))
-    if amplitude == 0:
-        return 0.0, float(np.sqrt(np.max(np.linalg.eigvalsh(spread)))), 0.0, 180.0
-    along = offset / amplitude
-    across = np.array([-along[1], along[0]])
-    phase_std = float(np.sqrt(across @ spread @ across)) / amplitude
-    return amplitude, float(np.sqrt(along @ spread @ along)), phase_deg, phase_std / DEG
-
-
 def interval_of(name: str, unit: str, value: float, std: float) -> Parameter:
     """Return a determined parameter with its 95 % interval."""
     margin = NORMAL_95 * std
@@ -151,14 +137,6 @@ def interval_of(name: str, unit: str, value: float, std: float) -> Parameter:
         determined=True,
         significant=True,
     )
-
-
-def _upper_limit(amplitude: float, spread: Float[np.ndarray, "2 2"]) -> float:
-    """Return the 95 % quantile of the length of a 2-D Gaussian vector with isotropic spread."""
-    variance = float(np.trace(spread)) / 2
-    from scipy.special import chndtrix  # imported here because it is slow and seldom needed
-
-    return math.sqrt(variance * float(chndtrix(0.95, 2, amplitude**2 / variance)))
 
 
 UNITS = {"mm": 1.0, "deg": DEG, "arcsec": ARCSEC}

@@ -19,6 +19,10 @@ DWELL = 0.010_001
 STILL = 4.5
 """Speeds below this many quanta per smoothing window are standstill."""
 
+_FINER = 4  # a finer window counts if it is shorter by this factor; chosen value
+_LOOKS = 3  # measurements of the top speed over the finer window; chosen value
+_FEWEST, _MOST = 100, 20_000  # least samples for a finer window, most for its noise; chosen values
+
 
 @dataclass(frozen=True)
 class Speed:
@@ -41,23 +45,48 @@ def smooth_speed(
     At the top speed the window w covers `TRAVEL` quanta; a quantum is the larger of `resolution`
     in rad and twice the noise. The window is at most a twentieth of the log, and shorter at the
     ends. Spikes are interpolated first.
+
+    Noise and top speed are measured in a way that is right if the speed changes little during a
+    hundredth of the log, and in a second way that follows fast changes, such as those of a sine
+    motion. If the second window is at most a quarter of the first, it counts.
     """
     angle = without_spikes(angle, time, spikes(angle, time, resolution))
     count = len(time)
-    lag = max(1, count // 100)
-    interval = np.median(np.diff(time))
-    coarse = np.abs(angle[lag:] - angle[:-lag]) / np.maximum(time[lag:] - time[:-lag], interval)
-    top = float(np.quantile(coarse, 0.95))
-    if top == 0:
-        top = float(coarse.max())
+    interval = float(np.median(np.diff(time)))
+
+    def half_window(quantum: float, top: float) -> int:
+        needed = np.ceil(TRAVEL * quantum / (top * interval) / 2)
+        return int(np.clip(needed, 1, max(1, count // 40)))
+
+    top = _top_speed(time, angle, max(1, count // 100), interval)
     quantum = max(resolution, 2.0 * _noise(time, angle))
-    half = int(np.clip(np.ceil(TRAVEL * quantum / (top * interval) / 2), 1, max(1, count // 40)))
+    half = half_window(quantum, top)
+    if half >= _FINER and count >= _FEWEST:
+        fine_quantum = max(resolution, 2.0 * _noise_of_cubic(time, angle))
+        fine_top, fine_half = top, half_window(fine_quantum, top)
+        for _ in range(_LOOKS):
+            fine_top = max(fine_top, _top_speed(time, angle, 2 * fine_half, interval))
+            fine_half = half_window(fine_quantum, fine_top)
+        if _FINER * fine_half <= half:
+            quantum, top, half = fine_quantum, fine_top, fine_half
     low = np.maximum(np.arange(count) - half, 0)
     high = np.minimum(np.arange(count) + half, count - 1)
     elapsed = np.maximum(time[high] - time[low], 1e-3 * interval)
     value = (angle[high] - angle[low]) / elapsed
     dwell = max(DWELL * top, STILL * quantum / (2 * half * interval))
     return Speed(value, 2 * half, quantum, float(dwell))
+
+
+def _top_speed(
+    time: Float[np.ndarray, " n"], angle: Float[np.ndarray, " n"], lag: int, interval: float
+) -> float:
+    """Return the 95 % quantile of the magnitude of the speed over `lag` samples, rad/s.
+
+    If the shaft stands still for most of the log, it is the largest speed. `interval` is the least
+    time that counts, s.
+    """
+    speed = np.abs(angle[lag:] - angle[:-lag]) / np.maximum(time[lag:] - time[:-lag], interval)
+    return float(np.quantile(speed, 0.95)) or float(speed.max())
 
 
 def runs(state: Shaped[np.ndarray, " n"], cut: Bool[np.ndarray, " n"]) -> list[tuple[int, int]]:
@@ -75,4 +104,31 @@ def _noise(time: Float[np.ndarray, " n"], angle: Float[np.ndarray, " n"]) -> flo
     span = time[2:] - time[:-2]
     weight = np.divide(time[1:-1] - time[:-2], span, out=np.full_like(span, 0.5), where=span > 0)
     bend = angle[1:-1] - angle[:-2] - weight * (angle[2:] - angle[:-2])
-    return float(np.median(np.abs(bend - np.median(bend)))) / 0.6745 / np.sqrt(1.5)
+    return _spread(bend) / np.sqrt(1.5)
+
+
+def _noise_of_cubic(time: Float[np.ndarray, " n"], angle: Float[np.ndarray, " n"]) -> float:
+    """Return the standard deviation as `_noise` does, but without what an acceleration does.
+
+    It comes from the deviation of samples from the cubic through their four neighbours. At most
+    20 000 samples are used.
+    """
+    places = np.linspace(2, len(time) - 3, min(len(time) - 4, _MOST)).astype(np.int64)
+    rest, square = angle[places].copy(), np.ones(len(places))
+    around = (-2, -1, 1, 2)
+    for own in around:
+        share = np.ones(len(places))
+        for other in around:
+            if other != own:
+                apart = time[places + own] - time[places + other]
+                away = time[places] - time[places + other]
+                share *= np.divide(away, apart, out=np.full_like(away, np.nan), where=apart != 0)
+        rest -= share * angle[places + own]
+        square += share**2
+    known = np.isfinite(rest)
+    return _spread((rest / np.sqrt(square))[known]) if known.any() else 0.0
+
+
+def _spread(values: Float[np.ndarray, " n"]) -> float:
+    """Return the median deviation from the median, scaled to a normal standard deviation."""
+    return float(np.median(np.abs(values - np.median(values)))) / 0.6745

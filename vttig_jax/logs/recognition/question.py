@@ -65,9 +65,9 @@ def no_fit(
 ) -> LogError:
     """Return the question for roles that neither the names nor the ratio determine.
 
-    `candidates` are columns that can be a shaft, `others` columns whose names mean a quantity other
-    than an angle. `clocked` is true if a clock turns the driving shaft, so that the log shows no
-    ratio.
+    `candidates` are columns that can be a shaft; those whose names have a unit of angles are listed
+    first. `others` are columns whose names mean a quantity other than an angle. `clocked` is true
+    if a clock turns the driving shaft, so that the log shows no ratio.
     """
     named = " and ".join(roles)
     options = " ".join(f"--column {role}=NAME" for role in roles)
@@ -79,7 +79,8 @@ def no_fit(
         why = "and no other column holds numbers that change"
     else:
         why = f"and no columns turn as given ({in_words(ratio)})"
-    seen = f"; there are {listed_facts(candidates)}" if candidates else ""
+    listed = sorted(candidates, key=_unlikely)
+    seen = f"; there are {listed_facts(listed)}" if candidates else ""
     if len(candidates) == 1 and len(roles) == 2:
         alone = candidates[0].name
         seen += (
@@ -90,6 +91,12 @@ def no_fit(
         shown = ", ".join(f"`{one.name}` ({one.reading.other})" for one in others[:MOST_LISTED])
         seen += f"; left out, as their names say another quantity: {shown}"
     return LogError(f"no column name says {named}, {why}; give {options}{seen}.", where=source)
+
+
+def _unlikely(one: Candidate) -> tuple[bool, bool, bool]:
+    """Return a key that sorts columns by how little their names look like a measured angle."""
+    reading = one.reading
+    return not reading.is_angle, reading.unit is None, bool(reading.setpoint)
 
 
 def no_driving(candidates: list[Candidate], source: str) -> LogError:

@@ -22,6 +22,10 @@ fraction of its travel (chosen)."""
 MOST_ROWS = 20_000
 """Columns with more than about this number of rows are thinned for the slope (chosen)."""
 
+_COPY = 1e-9
+"""Two columns are one reading in two units if they differ by at most this fraction of their largest
+value (chosen). The errors of real gears are larger."""
+
 
 @dataclass(frozen=True)
 class Scale:
@@ -95,12 +99,24 @@ def by_ratio(
         raise question.no_unit(role, one, source)
     if not pairs:
         raise question.no_fit(missing, turning, ratio, source)
+    apart = [k for k, (one, other) in enumerate(pairs) if not _is_copy(one, other)]
+    if apart and ratio == 1:  # at another ratio two shafts of a simulation may be as exact
+        pairs, signs = [pairs[k] for k in apart], [signs[k] for k in apart]
     if len(pairs) > 1:
         raise question.two_fits(pairs, source)
     if signs[0] < 0:
         driving, driven = pairs[0]
         raise question.inverted(driving, driven, source)
     return dict(zip(("driving", "driven"), pairs[0], strict=True))
+
+
+def _is_copy(one: Candidate, other: Candidate) -> bool:
+    """Return whether two columns hold the same reading, in two units or with another zero."""
+    if one.values is None or other.values is None or len(one.values) != len(other.values):
+        return False
+    x, y = (values - values.mean() for values in (one.values, other.values))
+    rest = y - float(x @ y / (x @ x)) * x
+    return float(np.abs(rest).max()) <= _COPY * float(np.abs(y).max())
 
 
 def _turns(values: np.ndarray, per_turn: float | None) -> Float[np.ndarray, " n"]:

@@ -8,9 +8,10 @@ from jaxtyping import Float, Int
 
 from ...base.angles import difference_deg, wrap_deg
 from ...base.errors import NoAnswerError
+from ...base.numerics.polar_spread import polar_spread
 from ...base.units import ARCSEC, DEG, REV
 from ...identify.fit_result import Fit
-from ...identify.report.parameters import BELOW, ROUNDING, SIGNIFICANT, Parameter, polar_spread
+from ...identify.report.parameters import BELOW, ROUNDING, SIGNIFICANT, Parameter
 from ...pair.gear_pair import Drive, GearPair
 
 
