@@ -44,8 +44,8 @@ SHORTER = {
 }
 """Command that takes minutes → the same command for fewer rigs, which runs in its place."""
 
-DRAWN_SHARE = {"docs/reversals.md": 0.2}
-"""Page → share by which its numbers may differ; they are means and extremes of 50 random draws."""
+DRAWN_SHARE = {"docs/reversals.md": 0.05}
+"""Page → share by which its numbers may differ, because they are means of random draws."""
 
 
 def files_of(page: str, folder: Path) -> None:

@@ -1,6 +1,7 @@
 """A delay that changes within a log, against a ratio that is slightly wrong."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,22 +13,30 @@ from vttig_jax.identify.fitting import fit
 from vttig_jax.identify.preliminary import model_selection
 from vttig_jax.identify.preliminary.delay_change import DelayChange, Slope
 from vttig_jax.identify.report.estimate import Estimate
+from vttig_jax.logs.encoder_log import EncoderLog
+from vttig_jax.pair.gear_pair import Drive
 
+Motion = tuple[list[float], list[float]]
 PAIR = drive("1/250")
 MOTION = there_and_back([700.0, 300.0, 500.0], 1.5)
 
 
+def _log(
+    pair: Drive, motion: Motion, *, first_s: float, late_s: float, **options: Any
+) -> EncoderLog:
+    """A log whose delay is `first_s` in its first half and larger by `late_s` in the second."""
+
+    def delay_s(time: np.ndarray, _: np.ndarray) -> np.ndarray:
+        return first_s + late_s * (time > time.mean())
+
+    return drive_log(pair, motion, delay_s=delay_s, **options)
+
+
 def _warnings(ratio_ppm: float, late_s: float) -> list[str]:
-    """Sentences on the delay of a log whose second half is later by `late_s`."""
-    log = drive_log(
-        PAIR,
-        MOTION,
-        gap=level(0.0),
-        delay_s=lambda time, _: 2e-3 + late_s * (time > time.mean()),
-        noise_arcsec=10.0,
-        rate_hz=250.0,
-        ratio=(1 + 1e-6 * ratio_ppm) / 250,
-    )
+    """Sentences on the change of the delay in the fit of a log with a wrong ratio."""
+    ratio = (1 + 1e-6 * ratio_ppm) / 250
+    of_rig = {"gap": level(0.0), "noise_arcsec": 10.0, "rate_hz": 250.0, "ratio": ratio}
+    log = _log(PAIR, MOTION, first_s=2e-3, late_s=late_s, **of_rig)
     return [one for one in fit(log, PAIR).warnings if one.startswith("the delay changes by")]
 
 
@@ -76,15 +85,12 @@ def test_the_gap_contains_that_of_a_fit_with_two_delays(
     motion = [0.3, *([0.2, 3.0, 0.2, 0.3] * len(speeds))], [0.0]
     for rpm in speeds:
         motion[1].extend([rpm, rpm, 0.0, 0.0])
-    log = drive_log(
-        pair,
-        motion,
-        gap=level(3600.0),
-        delay_s=lambda time, _: 1e-3 + late_s * (time > time.mean()),
-        noise_arcsec=200.0,
-    )
+    of_rig = {"gap": level(3600.0), "noise_arcsec": 200.0}
+    log = _log(pair, motion, first_s=1e-3, late_s=late_s, **of_rig)
     found = fit(log, pair)
-    for low, high, truth in _intervals(found):
+    intervals = _intervals(found)
+    assert len(intervals) == 2
+    for low, high, truth in intervals:
         assert low < truth < high
     assert any("the delay changes by" in one for one in found.warnings) == (late_s != 0)
     delay = found.parameters["delay_s"]

@@ -8,7 +8,8 @@ from vttig_jax.base.numerics.polar_spread import polar_spread
 from vttig_jax.base.units import ARCSEC, DEG
 from vttig_jax.identify.fit_result import Fit
 from vttig_jax.identify.fitting import fit
-from vttig_jax.identify.report.parameters import LARGEST, polar, scalar, undetermined
+from vttig_jax.identify.report import parameters
+from vttig_jax.identify.report.parameters import LARGEST, Parameter, polar, scalar, undetermined
 from vttig_jax.identify.solve.least_squares import Solution
 
 pytestmark = pytest.mark.smoke
@@ -56,6 +57,23 @@ def _solution(values, covariance) -> Solution:
 
 
 SPREAD = np.array([[4.0, 1.0], [1.0, 2.0]]) * 1e-4
+
+
+def test_an_eccentricity_that_may_exceed_the_centre_distance_is_withdrawn():
+    cell = np.zeros((3, 3))
+    cell[1:, 1:] = np.eye(2) * 30.0**2
+    solution = _solution([0.0, 3.0, -4.0], cell)
+
+    def stated(largest_mm: float) -> Parameter:
+        return parameters._polar_or_reason(
+            solution, "shaft", NAMES, "mm", 1.0, reason=None, largest=largest_mm
+        )[0]
+
+    upper = stated(1e3).upper95
+    assert upper is not None and 30 < upper < 100
+    assert stated(1.01 * upper).determined
+    withdrawn = stated(0.99 * upper)
+    assert withdrawn.value is None and "wider than the centre distance" in (withdrawn.reason or "")
 
 
 def test_spread_follows_the_directions_along_and_across():

@@ -71,8 +71,8 @@ class DelayChange:
         seen = (
             f"the delay changes by {1e3 * self.change_s:+.3g} ± {1e3 * self.std_s:.1g} ms from the"
             " first half of the log to the second; the stated delay is a mean over the log, and its"
-            " interval reaches at least 0.3 of the change to each side; all other intervals contain"
-            " the values of a fit with one delay in each half"
+            " interval reaches at least 0.3 of the change to each side; the intervals of the gap"
+            " and of the other parameters contain the values of a fit with one delay in each half"
         )
         cause = "a clock that drifts or a bus under changing load does this"
         rival = self.slope

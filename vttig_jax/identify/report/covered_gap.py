@@ -43,9 +43,8 @@ def covered_gap(estimate: Estimate, margin: float) -> CoveredGap:
 
     Its standard error is the largest of these: from the noise model, from the scatter of parts of
     the log, from a fit with a random walk as drift, from a fit with two delays, and from the gaps
-    at different speeds. If the
-    correlation time of the noise is a notable part of a run (scatter "memory"), an estimate for
-    this case replaces the first two.
+    at different speeds. If the correlation time of the noise is a notable part of a run (scatter
+    "memory"), an estimate for this case replaces the first two.
 
     **Arguments**
     - `margin`: largest gap, rad, that an unknown delay within its bound can imitate; 0 for a delay

@@ -25,6 +25,7 @@ LARGEST = {"arcsec": REV / ARCSEC, "deg": REV / DEG}
 """Unit → one revolution. An error of a gear is far smaller, so a wider interval says nothing."""
 
 OPEN = "the interval is wider than one revolution, so that the log says nothing about the value"
+_OPEN_MM = OPEN.replace("one revolution", "the centre distance")
 ROUNDING = 1e-11
 """Angle, rad, below which a value is rounding and never significant."""
 
@@ -174,6 +175,7 @@ def parameters_of(
     rad, the largest backlash that the unknown delay can imitate.
     """
     drive = isinstance(pair, Drive)
+    largest = LARGEST if drive else LARGEST | {"mm": float(pair.centre_distance_mm)}
     found: list[Parameter] = []
     for shaft in SHAFTS:
         name, unit, scale = (
@@ -184,7 +186,13 @@ def parameters_of(
         names = (name, f"{shaft}_phase_deg")
         reason = identifiable.reasons.get(shaft) if not settings.perfect_gears else _PERFECT_GEARS
         found += _polar_or_reason(
-            solution, source=shaft, names=names, unit=unit, scale=scale, reason=reason
+            solution,
+            source=shaft,
+            names=names,
+            unit=unit,
+            scale=scale,
+            reason=reason,
+            largest=largest[unit],
         )
     backlash = _constant_backlash(solution, identifiable.short, delay)
     found.append(_with_margin(backlash, delay_margin / DEG))
@@ -206,6 +214,7 @@ def parameters_of(
             unit="arcsec",
             scale=ARCSEC,
             reason=reason,
+            largest=largest["arcsec"],
         )
     found.append(_delay(solution, delay))
     if delay_margin:
@@ -249,14 +258,15 @@ def _polar_or_reason(
     unit: str,
     scale: float,
     reason: str | None,
+    largest: float,
 ) -> tuple[Parameter, Parameter]:
     if reason is None:
         index = [solution.names.index(f"{source}_{axis}") for axis in "xy"]
         if all(solution.determined[index]):
             amplitude, phase = polar(solution, source, names, unit, scale)
-            if (amplitude.high95 or 0.0) <= LARGEST.get(unit, math.inf):
+            if (amplitude.high95 or 0.0) <= largest:
                 return amplitude, phase
-            reason = OPEN
+            reason = _OPEN_MM if unit == "mm" else OPEN
         else:
             reason = "the data leave it open: " + _companions(solution, index)
     return undetermined(names[0], unit, reason), undetermined(names[1], "deg", reason)

@@ -46,9 +46,9 @@ def smooth_speed(
     in rad and twice the noise. The window is at most a twentieth of the log, and shorter at the
     ends. Spikes are interpolated first.
 
-    Noise and top speed are measured in a way that is right if the speed changes little during a
-    hundredth of the log, and in a second way that follows fast changes, such as those of a sine
-    motion. If the second window is at most a quarter of the first, it counts.
+    Noise and top speed are measured twice. The first measurement is right if the speed changes
+    little during a hundredth of the log. The second one follows fast changes, such as those of a
+    sine motion. If its window is at most a quarter of the first window, the second one counts.
     """
     angle = without_spikes(angle, time, spikes(angle, time, resolution))
     count = len(time)
@@ -108,7 +108,7 @@ def _noise(time: Float[np.ndarray, " n"], angle: Float[np.ndarray, " n"]) -> flo
 
 
 def _noise_of_cubic(time: Float[np.ndarray, " n"], angle: Float[np.ndarray, " n"]) -> float:
-    """Return the standard deviation as `_noise` does, but without what an acceleration does.
+    """Return the noise like `_noise`, but an acceleration does not increase it.
 
     It comes from the deviation of samples from the cubic through their four neighbours. At most
     20 000 samples are used.

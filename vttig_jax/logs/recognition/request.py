@@ -96,8 +96,8 @@ class DriveRequest:
         if not self.names_a_drive:
             raise UsageError(
                 "the ratio of the drive is missing; give --ratio 64:23 (driving turns to driven"
-                " turns), --teeth 45/80 or --pair PAIR.toml; `vttig inspect LOG` shows the ratio of"
-                " the log if it names both shafts."
+                " turns), --teeth 45/80 or --pair PAIR.toml; `vttig inspect LOG` measures the ratio"
+                " if the column names or --column say which shaft is which."
             )
         ratio = self.teeth if self.ratio is None else self.ratio
         gears = [

@@ -99,9 +99,10 @@ def by_ratio(
         raise question.no_unit(role, one, source)
     if not pairs:
         raise question.no_fit(missing, turning, ratio, source)
-    apart = [k for k, (one, other) in enumerate(pairs) if not _is_copy(one, other)]
-    if apart and ratio == 1:  # at another ratio two shafts of a simulation may be as exact
-        pairs, signs = [pairs[k] for k in apart], [signs[k] for k in apart]
+    if ratio == 1:  # at another ratio two shafts of a simulation may be as exact as a copy
+        apart = [k for k, (one, other) in enumerate(pairs) if not _is_copy(one, other)]
+        if apart:
+            pairs, signs = [pairs[k] for k in apart], [signs[k] for k in apart]
     if len(pairs) > 1:
         raise question.two_fits(pairs, source)
     if signs[0] < 0:
