@@ -359,7 +359,7 @@ def _row(parameter: Parameter) -> list[str]:
     if p.upper95 is not None:
         return [p.name, f"< {number(p.upper95)}", number(p.std), "upper limit", p.unit]
     span = f"{number(p.low95)} … {number(p.high95)}"
-    unlike = " (as given)" if p.name == "ratio" else doubt(p.value, p.std, p.low95, p.high95)
+    unlike = " (as given)" if p.name == "ratio" else doubt(p.value, p.low95, p.high95, p.reason)
     mark = "" if p.significant else unlike
     return [p.name, number(p.value) + mark, number(p.std), span, p.unit]
 

@@ -182,11 +182,20 @@ def _check_required(result: "Fit", names: tuple[str, ...]) -> None:
             )
         if not parameter.significant and name != "ratio":
             LOGGER.warning(
-                "%s is determined, as --require asks, but not significant (%s): the log does not"
-                " tell it from zero",
+                "%s is determined, as --require asks, but %s (%s): the log does not certainly tell"
+                " it from zero",
                 name,
+                _doubt(parameter),
                 _size(parameter),
             )
+
+
+def _doubt(parameter: "Parameter") -> str:
+    """Return in words why a value is not significant, with the rule that judges it."""
+    from ...identify.report.check_sentences import doubt
+
+    p = parameter
+    return doubt(p.value, p.low95, p.high95, p.reason).strip(" ()")
 
 
 def _size(parameter: "Parameter") -> str:

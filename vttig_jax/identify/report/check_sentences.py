@@ -80,23 +80,34 @@ def _repeatability(checks: Checks, several: bool, has_noise: bool) -> list[str]:
     return sentences
 
 
-def doubt(value: float | None, std: float | None, low95: float | None, high95: float | None) -> str:
+def doubt(
+    value: float | None,
+    low95: float | None,
+    high95: float | None,
+    reason: str | None = None,
+) -> str:
     """Return a remark in brackets that says why a value is not significant.
+
+    `reason` is that of the parameter. If the interval does not contain zero, the remark states the
+    rule of the reason, because "not significant" would contradict the interval beside it.
 
     **Example**
     ```python
     >>> from vttig_jax.identify.report.check_sentences import doubt
-    >>> doubt(-0.5, 0.2, -0.9, -0.1)
-    ' (below three standard errors)'
-    >>> doubt(-0.5, 0.01, -0.52, -0.48)
+    >>> doubt(-0.5, -1.2, 0.2, "below three standard errors")
+    ' (not significant)'
+    >>> doubt(-0.5, -0.9, -0.1, "below 4 standard errors; the other parameters take it as zero")
+    ' (below 4 standard errors, taken as zero)'
+    >>> doubt(-0.5, -0.52, -0.48)
     ' (below zero)'
 
     ```
     """
-    if value is None or std is None or low95 is None or high95 is None or low95 <= 0 <= high95:
+    if value is None or low95 is None or high95 is None or low95 <= 0 <= high95:
         return " (not significant)"
-    if abs(value) < _SIGNIFICANT * std:
-        return " (below three standard errors)"
+    if reason is not None and reason.startswith("below"):
+        rule, semicolon, _ = reason.partition(";")
+        return f" ({rule}, taken as zero)" if semicolon else f" ({rule})"
     return " (below zero)" if value < 0 else " (not significant)"
 
 

@@ -281,7 +281,7 @@ def _row(parameter: PosteriorParameter) -> list[str]:
     if p.upper95 is not None:
         shown = [f"< {number(p.upper95)}", number(p.median), number(p.std), "upper limit"]
         return [p.name, *shown, p.unit]
-    mark = "" if p.significant else doubt(p.value, p.std, p.low95, p.high95)
+    mark = "" if p.significant else doubt(p.value, p.low95, p.high95, p.reason)
     span = f"{number(p.low95)} … {number(p.high95)}"
     return [p.name, number(p.value) + mark, number(p.median), number(p.std), span, p.unit]
 
