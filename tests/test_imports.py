@@ -66,6 +66,7 @@ INNER_FLOORS = {
         "lines",
         "checks",
         "inspection",
+        "proposals",
         "preview",
     ),
     "identify": (

@@ -248,7 +248,7 @@ def inspection_text(report: "Inspection") -> str:
 
 
 def column_table(columns: "Sequence[ColumnReport]") -> str:
-    """Return a table with one row for each column of the log."""
+    """Return a table with one row for each column of the log; constant columns are marked."""
     rows = [
         (
             c.role or "",
@@ -256,7 +256,7 @@ def column_table(columns: "Sequence[ColumnReport]") -> str:
             c.unit,
             f"{c.low:.9g}",
             f"{c.high:.9g}",
-            None if c.turns is None else f"{c.turns:.4g}",
+            _turns(c),
             None if c.resolution_arcsec is None else f"{c.resolution_arcsec:.3g}",
             f"{c.wraps} at {c.modulus:.6g}" if c.modulus is not None else "no",
         )
@@ -264,6 +264,13 @@ def column_table(columns: "Sequence[ColumnReport]") -> str:
     ]
     heads = ["used as", "column", "unit", "lowest", "highest", "turns", ("step", "″"), "wraps"]
     return text_table(rows, heads, align="lllrrrrr")
+
+
+def _turns(column: ColumnReport) -> str | None:
+    """Return the turns of a column as text, or that it never changes."""
+    if column.low == column.high:
+        return "constant"
+    return None if column.turns is None else f"{column.turns:.4g}"
 
 
 def sampling_rows(sampling: Sampling, rows: int) -> list[tuple[str, str]]:

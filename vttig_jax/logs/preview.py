@@ -2,8 +2,7 @@
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
-from fractions import Fraction
+from dataclasses import asdict, dataclass
 from itertools import groupby
 from pathlib import Path
 from typing import Any
@@ -16,13 +15,15 @@ from ..base.files.text_tables import key_values
 from ..base.files.toml_io import plain_table
 from ..base.shown_text import shown_name
 from ..base.units import ANGLE_UNITS, ARCSEC, REV
-from ..pair.schema import PairSpec
+from ..pair.schema import PairSpec, as_ratio
 from .channel.steps import step_of
 from .channel.unwrap import find_modulus, unwrap, wrap_steps
-from .checks.ratio import simple_fraction, slope
+from .checks.fractions import likely_fraction, ratio_option
+from .checks.ratio import slope
 from .checks.sampling import Sampling, sampling_of
 from .encoder_log import check_time
 from .inspection import ColumnReport, bullets, column_table, sampling_rows
+from .proposals import Proposal, proposals, with_ratio
 from .read import check_arguments
 from .readers.column_names import (
     ROW,
@@ -47,6 +48,13 @@ SHAFTS = ("driving", "driven", "transmission_error")
 MOST_COLUMNS = 30
 """A table of more columns than this shows the columns of one matrix in one row (chosen)."""
 
+MOST_PROPOSED = 4
+"""Largest number of proposed commands in the text of a preview (chosen)."""
+
+_ANSWER = (
+    "the command for a fit is printed here once options of `vttig inspect` answer these questions"
+)
+
 
 @dataclass(frozen=True)
 class Preview:
@@ -67,6 +75,8 @@ class Preview:
     """Names and lengths of the arrays whose length differs from that of the record."""
     fit_command: str = ""
     """Command that fits the log with the ratio estimated from it; "" if information is missing."""
+    proposals: tuple[Proposal, ...] = ()
+    """Commands of which one fits the log, if only the user knows which column is which shaft."""
 
     def to_json(self) -> dict[str, Any]:
         """Return the report in the schema `vttig.inspect/1` without parts that need a pair file."""
@@ -82,6 +92,7 @@ class Preview:
             "sampling": None if self.sampling is None else asdict(self.sampling),
             "ratio": {"given": None, "seen": ratio, "std": std},
             **({"fit_command": self.fit_command} if self.fit_command else {}),
+            **({"proposals": [asdict(one) for one in self.proposals]} if self.proposals else {}),
             "notes": list(self.notes),
         }
 
@@ -91,13 +102,15 @@ class Preview:
             rows = sampling_rows(self.sampling, self.rows)
         if self.ratio is not None:
             ratio, std = self.ratio
-            near = simple_fraction(ratio, std)
-            rows.append(("ratio seen", f"{ratio:.6g} ± {std:.1g}, driven over driving ({near})"))
+            near = likely_fraction(abs(ratio), std)
+            whole = "" if near is None else f" ({near if ratio > 0 else -near})"
+            rows.append(("ratio seen", f"{ratio:.6g} ± {std:.1g}, driven over driving{whole}"))
         parts = [shown_name(self.source), column_table(_grouped(self.columns)), key_values(rows)]
         parts.append(bullets("note", (*_other_arrays(self.others, self.rows), *self.notes)))
         if self.fit_command and self.ratio is not None:
-            turns = in_words(Fraction(simple_fraction(abs(self.ratio[0]), self.ratio[1])))
+            turns = in_words(as_ratio(ratio_option(abs(self.ratio[0]), self.ratio[1]), ""))
             parts.append(f"if {turns}:\n  {self.fit_command}")
+        parts += _proposed(self.proposals)
         return "\n\n".join(part for part in parts if part)
 
 
@@ -148,16 +161,19 @@ def preview_log(
         hints += check_time(time, source)
         sampling = sampling_of(time)
     ratio = _ratio(reports, angles)
-    command = ""
+    command, proposed = "", ()
+    keywords = {"decimal": decimal, "sample_rate_hz": sample_rate_hz}
     if spec is None:
         hints += map(str, search.guesses)
         hints += _missing_input(reports)
         hints += [f"a fit asks: {question.message}" for question in questions]
         if not questions and ratio is not None and ratio[0] != 0:
-            shown = _with_ratio(request, ratio)
-            names_of = search.column_names
-            keywords = {"decimal": decimal, "sample_rate_hz": sample_rate_hz}
-            command = fit_command(path, shown, names_of, **keywords)
+            shown = with_ratio(request, ratio)
+            command = fit_command(path, shown, search.column_names, **keywords)
+        elif questions and not request.names_a_drive:
+            proposed = proposals(search, path, **keywords)
+        if not command and not proposed:
+            hints.append(_ANSWER)
     return Preview(
         source=str(path),
         sha256=digest,
@@ -168,7 +184,19 @@ def preview_log(
         notes=tuple(hints),
         others=tuple(others),
         fit_command=command,
+        proposals=proposed,
     )
+
+
+def _proposed(found: Sequence[Proposal]) -> list[str]:
+    """Return the commands of which one fits the log, each below its condition."""
+    if not found:
+        return []
+    parts = ["to fit it, copy the command whose sentence is true:"]
+    parts += [f"if {one.condition}:\n  {one.command}" for one in found[:MOST_PROPOSED]]
+    if len(found) > MOST_PROPOSED:
+        parts.append(f"{len(found) - MOST_PROPOSED} more are in the output of --json")
+    return parts
 
 
 def _ratio(
@@ -179,16 +207,6 @@ def _ratio(
     if not {"driving", "driven"} <= set(angles) or len(counts) != 1:
         return None
     return slope(angles["driving"], angles["driven"])
-
-
-def _with_ratio(request: DriveRequest, seen: tuple[float, float]) -> DriveRequest:
-    """Return `request` with the simplest fraction near the ratio `seen` (value, standard error).
-
-    If the readings of the shafts have opposite directions, the driven encoder is inverted.
-    """
-    near = Fraction(simple_fraction(abs(seen[0]), seen[1]))
-    request = request if seen[0] > 0 else request.with_driven_inverted()
-    return replace(request, ratio=f"{near.denominator}:{near.numerator}")
 
 
 def _named(spec: PairSpec | None, columns: Mapping[str, str]) -> dict[str, str]:

@@ -238,3 +238,11 @@ def test_counts_that_no_column_has(ask):
 )
 def test_wrong_statements(ask, options, words):
     assert words in ask(csv("t,motor_deg,load_deg", T, X, Y), **options)
+
+
+def test_a_question_says_which_columns_do_not_change(ask):
+    still = np.full(len(T), 7.25)
+    told = ask(csv("t [s],p [deg],q [deg]", T, X, still), ratio="16:9")
+    assert "left out, as they do not change: `q [deg]` (always 7.25)" in told
+    several = ask(csv("t [s],motor a [deg],motor b [deg]", T, still, still), ratio="16:9")
+    assert "`motor a [deg]` 7.25 in every row, a constant" in several

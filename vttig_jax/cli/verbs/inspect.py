@@ -48,7 +48,7 @@ def command(
     """Say what LOG holds: columns, rate, turns, ratio, flanks, speeds and orders.
 
     LOG may be - for stdin. The command to fit it is printed at the end, with all that was
-    recognised.
+    recognised; one for each reading if no name says which column is which shaft.
     """
     from ...logs.preview import preview_log
     from ...runs.options import ReadingOptions

@@ -70,6 +70,11 @@ class Candidate:
         return bool(np.ptp(self.values) > 0) and not self.is_row_number
 
     @property
+    def is_constant(self) -> bool:
+        """Whether all values are one number, so that the column shows no motion."""
+        return self.values is not None and len(self.values) > 1 and bool(np.ptp(self.values) == 0)
+
+    @property
     def _steps(self) -> np.ndarray:
         assert self.values is not None
         return np.diff(self.values)
@@ -81,6 +86,8 @@ class Candidate:
             return f"`{self.name}` with dates or times"
         if self.values is None or not len(self.values):
             return f"`{self.name}` without numbers"
+        if self.is_constant:
+            return f"`{self.name}` {self.values[0]:.12g} in every row, a constant"
         first = ", ".join(f"{value:.12g}" for value in self.values[:SHOWN])
         return f"`{self.name}` {first}, … ({self.values.min():.6g} … {self.values.max():.6g})"
 

@@ -65,12 +65,15 @@ def no_fit(
 ) -> LogError:
     """Return the question for roles that neither the names nor the ratio determine.
 
-    `candidates` are columns that can be a shaft; those whose names have a unit of angles are listed
-    first. `others` are columns whose names mean a quantity other than an angle. `clocked` is true
-    if a clock turns the driving shaft, so that the log shows no ratio.
+    `candidates` are columns whose names allow a shaft. Those whose names have a unit of angles are
+    listed first, and constant columns as left out. `others` are columns whose names mean a quantity
+    other than an angle. `clocked` is true if a clock turns the driving shaft, so that the log shows
+    no ratio.
     """
     named = " and ".join(roles)
     options = " ".join(f"--column {role}=NAME" for role in roles)
+    still = [one for one in candidates if one.is_constant and one.reading.is_angle]
+    candidates = [one for one in candidates if not one.is_constant]
     if ratio is None:
         why = "and without a ratio the motion says nothing"
         if not clocked:
@@ -87,10 +90,18 @@ def no_fit(
             "; if the number of the row is the reading of the other encoder, as in a table of"
             f" calibration, give --column driving='{alone}' --column driven={ROW}"
         )
+    if still:
+        shown = ", ".join(f"`{one.name}` (always {_value(one)})" for one in still[:MOST_LISTED])
+        seen += f"; left out, as they do not change: {shown}"
     if others:
         shown = ", ".join(f"`{one.name}` ({one.reading.other})" for one in others[:MOST_LISTED])
         seen += f"; left out, as their names say another quantity: {shown}"
     return LogError(f"no column name says {named}, {why}; give {options}{seen}.", where=source)
+
+
+def _value(one: Candidate) -> str:
+    """Return the value of a constant column as text."""
+    return "" if one.values is None else f"{one.values[0]:.6g}"
 
 
 def _unlikely(one: Candidate) -> tuple[bool, bool, bool]:

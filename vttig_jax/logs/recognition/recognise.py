@@ -146,10 +146,27 @@ class Search:
             self._check_units(complete=not asked)
         return asked
 
+    def assuming(self, columns: Mapping[str, str], request: DriveRequest) -> "Search":
+        """Return a new search of the same table in which `columns` and `request` are stated too.
+
+        `take_stated` and `questions` of the new search say whether a command with them is complete.
+        """
+        trial = replace(
+            self,
+            request=request,
+            columns={**self.columns, **columns},
+            roles={},
+            guesses=[],
+            units={},
+            _open=None,
+        )
+        trial.__dict__["_candidates"] = self._candidates  # the values of a table are read once
+        return trial
+
     @property
     def column_names(self) -> dict[str, str]:
         """Role → name of its column, or `#number` if another column has the same name."""
-        return {role: self._name(index) for role, index in self.roles.items()}
+        return {role: self.name_of(index) for role, index in self.roles.items()}
 
     def _take_named(self) -> None:
         """Assign roles to the columns that options name."""
@@ -202,12 +219,17 @@ class Search:
 
     def _find_by_ratio(self, missing: list[str]) -> None:
         if "transmission_error" in self.roles:
-            raise question.no_driving(self._free(), self.source)
+            raise question.no_driving(self.free(), self.source)
         if not self.request.names_a_drive or (missing == ["driven"] and self._clocked):
-            raise question.no_fit(missing, self._free(), None, self.source, clocked=self._clocked)
-        fixed = {role: self._candidate(self.roles[role]) for role in SHAFTS if role in self.roles}
-        scale = Scale(self._per_turn, self._common)
-        found = by_ratio(fixed, self._free(), self._ratio, scale, self.source)
+            possible = [one for one in self.free() if one.reading.is_angle]
+            others = [one for one in self.free() if one.turns and one.reading.other]
+            asked = question.no_fit(
+                missing, possible, None, self.source, others, clocked=self._clocked
+            )
+            raise question.also_no_unit(asked) if self._lacks_units else asked
+        fixed = {role: self.candidate(self.roles[role]) for role in SHAFTS if role in self.roles}
+        scale = Scale(self.per_turn, self.common)
+        found = by_ratio(fixed, self.free(), self._ratio, scale, self.source)
         if not self.request.says_which_shaft:
             raise question.two_readings(str(self.request.ratio), self._ratio)
         for role in missing:
@@ -215,7 +237,7 @@ class Search:
             self._guess(role, found[role], "the only one that has the given ratio")
 
     def _find_time_unit(self) -> None:
-        column = self._candidate(self.roles["time"])
+        column = self.candidate(self.roles["time"])
         unit, guess = time_unit(column, self.units.get("time"), self.source)
         if unit is not None and guess is not None:
             self.units["time"] = unit
@@ -230,7 +252,7 @@ class Search:
         for role in SHAFTS:
             if role not in self.roles:
                 continue
-            one = self._candidate(self.roles[role])
+            one = self.candidate(self.roles[role])
             unit = one.reading.unit or self.units.get(role)
             if unit is None and self.request.counts is not None:
                 unit = self.units[role] = "counts"
@@ -273,7 +295,7 @@ class Search:
     def _ratio(self) -> Fraction:
         return self.request.speed_ratio
 
-    def _free(self) -> list[Candidate]:
+    def free(self) -> list[Candidate]:
         """Return the columns without a role that are not time stamps of another column."""
         stamps = self.table.clocks.values() if isinstance(self.table, NestedTable) else ()
         taken = {*self.roles.values(), *stamps}
@@ -287,7 +309,7 @@ class Search:
         of a text with one log each, or if `role` is the time. If no name in this group fits the
         role, all columns without a role are returned.
         """
-        free = self._free()
+        free = self.free()
         taken = [self.names[k] for k in self.roles.values() if k is not None]
         groups = {name.rpartition("/")[0] for name in taken}
         if role != "time" and not all(group.isdigit() for group in groups):
@@ -296,7 +318,8 @@ class Search:
         named = any(one.reading.role == role or (role == "time" and one.dated) for one in near)
         return near if named else free
 
-    def _candidate(self, index: int | None) -> Candidate:
+    def candidate(self, index: int | None) -> Candidate:
+        """Return a column with its values; None is the number of the row."""
         if index is None:
             return Candidate(-1, ROW, read_name(ROW, self.source))
         return self._candidates[index]
@@ -304,7 +327,7 @@ class Search:
     def _guess(self, role: str, one: Candidate, why: str) -> None:
         self.guesses.append(Guess(role, f"column `{one.name}`", why, f"--column {role}=NAME"))
 
-    def _name(self, index: int | None) -> str:
+    def name_of(self, index: int | None) -> str:
         """Return the name of a column, or `#number` if another column has the same name."""
         if index is None:
             return ROW
@@ -326,7 +349,7 @@ class Search:
             found.append(Candidate(k, self.names[k], reading, values.get(k), dated))
         return found
 
-    def _per_turn(self, one: Candidate, role: str) -> float | None:
+    def per_turn(self, one: Candidate, role: str) -> float | None:
         """Return the readings per revolution of a column in a role, or None without a unit.
 
         The number is negative for an inverted encoder.
@@ -344,7 +367,7 @@ class Search:
             raise question.no_counts(role, one.name, self.source)
         return sign * counts[SHAFTS.index(role)]
 
-    def _common(self, first: Candidate, second: Candidate) -> tuple[np.ndarray, np.ndarray]:
+    def common(self, first: Candidate, second: Candidate) -> tuple[np.ndarray, np.ndarray]:
         """Return the readings of two columns at common instants.
 
         If the columns have different time stamps, each reading of `first` is paired with the next

@@ -72,10 +72,11 @@ def by_ratio(
     """
     missing = [role for role in ("driving", "driven") if role not in fixed]
     turning = [one for one in candidates if one.turns and one.reading.is_angle]
+    listed = [*turning, *(one for one in candidates if one.is_constant)]
     free = [one for one in turning if one.reading.role is None]
     if ratio is None or len(free) < len(missing):
         others = [one for one in candidates if one.turns and one.reading.other]
-        raise question.no_fit(missing, turning, ratio, source, others)
+        raise question.no_fit(missing, listed, ratio, source, others)
     unknown: list[tuple[str, Candidate]] = []
     pairs, signs = [], []
     for chosen in permutations(free, len(missing)):
@@ -89,7 +90,9 @@ def by_ratio(
         if len(driving) < 2:
             continue  # the two channels have no common time
         sign = _fits(
-            _turns(driving, per_turn["driving"]), _turns(driven, per_turn["driven"]), float(ratio)
+            turns_of(driving, per_turn["driving"]),
+            turns_of(driven, per_turn["driven"]),
+            float(ratio),
         )
         if sign:
             pairs.append((roles["driving"], roles["driven"]))
@@ -98,9 +101,9 @@ def by_ratio(
         role, one = unknown[0]
         raise question.no_unit(role, one, source)
     if not pairs:
-        raise question.no_fit(missing, turning, ratio, source)
+        raise question.no_fit(missing, listed, ratio, source)
     if ratio == 1:  # at another ratio two shafts of a simulation may be as exact as a copy
-        apart = [k for k, (one, other) in enumerate(pairs) if not _is_copy(one, other)]
+        apart = [k for k, (one, other) in enumerate(pairs) if not is_copy(one, other)]
         if apart:
             pairs, signs = [pairs[k] for k in apart], [signs[k] for k in apart]
     if len(pairs) > 1:
@@ -111,7 +114,7 @@ def by_ratio(
     return dict(zip(("driving", "driven"), pairs[0], strict=True))
 
 
-def _is_copy(one: Candidate, other: Candidate) -> bool:
+def is_copy(one: Candidate, other: Candidate) -> bool:
     """Return whether two columns hold the same reading, in two units or with another zero."""
     if one.values is None or other.values is None or len(one.values) != len(other.values):
         return False
@@ -120,7 +123,7 @@ def _is_copy(one: Candidate, other: Candidate) -> bool:
     return float(np.abs(rest).max()) <= _COPY * float(np.abs(y).max())
 
 
-def _turns(values: np.ndarray, per_turn: float | None) -> Float[np.ndarray, " n"]:
+def turns_of(values: np.ndarray, per_turn: float | None) -> Float[np.ndarray, " n"]:
     """Return the readings in revolutions, unwrapped and minus the first one.
 
     `per_turn` is the number of readings per revolution, negative for an inverted encoder.
