@@ -23,7 +23,11 @@ if TYPE_CHECKING:
 
 @verb("demo", example="vttig demo --out demo")
 @click.option("--out", type=click.Path(path_type=Path), help="Folder for log, fit, map, pictures.")
-@click.option("--overwrite", is_flag=True, help="Replace the demo that is in --out.")
+@click.option(
+    "--overwrite",
+    is_flag=True,
+    help="Replace the demo that is in --out, or write beside files of others.",
+)
 @click.option("--seed", type=click.IntRange(min=0), default=0, help="Of orders, phases and noise.")
 @click.option(
     "--steps",

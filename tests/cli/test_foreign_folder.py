@@ -1,0 +1,58 @@
+"""A folder of other files stays as it is, whichever command would write into it."""
+
+from pathlib import Path
+
+import pytest
+
+LOG, PAIR = "log.csv", "pair.toml"
+COMMANDS = {
+    "fit": ("fit", LOG, "--pair", PAIR),
+    "sample": ("sample", LOG, "--pair", PAIR),
+    "sample resumed": ("sample", LOG, "--pair", PAIR, "--resume"),
+    "demo": ("demo",),
+    "calibrate": ("calibrate", "--rigs", "20"),
+    "contact": ("contact", PAIR, "--span-rev", "0.05"),
+    "sweep": ("sweep", "sweep.toml"),
+    "sweep resumed": ("sweep", "sweep.toml", "--resume"),
+    "fit-many": ("fit-many", LOG, "--pair", PAIR),
+    "fit-many resumed": ("fit-many", LOG, "--pair", PAIR, "--resume"),
+}
+SWEEP = """
+pair = "pair.toml"
+[eccentricities]
+driving_mm = 0.02
+driving_phase_deg = 10
+driven_mm = 0.03
+driven_phase_deg = 20
+constant_backlash_deg = 0.04
+[sweep]
+"motion.reversal_deg" = [90, 180]
+"""
+
+
+@pytest.fixture
+def foreign(tmp_path) -> Path:
+    folder = tmp_path / "thesis"
+    (folder / "figures").mkdir(parents=True)
+    (folder / "thesis.tex").write_text("text")
+    return folder
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_no_command_writes_into_a_folder_of_others(name, vttig, rig_folder, foreign):
+    (rig_folder / "sweep.toml").write_text(SWEEP)
+    files = {LOG, PAIR, "sweep.toml"}
+    words = [rig_folder / word if word in files else word for word in COMMANDS[name]]
+    code, out, err = vttig(*words, "--out", foreign)
+    assert (code, out) == (2, "")
+    assert "holds other files (figures, thesis.tex) and no result of vttig" in err
+    assert sorted(path.name for path in foreign.rglob("*")) == ["figures", "thesis.tex"]
+    assert (foreign / "thesis.tex").read_text() == "text"
+
+
+def test_with_overwrite_the_other_files_stay_beside_the_result(vttig, rig_folder, foreign):
+    words = ("fit", rig_folder / LOG, "--pair", rig_folder / PAIR, "--no-figures", "--out", foreign)
+    assert vttig(*words, "--overwrite")[0] == 0
+    assert (foreign / "fit.json").exists() and (foreign / "thesis.tex").read_text() == "text"
+    code, _, err = vttig(*words)
+    assert code == 2 and "already exists" in err
