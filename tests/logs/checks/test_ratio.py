@@ -6,6 +6,8 @@ import pytest
 from tests.logs.profiles import counts, drive, geared, spec, trapezoid
 from vttig_jax.base.errors import LogError
 from vttig_jax.logs.checks.ratio import (
+    DEVIATIONS,
+    SHIFT_TURNS,
     SeenRatio,
     better_fraction,
     check_ratio,
@@ -86,6 +88,22 @@ def test_a_ratio_that_is_fitted_on_few_turns_is_refused_later(turns, off, verdic
     driven = 0.5625 * off * angle + 1e-6 * np.sin(40.3 * angle)
     made = EncoderLog.from_arrays(angle, angle, driven, pair=spec(), unit="rad")
     assert seen_ratio(made).verdict == verdict
+
+
+def test_the_tolerance_begins_where_the_slope_is_uncertain():
+    """A first order that does not average out moves the slope beyond the tolerance alone."""
+    angle = np.linspace(0, 2 * np.pi * 1.7 / 0.5625, 4000)
+    beyond = []
+    for phase in np.linspace(0, 2 * np.pi, 8, endpoint=False):
+        driven = 0.5625 * 1.0085 * angle + 0.008 * np.sin(0.5625 * angle + phase)
+        made = EncoderLog.from_arrays(angle, angle, driven, pair=spec(), unit="rad")
+        ratio = seen_ratio(made)
+        assert ratio.verdict == "agrees" and ratio.seen and ratio.std
+        off = abs(ratio.seen / 0.5625 - 1)
+        beyond.append(off > SHIFT_TURNS / 1.7 and off > DEVIATIONS * ratio.std / 0.5625)
+        wrong = EncoderLog.from_arrays(angle, angle, 1.03 * driven, pair=spec(), unit="rad")
+        assert seen_ratio(wrong).verdict == "differs"
+    assert any(beyond)
 
 
 def test_standard_error_covers_independent_noise():

@@ -29,6 +29,10 @@ which is one tooth of a gear with 100 teeth (both chosen)."""
 DEVIATIONS = 5.0
 """Largest deviation of a correct ratio in standard errors (chosen)."""
 
+SURELY = 2.0
+"""Number of standard errors by which a deviation has to exceed the tolerance, so that the log shows
+with 97.5 % that it does."""
+
 DOUBTFUL = 3.0
 """A deviation of more than this many standard errors from the given ratio is reported (chosen). In
 112 simulated logs with the correct ratio the largest deviation was 1.7."""
@@ -194,8 +198,9 @@ def _tolerance(turns: float) -> float:
 def check_ratio(log: EncoderLog) -> SeenRatio:
     """Return `seen_ratio`, or raise `LogError` if the log contradicts the given ratio.
 
-    A contradiction is a deviation of more than 5 standard errors and also of more than 0.5 % (up to
-    1 % if the driven shaft covers less than three turns), or shafts that do not turn together.
+    A contradiction is a deviation of more than 5 standard errors that is also, by at least two
+    standard errors, more than 0.5 % (up to 1 % if the driven shaft covers less than three turns).
+    Shafts that do not turn together are a contradiction too.
     """
     ratio = seen_ratio(log)
     if log.driven is not None and ratio.seen is not None:
@@ -263,7 +268,7 @@ def _jackknife(x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"]) -> float:
 def _verdict(seen: float, std: float, given: float, tolerance: float) -> Verdict:
     def fits(value: float) -> bool:
         off = abs(seen - value)
-        return off <= tolerance * abs(value) or off <= DEVIATIONS * std
+        return off <= tolerance * abs(value) + SURELY * std or off <= DEVIATIONS * std
 
     candidates: dict[Verdict, float] = {
         "agrees": given,
