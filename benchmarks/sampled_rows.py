@@ -10,9 +10,9 @@ import numpy as np
 from scipy.signal import lfilter
 
 from vttig_jax.base.numerics.partial_autocorrelation import filter_of
-from vttig_jax.identify.compress.flank_summary import conditioned_runs
 from vttig_jax.identify.compress.harmonic_summary import HarmonicSummary
 from vttig_jax.identify.compress.lagged_flank import LaggedFlank
+from vttig_jax.identify.compress.orthogonal import ConditionedRuns
 from vttig_jax.identify.model.column_layout import OFFSET, ColumnLayout
 from vttig_jax.identify.model.forward_model import ForwardModel, pair_relation
 from vttig_jax.identify.model.harmonics import Harmonic, TermPlan
@@ -65,7 +65,7 @@ def sampled_rows(count: int, *, keep: bool = False) -> SampledRows:
         while left:
             length = min(left, PIECE)
             rows = _rows(length, np.concatenate([free[side], tied[side]]), generator)
-            runs = conditioned_runs([rows])
+            runs = ConditionedRuns.of([rows], np.empty((0, rows.shape[1])))
             part = LaggedFlank.of_runs("AB"[side], runs, (), 5e-4, len(PARTIAL))
             whole = part if whole is None else whole + part
             left -= length

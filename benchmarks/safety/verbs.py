@@ -1,6 +1,7 @@
 """Commands with a run folder, for studies that stop them: how they start and are compared."""
 
 import hashlib
+import io
 import json
 import os
 import shutil
@@ -88,7 +89,8 @@ def _table(name: str) -> Callable[[Path], Content]:
         path = folder / name
         if not path.exists():
             return "none"
-        table = parquet.read_table(path)
+        # From a copy in memory: threads of the reader may keep the file open after the call.
+        table = parquet.read_table(io.BytesIO(path.read_bytes()))
         digest = hashlib.sha256(repr(table.schema.names).encode())
         for column in table.columns:
             digest.update(repr(column.to_pylist()).encode())

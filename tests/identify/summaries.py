@@ -6,10 +6,11 @@ from fractions import Fraction
 import numpy as np
 
 from vttig_jax.identify.compress.block_rows import BlockRun, LogRows
-from vttig_jax.identify.compress.flank_summary import FlankSummary, conditioned_runs
+from vttig_jax.identify.compress.flank_summary import FlankSummary
 from vttig_jax.identify.compress.harmonic_summary import HarmonicSummary
 from vttig_jax.identify.compress.irregular_flank import IrregularFlank
 from vttig_jax.identify.compress.lagged_flank import LaggedFlank
+from vttig_jax.identify.compress.orthogonal import ConditionedRuns
 from vttig_jax.identify.compress.regressors import Drift
 from vttig_jax.identify.model.column_layout import OFFSET, ColumnLayout
 from vttig_jax.identify.model.harmonics import Harmonic, TermPlan
@@ -27,6 +28,11 @@ TERMS = TermPlan(
     (Harmonic("driving", 1, (1, 0)), Harmonic("driven", 1, (0, 1))),
     (),
 )
+
+
+def conditioned_runs(runs: Sequence[np.ndarray]) -> ConditionedRuns:
+    """Conditioned rows of runs without rows that are no measurements."""
+    return ConditionedRuns.of(runs, np.empty((0, runs[0].shape[1])))
 
 
 def lagged_flank(runs: Sequence[np.ndarray], lags: int, flank: Flank = "A") -> FlankSummary:

@@ -8,7 +8,7 @@ from tests.identify.summaries import lagged_flank, normal_matrix
 from vttig_jax.identify.compress.lagged_flank import LaggedFlank
 from vttig_jax.identify.compress.orthogonal import (
     PSEUDO_OBSERVATION,
-    conditioned,
+    ConditionedRuns,
     least_squares,
     orthonormal,
     residual_weights,
@@ -42,12 +42,13 @@ def test_factors_are_orthonormal_and_give_the_rows_back():
 def test_conditioned_rows_are_well_conditioned_and_give_the_rows_back(angle: float):
     """Whatever the rows are: with two equal columns, and with a y that they explain exactly."""
     rows = _near(angle)
-    found = conditioned(rows.copy())
-    whole = np.vstack([found.rows, found.pseudo])
+    found = ConditionedRuns.of([rows[:30], rows[30:]], np.empty((0, rows.shape[1])))
+    first, second = found.part(0, 0, 30), found.part(1, 0, len(rows) - 30)
+    whole = np.vstack([first, second, found.pseudo])
     singular = np.linalg.svd(whole, compute_uv=False)
     assert singular[-1] > 0.5e-4 and singular[0] < 1 + 1e-9
     size = np.linalg.norm(rows, axis=0)
-    assert np.all(np.abs(found.rows @ found.triangle - rows).max(axis=0) <= 1e-15 * size)
+    assert np.all(np.abs(whole[: len(rows)] @ found.triangle - rows).max(axis=0) <= 1e-15 * size)
     assert np.all(np.tril(found.triangle, -1) == 0) and np.all(np.diag(found.triangle) > 0)
     # The factors of the conditioned rows are those of the rows.
     again, expected = triangle_of(whole) @ found.triangle, triangle_of(rows)

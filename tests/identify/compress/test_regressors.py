@@ -14,6 +14,7 @@ from vttig_jax.base.units import DEG
 from vttig_jax.identify.compress.regressors import (
     TORQUE_WINDOWS_S,
     Drift,
+    Regressors,
     read_channels,
     shifted,
     torque_column,
@@ -28,6 +29,11 @@ pytestmark = pytest.mark.smoke
 
 DRIVE = Drive(Fraction(1, 2))
 RATE = 500.0
+
+
+def _own(channels: Regressors) -> dict[str, np.ndarray]:
+    """The own columns with the values of all samples."""
+    return {name: column[:] for name, column in channels.own.items()}
 
 
 def _angle(time: np.ndarray) -> np.ndarray:
@@ -130,7 +136,7 @@ def test_a_late_reading_shows_no_speed():
     log, late, weight = _with_late_reading()
     near = slice(late - 3, late + 4)
     for weights, seen in ((weight, False), (None, True)):
-        column = read_channels(log, DRIVE, ("delay",), Drift(), 3e-4, weights).own["delay"]
+        column = _own(read_channels(log, DRIVE, ("delay",), Drift(), 3e-4, weights))["delay"]
         speed = np.gradient(_angle(log.time), log.time)
         assert (np.abs(column + 0.5 * speed)[near].max() > 0.05) == seen
 
@@ -149,7 +155,7 @@ def test_the_error_is_that_of_the_shifted_angle():
 
 def test_powers_of_the_scaled_time():
     log = _log(_jittered())
-    own = read_channels(log, DRIVE, (), Drift(3)).own
+    own = _own(read_channels(log, DRIVE, (), Drift(3)))
     assert list(own) == ["drift_1", "drift_2", "drift_3"] == list(Drift(3).names(99.0))
     scaled = own["drift_1"]
     assert (scaled[0], scaled[-1]) == pytest.approx((-1.0, 1.0))
@@ -163,7 +169,7 @@ def test_splines_are_all_but_one_of_a_partition_of_unity(knots_s, pieces):
     """With ones they span the cubics; the offset is not among them."""
     log = _log(_even(20.0))
     drift = Drift(knots_s=knots_s)
-    own = read_channels(log, DRIVE, (), drift).own
+    own = _own(read_channels(log, DRIVE, (), drift))
     assert tuple(own) == drift.names(float(np.ptp(log.time)))
     assert len(own) == pieces + 2
     matrix = np.stack(list(own.values()), axis=1)
@@ -197,7 +203,7 @@ def test_windows_of_the_torque():
     """Averages of at least three samples and at most a twentieth of the log."""
     time = np.arange(4000) / 250.0
     torque = np.sin(time) + 2.0
-    own = read_channels(_log(time, torque=torque), DRIVE, ("torque",), Drift()).own
+    own = _own(read_channels(_log(time, torque=torque), DRIVE, ("torque",), Drift()))
     fitting = [k for k, s in enumerate(TORQUE_WINDOWS_S) if s == 0 or 3 / 250 <= s < 16 / 20]
     assert list(own) == [torque_column(k) for k in fitting]
     np.testing.assert_allclose(own["torque_0"], torque)
@@ -215,7 +221,9 @@ def test_a_torque_that_was_not_logged_is_refused():
 
 def test_columns_of_motion_are_those_of_the_driven_shaft():
     time = _even()
-    own = read_channels(_log(time), DRIVE, ("speed", "acceleration", "delay", "ratio"), Drift()).own
+    own = _own(
+        read_channels(_log(time), DRIVE, ("speed", "acceleration", "delay", "ratio"), Drift())
+    )
     speed = 5.0 + 2.1 * np.cos(7 * time) + 2.0 * np.cos(20 * time)
     acceleration = -14.7 * np.sin(7 * time) - 40 * np.sin(20 * time)
     inner = slice(50, -50)
@@ -229,7 +237,7 @@ def test_columns_of_motion_are_those_of_the_driven_shaft():
 def test_logged_speed_and_acceleration_win():
     time = _even()
     log = _log(time, speed=np.full(len(time), 4.0), acceleration=np.full(len(time), 3.0))
-    own = read_channels(log, DRIVE, ("speed", "acceleration", "delay"), Drift()).own
+    own = _own(read_channels(log, DRIVE, ("speed", "acceleration", "delay"), Drift()))
     np.testing.assert_array_equal(own["speed"], 2.0)
     np.testing.assert_array_equal(own["acceleration"], 1.5)
     # A delay acts on the angle that was read, whatever a speed column says.

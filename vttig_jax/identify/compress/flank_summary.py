@@ -21,7 +21,7 @@ from scipy.linalg import solve_triangular
 from ...base.arrays import Number, Numbers
 from ...base.errors import NoAnswerError
 from ...pair.gear_pair import Flank
-from .orthogonal import conditioned, orthonormal, triangle_of
+from .orthogonal import ConditionedRuns, orthonormal, triangle_of
 
 _LOST_DIGITS = 1e-13
 """Ridge that `of_products` adds, relative to the squared norm of a column. It is well above the
@@ -35,9 +35,6 @@ Times = Float[np.ndarray, " _"]
 
 Filter = Float[np.ndarray, " _"]
 """Whitening filter of the noise."""
-
-Runs = tuple[list[Rows], Float[np.ndarray, "_ q"], Float[np.ndarray, "q q"]]
-"""Rows U of every run, the pseudo-observations, and the common triangle F."""
 
 
 @dataclass(frozen=True)
@@ -71,7 +68,7 @@ class FlankSummary(ABC):
     @classmethod
     @abstractmethod
     def of_runs(
-        cls, flank: Flank, runs: Runs, times: Sequence[Times], block_s: float, lags: int
+        cls, flank: Flank, runs: ConditionedRuns, times: Sequence[Times], block_s: float, lags: int
     ) -> "FlankSummary":
         """Return the summary of conditioned runs, each of which has more than `lags` rows.
 
@@ -223,16 +220,6 @@ class FlankSummary(ABC):
             tails=np.concatenate([self.tails, other.tails]),
             **{name: getattr(self, name) + getattr(other, name) for name in names},
         )
-
-
-def conditioned_runs(runs: Sequence[Rows], *held: Rows) -> Runs:
-    """Condition the rows of all runs together with the rows `held`, which are no measurements.
-
-    The conditioned rows `held`, such as those of `Drift.held`, become pseudo-observations.
-    """
-    whole = conditioned(np.concatenate([*runs, *held]))
-    *pieces, last = np.split(whole.rows, np.cumsum([len(rows) for rows in runs]))
-    return pieces, np.concatenate([whole.pseudo, last]), whole.triangle
 
 
 def _stacked(*triangles: Float[np.ndarray, "_ q"]):

@@ -6,7 +6,7 @@ run, and the first and last rows of the run. They determine the least squares un
 autoregressive noise in O(L p²) operations, independent of the length of the logs.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,10 +17,10 @@ from ...pair.gear_pair import Flank
 from ..model.column_layout import OFFSET, ColumnLayout
 from ..model.harmonics import TermPlan
 from ..settings import NoiseSettings
-from .block_rows import LogRows
-from .flank_summary import FlankSummary, Runs, conditioned_runs
+from .block_rows import BlockRun, LogRows
+from .flank_summary import FlankSummary
 from .noise_kinds import NOISE, RowNoise
-from .orthogonal import residual_weights
+from .orthogonal import ConditionedRuns, RowTable, residual_weights
 
 FLANKS: tuple[Flank, ...] = ("A", "B")
 
@@ -33,6 +33,9 @@ _SAME_SPEED = 0.05  # largest relative difference of two speeds that count as eq
 
 Embedding = dict[Flank, Float[np.ndarray, "_ _"]]
 """Flank → matrix that maps a row with the columns of one log to a row with those of all logs."""
+
+Read = Callable[[BlockRun], RowTable]
+"""Function that returns the rows of a run."""
 
 
 @dataclass(frozen=True)
@@ -119,23 +122,25 @@ def summarise(
     layout: tuple[ColumnLayout, tuple[Embedding, ...]] | None = None,
     *,
     base: tuple[HarmonicSummary, Sequence[LogRows]] | None = None,
+    read: Read = lambda run: run.rows,
 ) -> HarmonicSummary:
     """Return the summary of the block rows of several logs of one rig.
 
     All logs share the free and tied harmonics. `layout` gives the common columns and the embedding
     of every log; by default each log has its own columns. The noise decides the number of lags.
     `base` holds a known summary of the first runs of each log, in the default layout, and the rows
-    of these runs; where possible, only the further runs are then added to this summary.
+    of these runs; where possible, only the further runs are then added to this summary. `read`
+    returns the rows of a run; they may have other columns than the run itself, those of the logs.
     """
     layout = _side_by_side(logs) if layout is None else layout
-    whole = (base and _extended(*base, logs)) or _summarised(logs, terms, layout)
+    whole = (base and _extended(*base, logs)) or _summarised(logs, terms, layout, read)
     noise = logs[0].noise
     if noise.of == "rig":
         return whole
     speeds = plateau_speeds([run.segment.speed for log in logs for run in log.runs])
     plateaus = []
     for speed in speeds:
-        part = _summarised([_at_speed(log, speed, speeds) for log in logs], terms, layout)
+        part = _summarised([_at_speed(log, speed, speeds) for log in logs], terms, layout, read)
         if noise.stationary_in == "angle":
             part = replace(part, block_s=part.block_s * speeds[-1] / speed)
         if part.flanks:
@@ -144,19 +149,22 @@ def summarise(
 
 
 def _summarised(
-    logs: Sequence[LogRows], terms: TermPlan, layout: tuple[ColumnLayout, tuple[Embedding, ...]]
+    logs: Sequence[LogRows],
+    terms: TermPlan,
+    layout: tuple[ColumnLayout, tuple[Embedding, ...]],
+    read: Read,
 ) -> HarmonicSummary:
     columns, embeddings = layout
     noise = logs[0].noise
     kind = NOISE[noise.kind]
-    conditioned = [_conditioned(log) for log in logs]
+    conditioned = [_conditioned(log, read) for log in logs]
     lags = max((_needed(*found) for found in conditioned), default=1)
     flanks: dict[Flank, FlankSummary] = {}
     for log, embedding, (known, _) in zip(logs, embeddings, conditioned, strict=True):
         for flank, runs in log.runs_by_flank(longer_than=2 * lags).items():
             seen = known.get(flank)
-            if seen is None or len(seen[0]) != len(runs):
-                seen = conditioned_runs([run.rows for run in runs], log.held(flank))
+            if seen is None or len(seen.runs) != len(runs):
+                seen = ConditionedRuns.of([read(run) for run in runs], log.held(flank))
             times = [run.curve.time for run in runs]
             part = kind.summary.of_runs(flank, seen, times, logs[0].block_s, lags)
             if len(logs) > 1:
@@ -191,11 +199,11 @@ def _extended(
     log = replace(logs[0], runs=logs[0].runs[len(first[0].runs) :])
     if not lags or {flank.flank for flank in base.flanks} != set(logs[0].runs_by_flank(2 * lags)):
         return None
-    flanks = []
+    flanks, width = [], log.columns.width
     for flank in base.flanks:
         runs = log.runs_by_flank(longer_than=2 * lags).get(flank.flank, [])
         if runs:
-            seen = conditioned_runs([run.rows for run in runs])
+            seen = ConditionedRuns.of([run.rows for run in runs], np.empty((0, width)))
             times = [run.curve.time for run in runs]
             flank += base.kind.summary.of_runs(flank.flank, seen, times, logs[0].block_s, lags)
         flanks.append(flank)
@@ -255,17 +263,18 @@ def needed_lags(log: LogRows) -> int:
 
     It is the order of the autoregression of the residual of ordinary least squares, plus 2.
     """
-    return _needed(*_conditioned(log))
+    return _needed(*_conditioned(log, lambda run: run.rows))
 
 
-def _conditioned(log: LogRows) -> tuple[dict[Flank, Runs], int]:
+def _conditioned(log: LogRows, read: Read) -> tuple[dict[Flank, ConditionedRuns], int]:
     """Return flank → conditioned rows, which decide the number of lags, and its upper limit."""
     most = _most_lags(log)
     if most == 0:
         return {}, 0
-    by_flank = log.by_flank(longer_than=2 * most)
+    by_flank = log.runs_by_flank(longer_than=2 * most)
     return {
-        flank: conditioned_runs(runs, log.held(flank)) for flank, runs in by_flank.items()
+        flank: ConditionedRuns.of([read(run) for run in runs], log.held(flank))
+        for flank, runs in by_flank.items()
     }, most
 
 
@@ -276,11 +285,10 @@ def _most_lags(log: LogRows) -> int:
     return int(np.clip(longest // 8, 1, highest)) if highest else 0
 
 
-def _needed(conditioned: dict[Flank, Runs], most: int) -> int:
+def _needed(conditioned: dict[Flank, ConditionedRuns], most: int) -> int:
     needed = 1
-    for pieces, _, _ in conditioned.values():
-        # The columns are nearly orthonormal: the last is the scaled residual of y on the others.
-        residuals = [np.ascontiguousarray(rows[:, -1]) for rows in pieces]
+    for seen in conditioned.values():
+        residuals = [seen.last_column(run) for run in range(len(seen.runs))]
         needed = max(needed, _order_of(residuals, most) + 2)
     return min(needed, most)
 

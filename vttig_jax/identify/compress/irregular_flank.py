@@ -22,7 +22,8 @@ from numpy.polynomial import chebyshev
 
 from ...base.arrays import Number, Numbers, namespace
 from ...pair.gear_pair import Flank
-from .flank_summary import Filter, FlankSummary, Rows, Runs, Times
+from .flank_summary import Filter, FlankSummary, Rows, Times
+from .orthogonal import ConditionedRuns
 
 NODES = 64  # Chebyshev nodes of log τ; chosen value
 _SMALLEST, _LARGEST = 0.01, 0.999
@@ -51,35 +52,34 @@ class IrregularFlank(FlankSummary):
 
     @classmethod
     def of_runs(
-        cls, flank: Flank, runs: Runs, times: Sequence[Times], block_s: float, lags: int
+        cls, flank: Flank, runs: ConditionedRuns, times: Sequence[Times], block_s: float, lags: int
     ) -> FlankSummary:
         """Return the summary of conditioned runs; ρ belongs to the distance `block_s`."""
-        pieces, pseudo, triangle = runs
-        width = len(triangle)
+        width = len(runs.triangle)
         nodes = chebyshev.chebpts1(NODES)
         ends = [-np.log(-np.log(end)) for end in (_SMALLEST, _LARGEST)]
         places = 0.5 * (nodes * (ends[1] - ends[0]) + ends[0] + ends[1])
-        matrices, determinants = [], []
-        for rho in np.exp(-np.exp(-places)):
-            matrix, determinant = np.zeros((width, width)), 0.0
-            for rows, time in zip(pieces, times, strict=True):
+        matrices, determinants = np.zeros((NODES, width, width)), np.zeros(NODES)
+        plain = np.zeros((width, width))
+        for run, time in enumerate(times):
+            rows = runs.part(run, 0, len(runs.runs[run]))
+            plain += rows.T @ rows
+            for node, rho in enumerate(np.exp(-np.exp(-places))):
                 white, own = whitened_run(rows, time, float(rho), block_s)
-                matrix += white.T @ white
-                determinant += own
-            matrices.append(matrix)
-            determinants.append(determinant)
+                matrices[node] += white.T @ white
+                determinants[node] += own
         inverse = np.linalg.inv(chebyshev.chebvander(nodes, NODES - 1))
-        none = np.empty((len(pieces), 0, width))
+        none = np.empty((len(runs.runs), 0, width))
         return cls(
             flank=flank,
-            triangle=triangle,
-            lag_products=np.sum([rows.T @ rows for rows in pieces], axis=0)[None],
+            triangle=runs.triangle,
+            lag_products=plain[None],
             heads=none,
             tails=none,
-            rows=sum(map(len, pieces)),
-            matrices=np.tensordot(inverse, np.array(matrices), 1),
-            determinants=inverse @ np.array(determinants),
-        ).observed(pseudo)
+            rows=sum(map(len, runs.runs)),
+            matrices=np.tensordot(inverse, matrices, 1),
+            determinants=inverse @ determinants,
+        ).observed(runs.pseudo)
 
     @staticmethod
     def whitened(rows: Rows, time: Times, filter_: Filter, block_s: float) -> Rows:

@@ -10,8 +10,9 @@ from jaxtyping import Float
 from ...base.arrays import Number, Numbers, namespace
 from ...base.numerics.partial_autocorrelation import filter_of, log_initial_determinant
 from ...pair.gear_pair import Flank
-from .flank_summary import Filter, FlankSummary, Rows, Runs, Times
+from .flank_summary import Filter, FlankSummary, Rows, Times
 from .lagged_forms import whitened_products
+from .orthogonal import ConditionedRuns
 
 _CACHED_ROWS = 512  # rows per piece of the lag products, which fits in the cache; chosen value
 
@@ -31,18 +32,18 @@ class LaggedFlank(FlankSummary):
 
     @classmethod
     def of_runs(
-        cls, flank: Flank, runs: Runs, times: Sequence[Times], block_s: float, lags: int
+        cls, flank: Flank, runs: ConditionedRuns, times: Sequence[Times], block_s: float, lags: int
     ) -> FlankSummary:
         """Return the summary of conditioned runs at equal times."""
-        pieces, pseudo, triangle = runs
+        counts = [len(rows) for rows in runs.runs]
         return cls(
             flank=flank,
-            triangle=triangle,
-            lag_products=np.sum([_lag_products(rows, lags) for rows in pieces], axis=0),
-            heads=np.stack([rows[:lags] for rows in pieces]),
-            tails=np.stack([rows[len(rows) - lags :] for rows in pieces]),
-            rows=sum(map(len, pieces)),
-        ).observed(pseudo)
+            triangle=runs.triangle,
+            lag_products=np.sum([_lag_products(runs, k, lags) for k in range(len(counts))], axis=0),
+            heads=np.stack([runs.part(k, 0, lags) for k in range(len(counts))]),
+            tails=np.stack([runs.part(k, n - lags, n) for k, n in enumerate(counts)]),
+            rows=sum(counts),
+        ).observed(runs.pseudo)
 
     @staticmethod
     def whitened(rows: Rows, time: Times, filter_: Filter, block_s: float) -> Rows:
@@ -100,16 +101,17 @@ class LaggedFlank(FlankSummary):
         return np.asarray(whitened_products(lagged, ends, filter_))
 
 
-def _lag_products(rows: Float[np.ndarray, "n q"], lags: int) -> Float[np.ndarray, "lags q q"]:
+def _lag_products(runs: ConditionedRuns, run: int, lags: int) -> Float[np.ndarray, "lags q q"]:
     """Return Σ_t u_t u_{t−l}ᵀ of one run for l = 0 … lags.
 
-    The rows are processed in pieces that stay in the cache for all lags.
+    The rows are computed in pieces that stay in the cache for all lags.
     """
-    products = np.zeros((lags + 1, rows.shape[1], rows.shape[1]))
-    for start in range(0, len(rows), _CACHED_ROWS):
-        now = rows[start : start + _CACHED_ROWS]
+    width, count = len(runs.triangle), len(runs.runs[run])
+    products = np.zeros((lags + 1, width, width))
+    for start in range(0, count, _CACHED_ROWS):
+        first = max(start - lags, 0)
+        rows = runs.part(run, first, min(start + _CACHED_ROWS, count))
         for lag in range(lags + 1):
-            skip = max(lag - start, 0)
-            past = rows[start - lag + skip : start - lag + len(now)]
-            products[lag] += now[skip:].T @ past
+            now = rows[max(start - first, lag) :]
+            products[lag] += now.T @ rows[len(rows) - len(now) - lag : len(rows) - lag]
     return products

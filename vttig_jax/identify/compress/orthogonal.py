@@ -5,11 +5,13 @@ differ between processors, would then decide whether it has a Cholesky factor. A
 exists. Many rows are conditioned first, with a shift that has no effect on the result.
 """
 
-from typing import Any, NamedTuple
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple, Protocol, final, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
-from scipy.linalg import qr, solve_triangular
+from scipy.linalg import get_blas_funcs, qr, solve_triangular
 
 PSEUDO_OBSERVATION = 1e-10
 """Weight of the observation "this coefficient is zero" of every column, relative to the length of
@@ -25,6 +27,10 @@ zeros has the square 1e-20."""
 _SHIFT = 1e-12
 """Share of every squared column that is added before rows are conditioned: a hundred times the
 rounding error of a sum of 10⁵ squares, so that the Cholesky factor exists on every processor."""
+
+_TRSM: Any = get_blas_funcs("trsm", dtype="d")  # faster for few rows than `solve_triangular`
+
+_PIECE = 4096  # rows that are read at once; chosen value
 
 
 class Factored(NamedTuple):
@@ -50,26 +56,63 @@ def orthonormal(rows: Float[np.ndarray, "n q"]) -> Factored:
     return Factored(full[: len(rows)], full[len(rows) :], triangle * sign[:, None])
 
 
-def conditioned(rows: Float[np.ndarray, "n q"]) -> Factored:
-    """Factor many rows so that the columns of U are nearly orthonormal, much faster than by QR.
+@runtime_checkable
+class RowTable(Protocol):
+    """Rows of one run, as an array or as a table whose rows are computed when they are read."""
+
+    def __len__(self) -> int: ...
+
+    def __getitem__(self, part: slice, /) -> np.ndarray: ...
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class ConditionedRuns:
+    """Rows Z = U F of several runs, where the columns of U are nearly orthonormal.
 
     F is the Cholesky factor of ZᵀZ + 1e-12 of its diagonal, and U = Z F⁻¹ by substitution, which is
-    exact to the last digits of Z. With pseudo-observations no singular value of U is below 1e-4, so
-    products of its rows keep eight digits in the worst direction (shifted CholeskyQR, T. Fukaya et
-    al., SIAM J. Sci. Comput. 42 (2020) A477). The condition number of ZᵀZ has no effect. U takes
-    the memory of `rows`, whose values are lost.
+    exact to the last digits of Z, and much faster than QR. With pseudo-observations no singular
+    value of U is below 1e-4, so products of its rows keep eight digits in the worst direction
+    (shifted CholeskyQR, T. Fukaya et al., SIAM J. Sci. Comput. 42 (2020) A477). The condition
+    number of ZᵀZ has no effect. Rows of U are computed when they are read, so that a long log is
+    not in memory twice.
+
+    **Arguments**
+    - `runs`: the rows Z of every run.
+    - `pseudo`: rows of U of the pseudo-observations, and of the rows `held` that are no
+      measurements.
+    - `triangle`: F, upper triangular.
     """
-    gram = rows.T @ rows
-    size = np.sqrt(np.diag(gram))
-    size[size == 0] = 1.0
-    gram /= np.outer(size, size)
-    gram[np.diag_indices(len(gram))] += _SHIFT
-    triangle = np.linalg.cholesky(gram).T * size
-    return Factored(
-        _substituted(triangle, rows),
-        _substituted(triangle, PSEUDO_OBSERVATION * np.diag(size)),
-        triangle,
-    )
+
+    runs: Sequence[RowTable]
+    pseudo: Float[np.ndarray, "_ q"]
+    triangle: Float[np.ndarray, "q q"]
+
+    @classmethod
+    def of(cls, runs: Sequence[RowTable], held: Float[np.ndarray, "_ q"]) -> "ConditionedRuns":
+        """Condition the rows of all runs together with the rows `held`, such as `Drift.held`."""
+        gram = held.T @ held
+        for rows in runs:
+            for piece in _pieces(rows):
+                gram += piece.T @ piece
+        size = np.sqrt(np.diag(gram))
+        size[size == 0] = 1.0
+        gram /= np.outer(size, size)
+        gram[np.diag_indices(len(gram))] += _SHIFT
+        triangle = np.linalg.cholesky(gram).T * size
+        pseudo = np.concatenate([PSEUDO_OBSERVATION * np.diag(size), held])
+        return cls(runs, _substituted(triangle, pseudo), triangle)
+
+    def part(self, run: int, start: int, stop: int) -> Float[np.ndarray, "n q"]:
+        """Return the rows `start` … `stop` of U of one run."""
+        return _substituted(self.triangle, np.array(self.runs[run][start:stop], order="C"))
+
+    def last_column(self, run: int) -> Float[np.ndarray, " n"]:
+        """Return the last column of U of one run, the scaled residual of y on the others."""
+        last = np.zeros(len(self.triangle))
+        last[-1] = 1.0
+        weights = solve_triangular(self.triangle, last, check_finite=False)
+        return np.concatenate([piece @ weights for piece in _pieces(self.runs[run])])
 
 
 def triangle_of(rows: Float[np.ndarray, "n q"]) -> Float[np.ndarray, "q q"]:
@@ -105,8 +148,16 @@ def _substituted(
     triangle: Float[np.ndarray, "q q"], rows: Float[np.ndarray, "n q"]
 ) -> Float[np.ndarray, "n q"]:
     """Return `rows` times the inverse of an upper triangle; the array `rows` is overwritten."""
-    solved: Any = solve_triangular(triangle, rows.T, trans=1, check_finite=False, overwrite_b=True)
+    if not len(rows):
+        return rows
+    solved = _TRSM(1.0, triangle, rows.T, trans_a=1, overwrite_b=1)
     return solved.T
+
+
+def _pieces(rows: RowTable) -> Iterator[Float[np.ndarray, "n q"]]:
+    """Yield the rows of one run in pieces."""
+    for start in range(0, len(rows), _PIECE):
+        yield rows[start : start + _PIECE]
 
 
 def _signs(triangle: Float[np.ndarray, "q q"]) -> Float[np.ndarray, " q"]:

@@ -3,6 +3,7 @@ regressors other than harmonics: drift, delay, torque, speed, acceleration and r
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from typing import final
 
 import numpy as np
 from jaxtyping import Float
@@ -89,6 +90,25 @@ def steps(count: int) -> Float[np.ndarray, "m m"]:
     return np.eye(count) - np.eye(count, k=-1)
 
 
+@final
+@dataclass(frozen=True, eq=False)
+class Derived:
+    """Column whose values are a function of single values of an array.
+
+    They are computed for the samples that are read, because a column of every sample would need as
+    much memory as a channel of the log.
+    """
+
+    source: Samples
+    function: Callable[[Samples], Samples]
+
+    def __getitem__(self, part: slice) -> Samples:
+        return self.function(self.source[part])
+
+
+Column = Samples | Derived
+
+
 @dataclass(frozen=True, eq=False)
 class Regressors:
     """Samples and regressors of one log, in rad and s.
@@ -115,7 +135,7 @@ class Regressors:
     driving: Samples
     driven: Samples
     error: dict[Flank, Samples]
-    own: dict[str, Samples]
+    own: dict[str, Column]
     delay_s: float = 0.0
     weight: Samples | None = None
     sample_s: float = 0.0
@@ -125,7 +145,7 @@ class Regressors:
     slopes: tuple[str, ...] = ()
     given: dict[Flank, Linearised] = field(default_factory=dict)
 
-    def own_on(self, flank: Flank) -> dict[str, Samples]:
+    def own_on(self, flank: Flank) -> dict[str, Column]:
         """Return name → values of the own columns on a flank, those of a given model included."""
         if not self.slopes:
             return self.own
@@ -254,12 +274,15 @@ def trim(segment: Segment, delay_s: float, sample_s: float) -> Segment:
     return Segment(start, max(start, stop), segment.flank, segment.speed)
 
 
-def _drift_columns(time: Samples, drift: Drift) -> dict[str, Samples]:
+def _drift_columns(time: Samples, drift: Drift) -> dict[str, Column]:
     origin, half = (time[0] + time[-1]) / 2, (time[-1] - time[0]) / 2
     names = drift.names(2 * half)
     if not drift.knots_s:
-        scaled = (time - origin) / half
-        return {name: scaled**power for power, name in enumerate(names, 1)}
+
+        def power_of(power: int) -> Derived:
+            return Derived(time, lambda seconds: ((seconds - origin) / half) ** power)
+
+        return {name: power_of(power) for power, name in enumerate(names, 1)}
     from scipy.interpolate import BSpline  # slow to import, and seldom needed
 
     pieces = len(names) - 2
@@ -292,15 +315,15 @@ def _speed(log: EncoderLog, driving: Samples) -> Samples:
     return log.smooth_speed(driving).value
 
 
-def _delay(log: EncoderLog, driving: Samples, ratio: float) -> Samples:
+def _delay(log: EncoderLog, driving: Samples, ratio: float) -> Column:
     """Return −ω₂, rad/s: the change of the TE per second by which the driven channel is late."""
-    return -ratio * log.smooth_speed(driving).value
+    return Derived(log.smooth_speed(driving).value, lambda speed: -ratio * speed)
 
 
-def _late_delay(log: EncoderLog, driving: Samples, ratio: float) -> Samples:
+def _late_delay(log: EncoderLog, driving: Samples, ratio: float) -> Column:
     """Return the column of a delay in the second half of the log: −ω₂ there, 0 before."""
     late = log.time > 0.5 * (log.time[0] + log.time[-1])
-    return np.where(late, _delay(log, driving, ratio), 0.0)
+    return np.where(late, -ratio * log.smooth_speed(driving).value, 0.0)
 
 
 def _driven_speed(log: EncoderLog, driving: Samples, ratio: float) -> Samples:
@@ -319,7 +342,7 @@ def _driven_acceleration(log: EncoderLog, driving: Samples, ratio: float) -> Sam
     return ratio * (smooth.value[high] - smooth.value[low]) / np.maximum(elapsed, 1e-3 * usual)
 
 
-def _torque_columns(log: EncoderLog) -> dict[str, Samples]:
+def _torque_columns(log: EncoderLog) -> dict[str, Column]:
     """Return name → column of the torque, and of its moving averages.
 
     A window of `TORQUE_WINDOWS_S` is used if it lasts at least 3 samples and at most a twentieth
@@ -333,7 +356,7 @@ def _torque_columns(log: EncoderLog) -> dict[str, Samples]:
         )
     from scipy.ndimage import uniform_filter1d  # slow to import, and needed with a torque only
 
-    columns = {}
+    columns: dict[str, Column] = {}
     interval, duration = np.median(np.diff(log.time)), np.ptp(log.time)
     for number, window_s in enumerate(TORQUE_WINDOWS_S):
         samples = nearest_whole(window_s / interval)
@@ -347,7 +370,7 @@ def _ratio(log: EncoderLog, driving: Samples, ratio: float) -> Samples:
     return driving - driving.mean()
 
 
-_COLUMNS: dict[str, Callable[[EncoderLog, Samples, float], Samples]] = {
+_COLUMNS: dict[str, Callable[[EncoderLog, Samples, float], Column]] = {
     "delay": _delay,
     "delay_late": _late_delay,
     "ratio": _ratio,

@@ -16,17 +16,18 @@ for τ ≫ s the interval of m becomes that of Student's distribution.
 from collections.abc import Collection
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, final
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from scipy.optimize import brentq
 from scipy.special import ndtr
 
 from ...base.errors import NoAnswerError
 from ..compress.block_rows import BlockRun, LogRows
-from ..compress.harmonic_summary import summarise
+from ..compress.harmonic_summary import HarmonicSummary, summarise
 from ..model.column_layout import OFFSET, ColumnLayout, column_of, own_parameters
+from ..model.harmonics import TermPlan
 from ..noise.noise_model import autoregression
 from .linear_fit import LinearFit
 from .model_selection import SelectedModel
@@ -140,7 +141,7 @@ def _delay_blocks(linear: LinearFit, log: int, beside: Collection[str]) -> Delay
     delays = [f"{_DELAY}{k}" for k in range(_BLOCKS)]
     levels = [f"{_LEVEL}{k}" for k in range(1, _BLOCKS)]
     try:
-        summary = summarise([_divided(rows, edges)], linear.model.terms)
+        summary = _divided(rows, edges, linear.model.terms)
         own = own_terms(summary, autoregression(summary))
         others = [name for name in own.names if name in beside]
         value, covariance, left = own.estimates(delays, [*others, *levels, *delays])
@@ -167,25 +168,48 @@ def _of_halves(
     return (value, covariance) if np.all(left > _TOLD) else None
 
 
-def _divided(rows: LogRows, edges: Float[np.ndarray, " m"]) -> LogRows:
-    """Return the rows with a delay and a level of every block, in place of the common delay.
+@final
+@dataclass(frozen=True, eq=False)
+class _DividedRows:
+    """Rows of one run with a delay and a level of every block, in place of the common delay.
+
+    The rows are computed when they are read, so that they are not in memory twice.
+
+    **Arguments**
+    - `rows`: rows of the run. - `columns`: layout of these rows. - `block`: block of every row.
+    """
+
+    rows: Float[np.ndarray, "n q"]
+    columns: ColumnLayout
+    block: Int[np.ndarray, " n"]
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def __getitem__(self, part: slice) -> Float[np.ndarray, "m wide"]:
+        rows, columns = self.rows[part], self.columns
+        offset, delay = columns.index(OFFSET), columns.index("delay")
+        inside = self.block[part][:, None] == np.arange(_BLOCKS)
+        levels, delays = (np.where(inside, rows[:, [k]], 0.0) for k in (offset, delay))
+        before, after = np.split(
+            np.delete(rows, delay, axis=1), [columns.own_slice.stop - 1], axis=1
+        )
+        return np.concatenate([before, levels[:, 1:], delays, after], axis=1)
+
+
+def _divided(rows: LogRows, edges: Float[np.ndarray, " m"], terms: TermPlan) -> HarmonicSummary:
+    """Return the summary of the rows with a delay and a level of every block; see `_DividedRows`.
 
     The offset of the log is the level of the first block.
     """
     columns = rows.columns
-    offset, delay = columns.index(OFFSET), columns.index("delay")
     added = [f"{_LEVEL}{k}" for k in range(1, _BLOCKS)]
     added += [f"{_DELAY}{k}" for k in range(_BLOCKS)]
     kept = tuple(name for name in columns.own[0] if name != "delay")
     layout = ColumnLayout(columns.free, columns.tied, ((*kept, *added),))
 
-    def divided(run: BlockRun) -> BlockRun:
+    def read(run: BlockRun) -> _DividedRows:
         block = np.searchsorted(edges, run.curve.time, side="right")
-        inside = block[:, None] == np.arange(_BLOCKS)
-        levels, delays = (np.where(inside, run.rows[:, [k]], 0.0) for k in (offset, delay))
-        before, after = np.split(
-            np.delete(run.rows, delay, axis=1), [columns.own_slice.stop - 1], axis=1
-        )
-        return replace(run, rows=np.concatenate([before, levels[:, 1:], delays, after], axis=1))
+        return _DividedRows(run.rows, columns, block)
 
-    return replace(rows, columns=layout, runs=tuple(divided(run) for run in rows.runs))
+    return summarise([replace(rows, columns=layout)], terms, read=read)

@@ -160,7 +160,7 @@ def _reversals(
     error += one.transmission_error
     for name, values in channels.own.items():
         if is_shared(name) and name in solution.names:
-            error -= solution.values[solution.names.index(name)] * values
+            error -= solution.values[solution.names.index(name)] * values[:]
     error = without_spikes(error, one.time, one.spikes)
     segments = linear.inputs[log].found.segments
     jumps = reversal_jumps(channels.driving, error, segments, log + 1, gap_deg)
