@@ -135,7 +135,8 @@ def child(source: Path) -> None:
         log = vttig_jax.read_log(source, pair)
     read = _status("VmHWM")
     start = time.process_time()
-    found = fitted(log, small)
+    found = vttig_jax.fit(log, pair)
+    found.checks.to_json()
     size = BYTES * len(log)
     record = {
         "samples": len(log),

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from ..base.errors import LogError
 from ..base.files.text_tables import key_values
+from ..base.numerics.counting import pieces
 from ..base.units import ANGLE_UNITS, ARCSEC, DEG, REV
 from ..pair.schema import PairSpec
 from .channel.channel import Channel, RawChannel, make_channel
@@ -216,10 +217,13 @@ class EncoderLog:
         if self.driven is None:
             assert self.error is not None  # checked by `from_raw`
             return self.error
-        (turns1, rest1), (turns2, rest2) = self.driving.turns_and_rest, self.driven.turns_and_rest
-        i = self.ratio
-        turns = i.denominator * turns2 - i.numerator * turns1
-        return (REV / i.denominator) * turns + (rest2 - float(i) * rest1)
+        i, error = self.ratio, np.empty(len(self))
+        for part in pieces(len(self)):
+            turns1, rest1 = self.driving.turns_and_rest(part)
+            turns2, rest2 = self.driven.turns_and_rest(part)
+            turns = i.denominator * turns2 - i.numerator * turns1
+            error[part] = (REV / i.denominator) * turns + (rest2 - float(i) * rest1)
+        return error
 
     @cached_property
     def driving_speed(self) -> Speed:

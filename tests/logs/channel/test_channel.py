@@ -38,7 +38,7 @@ def test_counts_beyond_2_to_the_40_lose_nothing():
     np.testing.assert_array_equal(far.angle, near.angle)
     np.testing.assert_array_equal(far.reading - 2**50, RAMP)
     zero, _ = channel(RAMP + 2**42, zero="reading")
-    turns, rest = zero.turns_and_rest
+    turns, rest = zero.turns_and_rest()
     np.testing.assert_array_equal(turns, (RAMP + 2**42) // 90_000)
     np.testing.assert_allclose(rest, (RAMP + 2**42) % 90_000 * (2 * np.pi / 90_000), rtol=1e-15)
 

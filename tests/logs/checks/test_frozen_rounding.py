@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from tests.identify.drives import drive
+from vttig_jax.logs.checks import frozen_rounding as checked
 from vttig_jax.logs.checks.frozen_rounding import (
     frozen_rounding,
     frozen_share,
@@ -81,8 +82,11 @@ RAMP = [(1, 45.0), (99, 0), (1, -1.0), (44, -2.0), (1, -1.0), (99, 0)]
         ([(1, 45.0), (99, 0), (1, -20.0), (1, -40.0), (1, -30.0), (99, 0)], False),
     ],
 )
-def test_whole_steps_through_every_change_of_speed(growths, whole):
+@pytest.mark.parametrize("piece", [65_536, 7, 1])
+def test_whole_steps_through_every_change_of_speed(growths, whole, piece, monkeypatch):
+    monkeypatch.setattr(checked, "_PIECE", piece)
     assert moves_by_whole_steps(ramped(growths)[1:]) == whole
+    assert moves_by_whole_steps(0.25 * ramped(growths)[1:], 0.25) == whole
     errors = {place: ramped(growths, place) - ramped(growths, 0.0) for place in (0.12, 0.31, 0.49)}
     assert all(len(np.unique(error)) == 1 for error in errors.values()) or not whole
 

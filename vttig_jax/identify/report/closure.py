@@ -3,8 +3,9 @@
 from itertools import pairwise
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
+from ...base.numerics.counting import pieces
 from ...base.units import DEG, REV
 from ...kinematics.te_curve import TECurve
 from ...logs.motion.segments import Segment
@@ -73,16 +74,14 @@ def reversal_jumps(
         if before.flank == after.flank:
             continue
         window = slice(before.start, after.stop)
-        angle, te = driving[window], error[window]
         sense = 1.0 if before.flank == "A" else -1.0
-        turn = int(np.argmax(sense * angle))
-        left = angle[turn] - angle
-        left *= sense / DEG
+        near, turn = _near_turn(driving[window], sense, max(_NEAR_DEG, beyond) + 2 * WINDOW_DEG)
+        angle, te = driving[window][near], error[window][near]
+        left = sense * (angle[turn] - angle) / DEG
         for start in sorted({max(_NEAR_DEG, beyond), _NEAR_DEG}, reverse=True):
             middle = start + WINDOW_DEG / 2
-            off = left - middle
-            near = np.flatnonzero(np.abs(off, out=off) <= WINDOW_DEG / 2)
-            first, second = near[near < turn], near[near > turn]
+            inside = np.flatnonzero(np.abs(left - middle) <= WINDOW_DEG / 2)
+            first, second = inside[inside < turn], inside[inside > turn]
             if len(first) < 3 or len(second) < 3:
                 continue
             levels = [_level(left[part] - middle, te[part]) for part in (first, second)]
@@ -97,6 +96,24 @@ def reversal_jumps(
             )
             break
     return jumps
+
+
+def _near_turn(
+    driving: Float[np.ndarray, " n"], sense: float, within_deg: float
+) -> tuple[Int[np.ndarray, " m"], int]:
+    """Return the indices of the samples within an angle of the turning point, and its place there.
+
+    `sense` is +1 if the turning point is the largest of the driving angles, rad, else −1.
+    """
+    turn = int(np.argmax(driving) if sense > 0 else np.argmin(driving))
+    least = sense * driving[turn] - within_deg * DEG
+    near = np.concatenate(
+        [
+            part.start + np.flatnonzero(sense * driving[part] >= least)
+            for part in pieces(len(driving))
+        ]
+    )
+    return near, int(np.searchsorted(near, turn))
 
 
 def _level(off_deg: Float[np.ndarray, " n"], error: Float[np.ndarray, " n"]) -> float:

@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, Real
 
 from ...base.errors import LogError
+from ...base.numerics.counting import pieces
 from ...base.units import ANGLE_UNITS, REV
 from ...pair.schema import Encoder, as_fraction
 from ..source import Source
@@ -66,14 +67,14 @@ class Channel:
     spikes: Bool[np.ndarray, " n"] | None = None
     step: float = 0.0
 
-    @property
-    def turns_and_rest(self) -> tuple[Int[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-        """Whole turns and the remaining angle in rad; φ = 2π turns + rest.
+    def turns_and_rest(
+        self, part: slice = slice(None)
+    ) -> tuple[Int[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+        """Return whole turns and the remaining angle, rad, of some samples; φ = 2π turns + rest.
 
         Whole turns of integer counts are subtracted as integers; without `per_turn` turns are 0.
-        Both arrays are computed at every call and not stored, which saves memory in long logs.
         """
-        travel = self.reading - self.origin
+        travel = self.reading[part] - self.origin
         if self.per_turn is None:
             return np.zeros(len(travel), np.int64), self.radians_per_unit * travel
         turns = travel // self.per_turn
@@ -84,8 +85,11 @@ class Channel:
     @cached_property
     def angle(self) -> Float[np.ndarray, " n"]:
         """Unwrapped shaft angle φ in rad."""
-        turns, rest = self.turns_and_rest
-        return REV * turns + rest
+        angle = np.empty(len(self.reading))
+        for part in pieces(len(angle)):
+            turns, rest = self.turns_and_rest(part)
+            angle[part] = REV * turns + rest
+        return angle
 
     def steady_angle(self, time: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """Return φ, rad, in which values interpolated over `time` (s) replace the spikes.

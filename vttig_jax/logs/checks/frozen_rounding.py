@@ -17,7 +17,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Int, Real
 
 from ..channel.channel import Channel
 from ..channel.steps import are_multiples, common_step
@@ -33,6 +33,7 @@ _OF_ROUNDING = 1 / 6  # variance of the difference of two rounded readings, in s
 _PART = 0.5  # assumed offset of the two clocks as a fraction of a sample interval; chosen value
 _FEWEST_OF_RAMP = 4  # least number of equal changes of the advance per sample in a ramp (chosen)
 _LEAST_JUMP = 4  # steps; a smaller change of the advance may come from rounding; chosen value
+_PIECE = 65_536  # samples whose differences are formed at once; chosen value
 _LEAST_STEPS = 1.5  # least steps per sample; slower motion does not show the encoder step (chosen)
 
 
@@ -74,14 +75,14 @@ def frozen_rounding(log: EncoderLog, segments: Sequence[Segment]) -> FrozenRound
         shares = np.array([share_of((run - run[0]) / step) for run in runs])
         stds = gain * abs(channel.radians_per_unit) * step * np.sqrt(shares / 12)
         span = slice(min(one.start for one in segments), max(one.stop for one in segments))
-        if not two_clocks and moves_by_whole_steps(channel.reading[span] / step):
+        if not two_clocks and moves_by_whole_steps(channel.reading[span], step):
             shared = np.vstack([shared, stds])
         else:
             own = np.hypot(own, stds)
     return FrozenRounding(own, shared)
 
 
-def moves_by_whole_steps(steps: Float[np.ndarray, " n"]) -> bool:
+def moves_by_whole_steps(readings: Real[np.ndarray, " n"], step: float = 1.0) -> bool:
     """Return whether all readings have the same place within a step, whatever the place is.
 
     This is assumed if every change of speed is one jump from sample to sample, or a ramp in which
@@ -90,7 +91,7 @@ def moves_by_whole_steps(steps: Float[np.ndarray, " n"]) -> bool:
     speed gives False, because it does not show how exactly the speed would change.
 
     **Arguments**
-    - `steps`: readings in units of the step.
+    - `readings`: readings in any unit. - `step`: step of the readings in this unit.
 
     **Example**
     ```python
@@ -102,22 +103,48 @@ def moves_by_whole_steps(steps: Float[np.ndarray, " n"]) -> bool:
 
     ```
     """
-    growth = np.diff(steps, 2)
-    if growth.dtype.kind == "f":
-        np.rint(growth, out=growth)
-    if not np.any(growth):
+    long, still, little = _parts_of_equal_growth(readings, step)
+    if np.all(still):
         return False
-    starts = np.flatnonzero(np.concatenate([[True], growth[1:] != growth[:-1]]))
-    values, count = growth[starts], len(growth)
-    still, little = values == 0, np.abs(values) < _LEAST_JUMP
-    del growth, values  # they may be as long as the log
-    long = np.diff(starts, append=count) >= _FEWEST_OF_RAMP
-    steady = long & still
-    change = np.cumsum(steady)[~steady]  # number of the steady part before, one for each piece
-    ramp = long[~steady]
-    ramps = np.bincount(change, ramp)
-    small = ~ramp & little[~steady] & (ramps[change] == 0)
-    return not np.any(small) and bool(np.all(np.bincount(change, ~ramp) <= ramps + 1))
+    # The parts between two steady parts are one change of speed. A steady part adds to no count.
+    changes = np.union1d([0], np.flatnonzero(long & still))
+    ramps, others, small = (
+        np.add.reduceat(part, changes, dtype=np.int64)
+        for part in (long & ~still, ~long, ~long & little)
+    )
+    return not np.any(small[ramps == 0]) and bool(np.all(others <= ramps + 1))
+
+
+def _parts_of_equal_growth(
+    readings: Real[np.ndarray, " n"], step: float
+) -> Bool[np.ndarray, "3 parts"]:
+    """Divide a motion into parts in which the advance per sample grows equally each time.
+
+    **Returns** for every part whether it is as long as a ramp, whether the growth is zero, and
+    whether it is smaller than a jump. The readings are treated piece by piece, because a part may
+    be as short as a sample and the differences would need several times the memory of the log.
+    """
+    count, found = len(readings) - 2, []
+    starts, values = np.zeros(0, np.int64), np.zeros(0)  # of the part that is not complete yet
+    for first in range(0, count, _PIECE):
+        piece = readings[first : first + _PIECE + 2]
+        growth = np.diff(piece / step if step != 1 else piece, 2)
+        if growth.dtype.kind == "f":
+            np.rint(growth, out=growth)
+        begins = np.flatnonzero(np.concatenate([[True], growth[1:] != growth[:-1]]))
+        if len(values) and growth[0] == values[-1]:
+            begins = begins[1:]
+        starts = np.append(starts, first + begins)
+        values = np.append(values, growth[begins])
+        found.append(_seen(np.diff(starts), values[:-1]))
+        starts, values = starts[-1:], values[-1:]
+    return np.concatenate([*found, _seen(count - starts, values)], axis=1)
+
+
+def _seen(
+    lengths: Int[np.ndarray, " n"], growth: Real[np.ndarray, " n"]
+) -> Bool[np.ndarray, "3 n"]:
+    return np.stack([lengths >= _FEWEST_OF_RAMP, growth == 0, np.abs(growth) < _LEAST_JUMP])
 
 
 def _step(channel: Channel, other: Channel) -> float:

@@ -6,6 +6,7 @@ value per driven turn; from a block jackknife; and the change of the slope when 
 shafts are fitted as well, which is the effect of an eccentricity over less than a turn.
 """
 
+import itertools
 import math
 from dataclasses import dataclass
 from fractions import Fraction
@@ -223,14 +224,30 @@ def slope(driving: Float[np.ndarray, " n"], driven: Float[np.ndarray, " n"]) -> 
 
     The module docstring says how the standard error is estimated.
     """
-    x, y = driving - driving.mean(), driven - driven.mean()
-    value = float(x @ y / (x @ x))
-    residual = y - value * x
-    turns = max(1.0, float(np.abs(np.diff(driven)).sum()) / REV)
-    independent = min(float(len(x)), turns)
-    by_residual = math.sqrt(float(residual @ residual) / float(x @ x) / independent)
+    blocks = _blocks(len(driving))
+    level, lift = driving.mean(), driven.mean()
+    sums = []
+    travel = 0.0
+    for block in blocks:
+        x, y = driving[block] - level, driven[block] - lift
+        sums.append((len(x), x.sum(), y.sum(), x @ x, x @ y))
+        travel += float(np.abs(np.diff(driven[block.start : block.stop + 1])).sum())
+    size, sx, sy, sxx, sxy = np.array(sums).T
+    value = float(sxy.sum() / sxx.sum())
+    square = 0.0
+    for block in blocks:
+        residual = driven[block] - lift - value * (driving[block] - level)
+        square += float(residual @ residual)
+    independent = min(float(len(driving)), max(1.0, travel / REV))
+    by_residual = math.sqrt(square / float(sxx.sum()) / independent)
     by_orders = _change_by_orders(driving, driven, value)
-    return value, max(by_residual, _jackknife(x, y), by_orders)
+    return value, max(by_residual, _jackknife(size, sx, sy, sxx, sxy), by_orders)
+
+
+def _blocks(count: int) -> list[slice]:
+    """Divide `count` samples into the blocks of the jackknife."""
+    edges = np.linspace(0, count, min(BLOCKS, count // 2) + 1).astype(np.int64).tolist()
+    return [slice(start, stop) for start, stop in itertools.pairwise(edges)]
 
 
 def _change_by_orders(
@@ -248,13 +265,14 @@ def _change_by_orders(
     return abs(float(solution[1]) - value) * min(1.0, LARGEST_ORDER / max(amplitude, 1e-300))
 
 
-def _jackknife(x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"]) -> float:
-    """Return the delete-one-block jackknife standard error of the slope."""
-    blocks = min(BLOCKS, len(x) // 2)
-    edges = np.linspace(0, len(x), blocks + 1).astype(np.int64)[:-1]
-    size = np.diff(np.append(edges, len(x))).astype(np.float64)
-    sx, sy = (np.add.reduceat(column, edges) for column in (x, y))
-    sxx, sxy = (np.add.reduceat(x * column, edges) for column in (x, y))
+def _jackknife(
+    size: Float[np.ndarray, " blocks"],
+    sx: Float[np.ndarray, " blocks"],
+    sy: Float[np.ndarray, " blocks"],
+    sxx: Float[np.ndarray, " blocks"],
+    sxy: Float[np.ndarray, " blocks"],
+) -> float:
+    """Return the delete-one-block jackknife standard error of the slope from sums of blocks."""
     n, mx, my, mxx, mxy = (part.sum() - part for part in (size, sx, sy, sxx, sxy))
     spread = n * mxx - mx * mx
     usable = spread > 0

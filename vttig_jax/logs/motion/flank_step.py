@@ -45,7 +45,7 @@ def flank_rows(
     for segment in segments.segments:
         sense[segment.start : segment.stop] = 1 if segment.flank == "A" else -1
     rows = np.flatnonzero((sense != 0) & ~log.spikes)
-    return sense, rows[:: max(1, -(-len(rows) // _MOST))]
+    return sense, rows[:: max(1, -(-len(rows) // _MOST))].copy()
 
 
 def columns_of(
