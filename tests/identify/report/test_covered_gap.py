@@ -172,6 +172,19 @@ def test_a_constant_gap_gives_no_note(constant):
     assert _speed_notes(constant) == []
 
 
+def test_a_delay_that_creeps_is_no_gap_that_depends_on_the_speed():
+    """The log is slow early and late and fast in between, as is the error of the mean delay."""
+    motion = there_and_back((30, 30, 60, 60, 120, 120, 120, 90, 90, 60, 30, 30, 30, 30), 4)
+
+    def creeping(time_s, _):
+        return DELAY_S * (1 + 0.1 * time_s / time_s[-1])
+
+    for gap, claimed in ((level(150.0), False), (_saturating, True)):
+        log = drive_log(HALF, motion, gap=gap, error=_error, delay_s=creeping, noise_arcsec=2.0)
+        rows = fit(log, HALF, drift_order=0).checks.gap_by_speed
+        assert len(rows) >= 3 and depends_on_speed(rows) == claimed
+
+
 def test_one_speed_gives_no_rows(third):
     assert third.checks.gap_by_speed == ()
 

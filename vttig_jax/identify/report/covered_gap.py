@@ -9,7 +9,8 @@ delay is at least 2 (max gₖ − min gₖ) / (2 i (max ωₖ − min ωₖ)), w
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import msgspec
 import numpy as np
@@ -203,52 +204,75 @@ _PIECE_ROWS = 10  # fewest rows of a piece; chosen value
 _UNLIKELY = 1e-5  # the gap depends on the speed if the p-value of equal gaps is lower; chosen value
 
 
+@dataclass(frozen=True, eq=False)
+class _SpeedRows:
+    """Rows of all runs, with one value per row.
+
+    **Arguments**
+    - `speed`: driving speed, rad/s. - `residual`: residual of the fit, rad.
+    - `flank`: 1 for A, −1 for B.
+    - `piece`: number of the piece of a run to which the row belongs. Pieces are longer than the
+      correlation of the noise.
+    - `late`: columns of a delay that changes steadily: for each log its speed of the driven shaft,
+      rad/s, times the time, scaled to −1 … 1; zero in all other logs.
+    """
+
+    speed: Float[np.ndarray, " n"]
+    residual: Float[np.ndarray, " n"]
+    flank: Int[np.ndarray, " n"]
+    piece: Int[np.ndarray, " n"]
+    late: Float[np.ndarray, "n logs"]
+
+    def __getitem__(self, rows: np.ndarray) -> "_SpeedRows":
+        return _SpeedRows(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
+
+
 def gap_deviations(solved: SolvedFit) -> tuple[GapAtSpeed, ...]:
     """Return the gap at several driving speeds minus the gap of the fit.
 
-    At each speed it is the mean residual of flank B minus the mean residual of flank A. The runs
-    are divided into pieces that are longer than the correlation of the noise; the scatter of the
-    means of these pieces gives the standard error. The result is empty if there is one speed only.
+    One regression of the residuals gives the mean of each flank at each speed, and the change of
+    the delay within each log, which would otherwise look like a gap that depends on the speed if
+    the log is fast in one part and slow in another. The gap is the mean of flank B minus the mean
+    of flank A. Standard errors are from the sums over pieces of runs (sandwich). The result is
+    empty if there is one speed only.
     """
-    rows = list(_pieces(solved))
-    if not rows:
+    rows = _speed_rows(solved)
+    if rows is None:
         return ()
-    speed, value, flank, piece = (np.concatenate(part) for part in zip(*rows, strict=True))
-    edges = np.quantile(speed, np.linspace(0, 1, _BINS + 1))
-    place = np.clip(np.searchsorted(edges, speed, side="right") - 1, 0, _BINS - 1)
-    found: list[GapAtSpeed] = []
+    edges = np.quantile(rows.speed, np.linspace(0, 1, _BINS + 1))
+    place = np.clip(np.searchsorted(edges, rows.speed, side="right") - 1, 0, _BINS - 1)
+    speeds: list[float] = []
+    kept = np.full(_BINS, -1)
     for number in range(_BINS):
         inside = place == number
-        parts = [
-            _mean_of_pieces(value[inside & (flank == side)], piece[inside & (flank == side)])
-            for side in (1, -1)
-        ]
-        usual = float(np.mean(speed[inside])) * 60 / REV if inside.any() else 0.0
-        last = found[-1].speed_rpm if found else 0.0
-        if None in parts or usual < _APART * last:
-            continue
-        (high, high_std), (low, low_std) = (part for part in parts if part is not None)
-        found.append(
-            GapAtSpeed(
-                speed_rpm=usual,
-                value=(low - high) / DEG,
-                std=math.hypot(high_std, low_std) / DEG,
-            )
-        )
-    return tuple(found) if len(found) > 1 else ()
+        usual = float(np.mean(rows.speed[inside])) * 60 / REV if inside.any() else 0.0
+        pieces = [np.unique(rows.piece[inside & (rows.flank == side)]) for side in (1, -1)]
+        if min(map(len, pieces)) >= _LEAST_PIECES and usual >= _APART * (speeds or [0.0])[-1]:
+            kept[number] = len(speeds)
+            speeds.append(usual)
+    if len(speeds) < 2:
+        return ()
+    place = kept[place]
+    means, covariance = _flank_means(rows[place >= 0], place[place >= 0], len(speeds))
+    step = np.hstack([-np.eye(len(speeds)), np.eye(len(speeds))])
+    values, stds = step @ means, np.sqrt(np.diag(step @ covariance @ step.T))
+    return tuple(
+        GapAtSpeed(speed_rpm=speed, value=float(value) / DEG, std=float(std) / DEG)
+        for speed, value, std in zip(speeds, values, stds, strict=True)
+    )
 
 
-def _pieces(solved: SolvedFit) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
-    """Yield four arrays for every run, with one value per row of the run.
-
-    They are the driving speed (rad/s), the residual (rad), the flank (1 for A, −1 for B) and the
-    number of the piece to which the row belongs.
-    """
-    number = 0
-    for rows, own in zip(solved.linear.rows, solved.weights, strict=True):
+def _speed_rows(solved: SolvedFit) -> _SpeedRows | None:
+    """Return the rows of all runs on the fitted flanks, or None without such a run."""
+    number, found = 0, []
+    logs = len(solved.linear.rows)
+    for log, (rows, own) in enumerate(zip(solved.linear.rows, solved.weights, strict=True)):
         share_place = rows.columns.index(OFFSET)
         rows_correlated = solved.noise.correlation_s / max(rows.block_s, 1e-300)
         size = max(_PIECE_ROWS, math.ceil(3 * rows_correlated))
+        times = [run.curve.time for run in rows.runs]
+        first = min((float(time[0]) for time in times), default=0.0)
+        length = max((float(time[-1]) for time in times), default=0.0) - first
         for run in rows.runs:
             share = run.rows[:, share_place]
             counted = share > 0
@@ -256,25 +280,39 @@ def _pieces(solved: SolvedFit) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndar
                 continue
             residual = (run.rows[counted] @ own[run.segment.flank]) / share[counted]
             angle, time = run.curve.driving_angle[counted], run.curve.time[counted]
-            pieces = number + np.arange(len(angle)) // size
-            number = int(pieces[-1]) + 1
+            piece = number + np.arange(len(angle)) // size
+            number = int(piece[-1]) + 1
             side = np.full(len(angle), 1 if run.segment.flank == "A" else -1)
-            yield np.abs(np.gradient(angle, time)), residual, side, pieces
-
-
-def _mean_of_pieces(
-    value: Float[np.ndarray, " n"], piece: Int[np.ndarray, " n"]
-) -> tuple[float, float] | None:
-    """Return the mean of `value`, and its standard error from the scatter between pieces.
-
-    `piece` is the number of the piece of each value. The result is None for too few pieces.
-    """
-    _, index, count = np.unique(piece, return_inverse=True, return_counts=True)
-    if len(count) < _LEAST_PIECES:
+            speed, late = np.gradient(angle, time), np.zeros((len(angle), logs))
+            late[:, log] = speed * (2 * (time - first) / max(length, 1e-300) - 1)
+            found.append(_SpeedRows(np.abs(speed), residual, side, piece, late))
+    if not found:
         return None
-    mean = float(value.mean())
-    off = np.bincount(index, value - mean)
-    return mean, math.sqrt(float(off @ off) * len(count) / (len(count) - 1)) / len(value)
+    names = _SpeedRows.__dataclass_fields__
+    return _SpeedRows(*(np.concatenate([getattr(one, name) for one in found]) for name in names))
+
+
+def _flank_means(
+    rows: _SpeedRows, place: Int[np.ndarray, " n"], count: int
+) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "m m"]]:
+    """Return the means of the residual at `count` speeds, flank A first, and their covariance.
+
+    `place` is the index of the speed of every row. The covariance is that of independent pieces.
+    """
+    column = np.where(rows.flank == 1, place, count + place)
+    own = np.zeros((len(place), 2 * count))
+    own[np.arange(len(place)), column] = 1.0
+    scale = np.sqrt(np.mean(rows.late**2, axis=0))
+    design = np.hstack([own, rows.late / np.where(scale > 0, scale, 1.0)])
+    solution = np.linalg.lstsq(design, rows.residual, rcond=1e-9)[0]
+    left = rows.residual - design @ solution
+    _, piece = np.unique(rows.piece, return_inverse=True)
+    sums = np.stack([np.bincount(piece, left * values) for values in design.T], axis=1)
+    pieces = np.count_nonzero(sums, axis=0)
+    sums *= np.sqrt(pieces / np.maximum(pieces - 1, 1))
+    inverse = np.linalg.pinv(design.T @ design, rcond=1e-9, hermitian=True)
+    covariance = inverse @ (sums.T @ sums) @ inverse
+    return solution[: 2 * count], covariance[: 2 * count, : 2 * count]
 
 
 def depends_on_speed(gaps: Sequence[GapAtSpeed]) -> bool:
