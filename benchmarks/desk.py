@@ -1,14 +1,14 @@
 """What a user waits for at the desk: warm fits of short and long logs, and the memory of a fit.
 
-    python -m benchmarks.desk [--rows 72000x21 …] [--rounds 5] [--memory 4000000] [--only memory]
+    python -m benchmarks.desk [--rows 72000x21 …] [--rounds 5] [--memory 1000000x250 …]
 
 - Warm fits: `vttig_jax.fit` of a fresh log (no angle computed yet) with orders 1 to 8 and mesh,
   all checks read, beside the peer: NumPy's plain least squares of the first orders of the same log,
   from counts, with an offset for each direction (cosine and sine of both angles, Gram matrix,
   solution). Rounds alternate. A row is named by its samples and its turns each way, `72000x21`.
-- Memory: peak of a process that fits a log of so many samples, above what it held before it had the
-  columns, in multiples of the columns (time and two counters, 24 bytes a sample); from arrays, and
-  from a CSV file. Linux only.
+- Memory: peak of a process that fits a log of so many samples and turns each way, above what it
+  held before it had the columns, in multiples of the columns (time and two counters, 24 bytes a
+  sample); from arrays, and from a CSV file. Linux only.
 
 Gates before any time is taken: eccentricities and constant backlash of the fit lie within 4.5
 standard errors of the truth, and the peer's coefficients are those of `numpy.linalg.lstsq`. Times
@@ -150,12 +150,13 @@ def child(source: Path) -> None:
     print(json.dumps(record))
 
 
-def memory(samples: int) -> dict[str, Any]:
+def memory(row: str) -> dict[str, Any]:
     """Peaks from arrays and from CSV in processes of their own; both must give one answer."""
     import pyarrow as pa
     from pyarrow import csv
 
-    rig = rig_of(samples, samples / 4000)
+    samples, turns = row.split("x")
+    rig = rig_of(int(samples), float(turns))
     log = rig.log()
     assert log.driven is not None
     columns = {"time": log.time, "driving": log.driving.reading, "driven": log.driven.reading}
@@ -177,7 +178,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--rows", nargs="*", default=ROWS)
     parser.add_argument("--rounds", type=int, default=5)
-    parser.add_argument("--memory", type=int, default=4_000_000, help="samples of that log")
+    parser.add_argument("--memory", nargs="*", default=["1000000x250", "20000000x250"])
     parser.add_argument("--only", choices=("warm", "memory"))
     parser.add_argument("--child", type=Path, help=argparse.SUPPRESS)
     chosen = parser.parse_args()
@@ -194,9 +195,11 @@ def main() -> None:
             write("desk.json", record)
             print(row, record["warm"][row], flush=True)
     if chosen.only != "warm":
-        record["memory"] = memory(chosen.memory)
-        write("desk.json", record)
-        print(record["memory"])
+        record["memory"] = {}
+        for row in chosen.memory:
+            record["memory"][row] = memory(row)
+            write("desk.json", record)
+            print(row, record["memory"][row], flush=True)
 
 
 if __name__ == "__main__":
