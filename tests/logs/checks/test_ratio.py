@@ -5,14 +5,13 @@ import pytest
 
 from tests.logs.profiles import counts, drive, geared, spec, trapezoid
 from vttig_jax.base.errors import LogError
+from vttig_jax.logs.checks.fractions import better_fraction, simple_fraction
 from vttig_jax.logs.checks.ratio import (
     DEVIATIONS,
     SHIFT_TURNS,
     SeenRatio,
-    better_fraction,
     check_ratio,
     seen_ratio,
-    simple_fraction,
     slope,
 )
 from vttig_jax.logs.encoder_log import EncoderLog

@@ -185,7 +185,7 @@ def _reversals(
 
 def _ratio(log: EncoderLog) -> RatioCheck:
     ratio = seen_ratio(log)
-    return RatioCheck(f"{ratio.given}", ratio.seen, ratio.std, ratio.verdict)
+    return RatioCheck(f"{ratio.given}", ratio.seen, ratio.std, ratio.verdict, ratio.cause)
 
 
 def _agreement(linear: LinearFit) -> tuple[Disagreement, ...]:

@@ -2,7 +2,7 @@
 
 from fractions import Fraction
 
-from ...logs.checks.ratio import better_fraction
+from ...logs.checks.fractions import better_fraction
 from ..solve.least_squares import Direction
 from .checks import (
     REMEMBERS,

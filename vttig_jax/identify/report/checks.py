@@ -8,6 +8,7 @@ import math
 from collections.abc import Sequence
 
 from ...logs.checks.ratio import Verdict
+from ...logs.checks.slope_cause import Cause
 from ...pair.gear_pair import Flank
 from ..preliminary.robust import Outliers
 from ..solve.least_squares import Direction
@@ -91,16 +92,18 @@ class JumpComparison(Record, frozen=True):
         )
 
 
-class RatioCheck(Record, frozen=True):
+class RatioCheck(Record, frozen=True, omit_defaults=True):
     """Given ratio of a log, and the ratio that its angles show.
 
-    `seen` and its standard error `std` are None for a log that contains only a TE curve.
+    `seen` and its standard error `std` are None for a log that contains only a TE curve. `cause` is
+    what explains best a deviation from the given ratio.
     """
 
     given: str
     seen: float | None
     std: float | None
     verdict: Verdict
+    cause: Cause = "open"
 
 
 class Disagreement(Record, frozen=True):

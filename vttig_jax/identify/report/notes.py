@@ -40,10 +40,10 @@ def warnings_of(
     solution, change, delays = estimate.solved.solution, estimate.change, estimate.delays
     return (
         *solver_notes(solution),
+        *_ratio_notes(regressors, checks, selected.linear.inputs[0].log),
         *identifiable.notes,
         *_open_delay(selected, identifiable),
         *_negative_sum(selected, identifiable, solution),
-        *_ratio_notes(regressors, checks, selected.linear.inputs[0].log),
         *([change.sentence] if change and change.is_clear else []),
         *([delays.sentence] if delays and delays.differ else []),
         *([estimate.frozen.sentence] if estimate.frozen else []),
@@ -235,5 +235,9 @@ def _ratio_notes(regressors: tuple[Parameter, ...], checks: Checks, log: Encoder
             ]
     if any(one.name == "ratio" for one in regressors):
         return []
-    seen = [SeenRatio(c.seen, c.std, Fraction(c.given), c.verdict) for c in checks.ratio]
-    return [one.sentence for one in seen if one.is_doubtful][:1]
+    travel = float(np.ptp(log.driving_angle))
+    seen = [
+        SeenRatio(c.seen, c.std, Fraction(c.given), c.verdict, c.cause, travel)
+        for c in checks.ratio
+    ]
+    return [one.sentence for one in seen if one.is_doubtful and one.cause != "delay"][:1]

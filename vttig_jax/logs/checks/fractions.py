@@ -6,8 +6,15 @@ from fractions import Fraction
 MOST_TEETH = 200
 """Largest denominator of a fraction that is proposed as the ratio of a drive (chosen)."""
 
-_DENOMINATORS = (1, 2, 3, 5, 7, 10, 14, 20, 30, 50, 70, 100, 140, MOST_TEETH)
+DENOMINATORS = (1, 2, 3, 5, 7, 10, 14, 20, 30, 50, 70, 100, 140, MOST_TEETH)
 """Limits of the denominator for which the nearest fraction is compared (chosen)."""
+
+CHANCE = 0.02
+"""Largest probability that some fraction with small numbers lies so near a ratio by chance
+(chosen)."""
+
+DEVIATIONS = 5.0
+"""Largest deviation of a correct ratio in standard errors (chosen)."""
 
 _ROUNDING = 1e-6
 """Least relative standard error of a ratio in a comparison (chosen). A smaller one would compare
@@ -31,7 +38,7 @@ def likely_fraction(value: float, std: float) -> Fraction | None:
     """
     std = max(std, _ROUNDING * abs(value))
     found, best = None, math.log(math.sqrt(2 * math.pi) * std)  # the weight of any other number
-    for limit in _DENOMINATORS:
+    for limit in DENOMINATORS:
         fraction = Fraction(value).limit_denominator(limit)
         if not fraction:
             continue
@@ -59,6 +66,20 @@ def ratio_option(value: float, std: float) -> str:
     if found is not None:
         found = found if value < 1 else 1 / found
         return f"{found.denominator}:{found.numerator}"
+    return decimal_option(value, std)
+
+
+def decimal_option(value: float, std: float) -> str:
+    """Return a ratio of driven to driving speed as the option `--ratio`, with a decimal number.
+
+    **Example**
+    ```python
+    >>> from vttig_jax.logs.checks.fractions import decimal_option
+    >>> decimal_option(1 / 6, 1e-5), decimal_option(0.99984, 8e-5)
+    ('6.00000:1', '1:0.999840')
+
+    ```
+    """
     if value < 0.5:
         return f"{_decimal(1 / value, std / value**2)}:1"
     return f"1:{_decimal(value, std)}"
@@ -68,3 +89,51 @@ def _decimal(value: float, std: float) -> str:
     """Return a number with two digits of its standard error."""
     places = 1 - math.floor(math.log10(max(std, 1e-9 * abs(value))))
     return f"{value:.{max(places, 0)}f}"
+
+
+def rounds_to(given: Fraction, exact: Fraction) -> bool:
+    """Return whether `given`, or its inverse, is a decimal number that `exact` is rounded to.
+
+    **Example**
+    ```python
+    >>> from fractions import Fraction
+    >>> from vttig_jax.logs.checks.fractions import rounds_to
+    >>> rounds_to(Fraction("0.3594"), Fraction(23, 64)), rounds_to(Fraction("6.01"), Fraction(6))
+    (True, False)
+
+    ```
+    """
+    for decimal, value in ((given, exact), (1 / given, 1 / exact)):
+        for places in range(13):
+            if decimal.denominator == 1 or 10**places % decimal.denominator == 0:
+                if 2 * abs(value - decimal) <= Fraction(1, 10**places):
+                    return True
+                break
+    return False
+
+
+def better_fraction(given: Fraction, seen: float, std: float) -> Fraction | None:
+    """Return a simple fraction that fits the log if the given ratio does not, else None.
+
+    The given ratio must deviate from `seen` by more than five standard errors `std`, and the
+    fraction by at most three.
+    """
+    if not 0 < DEVIATIONS * std < abs(seen - float(given)):
+        return None
+    for limit in DENOMINATORS:
+        fraction = Fraction(seen).limit_denominator(limit)
+        # 3/π² q² fractions in [0, 1] have a denominator up to q
+        if max(0.3 * fraction.denominator**2, 1.0) * 6 * std > CHANCE:
+            return None
+        if fraction and abs(float(fraction) - seen) <= 3 * std:
+            return fraction
+    return None
+
+
+def simple_fraction(value: float, std: float) -> str:
+    """Return as text the simplest fraction within one standard error of `value`, or `value`."""
+    for limit in (10, 20, 50, 100, 200, 500):
+        fraction = Fraction(value).limit_denominator(limit)
+        if fraction and abs(float(fraction) - value) <= max(std, 1e-6 * abs(value)):
+            return f"{fraction}"
+    return f"{value:.6g}"

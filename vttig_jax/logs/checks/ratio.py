@@ -8,7 +8,7 @@ shafts are fitted as well, which is the effect of an eccentricity over less than
 
 import itertools
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Literal
 
@@ -16,8 +16,19 @@ import numpy as np
 from jaxtyping import Float
 
 from ...base.errors import LogError
-from ...base.units import REV
+from ...base.units import DEG, REV
 from ..encoder_log import EncoderLog
+from .fractions import (
+    DEVIATIONS,
+    MOST_TEETH,
+    better_fraction,
+    decimal_option,
+    likely_fraction,
+    ratio_option,
+    rounds_to,
+    simple_fraction,
+)
+from .slope_cause import Cause, slope_gains
 
 TOLERANCE = 0.005
 """Largest relative deviation of a correct ratio over many turns (chosen)."""
@@ -26,9 +37,6 @@ SHIFT_TURNS, MOST_TOLERANCE = 0.015, 0.01
 """Over few turns the slope of a log is uncertain, because a first order resembles a wrong ratio.
 The relative tolerance is then `SHIFT_TURNS` / (turns of the driven shaft), up to `MOST_TOLERANCE`,
 which is one tooth of a gear with 100 teeth (both chosen)."""
-
-DEVIATIONS = 5.0
-"""Largest deviation of a correct ratio in standard errors (chosen)."""
 
 SURELY = 2.0
 """Number of standard errors by which a deviation has to exceed the tolerance, so that the log shows
@@ -46,10 +54,6 @@ BLOCKS = 10  # number of blocks of the jackknife (chosen)
 
 MOST_ROWS = 20_000
 """Largest number of rows of the regression with first orders; longer logs are thinned (chosen)."""
-
-MOST_TEETH, CHANCE = 200, 0.02
-"""Largest denominator of a fraction that is proposed instead of the given ratio, and the largest
-probability that some fraction up to that denominator lies so near by chance (chosen)."""
 
 _DIVIDED = 5e-3
 """If the ratio in the log deviates from 1 by less than this, the driving angle was probably already
@@ -69,12 +73,16 @@ class SeenRatio:
     - `seen`, `std`: ratio in the log and its standard error; None for a log that gives the
       transmission error in place of the driven channel (TE-curve log).
     - `verdict`: whether `seen` agrees with `given`, or else with its inverse or its negative.
+    - `cause`: what explains best that `seen` deviates from `given` by more than chance.
+    - `travel`: path of the driving shaft from its lowest to its highest angle, rad.
     """
 
     seen: float | None
     std: float | None
     given: Fraction
     verdict: Verdict
+    cause: Cause = "open"
+    travel: float = 0.0
 
     @property
     def better(self) -> Fraction | None:
@@ -121,10 +129,11 @@ class SeenRatio:
         if self.verdict == "agrees":
             if self.better is None:
                 return self._doubt(seen) if self.is_doubtful else f"{seen}, as given ({given})."
-            fits = f"{self.better} fits, so write that if these are the teeth."
-            return f"{seen}, {given} given; {fits}"
+            fits = f"{self.better} fits, so write that if these are the teeth: {self._option}."
+            biases = "which biases gap, delay and orders"
+            return f"{seen}, {given} given{self._astray}, {biases}; {fits}"
         log_has = f"the log's is {self._difference(self.seen)}"
-        return f"{seen}, but {given} is given; {log_has}; {self._cure}."
+        return f"{seen}, but {given} is given{self._astray}; {log_has}; {self._cure}."
 
     def _difference(self, seen: float) -> str:
         """Text on the relation of the ratio in the log to the given ratio."""
@@ -134,13 +143,14 @@ class SeenRatio:
             "sign": "the negative: one encoder counts backwards",
             "swapped_sign": "the negative inverse: driving and driven are swapped, and one"
             " encoder counts backwards",
-            "differs": f"about {simple_fraction(seen, self.std or 0.0)}",
+            "differs": f"about {_fraction_or_number(seen, self.std or 0.0)}",
         }[self.verdict]
 
     @property
     def _cure(self) -> str:
         """Advice to the user on options or entries of the pair file to change."""
-        if self.verdict == "differs" and self.seen is not None and abs(self.seen - 1) < _DIVIDED:
+        far = abs(float(self.given) - 1) > 2 * _DIVIDED
+        if far and self.verdict == "differs" and abs((self.seen or 0.0) - 1) < _DIVIDED:
             return (
                 "the driving column seems to be divided by the ratio already: write"
                 f' driving_scale = "{1 / self.given}" under [log] of the pair file, which'
@@ -153,8 +163,9 @@ class SeenRatio:
             "sign": "give --invert driven, or take it away if it is given; in a pair file set"
             " `sign = -1` for the encoder that does, or take it away where it is set",
             "swapped_sign": f"{exchanged}, and give --invert driven (in the pair file `sign = -1`)",
-            "differs": "correct the teeth or the ratio (--teeth, --ratio or [drive] ratio), or the"
-            " counts and units (--counts, --unit, or counts_per_rev and scale of the pair file)",
+            "differs": f"correct the teeth or the ratio ({self._option} is that of the log;"
+            " --teeth, or [drive] ratio in a pair file), or the counts and units (--counts, --unit,"
+            " or counts_per_rev and scale of the pair file)",
         }[self.verdict]
 
     @property
@@ -170,25 +181,90 @@ class SeenRatio:
             found = seen if max(seen.numerator, seen.denominator) <= MOST_TEETH else found
         return f"{found.denominator}:{found.numerator}", str(found)
 
+    @property
+    def _option(self) -> str:
+        """Option that states the ratio of the log."""
+        return f"--ratio {ratio_option(abs(self.seen or 1.0), self.std or 0.0)}"
+
+    @property
+    def _astray(self) -> str:
+        """Text on how far the given ratio goes astray over the log; it begins with a comma."""
+        if self.seen is None or not self.travel or self.verdict not in ("agrees", "differs"):
+            return ""
+        degrees = abs(self.seen - float(self.given)) * self.travel / DEG
+        return f", off by {degrees:.3g}° of the driven shaft over this log"
+
     def _doubt(self, seen: str) -> str:
         assert self.seen is not None  # checked by `is_doubtful`
         off = self.deviations
         return (
             f"{seen}, {abs(off):.1f} standard errors {'above' if off > 0 else 'below'} the given"
-            f" {self.given} ({1e6 * (self.seen / float(self.given) - 1):+.3g} ppm): the given ratio"
-            " is slightly wrong, or something slow looks the same. A wrong ratio is a slope of the"
-            " transmission error, and biases gap, delay and orders; check the teeth or"
-            " [drive] ratio, or fit with --free-ratio"
+            f" {self.given} ({1e6 * (self.seen / float(self.given) - 1):+.3g} ppm)"
+            f"{self._astray}{self._why}"
+        )
+
+    @property
+    def _why(self) -> str:
+        """Text on what explains a ratio of the log that is a little off, and what to do."""
+        if self.cause == "delay":
+            return (
+                ". A delay between the channels explains this better than another ratio, and the"
+                " fit removes a delay: keep the ratio"
+            )
+        biases = ", which biases gap, delay and orders"
+        if self.cause == "drift":
+            return (
+                f"{biases}. A drift in time explains this better than another ratio, for example of"
+                " an encoder or of a coupling: keep the ratio, and see --drift-order"
+            )
+        own = decimal_option(abs(self.seen or 1.0), self.std or 0.0)
+        cure = f"give --ratio {own}, which is that of the log, or fit it with --free-ratio"
+        if max(self.given.numerator, self.given.denominator) > MOST_TEETH:
+            said = "is" if self.cause == "ratio" else "may be"
+            return (
+                f"{biases}. The given ratio {said} slightly wrong: {cure}. A slow drift, a slip or"
+                " a twist looks the same"
+            )
+        teeth = f"Shafts coupled {self.given.denominator}:{self.given.numerator} by teeth keep"
+        if self.cause == "ratio":
+            return (
+                f"{biases}. {teeth} their ratio, but this log is explained better by another ratio"
+                " than by a delay or a drift: another drive, wrong counts per turn, lost counts, or"
+                f" a belt or a coupling that slips. If it is another ratio, {cure}"
+            )
+        return (
+            f"{biases}. {teeth} their ratio, and this log does not tell what it is: an encoder or"
+            " its clock may drift, a coupling may slip or twist, a belt may creep. If it is another"
+            f" ratio, {cure}"
         )
 
 
+def _fraction_or_number(value: float, std: float) -> str:
+    """Return the likeliest fraction for a ratio of any sign as text, or the number."""
+    found = likely_fraction(abs(value), std) if value else None
+    return f"{value:.6g}" if found is None else f"{found if value > 0 else -found}"
+
+
 def seen_ratio(log: EncoderLog) -> SeenRatio:
-    """Estimate the ratio of driven to driving speed by regression over the log, with a verdict."""
+    """Estimate the ratio of driven to driving speed by regression over the log, with a verdict.
+
+    A given ratio within the tolerance differs nevertheless if the log shows the ratio of other
+    whole numbers of teeth: such a fraction fits and the given ratio does not, rounding of a decimal
+    does not explain it, and neither a delay nor a drift explains the log better than another ratio.
+    """
     if log.driven is None:
         return SeenRatio(None, None, log.ratio, "none")
     seen, std = slope(log.driving_angle, log.driven_angle)
     tolerance = _tolerance(float(np.ptp(log.driven_angle)) / REV)
-    return SeenRatio(seen, std, log.ratio, _verdict(seen, std, float(log.ratio), tolerance))
+    verdict = _verdict(seen, std, float(log.ratio), tolerance)
+    found = SeenRatio(seen, std, log.ratio, verdict, travel=float(np.ptp(log.driving_angle)))
+    if not found.is_doubtful:
+        return found
+    gains = slope_gains(log)
+    found = replace(found, cause=gains.cause)
+    better = found.better
+    teeth = better is not None and not rounds_to(log.ratio, better) and gains.may_be_ratio
+    return replace(found, verdict="differs") if teeth else found
 
 
 def _tolerance(turns: float) -> float:
@@ -201,7 +277,8 @@ def check_ratio(log: EncoderLog) -> SeenRatio:
 
     A contradiction is a deviation of more than 5 standard errors that is also, by at least two
     standard errors, more than 0.5 % (up to 1 % if the driven shaft covers less than three turns).
-    Shafts that do not turn together are a contradiction too.
+    Other whole numbers of teeth (see `seen_ratio`) and shafts that do not turn together are
+    contradictions too.
     """
     ratio = seen_ratio(log)
     if log.driven is not None and ratio.seen is not None:
@@ -298,29 +375,3 @@ def _verdict(seen: float, std: float, given: float, tolerance: float) -> Verdict
         if fits(value):
             return verdict
     return "differs"
-
-
-def better_fraction(given: Fraction, seen: float, std: float) -> Fraction | None:
-    """Return a simple fraction that fits the log if the given ratio does not, else None.
-
-    The given ratio must deviate from `seen` by more than five standard errors `std`, and the
-    fraction by at most three.
-    """
-    if not 0 < DEVIATIONS * std < abs(seen - float(given)):
-        return None
-    for limit in (10, 20, 50, 100, MOST_TEETH):
-        if 0.3 * limit**2 * 6 * std > CHANCE:  # 3/π² limit² fractions lie in [0, 1]
-            return None
-        fraction = Fraction(seen).limit_denominator(limit)
-        if fraction and abs(float(fraction) - seen) <= 3 * std:
-            return fraction
-    return None
-
-
-def simple_fraction(value: float, std: float) -> str:
-    """Return as text the simplest fraction within one standard error of `value`, or `value`."""
-    for limit in (10, 20, 50, 100, 200, 500):
-        fraction = Fraction(value).limit_denominator(limit)
-        if fraction and abs(float(fraction) - value) <= max(std, 1e-6 * abs(value)):
-            return f"{fraction}"
-    return f"{value:.6g}"
