@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from benchmarks.compiler import fast_to_compile
 from tests.control.followed import OPEN
 from vttig_jax.control.hardware.servo import Motor, Servo, ServoDrive
 from vttig_jax.control.hardware.shaft_drive import ShaftDrive
@@ -24,6 +25,10 @@ def waves(swing: float = 4e-4, gap: float = 8e-4, ratio: float = RATIO) -> Bound
     cosine: Any = swing * np.array([[1.0, 0.3], [0.6, -0.5]])
     sine: Any = swing * np.array([[0.2, -0.7], [-0.9, 0.4]])
     return Bounds(ratio, np.array([0.0, gap]), cosine, sine, np.ones(2), ((1, 0), (0, 1)))
+
+
+TOGETHER = 400
+"""Runs are prolonged to a multiple of so many steps, so that they share compiled programs."""
 
 
 class Start(NamedTuple):
@@ -64,8 +69,10 @@ def follow(
     step: float,
 ) -> Ways:
     """Both shafts at the end of every step; `told` at the start of the first and after each."""
-    begin, asked = jax.tree.map(jnp.asarray, (start, told))
-    return Ways(*map(np.asarray, _follow(drive, plant, bounds, begin, asked, jnp.asarray(step))))
+    begin, steps = jax.tree.map(lambda value: jnp.asarray(value, float), start), len(told.angle) - 1
+    asked = jax.tree.map(lambda value: np.pad(value, (0, -steps % TOGETHER), "edge"), told)
+    ways = _follow(drive, plant, bounds, begin, asked, jnp.asarray(step, float))
+    return Ways(*(np.asarray(way)[:steps] for way in ways))
 
 
 def told_of(angle: Any, speed: Any) -> MotionPoint:
@@ -79,7 +86,7 @@ def nothing(steps: int) -> MotionPoint:
     return told_of(0.0, np.zeros(steps + 1))
 
 
-@eqx.filter_jit
+@eqx.filter_jit(**fast_to_compile())
 def _follow(drive, plant, bounds, start, told, step):
     return followed(drive, plant, bounds, start, told, step)
 

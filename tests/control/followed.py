@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from benchmarks.compiler import fast_to_compile
 from vttig_jax.control.motion.motion import Motion
 from vttig_jax.control.plants.flank_bounds import Bounds, Flanks
 from vttig_jax.control.plants.plant import ContactEvent, Plant, Shafts, Slide
@@ -23,6 +24,9 @@ class Still(NamedTuple):
         zero = np.zeros((2, 1))
         return Bounds(1.0, np.array([self.lower, self.upper]), zero, zero, np.ones(2), ((1, 0),))
 
+
+TOGETHER = 250
+"""Steps of one call of the compiled program, so that it serves runs of every length."""
 
 OPEN = Slide(*[jnp.zeros(())] * 4)
 
@@ -48,17 +52,24 @@ def follow(
     every: int = 1,
 ) -> tuple[Shafts, ContactEvent]:
     """Shafts after every so many steps, and the touches of all steps."""
-    shafts, touches = _followed(
-        plant, motion, bounds, start, jnp.asarray(begin), jnp.asarray(step), steps
-    )
-    picked = jax.tree.map(lambda values: np.asarray(values)[every - 1 :: every], shafts)
-    return picked, jax.tree.map(np.asarray, touches)
+    now, fixed = _strong(start), (jnp.asarray(begin, float), jnp.asarray(step, float))
+    parts = []
+    for done in range(0, steps, TOGETHER):
+        now, part = _followed(plant, motion, bounds, now, *fixed, jnp.asarray(done))
+        parts.append(jax.tree.map(np.asarray, part))
+    shafts, touches = jax.tree.map(lambda *leaves: np.concatenate(leaves)[:steps], *parts)
+    return jax.tree.map(lambda values: values[every - 1 :: every], shafts), touches
 
 
-@eqx.filter_jit
-def _followed(plant, motion, bounds, start, begin, step, steps):
+def _strong(tree: Shafts) -> Shafts:
+    """The same numbers with types that do not depend on how they were made."""
+    return jax.tree.map(lambda leaf: jnp.asarray(leaf, jnp.result_type(leaf)), tree)
+
+
+@eqx.filter_jit(**fast_to_compile())
+def _followed(plant, motion, bounds, start, begin, step, done):
     def one(shafts: Shafts, number):
         ended = plant.step(shafts, motion.at(begin + (number + 1) * step), OPEN, bounds, step)
         return ended[0], ended
 
-    return jax.lax.scan(one, start, jnp.arange(steps))[1]
+    return jax.lax.scan(one, start, done + jnp.arange(TOGETHER))

@@ -1,5 +1,6 @@
 """Two shafts that move each other: scipy's solution, momentum, energy, friction that holds."""
 
+from functools import partial
 from typing import Any
 
 import jax
@@ -10,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
+from benchmarks.compiler import fast_to_compile
 from tests.control.driven import (
     RATIO,
     Start,
@@ -251,7 +253,7 @@ def test_elastic_teeth_stay_pressed_at_rest():
 LANES, STEPS = 64, 400
 
 
-@jax.jit
+@partial(jax.jit, **fast_to_compile())
 def _many(case):
     """Energy after every step of lanes with one spring each; the first is that of the start."""
 

@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from benchmarks.compiler import fast_to_compile
 from tests.control.followed import OPEN, Still, follow, shafts_at
 from tests.oracles.elastic_contact import Contact, Path, integrate
 from tests.oracles.flank_formulas import PAPER, closed
@@ -232,7 +233,7 @@ def test_one_step_is_the_same_compiled_and_batched(bounds):
 def test_gradients_are_those_of_differences_in_flight_and_through_an_impact(bounds):
     after = _after(bounds)
     batch = jax.vmap(after)
-    along = jax.jit(lambda cases, moves: jax.jvp(batch, (cases,), (moves,))[1])
+    along = jax.jit(lambda cases, moves: jax.jvp(batch, (cases,), (moves,))[1], **fast_to_compile())
     for place, step in ((1, 1e-9), (2, 1e-6), (3, 10.0), (4, 1e-5)):
         move = np.broadcast_to(step * np.eye(5)[place], CASES.shape)
         ahead, behind = (np.asarray(batch(jnp.asarray(CASES + s * move))) for s in (1, -1))

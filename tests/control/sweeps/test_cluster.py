@@ -22,6 +22,9 @@ from vttig_jax.control.sweeps.store import PARTS
 distributed = pytest.importorskip("distributed", reason="needs the extra [dask]")
 
 AXES = {"motion.reversal_deg": {"from": 200, "to": 350, "num": 32}}
+FEW = {"motion.reversal_deg": [200.0, 250.0, 300.0, 360.0]}
+"""As many lanes as the sweeps of `test_sweep.py` have, so that the compiled programs are shared."""
+
 SMALL = 4
 
 
@@ -62,16 +65,16 @@ def test_a_lost_worker_costs_nothing_but_time(tmp_path, monkeypatch):
 def test_no_scheduler_is_said(monkeypatch):
     monkeypatch.setattr(sweep_dask, "_WAIT_S", 0.5)
     with pytest.raises(InputError, match="no scheduler answers") as caught:
-        vttig_jax.sweep(sweep_spec(AXES), PAIR, dask="tcp://127.0.0.1:9")
+        vttig_jax.sweep(sweep_spec(FEW), PAIR, dask="tcp://127.0.0.1:9")
     assert caught.value.where == "tcp://127.0.0.1:9"
     with pytest.raises(InputError, match="no scheduler answers"):
-        vttig_jax.sweep(sweep_spec(AXES), PAIR, dask="nonsense://1")
+        vttig_jax.sweep(sweep_spec(FEW), PAIR, dask="nonsense://1")
 
 
 def test_without_the_extra(monkeypatch):
     monkeypatch.setattr(sweep_dask, "find_spec", lambda name: None)
     with pytest.raises(UsageError, match=r"pip install vttig-jax\[dask\]"):
-        vttig_jax.sweep(sweep_spec(AXES), PAIR, dask="tcp://127.0.0.1:9")
+        vttig_jax.sweep(sweep_spec(FEW), PAIR, dask="tcp://127.0.0.1:9")
 
 
 def _nothing(number: int, recipe: object) -> None:
@@ -94,5 +97,5 @@ def test_a_lost_scheduler_is_said(monkeypatch):
         ) as cluster,
         pytest.raises(InputError, match="the scheduler was lost") as caught,
     ):
-        vttig_jax.sweep(sweep_spec(AXES), PAIR, dask=cluster.scheduler_address)
+        vttig_jax.sweep(sweep_spec(FEW), PAIR, dask=cluster.scheduler_address)
     assert "None" not in caught.value.message

@@ -41,7 +41,9 @@ def swept(out: Path, axes=AXES, **options):
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory) -> Path:
     out = tmp_path_factory.mktemp("whole") / "swept"
-    swept(out)
+    with pytest.MonkeyPatch.context() as patch:  # the blocks, and so the program, of the tests
+        sweep_files.small_blocks(4, patch)
+        swept(out)
     return out
 
 
