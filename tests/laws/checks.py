@@ -7,12 +7,14 @@ works element by element on the first.
 import logging
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+
+from benchmarks.compiler import fast_to_compile
 
 Function = Callable[..., Any]
 Arguments = tuple[Any, ...]
@@ -30,7 +32,7 @@ def _modes(function: Function) -> Function:
     Both share one linear map, as inside `jax.vjp`, which halves the time to compile.
     """
 
-    @jax.jit
+    @partial(jax.jit, **fast_to_compile())
     def modes(arguments, direction, weights):
         value, push = jax.linearize(function, *arguments)
         backward = jax.linear_transpose(push, *arguments)(weights)
@@ -75,7 +77,7 @@ def check_vmap_is_loop(function: Function, arguments: Arguments) -> None:
     batch = jax.tree.map(lambda *leaves: jnp.stack(leaves), *moved)
     loop = np.array([function(angles, *other)[place] for place, other in enumerate(moved)])
     assert not np.allclose(loop, alone, rtol=1e-6, atol=0), "the other arguments do nothing"
-    batched = jax.jit(jax.vmap(function))(angles, *batch)
+    batched = jax.jit(jax.vmap(function), **fast_to_compile())(angles, *batch)
     np.testing.assert_allclose(batched, loop, rtol=1e-11, atol=1e-15)
 
 

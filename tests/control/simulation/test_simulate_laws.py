@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from benchmarks.compiler import fast_to_compile
 from tests.control.scenarios import (
     CHUNK,
     INSTANT,
@@ -337,7 +338,7 @@ def left(constant_backlash: Any, case: Case, periods: int) -> jax.Array:
     )
 
 
-_left_and_slope = eqx.filter_jit(eqx.filter_value_and_grad(left))
+_left_and_slope = eqx.filter_jit(eqx.filter_value_and_grad(left), **fast_to_compile())
 
 
 def test_the_gradient_of_what_is_left_is_that_of_the_backlash_itself():

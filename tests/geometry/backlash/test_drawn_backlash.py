@@ -8,6 +8,7 @@ import jax
 import numpy as np
 import pytest
 
+from benchmarks.compiler import fast_to_compile
 from tests.laws import checks
 from vttig_jax.geometry.backlash.drawn_backlash import (
     backlash_and_contact,
@@ -176,7 +177,7 @@ def of_numbers(numbers):
 
 
 def test_derivatives_follow_the_section_that_touches():
-    slopes = jax.grad(of_numbers)(NUMBERS)
+    slopes = jax.jit(jax.grad(of_numbers), **fast_to_compile())(NUMBERS)
     for name, value in NUMBERS.items():
         step = 1e-4
         ends = [float(of_numbers(NUMBERS | {name: value + way * step})) for way in (1, -1)]

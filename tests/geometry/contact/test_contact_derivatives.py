@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from benchmarks.compiler import fast_to_compile
 from tests.laws import checks
 from vttig_jax.geometry.contact.contact_model import contact_model
 from vttig_jax.geometry.contact.deviations import Deviations, FlankMap
@@ -124,8 +125,8 @@ def error(numbers, angles, flank: Flank):
     return model_of(moved, tilt=tilt).transmission_error(angles, flank)
 
 
-error_of = jax.jit(error, static_argnames="flank")
-jacobian_of = jax.jit(jax.jacfwd(error), static_argnames="flank")
+error_of = jax.jit(error, **fast_to_compile(), static_argnames="flank")
+jacobian_of = jax.jit(jax.jacfwd(error), **fast_to_compile(), static_argnames="flank")
 
 
 def slopes_of(angles, flank: Flank = "A", **changed: float):

@@ -33,7 +33,7 @@ TEETH = {
     "crowned": tooth(recession=(crowned(0.05, 0.03), crowned(0.02, 0.01))),
     "wave": tooth(recession=(wave, wave)),
     "shifted in": tooth(30, profile_shift_mm=-0.6),
-    "shifted out": tooth(20, profile_shift_mm=1.0),
+    "shifted out": tooth(30, profile_shift_mm=1.0),
     "sharp cutter": tooth(fillet_radius_mm=0.0),
     "arc centre above the pitch line": tooth(profile_shift_mm=2.4),
 }

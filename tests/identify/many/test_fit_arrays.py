@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -13,6 +14,7 @@ from scipy.interpolate import CubicHermiteSpline
 from scipy.signal import lfilter
 
 import vttig_jax
+from benchmarks.compiler import fast_to_compile
 from vttig_jax.identify import (
     ArrayFit,
     BatchModel,
@@ -62,7 +64,7 @@ def program(batch) -> Callable[[LogArrays], ArrayFit]:
         out_specs=logs,
         check_vma=False,
     )
-    return jax.jit(spread)
+    return jax.jit(spread, **fast_to_compile())
 
 
 @pytest.fixture(scope="module")
@@ -138,7 +140,7 @@ def test_derivatives_are_those_of_differences_at_two_steps(batch, found):
     std = np.sqrt(np.diag(found.covariance[0]))
     log = log._replace(length=log.length - 40)
 
-    @jax.jit
+    @partial(jax.jit, **fast_to_compile())
     @jax.value_and_grad
     def total(driven):
         """A sum of parameters, variances and the noise; `driven` is also behind the log."""

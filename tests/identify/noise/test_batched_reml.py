@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
+from benchmarks.compiler import fast_to_compile
 from vttig_jax.base.numerics.partial_autocorrelation import filter_of
 from vttig_jax.identify.compress.row_products import (
     conditioned,
@@ -78,7 +79,9 @@ def test_rows_of_zeros_behind_a_run_change_nothing():
     long[:, 0, :120] = short[:, 0]
     one, two = summed(short, [[120]]), summed(long, [[120, 0]])
     np.testing.assert_allclose(one.lag_products, two.lag_products, atol=1e-12)
-    estimated = jax.jit(lambda p: estimated_noise(p, jnp.asarray(LAGS), jnp.asarray(1e-12)))
+    estimated = jax.jit(
+        lambda p: estimated_noise(p, jnp.asarray(LAGS), jnp.asarray(1e-12)), **fast_to_compile()
+    )
     noise = [estimated(products) for products in (one, two)]
     np.testing.assert_allclose(noise[0].partial, noise[1].partial, atol=1e-9)
     assert noise[0].order == 1

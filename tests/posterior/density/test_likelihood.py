@@ -13,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import block_diag
 
+from benchmarks.compiler import fast_to_compile
 from tests.identify.summaries import TERMS, columns, summary_of
 from tests.oracles.stationary_noise import covariance, path
 from vttig_jax.base.numerics.partial_autocorrelation import filter_of
@@ -255,8 +256,8 @@ def test_gradient_and_hessian_are_finite_and_those_of_differences():
         return likelihood(point[: len(own)], point[len(own) + 1 :], point[len(own)])
 
     zero = np.zeros(len(centre))
-    slope = jax.jit(jax.grad(density))
-    gradient, hessian = slope(zero), jax.jit(jax.hessian(density))(zero)
+    slope = jax.jit(jax.grad(density), **fast_to_compile())
+    gradient, hessian = slope(zero), jax.jit(jax.hessian(density), **fast_to_compile())(zero)
     assert np.isfinite(gradient).all() and np.isfinite(hessian).all()
     steps = 0.1 * np.eye(len(centre))
     ahead, back = (np.array([float(density(s * step)) for step in steps]) for s in (1, -1))
