@@ -1,17 +1,23 @@
 """The line round a whole tooth: its pieces, their order, and that teeth join to a gear."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
 from tests.geometry.surface_teeth import between, crowned, tooth, wave
 from vttig_jax.geometry.tooth.rack_cutter import SIDES
 from vttig_jax.geometry.tooth.roll_limits import fillet_span, flank_span
-from vttig_jax.geometry.tooth.section_outline import tooth_section
+from vttig_jax.geometry.tooth.section_outline import ToothSection, tooth_section
 from vttig_jax.geometry.tooth.surface import PARTS, tooth_surface
 
 GEAR = tooth(20, recession=(crowned(0.02, 0.03), wave), profile_shift_mm=0.3)
 HEIGHTS = np.array([-1.0, 0.0, 10.0])
-FOUND = tooth_section(GEAR, HEIGHTS, intervals=40)
+
+
+@cache
+def section() -> ToothSection:
+    return tooth_section(GEAR, HEIGHTS, intervals=40)
 
 
 def turned(points, angle):
@@ -27,25 +33,25 @@ def area(points):
 
 
 def test_pieces_are_in_order_and_share_their_ends():
-    assert FOUND.points.shape == (3, 8 * 40 + 1, 3)
-    assert [side for side, _ in FOUND.pieces] == ["right"] * 4 + ["left"] * 4
-    assert [part for _, part in FOUND.pieces] == [*PARTS, *reversed(PARTS)]
-    for one, two in zip(FOUND.pieces, FOUND.pieces[1:], strict=False):
-        np.testing.assert_array_equal(FOUND.piece(*one)[:, -1], FOUND.piece(*two)[:, 0])
-    assert len(FOUND.labels) == 320
-    assert FOUND.labels[0] == "right root" and FOUND.labels[319] == "left root"
-    assert FOUND.labels[45] == "right fillet"
+    assert section().points.shape == (3, 8 * 40 + 1, 3)
+    assert [side for side, _ in section().pieces] == ["right"] * 4 + ["left"] * 4
+    assert [part for _, part in section().pieces] == [*PARTS, *reversed(PARTS)]
+    for one, two in zip(section().pieces, section().pieces[1:], strict=False):
+        np.testing.assert_array_equal(section().piece(*one)[:, -1], section().piece(*two)[:, 0])
+    assert len(section().labels) == 320
+    assert section().labels[0] == "right root" and section().labels[319] == "left root"
+    assert section().labels[45] == "right fillet"
 
 
 def test_pieces_are_those_of_the_surface():
     for side in SIDES:
-        flank = FOUND.piece(side, "flank")[1]
+        flank = section().piece(side, "flank")[1]
         rolls = between(flank_span(GEAR, side), 41)
         wanted = np.asarray(tooth_surface(GEAR, rolls, 0.0, side=side))
         np.testing.assert_allclose(
             flank if side == "right" else flank[::-1], wanted, rtol=0, atol=1e-13
         )
-        ends = FOUND.piece(side, "fillet")[1, [0, -1]]
+        ends = section().piece(side, "fillet")[1, [0, -1]]
         wanted = tooth_surface(GEAR, fillet_span(GEAR, side), 0.0, side=side, part="fillet")
         np.testing.assert_allclose(
             ends if side == "right" else ends[::-1], wanted, rtol=0, atol=1e-13
@@ -56,9 +62,9 @@ def test_teeth_join_to_a_closed_gear():
     """Counter-clockwise, with an area between that of the root and that of the tip circle."""
     pitch = 2 * np.pi / 20
     np.testing.assert_allclose(
-        turned(FOUND.points[:, 0], pitch), FOUND.points[:, -1], rtol=0, atol=1e-13
+        turned(section().points[:, 0], pitch), section().points[:, -1], rtol=0, atol=1e-13
     )
-    whole = np.concatenate([turned(FOUND.points[:, :-1], k * pitch) for k in range(20)], axis=1)
+    whole = np.concatenate([turned(section().points[:, :-1], k * pitch) for k in range(20)], axis=1)
     inner, outer = (np.pi * float(r) ** 2 for r in (GEAR.root_radius, GEAR.tip_radius))
     assert np.all((inner < area(whole)) & (area(whole) < outer))
     assert np.all(area(whole[:, ::-1]) < 0)
@@ -67,7 +73,7 @@ def test_teeth_join_to_a_closed_gear():
 
 def test_sound_teeth_do_not_fold():
     """Every step leads on: no piece runs back over the one before."""
-    steps = np.diff(np.asarray(FOUND.points), axis=1)[..., :2]
+    steps = np.diff(np.asarray(section().points), axis=1)[..., :2]
     lengths = np.linalg.norm(steps, axis=-1)
     assert lengths.min() > 1e-4
     turns = np.sum(steps[:, 1:] * steps[:, :-1], axis=-1) / (lengths[:, 1:] * lengths[:, :-1])
@@ -82,14 +88,14 @@ def test_a_pointed_tooth_runs_back_over_its_tip():
         0, :, 0
     ]
     assert x[0] < x[-1]
-    sound = np.asarray(FOUND.piece("right", "tip"))[0, :, 0]
+    sound = np.asarray(section().piece("right", "tip"))[0, :, 0]
     assert sound[0] > sound[-1]
 
 
 def test_one_section_and_wrong_numbers():
     assert tooth_section(GEAR, 0.0, intervals=1).points.shape == (9, 3)
     np.testing.assert_allclose(
-        tooth_section(GEAR, 0.0, intervals=40).points, FOUND.points[1], rtol=0, atol=1e-13
+        tooth_section(GEAR, 0.0, intervals=40).points, section().points[1], rtol=0, atol=1e-13
     )
     with pytest.raises(ValueError, match="`intervals` must be 1 or more, but is 0"):
         tooth_section(GEAR, 0.0, intervals=0)

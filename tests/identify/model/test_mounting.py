@@ -1,6 +1,6 @@
 """Where the driven encoder reads zero is nobody's business but that of the driven phase."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import msgspec
 import numpy as np
@@ -31,16 +31,18 @@ SAME = 2e-9
 """Of mm and degrees; phases of encoder and gear together are known a thousand times worse."""
 
 
-@dataclass(frozen=True)
 class Bench:
     """A short run of five turns, its driven encoder mounted at any angle."""
 
-    rig = quick_rig(3)
-    log = rig.log(3)
-    spec = pair_spec(rig.pair)
-    pair = pair_from_spec(
-        msgspec.structs.replace(spec, log=msgspec.structs.replace(spec.log, zero="reading"))
-    )
+    def __init__(self) -> None:
+        self.rig = quick_rig(3)
+        self.log = self.rig.log(3)
+        self.spec = pair_spec(self.rig.pair)
+        self.pair = pair_from_spec(
+            msgspec.structs.replace(
+                self.spec, log=msgspec.structs.replace(self.spec.log, zero="reading")
+            )
+        )
 
     def fitted(self, flanks: str, counts: int, **options) -> Fit:
         assert self.log.driven is not None
