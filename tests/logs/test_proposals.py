@@ -92,3 +92,22 @@ def test_a_constant_column_is_told_in_the_table_and_where_columns_are_listed(see
     )
     (moves,) = [line for line in str(report).splitlines() if line.strip().startswith("p [deg]")]
     assert "constant" not in moves
+
+
+def test_two_columns_of_one_named_role_are_no_pair(seen):
+    """The axes of a robot: two motors that move together are not the shafts of one drive."""
+    head = "t [s],mot1 [deg],mot2 [deg],q1 [deg],q2 [deg]"
+    noisy = 1.02 * X + 30 * np.sin(T)
+    other = noisy + np.sin(3 * T)
+    found = [
+        one.condition.split(":")[0] for one in seen(head, T, X, noisy, X / 10, other).proposals
+    ]
+    best = {"`mot1 [deg]` drives `q1 [deg]`", "`mot2 [deg]` drives `q2 [deg]`"}
+    assert set(found[:2]) == best
+    assert not [one for one in found if one.count("mot") == 2 or one.endswith("`mot1 [deg]`")]
+
+
+def test_a_log_of_the_transmission_error_has_no_ratio_to_propose(seen):
+    report = seen("time_s,driving_deg,transmission_error_arcsec", T, X, np.sin(X))
+    assert "this log shows no ratio" in " ".join(str(report).split())
+    assert "answer these questions" not in str(report)

@@ -51,6 +51,10 @@ MOST_COLUMNS = 30
 MOST_PROPOSED = 4
 """Largest number of proposed commands in the text of a preview (chosen)."""
 
+_NO_RATIO = (
+    "this log shows no ratio: with --ratio A:B (driving turns to driven turns), `vttig inspect`"
+    " prints the command for a fit"
+)
 _ANSWER = (
     "the command for a fit is printed here once options of `vttig inspect` answer these questions"
 )
@@ -173,7 +177,7 @@ def preview_log(
         elif questions and not request.names_a_drive:
             proposed = proposals(search, path, **keywords)
         if not command and not proposed:
-            hints.append(_ANSWER)
+            hints.append(_ANSWER if questions else _NO_RATIO)
     return Preview(
         source=str(path),
         sha256=digest,

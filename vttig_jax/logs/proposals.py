@@ -20,6 +20,10 @@ from .recognition.recognise import Search
 from .recognition.request import SHAFTS, DriveRequest, in_words
 from .recognition.shafts import APART, MOST_ROWS, is_copy, turns_of
 
+_EQUAL = 1e-6
+"""Least relative deviation of a ratio from 1 for two shafts that follow each other exactly, as in a
+simulation; at a smaller one the columns are one reading in two units (chosen)."""
+
 _MOST_COLUMNS = 8
 """Among more columns that can be a shaft no pairs are compared, only listed (chosen)."""
 
@@ -52,13 +56,17 @@ def proposals(
 
     `search` is a finished search without a ratio; `decimal` and `sample_rate_hz` as in
     `fit_command`. A command that would end in another question, for example for the time, is left
-    out. The reading with the faster driving shaft comes first.
+    out. One reading in two units is no pair, unless there is no other. Pairs of which a name tells
+    a shaft come first, then those whose ratio is known best; of the two readings of a pair, the one
+    with the faster driving shaft.
     """
-    found: list[Proposal] = []
+    found: list[tuple[tuple[bool, float], list[Proposal]]] = []
+    copies: list[Proposal] = []
     keywords = {"decimal": decimal, "sample_rate_hz": sample_rate_hz}
     for pair in _pairs(search):
         slopes = [(_slope(search, *order), order) for order in (pair, pair[::-1])]
-        known = [(seen, order) for seen, order in slopes if seen is not None]
+        known = [(seen, order) for seen, order in slopes if seen is not None and _fit(*order)]
+        commands: list[Proposal] = []
         for seen, (driving, driven) in sorted(known, key=lambda one: abs(one[0][0])):
             request = with_ratio(search.request, seen)
             chosen = {"driving": driving, "driven": driven}
@@ -66,8 +74,20 @@ def proposals(
                 continue
             drives = f"`{driving.name}` drives `{driven.name}`"
             command = fit_command(path, request, names, **keywords)
-            found.append(Proposal(f"{drives}: {in_words(request.speed_ratio)}", command))
-    return tuple(found)
+            commands.append(Proposal(f"{drives}: {in_words(request.speed_ratio)}", command))
+        if is_copy(*pair) and all(abs(abs(seen[0]) - 1) < _EQUAL for seen, _ in known):
+            copies += commands
+            continue
+        unnamed = not any(one.reading.role for one in pair)
+        share = min((std / abs(value) for (value, std), _ in known), default=0.0)
+        found.append(((unnamed, share), commands))
+    ordered = [one for _, own in sorted(found, key=lambda one: one[0]) for one in own]
+    return tuple(ordered or copies)
+
+
+def _fit(driving: Candidate, driven: Candidate) -> bool:
+    """Return whether the names of two columns allow these roles."""
+    return driving.reading.role != "driven" and driven.reading.role != "driving"
 
 
 def _complete(
@@ -96,9 +116,7 @@ def _pairs(search: Search) -> list[tuple[Candidate, Candidate]]:
         return []
     if len(fixed) == 1:
         return [(fixed[0], one) for one in free] if fixed[0].turns else []
-    pairs = list(combinations(free, 2))
-    apart = [(one, other) for one, other in pairs if not is_copy(one, other)]
-    return apart or pairs
+    return list(combinations(free, 2))
 
 
 def _slope(search: Search, first: Candidate, second: Candidate) -> tuple[float, float] | None:

@@ -13,7 +13,7 @@ pytestmark = pytest.mark.smoke
 
 TIME = np.arange(6000) / 100.0
 STEADY = 360.0 * TIME
-BOTH_WAYS = 2700.0 * np.sin(0.19 * TIME) + 400.0 * np.sin(0.53 * TIME)
+BOTH_WAYS = 9000.0 * np.sin(0.19 * TIME) + 1200.0 * np.sin(0.53 * TIME)
 
 
 def log(given: str, true: float, driving=STEADY, *, delay_s=0.0, drift=0.0, seed=0):

@@ -263,7 +263,8 @@ def seen_ratio(log: EncoderLog) -> SeenRatio:
     gains = slope_gains(log)
     found = replace(found, cause=gains.cause)
     better = found.better
-    teeth = better is not None and not rounds_to(log.ratio, better) and gains.may_be_ratio
+    certain = gains.may_be_ratio and tolerance == TOLERANCE  # a first order resembles few turns
+    teeth = certain and better is not None and not rounds_to(log.ratio, better)
     return replace(found, verdict="differs") if teeth else found
 
 
