@@ -34,13 +34,13 @@ def as_column(name: str, values: ArrayLike, size: int | None) -> Real[np.ndarray
 
     **Raises** `ValueError` naming the argument.
     """
-    column = np.array(values)
+    column = np.asarray(values)
     if column.ndim != 1 or (size is not None and len(column) != size):
         wanted = "one-dimensional" if size is None else f"of shape ({size},)"
         raise ValueError(f"Argument `{name}` must be {wanted}, but has shape {column.shape}.")
     if column.dtype.kind not in "iuf":
         raise ValueError(f"Argument `{name}` must hold numbers, but holds {column.dtype}.")
-    return column.astype(np.int64) if column.dtype.kind in "iu" else column.astype(np.float64)
+    return column.astype(np.int64 if column.dtype.kind in "iu" else np.float64)
 
 
 def check_arguments(
@@ -226,6 +226,11 @@ class EncoderLog:
         return error
 
     @cached_property
+    def interval_s(self) -> float:
+        """Median time between two samples, s."""
+        return float(np.median(np.diff(self.time)))
+
+    @cached_property
     def driving_speed(self) -> Speed:
         """Smoothed speed of the driving shaft, from its angle with spikes."""
         return smooth_speed(self.time, self.driving_angle, self.driving.resolution)
@@ -314,7 +319,7 @@ class EncoderLog:
         units = (unit, unit) if isinstance(unit, str) else unit
         given = driven is not None, transmission_error is not None
         check_arguments(*given, units, transmission_error_unit)
-        time = as_column("time_s", time_s, None).astype(np.float64)
+        time = as_column("time_s", time_s, None).astype(np.float64, copy=False)
 
         def column(name: str, values: ArrayLike | None, size: float = 1.0):
             return None if values is None else size * as_column(name, values, len(time))

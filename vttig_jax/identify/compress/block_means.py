@@ -8,7 +8,7 @@ samples have weights with the mean s in a block, the row of this block is its we
 √s.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator
 
 import jax
 import jax.numpy as jnp
@@ -50,7 +50,7 @@ def block_rows(
     size: int,
     driving_angle: Samples,
     driven_angle: Samples,
-    own: Sequence[Samples] | Float[np.ndarray, "own n"],
+    own: Iterable[Samples] | Float[np.ndarray, "own n"],
     error: Samples,
     weight: Samples | None = None,
 ) -> Float[np.ndarray, "blocks columns"]:

@@ -153,14 +153,13 @@ def log_rows(
         driving, driven = channels.driving[part], channels.driven[part]
         error = channels.error[segment.flank][part]
         present = channels.own_on(segment.flank)
-        own = [values[part] for values in present.values()]
         weight = None if channels.weight is None else channels.weight[part]
         rows = block_rows(
             columns,
             size=size,
             driving_angle=driving,
             driven_angle=driven,
-            own=own,
+            own=(values[part] for values in present.values()),
             error=error,
             weight=weight,
         )

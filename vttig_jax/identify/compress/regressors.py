@@ -216,7 +216,7 @@ def read_channels(
         own=own,
         delay_s=delay_s,
         weight=weight,
-        sample_s=float(np.median(np.diff(log.time))),
+        sample_s=log.interval_s,
         pull=pull,
         level=level,
         drift=drift,
@@ -357,7 +357,7 @@ def _torque_columns(log: EncoderLog) -> dict[str, Column]:
     from scipy.ndimage import uniform_filter1d  # slow to import, and needed with a torque only
 
     columns: dict[str, Column] = {}
-    interval, duration = np.median(np.diff(log.time)), np.ptp(log.time)
+    interval, duration = log.interval_s, np.ptp(log.time)
     for number, window_s in enumerate(TORQUE_WINDOWS_S):
         samples = nearest_whole(window_s / interval)
         if window_s == 0 or (samples >= 3 and window_s <= duration / 20):

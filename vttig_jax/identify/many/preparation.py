@@ -120,7 +120,7 @@ def prepare(
     delay_s = 0.0 if isinstance(settings.delay, str) else settings.delay
     driving = log.driving.steady_angle(log.time)
     size = samples_per_row(driving, segments, scope.terms)
-    interval = float(np.median(np.diff(log.time)))
+    interval = log.interval_s
     kept = [trim(segment, delay_s, interval) for segment in segments]
     arrays = arrays_of(log, kept, size, delay_s)
     return PreparedLog(arrays, scope, shape_of(arrays))

@@ -2,8 +2,6 @@
 
 from collections.abc import Sequence
 
-import numpy as np
-
 from ..noise.noise_model import whiten
 from ..settings import FitSettings
 from .delay import TOLD, Delay
@@ -40,7 +38,7 @@ def delay_bound_s(inputs: Sequence[Input], settings: FitSettings) -> float:
     """
     if settings.delay_within_ms is not None:
         return 1e-3 * settings.delay_within_ms
-    return max(float(np.median(np.diff(one.log.time))) for one in inputs)
+    return max(one.log.interval_s for one in inputs)
 
 
 def is_told_on_one_flank(plain: LinearFit) -> bool:

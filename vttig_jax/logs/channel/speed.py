@@ -6,7 +6,8 @@ from itertools import pairwise
 import numpy as np
 from jaxtyping import Bool, Float, Shaped
 
-from .spikes import spikes, without_spikes
+from ...base.numerics.counting import pieces
+from .spikes import bends, robust_deviation, spikes, without_spikes
 
 TRAVEL = 199.9
 """Travel, in quanta (encoder steps), of one speed difference at top speed; a quantum is then 0.5 %
@@ -69,10 +70,12 @@ def smooth_speed(
             fine_half = half_window(fine_quantum, fine_top)
         if _FINER * fine_half <= half:
             quantum, top, half = fine_quantum, fine_top, fine_half
-    low = np.maximum(np.arange(count) - half, 0)
-    high = np.minimum(np.arange(count) + half, count - 1)
-    elapsed = np.maximum(time[high] - time[low], 1e-3 * interval)
-    value = (angle[high] - angle[low]) / elapsed
+    value = np.empty(count)
+    for part in pieces(count):
+        place = np.arange(part.start, part.stop)
+        low, high = np.maximum(place - half, 0), np.minimum(place + half, count - 1)
+        elapsed = np.maximum(time[high] - time[low], 1e-3 * interval)
+        value[part] = (angle[high] - angle[low]) / elapsed
     dwell = max(DWELL * top, STILL * quantum / (2 * half * interval))
     return Speed(value, 2 * half, quantum, float(dwell))
 
@@ -85,8 +88,10 @@ def _top_speed(
     If the shaft stands still for most of the log, it is the largest speed. `interval` is the least
     time that counts, s.
     """
-    speed = np.abs(angle[lag:] - angle[:-lag]) / np.maximum(time[lag:] - time[:-lag], interval)
-    return float(np.quantile(speed, 0.95)) or float(speed.max())
+    speed = angle[lag:] - angle[:-lag]
+    np.abs(speed, out=speed)
+    speed /= np.maximum(time[lag:] - time[:-lag], interval)
+    return float(np.quantile(speed, 0.95, overwrite_input=True)) or float(speed.max())
 
 
 def runs(state: Shaped[np.ndarray, " n"], cut: Bool[np.ndarray, " n"]) -> list[tuple[int, int]]:
@@ -101,10 +106,7 @@ def _noise(time: Float[np.ndarray, " n"], angle: Float[np.ndarray, " n"]) -> flo
 
     It comes from the deviation of each sample from the line between its two neighbours.
     """
-    span = time[2:] - time[:-2]
-    weight = np.divide(time[1:-1] - time[:-2], span, out=np.full_like(span, 0.5), where=span > 0)
-    bend = angle[1:-1] - angle[:-2] - weight * (angle[2:] - angle[:-2])
-    return _spread(bend) / np.sqrt(1.5)
+    return robust_deviation(bends(angle, time)[1:-1]) / np.sqrt(1.5)
 
 
 def _noise_of_cubic(time: Float[np.ndarray, " n"], angle: Float[np.ndarray, " n"]) -> float:
@@ -126,9 +128,4 @@ def _noise_of_cubic(time: Float[np.ndarray, " n"], angle: Float[np.ndarray, " n"
         rest -= share * angle[places + own]
         square += share**2
     known = np.isfinite(rest)
-    return _spread((rest / np.sqrt(square))[known]) if known.any() else 0.0
-
-
-def _spread(values: Float[np.ndarray, " n"]) -> float:
-    """Return the median deviation from the median, scaled to a normal standard deviation."""
-    return float(np.median(np.abs(values - np.median(values)))) / 0.6745
+    return robust_deviation((rest / np.sqrt(square))[known]) if known.any() else 0.0

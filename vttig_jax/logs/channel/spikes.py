@@ -9,6 +9,8 @@ readings may be wrong, even all on the same side. All limits below are chosen va
 import numpy as np
 from jaxtyping import Bool, Float, Int, Real
 
+from ...base.numerics.counting import pieces
+
 HALF = 5
 """Number of samples on either side that define the local line."""
 
@@ -84,10 +86,10 @@ def _detect(
     """Return the mask of the spikes that one pass detects."""
     count = len(angle)
     mask = np.zeros(count, bool)
-    bend = _bend(angle, time)
-    if np.abs(bend).max() <= 0.5 * QUANTA * quantum:
+    bend = bends(angle, time)
+    if max(bend.max(), -bend.min()) <= 0.5 * QUANTA * quantum:
         return mask
-    floor = QUANTA * quantum + DEVIATIONS * _robust_deviation(bend) / np.sqrt(1.5)
+    floor = QUANTA * quantum + DEVIATIONS * robust_deviation(bend) / np.sqrt(1.5)
     # The bend at a spike is its deviation, or half of it beside another spike.
     rough = np.flatnonzero(np.abs(bend) > 0.5 * floor)
     if len(rough) == 0:
@@ -142,20 +144,28 @@ def without_spikes(
     return cleaned
 
 
-def _bend(angle: Float[np.ndarray, " n"], time: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+def bends(angle: Float[np.ndarray, " n"], time: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
     """Return the deviation of each sample from the line through its two neighbours.
 
     The first and the last sample get the deviation of the sample next to them.
     """
-    span = time[2:] - time[:-2]
-    weight = np.divide(time[1:-1] - time[:-2], span, out=np.full_like(span, 0.5), where=span > 0)
-    inner = angle[1:-1] - angle[:-2] - weight * (angle[2:] - angle[:-2])
-    return np.pad(inner, 1, mode="edge")
+    bend = np.empty(len(angle))
+    for part in pieces(len(angle) - 2):
+        around = slice(part.start, part.stop + 2)
+        seconds, value = time[around], angle[around]
+        span = seconds[2:] - seconds[:-2]
+        share = np.full_like(span, 0.5)
+        np.divide(seconds[1:-1] - seconds[:-2], span, out=share, where=span > 0)
+        inner = value[1:-1] - value[:-2] - share * (value[2:] - value[:-2])
+        bend[part.start + 1 : part.stop + 1] = inner
+    bend[0], bend[-1] = bend[1], bend[-2]
+    return bend
 
 
-def _robust_deviation(values: Float[np.ndarray, " n"]) -> float:
+def robust_deviation(values: Float[np.ndarray, " n"]) -> float:
     """Return the standard deviation estimated from the median absolute deviation."""
-    return float(np.median(np.abs(values - np.median(values)))) / 0.6745
+    off = values - np.median(values)
+    return float(np.median(np.abs(off, out=off), overwrite_input=True)) / 0.6745
 
 
 def _slopes(

@@ -6,6 +6,8 @@ All limits below are chosen.
 import numpy as np
 from jaxtyping import Bool, Float, Int, Real
 
+from ...base.numerics.counting import pieces
+
 SHORTEST = 4
 """Least number of equal successive readings of a stall."""
 
@@ -89,14 +91,28 @@ def repeats(readings: Real[np.ndarray, " n"], quantum: float) -> int:
     span = 2 * MARGIN
     if len(readings) <= 2 * span:
         return 1
-    travel = np.abs(readings[span:] - readings[:-span]).astype(np.float64)
+    travel = readings[span:] - readings[:-span]
+    np.abs(travel, out=travel)
     fast = travel > max(QUANTA / 3 * quantum * span, 0.1 * float(travel.max()))
     moving = np.zeros(len(readings), bool)
     moving[span // 2 : -span // 2] = fast
-    change = np.flatnonzero(np.diff(readings)) + 1
-    spacing = np.diff(change)[moving[change[:-1]] & moving[change[1:]]]
+    spacing = _spacing(readings, moving)
     if len(spacing) < span:
         return 1
     usual = int(np.median(spacing))
     regular = np.count_nonzero(spacing == usual) >= REGULAR * len(spacing)
     return usual if usual > 1 and regular else 1
+
+
+def _spacing(
+    readings: Real[np.ndarray, " n"], moving: Bool[np.ndarray, " n"]
+) -> Int[np.ndarray, " m"]:
+    """Return the number of samples from each change of the reading to the next, in motion."""
+    found, last = [np.zeros(0, np.int32)], np.zeros(0, np.int64)
+    for part in pieces(len(readings) - 1):
+        change = np.flatnonzero(np.diff(readings[part.start : part.stop + 1])) + part.start + 1
+        change = np.append(last, change)
+        both = moving[change[:-1]] & moving[change[1:]]
+        found.append(np.diff(change)[both].astype(np.int32))
+        last = change[-1:]
+    return np.concatenate(found)

@@ -37,16 +37,18 @@ def refuse_stuck(
     - `driving`, `driven`: the channels. `ratio`: driven over driving speed. `time`: time in s.
     """
     size = abs(float(ratio))
-    first, second = size * driving.steady_angle(time), driven.steady_angle(time)
+    first, second = (driving.steady_angle(time), size), (driven.steady_angle(time), 1.0)
     quantum = max(driven.resolution, size * driving.resolution)
-    for role, angle, other in (("driven", second, first), ("driving", first, second)):
+    for role, one, other in (("driven", second, first), ("driving", first, second)):
         # The scale comes from the log, because a wrong ratio in the pair file is no standstill.
-        scale = min(1.0, float(np.ptp(angle)) / max(float(np.ptp(other)), 1e-300))
-        stretch = _stuck(angle, scale * other, max(FAR, QUANTA * quantum), 2 * quantum)
+        turn, span = (gain * float(np.ptp(angle)) for angle, gain in (one, other))
+        scale = min(1.0, turn / max(span, 1e-300))
+        moved = other[0], scale * other[1]
+        stretch = _stuck(one, moved, max(FAR, QUANTA * quantum), 2 * quantum)
         if stretch is None:
             continue
         start, stop = stretch
-        turned = float(np.ptp(other[start:stop])) / DEG / (1.0 if role == "driving" else size)
+        turned = float(np.ptp(other[0][start:stop])) / DEG
         moving = "driven" if role == "driving" else "driving"
         last = source.at(role, stop - 1).rpartition(": ")[2].partition(",")[0]
         raise LogError(
@@ -58,25 +60,27 @@ def refuse_stuck(
         )
 
 
-def _stuck(
-    angle: Float[np.ndarray, " n"], other: Float[np.ndarray, " n"], far: float, dither: float
-) -> tuple[int, int] | None:
-    """Return the first stretch [start, stop) where `other` moves and `angle` stands still, or None.
+Gained = tuple[Float[np.ndarray, " n"], float]
+"""Angle of a shaft in rad, and the factor that makes it an angle of the driven shaft."""
 
-    `other` must move by at least `far`; `angle` may move by `STILL` of that motion, or by `dither`.
-    All are in rad of the driven shaft.
+
+def _stuck(one: Gained, other: Gained, far: float, dither: float) -> tuple[int, int] | None:
+    """Return the first stretch [start, stop) where `other` moves and `one` stands still, or None.
+
+    `other` must move by at least `far`; `one` may move by `STILL` of that motion, or by `dither`.
+    Both are in rad of the driven shaft.
     """
-    length = SHORTEST
+    (angle, gain), length = one, SHORTEST
     while length <= len(angle):
         edges = np.arange(0, len(angle) - length + 1, length)
         spans = [
-            np.maximum.reduceat(shaft, edges) - np.minimum.reduceat(shaft, edges)
-            for shaft in (angle, other)
+            factor * (np.maximum.reduceat(shaft, edges) - np.minimum.reduceat(shaft, edges))
+            for shaft, factor in (one, other)
         ]
         stuck = (spans[1] >= far) & (spans[0] <= np.maximum(STILL * spans[1], dither))
         if stuck.any():
             row = int(edges[np.argmax(stuck)])
-            return _extent(angle, row, row + length, max(STILL * far, dither))
+            return _extent(angle, row, row + length, max(STILL * far, dither) / gain)
         length *= 4
     return None
 

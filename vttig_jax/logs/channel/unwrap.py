@@ -86,9 +86,10 @@ def stray_jump(
     median sampling interval, so that a pause of the log is not a jump. A shaft that moves only by
     isolated steps has no stray step.
     """
-    step = np.abs(steps_per_interval(reading, time))
+    step = steps_per_interval(reading, time)
     if len(step) < 5:
         return None
+    np.abs(step, out=step)
     padded = np.pad(step, 2, mode="edge")
     isolated = step > 8 * np.maximum(padded[:-4], padded[4:]) + 8 * quantum
     if not isolated.any():
@@ -107,10 +108,14 @@ def steps_per_interval(
 
     Steps over an interval shorter than the median are not scaled.
     """
-    interval = np.diff(time)
-    usual = np.median(interval)
-    weight = np.maximum(interval / usual, 1.0) if usual > 0 else 1.0
-    return np.diff(reading) / weight
+    weight = np.diff(time)
+    usual = np.median(weight)
+    if usual > 0:
+        weight /= usual
+        np.maximum(weight, 1.0, out=weight)
+    else:
+        weight[:] = 1.0
+    return np.divide(np.diff(reading), weight, out=weight)
 
 
 def _roughness(step: Real[np.ndarray, " steps"], at: Int[np.ndarray, " wraps"]) -> float:

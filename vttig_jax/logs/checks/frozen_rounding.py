@@ -109,7 +109,7 @@ def moves_by_whole_steps(readings: Real[np.ndarray, " n"], step: float = 1.0) ->
     # The parts between two steady parts are one change of speed. A steady part adds to no count.
     changes = np.union1d([0], np.flatnonzero(long & still))
     ramps, others, small = (
-        np.add.reduceat(part, changes, dtype=np.int64)
+        np.add.reduceat(part, changes, dtype=np.int32)
         for part in (long & ~still, ~long, ~long & little)
     )
     return not np.any(small[ramps == 0]) and bool(np.all(others <= ramps + 1))
@@ -199,7 +199,8 @@ def frozen_share(steps: Float[np.ndarray, " n"]) -> float:
     if len(steps) < _FEWEST or abs(steps[-1] - steps[0]) < _LEAST_STEPS * (len(steps) - 1):
         return 0.0
     place = np.linspace(-1.0, 1.0, len(steps))
-    centred = steps - steps.mean()
-    left = centred - place * (place @ centred) / (place @ place)
+    left = steps - steps.mean()
+    place *= (place @ left) / (place @ place)
+    left -= place
     share = 1 - 12 * float(left @ left) / (len(steps) - 2)
     return share if share > max(_LEAST_SHARE, 8 / len(steps)) else 0.0

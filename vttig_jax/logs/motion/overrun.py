@@ -78,7 +78,7 @@ def _half_interval(log: EncoderLog, speed: Speed) -> int:
     A speed difference gives the deceleration. The interval is so long that the quantisation of the
     deceleration is small. This is tested at evenly spaced samples.
     """
-    interval = float(np.median(np.diff(log.time)))
+    interval = log.interval_s
     quantum = speed.quantum / (speed.window * interval)
     rows = np.arange(0, len(log), -(-len(log) // _MOST_SAMPLES))
     half = max(speed.window // 2, 1)

@@ -50,7 +50,10 @@ def levels(speed: Float[np.ndarray, " n"], travel: Float[np.ndarray, " n"]) -> l
     **Arguments**
     - `speed`: magnitudes > 0 in rad/s. `travel`: travel in rad at each sample.
     """
-    index = np.floor(np.log(speed) / _BIN).astype(np.int64)
+    place = np.log(speed)
+    place /= _BIN
+    index = np.floor(place, out=place).astype(np.int32)
+    del place  # it is as long as the run
     index -= index.min()
     weight = np.bincount(index, travel) / travel.sum()
     width = round(2 * TOLERANCE / _BIN)
@@ -213,8 +216,7 @@ def find_segments(log: EncoderLog, crossing: float = AFTER_REVERSAL) -> Segments
     """
     time = log.time
     angle = log.driving.steady_angle(time)
-    interval = np.diff(time)
-    cut = np.concatenate([[True], interval > GAP * np.median(interval)])
+    cut = np.concatenate([[True], np.diff(time) > GAP * log.interval_s])
     speed = log.smooth_speed(angle)
     sense = _sense(speed, angle, cut)
     spans = runs(sense, cut)
@@ -286,21 +288,26 @@ def _certain(
         for start, stop in moving:
             certain[start:stop] = True
         return certain, 0
-    travel = np.abs(np.gradient(angle))
-    fast = np.abs(speed.value)
-    median = np.median(np.diff(log.time))
     ragged = 0
     for start, stop in moving:
-        run = fast[start:stop]
-        plateaus = levels(run, np.maximum(travel[start:stop], 1e-3 * travel[start:stop].mean()))
+        run = np.abs(speed.value[start:stop])
+        plateaus = levels(run, _travel(angle, start, stop))
         for level in plateaus:
-            unsteady = 3.0 * speed.quantum / (speed.window * median * level)
+            unsteady = 3.0 * speed.quantum / (speed.window * log.interval_s * level)
             for a, b in steady(run, level, max(TOLERANCE, unsteady), speed.window):
                 certain[start + a : start + b] = True
         if not plateaus:
             ragged += 1
             certain[start:stop] = run > RAGGED * run.max()
     return certain, ragged
+
+
+def _travel(angle: Float[np.ndarray, " n"], start: int, stop: int) -> Float[np.ndarray, " m"]:
+    """Return the travel at each sample of a run, rad, but at least 0.001 of its mean."""
+    around = slice(max(start - 1, 0), stop + 1)
+    travel = np.gradient(angle[around])[start - around.start :][: stop - start]
+    np.abs(travel, out=travel)
+    return np.maximum(travel, 1e-3 * travel.mean(), out=travel)
 
 
 def _flank(log: EncoderLog, sense: Int8[np.ndarray, " n"]) -> Int8[np.ndarray, " n"]:
