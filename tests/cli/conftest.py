@@ -21,9 +21,12 @@ def as_for_a_user(unchecked_module) -> None:
 
 @pytest.fixture(scope="session")
 def rig_folder(tmp_path_factory) -> Path:
-    """Folder with the pair file of the paper's rig, and a log of six turns forward and back."""
+    """Folder with the pair file of the paper's rig, and a log of eight turns forward and back.
+
+    On fewer turns, most of the time of a fit is the search for the orders that enter.
+    """
     folder = tmp_path_factory.mktemp("rig")
-    rig = paper_rig(1, PassMotion(reversal_deg=2160.0))
+    rig = paper_rig(1, PassMotion(speed_rpm=120.0, reversal_deg=2880.0))
     (folder / "log.csv").write_text(log_csv(rig.log(1)))
     (folder / "pair.toml").write_text(tomli_w.dumps(spec_table(pair_spec(rig.pair))))
     return folder
