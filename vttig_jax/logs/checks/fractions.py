@@ -91,27 +91,6 @@ def _decimal(value: float, std: float) -> str:
     return f"{value:.{max(places, 0)}f}"
 
 
-def rounds_to(given: Fraction, exact: Fraction) -> bool:
-    """Return whether `given`, or its inverse, is a decimal number that `exact` is rounded to.
-
-    **Example**
-    ```python
-    >>> from fractions import Fraction
-    >>> from vttig_jax.logs.checks.fractions import rounds_to
-    >>> rounds_to(Fraction("0.3594"), Fraction(23, 64)), rounds_to(Fraction("6.01"), Fraction(6))
-    (True, False)
-
-    ```
-    """
-    for decimal, value in ((given, exact), (1 / given, 1 / exact)):
-        for places in range(13):
-            if decimal.denominator == 1 or 10**places % decimal.denominator == 0:
-                if 2 * abs(value - decimal) <= Fraction(1, 10**places):
-                    return True
-                break
-    return False
-
-
 def better_fraction(given: Fraction, seen: float, std: float) -> Fraction | None:
     """Return a simple fraction that fits the log if the given ratio does not, else None.
 

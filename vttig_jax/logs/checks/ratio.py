@@ -25,7 +25,6 @@ from .fractions import (
     decimal_option,
     likely_fraction,
     ratio_option,
-    rounds_to,
     simple_fraction,
 )
 from .slope_cause import Cause, slope_gains
@@ -127,7 +126,7 @@ class SeenRatio:
             return f"a TE-curve log has no ratio to check; {given} is taken as given."
         seen = f"the log shows a ratio of {self.seen:.6g} ± {self.std:.1g}"
         if self.verdict == "agrees":
-            if self.better is None:
+            if self.better is None or self.cause in ("delay", "drift"):
                 return self._doubt(seen) if self.is_doubtful else f"{seen}, as given ({given})."
             fits = f"{self.better} fits, so write that if these are the teeth: {self._option}."
             biases = "which biases gap, delay and orders"
@@ -248,9 +247,8 @@ def _fraction_or_number(value: float, std: float) -> str:
 def seen_ratio(log: EncoderLog) -> SeenRatio:
     """Estimate the ratio of driven to driving speed by regression over the log, with a verdict.
 
-    A given ratio within the tolerance differs nevertheless if the log shows the ratio of other
-    whole numbers of teeth: such a fraction fits and the given ratio does not, rounding of a decimal
-    does not explain it, and neither a delay nor a drift explains the log better than another ratio.
+    A ratio within the tolerance that deviates by more than chance is not refused, because a belt
+    that creeps and a rounded decimal are good logs. The result then says what explains it best.
     """
     if log.driven is None:
         return SeenRatio(None, None, log.ratio, "none")
@@ -260,12 +258,7 @@ def seen_ratio(log: EncoderLog) -> SeenRatio:
     found = SeenRatio(seen, std, log.ratio, verdict, travel=float(np.ptp(log.driving_angle)))
     if not found.is_doubtful:
         return found
-    gains = slope_gains(log)
-    found = replace(found, cause=gains.cause)
-    better = found.better
-    certain = gains.may_be_ratio and tolerance == TOLERANCE  # a first order resembles few turns
-    teeth = certain and better is not None and not rounds_to(log.ratio, better)
-    return replace(found, verdict="differs") if teeth else found
+    return replace(found, cause=slope_gains(log).cause)
 
 
 def _tolerance(turns: float) -> float:
@@ -278,8 +271,7 @@ def check_ratio(log: EncoderLog) -> SeenRatio:
 
     A contradiction is a deviation of more than 5 standard errors that is also, by at least two
     standard errors, more than 0.5 % (up to 1 % if the driven shaft covers less than three turns).
-    Other whole numbers of teeth (see `seen_ratio`) and shafts that do not turn together are
-    contradictions too.
+    Shafts that do not turn together are a contradiction too.
     """
     ratio = seen_ratio(log)
     if log.driven is not None and ratio.seen is not None:

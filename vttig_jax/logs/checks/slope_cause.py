@@ -43,14 +43,6 @@ class SlopeGains:
         others = max(0.0, *(gain for name, gain in gains.items() if name != best))
         return best if gains[best] > others + CLEAR else "open"
 
-    @property
-    def may_be_ratio(self) -> bool:
-        """Whether another ratio is clearly better than noise, and no other one better than it.
-
-        In one direction at one speed a drift explains a log as well as another ratio.
-        """
-        return self.ratio > CLEAR and self.ratio > max(self.delay, self.drift) - CLEAR
-
 
 def slope_gains(log: EncoderLog) -> SlopeGains:
     """Compare the explanations of the slope of the transmission error of `log` by likelihood.
