@@ -72,11 +72,14 @@ def interrupted(out: Path, share: float, **options) -> None:
 
 
 def test_the_file_holds_the_columns_and_nothing_else_is_left(whole):
-    table = swept(whole.parent / "again")
-    stored = rows_of(whole)
-    assert list(stored) == list(table.columns)
-    for name, values in table.columns.items():
-        np.testing.assert_array_equal(stored[name], values)
+    stored, spec = rows_of(whole), sweep_spec(AXES, controller="none")
+    for table in (swept(whole.parent / "again"), vttig_jax.sweep(spec, PAIR)):
+        assert list(stored) == list(table.columns)
+        for name, values in table.columns.items():
+            np.testing.assert_array_equal(stored[name], values)
+    np.testing.assert_array_equal(stored["case"], np.arange(24))
+    turns = np.linspace(200.0, 350.0, 24)
+    np.testing.assert_allclose(stored["motion.reversal_deg"], turns, rtol=1e-12)
     assert {path.name for path in whole.iterdir()} == {TABLE, HEADER}
     schema = pq.read_schema(whole / TABLE)
     assert (
