@@ -149,6 +149,9 @@ IDLE = (
     Row("friction.driving_Nm", 0.1),
 )
 
+SERVO: Table = {**UNQUANTISED, **PI, "controller": "feedforward"}
+"""A servo and a controller that asks it for a jump: one program for the numbers of both."""
+
 # Cases whose values many at once and one alone must agree on. Not quantised: the rounding of the
 # two programs would show as a count.
 ALONE = (
@@ -156,8 +159,8 @@ ALONE = (
     Row("motion.dwell_s", 0.13, UNQUANTISED),
     Row("eccentricities.driven_mm", 0.026, UNQUANTISED),
     Row("judgement.margin_mm", 0.05, UNQUANTISED),
-    Row("servo.integral_gain_Nm", 10.0, {**UNQUANTISED, **PI}),
-    Row("judgement.jump_s", 0.01, {**UNQUANTISED, **PI, "controller": "feedforward"}),
+    Row("servo.integral_gain_Nm", 10.0, SERVO),
+    Row("judgement.jump_s", 0.01, SERVO),
     Row("actuator.force_limit_N", 0.2, {**UNQUANTISED, **PLAY, "actuator.force_limit_N": 0.01}),
 )
 
