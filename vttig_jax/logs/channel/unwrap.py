@@ -24,9 +24,12 @@ def wrap_steps(reading: Real[np.ndarray, " n"], modulus: int | float) -> Int[np.
     """
     step = np.diff(reading)
     if np.issubdtype(reading.dtype, np.integer):
-        modulus = int(modulus)
-        return -((step + modulus // 2) // modulus)
-    return -np.rint(step / modulus).astype(np.int64)
+        step = step.astype(np.int64, copy=False)
+        step += int(modulus) // 2
+        step //= int(modulus)
+        return np.negative(step, out=step)
+    step /= modulus
+    return -np.rint(step, out=step).astype(np.int64)
 
 
 def unwrap(reading: Real[np.ndarray, " n"], modulus: int | float) -> Real[np.ndarray, " n"]:
@@ -90,8 +93,12 @@ def stray_jump(
     if len(step) < 5:
         return None
     np.abs(step, out=step)
-    padded = np.pad(step, 2, mode="edge")
-    isolated = step > 8 * np.maximum(padded[:-4], padded[4:]) + 8 * quantum
+    limit = np.empty_like(step)  # from the steps two samples before and after
+    np.maximum(step[:-4], step[4:], out=limit[2:-2])
+    limit[:2], limit[-2:] = np.maximum(step[0], step[2:4]), np.maximum(step[-4:-2], step[-1])
+    limit *= 8
+    limit += 8 * quantum
+    isolated = step > limit
     if not isolated.any():
         return None
     others = step[~isolated]
