@@ -163,11 +163,19 @@ def test_block_sizes_up_to_a_power_of_two_share_one_compilation(monkeypatch):
     compiled = []
     blocks.chunk_sums.clear_cache()  # pyright: ignore[reportAttributeAccessIssue]
     for size in (5, 6, 7, 8, 9):
-        channels = _channels(Case(columns, size), 1001)
+        channels = _channels(Case(columns, size), 200 * size + 1)
         block_rows(columns, size, *channels)
         compiled.append(blocks.chunk_sums._cache_size())  # pyright: ignore[reportAttributeAccessIssue]
     assert compiled[0] == compiled[1] == compiled[2] == compiled[3]
     assert compiled[4] == compiled[3] + 1
+
+
+def test_chunks_of_short_runs_and_long_rows_are_small():
+    found = {
+        (size, n): blocks._rows_of_chunk(10, size, n) for size in (1, 900) for n in (9, 20_000)
+    }
+    assert found == {(1, 9): 128, (1, 20_000): 2048, (900, 9): 128, (900, 20_000): 512}
+    assert blocks._rows_of_chunk(1000, 1, 9) == 32  # many terms: so few rows stay in the cache
 
 
 @pytest.mark.parametrize(

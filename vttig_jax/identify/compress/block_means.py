@@ -26,7 +26,9 @@ Samples = Float[np.ndarray, " n"]
 _CHUNK_CELLS = 32_768
 """Largest number of terms times block rows of a chunk, so that its sums stay in the cache."""
 
-_MOST_ROWS = 2048  # block rows of a chunk; chosen value
+_MOST_ROWS, _FEWEST_ROWS = 2048, 128  # block rows of a chunk; chosen values
+
+_CHUNK_SAMPLES = 1 << 20  # samples of a chunk, rounded up to powers of two; chosen value
 
 _FEW_CELLS = 65_536
 """NumPy sums a run if its number of terms times samples is at most this. A compiled chunk of so few
@@ -71,7 +73,7 @@ def block_rows(
     own_columns = columns.own_slice
     harmonics = np.delete(np.arange(columns.width - 1), own_columns)
     orders = np.asarray(columns.free + columns.tied, np.float64).reshape(-1, 2)
-    per_chunk = max(1, min(_CHUNK_CELLS // max(len(orders), 1), _MOST_ROWS))
+    per_chunk = _rows_of_chunk(len(orders), size, blocks)
     channels = [driving_angle, driven_angle] + ([] if weight is None else [weight])
     if len(orders) * blocks * size <= _FEW_CELLS:
         tables = [channel[: blocks * size].reshape(blocks, size) for channel in channels]
@@ -95,6 +97,18 @@ def block_means(channel: Samples, size: int) -> Float[np.ndarray, " blocks"]:
     """Return the mean of every `size` samples, without an incomplete last block."""
     blocks = len(channel) // size
     return channel[: blocks * size].reshape(blocks, size).mean(axis=1)
+
+
+def _rows_of_chunk(orders: int, size: int, blocks: int) -> int:
+    """Return the number of block rows of a chunk of the compiled sums.
+
+    A chunk of a short run, and of rows of many samples, has a quarter of the usual rows, or a
+    quarter of that, so that padding takes neither time nor memory; few sizes are few compilations.
+    """
+    rows = max(1, min(_CHUNK_CELLS // max(orders, 1), _MOST_ROWS))
+    while rows >= 4 * _FEWEST_ROWS and (4 * blocks <= rows or rows * size > _CHUNK_SAMPLES):
+        rows //= 4
+    return rows
 
 
 def _chunks(

@@ -6,6 +6,9 @@ median slope of 21 samples and passes through the median of 11 samples, so that 
 readings may be wrong, even all on the same side. All limits below are chosen values.
 """
 
+from dataclasses import dataclass
+from typing import final
+
 import numpy as np
 from jaxtyping import Bool, Float, Int, Real
 
@@ -91,22 +94,26 @@ def _detect(
         return mask
     floor = QUANTA * quantum + DEVIATIONS * robust_deviation(bend) / np.sqrt(1.5)
     # The bend at a spike is its deviation, or half of it beside another spike.
-    rough = np.flatnonzero(np.abs(bend) > 0.5 * floor)
+    rough = np.flatnonzero(np.abs(bend, out=bend) > 0.5 * floor)
+    del bend  # it is as long as the log
     if len(rough) == 0:
         return mask
     near = np.zeros(count, bool)
     for shift in range(-HALF, HALF + 1):
         near[np.clip(rough + shift, 0, count - 1)] = True
-    slope = _slopes(angle, time)
+    slope = _Slope(angle, time, _least_run(time))
     deviation = np.zeros(count)
     rows = np.flatnonzero(near)
     for start in range(0, len(rows), _CHUNK):
         part = rows[start : start + _CHUNK]
         deviation[part] = _from_local_line(angle, time, slope, part)
-    size = np.abs(deviation)
+    size = np.abs(deviation, out=deviation)
     rows = np.flatnonzero(size > floor)
+    if len(rows) == 0:
+        return mask
+    interval = np.median(np.diff(time), overwrite_input=True)
     around = NEIGHBOUR_FACTOR * np.median(size[_window(rows, HALF, count)], axis=1)
-    moved_by = INTERVAL_SHARE * np.abs(slope[rows]) * np.median(np.diff(time))
+    moved_by = INTERVAL_SHARE * np.abs(slope.at(rows)) * interval
     rows = rows[size[rows] > np.maximum(around, moved_by)]
     # A sample at a change of motion lies on the line of one side; a spike lies off both.
     for side in (-1, 1):
@@ -168,19 +175,33 @@ def robust_deviation(values: Float[np.ndarray, " n"]) -> float:
     return float(np.median(np.abs(off, out=off), overwrite_input=True)) / 0.6745
 
 
-def _slopes(
-    angle: Float[np.ndarray, " n"], time: Float[np.ndarray, " n"]
-) -> Float[np.ndarray, " n"]:
-    """Return the local slope at each sample.
+@final
+@dataclass(frozen=True, eq=False)
+class _Slope:
+    """Local slope of `angle` over `time`; `least` is the least time that counts."""
 
-    It is the median, within ±`REACH` samples, of the slopes from `LAG` before to `LAG` after.
-    """
-    from scipy.ndimage import median_filter
+    angle: Float[np.ndarray, " n"]
+    time: Float[np.ndarray, " n"]
+    least: float
 
-    rise, run = angle[2 * LAG :] - angle[: -2 * LAG], time[2 * LAG :] - time[: -2 * LAG]
-    usual = np.median(run)
-    slopes = rise / np.maximum(run, 1e-3 * usual if usual > 0 else 1.0)
-    return np.pad(median_filter(slopes, 2 * REACH + 1, mode="mirror"), LAG, mode="edge")
+    def at(self, rows: Int[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
+        """Return the slope at the samples `rows`.
+
+        It is the median, within ±`REACH` samples, of the slopes from `LAG` before to `LAG` after.
+        At the ends of the log the slopes are mirrored.
+        """
+        last = len(self.angle) - 2 * LAG - 1
+        first = np.clip(rows - LAG, 0, last)[:, None] + np.arange(-REACH, REACH + 1)
+        first = last - np.abs(last - np.abs(first))
+        rise = self.angle[first + 2 * LAG] - self.angle[first]
+        run = self.time[first + 2 * LAG] - self.time[first]
+        return np.median(rise / np.maximum(run, self.least), axis=1)
+
+
+def _least_run(time: Float[np.ndarray, " n"]) -> float:
+    """Return the least time between the ends of a slope: 0.001 of the median time."""
+    usual = float(np.median(time[2 * LAG :] - time[: -2 * LAG], overwrite_input=True))
+    return 1e-3 * usual if usual > 0 else 1.0
 
 
 def _window(rows: Int[np.ndarray, " m"], half: int, count: int) -> Int[np.ndarray, "m w"]:
@@ -192,19 +213,19 @@ def _window(rows: Int[np.ndarray, " m"], half: int, count: int) -> Int[np.ndarra
 def _from_local_line(
     angle: Float[np.ndarray, " n"],
     time: Float[np.ndarray, " n"],
-    slope: Float[np.ndarray, " n"],
+    slope: _Slope,
     rows: Int[np.ndarray, " m"],
 ) -> Float[np.ndarray, " m"]:
     """Return the deviations of the samples `rows` from the local line through their neighbours."""
     near = _window(rows, HALF, len(angle))
-    ahead = angle[near] - slope[rows, None] * (time[near] - time[rows, None])
+    ahead = angle[near] - slope.at(rows)[:, None] * (time[near] - time[rows, None])
     return angle[rows] - np.median(ahead, axis=1)
 
 
 def _from_side_line(
     angle: Float[np.ndarray, " n"],
     time: Float[np.ndarray, " n"],
-    slope: Float[np.ndarray, " n"],
+    slope: _Slope,
     rows: Int[np.ndarray, " m"],
     side: int,
 ) -> Float[np.ndarray, " m"]:
@@ -216,6 +237,6 @@ def _from_side_line(
     near = rows[:, None] + side * np.arange(1, 2 * HALF)
     inside = (near[:, -1] >= 0) & (near[:, -1] < count)
     near = np.clip(near, 0, count - 1)
-    side_slope = slope[np.clip(rows + side * (REACH + 1), 0, count - 1)]
+    side_slope = slope.at(np.clip(rows + side * (REACH + 1), 0, count - 1))
     ahead = angle[near] - side_slope[:, None] * (time[near] - time[rows, None])
     return np.where(inside, angle[rows] - np.median(ahead, axis=1), np.inf)
