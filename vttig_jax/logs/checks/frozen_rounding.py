@@ -19,6 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int, Real
 
+from ...base.numerics.counting import pieces
 from ..channel.channel import Channel
 from ..channel.steps import are_multiples, common_step
 from ..encoder_log import EncoderLog
@@ -72,7 +73,7 @@ def frozen_rounding(log: EncoderLog, segments: Sequence[Segment]) -> FrozenRound
         if step == 0:
             continue
         runs = [channel.reading[one.start : one.stop] for one in segments]
-        shares = np.array([share_of((run - run[0]) / step) for run in runs])
+        shares = np.array([share_of(run, step) for run in runs])
         stds = gain * abs(channel.radians_per_unit) * step * np.sqrt(shares / 12)
         span = slice(min(one.start for one in segments), max(one.stop for one in segments))
         if not two_clocks and moves_by_whole_steps(channel.reading[span], step):
@@ -164,27 +165,27 @@ def _step(channel: Channel, other: Channel) -> float:
     return alike if are_multiples(channel.reading, alike) else 0.0
 
 
-def frozen_share_between_clocks(steps: Float[np.ndarray, " n"]) -> float:
+def frozen_share_between_clocks(readings: Real[np.ndarray, " n"], step: float = 1.0) -> float:
     """Return the share of the variance of a second rounding that is constant in a run.
 
     A program that interpolates whole counts to its own clock adds a part of the advance per sample
     and rounds a second time. At constant speed the advance is nearly equal in all samples, so that
     this rounding error is constant at any speed. It averages out if the advance changes by a step.
-    The readings do not show whether a program did this. `steps` are the interpolated readings in
-    units of the step.
+    The readings do not show whether a program did this. `readings` are interpolated readings with
+    the step `step`.
     """
-    if len(steps) < _FEWEST:
+    if len(readings) < _FEWEST:
         return 0.0
-    change = max(float(np.var(np.diff(steps))) - _OF_ROUNDING, 0.0)
+    change = max(float(np.var(np.diff(readings) / step)) - _OF_ROUNDING, 0.0)
     share = 1 - 12 * _PART**2 * change
     return share if share > _LEAST_SHARE else 0.0
 
 
-def frozen_share(steps: Float[np.ndarray, " n"]) -> float:
+def frozen_share(readings: Real[np.ndarray, " n"], step: float = 1.0) -> float:
     """Return the share of the rounding variance s²/12 that is constant in a run.
 
-    `steps` are the readings in units of the step s. For motion of about one step per sample the
-    share is 0, because the found step may be only the travel per sample.
+    `readings` are rounded to the step s = `step`. For motion of about one step per sample the share
+    is 0, because the found step may be only the travel per sample.
 
     **Example**
     ```python
@@ -196,11 +197,20 @@ def frozen_share(steps: Float[np.ndarray, " n"]) -> float:
 
     ```
     """
-    if len(steps) < _FEWEST or abs(steps[-1] - steps[0]) < _LEAST_STEPS * (len(steps) - 1):
+    count, first = len(readings), readings[0]
+    if count < _FEWEST or abs(readings[-1] - first) < _LEAST_STEPS * (count - 1) * step:
         return 0.0
-    place = np.linspace(-1.0, 1.0, len(steps))
-    left = steps - steps.mean()
-    place *= (place @ left) / (place @ place)
-    left -= place
-    share = 1 - 12 * float(left @ left) / (len(steps) - 2)
-    return share if share > max(_LEAST_SHARE, 8 / len(steps)) else 0.0
+    middle = float(np.mean(readings - first)) / step
+
+    def centred(part: slice) -> Float[np.ndarray, " m"]:
+        return (readings[part] - first) / step - middle
+
+    def place(part: slice) -> Float[np.ndarray, " m"]:
+        return np.arange(part.start, part.stop) * (2 / (count - 1)) - 1
+
+    parts = list(pieces(count))
+    squares = sum(float(place(part) @ place(part)) for part in parts)
+    slope = sum(float(place(part) @ centred(part)) for part in parts) / squares
+    scatter = sum(float(np.sum((centred(part) - slope * place(part)) ** 2)) for part in parts)
+    share = 1 - 12 * scatter / (count - 2)
+    return share if share > max(_LEAST_SHARE, 8 / count) else 0.0
