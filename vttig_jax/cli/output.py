@@ -6,7 +6,8 @@ instead of sending them to the terminal; `tests/cli/test_printing.py` forbids ot
 
 import logging
 import sys
-from contextlib import AbstractContextManager
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,6 +22,8 @@ from .words import explained
 
 if TYPE_CHECKING:
     from tqdm import tqdm
+
+    from ..posterior.sampling.progress import Progress
 
 
 @dataclass
@@ -169,3 +172,20 @@ class _LogLine(logging.Formatter):
 
     def formatException(self, ei: Any) -> str:
         return lines(super().formatException(ei))
+
+
+@contextmanager
+def sampling_bar(output: Output) -> Iterator["Callable[[Progress], None]"]:
+    """Show a progress bar over the steps, and yield the function that updates it.
+
+    If a stop rule ends the chains, the total of the bar is an estimate that changes.
+    """
+    with output.progress(1000, "sample") as bar:
+
+        def follow(progress: "Progress") -> None:
+            ahead = (progress.remaining_s or 0.0) * progress.steps_per_s
+            bar.total = progress.total or max(int(progress.steps + ahead), bar.total)
+            bar.update(progress.steps - bar.n)
+            bar.set_postfix_str(progress.diagnosis)
+
+        yield follow

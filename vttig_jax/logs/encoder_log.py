@@ -19,14 +19,9 @@ from ..pair.schema import PairSpec
 from .channel.channel import Channel, RawChannel, make_channel
 from .channel.speed import Speed, smooth_speed
 from .channel.stuck import refuse_stuck
-from .magnitudes import refuse_times, refuse_turns, refuse_values
+from .magnitudes import check_time, refuse_turns, refuse_values
 from .protocols import TwoShafts
 from .source import Source
-
-FEWEST_SAMPLES = 4
-PAUSE = 5.0
-"""Least number of samples of a log; intervals longer than `PAUSE` median intervals are pauses
-(chosen)."""
 
 
 def as_column(name: str, values: ArrayLike, size: int | None) -> Real[np.ndarray, " n"]:
@@ -83,38 +78,6 @@ def check_finite(raw: "RawLog") -> None:
     for role, column in columns.items():
         if column is not None:
             refuse_values(role, column, raw.source)
-
-
-def check_time(time: Float[np.ndarray, " n"], source: Source) -> list[str]:
-    """Return notes on the time stamps; raise `LogError` for too few or decreasing stamps."""
-    if len(time) < FEWEST_SAMPLES:
-        raise LogError(
-            f"the log has only {len(time)} samples; record at least {FEWEST_SAMPLES}.",
-            where=source.at("time"),
-        )
-    refuse_times(time, source)
-    interval = np.diff(time)
-    if np.any(interval < 0):
-        row = int(np.argmax(interval < 0)) + 1
-        raise LogError(
-            f"time runs backwards, from {time[row - 1]:.9g} s to {time[row]:.9g} s; sort the log"
-            " or cut it there.",
-            where=source.at("time", row),
-        )
-    repeated = int(np.count_nonzero(interval == 0))
-    if 2 * repeated > len(interval):
-        raise LogError(
-            f"{repeated} of {len(interval)} time steps are zero; write the time with more digits or"
-            " give --sample-rate.",
-            where=source.at("time"),
-        )
-    notes = [f"time: {repeated} stamps repeat the one before"] if repeated else []
-    long = interval > PAUSE * np.median(interval)
-    if long.any():
-        count = int(long.sum())
-        pauses = "pause" if count == 1 else "pauses"
-        notes.append(f"time: {count} {pauses}, the longest of {interval.max():.4g} s")
-    return notes
 
 
 def check_direction(direction: Real[np.ndarray, " n"], source: Source) -> Int8[np.ndarray, " n"]:

@@ -1,4 +1,4 @@
-"""Limits of plausible values in a log: beyond them a unit is wrong or a file is damaged.
+"""Limits of plausible values and times in a log: beyond them a unit is wrong or a file is damaged.
 
 Without these limits, squares and quotients of such values exceed the range of floating-point
 numbers.
@@ -21,6 +21,44 @@ makes a turn, and thirty thousand years are beyond any clock."""
 MOST_TURNS = 1000.0
 """Largest mean number of turns between two samples (chosen: 60 000 rpm and one sample per second).
 A larger number comes from a wrong unit, and the memory of a fit grows with the turns."""
+
+
+FEWEST_SAMPLES = 4
+PAUSE = 5.0
+"""Least number of samples of a log; intervals longer than `PAUSE` median intervals are pauses
+(chosen)."""
+
+
+def check_time(time: Float[np.ndarray, " n"], source: Source) -> list[str]:
+    """Return notes on the time stamps; raise `LogError` for too few or decreasing stamps."""
+    if len(time) < FEWEST_SAMPLES:
+        raise LogError(
+            f"the log has only {len(time)} samples; record at least {FEWEST_SAMPLES}.",
+            where=source.at("time"),
+        )
+    refuse_times(time, source)
+    interval = np.diff(time)
+    if np.any(interval < 0):
+        row = int(np.argmax(interval < 0)) + 1
+        raise LogError(
+            f"time runs backwards, from {time[row - 1]:.9g} s to {time[row]:.9g} s; sort the log"
+            " or cut it there.",
+            where=source.at("time", row),
+        )
+    repeated = int(np.count_nonzero(interval == 0))
+    if 2 * repeated > len(interval):
+        raise LogError(
+            f"{repeated} of {len(interval)} time steps are zero; write the time with more digits or"
+            " give --sample-rate.",
+            where=source.at("time"),
+        )
+    notes = [f"time: {repeated} stamps repeat the one before"] if repeated else []
+    long = interval > PAUSE * np.median(interval)
+    if long.any():
+        count = int(long.sum())
+        pauses = "pause" if count == 1 else "pauses"
+        notes.append(f"time: {count} {pauses}, the longest of {interval.max():.4g} s")
+    return notes
 
 
 def refuse_times(time: Float[np.ndarray, " n"], source: Source) -> None:

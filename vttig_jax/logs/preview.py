@@ -21,8 +21,8 @@ from .channel.unwrap import find_modulus, unwrap, wrap_steps
 from .checks.fractions import likely_fraction, ratio_option
 from .checks.ratio import slope
 from .checks.sampling import Sampling, sampling_of
-from .encoder_log import check_time
 from .inspection import ColumnReport, bullets, column_table, sampling_rows
+from .magnitudes import check_time
 from .proposals import Proposal, proposals, with_ratio
 from .read import check_arguments
 from .readers.column_names import (
@@ -160,10 +160,8 @@ def preview_log(
     angles = {r.role: angle for r, angle in shown if angle is not None and r.role is not None}
     hints = [*notes, *cut, *broken, *_unusable_roles(roles, arrays, source, size)]
     time = _time(reports, arrays, size, sample_rate_hz)
-    sampling = None
-    if time is not None:
-        hints += check_time(time, source)
-        sampling = sampling_of(time)
+    hints += [] if time is None else check_time(time, source)
+    sampling = None if time is None else sampling_of(time)
     ratio = _ratio(reports, angles)
     command, proposed = "", ()
     keywords = {"decimal": decimal, "sample_rate_hz": sample_rate_hz}

@@ -10,8 +10,8 @@ from ...runs.fit_run import write_fit
 from ...runs.posterior_run import report_on, write_report
 from ...runs.run_file import CHECKPOINT, RunRecord
 from ..options import verb
-from ..output import Output
-from .sample import refuse_existing, sampling_bar
+from ..output import Output, sampling_bar
+from .sample import refuse_existing
 
 if TYPE_CHECKING:
     from ...identify.fit_result import Fit

@@ -1,7 +1,7 @@
 """`vttig sample`: sample the posterior of logs, or of the fit in a run folder."""
 
 import shlex
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -23,12 +23,11 @@ from ...runs.run_file import CHECKPOINT, RunRecord, read_run
 from ..drive_options import GROUPS, NAMES, DriveOptions, drive_options, pair_option
 from ..fit_options import model_options
 from ..options import POSITIVE, given, log_options, verb
-from ..output import Output
+from ..output import Output, sampling_bar
 
 if TYPE_CHECKING:
     from ...identify.fit_result import Fit
     from ...posterior.density.prior import Prior
-    from ...posterior.sampling.progress import Progress
     from ...posterior.sampling.stop_rule import Until
     from ...posterior.summary.posterior import Posterior
 
@@ -391,20 +390,3 @@ def _fit_in(out: Path, names: list[str]) -> "Fit":
             " give LOG too, or leave it out."
         )
     return open_run(out).fit
-
-
-@contextmanager
-def sampling_bar(output: Output) -> "Iterator[Callable[[Progress], None]]":
-    """Show a progress bar over the steps, and yield the function that updates it.
-
-    If a stop rule ends the chains, the total of the bar is an estimate that changes.
-    """
-    with output.progress(1000, "sample") as bar:
-
-        def follow(progress: "Progress") -> None:
-            ahead = (progress.remaining_s or 0.0) * progress.steps_per_s
-            bar.total = progress.total or max(int(progress.steps + ahead), bar.total)
-            bar.update(progress.steps - bar.n)
-            bar.set_postfix_str(progress.diagnosis)
-
-        yield follow

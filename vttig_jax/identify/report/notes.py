@@ -237,7 +237,7 @@ def _ratio_notes(regressors: tuple[Parameter, ...], checks: Checks, log: Encoder
         return []
     travel = float(np.ptp(log.driving_angle))
     seen = [
-        SeenRatio(c.seen, c.std, Fraction(c.given), c.verdict, c.cause, travel)
+        SeenRatio(c.seen, c.std, Fraction(c.given), verdict=c.verdict, cause=c.cause, travel=travel)
         for c in checks.ratio
     ]
     return [one.sentence for one in seen if one.is_doubtful and one.cause != "delay"][:1]
