@@ -42,9 +42,18 @@ class Estimate(NamedTuple):
 
 
 class _Search(NamedTuple):
-    """State of the Gauss–Newton steps: parameters, and the misfit after the first step."""
+    """State of the Gauss–Newton steps.
+
+    **Arguments**
+    - `values`: parameters.
+    - `tied`, `slopes`: the coefficients of the forward model and their derivatives, of the step
+      before or, at the end, at `values`.
+    - `linear_misfit`: misfit after the first step.
+    """
 
     values: Float[Array, " p"]
+    tied: Float[Array, "flanks t"]
+    slopes: Float[Array, "flanks t p"]
     linear_misfit: Float[Array, ""]
 
 
@@ -68,9 +77,9 @@ def estimate(
     variance = misfit / freedom_left(products)
     factor = upper.triangle @ products.triangle / jnp.sqrt(variance)
     matrix, target = factor[:, free:-1, free:-1], factor[:, free:-1, -1]
-    searched = _searched(relation, *jax.lax.stop_gradient((matrix, target)))
-    start = jax.lax.stop_gradient(searched.values)
-    slopes, left = _whitened(matrix, target, *_linearised(relation, start))
+    searched = jax.lax.stop_gradient(_searched(relation, *jax.lax.stop_gradient((matrix, target))))
+    start = searched.values
+    slopes, left = _whitened(matrix, target, searched.tied, searched.slopes)
     scale = jax.lax.stop_gradient(_scale(slopes))
     bend = _bend(relation, start, jax.lax.stop_gradient(jnp.einsum("fij,fi->fj", matrix, left)))
     curvature = slopes.reshape(-1, len(start)).T @ slopes.reshape(-1, len(start)) + bend
@@ -99,18 +108,23 @@ def _searched(
 ) -> _Search:
     """Return the parameters after the Gauss–Newton steps, which start at zero.
 
-    `matrix` and `target` are the whitened tied columns and the whitened y of each flank.
+    `matrix` and `target` are the whitened tied columns and the whitened y of each flank. The last
+    pass of the loop only evaluates the forward model, so that the program contains it once.
     """
 
     def step(number, state):
-        slopes, left = _whitened(matrix, target, *_linearised(relation, state.values))
+        tied, derivatives = _linearised(relation, state.values)
+        slopes, left = _whitened(matrix, target, tied, derivatives)
         scale = _scale(slopes)
         gain, _ = _gauss_newton(slopes.reshape(-1, len(scale)) * scale[None], left.ravel())
         reached = jnp.where(number == 1, jnp.linalg.norm(left), state.linear_misfit)
-        return _Search(state.values - scale * gain, reached)
+        values = jnp.where(number < _STEPS, state.values - scale * gain, state.values)
+        return _Search(values, tied, derivatives, reached)
 
-    start = _Search(jnp.zeros(len(relation.names)), jnp.asarray(jnp.inf))
-    return jax.lax.fori_loop(0, _STEPS, step, start)
+    count = len(relation.names)
+    none = jnp.zeros(target.shape), jnp.zeros((*target.shape, count))
+    start = _Search(jnp.zeros(count), *none, jnp.asarray(jnp.inf))
+    return jax.lax.fori_loop(0, _STEPS + 1, step, start)
 
 
 def _linearised(
@@ -130,7 +144,9 @@ def _bend(
     relation: ForwardModel, values: Float[Array, " p"], weights: Float[Array, "flanks t"]
 ) -> Float[Array, "p p"]:
     """Return the Hessian, with respect to the parameters, of Σ weights · (tied coefficients)."""
-    return jax.hessian(lambda x: jnp.sum(weights * relation.coefficients(x)))(values)
+    return jax.jacfwd(lambda x: jnp.einsum("ft,ftp->p", weights, _linearised(relation, x)[1]))(
+        values
+    )
 
 
 def _whitened(
