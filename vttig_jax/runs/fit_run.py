@@ -141,9 +141,9 @@ def save_fit(
     - `figures`: draw the pictures too.
     - `record`: logs and options of the fit; by default those stored in `fit`.
 
-    **Raises** `UsageError` for an existing fit and for a folder of other files without `overwrite`,
-    for a fit without settings, and if another process writes to the folder; `InputError` for a full
-    disk, missing permission and a path that is not a folder.
+    **Raises** `UsageError` for an existing fit, and for files of others with the names of results,
+    without `overwrite`, for a fit without settings, and if another process writes to the folder;
+    `InputError` for a full disk, missing permission and a path that is not a folder.
     """
     from ..base.files.foreign_folder import refuse_foreign
     from ..base.files.run_folder import RunFolder

@@ -1,4 +1,4 @@
-"""Refusal to write results into a folder that holds other files."""
+"""Refusal to write over files of others that have the name of a result."""
 
 from pathlib import Path
 
@@ -26,14 +26,18 @@ RESULTS = frozenset(
 _OURS = (".lock", ".new-")
 """Beginnings of hidden names that a writer leaves in a folder when it is killed."""
 
-_SHOWN = 3  # names of files in the message; chosen value
+BESIDE = ("figures", "map.csv", "map.json")
+"""Names that a command may write beside the files of `RESULTS`."""
 
 
-def refuse_foreign(folder: str | Path, *, overwrite: bool) -> None:
-    """Raise `UsageError` for a folder with other files and without any result of this package.
+def refuse_foreign(
+    folder: str | Path, *, overwrite: bool, written: tuple[str, ...] = BESIDE
+) -> None:
+    """Raise `UsageError` if files of others in a folder have names that a command writes.
 
-    A folder that does not exist or is empty passes, and so does one that a killed command left.
-    Hidden files of others, such as `.DS_Store`, do not count. `overwrite` is the user's consent.
+    These names are `written`. In a folder with a result of this package they belong to it, and so
+    do they where a killed command left its hidden files. Files with other names stay as they are,
+    so that results may stand beside the log. `overwrite` is the user's consent.
 
     **Example**
     ```python
@@ -41,8 +45,9 @@ def refuse_foreign(folder: str | Path, *, overwrite: bool) -> None:
     >>> from pathlib import Path
     >>> from vttig_jax.base.files.foreign_folder import refuse_foreign
     >>> with tempfile.TemporaryDirectory() as folder:
+    ...     (Path(folder) / "log.csv").touch()
     ...     refuse_foreign(folder, overwrite=False)
-    ...     (Path(folder) / "thesis.tex").touch()
+    ...     (Path(folder) / "figures").mkdir()
     ...     refuse_foreign(folder, overwrite=True)
     ...     try:
     ...         refuse_foreign(folder, overwrite=False)
@@ -59,15 +64,12 @@ def refuse_foreign(folder: str | Path, *, overwrite: bool) -> None:
         names = sorted(one.name for one in path.iterdir())
     if any(name in RESULTS or name.startswith(_OURS) for name in names):
         return
-    others = [name for name in names if not name.startswith(".")]
-    if not others:
-        return
-    shown = ", ".join(others[:_SHOWN])
-    if len(others) > _SHOWN:
-        shown += f" and {len(others) - _SHOWN} more"
-    raise UsageError(
-        f"this folder holds other files ({shown}) and no result of vttig; name a new or an empty"
-        f" folder, such as {path / 'run'}, or write beside these files with --overwrite (in Python"
-        " overwrite=True).",
-        where=str(path),
-    )
+    others = [name for name in names if name in written]
+    if others:
+        raise UsageError(
+            f"this folder holds {' and '.join(others)}, which the command writes, and no result of"
+            f" vttig that {'it' if len(others) == 1 else 'they'} could belong to; name another"
+            f" folder, such as {path / 'run'}, or write over {'it' if len(others) == 1 else 'them'}"
+            " with --overwrite (in Python overwrite=True).",
+            where=str(path),
+        )

@@ -75,7 +75,7 @@ vttig calibrate --scenario encoders --rigs 400 --posterior 100 --out calibration
 @click.option(
     "--overwrite",
     is_flag=True,
-    help="Replace the calibration in that folder, or write beside files of others.",
+    help="Replace the calibration in that folder.",
 )
 def command(
     output: Output,

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from ...base.files.foreign_folder import BESIDE
 from ...runs.fit_run import write_fit
 from ...runs.posterior_run import report_on, write_report
 from ...runs.run_file import CHECKPOINT, RunRecord
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
 @click.option(
     "--overwrite",
     is_flag=True,
-    help="Replace the demo that is in --out, or write beside files of others.",
+    help="Replace the demo that is in --out.",
 )
 @click.option("--seed", type=click.IntRange(min=0), default=0, help="Of orders, phases and noise.")
 @click.option(
@@ -52,7 +53,8 @@ def command(
     from ...rig.paper import paper_rig
 
     vttig_jax.enable_x64()
-    refuse_existing(out, overwrite=overwrite, resumes=False)
+    written = (*BESIDE, "log.csv", "pair.toml")
+    refuse_existing(out, overwrite=overwrite, resumes=False, written=written)
     with output.progress(2, "simulate") as bar:
         rig = paper_rig(seed)
         log = rig.log(seed)

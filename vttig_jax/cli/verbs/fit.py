@@ -51,7 +51,7 @@ xz -dc log.csv.xz | vttig fit - --pair pair.toml --out run
 @click.option(
     "--overwrite",
     is_flag=True,
-    help="Replace the fit that is in --out, or write beside files of others.",
+    help="Replace the fit that is in --out.",
 )
 @click.option("--no-figures", is_flag=True, help="Leave the pictures out of the run folder.")
 @click.option(

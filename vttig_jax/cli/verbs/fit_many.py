@@ -38,9 +38,7 @@ vttig fit-many rigs/*.csv --pair pair.toml --drift-order 1 --csv fits.csv
     is_flag=True,
     help="Go on with the table that is unfinished in --out; where there is none, start.",
 )
-@click.option(
-    "--overwrite", is_flag=True, help="Replace the table in --out, or write beside files of others."
-)
+@click.option("--overwrite", is_flag=True, help="Replace the table in --out.")
 @click.option("--csv", "csv_file", type=click.Path(path_type=Path), help="Write the table as CSV.")
 @click.option("--dask", metavar="ADDRESS", help="Scheduler of dask.distributed to send blocks to.")
 @drive_options

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import click
 
 from ...base.errors import InputError, NotConvergedError, UsageError
-from ...base.files.foreign_folder import refuse_foreign
+from ...base.files.foreign_folder import BESIDE, refuse_foreign
 from ...base.files.run_folder import data_sha256
 from ...base.logger import LOGGER
 from ...identify.settings import fields
@@ -69,7 +69,7 @@ vttig fit log.csv --pair pair.toml --out run && vttig sample run --steps 5000 --
 @click.option(
     "--overwrite",
     is_flag=True,
-    help="Replace the fit and the draws that are in --out, or write beside files of others.",
+    help="Replace the fit and the draws that are in --out.",
 )
 @click.option("--no-figures", is_flag=True, help="Leave the pictures out of the run folder.")
 @click.option(
@@ -319,17 +319,17 @@ def refuse_existing(
     resume: bool = False,
     fits: bool = True,
     resumes: bool = True,
+    written: tuple[str, ...] = BESIDE,
 ) -> None:
     """Raise `UsageError`, before the work, if results in the folder `out` would be replaced.
 
-    It is raised, too, for a folder that holds other files and no result.
-
     Results are draws and, if the command makes a fit (`fits`), a fit. `resumes`: whether the
-    command has the option --resume. `resume`: whether it is given.
+    command has the option --resume. `resume`: whether it is given. The names `written` of files of
+    others are refused too; see `refuse_foreign`.
     """
     if out is None:
         return
-    refuse_foreign(out, overwrite=overwrite)
+    refuse_foreign(out, overwrite=overwrite, written=written)
     if resume or overwrite:
         return
     if out.exists() and not out.is_dir():

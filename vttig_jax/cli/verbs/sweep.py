@@ -37,9 +37,7 @@ vttig sweep sweep.toml --out swept --dask tcp://127.0.0.1:8786
     is_flag=True,
     help="Go on with the sweep that is unfinished in --out; where there is none, start.",
 )
-@click.option(
-    "--overwrite", is_flag=True, help="Replace the sweep in --out, or write beside files of others."
-)
+@click.option("--overwrite", is_flag=True, help="Replace the sweep in --out.")
 @click.option(
     "--devices",
     type=click.IntRange(min=1, max=4096),

@@ -45,9 +45,9 @@ class SweepFolder:
     Every block is written atomically to its own file, so that `resume` continues with the missing
     blocks after a kill. `header` identifies the sweep; a different sweep is not continued.
 
-    **Raises** `UsageError` for a folder with a sweep without `resume` or `overwrite`, for a folder
-    of other files without `overwrite`, and while another process writes to it; `InputError` for a
-    different sweep, a full disk, or missing permissions.
+    **Raises** `UsageError` for a folder with a sweep without `resume` or `overwrite`, for files of
+    others with the names of results without `overwrite`, and while another process writes to it;
+    `InputError` for a different sweep, a full disk, or missing permissions.
     """
 
     def __init__(

@@ -77,7 +77,7 @@ vttig contact pair.toml --deviations measured.csv --span-rev 1 --out contact
 @click.option(
     "--overwrite",
     is_flag=True,
-    help="Replace the results in --out, or write beside files of others.",
+    help="Replace the results in --out.",
 )
 def command(
     output: Output,
