@@ -28,15 +28,20 @@ def test_folders_with_results_and_those_that_a_kill_left_pass(tmp_path, names):
     refuse_foreign(tmp_path, overwrite=False)
 
 
-def test_a_folder_of_others_is_refused_in_one_sentence_with_two_ways_out(tmp_path):
-    for name in ("a.tex", "b.tex", "c.tex", "d.tex", "figures"):
+def test_names_that_a_command_writes_are_refused_with_two_ways_out(tmp_path):
+    for name in ("thesis.tex", "log.csv"):
+        (tmp_path / name).touch()
+    refuse_foreign(tmp_path, overwrite=False)
+    for name in ("figures", "map.csv"):
         (tmp_path / name).touch()
     with pytest.raises(UsageError) as caught:
         refuse_foreign(tmp_path, overwrite=False)
     told = caught.value.message
-    assert "(a.tex, b.tex, c.tex and 2 more)" in told
+    assert "this folder holds figures and map.csv, which the command writes" in told
     assert str(tmp_path / "run") in told and "--overwrite" in told
     refuse_foreign(tmp_path, overwrite=True)
+    with pytest.raises(UsageError, match=r"holds log\.csv"):
+        refuse_foreign(tmp_path, overwrite=False, written=("log.csv",))
 
 
 def test_a_file_in_the_way_is_left_to_the_writer(tmp_path):
