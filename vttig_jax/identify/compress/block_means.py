@@ -86,6 +86,7 @@ def block_rows(
     rows[:, own_columns.start] = 1.0 if weight is None else block_means(weight, size)
     for place, values in enumerate(own, own_columns.start + 1):
         rows[:, place] = block_means(weighted(values), size)
+        del values  # before the next column is computed, which is as long
     rows[:, -1] = block_means(weighted(error), size)
     if weight is not None:
         share = rows[:, own_columns.start].copy()

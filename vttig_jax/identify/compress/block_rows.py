@@ -164,11 +164,14 @@ def log_rows(
             weight=weight,
         )
         given = channels.given[segment.flank].value[part] if channels.given else None
-        seen = (driving, error + channels.level + (0.0 if given is None else given))
-        curve = (block_means(c, size) for c in (*seen, channels.time[part]))
+        seen = block_means(error, size) + channels.level
+        if given is not None:
+            seen += block_means(given, size)
+        times = block_means(channels.time[part], size)
+        curve = TECurve(segment.flank, block_means(driving, size), seen, times)
         if given is not None:
             given = _weighted_means(given, size, weight)
-        runs.append(BlockRun(segment, rows, TECurve(segment.flank, *curve), given))
+        runs.append(BlockRun(segment, rows, curve, given))
     row_s = shortest * channels.sample_s
     return LogRows(
         columns=columns,
