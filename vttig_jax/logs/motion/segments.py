@@ -65,7 +65,8 @@ def levels(speed: Float[np.ndarray, " n"], travel: Float[np.ndarray, " n"]) -> l
         inside = (index >= start) & (index < start + width)
         if weight[start : start + width].sum() < needed:
             return plateaus
-        plateaus.append(float(np.average(speed[inside], weights=travel[inside])))
+        there = np.where(inside, travel, 0.0)
+        plateaus.append(float(speed @ there / there.sum()))
         weight[start : start + width] = 0.0
         needed = FURTHER
 
