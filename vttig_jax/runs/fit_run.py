@@ -141,15 +141,13 @@ def save_fit(
     - `figures`: draw the pictures too.
     - `record`: logs and options of the fit; by default those stored in `fit`.
 
-    **Raises** `UsageError` for an existing fit, and for files of others with the names of results,
-    without `overwrite`, for a fit without settings, and if another process writes to the folder;
-    `InputError` for a full disk, missing permission and a path that is not a folder.
+    **Raises** `UsageError` for an existing fit without `overwrite`, for a fit without settings, and
+    if another process writes to the folder; `InputError` for a full disk, missing permission and a
+    path that is not a folder.
     """
-    from ..base.files.foreign_folder import refuse_foreign
     from ..base.files.run_folder import RunFolder
 
     record, folder = record or record_of(fit), Path(folder)
-    refuse_foreign(folder, overwrite=overwrite)
     refuse_while_sampled(folder)
     with RunFolder(folder, overwrite=overwrite, results=("fit.json",)) as writer:
         if (folder / CHECKPOINT).exists():

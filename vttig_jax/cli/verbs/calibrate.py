@@ -72,11 +72,7 @@ vttig calibrate --scenario encoders --rigs 400 --posterior 100 --out calibration
     help="How many of the rigs are sampled too; a few seconds each.",
 )
 @click.option("--out", type=click.Path(path_type=Path), help="Folder for calibration.json.")
-@click.option(
-    "--overwrite",
-    is_flag=True,
-    help="Replace the calibration in that folder.",
-)
+@click.option("--overwrite", is_flag=True, help="Replace the calibration in that folder.")
 def command(
     output: Output,
     names: tuple[str, ...],
@@ -142,11 +138,9 @@ def _written(out: Path, overwrite: bool, make: Any) -> "Calibration":
 
     A folder that must not be overwritten is refused before the computation.
     """
-    from ...base.files.foreign_folder import refuse_foreign
     from ...base.files.json_io import dumps
     from ...base.files.run_folder import RunFolder
 
-    refuse_foreign(out, overwrite=overwrite)
     with RunFolder(out, overwrite=overwrite, results=("calibration.json",)) as folder:
         found = make()
         folder.write_text("calibration.json", dumps(found.to_json()) + "\n")

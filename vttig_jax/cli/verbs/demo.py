@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING
 
 import click
 
-from ...base.files.foreign_folder import BESIDE
 from ...runs.fit_run import write_fit
 from ...runs.posterior_run import report_on, write_report
 from ...runs.run_file import CHECKPOINT, RunRecord
@@ -24,11 +23,7 @@ if TYPE_CHECKING:
 
 @verb("demo", example="vttig demo --out demo")
 @click.option("--out", type=click.Path(path_type=Path), help="Folder for log, fit, map, pictures.")
-@click.option(
-    "--overwrite",
-    is_flag=True,
-    help="Replace the demo that is in --out.",
-)
+@click.option("--overwrite", is_flag=True, help="Replace the demo that is in --out.")
 @click.option("--seed", type=click.IntRange(min=0), default=0, help="Of orders, phases and noise.")
 @click.option(
     "--steps",
@@ -53,8 +48,7 @@ def command(
     from ...rig.paper import paper_rig
 
     vttig_jax.enable_x64()
-    written = (*BESIDE, "log.csv", "pair.toml")
-    refuse_existing(out, overwrite=overwrite, resumes=False, written=written)
+    refuse_existing(out, overwrite=overwrite, resumes=False)
     with output.progress(2, "simulate") as bar:
         rig = paper_rig(seed)
         log = rig.log(seed)

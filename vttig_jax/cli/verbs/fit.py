@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ...base.errors import NoAnswerError, UsageError
-from ...base.files.foreign_folder import refuse_foreign
 from ...base.logger import LOGGER
 from ...identify.settings import fields
 from ...logs.readers.stdin_log import with_standard_input
@@ -48,11 +47,7 @@ xz -dc log.csv.xz | vttig fit - --pair pair.toml --out run
     "--run", "run_path", type=click.Path(path_type=Path), help="Repeat the run of this run.toml."
 )
 @click.option("--out", type=click.Path(path_type=Path), help="Run folder to write.")
-@click.option(
-    "--overwrite",
-    is_flag=True,
-    help="Replace the fit that is in --out.",
-)
+@click.option("--overwrite", is_flag=True, help="Replace the fit that is in --out.")
 @click.option("--no-figures", is_flag=True, help="Leave the pictures out of the run folder.")
 @click.option(
     "--backlash-readings",
@@ -95,8 +90,6 @@ def command(
         raise UsageError(
             f"{name} says how to write a run folder; give one with --out, or leave it."
         )
-    if out is not None:
-        refuse_foreign(out, overwrite=overwrite)
     if run_path is None:
         logs = with_standard_input(logs)
         run = resolve(logs, pair, readings, options_of(options), drive.request)

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any, Literal
 import click
 
 from ...base.errors import InputError, NotConvergedError, UsageError
-from ...base.files.foreign_folder import BESIDE, refuse_foreign
 from ...base.files.run_folder import data_sha256
 from ...base.logger import LOGGER
 from ...identify.settings import fields
@@ -66,11 +65,7 @@ vttig fit log.csv --pair pair.toml --out run && vttig sample run --steps 5000 --
     is_flag=True,
     help="Go on with the draws that are in --out; where there are none, start.",
 )
-@click.option(
-    "--overwrite",
-    is_flag=True,
-    help="Replace the fit and the draws that are in --out.",
-)
+@click.option("--overwrite", is_flag=True, help="Replace the fit and the draws that are in --out.")
 @click.option("--no-figures", is_flag=True, help="Leave the pictures out of the run folder.")
 @click.option(
     "--method",
@@ -319,18 +314,13 @@ def refuse_existing(
     resume: bool = False,
     fits: bool = True,
     resumes: bool = True,
-    written: tuple[str, ...] = BESIDE,
 ) -> None:
     """Raise `UsageError`, before the work, if results in the folder `out` would be replaced.
 
     Results are draws and, if the command makes a fit (`fits`), a fit. `resumes`: whether the
-    command has the option --resume. `resume`: whether it is given. The names `written` of files of
-    others are refused too; see `refuse_foreign`.
+    command has the option --resume. `resume`: whether it is given.
     """
-    if out is None:
-        return
-    refuse_foreign(out, overwrite=overwrite, written=written)
-    if resume or overwrite:
+    if out is None or resume or overwrite:
         return
     if out.exists() and not out.is_dir():
         raise InputError("a file is in the way; choose another name.", where=str(out))

@@ -21,7 +21,6 @@ from ...base.files.atomic_write import (
     replace_file,
     temporary_path,
 )
-from ...base.files.foreign_folder import refuse_foreign
 from ...base.files.json_io import dumps
 from ...base.logger import LOGGER
 from .blocks import Rows
@@ -45,9 +44,9 @@ class SweepFolder:
     Every block is written atomically to its own file, so that `resume` continues with the missing
     blocks after a kill. `header` identifies the sweep; a different sweep is not continued.
 
-    **Raises** `UsageError` for a folder with a sweep without `resume` or `overwrite`, for files of
-    others with the names of results without `overwrite`, and while another process writes to it;
-    `InputError` for a different sweep, a full disk, or missing permissions.
+    **Raises** `UsageError` for a folder with a sweep without `resume` or `overwrite`, and while
+    another process writes to it; `InputError` for a different sweep, a full disk, or missing
+    permissions.
     """
 
     def __init__(
@@ -69,7 +68,6 @@ class SweepFolder:
     def __enter__(self) -> "SweepFolder":
         from filelock import FileLock, Timeout
 
-        refuse_foreign(self.path, overwrite=self.overwrite)
         with os_errors_as_input_errors(self.path):
             self._made = [path for path in (self.path, *self.path.parents) if not path.exists()]
             self.path.mkdir(parents=True, exist_ok=True)

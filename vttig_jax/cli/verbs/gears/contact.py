@@ -74,11 +74,7 @@ vttig contact pair.toml --deviations measured.csv --span-rev 1 --out contact
 @click.option("--step-deg", type=STEP_DEG, default=1.0, help="Of the driving angle; 1 by default.")
 @click.option("--span-rev", type=POSITIVE, help="Driving turns; the hunting period by default.")
 @click.option("--out", type=click.Path(path_type=Path), help="Folder for table and pictures.")
-@click.option(
-    "--overwrite",
-    is_flag=True,
-    help="Replace the results in --out.",
-)
+@click.option("--overwrite", is_flag=True, help="Replace the results in --out.")
 def command(
     output: Output,
     pair: Path,
@@ -228,12 +224,10 @@ def _folder(out: Path | None, overwrite: bool) -> "AbstractContextManager[RunFol
 
     The folder is opened before the computation, so that existing results are refused at once.
     """
-    from ....base.files.foreign_folder import refuse_foreign
     from ....base.files.run_folder import RunFolder
 
     if out is None:
         return nullcontext()
-    refuse_foreign(out, overwrite=overwrite)
     return RunFolder(out, overwrite=overwrite, results=(TABLE, _RECORD))
 
 
