@@ -5,7 +5,7 @@ import pytest
 
 from tests.logs.profiles import counts, drive, geared, spec, trapezoid
 from vttig_jax.base.errors import LogError
-from vttig_jax.logs.checks.fractions import better_fraction, simple_fraction
+from vttig_jax.logs.checks.fractions import better_fraction
 from vttig_jax.logs.checks.ratio import (
     DEVIATIONS,
     SHIFT_TURNS,
@@ -121,14 +121,6 @@ def test_curve_has_no_ratio():
     )
     ratio = check_ratio(curve)
     assert ratio.seen is None and ratio.verdict == "none" and "no ratio to check" in ratio.sentence
-
-
-@pytest.mark.parametrize(
-    ("value", "std", "text"),
-    [(0.5625001, 1e-5, "9/16"), (-0.5, 0.0, "-1/2"), (2**0.5 / 3, 1e-9, "0.471405")],
-)
-def test_simple_fraction(value, std, text):
-    assert simple_fraction(value, std) == text
 
 
 def test_channels_that_do_not_turn_together_are_refused():

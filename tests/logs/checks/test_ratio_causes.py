@@ -1,5 +1,7 @@
 """A ratio of the log that is not quite the given one is told with what explains it."""
 
+from fractions import Fraction
+
 import numpy as np
 import pytest
 
@@ -83,3 +85,5 @@ def test_a_fraction_must_be_likelier_than_any_other_number():
     found = [likely_fraction(0.1 + 0.8 * rng.random(), 1e-6) for _ in range(200)]
     assert sum(one is not None for one in found) < 0.15 * len(found)
     assert ratio_option(0.99984, 8e-5) == "1:1" and ratio_option(1 / 6, 1e-5) == "6:1"
+    assert likely_fraction(0.5625001, 1e-5) == Fraction(9, 16)
+    assert likely_fraction(0.5, 0.0) == Fraction(1, 2) and likely_fraction(2**0.5 / 3, 1e-9) is None

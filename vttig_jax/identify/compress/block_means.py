@@ -103,8 +103,9 @@ def block_means(channel: Samples, size: int) -> Float[np.ndarray, " blocks"]:
 def _rows_of_chunk(orders: int, size: int, blocks: int) -> int:
     """Return the number of block rows of a chunk of the compiled sums.
 
-    A chunk of a short run, and of rows of many samples, has a quarter of the usual rows, or a
-    quarter of that, so that padding takes neither time nor memory; few sizes are few compilations.
+    A chunk has fewer rows than usual if the run is short or if a row has many samples; otherwise
+    much of it would be padding, which takes time and memory. The number of rows is divided by 4
+    until it fits, so that logs of any length share a few compilations.
     """
     rows = max(1, min(_CHUNK_CELLS // max(orders, 1), _MOST_ROWS))
     while rows >= 4 * _FEWEST_ROWS and (4 * blocks <= rows or rows * size > _CHUNK_SAMPLES):

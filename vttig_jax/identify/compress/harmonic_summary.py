@@ -130,7 +130,7 @@ def summarise(
     of every log; by default each log has its own columns. The noise decides the number of lags.
     `base` holds a known summary of the first runs of each log, in the default layout, and the rows
     of these runs; where possible, only the further runs are then added to this summary. `read`
-    returns the rows of a run; they may have other columns than the run itself, those of the logs.
+    returns the rows of a run, with the columns of the logs; by default they are its block rows.
     """
     layout = _side_by_side(logs) if layout is None else layout
     whole = (base and _extended(*base, logs)) or _summarised(logs, terms, layout, read)

@@ -5,13 +5,15 @@ differ between processors, would then decide whether it has a Cholesky factor. A
 exists. Many rows are conditioned first, with a shift that has no effect on the result.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol, final, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
 from scipy.linalg import get_blas_funcs, qr, solve_triangular
+
+from ...base.numerics.counting import pieces
 
 PSEUDO_OBSERVATION = 1e-10
 """Weight of the observation "this coefficient is zero" of every column, relative to the length of
@@ -93,7 +95,8 @@ class ConditionedRuns:
         """Condition the rows of all runs together with the rows `held`, such as `Drift.held`."""
         gram = held.T @ held
         for rows in runs:
-            for piece in _pieces(rows):
+            for part in pieces(len(rows), _PIECE):
+                piece = rows[part]
                 gram += piece.T @ piece
         size = np.sqrt(np.diag(gram))
         size[size == 0] = 1.0
@@ -112,7 +115,8 @@ class ConditionedRuns:
         last = np.zeros(len(self.triangle))
         last[-1] = 1.0
         weights = solve_triangular(self.triangle, last, check_finite=False)
-        return np.concatenate([piece @ weights for piece in _pieces(self.runs[run])])
+        rows = self.runs[run]
+        return np.concatenate([rows[part] @ weights for part in pieces(len(rows), _PIECE)])
 
 
 def triangle_of(rows: Float[np.ndarray, "n q"]) -> Float[np.ndarray, "q q"]:
@@ -152,12 +156,6 @@ def _substituted(
         return rows
     solved = _TRSM(1.0, triangle, rows.T, trans_a=1, overwrite_b=1)
     return solved.T
-
-
-def _pieces(rows: RowTable) -> Iterator[Float[np.ndarray, "n q"]]:
-    """Yield the rows of one run in pieces."""
-    for start in range(0, len(rows), _PIECE):
-        yield rows[start : start + _PIECE]
 
 
 def _signs(triangle: Float[np.ndarray, "q q"]) -> Float[np.ndarray, " q"]:

@@ -10,7 +10,7 @@ delay is at least 2 (max gₖ − min gₖ) / (2 i (max ωₖ − min ωₖ)), w
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import msgspec
 import numpy as np
@@ -204,8 +204,7 @@ _PIECE_ROWS = 10  # fewest rows of a piece; chosen value
 _UNLIKELY = 1e-5  # the gap depends on the speed if the p-value of equal gaps is lower; chosen value
 
 
-@dataclass(frozen=True, eq=False)
-class _SpeedRows:
+class _SpeedRows(NamedTuple):
     """Rows of all runs, with one value per row.
 
     **Arguments**
@@ -222,9 +221,6 @@ class _SpeedRows:
     flank: Int[np.ndarray, " n"]
     piece: Int[np.ndarray, " n"]
     late: Float[np.ndarray, "n logs"]
-
-    def __getitem__(self, rows: np.ndarray) -> "_SpeedRows":
-        return _SpeedRows(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
 
 
 def gap_deviations(solved: SolvedFit) -> tuple[GapAtSpeed, ...]:
@@ -253,7 +249,8 @@ def gap_deviations(solved: SolvedFit) -> tuple[GapAtSpeed, ...]:
     if len(speeds) < 2:
         return ()
     place = kept[place]
-    means, covariance = _flank_means(rows[place >= 0], place[place >= 0], len(speeds))
+    used = _SpeedRows(*(values[place >= 0] for values in rows))
+    means, covariance = _flank_means(used, place[place >= 0], len(speeds))
     step = np.hstack([-np.eye(len(speeds)), np.eye(len(speeds))])
     values, stds = step @ means, np.sqrt(np.diag(step @ covariance @ step.T))
     return tuple(
@@ -288,8 +285,7 @@ def _speed_rows(solved: SolvedFit) -> _SpeedRows | None:
             found.append(_SpeedRows(np.abs(speed), residual, side, piece, late))
     if not found:
         return None
-    names = _SpeedRows.__dataclass_fields__
-    return _SpeedRows(*(np.concatenate([getattr(one, name) for one in found]) for name in names))
+    return _SpeedRows(*map(np.concatenate, zip(*found, strict=True)))
 
 
 def _flank_means(

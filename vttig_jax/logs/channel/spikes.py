@@ -41,8 +41,6 @@ MAX_SHARE = 0.2
 PASSES = 3
 """Number of passes; a spike close to a larger spike is found after the larger one is removed."""
 
-_CHUNK = 1 << 16
-
 
 def spikes(
     angle: Real[np.ndarray, " n"], time: Float[np.ndarray, " n"], quantum: float
@@ -104,8 +102,8 @@ def _detect(
     slope = _Slope(angle, time, _least_run(time))
     deviation = np.zeros(count)
     rows = np.flatnonzero(near)
-    for start in range(0, len(rows), _CHUNK):
-        part = rows[start : start + _CHUNK]
+    for piece in pieces(len(rows)):
+        part = rows[piece]
         deviation[part] = _from_local_line(angle, time, slope, part)
     size = np.abs(deviation, out=deviation)
     rows = np.flatnonzero(size > floor)

@@ -107,12 +107,3 @@ def better_fraction(given: Fraction, seen: float, std: float) -> Fraction | None
         if fraction and abs(float(fraction) - seen) <= 3 * std:
             return fraction
     return None
-
-
-def simple_fraction(value: float, std: float) -> str:
-    """Return as text the simplest fraction within one standard error of `value`, or `value`."""
-    for limit in (10, 20, 50, 100, 200, 500):
-        fraction = Fraction(value).limit_denominator(limit)
-        if fraction and abs(float(fraction) - value) <= max(std, 1e-6 * abs(value)):
-            return f"{fraction}"
-    return f"{value:.6g}"

@@ -25,7 +25,6 @@ from .fractions import (
     decimal_option,
     likely_fraction,
     ratio_option,
-    simple_fraction,
 )
 from .slope_cause import Cause, slope_gains
 
@@ -176,8 +175,7 @@ class SeenRatio:
         """
         found = 1 / self.given
         if max(found.numerator, found.denominator) > MOST_TEETH and self.seen:
-            seen = Fraction(simple_fraction(self.seen, 3 * (self.std or 0.0)))
-            found = seen if max(seen.numerator, seen.denominator) <= MOST_TEETH else found
+            found = likely_fraction(abs(self.seen), self.std or 0.0) or found
         return f"{found.denominator}:{found.numerator}", str(found)
 
     @property
