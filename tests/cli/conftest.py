@@ -1,4 +1,5 @@
 import json
+from collections.abc import Iterator
 from pathlib import Path
 
 import jsonschema
@@ -19,8 +20,15 @@ def as_for_a_user(unchecked_module) -> None:
     """Run the commands without checks of annotations."""
 
 
+def _shared(folder: Path) -> Iterator[Path]:
+    """The folder, for all tests of a process; at the end, no test may have written into it."""
+    before = {path: path.stat().st_mtime_ns for path in folder.rglob("*")}
+    yield folder
+    assert {path: path.stat().st_mtime_ns for path in folder.rglob("*")} == before
+
+
 @pytest.fixture(scope="session")
-def rig_folder(tmp_path_factory) -> Path:
+def rig_folder(tmp_path_factory) -> Iterator[Path]:
     """Folder with the pair file of the paper's rig, and a log of eight turns forward and back.
 
     On fewer turns, most of the time of a fit is the search for the orders that enter.
@@ -29,16 +37,16 @@ def rig_folder(tmp_path_factory) -> Path:
     rig = paper_rig(1, PassMotion(speed_rpm=120.0, reversal_deg=2880.0))
     (folder / "log.csv").write_text(log_csv(rig.log(1)))
     (folder / "pair.toml").write_text(tomli_w.dumps(spec_table(pair_spec(rig.pair))))
-    return folder
+    yield from _shared(folder)
 
 
 @pytest.fixture(scope="session")
-def run_folder(rig_folder) -> Path:
-    """Run folder with a fit of the log in `rig_folder`."""
-    out = rig_folder / "run"
+def run_folder(rig_folder, tmp_path_factory) -> Iterator[Path]:
+    """Run folder with a fit of the log in `rig_folder`, outside of it: other tests copy that."""
+    out = tmp_path_factory.mktemp("fitted") / "run"
     log, pair = str(rig_folder / "log.csv"), str(rig_folder / "pair.toml")
     assert main(["fit", log, "--pair", pair, "--out", str(out), "--no-figures"]) == 0
-    return out
+    yield from _shared(out)
 
 
 @pytest.fixture

@@ -76,11 +76,12 @@ def test_column_decimal_and_sample_rate_reach_the_reader(vttig_json, rig_folder,
     assert code == 3
 
 
-def test_run_folder_holds_what_the_next_steps_need(run_folder):
+def test_run_folder_holds_what_the_next_steps_need(rig_folder, run_folder):
     assert {p.name for p in run_folder.iterdir()} == {"fit.json", "summary.npz", "run.toml"}
     run = tomllib.loads((run_folder / "run.toml").read_text())
     assert run["schema"] == "vttig.run/1"
-    assert run["data"]["logs"] == ["../log.csv"]
+    (log,) = run["data"]["logs"]  # relative to the folder
+    assert log.startswith("..") and (run_folder / log).resolve() == rig_folder / "log.csv"
     assert [len(digest) for digest in run["data"]["sha256"]] == [64]
     assert run["pair_file"]["driving"]["teeth"] == 45
     assert {"vttig-jax", "jax", "scipy"} <= set(run["versions"])
