@@ -75,6 +75,17 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
     return f"pytest.mark.{marker}" not in collection_path.read_text(encoding="utf-8") or None
 
 
+def pytest_configure(config: pytest.Config) -> None:
+    """Compile without most optimisations, except in the portable and in the slow tests.
+
+    Most programs of the tests run once or twice on small arrays, and two fifths of the time of a
+    test run are spent in the compiler. The notebooks and commands in other processes do the same.
+    """
+    if config.option.markexpr not in ("portable", "slow"):
+        os.environ["JAX_DISABLE_MOST_OPTIMIZATIONS"] = "1"
+        jax.config.update("jax_disable_most_optimizations", True)
+
+
 settings.register_profile(
     "vttig", derandomize=True, deadline=None, max_examples=25, database=None, print_blob=False
 )
