@@ -47,9 +47,9 @@ def drawn(count: int, seed: int = 0) -> np.ndarray:
 
 
 @pytest.mark.parametrize("slope", [-1e3, -0.3, 1e-9, 2.0, 1e6])
-@pytest.mark.parametrize("curvature", [1e-3, 1.0, 1e8])
+@pytest.mark.parametrize("curvature", [-1e-9, 0.0, 1e-9, 1e-3, 1.0, 1e8])
 def test_lowest_point_of_the_bound(curvature, slope):
-    cubic = lambda p: (curvature * p + slope) * (1 - p**2) + 4 * p  # noqa: E731
+    cubic = lambda p: (max(curvature, 0.0) * p + slope) * (1 - p**2) + 4 * p  # noqa: E731
     root: Any = brentq(cubic, -1.0, 1.0, xtol=1e-15)
     expected = np.clip(root, -LARGEST, LARGEST)
     values = [np.asarray(x) for x in (float(curvature), float(slope), 4.0)]

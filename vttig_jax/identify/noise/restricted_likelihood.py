@@ -106,13 +106,18 @@ def best_partial(curvature: Any, slope: Any, count: Any) -> Any:
     """Return π within ± `LARGEST` that minimises curvature π² + 2 slope π − count log(1 − π²).
 
     The derivative times (1 − π²) is a cubic with three real roots; the middle one is within ±1.
+    The curvature is a sum of squares, and it counts as zero where rounding makes it negative.
     """
     xp = namespace(curvature)
-    a, b, d = slope / curvature, -(curvature + count) / curvature, -slope / curvature
+    curvature = xp.maximum(curvature, 0.0)
+    divisor = xp.where(curvature > 0, curvature, 1.0)
+    a, b, d = slope / divisor, -(curvature + count) / divisor, -slope / divisor
     q = (a**2 - 3 * b) / 9
     r = (2 * a**3 - 9 * a * b + 27 * d) / 54
     angle = xp.arccos(xp.minimum(xp.maximum(r / q**1.5, -1.0), 1.0))
     root = -2 * q**0.5 * xp.cos((angle - 2 * np.pi) / 3) - a / 3
+    # Without curvature the equation is a quadratic one.
+    root = xp.where(curvature > 0, root, -2 * slope / (count + xp.sqrt(count**2 + 4 * slope**2)))
     # If the minimum is beyond ±1/2, 1 − |π| is at least 1 − `inside`.
     inside = 1 - xp.minimum(0.5, count / (4 * (curvature + abs(slope))))
     for _ in range(_POLISH):
