@@ -38,7 +38,13 @@ def test_the_check_sees_what_is_hidden():
     assert hidden("plain, 30° – ″\n") == []
 
 
-@pytest.mark.parametrize("name", [" ".join(HOSTILE[:-1]), HOSTILE[-1]], ids=["short", "long"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(" ".join(HOSTILE[:-1]), id="short"),
+        pytest.param(HOSTILE[-1], id="long", marks=pytest.mark.slow),
+    ],
+)
 def test_names_of_pairs(folder, vttig, name):
     lengths = {}
     for kind, said in (("plain", "rig"), ("hostile", name)):

@@ -248,6 +248,7 @@ def test_a_drive_beyond_its_prior_is_sampled_with_the_option_that_is_named(
     assert code == 3 and "backlash_deg` is 5.0, 4.0 expected" in err
 
 
+@pytest.mark.slow
 def test_a_command_with_resume_is_repeated(vttig, folder, tmp_path):
     """It starts, goes on with a fit or with draws, and ends with 0 once all is done."""
     out = tmp_path / "run"

@@ -56,6 +56,7 @@ def test_sample_without_a_log_refuses_them(vttig, run_folder, option):
     assert code == 2 and option[0] in err and "without LOG" in err
 
 
+@pytest.mark.slow
 def test_a_batch_of_a_stated_drive(vttig, vttig_json, log):
     folder = log.parent
     rig = paper_rig(0, PassMotion(speed_rpm=240.0, reversal_deg=3600.0))

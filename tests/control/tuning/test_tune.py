@@ -135,6 +135,7 @@ def test_the_expected_margin_is_a_quantile_of_the_scatter():
         assert tuned.improved and tuned.after.cost_deg < tuned.before.cost_deg
 
 
+@pytest.mark.slow
 def test_the_worst_margin_balances_both_ends():
     # max{δ_max + m, w (−δ_min − m)} is least where both are equal.
     for weight in (2.0, 1000.0):
@@ -222,6 +223,7 @@ def test_a_setting_that_does_not_matter_is_left_alone():
     assert moved == [MARGIN]
 
 
+@pytest.mark.slow
 def test_a_threshold_above_every_deceleration_is_found_all_the_same():
     # 31 rad/s² is what the motor makes: nothing is seen, and there is no slope.
     spec = spec_of("acceleration", TURNS, judgement__threshold_rad_s2=60.0)

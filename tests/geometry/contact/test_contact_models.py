@@ -26,6 +26,7 @@ def rig(paper_pair):
     return Eccentricities(*TABLE_2, math.degrees(float(paper_pair.drawing_backlash)))
 
 
+@pytest.mark.slow
 def test_the_backlash_map_of_the_surfaces_is_the_exact_one(paper_pair, rig):
     contact = contact_model(paper_pair, rig)
     assert isinstance(contact, FlankModel)

@@ -166,8 +166,13 @@ def same_gears(case: Case):
     return contact_model(pair, rig, misalignment=Misalignment(*case.tilt), sections=9)
 
 
-@pytest.mark.parametrize("flank", FLANKS)
-@pytest.mark.parametrize("name", CASES)
+QUICK = [(name, "A") for name in CASES] + [("inclined", "B"), ("both, narrow driving gear", "B")]
+SLOW = [(name, flank) for name in CASES for flank in FLANKS if (name, flank) not in QUICK]
+
+
+@pytest.mark.parametrize(
+    ("name", "flank"), QUICK + [pytest.param(*case, marks=pytest.mark.slow) for case in SLOW]
+)
 def test_surfaces_in_space_touch_at_the_same_angle(name, flank):
     case = CASES[name]
     touched = case.touch(ANGLES[0], "AB".index(flank), standing())
