@@ -1,5 +1,6 @@
 """Array types, the converter of float64 fields, and compilation without static numbers."""
 
+import math
 from collections.abc import Callable
 from functools import wraps
 from typing import Any, ParamSpec, TypeVar
@@ -25,12 +26,29 @@ def float64(value: Any) -> Any:
     return value if isinstance(value, jax.Array) else np.asarray(value, np.float64)
 
 
+_PLAIN = (np.ndarray, np.generic, float, int)
+
+
+class Scalars:
+    """Functions of `numpy` for formulas of single Python floats, in a fifth of their time."""
+
+    maximum, minimum = max, min
+    sqrt, cos, arccos = math.sqrt, math.cos, math.acos
+
+    @staticmethod
+    def where(condition: bool, yes: float, no: float) -> float:
+        """Return `yes` if the condition holds, else `no`."""
+        return yes if condition else no
+
+
 def namespace(*values: Any) -> Any:
     """Return `jax.numpy` if a value contains a JAX array (or tracer), else `numpy`.
 
     Formulas that use this namespace keep all digits of the user's numbers in 32-bit mode, and they
     need no compilation outside a compiled function.
     """
+    if all(isinstance(value, _PLAIN) for value in values):
+        return np
     return jnp if any(isinstance(leaf, jax.Array) for leaf in jax.tree.leaves(values)) else np
 
 

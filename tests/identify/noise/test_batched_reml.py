@@ -55,6 +55,7 @@ def test_lowest_point_of_the_bound(curvature, slope):
     values = [np.asarray(x) for x in (float(curvature), float(slope), 4.0)]
     assert float(_lowest(*values)) == pytest.approx(expected, abs=1e-10)
     assert float(best_partial(*values)) == pytest.approx(expected, abs=1e-10)
+    assert best_partial(curvature + 0.0, slope, 4) == pytest.approx(expected, abs=1e-10)
 
 
 def test_the_factor_is_that_of_the_dense_covariance():

@@ -153,7 +153,8 @@ def lowered(bound: Bound, partial: Partial) -> Partial:
         without = np.convolve(ahead, own) + np.convolve(back, own[::-1])
         slope = -np.convolve(ahead, own[::-1]) - np.convolve(back, own)
         along = slope @ form
-        partial[k] = best_partial(along @ slope, along @ without, bound.runs * (k + 1))
+        curvature, first = float(along @ slope), float(along @ without)
+        partial[k] = best_partial(curvature, first, bound.runs * (k + 1))
         ahead, back = (
             np.append(ahead - partial[k] * back, 0.0),
             np.append(0.0, back - partial[k] * ahead),

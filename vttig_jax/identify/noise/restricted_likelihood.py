@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from ...base.arrays import Number, Numbers, namespace
+from ...base.arrays import Number, Numbers, Scalars, namespace
 from ...base.numerics.partial_autocorrelation import log_initial_determinant
 from ..compress.lagged_forms import filter_form
 
@@ -39,6 +39,7 @@ SWEEPS = 3  # coordinate descents per order in a search; chosen value
 MOST_STEPS = 40  # coordinate descents after the search of the order; chosen value
 SETTLED = 1e-7  # change of the partial autocorrelations at convergence; chosen value
 
+_FLAT = 1e-9  # curvature, in multiples of the count, that the first approximation neglects
 _POLISH = 6  # Newton steps on the root of the cubic; chosen value
 _LEAST_MISFIT = 1e-300  # least misfit, so that the misfit of a log without noise has a logarithm
 
@@ -106,18 +107,20 @@ def best_partial(curvature: Any, slope: Any, count: Any) -> Any:
     """Return π within ± `LARGEST` that minimises curvature π² + 2 slope π − count log(1 − π²).
 
     The derivative times (1 − π²) is a cubic with three real roots; the middle one is within ±1.
-    The curvature is a sum of squares, and it counts as zero where rounding makes it negative.
+    The curvature is a sum of squares, and it counts as zero where rounding makes it negative. The
+    arguments are three Python floats or three arrays.
     """
-    xp = namespace(curvature)
+    xp: Any = Scalars if type(curvature) is float else namespace(curvature)
     curvature = xp.maximum(curvature, 0.0)
-    divisor = xp.where(curvature > 0, curvature, 1.0)
+    curved = curvature > _FLAT * count
+    divisor = xp.where(curved, curvature, 1.0)
     a, b, d = slope / divisor, -(curvature + count) / divisor, -slope / divisor
     q = (a**2 - 3 * b) / 9
     r = (2 * a**3 - 9 * a * b + 27 * d) / 54
     angle = xp.arccos(xp.minimum(xp.maximum(r / q**1.5, -1.0), 1.0))
     root = -2 * q**0.5 * xp.cos((angle - 2 * np.pi) / 3) - a / 3
     # Without curvature the equation is a quadratic one.
-    root = xp.where(curvature > 0, root, -2 * slope / (count + xp.sqrt(count**2 + 4 * slope**2)))
+    root = xp.where(curved, root, -2 * slope / (count + xp.sqrt(count**2 + 4 * slope**2)))
     # If the minimum is beyond ±1/2, 1 − |π| is at least 1 − `inside`.
     inside = 1 - xp.minimum(0.5, count / (4 * (curvature + abs(slope))))
     for _ in range(_POLISH):
