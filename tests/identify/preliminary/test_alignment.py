@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from vttig_jax.base.errors import LogError
+from vttig_jax.base.errors import LogError, NoAnswerError
 from vttig_jax.base.units import DEG
 from vttig_jax.identify.fit_result import Fit
 from vttig_jax.identify.fitting import fit
@@ -42,6 +42,15 @@ def _late(log: EncoderLog, rig: SyntheticRig) -> EncoderLog:
     )
 
 
+def _one_way(log: EncoderLog, rig: SyntheticRig, ahead: bool) -> EncoderLog:
+    """The log from its 700th sample to its farthest angle, or from there to its end."""
+    assert log.driven is not None
+    turn = int(np.argmax(log.driving_angle))
+    part = slice(CUT, turn) if ahead else slice(turn, None)
+    readings = (log.driving.reading[part], log.driven.reading[part])
+    return EncoderLog.from_arrays(log.time[part], *readings, pair=rig.pair, source="one way")
+
+
 def test_start_angles_are_found(rig, logs):
     first, second = logs
     result = fit([first, _late(second, rig)], rig.pair, delay="off")
@@ -55,6 +64,24 @@ def test_start_angles_are_found(rig, logs):
         assert abs(off) < 4 * std_deg
         assert 0 < std_deg < 2.0
     assert result.logs[0].start.driving_std_deg == 0.0
+
+
+def test_logs_without_a_common_flank_are_refused(rig, logs):
+    """One forward and one backward log, which count from places of their own."""
+    ways = [_one_way(log, rig, ahead) for log, ahead in zip(logs, (True, False), strict=True)]
+    with pytest.raises(NoAnswerError, match="log 2 has enough samples on flank B and log 1 on"):
+        fit(ways, rig.pair, delay="off")
+    assert set(fit(ways, rig.pair, delay="off", same_zero=True).flanks) == {"A", "B"}
+
+
+@pytest.mark.parametrize("whole", [0, 1])
+def test_one_of_the_logs_may_move_in_one_direction(rig, logs, whole):
+    pair = [log if place == whole else _one_way(log, rig, True) for place, log in enumerate(logs)]
+    start = fit(pair, rig.pair, delay="off").logs[1].start
+    turned = (-1 if whole else 1) * logs[1 - whole].driving_angle[CUT] / DEG
+    assert start.driving_deg is not None and start.driving_std_deg is not None
+    off = (start.driving_deg - turned + 180.0) % 360.0 - 180.0
+    assert abs(off) < 4 * start.driving_std_deg < 8.0
 
 
 def test_a_wrong_common_zero_is_refused(rig, logs):

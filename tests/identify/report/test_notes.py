@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from tests.identify.drives import drive, drive_log, level, there_and_back
+from vttig_jax.base.units import DEG
 from vttig_jax.identify.fit_result import Fit
 from vttig_jax.identify.fitting import fit
 from vttig_jax.identify.report.notes import _ratio_notes
@@ -57,6 +58,17 @@ def test_a_ratio_that_the_log_doubts_is_a_warning():
         found = fit(log, pair)
         assert sum("standard errors above the given 9/16" in one for one in found.warnings) == told
         assert not told or "standard errors above the given 9/16" in found.warnings[0]
+
+
+@pytest.mark.parametrize("amplitude_arcsec", [0.0, 0.5])
+def test_a_column_that_was_computed_is_a_warning(amplitude_arcsec):
+    """An angle of the driven shaft that is the ratio times the other one says nothing of gears."""
+    time = np.arange(0.0, 40.0, 0.01)
+    driving = 100.0 * np.minimum(time, 40.0 - time) * DEG
+    driven = 9 / 16 * driving + amplitude_arcsec / 3600 * DEG * np.sin(driving)
+    log = EncoderLog.from_arrays(time, driving, driven, unit="rad", pair=drive("9/16"))
+    told = [one for one in fit(log, drive("9/16")).warnings if "was computed from the other" in one]
+    assert len(told) == (amplitude_arcsec == 0)
 
 
 def test_a_microsecond_of_delay_looks_like_its_travel_on_both_flanks():

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from ...base.errors import NoAnswerError
 from ...pair.gear_pair import Flank
 from ..compress.block_rows import LogRows
 from ..compress.harmonic_summary import Embedding, HarmonicSummary, summarise
@@ -49,11 +50,18 @@ class Start:
 def aligned(rows: Sequence[LogRows], terms: TermPlan) -> tuple[HarmonicSummary, tuple[Start, ...]]:
     """Return the summary of all logs in the angles of the first log, and the start angles.
 
-    `rows` are the block rows of every log. The start angles of the first log are zero.
+    `rows` are the block rows of every log. The start angles of the first log are zero. A flank on
+    which a single log lies tells nothing about start angles.
+
+    **Raises** `NoAnswerError` if a log has no flank in common with the first log.
     """
     alone = [_alone(own, terms) for own in rows]
+    for place, one in enumerate(alone[1:], 2):
+        _require_common_flank(place, alone[0], one)
     starts = [Start(), *(_first_guess(alone[0], one, terms) for one in alone[1:])]
-    model: Coefficients = alone[0]
+    once = {f: one[f] for one in alone for f in one if sum(f in other for other in alone) == 1}
+    silent: Coefficients = {flank: np.zeros_like(values) for flank, values in once.items()}
+    model: Coefficients = {**alone[0], **silent}
     summary = summarise(rows, terms, _embeddings(rows, terms, starts, model))
     for _ in range(_MOST_STEPS):
         filter_ = autoregression(summary)
@@ -61,7 +69,7 @@ def aligned(rows: Sequence[LogRows], terms: TermPlan) -> tuple[HarmonicSummary, 
         model = {
             flank.flank: _harmonics(-row[:-1], summary.columns)
             for flank, row in zip(summary.flanks, solved, strict=True)
-        }
+        } | dict(silent)
         summary = summarise(rows, terms, _embeddings(rows, terms, starts, model))
         own = own_terms(summary, filter_)
         small = True
@@ -78,6 +86,19 @@ def aligned(rows: Sequence[LogRows], terms: TermPlan) -> tuple[HarmonicSummary, 
         if small:
             break
     return summary, tuple(starts)
+
+
+def _require_common_flank(place: int, first: Coefficients, other: Coefficients) -> None:
+    """Require a flank on which both logs lie; `place` counts the logs from 1."""
+    if first.keys() & other.keys():
+        return
+    lies, first_lies = (" and ".join(one) or "none" for one in (other, first))
+    raise NoAnswerError(
+        f"log {place} has enough samples on flank {lies} and log 1 on flank {first_lies}, so that"
+        f" nothing tells where the zero of log {place} lies in the angles of log 1; if both count"
+        " from the same place, say so with --same-zero, or name a log that moves in both"
+        " directions first"
+    )
 
 
 def _alone(rows: LogRows, terms: TermPlan) -> Coefficients:

@@ -63,6 +63,7 @@ _TURNS_FOR_DRIFT = 2.0
 _WRONG_RATIO = 12.0
 """Standard errors of the ratio above which a log contradicts the given ratio of a drive; chosen
 value. Robot axes of known ratio reach nine, because their slow errors resemble a slope."""
+_FARTHEST_RATIO = 0.05  # relative deviation above which a ratio is taken for a drift; chosen value
 
 _TOLD_APART = 1e-10
 """Columns of a given model are kept if more than this share of their squares is unexplained."""
@@ -110,7 +111,7 @@ def select_model(
     if delay_tried and "ratio" not in names and _may_hide_a_ratio(pair, identifiable):
         freed = replace(model, regressors=(*names, "ratio"))
         other = linear_fit(inputs, freed, delay.seconds, finest_s=finest_s)
-        if _demands_a_ratio(other, settings):
+        if _demands_a_ratio(other, settings, float(pair.ratio)):
             model, plain = freed, other
     weights = with_second_start(reweighted(plain, settings.loss), plain)
     linear = weights.linear
@@ -227,12 +228,12 @@ def _may_hide_a_ratio(pair: GearPair | Drive, identifiable: Identifiability) -> 
     return isinstance(pair, Drive) and both_ways and "driven" in identifiable.short
 
 
-def _demands_a_ratio(linear: LinearFit, settings: FitSettings) -> bool:
-    """Return whether a fit with a free ratio contradicts the given ratio."""
+def _demands_a_ratio(linear: LinearFit, settings: FitSettings, ratio: float) -> bool:
+    """Return whether a fit with a free ratio contradicts the given `ratio` by a possible value."""
     own = linear.own
     names = [*_beside(own, settings), *(["delay"] if "delay" in own.names else [])]
     value, std = own.estimate("ratio", names)
-    return abs(value) > _WRONG_RATIO * std
+    return _WRONG_RATIO * std < abs(value) < _FARTHEST_RATIO * abs(ratio)
 
 
 def _finest(inputs: Sequence[Input]) -> float:

@@ -24,6 +24,8 @@ from .estimate import Estimate
 from .parameters import SIGNIFICANT, Parameter
 from .per_log import LogRecord, differences
 
+_SAMPLES = 10_000  # number of samples that decide whether a column was computed; chosen value
+_PROPORTIONAL = 1e-8  # range of the deviation from a line, in ranges of the angle; chosen value
 _CORRELATED = 0.9  # correlation of delay and backlash above which a note is given; chosen value
 
 
@@ -38,9 +40,10 @@ def warnings_of(
 ) -> tuple[str, ...]:
     """Return the warnings: notes on doubtful numbers or on actions of the user, gravest first."""
     solution, change, delays = estimate.solved.solution, estimate.change, estimate.delays
+    log = selected.linear.inputs[0].log
     return (
         *solver_notes(solution),
-        *_ratio_notes(regressors, checks, selected.linear.inputs[0].log),
+        *(_computed(selected.linear.inputs) or _ratio_notes(regressors, checks, log)),
         *identifiable.notes,
         *_open_delay(selected, identifiable),
         *_negative_sum(selected, identifiable, solution),
@@ -203,6 +206,23 @@ def _fractional_notes(terms: TermPlan) -> list[str]:
         " log. The backlash map, `export`, `locate` and `simulate` leave"
         f" {'it' if single else 'them'} out"
     ]
+
+
+def _computed(inputs: Sequence[Input]) -> list[str]:
+    """Return a note if the driven angle is proportional to the driving angle to the last digit."""
+    for one in inputs:
+        part = slice(None, None, max(1, len(one.log) // _SAMPLES))
+        angle, driven = one.log.driving_angle[part], one.log.driven_angle[part]
+        line = np.stack([np.ones_like(angle), angle], axis=1)
+        coefficients = np.linalg.lstsq(line, driven, rcond=None)[0]
+        if np.ptp(driven - line @ coefficients) <= _PROPORTIONAL * np.ptp(driven):
+            return [
+                f"the driven angle of {PurePath(one.log.source).name} is {coefficients[1]:.9g}"
+                " times the driving angle to the last digit: one of both columns was computed from"
+                " the other and not measured, so that this fit says nothing about gears; name the"
+                " measured columns with --column driving=NAME and --column driven=NAME"
+            ]
+    return []
 
 
 def solver_notes(solution: Solution) -> list[str]:

@@ -47,9 +47,9 @@ def several(role: str, candidates: Sequence[Candidate], source: str) -> LogError
 def only_setpoint(role: str, one: Candidate, source: str) -> LogError:
     """Return the question whether a setpoint column may replace the measured angle."""
     return LogError(
-        f"the only column for {role} is `{one.name}`, and `{one.reading.setpoint}` says a setpoint,"
-        f" which no encoder measured; name the measured column with --column {role}=NAME, or this"
-        f" one with --column {role}='{one.name}'.",
+        f"the only column for {role} is `{one.name}`, and `{one.reading.setpoint}` says a setpoint"
+        f" or a computed angle, which no encoder measured; name the measured column with"
+        f" --column {role}=NAME, or this one with --column {role}='{one.name}'.",
         where=source,
     )
 

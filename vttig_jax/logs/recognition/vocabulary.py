@@ -84,9 +84,12 @@ SETPOINTS: Final = _words(
     demand demanded ref reference desired des nominal consigne consigna riferimento ziel
     leitwert zadana zadany referencia gewenst gewenste borvarde cible objetivo
     obiettivo hedef уставка wanted setvalue 指令 目标 目標 задание 목표 지령
+    expected expect ideal theoretical theory predicted prediction modelled modeled simulated
+    calculated calc computed erwartet erwartung berechnet theoretisch vorhergesagt simuliert
+    attendu calcule theorique previsto calcolato teorico esperado calculado berekend verwacht
     """
 )
-"""Words for a setpoint, which is not a measured angle."""
+"""Words for a setpoint or for a computed angle; neither is a measured one."""
 
 COMPOUND: Final = 5
 """Least number of letters of a word that is also searched inside a longer word, such as `drehzahl`
