@@ -71,6 +71,26 @@ def test_a_column_that_was_computed_is_a_warning(amplitude_arcsec):
     assert len(told) == (amplitude_arcsec == 0)
 
 
+def test_nothing_is_said_of_a_sum_that_is_open():
+    """One forward and one backward log with one zero: offset of the second log and gap are one."""
+    pair = drive("9/16")
+    motion = there_and_back([90.0], 30.0)
+    waves = lambda angle, _: 300.0 * np.sin(angle + 1.0)  # noqa: E731
+    log = drive_log(pair, motion, gap=level(100.0), error=waves, noise_arcsec=5.0)
+    speed = np.gradient(log.driving_angle, log.time)
+    ahead, back = (sign * speed > 0.98 * speed.max() for sign in (1, -1))
+
+    def part(chosen: np.ndarray) -> EncoderLog:
+        angles = (log.driving_angle[chosen], log.driven_angle[chosen])
+        return EncoderLog.from_arrays(log.time[chosen], *angles, unit="rad", pair=pair)
+
+    told = "sum of backlash and delay is below zero"
+    for first, second in ((ahead, back), (back, ahead)):
+        apart = fit([part(first), part(second)], pair, same_zero=True)
+        assert apart.parameters["constant_backlash_deg"].value is None
+        assert not any(told in one for one in apart.warnings)
+
+
 def test_a_microsecond_of_delay_looks_like_its_travel_on_both_flanks():
     """At one turn a second the driven shaft moves 360° · 3/4 · 1e-6 in it, on either flank."""
     pair = drive("3/4")

@@ -162,7 +162,7 @@ def _negative_sum(
         return []
     index = solution.names.index("constant_backlash")
     value, std = solution.values[index], np.sqrt(solution.covariance[index, index])
-    if not value < -SIGNIFICANT * std:
+    if not (solution.determined[index] and value < -SIGNIFICANT * std):
         return []
     speeds = [abs(s.speed) for own in identifiable.segments for s in own]
     late_ms = -1e3 * value / (2 * float(identifiable.terms.ratio) * max(speeds))
