@@ -16,7 +16,7 @@ from jaxtyping import Float
 from ...base.errors import NoAnswerError
 from ...pair.gear_pair import Flank
 from ..compress.block_rows import LogRows
-from ..compress.harmonic_summary import Embedding, HarmonicSummary, summarise
+from ..compress.harmonic_summary import FLANKS, Embedding, HarmonicSummary, summarise
 from ..model.column_layout import ColumnLayout
 from ..model.harmonics import AnyTerm, TermPlan
 from ..noise.noise_model import autoregression, residual_rows
@@ -59,17 +59,17 @@ def aligned(rows: Sequence[LogRows], terms: TermPlan) -> tuple[HarmonicSummary, 
     for place, one in enumerate(alone[1:], 2):
         _require_common_flank(place, alone[0], one)
     starts = [Start(), *(_first_guess(alone[0], one, terms) for one in alone[1:])]
-    once = {f: one[f] for one in alone for f in one if sum(f in other for other in alone) == 1}
-    silent: Coefficients = {flank: np.zeros_like(values) for flank, values in once.items()}
+    silent = _of_single_logs(alone)
     model: Coefficients = {**alone[0], **silent}
     summary = summarise(rows, terms, _embeddings(rows, terms, starts, model))
     for _ in range(_MOST_STEPS):
         filter_ = autoregression(summary)
         solved = residual_rows(summary, filter_)
-        model = {
+        found: Coefficients = {
             flank.flank: _harmonics(-row[:-1], summary.columns)
             for flank, row in zip(summary.flanks, solved, strict=True)
-        } | dict(silent)
+        }
+        model = {**found, **silent}
         summary = summarise(rows, terms, _embeddings(rows, terms, starts, model))
         own = own_terms(summary, filter_)
         small = True
@@ -99,6 +99,16 @@ def _require_common_flank(place: int, first: Coefficients, other: Coefficients) 
         " from the same place, say so with --same-zero, or name a log that moves in both"
         " directions first"
     )
+
+
+def _of_single_logs(alone: Sequence[Coefficients]) -> Coefficients:
+    """Return zero coefficients for every flank on which only one of the logs lies."""
+    return {
+        flank: np.zeros_like(one[flank])
+        for one in alone
+        for flank in FLANKS
+        if flank in one and sum(flank in other for other in alone) == 1
+    }
 
 
 def _alone(rows: LogRows, terms: TermPlan) -> Coefficients:
