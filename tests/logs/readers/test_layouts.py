@@ -150,6 +150,23 @@ def test_a_time_with_a_decimal_comma_is_no_description(read):
     np.testing.assert_array_equal(log.time, plain.time)
 
 
+def test_twincat_with_filetime_is_twincat_with_milliseconds(read):
+    """FILETIME has 18 digits; a float holds it to 1.6 µs only."""
+    start = 132_959_733_843_760_000
+
+    def stamped(match):
+        return f"{match[1]}{start + 10_000 * int(match[2])}"
+
+    text = twincat().replace("SampleTime[ms]", "SampleTime")
+    text = re.sub(r"(?m)^()(\d+)(?=\t)", stamped, text)
+    text = re.sub(r"(?m)(\t21,5\t)(\d+)(?=\t)", stamped, text)
+    assert text.count(str(start)) == 3  # with the start of the export
+    log, plain = read(text), read(twincat())
+    np.testing.assert_allclose(log.time, plain.time, rtol=0, atol=1e-12)
+    np.testing.assert_array_equal(log.driving_angle, plain.driving_angle)
+    np.testing.assert_array_equal(log.driven_angle, plain.driven_angle)
+
+
 def test_a_cut_row_of_twincat_is_left_out(read):
     whole = twincat().removesuffix("EOF\r\n")
     log = read(whole + f"{10 * SIZE}\t")

@@ -1,9 +1,9 @@
 """Export of TwinCAT Scope View: groups of channels, each with its own column of time.
 
-The row of names begins with `Name`. Every column with the name `Name` is the time in ms of the
-group of channels that follows it. There is one group for each sample time, and groups with longer
-sample times have fewer rows. Rows such as `SymbolName` and `Unit` describe the channels. The last
-row may be `EOF`.
+The row of names begins with `Name`. Every column with the name `Name` is the time of the group of
+channels that follows it, in ms or, in some exports, as FILETIME. There is one group for each sample
+time, and groups with longer sample times have fewer rows. Rows such as `SymbolName` and `Unit`
+describe the channels. The last row may be `EOF`.
 """
 
 import re
@@ -20,19 +20,25 @@ from ..units_row import unit_in
 _HEAD = 60
 """Number of first lines that may describe the channels (chosen)."""
 
-DELIMITERS = ("\t", ";", ",", " ", ":")
-"""Delimiters that the export of TwinCAT offers."""
-
 END = "EOF"
 MS = 1e-3
-"""Seconds in a millisecond, which is the unit of the time columns."""
+"""Seconds in a millisecond, which is the unit of most time columns."""
+
+_TICK = 1e-7
+"""Seconds in a unit of FILETIME, which counts since 1601."""
+
+_FILETIME = re.compile(r"1\d{17}")
+"""FILETIME of the years 1917 to 2234: 18 digits, which a float does not hold."""
+
+_SAMPLE_TIME = re.compile(r"SampleTime(?:\[ms\])?(?=[\t;, :])")
+"""First field of the row with the sample times, before one of the delimiters of the export."""
 
 
 def matches(lines: Sequence[str]) -> bool:
-    """Return whether the text has the rows `Name` and `SampleTime[ms]` of an export."""
+    """Return whether the text has the rows `Name` and `SampleTime` of an export."""
     head = lines[:_HEAD]
     named = any(re.match(r"Name[\t;, :]", line) for line in head)
-    return named and any(line.startswith("SampleTime[ms]") for line in head)
+    return named and any(_SAMPLE_TIME.match(line) for line in head)
 
 
 def read(lines: list[str], source: str) -> tuple[NestedTable, tuple[str, ...]]:
@@ -56,7 +62,8 @@ def read(lines: list[str], source: str) -> tuple[NestedTable, tuple[str, ...]]:
         if delimiter != "," and any("," in field for _, row in rows[:9] for field in row)
         else "."
     )
-    notes = [f"TwinCAT Scope: {len(times)} groups of channels with a time of their own"]
+    kind = "group of channels" if len(times) == 1 else "groups of channels, each"
+    notes = [f"TwinCAT Scope: {len(times)} {kind} with a time of its own"]
     if len(rows) > 1 and _is_cut(rows[-1][1], described, decimal):
         notes.append(f"the last line ({rows[-1][0]}) is cut off and left out")
         rows.pop()
@@ -68,7 +75,7 @@ def read(lines: list[str], source: str) -> tuple[NestedTable, tuple[str, ...]]:
         length = _length(rows, first)
         stamps = len(columns)
         columns.append(f"time {group} [s]")
-        arrays.append(_numbers(rows[:length], first, (decimal, source, columns[-1])) * MS)
+        arrays.append(_seconds(rows[:length], first, (decimal, source, columns[-1])))
         for k in range(first + 1, last):
             name = _name(described, k)
             if not name:
@@ -93,10 +100,9 @@ def _is_cut(row: Sequence[str], described: Mapping[str, list[str]], decimal: str
 
 
 def _delimiter(lines: Sequence[str]) -> str:
-    """Return the delimiter, which is the character after `SampleTime[ms]`."""
-    line = next(line for line in lines[:_HEAD] if line.startswith("SampleTime[ms]"))
-    mark = line[len("SampleTime[ms]") :][:1]
-    return mark if mark in DELIMITERS else "\t"
+    """Return the delimiter, which is the character after `SampleTime` or `SampleTime[ms]`."""
+    found = next(filter(None, map(_SAMPLE_TIME.match, lines[:_HEAD])))
+    return found.string[found.end()]
 
 
 def _description(lines: Sequence[str], delimiter: str) -> tuple[Mapping[str, list[str]], int]:
@@ -131,6 +137,17 @@ def _length(rows: Sequence[tuple[int, list[str]]], column: int) -> int:
         if column >= len(row) or not row[column]:
             return k
     return len(rows)
+
+
+def _seconds(
+    rows: Sequence[tuple[int, list[str]]], column: int, about: tuple[str, str, str]
+) -> np.ndarray:
+    """Return the time of a group in s; FILETIME counts from the first stamp of the export."""
+    stamps = [row[column] for _, row in rows if column < len(row)]
+    if stamps and all(map(_FILETIME.fullmatch, stamps)):
+        first = int(next(field for field in rows[0][1] if _FILETIME.fullmatch(field)))
+        return np.array([int(stamp) - first for stamp in stamps]) * _TICK
+    return _numbers(rows, column, about) * MS
 
 
 def _numbers(
