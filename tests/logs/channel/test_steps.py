@@ -47,6 +47,7 @@ TURNS = np.cumsum(np.random.default_rng(1).uniform(0.5, 2.0, 6000))
         (TURNS.astype(np.float32), 1.76),
         (np.array([float(f"{value:.6g}") for value in TURNS]), 36.0),
         (np.array([float(f"{value:.7g}") for value in TURNS]), 3.6),
+        (np.array([float(f"{value:.6g}") for value in 0.900391 + 0.01 * np.arange(3000)]), 0.36),
     ],
 )
 def test_digits_that_hide_small_angles_are_said(values, arcsec):

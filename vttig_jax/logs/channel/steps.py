@@ -129,5 +129,15 @@ def _step_of_digits(values: Float[np.ndarray, " n"]) -> float:
     large = size >= 10.0 ** np.floor(np.log10(size.max()))
     if min(np.count_nonzero(large), np.count_nonzero(~large)) < 2:
         return 0.0
-    step, finer = step_of(values[large]), step_of(values[~large])
+    step, finer = _last_place(values[large]), _last_place(values[~large])
     return step if finer > 0 and step > _COARSER * finer else 0.0
+
+
+def _last_place(values: Float[np.ndarray, " n"]) -> float:
+    """Return the largest of 1, 0.1 … 1e-9 of which all values are multiples, or 0.
+
+    The differences of the values would not do: a counter that moves by equal steps has larger ones.
+    """
+    from_zero = np.append(0.0, values)
+    places = (10.0**-k for k in range(10))
+    return next((place for place in places if are_multiples(from_zero, place)), 0.0)
