@@ -201,7 +201,12 @@ def test_days_without_a_unit(ask, columns, first_day):
 def test_stamps_that_cannot_be_read(ask):
     stamps = [f"2026-305T00:00:{t:06.3f}" for t in T]
     told = ask(csv("time,motor_deg,load_deg", stamps, X, Y))
-    assert "neither numbers nor dates" in told and "--sample-rate" in told
+    assert "must be numbers, or dates" in told and "--sample-rate" in told
+
+
+def test_a_row_below_the_table_is_named_with_its_line(ask):
+    told = ask(csv("time_s,motor_deg,load_deg", T, X, Y) + "METADATA\n")
+    assert f"line {len(T) + 2}, column `time_s`" in told and "`METADATA` is no number" in told
 
 
 def test_a_slash_with_named_columns(columns):

@@ -107,6 +107,15 @@ def read_values(table: TextTable | NestedTable, indices: list[int]) -> Mapping[i
     return found
 
 
+def first_fault(table: TextTable | NestedTable, index: int) -> LogError:
+    """Return the error of a column that `read_values` left out."""
+    try:
+        table.columns([index])
+    except LogError as error:
+        return error
+    raise AssertionError(f"column {index} holds numbers only")
+
+
 def listed_facts(candidates: list[Candidate]) -> str:
     """Return a list of columns with first values, ranges and slopes as text for an error message.
 

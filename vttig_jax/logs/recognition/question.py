@@ -206,13 +206,14 @@ def no_time_unit(one: Candidate, source: str) -> LogError:
     )
 
 
-def unreadable_time(one: Candidate, source: str) -> LogError:
-    """Return the question for the time if the stamps of the time column cannot be read."""
+def unreadable_time(one: Candidate, fault: LogError) -> LogError:
+    """Return the question for the time; `fault` is the first stamp that cannot be read."""
+    seen = fault.message.split(";")[0].rstrip(".")
     return LogError(
-        f"the stamps of the time column `{one.name}` are neither numbers nor dates such as"
-        " 2026-11-30T12:00:00.25; write them so, name another column with --column time=NAME, or"
-        " give --sample-rate HZ.",
-        where=source,
+        f"the stamps of the time column `{one.name}` must be numbers, or dates such as"
+        f" 2026-11-30T12:00:00.25, and here {seen}; remove this line if it is no row of the table,"
+        " name another column with --column time=NAME, or give --sample-rate HZ.",
+        where=fault.where,
     )
 
 

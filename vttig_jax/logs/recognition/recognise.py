@@ -18,7 +18,7 @@ from ..readers.delimited import TextTable
 from ..readers.nested import NestedTable, has_clocks
 from ..readers.open_table import open_table
 from . import question
-from .candidates import Candidate, read_values
+from .candidates import Candidate, first_fault, read_values
 from .name_words import inputs_and_outputs, read_name
 from .question import Guess
 from .request import SHAFTS, DriveRequest
@@ -238,6 +238,8 @@ class Search:
 
     def _find_time_unit(self) -> None:
         column = self.candidate(self.roles["time"])
+        if column.values is None and not column.dated:
+            raise question.unreadable_time(column, first_fault(self.table, column.index))
         unit, guess = time_unit(column, self.units.get("time"), self.source)
         if unit is not None and guess is not None:
             self.units["time"] = unit

@@ -51,14 +51,14 @@ def time_unit(one: Candidate, stated: str | None, source: str) -> tuple[str | No
 
     Both are None if name or option (`stated`) state the unit, or if the stamps are dates.
 
-    **Raises** `LogError` for stamps that are neither numbers nor dates, for whole numbers that are
-    no seconds since 1970 or 1601, and for numbers that may be days.
+    **Raises** `LogError` for whole numbers that are no seconds since 1970 or 1601, and for numbers
+    that may be days.
     """
     if one.dated:
         return None, None
-    if one.values is None:
-        raise question.unreadable_time(one, source)
-    if stated is not None or one.reading.unit is not None or not len(one.values):
+    if one.values is None or stated is not None or one.reading.unit is not None:
+        return None, None
+    if not len(one.values):
         return None, None
     epoch = epoch_unit(one.values)
     if epoch is not None:
