@@ -129,6 +129,16 @@ def bounded_memory() -> Iterator[None]:
             ctypes.CDLL(None).malloc_trim(0)
 
 
+@pytest.fixture(scope="module")
+def fully_optimised() -> Iterator[None]:
+    """Compile the programs of a test as a user's programs are, in the quick tests too."""
+    quick = os.environ.get("JAX_DISABLE_MOST_OPTIMIZATIONS") == "1"
+    jax.config.update("jax_disable_most_optimizations", False)
+    jax.clear_caches()
+    yield
+    jax.config.update("jax_disable_most_optimizations", quick)
+
+
 @pytest.fixture(scope="session")
 def paper_pair() -> GearPair:
     """Gear pair of Table 1 of the paper."""

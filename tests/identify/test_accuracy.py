@@ -20,9 +20,9 @@ def first():
 
 
 @pytest.mark.usefixtures("unchecked")
-def test_four_seeds_keep_every_bound():
-    """An rms over four seeds has a spread of 35 %, hence the slack."""
-    assert complaints(study(range(4)), slack=1.4) == []
+def test_ten_seeds_keep_every_bound():
+    """An rms over ten seeds has a spread of 22 %, hence the slack."""
+    assert complaints(study(range(10)), slack=1.25) == []
 
 
 @pytest.mark.slow

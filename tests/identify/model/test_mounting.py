@@ -122,6 +122,7 @@ def test_models_that_forget_the_mounting_are_seen(bench, plain):
 
 
 @pytest.mark.portable
+@pytest.mark.usefixtures("fully_optimised")
 def test_readings_on_one_flank_meet_the_gap_where_the_gear_stands(bench):
     readings = fixed_gear_readings(bench.rig, np.arange(0.0, 1800.0, 37.0))
     found = [
@@ -129,10 +130,10 @@ def test_readings_on_one_flank_meet_the_gap_where_the_gear_stands(bench):
     ]
     gaps = [f.value("constant_backlash_deg") for f in found]
     scatter = [f.checks.readings.scatter_deg for f in found]
-    assert gaps[1] == pytest.approx(gaps[0], abs=1e-7) == pytest.approx(GAP_DEG, abs=0.001)
-    assert scatter[1] == pytest.approx(scatter[0], abs=1e-7)
+    assert gaps[1] == pytest.approx(gaps[0], abs=1e-8) == pytest.approx(GAP_DEG, abs=0.001)
+    assert scatter[1] == pytest.approx(scatter[0], abs=1e-8)
     np.testing.assert_allclose(
-        backlash_map(found[1]).over(ANGLES), backlash_map(found[0]).over(ANGLES), atol=1e-7 * DEG
+        backlash_map(found[1]).over(ANGLES), backlash_map(found[0]).over(ANGLES), atol=1e-8 * DEG
     )
 
 
