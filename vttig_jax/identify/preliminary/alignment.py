@@ -95,7 +95,7 @@ def _require_common_flank(place: int, first: Coefficients, other: Coefficients) 
     lies, first_lies = (" and ".join(one) or "none" for one in (other, first))
     raise NoAnswerError(
         f"log {place} has enough samples on flank {lies} and log 1 on flank {first_lies}, so that"
-        f" nothing tells where the zero of log {place} lies in the angles of log 1; if both count"
+        f" their zeros cannot be compared; if both count"
         " from the same place, say so with --same-zero, or name a log that moves in both"
         " directions first"
     )

@@ -18,8 +18,8 @@ _REAL = 2 / 3
 """Least share of the variance of the speed that is not noise of the readings (chosen)."""
 
 _NOISE = (
-    "the speed varies by no more than the noise of the readings makes of it, which tells no delay;"
-    " log a second speed"
+    "the variations of the speed are mostly noise of the readings, so that they tell no delay; log"
+    " a second speed"
 )
 _WORSE = "the delay that resembles the slow errors of the log leaves a larger residual than none"
 
