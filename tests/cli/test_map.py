@@ -6,7 +6,7 @@ import pytest
 
 from tests.cli.drive import write_drive, write_pair
 from vttig_jax.base.files.json_io import load_schema
-from vttig_jax.runs.map_table import COLUMNS
+from vttig_jax.runs.map_table import COLUMNS, INTERVAL
 
 
 def rows_of(path):
@@ -29,7 +29,7 @@ def test_csv_and_json_agree_with_each_other(vttig_json, run_folder, tmp_path):
     code, record = vttig_json("map", run_folder, "--out", tmp_path / "map.csv", "--step-deg", "0.5")
     assert code == 0
     table = rows_of(tmp_path / "map.csv")
-    assert table.dtype.names == COLUMNS
+    assert table.dtype.names == COLUMNS + INTERVAL
     assert len(table) == record["rows"] == 16 * 720
     beside = json.loads((tmp_path / "map.json").read_text())
     assert beside == record
@@ -43,7 +43,7 @@ def test_csv_and_json_agree_with_each_other(vttig_json, run_folder, tmp_path):
     slope = 2 * np.tan(np.radians(3.0))
     np.testing.assert_allclose(table["axial_mm"], table["backlash_mm"] / slope, rtol=1e-7)
     assert record["safe_closing_mm"] == pytest.approx(
-        np.radians(record["smallest"]["backlash_deg"]) * radius / slope
+        np.radians(record["smallest"]["low95_deg"]) * radius / slope
     )
     near = abs(table["backlash_first_order_deg"] - table["backlash_deg"])
     assert 0 < near.max() < 0.02
@@ -65,7 +65,7 @@ def test_it_says_what_was_seen_and_what_is_extrapolated(vttig, vttig_json, run_f
     for name in ("smallest", "largest"):
         inside = span[0] <= record[name]["driving_deg"] < span[1]
         assert record[name]["extrapolated"] is not inside
-    shown = [line for line in text.splitlines() if line.endswith(", extrapolated")]
+    shown = [line for line in text.splitlines() if ", extrapolated (" in line]
     assert len(shown) == sum(record[name]["extrapolated"] for name in ("smallest", "largest")) > 0
 
 

@@ -7,12 +7,13 @@ from tests.identify.drives import drive
 from vttig_jax.identify.fit_result import Fit
 from vttig_jax.identify.fitting import fit
 from vttig_jax.logs.encoder_log import EncoderLog
+from vttig_jax.posterior.planning.plan import DelayChoice
 
 COUNTS, TURNS, SECONDS, GAP_DEG = 20_000, 8, 0.002, 0.06
 PAIR = drive("9/16")
 
 
-def fitted(seed: int, advances: tuple[float, ...]) -> Fit:
+def fitted(seed: int, advances: tuple[float, ...], delay: DelayChoice = "auto") -> Fit:
     """Runs forth and back with these counts of the driving shaft per sample."""
     generator, place, parts, senses = np.random.default_rng(seed), 0.0, [], []
     for advance in advances:
@@ -33,7 +34,7 @@ def fitted(seed: int, advances: tuple[float, ...]) -> Fit:
         pair=PAIR,
         unit="deg",
     )
-    return fit(log, PAIR)
+    return fit(log, PAIR, delay=delay)
 
 
 def said(result: Fit) -> bool:
@@ -57,7 +58,7 @@ def test_the_interval_contains_frozen_levels():
 
 def test_levels_that_average_out_are_not_widened():
     for seed in range(2):
-        result = fitted(seed, (60.83, 40.57))
+        result = fitted(seed, (60.83, 40.57), "off")
         gap = result.checks.gap_over_angles_covered
         assert not said(result) and gap.value is not None and gap.std is not None
         assert abs(gap.value - GAP_DEG) < 4 * gap.std < 1e-3

@@ -29,13 +29,13 @@ def two_speeds():
 @pytest.fixture(scope="module")
 def shared(two_speeds):
     pair, logs = two_speeds
-    return fit(logs, pair, same_zero=True)
+    return fit(logs, pair, same_zero=True, delay="off")
 
 
 @pytest.fixture(scope="module")
 def by_plateau(two_speeds):
     pair, logs = two_speeds
-    return fit(logs, pair, same_zero=True, noise_of="plateau")
+    return fit(logs, pair, same_zero=True, noise_of="plateau", delay="off")
 
 
 def test_every_speed_has_its_noise(by_plateau, shared):

@@ -55,6 +55,7 @@ def backlash_map(fit: Fit, *, constant_backlash_deg: float | None = None) -> Bac
         fit.given.refuse(fit.source)
     both = len(fit.flanks) == 2
     _refuse_unknown_gap(fit, given=not both and constant_backlash_deg is not None)
+    shift = shift_of_delay(fit) if constant_backlash_deg is None else None
     if isinstance(fit.pair, Drive) or fit.given is not None:
         if not both:
             what = "drive without gear geometry" if fit.given is None else "given flank model"
@@ -62,7 +63,8 @@ def backlash_map(fit: Fit, *, constant_backlash_deg: float | None = None) -> Bac
                 f"one flank of a {what} says nothing about the other; record both directions.",
                 where=fit.source,
             )
-        return with_coverage(BacklashMap(_shifted(fit, constant_backlash_deg), None, fit.pair), fit)
+        model = _shifted(fit, constant_backlash_deg)
+        return with_coverage(BacklashMap(model, None, fit.pair, shift=shift), fit)
     for shaft in () if both else ("driving", "driven"):
         eccentricity = fit.parameters[f"{shaft}_eccentricity_mm"]
         if not eccentricity.determined:
@@ -78,7 +80,7 @@ def backlash_map(fit: Fit, *, constant_backlash_deg: float | None = None) -> Bac
     model: FlankModel = mounted_exact(fit.pair, rig, mounting)
     if both:
         model = _shifted(fit, constant_backlash_deg)
-    return with_coverage(BacklashMap(model, first_order, fit.pair), fit)
+    return with_coverage(BacklashMap(model, first_order, fit.pair, shift=shift), fit)
 
 
 def _refuse_unknown_gap(fit: Fit, *, given: bool) -> None:
@@ -94,6 +96,15 @@ def _refuse_unknown_gap(fit: Fit, *, given: bool) -> None:
     raise NoAnswerError(
         f"the constant backlash is undetermined ({gap.reason}); {cure}", where=fit.source
     )
+
+
+def shift_of_delay(fit: Fit) -> tuple[float, float] | None:
+    """Return the 95 % interval of the shift of the map by a delay that is taken as zero, rad."""
+    gap = fit.parameters["constant_backlash_deg"]
+    if fit.checks.gap_of_delay is None or gap.low95 is None or gap.high95 is None:
+        return None
+    fitted = fit.value("constant_backlash_deg")
+    return (gap.low95 - fitted) * DEG, (gap.high95 - fitted) * DEG
 
 
 def _shifted(fit: Fit, constant_backlash_deg: float | None) -> FlankModel:

@@ -19,7 +19,7 @@ from .model.forward_model import relation_of
 from .model.given_model import GivenModel
 from .model.identifiability import SINGLE_TURN, Identifiability
 from .noise.noise_model import whiten
-from .preliminary.delay import Delay, one_speed
+from .preliminary.delay import Delay
 from .preliminary.delay_blocks import blocks_of_logs
 from .preliminary.delay_change import (
     DelayChange,
@@ -31,7 +31,9 @@ from .preliminary.delay_change import (
 from .preliminary.delays_of_logs import DelaysOfLogs, delays_of_logs
 from .preliminary.model_selection import SelectedModel
 from .preliminary.wander import with_walk
-from .report.backlash_readings import (
+from .report.check_records import Lines, checks_of
+from .report.checks import REMEMBERS, ReadingsComparison, Whiteness
+from .report.comparisons.backlash_readings import (
     comparison,
     gap_of_both_flanks,
     gap_of_one_flank,
@@ -40,10 +42,9 @@ from .report.backlash_readings import (
     updated,
     with_constant_backlash,
 )
-from .report.check_records import Lines, checks_of
-from .report.checks import REMEMBERS, ReadingsComparison, Whiteness
 from .report.covered_gap import covered_gap, gap_deviations, least_stds
 from .report.estimate import Estimate
+from .report.gap_of_delay import allowing_for, gap_of_delay
 from .report.notes import conditions_of, notes_of, warnings_of
 from .report.order_table import order_table
 from .report.parameters import outcome_of, parameters_of, regressors_of
@@ -78,18 +79,19 @@ def build_fit(
     linear, split = selected.linear, _is_split(identifiable, settings)
     solved, solution = estimate.solved, estimate.solved.solution
     delay = _with_change(selected.delay, estimate.change)
-    margin, unknown = _gap_margins(delay, identifiable)
+    of_delay = gap_of_delay(delay, identifiable)
     given = _at_solution(solved)
     known = identifiable if given is None else without_relation(identifiable)
-    parameters = parameters_of(pair, known, solution, settings, delay, delay_margin=margin)
-    if given is not None:
-        parameters = with_given(parameters, solved, given)
+    parameters = allowing_for(of_delay, parameters_of(pair, known, solution, settings, delay))
+    parameters = parameters if given is None else with_given(parameters, solved, given)
     regressors = regressors_of(solution, linear.inputs[0].log)
     orders = order_table(solved, estimate.scatter)
     residual_rms = sample_residual_rms(linear, solved.weights)
     curves, residuals = solved.curves_and_residuals
-    gap = covered_gap(estimate, unknown)
-    checks = checks_of(selected, estimate, pair, parameters, orders=orders, gap=gap, found=lines)
+    gap = covered_gap(estimate, of_delay)
+    checks = checks_of(
+        selected, estimate, pair, parameters, orders=orders, gap=gap, of_delay=of_delay, found=lines
+    )
     logs = tuple(log_record(linear, solution, log) for log in range(len(linear.inputs)))
     warnings = warnings_of(selected, identifiable, estimate, regressors, logs, checks=checks)
     return Fit(
@@ -121,7 +123,7 @@ def build_fit(
         regressors=regressors,
         checks=checks,
         warnings=warnings,
-        notes=(*warnings, *notes_of(selected, identifiable, estimate)),
+        notes=(*warnings, *notes_of(selected, identifiable, estimate, of_delay)),
         logs=logs,
         evidence=_evidence(selected, solved, settings, split) if given is None else None,
     )
@@ -336,19 +338,6 @@ def _with_least_stds(solved: SolvedFit, least: Mapping[str, float]) -> SolvedFit
         return solved
     covariance = solution.covariance * np.outer(scale, scale)
     return replace(solved, solution=replace(solution, covariance=covariance))
-
-
-def _gap_margins(delay: Delay, identifiable: Identifiability) -> tuple[float, float]:
-    """Return two bounds of the error of the gap by an unknown delay d, 2 i |ω₁| d in rad.
-
-    **Returns** the bound for a delay that the logs do not determine, and the bound for any delay
-    that the fit leaves in the gap between the flanks. Both are 0 for one flank.
-    """
-    segments = [s for own in identifiable.segments for s in own]
-    if len(identifiable.flanks) < 2 or not segments:
-        return 0.0, 0.0
-    of_1_s = 2 * float(identifiable.terms.ratio) * max(abs(s.speed) for s in segments)
-    return of_1_s * delay.bound_s, of_1_s * delay.unknown_s(steady=one_speed(segments))
 
 
 def _evidence(

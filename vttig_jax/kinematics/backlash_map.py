@@ -76,6 +76,8 @@ class BacklashMap(PlottedResult):
     - `coverage`: part of the hunting period that was measured; None for a map that is not from
       logs, or whose logs are not known.
     - `no_period`: reason why no angle comes back after the hunting period of `pair`, or None.
+    - `shift`: 95 % interval, rad, by which the whole map may be shifted because the logs leave a
+      delay out of the gap; None if they do not.
 
     **Example**
     ```python
@@ -101,6 +103,7 @@ class BacklashMap(PlottedResult):
     pair: GearPair | Drive
     coverage: HuntingCoverage | None = None
     no_period: str | None = None
+    shift: tuple[float, float] | None = None
 
     def at(self, driving_angle: Real[ArrayLike, "*shape"]) -> Float[Array, "*shape"]:
         """Return the backlash, rad of the driven gear, at driving angles in rad."""
@@ -130,15 +133,26 @@ class BacklashMap(PlottedResult):
     def safe_closing_mm(self) -> float:
         """Largest axial displacement, mm, at which the gears bind at no driving angle.
 
-        It reduces the smallest backlash to zero: s = j_min R₂/(tan β_L + tan β_R). It is NaN for a
+        It reduces the smallest backlash to zero: s = j_min R₂/(tan β_L + tan β_R). If the map may
+        be shifted, j_min is the lower end of the interval of the smallest backlash. It is NaN for a
         drive, infinite for untapered gears, and zero or negative if the smallest backlash is
         already zero or negative.
         """
         if isinstance(self.pair, Drive):
             return float("nan")
-        gap_mm = self.smallest.backlash * float(self.pair.reference_radii[1])
+        gap_mm = self.interval(self.smallest)[0] * float(self.pair.reference_radii[1])
         thinning = float(self.pair.thinning)
         return gap_mm / thinning if thinning else float("inf")
+
+    def interval(self, extreme: Extreme) -> tuple[float, float]:
+        """Return both ends of the 95 % interval of `extreme`, rad, that follow from `shift`.
+
+        No gap is negative, so that the interval of a positive backlash begins at zero or above.
+        """
+        if self.shift is None:
+            return extreme.backlash, extreme.backlash
+        low, high = (extreme.backlash + end for end in self.shift)
+        return max(low, min(extreme.backlash, 0.0)), high
 
     def is_extrapolated(self, extreme: Extreme) -> bool | None:
         """Return whether no log covers the angle of `extreme` on flank A or none does on flank B.
@@ -200,7 +214,11 @@ class BacklashMap(PlottedResult):
         return [("hunting period", self.pair.hunting_period), *covered]
 
     def _text(self, extreme: Extreme) -> str:
-        return f"{extreme}, extrapolated" if self.is_extrapolated(extreme) else str(extreme)
+        shown = f"{extreme}, extrapolated" if self.is_extrapolated(extreme) else str(extreme)
+        if self.shift is None:
+            return shown
+        low, high = (end / DEG for end in self.interval(extreme))
+        return f"{shown} ({low:.5f}° … {high:.5f}° with the delay that the log leaves open)"
 
 
 @eqx.filter_jit

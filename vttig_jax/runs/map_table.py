@@ -10,12 +10,26 @@ if TYPE_CHECKING:
     from ..kinematics.backlash_map import BacklashMap, Extreme
     from ..posterior.summary.bands import BandedMap
 
-COLUMNS = ("driving_deg", "backlash_deg", "backlash_mm", "axial_mm", "backlash_first_order_deg")
+COLUMNS: tuple[str, ...] = (
+    "driving_deg",
+    "backlash_deg",
+    "backlash_mm",
+    "axial_mm",
+    "backlash_first_order_deg",
+)
 """Columns of `map.csv` for a map without posterior draws."""
+
+INTERVAL = ("low95_deg", "high95_deg")
+"""Further columns if a delay that the logs do not contain may shift the map."""
+
+
+def columns_of(grid: "BacklashMap") -> tuple[str, ...]:
+    """Return the names of the columns of `map_table`."""
+    return COLUMNS if grid.shift is None else COLUMNS + INTERVAL
 
 
 def map_table(grid: "BacklashMap", step_deg: float, turns: float) -> Any:
-    """Return the values of `COLUMNS`, shape (rows, 5), at driving angles 0°, `step_deg`, ….
+    """Return the values of `columns_of(grid)`, a row each, at driving angles 0°, `step_deg`, ….
 
     The rows cover `turns` driving revolutions. Lengths in mm are NaN if the pair does not define
     them.
@@ -33,7 +47,11 @@ def map_table(grid: "BacklashMap", step_deg: float, turns: float) -> Any:
         if thinning := float(grid.pair.thinning):
             axial = millimetres / thinning
     first = grid.first_order_over(driving_deg * DEG)
-    return np.stack([driving_deg, backlash / DEG, millimetres, axial, first / DEG], axis=1)
+    found = [driving_deg, backlash / DEG, millimetres, axial, first / DEG]
+    if grid.shift is not None:
+        low, high = (backlash + end for end in grid.shift)
+        found += [np.maximum(low, np.minimum(backlash, 0.0)) / DEG, high / DEG]
+    return np.stack(found, axis=1)
 
 
 def map_record(
@@ -96,6 +114,8 @@ def _extreme(grid: "BacklashMap", extreme: "Extreme") -> dict[str, Any]:
 
     return {
         "backlash_deg": extreme.backlash / DEG,
+        "low95_deg": None if grid.shift is None else grid.interval(extreme)[0] / DEG,
+        "high95_deg": None if grid.shift is None else grid.interval(extreme)[1] / DEG,
         "driving_deg": extreme.driving_angle / DEG,
         "tooth_pair": None if extreme.tooth_pair is None else list(extreme.tooth_pair),
         "extrapolated": grid.is_extrapolated(extreme),

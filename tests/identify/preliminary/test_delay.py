@@ -6,10 +6,16 @@ import numpy as np
 import pytest
 
 from tests.identify.quick import errors, quick_rig, scores
-from vttig_jax.base.units import DEG
+from vttig_jax.base.units import DEG, REV
 from vttig_jax.identify.fitting import fit
 from vttig_jax.identify.preliminary import model_selection
-from vttig_jax.identify.preliminary.delay import Delay, judge_delay, on_its_branch, one_speed
+from vttig_jax.identify.preliminary.delay import (
+    NEGLECTED,
+    Delay,
+    judge_delay,
+    on_its_branch,
+    one_speed,
+)
 from vttig_jax.identify.preliminary.nuisance import NuisanceRegression
 from vttig_jax.logs.encoder_log import EncoderLog
 from vttig_jax.logs.motion.flank_assignment import Ramp
@@ -110,19 +116,42 @@ def test_two_speeds_need_no_ramps():
     assert np.sqrt(np.mean(np.square(left))) < 2e-4
 
 
-def test_without_a_delay_it_is_insignificant_and_costs_nothing(quick_log, quick_rig, quick_fit):
+def test_without_a_delay_it_is_insignificant_and_only_the_gap_pays(quick_log, quick_rig, quick_fit):
     delay = quick_fit.parameters["delay_s"]
     assert delay.determined and not delay.significant
-    assert delay.reason == "below 4 standard errors; the other parameters take it as zero"
+    assert delay.reason == NEGLECTED
     assert abs(delay.value) < 4 * delay.std
     assert delay.high95 - delay.low95 == pytest.approx(2 * 1.959964 * delay.std)
     known = fit(quick_log, quick_rig.pair, delay="off")
-    for name in (*ECCENTRICITIES, "constant_backlash_deg"):
+    for name in ECCENTRICITIES:
         one, other = quick_fit.parameters[name], known.parameters[name]
         assert (one.value, one.std) == pytest.approx((other.value, other.std), rel=1e-9)
     assert not _ramp_notes(quick_fit)
+    gap, given = (one.parameters["constant_backlash_deg"] for one in (quick_fit, known))
+    assert gap.value == pytest.approx(given.value, rel=1e-9)
+    of_delay = quick_fit.checks.gap_of_delay
+    assert of_delay and delay.value and gap.std and gap.low95 and gap.high95 and given.std
+    speed = 2 * 45 / 80 * REV  # of both flanks together, at 60 rpm
+    assert of_delay.std_deg == pytest.approx(np.hypot(delay.value, delay.std) * speed / DEG, 0.02)
+    assert gap.std == pytest.approx(np.hypot(given.std, of_delay.std_deg))
+    assert (gap.high95 - gap.low95) / 2 == pytest.approx(1.959964 * gap.std)
     covered = quick_fit.checks.gap_over_angles_covered
-    assert (covered.std or 0.0) > 3 * (known.parameters["constant_backlash_deg"].std or np.nan)
+    assert covered.std == pytest.approx(gap.std, rel=0.05)
+    assert known.checks.gap_of_delay is None
+    (note,) = [note for note in quick_fit.notes if "--delay off" in note]
+    assert f"±{of_delay.half_width_deg:.2g}°" in note
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_delay_too_small_to_be_fitted_is_in_the_interval_of_the_gap(seed):
+    rig = quick_rig(seed, -3e-6)
+    result = fit(rig.log(seed), rig.pair)
+    assert not result.parameters["delay_s"].significant
+    gap, of_delay = result.parameters["constant_backlash_deg"], result.checks.gap_of_delay
+    assert of_delay is not None and gap.value and gap.std and gap.low95 and gap.high95
+    assert gap.low95 < 0.038 < gap.high95
+    alone = np.sqrt(gap.std**2 - of_delay.std_deg**2)
+    assert abs(gap.value - 0.038) > 4 * alone  # the noise alone does not explain the distance
 
 
 def test_free_keeps_it_and_pays(quick_log, quick_rig, quick_fit):
@@ -131,8 +160,8 @@ def test_free_keeps_it_and_pays(quick_log, quick_rig, quick_fit):
     assert delay.determined and not delay.significant
     assert None not in (delay.value, delay.std, gap.value, gap.std)
     assert delay.value == pytest.approx(0.0, abs=4 * (delay.std or 0.0))
-    known = quick_fit.parameters["constant_backlash_deg"].std
-    assert gap.std > 3 * known
+    known = fit(quick_log, quick_rig.pair, delay="off").parameters["constant_backlash_deg"]
+    assert (gap.std or 0.0) > 3 * (known.std or np.nan)
     assert gap.value == pytest.approx(0.038, abs=4 * (gap.std or 0.0))
 
 
@@ -242,11 +271,11 @@ def test_settled_is_a_hundredth_of_a_standard_error():
     assert Delay("fitted", 0.5, 0.25, 0.1).stepped() == Delay("fitted", 0.75, 0.0, 0.1)
 
 
-def test_the_gap_at_one_speed_contains_the_estimate_of_a_delay_taken_as_zero():
+def test_the_error_of_a_delay_taken_as_zero_contains_its_estimate():
     clear, none = (Delay("insignificant", 0.0, step, 1e-3) for step in (3e-3, 0.0))
-    assert none.unknown_s(steady=True) == pytest.approx(1.96e-3, rel=1e-3)
-    assert clear.unknown_s(steady=True) > 2 * 3e-3 > none.unknown_s(steady=True)
-    assert clear.unknown_s(steady=False) == 0.0
+    assert none.neglected_s == pytest.approx(1e-3)
+    assert clear.neglected_s == pytest.approx(np.hypot(3e-3, 1e-3))
+    assert Delay("fitted", 0.0, 3e-3, 1e-3).neglected_s == 0.0
 
 
 def test_one_speed_looks_at_both_senses():

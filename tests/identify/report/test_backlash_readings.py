@@ -12,8 +12,8 @@ from vttig_jax.base.units import DEG
 from vttig_jax.identify.backlash import backlash_map
 from vttig_jax.identify.fit_result import Fit
 from vttig_jax.identify.fitting import fit
-from vttig_jax.identify.report.backlash_readings import PredictedGap, updated
 from vttig_jax.identify.report.checks import ReadingsComparison
+from vttig_jax.identify.report.comparisons.backlash_readings import PredictedGap, updated
 from vttig_jax.logs.readers.backlash_readings import BacklashReadings
 from vttig_jax.rig.fixed_gear import fixed_gear_readings
 from vttig_jax.rig.imperfections import EncoderError

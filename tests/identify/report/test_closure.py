@@ -8,7 +8,7 @@ import pytest
 import vttig_jax
 from vttig_jax.base.units import DEG, REV
 from vttig_jax.identify.report.checks import Reversal
-from vttig_jax.identify.report.closure import closure, reversal_jumps
+from vttig_jax.identify.report.comparisons.closure import closure, reversal_jumps
 from vttig_jax.kinematics.te_curve import TECurve
 from vttig_jax.logs.encoder_log import EncoderLog
 from vttig_jax.logs.motion.segments import find_segments

@@ -4,9 +4,12 @@ import numpy as np
 import pytest
 
 from tests.identify.drives import drive, drive_log, known, level, there_and_back
+from vttig_jax.base.units import DEG
+from vttig_jax.identify.backlash import backlash_map
 from vttig_jax.identify.fit_result import Fit
 from vttig_jax.identify.fitting import fit
 from vttig_jax.logs.encoder_log import EncoderLog
+from vttig_jax.runs.map_table import COLUMNS, columns_of, map_table
 
 PAIR = drive("1/2")
 GAP_DEG = 200 / 3600
@@ -111,3 +114,27 @@ def test_a_sum_below_zero_is_told_with_both_causes(fits):
     assert len(told) == 1 and "late by at least 0.077 ms" in told[0] and "exchange" in told[0]
     for good in (fit(log, pair), fits[None]):
         assert not any("below zero" in one for one in good.warnings)
+
+
+@pytest.mark.parametrize("within", [None, 0.6])
+def test_the_map_has_the_interval_of_the_gap(fits, within):
+    result = fits[within]
+    grid, parameter = backlash_map(result), result.parameters[NAME]
+    low, high = (end / DEG for end in grid.interval(grid.smallest))
+    assert low <= GAP_DEG <= high  # the errors are common to both flanks
+    at_zero = result.value(NAME)
+    assert known(parameter.high95) - at_zero == pytest.approx(high - grid.smallest.backlash / DEG)
+    table = map_table(grid, 5.0, 1.0)
+    assert columns_of(grid)[-2:] == ("low95_deg", "high95_deg") and table.shape == (72, 7)
+    backlash, lower, upper = table[:, 1], table[:, 5], table[:, 6]
+    assert np.all((lower >= 0) & (lower <= backlash) & (backlash <= upper))
+    assert np.ptp(upper - backlash) < 1e-9
+    assert "with the delay that the log leaves open" in str(grid)
+    given = backlash_map(result, constant_backlash_deg=GAP_DEG)
+    assert given.shift is None and columns_of(given) == COLUMNS
+    assert "leaves open" not in str(given)
+
+
+def test_the_map_of_a_given_delay_has_no_interval(log):
+    grid = backlash_map(fit(log, PAIR, delay=DELAY_S))
+    assert grid.shift is None and grid.interval(grid.smallest) == (grid.smallest.backlash,) * 2

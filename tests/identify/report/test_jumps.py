@@ -10,7 +10,7 @@ from tests.identify.drives import drive, drive_log, level, there_and_back
 from vttig_jax.identify.fit_result import Fit
 from vttig_jax.identify.fitting import fit
 from vttig_jax.identify.report.checks import JumpComparison
-from vttig_jax.identify.report.closure import reversal_jumps
+from vttig_jax.identify.report.comparisons.closure import reversal_jumps
 from vttig_jax.logs.motion.segments import Segment
 
 HALF = drive("1/2")

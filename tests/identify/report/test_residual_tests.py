@@ -12,7 +12,7 @@ from vttig_jax.identify.fitting import fit
 from vttig_jax.identify.noise.noise_model import NoiseModel
 from vttig_jax.identify.report import residual_tests
 from vttig_jax.identify.report.checks import Whiteness
-from vttig_jax.identify.report.repeatability import passes
+from vttig_jax.identify.report.comparisons.repeatability import passes
 from vttig_jax.identify.report.residual_tests import whiteness
 from vttig_jax.identify.solve.residuals import Weights
 from vttig_jax.kinematics.te_curve import TECurve

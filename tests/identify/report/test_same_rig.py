@@ -7,7 +7,7 @@ import pytest
 
 from vttig_jax.base.errors import LogError
 from vttig_jax.identify.report.checks import Disagreement
-from vttig_jax.identify.report.same_rig import refuse_different_rigs
+from vttig_jax.identify.report.comparisons.same_rig import refuse_different_rigs
 
 pytestmark = pytest.mark.smoke
 

@@ -9,7 +9,7 @@ from tests.identify.quick import quick_rig
 from tests.identify.summaries import looked
 from vttig_jax.identify.model.forward_model import pair_relation
 from vttig_jax.identify.noise.noise_model import NoiseModel, whiten
-from vttig_jax.identify.report.backlash_readings import mean_gap
+from vttig_jax.identify.report.comparisons.backlash_readings import mean_gap
 from vttig_jax.identify.solve import sandwich
 from vttig_jax.identify.solve.least_squares import solve
 from vttig_jax.identify.solve.sandwich import Functional, standard_errors, widened

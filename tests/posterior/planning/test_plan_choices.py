@@ -66,12 +66,14 @@ def test_two_speeds_tell_a_delay_from_the_gap():
 
 def test_at_one_speed_the_ramps_tell_a_delay_or_nothing_does():
     plain, free, none_there = drive_plan(), drive_plan(delay="free"), drive_plan(assumed=NO_DELAY)
+    together = drive_plan(delay="off")
     gap = "constant_backlash_deg"
     assert free.std("delay_s") == plain.std("delay_s") == none_there.std("delay_s")
-    assert free.std(gap) == plain.std(gap) > 3 * none_there.std(gap)
-    (told,) = [note for note in plain.notes if "--assume delay_s=0" in note]
+    assert free.std(gap) == plain.std(gap) > 3 * together.std(gap)
+    assert 1.0 < none_there.std(gap) / free.std(gap) < 1.5  # the fit may not find it, but allows it
+    (told,) = [note for note in plain.notes if "--delay off" in note]
     known = float(re.findall(r"is ([0-9.e-]+)°", told)[0])
-    assert known == pytest.approx(none_there.std(gap), rel=0.06)
+    assert known == pytest.approx(together.std(gap), rel=0.06)
     assert any("second speed" in note for note in plain.notes)
     none = drive_plan(ramp_s=0.0)
     assert none.conditional_on == ("no_delay",)

@@ -12,7 +12,7 @@ from tests.posterior.densities import plain
 from tests.posterior.made import made_posterior, quick_fit
 from vttig_jax.base.errors import UsageError
 from vttig_jax.posterior.sampling.ensembles import run_ensembles
-from vttig_jax.posterior.summary.posterior import Posterior, to_arviz
+from vttig_jax.posterior.summary.posterior import Posterior
 
 
 @pytest.fixture(scope="module")
@@ -110,7 +110,7 @@ def test_the_order_of_the_draws_shows_their_autocorrelation(converged, monkeypat
     """The same count by the formula of arviz, and eight times as many in the order of steps."""
     module, calls = fake_arviz("1.0.0")
     monkeypatch.setitem(sys.modules, "arviz", module)
-    to_arviz(converged)
+    converged.to_arviz()
     given = calls[0][0][0]["posterior"]
     counted = [effective_draws(given[name]) for name in converged.names]
     np.testing.assert_allclose(counted, converged.diagnosis.effective, rtol=0.2)
@@ -127,7 +127,7 @@ def test_the_order_of_the_draws_shows_their_autocorrelation(converged, monkeypat
 def test_each_data_model_gets_its_own_call(posterior, monkeypatch, version, nested):
     module, calls = fake_arviz(version)
     monkeypatch.setitem(sys.modules, "arviz", module)
-    found = to_arviz(posterior)
+    found = posterior.to_arviz()
     ((args, groups),) = calls
     assert (len(args) == 1 and not groups) if nested else (not args and len(groups) == 2)
     given = args[0] if nested else groups
@@ -139,6 +139,6 @@ def test_each_data_model_gets_its_own_call(posterior, monkeypatch, version, nest
 def test_without_arviz_the_extra_is_named(posterior, monkeypatch):
     monkeypatch.setitem(sys.modules, "arviz", None)
     with pytest.raises(UsageError, match=r"pip install `vttig-jax\[arviz\]`") as caught:
-        to_arviz(posterior)
+        posterior.to_arviz()
     assert caught.value.exit_code == 2
     assert np.isfinite(posterior.draws).all()

@@ -3,6 +3,7 @@
 from dataclasses import replace
 from fractions import Fraction
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -14,7 +15,7 @@ from vttig_jax.kinematics.backlash_map import BacklashMap
 from vttig_jax.pair.gear_pair import Drive, Gear, GearPair
 from vttig_jax.posterior.summary.draws import SmallestGap, batches
 from vttig_jax.posterior.summary.gap_draws import GapDraws
-from vttig_jax.posterior.summary.posterior import gap_draws
+from vttig_jax.posterior.summary.posterior import flank_draws, gap_draws
 
 ANGLES = np.linspace(0, 16 * REV, 301)
 
@@ -39,7 +40,7 @@ def posterior():
 
 @pytest.fixture(scope="module")
 def draws(posterior):
-    return gap_draws(posterior)
+    return flank_draws(posterior)
 
 
 @pytest.mark.parametrize("draw", [0, 17, 399])
@@ -84,6 +85,28 @@ def test_no_angle_lies_below_the_smallest_gap_and_a_grid_alone_stays_above(draws
     assert np.median(coarse - draws.smallest.gap) > 1e-6
 
 
+def test_the_gap_of_a_delay_shifts_every_draw_and_no_place(draws, posterior):
+    shifted, of_delay = gap_draws(posterior), posterior.gap_of_delay[posterior.chosen]
+    assert of_delay.std() == pytest.approx(posterior.fit.checks.gap_of_delay.std_deg * DEG, rel=0.2)
+    np.testing.assert_allclose(shifted.over(ANGLES), draws.over(ANGLES) + of_delay, atol=1e-15)
+    one, other = draws.smallest, shifted.smallest
+    np.testing.assert_allclose(other.gap, one.gap + of_delay, atol=1e-15)
+    np.testing.assert_allclose(other.driving_angle, one.driving_angle, atol=1e-6)
+    high = np.quantile(of_delay, 0.975)
+    assert (
+        0.8
+        < (other.upper - np.median(other.gap)) / np.hypot(one.upper - np.median(one.gap), high)
+        < 1.25
+    )
+    name = "constant_backlash_deg"
+    std = np.hypot(posterior.values("constant_backlash").std(), of_delay.std()) / DEG
+    assert posterior.parameters[name].std == pytest.approx(std, rel=0.1)
+    known = replace(
+        posterior.fit, checks=msgspec.structs.replace(posterior.fit.checks, gap_of_delay=None)
+    )
+    assert replace(posterior, fit=known).gap_of_delay is None
+
+
 def test_places_that_were_left_out_cannot_win(draws):
     """The pruned grid has the smallest gap of every draw although most of it is gone."""
     _, width = draws._candidates()
@@ -100,7 +123,8 @@ def test_a_wide_posterior_keeps_the_whole_period(posterior):
     assert len(found._possible_minima(5760, width)) == 5760
 
 
-def test_safe_closing_and_the_chance_to_bind(draws, posterior):
+def test_safe_closing_and_the_chance_to_bind(posterior):
+    draws = gap_draws(posterior)
     closing = draws.smallest.safe_closing_mm
     taper = 2 * np.tan(3 * DEG)
     np.testing.assert_allclose(closing, draws.smallest.gap * 80 / taper)

@@ -2,7 +2,7 @@
 
 import io
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import click
 
@@ -19,6 +19,9 @@ if TYPE_CHECKING:
     from ...posterior.summary.bands import BandedMap
     from ...rig.synthetic import SyntheticRig
     from ...runs.posterior_run import PosteriorReport
+
+SAMPLED_TOGETHER: Final = "off"
+"""Delay of the fit: the simulated rig reads both encoders at the same instant."""
 
 
 @verb("demo", example="vttig demo --out demo")
@@ -38,8 +41,9 @@ def command(
     The true values are those of Table 2. The driving shaft turns at 60 rpm to 7560° and back, with
     a dwell of 2 s and a speed ripple of 0.1 %; the encoders have 90 000 counts per turn. The
     measured logs of the paper were never published, so the log is simulated by the exact kinematics
-    with plausible mesh and pitch errors, encoder errors and noise. The command fits the log,
-    samples the posterior and computes the backlash map. Without --out no file is written.
+    with plausible mesh and pitch errors, encoder errors and noise, and both encoders are read at
+    the same instant. The command fits the log, samples the posterior and computes the backlash map.
+    Without --out no file is written.
     """
     import vttig_jax
 
@@ -54,7 +58,7 @@ def command(
         log = rig.log(seed)
         bar.update(1)
         bar.set_description("fit")
-        result = fit(log, rig.pair)
+        result = fit(log, rig.pair, delay=SAMPLED_TOGETHER)
         if out is not None:
             _write_fit(out, overwrite, log, rig, result)
     with sampling_bar(output) as follow:
@@ -178,13 +182,16 @@ def _write_fit(
     import hashlib
 
     from ...base.files.run_folder import RunFolder
+    from ...identify.settings import FitSettings
     from ...pair.load import pair_spec
     from ...pair.pair_file import stated_table
+    from ...runs.options import RunOptions
 
     spec = pair_spec(rig.pair)
     data = log_csv(log)
     digest = hashlib.sha256(data.encode()).hexdigest()
-    run = RunRecord((out / "log.csv",), spec, sha256=(digest,))
+    options = RunOptions(settings=FitSettings(delay=SAMPLED_TOGETHER))
+    run = RunRecord((out / "log.csv",), spec, options=options, sha256=(digest,))
     with RunFolder(out, overwrite=overwrite, results=("fit.json",)) as folder:
         folder.write_text("log.csv", data)
         folder.write_toml("pair.toml", stated_table(spec))

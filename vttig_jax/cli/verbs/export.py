@@ -9,12 +9,13 @@ import click
 
 from ...base.errors import UsageError, VttigError
 from ...base.logger import LOGGER
+from ...runs.map_table import columns_of, csv_text, map_record, map_table
 from ...runs.run import Run
 from ...runs.run_file import CHECKPOINT, RunRecord
 from ...runs.zeros import shaft_readings
 from ..options import STEP_DEG, Finite, given, verb
 from ..output import Output
-from .map import COLUMNS, MOST_ROWS, csv_text, map_record, map_table
+from .map import MOST_ROWS
 
 if TYPE_CHECKING:
     from ...control.compensation.c_header import HeaderOrigin
@@ -224,7 +225,7 @@ def _table(
             " or more."
         )
     table = map_table(grid, step_deg, turns)
-    return csv_text(table, COLUMNS), map_record(
+    return csv_text(table, columns_of(grid)), map_record(
         fit, grid=grid, step_deg=step_deg, turns=turns, rows=len(table), out=out
     )
 

@@ -7,7 +7,7 @@ import click
 
 from ...base.errors import UsageError
 from ...base.logger import LOGGER
-from ...runs.map_table import COLUMNS, banded_record, csv_text, map_record, map_table
+from ...runs.map_table import banded_record, columns_of, csv_text, map_record, map_table
 from ...runs.run import Run
 from ...runs.run_file import CHECKPOINT
 from ..options import POSITIVE, STEP_DEG, Finite, verb
@@ -79,7 +79,7 @@ def command(
     else:
         _need_draws(run_folder, constant_backlash_deg, closing_mm)
         grid = backlash_map(fit, constant_backlash_deg=constant_backlash_deg)
-        table, columns = map_table(grid, step_deg, turns), COLUMNS
+        table, columns = map_table(grid, step_deg, turns), columns_of(grid)
         record = map_record(
             fit, grid=grid, step_deg=step_deg, turns=turns, rows=len(table), out=out
         )

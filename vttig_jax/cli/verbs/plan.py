@@ -91,7 +91,7 @@ vttig plan --pair pair.toml --noise-std-deg 0.002 --want driving_eccentricity_mm
     type=Named(),
     multiple=True,
     help="Amplitude or phase to expect, such as driving_eccentricity_mm=0.03; decides what a phase"
-    " costs. delay_s=0 for channels that are read at the same instant.",
+    " costs.",
 )
 @click.option("--perfect-encoders", is_flag=True, help="Fit no encoder eccentricity.")
 @click.option(

@@ -53,6 +53,22 @@ class Identifiability:
     few_turns: bool = False
     notes: tuple[str, ...] = field(default=())
 
+    @property
+    def gap_of_delay(self) -> float:
+        """Gap, rad, that resembles a delay of 1 s: i times the sum of the mean |ω₁| of both flanks.
+
+        It is 0 for one flank.
+        """
+        if len(self.flanks) < 2:
+            return 0.0
+        used = [s for own in self.segments for s in own]
+        means = []
+        for flank in self.flanks:
+            own = [s for s in used if s.flank == flank]
+            length = [s.stop - s.start for s in own]
+            means.append(np.average([abs(s.speed) for s in own], weights=length))
+        return float(self.terms.ratio) * float(sum(means))
+
 
 def find_identifiability(
     logs: Sequence[EncoderLog],

@@ -13,7 +13,6 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
-from ...base.numerics.quantiles import NORMAL_95
 from ...logs.motion.flank_assignment import Ramp
 from ...logs.motion.segments import Segment
 from ...pair.gear_pair import Flank
@@ -26,6 +25,12 @@ TOLD = 1e-4
 """A delay is identifiable if offsets and harmonics leave at least this share of the sum of squares
 of the column −ω₂ unexplained. The value corresponds to a speed variation of 1 %. The resolution of
 the encoder alone can give an apparent variation of 0.5 %."""
+
+NEGLECTED = (
+    f"below {SIGNIFICANT:g} standard errors; the other parameters take it as zero, and the interval"
+    " of the gap allows for it"
+)
+"""Reason why an insignificant delay is not fitted."""
 
 SAME_SPEED = 0.05  # largest relative difference of speeds that count as equal; chosen value
 _WIDE = 2.0
@@ -70,16 +75,13 @@ class Delay:
         small = max(_SMALL * self.std_s, _SMALLEST_S)
         return self.state != "fitted" or abs(self.step_s) <= small
 
-    def unknown_s(self, *, steady: bool) -> float:
-        """Return the largest delay, s, that may remain in the fitted gap between the flanks.
+    @property
+    def neglected_s(self) -> float:
+        """Standard error, s, of a delay that the fit takes as zero because it is insignificant.
 
-        If the logs do not determine the delay, it is the bound of the delay. If the delay is
-        insignificant and all runs have one speed (`steady`), it is 1.96 √(d² + s²) with its
-        estimate d and standard error s, because the fit takes the delay as zero.
+        It is √(d² + s²) with the estimate d of the delay and its standard error s; otherwise 0.
         """
-        if self.state == "insignificant" and steady:
-            return NORMAL_95 * float(np.hypot(self.step_s, self.std_s))
-        return self.bound_s
+        return float(np.hypot(self.step_s, self.std_s)) if self.state == "insignificant" else 0.0
 
     @property
     def bound_s(self) -> float:
@@ -137,7 +139,7 @@ def judge_delay(
         0.0,
         total,
         std,
-        f"below {SIGNIFICANT:g} standard errors; the other parameters take it as zero",
+        NEGLECTED,
     )
 
 

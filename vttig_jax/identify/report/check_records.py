@@ -25,16 +25,17 @@ from .checks import (
     Reversal,
     Wander,
 )
-from .closure import closure, reversal_jumps
+from .comparisons.closure import closure, reversal_jumps
+from .comparisons.repeatability import halves, passes
+from .comparisons.same_rig import disagreements, refuse_different_rigs
 from .covered_gap import compared_jumps, shifted
 from .estimate import Estimate
+from .gap_of_delay import GapOfDelay
 from .order_table import Order
 from .parameters import Parameter, variable_backlash_deg
 from .per_log import start_of
 from .record import Later
-from .repeatability import halves, passes
 from .residual_tests import explained, hidden_shafts, lines_left
-from .same_rig import disagreements, refuse_different_rigs
 
 
 @dataclass(frozen=True)
@@ -59,6 +60,7 @@ def checks_of(
     *,
     orders: Sequence[Order],
     gap: CoveredGap,
+    of_delay: GapOfDelay | None,
     found: Lines = Lines(),
 ) -> Checks:
     """Return all checks of a fit.
@@ -87,6 +89,7 @@ def checks_of(
         ratio=tuple(_ratio(one.log) for one in linear.inputs),
         agreement=_agreement(linear),
         gap_over_angles_covered=gap,
+        gap_of_delay=of_delay,
         gap_by_speed=() if gap.value is None else shifted(estimate.gap_deviations, gap.value),
         explained=explained(linear, solved.summary.columns, weights),
         drift_order=drift.order,

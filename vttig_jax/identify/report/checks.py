@@ -12,6 +12,7 @@ from ...logs.checks.slope_cause import Cause
 from ...pair.gear_pair import Flank
 from ..preliminary.robust import Outliers
 from ..solve.least_squares import Direction
+from .gap_of_delay import GapOfDelay
 from .order_table import Order
 from .record import Record
 
@@ -305,6 +306,7 @@ class Checks(Record, frozen=True, kw_only=True):
     - `drawing_backlash_deg`: backlash of the drawing.
     - `ratio`: ratio of every log. - `agreement`: further logs compared with the first.
     - `gap_over_angles_covered`: mean gap over the driving angles that both flanks covered.
+    - `gap_of_delay`: gap that a delay which is taken as zero may add to the fitted gap, or None.
     - `gap_by_speed`: gap at several speeds, after removal of the delay; empty at one speed.
     - `explained`: share of the variance of the transmission error that the harmonics explain, after
       offset, drift, delay and flank step are removed; None without variance.
@@ -328,6 +330,7 @@ class Checks(Record, frozen=True, kw_only=True):
     ratio: tuple[RatioCheck, ...] = ()
     agreement: tuple[Disagreement, ...] = ()
     gap_over_angles_covered: CoveredGap = CoveredGap()
+    gap_of_delay: GapOfDelay | None = None
     gap_by_speed: tuple[GapAtSpeed, ...] = ()
     explained: float | None = None
     drift_order: int = 0

@@ -25,11 +25,12 @@ from ..model.harmonics import TermPlan
 from ..preliminary.linear_fit import LinearFit
 from ..solve.sandwich import standard_errors
 from ..solve.solved_fit import SolvedFit
-from .backlash_readings import mean_gap
 from .checks import CoveredGap, GapAtSpeed, JumpComparison, Reversal
-from .closure import WINDOW_DEG
+from .comparisons.backlash_readings import mean_gap
+from .comparisons.closure import WINDOW_DEG
 from .estimate import Estimate
-from .parameters import LARGEST, OPEN
+from .gap_of_delay import GapOfDelay
+from .parameters import LARGEST, OPEN, interval_of
 
 _CELL = DEG
 """Driving angles are divided into cells of this width, rad. Each cell that both flanks covered
@@ -39,7 +40,7 @@ counts once (chosen)."""
 _MOST_CELLS = 20_000  # cells at which a curve with fractional orders is computed; chosen value
 
 
-def covered_gap(estimate: Estimate, margin: float) -> CoveredGap:
+def covered_gap(estimate: Estimate, of_delay: GapOfDelay | None) -> CoveredGap:
     """Return the mean gap of the fitted curves over the driving angles that both flanks covered.
 
     Its standard error is the largest of these: from the noise model, from the scatter of parts of
@@ -48,8 +49,7 @@ def covered_gap(estimate: Estimate, margin: float) -> CoveredGap:
     "memory"), an estimate for this case replaces the first two.
 
     **Arguments**
-    - `margin`: largest gap, rad, that an unknown delay within its bound can imitate; 0 for a delay
-      that is known or fitted.
+    - `of_delay`: gap that a delay which is taken as zero may add.
     """
     solved, scatter = estimate.solved, estimate.scatter
     if len(solved.summary.flanks) < 2:
@@ -71,17 +71,16 @@ def covered_gap(estimate: Estimate, margin: float) -> CoveredGap:
         apart = math.sqrt(other.variance(rival.solution.covariance)[0])
         std = max(std, math.hypot(apart, value - float(other.value[0])))
     std = max(std, estimate.least_gap_std)
-    half = math.hypot(NORMAL_95 * std, margin)
-    if half / DEG > LARGEST["deg"]:
+    found = interval_of("gap", "deg", value / DEG, std / DEG)
+    if of_delay is not None:
+        found = of_delay.widened(found)
+    if (found.high95 or 0.0) - (found.low95 or 0.0) > 2 * LARGEST["deg"]:
         return CoveredGap(reason=OPEN)
-    low, high = value - half, value + half
-    if margin and high > 0:
-        low, value = max(low, 0.0), max(value, 0.0)
     return CoveredGap(
-        value=value / DEG,
-        std=math.hypot(std, margin / math.sqrt(3)) / DEG,
-        low95=low / DEG,
-        high95=high / DEG,
+        value=found.value,
+        std=found.std,
+        low95=found.low95,
+        high95=found.high95,
         determined=True,
         covered_deg=float(np.sum(ranges[:, 1] - ranges[:, 0])) * _CELL / DEG,
     )

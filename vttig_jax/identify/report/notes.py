@@ -13,7 +13,7 @@ from ...pair.gear_pair import Drive, GearPair
 from ..model.harmonics import TermPlan
 from ..model.identifiability import Identifiability
 from ..noise.noise_model import NoiseModel
-from ..preliminary.delay import one_speed
+from ..preliminary.delay import Delay, one_speed
 from ..preliminary.linear_fit import Input
 from ..preliminary.model_selection import SelectedModel
 from ..settings import FitSettings
@@ -21,6 +21,7 @@ from ..solve.least_squares import Solution
 from .checks import Checks, GapAtSpeed
 from .covered_gap import depends_on_speed
 from .estimate import Estimate
+from .gap_of_delay import GapOfDelay
 from .parameters import SIGNIFICANT, Parameter
 from .per_log import LogRecord, differences
 
@@ -57,7 +58,10 @@ def warnings_of(
 
 
 def notes_of(
-    selected: SelectedModel, identifiable: Identifiability, estimate: Estimate
+    selected: SelectedModel,
+    identifiable: Identifiability,
+    estimate: Estimate,
+    of_delay: GapOfDelay | None,
 ) -> tuple[str, ...]:
     """Return the notes that are not warnings: first conditions of the numbers, then log details."""
     inputs, outliers = selected.linear.inputs, selected.weights.outliers
@@ -65,6 +69,7 @@ def notes_of(
     usual = [[] if one.slow else [one.sentence] for one in outliers]
     return (
         *_noise_notes(estimate.solved.noise),
+        *_neglected_delay(selected.delay, of_delay),
         *_of_logs(inputs, [[*one.found.notes] for one in inputs]),
         *_of_logs(inputs, slow),
         *identifiable.terms.dropped,
@@ -74,6 +79,19 @@ def notes_of(
         *_of_logs(inputs, [[*one.log.notes] for one in inputs]),
         *_of_logs(inputs, usual),
     )
+
+
+def _neglected_delay(delay: Delay, of_delay: GapOfDelay | None) -> list[str]:
+    """Return the note on a delay that is taken as zero but may change the gap."""
+    if of_delay is None or of_delay.bounded:
+        return []
+    return [
+        f"the delay, {1e6 * delay.step_s:.3g} ± {1e6 * delay.std_s:.2g} µs, is not significant and"
+        f" is taken as zero; it may change the gap by ±{of_delay.half_width_deg:.2g}°, which the"
+        " interval of the constant backlash contains. If both channels are sampled at the same"
+        " instant, say so with --delay off; otherwise a second speed, farther from the first, makes"
+        " the interval narrower"
+    ]
 
 
 def _noise_notes(noise: NoiseModel) -> list[str]:

@@ -165,14 +165,11 @@ def parameters_of(
     solution: Solution,
     settings: FitSettings,
     delay: Delay,
-    *,
-    delay_margin: float = 0.0,
 ) -> dict[str, Parameter]:
     """Return name → `Parameter` for all parameters of a fit, in the order of its JSON object.
 
-    At one speed the logs determine only the sum of the backlash and 2 ω₂ times the delay. The sum
-    is then a parameter too, and the interval of the constant backlash is widened by `delay_margin`,
-    rad, the largest backlash that the unknown delay can imitate.
+    If the logs determine only the sum of the backlash and 2 ω₂ times the delay, the sum is a
+    parameter too.
     """
     drive = isinstance(pair, Drive)
     largest = LARGEST if drive else LARGEST | {"mm": float(pair.centre_distance_mm)}
@@ -194,8 +191,7 @@ def parameters_of(
             reason=reason,
             largest=largest[unit],
         )
-    backlash = _constant_backlash(solution, identifiable.short, delay)
-    found.append(_with_margin(backlash, delay_margin / DEG))
+    found.append(_constant_backlash(solution, identifiable.short, delay))
     for shaft in SHAFTS:
         reason = identifiable.reasons.get(shaft)
         if settings.perfect_gears or reason == GIVEN_INSTEAD:
@@ -217,7 +213,7 @@ def parameters_of(
             largest=largest["arcsec"],
         )
     found.append(_delay(solution, delay))
-    if delay_margin:
+    if delay.bound_s and len(identifiable.flanks) == 2:
         found.append(_sum(solution, identifiable.short))
     return {parameter.name: parameter for parameter in found}
 
@@ -342,27 +338,6 @@ def _constant_backlash(solution: Solution, short: tuple[str, ...], delay: Delay)
         reason = "negative, which no gap is: friction or wind-up ahead of the gap, or a wrong sign"
         return replace(found, significant=False, reason=reason)
     return found
-
-
-def _with_margin(backlash: Parameter, margin: float) -> Parameter:
-    """Return the backlash with an interval widened by `margin`, deg, for an unknown delay."""
-    if margin == 0 or backlash.value is None or backlash.std is None:
-        return backlash
-    half = math.hypot(NORMAL_95 * backlash.std, margin)
-    low, high = backlash.value - half, backlash.value + half
-    value = backlash.value
-    if high > 0:
-        low, value = max(low, 0.0), max(value, 0.0)
-    return replace(
-        backlash,
-        value=value,
-        std=math.hypot(backlash.std, margin / math.sqrt(3)),
-        low95=low,
-        high95=high,
-        significant=low > 0,
-        reason="at one speed it is known only together with the delay; log a second speed, or give"
-        " --delay or --delay-within",
-    )
 
 
 def _sum(solution: Solution, short: tuple[str, ...]) -> Parameter:

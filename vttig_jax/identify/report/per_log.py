@@ -15,8 +15,8 @@ from ..preliminary.delay import TOLD
 from ..preliminary.linear_fit import LinearFit
 from ..preliminary.nuisance import own_terms
 from ..solve.least_squares import Solution
+from .comparisons.same_rig import phasors
 from .record import Record
-from .same_rig import phasors
 
 _DIFFERENT = 5.0
 """Standard errors above which a difference between logs is reported; chosen value."""

@@ -1,5 +1,6 @@
 """Expected standard errors of a run that is not yet recorded, from its Fisher information."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -10,7 +11,8 @@ from ...base.runtime import require_x64
 from ...base.threads import one_blas_thread
 from ...base.units import DEG
 from ...identify.model.forward_model import drive_relation, pair_relation
-from ...identify.preliminary.delay import SIGNIFICANT, Delay
+from ...identify.preliminary.delay import NEGLECTED, SIGNIFICANT, Delay
+from ...identify.report.gap_of_delay import allowing_for, gap_of_delay
 from ...identify.report.parameters import outcome_of, parameters_of
 from ...identify.settings import FitSettings
 from ...identify.solve.least_squares import Solution, solve
@@ -97,7 +99,7 @@ def plan(
     - `eccentricities`: assumed eccentricities; 0.02 mm each by default. They determine the standard
       error of a phase; their constant backlash and axial position change no standard error.
     - `assumed`: assumed amplitudes, phases and delay by the parameter names of a fit, for example
-      "driving_encoder_arcsec". `delay_s` = 0 assumes that both channels are read at one instant.
+      "driving_encoder_arcsec".
     - `orders`: harmonic orders to model; those of the pair by default.
     - `perfect_encoders`: fit no encoder eccentricity.
     - `delay`: as in the fit. "auto" fits a delay if several speeds, or else the ramps, separate it
@@ -151,7 +153,10 @@ def plan_of_run(
     settings = assumptions.settings
     split = not settings.perfect_encoders and len(rows.identifiable.flanks) == 2
     solution, delay = _solved(pair, rows, assumptions, split=split)
-    fitted = parameters_of(pair, rows.identifiable, solution, settings, delay)
+    fitted = allowing_for(
+        gap_of_delay(delay, rows.identifiable),
+        parameters_of(pair, rows.identifiable, solution, settings, delay),
+    )
     parameters = {
         name: planned_parameter(parameter, assumptions.values.get(name), wanted.get(name))
         for name, parameter in fitted.items()
@@ -202,9 +207,13 @@ def _solved(
     std = float(np.sqrt(found.covariance[place, place]))
     assumed = assumptions.values.get("delay_s")
     if choice == "auto" and assumed is not None and abs(assumed) <= SIGNIFICANT * std:
-        reason = f"below {SIGNIFICANT:g} standard errors; the other parameters take it as zero"
-        return solution(joint=False), Delay("insignificant", 0.0, assumed, std, reason)
+        return solution(joint=False), _insignificant(assumed, std)
     return found, Delay("fitted", assumed or 0.0, 0.0, std, forced=choice == "free")
+
+
+def _insignificant(assumed_s: float, std_s: float) -> Delay:
+    """Return a delay that the fit will take as zero, with the rms of its expected estimates."""
+    return Delay("insignificant", 0.0, math.hypot(assumed_s, std_s), std_s, NEGLECTED)
 
 
 def _unfitted(choice: str | float) -> Delay:

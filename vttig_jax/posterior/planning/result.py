@@ -273,9 +273,9 @@ def delay_notes(
     sentences = []
     if not (delay.forced or assumed):
         sentences.append(
-            "a delay between the channels is fitted beside the constant backlash; if the fit finds"
-            " none, it takes the delay as zero, and the standard error of the constant backlash is"
-            f" {known:.2g}° (see --assume delay_s=0)"
+            "a delay between the channels is fitted beside the constant backlash; if both channels"
+            " are sampled at the same instant, plan and fit with --delay off, and the standard"
+            f" error of the constant backlash is {known:.2g}°"
         )
     if rows.delay_source == "ramps":
         sentences.append(

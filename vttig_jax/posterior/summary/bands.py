@@ -10,7 +10,7 @@ from jaxtyping import Float
 from ...base.files.text_tables import key_values
 from ...base.results import PlottedResult
 from ...base.units import DEG
-from ...identify.backlash import with_coverage
+from ...identify.backlash import shift_of_delay, with_coverage
 from ...identify.model.mounting import mounted_closed, mounting_of
 from ...kinematics.backlash_map import BacklashMap
 from ...pair.gear_pair import Drive, GearPair
@@ -230,7 +230,8 @@ def band_map(
         gap_rad = float(rig.constant_backlash_deg) * DEG
         mounting = mounting_of(centre.covariance_names, centre.values, centre.flanks, gap_rad)
         first = mounted_closed(pair, rig, mounting)
-    grid = with_coverage(BacklashMap(draws.mean_model, first, pair), posterior.fit)
+    shift = shift_of_delay(posterior.fit)
+    grid = with_coverage(BacklashMap(draws.mean_model, first, pair, shift=shift), posterior.fit)
     bands = streamed_band(draws.chunks(angle), probability)
     return BandedMap(
         map=grid,

@@ -80,6 +80,7 @@ class GapDraws:
     - `terms`: orders (n₁, n₂) of the harmonics.
     - `offset`, `cosine`, `sine`: draws, rad, shapes (m, 2), (m, 2, terms), (m, 2, terms).
     - `batch`: batch of every draw, shape (m,); different batches are independent.
+    - `of_delay`: gap that an unknown delay adds to that of every draw, rad, shape (m,), or 0.
     """
 
     pair: GearPair | Drive
@@ -88,6 +89,7 @@ class GapDraws:
     cosine: Float[np.ndarray, "m 2 terms"]
     sine: Float[np.ndarray, "m 2 terms"]
     batch: np.ndarray
+    of_delay: Float[np.ndarray, " m"] | float = 0.0
 
     @cached_property
     def mean_model(self) -> OrderModel:
@@ -95,7 +97,7 @@ class GapDraws:
         return self.model(slice(None))
 
     def model(self, draw: int | slice) -> OrderModel:
-        """Return the flank model of one draw, or of the mean of several."""
+        """Return the flank model of one draw, or of the mean of several, without `of_delay`."""
         parts = (self.offset[draw], self.cosine[draw], self.sine[draw])
         if isinstance(draw, slice):
             parts = tuple(part.mean(axis=0) for part in parts)
@@ -111,7 +113,7 @@ class GapDraws:
     def over(self, driving_angle: Angles) -> Curves:
         """Return the backlash of every draw, rad of the driven gear, shape (angles, m)."""
         centre, basis = self._gap_basis(driving_angle)
-        return centre[:, None] + basis @ self._gap_deviations
+        return centre[:, None] + basis @ self._gap_deviations + self.of_delay
 
     def chunks(self, driving_angle: Angles) -> Iterator[Curves]:
         """Yield the backlash of every draw for successive blocks of `driving_angle` (rad).
@@ -131,7 +133,12 @@ class GapDraws:
         best = gaps.argmin(axis=1)[:, None]
         place = np.take_along_axis(angles, best, axis=1)[:, 0] % (self.pair.hunting_turns * REV)
         gap = np.take_along_axis(gaps, best, axis=1)[:, 0]
-        return SmallestGap(self.pair, gap, place, self.batch, self._upper_limit(place))
+        upper = self._upper_limit(place)
+        if np.any(self.of_delay):  # independent of the rest: the distances are added in squares
+            gap, middle = gap + self.of_delay, float(np.median(gap))
+            of_delay = np.quantile(self.of_delay, [0.5, 0.975])
+            upper = middle + of_delay[0] + math.hypot(upper - middle, of_delay[1] - of_delay[0])
+        return SmallestGap(self.pair, gap, place, self.batch, upper)
 
     def _upper_limit(self, places: Angles) -> float:
         """Return a 97.5 % upper limit of the smallest gap, rad.

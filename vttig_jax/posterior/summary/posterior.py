@@ -1,6 +1,5 @@
 """Posterior of a fit: its draws, its report, and its export to arviz."""
 
-import importlib
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -10,7 +9,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
-from ...base.errors import NoAnswerError, UsageError
+from ...base.errors import NoAnswerError
 from ...base.facade import from_front_door
 from ...base.files.text_tables import key_values, listed, text_table
 from ...base.numerics.partial_autocorrelation import filter_of
@@ -19,11 +18,14 @@ from ...base.runtime import require_x64
 from ...identify.fit_result import Fit
 from ...identify.report.check_sentences import doubt
 from ..sampling.ensembles import Chains
+from .arviz_export import arviz_data
 from .draws import PosteriorParameter, Share, SmallestGap, batches, parameters_of_draws, shown_unit
 from .gap_draws import GapDraws
 
 NOISE = ("log_innovation_std", "partial_")
 """The names of all noise parameters begin with one of these."""
+
+_GAP = "constant_backlash"  # the coordinate to which the gap of a delay is added
 
 _WIDTH = 100
 """Characters in a line of the sentence above the report (chosen)."""
@@ -82,7 +84,23 @@ class Posterior(PlottedResult):
     @cached_property
     def parameters(self) -> dict[str, PosteriorParameter]:
         """Parameters of the fit by name, with median and equal-tailed interval."""
-        return parameters_of_draws(self.fit, self.names, self.flat, self.delay_offset_s)
+        flat = self.flat
+        if self.gap_of_delay is not None:
+            flat = flat.copy()
+            flat[:, self.place(_GAP)] += self.gap_of_delay
+        return parameters_of_draws(self.fit, self.names, flat, self.delay_offset_s)
+
+    @cached_property
+    def gap_of_delay(self) -> Float[np.ndarray, " n"] | None:
+        """Gap, rad, that a delay may add to the gap of every draw in `flat`; None if there is none.
+
+        The coordinates are conditional on the delay that the fit takes as zero. The parameters, the
+        backlash map, the smallest gap and the rigs contain this gap; see `GapOfDelay`.
+        """
+        of_delay = self.fit.checks.gap_of_delay
+        if of_delay is None or _GAP not in self.names:
+            return None
+        return of_delay.draws(self.values(_GAP), self.seed)
 
     @property
     def widening(self) -> float:
@@ -181,7 +199,15 @@ class Posterior(PlottedResult):
 
     def to_arviz(self) -> Any:
         """Return the draws for arviz: `InferenceData` before arviz 1, a `DataTree` from then on."""
-        return to_arviz(self)
+        return arviz_data(
+            self.names,
+            self.units,
+            self.draws,
+            self.log_density,
+            source=self.fit.source,
+            seed=np.int64(self.seed),
+            converged=str(bool(self.diagnosis.converged)),
+        )
 
     def to_json(self) -> dict:
         """Return the JSON object of schema `vttig.posterior/1`: that of the fit, with the draws."""
@@ -294,65 +320,6 @@ def decimals(std: float, value: float) -> int:
     return 3 if size == 0 else min(max(1 - math.floor(math.log10(size)), 0), 12)
 
 
-def to_arviz(posterior: Posterior) -> Any:
-    """Return the draws as an `InferenceData` before arviz 1, as an xarray `DataTree` from then on.
-
-    A chain of arviz is an ensemble. It holds all steps of the first walker in the order of time,
-    then those of the second walker, and so on: the draw of a walker at a step has the index
-    `walker` · `steps` + `step`, and `attrs` hold the numbers of walkers and steps.
-
-    With this order arviz estimates the effective draws as the diagnosis of the posterior does: the
-    autocorrelation of the chain is the mean of those of its walkers about the mean of the ensemble.
-    At a lag of t steps only t of `steps` products join two walkers, and these are uncorrelated,
-    because in the stationary state the walkers are independent at equal times. If the draws were
-    ordered step by step, neighbouring draws would belong to different walkers, and the number of
-    effective draws would be too large by the factor τ. If every walker were a chain, the number
-    would be right, but R-hat would be large for such short chains, and the walkers of an ensemble
-    are not independent of each other, while ensembles are.
-
-    Variables are the coordinates in internal units, which their `attrs` name. arviz 1 shows 89 %
-    intervals by default: pass `ci_prob=0.95` (before arviz 1: `hdi_prob`).
-
-    **Raises** `UsageError` if arviz is not installed.
-    """
-    try:
-        arviz: Any = importlib.import_module("arviz")
-    except ImportError:
-        raise UsageError(
-            "the export to arviz needs the package arviz: pip install `vttig-jax[arviz]`."
-        ) from None
-    _, steps, walkers, _ = posterior.draws.shape
-    groups = {
-        "posterior": {
-            name: _walker_by_walker(posterior.draws[..., k])
-            for k, name in enumerate(posterior.names)
-        },
-        "sample_stats": {"lp": _walker_by_walker(posterior.log_density)},
-    }
-    # Before arviz 1 the groups are keyword arguments, from then on one nested mapping.
-    nested = int(arviz.__version__.partition(".")[0]) >= 1
-    data = arviz.from_dict(groups) if nested else arviz.from_dict(**groups)
-    for name, unit in zip(posterior.names, posterior.units, strict=True):
-        data["posterior"][name].attrs["units"] = unit
-    data["posterior"].attrs.update(
-        {
-            "source": posterior.fit.source,
-            "seed": np.int64(posterior.seed),
-            "walkers": np.int64(walkers),
-            "steps": np.int64(steps),
-            "converged": str(bool(posterior.diagnosis.converged)),
-        }
-    )
-    return data
-
-
-def _walker_by_walker(
-    values: Float[np.ndarray, "ensembles steps walkers"],
-) -> Float[np.ndarray, "ensembles n"]:
-    """Return one row per ensemble: all steps of its first walker, then of its second, and so on."""
-    return values.swapaxes(1, 2).reshape(len(values), -1)
-
-
 def gap_draws(posterior: Posterior) -> "GapDraws":
     """Return draws of the backlash map of a posterior.
 
@@ -373,7 +340,10 @@ def gap_draws(posterior: Posterior) -> "GapDraws":
             f"the constant backlash is undetermined ({gap.reason}); record more turns.",
             where=fit.source,
         )
-    return flank_draws(posterior)
+    draws = flank_draws(posterior)
+    if posterior.gap_of_delay is None:
+        return draws
+    return replace(draws, of_delay=posterior.gap_of_delay[posterior.chosen])
 
 
 def flank_draws(posterior: Posterior) -> "GapDraws":

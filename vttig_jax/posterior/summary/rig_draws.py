@@ -34,6 +34,8 @@ def rig_draws(posterior: Posterior, draws: int = 200, seed: int = 0) -> tuple[Ec
     chosen = np.sort(np.random.default_rng(seed).choice(available, draws, replace=False))
     offsets = [_offset(posterior, shaft)[chosen] for shaft in ("driving", "driven")]
     gaps = posterior.values("constant_backlash")[chosen] / DEG
+    if posterior.gap_of_delay is not None:
+        gaps += posterior.gap_of_delay[chosen] / DEG
     return tuple(
         Eccentricities(
             abs(driving), np.angle(driving, deg=True), abs(driven), np.angle(driven, deg=True), gap

@@ -5,12 +5,12 @@ from itertools import pairwise
 import numpy as np
 from jaxtyping import Float, Int
 
-from ...base.numerics.counting import pieces
-from ...base.units import DEG, REV
-from ...kinematics.te_curve import TECurve
-from ...logs.motion.segments import Segment
-from ...pair.gear_pair import Drive, GearPair
-from .checks import Closure, Reversal
+from ....base.numerics.counting import pieces
+from ....base.units import DEG, REV
+from ....kinematics.te_curve import TECurve
+from ....logs.motion.segments import Segment
+from ....pair.gear_pair import Drive, GearPair
+from ..checks import Closure, Reversal
 
 _NEAR_DEG, WINDOW_DEG = 1.0, 5.0
 """The passes before and after a reversal are compared in a window of driving angles. These are its

@@ -26,19 +26,19 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Float, Int
 
-from ...base.errors import LogError, UsageError
-from ...base.units import DEG
-from ...kinematics.exact import ExactModel
-from ...logs.readers.backlash_readings import BacklashReadings
-from ...pair.eccentricities import Eccentricities
-from ...pair.gear_pair import Drive, Flank, GearPair
-from ..model.column_layout import OFFSET
-from ..model.mounting import mounted_exact, mounting_of, offset_name
-from ..model.waves import Waves
-from ..solve.least_squares import Solution
-from ..solve.sandwich import Functional
-from ..solve.solved_fit import SolvedFit
-from .checks import ReadingsComparison
+from ....base.errors import LogError, UsageError
+from ....base.units import DEG
+from ....kinematics.exact import ExactModel
+from ....logs.readers.backlash_readings import BacklashReadings
+from ....pair.eccentricities import Eccentricities
+from ....pair.gear_pair import Drive, Flank, GearPair
+from ...model.column_layout import OFFSET
+from ...model.mounting import mounted_exact, mounting_of, offset_name
+from ...model.waves import Waves
+from ...solve.least_squares import Solution
+from ...solve.sandwich import Functional
+from ...solve.solved_fit import SolvedFit
+from ..checks import ReadingsComparison
 
 _UNKNOWN = 1.0
 """Standard error, rad, of a constant backlash that the logs do not determine; chosen value, much

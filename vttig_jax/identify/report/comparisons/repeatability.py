@@ -6,15 +6,15 @@ from itertools import pairwise
 
 import numpy as np
 
-from ...base.errors import NoAnswerError
-from ...base.threads import one_blas_thread
-from ...base.units import ARCSEC, DEG, REV
-from ...kinematics.te_curve import TECurve
-from ..compress.block_rows import BlockRun, LogRows
-from ..compress.harmonic_summary import FLANKS
-from ..model.harmonics import TermPlan
-from ..preliminary.alignment import Start
-from .checks import HalfDifference, PassDifference
+from ....base.errors import NoAnswerError
+from ....base.threads import one_blas_thread
+from ....base.units import ARCSEC, DEG, REV
+from ....kinematics.te_curve import TECurve
+from ...compress.block_rows import BlockRun, LogRows
+from ...compress.harmonic_summary import FLANKS
+from ...model.harmonics import TermPlan
+from ...preliminary.alignment import Start
+from ..checks import HalfDifference, PassDifference
 from .same_rig import Phasors, first_orders
 
 _LEAST_OVERLAP = 10 * DEG  # rad; chosen value

@@ -5,15 +5,15 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
-from ...base.errors import LogError
-from ...base.units import ARCSEC
-from ...pair.gear_pair import Flank
-from ..compress.block_rows import LogRows
-from ..compress.harmonic_summary import summarise
-from ..model.harmonics import Harmonic, TermPlan
-from ..noise.noise_model import autoregression
-from ..preliminary.alignment import Start
-from .checks import Disagreement
+from ....base.errors import LogError
+from ....base.units import ARCSEC
+from ....pair.gear_pair import Flank
+from ...compress.block_rows import LogRows
+from ...compress.harmonic_summary import summarise
+from ...model.harmonics import Harmonic, TermPlan
+from ...noise.noise_model import autoregression
+from ...preliminary.alignment import Start
+from ..checks import Disagreement
 
 Phasors = dict[tuple[str, str], tuple[complex, float]]
 """(shaft, flank) → a exp(jp) of the first order, and its standard error, rad."""

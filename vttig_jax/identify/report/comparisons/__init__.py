@@ -1,0 +1,1 @@
+"""Comparisons: parts of a log, several logs, and backlash readings with the fitted backlash."""
