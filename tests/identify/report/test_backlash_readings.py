@@ -26,11 +26,13 @@ def readings(noisy_rig) -> BacklashReadings:
     return fixed_gear_readings(noisy_rig, ANGLES_DEG, std_deg=0.0005)
 
 
-def test_as_a_check_they_change_nothing(noisy_fit, noisy_log, noisy_rig, readings):
+def test_as_a_check_they_change_nothing(noisy_log, noisy_rig, readings):
     checked = fit(noisy_log, noisy_rig.pair, readings=readings)
-    assert checked.to_json()["parameters"] == noisy_fit.to_json()["parameters"]
+    # A fit by programs that were compiled with other options may differ in the last digits.
+    plain = fit(noisy_log, noisy_rig.pair)
+    assert checked.to_json()["parameters"] == plain.to_json()["parameters"]
     found = _compared(checked)
-    grid = backlash_map(noisy_fit)
+    grid = backlash_map(plain)
     expected = (readings.backlash - np.asarray(grid.at(readings.driving_angle))) / DEG
     assert found.mean_deg == pytest.approx(expected.mean(), abs=1e-9)
     assert found.rms_deg == pytest.approx(np.sqrt(np.mean(expected**2)), rel=1e-6)
