@@ -162,3 +162,14 @@ def test_angles_that_were_not_covered_are_shaded(grid, paper_pair):
     assert legend_texts(ax)[-1] == "extrapolated: not covered on both flanks"
     (plain,) = plot_map(grid).axes
     assert len(plain.patches) == 0 and ax.get_ylim() == plain.get_ylim()
+
+
+def test_a_map_that_a_delay_may_shift_has_a_band(grid):
+    (plain,) = plot_map(grid).axes
+    (ax,) = plot_map(replace(grid, shift=(-0.01, 0.02))).axes
+    assert "95 %, with the delay left open" in legend_texts(ax)
+    assert not any("delay" in text for text in legend_texts(plain))
+    (band,) = [one for one in ax.collections if one not in plain.collections]
+    low, high = band.get_datalim(ax.transData).intervaly
+    assert low == pytest.approx(0.0)  # no gap is negative
+    assert high == pytest.approx(np.degrees(grid.largest.backlash + 0.02), abs=1e-4)

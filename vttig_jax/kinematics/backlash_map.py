@@ -140,19 +140,23 @@ class BacklashMap(PlottedResult):
         """
         if isinstance(self.pair, Drive):
             return float("nan")
-        gap_mm = self.interval(self.smallest)[0] * float(self.pair.reference_radii[1])
+        gap_mm = float(self.interval(self.smallest.backlash)[0]) * float(
+            self.pair.reference_radii[1]
+        )
         thinning = float(self.pair.thinning)
         return gap_mm / thinning if thinning else float("inf")
 
-    def interval(self, extreme: Extreme) -> tuple[float, float]:
-        """Return both ends of the 95 % interval of `extreme`, rad, that follow from `shift`.
+    def interval(
+        self, backlash: Float[np.ndarray, "*shape"] | float
+    ) -> tuple[Float[np.ndarray, "*shape"], Float[np.ndarray, "*shape"]]:
+        """Return both ends of the 95 % interval of values of this map, rad, as `shift` gives them.
 
         No gap is negative, so that the interval of a positive backlash begins at zero or above.
         """
-        if self.shift is None:
-            return extreme.backlash, extreme.backlash
-        low, high = (extreme.backlash + end for end in self.shift)
-        return max(low, min(extreme.backlash, 0.0)), high
+        value = np.asarray(backlash, float)
+        low, high = self.shift or (0.0, 0.0)
+        lower = np.maximum(value + low, np.minimum(value, 0.0))
+        return np.asarray(lower), np.asarray(value + high)
 
     def is_extrapolated(self, extreme: Extreme) -> bool | None:
         """Return whether no log covers the angle of `extreme` on flank A or none does on flank B.
@@ -217,7 +221,7 @@ class BacklashMap(PlottedResult):
         shown = f"{extreme}, extrapolated" if self.is_extrapolated(extreme) else str(extreme)
         if self.shift is None:
             return shown
-        low, high = (end / DEG for end in self.interval(extreme))
+        low, high = (float(end) / DEG for end in self.interval(extreme.backlash))
         return f"{shown} ({low:.5f}° … {high:.5f}° with the delay that the log leaves open)"
 
 

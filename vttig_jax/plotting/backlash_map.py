@@ -31,9 +31,9 @@ _PER_PERIOD = 24  # points per period of the highest order; a chosen value
 def plot_map(backlash: BacklashMap, *, ax: Axes | None = None, turns: int = 16) -> Figure:
     """Plot the backlash over the hunting period, its first-order map and both extremes.
 
-    Shaded angles were not covered on both flanks by the logs. The right axis is in mm: axial
-    displacement that closes the backlash if the pair has taper, otherwise backlash at the reference
-    circle. A drive has no right axis.
+    Shaded angles were not covered on both flanks by the logs. A band shows the interval of a map
+    that a delay may shift. The right axis is in mm: axial displacement that closes the backlash if
+    the pair has taper, otherwise backlash at the reference circle. A drive has no right axis.
 
     **Arguments**
     - `backlash`: the map.
@@ -59,6 +59,12 @@ def plot_map(backlash: BacklashMap, *, ax: Axes | None = None, turns: int = 16) 
         ax = new_figure(4.2).add_subplot()
     x, y = thinned(angle / DEG, gap / DEG)
     lines: list[Artist] = [*ax.plot(x, y, color=COLOURS[0], linewidth=0.8, label="backlash map")]
+    if backlash.shift is not None:
+        low, high = (end / DEG for end in backlash.interval(gap))
+        label = "95 %, with the delay left open"
+        lines.append(
+            ax.fill_between(angle / DEG, low, high, color=COLOURS[0], alpha=0.2, lw=0, label=label)
+        )
     if backlash.first_order is not None:
         first = backlash.first_order_over(angle)
         x, y = thinned(angle / DEG, first / DEG)
@@ -69,7 +75,8 @@ def plot_map(backlash: BacklashMap, *, ax: Axes | None = None, turns: int = 16) 
     ax.set_ylabel("backlash, angle of the driven gear [°]")
     ax.set_xlim(0.0, 360.0 * shown)
     _add_mm_axis(ax, backlash)
-    title(ax, "backlash", backlash.pair.name, _span(shown, period), legend_rows=2)
+    rows = math.ceil(len(marks + lines) / 2)
+    title(ax, "backlash", backlash.pair.name, _span(shown, period), legend_rows=rows)
     grid(ax)
     driving_axis(ax)
     legend(ax, marks + lines)

@@ -49,8 +49,7 @@ def map_table(grid: "BacklashMap", step_deg: float, turns: float) -> Any:
     first = grid.first_order_over(driving_deg * DEG)
     found = [driving_deg, backlash / DEG, millimetres, axial, first / DEG]
     if grid.shift is not None:
-        low, high = (backlash + end for end in grid.shift)
-        found += [np.maximum(low, np.minimum(backlash, 0.0)) / DEG, high / DEG]
+        found += [end / DEG for end in grid.interval(backlash)]
     return np.stack(found, axis=1)
 
 
@@ -112,10 +111,11 @@ def banded_record(
 def _extreme(grid: "BacklashMap", extreme: "Extreme") -> dict[str, Any]:
     from ..base.units import DEG
 
+    low, high = grid.interval(extreme.backlash)
     return {
         "backlash_deg": extreme.backlash / DEG,
-        "low95_deg": None if grid.shift is None else grid.interval(extreme)[0] / DEG,
-        "high95_deg": None if grid.shift is None else grid.interval(extreme)[1] / DEG,
+        "low95_deg": None if grid.shift is None else float(low) / DEG,
+        "high95_deg": None if grid.shift is None else float(high) / DEG,
         "driving_deg": extreme.driving_angle / DEG,
         "tooth_pair": None if extreme.tooth_pair is None else list(extreme.tooth_pair),
         "extrapolated": grid.is_extrapolated(extreme),

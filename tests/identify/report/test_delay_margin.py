@@ -120,7 +120,7 @@ def test_a_sum_below_zero_is_told_with_both_causes(fits):
 def test_the_map_has_the_interval_of_the_gap(fits, within):
     result = fits[within]
     grid, parameter = backlash_map(result), result.parameters[NAME]
-    low, high = (end / DEG for end in grid.interval(grid.smallest))
+    low, high = (end / DEG for end in grid.interval(grid.smallest.backlash))
     assert low <= GAP_DEG <= high  # the errors are common to both flanks
     at_zero = result.value(NAME)
     assert known(parameter.high95) - at_zero == pytest.approx(high - grid.smallest.backlash / DEG)
@@ -137,4 +137,5 @@ def test_the_map_has_the_interval_of_the_gap(fits, within):
 
 def test_the_map_of_a_given_delay_has_no_interval(log):
     grid = backlash_map(fit(log, PAIR, delay=DELAY_S))
-    assert grid.shift is None and grid.interval(grid.smallest) == (grid.smallest.backlash,) * 2
+    assert grid.shift is None
+    assert grid.interval(grid.smallest.backlash) == (grid.smallest.backlash,) * 2

@@ -45,7 +45,9 @@ def test_draws_have_the_stated_spread_and_their_seed():
     normal, bounded = NORMAL.draws(gap, 1), BOUNDED.draws(gap, 1)
     assert normal.std() / DEG == pytest.approx(NORMAL.std_deg, rel=0.02)
     assert np.quantile(normal, 0.975) / DEG == pytest.approx(0.3, rel=0.03)
-    assert -0.2 <= bounded.min() / DEG < -0.199 and 0.299 < bounded.max() / DEG <= 0.3
+    assert bounded.min() / DEG == pytest.approx(-0.2) and 0.299 < bounded.max() / DEG <= 0.3
+    assert np.mean(bounded < -0.1999 * DEG) == pytest.approx(1 / 6, rel=0.03)
+    assert np.median(bounded) / DEG == pytest.approx(0.0, abs=0.01)
     np.testing.assert_array_equal(normal, NORMAL.draws(gap, 1))
     assert not np.array_equal(normal, NORMAL.draws(gap, 2))
 

@@ -75,13 +75,14 @@ class GapOfDelay(Record, frozen=True):
     def draws(self, gap: Float[np.ndarray, " n"], seed: int) -> Float[np.ndarray, " n"]:
         """Return one draw of this gap, rad, for each draw of the fitted gap, rad.
 
-        If this gap is `bounded`, the sum of both is not negative.
+        If this gap is `bounded`, a sum of both below zero becomes zero: the intervals of the sum
+        then begin at zero, as that of the fit does.
         """
         rng = np.random.default_rng([seed, len(gap)])
         half = self.half_width_deg * DEG
         if not self.bounded:
             return rng.normal(0.0, self.std_deg * DEG, len(gap))
-        return rng.uniform(np.maximum(-half, np.minimum(-gap, half)), half)
+        return np.maximum(rng.uniform(-half, half, len(gap)), -np.maximum(gap, 0.0))
 
 
 def gap_of_delay(delay: Delay, identifiable: Identifiability) -> GapOfDelay | None:
