@@ -118,7 +118,7 @@ class FitSettings(
         setting(
             "Largest delay, either way, where the logs cannot tell it from the backlash, in"
             " milliseconds (on the command line also as 0.0005s). By default it is one sampling"
-            " interval.",
+            " interval, and 2 % of it if several speeds show no significant delay.",
             "--delay-within",
             "MILLISECONDS",
         ),

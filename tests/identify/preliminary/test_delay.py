@@ -1,9 +1,11 @@
 """A delay between the channels: found with its sign, left alone, left open, or taken as given."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
+from scipy.integrate import quad
 
 from tests.identify.quick import errors, quick_rig, scores
 from vttig_jax.base.units import DEG, REV
@@ -234,7 +236,14 @@ def _own(gram: float = 1.0, right: float = 0.0, raw: float = 1.0) -> NuisanceReg
 )
 def test_what_counts_is_the_whole_delay_and_not_the_step(before, right, state):
     found = judge_delay(
-        _own(right=right), [], before, forced=False, two_flanks=True, steady=False, within_s=1e-3
+        _own(right=right),
+        [],
+        before,
+        forced=False,
+        two_flanks=True,
+        steady=False,
+        within_s=1e-3,
+        small_s=2e-5,
     )
     assert found.state == state
     assert found.std_s == pytest.approx(1.0, rel=1e-6)
@@ -243,7 +252,14 @@ def test_what_counts_is_the_whole_delay_and_not_the_step(before, right, state):
     else:
         assert (found.seconds, found.step_s) == pytest.approx((0.0, before + right), rel=1e-6)
     forced = judge_delay(
-        _own(right=right), [], before, forced=True, two_flanks=True, steady=False, within_s=1e-3
+        _own(right=right),
+        [],
+        before,
+        forced=True,
+        two_flanks=True,
+        steady=False,
+        within_s=1e-3,
+        small_s=2e-5,
     )
     assert forced.state == "fitted"
 
@@ -258,6 +274,7 @@ def test_a_delay_hidden_behind_offsets_is_open(raw, state):
         two_flanks=False,
         steady=False,
         within_s=1e-3,
+        small_s=2e-5,
     )
     assert found.state == state
     assert ("an offset" in found.reason) == (state == "open")
@@ -272,10 +289,48 @@ def test_settled_is_a_hundredth_of_a_standard_error():
 
 
 def test_the_error_of_a_delay_taken_as_zero_contains_its_estimate():
-    clear, none = (Delay("insignificant", 0.0, step, 1e-3) for step in (3e-3, 0.0))
-    assert none.neglected_s == pytest.approx(1e-3)
-    assert clear.neglected_s == pytest.approx(np.hypot(3e-3, 1e-3))
-    assert Delay("fitted", 0.0, 3e-3, 1e-3).neglected_s == 0.0
+    clear, none = (Delay("insignificant", 0.0, step, 1e-3, within_s=2e-3) for step in (3e-3, 0.0))
+    assert none.neglected_s(steady=True) == pytest.approx(1.96e-3, rel=1e-4)
+    assert clear.neglected_s(steady=True) == pytest.approx(1.96 * np.hypot(3e-3, 1e-3), rel=1e-4)
+    assert Delay("fitted", 0.0, 3e-3, 1e-3).neglected_s(steady=True) == 0.0
+
+
+@pytest.mark.parametrize("step_s", [0.0, 1e-6, -2.5e-6])
+@pytest.mark.parametrize("std_s", [1e-6, 1e-4])
+def test_at_two_speeds_a_delay_far_above_the_smallest_ones_is_less_probable(step_s, std_s):
+    """The quantile by direct integration of the posterior over |delay|."""
+    delay = Delay("insignificant", 0.0, step_s, std_s, within_s=1e-3)
+    found = delay.neglected_s(steady=False)
+
+    def integral(high: float) -> float:
+        def density(size: float) -> float:
+            return sum(np.exp(-(((s * size - step_s) / std_s) ** 2) / 2) for s in (1, -1)) / size
+
+        ends = np.geomspace(1e-7, high, 60)
+        return sum(quad(density, a, b)[0] for a, b in pairwise(ends))
+
+    assert integral(found) / integral(1e-3) == pytest.approx(0.95, abs=2e-3)
+    assert found <= delay.neglected_s(steady=True)
+    small = 1e-4 if std_s == 1e-4 else 4.5e-6
+    assert found < small * (0.9 if std_s == 1e-4 else 1.0)
+
+
+def test_the_bound_of_the_user_is_that_of_a_small_delay_at_two_speeds():
+    logs = [quick_rig(0, speed_rpm=speed).log(seed) for seed, speed in ((0, 60.0), (1, 90.0))]
+    pair = quick_rig(0).pair
+    widths = []
+    for within_ms in (1e-3, None, 1.0):
+        found = fit(logs, pair, same_zero=True, delay_within_ms=within_ms)
+        assert not found.parameters["delay_s"].significant
+        assert found.checks.gap_of_delay is not None and not found.checks.gap_of_delay.bounded
+        widths.append(found.checks.gap_of_delay.half_width_deg)
+    assert widths[0] < 0.8 * widths[1]
+    assert widths[1] == pytest.approx(widths[2], rel=0.01)  # the logs exclude larger delays
+
+
+def test_delays_below_the_smallest_are_bounded_by_their_own_interval():
+    delay = Delay("insignificant", 0.0, 1e-9, 1e-9, within_s=1e-3)
+    assert delay.neglected_s(steady=False) == delay.neglected_s(steady=True)
 
 
 def test_one_speed_looks_at_both_senses():

@@ -13,6 +13,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
+from ...base.numerics.quantiles import NORMAL_95
 from ...logs.motion.flank_assignment import Ramp
 from ...logs.motion.segments import Segment
 from ...pair.gear_pair import Flank
@@ -36,6 +37,9 @@ SAME_SPEED = 0.05  # largest relative difference of speeds that count as equal; 
 _WIDE = 2.0
 """A delay is open if its bound is smaller than this number of standard errors; chosen value."""
 
+_LATCHED_S = 1e-7  # delay of channels that one clock samples, s; chosen value
+_SIZES = 4000  # delays at which the posterior is computed; chosen value
+
 _SMALL, _SMALLEST_S = 0.01, 1e-9  # step that counts as zero: in standard errors, and in s
 _LEAST_SHARE = 0.05  # least share of a step of the delay; chosen value
 _BRANCH = 0.25
@@ -54,7 +58,7 @@ class Delay:
     - `seconds`: delay that is already removed: the driving angle is taken this much earlier, s.
     - `step_s`, `std_s`: delay that the linear model finds in addition, and its standard error, s.
     - `reason`: reason why the delay is not fitted.
-    - `within_s`: assumed bound of |delay|, s, if the logs do not determine the delay.
+    - `within_s`: assumed bound of |delay|, s, of a delay that is open or insignificant.
     - `share`: change of the residual when the driving angle moves by a delay, over the change that
       the column of the smoothed speed predicts; it is below 1 if the readings jitter.
     - `forced`: whether the user requires the delay, even if the logs do not determine it.
@@ -75,13 +79,27 @@ class Delay:
         small = max(_SMALL * self.std_s, _SMALLEST_S)
         return self.state != "fitted" or abs(self.step_s) <= small
 
-    @property
-    def neglected_s(self) -> float:
-        """Standard error, s, of a delay that the fit takes as zero because it is insignificant.
+    def neglected_s(self, *, steady: bool) -> float:
+        """Return the half-width of the 95 % interval, s, of a delay that the fit takes as zero.
 
-        It is √(d² + s²) with the estimate d of the delay and its standard error s; otherwise 0.
+        With the estimate d and its standard error s it is 1.96 √(d² + s²) if all runs have one
+        speed (`steady`), where only ramps separate a delay from the gap. If several speeds tell the
+        delay, it is the 95 % quantile of |delay| of a posterior whose prior is flat in log |delay|,
+        from `_LATCHED_S` to `within_s`, but not more than at one speed. The result is 0 unless the
+        delay is insignificant.
         """
-        return float(np.hypot(self.step_s, self.std_s)) if self.state == "insignificant" else 0.0
+        if self.state != "insignificant":
+            return 0.0
+        widest = NORMAL_95 * float(np.hypot(self.step_s, self.std_s))
+        if steady or self.within_s <= _LATCHED_S:
+            return widest if steady else min(widest, self.within_s)
+        size = np.geomspace(_LATCHED_S, self.within_s, _SIZES)
+        signed = np.stack([size, -size])
+        likelihood = np.exp(-(((signed - self.step_s) / self.std_s) ** 2) / 2).sum(axis=0)
+        below = np.cumsum(likelihood)
+        if not below[-1] > 0:  # all these delays are excluded
+            return widest
+        return min(widest, float(size[np.searchsorted(below, 0.95 * below[-1])]))
 
     @property
     def bound_s(self) -> float:
@@ -112,6 +130,7 @@ def judge_delay(
     two_flanks: bool,
     steady: bool,
     within_s: float,
+    small_s: float,
 ) -> Delay:
     """Decide whether the delay is fitted, insignificant or open (not determined by the logs).
 
@@ -121,7 +140,8 @@ def judge_delay(
     - `forced`: fit the delay even if it is insignificant.
     - `two_flanks`: whether the logs cover both flanks. - `steady`: whether all runs have one speed;
       an insignificant delay is then open if two standard errors exceed `within_s`.
-    - `within_s`: assumed bound of |delay|, s.
+    - `within_s`: assumed bound of |delay|, s, if the logs do not determine it.
+    - `small_s`: assumed bound, s, of a delay that is insignificant at several speeds.
     """
     like = "the constant backlash" if two_flanks else "an offset"
     reason = f"at one steady speed a delay cannot be told from {like}; log a second speed"
@@ -140,6 +160,7 @@ def judge_delay(
         total,
         std,
         NEGLECTED,
+        within_s=small_s,
     )
 
 

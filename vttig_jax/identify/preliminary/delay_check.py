@@ -23,6 +23,9 @@ _NOISE = (
 )
 _WORSE = "the delay that resembles the slow errors of the log leaves a larger residual than none"
 
+OF_INTERVAL = 0.02
+"""Largest delay of channels that one clock samples, in sampling intervals; chosen value."""
+
 
 def explaining(delay: Delay, weights: Reweighted, linear: LinearFit, *, bound_s: float) -> Delay:
     """Return the delay, or an open one if the speed is noise or the residual is larger with it.
@@ -76,6 +79,17 @@ def delay_bound_s(inputs: Sequence[Input], settings: FitSettings) -> float:
     if settings.delay_within_ms is not None:
         return 1e-3 * settings.delay_within_ms
     return max(one.log.interval_s for one in inputs)
+
+
+def small_delay_s(inputs: Sequence[Input], settings: FitSettings) -> float:
+    """Return the largest delay, s, that is allowed for if several speeds show no significant one.
+
+    It is the setting `delay_within_ms`, or by default `OF_INTERVAL` of the sampling interval: two
+    channels that one clock samples differ by less, such as by times of conversion and filters.
+    """
+    if settings.delay_within_ms is not None:
+        return 1e-3 * settings.delay_within_ms
+    return OF_INTERVAL * max(one.log.interval_s for one in inputs)
 
 
 def is_told_on_one_flank(plain: LinearFit) -> bool:

@@ -23,7 +23,7 @@ from ..model.identifiability import SINGLE_TURN, Identifiability
 from ..noise.noise_model import residual_std
 from ..settings import FitSettings
 from .delay import Delay, judge_delay, on_its_branch, one_speed
-from .delay_check import delay_bound_s, explaining, is_told_on_one_flank
+from .delay_check import delay_bound_s, explaining, is_told_on_one_flank, small_delay_s
 from .linear_fit import Input, LinearFit, Model, linear_fit
 from .nuisance import NuisanceRegression
 from .robust import Reweighted, reweighted
@@ -281,7 +281,7 @@ def _with_delay(
     plain = weights.linear
     inputs, model, block_s = plain.inputs, plain.model, plain.block_s
     steady = one_speed([s for one in inputs for s in one.segments])
-    steps, step_s = 0, 0.0
+    bound_s, steps, step_s = delay_bound_s(inputs, settings), 0, 0.0
     while True:
         steps += 1
         linear, notes = _with_ramps(plain) if steady else (plain, [])
@@ -292,15 +292,15 @@ def _with_delay(
             forced=settings.delay == "free" or is_told_on_one_flank(plain),
             two_flanks=len(linear.summary.flanks) == 2,
             steady=steady,
-            within_s=delay_bound_s(inputs, settings),
+            within_s=bound_s,
+            small_s=small_delay_s(inputs, settings),
         )
         delay = delay.after(step_s) if step_s else replace(delay, share=share)
         if delay.is_settled or steps == _MOST_STEPS:
             break
-        step_s = delay.step_s
-        delay = delay.stepped()
+        step_s, delay = delay.step_s, delay.stepped()
         plain = weights.look(inputs, model, delay.seconds, block_s)
-    delay = explaining(delay, weights, plain, bound_s=delay_bound_s(inputs, settings))
+    delay = explaining(delay, weights, plain, bound_s=bound_s)
     if delay.state != "fitted":
         moved = plain.channels[0].delay_s != 0
         return weights.look(inputs, model, 0.0, block_s) if moved else plain, delay, []

@@ -14,7 +14,7 @@ from jaxtyping import Float
 from ...base.numerics.quantiles import NORMAL_95
 from ...base.units import DEG
 from ..model.identifiability import Identifiability
-from ..preliminary.delay import Delay
+from ..preliminary.delay import Delay, one_speed
 from .parameters import SIGNIFICANT, Parameter
 from .record import Record
 
@@ -97,8 +97,8 @@ def gap_of_delay(delay: Delay, identifiable: Identifiability) -> GapOfDelay | No
         fastest = max(abs(s.speed) for s in segments)
         bound = 2 * float(identifiable.terms.ratio) * fastest * delay.bound_s
         return GapOfDelay(half_width_deg=bound / DEG, bounded=True)
-    if delay.neglected_s:
-        half = NORMAL_95 * delay.neglected_s * identifiable.gap_of_delay
+    if late_s := delay.neglected_s(steady=one_speed(segments)):
+        half = late_s * identifiable.gap_of_delay
         return GapOfDelay(half_width_deg=half / DEG, bounded=False)
     return None
 

@@ -89,8 +89,8 @@ def _neglected_delay(delay: Delay, of_delay: GapOfDelay | None) -> list[str]:
         f"the delay, {1e6 * delay.step_s:.3g} ± {1e6 * delay.std_s:.2g} µs, is not significant and"
         f" is taken as zero; it may change the gap by ±{of_delay.half_width_deg:.2g}°, which the"
         " interval of the constant backlash contains. If both channels are sampled at the same"
-        " instant, say so with --delay off; otherwise a second speed, farther from the first, makes"
-        " the interval narrower"
+        " instant, say so with --delay off; if the delay may be larger, give its limit with"
+        " --delay-within. Speeds that differ more tell the delay better"
     ]
 
 

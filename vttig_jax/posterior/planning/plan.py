@@ -12,6 +12,7 @@ from ...base.threads import one_blas_thread
 from ...base.units import DEG
 from ...identify.model.forward_model import drive_relation, pair_relation
 from ...identify.preliminary.delay import NEGLECTED, SIGNIFICANT, Delay
+from ...identify.preliminary.delay_check import OF_INTERVAL
 from ...identify.report.gap_of_delay import allowing_for, gap_of_delay
 from ...identify.report.parameters import outcome_of, parameters_of
 from ...identify.settings import FitSettings
@@ -207,13 +208,14 @@ def _solved(
     std = float(np.sqrt(found.covariance[place, place]))
     assumed = assumptions.values.get("delay_s")
     if choice == "auto" and assumed is not None and abs(assumed) <= SIGNIFICANT * std:
-        return solution(joint=False), _insignificant(assumed, std)
+        return solution(joint=False), _insignificant(assumed, std, OF_INTERVAL * rows.interval_s)
     return found, Delay("fitted", assumed or 0.0, 0.0, std, forced=choice == "free")
 
 
-def _insignificant(assumed_s: float, std_s: float) -> Delay:
+def _insignificant(assumed_s: float, std_s: float, within_s: float) -> Delay:
     """Return a delay that the fit will take as zero, with the rms of its expected estimates."""
-    return Delay("insignificant", 0.0, math.hypot(assumed_s, std_s), std_s, NEGLECTED)
+    expected_s = math.hypot(assumed_s, std_s)
+    return Delay("insignificant", 0.0, expected_s, std_s, NEGLECTED, within_s=within_s)
 
 
 def _unfitted(choice: str | float) -> Delay:

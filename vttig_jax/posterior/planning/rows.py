@@ -49,6 +49,7 @@ class PlannedRows:
     - `noise`: autoregressive noise of the block means.
     - `used`: number of samples at steady speed, on all flanks together.
     - `missed`: number of passes that have no part at steady speed.
+    - `interval_s`: sampling interval, s.
     """
 
     identifiable: Identifiability
@@ -60,6 +61,7 @@ class PlannedRows:
     noise: BlockNoise
     used: int
     missed: int
+    interval_s: float
 
 
 def planned_rows(
@@ -101,6 +103,7 @@ def planned_rows(
         noise=blocks,
         used=sum(counts.values()) * rows.size,
         missed=run.pass_count * len(run.speeds_rpm) - len(segments),
+        interval_s=1 / run.rate_hz,
     )
 
 
