@@ -60,6 +60,15 @@ def test_pieces_give_the_same_band():
         np.testing.assert_allclose(one, other, rtol=1e-12)
 
 
+def test_the_simultaneous_band_of_skewed_draws_contains_the_pointwise_one():
+    """Draws with one common error that is bounded below, as an unknown delay gives it."""
+    common = np.maximum(np.random.default_rng(3).uniform(-1.0, 3.0, (2000, 1)), 0.0)
+    found = band(common + 1e-3 * np.random.default_rng(4).standard_normal((2000, 20)))
+    assert np.all(found.centre + found.critical * found.std < found.high)
+    assert np.all(found.high_simultaneous >= found.high)
+    assert np.all(found.low_simultaneous <= found.low)
+
+
 def test_a_wider_probability_is_wider():
     draws = _curves(np.random.default_rng(3), 500, np.zeros(4))
     narrow, wide = band(draws, 0.5), band(draws, 0.99)

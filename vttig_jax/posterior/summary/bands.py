@@ -34,8 +34,8 @@ class Band:
     - `probability`: probability of both bands.
     - `centre`, `std`: mean and standard deviation of the draws, shape (n,).
     - `low`, `high`: equal-tailed interval at each point; it contains the curve at any *one* point.
-    - `low_simultaneous`, `high_simultaneous`: centre ∓ `critical` · std; the band between them
-      contains the *whole* curve.
+    - `low_simultaneous`, `high_simultaneous`: centre ∓ `critical` · std, and at least from `low` to
+      `high`; the band between them contains the *whole* curve.
     - `critical`: quantile, over the draws, of the largest deviation of a draw from the centre in
       standard deviations (sup-t).
     """
@@ -49,13 +49,13 @@ class Band:
 
     @property
     def low_simultaneous(self) -> Curve:
-        """Lower edge of the simultaneous band."""
-        return self.centre - self.critical * self.std
+        """Lower edge of the simultaneous band, never above that of the pointwise band."""
+        return np.minimum(self.centre - self.critical * self.std, self.low)
 
     @property
     def high_simultaneous(self) -> Curve:
-        """Upper edge of the simultaneous band."""
-        return self.centre + self.critical * self.std
+        """Upper edge of the simultaneous band, never below that of the pointwise band."""
+        return np.maximum(self.centre + self.critical * self.std, self.high)
 
 
 def band(curves: Float[np.ndarray, "m n"], probability: float = 0.95) -> Band:
