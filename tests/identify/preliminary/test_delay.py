@@ -141,6 +141,7 @@ def test_without_a_delay_it_is_insignificant_and_only_the_gap_pays(quick_log, qu
     assert covered.std == pytest.approx(gap.std, rel=0.05)
     assert known.checks.gap_of_delay is None
     (note,) = [note for note in quick_fit.notes if "--delay off" in note]
+    assert "log a second speed" in note and "--delay-within" not in note
     assert f"±{of_delay.half_width_deg:.2g}°" in note
 
 
@@ -235,47 +236,35 @@ def _own(gram: float = 1.0, right: float = 0.0, raw: float = 1.0) -> NuisanceReg
     ],
 )
 def test_what_counts_is_the_whole_delay_and_not_the_step(before, right, state):
-    found = judge_delay(
-        _own(right=right),
-        [],
-        before,
-        forced=False,
-        two_flanks=True,
-        steady=False,
-        within_s=1e-3,
-        small_s=2e-5,
-    )
+    found = _judged(_own(right=right), before)
     assert found.state == state
     assert found.std_s == pytest.approx(1.0, rel=1e-6)
     if state == "fitted":
         assert (found.seconds, found.step_s) == pytest.approx((before, right), rel=1e-6)
     else:
         assert (found.seconds, found.step_s) == pytest.approx((0.0, before + right), rel=1e-6)
-    forced = judge_delay(
-        _own(right=right),
+    assert _judged(_own(right=right), before, forced=True).state == "fitted"
+
+
+def _judged(
+    own: NuisanceRegression, seconds: float, *, forced: bool = False, two_flanks: bool = True
+) -> Delay:
+    """Return the decision on a delay of a log at several speeds."""
+    return judge_delay(
+        own,
         [],
-        before,
-        forced=True,
-        two_flanks=True,
+        seconds,
+        forced=forced,
+        two_flanks=two_flanks,
         steady=False,
         within_s=1e-3,
         small_s=2e-5,
     )
-    assert forced.state == "fitted"
 
 
 @pytest.mark.parametrize(("raw", "state"), [(1e4, "fitted"), (2e6, "open"), (0.0, "open")])
 def test_a_delay_hidden_behind_offsets_is_open(raw, state):
-    found = judge_delay(
-        _own(right=50.0, raw=raw),
-        [],
-        0.0,
-        forced=False,
-        two_flanks=False,
-        steady=False,
-        within_s=1e-3,
-        small_s=2e-5,
-    )
+    found = _judged(_own(right=50.0, raw=raw), 0.0, two_flanks=False)
     assert found.state == state
     assert ("an offset" in found.reason) == (state == "open")
 
@@ -311,8 +300,7 @@ def test_at_two_speeds_a_delay_far_above_the_smallest_ones_is_less_probable(step
 
     assert integral(found) / integral(1e-3) == pytest.approx(0.95, abs=2e-3)
     assert found <= delay.neglected_s(steady=True)
-    small = 1e-4 if std_s == 1e-4 else 4.5e-6
-    assert found < small * (0.9 if std_s == 1e-4 else 1.0)
+    assert found < (0.9e-4 if std_s == 1e-4 else 4.5e-6)
 
 
 def test_the_bound_of_the_user_is_that_of_a_small_delay_at_two_speeds():
@@ -323,6 +311,7 @@ def test_the_bound_of_the_user_is_that_of_a_small_delay_at_two_speeds():
         found = fit(logs, pair, same_zero=True, delay_within_ms=within_ms)
         assert not found.parameters["delay_s"].significant
         assert found.checks.gap_of_delay is not None and not found.checks.gap_of_delay.bounded
+        assert any("--delay-within" in note for note in found.notes)
         widths.append(found.checks.gap_of_delay.half_width_deg)
     assert widths[0] < 0.8 * widths[1]
     assert widths[1] == pytest.approx(widths[2], rel=0.01)  # the logs exclude larger delays

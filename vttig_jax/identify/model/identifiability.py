@@ -55,9 +55,9 @@ class Identifiability:
 
     @property
     def gap_of_delay(self) -> float:
-        """Gap, rad, that resembles a delay of 1 s: i times the sum of the mean |ω₁| of both flanks.
+        """Gap, rad, that resembles a delay of 1 s; 0 for one flank.
 
-        It is 0 for one flank.
+        It is |i| times the sum of the mean |ω₁| of both flanks.
         """
         if len(self.flanks) < 2:
             return 0.0
@@ -67,7 +67,7 @@ class Identifiability:
             own = [s for s in used if s.flank == flank]
             length = [s.stop - s.start for s in own]
             means.append(np.average([abs(s.speed) for s in own], weights=length))
-        return float(self.terms.ratio) * float(sum(means))
+        return abs(float(self.terms.ratio)) * float(sum(means))
 
 
 def find_identifiability(

@@ -95,7 +95,7 @@ def gap_of_delay(delay: Delay, identifiable: Identifiability) -> GapOfDelay | No
         return None
     if delay.bound_s:
         fastest = max(abs(s.speed) for s in segments)
-        bound = 2 * float(identifiable.terms.ratio) * fastest * delay.bound_s
+        bound = 2 * abs(float(identifiable.terms.ratio)) * fastest * delay.bound_s
         return GapOfDelay(half_width_deg=bound / DEG, bounded=True)
     if late_s := delay.neglected_s(steady=one_speed(segments)):
         half = late_s * identifiable.gap_of_delay

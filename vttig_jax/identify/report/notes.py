@@ -69,7 +69,7 @@ def notes_of(
     usual = [[] if one.slow else [one.sentence] for one in outliers]
     return (
         *_noise_notes(estimate.solved.noise),
-        *_neglected_delay(selected.delay, of_delay),
+        *_neglected_delay(selected.delay, of_delay, identifiable),
         *_of_logs(inputs, [[*one.found.notes] for one in inputs]),
         *_of_logs(inputs, slow),
         *identifiable.terms.dropped,
@@ -81,16 +81,23 @@ def notes_of(
     )
 
 
-def _neglected_delay(delay: Delay, of_delay: GapOfDelay | None) -> list[str]:
+def _neglected_delay(
+    delay: Delay, of_delay: GapOfDelay | None, identifiable: Identifiability
+) -> list[str]:
     """Return the note on a delay that is taken as zero but may change the gap."""
     if of_delay is None or of_delay.bounded:
         return []
+    steady = one_speed([s for own in identifiable.segments for s in own])
+    cure = (
+        "otherwise log a second speed, which tells the delay better"
+        if steady
+        else "if the delay may be larger, give its limit with --delay-within"
+    )
     return [
         f"the delay, {1e6 * delay.step_s:.3g} ± {1e6 * delay.std_s:.2g} µs, is not significant and"
         f" is taken as zero; it may change the gap by ±{of_delay.half_width_deg:.2g}°, which the"
         " interval of the constant backlash contains. If both channels are sampled at the same"
-        " instant, say so with --delay off; if the delay may be larger, give its limit with"
-        " --delay-within. Speeds that differ more tell the delay better"
+        f" instant, say so with --delay off; {cure}"
     ]
 
 
