@@ -142,7 +142,7 @@ def preview_log(
     table, digest, notes = open_table(
         path, decimal=decimal, requested=columns.values(), headerless=True
     )
-    table, cut = table.without_cut_line(range(len(table.names)))
+    table, cut = table.complete_rows(range(len(table.names)))
     search = Search(table, str(path), request, _named(spec, columns))
     search.take_stated(timed=sample_rate_hz is None)
     questions = search.questions(timed=sample_rate_hz is None)

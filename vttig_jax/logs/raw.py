@@ -121,7 +121,7 @@ class _Reading:
             c for c in self.roles.values() if c.index != ROW_INDEX and not (dated and c is time)
         ]
         indices = [column.index for column in used]
-        self.table, notes = self.table.without_cut_line(indices)
+        self.table, notes = self.table.complete_rows(indices)
         self.source = Source(self.source.name, self.source.columns, self.line_of)
         arrays = dict(zip(indices, self.table.columns(indices), strict=True))
         if time is not None:

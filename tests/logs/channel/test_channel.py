@@ -105,6 +105,7 @@ def test_modulus_counts_do_not_apply_to_degrees():
         (RAMP, {"encoder": Encoder(counts_per_rev=90_000, modulus=65_536)}, ["65536", "span"]),
         (RAMP, {"encoder": Encoder()}, ["counts_per_rev", "[driving]"]),
         (np.full(50, 7), {}, ["constant at 7"]),
+        (np.where(np.arange(90) == 40, 100, 7), {}, ["apart from 1 single", "--column driving"]),
         (np.arange(90.0) + 217 * (np.arange(90) >= 44), {"unit": "deg"}, ["line 46", "218"]),
         (RAMP + 2.0**53, {}, ["2^53"]),
         (np.where(RAMP == 900, 2**62, RAMP), {}, ["line 22", "4611686018427387904", "more than"]),

@@ -17,7 +17,7 @@ def read(text, indices=(0, 1), **options):
 
 def cut(text, indices=(0, 1), **options):
     """Values after the last line was looked at, and the notes on it."""
-    table, notes = find_table(text, "log.csv", **options).without_cut_line(indices)
+    table, notes = find_table(text, "log.csv", **options).complete_rows(indices)
     return [column.tolist() for column in table.columns(indices)], notes
 
 
@@ -79,6 +79,55 @@ def test_what_is_broken_above_stays_an_error():
         cut("t,a\n0,1\n1,\n2,\n")
     with pytest.raises(LogError, match=r'decimal is "\."'):
         cut("t;a\n0.5;1\n1.5;2\n2,5;3\n", decimal=".")
+
+
+@pytest.mark.parametrize(
+    ("below", "lines"),
+    [
+        ("End of file", 1),
+        ("---------", 1),
+        ("Mean,1,5.5", 1),
+        ("(2 rows affected)", 1),
+        ("Statistics\n\nMean,1,5.5\nMax,1,6", 3),
+        ('"Mittelwert",1,5.5\n"Maximum",1,6', 2),
+    ],
+)
+@pytest.mark.parametrize("newline", ["", "\n", "\n\n# stopped\n"])
+def test_text_below_a_table_is_left_out(below, lines, newline):
+    values, notes = cut(START + below + newline)
+    assert values == [[0.0, 1.0], [1.0, 2.0]]
+    count = "1 line is" if lines == 1 else f"{lines} lines are"
+    text = below.splitlines()[0]
+    assert notes == (f"{count} text below the table and left out, from line 4: {text}",)
+
+
+def test_text_below_a_table_whose_rows_start_with_a_word():
+    rows = "state,t,a\nRUN,0,1\nRUN,1,2\n"
+    values, notes = cut(rows + "STOP,2,3\n", (1, 2))
+    assert values == [[0.0, 1.0, 2.0], [1.0, 2.0, 3.0]] and notes == ()
+    values, notes = cut(rows + "End of measurement\n", (1, 2))
+    assert values == [[0.0, 1.0], [1.0, 2.0]] and "from line 4" in notes[0]
+
+
+def test_a_cut_line_above_text_is_left_out_too():
+    values, notes = cut(START + "2,\nstopped by the user\n")
+    assert values == [[0.0, 1.0], [1.0, 2.0]]
+    assert len(notes) == 2 and notes[1] == NOTE[0]
+
+
+def test_rows_that_are_no_numbers_are_no_text_below():
+    assert np.isnan(cut(START + "nan,nan,nan\n")[0][0][-1])
+    with pytest.raises(LogError, match="line 3"):
+        cut("t,a\n0,1\nbroken,2\n2,3\n")
+    with pytest.raises(LogError, match="line 3"):
+        cut("t,a\n0,1\nbroken,2\n2,3\nEnd\n")
+
+
+@pytest.mark.parametrize("empty", ["", " ", ",,", ", ,", "# remark"])
+def test_an_empty_row_holds_no_sample(empty):
+    rows = f"t,a,b\n0,1,5\n{empty}\n1,2,6\n"
+    assert read(rows) == [[0.0, 1.0], [1.0, 2.0]]
+    assert find_table(rows, "log.csv").line_of(1) == 4
 
 
 def test_optional_last_fields_are_no_cut():

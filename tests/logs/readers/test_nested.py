@@ -35,7 +35,7 @@ def test_names_of_vectors_and_of_the_rows_and_columns_of_matrices(tmp_path):
         np.testing.assert_array_equal(values, expected)
     assert digest == hashlib.sha256(path.read_bytes()).hexdigest()
     assert table.source == str(path) and table.line_of is None
-    assert table.without_cut_line([0]) == (table, ())
+    assert table.complete_rows([0]) == (table, ())
 
 
 def test_what_is_no_column(tmp_path):

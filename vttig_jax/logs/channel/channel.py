@@ -163,6 +163,13 @@ def make_channel(
             radians=radians,
         ),
     )
+    if np.ptp(continuous.readings[~continuous.spikes]) == 0:
+        raise LogError(
+            f"the {role} channel is constant apart from {np.count_nonzero(continuous.spikes)}"
+            f" single readings; log a shaft that turns, or name another column with"
+            f" --column {role}=NAME.",
+            where=source.at(role),
+        )
     channel = Channel(
         reading=continuous.readings,
         radians_per_unit=radians,

@@ -6,8 +6,10 @@ each field (quotes, thousands marks) or raises an error that names line and colu
 """
 
 import csv
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import islice
 
 import numpy as np
 from jaxtyping import Real
@@ -18,6 +20,12 @@ from .blocks import read_in_blocks
 from .lines import Lines
 from .number_format import choose_decimal, looks_like_number, to_number
 from .times.stamps import looks_like_stamp
+
+_WORD = re.compile(r".*[^\W\d_]{2}|\W{3}")
+"""Start of a field that holds a word or is a ruled line, and is no number that was cut off."""
+
+_SHOWN = 40
+"""Number of characters of a text below the table that its note shows (chosen)."""
 
 
 @dataclass(frozen=True)
@@ -45,11 +53,11 @@ class TextTable:
         return next(n for k, (n, _) in enumerate(self.rows()) if k == row)
 
     def rows(self) -> Iterator[tuple[int, list[str]]]:
-        """Yield the line number and fields of every row, without blank and comment lines."""
+        """Yield the line number and fields of every row, without comments and empty rows."""
         for number, line in enumerate(self.body, self.header + 2):
-            content = line.split("#", 1)[0]
-            if content.strip():
-                yield number, split(content, self.delimiter)
+            fields = self._fields(line)
+            if fields:
+                yield number, fields
 
     def texts(self, index: int) -> list[str]:
         """Return the fields of a column as they are written.
@@ -98,33 +106,66 @@ class TextTable:
                 columns[k] = integers[:, 0]
         return columns
 
-    def without_cut_line(self, indices: Sequence[int]) -> "tuple[TextTable, tuple[str, ...]]":
-        """Return the table without an incomplete last line, and a note if the line was incomplete.
+    def complete_rows(self, indices: Sequence[int]) -> "tuple[TextTable, tuple[str, ...]]":
+        """Return the table without text below it and an incomplete last line, and notes on them.
 
-        The line is incomplete if a field of `indices` is missing or unreadable, but readable in the
-        row above, or if fields are missing and no line end follows. A single row is always kept.
+        Text below the table is lines that start with a word where the rows start with a number. If
+        the rows start with a word too, such lines have no number in the columns `indices`.
+
+        The last line is incomplete if a field of `indices` is missing or unreadable, but readable
+        in the row above, or if fields are missing and no line end follows. A single row is always
+        kept.
         """
-        rows: list[int] = []
-        texts: list[str] = []
-        below = range(len(self.lines) - 1, self.header, -1)
-        for k, line in zip(below, self.lines.backwards(), strict=False):
-            text = line.split("#", 1)[0]
-            if text.strip():
-                rows.append(k)
-                texts.append(text)
-            if len(rows) == 2:
-                break
-        if len(rows) < 2:
-            return self, ()
-        fields, above = (split(text, self.delimiter) for text in texts)
+        table, notes = self._without_text_below(indices)
+        last = list(islice(table._from_below(), 2))
+        if len(last) < 2:
+            return table, notes
+        (row, line, fields), (_, line_above, above) = last
         cut = any(_number_at(above, k) and not _number_at(fields, k) for k in indices)
-        if rows[0] == len(self.lines) - 1:  # no line end follows
-            counts = [len(split(text, self.delimiter, trim=False)) for text in texts]
+        if row == len(table.lines) - 1:  # no line end follows
+            counts = [
+                len(split(text.split("#", 1)[0], self.delimiter, trim=False))
+                for text in (line, line_above)
+            ]
             cut = cut or counts[0] < min(len(self.names), counts[1])
         if not cut:
+            return table, notes
+        notes = (*notes, f"the last line ({row + 1}) is cut off and left out")
+        return replace(table, lines=table.lines.before(row)), notes
+
+    def _fields(self, line: str) -> list[str]:
+        """Return the fields of a line without its comment; none for an empty row such as `;;`."""
+        content = line.split("#", 1)[0]
+        return split(content, self.delimiter) if content.strip() else []
+
+    def _from_below(self) -> Iterator[tuple[int, str, list[str]]]:
+        """Yield index, line and fields of every row, from the last one to the first one."""
+        below = range(len(self.lines) - 1, self.header, -1)
+        for k, line in zip(below, self.lines.backwards(), strict=False):
+            fields = self._fields(line)
+            if fields:
+                yield k, line, fields
+
+    def _without_text_below(self, indices: Sequence[int]) -> "tuple[TextTable, tuple[str, ...]]":
+        """Return the table without text below its last row of numbers, and a note on the text."""
+        first = next((fields for _, fields in self.rows()), [])
+        numbered = _number_at(first, 0)
+        columns = indices or range(len(self.names))
+        found: list[tuple[int, str]] = []
+        for k, line, fields in self._from_below():
+            lacks = numbered or not any(_number_at(fields, index) for index in columns)
+            if not lacks or _number_at(fields, 0) or not _WORD.match(fields[0]):
+                break
+            found.append((k, line.strip()))
+        else:
+            return self, ()  # no row of numbers is above
+        if not found:
             return self, ()
-        note = f"the last line ({rows[0] + 1}) is cut off and left out"
-        return replace(self, lines=self.lines.before(rows[0])), (note,)
+        row, text = found[-1]
+        what = "line is" if len(found) == 1 else "lines are"
+        text = text if len(text) <= _SHOWN else text[:_SHOWN] + "…"
+        note = f"{len(found)} {what} text below the table and left out, from line {row + 1}: {text}"
+        return replace(self, lines=self.lines.before(row)), (note,)
 
     def _marks(self, indices: Sequence[int]) -> tuple[bool | None, str]:
         """Return whether the numbers have decimal commas, and the decimal mark.

@@ -53,8 +53,8 @@ class NestedTable:
         """Return False, because the columns hold numbers; see `TextTable.is_dated`."""
         return False
 
-    def without_cut_line(self, indices: Sequence[int]) -> "tuple[NestedTable, tuple[str, ...]]":
-        """Return the table itself, because it has no lines; see `TextTable.without_cut_line`."""
+    def complete_rows(self, indices: Sequence[int]) -> "tuple[NestedTable, tuple[str, ...]]":
+        """Return the table itself and no notes; only `TextTable` has text lines."""
         return self, ()
 
 

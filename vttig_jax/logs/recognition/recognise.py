@@ -68,7 +68,7 @@ def recognise(
             where=str(path),
         )
     table, _, _ = open_table(path, decimal=decimal, requested=columns.values(), headerless=True)
-    table, _ = table.without_cut_line([])
+    table, _ = table.complete_rows([])
     search = Search(table, str(path), request, dict(columns))
     search.take_stated(timed=sample_rate_hz is None)
     search.find(timed=sample_rate_hz is None)
