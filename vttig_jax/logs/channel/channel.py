@@ -141,11 +141,7 @@ def make_channel(
     else:
         per_turn, radians = REV / ANGLE_UNITS[raw.unit], ANGLE_UNITS[raw.unit]
     if np.ptp(values) == 0:
-        raise LogError(
-            f"the {role} channel is constant at {values[0]} {raw.unit}; log a shaft that turns, or"
-            f" name another column with --column {role}=NAME.",
-            where=source.at(role),
-        )
+        raise _constant(role, f"at {values[0]} {raw.unit}", source)
     given = encoder.modulus if raw.unit == "counts" else None
     if encoder.modulus is not None and given is None:
         notes.append(f"{role}: `modulus` counts do not apply to a column in {raw.unit}")
@@ -164,12 +160,8 @@ def make_channel(
         ),
     )
     if np.ptp(continuous.readings[~continuous.spikes]) == 0:
-        raise LogError(
-            f"the {role} channel is constant apart from {np.count_nonzero(continuous.spikes)}"
-            f" single readings; log a shaft that turns, or name another column with"
-            f" --column {role}=NAME.",
-            where=source.at(role),
-        )
+        single = np.count_nonzero(continuous.spikes)
+        raise _constant(role, f"apart from {single} single readings", source)
     channel = Channel(
         reading=continuous.readings,
         radians_per_unit=radians,
@@ -185,6 +177,14 @@ def make_channel(
     )
     notes += digits_note(role, values, abs(radians))
     return channel, (*notes, *continuous.notes)
+
+
+def _constant(role: str, how: str, source: Source) -> LogError:
+    return LogError(
+        f"the {role} channel is constant {how}; log a shaft that turns, or name another column with"
+        f" --column {role}=NAME.",
+        where=source.at(role),
+    )
 
 
 def _first_reading(channel: Continuous) -> int | float:
