@@ -85,6 +85,8 @@ def test_every_option_comes_back(run, tmp_path):
         (lambda t: t["data"].update(logs="0.csv"), "data.logs"),
         (lambda t: t["data"].update(logs=[1, 2]), "data.logs"),
         (lambda t: t["data"].update(sha256=["0"]), "data.sha256"),
+        (lambda t: t["data"].update(logs=["0\0.csv", "1.csv"]), "no path of a file"),
+        (lambda t: t["data"].update(readings="0\0.csv"), "no path of a file"),
         (lambda t: t.pop("options"), "'options'"),
         (lambda t: t["options"].update(delay=7.5), "delay"),
         (lambda t: t["options"].update(delay=float("nan")), "delay"),

@@ -15,6 +15,7 @@ from ..base.files.commit import settle_if_free
 from ..base.files.limits import read_regular
 from ..base.files.run_folder import data_sha256
 from ..base.files.standard_input import kept_bytes, kept_name
+from ..base.shown_text import shown_name
 from ..logs.readers.binary.formats import folder_sha256, format_of
 from ..pair.pair_file import parse_pair_spec, spec_table
 from ..pair.schema import PairSpec
@@ -120,7 +121,7 @@ def read_run(path: Path) -> RunRecord:
         raise InputError(f"its options are damaged: {error}.", where=str(path)) from None
     except UsageError as error:
         raise InputError(f"its options are damaged: {error.message}", where=str(path)) from None
-    places = tuple(_place(path.parent / log) for log in logs)
+    places = tuple(_place(log, path) for log in logs)
     record = RunRecord(
         places,
         spec,
@@ -133,7 +134,7 @@ def read_run(path: Path) -> RunRecord:
         return record
     return replace(
         record,
-        readings=_place(path.parent / str(readings)),
+        readings=_place(str(readings), path),
         readings_sha256=str(table["data"].get("readings_sha256", "")),
     )
 
@@ -176,9 +177,18 @@ def _relative(path: Path, base: Path) -> str:
     return Path(os.path.relpath(path.resolve(), base)).as_posix()
 
 
-def _place(log: Path) -> Path:
-    """Return the resolved path, relative to the working folder if it is inside that folder."""
-    whole, here = log.resolve(), Path.cwd()
+def _place(name: str, run_file: Path) -> Path:
+    """Return the resolved path of a file, relative to the working folder if it is inside of it.
+
+    `name` is relative to the folder of `run_file`.
+    **Raises** `InputError` for a name that no file can have, such as one with a null character.
+    """
+    try:
+        whole, here = (run_file.parent / name).resolve(), Path.cwd()
+    except (OSError, ValueError) as error:
+        raise InputError(
+            f"{shown_name(name)} in its `data` is no path of a file ({error}).", where=str(run_file)
+        ) from None
     return whole.relative_to(here) if whole.is_relative_to(here) else whole
 
 
