@@ -78,7 +78,7 @@ def test_the_bound_of_the_delay_is_an_option(folder, vttig_json):
     assert "backlash_plus_delay_deg" not in given["parameters"]
 
 
-@pytest.mark.parametrize("value", ["0", "-1", "soon"])
+@pytest.mark.parametrize("value", ["0", "-1", "soon", "1e9"])
 def test_a_bound_that_is_none_is_refused(folder, vttig, value):
     code, _, err = vttig(
         "fit", folder / "steady.csv", "--pair", folder / "half.toml", "--delay-within", value

@@ -14,6 +14,7 @@ from ..pair.gear_pair import Drive, Flank, GearPair
 from .evidence import Evidence
 from .fit_result import Fit
 from .given_parameters import with_given, without_relation
+from .model.column_layout import own_parameters
 from .model.fitted_model import fitted_model
 from .model.forward_model import relation_of
 from .model.given_model import GivenModel
@@ -28,6 +29,7 @@ from .preliminary.delay_change import (
     with_rival,
     with_two_delays,
 )
+from .preliminary.delay_check import rest_of_delay
 from .preliminary.delays_of_logs import DelaysOfLogs, delays_of_logs
 from .preliminary.model_selection import SelectedModel
 from .preliminary.wander import with_walk
@@ -123,7 +125,7 @@ def build_fit(
         regressors=regressors,
         checks=checks,
         warnings=warnings,
-        notes=(*warnings, *notes_of(selected, identifiable, estimate, of_delay)),
+        notes=(*warnings, *notes_of(selected, identifiable, estimate, of_delay, settings)),
         logs=logs,
         evidence=_evidence(selected, solved, settings, split) if given is None else None,
     )
@@ -195,10 +197,19 @@ def estimate_of(
         delays=delays,
         walk=walk,
         two_delays=two_delays,
+        rest_of_delay=_rest_of_delay(selected),
         frozen=frozen,
         gap_deviations=deviations,
         least_gap_std=least.get("constant_backlash", 0.0),
     )
+
+
+def _rest_of_delay(selected: SelectedModel) -> tuple[float, float] | None:
+    """Return the delay, s, that contradicts the stated one, with its standard error; or None."""
+    if selected.delay.state not in ("off", "given"):
+        return None
+    names, _ = own_parameters(selected.summary.columns)
+    return rest_of_delay(selected.weights, selected.linear, names)
 
 
 def solve_model(

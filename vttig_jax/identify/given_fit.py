@@ -17,9 +17,9 @@ from ..logs.encoder_log import EncoderLog
 from ..logs.motion.segments import Segments
 from ..pair.gear_pair import Drive, GearPair
 from .build_result import solve_model
+from .given_search import searched
 from .model.given_model import GivenModel
 from .model.identifiability import Identifiability
-from .preliminary.given_search import searched
 from .preliminary.linear_fit import Input
 from .preliminary.model_selection import (
     SelectedModel,

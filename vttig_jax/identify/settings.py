@@ -48,6 +48,7 @@ LONGEST_DELAY_S = 1.0
 """Largest delay of the driven channel in s; chosen, far beyond that of any encoder interface."""
 
 Delay = Annotated[float, Meta(ge=-LONGEST_DELAY_S, le=LONGEST_DELAY_S)]
+DelayBound = Annotated[float, Meta(gt=0, le=1e3 * LONGEST_DELAY_S)]
 Positive = Annotated[float, Meta(gt=0, le=sys.float_info.max)]
 
 
@@ -114,7 +115,7 @@ class FitSettings(
         ),
     ] = "auto"
     delay_within_ms: Annotated[
-        Positive | None,
+        DelayBound | None,
         setting(
             "Largest delay, either way, where the logs cannot tell it from the backlash, in"
             " milliseconds (on the command line also as 0.0005s). By default it is one sampling"
@@ -312,7 +313,8 @@ def _range(kind: Any) -> str:
     if get_origin(kind) is Annotated:
         number, bounds = get_args(kind)[0], kind.__metadata__[0]
         if bounds.gt == 0:
-            return "a positive number"
+            limit = "" if bounds.le == sys.float_info.max else f" of at most {bounds.le:g}"
+            return f"a positive number{limit}"
         noun = "a whole number" if number is int else "a number"
         return f"{noun} in {bounds.ge:g} … {bounds.le:g}"
     if get_origin(kind) is tuple:

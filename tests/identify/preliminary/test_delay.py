@@ -10,15 +10,15 @@ from scipy.integrate import quad
 from tests.identify.quick import errors, quick_rig, scores
 from vttig_jax.base.units import DEG, REV
 from vttig_jax.identify.fitting import fit
-from vttig_jax.identify.preliminary import model_selection
+from vttig_jax.identify.preliminary import ramps
 from vttig_jax.identify.preliminary.delay import (
     NEGLECTED,
     Delay,
     judge_delay,
-    on_its_branch,
     one_speed,
 )
 from vttig_jax.identify.preliminary.nuisance import NuisanceRegression
+from vttig_jax.identify.preliminary.ramps import on_its_branch
 from vttig_jax.logs.encoder_log import EncoderLog
 from vttig_jax.logs.motion.flank_assignment import Ramp
 from vttig_jax.logs.motion.segments import Segment, find_segments
@@ -30,6 +30,10 @@ ECCENTRICITIES = (
     "driven_eccentricity_mm",
     "driven_phase_deg",
 )
+
+
+def _contradictions(result) -> list[str]:
+    return [note for note in result.warnings if "the log shows a delay" in note]
 
 
 def _ramp_notes(result) -> list[str]:
@@ -60,6 +64,11 @@ def test_an_ignored_delay_ends_up_in_the_backlash():
     delay = result.parameters["delay_s"]
     assert not delay.determined and delay.value is None
     assert delay.reason == "not fitted: both channels are taken to be sampled at the same instant"
+    assert result.warnings[0].startswith("the log shows a delay of about 3 ms, although --delay")
+
+
+def test_a_true_statement_on_the_delay_is_not_contradicted(quick_log, quick_rig):
+    assert not _contradictions(fit(quick_log, quick_rig.pair, delay="off"))
 
 
 @pytest.fixture(scope="module")
@@ -168,6 +177,18 @@ def test_free_keeps_it_and_pays(quick_log, quick_rig, quick_fit):
     assert gap.value == pytest.approx(0.038, abs=4 * (gap.std or 0.0))
 
 
+@pytest.mark.parametrize(("within_ms", "beyond"), [(0.5, True), (5.0, False)])
+def test_a_bound_beside_a_delay_that_the_log_tells_is_not_used(within_ms, beyond):
+    rig = quick_rig(1, 3e-3)
+    log = rig.log(1)
+    result = fit(log, rig.pair, delay_within_ms=within_ms)
+    assert result.parameters["delay_s"].significant
+    (note,) = [note for note in result.notes if "--delay-within is not used" in note]
+    assert ("beyond that limit" in note) is beyond
+    one = fit(log, rig.pair, delay_within_ms=within_ms, flank="A")
+    assert any("one flank" in note and "is not used" in note for note in one.notes)
+
+
 @pytest.mark.parametrize("wrong_by_s", [0.0, 1e-3])
 def test_a_given_delay_is_taken(wrong_by_s):
     rig = quick_rig(1, 3e-3)
@@ -178,6 +199,9 @@ def test_a_given_delay_is_taken(wrong_by_s):
     assert "given_delay" in result.conditional_on
     expected = 2 * wrong_by_s * 45 / 80 * 360.0
     assert errors(result)["constant_backlash_deg"] == pytest.approx(expected, abs=1e-3)
+    found = _contradictions(result)
+    assert len(found) == (wrong_by_s != 0)
+    assert all("about 3 ms, not of 2 ms as stated with --delay" in note for note in found)
 
 
 def test_a_speed_column_leaves_it_open():
@@ -214,7 +238,7 @@ def test_a_ramp_that_changes_flank_is_left_out(delay_s, monkeypatch):
     assert delay.value == pytest.approx(delay_s, abs=4 * (delay.std or 0.0))
     assert max(abs(score) for score in scores(result).values()) < 4
     # Taken at its word, the crossing passes for 0.1 ms.
-    monkeypatch.setattr(model_selection, "on_its_branch", lambda *_: True)
+    monkeypatch.setattr(ramps, "on_its_branch", lambda *_: True)
     deceived = fit(log, rig.pair, delay="free")
     assert abs(deceived.parameters["delay_s"].value - delay_s) > 5e-5
 
@@ -312,6 +336,7 @@ def test_the_bound_of_the_user_is_that_of_a_small_delay_at_two_speeds():
         assert not found.parameters["delay_s"].significant
         assert found.checks.gap_of_delay is not None and not found.checks.gap_of_delay.bounded
         assert any("--delay-within" in note for note in found.notes)
+        assert not any("is not used" in note for note in found.notes)
         widths.append(found.checks.gap_of_delay.half_width_deg)
     assert widths[0] < 0.8 * widths[1]
     assert widths[1] == pytest.approx(widths[2], rel=0.01)  # the logs exclude larger delays

@@ -76,7 +76,7 @@ def test_at_one_speed_the_ramps_tell_a_delay_or_nothing_does():
     assert known == pytest.approx(together.std(gap), rel=0.06)
     assert any("second speed" in note for note in plain.notes)
     none = drive_plan(ramp_s=0.0)
-    assert none.conditional_on == ("no_delay",)
+    assert none.conditional_on == ("delay_within_one_sampling_interval",)
     assert "second speed" in str(none.parameters["delay_s"].reason)
     hopeless = drive_plan(ramp_s=0.0, delay="free")
     assert not hopeless.parameters[gap].determined

@@ -201,7 +201,10 @@ def _require_delay(fit: "Fit") -> None:
 
     **Raises** `UsageError` for a log at one speed if the user gave neither a delay nor its limit.
     """
-    if "no_delay" not in fit.conditional_on:
+    from ...identify.preliminary.delay import WITHIN_ONE_INTERVAL
+
+    # Run folders of older versions call the same condition no_delay.
+    if not {WITHIN_ONE_INTERVAL, "no_delay"} & set(fit.conditional_on):
         return
     raise UsageError(
         "a controller would take this map for the backlash, but the log has one speed, at which a"

@@ -6,17 +6,14 @@ separate the two. The first estimate of d is the coefficient of the column −ω
 the driving angle at t − d, because a delay also shifts the harmonics, and estimates the rest of d.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Float
 
 from ...base.numerics.quantiles import NORMAL_95
-from ...logs.motion.flank_assignment import Ramp
 from ...logs.motion.segments import Segment
-from ...pair.gear_pair import Flank
 from .nuisance import NuisanceRegression
 
 SIGNIFICANT = 4.0
@@ -37,14 +34,14 @@ SAME_SPEED = 0.05  # largest relative difference of speeds that count as equal; 
 _WIDE = 2.0
 """A delay is open if its bound is smaller than this number of standard errors; chosen value."""
 
+WITHIN_ONE_INTERVAL = "delay_within_one_sampling_interval"
+"""Condition of a fit whose logs do not determine the delay, and whose user gives no bound of it."""
+
 _LATCHED_S = 1e-7  # delay of channels that one clock samples, s; chosen value
 _SIZES = 4000  # delays at which the posterior is computed; chosen value
 
 _SMALL, _SMALLEST_S = 0.01, 1e-9  # step that counts as zero: in standard errors, and in s
 _LEAST_SHARE = 0.05  # least share of a step of the delay; chosen value
-_BRANCH = 0.25
-"""Largest residual of a ramp that lies on its flank, as a share of the gap; chosen value."""
-
 State = Literal["fitted", "insignificant", "open", "given", "off"]
 
 
@@ -168,24 +165,3 @@ def one_speed(segments: Sequence[Segment]) -> bool:
     """Return whether all segments have nearly the same speed."""
     speeds = np.abs([s.speed for s in segments])
     return len(speeds) > 0 and bool(np.ptp(speeds) <= SAME_SPEED * speeds.max())
-
-
-def on_its_branch(
-    ramp: Ramp,
-    rows: Float[np.ndarray, "n q"],
-    residual_rows: Mapping[Flank, Float[np.ndarray, " q"]],
-    noise_std: float,
-) -> bool:
-    """Return whether the teeth stay on the flank of their direction of motion during a ramp.
-    A ramp is the part of a log in which the speed changes. At least 95 % of its `rows` must have a
-    residual of at most a quarter of the gap plus three times `noise_std`, rad. `residual_rows`
-    contains the weights (−β, 1) of each flank, so that a row times these weights is its residual.
-    """
-    own = ramp.segment.flank
-    if own not in residual_rows or len(rows) == 0:
-        return False
-    residual = rows @ residual_rows[own]
-    other = residual_rows.get("B" if own == "A" else "A")
-    gap = np.abs(rows @ (other - residual_rows[own])) if other is not None else np.inf
-    allowed = np.minimum(_BRANCH * gap + 3 * noise_std, np.inf)
-    return bool(np.mean(np.abs(residual) <= allowed) >= 0.95)

@@ -1,14 +1,16 @@
-"""Bound of a delay that the logs do not determine, and check that a fitted delay explains them."""
+"""Bound of a delay that the logs do not determine, and checks of a fitted and of a stated delay."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from ...logs.channel.spikes import bends
 from ..noise.noise_model import whiten
 from ..settings import FitSettings
-from .delay import TOLD, Delay
-from .linear_fit import Input, LinearFit
+from .delay import SIGNIFICANT, TOLD, Delay, one_speed
+from .linear_fit import Input, LinearFit, linear_fit
+from .ramps import finest_row_s, with_ramps
 from .robust import Reweighted
 
 _MORE = 1.05
@@ -47,6 +49,36 @@ def explaining(delay: Delay, weights: Reweighted, linear: LinearFit, *, bound_s:
     without = weights.look(linear.inputs, linear.model, 0.0, linear.block_s)
     left, before = (whiten(one.summary)[0].std for one in (linear, without))
     return delay if left <= _MORE * before else Delay("open", reason=_WORSE, within_s=bound_s)
+
+
+def rest_of_delay(
+    weights: Reweighted, linear: LinearFit, names: Sequence[str]
+) -> tuple[float, float] | None:
+    """Return the delay that the logs show beside a stated one, and its standard error, s.
+
+    The result is None if it is not significant, or if the logs do not determine it.
+
+    **Arguments**
+    - `weights`: weights of the samples. - `linear`: fit with the stated delay.
+    - `names`: its selected coefficients of drift and regressors.
+    """
+    inputs = linear.inputs
+    other = linear_fit(
+        inputs,
+        replace(linear.model, regressors=(*linear.model.regressors, "delay")),
+        linear.channels[0].delay_s,
+        weights.values,
+        finest_s=finest_row_s(inputs),
+        pulls=weights.pulls,
+    )
+    if one_speed([segment for one in inputs for segment in one.segments]):
+        other, _ = with_ramps(other)
+    if other.own.left("delay") < TOLD:
+        return None
+    if len(other.summary.flanks) == 1 and real_share(other) < _REAL:
+        return None
+    rest, std = other.own.estimate("delay", [*names, "delay"])
+    return (rest, std) if abs(rest) > SIGNIFICANT * std else None
 
 
 def real_share(linear: LinearFit) -> float:

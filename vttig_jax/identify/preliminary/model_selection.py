@@ -10,22 +10,20 @@ from dataclasses import dataclass, replace
 
 import msgspec
 import numpy as np
-from jaxtyping import Float
 
 from ...logs.encoder_log import EncoderLog
 from ...pair.gear_pair import Drive, GearPair
-from ..compress.block_rows import LogRows
 from ..compress.harmonic_summary import HarmonicSummary
 from ..compress.regressors import Drift
 from ..model.column_layout import column_of, is_given
 from ..model.given_model import GivenModel
 from ..model.identifiability import SINGLE_TURN, Identifiability
-from ..noise.noise_model import residual_std
 from ..settings import FitSettings
-from .delay import Delay, judge_delay, on_its_branch, one_speed
+from .delay import Delay, judge_delay, one_speed
 from .delay_check import delay_bound_s, explaining, is_told_on_one_flank, small_delay_s
 from .linear_fit import Input, LinearFit, Model, linear_fit
 from .nuisance import NuisanceRegression
+from .ramps import finest_row_s, with_ramps
 from .robust import Reweighted, reweighted
 from .robust_start import with_second_start
 
@@ -54,9 +52,6 @@ def choose_drift(own: NuisanceRegression, beside: Sequence[str] = ()) -> int:
 
 
 _MOST_STEPS = 10  # largest number of passes that find the delay; chosen value
-_ROWS_A_RAMP = 40
-"""Number of rows per ramp: more than twice the highest order of the autoregressive noise."""
-
 _TURNS_FOR_DRIFT = 2.0
 """With fewer turns, the first order of a shaft resembles the curvature of a drift."""
 
@@ -106,7 +101,7 @@ def select_model(
     plain, delay, notes = plain_fit(inputs, pair, identifiable, settings, given)
     model, names = plain.model, plain.model.regressors
     delay_tried = "delay" in names
-    finest_s = _finest(inputs) if delay_tried else np.inf
+    finest_s = finest_row_s(inputs) if delay_tried else np.inf
     # A missing delay also looks like a slope, so the ratio is tested with the delay in the model.
     if delay_tried and "ratio" not in names and _may_hide_a_ratio(pair, identifiable):
         freed = replace(model, regressors=(*names, "ratio"))
@@ -158,7 +153,7 @@ def plain_fit(
         noise=settings.noise_model,
         given=given,
     )
-    finest_s = _finest(inputs) if "delay" in names else np.inf
+    finest_s = finest_row_s(inputs) if "delay" in names else np.inf
     return linear_fit(inputs, model, delay.seconds, finest_s=finest_s), delay, notes
 
 
@@ -236,18 +231,6 @@ def _demands_a_ratio(linear: LinearFit, settings: FitSettings, ratio: float) -> 
     return _WRONG_RATIO * std < abs(value) < _FARTHEST_RATIO * abs(ratio)
 
 
-def _finest(inputs: Sequence[Input]) -> float:
-    """Return the longest row, s, that gives a ramp enough rows; infinite if no ramp is needed."""
-    if not one_speed([s for one in inputs for s in one.segments]):
-        return np.inf
-    ramps = [
-        float(one.log.time[ramp.segment.stop - 1] - one.log.time[ramp.segment.start])
-        for one in inputs
-        for ramp in one.ramps
-    ]
-    return float(np.median(ramps)) / _ROWS_A_RAMP if ramps else np.inf
-
-
 def _widest_drift(
     settings: FitSettings, pair: GearPair | Drive, identifiable: Identifiability
 ) -> Drift:
@@ -284,7 +267,7 @@ def _with_delay(
     bound_s, steps, step_s = delay_bound_s(inputs, settings), 0, 0.0
     while True:
         steps += 1
-        linear, notes = _with_ramps(plain) if steady else (plain, [])
+        linear, notes = with_ramps(plain) if steady else (plain, [])
         delay = judge_delay(
             linear.own,
             _beside(linear.own, settings),
@@ -305,52 +288,6 @@ def _with_delay(
         moved = plain.channels[0].delay_s != 0
         return weights.look(inputs, model, 0.0, block_s) if moved else plain, delay, []
     return linear, delay, notes
-
-
-def _with_ramps(linear: LinearFit) -> tuple[LinearFit, list[str]]:
-    """Return the linear fit with the ramps that stay on their flank, and a note on their number.
-
-    A fit with only the accelerating ramps decides which ramps stay on their flank: when the drive
-    slows down, the driven side may leave its flank.
-    """
-    total = sum(len(one.ramps) for one in linear.inputs)
-    ramps = [
-        [linear.rows_of(log, [ramp.segment]) for ramp in one.ramps]
-        for log, one in enumerate(linear.inputs)
-    ]
-    speeding_up = [[ramp.speeding_up for ramp in one.ramps] for one in linear.inputs]
-    up = _joined(linear, ramps, speeding_up)
-    std = residual_std(up.summary, up.filter)
-    keep = [
-        [
-            on_its_branch(ramp, _rows_of(found), up.residual_rows[log], std)
-            for ramp, found in zip(one.ramps, ramps[log], strict=True)
-        ]
-        for log, one in enumerate(linear.inputs)
-    ]
-    used = sum(map(sum, keep))
-    note = f"{used} of {total} ramps keep to the flank of their motion and count for the delay"
-    joined = up if keep == speeding_up else _joined(linear, ramps, keep)
-    return joined, [note] if total else []
-
-
-def _rows_of(ramp: LogRows) -> Float[np.ndarray, "n q"]:
-    """Return the rows of a ramp as an array; it has no rows if the ramp is shorter than a row."""
-    return ramp.runs[0].rows if ramp.runs else np.zeros((0, ramp.columns.width))
-
-
-def _joined(
-    linear: LinearFit, ramps: Sequence[Sequence[LogRows]], keep: Sequence[Sequence[bool]]
-) -> LinearFit:
-    """Return the linear fit with those `ramps` added that are marked True in `keep`."""
-    rows, used = [], []
-    for log, chosen in enumerate(keep):
-        segments = [one.segment for one in linear.inputs[log].ramps]
-        kept = [k for k, good in enumerate(chosen) if good]
-        runs = [run for k in kept for run in ramps[log][k].runs]
-        rows.append(replace(linear.rows[log], runs=(*linear.rows[log].runs, *runs)))
-        used.append((*linear.segments[log], *(segments[k] for k in kept)))
-    return replace(linear, rows=tuple(rows), segments=tuple(used), base=linear)
 
 
 def _beside(own: NuisanceRegression, settings: FitSettings) -> list[str]:

@@ -27,6 +27,8 @@ class Estimate:
     - `walk`: fit with a random walk as drift; None if the log shows no random walk.
     - `two_delays`: fit with another delay in the second half of each log; None if the delay does
       not change.
+    - `rest_of_delay`: delay that the logs show beside the stated one, with its standard error, s;
+      None if they show none, or if no delay is stated.
     - `frozen`: rounding of the encoders that does not average out; None if it averages out.
     - `gap_deviations`: gap at several speeds minus the gap of the fit.
     - `least_gap_std`: lower bound of the standard error of the gap, rad, from these deviations.
@@ -40,6 +42,7 @@ class Estimate:
     delays: DelaysOfLogs | None
     walk: Walk | None = None
     two_delays: SolvedFit | None = None
+    rest_of_delay: tuple[float, float] | None = None
     frozen: FrozenLevels | None = None
     gap_deviations: tuple[GapAtSpeed, ...] = ()
     least_gap_std: float = 0.0

@@ -13,7 +13,7 @@ from ...pair.gear_pair import Drive, GearPair
 from ..model.harmonics import TermPlan
 from ..model.identifiability import Identifiability
 from ..noise.noise_model import NoiseModel
-from ..preliminary.delay import Delay, one_speed
+from ..preliminary.delay import WITHIN_ONE_INTERVAL, Delay, one_speed
 from ..preliminary.linear_fit import Input
 from ..preliminary.model_selection import SelectedModel
 from ..settings import FitSettings
@@ -47,6 +47,7 @@ def warnings_of(
         *(_computed(selected.linear.inputs) or _ratio_notes(regressors, checks, log)),
         *identifiable.notes,
         *_open_delay(selected, identifiable),
+        *_contradicted_delay(selected.delay, estimate.rest_of_delay),
         *_negative_sum(selected, identifiable, solution),
         *([change.sentence] if change and change.is_clear else []),
         *([delays.sentence] if delays and delays.differ else []),
@@ -62,6 +63,7 @@ def notes_of(
     identifiable: Identifiability,
     estimate: Estimate,
     of_delay: GapOfDelay | None,
+    settings: FitSettings,
 ) -> tuple[str, ...]:
     """Return the notes that are not warnings: first conditions of the numbers, then log details."""
     inputs, outliers = selected.linear.inputs, selected.weights.outliers
@@ -70,6 +72,7 @@ def notes_of(
     return (
         *_noise_notes(estimate.solved.noise),
         *_neglected_delay(selected.delay, of_delay, identifiable),
+        *_unused_bound(selected.delay, identifiable, settings.delay_within_ms),
         *_of_logs(inputs, [[*one.found.notes] for one in inputs]),
         *_of_logs(inputs, slow),
         *identifiable.terms.dropped,
@@ -98,6 +101,24 @@ def _neglected_delay(
         f" is taken as zero; it may change the gap by ±{of_delay.half_width_deg:.2g}°, which the"
         " interval of the constant backlash contains. If both channels are sampled at the same"
         f" instant, say so with --delay off; {cure}"
+    ]
+
+
+def _unused_bound(
+    delay: Delay, identifiable: Identifiability, within_ms: float | None
+) -> list[str]:
+    """Return a note if the bound of the delay that the user gives changes nothing."""
+    if within_ms is None:
+        return []
+    if len(identifiable.flanks) < 2:
+        return ["--delay-within is not used: the log has one flank and therefore no backlash"]
+    if delay.state != "fitted":
+        return []
+    found_ms = 1e3 * (delay.seconds + delay.step_s)
+    beyond = f", and it lies beyond that limit of {within_ms:g} ms: check the limit"
+    return [
+        f"--delay-within is not used: the log itself tells the delay, {found_ms:.3g} ms"
+        + (beyond if abs(found_ms) > within_ms else "")
     ]
 
 
@@ -146,7 +167,7 @@ def conditions_of(
     unsure = selected.delay.state == "open" and not selected.delay.forced
     if unsure and len(selected.summary.flanks) == 2:
         bound = settings.delay_within_ms
-        conditions += ("no_delay" if bound is None else f"delay_within_{bound:g}_ms",)
+        conditions += (WITHIN_ONE_INTERVAL if bound is None else f"delay_within_{bound:g}_ms",)
     return conditions
 
 
@@ -175,6 +196,23 @@ def _open_delay(selected: SelectedModel, identifiable: Identifiability) -> list[
         f"one speed does not tell a delay from the backlash: every microsecond looks like"
         f" {shift:.2g}° of backlash. The interval allows ±{1e3 * delay.bound_s:.4g} ms; log a"
         " second speed, or state the delay with --delay (0.5ms) or its limit with --delay-within"
+    ]
+
+
+def _contradicted_delay(delay: Delay, rest: tuple[float, float] | None) -> list[str]:
+    """Return a note if the log shows another delay than the stated one."""
+    if rest is None:
+        return []
+    seen = f"about {1e3 * (delay.seconds + rest[0]):.3g} ms"  # its error is that of white noise
+    if delay.state == "given":
+        stated = f"not of {1e3 * delay.seconds:.4g} ms as stated with --delay"
+        cure = "correct it, or let the fit find the delay with --delay auto"
+    else:
+        stated = "although --delay off states that both channels are sampled at the same instant"
+        cure = "fit without --delay off"
+    return [
+        f"the log shows a delay of {seen}, {stated}: the backlash and the eccentricities contain"
+        f" what it leaves; {cure}"
     ]
 
 

@@ -9,7 +9,7 @@ from jaxtyping import Float
 from ...base.files.text_tables import key_values, listed, text_table
 from ...base.results import TextResult
 from ...base.units import ARCSEC, DEG
-from ...identify.preliminary.delay import Delay
+from ...identify.preliminary.delay import WITHIN_ONE_INTERVAL, Delay
 from ...identify.report.parameters import Outcome, Parameter
 from ...identify.solve.least_squares import Direction, Solution
 from ...pair.gear_pair import Drive, GearPair
@@ -225,7 +225,7 @@ def conditions(
     if delay.state == "given":
         names += ("given_delay",)
     if delay.state == "open" and not delay.forced and len(rows.identifiable.flanks) == 2:
-        names += ("no_delay",)
+        names += (WITHIN_ONE_INTERVAL,)
     return names
 
 

@@ -16,11 +16,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from ...base.arrays import Number, Numbers
-from ..compress.block_rows import BlockRun
-from ..model.column_layout import is_given
-from ..model.given_model import GivenModel, error_of
-from .linear_fit import LinearFit
+from ..base.arrays import Number, Numbers
+from .compress.block_rows import BlockRun
+from .model.column_layout import is_given
+from .model.given_model import GivenModel, error_of
+from .preliminary.linear_fit import LinearFit
 
 _MOST_STEPS = 200  # steps of the solver; chosen value
 _TOLERANCE = 1e-6  # the search ends below this change, in standard errors of a parameter; chosen
