@@ -7,6 +7,7 @@ import pytest
 from tests.cli.drive import write_drive, write_pair
 from tests.control import headers
 from tests.control.headers import called, compiled, needs_cc
+from vttig_jax import open_run
 from vttig_jax.base.files.json_io import load_schema
 
 COUNTS = 90_000
@@ -89,6 +90,19 @@ def test_accuracy_and_tolerance_change_what_is_kept_and_known(vttig_json, run_fo
         "export", run_folder, "--out", tmp_path / "c.json", "--constant-backlash-deg", "0.05"
     )[1]
     assert np.degrees(moved["constant_rad"]) == pytest.approx(0.05, abs=1e-3)
+
+
+def test_the_interval_of_the_fitted_backlash_is_kept_unless_it_is_replaced(
+    vttig, vttig_json, run_folder, tmp_path
+):
+    fitted = open_run(run_folder).fit.parameters["constant_backlash_deg"]
+    for constant in ((), ("--constant-backlash-deg", "0.05")):
+        json_file, header = tmp_path / f"{len(constant)}.json", tmp_path / f"{len(constant)}.h"
+        _, record = vttig_json("export", run_folder, "--out", json_file, *constant)
+        ends = record["constant_backlash_deg"]
+        assert ends == (None if constant else {"low95": fitted.low95, "high95": fitted.high95})
+        assert vttig("export", run_folder, "--out", header, *constant)[0] == 0
+        assert ("The constant backlash of the fit" in header.read_text()) is not bool(constant)
 
 
 @pytest.mark.portable

@@ -21,7 +21,13 @@ def test_prints_the_extremes_and_writes_nothing(vttig, run_folder, tmp_path, mon
     assert "safe axial closing" in out
     assert err == ""
     assert list(tmp_path.iterdir()) == [] and "no file is written; `--out map.csv`" in out
+    assert "These values do not contain the noise of the fit" in out
     assert "no file" not in vttig("map", run_folder, "--out", tmp_path / "map.csv")[1]
+
+
+def test_a_probability_needs_draws(vttig, run_folder):
+    code, out, err = vttig("map", run_folder, "--probability", "0.9")
+    assert code == 2 and out == "" and "--probability needs draws" in err and "vttig sample" in err
 
 
 @pytest.mark.portable

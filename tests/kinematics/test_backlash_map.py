@@ -169,6 +169,7 @@ def test_a_gap_that_closes_has_no_safe_closing(paper_pair):
     rig = Eccentricities(0.0226, 49.5, 0.0273, 79.3, 0.01)
     found = BacklashMap(exact_model(paper_pair, rig), None, paper_pair)
     assert found.smallest.backlash < 0 and found.safe_closing_mm < 0
+    assert "none, because the smallest backlash may already be zero" in str(found)
 
 
 def test_text_says_where_and_how_far(grid, paper_rig):

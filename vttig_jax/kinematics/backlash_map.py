@@ -206,7 +206,9 @@ class BacklashMap(PlottedResult):
             ("largest", self._text(self.largest)),
         ]
         if isinstance(self.pair, GearPair) and float(self.pair.thinning):
-            rows.append(("safe axial closing", f"{self.safe_closing_mm:.4f} mm"))
+            closing = self.safe_closing_mm
+            none = "none, because the smallest backlash may already be zero"
+            rows.append(("safe axial closing", f"{closing:.4f} mm" if closing > 0 else none))
         return key_values(rows, title="backlash map")
 
     @property

@@ -138,6 +138,16 @@ def test_safe_closing_and_the_chance_to_bind(posterior):
     assert 0 < never.std_error < 0.01 and 0 < always.std_error < 0.01
 
 
+def test_no_closing_is_safe_where_the_gears_may_already_bind(draws):
+    def safe(found) -> str:
+        return dict(found.rows())["safe axial closing"]
+
+    low = draws.smallest.interval[0]
+    assert "mm binds somewhere with probability 2.5 %" in safe(draws.smallest)
+    closed = replace(draws.smallest, gap=draws.smallest.gap - 1.01 * low)
+    assert safe(closed) == "none, because the smallest gap may already be zero"
+
+
 def test_the_error_of_a_share_sees_batches_that_disagree(draws):
     count = len(draws.smallest.gap)
     low = np.arange(count) < count // 2

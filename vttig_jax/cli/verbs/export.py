@@ -126,13 +126,14 @@ def command(
     compensation = compensation_of(
         grid, contact, allowed_rad=allowed, left_out_rad=accuracy_arcsec * ARCSEC
     )
-    record = _record(fit, compensation, out)
+    interval = _interval(fit) if constant_backlash_deg is None else None
+    record = _record(fit, compensation, out, interval)
     if suffix == ".json":
         from ...base.files.json_io import dumps
 
         text = dumps(record) + "\n"
     else:
-        text = _header(run, fit, compensation, name, quantity)
+        text = _header(compensation, _origin(run, fit, interval), name, quantity)
     _write(out, text, overwrite)
     output.emit(record, f"{compensation}\nwritten to {out}")
 
@@ -233,8 +234,11 @@ def _table(
     )
 
 
-def _record(fit: "Fit", compensation: "Compensation", out: Path) -> dict[str, Any]:
-    """Return the object of schema `vttig.compensation/1`."""
+def _record(
+    fit: "Fit", compensation: "Compensation", out: Path, interval: tuple[float, float] | None
+) -> dict[str, Any]:
+    """Return the object of schema `vttig.compensation/1`; `interval` as `_interval` returns it."""
+    ends = None if interval is None else dict(zip(("low95", "high95"), interval, strict=True))
     return {
         "schema": "vttig.compensation/1",
         "pair": fit.pair.name,
@@ -244,24 +248,21 @@ def _record(fit: "Fit", compensation: "Compensation", out: Path) -> dict[str, An
         "zero": fit.zero,
         "zero_readings": fit.zero_readings,
         "file": out.name,
+        "constant_backlash_deg": ends,
         **compensation.to_json(),
     }
 
 
 def _header(
-    run: RunRecord,
-    fit: "Fit",
-    compensation: "Compensation",
-    name: str | None,
-    quantity: QuantityName,
+    compensation: "Compensation", origin: "HeaderOrigin", name: str | None, quantity: QuantityName
 ) -> str:
     from ...control.compensation.c_header import c_header, identifier_of
 
-    prefix = identifier_of(fit.pair.name) if name is None else name
-    return c_header(compensation, _origin(run, fit), name=prefix, quantity=quantity)
+    prefix = identifier_of(origin.pair) if name is None else name
+    return c_header(compensation, origin, name=prefix, quantity=quantity)
 
 
-def _origin(run: RunRecord, fit: "Fit") -> "HeaderOrigin":
+def _origin(run: RunRecord, fit: "Fit", interval: tuple[float, float] | None) -> "HeaderOrigin":
     import vttig_jax
 
     from ...control.compensation.c_header import HeaderOrigin
@@ -273,7 +274,7 @@ def _origin(run: RunRecord, fit: "Fit") -> "HeaderOrigin":
         conditional_on=fit.conditional_on,
         sha256=fit.sha256,
         readings=shaft_readings(run, fit),
-        backlash_deg=_interval(fit),
+        backlash_deg=interval,
     )
 
 

@@ -10,7 +10,7 @@ from ...base.logger import LOGGER
 from ...runs.map_table import banded_record, columns_of, csv_text, map_record, map_table
 from ...runs.run import Run
 from ...runs.run_file import CHECKPOINT
-from ..options import POSITIVE, STEP_DEG, Finite, verb
+from ..options import POSITIVE, STEP_DEG, Finite, given, verb
 from ..output import Output
 
 if TYPE_CHECKING:
@@ -18,6 +18,10 @@ if TYPE_CHECKING:
 
 MOST_ROWS = 200_000
 _MOST_ASKED = 20_000_000
+_NO_BAND = (
+    "These values do not contain the noise of the fit: draws of `vttig sample` add bands, the"
+    " interval of the smallest backlash, and how probable it is that a closing binds."
+)
 
 
 @verb("map", example="vttig map run --step-deg 0.5 --out map.csv")
@@ -78,12 +82,14 @@ def command(
         shown: object = f"{banded}{_bindings(record)}"
     else:
         _need_draws(run_folder, constant_backlash_deg, closing_mm)
+        if given({"probability"}):
+            raise _without_draws("--probability", run_folder)
         grid = backlash_map(fit, constant_backlash_deg=constant_backlash_deg)
         table, columns = map_table(grid, step_deg, turns), columns_of(grid)
         record = map_record(
             fit, grid=grid, step_deg=step_deg, turns=turns, rows=len(table), out=out
         )
-        shown = grid
+        shown = f"{grid}\n\n{_NO_BAND}"
     record["run"] = run.record.digest
     if out is not None:
         _write(out, csv_text(table, columns), record, overwrite)
@@ -125,8 +131,13 @@ def _need_draws(folder: Path, constant: float | None, closing_mm: tuple[float, .
             "--closing-mm asks the draws, which hold a constant backlash of their own; leave out"
             " --constant-backlash-deg."
         )
-    raise UsageError(
-        f"--closing-mm needs draws; make them with `vttig sample {folder}`.",
+    raise _without_draws("--closing-mm", folder)
+
+
+def _without_draws(option: str, folder: Path) -> UsageError:
+    return UsageError(
+        f"{option} needs draws, and their constant backlash; make draws with `vttig sample"
+        f" {folder}`.",
         where=str(folder),
     )
 

@@ -121,7 +121,7 @@ def read_bytes(path: str | Path, endings: Sequence[str]) -> bytes:
         kept = kept_bytes(path)
         data = read_regular(path) if kept is None else kept
     except FileNotFoundError:
-        raise LogError("no such file; check the path of the log.", where=where) from None
+        raise LogError("no such file; check its path.", where=where) from None
     except PermissionError:
         raise LogError(
             "there is no permission to read this file; change its access rights.", where=where

@@ -361,7 +361,9 @@ class SmallestGap:
         if closing is not None:
             span = f"{closing['median']:.4f} mm ({closing['low95']:.4f} … {closing['high95']:.4f})"
             rows.append(("closing that takes it up", f"{span}, 95 %"))
-            safe = f"{closing['low95']:.4f} mm binds somewhere with probability 2.5 %"
+            low = closing["low95"]
+            binding = f"{low:.4f} mm binds somewhere with probability 2.5 %"
+            safe = binding if low > 0 else "none, because the smallest gap may already be zero"
             rows.append(("safe axial closing", safe))
         return rows
 
