@@ -80,6 +80,7 @@ INNER_FLOORS = {
         "evidence",
         "fit_result",
         "store",
+        "given_search",
         "given_parameters",
         "build_result",
         "given_fit",
