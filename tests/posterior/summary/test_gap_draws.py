@@ -90,7 +90,8 @@ def test_the_gap_of_a_delay_shifts_every_draw_and_no_place(draws, posterior):
     assert of_delay.std() == pytest.approx(posterior.fit.checks.gap_of_delay.std_deg * DEG, rel=0.2)
     np.testing.assert_allclose(shifted.over(ANGLES), draws.over(ANGLES) + of_delay, atol=1e-15)
     one, other = draws.smallest, shifted.smallest
-    np.testing.assert_allclose(other.gap, one.gap + of_delay, atol=1e-15)
+    positive = np.maximum(one.gap + of_delay, np.minimum(one.gap, 0.0))
+    np.testing.assert_allclose(other.gap, positive, atol=1e-15)
     np.testing.assert_allclose(other.driving_angle, one.driving_angle, atol=1e-6)
     high = np.quantile(of_delay, 0.975)
     assert (
@@ -105,6 +106,17 @@ def test_the_gap_of_a_delay_shifts_every_draw_and_no_place(draws, posterior):
         posterior.fit, checks=msgspec.structs.replace(posterior.fit.checks, gap_of_delay=None)
     )
     assert replace(posterior, fit=known).gap_of_delay is None
+
+
+def test_the_gap_of_a_delay_makes_no_gap_negative(draws):
+    """An open delay may take the whole gap away, and not more of the smallest one."""
+    plain = draws.smallest.gap
+    delayed = replace(draws, of_delay=np.linspace(-2 * plain.max(), 0.0, len(plain))).smallest.gap
+    assert plain.min() > 0 and delayed.min() == 0.0
+    assert (delayed == 0).sum() > len(plain) / 4
+    below = replace(draws, offset=draws.offset - [0.0, 2 * plain.max()])
+    lower = replace(below, of_delay=np.full(len(plain), -1e-4)).smallest.gap
+    np.testing.assert_allclose(lower, below.smallest.gap, atol=1e-15)  # the fit itself is negative
 
 
 def test_places_that_were_left_out_cannot_win(draws):

@@ -23,6 +23,8 @@ def test_a_fit_with_white_residual_agrees(posterior):
     assert found.agreed, found.sentences
     assert [one.name for one in found.compared] == list(posterior.physical)
     assert str(found).endswith("the three routes agree.")
+    other = replace(found, takes_delay_as_zero=True)
+    assert str(other).endswith("constant backlash of this table is that of a delay of zero.")
 
 
 def test_it_can_be_written(posterior):

@@ -135,7 +135,8 @@ class GapDraws:
         gap = np.take_along_axis(gaps, best, axis=1)[:, 0]
         upper = self._upper_limit(place)
         if np.any(self.of_delay):  # independent of the rest: the distances are added in squares
-            gap, middle = gap + self.of_delay, float(np.median(gap))
+            middle = float(np.median(gap))
+            gap = np.maximum(gap + self.of_delay, np.minimum(gap, 0.0))  # no gap is negative
             of_delay = np.quantile(self.of_delay, [0.5, 0.975])
             upper = middle + of_delay[0] + math.hypot(upper - middle, of_delay[1] - of_delay[0])
         return SmallestGap(self.pair, gap, place, self.batch, upper)

@@ -102,10 +102,13 @@ class Agreement(TextResult):
     - `compared`: comparison of every coordinate.
     - `widening`: largest factor by which the standard errors of the fit, and with them the density,
       are wider than the noise model alone says; 1 without widening.
+    - `takes_delay_as_zero`: whether the compared constant backlash is that of a delay of zero,
+      although the intervals of the fit and of the posterior contain other delays.
     """
 
     compared: tuple[RouteComparison, ...]
     widening: float = 1.0
+    takes_delay_as_zero: bool = False
 
     @property
     def agreed(self) -> bool:
@@ -160,6 +163,8 @@ class Agreement(TextResult):
             rows.append([coordinate.name, *cells, unit])
         table = text_table(rows, ["95 %", *ROUTES, "unit"], align="lrrrl")
         words = "\n".join(self.sentences) or "the three routes agree."
+        if self.takes_delay_as_zero:
+            words += " The constant backlash of this table is that of a delay of zero."
         return f"{table}\n\n{words}"
 
 
@@ -198,7 +203,7 @@ def agreement(posterior: Posterior, prior: Prior = Prior()) -> Agreement:
         )
         for name in posterior.physical
     )
-    return Agreement(compared, posterior.widening)
+    return Agreement(compared, posterior.widening, posterior.gap_of_delay is not None)
 
 
 def _of_fit(fit: Fit, name: str) -> Route:
