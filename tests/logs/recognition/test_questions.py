@@ -205,7 +205,8 @@ def test_stamps_that_cannot_be_read(ask):
 
 
 def test_a_row_below_the_table_is_named_with_its_line(ask):
-    told = ask(csv("time_s,motor_deg,load_deg", T, X, Y) + "METADATA\n")
+    rows = csv("time_s,motor_deg,load_deg", T, X, Y)
+    told = ask(rows + "METADATA\n" + rows.splitlines()[-1] + "\n")
     assert f"line {len(T) + 2}, column `time_s`" in told and "`METADATA` is no number" in told
 
 
@@ -219,9 +220,30 @@ def test_one_encoder_counts_backwards(ask, columns):
     assert columns(text, unit="deg", invert="driven").driven == "b"
 
 
-def test_units_that_disagree(ask):
-    told = ask(csv("t,motor_deg [rad],load_deg", T, X, Y))
-    assert "the units deg and rad" in told
+@pytest.mark.parametrize(
+    "header", ["t,motor_deg [rad],load_deg", "t,motor [deg],load [deg]\ns,rad,rad"]
+)
+def test_units_that_disagree(ask, header):
+    assert "the units deg and rad" in ask(csv(header, T, X, Y))
+
+
+@pytest.mark.parametrize("name", ["giri motor", "obroty motor", "motor"])
+def test_a_speed_with_the_name_of_a_shaft_is_asked_for(ask, columns, name):
+    speeds = [np.gradient(angle, T) for angle in (X, Y)]
+    text = csv(f"t,{name},load,a,b", T, *speeds, X, Y)
+    told = ask(text, unit="deg")
+    assert f"`{name}` says driving" in told and "the speed of `a`" in told
+    stated = {"driving": "a", "driven": "b"}
+    assert columns(text, unit="deg", columns=stated).driving == "a"
+    assert columns(csv("t,motor,load,a,b", T, X, Y, *speeds), unit="deg").driving == "motor"
+
+
+def test_names_that_do_not_turn_as_given_beside_columns_that_do(ask, columns):
+    shifted = X + 3.0 * np.sin(np.arange(len(T)) / 40)
+    told = ask(csv("t,motor,load,a,b", T, shifted, 0.9 * Y, X, Y), unit="deg")
+    assert "the names say that `motor` drives `load`" in told and "`a` and `b` do" in told
+    # Without other columns that turn as given, the fit itself judges the ratio.
+    assert columns(csv("t,motor,load", T, shifted, 0.9 * Y), unit="deg").driving == "motor"
 
 
 def test_counts_that_no_column_has(ask):

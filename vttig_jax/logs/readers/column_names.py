@@ -67,7 +67,7 @@ def name_and_unit(name: str, units: Sequence[str], where: str) -> tuple[str, str
 
     The unit is None if the name has none of `units`. `where` is the position for messages.
 
-    **Raises** `LogError` if the suffix and the bracket differ.
+    **Raises** `LogError` if the name has two units that differ, such as a suffix and a bracket.
     """
     bracket = _BRACKET.search(name)
     stem = name[: bracket.start()] if bracket else name
@@ -75,6 +75,9 @@ def name_and_unit(name: str, units: Sequence[str], where: str) -> tuple[str, str
     if inside not in units:
         inside = None
     stem, suffix = stem.strip(), None
+    earlier = bracket_of(stem)  # the name has a unit, and the row of units below it another one
+    if earlier in units:
+        stem, suffix = stem[: _BRACKET.search(stem).start()].strip(), earlier  # pyright: ignore
     for unit in sorted(units, key=len, reverse=True):  # tests `_rad_per_s` before `_s`
         if stem.lower().endswith(f"_{unit}"):
             stem, suffix = stem[: -len(unit) - 1], unit

@@ -3,7 +3,7 @@
 A question is an error that the caller raises; its message names the options that decide.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
@@ -130,6 +130,38 @@ def two_fits(pairs: Sequence[tuple[Candidate, Candidate]], source: str) -> LogEr
         f"{len(pairs)} pairs of columns have the given ratio: {shown}; the columns are"
         f" {listed_facts(columns)}; choose with, for example, --column driving='{first.name}'"
         f" --column driven='{second.name}'.",
+        where=source,
+    )
+
+
+def named_speed(role: str, one: Candidate, angle: Candidate, source: str) -> LogError:
+    """Return the question for a shaft whose named column is the speed of another column."""
+    return LogError(
+        f"the name `{one.name}` says {role}, but its values are the speed of `{angle.name}`; name"
+        f" the angles with --column driving=NAME --column driven=NAME, such as"
+        f" --column {role}='{angle.name}'.",
+        where=source,
+    )
+
+
+def names_against_ratio(
+    named: Mapping[str, Candidate],
+    turning: tuple[Candidate, Candidate],
+    ratio: Fraction,
+    source: str,
+) -> LogError:
+    """Return the question for the shafts if the columns with their names do not turn as given.
+
+    `named` is role → column with such a name. `turning` are the driving and the driven column that
+    turn as the given `ratio` says.
+    """
+    a, b = (f"`{named[role].name}`" for role in ("driving", "driven"))
+    c, d = (one.name for one in turning)
+    return LogError(
+        f"the names say that {a} drives {b}, but these columns do not turn as given"
+        f" ({in_words(ratio)}), and `{c}` and `{d}` do; if those are the measured angles, give"
+        f" --column driving='{c}' --column driven='{d}', otherwise correct the ratio or name the"
+        " columns with --column driving=NAME --column driven=NAME.",
         where=source,
     )
 

@@ -19,6 +19,7 @@ from ..readers.nested import NestedTable, has_clocks
 from ..readers.open_table import open_table
 from . import question
 from .candidates import Candidate, first_fault, read_values
+from .name_check import check_names
 from .name_words import inputs_and_outputs, read_name
 from .question import Guess
 from .request import SHAFTS, DriveRequest
@@ -143,6 +144,8 @@ class Search:
             with _collected(asked):
                 self._find_time_unit()
         with _collected(asked):
+            self._check_names()
+        with _collected(asked):
             self._check_units(complete=not asked)
         return asked
 
@@ -208,6 +211,14 @@ class Search:
                     self.roles[role] = found.index
                     self._guess(role, found, "by its name")
         return [role for role in missing if role not in self.roles]
+
+    def _check_names(self) -> None:
+        """Ask if the motion contradicts the names of the shafts."""
+        named = {r: self.candidate(k) for r, k in self.roles.items() if r in SHAFTS}
+        if len(named) == 2 and any(one.role in SHAFTS for one in self.guesses):
+            ratio = self._ratio if self.request.names_a_drive else None
+            scale = Scale(self.per_turn, self.common)
+            check_names(named, self.free(), ratio, scale, self.source)
 
     def _find_time(self) -> None:
         try:

@@ -77,6 +77,33 @@ def by_ratio(
     if ratio is None or len(free) < len(missing):
         others = [one for one in candidates if one.turns and one.reading.other]
         raise question.no_fit(missing, listed, ratio, source, others)
+    pairs, signs, unknown = fitting_pairs(fixed, free, ratio, scale)
+    if unknown:
+        role, one = unknown[0]
+        raise question.no_unit(role, one, source)
+    if not pairs:
+        raise question.no_fit(missing, listed, ratio, source)
+    if ratio == 1:  # at another ratio two shafts of a simulation may be as exact as a copy
+        apart = [k for k, (one, other) in enumerate(pairs) if not is_copy(one, other)]
+        if apart:
+            pairs, signs = [pairs[k] for k in apart], [signs[k] for k in apart]
+    if len(pairs) > 1:
+        raise question.two_fits(pairs, source)
+    if signs[0] < 0:
+        driving, driven = pairs[0]
+        raise question.inverted(driving, driven, source)
+    return dict(zip(("driving", "driven"), pairs[0], strict=True))
+
+
+def fitting_pairs(
+    fixed: dict[str, Candidate], free: Sequence[Candidate], ratio: Fraction, scale: Scale
+) -> tuple[list[tuple[Candidate, Candidate]], list[int], list[tuple[str, Candidate]]]:
+    """Return the pairs (driving, driven) of columns that have the given ratio, and their signs.
+
+    `fixed` is role → column of known shafts, `free` are the columns for the others. The third
+    result has a role and its column for every pair without a unit.
+    """
+    missing = [role for role in ("driving", "driven") if role not in fixed]
     unknown: list[tuple[str, Candidate]] = []
     pairs, signs = [], []
     for chosen in permutations(free, len(missing)):
@@ -97,21 +124,7 @@ def by_ratio(
         if sign:
             pairs.append((roles["driving"], roles["driven"]))
             signs.append(sign)
-    if unknown:
-        role, one = unknown[0]
-        raise question.no_unit(role, one, source)
-    if not pairs:
-        raise question.no_fit(missing, listed, ratio, source)
-    if ratio == 1:  # at another ratio two shafts of a simulation may be as exact as a copy
-        apart = [k for k, (one, other) in enumerate(pairs) if not is_copy(one, other)]
-        if apart:
-            pairs, signs = [pairs[k] for k in apart], [signs[k] for k in apart]
-    if len(pairs) > 1:
-        raise question.two_fits(pairs, source)
-    if signs[0] < 0:
-        driving, driven = pairs[0]
-        raise question.inverted(driving, driven, source)
-    return dict(zip(("driving", "driven"), pairs[0], strict=True))
+    return pairs, signs, unknown
 
 
 def is_copy(one: Candidate, other: Candidate) -> bool:

@@ -60,7 +60,7 @@ TIME: Final = _words(
 
 QUANTITIES: Final = _words(
     """
-    speed velocity vel rpm omega geschwindigkeit drehzahl vitesse velocidad velocita
+    speed velocity vel rpm omega otacky turtall geschwindigkeit drehzahl vitesse velocidad velocita
     velocidade hastighet hastighed snelheid toerental predkosc rychlost nopeus скорость hiz
     速度 转速 轉速 回転数 속도 acceleration accel acc beschleunigung versnelling
     torque moment drehmoment couple coppia koppel vridmoment torsion par torsor 扭矩 转矩
@@ -83,7 +83,8 @@ SETPOINTS: Final = _words(
     set setpoint setp sp soll sollwert solllage sollposition target tgt command commanded cmd
     demand demanded ref reference desired des nominal consigne consigna riferimento ziel
     leitwert zadana zadany referencia gewenst gewenste borvarde cible objetivo
-    obiettivo hedef уставка wanted setvalue 指令 目标 目標 задание 목표 지령
+    obiettivo hedef уставка wanted setvalue
+    profile trajectory trajektorie planned virtual 指令 目标 目標 задание 목표 지령
     expected expect ideal theoretical theory predicted prediction modelled modeled simulated
     calculated calc computed erwartet erwartung berechnet theoretisch vorhergesagt simuliert
     attendu calcule theorique previsto calcolato teorico esperado calculado berekend verwacht
