@@ -55,6 +55,14 @@ def test_values(written, column):
     assert "line " in caught.value.where and f"`{column}`" in caught.value.where
 
 
+@pytest.mark.parametrize("column", COLUMNS[1:3])
+def test_a_shaft_that_moves_by_less_than_any_encoder_tells(written, column):
+    path, pair = written(column, 1e-300)
+    with pytest.raises(LogError, match="is constant at"):
+        read_log(path, pair)
+    assert preview_log(path).ratio is None
+
+
 @pytest.mark.parametrize(("column", "factor"), [("time_s", 1e-3), ("torque_nm", 1e20)])
 def test_unusual_but_possible(written, column, factor):
     path, pair = written(column, factor)

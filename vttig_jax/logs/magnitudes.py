@@ -14,6 +14,10 @@ LARGEST = 1e30
 """Largest magnitude of a value in the units of the file (chosen: its square is far from
 overflow)."""
 
+LEAST_RANGE = 1e-30
+"""Range of the readings of a shaft, in the units of the file, below which the shaft stands still
+(chosen: its square is far from underflow)."""
+
 SHORTEST_S, LONGEST_S = 1e-6, 1e12
 """Least duration of a log and largest time stamp, both in s. Chosen: in a microsecond no shaft
 makes a turn, and thirty thousand years are beyond any clock."""

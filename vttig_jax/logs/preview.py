@@ -22,7 +22,7 @@ from .checks.fractions import likely_fraction, ratio_option
 from .checks.ratio import slope
 from .checks.sampling import Sampling, sampling_of
 from .inspection import ColumnReport, bullets, column_table, sampling_rows
-from .magnitudes import check_time
+from .magnitudes import LEAST_RANGE, check_time
 from .proposals import Proposal, proposals, with_ratio
 from .read import check_arguments
 from .readers.column_names import (
@@ -314,7 +314,7 @@ def _report(
     unit = name_and_unit(name, units, name)[1] or stated.get(role or "")
     plain = ColumnReport(role, name, unit, float(values.min()), float(values.max()))
     shaft = role in ("driving", "driven") or (role is None and unit in ("counts", *ANGLE_UNITS))
-    if not shaft or unit is None or not np.isfinite(values).all() or np.ptp(values) == 0:
+    if not shaft or unit is None or not np.isfinite(values).all() or np.ptp(values) < LEAST_RANGE:
         return plain, None
     if unit == "counts" and np.all(values == np.rint(values)):
         values = values.astype(np.int64)

@@ -93,3 +93,11 @@ def test_speed_is_not_wrecked_by_late_readings():
     disturbed, _ = late(time, angle)
     speed = smooth_speed(time, np.radians(disturbed), 1e-5).value[steady]
     assert np.abs(np.abs(speed) - 2 * np.pi).max() < 0.1
+
+
+@pytest.mark.parametrize("resolution", [0.0, 1e-3])
+def test_a_shaft_that_changes_in_its_spikes_only_stands_still(resolution):
+    angle = np.zeros(400)
+    angle[[50, 300]] = 1.0
+    speed = smooth_speed(np.arange(400) / 500.0, angle, resolution)
+    assert np.all(speed.value == 0.0) and np.isfinite(speed.dwell)

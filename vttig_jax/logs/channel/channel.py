@@ -10,6 +10,7 @@ from ...base.errors import LogError
 from ...base.numerics.counting import pieces
 from ...base.units import ANGLE_UNITS, REV
 from ...pair.schema import Encoder, as_fraction
+from ..magnitudes import LEAST_RANGE
 from ..source import Source
 from .continuous import GAP as GAP
 from .continuous import Continuous, Origin, make_continuous
@@ -140,7 +141,7 @@ def make_channel(
         per_turn, radians = encoder.counts_per_rev, REV / encoder.counts_per_rev
     else:
         per_turn, radians = REV / ANGLE_UNITS[raw.unit], ANGLE_UNITS[raw.unit]
-    if np.ptp(values) == 0:
+    if np.ptp(values) < LEAST_RANGE:
         raise _constant(role, f"at {values[0]} {raw.unit}", source)
     given = encoder.modulus if raw.unit == "counts" else None
     if encoder.modulus is not None and given is None:

@@ -56,8 +56,11 @@ def smooth_speed(
     interval = float(np.median(np.diff(time)))
 
     def half_window(quantum: float, top: float) -> int:
+        longest = max(1, count // 40)
+        if top == 0:  # the readings change in their spikes only
+            return longest
         needed = np.ceil(TRAVEL * quantum / (top * interval) / 2)
-        return int(np.clip(needed, 1, max(1, count // 40)))
+        return int(np.clip(needed, 1, longest))
 
     top = _top_speed(time, angle, max(1, count // 100), interval)
     quantum = max(resolution, 2.0 * _noise(time, angle))

@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Real
 
 from ...base.errors import LogError
+from ..magnitudes import LEAST_RANGE
 from ..readers.delimited import TextTable
 from ..readers.nested import NestedTable
 from .name_words import NameReading
@@ -67,7 +68,7 @@ class Candidate:
         """Whether the values can be a shaft angle: numbers that change and are not row numbers."""
         if self.values is None or len(self.values) < 2 or not np.isfinite(self.values).all():
             return False
-        return bool(np.ptp(self.values) > 0) and not self.is_row_number
+        return bool(np.ptp(self.values) >= LEAST_RANGE) and not self.is_row_number
 
     @property
     def is_constant(self) -> bool:
