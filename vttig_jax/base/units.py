@@ -12,5 +12,15 @@ ARCSEC: Final = DEG / 3600.0
 REV: Final = 2.0 * math.pi
 """One revolution in radians."""
 
-ANGLE_UNITS: Final = {"deg": DEG, "rad": 1.0, "rev": REV, "arcsec": ARCSEC, "urad": 1e-6}
+ANGLE_UNITS: Final = {
+    "deg": DEG,
+    "rad": 1.0,
+    "rev": REV,
+    "arcsec": ARCSEC,
+    "urad": 1e-6,
+    "arcmin": DEG / 60.0,
+    "mdeg": 1e-3 * DEG,
+    "mrad": 1e-3,
+    "gon": REV / 400.0,
+}
 """Radians per unit, for every angle unit that can end a column name (counts need an encoder)."""

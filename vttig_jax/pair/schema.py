@@ -24,7 +24,9 @@ HIGHEST_ORDER = 1000
 """Highest harmonic order that a pair file may state (chosen)."""
 
 Order = Annotated[float, Meta(gt=0, le=HIGHEST_ORDER)]
-AngleUnit = Literal["counts", "deg", "rad", "rev", "arcsec", "urad"]
+AngleUnit = Literal[
+    "counts", "deg", "rad", "rev", "arcsec", "urad", "arcmin", "mdeg", "mrad", "gon"
+]
 TimeUnit = Literal["s", "ms", "us", "ns", "100ns", "d"]
 
 

@@ -62,7 +62,17 @@ def test_sign_and_scale():
 
 @pytest.mark.parametrize(
     ("unit", "size"),
-    [("deg", DEG), ("rad", 1.0), ("rev", 2 * np.pi), ("arcsec", DEG / 3600), ("urad", 1e-6)],
+    [
+        ("deg", DEG),
+        ("rad", 1.0),
+        ("rev", 2 * np.pi),
+        ("arcsec", DEG / 3600),
+        ("urad", 1e-6),
+        ("arcmin", DEG / 60),
+        ("mdeg", DEG / 1000),
+        ("mrad", 1e-3),
+        ("gon", np.pi / 200),
+    ],
 )
 def test_units(unit, size):
     values = np.linspace(0, 100, 50) ** 1.1

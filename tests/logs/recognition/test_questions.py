@@ -184,8 +184,8 @@ def test_equal_speeds_have_one_reading(columns):
 
 
 def test_columns_of_another_unit_are_named(ask):
-    told = ask(csv("t,motor [gon],load [gon]", T, X / 0.9, Y / 0.9))
-    assert "left out, as their names say another quantity: `motor [gon]` (gon)" in told
+    told = ask(csv("t,motor [mil],load [mil]", T, X / 0.9, Y / 0.9))
+    assert "left out, as their names say another quantity: `motor [mil]` (mil)" in told
 
 
 @pytest.mark.parametrize("first_day", [46327.25, 739922.25])
@@ -238,8 +238,42 @@ def test_a_speed_with_the_name_of_a_shaft_is_asked_for(ask, columns, name):
     assert columns(csv("t,motor,load,a,b", T, X, Y, *speeds), unit="deg").driving == "motor"
 
 
+@pytest.mark.parametrize(
+    "name",
+    ["motor_milli_deg", "motor milli [deg]", "motor_x1000_deg", "motor_1e-3_deg", "1000*motor_deg"],
+)
+def test_a_scale_in_a_name_is_no_unit(ask, columns, name):
+    text = csv(f"t,{name},{name.replace('motor', 'load')}", T, 1000 * X, 1000 * Y)
+    told = ask(text)
+    assert "holds a scale" in told and "--unit driving=mdeg" in told
+    assert columns(text, unit="mdeg").driving == name
+
+
+@pytest.mark.parametrize(
+    "name", ["motor 1 [deg]", "motor_x2_deg", "motor_100_deg", "m10 motor_deg"]
+)
+def test_numbers_that_are_no_scale(columns, name):
+    assert columns(csv(f"t,{name},load_deg", T, X, Y)).driving == name
+
+
+@pytest.mark.parametrize("name", ["motor Vorgabe [deg]", "motor NC [deg]"])
+def test_two_columns_of_one_angle_are_asked_for(ask, columns, name):
+    planned = X + 0.05 * np.sin(np.arange(len(T)) / 30)
+    text = csv(f"t,{name},encoder 1 [deg],load [deg]", T, planned, X, Y)
+    told = ask(text)
+    assert "hold nearly the same angle" in told and "--column driving='encoder 1 [deg]'" in told
+    stated = {"driving": "encoder 1 [deg]"}
+    assert columns(text, columns=stated).driving == "encoder 1 [deg]"
+
+
+def test_one_reading_in_two_units_is_not_asked_for(columns):
+    rows = np.stack([T, X, np.radians(X), Y], axis=1).tolist()
+    text = "\n".join(["t,motor [deg],e1 [rad],load [deg]", *(",".join(map(repr, r)) for r in rows)])
+    assert columns(text + "\n").driving == "motor [deg]"
+
+
 def test_names_that_do_not_turn_as_given_beside_columns_that_do(ask, columns):
-    shifted = X + 3.0 * np.sin(np.arange(len(T)) / 40)
+    shifted = 1.2 * X + 3.0 * np.sin(np.arange(len(T)) / 40)
     told = ask(csv("t,motor,load,a,b", T, shifted, 0.9 * Y, X, Y), unit="deg")
     assert "the names say that `motor` drives `load`" in told and "`a` and `b` do" in told
     # Without other columns that turn as given, the fit itself judges the ratio.

@@ -36,7 +36,16 @@ _UNITS = {
     "acceleration": tuple(ACCELERATION_UNITS),
 }
 _SPELLINGS = {
-    **{"°": "deg", "″": "arcsec", "µrad": "urad", "μrad": "urad", "µs": "us", "μs": "us"},
+    **{
+        "°": "deg",
+        "″": "arcsec",
+        "′": "arcmin",
+        "m°": "mdeg",
+        "µrad": "urad",
+        "μrad": "urad",
+        "µs": "us",
+        "μs": "us",
+    },
     **dict.fromkeys(("º", "degree", "degrees", "degs", "grados", "gradi", "graus"), "deg"),
     **dict.fromkeys(("radian", "radians", "radiant"), "rad"),
     **dict.fromkeys(("turn", "turns", "revs", "revolution", "revolutions", "umdr", "tr"), "rev"),
@@ -50,6 +59,15 @@ _SPELLINGS = {
     **{f"rad/s{two}": "rad_per_s2" for two in ("2", "^2", "²")},
 }
 _BRACKET = re.compile(r"\s*[\[(]\s*([^\])]*?)\s*[\])]\s*$")
+_POWER = r"(?:1e[+-]?\d+|10+|0[.,]0*1)"
+_SCALE = re.compile(
+    rf"[x×*·]\s*{_POWER}(?![\d.])|(?<![\d.]){_POWER}\s*[x×*·]|(?<![^\W_])1e-?\d+|1/10+|10\^-?\d"
+    r"|(?<![^\W_])(?:milli|micro|mikro|kilo|centi|zenti|deci|dezi|nano|tenths?|hundredths?"
+    r"|thousandths?|zehntel|hundertstel|tausendstel|scaled|skaliert)(?![^\W_])",
+    re.IGNORECASE,
+)
+"""Power of ten or a word for it in a name: the numbers are then no multiples of the unit alone."""
+
 _INDEX = re.compile(r"\((?:(\d+),:|:,(\d+))\)$")
 _NUMBER = re.compile(r"#([1-9]\d{0,5})")
 
@@ -65,7 +83,8 @@ def units_of(role: str) -> Sequence[str]:
 def name_and_unit(name: str, units: Sequence[str], where: str) -> tuple[str, str | None]:
     """Split `driving_deg`, `driving [deg]` or `driving (deg)` into name "driving" and unit "deg".
 
-    The unit is None if the name has none of `units`. `where` is the position for messages.
+    The unit is None if the name has none of `units`, or if it has a scale such as `motor_milli_deg`
+    or `motor x1000 [deg]`. `where` is the position for messages.
 
     **Raises** `LogError` if the name has two units that differ, such as a suffix and a bracket.
     """
@@ -86,7 +105,13 @@ def name_and_unit(name: str, units: Sequence[str], where: str) -> tuple[str, str
         stem, suffix = f"{stem}_{suffix}", None
     if suffix and inside and suffix != inside:
         raise LogError(f"the name has the units {suffix} and {inside}; keep one.", where=where)
-    return stem, suffix or inside
+    return stem, None if scale_of(stem) else suffix or inside
+
+
+def scale_of(name: str) -> str:
+    """Return the power of ten, or the word for it, that a name has beside its unit, or ""."""
+    found = _SCALE.search(name)
+    return found[0].strip(" _") if found else ""
 
 
 def bracket_of(name: str) -> str:

@@ -9,7 +9,7 @@ _OTHER = """
     m cm um µm μm nm/a hz khz mhz rpm 1/min min-1 r/min u/min rev/min rad/s deg/s °/s rev/s
     rad/s2 rad/s^2 rad/s² deg/s2 deg/s^2 deg/s² °/s2 °/s^2 °/s² m/s m/s2 m/s^2 m/s² mm/s g kg
     ohm db lux ppm px pixel pixels bit bool °c/s deg_per_s rad_per_s deg_per_s2 rad_per_s2 min
-    h inch in lb lbf ft degf mil gon mrad mdeg arcmin ′
+    h inch in lb lbf ft degf mil
 """
 
 OTHER_UNITS = frozenset(_OTHER.split())

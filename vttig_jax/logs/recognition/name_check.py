@@ -1,13 +1,14 @@
 """Check of the shafts that column names say, against the motion of all columns."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from fractions import Fraction
 
 import numpy as np
 
+from ...base.errors import LogError
 from . import question
 from .candidates import Candidate
-from .shafts import Scale, fitting_pairs
+from .shafts import Scale, fitting_pairs, have_slope, is_copy, turns_of
 
 _STRETCHES = 200
 """Number of stretches of a log over which travel and mean speed are compared (chosen)."""
@@ -19,24 +20,33 @@ there, if the other one is its speed (chosen)."""
 
 def check_names(
     named: Mapping[str, Candidate],
+    guessed: Collection[str],
     others: Sequence[Candidate],
     ratio: Fraction | None,
+    *,
     scale: Scale,
     source: str,
 ) -> None:
-    """Check the columns that names make the shafts; `named` is role → column of both shafts.
+    """Check the columns that names make the shafts.
 
+    `named` is role → column of both shafts, and `guessed` are the roles that no user stated.
     `others` are the columns without a role, and `ratio` is driven over driving speed, if it is
     given.
 
-    **Raises** `LogError` if a named column without a unit is the speed of another column, or if the
+    **Raises** `LogError` if a named column without a unit is the speed of another column, if
+    another column holds nearly the same angle, as a setpoint and a measured angle do, or if the
     named columns do not turn as given although two other columns do.
     """
     others = [one for one in others if one.turns and one.reading.is_angle]
     for role, one in named.items():
+        if role not in guessed:
+            continue
         for other in others:
             if one.reading.unit is None and is_speed_of(one, other):
                 raise question.named_speed(role, one, other, source)
+        twin = next((other for other in others if _is_twin(one, other, role, scale)), None)
+        if twin is not None:
+            raise question.twins(role, one, twin, source)
     if ratio is None or not all(one.turns for one in named.values()):
         return
     fitting, _, unknown = fitting_pairs(dict(named), (), ratio, scale)
@@ -46,6 +56,22 @@ def check_names(
     turning, _, _ = fitting_pairs({}, measured, ratio, scale)
     if turning:
         raise question.names_against_ratio(named, turning[0], ratio, source)
+
+
+def _is_twin(one: Candidate, other: Candidate, role: str, scale: Scale) -> bool:
+    """Return whether two columns hold nearly the same angle, but are no copies of one reading."""
+    if other.reading.setpoint or is_copy(one, other):
+        return False
+    try:
+        per_turn = [scale.per_turn(column, role) for column in (one, other)]
+    except LogError:  # counts per revolution are missing
+        return False
+    if None in per_turn or not one.turns:
+        return False
+    first, second = scale.common(one, other)
+    if len(first) < 2:
+        return False
+    return have_slope(turns_of(first, per_turn[0]), turns_of(second, per_turn[1]), 1.0) > 0
 
 
 def is_speed_of(one: Candidate, other: Candidate) -> bool:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 from ...base.errors import LogError, UsageError
-from ..readers.column_names import ROW
+from ..readers.column_names import ROW, scale_of
 from .candidates import MOST_LISTED, Candidate, listed_facts
 from .request import in_words
 
@@ -144,6 +144,16 @@ def named_speed(role: str, one: Candidate, angle: Candidate, source: str) -> Log
     )
 
 
+def twins(role: str, one: Candidate, other: Candidate, source: str) -> LogError:
+    """Return the question which of two columns with nearly the same angle was measured."""
+    return LogError(
+        f"`{one.name}` and `{other.name}` hold nearly the same angle, as a setpoint and a measured"
+        f" angle do; name the measured one with --column {role}='{other.name}' or"
+        f" --column {role}='{one.name}'.",
+        where=source,
+    )
+
+
 def names_against_ratio(
     named: Mapping[str, Candidate],
     turning: tuple[Candidate, Candidate],
@@ -193,6 +203,13 @@ def inverted(first: Candidate, second: Candidate, source: str) -> LogError:
 
 def no_unit(role: str, one: Candidate, source: str) -> LogError:
     """Return the question for the unit of a shaft."""
+    if scale := scale_of(one.name):
+        return LogError(
+            f"the name of the column {one.facts} for {role} holds a scale, `{scale}`: give the unit"
+            f" of its numbers with --unit {role}=mdeg (or mrad, deg, rad, …), or convert the"
+            " column.",
+            where=source,
+        )
     return LogError(
         f"the column {one.facts} for {role} names no unit, and degrees, radians and counts look"
         f" the same; give --unit deg (or {role}=deg, rad, rev), or --counts A,B with the counts per"

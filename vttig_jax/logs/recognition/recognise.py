@@ -215,10 +215,11 @@ class Search:
     def _check_names(self) -> None:
         """Ask if the motion contradicts the names of the shafts."""
         named = {r: self.candidate(k) for r, k in self.roles.items() if r in SHAFTS}
-        if len(named) == 2 and any(one.role in SHAFTS for one in self.guesses):
+        guessed = {one.role for one in self.guesses}
+        if len(named) == 2 and guessed & set(named):
             ratio = self._ratio if self.request.names_a_drive else None
             scale = Scale(self.per_turn, self.common)
-            check_names(named, self.free(), ratio, scale, self.source)
+            check_names(named, guessed, self.free(), ratio, scale=scale, source=self.source)
 
     def _find_time(self) -> None:
         try:

@@ -116,7 +116,7 @@ def fitting_pairs(
         driving, driven = scale.common(roles["driving"], roles["driven"])
         if len(driving) < 2:
             continue  # the two channels have no common time
-        sign = _fits(
+        sign = have_slope(
             turns_of(driving, per_turn["driving"]),
             turns_of(driven, per_turn["driven"]),
             float(ratio),
@@ -150,7 +150,7 @@ def turns_of(values: np.ndarray, per_turn: float | None) -> Float[np.ndarray, " 
     return (values - values[0]) / per_turn
 
 
-def _fits(x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"], ratio: float) -> int:
+def have_slope(x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"], ratio: float) -> int:
     """Return the sign of the slope of `y` over `x` if its magnitude is `ratio`, else 0.
 
     `x` and `y` are angles in revolutions; the tolerances are `TOLERANCE` and `APART`.

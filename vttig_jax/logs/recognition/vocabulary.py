@@ -73,6 +73,7 @@ QUANTITIES: Final = _words(
     proud napeti prad
     napiecie varvtal spanningen leistung vermogen puissance potencia potenza teplota temp момент
     температура ток мощность напряжение sicaklik tork akim 토크 온도 전류 전압 電流 電圧 功率
+    elec electrical elektrisch electrique electrico elettrico
     vibration vib pwm duty gain checksum crc sequence seq utilization percent
     """
 )

@@ -124,11 +124,24 @@ def _description(lines: Sequence[str], delimiter: str) -> tuple[Mapping[str, lis
 
 
 def _name(described: Mapping[str, list[str]], k: int) -> str:
-    """Return the name of a channel (or its symbol without a name) with its unit in brackets."""
+    """Return the name of a channel (or its symbol without a name) with its unit in brackets.
+
+    A channel with a scale factor or an offset has no unit that can be read: exports do not say
+    whether their numbers contain the factor.
+    """
     field = {key: row[k].strip() for key, row in described.items() if k < len(row)}
     name = field.get("Name") or field.get("SymbolName", "")
     unit = re.sub(r"\s*\(.*\)$", "", field.get("Unit", "").strip()) if name else ""
+    factor, offset = (_plain(field.get(key, "")) for key in ("ScaleFactor", "Offset"))
+    if unit_in(unit) and (factor not in ("", "1") or offset not in ("", "0")):
+        return f"{name} [{unit} with ScaleFactor {factor or 1} and Offset {offset or 0}]"
     return f"{name} [{unit}]" if unit_in(unit) else name
+
+
+def _plain(field: str) -> str:
+    """Return a number as short text, such as "1" for "1,0"; other text unchanged."""
+    value = to_number(field, "," if "," in field else ".")
+    return field if value is None else f"{value:g}"
 
 
 def _length(rows: Sequence[tuple[int, list[str]]], column: int) -> int:
