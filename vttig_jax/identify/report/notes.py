@@ -25,6 +25,11 @@ from .gap_of_delay import GapOfDelay
 from .parameters import SIGNIFICANT, Parameter
 from .per_log import LogRecord, differences
 
+_FEW_LEGS = (
+    "a drift in time explains the log better than none, but with so few changes of direction and a"
+    " shaft that makes only a part of a turn it resembles the backlash: the intervals contain the"
+    " values with and without it. Log the motion to and fro several times"
+)
 _SAMPLES = 10_000  # number of samples that decide whether a column was computed; chosen value
 _PROPORTIONAL = 1e-8  # range of the deviation from a line, in ranges of the angle; chosen value
 _CORRELATED = 0.9  # correlation of delay and backlash above which a note is given; chosen value
@@ -52,6 +57,7 @@ def warnings_of(
         *([change.sentence] if change and change.is_clear else []),
         *([delays.sentence] if delays and delays.differ else []),
         *([estimate.frozen.sentence] if estimate.frozen else []),
+        *([_FEW_LEGS] if estimate.wider_drift else []),
         *_speed_note(checks.gap_by_speed),
         *([checks.jumps.sentence] if checks.jumps and not checks.jumps.agrees else []),
         *differences(logs),
