@@ -367,6 +367,7 @@ def test_a_branch_is_a_quarter_of_the_gap_wide(at, kept):
     assert on_its_branch(other, rows, weights, 0.001) is (at == 1.0)
     # Noise widens it, one stray row in twenty is allowed, an unknown flank is not.
     assert on_its_branch(ramp, rows, weights, 1.0)
+    assert on_its_branch(ramp, rows, weights, 0.2) is (abs(at) < 0.5 or abs(at) == 0.5)
     rows[:, 1] = 0.0
     rows[0, 1] = 9.0
     assert on_its_branch(ramp, rows, weights, 0.001)

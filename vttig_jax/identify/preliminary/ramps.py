@@ -19,6 +19,10 @@ from .linear_fit import Input, LinearFit
 _BRANCH = 0.25
 """Largest residual of a ramp that lies on its flank, as a share of the gap; chosen value."""
 
+_MIDDLE = 0.5
+"""Residual of a ramp, as a share of the gap, that lies as near to the other flank; no noise allows
+for more."""
+
 _ROWS_A_RAMP = 40
 """Number of rows per ramp: more than twice the highest order of the autoregressive noise."""
 
@@ -88,8 +92,10 @@ def on_its_branch(
     noise_std: float,
 ) -> bool:
     """Return whether the teeth stay on the flank of their direction of motion during a ramp.
+
     A ramp is the part of a log in which the speed changes. At least 95 % of its `rows` must have a
-    residual of at most a quarter of the gap plus three times `noise_std`, rad. `residual_rows`
+    residual of at most a quarter of the gap plus three times `noise_std`, rad, and must lie nearer
+    to their own flank than to the other one, if two `noise_std` tell both apart. `residual_rows`
     contains the weights (−β, 1) of each flank, so that a row times these weights is its residual.
     """
     own = ramp.segment.flank
@@ -98,5 +104,5 @@ def on_its_branch(
     residual = rows @ residual_rows[own]
     other = residual_rows.get("B" if own == "A" else "A")
     gap = np.abs(rows @ (other - residual_rows[own])) if other is not None else np.inf
-    allowed = np.minimum(_BRANCH * gap + 3 * noise_std, np.inf)
+    allowed = np.minimum(_BRANCH * gap + 3 * noise_std, np.maximum(_MIDDLE * gap, 2 * noise_std))
     return bool(np.mean(np.abs(residual) <= allowed) >= 0.95)
