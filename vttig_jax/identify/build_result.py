@@ -31,7 +31,7 @@ from .preliminary.delay_change import (
 )
 from .preliminary.delay_check import rest_of_delay
 from .preliminary.delays_of_logs import DelaysOfLogs, delays_of_logs
-from .preliminary.model_selection import SelectedModel, with_wider_drift
+from .preliminary.model_selection import SelectedModel, with_least_drift
 from .preliminary.wander import with_walk
 from .report.check_records import Lines, checks_of
 from .report.checks import REMEMBERS, ReadingsComparison, Whiteness
@@ -168,10 +168,9 @@ def estimate_of(
     walk = None
     if other is not None:
         solved, walk = beside_walk(solved, solve_model(other, pair, identifiable, settings))
-    few_legs = with_wider_drift(selected)
-    if few_legs is not None:
-        few_legs = solve_model(few_legs, pair, identifiable, settings)
-        solved, _ = beside(solved, few_legs)
+    # The constant backlash is undetermined there, so that only the covered gap has to contain it.
+    other = with_least_drift(selected)
+    least_drift = other and solve_model(other, pair, identifiable, settings)
     solved, compared = _with_readings(solved, readings, pair, settings.use_readings)
     fitted = selected.delay.state == "fitted"
     # Delays of opposite signs in the two halves have a mean that is not significant.
@@ -201,7 +200,7 @@ def estimate_of(
         delays=delays,
         walk=walk,
         two_delays=two_delays,
-        wider_drift=few_legs,
+        least_drift=least_drift,
         rest_of_delay=_rest_of_delay(selected),
         frozen=frozen,
         gap_deviations=deviations,

@@ -38,17 +38,17 @@ def drift_names(names: Sequence[str], order: int) -> list[str]:
     return [name for name in names if name.split("_of_")[0] in powers]
 
 
-def choose_drift(
-    own: NuisanceRegression, beside: Sequence[str] = (), most: int = AUTOMATIC_DRIFT
-) -> int:
-    """Return the highest power of time of the drift, 0 to `most`, by the lowest BIC.
+def choose_drift(own: NuisanceRegression, beside: Sequence[str] = ()) -> int:
+    """Return the highest power of time of the drift, 0 to 2, by the lowest BIC.
 
     `beside` names further coefficients of the models. All models have the noise model of power 2;
     with a separate noise model for each, a missing drift would look like correlated noise.
     """
     if own.is_exact:
         return 0
-    scores = [own.bic([*drift_names(own.names, order), *beside]) for order in range(most + 1)]
+    scores = [
+        own.bic([*drift_names(own.names, order), *beside]) for order in range(AUTOMATIC_DRIFT + 1)
+    ]
     return scores.index(min(scores))
 
 
@@ -73,8 +73,7 @@ class SelectedModel:
 
     **Arguments**
     - `linear`: fit of the last pass. - `summary`: rows of all logs with the selected columns only.
-    - `wider`: highest power of time of a drift that has a lower BIC than `drift`, but resembles the
-      gap; None if there is none.
+    - `least`: the part of the drift that does not resemble the gap; None if that is all of it.
     - `delay`, `drift`: selected delay and drift. - `weights`: result of the robust loss.
     - `notes`: sentences for the report.
     """
@@ -85,7 +84,7 @@ class SelectedModel:
     drift: Drift
     weights: Reweighted
     notes: tuple[str, ...]
-    wider: Drift | None = None
+    least: Drift | None = None
 
 
 def select_model(
@@ -103,7 +102,6 @@ def select_model(
     if _has_slope(pair, identifiable, settings):
         settings = msgspec.structs.replace(settings, drift_order=1)
     plain, delay, notes = plain_fit(inputs, pair, identifiable, settings, given)
-    most = _most_drift(inputs, identifiable)
     model, names = plain.model, plain.model.regressors
     delay_tried = "delay" in names
     finest_s = finest_row_s(inputs) if delay_tried else np.inf
@@ -111,26 +109,24 @@ def select_model(
     if delay_tried and "ratio" not in names and _may_hide_a_ratio(pair, identifiable):
         freed = replace(model, regressors=(*names, "ratio"))
         other = linear_fit(inputs, freed, delay.seconds, finest_s=finest_s)
-        if _demands_a_ratio(other, settings, float(pair.ratio), most):
+        if _demands_a_ratio(other, settings, float(pair.ratio)):
             model, plain = freed, other
     weights = with_second_start(reweighted(plain, settings.loss), plain)
     linear = weights.linear
     if delay_tried:
-        linear, delay, told = _with_delay(weights, settings, most)
+        linear, delay, told = _with_delay(weights, settings)
         if weights.loss != "square" and delay.state == "fitted":
             # The first weights come from a model without the delay and, in ramps, from spikes only.
             weights = reweighted(
                 linear, weights.loss, weights.values if weights.loss == "bisquare" else None
             )
             plain = weights.look(inputs, model, delay.seconds, linear.block_s)
-            linear, delay, told = _with_delay(
-                replace(weights, linear=plain), settings, most, delay.share
-            )
+            linear, delay, told = _with_delay(replace(weights, linear=plain), settings, delay.share)
         notes += told
-    own, told = _chosen(linear, settings, delay, most)
+    own, told = _chosen(linear, settings, delay)
     notes += told
-    drift = _drift_of(own, model.drift)
-    wider = _drift_of(_chosen(linear, settings, delay, AUTOMATIC_DRIFT)[0], model.drift)
+    drift, told_apart = _drift_of(own, model.drift), _drift_beside_gap(inputs, identifiable)
+    asked = settings.drift_order is not None or settings.drift_knots_s is not None
     kept = [
         tuple(n for n in each if n in own or n == "offset") for each in linear.summary.columns.own
     ]
@@ -141,25 +137,24 @@ def select_model(
         drift=drift,
         weights=weights,
         notes=tuple(notes),
-        wider=wider if wider.order > drift.order else None,
+        least=Drift(told_apart) if drift.order > told_apart and not asked else None,
     )
 
 
-def with_wider_drift(selected: SelectedModel) -> SelectedModel | None:
-    """Return the selected model with the drift `wider`, or None if there is none."""
-    if selected.wider is None:
+def with_least_drift(selected: SelectedModel) -> SelectedModel | None:
+    """Return the selected model with the drift `least`, or None if there is none."""
+    if selected.least is None:
         return None
-    names = drift_names(selected.linear.own.names, selected.wider.order)
-    kept = {column_of(name) for own in selected.summary.columns.own for name in own}
-    kept |= {column_of(name) for name in names}
+    kept = {f"drift_{power}" for power in range(1, selected.least.order + 1)}
     own = [
-        tuple(name for name in each if name in kept) for each in selected.linear.summary.columns.own
+        tuple(name for name in each if not name.startswith("drift_") or name in kept)
+        for each in selected.summary.columns.own
     ]
-    summary = selected.linear.summary.keeping(own)
-    return replace(selected, summary=summary, drift=selected.wider, wider=None)
+    summary = selected.summary.keeping(own)
+    return replace(selected, summary=summary, drift=selected.least, least=None)
 
 
-def _most_drift(inputs: Sequence[Input], identifiable: Identifiability) -> int:
+def _drift_beside_gap(inputs: Sequence[Input], identifiable: Identifiability) -> int:
     """Return the highest power of time of a drift that does not resemble the gap.
 
     If a shaft makes only a part of a turn, its unknown first order is a slow function of the
@@ -260,10 +255,10 @@ def _may_hide_a_ratio(pair: GearPair | Drive, identifiable: Identifiability) -> 
     return isinstance(pair, Drive) and both_ways and "driven" in identifiable.short
 
 
-def _demands_a_ratio(linear: LinearFit, settings: FitSettings, ratio: float, most: int) -> bool:
+def _demands_a_ratio(linear: LinearFit, settings: FitSettings, ratio: float) -> bool:
     """Return whether a fit with a free ratio contradicts the given `ratio` by a possible value."""
     own = linear.own
-    names = [*_beside(own, settings, most), *(["delay"] if "delay" in own.names else [])]
+    names = [*_beside(own, settings), *(["delay"] if "delay" in own.names else [])]
     value, std = own.estimate("ratio", names)
     return _WRONG_RATIO * std < abs(value) < _FARTHEST_RATIO * abs(ratio)
 
@@ -292,12 +287,11 @@ def _widest_drift(
 
 
 def _with_delay(
-    weights: Reweighted, settings: FitSettings, most: int, share: float = 1.0
+    weights: Reweighted, settings: FitSettings, share: float = 1.0
 ) -> tuple[LinearFit, Delay, list[str]]:
     """Iterate the delay until it is settled; at one speed, the fit includes the ramps.
 
-    `most` is the highest power of time of the drift. `share` is that of the delay (see `Delay`) if
-    the first pass already settles it.
+    `share` is that of the delay (see `Delay`) if the first pass already settles it.
     """
     plain = weights.linear
     inputs, model, block_s = plain.inputs, plain.model, plain.block_s
@@ -308,7 +302,7 @@ def _with_delay(
         linear, notes = with_ramps(plain) if steady else (plain, [])
         delay = judge_delay(
             linear.own,
-            _beside(linear.own, settings, most),
+            _beside(linear.own, settings),
             plain.channels[0].delay_s,
             forced=settings.delay == "free" or is_told_on_one_flank(plain),
             two_flanks=len(linear.summary.flanks) == 2,
@@ -328,11 +322,8 @@ def _with_delay(
     return linear, delay, notes
 
 
-def _beside(own: NuisanceRegression, settings: FitSettings, most: int) -> list[str]:
-    """Return the selected coefficients other than the delay: drift, regressors, best torque.
-
-    `most` is the highest power of time of a drift that is not requested.
-    """
+def _beside(own: NuisanceRegression, settings: FitSettings) -> list[str]:
+    """Return the selected coefficients other than the delay: drift, regressors, best torque."""
     slow = ("drift_", "spline_", "torque_")
     others = [n for n in own.names if n != "delay" and not n.startswith(slow)]
     splines = [n for n in own.names if n.startswith("spline_")]
@@ -341,7 +332,7 @@ def _beside(own: NuisanceRegression, settings: FitSettings, most: int) -> list[s
     else:
         windows = [n for n in own.names if n.startswith("torque_")][:1]
         asked = [*others, *windows, *(["delay"] if "delay" in own.names else [])]
-        drift = drift_names(own.names, choose_drift(own, asked, most))
+        drift = drift_names(own.names, choose_drift(own, asked))
     known = [*drift, *others]
     return [*known, *_best_torque(own, known)]
 
@@ -353,13 +344,11 @@ def _best_torque(own: NuisanceRegression, known: list[str]) -> list[str]:
     return [min(windows, key=lambda name: own.misfit([*beside, name]))] if windows else []
 
 
-def _chosen(
-    linear: LinearFit, settings: FitSettings, delay: Delay, most: int
-) -> tuple[set[str], list[str]]:
+def _chosen(linear: LinearFit, settings: FitSettings, delay: Delay) -> tuple[set[str], list[str]]:
     """Return the names of the selected columns of drift, delay and regressors, and notes."""
     own = linear.own
     fitted = ["delay"] if delay.state == "fitted" else []
-    names = [*_beside(own, settings, most), *fitted]
+    names = [*_beside(own, settings), *fitted]
     notes = []
     for torque in [n for n in names if n.startswith("torque_")]:
         value, std = own.estimate(torque, names)

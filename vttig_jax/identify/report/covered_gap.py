@@ -44,9 +44,10 @@ def covered_gap(estimate: Estimate, of_delay: GapOfDelay | None) -> CoveredGap:
     """Return the mean gap of the fitted curves over the driving angles that both flanks covered.
 
     Its standard error is the largest of these: from the noise model, from the scatter of parts of
-    the log, from a fit with a random walk as drift, from a fit with two delays, and from the gaps
-    at different speeds. If the correlation time of the noise is a notable part of a run (scatter
-    "memory"), an estimate for this case replaces the first two.
+    the log, from a fit with a random walk as drift, from a fit with two delays, from one without a
+    drift that resembles the gap, and from the gaps at different speeds. If the correlation time of
+    the noise is a notable part of a run (scatter "memory"), an estimate for this case replaces the
+    first two.
 
     **Arguments**
     - `of_delay`: gap that a delay which is taken as zero may add.

@@ -27,8 +27,8 @@ class Estimate:
     - `walk`: fit with a random walk as drift; None if the log shows no random walk.
     - `two_delays`: fit with another delay in the second half of each log; None if the delay does
       not change.
-    - `wider_drift`: fit with a drift of a higher power, which resembles the gap; None if the log
-      asks for no such drift.
+    - `least_drift`: fit without the powers of the drift that resemble the gap; None if the drift
+      has no such powers.
     - `rest_of_delay`: delay that the logs show beside the stated one, with its standard error, s;
       None if they show none, or if no delay is stated.
     - `frozen`: rounding of the encoders that does not average out; None if it averages out.
@@ -44,7 +44,7 @@ class Estimate:
     delays: DelaysOfLogs | None
     walk: Walk | None = None
     two_delays: SolvedFit | None = None
-    wider_drift: SolvedFit | None = None
+    least_drift: SolvedFit | None = None
     rest_of_delay: tuple[float, float] | None = None
     frozen: FrozenLevels | None = None
     gap_deviations: tuple[GapAtSpeed, ...] = ()
@@ -54,5 +54,5 @@ class Estimate:
     def rivals(self) -> tuple[SolvedFit, ...]:
         """Second fits of the same logs, whose values the intervals of the first contain."""
         of_walk = None if self.walk is None else self.walk.solved
-        found = (of_walk, self.two_delays, self.wider_drift)
+        found = (of_walk, self.two_delays, self.least_drift)
         return tuple(one for one in found if one is not None)

@@ -25,11 +25,6 @@ from .gap_of_delay import GapOfDelay
 from .parameters import SIGNIFICANT, Parameter
 from .per_log import LogRecord, differences
 
-_FEW_LEGS = (
-    "a drift in time explains the log better than none, but with so few changes of direction and a"
-    " shaft that makes only a part of a turn it resembles the backlash: the intervals contain the"
-    " values with and without it. Log the motion to and fro several times"
-)
 _SAMPLES = 10_000  # number of samples that decide whether a column was computed; chosen value
 _PROPORTIONAL = 1e-8  # range of the deviation from a line, in ranges of the angle; chosen value
 _CORRELATED = 0.9  # correlation of delay and backlash above which a note is given; chosen value
@@ -57,7 +52,7 @@ def warnings_of(
         *([change.sentence] if change and change.is_clear else []),
         *([delays.sentence] if delays and delays.differ else []),
         *([estimate.frozen.sentence] if estimate.frozen else []),
-        *([_FEW_LEGS] if estimate.wider_drift else []),
+        *_few_legs(estimate),
         *_speed_note(checks.gap_by_speed),
         *([checks.jumps.sentence] if checks.jumps and not checks.jumps.agrees else []),
         *differences(logs),
@@ -274,6 +269,26 @@ def _fractional_notes(terms: TermPlan) -> list[str]:
         f"{', '.join(names)} {have} no fixed position on the gears: {hold} only at the zero of the"
         " log. The backlash map, `export`, `locate` and `simulate` leave"
         f" {'it' if single else 'them'} out"
+    ]
+
+
+def _few_legs(estimate: Estimate) -> list[str]:
+    """Return a note if the drift may hold a part of the gap, or make one."""
+    other, solution = estimate.least_drift, estimate.solved.solution
+    if other is None or "constant_backlash" not in solution.names:
+        return []
+    place = solution.names.index("constant_backlash")
+    if "constant_backlash" not in other.solution.names:
+        return []
+    twin = other.solution.names.index("constant_backlash")
+    away = abs(float(solution.values[place] - other.solution.values[twin]))
+    if away <= float(np.sqrt(other.solution.covariance[twin, twin])):
+        return []
+    return [
+        "a drift in time explains the log better than none, but with so few changes of direction"
+        " and a shaft that makes only a part of a turn it resembles the backlash, which is"
+        f" {other.solution.values[twin] / DEG:.3g}° without it: the intervals contain both. Log the"
+        " motion to and fro several times, or fit with --drift-order 0 if nothing drifts"
     ]
 
 
