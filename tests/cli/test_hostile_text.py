@@ -2,6 +2,8 @@
 
 import csv
 import json
+import os
+import sys
 import unicodedata
 from pathlib import Path
 
@@ -100,6 +102,20 @@ def test_names_in_messages(folder, vttig, name):
         errors = [line for line in err.split("\n") if line.startswith("error: ")]
         assert hidden(text + err) == [] and len(errors) == 1, (call, err)
         assert len(err) < 1500, call
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="names are UTF-16 or UTF-8")
+def test_names_of_files_that_are_no_utf_8(folder, vttig, vttig_json):
+    name = os.fsdecode(b"log\xff.csv")
+    (folder / "log.csv").rename(folder / name)
+    (folder / "pair.toml").write_text(tomli_w.dumps(PAIR))
+    code, record = vttig_json("fit", name, "--pair", "pair.toml")
+    assert code == 0 and record["source"].endswith("log\\udcff.csv")
+    code, _, err = vttig("fit", name, "--pair", "pair.toml", "--out", "run")
+    assert code == 2 and "is no UTF-8 text" in err and not (folder / "run" / "fit.json").exists()
+    code = vttig("fit-many", name, "--pair", "pair.toml", "--csv", "many.csv", "--out", "m")[0]
+    assert code == 4  # this log has outliers; the reason is in the table beside its name
+    assert "log\\udcff.csv" in (folder / "many.csv").read_text(encoding="utf-8")
 
 
 def test_names_in_a_table_are_no_formulas(folder, vttig):

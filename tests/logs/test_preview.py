@@ -8,6 +8,7 @@ from scipy.io import savemat
 from vttig_jax.base.errors import LogError
 from vttig_jax.base.files.json_io import load_schema
 from vttig_jax.logs.preview import MOST_COLUMNS, preview_log
+from vttig_jax.logs.recognition.request import DriveRequest
 
 pytestmark = pytest.mark.smoke
 
@@ -162,3 +163,17 @@ def test_what_holds_no_table(tmp_path, content):
     path.write_text(content)
     with pytest.raises(LogError):
         preview_log(path)
+
+
+def test_counts_that_the_user_states_give_turns_and_the_ratio(tmp_path):
+    path = tmp_path / "log.csv"
+    turns = 0.01 * np.arange(500)
+    rows = np.rint(np.column_stack([4096 * turns, 20000 * turns * 23 / 64])).astype(int).tolist()
+    text = [f"{k / 100},{a},{b}" for k, (a, b) in enumerate(rows)]
+    path.write_text("\n".join(["time_s,motor,load", *text]))
+    report = preview_log(path, request=DriveRequest(counts=(4096, 20000)))
+    assert "--ratio 64:23 --counts 4096,20000" in report.fit_command
+    assert report.columns[1].turns == pytest.approx(4.99, abs=1e-3)
+    assert "give --counts" not in flat(report)
+    unknown = preview_log(path, request=DriveRequest(units={"driving": "counts"}))
+    assert unknown.columns[1].turns is None

@@ -31,6 +31,14 @@ def shown_name(name: object, most: int = MOST) -> str:
     return _cut(escaped(str(name)[: most + 1]), most)
 
 
+def name_of_file(path: object) -> str:
+    r"""Return the name of a file as UTF-8 can hold it.
+
+    Bytes of a name that are no UTF-8 become escapes such as `\udcff`.
+    """
+    return str(path).encode("utf-8", "backslashreplace").decode()
+
+
 def one_line(text: str) -> str:
     """Return a sentence as one line: no control character in it, and no word or quote too long."""
     return _shortened(escaped(text))

@@ -155,7 +155,12 @@ def preview_log(
     rows = {ROW_INDEX: np.arange(size)} if ROW_INDEX in roles else {}
     arrays = {k: a for k, a in (arrays | rows).items() if len(a) == size}
     source = Source(str(path), {r: names[k] for k, r in roles.items()}, table.line_of)
-    shown = [_report(names[k], roles.get(k), values, units) for k, values in arrays.items()]
+    driving, driven = request.counts or (None, None)
+    per_turn = {"driving": driving, "driven": driven}
+    shown = [
+        _report(names[k], roles.get(k), values, units, per_turn.get(roles.get(k, "")))
+        for k, values in arrays.items()
+    ]
     reports = [report for report, _ in shown]
     angles = {r.role: angle for r, angle in shown if angle is not None and r.role is not None}
     hints = [*notes, *cut, *broken, *_unusable_roles(roles, arrays, source, size)]
@@ -205,7 +210,7 @@ def _ratio(
     reports: Sequence[ColumnReport], angles: Mapping[str, np.ndarray]
 ) -> tuple[float, float] | None:
     """Return the slope of driven over driving angle and its standard error, or None."""
-    counts = {r.unit == "counts" for r in reports if r.role in ("driving", "driven")}
+    counts = {r.turns is None for r in reports if r.role in ("driving", "driven")}
     if not {"driving", "driven"} <= set(angles) or len(counts) != 1:
         return None
     return slope(angles["driving"], angles["driven"])
@@ -304,11 +309,16 @@ def _other_arrays(others: Sequence[tuple[str, int]], size: int) -> list[str]:
 
 
 def _report(
-    name: str, role: str | None, values: Real[np.ndarray, " n"], stated: Mapping[str, str]
+    name: str,
+    role: str | None,
+    values: Real[np.ndarray, " n"],
+    stated: Mapping[str, str],
+    per_turn: int | None,
 ) -> tuple[ColumnReport, Real[np.ndarray, " n"] | None]:
     """Return a row of the column table, and the unwrapped readings if the column is a shaft.
 
-    The readings are in rad or counts. `stated` is role → unit for a name without a unit.
+    The readings are in rad, or in counts without the counts `per_turn`. `stated` is role → unit for
+    a name without a unit.
     """
     units = units_of(role) if role else (*units_of("driving"), *TIME_UNITS)
     unit = name_and_unit(name, units, name)[1] or stated.get(role or "")
@@ -319,7 +329,9 @@ def _report(
     if unit == "counts" and np.all(values == np.rint(values)):
         values = values.astype(np.int64)
     radians = ANGLE_UNITS.get(unit)
-    modulus = find_modulus(values, None if radians is None else REV / radians)
+    if unit == "counts" and per_turn is not None:
+        radians = REV / per_turn
+    modulus = find_modulus(values, None if radians is None else per_turn or REV / radians)
     wraps = 0
     if modulus is not None:
         wraps = int(np.count_nonzero(wrap_steps(values, modulus)))
@@ -368,7 +380,7 @@ def _time(
 def _missing_input(reports: Sequence[ColumnReport]) -> list[str]:
     """Return notes on what a preview cannot say."""
     hints = []
-    if any(r.unit == "counts" for r in reports if r.role in ("driving", "driven")):
+    if any(r.turns is None and r.unit == "counts" for r in reports if r.role in SHAFTS[:2]):
         hints.append("turns need counts_per_rev: give --counts; the ratio takes counts as equal")
     hints.append(
         "this is a first look; --ratio A:B (or --pair PAIR.toml) adds flanks, speeds and the orders"

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Real
 
 from ..base.errors import LogError
+from ..base.shown_text import name_of_file
 from ..base.units import ANGLE_UNITS, REV
 from ..pair.schema import LogLayout, as_fraction
 from .channel.channel import EXACT_FLOAT, RawChannel
@@ -42,7 +43,7 @@ def read_raw(
     sample_rate_hz: int | float | None,
 ) -> RawLog:
     """Read the columns of a log with their units, before unwrapping; arguments as in `read_log`."""
-    layout, name = pair.log, str(path)
+    layout, name = pair.log, name_of_file(path)
     rate = sample_rate_hz
     if rate is None and "time" not in columns:
         rate = layout.sample_rate_hz

@@ -15,6 +15,7 @@ import msgspec
 from ..base.errors import LogError, UsageError, VttigError
 from ..base.files.json_io import dumps
 from ..base.files.run_folder import data_sha256
+from ..base.shown_text import name_of_file
 from ..control.sweeps.cluster import run_blocks
 from ..control.sweeps.store import FolderNames, Memory, SweepFolder, read_table
 from ..identify.many.batches import Shapes
@@ -152,7 +153,7 @@ class ManyFits:
             except VttigError as error:
                 yield Unread(str(path), error)
                 continue
-            yield replace(log, source=str(path))
+            yield replace(log, source=name_of_file(path))
 
     def _require_same_columns(self, path: Path) -> None:
         """Raise `LogError` if the columns of a log are recognised unlike those of the first log.

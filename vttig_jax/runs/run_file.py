@@ -174,7 +174,15 @@ def require_same_data(run: RunRecord) -> None:
 def _relative(path: Path, base: Path) -> str:
     if kept_bytes(path) is not None:  # standard input, which is kept in the run folder
         return kept_name(path)
-    return Path(os.path.relpath(path.resolve(), base)).as_posix()
+    name = Path(os.path.relpath(path.resolve(), base)).as_posix()
+    try:
+        name.encode()
+    except UnicodeEncodeError:
+        raise UsageError(
+            "the name of this file is no UTF-8 text, so that run.toml cannot hold it; rename it.",
+            where=str(path),
+        ) from None
+    return name
 
 
 def _place(name: str, run_file: Path) -> Path:

@@ -8,8 +8,12 @@ do not change the version number.
 import dataclasses
 import json
 import math
+import re
 from importlib.resources import files
 from typing import Any
+
+_LONE = re.compile("[\ud800-\udfff]")
+"""Half of a surrogate pair, which UTF-8 cannot encode."""
 
 
 def dumps(obj: Any, *, ascii_only: bool = False) -> str:
@@ -17,6 +21,7 @@ def dumps(obj: Any, *, ascii_only: bool = False) -> str:
 
     NaN and infinities become null. Dataclasses become objects; NumPy and JAX arrays and scalars
     become lists and numbers. `ascii_only` escapes non-ASCII text, for streams of unknown encoding.
+    Surrogates without their other half, which names of files may have, are escaped in any case.
 
     **Raises** `ValueError` naming the position of a value that has no JSON form.
 
@@ -32,7 +37,8 @@ def dumps(obj: Any, *, ascii_only: bool = False) -> str:
     ```
     """
     plain = _plain(obj, "obj")
-    return json.dumps(plain, ensure_ascii=ascii_only, allow_nan=False, indent=2)
+    text = json.dumps(plain, ensure_ascii=ascii_only, allow_nan=False, indent=2)
+    return _LONE.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
 
 
 def schema_names() -> list[str]:
