@@ -155,12 +155,7 @@ def preview_log(
     rows = {ROW_INDEX: np.arange(size)} if ROW_INDEX in roles else {}
     arrays = {k: a for k, a in (arrays | rows).items() if len(a) == size}
     source = Source(str(path), {r: names[k] for k, r in roles.items()}, table.line_of)
-    driving, driven = request.counts or (None, None)
-    per_turn = {"driving": driving, "driven": driven}
-    shown = [
-        _report(names[k], roles.get(k), values, units, per_turn.get(roles.get(k, "")))
-        for k, values in arrays.items()
-    ]
+    shown = [_report(names[k], roles.get(k), a, units, request) for k, a in arrays.items()]
     reports = [report for report, _ in shown]
     angles = {r.role: angle for r, angle in shown if angle is not None and r.role is not None}
     hints = [*notes, *cut, *broken, *_unusable_roles(roles, arrays, source, size)]
@@ -313,13 +308,15 @@ def _report(
     role: str | None,
     values: Real[np.ndarray, " n"],
     stated: Mapping[str, str],
-    per_turn: int | None,
+    request: DriveRequest,
 ) -> tuple[ColumnReport, Real[np.ndarray, " n"] | None]:
     """Return a row of the column table, and the unwrapped readings if the column is a shaft.
 
-    The readings are in rad, or in counts without the counts `per_turn`. `stated` is role → unit for
-    a name without a unit.
+    The readings are in rad, or in counts if `request` does not state the counts per revolution.
+    `stated` is role → unit for a name without a unit.
     """
+    counts = dict(zip(SHAFTS[:2], request.counts or (), strict=False))
+    per_turn = counts.get(role or "")
     units = units_of(role) if role else (*units_of("driving"), *TIME_UNITS)
     unit = name_and_unit(name, units, name)[1] or stated.get(role or "")
     plain = ColumnReport(role, name, unit, float(values.min()), float(values.max()))
