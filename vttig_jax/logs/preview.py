@@ -315,8 +315,8 @@ def _report(
     The readings are in rad, or in counts if `request` does not state the counts per revolution.
     `stated` is role → unit for a name without a unit.
     """
-    counts = dict(zip(SHAFTS[:2], request.counts or (), strict=False))
-    per_turn = counts.get(role or "")
+    counts = request.counts
+    per_turn = counts[SHAFTS.index(role)] if counts and role in ("driving", "driven") else None
     units = units_of(role) if role else (*units_of("driving"), *TIME_UNITS)
     unit = name_and_unit(name, units, name)[1] or stated.get(role or "")
     plain = ColumnReport(role, name, unit, float(values.min()), float(values.max()))

@@ -123,6 +123,19 @@ def test_rows_that_are_no_numbers_are_no_text_below():
         cut("t,a\n0,1\nbroken,2\n2,3\nEnd\n")
 
 
+@pytest.mark.parametrize("field", ["1.#QNAN", "-1.#IND", "#N/A", "2#3"])
+def test_a_hash_inside_a_field_is_no_comment(field):
+    with pytest.raises(LogError, match=f"line 3, column `a`: `{field}` is no number"):
+        read(f"t,a\n0,1\n1,{field}\n2,3\n")
+    text = f"t,remark,a\n0,run {field},1\n1,run {field},2\n"
+    assert read(text, (0, 2)) == [[0.0, 1.0], [1.0, 2.0]]
+
+
+@pytest.mark.parametrize("comment", ["# a, b", "#a,b", "  # a, b"])
+def test_a_comment_is_a_line_or_its_end(comment):
+    assert read(f"t,a\n0,1\n{comment}\n1,2 # stopped\n") == [[0.0, 1.0], [1.0, 2.0]]
+
+
 @pytest.mark.parametrize("empty", ["", " ", ",,", ", ,", "# remark"])
 def test_an_empty_row_holds_no_sample(empty):
     rows = f"t,a,b\n0,1,5\n{empty}\n1,2,6\n"

@@ -272,6 +272,17 @@ def test_one_reading_in_two_units_is_not_asked_for(columns):
     assert columns(text + "\n").driving == "motor [deg]"
 
 
+@pytest.mark.parametrize("chosen", ["time motor [s]", "time load [s]"])
+def test_two_clocks_side_by_side(ask, columns, chosen):
+    head = "time motor [s],motor [deg],time load [s],load [deg]"
+    told = ask(csv(head, T, X, 1.001 * T, Y), columns={"time": chosen})
+    assert "`motor [deg]` has the stamps `time motor [s]`" in told and "long table" in told
+    same = csv(head, T, X, T + 5.0, Y)
+    assert columns(same, columns={"time": chosen}).time == chosen
+    apart = csv("time [s],motor [deg],load [deg],gps time [s]", T, X, Y, 1.001 * T)
+    assert columns(apart, columns={"time": "time [s]"}).time == "time [s]"
+
+
 def test_names_that_do_not_turn_as_given_beside_columns_that_do(ask, columns):
     shifted = 1.2 * X + 3.0 * np.sin(np.arange(len(T)) / 40)
     told = ask(csv("t,motor,load,a,b", T, shifted, 0.9 * Y, X, Y), unit="deg")

@@ -21,6 +21,9 @@ from .lines import Lines
 from .number_format import choose_decimal, looks_like_number, to_number
 from .times.stamps import looks_like_stamp
 
+_COMMENT = re.compile(r"(?:^| )\s*#.*", re.DOTALL)
+"""Comment at the end of a line."""
+
 _WORD = re.compile(r".*[^\W\d_]{2}|\W{3}")
 """Start of a field that holds a word or is a ruled line, and is no number that was cut off."""
 
@@ -86,10 +89,13 @@ class TextTable:
         if commas is None:
             return _by_field(self, indices, decimal)
 
-        def body() -> Iterator[str]:
-            return (line.replace(",", ".") for line in self.body) if commas else self.body
+        commented = self.lines.have("#", self.header + 1)
 
-        options = {"delimiter": self.delimiter, "comments": "#", "quotechar": '"', "ndmin": 2}
+        def body() -> Iterator[str]:
+            lines = map(self._content, self.body) if commented else self.body
+            return (line.replace(",", ".") for line in lines) if commas else lines
+
+        options = {"delimiter": self.delimiter, "comments": None, "quotechar": '"', "ndmin": 2}
         columns = read_in_blocks(self.lines, self.header + 1, self.delimiter, decimal, indices)
         if columns is None:
             try:
@@ -124,7 +130,7 @@ class TextTable:
         cut = any(_number_at(above, k) and not _number_at(fields, k) for k in indices)
         if row == len(table.lines) - 1:  # no line end follows
             counts = [
-                len(split(text.split("#", 1)[0], self.delimiter, trim=False))
+                len(split(self._content(text), self.delimiter, trim=False))
                 for text in (line, line_above)
             ]
             cut = cut or counts[0] < min(len(self.names), counts[1])
@@ -135,8 +141,22 @@ class TextTable:
 
     def _fields(self, line: str) -> list[str]:
         """Return the fields of a line without its comment; none for an empty row such as `;;`."""
-        content = line.split("#", 1)[0]
+        content = self._content(line)
         return split(content, self.delimiter) if content.strip() else []
+
+    def _content(self, line: str) -> str:
+        """Return a line without its comment, which starts at its begin or after a blank.
+
+        A `#` inside a field, as in `1.#QNAN` and `run #3`, starts none if other fields follow.
+        """
+        if "#" not in line:
+            return line
+        if self.delimiter is None:
+            return _COMMENT.sub("", line)
+        found = _COMMENT.search(line)
+        if found is None or (line[: found.start()].strip() and self.delimiter in found[0]):
+            return line
+        return line[: found.start()]
 
     def _from_below(self) -> Iterator[tuple[int, str, list[str]]]:
         """Yield index, line and fields of every row, from the last one to the first one."""

@@ -246,6 +246,17 @@ def also_no_unit(error: LogError) -> LogError:
     )
 
 
+def two_clocks(pairs: Sequence[tuple[str, str]], source: str) -> LogError:
+    """Return the error for shafts with different stamps; `pairs` are (stamps, shaft)."""
+    (a, b), (c, d) = pairs
+    return LogError(
+        f"`{b}` has the stamps `{a}` and `{d}` has `{c}`, and the clocks run apart, so that no row"
+        " holds one instant; interpolate one channel at the stamps of the other, or write both as a"
+        " long table of time, channel and value, which is brought onto one clock.",
+        where=source,
+    )
+
+
 def no_time_unit(one: Candidate, source: str) -> LogError:
     """Return the question for the unit of time stamps without decimals."""
     return LogError(

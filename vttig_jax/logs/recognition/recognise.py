@@ -24,7 +24,7 @@ from .name_words import inputs_and_outputs, read_name
 from .question import Guess
 from .request import SHAFTS, DriveRequest
 from .shafts import Scale, by_name, by_ratio
-from .time_column import time_column, time_unit
+from .time_column import refuse_two_clocks, time_column, time_unit
 
 FURTHER = ("direction", "axial_mm", "torque", "speed", "acceleration")
 """Roles whose columns are read only if an option names the column."""
@@ -215,11 +215,11 @@ class Search:
     def _check_names(self) -> None:
         """Ask if the motion contradicts the names of the shafts."""
         named = {r: self.candidate(k) for r, k in self.roles.items() if r in SHAFTS}
-        guessed = {one.role for one in self.guesses}
-        if len(named) == 2 and guessed & set(named):
+        if len(named) == 2:
+            guessed, scale = {one.role for one in self.guesses}, Scale(self.per_turn, self.common)
             ratio = self._ratio if self.request.names_a_drive else None
-            scale = Scale(self.per_turn, self.common)
             check_names(named, guessed, self.free(), ratio, scale=scale, source=self.source)
+            refuse_two_clocks(self.roles.get("time"), named, self._candidates, self.source)
 
     def _find_time(self) -> None:
         try:

@@ -1,6 +1,6 @@
 """Recognition of the time column and of the unit of its stamps."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from jaxtyping import Real
@@ -17,8 +17,35 @@ DAYS = ((36_526, 73_051), (730_486, 767_011))
 """Ranges of day numbers from 2000 to 2100, as Excel (since 1900) and MATLAB (since the year 0)
 count days."""
 
+_ONE_CLOCK = 0.1
+"""Stamps of two columns belong to one clock if their difference changes by at most this fraction of
+the median step (chosen)."""
+
 SHORT_S = 1e-4
 """Time stamps with a smaller median step than this may be days instead of seconds (chosen)."""
+
+
+def refuse_two_clocks(
+    time: int | None, shafts: Mapping[str, Candidate], columns: Sequence[Candidate], source: str
+) -> None:
+    """Refuse a table in which each shaft follows a column of stamps of its own.
+
+    `time` is the index of the time column, `shafts` is role → column, and `columns` are all columns
+    of the table. Stamps that differ by a constant are one clock.
+
+    **Raises** `LogError` naming the four columns.
+    """
+    own = [(columns[one.index - 1], one) for one in shafts.values() if one.index > 0]
+    own = [(stamps, one) for stamps, one in own if _says_time(stamps) and stamps.rises]
+    if len(own) < 2 or time not in [stamps.index for stamps, _ in own]:
+        return
+    first, second = (stamps.values for stamps, _ in own)
+    assert first is not None and second is not None  # columns that rise have values
+    if len(first) != len(second):
+        return
+    apart = np.ptp(first.astype(np.float64) - second)
+    if apart > _ONE_CLOCK * float(np.median(np.diff(first))):
+        raise question.two_clocks([(stamps.name, one.name) for stamps, one in own], source)
 
 
 def time_column(candidates: Sequence[Candidate], source: str) -> tuple[Candidate, Guess]:
