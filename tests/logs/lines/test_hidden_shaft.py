@@ -49,3 +49,16 @@ def test_one_line_or_a_rough_pair_is_no_shaft(cycles):
 def test_a_sharp_pair_is_a_shaft():
     shaft = hidden_shaft([1.5437, 3.0874], [1e-5, 1e-5])
     assert shaft is not None and shaft.orders == (1, 2)
+
+
+@pytest.mark.parametrize(
+    ("turns", "orders"),
+    [(0.0325, (2, 4, 5, 6, 8, 9)), (0.8333, (1, 2, 4, 8)), (1.21, (2, 4, 7, 9))],
+)
+def test_even_orders_alone_are_no_shaft_of_twice_the_speed(turns, orders):
+    generator, found = np.random.default_rng(3), 0
+    stds = [2e-4 * turns] * len(orders)
+    for _ in range(100):
+        shaft = hidden_shaft(seen(generator, turns * np.array(orders), stds), stds)
+        found += shaft is not None and shaft.orders == orders
+    assert found > 90

@@ -7,6 +7,10 @@ from dataclasses import dataclass
 HIGHEST_ORDER = 6
 """Highest order of a hidden shaft; lines of a shaft have low orders (chosen)."""
 
+_CLEARER = 0.1
+"""A shaft with orders up to 2 × `HIGHEST_ORDER` counts only if its coincidence is smaller than that
+of the shaft with low orders by this factor; chosen value."""
+
 COINCIDENCE = 1e-3  # largest likelihood ratio of a coincidence to a shaft; chosen value
 
 
@@ -50,21 +54,31 @@ def hidden_shaft(cycles: Sequence[float], stds: Sequence[float]) -> Multiples | 
     ```
     """
     lines = sorted(zip(stds, cycles, strict=True))
+    best = _best(lines, HIGHEST_ORDER)
+    if best is None or best.coincidence >= COINCIDENCE:
+        return None
+    slower = _best(lines, 2 * HIGHEST_ORDER)  # its even orders alone are a shaft of twice the speed
+    return slower if slower and slower.coincidence < _CLEARER * best.coincidence else best
+
+
+def _best(lines: Sequence[tuple[float, float]], highest: int) -> Multiples | None:
+    """Return the shaft with orders up to `highest` that is least probable as a coincidence."""
     found = [
         one
         for start in range(len(lines) - 1)
-        for order in range(1, HIGHEST_ORDER + 1)
-        if (one := _of_order(lines[start:], order, len(lines))) is not None
+        for order in range(1, highest + 1)
+        if (one := _of_order(lines[start:], order, len(lines), highest)) is not None
     ]
-    best = min(found, key=lambda one: one.coincidence, default=None)
-    return best if best is not None and best.coincidence < COINCIDENCE else None
+    return min(found, key=lambda one: one.coincidence, default=None)
 
 
-def _of_order(lines: Sequence[tuple[float, float]], first: int, total: int) -> Multiples | None:
+def _of_order(
+    lines: Sequence[tuple[float, float]], first: int, total: int, highest: int
+) -> Multiples | None:
     """Return the shaft for which the first of `lines` has the order `first`, or None.
 
     `lines` are pairs (standard error, frequency) in cycles per revolution, the most precise first.
-    `total` is the number of all lines.
+    `total` is the number of all lines, and `highest` is the highest order.
     """
     base_std, base = (part / first for part in lines[0])
     members, chance = {first: lines[0]}, 1.0
@@ -73,7 +87,7 @@ def _of_order(lines: Sequence[tuple[float, float]], first: int, total: int) -> M
         spread = math.hypot(std, order * base_std)
         off = (cycles - order * base) / spread
         coincidence = math.sqrt(2 * math.pi) * spread * math.exp(min(off**2, 100) / 2) / base
-        if 1 <= order <= HIGHEST_ORDER and order not in members and coincidence < 1:
+        if 1 <= order <= highest and order not in members and coincidence < 1:
             members[order] = (std, cycles)
             chance *= coincidence
     if len(members) < 2 or math.gcd(*members) > 1:
@@ -81,5 +95,5 @@ def _of_order(lines: Sequence[tuple[float, float]], first: int, total: int) -> M
     weights = {order: order / std for order, (std, _) in members.items()}
     std = 1 / math.hypot(*weights.values())
     turns = std**2 * sum(weights[order] * c / s for order, (s, c) in members.items())
-    chance *= HIGHEST_ORDER * math.comb(total, len(members))
+    chance *= highest * math.comb(total, len(members))
     return Multiples(turns, std, tuple(sorted(members)), min(chance, 1.0))
