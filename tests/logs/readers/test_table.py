@@ -174,3 +174,12 @@ def test_no_numbers_at_all():
         numbered("hello\nworld\n")
     with pytest.raises(LogError, match="driving=#1 and driven=#row"):
         find_table("1.5\n2.5\n", "log.csv")
+
+
+def test_a_first_row_with_an_empty_field_is_no_header():
+    """Channels that are not sampled together leave fields empty, and most rows are shorter."""
+    rows = ["0.0;0.5;;25.1", "0.7;;0.2;", "2.0;0.7;;", "2.7;;0.3;", "4.0;0.9;;", "4.7;;0.4;"]
+    table = find_table("\n".join(["t [s];a [deg];b [deg];c", *rows]), "log.csv")
+    assert table.names == ("t [s]", "a [deg]", "b [deg]", "c")
+    with pytest.raises(LogError, match=r"line 2, column `b \[deg\]`: the field is empty"):
+        table.columns([0, 1, 2])

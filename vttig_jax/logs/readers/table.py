@@ -161,12 +161,15 @@ def _header_before(lines: Lines, start: int, delimiter: str | None) -> int | Non
     """Return the index of the header of the table whose first row is `start`, or None.
 
     If no line has the number of names, it is the nearest line of several names. Between blanks,
-    more names than columns are no header: a name has several words, or the line is a sentence.
+    more names than columns are no header: a name has several words, or the line is a sentence. A
+    row of numbers with empty fields has another width than `start` and is no header.
     """
     width = len(split(lines[start], delimiter))
     fallback = None
     for k in range(start - 1, -1, -1):
         names = _names(lines[k], delimiter)
+        if len(names) != width and _width_of_numbers(lines[k], delimiter):
+            continue
         if len(names) == width:
             return k
         if delimiter is None and len(names) > width:
