@@ -283,6 +283,12 @@ def test_two_clocks_side_by_side(ask, columns, chosen):
     assert columns(apart, columns={"time": "time [s]"}).time == "time [s]"
 
 
+def test_two_inputs_of_which_one_is_the_driven_shaft(ask, columns):
+    text = csv("t,input 1 [deg],input 2 [deg]", T, X, Y)
+    assert "--column driving='input 1 [deg]'" in ask(text)
+    assert columns(text, columns={"driving": "input 1 [deg]"}).driven == "input 2 [deg]"
+
+
 def test_names_that_do_not_turn_as_given_beside_columns_that_do(ask, columns):
     shifted = 1.2 * X + 3.0 * np.sin(np.arange(len(T)) / 40)
     told = ask(csv("t,motor,load,a,b", T, shifted, 0.9 * Y, X, Y), unit="deg")

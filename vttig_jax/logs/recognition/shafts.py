@@ -74,6 +74,8 @@ def by_ratio(
     turning = [one for one in candidates if one.turns and one.reading.is_angle]
     listed = [*turning, *(one for one in candidates if one.is_constant)]
     free = [one for one in turning if one.reading.role is None]
+    # A second column with the name of a known shaft, such as `Input 2` beside `Input 1`.
+    free += [one for one in turning if one.reading.role in fixed and not one.reading.setpoint]
     if ratio is None or len(free) < len(missing):
         others = [one for one in candidates if one.turns and one.reading.other]
         raise question.no_fit(missing, listed, ratio, source, others)
