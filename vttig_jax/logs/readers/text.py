@@ -12,7 +12,7 @@ from ...base.errors import LogError
 from ...base.files.limits import read_regular
 from ...base.files.standard_input import kept_bytes
 
-ENDINGS = ("", ".csv", ".tsv", ".txt", ".dat", ".asc", ".log")
+ENDINGS = ("", ".csv", ".tsv", ".txt", ".dat", ".asc", ".log", ".lvm", ".prn", ".out")
 """File endings of delimited text."""
 
 NESTED = (".mat", ".h5", ".hdf5")

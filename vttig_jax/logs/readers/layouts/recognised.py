@@ -2,11 +2,12 @@
 
 from ..lines import Lines
 from ..nested import NestedTable
-from . import camonitor, cantools, halsampler, long_table, phd2, sections, twincat
+from . import camonitor, cantools, halsampler, long_table, lvm, phd2, sections, twincat
 from .channels import Layout
 
 LAYOUTS = (
     Layout("TwinCAT Scope", twincat.matches, twincat.read),
+    Layout("LabVIEW measurement", lvm.matches, lvm.read),
     Layout("cantools decode", cantools.matches, cantools.read),
     Layout("EPICS camonitor", camonitor.matches, camonitor.read),
     Layout("LinuxCNC halsampler", halsampler.matches, halsampler.read),
