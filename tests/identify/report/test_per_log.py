@@ -6,6 +6,7 @@ import pytest
 from tests.identify.quick import quick_rig
 from vttig_jax.identify.fit_result import Fit
 from vttig_jax.identify.fitting import fit
+from vttig_jax.identify.report.per_log import differences
 from vttig_jax.logs.encoder_log import EncoderLog
 
 
@@ -41,6 +42,8 @@ def test_another_gap_is_told(rig):
     gaps, _ = _gaps(result).T
     assert gaps[1] - gaps[0] == pytest.approx(0.1, abs=0.005)
     assert any("log 1 alone shows a gap between the flanks" in note for note in result.notes)
+    assert any("a gap" in sentence for sentence in differences(result.logs, of_gaps=True))
+    assert not any("a gap" in sentence for sentence in differences(result.logs, of_gaps=False))
 
 
 def test_another_delay_is_told():

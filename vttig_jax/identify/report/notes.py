@@ -55,7 +55,7 @@ def warnings_of(
         *_few_legs(estimate),
         *_speed_note(checks.gap_by_speed),
         *([checks.jumps.sentence] if checks.jumps and not checks.jumps.agrees else []),
-        *differences(logs),
+        *differences(logs, of_gaps=not identifiable.short),
     )
 
 

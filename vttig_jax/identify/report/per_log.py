@@ -163,14 +163,18 @@ def fit_log_alone(linear: LinearFit, log: int) -> LogAlone:
     return LogAlone(*delay, gap, float(np.sqrt(sum(variances))) / DEG)
 
 
-def differences(logs: tuple[LogRecord, ...]) -> list[str]:
-    """Return sentences on logs whose delay or gap differs significantly from the first log."""
+def differences(logs: tuple[LogRecord, ...], *, of_gaps: bool) -> list[str]:
+    """Return sentences on logs whose delay or gap differs significantly from the first log.
+
+    Gaps are compared if `of_gaps` is true. If a shaft makes only a part of a turn, the gap of a log
+    alone is that of its constant term, which the log does not determine.
+    """
     alone = [log.alone for log in logs]
     delays = [(one.delay_s, one.delay_std_s) for one in alone]
     gaps = [(one.gap_deg, one.gap_std_deg) for one in alone]
     return [
         *_differing(delays, "s", "a delay"),
-        *_differing(gaps, "°", "a gap between the flanks"),
+        *(_differing(gaps, "°", "a gap between the flanks") if of_gaps else []),
     ]
 
 
