@@ -55,8 +55,8 @@ _OF_THE_LOG = (
         metavar="[ROLE=]UNIT",
         callback=lambda _, __, texts: units_of_options(texts),
         shell_complete=_units,
-        help="Unit of columns whose names say none: deg, rad, rev or counts of both shafts, or of"
-        " one role, such as time=ms; may be repeated.",
+        help="Unit of columns whose names say none: deg, rad, rev, counts, or arcsec, arcmin, mdeg,"
+        " mrad, urad and gon, of both shafts, or of one role, such as time=ms; may be repeated.",
     ),
     click.option(
         "--invert",

@@ -280,8 +280,7 @@ def _with_own_errors(
 
 def _has_own_drift(identifiable: Identifiability, settings: FitSettings) -> bool:
     """Return whether the drift is not selected by BIC, because of few turns or a setting of it."""
-    asked = settings.drift_order is not None or settings.drift_knots_s is not None
-    return asked or identifiable.few_turns
+    return settings.states_drift or identifiable.few_turns
 
 
 def _with_readings(

@@ -231,6 +231,11 @@ class FitSettings(
             yield ("delay", "delay_within_ms"), f"{cure} give one of them."
 
     @property
+    def states_drift(self) -> bool:
+        """Whether the user chooses the drift, by its power of time or by the distance of knots."""
+        return self.drift_order is not None or self.drift_knots_s is not None
+
+    @property
     def noise_model(self) -> NoiseSettings:
         """The three settings of the noise."""
         return NoiseSettings(self.noise, self.noise_in, self.noise_of)

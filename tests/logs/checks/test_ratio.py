@@ -7,6 +7,7 @@ from tests.logs.profiles import counts, drive, geared, spec, trapezoid
 from vttig_jax.base.errors import LogError
 from vttig_jax.logs.checks.fractions import better_fraction
 from vttig_jax.logs.checks.ratio import (
+    APART,
     DEVIATIONS,
     SHIFT_TURNS,
     SeenRatio,
@@ -121,6 +122,27 @@ def test_curve_has_no_ratio():
     )
     ratio = check_ratio(curve)
     assert ratio.seen is None and ratio.verdict == "none" and "no ratio to check" in ratio.sentence
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_a_gap_that_is_large_beside_the_travel_is_no_reason_to_refuse(turned):
+    time = np.arange(2000) / 100.0
+    driving = 400 * (1 - np.cos(0.314 * time))
+    crossed = 0.5 - 0.5 * np.tanh(8 * np.sin(0.314 * time))  # the teeth cross the gap in 0.5 s
+    pair = parse_pair_spec({"drive": {"ratio": "1/4000"}})
+    log = EncoderLog.from_arrays(
+        time, driving, driving / 4000 + 0.03 * crossed, pair=pair, unit="deg"
+    )
+    residual = log.driven_angle - slope(log.driving_angle, log.driven_angle)[0] * log.driving_angle
+    assert np.std(residual) > APART * np.ptp(log.driven_angle)
+    if not turned:
+        check_ratio(log)
+        return
+    # The same scatter that does not follow the direction of motion is refused.
+    stray = 0.03 * np.tanh(8 * np.sin(1.7 * time))
+    apart = EncoderLog.from_arrays(time, driving, driving / 4000 + stray, pair=pair, unit="deg")
+    with pytest.raises(LogError, match="do not turn together"):
+        check_ratio(apart)
 
 
 def test_channels_that_do_not_turn_together_are_refused():

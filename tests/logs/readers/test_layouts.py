@@ -118,6 +118,21 @@ def late(text: str, old: str, new: str) -> str:
 
 
 @pytest.mark.parametrize(
+    "row", ["ScaleFactor\t0,001\t1\tScaleFactor\t1", "Offset\t7\t0\tOffset\t0"]
+)
+def test_a_scale_or_an_offset_of_twincat_is_asked_for(read, row):
+    """Exports do not say whether their numbers contain it."""
+    key = row.split("\t")[0]
+    text = re.sub(r"(?m)^ScaleFactor.*$", row.replace("\t", "\\t"), twincat())
+    with pytest.raises(LogError, match=r"with ScaleFactor .*Offset.*names no unit") as caught:
+        read(text)
+    assert key in str(caught.value)
+    assert len(read(text, unit="deg")) == SIZE // 2  # the user says what the numbers are
+    plain = row.replace("0,001", "1,0").replace("7", "0,0")
+    assert len(read(text.replace(row, plain))) == SIZE // 2
+
+
+@pytest.mark.parametrize(
     ("text", "options", "size"),
     [
         (units_row(), {}, SIZE),

@@ -72,6 +72,12 @@ def test_channels_with_stamps_of_their_own_are_brought_onto_one_clock(read):
     assert any("clock of" in note for note in log.notes)
 
 
+@pytest.mark.parametrize("kept", [-4, -12])
+def test_a_last_row_that_was_not_written_to_its_end_is_left_out(read, kept):
+    log = read(lvm("One", rows_of("One"))[:kept])
+    assert len(log) == len(T) - 1 and any("has no end" in note for note in log.notes)
+
+
 def test_a_unit_that_the_header_lacks_is_asked_for(read):
     with pytest.raises(LogError, match="names no unit"):
         read(lvm("One", rows_of("One"), unit=""))

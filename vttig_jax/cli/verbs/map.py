@@ -81,9 +81,8 @@ def command(
         record = banded_record(fit, banded, len(table), out, closing_mm)
         shown: object = f"{banded}{_bindings(record)}"
     else:
-        _need_draws(run_folder, constant_backlash_deg, closing_mm)
-        if given({"probability"}):
-            raise _without_draws("--probability", run_folder)
+        if asked := given({"closing_mm", "probability"}):
+            raise _without_draws(asked[0], run_folder, constant_backlash_deg)
         grid = backlash_map(fit, constant_backlash_deg=constant_backlash_deg)
         table, columns = map_table(grid, step_deg, turns), columns_of(grid)
         record = map_record(
@@ -119,26 +118,18 @@ def _bindings(record: dict[str, Any]) -> str:
     return "\n" + "\n".join(lines) if lines else ""
 
 
-def _need_draws(folder: Path, constant: float | None, closing_mm: tuple[float, ...]) -> None:
-    """Raise `UsageError` for `--closing-mm`, which needs draws and their constant backlash.
+def _without_draws(option: str, folder: Path, constant: float | None) -> UsageError:
+    """Return the error of an option that needs draws and their constant backlash.
 
-    This is called if the folder has no draws, or if the user gave a constant backlash (`constant`).
+    The folder has no draws, or the user gave a constant backlash (`constant`).
     """
-    if not closing_mm:
-        return
     if constant is not None:
-        raise UsageError(
-            "--closing-mm asks the draws, which hold a constant backlash of their own; leave out"
+        return UsageError(
+            f"{option} asks the draws, which hold a constant backlash of their own; leave out"
             " --constant-backlash-deg."
         )
-    raise _without_draws("--closing-mm", folder)
-
-
-def _without_draws(option: str, folder: Path) -> UsageError:
     return UsageError(
-        f"{option} needs draws, and their constant backlash; make draws with `vttig sample"
-        f" {folder}`.",
-        where=str(folder),
+        f"{option} needs draws; make them with `vttig sample {folder}`.", where=str(folder)
     )
 
 

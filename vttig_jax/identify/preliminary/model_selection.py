@@ -7,12 +7,12 @@ only if the delay or the weights change.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import groupby
 
 import msgspec
 import numpy as np
 
 from ...logs.encoder_log import EncoderLog
+from ...logs.motion.segments import legs_of
 from ...pair.gear_pair import Drive, GearPair
 from ..compress.harmonic_summary import HarmonicSummary
 from ..compress.regressors import Drift
@@ -126,7 +126,6 @@ def select_model(
     own, told = _chosen(linear, settings, delay)
     notes += told
     drift, told_apart = _drift_of(own, model.drift), _drift_beside_gap(inputs, identifiable)
-    asked = settings.drift_order is not None or settings.drift_knots_s is not None
     kept = [
         tuple(n for n in each if n in own or n == "offset") for each in linear.summary.columns.own
     ]
@@ -137,7 +136,7 @@ def select_model(
         drift=drift,
         weights=weights,
         notes=tuple(notes),
-        least=Drift(told_apart) if drift.order > told_apart and not asked else None,
+        least=Drift(told_apart) if drift.order > told_apart and not settings.states_drift else None,
     )
 
 
@@ -163,8 +162,8 @@ def _drift_beside_gap(inputs: Sequence[Input], identifiable: Identifiability) ->
     """
     if len(identifiable.flanks) < 2 or not identifiable.short:
         return AUTOMATIC_DRIFT
-    legs = [len(list(groupby(segment.flank for segment in one.segments))) for one in inputs]
-    return min(max(max(legs, default=0) - 2, 0), AUTOMATIC_DRIFT)
+    legs = max((legs_of(one.segments) for one in inputs), default=0)
+    return min(max(legs - 2, 0), AUTOMATIC_DRIFT)
 
 
 def plain_fit(
@@ -241,9 +240,8 @@ def _has_slope(
     pair: GearPair | Drive, identifiable: Identifiability, settings: FitSettings
 ) -> bool:
     """Return whether a drift absorbs a wrong ratio: on few turns of a drive in one direction."""
-    asked = settings.drift_order is not None or settings.drift_knots_s is not None
     one_way = len(identifiable.flanks) == 1 and not settings.free_ratio
-    return one_way and not asked and _may_be_off(pair, identifiable)
+    return one_way and not settings.states_drift and _may_be_off(pair, identifiable)
 
 
 def _may_hide_a_ratio(pair: GearPair | Drive, identifiable: Identifiability) -> bool:

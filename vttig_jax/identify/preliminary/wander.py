@@ -13,15 +13,13 @@ where S is the least sum of squares of residuals and steps. κ → ∞ is the mo
 (D. A. Harville, J. Amer. Statist. Assoc. 72 (1977) 320).
 """
 
-from collections.abc import Sequence
 from dataclasses import replace
-from itertools import groupby
 from typing import Any
 
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from ..compress.block_rows import BlockRun
+from ...logs.motion.segments import legs_of
 from ..compress.orthogonal import triangle_of
 from ..compress.regressors import Drift, steps
 from .linear_fit import LinearFit
@@ -48,7 +46,7 @@ def with_walk(selected: SelectedModel) -> SelectedModel | None:
     It is tried only if every log has 4 to 24 legs; in one direction it would resemble a delay.
     """
     linear = selected.linear
-    legs = [_legs(rows.runs) for rows in linear.rows]
+    legs = [legs_of([run.segment for run in rows.runs]) for rows in linear.rows]
     tried = len(selected.summary.flanks) == 2 and min(legs) >= _FEWEST_LEGS
     if not tried or max(legs) > _MOST_LEGS:
         return None
@@ -64,12 +62,6 @@ def with_walk(selected: SelectedModel) -> SelectedModel | None:
         for each in walk.summary.columns.own
     ]
     return replace(selected, linear=walk, summary=walk.summary.keeping(own), drift=drift)
-
-
-def _legs(runs: Sequence[BlockRun]) -> int:
-    """Return the number of legs of a log: parts between two reversals of the direction."""
-    flanks = [run.segment.flank for run in sorted(runs, key=lambda run: run.segment.start)]
-    return len(list(groupby(flanks)))
 
 
 def _look(selected: SelectedModel, drift: Drift) -> LinearFit:

@@ -87,6 +87,22 @@ def covered_gap(estimate: Estimate, of_delay: GapOfDelay | None) -> CoveredGap:
     )
 
 
+def gap_of_least_drift(estimate: Estimate) -> tuple[float, float] | None:
+    """Return the covered gap of the fit `least_drift`, °, and its standard error; None without it.
+
+    The angles are those of `covered_gap`, which has to be determined.
+    """
+    other = estimate.least_drift
+    if other is None:
+        return None
+    driving, times = _distinct(
+        _common_ranges(estimate.solved.linear), estimate.solved.linear.model.terms
+    )
+    mean = mean_gap(driving, other, times)
+    std = math.sqrt(mean.variance(other.solution.covariance)[0])
+    return float(mean.value[0]) / DEG, std / DEG
+
+
 def _common_ranges(linear: LinearFit) -> Int[np.ndarray, "k 2"]:
     """Return the ranges of driving angle that both flanks covered, as cells of 1°.
 

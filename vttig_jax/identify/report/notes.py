@@ -18,8 +18,8 @@ from ..preliminary.linear_fit import Input
 from ..preliminary.model_selection import SelectedModel
 from ..settings import FitSettings
 from ..solve.least_squares import Solution
-from .checks import Checks, GapAtSpeed
-from .covered_gap import depends_on_speed
+from .checks import Checks, CoveredGap, GapAtSpeed
+from .covered_gap import depends_on_speed, gap_of_least_drift
 from .estimate import Estimate
 from .gap_of_delay import GapOfDelay
 from .parameters import SIGNIFICANT, Parameter
@@ -52,7 +52,7 @@ def warnings_of(
         *([change.sentence] if change and change.is_clear else []),
         *([delays.sentence] if delays and delays.differ else []),
         *([estimate.frozen.sentence] if estimate.frozen else []),
-        *_few_legs(estimate),
+        *_few_legs(estimate, checks.gap_over_angles_covered),
         *_speed_note(checks.gap_by_speed),
         *([checks.jumps.sentence] if checks.jumps and not checks.jumps.agrees else []),
         *differences(logs, of_gaps=not identifiable.short),
@@ -212,8 +212,8 @@ def _contradicted_delay(delay: Delay, rest: tuple[float, float] | None) -> list[
         stated = "although --delay off states that both channels are sampled at the same instant"
         cure = "fit without --delay off"
     return [
-        f"the log shows a delay of {seen}, {stated}: the backlash and the eccentricities contain"
-        f" what it leaves; {cure}"
+        f"the log shows a delay of {seen}, {stated}: a part of it is then taken for backlash and"
+        f" eccentricity; {cure}"
     ]
 
 
@@ -272,23 +272,19 @@ def _fractional_notes(terms: TermPlan) -> list[str]:
     ]
 
 
-def _few_legs(estimate: Estimate) -> list[str]:
+def _few_legs(estimate: Estimate, gap: CoveredGap) -> list[str]:
     """Return a note if the drift may hold a part of the gap, or make one."""
-    other, solution = estimate.least_drift, estimate.solved.solution
-    if other is None or "constant_backlash" not in solution.names:
+    if gap.value is None or (other := gap_of_least_drift(estimate)) is None:
         return []
-    place = solution.names.index("constant_backlash")
-    if "constant_backlash" not in other.solution.names:
-        return []
-    twin = other.solution.names.index("constant_backlash")
-    away = abs(float(solution.values[place] - other.solution.values[twin]))
-    if away <= float(np.sqrt(other.solution.covariance[twin, twin])):
+    value, std = other
+    if abs(gap.value - value) <= std:
         return []
     return [
         "a drift in time explains the log better than none, but with so few changes of direction"
-        " and a shaft that makes only a part of a turn it resembles the backlash, which is"
-        f" {other.solution.values[twin] / DEG:.3g}° without it: the intervals contain both. Log the"
-        " motion to and fro several times, or fit with --drift-order 0 if nothing drifts"
+        " and a shaft that makes only a part of a turn it resembles the backlash: the gap over the"
+        f" covered angles is {gap.value:.3g}° with it and {value:.3g}° without it, and its interval"
+        " contains both. Log the motion to and fro several times, or fit with --drift-order 0 if"
+        " nothing drifts"
     ]
 
 

@@ -145,9 +145,10 @@ class TextTable:
         return split(content, self.delimiter) if content.strip() else []
 
     def _content(self, line: str) -> str:
-        """Return a line without its comment, which starts at its begin or after a blank.
+        """Return a line without its comment, which starts with the line or after a blank.
 
-        A `#` inside a field, as in `1.#QNAN` and `run #3`, starts none if other fields follow.
+        A `#` inside a field, as in `1.#QNAN`, is no comment, nor is one that other fields follow,
+        as in `run #3;5.2`.
         """
         if "#" not in line:
             return line

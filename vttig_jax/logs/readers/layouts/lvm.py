@@ -49,9 +49,20 @@ def read(lines: list[str], source: str) -> tuple[NestedTable, tuple[str, ...]]:
             f"its x axis is {axis} and not time; export channels over time.", where=source
         )
     names = split(lines[ends[-1] + 1], mark, trim=False)
-    rows = list(enumerate(lines[ends[-1] + 2 :], ends[-1] + 3))
-    about = mark, (header.get("Decimal_Separator") or ["."])[0] or ".", source
-    return _table(names, rows, header, about)
+    rows = [
+        (number, split(line, mark, trim=False))
+        for number, line in enumerate(lines[ends[-1] + 2 :], ends[-1] + 3)
+        if line.strip()
+    ]
+    notes = ["LabVIEW measurement"]
+    # Without a line end, a last row of fewer fields or shorter numbers was not written to its end.
+    if lines[-1].strip() and len(rows) > 1:
+        notes.append(f"the last line ({rows.pop()[0]}) has no end and is left out")
+    decimal = (header.get("Decimal_Separator") or ["."])[0] or "."
+    table = _table(names, rows, header, decimal=decimal, source=source)
+    if table.clocks:
+        notes[0] += ": channels with stamps of their own"
+    return table, tuple(notes)
 
 
 def _rows(lines: Sequence[str], mark: str) -> list[list[str]]:
@@ -60,27 +71,30 @@ def _rows(lines: Sequence[str], mark: str) -> list[list[str]]:
 
 def _table(
     names: Sequence[str],
-    rows: Sequence[tuple[int, str]],
+    rows: Sequence[tuple[int, list[str]]],
     header: Mapping[str, Sequence[str]],
-    about: tuple[str, str, str],
-) -> tuple[NestedTable, tuple[str, ...]]:
-    """Return the table; `about` is (delimiter, decimal mark, file name)."""
-    mark, decimal, source = about
-    fields = [(number, split(line, mark, trim=False)) for number, line in rows if line.strip()]
+    *,
+    decimal: str,
+    source: str,
+) -> NestedTable:
+    """Return the channels, with clocks if their stamps differ."""
     values = [k for k, name in enumerate(names) if name not in ("X_Value", "Comment", "")]
     own = header.get("X_Columns", ["One"])[0]
     columns: list[str] = []
     arrays: list[np.ndarray] = []
     clocks: dict[int, int] = {}
+    read: dict[int, np.ndarray] = {}  # column of stamps → stamps
     for place, k in enumerate(values):
-        channel = _column(fields, k, decimal, f"{source}: column `{names[k]}`")
+        channel = _column(rows, k, decimal, f"{source}: column `{names[k]}`")
         if own == "No":
             x0, step = (_of_channel(header, key, place, values) for key in ("X0", "Delta_X"))
             first, delta = (to_number(text, decimal) for text in (x0, step))
             stamps = (first or 0.0) + (delta or 0.0) * np.arange(len(channel))
         else:
             at = k - 1 if own == "Multi" else 0
-            stamps = _column(fields, at, decimal, f"{source}: column `X_Value`")[: len(channel)]
+            if at not in read:
+                read[at] = _column(rows, at, decimal, f"{source}: column `X_Value`")
+            stamps = read[at][: len(channel)]
         clock = next((c for c in set(clocks.values()) if np.array_equal(arrays[c], stamps)), None)
         if clock is None:
             clock = len(columns)
@@ -90,10 +104,9 @@ def _table(
         clocks[len(columns)] = clock
         columns.append(f"{names[k]} [{unit}]" if unit_in(unit) else names[k])
         arrays.append(channel)
-    several = len(set(clocks.values())) > 1
-    note = "LabVIEW measurement" + (": channels with stamps of their own" if several else "")
-    table = NestedTable(tuple(columns), tuple(arrays), source, clocks=clocks if several else {})
-    return table, (note,)
+    if len(set(clocks.values())) < 2:
+        clocks = {}
+    return NestedTable(tuple(columns), tuple(arrays), source, clocks=clocks)
 
 
 def _of_channel(
