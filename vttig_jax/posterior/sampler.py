@@ -20,6 +20,7 @@ from .sampling.checkpoint import read
 from .sampling.ensembles import FEWEST_ENSEMBLES, Chains, read_chains, run_ensembles
 from .sampling.importance import POOL, PosteriorStarts, weighted_draws
 from .sampling.importance_run import run_importance
+from .sampling.laplace_move import share_around_fit
 from .sampling.progress import Progress
 from .sampling.stop_rule import BURN_IN, Until
 from .summary.posterior import Posterior
@@ -52,8 +53,9 @@ def sample(
     are sampled too. Parameters that the fit marks as undetermined are not sampled.
 
     The walkers start from weighted draws of a Student t distribution around the fit, so that no
-    burn-in is needed. If the weights cannot be trusted (Pareto k̂ > 0.7), the walkers start from the
-    normal approximation of the fit, and the first quarter of the chains is discarded.
+    burn-in is needed, and half of their proposals are made from this distribution. If the weights
+    cannot be trusted (Pareto k̂ > 0.7), the walkers start from the normal approximation of the fit,
+    the first quarter of the chains is discarded, and all proposals come from the other walkers.
 
     **Arguments**
     - `fit`: result of `fit`, or a fit read back from a run folder.
@@ -105,10 +107,11 @@ def sample(
             overwrite=overwrite,
         )
         return posterior_of(fit, target, chains)
-    reliable = weighted_draws(target, POOL, np.random.default_rng(seed)).reliable
+    pool = weighted_draws(target, POOL, np.random.default_rng(seed))
     chains = run_ensembles(
-        PosteriorStarts(target) if reliable else target,
-        burn_in=0.0 if reliable else BURN_IN,
+        PosteriorStarts(target) if pool.reliable else target,
+        burn_in=0.0 if pool.reliable else BURN_IN,
+        laplace_share=share_around_fit(pool),
         ensembles=ensembles,
         walkers=walkers,
         steps=steps,

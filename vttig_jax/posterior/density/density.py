@@ -20,6 +20,7 @@ from .evaluation import (
     evaluation,
     exact_value_and_gradient,
     in_batches,
+    is_near,
     near_value_and_gradient,
 )
 from .likelihood import Likelihood, likelihood_of
@@ -56,7 +57,7 @@ class FitTarget:
         if local is None:
             return self.exact_log_density(points)
         values = in_batches(self._near, points)
-        far = np.flatnonzero(~local.holds(np.asarray(self.density.narrowed(points))))
+        far = np.flatnonzero(~is_near(self.density, local, points))
         if far.size:
             values[far] = self.exact_log_density(points[far])
         return values
@@ -72,7 +73,7 @@ class FitTarget:
     ) -> tuple[float, Float[np.ndarray, " d"]]:
         """Return the log-density of one point and its gradient; near the fit without compiling."""
         local, density = self._local, self.density
-        if local is None or not local.holds(np.asarray(density.narrowed(point[None])))[0]:
+        if local is None or not is_near(density, local, point[None])[0]:
             return exact_value_and_gradient(density, point)
         return near_value_and_gradient(density, local, point)
 

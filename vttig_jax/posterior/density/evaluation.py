@@ -8,7 +8,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Inexact
+from jaxtyping import Array, Bool, Float, Inexact
 
 from ...base.arrays import Numbers, float64, namespace
 from ...identify.noise.restricted_likelihood import LARGEST
@@ -127,13 +127,25 @@ def in_batches(
     return np.concatenate([evaluate(part) for part in parts])[: len(points)]
 
 
+def is_near(
+    density: Density, local: LocalLikelihood, points: Float[np.ndarray, "n d"]
+) -> Bool[np.ndarray, " n"]:
+    """Return at which points the polynomial likelihood is valid.
+
+    Functions of the class are called, because Equinox makes a new pytree of every bound method.
+    That takes as long as the evaluation of 64 points.
+    """
+    return LocalLikelihood.holds(local, np.asarray(Density.narrowed(density, points)))
+
+
 def near_value_and_gradient(
     density: Density, local: LocalLikelihood, point: Float[np.ndarray, " d"]
 ) -> tuple[float, Float[np.ndarray, " d"]]:
     """Return the log-density of a point near the fit and its gradient, without compiling."""
-    value, slope = local.value_and_gradient(np.asarray(density.narrowed(point)))
+    at = np.asarray(Density.narrowed(density, point))
+    value, slope = LocalLikelihood.value_and_gradient(local, at)
     steps = point[:, None] + 1j * _IMAGINARY * np.eye(len(point))
-    prior: Any = density.log_prior(steps)
+    prior: Any = Density.log_prior(density, steps)
     value += float(prior[0].real)
     gradient = slope / np.asarray(density.widening) + prior.imag / _IMAGINARY
     return (value if np.isfinite(value) else -np.inf), gradient

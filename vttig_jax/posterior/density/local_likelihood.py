@@ -92,10 +92,11 @@ class LocalLikelihood(eqx.Module):
         the noise do not accept complex π; their derivatives are central differences.
         """
         partial, first = point[self.sampled + 1 :], self.sampled + 1
-        numbers = np.tile(np.append(*self._of_noise(partial))[:, None], len(point)).astype(complex)
+        of_noise = self._of_noise  # each access to a method costs more than its call
+        numbers = np.tile(np.append(*of_noise(partial))[:, None], len(point)).astype(complex)
         for k in range(len(partial)):
             step = _DIFFERENCE * np.eye(len(partial))[k]
-            ahead, back = (np.append(*self._of_noise(partial + s * step)) for s in (1.0, -1.0))
+            ahead, back = (np.append(*of_noise(partial + s * step)) for s in (1.0, -1.0))
             numbers[:, first + k] += 1j * _IMAGINARY * (ahead - back) / (2 * _DIFFERENCE)
         points = point + 1j * _IMAGINARY * np.eye(len(point))
         values: Any = self._at(points, numbers[:-1], numbers[-1])

@@ -40,9 +40,10 @@ _ARRAYS = tuple(
 class Header:
     """Settings of a run; only a run with equal settings may continue its checkpoint.
 
-    `burn_in` is the fraction of the chains that is discarded; a continued run uses that of its
-    checkpoint. `pareto_k` (shape k̂ of the weights) and `effective` (effective number of draws) have
-    one value per ensemble for importance sampling, and are empty for emcee.
+    `burn_in` is the fraction of the chains that is discarded, and `laplace_share` the share of the
+    proposals that are made around the fit; a continued run uses those of its checkpoint. `pareto_k`
+    (shape k̂ of the weights) and `effective` (effective number of draws) have one value per ensemble
+    for importance sampling, and are empty for emcee.
     """
 
     names: tuple[str, ...]
@@ -53,6 +54,7 @@ class Header:
     walkers: int
     thin: int
     burn_in: float = BURN_IN
+    laplace_share: float = 0.0
     method: Literal["emcee", "importance"] = "emcee"
     pareto_k: tuple[float, ...] = ()
     effective: tuple[float, ...] = ()
@@ -138,7 +140,9 @@ class Checkpoint:
         **Raises** `InputError` that says what differs, or that the file is damaged.
         """
         stored, record, until = read(self.path)
-        self.header = replace(self.header, burn_in=stored.burn_in)
+        self.header = replace(
+            self.header, burn_in=stored.burn_in, laplace_share=stored.laplace_share
+        )
         differences = list(_differences(stored.as_json(), self.header.as_json()))
         if differences:
             first = "; ".join(differences[:3])

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float, Int, UInt32
 
 from ...base.errors import InputError
-from .joint_moves import Walkers, step_together
+from .joint_moves import MOVES, Moves, Walkers, step_together
 from .target import CheckedDensity, starting_points
 
 
@@ -39,9 +39,10 @@ class Ensembles:
     An exception during a block, including Ctrl-C, leaves `record` unchanged.
     """
 
-    def __init__(self, density: CheckedDensity, record: Record):
+    def __init__(self, density: CheckedDensity, record: Record, moves: Moves = MOVES):
         self.record = record
         self._density = density
+        self._moves = moves
         self._buffers = record.draws, record.log_density
 
     def advance(self, steps: int) -> None:
@@ -51,7 +52,7 @@ class Ensembles:
         ensembles = [_walkers(old, index) for index in range(len(old.points))]
         accepted = old.accepted.copy()
         for step in range(old.steps + 1, old.steps + steps + 1):
-            moved = step_together(ensembles, self._density)
+            moved = step_together(ensembles, self._density, self._moves)
             accepted += [int(np.count_nonzero(own)) for own in moved]
             if step % old.thin == 0:
                 for index, own in enumerate(ensembles):

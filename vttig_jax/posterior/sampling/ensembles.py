@@ -15,6 +15,7 @@ from .checkpoint import Checkpoint, Header, read
 from .convergence import Diagnosis, diagnose, discarded
 from .ensemble_blocks import Ensembles, Record, check_same_density, start, warm_up
 from .importance import importance_diagnosis
+from .laplace_move import moves_with
 from .progress import Progress, progress_after
 from .stop_rule import BLOCK_STEPS, BURN_IN, Until, next_decision
 from .target import CheckedDensity, Target
@@ -107,6 +108,7 @@ def run_ensembles(
     overwrite: bool = False,
     thin: int = 5,
     burn_in: float = BURN_IN,
+    laplace_share: float = 0.0,
 ) -> Chains:
     """Sample a log density with several independent ensembles of emcee.
 
@@ -127,6 +129,8 @@ def run_ensembles(
       5 needs a fifth of the storage at a small loss.
     - `burn_in`: fraction of the chains that is discarded; 0 for starts that are draws of the
       density. A continued run uses the fraction of its checkpoint.
+    - `laplace_share`: share of the proposals that are made around the fit, see `LaplaceMove`; a
+      continued run uses that of its checkpoint.
 
     **Raises** `UsageError` or `InputError` for a checkpoint that cannot be used (see `Checkpoint`),
     `NoAnswerError` for a density that is NaN and for starts that cannot be used. A run that has not
@@ -148,7 +152,11 @@ def run_ensembles(
 
     ```
     """
-    header = replace(_header(target, ensembles, walkers, seed, thin), burn_in=burn_in)
+    header = replace(
+        _header(target, ensembles, walkers, seed, thin),
+        burn_in=burn_in,
+        laplace_share=laplace_share,
+    )
     _check_options(
         steps, until=until, checkpoint=checkpoint, resume=resume, overwrite=overwrite, thin=thin
     )
@@ -176,7 +184,7 @@ def run_ensembles(
         warm_up(density, record.points)
         run = _SamplingRun(
             header=header,
-            ensembles=Ensembles(density, record),
+            ensembles=Ensembles(density, record, moves_with(target, header.laplace_share)),
             steps=steps,
             until=rule,
             checkpoint=writer,

@@ -1,7 +1,7 @@
 """Importance sampling from a Student t distribution around the Laplace approximation."""
 
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -21,6 +21,7 @@ FREEDOM = 8.0
 """Degrees of freedom of the Student t distribution (chosen): its tails are wider than normal."""
 
 
+@runtime_checkable
 class LaplaceTarget(Target, Protocol):
     """Log density with its Laplace approximation, a normal distribution around its maximum."""
 
@@ -87,9 +88,17 @@ def weighted_draws(
     normal *= np.sqrt(FREEDOM / generator.chisquare(FREEDOM, (count, 1)))
     points = target.centre + normal @ np.linalg.cholesky(target.covariance).T
     values = np.asarray(target.log_density(points), np.float64)
-    heavier = 0.5 * (FREEDOM + normal.shape[1]) * np.log1p(np.sum(normal**2, axis=1) / FREEDOM)
-    log_weights, k_hat = smoothed_log_weights(values + heavier)
+    log_weights, k_hat = smoothed_log_weights(values - log_student(normal, FREEDOM))
     return WeightedDraws(points, values, np.exp(log_weights), k_hat)
+
+
+def log_student(scaled: Float[np.ndarray, "n d"], freedom: float) -> Float[np.ndarray, " n"]:
+    """Return the log density of a Student t distribution at n points, up to a constant.
+
+    `scaled` are L⁻¹ (x − μ), see `weighted_draws`, and `freedom` is ν.
+    """
+    square = np.sum(scaled**2, axis=1)
+    return -0.5 * (freedom + scaled.shape[1]) * np.log1p(square / freedom)
 
 
 @dataclass(frozen=True)
@@ -116,6 +125,16 @@ class PosteriorStarts:
     def identity(self) -> dict[str, Any]:
         """JSON values that identify the density."""
         return self.target.identity
+
+    @property
+    def centre(self) -> Float[np.ndarray, " d"]:
+        """Maximum of the density."""
+        return self.target.centre
+
+    @property
+    def covariance(self) -> Float[np.ndarray, "d d"]:
+        """Covariance of the Laplace approximation."""
+        return self.target.covariance
 
     def log_density(self, points: Float[np.ndarray, "walkers d"]) -> Float[np.ndarray, " walkers"]:
         """Return the log density of each point."""

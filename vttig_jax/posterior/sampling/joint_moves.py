@@ -13,7 +13,10 @@ import numpy as np
 from emcee.moves import DEMove, RedBlueMove, StretchMove
 from jaxtyping import Bool, Float
 
-MOVES: tuple[tuple[RedBlueMove, float], ...] = ((DEMove(), 0.8), (StretchMove(), 0.2))
+Moves = tuple[tuple[RedBlueMove, float], ...]
+"""Moves and their weights, whose sum is 1."""
+
+MOVES: Moves = ((DEMove(), 0.8), (StretchMove(), 0.2))
 """Moves and their weights: differential evolution, and stretch moves for non-elliptic posteriors.
 
 Measured on a Gaussian of 20 coordinates, condition 1e4, 64 walkers, in effective draws per second:
@@ -23,8 +26,6 @@ the mixture, the variance of that Gaussian comes out 22 % too small."""
 
 _HALVES = 2
 """Number of parts of an ensemble; while one part moves, the other stays fixed."""
-
-_CUMULATIVE = np.cumsum([weight for _, weight in MOVES])
 
 LogDensity = Callable[[Float[np.ndarray, "n d"]], Float[np.ndarray, " n"]]
 
@@ -42,13 +43,18 @@ class Walkers:
 
 
 def step_together(
-    ensembles: Sequence[Walkers], log_density: LogDensity
+    ensembles: Sequence[Walkers], log_density: LogDensity, mixture: Moves = MOVES
 ) -> list[Bool[np.ndarray, " walkers"]]:
-    """Make one step of every ensemble in place; return which walkers accepted their proposals."""
+    """Make one step of every ensemble in place; return which walkers accepted their proposals.
+
+    Every ensemble draws its move from `mixture`.
+    """
     moves, halves, accepted = [], [], []
+    cumulative = np.cumsum([weight for _, weight in mixture])
+    cumulative /= cumulative[-1]  # as emcee does, so that rounding leaves no gap below 1
     for ensemble in ensembles:
         drawn = ensemble.random.random_sample()
-        moves.append(MOVES[int(np.searchsorted(_CUMULATIVE, drawn, side="right"))][0])
+        moves.append(mixture[int(np.searchsorted(cumulative, drawn, side="right"))][0])
         moves[-1].setup(ensemble.points)
         half = np.arange(len(ensemble.points)) % _HALVES
         ensemble.random.shuffle(half)
