@@ -35,7 +35,22 @@ def test_each_ensemble_has_its_colour_and_its_mean(figure, posterior):
     for ensemble, line in enumerate(lines):
         expected = posterior.draws[ensemble, :, :, place].mean(axis=1) / 1e-3
         np.testing.assert_allclose(line.get_ydata(), expected)
-    assert len(ax.lines) - 3 == 3 * 12  # walkers, at most twelve an ensemble
+    walkers = [drawn.get_segments() for drawn in ax.collections]
+    assert [len(one) for one in walkers] == [12] * 3  # at most twelve of an ensemble
+    own = posterior.draws[0, :, :, place] / 1e-3
+    assert any(np.allclose(walkers[0][0][:, 1], own[:, k]) for k in range(own.shape[1]))
+
+
+def test_nothing_overlaps(figure):
+    figure.draw_without_rendering()
+    shown = [ax for ax in figure.axes if ax.axison]
+    boxes = [ax.get_tightbbox() for ax in shown]
+    (legend,) = figure.legends
+    boxes += [legend.get_window_extent(), figure._suptitle.get_window_extent()]
+    for index, box in enumerate(boxes):
+        assert all(not box.overlaps(other) for other in boxes[:index])
+        assert 0 <= box.xmin < box.xmax <= figure.bbox.xmax
+        assert 0 <= box.ymin < box.ymax <= figure.bbox.ymax
 
 
 def test_an_ensemble_that_stands_apart_is_seen(posterior):

@@ -19,6 +19,7 @@ from .residual import plot_residual
 from .trace_picture import plot_trace
 
 _DPI = 150
+_COMPRESSION = 2  # of zlib, 1 to 9; chosen: half of the time of 6, and 9 % more bytes
 
 
 def png(figure: Figure, *, run: str = "") -> bytes:
@@ -32,7 +33,9 @@ def png(figure: Figure, *, run: str = "") -> bytes:
     try:
         figure.set_dpi(_DPI)
         # `savefig` draws every figure twice, once to find places that only some formats need.
-        FigureCanvasAgg(figure).print_png(buffer, metadata=metadata)
+        FigureCanvasAgg(figure).print_png(
+            buffer, metadata=metadata, pil_kwargs={"compress_level": _COMPRESSION}
+        )
     finally:
         figure.set_canvas(canvas)
         figure.set_dpi(dpi)

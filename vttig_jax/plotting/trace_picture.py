@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.typing import ColorType
@@ -15,6 +16,11 @@ from .style import COLOURS, grid, heading, new_figure
 
 _MAX_STEPS = 1000  # steps drawn; a chosen value
 _MAX_WALKERS = 12  # walkers drawn per ensemble; a chosen value
+_KEYS_PER_ROW = 5  # ensembles in one row of the legend; a chosen value
+
+# Sizes in inch, chosen so that the labels have space.
+_PANEL, _GAP, _ABOVE, _BELOW, _KEY_ROW = 0.84, 0.31, 0.60, 0.50, 0.22
+_LEFT, _BETWEEN, _RIGHT = 0.70, 0.78, 0.10
 
 
 def plot_trace(posterior: Posterior, *, names: Sequence[str] | None = None) -> Figure:
@@ -30,14 +36,13 @@ def plot_trace(posterior: Posterior, *, names: Sequence[str] | None = None) -> F
     names = posterior.names if names is None else tuple(names)
     rows = [(*picture_unit(posterior, name), name) for name in names]
     panels = -(-(len(rows) + 1) // 2)
-    figure = new_figure(0.9 + 1.15 * panels)
-    axes = figure.subplots(panels, 2, sharex=True, squeeze=False).T.ravel()
+    figure, axes = _panels(panels, min(posterior.draws.shape[0], len(COLOURS)))
     for ax, (unit, size, name) in zip(axes, rows, strict=False):
         _draw(ax, posterior.values(name).reshape(posterior.draws.shape[:3]) / size)
         words = name.replace("_", " ")
-        ax.set_title(f"{words} [{unit}]" if unit else words, loc="left", fontsize="small")
+        _name(ax, f"{words} [{unit}]" if unit else words)
     _draw(axes[len(rows)], posterior.log_density)
-    axes[len(rows)].set_title("log density", loc="left", fontsize="small")
+    _name(axes[len(rows)], "log density")
     for ax in axes[len(rows) + 1 :]:
         ax.set_axis_off()
     for column in (axes[:panels], axes[panels : len(rows) + 1]):
@@ -49,6 +54,34 @@ def plot_trace(posterior: Posterior, *, names: Sequence[str] | None = None) -> F
     return figure
 
 
+def _panels(count: int, keys: int) -> tuple[Figure, np.ndarray]:
+    """Return a figure with two columns of `count` axes, and the axes column by column.
+
+    Below them is space for a legend of `keys` entries. The positions are set directly, because a
+    layout engine that measures all labels would take most of the time.
+    """
+    below = _BELOW + _KEY_ROW * -(-keys // _KEYS_PER_ROW)
+    height = _ABOVE + count * (_PANEL + _GAP) - _GAP + below
+    figure = new_figure(height)
+    figure.set_layout_engine("none")
+    width = figure.get_figwidth()
+    places = {
+        "left": _LEFT / width,
+        "right": 1 - _RIGHT / width,
+        "bottom": below / height,
+        "top": 1 - _ABOVE / height,
+        "wspace": _BETWEEN / (0.5 * (width - _LEFT - _BETWEEN - _RIGHT)),
+        "hspace": _GAP / _PANEL,
+    }
+    axes = figure.subplots(count, 2, sharex=True, squeeze=False, gridspec_kw=places)
+    return figure, axes.T.ravel()
+
+
+def _name(ax: Axes, words: str) -> None:
+    """Write the name of a panel above it. The place is fixed, because a search for it is slow."""
+    ax.set_title(words, loc="left", fontsize="small", y=1.0)
+
+
 def _draw(ax: Axes, draws: Float[np.ndarray, "ensembles steps walkers"]) -> None:
     stride = max(1, draws.shape[1] // _MAX_STEPS)
     thinning = max(1, draws.shape[2] // _MAX_WALKERS)
@@ -56,11 +89,14 @@ def _draw(ax: Axes, draws: Float[np.ndarray, "ensembles steps walkers"]) -> None
     for ensemble, samples in enumerate(draws):
         colour = _colour(ensemble)
         walkers = samples[::stride, ::thinning][:, :_MAX_WALKERS]
-        ax.plot(step, walkers, color=colour, linewidth=0.3, alpha=0.25, zorder=1)
+        lines = np.stack([np.broadcast_to(step, walkers.T.shape), walkers.T], axis=2)
+        ax.add_collection(
+            LineCollection(list(lines), colors=[colour], lw=0.3, alpha=0.25, zorder=1)
+        )
         ax.plot(step, samples[::stride].mean(axis=1), color=colour, linewidth=1.4, zorder=2)
     grid(ax)
     ax.tick_params(labelsize=7)
-    ax.ticklabel_format(axis="y", useOffset=False)
+    ax.ticklabel_format(axis="y", useOffset=False, style="plain")  # no factor where the name is
 
 
 def _colour(ensemble: int) -> ColorType:
@@ -74,8 +110,9 @@ def _add_legend(figure: Figure, ensembles: int) -> None:
     ]
     figure.legend(
         handles=keys,
-        loc="outside lower center",
-        ncols=min(len(keys), 5),
+        loc="lower center",
+        borderaxespad=0.2,
+        ncols=min(len(keys), _KEYS_PER_ROW),
         frameon=False,
         fontsize="small",
     )
