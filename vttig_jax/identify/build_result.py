@@ -87,7 +87,7 @@ def build_fit(
     parameters = allowing_for(of_delay, parameters_of(pair, known, solution, settings, delay))
     parameters = parameters if given is None else with_given(parameters, solved, given)
     regressors = regressors_of(solution, linear.inputs[0].log)
-    orders = order_table(solved, estimate.scatter)
+    orders = order_table(solved, estimate.scatter, short=identifiable.short)
     residual_rms = sample_residual_rms(linear, solved.weights)
     curves, residuals = solved.curves_and_residuals
     gap = covered_gap(estimate, of_delay)

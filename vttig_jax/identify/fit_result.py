@@ -236,7 +236,7 @@ def fit_text(fit: "Fit") -> str:
     table = text_table(
         [_row(p) for p in shown], ["parameter", "value", "std", "95 % interval", "unit"]
     )
-    parts = [head, *_with_errors("warnings", list(fit.warnings)), table]
+    parts = [head, *_with_errors("warnings", list(fit.warnings)), *([table] if shown else [])]
     parts += _orders(fit.judged_orders())
     if fit.conditional_on:
         parts.append("conditional on: " + ", ".join(fit.conditional_on).replace("_", " "))

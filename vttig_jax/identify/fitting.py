@@ -194,6 +194,7 @@ class _Task:
             self.settings.flank,
             remembers=remembers,
             given=self.given is not None,
+            arcs=self.given is None,
         )
 
     def selected(self, scope: Identifiability) -> tuple[Identifiability, SelectedModel]:

@@ -119,7 +119,8 @@ class FitSettings(
         setting(
             "Largest delay, either way, where the logs cannot tell it from the backlash, in"
             " milliseconds (on the command line also as 0.0005s). By default it is one sampling"
-            " interval, and 2 % of it if several speeds show no significant delay.",
+            " interval; if several speeds show no significant delay, it is 2 % of an interval, or a"
+            " whole one if the intervals are uneven.",
             "--delay-within",
             "MILLISECONDS",
         ),

@@ -6,6 +6,7 @@ import equinox as eqx
 import numpy as np
 import pytest
 
+from tests.identify.drives import known
 from vttig_jax.base.errors import NoAnswerError
 from vttig_jax.identify.fitting import fit
 from vttig_jax.logs.encoder_log import EncoderLog
@@ -18,9 +19,29 @@ def _turns(rig, turns: float, **changes) -> EncoderLog:
     return replace(rig, motion=motion).log()
 
 
-def test_under_one_turn_there_is_no_answer(noisy_rig):
+@pytest.mark.parametrize("turns", [0.1, 0.8])
+def test_under_one_turn_only_the_gap_is_determined(noisy_rig, turns):
+    log = _turns(noisy_rig, turns)
+    result = fit(log, noisy_rig.pair, delay="off")
+    assert result.outcome == "not_determined"
+    gap = result.checks.gap_over_angles_covered
+    low, high = known(gap.low95), known(gap.high95)
+    assert low <= _mean_gap(noisy_rig, log, gap.covered_deg) <= high
+    assert high - low < 0.3
+    assert "tells only the gap over" in result.warnings[0] and gap.in_words in result.warnings[0]
+
+
+def _mean_gap(rig, log: EncoderLog, covered_deg: float) -> float:
+    """Return the mean of the true gap over the middle `covered_deg` degrees of the log, deg."""
+    middle = (log.driving_angle.max() + log.driving_angle.min()) / 2
+    half = np.radians(covered_deg) / 2
+    angles = middle + np.linspace(-half, half, 200)
+    return float(np.degrees(np.mean(rig.flank_model().backlash(angles))))
+
+
+def test_under_one_turn_one_direction_has_no_answer(noisy_rig):
     with pytest.raises(NoAnswerError, match="no shaft turned a full revolution") as caught:
-        fit(_turns(noisy_rig, 0.8), noisy_rig.pair)
+        fit(_turns(noisy_rig, 0.8), noisy_rig.pair, flank="A")
     assert caught.value.exit_code == 4
 
 
@@ -54,6 +75,7 @@ def test_a_slow_shaft_that_turned_too_little_does_not_bias_the_fast_one(clean_ri
     assert result.value("driving_eccentricity_mm") == pytest.approx(0.0226, rel=1e-3)
     assert result.value("driving_phase_deg") == pytest.approx(49.5, abs=0.1)
     assert float(result.eccentricities().driven_mm) == 0.0
+    assert {order.shaft for order in result.orders} == {"driving", "mesh"}
 
 
 @pytest.mark.parametrize("rate_hz", [11.0, 15.0])

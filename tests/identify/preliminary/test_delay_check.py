@@ -5,11 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.identify.drives import drive, drive_log, level, there_and_back
+from tests.identify.drives import drive, drive_log, known, level, there_and_back
 from vttig_jax.identify.fitting import fit
 from vttig_jax.identify.preliminary import model_selection
 from vttig_jax.identify.preliminary.delay import Delay
-from vttig_jax.identify.preliminary.delay_check import explaining
+from vttig_jax.identify.preliminary.delay_check import OF_INTERVAL, explaining, is_polled
+from vttig_jax.logs.encoder_log import EncoderLog
 
 PAIR = drive("1/2")
 
@@ -41,3 +42,62 @@ def test_a_delay_must_explain_the_log(monkeypatch):
         assert explaining(wrong, weights, off, bound_s=bound_s) is wrong
     other = Delay("insignificant", 0.0, 0.3, 0.1)
     assert explaining(other, weights, off, bound_s=0.01) is other
+
+
+def _sampled_at(log: EncoderLog, time: np.ndarray) -> EncoderLog:
+    """Return the log as if it had been read at other times, s."""
+    driving, driven = (
+        np.degrees(np.interp(time, log.time, angle))
+        for angle in (log.driving_angle, log.driven_angle)
+    )
+    return EncoderLog.from_arrays(time, driving, driven, pair=PAIR, unit="deg")
+
+
+def _stamps(kind: str, log: EncoderLog) -> np.ndarray:
+    """Return time stamps of a kind at about 100 Hz."""
+    rng = np.random.default_rng(0)
+    count = len(log.time) - 20
+    time = log.time[0] + 0.01 * np.arange(count)
+    if kind == "polled":
+        return log.time[0] + np.cumsum(0.01 * (1 + 0.1 * rng.standard_normal(count)))
+    return time + (1e-5 * rng.standard_normal(count) if kind == "jitter of 0.1 %" else 0.0)
+
+
+@pytest.fixture(scope="module")
+def two_speeds() -> EncoderLog:
+    """The driven channel is read 2 ms after the driving one; the noise hides it."""
+    motion = there_and_back([60, 55], 6)
+    return drive_log(
+        PAIR, motion, gap=level(3000.0), delay_s=level(-0.002), noise_arcsec=900.0, rate_hz=100.0
+    )
+
+
+@pytest.mark.parametrize(
+    ("kind", "polled"), [("clock", False), ("jitter of 0.1 %", False), ("polled", True)]
+)
+def test_uneven_intervals_are_those_of_a_program(two_speeds, kind, polled):
+    assert is_polled(_sampled_at(two_speeds, _stamps(kind, two_speeds))) is polled
+
+
+def test_the_last_digit_of_the_stamps_is_no_polling(two_speeds):
+    time = np.round(two_speeds.time[:-20] * 0.15, 3)  # 667 Hz in whole ms
+    shown = replace(two_speeds, time=np.linspace(0, 1, len(two_speeds.time)))
+    rounded = _sampled_at(shown, np.unique(time))
+    assert np.ptp(np.diff(rounded.time)) > 0.5 * np.median(np.diff(rounded.time))
+    assert not is_polled(rounded)
+
+
+def test_a_polled_log_allows_for_a_delay_of_an_interval(two_speeds):
+    """The gap without the delay is 2 · 0.002 s · 180°/s = 0.7° off, and its interval says so."""
+    widths = {}
+    for kind in ("clock", "polled"):
+        result = fit(_sampled_at(two_speeds, _stamps(kind, two_speeds)), PAIR)
+        delay = result.parameters["delay_s"]
+        assert not delay.significant
+        assert abs(known(delay.value) + 0.002) < 3 * known(delay.std)
+        gap, of_delay = result.checks.gap_over_angles_covered, result.checks.gap_of_delay
+        assert of_delay is not None
+        widths[kind] = of_delay.half_width_deg
+        if kind == "polled":
+            assert known(gap.low95) <= 3000 / 3600 <= known(gap.high95)
+    assert widths["clock"] < 2 * 180 * OF_INTERVAL * 0.01 < 0.2 * widths["polled"]

@@ -21,6 +21,7 @@ from ..output import Output
 
 if TYPE_CHECKING:
     from ...identify.fit_result import Fit
+    from ...identify.report.checks import CoveredGap
     from ...identify.report.parameters import Parameter
 
 
@@ -105,13 +106,22 @@ def command(
     stated = drive.request.names_a_drive
     output.emit(result.to_json(), _Answer(result) if stated else result)
     _check_required(result, require)
-    if result.outcome == "contradicts":
-        # The result is printed before the error, because its numbers show the contradiction.
+    gap = result.checks.gap_over_angles_covered
+    if result.outcome == "contradicts" or (result.outcome == "not_determined" and gap.determined):
+        # The result is printed before the error, because its numbers show what the error says.
         output.finish()
-        LOGGER.error("%s: %s", result.source, _contradiction(result))
+        said = _contradiction(result) if result.outcome == "contradicts" else _gap_alone(gap)
+        LOGGER.error("%s: %s", result.source, said)
         raise click.exceptions.Exit(NoAnswerError.exit_code)
     if result.outcome in ("not_converged", "not_determined"):
         raise NoAnswerError(_FAILURES[result.outcome], where=result.source)
+
+
+def _gap_alone(gap: "CoveredGap") -> str:
+    return (
+        "the log determines no parameter, only the gap over the covered angles:"
+        f" {gap.in_words}; the reasons are listed above."
+    )
 
 
 def _contradiction(result: "Fit") -> str:

@@ -17,6 +17,8 @@ from ..settings import NoiseSettings
 from .block_means import block_means, block_rows, block_size
 from .regressors import Drift, Regressors, trimmed
 
+_FEWEST_ROWS = 32  # rows of the longest segment, as many as a turn has at least; chosen value
+
 _DIGITS = 1e-6
 """A residual below this share of the transmission error is rounding; see `harmonic_summary`."""
 
@@ -117,9 +119,14 @@ def samples_per_row(
     terms: TermPlan,
     given_order: float = 0.0,
 ) -> int:
-    """Return the number of samples per block row that the segments of one log require."""
+    """Return the number of samples per block row that the segments of one log require.
+
+    The longest segment has at least `_FEWEST_ROWS` rows even if it is a small part of a turn.
+    """
     highest = float(max((terms.frequency(term) for term in terms.terms), default=1))
-    return block_size(_samples_per_turn(driving, segments), highest, given_order)
+    longest = max(segment.stop - segment.start for segment in segments)
+    size = block_size(_samples_per_turn(driving, segments), highest, given_order)
+    return min(size, max(1, longest // _FEWEST_ROWS))
 
 
 def log_rows(

@@ -79,6 +79,7 @@ def find_identifiability(
     *,
     remembers: bool = False,
     given: bool = False,
+    arcs: bool = False,
 ) -> Identifiability:
     """Return the flanks, segments and harmonics that can be fitted.
 
@@ -88,12 +89,17 @@ def find_identifiability(
     The result has `few_turns` for a drive with fewer than `FEW_TURNS` turns. For a gear pair, whose
     ratio is exact, this also requires `remembers`: noise correlated over a good part of the log.
 
-    **Raises** `NoAnswerError` if no flank covers a revolution of either shaft.
+    With `arcs`, two flanks of less than a revolution are fitted too: they determine the gap over
+    the covered angles.
+
+    **Raises** `NoAnswerError` if no flank covers a revolution of either shaft, except with `arcs`.
     """
     covered: dict[Flank, tuple[float, float]] = {
         flank: _coverage(logs, segments, flank) for flank in _FLANKS if only in (None, flank)
     }
     flanks: tuple[Flank, ...] = tuple(f for f, turns in covered.items() if max(turns) >= FULL_TURN)
+    if arcs and not flanks:
+        flanks = _of_an_arc(covered)
     if not flanks:
         raise _no_full_turn(covered, only, logs)
     turns = {
@@ -139,10 +145,16 @@ def find_identifiability(
     )
 
 
+def _of_an_arc(covered: dict[Flank, tuple[float, float]]) -> tuple[Flank, ...]:
+    """Return both flanks if both moved in contact; otherwise none."""
+    both = len(covered) == len(_FLANKS) and all(max(turns) > 0 for turns in covered.values())
+    return tuple(covered) if both else ()
+
+
 def _left_out(
     covered: dict[Flank, tuple[float, float]], flanks: tuple[Flank, ...]
 ) -> tuple[str, ...]:
-    """Return sentences on the flanks that moved, but cover less than a full turn."""
+    """Return sentences on the flanks that moved, but are not fitted."""
     return tuple(
         f"flank {flank} is left out, so that no gap is determined: it covers"
         f" {max(turns):.2f} of a revolution only; record at least one turn both ways"
@@ -158,8 +170,8 @@ def _no_full_turn(
     which = "" if only is None else f" on flank {only}"
     return NoAnswerError(
         f"no shaft turned a full revolution in steady contact{which} ({most:.2f} at most);"
-        " record at least one turn at constant speed, better a whole hunting period, or correct"
-        " the unit or counts_per_rev.",
+        " record at least one turn at constant speed, better a whole hunting period (the gap alone"
+        " needs only an arc that both directions cover), or correct the unit or counts_per_rev.",
         where=", ".join(log.source for log in logs),
     )
 

@@ -147,6 +147,13 @@ class CoveredGap(Record, frozen=True):
     covered_deg: float = 0.0
 
     @property
+    def in_words(self) -> str:
+        """The gap with its 95 % interval, or the reason why it is undetermined."""
+        if not self.determined:
+            return f"undetermined ({self.reason})"
+        return f"{self.value:.5f}° (95 % interval {self.low95:.5f} … {self.high95:.5f}°)"
+
+    @property
     def is_contradiction(self) -> bool:
         """Whether the whole interval lies below zero, although a gap cannot be negative."""
         return self.determined and self.high95 is not None and self.high95 < 0

@@ -46,6 +46,7 @@ def warnings_of(
         *solver_notes(solution),
         *(_computed(selected.linear.inputs) or _ratio_notes(regressors, checks, log)),
         *identifiable.notes,
+        *_gap_alone(identifiable, checks.gap_over_angles_covered),
         *_open_delay(selected, identifiable),
         *_contradicted_delay(selected.delay, estimate.rest_of_delay),
         *_negative_sum(selected, identifiable, solution),
@@ -97,8 +98,10 @@ def _neglected_delay(
         if steady
         else "if the delay may be larger, give its limit with --delay-within"
     )
+    scale, unit = (1e3, "ms") if delay.std_s >= 1e-4 else (1e6, "µs")
     return [
-        f"the delay, {1e6 * delay.step_s:.3g} ± {1e6 * delay.std_s:.2g} µs, is not significant and"
+        f"the delay, {scale * delay.step_s:.3g} ± {scale * delay.std_s:.2g} {unit}, is not"
+        " significant and"
         f" is taken as zero; it may change the gap by ±{of_delay.half_width_deg:.2g}°, which the"
         " interval of the constant backlash contains. If both channels are sampled at the same"
         f" instant, say so with --delay off; {cure}"
@@ -269,6 +272,17 @@ def _fractional_notes(terms: TermPlan) -> list[str]:
         f"{', '.join(names)} {have} no fixed position on the gears: {hold} only at the zero of the"
         " log. The backlash map, `export`, `locate` and `simulate` leave"
         f" {'it' if single else 'them'} out"
+    ]
+
+
+def _gap_alone(identifiable: Identifiability, gap: CoveredGap) -> list[str]:
+    """Return a note if both shafts turned so little that the log tells only the covered gap."""
+    if len(identifiable.short) < len(identifiable.turns) or not gap.determined:
+        return []
+    return [
+        "the shafts turned too little for their eccentricities and the constant backlash. The log"
+        f" tells only the gap over the {gap.covered_deg:.0f}° of the driving shaft that both"
+        f" directions covered: {gap.in_words}"
     ]
 
 

@@ -60,10 +60,13 @@ class FlankLine(Protocol):
         ...
 
 
-def order_table(solved: SolvedFit, scatter: Scatter | None = None) -> tuple[Order, ...]:
+def order_table(
+    solved: SolvedFit, scatter: Scatter | None = None, short: Sequence[str] = ()
+) -> tuple[Order, ...]:
     """Return amplitude, standard error and phase of all harmonics of both shafts and the mesh.
 
-    Harmonics whose standard error is larger than one revolution are left out.
+    Harmonics whose standard error is larger than one revolution are left out, and those of the
+    shafts `short`, which turned too little for them.
 
     `scatter` names the parts of the log whose scatter gives standard errors. On few turns (scatter
     "cosines" or "memory") the standard error of an amplitude is at least that from this scatter.
@@ -76,7 +79,7 @@ def order_table(solved: SolvedFit, scatter: Scatter | None = None) -> tuple[Orde
         covariance = factor.covariance(jacobian @ solution.covariance @ jacobian.T)
         values = solved.coefficients[index]
         for position, harmonic in enumerate(harmonics):
-            if harmonic.shaft == "both":
+            if harmonic.shaft == "both" or harmonic.shaft in short:
                 continue
             cosine = summary.columns.cosine(position)
             # For a sin(kφ + p) the sine coefficient is a cos p, and the cosine coefficient a sin p.

@@ -118,9 +118,12 @@ def _of_cosines(
 ) -> Float[np.ndarray, " k"]:
     """Return the standard errors from cosine sums of the scores.
 
-    With `memory` they are at least those from `remembered_noise`.
+    With `memory` they are at least those from `remembered_noise`. They are 0 if every run is too
+    short to show scatter.
     """
     found = _influences(solved, functional, whole=True)
+    if not found:
+        return np.zeros(len(functional.slope))
     influence = np.concatenate([one.changes for one in found])
     phase = np.pi * (np.arange(len(influence)) + 0.5) / len(influence)
     cosines = np.sqrt(2) * np.cos(np.outer(np.arange(1, _COSINES + 1), phase))
