@@ -32,6 +32,7 @@ from .model.identifiability import (
 from .preliminary.linear_fit import Input
 from .preliminary.model_selection import SelectedModel, have_one_zero, select_model
 from .preliminary.order_selection import entering_orders
+from .preliminary.ramps import is_among_steady
 from .report.check_records import Lines
 from .report.estimate import Estimate
 from .report.residual_tests import joint_lines
@@ -287,7 +288,10 @@ def _not_entered(harmonics: Sequence[Harmonic]) -> tuple[str, ...]:
 def _inputs(
     logs: Sequence[EncoderLog], found: Sequence[Segments], identifiable: Identifiability
 ) -> tuple[Input, ...]:
-    """Return the logs with the segments and ramps of the flanks that are fitted."""
+    """Return the logs with the segments and ramps of the flanks that are fitted.
+
+    If a shaft makes only a part of a turn, ramps beyond the steady motion are left out.
+    """
     return tuple(
         Input(
             one,
@@ -298,6 +302,7 @@ def _inputs(
                 for ramp in find_ramps(one, each)
                 if ramp.segment.flank in identifiable.flanks
                 and ramp.segment.stop - ramp.segment.start >= _LEAST_RAMP
+                and (not identifiable.short or is_among_steady(one, ramp, own))
             ),
         )
         for one, each, own in zip(logs, found, identifiable.segments, strict=True)

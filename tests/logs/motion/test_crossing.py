@@ -6,9 +6,10 @@ import pytest
 from tests.logs.profiles import drive
 from vttig_jax.base.units import DEG
 from vttig_jax.logs.encoder_log import EncoderLog
-from vttig_jax.logs.motion.flank_assignment import assigned_segments
+from vttig_jax.logs.motion.crossing import crossed_gap
+from vttig_jax.logs.motion.flank_assignment import assigned_segments, find_ramps
 from vttig_jax.logs.motion.flank_step import seen_gap
-from vttig_jax.logs.motion.segments import find_segments
+from vttig_jax.logs.motion.segments import AFTER_REVERSAL, find_segments
 
 RATIO = 1 / 8
 
@@ -84,3 +85,78 @@ def test_without_a_gap_none_is_seen():
         log.time, 300.0 * log.time, 37.5 * log.time, pair=drive("1/8"), unit="deg"
     )
     assert seen_gap(forward, find_segments(forward)) == 0.0
+
+
+def one_speed(
+    gap_deg: float, delay_s: float = 0.0, *, silent: bool = False
+) -> tuple[EncoderLog, np.ndarray]:
+    """One way out and back of a reducer at one speed, and the share of the gap as in `reducer`.
+
+    The drive brakes slowly. With `silent` the logger writes nothing at standstill.
+    """
+    rpm = [0, 0, 90, 90, 0, 0, -90, -90, 0, 0]
+    knots = [0, 1, 1.1, 5, 6, 7, 7.1, 11, 12, 13]
+    fine = np.arange(0.0, 13.0, 1e-3)
+    place = np.cumsum(6 * np.interp(fine, knots, rpm)) * 1e-3
+    lower = RATIO * place + 0.02 * np.sin(np.radians(place))
+    driven, here = np.empty_like(lower), lower[0] + 0.7 * gap_deg
+    for k, low in enumerate(lower):
+        here = driven[k] = min(max(here, low), low + gap_deg)
+    share = (driven - lower) / max(gap_deg, 1e-12)
+    driven = np.interp(fine - delay_s, fine, driven)
+    rows = np.arange(0, len(fine), 2)
+    if silent:
+        rows = rows[(np.gradient(place)[rows] != 0) | (rows == 0)]
+    noise = 0.003 * np.random.default_rng(0).standard_normal(len(rows))
+    log = EncoderLog.from_arrays(
+        fine[rows], place[rows], driven[rows] + noise, pair=drive("1/8"), unit="deg"
+    )
+    return log, share[rows]
+
+
+@pytest.mark.parametrize("silent", [False, True])
+def test_at_one_speed_the_crossings_show_the_gap(silent):
+    """Speed and direction are the same column there, so that no step shows it."""
+    log, share = one_speed(8.0, silent=silent)
+    plain, found = find_segments(log), assigned_segments(log)
+    assert inside(log, share, plain) > 20 and seen_gap(log, plain) == 0.0
+    assert 7.0 < crossed_gap(log, plain) / DEG < 9.0
+    assert inside(log, share, found) == 0
+    assert 1.9 * 8.0 < RATIO * found.crossing / DEG < 2.1 * 8.0
+    assert found.forward > 100 and found.backward > 100
+
+
+def test_a_delay_is_no_crossing():
+    log, _ = one_speed(0.0, delay_s=0.05)
+    assert crossed_gap(log, find_segments(log)) == 0.0
+    assert assigned_segments(log).crossing == AFTER_REVERSAL
+
+
+def test_no_ramp_crosses_the_gap():
+    log, share = one_speed(8.0)
+    found = assigned_segments(log)
+    ramps = find_ramps(log, found)
+    assert ramps
+    for ramp in ramps:
+        assert np.all(np.isin(np.round(share[ramp.segment.start : ramp.segment.stop], 3), (0, 1)))
+    wide = [r.segment for r in find_ramps(log, find_segments(log))]
+    crossing = [np.any((share[r.start : r.stop] % 1) > 0.01) for r in wide]
+    assert any(crossing)
+
+
+def _without(log: EncoderLog, start: int, stop: int) -> EncoderLog:
+    """The log without the rows [start, stop)."""
+    kept = np.ones(len(log), bool)
+    kept[start:stop] = False
+    angles = (np.degrees(angle[kept]) for angle in (log.driving_angle, log.driven_angle))
+    return EncoderLog.from_arrays(log.time[kept], *angles, pair=drive("1/8"), unit="deg")
+
+
+def test_a_run_after_a_silence_at_standstill_is_masked():
+    """A logger that writes only changes has a gap in time there, and the teeth may be anywhere."""
+    log, _ = one_speed(2.0, silent=True)
+    slow = find_segments(_without(log, 3, 10), 20 * DEG)
+    assert 3 in slow.starts
+    # Rows that are missing during the motion change nothing.
+    middle = len(log) // 4
+    assert middle not in find_segments(_without(log, middle, middle + 20), 20 * DEG).starts

@@ -9,7 +9,9 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
+from ...logs.encoder_log import EncoderLog
 from ...logs.motion.flank_assignment import Ramp
+from ...logs.motion.segments import Segment
 from ...pair.gear_pair import Flank
 from ..compress.block_rows import LogRows
 from ..noise.noise_model import residual_std
@@ -22,6 +24,10 @@ _BRANCH = 0.25
 _MIDDLE = 0.5
 """Residual of a ramp, as a share of the gap, that lies as near to the other flank; no noise allows
 for more."""
+
+_BEYOND = 0.1
+"""Largest part of a ramp beyond the angles of the steady motion on its flank, as a share of their
+range; chosen value."""
 
 _ROWS_A_RAMP = 40
 """Number of rows per ramp: more than twice the highest order of the autoregressive noise."""
@@ -37,6 +43,24 @@ def finest_row_s(inputs: Sequence[Input]) -> float:
         for ramp in one.ramps
     ]
     return float(np.median(ramps)) / _ROWS_A_RAMP if ramps else np.inf
+
+
+def is_among_steady(log: EncoderLog, ramp: Ramp, segments: Sequence[Segment]) -> bool:
+    """Return whether a ramp lies at driving angles that the steady motion on its flank covered.
+
+    It may lie beyond them by `_BEYOND` of their range. Farther out, the orders of a shaft that
+    makes only a part of a turn are unknown, and their error resembles a delay.
+    """
+    angles = [
+        log.driving_angle[[one.start, one.stop - 1]]
+        for one in segments
+        if one.flank == ramp.segment.flank
+    ]
+    if not angles:
+        return False
+    beyond = _BEYOND * float(np.ptp(angles))
+    ends = log.driving_angle[[ramp.segment.start, ramp.segment.stop - 1]]
+    return bool(ends.min() >= np.min(angles) - beyond and ends.max() <= np.max(angles) + beyond)
 
 
 def with_ramps(linear: LinearFit) -> tuple[LinearFit, list[str]]:

@@ -6,6 +6,7 @@ flanks. Therefore torque and direction of motion are both tested in a linear mod
 between the flanks; the torque is used if it fits better.
 """
 
+from bisect import bisect_right
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,6 +14,7 @@ from jaxtyping import Float
 
 from ...base.units import DEG, REV
 from ..encoder_log import EncoderLog
+from .crossing import crossed_gap
 from .flank_step import seen_gap
 from .overrun import overrunning_segments
 from .segments import AFTER_REVERSAL, Segment, Segments, find_segments
@@ -24,6 +26,9 @@ with the flanks of the motion (chosen)."""
 _GAPS = 2.0
 """Travel after a reversal that is masked, as a multiple of the mean gap (chosen). It exceeds 1
 because the gap varies along the teeth."""
+
+_WIDER = 1.05
+"""The travel that is masked is widened only by more than this factor (chosen)."""
 
 _DISAGREEING = 0.01
 _MOST_SAMPLES = 20_000
@@ -58,16 +63,32 @@ def _by_motion(log: EncoderLog, found: Segments) -> Segments:
     `found` holds segments by the motion. The start of each run is masked until the driving shaft
     has crossed the gap that the log shows.
     """
-    crossing = _GAPS * seen_gap(log, found) / float(log.ratio)
-    if crossing > AFTER_REVERSAL:
+    crossed = crossed_gap(log, found)
+    plain, found = found, _beyond(log, found, max(crossed, seen_gap(log, found)))
+    if crossed > 0.0 and found is not plain:
+        # The crossings show that the step is no delay, so that behind them it is the gap.
+        gap = seen_gap(log, found, delayed=False)
+        found = _beyond(log, plain, gap) if gap > 0.0 else found
+        found = _beyond(log, found, seen_gap(log, found, delayed=False))
+    if found.crossing > AFTER_REVERSAL:
         note = (
-            f"the first {crossing / DEG:.2g}° of the driving shaft after a reversal are left out,"
-            " because the teeth cross the gap there"
+            f"the first {found.crossing / DEG:.2g}° of the driving shaft after a reversal are left"
+            " out, because the teeth cross the gap there"
         )
-        beyond = find_segments(log, crossing)
-        if _flanks_of(beyond) == _flanks_of(found):
-            found = replace(beyond, notes=(*beyond.notes, note))
-    return overrunning_segments(log, found, max(crossing, AFTER_REVERSAL)) or found
+        found = replace(found, notes=(*found.notes, note))
+    return overrunning_segments(log, found, found.crossing) or found
+
+
+def _beyond(log: EncoderLog, found: Segments, gap: float) -> Segments:
+    """Return `found` with `_GAPS` times the gap left out after reversals, if this is more.
+
+    A flank is not given up: if the runs on it are shorter, `found` stays as it is.
+    """
+    crossing = _GAPS * gap / float(log.ratio)
+    if crossing <= _WIDER * found.crossing:
+        return found
+    beyond = find_segments(log, crossing)
+    return beyond if _flanks_of(beyond) == _flanks_of(found) else found
 
 
 def _flanks_of(found: Segments) -> set[str]:
@@ -145,8 +166,9 @@ def find_ramps(log: EncoderLog, segments: Segments) -> tuple[Ramp, ...]:
         if run.kind == "dwell" or not inside:
             continue
         first, last = inside[0], inside[-1]
-        angle = log.driving_angle[run.start : first.start]
-        crossed = np.abs(angle - angle[0]) >= AFTER_REVERSAL if len(angle) else np.zeros(0, bool)
+        begun = bisect_right(segments.starts, run.start) - 1
+        origin = log.driving_angle[segments.starts[begun] if begun >= 0 else run.start]
+        crossed = np.abs(log.driving_angle[run.start : first.start] - origin) >= segments.crossing
         begin = run.start + int(np.argmax(crossed)) if crossed.any() else first.start
         for start, stop, up in ((begin, first.start, True), (last.stop, run.stop, False)):
             if stop > start:

@@ -16,16 +16,17 @@ LEAST = 100
 _MOST = 1000  # largest number of samples that are compared (chosen)
 
 
-def seen_gap(log: EncoderLog, by_motion: Segments) -> float:
+def seen_gap(log: EncoderLog, by_motion: Segments, *, delayed: bool = True) -> float:
     """Return the step of the transmission error from flank A to B in rad, or 0 without evidence.
 
     **Arguments**
     - `by_motion`: segments with flanks by the direction of motion.
+    - `delayed`: whether the channels may have a delay. At one speed a delay explains any step.
     """
     sense, rows = flank_rows(log, by_motion)
     if len(rows) < LEAST or len(np.unique(sense[rows])) < 2:
         return 0.0
-    speed = log.driving_speed.value[rows]
+    speed = log.driving_speed.value[rows] if delayed else np.zeros(len(rows))
     columns, error = columns_of(log, rows, speed), log.transmission_error[rows]
     without = error - columns @ np.linalg.lstsq(columns, error, rcond=1e-9)[0]
     least, gap = squares_with_step(error, columns, sense[rows])

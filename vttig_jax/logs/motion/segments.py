@@ -179,12 +179,16 @@ class Segments:
     """Division of a log into segments with a certain flank, and into phases of motion.
 
     `segments` are parts of the phases `motion`. `read` is the number of samples of the log.
+    `crossing` is the travel of the driving shaft in rad that is left out after each sample of
+    `starts`, where the flank changes or a run begins.
     """
 
     segments: tuple[Segment, ...]
     motion: tuple[MotionPhase, ...]
     read: int
     notes: tuple[str, ...] = ()
+    crossing: float = AFTER_REVERSAL
+    starts: tuple[int, ...] = ()
 
     @property
     def forward(self) -> int:
@@ -234,7 +238,7 @@ def find_segments(log: EncoderLog, crossing: float = AFTER_REVERSAL) -> Segments
     certain, ragged = _certain(log, angle, speed, moving)
     flank = _flank(log, sense)
     certain &= (flank != 0) & (sense != 0)
-    starts = _starts(flank, cut, moving)
+    starts = _starts(flank, _moving_on(time, angle, speed.value, cut, moving), moving)
     certain &= ~_crossing(starts, angle, crossing)
     state = np.where(certain, flank, 0)
     edges = cut.copy()
@@ -253,7 +257,9 @@ def find_segments(log: EncoderLog, crossing: float = AFTER_REVERSAL) -> Segments
     used = [name for name in ("direction", "torque") if getattr(log, name) is not None]
     if used:
         notes.append(f"flanks assigned by the {' and the '.join(used)} column")
-    return Segments(segments, motion, len(log), tuple(notes))
+    return Segments(
+        segments, motion, len(log), tuple(notes), crossing=crossing, starts=tuple(starts)
+    )
 
 
 def _sense(
@@ -333,18 +339,41 @@ def _flank(log: EncoderLog, sense: Int8[np.ndarray, " n"]) -> Int8[np.ndarray, "
 
 
 def _starts(
-    flank: Int8[np.ndarray, " n"], cut: Bool[np.ndarray, " n"], moving: list[tuple[int, int]]
+    flank: Int8[np.ndarray, " n"], gaps: Sequence[int], moving: list[tuple[int, int]]
 ) -> list[int]:
     """Return, in ascending order, the indices where the flank changes or a run begins.
 
-    The runs `moving` are those of one direction. A run that begins at a gap in time (`cut`) is not
-    included.
+    The runs `moving` are those of one direction. A run that goes on over a gap in time, at one of
+    the samples `gaps`, is not included.
     """
-    starts: set[int] = {start for start, _ in moving if not cut[start]}
+    starts: set[int] = {start for start, _ in moving} - set(gaps)
     known = np.flatnonzero(flank)
     flips = np.flatnonzero(np.diff(flank[known]))
     starts.update(known[flips + 1].tolist())
     return sorted(starts)
+
+
+def _moving_on(
+    time: Float[np.ndarray, " n"],
+    angle: Float[np.ndarray, " n"],
+    speed: Float[np.ndarray, " n"],
+    cut: Bool[np.ndarray, " n"],
+    moving: list[tuple[int, int]],
+) -> list[int]:
+    """Return the starts of the runs that go on over a gap in time before them.
+
+    The shaft stood still in the gap if it was slower there than `RAGGED` times the top speed of the
+    run. A logger that writes only changes has such gaps.
+    """
+    found = []
+    for start, stop in moving:
+        if start == 0:
+            found.append(start)
+        elif cut[start]:
+            over = abs(angle[start] - angle[start - 1]) / (time[start] - time[start - 1])
+            if over > RAGGED * float(np.abs(speed[start:stop]).max()):
+                found.append(start)
+    return found
 
 
 def _crossing(
