@@ -84,6 +84,7 @@ INNER_FLOORS = {
         "given_parameters",
         "build_result",
         "given_fit",
+        "higher_orders",
         "line_orders",
         "fitting",
         "many",

@@ -20,6 +20,7 @@ from .build_result import build_fit, estimate_of, solve_model
 from .compress.harmonic_summary import HarmonicSummary
 from .fit_result import Fit, FitRequest
 from .given_fit import prepared_model, select_given
+from .higher_orders import Higher, higher_orders
 from .line_orders import joined_lines
 from .model.given_model import GivenModel
 from .model.harmonics import Harmonic, TermPlan, names_of
@@ -222,30 +223,52 @@ class _Task:
         )
 
 
-def _fitted(task: _Task, wanted: HarmonicOrders, scope: Identifiability) -> Fit:
+def _fitted(
+    task: _Task, wanted: HarmonicOrders, scope: Identifiability, told: tuple[str, ...] | None = None
+) -> Fit:
     """Select the model of the identifiable orders, `scope`, and fit it.
 
-    On few turns only the orders that the log clearly shows stay in the model. Certain spectral
-    lines of the residual are added as fractional orders.
+    On few turns only the orders that the log clearly shows stay in the model. Orders above the
+    wanted ones that the log certainly shows are added first; `told` are the sentences on them, and
+    None before they are searched. Certain spectral lines of the residual are then added as
+    fractional orders.
     """
     scope, selected = task.selected(scope)
     fewer = _entering(task, wanted, scope, selected)
     if fewer is not None:
         scope, selected = task.selected(fewer)
     solved, lines = task.solved(scope, selected), Lines()
+    if told is None:
+        higher = _higher(task, solved, few_turns=scope.few_turns)
+        joins = task.settings.lines == "join"
+        told = () if higher is None else (higher.sentence(joined=joins),)
+        if higher is not None and joins:
+            more = higher.added(wanted)
+            return _fitted(task, more, task.scope(more), told)
+    scope = replace(scope, terms=_telling(scope.terms, told))
     if _may_join(solved, task.settings):
         # There is no second round: it would find what remains of lines that are no exact sines.
         joint = joint_lines(selected.linear.rows, solved.weights)
         joined = joined_lines(solved, joint, few_turns=scope.few_turns)
         lines = Lines(joint=joint)
         if joined is not None:
-            wider = replace(scope, terms=_telling(joined.terms, joined.notes))
+            wider = replace(scope, terms=_telling(joined.terms, (*told, *joined.notes)))
             scope, selected = task.selected(wider)
             solved, lines = task.solved(scope, selected), Lines(joined.lines)
     estimate = task.estimate(solved, scope, selected)
     return build_fit(
         selected, estimate, task.pair, identifiable=scope, settings=task.settings, lines=lines
     )
+
+
+def _higher(task: _Task, solved: SolvedFit, *, few_turns: bool) -> Higher | None:
+    """Return the orders above the wanted ones that the logs show, or None.
+
+    They are not searched beside a flank model of the user, nor in logs without noise.
+    """
+    if task.given is not None or solved.noise.is_rounding:
+        return None
+    return higher_orders(solved, few_turns=few_turns)
 
 
 def _entering(

@@ -179,7 +179,8 @@ class FitSettings(
         Literal["join", "report"],
         setting(
             "Lines of the residual that are no order join the model as fractional orders of the"
-            " driving shaft (join, the default), or are only reported.",
+            " driving shaft, and whole orders above the listed ones, up to 32, as such (join, the"
+            " default), or both are only reported.",
             "--lines",
         ),
     ] = "join"
