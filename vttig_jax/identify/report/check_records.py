@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
 from msgspec.structs import replace
 
 from ...base.units import ARCSEC, DEG
@@ -14,7 +15,9 @@ from ..model.column_layout import is_shared
 from ..model.mounting import mounting_of
 from ..preliminary.linear_fit import LinearFit
 from ..preliminary.model_selection import SelectedModel
+from ..solve.beside import Walk
 from ..solve.least_squares import Solution
+from ..solve.solved_fit import SolvedFit
 from .checks import (
     Checks,
     CoveredGap,
@@ -81,7 +84,7 @@ def checks_of(
         order_spectrum=tuple(one for one in orders if one.order == 1 and one.shaft != "mesh"),
         closure=closure(solved.curves_and_residuals[0], pair),
         whiteness=estimate.whiteness,
-        wander=walk and Wander(walk.step_arcsec, walk.knots_s, walk.widening),
+        wander=walk and _wander(walk, solved),
         readings=estimate.readings,
         reversals=jumps,
         jumps=compared_jumps(jumps, solved, gap),
@@ -117,6 +120,13 @@ def checks_of(
         joined_lines=found.joined,
         hidden_shafts=Later(lambda: hidden_shafts(rows, weights, terms, [*found.joined, *lines])),
     )
+
+
+def _wander(walk: Walk, solved: SolvedFit) -> Wander:
+    left = np.concatenate(solved.curves_and_residuals[1]) / ARCSEC
+    rms = float(np.sqrt(np.mean(left**2)))
+    step = walk.step_arcsec
+    return Wander(step, walk.knots_s, walk.widening, step / rms if rms else 0.0)
 
 
 def _drift_arcsec(solution: Solution) -> tuple[float, ...]:

@@ -6,6 +6,7 @@ from ...logs.checks.fractions import better_fraction
 from ..solve.least_squares import Direction
 from .checks import (
     REMEMBERS,
+    UNKNOWN_STEP,
     Checks,
     CoveredGap,
     HalfDifference,
@@ -14,6 +15,7 @@ from .checks import (
     PassDifference,
     ResidualLine,
     Reversal,
+    Wander,
 )
 
 _SIGNIFICANT = 3.0  # standard errors above which a value is significant; chosen value
@@ -72,12 +74,23 @@ def _repeatability(checks: Checks, several: bool, has_noise: bool) -> list[str]:
             f" errors are taken from blocks of the log, up to {white.widening:.2g} times larger"
         )
     if (wander := checks.wander) and wander.widening > 1:
-        sentences.append(
-            f"the level of the transmission error wanders by {wander.step_arcsec:.3g}″ in"
-            f" {wander.knots_s:.2g} s, which the drift does not follow: a second fit follows it,"
-            f" and its results make standard errors up to {wander.widening:.2g} times larger"
-        )
+        sentences.append(_wanders(wander))
     return sentences
+
+
+def _wanders(one: Wander) -> str:
+    times = f"standard errors up to {one.widening:.2g} times larger"
+    if one.step_of_residual > UNKNOWN_STEP:
+        return (
+            f"a level that wanders within {one.knots_s:.2g} s explains the log better than the"
+            " drift, but the log does not tell by how much: the orders and the gap can take the"
+            f" place of such a level, so that a second fit with it makes {times}"
+        )
+    return (
+        f"the level of the transmission error wanders by {one.step_arcsec:.3g}″ in"
+        f" {one.knots_s:.2g} s, which the drift does not follow: a second fit follows it, and its"
+        f" results make {times}"
+    )
 
 
 def doubt(

@@ -188,16 +188,24 @@ class Whiteness(Record, frozen=True):
     widening: float = 1.0
 
 
+UNKNOWN_STEP = 10.0
+"""Steps of a walk above this many rms residuals are not determined (chosen). In the robot axes,
+whose level wanders, a step is as large as the residual; in simulated logs a few times larger."""
+
+
 class Wander(Record, frozen=True):
     """Random walk of the level of the transmission error.
 
     `step_arcsec` is the standard deviation of a step, and `knots_s` is the time of a step.
     `widening` is the largest factor by which the walk increases a standard error.
+    `step_of_residual` is the step divided by the rms residual of the fit without the walk. Beyond
+    `UNKNOWN_STEP` the other columns follow the walk, and the log does not determine its size.
     """
 
     step_arcsec: float
     knots_s: float
     widening: float
+    step_of_residual: float = 0.0
 
 
 class ResidualLine(Record, frozen=True):

@@ -13,6 +13,7 @@ from ....kinematics.te_curve import TECurve
 from ...compress.block_rows import BlockRun, LogRows
 from ...compress.harmonic_summary import FLANKS
 from ...model.harmonics import TermPlan
+from ...model.identifiability import FULL_TURN
 from ...preliminary.alignment import Start
 from ..checks import HalfDifference, PassDifference
 from .same_rig import Phasors, first_orders
@@ -53,8 +54,10 @@ def passes(curves: Sequence[TECurve], log: int = 1) -> list[PassDifference]:
 def halves(rows: LogRows, terms: TermPlan, log: int = 1) -> list[HalfDifference]:
     """Compare the first orders of the first halves of all passes with those of the second halves.
 
-    The list is empty if half a log is too short to determine the first orders. `log` is the number
-    of the log.
+    The list is empty if half a log is too short to determine the first orders. A shaft that makes
+    less than a turn in one of the halves on a flank is left out there, because its first order then
+    looks like offset and drift, and so is an order that is unknown by more than a turn. `log` is
+    the number of the log.
     """
     turns = max((float(np.ptp(run.curve.driving_angle)) / REV for run in rows.runs), default=0.0)
     apart = abs(1 - terms.ratio)
@@ -65,7 +68,21 @@ def halves(rows: LogRows, terms: TermPlan, log: int = 1) -> list[HalfDifference]
         one, other = (first_orders(half, terms, Start()) for half in (first, second))
     except NoAnswerError:
         return []
-    return [_compared(log, key, one, other) for key in one if key in other]
+    return [
+        _compared(log, key, one, other)
+        for key in one
+        if key in other
+        and all(_determines(half, key, terms) for half in (first, second))
+        and max(one[key][1], other[key][1]) < REV
+    ]
+
+
+def _determines(rows: LogRows, key: tuple[str, str], terms: TermPlan) -> bool:
+    """Return whether a shaft makes a full turn on a flank; `key` is (shaft, flank)."""
+    shaft, flank = key
+    angles = [run.curve.driving_angle for run in rows.runs if run.segment.flank == flank]
+    turns = float(np.ptp(np.concatenate(angles))) / REV
+    return turns * (1.0 if shaft == "driving" else abs(float(terms.ratio))) >= FULL_TURN
 
 
 def _compared(log: int, key: tuple[str, str], one: Phasors, other: Phasors) -> HalfDifference:
