@@ -74,9 +74,9 @@ class Evidence:
         }
         for flank in self.summary.flanks:
             arrays |= {
-                f"{flank.flank}_{name}": np.asarray(value)
-                for name, value in vars(flank).items()
-                if name != "flank"
+                f"{flank.flank}_{field.name}": np.asarray(getattr(flank, field.name))
+                for field in fields(flank)
+                if field.name != "flank"
             }
         return arrays
 

@@ -7,7 +7,7 @@ from typing import Any
 from ..base.errors import LogError, NoAnswerError, UsageError
 from ..base.runtime import require_x64
 from ..base.threads import one_blas_thread
-from ..logs.checks.ratio import check_ratio
+from ..logs.checks.ratio import SeenRatio, check_ratio
 from ..logs.checks.slip import refuse_slip
 from ..logs.encoder_log import EncoderLog
 from ..logs.motion.flank_assignment import assigned_segments, find_ramps
@@ -118,15 +118,15 @@ def fit(
         raise ValueError("Argument `log` must hold at least one log, but is empty.")
     _require_distinct(logs)
     pair = _stated_drive(logs[0]) if pair is None else pair
-    found = []
+    found, ratios = [], []
     for one in logs:
         _require_pair(one, pair)
-        check_ratio(one)
+        ratios.append(check_ratio(one))
         found.append(assigned_segments(one))
     given = None if model is None else prepared_model(model, logs, settings, found)
     wanted = orders or (pair.fit if given is None else HarmonicOrders((), (), 0))
     _require_one_phase(logs, wanted, settings)
-    task = _Task(logs, found, pair, settings, readings=readings, given=given)
+    task = _Task(logs, found, ratios, pair, settings, readings=readings, given=given)
     scope = task.scope(wanted)
     for one, each in zip(logs, found, strict=True):
         refuse_slip(one, each)
@@ -176,10 +176,11 @@ def _first_only(orders: HarmonicOrders) -> HarmonicOrders:
 
 @dataclass(frozen=True, eq=False)
 class _Task:
-    """What is fitted: logs with their segments, pair, settings, backlash readings, flank model."""
+    """What is fitted: logs with segments and ratios, pair, settings, readings, flank model."""
 
     logs: Sequence[EncoderLog]
     found: Sequence[Segments]
+    ratios: Sequence[SeenRatio]
     pair: GearPair | Drive
     settings: FitSettings
     readings: BacklashReadings | None
@@ -201,7 +202,7 @@ class _Task:
 
     def selected(self, scope: Identifiability) -> tuple[Identifiability, SelectedModel]:
         """Return the scope, reduced to flanks that have block rows, and its selected model."""
-        inputs = _inputs(self.logs, self.found, scope)
+        inputs = self._inputs(scope)
         if self.given is None:
             selected = select_model(inputs, self.pair, scope, self.settings)
         else:
@@ -209,6 +210,24 @@ class _Task:
         _require_rows(selected.summary, ", ".join(log.source for log in self.logs))
         flanks = tuple(flank.flank for flank in selected.summary.flanks)
         return replace(scope, flanks=flanks), selected
+
+    def _inputs(self, scope: Identifiability) -> tuple[Input, ...]:
+        """Return the logs with the segments and ramps of the flanks that are fitted.
+
+        If a shaft makes only a part of a turn, ramps beyond the steady motion are left out.
+        """
+        parts = zip(self.logs, self.found, scope.segments, self.ratios, strict=True)
+        found = []
+        for one, each, own, ratio in parts:
+            ramps = tuple(
+                ramp
+                for ramp in find_ramps(one, each)
+                if ramp.segment.flank in scope.flanks
+                and ramp.segment.stop - ramp.segment.start >= _LEAST_RAMP
+                and (not scope.short or is_among_steady(one, ramp, own))
+            )
+            found.append(Input(one, each, own, ramps, ratio))
+        return tuple(found)
 
     def solved(self, scope: Identifiability, selected: SelectedModel) -> SolvedFit:
         """Return the parameters with the standard errors of the noise model."""
@@ -305,30 +324,6 @@ def _not_entered(harmonics: Sequence[Harmonic]) -> tuple[str, ...]:
     return (
         f"{names_of(harmonics)} {are} not in the model: on so few turns {they} not larger than"
         f" noise. Maps and curves do not contain {them}; record more turns",
-    )
-
-
-def _inputs(
-    logs: Sequence[EncoderLog], found: Sequence[Segments], identifiable: Identifiability
-) -> tuple[Input, ...]:
-    """Return the logs with the segments and ramps of the flanks that are fitted.
-
-    If a shaft makes only a part of a turn, ramps beyond the steady motion are left out.
-    """
-    return tuple(
-        Input(
-            one,
-            each,
-            own,
-            tuple(
-                ramp
-                for ramp in find_ramps(one, each)
-                if ramp.segment.flank in identifiable.flanks
-                and ramp.segment.stop - ramp.segment.start >= _LEAST_RAMP
-                and (not identifiable.short or is_among_steady(one, ramp, own))
-            ),
-        )
-        for one, each, own in zip(logs, found, identifiable.segments, strict=True)
     )
 
 

@@ -1,6 +1,7 @@
 """Block means of every column against direct NumPy means."""
 
 from dataclasses import dataclass
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -27,7 +28,7 @@ def _channels(case: Case, count: int = 5003):
     """Ragged motion, to and fro, that covers a quarter of the highest cycle in a block at most."""
     generator = np.random.default_rng(3)
     orders = case.columns.free + case.columns.tied
-    highest = max([1.0, *(abs(a) + abs(b) for a, b in orders)])
+    highest = float(max([1.0, *(abs(a) + abs(b) for a, b in orders)]))
     step = np.pi / 2 / (highest * case.size)
     driving = np.cumsum(generator.uniform(-0.3, 0.99, count)) * step - 40.0
     driven = 0.5625 * driving + 1e-3 * np.sin(driving)
@@ -39,7 +40,7 @@ def _channels(case: Case, count: int = 5003):
 def _direct(case: Case, driving, driven, own, error, weight=None):
     def harmonics(terms):
         for first, second in terms:
-            phase = first * driving + second * driven
+            phase = float(first) * driving + float(second) * driven
             yield np.cos(phase)
             yield np.sin(phase)
 
@@ -65,13 +66,9 @@ CASES = {
     "negative orders": _case(((3, -2), (-1, 2), (0, -3)), ((2, -1),), 0, 7),
     "high drift": _case((), ((0, 1),), 6, 25),
     "no harmonics": _case((), (), 3, 4),
+    "long blocks": _case(((3, 0), (0, 2)), ((1, 0), (1, -1)), 1, 100),
+    "fractions": _case(((Fraction(7, 3), 0), (2, Fraction(1, 2))), ((1, 0),), 0, 9),
 }
-
-
-@pytest.fixture(autouse=True, params=[0, blocks._FEW_CELLS], ids=["compiled", "short by NumPy"])
-def both_ways(request, monkeypatch):
-    """Runs of few samples are summed by NumPy, others by the compiled program."""
-    monkeypatch.setattr(blocks, "_FEW_CELLS", request.param)
 
 
 @pytest.mark.parametrize("case", CASES.values(), ids=list(CASES))
@@ -138,7 +135,7 @@ def test_small_chunks_give_the_same(monkeypatch):
     weight = np.random.default_rng(2).uniform(0, 1, 1000)
     plain = block_rows(case.columns, case.size, *channels)
     weighted = block_rows(case.columns, case.size, *channels, weight)
-    monkeypatch.setattr(blocks, "_CHUNK_CELLS", 37)
+    monkeypatch.setattr(blocks, "_CHUNK", 37)
     for rows, more in ((plain, ()), (weighted, (weight,))):
         again = block_rows(case.columns, case.size, *channels, *more)
         np.testing.assert_allclose(again, rows, atol=1e-14)
@@ -154,28 +151,6 @@ def test_an_incomplete_block_is_dropped():
     )
     assert len(block_rows(case.columns, 10, *(c[..., :9] for c in channels))) == 0
     np.testing.assert_array_equal(block_means(np.arange(7.0), 3), [1.0, 4.0])
-
-
-def test_block_sizes_up_to_a_power_of_two_share_one_compilation(monkeypatch):
-    """5 … 8 samples make tables of 8; 9 need tables of 16."""
-    monkeypatch.setattr(blocks, "_FEW_CELLS", 0)
-    columns = ColumnLayout(((6, 1), (7, 2), (8, 3)), ((1, 0),), ((OFFSET,),))
-    compiled = []
-    blocks.chunk_sums.clear_cache()  # pyright: ignore[reportAttributeAccessIssue]
-    for size in (5, 6, 7, 8, 9):
-        channels = _channels(Case(columns, size), 200 * size + 1)
-        block_rows(columns, size, *channels)
-        compiled.append(blocks.chunk_sums._cache_size())  # pyright: ignore[reportAttributeAccessIssue]
-    assert compiled[0] == compiled[1] == compiled[2] == compiled[3]
-    assert compiled[4] == compiled[3] + 1
-
-
-def test_chunks_of_short_runs_and_long_rows_are_small():
-    found = {
-        (size, n): blocks._rows_of_chunk(10, size, n) for size in (1, 900) for n in (9, 20_000)
-    }
-    assert found == {(1, 9): 128, (1, 20_000): 2048, (900, 9): 128, (900, 20_000): 512}
-    assert blocks._rows_of_chunk(1000, 1, 9) == 32  # many terms: so few rows stay in the cache
 
 
 @pytest.mark.parametrize(

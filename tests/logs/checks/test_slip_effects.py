@@ -40,10 +40,14 @@ def test_rows_products_and_means_are_those_of_the_dense_matrix(both, torque):
 
     assert effects.width == dense.shape[1]
     np.testing.assert_array_equal(dense[:, effects.speed_place], columns[4])
-    few = generator.permutation(len(rows))[:50]
-    np.testing.assert_allclose(effects.at(few), dense[few], atol=1e-11)
     coefficients = generator.normal(size=dense.shape[1])
     np.testing.assert_allclose(effects.times(coefficients), dense @ coefficients, atol=1e-10)
+    few = effects.few(generator.permutation(len(rows))[:50])
+    own, weight, values = dense[few.rows], generator.uniform(size=50), generator.normal(size=50)
+    np.testing.assert_allclose(few.times(coefficients), own @ coefficients, atol=1e-10)
+    matrix, right = few.normal(weight, values)
+    np.testing.assert_allclose(matrix, (weight[:, None] * own).T @ own, atol=1e-10)
+    np.testing.assert_allclose(right, (weight[:, None] * own).T @ values, atol=1e-10)
     starts = np.arange(0, len(rows), 20)
     size = np.diff(np.append(starts, len(rows)))
     means = [dense[first : first + 20].mean(axis=0) for first in range(0, len(rows), 20)]

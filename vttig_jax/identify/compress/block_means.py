@@ -8,7 +8,7 @@ samples have weights with the mean s in a block, the row of this block is its we
 √s.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Sequence
 
 import jax
 import jax.numpy as jnp
@@ -20,19 +20,16 @@ from ...base.numerics.counting import whole_below
 from ...base.numerics.sincos import sincos
 from ...base.units import REV
 from ..model.column_layout import ColumnLayout
+from ..model.harmonics import AnyTerm
+from ..model.waves import Waves, product
 
 Samples = Float[np.ndarray, " n"]
 
-_CHUNK_CELLS = 32_768
-"""Largest number of terms times block rows of a chunk, so that its sums stay in the cache."""
+_CHUNK = 8192  # samples whose waves are computed at once, so that they stay in cache (chosen)
 
-_MOST_ROWS, _FEWEST_ROWS = 2048, 128  # block rows of a chunk; chosen values
-
-_CHUNK_SAMPLES = 1 << 20  # samples of a chunk, rounded up to powers of two; chosen value
-
-_FEW_CELLS = 65_536
-"""NumPy sums a run if its number of terms times samples is at most this. A compiled chunk of so few
-rows would consist mostly of padding (chosen)."""
+_SHORT = 64
+"""Samples of a block from which on a block is summed by itself; of shorter blocks those of a chunk
+are summed side by side (chosen)."""
 
 
 def block_size(samples_per_turn: float, highest_order: float, given_order: float = 0.0) -> int:
@@ -72,16 +69,14 @@ def block_rows(
     rows = np.empty((blocks, columns.width))
     own_columns = columns.own_slice
     harmonics = np.delete(np.arange(columns.width - 1), own_columns)
-    orders = np.asarray(columns.free + columns.tied, np.float64).reshape(-1, 2)
-    per_chunk = _rows_of_chunk(len(orders), size, blocks)
+    terms = columns.free + columns.tied
+    per_chunk = max(1, _CHUNK // size)
     channels = [driving_angle, driven_angle] + ([] if weight is None else [weight])
-    if len(orders) * blocks * size <= _FEW_CELLS:
-        tables = [channel[: blocks * size].reshape(blocks, size) for channel in channels]
-        rows[:, harmonics] = _short_sums(orders, *tables).T / size
-    else:
-        for start, tables in _chunks(size, per_chunk, blocks, channels):
-            sums = np.asarray(chunk_sums(orders, size, *tables)).T
-            rows[start : start + per_chunk, harmonics] = sums[: blocks - start] / size
+    for start in range(0, blocks if terms else 0, per_chunk):
+        used = min(per_chunk, blocks - start)
+        part = slice(start * size, (start + used) * size)
+        tables = [channel[part].reshape(used, size) for channel in channels]
+        rows[start : start + used, harmonics] = _sums(terms, *tables) / size
     weighted = (lambda values: values) if weight is None else (lambda values: weight * values)
     rows[:, own_columns.start] = 1.0 if weight is None else block_means(weight, size)
     for place, values in enumerate(own, own_columns.start + 1):
@@ -100,40 +95,26 @@ def block_means(channel: Samples, size: int) -> Float[np.ndarray, " blocks"]:
     return channel[: blocks * size].reshape(blocks, size).mean(axis=1)
 
 
-def _rows_of_chunk(orders: int, size: int, blocks: int) -> int:
-    """Return the number of block rows of a chunk of the compiled sums.
+def _sums(
+    terms: Sequence[AnyTerm],
+    driving: Float[np.ndarray, "rows size"],
+    driven: Float[np.ndarray, "rows size"],
+    weight: Float[np.ndarray, "rows size"] | None = None,
+) -> Float[np.ndarray, "rows columns"]:
+    """Return the sums of `harmonic_sums`, with NumPy; a table has one row for every block.
 
-    A chunk has fewer rows than usual if the run is short or if a row has many samples; otherwise
-    much of it would be padding, which takes time and memory. The number of rows is divided by 4
-    until it fits, so that logs of any length share a few compilations.
+    NumPy forms high orders as products of lower ones and compiles nothing.
     """
-    rows = max(1, min(_CHUNK_CELLS // max(orders, 1), _MOST_ROWS))
-    while rows >= 4 * _FEWEST_ROWS and (4 * blocks <= rows or rows * size > _CHUNK_SAMPLES):
-        rows //= 4
-    return rows
-
-
-def _chunks(
-    size: int, per_chunk: int, blocks: int, channels: list[Samples]
-) -> Iterator[tuple[int, list[np.ndarray]]]:
-    """Yield the index of the first block of each chunk, and a table of the chunk for each channel.
-
-    A column of a table holds the `size` samples of one block, so that the blocks are summed in
-    parallel vector lanes; the rest of the table is zero. A table has `per_chunk` columns. Its
-    height is `size` rounded up to a power of two, so that logs of any speed share a few
-    compilations.
-    """
-    height = 1 << (size - 1).bit_length()
-    for start in range(0, blocks, per_chunk):
-        used = min(per_chunk, blocks - start)
-        tables = []
-        for channel in channels:
-            table = np.zeros((height, per_chunk))
-            table[:size, :used] = (
-                channel[start * size : (start + used) * size].reshape(used, size).T
-            )
-            tables.append(table)
-        yield start, tables
+    axis = 1 if driving.shape[1] >= _SHORT else 0
+    shape = driving.shape if axis else driving.shape[::-1]
+    first, second = (Waves((x if axis else x.T).ravel()) for x in (driving, driven))
+    share = None if weight is None else (weight if axis else weight.T).ravel()
+    found = np.empty((len(driving), len(terms)), np.complex128)
+    for place, term in enumerate(terms):
+        wave = product(first, second, term)
+        wave = wave if share is None else wave * share
+        found[:, place] = wave.reshape(shape).sum(axis=axis)
+    return found.view(np.float64)
 
 
 def without_turns(angle: Float[Numbers, "*shape"], orders: Float[Numbers, "terms 2"]):
@@ -145,21 +126,6 @@ def without_turns(angle: Float[Numbers, "*shape"], orders: Float[Numbers, "terms
     xp = namespace(angle, orders)
     whole = xp.all(orders == xp.round(orders))
     return angle - xp.where(whole, REV * xp.round(angle / REV), 0.0)
-
-
-def _short_sums(
-    orders: Float[np.ndarray, "terms 2"],
-    driving: Float[np.ndarray, "rows size"],
-    driven: Float[np.ndarray, "rows size"],
-    weight: Float[np.ndarray, "rows size"] | None = None,
-) -> Float[np.ndarray, "columns rows"]:
-    """Return the same sums as `harmonic_sums`, with NumPy; a table has one row for every block."""
-    driving, driven = (without_turns(angle, orders) for angle in (driving, driven))
-    phase = np.tensordot(orders, np.stack([driving, driven]), 1)
-    waves = np.stack([np.cos(phase), np.sin(phase)], axis=1)
-    if weight is not None:
-        waves *= weight
-    return waves.sum(axis=-1).reshape(2 * len(orders), len(driving))
 
 
 def harmonic_sums(
@@ -193,4 +159,4 @@ def harmonic_sums(
 
 
 chunk_sums = jax.jit(harmonic_sums)
-"""`harmonic_sums` as a program of its own, for any `size` up to the height of the tables."""
+"""`harmonic_sums` as a program of its own."""

@@ -12,6 +12,7 @@ again. The parameters are partial autocorrelations, or the whitening filter that
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
@@ -26,6 +27,8 @@ from .orthogonal import ConditionedRuns, orthonormal, triangle_of
 _LOST_DIGITS = 1e-13
 """Ridge that `of_products` adds, relative to the squared norm of a column. It is well above the
 rounding of products (1e-16)."""
+
+_KNOWN = 2  # filters whose factor is kept: the noise model and one before it; chosen value
 
 Rows = Float[np.ndarray, "_ q"]
 """Rows of one run."""
@@ -171,13 +174,25 @@ class FlankSummary(ABC):
 
         **Raises** `NoAnswerError` if the range of the noise spectrum exceeds the digits of a float.
         """
+        known, key = self._inner_of, filter_.tobytes()
+        if key in known:
+            return known[key]
         try:
-            return np.linalg.cholesky(self._inner_products(filter_)).T
+            triangle = np.linalg.cholesky(self._inner_products(filter_)).T
         except np.linalg.LinAlgError:
             raise NoAnswerError(
                 "the residual is so smooth that its noise cannot be told from slow structure;"
                 " record more turns, or list fewer orders in [fit]."
             ) from None
+        known[key] = triangle
+        if len(known) > _KNOWN:
+            del known[next(iter(known))]
+        return triangle
+
+    @cached_property
+    def _inner_of(self) -> dict[bytes, Float[np.ndarray, "q q"]]:
+        """Last results of `inner`, by the bytes of the filter."""
+        return {}
 
     def factor(self, filter_: Filter) -> Float[np.ndarray, "q q"]:
         """Return the upper triangle R with RᵀR = Zᵀ Σ⁻¹ Z."""

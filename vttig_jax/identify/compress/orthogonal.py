@@ -7,6 +7,7 @@ exists. Many rows are conditioned first, with a shift that has no effect on the 
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple, Protocol, final, runtime_checkable
 
 import numpy as np
@@ -31,6 +32,10 @@ _SHIFT = 1e-12
 rounding error of a sum of 10⁵ squares, so that the Cholesky factor exists on every processor."""
 
 _TRSM: Any = get_blas_funcs("trsm", dtype="d")  # faster for few rows than `solve_triangular`
+
+_GROWTH = 1e4
+"""Largest growth of a rounding error by a product with an inverse instead of a substitution; four
+of sixteen digits (chosen)."""
 
 _PIECE = 4096  # rows that are read at once; chosen value
 
@@ -108,7 +113,24 @@ class ConditionedRuns:
 
     def part(self, run: int, start: int, stop: int) -> Float[np.ndarray, "n q"]:
         """Return the rows `start` … `stop` of U of one run."""
-        return _substituted(self.triangle, np.array(self.runs[run][start:stop], order="C"))
+        rows = self.runs[run][start:stop]
+        if self._inverse is None:
+            return _substituted(self.triangle, np.array(rows, order="C"))
+        return rows @ self._inverse
+
+    @cached_property
+    def _inverse(self) -> Float[np.ndarray, "q q"] | None:
+        """F⁻¹ if a product with it is as exact as the substitution, which takes three times longer.
+
+        The error of Z − U F is a rounding error times the largest sum of |F⁻¹| |F| (R. D. Skeel,
+        J. ACM 26 (1979) 494). It is small even if columns depend on each other.
+        """
+        size = np.linalg.norm(self.triangle, axis=0)
+        size[size == 0] = 1.0
+        scaled = self.triangle / size
+        inverse: Any = solve_triangular(scaled, np.eye(len(scaled)), check_finite=False)
+        growth = np.max(np.sum(np.abs(inverse) @ np.abs(scaled), axis=0), initial=0.0)
+        return inverse / size[:, None] if growth < _GROWTH else None
 
     def last_column(self, run: int) -> Float[np.ndarray, " n"]:
         """Return the last column of U of one run, the scaled residual of y on the others."""

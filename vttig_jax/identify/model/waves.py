@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Complex, Float
 
 from ...base.units import REV
+from .harmonics import AnyTerm
 
 
 class Waves:
@@ -41,6 +42,14 @@ class Waves:
                 self.known[whole] = self.of(half) * self.of(whole - half)
         wave = self.known[whole]
         return wave.conj() if order < 0 else wave
+
+
+def product(driving: Waves, driven: Waves, term: AnyTerm) -> Complex[np.ndarray, " n"]:
+    """Return exp(i (n₁φ₁ + n₂φ₂)) of the harmonic `term`, (n₁, n₂)."""
+    first, second = term
+    if not first:
+        return driven.of(second)
+    return driving.of(first) * driven.of(second) if second else driving.of(first)
 
 
 def _wave(angle: Float[np.ndarray, " n"]) -> Complex[np.ndarray, " n"]:

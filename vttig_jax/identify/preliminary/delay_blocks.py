@@ -187,14 +187,17 @@ class _DividedRows:
         return len(self.rows)
 
     def __getitem__(self, part: slice) -> Float[np.ndarray, "m wide"]:
-        rows, columns = self.rows[part], self.columns
-        offset, delay = columns.index(OFFSET), columns.index("delay")
-        inside = self.block[part][:, None] == np.arange(_BLOCKS)
-        levels, delays = (np.where(inside, rows[:, [k]], 0.0) for k in (offset, delay))
-        before, after = np.split(
-            np.delete(rows, delay, axis=1), [columns.own_slice.stop - 1], axis=1
-        )
-        return np.concatenate([before, levels[:, 1:], delays, after], axis=1)
+        rows, block, columns = self.rows[part], self.block[part], self.columns
+        offset, delay, stop = columns.index(OFFSET), columns.index("delay"), columns.own_slice.stop
+        found = np.zeros((len(rows), columns.width + 2 * _BLOCKS - 2))
+        first = stop - 2  # the level of the first block would stand here
+        place = np.arange(len(rows))
+        found[place, first + block] = rows[:, offset]
+        found[place, first + _BLOCKS + block] = rows[:, delay]
+        found[:, :delay] = rows[:, :delay]
+        found[:, delay : stop - 1] = rows[:, delay + 1 : stop]
+        found[:, first + 2 * _BLOCKS :] = rows[:, stop:]
+        return found
 
 
 def _divided(rows: LogRows, edges: Float[np.ndarray, " m"], terms: TermPlan) -> HarmonicSummary:

@@ -4,29 +4,28 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
-from ...base.numerics.sincos import sincos
+from ...base.numerics.counting import pieces
+from ...logs.checks.ratio import SeenRatio
 from ...logs.encoder_log import EncoderLog
 from ...logs.motion.flank_assignment import Ramp
 from ...logs.motion.segments import Segment, Segments
 from ...pair.gear_pair import Drive, Flank, GearPair
-from ..compress.block_means import without_turns
 from ..compress.block_rows import LogRows, block_seconds, log_rows
 from ..compress.harmonic_summary import HarmonicSummary, summarise
 from ..compress.regressors import Drift, Regressors, Samples, read_channels
 from ..model.column_layout import ColumnLayout
 from ..model.given_model import GivenModel
 from ..model.harmonics import TermPlan
+from ..model.waves import Waves, product
 from ..noise.noise_model import autoregression, residual_rows
 from ..settings import NoiseSettings
 from .alignment import Start, aligned
 from .nuisance import NuisanceRegression, own_terms
 
-_CHUNK = 8192  # samples per call of the compiled sum of harmonics; chosen value
+_CHUNK = 8192  # samples whose waves are computed at once, so that they stay in cache (chosen)
 
 
 def residual_of(
@@ -45,41 +44,31 @@ def residual_of(
     own = columns.own_slice
     coefficients = -weights[:-1]
     harmonics = np.delete(coefficients, own)
-    orders = np.asarray(columns.free + columns.tied, np.float64).reshape(-1, 2)
     values = np.full(len(channels.time[part]), coefficients[own.start])
     present = channels.own_on(segment.flank)
     for place, name in enumerate(columns.own[0][1:], own.start + 1):
         values += coefficients[place] * present[name][part]
-    if len(orders):
-        driving, driven = channels.driving[part], channels.driven[part]
-        for start in range(0, len(values), _CHUNK):
-            piece = slice(start, start + _CHUNK)
-            count = len(values[piece])
-            angles = [np.pad(a[piece], (0, _CHUNK - count)) for a in (driving, driven)]
-            values[piece] += np.asarray(_harmonics(orders, harmonics, *angles))[:count]
+    driving, driven = channels.driving[part], channels.driven[part]
+    for piece in pieces(len(values), _CHUNK):
+        values[piece] += _harmonics(columns, harmonics, driving[piece], driven[piece])
     return channels.error[segment.flank][part] - values
 
 
-@jax.jit
 def _harmonics(
-    orders: Float[Array, "terms 2"],
-    coefficients: Float[Array, " cells"],
-    driving: Float[Array, " n"],
-    driven: Float[Array, " n"],
-) -> Float[Array, " n"]:
+    columns: ColumnLayout,
+    coefficients: Float[np.ndarray, " cells"],
+    driving: Float[np.ndarray, " n"],
+    driven: Float[np.ndarray, " n"],
+) -> Float[np.ndarray, " n"]:
     """Return the sum of all harmonics at the given shaft angles, rad.
 
-    A row (n₁, n₂) of `orders` is the harmonic n₁φ₁ + n₂φ₂. `coefficients` contains the cosine and
-    the sine coefficient of each harmonic in turn.
+    `coefficients` contains the cosine and the sine coefficient of each harmonic in turn.
     """
-    driving, driven = (without_turns(angle, orders) for angle in (driving, driven))
-
-    def add(term, total):
-        order = orders[term]
-        sine, cosine = sincos(order[0] * driving + order[1] * driven)
-        return total + coefficients[2 * term] * cosine + coefficients[2 * term + 1] * sine
-
-    return jax.lax.fori_loop(0, orders.shape[0], add, jnp.zeros_like(driving))
+    terms, first, second = columns.free + columns.tied, Waves(driving), Waves(driven)
+    table = np.empty((len(terms), len(driving)), np.complex128)
+    for row, term in zip(table, terms, strict=True):
+        row[:] = product(first, second, term)
+    return (coefficients.view(np.complex128).conj() @ table).real
 
 
 AnySamples = Float[np.ndarray, " _"]
@@ -96,12 +85,14 @@ class Input:
     **Arguments**
     - `found`: all segments that were found. - `segments`: segments of steady speed that are fitted.
     - `ramps`: parts with changing speed; they can help to determine the delay.
+    - `ratio`: ratio that the log shows; None if it has not been estimated.
     """
 
     log: EncoderLog
     found: Segments
     segments: tuple[Segment, ...]
     ramps: tuple[Ramp, ...] = ()
+    ratio: SeenRatio | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,11 +9,10 @@ from msgspec.structs import replace
 from ...base.units import ARCSEC, DEG
 from ...logs.channel.spikes import without_spikes
 from ...logs.checks.ratio import seen_ratio
-from ...logs.encoder_log import EncoderLog
 from ...pair.gear_pair import Drive, GearPair
 from ..model.column_layout import is_shared
 from ..model.mounting import mounting_of
-from ..preliminary.linear_fit import LinearFit
+from ..preliminary.linear_fit import Input, LinearFit
 from ..preliminary.model_selection import SelectedModel
 from ..solve.beside import Walk
 from ..solve.least_squares import Solution
@@ -89,7 +88,7 @@ def checks_of(
         reversals=jumps,
         jumps=compared_jumps(jumps, solved, gap),
         drawing_backlash_deg=_drawing_backlash_deg(pair),
-        ratio=tuple(_ratio(one.log) for one in linear.inputs),
+        ratio=tuple(_ratio(one) for one in linear.inputs),
         agreement=_agreement(linear),
         gap_over_angles_covered=gap,
         gap_of_delay=of_delay,
@@ -196,8 +195,8 @@ def _reversals(
     return found
 
 
-def _ratio(log: EncoderLog) -> RatioCheck:
-    ratio = seen_ratio(log)
+def _ratio(one: Input) -> RatioCheck:
+    ratio = one.ratio or seen_ratio(one.log)
     return RatioCheck(f"{ratio.given}", ratio.seen, ratio.std, ratio.verdict, ratio.cause)
 
 

@@ -26,7 +26,7 @@ from ..preliminary.linear_fit import LinearFit
 from ..solve.sandwich import standard_errors
 from ..solve.solved_fit import SolvedFit
 from .checks import CoveredGap, GapAtSpeed, JumpComparison, Reversal
-from .comparisons.backlash_readings import mean_gap
+from .comparisons.backlash_readings import gap_values, mean_gap
 from .comparisons.closure import WINDOW_DEG
 from .estimate import Estimate
 from .gap_of_delay import GapOfDelay
@@ -184,7 +184,7 @@ def compared_jumps(
         return None
     window = np.linspace(-0.5, 0.5, 11) * WINDOW_DEG
     places = np.add.outer([jump.driving_deg for jump in own], window) * DEG
-    fitted = [float(mean_gap(place, solved).value[0]) / DEG for place in places]
+    fitted = gap_values(places.ravel(), solved).reshape(places.shape).mean(axis=1) / DEG
     all_there = mean_gap(places.ravel(), solved)
     fitted_std = math.sqrt(all_there.variance(solved.solution.covariance)[0]) / DEG
     off = np.array([jump.jump_deg for jump in own]) - fitted

@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...base.errors import LogError
+from ...base.numerics.well_conditioned import least_squares
 from ...base.units import DEG, REV
 from ..encoder_log import EncoderLog
 from .fractions import (
@@ -59,6 +60,8 @@ divided by the ratio; chosen equal to the tolerance of `check_ratio`."""
 
 LARGEST_ORDER = 0.02
 """Largest plausible amplitude of a first order in rad (chosen: 1.5 mm at 80 mm)."""
+
+_EPSILON = float(np.finfo(np.float64).eps)
 
 Verdict = Literal["agrees", "swapped", "sign", "swapped_sign", "differs", "none"]
 
@@ -342,10 +345,12 @@ def _change_by_orders(
     """
     thin = slice(None, None, max(1, len(driving) // MOST_ROWS))
     x, y = driving[thin], driven[thin]
-    columns = [np.ones_like(x), x - x.mean(), np.cos(x), np.sin(x), np.cos(y), np.sin(y)]
-    solution = np.linalg.lstsq(np.stack(columns, axis=1), y, rcond=None)[0]
+    middle = x - x.mean()
+    columns = np.stack([np.ones_like(x), middle, np.cos(x), np.sin(x), np.cos(y), np.sin(y)])
+    # The residual of `value` instead of y, because the change is as small as its last digits.
+    solution = least_squares(columns.T, y - y.mean() - value * middle, len(x) * _EPSILON)
     amplitude = max(math.hypot(*solution[2:4]), math.hypot(*solution[4:6]))
-    return abs(float(solution[1]) - value) * min(1.0, LARGEST_ORDER / max(amplitude, 1e-300))
+    return abs(float(solution[1])) * min(1.0, LARGEST_ORDER / max(amplitude, 1e-300))
 
 
 def _jackknife(

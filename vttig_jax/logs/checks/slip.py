@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ...base.errors import LogError
+from ...base.numerics.well_conditioned import pseudo_inverse
 from ...base.units import DEG, REV
 from ..encoder_log import EncoderLog
 from ..motion.segments import Segment, Segments
@@ -189,17 +190,18 @@ def _huber_residual(effects: Effects, error: Float[np.ndarray, " m"]) -> Float[n
     again together with the steps. Every iteration solves the weighted normal equations for a
     correction of the coefficients, which removes rounding errors of earlier iterations.
     """
-    few = _drawn(len(error), effects.width)
-    rows, left, weight = effects.at(few), error[few], np.ones(len(few))
+    few = effects.few(_drawn(len(error), effects.width))
+    left, weight = error[few.rows], np.ones(len(few.rows))
     changes = []
     for _ in range(_HUBER_STEPS):
-        weighted = rows * weight[:, None]
-        inverse = np.linalg.pinv(weighted.T @ rows, rcond=_DEPENDENT, hermitian=True)
-        changes.append(inverse @ (weighted.T @ left))
-        left = left - rows @ changes[-1]
-        scale = 1.5 * float(np.median(np.abs(left))) / 0.6745
-        weight = scale / np.maximum(np.abs(left), max(scale, 1e-300))
-    return error - effects.times(changes[0]) - effects.times(np.sum(changes[1:], axis=0))
+        matrix, right = few.normal(weight, left)
+        changes.append(pseudo_inverse(matrix, _DEPENDENT) @ right)
+        left = left - few.times(changes[-1])
+        size = np.abs(left)
+        scale = 1.5 * float(np.median(size)) / 0.6745
+        weight = scale / np.maximum(size, max(scale, 1e-300))
+    first, others = effects.times(np.stack([changes[0], np.sum(changes[1:], axis=0)]))
+    return error - first - others
 
 
 def _drawn(count: int, columns: int) -> Int[np.ndarray, " few"]:

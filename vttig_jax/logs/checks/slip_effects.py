@@ -5,15 +5,19 @@ and to one flank. Only the waves of both shafts are stored, once for both flanks
 """
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from ...base.numerics.counting import pieces
 from ...base.units import REV
 from ..encoder_log import EncoderLog
 
 ORDERS = 4
 """Number of orders of each shaft in the fit."""
+
+_PIECE, _FEW = 4096, 2048  # rows whose waves and products are computed in the cache (chosen)
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,9 +63,7 @@ class Effects:
             flank=(~forward).astype(np.int64) if both else np.zeros(len(rows), np.int64),
             flanks=1 + int(both),
             plain=np.stack([drift, _scaled(speed)]),
-            waves=np.concatenate(
-                [_waves(angle[rows]) for angle in (log.driving_angle, log.driven_angle)]
-            ),
+            waves=_waves(log.driving_angle[rows], log.driven_angle[rows]),
             torque=np.zeros((0, len(rows)))
             if log.torque is None
             else _scaled(log.torque[rows])[None],
@@ -77,10 +79,20 @@ class Effects:
         """Number of columns."""
         return self.groups + 2 + self.flanks * len(self.waves) + len(self.torque)
 
-    def at(self, rows: Int[np.ndarray, " k"]) -> Float[np.ndarray, "k p"]:
-        """Return the rows of the design matrix with these indices."""
-        parts = (self.plain[:, rows], self.waves[:, rows], self.torque[:, rows])
-        return self._spread(self.group[rows], self.flank[rows], *parts)
+    def few(self, rows: Int[np.ndarray, " k"]) -> "FewRows":
+        """Return the rows of the design matrix with these indices for a fit of their own."""
+        rows = rows[np.argsort(self.group[rows], kind="stable")]
+        table, place = np.ones((3 + len(self.waves) + len(self.torque), len(rows))), 1
+        for part in (self.plain, self.waves, self.torque):
+            np.take(part, rows, axis=1, out=table[place : place + len(part)])
+            place += len(part)
+        edges = np.searchsorted(self.group[rows], np.arange(self.groups + 1)).tolist()
+        parts = [
+            (slice(start + part.start, start + part.stop), self._places_of(group, int(rows[start])))
+            for group, (start, stop) in enumerate(pairwise(edges))
+            for part in pieces(stop - start, _FEW)
+        ]
+        return FewRows(rows, table, parts, self.width)
 
     def means(
         self, starts: Int[np.ndarray, " w"], size: Int[np.ndarray, " w"]
@@ -95,18 +107,30 @@ class Effects:
         )
         return self._spread(self.group[starts], self.flank[starts], plain, waves, torque)
 
-    def times(self, coefficients: Float[np.ndarray, " p"]) -> Float[np.ndarray, " m"]:
-        """Return the product of the design matrix and the coefficients."""
+    def times(self, coefficients: Float[np.ndarray, "*c p"]) -> Float[np.ndarray, "*c m"]:
+        """Return the product of the design matrix and the coefficients, for each set of them."""
+        sets = coefficients.reshape(-1, self.width)
         place = self.groups + 2
-        stop = place + self.flanks * len(self.waves)
-        of_waves = coefficients[place:stop].reshape(len(self.waves), self.flanks).T
-        waves = of_waves @ self.waves
-        total = waves[0] if self.flanks == 1 else np.where(self.flank == 0, waves[0], waves[1])
-        total += coefficients[self.groups : place] @ self.plain
-        total += coefficients[: self.groups][self.group]
-        if len(self.torque):
-            total += coefficients[-1] * self.torque[0]
-        return total
+        of_waves = sets[:, place : place + self.flanks * len(self.waves)]
+        of_waves = of_waves.reshape(len(sets), len(self.waves), self.flanks).transpose(2, 0, 1)
+        total = sets[:, : self.groups][:, self.group]
+        for part in pieces(len(self.group), _PIECE):
+            waves = of_waves @ self.waves[:, part]
+            own = waves[0] if self.flanks == 1 else np.where(self.flank[part] == 0, *waves)
+            total[:, part] += own + sets[:, self.groups : place] @ self.plain[:, part]
+            if len(self.torque):
+                total[:, part] += sets[:, -1:] * self.torque[:, part]
+        return total.reshape(*coefficients.shape[:-1], len(self.group))
+
+    def _places_of(self, group: int, row: int) -> Int[np.ndarray, " c"]:
+        """Return the columns that are not zero in a group, of which `row` is a row.
+
+        They are in the order offset, drift, speed, waves, torque.
+        """
+        first = self.groups + 2
+        waves = first + self.flank[row] + self.flanks * np.arange(len(self.waves))
+        torque = [self.width - 1] * len(self.torque)
+        return np.array([group, first - 2, first - 1, *waves, *torque])
 
     def _spread(
         self,
@@ -128,12 +152,55 @@ class Effects:
         return table.T
 
 
-def _waves(angle: Float[np.ndarray, " m"]) -> Float[np.ndarray, "w m"]:
-    """Return cosine and sine of the orders 1 to `ORDERS` of an angle."""
+@dataclass(frozen=True, eq=False)
+class FewRows:
+    """Rows of the design matrix for a fit of their own, sorted by group.
+
+    **Arguments**
+    - `rows`: their indices. - `width`: number of columns of the design matrix.
+    - `table`: their columns that are not zero, one row for each column, the offset first.
+    - `parts`: parts of one group, each with the columns of the design matrix that `table` holds.
+    """
+
+    rows: Int[np.ndarray, " k"]
+    table: Float[np.ndarray, "c k"]
+    parts: list[tuple[slice, Int[np.ndarray, " c"]]]
+    width: int
+
+    def times(self, coefficients: Float[np.ndarray, " p"]) -> Float[np.ndarray, " k"]:
+        """Return the product of the rows and the coefficients."""
+        return np.concatenate(
+            [coefficients[places] @ self.table[:, part] for part, places in self.parts]
+        )
+
+    def normal(
+        self, weight: Float[np.ndarray, " k"], values: Float[np.ndarray, " k"]
+    ) -> tuple[Float[np.ndarray, "p p"], Float[np.ndarray, " p"]]:
+        """Return Xᵀ W X and Xᵀ W y for the rows X, their weights W and the values y."""
+        matrix, right = np.zeros(self.width**2), np.zeros(self.width)
+        for part, places in self.parts:
+            table = self.table[:, part]
+            weighted = table * weight[part]
+            matrix[np.add.outer(places * self.width, places)] += weighted @ table.T
+            right[places] += weighted @ values[part]
+        return matrix.reshape(self.width, self.width), right
+
+
+def _waves(*angles: Float[np.ndarray, " m"]) -> Float[np.ndarray, "w m"]:
+    """Return cosine and sine of the orders 1 to `ORDERS` of every angle."""
+    count = len(angles[0])
+    table = np.empty((2 * ORDERS * len(angles), count))
+    for part in pieces(count, _PIECE):
+        for number, angle in enumerate(angles):
+            first = 2 * ORDERS * number
+            _fill_waves(angle[part], table[first : first + 2 * ORDERS, part])
+    return table
+
+
+def _fill_waves(angle: Float[np.ndarray, " m"], table: Float[np.ndarray, "w m"]) -> None:
     turns = angle / REV
     turns -= np.rint(turns)  # NumPy is faster for small angles
     turns *= REV
-    table = np.empty((2 * ORDERS, len(angle)))
     np.cos(turns, out=table[0])
     np.sin(turns, out=table[1])
     double = 2 * table[0]
@@ -142,7 +209,6 @@ def _waves(angle: Float[np.ndarray, " m"]) -> Float[np.ndarray, "w m"]:
             place = 2 * order + part
             np.multiply(double, table[place - 2], out=table[place])
             table[place] -= table[place - 4] if order > 1 else 1.0 - part
-    return table
 
 
 def _scaled(values: Float[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...base.numerics.student_noise import NoiseFit, fit_student_noise
+from ...base.numerics.well_conditioned import orthonormal_basis
 
 EVIDENCE = 100.0
 """Least 2 Δ ln L of a step; in 100 simulated rigs without a step the largest value was 86."""
@@ -206,8 +207,7 @@ def _without(
 
 
 def _basis(columns: Float[np.ndarray, "w p"]) -> Float[np.ndarray, "w r"]:
-    vectors, size, _ = np.linalg.svd(columns, full_matrices=False)
-    return vectors[:, size > 1e-6 * size[0]]
+    return orthonormal_basis(columns, 1e-6)
 
 
 def _measured(

@@ -168,11 +168,10 @@ class _Heights:
         near = starts[:, None] + np.arange(2 * _NEARBY)
         scores = self._scores(near.ravel()).reshape(near.shape)
         right = np.clip(np.searchsorted(self.grid, cycles), 1, len(self.grid) - 1)
-        found = []
-        for one, score, places, place in zip(cycles, scores, near, right, strict=True):
-            ends = self.grid[place - 1 : place + 1]
-            found.append(np.interp(one, ends, self._interpolated(score, places, ends)))
-        return np.array(found)
+        ends = np.stack([self.grid[right - 1], self.grid[right]])
+        low, high = _splines(scores, (ends - self.spectrum.cycles[starts]) / self.spectrum.step)
+        share = (np.asarray(cycles) - ends[0]) / (ends[1] - ends[0])
+        return low + np.clip(share, 0.0, 1.0) * (high - low)
 
     def _scores(self, places: Int[np.ndarray, " p"]) -> Float[np.ndarray, " p"]:
         """Return the heights at the frequencies of the spectrum with the indices `places`."""
@@ -191,6 +190,23 @@ class _Heights:
     ) -> Float[np.ndarray, " m"]:
         inside = np.clip(at, self.spectrum.cycles[0], self.spectrum.cycles[-1])
         return np.asarray(CubicSpline(self.spectrum.cycles[places], scores)(inside))
+
+
+def _splines(
+    values: Float[np.ndarray, "k p"], places: Float[np.ndarray, "m k"]
+) -> Float[np.ndarray, "m k"]:
+    """Return cubic splines through each row of equidistant values, at m places of every row.
+
+    A place counts from the first value of the row, in steps from value to value.
+    """
+    count = values.shape[1]
+    inside = np.clip(places, 0.0, count - 1.0)
+    piece = np.clip(inside.astype(np.int64), 0, count - 2)
+    coefficients = CubicSpline(np.arange(count), values, axis=1).c
+    found = np.zeros_like(inside)
+    for order in coefficients:  # of the powers, the highest first
+        found = found * (inside - piece) + order[piece, np.arange(len(values))]
+    return found
 
 
 def _finer(spectrum: Spectrum) -> Float[np.ndarray, " f"]:

@@ -118,15 +118,28 @@ def fitted(
 
     The normal equations are solved if the columns are far from dependent; otherwise QR is used.
     """
-    products, right = columns.T @ columns, columns.T @ value
+    found = _of_products(columns.T @ columns, columns.T @ value)
+    return _by_factors(columns, value) if found is None else found
+
+
+def _of_products(
+    products: Float[np.ndarray, "q q"], right: Float[np.ndarray, " q"]
+) -> tuple[Float[np.ndarray, " q"], Float[np.ndarray, "q q"]] | None:
+    """Return the solution of the normal equations, or None if the columns are nearly dependent."""
     size = np.sqrt(np.diag(products))
     size[size == 0] = 1.0
     values, vectors = np.linalg.eigh(products / np.outer(size, size))
     if len(values) and values[0] < _INDEPENDENT:
-        basis, mixing = orthonormal(columns)
-        return mixing @ (basis.T @ value), mixing @ mixing.T
+        return None
     root = vectors / np.sqrt(values) / size[:, None]
     return root @ (root.T @ right), root @ root.T
+
+
+def _by_factors(
+    columns: Float[np.ndarray, "n q"], value: Float[np.ndarray, " n"]
+) -> tuple[Float[np.ndarray, " q"], Float[np.ndarray, "q q"]]:
+    basis, mixing = orthonormal(columns)
+    return mixing @ (basis.T @ value), mixing @ mixing.T
 
 
 @dataclass(frozen=True, eq=False)
@@ -246,19 +259,24 @@ class LineRegression:
 
     def _fit(self, frequencies: Float[np.ndarray, " k"]) -> "_Fitted":
         columns = self.columns(frequencies)
-        pairs = fitted(columns, self.residual)[0]
+        products, right = columns.T @ columns, columns.T @ self.residual
+        found = _of_products(products, right)
+        pairs = (_by_factors(columns, self.residual) if found is None else found)[0]
         rest = self.residual - columns @ pairs
-        return _Fitted(frequencies, pairs, float(rest @ rest))
+        left = float(rest @ rest)
+        return _Fitted(frequencies, pairs, left, columns=columns, products=products, right=right)
 
     def _solved(self, found: "_Fitted") -> tuple[Float[np.ndarray, " c"], Float[np.ndarray, "c c"]]:
         """Fit the lines of `found` and a linear correction of their frequencies; see `solve`."""
-        count, pairs = len(found.frequencies), found.pairs
-        table = np.empty((3 * count, len(self.residual)))
+        moved = np.empty((len(found.frequencies), len(self.residual)))
         for place, cycles in enumerate(found.frequencies):
-            table[2 * place : 2 * place + 2] = self._wave(float(cycles)).T
-            slopes = self._slopes(float(cycles)).T
-            np.matmul(pairs[2 * place : 2 * place + 2], slopes, out=table[2 * count + place])
-        return fitted(table.T, self.residual)
+            wave = slice(2 * place, 2 * place + 2)
+            np.matmul(found.pairs[wave], self._slopes(float(cycles)).T, out=moved[place])
+        crossed = moved @ found.columns
+        products = np.block([[found.products, crossed.T], [crossed, moved @ moved.T]])
+        right = np.concatenate([found.right, moved @ self.residual])
+        solved = _of_products(products, right)
+        return solved or _by_factors(np.hstack([found.columns, moved.T]), self.residual)
 
     def _slopes(self, cycles: float) -> Wave:
         """Return the derivatives of the columns of a line with respect to its frequency."""
@@ -273,8 +291,14 @@ class LineRegression:
 
 
 class _Fitted(NamedTuple):
-    """Frequencies of lines, coefficients of their columns, and the sum of squares that remains."""
+    """Frequencies of lines, coefficients of their columns, and the sum of squares that remains.
+
+    `products` and `right` are the products of the `columns` with each other and with the value.
+    """
 
     frequencies: Float[np.ndarray, " k"]
     pairs: Float[np.ndarray, " 2*k"]
     misfit: float
+    columns: Float[np.ndarray, "n 2*k"]
+    products: Float[np.ndarray, "2*k 2*k"]
+    right: Float[np.ndarray, " 2*k"]

@@ -110,7 +110,12 @@ class Spectrum:
     @property
     def per_cell(self) -> float:
         """Number of frequencies per resolution."""
-        return 1 / (self.span * (self.cycles[1] - self.cycles[0]))
+        return 1 / (self.span * self.step)
+
+    @property
+    def step(self) -> float:
+        """Distance of two frequencies, cycles per revolution."""
+        return float(self.cycles[1] - self.cycles[0])
 
     def _gain(self, taps: Float[np.ndarray, " taps"]) -> Float[np.ndarray, " f"]:
         """Return the mean power gain |A|² of the filter at every frequency.

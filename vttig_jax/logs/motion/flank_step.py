@@ -3,6 +3,7 @@
 import numpy as np
 from jaxtyping import Float, Int
 
+from ...base.numerics.well_conditioned import least_squares
 from ...base.units import REV
 from ..encoder_log import EncoderLog
 from .segments import Segments
@@ -28,7 +29,7 @@ def seen_gap(log: EncoderLog, by_motion: Segments, *, delayed: bool = True) -> f
         return 0.0
     speed = log.driving_speed.value[rows] if delayed else np.zeros(len(rows))
     columns, error = columns_of(log, rows, speed), log.transmission_error[rows]
-    without = error - columns @ np.linalg.lstsq(columns, error, rcond=1e-9)[0]
+    without = error - columns @ least_squares(columns, error, 1e-9)
     least, gap = squares_with_step(error, columns, sense[rows])
     evidence = len(rows) * np.log(max(float(without @ without), 1e-300) / max(least, 1e-300))
     return max(gap, 0.0) if evidence >= EVIDENCE else 0.0
@@ -71,5 +72,5 @@ def squares_with_step(
     Return the residual sum of squares in rad² and the step in rad.
     """
     design = np.column_stack([columns, (flank < 0).astype(np.float64)])
-    solution = np.linalg.lstsq(design, error, rcond=1e-9)[0]
+    solution = least_squares(design, error, 1e-9)
     return float(np.sum((error - design @ solution) ** 2)), float(solution[-1])

@@ -27,6 +27,7 @@ from jax.typing import ArrayLike
 from jaxtyping import Float, Int
 
 from ....base.errors import LogError, UsageError
+from ....base.numerics.counting import pieces
 from ....base.units import DEG
 from ....kinematics.exact import ExactModel
 from ....logs.readers.backlash_readings import BacklashReadings
@@ -34,7 +35,7 @@ from ....pair.eccentricities import Eccentricities
 from ....pair.gear_pair import Drive, Flank, GearPair
 from ...model.column_layout import OFFSET
 from ...model.mounting import mounted_exact, mounting_of, offset_name
-from ...model.waves import Waves
+from ...model.waves import Waves, product
 from ...solve.least_squares import Solution
 from ...solve.sandwich import Functional
 from ...solve.solved_fit import SolvedFit
@@ -48,11 +49,13 @@ _FAR, _SHARE = 10.0, 0.5
 """Readings contradict a fit if the mean of (reading − predicted gap) is more than ten standard
 errors and more than half of the mean gap (chosen)."""
 
-_MOST_ITERATIONS, _SETTLED = 60, 1e-13
-"""Largest number of Newton's iterations of the driven angle, and the change, rad, at which they
-end."""
+_MOST_ITERATIONS, _SETTLED = 60, 1e-8
+"""Largest number of Newton's iterations of the driven angle, and the change, rad, after which it is
+exact: the next change would be about its square."""
 
 _CHUNK = 4096  # angles whose rows are computed at once, so that they stay in cache; chosen value
+
+_SIGNS: dict[Flank, float] = {"A": -1.0, "B": 1.0}  # of the flanks in the gap
 
 _STEP = 1e-6
 """Step of the central differences: mm for eccentricities, rad for constant backlash and offset."""
@@ -111,17 +114,28 @@ def mean_gap(
     - `times`: how many times each angle counts in the mean; by default once.
     """
     counts = np.ones(len(driving), np.int64) if times is None else times
-    means: dict[Flank, Float[np.ndarray, "1 columns"]] = {}
+    width = solved.summary.columns.width - 1
+    means: dict[Flank, Float[np.ndarray, "1 columns"]] = {f: np.zeros((1, width)) for f in _SIGNS}
     value = np.zeros(1)
-    sides: tuple[tuple[Flank, float], ...] = (("A", -1.0), ("B", 1.0))
-    for flank, sign in sides:
-        means[flank] = np.zeros((1, solved.summary.columns.width - 1))
-        for start in range(0, len(driving), _CHUNK):
-            part = slice(start, start + _CHUNK)
-            rows, given = _rows(driving[part], solved, flank)
+    for part in pieces(len(driving), _CHUNK):
+        waves = Waves(driving[part])
+        for flank, sign in _SIGNS.items():
+            rows, given = _rows(waves, solved, flank)
             means[flank] += counts[part] @ rows / counts.sum()
             value += sign * float(counts[part] @ given) / counts.sum()
     return _gap_of_rows(means, value, solved)
+
+
+def gap_values(driving: Float[np.ndarray, " n"], solved: SolvedFit) -> Float[np.ndarray, " n"]:
+    """Return the gap TE_B − TE_A, rad, of a fit of both flanks at driving angles, rad."""
+    flanks, found = [one.flank for one in solved.summary.flanks], np.empty(len(driving))
+    for part in pieces(len(driving), _CHUNK):
+        waves, total = Waves(driving[part]), np.zeros(part.stop - part.start)
+        for flank, sign in _SIGNS.items():
+            rows, given = _rows(waves, solved, flank)
+            total += sign * (rows @ solved.coefficients[flanks.index(flank)] + given)
+        found[part] = total
+    return found
 
 
 def _rows_of_flanks(
@@ -131,11 +145,10 @@ def _rows_of_flanks(
 
     The gap, rad, is zero without a given flank model.
     """
-    flanks: tuple[Flank, ...] = ("A", "B")
     rows: dict[Flank, Float[np.ndarray, "n columns"]] = {}
-    value = []
-    for flank in flanks:
-        rows[flank], own = _rows(driving, solved, flank)
+    value, waves = [], Waves(driving)
+    for flank in _SIGNS:
+        rows[flank], own = _rows(waves, solved, flank)
         value.append(own)
     return rows, value[1] - value[0]
 
@@ -155,7 +168,7 @@ def _gap_of_rows(
     for place, (flank, factor) in enumerate(
         zip(solved.summary.flanks, solved.whitened, strict=True)
     ):
-        sign = 1.0 if flank.flank == "B" else -1.0
+        sign = _SIGNS[flank.flank]
         own, free = rows[flank.flank], factor.free
         inverse = np.linalg.inv(factor.factor[:free, :free])
         follow = -inverse @ factor.factor[:free, free:-1]
@@ -331,13 +344,14 @@ def require_gap(
 
 
 def _rows(
-    driving: Float[np.ndarray, " n"], solved: SolvedFit, flank: Flank
+    waves: Waves, solved: SolvedFit, flank: Flank
 ) -> tuple[Float[np.ndarray, "n columns"], Float[np.ndarray, " n"]]:
     """Return the regressors (rows without y) of one flank at driving angles of the first log.
 
-    The second array is the transmission error of a given flank model, rad; zero without one.
+    `waves` holds the angles. The second array is the transmission error of a given flank model,
+    rad; zero without one.
     """
-    columns, ratio = solved.summary.columns, float(solved.model.ratio)
+    columns, ratio, driving = solved.summary.columns, float(solved.model.ratio), waves.angle
     flanks = [one.flank for one in solved.summary.flanks]
     coefficients = solved.coefficients[flanks.index(flank)]
     table = np.zeros((columns.width - 1, len(driving)))  # transposed: a regressor is contiguous
@@ -352,22 +366,21 @@ def _rows(
     error, moved = value, np.inf
     # NumPy replaces the implicit model, which would be compiled for every set of orders. Orders of
     # the driving shaft do not depend on the driven angle and are computed only once.
-    changing = list(enumerate(columns.free + columns.tied))
-    of_driving, slopes = Waves(driving), np.zeros_like(coefficients)
-    for place, term in changing:
-        cell = columns.cosine(place)
+    changing = [(columns.cosine(k), term) for k, term in enumerate(columns.free + columns.tied)]
+    slopes = np.zeros_like(coefficients)
+    for cell, term in changing:
         slopes[cell] = float(term[1]) * coefficients[cell + 1]
         slopes[cell + 1] = -float(term[1]) * coefficients[cell]
+    both = np.stack([coefficients, slopes])
     for _ in range(_MOST_ITERATIONS):
         of_driven = Waves(ratio * driving + error)
-        for place, term in changing:
-            wave = of_driving.of(term[0]) * of_driven.of(term[1])
-            cell = columns.cosine(place)
+        for cell, term in changing:
+            wave = product(waves, of_driven, term)
             table[cell], table[cell + 1] = np.real(wave), np.imag(wave)
-        changing = [(place, term) for place, term in changing if term[1]]
+        changing = [(cell, term) for cell, term in changing if term[1]]
         if moved <= _SETTLED:
             break
-        off, slope = np.stack([coefficients, slopes]) @ table
+        off, slope = both @ table
         step = (off + value - error) / (1 - slope)  # Newton's step for the driven angle
         error = error + step
         moved = float(np.abs(step).max(initial=0.0))
