@@ -201,6 +201,7 @@ def estimate_of(
         walk=walk,
         two_delays=two_delays,
         least_drift=least_drift,
+        crossed=selected.crossed,
         rest_of_delay=_rest_of_delay(selected),
         frozen=frozen,
         gap_deviations=deviations,

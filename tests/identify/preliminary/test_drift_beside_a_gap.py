@@ -5,6 +5,9 @@ import pytest
 
 from tests.identify.drives import drive, drive_log, known, level, there_and_back
 from vttig_jax.identify.fitting import fit
+from vttig_jax.logs.encoder_log import EncoderLog
+from vttig_jax.logs.motion.crossing import crossed_gap
+from vttig_jax.logs.motion.flank_assignment import assigned_segments
 
 PAIR = drive("1/500")
 GAP_ARCSEC = 60.0
@@ -66,3 +69,42 @@ def test_with_more_legs_the_drift_is_chosen_as_before():
     assert result.checks.drift_order >= 1 and not _notes(result)
     gap = result.checks.gap_over_angles_covered
     assert known(gap.low95) < GAP_ARCSEC / 3600 < known(gap.high95)
+
+
+REDUCER = drive("1/100")
+WIDE_DEG = 1.0
+
+
+def _crossing_log(gap_deg: float, wander_deg: float = 0.0) -> EncoderLog:
+    """Ten driving turns out and seven back of a reducer whose teeth cross the gap after the turn.
+
+    The level of the transmission error wanders by `wander_deg` over the log.
+    """
+    durations, rpms = MOTION
+    fine = np.arange(0.0, sum(durations), 2e-3)
+    knots = np.cumsum([0.0, *durations])
+    place = np.cumsum(np.interp(fine, knots, [0.0, *rpms]) * 6 * 2e-3)
+    lower = place / 100 + 0.3 * np.sin(2 * (place - place.min()) / np.ptp(place))
+    driven, here = np.empty_like(lower), lower[0]
+    for k, low in enumerate(lower):
+        here = driven[k] = min(max(here, low), low + gap_deg)
+    driven += wander_deg * fine / fine[-1]
+    driven += 0.002 * np.random.default_rng(1).standard_normal(len(fine))
+    rows = slice(None, None, 5)
+    return EncoderLog.from_arrays(fine[rows], place[rows], driven[rows], pair=REDUCER, unit="deg")
+
+
+@pytest.mark.parametrize("wander_deg", [0.0, 0.5])
+def test_crossings_show_the_gap_beside_a_drift(wander_deg):
+    """The drift is left out, and the interval contains the gap of the crossings beside it."""
+    log = _crossing_log(WIDE_DEG, wander_deg)
+    result = fit(log, REDUCER, delay="off")
+    assert result.checks.drift_order == 0
+    assert len(_notes(result)) == 1 and "is left out" in _notes(result)[0]
+    gap = result.checks.gap_over_angles_covered
+    assert 0 < known(gap.low95) < WIDE_DEG < known(gap.high95)
+
+
+def test_crossings_are_not_seen_without_a_gap():
+    log = _crossing_log(0.0)
+    assert crossed_gap(log, assigned_segments(log), 2) == 0.0

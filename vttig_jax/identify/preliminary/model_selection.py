@@ -12,6 +12,7 @@ import msgspec
 import numpy as np
 
 from ...logs.encoder_log import EncoderLog
+from ...logs.motion.crossing import crossed_gap
 from ...logs.motion.segments import legs_of
 from ...pair.gear_pair import Drive, GearPair
 from ..compress.harmonic_summary import HarmonicSummary
@@ -74,6 +75,8 @@ class SelectedModel:
     **Arguments**
     - `linear`: fit of the last pass. - `summary`: rows of all logs with the selected columns only.
     - `least`: the part of the drift that does not resemble the gap; None if that is all of it.
+    - `crossed`: gap of each log in rad by its crossings beside a drift; empty unless a drift that
+      resembles the gap was left out because of them.
     - `delay`, `drift`: selected delay and drift. - `weights`: result of the robust loss.
     - `notes`: sentences for the report.
     """
@@ -85,6 +88,7 @@ class SelectedModel:
     weights: Reweighted
     notes: tuple[str, ...]
     least: Drift | None = None
+    crossed: tuple[float, ...] = ()
 
 
 def select_model(
@@ -129,7 +133,7 @@ def select_model(
     kept = [
         tuple(n for n in each if n in own or n == "offset") for each in linear.summary.columns.own
     ]
-    return SelectedModel(
+    selected = SelectedModel(
         linear=linear,
         summary=linear.summary.keeping(kept),
         delay=delay,
@@ -138,6 +142,22 @@ def select_model(
         notes=tuple(notes),
         least=Drift(told_apart) if drift.order > told_apart and not settings.states_drift else None,
     )
+    return _with_crossings(selected, inputs)
+
+
+def _with_crossings(selected: SelectedModel, inputs: Sequence[Input]) -> SelectedModel:
+    """Leave out a drift that resembles the gap if crossings after reversals show the gap beside it.
+
+    A drift in time takes seconds, and a crossing takes a travel of the driving shaft.
+    """
+    least = with_least_drift(selected)
+    if least is None or any(one.log.torque is not None for one in inputs):
+        return selected
+    order = selected.drift.order
+    crossed = [
+        crossed_gap(one.log, one.found, order) for one in inputs if legs_of(one.segments) > 1
+    ]
+    return replace(least, crossed=tuple(crossed)) if crossed and min(crossed) > 0 else selected
 
 
 def with_least_drift(selected: SelectedModel) -> SelectedModel | None:

@@ -45,7 +45,8 @@ def covered_gap(estimate: Estimate, of_delay: GapOfDelay | None) -> CoveredGap:
 
     Its standard error is the largest of these: from the noise model, from the scatter of parts of
     the log, from a fit with a random walk as drift, from a fit with two delays, from one without a
-    drift that resembles the gap, and from the gaps at different speeds. If the correlation time of
+    drift that resembles the gap, from the crossings beside such a drift, and from the gaps at
+    different speeds. If the correlation time of
     the noise is a notable part of a run (scatter "memory"), an estimate for this case replaces the
     first two.
 
@@ -72,6 +73,7 @@ def covered_gap(estimate: Estimate, of_delay: GapOfDelay | None) -> CoveredGap:
         apart = math.sqrt(other.variance(rival.solution.covariance)[0])
         std = max(std, math.hypot(apart, value - float(other.value[0])))
     std = max(std, estimate.least_gap_std)
+    std = max(std, *(math.hypot(std, value - crossed) for crossed in (value, *estimate.crossed)))
     found = interval_of("gap", "deg", value / DEG, std / DEG)
     if of_delay is not None:
         found = of_delay.widened(found)

@@ -29,6 +29,7 @@ class Estimate:
       not change.
     - `least_drift`: fit without the powers of the drift that resemble the gap; None if the drift
       has no such powers.
+    - `crossed`: gap of each log by its crossings beside a drift that was left out, rad, or none.
     - `rest_of_delay`: delay that the logs show beside the stated one, with its standard error, s;
       None if they show none, or if no delay is stated.
     - `frozen`: rounding of the encoders that does not average out; None if it averages out.
@@ -45,6 +46,7 @@ class Estimate:
     walk: Walk | None = None
     two_delays: SolvedFit | None = None
     least_drift: SolvedFit | None = None
+    crossed: tuple[float, ...] = ()
     rest_of_delay: tuple[float, float] | None = None
     frozen: FrozenLevels | None = None
     gap_deviations: tuple[GapAtSpeed, ...] = ()

@@ -288,6 +288,8 @@ def _gap_alone(identifiable: Identifiability, gap: CoveredGap) -> list[str]:
 
 def _few_legs(estimate: Estimate, gap: CoveredGap) -> list[str]:
     """Return a note if the drift may hold a part of the gap, or make one."""
+    if gap.value is not None and estimate.crossed:
+        return [_left_out(estimate.crossed, gap.value)]
     if gap.value is None or (other := gap_of_least_drift(estimate)) is None:
         return []
     value, std = other
@@ -300,6 +302,18 @@ def _few_legs(estimate: Estimate, gap: CoveredGap) -> list[str]:
         " contains both. Log the motion to and fro several times, or fit with --drift-order 0 if"
         " nothing drifts"
     ]
+
+
+def _left_out(crossed: Sequence[float], gap_deg: float) -> str:
+    """Return a note on a drift that was left out because of the gaps `crossed`, rad."""
+    low, high = (f"{number / DEG:.3g}°" for number in (min(crossed), max(crossed)))
+    return (
+        "a drift in time explains the log better than none, but it resembles the backlash and is"
+        " left out, because the teeth cross a gap of"
+        f" {low if low == high else f'{low} to {high}'} after the reversals beside such a drift;"
+        f" the gap over the covered angles is {gap_deg:.3g}° without it, and its interval contains"
+        " both. Log the motion to and fro several times"
+    )
 
 
 def _computed(inputs: Sequence[Input]) -> list[str]:

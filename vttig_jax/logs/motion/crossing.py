@@ -23,7 +23,7 @@ _TRIALS = 60  # number of trial values of the gap, at equal ratios (chosen)
 _SHARE = 0.5  # longest crossing, as a share of the median travel between two reversals (chosen)
 
 
-def crossed_gap(log: EncoderLog, by_motion: Segments) -> float:
+def crossed_gap(log: EncoderLog, by_motion: Segments, drift: int = 0) -> float:
     """Return the gap in rad of the driven shaft by its crossings, or 0 without evidence for one.
 
     It is also 0 if no crossing is longer than `AFTER_REVERSAL`, which is always masked.
@@ -33,6 +33,7 @@ def crossed_gap(log: EncoderLog, by_motion: Segments) -> float:
 
     **Arguments**
     - `by_motion`: segments with flanks by the direction of motion.
+    - `drift`: highest power of time of a drift that is fitted beside the gap.
     """
     moving = [phase for phase in by_motion.motion if phase.kind != "dwell"]
     turns = _reversals(moving)
@@ -47,7 +48,10 @@ def crossed_gap(log: EncoderLog, by_motion: Segments) -> float:
     rows, travel, sense = rows[known], travel[known], sense[known]
     if len(rows) < LEAST or longest <= AFTER_REVERSAL or len(np.unique(sense)) < 2:
         return 0.0
-    basis = _basis(columns_of(log, rows, log.driving_speed.value[rows]))
+    time = (log.time[rows] - log.time[0]) / (log.time[-1] - log.time[0])
+    columns = [columns_of(log, rows, log.driving_speed.value[rows])]
+    columns += [time[:, None] ** power for power in range(1, drift + 1)]
+    basis = _basis(np.hstack(columns))
 
     def squares(values: Float[np.ndarray, " m"]) -> float:
         rest = values - basis @ (basis.T @ values)
