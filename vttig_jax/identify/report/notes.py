@@ -43,6 +43,7 @@ def warnings_of(
     solution, change, delays = estimate.solved.solution, estimate.change, estimate.delays
     log = selected.linear.inputs[0].log
     return (
+        *_too_little_left_out(selected.linear.inputs, checks.gap_over_angles_covered),
         *solver_notes(solution),
         *(_computed(selected.linear.inputs) or _ratio_notes(regressors, checks, log)),
         *identifiable.notes,
@@ -301,6 +302,23 @@ def _few_legs(estimate: Estimate, gap: CoveredGap) -> list[str]:
         f" covered angles is {gap.value:.3g}° with it and {value:.3g}° without it, and its interval"
         " contains both. Log the motion to and fro several times, or fit with --drift-order 0 if"
         " nothing drifts"
+    ]
+
+
+def _too_little_left_out(inputs: Sequence[Input], gap: CoveredGap) -> list[str]:
+    """Return a note if the fitted gap takes more travel to cross than is left out of a log."""
+    by_motion = [one for one in inputs if one.log.torque is None and one.log.direction is None]
+    if gap.low95 is None or gap.value is None or not by_motion:
+        return []
+    least = min(by_motion, key=lambda one: one.found.crossing)
+    ratio = abs(float(least.log.ratio))
+    if gap.low95 * DEG <= ratio * least.found.crossing:
+        return []
+    return [
+        f"the teeth need {gap.value / ratio:.3g}° of the driving shaft to cross the fitted gap of"
+        f" {gap.value:.3g}°, but only {least.found.crossing / DEG:.3g}° after a reversal are left"
+        f" out of {PurePath(least.log.source).name}, so that samples inside the gap may count as a"
+        " flank and make it too small; log longer strokes, or leave these samples out"
     ]
 
 
