@@ -1,7 +1,7 @@
 """Preview of a log without a pair file: columns, units from their names, rate, turns and ratio."""
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from itertools import groupby
 from pathlib import Path
@@ -19,6 +19,7 @@ from ..pair.schema import PairSpec, as_ratio
 from .channel.steps import step_of
 from .channel.unwrap import find_modulus, unwrap, wrap_steps
 from .checks.fractions import likely_fraction, ratio_option
+from .checks.missing_cells import missing_notes
 from .checks.ratio import slope
 from .checks.sampling import Sampling, sampling_of
 from .inspection import ColumnReport, bullets, column_table, sampling_rows
@@ -150,6 +151,8 @@ def preview_log(
     units = dict(search.units) if spec is None else plain_table(spec.unit)
     arrays, broken = _readable(table, roles)
     size = _size(arrays, roles)
+    missing = missing_notes(table, arrays)
+    unread = set(range(len(table.names))).difference(arrays)
     others = [(table.names[k], len(a)) for k, a in arrays.items() if len(a) != size]
     names = dict(enumerate(table.names)) | {ROW_INDEX: ROW}
     rows = {ROW_INDEX: np.arange(size)} if ROW_INDEX in roles else {}
@@ -158,7 +161,8 @@ def preview_log(
     shown = [_report(names[k], roles.get(k), a, units, request) for k, a in arrays.items()]
     reports = [report for report, _ in shown]
     angles = {r.role: angle for r, angle in shown if angle is not None and r.role is not None}
-    hints = [*notes, *cut, *broken, *_unusable_roles(roles, arrays, source, size)]
+    hints = [*notes, *cut, *broken, *missing]
+    hints += _unusable_roles(roles, arrays, unread, source, size)
     time = _time(reports, arrays, size, sample_rate_hz)
     hints += [] if time is None else check_time(time, source)
     sampling = None if time is None else sampling_of(time)
@@ -261,11 +265,15 @@ def _size(arrays: Mapping[int, np.ndarray], roles: Mapping[int, str]) -> int:
 
 
 def _unusable_roles(
-    roles: Mapping[int, str], arrays: Mapping[int, np.ndarray], source: Source, size: int
+    roles: Mapping[int, str],
+    arrays: Mapping[int, np.ndarray],
+    unread: Collection[int],
+    source: Source,
+    size: int,
 ) -> list[str]:
     return [
         f"column `{source.columns[role]}` cannot be the {role} of this record of {size} samples:"
-        " it differs in length"
+        f" it {'is not read' if k in unread else 'differs in length'}"
         for k, role in roles.items()
         if k not in arrays
     ]

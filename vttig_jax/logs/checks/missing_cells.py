@@ -1,0 +1,56 @@
+"""Rows of a column without a number: empty cells, and readings that are NaN or infinite."""
+
+from collections.abc import Mapping
+
+import numpy as np
+from jaxtyping import Int, Real
+
+from ..readers.delimited import TextTable
+from ..readers.nested import NestedTable
+
+_CURE = "a fit refuses such a column; remove these rows, or the column if it is not needed"
+
+
+def missing_notes(
+    table: TextTable | NestedTable, arrays: Mapping[int, Real[np.ndarray, " _"]]
+) -> list[str]:
+    """Return notes on the columns of a table in which rows hold no number.
+
+    `arrays` is index → values of the columns that are read. Of other columns of a text the empty
+    cells are counted.
+    """
+    notes = [missing_numbers(table.names[k], values) for k, values in arrays.items()]
+    if isinstance(table, TextTable):
+        unread = [k for k in range(len(table.names)) if k not in arrays]
+        notes += [_empty_cells(table, k) for k in unread]
+    return [note for note in notes if note is not None]
+
+
+def missing_numbers(name: str, values: Real[np.ndarray, " n"]) -> str | None:
+    """Return a note that counts the readings of a column that are no finite number, or None.
+
+    **Example**
+    ```python
+    >>> import numpy as np
+    >>> from vttig_jax.logs.checks.missing_cells import missing_numbers
+    >>> missing_numbers("pos", np.array([1.0, np.nan])).partition(";")[0]
+    'column `pos`: 1 of 2 rows holds no number (NaN or infinite), row 2 first'
+
+    ```
+    """
+    return _counted(name, np.flatnonzero(~np.isfinite(values)), len(values), "NaN or infinite")
+
+
+def _empty_cells(table: TextTable, index: int) -> str | None:
+    empty = [not (index < len(row) and row[index].strip()) for _, row in table.rows()]
+    return _counted(table.names[index], np.flatnonzero(empty), len(empty), "empty cells")
+
+
+def _counted(name: str, rows: Int[np.ndarray, " _"], size: int, what: str) -> str | None:
+    if not len(rows):
+        return None
+    holds = "holds" if len(rows) == 1 else "hold"
+    return (
+        f"column `{name}`: {len(rows)} of {size} rows {holds} no number ({what}), row"
+        f" {int(rows[0]) + 1} first; {_CURE}"
+    )
