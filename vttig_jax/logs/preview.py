@@ -151,8 +151,6 @@ def preview_log(
     units = dict(search.units) if spec is None else plain_table(spec.unit)
     arrays, broken = _readable(table, roles)
     size = _size(arrays, roles)
-    missing = missing_notes(table, arrays)
-    unread = set(range(len(table.names))).difference(arrays)
     others = [(table.names[k], len(a)) for k, a in arrays.items() if len(a) != size]
     names = dict(enumerate(table.names)) | {ROW_INDEX: ROW}
     rows = {ROW_INDEX: np.arange(size)} if ROW_INDEX in roles else {}
@@ -161,8 +159,8 @@ def preview_log(
     shown = [_report(names[k], roles.get(k), a, units, request) for k, a in arrays.items()]
     reports = [report for report, _ in shown]
     angles = {r.role: angle for r, angle in shown if angle is not None and r.role is not None}
-    hints = [*notes, *cut, *broken, *missing]
-    hints += _unusable_roles(roles, arrays, unread, source, size)
+    hints = [*notes, *cut, *broken, *missing_notes(table, arrays)]
+    hints += _unusable_roles(roles, arrays, dict(others), source, size)
     time = _time(reports, arrays, size, sample_rate_hz)
     hints += [] if time is None else check_time(time, source)
     sampling = None if time is None else sampling_of(time)
@@ -267,13 +265,13 @@ def _size(arrays: Mapping[int, np.ndarray], roles: Mapping[int, str]) -> int:
 def _unusable_roles(
     roles: Mapping[int, str],
     arrays: Mapping[int, np.ndarray],
-    unread: Collection[int],
+    others: Collection[str],
     source: Source,
     size: int,
 ) -> list[str]:
     return [
         f"column `{source.columns[role]}` cannot be the {role} of this record of {size} samples:"
-        f" it {'is not read' if k in unread else 'differs in length'}"
+        f" it {'differs in length' if source.columns[role] in others else 'is not read'}"
         for k, role in roles.items()
         if k not in arrays
     ]
