@@ -163,7 +163,6 @@ def preview_log(
     hints += _unusable_roles(roles, arrays, dict(others), source, size)
     time = _time(reports, arrays, size, sample_rate_hz)
     hints += [] if time is None else check_time(time, source)
-    sampling = None if time is None else sampling_of(time)
     ratio = _ratio(reports, angles)
     command, proposed = "", ()
     keywords = {"decimal": decimal, "sample_rate_hz": sample_rate_hz}
@@ -183,7 +182,7 @@ def preview_log(
         sha256=digest,
         rows=size,
         columns=tuple(reports),
-        sampling=sampling,
+        sampling=None if time is None else sampling_of(time),
         ratio=ratio,
         notes=tuple(hints),
         others=tuple(others),
