@@ -72,7 +72,7 @@ def least_squares(
     ```python
     >>> import numpy as np
     >>> from vttig_jax.base.numerics.well_conditioned import least_squares
-    >>> least_squares(np.ones((3, 1)), np.array([1.0, 2.0, 6.0]), 1e-9).tolist()
+    >>> least_squares(np.ones((3, 1)), np.array([1.0, 2.0, 6.0]), 1e-9).round(12).tolist()
     [3.0]
 
     ```

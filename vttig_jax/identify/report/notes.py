@@ -43,13 +43,13 @@ def warnings_of(
     solution, change, delays = estimate.solved.solution, estimate.change, estimate.delays
     log = selected.linear.inputs[0].log
     return (
+        *_contradicted_delay(selected.delay, estimate.rest_of_delay),
         *_too_little_left_out(selected.linear.inputs, checks.gap_over_angles_covered),
         *solver_notes(solution),
         *(_computed(selected.linear.inputs) or _ratio_notes(regressors, checks, log)),
         *identifiable.notes,
         *_gap_alone(identifiable, checks.gap_over_angles_covered),
         *_open_delay(selected, identifiable),
-        *_contradicted_delay(selected.delay, estimate.rest_of_delay),
         *_negative_sum(selected, identifiable, solution),
         *([change.sentence] if change and change.is_clear else []),
         *([delays.sentence] if delays and delays.differ else []),
