@@ -133,7 +133,7 @@ def fit(
     result = _fitted(task, wanted, scope)
     if _is_worse_than_none(result):
         first = _first_only(wanted)
-        result = _fitted(task, first, task.scope(first))
+        result = _fitted(task, first, task.scope(first), told=())
         note = "higher orders are left out: with them the fit leaves more than without any order"
         warnings, notes = ((note, *own) for own in (result.warnings, result.notes))
         result = replace(result, warnings=warnings, notes=notes)

@@ -129,9 +129,9 @@ def _contradiction(result: "Fit") -> str:
     ratio = result.pair.ratio
     swapped = "the columns are exchanged, " if ratio == 1 else ""
     return (
-        f"the gap is {gap.value:.5f}° ({gap.low95:.5f} … {gap.high95:.5f}°), and no gap is below"
-        f" zero: {swapped}the sign of both encoders is inverted, the load overruns and lies on the"
-        " other flank, or the driving channel is late; correct [log], or give --delay."
+        f"the gap is {gap.in_words}, and no gap is below zero: {swapped}the sign of both encoders"
+        " is inverted, the load overruns and lies on the other flank, or the driving channel is"
+        " late; correct [log], or give --delay."
     )
 
 

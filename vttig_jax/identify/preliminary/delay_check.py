@@ -139,8 +139,8 @@ def is_polled(log: EncoderLog) -> bool:
     by more than the last digit of the time stamps can make.
     """
     interval = np.diff(log.time)
-    apart = np.quantile(np.abs(interval - np.median(interval)), 0.9)
-    return bool(apart > max(_UNEVEN * np.median(interval), 1.5 * step_of(log.time)))
+    apart = float(np.quantile(np.abs(interval - np.median(interval)), 0.9))
+    return apart > _UNEVEN * float(np.median(interval)) and apart > 1.5 * step_of(log.time)
 
 
 def is_told_on_one_flank(plain: LinearFit) -> bool:

@@ -73,7 +73,7 @@ def covered_gap(estimate: Estimate, of_delay: GapOfDelay | None) -> CoveredGap:
         apart = math.sqrt(other.variance(rival.solution.covariance)[0])
         std = max(std, math.hypot(apart, value - float(other.value[0])))
     std = max(std, estimate.least_gap_std)
-    std = max(std, *(math.hypot(std, value - crossed) for crossed in (value, *estimate.crossed)))
+    std = math.hypot(std, max((abs(value - crossed) for crossed in estimate.crossed), default=0.0))
     found = interval_of("gap", "deg", value / DEG, std / DEG)
     if of_delay is not None:
         found = of_delay.widened(found)

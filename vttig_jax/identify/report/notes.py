@@ -102,10 +102,10 @@ def _neglected_delay(
     scale, unit = (1e3, "ms") if delay.std_s >= 1e-4 else (1e6, "µs")
     return [
         f"the delay, {scale * delay.step_s:.3g} ± {scale * delay.std_s:.2g} {unit}, is not"
-        " significant and"
-        f" is taken as zero; it may change the gap by ±{of_delay.half_width_deg:.2g}°, which the"
-        " interval of the constant backlash contains. If both channels are sampled at the same"
-        f" instant, say so with --delay off; {cure}"
+        " significant and is taken as zero; it may change the gap by"
+        f" ±{of_delay.half_width_deg:.2g}°, which the interval of the constant backlash contains."
+        " If both channels are sampled at the same instant, say so with --delay off;"
+        f" {cure}"
     ]
 
 
@@ -318,7 +318,7 @@ def _too_little_left_out(inputs: Sequence[Input], gap: CoveredGap) -> list[str]:
         f"the teeth need {gap.value / ratio:.3g}° of the driving shaft to cross the fitted gap of"
         f" {gap.value:.3g}°, but only {least.found.crossing / DEG:.3g}° after a reversal are left"
         f" out of {PurePath(least.log.source).name}, so that samples inside the gap may count as a"
-        " flank and make it too small; log longer strokes, or leave these samples out"
+        " flank and make it too small; log longer strokes, or remove these samples from the log"
     ]
 
 

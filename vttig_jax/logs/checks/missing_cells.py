@@ -1,9 +1,9 @@
 """Rows of a column without a number: empty cells, and readings that are NaN or infinite."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
-from jaxtyping import Int, Real
+from jaxtyping import Real
 
 from ..readers.delimited import TextTable
 from ..readers.nested import NestedTable
@@ -21,8 +21,7 @@ def missing_notes(
     """
     notes = [missing_numbers(table.names[k], values) for k, values in arrays.items()]
     if isinstance(table, TextTable):
-        unread = [k for k in range(len(table.names)) if k not in arrays]
-        notes += [_empty_cells(table, k) for k in unread]
+        notes += _empty_cells(table, [k for k in range(len(table.names)) if k not in arrays])
     return [note for note in notes if note is not None]
 
 
@@ -38,19 +37,26 @@ def missing_numbers(name: str, values: Real[np.ndarray, " n"]) -> str | None:
 
     ```
     """
-    return _counted(name, np.flatnonzero(~np.isfinite(values)), len(values), "NaN or infinite")
+    rows = np.flatnonzero(~np.isfinite(values)).tolist()
+    return _counted(name, rows, len(values), "NaN or infinite")
 
 
-def _empty_cells(table: TextTable, index: int) -> str | None:
-    empty = [not (index < len(row) and row[index].strip()) for _, row in table.rows()]
-    return _counted(table.names[index], np.flatnonzero(empty), len(empty), "empty cells")
+def _empty_cells(table: TextTable, columns: Sequence[int]) -> list[str | None]:
+    empty: dict[int, list[int]] = {k: [] for k in columns}
+    count = 0
+    for _, row in table.rows() if columns else ():
+        for k, rows in empty.items():
+            if not (k < len(row) and row[k].strip()):
+                rows.append(count)
+        count += 1
+    return [_counted(table.names[k], rows, count, "empty cells") for k, rows in empty.items()]
 
 
-def _counted(name: str, rows: Int[np.ndarray, " _"], size: int, what: str) -> str | None:
-    if not len(rows):
+def _counted(name: str, rows: Sequence[int], size: int, what: str) -> str | None:
+    if not rows:
         return None
     holds = "holds" if len(rows) == 1 else "hold"
     return (
         f"column `{name}`: {len(rows)} of {size} rows {holds} no number ({what}), row"
-        f" {int(rows[0]) + 1} first; {_CURE}"
+        f" {rows[0] + 1} first; {_CURE}"
     )

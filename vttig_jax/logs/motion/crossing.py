@@ -14,6 +14,7 @@ that of a delay alone.
 import numpy as np
 from jaxtyping import Float, Int
 
+from ...base.numerics.well_conditioned import orthonormal_basis
 from ..encoder_log import EncoderLog
 from .flank_step import EVIDENCE, LEAST, columns_of
 from .segments import AFTER_REVERSAL, MotionPhase, Segments
@@ -51,7 +52,7 @@ def crossed_gap(log: EncoderLog, by_motion: Segments, drift: int = 0) -> float:
     time = (log.time[rows] - log.time[0]) / (log.time[-1] - log.time[0])
     columns = [columns_of(log, rows, log.driving_speed.value[rows])]
     columns += [time[:, None] ** power for power in range(1, drift + 1)]
-    basis = _basis(np.hstack(columns))
+    basis = orthonormal_basis(np.hstack(columns), 1e-9)
 
     def squares(values: Float[np.ndarray, " m"]) -> float:
         rest = values - basis @ (basis.T @ values)
@@ -87,9 +88,3 @@ def _rows(
     leg = np.searchsorted(turns, phase, side="right")
     sense = np.array([1 if one.kind == "forward" else -1 for one in moving])
     return start[phase] + place - before[phase], leg, sense[phase]
-
-
-def _basis(columns: Float[np.ndarray, "m p"]) -> Float[np.ndarray, "m q"]:
-    """Return an orthonormal basis of the space of `columns`."""
-    left, size, _ = np.linalg.svd(columns, full_matrices=False)
-    return left[:, size > 1e-9 * size[0]]

@@ -28,8 +28,8 @@ class Sampled:
     **Arguments**
     - `ranks`: for each rig and judged parameter, the share of draws below the true value.
     - `steps`, `burn_in`, `walkers`: size of the ensemble of every rig. An ensemble whose start
-      points are draws from the posterior has no burn-in, and if half of its proposals are made
-      around the fit, it has a quarter of the steps.
+      points are draws from the posterior has no burn-in. `steps` is the smallest number of all
+      rigs: where half of the proposals are made around the fit, fewer steps are enough.
     - `tau`: longest integrated autocorrelation time of every rig, steps.
     """
 

@@ -73,15 +73,17 @@ def sampled_coverage(
     order = max(int(np.count_nonzero(rig.partial)) for rig in evidence)
     indices = judged_parameters(program.relation.names)
     ranks, tau = np.empty((len(evidence), len(indices))), np.empty(len(evidence))
+    fewest = steps
     for number, rig in enumerate(evidence):
         target = rig_target(program, rig, order)
         generator = np.random.default_rng([seed, number])
         draws = _draws(target, generator, burn_in, steps)
+        fewest = min(fewest, len(draws))
         tau[number] = autocorrelation_time(draws).max()
         flat = draws[:, :, : len(indices)].reshape(-1, len(indices))
         ranks[number] = np.mean(flat < rig.truth[list(indices)], axis=0)
         progress(program.scenario.case, 1)
-    return Sampled(ranks, steps, burn_in, WALKERS, tau)
+    return Sampled(ranks, fewest, burn_in, WALKERS, tau)
 
 
 def rig_target(program: Program, rig: RigEvidence, order: int) -> FitTarget:
