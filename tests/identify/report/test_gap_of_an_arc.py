@@ -23,8 +23,8 @@ def arc_log(
     share = float(Fraction(ratio))
 
     def error(angle, _):
-        waves = (np.sin(k * a + k) / k**2 for k in (1, 2, 3) for a in (angle, angle * share))
-        return 180 * sum(waves)
+        waves = [np.sin(k * a + k) / k**2 for k in (1, 2, 3) for a in (angle, angle * share)]
+        return 180 * np.sum(waves, axis=0)
 
     return drive_log(
         drive(ratio),
