@@ -18,7 +18,7 @@ from vttig_jax.base.files import atomic_write as atomic
 from vttig_jax.posterior.sampling import checkpoint
 from vttig_jax.posterior.sampling.ensembles import Chains, read_chains, run_ensembles
 
-STEPS = 2400
+STEPS = 4800
 
 
 def kill() -> None:
@@ -102,8 +102,10 @@ def main(folder: Path) -> None:
         (lambda: around_the_move(path, after=False), None),
         (lambda: around_the_move(path, after=True), None),
     ]
-    # Another time of day every time; all together well short of the run, however fast it is here.
-    delays = whole_s * np.random.default_rng().uniform(0.01, 0.12, 6)
+    # Another time of day every time. The file holds 1800 of the 4800 steps before the first of
+    # them, and they take less than half of the whole run, so a machine that becomes faster
+    # in between does not end the run.
+    delays = whole_s * np.random.default_rng().uniform(0.02, 0.08, 6)
     moments += [(lambda: run(path), delay) for delay in delays]
     signals, steps, left_over = [], [], 0
     for work, delay_s in moments:
