@@ -90,7 +90,7 @@ def build_fit(
     orders = order_table(solved, estimate.scatter, short=identifiable.short)
     residual_rms = sample_residual_rms(linear, solved.weights)
     curves, residuals = solved.curves_and_residuals
-    gap = covered_gap(estimate, of_delay)
+    gap = covered_gap(estimate, of_delay, unbounded=delay.is_unbounded)
     checks = checks_of(
         selected, estimate, pair, parameters, orders=orders, gap=gap, of_delay=of_delay, found=lines
     )

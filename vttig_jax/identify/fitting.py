@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from ..base.errors import LogError, NoAnswerError, UsageError
+from ..base.errors import NoAnswerError
 from ..base.runtime import require_x64
 from ..base.threads import one_blas_thread
 from ..logs.checks.ratio import SeenRatio, check_ratio
@@ -17,11 +17,16 @@ from ..pair.gear_pair import Drive, GearPair
 from ..pair.load import pair_from_spec
 from ..pair.schema import HarmonicOrders
 from .build_result import build_fit, estimate_of, solve_model
-from .compress.harmonic_summary import HarmonicSummary
 from .fit_result import Fit, FitRequest
+from .found_orders.higher_orders import Higher, higher_orders
+from .found_orders.line_orders import joined_lines
 from .given_fit import prepared_model, select_given
-from .higher_orders import Higher, higher_orders
-from .line_orders import joined_lines
+from .log_requirements import (
+    require_distinct,
+    require_one_phase,
+    require_pair,
+    require_rows,
+)
 from .model.given_model import GivenModel
 from .model.harmonics import Harmonic, TermPlan, names_of
 from .model.identifiability import (
@@ -31,7 +36,7 @@ from .model.identifiability import (
     find_identifiability,
 )
 from .preliminary.linear_fit import Input
-from .preliminary.model_selection import SelectedModel, have_one_zero, select_model
+from .preliminary.model_selection import SelectedModel, select_model
 from .preliminary.order_selection import entering_orders
 from .preliminary.ramps import is_among_steady
 from .report.check_records import Lines
@@ -116,16 +121,16 @@ def fit(
     logs = (log,) if isinstance(log, EncoderLog) else tuple(log)
     if not logs:
         raise ValueError("Argument `log` must hold at least one log, but is empty.")
-    _require_distinct(logs)
+    require_distinct(logs)
     pair = _stated_drive(logs[0]) if pair is None else pair
     found, ratios = [], []
     for one in logs:
-        _require_pair(one, pair)
+        require_pair(one, pair)
         ratios.append(check_ratio(one))
         found.append(assigned_segments(one))
     given = None if model is None else prepared_model(model, logs, settings, found)
     wanted = orders or (pair.fit if given is None else HarmonicOrders((), (), 0))
-    _require_one_phase(logs, wanted, settings)
+    require_one_phase(logs, wanted, settings)
     task = _Task(logs, found, ratios, pair, settings, readings=readings, given=given)
     scope = task.scope(wanted)
     for one, each in zip(logs, found, strict=True):
@@ -198,6 +203,7 @@ class _Task:
             remembers=remembers,
             given=self.given is not None,
             arcs=self.given is None,
+            unclear="; ".join(each.unclear for each in self.found if each.unclear),
         )
 
     def selected(self, scope: Identifiability) -> tuple[Identifiability, SelectedModel]:
@@ -207,7 +213,7 @@ class _Task:
             selected = select_model(inputs, self.pair, scope, self.settings)
         else:
             selected = select_given(inputs, self.pair, scope, self.settings, self.given)
-        _require_rows(selected.summary, ", ".join(log.source for log in self.logs))
+        require_rows(selected.summary, ", ".join(log.source for log in self.logs))
         flanks = tuple(flank.flank for flank in selected.summary.flanks)
         return replace(scope, flanks=flanks), selected
 
@@ -336,58 +342,9 @@ def _may_join(solved: SolvedFit, settings: FitSettings) -> bool:
     return settings.lines == "join" and one_zero and not solved.noise.is_rounding
 
 
-def _require_pair(log: EncoderLog, pair: GearPair | Drive) -> None:
-    if log.ratio != pair.ratio:
-        raise LogError(
-            f"this log was read with the ratio {log.ratio}, but the pair has {pair.ratio}; read it"
-            " with the pair that it is fitted with.",
-            where=log.source,
-        )
-
-
-def _require_one_phase(
-    logs: Sequence[EncoderLog], orders: HarmonicOrders, settings: FitSettings
-) -> None:
-    """Refuse fractional orders of logs without a common zero; their phases differ in every log."""
-    if len(logs) == 1 or have_one_zero(logs, settings):
-        return
-    for shaft in ("driving", "driven"):
-        for order in getattr(orders, f"{shaft}_orders"):
-            if not isinstance(order, int):
-                raise UsageError(
-                    f"{shaft} order {order} has another phase in every log, because no position of"
-                    " the gears determines it; fit the logs one by one, or say --same-zero if both"
-                    " encoders count whole turns from one zero in all of them.",
-                    where=", ".join(log.source for log in logs),
-                )
-
-
-def _require_distinct(logs: Sequence[EncoderLog]) -> None:
-    for number, log in enumerate(logs):
-        for other in logs[:number]:
-            if log is other or (log.sha256 and log.sha256 == other.sha256):
-                same = log.source == other.source
-                seen = "given twice" if same else f"the same data as {other.source}"
-                raise UsageError(f"{seen}; give every log once.", where=log.source)
-
-
 def _reading(logs: Sequence[EncoderLog]) -> Mapping[str, Any]:
     """Return the keywords of `read_log` that all logs have in common."""
     first, *others = (log.keywords for log in logs)
     return {
         name: value for name, value in first.items() if all(o.get(name) == value for o in others)
     }
-
-
-def _require_rows(summary: HarmonicSummary, where: str) -> None:
-    columns = summary.columns.width - 1
-    for flank in ("A", "B"):
-        found = [f for f in summary.flanks if f.flank == flank]
-        rows = sum(f.rows for f in found)
-        usable = rows - sum(f.heads.shape[0] * f.heads.shape[1] for f in found)
-        if (found and usable <= columns) or not summary.flanks:
-            raise NoAnswerError(
-                f"{rows} averaged samples on flank {flank} are too few for {columns} coefficients"
-                " and their noise; record more turns, or list fewer orders in [fit].",
-                where=where,
-            )

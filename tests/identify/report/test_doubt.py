@@ -34,7 +34,6 @@ def test_a_delay_below_four_standard_errors_states_this_rule(errors):
         two_flanks=True,
         steady=False,
         within_s=1e-3,
-        small_s=2e-5,
     )
     assert judged.state == "insignificant" and abs(errors) < SIGNIFICANT
     low, high = ((errors + side * NORMAL_95) * STD for side in (-1, 1))

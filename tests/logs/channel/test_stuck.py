@@ -34,6 +34,38 @@ def test_stuck(dither):
         assert abs(start - 900) <= 5
 
 
+def _wide_gap(first_deg: float = 0.0) -> EncoderLog:
+    """A tendon of 1:1 that crosses 30° after each reversal; friction holds it at first."""
+    time = np.arange(6000) / 500
+    driving = 60 * np.sin(time)
+    driven, here = np.empty_like(driving), driving[0]
+    for k, low in enumerate(driving):
+        here = driven[k] = min(max(here, low - first_deg), low + 30.0)
+    return EncoderLog.from_arrays(time, driving, driven, pair=drive("1/1"), unit="deg")
+
+
+@pytest.mark.parametrize("first_deg", [0.0, 2.0])
+def test_a_standstill_behind_every_reversal_is_a_gap(first_deg):
+    assert len(_wide_gap(first_deg)) == 6000
+
+
+def test_a_standstill_from_a_reversal_to_the_end_is_none():
+    log = _wide_gap()
+    turn = int(np.argmax(np.degrees(log.driving_angle[:1000])))
+    driven = np.degrees(log.driven_angle)[:1200]
+    driven[turn:] = driven[turn]
+    driving, time = np.degrees(log.driving_angle)[:1200], log.time[:1200]
+    with pytest.raises(LogError, match="the driven channel stands still"):
+        EncoderLog.from_arrays(time, driving, driven, pair=drive("1/1"), unit="deg")
+
+
+def test_a_driving_shaft_that_stands_still_behind_a_reversal_is_stuck():
+    log = _wide_gap()
+    driving, driven = np.degrees(log.driven_angle), np.degrees(log.driving_angle)
+    with pytest.raises(LogError, match="the driving channel stands still"):
+        EncoderLog.from_arrays(log.time, driving, driven, pair=drive("1/1"), unit="deg")
+
+
 def test_saturated():
     with pytest.raises(LogError, match="the driven channel stands still"):
         log(second=np.minimum(SECOND, 120_000))

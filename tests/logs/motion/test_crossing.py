@@ -5,11 +5,13 @@ import pytest
 
 from tests.logs.profiles import drive
 from vttig_jax.base.units import DEG
+from vttig_jax.identify.fitting import fit
 from vttig_jax.logs.encoder_log import EncoderLog
 from vttig_jax.logs.motion.crossing import crossed_gap
 from vttig_jax.logs.motion.flank_assignment import assigned_segments, find_ramps
 from vttig_jax.logs.motion.flank_step import seen_gap
 from vttig_jax.logs.motion.segments import AFTER_REVERSAL, find_segments
+from vttig_jax.pair.load import pair_from_spec
 
 RATIO = 1 / 8
 
@@ -60,15 +62,28 @@ def test_a_small_gap_changes_nothing():
 
 
 def test_a_flank_is_not_given_up():
-    """Strokes back that are shorter than the masked travel keep flank B."""
+    """Strokes back that are shorter than twice the crossing keep flank B behind the crossing."""
     knots = np.cumsum(np.tile([0.0, 1.5, 0.5], 11))
     places = np.cumsum(np.tile([0.0, 60.0, -5.0], 11))
     strokes = np.pad(np.interp(TIME, knots, places), (50, 49), "edge")
     driving = np.convolve(strokes, np.ones(100) / 100, "valid")
-    log, _ = reducer(0.4, driving)
+    log, share = reducer(0.4, driving)
     assert find_segments(log, 6.4 * DEG).backward == 0
     found = assigned_segments(log)
-    assert found.forward and found.backward and found == find_segments(log)
+    assert found.forward and found.backward and not found.unclear
+    assert inside(log, share, find_segments(log)) > inside(log, share, found) == 0
+
+
+def test_strokes_hardly_longer_than_the_crossing_show_no_flank():
+    """The teeth cross the gap over 26° of strokes of 30°."""
+    driving = 15.0 * (1 - np.cos(TIME))
+    log, share = reducer(3.3, driving)
+    found = assigned_segments(log)
+    assert "log longer strokes" in found.unclear and found.notes[-1] == found.unclear
+    assert inside(log, share, found) == 0
+    result = fit(log, pair_from_spec(drive("1/8")))
+    assert result.checks.gap_over_angles_covered.value is None
+    assert result.warnings[0] == found.unclear
 
 
 @pytest.mark.parametrize("gap_deg", [0.1, 0.4])

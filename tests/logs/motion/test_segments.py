@@ -6,7 +6,8 @@ from hypothesis import strategies as st
 from tests.logs.profiles import DEG, counts, drive, geared, spec, trapezoid
 from vttig_jax.logs.channel.speed import runs, smooth_speed
 from vttig_jax.logs.encoder_log import EncoderLog
-from vttig_jax.logs.motion.segments import Segments, find_segments, levels, steady
+from vttig_jax.logs.motion.plateaus import levels, steady
+from vttig_jax.logs.motion.segments import Segments, find_segments
 from vttig_jax.logs.read import read_log
 
 

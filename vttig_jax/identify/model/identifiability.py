@@ -80,6 +80,7 @@ def find_identifiability(
     remembers: bool = False,
     given: bool = False,
     arcs: bool = False,
+    unclear: str = "",
 ) -> Identifiability:
     """Return the flanks, segments and harmonics that can be fitted.
 
@@ -89,19 +90,18 @@ def find_identifiability(
     The result has `few_turns` for a drive with fewer than `FEW_TURNS` turns. For a gear pair, whose
     ratio is exact, this also requires `remembers`: noise correlated over a good part of the log.
 
-    With `arcs`, two flanks of less than a revolution are fitted too: they determine the gap over
-    the covered angles.
+    With `arcs`, two flanks of less than a revolution are fitted too, also if one of them covers
+    slightly more than a revolution: they determine the gap over the covered angles. `unclear` says
+    why the flank of many samples is unknown, and is empty otherwise.
 
     **Raises** `NoAnswerError` if no flank covers a revolution of either shaft, except with `arcs`.
     """
     covered: dict[Flank, tuple[float, float]] = {
         flank: _coverage(logs, segments, flank) for flank in _FLANKS if only in (None, flank)
     }
-    flanks: tuple[Flank, ...] = tuple(f for f, turns in covered.items() if max(turns) >= FULL_TURN)
-    if arcs and not flanks:
-        flanks = _of_an_arc(covered)
+    flanks = _fitted_flanks(covered, arcs=arcs)
     if not flanks:
-        raise _no_full_turn(covered, only, logs)
+        raise _no_full_turn(covered, only, logs, unclear)
     turns = {
         shaft: min(covered[flank][k] for flank in flanks)
         for k, shaft in enumerate(("driving", "driven"))
@@ -145,6 +145,24 @@ def find_identifiability(
     )
 
 
+def _fitted_flanks(covered: dict[Flank, tuple[float, float]], *, arcs: bool) -> tuple[Flank, ...]:
+    """Return the flanks on which a shaft makes a full turn, or both if they are `arcs`."""
+    flanks = tuple(flank for flank, turns in covered.items() if max(turns) >= FULL_TURN)
+    if arcs and (not flanks or _are_strokes_of_one_turn(covered)):
+        return _of_an_arc(covered)
+    return flanks
+
+
+def _are_strokes_of_one_turn(covered: dict[Flank, tuple[float, float]]) -> bool:
+    """Return whether strokes to and fro of about a turn are a full turn on one flank only.
+
+    The gap over the angles of both flanks then says more than the orders of one flank.
+    """
+    turns = [max(own) for own in covered.values()]
+    less, more = min(turns), max(turns)
+    return len(turns) == len(_FLANKS) and less < FULL_TURN <= more < SINGLE_TURN * less
+
+
 def _of_an_arc(covered: dict[Flank, tuple[float, float]]) -> tuple[Flank, ...]:
     """Return both flanks if both moved in contact; otherwise none."""
     both = len(covered) == len(_FLANKS) and all(max(turns) > 0 for turns in covered.values())
@@ -164,14 +182,20 @@ def _left_out(
 
 
 def _no_full_turn(
-    covered: dict[Flank, tuple[float, float]], only: Flank | None, logs: Sequence[EncoderLog]
+    covered: dict[Flank, tuple[float, float]],
+    only: Flank | None,
+    logs: Sequence[EncoderLog],
+    unclear: str,
 ) -> NoAnswerError:
     most = max((max(turns) for turns in covered.values()), default=0.0)
     which = "" if only is None else f" on flank {only}"
+    advice = unclear or (
+        "record at least one turn at constant speed, better a whole hunting period (the gap alone"
+        " needs only an arc that both directions cover), or correct the unit or counts_per_rev"
+    )
     return NoAnswerError(
         f"no shaft turned a full revolution in steady contact{which} ({most:.2f} at most);"
-        " record at least one turn at constant speed, better a whole hunting period (the gap alone"
-        " needs only an arc that both directions cover), or correct the unit or counts_per_rev.",
+        f" {advice}.",
         where=", ".join(log.source for log in logs),
     )
 

@@ -81,9 +81,11 @@ class Delay:
 
         With the estimate d and its standard error s it is 1.96 √(d² + s²) if all runs have one
         speed (`steady`), where only ramps separate a delay from the gap. If several speeds tell the
-        delay, it is the 95 % quantile of |delay| of a posterior whose prior is flat in log |delay|,
-        from `_LATCHED_S` to `within_s`, but not more than at one speed. The result is 0 unless the
-        delay is insignificant.
+        delay, it is the 95 % quantile of |delay| of a posterior, but not more than at one speed.
+        Channels that one clock samples have any small delay, and channels that a program polls one
+        after the other have any part of a sampling interval. Therefore one half of the prior is
+        flat in log |delay|, from `_LATCHED_S` to `within_s`, and the other half in |delay|, up to
+        `within_s`. The result is 0 unless the delay is insignificant.
         """
         if self.state != "insignificant":
             return 0.0
@@ -93,7 +95,7 @@ class Delay:
         size = np.geomspace(_LATCHED_S, self.within_s, _SIZES)
         signed = np.stack([size, -size])
         likelihood = np.exp(-(((signed - self.step_s) / self.std_s) ** 2) / 2).sum(axis=0)
-        below = np.cumsum(likelihood)
+        below = np.cumsum(likelihood * (1 / _SIZES + size / size.sum()))
         if not below[-1] > 0:  # all these delays are excluded
             return widest
         return min(widest, float(size[np.searchsorted(below, 0.95 * below[-1])]))
@@ -101,7 +103,12 @@ class Delay:
     @property
     def bound_s(self) -> float:
         """Bound of |delay|, s, if the logs do not determine the delay; otherwise 0."""
-        return self.within_s if self.state == "open" and not self.forced else 0.0
+        return self.within_s if self.state == "open" and not self.is_unbounded else 0.0
+
+    @property
+    def is_unbounded(self) -> bool:
+        """Whether the logs do not determine the delay, and the user gives it no bound."""
+        return self.state == "open" and self.forced
 
     def after(self, step_s: float) -> "Delay":
         """Return the delay with the `share` that the step `step_s` of the last pass reveals.
@@ -127,7 +134,6 @@ def judge_delay(
     two_flanks: bool,
     steady: bool,
     within_s: float,
-    small_s: float,
 ) -> Delay:
     """Decide whether the delay is fitted, insignificant or open (not determined by the logs).
 
@@ -138,7 +144,6 @@ def judge_delay(
     - `two_flanks`: whether the logs cover both flanks. - `steady`: whether all runs have one speed;
       an insignificant delay is then open if two standard errors exceed `within_s`.
     - `within_s`: assumed bound of |delay|, s, if the logs do not determine it.
-    - `small_s`: assumed bound, s, of a delay that is insignificant at several speeds.
     """
     like = "the constant backlash" if two_flanks else "an offset"
     reason = f"at one steady speed a delay cannot be told from {like}; log a second speed"
@@ -157,7 +162,7 @@ def judge_delay(
         total,
         std,
         NEGLECTED,
-        within_s=small_s,
+        within_s=within_s,
     )
 
 

@@ -6,8 +6,6 @@ from dataclasses import replace
 import numpy as np
 
 from ...logs.channel.spikes import bends
-from ...logs.channel.steps import step_of
-from ...logs.encoder_log import EncoderLog
 from ..noise.noise_model import whiten
 from ..settings import FitSettings
 from .delay import SIGNIFICANT, TOLD, Delay, one_speed
@@ -26,12 +24,6 @@ _NOISE = (
     " a second speed"
 )
 _WORSE = "the delay that resembles the slow errors of the log leaves a larger residual than none"
-
-_UNEVEN = 0.02
-"""Deviation of sampling intervals, in intervals, above which no clock samples (chosen)."""
-
-OF_INTERVAL = 0.02
-"""Largest delay of channels that one clock samples, in sampling intervals; chosen value."""
 
 
 def explaining(delay: Delay, weights: Reweighted, linear: LinearFit, *, bound_s: float) -> Delay:
@@ -116,31 +108,6 @@ def delay_bound_s(inputs: Sequence[Input], settings: FitSettings) -> float:
     if settings.delay_within_ms is not None:
         return 1e-3 * settings.delay_within_ms
     return max(one.log.interval_s for one in inputs)
-
-
-def small_delay_s(inputs: Sequence[Input], settings: FitSettings) -> float:
-    """Return the largest delay, s, that is allowed for if several speeds show no significant one.
-
-    It is the setting `delay_within_ms`, or by default `OF_INTERVAL` of the sampling interval: two
-    channels that one clock samples differ by less, such as by times of conversion and filters. A
-    program that polls both channels reads one after the other, so that they differ by up to a
-    whole interval.
-    """
-    if settings.delay_within_ms is not None:
-        return 1e-3 * settings.delay_within_ms
-    logs = [one.log for one in inputs]
-    return max((1.0 if is_polled(log) else OF_INTERVAL) * log.interval_s for log in logs)
-
-
-def is_polled(log: EncoderLog) -> bool:
-    """Return whether a program took the samples, and not a clock: their intervals differ.
-
-    This is so if a tenth of the intervals differ from the median by more than `_UNEVEN` of it, and
-    by more than the last digit of the time stamps can make.
-    """
-    interval = np.diff(log.time)
-    apart = float(np.quantile(np.abs(interval - np.median(interval)), 0.9))
-    return apart > _UNEVEN * float(np.median(interval)) and apart > 1.5 * step_of(log.time)
 
 
 def is_told_on_one_flank(plain: LinearFit) -> bool:

@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float
 
+from ...base.errors import NoAnswerError
 from ...base.numerics.counting import pieces
 from ...logs.checks.ratio import SeenRatio
 from ...logs.encoder_log import EncoderLog
@@ -264,4 +265,23 @@ def linear_fit(
         segments=used,
     )
     rows = tuple(linear.rows_of(log, segments) for log, segments in enumerate(used))
-    return replace(linear, rows=rows)
+    return _on_summarised_flanks(replace(linear, rows=rows))
+
+
+def _on_summarised_flanks(linear: LinearFit) -> LinearFit:
+    """Return the fit without segments on a flank whose runs are all too short for the noise.
+
+    **Raises** `NoAnswerError` if no flank is left.
+    """
+    flanks = {flank.flank for flank in linear.summary.flanks}
+    if not flanks:
+        raise NoAnswerError(
+            f"all {sum(map(len, linear.segments))} stretches in certain contact are too short to"
+            " tell the noise; record longer strokes, or faster.",
+            where=", ".join(one.log.source for one in linear.inputs),
+        )
+    if all(run.segment.flank in flanks for rows in linear.rows for run in rows.runs):
+        return linear
+    used = tuple(tuple(s for s in own if s.flank in flanks) for own in linear.segments)
+    rows = tuple(linear.rows_of(log, segments) for log, segments in enumerate(used))
+    return replace(linear, segments=used, rows=rows)

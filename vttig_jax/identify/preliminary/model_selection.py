@@ -22,7 +22,7 @@ from ..model.given_model import GivenModel
 from ..model.identifiability import SINGLE_TURN, Identifiability
 from ..settings import FitSettings
 from .delay import Delay, judge_delay, one_speed
-from .delay_check import delay_bound_s, explaining, is_told_on_one_flank, small_delay_s
+from .delay_check import delay_bound_s, explaining, is_told_on_one_flank
 from .linear_fit import Input, LinearFit, Model, linear_fit
 from .nuisance import NuisanceRegression
 from .ramps import finest_row_s, with_ramps
@@ -326,7 +326,6 @@ def _with_delay(
             two_flanks=len(linear.summary.flanks) == 2,
             steady=steady,
             within_s=bound_s,
-            small_s=small_delay_s(inputs, settings),
         )
         delay = delay.after(step_s) if step_s else replace(delay, share=share)
         if delay.is_settled or steps == _MOST_STEPS:

@@ -30,7 +30,7 @@ from .comparisons.backlash_readings import gap_values, mean_gap
 from .comparisons.closure import WINDOW_DEG
 from .estimate import Estimate
 from .gap_of_delay import GapOfDelay
-from .parameters import LARGEST, OPEN, interval_of
+from .parameters import BESIDE_FREE_DELAY, LARGEST, OPEN, interval_of
 
 _CELL = DEG
 """Driving angles are divided into cells of this width, rad. Each cell that both flanks covered
@@ -40,7 +40,9 @@ counts once (chosen)."""
 _MOST_CELLS = 20_000  # cells at which a curve with fractional orders is computed; chosen value
 
 
-def covered_gap(estimate: Estimate, of_delay: GapOfDelay | None) -> CoveredGap:
+def covered_gap(
+    estimate: Estimate, of_delay: GapOfDelay | None, *, unbounded: bool = False
+) -> CoveredGap:
     """Return the mean gap of the fitted curves over the driving angles that both flanks covered.
 
     Its standard error is the largest of these: from the noise model, from the scatter of parts of
@@ -52,10 +54,13 @@ def covered_gap(estimate: Estimate, of_delay: GapOfDelay | None) -> CoveredGap:
 
     **Arguments**
     - `of_delay`: gap that a delay which is taken as zero may add.
+    - `unbounded`: whether a delay of any size may look like the gap.
     """
     solved, scatter = estimate.solved, estimate.scatter
     if len(solved.summary.flanks) < 2:
-        return CoveredGap(reason="one direction: one flank alone shows no gap")
+        return CoveredGap(reason=_one_flank(solved.linear))
+    if unbounded:
+        return CoveredGap(reason=BESIDE_FREE_DELAY)
     ranges = _common_ranges(solved.linear)
     if len(ranges) == 0:
         reason = "no driving angle was covered on both flanks; drive both ways over the same angles"
@@ -87,6 +92,16 @@ def covered_gap(estimate: Estimate, of_delay: GapOfDelay | None) -> CoveredGap:
         determined=True,
         covered_deg=float(np.sum(ranges[:, 1] - ranges[:, 0])) * _CELL / DEG,
     )
+
+
+def _one_flank(linear: LinearFit) -> str:
+    """Return why the fit has one flank only."""
+    found = {flank.flank for flank in linear.summary.flanks}
+    dropped = {s.flank for one in linear.inputs for s in one.segments} - found
+    if not dropped:
+        return "one direction: one flank alone shows no gap"
+    [flank] = dropped
+    return f"the strokes have too few samples on flank {flank}; log longer strokes, or faster"
 
 
 def gap_of_least_drift(estimate: Estimate) -> tuple[float, float] | None:

@@ -21,6 +21,7 @@ Outcome = Literal["ok", "partly_determined", "not_determined", "not_converged", 
 
 SIGNIFICANT = 3.0  # standard errors above which a value is significant; chosen value
 BELOW = "below three standard errors"
+BESIDE_FREE_DELAY = "at one steady speed it cannot be told from the delay that is free"
 LARGEST = {"arcsec": REV / ARCSEC, "deg": REV / DEG}
 """Unit → one revolution. An error of a gear is far smaller, so a wider interval says nothing."""
 
@@ -324,9 +325,8 @@ def _constant_backlash(solution: Solution, short: tuple[str, ...], delay: Delay)
             " from the constant one"
         )
         return undetermined(name, "deg", reason)
-    if delay.state == "open" and delay.forced:
-        reason = "at one steady speed it cannot be told from the delay that is free"
-        return undetermined(name, "deg", reason)
+    if delay.is_unbounded:
+        return undetermined(name, "deg", BESIDE_FREE_DELAY)
     index = solution.names.index("constant_backlash")
     if not solution.determined[index]:
         reason = "the data leave it open: " + _companions(solution, [index])

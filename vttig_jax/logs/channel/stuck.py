@@ -20,6 +20,16 @@ QUANTA = 8.0
 STILL = 0.02
 """A channel is stuck if it moves by at most this fraction of the motion of the other shaft."""
 
+ONE_WAY = 0.9
+"""A shaft turns one way if the angle between the ends is at least this share of its range."""
+
+AFTER_REVERSAL = 0.5
+"""A crossing of the gap begins within this share of its length after the reversal. The driven shaft
+may follow at first, because its friction and a soft drive hold the contact."""
+
+LONGER = 1.2
+"""Largest crossing at the end of a log, as a multiple of the widest crossing before (chosen)."""
+
 SHORTEST = 20
 """Length of the shortest tested stretch in samples; each next length is 4 times as long."""
 
@@ -33,6 +43,9 @@ def refuse_stuck(
 ) -> None:
     """Raise `LogError` naming the lines where one channel stands still while the other turns.
 
+    A driven channel that stands still only behind a reversal of the driving shaft, and follows it
+    again, crosses a gap and is not refused.
+
     **Arguments**
     - `driving`, `driven`: the channels. `ratio`: driven over driving speed. `time`: time in s.
     """
@@ -44,7 +57,7 @@ def refuse_stuck(
         turn, span = (gain * float(np.ptp(angle)) for angle, gain in (one, other))
         scale = min(1.0, turn / max(span, 1e-300))
         moved = other[0], scale * other[1]
-        stretch = _stuck(one, moved, max(FAR, QUANTA * quantum), 2 * quantum)
+        stretch = _stuck(one, moved, max(FAR, QUANTA * quantum), 2 * quantum, gaps=role == "driven")
         if stretch is None:
             continue
         start, stop = stretch
@@ -64,11 +77,13 @@ Gained = tuple[Float[np.ndarray, " n"], float]
 """Angle of a shaft in rad, and the factor that makes it an angle of the driven shaft."""
 
 
-def _stuck(one: Gained, other: Gained, far: float, dither: float) -> tuple[int, int] | None:
+def _stuck(
+    one: Gained, other: Gained, far: float, dither: float, *, gaps: bool
+) -> tuple[int, int] | None:
     """Return the first stretch [start, stop) where `other` moves and `one` stands still, or None.
 
     `other` must move by at least `far`; `one` may move by `STILL` of that motion, or by `dither`.
-    Both are in rad of the driven shaft.
+    Both are in rad of the driven shaft. With `gaps`, stretches behind a reversal do not count.
     """
     (angle, gain), length = one, SHORTEST
     while length <= len(angle):
@@ -78,11 +93,31 @@ def _stuck(one: Gained, other: Gained, far: float, dither: float) -> tuple[int, 
             for shaft, factor in (one, other)
         ]
         stuck = (spans[1] >= far) & (spans[0] <= np.maximum(STILL * spans[1], dither))
-        if stuck.any():
-            row = int(edges[np.argmax(stuck)])
-            return _extent(angle, row, row + length, max(STILL * far, dither) / gain)
+        stop, widest = 0, 0.0
+        for row in edges[stuck].tolist():
+            if row < stop:
+                continue
+            start, stop = _extent(angle, row, row + length, max(STILL * far, dither) / gain)
+            turned = float(np.ptp(other[0][start:stop]))
+            # At the end of a log only the earlier crossings show that the shaft follows again.
+            follows = stop < len(angle) or turned <= LONGER * widest
+            if not (gaps and follows and _is_crossing(other[0], start, stop)):
+                return start, stop
+            widest = max(widest, turned)
         length *= 4
     return None
+
+
+def _is_crossing(angle: Float[np.ndarray, " n"], start: int, stop: int) -> bool:
+    """Return whether a shaft turns one way in [start, stop), shortly after a reversal."""
+    part = angle[start:stop]
+    turned, span = float(part[-1] - part[0]), float(np.ptp(part))
+    if abs(turned) < ONE_WAY * span:
+        return False
+    ahead = (angle[:start] - part[0]) * np.sign(turned)
+    earlier = np.flatnonzero(ahead > (1 - ONE_WAY) * span)
+    since = ahead[earlier[-1] + 1 :] if len(earlier) else ahead
+    return float(-since.min(initial=0.0)) <= AFTER_REVERSAL * span
 
 
 def _extent(angle: Float[np.ndarray, " n"], start: int, stop: int, slack: float) -> tuple[int, int]:

@@ -27,6 +27,7 @@ from .fractions import (
     likely_fraction,
     ratio_option,
 )
+from .lost_motion import without_lost_motion
 from .slope_cause import Cause, slope_gains
 
 TOLERANCE = 0.005
@@ -253,7 +254,7 @@ def seen_ratio(log: EncoderLog) -> SeenRatio:
     """
     if log.driven is None:
         return SeenRatio(None, None, log.ratio, "none")
-    seen, std = slope(log.driving_angle, log.driven_angle)
+    seen, std = slope(*_followed(log))
     tolerance = _tolerance(float(np.ptp(log.driven_angle)) / REV)
     verdict = _verdict(seen, std, float(log.ratio), tolerance)
     found = SeenRatio(seen, std, log.ratio, verdict, travel=float(np.ptp(log.driving_angle)))
@@ -276,11 +277,10 @@ def check_ratio(log: EncoderLog) -> SeenRatio:
     """
     ratio = seen_ratio(log)
     if log.driven is not None and ratio.seen is not None:
-        residual = log.driven_angle - ratio.seen * log.driving_angle
-        scatter, travel = float(np.std(residual)), float(np.ptp(log.driven_angle))
-        if scatter > APART * travel:
-            scatter = _scatter_beside_a_gap(log)
-        if scatter > APART * travel:
+        driving, driven = _followed(log)
+        travel = float(np.ptp(log.driven_angle))
+        scatter = float(np.std(driven - ratio.seen * driving))
+        if not _turn_together(log, scatter):
             raise LogError(
                 f"the two channels do not turn together: {np.degrees(scatter):.3g}° rms of the"
                 f" {np.degrees(travel):.3g}° that the driven shaft turns do not follow the driving"
@@ -292,17 +292,28 @@ def check_ratio(log: EncoderLog) -> SeenRatio:
     return ratio
 
 
-def _scatter_beside_a_gap(log: EncoderLog) -> float:
-    """Return the rms of the driven angle, rad, after slope, level and a gap of any size.
+def _followed(log: EncoderLog) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, " m"]]:
+    """Return driving and driven angle, rad, for the slope of one over the other.
 
-    The gap is a step between both directions of motion; a shaft that stands counts as half-way.
+    They are those of the log. If the slope leaves so much that the shafts do not seem to turn
+    together, the motion that the teeth lose in the gap is left out of the driven angle.
     """
-    speed = log.driving_speed
-    sense = np.where(np.abs(speed.value) > speed.dwell, np.sign(speed.value), 0.0)
-    columns = np.stack([np.ones(len(log)), log.driving_angle, sense], axis=1)
-    columns[:, 1] -= columns[:, 1].mean()
-    found = np.linalg.lstsq(columns, log.driven_angle, rcond=None)[0]
-    return float(np.std(log.driven_angle - columns @ found))
+    driving, driven = log.driving_angle, log.driven_angle
+    middle = driving - driving.mean()
+    rest = driven - float(driven @ middle / (middle @ middle)) * middle
+    return (
+        (driving, driven) if _turn_together(log, float(np.std(rest))) else without_lost_motion(log)
+    )
+
+
+def _turn_together(log: EncoderLog, scatter: float) -> bool:
+    """Return whether a residual of rms `scatter`, rad, is small against the driven shaft's travel.
+
+    The rms of the rounding to the steps of both encoders does not count.
+    """
+    assert log.driven is not None
+    steps = math.hypot(log.driven.resolution, float(log.ratio) * log.driving.resolution)
+    return scatter**2 - steps**2 / 12 <= (APART * float(np.ptp(log.driven_angle))) ** 2
 
 
 def slope(driving: Float[np.ndarray, " n"], driven: Float[np.ndarray, " n"]) -> tuple[float, float]:

@@ -11,17 +11,24 @@ g has the least sum of squares beside a delay. It is a gap if the likelihood is 
 that of a delay alone.
 """
 
+from typing import NamedTuple
+
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from ...base.numerics.well_conditioned import orthonormal_basis
+from ...base.units import REV
 from ..encoder_log import EncoderLog
 from .flank_step import EVIDENCE, LEAST, columns_of
 from .segments import AFTER_REVERSAL, MotionPhase, Segments
 
 _MOST = 2000  # largest number of samples that are compared (chosen)
 _TRIALS = 60  # number of trial values of the gap, at equal ratios (chosen)
-_SHARE = 0.5  # longest crossing, as a share of the median travel between two reversals (chosen)
+_SHARES = 0.5, 0.9
+"""Longest crossing, as a share of the median travel between two reversals; the second share is for
+strokes of less than `_SHORT_STROKE`, rad, in which no gap is seen below the first (all chosen)."""
+
+_SHORT_STROKE = 2 * REV
 
 
 def crossed_gap(log: EncoderLog, by_motion: Segments, drift: int = 0) -> float:
@@ -40,12 +47,37 @@ def crossed_gap(log: EncoderLog, by_motion: Segments, drift: int = 0) -> float:
     turns = _reversals(moving)
     if not turns:
         return 0.0
-    angle, ratio = log.driving_angle, float(log.ratio)
-    origin = angle[[moving[0].start, *(moving[k].start for k in turns)]]
-    longest = _SHARE * float(np.median(np.abs(np.diff([*origin, angle[moving[-1].stop - 1]]))))
+    angle = log.driving_angle
     rows, leg, sense = _rows(moving, turns)
-    travel = np.abs(angle[rows] - origin[leg])
-    known = ~log.spikes[rows] & ((leg > 0) | (travel > longest))
+    origin = angle[[moving[0].start, *(moving[k].start for k in turns)]]
+    samples = _Samples(rows, sense, np.abs(angle[rows] - origin[leg]), leg > 0)
+    stroke = float(np.median(np.abs(np.diff([*origin, angle[moving[-1].stop - 1]]))))
+    shares = _SHARES if stroke < _SHORT_STROKE else _SHARES[:1]
+    gap = 0.0
+    for share in shares:
+        gap = _seen(log, samples, share * stroke, drift)
+        if 0 < gap < share * stroke * float(log.ratio):
+            break  # a longer crossing would be seen at the limit
+    return gap
+
+
+class _Samples(NamedTuple):
+    """Samples in motion: their numbers, direction ±1, travel in rad since the start of their leg.
+
+    `turned` is False before the first reversal.
+    """
+
+    rows: Int[np.ndarray, " m"]
+    sense: Int[np.ndarray, " m"]
+    travel: Float[np.ndarray, " m"]
+    turned: Bool[np.ndarray, " m"]
+
+
+def _seen(log: EncoderLog, samples: _Samples, longest: float, drift: int) -> float:
+    """Return the gap whose crossing takes up to the travel `longest`, rad; 0 without evidence."""
+    ratio = float(log.ratio)
+    rows, sense, travel, turned = samples
+    known = ~log.spikes[rows] & (turned | (travel > longest))
     rows, travel, sense = rows[known], travel[known], sense[known]
     if len(rows) < LEAST or longest <= AFTER_REVERSAL or len(np.unique(sense)) < 2:
         return 0.0

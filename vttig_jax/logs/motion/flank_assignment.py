@@ -23,9 +23,14 @@ _BETTER = 0.5
 """The torque is used if the residual sum of squares with its flanks is below this fraction of that
 with the flanks of the motion (chosen)."""
 
-_GAPS = 2.0
+_GAPS = (2.0, 1.5, 1.2)
 """Travel after a reversal that is masked, as a multiple of the mean gap (chosen). It exceeds 1
-because the gap varies along the teeth."""
+because the gap varies along the teeth. The smaller numbers are for strokes that are too short for
+the larger ones."""
+
+_LEAST_GAPS = 1.1
+"""Travel that is masked in strokes that are too short for all of `_GAPS`, as a multiple of the gap
+(chosen). It exceeds 1 because the crossing is found among trial values."""
 
 _WIDER = 1.05
 """The travel that is masked is widened only by more than this factor (chosen)."""
@@ -65,6 +70,8 @@ def _by_motion(log: EncoderLog, found: Segments) -> Segments:
     """
     crossed = crossed_gap(log, found)
     plain, found = found, _beyond(log, found, max(crossed, seen_gap(log, found)))
+    if found is plain and float(log.ratio) * plain.crossing < crossed:
+        return _shorter_than_the_gap(log, crossed)
     if crossed > 0.0 and found is not plain:
         # The crossings show that the step is no delay, so that behind them it is the gap.
         gap = seen_gap(log, found, delayed=False)
@@ -79,16 +86,31 @@ def _by_motion(log: EncoderLog, found: Segments) -> Segments:
     return overrunning_segments(log, found, found.crossing) or found
 
 
+def _shorter_than_the_gap(log: EncoderLog, crossed: float) -> Segments:
+    """Return the few segments behind the crossings of strokes that are hardly longer than these."""
+    crossing = crossed / float(log.ratio)
+    found = find_segments(log, _LEAST_GAPS * crossing)
+    unclear = (
+        f"the teeth need {crossing / DEG:.2g}° of the driving shaft to cross the gap after a"
+        " reversal, and on a flank all strokes are too short to show it behind the crossing; log"
+        " longer strokes"
+    )
+    return replace(found, notes=(*found.notes, unclear), unclear=unclear)
+
+
 def _beyond(log: EncoderLog, found: Segments, gap: float) -> Segments:
-    """Return `found` with `_GAPS` times the gap left out after reversals, if this is more.
+    """Return `found` with up to `_GAPS` times the gap left out after reversals, if this is more.
 
     A flank is not given up: if the runs on it are shorter, `found` stays as it is.
     """
-    crossing = _GAPS * gap / float(log.ratio)
-    if crossing <= _WIDER * found.crossing:
-        return found
-    beyond = find_segments(log, crossing)
-    return beyond if _flanks_of(beyond) == _flanks_of(found) else found
+    for gaps in _GAPS:
+        crossing = gaps * gap / float(log.ratio)
+        if crossing <= _WIDER * found.crossing:
+            break
+        beyond = find_segments(log, crossing)
+        if _flanks_of(beyond) == _flanks_of(found):
+            return beyond
+    return found
 
 
 def _flanks_of(found: Segments) -> set[str]:

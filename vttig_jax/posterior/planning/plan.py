@@ -12,7 +12,6 @@ from ...base.threads import one_blas_thread
 from ...base.units import DEG
 from ...identify.model.forward_model import drive_relation, pair_relation
 from ...identify.preliminary.delay import NEGLECTED, SIGNIFICANT, Delay
-from ...identify.preliminary.delay_check import OF_INTERVAL
 from ...identify.report.gap_of_delay import allowing_for, gap_of_delay
 from ...identify.report.parameters import outcome_of, parameters_of
 from ...identify.settings import FitSettings
@@ -208,7 +207,7 @@ def _solved(
     std = float(np.sqrt(found.covariance[place, place]))
     assumed = assumptions.values.get("delay_s")
     if choice == "auto" and assumed is not None and abs(assumed) <= SIGNIFICANT * std:
-        return solution(joint=False), _insignificant(assumed, std, OF_INTERVAL * rows.interval_s)
+        return solution(joint=False), _insignificant(assumed, std, rows.interval_s)
     return found, Delay("fitted", assumed or 0.0, 0.0, std, forced=choice == "free")
 
 

@@ -11,14 +11,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..base.threads import one_blas_thread
-from ..logs.lines.comparison import Comparison
-from ..pair.gear_pair import Drive, GearPair
-from .compress.block_rows import turns_of
-from .model.harmonics import SECOND_ORDER, Harmonic, TermPlan, harmonic_of
-from .report.checks import JoinedLine, ResidualLine
-from .report.residual_tests import compared
-from .solve.solved_fit import SolvedFit
+from ...base.threads import one_blas_thread
+from ...logs.lines.comparison import Comparison
+from ...pair.gear_pair import Drive, GearPair
+from ..compress.block_rows import turns_of
+from ..model.harmonics import SECOND_ORDER, Harmonic, TermPlan, harmonic_of
+from ..report.checks import JoinedLine, ResidualLine
+from ..report.residual_tests import compared
+from ..solve.solved_fit import SolvedFit
 
 _CERTAIN = 1e-6
 """Largest false-alarm probability of a line that joins the model. It is smaller than that of a line

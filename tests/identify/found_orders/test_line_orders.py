@@ -164,7 +164,7 @@ def test_a_hidden_shaft_is_named():
 @pytest.mark.parametrize("log", ["A", pytest.param("B", marks=pytest.mark.slow)])
 def test_a_robot_axis_has_a_hidden_shaft(data_dir, log):
     """Its lines beside slow errors are too rough to be multiples; the spectrum at them tells."""
-    pair = load_pair(Path(__file__).parents[2] / "fits" / "kuka_kr300" / "axis2.toml")
+    pair = load_pair(Path(__file__).parents[3] / "fits" / "kuka_kr300" / "axis2.toml")
     table = data_dir / "kuka_kr300" / f"kr300_{log}_axes123.csv"
     (shaft,) = fit(read_log(table, pair), pair).checks.hidden_shafts
     assert shaft.orders == (1, 2, 3, 4) and shaft.coincidence < 1e-4

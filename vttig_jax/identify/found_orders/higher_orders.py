@@ -9,17 +9,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..base.numerics.counting import whole_below
-from ..base.threads import one_blas_thread
-from ..base.units import ARCSEC, REV
-from ..logs.lines.whole_orders import Run, whole_orders
-from ..logs.motion.segments import Segment
-from ..pair.schema import HarmonicOrders
-from .compress.block_means import block_means
-from .compress.block_rows import turns_of
-from .compress.regressors import Regressors, trimmed
-from .model.harmonics import RESOLVED, Harmonic, harmonic_of, names_of
-from .solve.solved_fit import SolvedFit
+from ...base.numerics.counting import whole_below
+from ...base.threads import one_blas_thread
+from ...base.units import ARCSEC, REV
+from ...logs.lines.whole_orders import Run, whole_orders
+from ...logs.motion.segments import Segment
+from ...pair.schema import HarmonicOrders
+from ..compress.block_means import block_means
+from ..compress.block_rows import turns_of
+from ..compress.regressors import Regressors, trimmed
+from ..model.harmonics import RESOLVED, Harmonic, harmonic_of, names_of
+from ..solve.solved_fit import SolvedFit
 
 _USUAL = 8
 """Orders up to this one are the choice of who lists orders; a fit without a list has all of them.
