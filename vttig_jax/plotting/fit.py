@@ -29,6 +29,12 @@ from .style import (
     unit_size,
 )
 
+_BREAK = 2.5
+"""The fitted line breaks where samples are left out over more than this many steps (chosen)."""
+
+_FAR_DEG = 30.0
+"""It breaks too between points that are farther apart, because a chord is not the fit (chosen)."""
+
 CurveAndResidual = tuple[TECurve, Float[np.ndarray, " _"]]
 """A curve with its residual, rad."""
 
@@ -99,16 +105,21 @@ def _draw_gaps(ax: Axes, fit: Fit) -> None:
 
 def _draw_flank(ax: Axes, runs: list[CurveAndResidual], size: float) -> None:
     points = MOST_POINTS // len(runs)
+    step = float(np.median(np.concatenate([np.diff(curve.time) for curve, _ in runs])))
     handles = []
     for curve, residual in runs:
         angle, error = curve.driving_angle / DEG, curve.transmission_error / size
         handles = _dots(ax, *thinned(angle, error, points), curve.flank, "measured")
-        handles += ax.plot(
-            *thinned(angle, error - residual / size, points),
-            color=MODEL_COLOUR,
-            linewidth=0.5,
-            label="fitted",
-        )
+        fitted, far = error - residual / size, np.abs(np.diff(angle)) > _FAR_DEG
+        far |= np.diff(curve.time) > _BREAK * step
+        for part in np.split(np.arange(len(angle)), np.flatnonzero(far) + 1):
+            handles[1:] = ax.plot(
+                *thinned(angle[part], fitted[part], points),
+                color=MODEL_COLOUR,
+                linewidth=0.5,
+                marker=",",
+                label="fitted",
+            )
     legend(ax, handles)
 
 

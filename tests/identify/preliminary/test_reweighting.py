@@ -138,7 +138,8 @@ def test_what_is_told_of_them(clean):
     marked = [hit[int(np.argmin(np.abs(bad.time - time_s)))] for time_s, _ in found.first]
     assert sum(marked) >= 4
     (sentence,) = [note for note in result.notes if note.startswith("bisquare loss")]
-    assert f"{found.share:.2%} of the samples count less than half" in sentence
+    assert f"{found.share:.2%} of the samples" in sentence and "count less than half" in sentence
+    assert (sentence in result.warnings) == found.are_many == (found.share >= 0.1)
     assert "below" in sentence or "both sides" in sentence
 
 

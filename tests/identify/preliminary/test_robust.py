@@ -171,7 +171,9 @@ def _outliers(**changes) -> Outliers:
 )
 def test_outliers_in_words(positive, side):
     text = _outliers(positive=positive).sentence
-    assert text.startswith("bisquare loss: 10.00% of the samples count less than half")
+    assert text.startswith(
+        "bisquare loss: 10.00% of the samples do not follow the model and count less than half"
+    )
     assert f"they stand {side} the fit by up to 3.9°" in text
     assert "the first at 0.5 s (driving 180.0°)" in text
 

@@ -293,6 +293,9 @@ def test_names_that_do_not_turn_as_given_beside_columns_that_do(ask, columns):
     shifted = 1.2 * X + 3.0 * np.sin(np.arange(len(T)) / 40)
     told = ask(csv("t,motor,load,a,b", T, shifted, 0.9 * Y, X, Y), unit="deg")
     assert "the names say that `motor` drives `load`" in told and "`a` and `b` do" in told
+    text = csv("t,motor,load,a,b", T, shifted, 0.9 * Y, X, Y)
+    stated = {"driving": "motor", "driven": "load"}
+    assert columns(text, columns=stated, unit="deg").driven == "load"  # the user said so
     # Without other columns that turn as given, the fit itself judges the ratio.
     assert columns(csv("t,motor,load", T, shifted, 0.9 * Y), unit="deg").driving == "motor"
 

@@ -34,6 +34,17 @@ def test_it_can_be_written(posterior):
     assert record["agreed"] is True and record["sentences"] == []
 
 
+def test_the_delay_of_all_routes_is_that_of_the_report():
+    result = quick_fits.two_speeds()
+    found = agreement(sample(result, steps=400))
+    [delay] = [one for one in found.compared if one.name == "delay"]
+    stated = result.parameters["delay_s"]
+    assert stated.value is not None and stated.std is not None and stated.value > 20 * stated.std
+    for route in (delay.fit, delay.profile, delay.sampled):
+        assert route.centre == pytest.approx(stated.value, abs=3 * stated.std)
+    assert delay.fit.centre == pytest.approx(stated.value, rel=1e-9)
+
+
 def test_draws_that_are_too_narrow_and_too_far_off_are_seen(posterior):
     draws = posterior.draws.copy()
     place = posterior.names.index("driven_x")

@@ -208,6 +208,7 @@ def _logs_and_folder(logs: tuple[Path, ...], out: Path | None) -> tuple[tuple[Pa
         if len(logs) == 1 and out in (None, runs[0]):
             return (), runs[0]
         cure = f"`vttig sample {shlex.quote(str(runs[0]))}` samples the fit in it"
+        cure += " and writes the draws beside it, without --out" if out is not None else ""
         raise UsageError(f"a run folder is no log; {cure}.", where=str(runs[0]))
     if out is None:
         raise UsageError(

@@ -129,11 +129,17 @@ class Outliers:
             else "on both sides of"
         )
         time_s, angle_deg = self.first[0]
+        doubt = "do not follow the model and " if self.are_many else ""
         return (
-            f"{self.loss} loss: {self.share:.2%} of the samples count less than half; they stand"
-            f" {side} the fit by up to {self.largest_deg:.3g}°, the first at {time_s:.6g} s"
+            f"{self.loss} loss: {self.share:.2%} of the samples {doubt}count less than half; they"
+            f" stand {side} the fit by up to {self.largest_deg:.3g}°, the first at {time_s:.6g} s"
             f" (driving {angle_deg:.1f}°)" + self._slow
         )
+
+    @property
+    def are_many(self) -> bool:
+        """Whether so many samples stand off the fit that the model is in doubt."""
+        return self.share >= _MANY and not self.slow
 
     @property
     def _slow(self) -> str:
@@ -145,6 +151,7 @@ class Outliers:
         )
 
 
+_MANY = 0.1  # least share of outliers that is a warning (chosen)
 MOST_PASSES = 20  # passes of a robust loss over the logs; chosen value
 _HUBER_FIRST = 5
 """Passes with Huber's loss before the bisquare loss, which can keep the error of a bad start."""

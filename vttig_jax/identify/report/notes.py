@@ -41,15 +41,16 @@ def warnings_of(
 ) -> tuple[str, ...]:
     """Return the warnings: notes on doubtful numbers or on actions of the user, gravest first."""
     solution, change, delays = estimate.solved.solution, estimate.change, estimate.delays
-    log = selected.linear.inputs[0].log
+    inputs, outliers = selected.linear.inputs, selected.weights.outliers
     return (
         *_contradicted_delay(selected.delay, estimate.rest_of_delay),
-        *_too_little_left_out(selected.linear.inputs, checks.gap_over_angles_covered),
+        *_open_delay(selected, identifiable),
+        *_too_little_left_out(inputs, checks.gap_over_angles_covered),
+        *_of_logs(inputs, [[one.sentence] if one.are_many else [] for one in outliers]),
         *solver_notes(solution),
-        *(_computed(selected.linear.inputs) or _ratio_notes(regressors, checks, log)),
+        *(_computed(inputs) or _ratio_notes(regressors, checks, inputs[0].log)),
         *identifiable.notes,
         *_gap_alone(identifiable, checks.gap_over_angles_covered),
-        *_open_delay(selected, identifiable),
         *_negative_sum(selected, identifiable, solution),
         *([change.sentence] if change and change.is_clear else []),
         *([delays.sentence] if delays and delays.differ else []),
@@ -71,7 +72,7 @@ def notes_of(
     """Return the notes that are not warnings: first conditions of the numbers, then log details."""
     inputs, outliers = selected.linear.inputs, selected.weights.outliers
     slow = [[one.sentence] if one.slow else [] for one in outliers]
-    usual = [[] if one.slow else [one.sentence] for one in outliers]
+    usual = [[] if one.slow or one.are_many else [one.sentence] for one in outliers]
     return (
         *_noise_notes(estimate.solved.noise),
         *_neglected_delay(selected.delay, of_delay, identifiable),

@@ -35,7 +35,8 @@ def check_names(
 
     **Raises** `LogError` if a named column without a unit is the speed of another column, if
     another column holds nearly the same angle, as a setpoint and a measured angle do, or if the
-    named columns do not turn as given although two other columns do.
+    named columns do not turn as given although two other columns do. Columns that the user stated
+    for both shafts are taken.
     """
     others = [one for one in others if one.turns and one.reading.is_angle]
     for role, one in named.items():
@@ -47,7 +48,8 @@ def check_names(
         twin = next((other for other in others if _is_twin(one, other, role, scale)), None)
         if twin is not None:
             raise question.twins(role, one, twin, source)
-    if ratio is None or not all(one.turns for one in named.values()):
+    by_name = named.keys() & set(guessed)
+    if ratio is None or not by_name or not all(one.turns for one in named.values()):
         return
     fitting, _, unknown = fitting_pairs(dict(named), (), ratio, scale)
     if fitting or unknown:

@@ -7,7 +7,7 @@ draws.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -42,6 +42,10 @@ class Route:
     centre: float
     half68: float
     half95: float
+
+    def after(self, offset: float) -> "Route":
+        """Return the same intervals around a centre that is larger by `offset`."""
+        return replace(self, centre=self.centre + offset)
 
     @property
     def half_widths(self) -> tuple[float, float]:
@@ -192,18 +196,14 @@ def agreement(posterior: Posterior, prior: Prior = Prior()) -> Agreement:
     effective = dict(
         zip(posterior.diagnosis.names, posterior.diagnosis.effective.tolist(), strict=True)
     )
-    compared = tuple(
-        RouteComparison(
-            name=name,
-            unit=posterior.units[posterior.names.index(name)],
-            fit=_of_fit(fit, name),
-            profile=_of_profile(profiler, name),
-            sampled=_of_draws(posterior, name),
-            effective=effective[name],
-        )
-        for name in posterior.physical
-    )
-    return Agreement(compared, posterior.widening, posterior.gap_of_delay is not None)
+    compared = []
+    for name in posterior.physical:
+        routes = _of_fit(fit, name), _of_profile(profiler, name), _of_draws(posterior, name)
+        if name == "delay":  # all three count from the delay that the fit removed before
+            routes = tuple(route.after(posterior.delay_offset_s) for route in routes)
+        unit = posterior.units[posterior.names.index(name)]
+        compared.append(RouteComparison(name, unit, *routes, effective=effective[name]))
+    return Agreement(tuple(compared), posterior.widening, posterior.gap_of_delay is not None)
 
 
 def _of_fit(fit: Fit, name: str) -> Route:
