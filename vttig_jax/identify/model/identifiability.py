@@ -147,7 +147,7 @@ def find_identifiability(
 
 def _fitted_flanks(covered: dict[Flank, tuple[float, float]], *, arcs: bool) -> tuple[Flank, ...]:
     """Return the flanks on which a shaft makes a full turn, or both if they are `arcs`."""
-    flanks = tuple(flank for flank, turns in covered.items() if max(turns) >= FULL_TURN)
+    flanks: tuple[Flank, ...] = tuple(f for f, turns in covered.items() if max(turns) >= FULL_TURN)
     if arcs and (not flanks or _are_strokes_of_one_turn(covered)):
         return _of_an_arc(covered)
     return flanks
