@@ -1,15 +1,21 @@
 """Block rows of a log: which samples they hold, how long a block is, and their curves."""
 
+from dataclasses import replace
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
 from tests.identify.summaries import looked
 from vttig_jax.base.units import ARCSEC, DEG
+from vttig_jax.identify.compress import block_rows
 from vttig_jax.identify.compress.block_means import block_size
 from vttig_jax.identify.compress.block_rows import block_seconds, log_rows
 from vttig_jax.identify.compress.regressors import Drift, read_channels
 from vttig_jax.identify.fitting import fit
+from vttig_jax.identify.preliminary.linear_fit import residual_of, residuals_of
 from vttig_jax.logs.encoder_log import EncoderLog
+from vttig_jax.pair.gear_pair import Flank
 
 
 @pytest.fixture(scope="module")
@@ -80,6 +86,46 @@ def test_a_delay_shortens_its_segments(seen, noisy_log, noisy_rig):
                 whole.start + start,
                 whole.stop - stop,
             )
+
+
+@pytest.fixture(scope="module")
+def cut(seen, noisy_log, noisy_rig):
+    """Channels with weights and a delay, and short pieces of both flanks with one long one."""
+    scope, linear = seen
+    weight = np.random.default_rng(0).uniform(0, 1, len(noisy_log))
+    regressors = ("delay",)
+    channels = read_channels(
+        noisy_log, noisy_rig.pair, regressors, linear.model.drift, 2e-3, weight=weight
+    )
+    pieces = []
+    for whole in scope.segments[0]:
+        edges = [*range(whole.start, whole.start + 9000, 701), whole.stop]
+        pieces += [replace(whole, start=a, stop=b) for a, b in pairwise(edges)]
+    return channels, tuple(pieces), scope.terms, linear.block_s
+
+
+def test_short_runs_have_the_same_rows_together_and_alone(cut, monkeypatch):
+    together = log_rows(*cut)
+    monkeypatch.setattr(block_rows, "SHORT_RUN", 0)
+    alone = log_rows(*cut)
+    assert len(together.runs) == len(alone.runs) > 20
+    for one, other in zip(together.runs, alone.runs, strict=True):
+        assert one.segment == other.segment
+        np.testing.assert_array_equal(one.rows, other.rows)
+        for name in ("driving_angle", "transmission_error", "time"):
+            np.testing.assert_array_equal(getattr(one.curve, name), getattr(other.curve, name))
+
+
+@pytest.mark.parametrize("stride", [1, 7])
+def test_short_runs_have_the_same_residuals_together_and_alone(cut, stride):
+    channels, segments, *_ = cut
+    columns = log_rows(*cut).columns
+    rng = np.random.default_rng(1)
+    weights: dict[Flank, np.ndarray] = {f: rng.standard_normal(columns.width) for f in ("A", "B")}
+    found = residuals_of(channels, segments, columns, weights, stride)
+    for segment, residual in zip(segments, found, strict=True):
+        alone = residual_of(channels, segment, columns, weights[segment.flank], stride)
+        np.testing.assert_allclose(residual, alone, rtol=0, atol=1e-12)
 
 
 def _two_speeds(pair, last_rpm: float) -> EncoderLog:

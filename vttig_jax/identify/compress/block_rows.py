@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from ...base.numerics.counting import nearest_whole, whole_below
 from ...base.units import REV
@@ -18,6 +18,8 @@ from .block_means import block_means, block_rows, block_size
 from .regressors import Drift, Regressors, trimmed
 
 _FEWEST_ROWS = 32  # rows of the longest segment, as many as a turn has at least; chosen value
+
+SHORT_RUN = 2048  # samples up to which the rows of runs are computed together (chosen)
 
 _DIGITS = 1e-6
 """A residual below this share of the transmission error is rounding; see `harmonic_summary`."""
@@ -148,37 +150,24 @@ def log_rows(
         ((OFFSET, *channels.own, *channels.slopes),),
     )
     shortest = max(1, nearest_whole(block_s / channels.sample_s))
-    runs = []
+    found: list[tuple[int, Segment]] = []
+    together: dict[tuple[Flank, int, int], list[int]] = {}
     for whole in segments:
         segment = trimmed(whole, channels)
         size = shortest
         if noise.stationary_in == "angle" and whole.speed:
             size = max(1, nearest_whole(shortest * fastest / abs(whole.speed)))
-        if segment.stop - segment.start < size:
+        samples = segment.stop - segment.start
+        if samples < size:
             continue
-        part = slice(segment.start, segment.stop)
-        driving, driven = channels.driving[part], channels.driven[part]
-        error = channels.error[segment.flank][part]
-        present = channels.own_on(segment.flank)
-        weight = None if channels.weight is None else channels.weight[part]
-        rows = block_rows(
-            columns,
-            size=size,
-            driving_angle=driving,
-            driven_angle=driven,
-            own=(values[part] for values in present.values()),
-            error=error,
-            weight=weight,
-        )
-        given = channels.given[segment.flank].value[part] if channels.given else None
-        seen = block_means(error, size) + channels.level
-        if given is not None:
-            seen += block_means(given, size)
-        times = block_means(channels.time[part], size)
-        curve = TECurve(segment.flank, block_means(driving, size), seen, times)
-        if given is not None:
-            given = _weighted_means(given, size, weight)
-        runs.append(BlockRun(segment, rows, curve, given))
+        alone = len(found) if samples > SHORT_RUN else -1
+        together.setdefault((segment.flank, size, alone), []).append(len(found))
+        found.append((size, segment))
+    made: dict[int, BlockRun] = {}
+    for (_, size, _), places in together.items():
+        of_group = [found[place][1] for place in places]
+        made |= zip(places, _runs_of(channels, columns, of_group, size), strict=True)
+    runs = [made[place] for place in range(len(found))]
     row_s = shortest * channels.sample_s
     return LogRows(
         columns=columns,
@@ -189,6 +178,46 @@ def log_rows(
         rounding=float(np.hypot(channels.log.rounding, _rounding_of_given(runs))),
         drift=channels.drift,
     )
+
+
+def _runs_of(
+    channels: Regressors, columns: ColumnLayout, segments: Sequence[Segment], size: int
+) -> list[BlockRun]:
+    """Return the rows of segments on one flank, with `size` samples a row.
+
+    The rows of several segments are computed in one array, because a log may have hundreds of short
+    ones. An incomplete last block of a segment is left out.
+    """
+    flank = segments[0].flank
+    blocks = [(segment.stop - segment.start) // size for segment in segments]
+    starts = [segment.start for segment in segments]
+    part: slice | Int[np.ndarray, " m"] = slice(starts[0], starts[0] + blocks[0] * size)
+    if len(segments) > 1:
+        ends = zip(starts, blocks, strict=True)
+        part = np.concatenate([np.arange(start, start + n * size) for start, n in ends])
+    driving, error = channels.driving[part], channels.error[flank][part]
+    weight = None if channels.weight is None else channels.weight[part]
+    rows = block_rows(
+        columns,
+        size=size,
+        driving_angle=driving,
+        driven_angle=channels.driven[part],
+        own=(values[part] for values in channels.own_on(flank).values()),
+        error=error,
+        weight=weight,
+    )
+    given = channels.given[flank].value[part] if channels.given else None
+    seen = block_means(error, size) + channels.level
+    if given is not None:
+        seen += block_means(given, size)
+        given = _weighted_means(given, size, weight)
+    angles, times = block_means(driving, size), block_means(channels.time[part], size)
+    runs, stop = [], 0
+    for segment, count in zip(segments, blocks, strict=True):
+        own, stop = slice(stop, stop + count), stop + count
+        curve = TECurve(flank, angles[own], seen[own], times[own])
+        runs.append(BlockRun(segment, rows[own], curve, None if given is None else given[own]))
+    return runs
 
 
 def _weighted_means(

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import final
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from ...base.errors import UsageError
 from ...base.numerics.counting import nearest_whole, whole_above
@@ -102,7 +102,7 @@ class Derived:
     source: Samples
     function: Callable[[Samples], Samples]
 
-    def __getitem__(self, part: slice) -> Samples:
+    def __getitem__(self, part: slice | Int[np.ndarray, " m"]) -> Samples:
         return self.function(self.source[part])
 
 

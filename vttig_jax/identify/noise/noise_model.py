@@ -1,6 +1,7 @@
 """Correlated noise of the block rows: its autoregressive model, and the whitening of the rows."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float
@@ -84,9 +85,17 @@ class NoiseModel:
         order = len(self.coefficients)
         matrix = np.zeros((len(time), len(time)))
         matrix[order:] = self.whitened(np.eye(len(time)), time)
-        for place in range(order):
-            std = self.innovation_std / np.sqrt(np.prod(1 - self.partial[place:] ** 2))
-            matrix[place, : place + 1] = filter_of(self.partial[:place])[::-1] / (std or 1.0)
+        matrix[:order, :order] = self._first_whitening
+        return matrix
+
+    @cached_property
+    def _first_whitening(self) -> Float[np.ndarray, "p p"]:
+        """The matrix that whitens the first p rows of a run by filters of lower orders."""
+        matrix = np.zeros((len(self.coefficients), len(self.coefficients)))
+        partial = self.partial
+        for place in range(len(matrix)):
+            std = self.innovation_std / np.sqrt(np.prod(1 - partial[place:] ** 2))
+            matrix[place, : place + 1] = filter_of(partial[:place])[::-1] / (std or 1.0)
         return matrix
 
     def to_json(self) -> dict:

@@ -1,11 +1,11 @@
 """Linear fit of the block rows of all logs, and the residuals of its single samples."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from ...base.errors import NoAnswerError
 from ...base.numerics.counting import pieces
@@ -14,7 +14,7 @@ from ...logs.encoder_log import EncoderLog
 from ...logs.motion.flank_assignment import Ramp
 from ...logs.motion.segments import Segment, Segments
 from ...pair.gear_pair import Drive, Flank, GearPair
-from ..compress.block_rows import LogRows, block_seconds, log_rows
+from ..compress.block_rows import SHORT_RUN, LogRows, block_seconds, log_rows
 from ..compress.harmonic_summary import HarmonicSummary, summarise
 from ..compress.regressors import Drift, Regressors, Samples, read_channels
 from ..model.column_layout import ColumnLayout
@@ -42,17 +42,54 @@ def residual_of(
     of the fit on the flank of the segment: the product of a row and `weights` is its residual.
     """
     part = slice(segment.start, segment.stop, stride)
+    return _residual_at(channels, segment.flank, part, columns, weights)
+
+
+def residuals_of(
+    channels: Regressors,
+    segments: Sequence[Segment],
+    columns: ColumnLayout,
+    weights: Mapping[Flank, Float[np.ndarray, " columns"]],
+    stride: int = 1,
+) -> list[Samples]:
+    """Return `residual_of` of every segment, with the weights of its flank.
+
+    Short segments are computed in one array, because a log may have hundreds of them.
+    """
+    found: dict[int, Samples] = {}
+    short: dict[Flank, list[int]] = {}
+    for place, segment in enumerate(segments):
+        if segment.stop - segment.start <= SHORT_RUN:
+            short.setdefault(segment.flank, []).append(place)
+        else:
+            found[place] = residual_of(channels, segment, columns, weights[segment.flank], stride)
+    for flank, places in short.items():
+        samples = [np.arange(segments[k].start, segments[k].stop, stride) for k in places]
+        values = _residual_at(channels, flank, np.concatenate(samples), columns, weights[flank])
+        edges = np.cumsum([len(own) for own in samples])[:-1]
+        found |= zip(places, np.split(values, edges), strict=True)
+    return [found[place] for place in range(len(segments))]
+
+
+def _residual_at(
+    channels: Regressors,
+    flank: Flank,
+    part: slice | Int[np.ndarray, " n"],
+    columns: ColumnLayout,
+    weights: Float[np.ndarray, " columns"],
+) -> Float[np.ndarray, " n"]:
+    """Return the residual on a flank at the samples `part`; see `residual_of`."""
     own = columns.own_slice
     coefficients = -weights[:-1]
     harmonics = np.delete(coefficients, own)
     values = np.full(len(channels.time[part]), coefficients[own.start])
-    present = channels.own_on(segment.flank)
+    present = channels.own_on(flank)
     for place, name in enumerate(columns.own[0][1:], own.start + 1):
         values += coefficients[place] * present[name][part]
     driving, driven = channels.driving[part], channels.driven[part]
     for piece in pieces(len(values), _CHUNK):
         values[piece] += _harmonics(columns, harmonics, driving[piece], driven[piece])
-    return channels.error[segment.flank][part] - values
+    return channels.error[flank][part] - values
 
 
 def _harmonics(
@@ -204,14 +241,12 @@ class LinearFit:
         They belong to the measured samples: what Huber's loss subtracted from a sample is added.
         """
         weights, channels, rows = self.residual_rows[log], self.channels[log], self.rows[log]
-        found = []
-        for run in rows.runs:
-            segment = run.segment
-            left = residual_of(channels, segment, rows.columns, weights[segment.flank], stride)
-            if channels.pull is not None:
-                left = left + channels.pull[segment.start : segment.stop : stride]
-            found.append(left)
-        return found
+        segments = [run.segment for run in rows.runs]
+        found = residuals_of(channels, segments, rows.columns, weights, stride)
+        if channels.pull is None:
+            return found
+        pulls = [channels.pull[one.start : one.stop : stride] for one in segments]
+        return [left + pull for left, pull in zip(found, pulls, strict=True)]
 
 
 def linear_fit(

@@ -13,7 +13,7 @@ from ..model.column_layout import OFFSET
 from ..model.given_model import GivenModel
 from ..model.mounting import offset_name
 from ..noise.noise_model import WhitenedFlank
-from ..preliminary.linear_fit import LinearFit, residual_of
+from ..preliminary.linear_fit import LinearFit, residuals_of
 from .least_squares import Solution
 
 _MOST_SAMPLES = 20_000  # samples above which a log is thinned; chosen value
@@ -87,9 +87,9 @@ def sample_residual_rms(linear: LinearFit, weights: list[Weights]) -> float:
     stride = max(1, sum(s.stop - s.start for s in segments) // _MOST_SAMPLES)
     square, count = 0.0, 0.0
     for channels, rows, own in zip(linear.channels, linear.rows, weights, strict=True):
-        for run in rows.runs:
-            segment = run.segment
-            residual = residual_of(channels, segment, rows.columns, own[segment.flank], stride)
+        used = [run.segment for run in rows.runs]
+        found = residuals_of(channels, used, rows.columns, own, stride)
+        for segment, residual in zip(used, found, strict=True):
             part = slice(segment.start, segment.stop, stride)
             weight = np.ones_like(residual) if channels.weight is None else channels.weight[part]
             square += float(weight @ residual**2)

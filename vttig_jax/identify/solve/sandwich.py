@@ -181,6 +181,32 @@ class _Influence:
         return self.rate * self.left[:, None]
 
 
+def _combinations(
+    solved: SolvedFit, functional: Functional
+) -> dict[Flank, Float[np.ndarray, "columns _"]]:
+    """Return flank → combinations of the columns that `_influences` whitens, not all columns.
+
+    They are the directions x of every function, then the weights of the residual, then the offset.
+    """
+    columns, of_score = solved.summary.columns, functional.slope @ solved.model_covariance
+    found = {}
+    for place, side in enumerate(solved.summary.flanks):
+        factor = solved.whitened[place]
+        free = factor.free
+        upper = factor.factor[:free, :free]
+        tied = solved.solution.jacobian[place] @ of_score.T
+        combined = np.zeros((columns.width, len(of_score) + 2))
+        combined[:free, :-2] = -np.linalg.solve(upper, factor.factor[:free, free:-1]) @ tied
+        combined[free:-1, :-2] = tied
+        if side.flank in functional.free:
+            of_free = np.linalg.solve(upper.T, functional.free[side.flank].T)
+            combined[:free, :-2] += np.linalg.solve(upper, of_free)
+        combined[:, -2] = [*-solved.coefficients[place], 1.0]
+        combined[columns.index(OFFSET), -1] = 1.0
+        found[side.flank] = combined
+    return found
+
+
 def _influences(
     solved: SolvedFit, functional: Functional, *, whole: bool = False
 ) -> list[_Influence]:
@@ -190,27 +216,12 @@ def _influences(
     and β at fixed p by (X_fᵀ X_f)⁻¹ x_f r, where f marks the free columns. The first rows of a run,
     as many as the order of the noise, are left out unless `whole` is true.
     """
-    summary, of_score = solved.summary, functional.slope @ solved.model_covariance
-    sides = [flank.flank for flank in summary.flanks]
+    combined = _combinations(solved, functional)
     found = []
     for _, run, embedding in solved.runs:
-        flank = run.segment.flank
-        place, own = sides.index(flank), solved.noise.at(run.segment.speed)
-        factor = solved.whitened[place]
-        free = factor.free
-        upper = factor.factor[:free, :free]
-        tied = solved.solution.jacobian[place] @ of_score.T
-        # Few combinations of the columns are whitened, and not all columns.
-        combined = np.zeros((summary.columns.width, len(of_score) + 2))
-        combined[:free, :-2] = -np.linalg.solve(upper, factor.factor[:free, free:-1]) @ tied
-        combined[free:-1, :-2] = tied
-        if flank in functional.free:
-            of_free = np.linalg.solve(upper.T, functional.free[flank].T)
-            combined[:free, :-2] += np.linalg.solve(upper, of_free)
-        combined[:, -2] = [*-solved.coefficients[place], 1.0]
-        combined[summary.columns.index(OFFSET), -1] = 1.0
+        own = solved.noise.at(run.segment.speed)
         whitening = own.whitening(run.curve.time) if whole else None
-        table = run.rows @ (embedding.T @ combined)
+        table = run.rows @ (embedding.T @ combined[run.segment.flank])
         white = own.whitened(table, run.curve.time) if whitening is None else whitening @ table
         rate, left, constant = white[:, :-2], white[:, -2], white[:, -1]
         weights = None if whitening is None else whitening.T @ rate
