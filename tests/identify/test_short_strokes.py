@@ -9,6 +9,7 @@ from tests.identify.drives import known
 from vttig_jax.base.errors import LogError, NoAnswerError
 from vttig_jax.identify.fit_result import Fit
 from vttig_jax.identify.fitting import fit
+from vttig_jax.identify.preliminary.delay import TOO_SHORT
 from vttig_jax.logs.checks.lost_motion import without_lost_motion
 from vttig_jax.logs.encoder_log import EncoderLog
 from vttig_jax.pair.gear_pair import Drive
@@ -98,6 +99,16 @@ def test_strokes_of_about_a_turn_keep_both_flanks(stroke_deg):
     result = fit(log, pair)
     assert holds(result, gap)
     assert not any("is left out" in note for note in result.warnings)
+
+
+def test_speeds_of_short_strokes_tell_no_delay_within_an_interval():
+    log, pair, gap = strokes(4.0, 200.0, ratio="1/7", unequal=0.2, late_s=0.9 / 500)
+    result = fit(log, pair)
+    delay = result.parameters["delay_s"]
+    assert not delay.determined and delay.reason == TOO_SHORT
+    assert result.conditional_on == ("delay_within_one_sampling_interval",)
+    assert any("so short a log does not tell a delay" in note for note in result.warnings)
+    assert holds(result, gap)
 
 
 @pytest.mark.parametrize("seed", range(4))

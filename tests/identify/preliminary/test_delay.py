@@ -13,6 +13,7 @@ from vttig_jax.identify.fitting import fit
 from vttig_jax.identify.preliminary import ramps
 from vttig_jax.identify.preliminary.delay import (
     NEGLECTED,
+    TOO_SHORT,
     Delay,
     judge_delay,
     one_speed,
@@ -292,6 +293,19 @@ def test_a_delay_hidden_behind_offsets_is_open(raw, state):
     found = _judged(_own(right=50.0, raw=raw), 0.0, two_flanks=False)
     assert found.state == state
     assert ("an offset" in found.reason) == (state == "open")
+
+
+@pytest.mark.parametrize(
+    ("within_s", "short", "state"),
+    [(60.0, True, "open"), (47.0, True, "open"), (45.0, True, "fitted"), (60.0, False, "fitted")],
+)
+def test_short_strokes_tell_only_a_delay_beyond_the_bound(within_s, short, state):
+    """The delay is 50 standard errors, of which 4 may be missing."""
+    own = _own(right=50.0)
+    limits = {"two_flanks": True, "steady": False, "within_s": within_s, "short": short}
+    found = judge_delay(own, [], 0.0, forced=False, **limits)
+    assert found.state == state and (found.reason == TOO_SHORT) == (state == "open")
+    assert judge_delay(own, [], 0.0, forced=True, **limits).state == "fitted"
 
 
 def test_settled_is_a_hundredth_of_a_standard_error():

@@ -30,6 +30,12 @@ NEGLECTED = (
 )
 """Reason why an insignificant delay is not fitted."""
 
+TOO_SHORT = (
+    "the shafts turned too little to tell a delay of up to one sampling interval from their"
+    " eccentricities; log longer strokes"
+)
+"""Reason why a delay of short strokes is not fitted."""
+
 SAME_SPEED = 0.05  # largest relative difference of speeds that count as equal; chosen value
 _WIDE = 2.0
 """A delay is open if its bound is smaller than this number of standard errors; chosen value."""
@@ -134,6 +140,7 @@ def judge_delay(
     two_flanks: bool,
     steady: bool,
     within_s: float,
+    short: bool = False,
 ) -> Delay:
     """Decide whether the delay is fitted, insignificant or open (not determined by the logs).
 
@@ -144,6 +151,8 @@ def judge_delay(
     - `two_flanks`: whether the logs cover both flanks. - `steady`: whether all runs have one speed;
       an insignificant delay is then open if two standard errors exceed `within_s`.
     - `within_s`: assumed bound of |delay|, s, if the logs do not determine it.
+    - `short`: whether no first order is fitted, because the shafts turn too little. The unknown
+      eccentricities then resemble a delay, so that only one beyond `within_s` is fitted.
     """
     like = "the constant backlash" if two_flanks else "an offset"
     reason = f"at one steady speed a delay cannot be told from {like}; log a second speed"
@@ -152,6 +161,8 @@ def judge_delay(
         return unknown
     step, std = own.estimate("delay", [*beside, "delay"])
     total = seconds + step
+    if short and two_flanks and not forced and abs(total) - SIGNIFICANT * std <= within_s:
+        return replace(unknown, reason=TOO_SHORT)
     if forced or abs(total) > SIGNIFICANT * std:
         return Delay("fitted", seconds, step, std)
     if steady and two_flanks and _WIDE * std > within_s:

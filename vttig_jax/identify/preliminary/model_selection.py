@@ -118,14 +118,16 @@ def select_model(
     weights = with_second_start(reweighted(plain, settings.loss), plain)
     linear = weights.linear
     if delay_tried:
-        linear, delay, told = _with_delay(weights, settings)
+        short = len(identifiable.short) == 2
+        linear, delay, told = _with_delay(weights, settings, short=short)
         if weights.loss != "square" and delay.state == "fitted":
             # The first weights come from a model without the delay and, in ramps, from spikes only.
             weights = reweighted(
                 linear, weights.loss, weights.values if weights.loss == "bisquare" else None
             )
             plain = weights.look(inputs, model, delay.seconds, linear.block_s)
-            linear, delay, told = _with_delay(replace(weights, linear=plain), settings, delay.share)
+            looked = replace(weights, linear=plain)
+            linear, delay, told = _with_delay(looked, settings, delay.share, short=short)
         notes += told
     own, told = _chosen(linear, settings, delay)
     notes += told
@@ -305,11 +307,12 @@ def _widest_drift(
 
 
 def _with_delay(
-    weights: Reweighted, settings: FitSettings, share: float = 1.0
+    weights: Reweighted, settings: FitSettings, share: float = 1.0, *, short: bool
 ) -> tuple[LinearFit, Delay, list[str]]:
     """Iterate the delay until it is settled; at one speed, the fit includes the ramps.
 
-    `share` is that of the delay (see `Delay`) if the first pass already settles it.
+    `share` is that of the delay (see `Delay`) if the first pass already settles it. `short` is as
+    in `judge_delay`.
     """
     plain = weights.linear
     inputs, model, block_s = plain.inputs, plain.model, plain.block_s
@@ -326,6 +329,7 @@ def _with_delay(
             two_flanks=len(linear.summary.flanks) == 2,
             steady=steady,
             within_s=bound_s,
+            short=short,
         )
         delay = delay.after(step_s) if step_s else replace(delay, share=share)
         if delay.is_settled or steps == _MOST_STEPS:

@@ -13,7 +13,7 @@ from ...pair.gear_pair import Drive, GearPair
 from ..model.harmonics import TermPlan
 from ..model.identifiability import Identifiability
 from ..noise.noise_model import NoiseModel
-from ..preliminary.delay import WITHIN_ONE_INTERVAL, Delay, one_speed
+from ..preliminary.delay import TOO_SHORT, WITHIN_ONE_INTERVAL, Delay, one_speed
 from ..preliminary.linear_fit import Input
 from ..preliminary.model_selection import SelectedModel
 from ..settings import FitSettings
@@ -198,10 +198,12 @@ def _open_delay(selected: SelectedModel, identifiable: Identifiability) -> list[
         return []
     speeds = [abs(s.speed) for own in identifiable.segments for s in own]
     shift = 2 * float(identifiable.terms.ratio) * max(speeds) * 1e-6 / DEG
+    short = delay.reason == TOO_SHORT
+    cause, cure = ("so short a log", "longer strokes") if short else ("one speed", "a second speed")
     return [
-        f"one speed does not tell a delay from the backlash: every microsecond looks like"
-        f" {shift:.2g}° of backlash. The interval allows ±{1e3 * delay.bound_s:.4g} ms; log a"
-        " second speed, or state the delay with --delay (0.5ms) or its limit with --delay-within"
+        f"{cause} does not tell a delay from the backlash: every microsecond looks like"
+        f" {shift:.2g}° of backlash. The interval allows ±{1e3 * delay.bound_s:.4g} ms; log {cure},"
+        " or state the delay with --delay (0.5ms) or its limit with --delay-within"
     ]
 
 
