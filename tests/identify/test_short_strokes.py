@@ -12,6 +12,7 @@ from vttig_jax.identify.fitting import fit
 from vttig_jax.identify.preliminary.delay import TOO_SHORT
 from vttig_jax.logs.checks.lost_motion import without_lost_motion
 from vttig_jax.logs.encoder_log import EncoderLog
+from vttig_jax.logs.motion.flank_assignment import assigned_segments
 from vttig_jax.pair.gear_pair import Drive
 from vttig_jax.pair.schema import HarmonicOrders
 
@@ -69,6 +70,14 @@ def test_a_crossing_that_is_a_large_part_of_a_stroke_is_no_contradiction(cross_d
     assert np.degrees(np.std(rest)) < 0.05 * gap
     assert np.std(rest) < 0.2 * np.std(log.driven_angle - 0.01 * log.driving_angle)
     assert holds(fit(log, pair), gap)
+
+
+def test_shafts_that_turn_opposite_ways_are_clear():
+    log, pair, _ = strokes(4.0, 1000.0, ratio="1/3", leg_s=4.0)
+    turned = Drive(-pair.ratio, fit=pair.fit, name="opposite")
+    angles = np.degrees(log.driving_angle), -np.degrees(log.driven_angle)
+    opposite = EncoderLog.from_arrays(log.time, *angles, pair=turned, unit="deg")
+    assert not assigned_segments(opposite).unclear
 
 
 def test_shafts_that_turn_apart_stay_refused():

@@ -44,6 +44,7 @@ def warnings_of(
     inputs, outliers = selected.linear.inputs, selected.weights.outliers
     return (
         *_contradicted_delay(selected.delay, estimate.rest_of_delay),
+        *(one.found.unclear for one in inputs if one.found.unclear),
         *_open_delay(selected, identifiable),
         *_too_little_left_out(inputs, checks.gap_over_angles_covered),
         *_of_logs(inputs, [[one.sentence] if one.are_many else [] for one in outliers]),
@@ -309,14 +310,9 @@ def _few_legs(estimate: Estimate, gap: CoveredGap) -> list[str]:
 
 
 def _too_little_left_out(inputs: Sequence[Input], gap: CoveredGap) -> list[str]:
-    """Return notes if samples inside the gap may count as a flank, or if strokes are too short.
-
-    The first is the case if the fitted gap takes more travel to cross than is left out of a log.
-    """
-    unclear = [one.found.unclear for one in inputs if one.found.unclear]
-    if unclear:
-        return unclear
+    """Return a note if the fitted gap takes more travel to cross than is left out of a log."""
     by_motion = [one for one in inputs if one.log.torque is None and one.log.direction is None]
+    by_motion = [one for one in by_motion if not one.found.unclear]
     if gap.low95 is None or gap.value is None or not by_motion:
         return []
     least = min(by_motion, key=lambda one: one.found.crossing)

@@ -70,7 +70,7 @@ def _by_motion(log: EncoderLog, found: Segments) -> Segments:
     """
     crossed = crossed_gap(log, found)
     plain, found = found, _beyond(log, found, max(crossed, seen_gap(log, found)))
-    if found is plain and float(log.ratio) * plain.crossing < crossed:
+    if crossed > 0.0 and found is plain and float(log.ratio) * plain.crossing < crossed:
         return _shorter_than_the_gap(log, crossed)
     if crossed > 0.0 and found is not plain:
         # The crossings show that the step is no delay, so that behind them it is the gap.
