@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from tests.identify.drives import known
+from tests.logs.profiles import played
 from vttig_jax.base.errors import LogError, NoAnswerError
 from vttig_jax.identify.fit_result import Fit
 from vttig_jax.identify.fitting import fit
@@ -46,9 +47,7 @@ def strokes(
     speed *= (1 + unequal * rng.standard_normal(legs + 1))[leg.astype(int)]
     driving = np.cumsum(speed) / (rate_hz * fine)
     gap = gain * cross_deg
-    driven, here = np.empty_like(driving), 0.0
-    for k, low in enumerate(gain * driving):
-        here = driven[k] = min(max(here, low), low + gap)
+    driven = played(gain * driving, gap)
     seen = np.interp(time[::fine] - late_s, time, driven)
     noisy = seen + noise * gap * rng.standard_normal(len(seen))
     shown = np.round(driving[::fine] / 0.088) * 0.088

@@ -24,6 +24,17 @@ def spec(**log) -> PairSpec:
     )
 
 
+def played(lower: np.ndarray, gap: float, start: float = 0.0) -> np.ndarray:
+    """The driven angle by the play operator: it stays until `lower` or `lower` + `gap` moves it.
+
+    It begins `start` above `lower`.
+    """
+    driven, here = np.empty_like(lower), lower[0] + start
+    for k, low in enumerate(lower):
+        here = driven[k] = min(max(here, low), low + gap)
+    return driven
+
+
 def drive(ratio: str, **log) -> PairSpec:
     """A drive without gear geometry."""
     return parse_pair_spec({"drive": {"ratio": ratio}, "log": log})

@@ -20,8 +20,8 @@ from .channel.steps import step_of
 from .channel.unwrap import find_modulus, unwrap, wrap_steps
 from .checks.fractions import likely_fraction, ratio_option
 from .checks.missing_cells import missing_notes
-from .checks.ratio import slope
 from .checks.sampling import Sampling, sampling_of
+from .checks.slope import slope
 from .inspection import ColumnReport, bullets, column_table, sampling_rows
 from .magnitudes import LEAST_RANGE, check_time
 from .proposals import Proposal, proposals, with_ratio

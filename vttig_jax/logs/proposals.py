@@ -13,7 +13,7 @@ import numpy as np
 from ..base.errors import VttigError
 from ..base.units import REV
 from .checks.fractions import ratio_option
-from .checks.ratio import slope
+from .checks.slope import slope
 from .recognition.candidates import Candidate
 from .recognition.command import fit_command
 from .recognition.recognise import Search

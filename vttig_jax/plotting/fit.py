@@ -105,21 +105,18 @@ def _draw_gaps(ax: Axes, fit: Fit) -> None:
 
 def _draw_flank(ax: Axes, runs: list[CurveAndResidual], size: float) -> None:
     points = MOST_POINTS // len(runs)
-    step = float(np.median(np.concatenate([np.diff(curve.time) for curve, _ in runs])))
+    steps = np.concatenate([np.diff(curve.time) for curve, _ in runs])
+    longest = _BREAK * float(np.median(steps)) if len(steps) else np.inf
     handles = []
     for curve, residual in runs:
         angle, error = curve.driving_angle / DEG, curve.transmission_error / size
         handles = _dots(ax, *thinned(angle, error, points), curve.flank, "measured")
         fitted, far = error - residual / size, np.abs(np.diff(angle)) > _FAR_DEG
-        far |= np.diff(curve.time) > _BREAK * step
-        for part in np.split(np.arange(len(angle)), np.flatnonzero(far) + 1):
-            handles[1:] = ax.plot(
-                *thinned(angle[part], fitted[part], points),
-                color=MODEL_COLOUR,
-                linewidth=0.5,
-                marker=",",
-                label="fitted",
-            )
+        breaks = np.flatnonzero(far | (np.diff(curve.time) > longest)) + 1
+        line = np.insert(angle, breaks, angle[breaks]), np.insert(fitted, breaks, np.nan)
+        handles += ax.plot(
+            *thinned(*line, points), color=MODEL_COLOUR, linewidth=0.5, marker=",", label="fitted"
+        )
     legend(ax, handles)
 
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from tests.identify.drives import drive, drive_log, known, level, there_and_back
+from tests.logs.profiles import played
 from vttig_jax.identify.fitting import fit
 from vttig_jax.logs.encoder_log import EncoderLog
 from vttig_jax.logs.motion.crossing import crossed_gap
@@ -85,9 +86,7 @@ def _crossing_log(gap_deg: float, wander_deg: float = 0.0) -> EncoderLog:
     knots = np.cumsum([0.0, *durations])
     place = np.cumsum(np.interp(fine, knots, [0.0, *rpms]) * 6 * 2e-3)
     lower = place / 100 + 0.3 * np.sin(2 * (place - place.min()) / np.ptp(place))
-    driven, here = np.empty_like(lower), lower[0]
-    for k, low in enumerate(lower):
-        here = driven[k] = min(max(here, low), low + gap_deg)
+    driven = played(lower, gap_deg)
     driven += wander_deg * fine / fine[-1]
     driven += 0.002 * np.random.default_rng(1).standard_normal(len(fine))
     rows = slice(None, None, 5)

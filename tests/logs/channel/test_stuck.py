@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from tests.logs.profiles import counts, drive, geared, spec, trapezoid
+from tests.logs.profiles import counts, drive, geared, played, spec, trapezoid
 from vttig_jax.base.errors import LogError
 from vttig_jax.logs.encoder_log import EncoderLog
 
@@ -38,9 +38,7 @@ def _wide_gap(first_deg: float = 0.0) -> EncoderLog:
     """A tendon of 1:1 that crosses 30° after each reversal; friction holds it at first."""
     time = np.arange(6000) / 500
     driving = 60 * np.sin(time)
-    driven, here = np.empty_like(driving), driving[0]
-    for k, low in enumerate(driving):
-        here = driven[k] = min(max(here, low - first_deg), low + 30.0)
+    driven = played(driving - first_deg, 30.0 + first_deg)
     return EncoderLog.from_arrays(time, driving, driven, pair=drive("1/1"), unit="deg")
 
 

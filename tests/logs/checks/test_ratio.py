@@ -13,8 +13,8 @@ from vttig_jax.logs.checks.ratio import (
     SeenRatio,
     check_ratio,
     seen_ratio,
-    slope,
 )
+from vttig_jax.logs.checks.slope import slope
 from vttig_jax.logs.encoder_log import EncoderLog
 from vttig_jax.pair.pair_file import parse_pair_spec
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tests.logs.profiles import drive
+from tests.logs.profiles import drive, played
 from vttig_jax.base.units import DEG
 from vttig_jax.identify.fitting import fit
 from vttig_jax.logs.encoder_log import EncoderLog
@@ -30,9 +30,7 @@ def reducer(
     """
     time = TIME
     lower = RATIO * driving + 0.02 * np.sin(np.radians(driving))
-    driven, here = np.empty_like(lower), lower[0]
-    for k, low in enumerate(lower):
-        here = driven[k] = min(max(here, low), low + gap_deg)
+    driven = played(lower, gap_deg)
     share = (driven - lower) / gap_deg
     driven = driven + noise_deg * np.random.default_rng(0).standard_normal(len(time))
     log = EncoderLog.from_arrays(time, driving, driven, pair=drive("1/8"), unit="deg")
@@ -114,9 +112,7 @@ def one_speed(
     fine = np.arange(0.0, 13.0, 1e-3)
     place = np.cumsum(6 * np.interp(fine, knots, rpm)) * 1e-3
     lower = RATIO * place + 0.02 * np.sin(np.radians(place))
-    driven, here = np.empty_like(lower), lower[0] + 0.7 * gap_deg
-    for k, low in enumerate(lower):
-        here = driven[k] = min(max(here, low), low + gap_deg)
+    driven = played(lower, gap_deg, start=0.7 * gap_deg)
     share = (driven - lower) / max(gap_deg, 1e-12)
     driven = np.interp(fine - delay_s, fine, driven)
     rows = np.arange(0, len(fine), 2)

@@ -31,8 +31,8 @@ NEGLECTED = (
 """Reason why an insignificant delay is not fitted."""
 
 TOO_SHORT = (
-    "the shafts turned too little to tell a delay of up to one sampling interval from their"
-    " eccentricities; log longer strokes"
+    "the shafts turned too little to tell a small delay from their eccentricities; log longer"
+    " strokes"
 )
 """Reason why a delay of short strokes is not fitted."""
 
@@ -109,7 +109,12 @@ class Delay:
     @property
     def bound_s(self) -> float:
         """Bound of |delay|, s, if the logs do not determine the delay; otherwise 0."""
-        return self.within_s if self.state == "open" and not self.is_unbounded else 0.0
+        return self.within_s if self.is_bounded else 0.0
+
+    @property
+    def is_bounded(self) -> bool:
+        """Whether the logs do not determine the delay, and `within_s` bounds it."""
+        return self.state == "open" and not self.forced
 
     @property
     def is_unbounded(self) -> bool:

@@ -171,8 +171,7 @@ def conditions_of(
         conditions = ("perfect_encoders",)
     if selected.delay.state == "given":
         conditions += ("given_delay",)
-    unsure = selected.delay.state == "open" and not selected.delay.is_unbounded
-    if unsure and len(selected.summary.flanks) == 2:
+    if selected.delay.is_bounded and len(selected.summary.flanks) == 2:
         bound = settings.delay_within_ms
         conditions += (WITHIN_ONE_INTERVAL if bound is None else f"delay_within_{bound:g}_ms",)
     return conditions
@@ -195,7 +194,7 @@ def _of_logs(inputs: Sequence[Input], own: Sequence[Sequence[str]]) -> list[str]
 def _open_delay(selected: SelectedModel, identifiable: Identifiability) -> list[str]:
     """Return a note if the log cannot separate the delay from the backlash."""
     delay = selected.delay
-    if delay.state != "open" or delay.is_unbounded or len(identifiable.flanks) < 2:
+    if not delay.is_bounded or len(identifiable.flanks) < 2:
         return []
     speeds = [abs(s.speed) for own in identifiable.segments for s in own]
     shift = 2 * float(identifiable.terms.ratio) * max(speeds) * 1e-6 / DEG
@@ -229,8 +228,8 @@ def _negative_sum(
     selected: SelectedModel, identifiable: Identifiability, solution: Solution
 ) -> list[str]:
     """Return the note on a sum of backlash and delay that is below zero."""
-    is_sum = selected.delay.state == "open" and not selected.delay.is_unbounded
-    if not is_sum or len(identifiable.flanks) < 2 or "constant_backlash" not in solution.names:
+    is_sum = selected.delay.is_bounded and len(identifiable.flanks) == 2
+    if not is_sum or "constant_backlash" not in solution.names:
         return []
     index = solution.names.index("constant_backlash")
     value, std = solution.values[index], np.sqrt(solution.covariance[index, index])
@@ -311,8 +310,8 @@ def _few_legs(estimate: Estimate, gap: CoveredGap) -> list[str]:
 
 def _too_little_left_out(inputs: Sequence[Input], gap: CoveredGap) -> list[str]:
     """Return a note if the fitted gap takes more travel to cross than is left out of a log."""
-    by_motion = [one for one in inputs if one.log.torque is None and one.log.direction is None]
-    by_motion = [one for one in by_motion if not one.found.unclear]
+    clear = [one for one in inputs if not one.found.unclear]
+    by_motion = [one for one in clear if one.log.torque is None and one.log.direction is None]
     if gap.low95 is None or gap.value is None or not by_motion:
         return []
     least = min(by_motion, key=lambda one: one.found.crossing)

@@ -23,7 +23,7 @@ STILL = 0.02
 ONE_WAY = 0.9
 """A shaft turns one way if the angle between the ends is at least this share of its range."""
 
-AFTER_REVERSAL = 0.5
+SOON = 0.5
 """A crossing of the gap begins within this share of its length after the reversal. The driven shaft
 may follow at first, because its friction and a soft drive hold the contact."""
 
@@ -117,7 +117,7 @@ def _is_crossing(angle: Float[np.ndarray, " n"], start: int, stop: int) -> bool:
     ahead = (angle[:start] - part[0]) * np.sign(turned)
     earlier = np.flatnonzero(ahead > (1 - ONE_WAY) * span)
     since = ahead[earlier[-1] + 1 :] if len(earlier) else ahead
-    return float(-since.min(initial=0.0)) <= AFTER_REVERSAL * span
+    return float(-since.min(initial=0.0)) <= SOON * span
 
 
 def _extent(angle: Float[np.ndarray, " n"], start: int, stop: int, slack: float) -> tuple[int, int]:

@@ -24,14 +24,14 @@ _LONGEST = 0.9  # largest c, as a share of the travel of the driving shaft (chos
 
 
 class FollowedMotion(NamedTuple):
-    """Angles of both shafts in rad at evenly spaced samples; the driven one is φ₂ − k s."""
+    """Angles of both shafts in rad at the same samples, the driven one without lost motion."""
 
     driving: Float[np.ndarray, " m"]
     driven: Float[np.ndarray, " m"]
 
 
 def without_lost_motion(log: EncoderLog) -> FollowedMotion:
-    """Return the angles of a log without the motion that is lost in the gap."""
+    """Return φ₁ and φ₂ − k s at up to `_MOST_ROWS` evenly spaced samples of a log."""
     rows = slice(None, None, -(-len(log) // _MOST_ROWS))
     driving, driven = log.driving_angle[rows], log.driven_angle[rows]
     travel = float(np.ptp(driving))

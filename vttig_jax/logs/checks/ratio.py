@@ -1,22 +1,16 @@
 """Comparison of the ratio in a log with the ratio in the pair file.
 
-The ratio is the slope of driven over driving angle. A periodic transmission error is not white
-noise. Therefore the standard error is the largest of three: from the residual, with one independent
-value per driven turn; from a block jackknife; and the change of the slope when first orders of both
-shafts are fitted as well, which is the effect of an eccentricity over less than a turn.
+The ratio is the slope of driven over driving angle, beside the motion that is lost in the gap.
 """
 
-import itertools
 import math
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Float
 
 from ...base.errors import LogError
-from ...base.numerics.well_conditioned import least_squares
 from ...base.units import DEG, REV
 from ..encoder_log import EncoderLog
 from .fractions import (
@@ -27,7 +21,8 @@ from .fractions import (
     likely_fraction,
     ratio_option,
 )
-from .lost_motion import without_lost_motion
+from .lost_motion import FollowedMotion, without_lost_motion
+from .slope import slope
 from .slope_cause import Cause, slope_gains
 
 TOLERANCE = 0.005
@@ -50,19 +45,9 @@ APART = 0.05
 """Largest rms residual of the driven angle after the regression, as a fraction of its travel
 (chosen)."""
 
-BLOCKS = 10  # number of blocks of the jackknife (chosen)
-
-MOST_ROWS = 20_000
-"""Largest number of rows of the regression with first orders; longer logs are thinned (chosen)."""
-
 _DIVIDED = 5e-3
 """If the ratio in the log deviates from 1 by less than this, the driving angle was probably already
 divided by the ratio; chosen equal to the tolerance of `check_ratio`."""
-
-LARGEST_ORDER = 0.02
-"""Largest plausible amplitude of a first order in rad (chosen: 1.5 mm at 80 mm)."""
-
-_EPSILON = float(np.finfo(np.float64).eps)
 
 Verdict = Literal["agrees", "swapped", "sign", "swapped_sign", "differs", "none"]
 
@@ -252,9 +237,14 @@ def seen_ratio(log: EncoderLog) -> SeenRatio:
     A ratio within the tolerance that deviates by more than chance is not refused, because a belt
     that creeps and a rounded decimal are good logs. The result then says what explains it best.
     """
-    if log.driven is None:
+    return _seen(log, _followed(log))
+
+
+def _seen(log: EncoderLog, followed: FollowedMotion | None) -> SeenRatio:
+    """Return `seen_ratio` from the angles of `_followed`."""
+    if followed is None:
         return SeenRatio(None, None, log.ratio, "none")
-    seen, std = slope(*_followed(log))
+    seen, std = slope(*followed)
     tolerance = _tolerance(float(np.ptp(log.driven_angle)) / REV)
     verdict = _verdict(seen, std, float(log.ratio), tolerance)
     found = SeenRatio(seen, std, log.ratio, verdict, travel=float(np.ptp(log.driving_angle)))
@@ -275,11 +265,11 @@ def check_ratio(log: EncoderLog) -> SeenRatio:
     standard errors, more than 0.5 % (up to 1 % if the driven shaft covers less than three turns).
     Shafts that do not turn together are a contradiction too.
     """
-    ratio = seen_ratio(log)
-    if log.driven is not None and ratio.seen is not None:
-        driving, driven = _followed(log)
+    followed = _followed(log)
+    ratio = _seen(log, followed)
+    if followed is not None and ratio.seen is not None:
         travel = float(np.ptp(log.driven_angle))
-        scatter = float(np.std(driven - ratio.seen * driving))
+        scatter = float(np.std(followed.driven - ratio.seen * followed.driving))
         if not _turn_together(log, scatter):
             raise LogError(
                 f"the two channels do not turn together: {np.degrees(scatter):.3g}° rms of the"
@@ -292,18 +282,21 @@ def check_ratio(log: EncoderLog) -> SeenRatio:
     return ratio
 
 
-def _followed(log: EncoderLog) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, " m"]]:
+def _followed(log: EncoderLog) -> FollowedMotion | None:
     """Return driving and driven angle, rad, for the slope of one over the other.
 
     They are those of the log. If the slope leaves so much that the shafts do not seem to turn
-    together, the motion that the teeth lose in the gap is left out of the driven angle.
+    together, the motion that the teeth lose in the gap is left out of the driven angle. The result
+    is None for a log that gives the transmission error in place of the driven channel.
     """
+    if log.driven is None:
+        return None
     driving, driven = log.driving_angle, log.driven_angle
     middle = driving - driving.mean()
     rest = driven - float(driven @ middle / (middle @ middle)) * middle
-    return (
-        (driving, driven) if _turn_together(log, float(np.std(rest))) else without_lost_motion(log)
-    )
+    if _turn_together(log, float(np.std(rest))):
+        return FollowedMotion(driving, driven)
+    return without_lost_motion(log)
 
 
 def _turn_together(log: EncoderLog, scatter: float) -> bool:
@@ -314,72 +307,6 @@ def _turn_together(log: EncoderLog, scatter: float) -> bool:
     assert log.driven is not None
     steps = math.hypot(log.driven.resolution, float(log.ratio) * log.driving.resolution)
     return scatter**2 - steps**2 / 12 <= (APART * float(np.ptp(log.driven_angle))) ** 2
-
-
-def slope(driving: Float[np.ndarray, " n"], driven: Float[np.ndarray, " n"]) -> tuple[float, float]:
-    """Return the slope of `driven` over `driving` (rad) and its standard error.
-
-    The module docstring says how the standard error is estimated.
-    """
-    blocks = _blocks(len(driving))
-    level, lift = driving.mean(), driven.mean()
-    sums = []
-    travel = 0.0
-    for block in blocks:
-        x, y = driving[block] - level, driven[block] - lift
-        sums.append((len(x), x.sum(), y.sum(), x @ x, x @ y))
-        travel += float(np.abs(np.diff(driven[block.start : block.stop + 1])).sum())
-    size, sx, sy, sxx, sxy = np.array(sums).T
-    value = float(sxy.sum() / sxx.sum())
-    square = 0.0
-    for block in blocks:
-        residual = driven[block] - lift - value * (driving[block] - level)
-        square += float(residual @ residual)
-    independent = min(float(len(driving)), max(1.0, travel / REV))
-    by_residual = math.sqrt(square / float(sxx.sum()) / independent)
-    by_orders = _change_by_orders(driving, driven, value)
-    return value, max(by_residual, _jackknife(size, sx, sy, sxx, sxy), by_orders)
-
-
-def _blocks(count: int) -> list[slice]:
-    """Divide `count` samples into the blocks of the jackknife."""
-    edges = np.linspace(0, count, min(BLOCKS, count // 2) + 1).astype(np.int64).tolist()
-    return [slice(start, stop) for start, stop in itertools.pairwise(edges)]
-
-
-def _change_by_orders(
-    driving: Float[np.ndarray, " n"], driven: Float[np.ndarray, " n"], value: float
-) -> float:
-    """Return the change of the slope `value` when first orders of both shafts are fitted as well.
-
-    If their amplitude exceeds `LARGEST_ORDER`, the change is reduced in proportion.
-    """
-    thin = slice(None, None, max(1, len(driving) // MOST_ROWS))
-    x, y = driving[thin], driven[thin]
-    middle = x - x.mean()
-    columns = np.stack([np.ones_like(x), middle, np.cos(x), np.sin(x), np.cos(y), np.sin(y)])
-    # The residual of `value` instead of y, because the change is as small as its last digits.
-    solution = least_squares(columns.T, y - y.mean() - value * middle, len(x) * _EPSILON)
-    amplitude = max(math.hypot(*solution[2:4]), math.hypot(*solution[4:6]))
-    return abs(float(solution[1])) * min(1.0, LARGEST_ORDER / max(amplitude, 1e-300))
-
-
-def _jackknife(
-    size: Float[np.ndarray, " blocks"],
-    sx: Float[np.ndarray, " blocks"],
-    sy: Float[np.ndarray, " blocks"],
-    sxx: Float[np.ndarray, " blocks"],
-    sxy: Float[np.ndarray, " blocks"],
-) -> float:
-    """Return the delete-one-block jackknife standard error of the slope from sums of blocks."""
-    n, mx, my, mxx, mxy = (part.sum() - part for part in (size, sx, sy, sxx, sxy))
-    spread = n * mxx - mx * mx
-    usable = spread > 0
-    slopes = (n * mxy - mx * my)[usable] / spread[usable]
-    if len(slopes) < 2:
-        return 0.0
-    scatter = np.sum((slopes - slopes.mean()) ** 2)
-    return float(np.sqrt((len(slopes) - 1) / len(slopes) * scatter))
 
 
 def _verdict(seen: float, std: float, given: float, tolerance: float) -> Verdict:

@@ -215,17 +215,21 @@ def _certain(
                 certain[start + a : start + b] = True
         if not plateaus:
             ragged += 1
-            certain[start:stop] = run > RAGGED * run.max()
+            certain[start:stop] = _is_fast(run)
     return certain, ragged
 
 
 def _fast(speed: Speed, moving: list[tuple[int, int]]) -> Bool[np.ndarray, " n"]:
-    """Return the mask of the samples faster than `RAGGED` times the top speed of their run."""
+    """Return the mask of the fast samples of all runs; see `_is_fast`."""
     fast = np.zeros(len(speed.value), bool)
     for start, stop in moving:
-        run = np.abs(speed.value[start:stop])
-        fast[start:stop] = run > RAGGED * run.max()
+        fast[start:stop] = _is_fast(np.abs(speed.value[start:stop]))
     return fast
+
+
+def _is_fast(speed: Float[np.ndarray, " m"]) -> Bool[np.ndarray, " m"]:
+    """Return which speeds of a run exceed `RAGGED` times its top speed."""
+    return speed > RAGGED * speed.max()
 
 
 def _travel(angle: Float[np.ndarray, " n"], start: int, stop: int) -> Float[np.ndarray, " m"]:

@@ -224,7 +224,7 @@ def conditions(
     names: tuple[str, ...] = () if isinstance(pair, Drive) or split else ("perfect_encoders",)
     if delay.state == "given":
         names += ("given_delay",)
-    if delay.state == "open" and not delay.is_unbounded and len(rows.identifiable.flanks) == 2:
+    if delay.is_bounded and len(rows.identifiable.flanks) == 2:
         names += (WITHIN_ONE_INTERVAL,)
     return names
 
