@@ -7,6 +7,7 @@ from msgspec.structs import replace as changed
 
 from vttig_jax.base.units import ARCSEC, DEG
 from vttig_jax.identify.report.checks import GapAtSpeed
+from vttig_jax.kinematics.te_curve import TECurve
 from vttig_jax.plotting.fit import plot_fit
 from vttig_jax.plotting.style import MOST_POINTS
 
@@ -36,6 +37,21 @@ def test_panels_hold_measured_fitted_and_residual(make_fit, unit, size):
                 y, (curve.transmission_error - expected) / size, rtol=1e-10, atol=1e-10
             )
         np.testing.assert_allclose(data(axes[2], number)[1], residual / ARCSEC, rtol=1e-13)
+
+
+@pytest.mark.parametrize(
+    ("angle_deg", "time"),
+    [([0, 10, 20, 60, 70, 80], [0, 1, 2, 3, 4, 5]), ([0, 10, 20, 30, 40, 50], [0, 1, 2, 6, 7, 8])],
+)
+def test_the_fitted_line_breaks_between_far_points(make_fit, angle_deg, time):
+    """Once the shaft turns 40° from point to point, and once samples are left out."""
+    angle, error = DEG * np.array(angle_deg, float), 1e-5 * np.arange(6.0)
+    curve = TECurve("A", angle, error, np.array(time, float))
+    fit = replace(make_fit(curves=(curve,)), residuals=(np.zeros(6),))
+    x, y = data(plot_fit(fit).axes[0], 1)
+    assert np.flatnonzero(np.isnan(y)).tolist() == [3]
+    np.testing.assert_allclose(np.delete(x, 3), angle_deg)
+    np.testing.assert_allclose(np.delete(y, 3), error / ARCSEC)
 
 
 def test_the_words(make_fit):
