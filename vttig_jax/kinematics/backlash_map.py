@@ -191,7 +191,8 @@ class BacklashMap(PlottedResult):
             best = np.take_along_axis(angles, height.argmax(axis=1)[:, None], axis=1)[:, 0]
             width /= 16
         winner = float(np.mod(best[height.max(axis=1).argmax()], self.pair.hunting_turns * REV))
-        return Extreme(float(self.at(winner)), winner, self._tooth_pair(winner))
+        value = float(self.over(np.array([winner]))[0])  # one number would compile a program
+        return Extreme(value, winner, self._tooth_pair(winner))
 
     def _tooth_pair(self, driving_angle: float) -> tuple[int, int] | None:
         if isinstance(self.pair, Drive):

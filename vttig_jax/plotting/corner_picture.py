@@ -1,9 +1,10 @@
 """Corner picture of a posterior: every pair of coordinates, with the ellipses of the fit."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -17,6 +18,9 @@ from .style import COLOURS, MODEL_COLOUR, heading, new_figure
 _BINS, _CELLS = 40, 30  # of the histograms in one and two dimensions; chosen values
 _MAX_DRAWS = 50_000  # draws used; a chosen value
 _MARGINS_IN = (0.88, 0.44)  # below and above the panels, for labels and heading; chosen values
+_LABELS_IN = (0.47, 0.24, 0.54)
+"""From a panel to its labels: below it, with tick labels turned or level, and on its left."""
+
 _LEVELS = (0.68, 0.95)
 """Probability inside the ellipses."""
 
@@ -46,14 +50,17 @@ def plot_corner(posterior: Posterior, *, names: Sequence[str] | None = None) -> 
     count = len(names)
     figure = new_figure(8.0 if count > 3 else 2.4 * count + 0.6)
     axes = _axes(figure, count)
+    shades = [_Cells.of(own) for own in draws.T]
     for row in range(count):
         for column in range(row + 1):
             ax = axes[row, column]
             if column == row:
                 _draw_histogram(ax, draws[:, row], fits[row])
+                ax.set_xlim(*shades[row].limits)
             else:
                 covariance = _covariance(posterior, (names[column], names[row]), units, names)
-                _draw_density(ax, draws[:, [column, row]], (fits[column], fits[row]), covariance)
+                _draw_density(ax, shades[column], shades[row])
+                _draw_ellipses(ax, (fits[column], fits[row]), covariance)
             _ticks(ax, column == 0 and row > 0, row == count - 1, count)
     labels = [_label(name, unit) for name, (unit, _) in zip(names, units, strict=True)]
     size = "small" if count <= 6 else "x-small"
@@ -61,7 +68,6 @@ def plot_corner(posterior: Posterior, *, names: Sequence[str] | None = None) -> 
         axes[count - 1, index].set_xlabel(label, fontsize=size)
         if index:
             axes[index, 0].set_ylabel(label, fontsize=size)
-    figure.align_labels()
     heading(figure, "posterior", posterior.fit.pair.name, posterior.fit.source)
     _add_legend(figure)
     return figure
@@ -82,8 +88,17 @@ def _axes(figure: Figure, count: int) -> dict[tuple[int, int], Axes]:
     for row in range(count):
         for column in range(row + 1):
             shared = axes.get((row - 1, column))
-            axes[row, column] = figure.add_subplot(grid[row, column], sharex=shared)
+            ax = figure.add_subplot(grid[row, column], sharex=shared)
+            _place_labels(ax, figure, below_in=_LABELS_IN[0 if count > 5 else 1])
+            axes[row, column] = ax
     return axes
+
+
+def _place_labels(ax: Axes, figure: Figure, *, below_in: float) -> None:
+    """Set the places of the labels. Matplotlib would measure all tick labels to find them."""
+    box = ax.get_position()
+    ax.xaxis.set_label_coords(0.5, -below_in / (box.height * figure.get_figheight()))
+    ax.yaxis.set_label_coords(-_LABELS_IN[2] / (box.width * figure.get_figwidth()), 0.5)
 
 
 def picture_unit(posterior: Posterior, name: str) -> tuple[str, float]:
@@ -139,29 +154,52 @@ def _draw_histogram(
         y = np.exp(-0.5 * ((x - value) / std) ** 2) / (std * np.sqrt(2 * np.pi))
         ax.plot(x, y, color=MODEL_COLOUR, linewidth=0.9)
     ax.set_yticks([])
-    ax.set_xlim(*_limits(draws))
     ax.spines[["top", "right", "left"]].set_visible(False)
 
 
-def _draw_density(
+@dataclass(frozen=True)
+class _Cells:
+    """One coordinate of a density in two dimensions: its limits, and the cell of every draw.
+
+    Draws outside the limits have the cell `_CELLS`, which is not drawn.
+    """
+
+    limits: tuple[float, float]
+    cell: Int[np.ndarray, " n"]
+
+    @classmethod
+    def of(cls, draws: Float[np.ndarray, " n"]) -> "_Cells":
+        low, high = limits = _limits(draws)
+        cell = np.floor((draws - low) * (_CELLS / (high - low))).astype(np.int64)
+        return cls(limits, np.where((cell >= 0) & (cell < _CELLS), cell, _CELLS))
+
+    @property
+    def edges(self) -> Float[np.ndarray, " n"]:
+        return np.linspace(*self.limits, _CELLS + 1)
+
+
+def _draw_density(ax: Axes, across: _Cells, up: _Cells) -> None:
+    size = _CELLS + 1
+    counts = np.bincount(up.cell * size + across.cell, minlength=size**2).reshape(size, size)
+    density = counts[:_CELLS, :_CELLS]
+    masked = np.ma.masked_equal(density, 0)
+    lowest = -0.15 * density.max()
+    ax.pcolormesh(across.edges, up.edges, masked, cmap="Blues", vmin=lowest, rasterized=True)
+    ax.set_xlim(*across.limits)
+    ax.set_ylim(*up.limits)
+    ax.spines[["top", "right"]].set_visible(False)
+
+
+def _draw_ellipses(
     ax: Axes,
-    draws: Float[np.ndarray, "n 2"],
     laplace: tuple[tuple[float, float] | None, tuple[float, float] | None],
     covariance: Float[np.ndarray, "2 2"] | None,
 ) -> None:
-    limits = [_limits(draws[:, 0]), _limits(draws[:, 1])]
-    density, x, y = np.histogram2d(draws[:, 0], draws[:, 1], _CELLS, limits)
-    masked = np.ma.masked_equal(density.T, 0.0)
-    ax.pcolormesh(x, y, masked, cmap="Blues", vmin=-0.15 * density.max(), rasterized=True)
-    if covariance is not None and laplace[0] is not None and laplace[1] is not None:
-        for level in _LEVELS:
-            ring = _ellipse(covariance, level)
-            ax.plot(
-                laplace[0][0] + ring[0], laplace[1][0] + ring[1], color=MODEL_COLOUR, linewidth=0.9
-            )
-    ax.set_xlim(*limits[0])
-    ax.set_ylim(*limits[1])
-    ax.spines[["top", "right"]].set_visible(False)
+    if covariance is None or laplace[0] is None or laplace[1] is None:
+        return
+    for level in _LEVELS:
+        ring = _ellipse(covariance, level)
+        ax.plot(laplace[0][0] + ring[0], laplace[1][0] + ring[1], color=MODEL_COLOUR, linewidth=0.9)
 
 
 def _ellipse(covariance: Float[np.ndarray, "2 2"], level: float) -> Float[np.ndarray, "2 n"]:

@@ -21,6 +21,7 @@ _KEYS_PER_ROW = 5  # ensembles in one row of the legend; a chosen value
 # Sizes in inch, chosen so that the labels have space.
 _PANEL, _GAP, _ABOVE, _BELOW, _KEY_ROW = 0.84, 0.31, 0.60, 0.50, 0.22
 _LEFT, _BETWEEN, _RIGHT = 0.70, 0.78, 0.10
+_LABEL = 0.24
 
 
 def plot_trace(posterior: Posterior, *, names: Sequence[str] | None = None) -> Figure:
@@ -86,17 +87,26 @@ def _draw(ax: Axes, draws: Float[np.ndarray, "ensembles steps walkers"]) -> None
     stride = max(1, draws.shape[1] // _MAX_STEPS)
     thinning = max(1, draws.shape[2] // _MAX_WALKERS)
     step = np.arange(0, draws.shape[1], stride)
+    low, high = np.inf, -np.inf
     for ensemble, samples in enumerate(draws):
         colour = _colour(ensemble)
         walkers = samples[::stride, ::thinning][:, :_MAX_WALKERS]
         lines = np.stack([np.broadcast_to(step, walkers.T.shape), walkers.T], axis=2)
-        ax.add_collection(
-            LineCollection(list(lines), colors=[colour], lw=0.3, alpha=0.25, zorder=1)
-        )
+        thin = LineCollection(list(lines), colors=[colour], lw=0.3, alpha=0.25, zorder=1)
+        ax.add_collection(thin, autolim=False)
+        low, high = min(low, float(walkers.min())), max(high, float(walkers.max()))
         ax.plot(step, samples[::stride].mean(axis=1), color=colour, linewidth=1.4, zorder=2)
+    ax.set_ylim(*_with_margin(low, high))
     grid(ax)
     ax.tick_params(labelsize=7)
+    for axis, place in ((ax.xaxis, (0.5, -_LABEL / _PANEL)), (ax.yaxis, (0.0, 0.5))):
+        axis.set_label_coords(*place)  # matplotlib would measure all tick labels to find it
     ax.ticklabel_format(axis="y", useOffset=False, style="plain")  # no factor where the name is
+
+
+def _with_margin(low: float, high: float) -> tuple[float, float]:
+    margin = 0.05 * (high - low) or max(abs(low), 1.0) * 1e-6
+    return low - margin, high + margin
 
 
 def _colour(ensemble: int) -> ColorType:

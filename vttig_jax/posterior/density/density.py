@@ -59,7 +59,8 @@ class FitTarget:
         values = in_batches(self._near, points)
         far = np.flatnonzero(~is_near(self.density, local, points))
         if far.size:
-            values[far] = self.exact_log_density(points[far])
+            # These points are few, so that the program of the smallest batch suffices.
+            values[far] = in_batches(self._exact, points[far], BATCHES[-1:])
         return values
 
     def exact_log_density(

@@ -113,13 +113,15 @@ def _program_of(structure: Any) -> Callable[..., Float[Array, " walkers"]]:
 
 
 def in_batches(
-    evaluate: Evaluation, points: Float[np.ndarray, "walkers d"]
+    evaluate: Evaluation,
+    points: Float[np.ndarray, "walkers d"],
+    sizes: tuple[int, ...] = BATCHES,
 ) -> Float[np.ndarray, " walkers"]:
     """Return the values of all points, evaluated in batches of equal size.
 
-    The size is one of `BATCHES`, so that few programs are compiled. The last batch is filled up.
+    The size is one of `sizes`, so that few programs are compiled. The last batch is filled up.
     """
-    size = next((n for n in BATCHES if n <= len(points)), BATCHES[-1])
+    size = next((n for n in sizes if n <= len(points)), sizes[-1])
     if len(points) == size:
         return np.array(evaluate(points))
     filled = np.repeat(points[:1], -len(points) % size, axis=0)

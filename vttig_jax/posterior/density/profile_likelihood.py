@@ -36,6 +36,7 @@ _WALL = 1e6
 """Value in place of minus the log-density outside the prior (chosen). It grows with the squared
 distance from the start."""
 
+_STEP_TOLERANCE = 1e-5  # error of an end, in standard errors (chosen)
 _DIFFERENCE_STEP = 1e-3  # step of gradient differences, in standard errors (chosen)
 _LEAST_CURVATURE = 1e-3  # lower bound of the scaled curvatures (chosen)
 _UNBOUNDED = "the density does not fall off"
@@ -278,22 +279,27 @@ class _ProfilePath:
         At the end, twice the log-density is `quantile` below its maximum. `side` is −1 for the
         lower and +1 for the upper end. An unbounded side has None as its end.
         """
-        # Search each distance once: a second search from a nearer start may end slightly lower.
-        excess = {0.0: -quantile}
+        # The root of the drop is searched, because it is the number of steps if the density is
+        # normal. Each distance is searched once: a second search from a nearer start may end
+        # slightly lower.
+        wanted = float(np.sqrt(quantile))
+        excess = {0.0: -wanted}
 
         def excess_at(steps: float) -> float:
             if steps not in excess:
-                excess[steps] = min(self.log_density_drop(side * steps), 4 * quantile) - quantile
+                drop = max(self.log_density_drop(side * steps), 0.0)
+                excess[steps] = min(float(np.sqrt(drop)), 2 * wanted) - wanted
             return excess[steps]
 
-        outer = float(np.sqrt(quantile))
+        outer = wanted
         while excess_at(outer) < 0:
             outer *= 2.0
             if outer > _UNBOUNDED_FROM:
                 return None, _UNBOUNDED
-        root = brentq(excess_at, 0.0, outer, xtol=1e-5)
+        root = brentq(excess_at, 0.0, outer, xtol=_STEP_TOLERANCE)
         assert isinstance(root, float)
-        at_bound = self.log_density_drop(side * root * (1 - 1e-4)) < 0.9 * quantile
+        inside = max(root * (1 - 1e-4) - 2 * _STEP_TOLERANCE, 0.0)
+        at_bound = self.log_density_drop(side * inside) < 0.9 * quantile
         value = float(self.top[self.place] + side * root * self.along[self.place])
         return value, _AT_BOUND if at_bound else None
 
