@@ -6,8 +6,9 @@ from fractions import Fraction
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.fft import next_fast_len
 
-from vttig_jax.base.numerics.counting import nearest_whole, whole_above, whole_below
+from vttig_jax.base.numerics.counting import nearest_whole, next_smooth, whole_above, whole_below
 
 HALVES = st.integers(0, 20_000)
 
@@ -31,3 +32,8 @@ def test_everything_else_is_rounded_as_usual(whole, share):
 
 def test_floats_would_decide_otherwise():
     assert math.floor(0.3 / 0.1) == 2 and math.ceil(3 * 0.1 / 0.1) == 4
+
+
+@given(st.integers(1, 2**26))
+def test_smooth_lengths_are_those_of_scipy(least):
+    assert next_smooth(least) == next_fast_len(least, real=True)

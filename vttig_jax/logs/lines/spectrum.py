@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float, Int
 from numpy.polynomial import Chebyshev
-from scipy.fft import next_fast_len, rfft
 
+from ...base.numerics.counting import next_smooth
 from ...base.units import REV
 from .noise import transposed
 from .regression import Regressors
@@ -71,7 +71,7 @@ class Spectrum:
         place = (rows.turns - rows.turns.min()) / width
         bins = np.ceil(place - _SPREAD / 2).astype(np.int64)[:, None] + np.arange(_SPREAD)
         weights = _kernel(bins - place[:, None])
-        length = int(next_fast_len(max(int(np.ceil(count)), 4 * _SPREAD), real=True) or 0)
+        length = next_smooth(max(int(np.ceil(count)), 4 * _SPREAD))
         step = 1 / (length * width)
         first = int(np.ceil(LEAST_CYCLES / (rows.span * step)))
         cycles = step * np.arange(first, int(highest / step) + 1)
@@ -124,7 +124,7 @@ class Spectrum:
         """
         if len(taps) == 1:
             return np.ones_like(self.cycles)
-        table = np.abs(np.asarray(rfft(taps, 2 * _TABLE))) ** 2
+        table = np.abs(np.fft.rfft(taps, 2 * _TABLE)) ** 2
         total = np.zeros_like(self.cycles)
         for step in self.steps:
             phase = self.cycles * step
@@ -140,7 +140,7 @@ class Spectrum:
         stop = self.first + len(self.cycles)
         # The transform is periodic: bins beyond its length are added to the first bins.
         sums[:_SPREAD] += sums[self.length :]
-        transform = np.asarray(rfft(sums[: self.length]))[self.first : stop]
+        transform = np.fft.rfft(sums[: self.length])[self.first : stop]
         return np.abs(transform) ** 2 * self.sharpening
 
 
