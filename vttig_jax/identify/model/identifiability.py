@@ -13,6 +13,7 @@ from ...logs.motion.segments import Segment
 from ...pair.gear_pair import Drive, Flank, GearPair
 from ...pair.schema import HarmonicOrders
 from .harmonics import TermPlan, plan_terms
+from .sampled_orders import told_apart
 
 _FLANKS: tuple[Flank, ...] = ("A", "B")
 FULL_TURN = 0.99
@@ -128,11 +129,12 @@ def find_identifiability(
         turns=turns["driving"] if few_turns or isinstance(pair, Drive) else math.inf,
         all_free=given,
     )
+    used = tuple(tuple(s for s in own if s.flank in flanks) for own in segments)
+    terms = told_apart(terms, logs, used)
     tied = {h.shaft for h in terms.tied}
     for shaft in () if given else ("driving", "driven"):
         if shaft not in tied and shaft not in reasons:
             reasons[shaft] = "driving order 1 and driven order 1 are the same frequency"
-    used = tuple(tuple(s for s in own if s.flank in flanks) for own in segments)
     return Identifiability(
         flanks=flanks,
         segments=used,
