@@ -34,7 +34,7 @@ def rigs(tmp_path_factory) -> Path:
 @pytest.fixture
 def command(rigs) -> tuple:
     logs = [rigs / name for name in ("rig0.csv", "broken.csv", "rig1.csv", "rig2.csv")]
-    return ("fit-many", *logs, "--pair", rigs / "pair.toml")
+    return ("fit-many", *logs, "--pair", rigs / "pair.toml", "--jobs", "1")
 
 
 def test_each_log_has_a_row_and_resuming_changes_nothing(
@@ -113,18 +113,42 @@ def test_no_fitted_log_is_no_answer(vttig, rigs, tmp_path):
         (["--resume"], 2, "for the folder of --out"),
         (["--out", "x", "--resume", "--overwrite"], 2, "exclude each other"),
         (["--delay", "free"], 2, "--delay must be"),
-        (["--dask", "tcp://127.0.0.1:1"], 3, "no scheduler answers"),
+        (["--dask", "tcp://127.0.0.1:1"], 2, "--jobs and --dask exclude each other"),
+        (["--jobs", "0"], 2, "--jobs"),
     ],
 )
-def test_refusals(vttig, command, options, code, words, monkeypatch):
-    monkeypatch.setattr(cluster, "_WAIT_S", 0.2)
+def test_refusals(vttig, command, options, code, words):
     found, out, err = vttig(*command, *options)
     assert (found, out) == (code, "") and words in err and err.count("\n") == 1
 
 
+def test_a_scheduler_that_does_not_answer_is_named(vttig, command, monkeypatch):
+    monkeypatch.setattr(cluster, "_WAIT_S", 0.2)
+    code, out, err = vttig(*command[:-2], "--dask", "tcp://127.0.0.1:1")
+    assert (code, out) == (3, "") and "no scheduler answers" in err
+
+
+# Two processes import JAX and compile the programs of a batch each.
+@pytest.mark.slow
+def test_processes_fit_the_same_table(vttig_json, command, tmp_path, monkeypatch):
+    monkeypatch.setattr(many_fits, "_BLOCK", 2)
+    tables = []
+    for jobs in ("1", "2"):
+        table = tmp_path / f"{jobs}.csv"
+        code, _ = vttig_json(*command[:-1], jobs, "--csv", table)
+        assert code == 0
+        tables.append(list(csv.DictReader(table.open())))
+    for one, other in zip(*tables, strict=True):
+        for name, value in one.items():
+            if name in ("driving_eccentricity_mm", "driven_phase_deg_std") and value:
+                assert float(other[name]) == pytest.approx(float(value), rel=1e-9)
+            elif name in ("log", "code", "reason", "flanks", "samples_used"):
+                assert other[name] == value
+
+
 @pytest.mark.portable
 def test_a_log_is_given_once_and_exists(vttig, command, rigs):
-    code, _, err = vttig("fit-many", command[1], command[1], *command[-2:])
+    code, _, err = vttig("fit-many", command[1], command[1], *command[-4:])
     assert code == 2 and "given twice" in err
-    code, _, err = vttig("fit-many", rigs / "none.csv", *command[-2:])
+    code, _, err = vttig("fit-many", rigs / "none.csv", *command[-4:])
     assert code == 3 and "none.csv" in err and "cannot be read" in err

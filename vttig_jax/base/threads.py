@@ -1,5 +1,6 @@
-"""Limit of the BLAS libraries to one thread."""
+"""Cores that a process may use, and the limit of the BLAS libraries to one thread."""
 
+import os
 from collections.abc import Callable
 from functools import cache, wraps
 from typing import ParamSpec, TypeVar
@@ -8,6 +9,22 @@ from threadpoolctl import ThreadpoolController
 
 Arguments = ParamSpec("Arguments")
 Result = TypeVar("Result")
+
+
+def usable_cores() -> int:
+    """Return the number of cores that this process may use.
+
+    **Example**
+    ```python
+    >>> from vttig_jax.base.threads import usable_cores
+    >>> usable_cores() >= 1
+    True
+
+    ```
+    """
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
 
 
 def one_blas_thread(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:

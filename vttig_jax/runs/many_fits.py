@@ -6,17 +6,21 @@ The table is written block by block, so that an interrupted computation can be c
 import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import msgspec
 
 from ..base.errors import LogError, UsageError, VttigError
 from ..base.files.json_io import dumps
+from ..base.files.limits import asked_bytes, most_memory
 from ..base.files.run_folder import data_sha256
 from ..base.shown_text import name_of_file
+from ..base.threads import usable_cores
 from ..control.sweeps.cluster import run_blocks
+from ..control.sweeps.local_processes import run_in_processes
 from ..control.sweeps.store import FolderNames, Memory, SweepFolder, read_table
 from ..identify.many.batches import Shapes
 from ..identify.many.fit_many import Unread, fit_columns, settings_table
@@ -54,6 +58,7 @@ class ManyFits:
     - `drive`: statements of the user in place of a pair file; the columns of every log are then
       recognised, and a log whose columns differ from those of the first log gets no fit.
     - `guesses`: columns and units that were recognised in the first log without a pair file.
+    - `block`: number of logs in a block.
     """
 
     logs: tuple[Path, ...]
@@ -62,6 +67,7 @@ class ManyFits:
     reading: ReadingOptions
     drive: DriveRequest = DriveRequest()
     guesses: "tuple[Guess, ...]" = ()
+    block: int = _BLOCK
 
     @classmethod
     def of(
@@ -83,7 +89,7 @@ class ManyFits:
             if log in logs[:number]:
                 raise UsageError("given twice; give every log once.", where=str(log))
         if pair is not None:
-            return cls(tuple(logs), spec_of_file(pair, drive), settings, reading)
+            return cls(tuple(logs), spec_of_file(pair, drive), settings, reading, block=_BLOCK)
         drive.spec()  # says that the ratio is missing
         failed: LogError | None = None
         for log in logs:
@@ -93,7 +99,13 @@ class ManyFits:
                 failed = failed or error
                 continue
             return cls(
-                tuple(logs), found.spec, settings, reading, drive=drive, guesses=found.guesses
+                tuple(logs),
+                found.spec,
+                settings,
+                reading,
+                drive=drive,
+                guesses=found.guesses,
+                block=_BLOCK,
             )
         assert failed is not None  # click asks for at least one log
         raise failed
@@ -106,7 +118,11 @@ class ManyFits:
     @property
     def blocks(self) -> int:
         """Number of blocks of logs."""
-        return -(-len(self.logs) // _BLOCK)
+        return -(-len(self.logs) // self.block)
+
+    def logs_of(self, block: int) -> tuple[Path, ...]:
+        """Return the logs of block number `block`."""
+        return self.logs[block * self.block : (block + 1) * self.block]
 
     def header(self) -> dict[str, Any]:
         """Return the header of the table: digests of the logs, pair, settings and versions.
@@ -119,7 +135,7 @@ class ManyFits:
             "pair": spec_table(spec_of(self.pair)),
             "settings": settings_table(self.settings),
             "reading": msgspec.to_builtins(self.reading),
-            "block": _BLOCK,
+            "block": self.block,
             "versions": {name: version(name) for name in _PACKAGES},
         }
 
@@ -132,7 +148,7 @@ class ManyFits:
         number of further logs that are done.
         """
         return fit_columns(
-            self._read(self.logs[block * _BLOCK : (block + 1) * _BLOCK]),
+            self._read(self.logs_of(block)),
             self.pair,
             self.settings,
             orders=self.pair.fit,
@@ -177,6 +193,7 @@ def fit_files(
     resume: bool = False,
     overwrite: bool = False,
     dask: str | None = None,
+    jobs: int | None = None,
     progress: Callable[[int], None] = lambda logs: None,
 ) -> FitTable:
     """Fit all logs of a task, and write the table to the folder `out` if it is given.
@@ -187,6 +204,8 @@ def fit_files(
     - `overwrite`: replace the table in `out`.
     - `dask`: address of a dask.distributed scheduler whose workers fit the blocks; they must find
       the logs under the same paths.
+    - `jobs`: number of processes of this machine that fit blocks at the same time; by default as
+      many as it has cores. Fewer blocks need fewer processes.
     - `progress`: called with the number of further logs that are done.
 
     **Raises** `InputError` for a log that does not exist and for a folder that holds another table,
@@ -200,26 +219,43 @@ def fit_files(
     shapes = Shapes()
     with store:
         todo = [number for number in range(task.blocks) if number not in store.done]
-        progress(len(task.logs) - sum(len(_logs_of(task, number)) for number in todo))
-        if dask is None:
+        progress(len(task.logs) - sum(len(task.logs_of(number)) for number in todo))
+        # It does not depend on the blocks that are left, so that a continued table has the same
+        # last digits: they depend on the threads of each process.
+        processes = min(usable_cores() if jobs is None else jobs, task.blocks)
+        shared, follow = _Shared(task, asked_bytes()), {"done": store.write, "progress": progress}
+        if dask is not None:
+            run_blocks(dask, _in_process, shared, todo, **follow)
+        elif processes > 1:
+            run_in_processes(processes, _in_process, shared, todo, **follow)
+        else:
             for number in todo:
                 store.write(number, task.columns(number, shapes, progress))
-        else:
-            run_blocks(dask, _on_worker, task, todo, done=store.write, progress=progress)
         columns = store.finish(task.blocks)
     return _table(task, columns, None if out is None else out / NAMES.table)
 
 
-def _logs_of(task: ManyFits, block: int) -> tuple[Path, ...]:
-    return task.logs[block * _BLOCK : (block + 1) * _BLOCK]
+class _Shared(NamedTuple):
+    """What every process needs: the task, and the memory limit that the user asked for."""
+
+    task: ManyFits
+    most_memory_bytes: int | None
 
 
-def _on_worker(number: int, shared: ManyFits) -> tuple[int, int, Columns]:
-    """Fit block `number` on a dask worker; return its number, number of logs, and columns."""
+def _in_process(number: int, shared: _Shared) -> tuple[int, int, Columns]:
+    """Fit block `number` in another process; return its number, number of logs, and columns."""
     from ..base.runtime import enable_x64
 
     enable_x64()
-    return number, len(_logs_of(shared, number)), shared.columns(number, Shapes())
+    task = shared.task
+    with most_memory(shared.most_memory_bytes):
+        return number, len(task.logs_of(number)), task.columns(number, _shapes_of_process())
+
+
+@cache
+def _shapes_of_process() -> Shapes:
+    """Return the array shapes for which this process has compiled programs."""
+    return Shapes()
 
 
 def _table(task: ManyFits, columns: Columns, path: Path | None) -> FitTable:

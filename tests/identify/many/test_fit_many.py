@@ -111,7 +111,7 @@ def test_the_table_is_written_as_csv_and_parquet(tmp_path):
 
 def test_logs_are_prepared_ahead_of_their_turn_in_their_order(monkeypatch):
     """Later logs are ready first here, and few logs are taken before they are needed."""
-    monkeypatch.setattr(fit_many_module, "_cores", lambda: 3)
+    monkeypatch.setattr(fit_many_module, "usable_cores", lambda: 3)
     taken = []
 
     def drawn():

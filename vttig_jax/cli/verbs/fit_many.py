@@ -12,7 +12,7 @@ from ...logs.readers.stdin_log import with_standard_input
 from ...runs.options import ReadingOptions, in_options
 from ..drive_options import GROUPS, DriveOptions, drive_options, pair_option
 from ..fit_options import BATCH_OPTIONS, batch_options
-from ..options import log_options, verb
+from ..options import given, log_options, verb
 from ..output import Output
 
 
@@ -26,7 +26,7 @@ vttig fit-many rigs/*.csv --pair pair.toml --drift-order 1 --csv fits.csv
 """,
     groups={
         **GROUPS,
-        "The result": ("out", "resume", "overwrite", "csv_file", "dask"),
+        "The result": ("out", "resume", "overwrite", "csv_file", "jobs", "dask"),
         "The model": tuple(BATCH_OPTIONS),
     },
 )
@@ -40,6 +40,11 @@ vttig fit-many rigs/*.csv --pair pair.toml --drift-order 1 --csv fits.csv
 )
 @click.option("--overwrite", is_flag=True, help="Replace the table in --out.")
 @click.option("--csv", "csv_file", type=click.Path(path_type=Path), help="Write the table as CSV.")
+@click.option(
+    "--jobs",
+    type=click.IntRange(1, 1024),
+    help="Processes that fit blocks of 64 logs at the same time; by default one for each core.",
+)
 @click.option("--dask", metavar="ADDRESS", help="Scheduler of dask.distributed to send blocks to.")
 @drive_options
 @log_options
@@ -52,6 +57,7 @@ def command(
     resume: bool,
     overwrite: bool,
     csv_file: Path | None,
+    jobs: int | None,
     dask: str | None,
     drive: DriveOptions,
     **options: Any,
@@ -66,14 +72,7 @@ def command(
     with the same table. A command with --resume may be repeated: it starts, goes on, or only prints
     the table that is complete. One LOG may be - for stdin, which --resume needs again.
     """
-    if out is None and (resume or overwrite):
-        raise UsageError("--resume and --overwrite are for the folder of --out.")
-    if resume and overwrite:
-        raise UsageError("--resume and --overwrite exclude each other; give one of them.")
-    if csv_file is not None and csv_file.exists() and not (overwrite or resume):
-        raise UsageError(
-            "already exists; add --overwrite or choose another name.", where=str(csv_file)
-        )
+    _refuse_contradictions(out, csv_file, may_replace=overwrite or resume)
     import vttig_jax
 
     from ...identify.many.preparation import batch_settings
@@ -86,8 +85,10 @@ def command(
         settings = batch_settings(changes)
     except ValueError as error:
         raise UsageError(in_options(str(error))) from None
-    if dask is not None and STDIN in logs:
-        raise UsageError("stdin (-) is not read by the workers of --dask; save the log as a file.")
+    if STDIN in logs:
+        if dask is not None:
+            raise UsageError("stdin (-) is not read by --dask workers; save the log as a file.")
+        jobs = 1  # other processes do not have stdin
     logs = with_standard_input(logs)
     task = ManyFits.of(logs, pair, settings, ReadingOptions(**reading), drive.request)
     if drive.only_explains(output, logs, (task.spec, task.guesses, task.reading)):
@@ -98,7 +99,13 @@ def command(
             bar.update(done)
 
         found = fit_files(
-            task, out=out, resume=resume, overwrite=overwrite, dask=dask, progress=follow
+            task,
+            out=out,
+            resume=resume,
+            overwrite=overwrite,
+            dask=dask,
+            jobs=jobs,
+            progress=follow,
         )
     if csv_file is not None:
         found.to_csv(csv_file)
@@ -110,3 +117,16 @@ def command(
         raise click.exceptions.Exit(NoAnswerError.exit_code)
     if failed:
         LOGGER.warning("%d of %d logs were not fitted; see their reasons", failed, len(found))
+
+
+def _refuse_contradictions(out: Path | None, csv_file: Path | None, *, may_replace: bool) -> None:
+    """Raise `UsageError` for options that exclude each other, and for a CSV file that exists."""
+    if out is None and may_replace:
+        raise UsageError("--resume and --overwrite are for the folder of --out.")
+    for one, other in (("resume", "overwrite"), ("jobs", "dask")):
+        if given([one]) and given([other]):
+            raise UsageError(f"--{one} and --{other} exclude each other; give one of them.")
+    if csv_file is not None and csv_file.exists() and not may_replace:
+        raise UsageError(
+            "already exists; add --overwrite or choose another name.", where=str(csv_file)
+        )

@@ -1,6 +1,5 @@
 """`vttig sweep`: simulate thousands of cases, the Cartesian product of named axes."""
 
-import os
 from importlib.util import find_spec
 from pathlib import Path
 from threading import Thread
@@ -10,6 +9,7 @@ import click
 
 from ...base.errors import UsageError
 from ...base.logger import LOGGER
+from ...base.threads import usable_cores
 from ...runs.rigs import drawn_rigs
 from ..library_messages import adopt_loggers
 from ..options import verb
@@ -114,10 +114,10 @@ def prepare(devices: int | None) -> None:
     """
     import vttig_jax
 
-    if devices is not None and devices > _cores():
-        raise UsageError(f"--devices {devices} is more than the {_cores()} cores there are.")
+    if devices is not None and devices > usable_cores():
+        raise UsageError(f"--devices {devices} is more than the {usable_cores()} cores there are.")
     try:
-        vttig_jax.prepare_cpu(devices or _cores())
+        vttig_jax.prepare_cpu(devices or usable_cores())
     except ValueError as error:
         # JAX is already running, so that its number of devices cannot be changed.
         import jax
@@ -126,13 +126,6 @@ def prepare(devices: int | None) -> None:
         if devices is not None and devices > there:
             raise UsageError(f"--devices {devices} is more than the {there} of JAX.") from error
     vttig_jax.enable_x64()
-
-
-def _cores() -> int:
-    """Return the number of cores that this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
 
 
 def _import_plots() -> None:

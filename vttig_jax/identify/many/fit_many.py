@@ -1,6 +1,5 @@
 """Fits of many logs, each from a separate rig, in batches: one table row for each log."""
 
-import os
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -12,7 +11,7 @@ import numpy as np
 
 from ...base.errors import VttigError
 from ...base.runtime import require_x64
-from ...base.threads import one_blas_thread
+from ...base.threads import one_blas_thread, usable_cores
 from ...base.units import DEG
 from ...logs.encoder_log import EncoderLog
 from ...pair.gear_pair import Drive, Flank, GearPair
@@ -135,7 +134,7 @@ def _in_turn(
     Several threads prepare logs at the same time, because NumPy releases Python's lock. Only a few
     logs are in memory at a time, so that a long series of logs is not read at once.
     """
-    threads = min(_cores(), _MOST_THREADS)
+    threads = min(usable_cores(), _MOST_THREADS)
     with ThreadPoolExecutor(threads) as pool:
         running: deque[tuple[str, Future[PreparedLog | Unread]]] = deque()
         try:
@@ -151,13 +150,6 @@ def _in_turn(
         finally:
             for _, future in running:
                 future.cancel()
-
-
-def _cores() -> int:
-    """Return the number of cores that this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
 
 
 def settings_table(settings: FitSettings) -> dict[str, Any]:
